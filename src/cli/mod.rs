@@ -1,0 +1,82 @@
+//! The command line: parse ([`Cli`]), plan (checked values), run (one file a command).
+//!
+//! Results go to stdout, progress and log to stderr. Two phases, as in ripgrep: what clap
+//! parses is only text; each command turns it into a plan whose values are checked before
+//! any work begins, so that a typo never costs an hour.
+
+mod bar;
+mod completions;
+mod failure;
+mod log;
+mod out;
+
+pub use failure::{Failure, Outcome};
+
+use std::ffi::OsString;
+use std::process::ExitCode;
+
+use clap::{Args, CommandFactory, Parser, Subcommand};
+
+use crate::exit::Exit;
+
+/// Keyframes in, physics out: draft motions for torque-controlled robots and let a learned policy perform them.
+#[derive(Debug, Parser)]
+#[command(name = "robert", version, max_term_width = 100, arg_required_else_help = true)]
+#[command(
+    after_help = "Examples:\n  robert doctor                 is everything here that the program needs?\n  robert robots ls              the robots it knows\n\nExit codes: 0 ok, 1 job failed, 2 usage, 3 invalid input, 4 threshold missed, 5 missing dependency, 130 interrupted."
+)]
+pub struct Cli {
+    #[command(flatten)]
+    global: Global,
+    #[command(subcommand)]
+    command: Command,
+}
+
+/// Options that every command understands.
+#[derive(Args, Clone, Copy, Debug)]
+pub struct Global {
+    /// Say less: errors only.
+    #[arg(short, long, global = true, conflicts_with = "verbose")]
+    quiet: bool,
+    /// Say more; twice for debugging.
+    #[arg(short, long, global = true, action = clap::ArgAction::Count)]
+    verbose: u8,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Print a completion script for your shell.
+    Completions(completions::Args),
+}
+
+/// Parses, runs, reports. The only caller is `main`.
+pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
+    let cli = match Cli::try_parse_from(args) {
+        Ok(cli) => cli,
+        Err(e) => return usage(&e),
+    };
+    log::init(cli.global.quiet, cli.global.verbose);
+    match run(cli) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            failure.report();
+            ExitCode::from(failure.exit().code())
+        }
+    }
+}
+
+fn run(cli: Cli) -> Outcome {
+    match cli.command {
+        Command::Completions(args) => completions::run(&args),
+    }
+}
+
+/// Clap prints help and version to stdout with 0, mistakes to stderr with 2.
+fn usage(e: &clap::Error) -> ExitCode {
+    e.print().ok();
+    ExitCode::from(if e.use_stderr() { Exit::Usage.code() } else { Exit::Ok.code() })
+}
+
+fn command() -> clap::Command {
+    Cli::command()
+}

@@ -1,0 +1,1 @@
+//! The animation document: keyframes, masks and what can be done to them.

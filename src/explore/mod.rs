@@ -1,0 +1,1 @@
+//! The curious agents that collect motion without reward.

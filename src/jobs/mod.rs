@@ -1,0 +1,1 @@
+//! Work split into shards that any machine can do.

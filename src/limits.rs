@@ -1,0 +1,54 @@
+//! Every cap in one place. Foreign files are hostile until checked; each constant is
+//! tested at the cap and one beyond it.
+
+/// Bytes in one clip file.
+pub const CLIP_BYTES: u64 = 16 << 20;
+/// Frames in a clip.
+pub const CLIP_FRAMES: u32 = 100_000;
+/// Keyframes in a clip.
+pub const CLIP_KEYS: usize = 50_000;
+/// Joints in a clip or robot.
+pub const JOINTS: usize = 256;
+/// Length of a name, bytes.
+pub const NAME_BYTES: usize = 256;
+/// Nesting of JSON documents.
+pub const JSON_DEPTH: usize = 64;
+
+/// Bytes in one MJCF or URDF file.
+pub const MODEL_BYTES: u64 = 8 << 20;
+/// Nesting of XML elements.
+pub const XML_DEPTH: usize = 64;
+/// XML elements in one file, includes counted in.
+pub const XML_ELEMENTS: usize = 200_000;
+/// Nesting of `<include>`.
+pub const INCLUDE_DEPTH: usize = 8;
+/// Faces in one mesh.
+pub const MESH_FACES: usize = 2_000_000;
+/// Bytes in one mesh file.
+pub const MESH_BYTES: u64 = 256 << 20;
+/// Pixels along one edge of a texture.
+pub const TEXTURE_PX: u64 = 4096;
+/// Generalised coordinates of a model.
+pub const MODEL_NQ: usize = 1024;
+/// Address space of the child that compiles a foreign model, bytes.
+pub const CHECK_MEMORY_BYTES: u64 = 4 << 30;
+/// Processor time of that child, seconds.
+pub const CHECK_CPU_SECS: u64 = 20;
+
+/// Bytes of a project folder handed to an importer.
+pub const PROJECT_BYTES: u64 = 64 << 20;
+/// Bytes of one upload to the studio.
+pub const UPLOAD_BYTES: u64 = 256 << 20;
+/// Files in one project or upload.
+pub const PROJECT_FILES: usize = 1_000;
+/// Bytes of one inbound WebSocket message.
+pub const WS_MESSAGE_BYTES: usize = 1 << 20;
+/// Studio clients at once.
+pub const CLIENTS: usize = 16;
+
+/// Bytes in the header of a safetensors file.
+pub const TENSOR_HEADER_BYTES: u64 = 100 << 20;
+/// Bytes of one record of an MCAP file read back.
+pub const MCAP_RECORD_BYTES: usize = 64 << 20;
+/// Pixels along one edge of a picture.
+pub const PICTURE_PX: u32 = 8192;

@@ -1,0 +1,1 @@
+//! Robots: model, profile, import, inverse kinematics.

@@ -1,0 +1,1 @@
+//! A recorded rollout and its exports.

@@ -1,0 +1,1 @@
+//! Training: schedules, curriculum, the loop, resuming.

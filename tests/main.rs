@@ -1,0 +1,8 @@
+//! The one integration-test binary: behaviour through the `robert` command.
+//!
+//! Regressions are named by what broke. `robert()` is the builder that all tests use.
+
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+mod floors;
+mod run;
