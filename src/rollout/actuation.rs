@@ -47,10 +47,8 @@ impl Actuation {
         let moment = DMatrix::from_row_slice(nu, nv, data.actuator_moment());
         // A tolerance relative to the largest moment arm: anything below is no transmission.
         let eps = 1e-9 * moment.amax().max(1e-12);
-        let inverse = moment
-            .transpose()
-            .pseudo_inverse(eps)
-            .unwrap_or_else(|_| DMatrix::zeros(nu, nv));
+        let inverse =
+            moment.transpose().pseudo_inverse(eps).unwrap_or_else(|_| DMatrix::zeros(nu, nv));
         let scale = robot.actuators().iter().map(|a| Scale::of(a.ctrlrange)).collect();
         Ok(Actuation { inverse, scale })
     }

@@ -36,7 +36,7 @@ impl Pd {
     /// [`Error::Setup`].
     pub fn new(robot: &Arc<Robot>) -> Result<Pd, Error> {
         let mut belief = Belief::new(robot)?;
-        robot.write_state(&mut belief.data, robot.home())?;
+        robot.write_state(&mut belief.data, &robot.home())?;
         let actuation = Actuation::new(robot, &mut belief.data)?;
         let nv = robot.model().nv();
         let mut mass = vec![0.0; nv * nv];
