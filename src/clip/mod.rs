@@ -13,6 +13,7 @@ pub mod lint;
 pub mod op;
 mod parse;
 mod print;
+mod schema;
 pub mod validate;
 
 pub use apply::{OpError, apply, edited};
@@ -28,4 +29,5 @@ pub use joints::*;
 pub use lint::{Level, Lint, Mend, PoseChecker, PoseReport, Rule, lint};
 pub use op::*;
 pub use parse::{Parsed, load, parse, parse_bytes};
+pub use schema::schema;
 pub use validate::{Flaw, Invalid};
