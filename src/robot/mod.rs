@@ -16,16 +16,21 @@
 mod builtin;
 mod derive;
 mod error;
+mod ik;
+mod mirror;
 mod profile;
+mod settle;
 mod text;
 
 pub use builtin::NOTICE;
 pub use derive::derive;
 pub use error::Error;
+pub use ik::{IkConfig, IkResult, Point, Target};
 pub use profile::{
     ActuatorSpec, Camera, Coupling, Drive, FORMAT, Group, JointSpec, MODEL_FILE, MirrorRow,
     MirrorSpec, NEAR_LIMIT, PROFILE_FILE, Physics, PoseSpec, Profile, SettleSpec, valid_id,
 };
+pub use settle::Settled;
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
