@@ -76,6 +76,12 @@ pub enum Error {
         /// The names there are.
         known: String,
     },
+    /// The robot refused a state, or its drawing model does not compile.
+    #[error(transparent)]
+    Robot(Box<crate::robot::Error>),
+    /// The simulator failed.
+    #[error(transparent)]
+    Simulator(Box<crate::mujoco::Error>),
     /// Pictures of different size in one film.
     #[error("frame {frame} has {got_width}x{got_height} px, the film {width}x{height}")]
     FrameSize {
@@ -114,6 +120,17 @@ pub enum Error {
     File(#[from] crate::fsio::Error),
 }
 
+impl Error {
+    // Boxed: these are large and rare.
+    pub(super) fn robot(e: crate::robot::Error) -> Error {
+        Error::Robot(Box::new(e))
+    }
+
+    pub(super) fn simulator(e: crate::mujoco::Error) -> Error {
+        Error::Simulator(Box::new(e))
+    }
+}
+
 impl HasExit for Error {
     fn exit(&self) -> Exit {
         match self {
@@ -127,6 +144,8 @@ impl HasExit for Error {
             | Error::FrameSize { .. }
             | Error::NoFrames
             | Error::Encode { .. } => Exit::Failed,
+            Error::Robot(e) => e.exit(),
+            Error::Simulator(e) => e.exit(),
             Error::File(e) => e.exit(),
         }
     }
