@@ -1,1 +1,4 @@
 //! The network: masked action-inverse inference.
+
+pub mod mat;
+pub mod real;
