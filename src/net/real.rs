@@ -66,9 +66,9 @@ pub trait Real:
     /// a · b + c.
     fn fma<S: Simd>(s: S, a: Self::V<S>, b: Self::V<S>, c: Self::V<S>) -> Self::V<S>;
     /// Larger of each lane.
-    fn max<S: Simd>(s: S, a: Self::V<S>, b: Self::V<S>) -> Self::V<S>;
+    fn vmax<S: Simd>(s: S, a: Self::V<S>, b: Self::V<S>) -> Self::V<S>;
     /// Square root.
-    fn sqrt<S: Simd>(s: S, a: Self::V<S>) -> Self::V<S>;
+    fn vsqrt<S: Simd>(s: S, a: Self::V<S>) -> Self::V<S>;
     /// Sum over the lanes.
     fn vsum<S: Simd>(s: S, a: Self::V<S>) -> Self;
     /// Largest lane.
@@ -147,11 +147,11 @@ macro_rules! vector_ops {
             s.$fma(a, b, c)
         }
         #[inline(always)]
-        fn max<S: Simd>(s: S, a: S::$vs, b: S::$vs) -> S::$vs {
+        fn vmax<S: Simd>(s: S, a: S::$vs, b: S::$vs) -> S::$vs {
             s.$max(a, b)
         }
         #[inline(always)]
-        fn sqrt<S: Simd>(s: S, a: S::$vs) -> S::$vs {
+        fn vsqrt<S: Simd>(s: S, a: S::$vs) -> S::$vs {
             s.$sqrt(a)
         }
         #[inline(always)]
