@@ -504,7 +504,6 @@ mod tests {
         let precision = |name| {
             let mut r = rollout(&robot, name, &command);
             r.run(&Cancel::default()).unwrap();
-            if name == PolicyName::ComputedTorque { for f in r.frames_reached() { println!("{} {:?} {:.3?} {:.2?}", f.frame, f.error, f.reached, f.action); } println!("{:?}", r.goals().row(25)); }
             r.precision().precision.unwrap()
         };
         let (zero, pd) = (precision(PolicyName::Zero), precision(PolicyName::Pd));
