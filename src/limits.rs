@@ -13,6 +13,23 @@ pub const JOINTS: usize = 256;
 pub const NAME_BYTES: usize = 256;
 /// Nesting of JSON documents.
 pub const JSON_DEPTH: usize = 64;
+/// Values in all keys and poses of a clip, and frames times joints of its command: what
+/// bounds the memory of a hostile clip (50 000 keys of 256 joints would take 200 MB).
+pub const CLIP_VALUES: usize = 4 << 20;
+/// Largest joint value in a clip, rad or m: far beyond any robot, far inside `f32`.
+pub const CLIP_VALUE_MAX: f64 = 1e6;
+/// Named poses in a clip.
+pub const CLIP_POSES: usize = 10_000;
+/// Mask spans in a clip, and markers.
+pub const CLIP_SPANS: usize = 50_000;
+/// Joint names in all mask spans of a clip.
+pub const CLIP_MASK_JOINTS: usize = 1 << 18;
+/// Values under the extension key `x` of a clip.
+pub const CLIP_EXTRA_VALUES: usize = 100_000;
+/// Length of the notes of a clip, bytes.
+pub const NOTES_BYTES: usize = 64 << 10;
+/// Edits in one batch.
+pub const BATCH_OPS: usize = 10_000;
 
 /// Bytes in one MJCF or URDF file.
 pub const MODEL_BYTES: u64 = 8 << 20;
