@@ -5,10 +5,12 @@
 //! any work begins, so that a typo never costs an hour.
 
 mod bar;
+mod check;
 mod completions;
 mod failure;
 mod log;
 mod out;
+mod robots;
 
 pub use failure::{Failure, Outcome};
 
@@ -47,6 +49,11 @@ pub struct Global {
 enum Command {
     /// Print a completion script for your shell.
     Completions(completions::Args),
+    /// List, show and settle robots.
+    Robots(robots::Args),
+    /// The child's side of the check of a foreign model.
+    #[command(name = crate::robot::check::SUBCOMMAND, hide = true)]
+    CompileCheck(check::Args),
 }
 
 /// Parses, runs, reports. The only caller is `main`.
@@ -68,6 +75,8 @@ pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
 fn run(cli: Cli) -> Outcome {
     match cli.command {
         Command::Completions(args) => completions::run(&args),
+        Command::Robots(args) => robots::run(&args),
+        Command::CompileCheck(args) => check::run(&args),
     }
 }
 

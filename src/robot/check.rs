@@ -76,7 +76,8 @@ pub fn executable() -> Result<PathBuf, Error> {
 }
 
 fn ask(model: &Path, exe: &Path) -> Result<Verdict, Error> {
-    let no_checker = |e: std::io::Error| Error::NoChecker { message: format!("{}: {e}", exe.display()) };
+    let no_checker =
+        |e: std::io::Error| Error::NoChecker { message: format!("{}: {e}", exe.display()) };
     let args: [OsString; 2] = [SUBCOMMAND.into(), model.into()];
     let mut child = Command::new(exe)
         .args(args)
@@ -144,7 +145,7 @@ fn limit() {
     cap(Resource::As, limits::CHECK_MEMORY_BYTES);
     cap(Resource::Cpu, limits::CHECK_CPU_SECS);
     cap(Resource::Core, 0);
-    cap(Resource::Fsize, 0);
+    cap(Resource::Fsize, 1 << 20);
 }
 
 fn attempt(path: &Path) -> Result<(), mujoco::Error> {
