@@ -24,6 +24,7 @@ mod mirror;
 pub mod preparse;
 mod profile;
 mod settle;
+mod table;
 mod text;
 
 pub use builtin::NOTICE;
