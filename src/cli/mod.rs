@@ -6,11 +6,13 @@
 
 mod bar;
 mod bench;
+mod check;
 mod completions;
 mod doctor;
 mod failure;
 mod log;
 mod out;
+mod robots;
 
 pub use failure::{Failure, Outcome};
 
@@ -53,6 +55,11 @@ enum Command {
     Bench(bench::Args),
     /// Print a completion script for your shell.
     Completions(completions::Args),
+    /// List, show and settle robots.
+    Robots(robots::Args),
+    /// The child's side of the check of a foreign model.
+    #[command(name = crate::robot::check::SUBCOMMAND, hide = true)]
+    CompileCheck(check::Args),
 }
 
 /// Parses, runs, reports. The only caller is `main`.
@@ -76,6 +83,8 @@ fn run(cli: Cli) -> Outcome {
         Command::Doctor(args) => doctor::run(&args),
         Command::Bench(args) => bench::run(args),
         Command::Completions(args) => completions::run(&args),
+        Command::Robots(args) => robots::run(&args),
+        Command::CompileCheck(args) => check::run(&args),
     }
 }
 
