@@ -6,6 +6,7 @@
 
 mod bar;
 mod completions;
+mod dataset;
 mod failure;
 mod log;
 mod out;
@@ -45,6 +46,8 @@ pub struct Global {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    /// Look at collected data; split, shrink, corrupt, merge or verify it.
+    Dataset(dataset::Args),
     /// Print a completion script for your shell.
     Completions(completions::Args),
 }
@@ -67,6 +70,7 @@ pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
 
 fn run(cli: Cli) -> Outcome {
     match cli.command {
+        Command::Dataset(args) => dataset::run(args),
         Command::Completions(args) => completions::run(&args),
     }
 }

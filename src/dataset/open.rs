@@ -46,8 +46,23 @@ impl Dataset {
     /// Those of [`Manifest::load`]; [`Error::Shard`] for one bad shard, [`Error::Incomplete`]
     /// for several.
     pub fn open(path: &Path, verify: Verify) -> Result<Self, Error> {
-        let manifest = Manifest::load(path)?;
-        let path = Manifest::path_of(path);
+        Self::of(Manifest::load(path)?, Manifest::path_of(path), verify)
+    }
+
+    /// Counts, measures and writes a manifest to the folder `dir`, where its shards can be
+    /// reached.
+    ///
+    /// # Errors
+    /// Those of [`Dataset::open`] and [`Manifest::save`].
+    pub fn publish(mut manifest: Manifest, dir: &Path) -> Result<Manifest, Error> {
+        manifest.count();
+        let mut data = Self::of(manifest, dir.join("manifest.json"), Verify::Structure)?;
+        data.manifest.statistics = data.statistics();
+        data.manifest.save(dir)?;
+        Ok(data.manifest)
+    }
+
+    fn of(manifest: Manifest, path: PathBuf, verify: Verify) -> Result<Self, Error> {
         let (shards, mut problems) = inspect(&manifest, &path, verify);
         match (problems.len(), problems.pop()) {
             (0, _) | (_, None) => Ok(Dataset { manifest, path, shards }),

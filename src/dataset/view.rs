@@ -273,11 +273,12 @@ fn same(a: &Manifest, b: &Manifest, path: &Path) -> Result<(), Error> {
     Ok(())
 }
 
-/// Rewrites shard paths so that they are relative to `out` instead of the folder of `from`.
+/// Rewrites shard paths so that they are relative to the folder `out` (made if needed)
+/// instead of the folder of the manifest `from`.
 ///
 /// # Errors
 /// [`Error::File`] when a folder cannot be resolved.
-pub(crate) fn rebase(m: &mut Manifest, from: &Path, out: &Path) -> Result<(), Error> {
+pub fn rebase(m: &mut Manifest, from: &Path, out: &Path) -> Result<(), Error> {
     let real = |p: &Path| {
         let p = if p.as_os_str().is_empty() { Path::new(".") } else { p };
         p.canonicalize().map_err(|source| fsio::Error::Read { source, path: p.to_owned() })
