@@ -145,8 +145,8 @@ mod tests {
         };
         let mut apt = Apt::<f64>::with_rep(4, 2, 8, 10, 3);
         apt.gradients(&b);
-        for which in 0..3 {
-            let g = apt.adams[which].grads.clone();
+        let grads: Vec<Vec<f64>> = apt.adams.iter().map(|a| a.grads.clone()).collect();
+        for (which, g) in grads.into_iter().enumerate() {
             let params = |apt: &mut Apt<f64>, p: Option<&[f64]>| {
                 let net = match which {
                     0 => &mut apt.trunk,
@@ -171,8 +171,8 @@ mod tests {
     #[test]
     fn loners_earn_more() {
         let mut apt = Apt::<f64>::with_rep(2, 1, 8, 16, 3);
-        let mut obs: Vec<f64> = noise(64 * 2, 1).iter().map(|x| x * 0.05).collect();
-        (obs[0], obs[1]) = (3.0, -2.0);
+        let mut obs: Vec<f64> = noise(64 * 2, 1).iter().map(|x| 1.0 + x * 0.05).collect();
+        (obs[0], obs[1]) = (-2.0, 1.0);
         let b = Batch { rows: 64, obs, ..Batch::default() };
         let mut r = Vec::new();
         apt.reward(&b, &mut r);

@@ -299,7 +299,7 @@ pub(super) mod tests {
         let scale = grad.iter().map(|g| g.abs()).fold(0.0, f64::max);
         assert!(scale > 0.0, "{what}: no gradient at all");
         for i in (0..x.len()).step_by(every) {
-            let (old, h) = (x[i], 1e-5);
+            let (old, h) = (x[i], 1e-6);
             x[i] = old + h;
             let up = loss(x);
             x[i] = old - h;

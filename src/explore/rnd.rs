@@ -180,6 +180,7 @@ mod tests {
         rnd.target.forward(&rnd.x, 64, &mut rnd.other);
         rnd.reward(&both, &mut r);
         let (new, seen) = r.split_at(32);
-        assert!(new.iter().sum::<f64>() > 2.0 * seen.iter().sum::<f64>());
+        let ratio = new.iter().sum::<f64>() / seen.iter().sum::<f64>();
+        assert!(ratio > 1.5, "{ratio}");
     }
 }
