@@ -76,7 +76,8 @@ pub fn executable() -> Result<PathBuf, Error> {
 }
 
 fn ask(model: &Path, exe: &Path) -> Result<Verdict, Error> {
-    let no_checker = |e: std::io::Error| Error::NoChecker { message: format!("{}: {e}", exe.display()) };
+    let no_checker =
+        |e: std::io::Error| Error::NoChecker { message: format!("{}: {e}", exe.display()) };
     let args: [OsString; 2] = [SUBCOMMAND.into(), model.into()];
     let mut child = Command::new(exe)
         .args(args)

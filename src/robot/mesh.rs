@@ -23,7 +23,10 @@ pub(super) fn check_file(path: &Path) -> Result<u64, String> {
         return Err(format!("\"{name}\" is empty"));
     }
     if bytes > limits::MESH_BYTES {
-        return Err(format!("\"{name}\" has {bytes} bytes, at most {} are read", limits::MESH_BYTES));
+        return Err(format!(
+            "\"{name}\" has {bytes} bytes, at most {} are read",
+            limits::MESH_BYTES
+        ));
     }
     let mut head = [0_u8; 84];
     let read = File::open(path).and_then(|f| f.take(84).read(&mut head));
@@ -50,7 +53,10 @@ fn check_stl(name: &str, head: &[u8], bytes: u64) -> Result<(), String> {
         return Err(format!("\"{name}\" is too short for an STL file"));
     };
     if faces > limits::MESH_FACES as u64 {
-        return Err(format!("\"{name}\" claims {faces} faces, at most {} are taken", limits::MESH_FACES));
+        return Err(format!(
+            "\"{name}\" claims {faces} faces, at most {} are taken",
+            limits::MESH_FACES
+        ));
     }
     if STL_HEAD + STL_FACE * faces > bytes {
         return Err(format!("\"{name}\" claims {faces} faces but holds only {bytes} bytes"));
@@ -79,7 +85,10 @@ fn check_png(name: &str, head: &[u8]) -> Result<(), String> {
         return Err(format!("\"{name}\" is not a PNG file"));
     }
     if w == 0 || h == 0 || w > limits::TEXTURE_PX || h > limits::TEXTURE_PX {
-        return Err(format!("\"{name}\" is {w} x {h} pixels, at most {} on an edge", limits::TEXTURE_PX));
+        return Err(format!(
+            "\"{name}\" is {w} x {h} pixels, at most {} on an edge",
+            limits::TEXTURE_PX
+        ));
     }
     Ok(())
 }

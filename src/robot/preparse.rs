@@ -61,7 +61,9 @@ pub fn read(path: &Path, root: Option<&Path>) -> Result<Project, Error> {
     let xml = read_text(path)?;
     let dir = folder(path);
     let root = root.unwrap_or(dir);
-    let root = root.canonicalize().map_err(|e| whole(format!("cannot open the folder {}: {e}", root.display())))?;
+    let root = root
+        .canonicalize()
+        .map_err(|e| whole(format!("cannot open the folder {}: {e}", root.display())))?;
     let doc = parse(&xml, path)?;
     let name = doc.root_element().tag_name().name();
     let format = match name {
@@ -79,13 +81,8 @@ pub fn read(path: &Path, root: Option<&Path>) -> Result<Project, Error> {
         check(&doc, path)?;
         return Ok(Project { format, xml, path: path.into(), root, assets: Vec::new(), parts: 1 });
     }
-    let mut splice = Splice {
-        dir: dir.to_owned(),
-        root: &root,
-        seen: BTreeSet::new(),
-        elements: 0,
-        bytes: 0,
-    };
+    let mut splice =
+        Splice { dir: dir.to_owned(), root: &root, seen: BTreeSet::new(), elements: 0, bytes: 0 };
     let xml = splice.expand(&xml, path, 0)?;
     let parts = splice.seen.len() + 1;
     // The places of the assembled text are those of the file unless something was included.
@@ -104,7 +101,8 @@ fn read_text(path: &Path) -> Result<String, Error> {
     let bytes = fsio::read_capped(path, limits::MODEL_BYTES)?;
     let text = String::from_utf8(bytes).map_err(|e| {
         let at = e.utf8_error().valid_up_to();
-        let lossy = String::from_utf8_lossy(e.as_bytes().get(..at).unwrap_or_default()).into_owned();
+        let lossy =
+            String::from_utf8_lossy(e.as_bytes().get(..at).unwrap_or_default()).into_owned();
         refused("not UTF-8 text; save the file as UTF-8".into(), &lossy, at)
     })?;
     if let Some(at) = text.find('\0') {
@@ -129,13 +127,14 @@ pub(super) fn parse<'a>(xml: &'a str, path: &Path) -> Result<Document<'a>, Error
         refused(message, line_column(xml, at))
     })?;
     // Elements, attributes' texts and comments are all nodes: four an element is generous.
-    let options = ParsingOptions { nodes_limit: 4 * limits::XML_ELEMENTS as u32, ..ParsingOptions::default() };
+    let options = ParsingOptions {
+        nodes_limit: 4 * limits::XML_ELEMENTS as u32,
+        ..ParsingOptions::default()
+    };
     Document::parse_with_options(xml, options).map_err(|e| {
         let at = (e.pos().row.max(1), e.pos().col.max(1));
         let message = match &e {
-            roxmltree::Error::DtdDetected => {
-                "a DOCTYPE is not read; remove it".to_owned()
-            }
+            roxmltree::Error::DtdDetected => "a DOCTYPE is not read; remove it".to_owned(),
             roxmltree::Error::NodesLimitReached => {
                 format!("more than {} elements", limits::XML_ELEMENTS)
             }
@@ -146,7 +145,8 @@ pub(super) fn parse<'a>(xml: &'a str, path: &Path) -> Result<Document<'a>, Error
     })
 }
 
-pub(super) const XACRO: &str = "this is a xacro template, not a URDF; expand it first: xacro robot.urdf.xacro > robot.urdf";
+pub(super) const XACRO: &str =
+    "this is a xacro template, not a URDF; expand it first: xacro robot.urdf.xacro > robot.urdf";
 
 /// The parser ends its messages with " at line:col", which the place already says.
 fn strip_place(message: &str) -> String {
@@ -164,7 +164,9 @@ fn depth(xml: &str) -> Result<(), usize> {
         let skip = |open: &str, close: &str| {
             rest.starts_with(open).then(|| rest.find(close).map_or(rest.len(), |n| n + close.len()))
         };
-        if let Some(n) = skip("<!--", "-->").or_else(|| skip("<![CDATA[", "]]>")).or_else(|| skip("<?", "?>")) {
+        if let Some(n) =
+            skip("<!--", "-->").or_else(|| skip("<![CDATA[", "]]>")).or_else(|| skip("<?", "?>"))
+        {
             at = start + n;
             continue;
         }
@@ -247,13 +249,18 @@ impl Splice<'_> {
                 .attribute("file")
                 .ok_or_else(|| refuse(node, path, "<include> has no file"))?;
             if deep >= limits::INCLUDE_DEPTH {
-                let message = format!("includes are nested more than {} deep", limits::INCLUDE_DEPTH);
+                let message =
+                    format!("includes are nested more than {} deep", limits::INCLUDE_DEPTH);
                 return Err(refuse(node, path, message));
             }
             let found = resolve(&self.dir, file, self.root).map_err(|m| refuse(node, path, m))?;
             let main = path.canonicalize().unwrap_or_else(|_| path.to_owned());
             if found == main || !self.seen.insert(found.clone()) {
-                return Err(refuse(node, path, format!("\"{file}\" is included twice or by itself")));
+                return Err(refuse(
+                    node,
+                    path,
+                    format!("\"{file}\" is included twice or by itself"),
+                ));
             }
             let text = read_text(&found)?;
             let inner = self.expand(&text, &found, deep + 1)?;
@@ -334,7 +341,22 @@ const SIZES: &[(&str, &str, u64)] = &[
 ];
 
 /// Attributes that hold text, where "nan" or "inf" may well be a name.
-const TEXTS: &[&str] = &["name", "file", "class", "childclass", "body", "joint", "geom", "site", "mesh", "material", "texture", "model", "link", "filename"];
+const TEXTS: &[&str] = &[
+    "name",
+    "file",
+    "class",
+    "childclass",
+    "body",
+    "joint",
+    "geom",
+    "site",
+    "mesh",
+    "material",
+    "texture",
+    "model",
+    "link",
+    "filename",
+];
 
 /// The checks that need no other file.
 fn check(doc: &Document<'_>, path: &Path) -> Result<(), Error> {
@@ -353,9 +375,19 @@ fn check(doc: &Document<'_>, path: &Path) -> Result<(), Error> {
         }
         if tag == "composite" {
             let counts = node.attribute("count").unwrap_or("1");
-            let total = counts.split_whitespace().map(|c| c.parse::<f64>().unwrap_or(1.0).max(1.0)).product::<f64>();
+            let total = counts
+                .split_whitespace()
+                .map(|c| c.parse::<f64>().unwrap_or(1.0).max(1.0))
+                .product::<f64>();
             if total > limits::COMPOSITE_ELEMENTS as f64 {
-                return Err(refuse(node, path, format!("the composite has {total:.0} elements, at most {} are taken", limits::COMPOSITE_ELEMENTS)));
+                return Err(refuse(
+                    node,
+                    path,
+                    format!(
+                        "the composite has {total:.0} elements, at most {} are taken",
+                        limits::COMPOSITE_ELEMENTS
+                    ),
+                ));
             }
         }
     }
@@ -401,7 +433,8 @@ fn check_attribute(node: Node<'_, '_>, tag: &str, name: &str, value: &str) -> Re
             return Err(format!("{name} is {first}; a size is not negative"));
         }
     }
-    if node.tag_name().name() == "texture" && name == "height" && first > limits::TEXTURE_PX as f64 {
+    if node.tag_name().name() == "texture" && name == "height" && first > limits::TEXTURE_PX as f64
+    {
         let kind = node.attribute("type").unwrap_or("cube");
         if kind == "2d" {
             return Err(format!("height is {first}, at most {} is taken", limits::TEXTURE_PX));
@@ -457,14 +490,20 @@ pub(super) fn asset_path(doc: &Document<'_>, tag: &str, written: &str) -> String
     dir.join(name).to_string_lossy().into_owned()
 }
 
-fn assets(doc: &Document<'_>, path: &Path, dir: &Path, root: &Path) -> Result<Vec<AssetRef>, Error> {
+fn assets(
+    doc: &Document<'_>,
+    path: &Path,
+    dir: &Path,
+    root: &Path,
+) -> Result<Vec<AssetRef>, Error> {
     let mut found: Vec<AssetRef> = Vec::new();
     let mut total = 0_u64;
     for node in doc.descendants().filter(Node::is_element) {
         let tag = node.tag_name().name();
         for a in node.attributes().filter(|a| names_file(tag, a.name())) {
             let below = asset_path(doc, tag, a.value());
-            let real = resolve(dir, &below, root).map_err(|m| refuse(node, path, format!("{tag} file {m}")))?;
+            let real = resolve(dir, &below, root)
+                .map_err(|m| refuse(node, path, format!("{tag} file {m}")))?;
             if found.iter().any(|f| f.written == below) {
                 continue;
             }
@@ -521,7 +560,8 @@ mod tests {
         }
         let dir = tempfile::tempdir().unwrap();
         std::os::unix::fs::symlink("/etc/passwd", dir.path().join("link.xml")).unwrap();
-        std::fs::write(dir.path().join("a.xml"), "<mujoco><include file=\"link.xml\"/></mujoco>").unwrap();
+        std::fs::write(dir.path().join("a.xml"), "<mujoco><include file=\"link.xml\"/></mujoco>")
+            .unwrap();
         let e = read(&dir.path().join("a.xml"), None).unwrap_err();
         assert!(e.to_string().contains("leaves the project folder"), "{e}");
     }
