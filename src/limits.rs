@@ -69,6 +69,14 @@ pub const CLIENTS: usize = 16;
 
 /// Bytes in the header of a safetensors file.
 pub const TENSOR_HEADER_BYTES: u64 = 100 << 20;
+/// Bytes of a dataset manifest.
+pub const MANIFEST_BYTES: u64 = 1 << 30;
+/// Bytes of one dataset shard.
+pub const SHARD_BYTES: u64 = 8 << 30;
+/// Shards of one dataset.
+pub const SHARDS: usize = 100_000;
+/// Trajectories of one dataset.
+pub const EPISODES: usize = 20_000_000;
 /// Bytes of one record of an MCAP file read back.
 pub const MCAP_RECORD_BYTES: usize = 64 << 20;
 /// Pixels along one edge of a picture.

@@ -9,6 +9,7 @@ mod bench;
 mod check;
 mod completions;
 mod doctor;
+mod dataset;
 mod failure;
 mod log;
 mod out;
@@ -53,6 +54,8 @@ enum Command {
     Doctor(doctor::Args),
     /// Measure speed: simulation, training, inference.
     Bench(bench::Args),
+    /// Look at collected data; split, shrink, corrupt, merge or verify it.
+    Dataset(dataset::Args),
     /// Print a completion script for your shell.
     Completions(completions::Args),
     /// List, show and settle robots.
@@ -82,6 +85,7 @@ fn run(cli: Cli) -> Outcome {
     match cli.command {
         Command::Doctor(args) => doctor::run(&args),
         Command::Bench(args) => bench::run(args),
+        Command::Dataset(args) => dataset::run(args),
         Command::Completions(args) => completions::run(&args),
         Command::Robots(args) => robots::run(&args),
         Command::CompileCheck(args) => check::run(&args),
