@@ -5,7 +5,9 @@
 //! any work begins, so that a typo never costs an hour.
 
 mod bar;
+mod bench;
 mod completions;
+mod doctor;
 mod failure;
 mod log;
 mod out;
@@ -45,6 +47,10 @@ pub struct Global {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    /// Check the machine: libraries, graphics, cores, models, each with its fix.
+    Doctor(doctor::Args),
+    /// Measure speed: simulation, training, inference.
+    Bench(bench::Args),
     /// Print a completion script for your shell.
     Completions(completions::Args),
 }
@@ -67,6 +73,8 @@ pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
 
 fn run(cli: Cli) -> Outcome {
     match cli.command {
+        Command::Doctor(args) => doctor::run(&args),
+        Command::Bench(args) => bench::run(args),
         Command::Completions(args) => completions::run(&args),
     }
 }

@@ -192,7 +192,7 @@ mod tests {
         let joint = |name: &str| JointFacts {
             name: name.into(),
             unit: Unit::Rad,
-            range: Some([-6.28319, 6.28319]),
+            range: Some([-6.2, 6.2]),
             speed_max: None,
         };
         let row =

@@ -7,6 +7,7 @@ pub mod delta;
 pub mod document;
 pub mod editor;
 pub mod error;
+pub mod formats;
 pub mod joints;
 mod json;
 pub mod lint;
