@@ -11,6 +11,7 @@ mod completions;
 mod doctor;
 mod dataset;
 mod failure;
+mod import;
 mod log;
 mod out;
 mod robots;
@@ -60,6 +61,8 @@ enum Command {
     Completions(completions::Args),
     /// List, show and settle robots.
     Robots(robots::Args),
+    /// Make a robot's folder out of a URDF or MJCF.
+    Import(import::Args),
     /// The child's side of the check of a foreign model.
     #[command(name = crate::robot::check::SUBCOMMAND, hide = true)]
     CompileCheck(check::Args),
@@ -88,6 +91,7 @@ fn run(cli: Cli) -> Outcome {
         Command::Dataset(args) => dataset::run(args),
         Command::Completions(args) => completions::run(&args),
         Command::Robots(args) => robots::run(&args),
+        Command::Import(args) => import::run(&args),
         Command::CompileCheck(args) => check::run(&args),
     }
 }
