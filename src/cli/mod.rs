@@ -5,6 +5,7 @@
 //! any work begins, so that a typo never costs an hour.
 
 mod bar;
+mod clip;
 mod completions;
 mod failure;
 mod log;
@@ -45,6 +46,8 @@ pub struct Global {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    /// Create, check, edit and convert clips.
+    Clip(clip::Args),
     /// Print a completion script for your shell.
     Completions(completions::Args),
 }
@@ -67,6 +70,7 @@ pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
 
 fn run(cli: Cli) -> Outcome {
     match cli.command {
+        Command::Clip(args) => clip::run(&args),
         Command::Completions(args) => completions::run(&args),
     }
 }

@@ -17,6 +17,7 @@ mod builtin;
 mod derive;
 mod error;
 mod ik;
+mod joint_table;
 mod mirror;
 mod profile;
 mod settle;
@@ -26,6 +27,7 @@ pub use builtin::NOTICE;
 pub use derive::derive;
 pub use error::Error;
 pub use ik::{IkConfig, IkResult, Point, Target};
+pub use joint_table::Settler;
 pub use profile::{
     ActuatorSpec, Camera, Coupling, Drive, FORMAT, Group, JointSpec, MODEL_FILE, MirrorRow,
     MirrorSpec, NEAR_LIMIT, PROFILE_FILE, Physics, PoseSpec, Profile, SettleSpec, valid_id,
