@@ -7,6 +7,7 @@
 mod bar;
 mod bench;
 mod check;
+mod clip;
 mod completions;
 mod doctor;
 mod dataset;
@@ -57,6 +58,8 @@ enum Command {
     Bench(bench::Args),
     /// Look at collected data; split, shrink, corrupt, merge or verify it.
     Dataset(dataset::Args),
+    /// Create, check, edit and convert clips.
+    Clip(clip::Args),
     /// Print a completion script for your shell.
     Completions(completions::Args),
     /// List, show and settle robots.
@@ -89,6 +92,7 @@ fn run(cli: Cli) -> Outcome {
         Command::Doctor(args) => doctor::run(&args),
         Command::Bench(args) => bench::run(args),
         Command::Dataset(args) => dataset::run(args),
+        Command::Clip(args) => clip::run(&args),
         Command::Completions(args) => completions::run(&args),
         Command::Robots(args) => robots::run(&args),
         Command::Import(args) => import::run(&args),

@@ -21,6 +21,7 @@ mod folder;
 mod ik;
 pub mod import;
 mod mesh;
+mod joint_table;
 mod mirror;
 pub mod preparse;
 mod profile;
@@ -32,6 +33,7 @@ pub use builtin::NOTICE;
 pub use derive::derive;
 pub use error::Error;
 pub use ik::{IkConfig, IkResult, Point, Target};
+pub use joint_table::Settler;
 pub use profile::{
     ActuatorSpec, Camera, Coupling, Drive, FORMAT, Group, JointSpec, MODEL_FILE, MirrorRow,
     MirrorSpec, NEAR_LIMIT, PROFILE_FILE, Physics, PoseSpec, Profile, SettleSpec, valid_id,
