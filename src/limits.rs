@@ -48,6 +48,8 @@ pub const CLIENTS: usize = 16;
 
 /// Bytes in the header of a safetensors file.
 pub const TENSOR_HEADER_BYTES: u64 = 100 << 20;
+/// Bytes of one model file, optimiser state included.
+pub const TENSOR_FILE_BYTES: u64 = 4 << 30;
 /// Bytes of one record of an MCAP file read back.
 pub const MCAP_RECORD_BYTES: usize = 64 << 20;
 /// Pixels along one edge of a picture.

@@ -7,19 +7,29 @@
 
 #[cfg(test)]
 mod check;
+pub mod checkpoint;
 pub mod config;
+pub mod encode;
 mod error;
 pub mod head;
+pub mod kmeans;
+pub mod mask;
 pub mod mat;
 pub mod model;
 pub mod params;
 pub mod real;
+pub mod ridge;
 pub mod simd;
 pub mod step;
+pub mod token;
 
+pub use checkpoint::{Card, Model, RobotCard};
 pub use config::{
     COMMAND, CURRENT, HISTORY, MaskGranularity, NetConfig, SkipKind, TokenKind, WINDOW,
 };
+pub use encode::Encoder;
 pub use error::Error;
 pub use model::{Batch, Net};
+pub use ridge::{Episodes, Ridge};
 pub use step::{AdamConfig, Learner};
+pub use token::{Facts, JointFacts, Normaliser, TokenConfig, Tokeniser};
