@@ -12,6 +12,7 @@ pub mod config;
 pub mod encode;
 mod error;
 pub mod head;
+pub mod infer;
 pub mod kmeans;
 pub mod mask;
 pub mod mat;
@@ -29,6 +30,7 @@ pub use config::{
 };
 pub use encode::Encoder;
 pub use error::Error;
+pub use infer::{Policy, PolicyConfig};
 pub use model::{Batch, Net};
 pub use ridge::{Episodes, Ridge};
 pub use step::{AdamConfig, Learner};
