@@ -5,11 +5,10 @@
 //! size, overlaps and holes, names, shapes, types, finite weights, and that robot, joints
 //! and sizes are the ones asked for.
 
-use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 
-use safetensors::tensor::{Dtype, SafeTensors, View};
+use safetensors::tensor::{Dtype, SafeTensors};
 use serde::{Deserialize, Serialize};
 
 use super::config::{COMMAND, HISTORY};
@@ -17,6 +16,7 @@ use super::model::Net;
 use super::params::Layout;
 use super::ridge::Ridge;
 use super::step::Learner;
+use super::tensors::{self, Out};
 use super::token::{Facts, Normaliser, RIDGE_HEADS, TokenConfig, Tokeniser};
 use super::{Encoder, Error, MaskGranularity, NetConfig, SkipKind};
 use crate::{fsio, limits};
@@ -172,28 +172,6 @@ pub struct Model {
     pub optimiser: Option<OptimiserState>,
 }
 
-/// Numbers on their way into a file.
-struct Out<'a> {
-    shape: Vec<usize>,
-    data: &'a [f32],
-}
-
-impl View for Out<'_> {
-    fn dtype(&self) -> Dtype {
-        Dtype::F32
-    }
-    fn shape(&self) -> &[usize] {
-        &self.shape
-    }
-    fn data(&self) -> Cow<'_, [u8]> {
-        // The format is little-endian, as every processor that this runs on.
-        Cow::Borrowed(bytemuck::cast_slice(self.data))
-    }
-    fn data_len(&self) -> usize {
-        self.data.len() * 4
-    }
-}
-
 /// Writes a model, atomically; with `optimiser` it can be resumed exactly.
 ///
 /// # Errors
@@ -206,60 +184,32 @@ pub fn save(
     optimiser: Option<(&[f32], &[f32], u64)>,
 ) -> Result<(), Error> {
     let damaged = |why: String| Error::File { why, path: path.to_owned() };
-    let mut tensors: BTreeMap<String, Out<'_>> = BTreeMap::new();
+    let mut all = BTreeMap::new();
     for t in &net.layout.tensors {
         let data = &net.weights[t.range.clone()];
-        tensors.insert(t.name.clone(), Out { shape: t.shape.clone(), data });
+        all.insert(t.name.clone(), Out::new(&t.shape, data));
         if let Some((first, second, _)) = optimiser {
             for (prefix, moment) in [("adam.first.", first), ("adam.second.", second)] {
                 let data = moment.get(t.range.clone()).unwrap_or_default();
-                tensors.insert(format!("{prefix}{}", t.name), Out { shape: t.shape.clone(), data });
+                all.insert(format!("{prefix}{}", t.name), Out::new(&t.shape, data));
             }
         }
     }
-    let centres = Out { shape: vec![net.cfg.bins, net.cfg.actions], data: &net.centres };
-    tensors.insert("centres".into(), centres);
+    let centres = Out::new(&[net.cfg.bins, net.cfg.actions], &net.centres);
+    all.insert("centres".into(), centres);
     if let Some(ridge) = ridge {
         let actions = card.facts.actions;
         let inputs = ridge.weights().len() / (RIDGE_HEADS * actions).max(1);
-        let shape = vec![RIDGE_HEADS, inputs, actions];
-        tensors.insert("ridge".into(), Out { shape, data: ridge.weights() });
+        let shape = [RIDGE_HEADS, inputs, actions];
+        all.insert("ridge".into(), Out::new(&shape, ridge.weights()));
     }
     let json = serde_json::to_string(card).map_err(|e| damaged(e.to_string()))?;
-    let mut metadata = HashMap::from([(CARD.to_owned(), json)]);
+    let mut metadata = BTreeMap::from([(CARD.to_owned(), json)]);
     if let Some((_, _, count)) = optimiser {
         metadata.insert("adam.count".into(), count.to_string());
     }
-    let bytes = serialise(tensors, metadata).map_err(damaged)?;
+    let bytes = tensors::serialise(&all, &metadata).map_err(|e| damaged(e.to_string()))?;
     Ok(fsio::write_atomic(path, &bytes)?)
-}
-
-/// safetensors bytes; the header is written here because the library's metadata is a
-/// `HashMap`, whose order would change the file from run to run.
-fn serialise(
-    tensors: BTreeMap<String, Out<'_>>,
-    metadata: HashMap<String, String>,
-) -> Result<Vec<u8>, String> {
-    let mut header = serde_json::Map::new();
-    let sorted: BTreeMap<_, _> = metadata.into_iter().collect();
-    header.insert("__metadata__".into(), serde_json::json!(sorted));
-    let mut at = 0;
-    for (name, t) in &tensors {
-        let end = at + t.data_len();
-        let entry =
-            serde_json::json!({"dtype": "F32", "shape": t.shape, "data_offsets": [at, end]});
-        header.insert(name.clone(), entry);
-        at = end;
-    }
-    let mut text = serde_json::to_vec(&header).map_err(|e| e.to_string())?;
-    text.resize(text.len().next_multiple_of(8), b' ');
-    let mut bytes = Vec::with_capacity(8 + text.len() + at);
-    bytes.extend((text.len() as u64).to_le_bytes());
-    bytes.extend(text);
-    for t in tensors.values() {
-        bytes.extend_from_slice(&t.data());
-    }
-    Ok(bytes)
 }
 
 /// Reads the card alone, without looking at the numbers.

@@ -11,6 +11,7 @@ pub mod checkpoint;
 pub mod config;
 pub mod encode;
 mod error;
+pub mod exchange;
 pub mod head;
 pub mod infer;
 pub mod kmeans;
@@ -22,6 +23,7 @@ pub mod real;
 pub mod ridge;
 pub mod simd;
 pub mod step;
+pub mod tensors;
 pub mod token;
 
 pub use checkpoint::{Card, Model, RobotCard};
