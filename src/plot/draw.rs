@@ -278,7 +278,7 @@ impl<DB: DrawingBackend> Canvas<'_, DB> {
         }
         // The bitmap backend fills the outline of a thick path by even and odd: where it crosses
         // itself a hole would show. Piece by piece, with round joints, it does not.
-        let joint = (0.5 * width * f64::from(UNITS)).round() as i32;
+        let joint = (0.42 * width * f64::from(UNITS)).round() as i32;
         for pair in path.windows(2) {
             self.area.draw(&PathElement::new(pair.to_vec(), style)).map_err(Error::draw)?;
         }
