@@ -37,7 +37,7 @@ pub mod explore;
 pub mod net;
 
 pub mod render;
-// pub mod rollout;
+pub mod rollout;
 pub mod train;
 
 pub mod jobs;

@@ -175,9 +175,7 @@ fn swatch(picture: &mut Picture, key: &Key, x: f32, mid: f32, px: f32) {
         Swatch::Ghost => {
             rounded(picture, [x, y, w, h], px * 0.15, key.color, 0.55);
             let t = (px / 9.0).max(1.0);
-            for edge in
-                [[x, y, w, t], [x, y + h - t, w, t], [x, y, t, h], [x + w - t, y, t, h]]
-            {
+            for edge in [[x, y, w, t], [x, y + h - t, w, t], [x, y, t, h], [x + w - t, y, t, h]] {
                 rounded(picture, edge, 0.0, key.color, 0.95);
             }
         }
@@ -208,7 +206,11 @@ mod tests {
         let caption = Caption {
             title: "a name far longer than the picture is wide, without end".into(),
             line: Caption::moment(40, 2.0, Some((0.0312, "rad"))),
-            legend: vec![Key { swatch: Swatch::Cross, color: [0, 114, 178], text: "command".into() }],
+            legend: vec![Key {
+                swatch: Swatch::Cross,
+                color: [0, 114, 178],
+                text: "command".into(),
+            }],
         };
         for (w, h) in [(1, 1), (30, 10), (320, 240)] {
             let mut p = Picture::filled(w, h, [128; 3]);

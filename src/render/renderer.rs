@@ -489,7 +489,16 @@ pub(super) fn linear(c: [f32; 3]) -> [f32; 3] {
 fn cell_size(wish: f32) -> f32 {
     let power = 10_f32.powf(wish.max(1e-6).log10().floor());
     let lead = wish / power;
-    power * if lead <= 1.0 { 1.0 } else if lead <= 2.0 { 2.0 } else if lead <= 5.0 { 5.0 } else { 10.0 }
+    power
+        * if lead <= 1.0 {
+            1.0
+        } else if lead <= 2.0 {
+            2.0
+        } else if lead <= 5.0 {
+            5.0
+        } else {
+            10.0
+        }
 }
 
 /// Orthographic light that holds a ball; and the metres of one texel.
@@ -586,7 +595,11 @@ fn texture(
         format,
         usage: wgpu::TextureUsages::RENDER_ATTACHMENT
             | wgpu::TextureUsages::TEXTURE_BINDING
-            | if samples == 1 { wgpu::TextureUsages::COPY_SRC } else { wgpu::TextureUsages::empty() },
+            | if samples == 1 {
+                wgpu::TextureUsages::COPY_SRC
+            } else {
+                wgpu::TextureUsages::empty()
+            },
         view_formats: &[],
     })
 }

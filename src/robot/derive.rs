@@ -103,7 +103,10 @@ pub(super) fn complete(
     let groups = written.groups.unwrap_or(derived.groups);
     for g in &groups {
         if let Some(j) = g.joints.iter().find(|j| !known(j)) {
-            return Err(mismatch(format!("group \"{}\" names joint \"{j}\", which the model does not have", g.name)));
+            return Err(mismatch(format!(
+                "group \"{}\" names joint \"{j}\", which the model does not have",
+                g.name
+            )));
         }
     }
     let mirror = written.mirror.unwrap_or(derived.mirror);
@@ -132,10 +135,16 @@ pub(super) fn complete(
             Some(OneOrMany::Many(list)) => list,
         };
         if list.len() != joints.len() {
-            return Err(mismatch(format!("settle.{what} has {} values for {} joints", list.len(), joints.len())));
+            return Err(mismatch(format!(
+                "settle.{what} has {} values for {} joints",
+                list.len(),
+                joints.len()
+            )));
         }
         match list.iter().find(|v| !(v.is_finite() && **v >= 0.0)) {
-            Some(v) => Err(mismatch(format!("settle.{what} holds {v}; gains are finite and not negative"))),
+            Some(v) => {
+                Err(mismatch(format!("settle.{what} holds {v}; gains are finite and not negative")))
+            }
             None => Ok(list),
         }
     };
@@ -230,9 +239,10 @@ fn speed_limit(model: &Model, joint: usize) -> f64 {
         let gain = model.actuator_gainprm().get(10 * a).copied().unwrap_or(1.0).abs();
         let lever = match model.transmission(a) {
             Some(Transmission::Joint(j)) if j == joint => 1.0,
-            Some(Transmission::Tendon(t)) => {
-                tendon_joints(model, t).into_iter().find(|(j, _)| *j == joint).map_or(0.0, |(_, c)| c.abs())
-            }
+            Some(Transmission::Tendon(t)) => tendon_joints(model, t)
+                .into_iter()
+                .find(|(j, _)| *j == joint)
+                .map_or(0.0, |(_, c)| c.abs()),
             _ => 0.0,
         };
         force += limit * gear * gain * lever;
@@ -249,7 +259,9 @@ fn speed_limit(model: &Model, joint: usize) -> f64 {
 /// Whether an actuator's control is a force: fixed gain, no bias, no dynamics.
 pub(super) fn is_motor(model: &Model, actuator: usize) -> bool {
     let zero = |v: &[i32]| v.get(actuator).is_some_and(|t| *t == 0);
-    zero(model.actuator_gaintype()) && zero(model.actuator_biastype()) && zero(model.actuator_dyntype())
+    zero(model.actuator_gaintype())
+        && zero(model.actuator_biastype())
+        && zero(model.actuator_dyntype())
 }
 
 /// The control range of an actuator; `None` where the model sets no limit.
@@ -319,7 +331,9 @@ fn couplings(model: &Model) -> Vec<Coupling> {
         let id = |v: &[i32]| v.get(e).and_then(|n| usize::try_from(*n).ok());
         let is_joint = model.eq_type().get(e) == Some(&EQ_JOINT);
         let active = model.eq_active().get(e).is_some_and(|a| *a != 0);
-        let (Some(one), Some(two)) = (id(model.eq_obj1id()), id(model.eq_obj2id())) else { continue };
+        let (Some(one), Some(two)) = (id(model.eq_obj1id()), id(model.eq_obj2id())) else {
+            continue;
+        };
         let Some(&[offset, multiplier, a, b, c]) =
             model.eq_data().get(11 * e..11 * e + 5).and_then(|d| <&[f64; 5]>::try_from(d).ok())
         else {
@@ -341,9 +355,8 @@ fn couplings(model: &Model) -> Vec<Coupling> {
 /// group and starts others.
 fn groups(model: &Model, joints: &[JointSpec]) -> Vec<Group> {
     let n = model.nbody();
-    let parent = |b: usize| {
-        model.body_parentid().get(b).and_then(|p| usize::try_from(*p).ok()).unwrap_or(0)
-    };
+    let parent =
+        |b: usize| model.body_parentid().get(b).and_then(|p| usize::try_from(*p).ok()).unwrap_or(0);
     // Bodies are in depth-first order: children come after their parents.
     let mut moving = vec![false; n];
     let mut branches = vec![0_u32; n];
@@ -381,7 +394,7 @@ fn groups(model: &Model, joints: &[JointSpec]) -> Vec<Group> {
     for (limb, joints) in found {
         let mut name = common_prefix(&joints);
         if name.is_empty() || groups.iter().any(|g| g.name == name) {
-            name = model.name(Kind::Body, limb).unwrap_or("all").to_owned();
+            model.name(Kind::Body, limb).unwrap_or("all").clone_into(&mut name);
         }
         if groups.iter().any(|g| g.name == name) {
             name = format!("{name}_{limb}");
@@ -496,16 +509,25 @@ fn join_joints(
         .zip(derived)
         .map(|(w, d)| {
             if w.name != d.name {
-                return Err(format!("joint \"{}\" stands where the model has \"{}\"", w.name, d.name));
+                return Err(format!(
+                    "joint \"{}\" stands where the model has \"{}\"",
+                    w.name, d.name
+                ));
             }
             if w.unit.is_some_and(|u| u != d.unit) {
-                return Err(format!("joint \"{}\" has unit {} in the model", d.name, d.unit.symbol()));
+                return Err(format!(
+                    "joint \"{}\" has unit {} in the model",
+                    d.name,
+                    d.unit.symbol()
+                ));
             }
             if let Some(r) = w.range
                 && !d.range.is_some_and(|m| close(m, r))
             {
                 return Err(match d.range {
-                    Some([lo, hi]) => format!("joint \"{}\" has range {lo} to {hi} in the model", d.name),
+                    Some([lo, hi]) => {
+                        format!("joint \"{}\" has range {lo} to {hi} in the model", d.name)
+                    }
                     None => format!("joint \"{}\" has no limits in the model", d.name),
                 });
             }
@@ -525,19 +547,19 @@ fn close(a: [f64; 2], b: [f64; 2]) -> bool {
 
 fn same_actuators(a: &[ActuatorSpec], b: &[ActuatorSpec]) -> bool {
     a.len() == b.len()
-        && a.iter().zip(b).all(|(x, y)| {
-            x.name == y.name && x.drive == y.drive && close(x.ctrlrange, y.ctrlrange)
-        })
+        && a.iter()
+            .zip(b)
+            .all(|(x, y)| x.name == y.name && x.drive == y.drive && close(x.ctrlrange, y.ctrlrange))
 }
 
 fn first_difference(a: &[ActuatorSpec], b: &[ActuatorSpec]) -> String {
     if a.len() != b.len() {
         return format!("{} listed, {} in the model", a.len(), b.len());
     }
-    a.iter().zip(b).find(|(x, y)| !same_actuators(&[(*x).clone()], &[(*y).clone()])).map_or_else(
-        String::new,
-        |(x, y)| format!("{x:?} listed, {y:?} in the model"),
-    )
+    a.iter()
+        .zip(b)
+        .find(|(x, y)| !same_actuators(&[(*x).clone()], &[(*y).clone()]))
+        .map_or_else(String::new, |(x, y)| format!("{x:?} listed, {y:?} in the model"))
 }
 
 fn check_mirror(mirror: &MirrorSpec, known: &dyn Fn(&str) -> bool) -> Result<(), String> {
@@ -550,14 +572,19 @@ fn check_mirror(mirror: &MirrorSpec, known: &dyn Fn(&str) -> bool) -> Result<(),
     for row in &mirror.table {
         for name in [&row.target, &row.source] {
             if !known(name) {
-                return Err(format!("mirror names joint \"{name}\", which the model does not have"));
+                return Err(format!(
+                    "mirror names joint \"{name}\", which the model does not have"
+                ));
             }
         }
         if !seen.insert(&row.target) {
             return Err(format!("mirror sets joint \"{}\" twice", row.target));
         }
         if row.sign.abs() != 1.0 || !row.offset.is_finite() {
-            return Err(format!("mirror row of \"{}\": sign is 1 or -1, offset finite", row.target));
+            return Err(format!(
+                "mirror row of \"{}\": sign is 1 or -1, offset finite",
+                row.target
+            ));
         }
     }
     Ok(())
@@ -567,7 +594,9 @@ fn check_poses(poses: &BTreeMap<String, PoseSpec>, joints: &[JointSpec]) -> Resu
     for (pose, values) in poses {
         for (name, value) in values {
             let Some(j) = joints.iter().find(|j| j.name == *name) else {
-                return Err(format!("pose \"{pose}\" names joint \"{name}\", which the model does not have"));
+                return Err(format!(
+                    "pose \"{pose}\" names joint \"{name}\", which the model does not have"
+                ));
             };
             if !value.is_finite() {
                 return Err(format!("pose \"{pose}\" holds {value} for joint \"{name}\""));
@@ -600,7 +629,9 @@ mod tests {
 
     #[test]
     fn prefixes_read_like_names() {
-        let p = |names: &[&str]| common_prefix(&names.iter().map(|s| (*s).to_owned()).collect::<Vec<_>>());
+        let p = |names: &[&str]| {
+            common_prefix(&names.iter().map(|s| (*s).to_owned()).collect::<Vec<_>>())
+        };
         assert_eq!(p(&["FFJ4", "FFJ3"]), "FF");
         assert_eq!(p(&["left_hip", "left_knee"]), "left");
         assert_eq!(p(&["a", "b"]), "");

@@ -154,7 +154,11 @@ impl HasExit for Error {
 }
 
 fn place(path: &std::path::Path, line: u32, column: u32) -> String {
-    if line == 0 { path.display().to_string() } else { format!("{}:{line}:{column}", path.display()) }
+    if line == 0 {
+        path.display().to_string()
+    } else {
+        format!("{}:{line}:{column}", path.display())
+    }
 }
 
 /// Line and column (from 1) of a byte offset.

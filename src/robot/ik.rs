@@ -128,7 +128,8 @@ impl Robot {
                 let mut next = state.clone();
                 for (k, &i) in free.iter().enumerate() {
                     if let (Some(q), Some(j)) = (next.get_mut(i), self.joints().get(i)) {
-                        *q = (*q + step.get(k).copied().unwrap_or(0.0)).clamp(j.range[0], j.range[1]);
+                        *q = (*q + step.get(k).copied().unwrap_or(0.0))
+                            .clamp(j.range[0], j.range[1]);
                     }
                 }
                 self.follow(&mut next, &free);
@@ -304,14 +305,18 @@ impl Robot {
             }
             let j = jacobian.select_columns(&open);
             let normal = j.transpose() * &j + DMatrix::identity(open.len(), open.len()) * damping;
-            let Some(solved) = normal.cholesky().map(|c| c.solve(&(j.transpose() * left))) else { break };
+            let Some(solved) = normal.cholesky().map(|c| c.solve(&(j.transpose() * left))) else {
+                break;
+            };
             let biggest = solved.amax();
             let scale = if biggest > config.step_limit { config.step_limit / biggest } else { 1.0 };
             let mut newly = false;
             for (o, &k) in open.iter().enumerate() {
                 let change = solved.get(o).copied().unwrap_or(0.0) * scale;
                 let place = free.get(k).copied().unwrap_or(usize::MAX);
-                let (Some(joint), Some(q)) = (self.joints().get(place), state.get(place)) else { continue };
+                let (Some(joint), Some(q)) = (self.joints().get(place), state.get(place)) else {
+                    continue;
+                };
                 let room = [joint.range[0] - q, joint.range[1] - q];
                 let fits = change >= room[0] && change <= room[1];
                 if !fits && let Some(h) = held.get_mut(k) {
@@ -343,7 +348,9 @@ fn place(data: &Data, id: &PointId) -> ([f64; 3], [f64; 9]) {
         PointId::Body(b, offset) => {
             let (pos, m) = (three(data.xpos(), *b), nine(data.xmat(), *b));
             let [x, y, z] = offset;
-            let along = |r: usize| m.get(3 * r..3 * r + 3).map_or(0.0, |row| row[0] * x + row[1] * y + row[2] * z);
+            let along = |r: usize| {
+                m.get(3 * r..3 * r + 3).map_or(0.0, |row| row[0] * x + row[1] * y + row[2] * z)
+            };
             ([pos[0] + along(0), pos[1] + along(1), pos[2] + along(2)], m)
         }
     }
@@ -414,7 +421,8 @@ mod tests {
                     robot.joints().iter().map(|j| rng.range(j.range[0], j.range[1])).collect();
                 let goal = site(&robot, &mut data, &goal_state, tip);
                 let target = Target { point: Point::Site(tip.clone()), pos: goal, quat: None };
-                let r = robot.ik(&mut data, &robot.home(), &[target], &IkConfig::default()).unwrap();
+                let r =
+                    robot.ik(&mut data, &robot.home(), &[target], &IkConfig::default()).unwrap();
                 assert!(within_limits(&robot, &r.state));
                 if !r.reached {
                     missed.push((tip.clone(), trial, r.distance_m));
@@ -433,14 +441,17 @@ mod tests {
         pos[2] -= 0.15;
         let target = Target { point: Point::Site("end_effector".into()), pos, quat: None };
         let config = IkConfig { locked: vec![0, 3], ..IkConfig::default() };
-        let r = robot.ik(&mut data, &home, &[target.clone()], &config).unwrap();
+        let r = robot.ik(&mut data, &home, std::slice::from_ref(&target), &config).unwrap();
         assert!(r.reached, "{r:?}");
         assert_eq!((r.state[0], r.state[3]), (home[0], home[3]));
         let config = IkConfig { joints: Some(vec![1]), ..IkConfig::default() };
         let r = robot.ik(&mut data, &home, &[target], &config).unwrap();
         assert!(!r.reached);
         assert_ne!(r.state[1], home[1]);
-        assert_eq!([r.state[0], r.state[2], r.state[3], r.state[4]], [home[0], home[2], home[3], home[4]]);
+        assert_eq!(
+            [r.state[0], r.state[2], r.state[3], r.state[4]],
+            [home[0], home[2], home[3], home[4]]
+        );
     }
 
     #[test]
@@ -448,7 +459,8 @@ mod tests {
         let robot = Robot::builtin("shadow_hand").unwrap();
         let mut data = Data::new(robot.model()).unwrap();
         let mut goal_state = robot.home();
-        for (name, v) in [("FFJ3", 0.7), ("FFJ2", 0.6), ("MFJ3", 0.4), ("THJ4", 0.8), ("THJ1", 0.4)] {
+        for (name, v) in [("FFJ3", 0.7), ("FFJ2", 0.6), ("MFJ3", 0.4), ("THJ4", 0.8), ("THJ1", 0.4)]
+        {
             goal_state[robot.joint_index(name).unwrap()] = v;
         }
         let ff = site(&robot, &mut data, &goal_state, "fftip");
@@ -488,7 +500,8 @@ mod tests {
         let start = [0.1, -1.4, 1.2, -1.2, -1.5];
         let r = robot.ik(&mut data, &start, &[target], &IkConfig::default()).unwrap();
         assert!(r.reached && r.angle_rad < 1e-3, "{r:?}");
-        let far = Target { point: Point::Site("end_effector".into()), pos: [0.0, 5.0, 1.6], quat: None };
+        let far =
+            Target { point: Point::Site("end_effector".into()), pos: [0.0, 5.0, 1.6], quat: None };
         let r = robot.ik(&mut data, &start, &[far], &IkConfig::default()).unwrap();
         // Stretched out: the reach is 0.957 m, less what the base is off.
         assert!(!r.reached && r.distance_m < 5.0 - 0.9, "{r:?}");

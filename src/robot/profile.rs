@@ -285,7 +285,10 @@ impl Written {
             Some(FORMAT) => {}
             Some(other) => {
                 let byte = text.find("format").unwrap_or(0);
-                return Err(at(format!("format is \"{other}\", this program reads \"{FORMAT}\""), byte));
+                return Err(at(
+                    format!("format is \"{other}\", this program reads \"{FORMAT}\""),
+                    byte,
+                ));
             }
             None => return Err(at(format!("format is missing; write format = \"{FORMAT}\""), 0)),
         }
@@ -306,7 +309,9 @@ impl Written {
 pub fn valid_id(id: &str) -> bool {
     !id.is_empty()
         && id.len() <= 64.min(limits::NAME_BYTES)
-        && id.bytes().all(|b| b.is_ascii_lowercase() || b.is_ascii_digit() || b == b'_' || b == b'-')
+        && id
+            .bytes()
+            .all(|b| b.is_ascii_lowercase() || b.is_ascii_digit() || b == b'_' || b == b'-')
 }
 
 impl Profile {

@@ -57,8 +57,7 @@ impl Robot {
             data.step(1)?;
         }
         let reached = self.state(&data);
-        let residual: Vec<f64> =
-            reached.iter().zip(target).map(|(a, b)| (a - b).abs()).collect();
+        let residual: Vec<f64> = reached.iter().zip(target).map(|(a, b)| (a - b).abs()).collect();
         let (worst_joint, worst) = residual
             .iter()
             .copied()
@@ -93,7 +92,13 @@ impl Drive {
             .actuators()
             .iter()
             .enumerate()
-            .map(|(i, a)| if a.is_motor { model.actuator_gainprm().get(10 * i).copied().unwrap_or(1.0) } else { 0.0 })
+            .map(|(i, a)| {
+                if a.is_motor {
+                    model.actuator_gainprm().get(10 * i).copied().unwrap_or(1.0)
+                } else {
+                    0.0
+                }
+            })
             .collect();
         let limit = robot.actuators().iter().map(|a| a.ctrlrange).collect();
         Drive { target: target.to_vec(), gain, limit }
@@ -110,7 +115,8 @@ impl Drive {
         for (i, joint) in robot.joints().iter().enumerate() {
             let at = |v: &[f64], k: usize| v.get(k).copied().unwrap_or(0.0);
             let e = at(&self.target, i) - at(data.qpos(), joint.qposadr);
-            if let (Some(w), Some(x)) = (wanted.get_mut(joint.dofadr), error.get_mut(joint.dofadr)) {
+            if let (Some(w), Some(x)) = (wanted.get_mut(joint.dofadr), error.get_mut(joint.dofadr))
+            {
                 *x = e;
                 *w += at(&settle.kp, i) * e - at(&settle.kd, i) * at(data.qvel(), joint.dofadr);
             }

@@ -206,10 +206,12 @@ impl Ilqr {
             }
             let Step { a, b } = &steps[i];
             let u = &self.plan[i * actions..(i + 1) * actions];
-            let before = if i == 0 { &self.last_action } else { &self.plan[(i - 1) * actions..i * actions] };
+            let before =
+                if i == 0 { &self.last_action } else { &self.plan[(i - 1) * actions..i * actions] };
             let mut qu = b.tr_mul(&vx);
             for k in 0..actions {
-                qu[k] += self.config.action_weight * u[k] + self.config.change_weight * (u[k] - before[k]);
+                qu[k] += self.config.action_weight * u[k]
+                    + self.config.change_weight * (u[k] - before[k]);
             }
             let vb = &vxx * b;
             let mut quu = b.tr_mul(&vb);
@@ -222,7 +224,9 @@ impl Ilqr {
             let qx = a.tr_mul(&vx);
             let qxx = a.tr_mul(&va);
             vx = qx + gain.feedback.tr_mul(&(&quu * &gain.k + &qu)) + qux.tr_mul(&gain.k);
-            vxx = qxx + gain.feedback.tr_mul(&(&quu * &gain.feedback + &qux)) + qux.tr_mul(&gain.feedback);
+            vxx = qxx
+                + gain.feedback.tr_mul(&(&quu * &gain.feedback + &qux))
+                + qux.tr_mul(&gain.feedback);
             vxx = (&vxx + vxx.transpose()) * 0.5;
             gains.push(gain);
         }
@@ -231,7 +235,12 @@ impl Ilqr {
     }
 
     /// The plan that the gains give when simulated at step length `alpha`.
-    fn forward(&mut self, view: &View<'_>, gains: &[Gain], alpha: f64) -> Result<(Vec<f64>, f64), Error> {
+    fn forward(
+        &mut self,
+        view: &View<'_>,
+        gains: &[Gain],
+        alpha: f64,
+    ) -> Result<(Vec<f64>, f64), Error> {
         let actions = self.actions();
         let nv = self.belief.robot.model().nv();
         let mut plan = vec![0.0; self.plan.len()];

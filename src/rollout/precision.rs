@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use super::window::Goals;
 
 /// Error below which a hold counts as reached, rad or m.
-pub const REACHED: f64 = 0.05;
+pub(super) const REACHED: f64 = 0.05;
 
 /// How a rollout did. Errors in rad or m.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -57,7 +57,12 @@ impl Precision {
     /// Measures `reached` ((frames, dim), frame 0 first) against the goals. `actions` is
     /// (frames - 1, A). Frames beyond `reached` are left out, so a rollout can be measured
     /// while it streams.
-    pub fn measure(goals: &Goals, reached: &[f64], actions: &[f64], action_dim: usize) -> Precision {
+    pub fn measure(
+        goals: &Goals,
+        reached: &[f64],
+        actions: &[f64],
+        action_dim: usize,
+    ) -> Precision {
         let dim = goals.dim();
         let frames = (reached.len() / dim.max(1)).min(goals.frames());
         let mut all = Vec::new();
@@ -162,9 +167,8 @@ fn holds(goals: &Goals, reached: &[f64], frames: usize) -> Vec<HoldError> {
         if f - start < 3 || from_start {
             continue;
         }
-        let errors = |g: usize| {
-            (0..dim).map(move |j| (reached[g * dim + j] - goals.row(g)[j]).abs())
-        };
+        let errors =
+            |g: usize| (0..dim).map(move |j| (reached[g * dim + j] - goals.row(g)[j]).abs());
         holds.push(HoldError {
             frame: start,
             length: f - start,

@@ -15,7 +15,9 @@ use super::zero::Zero;
 use crate::robot::Robot;
 
 /// Every policy there is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, serde::Serialize, serde::Deserialize)]
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, serde::Serialize, serde::Deserialize,
+)]
 #[serde(rename_all = "kebab-case")]
 pub enum PolicyName {
     /// No torque.
@@ -55,9 +57,11 @@ impl FromStr for PolicyName {
     type Err = Error;
 
     fn from_str(text: &str) -> Result<Self, Error> {
-        NAMES.iter().find(|(_, s)| *s == text).map(|(n, _)| *n).ok_or_else(|| Error::UnknownPolicy {
-            name: text.to_owned(),
-            known: NAMES.iter().map(|(_, s)| *s).collect::<Vec<_>>().join(", "),
+        NAMES.iter().find(|(_, s)| *s == text).map(|(n, _)| *n).ok_or_else(|| {
+            Error::UnknownPolicy {
+                name: text.to_owned(),
+                known: NAMES.iter().map(|(_, s)| *s).collect::<Vec<_>>().join(", "),
+            }
         })
     }
 }

@@ -129,7 +129,8 @@ impl Rollout {
                 self.robot.write_state(&mut self.plant, &self.start_pose)?;
             }
             Start::Recorded { history, state, velocity } => {
-                let lengths = [(history.len(), HISTORY * dim), (state.len(), dim), (velocity.len(), dim)];
+                let lengths =
+                    [(history.len(), HISTORY * dim), (state.len(), dim), (velocity.len(), dim)];
                 for (got, want) in lengths {
                     if got != want {
                         let what = "recorded start";
@@ -203,9 +204,7 @@ impl Rollout {
         }
         action.iter_mut().for_each(|a| *a = a.clamp(-1.0, 1.0));
         self.robot.apply_action(&mut self.plant, &action)?;
-        self.plant
-            .step(self.substeps)
-            .map_err(|source| Error::Simulation { frame: t, source })?;
+        self.plant.step(self.substeps).map_err(|source| Error::Simulation { frame: t, source })?;
         self.simulated += 1;
         let at = self.reached.len();
         self.reached.resize(at + dim, 0.0);
@@ -361,7 +360,11 @@ fn pose(command: &Command) -> Vec<f64> {
 
 /// The command must name the robot's joints in the robot's order.
 fn check_joints(robot: &Robot, command: &Command) -> Result<(), Error> {
-    let same = robot.joints().iter().map(|j| j.name.as_str()).eq(command.joints().iter().map(String::as_str));
+    let same = robot
+        .joints()
+        .iter()
+        .map(|j| j.name.as_str())
+        .eq(command.joints().iter().map(String::as_str));
     if same {
         return Ok(());
     }
@@ -371,4 +374,149 @@ fn check_joints(robot: &Robot, command: &Command) -> Result<(), Error> {
         want: robot.state_dim(),
         hint: "the names or their order differ; choose the clip's own robot with --robot",
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rng::{Rng, Stream};
+    use crate::rollout::{PolicyConfig, PolicyName};
+
+    fn robot(id: &str) -> Arc<Robot> {
+        Arc::new(Robot::builtin(id).unwrap())
+    }
+
+    /// Poses near home at a few frames, masked between.
+    fn command(robot: &Robot, frames: usize, keys: &[(usize, f64)]) -> Command {
+        let dim = robot.state_dim();
+        let home = robot.home();
+        let (mut q, mut visible) = (vec![0.0_f32; frames * dim], vec![false; frames * dim]);
+        for &(f, offset) in keys {
+            for (j, joint) in robot.joints().iter().enumerate() {
+                let v = (home[j] + offset * (j as f64 + 1.0).sin())
+                    .clamp(joint.range[0].max(-10.0), joint.range[1].min(10.0));
+                q[f * dim + j] = v as f32;
+                visible[f * dim + j] = true;
+            }
+        }
+        let start = home.iter().map(|&v| v as f32).collect();
+        let names = robot.joints().iter().map(|j| j.name.clone()).collect();
+        Command::from_dense(names, start, q, visible).unwrap()
+    }
+
+    fn rollout(robot: &Arc<Robot>, name: PolicyName, command: &Command) -> Rollout {
+        let policy = PolicyConfig::new(name).build(robot).unwrap();
+        Rollout::new(robot, policy, command, Start::Pose, RolloutConfig::default()).unwrap()
+    }
+
+    fn bits(r: &Rollout) -> Vec<u64> {
+        r.reached().iter().chain(r.actions()).map(|v| v.to_bits()).collect()
+    }
+
+    /// 200 edits a robot and policy is the release-time figure; a share of them runs here.
+    #[test]
+    fn an_edit_resimulates_only_what_it_can_change() {
+        let cases = [
+            ("pointmass", PolicyName::ComputedTorque, 200),
+            ("ur5e", PolicyName::Pd, 200),
+            ("ur5e", PolicyName::Ilqr, 8),
+            ("pointmass", PolicyName::PredictiveSampling, 20),
+            ("shadow_hand", PolicyName::Pd, 40),
+        ];
+        for (id, name, edits) in cases {
+            let robot = robot(id);
+            let mut keys: Vec<(usize, f64)> = vec![(0, 0.0), (30, 0.2), (70, -0.1)];
+            let mut live = rollout(&robot, name, &command(&robot, 90, &keys));
+            live.run(&Cancel::default()).unwrap();
+            for edit in 0..edits {
+                let mut rng = Rng::new(7, Stream::Test, edit);
+                let k = 1 + rng.below(keys.len() as u64 - 1) as usize;
+                match rng.below(3) {
+                    0 => keys[k].1 = rng.range(-0.3, 0.3),
+                    1 => keys[k].0 = 1 + rng.below(89) as usize,
+                    _ if keys.len() < 6 => {
+                        keys.push((1 + rng.below(89) as usize, rng.range(-0.3, 0.3)))
+                    }
+                    _ => drop(keys.pop()),
+                }
+                let command = command(&robot, 90, &keys);
+                let differs = live.goals().first_difference(&Goals::new(&command));
+                let before = live.simulated();
+                let from = live.set_command(&command).unwrap();
+                assert!(from >= differs.map_or(89, |f| f.saturating_sub(COMMAND)).min(89));
+                live.run(&Cancel::default()).unwrap();
+                assert_eq!(live.simulated() - before, 89 - from);
+                let mut fresh = rollout(&robot, name, &command);
+                fresh.run(&Cancel::default()).unwrap();
+                assert!(bits(&live) == bits(&fresh), "{id} {name:?}, edit {edit}");
+            }
+        }
+    }
+
+    #[test]
+    fn hidden_goals_are_never_read() {
+        for name in PolicyName::all() {
+            let robot = robot("ur5e");
+            let keys = [(0, 0.0), (12, 0.2), (13, 0.2), (14, 0.2)];
+            let mut a = rollout(&robot, name, &command(&robot, 24, &keys));
+            let mut b = rollout(&robot, name, &command(&robot, 24, &keys));
+            // Overwrite what masks hide.
+            for i in 0..b.goals.frames() * b.goals.dim() {
+                b.goals.poison_hidden(i, 99.0);
+            }
+            a.run(&Cancel::default()).unwrap();
+            b.run(&Cancel::default()).unwrap();
+            assert!(bits(&a) == bits(&b), "{name:?}");
+        }
+    }
+
+    #[test]
+    fn simulated_time_is_clip_time() {
+        for timestep in [0.001, 0.002, 0.0025, 0.005] {
+            let robot = robot("ur5e");
+            let command = command(&robot, 41, &[(0, 0.0), (40, 0.1)]);
+            let mut r = rollout(&robot, PolicyName::ComputedTorque, &command);
+            let mut model = robot.model().duplicate().unwrap();
+            model.set_timestep(timestep);
+            r.substeps = substeps(&model).unwrap();
+            r.plant = Data::new(&Arc::new(model)).unwrap();
+            r.rewind().unwrap();
+            r.run(&Cancel::default()).unwrap();
+            assert_eq!(r.frames_reached().count(), 41, "both ends are there");
+            assert!(r.clock_error_secs().abs() < 1e-9, "{timestep}: {}", r.clock_error_secs());
+            assert!((r.snapshot(40).unwrap().time_secs - 2.0).abs() < 1e-9);
+            assert!(
+                r.frames_reached().last().unwrap().error.is_some(),
+                "the last key is commanded"
+            );
+        }
+        let mut odd = robot("ur5e").model().duplicate().unwrap();
+        odd.set_timestep(0.003);
+        assert!(matches!(substeps(&odd), Err(Error::Timestep { .. })));
+    }
+
+    #[test]
+    fn a_planner_that_knows_the_plant_beats_none() {
+        let robot = robot("ur5e");
+        let keys: Vec<(usize, f64)> =
+            std::iter::once((0, 0.0)).chain((20..40).map(|f| (f, 0.25))).collect();
+        let command = command(&robot, 40, &keys);
+        let precision = |name| {
+            let mut r = rollout(&robot, name, &command);
+            r.run(&Cancel::default()).unwrap();
+            r.precision().precision.unwrap()
+        };
+        let (zero, pd) = (precision(PolicyName::Zero), precision(PolicyName::Pd));
+        let (ct, ilqr) = (precision(PolicyName::ComputedTorque), precision(PolicyName::Ilqr));
+        assert!(zero > 0.05 && pd < 0.02 && ct < 0.002 && ilqr < 0.002, "{zero} {pd} {ct} {ilqr}");
+    }
+
+    #[test]
+    fn other_joints_are_refused() {
+        let (arm, mass) = (robot("ur5e"), robot("pointmass"));
+        let policy = PolicyConfig::new(PolicyName::Zero).build(&arm).unwrap();
+        let command = command(&mass, 10, &[(0, 0.0)]);
+        let e = Rollout::new(&arm, policy, &command, Start::Pose, RolloutConfig::default());
+        assert!(matches!(e, Err(Error::Joints { got: 2, want: 5, .. })), "{e:?}");
+    }
 }

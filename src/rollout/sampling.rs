@@ -95,7 +95,10 @@ fn evaluate(spline: &[f64], actions: usize, horizon: usize, at: f64, out: &mut [
         let k = k as isize;
         let (p0, p1, p2, p3) = (knot(k - 1, a), knot(k, a), knot(k + 1, a), knot(k + 2, a));
         let value = p1
-            + 0.5 * s * (p2 - p0 + s * (2.0 * p0 - 5.0 * p1 + 4.0 * p2 - p3 + s * (3.0 * (p1 - p2) + p3 - p0)));
+            + 0.5
+                * s
+                * (p2 - p0
+                    + s * (2.0 * p0 - 5.0 * p1 + 4.0 * p2 - p3 + s * (3.0 * (p1 - p2) + p3 - p0)));
         *o = value.clamp(-1.0, 1.0);
     }
 }

@@ -125,7 +125,10 @@ pub fn evaluate(
             }
             let (policy, rest) = (job / (cases.len() * seeds), job % (cases.len() * seeds));
             let (case, seed) = (rest / seeds, (rest % seeds) as u64);
-            mine.push((job, one(robot, &config.policies[policy], &cases[case], seed, config.plant, cancel)?));
+            mine.push((
+                job,
+                one(robot, &config.policies[policy], &cases[case], seed, config.plant, cancel)?,
+            ));
             let n = done.fetch_add(1, Ordering::Relaxed) + 1;
             progress.tick(n as u64, jobs as u64, &cases[case].name);
         }
@@ -190,7 +193,8 @@ fn one(
     cancel: &Cancel,
 ) -> Result<Outcome, Error> {
     let config = RolloutConfig { seed, guide: policy.guide, plant };
-    let mut rollout = Rollout::new(robot, policy.build(robot)?, &case.command, case.start.clone(), config)?;
+    let mut rollout =
+        Rollout::new(robot, policy.build(robot)?, &case.command, case.start.clone(), config)?;
     let begin = std::time::Instant::now();
     let result = rollout.run(cancel);
     let wall_secs = begin.elapsed().as_secs_f64();

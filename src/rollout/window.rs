@@ -26,6 +26,8 @@ pub struct Goals {
     visible: Vec<bool>,
     /// Whether the virtual value of a masked frame can ever be used; (frames).
     in_gap: Vec<bool>,
+    /// What is held past the end; (dim).
+    end: Vec<f64>,
 }
 
 impl Goals {
@@ -38,6 +40,7 @@ impl Goals {
             q: vec![0.0; frames * dim],
             visible: vec![false; frames * dim],
             in_gap: vec![false; frames],
+            end: vec![0.0; dim],
         };
         for f in 0..frames {
             for (j, &q) in command.row(f as u32).iter().enumerate() {
@@ -68,6 +71,7 @@ impl Goals {
                 last = Some(f);
             }
             let hold = last.map_or(start[j], |a| self.q[a * self.dim + j]);
+            self.end[j] = hold;
             for g in last.map_or(0, |a| a + 1)..self.frames {
                 self.q[g * self.dim + j] = hold;
             }
@@ -126,6 +130,14 @@ impl Goals {
         (self.frames != other.frames).then_some(common)
     }
 
+    /// Overwrites a goal that no policy may read; visible and virtual ones are left alone.
+    #[cfg(test)]
+    pub(super) fn poison_hidden(&mut self, i: usize, value: f64) {
+        if !self.visible[i] && !self.in_gap[i / self.dim] {
+            self.q[i] = value;
+        }
+    }
+
     /// Writes the command part of the window at frame `t`: goals of t+1 ..= t+20.
     ///
     /// Past the end the last value is held, visible: to stay there is what a person means
@@ -133,13 +145,13 @@ impl Goals {
     fn show(&self, t: usize, q: &mut [f64], visible: &mut [bool]) {
         let last = self.frames.saturating_sub(1);
         for i in 0..COMMAND {
-            let f = (t + 1 + i).min(last);
-            let past = t + 1 + i > last;
+            let f = t + 1 + i;
             let rows = i * self.dim..(i + 1) * self.dim;
-            q[rows.clone()].copy_from_slice(self.row(f));
-            if past {
+            if f > last {
+                q[rows.clone()].copy_from_slice(&self.end);
                 visible[rows].fill(true);
             } else {
+                q[rows.clone()].copy_from_slice(self.row(f));
                 visible[rows].copy_from_slice(&self.visible[f * self.dim..(f + 1) * self.dim]);
             }
         }
@@ -257,7 +269,7 @@ mod tests {
     fn goals(rows: &[Option<f32>], start: f32) -> Goals {
         let q: Vec<f32> = rows.iter().map(|v| v.unwrap_or(0.0)).collect();
         let visible: Vec<bool> = rows.iter().map(Option::is_some).collect();
-        Goals::new(&Command::from_dense(vec!["a".into()], q, visible, vec![start]).unwrap())
+        Goals::new(&Command::from_dense(vec!["a".into()], vec![start], q, visible).unwrap())
     }
 
     fn window(goals: &Goals, t: usize, reached: f64) -> Window {
@@ -277,7 +289,12 @@ mod tests {
         }
         // Frame 5 sees 6..=25: nothing; index 50 is the straight line at 25 of 45.
         let w = window(&g, 5, 0.0);
-        assert_eq!(w.next_goal(0), Some((19, 0.9 * 25.0 / 45.0)).map(|(i, v)| (i, v as f32 as f64)).map(|(i, _)| (i, w.command[19])));
+        assert_eq!(
+            w.next_goal(0),
+            Some((19, 0.9 * 25.0 / 45.0))
+                .map(|(i, v)| (i, v as f32 as f64))
+                .map(|(i, _)| (i, w.command[19]))
+        );
         assert!((w.command[19] - 0.5).abs() < 1e-6);
         // Frame 25 sees the key itself at index 19 and no virtual one.
         assert_eq!(window(&g, 25, 0.0).visible.iter().filter(|&&v| v).count(), 1);
