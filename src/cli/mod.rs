@@ -6,9 +6,14 @@
 
 mod bar;
 mod completions;
+mod eval;
 mod failure;
+mod interrupt;
 mod log;
+mod motion;
 mod out;
+mod rollout;
+mod tasks;
 
 pub use failure::{Failure, Outcome};
 
@@ -45,6 +50,12 @@ pub struct Global {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    /// Let a policy perform a clip, and measure how near it comes.
+    Rollout(rollout::Args),
+    /// Roll out a suite of clips with several policies; one table.
+    Eval(eval::Args),
+    /// List the task clips in the program, or copy them out to edit.
+    Tasks(tasks::Args),
     /// Print a completion script for your shell.
     Completions(completions::Args),
 }
@@ -67,6 +78,9 @@ pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
 
 fn run(cli: Cli) -> Outcome {
     match cli.command {
+        Command::Rollout(args) => rollout::run(&args, cli.global),
+        Command::Eval(args) => eval::run(&args, cli.global),
+        Command::Tasks(args) => tasks::run(&args),
         Command::Completions(args) => completions::run(&args),
     }
 }
