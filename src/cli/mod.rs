@@ -5,13 +5,18 @@
 //! any work begins, so that a typo never costs an hour.
 
 mod bar;
+mod bench;
+mod check;
 mod completions;
+mod dataset;
+mod doctor;
 mod eval;
 mod failure;
 mod interrupt;
 mod log;
 mod motion;
 mod out;
+mod robots;
 mod rollout;
 mod tasks;
 
@@ -56,8 +61,19 @@ enum Command {
     Eval(eval::Args),
     /// List the task clips in the program, or copy them out to edit.
     Tasks(tasks::Args),
+    /// Check the machine: libraries, graphics, cores, models, each with its fix.
+    Doctor(doctor::Args),
+    /// Measure speed: simulation, training, inference.
+    Bench(bench::Args),
+    /// Look at collected data; split, shrink, corrupt, merge or verify it.
+    Dataset(dataset::Args),
     /// Print a completion script for your shell.
     Completions(completions::Args),
+    /// List, show and settle robots.
+    Robots(robots::Args),
+    /// The child's side of the check of a foreign model.
+    #[command(name = crate::robot::check::SUBCOMMAND, hide = true)]
+    CompileCheck(check::Args),
 }
 
 /// Parses, runs, reports. The only caller is `main`.
@@ -81,7 +97,12 @@ fn run(cli: Cli) -> Outcome {
         Command::Rollout(args) => rollout::run(&args, cli.global),
         Command::Eval(args) => eval::run(&args, cli.global),
         Command::Tasks(args) => tasks::run(&args),
+        Command::Doctor(args) => doctor::run(&args),
+        Command::Bench(args) => bench::run(args),
+        Command::Dataset(args) => dataset::run(args),
         Command::Completions(args) => completions::run(&args),
+        Command::Robots(args) => robots::run(&args),
+        Command::CompileCheck(args) => check::run(&args),
     }
 }
 

@@ -13,9 +13,9 @@ use crate::units::Unit;
 /// Suffix of the clip files.
 pub(super) const CLIP_SUFFIX: &str = ".clip.json";
 
-/// The robot of this id.
+/// The robot of this id, or of this folder.
 pub(super) fn robot(id: &str) -> Outcome<Arc<Robot>> {
-    Ok(Arc::new(Robot::builtin(id)?))
+    Ok(Arc::new(Robot::load(id)?))
 }
 
 /// A clip from a file, or a shipped task by its name (`fire`, `ur5e/reacher`).

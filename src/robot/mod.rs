@@ -14,12 +14,17 @@
 //! profile only (a mirror table or the name of a pose is not in any model).
 
 mod builtin;
+pub mod check;
 mod derive;
 mod error;
+mod folder;
 mod ik;
+mod mesh;
 mod mirror;
+pub mod preparse;
 mod profile;
 mod settle;
+mod table;
 mod text;
 
 pub use builtin::NOTICE;

@@ -1,0 +1,120 @@
+//! What defines a network: sizes, token variant, head. Saved in every checkpoint.
+
+use serde::{Deserialize, Serialize};
+
+use super::Error;
+
+/// Frames before the current one that the network sees.
+pub const HISTORY: usize = 30;
+/// Commanded frames after the current one.
+pub const COMMAND: usize = 20;
+/// Tokens in a window: history, current, command.
+pub const WINDOW: usize = HISTORY + 1 + COMMAND;
+/// Index of the current frame, whose action is applied.
+pub const CURRENT: usize = HISTORY;
+
+/// How a frame becomes a token (algorithm of `RoBERT`; `pos` is the paper's).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum TokenKind {
+    /// Normalised joint positions; the mask vector replaces a masked frame's embedding.
+    #[serde(rename = "pos")]
+    Pos,
+    /// Positions, centred positions and differences; the mask vector replaces.
+    #[serde(rename = "pos+d")]
+    PosD,
+    /// As `pos+d` on the sequence with masked frames interpolated; the vector is added.
+    #[serde(rename = "fill")]
+    Fill,
+    /// Goal velocity, time to the goal, stop distances, hinge angles; the vector is added.
+    #[default]
+    #[serde(rename = "goal")]
+    Goal,
+}
+
+/// What a mask hides.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum MaskGranularity {
+    /// Whole frames, as in the paper.
+    #[default]
+    State,
+    /// Single joints: the token carries one flag a joint.
+    Joint,
+}
+
+/// The linear answer beside the network.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum SkipKind {
+    /// None: the paper's network.
+    #[default]
+    Off,
+    /// action = W x + r.
+    Additive,
+    /// action = (1 + g) W x + r, the gate g from the network.
+    Gated,
+}
+
+/// Sizes of a network.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct NetConfig {
+    /// Transformer layers.
+    pub layers: usize,
+    /// Width d of a token, a multiple of 16.
+    pub width: usize,
+    /// Attention heads; they divide the width.
+    pub heads: usize,
+    /// Numbers in a token before the embedding.
+    pub inputs: usize,
+    /// Actuators.
+    pub actions: usize,
+    /// Action bins K of the head; 1 is plain regression.
+    pub bins: usize,
+    /// Factor λ of the offset loss when K > 1.
+    pub offset_weight: f64,
+    /// Whether the mask vector replaces the embedding (`pos`, `pos+d`) or is added.
+    pub mask_replaces: bool,
+    /// The linear answer beside the network; needs K = 1.
+    pub skip: SkipKind,
+}
+
+impl NetConfig {
+    /// Numbers that the head puts out for each token: K logits, K offsets of A, gates.
+    pub fn outputs(&self) -> usize {
+        self.bins * (1 + self.actions) + if self.skip == SkipKind::Gated { self.actions } else { 0 }
+    }
+
+    /// Refuses sizes that make no network.
+    ///
+    /// # Errors
+    /// [`Error::Config`] naming the field.
+    pub fn check(&self) -> Result<(), Error> {
+        let refuse = |field, why: String| Err(Error::Config { field, why });
+        let within = |field, x: usize, max: usize| {
+            if (1..=max).contains(&x) {
+                return Ok(());
+            }
+            Err(Error::Config { field, why: format!("{x} is not in 1..={max}") })
+        };
+        within("layers", self.layers, 64)?;
+        within("width", self.width, 8192)?;
+        within("heads", self.heads, self.width)?;
+        within("inputs", self.inputs, 16_384)?;
+        within("actions", self.actions, crate::limits::JOINTS)?;
+        within("bins", self.bins, 96)?;
+        if !self.width.is_multiple_of(16) {
+            return refuse("width", format!("{} is not a multiple of 16", self.width));
+        }
+        if !self.width.is_multiple_of(self.heads) {
+            return refuse("heads", format!("{} do not divide width {}", self.heads, self.width));
+        }
+        if self.skip != SkipKind::Off && self.bins != 1 {
+            return refuse("skip", format!("the linear skip needs 1 bin, not {}", self.bins));
+        }
+        if !(self.offset_weight.is_finite() && self.offset_weight > 0.0) {
+            return refuse("offset_weight", format!("{} is not positive", self.offset_weight));
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,70 @@
+//! What can be wrong with a network, its file or its data.
+
+use std::path::PathBuf;
+
+use crate::exit::{Exit, HasExit};
+
+/// Refusals of this module.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// A size or switch makes no network.
+    #[error("network setting {field}: {why}")]
+    Config {
+        /// Name of the field.
+        field: &'static str,
+        /// What is wrong and what would be right.
+        why: String,
+    },
+    /// Numbers handed in have the wrong length.
+    #[error("{what}: {got} numbers instead of {want}")]
+    Shape {
+        /// Which numbers.
+        what: &'static str,
+        /// How many there should be.
+        want: usize,
+        /// How many there are.
+        got: usize,
+    },
+    /// The normal equations of a fit have no stable solution.
+    #[error(
+        "{what}: the fit is singular at row {row}; more varied data or a larger lambda is needed"
+    )]
+    Singular {
+        /// Which fit.
+        what: String,
+        /// Pivot that was not positive.
+        row: usize,
+    },
+    /// A model file is damaged or not one.
+    #[error("{why} in model file {path}", path = path.display())]
+    File {
+        /// What is wrong.
+        why: String,
+        /// The file.
+        path: PathBuf,
+    },
+    /// A model file was trained for another robot.
+    #[error("model was trained for {trained}, this is {given}: {path}", path = path.display())]
+    Robot {
+        /// What the card says.
+        trained: String,
+        /// What was asked for.
+        given: String,
+        /// The file.
+        path: PathBuf,
+    },
+    /// Reading or writing failed.
+    #[error(transparent)]
+    Files(#[from] crate::fsio::Error),
+}
+
+impl HasExit for Error {
+    fn exit(&self) -> Exit {
+        match self {
+            Error::Files(e) => e.exit(),
+            Error::Shape { .. } | Error::Singular { .. } => Exit::Failed,
+            _ => Exit::Invalid,
+        }
+    }
+}

@@ -1,0 +1,177 @@
+//! The action head of Behaviour Transformers: K joint bins over the whole action vector,
+//! logits and an offset per bin; focal loss on the bin, squared error on the offset of the
+//! true bin. K = 1 is plain regression around the mean action.
+//!
+//! Output of one token: K logits, K × A offsets, and A gates when the linear skip is gated.
+
+use super::config::{CURRENT, NetConfig, SkipKind, WINDOW};
+use super::model::Batch;
+use super::real::Real;
+
+/// Hidden command frames right after the current one, 0 to 20.
+pub const GAPS: usize = 21;
+
+/// Sums over the tokens of a batch, for the log.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Sums {
+    /// Loss of the batch, already multiplied by its scale.
+    pub loss: f64,
+    /// Squared action error (mean over actuators) on visible and on masked tokens.
+    pub square: [f64; 2],
+    /// Tokens, visible and masked.
+    pub tokens: [f64; 2],
+    /// Squared error of the current frame's action by hidden frames after it.
+    pub gap_square: [f64; GAPS],
+    /// Windows by hidden frames after the current one.
+    pub gap_windows: [f64; GAPS],
+}
+
+impl Sums {
+    /// Adds another batch.
+    pub fn add(&mut self, other: &Sums) {
+        let pair = |a: &mut [f64], b: &[f64]| a.iter_mut().zip(b).for_each(|(a, b)| *a += b);
+        self.loss += other.loss;
+        pair(&mut self.square, &other.square);
+        pair(&mut self.tokens, &other.tokens);
+        pair(&mut self.gap_square, &other.gap_square);
+        pair(&mut self.gap_windows, &other.gap_windows);
+    }
+}
+
+/// Index of the centre nearest to this action.
+pub fn nearest<T: Real>(centres: &[T], action: &[T]) -> usize {
+    let mut best = (0, f64::INFINITY);
+    for (k, centre) in centres.chunks_exact(action.len().max(1)).enumerate() {
+        let d: f64 = centre.iter().zip(action).map(|(&c, &a)| (c - a).f64().powi(2)).sum();
+        if d < best.1 {
+            best = (k, d);
+        }
+    }
+    best.0
+}
+
+/// Turns the head's output into its gradient and returns the loss, summed over tokens and
+/// multiplied by `scale`.
+pub fn loss<T: Real>(
+    cfg: &NetConfig,
+    centres: &[T],
+    batch: &Batch<T>,
+    out: &mut [T],
+    scale: f64,
+    current_only: bool,
+) -> Sums {
+    let (a, bins) = (cfg.actions, cfg.bins);
+    let mut sums = Sums::default();
+    let rows = out.chunks_exact_mut(cfg.outputs()).zip(batch.actions.chunks_exact(a));
+    for (row, (y, action)) in rows.enumerate() {
+        let weight = batch.weight.get(row).map_or(0.0, |w| w.f64());
+        let masked = batch.masked.get(row).copied().unwrap_or_default();
+        let i = row % WINDOW;
+        let counts = !current_only || i == CURRENT;
+        let factor = if counts { scale * weight } else { 0.0 };
+        let bin = nearest(centres, action);
+
+        let (logits, rest) = y.split_at_mut(bins);
+        let (offsets, gates) = rest.split_at_mut(bins * a);
+        let linear = batch.linear.get(row * a..(row + 1) * a).unwrap_or_default();
+        let centre = centres.get(bin * a..(bin + 1) * a).unwrap_or_default();
+        let mut square = 0.0;
+        let lambda = if bins > 1 { cfg.offset_weight } else { 1.0 };
+        for (j, &want) in action.iter().enumerate() {
+            let offset = offsets.get(bin * a + j).map_or(0.0, |o| o.f64());
+            let base = centre.get(j).map_or(0.0, |c| c.f64());
+            let gate = gates.get(j).map_or(0.0, |g| g.f64());
+            let line = linear.get(j).map_or(0.0, |l| l.f64());
+            let error = base + (1.0 + gate) * line + offset - want.f64();
+            square += error * error;
+            let slope = 2.0 * lambda * error / a as f64 * factor;
+            for (k, o) in offsets.chunks_exact_mut(a).enumerate() {
+                if let Some(o) = o.get_mut(j) {
+                    *o = if k == bin { T::of(slope) } else { T::default() };
+                }
+            }
+            if let Some(g) = gates.get_mut(j) {
+                *g = T::of(slope * line);
+            }
+        }
+        square /= a as f64;
+        sums.loss += factor * (lambda * square + focal(logits, bin, factor));
+        let side = usize::from(masked);
+        sums.square[side] += square;
+        sums.tokens[side] += 1.0;
+        if i == CURRENT {
+            let after = batch.masked.get(row + 1..row + WINDOW - CURRENT).unwrap_or_default();
+            let gap = after.iter().take_while(|&&m| m).count().min(GAPS - 1);
+            sums.gap_square[gap] += square;
+            sums.gap_windows[gap] += 1.0;
+        }
+    }
+    sums
+}
+
+/// −(1 − p)² log p of the true bin; the logits become its gradient times `factor`.
+fn focal<T: Real>(logits: &mut [T], bin: usize, factor: f64) -> f64 {
+    if logits.len() == 1 {
+        logits.fill(T::default());
+        return 0.0;
+    }
+    let top = logits.iter().fold(f64::NEG_INFINITY, |m, l| m.max(l.f64()));
+    let total: f64 = logits.iter().map(|l| (l.f64() - top).exp()).sum();
+    let log_p = logits.get(bin).map_or(0.0, |l| l.f64()) - top - total.ln();
+    let p = log_p.exp();
+    let common = 2.0 * (1.0 - p) * p * log_p - (1.0 - p).powi(2);
+    for (k, l) in logits.iter_mut().enumerate() {
+        let q = (l.f64() - top).exp() / total;
+        let one = if k == bin { 1.0 } else { 0.0 };
+        *l = T::of(factor * common * (one - q));
+    }
+    -(1.0 - p).powi(2) * log_p
+}
+
+/// How a bin is chosen at inference.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Choice {
+    /// The likeliest bin.
+    Argmax,
+    /// Drawn from the softmax with this uniform number (the paper's way).
+    Sample(f64),
+}
+
+/// The action of one token, clamped to [−1, 1].
+pub fn decode<T: Real>(
+    cfg: &NetConfig,
+    centres: &[T],
+    out: &[T],
+    linear: &[T],
+    choice: Choice,
+    action: &mut [T],
+) {
+    let (a, bins) = (cfg.actions, cfg.bins);
+    let (logits, rest) = out.split_at(bins.min(out.len()));
+    let bin = match choice {
+        Choice::Argmax => {
+            (0..logits.len()).fold(0, |m, k| if logits[k] > logits[m] { k } else { m })
+        }
+        Choice::Sample(u) => {
+            let top = logits.iter().fold(f64::NEG_INFINITY, |m, l| m.max(l.f64()));
+            let total: f64 = logits.iter().map(|l| (l.f64() - top).exp()).sum();
+            let mut left = u * total;
+            let hit = logits.iter().position(|l| {
+                left -= (l.f64() - top).exp();
+                left < 0.0
+            });
+            hit.unwrap_or(bins - 1)
+        }
+    };
+    let gates = rest.get(bins * a..).unwrap_or_default();
+    for (j, to) in action.iter_mut().enumerate() {
+        let gate = match cfg.skip {
+            SkipKind::Gated => gates.get(j).map_or(0.0, |g| g.f64()),
+            _ => 0.0,
+        };
+        let base = centres.get(bin * a + j).map_or(0.0, |c| c.f64());
+        let offset = rest.get(bin * a + j).map_or(0.0, |o| o.f64());
+        let line = linear.get(j).map_or(0.0, |l| l.f64());
+        *to = T::of((base + (1.0 + gate) * line + offset).clamp(-1.0, 1.0));
+    }
+}

@@ -1,0 +1,473 @@
+//! The one place that multiplies matrices.
+//!
+//! A register-blocked product after Goto and van de Geijn (2008): the right factor is
+//! packed in panels three registers wide, a tile of 8 rows (4 with 16 registers) stays in
+//! registers while the inner dimension runs. The left factor is read where it lies, along
+//! rows or along columns, so only one side is ever copied, and weights are packed once a
+//! step (or once a model, at inference) for all products that use them. Safe code: the
+//! bounds are proved by slicing before the inner loop. Rejected: the `gemm` crate, whose
+//! entry point is unsafe and which packs the right factor again at every call.
+//!
+//! Bits: for given shapes each output is one chain of fused multiply-adds in a fixed order,
+//! so results never depend on threads.
+
+// Vector code must be inlined into the function that pulp compiles for the processor found.
+#![allow(clippy::inline_always)]
+
+use pulp::{Arch, Simd, WithSimd};
+
+use super::real::{Aligned, Real};
+
+/// Repeats a block with a constant index.
+macro_rules! unrolled {
+    ($n:ident, [$($i:literal)*], |$v:ident| $body:block) => {
+        $(if $i < $n {
+            const $v: usize = $i;
+            $body
+        })*
+    };
+}
+
+/// Registers in the width of a panel.
+const NV: usize = 3;
+/// Inner dimension of one pass; a longer one is cut so that a panel stays in the cache.
+const KC: usize = 768;
+
+/// A matrix that someone else owns: row-major with a stride, or the transpose of one.
+#[derive(Clone, Copy, Debug)]
+pub struct Mat<'a, T> {
+    data: &'a [T],
+    rows: usize,
+    cols: usize,
+    stride: usize,
+    transposed: bool,
+}
+
+impl<'a, T: Real> Mat<'a, T> {
+    /// Dense row-major (rows, cols).
+    ///
+    /// # Panics
+    /// When `data` is too short.
+    pub fn new(data: &'a [T], rows: usize, cols: usize) -> Self {
+        Self::strided(data, rows, cols, cols)
+    }
+
+    /// Row-major, row i starting at `i * stride`.
+    ///
+    /// # Panics
+    /// When `data` is too short.
+    pub fn strided(data: &'a [T], rows: usize, cols: usize, stride: usize) -> Self {
+        assert!(fits(data.len(), rows, cols, stride), "matrix {rows}x{cols} does not fit");
+        Mat { data, rows, cols, stride, transposed: false }
+    }
+
+    /// The transpose, without moving anything.
+    #[must_use]
+    pub fn t(self) -> Self {
+        Mat { rows: self.cols, cols: self.rows, transposed: !self.transposed, ..self }
+    }
+}
+
+/// A row-major matrix to write.
+#[derive(Debug)]
+pub struct MatMut<'a, T> {
+    data: &'a mut [T],
+    rows: usize,
+    cols: usize,
+    stride: usize,
+}
+
+impl<'a, T: Real> MatMut<'a, T> {
+    /// Dense row-major (rows, cols).
+    ///
+    /// # Panics
+    /// When `data` is too short.
+    pub fn new(data: &'a mut [T], rows: usize, cols: usize) -> Self {
+        Self::strided(data, rows, cols, cols)
+    }
+
+    /// Row-major, row i starting at `i * stride`.
+    ///
+    /// # Panics
+    /// When `data` is too short.
+    pub fn strided(data: &'a mut [T], rows: usize, cols: usize, stride: usize) -> Self {
+        assert!(fits(data.len(), rows, cols, stride), "matrix {rows}x{cols} does not fit");
+        MatMut { data, rows, cols, stride }
+    }
+}
+
+fn fits(len: usize, rows: usize, cols: usize, stride: usize) -> bool {
+    rows == 0 || cols == 0 || (cols <= stride && (rows - 1) * stride + cols <= len)
+}
+
+/// What a product is added to.
+#[derive(Clone, Copy, Debug)]
+pub enum Init<'a, T> {
+    /// out = a b.
+    Zero,
+    /// out += a b.
+    Add,
+    /// out = a b + bias, one number a column.
+    Bias(&'a [T]),
+    /// out = a b + bias + residual; the residual is laid out as `out`.
+    Residual(&'a [T], &'a [T]),
+}
+
+/// A right factor (k, n) in panels.
+#[derive(Clone, Debug, Default)]
+pub struct Packed<T: Real> {
+    data: Aligned<T>,
+    k: usize,
+    n: usize,
+    lanes: usize,
+}
+
+impl<T: Real> Packed<T> {
+    /// Packs `b`; memory is reused when it is large enough.
+    pub fn pack(&mut self, b: Mat<'_, T>) {
+        Arch::new().dispatch(Pack { out: self, b });
+    }
+
+    /// A packed copy of `b`.
+    pub fn new(b: Mat<'_, T>) -> Self {
+        let mut packed = Packed::default();
+        packed.pack(b);
+        packed
+    }
+}
+
+struct Pack<'a, 'b, T: Real> {
+    out: &'a mut Packed<T>,
+    b: Mat<'b, T>,
+}
+
+impl<T: Real> WithSimd for Pack<'_, '_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _s: S) {
+        let (k, n, lanes) = (self.b.rows, self.b.cols, T::lanes::<S>());
+        let out = self.out;
+        out.data.reserve(k * n.next_multiple_of(lanes));
+        (out.k, out.n, out.lanes) = (k, n, lanes);
+        let mut rest: &mut [T] = &mut out.data;
+        let mut first = 0;
+        while first < n {
+            let wide = (NV * lanes).min((n - first).next_multiple_of(lanes));
+            let used = wide.min(n - first);
+            let (panel, after) = std::mem::take(&mut rest).split_at_mut(k * wide);
+            rest = after;
+            if self.b.transposed {
+                // Column j of b is contiguous: row first + j of what is stored.
+                for j in 0..used {
+                    let column = &self.b.data[(first + j) * self.b.stride..][..k];
+                    for (row, &x) in panel.chunks_exact_mut(wide).zip(column) {
+                        row[j] = x;
+                    }
+                }
+                if used < wide {
+                    for row in panel.chunks_exact_mut(wide) {
+                        row[used..].fill(T::default());
+                    }
+                }
+            } else {
+                for (i, row) in panel.chunks_exact_mut(wide).enumerate() {
+                    let from = &self.b.data[i * self.b.stride + first..][..used];
+                    let (head, tail) = row.split_at_mut(used);
+                    head.copy_from_slice(from);
+                    tail.fill(T::default());
+                }
+            }
+            first += wide;
+        }
+    }
+}
+
+/// out = init + a b, with `b` packed before.
+///
+/// # Panics
+/// When the shapes disagree.
+pub fn gemm_packed<T: Real>(out: MatMut<'_, T>, init: Init<'_, T>, a: Mat<'_, T>, b: &Packed<T>) {
+    assert!(a.cols == b.k && out.rows == a.rows && out.cols == b.n, "shapes of a product disagree");
+    Arch::new().dispatch(Gemm { out, init, a, b });
+}
+
+/// out = init + a b.
+///
+/// # Panics
+/// When the shapes disagree.
+pub fn gemm<T: Real>(out: MatMut<'_, T>, init: Init<'_, T>, a: Mat<'_, T>, b: Mat<'_, T>) {
+    T::with_scratch(|scratch| {
+        scratch.pack(b);
+        gemm_packed(out, init, a, scratch);
+    });
+}
+
+struct Gemm<'a, 'b, T: Real> {
+    out: MatMut<'a, T>,
+    init: Init<'b, T>,
+    a: Mat<'b, T>,
+    b: &'b Packed<T>,
+}
+
+impl<T: Real> WithSimd for Gemm<'_, '_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(mut self, s: S) {
+        assert!(self.b.lanes == T::lanes::<S>(), "packed for another processor");
+        let (k, n) = (self.b.k, self.b.n);
+        let pass = k.div_ceil(k.div_ceil(KC).max(1));
+        let mut start = 0;
+        loop {
+            let depth = pass.min(k - start);
+            let mut panel_at = 0;
+            let mut col = 0;
+            while col < n {
+                let wide = (NV * self.b.lanes).min((n - col).next_multiple_of(self.b.lanes));
+                let panel = &self.b.data[panel_at + start * wide..][..depth * wide];
+                panel_at += k * wide;
+                let block = Block { start, panel, col, cols: wide.min(n - col) };
+                match wide / self.b.lanes {
+                    1 => self.rows::<S, 1>(s, &block),
+                    2 => self.rows::<S, 2>(s, &block),
+                    _ => self.rows::<S, 3>(s, &block),
+                }
+                col += wide;
+            }
+            start += depth;
+            if start >= k {
+                return;
+            }
+        }
+    }
+}
+
+/// One panel's share of the inner dimension.
+struct Block<'a, T> {
+    start: usize,
+    panel: &'a [T],
+    col: usize,
+    cols: usize,
+}
+
+impl<T: Real> Gemm<'_, '_, T> {
+    #[inline(always)]
+    fn rows<S: Simd, const N: usize>(&mut self, s: S, block: &Block<'_, T>) {
+        let m = self.out.rows;
+        let mut i = 0;
+        // 24 accumulators where there are 32 registers, 12 where there are 16.
+        if S::REGISTER_COUNT >= 32 {
+            while i + 8 <= m {
+                self.tile::<S, 8, N>(s, block, i);
+                i += 8;
+            }
+        }
+        while i + 4 <= m {
+            self.tile::<S, 4, N>(s, block, i);
+            i += 4;
+        }
+        if i + 2 <= m {
+            self.tile::<S, 2, N>(s, block, i);
+            i += 2;
+        }
+        if i < m {
+            self.tile::<S, 1, N>(s, block, i);
+        }
+    }
+
+    #[inline(always)]
+    fn tile<S: Simd, const M: usize, const N: usize>(
+        &mut self,
+        s: S,
+        block: &Block<'_, T>,
+        row: usize,
+    ) {
+        let (panel, _) = T::vectors::<S>(block.panel);
+        let (panel, _) = panel.as_chunks::<N>();
+        let acc = if self.a.transposed {
+            // a(i, k) lies at k * stride + i: the rows of this tile are neighbours.
+            let lines = &self.a.data[block.start * self.a.stride + row..];
+            along_columns::<T, S, M, N>(s, lines, self.a.stride, panel)
+        } else {
+            let lines = &self.a.data[row * self.a.stride + block.start..];
+            along_rows::<T, S, M, N>(s, lines, self.a.stride, panel)
+        };
+        let init = if block.start > 0 { Init::Add } else { self.init };
+        unrolled!(M, [0 1 2 3 4 5 6 7], |I| {
+            let at = (row + I) * self.out.stride + block.col;
+            let out = &mut self.out.data[at..][..block.cols];
+            let sum = match init {
+                Init::Zero => acc[I],
+                Init::Add => plus::<T, S, N>(s, acc[I], out),
+                Init::Bias(bias) => plus::<T, S, N>(s, acc[I], &bias[block.col..][..block.cols]),
+                Init::Residual(bias, residual) => {
+                    let sum = plus::<T, S, N>(s, acc[I], &bias[block.col..][..block.cols]);
+                    plus::<T, S, N>(s, sum, &residual[at..][..block.cols])
+                }
+            };
+            put::<T, S, N>(s, out, sum);
+        });
+    }
+}
+
+// The two inner loops return their accumulators by value and touch them by constant
+// indices only (loops over them are unrolled too late in the compiler, and the numbers then
+// live on the stack): the difference is a factor of three.
+
+#[inline(always)]
+fn step<T: Real, S: Simd, const M: usize, const N: usize>(
+    s: S,
+    acc: [[T::V<S>; N]; M],
+    a: impl Fn(usize) -> T,
+    b: &[T::V<S>; N],
+) -> [[T::V<S>; N]; M] {
+    let mut acc = acc;
+    unrolled!(M, [0 1 2 3 4 5 6 7], |I| {
+        let x = T::splat(s, a(I));
+        unrolled!(N, [0 1 2], |J| {
+            acc[I][J] = T::fma(s, x, b[J], acc[I][J]);
+        });
+    });
+    acc
+}
+
+#[inline(always)]
+fn along_rows<T: Real, S: Simd, const M: usize, const N: usize>(
+    s: S,
+    a: &[T],
+    stride: usize,
+    panel: &[[T::V<S>; N]],
+) -> [[T::V<S>; N]; M] {
+    let mut acc = [[T::splat(s, T::default()); N]; M];
+    let depth = panel.len();
+    let lines: [&[T]; M] = std::array::from_fn(|i| &a[i * stride..][..depth]);
+    for (k, b) in panel.iter().enumerate() {
+        acc = step::<T, S, M, N>(
+            s,
+            acc,
+            #[inline(always)]
+            |i| lines[i][k],
+            b,
+        );
+    }
+    acc
+}
+
+#[inline(always)]
+fn along_columns<T: Real, S: Simd, const M: usize, const N: usize>(
+    s: S,
+    a: &[T],
+    stride: usize,
+    panel: &[[T::V<S>; N]],
+) -> [[T::V<S>; N]; M] {
+    let mut acc = [[T::splat(s, T::default()); N]; M];
+    for (k, b) in panel.iter().enumerate() {
+        let line = &a[k * stride..][..M];
+        acc = step::<T, S, M, N>(
+            s,
+            acc,
+            #[inline(always)]
+            |i| line[i],
+            b,
+        );
+    }
+    acc
+}
+
+/// acc + x; `x` may be shorter than the N registers.
+#[inline(always)]
+fn plus<T: Real, S: Simd, const N: usize>(s: S, acc: [T::V<S>; N], x: &[T]) -> [T::V<S>; N] {
+    let mut acc = acc;
+    let (whole, rest) = T::vectors::<S>(x);
+    unrolled!(N, [0 1 2], |J| {
+        let x = if J < whole.len() { whole[J] } else { T::load(s, rest) };
+        acc[J] = T::vadd(s, acc[J], x);
+    });
+    acc
+}
+
+#[inline(always)]
+fn put<T: Real, S: Simd, const N: usize>(s: S, out: &mut [T], sum: [T::V<S>; N]) {
+    let (whole, rest) = T::vectors_mut::<S>(out);
+    unrolled!(N, [0 1 2], |J| {
+        if J < whole.len() {
+            whole[J] = sum[J];
+        } else {
+            T::store(s, rest, sum[J]);
+        }
+    });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rng::{Rng, Stream};
+
+    fn random<T: Real>(n: usize, index: u64) -> Vec<T> {
+        let mut rng = Rng::new(1, Stream::Test, index);
+        (0..n).map(|_| T::of(rng.normal())).collect()
+    }
+
+    fn check<T: Real>(m: usize, k: usize, n: usize, ta: bool, tb: bool, eps: f64) {
+        let (a, b, c0) = (random::<T>(m * k, 0), random::<T>(k * n, 1), random::<T>(m * n, 2));
+        let bias = random::<T>(n, 3);
+        let at = |i: usize, p: usize| a[if ta { p * m + i } else { i * k + p }].f64();
+        let bt = |p: usize, j: usize| b[if tb { j * k + p } else { p * n + j }].f64();
+        let ma = if ta { Mat::new(&a, k, m).t() } else { Mat::new(&a, m, k) };
+        let mb = if tb { Mat::new(&b, n, k).t() } else { Mat::new(&b, k, n) };
+        for which in 0..4 {
+            let mut c = c0.clone();
+            let init = match which {
+                0 => Init::Zero,
+                1 => Init::Add,
+                2 => Init::Bias(&bias),
+                _ => Init::Residual(&bias, &c0),
+            };
+            gemm(MatMut::new(&mut c, m, n), init, ma, mb);
+            for i in 0..m {
+                for j in 0..n {
+                    let mut want: f64 = (0..k).map(|p| at(i, p) * bt(p, j)).sum();
+                    if which == 1 || which == 3 {
+                        want += c0[i * n + j].f64();
+                    }
+                    if which >= 2 {
+                        want += bias[j].f64();
+                    }
+                    let got = c[i * n + j].f64();
+                    let scale = (k as f64).sqrt() + 1.0;
+                    assert!((got - want).abs() < eps * scale, "{m}x{k}x{n} {i},{j}: {got} {want}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn products_agree_with_the_definition() {
+        for (m, k, n) in
+            [(1, 1, 1), (3, 5, 7), (8, 16, 48), (13, 33, 51), (51, 20, 97), (9, 800, 49)]
+        {
+            for (ta, tb) in [(false, false), (true, false), (false, true), (true, true)] {
+                check::<f32>(m, k, n, ta, tb, 4e-6);
+                check::<f64>(m, k, n, ta, tb, 1e-13);
+            }
+        }
+    }
+
+    #[test]
+    fn empty_inner_dimension_still_initialises() {
+        let mut c = [7.0_f32; 4];
+        gemm(MatMut::new(&mut c, 2, 2), Init::Zero, Mat::new(&[], 2, 0), Mat::new(&[], 0, 2));
+        assert_eq!(c, [0.0; 4]);
+    }
+
+    #[test]
+    fn strides_leave_the_gaps_alone() {
+        let a = [1.0_f64, 2.0, 9.0, 3.0, 4.0, 9.0];
+        let mut c = [5.0; 6];
+        let b = [1.0, 0.0, 0.0, 1.0];
+        let out = MatMut::strided(&mut c, 2, 2, 3);
+        gemm(out, Init::Zero, Mat::strided(&a, 2, 2, 3), Mat::new(&b, 2, 2));
+        assert_eq!(c, [1.0, 2.0, 5.0, 3.0, 4.0, 5.0]);
+    }
+}

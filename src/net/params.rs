@@ -1,0 +1,191 @@
+//! All weights in one flat buffer, with named views; the names are those of the checkpoint.
+//!
+//! Weights of a linear map lie as (inputs, outputs), row-major, since every product is
+//! `x · W`; `PyTorch` keeps the transpose.
+
+use std::ops::Range;
+
+use super::config::{NetConfig, SkipKind, WINDOW};
+use super::real::{Aligned, Real};
+use crate::rng::{Rng, Stream};
+
+/// One tensor inside the flat buffer.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Tensor {
+    /// Name in the checkpoint, such as `layers.0.qkv.weight`.
+    pub name: String,
+    /// Rows and columns, or the length alone.
+    pub shape: Vec<usize>,
+    /// Its place in the buffer.
+    pub range: Range<usize>,
+    /// Whether weight decay applies (weights of linear maps only).
+    pub decays: bool,
+}
+
+/// Places of one layer's tensors.
+#[derive(Clone, Debug)]
+#[allow(missing_docs)]
+pub struct LayerAt {
+    pub ln1_weight: Range<usize>,
+    pub ln1_bias: Range<usize>,
+    pub qkv_weight: Range<usize>,
+    pub qkv_bias: Range<usize>,
+    pub out_weight: Range<usize>,
+    pub out_bias: Range<usize>,
+    pub ln2_weight: Range<usize>,
+    pub ln2_bias: Range<usize>,
+    pub up_weight: Range<usize>,
+    pub up_bias: Range<usize>,
+    pub down_weight: Range<usize>,
+    pub down_bias: Range<usize>,
+}
+
+/// Where everything lies.
+#[derive(Clone, Debug)]
+#[allow(missing_docs)]
+pub struct Layout {
+    pub tensors: Vec<Tensor>,
+    pub len: usize,
+    pub embed_weight: Range<usize>,
+    pub embed_bias: Range<usize>,
+    pub position: Range<usize>,
+    pub mask: Range<usize>,
+    pub layers: Vec<LayerAt>,
+    pub norm_weight: Range<usize>,
+    pub norm_bias: Range<usize>,
+    pub head_weight: Range<usize>,
+    pub head_bias: Range<usize>,
+}
+
+/// Tensors start at a cache line, so that their rows of 16 numbers do too.
+const STEP: usize = 16;
+
+impl Layout {
+    /// The layout of this network.
+    pub fn new(cfg: &NetConfig) -> Self {
+        let mut tensors = Vec::new();
+        let mut len = 0;
+        let mut put = |name: String, shape: &[usize], decays: bool| {
+            let n: usize = shape.iter().product();
+            let range = len..len + n;
+            len = (len + n).next_multiple_of(STEP);
+            tensors.push(Tensor { name, shape: shape.to_vec(), range: range.clone(), decays });
+            range
+        };
+        let d = cfg.width;
+        let embed_weight = put("embed.weight".into(), &[cfg.inputs, d], true);
+        let embed_bias = put("embed.bias".into(), &[d], false);
+        let position = put("position".into(), &[WINDOW, d], false);
+        let mask = put("mask".into(), &[d], false);
+        let mut layers = Vec::with_capacity(cfg.layers);
+        for i in 0..cfg.layers {
+            let mut at = |name: &str, shape: &[usize], decays| {
+                put(format!("layers.{i}.{name}"), shape, decays)
+            };
+            layers.push(LayerAt {
+                ln1_weight: at("ln1.weight", &[d], false),
+                ln1_bias: at("ln1.bias", &[d], false),
+                qkv_weight: at("qkv.weight", &[d, 3 * d], true),
+                qkv_bias: at("qkv.bias", &[3 * d], false),
+                out_weight: at("out.weight", &[d, d], true),
+                out_bias: at("out.bias", &[d], false),
+                ln2_weight: at("ln2.weight", &[d], false),
+                ln2_bias: at("ln2.bias", &[d], false),
+                up_weight: at("up.weight", &[d, 4 * d], true),
+                up_bias: at("up.bias", &[4 * d], false),
+                down_weight: at("down.weight", &[4 * d, d], true),
+                down_bias: at("down.bias", &[d], false),
+            });
+        }
+        let norm_weight = put("norm.weight".into(), &[d], false);
+        let norm_bias = put("norm.bias".into(), &[d], false);
+        let head_weight = put("head.weight".into(), &[d, cfg.outputs()], true);
+        let head_bias = put("head.bias".into(), &[cfg.outputs()], false);
+        Layout {
+            tensors,
+            len,
+            embed_weight,
+            embed_bias,
+            position,
+            mask,
+            layers,
+            norm_weight,
+            norm_bias,
+            head_weight,
+            head_bias,
+        }
+    }
+
+    /// Learned numbers, padding left out.
+    pub fn count(&self) -> usize {
+        self.tensors.iter().map(|t| t.range.len()).sum()
+    }
+
+    /// Fresh weights: N(0, 0.02), zero biases, unit norms; a skip starts from the linear
+    /// answer alone, so its head starts at zero.
+    pub fn init<T: Real>(&self, cfg: &NetConfig, seed: u64) -> Aligned<T> {
+        let mut w = Aligned::zeros(self.len);
+        for (index, tensor) in self.tensors.iter().enumerate() {
+            let to = &mut w[tensor.range.clone()];
+            let norm = tensor.name.ends_with("ln1.weight")
+                || tensor.name.ends_with("ln2.weight")
+                || tensor.name == "norm.weight";
+            let silent = tensor.name == "head.weight" && cfg.skip != SkipKind::Off;
+            if norm {
+                to.fill(T::of(1.0));
+            } else if !tensor.name.ends_with("bias") && !silent {
+                let mut rng = Rng::new(seed, Stream::Init, index as u64);
+                to.iter_mut().for_each(|w| *w = T::of(0.02 * rng.normal()));
+            }
+        }
+        w
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn count(layers: usize, width: usize, inputs: usize, actions: usize) -> usize {
+        let cfg = NetConfig {
+            layers,
+            width,
+            heads: 4,
+            inputs,
+            actions,
+            bins: 10,
+            offset_weight: 10.0,
+            mask_replaces: true,
+            skip: SkipKind::Off,
+        };
+        Layout::new(&cfg).count()
+    }
+
+    #[test]
+    fn parameter_counts_are_the_papers() {
+        assert_eq!(count(6, 768, 5, 5), 42_619_452, "UR5e");
+        assert_eq!(count(6, 768, 22, 18), 42_732_478, "Shadow Hand");
+        assert_eq!(count(2, 64, 2, 2), 105_566, "Pointmass, smallest");
+        assert_eq!(count(4, 1024, 2, 2), 50_474_014, "Pointmass, largest");
+    }
+
+    #[test]
+    fn names_are_unique_and_ranges_disjoint() {
+        let cfg = NetConfig {
+            layers: 3,
+            width: 32,
+            heads: 2,
+            inputs: 7,
+            actions: 3,
+            bins: 1,
+            offset_weight: 1.0,
+            mask_replaces: false,
+            skip: SkipKind::Gated,
+        };
+        let layout = Layout::new(&cfg);
+        let names: std::collections::BTreeSet<_> = layout.tensors.iter().map(|t| &t.name).collect();
+        assert_eq!(names.len(), layout.tensors.len());
+        assert!(layout.tensors.windows(2).all(|w| w[0].range.end <= w[1].range.start));
+        assert_eq!(layout.tensors.last().unwrap().shape, [7]);
+    }
+}
