@@ -9,13 +9,18 @@ mod bench;
 mod check;
 mod clip;
 mod completions;
-mod doctor;
 mod dataset;
+mod doctor;
+mod eval;
 mod failure;
 mod import;
+mod interrupt;
 mod log;
+mod motion;
 mod out;
 mod robots;
+mod rollout;
+mod tasks;
 
 pub use failure::{Failure, Outcome};
 
@@ -52,6 +57,12 @@ pub struct Global {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    /// Let a policy perform a clip, and measure how near it comes.
+    Rollout(rollout::Args),
+    /// Roll out a suite of clips with several policies; one table.
+    Eval(eval::Args),
+    /// List the task clips in the program, or copy them out to edit.
+    Tasks(tasks::Args),
     /// Check the machine: libraries, graphics, cores, models, each with its fix.
     Doctor(doctor::Args),
     /// Measure speed: simulation, training, inference.
@@ -89,6 +100,9 @@ pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
 
 fn run(cli: Cli) -> Outcome {
     match cli.command {
+        Command::Rollout(args) => rollout::run(&args, cli.global),
+        Command::Eval(args) => eval::run(&args, cli.global),
+        Command::Tasks(args) => tasks::run(&args),
         Command::Doctor(args) => doctor::run(&args),
         Command::Bench(args) => bench::run(args),
         Command::Dataset(args) => dataset::run(args),
