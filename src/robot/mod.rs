@@ -20,13 +20,12 @@ mod error;
 mod folder;
 mod ik;
 pub mod import;
-mod mesh;
 mod joint_table;
+mod mesh;
 mod mirror;
 pub mod preparse;
 mod profile;
 mod settle;
-mod table;
 mod text;
 
 pub use builtin::NOTICE;

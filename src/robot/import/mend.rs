@@ -12,7 +12,11 @@ use crate::robot::text::{Edits, escape};
 use crate::robot::{Assets, Error, preparse, text};
 
 /// Refuses joints that the state cannot hold.
-pub(super) fn joints(_draft: &mut Draft, model: &Model, project: &preparse::Project) -> Result<(), Error> {
+pub(super) fn joints(
+    _draft: &mut Draft,
+    model: &Model,
+    project: &preparse::Project,
+) -> Result<(), Error> {
     state_joints(model, &project.path).map(drop)
 }
 
@@ -26,7 +30,11 @@ struct Motor {
 }
 
 /// Makes every actuator a motor with limits; makes motors where there are none.
-pub(super) fn actuators(draft: &mut Draft, model: &Model, config: &ImportConfig) -> Result<(), Error> {
+pub(super) fn actuators(
+    draft: &mut Draft,
+    model: &Model,
+    config: &ImportConfig,
+) -> Result<(), Error> {
     let good = |a: usize| is_motor(model, a) && ctrlrange(model, a).is_some();
     let all_good = (0..model.nu()).all(good);
     if model.nu() > 0 && (all_good || config.keep_servos) {
@@ -105,7 +113,8 @@ fn motor(draft: &mut Draft, model: &Model, a: usize, config: &ImportConfig) -> O
             }
         },
         _ => {
-            let name = called.map_or_else(|| format!("actuator {a}"), |n| format!("actuator \"{n}\""));
+            let name =
+                called.map_or_else(|| format!("actuator {a}"), |n| format!("actuator \"{n}\""));
             draft.dropped.push(format!("{name}: it pulls at a site or body, not at a joint"));
             return None;
         }
@@ -121,7 +130,9 @@ fn motor(draft: &mut Draft, model: &Model, a: usize, config: &ImportConfig) -> O
         .and_then(|r| r.try_into().ok());
     let limit = match (is_motor(model, a), ctrlrange(model, a), force) {
         (true, Some([lo, hi]), None) => [lo * gain, hi * gain],
-        (true, Some([lo, hi]), Some([f_lo, f_hi])) => [(lo * gain).max(f_lo), (hi * gain).min(f_hi)],
+        (true, Some([lo, hi]), Some([f_lo, f_hi])) => {
+            [(lo * gain).max(f_lo), (hi * gain).min(f_hi)]
+        }
         (true, None, Some(f)) => f,
         (false, _, Some(f)) => {
             draft.changed.push(format!("servo \"{name}\" became a motor of {} to {}", f[0], f[1]));
@@ -130,7 +141,9 @@ fn motor(draft: &mut Draft, model: &Model, a: usize, config: &ImportConfig) -> O
         (motor, _, None) => {
             let e = config.effort;
             let what = if motor { "motor without limits" } else { "servo without a force limit" };
-            draft.assumed.push(format!("\"{name}\" ({what}) became a motor of +-{e} (change with --effort)"));
+            draft.assumed.push(format!(
+                "\"{name}\" ({what}) became a motor of +-{e} (change with --effort)"
+            ));
             [-e, e]
         }
     };

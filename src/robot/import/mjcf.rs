@@ -76,7 +76,9 @@ pub(super) fn draft(project: &preparse::Project, config: &ImportConfig) -> Resul
     }
     if !removed.is_empty() {
         let list: Vec<String> = removed.into_iter().collect();
-        draft.dropped.push(format!("attributes that MuJoCo 2.2.2 does not know: {}", list.join(", ")));
+        draft
+            .dropped
+            .push(format!("attributes that MuJoCo 2.2.2 does not know: {}", list.join(", ")));
     }
     files(&doc, project, &mut draft, &mut edits)?;
     names(&doc, &mut draft, &mut edits);
@@ -246,10 +248,13 @@ fn weld(
         for node in doc.descendants().filter(Node::is_element) {
             let parent = node.parent().map_or("", |p| p.tag_name().name());
             let tied = matches!(parent, "actuator" | "equality" | "fixed");
-            let names = ["joint", "joint1", "joint2"].iter().any(|a| node.attribute(*a) == Some(name));
+            let names =
+                ["joint", "joint1", "joint2"].iter().any(|a| node.attribute(*a) == Some(name));
             if tied && names {
                 edits.replace(node.range(), "");
-                draft.dropped.push(format!("<{}> of the welded joint \"{name}\"", node.tag_name().name()));
+                draft
+                    .dropped
+                    .push(format!("<{}> of the welded joint \"{name}\"", node.tag_name().name()));
             }
         }
     }
