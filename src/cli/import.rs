@@ -90,7 +90,8 @@ fn print(r: &Report) -> Outcome {
         r.mass_kg,
         r.format.to_uppercase()
     ))?;
-    for (what, list) in [("dropped", &r.dropped), ("assumed", &r.assumed), ("changed", &r.changed)] {
+    for (what, list) in [("dropped", &r.dropped), ("assumed", &r.assumed), ("changed", &r.changed)]
+    {
         for item in list {
             out::line(&format!("  {what}  {item}"))?;
         }

@@ -64,7 +64,11 @@ pub(super) fn exclude(
     section.push_str("</contact>");
     draft.append(&section, &project.path)?;
     let shown = reasons.iter().take(40).cloned().collect::<Vec<_>>().join(", ");
-    let more = if reasons.len() > 40 { format!(" and {} more", reasons.len() - 40) } else { String::new() };
+    let more = if reasons.len() > 40 {
+        format!(" and {} more", reasons.len() - 40)
+    } else {
+        String::new()
+    };
     draft.assumed.push(format!("{} pairs of bodies never collide: {shown}{more}", reasons.len()));
     Ok(())
 }
@@ -130,7 +134,8 @@ fn touching(model: &Model, data: &Data) -> Vec<(usize, usize)> {
 }
 
 fn always_touching(model: &Arc<Model>, data: &mut Data) -> Result<Vec<(usize, usize)>, Error> {
-    let mut hits: std::collections::BTreeMap<(usize, usize), u64> = std::collections::BTreeMap::new();
+    let mut hits: std::collections::BTreeMap<(usize, usize), u64> =
+        std::collections::BTreeMap::new();
     for k in 0..POSES {
         let mut rng = Rng::new(0, Stream::Reset, k);
         let mut qpos = model.qpos0().to_vec();

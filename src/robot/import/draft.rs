@@ -36,7 +36,8 @@ impl Draft {
         if let Some(name) = self.sources.get(path) {
             return Ok(name.clone());
         }
-        let refused = |message: String| Error::Refused { message, line: 0, column: 0, path: path.into() };
+        let refused =
+            |message: String| Error::Refused { message, line: 0, column: 0, path: path.into() };
         let extension = mesh::extension(path);
         let stem = path.file_stem().map(|s| s.to_string_lossy().to_lowercase()).unwrap_or_default();
         let stem: String = stem
@@ -86,8 +87,5 @@ impl Draft {
 
 /// The physics that every robot is simulated with.
 pub(super) fn physics() -> String {
-    format!(
-        "<option timestep=\"{}\" integrator=\"Euler\" cone=\"pyramidal\"/>",
-        units::SIM_DT
-    )
+    format!("<option timestep=\"{}\" integrator=\"Euler\" cone=\"pyramidal\"/>", units::SIM_DT)
 }

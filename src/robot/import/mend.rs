@@ -6,14 +6,40 @@ use roxmltree::Node;
 
 use super::ImportConfig;
 use super::draft::Draft;
-use crate::mujoco::{Kind, Model, Transmission};
+use crate::mujoco::{Joint, Kind, Model, Transmission};
 use crate::robot::derive::{ctrlrange, is_motor, state_joints};
 use crate::robot::text::{Edits, escape};
 use crate::robot::{Assets, Error, preparse, text};
 
-/// Refuses joints that the state cannot hold.
-pub(super) fn joints(_draft: &mut Draft, model: &Model, project: &preparse::Project) -> Result<(), Error> {
-    state_joints(model, &project.path).map(drop)
+/// Takes away joints that only a default class makes free, if asked to; refuses what the
+/// state cannot hold. Gives whether anything was taken.
+pub(super) fn joints(
+    draft: &mut Draft,
+    model: &Model,
+    project: &preparse::Project,
+    config: &ImportConfig,
+) -> Result<bool, Error> {
+    let free: Vec<&str> = (0..model.jnt_type().len())
+        .filter(|j| model.joint_type(*j) == Some(Joint::Free))
+        .filter_map(|j| model.name(Kind::Joint, j))
+        .collect();
+    if free.is_empty() || !config.fixed_base {
+        state_joints(model, &project.path)?;
+        return Ok(false);
+    }
+    let doc = preparse::parse(&draft.xml, &project.path)?;
+    let mut edits = Edits::default();
+    for node in doc.descendants().filter(Node::is_element) {
+        let named = node.attribute("name").is_some_and(|n| free.contains(&n));
+        let in_body = node.parent().is_some_and(|p| p.has_tag_name("body"));
+        if node.has_tag_name("keyframe") || (node.has_tag_name("joint") && named && in_body) {
+            edits.replace(node.range(), "");
+        }
+    }
+    let xml = edits.apply(&draft.xml);
+    draft.xml = xml;
+    draft.changed.push(format!("joints no longer float, held where they are: {}", free.join(", ")));
+    Ok(true)
 }
 
 /// A motor to write.
@@ -26,7 +52,11 @@ struct Motor {
 }
 
 /// Makes every actuator a motor with limits; makes motors where there are none.
-pub(super) fn actuators(draft: &mut Draft, model: &Model, config: &ImportConfig) -> Result<(), Error> {
+pub(super) fn actuators(
+    draft: &mut Draft,
+    model: &Model,
+    config: &ImportConfig,
+) -> Result<(), Error> {
     let good = |a: usize| is_motor(model, a) && ctrlrange(model, a).is_some();
     let all_good = (0..model.nu()).all(good);
     if model.nu() > 0 && (all_good || config.keep_servos) {
@@ -105,7 +135,8 @@ fn motor(draft: &mut Draft, model: &Model, a: usize, config: &ImportConfig) -> O
             }
         },
         _ => {
-            let name = called.map_or_else(|| format!("actuator {a}"), |n| format!("actuator \"{n}\""));
+            let name =
+                called.map_or_else(|| format!("actuator {a}"), |n| format!("actuator \"{n}\""));
             draft.dropped.push(format!("{name}: it pulls at a site or body, not at a joint"));
             return None;
         }
@@ -121,7 +152,9 @@ fn motor(draft: &mut Draft, model: &Model, a: usize, config: &ImportConfig) -> O
         .and_then(|r| r.try_into().ok());
     let limit = match (is_motor(model, a), ctrlrange(model, a), force) {
         (true, Some([lo, hi]), None) => [lo * gain, hi * gain],
-        (true, Some([lo, hi]), Some([f_lo, f_hi])) => [(lo * gain).max(f_lo), (hi * gain).min(f_hi)],
+        (true, Some([lo, hi]), Some([f_lo, f_hi])) => {
+            [(lo * gain).max(f_lo), (hi * gain).min(f_hi)]
+        }
         (true, None, Some(f)) => f,
         (false, _, Some(f)) => {
             draft.changed.push(format!("servo \"{name}\" became a motor of {} to {}", f[0], f[1]));
@@ -130,7 +163,9 @@ fn motor(draft: &mut Draft, model: &Model, a: usize, config: &ImportConfig) -> O
         (motor, _, None) => {
             let e = config.effort;
             let what = if motor { "motor without limits" } else { "servo without a force limit" };
-            draft.assumed.push(format!("\"{name}\" ({what}) became a motor of +-{e} (change with --effort)"));
+            draft.assumed.push(format!(
+                "\"{name}\" ({what}) became a motor of +-{e} (change with --effort)"
+            ));
             [-e, e]
         }
     };

@@ -92,11 +92,17 @@ pub fn import(config: &ImportConfig) -> Result<Report, Error> {
         return Err(unfit("the folder exists and is not empty; name another one".into(), out));
     }
     if !(config.effort.is_finite() && config.effort > 0.0 && config.base_height_m.is_finite()) {
-        return Err(unfit("effort must be positive and the base height finite".into(), &config.source));
+        return Err(unfit(
+            "effort must be positive and the base height finite".into(),
+            &config.source,
+        ));
     }
     let id = config.id.clone().unwrap_or_else(|| super::folder::id_of(&absolute(out)));
     if !profile::valid_id(&id) {
-        return Err(unfit(format!("\"{id}\" cannot be a robot's id: lower-case letters, digits, '_' and '-'"), out));
+        return Err(unfit(
+            format!("\"{id}\" cannot be a robot's id: lower-case letters, digits, '_' and '-'"),
+            out,
+        ));
     }
     let project = preparse::read(&config.source, config.root.as_deref())?;
     let mut draft = match project.format {
@@ -104,9 +110,11 @@ pub fn import(config: &ImportConfig) -> Result<Report, Error> {
         preparse::Format::Urdf => urdf::draft(&project, config)?,
     };
     let parent = absolute(out).parent().map_or_else(|| PathBuf::from("."), Path::to_owned);
-    let write = |e: std::io::Error| Error::File(fsio::Error::Write { source: e, path: out.clone() });
+    let write =
+        |e: std::io::Error| Error::File(fsio::Error::Write { source: e, path: out.clone() });
     std::fs::create_dir_all(&parent).map_err(write)?;
-    let temp = tempfile::Builder::new().prefix(".robert-import-").tempdir_in(&parent).map_err(write)?;
+    let temp =
+        tempfile::Builder::new().prefix(".robert-import-").tempdir_in(&parent).map_err(write)?;
     let (model, xml) = settle_draft(&mut draft, &project, config, temp.path())?;
     let profile = describe(&draft, &model, &id, config)?;
     write_files(temp.path(), &xml, &draft.assets, &profile)?;
@@ -139,11 +147,15 @@ fn settle_draft(
     config: &ImportConfig,
     dir: &Path,
 ) -> Result<(Arc<Model>, String), Error> {
+    // Errors of the draft carry its own path; the user knows another.
     let say = |e: Error| named(e, &dir.join(MODEL_FILE), project);
     write_model(dir, &draft.xml, &draft.assets)?;
     check::compile(&dir.join(MODEL_FILE), &config.checker, 0).map_err(say)?;
-    let first = compile(&draft.xml, &draft.assets).map_err(say)?;
-    mend::joints(draft, &first, project)?;
+    let mut first = compile(&draft.xml, &draft.assets).map_err(say)?;
+    if mend::joints(draft, &first, project, config)? {
+        first = compile(&draft.xml, &draft.assets).map_err(say)?;
+        mend::joints(draft, &first, project, config)?;
+    }
     mend::actuators(draft, &first, config)?;
     let second = compile(&draft.xml, &draft.assets).map_err(say)?;
     contacts::exclude(draft, &second, project)?;
@@ -181,7 +193,12 @@ fn named(e: Error, drafted: &Path, project: &preparse::Project) -> Error {
 }
 
 /// The profile, in full: what was derived can be read and changed there.
-fn describe(draft: &Draft, model: &Model, id: &str, config: &ImportConfig) -> Result<String, Error> {
+fn describe(
+    draft: &Draft,
+    model: &Model,
+    id: &str,
+    config: &ImportConfig,
+) -> Result<String, Error> {
     let mut p = super::derive(model, id, &config.source)?;
     p.title.clone_from(&draft.title);
     p.about = format!(
@@ -196,7 +213,9 @@ fn describe(draft: &Draft, model: &Model, id: &str, config: &ImportConfig) -> Re
     }
     p.physics.discard_visual = mend::weightless_visuals(&draft.xml, &draft.assets, model)?;
     let text = p.to_toml()?;
-    Ok(format!("# Made by robert import. Whatever the model implies may be left out again.\n{text}"))
+    Ok(format!(
+        "# Made by robert import. Whatever the model implies may be left out again.\n{text}"
+    ))
 }
 
 fn write_model(dir: &Path, xml: &str, assets: &Assets) -> Result<(), Error> {

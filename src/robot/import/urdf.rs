@@ -43,7 +43,8 @@ pub(super) fn draft(project: &preparse::Project, config: &ImportConfig) -> Resul
     let path = &project.path;
     let doc = preparse::parse(&project.xml, path)?;
     let whole = |message: String| preparse::refuse(doc.root_element(), path, message);
-    let robot = urdf_rs::read_from_string(&project.xml).map_err(|e| whole(format!("not a valid URDF: {e}")))?;
+    let robot = urdf_rs::read_from_string(&project.xml)
+        .map_err(|e| whole(format!("not a valid URDF: {e}")))?;
     if robot.links.is_empty() {
         let tags = doc.root_element().children().filter(Node::is_element).count();
         let hint = if tags > 0 { "; is it a xacro template?" } else { "" };
@@ -97,7 +98,8 @@ fn check_tree<'a>(
             .last()
             .unwrap_or_else(|| doc.root_element())
     };
-    let refuse = |tag: &str, name: &str, message: String| preparse::refuse(named(tag, name), path, message);
+    let refuse =
+        |tag: &str, name: &str, message: String| preparse::refuse(named(tag, name), path, message);
     let mut links = BTreeSet::new();
     for l in &robot.links {
         if l.name.is_empty() || !links.insert(l.name.as_str()) {
@@ -113,7 +115,10 @@ fn check_tree<'a>(
         }
         for end in [&j.parent.link, &j.child.link] {
             if !links.contains(end.as_str()) {
-                return bad(format!("joint \"{}\" names link \"{end}\", which is not there", j.name));
+                return bad(format!(
+                    "joint \"{}\" names link \"{end}\", which is not there",
+                    j.name
+                ));
             }
         }
         if let Some(other) = parent.insert(&j.child.link, &j.parent.link) {
@@ -128,24 +133,44 @@ fn check_tree<'a>(
         if let Some(m) = &j.mimic
             && (!joints.contains(m.joint.as_str()) || m.joint == j.name)
         {
-            let message = format!("joint \"{}\" mimics \"{}\", which is not another joint", j.name, m.joint);
+            let message =
+                format!("joint \"{}\" mimics \"{}\", which is not another joint", j.name, m.joint);
             return Err(refuse("joint", &j.name, message));
         }
     }
     for l in &robot.links {
         check_link(l).map_err(|m| refuse("link", &l.name, format!("link \"{}\": {m}", l.name)))?;
     }
-    let roots: Vec<&Link> = robot.links.iter().filter(|l| !parent.contains_key(l.name.as_str())).collect();
+    let roots: Vec<&Link> =
+        robot.links.iter().filter(|l| !parent.contains_key(l.name.as_str())).collect();
     match roots.as_slice() {
         [root] => {
             let reached = reach(robot, &root.name);
             match robot.links.iter().find(|l| !reached.contains(l.name.as_str())) {
-                Some(l) => Err(refuse("link", &l.name, format!("link \"{}\" hangs on a loop of joints, not on \"{}\"", l.name, root.name))),
+                Some(l) => Err(refuse(
+                    "link",
+                    &l.name,
+                    format!(
+                        "link \"{}\" hangs on a loop of joints, not on \"{}\"",
+                        l.name, root.name
+                    ),
+                )),
                 None => Ok(root),
             }
         }
-        [] => Err(preparse::refuse(doc.root_element(), path, "every link has a parent: the joints form a loop")),
-        [a, b, ..] => Err(refuse("link", &b.name, format!("links \"{}\" and \"{}\" both have no parent; a robot has one root", a.name, b.name))),
+        [] => Err(preparse::refuse(
+            doc.root_element(),
+            path,
+            "every link has a parent: the joints form a loop",
+        )),
+        [a, b, ..] => Err(refuse(
+            "link",
+            &b.name,
+            format!(
+                "links \"{}\" and \"{}\" both have no parent; a robot has one root",
+                a.name, b.name
+            ),
+        )),
     }
 }
 
@@ -174,10 +199,16 @@ fn check_joint(j: &Joint) -> Result<(), String> {
         return Err(format!("joint \"{}\" holds {v}, beyond any physical joint", j.name));
     }
     if l.lower > l.upper {
-        return Err(format!("joint \"{}\": lower limit {} is above upper limit {}", j.name, l.lower, l.upper));
+        return Err(format!(
+            "joint \"{}\": lower limit {} is above upper limit {}",
+            j.name, l.lower, l.upper
+        ));
     }
     if l.effort < 0.0 || l.velocity < 0.0 || dynamics.iter().any(|v| *v < 0.0) {
-        return Err(format!("joint \"{}\": effort, velocity, damping and friction are not negative", j.name));
+        return Err(format!(
+            "joint \"{}\": effort, velocity, damping and friction are not negative",
+            j.name
+        ));
     }
     let moves = !matches!(j.joint_type, JointType::Fixed | JointType::Floating);
     if moves && j.axis.xyz.0.iter().map(|v| v * v).sum::<f64>() < 1e-12 {
@@ -201,12 +232,16 @@ fn check_link(l: &Link) -> Result<(), String> {
         all.extend(origin.rpy.0);
         let sizes: Vec<f64> = match geometry {
             Geometry::Box { size } => size.0.to_vec(),
-            Geometry::Cylinder { radius, length } | Geometry::Capsule { radius, length } => vec![*radius, *length],
+            Geometry::Cylinder { radius, length } | Geometry::Capsule { radius, length } => {
+                vec![*radius, *length]
+            }
             Geometry::Sphere { radius } => vec![*radius],
             Geometry::Mesh { scale, .. } => scale.map_or_else(Vec::new, |s| s.0.to_vec()),
         };
         let mesh = matches!(geometry, Geometry::Mesh { .. });
-        if let Some(v) = sizes.iter().find(|v| !(v.is_finite() && (**v > 0.0 || (mesh && **v != 0.0)))) {
+        if let Some(v) =
+            sizes.iter().find(|v| !(v.is_finite() && (**v > 0.0 || (mesh && **v != 0.0))))
+        {
             return Err(format!("a shape has size {v}; sizes are positive"));
         }
     }
@@ -233,14 +268,19 @@ impl<'a> Tree<'a> {
     }
 
     fn refuse_joint(&self, j: &Joint, message: &str) -> Error {
-        preparse::refuse(self.joint_node(&j.name), self.path(), format!("joint \"{}\" {message}", j.name))
+        preparse::refuse(
+            self.joint_node(&j.name),
+            self.path(),
+            format!("joint \"{}\" {message}", j.name),
+        )
     }
 
     /// Writes a link as a body, and its children inside of it.
     fn link(&mut self, link: &'a Link, joint: Option<&'a Joint>, deep: usize) -> Result<(), Error> {
         // 2.2.2 refuses an XML nested 100 deep; a body is one level.
         if deep > 90 {
-            let message = format!("link \"{}\" is more than 90 joints away from the base", link.name);
+            let message =
+                format!("link \"{}\" is more than 90 joints away from the base", link.name);
             return Err(preparse::refuse(self.doc.root_element(), self.path(), message));
         }
         let pad = "  ".repeat(deep);
@@ -260,7 +300,12 @@ impl<'a> Tree<'a> {
         self.shapes(link, &pad)?;
         let children = self.children.get(link.name.as_str()).cloned().unwrap_or_default();
         if children.is_empty() && !is_world {
-            writeln!(self.body, "{pad}  <site name=\"{}_tip\" size=\"0.005\" group=\"4\"/>", escape(&link.name)).ok();
+            writeln!(
+                self.body,
+                "{pad}  <site name=\"{}_tip\" size=\"0.005\" group=\"4\"/>",
+                escape(&link.name)
+            )
+            .ok();
         }
         for j in children {
             if let Some(child) = self.robot.links.iter().find(|l| l.name == j.child.link) {
@@ -274,13 +319,15 @@ impl<'a> Tree<'a> {
     }
 
     fn moves(&self, j: &Joint) -> bool {
-        !matches!(j.joint_type, JointType::Fixed | JointType::Floating) && !self.config.weld.contains(&j.name)
+        !matches!(j.joint_type, JointType::Fixed | JointType::Floating)
+            && !self.config.weld.contains(&j.name)
     }
 
     fn inertial(&mut self, link: &Link, moving: bool, pad: &str) {
         let i = &link.inertial;
         if i.mass.value <= 0.0 {
-            let weighs = link.collision.iter().any(|c| !matches!(c.geometry, Geometry::Mesh { .. }));
+            let weighs =
+                link.collision.iter().any(|c| !matches!(c.geometry, Geometry::Mesh { .. }));
             if moving && !weighs {
                 let (mass, inertia) = GHOST;
                 writeln!(
@@ -288,9 +335,15 @@ impl<'a> Tree<'a> {
                     "{pad}  <inertial pos=\"0 0 0\" mass=\"{mass}\" diaginertia=\"{inertia} {inertia} {inertia}\"/>"
                 )
                 .ok();
-                self.draft.assumed.push(format!("link \"{}\" has no inertia: {mass} kg, {inertia} kg m^2", link.name));
+                self.draft.assumed.push(format!(
+                    "link \"{}\" has no inertia: {mass} kg, {inertia} kg m^2",
+                    link.name
+                ));
             } else if moving {
-                self.draft.assumed.push(format!("link \"{}\" has no inertia: that of its collision shapes at 1000 kg/m^3", link.name));
+                self.draft.assumed.push(format!(
+                    "link \"{}\" has no inertia: that of its collision shapes at 1000 kg/m^3",
+                    link.name
+                ));
             }
             return;
         }
@@ -314,7 +367,12 @@ impl<'a> Tree<'a> {
             let [a, b, c] = [m[(0, 1)], m[(0, 2)], m[(1, 2)]];
             format!("fullinertia=\"{} {} {} {a} {b} {c}\"", m[(0, 0)], m[(1, 1)], m[(2, 2)])
         };
-        writeln!(self.body, "{pad}  <inertial pos=\"{x} {y} {z}\" mass=\"{}\" {values}/>", i.mass.value).ok();
+        writeln!(
+            self.body,
+            "{pad}  <inertial pos=\"{x} {y} {z}\" mass=\"{}\" {values}/>",
+            i.mass.value
+        )
+        .ok();
     }
 
     fn joint(&mut self, j: &Joint, pad: &str) -> Result<(), Error> {
@@ -327,14 +385,23 @@ impl<'a> Tree<'a> {
             JointType::Revolute | JointType::Continuous => "hinge",
             JointType::Prismatic => "slide",
             JointType::Floating if self.config.fixed_base => {
-                self.draft.changed.push(format!("joint \"{}\" no longer floats: held where it is", j.name));
+                self.draft
+                    .changed
+                    .push(format!("joint \"{}\" no longer floats: held where it is", j.name));
                 return Ok(());
             }
             JointType::Floating => {
                 return Err(self.refuse_joint(j, "floats freely; the state takes hinge and slide joints only. To hold it still: --fixed-base"));
             }
-            JointType::Planar => return Err(self.refuse_joint(j, "is planar; write it as two prismatic joints and a revolute one")),
-            JointType::Spherical => return Err(self.refuse_joint(j, "is spherical; write it as three revolute joints")),
+            JointType::Planar => {
+                return Err(self.refuse_joint(
+                    j,
+                    "is planar; write it as two prismatic joints and a revolute one",
+                ));
+            }
+            JointType::Spherical => {
+                return Err(self.refuse_joint(j, "is spherical; write it as three revolute joints"));
+            }
         };
         let [x, y, z] = j.axis.xyz.0;
         write!(self.body, "{pad}  <joint name=\"{}\" type=\"{kind}\" axis=\"{x} {y} {z}\" armature=\"{ARMATURE}\"", escape(&j.name)).ok();
@@ -350,7 +417,8 @@ impl<'a> Tree<'a> {
         let has_limit = self.joint_node(&j.name).children().any(|n| n.has_tag_name("limit"));
         if j.joint_type != JointType::Continuous {
             if limit.lower < limit.upper {
-                write!(self.body, " limited=\"true\" range=\"{} {}\"", limit.lower, limit.upper).ok();
+                write!(self.body, " limited=\"true\" range=\"{} {}\"", limit.lower, limit.upper)
+                    .ok();
             } else {
                 let why = if has_limit { "lower and upper are equal" } else { "it has no <limit>" };
                 self.draft.assumed.push(format!("joint \"{}\" has no end stops: {why}", j.name));
@@ -369,14 +437,20 @@ impl<'a> Tree<'a> {
                 escape(&m.joint)
             )
             .ok();
-            self.draft.changed.push(format!("joint \"{}\" follows \"{}\" by an equality and has no motor", j.name, m.joint));
+            self.draft.changed.push(format!(
+                "joint \"{}\" follows \"{}\" by an equality and has no motor",
+                j.name, m.joint
+            ));
             return Ok(());
         }
         let effort = if limit.effort > 0.0 {
             limit.effort
         } else {
             let e = self.config.effort;
-            self.draft.assumed.push(format!("joint \"{}\" gives no effort: a motor of +-{e} (change with --effort)", j.name));
+            self.draft.assumed.push(format!(
+                "joint \"{}\" gives no effort: a motor of +-{e} (change with --effort)",
+                j.name
+            ));
             e
         };
         writeln!(
@@ -394,7 +468,12 @@ impl<'a> Tree<'a> {
             let rgba = v
                 .material
                 .as_ref()
-                .and_then(|m| m.color.as_ref().map(|c| c.rgba.0).or_else(|| self.materials.get(m.name.as_str()).copied()))
+                .and_then(|m| {
+                    m.color
+                        .as_ref()
+                        .map(|c| c.rgba.0)
+                        .or_else(|| self.materials.get(m.name.as_str()).copied())
+                })
                 .unwrap_or([0.7, 0.7, 0.72, 1.0])
                 .map(|c| c.clamp(0.0, 1.0));
             if let Some(shape) = self.shape(&v.geometry, &link.name, "visual")? {
@@ -412,18 +491,34 @@ impl<'a> Tree<'a> {
         let group = if seen { 3 } else { 1 };
         for c in &link.collision {
             if let Some(shape) = self.shape(&c.geometry, &link.name, "collision")? {
-                writeln!(self.body, "{pad}  <geom {shape} {} group=\"{group}\"/>", frame(&c.origin)).ok();
+                writeln!(
+                    self.body,
+                    "{pad}  <geom {shape} {} group=\"{group}\"/>",
+                    frame(&c.origin)
+                )
+                .ok();
             }
         }
         Ok(())
     }
 
     /// Type and size of a geom; `None` where its file cannot be used, which is told.
-    fn shape(&mut self, geometry: &Geometry, link: &str, what: &str) -> Result<Option<String>, Error> {
+    fn shape(
+        &mut self,
+        geometry: &Geometry,
+        link: &str,
+        what: &str,
+    ) -> Result<Option<String>, Error> {
         Ok(Some(match geometry {
-            Geometry::Box { size: s } => format!("type=\"box\" size=\"{} {} {}\"", s[0] / 2.0, s[1] / 2.0, s[2] / 2.0),
-            Geometry::Cylinder { radius, length } => format!("type=\"cylinder\" size=\"{radius} {}\"", length / 2.0),
-            Geometry::Capsule { radius, length } => format!("type=\"capsule\" size=\"{radius} {}\"", length / 2.0),
+            Geometry::Box { size: s } => {
+                format!("type=\"box\" size=\"{} {} {}\"", s[0] / 2.0, s[1] / 2.0, s[2] / 2.0)
+            }
+            Geometry::Cylinder { radius, length } => {
+                format!("type=\"cylinder\" size=\"{radius} {}\"", length / 2.0)
+            }
+            Geometry::Capsule { radius, length } => {
+                format!("type=\"capsule\" size=\"{radius} {}\"", length / 2.0)
+            }
             Geometry::Sphere { radius } => format!("type=\"sphere\" size=\"{radius}\""),
             Geometry::Mesh { filename, scale } => {
                 let extension = mesh::extension(Path::new(filename));
@@ -439,9 +534,11 @@ impl<'a> Tree<'a> {
                 let size = mesh::check_file(&file).map_err(|m| self.refuse_mesh(filename, &m))?;
                 debug_assert!(size > 0);
                 let name = self.draft.take(&file)?;
-                let scale = scale.map_or_else(String::new, |s| format!("{} {} {}", s[0], s[1], s[2]));
+                let scale =
+                    scale.map_or_else(String::new, |s| format!("{} {} {}", s[0], s[1], s[2]));
                 let count = self.meshes.len();
-                let id = self.meshes.entry((name, scale)).or_insert_with(|| format!("mesh_{count}"));
+                let id =
+                    self.meshes.entry((name, scale)).or_insert_with(|| format!("mesh_{count}"));
                 format!("type=\"mesh\" mesh=\"{id}\"")
             }
         }))
@@ -459,19 +556,32 @@ impl<'a> Tree<'a> {
     /// The file that a mesh reference means, inside the roots that the user gave.
     fn locate(&self, filename: &str) -> Result<PathBuf, Error> {
         let refuse = |m: String| self.refuse_mesh(filename, &m);
-        let dir = self.path().parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or_else(|| Path::new("."));
-        if let Some(rest) = filename.strip_prefix("package://").or_else(|| filename.strip_prefix("model://")) {
+        let dir = self
+            .path()
+            .parent()
+            .filter(|p| !p.as_os_str().is_empty())
+            .unwrap_or_else(|| Path::new("."));
+        if let Some(rest) =
+            filename.strip_prefix("package://").or_else(|| filename.strip_prefix("model://"))
+        {
             let (package, below) = rest.split_once('/').unwrap_or((rest, ""));
             let Some(root) = self.config.packages.get(package) else {
-                let near = self.guess(package).map_or_else(String::new, |p| format!("={}", p.display()));
+                let near =
+                    self.guess(package).map_or_else(String::new, |p| format!("={}", p.display()));
                 let near = if near.is_empty() { "=DIR".to_owned() } else { near };
-                return Err(refuse(format!("\"{filename}\" lies in package \"{package}\"; say where that is: --package {package}{near}")));
+                return Err(refuse(format!(
+                    "\"{filename}\" lies in package \"{package}\"; say where that is: --package {package}{near}"
+                )));
             };
-            let real = root.canonicalize().map_err(|e| refuse(format!("package \"{package}\" is not at {}: {e}", root.display())))?;
+            let real = root.canonicalize().map_err(|e| {
+                refuse(format!("package \"{package}\" is not at {}: {e}", root.display()))
+            })?;
             return preparse::resolve(&real, below, &real).map_err(refuse);
         }
         if filename.contains("://") && !filename.starts_with("file://") {
-            return Err(refuse(format!("\"{filename}\" is a network address; files are not fetched")));
+            return Err(refuse(format!(
+                "\"{filename}\" is a network address; files are not fetched"
+            )));
         }
         let plain = filename.strip_prefix("file://").unwrap_or(filename);
         preparse::resolve(dir, plain, &self.project.root).map_err(refuse)
@@ -495,7 +605,8 @@ impl<'a> Tree<'a> {
         let mut list: Vec<_> = self.meshes.iter().map(|((f, s), n)| (n, f, s)).collect();
         list.sort_by_key(|(n, _, _)| n.trim_start_matches("mesh_").parse::<usize>().unwrap_or(0));
         for (name, file, scale) in list {
-            let scale = if scale.is_empty() { String::new() } else { format!(" scale=\"{scale}\"") };
+            let scale =
+                if scale.is_empty() { String::new() } else { format!(" scale=\"{scale}\"") };
             writeln!(meshes, "    <mesh name=\"{name}\" file=\"{file}\"{scale}/>").ok();
         }
         let section = |tag: &str, inner: &str| {
@@ -510,6 +621,7 @@ impl<'a> Tree<'a> {
             section("equality", &self.equalities),
             section("actuator", &self.motors),
         );
+        self.draft.assumed.push("the root link is fixed to the world".into());
         self.draft.assumed.push(format!("armature {ARMATURE} at every joint"));
         Ok(self.draft)
     }
