@@ -5,5 +5,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod floors;
+mod import;
+mod malformed;
 mod robots;
 mod run;

@@ -6,7 +6,7 @@ use roxmltree::Node;
 
 use super::ImportConfig;
 use super::draft::Draft;
-use crate::mujoco::{Kind, Model, Transmission};
+use crate::mujoco::{Joint, Kind, Model, Transmission};
 use crate::robot::derive::{ctrlrange, is_motor, state_joints};
 use crate::robot::text::{Edits, escape};
 use crate::robot::{Assets, Error, preparse, text};
@@ -18,6 +18,32 @@ pub(super) fn joints(
     project: &preparse::Project,
 ) -> Result<(), Error> {
     state_joints(model, &project.path).map(drop)
+/// Takes away joints that only a default class makes free, if asked to; refuses what the
+/// state cannot hold. Gives whether anything was taken.
+    draft: &mut Draft,
+    config: &ImportConfig,
+) -> Result<bool, Error> {
+    let free: Vec<&str> = (0..model.jnt_type().len())
+        .filter(|j| model.joint_type(*j) == Some(Joint::Free))
+        .filter_map(|j| model.name(Kind::Joint, j))
+        .collect();
+    if free.is_empty() || !config.fixed_base {
+        state_joints(model, &project.path)?;
+        return Ok(false);
+    }
+    let doc = preparse::parse(&draft.xml, &project.path)?;
+    let mut edits = Edits::default();
+    for node in doc.descendants().filter(Node::is_element) {
+        let named = node.attribute("name").is_some_and(|n| free.contains(&n));
+        let in_body = node.parent().is_some_and(|p| p.has_tag_name("body"));
+        if node.has_tag_name("keyframe") || (node.has_tag_name("joint") && named && in_body) {
+            edits.replace(node.range(), "");
+        }
+    }
+    let xml = edits.apply(&draft.xml);
+    draft.xml = xml;
+    draft.changed.push(format!("joints no longer float, held where they are: {}", free.join(", ")));
+    Ok(true)
 }
 
 /// A motor to write.

@@ -621,6 +621,7 @@ impl<'a> Tree<'a> {
             section("equality", &self.equalities),
             section("actuator", &self.motors),
         );
+        self.draft.assumed.push("the root link is fixed to the world".into());
         self.draft.assumed.push(format!("armature {ARMATURE} at every joint"));
         Ok(self.draft)
     }
