@@ -201,6 +201,14 @@ impl<'a> Finder<'a> {
         }
     }
 
+    /// Whether another finding of this rule would only be counted; then it is.
+    fn full(&mut self, rule: Rule) -> bool {
+        let count = self.counts.entry(rule).or_default();
+        let full = *count >= MOST;
+        *count += usize::from(full);
+        full
+    }
+
     /// Says how much was left out.
     fn rest(&mut self) {
         for (&rule, &count) in &self.counts {
@@ -308,12 +316,13 @@ impl<'a> Finder<'a> {
             pose: None,
             frames: vec![],
         });
-        let mut lints = Vec::new();
+        let names = &self.clip.robot.joints;
+        let facts: Vec<_> = names.iter().map(|name| (name, self.table.joint(name))).collect();
         for place in self.places().iter().chain(&start) {
             let mut out = Vec::new();
             let mut words = Vec::new();
-            for (j, (name, value)) in self.clip.robot.joints.iter().zip(place.row).enumerate() {
-                let Some(joint) = self.table.joint(name) else { continue };
+            for (j, ((name, joint), value)) in facts.iter().zip(place.row).enumerate() {
+                let Some(joint) = joint else { continue };
                 let (Some(v), Some([lo, hi])) = (*value, joint.range) else { continue };
                 // The grid of the document is 1e-6; a limit of pi/2 must accept 1.570796.
                 if v < lo - 1e-6 || v > hi + 1e-6 {
@@ -322,11 +331,11 @@ impl<'a> Finder<'a> {
                     words.push(format!("{name} {v} {unit} outside {lo}..{hi}"));
                 }
             }
-            if out.is_empty() {
+            if out.is_empty() || self.full(Rule::JointLimit) {
                 continue;
             }
             let first = out.first().map_or(0, |o| o.1);
-            lints.push(Lint {
+            self.push(Lint {
                 level: Level::Error,
                 rule: Rule::JointLimit,
                 message: format!("{}: {}", place.who(), some_of(&words)),
@@ -336,7 +345,6 @@ impl<'a> Finder<'a> {
                 mends: place.mend("Clamp to the limits", &out),
             });
         }
-        lints.into_iter().for_each(|l| self.push(l));
     }
 
     /// Speeds between neighbouring goals of each joint, runs of offenders joined.
@@ -382,6 +390,9 @@ impl<'a> Finder<'a> {
         let mut offered = false;
         for ((from, to), runs) in merged {
             let slowest = !offered && top(&runs) >= worst;
+            if !slowest && self.full(Rule::JointSpeed) {
+                continue;
+            }
             offered |= slowest;
             let lint = self.speed_lint(from, to, &runs, slowest);
             self.push(lint);
@@ -503,6 +514,9 @@ impl<'a> Finder<'a> {
             if self.clip.keys.is_empty() {
                 return;
             }
+            if self.full(Rule::BlindSpan) {
+                continue;
+            }
             let from = blind.after.map_or(0, |a| a + 1);
             let to = blind.before.unwrap_or(self.command.frames());
             let steps = blind.to - blind.from;
@@ -578,7 +592,9 @@ impl<'a> Finder<'a> {
                 lints.extend(self.coupled_in(&place, coupling));
             }
         }
-        lints.into_iter().for_each(|l| self.push(l));
+        for lint in lints {
+            self.push(lint);
+        }
     }
 
     fn coupled_in(&self, place: &Place<'_>, coupling: &Coupling) -> Option<Lint> {
@@ -696,7 +712,9 @@ impl<'a> Finder<'a> {
                 });
             }
         }
-        lints.into_iter().for_each(|l| self.push(l));
+        for lint in lints {
+            self.push(lint);
+        }
     }
 
     fn poses(&mut self, checker: &mut dyn PoseChecker) {
@@ -742,7 +760,9 @@ impl<'a> Finder<'a> {
                 mends: settled(&place, joints, Some(reached)),
             });
         }
-        lints.into_iter().for_each(|l| self.push(l));
+        for lint in lints {
+            self.push(lint);
+        }
     }
 }
 

@@ -67,7 +67,7 @@ fn some_joints(r: &mut Rng, clip: &Clip) -> Option<Vec<String>> {
 pub(crate) fn clip(seed: u64) -> Clip {
     let r = &mut rng(seed, 0);
     let dim = 1 + r.below(4) as usize;
-    let joints = ["FFJ4", "lift", "a, b", "z"][..dim].iter().map(|j| (*j).to_owned()).collect();
+    let joints = ["FFJ4", "time", "a, b", "t"][..dim].iter().map(|j| (*j).to_owned()).collect();
     let length = 1 + r.below(300) as u32;
     let robot = RobotRef { id: "arm".into(), joints, ..RobotRef::default() };
     let mut clip = Clip::new(robot, length);
@@ -220,13 +220,11 @@ pub(crate) fn op(r: &mut Rng, clip: &Clip, deep: bool) -> Op {
             2 => Op::ClipRename(ClipRename { name: word(r) }),
             _ => Op::ClipNotes(ClipNotes { notes: word(r) }),
         },
-        23 => match r.below(2) {
-            0 => Op::ClipLength(ClipLength { length: r.below(400) as u32, cut: flag(r) }),
-            _ => {
-                let q = (0..clip.dim()).map(|_| value(r)).collect();
-                Op::ClipStart(ClipStart { start: flag(r).then_some(Start::Q(q)) })
-            }
-        },
+        23 if flag(r) => Op::ClipLength(ClipLength { length: r.below(400) as u32, cut: flag(r) }),
+        23 => {
+            let q = (0..clip.dim()).map(|_| value(r)).collect();
+            Op::ClipStart(ClipStart { start: flag(r).then_some(Start::Q(q)) })
+        }
         _ => {
             let ops = (0..r.below(4)).map(|_| op(r, clip, false)).collect();
             Op::Batch(Batch { label: "several".into(), ops })
