@@ -19,7 +19,8 @@ fn main() {
         Shape::Cylinder { radius: 0.07, half_length: 0.09 },
         Shape::Box { half: Vec3::new(0.06, 0.09, 0.08) },
     ];
-    let colors = [[0.9, 0.9, 0.9], [0.2, 0.22, 0.25], [0.75, 0.2, 0.15], [0.2, 0.5, 0.75], [0.9, 0.6, 0.1]];
+    let colors =
+        [[0.9, 0.9, 0.9], [0.2, 0.22, 0.25], [0.75, 0.2, 0.15], [0.2, 0.5, 0.75], [0.9, 0.6, 0.1]];
     let geoms: Vec<Geom> = shapes
         .iter()
         .zip(colors)

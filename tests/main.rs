@@ -6,4 +6,5 @@
 
 mod clip;
 mod floors;
+mod robots;
 mod run;

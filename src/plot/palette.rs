@@ -22,7 +22,8 @@ pub const YELLOW: Rgb = [240, 228, 66];
 
 /// Lines in the order they are given out.
 const LIGHT: [Rgb; 7] = [BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, [90, 90, 90]];
-const DARK: [Rgb; 7] = [SKY, ORANGE, [45, 200, 150], [230, 150, 195], YELLOW, [240, 110, 50], [190, 190, 190]];
+const DARK: [Rgb; 7] =
+    [SKY, ORANGE, [45, 200, 150], [230, 150, 195], YELLOW, [240, 110, 50], [190, 190, 190]];
 
 /// Background, ink and lines of a chart.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
@@ -94,7 +95,8 @@ impl Theme {
 
 /// Between two colours, `share` of the second.
 pub fn mix(a: Rgb, b: Rgb, share: f64) -> Rgb {
-    let one = |k: usize| (f64::from(a[k]) + (f64::from(b[k]) - f64::from(a[k])) * share).round() as u8;
+    let one =
+        |k: usize| (f64::from(a[k]) + (f64::from(b[k]) - f64::from(a[k])) * share).round() as u8;
     [one(0), one(1), one(2)]
 }
 

@@ -133,9 +133,9 @@ impl Camera {
             }
             Lens::Orthographic { .. } => {
                 let span = |x: fn(Vec3) -> f32| {
-                    seen.iter().map(|p| x(local(p))).fold((f32::MAX, f32::MIN), |(a, b), v| {
-                        (a.min(v), b.max(v))
-                    })
+                    seen.iter()
+                        .map(|p| x(local(p)))
+                        .fold((f32::MAX, f32::MIN), |(a, b), v| (a.min(v), b.max(v)))
                 };
                 let (x0, x1) = span(|l| l.x);
                 let (y0, y1) = span(|l| l.y);

@@ -169,8 +169,7 @@ struct Pass {
     cull: bool,
 }
 
-const INSTANCE_ATTRIBUTES: [wgpu::VertexAttribute; 5] =
-    wgpu::vertex_attr_array![2 => Float32x4, 3 => Float32x4, 4 => Float32x4, 5 => Float32x4, 6 => Float32x4];
+const INSTANCE_ATTRIBUTES: [wgpu::VertexAttribute; 5] = wgpu::vertex_attr_array![2 => Float32x4, 3 => Float32x4, 4 => Float32x4, 5 => Float32x4, 6 => Float32x4];
 const VERTEX_ATTRIBUTES: [wgpu::VertexAttribute; 2] =
     wgpu::vertex_attr_array![0 => Float32x4, 1 => Float32x4];
 const SEGMENT_ATTRIBUTES: [wgpu::VertexAttribute; 6] = wgpu::vertex_attr_array![0 => Float32x4, 1 => Float32x4, 2 => Float32x4, 3 => Float32x4, 4 => Float32x4, 5 => Float32x4];
@@ -439,11 +438,8 @@ mod tests {
             naga::valid::Capabilities::empty(),
         );
         validator.validate(&module).unwrap();
-        let (_, globals) = module
-            .types
-            .iter()
-            .find(|(_, t)| t.name.as_deref() == Some("Globals"))
-            .unwrap();
+        let (_, globals) =
+            module.types.iter().find(|(_, t)| t.name.as_deref() == Some("Globals")).unwrap();
         let naga::TypeInner::Struct { span, ref members } = globals.inner else { panic!() };
         assert_eq!(span as usize, size_of::<Globals>());
         assert_eq!(members.len(), 18);

@@ -112,7 +112,8 @@ impl Reach<'_> {
         }
         let Some(p) = self.camera.project(at, self.aspect) else { return };
         let scale = self.camera.half_height() * if perspective { depth - radius } else { 1.0 };
-        let wide = if perspective { 1.0 + p.length() * 0.6 * self.camera.half_height() } else { 1.0 };
+        let wide =
+            if perspective { 1.0 + p.length() * 0.6 * self.camera.half_height() } else { 1.0 };
         let ry = radius / scale * wide.max(1.0) * 1.1;
         let rx = ry / self.aspect;
         let r = &mut self.rect;
@@ -187,9 +188,8 @@ impl Drawn {
             cross(mark, camera, height_px, &mut reach, &mut segments);
         }
         // Pieces with an end behind the eye would be drawn mirrored.
-        let ahead = |p: [f32; 4]| {
-            (Vec3::new(p[0], p[1], p[2]) - camera.eye).dot(reach.forward) > 1e-3
-        };
+        let ahead =
+            |p: [f32; 4]| (Vec3::new(p[0], p[1], p[2]) - camera.eye).dot(reach.forward) > 1e-3;
         segments.retain(|s| ahead(s.a) && ahead(s.b));
         reach.finish(casters, props, glass, veils, segments, height_px)
     }
@@ -377,10 +377,7 @@ fn glyph_solid(glyph: &Glyph, reach: &mut Reach, list: &mut List) {
     let base = at + z * from * length;
     reach.ball(at, 1.1 * length, false);
     let rod = Vec3::new(thin, thin, shaft);
-    list.push(
-        Key::Prim(Prim::CylinderCoarse),
-        instance(base + z * shaft, rot, rod, 0.0, color),
-    );
+    list.push(Key::Prim(Prim::CylinderCoarse), instance(base + z * shaft, rot, rod, 0.0, color));
     let head = Vec3::new(3.4 * thin, 3.4 * thin, 0.5 * length - shaft);
     list.push(
         Key::Prim(Prim::Cone),
@@ -443,13 +440,7 @@ fn trail_segments(trail: &Trail, px: f32, reach: &mut Reach, out: &mut Vec<Segme
     }
 }
 
-fn cross(
-    mark: &Mark,
-    camera: &Camera,
-    height_px: u32,
-    reach: &mut Reach,
-    out: &mut Vec<Segment>,
-) {
+fn cross(mark: &Mark, camera: &Camera, height_px: u32, reach: &mut Reach, out: &mut Vec<Segment>) {
     let px = height_px as f32 / 480.0;
     let metres = camera.metres_a_px(mark.at, height_px) * mark.size * px;
     let (right, up, forward) = camera.axes();

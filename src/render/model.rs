@@ -74,10 +74,8 @@ impl Stage {
         data.kinematics().map_err(Error::simulator)?;
         let mut scene = Scene::from_model(model)?;
         if scene.floor.is_none() {
-            let low = scene
-                .corners(&poses(&data))
-                .iter()
-                .fold(f32::INFINITY, |low, p| low.min(p.z));
+            let low =
+                scene.corners(&poses(&data)).iter().fold(f32::INFINITY, |low, p| low.min(p.z));
             scene.floor = Some(Floor { z: if low.is_finite() { low.min(0.0) } else { 0.0 } });
         }
         Ok(Stage { scene, data, robot: Arc::clone(robot) })
@@ -227,9 +225,8 @@ fn shown_groups(model: &Model) -> impl Fn(i32) -> bool {
 
 fn geom(model: &Model, i: usize, fields: usize) -> Geom {
     let size = |k: usize| model.geom_size().get(3 * i + k).copied().unwrap_or(0.0) as f32;
-    let data = || {
-        model.geom_dataid().get(i).and_then(|d| usize::try_from(*d).ok()).unwrap_or(usize::MAX)
-    };
+    let data =
+        || model.geom_dataid().get(i).and_then(|d| usize::try_from(*d).ok()).unwrap_or(usize::MAX);
     let shape = match model.geom_kind(i) {
         Some(mujoco::Geom::Plane) => Shape::Plane { half_x: size(0), half_y: size(1) },
         Some(mujoco::Geom::HField) => Shape::Mesh { mesh: fields.saturating_add(data()) },
@@ -278,8 +275,12 @@ fn mesh(model: &Model, i: usize) -> Result<Mesh, Error> {
         .and_then(|r| model.mesh_face().get(r))
         .unwrap_or_default();
     let vertices: Vec<[f32; 3]> = vertices.as_chunks::<3>().0.to_vec();
-    let faces: Vec<[u32; 3]> =
-        faces.as_chunks::<3>().0.iter().map(|f| f.map(|v| u32::try_from(v).unwrap_or(u32::MAX))).collect();
+    let faces: Vec<[u32; 3]> = faces
+        .as_chunks::<3>()
+        .0
+        .iter()
+        .map(|f| f.map(|v| u32::try_from(v).unwrap_or(u32::MAX)))
+        .collect();
     Mesh::new(name, &vertices, &faces)
 }
 
@@ -297,7 +298,8 @@ fn field(model: &Model, i: usize) -> Result<Mesh, Error> {
         .get(from..from + rows * columns)
         .ok_or_else(|| fail("its samples are missing".to_owned()))?;
     let size = |k: usize| model.hfield_size().get(4 * i + k).copied().unwrap_or(0.0) as f32;
-    let place = |k: usize, count: usize, half: f32| half * (2.0 * k as f32 / (count - 1) as f32 - 1.0);
+    let place =
+        |k: usize, count: usize, half: f32| half * (2.0 * k as f32 / (count - 1) as f32 - 1.0);
     let mut vertices = Vec::with_capacity(rows * columns);
     for r in 0..rows {
         for c in 0..columns {

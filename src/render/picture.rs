@@ -65,8 +65,8 @@ impl Picture {
         if pictures.len() == 1 {
             return Ok(first.clone());
         }
-        let width = pictures.iter().map(|p| p.width).sum::<u32>()
-            + GAP_PX * (pictures.len() as u32 - 1);
+        let width =
+            pictures.iter().map(|p| p.width).sum::<u32>() + GAP_PX * (pictures.len() as u32 - 1);
         let height = pictures.iter().map(|p| p.height).max().unwrap_or(0);
         let mut out = Picture::filled(width, height, [255; 3]);
         let mut x = 0;

@@ -128,7 +128,8 @@ fn cube() -> Triangles {
             n[axis] = sign;
             let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
             let mut ids = [0; 4];
-            for (k, (du, dv)) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)].iter().enumerate()
+            for (k, (du, dv)) in
+                [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)].iter().enumerate()
             {
                 let mut p = n;
                 p[u] = *du * sign;
@@ -231,8 +232,11 @@ mod tests {
     #[test]
     fn a_closed_ball_has_the_volume_of_a_ball() {
         let t = Prim::BallFine.triangles();
-        let six: f32 =
-            t.indices.chunks_exact(3).map(|f| at(&t, f[0]).dot(at(&t, f[1]).cross(at(&t, f[2])))).sum();
+        let six: f32 = t
+            .indices
+            .chunks_exact(3)
+            .map(|f| at(&t, f[0]).dot(at(&t, f[1]).cross(at(&t, f[2]))))
+            .sum();
         assert!((six / 6.0 - 4.0 / 3.0 * PI).abs() < 0.05, "{}", six / 6.0);
     }
 }

@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 use glam::{Mat4, Vec3};
 use wgpu::util::DeviceExt;
 
-use super::caption::Letterer;
+use super::caption::Captioner;
 use super::frame::{FrameInput, SUN};
 use super::gpu::{COLOR, DEPTH, Globals, Gpu, Instance, Pipelines, Segment};
 use super::instances::{Batch, Drawn, Key};
@@ -98,7 +98,7 @@ pub struct Renderer {
     instances: wgpu::Buffer,
     segments: wgpu::Buffer,
     targets: Targets,
-    letterer: Letterer,
+    captioner: Captioner,
     config: RenderConfig,
 }
 
@@ -175,7 +175,7 @@ impl Renderer {
             shadow_view,
             shadow_px,
             targets,
-            letterer: Letterer::new(),
+            captioner: Captioner::default(),
             config,
             pipelines,
             gpu,
@@ -259,7 +259,7 @@ impl Renderer {
         self.gpu.check()?;
         let mut picture = self.read_back()?;
         if let Some(caption) = input.caption {
-            self.letterer.draw(&mut picture, caption);
+            self.captioner.draw(&mut picture, caption);
         }
         Ok(picture)
     }
@@ -489,7 +489,16 @@ pub(super) fn linear(c: [f32; 3]) -> [f32; 3] {
 fn cell_size(wish: f32) -> f32 {
     let power = 10_f32.powf(wish.max(1e-6).log10().floor());
     let lead = wish / power;
-    power * if lead <= 1.0 { 1.0 } else if lead <= 2.0 { 2.0 } else if lead <= 5.0 { 5.0 } else { 10.0 }
+    power
+        * if lead <= 1.0 {
+            1.0
+        } else if lead <= 2.0 {
+            2.0
+        } else if lead <= 5.0 {
+            5.0
+        } else {
+            10.0
+        }
 }
 
 /// Orthographic light that holds a ball; and the metres of one texel.
@@ -586,7 +595,11 @@ fn texture(
         format,
         usage: wgpu::TextureUsages::RENDER_ATTACHMENT
             | wgpu::TextureUsages::TEXTURE_BINDING
-            | if samples == 1 { wgpu::TextureUsages::COPY_SRC } else { wgpu::TextureUsages::empty() },
+            | if samples == 1 {
+                wgpu::TextureUsages::COPY_SRC
+            } else {
+                wgpu::TextureUsages::empty()
+            },
         view_formats: &[],
     })
 }

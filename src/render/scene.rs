@@ -309,7 +309,8 @@ mod tests {
     fn poses_must_fit_and_be_finite() {
         let scene = Scene::new(vec![ball(0.1)], vec![], None).unwrap();
         assert!(matches!(scene.check("achieved", &[]), Err(Error::PoseCount { .. })));
-        let text = scene.check("achieved", &[Pose::at(f32::NAN, 0.0, 0.0)]).unwrap_err().to_string();
+        let text =
+            scene.check("achieved", &[Pose::at(f32::NAN, 0.0, 0.0)]).unwrap_err().to_string();
         assert!(text.contains("tip"), "{text}");
         assert!(scene.check("achieved", &[Pose::IDENTITY]).is_ok());
     }
