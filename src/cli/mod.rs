@@ -13,6 +13,7 @@ mod dataset;
 mod failure;
 mod log;
 mod out;
+mod render;
 mod robots;
 
 pub use failure::{Failure, Outcome};
@@ -56,6 +57,8 @@ enum Command {
     Bench(bench::Args),
     /// Look at collected data; split, shrink, corrupt, merge or verify it.
     Dataset(dataset::Args),
+    /// Draw a clip: one picture, a film strip or a film.
+    Render(Box<render::Args>),
     /// Print a completion script for your shell.
     Completions(completions::Args),
     /// List, show and settle robots.
@@ -86,6 +89,7 @@ fn run(cli: Cli) -> Outcome {
         Command::Doctor(args) => doctor::run(&args),
         Command::Bench(args) => bench::run(args),
         Command::Dataset(args) => dataset::run(args),
+        Command::Render(args) => render::run(&args, cli.global.quiet),
         Command::Completions(args) => completions::run(&args),
         Command::Robots(args) => robots::run(&args),
         Command::CompileCheck(args) => check::run(&args),
