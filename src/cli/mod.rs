@@ -18,6 +18,7 @@ mod interrupt;
 mod log;
 mod motion;
 mod out;
+mod render;
 mod robots;
 mod rollout;
 mod tasks;
@@ -71,6 +72,8 @@ enum Command {
     Dataset(dataset::Args),
     /// Create, check, edit and convert clips.
     Clip(clip::Args),
+    /// Draw a clip: one picture, a film strip or a film.
+    Render(Box<render::Args>),
     /// Print a completion script for your shell.
     Completions(completions::Args),
     /// List, show and settle robots.
@@ -107,6 +110,7 @@ fn run(cli: Cli) -> Outcome {
         Command::Bench(args) => bench::run(args),
         Command::Dataset(args) => dataset::run(args),
         Command::Clip(args) => clip::run(&args),
+        Command::Render(args) => render::run(&args, cli.global.quiet),
         Command::Completions(args) => completions::run(&args),
         Command::Robots(args) => robots::run(&args),
         Command::Import(args) => import::run(&args),
