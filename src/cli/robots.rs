@@ -160,9 +160,8 @@ fn show(robot: &str, json: bool, toml: bool) -> Outcome {
     let mut t = out::table(&["motor", "drives", "from", "to"]);
     for a in robot.actuators() {
         let drives = match &a.drive {
-            Drive::Joint(n) => n.clone(),
             Drive::Tendon(n) => format!("tendon {n}"),
-            Drive::Other(n) => n.clone(),
+            Drive::Joint(n) | Drive::Other(n) => n.clone(),
         };
         t.add_row([a.name.clone(), drives, a.ctrlrange[0].to_string(), a.ctrlrange[1].to_string()]);
     }
@@ -289,7 +288,11 @@ fn kinematics(robot: &str, poses: u64, secs: f64) -> Outcome {
     }))
 }
 
-fn step(robot: &Robot, model: &std::sync::Arc<Model>, secs: f64) -> Result<(), crate::robot::Error> {
+fn step(
+    robot: &Robot,
+    model: &std::sync::Arc<Model>,
+    secs: f64,
+) -> Result<(), crate::robot::Error> {
     let mut data = Data::new(model)?;
     robot.write_state(&mut data, &robot.home())?;
     robot.apply_action(&mut data, &robot.action_of(&vec![0.0; robot.action_dim()])?)?;

@@ -117,14 +117,16 @@ pub(super) fn normalised(name: &str, bytes: Vec<u8>) -> Result<Vec<u8>, String> 
         }
     }
     let faces = numbers.len() / 9;
-    if faces == 0 || numbers.len() % 9 != 0 || faces > limits::MESH_FACES {
+    if faces == 0 || !numbers.len().is_multiple_of(9) || faces > limits::MESH_FACES {
         return Err(format!("\"{name}\" holds {} vertices, not three a face", numbers.len() / 3));
     }
     let mut out = vec![0_u8; 80];
     out.extend((faces as u32).to_le_bytes());
     for face in numbers.chunks_exact(9) {
         out.extend([0_u8; 12]);
-        face.iter().for_each(|v| out.extend(v.to_le_bytes()));
+        for v in face {
+            out.extend(v.to_le_bytes());
+        }
         out.extend([0_u8; 2]);
     }
     Ok(out)
