@@ -7,11 +7,13 @@
 mod bar;
 mod bench;
 mod check;
+mod clip;
 mod completions;
 mod dataset;
 mod doctor;
 mod eval;
 mod failure;
+mod import;
 mod interrupt;
 mod log;
 mod motion;
@@ -67,10 +69,14 @@ enum Command {
     Bench(bench::Args),
     /// Look at collected data; split, shrink, corrupt, merge or verify it.
     Dataset(dataset::Args),
+    /// Create, check, edit and convert clips.
+    Clip(clip::Args),
     /// Print a completion script for your shell.
     Completions(completions::Args),
     /// List, show and settle robots.
     Robots(robots::Args),
+    /// Make a robot's folder out of a URDF or MJCF.
+    Import(import::Args),
     /// The child's side of the check of a foreign model.
     #[command(name = crate::robot::check::SUBCOMMAND, hide = true)]
     CompileCheck(check::Args),
@@ -100,8 +106,10 @@ fn run(cli: Cli) -> Outcome {
         Command::Doctor(args) => doctor::run(&args),
         Command::Bench(args) => bench::run(args),
         Command::Dataset(args) => dataset::run(args),
+        Command::Clip(args) => clip::run(&args),
         Command::Completions(args) => completions::run(&args),
         Command::Robots(args) => robots::run(&args),
+        Command::Import(args) => import::run(&args),
         Command::CompileCheck(args) => check::run(&args),
     }
 }
