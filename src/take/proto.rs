@@ -462,7 +462,7 @@ mod tests {
             ctrl: vec![2.0],
         };
         let fox = types(&foxglove_schema());
-        assert_eq!(walk(&fox, ".foxglove.SceneUpdate", &scene.encode_to_vec()), 76);
+        assert_eq!(walk(&fox, ".foxglove.SceneUpdate", &scene.encode_to_vec()), 90);
         assert_eq!(walk(&fox, ".foxglove.FrameTransforms", &transforms.encode_to_vec()), 14);
         assert_eq!(walk(&fox, ".foxglove.Log", &log.encode_to_vec()), 5);
         let own = types(&robert_schema());
