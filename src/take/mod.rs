@@ -23,15 +23,18 @@ mod document;
 mod error;
 mod geometry;
 mod header;
+pub mod html;
+mod json;
 mod proto;
 mod read;
 mod records;
 #[cfg(test)]
 mod sample;
 mod scene;
+mod text;
 mod write;
 
-// pub mod viser;
+pub mod viser;
 
 pub use document::{Provenance, RobotFacts, Take, What};
 pub use error::{Damage, Error};
