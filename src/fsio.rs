@@ -128,6 +128,16 @@ pub fn sha256_file(path: &Path) -> Result<String, Error> {
     }
 }
 
+/// Where this program may keep what it can make again: `$XDG_CACHE_HOME/robert` or
+/// `~/.cache/robert`, a folder under the system's temporary one as a last resort.
+pub fn cache_dir() -> PathBuf {
+    let set = |name| std::env::var_os(name).filter(|v| !v.is_empty()).map(PathBuf::from);
+    set("XDG_CACHE_HOME")
+        .or_else(|| set("HOME").map(|h| h.join(".cache")))
+        .unwrap_or_else(std::env::temp_dir)
+        .join("robert")
+}
+
 fn hex(bytes: &[u8]) -> String {
     use std::fmt::Write as _;
     bytes.iter().fold(String::with_capacity(64), |mut s, b| {

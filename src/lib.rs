@@ -13,11 +13,11 @@
 //! | 0 | [`clip`], [`units`], [`rng`], [`limits`], [`exit`], [`fsio`], [`progress`] | documents, numbers, files: no simulator |
 //! | 1 | [`mujoco`], [`robot`], [`plot`] | the simulator layer, the robots, charts |
 //! | 2 | [`dataset`], [`net`], [`explore`] | trajectories, the network, the curious agents |
-//! | 3 | [`train`], [`rollout`], [`render`] | learning, acting, seeing |
+//! | 3 | [`train`], `rollout`, [`render`] | learning, acting, seeing |
 //! | 4 | [`take`], [`jobs`] | recorded rollouts and exports; work split in shards |
 //! | 5 | [`studio`], [`cli`] | what people touch |
 //!
-//! Start reading at [`clip`] (what a person writes), then [`rollout`] (what is done
+//! Start reading at [`clip`] (what a person writes), then `rollout` (what is done
 //! with it), then [`net`] (how the torque is found).
 
 pub mod clip;

@@ -13,6 +13,23 @@ pub const JOINTS: usize = 256;
 pub const NAME_BYTES: usize = 256;
 /// Nesting of JSON documents.
 pub const JSON_DEPTH: usize = 64;
+/// Values in all keys and poses of a clip, and frames times joints of its command: what
+/// bounds the memory of a hostile clip (50 000 keys of 256 joints would take 200 MB).
+pub const CLIP_VALUES: usize = 4 << 20;
+/// Largest joint value in a clip, rad or m: far beyond any robot, far inside `f32`.
+pub const CLIP_VALUE_MAX: f64 = 1e6;
+/// Named poses in a clip.
+pub const CLIP_POSES: usize = 10_000;
+/// Mask spans in a clip, and markers.
+pub const CLIP_SPANS: usize = 50_000;
+/// Joint names in all mask spans of a clip.
+pub const CLIP_MASK_JOINTS: usize = 1 << 18;
+/// Values under the extension key `x` of a clip.
+pub const CLIP_EXTRA_VALUES: usize = 100_000;
+/// Length of the notes of a clip, bytes.
+pub const NOTES_BYTES: usize = 64 << 10;
+/// Edits in one batch.
+pub const BATCH_OPS: usize = 10_000;
 
 /// Bytes in one MJCF or URDF file.
 pub const MODEL_BYTES: u64 = 8 << 20;
@@ -28,12 +45,16 @@ pub const MESH_FACES: usize = 2_000_000;
 pub const MESH_BYTES: u64 = 256 << 20;
 /// Pixels along one edge of a texture.
 pub const TEXTURE_PX: u64 = 4096;
+/// Elements of one `<composite>`.
+pub const COMPOSITE_ELEMENTS: usize = 2_000;
 /// Generalised coordinates of a model.
 pub const MODEL_NQ: usize = 1024;
 /// Address space of the child that compiles a foreign model, bytes.
 pub const CHECK_MEMORY_BYTES: u64 = 4 << 30;
 /// Processor time of that child, seconds.
 pub const CHECK_CPU_SECS: u64 = 20;
+/// Time that child may take by the clock, seconds.
+pub const CHECK_WALL_SECS: u64 = 60;
 
 /// Bytes of a project folder handed to an importer.
 pub const PROJECT_BYTES: u64 = 64 << 20;
@@ -50,6 +71,14 @@ pub const CLIENTS: usize = 16;
 pub const TENSOR_HEADER_BYTES: u64 = 100 << 20;
 /// Bytes of one model file, optimiser state included.
 pub const TENSOR_FILE_BYTES: u64 = 4 << 30;
+/// Bytes of a dataset manifest.
+pub const MANIFEST_BYTES: u64 = 1 << 30;
+/// Bytes of one dataset shard.
+pub const SHARD_BYTES: u64 = 8 << 30;
+/// Shards of one dataset.
+pub const SHARDS: usize = 100_000;
+/// Trajectories of one dataset.
+pub const EPISODES: usize = 20_000_000;
 /// Bytes of one record of an MCAP file read back.
 pub const MCAP_RECORD_BYTES: usize = 64 << 20;
 /// Pixels along one edge of a picture.

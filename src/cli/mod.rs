@@ -5,10 +5,15 @@
 //! any work begins, so that a typo never costs an hour.
 
 mod bar;
+mod bench;
+mod check;
 mod completions;
+mod doctor;
+mod dataset;
 mod failure;
 mod log;
 mod out;
+mod robots;
 
 pub use failure::{Failure, Outcome};
 
@@ -45,8 +50,19 @@ pub struct Global {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    /// Check the machine: libraries, graphics, cores, models, each with its fix.
+    Doctor(doctor::Args),
+    /// Measure speed: simulation, training, inference.
+    Bench(bench::Args),
+    /// Look at collected data; split, shrink, corrupt, merge or verify it.
+    Dataset(dataset::Args),
     /// Print a completion script for your shell.
     Completions(completions::Args),
+    /// List, show and settle robots.
+    Robots(robots::Args),
+    /// The child's side of the check of a foreign model.
+    #[command(name = crate::robot::check::SUBCOMMAND, hide = true)]
+    CompileCheck(check::Args),
 }
 
 /// Parses, runs, reports. The only caller is `main`.
@@ -67,7 +83,12 @@ pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
 
 fn run(cli: Cli) -> Outcome {
     match cli.command {
+        Command::Doctor(args) => doctor::run(&args),
+        Command::Bench(args) => bench::run(args),
+        Command::Dataset(args) => dataset::run(args),
         Command::Completions(args) => completions::run(&args),
+        Command::Robots(args) => robots::run(&args),
+        Command::CompileCheck(args) => check::run(&args),
     }
 }
 

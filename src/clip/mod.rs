@@ -1,1 +1,34 @@
 //! The animation document: keyframes, masks and what can be done to them.
+
+pub mod apply;
+pub mod command;
+pub mod compile;
+pub mod delta;
+pub mod document;
+pub mod editor;
+pub mod error;
+pub mod formats;
+pub mod joints;
+mod json;
+pub mod lint;
+pub mod op;
+mod parse;
+mod print;
+mod schema;
+pub mod validate;
+
+pub use apply::{OpError, apply, edited};
+pub use command::{
+    Blind, Command, LOOKAHEAD_FRAMES, PRE_ROLL_FRAMES, Sight, Span, SpanKind, VirtualKey,
+};
+pub use compile::{compile, start_row};
+pub use delta::{Delta, Foreign};
+pub use document::*;
+pub use editor::{Change, Editor};
+pub use error::ClipError;
+pub use joints::*;
+pub use lint::{Level, Lint, Mend, PoseChecker, PoseReport, Rule, lint};
+pub use op::*;
+pub use parse::{Parsed, load, parse, parse_bytes};
+pub use schema::schema;
+pub use validate::{Flaw, Invalid};

@@ -1,1 +1,4 @@
-//! Charts in one house style, as PNG and SVG.
+//! Charts.
+
+pub mod font;
+pub mod palette;

@@ -1,1 +1,39 @@
-//! From a clip to a simulated motion: windows, policies, precision.
+//! From a clip to a simulated motion: windows, policies, the rollout, its precision.
+//!
+//! The loop is closed in state and open in time: every frame the policy sees the reached
+//! past and the commanded next second, gives one torque, and the command clock moves on
+//! whatever was reached. Everything that a frame depends on is kept in a snapshot, so an
+//! edited clip is simulated again only from the first frame that can differ.
+//!
+//! Rejected: policies as free functions over the whole clip. A planner that may look at
+//! all frames would break that rule and could not be compared with the learned policy,
+//! which sees 20 frames ahead and no more.
+
+mod actuation;
+mod computed_torque;
+mod error;
+mod ilqr;
+mod pd;
+mod plant;
+mod policy;
+mod precision;
+mod refine;
+mod registry;
+mod run;
+mod sampling;
+mod stats;
+mod suite;
+mod window;
+mod zero;
+
+pub use error::Error;
+pub use ilqr::{Ilqr, IlqrConfig};
+pub use plant::{Belief, PlantConfig};
+pub use policy::{Policy, View};
+pub use precision::{HoldError, Precision};
+pub use registry::{Guide, PolicyConfig, PolicyName};
+pub use run::{Frame, Rollout, RolloutConfig, Start};
+pub use sampling::{PredictiveSampling, SamplingConfig};
+pub use stats::{Interval, mean_ci95};
+pub use suite::{Case, CaseResult, EvalConfig, Evaluation, evaluate};
+pub use window::{COMMAND, Goals, HISTORY, Window};

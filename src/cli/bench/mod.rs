@@ -1,0 +1,29 @@
+//! `robert bench`: speed, always as a ratio to a named peer, measured in turns in one run.
+
+mod clock;
+mod sim;
+
+use clap::Subcommand;
+
+use super::failure::Outcome;
+
+#[derive(clap::Args, Debug)]
+#[command(
+    after_help = "Examples:\n  robert bench sim              control steps a second, against a bare C loop\n  robert bench sim --json --secs 4 --robot ur5e"
+)]
+pub(super) struct Args {
+    #[command(subcommand)]
+    what: What,
+}
+
+#[derive(Debug, Subcommand)]
+enum What {
+    /// Control steps a second through the simulator layer, against a bare C loop.
+    Sim(sim::Args),
+}
+
+pub(super) fn run(args: Args) -> Outcome {
+    match args.what {
+        What::Sim(args) => sim::run(&args),
+    }
+}

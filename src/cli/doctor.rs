@@ -1,0 +1,238 @@
+//! `robert doctor`: is everything here that the program needs, and what mends it?
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use serde::Serialize;
+
+use super::failure::{Failure, Outcome};
+use super::out;
+use crate::exit::Exit;
+use crate::mujoco;
+use crate::render::{RenderConfig, Renderer};
+use crate::robot::Robot;
+
+#[derive(clap::Args, Debug)]
+#[command(
+    after_help = "Examples:\n  robert doctor\n  robert doctor --json | jq '.checks[] | select(.state != \"ok\")'"
+)]
+pub(super) struct Args {
+    /// Print one JSON document.
+    #[arg(long)]
+    json: bool,
+}
+
+/// How a check went.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+enum State {
+    /// There.
+    Ok,
+    /// Missing, and the program works without it.
+    Warning,
+    /// Missing, and something does not work without it.
+    Missing,
+}
+
+#[derive(Debug, Serialize)]
+struct Check {
+    name: &'static str,
+    state: State,
+    found: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    mend: Option<String>,
+}
+
+#[derive(Debug, Serialize)]
+struct Report {
+    version: &'static str,
+    checks: Vec<Check>,
+}
+
+impl Check {
+    fn ok(name: &'static str, found: impl Into<String>) -> Check {
+        Check { name, state: State::Ok, found: found.into(), mend: None }
+    }
+
+    fn bad(name: &'static str, state: State, found: impl Into<String>, mend: &str) -> Check {
+        Check { name, state, found: found.into(), mend: Some(mend.to_owned()) }
+    }
+}
+
+pub(super) fn run(args: &Args) -> Outcome {
+    let checks = vec![
+        simulator(),
+        robots(),
+        graphics(),
+        processor(),
+        memory(),
+        models(),
+        browser(),
+        cache(),
+    ];
+    let missing = checks.iter().any(|c| c.state == State::Missing);
+    let report = Report { version: env!("CARGO_PKG_VERSION"), checks };
+    if args.json {
+        out::json(&report)?;
+    } else {
+        let mut table = out::table(&["", "check", "found"]);
+        for c in &report.checks {
+            let mark = match c.state {
+                State::Ok => "ok",
+                State::Warning => "--",
+                State::Missing => "!!",
+            };
+            let mend = c.mend.as_ref().map(|m| format!("\nmend: {m}")).unwrap_or_default();
+            table.add_row([mark.to_owned(), c.name.to_owned(), format!("{}{mend}", c.found)]);
+        }
+        out::line(&table.to_string())?;
+    }
+    if missing {
+        return Err(Failure::with(
+            Exit::Missing,
+            "something is missing; each line above says what mends it",
+        ));
+    }
+    Ok(())
+}
+
+fn simulator() -> Check {
+    match mujoco::check_library() {
+        Ok(()) => {
+            let v = mujoco::VERSION;
+            Check::ok("MuJoCo", format!("libmujoco {}.{}.{}", v / 100, v / 10 % 10, v % 10))
+        }
+        Err(e) => Check::bad(
+            "MuJoCo",
+            State::Missing,
+            e.to_string(),
+            "sudo apt-get install libmujoco2.2.2",
+        ),
+    }
+}
+
+fn robots() -> Check {
+    let mut found = Vec::new();
+    for id in Robot::builtin_ids() {
+        match Robot::builtin(id) {
+            Ok(r) => found.push(format!("{id} ({}/{})", r.state_dim(), r.action_dim())),
+            Err(e) => {
+                return Check::bad(
+                    "robots",
+                    State::Missing,
+                    format!("{id}: {e}"),
+                    "rebuild the program",
+                );
+            }
+        }
+    }
+    Check::ok("robots", found.join(", "))
+}
+
+fn graphics() -> Check {
+    match Renderer::new(RenderConfig::default()) {
+        Ok(renderer) => {
+            let (name, software) = renderer.adapter();
+            Check::ok("graphics", if software { format!("{name}, software") } else { name })
+        }
+        Err(e) => Check::bad(
+            "graphics",
+            State::Missing,
+            e.to_string(),
+            "sudo apt-get install mesa-vulkan-drivers (software) or your graphics card's driver",
+        ),
+    }
+}
+
+fn processor() -> Check {
+    let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+    let name = field("/proc/cpuinfo", "model name").unwrap_or_else(|| "unknown processor".into());
+    #[cfg(target_arch = "x86_64")]
+    let features: Vec<&str> = [
+        ("avx512f", std::arch::is_x86_feature_detected!("avx512f")),
+        ("avx2", std::arch::is_x86_feature_detected!("avx2")),
+        ("fma", std::arch::is_x86_feature_detected!("fma")),
+    ]
+    .into_iter()
+    .filter_map(|(n, on)| on.then_some(n))
+    .collect();
+    #[cfg(not(target_arch = "x86_64"))]
+    let features: Vec<&str> = Vec::new();
+    let found = format!("{cores} cores, {name}, {}", features.join(" "));
+    if cfg!(target_arch = "x86_64") && !features.contains(&"avx2") {
+        let mend =
+            "training works but is several times slower than on a processor of the last ten years";
+        return Check::bad("processor", State::Warning, found, mend);
+    }
+    Check::ok("processor", found)
+}
+
+fn memory() -> Check {
+    let kib = |name| field("/proc/meminfo", name)?.split_whitespace().next()?.parse::<f64>().ok();
+    let (Some(total), Some(free)) = (kib("MemTotal"), kib("MemAvailable")) else {
+        return Check::bad("memory", State::Warning, "unknown", "nothing to do");
+    };
+    let gib = |k: f64| k / f64::from(1 << 20);
+    let found = format!("{:.1} GiB, {:.1} GiB available", gib(total), gib(free));
+    if gib(free) < 1.0 {
+        return Check::bad(
+            "memory",
+            State::Warning,
+            found,
+            "close other programs; training needs about 1 GiB",
+        );
+    }
+    Check::ok("memory", found)
+}
+
+fn models() -> Check {
+    Check::bad(
+        "trained policies",
+        State::Warning,
+        "none in this build",
+        "robert train makes one for your robot",
+    )
+}
+
+fn browser() -> Check {
+    let names = ["chromium", "google-chrome", "chromium-browser", "microsoft-edge", "firefox"];
+    let path = std::env::var_os("PATH").unwrap_or_default();
+    let found = std::env::split_paths(&path)
+        .flat_map(|dir| names.iter().map(move |n| dir.join(n)))
+        .find(|p| p.is_file());
+    match found {
+        Some(p) => Check::ok("browser", version_of(&p)),
+        None => {
+            Check::bad("browser", State::Warning, "none on PATH", "sudo apt-get install chromium")
+        }
+    }
+}
+
+fn version_of(program: &Path) -> String {
+    let out = Command::new(program).arg("--version").output().ok();
+    let text =
+        out.map(|o| String::from_utf8_lossy(&o.stdout).trim().to_owned()).unwrap_or_default();
+    if text.is_empty() { program.display().to_string() } else { text }
+}
+
+fn cache() -> Check {
+    let dir = crate::fsio::cache_dir();
+    let probe = dir.join(".doctor");
+    let tried = crate::fsio::write_atomic(&probe, b"ok").map(|()| std::fs::remove_file(&probe));
+    match tried {
+        Ok(_) => Check::ok("cache", dir.display().to_string()),
+        Err(e) => Check::bad(
+            "cache",
+            State::Missing,
+            e.to_string(),
+            "set XDG_CACHE_HOME to a folder that you may write",
+        ),
+    }
+}
+
+/// The value after `name:` in a file of the kernel's.
+fn field(path: &str, name: &str) -> Option<String> {
+    let text = std::fs::read_to_string(PathBuf::from(path)).ok()?;
+    let line = text.lines().find(|l| l.starts_with(name))?;
+    Some(line.split_once(':')?.1.trim().to_owned())
+}

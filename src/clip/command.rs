@@ -1,0 +1,409 @@
+//! The compiled clip: one row per frame, and which of it the policy may see.
+//!
+//! A command is dense on purpose. The window of a rollout slides over it every frame, and
+//! suites cut from data never were clips; both want rows, not keys.
+
+use crate::units::FPS;
+
+/// Frames of history before frame 0 (the pre-roll): the start pose, held.
+pub const PRE_ROLL_FRAMES: u32 = 30;
+
+/// Frames that the policy sees ahead of the current one (paper, appendix A.1).
+pub const LOOKAHEAD_FRAMES: u32 = 20;
+
+const NEVER: u32 = u32::MAX;
+
+/// How much of a frame has a goal.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Sight {
+    /// No joint.
+    Masked,
+    /// Some joints.
+    Partial,
+    /// Every joint.
+    Full,
+}
+
+/// Why a run of frames is what it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum SpanKind {
+    /// A key and its hold.
+    Key,
+    /// A straight line between keys.
+    Linear,
+    /// A cubic between keys.
+    Cubic,
+    /// A key's value kept to the next key.
+    Hold,
+    /// No goal, because nothing fills it.
+    Open,
+    /// No goal (for all joints), because a mask span hides it.
+    Masked,
+}
+
+/// A run of frames of one kind: `[from, to)`. The spans of a command tile the clip.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+pub struct Span {
+    /// First frame.
+    pub from: u32,
+    /// Frame after the last.
+    pub to: u32,
+    /// Its kind.
+    pub kind: SpanKind,
+}
+
+/// A run of steps at which the policy sees no goal: commands `after` and `before` are
+/// visible (or the ends of the clip) and none between them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+pub struct Blind {
+    /// Last visible frame before; `None` at the start of the clip.
+    pub after: Option<u32>,
+    /// First visible frame after; `None` when the clip ends masked.
+    pub before: Option<u32>,
+    /// First blind step.
+    pub from: u32,
+    /// Step after the last blind one.
+    pub to: u32,
+}
+
+/// A goal the program sets because the window would show none.
+#[derive(Clone, Debug, PartialEq)]
+pub struct VirtualKey {
+    /// Where it stands: the last frame of the window, index 50 of 51.
+    pub frame: u32,
+    /// Its value, in joint order.
+    pub q: Vec<f32>,
+}
+
+/// Commanded joint positions and their masks.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Command {
+    joints: Vec<String>,
+    frames: u32,
+    q: Vec<f32>,              // (frames, dim)
+    start: Vec<f32>,          // (dim)
+    sight: Vec<Sight>,        // (frames)
+    cells: Option<Vec<bool>>, // (frames, dim), only when some frame is partial
+    next: Vec<u32>,           // (frames) first frame >= t with any goal
+    prev: Vec<u32>,           // (frames) last frame <= t with any goal
+    spans: Vec<Span>,
+}
+
+impl Command {
+    /// A command from dense rows.
+    ///
+    /// `q` is (frames, dim), `visible` likewise; `start` (dim) is held through the pre-roll.
+    /// Masked values are set to 0, so that they cannot leak. `None` when the lengths
+    /// disagree.
+    pub fn from_dense(
+        joints: Vec<String>,
+        start: Vec<f32>,
+        q: Vec<f32>,
+        visible: Vec<bool>,
+    ) -> Option<Command> {
+        let dim = joints.len();
+        if dim == 0
+            || start.len() != dim
+            || q.len() != visible.len()
+            || !q.len().is_multiple_of(dim)
+        {
+            return None;
+        }
+        Some(Self::assemble(joints, start, q, visible))
+    }
+
+    /// The same for lengths that are known to agree.
+    pub(super) fn assemble(
+        joints: Vec<String>,
+        start: Vec<f32>,
+        mut q: Vec<f32>,
+        visible: Vec<bool>,
+    ) -> Command {
+        let dim = joints.len().max(1);
+        for (v, seen) in q.iter_mut().zip(&visible) {
+            if !seen {
+                *v = 0.0;
+            }
+        }
+        let sight: Vec<Sight> = visible
+            .chunks_exact(dim)
+            .map(|row| match row.iter().filter(|v| **v).count() {
+                0 => Sight::Masked,
+                n if n == dim => Sight::Full,
+                _ => Sight::Partial,
+            })
+            .collect();
+        let frames = sight.len() as u32;
+        let seen = |s: &Sight| *s != Sight::Masked;
+        let next = scan(sight.iter().map(seen).enumerate().rev());
+        let prev = scan(sight.iter().map(seen).enumerate());
+        let cells = sight.contains(&Sight::Partial).then_some(visible);
+        let mut spans: Vec<Span> = Vec::new();
+        for (t, s) in (0..).zip(&sight) {
+            let kind = if seen(s) { SpanKind::Key } else { SpanKind::Open };
+            push_span(&mut spans, t, t + 1, kind);
+        }
+        Command { joints, frames, q, start, sight, cells, next, prev, spans }
+    }
+
+    /// Joint names, the order of every row.
+    pub fn joints(&self) -> &[String] {
+        &self.joints
+    }
+
+    /// Joints.
+    pub fn dim(&self) -> usize {
+        self.joints.len()
+    }
+
+    /// Frames: 0..frames.
+    pub fn frames(&self) -> u32 {
+        self.frames
+    }
+
+    /// All values, (frames, dim); 0 where masked.
+    pub fn q(&self) -> &[f32] {
+        &self.q
+    }
+
+    /// The state before frame 0, (dim).
+    pub fn start(&self) -> &[f32] {
+        &self.start
+    }
+
+    /// The row of a frame, (dim); empty beyond the end.
+    pub fn row(&self, frame: u32) -> &[f32] {
+        let at = frame as usize * self.dim();
+        self.q.get(at..at + self.dim()).unwrap_or_default()
+    }
+
+    /// How much of this frame has a goal. Beyond the end the last command stands:
+    /// see [`Command::held_end`].
+    pub fn sight(&self, frame: u32) -> Sight {
+        self.sight.get(frame as usize).copied().unwrap_or(Sight::Masked)
+    }
+
+    /// Whether this joint has a goal at this frame.
+    pub fn sees(&self, frame: u32, joint: usize) -> bool {
+        match self.sight(frame) {
+            Sight::Masked => false,
+            Sight::Full => joint < self.dim(),
+            Sight::Partial => self
+                .cells
+                .as_ref()
+                .and_then(|c| c.get(frame as usize * self.dim() + joint))
+                .is_some_and(|v| *v),
+        }
+    }
+
+    /// Whether some frame has goals for some joints only.
+    pub fn is_partial(&self) -> bool {
+        self.cells.is_some()
+    }
+
+    /// First frame >= `frame` with a goal.
+    pub fn next_visible(&self, frame: u32) -> Option<u32> {
+        self.next.get(frame as usize).copied().filter(|&f| f != NEVER)
+    }
+
+    /// Last frame <= `frame` with a goal; `frame` may lie beyond the end.
+    pub fn prev_visible(&self, frame: u32) -> Option<u32> {
+        let frame = frame.min(self.frames.checked_sub(1)?);
+        self.prev.get(frame as usize).copied().filter(|&f| f != NEVER)
+    }
+
+    /// Frames with a goal for every joint.
+    pub fn full_frames(&self) -> u32 {
+        self.sight.iter().filter(|s| **s == Sight::Full).count() as u32
+    }
+
+    /// What stands past the end: per joint its last goal, else its start value. (dim)
+    pub fn held_end(&self) -> Vec<f32> {
+        self.held_at(self.frames.saturating_sub(1))
+    }
+
+    /// Per joint the last goal at or before this frame, else the start value. (dim)
+    pub fn held_at(&self, frame: u32) -> Vec<f32> {
+        self.start
+            .iter()
+            .enumerate()
+            .map(|(j, start)| self.last_goal(frame, j).map_or(*start, |(_, v)| v))
+            .collect()
+    }
+
+    /// The last goal of a joint at or before a frame: where and what.
+    pub fn last_goal(&self, frame: u32, joint: usize) -> Option<(u32, f32)> {
+        let mut at = self.prev_visible(frame)?;
+        while !self.sees(at, joint) {
+            at = self.prev_visible(at.checked_sub(1)?)?;
+        }
+        self.row(at).get(joint).map(|v| (at, *v))
+    }
+
+    /// The next goal of a joint at or after a frame: where and what.
+    pub fn next_goal(&self, frame: u32, joint: usize) -> Option<(u32, f32)> {
+        let mut at = self.next_visible(frame)?;
+        while !self.sees(at, joint) {
+            at = self.next_visible(at + 1)?;
+        }
+        self.row(at).get(joint).map(|v| (at, *v))
+    }
+
+    /// The straight line between the goals around a frame, (dim): the start pose counts as
+    /// a goal at frame 0, and after its last goal a joint is held.
+    pub fn interpolated(&self, frame: u32) -> Vec<f32> {
+        self.start
+            .iter()
+            .enumerate()
+            .map(|(j, start)| {
+                let (a, from) = self.last_goal(frame, j).unwrap_or((0, *start));
+                match self.next_goal(frame, j) {
+                    Some((b, to)) if b > a && frame > a => {
+                        let s = f64::from(frame - a) / f64::from(b - a);
+                        (f64::from(from) + s * (f64::from(to) - f64::from(from))) as f32
+                    }
+                    _ => from,
+                }
+            })
+            .collect()
+    }
+
+    /// The virtual key of step `step`, whose window shows commands `step+1..=step+20`:
+    /// present only when none of them has a goal. Frames past the end are visible (the last
+    /// command, held), so near the end there is none.
+    ///
+    /// Training keeps at least one frame of every window unmasked; a window without any
+    /// goal was never seen. The rule: one frame at the far end of the window, on the line
+    /// from the last goal to the next.
+    pub fn virtual_key(&self, step: u32) -> Option<VirtualKey> {
+        let frame = step.checked_add(LOOKAHEAD_FRAMES)?;
+        if frame >= self.frames {
+            return None;
+        }
+        match self.next_visible(step + 1) {
+            Some(next) if next <= frame => None,
+            _ => Some(VirtualKey { frame, q: self.interpolated(frame) }),
+        }
+    }
+
+    /// All runs of steps without a goal in sight.
+    pub fn blind_spans(&self) -> Vec<Blind> {
+        let mut blind = Vec::new();
+        let mut after = None;
+        let mut at = 0;
+        loop {
+            let before = self.next_visible(at);
+            let (a, b) = (after.unwrap_or(0), before.unwrap_or(self.frames));
+            if b.saturating_sub(a) > LOOKAHEAD_FRAMES {
+                blind.push(Blind { after, before, from: a, to: b - LOOKAHEAD_FRAMES });
+            }
+            let Some(b) = before else { return blind };
+            after = before;
+            at = b + 1;
+        }
+    }
+
+    pub(super) fn with_spans(self, spans: Vec<Span>) -> Command {
+        Command { spans, ..self }
+    }
+
+    /// What the frames are, for the timeline; tiles 0..frames.
+    pub fn spans(&self) -> &[Span] {
+        &self.spans
+    }
+
+    /// First frame whose goal differs (value, mask, or existence); `Some(0)` when the start
+    /// or the joints do.
+    pub fn first_changed_frame(&self, other: &Command) -> Option<u32> {
+        if self.joints != other.joints || bits(&self.start).ne(bits(&other.start)) {
+            return Some(0);
+        }
+        let dim = self.dim();
+        let common = self.frames.min(other.frames);
+        for t in 0..common {
+            let same = self.sight(t) == other.sight(t)
+                && bits(self.row(t)).eq(bits(other.row(t)))
+                && (self.sight(t) != Sight::Partial
+                    || (0..dim).all(|j| self.sees(t, j) == other.sees(t, j)));
+            if !same {
+                return Some(t);
+            }
+        }
+        (self.frames != other.frames).then_some(common)
+    }
+
+    /// First step whose action can differ when this command replaces `old`: 20 frames
+    /// before the first changed one, or the start of the blind run that reaches it (its
+    /// virtual keys lean toward the changed goal).
+    pub fn first_changed_step(&self, old: &Command) -> Option<u32> {
+        let f = self.first_changed_frame(old)?;
+        let usual = f.saturating_sub(LOOKAHEAD_FRAMES);
+        let before = f.checked_sub(1).and_then(|t| self.prev_visible(t)).unwrap_or(0);
+        let mut step = usual.min(before);
+        if self.is_partial() || old.is_partial() {
+            // A joint may lean on a goal of its own from further back.
+            for j in 0..self.dim() {
+                let own = f.checked_sub(1).and_then(|t| self.last_goal(t, j)).map_or(0, |g| g.0);
+                step = step.min(own);
+            }
+        }
+        Some(step)
+    }
+
+    /// The same command in another joint order. `None` when a joint is missing.
+    #[must_use]
+    pub fn reordered(&self, joints: &[String]) -> Option<Command> {
+        if joints == self.joints {
+            return Some(self.clone());
+        }
+        let from: Vec<usize> = joints
+            .iter()
+            .map(|name| self.joints.iter().position(|j| j == name))
+            .collect::<Option<_>>()?;
+        let start = from.iter().filter_map(|&j| self.start.get(j).copied()).collect();
+        let (mut q, mut visible) = (Vec::new(), Vec::new());
+        for t in 0..self.frames {
+            let row = self.row(t);
+            q.extend(from.iter().filter_map(|&j| row.get(j).copied()));
+            visible.extend(from.iter().map(|&j| self.sees(t, j)));
+        }
+        Some(Command::assemble(joints.to_vec(), start, q, visible).with_spans(self.spans.clone()))
+    }
+
+    /// Length in seconds.
+    pub fn secs(&self) -> f64 {
+        f64::from(self.frames) / f64::from(FPS)
+    }
+}
+
+fn bits(row: &[f32]) -> impl Iterator<Item = u32> + '_ {
+    row.iter().map(|v| v.to_bits())
+}
+
+/// For every frame the nearest visible one met so far, in this direction.
+fn scan(order: impl ExactSizeIterator<Item = (usize, bool)>) -> Vec<u32> {
+    let mut found = vec![NEVER; order.len()];
+    let mut last = NEVER;
+    for (t, visible) in order {
+        if visible {
+            last = t as u32;
+        }
+        if let Some(slot) = found.get_mut(t) {
+            *slot = last;
+        }
+    }
+    found
+}
+
+/// Appends a span, joining it to an equal neighbour unless both are keys.
+pub(super) fn push_span(spans: &mut Vec<Span>, from: u32, to: u32, kind: SpanKind) {
+    if from >= to {
+        return;
+    }
+    match spans.last_mut() {
+        Some(last) if last.kind == kind && kind != SpanKind::Key && last.to == from => last.to = to,
+        _ => spans.push(Span { from, to, kind }),
+    }
+}

@@ -1,0 +1,415 @@
+//! [`Clip`] to [`Command`].
+//!
+//! Rules. A key commands its value for `hold` frames; then its fill reaches to the next key.
+//! After the last key there is nothing to go to: `linear`, `cubic` and `hold` keep its
+//! value, `mask` keeps nothing. Before the first key all is masked. A joint that is null at
+//! one end of a linear or cubic fill is masked inside it. Mask spans go over everything.
+//!
+//! `cubic` is the monotone cubic of Fritsch and Butland (SIAM J. Sci. Stat. Comput. 5,
+//! 1984), slope 0 at a hold, at the end of a cubic run and at an extremum. A natural cubic
+//! was rejected: it overshoots, so that keys inside the joint limits would be joined by a
+//! curve outside of them.
+//!
+//! Filled values are put on the document's 1e-6 grid before they become `f32`: a command
+//! that is exported and imported again has the same bits.
+
+use super::command::{Command, Span, SpanKind, push_span};
+use super::document::{Clip, Fill, Row, Start, round};
+use super::validate::Invalid;
+
+/// Compiles a clip.
+///
+/// # Errors
+/// [`Invalid`] when the clip breaks a rule; one that was parsed or edited here does not.
+pub fn compile(clip: &Clip) -> Result<Command, Invalid> {
+    clip.validate()?;
+    if clip.keys.is_sorted_by_key(|k| k.frame) {
+        return Ok(Plan::new(clip).command());
+    }
+    let mut sorted = clip.clone();
+    sorted.normalize();
+    Ok(Plan::new(&sorted).command())
+}
+
+struct Plan<'a> {
+    clip: &'a Clip,
+    dim: usize,
+    q: Vec<f32>,        // (frames, dim)
+    visible: Vec<bool>, // (frames, dim)
+    spans: Vec<Span>,
+}
+
+impl<'a> Plan<'a> {
+    fn new(clip: &'a Clip) -> Self {
+        let cells = clip.length as usize * clip.dim();
+        Plan {
+            clip,
+            dim: clip.dim(),
+            q: vec![0.0; cells],
+            visible: vec![false; cells],
+            spans: Vec::new(),
+        }
+    }
+
+    fn set(&mut self, frame: u32, joint: usize, value: f64) {
+        let at = frame as usize * self.dim + joint;
+        if let (Some(q), Some(v)) = (self.q.get_mut(at), self.visible.get_mut(at)) {
+            *q = round(value) as f32;
+            *v = true;
+        }
+    }
+
+    fn set_row(&mut self, from: u32, to: u32, row: &Row) {
+        for frame in from..to {
+            for (j, value) in row.iter().enumerate() {
+                if let Some(value) = value {
+                    self.set(frame, j, *value);
+                }
+            }
+        }
+    }
+
+    fn command(mut self) -> Command {
+        let clip = self.clip;
+        let first = clip.keys.first().map_or(clip.length, |k| k.frame);
+        push_span(&mut self.spans, 0, first, SpanKind::Open);
+        for i in 0..clip.keys.len() {
+            self.key(i);
+        }
+        let spans = self.mask();
+        let start = start_row(clip).into_iter().map(|v| v as f32).collect();
+        let joints = clip.robot.joints.clone();
+        Command::assemble(joints, start, self.q, self.visible).with_spans(spans)
+    }
+
+    fn key(&mut self, i: usize) {
+        let clip = self.clip;
+        let Some(key) = clip.keys.get(i) else { return };
+        let Some(row) = clip.row(key) else { return };
+        let end = clip.hold_end(i);
+        self.set_row(key.frame, end, row);
+        push_span(&mut self.spans, key.frame, end, SpanKind::Key);
+        let next = clip.keys.get(i + 1);
+        let until = next.map_or(clip.length, |n| n.frame);
+        let kind = match (clip.fill_after(key), next) {
+            (Fill::Mask, _) => SpanKind::Open,
+            (Fill::Hold, _) | (_, None) => {
+                self.set_row(end, until, row);
+                SpanKind::Hold
+            }
+            (Fill::Linear, Some(_)) => {
+                self.curve(i, end, until, |s, a, b, _, _| a + s * (b - a));
+                SpanKind::Linear
+            }
+            (Fill::Cubic, Some(_)) => {
+                self.curve(i, end, until, hermite);
+                SpanKind::Cubic
+            }
+        };
+        push_span(&mut self.spans, end, until, kind);
+    }
+
+    /// Fills between the last held frame of key `i` and the next key; `shape` gets the
+    /// share of the way, both ends and both slopes (per whole interval).
+    fn curve(&mut self, i: usize, end: u32, until: u32, shape: fn(f64, f64, f64, f64, f64) -> f64) {
+        let last = end.saturating_sub(1);
+        let width = f64::from(until - last);
+        for j in 0..self.dim {
+            let (Some(a), Some(b)) = (self.value(i, j), self.value(i + 1, j)) else { continue };
+            let (da, db) = (self.slope(i, j) * width, self.slope(i + 1, j) * width);
+            for frame in end..until {
+                let s = f64::from(frame - last) / width;
+                self.set(frame, j, shape(s, a, b, da, db));
+            }
+        }
+    }
+
+    fn value(&self, i: usize, joint: usize) -> Option<f64> {
+        let key = self.clip.keys.get(i)?;
+        self.clip.row(key)?.get(joint).copied().flatten()
+    }
+
+    /// Slope at key `i` per frame; not zero only between two cubic intervals.
+    fn slope(&self, i: usize, joint: usize) -> f64 {
+        let inner = || {
+            let clip = self.clip;
+            let (before, key, after) =
+                (clip.keys.get(i.checked_sub(1)?)?, clip.keys.get(i)?, clip.keys.get(i + 1)?);
+            let cubic = |k| clip.fill_after(k) == Fill::Cubic;
+            if !cubic(before) || !cubic(key) || clip.hold_end(i) != key.frame + 1 {
+                return None;
+            }
+            let h0 = f64::from(key.frame - (clip.hold_end(i - 1) - 1));
+            let h1 = f64::from(after.frame - key.frame);
+            let here = self.value(i, joint)?;
+            let d0 = (here - self.value(i - 1, joint)?) / h0;
+            let d1 = (self.value(i + 1, joint)? - here) / h1;
+            if d0 * d1 <= 0.0 {
+                return None;
+            }
+            let (w0, w1) = (2.0 * h1 + h0, h1 + 2.0 * h0);
+            Some((w0 + w1) / (w0 / d0 + w1 / d1))
+        };
+        inner().unwrap_or(0.0)
+    }
+
+    /// Applies the mask spans; difference sums, so that many overlapping spans cost no more
+    /// than the frames they cover once.
+    fn mask(&mut self) -> Vec<Span> {
+        let clip = self.clip;
+        let frames = clip.length as usize;
+        if clip.masks.is_empty() {
+            return std::mem::take(&mut self.spans);
+        }
+        let mut all = vec![0_i32; frames + 1];
+        let mut some: Vec<i32> = Vec::new();
+        if clip.masks.iter().any(|m| m.joints.is_some()) {
+            some = vec![0; (frames + 1) * self.dim];
+        }
+        let index: std::collections::BTreeMap<&str, usize> =
+            clip.robot.joints.iter().enumerate().map(|(i, j)| (j.as_str(), i)).collect();
+        for mask in &clip.masks {
+            let ends = [(mask.from as usize, 1), (mask.to as usize, -1)];
+            for (at, step) in ends {
+                match &mask.joints {
+                    None => bump(&mut all, at, step),
+                    Some(joints) => {
+                        for j in joints.iter().filter_map(|j| index.get(j.as_str())) {
+                            bump(&mut some, at * self.dim + j, step);
+                        }
+                    }
+                }
+            }
+        }
+        let mut hidden = vec![false; frames];
+        let mut open = 0;
+        let mut each = vec![0_i32; self.dim];
+        for (t, row) in self.visible.chunks_exact_mut(self.dim).enumerate() {
+            open += all.get(t).copied().unwrap_or(0);
+            let steps = some.get(t * self.dim..).unwrap_or_default();
+            each.iter_mut().zip(steps).for_each(|(n, d)| *n += d);
+            for (v, n) in row.iter_mut().zip(&each) {
+                *v &= open == 0 && *n == 0;
+            }
+            if let Some(h) = hidden.get_mut(t) {
+                *h = open > 0;
+            }
+        }
+        let mut spans = Vec::new();
+        for span in std::mem::take(&mut self.spans) {
+            let mut from = span.from;
+            for t in span.from..span.to {
+                let is = |t: u32| hidden.get(t as usize).copied().unwrap_or(false);
+                if t + 1 == span.to || is(t) != is(t + 1) {
+                    let kind = if is(t) { SpanKind::Masked } else { span.kind };
+                    push_span(&mut spans, from, t + 1, kind);
+                    from = t + 1;
+                }
+            }
+        }
+        spans
+    }
+}
+
+fn bump(counts: &mut [i32], at: usize, step: i32) {
+    if let Some(n) = counts.get_mut(at) {
+        *n += step;
+    }
+}
+
+fn hermite(s: f64, a: f64, b: f64, da: f64, db: f64) -> f64 {
+    let (s2, s3) = (s * s, s * s * s);
+    a * (2.0 * s3 - 3.0 * s2 + 1.0)
+        + da * (s3 - 2.0 * s2 + s)
+        + b * (3.0 * s2 - 2.0 * s3)
+        + db * (s3 - s2)
+}
+
+/// The state before frame 0: `start`, else per joint its first key's value, else 0.
+pub fn start_row(clip: &Clip) -> Vec<f64> {
+    match &clip.start {
+        Some(Start::Q(q)) => q.clone(),
+        Some(Start::Pose(pose)) => {
+            let row = clip.poses.get(pose).cloned().unwrap_or_default();
+            row.into_iter().map(|v| v.unwrap_or(0.0)).collect()
+        }
+        None => {
+            let mut open = clip.dim();
+            let mut start: Row = vec![None; open];
+            for key in &clip.keys {
+                let Some(row) = clip.row(key) else { continue };
+                for (slot, v) in start.iter_mut().zip(row) {
+                    if slot.is_none() && v.is_some() {
+                        *slot = *v;
+                        open -= 1;
+                    }
+                }
+                if open == 0 {
+                    break;
+                }
+            }
+            start.into_iter().map(|v| v.unwrap_or(0.0)).collect()
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Key, Mask, RobotRef, Sight};
+    use super::*;
+
+    fn clip(length: u32) -> Clip {
+        let joints = vec!["a".to_owned(), "b".to_owned()];
+        Clip::new(RobotRef { id: "r".into(), joints, ..RobotRef::default() }, length)
+    }
+
+    fn column(c: &Command, j: usize) -> Vec<Option<f32>> {
+        (0..c.frames()).map(|t| c.sees(t, j).then(|| c.row(t)[j])).collect()
+    }
+
+    #[test]
+    fn fills_and_holds() {
+        let mut k = clip(12);
+        k.keys = vec![
+            Key::new(1, &[0.0, 1.0]).held(2).filled(Fill::Linear),
+            Key::new(6, &[4.0, 1.0]),
+            Key::new(8, &[5.0, 5.0]).filled(Fill::Hold),
+            Key::new(10, &[6.0, 6.0]),
+        ];
+        let c = compile(&k).unwrap();
+        let n = None;
+        let expect = [
+            n,
+            Some(0.),
+            Some(0.),
+            Some(1.),
+            Some(2.),
+            Some(3.),
+            Some(4.),
+            n,
+            Some(5.),
+            Some(5.),
+            Some(6.),
+            n,
+        ];
+        assert_eq!(column(&c, 0), expect);
+        assert_eq!(c.start(), [0.0, 1.0]);
+        assert_eq!(
+            (c.next_visible(7), c.prev_visible(7), c.next_visible(11)),
+            (Some(8), Some(6), None)
+        );
+        let tiles: Vec<_> = c.spans().iter().map(|s| (s.from, s.to, s.kind)).collect();
+        assert_eq!(
+            tiles[..3],
+            [(0, 1, SpanKind::Open), (1, 3, SpanKind::Key), (3, 6, SpanKind::Linear)]
+        );
+        assert_eq!(tiles.last(), Some(&(11, 12, SpanKind::Open)));
+        k.fill = Fill::Linear;
+        assert_eq!(column(&compile(&k).unwrap(), 0)[11], Some(6.0), "nothing to go to: hold");
+    }
+
+    #[test]
+    fn cubic_never_overshoots_and_rests_at_ends() {
+        let mut k = clip(61);
+        k.fill = Fill::Cubic;
+        let values = [0.0, 1.0, 1.2, -3.0, -3.0, 5.0];
+        k.keys = (0..).zip(values).map(|(i, v)| Key::new(i * 12, &[v, v])).collect();
+        let c = compile(&k).unwrap();
+        for (i, w) in values.windows(2).enumerate() {
+            let (lo, hi) = (w[0].min(w[1]) as f32, w[0].max(w[1]) as f32);
+            let mut last = w[0] as f32;
+            for t in i * 12..=(i + 1) * 12 {
+                let v = c.row(t as u32)[0];
+                assert!((lo - 1e-6..=hi + 1e-6).contains(&v), "{t}: {v} outside {lo}..{hi}");
+                assert!((v - last) * (w[1] - w[0]).signum() as f32 >= -1e-6, "not monotone at {t}");
+                last = v;
+            }
+        }
+        assert!((c.row(1)[0] - c.row(0)[0]).abs() < 0.03, "starts at rest");
+        let (before, after) = (c.row(12)[0] - c.row(11)[0], c.row(13)[0] - c.row(12)[0]);
+        assert!(before > 0.01 && after > 0.01 && before / after < 3.0, "smooth through a key");
+    }
+
+    #[test]
+    fn nulls_and_masks_hide_joints() {
+        let mut k = clip(10);
+        k.fill = Fill::Linear;
+        k.keys = vec![Key::new(0, &[0.0, 0.0]), Key::new(9, &[9.0, 9.0])];
+        k.keys.push(Key::with(4, super::super::Goal::Q(vec![Some(8.0), None])));
+        k.masks = vec![
+            Mask { from: 7, to: 9, joints: None },
+            Mask { from: 1, to: 3, joints: Some(vec!["a".into()]) },
+        ];
+        let c = compile(&k).unwrap();
+        assert_eq!(c.sight(1), Sight::Masked, "b is null at one end, a is masked");
+        assert_eq!(
+            (c.sight(0), c.sight(4), c.sight(8)),
+            (Sight::Full, Sight::Partial, Sight::Masked)
+        );
+        assert!(c.sees(3, 0) && !c.sees(3, 1) && !c.sees(2, 0));
+        assert_eq!(c.row(2), [0.0, 0.0], "masked values do not leak");
+        assert_eq!(c.start(), [0.0, 0.0]);
+    }
+
+    #[test]
+    fn blind_spans_follow_the_rule() {
+        let mut k = clip(200);
+        k.keys = vec![Key::new(10, &[0.0; 2]), Key::new(30, &[1.0; 2]), Key::new(51, &[2.1; 2])];
+        let c = compile(&k).unwrap();
+        let blind: Vec<_> = c.blind_spans().iter().map(|b| (b.from, b.to)).collect();
+        assert_eq!(blind, [(30, 31), (51, 180)], "distance 20 is fine, 21 is blind once");
+        for t in 0..200 {
+            let inside = blind.iter().any(|b| (b.0..b.1).contains(&t));
+            assert_eq!(c.virtual_key(t).is_some(), inside, "{t}");
+        }
+        let key = c.virtual_key(30).unwrap();
+        assert_eq!(key.frame, 50);
+        assert!((key.q[0] - (1.0 + 20.0 / 21.0 * 1.1)).abs() < 1e-6);
+        assert_eq!(c.virtual_key(100).unwrap().q, [2.1; 2], "a masked tail is held");
+        k.keys.clear();
+        let c = compile(&k).unwrap();
+        assert_eq!(c.blind_spans().len(), 1);
+        assert_eq!(c.virtual_key(0).unwrap().q, [0.0; 2]);
+    }
+
+    #[test]
+    fn changed_step_is_exact() {
+        // Brute force over what a window shows: values, masks, virtual keys, held end.
+        let window = |c: &Command, t: u32| {
+            let mut seen = Vec::new();
+            for f in t + 1..=t + 20 {
+                if f >= c.frames() {
+                    seen.extend(c.held_end().into_iter().map(Some));
+                } else {
+                    seen.extend((0..2).map(|j| c.sees(f, j).then(|| c.row(f)[j])));
+                }
+            }
+            (seen, c.virtual_key(t).map(|v| v.q))
+        };
+        let mut rng = crate::rng::Rng::new(4, crate::rng::Stream::Test, 1);
+        for round in 0..400 {
+            let mut k = clip(90);
+            let n = rng.below(6) as usize;
+            k.keys = rng
+                .subset(n, 90)
+                .into_iter()
+                .map(|f| Key::new(f as u32, &[rng.uniform(), rng.uniform()]))
+                .collect();
+            k.fill = Fill::ALL[rng.below(4) as usize];
+            let mut edited = k.clone();
+            let frame = rng.below(90) as u32;
+            edited.keys.retain(|key| key.frame != frame);
+            edited.keys.push(Key::new(frame, &[rng.uniform(), 0.5]));
+            k.start = Some(Start::Q(vec![0.0; 2]));
+            edited.start = k.start.clone();
+            let (old, new) = (compile(&k).unwrap(), compile(&edited).unwrap());
+            let first = (0..90).find(|&t| window(&old, t) != window(&new, t));
+            let said = new.first_changed_step(&old).unwrap();
+            assert!(first.is_none_or(|f| said <= f), "round {round}: {said} > {first:?}");
+            let f = new.first_changed_frame(&old).unwrap();
+            if f.checked_sub(1).and_then(|t| new.prev_visible(t)).is_some_and(|a| f - a <= 20) {
+                assert_eq!(said, f.saturating_sub(20), "no gap: exactly 20 before");
+            }
+        }
+    }
+}

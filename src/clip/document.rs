@@ -1,0 +1,320 @@
+//! The clip: what a person draws on the timeline.
+//!
+//! Plain data with public fields, so that a script can author one; [`Clip::validate`] says
+//! whether it holds together. Values live on a grid of 1e-6 (rad or m): what is in memory
+//! is what is in the file, hence a saved clip rolls out exactly as the one on screen.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
+
+use crate::units::{FPS, Unit};
+
+/// The format this program writes.
+pub const FORMAT: &str = "robert-clip/1";
+
+/// One value per joint, in the order of [`RobotRef::joints`]; `None` = no goal for it.
+pub type Row = Vec<Option<f64>>;
+
+/// What is commanded between two keys.
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, schemars::JsonSchema,
+)]
+#[serde(rename_all = "lowercase")]
+pub enum Fill {
+    /// Nothing: the policy finds the way. The paper's keyframe mode.
+    #[default]
+    Mask,
+    /// The straight line to the next key.
+    Linear,
+    /// Monotone cubic to the next key (no overshoot, zero slope at holds and ends).
+    Cubic,
+    /// This key's value until the next key.
+    Hold,
+}
+
+impl Fill {
+    /// All kinds, in the order the studio cycles through them.
+    pub const ALL: [Fill; 4] = [Fill::Mask, Fill::Linear, Fill::Cubic, Fill::Hold];
+
+    /// The word in the file.
+    pub fn word(self) -> &'static str {
+        match self {
+            Fill::Mask => "mask",
+            Fill::Linear => "linear",
+            Fill::Cubic => "cubic",
+            Fill::Hold => "hold",
+        }
+    }
+
+    /// The kind of this word.
+    pub fn from_word(word: &str) -> Option<Fill> {
+        Fill::ALL.into_iter().find(|f| f.word() == word)
+    }
+}
+
+/// The robot a clip was made for, and its joint order.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct RobotRef {
+    /// Robot id, such as `ur5e`.
+    pub id: String,
+    /// Where its model was, for people.
+    pub model: Option<String>,
+    /// Sha-256 of that model, 64 lower-case hex digits.
+    pub model_sha256: Option<String>,
+    /// Joint names; every row of the clip follows this order.
+    pub joints: Vec<String>,
+    /// Units of the joints; empty when the file does not say.
+    pub units: Vec<Unit>,
+}
+
+/// Where a key gets its values from.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Goal {
+    /// A named pose of this clip.
+    Pose(String),
+    /// Values of its own.
+    Q(Row),
+}
+
+/// A keyframe: an unmasked command frame.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "KeyFields", into = "KeyFields")]
+pub struct Key {
+    /// When, in frames of 1/20 s.
+    pub frame: u32,
+    /// What.
+    pub goal: Goal,
+    /// For how many frames (at least 1). Ends early where the next key or the clip ends it.
+    pub hold: u32,
+    /// What comes after it, when it differs from [`Clip::fill`].
+    pub fill: Option<Fill>,
+    /// A remark.
+    pub note: String,
+}
+
+impl Key {
+    /// A key with values of its own.
+    pub fn new(frame: u32, q: &[f64]) -> Key {
+        Key::with(frame, Goal::Q(q.iter().copied().map(Some).collect()))
+    }
+
+    /// A key that takes a named pose.
+    pub fn posed(frame: u32, pose: &str) -> Key {
+        Key::with(frame, Goal::Pose(pose.to_owned()))
+    }
+
+    /// A key of this goal.
+    pub fn with(frame: u32, goal: Goal) -> Key {
+        Key { frame, goal, hold: 1, fill: None, note: String::new() }
+    }
+
+    /// The same, commanded for this many frames.
+    #[must_use]
+    pub fn held(self, hold_frames: u32) -> Key {
+        Key { hold: hold_frames, ..self }
+    }
+
+    /// The same, with this fill after it.
+    #[must_use]
+    pub fn filled(self, fill: Fill) -> Key {
+        Key { fill: Some(fill), ..self }
+    }
+}
+
+/// A key as it stands in JSON.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct KeyFields {
+    frame: u32,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pose: Option<String>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    q: Option<Row>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    hold: Option<u32>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    fill: Option<Fill>,
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    note: String,
+}
+
+impl TryFrom<KeyFields> for Key {
+    type Error = &'static str;
+
+    fn try_from(k: KeyFields) -> Result<Key, Self::Error> {
+        let goal = match (k.pose, k.q) {
+            (Some(pose), None) => Goal::Pose(pose),
+            (None, Some(q)) => Goal::Q(q),
+            _ => return Err("a key has exactly one of `pose` and `q`"),
+        };
+        Ok(Key { frame: k.frame, goal, hold: k.hold.unwrap_or(1), fill: k.fill, note: k.note })
+    }
+}
+
+impl From<Key> for KeyFields {
+    fn from(k: Key) -> KeyFields {
+        let (pose, q) = match k.goal {
+            Goal::Pose(pose) => (Some(pose), None),
+            Goal::Q(q) => (None, Some(q)),
+        };
+        let hold = (k.hold != 1).then_some(k.hold);
+        KeyFields { frame: k.frame, pose, q, hold, fill: k.fill, note: k.note }
+    }
+}
+
+/// The state before frame 0: held for the whole pre-roll.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Start {
+    /// A named pose of this clip (a complete one).
+    Pose(String),
+    /// One value per joint.
+    Q(Vec<f64>),
+}
+
+/// Frames without a goal, whatever keys and fills say: `[from, to)`.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Mask {
+    /// First masked frame.
+    pub from: u32,
+    /// First frame after it.
+    pub to: u32,
+    /// The joints concerned, in the clip's order; `None` = all.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub joints: Option<Vec<String>>,
+}
+
+/// A named moment.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Marker {
+    /// When.
+    pub frame: u32,
+    /// Its name.
+    pub name: String,
+}
+
+/// An animation document, `robert-clip/1`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Clip {
+    /// A title.
+    pub name: String,
+    /// Remarks.
+    pub notes: String,
+    /// The robot it is for.
+    pub robot: RobotRef,
+    /// Frames in the clip: 0..length.
+    pub length: u32,
+    /// What stands between keys that say nothing else.
+    pub fill: Fill,
+    /// The state before frame 0; `None` = the first key's.
+    pub start: Option<Start>,
+    /// Named poses.
+    pub poses: BTreeMap<String, Row>,
+    /// Keyframes, by frame, at most one a frame.
+    pub keys: Vec<Key>,
+    /// Mask spans.
+    pub masks: Vec<Mask>,
+    /// Markers, by frame, at most one a frame.
+    pub markers: Vec<Marker>,
+    /// Extensions of others; kept, never read.
+    pub x: Map<String, Value>,
+}
+
+impl Clip {
+    /// An empty clip of `length` frames.
+    pub fn new(robot: RobotRef, length: u32) -> Clip {
+        Clip {
+            name: String::new(),
+            notes: String::new(),
+            robot,
+            length,
+            fill: Fill::Mask,
+            start: None,
+            poses: BTreeMap::new(),
+            keys: Vec::new(),
+            masks: Vec::new(),
+            markers: Vec::new(),
+            x: Map::new(),
+        }
+    }
+
+    /// Joints of a row.
+    pub fn dim(&self) -> usize {
+        self.robot.joints.len()
+    }
+
+    /// Length in seconds.
+    pub fn secs(&self) -> f64 {
+        f64::from(self.length) / f64::from(FPS)
+    }
+
+    /// Position of a joint in the rows.
+    pub fn joint(&self, name: &str) -> Option<usize> {
+        self.robot.joints.iter().position(|j| j == name)
+    }
+
+    /// Where in [`Clip::keys`] the key at this frame stands.
+    pub fn key_index(&self, frame: u32) -> Option<usize> {
+        self.keys.binary_search_by_key(&frame, |k| k.frame).ok()
+    }
+
+    /// The key at this frame.
+    pub fn key(&self, frame: u32) -> Option<&Key> {
+        self.key_index(frame).and_then(|i| self.keys.get(i))
+    }
+
+    /// The values of a key: its own, or those of its pose.
+    pub fn row<'a>(&'a self, key: &'a Key) -> Option<&'a Row> {
+        match &key.goal {
+            Goal::Q(q) => Some(q),
+            Goal::Pose(name) => self.poses.get(name),
+        }
+    }
+
+    /// What follows this key.
+    pub fn fill_after(&self, key: &Key) -> Fill {
+        key.fill.unwrap_or(self.fill)
+    }
+
+    /// First frame no longer commanded by the hold of key `index`.
+    pub fn hold_end(&self, index: usize) -> u32 {
+        let Some(key) = self.keys.get(index) else { return 0 };
+        let next = self.keys.get(index + 1).map_or(self.length, |n| n.frame);
+        key.frame.saturating_add(key.hold.max(1)).min(next).min(self.length)
+    }
+
+    /// Sorts, and rounds every value to the grid.
+    pub(crate) fn normalize(&mut self) {
+        let grid = |row: &mut Row| {
+            row.iter_mut().flatten().for_each(|v| *v = round(*v));
+        };
+        self.keys.sort_by_key(|k| k.frame);
+        self.masks.sort();
+        self.masks.dedup();
+        self.markers.sort();
+        for key in &mut self.keys {
+            if let Goal::Q(row) = &mut key.goal {
+                grid(row);
+            }
+        }
+        self.poses.values_mut().for_each(grid);
+        if let Some(Start::Q(q)) = &mut self.start {
+            for v in q {
+                *v = round(*v);
+            }
+        }
+        if let Some(sha) = &mut self.robot.model_sha256 {
+            sha.make_ascii_lowercase();
+        }
+    }
+}
+
+/// The nearest point of the 1e-6 grid; never -0.
+pub fn round(value: f64) -> f64 {
+    let on_grid = (value * 1e6).round() / 1e6;
+    if on_grid == 0.0 { 0.0 } else { on_grid }
+}

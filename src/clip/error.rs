@@ -1,0 +1,84 @@
+//! What can go wrong with a clip file.
+
+use std::path::{Path, PathBuf};
+
+use super::validate::Flaw;
+use crate::exit::{Exit, HasExit};
+use crate::fsio;
+
+/// A clip, or another file that becomes one, that cannot be used.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ClipError {
+    /// The file cannot be read or written.
+    #[error(transparent)]
+    File(#[from] fsio::Error),
+    /// The text is not a `robert-clip/1` document.
+    #[error("{}{line}:{col}: {message}", prefix(.path.as_deref()))]
+    Syntax {
+        /// What is wrong and how to mend it.
+        message: String,
+        /// Line, from 1.
+        line: usize,
+        /// Column in characters, from 1.
+        col: usize,
+        /// The file, where there is one.
+        path: Option<PathBuf>,
+    },
+    /// The document is well formed but breaks a rule.
+    #[error("{}{line}:{col}: {flaw}", prefix(.path.as_deref()))]
+    Invalid {
+        /// The rule.
+        flaw: Flaw,
+        /// JSON pointer of the value.
+        pointer: String,
+        /// Line, from 1.
+        line: usize,
+        /// Column in characters, from 1.
+        col: usize,
+        /// The file, where there is one.
+        path: Option<PathBuf>,
+    },
+}
+
+impl ClipError {
+    /// A fault at a place of a text.
+    pub(crate) fn at(message: impl Into<String>, line: usize, col: usize) -> Self {
+        ClipError::Syntax { message: message.into(), line, col, path: None }
+    }
+
+    /// The same error, said of this file.
+    #[must_use]
+    pub fn in_file(mut self, file: &Path) -> Self {
+        match &mut self {
+            ClipError::Syntax { path, .. } | ClipError::Invalid { path, .. } => {
+                *path = Some(file.to_owned());
+            }
+            ClipError::File(_) => {}
+        }
+        self
+    }
+
+    /// Line and column, from 1.
+    pub fn line_col(&self) -> Option<(usize, usize)> {
+        match self {
+            ClipError::Syntax { line, col, .. } | ClipError::Invalid { line, col, .. } => {
+                Some((*line, *col))
+            }
+            ClipError::File(_) => None,
+        }
+    }
+}
+
+impl HasExit for ClipError {
+    fn exit(&self) -> Exit {
+        match self {
+            ClipError::File(e) => e.exit(),
+            ClipError::Syntax { .. } | ClipError::Invalid { .. } => Exit::Invalid,
+        }
+    }
+}
+
+fn prefix(path: Option<&Path>) -> String {
+    path.map(|p| format!("{}:", p.display())).unwrap_or_default()
+}

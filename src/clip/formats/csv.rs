@@ -1,0 +1,286 @@
+//! CSV: `frame,time,mask,<joint>...`, one row per frame, empty cell = masked.
+//!
+//! Reading is wider: any of the three leading columns may be missing. Without `frame`, time
+//! counts from the first row; rows off the 20 Hz grid are brought onto it by straight lines
+//! (a log at 100 Hz comes in as it moved, not thinned to the nearest row).
+
+use std::fmt::Write as _;
+
+use super::super::command::{Command, Sight};
+use super::super::document::{Clip, Fill, RobotRef, Row};
+use super::super::error::ClipError;
+use super::super::json::show;
+use super::super::parse::utf8;
+use super::{Track, frame_of, places, start_differs};
+use crate::limits;
+use crate::units::FPS;
+
+/// A command as CSV. A row with frame -1 holds the start where it is not the first goal.
+pub fn to_csv(command: &Command) -> String {
+    let mut out = String::from("frame,time,mask");
+    for joint in command.joints() {
+        write!(out, ",{}", quoted(joint)).ok();
+    }
+    out.push('\n');
+    if start_differs(command) {
+        let cells: Vec<String> = command.start().iter().map(f32::to_string).collect();
+        writeln!(out, "-1,-0.05,1,{}", cells.join(",")).ok();
+    }
+    for t in 0..command.frames() {
+        let masked = u8::from(command.sight(t) == Sight::Masked);
+        write!(out, "{t},{},{masked}", f64::from(t) / f64::from(FPS)).ok();
+        for (j, v) in command.row(t).iter().enumerate() {
+            out.push(',');
+            if command.sees(t, j) {
+                write!(out, "{v}").ok();
+            }
+        }
+        out.push('\n');
+    }
+    out
+}
+
+/// A cell that cannot be taken for two, nor for a formula by a spreadsheet that opens it.
+fn quoted(text: &str) -> String {
+    if text.contains([',', '"', '\n', '\r']) {
+        format!("\"{}\"", text.replace('"', "\"\""))
+    } else {
+        text.to_owned()
+    }
+}
+
+struct Head {
+    frame: Option<usize>,
+    time: Option<usize>,
+    mask: Option<usize>,
+    /// Column and joint.
+    joints: Vec<(usize, usize)>,
+}
+
+/// Reads a CSV. Without a robot the columns are its joints.
+///
+/// # Errors
+/// [`ClipError::Syntax`] with line and column (counted in cells).
+pub fn from_csv(bytes: &[u8], robot: Option<&RobotRef>, fill: Fill) -> Result<Clip, ClipError> {
+    let text = utf8(bytes.to_vec())?;
+    let text = text.strip_prefix('\u{feff}').unwrap_or(&text);
+    let mut reader = ::csv::ReaderBuilder::new()
+        .trim(::csv::Trim::All)
+        .comment(Some(b'#'))
+        .from_reader(text.as_bytes());
+    let names = reader.headers().map_err(|e| broken(&e))?.clone();
+    let (head, robot) = head(&names, robot)?;
+    let dim = robot.joints.len();
+    let mut samples: Vec<(f64, Row)> = Vec::new();
+    let mut track = Track::default();
+    let mut values = 0;
+    for record in reader.records() {
+        let record = record.map_err(|e| broken(&e))?;
+        let line = record.position().map_or(1, |p| p.line() as usize);
+        values += dim;
+        if values > limits::CLIP_VALUES {
+            let cap = limits::CLIP_VALUES;
+            return Err(ClipError::at(format!("more than {cap} values"), line, 1));
+        }
+        let number = |column: usize| number(&record, line, column);
+        let mut row: Row = vec![None; dim];
+        let hidden = match head.mask {
+            Some(column) => flag(&record, line, column)?,
+            None => false,
+        };
+        for &(column, joint) in &head.joints {
+            if let Some(slot) = row.get_mut(joint) {
+                *slot = number(column)?;
+            }
+        }
+        if let Some(column) = head.frame {
+            let at = number(column)?;
+            if at == Some(-1.0) {
+                track.start = Some(row);
+                continue;
+            }
+            let frame = at.filter(|f| f.fract() == 0.0).and_then(|f| frame_of(f / f64::from(FPS)));
+            let Some(frame) = frame else {
+                return Err(ClipError::at("a frame is a whole number from 0", line, column + 1));
+            };
+            if hidden {
+                row.fill(None);
+            }
+            track.length = track.length.max(frame + 1);
+            if track.rows.insert(frame, row).is_some() {
+                let message = format!("a second row for frame {frame}");
+                return Err(ClipError::at(message, line, column + 1));
+            }
+            continue;
+        }
+        let secs = match head.time {
+            None => samples.len() as f64 / f64::from(FPS),
+            Some(column) => match number(column)? {
+                Some(t) => t,
+                None => return Err(ClipError::at("a row without a time", line, column + 1)),
+            },
+        };
+        if samples.last().is_some_and(|s| s.0 >= secs) {
+            let column = head.time.unwrap_or(0) + 1;
+            return Err(ClipError::at("times must rise from row to row", line, column));
+        }
+        if hidden {
+            row.fill(None);
+        }
+        samples.push((secs, row));
+    }
+    if head.frame.is_none() {
+        resample(&samples, &mut track)?;
+    }
+    if track.length == 0 {
+        return Err(ClipError::at("no rows below the header", 1, 1));
+    }
+    track.clip(robot, fill)
+}
+
+fn head(
+    names: &::csv::StringRecord,
+    robot: Option<&RobotRef>,
+) -> Result<(Head, RobotRef), ClipError> {
+    let mut head = Head { frame: None, time: None, mask: None, joints: Vec::new() };
+    let mut joints = Vec::new();
+    let mut columns = Vec::new();
+    for (i, name) in names.iter().enumerate() {
+        let slot = match name {
+            "frame" => &mut head.frame,
+            "time" | "time_s" | "t" => &mut head.time,
+            "mask" => &mut head.mask,
+            _ => {
+                if joints.len() >= limits::JOINTS {
+                    let message = format!("more than {} joint columns", limits::JOINTS);
+                    return Err(ClipError::at(message, 1, i + 1));
+                }
+                joints.push(name.to_owned());
+                columns.push(i);
+                continue;
+            }
+        };
+        if slot.replace(i).is_some() {
+            return Err(ClipError::at(format!("column \"{name}\" comes twice"), 1, i + 1));
+        }
+    }
+    if joints.is_empty() {
+        return Err(ClipError::at("the header names no joint", 1, 1));
+    }
+    let robot = robot.cloned().unwrap_or_else(|| RobotRef {
+        id: "unknown".to_owned(),
+        joints: joints.clone(),
+        ..RobotRef::default()
+    });
+    let order = places(&joints, &robot, |i| (1, columns.get(i).map_or(1, |c| c + 1)))?;
+    head.joints = columns.into_iter().zip(order).collect();
+    Ok((head, robot))
+}
+
+fn number(
+    record: &::csv::StringRecord,
+    line: usize,
+    column: usize,
+) -> Result<Option<f64>, ClipError> {
+    let cell = record.get(column).unwrap_or_default();
+    if cell.is_empty() {
+        return Ok(None);
+    }
+    match cell.parse::<f64>() {
+        Ok(v) if v.abs() <= limits::CLIP_VALUE_MAX.max(1e12) => Ok(Some(v)),
+        _ => Err(ClipError::at(format!("\"{}\" is no number", show(cell)), line, column + 1)),
+    }
+}
+
+fn flag(record: &::csv::StringRecord, line: usize, column: usize) -> Result<bool, ClipError> {
+    match record.get(column).unwrap_or_default() {
+        "" | "0" | "false" => Ok(false),
+        "1" | "true" => Ok(true),
+        other => {
+            let message = format!("a mask is 0 or 1, found \"{}\"", show(other));
+            Err(ClipError::at(message, line, column + 1))
+        }
+    }
+}
+
+/// Rows at the frames of the clip, on straight lines between the samples around them.
+fn resample(samples: &[(f64, Row)], track: &mut Track) -> Result<(), ClipError> {
+    let (Some(first), Some(last)) = (samples.first(), samples.last()) else { return Ok(()) };
+    // A log rarely ends on a frame: the last sample within half a frame still counts.
+    let Some(end) = frame_of(last.0 - first.0) else {
+        let message = format!("more than {} frames", limits::CLIP_FRAMES);
+        return Err(ClipError::at(message, 1, 1));
+    };
+    let mut after = 0;
+    for frame in 0..=end {
+        let secs = first.0 + f64::from(frame) / f64::from(FPS);
+        while samples.get(after).is_some_and(|s| s.0 < secs - 1e-9) {
+            after += 1;
+        }
+        let right = samples.get(after).unwrap_or(last);
+        let left = after.checked_sub(1).and_then(|i| samples.get(i)).unwrap_or(right);
+        // Within 1 ms a sample is the frame's own: times in files are rounded.
+        let near = [right, left].into_iter().find(|s| (s.0 - secs).abs() <= 1e-3);
+        let row = match near {
+            Some(sample) => sample.1.clone(),
+            // Past the last sample: stay there.
+            None if after >= samples.len() => last.1.clone(),
+            // A hole of more than a frame is not data: leave the frame open.
+            None if right.0 - left.0 > 1.5 / f64::from(FPS) => continue,
+            None => {
+                let s = (secs - left.0) / (right.0 - left.0);
+                let mix = |(a, b): (&Option<f64>, &Option<f64>)| Some((*a)? + s * ((*b)? - (*a)?));
+                left.1.iter().zip(&right.1).map(mix).collect()
+            }
+        };
+        track.rows.insert(frame, row);
+    }
+    track.length = end + 1;
+    Ok(())
+}
+
+fn broken(e: &::csv::Error) -> ClipError {
+    let line = e.position().map_or(1, |p| p.line() as usize);
+    let message = match e.kind() {
+        ::csv::ErrorKind::UnequalLengths { expected_len, len, .. } => {
+            format!("{len} cells, but the header has {expected_len}")
+        }
+        _ => "this is not CSV".to_owned(),
+    };
+    ClipError::at(message, line, 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::super::compile;
+    use super::*;
+
+    #[test]
+    fn plain_logs_are_resampled() {
+        let mut text = String::from("time,a,b\n");
+        for i in 0..=200 {
+            let t = f64::from(i) * 0.01;
+            writeln!(text, "{},{},{}", 1_700_000_000.0 + t, t * 2.0, -t).unwrap();
+        }
+        let clip = from_csv(text.as_bytes(), None, Fill::Mask).unwrap();
+        assert_eq!(clip.length, 41);
+        let c = compile(&clip).unwrap();
+        for t in 0..41 {
+            assert!((f64::from(c.row(t)[0]) - f64::from(t) * 0.1).abs() < 1e-5);
+        }
+    }
+
+    #[test]
+    fn places_of_faults() {
+        let at = |text: &str| from_csv(text.as_bytes(), None, Fill::Mask).unwrap_err().to_string();
+        assert!(at("frame,a\n0,1\n1,x\n").starts_with("3:2: "), "{}", at("frame,a\n0,1\n1,x\n"));
+        assert!(at("frame,a\n0,1\n0,1\n").starts_with("3:1: "));
+        assert!(at("frame,a\n0,1,2\n").starts_with("2:1: "));
+        assert!(at("frame,a\n0.5,1\n").starts_with("2:1: "));
+        assert!(at("frame,frame,a\n").starts_with("1:2: "));
+        assert!(at("time,a\n0,1\n0,2\n").starts_with("3:1: "));
+        assert!(at("frame,a,mask\n0,1,2\n").starts_with("2:3: "));
+        assert!(at("frame,a\n0,inf\n").starts_with("2:2: "));
+        assert!(at("frame,a\n").starts_with("1:1: "));
+    }
+}

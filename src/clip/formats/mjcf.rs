@@ -1,0 +1,192 @@
+//! MJCF `<key>`: a snapshot of qpos without joint names.
+//!
+//! The order is the model's; it is written as a comment and checked by length on the way
+//! in. `MuJoCo` allows many keys at one time (the default is 0): those are spread out.
+
+use std::fmt::Write as _;
+
+use super::super::command::{Command, Sight};
+use super::super::document::{Clip, Fill, RobotRef, Row};
+use super::super::error::ClipError;
+use super::super::json::{line_col, show};
+use super::{ExportError, Track, frame_of, start_differs};
+use crate::limits;
+use crate::units::FPS;
+
+/// Distance of keys whose file says nothing about time.
+const SPREAD_FRAMES: u32 = 20;
+
+/// A command as a `<keyframe>` block: one key per frame that has a goal. A key with time
+/// -0.05 holds the start where it is not the first goal.
+///
+/// # Errors
+/// [`ExportError::Partial`]: qpos has no way to leave a joint open.
+pub fn to_mjcf(command: &Command) -> Result<String, ExportError> {
+    let mut out = String::from("<mujoco>\n  <!-- qpos: ");
+    // A comment may not hold two dashes.
+    let names: Vec<String> = command.joints().iter().map(|j| j.replace("--", "- -")).collect();
+    writeln!(out, "{} -->\n  <keyframe>", names.join(" ")).ok();
+    let mut key = |name: &str, frame: i64, row: &[f32]| {
+        let time = frame as f64 / f64::from(FPS);
+        let q: Vec<String> = row.iter().map(f32::to_string).collect();
+        writeln!(out, "    <key name=\"{name}\" time=\"{time}\" qpos=\"{}\"/>", q.join(" ")).ok();
+    };
+    if start_differs(command) {
+        key("start", -1, command.start());
+    }
+    for frame in 0..command.frames() {
+        match command.sight(frame) {
+            Sight::Masked => {}
+            Sight::Partial => return Err(ExportError::Partial { frame, format: "mjcf" }),
+            Sight::Full => key(&format!("frame{frame}"), i64::from(frame), command.row(frame)),
+        }
+    }
+    out.push_str("  </keyframe>\n</mujoco>\n");
+    Ok(out)
+}
+
+/// Reads the keys of an MJCF file; `robot.joints` is the model's qpos order. Names become
+/// poses, unless they are those of an export.
+///
+/// # Errors
+/// [`ClipError::Syntax`] with line and column.
+pub fn from_mjcf(text: &str, robot: &RobotRef, fill: Fill) -> Result<Clip, ClipError> {
+    let options = roxmltree::ParsingOptions {
+        nodes_limit: limits::XML_ELEMENTS as u32,
+        ..roxmltree::ParsingOptions::default()
+    };
+    // roxmltree walks elements on the stack of the thread: refuse depth before it does.
+    deep(text)?;
+    let tree = roxmltree::Document::parse_with_options(text, options).map_err(|e| {
+        let pos = e.pos();
+        ClipError::at(e.to_string(), pos.row as usize, pos.col as usize)
+    })?;
+    let nq = robot.joints.len();
+    let mut found = Vec::new();
+    for node in tree.descendants().filter(|n| n.has_tag_name("key")) {
+        let place = |attribute: &str| {
+            let at = node.attribute_node(attribute).map_or(node.range(), |a| a.range());
+            line_col(text, at.start)
+        };
+        let Some(qpos) = node.attribute("qpos") else { continue };
+        let (line, col) = place("qpos");
+        let mut row: Row = Vec::new();
+        for word in qpos.split_ascii_whitespace() {
+            match word.parse::<f64>() {
+                Ok(v) if v.abs() <= limits::CLIP_VALUE_MAX && row.len() < limits::MODEL_NQ => {
+                    row.push(Some(v));
+                }
+                _ => {
+                    let message = format!("\"{}\" is no joint value", show(word));
+                    return Err(ClipError::at(message, line, col));
+                }
+            }
+        }
+        if row.len() != nq {
+            let message = format!(
+                "qpos has {} numbers, {} has {nq} joints: another model?",
+                row.len(),
+                show(&robot.id)
+            );
+            return Err(ClipError::at(message, line, col));
+        }
+        let (line, col) = place("time");
+        let secs = match node.attribute("time").map(|t| t.trim().parse::<f64>()) {
+            None => 0.0,
+            Some(Ok(t)) if t.is_finite() => t,
+            Some(_) => return Err(ClipError::at("this time is no number", line, col)),
+        };
+        found.push((secs, node.attribute("name").unwrap_or_default().to_owned(), row, line, col));
+    }
+    if found.is_empty() {
+        return Err(ClipError::at("there is no <key> with a qpos", 1, 1));
+    }
+    let mut track = Track::default();
+    let timed = found.len() == 1 || found.iter().any(|k| k.0 != 0.0);
+    for (i, (secs, name, row, line, col)) in found.into_iter().enumerate() {
+        if timed && secs < 0.0 {
+            track.start = Some(row);
+            continue;
+        }
+        let frame =
+            if timed { frame_of(secs) } else { u32::try_from(i).ok().map(|i| i * SPREAD_FRAMES) };
+        let Some(frame) = frame.filter(|f| *f < limits::CLIP_FRAMES) else {
+            return Err(ClipError::at("this time lies outside of what a clip holds", line, col));
+        };
+        if track.rows.insert(frame, row).is_some() {
+            let message = format!("a second key at {secs} s (frame {frame})");
+            return Err(ClipError::at(message, line, col));
+        }
+        track.length = track.length.max(frame + 1);
+        let taken = track.names.values().any(|n| *n == name);
+        if !name.is_empty() && name != format!("frame{frame}") && !taken {
+            track.names.insert(frame, name);
+        }
+    }
+    track.clip(robot.clone(), fill)
+}
+
+/// Refuses nesting beyond [`limits::XML_DEPTH`]. A count of tags is enough: a wrong guess
+/// inside comments only refuses files that look nested anyway.
+fn deep(text: &str) -> Result<(), ClipError> {
+    let mut depth = 0_usize;
+    for (at, _) in text.match_indices('<') {
+        let rest = text.get(at + 1..).unwrap_or_default();
+        match rest.as_bytes().first() {
+            Some(b'/') => depth = depth.saturating_sub(1),
+            Some(b'!' | b'?') => {}
+            _ => {
+                let tag = rest.split('>').next().unwrap_or_default();
+                depth += usize::from(!tag.ends_with('/'));
+            }
+        }
+        if depth > limits::XML_DEPTH {
+            let (line, col) = line_col(text, at);
+            let message = format!("nested more than {} levels deep", limits::XML_DEPTH);
+            return Err(ClipError::at(message, line, col));
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::super::Goal;
+    use super::*;
+
+    fn robot() -> RobotRef {
+        let joints = vec!["a".to_owned(), "b".to_owned()];
+        RobotRef { id: "r".into(), joints, ..RobotRef::default() }
+    }
+
+    #[test]
+    fn named_keys_without_time_become_poses_a_second_apart() {
+        let text = "<mujoco><keyframe><key name='rest' qpos='0 0'/><key name='up' qpos='1 .5'/>\
+                    <key qpos='2 2'/></keyframe></mujoco>";
+        let clip = from_mjcf(text, &robot(), Fill::Linear).unwrap();
+        assert_eq!(clip.keys.iter().map(|k| k.frame).collect::<Vec<_>>(), [0, 20, 40]);
+        assert_eq!(clip.keys[1].goal, Goal::Pose("up".into()));
+        assert_eq!((clip.length, clip.fill), (41, Fill::Linear));
+    }
+
+    #[test]
+    fn wrong_size_names_both_numbers() {
+        let text = "<mujoco>\n <keyframe>\n  <key qpos='1 2 3'/>\n</keyframe></mujoco>";
+        let e = from_mjcf(text, &robot(), Fill::Mask).unwrap_err().to_string();
+        assert!(e.starts_with("3:8: qpos has 3 numbers, r has 2 joints"), "{e}");
+    }
+
+    #[test]
+    fn hostile_xml_is_refused() {
+        for text in [
+            "<a>".repeat(1_000_000),
+            "<mujoco><keyframe><key qpos='nan 1'/></keyframe></mujoco>".to_owned(),
+            "<mujoco><keyframe><key qpos='1 1' time='1e9'/></keyframe></mujoco>".to_owned(),
+            "<!DOCTYPE a [<!ENTITY b 'c'>]><a>&b;</a>".to_owned(),
+            "<mujoco/>".to_owned(),
+            String::new(),
+        ] {
+            assert!(from_mjcf(&text, &robot(), Fill::Mask).is_err());
+        }
+    }
+}

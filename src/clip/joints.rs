@@ -1,0 +1,252 @@
+//! The facts about a robot that clips need, and nothing of its simulator.
+//!
+//! A floor-0 struct instead of a trait over the robot profile: lints, mirroring and the
+//! studio want plain data that can be sent as JSON; whoever knows the robot fills it.
+
+use serde::{Deserialize, Serialize};
+
+use super::document::{Clip, Row, round};
+use crate::units::Unit;
+
+/// What a policy can leave open.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Granularity {
+    /// Whole frames only, as in the paper.
+    #[default]
+    State,
+    /// Single joints of a frame.
+    Joint,
+}
+
+/// One joint coordinate.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct JointFacts {
+    /// Its name.
+    pub name: String,
+    /// Its unit.
+    pub unit: Unit,
+    /// Lowest and highest position, rad or m; `None` = unbounded.
+    pub range: Option<[f64; 2]>,
+    /// Highest speed that the plant can hold, rad/s or m/s, where known.
+    pub speed_max: Option<f64>,
+}
+
+/// One row of a mirror table: `mirrored[target] = sign * q[source] + offset`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct MirrorRow {
+    /// The joint that is set.
+    pub target: String,
+    /// The joint whose value it takes.
+    pub source: String,
+    /// 1 or -1.
+    pub sign: f64,
+    /// Added afterwards, rad or m.
+    pub offset: f64,
+}
+
+/// How a pose is mirrored, or why it cannot be.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Mirror {
+    /// Row by row; joints without a row keep their value.
+    Table(Vec<MirrorRow>),
+    /// The reason, for a greyed-out button.
+    None(String),
+}
+
+/// One member of a coupling: `q = coef * shared + offset`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CouplingMember {
+    /// The joint.
+    pub joint: String,
+    /// Its share.
+    pub coef: f64,
+    /// Added to it, rad or m.
+    pub offset: f64,
+}
+
+/// Joints that one actuator moves together: a tendon, or a mimic joint and its leader.
+/// They agree when (q - offset) / coef is the same for all.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Coupling {
+    /// Tendon or leader name.
+    pub name: String,
+    /// The joints.
+    pub members: Vec<CouplingMember>,
+    /// How far members may disagree, rad or m: contact and limits part them a little.
+    pub tolerance: f64,
+}
+
+/// A robot as clips see it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct JointTable {
+    /// Robot id.
+    pub robot: String,
+    /// Sha-256 of its model, 64 hex digits, where known.
+    pub model_sha256: Option<String>,
+    /// Joints in state order.
+    pub joints: Vec<JointFacts>,
+    /// The rest pose, in state order.
+    pub rest: Vec<f64>,
+    /// Mirror table or reason.
+    pub mirror: Mirror,
+    /// Couplings.
+    pub couplings: Vec<Coupling>,
+    /// What the policy in use can leave open.
+    pub granularity: Granularity,
+}
+
+impl JointTable {
+    /// What a clip says about its own robot: names and units, no limits.
+    pub fn from_clip(clip: &Clip) -> JointTable {
+        let unit = |i: usize| clip.robot.units.get(i).copied().unwrap_or(Unit::Rad);
+        let fact = |(i, name): (usize, &String)| JointFacts {
+            name: name.clone(),
+            unit: unit(i),
+            range: None,
+            speed_max: None,
+        };
+        JointTable {
+            robot: clip.robot.id.clone(),
+            model_sha256: clip.robot.model_sha256.clone(),
+            joints: clip.robot.joints.iter().enumerate().map(fact).collect(),
+            rest: vec![0.0; clip.dim()],
+            mirror: Mirror::None("nothing is known about this robot".into()),
+            couplings: Vec::new(),
+            granularity: Granularity::Joint,
+        }
+    }
+
+    /// The joint of this name.
+    pub fn joint(&self, name: &str) -> Option<&JointFacts> {
+        self.joints.iter().find(|j| j.name == name)
+    }
+
+    /// Joint names in state order.
+    pub fn names(&self) -> Vec<String> {
+        self.joints.iter().map(|j| j.name.clone()).collect()
+    }
+
+    /// The mirror image of a row whose joints are `names`.
+    ///
+    /// An angle that leaves its range is brought back by whole turns where that helps.
+    ///
+    /// # Errors
+    /// The reason why this robot has no mirror image.
+    pub fn mirrored(&self, names: &[String], row: &Row) -> Result<Row, String> {
+        let rows = match &self.mirror {
+            Mirror::Table(rows) => rows,
+            Mirror::None(reason) => return Err(reason.clone()),
+        };
+        let value = |name: &str| {
+            names.iter().position(|n| n == name).and_then(|i| row.get(i).copied()).flatten()
+        };
+        let image = names.iter().zip(row).map(|(name, own)| {
+            let Some(rule) = rows.iter().find(|r| &r.target == name) else { return *own };
+            let q = rule.sign * value(&rule.source)? + rule.offset;
+            Some(round(self.joint(name).map_or(q, |j| j.turned_into_range(q))))
+        });
+        Ok(image.collect())
+    }
+}
+
+impl JointFacts {
+    /// The value moved by whole turns into the range, if it is an angle and one fits.
+    fn turned_into_range(&self, q: f64) -> f64 {
+        const TURN: f64 = std::f64::consts::TAU;
+        match self.range {
+            Some([lo, hi]) if self.unit == Unit::Rad && !(lo..=hi).contains(&q) => {
+                let moved = if q < lo {
+                    q + ((lo - q) / TURN).ceil() * TURN
+                } else {
+                    q - ((q - hi) / TURN).ceil() * TURN
+                };
+                if (lo..=hi).contains(&moved) { moved } else { q }
+            }
+            _ => q,
+        }
+    }
+
+    /// The nearest value inside the range, on the document's grid.
+    pub fn clamp(&self, q: f64) -> f64 {
+        match self.range {
+            Some([lo, _]) if q < lo => inward(lo, 1e-6),
+            Some([_, hi]) if q > hi => inward(hi, -1e-6),
+            _ => q,
+        }
+    }
+}
+
+/// A limit rounded to the grid, toward the inside where rounding would leave the range.
+fn inward(limit: f64, step: f64) -> f64 {
+    let on_grid = round(limit);
+    if (on_grid - limit) * step < 0.0 { round(on_grid + step) } else { on_grid }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn arm() -> JointTable {
+        let joint = |name: &str| JointFacts {
+            name: name.into(),
+            unit: Unit::Rad,
+            range: Some([-6.2, 6.2]),
+            speed_max: None,
+        };
+        let row =
+            |j: &str, sign, offset| MirrorRow { target: j.into(), source: j.into(), sign, offset };
+        JointTable {
+            robot: "arm".into(),
+            model_sha256: None,
+            joints: vec![joint("pan"), joint("lift"), joint("wrist")],
+            rest: vec![0.0; 3],
+            mirror: Mirror::Table(vec![
+                row("pan", -1.0, 0.0),
+                row("wrist", -1.0, std::f64::consts::PI),
+            ]),
+            couplings: vec![],
+            granularity: Granularity::State,
+        }
+    }
+
+    #[test]
+    fn mirror_wraps_and_is_its_own_inverse() {
+        let t = arm();
+        let names = t.names();
+        let q = vec![Some(0.5), Some(-1.0), Some(-4.0)];
+        let once = t.mirrored(&names, &q).unwrap();
+        assert_eq!(
+            once,
+            [
+                Some(-0.5),
+                Some(-1.0),
+                Some(round(std::f64::consts::PI + 4.0 - std::f64::consts::TAU))
+            ]
+        );
+        let twice = t.mirrored(&names, &once).unwrap();
+        for (a, b) in twice.iter().zip(&q) {
+            let turns = (a.unwrap() - b.unwrap()) / std::f64::consts::TAU;
+            assert!((turns - turns.round()).abs() < 1e-6, "{twice:?}");
+        }
+        assert_eq!(
+            t.mirrored(&names, &vec![None, Some(1.0), None]).unwrap(),
+            [None, Some(1.0), None]
+        );
+    }
+
+    #[test]
+    fn clamped_values_are_inside_and_on_the_grid() {
+        let j = JointFacts {
+            name: "x".into(),
+            unit: Unit::Rad,
+            range: Some([-0.349_065_85, 0.349_065_85]),
+            speed_max: None,
+        };
+        for q in [-9.0, 9.0] {
+            let c = j.clamp(q);
+            assert!(c.abs() <= 0.349_065_85 && c == round(c) && c.abs() > 0.349);
+        }
+    }
+}

@@ -1,0 +1,435 @@
+//! Every edit of a clip as a value.
+//!
+//! `{"op": "keys.move", "args": {"frames": [20], "df": 5}}`: the studio, scripts and
+//! `robert clip apply` speak the same operations, undo is one of them ([`Delta`]).
+//! A key is named by its frame: a clip has one key a frame, so no ids go into the file.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Deserializer, Serialize};
+
+use super::delta::Delta;
+use super::document::{Fill, Key, Marker, Start};
+
+/// An edit.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "op", content = "args", deny_unknown_fields)]
+#[non_exhaustive]
+pub enum Op {
+    /// Adds keys.
+    #[serde(rename = "keys.add")]
+    KeysAdd(KeysAdd),
+    /// Changes parts of one key.
+    #[serde(rename = "keys.set")]
+    KeysSet(KeysSet),
+    /// Shifts keys in time, or copies them there.
+    #[serde(rename = "keys.move")]
+    KeysMove(KeysMove),
+    /// Scales the times of keys about a pivot.
+    #[serde(rename = "keys.scale")]
+    KeysScale(KeysScale),
+    /// Removes keys.
+    #[serde(rename = "keys.delete")]
+    KeysDelete(KeysFrames),
+    /// Inserts keys from a clipboard, the first of them at `at`.
+    #[serde(rename = "keys.paste")]
+    KeysPaste(KeysPaste),
+    /// Replaces keys by their mirror images.
+    #[serde(rename = "keys.mirror")]
+    KeysMirror(KeysFrames),
+    /// Sets how long keys are held.
+    #[serde(rename = "keys.hold")]
+    KeysHold(KeysHold),
+    /// Masks or unmasks a span.
+    #[serde(rename = "mask.set")]
+    MaskSet(MaskSet),
+    /// Sets what follows keys, or the clip's default.
+    #[serde(rename = "fill.set")]
+    FillSet(FillSet),
+    /// Inserts empty frames and shifts what follows.
+    #[serde(rename = "time.insert")]
+    TimeInsert(TimeInsert),
+    /// Removes frames with all that stands on them and closes the gap.
+    #[serde(rename = "time.delete")]
+    TimeDelete(TimeDelete),
+    /// Stores a named pose.
+    #[serde(rename = "pose.save")]
+    PoseSave(PoseSave),
+    /// Puts a pose onto frames.
+    #[serde(rename = "pose.apply")]
+    PoseApply(PoseApply),
+    /// Renames a pose everywhere.
+    #[serde(rename = "pose.rename")]
+    PoseRename(PoseRename),
+    /// Forgets a pose; keys that used it keep its values.
+    #[serde(rename = "pose.delete")]
+    PoseDelete(PoseDelete),
+    /// Adds a marker.
+    #[serde(rename = "markers.add")]
+    MarkersAdd(Marker),
+    /// Renames the marker at a frame.
+    #[serde(rename = "markers.set")]
+    MarkersSet(Marker),
+    /// Moves a marker.
+    #[serde(rename = "markers.move")]
+    MarkersMove(MarkersMove),
+    /// Removes markers.
+    #[serde(rename = "markers.delete")]
+    MarkersDelete(KeysFrames),
+    /// Sets the title.
+    #[serde(rename = "clip.rename")]
+    ClipRename(ClipRename),
+    /// Sets the remarks.
+    #[serde(rename = "clip.notes")]
+    ClipNotes(ClipNotes),
+    /// Sets the length.
+    #[serde(rename = "clip.length")]
+    ClipLength(ClipLength),
+    /// Sets the state before frame 0.
+    #[serde(rename = "clip.start")]
+    ClipStart(ClipStart),
+    /// Several edits that count as one: all or none.
+    #[serde(rename = "batch")]
+    Batch(Batch),
+    /// A difference between two versions; what undo is made of.
+    #[serde(rename = "patch")]
+    Patch(Box<Delta>),
+}
+
+/// Arguments of `keys.add`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct KeysAdd {
+    /// The keys.
+    pub keys: Vec<Key>,
+    /// Take the place of keys that are there.
+    #[serde(default)]
+    pub replace: bool,
+}
+
+/// Arguments of `keys.set`: absent parts stay.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct KeysSet {
+    /// Which key.
+    pub frame: u32,
+    /// All values.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub q: Option<Vec<Option<f64>>>,
+    /// A named pose instead of values.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pose: Option<String>,
+    /// Single joints by name; null leaves a joint open.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub values: BTreeMap<String, Option<f64>>,
+    /// Hold, frames.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub hold: Option<u32>,
+    #[allow(clippy::option_option)]
+    /// Fill; null = the clip's.
+    #[serde(default, skip_serializing_if = "Option::is_none", deserialize_with = "present")]
+    pub fill: Option<Option<Fill>>,
+    /// Remark.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub note: Option<String>,
+}
+
+/// Arguments of `keys.move`.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct KeysMove {
+    /// Which keys.
+    pub frames: Vec<u32>,
+    /// By how many frames.
+    pub df: i64,
+    /// Later keys move along; keeps distances. The clip grows if it must.
+    #[serde(default)]
+    pub ripple: bool,
+    /// Take the place of keys that are there.
+    #[serde(default)]
+    pub replace: bool,
+    /// Leave the originals.
+    #[serde(default)]
+    pub copy: bool,
+}
+
+/// Arguments of `keys.scale`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct KeysScale {
+    /// Which keys.
+    pub frames: Vec<u32>,
+    /// The frame that stays.
+    pub pivot: u32,
+    /// New distance over old, above 0. Frames are rounded, holds scale along.
+    pub factor: f64,
+    /// Take the place of keys that are there.
+    #[serde(default)]
+    pub replace: bool,
+}
+
+/// Keys or markers by frame.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct KeysFrames {
+    /// Their frames.
+    pub frames: Vec<u32>,
+}
+
+/// Arguments of `keys.paste`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct KeysPaste {
+    /// Where the first key goes.
+    pub at: u32,
+    /// The keys; only their distances matter.
+    pub keys: Vec<Key>,
+    /// Take the place of keys that are there.
+    #[serde(default)]
+    pub replace: bool,
+    /// Paste their mirror images.
+    #[serde(default)]
+    pub mirrored: bool,
+}
+
+/// Arguments of `keys.hold`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct KeysHold {
+    /// Which keys.
+    pub frames: Vec<u32>,
+    /// For how many frames, at least 1.
+    pub hold: u32,
+}
+
+/// Arguments of `mask.set`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MaskSet {
+    /// First frame.
+    pub from: u32,
+    /// Frame after the last.
+    pub to: u32,
+    /// Which joints; absent = all.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub joints: Option<Vec<String>>,
+    /// Hide (true) or show (false).
+    pub masked: bool,
+}
+
+/// Arguments of `fill.set`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FillSet {
+    /// After which keys; absent = the clip's default.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub frames: Option<Vec<u32>>,
+    /// What; null = as the clip's default (`mask` for the default itself).
+    pub fill: Option<Fill>,
+}
+
+/// Arguments of `time.insert`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TimeInsert {
+    /// Before which frame; the clip's length appends.
+    pub at: u32,
+    /// How many.
+    pub frames: u32,
+}
+
+/// Arguments of `time.delete`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TimeDelete {
+    /// First frame.
+    pub from: u32,
+    /// Frame after the last.
+    pub to: u32,
+}
+
+/// Arguments of `pose.save`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PoseSave {
+    /// Its name.
+    pub name: String,
+    /// Its values.
+    pub q: Vec<Option<f64>>,
+    /// Overwrite one of that name.
+    #[serde(default)]
+    pub replace: bool,
+}
+
+/// Arguments of `pose.apply`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PoseApply {
+    /// Which pose.
+    pub name: String,
+    /// Onto which frames; a frame without a key gets one.
+    pub frames: Vec<u32>,
+    /// 0 = what is there, 1 = the pose.
+    #[serde(default = "whole")]
+    pub blend: f64,
+    /// The pose's mirror image.
+    #[serde(default)]
+    pub mirrored: bool,
+    /// Only these joints; absent = all.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub joints: Option<Vec<String>>,
+}
+
+/// Arguments of `pose.rename`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PoseRename {
+    /// Its name.
+    pub name: String,
+    /// Its new name.
+    pub to: String,
+}
+
+/// Arguments of `pose.delete`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PoseDelete {
+    /// Its name.
+    pub name: String,
+}
+
+/// Arguments of `markers.move`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MarkersMove {
+    /// Which marker.
+    pub frame: u32,
+    /// Its new frame.
+    pub to: u32,
+}
+
+/// Arguments of `clip.rename`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ClipRename {
+    /// The title.
+    pub name: String,
+}
+
+/// Arguments of `clip.notes`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ClipNotes {
+    /// The remarks.
+    pub notes: String,
+}
+
+/// Arguments of `clip.length`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ClipLength {
+    /// Frames.
+    pub length: u32,
+    /// Drop keys and markers beyond the new end; else they refuse it.
+    #[serde(default)]
+    pub cut: bool,
+}
+
+/// Arguments of `clip.start`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ClipStart {
+    /// The start; null = the first key's values.
+    pub start: Option<Start>,
+}
+
+/// Arguments of `batch`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Batch {
+    /// What the history calls it.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub label: String,
+    /// The edits, in order.
+    pub ops: Vec<Op>,
+}
+
+fn whole() -> f64 {
+    1.0
+}
+
+#[allow(clippy::option_option)] // absent, null and a value are three things in an edit
+/// Tells "fill": null from no fill at all.
+fn present<'de, D: Deserializer<'de>>(d: D) -> Result<Option<Option<Fill>>, D::Error> {
+    Option::<Fill>::deserialize(d).map(Some)
+}
+
+impl Op {
+    /// The name in JSON.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Op::KeysAdd(_) => "keys.add",
+            Op::KeysSet(_) => "keys.set",
+            Op::KeysMove(_) => "keys.move",
+            Op::KeysScale(_) => "keys.scale",
+            Op::KeysDelete(_) => "keys.delete",
+            Op::KeysPaste(_) => "keys.paste",
+            Op::KeysMirror(_) => "keys.mirror",
+            Op::KeysHold(_) => "keys.hold",
+            Op::MaskSet(_) => "mask.set",
+            Op::FillSet(_) => "fill.set",
+            Op::TimeInsert(_) => "time.insert",
+            Op::TimeDelete(_) => "time.delete",
+            Op::PoseSave(_) => "pose.save",
+            Op::PoseApply(_) => "pose.apply",
+            Op::PoseRename(_) => "pose.rename",
+            Op::PoseDelete(_) => "pose.delete",
+            Op::MarkersAdd(_) => "markers.add",
+            Op::MarkersSet(_) => "markers.set",
+            Op::MarkersMove(_) => "markers.move",
+            Op::MarkersDelete(_) => "markers.delete",
+            Op::ClipRename(_) => "clip.rename",
+            Op::ClipNotes(_) => "clip.notes",
+            Op::ClipLength(_) => "clip.length",
+            Op::ClipStart(_) => "clip.start",
+            Op::Batch(_) => "batch",
+            Op::Patch(_) => "patch",
+        }
+    }
+
+    /// What the history calls it.
+    pub fn label(&self) -> String {
+        let keys = |n: usize| if n == 1 { "key".to_owned() } else { format!("{n} keys") };
+        match self {
+            Op::KeysAdd(a) => format!("Add {}", keys(a.keys.len())),
+            Op::KeysSet(a) => format!("Change key at {}", a.frame),
+            Op::KeysMove(a) if a.copy => format!("Copy {}", keys(a.frames.len())),
+            Op::KeysMove(a) => format!("Move {} by {:+}", keys(a.frames.len()), a.df),
+            Op::KeysScale(a) => format!("Retime {}", keys(a.frames.len())),
+            Op::KeysDelete(a) => format!("Delete {}", keys(a.frames.len())),
+            Op::KeysPaste(a) => format!("Paste {} at {}", keys(a.keys.len()), a.at),
+            Op::KeysMirror(a) => format!("Mirror {}", keys(a.frames.len())),
+            Op::KeysHold(a) => format!("Hold {} for {} frames", keys(a.frames.len()), a.hold),
+            Op::MaskSet(a) if a.masked => format!("Mask {}..{}", a.from, a.to),
+            Op::MaskSet(a) => format!("Unmask {}..{}", a.from, a.to),
+            Op::FillSet(a) => format!("Fill {}", a.fill.map_or("as the clip", Fill::word)),
+            Op::TimeInsert(a) => format!("Insert {} frames at {}", a.frames, a.at),
+            Op::TimeDelete(a) => format!("Delete frames {}..{}", a.from, a.to),
+            Op::PoseSave(a) => format!("Save pose {}", a.name),
+            Op::PoseApply(a) => format!("Apply pose {}", a.name),
+            Op::PoseRename(a) => format!("Rename pose {} to {}", a.name, a.to),
+            Op::PoseDelete(a) => format!("Delete pose {}", a.name),
+            Op::MarkersAdd(a) => format!("Add marker {}", a.name),
+            Op::MarkersSet(a) => format!("Rename marker to {}", a.name),
+            Op::MarkersMove(a) => format!("Move marker to {}", a.to),
+            Op::MarkersDelete(_) => "Delete markers".to_owned(),
+            Op::ClipRename(a) => format!("Rename clip to {}", a.name),
+            Op::ClipNotes(_) => "Edit notes".to_owned(),
+            Op::ClipLength(a) => format!("Set length to {} frames", a.length),
+            Op::ClipStart(_) => "Set start".to_owned(),
+            Op::Batch(a) if a.label.is_empty() => format!("{} edits", a.ops.len()),
+            Op::Batch(a) => a.label.clone(),
+            Op::Patch(_) => "Patch".to_owned(),
+        }
+    }
+}

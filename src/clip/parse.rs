@@ -1,0 +1,445 @@
+//! Text to [`Clip`]. Every fault names its line and column; nothing is skipped silently.
+
+use std::path::Path;
+
+use super::document::{Clip, FORMAT, Fill, Goal, Key, Marker, Mask, RobotRef, Row, Start};
+use super::error::ClipError;
+use super::json::{Kind, Read, Reader, line_col, locate, show};
+use super::validate::{Invalid, hint};
+use crate::units::{FPS, Unit};
+use crate::{fsio, limits};
+
+/// A clip together with where things stood in its text.
+#[derive(Clone, Debug)]
+pub struct Parsed {
+    /// The clip, in canonical order.
+    pub clip: Clip,
+    /// Position in the file of `clip.keys[i]`, likewise of masks and markers.
+    keys: Vec<usize>,
+    masks: Vec<usize>,
+    markers: Vec<usize>,
+    text: String,
+}
+
+impl Parsed {
+    /// Line and column of what a JSON pointer into the canonical clip names.
+    pub fn line_col(&self, pointer: &str) -> (usize, usize) {
+        let mut steps: Vec<String> = pointer.split('/').map(str::to_owned).collect();
+        let order = match steps.get(1).map(String::as_str) {
+            Some("keys") => &self.keys,
+            Some("masks") => &self.masks,
+            Some("markers") => &self.markers,
+            _ => return line_col(&self.text, locate(&self.text, pointer)),
+        };
+        if let Some(step) = steps.get_mut(2)
+            && let Some(at) = step.parse::<usize>().ok().and_then(|i| order.get(i))
+        {
+            *step = at.to_string();
+        }
+        line_col(&self.text, locate(&self.text, &steps.join("/")))
+    }
+}
+
+impl Clip {
+    /// Reads a clip from its text.
+    ///
+    /// # Errors
+    /// [`ClipError::Syntax`] or [`ClipError::Invalid`], with line and column.
+    pub fn parse(text: &str) -> Result<Clip, ClipError> {
+        parse(text.to_owned()).map(|p| p.clip)
+    }
+
+    /// Reads a clip file.
+    ///
+    /// # Errors
+    /// [`ClipError`], naming the file, line and column.
+    pub fn load(path: &Path) -> Result<Clip, ClipError> {
+        load(path).map(|p| p.clip)
+    }
+
+    /// Writes the canonical text atomically.
+    ///
+    /// # Errors
+    /// [`ClipError::File`].
+    pub fn save(&self, path: &Path) -> Result<(), ClipError> {
+        Ok(fsio::write_atomic(path, self.to_text().as_bytes())?)
+    }
+}
+
+/// Reads a clip file and keeps its text for places.
+///
+/// # Errors
+/// [`ClipError`].
+pub fn load(path: &Path) -> Result<Parsed, ClipError> {
+    let bytes = fsio::read_capped(path, limits::CLIP_BYTES)?;
+    parse_bytes(bytes).map_err(|e| e.in_file(path))
+}
+
+/// Reads a clip from bytes that may not even be text.
+///
+/// # Errors
+/// [`ClipError`].
+pub fn parse_bytes(bytes: Vec<u8>) -> Result<Parsed, ClipError> {
+    let text = utf8(bytes)?;
+    if text.starts_with('\u{feff}') {
+        return Err(ClipError::at("a byte order mark; save the file as plain UTF-8", 1, 1));
+    }
+    parse(text)
+}
+
+/// Bytes as text, or where they stop being text.
+pub(crate) fn utf8(bytes: Vec<u8>) -> Result<String, ClipError> {
+    String::from_utf8(bytes).map_err(|e| {
+        let good = e.utf8_error().valid_up_to();
+        let head = String::from_utf8_lossy(e.as_bytes().get(..good).unwrap_or_default());
+        let (line, col) = line_col(&head, head.len());
+        ClipError::at("this byte is not UTF-8 text", line, col)
+    })
+}
+
+/// Reads a clip and keeps its text for places.
+///
+/// # Errors
+/// [`ClipError`].
+pub fn parse(text: String) -> Result<Parsed, ClipError> {
+    let mut clip = match read(&text) {
+        Ok(clip) => clip,
+        Err(fault) => {
+            let (line, col) = line_col(&text, fault.at);
+            return Err(ClipError::at(fault.message, line, col));
+        }
+    };
+    if let Err(Invalid { pointer, flaw }) = clip.validate() {
+        let (line, col) = line_col(&text, locate(&text, &pointer));
+        return Err(ClipError::Invalid { flaw, pointer, line, col, path: None });
+    }
+    let keys = order(&clip.keys, |k| k.frame);
+    let masks = order(&clip.masks, Clone::clone);
+    let markers = order(&clip.markers, |m| m.frame);
+    clip.normalize();
+    Ok(Parsed { clip, keys, masks, markers, text })
+}
+
+fn order<T, K: Ord>(items: &[T], by: impl Fn(&T) -> K) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..items.len()).collect();
+    order.sort_by_key(|&i| items.get(i).map(&by));
+    order
+}
+
+/// A key is taken by a table of names; anything else is refused with the nearest name.
+fn unknown<T>(r: &Reader<'_>, at: usize, key: &str, place: &str, known: &[&str]) -> Read<T> {
+    let hint = hint(key, known.iter().copied());
+    let known = known.join(", ");
+    r.fault(at, format!("unknown key \"{}\" in {place}{hint} (known: {known})", show(key)))
+}
+
+fn missing<T>(r: &Reader<'_>, at: usize, place: &str, key: &str) -> Read<T> {
+    r.fault(at, format!("{place} lacks `{key}`"))
+}
+
+fn read(text: &str) -> Read<Clip> {
+    const KNOWN: &[&str] = &[
+        "format", "name", "notes", "robot", "fps", "length", "fill", "start", "poses", "keys",
+        "masks", "markers", "x",
+    ];
+    check_format(text)?;
+    let mut r = Reader::new(text);
+    let top = r.here();
+    let mut clip = Clip::new(RobotRef::default(), 0);
+    let (mut format, mut robot, mut fps, mut length, mut keys) =
+        (false, false, false, false, false);
+    let mut budget = limits::CLIP_VALUES;
+    r.object("a clip (an object)", |r, key, at| {
+        match key.as_str() {
+            "format" => {
+                format = true;
+                r.string("a string")?;
+            }
+            "name" => clip.name = r.string("a string")?,
+            "notes" => clip.notes = r.string("a string")?,
+            "robot" => {
+                robot = true;
+                clip.robot = read_robot(r)?;
+            }
+            "fps" => {
+                fps = true;
+                r.integer("fps", FPS, FPS)?;
+            }
+            "length" => {
+                length = true;
+                clip.length = r.integer("length", 1, limits::CLIP_FRAMES)?;
+            }
+            "fill" => clip.fill = read_fill(r)?,
+            "start" => clip.start = Some(read_start(r)?),
+            "poses" => r.object("an object of named poses", |r, name, at| {
+                if clip.poses.len() >= limits::CLIP_POSES {
+                    let cap = limits::CLIP_POSES;
+                    return r.fault(at, format!("more than {cap} poses"));
+                }
+                clip.poses.insert(name, read_row(r, &mut budget)?);
+                Ok(())
+            })?,
+            "keys" => {
+                keys = true;
+                clip.keys = read_keys(r, &mut budget)?;
+            }
+            "masks" => clip.masks = read_masks(r)?,
+            "markers" => clip.markers = read_markers(r)?,
+            "x" => {
+                let mut left = limits::CLIP_EXTRA_VALUES;
+                r.object("an object of extensions", |r, name, _| {
+                    clip.x.insert(name, r.value(&mut left)?);
+                    Ok(())
+                })?;
+            }
+            _ => return unknown(r, at, &key, "the clip", KNOWN),
+        }
+        Ok(())
+    })?;
+    r.end()?;
+    for (present, key) in
+        [(format, "format"), (robot, "robot"), (fps, "fps"), (length, "length"), (keys, "keys")]
+    {
+        if !present {
+            return missing(&r, top, "the clip", key);
+        }
+    }
+    Ok(clip)
+}
+
+/// First of all: a newer format may look different everywhere, so say that and not that
+/// one of its keys is unknown.
+fn check_format(text: &str) -> Read<()> {
+    let at = locate(text, "/format");
+    let tail = text.get(at..).unwrap_or_default();
+    let mut r = Reader::new(tail);
+    if r.kind() != Kind::String {
+        return Ok(());
+    }
+    let Ok(format) = r.string("a string") else { return Ok(()) };
+    if format == FORMAT {
+        return Ok(());
+    }
+    let major = format.strip_prefix("robert-clip/").and_then(|m| m.parse::<u32>().ok());
+    let message = match major {
+        Some(m) if m > 1 => {
+            format!("format {} is newer than this program, which reads {FORMAT}", show(&format))
+        }
+        _ => format!("the format is \"{}\", not {FORMAT}", show(&format)),
+    };
+    r.fault(at, message)
+}
+
+fn read_robot(r: &mut Reader<'_>) -> Read<RobotRef> {
+    let at = r.here();
+    let mut robot = RobotRef::default();
+    let (mut id, mut joints) = (false, false);
+    r.object("a robot (an object)", |r, key, at| {
+        match key.as_str() {
+            "id" => {
+                id = true;
+                robot.id = r.string("a string")?;
+            }
+            "model" => robot.model = Some(r.string("a string")?),
+            "model_sha256" => robot.model_sha256 = Some(r.string("a string")?),
+            "joints" => {
+                joints = true;
+                robot.joints = read_names(r, &mut limits::JOINTS.saturating_add(1))?;
+            }
+            "units" => r.array("an array of units", |r, i| {
+                let at = r.here();
+                let word = r.string("\"rad\" or \"m\"")?;
+                if i >= limits::JOINTS {
+                    return r.fault(at, format!("more than {} units", limits::JOINTS));
+                }
+                robot.units.push(match word.as_str() {
+                    "rad" => Unit::Rad,
+                    "m" => Unit::M,
+                    _ => {
+                        let word = show(&word);
+                        return r
+                            .fault(at, format!("a unit is \"rad\" or \"m\", found \"{word}\""));
+                    }
+                });
+                Ok(())
+            })?,
+            _ => {
+                let known = ["id", "model", "model_sha256", "joints", "units"];
+                return unknown(r, at, &key, "the robot", &known);
+            }
+        }
+        Ok(())
+    })?;
+    if !id {
+        return missing(r, at, "the robot", "id");
+    }
+    if !joints {
+        return missing(r, at, "the robot", "joints");
+    }
+    Ok(robot)
+}
+
+fn read_names(r: &mut Reader<'_>, budget: &mut usize) -> Read<Vec<String>> {
+    let mut names = Vec::new();
+    r.array("an array of joint names", |r, _| {
+        let at = r.here();
+        names.push(r.string("a joint name")?);
+        *budget = match budget.checked_sub(1) {
+            Some(left) if left > 0 => left,
+            _ => return r.fault(at, "too many joint names"),
+        };
+        Ok(())
+    })?;
+    Ok(names)
+}
+
+fn read_fill(r: &mut Reader<'_>) -> Read<Fill> {
+    let at = r.here();
+    let word = r.string("a fill")?;
+    let Some(fill) = Fill::from_word(&word) else {
+        let word = show(&word);
+        return r.fault(at, format!("a fill is mask, linear, cubic or hold, found \"{word}\""));
+    };
+    Ok(fill)
+}
+
+fn read_start(r: &mut Reader<'_>) -> Read<Start> {
+    let at = r.here();
+    let mut start = None;
+    r.object("a start (an object)", |r, key, at| {
+        if start.is_some() {
+            return r.fault(at, "a start has exactly one of `pose` and `q`");
+        }
+        start = Some(match key.as_str() {
+            "pose" => Start::Pose(r.string("a pose name")?),
+            "q" => {
+                let mut q = Vec::new();
+                r.array("an array of numbers", |r, i| {
+                    let at = r.here();
+                    if i >= limits::JOINTS {
+                        return r.fault(at, format!("more than {} values", limits::JOINTS));
+                    }
+                    q.push(r.number("a number (the start leaves no joint open)")?);
+                    Ok(())
+                })?;
+                Start::Q(q)
+            }
+            _ => return unknown(r, at, &key, "the start", &["pose", "q"]),
+        });
+        Ok(())
+    })?;
+    match start {
+        Some(start) => Ok(start),
+        None => missing(r, at, "the start", "pose` or `q"),
+    }
+}
+
+fn read_row(r: &mut Reader<'_>, budget: &mut usize) -> Read<Row> {
+    let mut row = Vec::new();
+    r.array("an array of numbers and nulls", |r, i| {
+        let at = r.here();
+        if i >= limits::JOINTS {
+            return r.fault(at, format!("more than {} values in a row", limits::JOINTS));
+        }
+        *budget = match budget.checked_sub(1) {
+            Some(left) => left,
+            None => return r.fault(at, format!("more than {} values", limits::CLIP_VALUES)),
+        };
+        row.push(if r.null()? { None } else { Some(r.number("a number or null")?) });
+        Ok(())
+    })?;
+    // Half a million short rows in vectors grown by doubling would waste as much again.
+    row.shrink_to_fit();
+    Ok(row)
+}
+
+fn read_keys(r: &mut Reader<'_>, budget: &mut usize) -> Read<Vec<Key>> {
+    let mut keys = Vec::new();
+    r.array("an array of keys", |r, i| {
+        let at = r.here();
+        if i >= limits::CLIP_KEYS {
+            return r.fault(at, format!("more than {} keys", limits::CLIP_KEYS));
+        }
+        keys.push(read_key(r, budget)?);
+        Ok(())
+    })?;
+    Ok(keys)
+}
+
+fn read_key(r: &mut Reader<'_>, budget: &mut usize) -> Read<Key> {
+    let at = r.here();
+    let (mut frame, mut pose, mut q) = (None, None, None);
+    let (mut hold, mut fill, mut note) = (1, None, String::new());
+    r.object("a key (an object)", |r, key, at| {
+        match key.as_str() {
+            "frame" => frame = Some(r.integer("frame", 0, u32::MAX)?),
+            "pose" => pose = Some(r.string("a pose name")?),
+            "q" => q = Some(read_row(r, budget)?),
+            "hold" => hold = r.integer("hold", 1, limits::CLIP_FRAMES)?,
+            "fill" => fill = Some(read_fill(r)?),
+            "note" => note = r.string("a string")?,
+            _ => {
+                let known = ["frame", "pose", "q", "hold", "fill", "note"];
+                return unknown(r, at, &key, "a key", &known);
+            }
+        }
+        Ok(())
+    })?;
+    let Some(frame) = frame else { return missing(r, at, "a key", "frame") };
+    let goal = match (pose, q) {
+        (Some(pose), None) => Goal::Pose(pose),
+        (None, Some(q)) => Goal::Q(q),
+        _ => return r.fault(at, "a key has exactly one of `pose` and `q`"),
+    };
+    Ok(Key { frame, goal, hold, fill, note })
+}
+
+fn read_masks(r: &mut Reader<'_>) -> Read<Vec<Mask>> {
+    let mut masks = Vec::new();
+    let mut budget = limits::CLIP_MASK_JOINTS + 1;
+    r.array("an array of mask spans", |r, i| {
+        let at = r.here();
+        if i >= limits::CLIP_SPANS {
+            return r.fault(at, format!("more than {} mask spans", limits::CLIP_SPANS));
+        }
+        let (mut from, mut to, mut joints) = (None, None, None);
+        r.object("a mask span (an object)", |r, key, at| {
+            match key.as_str() {
+                "from" => from = Some(r.integer("from", 0, u32::MAX)?),
+                "to" => to = Some(r.integer("to", 0, u32::MAX)?),
+                "joints" => joints = Some(read_names(r, &mut budget)?),
+                _ => return unknown(r, at, &key, "a mask span", &["from", "to", "joints"]),
+            }
+            Ok(())
+        })?;
+        let Some(from) = from else { return missing(r, at, "a mask span", "from") };
+        let Some(to) = to else { return missing(r, at, "a mask span", "to") };
+        masks.push(Mask { from, to, joints });
+        Ok(())
+    })?;
+    Ok(masks)
+}
+
+fn read_markers(r: &mut Reader<'_>) -> Read<Vec<Marker>> {
+    let mut markers = Vec::new();
+    r.array("an array of markers", |r, i| {
+        let at = r.here();
+        if i >= limits::CLIP_SPANS {
+            return r.fault(at, format!("more than {} markers", limits::CLIP_SPANS));
+        }
+        let (mut frame, mut name) = (None, None);
+        r.object("a marker (an object)", |r, key, at| {
+            match key.as_str() {
+                "frame" => frame = Some(r.integer("frame", 0, u32::MAX)?),
+                "name" => name = Some(r.string("a string")?),
+                _ => return unknown(r, at, &key, "a marker", &["frame", "name"]),
+            }
+            Ok(())
+        })?;
+        let Some(frame) = frame else { return missing(r, at, "a marker", "frame") };
+        let Some(name) = name else { return missing(r, at, "a marker", "name") };
+        markers.push(Marker { frame, name });
+        Ok(())
+    })?;
+    Ok(markers)
+}

@@ -1,0 +1,172 @@
+//! The published JSON Schema (2020-12) of `robert-clip/1`.
+//!
+//! Generated from structs that mirror the document, so that an editor gets the same words
+//! as the Rust docs. The reader does not use it: a schema cannot say "inside `length`", and
+//! its errors have no line.
+
+use std::collections::BTreeMap;
+
+use schemars::{JsonSchema, Schema, SchemaGenerator, generate::SchemaSettings};
+use serde::Deserialize;
+use serde_json::Value;
+
+use super::document::Fill;
+use crate::units::Unit;
+
+/// The schema as JSON.
+pub fn schema() -> Value {
+    let mut generator = SchemaGenerator::new(SchemaSettings::draft2020_12());
+    let mut schema: Schema = generator.root_schema_for::<Clip>();
+    schema.insert("title".to_owned(), Value::from("robert-clip/1"));
+    schema.to_value()
+}
+
+/// A keyframe animation for a torque-controlled robot: what it shall reach and when, and
+/// which frames are left to the policy.
+#[derive(Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[allow(dead_code)] // only its shape is used
+struct Clip {
+    /// Name and major version of this format.
+    format: Format,
+    /// A title.
+    #[schemars(length(max = 256))]
+    name: Option<String>,
+    /// Remarks.
+    #[schemars(length(max = 65536))]
+    notes: Option<String>,
+    /// The robot that the clip was made for.
+    robot: Robot,
+    /// Frames a second; always 20.
+    #[schemars(range(min = 20, max = 20))]
+    fps: u32,
+    /// Number of frames.
+    #[schemars(range(min = 1, max = 100_000))]
+    length: u32,
+    /// What stands between keys that do not say otherwise: mask (nothing), linear, cubic or hold.
+    fill: Option<Fill>,
+    /// The state before frame 0; without it, the values of the first key.
+    start: Option<Start>,
+    /// Named poses: one value per joint, null leaves a joint open.
+    #[schemars(extend("propertyNames" = {"minLength": 1, "maxLength": 256}))]
+    poses: Option<BTreeMap<String, Row>>,
+    /// Keyframes, at most one a frame.
+    #[schemars(length(max = 50_000))]
+    keys: Vec<Key>,
+    /// Spans without a goal, over any key or fill.
+    #[schemars(length(max = 50_000))]
+    masks: Option<Vec<Mask>>,
+    /// Named moments, at most one a frame.
+    #[schemars(length(max = 50_000))]
+    markers: Option<Vec<Marker>>,
+    /// Extensions of other programs; kept, never read.
+    x: Option<BTreeMap<String, Value>>,
+}
+
+#[derive(Deserialize, JsonSchema)]
+#[allow(dead_code)]
+enum Format {
+    #[serde(rename = "robert-clip/1")]
+    One,
+}
+
+/// Joint values in the order of `robot.joints`; null leaves a joint open.
+#[derive(Deserialize, JsonSchema)]
+#[allow(dead_code)]
+struct Row(#[schemars(length(min = 1, max = 256))] Vec<Option<Number>>);
+
+/// Radians or metres.
+#[derive(Deserialize, JsonSchema)]
+#[allow(dead_code)]
+struct Number(#[schemars(range(min = -1e6, max = 1e6))] f64);
+
+/// The robot that a clip was made for.
+#[derive(Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[allow(dead_code)]
+struct Robot {
+    /// Its id, such as ur5e.
+    #[schemars(length(min = 1, max = 256))]
+    id: String,
+    /// Where its model was.
+    #[schemars(length(min = 1, max = 256))]
+    model: Option<String>,
+    /// Sha-256 of that model.
+    #[schemars(regex(pattern = "^[0-9a-fA-F]{64}$"))]
+    model_sha256: Option<String>,
+    /// Joint names; all rows follow this order.
+    #[schemars(length(min = 1, max = 256), extend("uniqueItems" = true))]
+    joints: Vec<Name>,
+    /// Units of the joints.
+    #[schemars(length(max = 256))]
+    units: Option<Vec<Unit>>,
+}
+
+#[derive(Deserialize, JsonSchema)]
+#[allow(dead_code)]
+struct Name(#[schemars(length(min = 1, max = 256))] String);
+
+/// Exactly one of a named pose and values.
+#[derive(Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(extend("oneOf" = [{"required": ["pose"]}, {"required": ["q"]}]))]
+#[allow(dead_code)]
+struct Start {
+    /// A named pose of this clip.
+    pose: Option<String>,
+    /// One value per joint.
+    #[schemars(length(min = 1, max = 256))]
+    q: Option<Vec<Number>>,
+}
+
+/// A keyframe: exactly one of a named pose and values.
+#[derive(Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(extend("oneOf" = [{"required": ["pose"]}, {"required": ["q"]}]))]
+#[allow(dead_code)]
+struct Key {
+    /// When, from 0, in frames.
+    #[schemars(range(min = 0, max = 99_999))]
+    frame: u32,
+    /// A named pose of this clip.
+    pose: Option<String>,
+    /// Values, one per joint.
+    q: Option<Row>,
+    /// For how many frames the value is commanded; 1 when absent.
+    #[schemars(range(min = 1, max = 100_000))]
+    hold: Option<u32>,
+    /// What follows until the next key; the clip's `fill` when absent.
+    fill: Option<Fill>,
+    /// A remark.
+    #[schemars(length(max = 256))]
+    note: Option<String>,
+}
+
+/// Frames from..to (to excluded) without a goal.
+#[derive(Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[allow(dead_code)]
+struct Mask {
+    /// First masked frame.
+    #[schemars(range(min = 0, max = 99_999))]
+    from: u32,
+    /// First frame after it.
+    #[schemars(range(min = 1, max = 100_000))]
+    to: u32,
+    /// Only these joints; all when absent.
+    #[schemars(length(min = 1, max = 256), extend("uniqueItems" = true))]
+    joints: Option<Vec<Name>>,
+}
+
+/// A named moment.
+#[derive(Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[allow(dead_code)]
+struct Marker {
+    /// When.
+    #[schemars(range(min = 0, max = 99_999))]
+    frame: u32,
+    /// Its name.
+    #[schemars(length(min = 1, max = 256))]
+    name: String,
+}

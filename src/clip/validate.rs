@@ -1,0 +1,369 @@
+//! What must hold in every clip, however it came about: read, edited or built in code.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use super::document::{Clip, Goal, Row, Start};
+use super::json::{escape_step, show};
+use crate::limits;
+
+/// One broken rule and the JSON pointer of the value that breaks it.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("{flaw} (at {pointer})")]
+pub struct Invalid {
+    /// Where, as a JSON pointer into the document.
+    pub pointer: String,
+    /// What.
+    pub flaw: Flaw,
+}
+
+/// A rule that a clip can break.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum Flaw {
+    /// A name is empty, too long or holds control characters.
+    #[error("{what} {reason}: \"{}\"", show(.name))]
+    Name {
+        /// What is named.
+        what: &'static str,
+        /// What is wrong with it.
+        reason: &'static str,
+        /// The name.
+        name: String,
+    },
+    /// Notes beyond [`limits::NOTES_BYTES`].
+    #[error("the notes have {bytes} bytes, more than {}", limits::NOTES_BYTES)]
+    Notes {
+        /// Their size.
+        bytes: usize,
+    },
+    /// The list of joints is empty or too long.
+    #[error("a robot has 1 to {} joints, found {count}", limits::JOINTS)]
+    Joints {
+        /// How many there are.
+        count: usize,
+    },
+    /// Something is named twice in one list.
+    #[error("{what} \"{}\" comes twice", show(.name))]
+    Twice {
+        /// What is named.
+        what: &'static str,
+        /// The name.
+        name: String,
+    },
+    /// `units` does not match `joints`.
+    #[error("{found} units for {joints} joints; give one per joint or none")]
+    Units {
+        /// Units found.
+        found: usize,
+        /// Joints.
+        joints: usize,
+    },
+    /// `model_sha256` is not a Sha-256.
+    #[error("a SHA-256 has 64 hex digits")]
+    Sha,
+    /// A clip of no or too many frames.
+    #[error("a clip has 1 to {} frames, found {frames}", limits::CLIP_FRAMES)]
+    Length {
+        /// Its length.
+        frames: u32,
+    },
+    /// Too much data in one clip.
+    #[error("{what}: {count} is more than the {cap} that are read")]
+    TooMany {
+        /// What there is too much of.
+        what: &'static str,
+        /// How many.
+        count: usize,
+        /// The cap.
+        cap: usize,
+    },
+    /// A row of another length than the joint list.
+    #[error("{found} values for {joints} joints; write null for a joint without a goal")]
+    RowLength {
+        /// Values found.
+        found: usize,
+        /// Joints.
+        joints: usize,
+    },
+    /// A row without any goal.
+    #[error("every joint is null; a goal needs a value (to hide frames, use `masks`)")]
+    RowEmpty,
+    /// A value that is not finite or beyond [`limits::CLIP_VALUE_MAX`].
+    #[error("{value} is no joint value (at most {:e} rad or m)", limits::CLIP_VALUE_MAX)]
+    Value {
+        /// The value.
+        value: f64,
+    },
+    /// A pose that the clip does not have.
+    #[error("there is no pose \"{}\"{hint}", show(.name))]
+    UnknownPose {
+        /// Its name.
+        name: String,
+        /// The nearest one, as words.
+        hint: String,
+    },
+    /// A start pose with nulls.
+    #[error("the start needs a value for every joint; pose \"{}\" leaves some open", show(.name))]
+    StartOpen {
+        /// The pose.
+        name: String,
+    },
+    /// A frame outside the clip.
+    #[error("frame {frame} lies outside the clip of {length} frames")]
+    Outside {
+        /// The frame.
+        frame: u32,
+        /// The clip's length.
+        length: u32,
+    },
+    /// Two keys or markers on one frame.
+    #[error("a second {what} at frame {frame}")]
+    Occupied {
+        /// `key` or `marker`.
+        what: &'static str,
+        /// The frame.
+        frame: u32,
+    },
+    /// A hold of 0 or too many frames.
+    #[error("a hold is 1 to {} frames, found {hold}", limits::CLIP_FRAMES)]
+    Hold {
+        /// Its length.
+        hold: u32,
+    },
+    /// A mask span that is empty or leaves the clip.
+    #[error("the span {from}..{to} must be rising and inside the clip of {length} frames")]
+    Span {
+        /// First frame.
+        from: u32,
+        /// Frame after the last.
+        to: u32,
+        /// The clip's length.
+        length: u32,
+    },
+    /// A joint that the clip does not list.
+    #[error("there is no joint \"{}\"{hint}", show(.name))]
+    UnknownJoint {
+        /// Its name.
+        name: String,
+        /// The nearest one, as words.
+        hint: String,
+    },
+    /// A mask with an empty joint list.
+    #[error("an empty joint list masks nothing; leave `joints` out to mask all")]
+    NoJoints,
+}
+
+/// `; did you mean "x"?` when something close exists.
+pub(crate) fn hint<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> String {
+    // Distance costs name × known: long names get no hint, and only so many are compared.
+    if name.len() > 64 {
+        return String::new();
+    }
+    known
+        .into_iter()
+        .take(1000)
+        .filter(|k| k.len() <= 64)
+        .map(|k| (strsim::damerau_levenshtein(name, k), k))
+        .min()
+        .filter(|(d, k)| *d <= 1 + k.len() / 4)
+        .map(|(_, k)| format!("; did you mean \"{}\"?", show(k)))
+        .unwrap_or_default()
+}
+
+type Checked = Result<(), Invalid>;
+
+fn fail(pointer: impl Into<String>, flaw: Flaw) -> Checked {
+    Err(Invalid { pointer: pointer.into(), flaw })
+}
+
+impl Clip {
+    /// Checks every rule; order of lists does not matter here.
+    ///
+    /// # Errors
+    /// The first broken rule with its JSON pointer.
+    pub fn validate(&self) -> Checked {
+        self.validate_head()?;
+        self.validate_poses()?;
+        self.validate_keys()?;
+        self.validate_masks()?;
+        self.validate_markers()
+    }
+
+    fn validate_head(&self) -> Checked {
+        name("/name", "the name", &self.name, true)?;
+        if self.notes.len() > limits::NOTES_BYTES {
+            return fail("/notes", Flaw::Notes { bytes: self.notes.len() });
+        }
+        let robot = &self.robot;
+        name("/robot/id", "the robot id", &robot.id, false)?;
+        if let Some(model) = &robot.model {
+            name("/robot/model", "the model", model, false)?;
+        }
+        if let Some(sha) = &robot.model_sha256
+            && !(sha.len() == 64 && sha.bytes().all(|b| b.is_ascii_hexdigit()))
+        {
+            return fail("/robot/model_sha256", Flaw::Sha);
+        }
+        let joints = robot.joints.len();
+        if joints == 0 || joints > limits::JOINTS {
+            return fail("/robot/joints", Flaw::Joints { count: joints });
+        }
+        let mut seen = BTreeSet::new();
+        for (i, joint) in robot.joints.iter().enumerate() {
+            let pointer = format!("/robot/joints/{i}");
+            name(&pointer, "a joint name", joint, false)?;
+            if !seen.insert(joint.as_str()) {
+                return fail(pointer, Flaw::Twice { what: "joint", name: joint.clone() });
+            }
+        }
+        if !robot.units.is_empty() && robot.units.len() != joints {
+            return fail("/robot/units", Flaw::Units { found: robot.units.len(), joints });
+        }
+        if self.length == 0 || self.length > limits::CLIP_FRAMES {
+            return fail("/length", Flaw::Length { frames: self.length });
+        }
+        let count = self.length as usize * joints;
+        at_most("/length", "frames times joints", count, limits::CLIP_VALUES)
+    }
+
+    fn validate_poses(&self) -> Checked {
+        at_most("/poses", "poses", self.poses.len(), limits::CLIP_POSES)?;
+        for (pose, row) in &self.poses {
+            let pointer = format!("/poses/{}", escape_step(pose));
+            name(&pointer, "a pose name", pose, false)?;
+            self.validate_row(&pointer, row)?;
+        }
+        match &self.start {
+            None => Ok(()),
+            Some(Start::Pose(name)) => {
+                self.validate_pose_name("/start/pose", name)?;
+                if self.poses.get(name).is_some_and(|row| row.contains(&None)) {
+                    return fail("/start/pose", Flaw::StartOpen { name: name.clone() });
+                }
+                Ok(())
+            }
+            Some(Start::Q(q)) => {
+                let row: Row = q.iter().copied().map(Some).collect();
+                self.validate_row("/start/q", &row)
+            }
+        }
+    }
+
+    fn validate_pose_name(&self, pointer: &str, name: &str) -> Checked {
+        if self.poses.contains_key(name) {
+            return Ok(());
+        }
+        let hint = hint(name, self.poses.keys().map(String::as_str));
+        fail(pointer, Flaw::UnknownPose { name: name.to_owned(), hint })
+    }
+
+    fn validate_row(&self, pointer: &str, row: &Row) -> Checked {
+        let joints = self.dim();
+        if row.len() != joints {
+            return fail(pointer, Flaw::RowLength { found: row.len(), joints });
+        }
+        if row.iter().all(Option::is_none) {
+            return fail(pointer, Flaw::RowEmpty);
+        }
+        for (j, value) in row.iter().enumerate() {
+            if let Some(value) = *value
+                && (!value.is_finite() || value.abs() > limits::CLIP_VALUE_MAX)
+            {
+                return fail(format!("{pointer}/{j}"), Flaw::Value { value });
+            }
+        }
+        Ok(())
+    }
+
+    fn validate_keys(&self) -> Checked {
+        at_most("/keys", "keys", self.keys.len(), limits::CLIP_KEYS)?;
+        let mut seen = BTreeSet::new();
+        for (i, key) in self.keys.iter().enumerate() {
+            let at = |field: &str| format!("/keys/{i}/{field}");
+            let frame = key.frame;
+            if frame >= self.length {
+                return fail(at("frame"), Flaw::Outside { frame, length: self.length });
+            }
+            if !seen.insert(frame) {
+                return fail(at("frame"), Flaw::Occupied { what: "key", frame });
+            }
+            match &key.goal {
+                Goal::Pose(name) => self.validate_pose_name(&at("pose"), name)?,
+                Goal::Q(row) => self.validate_row(&at("q"), row)?,
+            }
+            if key.hold == 0 || key.hold > limits::CLIP_FRAMES {
+                return fail(at("hold"), Flaw::Hold { hold: key.hold });
+            }
+            name(&at("note"), "a note", &key.note, true)?;
+        }
+        let own = |k: &super::Key| if let Goal::Q(q) = &k.goal { q.len() } else { 0 };
+        let values = self.keys.iter().map(own).sum::<usize>()
+            + self.poses.values().map(Vec::len).sum::<usize>();
+        at_most("/keys", "values in keys and poses", values, limits::CLIP_VALUES)
+    }
+
+    fn validate_masks(&self) -> Checked {
+        at_most("/masks", "mask spans", self.masks.len(), limits::CLIP_SPANS)?;
+        let index: BTreeMap<&str, usize> =
+            self.robot.joints.iter().enumerate().map(|(i, j)| (j.as_str(), i)).collect();
+        let mut names = 0;
+        for (i, mask) in self.masks.iter().enumerate() {
+            let (from, to, length) = (mask.from, mask.to, self.length);
+            if from >= to || to > length {
+                return fail(format!("/masks/{i}"), Flaw::Span { from, to, length });
+            }
+            let Some(joints) = &mask.joints else { continue };
+            if joints.is_empty() {
+                return fail(format!("/masks/{i}/joints"), Flaw::NoJoints);
+            }
+            names += joints.len();
+            let mut seen = BTreeSet::new();
+            for (j, joint) in joints.iter().enumerate() {
+                let pointer = || format!("/masks/{i}/joints/{j}");
+                if !index.contains_key(joint.as_str()) {
+                    let hint = hint(joint, self.robot.joints.iter().map(String::as_str));
+                    return fail(pointer(), Flaw::UnknownJoint { name: joint.clone(), hint });
+                }
+                if !seen.insert(joint.as_str()) {
+                    return fail(pointer(), Flaw::Twice { what: "joint", name: joint.clone() });
+                }
+            }
+        }
+        at_most("/masks", "joint names in mask spans", names, limits::CLIP_MASK_JOINTS)
+    }
+
+    fn validate_markers(&self) -> Checked {
+        at_most("/markers", "markers", self.markers.len(), limits::CLIP_SPANS)?;
+        let mut seen = BTreeSet::new();
+        for (i, marker) in self.markers.iter().enumerate() {
+            let frame = marker.frame;
+            let pointer = || format!("/markers/{i}/frame");
+            if frame >= self.length {
+                return fail(pointer(), Flaw::Outside { frame, length: self.length });
+            }
+            if !seen.insert(frame) {
+                return fail(pointer(), Flaw::Occupied { what: "marker", frame });
+            }
+            name(&format!("/markers/{i}/name"), "a marker name", &marker.name, false)?;
+        }
+        Ok(())
+    }
+}
+
+fn at_most(pointer: &str, what: &'static str, count: usize, cap: usize) -> Checked {
+    if count > cap { fail(pointer, Flaw::TooMany { what, count, cap }) } else { Ok(()) }
+}
+
+/// Names end up in tables, CSV headers and terminals: no control characters.
+fn name(pointer: &str, what: &'static str, text: &str, may_be_empty: bool) -> Checked {
+    let reason = if text.is_empty() && !may_be_empty {
+        "is empty"
+    } else if text.len() > limits::NAME_BYTES {
+        "is too long"
+    } else if text.chars().any(char::is_control) {
+        "holds a control character"
+    } else {
+        return Ok(());
+    };
+    fail(pointer, Flaw::Name { what, reason, name: text.to_owned() })
+}

@@ -1,0 +1,147 @@
+//! What changes from frame to frame: poses, ghosts, trails, glyphs, camera, caption.
+
+use glam::Vec3;
+
+use super::{Camera, Caption, Pose};
+
+/// One picture to draw.
+#[derive(Clone, Copy, Debug)]
+pub struct FrameInput<'a> {
+    /// Achieved pose of every geom of the scene, solid.
+    pub poses: &'a [Pose],
+    /// Other poses of the same scene, translucent. The first is the most important: previews on
+    /// a software driver draw only that one.
+    pub ghosts: &'a [Ghost<'a>],
+    /// Paths of points.
+    pub trails: &'a [Trail<'a>],
+    /// Crosses at single points (commanded keyframes).
+    pub marks: &'a [Mark],
+    /// Joint axes and contacts.
+    pub glyphs: &'a [Glyph],
+    /// The eye.
+    pub camera: Camera,
+    /// Direction to the light; none = [`SUN`].
+    pub sun: Option<Vec3>,
+    /// Text over the picture.
+    pub caption: Option<&'a Caption>,
+}
+
+/// Direction to the light unless a frame says otherwise: high, from the left of the default view.
+pub const SUN: Vec3 = Vec3::new(-0.25, -0.60, 1.0);
+
+/// The light for a view: over the left shoulder of whoever looks, so that shadows fall to the
+/// right and away from any azimuth. Constant while a camera orbits, if taken once.
+pub fn sun_for(camera: &Camera) -> Vec3 {
+    let (right, _, forward) = camera.axes();
+    let back = Vec3::new(-forward.x, -forward.y, 0.0).normalize_or_zero();
+    (back * 0.45 - right * 0.50 + Vec3::Z).normalize()
+}
+
+impl<'a> FrameInput<'a> {
+    /// Only the robot.
+    pub fn new(poses: &'a [Pose], camera: Camera) -> FrameInput<'a> {
+        FrameInput {
+            poses,
+            ghosts: &[],
+            trails: &[],
+            marks: &[],
+            glyphs: &[],
+            camera,
+            sun: None,
+            caption: None,
+        }
+    }
+}
+
+/// What a translucent pose stands for; decides its colour.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum GhostKind {
+    /// The commanded pose of this frame: blue, turning vermilion with the error of the link.
+    Command,
+    /// A keyframe before this frame.
+    Past,
+    /// A keyframe after this frame.
+    Future,
+}
+
+/// A translucent copy of the robot.
+#[derive(Clone, Copy, Debug)]
+pub struct Ghost<'a> {
+    /// Pose of every geom.
+    pub poses: &'a [Pose],
+    /// What it stands for.
+    pub kind: GhostKind,
+    /// Per geom 0 (reached) to 1 (far off): tints [`GhostKind::Command`]. Empty = no tint.
+    pub error: &'a [f32],
+    /// Opacity facing the eye, 0 to 1; outlines are denser.
+    pub opacity: f32,
+}
+
+impl<'a> Ghost<'a> {
+    /// The commanded pose.
+    pub fn command(poses: &'a [Pose]) -> Ghost<'a> {
+        Ghost { poses, kind: GhostKind::Command, error: &[], opacity: 0.55 }
+    }
+
+    /// A neighbouring keyframe.
+    pub fn onion(poses: &'a [Pose], past: bool) -> Ghost<'a> {
+        let kind = if past { GhostKind::Past } else { GhostKind::Future };
+        Ghost { poses, kind, error: &[], opacity: 0.30 }
+    }
+}
+
+/// A path through the world.
+#[derive(Clone, Copy, Debug)]
+pub struct Trail<'a> {
+    /// Points in order, metres.
+    pub points: &'a [Vec3],
+    /// sRGB, 0 to 1.
+    pub color: [f32; 3],
+    /// Width in pixels of a 480-line picture; scales with the picture.
+    pub width: f32,
+    /// Thin out towards the first point.
+    pub fade: bool,
+    /// Draw every second piece only (commanded, as opposed to achieved).
+    pub dashed: bool,
+}
+
+impl<'a> Trail<'a> {
+    /// A solid path that fades towards its past.
+    pub fn new(points: &'a [Vec3], color: [f32; 3]) -> Trail<'a> {
+        Trail { points, color, width: 3.0, fade: true, dashed: false }
+    }
+}
+
+/// A cross at a point, facing the eye.
+#[derive(Clone, Copy, Debug)]
+pub struct Mark {
+    /// Where, metres.
+    pub at: Vec3,
+    /// sRGB, 0 to 1.
+    pub color: [f32; 3],
+    /// Half size in pixels of a 480-line picture.
+    pub size: f32,
+}
+
+/// A sign of the mechanics.
+#[derive(Clone, Copy, Debug)]
+pub enum Glyph {
+    /// Axis of a joint with its sense of rotation.
+    JointAxis {
+        /// Anchor, metres.
+        anchor: Vec3,
+        /// Direction.
+        axis: Vec3,
+        /// Length, metres.
+        length: f32,
+    },
+    /// A touch: a disc with an arrow along the normal force.
+    Contact {
+        /// Where, metres.
+        at: Vec3,
+        /// Direction of the force.
+        normal: Vec3,
+        /// Length of the arrow, metres.
+        length: f32,
+    },
+}

@@ -1,0 +1,120 @@
+//! A finished picture in memory, and pictures put together: side by side, film strip.
+
+use super::Error;
+
+/// 8-bit sRGB with opacity, rows from the top, no padding.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Picture {
+    /// Pixels a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// `4 * width * height` bytes, R G B A.
+    pub rgba: Vec<u8>,
+}
+
+/// Between two pictures put together.
+const GAP_PX: u32 = 6;
+
+impl Picture {
+    /// One colour everywhere.
+    pub fn filled(width: u32, height: u32, rgb: [u8; 3]) -> Picture {
+        let pixel = [rgb[0], rgb[1], rgb[2], 255];
+        let count = width as usize * height as usize;
+        Picture { width, height, rgba: pixel.repeat(count) }
+    }
+
+    /// Red, green, blue at a place; black outside.
+    pub fn rgb(&self, x: u32, y: u32) -> [u8; 3] {
+        if x >= self.width {
+            return [0; 3];
+        }
+        let at = 4 * (y as usize * self.width as usize + x as usize);
+        self.rgba.get(at..at + 3).map_or([0; 3], |p| [p[0], p[1], p[2]])
+    }
+
+    /// The colours without the opacity, `3 * width * height` bytes.
+    pub fn to_rgb(&self) -> Vec<u8> {
+        let mut out = Vec::with_capacity(self.rgba.len() / 4 * 3);
+        for p in self.rgba.chunks_exact(4) {
+            out.extend_from_slice(&p[..3]);
+        }
+        out
+    }
+
+    /// Lays `other` over this one with its corner at (x, y); what falls outside is cut.
+    pub fn paste(&mut self, other: &Picture, x: u32, y: u32) {
+        if x >= self.width {
+            return;
+        }
+        let columns = other.width.min(self.width - x) as usize * 4;
+        let rows = other.rgba.chunks_exact(other.width.max(1) as usize * 4);
+        let pitch = self.width as usize * 4;
+        for (target, row) in self.rgba.chunks_exact_mut(pitch).skip(y as usize).zip(rows) {
+            let from = x as usize * 4;
+            target[from..from + columns].copy_from_slice(&row[..columns]);
+        }
+    }
+
+    /// Side by side with a thin gap, top edges level.
+    ///
+    /// # Errors
+    /// [`Error::NoFrames`] without pictures.
+    pub fn beside(pictures: &[Picture]) -> Result<Picture, Error> {
+        let Some(first) = pictures.first() else { return Err(Error::NoFrames) };
+        if pictures.len() == 1 {
+            return Ok(first.clone());
+        }
+        let width =
+            pictures.iter().map(|p| p.width).sum::<u32>() + GAP_PX * (pictures.len() as u32 - 1);
+        let height = pictures.iter().map(|p| p.height).max().unwrap_or(0);
+        let mut out = Picture::filled(width, height, [255; 3]);
+        let mut x = 0;
+        for p in pictures {
+            out.paste(p, x, 0);
+            x += p.width + GAP_PX;
+        }
+        Ok(out)
+    }
+
+    /// A film strip: moments in reading order, at most `columns` a row.
+    ///
+    /// # Errors
+    /// [`Error::NoFrames`] without pictures.
+    pub fn strip(pictures: &[Picture], columns: usize) -> Result<Picture, Error> {
+        let Some(first) = pictures.first() else { return Err(Error::NoFrames) };
+        let columns = columns.clamp(1, pictures.len());
+        let rows = pictures.len().div_ceil(columns);
+        let (w, h) = (first.width, first.height);
+        let width = columns as u32 * (w + GAP_PX) - GAP_PX;
+        let height = rows as u32 * (h + GAP_PX) - GAP_PX;
+        let mut out = Picture::filled(width, height, [255; 3]);
+        for (i, p) in pictures.iter().enumerate() {
+            let (column, row) = ((i % columns) as u32, (i / columns) as u32);
+            out.paste(p, column * (w + GAP_PX), row * (h + GAP_PX));
+        }
+        Ok(out)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn put_together_keeps_every_pixel() {
+        let red = Picture::filled(4, 3, [200, 0, 0]);
+        let blue = Picture::filled(5, 2, [0, 0, 200]);
+        let both = Picture::beside(&[red.clone(), blue.clone()]).unwrap();
+        assert_eq!((both.width, both.height), (4 + GAP_PX + 5, 3));
+        assert_eq!(both.rgb(3, 2), [200, 0, 0]);
+        assert_eq!(both.rgb(4, 0), [255; 3], "gap");
+        assert_eq!(both.rgb(4 + GAP_PX, 0), [0, 0, 200]);
+        assert_eq!(both.rgb(4 + GAP_PX, 2), [255; 3], "below the lower one");
+        let strip = Picture::strip(&[red.clone(), red.clone(), red], 2).unwrap();
+        assert_eq!((strip.width, strip.height), (8 + GAP_PX, 6 + GAP_PX));
+        assert_eq!(strip.rgb(0, 3 + GAP_PX), [200, 0, 0]);
+        assert_eq!(strip.rgb(7 + GAP_PX, 5 + GAP_PX), [255; 3], "empty place");
+        assert!(Picture::strip(&[], 3).is_err());
+    }
+}

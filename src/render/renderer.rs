@@ -1,0 +1,700 @@
+//! Draws a frame: shadow, objects (4 samples), backdrop and composition, readback.
+//!
+//! The backdrop (sky and endless floor) has no edges that need multisampling, so it is computed
+//! once a pixel in the composing pass and only the objects pay for samples. On a software driver
+//! this is what makes 4x MSAA affordable.
+
+use std::collections::BTreeMap;
+
+use glam::{Mat4, Vec3};
+use wgpu::util::DeviceExt;
+
+use super::caption::Letterer;
+use super::frame::{FrameInput, SUN};
+use super::gpu::{COLOR, DEPTH, Globals, Gpu, Instance, Pipelines, Segment};
+use super::instances::{Batch, Drawn, Key};
+use super::prims::{Prim, Triangles};
+use super::{Backend, Error, Picture, Scene};
+
+/// How much is spent on a picture.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Quality {
+    /// Fast on a software driver: 1 sample, 1024 shadow, at most one ghost. On a GPU as export.
+    Preview,
+    /// 4 samples, 2048 shadow.
+    #[default]
+    Export,
+}
+
+/// How to set up a renderer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RenderConfig {
+    /// Pixels a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Samples, shadow, ghosts.
+    pub quality: Quality,
+    /// Which adapter.
+    pub backend: Backend,
+    /// Axes on the floor.
+    pub axes: bool,
+    /// Whether things throw shadows.
+    pub shadows: bool,
+}
+
+impl Default for RenderConfig {
+    fn default() -> Self {
+        RenderConfig {
+            width: 640,
+            height: 480,
+            quality: Quality::Export,
+            backend: Backend::Auto,
+            axes: false,
+            shadows: true,
+        }
+    }
+}
+
+/// Seconds that the driver may take for one frame.
+const FRAME_SECS: u64 = 120;
+/// Pixels beyond which four samples a pixel would not fit the memory of small machines.
+const SAMPLED_PX: u64 = 4096 * 4096;
+/// Scenes whose meshes stay on the device.
+const SCENES_KEPT: usize = 4;
+
+#[derive(Debug)]
+struct GpuMesh {
+    vertices: wgpu::Buffer,
+    indices: wgpu::Buffer,
+    count: u32,
+}
+
+#[derive(Debug)]
+struct Targets {
+    width: u32,
+    height: u32,
+    objects: wgpu::TextureView,
+    depth: wgpu::TextureView,
+    compose: wgpu::BindGroup,
+    picture: wgpu::Texture,
+    picture_view: wgpu::TextureView,
+    readback: wgpu::Buffer,
+    pitch: u32,
+}
+
+/// An open device with everything on it. Keep it: opening costs some 0.2 s.
+#[derive(Debug)]
+pub struct Renderer {
+    gpu: Gpu,
+    pipelines: Pipelines,
+    prims: BTreeMap<Prim, GpuMesh>,
+    meshes: Vec<(u64, Vec<GpuMesh>)>,
+    globals: wgpu::Buffer,
+    main_group: wgpu::BindGroup,
+    shadow_group: wgpu::BindGroup,
+    shadow_view: wgpu::TextureView,
+    shadow_px: u32,
+    instances: wgpu::Buffer,
+    segments: wgpu::Buffer,
+    targets: Targets,
+    letterer: Letterer,
+    config: RenderConfig,
+}
+
+impl Renderer {
+    /// Opens a device.
+    ///
+    /// # Errors
+    /// [`Error::NoAdapter`] with the line to run, [`Error::Device`], [`Error::Size`].
+    pub fn new(config: RenderConfig) -> Result<Renderer, Error> {
+        let gpu = Gpu::open(config.backend)?;
+        check_size(&config, &gpu)?;
+        let cheap = gpu.is_software() && config.quality == Quality::Preview;
+        let pixels = u64::from(config.width) * u64::from(config.height);
+        let samples = if cheap || pixels > SAMPLED_PX { 1 } else { 4 };
+        if pixels > SAMPLED_PX {
+            tracing::warn!(
+                "{}x{} px is too large for 4 samples a pixel: edges will not be smoothed",
+                config.width,
+                config.height
+            );
+        }
+        let shadow_px = match (config.shadows, cheap) {
+            (false, _) => 1,
+            (true, true) => 1024,
+            (true, false) => 2048,
+        };
+        let pipelines = Pipelines::new(&gpu, samples);
+        let device = &gpu.device;
+        let globals = device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("globals"),
+            size: size_of::<Globals>() as u64,
+            usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        });
+        let shadow_view = texture(device, "shadow", shadow_px, shadow_px, 1, DEPTH)
+            .create_view(&wgpu::TextureViewDescriptor::default());
+        let sampler = device.create_sampler(&wgpu::SamplerDescriptor {
+            label: Some("shadow"),
+            mag_filter: wgpu::FilterMode::Linear,
+            min_filter: wgpu::FilterMode::Linear,
+            compare: Some(wgpu::CompareFunction::LessEqual),
+            ..wgpu::SamplerDescriptor::default()
+        });
+        let main_group = device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("main"),
+            layout: &pipelines.main_layout,
+            entries: &[
+                wgpu::BindGroupEntry { binding: 0, resource: globals.as_entire_binding() },
+                wgpu::BindGroupEntry {
+                    binding: 1,
+                    resource: wgpu::BindingResource::TextureView(&shadow_view),
+                },
+                wgpu::BindGroupEntry {
+                    binding: 2,
+                    resource: wgpu::BindingResource::Sampler(&sampler),
+                },
+            ],
+        });
+        let shadow_group = device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("shadow"),
+            layout: &pipelines.shadow_layout,
+            entries: &[wgpu::BindGroupEntry { binding: 0, resource: globals.as_entire_binding() }],
+        });
+        let prims = Prim::ALL.into_iter().map(|p| (p, upload(device, &p.triangles()))).collect();
+        let targets = targets(&gpu, &pipelines, config.width, config.height);
+        let renderer = Renderer {
+            instances: vertex_buffer(device, 64 * 1024),
+            segments: vertex_buffer(device, 16 * 1024),
+            prims,
+            meshes: Vec::new(),
+            globals,
+            main_group,
+            shadow_group,
+            shadow_view,
+            shadow_px,
+            targets,
+            letterer: Letterer::new(),
+            config,
+            pipelines,
+            gpu,
+        };
+        renderer.gpu.check()?;
+        Ok(renderer)
+    }
+
+    /// Name of the adapter and whether the processor draws.
+    pub fn adapter(&self) -> (String, bool) {
+        let info = &self.gpu.info;
+        (format!("{} ({:?})", info.name, info.backend), self.gpu.is_software())
+    }
+
+    /// Samples a pixel and texels along the shadow map's edge.
+    pub fn samples(&self) -> (u32, u32) {
+        (self.pipelines.samples, self.shadow_px)
+    }
+
+    /// Pixels of the pictures.
+    pub fn size(&self) -> (u32, u32) {
+        (self.config.width, self.config.height)
+    }
+
+    /// Changes the size of the pictures to come.
+    ///
+    /// # Errors
+    /// [`Error::Size`], [`Error::Device`].
+    pub fn resize(&mut self, width: u32, height: u32) -> Result<(), Error> {
+        let config = RenderConfig { width, height, ..self.config };
+        check_size(&config, &self.gpu)?;
+        if (width, height) != self.size() {
+            self.targets = targets(&self.gpu, &self.pipelines, width, height);
+            self.config = config;
+        }
+        self.gpu.check()
+    }
+
+    /// Draws one frame.
+    ///
+    /// # Errors
+    /// [`Error::PoseCount`], [`Error::NotFinite`], [`Error::Device`].
+    pub fn draw(&mut self, scene: &Scene, input: &FrameInput) -> Result<Picture, Error> {
+        check_input(scene, input)?;
+        self.keep_meshes(scene);
+        let aspect = self.config.width as f32 / self.config.height as f32;
+        let cheap = self.gpu.is_software() && self.config.quality == Quality::Preview;
+        let ghosts = input.ghosts.get(..input.ghosts.len().min(if cheap { 1 } else { usize::MAX }));
+        let drawn =
+            Drawn::collect(scene, input, ghosts.unwrap_or_default(), aspect, self.config.height);
+        let globals = self.fill_globals(scene, input, &drawn, aspect);
+        let device = &self.gpu.device;
+        let queue = &self.gpu.queue;
+        queue.write_buffer(&self.globals, 0, bytemuck::bytes_of(&globals));
+        put(device, queue, &mut self.instances, bytemuck::cast_slice(&drawn.instances));
+        put(device, queue, &mut self.segments, bytemuck::cast_slice(&drawn.segments));
+
+        let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        if self.config.shadows {
+            self.shadow_pass(&mut encoder, scene, &drawn);
+        } else {
+            // The map is still read: it must say "lit everywhere".
+            depth_pass(&mut encoder, &self.shadow_view);
+        }
+        self.object_pass(&mut encoder, scene, &drawn);
+        self.compose_pass(&mut encoder, &drawn);
+        let t = &self.targets;
+        encoder.copy_texture_to_buffer(
+            t.picture.as_image_copy(),
+            wgpu::TexelCopyBufferInfo {
+                buffer: &t.readback,
+                layout: wgpu::TexelCopyBufferLayout {
+                    offset: 0,
+                    bytes_per_row: Some(t.pitch),
+                    rows_per_image: None,
+                },
+            },
+            wgpu::Extent3d { width: t.width, height: t.height, depth_or_array_layers: 1 },
+        );
+        queue.submit([encoder.finish()]);
+        self.gpu.check()?;
+        let mut picture = self.read_back()?;
+        if let Some(caption) = input.caption {
+            self.letterer.draw(&mut picture, caption);
+        }
+        Ok(picture)
+    }
+
+    fn keep_meshes(&mut self, scene: &Scene) {
+        if let Some(at) = self.meshes.iter().position(|(id, _)| *id == scene.id) {
+            let kept = self.meshes.remove(at);
+            self.meshes.push(kept);
+            return;
+        }
+        let device = &self.gpu.device;
+        let uploaded = scene.meshes.iter().map(|m| upload(device, &m.triangles)).collect();
+        if self.meshes.len() >= SCENES_KEPT {
+            self.meshes.remove(0);
+        }
+        self.meshes.push((scene.id, uploaded));
+    }
+
+    fn mesh(&self, scene: &Scene, key: Key) -> Option<&GpuMesh> {
+        match key {
+            Key::Prim(p) => self.prims.get(&p),
+            Key::Mesh(i) => {
+                self.meshes.iter().rev().find(|(id, _)| *id == scene.id).and_then(|(_, m)| m.get(i))
+            }
+        }
+    }
+
+    fn batches(&self, pass: &mut wgpu::RenderPass, scene: &Scene, batches: &[Batch]) {
+        pass.set_vertex_buffer(1, self.instances.slice(..));
+        for b in batches {
+            let Some(mesh) = self.mesh(scene, b.key) else { continue };
+            pass.set_vertex_buffer(0, mesh.vertices.slice(..));
+            pass.set_index_buffer(mesh.indices.slice(..), wgpu::IndexFormat::Uint32);
+            pass.draw_indexed(0..mesh.count, 0, b.range.clone());
+        }
+    }
+
+    fn shadow_pass(&self, encoder: &mut wgpu::CommandEncoder, scene: &Scene, drawn: &Drawn) {
+        let mut pass = depth_pass(encoder, &self.shadow_view);
+        pass.set_pipeline(&self.pipelines.shadow);
+        pass.set_bind_group(0, &self.shadow_group, &[]);
+        self.batches(&mut pass, scene, &drawn.casters);
+    }
+
+    fn object_pass(&self, encoder: &mut wgpu::CommandEncoder, scene: &Scene, drawn: &Drawn) {
+        let t = &self.targets;
+        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+            label: Some("objects"),
+            color_attachments: &[Some(wgpu::RenderPassColorAttachment {
+                view: &t.objects,
+                depth_slice: None,
+                resolve_target: None,
+                ops: wgpu::Operations {
+                    load: wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT),
+                    store: wgpu::StoreOp::Store,
+                },
+            })],
+            depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
+                view: &t.depth,
+                depth_ops: Some(wgpu::Operations {
+                    load: wgpu::LoadOp::Clear(1.0),
+                    store: wgpu::StoreOp::Discard,
+                }),
+                stencil_ops: None,
+            }),
+            ..wgpu::RenderPassDescriptor::default()
+        });
+        if let Some([x, y, w, h]) = drawn.rect {
+            pass.set_scissor_rect(x, y, w, h);
+        }
+        pass.set_bind_group(0, &self.main_group, &[]);
+        if drawn.below_floor {
+            pass.set_pipeline(&self.pipelines.floor_depth);
+            pass.draw(0..6, 0..1);
+        }
+        let opaque = if self.config.shadows {
+            &self.pipelines.opaque
+        } else {
+            &self.pipelines.opaque_unshadowed
+        };
+        pass.set_pipeline(opaque);
+        self.batches(&mut pass, scene, &drawn.casters);
+        self.batches(&mut pass, scene, &drawn.props);
+        if !drawn.glass.is_empty() {
+            pass.set_pipeline(&self.pipelines.glass);
+            self.batches(&mut pass, scene, &drawn.glass);
+        }
+        if !drawn.ghosts.is_empty() {
+            pass.set_pipeline(&self.pipelines.ghost_depth);
+            self.batches(&mut pass, scene, &drawn.ghosts);
+            pass.set_pipeline(&self.pipelines.ghost);
+            self.batches(&mut pass, scene, &drawn.ghosts);
+        }
+        if !drawn.segments.is_empty() {
+            pass.set_pipeline(&self.pipelines.line);
+            pass.set_vertex_buffer(0, self.segments.slice(..));
+            pass.draw(0..6, 0..drawn.segments.len() as u32);
+        }
+    }
+
+    fn compose_pass(&self, encoder: &mut wgpu::CommandEncoder, drawn: &Drawn) {
+        let t = &self.targets;
+        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+            label: Some("compose"),
+            color_attachments: &[Some(wgpu::RenderPassColorAttachment {
+                view: &t.picture_view,
+                depth_slice: None,
+                resolve_target: None,
+                ops: wgpu::Operations {
+                    load: wgpu::LoadOp::Clear(wgpu::Color::BLACK),
+                    store: wgpu::StoreOp::Store,
+                },
+            })],
+            ..wgpu::RenderPassDescriptor::default()
+        });
+        pass.set_bind_group(0, &self.main_group, &[]);
+        let [x, y, w, h] = drawn.rect.unwrap_or([0, 0, t.width, t.height]);
+        pass.set_pipeline(&self.pipelines.backdrop);
+        let (right, below) = (x + w, y + h);
+        for [x, y, w, h] in [
+            [0, 0, t.width, y],
+            [0, below, t.width, t.height - below],
+            [0, y, x, h],
+            [right, y, t.width - right, h],
+        ] {
+            if w > 0 && h > 0 {
+                pass.set_scissor_rect(x, y, w, h);
+                pass.draw(0..3, 0..1);
+            }
+        }
+        if w > 0 && h > 0 {
+            pass.set_scissor_rect(x, y, w, h);
+            pass.set_pipeline(&self.pipelines.compose);
+            pass.set_bind_group(1, &t.compose, &[]);
+            pass.draw(0..3, 0..1);
+        }
+    }
+
+    fn read_back(&self) -> Result<Picture, Error> {
+        let t = &self.targets;
+        let slice = t.readback.slice(..);
+        let (send, receive) = std::sync::mpsc::sync_channel(1);
+        slice.map_async(wgpu::MapMode::Read, move |r| {
+            send.send(r).ok();
+        });
+        let wait = wgpu::PollType::Wait {
+            submission_index: None,
+            timeout: Some(std::time::Duration::from_secs(FRAME_SECS)),
+        };
+        self.gpu.device.poll(wait).map_err(|e| self.gpu.error(e))?;
+        match receive.try_recv() {
+            Ok(Ok(())) => {}
+            Ok(Err(e)) => return Err(self.gpu.error(e)),
+            Err(e) => return Err(self.gpu.error(e)),
+        }
+        let mapped = slice.get_mapped_range().map_err(|e| self.gpu.error(e))?;
+        let row = t.width as usize * 4;
+        let mut rgba = Vec::with_capacity(row * t.height as usize);
+        for line in mapped.chunks_exact(t.pitch as usize).take(t.height as usize) {
+            rgba.extend_from_slice(&line[..row]);
+        }
+        drop(mapped);
+        t.readback.unmap();
+        Ok(Picture { width: t.width, height: t.height, rgba })
+    }
+
+    fn fill_globals(
+        &self,
+        scene: &Scene,
+        input: &FrameInput,
+        drawn: &Drawn,
+        aspect: f32,
+    ) -> Globals {
+        let camera = &input.camera;
+        let (right, up, forward) = camera.axes();
+        let half = camera.half_height();
+        let ortho = matches!(camera.lens, super::Lens::Orthographic { .. });
+        // Height of the picture at the target: the scale of cells and fog. It does not depend on
+        // poses, so the floor keeps still.
+        let focus = 2.0 * camera.metres_a_px(camera.target, 2).max(1e-4);
+        let cell = cell_size(focus / 5.0);
+        let sun = input.sun.unwrap_or(SUN).normalize_or(Vec3::Z);
+        let (light_proj, texel_m) = light_box(sun, drawn.centre, drawn.radius, self.shadow_px);
+        let (a, b) = (linear([0.545, 0.575, 0.615]), linear([0.485, 0.515, 0.560]));
+        let horizon = linear([0.735, 0.760, 0.790]);
+        let zenith = linear([0.56, 0.62, 0.70]);
+        let floor_z = scene.floor.map_or(-1e3, |f| f.z);
+        Globals {
+            view_proj: camera.matrix(aspect, drawn.near, drawn.far).to_cols_array_2d(),
+            light_proj: light_proj.to_cols_array_2d(),
+            eye: camera.eye.extend(f32::from(u8::from(ortho))).to_array(),
+            forward: forward.extend(0.0).to_array(),
+            ray_x: (right * half * aspect).extend(0.0).to_array(),
+            ray_y: (up * half).extend(0.0).to_array(),
+            sun: sun.extend(f32::from(u8::from(self.config.shadows)) * 0.92).to_array(),
+            sun_color: [0.78, 0.75, 0.70, 0.22],
+            sky: [0.36, 0.39, 0.44, 0.0],
+            ground: [0.15, 0.14, 0.135, 0.0],
+            zenith: [zenith[0], zenith[1], zenith[2], 0.0],
+            horizon: [horizon[0], horizon[1], horizon[2], 0.0],
+            floor_a: [a[0], a[1], a[2], cell],
+            floor_b: [b[0], b[1], b[2], f32::from(u8::from(scene.floor.is_some()))],
+            floor_pos: [camera.target.x, camera.target.y, floor_z, 0.9 * focus],
+            floor_fog: [
+                1.0 / (5.0 * focus),
+                0.10,
+                if self.config.axes { 0.85 } else { 0.0 },
+                0.012 * cell.max(focus * 0.05),
+            ],
+            shadow: [1.0 / self.shadow_px as f32, 1.5 * texel_m, 1.0, 1.4],
+            view: [
+                self.config.width as f32,
+                self.config.height as f32,
+                1.0 / self.config.width as f32,
+                1.0 / self.config.height as f32,
+            ],
+        }
+    }
+}
+
+/// sRGB to linear.
+pub(super) fn linear(c: [f32; 3]) -> [f32; 3] {
+    c.map(|x| if x <= 0.04045 { x / 12.92 } else { ((x + 0.055) / 1.055).powf(2.4) })
+}
+
+/// The nearest of 1, 2, 5 times a power of ten, not below `wish`.
+fn cell_size(wish: f32) -> f32 {
+    let power = 10_f32.powf(wish.max(1e-6).log10().floor());
+    let lead = wish / power;
+    power
+        * if lead <= 1.0 {
+            1.0
+        } else if lead <= 2.0 {
+            2.0
+        } else if lead <= 5.0 {
+            5.0
+        } else {
+            10.0
+        }
+}
+
+/// Orthographic light that holds a ball; and the metres of one texel.
+///
+/// The size grows in steps of a tenth and the centre sits on the texel grid: otherwise the edge
+/// of a shadow would crawl from frame to frame.
+fn light_box(sun: Vec3, centre: Vec3, radius: f32, shadow_px: u32) -> (Mat4, f32) {
+    let step = 1.1_f32;
+    let radius = step.powf((radius.max(1e-4) * 1.03).log(step).ceil());
+    let texel = 2.0 * radius / shadow_px as f32;
+    let right = if sun.z.abs() > 0.999 { Vec3::X } else { Vec3::Z.cross(sun).normalize() };
+    let up = sun.cross(right);
+    let snap = |x: f32| (x / texel).round() * texel;
+    let at = right * snap(centre.dot(right)) + up * snap(centre.dot(up)) + sun * centre.dot(sun);
+    let eye = at + sun * 2.0 * radius;
+    let view = Mat4::from_cols(
+        Vec3::new(right.x, up.x, sun.x).extend(0.0),
+        Vec3::new(right.y, up.y, sun.y).extend(0.0),
+        Vec3::new(right.z, up.z, sun.z).extend(0.0),
+        Vec3::new(-right.dot(eye), -up.dot(eye), -sun.dot(eye)).extend(1.0),
+    );
+    let proj = glam::camera::rh::proj::directx::orthographic(
+        -radius,
+        radius,
+        -radius,
+        radius,
+        0.5 * radius,
+        3.5 * radius,
+    );
+    (proj * view, texel)
+}
+
+fn check_size(config: &RenderConfig, gpu: &Gpu) -> Result<(), Error> {
+    let fits = |px: u32| (1..=gpu.max_px).contains(&px);
+    if fits(config.width) && fits(config.height) {
+        return Ok(());
+    }
+    Err(Error::Size { width: config.width, height: config.height, max_px: gpu.max_px })
+}
+
+fn check_input(scene: &Scene, input: &FrameInput) -> Result<(), Error> {
+    scene.check("the achieved motion", input.poses)?;
+    for (i, g) in input.ghosts.iter().enumerate() {
+        scene.check(&format!("ghost {i}"), g.poses)?;
+    }
+    let bad = |what: &str| Err(Error::NotFinite { what: what.to_owned() });
+    if !input.camera.is_finite() {
+        return bad("the camera");
+    }
+    if input.sun.is_some_and(|s| !s.is_finite()) {
+        return bad("the direction of the light");
+    }
+    if input.trails.iter().any(|t| !t.points.iter().all(|p| p.is_finite())) {
+        return bad("a trail");
+    }
+    if input.marks.iter().any(|m| !m.at.is_finite()) {
+        return bad("a mark");
+    }
+    Ok(())
+}
+
+fn depth_pass<'a>(
+    encoder: &'a mut wgpu::CommandEncoder,
+    view: &wgpu::TextureView,
+) -> wgpu::RenderPass<'a> {
+    encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+        label: Some("shadow"),
+        depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
+            view,
+            depth_ops: Some(wgpu::Operations {
+                load: wgpu::LoadOp::Clear(1.0),
+                store: wgpu::StoreOp::Store,
+            }),
+            stencil_ops: None,
+        }),
+        ..wgpu::RenderPassDescriptor::default()
+    })
+}
+
+fn texture(
+    device: &wgpu::Device,
+    label: &str,
+    width: u32,
+    height: u32,
+    samples: u32,
+    format: wgpu::TextureFormat,
+) -> wgpu::Texture {
+    device.create_texture(&wgpu::TextureDescriptor {
+        label: Some(label),
+        size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
+        mip_level_count: 1,
+        sample_count: samples,
+        dimension: wgpu::TextureDimension::D2,
+        format,
+        usage: wgpu::TextureUsages::RENDER_ATTACHMENT
+            | wgpu::TextureUsages::TEXTURE_BINDING
+            | if samples == 1 {
+                wgpu::TextureUsages::COPY_SRC
+            } else {
+                wgpu::TextureUsages::empty()
+            },
+        view_formats: &[],
+    })
+}
+
+fn targets(gpu: &Gpu, pipelines: &Pipelines, width: u32, height: u32) -> Targets {
+    let device = &gpu.device;
+    let view = wgpu::TextureViewDescriptor::default();
+    let samples = pipelines.samples;
+    let objects = texture(device, "objects", width, height, samples, COLOR).create_view(&view);
+    let depth = texture(device, "depth", width, height, samples, DEPTH).create_view(&view);
+    let picture = texture(device, "picture", width, height, 1, COLOR);
+    let pitch = (4 * width).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
+    let compose = device.create_bind_group(&wgpu::BindGroupDescriptor {
+        label: Some("compose"),
+        layout: &pipelines.compose_layout,
+        entries: &[wgpu::BindGroupEntry {
+            binding: u32::from(samples > 1),
+            resource: wgpu::BindingResource::TextureView(&objects),
+        }],
+    });
+    Targets {
+        width,
+        height,
+        objects,
+        depth,
+        compose,
+        picture_view: picture.create_view(&view),
+        picture,
+        readback: device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("readback"),
+            size: u64::from(pitch) * u64::from(height),
+            usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
+            mapped_at_creation: false,
+        }),
+        pitch,
+    }
+}
+
+fn upload(device: &wgpu::Device, t: &Triangles) -> GpuMesh {
+    let make = |label, contents, usage| {
+        device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
+            label: Some(label),
+            contents,
+            usage,
+        })
+    };
+    GpuMesh {
+        vertices: make("vertices", bytemuck::cast_slice(&t.vertices), wgpu::BufferUsages::VERTEX),
+        indices: make("indices", bytemuck::cast_slice(&t.indices), wgpu::BufferUsages::INDEX),
+        count: t.indices.len() as u32,
+    }
+}
+
+fn vertex_buffer(device: &wgpu::Device, bytes: u64) -> wgpu::Buffer {
+    device.create_buffer(&wgpu::BufferDescriptor {
+        label: Some("per frame"),
+        size: bytes,
+        usage: wgpu::BufferUsages::VERTEX | wgpu::BufferUsages::COPY_DST,
+        mapped_at_creation: false,
+    })
+}
+
+fn put(device: &wgpu::Device, queue: &wgpu::Queue, buffer: &mut wgpu::Buffer, bytes: &[u8]) {
+    let needed = bytes.len() as u64;
+    if needed > buffer.size() {
+        *buffer = vertex_buffer(device, needed.next_power_of_two());
+    }
+    if needed > 0 {
+        queue.write_buffer(buffer, 0, bytes);
+    }
+}
+
+/// Kept here so that the sizes in the shader and on the host are named once.
+const _: () = assert!(size_of::<Instance>() == 80 && size_of::<Segment>() == 96);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cells_are_one_two_five() {
+        for (wish, cell) in [(0.03, 0.05), (0.2, 0.2), (0.21, 0.5), (7.0, 10.0), (1.0, 1.0)] {
+            assert!((cell_size(wish) / cell - 1.0).abs() < 1e-3, "{wish} {}", cell_size(wish));
+        }
+    }
+
+    #[test]
+    fn the_light_holds_its_ball() {
+        for sun in [SUN.normalize(), Vec3::Z, Vec3::X] {
+            let centre = Vec3::new(3.0, -1.0, 0.7);
+            let (m, _) = light_box(sun, centre, 0.4, 1024);
+            for d in [Vec3::X, Vec3::Y, Vec3::Z, Vec3::NEG_X, Vec3::NEG_Y, Vec3::NEG_Z] {
+                let p = m.project_point3(centre + d * 0.4);
+                assert!(p.x.abs() <= 1.0 && p.y.abs() <= 1.0 && (0.0..=1.0).contains(&p.z), "{p}");
+            }
+        }
+    }
+}

@@ -1,0 +1,333 @@
+//! What there is to draw: the geoms of a model, once; poses come with every frame.
+//!
+//! A scene can be built from a compiled model or by hand, so that pictures (and their golden
+//! tests) need no simulator.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use glam::{Mat3, Vec3};
+
+use super::{Error, Mesh};
+
+/// Geoms drawn at most; each costs 80 bytes a frame.
+pub const GEOMS: usize = 100_000;
+
+/// World pose of one geom.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pose {
+    /// Position, metres.
+    pub pos: Vec3,
+    /// Rotation, `world_from_geom`.
+    pub rot: Mat3,
+}
+
+impl Pose {
+    /// No rotation, at the origin.
+    pub const IDENTITY: Pose = Pose { pos: Vec3::ZERO, rot: Mat3::IDENTITY };
+
+    /// From `geom_xpos` and `geom_xmat` of the simulator (row-major).
+    pub fn from_mujoco(xpos: &[f64; 3], xmat: &[f64; 9]) -> Pose {
+        let m = xmat.map(|x| x as f32);
+        Pose {
+            pos: Vec3::from_array(xpos.map(|x| x as f32)),
+            rot: Mat3::from_cols_array(&m).transpose(),
+        }
+    }
+
+    /// A position without rotation.
+    pub fn at(x: f32, y: f32, z: f32) -> Pose {
+        Pose { pos: Vec3::new(x, y, z), rot: Mat3::IDENTITY }
+    }
+
+    /// This pose turned about its own origin.
+    #[must_use]
+    pub fn turned(self, rot: Mat3) -> Pose {
+        Pose { pos: self.pos, rot: self.rot * rot }
+    }
+
+    pub(super) fn is_finite(&self) -> bool {
+        self.pos.is_finite() && self.rot.is_finite()
+    }
+}
+
+/// Form and size of a geom in its own frame, metres.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Shape {
+    /// Ball.
+    Sphere {
+        /// Radius.
+        radius: f32,
+    },
+    /// Along z.
+    Capsule {
+        /// Radius.
+        radius: f32,
+        /// Half length of the straight part.
+        half_length: f32,
+    },
+    /// Half axes.
+    Ellipsoid {
+        /// Along x, y, z.
+        radii: Vec3,
+    },
+    /// Along z.
+    Cylinder {
+        /// Radius.
+        radius: f32,
+        /// Half length.
+        half_length: f32,
+    },
+    /// Half edges.
+    Box {
+        /// Along x, y, z.
+        half: Vec3,
+    },
+    /// In z = 0; an edge of 0 means without end.
+    Plane {
+        /// Half edge along x.
+        half_x: f32,
+        /// Half edge along y.
+        half_y: f32,
+    },
+    /// Index into [`Scene::meshes`]; height fields are meshes too.
+    Mesh {
+        /// Which.
+        mesh: usize,
+    },
+}
+
+/// One thing to draw.
+#[derive(Clone, Debug)]
+pub struct Geom {
+    /// Name for messages; may be empty.
+    pub name: String,
+    /// Body it is fixed to (0 = the world).
+    pub body: usize,
+    /// Form and size.
+    pub shape: Shape,
+    /// sRGB colour and opacity, 0 to 1, as models give it.
+    pub rgba: [f32; 4],
+}
+
+/// The ground.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Floor {
+    /// Height, metres.
+    pub z: f32,
+}
+
+/// Everything of a model that is drawn.
+#[derive(Clone, Debug)]
+pub struct Scene {
+    pub(super) id: u64,
+    pub(super) geoms: Vec<Geom>,
+    pub(super) meshes: Vec<Mesh>,
+    pub(super) floor: Option<Floor>,
+    bodies: Vec<String>,
+}
+
+impl Scene {
+    /// A scene from its parts. Shapes without extent are dropped from drawing (they cannot be
+    /// seen), not refused: models use them as markers.
+    ///
+    /// # Errors
+    /// [`Error::Geoms`], [`Error::Mesh`] for a geom that names no mesh, [`Error::NotFinite`].
+    pub fn new(geoms: Vec<Geom>, meshes: Vec<Mesh>, floor: Option<Floor>) -> Result<Scene, Error> {
+        static NEXT: AtomicU64 = AtomicU64::new(1);
+        if geoms.len() > GEOMS {
+            return Err(Error::Geoms { geoms: geoms.len(), cap: GEOMS });
+        }
+        for (i, g) in geoms.iter().enumerate() {
+            if let Shape::Mesh { mesh } = g.shape
+                && mesh >= meshes.len()
+            {
+                return Err(Error::Mesh {
+                    mesh: format!("of geom {}", label(i, &g.name)),
+                    reason: format!("number {mesh} of {} meshes", meshes.len()),
+                });
+            }
+            let finite = g.shape.radii().is_finite() && g.rgba.iter().all(|c| c.is_finite());
+            if !finite {
+                return Err(Error::NotFinite {
+                    what: format!("size or colour of geom {}", label(i, &g.name)),
+                });
+            }
+        }
+        let id = NEXT.fetch_add(1, Ordering::Relaxed);
+        Ok(Scene { id, geoms, meshes, floor, bodies: Vec::new() })
+    }
+
+    /// The geoms, in the order of the poses.
+    pub fn geoms(&self) -> &[Geom] {
+        &self.geoms
+    }
+
+    /// The meshes that geoms name.
+    pub fn meshes(&self) -> &[Mesh] {
+        &self.meshes
+    }
+
+    /// The ground, if there is one.
+    pub fn floor(&self) -> Option<Floor> {
+        self.floor
+    }
+
+    /// Names of the bodies, for cameras that follow one.
+    #[must_use]
+    pub fn with_bodies(mut self, names: Vec<String>) -> Scene {
+        self.bodies = names;
+        self
+    }
+
+    /// Number of the body of this name.
+    ///
+    /// # Errors
+    /// [`Error::Unknown`] with the names there are.
+    pub fn body(&self, name: &str) -> Result<usize, Error> {
+        self.bodies.iter().position(|b| b == name).ok_or_else(|| Error::Unknown {
+            kind: "body",
+            name: name.to_owned(),
+            known: self.bodies.join(", "),
+        })
+    }
+
+    /// Triangles drawn at most in one pass.
+    pub fn faces(&self) -> usize {
+        self.geoms
+            .iter()
+            .map(|g| match g.shape {
+                Shape::Mesh { mesh } => self.meshes.get(mesh).map_or(0, Mesh::faces),
+                _ => 600,
+            })
+            .sum()
+    }
+
+    /// Refuses pose lists that do not fit or are not finite.
+    pub(super) fn check(&self, what: &str, poses: &[Pose]) -> Result<(), Error> {
+        if poses.len() != self.geoms.len() {
+            return Err(Error::PoseCount {
+                what: what.to_owned(),
+                poses: poses.len(),
+                geoms: self.geoms.len(),
+            });
+        }
+        match poses.iter().position(|p| !p.is_finite()) {
+            None => Ok(()),
+            Some(i) => {
+                let name = self.geoms.get(i).map_or("", |g| g.name.as_str());
+                Err(Error::NotFinite { what: format!("{what}: pose of geom {}", label(i, name)) })
+            }
+        }
+    }
+
+    /// Centre and half edges of a geom's bounding box in its own frame; none if it has no end.
+    pub(super) fn extent(&self, geom: &Geom) -> Option<(Vec3, Vec3)> {
+        match geom.shape {
+            Shape::Mesh { mesh } => {
+                let m = self.meshes.get(mesh)?;
+                Some((0.5 * (m.low + m.high), 0.5 * (m.high - m.low)))
+            }
+            Shape::Plane { half_x, half_y } if half_x <= 0.0 || half_y <= 0.0 => None,
+            Shape::Capsule { radius, half_length } => {
+                Some((Vec3::ZERO, Vec3::new(radius, radius, radius + half_length)))
+            }
+            ref s => Some((Vec3::ZERO, s.radii())),
+        }
+    }
+
+    /// Corners of the bounding boxes of all drawn geoms at these poses: what a camera must hold.
+    /// The ground is left out, it has no end.
+    pub fn corners(&self, poses: &[Pose]) -> Vec<Vec3> {
+        let mut out = Vec::new();
+        for (g, pose) in self.geoms.iter().zip(poses) {
+            if !g.is_visible() || !pose.is_finite() {
+                continue;
+            }
+            let Some((centre, half)) = self.extent(g) else { continue };
+            let round = matches!(
+                g.shape,
+                Shape::Sphere { .. } | Shape::Capsule { .. } | Shape::Ellipsoid { .. }
+            );
+            // The box corners of a ball lie 1.7 radii out: cut them to what is really there.
+            let cut = if round { 0.62 } else { 1.0 };
+            for k in 0..8_u8 {
+                let s = |b: u8| if k >> b & 1 == 1 { 1.0_f32 } else { -1.0 };
+                let mut corner = half * Vec3::new(s(0), s(1), s(2));
+                if let Shape::Capsule { radius, half_length } = g.shape {
+                    corner = Vec3::new(radius * s(0), radius * s(1), radius * s(2)) * cut
+                        + Vec3::Z * half_length * s(2);
+                } else {
+                    corner *= cut;
+                }
+                out.push(pose.pos + pose.rot * (centre + corner));
+            }
+        }
+        out
+    }
+}
+
+impl Geom {
+    /// Whether it leaves a mark on the picture.
+    pub(super) fn is_visible(&self) -> bool {
+        let r = self.shape.radii();
+        self.rgba.last().is_some_and(|a| *a > 0.0)
+            && match self.shape {
+                Shape::Plane { .. } => true,
+                // A disc is thin but seen: one zero edge of a box is not.
+                _ => r.min_element() > 0.0,
+            }
+    }
+}
+
+impl Shape {
+    /// Scale of the unit shape.
+    pub(super) fn radii(&self) -> Vec3 {
+        match *self {
+            Shape::Sphere { radius } | Shape::Capsule { radius, .. } => Vec3::splat(radius),
+            Shape::Ellipsoid { radii } => radii,
+            Shape::Cylinder { radius, half_length } => Vec3::new(radius, radius, half_length),
+            Shape::Box { half } => half,
+            Shape::Plane { half_x, half_y } => Vec3::new(half_x, half_y, 0.0),
+            Shape::Mesh { .. } => Vec3::ONE,
+        }
+    }
+}
+
+fn label(index: usize, name: &str) -> String {
+    if name.is_empty() { format!("{index}") } else { format!("{name:?}") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ball(radius: f32) -> Geom {
+        Geom { name: "tip".into(), body: 1, shape: Shape::Sphere { radius }, rgba: [1.0; 4] }
+    }
+
+    #[test]
+    fn poses_must_fit_and_be_finite() {
+        let scene = Scene::new(vec![ball(0.1)], vec![], None).unwrap();
+        assert!(matches!(scene.check("achieved", &[]), Err(Error::PoseCount { .. })));
+        let text =
+            scene.check("achieved", &[Pose::at(f32::NAN, 0.0, 0.0)]).unwrap_err().to_string();
+        assert!(text.contains("tip"), "{text}");
+        assert!(scene.check("achieved", &[Pose::IDENTITY]).is_ok());
+    }
+
+    #[test]
+    fn shapes_without_extent_are_not_seen() {
+        assert!(!ball(0.0).is_visible());
+        assert!(Scene::new(vec![ball(0.0)], vec![], None).is_ok());
+        assert!(Scene::new(vec![ball(f32::INFINITY)], vec![], None).is_err());
+        let mesh = Geom { shape: Shape::Mesh { mesh: 3 }, ..ball(1.0) };
+        assert!(matches!(Scene::new(vec![mesh], vec![], None), Err(Error::Mesh { .. })));
+    }
+
+    #[test]
+    fn mujoco_rows_become_columns() {
+        // A quarter turn about z takes x to y.
+        let pose = Pose::from_mujoco(&[0.0; 3], &[0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0]);
+        assert!((pose.rot * Vec3::X - Vec3::Y).length() < 1e-6);
+    }
+}

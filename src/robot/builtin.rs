@@ -1,0 +1,42 @@
+//! The robots that the binary carries: own primitive-geometry models, see `assets/robots`.
+
+/// A robot in the binary.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Builtin {
+    pub(super) id: &'static str,
+    /// `None` where the profile names another robot's model.
+    pub(super) model: Option<&'static str>,
+    pub(super) profile: &'static str,
+}
+
+/// In the order of `robert robots ls`.
+pub(super) const BUILTIN: [Builtin; 4] = [
+    Builtin {
+        id: "pointmass",
+        model: Some(include_str!("../../assets/robots/pointmass/robot.xml")),
+        profile: include_str!("../../assets/robots/pointmass/profile.toml"),
+    },
+    Builtin {
+        id: "ur5e",
+        model: Some(include_str!("../../assets/robots/ur5e/robot.xml")),
+        profile: include_str!("../../assets/robots/ur5e/profile.toml"),
+    },
+    Builtin {
+        id: "ur5e_light",
+        model: None,
+        profile: include_str!("../../assets/robots/ur5e_light/profile.toml"),
+    },
+    Builtin {
+        id: "shadow_hand",
+        model: Some(include_str!("../../assets/robots/shadow_hand/robot.xml")),
+        profile: include_str!("../../assets/robots/shadow_hand/profile.toml"),
+    },
+];
+
+/// Notices of the sources of the figures in those models.
+pub const NOTICE: &str = include_str!("../../assets/robots/NOTICE");
+
+/// The robot of this id.
+pub(super) fn find(id: &str) -> Option<&'static Builtin> {
+    BUILTIN.iter().find(|b| b.id == id)
+}

@@ -1,0 +1,654 @@
+//! What a compiled model implies about its robot.
+//!
+//! Order of state and action is the model's. Speed limits are the terminal speeds of the
+//! motors against the joints' damping. Groups are the branches of the body tree. Settling
+//! gains come from the inertia at the default pose.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use super::error::Error;
+use super::profile::{
+    ActuatorSpec, Camera, Coupling, Drive, FORMAT, Group, JointSpec, MODEL_FILE, MirrorSpec,
+    NEAR_LIMIT, OneOrMany, PoseSpec, Profile, SettleSpec, Written,
+};
+use crate::limits;
+use crate::mujoco::{Joint, Kind, Model, Transmission};
+use crate::units::Unit;
+
+/// Speed limit of a joint whose model says nothing about it, rad/s or m/s.
+const SPEED_DEFAULT: f64 = 10.0;
+/// Control steps to settle: three seconds.
+const SETTLE_FRAMES: u32 = 60;
+/// Residual above which a pose counts as not reached, rad or m.
+const SETTLE_TOLERANCE: f64 = 0.05;
+/// Bandwidth of the settling drive, rad/s: well below the 5 ms step, well above 1/3 s.
+const SETTLE_RATE: f64 = 10.0;
+/// Time constant of the settling drive on joints that damping rules, seconds.
+const SETTLE_TAU_SECS: f64 = 0.05;
+
+/// Ids of the joints of the state.
+///
+/// # Errors
+/// [`Error::Unfit`] for free and ball joints, nameless or doubly named joints, none at all.
+pub(super) fn state_joints(model: &Model, path: &Path) -> Result<Vec<usize>, Error> {
+    let unfit = |message: String| Err(Error::Unfit { message, path: path.to_owned() });
+    let n = model.jnt_type().len();
+    if n == 0 {
+        return unfit("the model has no joint: nothing can move".into());
+    }
+    if n > limits::JOINTS {
+        return unfit(format!("{n} joints, at most {} are taken", limits::JOINTS));
+    }
+    for id in 0..n {
+        let name = model.name(Kind::Joint, id);
+        let called = || name.map_or_else(|| format!("joint {id}"), |n| format!("joint \"{n}\""));
+        match model.joint_type(id) {
+            Some(Joint::Hinge | Joint::Slide) => {}
+            Some(Joint::Free) => {
+                return unfit(format!(
+                    "{} floats freely; the state takes hinge and slide joints only. \
+                     To hold the base still: robert import --fixed-base",
+                    called()
+                ));
+            }
+            _ => {
+                return unfit(format!(
+                    "{} is a ball joint; the state takes hinge and slide joints only. \
+                     Replace it by three hinges",
+                    called()
+                ));
+            }
+        }
+        if name.is_none() {
+            return unfit(format!(
+                "joint {id} has no name; give every joint one (robert import does)"
+            ));
+        }
+    }
+    Ok((0..n).collect())
+}
+
+/// Completes what was written with what the model implies, and checks one against the other.
+pub(super) fn complete(
+    written: Written,
+    model: &Model,
+    id: &str,
+    path: &Path,
+) -> Result<Profile, Error> {
+    let derived = derive(model, id, path)?;
+    let mismatch = |message: String| Error::Mismatch { message, path: path.to_owned() };
+    let joints = match written.joints {
+        None => derived.joints,
+        Some(list) => join_joints(&list, derived.joints).map_err(mismatch)?,
+    };
+    if let Some(list) = &written.actuators
+        && !same_actuators(list, &derived.actuators)
+    {
+        return Err(mismatch(format!(
+            "the actuators differ from the model's: {}",
+            first_difference(list, &derived.actuators)
+        )));
+    }
+    if let Some(list) = &written.couplings
+        && *list != derived.couplings
+    {
+        return Err(mismatch(
+            "the couplings differ from the tendons and equalities of the model; \
+             leave them out to derive them"
+                .into(),
+        ));
+    }
+    let known = |name: &str| joints.iter().any(|j| j.name == name);
+    let groups = written.groups.unwrap_or(derived.groups);
+    for g in &groups {
+        if let Some(j) = g.joints.iter().find(|j| !known(j)) {
+            return Err(mismatch(format!(
+                "group \"{}\" names joint \"{j}\", which the model does not have",
+                g.name
+            )));
+        }
+    }
+    let mirror = written.mirror.unwrap_or(derived.mirror);
+    check_mirror(&mirror, &known).map_err(mismatch)?;
+    let ik_sites = written.ik_sites.unwrap_or(derived.ik_sites);
+    if let Some(s) = ik_sites.iter().find(|s| model.id(Kind::Site, s).is_none()) {
+        return Err(mismatch(format!("ik_sites names \"{s}\", which the model does not have")));
+    }
+    let mut poses = derived.poses;
+    let own_home = written.home.is_some() || written.poses.contains_key(&derived.home);
+    if own_home {
+        poses.clear();
+    }
+    poses.extend(written.poses);
+    let home = written.home.unwrap_or(derived.home);
+    if !poses.contains_key(&home) {
+        return Err(mismatch(format!("home is \"{home}\", but there is no such pose")));
+    }
+    check_poses(&poses, &joints).map_err(mismatch)?;
+    let camera = written.camera.unwrap_or(derived.camera);
+    check_camera(&camera).map_err(mismatch)?;
+    let many = |value: Option<OneOrMany>, derived: Vec<f64>, what: &str| {
+        let list = match value {
+            None => derived,
+            Some(OneOrMany::One(v)) => vec![v; joints.len()],
+            Some(OneOrMany::Many(list)) => list,
+        };
+        if list.len() != joints.len() {
+            return Err(mismatch(format!(
+                "settle.{what} has {} values for {} joints",
+                list.len(),
+                joints.len()
+            )));
+        }
+        match list.iter().find(|v| !(v.is_finite() && **v >= 0.0)) {
+            Some(v) => {
+                Err(mismatch(format!("settle.{what} holds {v}; gains are finite and not negative")))
+            }
+            None => Ok(list),
+        }
+    };
+    let settle = SettleSpec {
+        kp: many(written.settle.kp, derived.settle.kp, "kp")?,
+        kd: many(written.settle.kd, derived.settle.kd, "kd")?,
+        frames: written.settle.frames.unwrap_or(SETTLE_FRAMES).clamp(1, limits::CLIP_FRAMES),
+        tolerance: written.settle.tolerance.unwrap_or(SETTLE_TOLERANCE),
+    };
+    Ok(Profile {
+        format: FORMAT.to_owned(),
+        id: written.id.unwrap_or(derived.id),
+        title: written.title.unwrap_or(derived.title),
+        about: written.about.unwrap_or(derived.about),
+        licence: written.licence.unwrap_or(derived.licence),
+        model: written.model.unwrap_or(derived.model),
+        home,
+        near_limit: written.near_limit.unwrap_or(NEAR_LIMIT),
+        physics: written.physics,
+        actuators: derived.actuators,
+        couplings: derived.couplings,
+        joints,
+        groups,
+        mirror,
+        ik_sites,
+        camera,
+        settle,
+        poses,
+    })
+}
+
+/// The profile that the model alone implies.
+///
+/// # Errors
+/// [`Error::Unfit`].
+pub fn derive(model: &Model, id: &str, path: &Path) -> Result<Profile, Error> {
+    let ids = state_joints(model, path)?;
+    let actuators = actuators(model);
+    let couplings = couplings(model);
+    let joints = ids.iter().map(|&j| joint(model, j)).collect::<Vec<_>>();
+    let mut poses = BTreeMap::new();
+    let home = model.name(Kind::Key, 0).unwrap_or("rest").to_owned();
+    poses.insert(home.clone(), home_pose(model, &joints));
+    Ok(Profile {
+        format: FORMAT.to_owned(),
+        id: id.to_owned(),
+        title: id.to_owned(),
+        about: String::new(),
+        licence: String::new(),
+        model: MODEL_FILE.to_owned(),
+        home,
+        near_limit: NEAR_LIMIT,
+        physics: super::profile::Physics::default(),
+        actuators,
+        couplings,
+        groups: groups(model, &joints),
+        mirror: MirrorSpec {
+            table: Vec::new(),
+            none: "the profile has no mirror table".to_owned(),
+        },
+        ik_sites: ik_sites(model),
+        camera: camera(model),
+        settle: settle(model),
+        joints,
+        poses,
+    })
+}
+
+fn joint(model: &Model, id: usize) -> JointSpec {
+    let limited = model.jnt_limited().get(id).is_some_and(|l| *l != 0);
+    let range = model.jnt_range().get(2 * id..2 * id + 2);
+    JointSpec {
+        name: model.name(Kind::Joint, id).unwrap_or_default().to_owned(),
+        unit: if model.joint_type(id) == Some(Joint::Slide) { Unit::M } else { Unit::Rad },
+        range: range.filter(|_| limited).and_then(|r| r.try_into().ok()),
+        speed_limit: speed_limit(model, id),
+    }
+}
+
+/// Force of the motors that reach a joint, over its damping: the speed at which the motor
+/// holds no torque back. Gravity is left out.
+fn speed_limit(model: &Model, joint: usize) -> f64 {
+    let dof = model.jnt_dofadr().get(joint).and_then(|d| usize::try_from(*d).ok()).unwrap_or(0);
+    let damping = model.dof_damping().get(dof).copied().unwrap_or(0.0);
+    let mut force = 0.0_f64;
+    for a in 0..model.nu() {
+        if !is_motor(model, a) {
+            continue;
+        }
+        let limit = ctrlrange(model, a).map_or(0.0, |[lo, hi]| lo.abs().max(hi.abs()));
+        let gear = model.actuator_gear().get(6 * a).copied().unwrap_or(1.0).abs();
+        let gain = model.actuator_gainprm().get(10 * a).copied().unwrap_or(1.0).abs();
+        let lever = match model.transmission(a) {
+            Some(Transmission::Joint(j)) if j == joint => 1.0,
+            Some(Transmission::Tendon(t)) => tendon_joints(model, t)
+                .into_iter()
+                .find(|(j, _)| *j == joint)
+                .map_or(0.0, |(_, c)| c.abs()),
+            _ => 0.0,
+        };
+        force += limit * gear * gain * lever;
+    }
+    if damping <= 0.0 || force <= 0.0 {
+        return SPEED_DEFAULT;
+    }
+    // Six digits: a limit is a figure for people, not a fingerprint.
+    let speed = force / damping;
+    let scale = 10_f64.powi(5 - speed.log10().floor() as i32);
+    (speed * scale).round() / scale
+}
+
+/// Whether an actuator's control is a force: fixed gain, no bias, no dynamics.
+pub(super) fn is_motor(model: &Model, actuator: usize) -> bool {
+    let zero = |v: &[i32]| v.get(actuator).is_some_and(|t| *t == 0);
+    zero(model.actuator_gaintype())
+        && zero(model.actuator_biastype())
+        && zero(model.actuator_dyntype())
+}
+
+/// The control range of an actuator; `None` where the model sets no limit.
+pub(super) fn ctrlrange(model: &Model, actuator: usize) -> Option<[f64; 2]> {
+    let limited = model.actuator_ctrllimited().get(actuator).is_some_and(|l| *l != 0);
+    let range = model.actuator_ctrlrange().get(2 * actuator..2 * actuator + 2)?;
+    range.try_into().ok().filter(|_| limited)
+}
+
+fn actuators(model: &Model) -> Vec<ActuatorSpec> {
+    (0..model.nu())
+        .map(|a| {
+            let drive = match model.transmission(a) {
+                Some(Transmission::Joint(j)) => {
+                    Drive::Joint(model.name(Kind::Joint, j).unwrap_or_default().to_owned())
+                }
+                Some(Transmission::Tendon(t)) => Drive::Tendon(tendon_name(model, t)),
+                _ => Drive::Other("site or body".to_owned()),
+            };
+            let name = match (model.name(Kind::Actuator, a), &drive) {
+                (Some(n), _) => n.to_owned(),
+                (None, Drive::Joint(n) | Drive::Tendon(n)) => n.clone(),
+                (None, Drive::Other(_)) => format!("actuator_{a}"),
+            };
+            ActuatorSpec { name, drive, ctrlrange: ctrlrange(model, a).unwrap_or([-1.0, 1.0]) }
+        })
+        .collect()
+}
+
+fn tendon_name(model: &Model, t: usize) -> String {
+    model.name(Kind::Tendon, t).map_or_else(|| format!("tendon_{t}"), str::to_owned)
+}
+
+/// Joints and coefficients of a fixed tendon; empty for spatial ones.
+fn tendon_joints(model: &Model, t: usize) -> Vec<(usize, f64)> {
+    const WRAP_JOINT: i32 = 1; // mjWRAP_JOINT
+    let at = |v: &[i32]| v.get(t).and_then(|n| usize::try_from(*n).ok()).unwrap_or(0);
+    let (adr, num) = (at(model.tendon_adr()), at(model.tendon_num()));
+    (adr..adr + num)
+        .filter(|&w| model.wrap_type().get(w) == Some(&WRAP_JOINT))
+        .filter_map(|w| {
+            let joint = usize::try_from(*model.wrap_objid().get(w)?).ok()?;
+            Some((joint, *model.wrap_prm().get(w)?))
+        })
+        .collect()
+}
+
+fn couplings(model: &Model) -> Vec<Coupling> {
+    const EQ_JOINT: i32 = 2; // mjEQ_JOINT
+    let joint_name = |j: usize| model.name(Kind::Joint, j).unwrap_or_default().to_owned();
+    let mut found = Vec::new();
+    for t in 0..model.ntendon() {
+        let members = tendon_joints(model, t);
+        if members.len() < 2 {
+            continue;
+        }
+        let limited = model.tendon_limited().get(t).is_some_and(|l| *l != 0);
+        let range = model.tendon_range().get(2 * t..2 * t + 2);
+        found.push(Coupling::Tendon {
+            name: tendon_name(model, t),
+            joints: members.iter().map(|(j, _)| joint_name(*j)).collect(),
+            coefs: members.iter().map(|(_, c)| *c).collect(),
+            range: range.filter(|_| limited).and_then(|r| r.try_into().ok()),
+        });
+    }
+    for e in 0..model.neq() {
+        let id = |v: &[i32]| v.get(e).and_then(|n| usize::try_from(*n).ok());
+        let is_joint = model.eq_type().get(e) == Some(&EQ_JOINT);
+        let active = model.eq_active().get(e).is_some_and(|a| *a != 0);
+        let (Some(one), Some(two)) = (id(model.eq_obj1id()), id(model.eq_obj2id())) else {
+            continue;
+        };
+        let Some(&[offset, multiplier, a, b, c]) =
+            model.eq_data().get(11 * e..11 * e + 5).and_then(|d| <&[f64; 5]>::try_from(d).ok())
+        else {
+            continue;
+        };
+        if is_joint && active && [a, b, c] == [0.0; 3] {
+            found.push(Coupling::Mimic {
+                follower: joint_name(one),
+                leader: joint_name(two),
+                offset,
+                multiplier,
+            });
+        }
+    }
+    found
+}
+
+/// Branches of the body tree: a body from which two or more moving branches leave ends one
+/// group and starts others.
+fn groups(model: &Model, joints: &[JointSpec]) -> Vec<Group> {
+    let n = model.nbody();
+    let parent =
+        |b: usize| model.body_parentid().get(b).and_then(|p| usize::try_from(*p).ok()).unwrap_or(0);
+    // Bodies are in depth-first order: children come after their parents.
+    let mut moving = vec![false; n];
+    let mut branches = vec![0_u32; n];
+    for b in (1..n).rev() {
+        let own = model.body_jntnum().get(b).is_some_and(|j| *j > 0);
+        let moves = own || moving.get(b).copied().unwrap_or(false);
+        if moves {
+            if let Some(m) = moving.get_mut(parent(b)) {
+                *m = true;
+            }
+            if let Some(c) = branches.get_mut(parent(b)) {
+                *c += 1;
+            }
+        }
+    }
+    let mut root = vec![0_usize; n];
+    for b in 1..n {
+        let p = parent(b);
+        let forks = branches.get(p).is_some_and(|c| *c > 1);
+        let inherited = root.get(p).copied().unwrap_or(0);
+        if let Some(r) = root.get_mut(b) {
+            *r = if forks || inherited == 0 { b } else { inherited };
+        }
+    }
+    let mut found: Vec<(usize, Vec<String>)> = Vec::new();
+    for (j, spec) in joints.iter().enumerate() {
+        let body = model.jnt_bodyid().get(j).and_then(|b| usize::try_from(*b).ok()).unwrap_or(0);
+        let limb = root.get(body).copied().unwrap_or(0);
+        match found.iter_mut().find(|(l, _)| *l == limb) {
+            Some((_, list)) => list.push(spec.name.clone()),
+            None => found.push((limb, vec![spec.name.clone()])),
+        }
+    }
+    let mut groups: Vec<Group> = Vec::new();
+    for (limb, joints) in found {
+        let mut name = common_prefix(&joints);
+        if name.is_empty() || groups.iter().any(|g| g.name == name) {
+            model.name(Kind::Body, limb).unwrap_or("all").clone_into(&mut name);
+        }
+        if groups.iter().any(|g| g.name == name) {
+            name = format!("{name}_{limb}");
+        }
+        groups.push(Group { title: name.clone(), name, joints });
+    }
+    groups
+}
+
+/// The part that all names share, cut before a trailing "J", separator or digit.
+fn common_prefix(names: &[String]) -> String {
+    let Some(first) = names.first() else { return String::new() };
+    if names.len() == 1 {
+        return first.clone();
+    }
+    let len = first
+        .char_indices()
+        .find(|(i, c)| names.iter().any(|n| n.get(*i..).and_then(|s| s.chars().next()) != Some(*c)))
+        .map_or(first.len(), |(i, _)| i);
+    let shared = first.get(..len).unwrap_or_default();
+    let cut = shared.trim_end_matches(|c: char| c.is_ascii_digit() || "_-./".contains(c));
+    let cut = if cut.len() > 2 { cut.strip_suffix('J').unwrap_or(cut) } else { cut };
+    cut.trim_end_matches(['_', '-', '.', '/']).to_owned()
+}
+
+/// Sites at the far end of a branch (no moving body below them); all sites if there is none.
+fn ik_sites(model: &Model) -> Vec<String> {
+    let n = model.nbody();
+    let mut inner = vec![false; n];
+    for b in 1..n {
+        let moves = model.body_jntnum().get(b).is_some_and(|j| *j > 0);
+        let mut up = b;
+        while moves && up != 0 {
+            up = model.body_parentid().get(up).and_then(|p| usize::try_from(*p).ok()).unwrap_or(0);
+            if let Some(i) = inner.get_mut(up) {
+                *i = true;
+            }
+        }
+    }
+    let named = |only_tips: bool| {
+        (0..model.nsite())
+            .filter(|&s| {
+                let body = model.site_bodyid().get(s).and_then(|b| usize::try_from(*b).ok());
+                !only_tips || body.and_then(|b| inner.get(b)).is_some_and(|i| !*i)
+            })
+            .filter_map(|s| model.name(Kind::Site, s).map(str::to_owned))
+            .collect::<Vec<_>>()
+    };
+    let tips = named(true);
+    if tips.is_empty() { named(false) } else { tips }
+}
+
+fn camera(model: &Model) -> Camera {
+    Camera {
+        lookat: model.center(),
+        distance: (2.6 * model.extent()).clamp(0.05, 1e3),
+        azimuth_rad: 2.4,
+        elevation_rad: -0.35,
+        fovy_rad: 0.785,
+    }
+}
+
+fn settle(model: &Model) -> SettleSpec {
+    let (mut kp, mut kd) = (Vec::new(), Vec::new());
+    for dof in model.jnt_dofadr().iter().map(|d| usize::try_from(*d).unwrap_or(0)) {
+        let inertia = model.dof_M0().get(dof).copied().unwrap_or(1.0);
+        let damping = model.dof_damping().get(dof).copied().unwrap_or(0.0);
+        let stiff = (SETTLE_RATE * SETTLE_RATE * inertia).max(damping / SETTLE_TAU_SECS);
+        let own = (2.0 * (stiff * inertia).sqrt() - damping).max(0.0);
+        kp.push(four_digits(stiff));
+        kd.push(four_digits(own));
+    }
+    SettleSpec { kp, kd, frames: SETTLE_FRAMES, tolerance: SETTLE_TOLERANCE }
+}
+
+fn four_digits(v: f64) -> f64 {
+    if v <= 0.0 || !v.is_finite() {
+        return 0.0;
+    }
+    let scale = 10_f64.powi(3 - v.log10().floor() as i32);
+    (v * scale).round() / scale
+}
+
+/// The first home key if there is one, else the default pose moved into the limits.
+fn home_pose(model: &Model, joints: &[JointSpec]) -> PoseSpec {
+    let key = model.key_qpos().get(..model.nq()).filter(|k| !k.is_empty());
+    let qpos = key.unwrap_or_else(|| model.qpos0());
+    joints
+        .iter()
+        .zip(model.jnt_qposadr())
+        .filter_map(|(j, adr)| {
+            let v = *qpos.get(usize::try_from(*adr).ok()?)?;
+            let v = j.range.map_or(v, |[lo, hi]| v.clamp(lo, hi));
+            (v != 0.0).then(|| (j.name.clone(), v))
+        })
+        .collect()
+}
+
+fn join_joints(
+    written: &[super::profile::WrittenJoint],
+    derived: Vec<JointSpec>,
+) -> Result<Vec<JointSpec>, String> {
+    if written.len() != derived.len() {
+        return Err(format!(
+            "the profile lists {} joints, the model has {}",
+            written.len(),
+            derived.len()
+        ));
+    }
+    written
+        .iter()
+        .zip(derived)
+        .map(|(w, d)| {
+            if w.name != d.name {
+                return Err(format!(
+                    "joint \"{}\" stands where the model has \"{}\"",
+                    w.name, d.name
+                ));
+            }
+            if w.unit.is_some_and(|u| u != d.unit) {
+                return Err(format!(
+                    "joint \"{}\" has unit {} in the model",
+                    d.name,
+                    d.unit.symbol()
+                ));
+            }
+            if let Some(r) = w.range
+                && !d.range.is_some_and(|m| close(m, r))
+            {
+                return Err(match d.range {
+                    Some([lo, hi]) => {
+                        format!("joint \"{}\" has range {lo} to {hi} in the model", d.name)
+                    }
+                    None => format!("joint \"{}\" has no limits in the model", d.name),
+                });
+            }
+            match w.speed_limit {
+                Some(v) if !(v.is_finite() && v > 0.0) => {
+                    Err(format!("speed_limit of joint \"{}\" is {v}; it must be positive", d.name))
+                }
+                v => Ok(JointSpec { speed_limit: v.unwrap_or(d.speed_limit), ..d }),
+            }
+        })
+        .collect()
+}
+
+fn close(a: [f64; 2], b: [f64; 2]) -> bool {
+    a.iter().zip(&b).all(|(x, y)| (x - y).abs() <= 1e-9 * x.abs().max(1.0))
+}
+
+fn same_actuators(a: &[ActuatorSpec], b: &[ActuatorSpec]) -> bool {
+    a.len() == b.len()
+        && a.iter()
+            .zip(b)
+            .all(|(x, y)| x.name == y.name && x.drive == y.drive && close(x.ctrlrange, y.ctrlrange))
+}
+
+fn first_difference(a: &[ActuatorSpec], b: &[ActuatorSpec]) -> String {
+    if a.len() != b.len() {
+        return format!("{} listed, {} in the model", a.len(), b.len());
+    }
+    a.iter()
+        .zip(b)
+        .find(|(x, y)| !same_actuators(&[(*x).clone()], &[(*y).clone()]))
+        .map_or_else(String::new, |(x, y)| format!("{x:?} listed, {y:?} in the model"))
+}
+
+fn check_mirror(mirror: &MirrorSpec, known: &dyn Fn(&str) -> bool) -> Result<(), String> {
+    match (mirror.table.is_empty(), mirror.none.is_empty()) {
+        (true, true) => return Err("mirror needs a table, or the reason in \"none\"".into()),
+        (false, false) => return Err("mirror has both a table and a reason for none".into()),
+        _ => {}
+    }
+    let mut seen = std::collections::BTreeSet::new();
+    for row in &mirror.table {
+        for name in [&row.target, &row.source] {
+            if !known(name) {
+                return Err(format!(
+                    "mirror names joint \"{name}\", which the model does not have"
+                ));
+            }
+        }
+        if !seen.insert(&row.target) {
+            return Err(format!("mirror sets joint \"{}\" twice", row.target));
+        }
+        if row.sign.abs() != 1.0 || !row.offset.is_finite() {
+            return Err(format!(
+                "mirror row of \"{}\": sign is 1 or -1, offset finite",
+                row.target
+            ));
+        }
+    }
+    Ok(())
+}
+
+fn check_poses(poses: &BTreeMap<String, PoseSpec>, joints: &[JointSpec]) -> Result<(), String> {
+    for (pose, values) in poses {
+        for (name, value) in values {
+            let Some(j) = joints.iter().find(|j| j.name == *name) else {
+                return Err(format!(
+                    "pose \"{pose}\" names joint \"{name}\", which the model does not have"
+                ));
+            };
+            if !value.is_finite() {
+                return Err(format!("pose \"{pose}\" holds {value} for joint \"{name}\""));
+            }
+            if let Some([lo, hi]) = j.range
+                && !(lo - 1e-9..=hi + 1e-9).contains(value)
+            {
+                return Err(format!(
+                    "pose \"{pose}\" puts joint \"{name}\" at {value}, outside of {lo} to {hi}"
+                ));
+            }
+        }
+    }
+    Ok(())
+}
+
+fn check_camera(c: &Camera) -> Result<(), String> {
+    let all = [c.lookat[0], c.lookat[1], c.lookat[2], c.azimuth_rad, c.elevation_rad];
+    let good = all.iter().all(|v| v.is_finite())
+        && (1e-3..=1e4).contains(&c.distance)
+        && (0.02..=3.0).contains(&c.fovy_rad);
+    good.then_some(()).ok_or_else(|| {
+        "camera: finite angles, distance 0.001 to 10000 m, fovy_rad 0.02 to 3".to_owned()
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn prefixes_read_like_names() {
+        let p = |names: &[&str]| {
+            common_prefix(&names.iter().map(|s| (*s).to_owned()).collect::<Vec<_>>())
+        };
+        assert_eq!(p(&["FFJ4", "FFJ3"]), "FF");
+        assert_eq!(p(&["left_hip", "left_knee"]), "left");
+        assert_eq!(p(&["a", "b"]), "");
+        assert_eq!(p(&["solo"]), "solo");
+    }
+
+    #[test]
+    fn branches_become_groups() {
+        let m = Model::from_xml(
+            r#"<mujoco><worldbody><body name="trunk"><joint name="waist"/><geom size=".1"/>
+              <body name="arm"><joint name="l_a"/><geom size=".1"/><body><joint name="l_b"/><geom size=".1"/></body></body>
+              <body name="leg"><joint name="x"/><geom size=".1"/><body><joint name="y"/><geom size=".1"/></body></body>
+            </body></worldbody></mujoco>"#,
+        )
+        .unwrap();
+        let p = derive(&m, "t", Path::new("t")).unwrap();
+        let g: Vec<_> = p.groups.iter().map(|g| (g.name.as_str(), g.joints.len())).collect();
+        assert_eq!(g, [("waist", 1), ("l", 2), ("leg", 2)]);
+    }
+}

@@ -1,0 +1,170 @@
+//! What can be wrong with a robot, its profile or a foreign model.
+
+use std::path::PathBuf;
+
+use crate::exit::{Exit, HasExit};
+use crate::{fsio, mujoco};
+
+/// An error of this module.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// Neither a robot of that name nor a folder.
+    #[error("no robot called \"{name}\"{hint}; known: {known}, or a folder that holds robot.xml")]
+    Unknown {
+        /// What was asked for.
+        name: String,
+        /// " (did you mean …?)" or nothing.
+        hint: String,
+        /// The robots that the program knows.
+        known: String,
+    },
+    /// A pose that the profile does not name.
+    #[error("{robot} has no pose \"{pose}\"; it has: {known}")]
+    UnknownPose {
+        /// The robot.
+        robot: String,
+        /// What was asked for.
+        pose: String,
+        /// The poses that it has.
+        known: String,
+    },
+    /// A joint that the robot does not have.
+    #[error("{robot} has no joint \"{joint}\"; its joints: {known}")]
+    UnknownJoint {
+        /// The robot.
+        robot: String,
+        /// What was asked for.
+        joint: String,
+        /// The joints that it has.
+        known: String,
+    },
+    /// A site or body that the model does not have.
+    #[error("{robot} has no site or body \"{name}\"; it has: {known}")]
+    UnknownPoint {
+        /// The robot.
+        robot: String,
+        /// What was asked for.
+        name: String,
+        /// The names that it has.
+        known: String,
+    },
+    /// The robot has no mirror image.
+    #[error("{robot} cannot be mirrored: {reason}")]
+    NoMirror {
+        /// The robot.
+        robot: String,
+        /// Why.
+        reason: String,
+    },
+    /// A value that should be a number is not, or a vector has the wrong length.
+    #[error("{what} has {got} values, {robot} takes {want}")]
+    Length {
+        /// The robot.
+        robot: String,
+        /// Which vector.
+        what: &'static str,
+        /// Its length.
+        got: usize,
+        /// The length of the robot.
+        want: usize,
+    },
+    /// The profile is not valid TOML or breaks its schema.
+    #[error("{place}: {message}", place = place(path, *line, *column))]
+    Profile {
+        /// What is wrong and how to mend it.
+        message: String,
+        /// Line, from 1.
+        line: u32,
+        /// Column, from 1.
+        column: u32,
+        /// The profile.
+        path: PathBuf,
+    },
+    /// The profile contradicts its model.
+    #[error("{path}: {message}", path = path.display())]
+    Mismatch {
+        /// What differs and how to mend it.
+        message: String,
+        /// The profile.
+        path: PathBuf,
+    },
+    /// A foreign file is refused before any simulator sees it.
+    #[error("{place}: {message}", place = place(path, *line, *column))]
+    Refused {
+        /// What is wrong and how to mend it.
+        message: String,
+        /// Line, from 1; 0 where it concerns the whole file.
+        line: u32,
+        /// Column, from 1.
+        column: u32,
+        /// The file.
+        path: PathBuf,
+    },
+    /// The model is sound but not one that can be driven: the reason is given.
+    #[error("{path}: {message}", path = path.display())]
+    Unfit {
+        /// Why, and what would help.
+        message: String,
+        /// The file.
+        path: PathBuf,
+    },
+    /// The child process that compiles foreign models was stopped by its limits.
+    #[error("{path}: the model was refused: compiling it {what}", path = path.display())]
+    Exhausted {
+        /// "took more than 20 s", "took more than 4 GB", "crashed the library (signal 11)".
+        what: String,
+        /// The model.
+        path: PathBuf,
+    },
+    /// The child process said no, with the simulator's own words.
+    #[error("{message}")]
+    Checked {
+        /// Message with place.
+        message: String,
+        /// Class of the refusal, as in [`crate::robot::check::Verdict`].
+        class: String,
+        /// The model.
+        path: PathBuf,
+    },
+    /// The child process could not be started.
+    #[error("cannot check a foreign model: {message}")]
+    NoChecker {
+        /// Why.
+        message: String,
+    },
+    /// The simulator refused.
+    #[error(transparent)]
+    Simulator(#[from] mujoco::Error),
+    /// A file could not be read or written.
+    #[error(transparent)]
+    File(#[from] fsio::Error),
+}
+
+impl HasExit for Error {
+    fn exit(&self) -> Exit {
+        match self {
+            Error::Simulator(e) => e.exit(),
+            Error::File(e) => e.exit(),
+            Error::Length { .. } => Exit::Failed,
+            Error::NoChecker { .. } => Exit::Missing,
+            _ => Exit::Invalid,
+        }
+    }
+}
+
+fn place(path: &std::path::Path, line: u32, column: u32) -> String {
+    if line == 0 {
+        path.display().to_string()
+    } else {
+        format!("{}:{line}:{column}", path.display())
+    }
+}
+
+/// Line and column (from 1) of a byte offset.
+pub(super) fn line_column(text: &str, at: usize) -> (u32, u32) {
+    let before = text.get(..at.min(text.len())).unwrap_or(text);
+    let line = before.bytes().filter(|b| *b == b'\n').count() + 1;
+    let column = before.rsplit('\n').next().map_or(0, |l| l.chars().count()) + 1;
+    (line as u32, column as u32)
+}

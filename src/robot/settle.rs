@@ -1,0 +1,172 @@
+//! Drives a pose in simulation and reports where the robot really comes to rest.
+//!
+//! A pose that a person drew may be out of reach: fingers touch the palm, tendons couple
+//! joints. Commands should hold the *settled* pose, so that the error of a policy is not the
+//! error of the drawing. The drive is proportional with damping, in joint space, with the
+//! model's own gravity and Coriolis forces compensated, at every simulator step: a stiff
+//! hold at 20 Hz would ring on the finger joints, whose time constant is 6 ms.
+
+use super::{Error, Robot};
+use crate::mujoco::{Data, Model};
+use crate::units::SUBSTEPS;
+
+use nalgebra::{DMatrix, DVector};
+
+/// Where a pose settled.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Settled {
+    /// What was asked for; (`state_dim`).
+    pub target: Vec<f64>,
+    /// What was reached; (`state_dim`).
+    pub reached: Vec<f64>,
+    /// Distance between the two by joint; (`state_dim`).
+    pub residual: Vec<f64>,
+    /// The greatest residual.
+    pub worst: f64,
+    /// Index of the joint that has it.
+    pub worst_joint: usize,
+    /// Whether every residual is within the profile's tolerance.
+    pub within: bool,
+    /// Greatest joint speed at the end, rad/s or m/s: still moving if not small.
+    pub speed: f64,
+}
+
+impl Robot {
+    /// Drives from the home pose to `target` for the profile's time.
+    ///
+    /// # Errors
+    /// [`Error::Length`]; [`Error::Simulator`] where the simulation diverges.
+    pub fn settle(&self, target: &[f64]) -> Result<Settled, Error> {
+        self.settle_from(&self.home(), target)
+    }
+
+    /// Drives from `start`, at rest, to `target` for the profile's time.
+    ///
+    /// # Errors
+    /// As [`Robot::settle`].
+    pub fn settle_from(&self, start: &[f64], target: &[f64]) -> Result<Settled, Error> {
+        self.check_len("pose", target.len(), self.state_dim())?;
+        let mut data = Data::new(self.model())?;
+        self.write_state(&mut data, start)?;
+        data.forward()?;
+        let mut drive = Drive::new(self, target);
+        let steps = self.profile().settle.frames as usize * SUBSTEPS;
+        for _ in 0..steps {
+            let ctrl = drive.ctrl(self, &data);
+            data.set_ctrl(&ctrl)?;
+            data.step(1)?;
+        }
+        let reached = self.state(&data);
+        let residual: Vec<f64> = reached.iter().zip(target).map(|(a, b)| (a - b).abs()).collect();
+        let (worst_joint, worst) = residual
+            .iter()
+            .copied()
+            .enumerate()
+            .max_by(|a, b| a.1.total_cmp(&b.1))
+            .unwrap_or((0, 0.0));
+        let speed = self.velocity(&data).iter().fold(0.0_f64, |m, v| m.max(v.abs()));
+        Ok(Settled {
+            target: target.to_vec(),
+            reached,
+            within: worst <= self.profile().settle.tolerance,
+            residual,
+            worst,
+            worst_joint,
+            speed,
+        })
+    }
+}
+
+/// The drive's constants: which control makes which joint force.
+struct Drive {
+    target: Vec<f64>,
+    /// Actuators whose control is a force, with what it is multiplied by.
+    gain: Vec<f64>,
+    limit: Vec<[f64; 2]>,
+}
+
+impl Drive {
+    fn new(robot: &Robot, target: &[f64]) -> Drive {
+        let model = robot.model();
+        let gain = robot
+            .actuators()
+            .iter()
+            .enumerate()
+            .map(|(i, a)| {
+                if a.is_motor {
+                    model.actuator_gainprm().get(10 * i).copied().unwrap_or(1.0)
+                } else {
+                    0.0
+                }
+            })
+            .collect();
+        let limit = robot.actuators().iter().map(|a| a.ctrlrange).collect();
+        Drive { target: target.to_vec(), gain, limit }
+    }
+
+    /// Controls whose joint forces come nearest (least squares) to the wanted ones. A servo
+    /// (no motor) is given the length that it has at the target.
+    fn ctrl(&mut self, robot: &Robot, data: &Data) -> Vec<f64> {
+        let model: &Model = robot.model();
+        let (nu, nv) = (model.nu(), model.nv());
+        let settle = &robot.profile().settle;
+        let mut wanted = DVector::from_column_slice(data.qfrc_bias());
+        let mut error = DVector::zeros(nv);
+        for (i, joint) in robot.joints().iter().enumerate() {
+            let at = |v: &[f64], k: usize| v.get(k).copied().unwrap_or(0.0);
+            let e = at(&self.target, i) - at(data.qpos(), joint.qposadr);
+            if let (Some(w), Some(x)) = (wanted.get_mut(joint.dofadr), error.get_mut(joint.dofadr))
+            {
+                *x = e;
+                *w += at(&settle.kp, i) * e - at(&settle.kd, i) * at(data.qvel(), joint.dofadr);
+            }
+        }
+        let moment = DMatrix::from_row_slice(nu, nv, data.actuator_moment());
+        let gram = &moment * moment.transpose() + DMatrix::identity(nu, nu) * 1e-12;
+        let force = gram.cholesky().map(|c| c.solve(&(&moment * &wanted)));
+        let length = &moment * &error;
+        (0..nu)
+            .map(|a| {
+                let at = |v: &[f64]| v.get(a).copied().unwrap_or(0.0);
+                let gain = at(&self.gain);
+                let raw = if gain == 0.0 {
+                    at(data.actuator_length()) + length.get(a).copied().unwrap_or(0.0)
+                } else {
+                    force.as_ref().and_then(|f| f.get(a)).copied().unwrap_or(0.0) / gain
+                };
+                let [lo, hi] = self.limit.get(a).copied().unwrap_or([0.0, 0.0]);
+                raw.clamp(lo, hi)
+            })
+            .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_named_pose_of_every_robot_settles() {
+        for id in Robot::builtin_ids() {
+            let robot = Robot::builtin(id).unwrap();
+            for name in robot.pose_names() {
+                let s = robot.settle(&robot.pose(name).unwrap()).unwrap();
+                let joint = &robot.joints()[s.worst_joint].name;
+                eprintln!("{id} {name}: {:.4} at {joint}, speed {:.4}", s.worst, s.speed);
+                assert!(s.within, "{id} {name}: {:.3} at {joint}", s.worst);
+            }
+        }
+    }
+
+    #[test]
+    fn a_pose_out_of_reach_says_so() {
+        let robot = Robot::builtin("shadow_hand").unwrap();
+        // One tendon bends both outer joints: 1.2 and 0 cannot both be had.
+        let mut target = robot.home();
+        let i = robot.joint_index("FFJ2").unwrap();
+        target[i] = 1.2;
+        let s = robot.settle(&target).unwrap();
+        assert!(!s.within && s.worst > 0.3, "{}", s.worst);
+        assert!(robot.settle(&[0.0]).is_err());
+    }
+}

@@ -1,0 +1,176 @@
+//! Small edits of MJCF text that keep every other byte as it was.
+//!
+//! Rejected: writing the model back with `mj_saveLastXML`, which rounds numbers to six
+//! digits; and setting fields of the compiled model, after which text and model differ and
+//! the sha-256 in a data set would not tell two plants apart.
+
+use std::collections::BTreeMap;
+use std::ops::Range;
+
+/// Replacements by byte range, applied together.
+#[derive(Debug, Default)]
+pub(super) struct Edits {
+    /// Start, end, new text. Inserts have start == end.
+    list: Vec<(usize, usize, String)>,
+}
+
+impl Edits {
+    /// Replaces a range.
+    pub(super) fn replace(&mut self, at: Range<usize>, text: impl Into<String>) {
+        self.list.push((at.start, at.end, text.into()));
+    }
+
+    /// Inserts before a byte.
+    pub(super) fn insert(&mut self, at: usize, text: impl Into<String>) {
+        self.list.push((at, at, text.into()));
+    }
+
+    /// Sets an attribute of an element, adding it where it is missing.
+    pub(super) fn set(&mut self, node: roxmltree::Node<'_, '_>, name: &str, value: &str) {
+        let value = escape(value);
+        match node.attributes().find(|a| a.name() == name) {
+            Some(a) => self.replace(a.range_value(), value),
+            None => self.insert(after_tag_name(node), format!(" {name}=\"{value}\"")),
+        }
+    }
+
+    /// Removes an attribute.
+    pub(super) fn unset(&mut self, node: roxmltree::Node<'_, '_>, name: &str) {
+        if let Some(a) = node.attributes().find(|a| a.name() == name) {
+            self.replace(a.range(), "");
+        }
+    }
+
+    /// The text with all edits done; edits inside a replaced range are dropped with it.
+    pub(super) fn apply(mut self, text: &str) -> String {
+        self.list.sort_by_key(|(start, end, _)| (*start, std::cmp::Reverse(*end)));
+        let mut out = String::with_capacity(text.len() + 1024);
+        let mut done = 0;
+        for (start, end, new) in &self.list {
+            if *start < done {
+                continue;
+            }
+            out.push_str(text.get(done..*start).unwrap_or_default());
+            out.push_str(new);
+            done = *end;
+        }
+        out.push_str(text.get(done..).unwrap_or_default());
+        out
+    }
+}
+
+/// The byte after the name in `<name …>`.
+fn after_tag_name(node: roxmltree::Node<'_, '_>) -> usize {
+    let start = node.range().start;
+    let text = node.document().input_text();
+    let rest = text.get(start + 1..).unwrap_or_default();
+    let len = rest.find(|c: char| c.is_whitespace() || c == '>' || c == '/').unwrap_or(0);
+    start + 1 + len
+}
+
+/// The byte before `</name>`; `None` for `<name/>`.
+pub(super) fn before_close(node: roxmltree::Node<'_, '_>) -> Option<usize> {
+    let range = node.range();
+    let text = node.document().input_text().get(range.clone())?;
+    let close = text.rfind("</")?;
+    Some(range.start + close)
+}
+
+/// Escapes text for an attribute value.
+pub(super) fn escape(value: &str) -> String {
+    value.replace('&', "&amp;").replace('<', "&lt;").replace('"', "&quot;")
+}
+
+/// The model without geoms that neither collide nor weigh: twice as fast to step.
+///
+/// The caller answers for their weightlessness ([`super::Physics::discard_visual`]).
+pub(super) fn discard_visual(xml: &str) -> Result<String, roxmltree::Error> {
+    let doc = roxmltree::Document::parse(xml)?;
+    let mut edits = Edits::default();
+    let root = doc.root_element();
+    match root.children().rfind(|n| n.has_tag_name("compiler")) {
+        Some(c) => edits.set(c, "discardvisual", "true"),
+        None => insert_first(&mut edits, root, "<compiler discardvisual=\"true\"/>"),
+    }
+    Ok(edits.apply(xml))
+}
+
+/// Inserts an element as first child of the root.
+pub(super) fn insert_first(edits: &mut Edits, root: roxmltree::Node<'_, '_>, element: &str) {
+    if let Some(first) = root.first_child() {
+        edits.insert(first.range().start, format!("\n  {element}"));
+    } else {
+        let name = root.tag_name().name();
+        edits.replace(root.range(), format!("<{name}>{element}</{name}>"));
+    }
+}
+
+/// The same model with other joint damping, by joint name. Names that the model does not
+/// have come back as the error.
+pub(super) fn with_damping(
+    xml: &str,
+    damping: &BTreeMap<String, f64>,
+) -> Result<String, DampingError> {
+    if damping.is_empty() {
+        return Ok(xml.to_owned());
+    }
+    let doc = roxmltree::Document::parse(xml)?;
+    let mut edits = Edits::default();
+    let mut left: Vec<&String> = damping.keys().collect();
+    for node in doc.descendants().filter(|n| n.has_tag_name("joint")) {
+        let inside_body = node.parent().is_some_and(|p| p.has_tag_name("body"));
+        let Some(name) = node.attribute("name").filter(|_| inside_body) else { continue };
+        if let Some(value) = damping.get(name) {
+            edits.set(node, "damping", &value.to_string());
+            left.retain(|n| *n != name);
+        }
+    }
+    match left.first() {
+        Some(name) => Err(DampingError::NoJoint((*name).clone())),
+        None => Ok(edits.apply(xml)),
+    }
+}
+
+/// Why damping could not be set.
+#[derive(Debug)]
+pub(super) enum DampingError {
+    /// The XML does not parse.
+    Xml(roxmltree::Error),
+    /// No joint of that name.
+    NoJoint(String),
+}
+
+impl From<roxmltree::Error> for DampingError {
+    fn from(e: roxmltree::Error) -> Self {
+        DampingError::Xml(e)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn edits_leave_the_rest_alone() {
+        let xml = "<mujoco>\n  <!-- note -->\n  <compiler angle=\"radian\"/>\n  <worldbody><body><joint name=\"a\" damping=\"3\"/><joint name=\"b\"/></body></worldbody>\n</mujoco>";
+        let set = BTreeMap::from([("a".to_owned(), 7.5), ("b".to_owned(), 2.0)]);
+        let out = with_damping(xml, &set).unwrap();
+        assert_eq!(
+            out,
+            xml.replace("damping=\"3\"", "damping=\"7.5\"")
+                .replace("<joint name=\"b\"", "<joint damping=\"2\" name=\"b\"")
+        );
+        let out = discard_visual(xml).unwrap();
+        assert!(out.contains("<compiler discardvisual=\"true\" angle=\"radian\"/>"));
+        assert!(out.contains("<!-- note -->"));
+        let out = discard_visual("<mujoco/>").unwrap();
+        assert_eq!(out, "<mujoco><compiler discardvisual=\"true\"/></mujoco>");
+    }
+
+    #[test]
+    fn a_joint_that_is_not_there_is_named() {
+        let set = BTreeMap::from([("elbow".to_owned(), 1.0)]);
+        let e = with_damping("<mujoco/>", &set).unwrap_err();
+        assert!(matches!(e, DampingError::NoJoint(n) if n == "elbow"));
+    }
+}

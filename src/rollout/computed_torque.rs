@@ -1,0 +1,158 @@
+//! Computed torque: inverse dynamics of the true model on one-frame targets.
+//!
+//! The torque is held for a frame of n substeps, during which a damped arm does not keep
+//! the acceleration that it starts with; the textbook law qacc = ((r - q)/T - v)/T arrives
+//! half a frame late on our arm. With the bias forces cancelled by the inverse dynamics the
+//! frame is linear, v+ = (M + h D)^-1 (M v + h u) (semi-implicit Euler, step h), so
+//!
+//!     q(T) = q + G v + H u,    v(T) = P^n v + S u
+//!
+//! with constant matrices, and u solves q(T) = r exactly, couplings included. The velocity
+//! left over alternates with the sampling zeros of the plant; where these hardly decay
+//! (light damping) the law solves v(T) = (r - q)/T instead, which never rings.
+//!
+//! Diagonal gains joint by joint were tried first: on the arm the coupling through M drives
+//! them into a limit cycle of 0.03 rad.
+
+use std::sync::Arc;
+
+use nalgebra::{DMatrix, DVector};
+
+use super::actuation::Actuation;
+use super::error::Error;
+use super::plant::Belief;
+use super::policy::{Policy, View};
+use crate::mujoco::Data;
+use crate::robot::Robot;
+use crate::units::CTRL_DT;
+
+/// Sampling zeros beyond this ring visibly before they decay.
+const RINGING: f64 = 0.75;
+
+/// Up to this many joints the law follows the pose frame by frame; beyond, where it would
+/// cost as much as the simulation, it is that of the home pose.
+const FOLLOW_POSE: usize = 10;
+
+/// Inverse dynamics with the model as the robot's file says.
+#[derive(Debug)]
+pub(super) struct ComputedTorque {
+    belief: Belief,
+    actuation: Actuation,
+    law: Law,
+    mass: Vec<f64>,
+    torque: Vec<f64>,
+}
+
+/// qacc = way (r - q) + speed v.
+#[derive(Debug)]
+struct Law {
+    way: DMatrix<f64>,
+    speed: DMatrix<f64>,
+}
+
+impl Law {
+    /// The law at a joint-space inertia; `None` where it is singular.
+    fn new(mass: &[f64], damping: &[f64], h: f64, n: usize) -> Option<Law> {
+        let nv = damping.len();
+        let m = DMatrix::from_row_slice(nv, nv, mass);
+        let d = DMatrix::from_diagonal(&DVector::from_row_slice(damping));
+        let implicit = (&m + &d * h).try_inverse()?;
+        let p = &implicit * &m;
+        let s_one = implicit * h;
+        let (mut s, mut power) = (DMatrix::zeros(nv, nv), DMatrix::identity(nv, nv));
+        let (mut g, mut hh) = (DMatrix::zeros(nv, nv), DMatrix::zeros(nv, nv));
+        for _ in 0..n {
+            s = &p * s + &s_one;
+            power = &p * power;
+            g += &power * h;
+            hh += &s * h;
+        }
+        let m_inv = m.try_inverse()?;
+        // u = gain_way (r - q) + gain_speed v, then qacc = M^-1 (u - D v).
+        let (gain_way, gain_speed) = if rings(mass, damping) {
+            let inv = s.try_inverse()?;
+            (&inv / CTRL_DT, -(inv * power))
+        } else {
+            let inv = hh.try_inverse()?;
+            let speed = -(&inv * g);
+            (inv, speed)
+        };
+        Some(Law { way: &m_inv * gain_way, speed: m_inv * (gain_speed - d) })
+    }
+}
+
+/// Whether exact position targets would leave some joint alternating: the sampling zero
+/// -(g - T e)/(T - g) of the joint by itself, with e = exp(-T/tau), g = tau (1 - e).
+fn rings(mass: &[f64], damping: &[f64]) -> bool {
+    let nv = damping.len();
+    (0..nv).any(|j| {
+        let (inertia, c) = (mass[j * nv + j].max(1e-12), damping[j]);
+        if c * CTRL_DT < 1e-6 * inertia {
+            return true;
+        }
+        let tau = inertia / c;
+        let e = (-CTRL_DT / tau).exp();
+        let g = tau * (1.0 - e);
+        (g - CTRL_DT * e) / (CTRL_DT - g) > RINGING
+    })
+}
+
+impl ComputedTorque {
+    /// Prepares the model.
+    ///
+    /// # Errors
+    /// [`Error::Setup`], [`Error::Timestep`].
+    pub(super) fn new(robot: &Arc<Robot>) -> Result<ComputedTorque, Error> {
+        let mut belief = Belief::new(robot)?;
+        robot.write_state(&mut belief.data, &robot.home())?;
+        let actuation = Actuation::new(robot, &mut belief.data)?;
+        let nv = robot.model().nv();
+        let mut mass = vec![0.0; nv * nv];
+        belief.data.forward()?;
+        let zero = Law { way: DMatrix::zeros(nv, nv), speed: DMatrix::zeros(nv, nv) };
+        let law = law_here(&mut belief.data, &mut mass, belief.substeps)?.unwrap_or(zero);
+        Ok(ComputedTorque { belief, actuation, law, mass, torque: vec![0.0; nv] })
+    }
+}
+
+/// The law at the pose that `data` was last computed for.
+fn law_here(data: &mut Data, mass: &mut [f64], substeps: usize) -> Result<Option<Law>, Error> {
+    data.full_mass(mass)?;
+    let model = data.model();
+    Ok(Law::new(mass, model.dof_damping(), model.timestep(), substeps))
+}
+
+impl Policy for ComputedTorque {
+    fn name(&self) -> String {
+        "computed-torque".into()
+    }
+
+    fn uses_model(&self) -> bool {
+        true
+    }
+
+    fn reset(&mut self, _seed: u64) {}
+
+    fn act(&mut self, view: &View<'_>, action: &mut [f64]) -> Result<(), Error> {
+        let nv = self.torque.len();
+        let data = &mut self.belief.data;
+        data.restore(view.state)?;
+        if nv <= FOLLOW_POSE {
+            data.forward()?;
+            if let Some(law) = law_here(data, &mut self.mass, self.belief.substeps)? {
+                self.law = law;
+            }
+        }
+        let mut way = DVector::zeros(nv);
+        for (k, joint) in self.belief.robot.joints().iter().enumerate() {
+            way[joint.dofadr] = view.window.next_target(k) - view.window.current[k];
+        }
+        let speed = DVector::from_row_slice(&view.state.qvel);
+        let qacc = &self.law.way * way + &self.law.speed * speed;
+        data.set_qacc(qacc.as_slice())?;
+        data.inverse()?;
+        self.torque.copy_from_slice(data.qfrc_inverse());
+        self.actuation.action(&self.torque, action);
+        Ok(())
+    }
+}

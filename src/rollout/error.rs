@@ -1,0 +1,103 @@
+//! What can go wrong between a clip and its motion.
+
+use crate::exit::{Exit, HasExit};
+
+/// A rollout error.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// The simulator failed or diverged; the frame tells where.
+    #[error("frame {frame}: {source}")]
+    Simulation {
+        /// The frame whose action was applied.
+        frame: usize,
+        /// What the simulator said.
+        source: crate::mujoco::Error,
+    },
+    /// The simulator refused before the first frame.
+    #[error(transparent)]
+    Setup(#[from] crate::mujoco::Error),
+    /// The robot could not be read or changed.
+    #[error(transparent)]
+    Robot(#[from] crate::robot::Error),
+    /// A policy gave something that is no number.
+    #[error("frame {frame}: policy {policy} gave {value} for actuator {actuator}")]
+    BadAction {
+        /// The frame.
+        frame: usize,
+        /// The policy.
+        policy: String,
+        /// The actuator.
+        actuator: usize,
+        /// What it gave.
+        value: f64,
+    },
+    /// The clip is for another robot, or has another number of joints.
+    #[error("the clip has {got} joints, robot {robot} has {want}: {hint}")]
+    Joints {
+        /// The robot.
+        robot: String,
+        /// Joints of the clip.
+        got: usize,
+        /// Joints of the robot.
+        want: usize,
+        /// How to mend it.
+        hint: &'static str,
+    },
+    /// The clip has no frame to roll out.
+    #[error("the clip has {frames} frames; a rollout needs at least 2")]
+    TooShort {
+        /// Its length.
+        frames: usize,
+    },
+    /// The timestep of the model does not divide the control step.
+    #[error("timestep {timestep_secs} s does not divide a control step of 0.05 s into whole steps")]
+    Timestep {
+        /// The timestep, seconds.
+        timestep_secs: f64,
+    },
+    /// No such policy.
+    #[error("no policy is called {name:?}; there are {known}")]
+    UnknownPolicy {
+        /// What was asked for.
+        name: String,
+        /// What there is.
+        known: String,
+    },
+    /// The policy needs something that was not given (a model file, a fit, a dataset).
+    #[error("policy {policy} needs {needs}")]
+    Needs {
+        /// The policy.
+        policy: String,
+        /// What is missing and where it comes from.
+        needs: String,
+    },
+    /// A plant description is wrong.
+    #[error("plant {text:?}: {problem}; write for instance mass=1.25,damping=1.5,gear=0.85")]
+    Plant {
+        /// What was given.
+        text: String,
+        /// What is wrong with it.
+        problem: String,
+    },
+    /// Stopped on request.
+    #[error("stopped at frame {frame}")]
+    Cancelled {
+        /// Frames simulated so far.
+        frame: usize,
+    },
+}
+
+impl HasExit for Error {
+    fn exit(&self) -> Exit {
+        match self {
+            Error::Simulation { .. } | Error::BadAction { .. } => Exit::Failed,
+            Error::Setup(e) => e.exit(),
+            Error::Robot(e) => e.exit(),
+            Error::UnknownPolicy { .. } | Error::Plant { .. } => Exit::Usage,
+            Error::Needs { .. } => Exit::Missing,
+            Error::Cancelled { .. } => Exit::Interrupted,
+            _ => Exit::Invalid,
+        }
+    }
+}

@@ -1,0 +1,444 @@
+//! Receding-horizon iLQR with the true model: the ceiling of what physics allows.
+//!
+//! Tassa, Mansard, Todorov, "Control-limited differential dynamic programming" (ICRA 2014),
+//! without second derivatives of the dynamics. One iteration a frame, warm-started with the
+//! shifted plan of the frame before, is enough because the problem moves by one frame.
+//!
+//! The transition of a control step is taken from one simulator step at its start, raised
+//! to the number of substeps: A = As^n, B = (As^(n-1) + … + 1) Bs. That is ten times cheaper
+//! than differentiating every substep; the line search runs the true simulation, so the
+//! approximation costs convergence at contacts, never correctness.
+
+use std::sync::Arc;
+
+use nalgebra::{DMatrix, DVector};
+
+use super::error::Error;
+use super::plant::Belief;
+use super::policy::{Policy, View};
+use super::window::{COMMAND, Window};
+use crate::mujoco::Snapshot;
+use crate::robot::Robot;
+
+/// Settings of [`Ilqr`].
+#[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
+pub struct IlqrConfig {
+    /// Frames planned ahead, at most 20.
+    pub horizon: usize,
+    /// Iterations a frame once warm.
+    pub iterations: usize,
+    /// Iterations at the first frame.
+    pub first_iterations: usize,
+    /// Weight of a commanded frame.
+    pub goal_weight: f64,
+    /// Weight of a masked frame that the linear guide filled.
+    pub guide_weight: f64,
+    /// Weight of the squared action.
+    pub action_weight: f64,
+    /// Weight of the squared change of action between frames (against ringing).
+    pub change_weight: f64,
+}
+
+impl IlqrConfig {
+    /// Settings for a robot: arms look the whole window ahead and need no guide, hands
+    /// (22 joints, contacts) only as far as a frame's time allows.
+    pub fn for_robot(robot: &Robot) -> IlqrConfig {
+        let small = robot.model().nv() <= 10;
+        IlqrConfig {
+            horizon: if small { 20 } else { 6 },
+            iterations: 1,
+            first_iterations: 6,
+            goal_weight: 1.0,
+            guide_weight: if small { 0.0 } else { 0.02 },
+            action_weight: 1e-6,
+            change_weight: 1e-6,
+        }
+    }
+}
+
+/// The planner.
+#[derive(Debug)]
+pub struct Ilqr {
+    config: IlqrConfig,
+    belief: Belief,
+    /// Actions of the horizon; (H, A).
+    plan: Vec<f64>,
+    warm: bool,
+    damping: f64,
+    /// States along the current plan; H + 1.
+    states: Vec<Snapshot>,
+    trial_states: Vec<Snapshot>,
+    goals: Window,
+    last_action: Vec<f64>,
+}
+
+/// Local model of one control step.
+struct Step {
+    a: DMatrix<f64>,
+    b: DMatrix<f64>,
+}
+
+/// Affine feedback of one frame.
+struct Gain {
+    k: DVector<f64>,
+    feedback: DMatrix<f64>,
+}
+
+impl Ilqr {
+    /// A planner on the robot's own model.
+    ///
+    /// # Errors
+    /// [`Error::Setup`], [`Error::Timestep`].
+    pub fn new(robot: &Arc<Robot>, config: IlqrConfig) -> Result<Ilqr, Error> {
+        let belief = Belief::new(robot)?;
+        let horizon = config.horizon.clamp(1, COMMAND);
+        let snapshot = belief.data.snapshot();
+        let actions = robot.action_dim();
+        Ok(Ilqr {
+            plan: vec![0.0; horizon * actions],
+            warm: false,
+            damping: 1e-6,
+            states: vec![snapshot.clone(); horizon + 1],
+            trial_states: vec![snapshot; horizon + 1],
+            goals: Window::new(robot.state_dim()),
+            last_action: vec![0.0; actions],
+            config: IlqrConfig { horizon, ..config },
+            belief,
+        })
+    }
+
+    fn actions(&self) -> usize {
+        self.belief.robot.action_dim()
+    }
+
+    /// Weight of joint `j` at command index `i`.
+    fn weight(&self, view: &View<'_>, i: usize, j: usize) -> f64 {
+        if view.window.visible[i * view.window.dim() + j] {
+            self.config.goal_weight
+        } else {
+            self.config.guide_weight
+        }
+    }
+
+    /// Simulates `plan` into `states`; the cost, infinite where the simulation diverges.
+    fn simulate(&mut self, view: &View<'_>, plan: &[f64], trial: bool) -> Result<f64, Error> {
+        let actions = self.actions();
+        let mut states =
+            std::mem::take(if trial { &mut self.trial_states } else { &mut self.states });
+        let data = &mut self.belief.data;
+        data.restore(view.state)?;
+        let mut diverged = false;
+        for (i, u) in plan.chunks_exact(actions).enumerate() {
+            data.snapshot_into(&mut states[i]);
+            self.belief.robot.apply_action(data, u)?;
+            if data.step(self.belief.substeps).is_err() {
+                diverged = true;
+                break;
+            }
+        }
+        if let Some(last) = states.last_mut() {
+            data.snapshot_into(last);
+        }
+        let cost = if diverged { f64::INFINITY } else { self.cost(view, plan, &states) };
+        *(if trial { &mut self.trial_states } else { &mut self.states }) = states;
+        Ok(cost)
+    }
+
+    fn cost(&self, view: &View<'_>, plan: &[f64], states: &[Snapshot]) -> f64 {
+        let actions = self.actions();
+        let dim = view.window.dim();
+        let mut cost = 0.0;
+        let mut before = self.last_action.as_slice();
+        for (i, u) in plan.chunks_exact(actions).enumerate() {
+            for (j, joint) in self.belief.robot.joints().iter().enumerate() {
+                let e = states[i + 1].qpos[joint.qposadr] - self.goals.command[i * dim + j];
+                cost += 0.5 * self.weight(view, i, j) * e * e;
+            }
+            for (a, b) in u.iter().zip(before) {
+                cost += 0.5 * self.config.action_weight * a * a;
+                cost += 0.5 * self.config.change_weight * (a - b) * (a - b);
+            }
+            before = u;
+        }
+        cost
+    }
+
+    /// Local dynamics of frame `i` of the current plan, in (dq, dv) and scaled actions.
+    fn linearise(&mut self, i: usize) -> Result<Step, Error> {
+        let actions = self.actions();
+        let robot = Arc::clone(&self.belief.robot);
+        let data = &mut self.belief.data;
+        let model = Arc::clone(data.model());
+        let n = 2 * model.nv() + model.na();
+        let (mut a, mut b) = (vec![0.0; n * n], vec![0.0; n * model.nu()]);
+        data.restore(&self.states[i])?;
+        robot.apply_action(data, &self.plan[i * actions..(i + 1) * actions])?;
+        data.transition_fd(1e-6, false, &mut a, &mut b)?;
+        let a_sub = DMatrix::from_row_slice(n, n, &a);
+        let mut b_sub = DMatrix::from_row_slice(n, model.nu(), &b);
+        for (k, actuator) in robot.actuators().iter().enumerate() {
+            let [lo, hi] = actuator.ctrlrange;
+            b_sub.column_mut(k).scale_mut(0.5 * (hi - lo));
+        }
+        let (mut a, mut b) = (a_sub.clone(), b_sub.clone());
+        for _ in 1..self.belief.substeps {
+            b = &a_sub * b + &b_sub;
+            a = &a_sub * a;
+        }
+        Ok(Step { a, b })
+    }
+
+    /// Backward pass; `None` when a Hessian is not positive at this damping.
+    fn backward(&self, view: &View<'_>, steps: &[Step]) -> Option<Vec<Gain>> {
+        let (dim, actions) = (view.window.dim(), self.actions());
+        let n = steps.first()?.a.nrows();
+        let horizon = steps.len();
+        let mut vx = DVector::zeros(n);
+        let mut vxx = DMatrix::zeros(n, n);
+        let mut gains = Vec::with_capacity(horizon);
+        for i in (0..horizon).rev() {
+            // Cost of the state that this frame reaches.
+            for (j, joint) in self.belief.robot.joints().iter().enumerate() {
+                let w = self.weight(view, i, j);
+                let e = self.states[i + 1].qpos[joint.qposadr] - self.goals.command[i * dim + j];
+                vx[joint.dofadr] += w * e;
+                vxx[(joint.dofadr, joint.dofadr)] += w;
+            }
+            let Step { a, b } = &steps[i];
+            let u = &self.plan[i * actions..(i + 1) * actions];
+            let before =
+                if i == 0 { &self.last_action } else { &self.plan[(i - 1) * actions..i * actions] };
+            let mut qu = b.tr_mul(&vx);
+            for k in 0..actions {
+                qu[k] += self.config.action_weight * u[k]
+                    + self.config.change_weight * (u[k] - before[k]);
+            }
+            let vb = &vxx * b;
+            let mut quu = b.tr_mul(&vb);
+            for k in 0..actions {
+                quu[(k, k)] += self.config.action_weight + self.config.change_weight + self.damping;
+            }
+            let va = &vxx * a;
+            let qux = b.tr_mul(&va);
+            let gain = bounded_newton(&quu, &qu, &qux, u)?;
+            let qx = a.tr_mul(&vx);
+            let qxx = a.tr_mul(&va);
+            vx = qx + gain.feedback.tr_mul(&(&quu * &gain.k + &qu)) + qux.tr_mul(&gain.k);
+            vxx = qxx
+                + gain.feedback.tr_mul(&(&quu * &gain.feedback + &qux))
+                + qux.tr_mul(&gain.feedback);
+            vxx = (&vxx + vxx.transpose()) * 0.5;
+            gains.push(gain);
+        }
+        gains.reverse();
+        Some(gains)
+    }
+
+    /// The plan that the gains give when simulated at step length `alpha`.
+    fn forward(
+        &mut self,
+        view: &View<'_>,
+        gains: &[Gain],
+        alpha: f64,
+    ) -> Result<(Vec<f64>, f64), Error> {
+        let actions = self.actions();
+        let nv = self.belief.robot.model().nv();
+        let mut plan = vec![0.0; self.plan.len()];
+        self.belief.data.restore(view.state)?;
+        for (i, gain) in gains.iter().enumerate() {
+            let data = &mut self.belief.data;
+            let n = gain.feedback.ncols();
+            let mut dx = DVector::zeros(n);
+            for k in 0..nv {
+                // Hinges and slides only: coordinates are the tangent.
+                dx[k] = data.qpos()[k] - self.states[i].qpos[k];
+                dx[nv + k] = data.qvel()[k] - self.states[i].qvel[k];
+            }
+            let du = &gain.k * alpha + &gain.feedback * dx;
+            let u = &mut plan[i * actions..(i + 1) * actions];
+            for k in 0..actions {
+                u[k] = (self.plan[i * actions + k] + du[k]).clamp(-1.0, 1.0);
+            }
+            data.snapshot_into(&mut self.trial_states[i]);
+            self.belief.robot.apply_action(data, u)?;
+            if data.step(self.belief.substeps).is_err() {
+                return Ok((plan, f64::INFINITY));
+            }
+        }
+        if let Some(last) = self.trial_states.last_mut() {
+            self.belief.data.snapshot_into(last);
+        }
+        let cost = self.cost(view, &plan, &self.trial_states);
+        Ok((plan, cost))
+    }
+
+    /// One iteration; whether the plan improved.
+    fn improve(&mut self, view: &View<'_>, cost: &mut f64) -> Result<bool, Error> {
+        let steps =
+            (0..self.config.horizon).map(|i| self.linearise(i)).collect::<Result<Vec<_>, _>>()?;
+        for _ in 0..6 {
+            if let Some(gains) = self.backward(view, &steps) {
+                for alpha in [1.0, 0.5, 0.2, 0.05] {
+                    let (plan, trial) = self.forward(view, &gains, alpha)?;
+                    if trial < *cost {
+                        self.plan = plan;
+                        std::mem::swap(&mut self.states, &mut self.trial_states);
+                        *cost = trial;
+                        self.damping = (self.damping * 0.3).max(1e-8);
+                        return Ok(true);
+                    }
+                }
+            }
+            self.damping = (self.damping * 10.0).min(1e2);
+        }
+        Ok(false)
+    }
+
+    /// Shifts the plan by one frame; the last action is kept.
+    fn shift(&mut self) {
+        let actions = self.actions();
+        self.plan.copy_within(actions.., 0);
+    }
+}
+
+/// Newton step within the box [-1, 1]: bounded dimensions are fixed at their bound and the
+/// rest solved again until none more hits (Tassa 2014, section III-B, projected once per
+/// new bound). `None` when the free Hessian is not positive.
+fn bounded_newton(
+    quu: &DMatrix<f64>,
+    qu: &DVector<f64>,
+    qux: &DMatrix<f64>,
+    u: &[f64],
+) -> Option<Gain> {
+    let m = u.len();
+    let mut free: Vec<usize> = (0..m).collect();
+    let mut k = DVector::zeros(m);
+    loop {
+        let hessian = DMatrix::from_fn(free.len(), free.len(), |r, c| quu[(free[r], free[c])]);
+        let chol = hessian.cholesky()?;
+        let fixed_force = quu * &k;
+        let rhs = DVector::from_fn(free.len(), |r, _| {
+            let own: f64 = free.iter().map(|&c| quu[(free[r], c)] * k[c]).sum();
+            -(qu[free[r]] + fixed_force[free[r]] - own)
+        });
+        let step = chol.solve(&rhs);
+        for (r, &i) in free.iter().enumerate() {
+            k[i] = step[r];
+        }
+        let hit: Vec<usize> = free
+            .iter()
+            .copied()
+            .filter(|&i| u[i] + k[i] > 1.0 + 1e-12 || u[i] + k[i] < -1.0 - 1e-12)
+            .collect();
+        if hit.is_empty() {
+            let mut feedback = DMatrix::zeros(m, qux.ncols());
+            let rows = DMatrix::from_fn(free.len(), qux.ncols(), |r, c| -qux[(free[r], c)]);
+            let solved = chol.solve(&rows);
+            for (r, &i) in free.iter().enumerate() {
+                feedback.row_mut(i).copy_from(&solved.row(r));
+            }
+            return Some(Gain { k, feedback });
+        }
+        for &i in &hit {
+            k[i] = (u[i] + k[i]).clamp(-1.0, 1.0) - u[i];
+        }
+        free.retain(|i| !hit.contains(i));
+        if free.is_empty() {
+            return Some(Gain { k, feedback: DMatrix::zeros(m, qux.ncols()) });
+        }
+    }
+}
+
+impl Policy for Ilqr {
+    fn name(&self) -> String {
+        "ilqr".into()
+    }
+
+    fn uses_model(&self) -> bool {
+        true
+    }
+
+    fn reset(&mut self, _seed: u64) {
+        self.plan.fill(0.0);
+        self.last_action.fill(0.0);
+        self.warm = false;
+        self.damping = 1e-6;
+    }
+
+    fn act(&mut self, view: &View<'_>, action: &mut [f64]) -> Result<(), Error> {
+        self.act_from(view, None, action)
+    }
+
+    fn memory(&self) -> Vec<f64> {
+        let mut memory = vec![f64::from(u8::from(self.warm)), self.damping];
+        memory.extend_from_slice(&self.last_action);
+        memory.extend_from_slice(&self.plan);
+        memory
+    }
+
+    fn recall(&mut self, memory: &[f64]) {
+        let actions = self.actions();
+        let (Some((head, rest)), want) = (memory.split_at_checked(2), actions + self.plan.len())
+        else {
+            return self.reset(0);
+        };
+        if rest.len() != want {
+            return self.reset(0);
+        }
+        self.warm = head[0] != 0.0;
+        self.damping = head[1];
+        self.last_action.copy_from_slice(&rest[..actions]);
+        self.plan.copy_from_slice(&rest[actions..]);
+    }
+}
+
+impl Ilqr {
+    /// One frame of planning. A `hint` is another policy's action: the plan that begins
+    /// with it is taken as the start where it is the better one.
+    ///
+    /// # Errors
+    /// As [`Policy::act`].
+    pub(super) fn act_from(
+        &mut self,
+        view: &View<'_>,
+        hint: Option<&[f64]>,
+        action: &mut [f64],
+    ) -> Result<(), Error> {
+        self.goals.clone_from(view.window);
+        self.goals.guide_linear();
+        let iterations =
+            if self.warm { self.config.iterations } else { self.config.first_iterations };
+        let plan = self.plan.clone();
+        let mut cost = self.simulate(view, &plan, false)?;
+        if let Some(hint) = hint {
+            let mut hinted = plan;
+            let repeats = if self.warm { 1 } else { self.config.horizon };
+            for u in hinted.chunks_exact_mut(hint.len()).take(repeats) {
+                u.copy_from_slice(hint);
+            }
+            let trial = self.simulate(view, &hinted, true)?;
+            if trial < cost {
+                self.plan = hinted;
+                std::mem::swap(&mut self.states, &mut self.trial_states);
+                cost = trial;
+            }
+        }
+        if !cost.is_finite() {
+            // The plan leads into a divergence: begin again from rest.
+            self.plan.fill(0.0);
+            let rest = self.plan.clone();
+            cost = self.simulate(view, &rest, false)?;
+        }
+        for _ in 0..iterations {
+            if !self.improve(view, &mut cost)? {
+                break;
+            }
+        }
+        let actions = self.actions();
+        action.copy_from_slice(&self.plan[..actions]);
+        self.last_action.copy_from_slice(action);
+        self.warm = true;
+        self.shift();
+        Ok(())
+    }
+}

@@ -1,0 +1,69 @@
+//! Simulator in the loop: one iLQR iteration a frame, warm-started by another policy.
+//!
+//! It uses the model, so it is a policy of its own in every table: the figure that it
+//! reaches belongs to the model, the warm start only makes it cheap.
+
+use std::sync::Arc;
+
+use super::error::Error;
+use super::ilqr::{Ilqr, IlqrConfig};
+use super::policy::{Policy, View};
+use crate::robot::Robot;
+
+/// A policy whose action is improved on the model before it is applied.
+pub(super) struct Refined {
+    inner: Box<dyn Policy>,
+    planner: Ilqr,
+    hint: Vec<f64>,
+    inner_memory: usize,
+}
+
+impl Refined {
+    /// Wraps a policy.
+    ///
+    /// # Errors
+    /// [`Error::Setup`], [`Error::Timestep`].
+    pub(super) fn new(robot: &Arc<Robot>, inner: Box<dyn Policy>) -> Result<Refined, Error> {
+        let planner = Ilqr::new(robot, IlqrConfig::for_robot(robot))?;
+        Ok(Refined { inner, planner, hint: vec![0.0; robot.action_dim()], inner_memory: 0 })
+    }
+}
+
+impl Policy for Refined {
+    fn name(&self) -> String {
+        format!("{}+refine", self.inner.name())
+    }
+
+    fn uses_model(&self) -> bool {
+        true
+    }
+
+    fn reset(&mut self, seed: u64) {
+        self.inner.reset(seed);
+        self.planner.reset(seed);
+        self.inner_memory = self.inner.memory().len();
+    }
+
+    fn act(&mut self, view: &View<'_>, action: &mut [f64]) -> Result<(), Error> {
+        self.inner.act(view, &mut self.hint)?;
+        self.planner.act_from(view, Some(&self.hint), action)
+    }
+
+    fn memory(&self) -> Vec<f64> {
+        let mut memory = self.inner.memory();
+        memory.extend(self.planner.memory());
+        memory
+    }
+
+    fn recall(&mut self, memory: &[f64]) {
+        let (inner, planner) = memory.split_at(self.inner_memory.min(memory.len()));
+        self.inner.recall(inner);
+        self.planner.recall(planner);
+    }
+}
+
+impl std::fmt::Debug for Refined {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Refined").field("inner", &self.inner.name()).finish_non_exhaustive()
+    }
+}

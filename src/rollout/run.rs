@@ -1,0 +1,522 @@
+//! The rollout: one control step a frame, every frame kept, resumable anywhere.
+
+use std::sync::Arc;
+
+use super::error::Error;
+use super::plant::{PlantConfig, substeps};
+use super::policy::{Policy, View};
+use super::precision::Precision;
+use super::registry::Guide;
+use super::window::{COMMAND, Goals, HISTORY, Window};
+use crate::clip::Command;
+use crate::mujoco::{Data, Snapshot};
+use crate::progress::Cancel;
+use crate::robot::Robot;
+use crate::units::CTRL_DT;
+
+/// Where a rollout begins.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Start {
+    /// At the clip's start pose, at rest, as if it had been held for 30 frames.
+    Pose,
+    /// In the middle of a recorded motion.
+    Recorded {
+        /// States of the 30 frames before; (30, S).
+        history: Vec<f64>,
+        /// State of frame 0; (S).
+        state: Vec<f64>,
+        /// True joint velocities of frame 0; (S).
+        velocity: Vec<f64>,
+    },
+}
+
+/// Settings of a rollout.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct RolloutConfig {
+    /// Seed of the policy's draws.
+    pub seed: u64,
+    /// Virtual commands through masks.
+    pub guide: Guide,
+    /// The plant that is simulated.
+    pub plant: PlantConfig,
+}
+
+/// One simulated frame.
+#[derive(Clone, Copy, Debug)]
+pub struct Frame<'a> {
+    /// Its number; the first that is simulated is 1.
+    pub frame: usize,
+    /// State reached; (S).
+    pub reached: &'a [f64],
+    /// Action that led here, applied during the frame before; (A).
+    pub action: &'a [f64],
+    /// Mean absolute error over its goals; `None` where masked.
+    pub error: Option<f64>,
+}
+
+/// A clip being performed by a policy.
+pub struct Rollout {
+    robot: Arc<Robot>,
+    policy: Box<dyn Policy>,
+    config: RolloutConfig,
+    start: Start,
+    goals: Goals,
+    start_pose: Vec<f64>,
+    plant: Data,
+    substeps: usize,
+    window: Window,
+    /// Pre-roll and frames 0..=t; (30 + t + 1, S).
+    reached: Vec<f64>,
+    /// (t, A).
+    actions: Vec<f64>,
+    /// State at each frame 0..=t.
+    snapshots: Vec<Snapshot>,
+    /// What the policy remembered before acting at each frame 0..=t.
+    memories: Vec<Vec<f64>>,
+    simulated: usize,
+}
+
+impl Rollout {
+    /// Prepares a rollout; nothing is simulated yet.
+    ///
+    /// # Errors
+    /// [`Error::Joints`] when the command is for another robot, [`Error::TooShort`],
+    /// [`Error::Timestep`], [`Error::Setup`].
+    pub fn new(
+        robot: &Arc<Robot>,
+        policy: Box<dyn Policy>,
+        command: &Command,
+        start: Start,
+        config: RolloutConfig,
+    ) -> Result<Rollout, Error> {
+        check_joints(robot, command)?;
+        let model = config.plant.model(robot)?;
+        let substeps = substeps(&model)?;
+        let plant = Data::new(&model)?;
+        let mut rollout = Rollout {
+            robot: Arc::clone(robot),
+            policy,
+            config,
+            start,
+            goals: Goals::new(command),
+            start_pose: pose(command),
+            plant,
+            substeps,
+            window: Window::new(robot.state_dim()),
+            reached: Vec::new(),
+            actions: Vec::new(),
+            snapshots: Vec::new(),
+            memories: Vec::new(),
+            simulated: 0,
+        };
+        if rollout.goals.frames() < 2 {
+            return Err(Error::TooShort { frames: rollout.goals.frames() });
+        }
+        rollout.rewind()?;
+        Ok(rollout)
+    }
+
+    /// Back to frame 0.
+    fn rewind(&mut self) -> Result<(), Error> {
+        let dim = self.robot.state_dim();
+        self.plant.reset()?;
+        self.reached.clear();
+        match &self.start {
+            Start::Pose => {
+                for _ in 0..=HISTORY {
+                    self.reached.extend_from_slice(&self.start_pose);
+                }
+                self.robot.write_state(&mut self.plant, &self.start_pose)?;
+            }
+            Start::Recorded { history, state, velocity } => {
+                let lengths =
+                    [(history.len(), HISTORY * dim), (state.len(), dim), (velocity.len(), dim)];
+                for (got, want) in lengths {
+                    if got != want {
+                        let what = "recorded start";
+                        return Err(crate::mujoco::Error::Length { what, got, want }.into());
+                    }
+                }
+                self.reached.extend_from_slice(history);
+                self.reached.extend_from_slice(state);
+                self.robot.write_state(&mut self.plant, state)?;
+                let mut qvel = vec![0.0; self.plant.qvel().len()];
+                for (joint, v) in self.robot.joints().iter().zip(velocity) {
+                    qvel[joint.dofadr] = *v;
+                }
+                self.plant.set_qvel(&qvel)?;
+            }
+        }
+        self.actions.clear();
+        self.policy.reset(self.config.seed);
+        self.snapshots.clear();
+        self.snapshots.push(self.plant.snapshot());
+        self.memories.clear();
+        self.memories.push(self.policy.memory());
+        Ok(())
+    }
+
+    /// Frame that has been reached; 0 before the first step.
+    pub fn frame(&self) -> usize {
+        self.snapshots.len().saturating_sub(1)
+    }
+
+    /// Frames of the clip.
+    pub fn frames(&self) -> usize {
+        self.goals.frames()
+    }
+
+    /// Whether every frame has been simulated.
+    pub fn is_done(&self) -> bool {
+        self.frame() + 1 >= self.frames()
+    }
+
+    /// Control steps simulated in the life of this value, over all commands.
+    pub fn simulated(&self) -> usize {
+        self.simulated
+    }
+
+    /// Simulates one frame; `None` at the end.
+    ///
+    /// # Errors
+    /// [`Error::Simulation`] with the frame when the plant diverges, [`Error::BadAction`]
+    /// when the policy gives no number. The frames before stay valid.
+    pub fn step(&mut self) -> Result<Option<Frame<'_>>, Error> {
+        if self.is_done() {
+            return Ok(None);
+        }
+        let t = self.frame();
+        let (dim, actions) = (self.robot.state_dim(), self.robot.action_dim());
+        self.window.fill(t, &self.reached, &self.goals);
+        if self.config.guide == Guide::Linear {
+            self.window.guide_linear();
+        }
+        let mut action = vec![0.0; actions];
+        let view = View { frame: t, window: &self.window, state: &self.snapshots[t] };
+        self.policy.act(&view, &mut action)?;
+        if let Some(actuator) = action.iter().position(|a| !a.is_finite()) {
+            return Err(Error::BadAction {
+                frame: t,
+                policy: self.policy.name(),
+                actuator,
+                value: action[actuator],
+            });
+        }
+        action.iter_mut().for_each(|a| *a = a.clamp(-1.0, 1.0));
+        self.robot.apply_action(&mut self.plant, &action)?;
+        self.plant.step(self.substeps).map_err(|source| Error::Simulation { frame: t, source })?;
+        self.simulated += 1;
+        let at = self.reached.len();
+        self.reached.resize(at + dim, 0.0);
+        self.robot.read_state(&self.plant, &mut self.reached[at..]);
+        self.actions.extend_from_slice(&action);
+        self.snapshots.push(self.plant.snapshot());
+        self.memories.push(self.policy.memory());
+        Ok(Some(self.at(t + 1)))
+    }
+
+    /// Simulates to the end or until cancelled.
+    ///
+    /// # Errors
+    /// As [`Rollout::step`], and [`Error::Cancelled`].
+    pub fn run(&mut self, cancel: &Cancel) -> Result<(), Error> {
+        while !self.is_done() {
+            if cancel.is_cancelled() {
+                return Err(Error::Cancelled { frame: self.frame() });
+            }
+            self.step()?;
+        }
+        Ok(())
+    }
+
+    /// Takes an edited clip and keeps every frame that it cannot change: an action sees 20
+    /// frames ahead, so a command that first differs at f leaves actions before f - 20 as
+    /// they were. Returns the frame from which it goes on; the result has the same bits as
+    /// a rollout from the start.
+    ///
+    /// # Errors
+    /// As [`Rollout::new`]; the old rollout stands then.
+    pub fn set_command(&mut self, command: &Command) -> Result<usize, Error> {
+        check_joints(&self.robot, command)?;
+        let goals = Goals::new(command);
+        if goals.frames() < 2 {
+            return Err(Error::TooShort { frames: goals.frames() });
+        }
+        let start_pose = pose(command);
+        let moved = self.start == Start::Pose && start_pose != self.start_pose;
+        let first = if moved { Some(0) } else { self.goals.first_difference(&goals) };
+        self.goals = goals;
+        self.start_pose = start_pose;
+        if moved {
+            self.rewind()?;
+            return Ok(0);
+        }
+        if let Some(f) = first {
+            self.back_to(f.saturating_sub(COMMAND))?;
+        }
+        self.back_to(self.frames() - 1)?;
+        Ok(self.frame())
+    }
+
+    /// Forgets the frames after `t`.
+    fn back_to(&mut self, t: usize) -> Result<(), Error> {
+        if t >= self.frame() {
+            return Ok(());
+        }
+        let (dim, actions) = (self.robot.state_dim(), self.robot.action_dim());
+        self.reached.truncate((HISTORY + t + 1) * dim);
+        self.actions.truncate(t * actions);
+        self.snapshots.truncate(t + 1);
+        self.memories.truncate(t + 1);
+        self.plant.restore(&self.snapshots[t])?;
+        self.policy.recall(&self.memories[t]);
+        Ok(())
+    }
+
+    /// A frame that has been reached; frame 0 has no action.
+    fn at(&self, frame: usize) -> Frame<'_> {
+        let actions = self.robot.action_dim();
+        let reached = self.reached_at(frame);
+        let goal = self.goals.row(frame);
+        let (mut sum, mut n) = (0.0, 0);
+        for j in 0..reached.len() {
+            if self.goals.is_visible(frame, j) {
+                sum += (reached[j] - goal[j]).abs();
+                n += 1;
+            }
+        }
+        let action = match frame {
+            0 => &[][..],
+            f => &self.actions[(f - 1) * actions..f * actions],
+        };
+        Frame { frame, reached, action, error: (n > 0).then(|| sum / f64::from(n)) }
+    }
+
+    /// The frames reached so far, frame 0 first.
+    pub fn frames_reached(&self) -> impl Iterator<Item = Frame<'_>> {
+        (0..=self.frame()).map(|f| self.at(f))
+    }
+
+    fn reached_at(&self, frame: usize) -> &[f64] {
+        let dim = self.robot.state_dim();
+        &self.reached[(HISTORY + frame) * dim..(HISTORY + frame + 1) * dim]
+    }
+
+    /// States of frames 0..=t; (t + 1, S).
+    pub fn reached(&self) -> &[f64] {
+        &self.reached[HISTORY * self.robot.state_dim()..]
+    }
+
+    /// Actions of frames 0..t; (t, A).
+    pub fn actions(&self) -> &[f64] {
+        &self.actions
+    }
+
+    /// Full simulator state at a frame that has been reached.
+    pub fn snapshot(&self, frame: usize) -> Option<&Snapshot> {
+        self.snapshots.get(frame)
+    }
+
+    /// The goals.
+    pub fn goals(&self) -> &Goals {
+        &self.goals
+    }
+
+    /// The robot.
+    pub fn robot(&self) -> &Arc<Robot> {
+        &self.robot
+    }
+
+    /// Name of the policy.
+    pub fn policy_name(&self) -> String {
+        self.policy.name()
+    }
+
+    /// How near it came, over the frames so far.
+    pub fn precision(&self) -> Precision {
+        Precision::measure(&self.goals, self.reached(), &self.actions, self.robot.action_dim())
+    }
+
+    /// Simulated time minus clip time at the reached frame, seconds: 0 but for rounding.
+    pub fn clock_error_secs(&self) -> f64 {
+        let clip = self.frame() as f64 * CTRL_DT;
+        self.snapshots.last().map_or(0.0, |s| s.time_secs - clip)
+    }
+}
+
+impl std::fmt::Debug for Rollout {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Rollout")
+            .field("policy", &self.policy.name())
+            .field("frame", &self.frame())
+            .field("frames", &self.frames())
+            .finish_non_exhaustive()
+    }
+}
+
+fn pose(command: &Command) -> Vec<f64> {
+    command.start().iter().map(|&v| f64::from(v)).collect()
+}
+
+/// The command must name the robot's joints in the robot's order.
+fn check_joints(robot: &Robot, command: &Command) -> Result<(), Error> {
+    let same = robot
+        .joints()
+        .iter()
+        .map(|j| j.name.as_str())
+        .eq(command.joints().iter().map(String::as_str));
+    if same {
+        return Ok(());
+    }
+    Err(Error::Joints {
+        robot: robot.id().to_owned(),
+        got: command.dim(),
+        want: robot.state_dim(),
+        hint: "the names or their order differ; choose the clip's own robot with --robot",
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rng::{Rng, Stream};
+    use crate::rollout::{PolicyConfig, PolicyName};
+
+    fn robot(id: &str) -> Arc<Robot> {
+        Arc::new(Robot::builtin(id).unwrap())
+    }
+
+    /// Poses near home at a few frames, masked between.
+    fn command(robot: &Robot, frames: usize, keys: &[(usize, f64)]) -> Command {
+        let dim = robot.state_dim();
+        let home = robot.home();
+        let (mut q, mut visible) = (vec![0.0_f32; frames * dim], vec![false; frames * dim]);
+        for &(f, offset) in keys {
+            for (j, joint) in robot.joints().iter().enumerate() {
+                let v = (home[j] + offset * (j as f64 + 1.0).sin())
+                    .clamp(joint.range[0].max(-10.0), joint.range[1].min(10.0));
+                q[f * dim + j] = v as f32;
+                visible[f * dim + j] = true;
+            }
+        }
+        let start = home.iter().map(|&v| v as f32).collect();
+        let names = robot.joints().iter().map(|j| j.name.clone()).collect();
+        Command::from_dense(names, start, q, visible).unwrap()
+    }
+
+    fn rollout(robot: &Arc<Robot>, name: PolicyName, command: &Command) -> Rollout {
+        let policy = PolicyConfig::new(name).build(robot).unwrap();
+        Rollout::new(robot, policy, command, Start::Pose, RolloutConfig::default()).unwrap()
+    }
+
+    fn bits(r: &Rollout) -> Vec<u64> {
+        r.reached().iter().chain(r.actions()).map(|v| v.to_bits()).collect()
+    }
+
+    /// 200 edits a robot and policy is the release-time figure; a share of them runs here.
+    #[test]
+    fn an_edit_resimulates_only_what_it_can_change() {
+        let cases = [
+            ("pointmass", PolicyName::ComputedTorque, 200),
+            ("ur5e", PolicyName::Pd, 200),
+            ("ur5e", PolicyName::Ilqr, 8),
+            ("pointmass", PolicyName::PredictiveSampling, 20),
+            ("shadow_hand", PolicyName::Pd, 40),
+        ];
+        for (id, name, edits) in cases {
+            let robot = robot(id);
+            let mut keys: Vec<(usize, f64)> = vec![(0, 0.0), (30, 0.2), (70, -0.1)];
+            let mut live = rollout(&robot, name, &command(&robot, 90, &keys));
+            live.run(&Cancel::default()).unwrap();
+            for edit in 0..edits {
+                let mut rng = Rng::new(7, Stream::Test, edit);
+                let k = 1 + rng.below(keys.len() as u64 - 1) as usize;
+                match rng.below(3) {
+                    0 => keys[k].1 = rng.range(-0.3, 0.3),
+                    1 => keys[k].0 = 1 + rng.below(89) as usize,
+                    _ if keys.len() < 6 => {
+                        keys.push((1 + rng.below(89) as usize, rng.range(-0.3, 0.3)))
+                    }
+                    _ => drop(keys.pop()),
+                }
+                let command = command(&robot, 90, &keys);
+                let differs = live.goals().first_difference(&Goals::new(&command));
+                let before = live.simulated();
+                let from = live.set_command(&command).unwrap();
+                assert!(from >= differs.map_or(89, |f| f.saturating_sub(COMMAND)).min(89));
+                live.run(&Cancel::default()).unwrap();
+                assert_eq!(live.simulated() - before, 89 - from);
+                let mut fresh = rollout(&robot, name, &command);
+                fresh.run(&Cancel::default()).unwrap();
+                assert!(bits(&live) == bits(&fresh), "{id} {name:?}, edit {edit}");
+            }
+        }
+    }
+
+    #[test]
+    fn hidden_goals_are_never_read() {
+        for name in PolicyName::all() {
+            let robot = robot("ur5e");
+            let keys = [(0, 0.0), (12, 0.2), (13, 0.2), (14, 0.2)];
+            let mut a = rollout(&robot, name, &command(&robot, 24, &keys));
+            let mut b = rollout(&robot, name, &command(&robot, 24, &keys));
+            // Overwrite what masks hide.
+            for i in 0..b.goals.frames() * b.goals.dim() {
+                b.goals.poison_hidden(i, 99.0);
+            }
+            a.run(&Cancel::default()).unwrap();
+            b.run(&Cancel::default()).unwrap();
+            assert!(bits(&a) == bits(&b), "{name:?}");
+        }
+    }
+
+    #[test]
+    fn simulated_time_is_clip_time() {
+        for timestep in [0.001, 0.002, 0.0025, 0.005] {
+            let robot = robot("ur5e");
+            let command = command(&robot, 41, &[(0, 0.0), (40, 0.1)]);
+            let mut r = rollout(&robot, PolicyName::ComputedTorque, &command);
+            let mut model = robot.model().duplicate().unwrap();
+            model.set_timestep(timestep);
+            r.substeps = substeps(&model).unwrap();
+            r.plant = Data::new(&Arc::new(model)).unwrap();
+            r.rewind().unwrap();
+            r.run(&Cancel::default()).unwrap();
+            assert_eq!(r.frames_reached().count(), 41, "both ends are there");
+            assert!(r.clock_error_secs().abs() < 1e-9, "{timestep}: {}", r.clock_error_secs());
+            assert!((r.snapshot(40).unwrap().time_secs - 2.0).abs() < 1e-9);
+            assert!(
+                r.frames_reached().last().unwrap().error.is_some(),
+                "the last key is commanded"
+            );
+        }
+        let mut odd = robot("ur5e").model().duplicate().unwrap();
+        odd.set_timestep(0.003);
+        assert!(matches!(substeps(&odd), Err(Error::Timestep { .. })));
+    }
+
+    #[test]
+    fn a_planner_that_knows_the_plant_beats_none() {
+        let robot = robot("ur5e");
+        let keys: Vec<(usize, f64)> =
+            std::iter::once((0, 0.0)).chain((20..40).map(|f| (f, 0.25))).collect();
+        let command = command(&robot, 40, &keys);
+        let precision = |name| {
+            let mut r = rollout(&robot, name, &command);
+            r.run(&Cancel::default()).unwrap();
+            r.precision().precision.unwrap()
+        };
+        let (zero, pd) = (precision(PolicyName::Zero), precision(PolicyName::Pd));
+        let (ct, ilqr) = (precision(PolicyName::ComputedTorque), precision(PolicyName::Ilqr));
+        assert!(zero > 0.05 && pd < 0.02 && ct < 0.002 && ilqr < 0.002, "{zero} {pd} {ct} {ilqr}");
+    }
+
+    #[test]
+    fn other_joints_are_refused() {
+        let (arm, mass) = (robot("ur5e"), robot("pointmass"));
+        let policy = PolicyConfig::new(PolicyName::Zero).build(&arm).unwrap();
+        let command = command(&mass, 10, &[(0, 0.0)]);
+        let e = Rollout::new(&arm, policy, &command, Start::Pose, RolloutConfig::default());
+        assert!(matches!(e, Err(Error::Joints { got: 2, want: 5, .. })), "{e:?}");
+    }
+}

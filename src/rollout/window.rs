@@ -1,0 +1,345 @@
+//! What the policy sees at one frame: 30 frames of reached past, the current one and the
+//! next 20 commanded or masked frames (51 in all, indices 0..50 of the paper).
+
+use crate::clip::Command;
+
+/// Frames of reached history, 1.5 s.
+pub const HISTORY: usize = 30;
+
+/// Frames of command, 1 s.
+pub const COMMAND: usize = 20;
+
+/// A compiled command with what no single frame shows: the value that stands in when a
+/// whole window would be masked, and the held end.
+///
+/// Training always leaves one command frame visible, so an all-masked window would be
+/// outside of what the network knows. Where 20 or more masked frames follow each other the
+/// last window frame gets a *virtual keyframe*: the straight line between the visible
+/// frames around the gap, or the last visible value after the final one.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Goals {
+    frames: usize,
+    dim: usize,
+    /// Command where visible, virtual value elsewhere; (frames, dim).
+    q: Vec<f64>,
+    /// (frames, dim).
+    visible: Vec<bool>,
+    /// Whether the virtual value of a masked frame can ever be used; (frames).
+    in_gap: Vec<bool>,
+    /// What is held past the end; (dim).
+    end: Vec<f64>,
+}
+
+impl Goals {
+    /// From a compiled clip.
+    pub fn new(command: &Command) -> Goals {
+        let (frames, dim) = (command.frames() as usize, command.dim());
+        let mut goals = Goals {
+            frames,
+            dim,
+            q: vec![0.0; frames * dim],
+            visible: vec![false; frames * dim],
+            in_gap: vec![false; frames],
+            end: vec![0.0; dim],
+        };
+        for f in 0..frames {
+            for (j, &q) in command.row(f as u32).iter().enumerate() {
+                goals.visible[f * dim + j] = command.sees(f as u32, j);
+                goals.q[f * dim + j] = f64::from(q);
+            }
+        }
+        let start: Vec<f64> = command.start().iter().map(|&v| f64::from(v)).collect();
+        goals.fill_gaps(&start);
+        goals
+    }
+
+    fn fill_gaps(&mut self, start: &[f64]) {
+        for j in 0..self.dim {
+            let mut last: Option<usize> = None;
+            for f in 0..self.frames {
+                if !self.visible[f * self.dim + j] {
+                    continue;
+                }
+                let from = last.map_or(start[j], |a| self.q[a * self.dim + j]);
+                let begin = last.map_or(0, |a| a + 1);
+                let to = self.q[f * self.dim + j];
+                // Frame `begin - 1` holds `from`; before the first key that is the start pose.
+                let span = (f + 1 - begin) as f64;
+                for g in begin..f {
+                    self.q[g * self.dim + j] = from + (to - from) * ((g + 1 - begin) as f64 / span);
+                }
+                last = Some(f);
+            }
+            let hold = last.map_or(start[j], |a| self.q[a * self.dim + j]);
+            self.end[j] = hold;
+            for g in last.map_or(0, |a| a + 1)..self.frames {
+                self.q[g * self.dim + j] = hold;
+            }
+        }
+        let mut run = 0;
+        for f in 0..self.frames {
+            run = if self.any_visible(f) { 0 } else { run + 1 };
+            // Frame f is the last of a window that shows nothing else.
+            self.in_gap[f] = run >= COMMAND;
+        }
+    }
+
+    /// Frames.
+    pub fn frames(&self) -> usize {
+        self.frames
+    }
+
+    /// State dimensions.
+    pub fn dim(&self) -> usize {
+        self.dim
+    }
+
+    /// Whether joint `j` has a goal at frame `f`.
+    pub fn is_visible(&self, f: usize, j: usize) -> bool {
+        self.visible[f * self.dim + j]
+    }
+
+    /// Whether any joint has a goal at frame `f`.
+    pub fn any_visible(&self, f: usize) -> bool {
+        self.visible[f * self.dim..(f + 1) * self.dim].iter().any(|&v| v)
+    }
+
+    /// Goal (or virtual value) of frame `f`; (dim).
+    pub fn row(&self, f: usize) -> &[f64] {
+        &self.q[f * self.dim..(f + 1) * self.dim]
+    }
+
+    /// The first frame whose goal differs in anything that a window can show; `None` when
+    /// a rollout of either gives the same motion. Both must be for the same robot.
+    pub fn first_difference(&self, other: &Goals) -> Option<usize> {
+        let common = self.frames.min(other.frames);
+        for f in 0..common {
+            let rows = f * self.dim..(f + 1) * self.dim;
+            let masks_differ = self.visible[rows.clone()] != other.visible[rows.clone()];
+            let gap_differs = self.in_gap[f] != other.in_gap[f];
+            let shown = self.in_gap[f] || other.in_gap[f];
+            let values_differ = (0..self.dim).any(|j| {
+                let i = f * self.dim + j;
+                (self.visible[i] || shown) && self.q[i].to_bits() != other.q[i].to_bits()
+            });
+            if masks_differ || gap_differs || values_differ {
+                return Some(f);
+            }
+        }
+        // One clip ends here and is held; the other goes on.
+        (self.frames != other.frames).then_some(common)
+    }
+
+    /// Overwrites a goal that no policy may read; visible and virtual ones are left alone.
+    #[cfg(test)]
+    pub(super) fn poison_hidden(&mut self, i: usize, value: f64) {
+        if !self.visible[i] && !self.in_gap[i / self.dim] {
+            self.q[i] = value;
+        }
+    }
+
+    /// Writes the command part of the window at frame `t`: goals of t+1 ..= t+20.
+    ///
+    /// Past the end the last value is held, visible: to stay there is what a person means
+    /// by the end of a clip (masking it instead measured the same).
+    fn show(&self, t: usize, q: &mut [f64], visible: &mut [bool]) {
+        let last = self.frames.saturating_sub(1);
+        for i in 0..COMMAND {
+            let f = t + 1 + i;
+            let rows = i * self.dim..(i + 1) * self.dim;
+            if f > last {
+                q[rows.clone()].copy_from_slice(&self.end);
+                visible[rows].fill(true);
+            } else {
+                q[rows.clone()].copy_from_slice(self.row(f));
+                visible[rows].copy_from_slice(&self.visible[f * self.dim..(f + 1) * self.dim]);
+            }
+        }
+        if !visible.iter().any(|&v| v) {
+            visible[(COMMAND - 1) * self.dim..].fill(true);
+        }
+    }
+}
+
+/// The policy's view of time at one frame.
+#[derive(Clone, Debug)]
+pub struct Window {
+    dim: usize,
+    /// Reached states of t-30 .. t-1; (30, dim).
+    pub history: Vec<f64>,
+    /// Reached state of frame t; (dim).
+    pub current: Vec<f64>,
+    /// Goals of t+1 ..= t+20; meaningless where masked; (20, dim).
+    pub command: Vec<f64>,
+    /// Whether each goal counts; (20, dim).
+    pub visible: Vec<bool>,
+}
+
+impl Window {
+    /// An empty window for `dim` state dimensions.
+    pub fn new(dim: usize) -> Window {
+        Window {
+            dim,
+            history: vec![0.0; HISTORY * dim],
+            current: vec![0.0; dim],
+            command: vec![0.0; COMMAND * dim],
+            visible: vec![false; COMMAND * dim],
+        }
+    }
+
+    /// State dimensions.
+    pub fn dim(&self) -> usize {
+        self.dim
+    }
+
+    /// Fills the window of frame `t` from all `reached` states (pre-roll of 30 first, then
+    /// frames 0..=t) and the goals. A hidden goal is NaN-free but arbitrary: no policy may
+    /// read it, which a test checks by overwriting.
+    pub fn fill(&mut self, t: usize, reached: &[f64], goals: &Goals) {
+        let d = self.dim;
+        self.history.copy_from_slice(&reached[t * d..(t + HISTORY) * d]);
+        self.current.copy_from_slice(&reached[(t + HISTORY) * d..(t + HISTORY + 1) * d]);
+        goals.show(t, &mut self.command, &mut self.visible);
+    }
+
+    /// First visible command index for joint `j` (0 is frame t+1), with its goal.
+    pub fn next_goal(&self, j: usize) -> Option<(usize, f64)> {
+        (0..COMMAND)
+            .find(|&i| self.visible[i * self.dim + j])
+            .map(|i| (i, self.command[i * self.dim + j]))
+    }
+
+    /// Target of joint `j` one frame ahead: its goal, or the straight line from the reached
+    /// state to the next goal, or to stay.
+    pub fn next_target(&self, j: usize) -> f64 {
+        let q = self.current[j];
+        self.next_goal(j).map_or(q, |(i, goal)| q + (goal - q) / (i + 1) as f64)
+    }
+
+    /// The linear guide: every masked goal becomes the straight line from the *reached*
+    /// state to the next visible goal (held after the last), and counts from then on.
+    /// Recomputed each frame, so that it never asks for what was missed.
+    pub fn guide_linear(&mut self) {
+        let d = self.dim;
+        for j in 0..d {
+            let (mut from, mut begin) = (self.current[j], 0);
+            for i in 0..COMMAND {
+                if !self.visible[i * d + j] {
+                    continue;
+                }
+                let to = self.command[i * d + j];
+                let span = (i + 1 - begin) as f64;
+                for g in begin..i {
+                    self.command[g * d + j] = from + (to - from) * ((g + 1 - begin) as f64 / span);
+                }
+                (from, begin) = (to, i + 1);
+            }
+            for g in begin..COMMAND {
+                self.command[g * d + j] = from;
+            }
+        }
+        self.visible.fill(true);
+    }
+
+    /// Partly visible frames become wholly visible, the hidden joints filled linearly: for
+    /// policies that mask whole states, as in the paper.
+    pub fn complete_partial_frames(&mut self) {
+        let d = self.dim;
+        let partial = |v: &[bool]| v.iter().any(|&x| x) && !v.iter().all(|&x| x);
+        let frames: Vec<usize> =
+            (0..COMMAND).filter(|&i| partial(&self.visible[i * d..(i + 1) * d])).collect();
+        if frames.is_empty() {
+            return;
+        }
+        let mut filled = self.clone();
+        filled.guide_linear();
+        for i in frames {
+            let rows = i * d..(i + 1) * d;
+            self.command[rows.clone()].copy_from_slice(&filled.command[rows.clone()]);
+            self.visible[rows].fill(true);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// One joint; `None` is masked.
+    fn goals(rows: &[Option<f32>], start: f32) -> Goals {
+        let q: Vec<f32> = rows.iter().map(|v| v.unwrap_or(0.0)).collect();
+        let visible: Vec<bool> = rows.iter().map(Option::is_some).collect();
+        Goals::new(&Command::from_dense(vec!["a".into()], vec![start], q, visible).unwrap())
+    }
+
+    fn window(goals: &Goals, t: usize, reached: f64) -> Window {
+        let mut w = Window::new(1);
+        w.fill(t, &vec![reached; HISTORY + t + 1], goals);
+        w
+    }
+
+    #[test]
+    fn a_window_never_is_all_masked() {
+        let mut rows = vec![None; 60];
+        rows[0] = Some(0.0);
+        rows[45] = Some(0.9);
+        let g = goals(&rows, 0.0);
+        for t in 0..60 {
+            assert!(window(&g, t, 0.0).visible.iter().any(|&v| v), "frame {t}");
+        }
+        // Frame 5 sees 6..=25: nothing; index 50 is the straight line at 25 of 45.
+        let w = window(&g, 5, 0.0);
+        assert_eq!(
+            w.next_goal(0),
+            Some((19, 0.9 * 25.0 / 45.0))
+                .map(|(i, v)| (i, v as f32 as f64))
+                .map(|(i, _)| (i, w.command[19]))
+        );
+        assert!((w.command[19] - 0.5).abs() < 1e-6);
+        // Frame 25 sees the key itself at index 19 and no virtual one.
+        assert_eq!(window(&g, 25, 0.0).visible.iter().filter(|&&v| v).count(), 1);
+        // After the last key its value is held: the masked tail stays put.
+        assert!((window(&g, 45, 0.9).command[19] - 0.9).abs() < 1e-6);
+    }
+
+    #[test]
+    fn past_the_end_means_stay() {
+        let g = goals(&[Some(0.0), Some(0.1), Some(0.2)], 0.0);
+        let w = window(&g, 1, 0.1);
+        assert!(w.visible.iter().all(|&v| v));
+        assert!(w.command.iter().all(|&c| (c - 0.2).abs() < 1e-6));
+    }
+
+    #[test]
+    fn first_difference_sees_what_a_window_can_show() {
+        let mut rows = vec![None; 60];
+        rows[0] = Some(0.0);
+        rows[45] = Some(0.9);
+        let a = goals(&rows, 0.0);
+        assert_eq!(a.first_difference(&a), None);
+        rows[45] = Some(0.8);
+        // The line through the blind gap changes from the first frame that can be shown.
+        assert_eq!(a.first_difference(&goals(&rows, 0.0)), Some(20));
+        rows[45] = Some(0.9);
+        rows[50] = Some(0.9);
+        assert_eq!(a.first_difference(&goals(&rows, 0.0)), Some(50));
+        rows[50] = None;
+        rows.push(None);
+        assert_eq!(a.first_difference(&goals(&rows, 0.0)), Some(60));
+    }
+
+    #[test]
+    fn guide_runs_from_the_reached_state() {
+        let mut rows = vec![None; 30];
+        rows[0] = Some(0.0);
+        rows[10] = Some(1.0);
+        let g = goals(&rows, 0.0);
+        let mut w = window(&g, 5, 0.2);
+        assert!((w.next_target(0) - (0.2 + 0.8 / 5.0)).abs() < 1e-6);
+        w.guide_linear();
+        assert!((w.command[0] - 0.36).abs() < 1e-6);
+        assert!((w.command[4] - 1.0).abs() < 1e-6);
+        assert!((w.command[19] - 1.0).abs() < 1e-6, "held after the last goal");
+        assert!(w.visible.iter().all(|&v| v));
+    }
+}
