@@ -5,7 +5,7 @@
 //! size, overlaps and holes, names, shapes, types, finite weights, and that robot, joints
 //! and sizes are the ones asked for.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::path::Path;
 
 use safetensors::tensor::{Dtype, SafeTensors};
@@ -266,9 +266,8 @@ pub fn parse(bytes: &[u8], path: &Path, robot: Option<&RobotCard>) -> Result<Mod
     let tokens = Tokeniser::new(card.tokens.clone(), card.facts.clone(), &card.normaliser)?;
 
     let layout = Layout::new(&card.net);
-    let mut known: BTreeMap<&str, ()> =
-        layout.tensors.iter().map(|t| (t.name.as_str(), ())).collect();
-    known.insert("centres", ());
+    let mut known: BTreeSet<&str> = layout.tensors.iter().map(|t| t.name.as_str()).collect();
+    known.insert("centres");
     let mut weights = super::real::Aligned::<f32>::zeros(layout.len);
     for t in &layout.tensors {
         let from = numbers(&file, &t.name, &t.shape).map_err(damaged)?;
@@ -279,7 +278,7 @@ pub fn parse(bytes: &[u8], path: &Path, robot: Option<&RobotCard>) -> Result<Mod
     let ridge = if card.net.skip == SkipKind::Off {
         None
     } else {
-        known.insert("ridge", ());
+        known.insert("ridge");
         let inputs = tokens.ridge_inputs();
         let shape = [RIDGE_HEADS, inputs, card.net.actions];
         let w = numbers(&file, "ridge", &shape).map_err(damaged)?;
@@ -288,7 +287,7 @@ pub fn parse(bytes: &[u8], path: &Path, robot: Option<&RobotCard>) -> Result<Mod
     let optimiser = read_optimiser(&file, &layout, &metadata).map_err(damaged)?;
     for name in file.names() {
         let plain = name.strip_prefix("adam.first.").or_else(|| name.strip_prefix("adam.second."));
-        if !known.contains_key(plain.unwrap_or(name)) {
+        if !known.contains(plain.unwrap_or(name)) {
             return Err(damaged(format!("an unknown tensor {name:?}")));
         }
     }

@@ -248,19 +248,16 @@ impl<T: Real> Learner<T> {
         let mut at = 0;
         for tensor in &net.layout.tensors {
             let (skip, take) = (tensor.range.start - at, tensor.range.len());
-            let (w, m, v) = (
-                take_mut(&mut w, skip, take),
-                take_mut(&mut m, skip, take),
-                take_mut(&mut v, skip, take),
-            );
+            let (w_here, m_here, v_here);
+            (w_here, w) = cut(w, skip, take);
+            (m_here, m) = cut(m, skip, take);
+            (v_here, v) = cut(v, skip, take);
             let here;
             (here, g) = g[skip..].split_at(take);
             at = tensor.range.end;
             let decay = if tensor.decays { adam.weight_decay } else { 0.0 };
-            let pieces = w
-                .chunks_mut(PIECE)
-                .zip(here.chunks(PIECE))
-                .zip(m.chunks_mut(PIECE).zip(v.chunks_mut(PIECE)));
+            let moments = m_here.chunks_mut(PIECE).zip(v_here.chunks_mut(PIECE));
+            let pieces = w_here.chunks_mut(PIECE).zip(here.chunks(PIECE)).zip(moments);
             jobs.extend(pieces.map(|((w, g), (m, v))| (decay, w, g, m, v)));
         }
         let queue = Mutex::new(jobs.into_iter());
@@ -286,10 +283,8 @@ impl<T: Real> Learner<T> {
     }
 }
 
-/// Splits `take` numbers off the front, after `skip`.
-fn take_mut<'a, T>(x: &mut &'a mut [T], skip: usize, take: usize) -> &'a mut [T] {
-    let (_, rest) = std::mem::take(x).split_at_mut(skip);
-    let (here, rest) = rest.split_at_mut(take);
-    *x = rest;
-    here
+/// The next `take` numbers after `skip`, and what follows them.
+fn cut<T>(x: &mut [T], skip: usize, take: usize) -> (&mut [T], &mut [T]) {
+    let (_, rest) = x.split_at_mut(skip);
+    rest.split_at_mut(take)
 }
