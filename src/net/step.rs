@@ -9,7 +9,7 @@
 use std::sync::{Mutex, PoisonError};
 
 use super::head::Sums;
-use super::model::{Arena, Batch, Net, Panels, backward, forward};
+use super::model::{Arena, Batch, Net, Panels, backward, forward, score};
 use super::real::{Aligned, Real};
 use super::simd::{self, AdamStep};
 
@@ -152,6 +152,14 @@ impl<T: Real> Learner<T> {
     /// Loss and gradient of one batch; `fill(w, slot, batch)` writes window w of 0..batch
     /// into `slot`. The sum of the gradients is [`Learner::gradient`].
     pub fn gradients(&mut self, fill: &(impl Fn(usize, usize, &mut Batch<T>) + Sync)) -> Sums {
+        self.pass(fill, true)
+    }
+
+    fn pass(
+        &mut self,
+        fill: &(impl Fn(usize, usize, &mut Batch<T>) + Sync),
+        gradients: bool,
+    ) -> Sums {
         let Learner { net, panels, lanes, workers, batch, micro, threads, current_only, .. } = self;
         let (batch, micro, current_only) = (*batch, *micro, *current_only);
         let tokens = if current_only { 1 } else { super::config::WINDOW };
@@ -163,7 +171,9 @@ impl<T: Real> Learner<T> {
             let mut worker = worker.lock().unwrap_or_else(PoisonError::into_inner);
             let Worker { arena, batch: windows } = &mut **worker;
             while let Some(lane) = next_of(&queue) {
-                lane.grads.fill(T::default());
+                if gradients {
+                    lane.grads.fill(T::default());
+                }
                 lane.sums = Sums::default();
                 for m in lane.first..lane.end {
                     let first = m * micro;
@@ -172,8 +182,11 @@ impl<T: Real> Learner<T> {
                         fill(first + slot, slot, windows);
                     }
                     forward(net, panels, windows, arena);
-                    let sums =
-                        backward(net, panels, windows, arena, &mut lane.grads, scale, current_only);
+                    let sums = if gradients {
+                        backward(net, panels, windows, arena, &mut lane.grads, scale, current_only)
+                    } else {
+                        score(net, windows, arena, scale, current_only)
+                    };
                     lane.sums.add(&sums);
                 }
             }
@@ -217,6 +230,11 @@ impl<T: Real> Learner<T> {
         let sums = self.gradients(fill);
         self.reduce();
         sums
+    }
+
+    /// Errors of one batch, without gradients: what a held-out measurement needs.
+    pub fn errors(&mut self, fill: &(impl Fn(usize, usize, &mut Batch<T>) + Sync)) -> Sums {
+        self.pass(fill, false)
     }
 
     /// One step at this learning rate. A loss or gradient that is not finite leaves
