@@ -69,8 +69,6 @@ pub const CLIENTS: usize = 16;
 
 /// Bytes in the header of a safetensors file.
 pub const TENSOR_HEADER_BYTES: u64 = 100 << 20;
-/// Bytes of one model file, optimiser state included.
-pub const TENSOR_FILE_BYTES: u64 = 4 << 30;
 /// Bytes of a dataset manifest.
 pub const MANIFEST_BYTES: u64 = 1 << 30;
 /// Bytes of one dataset shard.
@@ -79,6 +77,8 @@ pub const SHARD_BYTES: u64 = 8 << 30;
 pub const SHARDS: usize = 100_000;
 /// Trajectories of one dataset.
 pub const EPISODES: usize = 20_000_000;
+/// Bytes of one model file, optimiser state included.
+pub const TENSOR_FILE_BYTES: u64 = 4 << 30;
 /// Bytes of one record of an MCAP file read back.
 pub const MCAP_RECORD_BYTES: usize = 64 << 20;
 /// Pixels along one edge of a picture.
