@@ -11,6 +11,7 @@ mod doctor;
 mod failure;
 mod log;
 mod out;
+mod studio;
 
 pub use failure::{Failure, Outcome};
 
@@ -51,6 +52,11 @@ enum Command {
     Doctor(doctor::Args),
     /// Measure speed: simulation, training, inference.
     Bench(bench::Args),
+    /// Author keyframes in the browser and watch a policy perform them.
+    Studio(studio::Args),
+    /// The simulation process of the studio.
+    #[command(name = "__worker", hide = true)]
+    Worker,
     /// Print a completion script for your shell.
     Completions(completions::Args),
 }
@@ -75,6 +81,8 @@ fn run(cli: Cli) -> Outcome {
     match cli.command {
         Command::Doctor(args) => doctor::run(&args),
         Command::Bench(args) => bench::run(args),
+        Command::Studio(args) => studio::run(args),
+        Command::Worker => Ok(crate::studio::worker::child::run()?),
         Command::Completions(args) => completions::run(&args),
     }
 }
