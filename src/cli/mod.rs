@@ -22,6 +22,7 @@ mod render;
 mod robots;
 mod rollout;
 mod tasks;
+mod studio;
 
 pub use failure::{Failure, Outcome};
 
@@ -74,6 +75,11 @@ enum Command {
     Clip(clip::Args),
     /// Draw a clip: one picture, a film strip or a film.
     Render(Box<render::Args>),
+    /// Author keyframes in the browser and watch a policy perform them.
+    Studio(studio::Args),
+    /// The simulation process of the studio.
+    #[command(name = "__worker", hide = true)]
+    Worker,
     /// Print a completion script for your shell.
     Completions(completions::Args),
     /// List, show and settle robots.
@@ -111,6 +117,8 @@ fn run(cli: Cli) -> Outcome {
         Command::Dataset(args) => dataset::run(args),
         Command::Clip(args) => clip::run(&args),
         Command::Render(args) => render::run(&args, cli.global.quiet),
+        Command::Studio(args) => studio::run(args),
+        Command::Worker => Ok(crate::studio::worker::child::run()?),
         Command::Completions(args) => completions::run(&args),
         Command::Robots(args) => robots::run(&args),
         Command::Import(args) => import::run(&args),
