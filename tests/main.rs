@@ -4,6 +4,7 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
+mod clip;
 mod floors;
 mod import;
 mod malformed;

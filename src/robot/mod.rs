@@ -20,18 +20,19 @@ mod error;
 mod folder;
 mod ik;
 pub mod import;
+mod joint_table;
 mod mesh;
 mod mirror;
 pub mod preparse;
 mod profile;
 mod settle;
-mod table;
 mod text;
 
 pub use builtin::NOTICE;
 pub use derive::derive;
 pub use error::Error;
 pub use ik::{IkConfig, IkResult, Point, Target};
+pub use joint_table::Settler;
 pub use profile::{
     ActuatorSpec, Camera, Coupling, Drive, FORMAT, Group, JointSpec, MODEL_FILE, MirrorRow,
     MirrorSpec, NEAR_LIMIT, PROFILE_FILE, Physics, PoseSpec, Profile, SettleSpec, valid_id,

@@ -14,7 +14,7 @@ use crate::robot::Robot;
 /// The map from joint torques (nv) to actions (A) of a robot whose transmissions are
 /// constant (joints and fixed tendons; ours all are).
 #[derive(Clone, Debug)]
-pub struct Actuation {
+pub(super) struct Actuation {
     /// (nu, nv).
     inverse: DMatrix<f64>,
     /// (nu).
@@ -39,7 +39,7 @@ impl Actuation {
     ///
     /// # Errors
     /// [`Error::Setup`] from the kinematics.
-    pub fn new(robot: &Arc<Robot>, data: &mut Data) -> Result<Actuation, Error> {
+    pub(super) fn new(robot: &Arc<Robot>, data: &mut Data) -> Result<Actuation, Error> {
         data.forward()?;
         let model = data.model();
         let (nu, nv) = (model.nu(), model.nv());
@@ -54,7 +54,7 @@ impl Actuation {
     }
 
     /// Writes the action that comes nearest to these joint torques, clamped to [-1, 1].
-    pub fn action(&self, torque: &[f64], action: &mut [f64]) {
+    pub(super) fn action(&self, torque: &[f64], action: &mut [f64]) {
         let nv = self.inverse.ncols();
         for (i, out) in action.iter_mut().enumerate() {
             let force: f64 = (0..nv).map(|k| self.inverse[(i, k)] * torque[k]).sum();

@@ -35,7 +35,7 @@ const FOLLOW_POSE: usize = 10;
 
 /// Inverse dynamics with the model as the robot's file says.
 #[derive(Debug)]
-pub struct ComputedTorque {
+pub(super) struct ComputedTorque {
     belief: Belief,
     actuation: Actuation,
     law: Law,
@@ -102,7 +102,7 @@ impl ComputedTorque {
     ///
     /// # Errors
     /// [`Error::Setup`], [`Error::Timestep`].
-    pub fn new(robot: &Arc<Robot>) -> Result<ComputedTorque, Error> {
+    pub(super) fn new(robot: &Arc<Robot>) -> Result<ComputedTorque, Error> {
         let mut belief = Belief::new(robot)?;
         robot.write_state(&mut belief.data, &robot.home())?;
         let actuation = Actuation::new(robot, &mut belief.data)?;

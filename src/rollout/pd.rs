@@ -21,7 +21,7 @@ const ALPHA: f64 = 0.9;
 
 /// PD on a straight reference, joint by joint.
 #[derive(Debug)]
-pub struct Pd {
+pub(super) struct Pd {
     robot: Arc<Robot>,
     actuation: Actuation,
     /// Torque per rad of error and per rad/s, by state joint.
@@ -34,7 +34,7 @@ impl Pd {
     ///
     /// # Errors
     /// [`Error::Setup`].
-    pub fn new(robot: &Arc<Robot>) -> Result<Pd, Error> {
+    pub(super) fn new(robot: &Arc<Robot>) -> Result<Pd, Error> {
         let mut belief = Belief::new(robot)?;
         robot.write_state(&mut belief.data, &robot.home())?;
         let actuation = Actuation::new(robot, &mut belief.data)?;

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use super::window::Goals;
 
 /// Error below which a hold counts as reached, rad or m.
-pub const REACHED: f64 = 0.05;
+pub(super) const REACHED: f64 = 0.05;
 
 /// How a rollout did. Errors in rad or m.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]

@@ -11,7 +11,7 @@ use super::policy::{Policy, View};
 use crate::robot::Robot;
 
 /// A policy whose action is improved on the model before it is applied.
-pub struct Refined {
+pub(super) struct Refined {
     inner: Box<dyn Policy>,
     planner: Ilqr,
     hint: Vec<f64>,
@@ -23,7 +23,7 @@ impl Refined {
     ///
     /// # Errors
     /// [`Error::Setup`], [`Error::Timestep`].
-    pub fn new(robot: &Arc<Robot>, inner: Box<dyn Policy>) -> Result<Refined, Error> {
+    pub(super) fn new(robot: &Arc<Robot>, inner: Box<dyn Policy>) -> Result<Refined, Error> {
         let planner = Ilqr::new(robot, IlqrConfig::for_robot(robot))?;
         Ok(Refined { inner, planner, hint: vec![0.0; robot.action_dim()], inner_memory: 0 })
     }

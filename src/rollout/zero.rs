@@ -5,7 +5,7 @@ use super::policy::{Policy, View};
 
 /// Applies nothing.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Zero;
+pub(super) struct Zero;
 
 impl Policy for Zero {
     fn name(&self) -> String {
