@@ -11,16 +11,12 @@ use crate::robot::derive::{ctrlrange, is_motor, state_joints};
 use crate::robot::text::{Edits, escape};
 use crate::robot::{Assets, Error, preparse, text};
 
-/// Refuses joints that the state cannot hold.
-pub(super) fn joints(
-    _draft: &mut Draft,
-    model: &Model,
-    project: &preparse::Project,
-) -> Result<(), Error> {
-    state_joints(model, &project.path).map(drop)
 /// Takes away joints that only a default class makes free, if asked to; refuses what the
 /// state cannot hold. Gives whether anything was taken.
+pub(super) fn joints(
     draft: &mut Draft,
+    model: &Model,
+    project: &preparse::Project,
     config: &ImportConfig,
 ) -> Result<bool, Error> {
     let free: Vec<&str> = (0..model.jnt_type().len())
