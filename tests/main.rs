@@ -5,5 +5,6 @@
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod floors;
+mod golden;
 mod robots;
 mod run;
