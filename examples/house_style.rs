@@ -7,7 +7,8 @@
 use std::path::Path;
 
 use robert::plot::{
-    Axis, Curve, Figure, JointTrack, Theme, bars, coverage, curves, histogram, joints, precision, xy,
+    Axis, Curve, Figure, JointTrack, Theme, bars, coverage, curves, histogram, joints, precision,
+    xy,
 };
 
 /// A number in 0..1 that looks random.
@@ -23,7 +24,8 @@ fn main() {
         let points: Vec<(f64, f64)> = (0..200)
             .map(|f| {
                 let dip = if (60..110).contains(&f) { 0.6 } else { 1.0 };
-                let wobble = 0.4 * (f as f64 * 0.07 + level * 9.0).sin().abs() + 0.1 * noise(f + seed);
+                let wobble =
+                    0.4 * (f as f64 * 0.07 + level * 9.0).sin().abs() + 0.1 * noise(f + seed);
                 (f as f64, level * dip * (0.5 + wobble))
             })
             .collect();
@@ -31,8 +33,9 @@ fn main() {
         Curve { name: name.into(), points, ci95 }
     };
     let methods = [curve("RoBERT", 0.05, 0), curve("iLQR", 0.08, 7), curve("PD", 0.16, 99)];
-    let chart = precision("fire a handgun", &methods, "rad", &[(60.0, 110.0), (150.0, 165.0)], 20.0)
-        .note("Shadow Hand, 3 seeds, band = 95 % interval");
+    let chart =
+        precision("fire a handgun", &methods, "rad", &[(60.0, 110.0), (150.0, 165.0)], 20.0)
+            .note("Shadow Hand, 3 seeds, band = 95 % interval");
     chart.save(&folder.join("precision.png")).unwrap();
     chart.save(&folder.join("precision.svg")).unwrap();
     chart.theme(Theme::Dark).save(&folder.join("precision_dark.png")).unwrap();
@@ -48,7 +51,9 @@ fn main() {
                 name: (*n).into(),
                 unit: "rad".into(),
                 commanded: (0..200).map(|f| if seen(f) { goal(f) } else { f64::NAN }).collect(),
-                achieved: (0..200_usize).map(|f| goal(f.saturating_sub(4)) + 0.03 * noise(f)).collect(),
+                achieved: (0..200_usize)
+                    .map(|f| goal(f.saturating_sub(4)) + 0.03 * noise(f))
+                    .collect(),
             }
         })
         .collect();
@@ -73,7 +78,9 @@ fn main() {
     let loss = |name: &str, end: f64| Curve {
         name: name.into(),
         points: (0..300)
-            .map(|i| (i as f64 * 1000.0, end + 0.9 * (-(i as f64) / 40.0).exp() * (0.8 + 0.4 * noise(i))))
+            .map(|i| {
+                (i as f64 * 1000.0, end + 0.9 * (-(i as f64) / 40.0).exp() * (0.8 + 0.4 * noise(i)))
+            })
             .collect(),
         ci95: vec![],
     };
@@ -91,8 +98,12 @@ fn main() {
         let one = |i: usize| (level * (0.7 + 0.6 * noise(i + 3)), 0.2 * level);
         (name.to_owned(), (0..5).map(one).collect::<Vec<_>>())
     };
-    bars("precision by task", &groups, &[set("RoBERT", 0.05), set("iLQR", 0.08), set("PD", 0.15)],
-        Axis::new("precision", "rad"))
+    bars(
+        "precision by task",
+        &groups,
+        &[set("RoBERT", 0.05), set("iLQR", 0.08), set("PD", 0.15)],
+        Axis::new("precision", "rad"),
+    )
     .note("3 seeds, 95 % intervals")
     .save(&folder.join("bars.png"))
     .unwrap();

@@ -77,7 +77,17 @@ pub const SHARD_BYTES: u64 = 8 << 30;
 pub const SHARDS: usize = 100_000;
 /// Trajectories of one dataset.
 pub const EPISODES: usize = 20_000_000;
+/// Bytes of one model file, optimiser state included.
+pub const TENSOR_FILE_BYTES: u64 = 4 << 30;
 /// Bytes of one record of an MCAP file read back.
 pub const MCAP_RECORD_BYTES: usize = 64 << 20;
+/// Bytes of a take that is read back.
+pub const TAKE_BYTES: u64 = 256 << 20;
+/// Bytes of all chunks of a take, unpacked.
+pub const TAKE_UNPACKED_BYTES: u64 = 512 << 20;
+/// Bytes of one message of a take: thousands of bodies, and no room to blow up.
+pub const TAKE_MESSAGE_BYTES: usize = 1 << 20;
+/// Bodies of a robot in a take.
+pub const BODIES: usize = 1024;
 /// Pixels along one edge of a picture.
 pub const PICTURE_PX: u32 = 8192;

@@ -9,8 +9,11 @@ use super::out;
 pub(super) struct Args {
     /// The model.
     model: PathBuf,
+    /// Simulator steps to try.
+    #[arg(long, default_value_t = crate::robot::check::STEPS)]
+    steps: usize,
 }
 
 pub(super) fn run(args: &Args) -> Outcome {
-    out::json(&crate::robot::check::serve(&args.model))
+    out::json(&crate::robot::check::serve(&args.model, args.steps))
 }

@@ -126,7 +126,15 @@ fn step(span: f64, wish: usize) -> f64 {
     let raw = span / wish as f64;
     let power = 10_f64.powf(raw.log10().floor());
     let lead = raw / power;
-    let nice = if lead <= 1.0 { 1.0 } else if lead <= 2.0 { 2.0 } else if lead <= 5.0 { 5.0 } else { 10.0 };
+    let nice = if lead <= 1.0 {
+        1.0
+    } else if lead <= 2.0 {
+        2.0
+    } else if lead <= 5.0 {
+        5.0
+    } else {
+        10.0
+    };
     nice * power
 }
 

@@ -45,15 +45,18 @@ fn curve_layers(curves: &[Curve]) -> Vec<Layer> {
 
 /// Precision over time, one curve a method, masked spans hatched; `fps` turns frames into
 /// seconds. `masked` are spans `[from, to)` in frames.
-pub fn precision(title: &str, curves: &[Curve], unit: &str, masked: &[(f64, f64)], fps: f64) -> Figure {
+pub fn precision(
+    title: &str,
+    curves: &[Curve],
+    unit: &str,
+    masked: &[(f64, f64)],
+    fps: f64,
+) -> Figure {
     let mut layers: Vec<Layer> =
         masked.iter().map(|m| Layer::Masked { x: (m.0 / fps, m.1 / fps) }).collect();
     let scaled: Vec<Curve> = curves
         .iter()
-        .map(|c| Curve {
-            points: c.points.iter().map(|p| (p.0 / fps, p.1)).collect(),
-            ..c.clone()
-        })
+        .map(|c| Curve { points: c.points.iter().map(|p| (p.0 / fps, p.1)).collect(), ..c.clone() })
         .collect();
     layers.extend(curve_layers(&scaled));
     let panel = Panel {
@@ -198,8 +201,7 @@ pub fn histogram(name: &str, values: &[f64], bins: usize, x: Axis) -> Panel {
         }
     }
     let edges = (0..=bins).map(|i| low + wide * i as f64).collect();
-    let layers =
-        vec![Layer::Histogram { name: String::new(), edges, heights, color: 0 }];
+    let layers = vec![Layer::Histogram { name: String::new(), edges, heights, color: 0 }];
     Panel {
         title: name.to_owned(),
         x,
@@ -215,9 +217,17 @@ pub fn coverage(name: &str, points: &[(f64, f64)], cells: usize, x: Axis, y: Axi
     let seen = || points.iter().filter(|p| p.0.is_finite() && p.1.is_finite());
     let ends = |range: Option<(f64, f64)>, pick: fn(&(f64, f64)) -> f64| {
         let (a, b) = range.unwrap_or_else(|| {
-            seen().map(pick).fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)))
+            seen()
+                .map(pick)
+                .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)))
         });
-        if a < b { (a, b) } else if a.is_finite() { (a - 0.5, a + 0.5) } else { (0.0, 1.0) }
+        if a < b {
+            (a, b)
+        } else if a.is_finite() {
+            (a - 0.5, a + 0.5)
+        } else {
+            (0.0, 1.0)
+        }
     };
     let (xe, ye) = (ends(x.range, |p| p.0), ends(y.range, |p| p.1));
     let cells = cells.clamp(2, 200);
@@ -242,8 +252,9 @@ mod tests {
     use super::*;
 
     fn wave(name: &str, phase: f64) -> Curve {
-        let points: Vec<_> =
-            (0..100).map(|i| (f64::from(i), (f64::from(i) * 0.1 + phase).sin().abs() * 0.1)).collect();
+        let points: Vec<_> = (0..100)
+            .map(|i| (f64::from(i), (f64::from(i) * 0.1 + phase).sin().abs() * 0.1))
+            .collect();
         Curve { name: name.into(), ci95: vec![0.01; points.len()], points }
     }
 
@@ -261,15 +272,36 @@ mod tests {
             joints("j", &[track.clone(), track], 20.0),
             xy("xy", &[wave("path", 0.0)], &[(10.0, 0.1)], "m"),
             curves("c", &[wave("loss", 0.0)], Axis::new("step", ""), Axis::new("loss", "").log()),
-            bars("b", &groups, &[("robert".into(), vec![(0.1, 0.02), (f64::NAN, 0.0)])], Axis::new("e", "rad")),
+            bars(
+                "b",
+                &groups,
+                &[("robert".into(), vec![(0.1, 0.02), (f64::NAN, 0.0)])],
+                Axis::new("e", "rad"),
+            ),
             Figure::of("h", histogram("q", &[0.0, 0.1, 0.1, f64::NAN], 10, Axis::new("q", "rad"))),
-            Figure::of("g", coverage("xy", &[(0.0, 0.0), (1.0, 2.0)], 10, Axis::new("x", "m"), Axis::new("y", "m"))),
+            Figure::of(
+                "g",
+                coverage(
+                    "xy",
+                    &[(0.0, 0.0), (1.0, 2.0)],
+                    10,
+                    Axis::new("x", "m"),
+                    Axis::new("y", "m"),
+                ),
+            ),
         ];
         for f in figures {
             assert!(f.png().unwrap().starts_with(b"\x89PNG"), "{}", f.title);
             let svg = f.svg().unwrap();
             assert!(svg.contains("<svg") && svg.contains("</svg>"), "{}", f.title);
-            assert!(svg.contains(">(rad)<") || svg.contains("(rad)<") || svg.contains("(m)<") || svg.contains("loss"), "{}", f.title);
+            assert!(
+                svg.contains(">(rad)<")
+                    || svg.contains("(rad)<")
+                    || svg.contains("(m)<")
+                    || svg.contains("loss"),
+                "{}",
+                f.title
+            );
         }
     }
 
@@ -278,9 +310,14 @@ mod tests {
         assert!(joints("none", &[], 20.0).png().is_err());
         let nan = Curve { name: "n".into(), points: vec![(f64::NAN, f64::NAN); 3], ci95: vec![] };
         precision("nan", &[nan.clone()], "rad", &[], 20.0).png().unwrap();
-        curves("one", &[Curve { points: vec![(1.0, 1.0)], ..nan }], Axis::default(), Axis::default())
-            .svg()
-            .unwrap();
+        curves(
+            "one",
+            &[Curve { points: vec![(1.0, 1.0)], ..nan }],
+            Axis::default(),
+            Axis::default(),
+        )
+        .svg()
+        .unwrap();
         Figure::of("empty", histogram("h", &[], 5, Axis::new("x", "m"))).png().unwrap();
         Figure::of("empty", coverage("c", &[], 5, Axis::default(), Axis::default())).png().unwrap();
     }

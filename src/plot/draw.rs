@@ -384,12 +384,7 @@ impl<DB: DrawingBackend> Canvas<'_, DB> {
             let from = (r.x - k).max(0.0);
             let to = (r.x + r.w - k).min(r.h);
             if to > from {
-                self.line(
-                    &[(k + from, r.y + r.h - from), (k + to, r.y + r.h - to)],
-                    c,
-                    0.9,
-                    0.7,
-                )?;
+                self.line(&[(k + from, r.y + r.h - from), (k + to, r.y + r.h - to)], c, 0.9, 0.7)?;
             }
             k += gap;
         }
@@ -510,12 +505,9 @@ impl Frame {
         let r = self.rect;
         let (dx, dy) = (b.0 - a.0, b.1 - a.1);
         let (mut t0, mut t1) = (0.0_f64, 1.0_f64);
-        for (p, q) in [
-            (-dx, a.0 - r.x),
-            (dx, r.x + r.w - a.0),
-            (-dy, a.1 - r.y),
-            (dy, r.y + r.h - a.1),
-        ] {
+        for (p, q) in
+            [(-dx, a.0 - r.x), (dx, r.x + r.w - a.0), (-dy, a.1 - r.y), (dy, r.y + r.h - a.1)]
+        {
             if p.abs() < 1e-12 {
                 if q < 0.0 {
                     return None;
@@ -591,8 +583,16 @@ impl<DB: DrawingBackend> Canvas<'_, DB> {
             if axis.range.is_some() { e } else { panel.layers.iter().find_map(layer).unwrap_or(e) }
         };
         if cells {
-            x = exact(&panel.x, x, |l| if let Layer::Cells { x, .. } = l { Some(*x) } else { None });
-            y = exact(&panel.y, y, |l| if let Layer::Cells { y, .. } = l { Some(*y) } else { None });
+            x = exact(
+                &panel.x,
+                x,
+                |l| if let Layer::Cells { x, .. } = l { Some(*x) } else { None },
+            );
+            y = exact(
+                &panel.y,
+                y,
+                |l| if let Layer::Cells { y, .. } = l { Some(*y) } else { None },
+            );
         }
         let mut top = outer.y;
         if !panel.title.is_empty() {
@@ -604,8 +604,10 @@ impl<DB: DrawingBackend> Canvas<'_, DB> {
         let bottom = TICK * 1.9 + if lowest { LABEL * 1.7 } else { 6.0 };
         let height = (outer.y + outer.h - bottom - top - 4.0).max(10.0);
         let y_ticks = Self::y_ticks(&panel.y, y, height);
-        let widest =
-            y_ticks.iter().map(|k| text_width(self.letterer, &k.1, TICK, false)).fold(0.0, f64::max);
+        let widest = y_ticks
+            .iter()
+            .map(|k| text_width(self.letterer, &k.1, TICK, false))
+            .fold(0.0, f64::max);
         let label_width = widest.min(0.4 * outer.w);
         let side = if cells { 74.0 } else { 14.0 };
         let mut rect = Rect {
@@ -617,11 +619,7 @@ impl<DB: DrawingBackend> Canvas<'_, DB> {
         if panel.equal {
             (x, y) = equalise(&mut rect, x, y);
         }
-        let y_ticks = if panel.equal {
-            Self::y_ticks(&panel.y, y, rect.h)
-        } else {
-            y_ticks
-        };
+        let y_ticks = if panel.equal { Self::y_ticks(&panel.y, y, rect.h) } else { y_ticks };
         let frame = Frame { rect, x, y, log: (panel.x.log, panel.y.log) };
         let x_ticks = self.x_ticks(panel, &frame);
 
@@ -688,7 +686,10 @@ impl<DB: DrawingBackend> Canvas<'_, DB> {
         let mut wish = (frame.rect.w / 62.0).round().clamp(2.0, 12.0) as usize;
         loop {
             let ticks = panel.x.ticks(frame.x, wish);
-            let widest = ticks.iter().map(|k| text_width(self.letterer, &k.1, TICK, false)).fold(0.0, f64::max);
+            let widest = ticks
+                .iter()
+                .map(|k| text_width(self.letterer, &k.1, TICK, false))
+                .fold(0.0, f64::max);
             let room = frame.rect.w / ticks.len().max(1) as f64;
             if wish <= 2 || widest + 8.0 <= room || panel.x.log || !panel.x.names.is_empty() {
                 return ticks;
@@ -706,7 +707,9 @@ impl<DB: DrawingBackend> Canvas<'_, DB> {
                 }
             }
             Layer::Band { points, color } => {
-                for run in points.split(|p| !(p.0.is_finite() && p.1.is_finite() && p.2.is_finite())) {
+                for run in
+                    points.split(|p| !(p.0.is_finite() && p.1.is_finite() && p.2.is_finite()))
+                {
                     let up = run.iter().map(|p| (f.x(p.0), f.clamp_y(f.y(p.2))));
                     let down = run.iter().rev().map(|p| (f.x(p.0), f.clamp_y(f.y(p.1))));
                     let outline: Vec<_> = up.chain(down).collect();

@@ -222,9 +222,8 @@ impl Layer {
     pub(super) fn scale(&self) -> Option<(&str, f64, f64)> {
         let Layer::Cells { values, label, .. } = self else { return None };
         let seen = values.iter().copied().filter(|v| v.is_finite());
-        let (low, high) = seen.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| {
-            (a.min(v), b.max(v))
-        });
+        let (low, high) =
+            seen.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
         let low = if low > 0.0 && low < 0.5 * high { 0.0 } else { low };
         (low <= high).then_some((label.as_str(), low, if high > low { high } else { low + 1.0 }))
     }

@@ -37,7 +37,9 @@ pub enum Error {
     #[error("nothing to plot: no data was given")]
     Empty,
     /// Too many panels for one file.
-    #[error("a chart of {width}x{height} points is too large (at most {cap} an edge): plot fewer panels")]
+    #[error(
+        "a chart of {width}x{height} points is too large (at most {cap} an edge): plot fewer panels"
+    )]
     Large {
         /// Width.
         width: u32,

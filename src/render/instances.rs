@@ -211,6 +211,8 @@ impl Reach<'_> {
         let far = if self.far.is_finite() { self.far.max(1e-3) * 1.01 } else { scale * 4.0 };
         let near = if self.near.is_finite() { self.near * 0.99 } else { 0.0 };
         let near = match self.camera.lens {
+            // The floor reaches under the eye: it hides what is below only where it is not cut.
+            Lens::Perspective { .. } if self.below => near.min(far * 0.02).max(far * 2e-4),
             Lens::Perspective { .. } => near.max(far * 2e-4),
             Lens::Orthographic { .. } => near,
         };

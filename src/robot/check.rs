@@ -22,6 +22,8 @@ use crate::mujoco::{self, Data, Model};
 
 /// The hidden subcommand.
 pub const SUBCOMMAND: &str = "__compile-check";
+/// Simulator steps that a model must survive at rest: a tenth of a second.
+pub const STEPS: usize = 20;
 
 /// What the child found.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -36,12 +38,12 @@ pub struct Verdict {
     pub peak_bytes: u64,
 }
 
-/// Compiles the model in a child process and tries a few steps.
+/// Compiles the model in a child process and tries `steps` simulator steps.
 ///
 /// # Errors
 /// [`Error::Checked`], [`Error::Exhausted`], [`Error::NoChecker`].
-pub fn compile(model: &Path, exe: &Path) -> Result<Verdict, Error> {
-    let verdict = ask(model, exe)?;
+pub fn compile(model: &Path, exe: &Path, steps: usize) -> Result<Verdict, Error> {
+    let verdict = ask(model, exe, steps)?;
     if verdict.class == "ok" {
         return Ok(verdict);
     }
@@ -75,10 +77,11 @@ pub fn executable() -> Result<PathBuf, Error> {
     }
 }
 
-fn ask(model: &Path, exe: &Path) -> Result<Verdict, Error> {
+fn ask(model: &Path, exe: &Path, steps: usize) -> Result<Verdict, Error> {
     let no_checker =
         |e: std::io::Error| Error::NoChecker { message: format!("{}: {e}", exe.display()) };
-    let args: [OsString; 2] = [SUBCOMMAND.into(), model.into()];
+    let args: [OsString; 4] =
+        [SUBCOMMAND.into(), "--steps".into(), steps.to_string().into(), model.into()];
     let mut child = Command::new(exe)
         .args(args)
         .stdin(Stdio::null())
@@ -130,9 +133,9 @@ fn death(status: ExitStatus) -> String {
 }
 
 /// The child's side: limits itself, compiles, tries a few steps.
-pub fn serve(model: &Path) -> Verdict {
+pub fn serve(model: &Path, steps: usize) -> Verdict {
     limit();
-    let verdict = match attempt(model) {
+    let verdict = match attempt(model, steps) {
         Ok(()) => Verdict { class: "ok".into(), ..Verdict::default() },
         Err(e) => judge(&e),
     };
@@ -148,11 +151,11 @@ fn limit() {
     cap(Resource::Fsize, 1 << 20);
 }
 
-fn attempt(path: &Path) -> Result<(), mujoco::Error> {
+fn attempt(path: &Path, steps: usize) -> Result<(), mujoco::Error> {
     let model = Arc::new(Model::from_path(path)?);
     let mut data = Data::new(&model)?;
     data.forward()?;
-    data.step(20)
+    if steps > 0 { data.step(steps) } else { Ok(()) }
 }
 
 fn judge(e: &mujoco::Error) -> Verdict {

@@ -71,7 +71,7 @@ impl Robot {
         let assets = read_assets(&project)?;
         let print = super::fingerprint(&project.xml, &assets);
         if !known_good(&print) {
-            check::compile(&path, &check::executable()?)?;
+            check::compile(&path, &check::executable()?, check::STEPS)?;
             remember(print);
         }
         let at = if profile.is_file() { profile } else { path };

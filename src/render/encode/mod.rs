@@ -122,8 +122,10 @@ pub(super) mod tests {
                 for y in 0..height {
                     for x in 0..width {
                         let at = 4 * (y * width + x) as usize;
-                        let inside = (x as i32 - 3 * f as i32 - 4).abs() < 4 && (y as i32 - 8).abs() < 4;
-                        let rgb = if inside { [230, 60, 20] } else { [(x * 2) as u8, 90, (y * 3) as u8] };
+                        let inside =
+                            (x as i32 - 3 * f as i32 - 4).abs() < 4 && (y as i32 - 8).abs() < 4;
+                        let rgb =
+                            if inside { [230, 60, 20] } else { [(x * 2) as u8, 90, (y * 3) as u8] };
                         p.rgba[at..at + 3].copy_from_slice(&rgb);
                     }
                 }

@@ -158,7 +158,8 @@ impl Planes {
                         let at = 4 * (2 * column + dx).min(edge);
                         let [r, g, b] = [row[at], row[at + 1], row[at + 2]].map(i32::from);
                         // 16.16 fixed point: 219/255 of the BT.709 weights.
-                        let y = (11_966 * r + 40_254 * g + 4_064 * b + (16 << 16) + (1 << 15)) >> 16;
+                        let y =
+                            (11_966 * r + 40_254 * g + 4_064 * b + (16 << 16) + (1 << 15)) >> 16;
                         self.y[(2 * pair + dy) * self.width + 2 * column + dx] = y as u8;
                         sum = [sum[0] + r, sum[1] + g, sum[2] + b];
                     }
@@ -193,7 +194,11 @@ mod tests {
             let mut p = Planes::new(2, 2);
             p.fill(&Picture::filled(2, 2, rgb));
             let near = |a: u8, b: u8| a.abs_diff(b) <= 1;
-            assert!(near(p.y[0], y) && near(p.u[0], u) && near(p.v[0], v), "{rgb:?} {:?}", (p.y[0], p.u[0], p.v[0]));
+            assert!(
+                near(p.y[0], y) && near(p.u[0], u) && near(p.v[0], v),
+                "{rgb:?} {:?}",
+                (p.y[0], p.u[0], p.v[0])
+            );
         }
     }
 
@@ -222,7 +227,11 @@ mod tests {
         while let Some(sample) = demuxer.next_sample().unwrap() {
             let from = sample.data_offset as usize;
             let data = &bytes[from..from + sample.data_size];
-            let annex_b = shiguredo_mp4::bitstream::h264::length_prefixed_to_annexb(data, LengthSize::FourBytes).unwrap();
+            let annex_b = shiguredo_mp4::bitstream::h264::length_prefixed_to_annexb(
+                data,
+                LengthSize::FourBytes,
+            )
+            .unwrap();
             let image = decoder.decode(&annex_b).unwrap().expect("a frame a sample");
             assert_eq!(image.dimensions(), (64, 48));
             let mut planes = Planes::new(64, 48);
