@@ -6,6 +6,7 @@
 
 mod clip;
 mod floors;
+mod golden;
 mod import;
 mod malformed;
 mod robots;
