@@ -7,3 +7,4 @@
 mod floors;
 mod robots;
 mod run;
+mod take;
