@@ -11,3 +11,4 @@ mod import;
 mod malformed;
 mod robots;
 mod run;
+mod take;

@@ -12,6 +12,7 @@ mod completions;
 mod dataset;
 mod doctor;
 mod eval;
+mod export;
 mod failure;
 mod import;
 mod interrupt;
@@ -20,6 +21,7 @@ mod motion;
 mod out;
 mod render;
 mod robots;
+mod perform;
 mod rollout;
 mod tasks;
 mod studio;
@@ -61,6 +63,8 @@ pub struct Global {
 enum Command {
     /// Let a policy perform a clip, and measure how near it comes.
     Rollout(rollout::Args),
+    /// Write a take, or a clip that is performed first, in another format.
+    Export(export::Args),
     /// Roll out a suite of clips with several policies; one table.
     Eval(eval::Args),
     /// List the task clips in the program, or copy them out to edit.
@@ -110,6 +114,7 @@ pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
 fn run(cli: Cli) -> Outcome {
     match cli.command {
         Command::Rollout(args) => rollout::run(&args, cli.global),
+        Command::Export(args) => export::run(&args, cli.global),
         Command::Eval(args) => eval::run(&args, cli.global),
         Command::Tasks(args) => tasks::run(&args),
         Command::Doctor(args) => doctor::run(&args),
