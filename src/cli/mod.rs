@@ -39,7 +39,7 @@ use crate::exit::Exit;
 #[derive(Debug, Parser)]
 #[command(name = "robert", version, max_term_width = 100, arg_required_else_help = true)]
 #[command(
-    after_help = "Examples:\n  robert doctor                 is everything here that the program needs?\n  robert robots ls              the robots it knows\n\nExit codes: 0 ok, 1 job failed, 2 usage, 3 invalid input, 4 threshold missed, 5 missing dependency, 130 interrupted."
+    after_help = "Examples:\n  robert studio                          draft motions in the browser\n  robert tasks ls                        the example clips\n  robert rollout CLIP --policy ilqr      perform a clip, print how near it came\n  robert render CLIP -o hang.mp4         see it\n  robert doctor                          is everything here that the program needs?\n\nExit codes: 0 ok, 1 job failed, 2 usage, 3 invalid input, 4 threshold missed, 5 missing dependency, 130 interrupted."
 )]
 pub struct Cli {
     #[command(flatten)]
@@ -97,6 +97,7 @@ enum Command {
 
 /// Parses, runs, reports. The only caller is `main`.
 pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
+    crate::mujoco::set_env_at_start("NODEVICE_SELECT", "1");
     let cli = match Cli::try_parse_from(args) {
         Ok(cli) => cli,
         Err(e) => return usage(&e),

@@ -24,7 +24,7 @@ function Bar() {
   const h = d?.history;
   return (
     <header class="bar">
-      <button class="quiet brand" onClick={() => (store.page.value = "gallery")} title="Examples and recent files"><img src="/icon.svg" width="18" height="18" alt="" /> RoBERT Studio</button>
+      <button class="quiet brand" onClick={() => (store.page.value = "gallery")} title="Examples and recent files"><img src="/ui/icon.svg" width="18" height="18" alt="" /> RoBERT Studio</button>
       <span class="name" data-testid="title">{name}{d?.dirty ? " •" : ""}</span>
       <span style="color: var(--dim)">{store.robot.value?.title}</span>
       <span class="grow" />
