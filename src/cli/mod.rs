@@ -21,6 +21,7 @@ mod out;
 mod robots;
 mod rollout;
 mod tasks;
+mod train;
 
 pub use failure::{Failure, Outcome};
 
@@ -67,6 +68,8 @@ enum Command {
     Doctor(doctor::Args),
     /// Measure speed: simulation, training, inference.
     Bench(bench::Args),
+    /// Train a policy on collected data; stop and go on at any time.
+    Train(train::Args),
     /// Look at collected data; split, shrink, corrupt, merge or verify it.
     Dataset(dataset::Args),
     /// Create, check, edit and convert clips.
@@ -106,6 +109,7 @@ fn run(cli: Cli) -> Outcome {
         Command::Doctor(args) => doctor::run(&args),
         Command::Bench(args) => bench::run(args),
         Command::Dataset(args) => dataset::run(args),
+        Command::Train(args) => train::run(&args, cli.global),
         Command::Clip(args) => clip::run(&args),
         Command::Completions(args) => completions::run(&args),
         Command::Robots(args) => robots::run(&args),
