@@ -4,6 +4,11 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
+mod clip;
 mod floors;
+mod golden;
+mod import;
+mod malformed;
 mod robots;
 mod run;
+mod take;

@@ -12,16 +12,20 @@ mod completions;
 mod dataset;
 mod doctor;
 mod eval;
+mod export;
 mod failure;
 mod import;
 mod interrupt;
 mod log;
 mod motion;
 mod out;
+mod render;
 mod robots;
+mod perform;
 mod rollout;
 mod tasks;
 mod train;
+mod studio;
 
 pub use failure::{Failure, Outcome};
 
@@ -60,6 +64,8 @@ pub struct Global {
 enum Command {
     /// Let a policy perform a clip, and measure how near it comes.
     Rollout(rollout::Args),
+    /// Write a take, or a clip that is performed first, in another format.
+    Export(export::Args),
     /// Roll out a suite of clips with several policies; one table.
     Eval(eval::Args),
     /// List the task clips in the program, or copy them out to edit.
@@ -74,6 +80,13 @@ enum Command {
     Dataset(dataset::Args),
     /// Create, check, edit and convert clips.
     Clip(clip::Args),
+    /// Draw a clip: one picture, a film strip or a film.
+    Render(Box<render::Args>),
+    /// Author keyframes in the browser and watch a policy perform them.
+    Studio(studio::Args),
+    /// The simulation process of the studio.
+    #[command(name = "__worker", hide = true)]
+    Worker,
     /// Print a completion script for your shell.
     Completions(completions::Args),
     /// List, show and settle robots.
@@ -104,6 +117,7 @@ pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
 fn run(cli: Cli) -> Outcome {
     match cli.command {
         Command::Rollout(args) => rollout::run(&args, cli.global),
+        Command::Export(args) => export::run(&args, cli.global),
         Command::Eval(args) => eval::run(&args, cli.global),
         Command::Tasks(args) => tasks::run(&args),
         Command::Doctor(args) => doctor::run(&args),
@@ -111,6 +125,9 @@ fn run(cli: Cli) -> Outcome {
         Command::Dataset(args) => dataset::run(args),
         Command::Train(args) => train::run(&args, cli.global),
         Command::Clip(args) => clip::run(&args),
+        Command::Render(args) => render::run(&args, cli.global.quiet),
+        Command::Studio(args) => studio::run(args),
+        Command::Worker => Ok(crate::studio::worker::child::run()?),
         Command::Completions(args) => completions::run(&args),
         Command::Robots(args) => robots::run(&args),
         Command::Import(args) => import::run(&args),

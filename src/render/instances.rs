@@ -211,6 +211,8 @@ impl Reach<'_> {
         let far = if self.far.is_finite() { self.far.max(1e-3) * 1.01 } else { scale * 4.0 };
         let near = if self.near.is_finite() { self.near * 0.99 } else { 0.0 };
         let near = match self.camera.lens {
+            // The floor reaches under the eye: it hides what is below only where it is not cut.
+            Lens::Perspective { .. } if self.below => near.min(far * 0.02).max(far * 2e-4),
             Lens::Perspective { .. } => near.max(far * 2e-4),
             Lens::Orthographic { .. } => near,
         };
@@ -335,7 +337,7 @@ fn veil(
         let rgb = match ghost.kind {
             GhostKind::Command => {
                 let error = f64::from(ghost.error.get(i).copied().unwrap_or(0.0).clamp(0.0, 1.0));
-                palette::mix([20, 132, 214], palette::VERMILION, error)
+                tint(error)
             }
             GhostKind::Past => palette::PURPLE,
             GhostKind::Future => palette::GREEN,
@@ -346,6 +348,16 @@ fn veil(
             reach.ball(centre, radius, false);
             list.push(key, instance);
         }
+    }
+}
+
+/// Blue, purple, vermilion: the straight way between the ends would lead through grey.
+fn tint(error: f64) -> palette::Rgb {
+    let (near, middle, far) = ([20, 132, 214], [168, 92, 190], palette::VERMILION);
+    if error < 0.5 {
+        palette::mix(near, middle, 2.0 * error)
+    } else {
+        palette::mix(middle, far, 2.0 * error - 1.0)
     }
 }
 
@@ -424,7 +436,7 @@ fn trail_segments(trail: &Trail, px: f32, reach: &mut Reach, out: &mut Vec<Segme
         let before = if i > 0 && !trail.dashed { trail.points.get(i - 1) } else { None };
         let after = if trail.dashed { None } else { trail.points.get(i + 2) };
         let share = |k: usize| {
-            if trail.fade { 0.12 + 0.88 * (k as f32 / (n - 1) as f32).powf(1.3) } else { 1.0 }
+            if trail.fade { 0.22 + 0.78 * (k as f32 / (n - 1) as f32).powf(1.3) } else { 1.0 }
         };
         let color = |k: usize| [c[0], c[1], c[2], share(k)];
         reach.ball(a, 0.0, false);

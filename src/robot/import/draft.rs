@@ -72,12 +72,11 @@ impl Draft {
         let doc = preparse::parse(&self.xml, path)?;
         let mut edits = text::Edits::default();
         let root = doc.root_element();
-        match text::before_close(root) {
-            Some(at) => edits.insert(at, sections),
-            None => {
-                let name = root.tag_name().name();
-                edits.replace(root.range(), format!("<{name}>{sections}</{name}>"));
-            }
+        if let Some(at) = text::before_close(root) {
+            edits.insert(at, sections);
+        } else {
+            let name = root.tag_name().name();
+            edits.replace(root.range(), format!("<{name}>{sections}</{name}>"));
         }
         let xml = edits.apply(&self.xml);
         self.xml = xml;

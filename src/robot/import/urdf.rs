@@ -94,8 +94,7 @@ fn check_tree<'a>(
     let named = |tag: &str, name: &str| {
         doc.root_element()
             .children()
-            .filter(|n| n.has_tag_name(tag) && n.attribute("name") == Some(name))
-            .last()
+            .rfind(|n| n.has_tag_name(tag) && n.attribute("name") == Some(name))
             .unwrap_or_else(|| doc.root_element())
     };
     let refuse =
@@ -267,6 +266,15 @@ impl<'a> Tree<'a> {
             .unwrap_or_else(|| self.doc.root_element())
     }
 
+    /// Whether the source says anything about the link's mass.
+    fn has_inertial(&self, link: &str) -> bool {
+        self.doc
+            .root_element()
+            .children()
+            .filter(|n| n.has_tag_name("link") && n.attribute("name") == Some(link))
+            .any(|n| n.children().any(|c| c.has_tag_name("inertial")))
+    }
+
     fn refuse_joint(&self, j: &Joint, message: &str) -> Error {
         preparse::refuse(
             self.joint_node(&j.name),
@@ -326,8 +334,7 @@ impl<'a> Tree<'a> {
     fn inertial(&mut self, link: &Link, moving: bool, pad: &str) {
         let i = &link.inertial;
         if i.mass.value <= 0.0 {
-            let weighs =
-                link.collision.iter().any(|c| !matches!(c.geometry, Geometry::Mesh { .. }));
+            let weighs = link.collision.iter().any(|c| is_read(&c.geometry));
             if moving && !weighs {
                 let (mass, inertia) = GHOST;
                 writeln!(
@@ -339,6 +346,13 @@ impl<'a> Tree<'a> {
                     "link \"{}\" has no inertia: {mass} kg, {inertia} kg m^2",
                     link.name
                 ));
+            } else if !moving && self.has_inertial(&link.name) {
+                // A massless frame, such as a tool's: nothing for its shapes to weigh.
+                writeln!(
+                    self.body,
+                    "{pad}  <inertial pos=\"0 0 0\" mass=\"0\" diaginertia=\"0 0 0\"/>"
+                )
+                .ok();
             } else if moving {
                 self.draft.assumed.push(format!(
                     "link \"{}\" has no inertia: that of its collision shapes at 1000 kg/m^3",
@@ -521,8 +535,8 @@ impl<'a> Tree<'a> {
             }
             Geometry::Sphere { radius } => format!("type=\"sphere\" size=\"{radius}\""),
             Geometry::Mesh { filename, scale } => {
-                let extension = mesh::extension(Path::new(filename));
-                if !matches!(extension.as_str(), "stl" | "obj" | "msh") {
+                if !is_read(geometry) {
+                    let extension = mesh::extension(Path::new(filename));
                     if self.unusable.insert(format!("{filename} {what}")) {
                         self.draft.dropped.push(format!(
                             "{what} mesh \"{filename}\" of link \"{link}\": .{extension} is not read (STL and OBJ are)"
@@ -621,9 +635,16 @@ impl<'a> Tree<'a> {
             section("equality", &self.equalities),
             section("actuator", &self.motors),
         );
+        self.draft.assumed.push("the root link is fixed to the world".into());
         self.draft.assumed.push(format!("armature {ARMATURE} at every joint"));
         Ok(self.draft)
     }
+}
+
+/// Whether a shape can be taken over: all but meshes in formats that are not read.
+fn is_read(geometry: &Geometry) -> bool {
+    let Geometry::Mesh { filename, .. } = geometry else { return true };
+    matches!(mesh::extension(Path::new(filename)).as_str(), "stl" | "obj" | "msh")
 }
 
 fn rotation(p: &Pose) -> Matrix3<f64> {
