@@ -19,13 +19,13 @@ mod interrupt;
 mod log;
 mod motion;
 mod out;
+mod perform;
 mod render;
 mod robots;
-mod perform;
 mod rollout;
+mod studio;
 mod tasks;
 mod train;
-mod studio;
 
 pub use failure::{Failure, Outcome};
 

@@ -170,3 +170,124 @@ impl Policy for Linear {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::net::ridge::Ridge;
+    use crate::net::token::RIDGE_HEADS;
+    use crate::net::{
+        Card, Facts, JointFacts, Net, NetConfig, Normaliser, SkipKind, TokenConfig, Tokeniser,
+    };
+    use crate::rollout::{Rollout, RolloutConfig, Start};
+
+    /// A gated network around a linear answer of constant actions, for the puck.
+    fn model(robot: &Robot, granularity: MaskGranularity) -> Model {
+        let s = robot.state_dim();
+        let joints = vec![JointFacts { hinge: false, range: None }; s];
+        let facts = Facts { joints, actions: robot.action_dim() };
+        let one = |x: f64| vec![x; s];
+        let norm =
+            Normaliser { mean: one(0.0), std: one(1.0), std_d1: one(0.05), std_d2: one(0.01) };
+        let cfg = TokenConfig { granularity, ..TokenConfig::for_robot(&facts) };
+        let tokens = Tokeniser::new(cfg, facts, &norm).unwrap();
+        let inputs = tokens.ridge_inputs();
+        let mut weights = vec![0.0; RIDGE_HEADS * inputs * robot.action_dim()];
+        // Proportional to the goal velocity of each joint.
+        for head in weights.chunks_mut(inputs * s) {
+            for j in 0..s {
+                head[(s + j) * s + j] = 0.3;
+            }
+        }
+        let ridge = Ridge::new(inputs, s, weights).unwrap();
+        let encoder = Encoder::new(tokens, Some(ridge)).unwrap();
+        let net_cfg = NetConfig {
+            layers: 2,
+            width: 32,
+            heads: 2,
+            inputs: encoder.inputs(),
+            actions: robot.action_dim(),
+            bins: 1,
+            offset_weight: 10.0,
+            mask_replaces: false,
+            skip: SkipKind::Gated,
+        };
+        let net = Net::init(net_cfg.clone(), None, 1).unwrap();
+        let training = net::checkpoint::TrainingCard::default();
+        let card = Card::new(robot_card(robot), net_cfg, &encoder.tokens, norm, training);
+        Model { card, net, encoder, optimiser: None }
+    }
+
+    fn command(robot: &Robot) -> crate::clip::Command {
+        let joints: Vec<String> = robot.joints().iter().map(|j| j.name.clone()).collect();
+        let (n, s) = (60, robot.state_dim());
+        let q: Vec<f32> = (0..n * s).map(|i| if i / s >= 30 { 0.2 } else { 0.0 }).collect();
+        let visible: Vec<bool> =
+            (0..n * s).map(|i| i / s % 15 == 0 || i % s == 0 && i / s > 40).collect();
+        crate::clip::Command::from_dense(joints, vec![0.0; s], q, visible).unwrap()
+    }
+
+    #[test]
+    fn an_untrained_gate_is_the_linear_answer() {
+        let robot = Arc::new(Robot::builtin("pointmass").unwrap());
+        for granularity in [MaskGranularity::State, MaskGranularity::Joint] {
+            let model = model(&robot, granularity);
+            let run = |policy: Box<dyn Policy>| {
+                let start = Start::Pose;
+                let config = RolloutConfig::default();
+                let mut r = Rollout::new(&robot, policy, &command(&robot), start, config).unwrap();
+                r.run(&crate::progress::Cancel::default()).unwrap();
+                r.actions().to_vec()
+            };
+            let robert = Learned::new(model.clone(), net::PolicyConfig::default()).unwrap();
+            let (a, b) =
+                (run(Box::new(robert)), run(Box::new(Linear::new(model.encoder).unwrap())));
+            assert!(a.iter().any(|x| x.abs() > 0.01), "it does something");
+            assert!(a.iter().zip(&b).all(|(a, b)| (a - b).abs() < 1e-6));
+        }
+    }
+
+    #[test]
+    fn ensembles_resume_where_they_were() {
+        let robot = Arc::new(Robot::builtin("pointmass").unwrap());
+        let model = model(&robot, MaskGranularity::State);
+        let options = net::PolicyConfig { ensemble: 4, ..Default::default() };
+        let policy = Box::new(Learned::new(model, options).unwrap());
+        let start = Start::Pose;
+        let mut r = Rollout::new(&robot, policy, &command(&robot), start, RolloutConfig::default())
+            .unwrap();
+        let cancel = crate::progress::Cancel::default();
+        r.run(&cancel).unwrap();
+        let whole = r.actions().to_vec();
+        // A goal changed near the end and changed back: frames are simulated again from there.
+        let joints: Vec<String> = robot.joints().iter().map(|j| j.name.clone()).collect();
+        let s = robot.state_dim();
+        let rest = crate::clip::Command::from_dense(
+            joints,
+            vec![0.0; s],
+            (0..60 * s).map(|i| if i / s >= 45 { 0.4 } else { 0.0 }).collect(),
+            vec![true; 60 * s],
+        )
+        .unwrap();
+        r.set_command(&rest).unwrap();
+        r.run(&cancel).unwrap();
+        assert_ne!(whole, r.actions());
+        r.set_command(&command(&robot)).unwrap();
+        r.run(&cancel).unwrap();
+        assert_eq!(whole, r.actions());
+    }
+
+    #[test]
+    fn a_model_of_another_robot_is_refused() {
+        let robot = Robot::builtin("pointmass").unwrap();
+        let model = model(&robot, MaskGranularity::State);
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("model.safetensors");
+        let ridge = model.encoder.ridge.as_ref();
+        checkpoint::save(&path, &model.card, &model.net, ridge, None).unwrap();
+        assert!(load(&robot, dir.path()).is_ok(), "a run directory will do");
+        let other = Robot::builtin("ur5e").unwrap();
+        let e = load(&other, &path).unwrap_err().to_string();
+        assert!(e.contains("trained for pointmass") && e.contains("ur5e"), "{e}");
+    }
+}
