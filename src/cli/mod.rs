@@ -19,12 +19,13 @@ mod interrupt;
 mod log;
 mod motion;
 mod out;
+mod perform;
 mod render;
 mod robots;
-mod perform;
 mod rollout;
-mod tasks;
 mod studio;
+mod tasks;
+mod train;
 
 pub use failure::{Failure, Outcome};
 
@@ -73,6 +74,8 @@ enum Command {
     Doctor(doctor::Args),
     /// Measure speed: simulation, training, inference.
     Bench(bench::Args),
+    /// Train a policy on collected data; stop and go on at any time.
+    Train(train::Args),
     /// Look at collected data; split, shrink, corrupt, merge or verify it.
     Dataset(dataset::Args),
     /// Create, check, edit and convert clips.
@@ -121,6 +124,7 @@ fn run(cli: Cli) -> Outcome {
         Command::Doctor(args) => doctor::run(&args),
         Command::Bench(args) => bench::run(args),
         Command::Dataset(args) => dataset::run(args),
+        Command::Train(args) => train::run(&args, cli.global),
         Command::Clip(args) => clip::run(&args),
         Command::Render(args) => render::run(&args, cli.global.quiet),
         Command::Studio(args) => studio::run(args),
