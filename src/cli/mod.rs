@@ -18,6 +18,7 @@ mod interrupt;
 mod log;
 mod motion;
 mod out;
+mod plot;
 mod render;
 mod robots;
 mod rollout;
@@ -74,6 +75,8 @@ enum Command {
     Clip(clip::Args),
     /// Draw a clip: one picture, a film strip or a film.
     Render(Box<render::Args>),
+    /// Draw files of numbers as charts.
+    Plot(plot::Args),
     /// Print a completion script for your shell.
     Completions(completions::Args),
     /// List, show and settle robots.
@@ -111,6 +114,7 @@ fn run(cli: Cli) -> Outcome {
         Command::Dataset(args) => dataset::run(args),
         Command::Clip(args) => clip::run(&args),
         Command::Render(args) => render::run(&args, cli.global.quiet),
+        Command::Plot(args) => plot::run(&args),
         Command::Completions(args) => completions::run(&args),
         Command::Robots(args) => robots::run(&args),
         Command::Import(args) => import::run(&args),

@@ -79,7 +79,8 @@ impl Motion {
     }
 }
 
-/// What is laid over the robot.
+/// What is laid over the robot: each on its own.
+#[allow(clippy::struct_excessive_bools)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Overlay {
     /// The commanded pose.
@@ -288,20 +289,26 @@ impl Shot {
         let scale = self.full_m * 10.0;
         if self.overlay.axes {
             let axes = self.stage.joint_axes();
-            glyphs.extend(
-                axes.iter().map(|&(anchor, axis)| Glyph::JointAxis { anchor, axis, length: 0.16 * scale }),
-            );
+            glyphs.extend(axes.iter().map(|&(anchor, axis)| Glyph::JointAxis {
+                anchor,
+                axis,
+                length: 0.16 * scale,
+            }));
         }
         if self.overlay.contacts {
             let touches = self.stage.contacts(&state)?;
-            glyphs.extend(
-                touches.iter().map(|&(at, normal)| Glyph::Contact { at, normal, length: 0.10 * scale }),
-            );
+            glyphs.extend(touches.iter().map(|&(at, normal)| Glyph::Contact {
+                at,
+                normal,
+                length: 0.10 * scale,
+            }));
         }
         let (command, opacity) = self.command_poses(frame)?;
         let error = match &command {
             // An error is one only where there is a goal now.
-            Some(c) if self.overlay.error && self.motion.has_goal(frame) => Stage::error(&poses, c, self.full_m),
+            Some(c) if self.overlay.error && self.motion.has_goal(frame) => {
+                Stage::error(&poses, c, self.full_m)
+            }
             _ => Vec::new(),
         };
         let onions = self.onion_poses(frame)?;
@@ -501,8 +508,9 @@ mod tests {
 
     #[test]
     fn a_following_camera_is_steady() {
-        let places: Vec<Vec3> =
-            (0..100).map(|i| Vec3::new(0.01 * i as f32, if i % 2 == 0 { 0.05 } else { -0.05 }, 0.0)).collect();
+        let places: Vec<Vec3> = (0..100)
+            .map(|i| Vec3::new(0.01 * i as f32, if i % 2 == 0 { 0.05 } else { -0.05 }, 0.0))
+            .collect();
         let s = smoothed(&places);
         assert_eq!(s[0], Vec3::ZERO);
         assert!(s.windows(2).all(|w| (w[1] - w[0]).y.abs() < 0.012));

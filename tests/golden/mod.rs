@@ -9,9 +9,7 @@ mod scenes;
 use std::path::PathBuf;
 use std::sync::{Mutex, OnceLock};
 
-use robert::render::{
-    Backend, Error, FrameInput, Picture, RenderConfig, Renderer, Scene, encode,
-};
+use robert::render::{Backend, Error, FrameInput, Picture, RenderConfig, Renderer, Scene, encode};
 use scenes::Drawing;
 
 const WIDTH: u32 = 320;
@@ -73,8 +71,9 @@ fn difference(a: &Picture, b: &Picture) -> Option<String> {
     }
     let pixels = f64::from(a.width * a.height);
     let (mean, share) = (sum as f64 / (3.0 * pixels), far as f64 / pixels);
-    (mean >= 0.5 || share > 0.001)
-        .then(|| format!("mean difference {mean:.3} (< 0.5), {:.3} % far off (<= 0.1 %)", 100.0 * share))
+    (mean >= 0.5 || share > 0.001).then(|| {
+        format!("mean difference {mean:.3} (< 0.5), {:.3} % far off (<= 0.1 %)", 100.0 * share)
+    })
 }
 
 #[test]
@@ -133,7 +132,12 @@ fn a_broken_shadow_ghost_or_camera_is_seen() {
 fn bad_input_is_refused_or_survived() {
     let Some(renderer) = renderer() else { return };
     use robert::render::{Camera, Geom, Mesh, Pose, Shape, View};
-    let ball = |radius| Geom { name: "b".into(), body: 0, shape: Shape::Sphere { radius }, rgba: [1.0; 4] };
+    let ball = |radius| Geom {
+        name: "b".into(),
+        body: 0,
+        shape: Shape::Sphere { radius },
+        rgba: [1.0; 4],
+    };
     let camera = Camera::fit(&[glam::Vec3::ZERO, glam::Vec3::ONE], &View::default(), 4.0 / 3.0);
 
     let one = Scene::new(vec![ball(0.1)], vec![], None).unwrap();

@@ -74,7 +74,8 @@ fn floor() -> Option<Floor> {
 
 /// One shape, upright and tilted.
 fn pair(name: &'static str, shape: Shape, rgb: [f32; 3]) -> Drawing {
-    let scene = Scene::new(vec![geom(shape, rgb), geom(shape, [0.85; 3])], vec![], floor()).unwrap();
+    let scene =
+        Scene::new(vec![geom(shape, rgb), geom(shape, [0.85; 3])], vec![], floor()).unwrap();
     let tilt = Mat3::from_rotation_y(0.9) * Mat3::from_rotation_x(0.5);
     let poses = vec![Pose::at(-0.16, 0.0, 0.17), Pose::at(0.16, 0.0, 0.17).turned(tilt)];
     Drawing::new(name, scene, poses, &View::default())
@@ -84,7 +85,10 @@ fn pair(name: &'static str, shape: Shape, rgb: [f32; 3]) -> Drawing {
 fn torus() -> Mesh {
     let (n, m) = (40_u32, 20_u32);
     let at = |i: u32, j: u32| {
-        let (a, b) = (std::f32::consts::TAU * i as f32 / n as f32, std::f32::consts::TAU * j as f32 / m as f32);
+        let (a, b) = (
+            std::f32::consts::TAU * i as f32 / n as f32,
+            std::f32::consts::TAU * j as f32 / m as f32,
+        );
         let r = 0.12 + 0.045 * b.cos();
         [r * a.cos(), r * a.sin(), 0.045 * b.sin()]
     };
@@ -152,7 +156,10 @@ pub(super) fn all() -> Vec<Drawing> {
         pair("box", Shape::Box { half: Vec3::new(0.09, 0.06, 0.08) }, [0.5, 0.35, 0.65]),
         pair("plane", Shape::Plane { half_x: 0.12, half_y: 0.09 }, [0.3, 0.45, 0.5]),
     ];
-    let mesh = Geom { shape: Shape::Mesh { mesh: 0 }, ..geom(Shape::Sphere { radius: 1.0 }, [0.75, 0.6, 0.3]) };
+    let mesh = Geom {
+        shape: Shape::Mesh { mesh: 0 },
+        ..geom(Shape::Sphere { radius: 1.0 }, [0.75, 0.6, 0.3])
+    };
     let scene = Scene::new(vec![mesh], vec![torus()], floor()).unwrap();
     let tilted = Pose::at(0.0, 0.0, 0.16).turned(Mat3::from_rotation_x(0.9));
     out.push(Drawing::new("mesh", scene, vec![tilted], &View::default()));
