@@ -20,6 +20,7 @@ mod log;
 mod motion;
 mod out;
 mod perform;
+mod plot;
 mod render;
 mod robots;
 mod rollout;
@@ -87,6 +88,8 @@ enum Command {
     /// The simulation process of the studio.
     #[command(name = "__worker", hide = true)]
     Worker,
+    /// Draw files of numbers as charts.
+    Plot(plot::Args),
     /// Print a completion script for your shell.
     Completions(completions::Args),
     /// List, show and settle robots.
@@ -129,6 +132,7 @@ fn run(cli: Cli) -> Outcome {
         Command::Render(args) => render::run(&args, cli.global.quiet),
         Command::Studio(args) => studio::run(args),
         Command::Worker => Ok(crate::studio::worker::child::run()?),
+        Command::Plot(args) => plot::run(&args),
         Command::Completions(args) => completions::run(&args),
         Command::Robots(args) => robots::run(&args),
         Command::Import(args) => import::run(&args),
