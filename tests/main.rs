@@ -4,6 +4,7 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
+mod collect;
 mod floors;
 mod robots;
 mod run;

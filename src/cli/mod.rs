@@ -8,8 +8,10 @@ mod bar;
 mod bench;
 mod check;
 mod clip;
+mod collect;
 mod completions;
 mod dataset;
+mod dataset_plot;
 mod doctor;
 mod eval;
 mod failure;
@@ -67,6 +69,8 @@ enum Command {
     Doctor(doctor::Args),
     /// Measure speed: simulation, training, inference.
     Bench(bench::Args),
+    /// Let curious agents and noise fill a dataset.
+    Collect(collect::Args),
     /// Look at collected data; split, shrink, corrupt, merge or verify it.
     Dataset(dataset::Args),
     /// Create, check, edit and convert clips.
@@ -105,6 +109,7 @@ fn run(cli: Cli) -> Outcome {
         Command::Tasks(args) => tasks::run(&args),
         Command::Doctor(args) => doctor::run(&args),
         Command::Bench(args) => bench::run(args),
+        Command::Collect(args) => collect::run(&args, cli.global),
         Command::Dataset(args) => dataset::run(args),
         Command::Clip(args) => clip::run(&args),
         Command::Completions(args) => completions::run(&args),
