@@ -8,8 +8,10 @@ mod bar;
 mod bench;
 mod check;
 mod clip;
+mod collect;
 mod completions;
 mod dataset;
+mod dataset_plot;
 mod doctor;
 mod eval;
 mod export;
@@ -77,6 +79,8 @@ enum Command {
     Bench(bench::Args),
     /// Train a policy on collected data; stop and go on at any time.
     Train(train::Args),
+    /// Let curious agents and noise fill a dataset.
+    Collect(collect::Args),
     /// Look at collected data; split, shrink, corrupt, merge or verify it.
     Dataset(dataset::Args),
     /// Create, check, edit and convert clips.
@@ -126,6 +130,7 @@ fn run(cli: Cli) -> Outcome {
         Command::Tasks(args) => tasks::run(&args),
         Command::Doctor(args) => doctor::run(&args),
         Command::Bench(args) => bench::run(args),
+        Command::Collect(args) => collect::run(&args, cli.global),
         Command::Dataset(args) => dataset::run(args),
         Command::Train(args) => train::run(&args, cli.global),
         Command::Clip(args) => clip::run(&args),

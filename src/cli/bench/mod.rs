@@ -5,6 +5,8 @@ mod engine;
 mod infer;
 mod reference;
 mod render;
+mod collect;
+mod explore;
 mod sim;
 mod train;
 
@@ -33,6 +35,10 @@ enum What {
     Infer(infer::Args),
     /// Write worked examples (weights, batch, loss, gradients) for other implementations.
     Reference(reference::Args),
+    /// Collection: roll-outs against bare simulation, updates of each agent, reading windows.
+    Collect(collect::Args),
+    /// Reward and coverage of every collector over steps.
+    Explore(explore::Args),
 }
 
 pub(super) fn run(args: Args) -> Outcome {
@@ -42,5 +48,7 @@ pub(super) fn run(args: Args) -> Outcome {
         What::Train(args) => train::run(&args),
         What::Infer(args) => infer::run(&args),
         What::Reference(args) => reference::run(&args),
+        What::Collect(args) => collect::run(&args),
+        What::Explore(args) => explore::run(&args),
     }
 }
