@@ -45,12 +45,16 @@ pub const MESH_FACES: usize = 2_000_000;
 pub const MESH_BYTES: u64 = 256 << 20;
 /// Pixels along one edge of a texture.
 pub const TEXTURE_PX: u64 = 4096;
+/// Elements of one `<composite>`.
+pub const COMPOSITE_ELEMENTS: usize = 2_000;
 /// Generalised coordinates of a model.
 pub const MODEL_NQ: usize = 1024;
 /// Address space of the child that compiles a foreign model, bytes.
 pub const CHECK_MEMORY_BYTES: u64 = 4 << 30;
 /// Processor time of that child, seconds.
 pub const CHECK_CPU_SECS: u64 = 20;
+/// Time that child may take by the clock, seconds.
+pub const CHECK_WALL_SECS: u64 = 60;
 
 /// Bytes of a project folder handed to an importer.
 pub const PROJECT_BYTES: u64 = 64 << 20;
@@ -95,7 +99,25 @@ pub const JOB_LINES: usize = 2_000;
 
 /// Bytes in the header of a safetensors file.
 pub const TENSOR_HEADER_BYTES: u64 = 100 << 20;
+/// Bytes of a dataset manifest.
+pub const MANIFEST_BYTES: u64 = 1 << 30;
+/// Bytes of one dataset shard.
+pub const SHARD_BYTES: u64 = 8 << 30;
+/// Shards of one dataset.
+pub const SHARDS: usize = 100_000;
+/// Trajectories of one dataset.
+pub const EPISODES: usize = 20_000_000;
+/// Bytes of one model file, optimiser state included.
+pub const TENSOR_FILE_BYTES: u64 = 4 << 30;
 /// Bytes of one record of an MCAP file read back.
 pub const MCAP_RECORD_BYTES: usize = 64 << 20;
+/// Bytes of a take that is read back.
+pub const TAKE_BYTES: u64 = 256 << 20;
+/// Bytes of all chunks of a take, unpacked.
+pub const TAKE_UNPACKED_BYTES: u64 = 512 << 20;
+/// Bytes of one message of a take: thousands of bodies, and no room to blow up.
+pub const TAKE_MESSAGE_BYTES: usize = 1 << 20;
+/// Bodies of a robot in a take.
+pub const BODIES: usize = 1024;
 /// Pixels along one edge of a picture.
 pub const PICTURE_PX: u32 = 8192;

@@ -4,5 +4,9 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
+mod clip;
 mod floors;
+mod import;
+mod malformed;
+mod robots;
 mod run;

@@ -6,12 +6,23 @@
 
 mod bar;
 mod bench;
+mod check;
+mod clip;
 mod completions;
+mod dataset;
 mod doctor;
+mod eval;
 mod failure;
+mod import;
+mod interrupt;
 mod log;
+mod motion;
 mod out;
+mod render;
+mod robots;
+mod rollout;
 mod studio;
+mod tasks;
 
 pub use failure::{Failure, Outcome};
 
@@ -48,6 +59,12 @@ pub struct Global {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    /// Let a policy perform a clip, and measure how near it comes.
+    Rollout(rollout::Args),
+    /// Roll out a suite of clips with several policies; one table.
+    Eval(eval::Args),
+    /// List the task clips in the program, or copy them out to edit.
+    Tasks(tasks::Args),
     /// Check the machine: libraries, graphics, cores, models, each with its fix.
     Doctor(doctor::Args),
     /// Measure speed: simulation, training, inference.
@@ -57,8 +74,21 @@ enum Command {
     /// The simulation process of the studio.
     #[command(name = "__worker", hide = true)]
     Worker,
+    /// Look at collected data; split, shrink, corrupt, merge or verify it.
+    Dataset(dataset::Args),
+    /// Create, check, edit and convert clips.
+    Clip(clip::Args),
+    /// Draw a clip: one picture, a film strip or a film.
+    Render(Box<render::Args>),
     /// Print a completion script for your shell.
     Completions(completions::Args),
+    /// List, show and settle robots.
+    Robots(robots::Args),
+    /// Make a robot's folder out of a URDF or MJCF.
+    Import(import::Args),
+    /// The child's side of the check of a foreign model.
+    #[command(name = crate::robot::check::SUBCOMMAND, hide = true)]
+    CompileCheck(check::Args),
 }
 
 /// Parses, runs, reports. The only caller is `main`.
@@ -79,11 +109,20 @@ pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
 
 fn run(cli: Cli) -> Outcome {
     match cli.command {
+        Command::Rollout(args) => rollout::run(&args, cli.global),
+        Command::Eval(args) => eval::run(&args, cli.global),
+        Command::Tasks(args) => tasks::run(&args),
         Command::Doctor(args) => doctor::run(&args),
         Command::Bench(args) => bench::run(args),
         Command::Studio(args) => studio::run(args),
         Command::Worker => Ok(crate::studio::worker::child::run()?),
+        Command::Dataset(args) => dataset::run(args),
+        Command::Clip(args) => clip::run(&args),
+        Command::Render(args) => render::run(&args, cli.global.quiet),
         Command::Completions(args) => completions::run(&args),
+        Command::Robots(args) => robots::run(&args),
+        Command::Import(args) => import::run(&args),
+        Command::CompileCheck(args) => check::run(&args),
     }
 }
 

@@ -22,6 +22,20 @@ pub struct Parsed {
 }
 
 impl Parsed {
+    /// A clip with its canonical text, as if read from a formatted file.
+    pub fn of(clip: &Clip) -> Parsed {
+        let mut clip = clip.clone();
+        clip.normalize();
+        let all = |n: usize| (0..n).collect();
+        Parsed {
+            keys: all(clip.keys.len()),
+            masks: all(clip.masks.len()),
+            markers: all(clip.markers.len()),
+            text: clip.to_text(),
+            clip,
+        }
+    }
+
     /// Line and column of what a JSON pointer into the canonical clip names.
     pub fn line_col(&self, pointer: &str) -> (usize, usize) {
         let mut steps: Vec<String> = pointer.split('/').map(str::to_owned).collect();

@@ -1,1 +1,31 @@
-//! Trajectories on disk: shards, manifest, windows.
+//! Trajectories on disk: what the collectors fill and what training reads.
+//!
+//! A dataset is a folder with `manifest.json` and safetensors shards. The manifest lists
+//! every trajectory (shard, start, length, who made it); a shard is a pure function of
+//! (spec, index), so completion is judged from files and their sha256, never from a queue
+//! or a log. There is no reward, label or demonstration in it.
+//!
+//! Splitting, shrinking and corrupting a dataset are views: another manifest over the same
+//! shard files. Copying gigabytes to study a tenth of them was the rejected choice.
+//!
+//! What is stored per frame t: `qpos` (state joints), `qvel` (for exact resets), `ctrl` =
+//! the action in [-1, 1] that was held during frame t and took the state to t+1 (the
+//! simulator got `ctrl * ctrlrange`), and `self_contact`.
+
+mod coverage;
+mod error;
+mod manifest;
+mod open;
+mod shard;
+mod stats;
+mod view;
+mod windows;
+
+pub use coverage::Coverage;
+pub use error::Error;
+pub use manifest::{Episode, FORMAT, Manifest, Part, Physics, Robot, ShardEntry, Totals, View};
+pub use open::{Dataset, Problem, Verify};
+pub use shard::{EpisodeMeta, Shard, ShardBuilder, ShardHeader};
+pub use stats::{Moments, Normaliser, Statistics};
+pub use view::{Corruption, corrupt, merge, rebase, shrink, split};
+pub use windows::{Window, Windows};

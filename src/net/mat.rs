@@ -109,6 +109,8 @@ pub enum Init<'a, T> {
     Add,
     /// out = a b + bias, one number a column.
     Bias(&'a [T]),
+    /// out += a b + bias.
+    AddBias(&'a [T]),
     /// out = a b + bias + residual; the residual is laid out as `out`.
     Residual(&'a [T], &'a [T]),
 }
@@ -126,6 +128,11 @@ impl<T: Real> Packed<T> {
     /// Packs `b`; memory is reused when it is large enough.
     pub fn pack(&mut self, b: Mat<'_, T>) {
         Arch::new().dispatch(Pack { out: self, b });
+    }
+
+    /// Rows of what is packed.
+    pub fn rows(&self) -> usize {
+        self.k
     }
 
     /// A packed copy of `b`.
@@ -301,6 +308,10 @@ impl<T: Real> Gemm<'_, '_, T> {
                 Init::Zero => acc[I],
                 Init::Add => plus::<T, S, N>(s, acc[I], out),
                 Init::Bias(bias) => plus::<T, S, N>(s, acc[I], &bias[block.col..][..block.cols]),
+                Init::AddBias(bias) => {
+                    let sum = plus::<T, S, N>(s, acc[I], &bias[block.col..][..block.cols]);
+                    plus::<T, S, N>(s, sum, out)
+                }
                 Init::Residual(bias, residual) => {
                     let sum = plus::<T, S, N>(s, acc[I], &bias[block.col..][..block.cols]);
                     plus::<T, S, N>(s, sum, &residual[at..][..block.cols])
@@ -416,19 +427,20 @@ mod tests {
         let bt = |p: usize, j: usize| b[if tb { j * k + p } else { p * n + j }].f64();
         let ma = if ta { Mat::new(&a, k, m).t() } else { Mat::new(&a, m, k) };
         let mb = if tb { Mat::new(&b, n, k).t() } else { Mat::new(&b, k, n) };
-        for which in 0..4 {
+        for which in 0..5 {
             let mut c = c0.clone();
             let init = match which {
                 0 => Init::Zero,
                 1 => Init::Add,
                 2 => Init::Bias(&bias),
+                3 => Init::AddBias(&bias),
                 _ => Init::Residual(&bias, &c0),
             };
             gemm(MatMut::new(&mut c, m, n), init, ma, mb);
             for i in 0..m {
                 for j in 0..n {
                     let mut want: f64 = (0..k).map(|p| at(i, p) * bt(p, j)).sum();
-                    if which == 1 || which == 3 {
+                    if which % 2 == 1 || which == 4 {
                         want += c0[i * n + j].f64();
                     }
                     if which >= 2 {

@@ -7,19 +7,33 @@
 
 #[cfg(test)]
 mod check;
+pub mod checkpoint;
 pub mod config;
+pub mod encode;
 mod error;
+pub mod exchange;
 pub mod head;
+pub mod infer;
+pub mod kmeans;
+pub mod mask;
 pub mod mat;
 pub mod model;
 pub mod params;
 pub mod real;
+pub mod ridge;
 pub mod simd;
 pub mod step;
+pub mod tensors;
+pub mod token;
 
+pub use checkpoint::{Card, Model, RobotCard};
 pub use config::{
     COMMAND, CURRENT, HISTORY, MaskGranularity, NetConfig, SkipKind, TokenKind, WINDOW,
 };
+pub use encode::Encoder;
 pub use error::Error;
+pub use infer::{Policy, PolicyConfig};
 pub use model::{Batch, Net};
+pub use ridge::{Episodes, Ridge};
 pub use step::{AdamConfig, Learner};
+pub use token::{Facts, JointFacts, Normaliser, TokenConfig, Tokeniser};

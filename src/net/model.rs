@@ -7,7 +7,7 @@
 //! Block by block this is the pre-norm encoder of Xiong et al. 2020 with the head of
 //! Behaviour Transformers (Shafiullah et al. 2022).
 
-use super::config::{CURRENT, NetConfig, WINDOW};
+use super::config::{NetConfig, WINDOW};
 use super::head::{self, Sums};
 use super::mat::{Init, Mat, MatMut, Packed, gemm, gemm_packed};
 use super::params::Layout;
@@ -60,6 +60,8 @@ pub struct Batch<T: Real> {
     pub actions: Vec<T>,
     /// Weight of each token in the loss, (B, 51).
     pub weight: Vec<T>,
+    /// Whether a frame is away from stops and contact, (B, 51); for the log only.
+    pub clear: Vec<bool>,
 }
 
 impl<T: Real> Batch<T> {
@@ -74,6 +76,7 @@ impl<T: Real> Batch<T> {
             linear: vec![T::default(); if skip { rows * cfg.actions } else { 0 }],
             actions: vec![T::default(); rows * cfg.actions],
             weight: vec![T::of(1.0); rows],
+            clear: vec![true; rows],
         }
     }
 }
@@ -238,16 +241,7 @@ pub fn forward<T: Real>(net: &Net<T>, panels: &Panels<T>, batch: &Batch<T>, aren
         Mat::new(&batch.tokens, rows, cfg.inputs),
         &panels.embed,
     );
-    let (mask, position) = (part(&at.mask), part(&at.position));
-    for (row, (x, &masked)) in first.chunks_exact_mut(d).zip(&batch.masked).enumerate() {
-        if masked && cfg.mask_replaces {
-            x.copy_from_slice(mask);
-        } else if masked {
-            simd::add(x, mask);
-        }
-        let i = row % WINDOW;
-        simd::add(x, &position[i * d..][..d]);
-    }
+    place(cfg, first, &batch.masked, part(&at.mask), part(&at.position));
 
     for (l, ((at, panels), a)) in
         at.layers.iter().zip(&panels.layers).zip(&mut arena.layers).enumerate()
@@ -298,12 +292,38 @@ pub fn forward<T: Real>(net: &Net<T>, panels: &Panels<T>, batch: &Batch<T>, aren
     );
 }
 
+/// Mask vector and positions onto the embedded frames.
+pub(super) fn place<T: Real>(
+    cfg: &NetConfig,
+    x: &mut [T],
+    masked: &[bool],
+    mask: &[T],
+    position: &[T],
+) {
+    let d = cfg.width;
+    for (row, (x, &masked)) in x.chunks_exact_mut(d).zip(masked).enumerate() {
+        if masked && cfg.mask_replaces {
+            x.copy_from_slice(mask);
+        } else if masked {
+            simd::add(x, mask);
+        }
+        let i = row % WINDOW;
+        simd::add(x, &position[i * d..][..d]);
+    }
+}
+
 fn normalise<T: Real>(x: &[T], to: &mut Normed<T>, weight: &[T], bias: &[T], n: usize) {
     simd::layer_norm(&x[..n], weight, bias, &mut to.y[..n], &mut to.stats);
 }
 
 /// Softmax attention of every head of every window.
-fn attend<T: Real>(cfg: &NetConfig, count: usize, qkv: &[T], probs: &mut [T], mixed: &mut [T]) {
+pub(super) fn attend<T: Real>(
+    cfg: &NetConfig,
+    count: usize,
+    qkv: &[T],
+    probs: &mut [T],
+    mixed: &mut [T],
+) {
     let (d, h) = (cfg.width, cfg.width / cfg.heads);
     let scale = T::of(1.0 / (h as f64).sqrt());
     let heads = (0..count).flat_map(|b| (0..cfg.heads).map(move |i| (b, i)));
@@ -333,6 +353,18 @@ fn qkv_of<T: Real>(
         Mat::strided(from, WINDOW, h, 3 * d)
     };
     (at(0), at(1), at(2))
+}
+
+/// Loss of the batch after [`forward`], without a gradient.
+pub fn score<T: Real>(
+    net: &Net<T>,
+    batch: &Batch<T>,
+    arena: &mut Arena<T>,
+    scale: f64,
+    current_only: bool,
+) -> Sums {
+    let out = &mut arena.out[..batch.count * WINDOW * net.cfg.outputs()];
+    head::loss(&net.cfg, &net.centres, batch, out, scale, current_only)
 }
 
 /// Loss of the batch and its gradient, added to `grads` (laid out as the weights).
@@ -497,10 +529,4 @@ fn attend_back<T: Real>(
         gemm(MatMut::strided(&mut d_qkv[to(0)..], WINDOW, h, 3 * d), Init::Zero, scores, k);
         gemm(MatMut::strided(&mut d_qkv[to(1)..], WINDOW, h, 3 * d), Init::Zero, scores.t(), q);
     }
-}
-
-/// Decoded action of one token of the last [`forward`]; see [`head::decode`].
-pub fn current_output<'a, T: Real>(cfg: &NetConfig, arena: &'a Arena<T>, window: usize) -> &'a [T] {
-    let k = cfg.outputs();
-    arena.out.get((window * WINDOW + CURRENT) * k..).and_then(|x| x.get(..k)).unwrap_or_default()
 }

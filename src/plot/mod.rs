@@ -1,4 +1,80 @@
-//! Charts.
+//! Charts in one house style, as PNG and SVG: plain data in, a file out.
+//!
+//! Everything that the tool measures is drawn here (precision over time, commanded against
+//! achieved, training curves, evaluation bars, coverage of a dataset), so that two charts from
+//! two commands can stand side by side in a paper. No robot types: callers hand over numbers.
+//!
+//! Rules of the style: a unit on every axis; colours that colour-blind readers can tell apart
+//! name the joint or the method; the pattern names the kind (achieved solid, commanded dashed or
+//! crosses); spans without goal are hatched; a band is a 95 % interval.
 
+mod axis;
+mod charts;
+mod draw;
+mod figure;
 pub mod font;
+mod lettering;
 pub mod palette;
+
+pub use axis::Axis;
+pub use charts::{Curve, JointTrack, bars, coverage, curves, histogram, joints, precision, xy};
+pub use figure::{Dash, Figure, Layer, Mark, Panel};
+pub use lettering::Letterer;
+pub use palette::Theme;
+
+/// Number of the colour that is plain ink.
+pub const INK: usize = usize::MAX;
+
+use std::path::PathBuf;
+
+use crate::exit::{Exit, HasExit};
+
+/// A chart that could not be drawn.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// A figure without panels.
+    #[error("nothing to plot: no data was given")]
+    Empty,
+    /// Too many panels for one file.
+    #[error(
+        "a chart of {width}x{height} points is too large (at most {cap} an edge): plot fewer panels"
+    )]
+    Large {
+        /// Width.
+        width: u32,
+        /// Height.
+        height: u32,
+        /// The longest edge.
+        cap: u32,
+    },
+    /// The drawing library failed.
+    #[error("cannot draw the chart: {0}")]
+    Draw(String),
+    /// The file name ends in neither.
+    #[error("cannot tell the format of {path}: end it in .png or .svg", path = path.display())]
+    Format {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The file could not be written.
+    #[error(transparent)]
+    File(#[from] crate::fsio::Error),
+}
+
+impl Error {
+    fn draw(e: impl std::fmt::Display) -> Error {
+        Error::Draw(e.to_string())
+    }
+}
+
+impl HasExit for Error {
+    fn exit(&self) -> Exit {
+        match self {
+            Error::Empty | Error::Large { .. } => Exit::Invalid,
+            Error::Draw(_) => Exit::Failed,
+            Error::Format { .. } => Exit::Usage,
+            Error::File(e) => e.exit(),
+        }
+    }
+}

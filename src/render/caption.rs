@@ -3,10 +3,8 @@
 //! Text is drawn at the final resolution with its own antialiasing, never through the 3-D pass:
 //! that is what keeps it sharp at any sample count.
 
-use ab_glyph::{Font, FontRef, Glyph, PxScale, ScaleFont, point};
-
 use super::Picture;
-use crate::plot::font;
+use crate::plot::Letterer;
 use crate::plot::palette::Rgb;
 
 /// How a legend entry is shown.
@@ -58,21 +56,11 @@ const INK: Rgb = [245, 247, 250];
 const PANEL: Rgb = [22, 26, 32];
 const PANEL_OPACITY: f32 = 0.66;
 
-/// The font, parsed once.
-#[derive(Debug)]
-pub(super) struct Letterer {
-    regular: Option<FontRef<'static>>,
-    bold: Option<FontRef<'static>>,
-}
+/// Draws captions.
+#[derive(Debug, Default)]
+pub(super) struct Captioner(Letterer);
 
-impl Letterer {
-    pub(super) fn new() -> Letterer {
-        Letterer {
-            regular: FontRef::try_from_slice(font::REGULAR).ok(),
-            bold: FontRef::try_from_slice(font::BOLD).ok(),
-        }
-    }
-
+impl Captioner {
     /// Draws the caption into the corners.
     pub(super) fn draw(&self, picture: &mut Picture, caption: &Caption) {
         // 15 px on 480 lines; never below what the font can show legibly.
@@ -80,11 +68,11 @@ impl Letterer {
         let margin = (px * 0.8).round();
         let bottom = picture.height as f32 - margin;
         if !caption.title.is_empty() {
-            let panel = self.panel(picture, &caption.title, true, px * 1.1, margin, margin, None);
+            let panel = self.panel(picture, &caption.title, true, px * 1.1, margin, margin);
             self.text(picture, &caption.title, true, px * 1.1, panel, INK);
         }
         if !caption.line.is_empty() {
-            let panel = self.panel(picture, &caption.line, false, px, margin, -bottom, None);
+            let panel = self.panel(picture, &caption.line, false, px, margin, -bottom);
             self.text(picture, &caption.line, false, px, panel, INK);
         }
         self.legend(picture, &caption.legend, px, margin, bottom);
@@ -120,47 +108,21 @@ impl Letterer {
         px: f32,
         x: f32,
         y: f32,
-        width: Option<f32>,
     ) -> (f32, f32) {
         let pad = px * 0.5;
         let height = px * 1.65;
-        let width = width.unwrap_or_else(|| self.width(text, bold, px)) + 2.0 * pad;
+        let width = self.width(text, bold, px) + 2.0 * pad;
         let top = if y < 0.0 { -y - height } else { y };
         rounded(picture, [x, top, width, height], px * 0.35, PANEL, PANEL_OPACITY);
         (x + pad, top + 0.5 * height + 0.36 * px)
     }
 
-    fn face(&self, bold: bool) -> Option<&FontRef<'static>> {
-        if bold { self.bold.as_ref() } else { self.regular.as_ref() }
-    }
-
     fn width(&self, text: &str, bold: bool, px: f32) -> f32 {
-        self.layout(text, bold, px, (0.0, 0.0)).1
-    }
-
-    fn layout(&self, text: &str, bold: bool, px: f32, at: (f32, f32)) -> (Vec<Glyph>, f32) {
-        let Some(face) = self.face(bold) else { return (Vec::new(), 0.0) };
-        // `px` is the em; ab_glyph scales by ascent - descent.
-        let em = face.units_per_em().unwrap_or(1000.0);
-        let scale = PxScale::from(px * (face.ascent_unscaled() - face.descent_unscaled()) / em);
-        let scaled = face.as_scaled(scale);
-        let mut x = at.0;
-        let mut last = None;
-        let mut glyphs = Vec::new();
-        for c in text.chars() {
-            let id = face.glyph_id(c);
-            if let Some(last) = last {
-                x += scaled.kern(last, id);
-            }
-            glyphs.push(id.with_scale_and_position(scale, point(x, at.1)));
-            x += scaled.h_advance(id);
-            last = Some(id);
-        }
-        (glyphs, x - at.0)
+        self.0.width(text, bold, px)
     }
 
     /// Draws one line with its baseline starting at `at`.
-    pub(super) fn text(
+    fn text(
         &self,
         picture: &mut Picture,
         text: &str,
@@ -169,18 +131,10 @@ impl Letterer {
         at: (f32, f32),
         ink: Rgb,
     ) {
-        let Some(face) = self.face(bold) else { return };
-        // Whole pixels for the baseline: horizontal strokes stay crisp.
-        let (glyphs, _) = self.layout(text, bold, px, (at.0.round(), at.1.round()));
-        for glyph in glyphs {
-            let Some(outline) = face.outline_glyph(glyph) else { continue };
-            let corner = outline.px_bounds().min;
-            outline.draw(|x, y, cover| {
-                let (px, py) = (corner.x as i64 + i64::from(x), corner.y as i64 + i64::from(y));
-                // A slight gain: thin light strokes on dark look thinner than they are.
-                blend(picture, px, py, ink, (cover * 1.15).min(1.0));
-            });
-        }
+        self.0.draw(text, bold, px, at, |x, y, cover| {
+            // A slight gain: thin light strokes on dark look thinner than they are.
+            blend(picture, x, y, ink, (cover * 1.15).min(1.0));
+        });
     }
 }
 
@@ -248,15 +202,6 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_font_has_the_letters_that_we_use() {
-        let l = Letterer::new();
-        let face = l.regular.as_ref().unwrap();
-        for c in "aZ09 .,·±×°²µσ–()[]/=<>%".chars() {
-            assert_ne!(face.glyph_id(c).0, 0, "no glyph for {c:?}");
-        }
-    }
-
-    #[test]
     fn caption_stays_inside_any_picture() {
         let caption = Caption {
             title: "a name far longer than the picture is wide, without end".into(),
@@ -269,7 +214,7 @@ mod tests {
         };
         for (w, h) in [(1, 1), (30, 10), (320, 240)] {
             let mut p = Picture::filled(w, h, [128; 3]);
-            Letterer::new().draw(&mut p, &caption);
+            Captioner::default().draw(&mut p, &caption);
             assert_eq!(p.rgba.len(), (4 * w * h) as usize);
         }
         assert_eq!(caption.line, "frame 40 · 2.00 s · Precision 0.031 rad");

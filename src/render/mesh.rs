@@ -58,6 +58,14 @@ impl Mesh {
     pub fn faces(&self) -> usize {
         self.triangles.indices.len() / 3
     }
+
+    /// Positions (metres, mesh frame) and faces for exporters; split where the mesh has an
+    /// edge, so that smooth shading in a viewer looks as it does here.
+    pub fn corners(&self) -> (Vec<[f32; 3]>, Vec<[u32; 3]>) {
+        let at = |v: &Vertex| [v.p[0], v.p[1], v.p[2]];
+        let faces = self.triangles.indices.chunks_exact(3).map(|f| [f[0], f[1], f[2]]);
+        (self.triangles.vertices.iter().map(at).collect(), faces.collect())
+    }
 }
 
 fn bounds(vertices: &[[f32; 3]]) -> (Vec3, Vec3) {

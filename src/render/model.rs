@@ -60,6 +60,8 @@ pub struct Stage {
     scene: Scene,
     data: Data,
     robot: Arc<Robot>,
+    /// Per body: whether it moves or carries one that does.
+    subject: Vec<bool>,
 }
 
 impl Stage {
@@ -78,7 +80,8 @@ impl Stage {
                 scene.corners(&poses(&data)).iter().fold(f32::INFINITY, |low, p| low.min(p.z));
             scene.floor = Some(Floor { z: if low.is_finite() { low.min(0.0) } else { 0.0 } });
         }
-        Ok(Stage { scene, data, robot: Arc::clone(robot) })
+        let subject = subject(model);
+        Ok(Stage { scene, data, robot: Arc::clone(robot), subject })
     }
 
     /// What is drawn.
@@ -108,6 +111,23 @@ impl Stage {
         self.place(state)?;
         let at = |k: usize| self.data.site_xpos().get(3 * site + k).copied().unwrap_or(0.0) as f32;
         Ok(Vec3::new(at(0), at(1), at(2)))
+    }
+
+    /// Position of a body at a state, metres.
+    ///
+    /// # Errors
+    /// [`Error::Robot`].
+    pub fn body(&mut self, state: &[f64], body: usize) -> Result<Vec3, Error> {
+        self.place(state)?;
+        let at = |k: usize| self.data.xpos().get(3 * body + k).copied().unwrap_or(0.0) as f32;
+        Ok(Vec3::new(at(0), at(1), at(2)))
+    }
+
+    /// Corners of what a picture of this robot is about: links that can move, and the parts
+    /// that they are hinged to. A pedestal below stays out of the reckoning.
+    pub fn moving_corners(&self, poses: &[Pose]) -> Vec<Vec3> {
+        let corners = self.scene.corners_of(poses, |g| self.subject.get(g.body) == Some(&true));
+        if corners.is_empty() { self.scene.corners(poses) } else { corners }
     }
 
     /// Anchor and axis of every joint at the state of the last call, metres.
@@ -185,6 +205,19 @@ impl Stage {
         self.robot.write_state(&mut self.data, state).map_err(Error::robot)?;
         self.data.kinematics().map_err(Error::simulator)
     }
+}
+
+fn subject(model: &Model) -> Vec<bool> {
+    let weld = model.body_weldid();
+    let moves = |b: usize| weld.get(b).is_some_and(|w| *w != 0);
+    let mut subject: Vec<bool> = (0..model.nbody()).map(moves).collect();
+    for (b, parent) in model.body_parentid().iter().enumerate() {
+        let Ok(parent) = usize::try_from(*parent) else { continue };
+        if moves(b) && parent != 0 {
+            subject[parent] = true;
+        }
+    }
+    subject
 }
 
 fn view_of(c: &robot::Camera) -> View {

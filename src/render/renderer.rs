@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 use glam::{Mat4, Vec3};
 use wgpu::util::DeviceExt;
 
-use super::caption::Letterer;
+use super::caption::Captioner;
 use super::frame::{FrameInput, SUN};
 use super::gpu::{COLOR, DEPTH, Globals, Gpu, Instance, Pipelines, Segment};
 use super::instances::{Batch, Drawn, Key};
@@ -98,7 +98,7 @@ pub struct Renderer {
     instances: wgpu::Buffer,
     segments: wgpu::Buffer,
     targets: Targets,
-    letterer: Letterer,
+    captioner: Captioner,
     config: RenderConfig,
 }
 
@@ -175,7 +175,7 @@ impl Renderer {
             shadow_view,
             shadow_px,
             targets,
-            letterer: Letterer::new(),
+            captioner: Captioner::default(),
             config,
             pipelines,
             gpu,
@@ -259,7 +259,7 @@ impl Renderer {
         self.gpu.check()?;
         let mut picture = self.read_back()?;
         if let Some(caption) = input.caption {
-            self.letterer.draw(&mut picture, caption);
+            self.captioner.draw(&mut picture, caption);
         }
         Ok(picture)
     }

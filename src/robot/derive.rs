@@ -394,7 +394,7 @@ fn groups(model: &Model, joints: &[JointSpec]) -> Vec<Group> {
     for (limb, joints) in found {
         let mut name = common_prefix(&joints);
         if name.is_empty() || groups.iter().any(|g| g.name == name) {
-            name = model.name(Kind::Body, limb).unwrap_or("all").to_owned();
+            model.name(Kind::Body, limb).unwrap_or("all").clone_into(&mut name);
         }
         if groups.iter().any(|g| g.name == name) {
             name = format!("{name}_{limb}");

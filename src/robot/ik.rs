@@ -441,7 +441,7 @@ mod tests {
         pos[2] -= 0.15;
         let target = Target { point: Point::Site("end_effector".into()), pos, quat: None };
         let config = IkConfig { locked: vec![0, 3], ..IkConfig::default() };
-        let r = robot.ik(&mut data, &home, &[target.clone()], &config).unwrap();
+        let r = robot.ik(&mut data, &home, std::slice::from_ref(&target), &config).unwrap();
         assert!(r.reached, "{r:?}");
         assert_eq!((r.state[0], r.state[3]), (home[0], home[3]));
         let config = IkConfig { joints: Some(vec![1]), ..IkConfig::default() };

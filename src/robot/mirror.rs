@@ -133,7 +133,7 @@ mod tests {
 
     #[test]
     fn turns_stay_in_range() {
-        assert!((nearest_turn(4.7, -1.5, [-6.28, 6.28]) + 1.583_185).abs() < 1e-5);
+        assert!((nearest_turn(4.7, -1.5, [-6.2, 6.2]) + 1.583_185).abs() < 1e-5);
         assert!((nearest_turn(4.0, 0.0, [0.0, 5.0]) - 4.0).abs() < 1e-12);
         assert!((nearest_turn(3.0, 0.0, [-1.0, 1.0]) - 1.0).abs() < 1e-12);
     }

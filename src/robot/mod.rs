@@ -2,7 +2,7 @@
 //!
 //! A [`Robot`] is an MJCF model plus a [`Profile`] (a TOML file beside it) that says what a
 //! person knows beyond the physics: groups, named poses, mirror, camera. Three robots and a
-//! lighter UR5e are built in; [`import`] makes a folder of the same kind from a foreign URDF
+//! lighter UR5e are built in; [`mod@import`] makes a folder of the same kind from a foreign URDF
 //! or MJCF.
 //!
 //! The state is the coordinates of all joints in model order; the action is one number in
@@ -14,10 +14,16 @@
 //! profile only (a mirror table or the name of a pose is not in any model).
 
 mod builtin;
+pub mod check;
 mod derive;
 mod error;
+mod folder;
 mod ik;
+pub mod import;
+mod joint_table;
+mod mesh;
 mod mirror;
+pub mod preparse;
 mod profile;
 mod settle;
 mod text;
@@ -26,6 +32,7 @@ pub use builtin::NOTICE;
 pub use derive::derive;
 pub use error::Error;
 pub use ik::{IkConfig, IkResult, Point, Target};
+pub use joint_table::Settler;
 pub use profile::{
     ActuatorSpec, Camera, Coupling, Drive, FORMAT, Group, JointSpec, MODEL_FILE, MirrorRow,
     MirrorSpec, NEAR_LIMIT, PROFILE_FILE, Physics, PoseSpec, Profile, SettleSpec, valid_id,

@@ -88,7 +88,7 @@ pub(super) fn discard_visual(xml: &str) -> Result<String, roxmltree::Error> {
     let doc = roxmltree::Document::parse(xml)?;
     let mut edits = Edits::default();
     let root = doc.root_element();
-    match root.children().filter(|n| n.has_tag_name("compiler")).last() {
+    match root.children().rfind(|n| n.has_tag_name("compiler")) {
         Some(c) => edits.set(c, "discardvisual", "true"),
         None => insert_first(&mut edits, root, "<compiler discardvisual=\"true\"/>"),
     }

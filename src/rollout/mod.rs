@@ -23,6 +23,7 @@ mod run;
 mod sampling;
 mod stats;
 mod suite;
+pub mod tasks;
 mod window;
 mod zero;
 
@@ -35,5 +36,5 @@ pub use registry::{Guide, PolicyConfig, PolicyName};
 pub use run::{Frame, Rollout, RolloutConfig, Start};
 pub use sampling::{PredictiveSampling, SamplingConfig};
 pub use stats::{Interval, mean_ci95};
-pub use suite::{Case, CaseResult, EvalConfig, Evaluation, evaluate};
+pub use suite::{Case, CaseResult, EvalConfig, Evaluation, Suite, evaluate};
 pub use window::{COMMAND, Goals, HISTORY, Window};

@@ -332,6 +332,11 @@ impl Rollout {
         self.policy.name()
     }
 
+    /// Whether the policy used a model of the robot.
+    pub fn uses_model(&self) -> bool {
+        self.policy.uses_model()
+    }
+
     /// How near it came, over the frames so far.
     pub fn precision(&self) -> Precision {
         Precision::measure(&self.goals, self.reached(), &self.actions, self.robot.action_dim())

@@ -10,7 +10,7 @@ use super::plant::PlantConfig;
 use super::precision::Precision;
 use super::registry::PolicyConfig;
 use super::run::{Rollout, RolloutConfig, Start};
-use super::stats::mean_ci95;
+use super::stats::{Interval, mean_ci95};
 use crate::clip::Command;
 use crate::progress::{Cancel, Progress};
 use crate::robot::Robot;
@@ -26,11 +26,18 @@ pub struct Case {
     pub start: Start,
 }
 
+/// Tasks that are reported together.
+#[derive(Clone, Debug)]
+pub struct Suite {
+    /// Its name, for the result.
+    pub name: String,
+    /// The tasks, in the order of the table.
+    pub cases: Vec<Case>,
+}
+
 /// What to evaluate.
 #[derive(Clone, Debug)]
 pub struct EvalConfig {
-    /// Name of the suite, for the result.
-    pub suite: String,
     /// The policies.
     pub policies: Vec<PolicyConfig>,
     /// The plant.
@@ -92,14 +99,25 @@ pub struct Evaluation {
     pub tasks: Vec<CaseResult>,
 }
 
-/// Rolls every case out under every policy and seed, on all cores.
+/// One rollout of an evaluation.
+#[derive(Clone, Copy, Debug)]
+struct Job {
+    suite: usize,
+    policy: usize,
+    case: usize,
+    seed: u64,
+}
+
+/// Rolls every case out under every policy and seed, on all cores. One result for each
+/// suite and policy, in that order; they do not depend on the number of threads.
 ///
 /// # Errors
 /// The first error that is the user's to mend (a policy that cannot be built, a clip for
-/// another robot). A rollout that diverges is a result, with its reason in the row.
+/// another robot), and [`Error::Cancelled`]. A rollout that diverges is a result, with its
+/// reason in the row.
 pub fn evaluate(
     robot: &Arc<Robot>,
-    cases: &[Case],
+    suites: &[Suite],
     config: &EvalConfig,
     progress: &dyn Progress,
     cancel: &Cancel,
@@ -109,71 +127,103 @@ pub fn evaluate(
         .iter()
         .map(|p| p.build(robot).map(|built| built.uses_model()))
         .collect::<Result<Vec<_>, _>>()?;
-    let seeds = config.seeds.max(1) as usize;
-    let jobs = config.policies.len() * cases.len() * seeds;
-    let next = AtomicUsize::new(0);
-    let done = AtomicUsize::new(0);
+    let seeds = config.seeds.max(1);
+    let mut jobs = Vec::new();
+    for (suite, cases) in suites.iter().map(|s| s.cases.len()).enumerate() {
+        for policy in 0..config.policies.len() {
+            for case in 0..cases {
+                jobs.extend((0..seeds).map(|seed| Job { suite, policy, case, seed }));
+            }
+        }
+    }
+    let mut outcomes = all(robot, suites, config, &jobs, progress, cancel)?.into_iter();
+
+    let mut results = Vec::new();
+    for suite in suites {
+        for (policy, &uses_model) in config.policies.iter().zip(&uses_model) {
+            let by_case: Vec<Vec<Outcome>> = suite
+                .cases
+                .iter()
+                .map(|_| outcomes.by_ref().take(seeds as usize).collect())
+                .collect();
+            let interval = over_seeds(&by_case, seeds as usize);
+            results.push(Evaluation {
+                policy: policy.label(),
+                uses_model,
+                suite: suite.name.clone(),
+                plant: (!config.plant.is_nominal()).then(|| config.plant.to_string()),
+                precision_mean: interval.map(|i| i.mean),
+                ci95: interval.and_then(|i| i.ci95),
+                tasks: suite.cases.iter().zip(&by_case).map(|(c, o)| summarise(c, o)).collect(),
+            });
+        }
+    }
+    Ok(results)
+}
+
+/// The outcomes of the jobs, in their order.
+fn all(
+    robot: &Arc<Robot>,
+    suites: &[Suite],
+    config: &EvalConfig,
+    jobs: &[Job],
+    progress: &dyn Progress,
+    cancel: &Cancel,
+) -> Result<Vec<Outcome>, Error> {
+    let (next, done) = (AtomicUsize::new(0), AtomicUsize::new(0));
+    // An error on one thread ends the others at their next frame.
+    let stop = Cancel::default();
     let work = || -> Result<Vec<(usize, Outcome)>, Error> {
         let mut mine = Vec::new();
         loop {
-            let job = next.fetch_add(1, Ordering::Relaxed);
-            if job >= jobs {
-                return Ok(mine);
-            }
-            if cancel.is_cancelled() {
-                return Err(Error::Cancelled { frame: 0 });
-            }
-            let (policy, rest) = (job / (cases.len() * seeds), job % (cases.len() * seeds));
-            let (case, seed) = (rest / seeds, (rest % seeds) as u64);
-            mine.push((
-                job,
-                one(robot, &config.policies[policy], &cases[case], seed, config.plant, cancel)?,
-            ));
+            let at = next.fetch_add(1, Ordering::Relaxed);
+            let Some(job) = jobs.get(at) else { return Ok(mine) };
+            let case = &suites[job.suite].cases[job.case];
+            let policy = &config.policies[job.policy];
+            let outcome = one(robot, policy, case, job.seed, config.plant, &[cancel, &stop])
+                .inspect_err(|_| stop.cancel())?;
+            mine.push((at, outcome));
             let n = done.fetch_add(1, Ordering::Relaxed) + 1;
-            progress.tick(n as u64, jobs as u64, &cases[case].name);
+            let note = format!("{} {}", policy.label(), case.name);
+            progress.tick(n as u64, jobs.len() as u64, &note);
         }
     };
-    let threads = config.threads.clamp(1, jobs.max(1));
-    let mut outcomes: Vec<Option<Outcome>> = vec![None; jobs];
-    let finished = std::thread::scope(|scope| {
+    let finished: Vec<_> = std::thread::scope(|scope| {
+        let threads = config.threads.clamp(1, jobs.len().max(1));
         let handles: Vec<_> = (0..threads).map(|_| scope.spawn(work)).collect();
-        handles.into_iter().map(|h| h.join().unwrap_or(Ok(Vec::new()))).collect::<Vec<_>>()
+        handles
+            .into_iter()
+            .map(|h| h.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
+            .collect()
     });
+    let mut outcomes = Vec::with_capacity(jobs.len());
+    let mut error: Option<Error> = None;
     for part in finished {
-        for (job, outcome) in part? {
-            outcomes[job] = Some(outcome);
+        match part {
+            Ok(part) => outcomes.extend(part),
+            // The cause, not the threads that it stopped.
+            Err(e) if matches!(error, None | Some(Error::Cancelled { .. })) => error = Some(e),
+            Err(_) => {}
         }
     }
-    let mut results = Vec::new();
-    for (p, policy) in config.policies.iter().enumerate() {
-        let at = |case: usize| {
-            let begin = (p * cases.len() + case) * seeds;
-            outcomes[begin..begin + seeds].iter().flatten().collect::<Vec<_>>()
-        };
-        let tasks: Vec<CaseResult> =
-            cases.iter().enumerate().map(|(c, case)| summarise(case, &at(c))).collect();
-        // The interval is over seeds: each seed gives one mean over tasks.
-        let by_seed: Vec<f64> = (0..seeds)
-            .filter_map(|s| {
-                let all: Option<Vec<f64>> = (0..cases.len())
-                    .map(|c| at(c).get(s).and_then(|o| o.precision.as_ref()?.precision))
-                    .collect();
-                let all = all?;
-                (!all.is_empty()).then(|| all.iter().sum::<f64>() / all.len() as f64)
-            })
-            .collect();
-        let interval = if by_seed.len() == seeds { mean_ci95(&by_seed) } else { None };
-        results.push(Evaluation {
-            policy: policy.label(),
-            uses_model: uses_model[p],
-            suite: config.suite.clone(),
-            plant: (!config.plant.is_nominal()).then(|| config.plant.to_string()),
-            precision_mean: interval.map(|i| i.mean),
-            ci95: interval.and_then(|i| i.ci95),
-            tasks,
-        });
+    if let Some(e) = error {
+        return Err(e);
     }
-    Ok(results)
+    outcomes.sort_by_key(|(at, _)| *at);
+    Ok(outcomes.into_iter().map(|(_, o)| o).collect())
+}
+
+/// Mean over tasks, with the interval over seeds: each seed gives one mean. `None` when a
+/// rollout failed or had no goal.
+fn over_seeds(by_case: &[Vec<Outcome>], seeds: usize) -> Option<Interval> {
+    let by_seed: Option<Vec<f64>> = (0..seeds)
+        .map(|s| {
+            let each: Option<Vec<f64>> =
+                by_case.iter().map(|o| o.get(s)?.precision.as_ref()?.precision).collect();
+            mean_ci95(&each?).map(|i| i.mean)
+        })
+        .collect();
+    mean_ci95(&by_seed?)
 }
 
 #[derive(Clone, Debug)]
@@ -190,13 +240,22 @@ fn one(
     case: &Case,
     seed: u64,
     plant: PlantConfig,
-    cancel: &Cancel,
+    stops: &[&Cancel],
 ) -> Result<Outcome, Error> {
     let config = RolloutConfig { seed, guide: policy.guide, plant };
     let mut rollout =
         Rollout::new(robot, policy.build(robot)?, &case.command, case.start.clone(), config)?;
     let begin = std::time::Instant::now();
-    let result = rollout.run(cancel);
+    let result = loop {
+        if stops.iter().any(|c| c.is_cancelled()) {
+            break Err(Error::Cancelled { frame: rollout.frame() });
+        }
+        match rollout.step() {
+            Ok(Some(_)) => {}
+            Ok(None) => break Ok(()),
+            Err(e) => break Err(e),
+        }
+    };
     let wall_secs = begin.elapsed().as_secs_f64();
     let frames = rollout.frame();
     match result {
@@ -210,7 +269,7 @@ fn one(
     }
 }
 
-fn summarise(case: &Case, outcomes: &[&Outcome]) -> CaseResult {
+fn summarise(case: &Case, outcomes: &[Outcome]) -> CaseResult {
     let failed = outcomes.iter().find_map(|o| o.error.clone());
     let done: Vec<&Precision> = outcomes.iter().filter_map(|o| o.precision.as_ref()).collect();
     let mean = |f: &dyn Fn(&Precision) -> Option<f64>| {

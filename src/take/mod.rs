@@ -1,1 +1,44 @@
-//! A recorded rollout and its exports.
+//! Takes: recorded rollouts, what they are written as and how they are read back.
+//!
+//! A [`Take`] is a plain value: what was asked (clip, command), what was done (reached
+//! coordinates, actions, body poses), how near it came (precision) and where it came from.
+//! Its file is MCAP with `sensor_msgs/JointState` and `foxglove.FrameTransforms`, the one
+//! pair of messages that Foxglove, Lichtblick and Rerun all read.
+//!
+//! Same clip, policy and seed give the same bytes: no wall clock goes into the file, log
+//! times count from a fixed [`EPOCH_SECS`].
+//!
+//! Rejected: a format of our own (no viewer would open it), the foxglove SDK (a runtime and
+//! dozens of packages for four message types) and the readers of the `mcap` crate: version
+//! 0.26 fixed the endless loop of 0.25, but an uncompressed chunk whose records overrun it
+//! is still subtracted unchecked, a short attachment record is sliced unchecked, and no
+//! error says where in the file it happened. [`records`](self) reads with bounds instead.
+//!
+//! [`viser`] holds the messages of the viser client: recordings are written from here, and
+//! the studio's live scene speaks the same messages.
+
+mod build;
+mod cdr;
+mod document;
+mod error;
+mod geometry;
+mod header;
+pub mod html;
+mod json;
+mod proto;
+mod read;
+mod records;
+#[cfg(test)]
+mod sample;
+mod scene;
+mod text;
+mod write;
+
+pub mod viser;
+
+pub use document::{Provenance, RobotFacts, Take, What};
+pub use error::{Damage, Error};
+pub use geometry::{BodyMesh, body_meshes};
+pub use read::Recovered;
+pub use scene::Scene;
+pub use write::{EPOCH_SECS, topic};

@@ -1,0 +1,136 @@
+//! `robert clip convert`: clips from and to CSV, MJCF keys, ROS trajectories, dense JSON.
+
+use std::path::{Path, PathBuf};
+
+use clap::ValueEnum;
+
+use super::super::failure::{Failure, Outcome};
+use super::super::out;
+use crate::clip::formats::{
+    from_command_json, from_csv, from_mjcf, from_ros, to_command_json, to_csv, to_mjcf, to_ros,
+};
+use crate::clip::{Clip, ClipError, Fill, RobotRef, compile};
+use crate::{fsio, limits};
+
+/// Convert clips from and to other formats.
+///
+/// Formats go by the file name: .clip.json, .csv, .xml (MJCF keyframes), .yaml (ROS 2
+/// JointTrajectory), .json (dense command). Writing a dense format and reading it back
+/// gives the same command, bit for bit.
+#[derive(clap::Args, Debug)]
+#[command(
+    after_help = "Examples:\n  robert clip convert wave.clip.json wave.csv\n  robert clip convert log.csv log.clip.json --robot ur5e\n  robert clip convert plan.yaml plan.clip.json --robot ur5e --fill linear\n  robert clip convert scene.xml poses.clip.json --like wave.clip.json"
+)]
+pub(super) struct Convert {
+    /// The file to read.
+    input: PathBuf,
+    /// The file to write.
+    output: PathBuf,
+    /// Robot of the input, where the input does not say.
+    #[arg(long)]
+    robot: Option<String>,
+    /// Take robot and joint order from this clip.
+    #[arg(long, value_name = "CLIP", conflicts_with = "robot")]
+    like: Option<PathBuf>,
+    /// What stands between imported keys: mask, linear, cubic or hold.
+    #[arg(long, default_value = "mask", value_parser = super::fill_word)]
+    fill: Fill,
+    /// Format of the input, when its name does not tell.
+    #[arg(long)]
+    from: Option<Format>,
+    /// Format of the output, when its name does not tell.
+    #[arg(long)]
+    to: Option<Format>,
+    /// Overwrite an existing file.
+    #[arg(long)]
+    force: bool,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Format {
+    Clip,
+    Csv,
+    Mjcf,
+    Ros,
+    Json,
+}
+
+impl Format {
+    fn of(path: &Path, asked: Option<Format>) -> Result<Format, Failure> {
+        if let Some(format) = asked {
+            return Ok(format);
+        }
+        let name = path.file_name().map(|n| n.to_string_lossy().to_lowercase()).unwrap_or_default();
+        let ends = |end: &str| name.ends_with(end);
+        Ok(match () {
+            () if ends(".clip.json") => Format::Clip,
+            () if ends(".csv") => Format::Csv,
+            () if ends(".xml") || ends(".mjcf") => Format::Mjcf,
+            () if ends(".yaml") || ends(".yml") => Format::Ros,
+            () if ends(".json") => Format::Json,
+            () => {
+                return Err(Failure::usage(format!(
+                    "{}: the name ends in none of .clip.json .csv .xml .yaml .json; say --from or --to",
+                    path.display()
+                )));
+            }
+        })
+    }
+}
+
+pub(super) fn run(a: &Convert) -> Outcome {
+    let (from, to) = (Format::of(&a.input, a.from)?, Format::of(&a.output, a.to)?);
+    if !a.force && a.output.exists() {
+        let path = a.output.display();
+        return Err(Failure::usage(format!("{path} exists; say --force to overwrite it")));
+    }
+    let robot = super::reference(a.robot.as_deref(), a.like.as_ref())?;
+    let clip = read(a, from, robot.as_ref())?;
+    write(&clip, to, &a.output)?;
+    out::line(&format!(
+        "{}: {} frames, {} keys, {} joints",
+        a.output.display(),
+        clip.length,
+        clip.keys.len(),
+        clip.dim()
+    ))
+}
+
+fn read(a: &Convert, from: Format, robot: Option<&RobotRef>) -> Result<Clip, Failure> {
+    if from == Format::Clip {
+        return Ok(super::load(&a.input)?.clip);
+    }
+    let cap = limits::PROJECT_BYTES;
+    let bytes = fsio::read_capped(&a.input, cap)?;
+    let text = || {
+        String::from_utf8(bytes.clone())
+            .map_err(|e| Failure::invalid(format!("{}: {e}", a.input.display())))
+    };
+    let whose = || {
+        Failure::usage(format!(
+            "{} does not say which robot it is for; say --robot ID or --like CLIP",
+            a.input.display()
+        ))
+    };
+    let robot_ref = robot.ok_or_else(whose);
+    let clip: Result<Clip, ClipError> = match from {
+        Format::Csv => from_csv(&bytes, Some(robot_ref?), a.fill),
+        Format::Mjcf => from_mjcf(&text()?, robot_ref?, a.fill),
+        Format::Ros => from_ros(&text()?, Some(robot_ref?), a.fill),
+        Format::Json | Format::Clip => from_command_json(&text()?, robot, a.fill),
+    };
+    Ok(clip.map_err(|e| e.in_file(&a.input))?)
+}
+
+fn write(clip: &Clip, to: Format, path: &Path) -> Outcome {
+    let command = compile(clip).map_err(Failure::invalid)?;
+    let text = match to {
+        Format::Clip => clip.to_text(),
+        Format::Csv => to_csv(&command),
+        Format::Mjcf => to_mjcf(&command)?,
+        Format::Ros => to_ros(&command)?,
+        Format::Json => to_command_json(&command, &clip.robot.id),
+    };
+    fsio::write_atomic(path, text.as_bytes())?;
+    Ok(())
+}

@@ -1,0 +1,264 @@
+//! `robert dataset`: look at collected trajectories and make views of them.
+
+use std::path::{Path, PathBuf};
+
+use clap::Subcommand;
+use serde::Serialize;
+
+use super::failure::{Failure, Outcome};
+use super::out;
+use crate::dataset::{self, Corruption, Dataset, Manifest, Statistics, Totals, View};
+use crate::exit::Exit;
+
+/// Share of pinned frames above which a joint is worth a warning.
+const PINNED: f64 = 0.3;
+
+#[derive(clap::Args, Debug)]
+#[command(
+    after_help = "Examples:\n  robert dataset info data/ur5e\n  robert dataset merge data/rnd data/icm --equal --out data/all\n  robert dataset shrink 10 data/all --out data/tenth\n\nViews (split, shrink, corrupt, merge) copy no frames: they list trajectories of the same shard files."
+)]
+pub(super) struct Args {
+    #[command(subcommand)]
+    what: What,
+}
+
+#[derive(Debug, Subcommand)]
+enum What {
+    /// What is in a dataset, and how clean it is.
+    Info {
+        /// Dataset folder.
+        data: PathBuf,
+        /// Print JSON.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Join datasets of one robot.
+    Merge {
+        /// Dataset folders; their order does not matter.
+        #[arg(required = true)]
+        data: Vec<PathBuf>,
+        /// Cut every agent to the frames of the smallest one.
+        #[arg(long)]
+        equal: bool,
+        #[command(flatten)]
+        out: Out,
+    },
+    /// Fix which trajectories are held out.
+    Split {
+        /// Dataset folder.
+        data: PathBuf,
+        /// Seed of the split.
+        #[arg(long, default_value_t = 0)]
+        seed: u64,
+        /// Share of trajectories held out.
+        #[arg(long, default_value_t = 0.05)]
+        test: f64,
+        #[command(flatten)]
+        out: Out,
+    },
+    /// Keep every K-th trajectory (of the train part, once a split is fixed).
+    Shrink {
+        /// Keep one trajectory in K.
+        k: u64,
+        /// Dataset folder.
+        data: PathBuf,
+        #[command(flatten)]
+        out: Out,
+    },
+    /// Overwrite a share P of the train trajectories by copies of one of them.
+    Corrupt {
+        /// Share, 0 to 1.
+        p: f64,
+        /// Dataset folder.
+        data: PathBuf,
+        /// Pick a fresh trajectory for every slot.
+        #[arg(long)]
+        per_slot: bool,
+        /// Seed of the choice.
+        #[arg(long, default_value_t = 0)]
+        seed: u64,
+        #[command(flatten)]
+        out: Out,
+    },
+    /// Verify every shard: sha256, shapes, values. Exit code 3 names the bad ones.
+    Check {
+        /// Dataset folder.
+        data: PathBuf,
+        /// Print JSON.
+        #[arg(long)]
+        json: bool,
+    },
+}
+
+#[derive(clap::Args, Debug)]
+struct Out {
+    /// Folder of the new manifest.
+    #[arg(long)]
+    out: PathBuf,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Serialize)]
+struct Info<'a> {
+    robot: &'a str,
+    model_sha256: &'a str,
+    manifest_sha256: String,
+    fps: u32,
+    qpos_dim: usize,
+    ctrl_dim: usize,
+    joints: &'a [String],
+    actuators: &'a [String],
+    totals: Totals,
+    views: &'a [View],
+    statistics: &'a Statistics,
+}
+
+pub(super) fn run(args: Args) -> Outcome {
+    match args.what {
+        What::Info { data, json } => info(&Manifest::load(&data)?, json),
+        What::Merge { data, equal, out } => {
+            refuse_same(&data, &out.out)?;
+            publish(dataset::merge(&data, &out.out, equal)?, &out)
+        }
+        What::Split { data, seed, test, out } => {
+            view(&data, &out, |m| dataset::split(m, seed, test))
+        }
+        What::Shrink { k, data, out } => view(&data, &out, |m| dataset::shrink(m, k)),
+        What::Corrupt { p, data, per_slot, seed, out } => {
+            let how = Corruption { share: p, per_slot, seed };
+            view(&data, &out, |m| dataset::corrupt(m, how))
+        }
+        What::Check { data, json } => check(&data, json),
+    }
+}
+
+fn view(
+    data: &Path,
+    out: &Out,
+    change: impl FnOnce(&mut Manifest) -> Result<(), dataset::Error>,
+) -> Outcome {
+    refuse_same(&[data.to_owned()], &out.out)?;
+    let mut m = Manifest::load(data)?;
+    change(&mut m)?;
+    dataset::rebase(&mut m, &Manifest::path_of(data), &out.out)?;
+    publish(m, out)
+}
+
+fn refuse_same(data: &[PathBuf], out: &Path) -> Outcome {
+    let real = |p: &Path| p.canonicalize().ok();
+    if data.iter().any(|d| real(d).is_some() && real(d) == real(out)) {
+        return Err(Failure::usage(format!(
+            "--out must be another folder than the data, got {}",
+            out.display()
+        )));
+    }
+    Ok(())
+}
+
+fn publish(m: Manifest, out: &Out) -> Outcome {
+    let m = Dataset::publish(m, &out.out)?;
+    if out.json {
+        return info(&m, true);
+    }
+    out::line(&format!(
+        "{}: {} trajectories, {} frames in {} shards",
+        out.out.display(),
+        m.totals.episodes,
+        m.totals.frames,
+        m.totals.shards
+    ))
+}
+
+fn check(data: &Path, json: bool) -> Outcome {
+    let problems = Dataset::check(data)?;
+    let shards = Manifest::load(data)?.totals.shards;
+    if json {
+        out::json(&serde_json::json!({ "shards": shards, "problems": problems }))?;
+    } else {
+        for p in &problems {
+            out::line(&format!("shard {} {}: {}", p.shard, p.message, p.path.display()))?;
+        }
+    }
+    match problems.len() {
+        0 if json => Ok(()),
+        0 => out::line(&format!("{shards} shards are whole: {}", data.display())),
+        n => {
+            let list: Vec<String> = problems.iter().map(|p| p.index.to_string()).collect();
+            Err(Failure::with(
+                Exit::Invalid,
+                format!(
+                    "{n} of {shards} shards are missing or damaged; make these indices again: {}: {}",
+                    list.join(", "),
+                    data.display()
+                ),
+            ))
+        }
+    }
+}
+
+pub(super) fn info(m: &Manifest, json: bool) -> Outcome {
+    if json {
+        return out::json(&Info {
+            robot: &m.robot.id,
+            model_sha256: &m.robot.model_sha256,
+            manifest_sha256: m.sha256(),
+            fps: m.fps,
+            qpos_dim: m.qpos_dim(),
+            ctrl_dim: m.ctrl_dim(),
+            joints: &m.robot.joints,
+            actuators: &m.robot.actuators,
+            totals: m.totals,
+            views: &m.views,
+            statistics: &m.statistics,
+        });
+    }
+    let (t, s) = (m.totals, &m.statistics);
+    let percent = |x: f64| format!("{:.1} %", x * 100.0);
+    let agents: Vec<String> = s.agents.iter().map(|(a, n)| format!("{a} {n}")).collect();
+    let hours = t.frames as f64 / f64::from(m.fps) / 3600.0;
+    out::line(&format!(
+        "{}: {} trajectories, {} frames ({hours:.1} h at {} Hz) in {} shards\nagents: {}\ndropped: {} broken, {} short   self-contact: {}   any joint near a stop: {}   coverage: {}",
+        m.robot.id,
+        t.episodes,
+        t.frames,
+        m.fps,
+        t.shards,
+        agents.join(", "),
+        t.dropped_broken,
+        t.dropped_short,
+        percent(s.self_contact),
+        percent(s.near_limit_any),
+        percent(s.coverage),
+    ))?;
+    let mut table =
+        out::table(&["joint", "unit", "min", "mean", "max", "std", "speed std", "near a stop"]);
+    let value = |v: &[f64], j: usize| v.get(j).map_or(String::new(), |x| format!("{x:.3}"));
+    for (j, (name, unit)) in m.robot.joints.iter().zip(&m.robot.units).enumerate() {
+        table.add_row([
+            name.clone(),
+            unit.symbol().to_owned(),
+            value(&s.qpos_min, j),
+            value(&s.qpos_mean, j),
+            value(&s.qpos_max, j),
+            value(&s.qpos_std, j),
+            value(&s.qvel_std, j),
+            s.near_limit.get(j).map_or(String::new(), |&x| percent(x)),
+        ]);
+    }
+    out::line(&table.to_string())?;
+    let mut table = out::table(&["actuator", "control range", "saturated"]);
+    for ((name, [lo, hi]), x) in m.robot.actuators.iter().zip(&m.robot.ctrlranges).zip(&s.saturated)
+    {
+        table.add_row([name.clone(), format!("{lo} .. {hi}"), percent(*x)]);
+    }
+    out::line(&table.to_string())?;
+    for (name, x) in m.robot.joints.iter().zip(&s.near_limit).filter(|(_, x)| **x > PINNED) {
+        tracing::warn!(
+            "joint {name} is near a stop in {} of frames: torque cannot be read from positions there",
+            percent(*x)
+        );
+    }
+    Ok(())
+}

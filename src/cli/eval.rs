@@ -1,0 +1,360 @@
+//! `robert eval`: suites of clips under several policies, one table.
+
+use std::fmt::Write as _;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use serde::Serialize;
+
+use super::bar::Bar;
+use super::failure::{Failure, Outcome};
+use super::interrupt::cancel_on_ctrl_c;
+use super::motion::{self, CLIP_SUFFIX};
+use super::rollout::GuideArg;
+use super::{Global, out};
+use crate::clip::{self, Clip};
+use crate::exit::Exit;
+use crate::fsio;
+use crate::robot::Robot;
+use crate::rollout::{
+    Case, EvalConfig, Evaluation, PlantConfig, PolicyConfig, Start, Suite, evaluate, tasks,
+};
+
+#[derive(clap::Args, Debug)]
+#[command(
+    after_help = "Examples:\n  robert eval --robot ur5e --suite manual --policy zero,pd,computed-torque,ilqr\n  robert eval --robot ur5e --suite manual --policy pd,pd+guide --plant mass=1.25,damping=1.5,gear=0.85\n  robert eval --suite my-clips/ --policy ilqr --max-precision 0.005 --json"
+)]
+pub(super) struct Args {
+    /// The robot; with clip files it may be left out.
+    #[arg(long, value_name = "ID|DIR")]
+    robot: Option<String>,
+    /// Shipped suites (manual, extra, heldout), clip files, or folders of clips.
+    #[arg(long, required = true, num_args = 1.., value_delimiter = ',')]
+    suite: Vec<String>,
+    /// Policies, with suffixes +guide and +refine.
+    #[arg(short, long, required = true, num_args = 1.., value_delimiter = ',')]
+    policy: Vec<String>,
+    /// Virtual commands through masked frames, for every policy.
+    #[arg(long, value_enum, default_value_t = GuideArg::None)]
+    guide: GuideArg,
+    /// Improve each action on the robot's model, for every policy.
+    #[arg(long)]
+    refine: bool,
+    /// Simulate another plant than the policies believe in: mass=1.25,damping=1.5,gear=0.85.
+    #[arg(long, value_name = "FACTORS")]
+    plant: Option<String>,
+    /// Seeds 0..N; the interval is over seeds.
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=1000))]
+    seeds: u64,
+    /// Worker threads; all cores by default. Figures do not depend on it, times do.
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    threads: Option<u16>,
+    /// Exit 4 when a policy's mean Precision over a suite is larger (rad or m).
+    #[arg(long, value_name = "X")]
+    max_precision: Option<f64>,
+    /// Write one row a task and policy.
+    #[arg(long, value_name = "FILE")]
+    csv: Option<PathBuf>,
+    /// Write results.json, results.csv and errors.csv (the error by frame) here.
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+/// The document of `--json`.
+#[derive(Debug, Serialize)]
+struct Report<'a> {
+    robot: &'a str,
+    unit: &'static str,
+    plant: PlantConfig,
+    seeds: u64,
+    threads: usize,
+    wall_secs: f64,
+    results: &'a [Evaluation],
+}
+
+pub(super) fn run(args: &Args, global: Global) -> Outcome {
+    let policies: Vec<PolicyConfig> = args
+        .policy
+        .iter()
+        .map(|p| motion::policy(p, args.guide.into(), args.refine))
+        .collect::<Outcome<_>>()?;
+    let plant = match &args.plant {
+        Some(text) => text.parse()?,
+        None => PlantConfig::default(),
+    };
+    if let Some(x) = args.max_precision.filter(|x| !(x.is_finite() && *x >= 0.0)) {
+        return Err(Failure::usage(format!("--max-precision {x} is no distance")));
+    }
+    let (robot, suites) = suites(args)?;
+    let robot = motion::robot(&robot)?;
+    let suites = suites
+        .into_iter()
+        .map(|(name, clips)| {
+            let cases = clips.into_iter().map(case).collect::<Outcome<Vec<_>>>()?;
+            Ok(Suite { name, cases })
+        })
+        .collect::<Outcome<Vec<_>>>()?;
+    let threads = match args.threads {
+        Some(n) => usize::from(n),
+        None => std::thread::available_parallelism().map_or(1, usize::from),
+    };
+    let config = EvalConfig { policies, plant, seeds: args.seeds, threads };
+
+    let cancel = cancel_on_ctrl_c();
+    let bar = Bar::new("eval", "rollouts", global.quiet);
+    let begin = Instant::now();
+    let results = evaluate(&robot, &suites, &config, &bar, &cancel);
+    bar.finish();
+    let results = results?;
+
+    let report = Report {
+        robot: robot.id(),
+        unit: motion::unit(&robot),
+        plant,
+        seeds: args.seeds,
+        threads,
+        wall_secs: begin.elapsed().as_secs_f64(),
+        results: &results,
+    };
+    if let Some(path) = &args.csv {
+        fsio::write_atomic(path, &rows_csv(&results)?)?;
+    }
+    if let Some(dir) = &args.out {
+        let json = serde_json::to_vec_pretty(&report).map_err(io::Error::other)?;
+        fsio::write_atomic(&dir.join("results.json"), &json)?;
+        fsio::write_atomic(&dir.join("results.csv"), &rows_csv(&results)?)?;
+        fsio::write_atomic(&dir.join("errors.csv"), &errors_csv(&results)?)?;
+    }
+    if args.json {
+        out::json(&report)?;
+    } else {
+        let tables: Vec<String> =
+            suites.iter().map(|s| table(&robot, &s.name, plant, &results)).collect();
+        out::line(&tables.join("\n\n"))?;
+    }
+    match args.max_precision {
+        Some(limit) => check(&results, limit, report.unit),
+        None => Ok(()),
+    }
+}
+
+/// The robot's id, and the clips of every suite with their names.
+type Clips = Vec<(String, Clip)>;
+
+fn suites(args: &Args) -> Outcome<(String, Vec<(String, Clips)>)> {
+    let mut files: Clips = Vec::new();
+    let mut named = Vec::new();
+    for text in &args.suite {
+        let path = Path::new(text);
+        if path.is_dir() {
+            let clips = folder(path)?;
+            named.push((text.trim_end_matches('/').to_owned(), clips));
+        } else if path.exists() || text.ends_with(".json") {
+            files.push((stem(path), motion::clip(text, None)?));
+        } else {
+            // Shipped: resolved once the robot is known.
+            named.push((text.clone(), Vec::new()));
+        }
+    }
+    if !files.is_empty() {
+        named.push(("files".to_owned(), files));
+    }
+    let of_clips = named.iter().flat_map(|(_, c)| c).map(|(_, c)| c.robot.id.clone()).next();
+    let Some(robot) = args.robot.clone().or(of_clips) else {
+        return Err(Failure::usage("a shipped suite needs --robot"));
+    };
+    for (name, clips) in &mut named {
+        if clips.is_empty() {
+            *clips = tasks::suite(&robot, name)?;
+        }
+    }
+    Ok((robot, named))
+}
+
+/// The clips of a folder, by name.
+fn folder(dir: &Path) -> Outcome<Clips> {
+    let unreadable = |source| fsio::Error::Read { source, path: dir.to_owned() };
+    let mut paths = Vec::new();
+    for entry in std::fs::read_dir(dir).map_err(unreadable)? {
+        let path = entry.map_err(unreadable)?.path();
+        if path.to_string_lossy().ends_with(CLIP_SUFFIX) {
+            paths.push(path);
+        }
+    }
+    paths.sort();
+    if paths.is_empty() {
+        return Err(Failure::invalid(format!("no *{CLIP_SUFFIX} in {}", dir.display())));
+    }
+    paths.iter().map(|p| Ok((stem(p), Clip::load(p)?))).collect()
+}
+
+/// The file name without its suffix.
+fn stem(path: &Path) -> String {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    name.strip_suffix(CLIP_SUFFIX).unwrap_or(&name).to_owned()
+}
+
+fn case((name, clip): (String, Clip)) -> Outcome<Case> {
+    let command = clip::compile(&clip).map_err(|e| Failure::invalid(format!("{name}: {e}")))?;
+    Ok(Case { name, command, start: Start::Pose })
+}
+
+/// Exit 4 where a mean is over the limit, or is none.
+fn check(results: &[Evaluation], limit: f64, unit: &str) -> Outcome {
+    let missed: Vec<String> = results
+        .iter()
+        .filter(|r| r.precision_mean.is_none_or(|p| p > limit))
+        .map(|r| {
+            let got = r.precision_mean.map_or_else(|| "failed".to_owned(), |p| format!("{p:.5}"));
+            format!("{} on {}: {got}", r.policy, r.suite)
+        })
+        .collect();
+    if missed.is_empty() {
+        return Ok(());
+    }
+    let message = format!("Precision above {limit} {unit}: {}", missed.join("; "));
+    Err(Failure::with(Exit::Threshold, message))
+}
+
+/// Tasks as rows, policies as columns.
+fn table(robot: &Robot, suite: &str, plant: PlantConfig, results: &[Evaluation]) -> String {
+    let columns: Vec<&Evaluation> = results.iter().filter(|r| r.suite == suite).collect();
+    let unit = motion::unit(robot);
+    let mut header = vec!["task".to_owned()];
+    header.extend(
+        columns.iter().map(|c| format!("{}{}", c.policy, if c.uses_model { " (m)" } else { "" })),
+    );
+    let mut t = out::table(&header.iter().map(String::as_str).collect::<Vec<_>>());
+    let rows = columns.first().map_or(0, |c| c.tasks.len());
+    for row in 0..rows {
+        let values: Vec<Option<f64>> =
+            columns.iter().map(|c| c.tasks.get(row).and_then(|t| t.precision)).collect();
+        let cis: Vec<Option<f64>> =
+            columns.iter().map(|c| c.tasks.get(row).and_then(|t| t.ci95)).collect();
+        let name = columns.first().and_then(|c| c.tasks.get(row)).map_or("", |t| t.name.as_str());
+        t.add_row(cells(name, &values, &cis));
+    }
+    let means: Vec<Option<f64>> = columns.iter().map(|c| c.precision_mean).collect();
+    let cis: Vec<Option<f64>> = columns.iter().map(|c| c.ci95).collect();
+    t.add_row(cells("mean", &means, &cis));
+    t.add_row(
+        std::iter::once("mean |du|".to_owned())
+            .chain(columns.iter().map(|c| average(c, |t| t.mean_abs_du))),
+    );
+    t.add_row(
+        std::iter::once("ms a frame".to_owned()).chain(
+            columns.iter().map(|c| average(c, |t| 1e3 * t.wall_secs / t.frames.max(1) as f64)),
+        ),
+    );
+    for column in t.column_iter_mut().skip(1) {
+        column.set_cell_alignment(comfy_table::CellAlignment::Right);
+    }
+    let plant = if plant.is_nominal() { String::new() } else { format!(", plant {plant}") };
+    let mut text = format!(
+        "{} {suite}: Precision in {unit} (mean |error| over unmasked frames; lower is better){plant}\n{t}\n* best of the row",
+        robot.id()
+    );
+    if columns.iter().any(|c| c.uses_model) {
+        text.push_str("; (m) uses a model of the robot");
+    }
+    for c in &columns {
+        for task in &c.tasks {
+            if let Some(e) = &task.error {
+                write!(text, "\n{} {}: {e}", c.policy, task.name).ok();
+            }
+        }
+    }
+    text
+}
+
+/// A row of Precisions, the best marked.
+fn cells(name: &str, values: &[Option<f64>], cis: &[Option<f64>]) -> Vec<String> {
+    let best = values.iter().flatten().copied().min_by(f64::total_cmp);
+    let mut cells = vec![name.to_owned()];
+    for (v, ci) in values.iter().zip(cis) {
+        cells.push(match v {
+            None => "failed".to_owned(),
+            Some(v) => {
+                let mark = if values.len() > 1 && Some(*v) == best { "* " } else { "" };
+                let ci = ci.map_or_else(String::new, |c| format!(" ±{c:.5}"));
+                format!("{mark}{v:.5}{ci}")
+            }
+        });
+    }
+    cells
+}
+
+fn average(e: &Evaluation, f: impl Fn(&crate::rollout::CaseResult) -> f64) -> String {
+    format!("{:.3}", e.tasks.iter().map(f).sum::<f64>() / e.tasks.len().max(1) as f64)
+}
+
+fn rows_csv(results: &[Evaluation]) -> Outcome<Vec<u8>> {
+    let mut w = csv::Writer::from_writer(Vec::new());
+    let head = [
+        "suite",
+        "task",
+        "policy",
+        "uses_model",
+        "plant",
+        "precision",
+        "ci95",
+        "masked_mae",
+        "p95",
+        "hold_end",
+        "frames_late",
+        "mean_abs_du",
+        "wall_secs",
+        "frames",
+        "error",
+    ];
+    w.write_record(head).map_err(io::Error::other)?;
+    let cell = |v: Option<f64>| v.map_or_else(String::new, |v| v.to_string());
+    for r in results {
+        for t in &r.tasks {
+            w.write_record([
+                r.suite.clone(),
+                t.name.clone(),
+                r.policy.clone(),
+                r.uses_model.to_string(),
+                r.plant.clone().unwrap_or_default(),
+                cell(t.precision),
+                cell(t.ci95),
+                cell(t.masked_mae),
+                cell(t.p95),
+                cell(t.hold_end),
+                cell(t.frames_late),
+                t.mean_abs_du.to_string(),
+                t.wall_secs.to_string(),
+                t.frames.to_string(),
+                t.error.clone().unwrap_or_default(),
+            ])
+            .map_err(io::Error::other)?;
+        }
+    }
+    Ok(w.into_inner().map_err(|e| io::Error::other(e.to_string()))?)
+}
+
+fn errors_csv(results: &[Evaluation]) -> Outcome<Vec<u8>> {
+    let mut w = csv::Writer::from_writer(Vec::new());
+    w.write_record(["suite", "task", "policy", "frame", "error"]).map_err(io::Error::other)?;
+    for r in results {
+        for t in &r.tasks {
+            for (frame, error) in t.per_frame.iter().enumerate() {
+                let Some(error) = error else { continue };
+                w.write_record([
+                    &r.suite,
+                    &t.name,
+                    &r.policy,
+                    &frame.to_string(),
+                    &error.to_string(),
+                ])
+                .map_err(io::Error::other)?;
+            }
+        }
+    }
+    Ok(w.into_inner().map_err(|e| io::Error::other(e.to_string()))?)
+}

@@ -1,0 +1,100 @@
+//! `robert import FILE --out DIR`: a robot's folder out of a URDF or MJCF.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use super::failure::{Failure, Outcome};
+use super::out;
+use crate::robot::check;
+use crate::robot::import::{ImportConfig, Report, import};
+
+#[derive(clap::Args, Debug)]
+#[command(
+    after_help = "Examples:\n  robert import arm.urdf --out arm --package arm_description=../arm_description\n  robert import scene/hand.xml --root scene/.. --out hand\n  robert robots show ./arm"
+)]
+pub(super) struct Args {
+    /// The model: URDF, or MJCF for MuJoCo 2.2.2.
+    file: PathBuf,
+    /// The folder to make.
+    #[arg(long)]
+    out: PathBuf,
+    /// The folder that includes and meshes may not leave [default: the file's own].
+    #[arg(long, value_name = "DIR")]
+    root: Option<PathBuf>,
+    /// Where a ROS package lies, for package://NAME/… paths. May be repeated.
+    #[arg(long = "package", value_name = "NAME=DIR")]
+    packages: Vec<String>,
+    /// The robot's id [default: the folder's name].
+    #[arg(long)]
+    id: Option<String>,
+    /// Hold a floating base still where it is.
+    #[arg(long)]
+    fixed_base: bool,
+    /// Height of a URDF's root above the floor, m.
+    #[arg(long, value_name = "M", default_value_t = 0.0, allow_negative_numbers = true)]
+    base_height: f64,
+    /// Force limit of motors whose source names none, N m or N.
+    #[arg(long, default_value_t = 10.0)]
+    effort: f64,
+    /// Weld a joint at its zero. May be repeated.
+    #[arg(long = "weld", value_name = "JOINT")]
+    weld: Vec<String>,
+    /// Keep position and velocity servos instead of turning them into motors.
+    #[arg(long)]
+    keep_servos: bool,
+    /// Print the report as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn run(args: &Args) -> Outcome {
+    let report = import(&plan(args)?)?;
+    if args.json {
+        return out::json(&report);
+    }
+    print(&report)
+}
+
+fn plan(args: &Args) -> Outcome<ImportConfig> {
+    let mut packages = BTreeMap::new();
+    for word in &args.packages {
+        let (name, dir) = word
+            .split_once('=')
+            .filter(|(n, d)| !n.is_empty() && !d.is_empty())
+            .ok_or_else(|| Failure::usage(format!("--package {word}: write NAME=DIR")))?;
+        packages.insert(name.to_owned(), PathBuf::from(dir));
+    }
+    Ok(ImportConfig {
+        source: args.file.clone(),
+        out: args.out.clone(),
+        root: args.root.clone(),
+        packages,
+        id: args.id.clone(),
+        fixed_base: args.fixed_base,
+        base_height_m: args.base_height,
+        effort: args.effort,
+        weld: args.weld.clone(),
+        keep_servos: args.keep_servos,
+        checker: check::executable()?,
+    })
+}
+
+fn print(r: &Report) -> Outcome {
+    out::line(&format!(
+        "{}: state {}, action {}, {} bodies, {} files, {:.3} kg, from {}",
+        r.id,
+        r.state_dim,
+        r.action_dim,
+        r.bodies,
+        r.files,
+        r.mass_kg,
+        r.format.to_uppercase()
+    ))?;
+    for (what, list) in [("dropped", &r.dropped), ("assumed", &r.assumed), ("changed", &r.changed)]
+    {
+        for item in list {
+            out::line(&format!("  {what}  {item}"))?;
+        }
+    }
+    out::line(&format!("use it:  robert robots show {}", r.folder.display()))
+}

@@ -1,0 +1,61 @@
+//! What `rollout` and `eval` share: the robot, the clip, the policies as they are typed.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use super::failure::{Failure, Outcome};
+use crate::clip::{Clip, ClipError};
+use crate::exit::{Exit, HasExit};
+use crate::robot::Robot;
+use crate::rollout::{Guide, PolicyConfig, PolicyName, tasks};
+use crate::units::Unit;
+
+/// Suffix of the clip files.
+pub(super) const CLIP_SUFFIX: &str = ".clip.json";
+
+/// The robot of this id, or of this folder.
+pub(super) fn robot(id: &str) -> Outcome<Arc<Robot>> {
+    Ok(Arc::new(Robot::load(id)?))
+}
+
+/// A clip from a file, or a shipped task by its name (`fire`, `ur5e/reacher`).
+pub(super) fn clip(text: &str, robot: Option<&str>) -> Outcome<Clip> {
+    let path = Path::new(text);
+    if path.exists() || text.ends_with(".json") {
+        return Clip::load(path).map_err(|e: ClipError| Failure::from(e));
+    }
+    tasks::find(text, robot).map_err(|e| {
+        let exit = e.exit();
+        Failure::with(exit, format!("no file {text}, and {e}"))
+    })
+}
+
+/// `pd`, `pd+guide`, `zero+guide+refine`; the flags add to every policy.
+pub(super) fn policy(text: &str, guide: Guide, refine: bool) -> Outcome<PolicyConfig> {
+    let mut parts = text.split('+');
+    let name: PolicyName = parts.next().unwrap_or_default().parse()?;
+    let mut config = PolicyConfig { guide, refine, ..PolicyConfig::new(name) };
+    for suffix in parts {
+        match suffix {
+            "guide" => config.guide = Guide::Linear,
+            "refine" => config.refine = true,
+            other => {
+                return Err(Failure::with(
+                    Exit::Usage,
+                    format!("policy {text:?}: +{other} is not +guide or +refine"),
+                ));
+            }
+        }
+    }
+    Ok(config)
+}
+
+/// Unit of a robot's errors, for tables.
+pub(super) fn unit(robot: &Robot) -> &'static str {
+    let units: Vec<Unit> = robot.joints().iter().map(|j| j.unit).collect();
+    match (units.contains(&Unit::Rad), units.contains(&Unit::M)) {
+        (true, true) => "rad or m",
+        (false, true) => "m",
+        _ => "rad",
+    }
+}

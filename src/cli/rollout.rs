@@ -1,0 +1,207 @@
+//! `robert rollout CLIP`: a policy performs a clip.
+
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use serde_json::{Value, json};
+
+use super::bar::Bar;
+use super::failure::{Failure, Outcome};
+use super::interrupt::cancel_on_ctrl_c;
+use super::{Global, motion, out};
+use crate::clip;
+use crate::fsio;
+use crate::progress::Progress as _;
+use crate::rollout::{Error, Guide, PlantConfig, Precision, Rollout, RolloutConfig, Start};
+use crate::units::CTRL_DT;
+
+#[derive(clap::Args, Debug)]
+#[command(
+    after_help = "Examples:\n  robert rollout wave.clip.json --policy ilqr --csv reached.csv\n  robert rollout ur5e/reacher --policy pd --guide linear\n  robert rollout fire --policy computed-torque --plant mass=1.25,damping=1.5,gear=0.85 --json"
+)]
+pub(super) struct Args {
+    /// A clip file, or the name of a shipped task (robert tasks ls).
+    clip: String,
+    /// The policy; suffixes +guide and +refine are the flags below.
+    #[arg(short, long, default_value = "ilqr")]
+    policy: String,
+    /// Virtual commands through masked frames: the straight line from the reached state.
+    #[arg(long, value_enum, default_value_t = GuideArg::None)]
+    guide: GuideArg,
+    /// Improve each action on the robot's model before it is applied.
+    #[arg(long)]
+    refine: bool,
+    /// Simulate another plant than the policy believes in: mass=1.25,damping=1.5,gear=0.85.
+    #[arg(long, value_name = "FACTORS")]
+    plant: Option<String>,
+    /// Seed of the policy's draws.
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// The robot, where it is not the clip's own.
+    #[arg(long, value_name = "ID|DIR")]
+    robot: Option<String>,
+    /// Write the reached motion: frame, time, mask, one column a joint.
+    #[arg(long, value_name = "FILE")]
+    csv: Option<PathBuf>,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+/// [`Guide`] as it is typed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub(super) enum GuideArg {
+    /// The policy sees the masks.
+    None,
+    /// The straight line from the reached state to the next goal.
+    Linear,
+}
+
+impl From<GuideArg> for Guide {
+    fn from(arg: GuideArg) -> Guide {
+        match arg {
+            GuideArg::None => Guide::None,
+            GuideArg::Linear => Guide::Linear,
+        }
+    }
+}
+
+pub(super) fn run(args: &Args, global: Global) -> Outcome {
+    let clip = motion::clip(&args.clip, args.robot.as_deref())?;
+    let robot = motion::robot(args.robot.as_deref().unwrap_or(&clip.robot.id))?;
+    let policy = motion::policy(&args.policy, args.guide.into(), args.refine)?;
+    let plant: PlantConfig = match &args.plant {
+        Some(text) => text.parse()?,
+        None => PlantConfig::default(),
+    };
+    let command =
+        clip::compile(&clip).map_err(|e| Failure::invalid(format!("{}: {e}", args.clip)))?;
+    let config = RolloutConfig { seed: args.seed, guide: policy.guide, plant };
+    let mut rollout = Rollout::new(&robot, policy.build(&robot)?, &command, Start::Pose, config)?;
+
+    let cancel = cancel_on_ctrl_c();
+    let bar = Bar::new(&policy.label(), "frames", global.quiet);
+    let steps = rollout.frames().saturating_sub(1) as u64;
+    let unit = motion::unit(&robot);
+    let begin = Instant::now();
+    let result = loop {
+        if cancel.is_cancelled() {
+            break Err(Error::Cancelled { frame: rollout.frame() });
+        }
+        match rollout.step() {
+            Ok(Some(frame)) => {
+                let note = frame.error.map_or_else(String::new, |e| format!("error {e:.4} {unit}"));
+                bar.tick(frame.frame as u64, steps, &note);
+            }
+            Ok(None) => break Ok(()),
+            Err(e) => break Err(e),
+        }
+    };
+    let wall_secs = begin.elapsed().as_secs_f64();
+    bar.finish();
+
+    // What was reached is worth keeping even where the rollout broke off.
+    if let Some(path) = &args.csv {
+        write_csv(path, &rollout)?;
+    }
+    result?;
+
+    let precision = rollout.precision();
+    if args.json {
+        return out::json(&report(args, &rollout, &precision, policy.label(), plant, wall_secs));
+    }
+    out::line(&summary(&rollout, &precision, &policy.label(), unit, wall_secs))
+}
+
+fn report(
+    args: &Args,
+    rollout: &Rollout,
+    p: &Precision,
+    policy: String,
+    plant: PlantConfig,
+    wall_secs: f64,
+) -> Value {
+    let joints = rollout.robot().joints().iter().zip(&p.per_joint);
+    json!({
+        "clip": args.clip,
+        "robot": rollout.robot().id(),
+        "unit": motion::unit(rollout.robot()),
+        "policy": policy,
+        "uses_model": rollout.uses_model(),
+        "seed": args.seed,
+        "plant": plant,
+        "precision": p.precision,
+        "masked_mae": p.masked_mae,
+        "p95": p.p95,
+        "worst": p.worst.map(|(frame, error)| json!({"frame": frame, "error": error})),
+        "hold_end": p.hold_end,
+        "frames_late": p.frames_late,
+        "mean_abs_du": p.mean_abs_du,
+        "saturation": p.saturation,
+        "frames": rollout.frame() + 1,
+        "secs": rollout.frame() as f64 * CTRL_DT,
+        "wall_secs": wall_secs,
+        "ms_per_frame": 1e3 * wall_secs / rollout.frame().max(1) as f64,
+        "per_joint": joints
+            .map(|(j, e)| json!({"joint": j.name, "error": e}))
+            .collect::<Vec<_>>(),
+        "holds": p.holds,
+        "per_frame": p.per_frame,
+    })
+}
+
+fn summary(rollout: &Rollout, p: &Precision, policy: &str, unit: &str, wall_secs: f64) -> String {
+    let value = |v: Option<f64>| v.map_or_else(|| "-".to_owned(), |v| format!("{v:.5} {unit}"));
+    let late = p.frames_late.map_or_else(|| "-".to_owned(), |v| format!("{v:.1} frames"));
+    let mut rows = vec![
+        ("Precision", value(p.precision), "mean |error|, unmasked frames, all joints"),
+        ("p95", value(p.p95), "95th percentile of it"),
+    ];
+    let worst =
+        p.worst.map_or_else(|| "-".to_owned(), |(f, e)| format!("{e:.5} {unit}, frame {f}"));
+    rows.push(("worst frame", worst, ""));
+    if !p.holds.is_empty() {
+        rows.push(("end of holds", value(p.hold_end), "mean |error| in their last frame"));
+        rows.push(("late", late, "from the start of a hold until within 0.05"));
+    }
+    rows.push(("mean |du|", format!("{:.4}", p.mean_abs_du), "change of action a frame, of 1"));
+    let pinned = format!("{:.1} %", 100.0 * p.saturation);
+    rows.push(("saturated", pinned, "actions at their bound"));
+    let frames = rollout.frame() + 1;
+    let ms = 1e3 * wall_secs / rollout.frame().max(1) as f64;
+    let time = format!("{frames} frames in {wall_secs:.2} s");
+    rows.push(("time", time, ""));
+    let wide = rows.iter().map(|r| r.1.chars().count()).max().unwrap_or(0);
+    let mut text = format!(
+        "{} on {}, {ms:.2} ms a frame{}",
+        policy,
+        rollout.robot().id(),
+        if rollout.uses_model() { "; uses a model of the robot" } else { "" }
+    );
+    for (name, value, what) in rows {
+        text.push_str(format!("\n  {name:<13} {value:<wide$}  {what}").trim_end());
+    }
+    text
+}
+
+/// Reached states; `mask` is 1 where nothing was commanded.
+fn write_csv(path: &Path, rollout: &Rollout) -> Outcome {
+    fsio::write_atomic_with(path, |file| {
+        write!(file, "frame,time,mask")?;
+        for joint in rollout.robot().joints() {
+            write!(file, ",{}", joint.name)?;
+        }
+        writeln!(file)?;
+        for frame in rollout.frames_reached() {
+            let masked = u8::from(!rollout.goals().any_visible(frame.frame));
+            write!(file, "{},{},{masked}", frame.frame, frame.frame as f64 / 20.0)?;
+            for q in frame.reached {
+                write!(file, ",{q}")?;
+            }
+            writeln!(file)?;
+        }
+        Ok(())
+    })?;
+    Ok(())
+}

@@ -1,0 +1,121 @@
+//! `robert tasks`: the task clips in the program.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use serde_json::{Value, json};
+
+use super::failure::{Failure, Outcome};
+use super::{motion, out};
+use crate::fsio;
+use crate::robot::Robot;
+use crate::rollout::tasks::{self, MANIFEST, RobotTasks, SUITES};
+
+#[derive(clap::Args, Debug)]
+#[command(
+    after_help = "Examples:\n  robert tasks ls --robot shadow_hand\n  robert tasks show ur5e/hang > my.clip.json"
+)]
+pub(super) struct Args {
+    #[command(subcommand)]
+    what: What,
+}
+
+#[derive(clap::Subcommand, Debug)]
+enum What {
+    /// List the tasks by robot and suite.
+    Ls {
+        /// Of this robot only.
+        #[arg(long)]
+        robot: Option<String>,
+        /// Print JSON.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Print a task's clip.
+    Show {
+        /// NAME or ROBOT/NAME.
+        task: String,
+    },
+    /// Write all task clips anew from their formulas.
+    #[command(hide = true)]
+    Author {
+        /// The folder.
+        #[arg(long)]
+        out: PathBuf,
+    },
+}
+
+pub(super) fn run(args: &Args) -> Outcome {
+    match &args.what {
+        What::Ls { robot, json } => ls(robot.as_deref(), *json),
+        What::Show { task } => {
+            let clip = tasks::find(task, None)?;
+            out::line(clip.to_text().trim_end())
+        }
+        What::Author { out } => author(out),
+    }
+}
+
+fn ls(robot: Option<&str>, json: bool) -> Outcome {
+    let manifest = tasks::manifest()?;
+    let robots: Vec<&str> = match robot {
+        Some(robot) => vec![robot],
+        None => manifest.keys().map(String::as_str).collect(),
+    };
+    let mut rows: Vec<Value> = Vec::new();
+    let mut t = out::table(&["robot", "suite", "task", "frames", "visible", "what it is"]);
+    for robot in robots {
+        for suite in SUITES {
+            for (name, clip) in tasks::suite(robot, suite)? {
+                let command = crate::clip::compile(&clip)
+                    .map_err(|e| Failure::invalid(format!("{robot}/{name}: {e}")))?;
+                let seen = (1..command.frames())
+                    .filter(|f| command.sight(*f) != crate::clip::Sight::Masked)
+                    .count();
+                let visible = seen as f64 / f64::from(command.frames().saturating_sub(1).max(1));
+                rows.push(json!({
+                    "robot": robot, "suite": suite, "task": name, "title": clip.name,
+                    "frames": clip.length, "visible": visible, "about": clip.notes,
+                }));
+                t.add_row([
+                    robot.to_owned(),
+                    suite.to_owned(),
+                    name,
+                    clip.length.to_string(),
+                    format!("{:.0} %", 100.0 * visible),
+                    clip.notes,
+                ]);
+            }
+        }
+    }
+    if json { out::json(&rows) } else { out::line(&t.to_string()) }
+}
+
+/// The clips of every robot, and the list of suites.
+fn author(dir: &Path) -> Outcome {
+    let mut manifest: BTreeMap<String, RobotTasks> = BTreeMap::new();
+    for id in Robot::builtin_ids() {
+        let robot = motion::robot(id)?;
+        let entry = manifest.entry(id.to_owned()).or_default();
+        if id == "ur5e_light" {
+            entry.like = Some("ur5e".to_owned());
+            continue;
+        }
+        for task in tasks::author(&robot)? {
+            fsio::write_atomic(
+                &dir.join(tasks::path_of(id, task.name)),
+                task.clip.to_text().as_bytes(),
+            )?;
+            let list = match task.suite {
+                "manual" => &mut entry.manual,
+                "extra" => &mut entry.extra,
+                _ => &mut entry.heldout,
+            };
+            list.push(task.name.to_owned());
+        }
+    }
+    let head = "# Suites of task clips by robot, in the order of tables; written by `robert tasks author`.\n\n";
+    let body = toml::to_string_pretty(&manifest).map_err(std::io::Error::other)?;
+    fsio::write_atomic(&dir.join(MANIFEST), format!("{head}{body}").as_bytes())?;
+    Ok(())
+}

@@ -1,0 +1,104 @@
+//! What can be wrong with a dataset.
+
+use std::path::PathBuf;
+
+use crate::exit::{Exit, HasExit};
+use crate::fsio;
+
+/// A dataset that cannot be read, written or combined.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// A file could not be read or written.
+    #[error(transparent)]
+    File(#[from] fsio::Error),
+    /// The manifest is not JSON of the right form.
+    #[error("{path}:{line}:{column}: {message}", path = path.display())]
+    ManifestText {
+        /// What is wrong.
+        message: String,
+        /// Line, from 1.
+        line: usize,
+        /// Column, from 1.
+        column: usize,
+        /// The manifest.
+        path: PathBuf,
+    },
+    /// The manifest contradicts itself or is of a newer format.
+    #[error("{message}: {path}", path = path.display())]
+    Manifest {
+        /// What is wrong, and how to mend it.
+        message: String,
+        /// The manifest.
+        path: PathBuf,
+    },
+    /// A shard is missing, cut short, altered or not what the manifest says.
+    #[error("shard {index} {message}: {path}", path = path.display())]
+    Shard {
+        /// Its index in the manifest.
+        index: usize,
+        /// What is wrong with it.
+        message: String,
+        /// The shard file.
+        path: PathBuf,
+    },
+    /// Several shards are bad; the indices are what must be made again.
+    #[error(
+        "{count} of {total} shards are missing or damaged, make these again: {indices:?} (first: {first})",
+        count = indices.len()
+    )]
+    Incomplete {
+        /// Indices in the manifest.
+        indices: Vec<usize>,
+        /// All shards.
+        total: usize,
+        /// The first problem in words.
+        first: String,
+    },
+    /// The datasets are of different robots, models or physics.
+    #[error("{field} differs: {left} here, {right} there: {path}", path = path.display())]
+    Mismatch {
+        /// What differs.
+        field: &'static str,
+        /// The first dataset's value.
+        left: String,
+        /// The other's.
+        right: String,
+        /// The other manifest.
+        path: PathBuf,
+    },
+    /// Nothing is left to read.
+    #[error("no trajectory of at least {frames} frames in the {part} part of {path}", path = path.display())]
+    Empty {
+        /// Frames that a window needs.
+        frames: usize,
+        /// Which part was asked for.
+        part: &'static str,
+        /// The manifest.
+        path: PathBuf,
+    },
+    /// A trajectory handed to the shard builder does not fit.
+    #[error("trajectory does not fit the shard: {0}")]
+    Trajectory(String),
+    /// An option is outside its range.
+    #[error("{name} must be {must}, got {got}")]
+    Argument {
+        /// The option.
+        name: &'static str,
+        /// What is allowed.
+        must: &'static str,
+        /// What was given.
+        got: String,
+    },
+}
+
+impl HasExit for Error {
+    fn exit(&self) -> Exit {
+        match self {
+            Error::File(e) => e.exit(),
+            Error::Argument { .. } => Exit::Usage,
+            Error::Trajectory(_) => Exit::Failed,
+            _ => Exit::Invalid,
+        }
+    }
+}

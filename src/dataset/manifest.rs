@@ -1,0 +1,421 @@
+//! `manifest.json`: which robot, which shards, which trajectories.
+//!
+//! One line per shard and per trajectory, so that a diff of two manifests reads like a
+//! list of what changed. Unknown fields are refused: nothing is silently ignored.
+
+#![warn(clippy::indexing_slicing)]
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use super::error::Error;
+use super::stats::Statistics;
+use crate::units::{FPS, SIM_DT, SUBSTEPS, Unit};
+use crate::{fsio, limits};
+
+/// Format name of this version.
+pub const FORMAT: &str = "robert-dataset/1";
+/// File name inside a dataset folder.
+const FILE: &str = "manifest.json";
+
+/// The robot whose motion is recorded.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Robot {
+    /// Profile id.
+    pub id: String,
+    /// Sha-256 of the robot's MJCF.
+    pub model_sha256: String,
+    /// State joints, in the column order of `qpos` and `qvel`.
+    pub joints: Vec<String>,
+    /// Unit of each joint.
+    pub units: Vec<Unit>,
+    /// Stops of each joint in its unit; none for unlimited joints.
+    pub ranges: Vec<Option<[f64; 2]>>,
+    /// A joint nearer than this to a stop counts as pinned, in its unit.
+    pub near_limit: f64,
+    /// Actuators, in the column order of `ctrl`.
+    pub actuators: Vec<String>,
+    /// Control of each actuator at actions -1 and +1.
+    pub ctrlranges: Vec<[f64; 2]>,
+}
+
+/// The clock of the simulation.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Physics {
+    /// Simulator step, seconds.
+    pub sim_dt_secs: f64,
+    /// Simulator steps in a frame, control held.
+    pub substeps: usize,
+}
+
+impl Default for Physics {
+    fn default() -> Self {
+        Physics { sim_dt_secs: SIM_DT, substeps: SUBSTEPS }
+    }
+}
+
+/// One shard file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ShardEntry {
+    /// Path relative to the manifest's folder.
+    pub file: PathBuf,
+    /// Sha-256 of the file.
+    pub sha256: String,
+    /// Size of the file.
+    pub bytes: u64,
+    /// Sha-256 of the collection spec; (spec, index) determines the shard.
+    pub spec_sha256: String,
+    /// Index within that spec.
+    pub index: u64,
+    /// Frames in it.
+    pub frames: u64,
+    /// Trajectories in it.
+    pub episodes: u64,
+    /// Trajectories dropped because the simulator broke (reset itself, NaN, implausible).
+    pub dropped_broken: u64,
+    /// Trajectories dropped because fewer than 51 frames were left.
+    pub dropped_short: u64,
+}
+
+/// Which side of the train/test split a trajectory is on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Part {
+    /// Learned from.
+    Train,
+    /// Held out.
+    Test,
+}
+
+/// One trajectory: consecutive frames without a reset.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Episode {
+    /// Position in [`Manifest::shards`].
+    pub shard: usize,
+    /// First frame in the shard.
+    pub start: u64,
+    /// Frames.
+    pub length: u64,
+    /// Who acted.
+    pub agent: String,
+    /// Environment steps that agent had been trained for.
+    pub snapshot_step: u64,
+    /// Seed of this trajectory's own draws (below 2^53).
+    pub seed: u64,
+    /// Side of a fixed split; none until a split is made.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub part: Option<Part>,
+}
+
+/// Sums over all trajectories listed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Totals {
+    /// Shards.
+    pub shards: u64,
+    /// Trajectories.
+    pub episodes: u64,
+    /// Frames (= transitions).
+    pub frames: u64,
+    /// Trajectories that were dropped because the simulator broke.
+    pub dropped_broken: u64,
+    /// Trajectories that were dropped because they were too short for a window.
+    pub dropped_short: u64,
+}
+
+/// What was done to the list of trajectories after collection.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "op", rename_all = "kebab-case", deny_unknown_fields)]
+pub enum View {
+    /// Part of each trajectory was fixed.
+    Split {
+        /// Seed of the split.
+        seed: u64,
+        /// Share held out.
+        test_share: f64,
+    },
+    /// Only one part was kept.
+    Only {
+        /// The part.
+        part: Part,
+    },
+    /// Every k-th trajectory was kept.
+    Shrink {
+        /// k.
+        k: u64,
+    },
+    /// A share of the train trajectories was replaced by copies.
+    Corrupt {
+        /// The share.
+        share: f64,
+        /// A fresh source for every slot instead of one for all.
+        per_slot: bool,
+        /// Seed of the choice.
+        seed: u64,
+    },
+    /// Several datasets were joined.
+    Merge {
+        /// How many.
+        inputs: u64,
+        /// Whether every agent was cut to an equal number of frames.
+        equal: bool,
+    },
+}
+
+/// The whole manifest.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Manifest {
+    /// [`FORMAT`].
+    pub format: String,
+    /// The robot.
+    pub robot: Robot,
+    /// The clock.
+    pub physics: Physics,
+    /// Frames a second.
+    pub fps: u32,
+    /// How `ctrl` is stored: always `scaled`, the action in [-1, 1].
+    pub ctrl: String,
+    /// Collection specs by their sha256, as the collector wrote them.
+    pub specs: BTreeMap<String, serde_json::Value>,
+    /// What was done to the list of trajectories, in order.
+    pub views: Vec<View>,
+    /// Sums.
+    pub totals: Totals,
+    /// Hygiene and spread, computed from the frames listed.
+    pub statistics: Statistics,
+    /// Shard files.
+    pub shards: Vec<ShardEntry>,
+    /// Trajectories, in reading order.
+    pub episodes: Vec<Episode>,
+}
+
+impl Manifest {
+    /// An empty manifest for this robot.
+    pub fn new(robot: Robot) -> Self {
+        Manifest {
+            format: FORMAT.to_owned(),
+            robot,
+            physics: Physics::default(),
+            fps: FPS,
+            ctrl: "scaled".to_owned(),
+            specs: BTreeMap::new(),
+            views: Vec::new(),
+            totals: Totals::default(),
+            statistics: Statistics::default(),
+            shards: Vec::new(),
+            episodes: Vec::new(),
+        }
+    }
+
+    /// Where the manifest of the dataset at `path` lies (a folder or the file itself).
+    pub fn path_of(path: &Path) -> PathBuf {
+        if path.is_dir() { path.join(FILE) } else { path.to_owned() }
+    }
+
+    /// Reads and checks a manifest; shards are not touched.
+    ///
+    /// # Errors
+    /// [`Error::File`], [`Error::ManifestText`], [`Error::Manifest`].
+    pub fn load(path: &Path) -> Result<Self, Error> {
+        let path = Self::path_of(path);
+        let bytes = fsio::read_capped(&path, limits::MANIFEST_BYTES)?;
+        let manifest: Manifest =
+            serde_json::from_slice(&bytes).map_err(|e| Error::ManifestText {
+                message: strip_position(&e.to_string()),
+                line: e.line(),
+                column: e.column(),
+                path: path.clone(),
+            })?;
+        manifest.check().map_err(|message| Error::Manifest { message, path })?;
+        Ok(manifest)
+    }
+
+    /// Writes `dir/manifest.json` atomically.
+    ///
+    /// # Errors
+    /// [`Error::File`].
+    pub fn save(&self, dir: &Path) -> Result<(), Error> {
+        Ok(fsio::write_atomic(&dir.join(FILE), self.text().as_bytes())?)
+    }
+
+    /// Recomputes [`Manifest::totals`] from the lists. Dropped counts are those of the
+    /// shards still referred to.
+    pub fn count(&mut self) {
+        self.totals = Totals {
+            shards: self.shards.len() as u64,
+            episodes: self.episodes.len() as u64,
+            frames: self.episodes.iter().map(|e| e.length).sum(),
+            dropped_broken: self.shards.iter().map(|s| s.dropped_broken).sum(),
+            dropped_short: self.shards.iter().map(|s| s.dropped_short).sum(),
+        };
+    }
+
+    /// State dimension S.
+    pub fn qpos_dim(&self) -> usize {
+        self.robot.joints.len()
+    }
+
+    /// Action dimension A.
+    pub fn ctrl_dim(&self) -> usize {
+        self.robot.actuators.len()
+    }
+
+    /// Sha-256 of the canonical text: what a model card records as its data.
+    pub fn sha256(&self) -> String {
+        fsio::sha256_hex(self.text().as_bytes())
+    }
+
+    fn text(&self) -> String {
+        // Serialising plain data of this type cannot fail; an empty text would not load.
+        let head = Manifest { shards: Vec::new(), episodes: Vec::new(), ..self.clone() };
+        let head = serde_json::to_string_pretty(&head).unwrap_or_default();
+        head.replacen("\"shards\": []", &list("shards", &self.shards), 1).replacen(
+            "\"episodes\": []",
+            &list("episodes", &self.episodes),
+            1,
+        ) + "\n"
+    }
+
+    fn check(&self) -> Result<(), String> {
+        if self.format != FORMAT {
+            return Err(format!("format is \"{}\", this version reads \"{FORMAT}\"", self.format));
+        }
+        let (s, a) = (self.qpos_dim(), self.ctrl_dim());
+        if s == 0 || s > limits::JOINTS || a == 0 || a > limits::JOINTS {
+            return Err(format!("{s} joints and {a} actuators; 1 to {} allowed", limits::JOINTS));
+        }
+        if self.robot.units.len() != s || self.robot.ranges.len() != s {
+            return Err("robot.units and robot.ranges need one entry per joint".to_owned());
+        }
+        if self.robot.ctrlranges.len() != a {
+            return Err("robot.ctrlranges needs one entry per actuator".to_owned());
+        }
+        if self.ctrl != "scaled" {
+            return Err(format!("ctrl is \"{}\", only \"scaled\" is known", self.ctrl));
+        }
+        if self.fps != FPS || self.physics != Physics::default() {
+            return Err(format!(
+                "recorded at {} Hz with {} steps of {} s; only {FPS} Hz with {SUBSTEPS} steps of {SIM_DT} s is supported",
+                self.fps, self.physics.substeps, self.physics.sim_dt_secs
+            ));
+        }
+        if self.shards.len() > limits::SHARDS || self.episodes.len() > limits::EPISODES {
+            return Err(format!(
+                "{} shards and {} trajectories are more than the {} and {} that are read",
+                self.shards.len(),
+                self.episodes.len(),
+                limits::SHARDS,
+                limits::EPISODES
+            ));
+        }
+        for (i, e) in self.episodes.iter().enumerate() {
+            let Some(shard) = self.shards.get(e.shard) else {
+                return Err(format!(
+                    "episodes[{i}].shard is {}, but there are {} shards",
+                    e.shard,
+                    self.shards.len()
+                ));
+            };
+            if e.length == 0 || e.start.checked_add(e.length).is_none_or(|end| end > shard.frames) {
+                return Err(format!(
+                    "episodes[{i}] covers frames {}+{} of a shard with {}",
+                    e.start, e.length, shard.frames
+                ));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// `"name": [` with one compact element a line.
+fn list<T: Serialize>(name: &str, items: &[T]) -> String {
+    let lines: Vec<String> = items
+        .iter()
+        .map(|i| format!("    {}", serde_json::to_string(i).unwrap_or_default()))
+        .collect();
+    if lines.is_empty() {
+        return format!("\"{name}\": []");
+    }
+    format!("\"{name}\": [\n{}\n  ]", lines.join(",\n"))
+}
+
+/// `serde_json` repeats the position at the end of its message; the error shows it first.
+fn strip_position(message: &str) -> String {
+    message.rsplit_once(" at line ").map_or(message, |(m, _)| m).to_owned()
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+
+    /// A two-joint robot for tests.
+    pub(crate) fn robot() -> Robot {
+        Robot {
+            id: "two".to_owned(),
+            model_sha256: "0".repeat(64),
+            joints: vec!["a".to_owned(), "b".to_owned()],
+            units: vec![Unit::Rad; 2],
+            ranges: vec![Some([-1.0, 1.0]), None],
+            near_limit: 0.1,
+            actuators: vec!["u".to_owned()],
+            ctrlranges: vec![[-3.0, 3.0]],
+        }
+    }
+
+    #[test]
+    fn text_round_trips_and_is_line_wise() {
+        let mut m = Manifest::new(robot());
+        m.shards.push(ShardEntry {
+            file: "shards/a.safetensors".into(),
+            sha256: "ab".to_owned(),
+            bytes: 10,
+            spec_sha256: "cd".to_owned(),
+            index: 3,
+            frames: 60,
+            episodes: 1,
+            dropped_broken: 2,
+            dropped_short: 0,
+        });
+        m.episodes.push(Episode {
+            shard: 0,
+            start: 0,
+            length: 60,
+            agent: "noise".to_owned(),
+            snapshot_step: 0,
+            seed: (1 << 53) - 1,
+            part: None,
+        });
+        m.count();
+        let dir = tempfile::tempdir().unwrap();
+        m.save(dir.path()).unwrap();
+        assert_eq!(Manifest::load(dir.path()).unwrap(), m);
+        let text = std::fs::read_to_string(dir.path().join(FILE)).unwrap();
+        assert_eq!(text.lines().filter(|l| l.contains("snapshot_step")).count(), 1);
+        assert!(text.ends_with("]\n}\n"), "{text}");
+    }
+
+    #[test]
+    fn errors_name_the_place() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join(FILE);
+        std::fs::write(&path, "{\n  \"format\": 3\n}").unwrap();
+        let e = Manifest::load(dir.path()).unwrap_err().to_string();
+        assert!(e.contains("manifest.json:2:13"), "{e}");
+        let mut m = Manifest::new(robot());
+        m.fps = 50;
+        m.save(dir.path()).unwrap();
+        let e = Manifest::load(dir.path()).unwrap_err().to_string();
+        assert!(e.contains("50 Hz"), "{e}");
+        m.fps = 20;
+        m.format = "robert-dataset/2".to_owned();
+        m.save(dir.path()).unwrap();
+        assert!(Manifest::load(dir.path()).is_err());
+    }
+}

@@ -1,0 +1,227 @@
+//! Figures over frames: what a normaliser needs and what tells good data from bad.
+//!
+//! All sums run in f64 in trajectory order on one thread, so the bits do not depend on the
+//! machine. At 3 M frames of 22 joints that is a fraction of a second.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use super::coverage::Coverage;
+use super::manifest::Robot;
+use super::open::Dataset;
+
+/// An action beyond this share of its range counts as saturated.
+const SATURATED: f32 = 0.999;
+
+/// Mean and standard deviation of each column.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Moments {
+    /// Mean.
+    pub mean: Vec<f64>,
+    /// Standard deviation (population), never below 1e-8.
+    pub std: Vec<f64>,
+}
+
+/// Running sums of one column set.
+#[derive(Clone, Debug)]
+struct Sums {
+    count: u64,
+    shift: Vec<f64>,
+    sum: Vec<f64>,
+    square: Vec<f64>,
+}
+
+impl Sums {
+    fn new(dim: usize) -> Self {
+        Sums { count: 0, shift: vec![0.0; dim], sum: vec![0.0; dim], square: vec![0.0; dim] }
+    }
+
+    /// Adds a row. Sums are taken about the first row: E[x^2] - E[x]^2 would cancel for a
+    /// column that hardly moves.
+    fn add(&mut self, row: impl Iterator<Item = f64>) {
+        if self.count == 0 {
+            self.shift = row.collect();
+            self.count = 1;
+            return;
+        }
+        self.count += 1;
+        for (((x, c), s), q) in row.zip(&self.shift).zip(&mut self.sum).zip(&mut self.square) {
+            let d = x - c;
+            *s += d;
+            *q += d * d;
+        }
+    }
+
+    fn moments(&self) -> Moments {
+        let n = self.count.max(1) as f64;
+        let mean = self.shift.iter().zip(&self.sum).map(|(c, s)| c + s / n).collect();
+        let spread = |(s, q): (&f64, &f64)| (q / n - (s / n) * (s / n)).max(0.0).sqrt().max(1e-8);
+        Moments { mean, std: self.sum.iter().zip(&self.square).map(spread).collect() }
+    }
+}
+
+/// What a network needs to see numbers of order one.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Normaliser {
+    /// s_t, (S).
+    pub qpos: Moments,
+    /// s_t - s_{t-1}, (S).
+    pub d1: Moments,
+    /// s_{t+1} - 2 s_t + s_{t-1}, (S).
+    pub d2: Moments,
+    /// a_t in [-1, 1], (A).
+    pub ctrl: Moments,
+}
+
+impl Normaliser {
+    /// Fits on the trajectories at these positions (use the train part only). Differences
+    /// never cross a trajectory's end.
+    pub fn fit(data: &Dataset, episodes: &[usize]) -> Self {
+        let (s, a) = (data.manifest().qpos_dim(), data.manifest().ctrl_dim());
+        let (mut q0, mut q1, mut q2, mut u) =
+            (Sums::new(s), Sums::new(s), Sums::new(s), Sums::new(a));
+        for e in episodes.iter().filter_map(|&i| data.episodes().get(i)) {
+            let (qpos, _, ctrl) = data.frames(e);
+            ctrl.chunks_exact(a).for_each(|row| u.add(row.iter().map(|&x| f64::from(x))));
+            let (mut last, mut before): (Option<&[f32]>, Option<&[f32]>) = (None, None);
+            for row in qpos.chunks_exact(s) {
+                q0.add(row.iter().map(|&x| f64::from(x)));
+                if let Some(l) = last {
+                    q1.add(row.iter().zip(l).map(|(&x, &y)| f64::from(x) - f64::from(y)));
+                    if let Some(b) = before {
+                        q2.add(row.iter().zip(l).zip(b).map(|((&x, &y), &z)| {
+                            f64::from(x) - 2.0 * f64::from(y) + f64::from(z)
+                        }));
+                    }
+                }
+                (last, before) = (Some(row), last);
+            }
+        }
+        Normaliser { qpos: q0.moments(), d1: q1.moments(), d2: q2.moments(), ctrl: u.moments() }
+    }
+}
+
+/// Hygiene and spread of the frames that a manifest lists.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Statistics {
+    /// Share of frames with this joint near a stop, (S). There the torque cannot be read
+    /// from positions: the main poison of inverse-dynamics data.
+    pub near_limit: Vec<f64>,
+    /// Share of frames with any joint near a stop.
+    pub near_limit_any: f64,
+    /// Share of frames with this action saturated, (A).
+    pub saturated: Vec<f64>,
+    /// Share of frames in which the robot touches itself.
+    pub self_contact: f64,
+    /// Mean of each joint, (S).
+    pub qpos_mean: Vec<f64>,
+    /// Standard deviation, (S).
+    pub qpos_std: Vec<f64>,
+    /// Smallest, (S).
+    pub qpos_min: Vec<f64>,
+    /// Largest, (S).
+    pub qpos_max: Vec<f64>,
+    /// Standard deviation of velocity, (S).
+    pub qvel_std: Vec<f64>,
+    /// Mean share of coarse cells visited ([`Coverage`]).
+    pub coverage: f64,
+    /// Frames by agent.
+    pub agents: BTreeMap<String, u64>,
+    /// Trajectories by snapshot step.
+    pub snapshots: BTreeMap<u64, u64>,
+}
+
+impl Statistics {
+    /// Scans all listed frames once.
+    pub fn compute(data: &Dataset) -> Self {
+        let m = data.manifest();
+        let (s, a) = (m.qpos_dim(), m.ctrl_dim());
+        let mut out = Statistics {
+            near_limit: vec![0.0; s],
+            saturated: vec![0.0; a],
+            qpos_min: vec![f64::INFINITY; s],
+            qpos_max: vec![f64::NEG_INFINITY; s],
+            ..Statistics::default()
+        };
+        let (mut position, mut velocity) = (Sums::new(s), Sums::new(s));
+        let mut coverage = Coverage::new(&m.robot);
+        let mut frames = 0_u64;
+        for e in data.episodes() {
+            let (qpos, qvel, ctrl) = data.frames(e);
+            frames += e.length;
+            *out.agents.entry(e.agent.clone()).or_default() += e.length;
+            *out.snapshots.entry(e.snapshot_step).or_default() += 1;
+            for (row, speed) in qpos.chunks_exact(s).zip(qvel.chunks_exact(s)) {
+                position.add(row.iter().map(|&x| f64::from(x)));
+                velocity.add(speed.iter().map(|&x| f64::from(x)));
+                coverage.add(row, speed);
+                let mut any = false;
+                for (j, &x) in row.iter().enumerate() {
+                    let x = f64::from(x);
+                    let near = is_near_limit(&m.robot, j, x);
+                    any |= near;
+                    bump(&mut out.near_limit, j, near);
+                    if let (Some(lo), Some(hi)) = (out.qpos_min.get_mut(j), out.qpos_max.get_mut(j))
+                    {
+                        (*lo, *hi) = (lo.min(x), hi.max(x));
+                    }
+                }
+                out.near_limit_any += f64::from(u8::from(any));
+            }
+            for row in ctrl.chunks_exact(a) {
+                for (k, u) in row.iter().enumerate() {
+                    bump(&mut out.saturated, k, u.abs() >= SATURATED);
+                }
+            }
+            out.self_contact += data.self_contact(e).iter().map(|&c| f64::from(c)).sum::<f64>();
+        }
+        let n = frames.max(1) as f64;
+        out.near_limit.iter_mut().chain(&mut out.saturated).for_each(|x| *x /= n);
+        out.near_limit_any /= n;
+        out.self_contact /= n;
+        if frames == 0 {
+            // JSON has no infinity.
+            out.qpos_min.fill(0.0);
+            out.qpos_max.fill(0.0);
+        }
+        let Moments { mean, std } = position.moments();
+        (out.qpos_mean, out.qpos_std) = (mean, std);
+        out.qvel_std = velocity.moments().std;
+        out.coverage = coverage.share();
+        out
+    }
+}
+
+/// Whether joint `j` at `x` is within the robot's threshold of a stop.
+fn is_near_limit(robot: &Robot, j: usize, x: f64) -> bool {
+    match robot.ranges.get(j) {
+        Some(Some([lo, hi])) => x < lo + robot.near_limit || x > hi - robot.near_limit,
+        _ => false,
+    }
+}
+
+fn bump(counts: &mut [f64], at: usize, hit: bool) {
+    if let Some(c) = counts.get_mut(at).filter(|_| hit) {
+        *c += 1.0;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn moments_survive_a_large_mean() {
+        let mut s = Sums::new(1);
+        for x in [1e9, 1e9 + 1.0, 1e9 + 2.0] {
+            s.add(std::iter::once(x));
+        }
+        let m = s.moments();
+        assert_eq!(m.mean, [1e9 + 1.0]);
+        assert!((m.std[0] - (2.0_f64 / 3.0).sqrt()).abs() < 1e-12, "{m:?}");
+    }
+}

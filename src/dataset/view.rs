@@ -1,0 +1,457 @@
+//! Views: other lists of trajectories over the same shard files.
+//!
+//! A trajectory keeps its identity (shard hash, first frame) through every view, and the
+//! split is a ranking of those identities. So copies made by [`corrupt`] stay on their
+//! original's side, and nothing held out leaks into training.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Component, Path, PathBuf};
+
+use super::error::Error;
+use super::manifest::{Episode, Manifest, Part, ShardEntry, View};
+use super::open::{Dataset, Verify};
+use crate::fsio;
+use crate::rng::{Rng, Stream, draw};
+
+/// Share held out when nothing else is asked for (the paper's 95/5).
+pub(super) const TEST_SHARE: f64 = 0.05;
+
+/// Identity of a trajectory: shard sha256 and first frame.
+type Identity = (String, u64);
+
+fn identity(m: &Manifest, e: &Episode) -> Identity {
+    (m.shards.get(e.shard).map_or(String::new(), |s| s.sha256.clone()), e.start)
+}
+
+/// Fixes the part of each trajectory: `test_share` of the distinct trajectories (at least
+/// one if there are two) are held out, ranked by a draw of `seed` and their identity.
+///
+/// # Errors
+/// [`Error::Argument`] unless 0 < `test_share` < 1.
+pub fn split(m: &mut Manifest, seed: u64, test_share: f64) -> Result<(), Error> {
+    if !(test_share > 0.0 && test_share < 1.0) {
+        return Err(Error::Argument {
+            name: "test share",
+            must: "between 0 and 1",
+            got: test_share.to_string(),
+        });
+    }
+    let test = held_out(m, seed, test_share);
+    let parts: Vec<Part> = m
+        .episodes
+        .iter()
+        .map(|e| if test.contains(&identity(m, e)) { Part::Test } else { Part::Train })
+        .collect();
+    for (e, part) in m.episodes.iter_mut().zip(parts) {
+        e.part = Some(part);
+    }
+    m.views.push(View::Split { seed, test_share });
+    Ok(())
+}
+
+fn held_out(m: &Manifest, seed: u64, test_share: f64) -> BTreeSet<Identity> {
+    let distinct: BTreeSet<Identity> = m.episodes.iter().map(|e| identity(m, e)).collect();
+    let count = match distinct.len() {
+        0 | 1 => 0,
+        n => ((n as f64 * test_share).round() as usize).clamp(1, n - 1),
+    };
+    let mut ranked: Vec<(u64, Identity)> = distinct
+        .into_iter()
+        .map(|id| {
+            // The first 16 hex digits of the shard's hash stand for the shard.
+            let shard = id.0.get(..16).and_then(|h| u64::from_str_radix(h, 16).ok()).unwrap_or(0);
+            (draw(seed ^ shard, Stream::Split, id.1), id)
+        })
+        .collect();
+    ranked.sort();
+    ranked.into_iter().take(count).map(|(_, id)| id).collect()
+}
+
+/// Positions of the trajectories of one part; a fixed split wins over `seed`.
+pub(super) fn part(m: &Manifest, part: Part, seed: u64) -> Vec<usize> {
+    let test = if m.episodes.iter().any(|e| e.part.is_some()) {
+        None
+    } else {
+        Some(held_out(m, seed, TEST_SHARE))
+    };
+    let side = |e: &Episode| match (&test, e.part) {
+        (_, Some(p)) => p,
+        (Some(t), None) if t.contains(&identity(m, e)) => Part::Test,
+        _ => Part::Train,
+    };
+    m.episodes.iter().enumerate().filter(|(_, e)| side(e) == part).map(|(i, _)| i).collect()
+}
+
+/// Keeps every k-th trajectory (the first of each k). Once a split is fixed, only the train
+/// part shrinks, so that all sizes are judged on the same held-out trajectories.
+///
+/// # Errors
+/// [`Error::Argument`] for k = 0.
+pub fn shrink(m: &mut Manifest, k: u64) -> Result<(), Error> {
+    if k == 0 {
+        return Err(Error::Argument { name: "K", must: "1 or more", got: k.to_string() });
+    }
+    let mut at = 0_u64;
+    m.episodes.retain(|e| {
+        if e.part == Some(Part::Test) {
+            return true;
+        }
+        at += 1;
+        (at - 1) % k == 0
+    });
+    m.views.push(View::Shrink { k });
+    drop_unused_shards(m);
+    Ok(())
+}
+
+/// How to corrupt a dataset.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Corruption {
+    /// Share of the train trajectories to overwrite, 0 to 1.
+    pub share: f64,
+    /// Pick a fresh source for every slot (the paper's wording allows both readings).
+    pub per_slot: bool,
+    /// Seed of the choice, and of the split if none is fixed yet.
+    pub seed: u64,
+}
+
+/// Replaces a share of the train trajectories by copies of one randomly picked train
+/// trajectory. The split is fixed first if it was not.
+///
+/// # Errors
+/// [`Error::Argument`] unless 0 <= share <= 1.
+pub fn corrupt(m: &mut Manifest, how: Corruption) -> Result<(), Error> {
+    let Corruption { share, per_slot, seed } = how;
+    if !(0.0..=1.0).contains(&share) {
+        return Err(Error::Argument { name: "P", must: "0 to 1", got: share.to_string() });
+    }
+    if m.episodes.iter().all(|e| e.part.is_none()) {
+        split(m, seed, TEST_SHARE)?;
+    }
+    let train = part(m, Part::Train, seed);
+    let mut rng = Rng::new(seed, Stream::Corrupt, 0);
+    let source = |rng: &mut Rng| {
+        train.get(rng.below(train.len() as u64) as usize).and_then(|&i| m.episodes.get(i)).cloned()
+    };
+    let one = source(&mut rng);
+    let slots = rng.subset((share * train.len() as f64).round() as usize, train.len());
+    let copies: Vec<(usize, Episode)> = slots
+        .into_iter()
+        .filter_map(|slot| {
+            let copy = if per_slot { source(&mut rng) } else { one.clone() };
+            Some((*train.get(slot)?, copy?))
+        })
+        .collect();
+    for (slot, copy) in copies {
+        if let Some(e) = m.episodes.get_mut(slot) {
+            *e = copy;
+        }
+    }
+    m.views.push(View::Corrupt { share, per_slot, seed });
+    drop_unused_shards(m);
+    Ok(())
+}
+
+/// Joins datasets of the same robot; the result does not depend on their order. All shards
+/// are verified first. With `equal`, every agent is cut to the frames of the smallest.
+/// Shard paths of the result are relative to `out`.
+///
+/// # Errors
+/// [`Error::Mismatch`], [`Error::Incomplete`] or [`Error::Shard`] naming what to make again,
+/// [`Error::Manifest`] when two inputs list the same trajectory.
+pub fn merge(inputs: &[PathBuf], out: &Path, equal: bool) -> Result<Manifest, Error> {
+    let mut merged: Option<Manifest> = None;
+    let mut shards: BTreeMap<(String, u64, String), ShardEntry> = BTreeMap::new();
+    let mut episodes: BTreeMap<((String, u64, String), u64), Vec<Episode>> = BTreeMap::new();
+    for input in inputs {
+        let data = Dataset::open(input, Verify::Full)?;
+        let mut m = data.manifest().clone();
+        rebase(&mut m, &Manifest::path_of(input), out)?;
+        for e in &m.episodes {
+            let Some(s) = m.shards.get(e.shard) else { continue };
+            let key = (s.spec_sha256.clone(), s.index, s.sha256.clone());
+            episodes.entry((key, e.start)).or_default().push(e.clone());
+        }
+        for s in m.shards.drain(..) {
+            shards.entry((s.spec_sha256.clone(), s.index, s.sha256.clone())).or_insert(s);
+        }
+        match &mut merged {
+            None => {
+                m.episodes.clear();
+                merged = Some(m);
+            }
+            Some(first) => {
+                same(first, &m, input)?;
+                first.specs.append(&mut m.specs);
+            }
+        }
+        let repeated =
+            episodes.iter().find(|(_, e)| e.len() > 1 && data.manifest().views.is_empty());
+        if let Some(((key, start), _)) = repeated {
+            return Err(Error::Manifest {
+                message: format!(
+                    "the trajectory at frame {start} of shard {} is in two inputs; merge each dataset once",
+                    key.1
+                ),
+                path: Manifest::path_of(input),
+            });
+        }
+    }
+    let Some(mut m) = merged else {
+        return Err(Error::Argument {
+            name: "datasets",
+            must: "one or more",
+            got: "none".to_owned(),
+        });
+    };
+    let position: BTreeMap<_, usize> = shards.keys().cloned().zip(0..).collect();
+    m.shards = shards.into_values().collect();
+    m.episodes = episodes
+        .into_iter()
+        .flat_map(|((key, _), list)| {
+            let shard = position.get(&key).copied().unwrap_or(0);
+            list.into_iter().map(move |e| Episode { shard, ..e })
+        })
+        .collect();
+    m.views = vec![View::Merge { inputs: inputs.len() as u64, equal }];
+    if equal {
+        level(&mut m);
+    }
+    drop_unused_shards(&mut m);
+    Ok(m)
+}
+
+/// Cuts every agent to the frames of the smallest, trajectories spread evenly over what the
+/// agent had (so that early and late snapshots stay).
+fn level(m: &mut Manifest) {
+    let mut lists: BTreeMap<&str, Vec<usize>> = BTreeMap::new();
+    for (i, e) in m.episodes.iter().enumerate() {
+        lists.entry(&e.agent).or_default().push(i);
+    }
+    let length = |i: &usize| m.episodes.get(*i).map_or(0, |e| e.length);
+    let smallest = lists.values().map(|l| l.iter().map(length).sum::<u64>()).min().unwrap_or(0);
+    let mut keep = BTreeSet::new();
+    for list in lists.values() {
+        let all: u64 = list.iter().map(length).sum();
+        let (mut seen, mut kept) = (0_u64, 0_u64);
+        for &i in list {
+            // As Bresenham draws a line: keep a trajectory whenever the kept frames would
+            // otherwise fall behind their share by more than half of it.
+            seen += length(&i);
+            let want = u128::from(seen) * u128::from(smallest) / u128::from(all.max(1));
+            if u128::from(kept + length(&i) / 2) <= want {
+                kept += length(&i);
+                keep.insert(i);
+            }
+        }
+    }
+    let mut at = 0;
+    m.episodes.retain(|_| {
+        at += 1;
+        keep.contains(&(at - 1))
+    });
+}
+
+fn same(a: &Manifest, b: &Manifest, path: &Path) -> Result<(), Error> {
+    let differ = |field, left: &dyn ToString, right: &dyn ToString| {
+        Err(Error::Mismatch {
+            field,
+            left: left.to_string(),
+            right: right.to_string(),
+            path: Manifest::path_of(path),
+        })
+    };
+    if a.robot.id != b.robot.id {
+        return differ("robot", &a.robot.id, &b.robot.id);
+    }
+    if a.robot.model_sha256 != b.robot.model_sha256 {
+        return differ("robot model", &a.robot.model_sha256, &b.robot.model_sha256);
+    }
+    if a.robot != b.robot {
+        return differ("robot description", &format!("{:?}", a.robot), &format!("{:?}", b.robot));
+    }
+    Ok(())
+}
+
+/// Rewrites shard paths so that they are relative to the folder `out` (made if needed)
+/// instead of the folder of the manifest `from`.
+///
+/// # Errors
+/// [`Error::File`] when a folder cannot be resolved.
+pub fn rebase(m: &mut Manifest, from: &Path, out: &Path) -> Result<(), Error> {
+    let real = |p: &Path| {
+        let p = if p.as_os_str().is_empty() { Path::new(".") } else { p };
+        p.canonicalize().map_err(|source| fsio::Error::Read { source, path: p.to_owned() })
+    };
+    std::fs::create_dir_all(out)
+        .map_err(|source| fsio::Error::Write { source, path: out.to_owned() })?;
+    let from = real(from.parent().unwrap_or(Path::new(".")))?;
+    let out = real(out)?;
+    for s in &mut m.shards {
+        s.file = relative(&from.join(&s.file), &out);
+    }
+    Ok(())
+}
+
+/// `path` as seen from `base`; both absolute.
+fn relative(path: &Path, base: &Path) -> PathBuf {
+    let mut clean = PathBuf::new();
+    for c in path.components() {
+        match c {
+            Component::ParentDir => {
+                clean.pop();
+            }
+            Component::CurDir => {}
+            c => clean.push(c),
+        }
+    }
+    let common = clean.components().zip(base.components()).take_while(|(a, b)| a == b).count();
+    let mut out = PathBuf::new();
+    base.components().skip(common).for_each(|_| out.push(".."));
+    clean.components().skip(common).for_each(|c| out.push(c));
+    out
+}
+
+/// Drops shards that no trajectory refers to and recounts.
+pub(super) fn drop_unused_shards(m: &mut Manifest) {
+    let used: BTreeSet<usize> = m.episodes.iter().map(|e| e.shard).collect();
+    let new: BTreeMap<usize, usize> = used.iter().copied().zip(0..).collect();
+    let mut at = 0;
+    m.shards.retain(|_| {
+        at += 1;
+        used.contains(&(at - 1))
+    });
+    for e in &mut m.episodes {
+        e.shard = new.get(&e.shard).copied().unwrap_or(0);
+    }
+    m.count();
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::super::manifest::tests::robot;
+    use super::super::shard::ShardBuilder;
+    use super::super::shard::tests::push;
+    use super::*;
+
+    /// A dataset of `n` trajectories of 60-90 frames in two shards, by agents "a" and "b".
+    pub(crate) fn dataset(dir: &Path, n: u64, spec: u64) -> Manifest {
+        let mut m = Manifest::new(robot());
+        for half in 0..2 {
+            let mut b = ShardBuilder::new(&m.robot, &format!("spec{spec}"), half);
+            for i in (half * n / 2)..((half + 1) * n / 2) {
+                let agent = if half == 0 { "a" } else { "b" };
+                push(&mut b, agent, spec * 1000 + i, 60 + (i % 31) as usize);
+            }
+            let file = PathBuf::from(format!("shards/{spec}-{half}.safetensors"));
+            let entry = b.write(dir, &file).unwrap();
+            let shard = super::super::shard::Shard::open(&dir.join(&file), 2, 1, Some(entry.bytes))
+                .unwrap();
+            for (start, length, meta) in shard.episodes() {
+                m.episodes.push(Episode {
+                    shard: half as usize,
+                    start,
+                    length,
+                    agent: meta.agent,
+                    snapshot_step: meta.snapshot_step,
+                    seed: meta.seed,
+                    part: None,
+                });
+            }
+            m.shards.push(entry);
+        }
+        m.count();
+        m.save(dir).unwrap();
+        m
+    }
+
+    #[test]
+    fn split_is_by_trajectory_and_seed() {
+        let dir = tempfile::tempdir().unwrap();
+        let m = dataset(dir.path(), 200, 1);
+        let (train, test) = (part(&m, Part::Train, 1), part(&m, Part::Test, 1));
+        assert_eq!((train.len(), test.len()), (190, 10));
+        assert!(train.iter().all(|i| !test.contains(i)));
+        assert_ne!(test, part(&m, Part::Test, 2));
+        let mut fixed = m.clone();
+        split(&mut fixed, 1, 0.05).unwrap();
+        assert_eq!(part(&fixed, Part::Test, 99), test);
+    }
+
+    #[test]
+    fn shrink_keeps_every_kth() {
+        let dir = tempfile::tempdir().unwrap();
+        let m = dataset(dir.path(), 20, 1);
+        let mut s = m.clone();
+        shrink(&mut s, 7).unwrap();
+        let seeds: Vec<u64> = s.episodes.iter().map(|e| e.seed).collect();
+        assert_eq!(seeds, [1000, 1007, 1014]);
+        let mut s = m.clone();
+        shrink(&mut s, 12).unwrap();
+        assert_eq!((s.shards.len(), s.episodes.len()), (2, 2));
+        assert!(shrink(&mut s, 0).is_err());
+    }
+
+    #[test]
+    fn corruption_overwrites_train_only() {
+        let dir = tempfile::tempdir().unwrap();
+        let m = dataset(dir.path(), 100, 1);
+        let mut c = m.clone();
+        corrupt(&mut c, Corruption { share: 0.5, per_slot: false, seed: 4 }).unwrap();
+        let mut counts: BTreeMap<u64, usize> = BTreeMap::new();
+        for e in &c.episodes {
+            *counts.entry(e.seed).or_default() += 1;
+        }
+        let most = counts.values().max().copied().unwrap();
+        assert!((47..=49).contains(&most), "{most} copies of round(0.5 * 95) = 48 slots");
+        let test = part(&m, Part::Test, 4);
+        for &i in &test {
+            assert_eq!(c.episodes[i].seed, m.episodes[i].seed);
+            assert_eq!(c.episodes[i].part, Some(Part::Test));
+        }
+        let mut per_slot = m.clone();
+        corrupt(&mut per_slot, Corruption { share: 0.5, per_slot: true, seed: 4 }).unwrap();
+        let distinct: BTreeSet<u64> = per_slot.episodes.iter().map(|e| e.seed).collect();
+        assert!(distinct.len() > counts.len());
+        let mut again = m.clone();
+        corrupt(&mut again, Corruption { share: 0.5, per_slot: false, seed: 4 }).unwrap();
+        assert_eq!(again, c);
+    }
+
+    #[test]
+    fn merge_does_not_depend_on_order() {
+        let dir = tempfile::tempdir().unwrap();
+        let (a, b) = (dir.path().join("a"), dir.path().join("b"));
+        dataset(&a, 20, 1);
+        dataset(&b, 30, 2);
+        let out = dir.path().join("deep/out");
+        let x = merge(&[a.clone(), b.clone()], &out, false).unwrap();
+        let y = merge(&[b.clone(), a.clone()], &out, false).unwrap();
+        assert_eq!(x, y);
+        assert_eq!(x.totals.episodes, 50);
+        x.save(&out).unwrap();
+        assert_eq!(Dataset::open(&out, Verify::Full).unwrap().episodes().len(), 50);
+        assert!(merge(&[a.clone(), a.clone()], &out, false).is_err());
+        std::fs::write(a.join("shards/1-1.safetensors"), b"x").unwrap();
+        let e = merge(&[b, a], &out, false).unwrap_err().to_string();
+        assert!(e.contains("shard 1 has 1 bytes") && e.contains("1-1.safetensors"), "{e}");
+    }
+
+    #[test]
+    fn equal_parts_are_equal() {
+        let dir = tempfile::tempdir().unwrap();
+        let (a, b) = (dir.path().join("a"), dir.path().join("b"));
+        let mut m = dataset(&a, 40, 1);
+        m.episodes.truncate(25);
+        m.views.push(View::Only { part: Part::Train });
+        m.save(&a).unwrap();
+        dataset(&b, 60, 2);
+        let out = merge(&[a, b], &dir.path().join("o"), true).unwrap();
+        let mut frames: BTreeMap<&str, u64> = BTreeMap::new();
+        for e in &out.episodes {
+            *frames.entry(&e.agent).or_default() += e.length;
+        }
+        let (x, y) = (frames["a"] as f64, frames["b"] as f64);
+        assert!((x / y - 1.0).abs() < 0.1, "{frames:?}");
+    }
+}

@@ -1,0 +1,606 @@
+//! The model file: one safetensors file whose header carries a JSON model card.
+//!
+//! safetensors because its loader cannot be made to run code or to read past the file, and
+//! every framework opens it. Foreign files are checked before a number is used: header
+//! size, overlaps and holes, names, shapes, types, finite weights, and that robot, joints
+//! and sizes are the ones asked for.
+
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::path::Path;
+
+use safetensors::tensor::{Dtype, SafeTensors};
+use serde::{Deserialize, Serialize};
+
+use super::config::{COMMAND, HISTORY};
+use super::model::Net;
+use super::params::Layout;
+use super::ridge::Ridge;
+use super::step::Learner;
+use super::tensors::{self, Out};
+use super::token::{Facts, Normaliser, RIDGE_HEADS, TokenConfig, Tokeniser};
+use super::{Encoder, Error, MaskGranularity, NetConfig, SkipKind};
+use crate::{fsio, limits};
+
+/// What stands in `format`.
+pub const FORMAT: &str = "robert-model/1";
+/// Key of the card in the header's metadata.
+const CARD: &str = "robert";
+/// What stands before the names of the optimiser's tensors.
+const STATE: [&str; 3] = ["adam.first.", "adam.second.", "average."];
+
+/// Which robot a model drives.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RobotCard {
+    /// Name of the robot.
+    pub id: String,
+    /// Sha-256 of its MJCF.
+    pub model_sha256: String,
+    /// State joints in order.
+    pub joints: Vec<String>,
+    /// Actuators in order.
+    pub actuators: Vec<String>,
+}
+
+/// The window a model reads.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct WindowCard {
+    /// Frames before the current one.
+    pub history: usize,
+    /// The current frame.
+    pub current: usize,
+    /// Commanded frames.
+    pub command: usize,
+    /// Frames a second.
+    pub rate_hz: u32,
+}
+
+/// The simulation that produced the data.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PhysicsCard {
+    /// Simulator step, s.
+    pub dt: f64,
+    /// Simulator steps in a frame.
+    pub substeps: usize,
+    /// Integrator.
+    pub integrator: String,
+    /// Friction cone.
+    pub cone: String,
+}
+
+/// How it was trained.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TrainingCard {
+    /// Sha-256 of the dataset's manifest.
+    pub dataset_sha256: String,
+    /// Resolved settings.
+    pub config: serde_json::Value,
+    /// Seed.
+    pub seed: u64,
+    /// Steps taken.
+    pub step: u64,
+    /// Precision by suite, where it was measured.
+    pub precision: BTreeMap<String, f64>,
+}
+
+/// Everything about a model but its numbers.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Card {
+    /// [`FORMAT`].
+    pub format: String,
+    /// Robot.
+    pub robot: RobotCard,
+    /// Window.
+    pub window: WindowCard,
+    /// Simulation.
+    pub physics: PhysicsCard,
+    /// Sizes.
+    pub net: NetConfig,
+    /// Features.
+    pub tokens: TokenConfig,
+    /// What a mask may hide; the studio offers per-joint masks by this.
+    pub mask_granularity: MaskGranularity,
+    /// What the features know of the robot.
+    pub facts: Facts,
+    /// Normaliser of the training split.
+    pub normaliser: Normaliser,
+    /// Meaning of the actions.
+    pub action: String,
+    /// Training record.
+    pub training: TrainingCard,
+}
+
+impl Card {
+    /// A card for a network of this process; window, physics and action are the product's.
+    pub fn new(
+        robot: RobotCard,
+        net: NetConfig,
+        tokens: &Tokeniser,
+        normaliser: Normaliser,
+        training: TrainingCard,
+    ) -> Self {
+        Card {
+            format: FORMAT.into(),
+            robot,
+            window: WindowCard {
+                history: HISTORY,
+                current: 1,
+                command: COMMAND,
+                rate_hz: crate::units::FPS,
+            },
+            physics: PhysicsCard {
+                dt: crate::units::SIM_DT,
+                substeps: crate::units::SUBSTEPS,
+                integrator: "Euler".into(),
+                cone: "pyramidal".into(),
+            },
+            net,
+            mask_granularity: tokens.config().granularity,
+            tokens: tokens.config().clone(),
+            facts: tokens.facts().clone(),
+            normaliser,
+            action: "[-1, 1] scaled to ctrlrange".into(),
+            training,
+        }
+    }
+}
+
+/// Moments and step of the optimiser: what resuming needs beyond the weights. Random
+/// numbers and the data cursor are functions of seed and step.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OptimiserState {
+    /// First moment, laid out as the weights.
+    pub first: Vec<f32>,
+    /// Second moment.
+    pub second: Vec<f32>,
+    /// Running average of the weights, where one is kept.
+    pub average: Option<Vec<f32>>,
+    /// Steps applied.
+    pub count: u64,
+}
+
+/// A model read from a file.
+#[derive(Clone, Debug)]
+pub struct Model {
+    /// The card.
+    pub card: Card,
+    /// The network.
+    pub net: Net<f32>,
+    /// Features and linear answer.
+    pub encoder: Encoder,
+    /// Present in training checkpoints.
+    pub optimiser: Option<OptimiserState>,
+}
+
+/// Writes a model, atomically; with `optimiser` it can be resumed exactly.
+///
+/// # Errors
+/// [`Error::Files`], [`Error::File`].
+pub fn save(
+    path: &Path,
+    card: &Card,
+    net: &Net<f32>,
+    ridge: Option<&Ridge>,
+    optimiser: Option<&OptimiserState>,
+) -> Result<(), Error> {
+    let damaged = |why: String| Error::File { why, path: path.to_owned() };
+    let mut all = BTreeMap::new();
+    for t in &net.layout.tensors {
+        let data = &net.weights[t.range.clone()];
+        all.insert(t.name.clone(), Out::new(&t.shape, data));
+        if let Some(state) = optimiser {
+            let average = state.average.as_deref().map(|a| ("average.", a));
+            let moments = [("adam.first.", &state.first[..]), ("adam.second.", &state.second)];
+            for (prefix, moment) in moments.into_iter().chain(average) {
+                let data = moment.get(t.range.clone()).unwrap_or_default();
+                all.insert(format!("{prefix}{}", t.name), Out::new(&t.shape, data));
+            }
+        }
+    }
+    let centres = Out::new(&[net.cfg.bins, net.cfg.actions], &net.centres);
+    all.insert("centres".into(), centres);
+    if let Some(ridge) = ridge {
+        let actions = card.facts.actions;
+        let inputs = ridge.weights().len() / (RIDGE_HEADS * actions).max(1);
+        let shape = [RIDGE_HEADS, inputs, actions];
+        all.insert("ridge".into(), Out::new(&shape, ridge.weights()));
+    }
+    let json = serde_json::to_string(card).map_err(|e| damaged(e.to_string()))?;
+    let mut metadata = BTreeMap::from([(CARD.to_owned(), json)]);
+    if let Some(state) = optimiser {
+        metadata.insert("adam.count".into(), state.count.to_string());
+    }
+    let bytes = tensors::serialise(&all, &metadata).map_err(|e| damaged(e.to_string()))?;
+    Ok(fsio::write_atomic(path, &bytes)?)
+}
+
+/// Reads the card alone, without looking at the numbers.
+///
+/// # Errors
+/// As [`load`].
+pub fn read_card(path: &Path) -> Result<Card, Error> {
+    let bytes = fsio::read_capped(path, limits::TENSOR_FILE_BYTES)?;
+    let damaged = |why: String| Error::File { why, path: path.to_owned() };
+    parse_card(&bytes).map(|(card, _)| card).map_err(damaged)
+}
+
+fn parse_card(bytes: &[u8]) -> Result<(Card, HashMap<String, String>), String> {
+    let length = bytes.get(..8).and_then(|b| b.try_into().ok()).map_or(0, u64::from_le_bytes);
+    if length > limits::TENSOR_HEADER_BYTES {
+        return Err(format!("a header of {length} bytes"));
+    }
+    let (_, header) = SafeTensors::read_metadata(bytes).map_err(|e| e.to_string())?;
+    let metadata = header.metadata().clone().unwrap_or_default();
+    let text = metadata.get(CARD).ok_or("no model card (metadata key \"robert\")")?;
+    let format = serde_json::from_str::<serde_json::Value>(text)
+        .map_err(|e| format!("a model card that is not JSON ({e})"))?;
+    let found = format.get("format").and_then(|f| f.as_str()).unwrap_or("no format").to_owned();
+    if found != FORMAT {
+        return Err(format!("format {found:?} instead of {FORMAT:?}"));
+    }
+    let card = serde_json::from_str(text).map_err(|e| format!("a bad model card: {e}"))?;
+    Ok((card, metadata))
+}
+
+/// Loads a model, checking everything; `robot`, when given, must be the one it was trained
+/// for.
+///
+/// # Errors
+/// [`Error::Files`], [`Error::File`] with the reason, [`Error::Robot`], [`Error::Config`].
+pub fn load(path: &Path, robot: Option<&RobotCard>) -> Result<Model, Error> {
+    let bytes = fsio::read_capped(path, limits::TENSOR_FILE_BYTES)?;
+    parse(&bytes, path, robot)
+}
+
+/// [`load`] from memory; `path` is for messages.
+///
+/// # Errors
+/// As [`load`].
+pub fn parse(bytes: &[u8], path: &Path, robot: Option<&RobotCard>) -> Result<Model, Error> {
+    let damaged = |why: String| Error::File { why, path: path.to_owned() };
+    let (card, metadata) = parse_card(bytes).map_err(damaged)?;
+    if let Some(given) = robot {
+        same_robot(&card.robot, given, path)?;
+    }
+    check_card(&card).map_err(damaged)?;
+    card.net.check()?;
+    let file = SafeTensors::deserialize(bytes).map_err(|e| damaged(e.to_string()))?;
+    let tokens = Tokeniser::new(card.tokens.clone(), card.facts.clone(), &card.normaliser)?;
+
+    let layout = Layout::new(&card.net);
+    let mut known: BTreeSet<&str> = layout.tensors.iter().map(|t| t.name.as_str()).collect();
+    known.insert("centres");
+    let mut weights = super::real::Aligned::<f32>::zeros(layout.len);
+    for t in &layout.tensors {
+        let from = numbers(&file, &t.name, &t.shape).map_err(damaged)?;
+        weights[t.range.clone()].copy_from_slice(&from);
+    }
+    let shape = [card.net.bins, card.net.actions];
+    let centres = numbers(&file, "centres", &shape).map_err(damaged)?;
+    let ridge = if card.net.skip == SkipKind::Off {
+        None
+    } else {
+        known.insert("ridge");
+        let inputs = tokens.ridge_inputs();
+        let shape = [RIDGE_HEADS, inputs, card.net.actions];
+        let w = numbers(&file, "ridge", &shape).map_err(damaged)?;
+        Some(Ridge::new(inputs, card.net.actions, w)?)
+    };
+    let optimiser = read_optimiser(&file, &layout, &metadata).map_err(damaged)?;
+    for name in file.names() {
+        let plain = STATE.iter().find_map(|prefix| name.strip_prefix(prefix));
+        if !known.contains(plain.unwrap_or(name)) {
+            return Err(damaged(format!("an unknown tensor {name:?}")));
+        }
+    }
+    let encoder = Encoder::new(tokens, ridge)?;
+    encoder.check(&card.net)?;
+    let net = Net { cfg: card.net.clone(), layout, weights, centres };
+    Ok(Model { card, net, encoder, optimiser })
+}
+
+fn same_robot(trained: &RobotCard, given: &RobotCard, path: &Path) -> Result<(), Error> {
+    let refuse = |trained: String, given: String| {
+        Err(Error::Robot { trained, given, path: path.to_owned() })
+    };
+    if trained.joints != given.joints {
+        let list = |r: &RobotCard| format!("{} with joints {}", r.id, r.joints.join(", "));
+        return refuse(list(trained), list(given));
+    }
+    if trained.actuators != given.actuators {
+        let list = |r: &RobotCard| format!("{} with actuators {}", r.id, r.actuators.join(", "));
+        return refuse(list(trained), list(given));
+    }
+    if trained.model_sha256 != given.model_sha256 {
+        let short = |r: &RobotCard| {
+            format!("{} (model {})", r.id, r.model_sha256.get(..12).unwrap_or(&r.model_sha256))
+        };
+        return refuse(short(trained), short(given));
+    }
+    Ok(())
+}
+
+fn check_card(card: &Card) -> Result<(), String> {
+    let window = &card.window;
+    if (window.history, window.current, window.command) != (HISTORY, 1, COMMAND) {
+        let (h, c, n) = (window.history, window.current, window.command);
+        return Err(format!(
+            "a window of {h} + {c} + {n} frames instead of {HISTORY} + 1 + {COMMAND}"
+        ));
+    }
+    if window.rate_hz != crate::units::FPS {
+        return Err(format!("{} frames a second instead of {}", window.rate_hz, crate::units::FPS));
+    }
+    if card.robot.joints.len() != card.facts.joints.len() {
+        return Err("joint names and joint facts that disagree in number".into());
+    }
+    if card.robot.actuators.len() != card.facts.actions || card.net.actions != card.facts.actions {
+        return Err("actuator names and action sizes that disagree in number".into());
+    }
+    if card.facts.joints.len() > limits::JOINTS {
+        return Err(format!("{} joints, more than {}", card.facts.joints.len(), limits::JOINTS));
+    }
+    if card.mask_granularity != card.tokens.granularity {
+        return Err("two different mask granularities".into());
+    }
+    Ok(())
+}
+
+/// One tensor, checked: present, f32, this shape, finite.
+fn numbers(file: &SafeTensors<'_>, name: &str, shape: &[usize]) -> Result<Vec<f32>, String> {
+    let t = file.tensor(name).map_err(|_e| format!("no tensor {name:?}"))?;
+    if t.dtype() != Dtype::F32 {
+        return Err(format!("tensor {name:?} of type {:?} instead of F32", t.dtype()));
+    }
+    if t.shape() != shape {
+        return Err(format!("tensor {name:?} of shape {:?} instead of {shape:?}", t.shape()));
+    }
+    let (words, _) = t.data().as_chunks::<4>();
+    let x: Vec<f32> = words.iter().map(|&b| f32::from_le_bytes(b)).collect();
+    match x.iter().position(|x| !x.is_finite()) {
+        Some(i) => Err(format!("tensor {name:?} holding {} at {i}", x[i])),
+        None => Ok(x),
+    }
+}
+
+fn read_optimiser(
+    file: &SafeTensors<'_>,
+    layout: &Layout,
+    metadata: &HashMap<String, String>,
+) -> Result<Option<OptimiserState>, String> {
+    let Some(text) = metadata.get("adam.count") else { return Ok(None) };
+    let count = text.parse().map_err(|_e| format!("an optimiser step {text:?}"))?;
+    let read = |prefix: &str| {
+        let mut all = vec![0.0_f32; layout.len];
+        for t in &layout.tensors {
+            let from = numbers(file, &format!("{prefix}{}", t.name), &t.shape)?;
+            all[t.range.clone()].copy_from_slice(&from);
+        }
+        Ok::<_, String>(all)
+    };
+    let averaged = file.names().iter().any(|n| n.starts_with("average."));
+    Ok(Some(OptimiserState {
+        first: read("adam.first.")?,
+        second: read("adam.second.")?,
+        average: averaged.then(|| read("average.")).transpose()?,
+        count,
+    }))
+}
+
+impl OptimiserState {
+    /// The state of a learner, with the running average if one is kept.
+    pub fn of(learner: &Learner<f32>, average: Option<&[f32]>) -> Self {
+        OptimiserState {
+            first: learner.first.to_vec(),
+            second: learner.second.to_vec(),
+            average: average.map(<[f32]>::to_vec),
+            count: learner.count,
+        }
+    }
+
+    /// Puts the state into a learner whose network came from the same file.
+    ///
+    /// # Errors
+    /// [`Error::Shape`].
+    pub fn restore(&self, learner: &mut Learner<f32>) -> Result<(), Error> {
+        let want = learner.first.len();
+        if self.first.len() != want || self.second.len() != want {
+            return Err(Error::Shape { what: "optimiser state", want, got: self.first.len() });
+        }
+        learner.first.copy_from_slice(&self.first);
+        learner.second.copy_from_slice(&self.second);
+        learner.count = self.count;
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::net::ridge::{RidgeConfig, toy::Toy};
+    use crate::net::{AdamConfig, Batch, JointFacts};
+    use crate::rng::{Rng, Stream};
+
+    fn model() -> (Card, Net<f32>, Encoder) {
+        let data = Toy::new(2, 4, 120, 1);
+        let range = Some([-1.0, 1.0]);
+        let facts = Facts { joints: vec![JointFacts { hinge: true, range }; 2], actions: 2 };
+        let norm = Normaliser::measure(2, (0..4).map(|e| data.episodes[e].0.as_slice()));
+        let tokens = Tokeniser::new(TokenConfig::for_robot(&facts), facts, &norm).unwrap();
+        let fit = RidgeConfig { samples: 200, ..RidgeConfig::default() };
+        let ridge = Ridge::fit(&tokens, &data, &fit, 1).unwrap();
+        let encoder = Encoder::new(tokens, Some(ridge)).unwrap();
+        let cfg = NetConfig {
+            layers: 1,
+            width: 16,
+            heads: 2,
+            inputs: encoder.inputs(),
+            actions: 2,
+            bins: 1,
+            offset_weight: 10.0,
+            mask_replaces: false,
+            skip: SkipKind::Gated,
+        };
+        let net = Net::init(cfg.clone(), None, 4).unwrap();
+        let robot = RobotCard {
+            id: "toy".into(),
+            model_sha256: "ab".repeat(32),
+            joints: vec!["a".into(), "b".into()],
+            actuators: vec!["ma".into(), "mb".into()],
+        };
+        let training = TrainingCard { seed: 4, ..TrainingCard::default() };
+        (Card::new(robot, cfg, &encoder.tokens, norm, training), net, encoder)
+    }
+
+    fn bytes() -> Vec<u8> {
+        let (card, net, encoder) = model();
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("m.safetensors");
+        save(&path, &card, &net, encoder.ridge.as_ref(), None).unwrap();
+        std::fs::read(path).unwrap()
+    }
+
+    fn refusal(bytes: &[u8]) -> String {
+        parse(bytes, Path::new("m.safetensors"), None).unwrap_err().to_string()
+    }
+
+    /// The header as JSON, changed, with the numbers as they were.
+    fn with_header(bytes: &[u8], change: impl FnOnce(&mut serde_json::Value)) -> Vec<u8> {
+        let n = u64::from_le_bytes(bytes[..8].try_into().unwrap()) as usize;
+        let mut header: serde_json::Value = serde_json::from_slice(&bytes[8..8 + n]).unwrap();
+        change(&mut header);
+        let text = serde_json::to_vec(&header).unwrap();
+        let mut out = (text.len() as u64).to_le_bytes().to_vec();
+        out.extend(text);
+        out.extend(&bytes[8 + n..]);
+        out
+    }
+
+    #[test]
+    fn round_trip_keeps_every_bit() {
+        let (card, net, encoder) = model();
+        let bytes = bytes();
+        let back = parse(&bytes, Path::new("m"), Some(&card.robot)).unwrap();
+        assert_eq!(back.card, card);
+        assert_eq!(back.net.weights[..], net.weights[..]);
+        assert_eq!(back.encoder.ridge.unwrap().weights(), encoder.ridge.unwrap().weights());
+        assert!(back.optimiser.is_none());
+        assert_eq!(bytes, self::bytes(), "the same model gives the same file");
+    }
+
+    #[test]
+    fn damaged_files_are_refused_with_the_reason() {
+        let good = bytes();
+        for cut in (0..good.len()).step_by(37).chain([good.len() - 1]) {
+            refusal(&good[..cut]);
+        }
+        let mut nan = good.clone();
+        let end = nan.len();
+        nan[end - 4..].copy_from_slice(&f32::NAN.to_le_bytes());
+        assert!(refusal(&nan).contains("NaN"));
+        let mut long = good.clone();
+        long.extend([0; 8]);
+        refusal(&long);
+        let mut huge = good.clone();
+        huge[..8].copy_from_slice(&u64::MAX.to_le_bytes());
+        assert!(refusal(&huge).contains("header"));
+        let overlap = with_header(&good, |h| {
+            h["mask"]["data_offsets"] = h["position"]["data_offsets"].clone()
+        });
+        refusal(&overlap);
+        let big = with_header(&good, |h| h["mask"]["shape"] = serde_json::json!([1_u64 << 60]));
+        refusal(&big);
+        let renamed = with_header(&good, |h| {
+            let t = h["mask"].take();
+            h.as_object_mut().unwrap().remove("mask");
+            h["mark"] = t;
+        });
+        assert!(refusal(&renamed).contains("no tensor \"mask\""));
+        let reshaped = with_header(&good, |h| h["mask"]["shape"] = serde_json::json!([4, 4]));
+        assert!(refusal(&reshaped).contains("shape"));
+        let retyped = with_header(&good, |h| h["mask"]["dtype"] = "I32".into());
+        assert!(refusal(&retyped).contains("type"));
+        let bare = with_header(&good, |h| h["__metadata__"] = serde_json::json!({}));
+        assert!(refusal(&bare).contains("model card"));
+        let newer = with_header(&good, |h| {
+            let card = h["__metadata__"]["robert"].as_str().unwrap().replace("model/1", "model/2");
+            h["__metadata__"]["robert"] = card.into();
+        });
+        assert!(refusal(&newer).contains("robert-model/2"));
+        let absurd = with_header(&good, |h| {
+            let card = h["__metadata__"]["robert"].as_str().unwrap();
+            h["__metadata__"]["robert"] = card.replace("\"layers\":1", "\"layers\":9000000").into();
+        });
+        assert!(refusal(&absurd).contains("layers"));
+    }
+
+    #[test]
+    fn flipped_bytes_never_panic() {
+        let good = bytes();
+        let n = u64::from_le_bytes(good[..8].try_into().unwrap()) as usize;
+        for index in 0..3000 {
+            let mut rng = Rng::new(6, Stream::Test, index);
+            let mut bad = good.clone();
+            for _ in 0..=rng.below(3) {
+                let at = rng.below((n + 8) as u64) as usize;
+                bad[at] = rng.next_u64() as u8;
+            }
+            parse(&bad, Path::new("m"), None).ok();
+        }
+    }
+
+    #[test]
+    fn another_robot_is_refused_by_name() {
+        let (card, ..) = model();
+        let bytes = bytes();
+        let refuse = |robot: RobotCard| {
+            let e = parse(&bytes, Path::new("m"), Some(&robot)).unwrap_err();
+            assert!(matches!(e, Error::Robot { .. }), "{e}");
+            e.to_string()
+        };
+        let mut swapped = card.robot.clone();
+        swapped.joints.reverse();
+        assert!(refuse(swapped).contains("b, a"));
+        let mut other = card.robot.clone();
+        other.model_sha256 = "cd".repeat(32);
+        assert!(refuse(other).contains("cdcdcd"));
+    }
+
+    #[test]
+    fn resumed_training_is_the_same_training() {
+        let (card, net, encoder) = model();
+        let fill = |step: u64| {
+            move |w: usize, slot: usize, batch: &mut Batch<f32>| {
+                let mut rng = Rng::new(step, Stream::Test, w as u64);
+                let n = batch.tokens.len() / batch.masked.len() * crate::net::WINDOW;
+                batch.tokens[slot * n..(slot + 1) * n].fill_with(|| rng.normal() as f32);
+                let n = 2 * crate::net::WINDOW;
+                batch.actions[slot * n..(slot + 1) * n].fill_with(|| rng.normal() as f32);
+                batch.linear[slot * n..(slot + 1) * n].fill_with(|| rng.normal() as f32);
+            }
+        };
+        let run = |learner: &mut Learner<f32>, steps: std::ops::Range<u64>| {
+            steps.for_each(|s| assert!(learner.step(1e-3, &fill(s)).applied));
+        };
+        let mut whole = Learner::new(net.clone(), AdamConfig::default(), 6, 1);
+        run(&mut whole, 0..6);
+
+        let mut half = Learner::new(net, AdamConfig::default(), 6, 1);
+        run(&mut half, 0..3);
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("c.safetensors");
+        let state = OptimiserState::of(&half, Some(&half.net.weights));
+        save(&path, &card, &half.net, encoder.ridge.as_ref(), Some(&state)).unwrap();
+        let model = load(&path, Some(&card.robot)).unwrap();
+        let mut rest = Learner::new(model.net, AdamConfig::default(), 6, 2);
+        assert_eq!(model.optimiser, Some(state));
+        model.optimiser.unwrap().restore(&mut rest).unwrap();
+        run(&mut rest, 3..6);
+        assert_eq!(whole.net.weights[..], rest.net.weights[..]);
+        assert_eq!(whole.first[..], rest.first[..]);
+    }
+}

@@ -1,0 +1,398 @@
+//! One action now: the network at batch 1, for a control loop.
+//!
+//! Only the tokens whose actions are used pass through the last layer's queries, outputs
+//! and feed-forward part; the others give keys and values. Weights are packed once, nothing
+//! is allocated in a step. Averaging what successive windows predict for the same frame
+//! (temporal ensembling, as in ACT by Zhao et al. 2023) is an option.
+
+use super::config::{COMMAND, CURRENT, NetConfig, WINDOW};
+use super::encode::EncodeScratch;
+use super::head::{self, Choice};
+use super::mat::{Init, Mat, MatMut, Packed, gemm, gemm_packed};
+use super::model::{Batch, Net, attend};
+use super::real::Aligned;
+use super::simd::{self, PAD};
+use super::{Encoder, Error};
+use crate::rng::{Rng, Stream};
+
+/// How a policy turns the head's output into an action.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PolicyConfig {
+    /// Draw the action bin (the paper's way) instead of taking the likeliest.
+    pub sample_bins: bool,
+    /// Seed of those draws.
+    pub seed: u64,
+    /// Windows whose predictions for the current frame are averaged; 1 is off, 21 at most.
+    pub ensemble: usize,
+    /// The prediction of j windows ago counts exp(−decay j).
+    pub ensemble_decay: f64,
+}
+
+impl Default for PolicyConfig {
+    fn default() -> Self {
+        PolicyConfig { sample_bins: false, seed: 0, ensemble: 1, ensemble_decay: 0.5 }
+    }
+}
+
+/// A trained network in a control loop.
+#[derive(Debug)]
+pub struct Policy {
+    cfg: PolicyConfig,
+    net: Net<f32>,
+    encoder: Encoder,
+    panels: Panels,
+    scratch: EncodeScratch,
+    batch: Batch<f32>,
+    x: Aligned<f32>,     // (51, d), residual stream
+    y: Aligned<f32>,     // (51, d)
+    wide: Aligned<f32>,  // (51, 4d)
+    act: Aligned<f32>,   // (51, 4d)
+    probs: Aligned<f32>, // (heads, 51, PAD)
+    mixed: Aligned<f32>, // (51, d)
+    tail: Aligned<f32>,  // (ensemble, d), residual stream of the tokens used
+    query: Aligned<f32>, // (ensemble, d)
+    out: Aligned<f32>,   // (ensemble, outputs)
+    stats: Vec<[f32; 2]>,
+    action: Vec<f32>,
+    /// Predictions of past windows, newest first: (ensemble, ensemble, A).
+    past: Vec<f32>,
+    windows: usize,
+}
+
+#[derive(Debug)]
+struct Panels {
+    embed: Packed<f32>,
+    layers: Vec<LayerPanels>,
+    query: Packed<f32>,
+    head: Packed<f32>,
+}
+
+#[derive(Debug)]
+struct LayerPanels {
+    /// Queries, keys and values; keys and values alone in the last layer.
+    qkv: Packed<f32>,
+    out: Packed<f32>,
+    up: Packed<f32>,
+    down: Packed<f32>,
+}
+
+impl Policy {
+    /// Packs the weights for use.
+    ///
+    /// # Errors
+    /// [`Error::Config`] when network and encoder disagree or the ensemble is too large.
+    pub fn new(net: Net<f32>, encoder: Encoder, cfg: PolicyConfig) -> Result<Self, Error> {
+        encoder.check(&net.cfg)?;
+        if !(1..=COMMAND + 1).contains(&cfg.ensemble) {
+            let why = format!("{} is not in 1..={}", cfg.ensemble, COMMAND + 1);
+            return Err(Error::Config { field: "ensemble", why });
+        }
+        let (n, d, e) = (&net.cfg, net.cfg.width, cfg.ensemble);
+        let zeros = |rows: usize, cols: usize| Aligned::zeros(rows * cols);
+        Ok(Policy {
+            panels: Panels::new(&net),
+            scratch: encoder.scratch(),
+            batch: Batch::zeros(n, 1),
+            x: zeros(WINDOW, d),
+            y: zeros(WINDOW, d),
+            wide: zeros(WINDOW, 4 * d),
+            act: zeros(WINDOW, 4 * d),
+            probs: zeros(n.heads * WINDOW, PAD),
+            mixed: zeros(WINDOW, d),
+            tail: zeros(e, d),
+            query: zeros(e, d),
+            out: zeros(e, n.outputs()),
+            stats: vec![[0.0; 2]; WINDOW],
+            action: vec![0.0; n.actions],
+            past: vec![0.0; e * e * n.actions],
+            windows: 0,
+            cfg,
+            net,
+            encoder,
+        })
+    }
+
+    /// Sizes of the network.
+    pub fn config(&self) -> &NetConfig {
+        &self.net.cfg
+    }
+
+    /// Features and linear answer.
+    pub fn encoder(&self) -> &Encoder {
+        &self.encoder
+    }
+
+    /// Forgets past windows: a new rollout begins.
+    pub fn reset(&mut self) {
+        self.windows = 0;
+    }
+
+    /// The action to apply now, in [−1, 1]: positions `q` (51, S), visible where `visible`
+    /// (51, S) says; `step` counts the frames of the rollout and names the draws.
+    pub fn act(&mut self, q: &[f32], visible: &[bool], step: u64) -> &[f32] {
+        self.encoder.encode(q, visible, &mut self.scratch, &mut self.batch, 0);
+        self.forward();
+        let (a, e, k) = (self.net.cfg.actions, self.cfg.ensemble, self.net.cfg.outputs());
+        self.past.copy_within(..(e - 1) * e * a, e * a);
+        for j in 0..e {
+            let choice = if self.cfg.sample_bins {
+                let index = step * (COMMAND as u64 + 1) + j as u64;
+                Choice::Sample(Rng::new(self.cfg.seed, Stream::Bin, index).uniform())
+            } else {
+                Choice::Argmax
+            };
+            let row = (CURRENT + j) * a;
+            head::decode(
+                &self.net.cfg,
+                &self.net.centres,
+                &self.out[j * k..(j + 1) * k],
+                self.batch.linear.get(row..row + a).unwrap_or_default(),
+                choice,
+                &mut self.past[j * a..(j + 1) * a],
+            );
+        }
+        self.windows = (self.windows + 1).min(e);
+        let mut total = 0.0;
+        self.action.fill(0.0);
+        for age in 0..self.windows {
+            // What the window `age` steps ago said about the frame `age` after its current.
+            let weight = (-self.cfg.ensemble_decay * age as f64).exp() as f32;
+            total += weight;
+            let said = &self.past[(age * e + age) * a..][..a];
+            self.action.iter_mut().zip(said).for_each(|(to, x)| *to += weight * x);
+        }
+        self.action.iter_mut().for_each(|x| *x /= total);
+        &self.action
+    }
+
+    /// Head output of tokens 30..30 + ensemble into `out`.
+    fn forward(&mut self) {
+        let Policy { net, panels, batch, x, y, wide, act, probs, mixed, stats, .. } = self;
+        let (cfg, at, w) = (&net.cfg, &net.layout, &net.weights);
+        let (d, e) = (cfg.width, self.cfg.ensemble);
+        let part = |r: &std::ops::Range<usize>| &w[r.clone()];
+        gemm_packed(
+            MatMut::new(x, WINDOW, d),
+            Init::Bias(part(&at.embed_bias)),
+            Mat::new(&batch.tokens, WINDOW, cfg.inputs),
+            &panels.embed,
+        );
+        super::model::place(cfg, x, &batch.masked, part(&at.mask), part(&at.position));
+        let Some((last_at, first_at)) = at.layers.split_last() else { return };
+        let Some((last, first)) = panels.layers.split_last() else { return };
+        for (at, p) in first_at.iter().zip(first) {
+            simd::layer_norm(x, part(&at.ln1_weight), part(&at.ln1_bias), y, stats);
+            gemm_packed(
+                MatMut::new(wide, WINDOW, 3 * d),
+                Init::Bias(part(&at.qkv_bias)),
+                Mat::new(y, WINDOW, d),
+                &p.qkv,
+            );
+            attend(cfg, 1, wide, probs, mixed);
+            add_product(x, mixed, WINDOW, d, part(&at.out_bias), &p.out);
+            simd::layer_norm(x, part(&at.ln2_weight), part(&at.ln2_bias), y, stats);
+            feed_forward(x, y, WINDOW, d, wide, act, [part(&at.up_bias), part(&at.down_bias)], p);
+        }
+
+        // Last layer: keys and values of all tokens, the rest only for those used.
+        let (at, p) = (last_at, last);
+        simd::layer_norm(x, part(&at.ln1_weight), part(&at.ln1_bias), y, stats);
+        let bias = part(&at.qkv_bias);
+        gemm_packed(
+            MatMut::new(wide, WINDOW, 2 * d),
+            Init::Bias(&bias[d..]),
+            Mat::new(y, WINDOW, d),
+            &p.qkv,
+        );
+        gemm_packed(
+            MatMut::new(&mut self.query, e, d),
+            Init::Bias(&bias[..d]),
+            Mat::new(&y[CURRENT * d..], e, d),
+            &panels.query,
+        );
+        let h = d / cfg.heads;
+        let scale = 1.0 / (h as f32).sqrt();
+        for i in 0..cfg.heads {
+            let keys = Mat::strided(&wide[i * h..], WINDOW, h, 2 * d);
+            let values = Mat::strided(&wide[d + i * h..], WINDOW, h, 2 * d);
+            let p = &mut probs[..e * PAD];
+            let q = Mat::strided(&self.query[i * h..], e, h, d);
+            gemm(MatMut::strided(p, e, WINDOW, PAD), Init::Zero, q, keys.t());
+            simd::softmax(p, WINDOW, scale);
+            let p = Mat::strided(p, e, WINDOW, PAD);
+            gemm(MatMut::strided(&mut mixed[i * h..], e, h, d), Init::Zero, p, values);
+        }
+        let tail = &mut self.tail;
+        tail.copy_from_slice(&x[CURRENT * d..(CURRENT + e) * d]);
+        add_product(tail, mixed, e, d, part(&at.out_bias), &p.out);
+        let y = &mut y[..e * d];
+        simd::layer_norm(tail, part(&at.ln2_weight), part(&at.ln2_bias), y, stats);
+        feed_forward(tail, y, e, d, wide, act, [part(&at.up_bias), part(&at.down_bias)], p);
+        let at = &net.layout;
+        simd::layer_norm(tail, part(&at.norm_weight), part(&at.norm_bias), y, stats);
+        gemm_packed(
+            MatMut::new(&mut self.out, e, cfg.outputs()),
+            Init::Bias(part(&at.head_bias)),
+            Mat::new(y, e, d),
+            &panels.head,
+        );
+    }
+}
+
+/// x += y W + bias.
+fn add_product(x: &mut [f32], y: &[f32], rows: usize, d: usize, bias: &[f32], w: &Packed<f32>) {
+    gemm_packed(MatMut::new(x, rows, d), Init::AddBias(bias), Mat::new(y, rows, w.rows()), w);
+}
+
+fn feed_forward(
+    x: &mut [f32],
+    y: &[f32],
+    rows: usize,
+    d: usize,
+    wide: &mut [f32],
+    act: &mut [f32],
+    [up, down]: [&[f32]; 2],
+    p: &LayerPanels,
+) {
+    let (wide, act) = (&mut wide[..rows * 4 * d], &mut act[..rows * 4 * d]);
+    gemm_packed(MatMut::new(wide, rows, 4 * d), Init::Bias(up), Mat::new(y, rows, d), &p.up);
+    simd::gelu(wide, act);
+    add_product(x, act, rows, d, down, &p.down);
+}
+
+impl Panels {
+    fn new(net: &Net<f32>) -> Self {
+        let (cfg, at, w) = (&net.cfg, &net.layout, &net.weights);
+        let d = cfg.width;
+        let mut query = Packed::default();
+        let mut layers = Vec::with_capacity(cfg.layers);
+        for (l, at) in at.layers.iter().enumerate() {
+            let all = &w[at.qkv_weight.clone()];
+            let qkv = if l + 1 == cfg.layers {
+                query = Packed::new(Mat::strided(all, d, d, 3 * d));
+                Packed::new(Mat::strided(&all[d..], d, 2 * d, 3 * d))
+            } else {
+                Packed::new(Mat::new(all, d, 3 * d))
+            };
+            layers.push(LayerPanels {
+                qkv,
+                out: Packed::new(Mat::new(&w[at.out_weight.clone()], d, d)),
+                up: Packed::new(Mat::new(&w[at.up_weight.clone()], d, 4 * d)),
+                down: Packed::new(Mat::new(&w[at.down_weight.clone()], 4 * d, d)),
+            });
+        }
+        Panels {
+            embed: Packed::new(Mat::new(&w[at.embed_weight.clone()], cfg.inputs, d)),
+            layers,
+            query,
+            head: Packed::new(Mat::new(&w[at.head_weight.clone()], d, cfg.outputs())),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::net::mask::MaskKind;
+    use crate::net::model::{Arena, Panels as TrainPanels, forward};
+    use crate::net::token::{Facts, JointFacts, Normaliser, TokenConfig, Tokeniser};
+    use crate::net::{MaskGranularity, SkipKind};
+
+    fn parts(bins: usize) -> (Net<f32>, Encoder) {
+        let range = Some([-1.0, 1.0]);
+        let facts = Facts { joints: vec![JointFacts { hinge: true, range }; 3], actions: 2 };
+        let one = |x: f64| vec![x; 3];
+        let norm = Normaliser { mean: one(0.0), std: one(0.5), std_d1: one(0.1), std_d2: one(0.1) };
+        let tokens = Tokeniser::new(TokenConfig::for_robot(&facts), facts, &norm).unwrap();
+        let encoder = Encoder::new(tokens, None).unwrap();
+        let cfg = NetConfig {
+            layers: 3,
+            width: 32,
+            heads: 4,
+            inputs: encoder.inputs(),
+            actions: 2,
+            bins,
+            offset_weight: 10.0,
+            mask_replaces: false,
+            skip: SkipKind::Off,
+        };
+        let mut rng = Rng::new(1, Stream::Test, 0);
+        let centres = (0..bins * 2).map(|_| 0.3 * rng.normal() as f32).collect();
+        let mut net = Net::init(cfg, Some(centres), 1).unwrap();
+        net.weights.iter_mut().for_each(|w| *w += 0.05 * rng.normal() as f32);
+        (net, encoder)
+    }
+
+    fn window(index: u64) -> (Vec<f32>, Vec<bool>) {
+        let mut rng = Rng::new(2, Stream::Test, index);
+        let q =
+            (0..WINDOW * 3).map(|i| (0.02 * i as f64 + 0.01 * rng.normal()).sin() as f32).collect();
+        let mut visible = vec![true; WINDOW * 3];
+        MaskKind::ClUniform.draw(1.0, MaskGranularity::State, 3, &mut rng, &mut visible);
+        (q, visible)
+    }
+
+    /// The action of frame 30 + ahead, the long way.
+    fn slow(net: &Net<f32>, encoder: &Encoder, index: u64, ahead: usize) -> Vec<f32> {
+        let (q, visible) = window(index);
+        let mut batch = Batch::zeros(&net.cfg, 1);
+        encoder.encode(&q, &visible, &mut encoder.scratch(), &mut batch, 0);
+        let mut arena = Arena::new(&net.cfg, 1);
+        forward(net, &TrainPanels::new(net), &batch, &mut arena);
+        let k = net.cfg.outputs();
+        let mut action = vec![0.0; 2];
+        let out = &arena.out[(CURRENT + ahead) * k..][..k];
+        head::decode(&net.cfg, &net.centres, out, &[], Choice::Argmax, &mut action);
+        action
+    }
+
+    #[test]
+    fn the_short_way_gives_the_same_action() {
+        for bins in [1, 5] {
+            let (net, encoder) = parts(bins);
+            let mut policy =
+                Policy::new(net.clone(), encoder.clone(), PolicyConfig::default()).unwrap();
+            for index in 0..5 {
+                let (q, visible) = window(index);
+                let got = policy.act(&q, &visible, index).to_vec();
+                let want = slow(&net, &encoder, index, 0);
+                for (g, w) in got.iter().zip(&want) {
+                    assert!((g - w).abs() < 1e-5, "{got:?} {want:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn ensembles_average_what_was_said_of_one_frame() {
+        let (net, encoder) = parts(1);
+        let cfg = PolicyConfig { ensemble: 3, ensemble_decay: 0.7, ..PolicyConfig::default() };
+        let mut policy = Policy::new(net.clone(), encoder.clone(), cfg).unwrap();
+        let mut got = Vec::new();
+        for index in 0..4 {
+            let (q, visible) = window(index);
+            got = policy.act(&q, &visible, index).to_vec();
+        }
+        let weights: Vec<f32> = (0..3).map(|j| (-0.7 * j as f32).exp()).collect();
+        let said: Vec<_> = (0..3).map(|j| slow(&net, &encoder, 3 - j as u64, j)).collect();
+        for i in 0..2 {
+            let want: f32 = said.iter().zip(&weights).map(|(s, w)| s[i] * w).sum::<f32>()
+                / weights.iter().sum::<f32>();
+            assert!((got[i] - want).abs() < 1e-5);
+        }
+    }
+
+    #[test]
+    fn bins_are_drawn_by_seed_and_step() {
+        let (net, encoder) = parts(5);
+        let run = |seed| {
+            let cfg = PolicyConfig { sample_bins: true, seed, ..PolicyConfig::default() };
+            let mut policy = Policy::new(net.clone(), encoder.clone(), cfg).unwrap();
+            let (q, visible) = window(0);
+            (0..20).map(|s| policy.act(&q, &visible, s).to_vec()).collect::<Vec<_>>()
+        };
+        assert_eq!(run(1), run(1));
+        assert_ne!(run(1), run(2));
+        assert!(run(1).windows(2).any(|w| w[0] != w[1]));
+    }
+}

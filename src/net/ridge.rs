@@ -1,0 +1,481 @@
+//! `ridge`, masked action-inverse inference in closed form: one linear map per number of
+//! frames to the next visible one.
+//!
+//! It is the baseline a network must beat, the instant policy of a new robot and, as the
+//! skip, the first guess of the network. No plant model, gains or planner: each map is the
+//! mean action given "here now, there in k frames". Samples are drawn for each k directly,
+//! because windows with random masks hold too few long gaps.
+
+use std::sync::Mutex;
+
+use super::Error;
+use super::config::{CURRENT, MaskGranularity, WINDOW};
+use super::mask::MaskKind;
+use super::mat::{Init, Mat, MatMut, Packed, gemm, gemm_packed};
+use super::real::Real;
+use super::step::{next_of, on_threads};
+use super::token::{RIDGE_HEADS, Scratch, Tokeniser};
+use crate::rng::{Rng, Stream};
+
+/// Recorded motion: what training reads. Frames are 1/20 s apart.
+pub trait Episodes: Sync {
+    /// Number of episodes.
+    fn count(&self) -> usize;
+    /// Joint positions of one, (frames, S) row-major.
+    fn states(&self, episode: usize) -> &[f32];
+    /// Actions of one, (frames, A) row-major: action t takes state t to state t + 1.
+    fn actions(&self, episode: usize) -> &[f32];
+}
+
+/// Settings of the fit.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct RidgeConfig {
+    /// Samples for each head.
+    pub samples: usize,
+    /// Ridge penalty.
+    pub lambda: f64,
+    /// Penalty per sample on top, for robots with many features.
+    pub lambda_per_sample: f64,
+    /// Names the samples.
+    pub seed: u64,
+}
+
+impl Default for RidgeConfig {
+    fn default() -> Self {
+        RidgeConfig { samples: 20_000, lambda: 0.05, lambda_per_sample: 0.0, seed: 0 }
+    }
+}
+
+impl RidgeConfig {
+    /// More samples and a stronger penalty where there are many features.
+    pub fn for_tokens(tokens: &Tokeniser) -> Self {
+        let many = tokens.ridge_inputs() > 150;
+        RidgeConfig {
+            samples: if many { 40_000 } else { 20_000 },
+            lambda_per_sample: if many { 1e-4 } else { 0.0 },
+            ..Self::default()
+        }
+    }
+}
+
+/// The fitted maps.
+#[derive(Clone, Debug)]
+pub struct Ridge {
+    inputs: usize,
+    actions: usize,
+    /// (heads, inputs, A).
+    weights: Vec<f32>,
+    panels: Vec<Packed<f32>>,
+}
+
+impl Ridge {
+    /// From weights (23, inputs, A), such as those of a checkpoint.
+    ///
+    /// # Errors
+    /// [`Error::Shape`].
+    pub fn new(inputs: usize, actions: usize, weights: Vec<f32>) -> Result<Self, Error> {
+        let want = RIDGE_HEADS * inputs * actions;
+        if weights.len() != want || want == 0 {
+            return Err(Error::Shape { what: "ridge weights", want, got: weights.len() });
+        }
+        let panels = weights
+            .chunks_exact(inputs * actions)
+            .map(|w| Packed::new(Mat::new(w, inputs, actions)))
+            .collect();
+        Ok(Ridge { inputs, actions, weights, panels })
+    }
+
+    /// All maps, (23, inputs, A).
+    pub fn weights(&self) -> &[f32] {
+        &self.weights
+    }
+
+    /// Fits all heads.
+    ///
+    /// # Errors
+    /// [`Error::Shape`] when no episode is long enough, [`Error::Singular`].
+    pub fn fit(
+        tokens: &Tokeniser,
+        episodes: &impl Episodes,
+        cfg: &RidgeConfig,
+        threads: usize,
+    ) -> Result<Self, Error> {
+        let starts = Starts::new(tokens.state(), episodes);
+        if starts.total == 0 {
+            return Err(Error::Shape {
+                what: "frames of the longest episode",
+                want: WINDOW,
+                got: 0,
+            });
+        }
+        let (inputs, actions) = (tokens.ridge_inputs(), tokens.facts().actions);
+        let mut weights = vec![0.0_f32; RIDGE_HEADS * inputs * actions];
+        let failed = Mutex::new(None);
+        let queue = Mutex::new(weights.chunks_exact_mut(inputs * actions).enumerate());
+        on_threads(threads.max(1), |_| {
+            while let Some((head, to)) = next_of(&queue) {
+                if let Err(e) = fit_head(head, tokens, episodes, &starts, cfg, to) {
+                    failed
+                        .lock()
+                        .unwrap_or_else(std::sync::PoisonError::into_inner)
+                        .get_or_insert(e);
+                }
+            }
+        });
+        match failed.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner) {
+            Some(e) => Err(e),
+            None => Self::new(inputs, actions, weights),
+        }
+    }
+
+    /// Linear answers of frames `range` of the window read, row-major (frames, A).
+    pub fn answers(
+        &self,
+        tokens: &Tokeniser,
+        scratch: &Scratch,
+        range: std::ops::Range<usize>,
+        features: &mut Vec<f32>,
+        out: &mut [f32],
+    ) {
+        features.resize(WINDOW * self.inputs, 0.0);
+        let mut frame = range.start;
+        let a = self.actions;
+        while frame < range.end {
+            // Neighbours that share a head share a product; the history is one such run.
+            let head = tokens.ridge_head(scratch, frame);
+            let mut end = frame;
+            while end < range.end && tokens.ridge_head(scratch, end) == head {
+                let row = (end - frame) * self.inputs;
+                tokens.ridge_features(scratch, end, &mut features[row..row + self.inputs]);
+                end += 1;
+            }
+            let rows = end - frame;
+            if let Some(panel) = self.panels.get(head) {
+                gemm_packed(
+                    MatMut::new(&mut out[(frame - range.start) * a..], rows, a),
+                    Init::Zero,
+                    Mat::new(features, rows, self.inputs),
+                    panel,
+                );
+            }
+            frame = end;
+        }
+    }
+}
+
+/// Places where a whole window fits.
+#[derive(Clone, Debug)]
+pub struct Starts {
+    /// Episodes with at least one window, and the number of windows in each.
+    pub episodes: Vec<(usize, usize)>,
+    /// Windows in all.
+    pub total: usize,
+}
+
+impl Starts {
+    /// Counts the windows of all episodes.
+    pub fn new(state: usize, episodes: &impl Episodes) -> Self {
+        let counts = (0..episodes.count()).filter_map(|e| {
+            let frames = episodes.states(e).len() / state.max(1);
+            (frames >= WINDOW).then(|| (e, frames - WINDOW + 1))
+        });
+        let episodes: Vec<_> = counts.collect();
+        Starts { total: episodes.iter().map(|(_, n)| n).sum(), episodes }
+    }
+
+    /// Uniform episode, then uniform start in it: the paper's sampling.
+    pub fn draw(&self, rng: &mut Rng) -> (usize, usize) {
+        let i = rng.below(self.episodes.len() as u64) as usize;
+        let (episode, windows) = self.episodes.get(i).copied().unwrap_or_default();
+        (episode, rng.below(windows as u64) as usize)
+    }
+}
+
+/// Hides frames so that one of them belongs to `head`; returns that frame.
+fn pose_window(head: usize, state: usize, rng: &mut Rng, visible: &mut [bool]) -> Option<usize> {
+    visible.fill(true);
+    let mut hide = |frames: std::ops::Range<usize>| {
+        visible[frames.start.min(WINDOW) * state..frames.end.min(WINDOW) * state].fill(false);
+    };
+    match head {
+        0 => {
+            // The last visible frame: of the window, or before a hidden tail.
+            let last = WINDOW - 1 - rng.below(20) as usize;
+            hide(last + 1..WINDOW);
+            Some(last)
+        }
+        1..=20 => {
+            // Frame i sees its goal k frames ahead; mostly the frame after that is known
+            // too, otherwise a second gap of any length that fits, or nothing at all.
+            let last = WINDOW - 1 - head;
+            let i = if head == 1 {
+                3 + rng.below(last as u64 - 2) as usize
+            } else {
+                CURRENT + rng.below((last - CURRENT) as u64 + 1) as usize
+            };
+            hide(i + 1..i + head);
+            let room = WINDOW - 1 - (i + head);
+            if i + head > CURRENT && room > 0 && rng.below(2) == 0 {
+                let second = 1 + rng.below(room as u64 + 1) as usize;
+                hide(i + head + 1..i + head + second);
+            }
+            Some(i)
+        }
+        _ => {
+            MaskKind::ClUniform.draw(1.0, MaskGranularity::State, state, rng, visible);
+            None
+        }
+    }
+}
+
+fn fit_head(
+    head: usize,
+    tokens: &Tokeniser,
+    episodes: &impl Episodes,
+    starts: &Starts,
+    cfg: &RidgeConfig,
+    to: &mut [f32],
+) -> Result<(), Error> {
+    const CHUNK: usize = 1024;
+    let (s, f, a) = (tokens.state(), tokens.ridge_inputs(), tokens.facts().actions);
+    let mut scratch = tokens.scratch();
+    let mut visible = vec![true; WINDOW * s];
+    let mut row = vec![0.0_f32; f];
+    let (mut x, mut y) = (vec![0.0_f64; CHUNK * f], vec![0.0_f64; CHUNK * a]);
+    let (mut xx, mut xy) = (vec![0.0_f64; f * f], vec![0.0_f64; f * a]);
+    let (mut filled, mut drawn, mut index) = (0, 0, 0_u64);
+    // Hidden frames have their own heads; a window may hold none of the wanted kind.
+    while drawn < cfg.samples && index < 20 * cfg.samples as u64 {
+        let mut rng = Rng::new(cfg.seed ^ ((head as u64) << 32), Stream::Fit, index);
+        index += 1;
+        let (episode, start) = starts.draw(&mut rng);
+        let states = &episodes.states(episode)[start * s..(start + WINDOW) * s];
+        let actions = &episodes.actions(episode)[start * a..];
+        let posed = pose_window(head, s, &mut rng, &mut visible);
+        tokens.read(states, &visible, &mut scratch);
+        let first = rng.below(WINDOW as u64) as usize;
+        let frame = posed.or_else(|| {
+            (0..WINDOW)
+                .map(|i| (first + i) % WINDOW)
+                .find(|&i| tokens.ridge_head(&scratch, i) == head)
+        });
+        let Some(frame) = frame.filter(|&i| tokens.ridge_head(&scratch, i) == head) else {
+            continue;
+        };
+        let Some(action) = actions.get(frame * a..(frame + 1) * a) else { continue };
+        tokens.ridge_features(&scratch, frame, &mut row);
+        x[filled * f..(filled + 1) * f].iter_mut().zip(&row).for_each(|(x, &r)| *x = f64::from(r));
+        y[filled * a..(filled + 1) * a]
+            .iter_mut()
+            .zip(action)
+            .for_each(|(y, &r)| *y = f64::from(r));
+        filled += 1;
+        drawn += 1;
+        if filled == CHUNK {
+            accumulate(&mut xx, &mut xy, &x, &y, filled, f, a);
+            filled = 0;
+        }
+    }
+    accumulate(&mut xx, &mut xy, &x, &y, filled, f, a);
+    let penalty = cfg.lambda + cfg.lambda_per_sample * drawn as f64;
+    xx.iter_mut().step_by(f + 1).for_each(|d| *d += penalty);
+    cholesky(&mut xx, f)
+        .map_err(|row| Error::Singular { what: format!("ridge head {head}"), row })?;
+    solve(&xx, f, &mut xy, a);
+    to.iter_mut().zip(&xy).for_each(|(to, &w)| *to = w as f32);
+    Ok(())
+}
+
+fn accumulate(
+    xx: &mut [f64],
+    xy: &mut [f64],
+    x: &[f64],
+    y: &[f64],
+    rows: usize,
+    f: usize,
+    a: usize,
+) {
+    let m = Mat::new(x, rows, f);
+    gemm(MatMut::new(xx, f, f), Init::Add, m.t(), m);
+    gemm(MatMut::new(xy, f, a), Init::Add, m.t(), Mat::new(y, rows, a));
+}
+
+/// Lower Cholesky factor in place, row-major; the upper part is left as it was. Returns the
+/// row whose pivot is not positive.
+pub fn cholesky<T: Real>(m: &mut [T], n: usize) -> Result<(), usize> {
+    for i in 0..n {
+        let (above, row) = m.split_at_mut(i * n);
+        for j in 0..i {
+            let other = &above[j * n..=j * n + j];
+            let dot: T = row[..j].iter().zip(other).map(|(&a, &b)| a * b).sum();
+            row[j] = (row[j] - dot) / other[j];
+        }
+        let square: T = row[..i].iter().map(|&a| a * a).sum();
+        let pivot = (row[i] - square).f64();
+        if !(pivot.is_finite() && pivot > 0.0) {
+            return Err(i);
+        }
+        row[i] = T::of(pivot.sqrt());
+    }
+    Ok(())
+}
+
+/// Solves L Lᵀ x = b for `columns` right sides, in place.
+pub fn solve<T: Real>(l: &[T], n: usize, b: &mut [T], columns: usize) {
+    for i in 0..n {
+        for j in 0..i {
+            let factor = l[i * n + j];
+            let (above, here) = b.split_at_mut(i * columns);
+            for (x, &y) in here.iter_mut().zip(&above[j * columns..(j + 1) * columns]) {
+                *x -= factor * y;
+            }
+        }
+        b[i * columns..(i + 1) * columns].iter_mut().for_each(|x| *x = *x / l[i * n + i]);
+    }
+    for i in (0..n).rev() {
+        for j in i + 1..n {
+            let factor = l[j * n + i];
+            let (here, below) = b.split_at_mut(j * columns);
+            for (x, &y) in here[i * columns..(i + 1) * columns].iter_mut().zip(&*below) {
+                *x -= factor * y;
+            }
+        }
+        b[i * columns..(i + 1) * columns].iter_mut().for_each(|x| *x = *x / l[i * n + i]);
+    }
+}
+
+/// A plant for tests: damped unit masses pushed by smooth random forces, ten steps of 5 ms
+/// a frame, joint 0 with gravity like a pendulum.
+#[cfg(test)]
+pub(crate) mod toy {
+    use super::{Episodes, Rng, Stream};
+
+    #[derive(Debug)]
+    pub(crate) struct Toy {
+        pub(crate) episodes: Vec<(Vec<f32>, Vec<f32>)>,
+    }
+
+    impl Toy {
+        pub(crate) fn new(state: usize, count: usize, frames: usize, seed: u64) -> Self {
+            let run = |e: usize| {
+                let mut rng = Rng::new(seed, Stream::Test, e as u64);
+                let (mut q, mut v) = (vec![0.0_f64; state], vec![0.0_f64; state]);
+                let mut a = vec![0.0_f64; state];
+                let (mut states, mut actions) = (Vec::new(), Vec::new());
+                for _ in 0..frames {
+                    for a in &mut a {
+                        *a = (0.85 * *a + 0.3 * rng.normal()).clamp(-1.0, 1.0);
+                    }
+                    states.extend(q.iter().map(|&x| x as f32));
+                    actions.extend(a.iter().map(|&x| x as f32));
+                    for _ in 0..10 {
+                        for j in 0..state {
+                            let gravity = if j == 0 { 3.0 * q[0].sin() } else { 2.0 * q[j] };
+                            v[j] += 0.005 * (8.0 * a[j] - 10.0 * v[j] - gravity);
+                            q[j] += 0.005 * v[j];
+                        }
+                    }
+                }
+                (states, actions)
+            };
+            Toy { episodes: (0..count).map(run).collect() }
+        }
+    }
+
+    impl Episodes for Toy {
+        fn count(&self) -> usize {
+            self.episodes.len()
+        }
+        fn states(&self, e: usize) -> &[f32] {
+            &self.episodes[e].0
+        }
+        fn actions(&self, e: usize) -> &[f32] {
+            &self.episodes[e].1
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::toy::Toy;
+    use super::*;
+    use crate::net::token::{Facts, JointFacts, Normaliser, TokenConfig};
+
+    #[test]
+    fn cholesky_solves() {
+        let n = 7;
+        let mut rng = Rng::new(1, Stream::Test, 0);
+        let b: Vec<f64> = (0..n * n).map(|_| rng.normal()).collect();
+        let mut m = vec![0.0; n * n];
+        let mb = Mat::new(&b, n, n);
+        gemm(MatMut::new(&mut m, n, n), Init::Zero, mb.t(), mb);
+        let x: Vec<f64> = (0..n * 2).map(|_| rng.normal()).collect();
+        let mut y = vec![0.0; n * 2];
+        gemm(MatMut::new(&mut y, n, 2), Init::Zero, Mat::new(&m, n, n), Mat::new(&x, n, 2));
+        cholesky(&mut m, n).unwrap();
+        solve(&m, n, &mut y, 2);
+        assert!(x.iter().zip(&y).all(|(x, y)| (x - y).abs() < 1e-8));
+        assert_eq!(cholesky(&mut [1.0, 2.0, 2.0, 1.0], 2), Err(1));
+    }
+
+    #[test]
+    fn infers_the_action_of_a_damped_plant() {
+        let data = Toy::new(2, 40, 300, 1);
+        let joints = vec![JointFacts { hinge: true, range: None }; 2];
+        let facts = Facts { joints, actions: 2 };
+        let norm = Normaliser::measure(2, (0..40).map(|e| data.states(e)));
+        let cfg = TokenConfig { ridge_history: 8, ..TokenConfig::for_robot(&facts) };
+        let tokens = Tokeniser::new(cfg, facts, &norm).unwrap();
+        let fit = RidgeConfig { samples: 3000, ..RidgeConfig::default() };
+        let ridge = Ridge::fit(&tokens, &data, &fit, 2).unwrap();
+        assert_eq!(ridge.weights(), Ridge::fit(&tokens, &data, &fit, 1).unwrap().weights());
+
+        let test = Toy::new(2, 5, 300, 2);
+        let mut scratch = tokens.scratch();
+        let (mut square, mut power) = ([0.0_f64; 3], 0.0);
+        for e in 0..5 {
+            for start in (0..240).step_by(7) {
+                let states = &test.states(e)[start * 2..(start + WINDOW) * 2];
+                let want = &test.actions(e)[(start + CURRENT) * 2..][..2];
+                for (case, hidden) in [0, 3, 10].into_iter().enumerate() {
+                    let mut visible = vec![true; WINDOW * 2];
+                    visible[(CURRENT + 1) * 2..(CURRENT + 1 + hidden) * 2].fill(false);
+                    tokens.read(states, &visible, &mut scratch);
+                    let mut got = [0.0; 2];
+                    ridge.answers(
+                        &tokens,
+                        &scratch,
+                        CURRENT..CURRENT + 1,
+                        &mut Vec::new(),
+                        &mut got,
+                    );
+                    for j in 0..2 {
+                        square[case] += f64::from(got[j] - want[j]).powi(2);
+                    }
+                }
+                power += want.iter().map(|&a| f64::from(a).powi(2)).sum::<f64>();
+            }
+        }
+        let nmse = square.map(|s| s / power);
+        assert!(nmse[0] < 0.02, "next frame known: {nmse:?}");
+        assert!(nmse[1] < 0.7 && nmse[1] > nmse[0], "three hidden: {nmse:?}");
+        assert!(nmse[2] < 1.05, "ten hidden: {nmse:?}");
+    }
+
+    #[test]
+    fn every_head_has_samples() {
+        let data = Toy::new(1, 3, 200, 5);
+        let facts = Facts {
+            joints: vec![JointFacts { hinge: true, range: Some([-1.0, 1.0]) }],
+            actions: 1,
+        };
+        let norm = Normaliser::measure(1, (0..3).map(|e| data.states(e)));
+        let tokens = Tokeniser::new(TokenConfig::for_robot(&facts), facts, &norm).unwrap();
+        let fit = RidgeConfig { samples: 400, ..RidgeConfig::default() };
+        let ridge = Ridge::fit(&tokens, &data, &fit, 1).unwrap();
+        for head in ridge.weights().chunks(tokens.ridge_inputs()) {
+            assert!(head.iter().any(|w| w.abs() > 1e-4));
+        }
+    }
+}

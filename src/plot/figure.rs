@@ -1,0 +1,271 @@
+//! What a chart shows, as plain data: a figure of panels, a panel of layers.
+
+use std::path::Path;
+
+use super::axis::Axis;
+use super::palette::Theme;
+use super::{Error, draw};
+
+/// Pattern of a line: it names the kind, as colour names the joint or method.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Dash {
+    /// Achieved.
+    #[default]
+    Solid,
+    /// Commanded.
+    Dashed,
+    /// Reference, baseline.
+    Dotted,
+}
+
+/// Form of single points.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Mark {
+    /// Commanded.
+    Cross,
+    /// Measured.
+    Dot,
+}
+
+/// Data in a panel. Points that are not finite break a line.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Layer {
+    /// A curve.
+    Line {
+        /// For the legend; empty = not listed.
+        name: String,
+        /// (x, y).
+        points: Vec<(f64, f64)>,
+        /// Number of the colour, see [`Theme::line`].
+        color: usize,
+        /// The pattern.
+        dash: Dash,
+    },
+    /// Between a lower and an upper curve (a 95 % interval).
+    Band {
+        /// (x, low, high).
+        points: Vec<(f64, f64, f64)>,
+        /// Number of the colour.
+        color: usize,
+    },
+    /// Single points.
+    Marks {
+        /// For the legend; empty = not listed.
+        name: String,
+        /// (x, y).
+        points: Vec<(f64, f64)>,
+        /// Number of the colour.
+        color: usize,
+        /// The form.
+        mark: Mark,
+    },
+    /// Bars over the named places of the x axis, one set beside the other.
+    Bars {
+        /// For the legend.
+        name: String,
+        /// Height and half length of the error bar (0 = none) for each place.
+        values: Vec<(f64, f64)>,
+        /// Number of the colour.
+        color: usize,
+        /// Which of how many sets, from 0.
+        set: (usize, usize),
+    },
+    /// Columns between edges.
+    Histogram {
+        /// For the legend; empty = not listed.
+        name: String,
+        /// One more than heights.
+        edges: Vec<f64>,
+        /// Heights.
+        heights: Vec<f64>,
+        /// Number of the colour.
+        color: usize,
+    },
+    /// Cells in colour; row 0 is the lowest.
+    Cells {
+        /// First and last x.
+        x: (f64, f64),
+        /// First and last y.
+        y: (f64, f64),
+        /// Cells a row.
+        columns: usize,
+        /// Row by row; not finite = empty.
+        values: Vec<f64>,
+        /// What the colour means, with its unit.
+        label: String,
+    },
+    /// A stretch of x without goal (hatched).
+    Masked {
+        /// From, to.
+        x: (f64, f64),
+    },
+    /// A horizontal line across.
+    Level {
+        /// Its height.
+        y: f64,
+        /// Written at its right end.
+        name: String,
+    },
+}
+
+/// One pair of axes.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Panel {
+    /// Above it.
+    pub title: String,
+    /// Horizontal.
+    pub x: Axis,
+    /// Vertical.
+    pub y: Axis,
+    /// From back to front.
+    pub layers: Vec<Layer>,
+    /// One metre is as long across as up.
+    pub equal: bool,
+}
+
+/// A chart.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Figure {
+    /// Above all.
+    pub title: String,
+    /// Below the title, smaller: conditions, sample size.
+    pub note: String,
+    /// In reading order.
+    pub panels: Vec<Panel>,
+    /// Panels a row.
+    pub columns: usize,
+    /// Width and height of one panel in points (1/96 inch).
+    pub panel: (u32, u32),
+    /// Paper or dark.
+    pub theme: Theme,
+}
+
+impl Figure {
+    /// One panel.
+    pub fn of(title: &str, panel: Panel) -> Figure {
+        Figure {
+            title: title.to_owned(),
+            note: String::new(),
+            panels: vec![panel],
+            columns: 1,
+            panel: (720, 380),
+            theme: Theme::Light,
+        }
+    }
+
+    /// Small multiples.
+    pub fn grid(title: &str, panels: Vec<Panel>, columns: usize) -> Figure {
+        Figure {
+            title: title.to_owned(),
+            note: String::new(),
+            panels,
+            columns: columns.max(1),
+            panel: (270, 180),
+            theme: Theme::Light,
+        }
+    }
+
+    /// The line below the title.
+    #[must_use]
+    pub fn note(mut self, note: &str) -> Figure {
+        note.clone_into(&mut self.note);
+        self
+    }
+
+    /// Paper or dark.
+    #[must_use]
+    pub fn theme(mut self, theme: Theme) -> Figure {
+        self.theme = theme;
+        self
+    }
+
+    /// Another size of one panel, points.
+    #[must_use]
+    pub fn panel_size(mut self, width: u32, height: u32) -> Figure {
+        self.panel = (width, height);
+        self
+    }
+
+    /// As a PNG at two pixels a point.
+    ///
+    /// # Errors
+    /// [`Error::Empty`], [`Error::Large`], [`Error::Draw`].
+    pub fn png(&self) -> Result<Vec<u8>, Error> {
+        draw::png(self)
+    }
+
+    /// As an SVG.
+    ///
+    /// # Errors
+    /// [`Error::Empty`], [`Error::Large`], [`Error::Draw`].
+    pub fn svg(&self) -> Result<String, Error> {
+        draw::svg(self)
+    }
+
+    /// Writes a file; the ending (png or svg) names the format.
+    ///
+    /// # Errors
+    /// As above; [`Error::Format`], [`Error::File`].
+    pub fn save(&self, path: &Path) -> Result<(), Error> {
+        let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase());
+        let bytes = match ending.as_deref() {
+            Some("png") => self.png()?,
+            Some("svg") => self.svg()?.into_bytes(),
+            _ => return Err(Error::Format { path: path.to_owned() }),
+        };
+        Ok(crate::fsio::write_atomic(path, &bytes)?)
+    }
+}
+
+impl Layer {
+    /// Whether colours of cells need a scale beside the panel.
+    pub(super) fn scale(&self) -> Option<(&str, f64, f64)> {
+        let Layer::Cells { values, label, .. } = self else { return None };
+        let seen = values.iter().copied().filter(|v| v.is_finite());
+        let (low, high) =
+            seen.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
+        let low = if low > 0.0 && low < 0.5 * high { 0.0 } else { low };
+        (low <= high).then_some((label.as_str(), low, if high > low { high } else { low + 1.0 }))
+    }
+
+    /// Calls `x` and `y` with every coordinate that must be inside the axes.
+    pub(super) fn span(&self, mut x: impl FnMut(f64), mut y: impl FnMut(f64)) {
+        match self {
+            Layer::Line { points, .. } | Layer::Marks { points, .. } => {
+                for (a, b) in points.iter().filter(|p| p.0.is_finite() && p.1.is_finite()) {
+                    x(*a);
+                    y(*b);
+                }
+            }
+            Layer::Band { points, .. } => {
+                for (a, low, high) in points {
+                    x(*a);
+                    y(*low);
+                    y(*high);
+                }
+            }
+            Layer::Bars { values, .. } => {
+                y(0.0);
+                for (v, e) in values {
+                    y(*v + e.abs());
+                    if *v < 0.0 {
+                        y(*v - e.abs());
+                    }
+                }
+            }
+            Layer::Histogram { edges, heights, .. } => {
+                edges.iter().for_each(|e| x(*e));
+                y(0.0);
+                heights.iter().for_each(|h| y(*h));
+            }
+            Layer::Cells { x: (x0, x1), y: (y0, y1), .. } => {
+                x(*x0);
+                x(*x1);
+                y(*y0);
+                y(*y1);
+            }
+            Layer::Masked { .. } => {}
+            Layer::Level { y: level, .. } => y(*level),
+        }
+    }
+}

@@ -1,0 +1,201 @@
+//! A film that grows frame by frame on a thread of its own.
+
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{SyncSender, sync_channel};
+use std::thread::JoinHandle;
+
+use super::{ENDINGS, apng, ending, gif, mp4};
+use crate::render::{Error, Picture};
+
+/// Frames that wait for the encoder at most.
+const WAITING: usize = 4;
+
+/// The format of a film.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FilmFormat {
+    /// H.264 in MP4: small, plays everywhere.
+    Mp4,
+    /// 256 colours: plays where nothing else does.
+    Gif,
+    /// Lossless.
+    Apng,
+}
+
+impl FilmFormat {
+    /// From the ending of a path; a `.png` is a still and gives none.
+    pub fn of(path: &Path) -> Option<FilmFormat> {
+        match ending(path).as_str() {
+            "mp4" => Some(FilmFormat::Mp4),
+            "gif" => Some(FilmFormat::Gif),
+            "apng" => Some(FilmFormat::Apng),
+            _ => None,
+        }
+    }
+}
+
+/// What a film is made of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Film {
+    /// The format.
+    pub format: FilmFormat,
+    /// Frames a second.
+    pub fps: u32,
+    /// Pixels a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Frames there will be.
+    pub frames: u32,
+}
+
+/// A finished film.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Written {
+    /// Frames in it.
+    pub frames: u64,
+    /// Its size.
+    pub bytes: u64,
+    /// Where it is.
+    pub path: PathBuf,
+}
+
+/// Turns pictures into the bytes of a file.
+pub(super) trait Encode {
+    fn push(&mut self, picture: &Picture) -> Result<(), Error>;
+    fn finish(self: Box<Self>) -> Result<Vec<u8>, Error>;
+}
+
+/// Encodes a film on its own thread and writes it, whole or not at all.
+#[derive(Debug)]
+pub struct VideoWriter {
+    pictures: Option<SyncSender<Picture>>,
+    worker: Option<JoinHandle<Result<Vec<u8>, Error>>>,
+    film: Film,
+    pushed: u64,
+    path: PathBuf,
+}
+
+impl VideoWriter {
+    /// A film at `path`; the format is that of `film`.
+    ///
+    /// # Errors
+    /// [`Error::Format`] for an ending that no film has; [`Error::Encode`].
+    pub fn create(path: &Path, film: Film) -> Result<VideoWriter, Error> {
+        if FilmFormat::of(path).is_none() {
+            return Err(Error::Format { known: ENDINGS, path: path.to_owned() });
+        }
+        let (send, receive) = sync_channel::<Picture>(WAITING);
+        let worker = std::thread::Builder::new()
+            .name("encode".into())
+            .spawn(move || {
+                let mut encoder: Box<dyn Encode> = match film.format {
+                    FilmFormat::Mp4 => Box::new(mp4::Mp4::new(&film)?),
+                    FilmFormat::Gif => Box::new(gif::Gif::new(&film)?),
+                    FilmFormat::Apng => Box::new(apng::Apng::new(&film)?),
+                };
+                for picture in receive {
+                    encoder.push(&picture)?;
+                }
+                encoder.finish()
+            })
+            .map_err(|e| Error::Encode { format: "film", reason: e.to_string() })?;
+        Ok(VideoWriter {
+            pictures: Some(send),
+            worker: Some(worker),
+            film,
+            pushed: 0,
+            path: path.to_owned(),
+        })
+    }
+
+    /// Hands over the next frame; waits when the encoder is behind.
+    ///
+    /// # Errors
+    /// [`Error::FrameSize`]; what the encoder died of.
+    pub fn push(&mut self, picture: Picture) -> Result<(), Error> {
+        if (picture.width, picture.height) != (self.film.width, self.film.height) {
+            return Err(Error::FrameSize {
+                frame: self.pushed,
+                got_width: picture.width,
+                got_height: picture.height,
+                width: self.film.width,
+                height: self.film.height,
+            });
+        }
+        let sent = self.pictures.as_ref().is_some_and(|p| p.send(picture).is_ok());
+        if !sent {
+            return Err(self.join().err().unwrap_or(Error::NoFrames));
+        }
+        self.pushed += 1;
+        Ok(())
+    }
+
+    /// Waits for the encoder and puts the file in place.
+    ///
+    /// # Errors
+    /// [`Error::NoFrames`], [`Error::Encode`], [`Error::File`].
+    pub fn finish(mut self) -> Result<Written, Error> {
+        self.pictures = None;
+        if self.pushed == 0 {
+            self.join().ok();
+            return Err(Error::NoFrames);
+        }
+        let bytes = self.join()?;
+        crate::fsio::write_atomic(&self.path, &bytes)?;
+        Ok(Written { frames: self.pushed, bytes: bytes.len() as u64, path: self.path.clone() })
+    }
+
+    fn join(&mut self) -> Result<Vec<u8>, Error> {
+        self.pictures = None;
+        let Some(worker) = self.worker.take() else { return Err(Error::NoFrames) };
+        worker.join().unwrap_or_else(|_panic| {
+            Err(Error::Encode { format: "film", reason: "the encoder panicked".to_owned() })
+        })
+    }
+}
+
+impl Drop for VideoWriter {
+    fn drop(&mut self) {
+        // An abandoned film leaves no thread behind.
+        if self.worker.is_some() {
+            self.join().ok();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::render::encode::tests::film;
+
+    #[test]
+    fn frames_must_fit_and_a_film_needs_one() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.mp4");
+        let config = Film { format: FilmFormat::Mp4, fps: 20, width: 64, height: 48, frames: 1 };
+        let mut w = VideoWriter::create(&path, config).unwrap();
+        let wrong = w.push(Picture::filled(10, 10, [0; 3]));
+        assert!(matches!(wrong, Err(Error::FrameSize { .. })));
+        assert!(matches!(w.finish(), Err(Error::NoFrames)));
+        assert!(!path.exists());
+        assert!(VideoWriter::create(&dir.path().join("a.avi"), config).is_err());
+    }
+
+    #[test]
+    fn every_format_is_written_whole() {
+        let dir = tempfile::tempdir().unwrap();
+        for (name, format) in
+            [("a.mp4", FilmFormat::Mp4), ("a.gif", FilmFormat::Gif), ("a.apng", FilmFormat::Apng)]
+        {
+            let path = dir.path().join(name);
+            let config = Film { format, fps: 20, width: 63, height: 48, frames: 12 };
+            let mut w = VideoWriter::create(&path, config).unwrap();
+            for p in film(12, 63, 48) {
+                w.push(p).unwrap();
+            }
+            let written = w.finish().unwrap();
+            assert_eq!(written.frames, 12);
+            assert_eq!(written.bytes, std::fs::metadata(&path).unwrap().len());
+        }
+    }
+}

@@ -1,0 +1,185 @@
+//! Compiles a foreign model in a child process first: a crash, an endless loop or a memory
+//! bomb in the library then costs a message, not the program.
+//!
+//! The child is this same binary (`robert __compile-check FILE`). It limits its own address
+//! space and processor time before it opens anything, so no shell or wrapper is needed; the
+//! parent adds a limit by the clock. Rejected: `fork` without `exec` (undefined with threads)
+//! and catching signals in-process (a segmentation fault leaves the library in any state).
+
+use std::ffi::OsString;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use rustix::process::{Resource, Rlimit, setrlimit};
+use serde::{Deserialize, Serialize};
+
+use super::Error;
+use crate::limits;
+use crate::mujoco::{self, Data, Model};
+
+/// The hidden subcommand.
+pub const SUBCOMMAND: &str = "__compile-check";
+/// Simulator steps that a model must survive at rest: a tenth of a second.
+pub const STEPS: usize = 20;
+
+/// What the child found.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Verdict {
+    /// `ok`, `parse`, `compile`, `invalid`, `engine`, `memory`, `diverged` or `other`.
+    pub class: String,
+    /// What is wrong; empty if nothing is.
+    pub message: String,
+    /// Line in the model, where known.
+    pub line: Option<u32>,
+    /// Greatest resident size of the child, bytes.
+    pub peak_bytes: u64,
+}
+
+/// Compiles the model in a child process and tries `steps` simulator steps.
+///
+/// # Errors
+/// [`Error::Checked`], [`Error::Exhausted`], [`Error::NoChecker`].
+pub fn compile(model: &Path, exe: &Path, steps: usize) -> Result<Verdict, Error> {
+    let verdict = ask(model, exe, steps)?;
+    if verdict.class == "ok" {
+        return Ok(verdict);
+    }
+    let place = match verdict.line {
+        Some(line) => format!("{}:{line}:1", model.display()),
+        None => model.display().to_string(),
+    };
+    Err(Error::Checked {
+        message: format!("{place}: {}", verdict.message),
+        class: verdict.class,
+        path: model.to_owned(),
+    })
+}
+
+/// The binary to start for a check: this program, or the one that was built beside a test.
+///
+/// # Errors
+/// [`Error::NoChecker`].
+pub fn executable() -> Result<PathBuf, Error> {
+    let own = std::env::current_exe().map_err(|e| Error::NoChecker { message: e.to_string() })?;
+    if own.file_stem().is_some_and(|s| s == "robert") {
+        return Ok(own);
+    }
+    // Test binaries live in target/PROFILE/deps, examples in target/PROFILE/examples.
+    let beside = own.parent().and_then(Path::parent).map(|d| d.join("robert"));
+    match beside.filter(|p| p.is_file()) {
+        Some(p) => Ok(p),
+        None => Err(Error::NoChecker {
+            message: format!("the robert command is not beside {}; build it first", own.display()),
+        }),
+    }
+}
+
+fn ask(model: &Path, exe: &Path, steps: usize) -> Result<Verdict, Error> {
+    let no_checker =
+        |e: std::io::Error| Error::NoChecker { message: format!("{}: {e}", exe.display()) };
+    let args: [OsString; 4] =
+        [SUBCOMMAND.into(), "--steps".into(), steps.to_string().into(), model.into()];
+    let mut child = Command::new(exe)
+        .args(args)
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
+        .map_err(no_checker)?;
+    let status = wait(&mut child).map_err(no_checker)?;
+    let exhausted = |what: String| Error::Exhausted { what, path: model.to_owned() };
+    let Some(status) = status else {
+        return Err(exhausted(format!("took more than {} s", limits::CHECK_WALL_SECS)));
+    };
+    let mut said = String::new();
+    if let Some(out) = child.stdout.take() {
+        out.take(1 << 16).read_to_string(&mut said).map_err(no_checker)?;
+    }
+    match serde_json::from_str(&said) {
+        Ok(verdict) if status.success() => Ok(verdict),
+        _ => Err(exhausted(death(status))),
+    }
+}
+
+/// Waits under the clock; `None` when the child had to be killed.
+fn wait(child: &mut Child) -> std::io::Result<Option<ExitStatus>> {
+    let end = Instant::now() + Duration::from_secs(limits::CHECK_WALL_SECS);
+    let mut pause = Duration::from_millis(1);
+    // The verdict fits the pipe's buffer, so the child never blocks on us.
+    while Instant::now() < end {
+        if let Some(status) = child.try_wait()? {
+            return Ok(Some(status));
+        }
+        std::thread::sleep(pause);
+        pause = (pause * 2).min(Duration::from_millis(20));
+    }
+    child.kill()?;
+    child.wait()?;
+    Ok(None)
+}
+
+fn death(status: ExitStatus) -> String {
+    use std::os::unix::process::ExitStatusExt;
+    const SIGKILL: i32 = 9;
+    const SIGXCPU: i32 = 24;
+    match status.signal() {
+        Some(SIGXCPU | SIGKILL) => format!("took more than {} s", limits::CHECK_CPU_SECS),
+        Some(n) => format!("crashed the physics library (signal {n})"),
+        None => format!("ended without a verdict ({status})"),
+    }
+}
+
+/// The child's side: limits itself, compiles, tries a few steps.
+pub fn serve(model: &Path, steps: usize) -> Verdict {
+    limit();
+    let verdict = match attempt(model, steps) {
+        Ok(()) => Verdict { class: "ok".into(), ..Verdict::default() },
+        Err(e) => judge(&e),
+    };
+    Verdict { peak_bytes: peak_bytes(), ..verdict }
+}
+
+/// A limit that cannot be set is one that is tighter already.
+fn limit() {
+    let cap = |what, n| setrlimit(what, Rlimit { current: Some(n), maximum: Some(n) }).ok();
+    cap(Resource::As, limits::CHECK_MEMORY_BYTES);
+    cap(Resource::Cpu, limits::CHECK_CPU_SECS);
+    cap(Resource::Core, 0);
+    cap(Resource::Fsize, 1 << 20);
+}
+
+fn attempt(path: &Path, steps: usize) -> Result<(), mujoco::Error> {
+    let model = Arc::new(Model::from_path(path)?);
+    let mut data = Data::new(&model)?;
+    data.forward()?;
+    if steps > 0 { data.step(steps) } else { Ok(()) }
+}
+
+fn judge(e: &mujoco::Error) -> Verdict {
+    use mujoco::Error as E;
+    let (class, message, line) = match e {
+        E::Parse { message, line, .. } => ("parse", message.clone(), *line),
+        E::Compile { message, line, .. } => ("compile", message.clone(), *line),
+        E::Invalid { message, .. } => ("invalid", message.clone(), None),
+        E::Engine { .. } => ("engine", e.to_string(), None),
+        E::Memory { .. } => ("memory", "compiling it takes too much memory".to_owned(), None),
+        E::Diverged { .. } => (
+            "diverged",
+            format!("{e} within its first 0.1 s at rest; parts may overlap or weigh too little"),
+            None,
+        ),
+        _ => ("other", e.to_string(), None),
+    };
+    Verdict { class: class.to_owned(), message, line, peak_bytes: 0 }
+}
+
+/// `VmHWM` of this process.
+fn peak_bytes() -> u64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:")).unwrap_or_default();
+    let kb = line.split_whitespace().next().and_then(|n| n.parse::<u64>().ok());
+    kb.unwrap_or(0) * 1024
+}

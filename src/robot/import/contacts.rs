@@ -1,0 +1,162 @@
+//! Pairs of bodies that must not be tested against each other.
+//!
+//! `MuJoCo` leaves out a body and its parent, but not if the parent cannot move: it then
+//! counts as a part of the world. Parts of one arm that overlap by design would push each
+//! other apart until the solver breaks down (seen on the Shadow Hand's fixed palm, within
+//! 0.2 s at rest).
+
+use std::collections::BTreeSet;
+use std::fmt::Write as _;
+use std::sync::Arc;
+
+use super::draft::Draft;
+use crate::mujoco::{Data, Geom, Kind, Model};
+use crate::rng::{Rng, Stream};
+use crate::robot::{Error, preparse, text};
+
+/// Poses drawn to find pairs that touch in nearly all of them.
+const POSES: u64 = 60;
+/// Share of those poses in which a pair must touch to be left out.
+const ALWAYS: f64 = 0.95;
+/// Distance of joint anchors below which two joints are one joint of more axes, m.
+const SAME_PLACE: f64 = 1e-3;
+
+/// Adds the excludes that a model needs and says so.
+pub(super) fn exclude(
+    draft: &mut Draft,
+    model: &Model,
+    project: &preparse::Project,
+) -> Result<(), Error> {
+    let model = Arc::new(model.duplicate()?);
+    let mut data = Data::new(&model)?;
+    data.forward()?;
+    let old: BTreeSet<(usize, usize)> = excluded(&model);
+    let mut found: BTreeSet<(usize, usize)> = BTreeSet::new();
+    let mut reasons: Vec<String> = Vec::new();
+    let mut add = |pair: (usize, usize), why: &str| {
+        let pair = (pair.0.min(pair.1), pair.0.max(pair.1));
+        let name = |b: usize| model.name(Kind::Body, b).map(str::to_owned);
+        if pair.0 == pair.1 || old.contains(&pair) || found.contains(&pair) {
+            return;
+        }
+        if let (Some(a), Some(b)) = (name(pair.0), name(pair.1)) {
+            found.insert(pair);
+            reasons.push(format!("{a} - {b} ({why})"));
+        }
+    };
+    for pair in static_neighbours(&model) {
+        add(pair, "next to a fixed part");
+    }
+    for pair in touching(&model, &data) {
+        add(pair, "in contact at the default pose");
+    }
+    for pair in always_touching(&model, &mut data)? {
+        add(pair, "in contact in nearly every pose");
+    }
+    if found.is_empty() {
+        return Ok(());
+    }
+    let mut section = String::from("<contact>");
+    for (a, b) in &found {
+        let name = |b: &usize| text::escape(model.name(Kind::Body, *b).unwrap_or_default());
+        write!(section, "<exclude body1=\"{}\" body2=\"{}\"/>", name(a), name(b)).ok();
+    }
+    section.push_str("</contact>");
+    draft.append(&section, &project.path)?;
+    let shown = reasons.iter().take(40).cloned().collect::<Vec<_>>().join(", ");
+    let more = if reasons.len() > 40 {
+        format!(" and {} more", reasons.len() - 40)
+    } else {
+        String::new()
+    };
+    draft.assumed.push(format!("{} pairs of bodies never collide: {shown}{more}", reasons.len()));
+    Ok(())
+}
+
+fn excluded(model: &Model) -> BTreeSet<(usize, usize)> {
+    model
+        .exclude_signature()
+        .iter()
+        .map(|s| {
+            let (a, b) = ((s >> 16) as usize, (s & 0xffff) as usize);
+            (a.min(b).saturating_sub(1), a.max(b).saturating_sub(1))
+        })
+        .collect()
+}
+
+fn id(v: &[i32], i: usize) -> usize {
+    v.get(i).and_then(|n| usize::try_from(*n).ok()).unwrap_or(0)
+}
+
+/// Moving bodies whose joint sits on a fixed body, with that body; joints at the same place
+/// count as one. The world itself is a floor, not a part of the robot.
+fn static_neighbours(model: &Model) -> Vec<(usize, usize)> {
+    let fixed = |b: usize| id(model.body_weldid(), b) == 0;
+    let mut pairs = Vec::new();
+    for b in 1..model.nbody() {
+        if fixed(b) {
+            continue;
+        }
+        let mut up = b;
+        loop {
+            let pos = model.body_pos().get(3 * up..3 * up + 3).unwrap_or_default();
+            let far = pos.iter().map(|v| v * v).sum::<f64>().sqrt() > SAME_PLACE;
+            up = id(model.body_parentid(), up);
+            if fixed(up) {
+                if up != 0 {
+                    pairs.push((up, b));
+                }
+                break;
+            }
+            if far {
+                break;
+            }
+        }
+    }
+    pairs
+}
+
+/// Pairs of bodies in contact now, floors and walls left out.
+fn touching(model: &Model, data: &Data) -> Vec<(usize, usize)> {
+    let ground = |g: usize| {
+        id(model.geom_bodyid(), g) == 0
+            && matches!(model.geom_kind(g), Some(Geom::Plane | Geom::HField))
+    };
+    let mut pairs: BTreeSet<(usize, usize)> = BTreeSet::new();
+    for c in data.contacts() {
+        if c.dist >= 0.0 || c.geoms.iter().any(|g| ground(*g)) {
+            continue;
+        }
+        let [a, b] = c.geoms.map(|g| id(model.geom_bodyid(), g));
+        pairs.insert((a.min(b), a.max(b)));
+    }
+    pairs.into_iter().collect()
+}
+
+fn always_touching(model: &Arc<Model>, data: &mut Data) -> Result<Vec<(usize, usize)>, Error> {
+    let mut hits: std::collections::BTreeMap<(usize, usize), u64> =
+        std::collections::BTreeMap::new();
+    for k in 0..POSES {
+        let mut rng = Rng::new(0, Stream::Reset, k);
+        let mut qpos = model.qpos0().to_vec();
+        for j in 0..model.jnt_type().len() {
+            let limited = model.jnt_limited().get(j).is_some_and(|l| *l != 0);
+            let range = model.jnt_range().get(2 * j..2 * j + 2).unwrap_or_default();
+            let (lo, hi) = match range {
+                [lo, hi] if limited => (*lo, *hi),
+                _ => (-std::f64::consts::PI, std::f64::consts::PI),
+            };
+            if let Some(q) = qpos.get_mut(id(model.jnt_qposadr(), j)) {
+                *q = rng.range(lo, hi);
+            }
+        }
+        data.reset()?;
+        data.set_qpos(&qpos)?;
+        data.forward()?;
+        for pair in touching(model, data) {
+            *hits.entry(pair).or_default() += 1;
+        }
+    }
+    let enough = (ALWAYS * POSES as f64).ceil() as u64;
+    Ok(hits.into_iter().filter(|(_, n)| *n >= enough).map(|(p, _)| p).collect())
+}

@@ -1,0 +1,91 @@
+//! An MJCF on its way to a robot, with its files and the remarks about it.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use crate::fsio;
+use crate::robot::{Assets, Error, mesh, preparse, text};
+use crate::{limits, units};
+
+/// Folder of meshes and textures inside a robot's folder.
+pub(super) const ASSET_DIR: &str = "assets";
+
+/// See the module.
+#[derive(Debug, Default)]
+pub(super) struct Draft {
+    /// Name for people.
+    pub(super) title: String,
+    /// The model.
+    pub(super) xml: String,
+    /// Its files by plain, unique, lower-case names.
+    pub(super) assets: Assets,
+    /// Speed limits that the source gives, rad/s or m/s.
+    pub(super) speeds: BTreeMap<String, f64>,
+    pub(super) dropped: Vec<String>,
+    pub(super) assumed: Vec<String>,
+    pub(super) changed: Vec<String>,
+    /// Where each file came from, so that one file is taken once.
+    pub(super) sources: BTreeMap<std::path::PathBuf, String>,
+    /// Bytes of the files so far.
+    pub(super) bytes: u64,
+}
+
+impl Draft {
+    /// Takes a file over and gives its new name.
+    pub(super) fn take(&mut self, path: &Path) -> Result<String, Error> {
+        if let Some(name) = self.sources.get(path) {
+            return Ok(name.clone());
+        }
+        let refused =
+            |message: String| Error::Refused { message, line: 0, column: 0, path: path.into() };
+        let extension = mesh::extension(path);
+        let stem = path.file_stem().map(|s| s.to_string_lossy().to_lowercase()).unwrap_or_default();
+        let stem: String = stem
+            .chars()
+            .map(|c| if c.is_ascii_alphanumeric() || "-_".contains(c) { c } else { '_' })
+            .take(100)
+            .collect();
+        let mut name = format!("{stem}.{extension}");
+        let mut n = 2;
+        while self.assets.iter().any(|(a, _)| *a == name) {
+            name = format!("{stem}_{n}.{extension}");
+            n += 1;
+        }
+        let bytes = fsio::read_capped(path, limits::MESH_BYTES)?;
+        self.bytes += bytes.len() as u64;
+        if self.bytes > limits::UPLOAD_BYTES || self.assets.len() >= limits::PROJECT_FILES {
+            return Err(refused(format!(
+                "with this file the model has more than {} bytes or {} files",
+                limits::UPLOAD_BYTES,
+                limits::PROJECT_FILES
+            )));
+        }
+        let bytes = mesh::normalised(&name, bytes).map_err(refused)?;
+        self.assets.push((name.clone(), bytes));
+        self.sources.insert(path.to_owned(), name.clone());
+        Ok(name)
+    }
+
+    /// Puts sections at the end of the model, on the line of its closing tag, so that all
+    /// earlier lines keep their numbers. In MJCF the last word counts.
+    pub(super) fn append(&mut self, sections: &str, path: &Path) -> Result<(), Error> {
+        let doc = preparse::parse(&self.xml, path)?;
+        let mut edits = text::Edits::default();
+        let root = doc.root_element();
+        match text::before_close(root) {
+            Some(at) => edits.insert(at, sections),
+            None => {
+                let name = root.tag_name().name();
+                edits.replace(root.range(), format!("<{name}>{sections}</{name}>"));
+            }
+        }
+        let xml = edits.apply(&self.xml);
+        self.xml = xml;
+        Ok(())
+    }
+}
+
+/// The physics that every robot is simulated with.
+pub(super) fn physics() -> String {
+    format!("<option timestep=\"{}\" integrator=\"Euler\" cone=\"pyramidal\"/>", units::SIM_DT)
+}

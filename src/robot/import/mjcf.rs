@@ -1,0 +1,275 @@
+//! A foreign MJCF as a draft: files under plain names, every part named, words of later
+//! `MuJoCo` versions taken out where nothing hangs on them.
+
+use std::collections::BTreeSet;
+
+use roxmltree::{Document, Node};
+
+use super::ImportConfig;
+use super::draft::{ASSET_DIR, Draft, physics};
+use crate::robot::text::Edits;
+use crate::robot::{Error, mesh, preparse, text};
+
+/// Attributes of later versions (or of tools) that 2.2.2 does not know and that change
+/// nothing we use: (element, attribute).
+const UNKNOWN: &[(&str, &str)] = &[
+    ("option", "actuatorgroupdisable"),
+    ("option", "ccd_iterations"),
+    ("option", "ccd_tolerance"),
+    ("option", "ls_iterations"),
+    ("option", "ls_tolerance"),
+    ("option", "sdf_initpoints"),
+    ("option", "sdf_iterations"),
+    ("flag", "autoreset"),
+    ("flag", "eulerdamp"),
+    ("flag", "island"),
+    ("flag", "midphase"),
+    ("flag", "multiccd"),
+    ("flag", "nativeccd"),
+    ("compiler", "alignfree"),
+    ("compiler", "assetdir"),
+    ("compiler", "saveinertial"),
+    ("size", "memory"),
+    ("mesh", "content_type"),
+    ("mesh", "inertia"),
+    ("mesh", "maxhullvert"),
+    ("mesh", "octree_maxdepth"),
+    ("texture", "colorspace"),
+    ("texture", "content_type"),
+    ("texture", "nchannel"),
+    ("hfield", "content_type"),
+    ("joint", "actuatorfrclimited"),
+    ("joint", "actuatorfrcrange"),
+    ("joint", "actuatorgravcomp"),
+    ("freejoint", "align"),
+    ("body", "gravcomp"),
+    ("body", "sleep"),
+    ("general", "actdim"),
+    ("general", "actearly"),
+    ("position", "actearly"),
+    ("position", "dampratio"),
+    ("position", "inheritrange"),
+    ("position", "kv"),
+    ("position", "timeconst"),
+];
+
+/// Sections that the simulation of a robot does without.
+const UNUSED: &[&str] = &["visual", "sensor", "statistic"];
+
+pub(super) fn draft(project: &preparse::Project, config: &ImportConfig) -> Result<Draft, Error> {
+    let path = &project.path;
+    let mut draft = Draft { title: title(project), ..Draft::default() };
+    if config.base_height_m != 0.0 {
+        let message = "--base-height is for URDF; an MJCF places its own base".to_owned();
+        return Err(Error::Unfit { message, path: path.clone() });
+    }
+    let doc = preparse::parse(&project.xml, path)?;
+    let mut edits = Edits::default();
+    let mut removed = BTreeSet::new();
+    for node in doc.descendants().filter(Node::is_element) {
+        attributes(node, &mut edits, &mut removed);
+    }
+    for section in doc.root_element().children().filter(Node::is_element) {
+        let tag = section.tag_name().name();
+        if UNUSED.contains(&tag) {
+            edits.replace(section.range(), blank(&project.xml, section));
+            if tag == "sensor" {
+                draft.dropped.push("sensors: the state is the joint positions".into());
+            }
+        }
+    }
+    if !removed.is_empty() {
+        let list: Vec<String> = removed.into_iter().collect();
+        draft
+            .dropped
+            .push(format!("attributes that MuJoCo 2.2.2 does not know: {}", list.join(", ")));
+    }
+    files(&doc, project, &mut draft, &mut edits)?;
+    names(&doc, &mut draft, &mut edits);
+    let loosened = free_base(&doc, path, config, &mut draft, &mut edits)?;
+    weld(&doc, path, config, &mut draft, &mut edits)?;
+    if loosened || !config.weld.is_empty() {
+        for key in doc.root_element().children().filter(|n| n.has_tag_name("keyframe")) {
+            edits.replace(key.range(), blank(&project.xml, key));
+            draft.dropped.push("keyframes: they count the coordinates that were taken away".into());
+        }
+    }
+    let limits = autolimits(&doc);
+    draft.xml = edits.apply(&project.xml);
+    drop(doc);
+    draft.changed.push(
+        "physics: time step 0.005 s, Euler, pyramidal friction cone, 20 Hz control".to_owned(),
+    );
+    let dirs = format!(
+        "<compiler meshdir=\"{ASSET_DIR}\" texturedir=\"{ASSET_DIR}\" strippath=\"false\"{limits}/>{}",
+        physics()
+    );
+    draft.append(&dirs, path)?;
+    Ok(draft)
+}
+
+fn title(project: &preparse::Project) -> String {
+    let named = preparse::parse(&project.xml, &project.path)
+        .ok()
+        .and_then(|d| d.root_element().attribute("model").map(str::to_owned));
+    named.unwrap_or_else(|| {
+        project.path.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default()
+    })
+}
+
+/// As many line breaks as the node has, so that later lines keep their numbers.
+fn blank(xml: &str, node: Node<'_, '_>) -> String {
+    let lines = xml.get(node.range()).map_or(0, |t| t.matches('\n').count());
+    "\n".repeat(lines)
+}
+
+fn attributes(node: Node<'_, '_>, edits: &mut Edits, removed: &mut BTreeSet<String>) {
+    let tag = node.tag_name().name();
+    for (element, attribute) in UNKNOWN {
+        if *element == tag && node.has_attribute(*attribute) {
+            edits.unset(node, attribute);
+            removed.insert(format!("{tag}/{attribute}"));
+        }
+    }
+    if tag == "option" && matches!(node.attribute("integrator"), Some("implicitfast")) {
+        edits.unset(node, "integrator");
+    }
+}
+
+/// Gives every referenced file its new plain name.
+fn files(
+    doc: &Document<'_>,
+    project: &preparse::Project,
+    draft: &mut Draft,
+    edits: &mut Edits,
+) -> Result<(), Error> {
+    let path = &project.path;
+    for node in doc.descendants().filter(Node::is_element) {
+        let tag = node.tag_name().name();
+        for a in node.attributes().filter(|a| preparse::names_file(tag, a.name())) {
+            let below = preparse::asset_path(doc, tag, a.value());
+            let Some(found) = project.assets.iter().find(|r| r.written == below) else {
+                return Err(preparse::refuse(node, path, format!("\"{below}\" was not found")));
+            };
+            let name = draft.take(&found.path)?;
+            edits.replace(a.range_value(), text::escape(&name));
+            // A mesh without a name is called after its file, and others refer to that.
+            let implied = a.name() == "file" && !node.has_attribute("name");
+            if implied && matches!(tag, "mesh" | "hfield" | "texture") {
+                let stem = stem(a.value());
+                edits.set(node, "name", &stem);
+            }
+            if mesh::extension(&found.path) == "msh" {
+                draft.assumed.push(format!("{name}: binary mesh taken as it is"));
+            }
+        }
+    }
+    Ok(())
+}
+
+fn stem(written: &str) -> String {
+    let file = written.rsplit(['/', '\\']).next().unwrap_or(written);
+    file.rsplit_once('.').map_or(file, |(s, _)| s).to_owned()
+}
+
+/// Bodies need names for excludes, joints for the profile.
+fn names(doc: &Document<'_>, draft: &mut Draft, edits: &mut Edits) {
+    let taken: BTreeSet<&str> = doc.descendants().filter_map(|n| n.attribute("name")).collect();
+    let in_world = |n: &Node<'_, '_>| n.ancestors().any(|a| a.has_tag_name("worldbody"));
+    let mut fresh = |stem: &str, n: &mut usize| loop {
+        let name = format!("{stem}_{n}");
+        *n += 1;
+        if !taken.contains(name.as_str()) {
+            return name;
+        }
+    };
+    let (mut bodies, mut joints) = (0, 0);
+    for node in doc.descendants().filter(in_world) {
+        let tag = node.tag_name().name();
+        if node.has_attribute("name") {
+            continue;
+        }
+        if tag == "body" {
+            let name = fresh("body", &mut bodies);
+            edits.set(node, "name", &name);
+        } else if tag == "joint" || tag == "freejoint" {
+            let name = fresh("joint", &mut joints);
+            edits.set(node, "name", &name);
+        }
+    }
+    if joints > 0 {
+        draft.changed.push(format!("{joints} nameless joints were given names"));
+    }
+}
+
+/// Takes free joints away if asked to; otherwise refuses them. Gives whether it took any.
+fn free_base(
+    doc: &Document<'_>,
+    path: &std::path::Path,
+    config: &ImportConfig,
+    draft: &mut Draft,
+    edits: &mut Edits,
+) -> Result<bool, Error> {
+    let free = |n: &Node<'_, '_>| {
+        let says = n.has_tag_name("freejoint")
+            || (n.has_tag_name("joint") && n.attribute("type") == Some("free"));
+        says && n.parent().is_some_and(|p| p.has_tag_name("body"))
+    };
+    let mut any = false;
+    for node in doc.descendants().filter(free) {
+        if !config.fixed_base {
+            let message = "this body floats freely; the state takes hinge and slide joints only. \
+                           To hold it still where it is: --fixed-base";
+            return Err(preparse::refuse(node, path, message));
+        }
+        any = true;
+        edits.replace(node.range(), "");
+        let body = node.parent().and_then(|p| p.attribute("name")).unwrap_or("a body");
+        draft.changed.push(format!("\"{body}\" no longer floats: held where it is"));
+    }
+    Ok(any)
+}
+
+fn weld(
+    doc: &Document<'_>,
+    path: &std::path::Path,
+    config: &ImportConfig,
+    draft: &mut Draft,
+    edits: &mut Edits,
+) -> Result<(), Error> {
+    for name in &config.weld {
+        let is = |n: &Node<'_, '_>| {
+            n.has_tag_name("joint")
+                && n.attribute("name") == Some(name)
+                && n.parent().is_some_and(|p| p.has_tag_name("body"))
+        };
+        let Some(joint) = doc.descendants().find(is) else {
+            let message = format!("--weld {name}: there is no such joint");
+            return Err(Error::Unfit { message, path: path.to_owned() });
+        };
+        edits.replace(joint.range(), "");
+        draft.changed.push(format!("joint \"{name}\" is welded at its zero"));
+        // What drives or ties a joint goes with it.
+        for node in doc.descendants().filter(Node::is_element) {
+            let parent = node.parent().map_or("", |p| p.tag_name().name());
+            let tied = matches!(parent, "actuator" | "equality" | "fixed");
+            let names =
+                ["joint", "joint1", "joint2"].iter().any(|a| node.attribute(*a) == Some(name));
+            if tied && names {
+                edits.replace(node.range(), "");
+                draft
+                    .dropped
+                    .push(format!("<{}> of the welded joint \"{name}\"", node.tag_name().name()));
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Later versions take a range for a limit; 2.2.2 refuses a range without the word
+/// "limited", so that this changes no model that it accepts.
+fn autolimits(doc: &Document<'_>) -> &'static str {
+    let said =
+        doc.descendants().any(|n| n.has_tag_name("compiler") && n.has_attribute("autolimits"));
+    if said { "" } else { " autolimits=\"true\"" }
+}

@@ -1,0 +1,253 @@
+//! Makes a robot's folder out of a foreign URDF or MJCF.
+//!
+//! The order is: read under caps ([`super::preparse`]), draft an MJCF with plain file names,
+//! compile it in a child process, then mend what a torque-driven simulation needs (motors,
+//! contact excludes, our time step), compile again, derive the profile, and only then show
+//! the folder. Every figure that was not in the source is in the report.
+//!
+//! Rejected: `MuJoCo`'s own URDF loader, which drops effort, velocity and mimic, cuts
+//! `package://` paths to the base name and makes no actuators; and `urdf_rs::utils`, which
+//! starts foreign programs and panics without ROS.
+
+mod contacts;
+mod draft;
+mod mend;
+mod mjcf;
+mod urdf;
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use serde::Serialize;
+
+use super::{Assets, Error, MODEL_FILE, PROFILE_FILE, Robot, check, preparse, profile};
+use crate::fsio;
+use crate::mujoco::Model;
+use draft::Draft;
+
+/// What to import, and how.
+#[derive(Clone, Debug)]
+pub struct ImportConfig {
+    /// The URDF or MJCF file.
+    pub source: PathBuf,
+    /// The folder to make; it must not exist, or be empty.
+    pub out: PathBuf,
+    /// The folder that includes and meshes may not leave; the source's own without one.
+    pub root: Option<PathBuf>,
+    /// Folders of ROS packages by name, for `package://NAME/…`.
+    pub packages: BTreeMap<String, PathBuf>,
+    /// The robot's id; the folder's name without one.
+    pub id: Option<String>,
+    /// Hold a floating base still.
+    pub fixed_base: bool,
+    /// Height of a URDF's root above the floor, m.
+    pub base_height_m: f64,
+    /// Force limit of joints whose source names none, N m or N.
+    pub effort: f64,
+    /// Joints to weld where they are.
+    pub weld: Vec<String>,
+    /// Leave servos as they are instead of turning them into motors.
+    pub keep_servos: bool,
+    /// The binary that checks models; see [`check::executable`].
+    pub checker: PathBuf,
+}
+
+/// What was made, and what had to be dropped, assumed or changed on the way.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Report {
+    /// The robot's id.
+    pub id: String,
+    /// The folder.
+    pub folder: PathBuf,
+    /// `urdf` or `mjcf`.
+    pub format: String,
+    /// Numbers in a state.
+    pub state_dim: usize,
+    /// Numbers in an action.
+    pub action_dim: usize,
+    /// Bodies, the world not counted.
+    pub bodies: usize,
+    /// Mesh and texture files taken over.
+    pub files: usize,
+    /// Total mass, kg.
+    pub mass_kg: f64,
+    /// Parts of the source that are not in the result.
+    pub dropped: Vec<String>,
+    /// Figures that the source did not give.
+    pub assumed: Vec<String>,
+    /// Parts of the source that are in the result in another form.
+    pub changed: Vec<String>,
+}
+
+/// Imports a model.
+///
+/// # Errors
+/// Every variant of [`Error`] that speaks of a file.
+pub fn import(config: &ImportConfig) -> Result<Report, Error> {
+    let out = &config.out;
+    let unfit = |message: String, path: &Path| Error::Unfit { message, path: path.to_owned() };
+    let occupied = out.read_dir().is_ok_and(|mut d| d.next().is_some()) || out.is_file();
+    if occupied {
+        return Err(unfit("the folder exists and is not empty; name another one".into(), out));
+    }
+    if !(config.effort.is_finite() && config.effort > 0.0 && config.base_height_m.is_finite()) {
+        return Err(unfit(
+            "effort must be positive and the base height finite".into(),
+            &config.source,
+        ));
+    }
+    let id = config.id.clone().unwrap_or_else(|| super::folder::id_of(&absolute(out)));
+    if !profile::valid_id(&id) {
+        return Err(unfit(
+            format!("\"{id}\" cannot be a robot's id: lower-case letters, digits, '_' and '-'"),
+            out,
+        ));
+    }
+    let project = preparse::read(&config.source, config.root.as_deref())?;
+    let mut draft = match project.format {
+        preparse::Format::Mjcf => mjcf::draft(&project, config)?,
+        preparse::Format::Urdf => urdf::draft(&project, config)?,
+    };
+    let parent = absolute(out).parent().map_or_else(|| PathBuf::from("."), Path::to_owned);
+    let write =
+        |e: std::io::Error| Error::File(fsio::Error::Write { source: e, path: out.clone() });
+    std::fs::create_dir_all(&parent).map_err(write)?;
+    let temp =
+        tempfile::Builder::new().prefix(".robert-import-").tempdir_in(&parent).map_err(write)?;
+    let (model, xml) = settle_draft(&mut draft, &project, config, temp.path())?;
+    let profile = describe(&draft, &model, &id, config)?;
+    write_files(temp.path(), &xml, &draft.assets, &profile)?;
+    // The way every later command will take.
+    let robot = Robot::from_folder(temp.path())?;
+    let report = Report {
+        id,
+        folder: out.clone(),
+        format: if project.format == preparse::Format::Urdf { "urdf" } else { "mjcf" }.into(),
+        state_dim: robot.state_dim(),
+        action_dim: robot.action_dim(),
+        bodies: model.nbody() - 1,
+        files: draft.assets.len(),
+        mass_kg: model.body_mass().iter().sum(),
+        dropped: draft.dropped,
+        assumed: draft.assumed,
+        changed: draft.changed,
+    };
+    let json = serde_json::to_vec_pretty(&report)
+        .map_err(|e| unfit(format!("the report cannot be written: {e}"), out))?;
+    fsio::write_atomic(&temp.path().join("import.json"), &json)?;
+    publish(temp, out).map_err(write)?;
+    Ok(report)
+}
+
+/// Compiles the draft, mends it, and compiles until nothing is left to mend.
+fn settle_draft(
+    draft: &mut Draft,
+    project: &preparse::Project,
+    config: &ImportConfig,
+    dir: &Path,
+) -> Result<(Arc<Model>, String), Error> {
+    // Errors of the draft carry its own path; the user knows another.
+    let say = |e: Error| named(e, &dir.join(MODEL_FILE), project);
+    write_model(dir, &draft.xml, &draft.assets)?;
+    check::compile(&dir.join(MODEL_FILE), &config.checker, 0).map_err(say)?;
+    let mut first = compile(&draft.xml, &draft.assets).map_err(say)?;
+    if mend::joints(draft, &first, project, config)? {
+        first = compile(&draft.xml, &draft.assets).map_err(say)?;
+        mend::joints(draft, &first, project, config)?;
+    }
+    mend::actuators(draft, &first, config)?;
+    let second = compile(&draft.xml, &draft.assets).map_err(say)?;
+    contacts::exclude(draft, &second, project)?;
+    let last = Arc::new(compile(&draft.xml, &draft.assets).map_err(say)?);
+    write_model(dir, &draft.xml, &draft.assets)?;
+    check::compile(&dir.join(MODEL_FILE), &config.checker, check::STEPS).map_err(say)?;
+    Ok((last, draft.xml.clone()))
+}
+
+fn compile(xml: &str, assets: &Assets) -> Result<Model, Error> {
+    super::compile(xml, assets)
+}
+
+/// Errors of the drafted file, said of the file that the user knows. Line numbers are those
+/// of the source where the draft kept its lines.
+fn named(e: Error, drafted: &Path, project: &preparse::Project) -> Error {
+    let source = &project.path;
+    let own_lines = project.format == preparse::Format::Mjcf && project.parts == 1;
+    let (from, to) = (drafted.display().to_string(), source.display().to_string());
+    match e {
+        Error::Checked { message, class, .. } => {
+            let message = if own_lines {
+                message.replace(&from, &to)
+            } else {
+                let rest = message.strip_prefix(&from).unwrap_or(&message);
+                let what = rest.split_once(": ").map_or(rest, |(_, m)| m);
+                format!("{to}: {what}")
+            };
+            Error::Checked { message, class, path: source.clone() }
+        }
+        Error::Exhausted { what, .. } => Error::Exhausted { what, path: source.clone() },
+        Error::Simulator(e) => Error::Simulator(e.at(source)),
+        other => other,
+    }
+}
+
+/// The profile, in full: what was derived can be read and changed there.
+fn describe(
+    draft: &Draft,
+    model: &Model,
+    id: &str,
+    config: &ImportConfig,
+) -> Result<String, Error> {
+    let mut p = super::derive(model, id, &config.source)?;
+    p.title.clone_from(&draft.title);
+    p.about = format!(
+        "Imported from {}.",
+        config.source.file_name().map(|n| n.to_string_lossy()).unwrap_or_default()
+    );
+    "see the source".clone_into(&mut p.licence);
+    for j in &mut p.joints {
+        if let Some(v) = draft.speeds.get(&j.name) {
+            j.speed_limit = *v;
+        }
+    }
+    p.physics.discard_visual = mend::weightless_visuals(&draft.xml, &draft.assets, model)?;
+    let text = p.to_toml()?;
+    Ok(format!(
+        "# Made by robert import. Whatever the model implies may be left out again.\n{text}"
+    ))
+}
+
+fn write_model(dir: &Path, xml: &str, assets: &Assets) -> Result<(), Error> {
+    fsio::write_atomic(&dir.join(MODEL_FILE), xml.as_bytes())?;
+    for (name, bytes) in assets {
+        let path = dir.join(draft::ASSET_DIR).join(name);
+        if !path.is_file() {
+            fsio::write_atomic(&path, bytes)?;
+        }
+    }
+    Ok(())
+}
+
+fn write_files(dir: &Path, xml: &str, assets: &Assets, profile: &str) -> Result<(), Error> {
+    write_model(dir, xml, assets)?;
+    fsio::write_atomic(&dir.join(PROFILE_FILE), profile.as_bytes())?;
+    Ok(())
+}
+
+fn absolute(path: &Path) -> PathBuf {
+    std::path::absolute(path).unwrap_or_else(|_| path.to_owned())
+}
+
+/// The finished folder takes its place in one step.
+fn publish(temp: tempfile::TempDir, out: &Path) -> std::io::Result<()> {
+    use std::os::unix::fs::PermissionsExt;
+    std::fs::set_permissions(temp.path(), std::fs::Permissions::from_mode(0o755))?;
+    if out.is_dir() {
+        std::fs::remove_dir(out)?;
+    }
+    std::fs::rename(temp.path(), out)?;
+    // The folder has moved; nothing is left to remove.
+    let _moved = temp.keep();
+    Ok(())
+}

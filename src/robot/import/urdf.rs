@@ -1,0 +1,641 @@
+//! A URDF as a draft: our own tree, checks, paths and MJCF text; `urdf-rs` reads the XML.
+//!
+//! `urdf-rs` checks nothing: cycles, missing parents and missing limits all pass it.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+use nalgebra::{Matrix3, Rotation3, UnitQuaternion};
+use roxmltree::{Document, Node};
+use urdf_rs::{Geometry, Joint, JointType, Link, Pose};
+
+use super::ImportConfig;
+use super::draft::{ASSET_DIR, Draft, physics};
+use crate::robot::text::escape;
+use crate::robot::{Error, mesh, preparse};
+
+/// Rotor inertia where the source gives none, kg m^2 or kg (it never does).
+const ARMATURE: f64 = 0.01;
+/// Mass and inertia of moving links that have neither inertia nor collision shapes.
+const GHOST: (f64, f64) = (1e-3, 1e-6);
+
+/// The robot under work.
+struct Tree<'a> {
+    robot: &'a urdf_rs::Robot,
+    doc: &'a Document<'a>,
+    project: &'a preparse::Project,
+    config: &'a ImportConfig,
+    /// Joints by parent link.
+    children: BTreeMap<&'a str, Vec<&'a Joint>>,
+    materials: BTreeMap<&'a str, [f64; 4]>,
+    /// Mesh assets by file and scale: name.
+    meshes: BTreeMap<(String, String), String>,
+    /// Files that could not be used, with the reason, each told once.
+    unusable: BTreeSet<String>,
+    draft: Draft,
+    body: String,
+    motors: String,
+    equalities: String,
+}
+
+pub(super) fn draft(project: &preparse::Project, config: &ImportConfig) -> Result<Draft, Error> {
+    let path = &project.path;
+    let doc = preparse::parse(&project.xml, path)?;
+    let whole = |message: String| preparse::refuse(doc.root_element(), path, message);
+    let robot = urdf_rs::read_from_string(&project.xml)
+        .map_err(|e| whole(format!("not a valid URDF: {e}")))?;
+    if robot.links.is_empty() {
+        let tags = doc.root_element().children().filter(Node::is_element).count();
+        let hint = if tags > 0 { "; is it a xacro template?" } else { "" };
+        return Err(whole(format!("the robot has no link{hint}")));
+    }
+    let root = check_tree(&robot, &doc, path)?;
+    let mut tree = Tree {
+        children: BTreeMap::new(),
+        materials: robot
+            .materials
+            .iter()
+            .filter_map(|m| Some((m.name.as_str(), m.color.as_ref()?.rgba.0)))
+            .collect(),
+        robot: &robot,
+        doc: &doc,
+        project,
+        config,
+        meshes: BTreeMap::new(),
+        unusable: BTreeSet::new(),
+        draft: Draft { title: robot.name.clone(), ..Draft::default() },
+        body: String::new(),
+        motors: String::new(),
+        equalities: String::new(),
+    };
+    for joint in &robot.joints {
+        tree.children.entry(joint.parent.link.as_str()).or_default().push(joint);
+    }
+    for name in &config.weld {
+        if !robot.joints.iter().any(|j| j.name == *name) {
+            let message = format!("--weld {name}: there is no such joint");
+            return Err(Error::Unfit { message, path: path.clone() });
+        }
+    }
+    if doc.descendants().any(|n| n.has_tag_name("transmission") || n.has_tag_name("gazebo")) {
+        tree.draft.dropped.push("<transmission> and <gazebo>: not part of the kinematics".into());
+    }
+    tree.link(root, None, 1)?;
+    tree.finish()
+}
+
+/// Names, parents, numbers. Gives the root link.
+fn check_tree<'a>(
+    robot: &'a urdf_rs::Robot,
+    doc: &Document<'_>,
+    path: &Path,
+) -> Result<&'a Link, Error> {
+    let named = |tag: &str, name: &str| {
+        doc.root_element()
+            .children()
+            .filter(|n| n.has_tag_name(tag) && n.attribute("name") == Some(name))
+            .last()
+            .unwrap_or_else(|| doc.root_element())
+    };
+    let refuse =
+        |tag: &str, name: &str, message: String| preparse::refuse(named(tag, name), path, message);
+    let mut links = BTreeSet::new();
+    for l in &robot.links {
+        if l.name.is_empty() || !links.insert(l.name.as_str()) {
+            return Err(refuse("link", &l.name, format!("two links are called \"{}\"", l.name)));
+        }
+    }
+    let mut joints = BTreeSet::new();
+    let mut parent: BTreeMap<&str, &str> = BTreeMap::new();
+    for j in &robot.joints {
+        let bad = |message: String| Err(refuse("joint", &j.name, message));
+        if j.name.is_empty() || !joints.insert(j.name.as_str()) {
+            return bad(format!("two joints are called \"{}\"", j.name));
+        }
+        for end in [&j.parent.link, &j.child.link] {
+            if !links.contains(end.as_str()) {
+                return bad(format!(
+                    "joint \"{}\" names link \"{end}\", which is not there",
+                    j.name
+                ));
+            }
+        }
+        if let Some(other) = parent.insert(&j.child.link, &j.parent.link) {
+            return bad(format!(
+                "link \"{}\" has two parents, \"{other}\" and \"{}\"; a robot is a tree",
+                j.child.link, j.parent.link
+            ));
+        }
+        check_joint(j).map_err(|m| refuse("joint", &j.name, m))?;
+    }
+    for j in &robot.joints {
+        if let Some(m) = &j.mimic
+            && (!joints.contains(m.joint.as_str()) || m.joint == j.name)
+        {
+            let message =
+                format!("joint \"{}\" mimics \"{}\", which is not another joint", j.name, m.joint);
+            return Err(refuse("joint", &j.name, message));
+        }
+    }
+    for l in &robot.links {
+        check_link(l).map_err(|m| refuse("link", &l.name, format!("link \"{}\": {m}", l.name)))?;
+    }
+    let roots: Vec<&Link> =
+        robot.links.iter().filter(|l| !parent.contains_key(l.name.as_str())).collect();
+    match roots.as_slice() {
+        [root] => {
+            let reached = reach(robot, &root.name);
+            match robot.links.iter().find(|l| !reached.contains(l.name.as_str())) {
+                Some(l) => Err(refuse(
+                    "link",
+                    &l.name,
+                    format!(
+                        "link \"{}\" hangs on a loop of joints, not on \"{}\"",
+                        l.name, root.name
+                    ),
+                )),
+                None => Ok(root),
+            }
+        }
+        [] => Err(preparse::refuse(
+            doc.root_element(),
+            path,
+            "every link has a parent: the joints form a loop",
+        )),
+        [a, b, ..] => Err(refuse(
+            "link",
+            &b.name,
+            format!(
+                "links \"{}\" and \"{}\" both have no parent; a robot has one root",
+                a.name, b.name
+            ),
+        )),
+    }
+}
+
+fn reach<'a>(robot: &'a urdf_rs::Robot, root: &'a str) -> BTreeSet<&'a str> {
+    let mut seen = BTreeSet::from([root]);
+    let mut todo = vec![root];
+    while let Some(link) = todo.pop() {
+        for j in robot.joints.iter().filter(|j| j.parent.link == link) {
+            if seen.insert(&j.child.link) {
+                todo.push(&j.child.link);
+            }
+        }
+    }
+    seen
+}
+
+fn check_joint(j: &Joint) -> Result<(), String> {
+    let l = &j.limit;
+    let dynamics = j.dynamics.as_ref().map_or([0.0; 2], |d| [d.damping, d.friction]);
+    let mut all = vec![l.lower, l.upper, l.effort, l.velocity];
+    all.extend(dynamics);
+    all.extend(j.axis.xyz.0);
+    all.extend(j.origin.xyz.0);
+    all.extend(j.origin.rpy.0);
+    if let Some(v) = all.iter().find(|v| !v.is_finite() || v.abs() > 1e9) {
+        return Err(format!("joint \"{}\" holds {v}, beyond any physical joint", j.name));
+    }
+    if l.lower > l.upper {
+        return Err(format!(
+            "joint \"{}\": lower limit {} is above upper limit {}",
+            j.name, l.lower, l.upper
+        ));
+    }
+    if l.effort < 0.0 || l.velocity < 0.0 || dynamics.iter().any(|v| *v < 0.0) {
+        return Err(format!(
+            "joint \"{}\": effort, velocity, damping and friction are not negative",
+            j.name
+        ));
+    }
+    let moves = !matches!(j.joint_type, JointType::Fixed | JointType::Floating);
+    if moves && j.axis.xyz.0.iter().map(|v| v * v).sum::<f64>() < 1e-12 {
+        return Err(format!("joint \"{}\": the axis is 0 0 0", j.name));
+    }
+    Ok(())
+}
+
+fn check_link(l: &Link) -> Result<(), String> {
+    let i = &l.inertial.inertia;
+    let mut all = vec![l.inertial.mass.value, i.ixx, i.iyy, i.izz, i.ixy, i.ixz, i.iyz];
+    all.extend(l.inertial.origin.xyz.0);
+    all.extend(l.inertial.origin.rpy.0);
+    for (origin, geometry) in l
+        .visual
+        .iter()
+        .map(|v| (&v.origin, &v.geometry))
+        .chain(l.collision.iter().map(|c| (&c.origin, &c.geometry)))
+    {
+        all.extend(origin.xyz.0);
+        all.extend(origin.rpy.0);
+        let sizes: Vec<f64> = match geometry {
+            Geometry::Box { size } => size.0.to_vec(),
+            Geometry::Cylinder { radius, length } | Geometry::Capsule { radius, length } => {
+                vec![*radius, *length]
+            }
+            Geometry::Sphere { radius } => vec![*radius],
+            Geometry::Mesh { scale, .. } => scale.map_or_else(Vec::new, |s| s.0.to_vec()),
+        };
+        let mesh = matches!(geometry, Geometry::Mesh { .. });
+        if let Some(v) =
+            sizes.iter().find(|v| !(v.is_finite() && (**v > 0.0 || (mesh && **v != 0.0))))
+        {
+            return Err(format!("a shape has size {v}; sizes are positive"));
+        }
+    }
+    if let Some(v) = all.iter().find(|v| !v.is_finite() || v.abs() > 1e9) {
+        return Err(format!("it holds {v}, beyond any physical body"));
+    }
+    if l.inertial.mass.value < 0.0 || i.ixx < 0.0 || i.iyy < 0.0 || i.izz < 0.0 {
+        return Err("mass and principal inertia are not negative".into());
+    }
+    Ok(())
+}
+
+impl<'a> Tree<'a> {
+    fn path(&self) -> &'a Path {
+        &self.project.path
+    }
+
+    fn joint_node(&self, name: &str) -> Node<'a, 'a> {
+        self.doc
+            .root_element()
+            .children()
+            .find(|n| n.has_tag_name("joint") && n.attribute("name") == Some(name))
+            .unwrap_or_else(|| self.doc.root_element())
+    }
+
+    fn refuse_joint(&self, j: &Joint, message: &str) -> Error {
+        preparse::refuse(
+            self.joint_node(&j.name),
+            self.path(),
+            format!("joint \"{}\" {message}", j.name),
+        )
+    }
+
+    /// Writes a link as a body, and its children inside of it.
+    fn link(&mut self, link: &'a Link, joint: Option<&'a Joint>, deep: usize) -> Result<(), Error> {
+        // 2.2.2 refuses an XML nested 100 deep; a body is one level.
+        if deep > 90 {
+            let message =
+                format!("link \"{}\" is more than 90 joints away from the base", link.name);
+            return Err(preparse::refuse(self.doc.root_element(), self.path(), message));
+        }
+        let pad = "  ".repeat(deep);
+        let is_world = joint.is_none() && link.name == "world";
+        let moving = joint.is_some_and(|j| self.moves(j));
+        if !is_world {
+            let at = joint.map_or_else(
+                || format!("pos=\"0 0 {}\"", self.config.base_height_m),
+                |j| frame(&j.origin),
+            );
+            writeln!(self.body, "{pad}<body name=\"{}\" {at}>", escape(&link.name)).ok();
+            self.inertial(link, moving, &pad);
+            if let Some(j) = joint {
+                self.joint(j, &pad)?;
+            }
+        }
+        self.shapes(link, &pad)?;
+        let children = self.children.get(link.name.as_str()).cloned().unwrap_or_default();
+        if children.is_empty() && !is_world {
+            writeln!(
+                self.body,
+                "{pad}  <site name=\"{}_tip\" size=\"0.005\" group=\"4\"/>",
+                escape(&link.name)
+            )
+            .ok();
+        }
+        for j in children {
+            if let Some(child) = self.robot.links.iter().find(|l| l.name == j.child.link) {
+                self.link(child, Some(j), deep + 1)?;
+            }
+        }
+        if !is_world {
+            writeln!(self.body, "{pad}</body>").ok();
+        }
+        Ok(())
+    }
+
+    fn moves(&self, j: &Joint) -> bool {
+        !matches!(j.joint_type, JointType::Fixed | JointType::Floating)
+            && !self.config.weld.contains(&j.name)
+    }
+
+    fn inertial(&mut self, link: &Link, moving: bool, pad: &str) {
+        let i = &link.inertial;
+        if i.mass.value <= 0.0 {
+            let weighs =
+                link.collision.iter().any(|c| !matches!(c.geometry, Geometry::Mesh { .. }));
+            if moving && !weighs {
+                let (mass, inertia) = GHOST;
+                writeln!(
+                    self.body,
+                    "{pad}  <inertial pos=\"0 0 0\" mass=\"{mass}\" diaginertia=\"{inertia} {inertia} {inertia}\"/>"
+                )
+                .ok();
+                self.draft.assumed.push(format!(
+                    "link \"{}\" has no inertia: {mass} kg, {inertia} kg m^2",
+                    link.name
+                ));
+            } else if moving {
+                self.draft.assumed.push(format!(
+                    "link \"{}\" has no inertia: that of its collision shapes at 1000 kg/m^3",
+                    link.name
+                ));
+            }
+            return;
+        }
+        let t = &i.inertia;
+        let own = Matrix3::new(t.ixx, t.ixy, t.ixz, t.ixy, t.iyy, t.iyz, t.ixz, t.iyz, t.izz);
+        let r = rotation(&i.origin);
+        let m = r * own * r.transpose();
+        // Balanced here and not by the compiler, so that the links are named.
+        let moments = m.symmetric_eigenvalues();
+        let (lo, sum) = (moments.min(), moments.sum());
+        let broken = lo <= 0.0 || 2.0 * moments.max() > sum * (1.0 + 1e-9);
+        let [x, y, z] = i.origin.xyz.0;
+        let values = if broken {
+            let mean = (sum / 3.0).max(1e-9);
+            self.draft.changed.push(format!(
+                "link \"{}\": no body can have its inertia; made round with the same trace",
+                link.name
+            ));
+            format!("diaginertia=\"{mean} {mean} {mean}\"")
+        } else {
+            let [a, b, c] = [m[(0, 1)], m[(0, 2)], m[(1, 2)]];
+            format!("fullinertia=\"{} {} {} {a} {b} {c}\"", m[(0, 0)], m[(1, 1)], m[(2, 2)])
+        };
+        writeln!(
+            self.body,
+            "{pad}  <inertial pos=\"{x} {y} {z}\" mass=\"{}\" {values}/>",
+            i.mass.value
+        )
+        .ok();
+    }
+
+    fn joint(&mut self, j: &Joint, pad: &str) -> Result<(), Error> {
+        if self.config.weld.contains(&j.name) {
+            self.draft.changed.push(format!("joint \"{}\" is welded at its zero", j.name));
+            return Ok(());
+        }
+        let kind = match j.joint_type {
+            JointType::Fixed => return Ok(()),
+            JointType::Revolute | JointType::Continuous => "hinge",
+            JointType::Prismatic => "slide",
+            JointType::Floating if self.config.fixed_base => {
+                self.draft
+                    .changed
+                    .push(format!("joint \"{}\" no longer floats: held where it is", j.name));
+                return Ok(());
+            }
+            JointType::Floating => {
+                return Err(self.refuse_joint(j, "floats freely; the state takes hinge and slide joints only. To hold it still: --fixed-base"));
+            }
+            JointType::Planar => {
+                return Err(self.refuse_joint(
+                    j,
+                    "is planar; write it as two prismatic joints and a revolute one",
+                ));
+            }
+            JointType::Spherical => {
+                return Err(self.refuse_joint(j, "is spherical; write it as three revolute joints"));
+            }
+        };
+        let [x, y, z] = j.axis.xyz.0;
+        write!(self.body, "{pad}  <joint name=\"{}\" type=\"{kind}\" axis=\"{x} {y} {z}\" armature=\"{ARMATURE}\"", escape(&j.name)).ok();
+        if let Some(d) = &j.dynamics {
+            if d.damping > 0.0 {
+                write!(self.body, " damping=\"{}\"", d.damping).ok();
+            }
+            if d.friction > 0.0 {
+                write!(self.body, " frictionloss=\"{}\"", d.friction).ok();
+            }
+        }
+        let limit = &j.limit;
+        let has_limit = self.joint_node(&j.name).children().any(|n| n.has_tag_name("limit"));
+        if j.joint_type != JointType::Continuous {
+            if limit.lower < limit.upper {
+                write!(self.body, " limited=\"true\" range=\"{} {}\"", limit.lower, limit.upper)
+                    .ok();
+            } else {
+                let why = if has_limit { "lower and upper are equal" } else { "it has no <limit>" };
+                self.draft.assumed.push(format!("joint \"{}\" has no end stops: {why}", j.name));
+            }
+        }
+        self.body.push_str("/>\n");
+        if limit.velocity > 0.0 {
+            self.draft.speeds.insert(j.name.clone(), limit.velocity);
+        }
+        if let Some(m) = &j.mimic {
+            let (offset, factor) = (m.offset.unwrap_or(0.0), m.multiplier.unwrap_or(1.0));
+            writeln!(
+                self.equalities,
+                "    <joint joint1=\"{}\" joint2=\"{}\" polycoef=\"{offset} {factor} 0 0 0\"/>",
+                escape(&j.name),
+                escape(&m.joint)
+            )
+            .ok();
+            self.draft.changed.push(format!(
+                "joint \"{}\" follows \"{}\" by an equality and has no motor",
+                j.name, m.joint
+            ));
+            return Ok(());
+        }
+        let effort = if limit.effort > 0.0 {
+            limit.effort
+        } else {
+            let e = self.config.effort;
+            self.draft.assumed.push(format!(
+                "joint \"{}\" gives no effort: a motor of +-{e} (change with --effort)",
+                j.name
+            ));
+            e
+        };
+        writeln!(
+            self.motors,
+            "    <motor name=\"{0}\" joint=\"{0}\" ctrllimited=\"true\" ctrlrange=\"-{effort} {effort}\"/>",
+            escape(&j.name)
+        )
+        .ok();
+        Ok(())
+    }
+
+    fn shapes(&mut self, link: &'a Link, pad: &str) -> Result<(), Error> {
+        let mut seen = false;
+        for v in &link.visual {
+            let rgba = v
+                .material
+                .as_ref()
+                .and_then(|m| {
+                    m.color
+                        .as_ref()
+                        .map(|c| c.rgba.0)
+                        .or_else(|| self.materials.get(m.name.as_str()).copied())
+                })
+                .unwrap_or([0.7, 0.7, 0.72, 1.0])
+                .map(|c| c.clamp(0.0, 1.0));
+            if let Some(shape) = self.shape(&v.geometry, &link.name, "visual")? {
+                let [r, g, b, a] = rgba;
+                writeln!(
+                    self.body,
+                    "{pad}  <geom {shape} {} contype=\"0\" conaffinity=\"0\" group=\"2\" mass=\"0\" rgba=\"{r} {g} {b} {a}\"/>",
+                    frame(&v.origin)
+                )
+                .ok();
+                seen = true;
+            }
+        }
+        // Without anything to look at, the collision shapes are shown.
+        let group = if seen { 3 } else { 1 };
+        for c in &link.collision {
+            if let Some(shape) = self.shape(&c.geometry, &link.name, "collision")? {
+                writeln!(
+                    self.body,
+                    "{pad}  <geom {shape} {} group=\"{group}\"/>",
+                    frame(&c.origin)
+                )
+                .ok();
+            }
+        }
+        Ok(())
+    }
+
+    /// Type and size of a geom; `None` where its file cannot be used, which is told.
+    fn shape(
+        &mut self,
+        geometry: &Geometry,
+        link: &str,
+        what: &str,
+    ) -> Result<Option<String>, Error> {
+        Ok(Some(match geometry {
+            Geometry::Box { size: s } => {
+                format!("type=\"box\" size=\"{} {} {}\"", s[0] / 2.0, s[1] / 2.0, s[2] / 2.0)
+            }
+            Geometry::Cylinder { radius, length } => {
+                format!("type=\"cylinder\" size=\"{radius} {}\"", length / 2.0)
+            }
+            Geometry::Capsule { radius, length } => {
+                format!("type=\"capsule\" size=\"{radius} {}\"", length / 2.0)
+            }
+            Geometry::Sphere { radius } => format!("type=\"sphere\" size=\"{radius}\""),
+            Geometry::Mesh { filename, scale } => {
+                let extension = mesh::extension(Path::new(filename));
+                if !matches!(extension.as_str(), "stl" | "obj" | "msh") {
+                    if self.unusable.insert(format!("{filename} {what}")) {
+                        self.draft.dropped.push(format!(
+                            "{what} mesh \"{filename}\" of link \"{link}\": .{extension} is not read (STL and OBJ are)"
+                        ));
+                    }
+                    return Ok(None);
+                }
+                let file = self.locate(filename)?;
+                let size = mesh::check_file(&file).map_err(|m| self.refuse_mesh(filename, &m))?;
+                debug_assert!(size > 0);
+                let name = self.draft.take(&file)?;
+                let scale =
+                    scale.map_or_else(String::new, |s| format!("{} {} {}", s[0], s[1], s[2]));
+                let count = self.meshes.len();
+                let id =
+                    self.meshes.entry((name, scale)).or_insert_with(|| format!("mesh_{count}"));
+                format!("type=\"mesh\" mesh=\"{id}\"")
+            }
+        }))
+    }
+
+    fn refuse_mesh(&self, filename: &str, message: &str) -> Error {
+        let node = self
+            .doc
+            .descendants()
+            .find(|n| n.has_tag_name("mesh") && n.attribute("filename") == Some(filename))
+            .unwrap_or_else(|| self.doc.root_element());
+        preparse::refuse(node, self.path(), message)
+    }
+
+    /// The file that a mesh reference means, inside the roots that the user gave.
+    fn locate(&self, filename: &str) -> Result<PathBuf, Error> {
+        let refuse = |m: String| self.refuse_mesh(filename, &m);
+        let dir = self
+            .path()
+            .parent()
+            .filter(|p| !p.as_os_str().is_empty())
+            .unwrap_or_else(|| Path::new("."));
+        if let Some(rest) =
+            filename.strip_prefix("package://").or_else(|| filename.strip_prefix("model://"))
+        {
+            let (package, below) = rest.split_once('/').unwrap_or((rest, ""));
+            let Some(root) = self.config.packages.get(package) else {
+                let near =
+                    self.guess(package).map_or_else(String::new, |p| format!("={}", p.display()));
+                let near = if near.is_empty() { "=DIR".to_owned() } else { near };
+                return Err(refuse(format!(
+                    "\"{filename}\" lies in package \"{package}\"; say where that is: --package {package}{near}"
+                )));
+            };
+            let real = root.canonicalize().map_err(|e| {
+                refuse(format!("package \"{package}\" is not at {}: {e}", root.display()))
+            })?;
+            return preparse::resolve(&real, below, &real).map_err(refuse);
+        }
+        if filename.contains("://") && !filename.starts_with("file://") {
+            return Err(refuse(format!(
+                "\"{filename}\" is a network address; files are not fetched"
+            )));
+        }
+        let plain = filename.strip_prefix("file://").unwrap_or(filename);
+        preparse::resolve(dir, plain, &self.project.root).map_err(refuse)
+    }
+
+    /// A folder of the package's name beside the source or above it: only a hint, never used.
+    fn guess(&self, package: &str) -> Option<PathBuf> {
+        let full = std::path::absolute(self.path()).ok()?;
+        full.ancestors().skip(1).take(8).find_map(|dir| {
+            let own = dir.file_name().is_some_and(|n| n == package).then(|| dir.to_owned());
+            own.or_else(|| Some(dir.join(package)).filter(|d| d.is_dir()))
+        })
+    }
+
+    fn finish(mut self) -> Result<Draft, Error> {
+        if self.motors.is_empty() {
+            let message = "the robot has no joint that a motor could drive".to_owned();
+            return Err(Error::Unfit { message, path: self.path().to_owned() });
+        }
+        let mut meshes = String::new();
+        let mut list: Vec<_> = self.meshes.iter().map(|((f, s), n)| (n, f, s)).collect();
+        list.sort_by_key(|(n, _, _)| n.trim_start_matches("mesh_").parse::<usize>().unwrap_or(0));
+        for (name, file, scale) in list {
+            let scale =
+                if scale.is_empty() { String::new() } else { format!(" scale=\"{scale}\"") };
+            writeln!(meshes, "    <mesh name=\"{name}\" file=\"{file}\"{scale}/>").ok();
+        }
+        let section = |tag: &str, inner: &str| {
+            if inner.is_empty() { String::new() } else { format!("  <{tag}>\n{inner}  </{tag}>\n") }
+        };
+        self.draft.xml = format!(
+            "<mujoco model=\"{}\">\n  <compiler angle=\"radian\" meshdir=\"{ASSET_DIR}\"/>\n  {}\n{}  <worldbody>\n{}  </worldbody>\n{}{}</mujoco>\n",
+            escape(&self.draft.title),
+            physics(),
+            section("asset", &meshes),
+            self.body,
+            section("equality", &self.equalities),
+            section("actuator", &self.motors),
+        );
+        self.draft.assumed.push("the root link is fixed to the world".into());
+        self.draft.assumed.push(format!("armature {ARMATURE} at every joint"));
+        Ok(self.draft)
+    }
+}
+
+fn rotation(p: &Pose) -> Matrix3<f64> {
+    let [roll, pitch, yaw] = p.rpy.0;
+    *Rotation3::from_euler_angles(roll, pitch, yaw).matrix()
+}
+
+/// `pos` and `quat` of a URDF origin (fixed-axis roll, pitch, yaw).
+fn frame(p: &Pose) -> String {
+    let [x, y, z] = p.xyz.0;
+    let [roll, pitch, yaw] = p.rpy.0;
+    let q = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
+    format!("pos=\"{x} {y} {z}\" quat=\"{} {} {} {}\"", q.w, q.i, q.j, q.k)
+}

@@ -1,0 +1,174 @@
+//! What the clip floor wants to know about a robot, and the simulator's word on a pose.
+
+use super::{Coupling, Robot};
+use crate::clip;
+use crate::mujoco::{Data, Kind};
+
+/// Geoms this deep in each other are drawn through each other, not touching, m.
+const OVERLAP: f64 = 0.002;
+
+/// How far coupled joints may differ in a pose: a settled fist parts them by this much.
+const COUPLING_TOLERANCE: f64 = 0.1;
+
+impl Robot {
+    /// The facts that clips are checked, mirrored and drawn with.
+    pub fn joint_table(&self) -> clip::JointTable {
+        let profile = self.profile();
+        let joints = self.joints().iter().map(|j| clip::JointFacts {
+            name: j.name.clone(),
+            unit: j.unit,
+            range: (!j.unbounded).then_some(j.range),
+            speed_max: (j.speed_limit.is_finite() && j.speed_limit > 0.0).then_some(j.speed_limit),
+        });
+        let rows = profile.mirror.table.iter().map(|r| clip::MirrorRow {
+            target: r.target.clone(),
+            source: r.source.clone(),
+            sign: r.sign,
+            offset: r.offset,
+        });
+        let mirror = match self.mirror_reason() {
+            Some(reason) => clip::Mirror::None(reason.to_owned()),
+            None => clip::Mirror::Table(rows.collect()),
+        };
+        clip::JointTable {
+            robot: self.id().to_owned(),
+            model_sha256: Some(self.model_sha256().to_owned()),
+            joints: joints.collect(),
+            rest: self.home(),
+            mirror,
+            couplings: profile.couplings.iter().map(coupling).collect(),
+            granularity: clip::Granularity::State,
+        }
+    }
+
+    /// What a new clip for this robot says about it.
+    pub fn clip_ref(&self) -> clip::RobotRef {
+        clip::RobotRef {
+            id: self.id().to_owned(),
+            model: None,
+            model_sha256: Some(self.model_sha256().to_owned()),
+            joints: self.joints().iter().map(|j| j.name.clone()).collect(),
+            units: self.joints().iter().map(|j| j.unit).collect(),
+        }
+    }
+}
+
+fn coupling(coupling: &Coupling) -> clip::Coupling {
+    let member =
+        |joint: &str, coef, offset| clip::CouplingMember { joint: joint.to_owned(), coef, offset };
+    match coupling {
+        Coupling::Tendon { name, joints, coefs, .. } => clip::Coupling {
+            name: name.clone(),
+            members: joints.iter().zip(coefs).map(|(j, c)| member(j, *c, 0.0)).collect(),
+            tolerance: COUPLING_TOLERANCE,
+        },
+        Coupling::Mimic { follower, leader, offset, multiplier } => clip::Coupling {
+            name: leader.clone(),
+            members: vec![member(leader, 1.0, 0.0), member(follower, *multiplier, *offset)],
+            tolerance: 1e-3,
+        },
+    }
+}
+
+/// Judges poses by settling them in simulation.
+#[derive(Debug)]
+pub struct Settler<'a> {
+    robot: &'a Robot,
+    data: Data,
+}
+
+impl<'a> Settler<'a> {
+    /// For this robot.
+    ///
+    /// # Errors
+    /// [`super::Error::Simulator`] when no simulation can be made.
+    pub fn new(robot: &'a Robot) -> Result<Settler<'a>, super::Error> {
+        Ok(Settler { robot, data: Data::new(robot.model())? })
+    }
+
+    fn overlaps(&mut self, state: &[f64]) -> Result<Vec<(String, String, f64)>, super::Error> {
+        self.data.reset()?;
+        self.robot.write_state(&mut self.data, state)?;
+        self.data.forward()?;
+        let model = self.robot.model();
+        let body = |geom: usize| {
+            let id = model.geom_bodyid().get(geom).and_then(|b| usize::try_from(*b).ok())?;
+            model.name(Kind::Body, id)
+        };
+        let word = |name: Option<&str>| name.unwrap_or("a body without name").to_owned();
+        let deep = self.data.contacts().filter(|c| c.dist < -OVERLAP);
+        let mut found: Vec<(String, String, f64)> = deep
+            .map(|c| {
+                let [a, b] = c.geoms;
+                (word(body(a)), word(body(b)), -c.dist)
+            })
+            .collect();
+        found.sort_by(|x, y| (&x.0, &x.1).cmp(&(&y.0, &y.1)).then(y.2.total_cmp(&x.2)));
+        found.dedup_by(|later, first| later.0 == first.0 && later.1 == first.1);
+        Ok(found)
+    }
+}
+
+impl clip::PoseChecker for Settler<'_> {
+    fn check(&mut self, joints: &[String], q: &[f64]) -> clip::PoseReport {
+        let mut state = self.robot.home();
+        let mut places = Vec::new();
+        for (name, value) in joints.iter().zip(q) {
+            // An unknown joint is a finding of its own; here it only cannot be simulated.
+            let Ok(at) = self.robot.joint_index(name) else { return clip::PoseReport::default() };
+            if let Some(slot) = state.get_mut(at) {
+                *slot = *value;
+            }
+            places.push(at);
+        }
+        let contacts = self.overlaps(&state).unwrap_or_default();
+        let settled = self
+            .robot
+            .settle(&state)
+            .ok()
+            .map(|s| places.iter().filter_map(|&at| s.reached.get(at).copied()).collect());
+        clip::PoseReport { contacts, settled }
+    }
+
+    fn tolerance(&self) -> f64 {
+        self.robot.profile().settle.tolerance
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::clip::PoseChecker;
+
+    #[test]
+    fn tables_say_what_profiles_say() {
+        let arm = Robot::builtin("ur5e").unwrap().joint_table();
+        assert_eq!(arm.joints.len(), 5);
+        assert!(arm.joints.iter().all(|j| j.range.is_some() && j.speed_max.is_some()));
+        assert!(matches!(&arm.mirror, clip::Mirror::Table(rows) if !rows.is_empty()));
+        let hand = Robot::builtin("shadow_hand").unwrap().joint_table();
+        assert_eq!((hand.joints.len(), hand.couplings.len()), (22, 4));
+        assert!(matches!(&hand.mirror, clip::Mirror::None(reason) if !reason.is_empty()));
+        let point = Robot::builtin("pointmass").unwrap().joint_table();
+        assert!(point.joints.iter().all(|j| j.range.is_none()));
+    }
+
+    #[test]
+    fn a_jammed_thumb_is_noticed() {
+        let hand = Robot::builtin("shadow_hand").unwrap();
+        let table = hand.joint_table();
+        let mut settler = Settler::new(&hand).unwrap();
+        let open = settler.check(&table.names(), &hand.pose("open").unwrap());
+        let worst = |report: &clip::PoseReport, q: &[f64]| {
+            let reached = report.settled.clone().unwrap();
+            q.iter().zip(reached).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+        };
+        assert!(open.contacts.is_empty() && worst(&open, &hand.home()) < 0.02);
+        let mut fist: Vec<f64> = hand.pose("rock").unwrap();
+        for (name, v) in [("THJ5", 0.6), ("THJ4", 1.1), ("THJ2", 0.5), ("THJ1", 0.9)] {
+            fist[hand.joint_index(name).unwrap()] = v;
+        }
+        let report = settler.check(&table.names(), &fist);
+        assert!(worst(&report, &fist) > settler.tolerance() || !report.contacts.is_empty());
+    }
+}

@@ -1,0 +1,172 @@
+//! Mesh and picture files of foreign models: sizes checked from their headers before they
+//! are read, ASCII STL turned into the binary form that the simulator takes.
+
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+
+use crate::limits;
+
+/// Bytes of a binary STL before its first triangle.
+const STL_HEAD: u64 = 84;
+/// Bytes of a triangle in a binary STL.
+const STL_FACE: u64 = 50;
+
+/// Checks a file that a model refers to. Gives its size in bytes.
+///
+/// # Errors
+/// What is wrong with it, as a sentence.
+pub(super) fn check_file(path: &Path) -> Result<u64, String> {
+    let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    let bytes = path.metadata().map_err(|e| format!("\"{name}\": {e}"))?.len();
+    if bytes == 0 {
+        return Err(format!("\"{name}\" is empty"));
+    }
+    if bytes > limits::MESH_BYTES {
+        return Err(format!(
+            "\"{name}\" has {bytes} bytes, at most {} are read",
+            limits::MESH_BYTES
+        ));
+    }
+    let mut head = [0_u8; 84];
+    let read = File::open(path).and_then(|f| f.take(84).read(&mut head));
+    let read = read.map_err(|e| format!("\"{name}\": {e}"))?;
+    let head = head.get(..read).unwrap_or_default();
+    match extension(path).as_str() {
+        "stl" => check_stl(&name, head, bytes),
+        "png" => check_png(&name, head),
+        _ => Ok(()),
+    }?;
+    Ok(bytes)
+}
+
+/// Extension in lower case.
+pub(super) fn extension(path: &Path) -> String {
+    path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default()
+}
+
+fn check_stl(name: &str, head: &[u8], bytes: u64) -> Result<(), String> {
+    if is_ascii_stl(head) && stl_faces(head).is_none_or(|n| STL_HEAD + STL_FACE * n != bytes) {
+        return Ok(());
+    }
+    let Some(faces) = stl_faces(head) else {
+        return Err(format!("\"{name}\" is too short for an STL file"));
+    };
+    if faces > limits::MESH_FACES as u64 {
+        return Err(format!(
+            "\"{name}\" claims {faces} faces, at most {} are taken",
+            limits::MESH_FACES
+        ));
+    }
+    if STL_HEAD + STL_FACE * faces > bytes {
+        return Err(format!("\"{name}\" claims {faces} faces but holds only {bytes} bytes"));
+    }
+    Ok(())
+}
+
+fn stl_faces(head: &[u8]) -> Option<u64> {
+    let count: [u8; 4] = head.get(80..84)?.try_into().ok()?;
+    Some(u64::from(u32::from_le_bytes(count)))
+}
+
+fn is_ascii_stl(head: &[u8]) -> bool {
+    head.starts_with(b"solid")
+}
+
+fn check_png(name: &str, head: &[u8]) -> Result<(), String> {
+    let edge = |at: usize| -> Option<u64> {
+        let b: [u8; 4] = head.get(at..at + 4)?.try_into().ok()?;
+        Some(u64::from(u32::from_be_bytes(b)))
+    };
+    let (Some(w), Some(h)) = (edge(16), edge(20)) else {
+        return Err(format!("\"{name}\" is too short for a PNG file"));
+    };
+    if !head.starts_with(b"\x89PNG\r\n\x1a\n") {
+        return Err(format!("\"{name}\" is not a PNG file"));
+    }
+    if w == 0 || h == 0 || w > limits::TEXTURE_PX || h > limits::TEXTURE_PX {
+        return Err(format!(
+            "\"{name}\" is {w} x {h} pixels, at most {} on an edge",
+            limits::TEXTURE_PX
+        ));
+    }
+    Ok(())
+}
+
+/// The mesh as the simulator wants it: ASCII STL becomes binary, all else stays.
+///
+/// # Errors
+/// What is wrong with it, as a sentence.
+pub(super) fn normalised(name: &str, bytes: Vec<u8>) -> Result<Vec<u8>, String> {
+    let is_stl = extension(Path::new(name)) == "stl";
+    let binary = stl_faces(&bytes).is_some_and(|n| STL_HEAD + STL_FACE * n <= bytes.len() as u64);
+    if !is_stl || !is_ascii_stl(&bytes) || binary {
+        return Ok(bytes);
+    }
+    let text = String::from_utf8_lossy(&bytes);
+    let mut numbers: Vec<f32> = Vec::new();
+    for line in text.lines() {
+        let mut words = line.split_whitespace();
+        if words.next() != Some("vertex") {
+            continue;
+        }
+        let before = numbers.len();
+        numbers.extend(words.filter_map(|w| w.parse::<f32>().ok()).filter(|v| v.is_finite()));
+        if numbers.len() != before + 3 {
+            return Err(format!("\"{name}\" holds a vertex that is not three numbers: {line}"));
+        }
+    }
+    let faces = numbers.len() / 9;
+    if faces == 0 || !numbers.len().is_multiple_of(9) || faces > limits::MESH_FACES {
+        return Err(format!("\"{name}\" holds {} vertices, not three a face", numbers.len() / 3));
+    }
+    let mut out = vec![0_u8; 80];
+    out.extend((faces as u32).to_le_bytes());
+    for face in numbers.chunks_exact(9) {
+        out.extend([0_u8; 12]);
+        for v in face {
+            out.extend(v.to_le_bytes());
+        }
+        out.extend([0_u8; 2]);
+    }
+    Ok(out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TETRA: &str = "solid t\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\nendsolid t\n";
+
+    #[test]
+    fn ascii_stl_becomes_binary() {
+        let out = normalised("t.STL", TETRA.into()).unwrap();
+        assert_eq!(out.len(), 84 + 50);
+        assert_eq!(stl_faces(&out), Some(1));
+        assert_eq!(normalised("t.stl", out.clone()).unwrap(), out, "binary stays");
+        assert!(normalised("t.stl", b"solid x\nvertex 1 2\n".to_vec()).is_err());
+        assert_eq!(normalised("t.obj", b"v 1".to_vec()).unwrap(), b"v 1");
+    }
+
+    #[test]
+    fn headers_that_lie_are_refused() {
+        let dir = tempfile::tempdir().unwrap();
+        let file = |name: &str, bytes: &[u8]| {
+            let p = dir.path().join(name);
+            std::fs::write(&p, bytes).unwrap();
+            check_file(&p)
+        };
+        let mut stl = vec![0_u8; 84];
+        stl[80..84].copy_from_slice(&(1_u32 << 31).to_le_bytes());
+        assert!(file("a.stl", &stl).unwrap_err().contains("faces"));
+        stl[80..84].copy_from_slice(&7_u32.to_le_bytes());
+        assert!(file("b.stl", &stl).unwrap_err().contains("only"));
+        assert!(file("c.stl", b"short").is_err());
+        assert!(file("d.stl", TETRA.as_bytes()).is_ok());
+        let mut png = b"\x89PNG\r\n\x1a\n\0\0\0\x0dIHDR".to_vec();
+        png.extend(30_000_u32.to_be_bytes());
+        png.extend(30_000_u32.to_be_bytes());
+        assert!(file("e.png", &png).unwrap_err().contains("30000 x 30000"));
+        assert!(file("f.obj", b"").unwrap_err().contains("empty"));
+    }
+}

@@ -1,0 +1,586 @@
+//! Reads a foreign model before any simulator does: caps, confinement, plain mistakes.
+//!
+//! The compiler of `MuJoCo` 2.2.2 takes minutes or all memory for a few numbers (a composite
+//! of 1000^3, a height field of 1e5 x 1e5, `nuser_body` of 2e9), opens whatever path an
+//! include names, and accepts NaN. All of that is refused here, with line and column. What
+//! passes is one text without includes and a list of files, all inside the project folder.
+
+use std::collections::BTreeSet;
+use std::path::{Component, Path, PathBuf};
+
+use roxmltree::{Document, Node, ParsingOptions};
+
+use super::error::{Error, line_column};
+use super::text::Edits;
+use super::{mesh, text};
+use crate::{fsio, limits};
+
+/// What kind of model a file holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Format {
+    /// `MuJoCo`'s own.
+    Mjcf,
+    /// The robot description of ROS.
+    Urdf,
+}
+
+/// A file that the model refers to.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct AssetRef {
+    /// As written.
+    pub written: String,
+    /// Where it is, links resolved, inside the project.
+    pub path: PathBuf,
+}
+
+/// A foreign model that passed.
+#[derive(Clone, Debug)]
+pub struct Project {
+    /// MJCF or URDF.
+    pub format: Format,
+    /// The text, includes replaced by their content.
+    pub xml: String,
+    /// The main file.
+    pub path: PathBuf,
+    /// The folder that nothing may leave, links resolved.
+    pub root: PathBuf,
+    /// Meshes, textures and height fields in order of appearance (MJCF only; those of a URDF
+    /// need package folders).
+    pub assets: Vec<AssetRef>,
+    /// How many files were read for the text.
+    pub parts: usize,
+}
+
+/// Reads and checks a model file. `root` is the folder that its includes and meshes may not
+/// leave; without one, the file's own folder.
+///
+/// # Errors
+/// [`Error::Refused`], [`Error::File`].
+pub fn read(path: &Path, root: Option<&Path>) -> Result<Project, Error> {
+    let whole = |message: String| Error::Refused { message, line: 0, column: 0, path: path.into() };
+    let xml = read_text(path)?;
+    let dir = folder(path);
+    let root = root.unwrap_or(dir);
+    let root = root
+        .canonicalize()
+        .map_err(|e| whole(format!("cannot open the folder {}: {e}", root.display())))?;
+    let doc = parse(&xml, path)?;
+    let name = doc.root_element().tag_name().name();
+    let format = match name {
+        "mujoco" => Format::Mjcf,
+        "robot" => Format::Urdf,
+        other => {
+            let (line, column) = place(doc.root_element());
+            let message = format!(
+                "the root element is <{other}>; a model starts with <mujoco> (MJCF) or <robot> (URDF)"
+            );
+            return Err(Error::Refused { message, line, column, path: path.to_owned() });
+        }
+    };
+    if format == Format::Urdf {
+        check(&doc, path)?;
+        return Ok(Project { format, xml, path: path.into(), root, assets: Vec::new(), parts: 1 });
+    }
+    let mut splice =
+        Splice { dir: dir.to_owned(), root: &root, seen: BTreeSet::new(), elements: 0, bytes: 0 };
+    let xml = splice.expand(&xml, path, 0)?;
+    let parts = splice.seen.len() + 1;
+    // The places of the assembled text are those of the file unless something was included.
+    let doc = parse(&xml, path)?;
+    let assets = assets(&doc, path, dir, &root)?;
+    drop(doc);
+    Ok(Project { format, xml, path: path.into(), root, assets, parts })
+}
+
+/// Reads a text file under the cap, as UTF-8 without NUL.
+fn read_text(path: &Path) -> Result<String, Error> {
+    let refused = |message: String, text: &str, at: usize| {
+        let (line, column) = line_column(text, at);
+        Error::Refused { message, line, column, path: path.to_owned() }
+    };
+    let bytes = fsio::read_capped(path, limits::MODEL_BYTES)?;
+    let text = String::from_utf8(bytes).map_err(|e| {
+        let at = e.utf8_error().valid_up_to();
+        let lossy =
+            String::from_utf8_lossy(e.as_bytes().get(..at).unwrap_or_default()).into_owned();
+        refused("not UTF-8 text; save the file as UTF-8".into(), &lossy, at)
+    })?;
+    if let Some(at) = text.find('\0') {
+        return Err(refused("the file holds a NUL byte; it is not a text file".into(), &text, at));
+    }
+    if text.trim().is_empty() {
+        return Err(refused("the file is empty".into(), &text, 0));
+    }
+    Ok(text.trim_start_matches('\u{feff}').to_owned())
+}
+
+/// Parses XML under the caps.
+pub(super) fn parse<'a>(xml: &'a str, path: &Path) -> Result<Document<'a>, Error> {
+    let refused = |message: String, at: (u32, u32)| Error::Refused {
+        message,
+        line: at.0,
+        column: at.1,
+        path: path.to_owned(),
+    };
+    depth(xml).map_err(|at| {
+        let message = format!("elements are nested more than {} deep", limits::XML_DEPTH);
+        refused(message, line_column(xml, at))
+    })?;
+    // Elements, attributes' texts and comments are all nodes: four an element is generous.
+    let options = ParsingOptions {
+        nodes_limit: 4 * limits::XML_ELEMENTS as u32,
+        ..ParsingOptions::default()
+    };
+    Document::parse_with_options(xml, options).map_err(|e| {
+        let at = (e.pos().row.max(1), e.pos().col.max(1));
+        let message = match &e {
+            roxmltree::Error::DtdDetected => "a DOCTYPE is not read; remove it".to_owned(),
+            roxmltree::Error::NodesLimitReached => {
+                format!("more than {} elements", limits::XML_ELEMENTS)
+            }
+            roxmltree::Error::UnknownNamespace(ns, _) if ns == "xacro" => XACRO.to_owned(),
+            other => strip_place(&other.to_string()),
+        };
+        refused(message, at)
+    })
+}
+
+pub(super) const XACRO: &str =
+    "this is a xacro template, not a URDF; expand it first: xacro robot.urdf.xacro > robot.urdf";
+
+/// The parser ends its messages with " at line:col", which the place already says.
+fn strip_place(message: &str) -> String {
+    message.rsplit_once(" at ").map_or(message, |(m, _)| m).to_owned()
+}
+
+/// Nesting depth by a scan of the tags, before anything recursive sees the text. Gives the
+/// byte of the first tag that is too deep.
+fn depth(xml: &str) -> Result<(), usize> {
+    let bytes = xml.as_bytes();
+    let (mut at, mut deep) = (0, 0_usize);
+    while let Some(next) = xml.get(at..).and_then(|r| r.find('<')) {
+        let start = at + next;
+        let rest = xml.get(start..).unwrap_or_default();
+        let skip = |open: &str, close: &str| {
+            rest.starts_with(open).then(|| rest.find(close).map_or(rest.len(), |n| n + close.len()))
+        };
+        if let Some(n) =
+            skip("<!--", "-->").or_else(|| skip("<![CDATA[", "]]>")).or_else(|| skip("<?", "?>"))
+        {
+            at = start + n;
+            continue;
+        }
+        // A '>' inside quotes does not end the tag.
+        let mut quote = None;
+        let mut end = start + 1;
+        while let Some(&b) = bytes.get(end) {
+            match (quote, b) {
+                (None, b'>') => break,
+                (None, b'"' | b'\'') => quote = Some(b),
+                (Some(q), _) if q == b => quote = None,
+                _ => {}
+            }
+            end += 1;
+        }
+        match bytes.get(start + 1) {
+            Some(b'/') => deep = deep.saturating_sub(1),
+            Some(b'!') => {}
+            _ if bytes.get(end.saturating_sub(1)) == Some(&b'/') => {}
+            _ => {
+                deep += 1;
+                if deep > limits::XML_DEPTH {
+                    return Err(start);
+                }
+            }
+        }
+        at = end + 1;
+    }
+    Ok(())
+}
+
+/// Line and column of a node, from 1.
+pub(super) fn place(node: Node<'_, '_>) -> (u32, u32) {
+    let pos = node.document().text_pos_at(node.range().start);
+    (pos.row, pos.col)
+}
+
+/// An error at a node.
+pub(super) fn refuse(node: Node<'_, '_>, path: &Path, message: impl Into<String>) -> Error {
+    let (line, column) = place(node);
+    Error::Refused { message: message.into(), line, column, path: path.to_owned() }
+}
+
+fn folder(path: &Path) -> &Path {
+    match path.parent() {
+        Some(p) if !p.as_os_str().is_empty() => p,
+        _ => Path::new("."),
+    }
+}
+
+/// Replaces includes by what they include.
+struct Splice<'a> {
+    /// Includes are relative to the main file, as in `MuJoCo`.
+    dir: PathBuf,
+    root: &'a Path,
+    seen: BTreeSet<PathBuf>,
+    elements: usize,
+    bytes: u64,
+}
+
+impl Splice<'_> {
+    fn expand(&mut self, xml: &str, path: &Path, deep: usize) -> Result<String, Error> {
+        let doc = parse(xml, path)?;
+        check(&doc, path)?;
+        self.elements += doc.descendants().filter(Node::is_element).count();
+        self.bytes += xml.len() as u64;
+        if self.elements > limits::XML_ELEMENTS || self.bytes > limits::MODEL_BYTES {
+            let message = format!(
+                "the model and its includes hold {} elements in {} bytes; at most {} and {} are read",
+                self.elements,
+                self.bytes,
+                limits::XML_ELEMENTS,
+                limits::MODEL_BYTES
+            );
+            return Err(refuse(doc.root_element(), path, message));
+        }
+        let mut edits = Edits::default();
+        for node in doc.descendants().filter(|n| n.has_tag_name("include")) {
+            let file = node
+                .attribute("file")
+                .ok_or_else(|| refuse(node, path, "<include> has no file"))?;
+            if deep >= limits::INCLUDE_DEPTH {
+                let message =
+                    format!("includes are nested more than {} deep", limits::INCLUDE_DEPTH);
+                return Err(refuse(node, path, message));
+            }
+            let found = resolve(&self.dir, file, self.root).map_err(|m| refuse(node, path, m))?;
+            let main = path.canonicalize().unwrap_or_else(|_| path.to_owned());
+            if found == main || !self.seen.insert(found.clone()) {
+                return Err(refuse(
+                    node,
+                    path,
+                    format!("\"{file}\" is included twice or by itself"),
+                ));
+            }
+            let text = read_text(&found)?;
+            let inner = self.expand(&text, &found, deep + 1)?;
+            let part = parse(&inner, &found)?;
+            let root = part.root_element();
+            let body = match (root.first_child(), text::before_close(root)) {
+                (Some(first), Some(end)) => inner.get(first.range().start..end).unwrap_or_default(),
+                _ => "",
+            };
+            edits.replace(node.range(), body);
+        }
+        Ok(edits.apply(xml))
+    }
+}
+
+/// The file that a reference means, inside `root`.
+pub(super) fn resolve(dir: &Path, written: &str, root: &Path) -> Result<PathBuf, String> {
+    if written.is_empty() || written.len() > 4096 || written.contains('\0') {
+        return Err("the file name is empty or too long".into());
+    }
+    let plain = written.replace('\\', "/");
+    let wide = || {
+        format!(
+            "\"{written}\" leaves the project folder {}; name a folder that holds everything with --root DIR",
+            root.display()
+        )
+    };
+    let path = dir.join(&plain);
+    // Judged before the disk is asked, so that what lies outside cannot be probed.
+    let dir_abs = dir.canonicalize().unwrap_or_else(|_| dir.to_owned());
+    let mut lexical = if Path::new(&plain).is_absolute() { PathBuf::new() } else { dir_abs };
+    for part in Path::new(&plain).components() {
+        match part {
+            Component::ParentDir => {
+                lexical.pop();
+            }
+            Component::CurDir => {}
+            Component::Prefix(_) => return Err(wide()),
+            Component::RootDir => lexical.push("/"),
+            Component::Normal(p) => lexical.push(p),
+        }
+    }
+    if !lexical.starts_with(root) {
+        return Err(wide());
+    }
+    let real = path.canonicalize().map_err(|e| match e.kind() {
+        std::io::ErrorKind::NotFound => format!("\"{written}\" is not there"),
+        _ => format!("\"{written}\" cannot be opened: {e}"),
+    })?;
+    if !real.starts_with(root) {
+        return Err(wide());
+    }
+    if !real.is_file() {
+        return Err(format!("\"{written}\" is not a file"));
+    }
+    Ok(real)
+}
+
+/// Attributes that size something, with their caps.
+const SIZES: &[(&str, &str, u64)] = &[
+    ("size", "nstack", 20_000_000),
+    ("size", "njmax", 100_000),
+    ("size", "nconmax", 100_000),
+    ("size", "nuserdata", 1_000_000),
+    ("size", "nkey", 10_000),
+    ("size", "nuser_body", 1_000),
+    ("size", "nuser_jnt", 1_000),
+    ("size", "nuser_geom", 1_000),
+    ("size", "nuser_site", 1_000),
+    ("size", "nuser_cam", 1_000),
+    ("size", "nuser_tendon", 1_000),
+    ("size", "nuser_actuator", 1_000),
+    ("size", "nuser_sensor", 1_000),
+    ("hfield", "nrow", 4_096),
+    ("hfield", "ncol", 4_096),
+];
+
+/// Attributes that hold text, where "nan" or "inf" may well be a name.
+const TEXTS: &[&str] = &[
+    "name",
+    "file",
+    "class",
+    "childclass",
+    "body",
+    "joint",
+    "geom",
+    "site",
+    "mesh",
+    "material",
+    "texture",
+    "model",
+    "link",
+    "filename",
+];
+
+/// The checks that need no other file.
+fn check(doc: &Document<'_>, path: &Path) -> Result<(), Error> {
+    let mut elements = 0;
+    for node in doc.descendants().filter(Node::is_element) {
+        elements += 1;
+        if elements > limits::XML_ELEMENTS {
+            return Err(refuse(node, path, format!("more than {} elements", limits::XML_ELEMENTS)));
+        }
+        if node.tag_name().namespace().is_some_and(|n| n.contains("xacro")) {
+            return Err(refuse(node, path, XACRO));
+        }
+        let tag = node.tag_name().name();
+        for a in node.attributes() {
+            check_attribute(node, tag, a.name(), a.value()).map_err(|m| refuse(node, path, m))?;
+        }
+        if tag == "composite" {
+            let counts = node.attribute("count").unwrap_or("1");
+            let total = counts
+                .split_whitespace()
+                .map(|c| c.parse::<f64>().unwrap_or(1.0).max(1.0))
+                .product::<f64>();
+            if total > limits::COMPOSITE_ELEMENTS as f64 {
+                return Err(refuse(
+                    node,
+                    path,
+                    format!(
+                        "the composite has {total:.0} elements, at most {} are taken",
+                        limits::COMPOSITE_ELEMENTS
+                    ),
+                ));
+            }
+        }
+    }
+    Ok(())
+}
+
+fn check_attribute(node: Node<'_, '_>, tag: &str, name: &str, value: &str) -> Result<(), String> {
+    if TEXTS.contains(&name) {
+        let cap = if matches!(name, "file" | "filename") { 4096 } else { limits::NAME_BYTES };
+        if value.len() > cap {
+            return Err(format!("{name} has {} bytes, at most {cap} are taken", value.len()));
+        }
+        return Ok(());
+    }
+    let numbers: Option<Vec<f64>> = value.split_whitespace().map(|t| t.parse().ok()).collect();
+    let Some(numbers) = numbers.filter(|n| !n.is_empty()) else {
+        if value.len() > limits::MODEL_BYTES as usize / 4 {
+            return Err(format!("{name} has {} bytes", value.len()));
+        }
+        return match (name, value) {
+            ("dyntype" | "gaintype" | "biastype", "user") => {
+                Err(format!("{name}=\"user\" needs a program of its own; it cannot be simulated"))
+            }
+            _ => Ok(()),
+        };
+    };
+    if let Some(v) = numbers.iter().find(|v| !v.is_finite()) {
+        return Err(format!("{name} holds {v}, which is not a finite number"));
+    }
+    let first = numbers.first().copied().unwrap_or(0.0);
+    if name == "quat" && numbers.len() == 4 && numbers.iter().all(|v| *v == 0.0) {
+        return Err("quat is 0 0 0 0, which is no rotation; the neutral one is 1 0 0 0".into());
+    }
+    if tag == "option" && name == "timestep" && !(1e-5..=0.1).contains(&first) {
+        return Err(format!("timestep is {first} s, not within 0.00001 to 0.1 s"));
+    }
+    if let Some((_, _, cap)) = SIZES.iter().find(|(t, n, _)| *t == tag && *n == name) {
+        if first > *cap as f64 {
+            return Err(format!("{name} is {first}, at most {cap} is taken"));
+        }
+        // -1 is MuJoCo's word for "choose yourself".
+        if first < -1.0 {
+            return Err(format!("{name} is {first}; a size is not negative"));
+        }
+    }
+    if node.tag_name().name() == "texture" && name == "height" && first > limits::TEXTURE_PX as f64
+    {
+        let kind = node.attribute("type").unwrap_or("cube");
+        if kind == "2d" {
+            return Err(format!("height is {first}, at most {} is taken", limits::TEXTURE_PX));
+        }
+    }
+    Ok(())
+}
+
+/// Attributes by which an MJCF names files.
+const FILES: &[(&str, &str)] = &[
+    ("mesh", "file"),
+    ("hfield", "file"),
+    ("skin", "file"),
+    ("texture", "file"),
+    ("texture", "fileright"),
+    ("texture", "fileleft"),
+    ("texture", "fileup"),
+    ("texture", "filedown"),
+    ("texture", "filefront"),
+    ("texture", "fileback"),
+];
+
+/// Whether this attribute of this MJCF element names a file.
+pub(super) fn names_file(tag: &str, attribute: &str) -> bool {
+    FILES.contains(&(tag, attribute))
+}
+
+/// Folders of meshes and textures, as the compiler elements say (the last word counts).
+pub(super) fn asset_dirs(doc: &Document<'_>) -> (PathBuf, PathBuf, bool) {
+    let (mut mesh, mut texture, mut strip) = (PathBuf::new(), PathBuf::new(), false);
+    for c in doc.root_element().children().filter(|n| n.has_tag_name("compiler")) {
+        if let Some(d) = c.attribute("assetdir") {
+            (mesh, texture) = (PathBuf::from(d), PathBuf::from(d));
+        }
+        if let Some(d) = c.attribute("meshdir") {
+            mesh = PathBuf::from(d);
+        }
+        if let Some(d) = c.attribute("texturedir") {
+            texture = PathBuf::from(d);
+        }
+        if let Some(s) = c.attribute("strippath") {
+            strip = s == "true";
+        }
+    }
+    (mesh, texture, strip)
+}
+
+/// The path of a reference below the main file's folder.
+pub(super) fn asset_path(doc: &Document<'_>, tag: &str, written: &str) -> String {
+    let (mesh, texture, strip) = asset_dirs(doc);
+    let name = if strip { written.rsplit(['/', '\\']).next().unwrap_or(written) } else { written };
+    let dir = if tag == "texture" { texture } else { mesh };
+    dir.join(name).to_string_lossy().into_owned()
+}
+
+fn assets(
+    doc: &Document<'_>,
+    path: &Path,
+    dir: &Path,
+    root: &Path,
+) -> Result<Vec<AssetRef>, Error> {
+    let mut found: Vec<AssetRef> = Vec::new();
+    let mut total = 0_u64;
+    for node in doc.descendants().filter(Node::is_element) {
+        let tag = node.tag_name().name();
+        for a in node.attributes().filter(|a| names_file(tag, a.name())) {
+            let below = asset_path(doc, tag, a.value());
+            let real = resolve(dir, &below, root)
+                .map_err(|m| refuse(node, path, format!("{tag} file {m}")))?;
+            if found.iter().any(|f| f.written == below) {
+                continue;
+            }
+            total += mesh::check_file(&real).map_err(|m| refuse(node, path, m))?;
+            if total > limits::UPLOAD_BYTES || found.len() >= limits::PROJECT_FILES {
+                let message = format!(
+                    "the model refers to more than {} files or {} bytes",
+                    limits::PROJECT_FILES,
+                    limits::UPLOAD_BYTES
+                );
+                return Err(refuse(node, path, message));
+            }
+            found.push(AssetRef { written: below, path: real });
+        }
+    }
+    Ok(found)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn project(files: &[(&str, &str)]) -> (tempfile::TempDir, Result<Project, Error>) {
+        let dir = tempfile::tempdir().unwrap();
+        for (name, text) in files {
+            let p = dir.path().join(name);
+            std::fs::create_dir_all(p.parent().unwrap()).unwrap();
+            std::fs::write(p, text).unwrap();
+        }
+        let r = read(&dir.path().join(files[0].0), None);
+        (dir, r)
+    }
+
+    #[test]
+    fn includes_are_spliced_in_place() {
+        let (_d, r) = project(&[
+            ("a.xml", "<mujoco>\n<include file=\"sub/b.xml\"/>\n<worldbody/></mujoco>"),
+            ("sub/b.xml", "<mujocoinclude><asset/><include file=\"c.xml\"/></mujocoinclude>"),
+            ("c.xml", "<mujoco><size nstack=\"5\"/></mujoco>"),
+        ]);
+        let p = r.unwrap();
+        assert_eq!(p.xml, "<mujoco>\n<asset/><size nstack=\"5\"/>\n<worldbody/></mujoco>");
+        assert_eq!(p.parts, 3);
+    }
+
+    #[test]
+    fn nothing_leaves_the_folder() {
+        for file in ["/etc/passwd", "../x.xml", "sub/../../x.xml", "..\\x.xml"] {
+            let text = format!("<mujoco>\n  <include file=\"{file}\"/></mujoco>");
+            let (_d, r) = project(&[("a.xml", &text)]);
+            let e = r.unwrap_err();
+            assert!(matches!(e, Error::Refused { line: 2, column: 3, .. }), "{e}");
+            assert!(e.to_string().contains("leaves the project folder"), "{e}");
+        }
+        let dir = tempfile::tempdir().unwrap();
+        std::os::unix::fs::symlink("/etc/passwd", dir.path().join("link.xml")).unwrap();
+        std::fs::write(dir.path().join("a.xml"), "<mujoco><include file=\"link.xml\"/></mujoco>")
+            .unwrap();
+        let e = read(&dir.path().join("a.xml"), None).unwrap_err();
+        assert!(e.to_string().contains("leaves the project folder"), "{e}");
+    }
+
+    #[test]
+    fn depth_binds_at_the_cap() {
+        let nest = |n: usize| format!("{}{}", "<a>".repeat(n), "</a>".repeat(n));
+        assert!(depth(&nest(limits::XML_DEPTH)).is_ok());
+        assert!(depth(&nest(limits::XML_DEPTH + 1)).is_err());
+        assert!(depth(&"<a b=\"/>\"/>".repeat(1000)).is_ok());
+        assert!(depth(&"<!-- <a> -->".repeat(1000)).is_ok());
+    }
+
+    #[test]
+    fn sizes_bind_at_the_cap() {
+        for (tag, name, cap) in SIZES {
+            let text = |v: u64| format!("<mujoco><{tag} {name}=\"{v}\"/></mujoco>");
+            let (_d, ok) = project(&[("a.xml", &text(*cap))]);
+            assert!(ok.is_ok(), "{tag} {name}: {ok:?}");
+            let (_d, r) = project(&[("a.xml", &text(*cap + 1))]);
+            assert!(matches!(r, Err(Error::Refused { .. })), "{tag} {name}");
+        }
+    }
+}

@@ -1,0 +1,113 @@
+//! Writes the task clips: formulas and pose tables in, documents out.
+
+use super::{hand, pointmass, ur5e};
+use crate::clip::{Clip, Fill, Key, RobotRef};
+use crate::robot::{Error, Robot};
+use crate::units::CTRL_DT;
+
+/// A task clip with its name and suite.
+#[derive(Clone, Debug)]
+pub struct Authored {
+    /// File name without suffix.
+    pub name: &'static str,
+    /// One of [`super::SUITES`].
+    pub suite: &'static str,
+    /// The document.
+    pub clip: Clip,
+}
+
+/// Every task of a robot, in the order of tables; none for a robot without tasks.
+///
+/// # Errors
+/// Hand poses are settled in simulation first, which may fail.
+pub fn author(robot: &Robot) -> Result<Vec<Authored>, Error> {
+    match robot.id() {
+        "pointmass" => Ok(pointmass::tasks(robot)),
+        "ur5e" => ur5e::tasks(robot),
+        "shadow_hand" => hand::tasks(robot),
+        _ => Ok(Vec::new()),
+    }
+}
+
+/// An empty clip for this robot; `frames` counts the commands after frame 0.
+pub(super) fn blank(robot: &Robot, title: &str, notes: &str, frames: u32) -> Clip {
+    let joints = robot.joints();
+    let reference = RobotRef {
+        id: robot.id().to_owned(),
+        model: None,
+        model_sha256: Some(robot.model_sha256().to_owned()),
+        joints: joints.iter().map(|j| j.name.clone()).collect(),
+        units: joints.iter().map(|j| j.unit).collect(),
+    };
+    let mut clip = Clip::new(reference, frames + 1);
+    title.clone_into(&mut clip.name);
+    notes.clone_into(&mut clip.notes);
+    clip
+}
+
+/// A key at every frame: `q` gives the pose at a time in seconds.
+pub(super) fn dense(
+    robot: &Robot,
+    title: &str,
+    notes: &str,
+    frames: u32,
+    q: impl Fn(f64) -> Vec<f64>,
+) -> Clip {
+    let mut clip = blank(robot, title, notes, frames);
+    clip.keys = (0..=frames).map(|f| Key::new(f, &q(f64::from(f) * CTRL_DT))).collect();
+    clip
+}
+
+/// The same motion with a key every `step` frames and at the end, masked between.
+pub(super) fn thinned(clip: &Clip, step: u32, title: &str, notes: &str) -> Clip {
+    let mut thin = clip.clone();
+    title.clone_into(&mut thin.name);
+    notes.clone_into(&mut thin.notes);
+    thin.keys.retain(|k| k.frame % step == 0 || k.frame + 1 == clip.length);
+    thin
+}
+
+/// Poses one after another, frame 0 at the first, then each masked for `gap` frames and
+/// held for `hold`.
+pub(super) fn sequence(clip: &mut Clip, start: &str, steps: &[(&str, u32, u32)]) {
+    clip.keys = vec![Key::posed(0, start)];
+    let mut frame = 1;
+    for &(pose, gap, hold) in steps {
+        clip.keys.push(Key::posed(frame + gap, pose).held(hold));
+        frame += gap + hold;
+    }
+    clip.length = frame;
+}
+
+/// Only the middle frame of each hold stays visible; the clip ends as it did.
+pub(super) fn middles(clip: &Clip, title: &str, notes: &str) -> Clip {
+    let mut sparse = clip.clone();
+    title.clone_into(&mut sparse.name);
+    notes.clone_into(&mut sparse.notes);
+    for key in sparse.keys.iter_mut().skip(1) {
+        key.frame += key.hold / 2;
+        key.hold = 1;
+    }
+    sparse
+}
+
+/// Straight lines through points at even speed.
+pub(super) fn polyline(
+    robot: &Robot,
+    title: &str,
+    notes: &str,
+    points: &[[f64; 2]],
+    frames: u32,
+) -> Clip {
+    let mut clip = blank(robot, title, notes, frames);
+    clip.fill = Fill::Linear;
+    let leg = |w: &[[f64; 2]]| (w[1][0] - w[0][0]).hypot(w[1][1] - w[0][1]);
+    let total: f64 = points.windows(2).map(leg).sum();
+    let mut way = 0.0;
+    clip.keys.extend(points.first().map(|p| Key::new(0, p)));
+    for w in points.windows(2) {
+        way += leg(w);
+        clip.keys.push(Key::new((way / total * f64::from(frames)).round() as u32, &w[1]));
+    }
+    clip
+}

@@ -1,0 +1,212 @@
+//! The task clips in the program: what policies are compared on.
+//!
+//! They are files (`assets/clips/ROBOT/NAME.clip.json`), since people open, copy and edit
+//! them; and they are written by formulas ([`author`]), since a circle of 200 typed rows
+//! cannot be reviewed. A test compares the two.
+//!
+//! Suites: `manual` is what headline figures are about (the tasks of the paper and their
+//! kind), `extra` holds harder and sparser variants, `heldout` other motions, on which
+//! nothing was ever tuned.
+
+mod author;
+mod hand;
+mod pointmass;
+mod ur5e;
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+pub use author::{Authored, author};
+
+use crate::clip::{Clip, ClipError};
+use crate::exit::{Exit, HasExit};
+
+#[derive(rust_embed::RustEmbed)]
+#[folder = "assets/clips/"]
+struct Files;
+
+/// Suites in the order of lists.
+pub const SUITES: [&str; 3] = ["manual", "extra", "heldout"];
+
+/// Name of the list of suites beside the clips.
+pub const MANIFEST: &str = "suites.toml";
+
+/// A task that is not there, or not readable.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum TaskError {
+    /// No such task.
+    #[error("no task is called {name:?}{hint}; see robert tasks ls")]
+    UnknownTask {
+        /// What was asked for.
+        name: String,
+        /// A close name, or the robots that share the name.
+        hint: String,
+    },
+    /// No such suite.
+    #[error("no suite is called {name:?}; there are {known}, or give clip files")]
+    UnknownSuite {
+        /// What was asked for.
+        name: String,
+        /// What there is.
+        known: String,
+    },
+    /// A robot without tasks of its own.
+    #[error("there are no tasks for robot {robot}; there are for {known}; give clip files")]
+    NoTasks {
+        /// The robot.
+        robot: String,
+        /// Robots that have tasks.
+        known: String,
+    },
+    /// The embedded files are damaged.
+    #[error("assets/clips/{path}: {message}")]
+    Damaged {
+        /// What is wrong.
+        message: String,
+        /// The file inside the folder.
+        path: String,
+    },
+    /// An embedded clip does not read.
+    #[error(transparent)]
+    Clip(#[from] ClipError),
+}
+
+impl HasExit for TaskError {
+    fn exit(&self) -> Exit {
+        match self {
+            TaskError::UnknownTask { .. }
+            | TaskError::UnknownSuite { .. }
+            | TaskError::NoTasks { .. } => Exit::Usage,
+            TaskError::Damaged { .. } => Exit::Failed,
+            TaskError::Clip(e) => e.exit(),
+        }
+    }
+}
+
+/// The tasks of one robot.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct RobotTasks {
+    /// Another robot with the same joints, whose clips are taken.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub like: Option<String>,
+    /// Headline tasks.
+    pub manual: Vec<String>,
+    /// Harder and sparser variants.
+    pub extra: Vec<String>,
+    /// Motions that nothing was tuned on.
+    pub heldout: Vec<String>,
+}
+
+impl RobotTasks {
+    /// Names in a suite.
+    pub fn suite(&self, name: &str) -> Option<&[String]> {
+        match name {
+            "manual" => Some(&self.manual),
+            "extra" => Some(&self.extra),
+            "heldout" => Some(&self.heldout),
+            _ => None,
+        }
+    }
+}
+
+/// Suites by robot.
+///
+/// # Errors
+/// [`TaskError::Damaged`].
+pub fn manifest() -> Result<BTreeMap<String, RobotTasks>, TaskError> {
+    toml::from_str(&text(MANIFEST)?).map_err(|e| damaged(MANIFEST, &e.to_string()))
+}
+
+/// The clips of a robot's suite, with their names, in the order of tables.
+///
+/// # Errors
+/// [`TaskError::NoTasks`], [`TaskError::UnknownSuite`].
+pub fn suite(robot: &str, suite: &str) -> Result<Vec<(String, Clip)>, TaskError> {
+    let manifest = manifest()?;
+    let (folder, tasks) = of(&manifest, robot)?;
+    let names = tasks.suite(suite).ok_or_else(|| TaskError::UnknownSuite {
+        name: suite.to_owned(),
+        known: SUITES.join(", "),
+    })?;
+    names.iter().map(|n| Ok((n.clone(), read(folder, n)?))).collect()
+}
+
+/// A task by its name, `NAME` or `ROBOT/NAME`.
+///
+/// # Errors
+/// [`TaskError::UnknownTask`] also where several robots have one of this name and none is
+/// given.
+pub fn find(name: &str, robot: Option<&str>) -> Result<Clip, TaskError> {
+    let manifest = manifest()?;
+    let (robot, short) = match name.split_once('/') {
+        Some((robot, short)) => (Some(robot), short),
+        None => (robot, name),
+    };
+    let mut folders: Vec<&str> = Vec::new();
+    let mut near: Option<(f64, String)> = None;
+    for id in manifest.keys().filter(|id| robot.is_none_or(|r| r == *id)) {
+        let (folder, tasks) = of(&manifest, id)?;
+        for task in SUITES.iter().filter_map(|s| tasks.suite(s)).flatten() {
+            let score = strsim::jaro_winkler(task, short);
+            if task == short && !folders.contains(&folder) {
+                folders.push(folder);
+            } else if score > near.as_ref().map_or(0.8, |n| n.0) {
+                near = Some((score, format!("{folder}/{task}")));
+            }
+        }
+    }
+    let unknown = |hint| TaskError::UnknownTask { name: name.to_owned(), hint };
+    match folders.as_slice() {
+        [folder] => read(folder, short),
+        [] => Err(unknown(near.map_or_else(String::new, |n| format!(" (did you mean {}?)", n.1)))),
+        many => Err(unknown(format!(" of one robot only (write ROBOT/NAME: {})", many.join(", ")))),
+    }
+}
+
+/// The embedded text of a task, as it stands in the file.
+///
+/// # Errors
+/// [`TaskError::Damaged`] where there is no such file.
+pub fn task_text(folder: &str, name: &str) -> Result<String, TaskError> {
+    text(&path_of(folder, name))
+}
+
+/// Where a task's file stands in the folder of clips.
+pub fn path_of(folder: &str, name: &str) -> String {
+    format!("{folder}/{name}.clip.json")
+}
+
+/// A robot's tasks and the folder that holds them.
+///
+/// # Errors
+/// [`TaskError::NoTasks`].
+pub fn of<'a>(
+    manifest: &'a BTreeMap<String, RobotTasks>,
+    robot: &'a str,
+) -> Result<(&'a str, &'a RobotTasks), TaskError> {
+    let none = || TaskError::NoTasks {
+        robot: robot.to_owned(),
+        known: manifest.keys().cloned().collect::<Vec<_>>().join(", "),
+    };
+    let tasks = manifest.get(robot).ok_or_else(none)?;
+    match &tasks.like {
+        None => Ok((robot, tasks)),
+        Some(like) => Ok((like, manifest.get(like).ok_or_else(none)?)),
+    }
+}
+
+fn read(folder: &str, name: &str) -> Result<Clip, TaskError> {
+    Ok(Clip::parse(&task_text(folder, name)?)?)
+}
+
+fn text(path: &str) -> Result<String, TaskError> {
+    let file = Files::get(path).ok_or_else(|| damaged(path, "it is missing"))?;
+    String::from_utf8(file.data.into_owned()).map_err(|e| damaged(path, &e.to_string()))
+}
+
+fn damaged(path: &str, message: &str) -> TaskError {
+    TaskError::Damaged { message: message.to_owned(), path: path.to_owned() }
+}

@@ -1,0 +1,177 @@
+//! The take as a value.
+
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+
+use super::error::Error;
+use crate::clip::Command;
+use crate::fsio;
+use crate::rollout::{Goals, Guide, PlantConfig, PolicyConfig, Precision, RolloutConfig};
+use crate::units::{CTRL_DT, Unit};
+
+/// Numbers of one body pose: position in m, then orientation w x y z.
+pub(super) const POSE: usize = 7;
+
+/// The robot of a take, as far as its numbers need it.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RobotFacts {
+    /// Robot id.
+    pub id: String,
+    /// Sha-256 of its model.
+    pub model_sha256: String,
+    /// Names of the state, in order.
+    pub joints: Vec<String>,
+    /// Units of the state.
+    pub units: Vec<Unit>,
+    /// Names of the action, in order.
+    pub actuators: Vec<String>,
+    /// Names of the bodies, the world left out; unique, made up where the model has none.
+    pub bodies: Vec<String>,
+}
+
+/// How a take came about.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Provenance {
+    /// The policy as tables show it: `pd`, `pd+guide`, `robert+refine`.
+    pub policy: String,
+    /// Sha-256 of the policy's model file, where it has one.
+    pub policy_sha256: Option<String>,
+    /// Seed of the policy's draws.
+    pub seed: u64,
+    /// Virtual commands through masks.
+    pub guide: Guide,
+    /// Whether each action was improved on the model.
+    pub refine: bool,
+    /// The plant that was simulated.
+    pub plant: PlantConfig,
+    /// Program and version.
+    pub program: String,
+}
+
+impl Provenance {
+    /// Of a rollout made with these settings. Reads the policy's model file for its hash.
+    ///
+    /// # Errors
+    /// [`Error::File`].
+    pub fn new(policy: &PolicyConfig, rollout: &RolloutConfig) -> Result<Provenance, Error> {
+        let policy_sha256 = policy.model_path.as_deref().map(fsio::sha256_file).transpose()?;
+        Ok(Provenance {
+            policy: policy.label(),
+            policy_sha256,
+            seed: rollout.seed,
+            guide: rollout.guide,
+            refine: policy.refine,
+            plant: rollout.plant,
+            program: format!("robert {}", env!("CARGO_PKG_VERSION")),
+        })
+    }
+}
+
+/// Which motion of a take is meant.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum What {
+    /// What the simulation reached.
+    #[default]
+    Achieved,
+    /// What the clip asked for.
+    Command,
+}
+
+/// A recorded rollout. Rows are frames of 1/20 s, frame 0 is the start.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Take {
+    /// The robot.
+    pub robot: RobotFacts,
+    /// Canonical text of the clip; `None` for motions that never were clips.
+    pub clip_text: Option<String>,
+    /// What was commanded; it may be longer than what was reached.
+    pub command: Command,
+    /// Reached state, rad or m; (frames, S).
+    pub reached: Vec<f64>,
+    /// Joint velocity, rad/s or m/s; (frames, S).
+    pub velocity: Vec<f64>,
+    /// Torque or force on each joint from the actuators during the frame that begins here,
+    /// N m or N; (frames - 1, S).
+    pub effort: Vec<f64>,
+    /// Action taken at each frame but the last, -1..1; (frames - 1, A).
+    pub actions: Vec<f64>,
+    /// The same as controls, N m or N; (frames - 1, A).
+    pub ctrl: Vec<f64>,
+    /// World poses of the bodies, x y z (m) and w x y z; (frames, B, 7).
+    pub poses: Vec<f64>,
+    /// The same for the command, where a frame has a goal for every joint; (frames).
+    pub ghost: Vec<Option<Vec<f64>>>,
+    /// Where it came from.
+    pub provenance: Provenance,
+}
+
+impl Take {
+    /// Frames reached, frame 0 included.
+    pub fn frames(&self) -> usize {
+        self.reached.len() / self.state_dim().max(1)
+    }
+
+    /// Numbers in a state.
+    pub fn state_dim(&self) -> usize {
+        self.robot.joints.len()
+    }
+
+    /// Numbers in an action.
+    pub fn action_dim(&self) -> usize {
+        self.robot.actuators.len()
+    }
+
+    /// Length, seconds.
+    pub fn secs(&self) -> f64 {
+        self.frames().saturating_sub(1) as f64 * CTRL_DT
+    }
+
+    /// Reached state of a frame; empty beyond the end. (S)
+    pub fn state(&self, frame: usize) -> &[f64] {
+        row(&self.reached, frame, self.state_dim())
+    }
+
+    /// Body poses of a frame; empty beyond the end. (B, 7)
+    pub fn body_poses(&self, frame: usize) -> &[f64] {
+        row(&self.poses, frame, self.robot.bodies.len() * POSE)
+    }
+
+    /// How near it came. Equal, bit for bit, to what the rollout itself reported.
+    pub fn precision(&self) -> Precision {
+        let goals = Goals::new(&self.command);
+        Precision::measure(&goals, &self.reached, &self.actions, self.action_dim())
+    }
+
+    /// Sha-256 of the clip's text.
+    pub fn clip_sha256(&self) -> Option<String> {
+        self.clip_text.as_ref().map(|t| fsio::sha256_hex(t.as_bytes()))
+    }
+
+    /// Error of a joint at a frame, where the command has a goal for it, rad or m.
+    pub fn joint_error(&self, frame: usize, joint: usize) -> Option<f64> {
+        let at = u32::try_from(frame).ok()?;
+        if !self.command.sees(at, joint) {
+            return None;
+        }
+        let goal = f64::from(*self.command.row(at).get(joint)?);
+        Some((self.state(frame).get(joint)? - goal).abs())
+    }
+
+    /// Writes the take as MCAP, whole or not at all.
+    ///
+    /// `scene` is what viewers draw ([`Take::scene`]); without it they have only frames.
+    ///
+    /// # Errors
+    /// [`Error::File`], [`Error::Encode`].
+    pub fn write(&self, path: &Path, scene: Option<&super::scene::Scene>) -> Result<(), Error> {
+        Ok(fsio::write_atomic(path, &self.to_mcap(scene)?)?)
+    }
+}
+
+/// Row `i` of a (rows, dim) array.
+pub(super) fn row(values: &[f64], i: usize, dim: usize) -> &[f64] {
+    values.get(i * dim..(i + 1) * dim).unwrap_or_default()
+}

@@ -1,0 +1,85 @@
+//! A page that plays a take anywhere: the viser client with the recording inside.
+
+use super::error::Error;
+
+/// The client, where script/bootstrap has fetched it.
+#[derive(rust_embed::Embed)]
+#[folder = "vendor/viser"]
+#[allow_missing = true]
+struct Client;
+
+/// The client that was built into this program.
+///
+/// # Errors
+/// [`Error::NoClient`].
+pub fn client() -> Result<Vec<u8>, Error> {
+    Ok(Client::get("index.html").ok_or(Error::NoClient)?.data.into_owned())
+}
+
+/// `client` (the page of the viser client) with a recording that plays when it is opened.
+///
+/// # Errors
+/// [`Error::Encode`] when the page has no head to put it in.
+pub fn page(client: &[u8], title: &str, recording: &[u8]) -> Result<Vec<u8>, Error> {
+    const HEAD: &[u8] = b"</head>";
+    let at = client.windows(HEAD.len()).position(|w| w == HEAD).ok_or_else(|| Error::Encode {
+        what: "the page",
+        problem: "the viser client has no </head>".to_owned(),
+    })?;
+    let (before, after) = client.split_at(at);
+    let mut out = Vec::with_capacity(client.len() + recording.len() * 4 / 3 + 512);
+    out.extend_from_slice(before);
+    out.extend_from_slice(b"<script>window.__VISER_EMBED_DATA__=\"");
+    base64(recording, &mut out);
+    out.extend_from_slice(b"\";window.__VISER_EMBED_CONFIG__={darkMode:false};");
+    // The client names the page itself once it runs; ours comes after.
+    let title = serde_json::Value::from(title).to_string().replace('<', "\\u003c");
+    out.extend_from_slice(
+        format!("addEventListener(\"load\",()=>{{document.title={title}}});</script>").as_bytes(),
+    );
+    out.extend_from_slice(after);
+    Ok(out)
+}
+
+/// Standard alphabet, padded.
+fn base64(bytes: &[u8], out: &mut Vec<u8>) {
+    const ALPHABET: &[u8; 64] =
+        b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    for chunk in bytes.chunks(3) {
+        let at = |i: usize| u32::from(chunk.get(i).copied().unwrap_or(0));
+        let word = at(0) << 16 | at(1) << 8 | at(2);
+        for i in 0..4 {
+            let digit = (word >> (18 - 6 * i)) as usize & 63;
+            let known = i <= chunk.len();
+            out.push(if known { ALPHABET[digit] } else { b'=' });
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn base64_is_the_standard_one() {
+        for (plain, want) in
+            [("", ""), ("f", "Zg=="), ("fo", "Zm8="), ("foo", "Zm9v"), ("foobar", "Zm9vYmFy")]
+        {
+            let mut out = Vec::new();
+            base64(plain.as_bytes(), &mut out);
+            assert_eq!(String::from_utf8(out).unwrap(), want);
+        }
+        let mut out = Vec::new();
+        base64(&[0xfb, 0xef, 0xff], &mut out);
+        assert_eq!(out, b"++//");
+    }
+
+    #[test]
+    fn the_recording_stands_in_the_head_and_cannot_leave_it() {
+        let page = page(b"<html><head></head><body></body></html>", "</script>", b"foo").unwrap();
+        let text = String::from_utf8(page).unwrap();
+        assert!(text.contains("__VISER_EMBED_DATA__=\"Zm9v\""));
+        assert_eq!(text.matches("</script>").count(), 1);
+        assert!(matches!(super::page(b"no head", "", b""), Err(Error::Encode { .. })));
+    }
+}

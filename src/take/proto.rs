@@ -1,0 +1,522 @@
+//! The protobuf messages of a take and their descriptors.
+//!
+//! Field numbers are those of the public foxglove schemas; a file must carry its schemas as
+//! a `FileDescriptorSet`, which is built here from one table instead of by a protobuf
+//! compiler at build time.
+
+use prost::Message as _;
+use prost_types::field_descriptor_proto::{Label, Type};
+use prost_types::{
+    DescriptorProto, EnumDescriptorProto, EnumValueDescriptorProto, FieldDescriptorProto,
+    FileDescriptorProto, FileDescriptorSet, OneofDescriptorProto, Timestamp,
+};
+
+#[derive(Clone, Copy, PartialEq, prost::Message)]
+pub(super) struct Vector3 {
+    #[prost(double, tag = "1")]
+    pub x: f64,
+    #[prost(double, tag = "2")]
+    pub y: f64,
+    #[prost(double, tag = "3")]
+    pub z: f64,
+}
+
+/// x, y, z, w: not the simulator's order.
+#[derive(Clone, Copy, PartialEq, prost::Message)]
+pub(super) struct Quaternion {
+    #[prost(double, tag = "1")]
+    pub x: f64,
+    #[prost(double, tag = "2")]
+    pub y: f64,
+    #[prost(double, tag = "3")]
+    pub z: f64,
+    #[prost(double, tag = "4")]
+    pub w: f64,
+}
+
+#[derive(Clone, Copy, PartialEq, prost::Message)]
+pub(super) struct Color {
+    #[prost(double, tag = "1")]
+    pub r: f64,
+    #[prost(double, tag = "2")]
+    pub g: f64,
+    #[prost(double, tag = "3")]
+    pub b: f64,
+    #[prost(double, tag = "4")]
+    pub a: f64,
+}
+
+#[derive(Clone, Copy, PartialEq, prost::Message)]
+pub(super) struct Pose {
+    #[prost(message, optional, tag = "1")]
+    pub position: Option<Vector3>,
+    #[prost(message, optional, tag = "2")]
+    pub orientation: Option<Quaternion>,
+}
+
+#[derive(Clone, PartialEq, prost::Message)]
+pub(super) struct FrameTransform {
+    #[prost(message, optional, tag = "1")]
+    pub timestamp: Option<Timestamp>,
+    #[prost(string, tag = "2")]
+    pub parent_frame_id: String,
+    #[prost(string, tag = "3")]
+    pub child_frame_id: String,
+    #[prost(message, optional, tag = "4")]
+    pub translation: Option<Vector3>,
+    #[prost(message, optional, tag = "5")]
+    pub rotation: Option<Quaternion>,
+}
+
+#[derive(Clone, PartialEq, prost::Message)]
+pub(super) struct FrameTransforms {
+    #[prost(message, repeated, tag = "1")]
+    pub transforms: Vec<FrameTransform>,
+}
+
+#[derive(Clone, Copy, PartialEq, prost::Message)]
+pub(super) struct CubePrimitive {
+    #[prost(message, optional, tag = "1")]
+    pub pose: Option<Pose>,
+    #[prost(message, optional, tag = "2")]
+    pub size: Option<Vector3>,
+    #[prost(message, optional, tag = "3")]
+    pub color: Option<Color>,
+}
+
+#[derive(Clone, Copy, PartialEq, prost::Message)]
+pub(super) struct SpherePrimitive {
+    #[prost(message, optional, tag = "1")]
+    pub pose: Option<Pose>,
+    #[prost(message, optional, tag = "2")]
+    pub size: Option<Vector3>,
+    #[prost(message, optional, tag = "3")]
+    pub color: Option<Color>,
+}
+
+#[derive(Clone, Copy, PartialEq, prost::Message)]
+pub(super) struct CylinderPrimitive {
+    #[prost(message, optional, tag = "1")]
+    pub pose: Option<Pose>,
+    #[prost(message, optional, tag = "2")]
+    pub size: Option<Vector3>,
+    #[prost(double, tag = "3")]
+    pub bottom_scale: f64,
+    #[prost(double, tag = "4")]
+    pub top_scale: f64,
+    #[prost(message, optional, tag = "5")]
+    pub color: Option<Color>,
+}
+
+#[derive(Clone, PartialEq, prost::Message)]
+pub(super) struct TriangleListPrimitive {
+    #[prost(message, optional, tag = "1")]
+    pub pose: Option<Pose>,
+    /// `foxglove.Point3` has the same fields.
+    #[prost(message, repeated, tag = "2")]
+    pub points: Vec<Vector3>,
+    #[prost(message, optional, tag = "3")]
+    pub color: Option<Color>,
+    #[prost(fixed32, repeated, tag = "5")]
+    pub indices: Vec<u32>,
+}
+
+#[derive(Clone, PartialEq, prost::Message)]
+pub(super) struct SceneEntity {
+    #[prost(message, optional, tag = "1")]
+    pub timestamp: Option<Timestamp>,
+    #[prost(string, tag = "2")]
+    pub frame_id: String,
+    #[prost(string, tag = "3")]
+    pub id: String,
+    #[prost(bool, tag = "5")]
+    pub frame_locked: bool,
+    #[prost(message, repeated, tag = "8")]
+    pub cubes: Vec<CubePrimitive>,
+    #[prost(message, repeated, tag = "9")]
+    pub spheres: Vec<SpherePrimitive>,
+    #[prost(message, repeated, tag = "10")]
+    pub cylinders: Vec<CylinderPrimitive>,
+    #[prost(message, repeated, tag = "12")]
+    pub triangles: Vec<TriangleListPrimitive>,
+}
+
+#[derive(Clone, PartialEq, prost::Message)]
+pub(super) struct SceneUpdate {
+    #[prost(message, repeated, tag = "2")]
+    pub entities: Vec<SceneEntity>,
+}
+
+#[derive(Clone, PartialEq, prost::Message)]
+pub(super) struct Log {
+    #[prost(message, optional, tag = "1")]
+    pub timestamp: Option<Timestamp>,
+    /// 2 info, 3 warning.
+    #[prost(int32, tag = "2")]
+    pub level: i32,
+    #[prost(string, tag = "3")]
+    pub message: String,
+    #[prost(string, tag = "4")]
+    pub name: String,
+}
+
+#[derive(Clone, PartialEq, prost::Message)]
+pub(super) struct JointError {
+    #[prost(string, tag = "1")]
+    pub joint: String,
+    #[prost(double, tag = "2")]
+    pub error: f64,
+}
+
+/// Our own message: one a frame.
+#[derive(Clone, PartialEq, prost::Message)]
+pub(super) struct Metrics {
+    #[prost(uint32, tag = "1")]
+    pub frame: u32,
+    /// Mean absolute error over the joints with a goal; absent where there is none.
+    #[prost(double, optional, tag = "2")]
+    pub frame_mae: Option<f64>,
+    #[prost(bool, tag = "3")]
+    pub masked: bool,
+    /// Joints with a goal.
+    #[prost(message, repeated, tag = "4")]
+    pub joint_error: Vec<JointError>,
+    /// Action taken at this frame; empty at the last.
+    #[prost(double, repeated, tag = "5")]
+    pub action: Vec<f64>,
+    /// The same as controls, N m or N.
+    #[prost(double, repeated, tag = "6")]
+    pub ctrl: Vec<f64>,
+}
+
+/// Message, then `name number type`; `*` = repeated, `?` = optional, `enum:` = an enum of
+/// this message, anything unknown = a message of the package.
+type Table = &'static [(&'static str, &'static str)];
+
+const FOXGLOVE: Table = &[
+    ("Vector3", "x 1 double, y 2 double, z 3 double"),
+    ("Point3", "x 1 double, y 2 double, z 3 double"),
+    ("Quaternion", "x 1 double, y 2 double, z 3 double, w 4 double"),
+    ("Color", "r 1 double, g 2 double, b 3 double, a 4 double"),
+    ("Pose", "position 1 Vector3, orientation 2 Quaternion"),
+    ("KeyValuePair", "key 1 string, value 2 string"),
+    (
+        "FrameTransform",
+        "timestamp 1 Timestamp, parent_frame_id 2 string, child_frame_id 3 string, \
+         translation 4 Vector3, rotation 5 Quaternion",
+    ),
+    ("FrameTransforms", "transforms 1 *FrameTransform"),
+    (
+        "ArrowPrimitive",
+        "pose 1 Pose, shaft_length 2 double, shaft_diameter 3 double, head_length 4 double, \
+         head_diameter 5 double, color 6 Color",
+    ),
+    ("CubePrimitive", "pose 1 Pose, size 2 Vector3, color 3 Color"),
+    ("SpherePrimitive", "pose 1 Pose, size 2 Vector3, color 3 Color"),
+    (
+        "CylinderPrimitive",
+        "pose 1 Pose, size 2 Vector3, bottom_scale 3 double, top_scale 4 double, color 5 Color",
+    ),
+    (
+        "LinePrimitive",
+        "type 1 enum:Type=LINE_STRIP/LINE_LOOP/LINE_LIST, pose 2 Pose, thickness 3 double, \
+         scale_invariant 4 bool, points 5 *Point3, color 6 Color, colors 7 *Color, \
+         indices 8 *fixed32",
+    ),
+    (
+        "TriangleListPrimitive",
+        "pose 1 Pose, points 2 *Point3, color 3 Color, colors 4 *Color, indices 5 *fixed32",
+    ),
+    (
+        "TextPrimitive",
+        "pose 1 Pose, billboard 2 bool, font_size 3 double, scale_invariant 4 bool, \
+         color 5 Color, text 6 string",
+    ),
+    (
+        "ModelPrimitive",
+        "pose 1 Pose, scale 2 Vector3, color 3 Color, override_color 4 bool, url 5 string, \
+         media_type 6 string, data 7 bytes",
+    ),
+    (
+        "SceneEntityDeletion",
+        "timestamp 1 Timestamp, type 2 enum:Type=MATCHING_ID/ALL, id 3 string",
+    ),
+    (
+        "SceneEntity",
+        "timestamp 1 Timestamp, frame_id 2 string, id 3 string, lifetime 4 Duration, \
+         frame_locked 5 bool, metadata 6 *KeyValuePair, arrows 7 *ArrowPrimitive, \
+         cubes 8 *CubePrimitive, spheres 9 *SpherePrimitive, cylinders 10 *CylinderPrimitive, \
+         lines 11 *LinePrimitive, triangles 12 *TriangleListPrimitive, texts 13 *TextPrimitive, \
+         models 14 *ModelPrimitive",
+    ),
+    ("SceneUpdate", "deletions 1 *SceneEntityDeletion, entities 2 *SceneEntity"),
+    (
+        "Log",
+        "timestamp 1 Timestamp, level 2 enum:Level=UNKNOWN/DEBUG/INFO/WARNING/ERROR/FATAL, \
+         message 3 string, name 4 string, file 5 string, line 6 fixed32",
+    ),
+];
+
+const ROBERT: Table = &[
+    ("JointError", "joint 1 string, error 2 double"),
+    (
+        "Metrics",
+        "frame 1 uint32, frame_mae 2 ?double, masked 3 bool, joint_error 4 *JointError, \
+         action 5 *double, ctrl 6 *double",
+    ),
+];
+
+/// Descriptors of the foxglove messages.
+pub(super) fn foxglove_schema() -> Vec<u8> {
+    schema("foxglove", FOXGLOVE)
+}
+
+/// Descriptors of our own messages.
+pub(super) fn robert_schema() -> Vec<u8> {
+    schema("robert", ROBERT)
+}
+
+fn schema(package: &str, table: Table) -> Vec<u8> {
+    let time = |name: &str| {
+        let field = |name: &str, number, kind: Type| FieldDescriptorProto {
+            name: Some(name.to_owned()),
+            number: Some(number),
+            label: Some(Label::Optional.into()),
+            r#type: Some(kind.into()),
+            json_name: Some(name.to_owned()),
+            ..FieldDescriptorProto::default()
+        };
+        FileDescriptorProto {
+            name: Some(format!("google/protobuf/{}.proto", name.to_lowercase())),
+            package: Some("google.protobuf".to_owned()),
+            message_type: vec![DescriptorProto {
+                name: Some(name.to_owned()),
+                field: vec![
+                    field("seconds", 1, Type::Int64),
+                    field("nanos", 2, Type::Int32),
+                ],
+                ..DescriptorProto::default()
+            }],
+            syntax: Some("proto3".to_owned()),
+            ..FileDescriptorProto::default()
+        }
+    };
+    let times = [time("Timestamp"), time("Duration")];
+    let own = FileDescriptorProto {
+        name: Some(format!("{package}/take.proto")),
+        package: Some(package.to_owned()),
+        dependency: times.iter().filter_map(|t| t.name.clone()).collect(),
+        message_type: table.iter().map(|(name, fields)| message(package, name, fields)).collect(),
+        syntax: Some("proto3".to_owned()),
+        ..FileDescriptorProto::default()
+    };
+    let file = times.into_iter().chain([own]).collect();
+    FileDescriptorSet { file }.encode_to_vec()
+}
+
+fn message(package: &str, name: &str, fields: &str) -> DescriptorProto {
+    let mut out = DescriptorProto { name: Some(name.to_owned()), ..DescriptorProto::default() };
+    for field in fields.split(", ") {
+        let mut words = field.split_whitespace();
+        let (Some(label), Some(number), Some(kind)) = (words.next(), words.next(), words.next())
+        else {
+            continue;
+        };
+        let repeated = kind.starts_with('*');
+        let optional = kind.starts_with('?');
+        let kind = kind.trim_start_matches(['*', '?']);
+        let mut proto = FieldDescriptorProto {
+            name: Some(label.to_owned()),
+            number: number.parse().ok(),
+            label: Some(if repeated { Label::Repeated } else { Label::Optional }.into()),
+            json_name: Some(camel(label)),
+            ..FieldDescriptorProto::default()
+        };
+        let typed = |t: Type| Some(i32::from(t));
+        match kind {
+            "double" => proto.r#type = typed(Type::Double),
+            "fixed32" => proto.r#type = typed(Type::Fixed32),
+            "uint32" => proto.r#type = typed(Type::Uint32),
+            "bool" => proto.r#type = typed(Type::Bool),
+            "string" => proto.r#type = typed(Type::String),
+            "bytes" => proto.r#type = typed(Type::Bytes),
+            "Timestamp" | "Duration" => {
+                proto.r#type = typed(Type::Message);
+                proto.type_name = Some(format!(".google.protobuf.{kind}"));
+            }
+            _ => match kind.strip_prefix("enum:").and_then(|k| k.split_once('=')) {
+                Some((own, values)) => {
+                    proto.r#type = typed(Type::Enum);
+                    proto.type_name = Some(format!(".{package}.{name}.{own}"));
+                    out.enum_type.push(enumeration(own, values));
+                }
+                None => {
+                    proto.r#type = typed(Type::Message);
+                    proto.type_name = Some(format!(".{package}.{kind}"));
+                }
+            },
+        }
+        if optional {
+            // Presence in proto3 is a oneof of one.
+            proto.proto3_optional = Some(true);
+            proto.oneof_index = Some(out.oneof_decl.len() as i32);
+            out.oneof_decl.push(OneofDescriptorProto {
+                name: Some(format!("_{label}")),
+                ..OneofDescriptorProto::default()
+            });
+        }
+        out.field.push(proto);
+    }
+    out
+}
+
+fn enumeration(name: &str, values: &str) -> EnumDescriptorProto {
+    let value = |(number, name): (i32, &str)| EnumValueDescriptorProto {
+        name: Some(name.to_owned()),
+        number: Some(number),
+        ..EnumValueDescriptorProto::default()
+    };
+    EnumDescriptorProto {
+        name: Some(name.to_owned()),
+        value: (0..).zip(values.split('/')).map(value).collect(),
+        ..EnumDescriptorProto::default()
+    }
+}
+
+/// `frame_locked` is `frameLocked` in JSON.
+fn camel(name: &str) -> String {
+    let mut upper = false;
+    let mut out = String::new();
+    for c in name.chars() {
+        match c {
+            '_' => upper = true,
+            c if std::mem::take(&mut upper) => out.extend(c.to_uppercase()),
+            c => out.push(c),
+        }
+    }
+    out
+}
+
+/// Time of a message.
+pub(super) fn timestamp(nanos: u64) -> Option<Timestamp> {
+    Some(Timestamp {
+        seconds: (nanos / 1_000_000_000) as i64,
+        nanos: (nanos % 1_000_000_000) as i32,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use super::*;
+
+    /// Walks encoded messages by the published descriptors: every field that the structs
+    /// write must be in the table under the same number, with a type of that wire form.
+    #[test]
+    fn structs_and_descriptors_agree() {
+        let v = Vector3 { x: 1.0, y: 2.0, z: 3.0 };
+        let q = Quaternion { x: 0.1, y: 0.2, z: 0.3, w: 0.4 };
+        let pose = Some(Pose { position: Some(v), orientation: Some(q) });
+        let color = Some(Color { r: 1.0, g: 0.5, b: 0.25, a: 0.75 });
+        let scene = SceneUpdate {
+            entities: vec![SceneEntity {
+                timestamp: timestamp(1_000_000_001),
+                frame_id: "f".into(),
+                id: "i".into(),
+                frame_locked: true,
+                cubes: vec![CubePrimitive { pose, size: Some(v), color }],
+                spheres: vec![SpherePrimitive { pose, size: Some(v), color }],
+                cylinders: vec![CylinderPrimitive {
+                    pose,
+                    size: Some(v),
+                    bottom_scale: 1.0,
+                    top_scale: 1.0,
+                    color,
+                }],
+                triangles: vec![TriangleListPrimitive {
+                    pose,
+                    points: vec![v],
+                    color,
+                    indices: vec![7],
+                }],
+            }],
+        };
+        let transforms = FrameTransforms {
+            transforms: vec![FrameTransform {
+                timestamp: timestamp(1),
+                parent_frame_id: "p".into(),
+                child_frame_id: "c".into(),
+                translation: Some(v),
+                rotation: Some(q),
+            }],
+        };
+        let log =
+            Log { timestamp: timestamp(1), level: 2, message: "m".into(), name: "n".into() };
+        let metrics = Metrics {
+            frame: 1,
+            frame_mae: Some(0.5),
+            masked: true,
+            joint_error: vec![JointError { joint: "j".into(), error: 1.0 }],
+            action: vec![1.0],
+            ctrl: vec![2.0],
+        };
+        let fox = types(&foxglove_schema());
+        assert_eq!(walk(&fox, ".foxglove.SceneUpdate", &scene.encode_to_vec()), 90);
+        assert_eq!(walk(&fox, ".foxglove.FrameTransforms", &transforms.encode_to_vec()), 14);
+        assert_eq!(walk(&fox, ".foxglove.Log", &log.encode_to_vec()), 5);
+        let own = types(&robert_schema());
+        assert_eq!(walk(&own, ".robert.Metrics", &metrics.encode_to_vec()), 8);
+    }
+
+    fn types(set: &[u8]) -> BTreeMap<String, DescriptorProto> {
+        let set = FileDescriptorSet::decode(set).unwrap();
+        let mut out = BTreeMap::new();
+        for file in set.file {
+            for m in file.message_type {
+                out.insert(format!(".{}.{}", file.package.clone().unwrap(), m.name()), m);
+            }
+        }
+        out
+    }
+
+    /// Fields met, those of nested messages included.
+    fn walk(types: &BTreeMap<String, DescriptorProto>, name: &str, mut bytes: &[u8]) -> usize {
+        let varint = |bytes: &mut &[u8]| prost::encoding::decode_varint(bytes).unwrap();
+        let message = types.get(name).unwrap_or_else(|| panic!("{name} is not described"));
+        let mut met = 0;
+        while !bytes.is_empty() {
+            let key = varint(&mut bytes);
+            let field = message
+                .field
+                .iter()
+                .find(|f| f.number() == (key >> 3) as i32)
+                .unwrap_or_else(|| panic!("{name} has no field {}", key >> 3));
+            met += 1;
+            let kind = field.r#type();
+            let packed = field.label() == Label::Repeated
+                && matches!(kind, Type::Double | Type::Fixed32);
+            let want = match kind {
+                _ if packed => 2,
+                Type::Double => 1,
+                Type::Fixed32 => 5,
+                Type::String | Type::Bytes | Type::Message => 2,
+                _ => 0,
+            };
+            assert_eq!(key & 7, want, "{name}.{}", field.name());
+            match want {
+                0 => drop(varint(&mut bytes)),
+                1 => bytes = &bytes[8..],
+                5 => bytes = &bytes[4..],
+                _ => {
+                    let n = varint(&mut bytes) as usize;
+                    if kind == Type::Message {
+                        met += walk(types, field.type_name(), &bytes[..n]);
+                    }
+                    bytes = &bytes[n..];
+                }
+            }
+        }
+        met
+    }
+}

@@ -1,0 +1,588 @@
+//! Takes read back, bit for bit; damage is named with its byte.
+//!
+//! A file is taken as hostile: sizes are capped, every record is checked, unknown topics and
+//! records are passed over. [`Take::read`] wants the whole file; [`Take::recover`] takes the
+//! frames before the damage.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use prost::Message as _;
+
+use super::cdr;
+use super::document::{POSE, Take};
+use super::error::{Damage, Error};
+use super::header::{CLIP_JSON, Header, TAKE_JSON};
+use super::proto::{FrameTransforms, Metrics};
+use super::records::{Channel, Fields, MAGIC, Message, Record, Records, attachment, op, unpack};
+use super::scene::COMMAND;
+use super::write::{frame_at, topic};
+use crate::clip::Command;
+use crate::fsio;
+use crate::limits;
+
+/// A take out of a damaged file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Recovered {
+    /// What there was before the damage.
+    pub take: Take,
+    /// The damage; `None` when the file was whole.
+    pub damage: Option<Damage>,
+}
+
+impl Take {
+    /// Reads a whole take.
+    ///
+    /// # Errors
+    /// [`Error::File`], [`Error::Damaged`], [`Error::Foreign`].
+    pub fn read(path: &Path) -> Result<Take, Error> {
+        let bytes = fsio::read_capped(path, limits::TAKE_BYTES)?;
+        Take::from_mcap(&bytes).map_err(|e| e.in_file(path))
+    }
+
+    /// Reads what can be read.
+    ///
+    /// # Errors
+    /// [`Error::File`], [`Error::Foreign`]; [`Error::Damaged`] when not even one frame is
+    /// left.
+    pub fn recover(path: &Path) -> Result<Recovered, Error> {
+        let bytes = fsio::read_capped(path, limits::TAKE_BYTES)?;
+        Take::recover_mcap(&bytes).map_err(|e| e.in_file(path))
+    }
+
+    /// The same for bytes in memory.
+    ///
+    /// # Errors
+    /// [`Error::Damaged`], [`Error::Foreign`].
+    pub fn from_mcap(bytes: &[u8]) -> Result<Take, Error> {
+        let (scan, damage) = scan(bytes)?;
+        if let Some(damage) = damage {
+            let frames = scan.whole_frames();
+            return Err(Error::Damaged { damage, frames, path: None });
+        }
+        scan.take(true)
+    }
+
+    /// The same for bytes in memory.
+    ///
+    /// # Errors
+    /// [`Error::Damaged`], [`Error::Foreign`].
+    pub fn recover_mcap(bytes: &[u8]) -> Result<Recovered, Error> {
+        let (scan, damage) = scan(bytes)?;
+        let take = match (scan.take(damage.is_none()), &damage) {
+            (Ok(take), _) => take,
+            (Err(Error::Foreign { .. }), Some(damage)) => {
+                return Err(Error::Damaged { damage: damage.clone(), frames: 0, path: None });
+            }
+            (Err(e), _) => return Err(e),
+        };
+        Ok(Recovered { take, damage })
+    }
+}
+
+/// Which of our topics a channel is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Topic {
+    JointStates,
+    Command,
+    Tf,
+    CommandTf,
+    Metrics,
+}
+
+/// What a file held.
+#[derive(Debug, Default)]
+struct Scan {
+    header: Option<Header>,
+    clip_text: Option<String>,
+    channels: BTreeMap<u16, Topic>,
+    reached: Vec<f64>,
+    velocity: Vec<f64>,
+    effort: Vec<f64>,
+    poses: Vec<f64>,
+    actions: Vec<f64>,
+    ctrl: Vec<f64>,
+    /// Frames whose last message has been read.
+    frames: usize,
+    goals: Vec<f32>,
+    visible: Vec<bool>,
+    ghost: Vec<Option<Vec<f64>>>,
+}
+
+/// Reads all records; stops at the first damage.
+fn scan(bytes: &[u8]) -> Result<(Scan, Option<Damage>), Error> {
+    let mut scan = Scan::default();
+    if !bytes.starts_with(MAGIC) {
+        let empty = if bytes.is_empty() { "the file is empty" } else { "this is no MCAP file" };
+        // A file cut within its first bytes is damaged, not foreign.
+        if !bytes.is_empty() && MAGIC.starts_with(bytes) {
+            return Ok((scan, Some(Damage::at(0, "the file ends inside its first bytes"))));
+        }
+        return Err(Error::foreign(empty));
+    }
+    let damage = match walk(bytes, &mut scan) {
+        Ok(()) => None,
+        Err(Stop::Damage(damage)) => Some(damage),
+        Err(Stop::Foreign(e)) => return Err(e),
+    };
+    Ok((scan, damage))
+}
+
+enum Stop {
+    Damage(Damage),
+    Foreign(Error),
+}
+
+impl From<Damage> for Stop {
+    fn from(damage: Damage) -> Stop {
+        Stop::Damage(damage)
+    }
+}
+
+fn walk(bytes: &[u8], scan: &mut Scan) -> Result<(), Stop> {
+    let mut budget = limits::TAKE_UNPACKED_BYTES;
+    // The closing magic is not a record: leave it out where it is there.
+    let end = if bytes.len() >= 2 * MAGIC.len() && bytes.ends_with(MAGIC) {
+        bytes.len() - MAGIC.len()
+    } else {
+        bytes.len()
+    };
+    let mut records = Records::new(bytes.get(..end).unwrap_or_default(), MAGIC.len());
+    let mut data_end = None;
+    let mut footer = false;
+    while let Some(record) = records.next() {
+        let record = record?;
+        if footer {
+            return Err(Damage::at(record.offset, "a record after the last one").into());
+        }
+        if data_end.is_some() {
+            // The summary repeats what was read; only its end matters here.
+            footer = record.op == op::FOOTER;
+            continue;
+        }
+        match record.op {
+            op::CHUNK => {
+                let inner = unpack(record, &mut budget)?;
+                let mut inside = Records::new(&inner, 0);
+                while let Some(found) = inside.next() {
+                    // Inside a chunk the file has no other place than the chunk's.
+                    let at = |d: Damage| Damage { offset: record.offset as u64, ..d };
+                    let found = found.map_err(at)?;
+                    scan.record(Record { offset: record.offset, ..found })?;
+                }
+            }
+            op::ATTACHMENT => scan.attachment(record)?,
+            op::DATA_END => {
+                let crc = Fields::new(record.body).u32();
+                let hashed = bytes.get(..record.offset).unwrap_or_default();
+                match crc {
+                    None => return Err(Damage::at(record.offset, "an end record cut short").into()),
+                    Some(crc) if crc != 0 && crc32fast::hash(hashed) != crc => {
+                        let problem = "the checksum of the data before it is wrong";
+                        return Err(Damage::at(record.offset, problem).into());
+                    }
+                    Some(_) => data_end = Some(record.offset),
+                }
+            }
+            op::HEADER => {}
+            _ => scan.record(record)?,
+        }
+    }
+    if !footer || end == bytes.len() {
+        return Err(Damage::at(records.at(), "the file ends before its closing records").into());
+    }
+    Ok(())
+}
+
+impl Scan {
+    fn attachment(&mut self, record: Record<'_>) -> Result<(), Stop> {
+        let (name, data) = attachment(record)?;
+        match name {
+            TAKE_JSON if self.header.is_none() => {
+                let header = Header::parse(data).map_err(Stop::Foreign)?;
+                let cells = header.command_frames as usize * header.robot.joints.len();
+                self.goals = vec![0.0; cells];
+                self.visible = vec![false; cells];
+                self.ghost = vec![None; header.command_frames as usize];
+                self.header = Some(header);
+            }
+            CLIP_JSON if self.clip_text.is_none() => {
+                let text = std::str::from_utf8(data)
+                    .or(Err(Damage::at(record.offset, "clip.json is no UTF-8")))?;
+                let sha = fsio::sha256_hex(data);
+                if self.header.as_ref().is_some_and(|h| h.clip_sha256.as_ref() != Some(&sha)) {
+                    let problem = "clip.json is not the clip that take.json names";
+                    return Err(Damage::at(record.offset, problem).into());
+                }
+                self.clip_text = Some(text.to_owned());
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn record(&mut self, record: Record<'_>) -> Result<(), Stop> {
+        let broken = |what: &str| Stop::Damage(Damage::at(record.offset, what.to_owned()));
+        match record.op {
+            op::CHANNEL => {
+                let channel = Channel::parse(record.body)
+                    .ok_or_else(|| broken("a channel record whose lengths disagree"))?;
+                let topic = match (channel.topic, channel.encoding) {
+                    (topic::JOINT_STATES, "cdr") => Topic::JointStates,
+                    (topic::COMMAND_JOINT_STATES, "cdr") => Topic::Command,
+                    (topic::TF, "protobuf") => Topic::Tf,
+                    (topic::COMMAND_TF, "protobuf") => Topic::CommandTf,
+                    (topic::METRICS, "protobuf") => Topic::Metrics,
+                    _ => return Ok(()),
+                };
+                self.channels.insert(channel.id, topic);
+            }
+            op::MESSAGE => {
+                let message =
+                    Message::parse(record.body).ok_or_else(|| broken("a message cut short"))?;
+                let Some(&topic) = self.channels.get(&message.channel) else { return Ok(()) };
+                if self.header.is_none() {
+                    let problem = format!("there is no {TAKE_JSON}: no take of this program");
+                    return Err(Stop::Foreign(Error::foreign(problem)));
+                }
+                if message.data.len() > limits::TAKE_MESSAGE_BYTES {
+                    return Err(broken("a message larger than any of a take"));
+                }
+                self.message(topic, message)
+                    .ok_or_else(|| broken(&format!("a {} message that does not fit", name(topic))))?;
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    /// `None` where the message is not what this take must hold next.
+    fn message(&mut self, topic: Topic, message: Message<'_>) -> Option<()> {
+        let header = self.header.as_ref()?;
+        let frame = frame_at(message.log_time)?;
+        let (dim, bodies) = (header.robot.joints.len(), header.robot.bodies.len());
+        let next = frame == self.frames && frame < header.frames;
+        match topic {
+            Topic::JointStates => {
+                let mut r = cdr::Reader::stamped(message.data)?;
+                if !next || r.u32()? as usize != dim || self.reached.len() != frame * dim {
+                    return None;
+                }
+                for joint in &header.robot.joints {
+                    if r.text()? != joint {
+                        return None;
+                    }
+                }
+                let last = frame + 1 == header.frames;
+                let whole = r.doubles(&mut self.reached)? == dim
+                    && r.doubles(&mut self.velocity)? == dim
+                    && r.doubles(&mut self.effort)? == if last { 0 } else { dim };
+                let fresh = self.reached.iter().skip(frame * dim);
+                (whole && fresh.chain(self.velocity.iter().skip(frame * dim)).all(|v| v.is_finite()))
+                    .then_some(())
+            }
+            Topic::Tf => {
+                if !next || self.poses.len() != frame * bodies * POSE {
+                    return None;
+                }
+                let poses = poses(message.data, &header.robot.bodies, "")?;
+                self.poses.extend(poses);
+                Some(())
+            }
+            Topic::Metrics => {
+                let m = Metrics::decode(message.data).ok()?;
+                let n = if frame + 1 == header.frames { 0 } else { header.robot.actuators.len() };
+                let sizes = m.action.len() == n && m.ctrl.len() == n;
+                let whole = self.reached.len() == (frame + 1) * dim
+                    && self.poses.len() == (frame + 1) * bodies * POSE;
+                if !next || !sizes || !whole || !m.action.iter().all(|v| v.is_finite()) {
+                    return None;
+                }
+                self.actions.extend(m.action);
+                self.ctrl.extend(m.ctrl);
+                self.frames += 1;
+                Some(())
+            }
+            Topic::Command => {
+                let mut r = cdr::Reader::stamped(message.data)?;
+                let n = r.u32()? as usize;
+                if n > dim || frame >= header.command_frames as usize {
+                    return None;
+                }
+                let mut seen = Vec::with_capacity(n);
+                for _ in 0..n {
+                    let joint = r.text()?.strip_prefix(COMMAND)?;
+                    seen.push(header.robot.joints.iter().position(|j| j == joint)?);
+                }
+                let mut values = Vec::with_capacity(n);
+                if r.doubles(&mut values)? != n {
+                    return None;
+                }
+                for (j, v) in seen.into_iter().zip(values) {
+                    let at = frame * dim + j;
+                    // Commands are single precision, or they are not ours.
+                    let goal = v as f32;
+                    if f64::from(goal) != v || !goal.is_finite() {
+                        return None;
+                    }
+                    *self.goals.get_mut(at)? = goal;
+                    *self.visible.get_mut(at)? = true;
+                }
+                Some(())
+            }
+            Topic::CommandTf => {
+                let poses = poses(message.data, &header.robot.bodies, COMMAND)?;
+                *self.ghost.get_mut(frame)? = Some(poses);
+                Some(())
+            }
+        }
+    }
+
+    fn whole_frames(&self) -> usize {
+        self.frames
+    }
+
+    /// The take; `whole` = every frame that the header names must be there.
+    fn take(self, whole: bool) -> Result<Take, Error> {
+        let Some(header) = self.header else {
+            return Err(Error::foreign(format!("there is no {TAKE_JSON}: no take of this program")));
+        };
+        let (dim, actuators) = (header.robot.joints.len(), header.robot.actuators.len());
+        let n = self.frames;
+        if n == 0 || (whole && n < header.frames) {
+            return Err(Error::foreign(format!("{n} of {} frames are there", header.frames)));
+        }
+        if whole && header.clip_sha256.is_some() != self.clip_text.is_some() {
+            return Err(Error::foreign(format!("{CLIP_JSON} is not there")));
+        }
+        // Past the damage nothing is known of the command either.
+        let asked = if whole { header.command_frames as usize } else { n };
+        let asked = asked.min(header.command_frames as usize);
+        let cut = |mut v: Vec<f64>, len: usize| {
+            v.truncate(len);
+            v
+        };
+        let (mut goals, mut visible, mut ghost) = (self.goals, self.visible, self.ghost);
+        goals.truncate(asked * dim);
+        visible.truncate(asked * dim);
+        ghost.truncate(asked);
+        let joints = header.robot.joints.clone();
+        let command = Command::from_dense(joints, header.start, goals, visible)
+            .ok_or_else(|| Error::foreign("the command has another size than it says"))?;
+        let bodies = header.robot.bodies.len();
+        Ok(Take {
+            clip_text: self.clip_text,
+            command,
+            reached: cut(self.reached, n * dim),
+            velocity: cut(self.velocity, n * dim),
+            effort: cut(self.effort, (n - 1) * dim),
+            actions: cut(self.actions, (n - 1) * actuators),
+            ctrl: cut(self.ctrl, (n - 1) * actuators),
+            poses: cut(self.poses, n * bodies * POSE),
+            ghost,
+            provenance: header.provenance,
+            robot: header.robot,
+        })
+    }
+}
+
+fn name(topic: Topic) -> &'static str {
+    match topic {
+        Topic::JointStates => topic::JOINT_STATES,
+        Topic::Command => topic::COMMAND_JOINT_STATES,
+        Topic::Tf => topic::TF,
+        Topic::CommandTf => topic::COMMAND_TF,
+        Topic::Metrics => topic::METRICS,
+    }
+}
+
+/// Poses of all bodies in their order; (B, 7).
+fn poses(data: &[u8], bodies: &[String], prefix: &str) -> Option<Vec<f64>> {
+    let message = FrameTransforms::decode(data).ok()?;
+    if message.transforms.len() != bodies.len() {
+        return None;
+    }
+    let mut out = Vec::with_capacity(bodies.len() * POSE);
+    for (t, body) in message.transforms.iter().zip(bodies) {
+        if t.child_frame_id.strip_prefix(prefix)? != body {
+            return None;
+        }
+        let (p, q) = (t.translation?, t.rotation?);
+        out.extend([p.x, p.y, p.z, q.w, q.x, q.y, q.z]);
+    }
+    out.iter().all(|v| v.is_finite()).then_some(out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::sample;
+    use super::*;
+    use crate::rng::{Rng, Stream};
+    use crate::rollout::Goals;
+
+    /// Equal but for what a compiled command knows of its clip (its spans).
+    fn assert_same(a: &Take, b: &Take) {
+        assert_eq!(a.command.first_changed_frame(&b.command), None);
+        assert_eq!(Goals::new(&a.command), Goals::new(&b.command));
+        let with = Take { command: a.command.clone(), ..b.clone() };
+        assert_eq!(a, &with);
+        assert_eq!(a.precision(), b.precision());
+    }
+
+    #[test]
+    fn a_take_comes_back_bit_for_bit() {
+        for id in ["pointmass", "ur5e", "shadow_hand"] {
+            let (robot, take) = sample::take(id, 40, 40);
+            let scene = take.scene(&robot).unwrap();
+            let bytes = take.to_mcap(Some(&scene)).unwrap();
+            assert_same(&take, &Take::from_mcap(&bytes).unwrap());
+            assert_eq!(bytes, take.to_mcap(Some(&scene)).unwrap(), "{id}: not deterministic");
+        }
+    }
+
+    #[test]
+    fn a_partial_rollout_is_a_take() {
+        let (_, take) = sample::take("ur5e", 40, 17);
+        assert_eq!((take.frames(), take.command.frames()), (17, 40));
+        let bytes = take.to_mcap(None).unwrap();
+        assert_same(&take, &Take::from_mcap(&bytes).unwrap());
+        let (_, start) = sample::take("ur5e", 40, 1);
+        let bytes = start.to_mcap(None).unwrap();
+        assert_same(&start, &Take::from_mcap(&bytes).unwrap());
+    }
+
+    #[test]
+    fn clips_that_leave_single_joints_open_come_back() {
+        let (robot, mut take) = sample::take("ur5e", 30, 30);
+        let mut clip = sample::clip(&robot, 30);
+        let joints = Some(vec![robot.joints()[1].name.clone()]);
+        clip.masks = vec![crate::clip::Mask { from: 8, to: 13, joints }];
+        take.command = crate::clip::compile(&clip).unwrap();
+        take.ghost = (0..30).map(|_| None).collect();
+        let bytes = take.to_mcap(None).unwrap();
+        assert_same(&take, &Take::from_mcap(&bytes).unwrap());
+    }
+
+    /// Cut at every byte: an error with a place inside the file, and what can be recovered
+    /// is a beginning of the take.
+    #[test]
+    fn every_prefix_is_an_error_or_a_shorter_take() {
+        let (_, take) = sample::take("ur5e", 12, 12);
+        let bytes = take.to_mcap(None).unwrap();
+        let mut longest = 0;
+        for cut in 0..bytes.len() {
+            let prefix = &bytes[..cut];
+            match Take::from_mcap(prefix) {
+                Err(Error::Damaged { damage, frames, .. }) => {
+                    assert!(damage.offset <= cut as u64, "{cut}: {damage}");
+                    longest = longest.max(frames);
+                }
+                Err(Error::Foreign { .. }) if cut == 0 => {}
+                other => panic!("{cut}: {other:?}"),
+            }
+            if let Ok(found) = Take::recover_mcap(prefix) {
+                assert!(found.damage.is_some());
+                let n = found.take.frames();
+                assert_eq!(found.take.reached, take.reached[..n * take.state_dim()], "{cut}");
+                assert_eq!(found.take.poses[..], take.poses[..found.take.poses.len()], "{cut}");
+            }
+        }
+        assert_eq!(longest, 12, "no prefix gave all frames");
+    }
+
+    /// Seeded damage: an error or a take with sane sizes; no panic, no endless work.
+    #[test]
+    fn mutated_files_never_panic() {
+        let (_, take) = sample::take("pointmass", 10, 10);
+        let bytes = take.to_mcap(None).unwrap();
+        let rounds = std::env::var("ROBERT_FUZZ").map_or(4_000, |n| n.parse().unwrap());
+        let begin = std::time::Instant::now();
+        let mut whole = 0;
+        for round in 0..rounds {
+            let rng = Rng::new(11, Stream::Test, round);
+            let mutated = mutate(&bytes, rng);
+            if let Ok(take) = Take::from_mcap(&mutated) {
+                whole += 1;
+                assert_eq!(take.reached.len() % take.state_dim(), 0);
+                take.precision();
+            }
+            drop(Take::recover_mcap(&mutated));
+        }
+        let each = begin.elapsed().as_secs_f64() / rounds as f64;
+        assert!(each < 0.1, "{each} s a file");
+        assert!(whole < rounds, "damage is never noticed");
+    }
+
+    fn mutate(bytes: &[u8], mut rng: Rng) -> Vec<u8> {
+        let mut out = bytes.to_vec();
+        for _ in 0..1 + rng.below(4) {
+            let at = rng.below(out.len() as u64) as usize;
+            match rng.below(6) {
+                0 => out[at] ^= 1 << rng.below(8),
+                1 => out[at] = rng.below(256) as u8,
+                2 => out.truncate(at.max(1)),
+                3 => {
+                    let end = (at + 8).min(out.len());
+                    out[at..end].fill([0x00, 0xff, 0x7f][rng.below(3) as usize]);
+                }
+                4 => {
+                    let to = rng.below(out.len() as u64) as usize;
+                    let n = (rng.below(64) as usize).min(out.len() - at.max(to));
+                    out.copy_within(at..at + n, to);
+                }
+                _ => {
+                    out.remove(at);
+                }
+            }
+        }
+        out
+    }
+
+    /// The checksums would hide most damage from the code behind them: blank them too.
+    #[test]
+    fn damage_behind_the_checksums_is_refused_or_read() {
+        let (_, take) = sample::take("pointmass", 10, 10);
+        let bytes = take.to_mcap(None).unwrap();
+        let (scan, _) = scan(&bytes).unwrap();
+        assert_eq!(scan.frames, 10);
+        // A chunk, unpacked, mutated and packed again without a checksum.
+        let mut records = Records::new(&bytes[..bytes.len() - 8], 8);
+        let (mut front, mut chunk) = (Vec::new(), None);
+        while let Some(Ok(r)) = records.next() {
+            if r.op == op::CHUNK {
+                chunk = Some(unpack(r, &mut limits::TAKE_UNPACKED_BYTES.clone()).unwrap().to_vec());
+                front = bytes[..r.offset].to_vec();
+            }
+        }
+        let chunk = chunk.unwrap();
+        for round in 0..3_000 {
+            let inner = mutate(&chunk, Rng::new(12, Stream::Test, round));
+            let mut file = front.clone();
+            file.push(op::CHUNK);
+            file.extend((40 + inner.len() as u64).to_le_bytes());
+            file.extend([0; 16]);
+            file.extend((inner.len() as u64).to_le_bytes());
+            file.extend([0; 8]); // no checksum, no compression
+            file.extend((inner.len() as u64).to_le_bytes());
+            file.extend(&inner);
+            drop(Take::recover_mcap(&file));
+        }
+    }
+
+    #[test]
+    fn foreign_files_say_so() {
+        let message = |bytes: &[u8]| Take::from_mcap(bytes).unwrap_err().to_string();
+        assert!(message(b"hello, this is a text").contains("no MCAP"), "{}", message(b"hello"));
+        let mut writer = mcap::WriteOptions::new()
+            .create(std::io::Cursor::new(Vec::new()))
+            .unwrap();
+        let none = BTreeMap::new();
+        let id = writer.add_channel(0, topic::JOINT_STATES, "cdr", &none).unwrap();
+        let header =
+            mcap::records::MessageHeader { channel_id: id, sequence: 0, log_time: 0, publish_time: 0 };
+        writer.write_to_known_channel(&header, &[0, 1, 0, 0]).unwrap();
+        writer.finish().unwrap();
+        let bytes = writer.into_inner().into_inner();
+        assert!(message(&bytes).contains("take.json"), "{}", message(&bytes));
+    }
+}

@@ -1,0 +1,137 @@
+//! What Foxglove and Lichtblick draw: the robot's geoms as a `foxglove.SceneUpdate`, locked
+//! to the frames of the body transforms. Once solid, once translucent for the command.
+
+use glam::{Quat, Vec3};
+
+use super::document::{RobotFacts, Take};
+use super::error::Error;
+use super::geometry::{Solid, Solids};
+use super::proto::{
+    Color, CubePrimitive, CylinderPrimitive, Pose, Quaternion, SceneEntity, SceneUpdate,
+    SpherePrimitive, TriangleListPrimitive, Vector3, timestamp,
+};
+use crate::render::Shape;
+use crate::robot::Robot;
+
+/// Frame that everything hangs on.
+pub(super) const WORLD: &str = "world";
+/// Prefix of what was commanded: viewers merge joints of one name over all topics.
+pub(super) const COMMAND: &str = "cmd/";
+/// sRGB and opacity of the commanded robot: the same blue in every picture of ours.
+pub(super) const GHOST: [f32; 4] = [0.27, 0.51, 0.96, 0.3];
+
+/// A robot as viewers draw it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scene {
+    pub(super) entities: Vec<SceneEntity>,
+}
+
+impl Take {
+    /// The robot of this take as viewers draw it.
+    ///
+    /// # Errors
+    /// [`Error::OtherRobot`], [`Error::Robot`], [`Error::Render`].
+    pub fn scene(&self, robot: &Robot) -> Result<Scene, Error> {
+        self.check_robot(robot)?;
+        let solids = Solids::of(robot)?;
+        let mut entities = Vec::new();
+        for (b, name) in (0..).zip(std::iter::once(WORLD).chain(bodies(&self.robot))) {
+            let of_body = || solids.solids.iter().filter(move |s| s.body == b);
+            if of_body().next().is_none() {
+                continue;
+            }
+            entities.push(entity(&solids, of_body(), name, None));
+            if b > 0 {
+                entities.push(entity(&solids, of_body(), &format!("{COMMAND}{name}"), Some(GHOST)));
+            }
+        }
+        Ok(Scene { entities })
+    }
+
+    /// Whether this is the robot that the take was made with.
+    ///
+    /// # Errors
+    /// [`Error::OtherRobot`].
+    pub fn check_robot(&self, robot: &Robot) -> Result<(), Error> {
+        if robot.model_sha256() == self.robot.model_sha256 {
+            return Ok(());
+        }
+        Err(Error::OtherRobot {
+            take_robot: self.robot.id.clone(),
+            take_sha256: self.robot.model_sha256.clone(),
+            robot: robot.id().to_owned(),
+            sha256: robot.model_sha256().to_owned(),
+        })
+    }
+}
+
+impl Scene {
+    pub(super) fn update(&self, nanos: u64) -> SceneUpdate {
+        let stamped = |e: &SceneEntity| SceneEntity { timestamp: timestamp(nanos), ..e.clone() };
+        SceneUpdate { entities: self.entities.iter().map(stamped).collect() }
+    }
+}
+
+fn bodies(robot: &RobotFacts) -> impl Iterator<Item = &str> {
+    robot.bodies.iter().map(String::as_str)
+}
+
+fn entity<'a>(
+    solids: &Solids,
+    of_body: impl Iterator<Item = &'a Solid>,
+    frame: &str,
+    tint: Option<[f32; 4]>,
+) -> SceneEntity {
+    let mut out = SceneEntity {
+        frame_id: frame.to_owned(),
+        id: frame.to_owned(),
+        frame_locked: true,
+        ..SceneEntity::default()
+    };
+    for solid in of_body {
+        let pose = Some(pose(solid.pos, solid.rot));
+        let color = Some(color(tint.unwrap_or(solid.rgba)));
+        let size = |v: Vec3| Some(vector(2.0 * v));
+        match solid.shape {
+            Shape::Sphere { radius } => {
+                out.spheres.push(SpherePrimitive { pose, size: size(Vec3::splat(radius)), color });
+            }
+            Shape::Ellipsoid { radii } => {
+                out.spheres.push(SpherePrimitive { pose, size: size(radii), color });
+            }
+            Shape::Box { half } => {
+                out.cubes.push(CubePrimitive { pose, size: size(half), color });
+            }
+            Shape::Cylinder { radius, half_length } => {
+                let size = size(Vec3::new(radius, radius, half_length));
+                let (bottom_scale, top_scale) = (1.0, 1.0);
+                out.cylinders.push(CylinderPrimitive { pose, size, bottom_scale, top_scale, color });
+            }
+            Shape::Capsule { .. } | Shape::Plane { .. } | Shape::Mesh { .. } => {
+                let mesh = solids.triangles(solid.shape);
+                let point = |v: &[f32; 3]| vector(Vec3::from_array(*v));
+                out.triangles.push(TriangleListPrimitive {
+                    pose,
+                    points: mesh.vertices.iter().map(point).collect(),
+                    color,
+                    indices: mesh.faces.iter().flatten().copied().collect(),
+                });
+            }
+        }
+    }
+    out
+}
+
+fn vector(v: Vec3) -> Vector3 {
+    Vector3 { x: v.x.into(), y: v.y.into(), z: v.z.into() }
+}
+
+fn pose(pos: Vec3, rot: Quat) -> Pose {
+    let [x, y, z, w] = rot.to_array().map(f64::from);
+    Pose { position: Some(vector(pos)), orientation: Some(Quaternion { x, y, z, w }) }
+}
+
+fn color(rgba: [f32; 4]) -> Color {
+    let [r, g, b, a] = rgba.map(f64::from);
+    Color { r, g, b, a }
+}

@@ -1,0 +1,33 @@
+// Bundles src/ into dist/: one script, one style sheet, one page. Nothing is fetched at run
+// time; the Rust binary embeds dist/.
+import { build, context } from "esbuild";
+import { copyFile, mkdir, readFile } from "node:fs/promises";
+import { gzipSync } from "node:zlib";
+
+const options = {
+  entryPoints: { app: "src/main.tsx" },
+  bundle: true,
+  minify: !process.argv.includes("--watch"),
+  sourcemap: false,
+  target: "es2022",
+  format: "esm",
+  jsx: "automatic",
+  jsxImportSource: "preact",
+  outdir: "dist",
+  legalComments: "eof",
+  logLevel: "warning",
+};
+
+await mkdir("dist", { recursive: true });
+await copyFile("src/index.html", "dist/index.html");
+await copyFile("src/icon.svg", "dist/icon.svg");
+
+if (process.argv.includes("--watch")) {
+  await (await context(options)).watch();
+} else {
+  await build(options);
+  const sizes = await Promise.all(
+    ["app.js", "app.css"].map(async (f) => gzipSync(await readFile(`dist/${f}`)).length),
+  );
+  console.error(`ui bundle: ${Math.round(sizes.reduce((a, b) => a + b) / 1024)} KiB gzip`);
+}

@@ -1,0 +1,30 @@
+// Colours of the canvas, read from the style sheet so that there is one palette.
+
+import type { Theme } from "./timeline/draw";
+
+let cached: Theme | undefined;
+
+export function colors(): Theme {
+  if (cached) return cached;
+  const style = getComputedStyle(document.documentElement);
+  const v = (name: string): string => style.getPropertyValue(`--${name}`).trim();
+  cached = {
+    back: v("back"), panel: v("panel"), rule: v("rule"), faint: v("faint"), text: v("text"),
+    dim: v("dim"), key: v("key"), keyEdge: v("key-edge"), selected: v("selected"), fill: v("fill"),
+    hatch: v("hatch"), blind: v("blind"), playhead: v("playhead"), look: v("look"), error: v("error"),
+    marker: v("marker"), cached: v("cached"), focus: v("focus"),
+  };
+  return cached;
+}
+
+/** Joint colours of curves: Okabe and Ito's palette, safe for colour-blind eyes. */
+export const SERIES = ["#56b4e9", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#0072b2", "#f0e442", "#999999"];
+
+matchMedia("(prefers-color-scheme: light)").addEventListener("change", () => (cached = undefined));
+
+export function setTheme(theme: "dark" | "light" | "auto"): void {
+  cached = undefined;
+  if (theme === "auto") delete document.documentElement.dataset["theme"];
+  else document.documentElement.dataset["theme"] = theme;
+  localStorage.setItem("theme", theme);
+}

@@ -1,0 +1,295 @@
+// Pointer gestures of the dope sheet as one small state machine. A gesture previews locally
+// and sends one edit when it ends, so that a drag is one entry in the history. Esc cancels.
+
+import type { Clip } from "../clip";
+import {
+  LABELS, MARKERS, ROW, RULER, STRIP, frameToX, rowToY, xToFrame, yToRow, zoomAt,
+  type Box, type RowKind, type View,
+} from "./layout";
+
+export interface Sheet {
+  clip(): Clip | undefined;
+  rows(): RowKind[];
+  view(): View;
+  box(): Box;
+  playhead(): number;
+  selection(): ReadonlySet<number>;
+  setView(view: View): void;
+  setPlayhead(frame: number): void;
+  setSelection(frames: ReadonlySet<number>): void;
+  setJoint(joint: number | undefined): void;
+  toggleGroup(name: string): void;
+  preview(dragged: ReadonlyMap<number, number>, box: BoxSelect | undefined): void;
+  edit(op: string, args: object): void;
+  openKey(frame: number): void;
+  menu(frame: number, x: number, y: number): void;
+  hint(text: string): void;
+}
+
+export interface BoxSelect {
+  x0: number;
+  y0: number;
+  x1: number;
+  y1: number;
+}
+
+interface Press {
+  kind: "scrub" | "pan" | "box" | "keys" | "marker";
+  x: number;
+  y: number;
+  frame: number;
+  moved: boolean;
+  base: ReadonlySet<number>;
+  retime: boolean;
+}
+
+/** The key whose diamond is under a pixel. */
+export function hit(sheet: Sheet, x: number, y: number): number | undefined {
+  const clip = sheet.clip();
+  if (!clip) return undefined;
+  const rows = sheet.rows();
+  const row = yToRow(sheet.view(), y, rows.length);
+  if (row === undefined || x < LABELS || y > sheet.box().height - STRIP) return undefined;
+  let best: number | undefined;
+  let near = 9;
+  for (const key of clip.keys) {
+    const d = Math.abs(frameToX(sheet.view(), key.frame) - x);
+    if (d < near) {
+      near = d;
+      best = key.frame;
+    }
+  }
+  return best;
+}
+
+function markerAt(sheet: Sheet, x: number, y: number): number | undefined {
+  if (y < RULER || y >= RULER + MARKERS) return undefined;
+  return sheet.clip()?.markers?.find((m) => Math.abs(frameToX(sheet.view(), m.frame) - x) < 8)?.frame;
+}
+
+export class Gestures {
+  private press: Press | undefined;
+  private retimeKey = false;
+
+  constructor(
+    private readonly canvas: HTMLElement,
+    private readonly sheet: Sheet,
+  ) {}
+
+  /** Listens; the returned function stops listening. */
+  attach(): () => void {
+    const on = <K extends keyof HTMLElementEventMap>(
+      type: K,
+      handler: (e: HTMLElementEventMap[K]) => void,
+      options?: AddEventListenerOptions,
+    ): (() => void) => {
+      this.canvas.addEventListener(type, handler, options);
+      return () => this.canvas.removeEventListener(type, handler, options);
+    };
+    const keys = (e: KeyboardEvent): void => {
+      if (e.key === "Escape" && this.press) this.cancel();
+      if (e.key.toLowerCase() === "s" && !e.ctrlKey && !e.metaKey) this.retimeKey = e.type === "keydown";
+    };
+    window.addEventListener("keydown", keys);
+    window.addEventListener("keyup", keys);
+    const stops = [
+      on("pointerdown", (e) => this.down(e)),
+      on("pointermove", (e) => this.move(e)),
+      on("pointerup", (e) => this.up(e)),
+      on("pointercancel", () => this.cancel()),
+      on("dblclick", (e) => this.double(e)),
+      on("contextmenu", (e) => this.context(e)),
+      on("wheel", (e) => this.wheel(e), { passive: false }),
+      () => window.removeEventListener("keydown", keys),
+      () => window.removeEventListener("keyup", keys),
+    ];
+    return () => stops.forEach((stop) => stop());
+  }
+
+  private at(e: MouseEvent): { x: number; y: number } {
+    const r = this.canvas.getBoundingClientRect();
+    return { x: e.clientX - r.left, y: e.clientY - r.top };
+  }
+
+  private down(e: PointerEvent): void {
+    const { x, y } = this.at(e);
+    const { sheet } = this;
+    const frame = xToFrame(sheet.view(), x);
+    this.canvas.setPointerCapture(e.pointerId);
+    const begin = (kind: Press["kind"], at = frame): void => {
+      this.press = {
+        kind, x, y, frame: at, moved: false, base: sheet.selection(), retime: this.retimeKey,
+      };
+    };
+    if (e.button === 1) return begin("pan");
+    if (e.button !== 0) return;
+    if (x < LABELS) return this.label(y);
+    if (y < RULER) {
+      begin("scrub");
+      return this.scrub(x);
+    }
+    const marker = markerAt(sheet, x, y);
+    if (marker !== undefined) return begin("marker", marker);
+    const key = hit(sheet, x, y);
+    const row = sheet.rows()[yToRow(sheet.view(), y, sheet.rows().length) ?? -1];
+    if (row?.kind === "joint") sheet.setJoint(row.joint);
+    if (key === undefined) return begin("box");
+    const selected = sheet.selection();
+    if (e.ctrlKey || e.metaKey) {
+      const next = new Set(selected);
+      if (!next.delete(key)) next.add(key);
+      sheet.setSelection(next);
+    } else if (e.shiftKey && selected.size > 0 && !selected.has(key)) {
+      const [lo, hi] = [Math.min(key, ...selected), Math.max(key, ...selected)];
+      sheet.setSelection(new Set(sheet.clip()?.keys.map((k) => k.frame).filter((f) => f >= lo && f <= hi)));
+    } else if (!selected.has(key)) {
+      sheet.setSelection(new Set([key]));
+    }
+    begin("keys", key);
+  }
+
+  private label(y: number): void {
+    const rows = this.sheet.rows();
+    const row = rows[yToRow(this.sheet.view(), y, rows.length) ?? -1];
+    if (row?.kind === "group") this.sheet.toggleGroup(row.group.name);
+    if (row?.kind === "joint") this.sheet.setJoint(row.joint);
+    if (row?.kind === "all") {
+      this.sheet.setSelection(new Set(this.sheet.clip()?.keys.map((k) => k.frame)));
+    }
+  }
+
+  private scrub(x: number): void {
+    const last = (this.sheet.clip()?.length ?? 1) - 1;
+    this.sheet.setPlayhead(Math.min(last, Math.max(0, Math.round(xToFrame(this.sheet.view(), x)))));
+  }
+
+  /** Where the selected keys would land. */
+  private landing(e: PointerEvent, x: number): { df: number; to: Map<number, number>; factor: number } {
+    const { sheet, press } = this;
+    const frames = [...sheet.selection()].sort((a, b) => a - b);
+    const to = new Map<number, number>();
+    const now = xToFrame(sheet.view(), x);
+    if (press?.retime) {
+      const pivot = sheet.playhead();
+      const span = press.frame - pivot;
+      const factor = span === 0 ? 1 : Math.max(0.05, (now - pivot) / span);
+      for (const f of frames) to.set(f, Math.max(0, Math.round(pivot + (f - pivot) * factor)));
+      return { df: 0, to, factor };
+    }
+    const first = frames[0] ?? 0;
+    let df = Math.round(now - (press?.frame ?? now));
+    if (first + df < 0) df = -first;
+    for (const f of frames) to.set(f, f + df);
+    if (e.shiftKey) {
+      for (const key of sheet.clip()?.keys ?? []) if (key.frame > first) to.set(key.frame, key.frame + df);
+    }
+    return { df, to, factor: 1 };
+  }
+
+  private move(e: PointerEvent): void {
+    const { press, sheet } = this;
+    const { x, y } = this.at(e);
+    if (!press) {
+      const key = hit(sheet, x, y);
+      this.canvas.style.cursor = key === undefined ? (y < RULER ? "ew-resize" : "default") : "grab";
+      return;
+    }
+    if (!press.moved && Math.hypot(x - press.x, y - press.y) < 3) return;
+    press.moved = true;
+    if (press.kind === "scrub") this.scrub(x);
+    if (press.kind === "pan") {
+      const v = sheet.view();
+      sheet.setView({ ...v, left: v.left - e.movementX / v.zoom, top: Math.max(0, v.top - e.movementY) });
+    }
+    if (press.kind === "box") {
+      const box = { x0: Math.min(x, press.x), y0: Math.min(y, press.y), x1: Math.max(x, press.x), y1: Math.max(y, press.y) };
+      sheet.preview(new Map(), box);
+      const [from, to] = [xToFrame(sheet.view(), box.x0), xToFrame(sheet.view(), box.x1)];
+      const inside = sheet.clip()?.keys.map((k) => k.frame).filter((f) => f >= from && f <= to) ?? [];
+      sheet.setSelection(new Set(e.ctrlKey || e.metaKey || e.shiftKey ? [...press.base, ...inside] : inside));
+    }
+    if (press.kind === "keys") {
+      const { df, to, factor } = this.landing(e, x);
+      sheet.preview(to, undefined);
+      const what = press.retime ? `retime × ${factor.toFixed(2)}` : `${df >= 0 ? "+" : ""}${df} frames`;
+      sheet.hint(`${what}${e.altKey ? ", copy" : ""}${e.shiftKey ? ", ripple" : ""}`);
+    }
+    if (press.kind === "marker") sheet.hint(`marker to frame ${Math.max(0, Math.round(xToFrame(sheet.view(), x)))}`);
+  }
+
+  private up(e: PointerEvent): void {
+    const { press, sheet } = this;
+    if (!press) return;
+    this.press = undefined;
+    const { x } = this.at(e);
+    sheet.hint("");
+    sheet.preview(new Map(), undefined);
+    if (press.kind === "box" && !press.moved) {
+      sheet.setSelection(new Set());
+      this.scrub(x);
+    }
+    if (press.kind === "keys" && !press.moved) sheet.setPlayhead(press.frame);
+    if (press.kind === "keys" && press.moved) {
+      this.press = press;
+      const { df, to, factor } = this.landing(e, x);
+      this.press = undefined;
+      const frames = [...sheet.selection()].sort((a, b) => a - b);
+      if (press.retime) {
+        if (factor !== 1) sheet.edit("keys.scale", { frames, pivot: sheet.playhead(), factor });
+      } else if (df !== 0) {
+        const args = { frames, df, copy: e.altKey, ripple: e.shiftKey, replace: true };
+        sheet.edit("keys.move", args);
+      }
+      if (df !== 0 || press.retime) sheet.setSelection(new Set(frames.map((f) => to.get(f) ?? f)));
+    }
+    if (press.kind === "marker" && press.moved) {
+      const to = Math.max(0, Math.round(xToFrame(sheet.view(), x)));
+      if (to !== press.frame) sheet.edit("markers.move", { frame: press.frame, to });
+    }
+    if (press.kind === "marker" && !press.moved) sheet.setPlayhead(press.frame);
+  }
+
+  private cancel(): void {
+    const { press, sheet } = this;
+    this.press = undefined;
+    if (press) sheet.setSelection(press.base);
+    sheet.preview(new Map(), undefined);
+    sheet.hint("");
+  }
+
+  private double(e: MouseEvent): void {
+    const { x, y } = this.at(e);
+    const key = hit(this.sheet, x, y);
+    if (key !== undefined) this.sheet.openKey(key);
+  }
+
+  private context(e: MouseEvent): void {
+    e.preventDefault();
+    const { x, y } = this.at(e);
+    const key = hit(this.sheet, x, y);
+    if (key === undefined) return;
+    if (!this.sheet.selection().has(key)) this.sheet.setSelection(new Set([key]));
+    this.sheet.menu(key, e.clientX, e.clientY);
+  }
+
+  private wheel(e: WheelEvent): void {
+    e.preventDefault();
+    const { sheet } = this;
+    const v = sheet.view();
+    const { x } = this.at(e);
+    if (e.shiftKey) return sheet.setView({ ...v, left: v.left + (e.deltaY + e.deltaX) / v.zoom });
+    if (e.altKey) {
+      const height = sheet.rows().length * ROW;
+      const room = sheet.box().height - RULER - MARKERS - STRIP;
+      return sheet.setView({ ...v, top: Math.max(0, Math.min(v.top + e.deltaY, height - room)) });
+    }
+    if (Math.abs(e.deltaX) > Math.abs(e.deltaY)) return sheet.setView({ ...v, left: v.left + e.deltaX / v.zoom });
+    const step = e.ctrlKey ? 0.0006 : 0.0018;
+    sheet.setView(zoomAt(v, x, Math.exp(-e.deltaY * step)));
+  }
+}
+
+/** For tests and screen readers: the middle of a key's diamond on the "all" row. */
+export function keyPoint(view: View, frame: number): { x: number; y: number } {
+  return { x: frameToX(view, frame), y: rowToY(view, 0) + ROW / 2 };
+}

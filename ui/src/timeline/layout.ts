@@ -1,0 +1,96 @@
+// Geometry of the dope sheet: frames to pixels, rows to joints. Pure, so that gestures, the
+// drawing, the accessible grid and the browser tests all agree.
+
+import type { Clip } from "../clip";
+
+/** Frames shown before frame 0: the pre-roll that the policy sees as its past. */
+export const PRE_ROLL = 30;
+/** Frames that the policy sees ahead. */
+export const LOOK_AHEAD = 20;
+
+export const RULER = 22;
+export const MARKERS = 18;
+export const ROW = 20;
+export const STRIP = 22;
+export const LABELS = 168;
+
+export interface Group {
+  name: string;
+  title: string;
+  joints: number[];
+}
+
+export type RowKind =
+  | { kind: "all" }
+  | { kind: "group"; group: Group; open: boolean }
+  | { kind: "joint"; joint: number };
+
+export interface View {
+  /** Pixels a frame. */
+  zoom: number;
+  /** Frame at the left edge of the sheet (right of the labels). */
+  left: number;
+  /** First visible row, in pixels. */
+  top: number;
+}
+
+export interface Box {
+  width: number;
+  height: number;
+}
+
+export function rowsOf(clip: Clip, groups: Group[], closed: ReadonlySet<string>): RowKind[] {
+  const rows: RowKind[] = [{ kind: "all" }];
+  const grouped = new Set(groups.flatMap((g) => g.joints));
+  for (const group of groups) {
+    const open = !closed.has(group.name);
+    rows.push({ kind: "group", group, open });
+    if (open) for (const joint of group.joints) rows.push({ kind: "joint", joint });
+  }
+  clip.robot.joints.forEach((_, joint) => {
+    if (!grouped.has(joint)) rows.push({ kind: "joint", joint });
+  });
+  return rows;
+}
+
+export function frameToX(view: View, frame: number): number {
+  return LABELS + (frame - view.left) * view.zoom;
+}
+
+export function xToFrame(view: View, x: number): number {
+  return view.left + (x - LABELS) / view.zoom;
+}
+
+/** Top of a row, in pixels from the top of the sheet. */
+export function rowToY(view: View, row: number): number {
+  return RULER + MARKERS + row * ROW - view.top;
+}
+
+/** Row under a pixel; undefined over the ruler, the markers or below the last row. */
+export function yToRow(view: View, y: number, rows: number): number | undefined {
+  if (y < RULER + MARKERS) return undefined;
+  const row = Math.floor((y - RULER - MARKERS + view.top) / ROW);
+  return row >= 0 && row < rows ? row : undefined;
+}
+
+/** Zoom about a pixel, so that the frame under it stays there. */
+export function zoomAt(view: View, x: number, factor: number): View {
+  const frame = xToFrame(view, x);
+  const zoom = Math.min(60, Math.max(0.15, view.zoom * factor));
+  return { ...view, zoom, left: frame - (x - LABELS) / zoom };
+}
+
+/** The whole clip with its pre-roll. */
+export function fit(length: number, box: Box): View {
+  const frames = length + PRE_ROLL + 4;
+  return { zoom: Math.max(0.15, (box.width - LABELS) / frames), left: -PRE_ROLL, top: 0 };
+}
+
+/** Distance between ruler ticks in frames, so that labels never touch. */
+export function tick(zoom: number, fps: number): { minor: number; major: number } {
+  const wanted = 62 / zoom;
+  const steps = [1, 5, 10, fps, 2 * fps, 5 * fps, 10 * fps, 30 * fps, 60 * fps];
+  const major = steps.find((s) => s >= wanted) ?? 120 * fps;
+  const minor = zoom >= 6 ? 1 : zoom >= 1.6 ? 5 : Math.max(1, major / 5);
+  return { minor, major };
+}

@@ -1,0 +1,235 @@
+// The dope sheet: a canvas that draws, and an invisible grid that screen readers read.
+
+import { effect, useSignal } from "@preact/signals";
+import { useEffect, useRef } from "preact/hooks";
+import { edit } from "../api";
+import { fillAfter, keyAt, nextKey, prevKey, values } from "../clip";
+import * as store from "../store";
+import { colors } from "../theme";
+import { draw, forgetHatches, type Scene } from "./draw";
+import { Gestures, type BoxSelect, type Sheet } from "./gestures";
+import { fit, frameToX, rowToY, rowsOf, type Box, type RowKind } from "./layout";
+
+/** Error that fills the strip: what a person sees as off, rad or m. */
+const ERROR_TOP = 0.1;
+
+const hint = { text: "" };
+export const hintText = (): string => hint.text;
+
+export interface Menu {
+  frame: number;
+  x: number;
+  y: number;
+}
+
+export function Timeline(props: { onMenu: (menu: Menu) => void; onOpenKey: (frame: number) => void; onHint: (text: string) => void }) {
+  const host = useRef<HTMLDivElement>(null);
+  const canvas = useRef<HTMLCanvasElement>(null);
+  const focused = useSignal(false);
+  const row = useSignal(0);
+  const dragged = useSignal<ReadonlyMap<number, number>>(new Map());
+  const box = useSignal<BoxSelect | undefined>(undefined);
+  const size = useSignal<Box>({ width: 800, height: 240 });
+
+  useEffect(() => {
+    const element = canvas.current;
+    const parent = host.current;
+    if (!element || !parent) return;
+    const ctx = element.getContext("2d");
+    if (!ctx) return;
+    let fitted = "";
+    const observer = new ResizeObserver(() => {
+      size.value = { width: parent.clientWidth, height: parent.clientHeight };
+    });
+    observer.observe(parent);
+    const sheet: Sheet = {
+      clip: () => store.doc.value?.clip,
+      rows: () => rows(),
+      view: () => store.view.value,
+      box: () => size.value,
+      playhead: () => store.playhead.value,
+      selection: () => store.selection.value,
+      setView: (v) => (store.view.value = v),
+      setPlayhead: (f) => {
+        store.playing.value = false;
+        store.playhead.value = f;
+      },
+      setSelection: (f) => (store.selection.value = f),
+      setJoint: (j) => (store.joint.value = j),
+      toggleGroup,
+      preview: (d, b) => {
+        dragged.value = d;
+        box.value = b;
+      },
+      edit: (op, args) => void edit(op, args),
+      openKey: props.onOpenKey,
+      menu: (frame, x, y) => props.onMenu({ frame, x, y }),
+      hint: (text) => {
+        hint.text = text;
+        props.onHint(text);
+      },
+    };
+    const stop = new Gestures(element, sheet).attach();
+    let queued = false;
+    const scheme = matchMedia("(prefers-color-scheme: light)");
+    const repaint = (): void => {
+      forgetHatches();
+      paint();
+    };
+    scheme.addEventListener("change", repaint);
+    const paint = (): void => {
+      queued = false;
+      const d = store.doc.value;
+      const { width, height } = size.value;
+      const ratio = devicePixelRatio || 1;
+      if (element.width !== Math.round(width * ratio) || element.height !== Math.round(height * ratio)) {
+        element.width = Math.round(width * ratio);
+        element.height = Math.round(height * ratio);
+        element.style.width = `${width}px`;
+        element.style.height = `${height}px`;
+      }
+      if (!d) return;
+      const name = `${d.path}:${d.clip.name}:${d.clip.robot.id}`;
+      if (fitted !== name && width > 200) {
+        fitted = name;
+        store.view.value = fit(d.clip.length, size.value);
+      }
+      ctx.setTransform(ratio, 0, 0, ratio, 0, 0);
+      draw(ctx, scene(d));
+    };
+    const scene = (d: store.Document): Scene => {
+      const take = store.rollout.value;
+      return {
+        clip: d.clip,
+        rows: rows(),
+        view: store.view.value,
+        box: size.value,
+        theme: colors(),
+        playhead: store.playhead.value,
+        selection: store.selection.value,
+        selectedJoint: store.joint.value,
+        blind: d.findings.blind,
+        lints: d.findings.lints.flatMap((l) => (l.frames && l.level !== "info" ? [{ frame: l.frames[0], level: l.level }] : [])),
+        errors: store.frames.value.error,
+        errorTop: ERROR_TOP,
+        cachedTo: take?.cached_to ?? 0,
+        loop: store.range.value,
+        dragged: dragged.value,
+        boxSelect: box.value,
+        names: (j) => store.titles.value[j] ?? "",
+        stale: take ? take.rev !== d.rev && take.rev !== 0 : false,
+        focusRow: row.value,
+        focused: focused.value,
+      };
+    };
+    // Any signal that the scene reads asks for a new frame; one frame serves them all.
+    const dispose = effect(() => {
+      void [store.doc.value, store.rollout.value, store.frames.value, store.groups.value, store.view.value, store.playhead.value,
+        store.selection.value, store.joint.value, store.closed.value, store.range.value,
+        size.value, dragged.value, box.value, focused.value, row.value, store.robot.value];
+      if (!queued) {
+        queued = true;
+        requestAnimationFrame(paint);
+      }
+    });
+    return () => {
+      stop();
+      dispose();
+      observer.disconnect();
+      scheme.removeEventListener("change", repaint);
+    };
+  }, []);
+
+  const onKey = (e: KeyboardEvent): void => {
+    const d = store.doc.value;
+    if (!d) return;
+    const list = rows();
+    if (e.key === "ArrowUp" && e.ctrlKey) row.value = Math.max(0, row.value - 1);
+    else if (e.key === "ArrowDown" && e.ctrlKey) row.value = Math.min(list.length - 1, row.value + 1);
+    else if (e.key === "Enter") {
+      const now = list[row.value];
+      if (now?.kind === "group") toggleGroup(now.group.name);
+      else if (keyAt(d.clip, store.playhead.value)) props.onOpenKey(store.playhead.value);
+      else return;
+    } else return;
+    const now = list[row.value];
+    if (now?.kind === "joint") store.joint.value = now.joint;
+    store.announcement.value = describe(d, now, store.playhead.value);
+    e.preventDefault();
+    e.stopPropagation();
+  };
+
+  const d = store.doc.value;
+  const list = d ? rows() : [];
+  const at = store.playhead.value;
+  return (
+    <div
+      class="sheet" ref={host} tabIndex={0} role="grid" data-testid="timeline"
+      aria-label="Timeline" aria-rowcount={list.length} aria-colcount={store.length.value}
+      aria-activedescendant="sheet-cell"
+      onKeyDown={onKey} onFocus={() => (focused.value = true)} onBlur={() => (focused.value = false)}
+    >
+      <canvas ref={canvas} aria-hidden="true" />
+      <div class="offscreen">
+        {list.map((r, i) => (
+          <div role="row" aria-rowindex={i + 1} key={i}>
+            <span role="rowheader">{rowName(r)}</span>
+            {i === row.value && d ? (
+              <span role="gridcell" id="sheet-cell" aria-colindex={at + 1} aria-selected={store.selection.value.has(at)}>
+                {describe(d, r, at)}
+              </span>
+            ) : null}
+          </div>
+        ))}
+      </div>
+    </div>
+  );
+}
+
+function rows(): RowKind[] {
+  const d = store.doc.value;
+  return d ? rowsOf(d.clip, store.groups.value, store.closed.value) : [];
+}
+
+function toggleGroup(name: string): void {
+  const next = new Set(store.closed.value);
+  if (!next.delete(name)) next.add(name);
+  store.closed.value = next;
+}
+
+function rowName(row: RowKind | undefined): string {
+  if (!row) return "";
+  if (row.kind === "all") return "All joints";
+  if (row.kind === "group") return row.group.title;
+  return store.titles.value[row.joint] ?? `joint ${row.joint + 1}`;
+}
+
+/** "Index J3, frame 55, key, 12.3°": what is at a cell, in words. */
+export function describe(d: store.Document, row: RowKind | undefined, frame: number): string {
+  const name = rowName(row);
+  const key = keyAt(d.clip, frame);
+  const unit = row?.kind === "joint" ? (store.doc.value?.table.joints[row.joint]?.unit ?? "rad") : undefined;
+  if (key) {
+    const value = row?.kind === "joint" ? values(d.clip, key)[row.joint] : undefined;
+    const says = row?.kind !== "joint" ? (key.pose ?? "") : value === null || value === undefined ? "no goal" : store.shown(value, unit ?? "rad");
+    const hold = (key.hold ?? 1) > 1 ? `, held ${key.hold} frames` : "";
+    return `${name}, frame ${frame}, key, ${says}${hold}`;
+  }
+  const before = prevKey(d.clip, frame);
+  const after = nextKey(d.clip, frame);
+  const fill = before ? fillAfter(d.clip, before) : "mask";
+  const way = !before || !after || fill === "mask" ? "no goal" : fill;
+  return `${name}, frame ${frame}, ${way}`;
+}
+
+/** Published for browser tests: where things are on the canvas. */
+export function testPoints() {
+  return {
+    frameToX: (frame: number) => frameToX(store.view.value, frame),
+    rowToY: (name: string) => {
+      const list = rows();
+      const i = list.findIndex((r) => rowName(r) === name || (r.kind === "joint" && store.doc.value?.clip.robot.joints[r.joint] === name));
+      return i < 0 ? undefined : rowToY(store.view.value, i) + 10;
+    },
+  };
+}
