@@ -81,6 +81,11 @@ enum Command {
     Train(train::Args),
     /// Let curious agents and noise fill a dataset.
     Collect(collect::Args),
+    /// Author keyframes in the browser and watch a policy perform them.
+    Studio(studio::Args),
+    /// The simulation process of the studio.
+    #[command(name = "__worker", hide = true)]
+    Worker,
     /// Look at collected data; split, shrink, corrupt, merge or verify it.
     Dataset(dataset::Args),
     /// Create, check, edit and convert clips.
@@ -131,6 +136,8 @@ fn run(cli: Cli) -> Outcome {
         Command::Doctor(args) => doctor::run(&args),
         Command::Bench(args) => bench::run(args),
         Command::Collect(args) => collect::run(&args, cli.global),
+        Command::Studio(args) => studio::run(args),
+        Command::Worker => Ok(crate::studio::worker::child::run()?),
         Command::Dataset(args) => dataset::run(args),
         Command::Train(args) => train::run(&args, cli.global),
         Command::Clip(args) => clip::run(&args),
