@@ -65,46 +65,41 @@ pub struct Global {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    /// Author keyframes in the browser and watch a policy perform them.
+    Studio(studio::Args),
+    /// Create, check, edit and convert clips.
+    Clip(clip::Args),
     /// Let a policy perform a clip, and measure how near it comes.
     Rollout(rollout::Args),
+    /// Draw a clip: one picture, a film strip or a film.
+    Render(Box<render::Args>),
     /// Write a take, or a clip that is performed first, in another format.
     Export(export::Args),
     /// Roll out a suite of clips with several policies; one table.
     Eval(eval::Args),
     /// List the task clips in the program, or copy them out to edit.
     Tasks(tasks::Args),
-    /// Check the machine: libraries, graphics, cores, models, each with its fix.
-    Doctor(doctor::Args),
-    /// Measure speed: simulation, training, inference.
-    Bench(bench::Args),
-    /// Train a policy on collected data; stop and go on at any time.
-    Train(train::Args),
-    /// Let curious agents and noise fill a dataset.
-    Collect(collect::Args),
-    /// Author keyframes in the browser and watch a policy perform them.
-    Studio(studio::Args),
-    /// The simulation process of the studio.
-    #[command(name = "__worker", hide = true)]
-    Worker,
-    /// Look at collected data; split, shrink, corrupt, merge or verify it.
-    Dataset(dataset::Args),
-    /// Create, check, edit and convert clips.
-    Clip(clip::Args),
-    /// Draw a clip: one picture, a film strip or a film.
-    Render(Box<render::Args>),
-    /// Author keyframes in the browser and watch a policy perform them.
-    Studio(studio::Args),
-    /// The simulation process of the studio.
-    #[command(name = "__worker", hide = true)]
-    Worker,
     /// Draw files of numbers as charts.
     Plot(plot::Args),
-    /// Print a completion script for your shell.
-    Completions(completions::Args),
+    /// Let curious agents and noise fill a dataset.
+    Collect(collect::Args),
+    /// Look at collected data; split, shrink, corrupt, merge or verify it.
+    Dataset(dataset::Args),
+    /// Train a policy on collected data; stop and go on at any time.
+    Train(train::Args),
     /// List, show and settle robots.
     Robots(robots::Args),
     /// Make a robot's folder out of a URDF or MJCF.
     Import(import::Args),
+    /// Check the machine: libraries, graphics, cores, models, each with its fix.
+    Doctor(doctor::Args),
+    /// Measure speed, against a named peer, in turns.
+    Bench(bench::Args),
+    /// Print a completion script for your shell.
+    Completions(completions::Args),
+    /// The simulation process of the studio.
+    #[command(name = "__worker", hide = true)]
+    Worker,
     /// The child's side of the check of a foreign model.
     #[command(name = crate::robot::check::SUBCOMMAND, hide = true)]
     CompileCheck(check::Args),
@@ -142,8 +137,6 @@ fn run(cli: Cli) -> Outcome {
         Command::Train(args) => train::run(&args, cli.global),
         Command::Clip(args) => clip::run(&args),
         Command::Render(args) => render::run(&args, cli.global.quiet),
-        Command::Studio(args) => studio::run(args),
-        Command::Worker => Ok(crate::studio::worker::child::run()?),
         Command::Plot(args) => plot::run(&args),
         Command::Completions(args) => completions::run(&args),
         Command::Robots(args) => robots::run(&args),

@@ -1,12 +1,12 @@
 //! `robert bench`: speed, always as a ratio to a named peer, measured in turns in one run.
 
 mod clock;
+mod collect;
 mod engine;
+mod explore;
 mod infer;
 mod reference;
 mod render;
-mod collect;
-mod explore;
 mod sim;
 mod train;
 
