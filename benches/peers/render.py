@@ -47,6 +47,25 @@ def blob(path, columns=64, rows=65):
     return len(faces)
 
 
+STAGE = """<asset><texture type="skybox" builtin="gradient" rgb1="0.7 0.75 0.8" rgb2="0.4 0.45 0.5"
+width="256" height="1536"/><texture name="peer_checker" type="2d" builtin="checker" rgb1="0.5 0.5 0.55"
+rgb2="0.45 0.45 0.5" width="512" height="512"/><material name="peer_floor" texture="peer_checker"
+texrepeat="8 8" texuniform="true"/></asset>"""
+SUN = """<worldbody><light directional="true" castshadow="true" pos="0 -1 3" dir="0.2 0.5 -1"
+diffuse="0.7 0.7 0.7"/></worldbody>"""
+
+
+def staged(xml):
+    """The model with what this renderer draws by itself: sun with shadow, checker floor, sky."""
+    text = pathlib.Path(xml).read_text()
+    text = text.replace("</mujoco>", STAGE + ("" if "<light" in text else SUN) + "</mujoco>")
+    out = pathlib.Path(xml).with_name("staged.xml")
+    if out.parent.is_relative_to(ROOT):
+        out = pathlib.Path(tempfile.mkdtemp()) / "staged.xml"
+    out.write_text(text.replace('name="floor"', 'name="floor" material="peer_floor"', 1))
+    return str(out)
+
+
 def arm(folder):
     """Writes robot.xml with six meshes; says how many faces it has."""
     faces = sum(blob(folder / f"link{k}.stl") for k in range(6))
@@ -78,7 +97,7 @@ def peer(args):
     import mujoco
     import numpy as np
     spec = json.loads(args.peer)
-    model = mujoco.MjModel.from_xml_path(spec["model"])
+    model = mujoco.MjModel.from_xml_path(staged(spec["model"]))
     model.vis.quality.offsamples = 4
     model.vis.quality.shadowsize = 2048
     model.vis.global_.offwidth, model.vis.global_.offheight = spec["width"], spec["height"]
