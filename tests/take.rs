@@ -26,7 +26,8 @@ fn parity_over_export_and_import() {
     let first = take("computed-torque");
     let want = first.json()["precision"].as_f64().unwrap();
     let mcap = std::fs::read(first.path("a.mcap")).unwrap();
-    for (format, name) in [("csv", "c.csv"), ("mjcf", "c.xml"), ("ros", "c.yaml"), ("json", "c.json")]
+    for (format, name) in
+        [("csv", "c.csv"), ("mjcf", "c.xml"), ("ros", "c.yaml"), ("json", "c.json")]
     {
         let exported = robert()
             .file("a.mcap", &mcap)
@@ -42,7 +43,15 @@ fn parity_over_export_and_import() {
         let clip = std::fs::read(back.path("back.clip.json")).unwrap();
         let again = robert()
             .file("back.clip.json", clip)
-            .args(["rollout", "back.clip.json", "--policy", "computed-torque", "--seed", "5", "--json"])
+            .args([
+                "rollout",
+                "back.clip.json",
+                "--policy",
+                "computed-torque",
+                "--seed",
+                "5",
+                "--json",
+            ])
             .succeeds();
         let got = again.json()["precision"].as_f64().unwrap();
         assert!((got - want).abs() <= 1e-9, "{format}: {got} {want}");
@@ -57,10 +66,7 @@ fn a_clip_is_performed_and_a_take_is_not() {
     assert!(rows.len() > 20);
     let first = take("pd");
     let mcap = std::fs::read(first.path("a.mcap")).unwrap();
-    let same = robert()
-        .file("b.mcap", &mcap)
-        .args(["export", "b.mcap", "--to", "csv"])
-        .succeeds();
+    let same = robert().file("b.mcap", &mcap).args(["export", "b.mcap", "--to", "csv"]).succeeds();
     // The seed does not matter to pd.
     assert_eq!(same.stdout, ran.stdout);
     let copy = robert()

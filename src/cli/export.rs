@@ -136,7 +136,9 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     };
     let path = match &args.out {
         Some(path) if !stdout => path.clone(),
-        None if !args.to.is_text() => PathBuf::from(format!("{}.{}", title(&args.input), args.to.suffix())),
+        None if !args.to.is_text() => {
+            PathBuf::from(format!("{}.{}", title(&args.input), args.to.suffix()))
+        }
         _ => {
             let mut stdout = std::io::stdout().lock();
             stdout.write_all(&bytes)?;

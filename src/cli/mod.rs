@@ -19,8 +19,8 @@ mod interrupt;
 mod log;
 mod motion;
 mod out;
-mod robots;
 mod perform;
+mod robots;
 mod rollout;
 mod tasks;
 

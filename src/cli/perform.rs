@@ -10,9 +10,7 @@ use super::{Global, motion};
 use crate::clip::{self, Clip};
 use crate::progress::Progress as _;
 use crate::robot::Robot;
-use crate::rollout::{
-    Error, Guide, PlantConfig, PolicyConfig, Rollout, RolloutConfig, Start,
-};
+use crate::rollout::{Error, Guide, PlantConfig, PolicyConfig, Rollout, RolloutConfig, Start};
 use crate::take::{Provenance, Take};
 
 /// Who performs, on what, from which seed.
@@ -87,8 +85,7 @@ pub(super) fn perform(text: &str, args: &PerformArgs, global: Global) -> Outcome
         Some(text) => text.parse()?,
         None => PlantConfig::default(),
     };
-    let command =
-        clip::compile(&clip).map_err(|e| Failure::invalid(format!("{text}: {e}")))?;
+    let command = clip::compile(&clip).map_err(|e| Failure::invalid(format!("{text}: {e}")))?;
     let config = RolloutConfig { seed: args.seed, guide: policy.guide, plant };
     let built = policy.build(&robot)?;
     let mut rollout = Rollout::new(&robot, built, &command, Start::Pose, config.clone())?;
