@@ -5,6 +5,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod clip;
+mod collect;
 mod floors;
 mod golden;
 mod import;

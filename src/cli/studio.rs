@@ -11,8 +11,8 @@ use crate::studio::{self, StudioConfig};
 pub(super) struct Args {
     /// Clip to open; without one the studio opens on its examples.
     clip: Option<PathBuf>,
-    /// Robot to start an empty clip for.
-    #[arg(long, conflicts_with = "clip")]
+    /// Robot to start an empty clip for, or that CLIP is for: an id, or a folder.
+    #[arg(long, value_name = "ID|DIR")]
     robot: Option<String>,
     /// Model that performs the clip.
     #[arg(long)]
@@ -44,7 +44,7 @@ pub(super) fn run(args: Args) -> Outcome {
     let model_path = args.model.map(std::path::absolute).transpose()?;
     let config = StudioConfig {
         clip_path: args.clip,
-        robot: args.robot,
+        robot: args.robot.map(absolute_robot).transpose()?,
         model_path,
         port: args.port,
         binary,
@@ -60,6 +60,14 @@ pub(super) fn run(args: Args) -> Outcome {
         }
     })
     .map_err(Failure::from)
+}
+
+/// The simulation runs in a folder of its own: a robot's folder must be said in full.
+fn absolute_robot(robot: String) -> std::io::Result<String> {
+    if std::path::Path::new(&robot).is_dir() {
+        return Ok(std::path::absolute(&robot)?.display().to_string());
+    }
+    Ok(robot)
 }
 
 /// Starts a browser; the token is in its arguments, which on this machine only the same

@@ -79,7 +79,8 @@ impl Motion {
     }
 }
 
-/// What is laid over the robot.
+/// What is laid over the robot: each on its own.
+#[allow(clippy::struct_excessive_bools)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Overlay {
     /// The commanded pose.

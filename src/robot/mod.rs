@@ -15,6 +15,7 @@
 
 mod builtin;
 pub mod check;
+mod dae;
 mod derive;
 mod error;
 mod folder;

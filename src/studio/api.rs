@@ -368,7 +368,7 @@ pub(super) struct Pose {
 /// `POST /api/settle`.
 pub(super) async fn settle(State(app): Shared, Json(body): Json<Pose>) -> Answer<SettleAnswer> {
     let facts = app.live.facts().ok_or(Error::NoDocument)?;
-    let request = Request::Settle { robot: facts.id.clone(), q: body.q };
+    let request = Request::Settle { robot: facts.source.clone(), q: body.q };
     match app.worker.ask(request).await? {
         Report::Settled(answer) => Ok(Json(answer)),
         _ => Err(odd()),
@@ -459,6 +459,6 @@ pub(super) async fn studio_op(app: &App, op: StudioOp) -> Result<(), Error> {
             app.worker.restart();
             Ok(())
         }
-        view => super::viser::view_op(app, view).await,
+        view => super::viser::view_op(app, view),
     }
 }

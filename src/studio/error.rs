@@ -16,6 +16,9 @@ pub enum Error {
     /// An edit was refused; the clip is as before.
     #[error(transparent)]
     Op(#[from] OpError),
+    /// The clip cannot be written in this format.
+    #[error(transparent)]
+    Export(#[from] crate::clip::formats::ExportError),
     /// A file operation failed.
     #[error(transparent)]
     File(#[from] fsio::Error),
@@ -93,6 +96,7 @@ impl HasExit for Error {
         match self {
             Error::Clip(e) => e.exit(),
             Error::Op(e) => e.exit(),
+            Error::Export(e) => e.exit(),
             Error::File(e) => e.exit(),
             Error::Simulation { exit, .. } => *exit,
             Error::Journal { .. } | Error::Server(_) | Error::Worker { .. } => Exit::Failed,

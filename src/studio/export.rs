@@ -2,7 +2,7 @@
 
 use super::error::Error;
 use super::live::Live;
-use crate::clip::{Clip, Command};
+use crate::clip::{Clip, Command, formats};
 use crate::units::CTRL_DT;
 
 /// A file to download.
@@ -39,6 +39,13 @@ pub(super) fn file(
         |end: &str, media_type, bytes| Download { name: format!("{stem}{end}"), media_type, bytes };
     match format {
         "json" => Ok(made(".clip.json", "application/json", clip.to_text().into_bytes())),
+        "csv" => Ok(made(".csv", "text/csv", formats::to_csv(command).into_bytes())),
+        "mjcf" => Ok(made(".xml", "application/xml", formats::to_mjcf(command)?.into_bytes())),
+        "ros" => Ok(made(".yaml", "application/yaml", formats::to_ros(command)?.into_bytes())),
+        "command" => {
+            let text = formats::to_command_json(command, &clip.robot.id);
+            Ok(made(".command.json", "application/json", text.into_bytes()))
+        }
         "achieved-csv" => Ok(made("-achieved.csv", "text/csv", achieved(command, live)?)),
         other => Err(Error::request(format!("no format is called {other:?}; there are {FORMATS}"))),
     }

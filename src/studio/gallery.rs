@@ -1,36 +1,47 @@
-//! The examples in the binary: every clip under `assets/clips`.
-
-use rust_embed::RustEmbed;
+//! The examples in the binary: the task clips, the best known ones first.
 
 use super::error::Error;
 use super::protocol::GalleryItem;
 use crate::clip::Clip;
+use crate::rollout::tasks;
 
-#[derive(RustEmbed)]
-#[folder = "assets/clips"]
-#[allow_missing = true]
-struct Clips;
+/// What the studio opens on, in this order; the other tasks follow.
+const FIRST: [&str; 6] = [
+    "shadow_hand/fire",
+    "shadow_hand/rsp",
+    "shadow_hand/six",
+    "ur5e/hang",
+    "ur5e/front_back",
+    "pointmass/star",
+];
 
-/// All examples, by name of file.
+/// All examples.
 pub(super) fn list() -> Vec<GalleryItem> {
-    let mut items: Vec<GalleryItem> = Clips::iter()
-        .filter_map(|file| {
-            let id = file.strip_suffix(".clip.json")?.to_owned();
+    let Ok(manifest) = tasks::manifest() else { return Vec::new() };
+    let mut ids: Vec<String> = FIRST.iter().map(|s| (*s).to_owned()).collect();
+    for (robot, of_robot) in &manifest {
+        let own = if of_robot.like.is_some() { 0 } else { usize::MAX };
+        for task in of_robot.manual.iter().chain(&of_robot.extra).take(own) {
+            let id = format!("{robot}/{task}");
+            if !ids.contains(&id) {
+                ids.push(id);
+            }
+        }
+    }
+    ids.into_iter()
+        .filter_map(|id| {
             let clip = open(&id).ok()?;
             let (length, keys) = (clip.length, clip.keys.len());
-            Some(GalleryItem { id, name: clip.name, robot: clip.robot.id, length, keys })
+            let featured = FIRST.contains(&id.as_str());
+            Some(GalleryItem { id, name: clip.name, robot: clip.robot.id, length, keys, featured })
         })
-        .collect();
-    items.sort_by(|a, b| a.id.cmp(&b.id));
-    items
+        .collect()
 }
 
 /// One example.
 ///
 /// # Errors
-/// [`Error::NotFound`], [`Error::Clip`].
+/// [`Error::NotFound`].
 pub(super) fn open(id: &str) -> Result<Clip, Error> {
-    let file = Clips::get(&format!("{id}.clip.json"))
-        .ok_or_else(|| Error::NotFound { what: format!("example \"{id}\"") })?;
-    Ok(Clip::parse(&String::from_utf8_lossy(&file.data))?)
+    tasks::find(id, None).map_err(|_| Error::NotFound { what: format!("example \"{id}\"") })
 }

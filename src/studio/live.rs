@@ -43,6 +43,8 @@ struct Inner {
     spent: (f64, usize),
     precision: Option<Value>,
     facts: Option<Arc<RobotFacts>>,
+    command: Option<Arc<Command>>,
+    keys: Arc<[u32]>,
     worker: WorkerState,
 }
 
@@ -123,6 +125,7 @@ impl Live {
             inner.stamp += 1;
             inner.state_stamp = inner.stamp;
             inner.spent = (0.0, 0);
+            inner.command = Some(Arc::new(command.clone()));
             let settings = inner.settings.clone();
             let mut label = PolicyConfig::new(settings.policy);
             label.refine = settings.refine;
@@ -140,6 +143,17 @@ impl Live {
         };
         worker.tell(Request::Perform { generation, command: Dense::of(command) });
         self.notify();
+    }
+
+    /// Frames of the clip's keys, for the ghosts around the playhead.
+    pub fn set_keys(&self, keys: Vec<u32>) {
+        self.write().keys = keys.into();
+    }
+
+    /// The command that is performed, and the frames of the clip's keys.
+    pub fn command(&self) -> (Option<Arc<Command>>, Arc<[u32]>) {
+        let inner = self.read();
+        (inner.command.clone(), Arc::clone(&inner.keys))
     }
 
     /// Stops performing.
@@ -208,6 +222,8 @@ impl Inner {
     fn clear(&mut self) {
         self.truncate(0);
         self.precision = None;
+        self.command = None;
+        self.keys = Arc::default();
         self.stamp += 1;
         self.state_stamp = self.stamp;
         self.state =

@@ -52,6 +52,7 @@ use hub::Hub;
 use live::Live;
 use server::App;
 use session::{Ask, Session};
+use viser::Viewport;
 use worker::WorkerHandle;
 
 /// How the studio is started.
@@ -103,6 +104,7 @@ async fn serve(config: StudioConfig, ready: impl FnOnce(&str)) -> Result<(), Err
     let recent = Arc::new(recent::Recent::load(&config.state_dir));
     let session = Session::start(
         config.state_dir.clone(),
+        config.folder.clone(),
         hub.clone(),
         Arc::clone(&live),
         worker.clone(),
@@ -116,6 +118,7 @@ async fn serve(config: StudioConfig, ready: impl FnOnce(&str)) -> Result<(), Err
         worker: worker.clone(),
         session: session.clone(),
         recent,
+        viewport: Viewport::start(Arc::clone(&live), worker.clone(), hub.clone()),
         jobs: jobs::Jobs::new(hub, config.binary.clone()),
         folder: config.folder.clone(),
         clients: AtomicUsize::new(0),
@@ -150,6 +153,9 @@ async fn serve(config: StudioConfig, ready: impl FnOnce(&str)) -> Result<(), Err
 
 async fn first_document(config: &StudioConfig, session: &Session) -> Result<(), Error> {
     if let Some(path) = &config.clip_path {
+        if let Some(robot) = config.robot.clone() {
+            session.ask(|r| Ask::Know(robot, r)).await?;
+        }
         let path = config.folder.join(path);
         session.ask(|r| Ask::Open(path, r)).await?;
     } else if session.ask(Ask::Recover).await? {

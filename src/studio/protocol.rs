@@ -528,6 +528,8 @@ pub struct GalleryItem {
     pub length: u32,
     /// Keys.
     pub keys: usize,
+    /// One of the few that the start page shows large.
+    pub featured: bool,
 }
 
 /// One recent file.

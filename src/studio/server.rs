@@ -27,6 +27,7 @@ use super::jobs::Jobs;
 use super::live::Live;
 use super::recent::Recent;
 use super::session::Session;
+use super::viser::Viewport;
 use super::worker::WorkerHandle;
 use super::{api, pages, socket};
 use crate::limits;
@@ -46,6 +47,8 @@ pub struct App {
     pub session: Session,
     /// Recent files.
     pub recent: Arc<Recent>,
+    /// The 3D viewport.
+    pub viewport: Arc<Viewport>,
     /// Long jobs.
     pub jobs: Jobs,
     /// Where relative paths start.
@@ -88,7 +91,7 @@ pub fn router(app: Arc<App>) -> Router {
         .route("/api/save", post(api::save))
         .route("/api/close", post(api::close))
         .route("/api/gallery", get(api::gallery))
-        .route("/api/gallery/{id}", post(api::open_example))
+        .route("/api/gallery/{*id}", post(api::open_example))
         .route("/api/recent", get(api::recent))
         .route("/api/robots", get(api::robots))
         .route("/api/robot/{id}", get(api::robot))

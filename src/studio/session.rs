@@ -65,6 +65,8 @@ pub enum Ask {
     Blank { robot: String, length: u32, name: String, reply: Reply<DocumentView> },
     /// Brings back the unsaved clip of a studio that was killed; false when there is none.
     Recover(Reply<bool>),
+    /// Remembers a robot from a folder, for clips that name its id.
+    Know(String, Reply<()>),
     /// Saves.
     Save(Option<PathBuf>, Reply<Saved>),
     /// Closes.
@@ -96,6 +98,7 @@ impl Session {
     /// When the system gives none.
     pub fn start(
         state_dir: PathBuf,
+        folder: PathBuf,
         hub: Hub,
         live: Arc<Live>,
         worker: WorkerHandle,
@@ -110,6 +113,8 @@ impl Session {
             worker,
             recent,
             facts: None,
+            sources: BTreeMap::new(),
+            folder,
             verdicts: BTreeMap::new(),
             judging: false,
             previewing: false,
@@ -144,6 +149,9 @@ struct Desk {
     worker: WorkerHandle,
     recent: Arc<Recent>,
     facts: Option<Arc<RobotFacts>>,
+    /// Folders of robots that are not in the program, by id.
+    sources: BTreeMap<String, String>,
+    folder: PathBuf,
     /// By the bits of a pose in state order.
     verdicts: BTreeMap<Vec<u64>, Checked>,
     judging: bool,
@@ -209,6 +217,9 @@ impl Desk {
             Ask::Blank { robot, length, name, reply } => {
                 let result = self.blank(&robot, length, name);
                 reply.send(result).ok();
+            }
+            Ask::Know(robot, reply) => {
+                reply.send(self.know(&robot).map(|_| ())).ok();
             }
             Ask::Recover(reply) => {
                 reply.send(Ok(self.recover())).ok();
@@ -368,6 +379,7 @@ impl Desk {
         let Some(document) = &self.document else { return };
         // Without a robot there is nobody to perform; the banner has said so.
         if self.facts.is_some() {
+            self.live.set_keys(document.clip().keys.iter().map(|k| k.frame).collect());
             self.live.perform(document.rev(), document.command(), &self.worker);
         }
     }
@@ -380,7 +392,7 @@ impl Desk {
         }
         let (mut facts, mut refusal) = (None, None);
         let document = Document::open(path, &self.state_dir, |clip| {
-            let found = ask_robot(&self.worker, clip);
+            let found = self.ask_robot(clip);
             let table = found.as_ref().ok().map(|f| f.table.clone());
             match found {
                 Ok(found) => facts = Some(found),
@@ -394,7 +406,7 @@ impl Desk {
     fn recover(&mut self) -> bool {
         let (mut facts, mut refusal) = (None, None);
         let found = Document::orphan(&self.state_dir, |clip| {
-            match ask_robot(&self.worker, clip) {
+            match self.ask_robot(clip) {
                 Ok(known) => facts = Some(known),
                 Err(e) => refusal = Some(e),
             }
@@ -406,7 +418,7 @@ impl Desk {
     }
 
     fn start_from(&mut self, clip: Clip) -> Result<DocumentView, Error> {
-        let (facts, refusal) = match ask_robot(&self.worker, &clip) {
+        let (facts, refusal) = match self.ask_robot(&clip) {
             Ok(facts) => (Some(facts), None),
             Err(e) => (None, Some(e)),
         };
@@ -415,11 +427,45 @@ impl Desk {
         Ok(self.take_up(document, facts, refusal))
     }
 
-    fn blank(&mut self, robot: &str, length: u32, name: String) -> Result<DocumentView, Error> {
-        let request = Request::Robot { robot: robot.to_owned() };
-        let Report::Facts(facts) = self.worker.ask_blocking(request, ROBOT_PATIENCE)? else {
-            return Err(Error::request("the simulation gave no facts"));
+    /// Asks about a robot and remembers where it comes from.
+    fn know(&mut self, robot: &str) -> Result<RobotFacts, Error> {
+        let request = Request::Facts { robot: robot.to_owned() };
+        match self.worker.ask_blocking(request, ROBOT_PATIENCE)? {
+            Report::Facts(facts) => {
+                self.sources.insert(facts.id.clone(), robot.to_owned());
+                Ok(*facts)
+            }
+            _ => Err(Error::request("the simulation gave no facts")),
+        }
+    }
+
+    /// Asks the worker to take a clip's robot up: by its id, or from the folder that the
+    /// user named, that the clip names, or that an import left beside us.
+    fn ask_robot(&self, clip: &Clip) -> Result<RobotFacts, Error> {
+        let id = &clip.robot.id;
+        let beside = [
+            clip.robot.model.as_ref().map(|m| self.folder.join(m)),
+            Some(self.folder.join("robots").join(id)),
+            Some(self.state_dir.join("robots").join(id)),
+        ];
+        let is_builtin = crate::robot::Robot::builtin_ids().any(|b| b == id);
+        let robot = match self.sources.get(id) {
+            Some(source) => source.clone(),
+            None if is_builtin => id.clone(),
+            None => beside
+                .into_iter()
+                .flatten()
+                .find(|dir| dir.join(crate::robot::MODEL_FILE).is_file())
+                .map_or_else(|| id.clone(), |dir| dir.display().to_string()),
         };
+        match self.worker.ask_blocking(Request::Robot { robot }, ROBOT_PATIENCE)? {
+            Report::Facts(facts) => Ok(*facts),
+            _ => Err(Error::request("the simulation gave no facts")),
+        }
+    }
+
+    fn blank(&mut self, robot: &str, length: u32, name: String) -> Result<DocumentView, Error> {
+        let facts = self.know(robot)?;
         let table = &facts.table;
         let reference = RobotRef {
             id: table.robot.clone(),
@@ -568,7 +614,7 @@ impl Desk {
             return;
         }
         self.judging = true;
-        let robot = facts.id.clone();
+        let robot = facts.source.clone();
         let inbox = self.inbox.clone();
         let request = Request::Check { robot: robot.clone(), poses: unknown.clone() };
         self.worker.ask_with(request, move |verdicts| {
@@ -578,7 +624,7 @@ impl Desk {
 
     fn judged(&mut self, robot: &str, poses: Vec<Vec<f64>>, verdicts: Result<Report, Error>) {
         self.judging = false;
-        if self.facts.as_ref().is_none_or(|f| f.id != robot) {
+        if self.facts.as_ref().is_none_or(|f| f.source != robot) {
             self.tell_findings();
             return;
         }
@@ -594,15 +640,6 @@ impl Desk {
             self.verdicts.insert(bits(pose), verdict);
         }
         self.tell_findings();
-    }
-}
-
-/// Asks the worker to take a clip's robot up.
-fn ask_robot(worker: &WorkerHandle, clip: &Clip) -> Result<RobotFacts, Error> {
-    let request = Request::Robot { robot: clip.robot.id.clone() };
-    match worker.ask_blocking(request, ROBOT_PATIENCE)? {
-        Report::Facts(facts) => Ok(*facts),
-        _ => Err(Error::request("the simulation gave no facts")),
     }
 }
 

@@ -106,15 +106,15 @@ impl Out {
 }
 
 fn slow_lane(asks: &Receiver<Ask>, out: &Out) {
-    let mut current: Option<Arc<Robot>> = None;
+    let mut current: Option<(String, Arc<Robot>)> = None;
     while let Ok(Ask { id, request }) = asks.recv() {
         grant_cpu();
         let report = match request {
-            Request::Facts { robot } => {
-                of_robot(&mut current, &robot, |r| Ok(Report::Facts(Box::new(query::facts(r)))))
-            }
+            Request::Facts { robot } => of_robot(&mut current, &robot, |r| {
+                Ok(Report::Facts(Box::new(query::facts(r, &robot))))
+            }),
             Request::Geometry { robot } => of_robot(&mut current, &robot, |r| {
-                Ok(Report::Geometry(Box::new(query::geometry(r)?)))
+                Ok(query::geometry(r).map_or_else(|e| e, |g| Report::Geometry(Box::new(g))))
             }),
             Request::Settle { robot, q } => {
                 of_robot(&mut current, &robot, |r| Ok(Report::Settled(query::settle(r, &q)?)))
@@ -131,17 +131,17 @@ fn slow_lane(asks: &Receiver<Ask>, out: &Out) {
 
 /// Answers about a robot, compiling it unless it was the last one.
 fn of_robot(
-    current: &mut Option<Arc<Robot>>,
+    current: &mut Option<(String, Arc<Robot>)>,
     id: &str,
     answer: impl FnOnce(&Robot) -> Result<Report, crate::robot::Error>,
 ) -> Report {
-    if current.as_ref().is_none_or(|r| r.id() != id) {
+    if current.as_ref().is_none_or(|(known, _)| known != id) {
         match query::resolve(id) {
-            Ok(robot) => *current = Some(robot),
+            Ok(robot) => *current = Some((id.to_owned(), robot)),
             Err(e) => return query::refused(&e),
         }
     }
-    let Some(robot) = current else { return Report::Ok };
+    let Some((_, robot)) = current else { return Report::Ok };
     answer(robot).unwrap_or_else(|e| query::refused(&e))
 }
 
@@ -259,7 +259,7 @@ impl Lane {
         };
         match load() {
             Ok((robot, data)) => {
-                let facts = query::facts(&robot);
+                let facts = query::facts(&robot, id);
                 self.robot = Some((robot, data));
                 self.show = None;
                 Report::Facts(Box::new(facts))

@@ -266,11 +266,35 @@ pub struct BodyFacts {
     pub joints: Vec<usize>,
 }
 
+/// Where a joint acts.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct AxisFacts {
+    /// The body that it moves.
+    pub body: usize,
+    /// A point on the axis, in the body's frame, m.
+    pub pos: [f64; 3],
+    /// Direction, in the body's frame.
+    pub axis: [f64; 3],
+}
+
+/// A point that can be pulled.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SiteFacts {
+    /// Its name.
+    pub name: String,
+    /// Its body.
+    pub body: usize,
+    /// Position in the body's frame, m.
+    pub pos: [f64; 3],
+}
+
 /// What a page needs to know about a robot.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RobotFacts {
     /// Identifier.
     pub id: String,
+    /// What it is loaded by: its id, or its folder.
+    pub source: String,
     /// Name for people.
     pub title: String,
     /// A sentence or two.
@@ -286,7 +310,9 @@ pub struct RobotFacts {
     /// Named poses, the home pose first.
     pub poses: Vec<PoseFacts>,
     /// Sites that can be dragged by inverse kinematics.
-    pub ik_sites: Vec<String>,
+    pub ik_sites: Vec<SiteFacts>,
+    /// Axes of the state joints.
+    pub axes: Vec<AxisFacts>,
     /// Default view.
     pub camera: Camera,
     /// Bodies, the world first.
@@ -295,59 +321,30 @@ pub struct RobotFacts {
     pub settle_tolerance: f64,
 }
 
-/// A shape, in its own frame; sizes in metres as in the simulator.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Shape {
-    /// Half sizes; 0 = endless.
-    Plane([f32; 2]),
-    /// Radius.
-    Sphere(f32),
-    /// Radius and half length along z.
-    Capsule(f32, f32),
-    /// Radii.
-    Ellipsoid([f32; 3]),
-    /// Radius and half length along z.
-    Cylinder(f32, f32),
-    /// Half sizes.
-    Box([f32; 3]),
-    /// Index in [`Geometry::meshes`].
-    Mesh(usize),
-}
-
-/// One visible geom.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct GeomFacts {
-    /// Its body.
-    pub body: usize,
-    /// What it is.
-    pub shape: Shape,
-    /// Position in the body's frame, m.
-    pub pos: [f32; 3],
-    /// Orientation in the body's frame, w x y z.
-    pub quat: [f32; 4],
-    /// Colour.
-    pub rgba: [f32; 4],
-}
-
-/// A triangle mesh.
+/// All that is seen of one body in one colour.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct MeshFacts {
-    /// x y z each, m.
+    /// Its body, 0 = the world.
+    pub body: usize,
+    /// sRGB and opacity, 0 to 1.
+    pub rgba: [f32; 4],
+    /// Corners in the body's frame, x y z each, m.
     pub vertices: Vec<f32>,
-    /// Three indices each.
+    /// Three indices each, counter-clockwise from outside.
     pub faces: Vec<u32>,
 }
 
 /// What a robot looks like.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Geometry {
+    /// The robot.
+    pub robot: String,
     /// Body names, the world first.
     pub bodies: Vec<String>,
-    /// Visible geoms.
-    pub geoms: Vec<GeomFacts>,
-    /// Meshes.
+    /// Meshes, in order of bodies.
     pub meshes: Vec<MeshFacts>,
+    /// Body transforms in the home pose; (nbody, 7) position and quaternion w x y z.
+    pub home: Vec<f32>,
 }
 
 /// The simulation as a banner shows it.

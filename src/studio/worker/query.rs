@@ -3,25 +3,23 @@
 use std::sync::Arc;
 
 use super::{
-    BodyFacts, Checked, GeomFacts, Geometry, IkAnswer, MeshFacts, PoseFacts, Report, RobotFacts,
-    SettleAnswer, Shape,
+    AxisFacts, BodyFacts, Checked, Geometry, IkAnswer, MeshFacts, PoseFacts, Report, RobotFacts,
+    SettleAnswer, SiteFacts,
 };
 use crate::clip::{self, CouplingMember, Granularity, JointFacts, JointTable, Mirror};
 use crate::exit::HasExit;
-use crate::mujoco::{Data, Geom, Kind, Model};
+use crate::mujoco::{Data, Kind, Model};
 use crate::robot::{self, Coupling, IkConfig, Point, Robot, Target};
 use crate::studio::protocol::IkRequest;
 
-/// Geoms of this group and above are for collision only.
-const COLLISION_GROUP: i32 = 3;
 /// Disagreement of coupled joints that is no fault, rad or m.
 const COUPLING_TOLERANCE: f64 = 0.02;
 /// Depth of a touch that lints mention, m.
 const TOUCH_M: f64 = 5e-4;
 
-/// A robot by builtin id.
+/// A robot by builtin id or folder.
 pub(super) fn resolve(robot: &str) -> Result<Arc<Robot>, robot::Error> {
-    Robot::builtin(robot).map(Arc::new)
+    Robot::load(robot).map(Arc::new)
 }
 
 /// An error as the parent gets it.
@@ -86,7 +84,7 @@ pub(super) fn table(robot: &Robot) -> JointTable {
 }
 
 /// Everything a page needs to know.
-pub(super) fn facts(robot: &Robot) -> RobotFacts {
+pub(super) fn facts(robot: &Robot, source: &str) -> RobotFacts {
     let profile = robot.profile();
     let model = robot.model();
     let mut poses: Vec<PoseFacts> = robot
@@ -96,6 +94,7 @@ pub(super) fn facts(robot: &Robot) -> RobotFacts {
     poses.sort_by_key(|p| p.name != profile.home);
     RobotFacts {
         id: robot.id().to_owned(),
+        source: source.to_owned(),
         title: profile.title.clone(),
         about: profile.about.clone(),
         licence: profile.licence.clone(),
@@ -103,7 +102,8 @@ pub(super) fn facts(robot: &Robot) -> RobotFacts {
         groups: profile.groups.clone(),
         actuators: robot.actuators().iter().map(|a| a.name.clone()).collect(),
         poses,
-        ik_sites: profile.ik_sites.clone(),
+        ik_sites: profile.ik_sites.iter().filter_map(|s| site(model, s)).collect(),
+        axes: robot.joints().iter().map(|j| axis(model, j.id)).collect(),
         camera: profile.camera,
         bodies: bodies(robot, model),
         settle_tolerance: profile.settle.tolerance,
@@ -134,63 +134,42 @@ fn index(ids: &[i32], at: usize) -> usize {
     ids.get(at).and_then(|v| usize::try_from(*v).ok()).unwrap_or(0)
 }
 
-/// What a robot looks like: its visual geoms, or all where it has no other.
-pub(super) fn geometry(robot: &Robot) -> Result<Geometry, robot::Error> {
-    let model = robot.scene_model()?;
-    let visible = |i: usize| model.geom_color(i).is_some_and(|c| c[3] > 0.0);
-    let visual = |i: usize| model.geom_group().get(i).is_some_and(|g| *g < COLLISION_GROUP);
-    let solid = |i: usize| model.geom_kind(i) != Some(Geom::Plane);
-    let any = (0..model.ngeom()).any(|i| visible(i) && visual(i) && solid(i));
-    let geoms = (0..model.ngeom())
-        .filter(|&i| visible(i) && (visual(i) || !any))
-        .filter_map(|i| geom(model, i))
-        .collect();
+/// What a robot looks like.
+pub(super) fn geometry(robot: &Robot) -> Result<Geometry, Report> {
+    let model = robot.model();
+    let meshes = crate::take::body_meshes(robot).map_err(|e| refused(&e))?;
+    let mut data = Data::new(model).map_err(|e| refused(&e))?;
+    let home = transforms(robot, &mut data, &robot.home()).map_err(|e| refused(&e))?;
     Ok(Geometry {
+        robot: robot.id().to_owned(),
         bodies: (0..model.nbody()).map(|b| body_name(model, b)).collect(),
-        geoms,
-        meshes: (0..model.nmesh()).map(|i| mesh(model, i)).collect(),
-    })
-}
-
-fn geom(model: &Model, i: usize) -> Option<GeomFacts> {
-    let f = |a: &[f64], k: usize| a.get(k).copied().unwrap_or(0.0) as f32;
-    let size = |k: usize| f(model.geom_size(), 3 * i + k);
-    let shape = match model.geom_kind(i)? {
-        Geom::Plane => Shape::Plane([size(0), size(1)]),
-        Geom::Sphere => Shape::Sphere(size(0)),
-        Geom::Capsule => Shape::Capsule(size(0), size(1)),
-        Geom::Ellipsoid => Shape::Ellipsoid([size(0), size(1), size(2)]),
-        Geom::Cylinder => Shape::Cylinder(size(0), size(1)),
-        Geom::Box => Shape::Box([size(0), size(1), size(2)]),
-        Geom::Mesh => Shape::Mesh(index(model.geom_dataid(), i)),
-        Geom::HField => return None,
-    };
-    Some(GeomFacts {
-        body: index(model.geom_bodyid(), i),
-        shape,
-        pos: [0, 1, 2].map(|k| f(model.geom_pos(), 3 * i + k)),
-        quat: [0, 1, 2, 3].map(|k| f(model.geom_quat(), 4 * i + k)),
-        rgba: model.geom_color(i)?,
-    })
-}
-
-fn mesh(model: &Model, i: usize) -> MeshFacts {
-    let part = |adr: &[i32], num: &[i32]| {
-        let from = 3 * index(adr, i);
-        from..from + 3 * index(num, i)
-    };
-    let vertices = part(model.mesh_vertadr(), model.mesh_vertnum());
-    let faces = part(model.mesh_faceadr(), model.mesh_facenum());
-    MeshFacts {
-        vertices: model.mesh_vert().get(vertices).unwrap_or_default().to_vec(),
-        faces: model
-            .mesh_face()
-            .get(faces)
-            .unwrap_or_default()
-            .iter()
-            .map(|v| u32::try_from(*v).unwrap_or(0))
+        meshes: meshes
+            .into_iter()
+            .map(|m| MeshFacts {
+                body: m.body,
+                rgba: m.rgba,
+                vertices: m.vertices.into_flattened(),
+                faces: m.faces.into_flattened(),
+            })
             .collect(),
+        home,
+    })
+}
+
+fn axis(model: &Model, joint: usize) -> AxisFacts {
+    let at = |a: &[f64], k: usize| a.get(3 * joint + k).copied().unwrap_or(0.0);
+    AxisFacts {
+        body: index(model.jnt_bodyid(), joint),
+        pos: [0, 1, 2].map(|k| at(model.jnt_pos(), k)),
+        axis: [0, 1, 2].map(|k| at(model.jnt_axis(), k)),
     }
+}
+
+fn site(model: &Model, name: &str) -> Option<SiteFacts> {
+    let id = model.id(Kind::Site, name)?;
+    let at = |k: usize| model.site_pos().get(3 * id + k).copied().unwrap_or(0.0);
+    let body = index(model.site_bodyid(), id);
+    Some(SiteFacts { name: name.to_owned(), body, pos: [0, 1, 2].map(at) })
 }
 
 /// Body transforms at a state; (nbody, 7).
