@@ -8,5 +8,6 @@ mod clip;
 mod floors;
 mod import;
 mod malformed;
+mod motion;
 mod robots;
 mod run;

@@ -1,7 +1,6 @@
 //! `robert rollout CLIP`: a policy performs a clip.
 
-use std::io::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 
 use serde_json::{Value, json};
@@ -14,11 +13,12 @@ use crate::clip;
 use crate::fsio;
 use crate::progress::Progress as _;
 use crate::rollout::{Error, Guide, PlantConfig, Precision, Rollout, RolloutConfig, Start};
+use crate::take::{Provenance, Take, What};
 use crate::units::CTRL_DT;
 
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  robert rollout wave.clip.json --policy ilqr --csv reached.csv\n  robert rollout ur5e/reacher --policy pd --guide linear\n  robert rollout fire --policy computed-torque --plant mass=1.25,damping=1.5,gear=0.85 --json"
+    after_help = "Examples:\n  robert rollout wave.clip.json --policy ilqr --out wave.mcap\n  robert rollout ur5e/reacher --policy pd --guide linear\n  robert rollout fire --policy computed-torque --plant mass=1.25,damping=1.5,gear=0.85 --json"
 )]
 pub(super) struct Args {
     /// A clip file, or the name of a shipped task (robert tasks ls).
@@ -41,7 +41,10 @@ pub(super) struct Args {
     /// The robot, where it is not the clip's own.
     #[arg(long, value_name = "ID|DIR")]
     robot: Option<String>,
-    /// Write the reached motion: frame, time, mask, one column a joint.
+    /// Write the take: MCAP, opens in Foxglove, Lichtblick and Rerun.
+    #[arg(short, long, value_name = "TAKE.mcap")]
+    out: Option<PathBuf>,
+    /// Write the reached motion as a table: frame, time, mask, one column a joint.
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
     /// Print JSON.
@@ -78,7 +81,8 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let command =
         clip::compile(&clip).map_err(|e| Failure::invalid(format!("{}: {e}", args.clip)))?;
     let config = RolloutConfig { seed: args.seed, guide: policy.guide, plant };
-    let mut rollout = Rollout::new(&robot, policy.build(&robot)?, &command, Start::Pose, config)?;
+    let mut rollout =
+        Rollout::new(&robot, policy.build(&robot)?, &command, Start::Pose, config.clone())?;
 
     let cancel = cancel_on_ctrl_c();
     let bar = Bar::new(&policy.label(), "frames", global.quiet);
@@ -102,8 +106,15 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     bar.finish();
 
     // What was reached is worth keeping even where the rollout broke off.
-    if let Some(path) = &args.csv {
-        write_csv(path, &rollout)?;
+    if args.out.is_some() || args.csv.is_some() {
+        let provenance = Provenance::new(&policy, &config)?;
+        let take = Take::record(&rollout, &command, Some(&clip), provenance)?;
+        if let Some(path) = &args.out {
+            take.write(path, Some(&take.scene(&robot)?))?;
+        }
+        if let Some(path) = &args.csv {
+            fsio::write_atomic(path, take.to_csv(What::Achieved).as_bytes())?;
+        }
     }
     result?;
 
@@ -183,25 +194,4 @@ fn summary(rollout: &Rollout, p: &Precision, policy: &str, unit: &str, wall_secs
         text.push_str(format!("\n  {name:<13} {value:<wide$}  {what}").trim_end());
     }
     text
-}
-
-/// Reached states; `mask` is 1 where nothing was commanded.
-fn write_csv(path: &Path, rollout: &Rollout) -> Outcome {
-    fsio::write_atomic_with(path, |file| {
-        write!(file, "frame,time,mask")?;
-        for joint in rollout.robot().joints() {
-            write!(file, ",{}", joint.name)?;
-        }
-        writeln!(file)?;
-        for frame in rollout.frames_reached() {
-            let masked = u8::from(!rollout.goals().any_visible(frame.frame));
-            write!(file, "{},{},{masked}", frame.frame, frame.frame as f64 / 20.0)?;
-            for q in frame.reached {
-                write!(file, ",{q}")?;
-            }
-            writeln!(file)?;
-        }
-        Ok(())
-    })?;
-    Ok(())
 }

@@ -4,6 +4,7 @@ mod clock;
 mod engine;
 mod infer;
 mod reference;
+mod rollout;
 mod sim;
 mod train;
 
@@ -24,6 +25,8 @@ pub(super) struct Args {
 enum What {
     /// Control steps a second through the simulator layer, against a bare C loop.
     Sim(sim::Args),
+    /// Policies, against the bare simulation of the frames that they act in.
+    Rollout(rollout::Args),
     /// Training throughput of the network, and its share of the machine's peak.
     Train(train::Args),
     /// Time of one action at batch 1.
@@ -35,6 +38,7 @@ enum What {
 pub(super) fn run(args: Args) -> Outcome {
     match args.what {
         What::Sim(args) => sim::run(&args),
+        What::Rollout(args) => rollout::run(&args),
         What::Train(args) => train::run(&args),
         What::Infer(args) => infer::run(&args),
         What::Reference(args) => reference::run(&args),
