@@ -10,6 +10,7 @@ mod floors;
 mod golden;
 mod import;
 mod malformed;
+mod motion;
 mod robots;
 mod run;
 mod take;
