@@ -16,6 +16,7 @@ const FLOORS: &[&[&str]] = &[
 /// The few edges inside a floor.
 const LEVEL: &[(&str, &str)] = &[
     ("clip", "units"),
+    ("clip", "rng"),
     ("clip", "limits"),
     ("clip", "exit"),
     ("clip", "fsio"),

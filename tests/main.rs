@@ -4,7 +4,12 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
+mod clip;
+mod collect;
 mod floors;
+mod golden;
+mod import;
+mod malformed;
 mod robots;
 mod run;
 mod take;

@@ -372,7 +372,8 @@ impl Edit<'_> {
         for key in &mut keys {
             let distance = f64::from(key.frame) - f64::from(a.pivot);
             key.frame = self.shifted((f64::from(a.pivot) + distance * a.factor).round() as i64)?;
-            let hold = (f64::from(key.hold) * a.factor).round();
+            // The last held frame scales like any other.
+            let hold = 1.0 + (f64::from(key.hold.saturating_sub(1)) * a.factor).round();
             key.hold = hold.clamp(1.0, f64::from(limits::CLIP_FRAMES)) as u32;
         }
         self.place(keys, a.replace)

@@ -9,14 +9,18 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 
 use super::command::{Command, LOOKAHEAD_FRAMES, Sight, SpanKind};
-use super::document::{Clip, Goal, Key, Row, Start, round};
+use super::document::{Clip, Fill, Goal, Key, Row, Start, round};
 use super::joints::{Coupling, Granularity, JointTable};
 use super::json::{escape_step, show};
 use super::op::{
-    Batch, ClipLength, KeysAdd, KeysHold, KeysScale, KeysSet, MaskSet, Op, PoseSave, TimeInsert,
+    Batch, ClipLength, FillSet, KeysAdd, KeysHold, KeysScale, KeysSet, MaskSet, Op, PoseSave,
+    TimeInsert,
 };
 use crate::limits;
 use crate::units::CTRL_DT;
+
+/// Findings of one rule that are listed: a log with 50 000 keys too fast is one problem.
+const MOST: usize = 1000;
 
 /// How bad it is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -117,7 +121,7 @@ pub fn lint(
     table: &JointTable,
     checker: Option<&mut dyn PoseChecker>,
 ) -> Vec<Lint> {
-    let mut found = Finder { clip, command, table, lints: Vec::new() };
+    let mut found = Finder { clip, command, table, lints: Vec::new(), counts: BTreeMap::new() };
     found.robot();
     found.limits();
     found.speeds();
@@ -128,6 +132,7 @@ pub fn lint(
     if let Some(checker) = checker {
         found.poses(checker);
     }
+    found.rest();
     let mut lints = found.lints;
     lints.sort_by_key(|l| {
         (std::cmp::Reverse(l.level), l.frames.map_or(0, |f| f[0]), l.rule, l.pointer.clone())
@@ -140,6 +145,7 @@ struct Finder<'a> {
     command: &'a Command,
     table: &'a JointTable,
     lints: Vec<Lint>,
+    counts: BTreeMap<Rule, usize>,
 }
 
 /// Where a row of the document stands, and the keys that use it.
@@ -188,7 +194,34 @@ impl Place<'_> {
 
 impl<'a> Finder<'a> {
     fn push(&mut self, lint: Lint) {
-        self.lints.push(lint);
+        let count = self.counts.entry(lint.rule).or_default();
+        *count += 1;
+        if *count <= MOST {
+            self.lints.push(lint);
+        }
+    }
+
+    /// Whether another finding of this rule would only be counted; then it is.
+    fn full(&mut self, rule: Rule) -> bool {
+        let count = self.counts.entry(rule).or_default();
+        let full = *count >= MOST;
+        *count += usize::from(full);
+        full
+    }
+
+    /// Says how much was left out.
+    fn rest(&mut self) {
+        for (&rule, &count) in &self.counts {
+            if count <= MOST {
+                continue;
+            }
+            let frames = None;
+            let message = format!("and {} more of this kind", count - MOST);
+            let pointer = "/keys".to_owned();
+            let (joints, mends) = (Vec::new(), Vec::new());
+            let level = Level::Info;
+            self.lints.push(Lint { level, rule, message, frames, joints, pointer, mends });
+        }
     }
 
     /// Every distinct row: own values of keys, and poses with the keys that use them.
@@ -283,12 +316,13 @@ impl<'a> Finder<'a> {
             pose: None,
             frames: vec![],
         });
-        let mut lints = Vec::new();
+        let names = &self.clip.robot.joints;
+        let facts: Vec<_> = names.iter().map(|name| (name, self.table.joint(name))).collect();
         for place in self.places().iter().chain(&start) {
             let mut out = Vec::new();
             let mut words = Vec::new();
-            for (j, (name, value)) in self.clip.robot.joints.iter().zip(place.row).enumerate() {
-                let Some(joint) = self.table.joint(name) else { continue };
+            for (j, ((name, joint), value)) in facts.iter().zip(place.row).enumerate() {
+                let Some(joint) = joint else { continue };
                 let (Some(v), Some([lo, hi])) = (*value, joint.range) else { continue };
                 // The grid of the document is 1e-6; a limit of pi/2 must accept 1.570796.
                 if v < lo - 1e-6 || v > hi + 1e-6 {
@@ -297,11 +331,11 @@ impl<'a> Finder<'a> {
                     words.push(format!("{name} {v} {unit} outside {lo}..{hi}"));
                 }
             }
-            if out.is_empty() {
+            if out.is_empty() || self.full(Rule::JointLimit) {
                 continue;
             }
             let first = out.first().map_or(0, |o| o.1);
-            lints.push(Lint {
+            self.push(Lint {
                 level: Level::Error,
                 rule: Rule::JointLimit,
                 message: format!("{}: {}", place.who(), some_of(&words)),
@@ -311,7 +345,6 @@ impl<'a> Finder<'a> {
                 mends: place.mend("Clamp to the limits", &out),
             });
         }
-        self.lints.extend(lints);
     }
 
     /// Speeds between neighbouring goals of each joint, runs of offenders joined.
@@ -351,13 +384,22 @@ impl<'a> Finder<'a> {
         for run in runs {
             merged.entry((run.from, run.to)).or_default().push(run);
         }
+        // Slowing everything down is offered once, where it is needed most: it names all keys.
+        let top = |runs: &Vec<Run>| runs.iter().map(|r| r.ratio).fold(0.0, f64::max);
+        let worst = merged.values().map(top).fold(0.0, f64::max);
+        let mut offered = false;
         for ((from, to), runs) in merged {
-            let lint = self.speed_lint(from, to, &runs);
+            let slowest = !offered && top(&runs) >= worst;
+            if !slowest && self.full(Rule::JointSpeed) {
+                continue;
+            }
+            offered |= slowest;
+            let lint = self.speed_lint(from, to, &runs, slowest);
             self.push(lint);
         }
     }
 
-    fn speed_lint(&self, from: u32, to: u32, runs: &[Run]) -> Lint {
+    fn speed_lint(&self, from: u32, to: u32, runs: &[Run], slowest: bool) -> Lint {
         let ratio = runs.iter().map(|r| r.ratio).fold(1.0, f64::max);
         let mut joints = Vec::new();
         let mut words = Vec::new();
@@ -373,23 +415,43 @@ impl<'a> Finder<'a> {
         let keys = &self.clip.keys;
         let next = keys.partition_point(|k| k.frame < to);
         let index = keys.partition_point(|k| k.frame <= from).saturating_sub(1);
+        let ratio = ratio * self.between_samples(from, to);
         let mut mends = Vec::new();
         if let (Some(key), Some(after)) = (keys.get(index), keys.get(next))
             && next == index + 1
         {
             let begin = self.clip.hold_end(index).saturating_sub(1).max(key.frame);
             let have = after.frame - begin;
-            let need = (f64::from(have) * ratio).ceil().min(1e6) as u32;
-            let frames = need.saturating_sub(have).max(1);
-            if self.clip.length + frames <= limits::CLIP_FRAMES {
-                let title = format!("Allow {frames} more frames before frame {}", after.frame);
-                mends.push(Mend {
-                    title,
-                    op: Op::TimeInsert(TimeInsert { at: after.frame, frames }),
-                });
+            // A held value jumps over one frame; only a line can be slower.
+            let jumps = self.clip.fill_after(key) == Fill::Hold;
+            let need = if jumps { ratio } else { f64::from(have) * ratio }.ceil().min(1e6) as u32;
+            let frames = need.saturating_sub(have).max(u32::from(!jumps));
+            let (at, room) = (after.frame, self.clip.length + frames <= limits::CLIP_FRAMES);
+            let insert = (frames > 0).then_some(Op::TimeInsert(TimeInsert { at, frames }));
+            let line = jumps.then(|| {
+                let frames = Some(vec![key.frame]);
+                Op::FillSet(FillSet { frames, fill: Some(Fill::Linear) })
+            });
+            let title = match (&line, &insert) {
+                (None, _) => format!("Allow {frames} more frames before frame {at}"),
+                (Some(_), None) => format!("Go there in a line from frame {begin} to {at}"),
+                (Some(_), Some(_)) => format!("Go there in a line and {frames} more frames"),
+            };
+            let mut ops: Vec<Op> = line.into_iter().chain(insert).collect();
+            let op = match (ops.pop(), ops.is_empty()) {
+                (Some(one), true) => one,
+                (last, _) => {
+                    ops.extend(last);
+                    Op::Batch(Batch { label: title.clone(), ops })
+                }
+            };
+            if room {
+                mends.push(Mend { title, op });
             }
         }
-        mends.extend(self.slow_down(ratio));
+        if slowest {
+            mends.extend(self.slow_down(from, to, ratio));
+        }
         Lint {
             level: Level::Warning,
             rule: Rule::JointSpeed,
@@ -401,10 +463,39 @@ impl<'a> Finder<'a> {
         }
     }
 
-    /// Everything slower by one factor.
-    fn slow_down(&self, ratio: f64) -> Option<Mend> {
-        let factor = (ratio * 100.0).ceil() / 100.0;
+    /// How much faster a cubic may be between its frames than on them: a longer interval
+    /// samples its steepest point better. 1 - (4/3)/L^2 of the peak is seen over L frames.
+    fn between_samples(&self, from: u32, to: u32) -> f64 {
+        let spans = self.command.spans();
+        let first = spans.partition_point(|s| s.to <= from);
+        let near = spans.iter().skip(first).take_while(|s| s.from <= to);
+        let cubic = near.filter(|s| s.kind == SpanKind::Cubic);
+        let shortest = cubic.map(|s| s.to - s.from + 1).min();
+        shortest.map_or(1.0, |l| 1.0 / (1.0 - 4.0 / 3.0 / f64::from(l * l)).max(2.0 / 3.0))
+    }
+
+    /// Everything slower by one factor: the smallest that is enough once frames are rounded.
+    fn slow_down(&self, from: u32, to: u32, ratio: f64) -> Option<Mend> {
         let clip = self.clip;
+        let scaled = |frames: u32, factor: f64| (f64::from(frames) * factor).round();
+        let enough = |factor: &f64| {
+            clip.keys.windows(2).enumerate().all(|(i, pair)| {
+                let [key, next] = pair else { return true };
+                let last = clip.hold_end(i).saturating_sub(1).max(key.frame);
+                if next.frame <= from || last >= to {
+                    return true;
+                }
+                if clip.fill_after(key) == Fill::Hold {
+                    return false; // a jump stays a jump
+                }
+                let held = scaled(key.frame, *factor) + scaled(last - key.frame, *factor);
+                let room = scaled(next.frame, *factor) - held;
+                room >= f64::from(next.frame - last) * ratio - 1e-6
+            })
+        };
+        let fine = (ratio * 100.0).ceil() / 100.0;
+        let tries = [fine, fine * 1.02, fine * 1.05, fine * 1.1, fine.ceil()];
+        let factor = tries.into_iter().map(|f| (f * 100.0).round() / 100.0).find(enough)?;
         let length = (f64::from(clip.length) * factor).ceil();
         if length > f64::from(limits::CLIP_FRAMES) || clip.keys.is_empty() {
             return None;
@@ -423,12 +514,15 @@ impl<'a> Finder<'a> {
             if self.clip.keys.is_empty() {
                 return;
             }
+            if self.full(Rule::BlindSpan) {
+                continue;
+            }
             let from = blind.after.map_or(0, |a| a + 1);
             let to = blind.before.unwrap_or(self.command.frames());
             let steps = blind.to - blind.from;
-            let gap = to - from;
             let message = format!(
-                "{gap} frames without a goal: for {steps} steps the policy sees none and gets a virtual key"
+                "no goal from frame {from} to {}: for {steps} steps the policy sees none and gets a virtual key",
+                to - 1
             );
             let key = blind
                 .before
@@ -448,13 +542,10 @@ impl<'a> Finder<'a> {
 
     fn blind_mends(&self, after: Option<u32>, from: u32, to: u32) -> Vec<Mend> {
         let clip = self.clip;
-        let hidden = |f: u32| {
-            self.command
-                .spans()
-                .iter()
-                .any(|s| s.kind == SpanKind::Masked && (s.from..s.to).contains(&f))
-        };
-        if (from..to).any(hidden) {
+        let spans = self.command.spans();
+        let first = spans.partition_point(|s| s.to <= from);
+        let mut inside = spans.iter().skip(first).take_while(|s| s.from < to);
+        if inside.any(|s| s.kind == SpanKind::Masked) {
             let set = MaskSet { from, to, joints: None, masked: false };
             return vec![Mend {
                 title: format!("Unmask frames {from} to {}", to - 1),
@@ -485,7 +576,10 @@ impl<'a> Finder<'a> {
             })
             .collect();
         if !keys.is_empty() {
-            let title = format!("Insert {} keys on the way", keys.len());
+            let title = match keys.len() {
+                1 => "Insert a key on the way".to_owned(),
+                n => format!("Insert {n} keys on the way"),
+            };
             mends.push(Mend { title, op: Op::KeysAdd(KeysAdd { keys, replace: false }) });
         }
         mends
@@ -498,7 +592,9 @@ impl<'a> Finder<'a> {
                 lints.extend(self.coupled_in(&place, coupling));
             }
         }
-        self.lints.extend(lints);
+        for lint in lints {
+            self.push(lint);
+        }
     }
 
     fn coupled_in(&self, place: &Place<'_>, coupling: &Coupling) -> Option<Lint> {
@@ -616,7 +712,9 @@ impl<'a> Finder<'a> {
                 });
             }
         }
-        self.lints.extend(lints);
+        for lint in lints {
+            self.push(lint);
+        }
     }
 
     fn poses(&mut self, checker: &mut dyn PoseChecker) {
@@ -662,7 +760,9 @@ impl<'a> Finder<'a> {
                 mends: settled(&place, joints, Some(reached)),
             });
         }
-        self.lints.extend(lints);
+        for lint in lints {
+            self.push(lint);
+        }
     }
 }
 

@@ -18,7 +18,42 @@ pub fn schema() -> Value {
     let mut generator = SchemaGenerator::new(SchemaSettings::draft2020_12());
     let mut schema: Schema = generator.root_schema_for::<Clip>();
     schema.insert("title".to_owned(), Value::from("robert-clip/1"));
-    schema.to_value()
+    let mut value = schema.to_value();
+    without_null(&mut value);
+    value
+}
+
+/// Optional means absent: the reader takes no `null` for a missing member, but `Option`
+/// fields are generated as nullable. Array items keep theirs (a joint without a goal).
+fn without_null(schema: &mut Value) {
+    match schema {
+        Value::Object(map) => {
+            if let Some(Value::Object(properties)) = map.get_mut("properties") {
+                properties.values_mut().for_each(not_null);
+            }
+            map.values_mut().for_each(without_null);
+        }
+        Value::Array(items) => items.iter_mut().for_each(without_null),
+        _ => {}
+    }
+}
+
+fn not_null(property: &mut Value) {
+    let Value::Object(property) = property else { return };
+    if let Some(Value::Array(types)) = property.get_mut("type") {
+        types.retain(|t| t != "null");
+        if let [one] = types.as_slice() {
+            let one = one.clone();
+            property.insert("type".to_owned(), one);
+        }
+    }
+    let Some(Value::Array(choices)) = property.get_mut("anyOf") else { return };
+    choices.retain(|c| c.get("type").is_none_or(|t| t != "null"));
+    if let [Value::Object(one)] = choices.as_slice() {
+        let one = one.clone();
+        property.remove("anyOf");
+        property.extend(one);
+    }
 }
 
 /// A keyframe animation for a torque-controlled robot: what it shall reach and when, and

@@ -362,6 +362,9 @@ fn name(pointer: &str, what: &'static str, text: &str, may_be_empty: bool) -> Ch
         "is too long"
     } else if text.chars().any(char::is_control) {
         "holds a control character"
+    } else if !may_be_empty && text.trim() != text {
+        // CSV and people lose such spaces; two names that look the same are none.
+        "starts or ends with a space"
     } else {
         return Ok(());
     };

@@ -5,7 +5,7 @@
 //! size, overlaps and holes, names, shapes, types, finite weights, and that robot, joints
 //! and sizes are the ones asked for.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::path::Path;
 
 use safetensors::tensor::{Dtype, SafeTensors};
@@ -25,6 +25,8 @@ use crate::{fsio, limits};
 pub const FORMAT: &str = "robert-model/1";
 /// Key of the card in the header's metadata.
 const CARD: &str = "robert";
+/// What stands before the names of the optimiser's tensors.
+const STATE: [&str; 3] = ["adam.first.", "adam.second.", "average."];
 
 /// Which robot a model drives.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -155,6 +157,8 @@ pub struct OptimiserState {
     pub first: Vec<f32>,
     /// Second moment.
     pub second: Vec<f32>,
+    /// Running average of the weights, where one is kept.
+    pub average: Option<Vec<f32>>,
     /// Steps applied.
     pub count: u64,
 }
@@ -181,15 +185,17 @@ pub fn save(
     card: &Card,
     net: &Net<f32>,
     ridge: Option<&Ridge>,
-    optimiser: Option<(&[f32], &[f32], u64)>,
+    optimiser: Option<&OptimiserState>,
 ) -> Result<(), Error> {
     let damaged = |why: String| Error::File { why, path: path.to_owned() };
     let mut all = BTreeMap::new();
     for t in &net.layout.tensors {
         let data = &net.weights[t.range.clone()];
         all.insert(t.name.clone(), Out::new(&t.shape, data));
-        if let Some((first, second, _)) = optimiser {
-            for (prefix, moment) in [("adam.first.", first), ("adam.second.", second)] {
+        if let Some(state) = optimiser {
+            let average = state.average.as_deref().map(|a| ("average.", a));
+            let moments = [("adam.first.", &state.first[..]), ("adam.second.", &state.second)];
+            for (prefix, moment) in moments.into_iter().chain(average) {
                 let data = moment.get(t.range.clone()).unwrap_or_default();
                 all.insert(format!("{prefix}{}", t.name), Out::new(&t.shape, data));
             }
@@ -205,8 +211,8 @@ pub fn save(
     }
     let json = serde_json::to_string(card).map_err(|e| damaged(e.to_string()))?;
     let mut metadata = BTreeMap::from([(CARD.to_owned(), json)]);
-    if let Some((_, _, count)) = optimiser {
-        metadata.insert("adam.count".into(), count.to_string());
+    if let Some(state) = optimiser {
+        metadata.insert("adam.count".into(), state.count.to_string());
     }
     let bytes = tensors::serialise(&all, &metadata).map_err(|e| damaged(e.to_string()))?;
     Ok(fsio::write_atomic(path, &bytes)?)
@@ -266,9 +272,8 @@ pub fn parse(bytes: &[u8], path: &Path, robot: Option<&RobotCard>) -> Result<Mod
     let tokens = Tokeniser::new(card.tokens.clone(), card.facts.clone(), &card.normaliser)?;
 
     let layout = Layout::new(&card.net);
-    let mut known: BTreeMap<&str, ()> =
-        layout.tensors.iter().map(|t| (t.name.as_str(), ())).collect();
-    known.insert("centres", ());
+    let mut known: BTreeSet<&str> = layout.tensors.iter().map(|t| t.name.as_str()).collect();
+    known.insert("centres");
     let mut weights = super::real::Aligned::<f32>::zeros(layout.len);
     for t in &layout.tensors {
         let from = numbers(&file, &t.name, &t.shape).map_err(damaged)?;
@@ -279,7 +284,7 @@ pub fn parse(bytes: &[u8], path: &Path, robot: Option<&RobotCard>) -> Result<Mod
     let ridge = if card.net.skip == SkipKind::Off {
         None
     } else {
-        known.insert("ridge", ());
+        known.insert("ridge");
         let inputs = tokens.ridge_inputs();
         let shape = [RIDGE_HEADS, inputs, card.net.actions];
         let w = numbers(&file, "ridge", &shape).map_err(damaged)?;
@@ -287,8 +292,8 @@ pub fn parse(bytes: &[u8], path: &Path, robot: Option<&RobotCard>) -> Result<Mod
     };
     let optimiser = read_optimiser(&file, &layout, &metadata).map_err(damaged)?;
     for name in file.names() {
-        let plain = name.strip_prefix("adam.first.").or_else(|| name.strip_prefix("adam.second."));
-        if !known.contains_key(plain.unwrap_or(name)) {
+        let plain = STATE.iter().find_map(|prefix| name.strip_prefix(prefix));
+        if !known.contains(plain.unwrap_or(name)) {
             return Err(damaged(format!("an unknown tensor {name:?}")));
         }
     }
@@ -377,10 +382,26 @@ fn read_optimiser(
         }
         Ok::<_, String>(all)
     };
-    Ok(Some(OptimiserState { first: read("adam.first.")?, second: read("adam.second.")?, count }))
+    let averaged = file.names().iter().any(|n| n.starts_with("average."));
+    Ok(Some(OptimiserState {
+        first: read("adam.first.")?,
+        second: read("adam.second.")?,
+        average: averaged.then(|| read("average.")).transpose()?,
+        count,
+    }))
 }
 
 impl OptimiserState {
+    /// The state of a learner, with the running average if one is kept.
+    pub fn of(learner: &Learner<f32>, average: Option<&[f32]>) -> Self {
+        OptimiserState {
+            first: learner.first.to_vec(),
+            second: learner.second.to_vec(),
+            average: average.map(<[f32]>::to_vec),
+            count: learner.count,
+        }
+    }
+
     /// Puts the state into a learner whose network came from the same file.
     ///
     /// # Errors
@@ -572,10 +593,11 @@ mod tests {
         run(&mut half, 0..3);
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("c.safetensors");
-        let state = Some((&half.first[..], &half.second[..], half.count));
-        save(&path, &card, &half.net, encoder.ridge.as_ref(), state).unwrap();
+        let state = OptimiserState::of(&half, Some(&half.net.weights));
+        save(&path, &card, &half.net, encoder.ridge.as_ref(), Some(&state)).unwrap();
         let model = load(&path, Some(&card.robot)).unwrap();
         let mut rest = Learner::new(model.net, AdamConfig::default(), 6, 2);
+        assert_eq!(model.optimiser, Some(state));
         model.optimiser.unwrap().restore(&mut rest).unwrap();
         run(&mut rest, 3..6);
         assert_eq!(whole.net.weights[..], rest.net.weights[..]);

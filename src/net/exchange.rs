@@ -41,7 +41,7 @@ pub fn variants() -> Vec<(String, NetConfig, bool)> {
                     if current { "current" } else { "all" }
                 )
                 .to_lowercase();
-                all.push((name, NetConfig { bins, skip, mask_replaces, ..base.clone() }, current));
+                all.push((name, NetConfig { bins, mask_replaces, skip, ..base.clone() }, current));
             }
         }
     }

@@ -24,6 +24,9 @@ pub struct Sums {
     pub gap_square: [f64; GAPS],
     /// Windows by hidden frames after the current one.
     pub gap_windows: [f64; GAPS],
+    /// Squared error of the current frame's action, and windows, where that frame is away
+    /// from stops and contact and the next one visible.
+    pub clear: [f64; 2],
 }
 
 impl Sums {
@@ -35,6 +38,7 @@ impl Sums {
         pair(&mut self.tokens, &other.tokens);
         pair(&mut self.gap_square, &other.gap_square);
         pair(&mut self.gap_windows, &other.gap_windows);
+        pair(&mut self.clear, &other.clear);
     }
 }
 
@@ -104,6 +108,10 @@ pub fn loss<T: Real>(
             let gap = after.iter().take_while(|&&m| m).count().min(GAPS - 1);
             sums.gap_square[gap] += square;
             sums.gap_windows[gap] += 1.0;
+            if gap == 0 && batch.clear.get(row).copied().unwrap_or_default() {
+                sums.clear[0] += square;
+                sums.clear[1] += 1.0;
+            }
         }
     }
     sums

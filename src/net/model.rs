@@ -60,6 +60,8 @@ pub struct Batch<T: Real> {
     pub actions: Vec<T>,
     /// Weight of each token in the loss, (B, 51).
     pub weight: Vec<T>,
+    /// Whether a frame is away from stops and contact, (B, 51); for the log only.
+    pub clear: Vec<bool>,
 }
 
 impl<T: Real> Batch<T> {
@@ -74,6 +76,7 @@ impl<T: Real> Batch<T> {
             linear: vec![T::default(); if skip { rows * cfg.actions } else { 0 }],
             actions: vec![T::default(); rows * cfg.actions],
             weight: vec![T::of(1.0); rows],
+            clear: vec![true; rows],
         }
     }
 }
@@ -350,6 +353,18 @@ fn qkv_of<T: Real>(
         Mat::strided(from, WINDOW, h, 3 * d)
     };
     (at(0), at(1), at(2))
+}
+
+/// Loss of the batch after [`forward`], without a gradient.
+pub fn score<T: Real>(
+    net: &Net<T>,
+    batch: &Batch<T>,
+    arena: &mut Arena<T>,
+    scale: f64,
+    current_only: bool,
+) -> Sums {
+    let out = &mut arena.out[..batch.count * WINDOW * net.cfg.outputs()];
+    head::loss(&net.cfg, &net.centres, batch, out, scale, current_only)
 }
 
 /// Loss of the batch and its gradient, added to `grads` (laid out as the weights).

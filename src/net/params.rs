@@ -135,7 +135,9 @@ impl Layout {
                 to.fill(T::of(1.0));
             } else if !tensor.name.ends_with("bias") && !silent {
                 let mut rng = Rng::new(seed, Stream::Init, index as u64);
-                to.iter_mut().for_each(|w| *w = T::of(0.02 * rng.normal()));
+                for w in to {
+                    *w = T::of(0.02 * rng.normal());
+                }
             }
         }
         w

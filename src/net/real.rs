@@ -230,7 +230,7 @@ impl Real for f32 {
         let a = s.min_f32s(s.max_f32s(a, s.splat_f32s(-87.0)), s.splat_f32s(88.0));
         let t = s.mul_add_e_f32s(a, s.splat_f32s(std::f32::consts::LOG2_E), s.splat_f32s(MAGIC));
         let n = s.sub_f32s(t, s.splat_f32s(MAGIC));
-        let r = s.mul_add_e_f32s(n, s.splat_f32s(-0.693_359_375), a);
+        let r = s.mul_add_e_f32s(n, s.splat_f32s(-355.0 / 512.0), a);
         let r = s.mul_add_e_f32s(n, s.splat_f32s(2.121_944_4e-4), r);
         let p = horner(s, &EXP, r);
         // The low bits of `t` hold n; shifted into the exponent field they multiply by 2^n.
@@ -253,7 +253,7 @@ impl Real for f32 {
         let tail = s.mul_f32s(s.mul_f32s(half, e), s.mul_f32s(t, q));
         let negative = s.less_than_f32s(x, s.splat_f32s(0.0));
         let phi = s.select_f32s(negative, tail, s.sub_f32s(s.splat_f32s(1.0), tail));
-        let density = s.mul_f32s(e, s.splat_f32s(0.398_942_28));
+        let density = s.mul_f32s(e, s.splat_f32s(0.398_942_3));
         (s.mul_f32s(x, phi), s.mul_add_e_f32s(x, density, phi))
     }
 }

@@ -307,7 +307,7 @@ pub fn cholesky<T: Real>(m: &mut [T], n: usize) -> Result<(), usize> {
     for i in 0..n {
         let (above, row) = m.split_at_mut(i * n);
         for j in 0..i {
-            let other = &above[j * n..j * n + j + 1];
+            let other = &above[j * n..=j * n + j];
             let dot: T = row[..j].iter().zip(other).map(|(&a, &b)| a * b).sum();
             row[j] = (row[j] - dot) / other[j];
         }
@@ -353,7 +353,6 @@ pub(crate) mod toy {
 
     #[derive(Debug)]
     pub(crate) struct Toy {
-        pub(crate) state: usize,
         pub(crate) episodes: Vec<(Vec<f32>, Vec<f32>)>,
     }
 
@@ -380,7 +379,7 @@ pub(crate) mod toy {
                 }
                 (states, actions)
             };
-            Toy { state, episodes: (0..count).map(run).collect() }
+            Toy { episodes: (0..count).map(run).collect() }
         }
     }
 

@@ -9,7 +9,7 @@
 use std::sync::{Mutex, PoisonError};
 
 use super::head::Sums;
-use super::model::{Arena, Batch, Net, Panels, backward, forward};
+use super::model::{Arena, Batch, Net, Panels, backward, forward, score};
 use super::real::{Aligned, Real};
 use super::simd::{self, AdamStep};
 
@@ -152,6 +152,14 @@ impl<T: Real> Learner<T> {
     /// Loss and gradient of one batch; `fill(w, slot, batch)` writes window w of 0..batch
     /// into `slot`. The sum of the gradients is [`Learner::gradient`].
     pub fn gradients(&mut self, fill: &(impl Fn(usize, usize, &mut Batch<T>) + Sync)) -> Sums {
+        self.pass(fill, true)
+    }
+
+    fn pass(
+        &mut self,
+        fill: &(impl Fn(usize, usize, &mut Batch<T>) + Sync),
+        gradients: bool,
+    ) -> Sums {
         let Learner { net, panels, lanes, workers, batch, micro, threads, current_only, .. } = self;
         let (batch, micro, current_only) = (*batch, *micro, *current_only);
         let tokens = if current_only { 1 } else { super::config::WINDOW };
@@ -163,7 +171,9 @@ impl<T: Real> Learner<T> {
             let mut worker = worker.lock().unwrap_or_else(PoisonError::into_inner);
             let Worker { arena, batch: windows } = &mut **worker;
             while let Some(lane) = next_of(&queue) {
-                lane.grads.fill(T::default());
+                if gradients {
+                    lane.grads.fill(T::default());
+                }
                 lane.sums = Sums::default();
                 for m in lane.first..lane.end {
                     let first = m * micro;
@@ -172,8 +182,11 @@ impl<T: Real> Learner<T> {
                         fill(first + slot, slot, windows);
                     }
                     forward(net, panels, windows, arena);
-                    let sums =
-                        backward(net, panels, windows, arena, &mut lane.grads, scale, current_only);
+                    let sums = if gradients {
+                        backward(net, panels, windows, arena, &mut lane.grads, scale, current_only)
+                    } else {
+                        score(net, windows, arena, scale, current_only)
+                    };
                     lane.sums.add(&sums);
                 }
             }
@@ -219,6 +232,11 @@ impl<T: Real> Learner<T> {
         sums
     }
 
+    /// Errors of one batch, without gradients: what a held-out measurement needs.
+    pub fn errors(&mut self, fill: &(impl Fn(usize, usize, &mut Batch<T>) + Sync)) -> Sums {
+        self.pass(fill, false)
+    }
+
     /// One step at this learning rate. A loss or gradient that is not finite leaves
     /// weights and moments untouched.
     pub fn step(
@@ -248,19 +266,16 @@ impl<T: Real> Learner<T> {
         let mut at = 0;
         for tensor in &net.layout.tensors {
             let (skip, take) = (tensor.range.start - at, tensor.range.len());
-            let (w, m, v) = (
-                take_mut(&mut w, skip, take),
-                take_mut(&mut m, skip, take),
-                take_mut(&mut v, skip, take),
-            );
+            let (w_here, m_here, v_here);
+            (w_here, w) = cut(w, skip, take);
+            (m_here, m) = cut(m, skip, take);
+            (v_here, v) = cut(v, skip, take);
             let here;
             (here, g) = g[skip..].split_at(take);
             at = tensor.range.end;
             let decay = if tensor.decays { adam.weight_decay } else { 0.0 };
-            let pieces = w
-                .chunks_mut(PIECE)
-                .zip(here.chunks(PIECE))
-                .zip(m.chunks_mut(PIECE).zip(v.chunks_mut(PIECE)));
+            let moments = m_here.chunks_mut(PIECE).zip(v_here.chunks_mut(PIECE));
+            let pieces = w_here.chunks_mut(PIECE).zip(here.chunks(PIECE)).zip(moments);
             jobs.extend(pieces.map(|((w, g), (m, v))| (decay, w, g, m, v)));
         }
         let queue = Mutex::new(jobs.into_iter());
@@ -286,10 +301,8 @@ impl<T: Real> Learner<T> {
     }
 }
 
-/// Splits `take` numbers off the front, after `skip`.
-fn take_mut<'a, T>(x: &mut &'a mut [T], skip: usize, take: usize) -> &'a mut [T] {
-    let (_, rest) = std::mem::take(x).split_at_mut(skip);
-    let (here, rest) = rest.split_at_mut(take);
-    *x = rest;
-    here
+/// The next `take` numbers after `skip`, and what follows them.
+fn cut<T>(x: &mut [T], skip: usize, take: usize) -> (&mut [T], &mut [T]) {
+    let (_, rest) = x.split_at_mut(skip);
+    rest.split_at_mut(take)
 }

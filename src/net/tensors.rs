@@ -48,6 +48,8 @@ pub fn serialise(
     let mut bytes = Vec::with_capacity(8 + text.len() + at);
     bytes.extend((text.len() as u64).to_le_bytes());
     bytes.extend(text);
-    tensors.values().for_each(|t| bytes.extend_from_slice(t.bytes));
+    for t in tensors.values() {
+        bytes.extend_from_slice(t.bytes);
+    }
     Ok(bytes)
 }

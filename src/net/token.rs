@@ -299,7 +299,8 @@ impl Tokeniser {
         let s = self.state();
         let Scratch { filled, goal, after, left, .. } = scratch;
         // Backwards: the next visible frame and the one after that.
-        let (mut near, mut far): (Option<(usize, f32)>, Option<(usize, f32)>) = (None, None);
+        let mut near: Option<(usize, f32)> = None;
+        let mut far: Option<(usize, f32)> = None;
         for i in (0..WINDOW).rev() {
             let at = i * s + j;
             left[at] = near.map_or(0, |(n, _)| (n - i) as u8);

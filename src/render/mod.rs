@@ -28,6 +28,7 @@ mod picture;
 mod prims;
 mod renderer;
 mod scene;
+mod shot;
 
 pub mod encode;
 
@@ -41,3 +42,4 @@ pub use model::{Stage, poses};
 pub use picture::Picture;
 pub use renderer::{Quality, RenderConfig, Renderer};
 pub use scene::{Floor, GEOMS, Geom, Pose, Scene, Shape};
+pub use shot::{CameraChoice, Motion, Overlay, Shot};

@@ -7,6 +7,7 @@ use glam::Vec3;
 use super::scene::{Floor, Geom, Pose, Scene, Shape};
 use super::{Camera, Error, Lens, Mesh, View};
 use crate::mujoco::{self, Data, Kind, Model};
+use crate::plot::palette::{self, Theme};
 use crate::robot::{self, Robot};
 
 /// Groups from this one on are for collision: not drawn unless nothing else is there.
@@ -60,6 +61,8 @@ pub struct Stage {
     scene: Scene,
     data: Data,
     robot: Arc<Robot>,
+    /// Per body: whether it moves or carries one that does.
+    subject: Vec<bool>,
 }
 
 impl Stage {
@@ -78,7 +81,8 @@ impl Stage {
                 scene.corners(&poses(&data)).iter().fold(f32::INFINITY, |low, p| low.min(p.z));
             scene.floor = Some(Floor { z: if low.is_finite() { low.min(0.0) } else { 0.0 } });
         }
-        Ok(Stage { scene, data, robot: Arc::clone(robot) })
+        let subject = subject(model);
+        Ok(Stage { scene, data, robot: Arc::clone(robot), subject })
     }
 
     /// What is drawn.
@@ -110,6 +114,23 @@ impl Stage {
         Ok(Vec3::new(at(0), at(1), at(2)))
     }
 
+    /// Position of a body at a state, metres.
+    ///
+    /// # Errors
+    /// [`Error::Robot`].
+    pub fn body(&mut self, state: &[f64], body: usize) -> Result<Vec3, Error> {
+        self.place(state)?;
+        let at = |k: usize| self.data.xpos().get(3 * body + k).copied().unwrap_or(0.0) as f32;
+        Ok(Vec3::new(at(0), at(1), at(2)))
+    }
+
+    /// Corners of what a picture of this robot is about: links that can move, and the parts
+    /// that they are hinged to. A pedestal below stays out of the reckoning.
+    pub fn moving_corners(&self, poses: &[Pose]) -> Vec<Vec3> {
+        let corners = self.scene.corners_of(poses, |g| self.subject.get(g.body) == Some(&true));
+        if corners.is_empty() { self.scene.corners(poses) } else { corners }
+    }
+
     /// Anchor and axis of every joint at the state of the last call, metres.
     pub fn joint_axes(&self) -> Vec<(Vec3, Vec3)> {
         let rows = |a: &[f64]| -> Vec<Vec3> {
@@ -135,6 +156,21 @@ impl Stage {
     pub fn tips(&self) -> Vec<usize> {
         let profile = self.robot.profile();
         profile.ik_sites.iter().filter_map(|s| self.data.model().id(Kind::Site, s)).collect()
+    }
+
+    /// The most vivid colour of the body that carries a site; a house colour for a grey one.
+    pub fn accent(&self, site: usize, index: usize) -> [f32; 3] {
+        let body = self.data.model().site_bodyid().get(site).and_then(|b| usize::try_from(*b).ok());
+        let vivid = |c: &[f32; 4]| {
+            let (low, high) = (c[0].min(c[1]).min(c[2]), c[0].max(c[1]).max(c[2]));
+            high - low
+        };
+        let own = self.scene.geoms().iter().filter(|g| Some(g.body) == body && g.rgba[3] > 0.0);
+        let best = own.map(|g| g.rgba).max_by(|a, b| vivid(a).total_cmp(&vivid(b)));
+        match best {
+            Some(c) if vivid(&c) > 0.25 => [c[0], c[1], c[2]],
+            _ => palette::unit(if index == 0 { palette::ORANGE } else { Theme::Dark.line(index) }),
+        }
     }
 
     /// Per geom how far off it is, 0 to 1: the distance between both poses, 1 at `full_m`.
@@ -185,6 +221,19 @@ impl Stage {
         self.robot.write_state(&mut self.data, state).map_err(Error::robot)?;
         self.data.kinematics().map_err(Error::simulator)
     }
+}
+
+fn subject(model: &Model) -> Vec<bool> {
+    let weld = model.body_weldid();
+    let moves = |b: usize| weld.get(b).is_some_and(|w| *w != 0);
+    let mut subject: Vec<bool> = (0..model.nbody()).map(moves).collect();
+    for (b, parent) in model.body_parentid().iter().enumerate() {
+        let Ok(parent) = usize::try_from(*parent) else { continue };
+        if moves(b) && parent != 0 {
+            subject[parent] = true;
+        }
+    }
+    subject
 }
 
 fn view_of(c: &robot::Camera) -> View {

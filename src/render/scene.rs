@@ -238,9 +238,14 @@ impl Scene {
     /// Corners of the bounding boxes of all drawn geoms at these poses: what a camera must hold.
     /// The ground is left out, it has no end.
     pub fn corners(&self, poses: &[Pose]) -> Vec<Vec3> {
+        self.corners_of(poses, |_| true)
+    }
+
+    /// The same for the geoms that `wanted` picks.
+    pub fn corners_of(&self, poses: &[Pose], wanted: impl Fn(&Geom) -> bool) -> Vec<Vec3> {
         let mut out = Vec::new();
         for (g, pose) in self.geoms.iter().zip(poses) {
-            if !g.is_visible() || !pose.is_finite() {
+            if !wanted(g) || !g.is_visible() || !pose.is_finite() {
                 continue;
             }
             let Some((centre, half)) = self.extent(g) else { continue };

@@ -13,6 +13,7 @@ mod actuation;
 mod computed_torque;
 mod error;
 mod ilqr;
+mod learned;
 mod pd;
 mod plant;
 mod policy;
@@ -29,6 +30,7 @@ mod zero;
 
 pub use error::Error;
 pub use ilqr::{Ilqr, IlqrConfig};
+pub use learned::{Learned, Linear, load, model_path, robot_card};
 pub use plant::{Belief, PlantConfig};
 pub use policy::{Policy, View};
 pub use precision::{HoldError, Precision};

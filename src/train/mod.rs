@@ -1,1 +1,18 @@
-//! Training: schedules, curriculum, the loop, resuming.
+//! Training: settings, preparation of data and linear fit, the loop, resuming.
+//!
+//! [`config`] is what a person chooses, [`prepare`] what follows from the data,
+//! [`run`] the loop. A run is a function of the data and the settings: thread count, kills
+//! and resumes change nothing in its weights.
+
+pub mod config;
+mod error;
+pub mod judge;
+pub mod prepare;
+pub mod run;
+mod source;
+#[cfg(test)]
+mod tests;
+
+pub use config::{PRESETS, TrainConfig};
+pub use error::Error;
+pub use run::{Evaluate, Evaluation, Finished, HeldOut, Options, train};

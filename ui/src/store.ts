@@ -2,75 +2,38 @@
 
 import { computed, signal } from "@preact/signals";
 import type { Clip } from "./clip";
+import type {
+  Findings, GalleryItem, History, JointTable, PolicyCard, RecentFile, RobotFacts, RolloutSettings,
+  RolloutState,
+} from "./protocol";
 import type { Group, View } from "./timeline/layout";
 import { fit } from "./timeline/layout";
-
-export interface JointInfo {
-  name: string;
-  title: string;
-  unit: "rad" | "m";
-  range: [number, number] | null;
-  speed_limit: number;
-  /** Joints that move with this one (a tendon, a mimic); sets are edited together. */
-  coupled: number[];
-}
-
-export interface RobotInfo {
-  id: string;
-  title: string;
-  joints: JointInfo[];
-  groups: Group[];
-  poses: Record<string, number[]>;
-  mirror: string | null;
-  ik_sites: string[];
-  joint_masks: boolean;
-}
-
-export interface Lint {
-  level: "error" | "warning" | "info";
-  rule: string;
-  message: string;
-  frames: [number, number] | null;
-  joints: string[];
-  mends: { title: string; op: unknown }[];
-}
-
-export interface Take {
-  id: string;
-  label: string;
-  policy: string;
-  precision: number | null;
-  pinned: boolean;
-}
 
 export interface Document {
   rev: number;
   clip: Clip;
   path: string | null;
   dirty: boolean;
-  saved: string | null;
-  history: string[];
-  /** Entries of the history that are done; the rest can be redone. */
-  done: number;
-  lints: Lint[];
-  blind: { from: number; to: number }[];
-  /** Command compiled to rows, for curves and ghosts: (length, joints), NaN where masked. */
-  command: Float32Array;
+  history: History;
+  table: JointTable;
+  restored: number;
+  findings: Findings;
 }
 
-export interface Rollout {
-  /** Of which revision. */
-  rev: number;
+export interface Frames {
+  /** Achieved states by frame. */
+  q: number[][];
+  /** Mean error by frame, null where masked. */
+  error: (number | null)[];
+}
+
+export interface Take {
+  id: number;
+  label: string;
   policy: string;
-  /** Achieved states, (frames, joints); NaN where not simulated yet. */
-  achieved: Float32Array;
-  /** Mean error by frame. */
-  errors: Float32Array;
-  cachedTo: number;
-  precision: number | null;
-  msPerFrame: number;
-  failed: string | null;
-  done: boolean;
+  mae: number | null;
+  pinned: boolean;
+  frames: Frames;
 }
 
 export type Page = "gallery" | "editor" | "runs";
@@ -78,14 +41,20 @@ export type Link = "connecting" | "open" | "lost" | "refused";
 
 export const page = signal<Page>("gallery");
 export const link = signal<Link>("connecting");
-export const robot = signal<RobotInfo | undefined>(undefined);
+export const version = signal("");
+export const folder = signal("");
+export const viser = signal(true);
+export const robot = signal<RobotFacts | undefined>(undefined);
 export const doc = signal<Document | undefined>(undefined);
-export const rollout = signal<Rollout | undefined>(undefined);
+export const gallery = signal<GalleryItem[]>([]);
+export const recent = signal<RecentFile[]>([]);
+export const settings = signal<RolloutSettings>({ policy: "", refine: false, guide: "none", seed: 0, auto: true });
+export const policies = signal<PolicyCard[]>([]);
+export const rollout = signal<RolloutState | undefined>(undefined);
+export const frames = signal<Frames>({ q: [], error: [] });
 export const takes = signal<Take[]>([]);
-export const policies = signal<{ name: string; label: string; available: boolean; why: string }[]>([]);
-export const policy = signal("");
-export const refine = signal(false);
-export const autoRollout = signal(true);
+/** The take drawn beside the current one. */
+export const compared = signal<number | undefined>(undefined);
 
 export const playhead = signal(0);
 export const playing = signal(false);
@@ -95,11 +64,13 @@ export const range = signal<{ from: number; to: number } | undefined>(undefined)
 
 export const selection = signal<ReadonlySet<number>>(new Set());
 export const joint = signal<number | undefined>(undefined);
+export const site = signal<string | undefined>(undefined);
 export const closed = signal<ReadonlySet<string>>(new Set());
+export const locked = signal<ReadonlySet<string>>(new Set());
 export const view = signal<View>(fit(200, { width: 1200, height: 300 }));
 export const autoKey = signal(true);
 /** A pose that is edited but is no key yet (auto-key off). */
-export const floating = signal<(number | null)[] | undefined>(undefined);
+export const floating = signal<number[] | undefined>(undefined);
 export const degrees = signal(localStorage.getItem("unit") !== "rad");
 export const show = signal({ command: true, achieved: true, ghosts: true });
 
@@ -107,7 +78,7 @@ export interface Toast {
   id: number;
   text: string;
   kind: "info" | "error";
-  undo?: boolean;
+  undo: boolean;
 }
 export const toasts = signal<Toast[]>([]);
 export const announcement = signal("");
@@ -118,15 +89,48 @@ export function toast(text: string, kind: Toast["kind"] = "info", undo = false):
   const id = nextToast++;
   toasts.value = [...toasts.value.slice(-3), { id, text, kind, undo }];
   announcement.value = text;
-  setTimeout(() => {
-    toasts.value = toasts.value.filter((t) => t.id !== id);
-  }, kind === "error" ? 12_000 : 5_000);
+  setTimeout(() => dismiss(id), kind === "error" ? 15_000 : 5_000);
 }
 
-export const frames = computed(() => doc.value?.clip.length ?? 0);
+export function dismiss(id: number): void {
+  toasts.value = toasts.value.filter((t) => t.id !== id);
+}
 
-/** Shown value of an angle or a length. */
+export const length = computed(() => doc.value?.clip.length ?? 0);
+export const fps = computed(() => doc.value?.clip.fps ?? 20);
+
+/** Groups with joint numbers of the clip. */
+export const groups = computed<Group[]>(() => {
+  const names = doc.value?.clip.robot.joints ?? [];
+  return (robot.value?.groups ?? [])
+    .map((g) => ({ name: g.name, title: g.title, joints: g.joints.map((j) => names.indexOf(j)).filter((j) => j >= 0) }))
+    .filter((g) => g.joints.length > 0 && g.joints.length < names.length);
+});
+
+/** Joint names without the prefix that all of them share. */
+export const titles = computed<string[]>(() => {
+  const names = doc.value?.clip.robot.joints ?? [];
+  const shared = /^[a-z]+_/.exec(names[0] ?? "")?.[0] ?? "";
+  const cut = names.length > 1 && names.every((n) => n.startsWith(shared)) ? shared.length : 0;
+  return names.map((n) => n.slice(cut));
+});
+
+/** Why there is no mirror image, or null when there is one. */
+export const noMirror = computed<string | null>(() => {
+  const mirror = doc.value?.table.mirror;
+  return !mirror ? "no clip is open" : "none" in mirror ? mirror.none : null;
+});
+
+/** A value as people read it. */
 export function shown(value: number, unit: "rad" | "m"): string {
   if (unit === "m") return `${value.toFixed(3)} m`;
   return degrees.value ? `${((value * 180) / Math.PI).toFixed(1)}°` : `${value.toFixed(3)} rad`;
 }
+
+/** An error: thousandths matter. */
+export function shownError(value: number, unit: "rad" | "m"): string {
+  if (unit === "m") return `${(value * 1000).toFixed(1)} mm`;
+  return degrees.value ? `${((value * 180) / Math.PI).toFixed(2)}°` : `${value.toFixed(4)} rad`;
+}
+
+export const unit = computed<"rad" | "m">(() => doc.value?.table.joints[0]?.unit ?? "rad");

@@ -7,7 +7,7 @@ use serde::Serialize;
 use super::super::failure::{Failure, Outcome};
 use super::super::out;
 use crate::clip::{
-    Clip, Granularity, JointTable, Level, Lint, Parsed, PoseChecker, compile, edited, lint,
+    Clip, Granularity, JointTable, Level, Lint, Parsed, PoseChecker, Rule, compile, edited, lint,
 };
 use crate::exit::Exit;
 use crate::robot::{Robot, Settler};
@@ -102,7 +102,8 @@ pub(super) fn run(a: &Check) -> Outcome {
     }
     let counted = report.errors + if a.strict { report.warnings } else { 0 };
     if counted > 0 {
-        let message = format!("{} errors, {} warnings", report.errors, report.warnings);
+        let many = |n: usize, what: &str| format!("{n} {what}{}", if n == 1 { "" } else { "s" });
+        let message = [many(report.errors, "error"), many(report.warnings, "warning")].join(", ");
         return Err(Failure::with(Exit::Threshold, message));
     }
     Ok(())
@@ -157,7 +158,7 @@ fn find(
     Ok(lint(clip, &command, table, checker))
 }
 
-/// The clip after the first mend that leaves fewer findings worth a warning.
+/// The clip after the first mend that leaves less to complain about.
 fn mend(
     a: &Check,
     clip: &Clip,
@@ -165,9 +166,15 @@ fn mend(
     table: &JointTable,
     robot: Option<&Robot>,
 ) -> Result<Option<(Clip, Vec<Lint>)>, Failure> {
+    // Too fast weighs more than blind: stretching time may open a blind span, which then
+    // gets keys; the other way round two mends would undo each other for ever.
     let weight = |lints: &[Lint]| {
-        let count = |level| lints.iter().filter(|l| l.level == level).count();
-        (count(Level::Error), count(Level::Warning))
+        let count = |is: &dyn Fn(&Lint) -> bool| lints.iter().filter(|l| is(l)).count();
+        (
+            count(&|l| l.level == Level::Error),
+            count(&|l| l.rule == Rule::JointSpeed),
+            count(&|l| l.level == Level::Warning),
+        )
     };
     let bad = lints.iter().filter(|l| l.level > Level::Info);
     for mend in bad.flat_map(|l| &l.mends) {

@@ -71,11 +71,11 @@ pub(super) fn info(a: &Info) -> Outcome {
     if a.json {
         return out::json(&facts);
     }
-    let mut t = out::table(&["what", "value"]);
-    let mut row = |what: &str, value: String| {
-        t.add_row([what.to_owned(), value]);
-    };
-    row("name", facts.name.clone());
+    let mut lines = Vec::new();
+    let mut row = |what: &str, value: String| lines.push(format!("{what:<16}{value}"));
+    if !facts.name.is_empty() {
+        row("name", facts.name.clone());
+    }
     row("robot", format!("{} ({} joints)", facts.robot, facts.joints));
     row("length", format!("{} frames, {:.2} s", facts.frames, facts.secs));
     row("keys", facts.keys.to_string());
@@ -90,7 +90,7 @@ pub(super) fn info(a: &Info) -> Outcome {
     let steps: u32 = facts.blind.iter().map(|b| b.to - b.from).sum();
     row("blind", format!("{steps} steps in {} spans", facts.blind.len()));
     row("sha256", facts.sha256.clone());
-    out::line(&t.to_string())
+    out::line(&lines.join("\n"))
 }
 
 fn names<'a>(names: impl Iterator<Item = &'a String>) -> String {

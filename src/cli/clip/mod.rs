@@ -76,9 +76,9 @@ fn stdin() -> Result<Vec<u8>, Failure> {
     Ok(bytes)
 }
 
-/// The one place that asks for a robot.
+/// The one place that asks for a robot: an id, or a folder.
 fn robot(id: &str) -> Result<Robot, Failure> {
-    Ok(Robot::builtin(id)?)
+    Ok(Robot::load(id)?)
 }
 
 /// The robot named on the command line, else the clip's own where it is known here.

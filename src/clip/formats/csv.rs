@@ -146,23 +146,31 @@ fn head(
     let mut joints = Vec::new();
     let mut columns = Vec::new();
     for (i, name) in names.iter().enumerate() {
+        // A joint may be called "time": the first such column is ours, the next the joint's.
+        let is_joint = || robot.is_some_and(|r| r.joints.iter().any(|j| j == name));
         let slot = match name {
-            "frame" => &mut head.frame,
-            "time" | "time_s" | "t" => &mut head.time,
-            "mask" => &mut head.mask,
-            _ => {
-                if joints.len() >= limits::JOINTS {
-                    let message = format!("more than {} joint columns", limits::JOINTS);
-                    return Err(ClipError::at(message, 1, i + 1));
-                }
-                joints.push(name.to_owned());
-                columns.push(i);
+            "frame" => Some(&mut head.frame),
+            "time" => Some(&mut head.time),
+            "time_s" | "t" if !is_joint() => Some(&mut head.time),
+            "mask" => Some(&mut head.mask),
+            _ => None,
+        };
+        match slot {
+            Some(slot) if slot.is_none() => {
+                *slot = Some(i);
                 continue;
             }
-        };
-        if slot.replace(i).is_some() {
-            return Err(ClipError::at(format!("column \"{name}\" comes twice"), 1, i + 1));
+            Some(_) if !is_joint() => {
+                return Err(ClipError::at(format!("column \"{name}\" comes twice"), 1, i + 1));
+            }
+            _ => {}
         }
+        if joints.len() >= limits::JOINTS {
+            let message = format!("more than {} joint columns", limits::JOINTS);
+            return Err(ClipError::at(message, 1, i + 1));
+        }
+        joints.push(name.to_owned());
+        columns.push(i);
     }
     if joints.is_empty() {
         return Err(ClipError::at("the header names no joint", 1, 1));

@@ -6,18 +6,40 @@ use roxmltree::Node;
 
 use super::ImportConfig;
 use super::draft::Draft;
-use crate::mujoco::{Kind, Model, Transmission};
+use crate::mujoco::{Joint, Kind, Model, Transmission};
 use crate::robot::derive::{ctrlrange, is_motor, state_joints};
 use crate::robot::text::{Edits, escape};
 use crate::robot::{Assets, Error, preparse, text};
 
-/// Refuses joints that the state cannot hold.
+/// Takes away joints that only a default class makes free, if asked to; refuses what the
+/// state cannot hold. Gives whether anything was taken.
 pub(super) fn joints(
-    _draft: &mut Draft,
+    draft: &mut Draft,
     model: &Model,
     project: &preparse::Project,
-) -> Result<(), Error> {
-    state_joints(model, &project.path).map(drop)
+    config: &ImportConfig,
+) -> Result<bool, Error> {
+    let free: Vec<&str> = (0..model.jnt_type().len())
+        .filter(|j| model.joint_type(*j) == Some(Joint::Free))
+        .filter_map(|j| model.name(Kind::Joint, j))
+        .collect();
+    if free.is_empty() || !config.fixed_base {
+        state_joints(model, &project.path)?;
+        return Ok(false);
+    }
+    let doc = preparse::parse(&draft.xml, &project.path)?;
+    let mut edits = Edits::default();
+    for node in doc.descendants().filter(Node::is_element) {
+        let named = node.attribute("name").is_some_and(|n| free.contains(&n));
+        let in_body = node.parent().is_some_and(|p| p.has_tag_name("body"));
+        if node.has_tag_name("keyframe") || (node.has_tag_name("joint") && named && in_body) {
+            edits.replace(node.range(), "");
+        }
+    }
+    let xml = edits.apply(&draft.xml);
+    draft.xml = xml;
+    draft.changed.push(format!("joints no longer float, held where they are: {}", free.join(", ")));
+    Ok(true)
 }
 
 /// A motor to write.
@@ -105,13 +127,13 @@ fn motor(draft: &mut Draft, model: &Model, a: usize, config: &ImportConfig) -> O
     let called = model.name(Kind::Actuator, a);
     let (attribute, target) = match model.transmission(a) {
         Some(Transmission::Joint(j)) => ("joint", model.name(Kind::Joint, j)?.to_owned()),
-        Some(Transmission::Tendon(t)) => match model.name(Kind::Tendon, t) {
-            Some(n) => ("tendon", n.to_owned()),
-            None => {
+        Some(Transmission::Tendon(t)) => {
+            let Some(name) = model.name(Kind::Tendon, t) else {
                 draft.dropped.push(format!("actuator {a}: its tendon has no name"));
                 return None;
-            }
-        },
+            };
+            ("tendon", name.to_owned())
+        }
         _ => {
             let name =
                 called.map_or_else(|| format!("actuator {a}"), |n| format!("actuator \"{n}\""));
@@ -169,14 +191,14 @@ fn without_actuators(draft: &mut Draft, config: &ImportConfig) -> Result<String,
 }
 
 /// Whether the model weighs the same without its visual geoms, body by body, bit by bit.
-pub(super) fn weightless_visuals(xml: &str, assets: &Assets, full: &Model) -> Result<bool, Error> {
-    let Ok(bare) = text::discard_visual(xml) else { return Ok(false) };
-    let Ok(bare) = crate::robot::compile(&bare, assets) else { return Ok(false) };
-    Ok(bare.nq() == full.nq()
+pub(super) fn weightless_visuals(xml: &str, assets: &Assets, full: &Model) -> bool {
+    let Ok(bare) = text::discard_visual(xml) else { return false };
+    let Ok(bare) = crate::robot::compile(&bare, assets) else { return false };
+    bare.nq() == full.nq()
         && bare.nu() == full.nu()
         && bare.body_mass() == full.body_mass()
         && bare.body_inertia() == full.body_inertia()
         && bare.body_ipos() == full.body_ipos()
         && bare.body_pos() == full.body_pos()
-        && bare.ngeom() < full.ngeom())
+        && bare.ngeom() < full.ngeom()
 }

@@ -47,6 +47,10 @@ const UNKNOWN: &[(&str, &str)] = &[
     ("general", "actdim"),
     ("general", "actearly"),
     ("position", "actearly"),
+    ("position", "dampratio"),
+    ("position", "inheritrange"),
+    ("position", "kv"),
+    ("position", "timeconst"),
 ];
 
 /// Sections that the simulation of a robot does without.
@@ -90,7 +94,7 @@ pub(super) fn draft(project: &preparse::Project, config: &ImportConfig) -> Resul
             draft.dropped.push("keyframes: they count the coordinates that were taken away".into());
         }
     }
-    let limits = autolimits(&doc, &mut draft);
+    let limits = autolimits(&doc);
     draft.xml = edits.apply(&project.xml);
     drop(doc);
     draft.changed.push(
@@ -172,7 +176,7 @@ fn stem(written: &str) -> String {
 fn names(doc: &Document<'_>, draft: &mut Draft, edits: &mut Edits) {
     let taken: BTreeSet<&str> = doc.descendants().filter_map(|n| n.attribute("name")).collect();
     let in_world = |n: &Node<'_, '_>| n.ancestors().any(|a| a.has_tag_name("worldbody"));
-    let mut fresh = |stem: &str, n: &mut usize| loop {
+    let fresh = |stem: &str, n: &mut usize| loop {
         let name = format!("{stem}_{n}");
         *n += 1;
         if !taken.contains(name.as_str()) {
@@ -207,8 +211,9 @@ fn free_base(
     edits: &mut Edits,
 ) -> Result<bool, Error> {
     let free = |n: &Node<'_, '_>| {
-        n.has_tag_name("freejoint")
-            || (n.has_tag_name("joint") && n.attribute("type") == Some("free"))
+        let says = n.has_tag_name("freejoint")
+            || (n.has_tag_name("joint") && n.attribute("type") == Some("free"));
+        says && n.parent().is_some_and(|p| p.has_tag_name("body"))
     };
     let mut any = false;
     for node in doc.descendants().filter(free) {
@@ -261,20 +266,10 @@ fn weld(
     Ok(())
 }
 
-/// Files for later versions rely on limits that follow from ranges; older ones say both.
-fn autolimits(doc: &Document<'_>, draft: &mut Draft) -> &'static str {
-    let says = |tags: &[&str], attribute: &str| {
-        doc.descendants().any(|n| tags.contains(&n.tag_name().name()) && n.has_attribute(attribute))
-    };
-    let parts = ["joint", "tendon", "fixed", "spatial", "general", "motor", "position", "velocity"];
-    let explicit = says(&parts, "limited")
-        || says(&parts, "ctrllimited")
-        || says(&parts, "forcelimited")
-        || says(&["compiler"], "autolimits");
-    let ranges = says(&parts, "range") || says(&parts, "ctrlrange");
-    if explicit || !ranges {
-        return "";
-    }
-    draft.assumed.push("a range means a limit (autolimits), as in later MuJoCo versions".into());
-    " autolimits=\"true\""
+/// Later versions take a range for a limit; 2.2.2 refuses a range without the word
+/// "limited", so that this changes no model that it accepts.
+fn autolimits(doc: &Document<'_>) -> &'static str {
+    let said =
+        doc.descendants().any(|n| n.has_tag_name("compiler") && n.has_attribute("autolimits"));
+    if said { "" } else { " autolimits=\"true\"" }
 }

@@ -147,11 +147,15 @@ fn settle_draft(
     config: &ImportConfig,
     dir: &Path,
 ) -> Result<(Arc<Model>, String), Error> {
+    // Errors of the draft carry its own path; the user knows another.
     let say = |e: Error| named(e, &dir.join(MODEL_FILE), project);
     write_model(dir, &draft.xml, &draft.assets)?;
     check::compile(&dir.join(MODEL_FILE), &config.checker, 0).map_err(say)?;
-    let first = compile(&draft.xml, &draft.assets).map_err(say)?;
-    mend::joints(draft, &first, project)?;
+    let mut first = compile(&draft.xml, &draft.assets).map_err(say)?;
+    if mend::joints(draft, &first, project, config)? {
+        first = compile(&draft.xml, &draft.assets).map_err(say)?;
+        mend::joints(draft, &first, project, config)?;
+    }
     mend::actuators(draft, &first, config)?;
     let second = compile(&draft.xml, &draft.assets).map_err(say)?;
     contacts::exclude(draft, &second, project)?;
@@ -207,7 +211,7 @@ fn describe(
             j.speed_limit = *v;
         }
     }
-    p.physics.discard_visual = mend::weightless_visuals(&draft.xml, &draft.assets, model)?;
+    p.physics.discard_visual = mend::weightless_visuals(&draft.xml, &draft.assets, model);
     let text = p.to_toml()?;
     Ok(format!(
         "# Made by robert import. Whatever the model implies may be left out again.\n{text}"

@@ -1,7 +1,7 @@
 //! Writes the task clips: formulas and pose tables in, documents out.
 
 use super::{hand, pointmass, ur5e};
-use crate::clip::{Clip, Fill, Goal, Key, RobotRef};
+use crate::clip::{Clip, Fill, Key, RobotRef};
 use crate::robot::{Error, Robot};
 use crate::units::CTRL_DT;
 
@@ -91,32 +91,23 @@ pub(super) fn middles(clip: &Clip, title: &str, notes: &str) -> Clip {
     sparse
 }
 
-/// Straight lines through corners at even speed: corner `i` at `i * secs / n`.
-pub(super) fn polygon(
+/// Straight lines through points at even speed.
+pub(super) fn polyline(
     robot: &Robot,
     title: &str,
     notes: &str,
-    secs: f64,
-    corners: &[[f64; 2]],
+    points: &[[f64; 2]],
     frames: u32,
 ) -> Clip {
     let mut clip = blank(robot, title, notes, frames);
     clip.fill = Fill::Linear;
-    let leg = secs / corners.len() as f64 / CTRL_DT;
-    let mut at = 0;
-    loop {
-        let frame = (f64::from(at) * leg).round() as u32;
-        let corner = corners[at as usize % corners.len()];
-        if frame >= frames {
-            // The last key is where the motion stands when the clip ends.
-            let before = corners[(at as usize + corners.len() - 1) % corners.len()];
-            let start = (f64::from(at.max(1) - 1) * leg).round();
-            let share = (f64::from(frames) - start) / (f64::from(frame) - start).max(1.0);
-            let q = [0, 1].map(|k| before[k] + (corner[k] - before[k]) * share);
-            clip.keys.push(Key::new(frames, &q));
-            return clip;
-        }
-        clip.keys.push(Key::with(frame, Goal::Q(corner.iter().map(|v| Some(*v)).collect())));
-        at += 1;
+    let leg = |w: &[[f64; 2]]| (w[1][0] - w[0][0]).hypot(w[1][1] - w[0][1]);
+    let total: f64 = points.windows(2).map(leg).sum();
+    let mut way = 0.0;
+    clip.keys.extend(points.first().map(|p| Key::new(0, p)));
+    for w in points.windows(2) {
+        way += leg(w);
+        clip.keys.push(Key::new((way / total * f64::from(frames)).round() as u32, &w[1]));
     }
+    clip
 }

@@ -28,8 +28,8 @@ export interface Scene {
   selectedJoint: number | undefined;
   blind: Span[];
   lints: { frame: number; level: "error" | "warning" }[];
-  /** Mean error by frame, NaN where masked or not simulated. */
-  errors: Float32Array;
+  /** Mean error by frame, null where masked. */
+  errors: (number | null)[];
   /** Error that fills the strip, rad or m. */
   errorTop: number;
   cachedTo: number;
@@ -281,7 +281,7 @@ function strip(ctx: Ctx, s: Scene): void {
   const wide = Math.max(1, view.zoom);
   for (let f = Math.max(0, Math.floor(view.left)); f < s.errors.length; f++) {
     const e = s.errors[f];
-    if (e === undefined || Number.isNaN(e)) continue;
+    if (e === undefined || e === null) continue;
     const share = Math.min(1, e / s.errorTop);
     const h = 2 + share * (STRIP - 5);
     ctx.globalAlpha = 0.35 + 0.65 * share;

@@ -108,23 +108,23 @@ export function Timeline(props: { onMenu: (menu: Menu) => void; onOpenKey: (fram
         playhead: store.playhead.value,
         selection: store.selection.value,
         selectedJoint: store.joint.value,
-        blind: d.blind,
-        lints: d.lints.flatMap((l) => (l.frames && l.level !== "info" ? [{ frame: l.frames[0], level: l.level }] : [])),
-        errors: take?.errors ?? new Float32Array(),
+        blind: d.findings.blind,
+        lints: d.findings.lints.flatMap((l) => (l.frames && l.level !== "info" ? [{ frame: l.frames[0], level: l.level }] : [])),
+        errors: store.frames.value.error,
         errorTop: ERROR_TOP,
-        cachedTo: take?.cachedTo ?? 0,
+        cachedTo: take?.cached_to ?? 0,
         loop: store.range.value,
         dragged: dragged.value,
         boxSelect: box.value,
-        names: (j) => store.robot.value?.joints[j]?.title ?? d.clip.robot.joints[j] ?? "",
-        stale: take ? take.rev !== d.rev : false,
+        names: (j) => store.titles.value[j] ?? "",
+        stale: take ? take.rev !== d.rev && take.rev !== 0 : false,
         focusRow: row.value,
         focused: focused.value,
       };
     };
     // Any signal that the scene reads asks for a new frame; one frame serves them all.
     const dispose = effect(() => {
-      void [store.doc.value, store.rollout.value, store.view.value, store.playhead.value,
+      void [store.doc.value, store.rollout.value, store.frames.value, store.groups.value, store.view.value, store.playhead.value,
         store.selection.value, store.joint.value, store.closed.value, store.range.value,
         size.value, dragged.value, box.value, focused.value, row.value, store.robot.value];
       if (!queued) {
@@ -165,7 +165,7 @@ export function Timeline(props: { onMenu: (menu: Menu) => void; onOpenKey: (fram
   return (
     <div
       class="sheet" ref={host} tabIndex={0} role="grid" data-testid="timeline"
-      aria-label="Timeline" aria-rowcount={list.length} aria-colcount={store.frames.value}
+      aria-label="Timeline" aria-rowcount={list.length} aria-colcount={store.length.value}
       aria-activedescendant="sheet-cell"
       onKeyDown={onKey} onFocus={() => (focused.value = true)} onBlur={() => (focused.value = false)}
     >
@@ -188,7 +188,7 @@ export function Timeline(props: { onMenu: (menu: Menu) => void; onOpenKey: (fram
 
 function rows(): RowKind[] {
   const d = store.doc.value;
-  return d ? rowsOf(d.clip, store.robot.value?.groups ?? [], store.closed.value) : [];
+  return d ? rowsOf(d.clip, store.groups.value, store.closed.value) : [];
 }
 
 function toggleGroup(name: string): void {
@@ -201,14 +201,14 @@ function rowName(row: RowKind | undefined): string {
   if (!row) return "";
   if (row.kind === "all") return "All joints";
   if (row.kind === "group") return row.group.title;
-  return store.robot.value?.joints[row.joint]?.title ?? `joint ${row.joint + 1}`;
+  return store.titles.value[row.joint] ?? `joint ${row.joint + 1}`;
 }
 
 /** "Index J3, frame 55, key, 12.3°": what is at a cell, in words. */
 export function describe(d: store.Document, row: RowKind | undefined, frame: number): string {
   const name = rowName(row);
   const key = keyAt(d.clip, frame);
-  const unit = row?.kind === "joint" ? (store.robot.value?.joints[row.joint]?.unit ?? "rad") : undefined;
+  const unit = row?.kind === "joint" ? (store.doc.value?.table.joints[row.joint]?.unit ?? "rad") : undefined;
   if (key) {
     const value = row?.kind === "joint" ? values(d.clip, key)[row.joint] : undefined;
     const says = row?.kind !== "joint" ? (key.pose ?? "") : value === null || value === undefined ? "no goal" : store.shown(value, unit ?? "rad");

@@ -1,0 +1,111 @@
+//! What `bench train` and `bench infer` share: sizes, floating-point work, peak, clocks.
+
+use crate::cli::failure::{Failure, Outcome};
+use crate::net::mat::{Init, Mat, MatMut, gemm};
+use crate::net::real::Aligned;
+use crate::net::step::on_threads;
+use crate::net::{NetConfig, SkipKind, WINDOW};
+
+/// Features of a token in the benchmark.
+const INPUTS: usize = 64;
+/// Actuators in the benchmark.
+const ACTIONS: usize = 6;
+
+/// A benchmark size.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub(super) enum Size {
+    /// 4 layers of 128.
+    S,
+    /// 6 layers of 256.
+    M,
+    /// 6 layers of 768, the paper's.
+    L,
+}
+
+impl Size {
+    pub(super) const ALL: [Size; 3] = [Size::S, Size::M, Size::L];
+
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Size::S => "S",
+            Size::M => "M",
+            Size::L => "L",
+        }
+    }
+
+    /// Windows in a training step.
+    pub(super) fn batch(self) -> usize {
+        if self == Size::L { 16 } else { 256 }
+    }
+
+    pub(super) fn config(self) -> NetConfig {
+        let (layers, width, heads) = match self {
+            Size::S => (4, 128, 4),
+            Size::M => (6, 256, 8),
+            Size::L => (6, 768, 6),
+        };
+        NetConfig {
+            layers,
+            width,
+            heads,
+            inputs: INPUTS,
+            actions: ACTIONS,
+            bins: 1,
+            offset_weight: 10.0,
+            mask_replaces: false,
+            skip: SkipKind::Off,
+        }
+    }
+
+    /// Operations of a forward pass of one window: products and attention.
+    pub(super) fn forward_flop(self) -> f64 {
+        let cfg = self.config();
+        let (d, n, t) = (cfg.width as f64, cfg.layers as f64, WINDOW as f64);
+        24.0 * d * d * n * t + 4.0 * t * t * d * n
+    }
+}
+
+/// Refuses thread counts that cannot be meant.
+pub(super) fn check_threads(threads: usize) -> Outcome {
+    if (1..=256).contains(&threads) {
+        return Ok(());
+    }
+    Err(Failure::usage("--threads takes 1 to 256"))
+}
+
+/// Processor time of the whole process, s, in ticks of 10 ms; wall time where the kernel
+/// does not tell.
+pub(super) fn process_cpu() -> f64 {
+    let text = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
+    // The name may hold spaces; fields are counted after its closing bracket.
+    let fields: Vec<&str> = text.rsplit(')').next().unwrap_or_default().split(' ').collect();
+    let ticks = |i: usize| fields.get(i).and_then(|f| f.parse::<f64>().ok());
+    match (ticks(12), ticks(13)) {
+        (Some(user), Some(system)) => (user + system) * 0.01,
+        _ => super::clock::thread_cpu().as_secs_f64(),
+    }
+}
+
+/// Best rate of large products, floating-point operations a second of processor time and
+/// of wall time, all threads together. Takes about `secs`.
+pub(super) fn peak(threads: usize, secs: f64) -> (f64, f64) {
+    let mut best = (0.0_f64, 0.0_f64);
+    for (m, k, n) in [(816, 512, 768), (768, 768, 768)] {
+        let flop = 2.0 * (m * k * n) as f64;
+        let rounds = (secs / 2.0 * 2e11 / flop).ceil() as usize;
+        let (cpu, wall) = (process_cpu(), std::time::Instant::now());
+        on_threads(threads, |_| {
+            let (a, b) = (Aligned::<f32>::zeros(m * k), Aligned::<f32>::zeros(k * n));
+            let mut c = Aligned::<f32>::zeros(m * n);
+            for _ in 0..rounds {
+                let out = MatMut::new(&mut c, m, n);
+                gemm(out, Init::Zero, Mat::new(&a, m, k), Mat::new(&b, k, n));
+            }
+            std::hint::black_box(&c);
+        });
+        let work = flop * (rounds * threads) as f64;
+        best.0 = best.0.max(work / (process_cpu() - cpu).max(1e-9) * threads as f64);
+        best.1 = best.1.max(work / wall.elapsed().as_secs_f64().max(1e-9));
+    }
+    best
+}

@@ -1,0 +1,130 @@
+//! `robert bench infer`: one action at batch 1, features and linear skip included.
+
+use serde::Serialize;
+
+use super::clock::{median, thread_cpu};
+use super::engine::{Size, peak};
+use crate::cli::failure::{Failure, Outcome};
+use crate::cli::out;
+use crate::net::token::RIDGE_HEADS;
+use crate::net::{
+    CURRENT, Encoder, Facts, JointFacts, Net, NetConfig, Normaliser, Policy, PolicyConfig, Ridge,
+    SkipKind, TokenConfig, Tokeniser, WINDOW,
+};
+
+#[derive(clap::Args, Debug)]
+#[command(after_help = "Example:\n  robert bench infer --json")]
+pub(super) struct Args {
+    /// Sizes: S (4 layers of 128), M (6 of 256), L (6 of 768).
+    #[arg(long, value_delimiter = ',', ignore_case = true)]
+    size: Vec<Size>,
+    /// Seconds for each size.
+    #[arg(long, default_value_t = 4.0)]
+    secs: f64,
+    /// Print one JSON document.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Serialize)]
+struct Report {
+    peak_gflops: f64,
+    sizes: Vec<Row>,
+}
+
+#[derive(Serialize)]
+struct Row {
+    size: &'static str,
+    batch: usize,
+    threads: usize,
+    /// Median processor time of one action.
+    ms: f64,
+    /// Of that, features and linear answer.
+    encode_ms: f64,
+    gflops: f64,
+    fraction_of_peak: f64,
+}
+
+pub(super) fn run(args: &Args) -> Outcome {
+    if !(0.1..=600.0).contains(&args.secs) {
+        return Err(Failure::usage("--secs takes 0.1 to 600"));
+    }
+    let sizes = if args.size.is_empty() { Size::ALL.to_vec() } else { args.size.clone() };
+    let peak = peak(1, 1.0).0;
+    let rows: Vec<Row> =
+        sizes.into_iter().map(|s| measure(s, args.secs, peak)).collect::<Outcome<_>>()?;
+    let report = Report { peak_gflops: peak / 1e9, sizes: rows };
+    if args.json {
+        return out::json(&report);
+    }
+    let mut table = out::table(&["size", "ms/action", "of it features", "GFLOP/s", "of peak"]);
+    for r in &report.sizes {
+        table.add_row([
+            r.size.to_owned(),
+            format!("{:.3}", r.ms),
+            format!("{:.3}", r.encode_ms),
+            format!("{:.0}", r.gflops),
+            format!("{:.0} %", 100.0 * r.fraction_of_peak),
+        ]);
+    }
+    out::line(&table.to_string())
+}
+
+fn measure(size: Size, secs: f64, peak: f64) -> Outcome<Row> {
+    let actions = size.config().actions;
+    let joint = JointFacts { hinge: true, range: Some([-3.0, 3.0]) };
+    let facts = Facts { joints: vec![joint; actions], actions };
+    let one = |x: f64| vec![x; actions];
+    let norm = Normaliser { mean: one(0.0), std: one(1.0), std_d1: one(0.1), std_d2: one(0.1) };
+    let tokens = Tokeniser::new(TokenConfig::for_robot(&facts), facts, &norm)?;
+    let inputs = tokens.ridge_inputs();
+    let ridge = Ridge::new(inputs, actions, vec![0.01; RIDGE_HEADS * inputs * actions])?;
+    let encoder = Encoder::new(tokens, Some(ridge))?;
+    let skip = SkipKind::Gated;
+    let cfg = NetConfig { inputs: encoder.inputs(), skip, ..size.config() };
+    let mut batch = crate::net::Batch::<f32>::zeros(&cfg, 1);
+    let net = Net::init(cfg, None, 1)?;
+    let mut policy = Policy::new(net, encoder, PolicyConfig::default())?;
+
+    let q: Vec<f32> = (0..WINDOW * actions).map(|i| (i as f32 * 0.01).sin()).collect();
+    let mut visible = vec![true; q.len()];
+    visible[(CURRENT + 1) * actions..(CURRENT + 15) * actions].fill(false);
+    let mut scratch = policy.encoder().scratch();
+    let (mut all, mut encode) = (vec![], vec![]);
+    let begin = std::time::Instant::now();
+    let mut step = 0;
+    while begin.elapsed().as_secs_f64() < secs || all.len() < 5 {
+        // The kernel's figure is coarse below a few microseconds: ten actions at a time.
+        let t0 = thread_cpu();
+        for _ in 0..10 {
+            std::hint::black_box(policy.act(&q, &visible, step));
+            step += 1;
+        }
+        let t1 = thread_cpu();
+        for _ in 0..10 {
+            policy.encoder().encode(&q, &visible, &mut scratch, &mut batch, 0);
+        }
+        let t2 = thread_cpu();
+        all.push((t1 - t0).as_secs_f64() / 10.0);
+        encode.push((t2 - t1).as_secs_f64() / 10.0);
+    }
+    let seconds = median(&mut all);
+    let rate = used_flop(size) / seconds.max(1e-9);
+    Ok(Row {
+        size: size.name(),
+        batch: 1,
+        threads: 1,
+        ms: 1e3 * seconds,
+        encode_ms: 1e3 * median(&mut encode),
+        gflops: rate / 1e9,
+        fraction_of_peak: rate / peak.max(1.0),
+    })
+}
+
+/// Operations that one action needs: all of every layer but the last, of which only keys
+/// and values of all tokens.
+fn used_flop(size: Size) -> f64 {
+    let cfg = size.config();
+    let (d, n, t) = (cfg.width as f64, cfg.layers as f64, WINDOW as f64);
+    size.forward_flop() * (n - 1.0) / n + 4.0 * d * d * t + 20.0 * d * d
+}

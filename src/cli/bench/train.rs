@@ -1,0 +1,128 @@
+//! `robert bench train`: windows a second, and how near that is to the machine's peak.
+
+use std::time::Instant;
+
+use serde::Serialize;
+
+use super::clock::median;
+use super::engine::{Size, check_threads, peak, process_cpu};
+use crate::cli::failure::Outcome;
+use crate::cli::out;
+use crate::net::{AdamConfig, Batch, Learner, Net, WINDOW};
+
+#[derive(clap::Args, Debug)]
+#[command(
+    after_help = "Example:\n  robert bench train --json\n\nAgainst PyTorch, in turns: python benches/peers/compare.py"
+)]
+pub(super) struct Args {
+    /// Sizes: S (4 layers of 128), M (6 of 256), L (6 of 768).
+    #[arg(long, value_delimiter = ',', ignore_case = true)]
+    size: Vec<Size>,
+    /// Windows in a step; 256, or 16 at L.
+    #[arg(long)]
+    batch: Option<usize>,
+    /// Threads.
+    #[arg(long, default_value_t = 2)]
+    threads: usize,
+    /// Seconds for each size.
+    #[arg(long, default_value_t = 10.0)]
+    secs: f64,
+    /// Print one JSON document.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Serialize)]
+struct Report {
+    /// Rate of large products on all threads.
+    peak_gflops: f64,
+    sizes: Vec<Row>,
+}
+
+#[derive(Serialize)]
+struct Row {
+    size: &'static str,
+    batch: usize,
+    threads: usize,
+    windows_per_sec: f64,
+    gflops: f64,
+    /// Operations per second of processor time, over the peak measured the same way in
+    /// turns with the steps.
+    fraction_of_peak: f64,
+    cpu_ms_per_step: f64,
+    wall_ms_per_step: f64,
+}
+
+pub(super) fn run(args: &Args) -> Outcome {
+    check_threads(args.threads)?;
+    let sizes = if args.size.is_empty() { Size::ALL.to_vec() } else { args.size.clone() };
+    let (mut rows, mut peaks) = (Vec::new(), Vec::new());
+    for size in sizes {
+        let batch = args.batch.unwrap_or(size.batch()).clamp(1, 1 << 16);
+        let (row, mut found) = measure(size, batch, args.threads, args.secs)?;
+        rows.push(row);
+        peaks.append(&mut found);
+    }
+    let report = Report { peak_gflops: median(&mut peaks) / 1e9, sizes: rows };
+    if args.json {
+        return out::json(&report);
+    }
+    let mut table =
+        out::table(&["size", "batch", "threads", "windows/s", "GFLOP/s", "of peak", "ms/step"]);
+    for r in &report.sizes {
+        table.add_row([
+            r.size.to_owned(),
+            r.batch.to_string(),
+            r.threads.to_string(),
+            format!("{:.0}", r.windows_per_sec),
+            format!("{:.0}", r.gflops),
+            format!("{:.0} %", 100.0 * r.fraction_of_peak),
+            format!("{:.1}", r.wall_ms_per_step),
+        ]);
+    }
+    out::line(&table.to_string())?;
+    out::line(&format!("peak {:.0} GFLOP/s", report.peak_gflops))
+}
+
+/// Steps and products in turns, so that a busy or a throttled machine slows both.
+fn measure(size: Size, batch: usize, threads: usize, secs: f64) -> Outcome<(Row, Vec<f64>)> {
+    let net = Net::<f32>::init(size.config(), None, 1)?;
+    let mut learner = Learner::new(net, AdamConfig::default(), batch, threads);
+    let tokens = WINDOW * size.config().inputs;
+    let fill = |w: usize, slot: usize, to: &mut Batch<f32>| {
+        for (i, x) in to.tokens[slot * tokens..(slot + 1) * tokens].iter_mut().enumerate() {
+            *x = ((w * 7919 + i * 31) % 1000) as f32 * 0.002 - 1.0;
+        }
+    };
+    learner.step(1e-4, &fill);
+    let begin = Instant::now();
+    learner.step(1e-4, &fill);
+    let per_turn = (0.8 / begin.elapsed().as_secs_f64()).ceil().clamp(1.0, 1000.0) as usize;
+    let (mut cpu, mut wall, mut ratios, mut peaks) = (vec![], vec![], vec![], vec![]);
+    let flop = 3.0 * size.forward_flop() * batch as f64;
+    let begin = Instant::now();
+    while begin.elapsed().as_secs_f64() < secs || cpu.len() < 3 {
+        let (peak_cpu, peak_wall) = peak(threads, 0.5);
+        let (cpu0, wall0) = (process_cpu(), Instant::now());
+        for _ in 0..per_turn {
+            learner.step(1e-4, &fill);
+        }
+        let spent = ((process_cpu() - cpu0) / per_turn as f64).max(1e-9);
+        cpu.push(spent);
+        wall.push(wall0.elapsed().as_secs_f64() / per_turn as f64);
+        ratios.push(flop / spent * threads as f64 / peak_cpu.max(1.0));
+        peaks.push(peak_wall);
+    }
+    let (cpu, wall) = (median(&mut cpu), median(&mut wall));
+    let row = Row {
+        size: size.name(),
+        batch,
+        threads,
+        windows_per_sec: batch as f64 / wall,
+        gflops: flop / wall / 1e9,
+        fraction_of_peak: median(&mut ratios),
+        cpu_ms_per_step: 1e3 * cpu,
+        wall_ms_per_step: 1e3 * wall,
+    };
+    Ok((row, peaks))
+}

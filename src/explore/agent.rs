@@ -1,0 +1,516 @@
+//! Training of one curious agent: environments, replay, curiosity, DDPG, checkpoints.
+//!
+//! One iteration steps all environments once, then takes the updates that are due. Nothing
+//! in it depends on how many threads step the environments. At every snapshot all episodes
+//! end, so a checkpoint needs no simulator state: going on from it and never having stopped
+//! are the same run.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+
+use super::aps::{self, Aps, SKILL, SKILL_STEPS};
+use super::apt::Apt;
+use super::batch::Batch;
+use super::ddpg::Ddpg;
+use super::env::{Env, Step};
+use super::error::Error;
+use super::fill::describe;
+use super::icm::Icm;
+use super::mlp::Tape;
+use super::policy::{Snapshot, SnapshotHeader, sampled};
+use super::preset::Preset;
+use super::proto::Proto;
+use super::replay::{Replay, Scale};
+use super::rnd::Rnd;
+use super::state::{Field, Keep};
+use crate::dataset::Coverage;
+use crate::rng::{Rng, Stream, draw};
+use crate::robot::Robot;
+
+/// Lengths of training episodes, frames.
+const EPISODE_FRAMES: [u64; 2] = [200, 500];
+
+/// Who collects.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum AgentKind {
+    /// Random network distillation.
+    Rnd,
+    /// Intrinsic curiosity module.
+    Icm,
+    /// Active pre-training (particle entropy).
+    Apt,
+    /// Active pre-training with successor features.
+    Aps,
+    /// Prototypical representations.
+    Proto,
+    /// Smooth noise, no learning.
+    Noise,
+    /// Uniform random torque, no learning: the naive baseline.
+    Uniform,
+}
+
+impl AgentKind {
+    /// All, in the order in which they are listed everywhere.
+    pub const ALL: [AgentKind; 7] = [
+        AgentKind::Rnd,
+        AgentKind::Icm,
+        AgentKind::Apt,
+        AgentKind::Aps,
+        AgentKind::Proto,
+        AgentKind::Noise,
+        AgentKind::Uniform,
+    ];
+
+    /// Name on the command line and in manifests.
+    pub fn name(self) -> &'static str {
+        match self {
+            AgentKind::Rnd => "rnd",
+            AgentKind::Icm => "icm",
+            AgentKind::Apt => "apt",
+            AgentKind::Aps => "aps",
+            AgentKind::Proto => "proto",
+            AgentKind::Noise => "noise",
+            AgentKind::Uniform => "uniform",
+        }
+    }
+
+    /// Whether it learns before it collects.
+    pub fn learns(self) -> bool {
+        !matches!(self, AgentKind::Noise | AgentKind::Uniform)
+    }
+}
+
+impl std::str::FromStr for AgentKind {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<Self, Error> {
+        Self::ALL.into_iter().find(|k| k.name() == name).ok_or_else(|| Error::Argument {
+            name: "agent",
+            must: Self::ALL.map(AgentKind::name).join(", "),
+            got: name.to_owned(),
+        })
+    }
+}
+
+/// The intrinsic reward of an agent.
+#[derive(Clone, Debug)]
+enum Curiosity {
+    Rnd(Rnd<f32>),
+    Icm(Icm<f32>),
+    Apt(Box<Apt<f32>>),
+    Aps(Box<Aps<f32>>),
+    Proto(Box<Proto<f32>>),
+}
+
+impl Curiosity {
+    fn new(kind: AgentKind, obs: usize, act: usize, h: usize, seed: u64) -> Option<Self> {
+        Some(match kind {
+            AgentKind::Rnd => Curiosity::Rnd(Rnd::new(obs, h, seed)),
+            AgentKind::Icm => Curiosity::Icm(Icm::new(obs, act, h, seed)),
+            AgentKind::Apt => Curiosity::Apt(Box::new(Apt::new(obs, act, h, seed))),
+            AgentKind::Aps => Curiosity::Aps(Box::new(Aps::new(obs, h, seed))),
+            AgentKind::Proto => Curiosity::Proto(Box::new(Proto::new(obs, seed))),
+            AgentKind::Noise | AgentKind::Uniform => return None,
+        })
+    }
+
+    /// One step of the module, then the reward of the same batch.
+    fn update(
+        &mut self,
+        b: &Batch<f32>,
+        lr: f64,
+        seed: u64,
+        index: u64,
+        out: &mut Vec<f32>,
+    ) -> f64 {
+        match self {
+            Curiosity::Rnd(m) => {
+                let loss = m.update(b, lr);
+                m.reward(b, out);
+                loss
+            }
+            Curiosity::Icm(m) => {
+                let loss = m.update(b, lr);
+                m.reward(b, out);
+                loss
+            }
+            Curiosity::Apt(m) => {
+                let loss = m.update(b, lr);
+                m.reward(b, out);
+                loss
+            }
+            Curiosity::Aps(m) => {
+                let loss = m.update(b, lr);
+                m.reward(b, out);
+                loss
+            }
+            Curiosity::Proto(m) => {
+                let loss = m.update(b, lr);
+                m.reward(b, seed, index, out);
+                loss
+            }
+        }
+    }
+
+    fn keep(&mut self, visit: &mut dyn FnMut(&str, Field<'_, f32>)) {
+        match self {
+            Curiosity::Rnd(m) => m.keep(visit),
+            Curiosity::Icm(m) => m.keep(visit),
+            Curiosity::Apt(m) => m.keep(visit),
+            Curiosity::Aps(m) => m.keep(visit),
+            Curiosity::Proto(m) => m.keep(visit),
+        }
+    }
+}
+
+/// One update as it stands alone, for benchmarks.
+#[derive(Debug)]
+pub struct UpdateBench {
+    ddpg: Ddpg<f32>,
+    curiosity: Curiosity,
+    batch: Batch<f32>,
+    reward: Vec<f32>,
+    updates: u64,
+}
+
+impl UpdateBench {
+    /// Networks of a preset for these sizes and a batch of random transitions; none for
+    /// collectors that do not learn.
+    pub fn new(kind: AgentKind, preset: &Preset, state_dim: usize, act: usize) -> Option<Self> {
+        let obs = 2 * state_dim;
+        let skill = if kind == AgentKind::Aps { SKILL } else { 0 };
+        let mut rng = Rng::new(1, Stream::Replay, 0);
+        let mut random = |n: usize| (0..n).map(|_| rng.range(-1.0, 1.0) as f32).collect::<Vec<_>>();
+        let rows = preset.batch;
+        Some(UpdateBench {
+            ddpg: Ddpg::new(obs, act, skill, preset.hidden, 1),
+            curiosity: Curiosity::new(kind, obs, act, preset.hidden, 1)?,
+            batch: Batch {
+                rows,
+                obs: random(rows * obs),
+                action: random(rows * act),
+                next: random(rows * obs),
+                skill: random(rows * skill),
+            },
+            reward: Vec::new(),
+            updates: 0,
+        })
+    }
+
+    /// Takes one update: curiosity, reward, critic, actor, target.
+    pub fn update(&mut self) {
+        let i = self.updates;
+        self.curiosity.update(&self.batch, 1e-4, 1, i, &mut self.reward);
+        self.ddpg.update(&self.batch, &self.reward, 1e-4, 1, i);
+        self.updates += 1;
+    }
+}
+
+/// Figures at one snapshot.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Point {
+    /// Environment steps so far.
+    pub step: u64,
+    /// Mean intrinsic reward of the updates since the last point.
+    pub reward: f64,
+    /// Mean loss of the curiosity module since then.
+    pub loss: f64,
+    /// Share of coarse cells visited so far.
+    pub coverage: f64,
+    /// Share of frames since the last point with this joint near a stop, (S).
+    pub near_limit: Vec<f64>,
+    /// Trajectories that the simulator broke so far.
+    pub broken: u64,
+}
+
+/// Counters and curve: what a checkpoint holds beside numbers.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Ledger {
+    pub(crate) step: u64,
+    pub(crate) updates: u64,
+    pub(crate) episodes: u64,
+    pub(crate) broken: u64,
+    /// Replay files written so far.
+    pub(crate) chunks: u64,
+    pub(crate) curve: Vec<Point>,
+}
+
+/// One environment in training.
+#[derive(Debug)]
+struct Lane {
+    env: Env,
+    obs: Vec<f32>,
+    action: Vec<f32>,
+    skill: Vec<f32>,
+    /// Handle in the replay memory; none before the first reset.
+    episode: Option<usize>,
+    age: u64,
+    length: u64,
+    result: Step,
+}
+
+/// An agent in training.
+#[derive(Debug)]
+pub(crate) struct Agent {
+    pub(crate) kind: AgentKind,
+    pub(crate) preset: Preset,
+    pub(crate) ledger: Ledger,
+    pub(crate) replay: Replay,
+    /// Replay episodes that are on disk already.
+    pub(crate) saved: usize,
+    header: SnapshotHeader,
+    seed: u64,
+    ddpg: Ddpg<f32>,
+    curiosity: Curiosity,
+    scale: Scale,
+    lanes: Vec<Lane>,
+    pub(crate) coverage: Coverage,
+    ranges: Vec<Option<[f64; 2]>>,
+    near: f64,
+    /// Sums since the last point: reward, loss, updates, frames, then near-limit frames.
+    sums: Vec<f64>,
+    batch: Batch<f32>,
+    reward: Vec<f32>,
+    tape: Tape<f32>,
+}
+
+impl Agent {
+    /// An untrained agent; none for kinds that do not learn.
+    ///
+    /// # Errors
+    /// [`Error::Simulator`].
+    pub(crate) fn new(
+        robot: &Arc<Robot>,
+        kind: AgentKind,
+        preset: &Preset,
+        seed: u64,
+    ) -> Result<Option<Self>, Error> {
+        let (s, a) = (robot.state_dim(), robot.action_dim());
+        let skill = if kind == AgentKind::Aps { SKILL } else { 0 };
+        // The five agents of one collection must not share their draws.
+        let seed = draw(seed, Stream::Init, kind as u64);
+        let Some(curiosity) = Curiosity::new(kind, 2 * s, a, preset.hidden, seed) else {
+            return Ok(None);
+        };
+        let described = describe(robot);
+        let lane = || {
+            Ok(Lane {
+                env: Env::new(robot)?,
+                obs: vec![0.0; 2 * s],
+                action: vec![0.0; a],
+                skill: vec![0.0; skill],
+                episode: None,
+                age: 0,
+                length: 0,
+                result: Step::Ok,
+            })
+        };
+        Ok(Some(Agent {
+            kind,
+            header: SnapshotHeader::new(robot, kind.name(), skill, preset.hidden),
+            ledger: Ledger::default(),
+            replay: Replay::new(2 * s, a, skill, preset.capacity),
+            saved: 0,
+            seed,
+            ddpg: Ddpg::new(2 * s, a, skill, preset.hidden, seed),
+            curiosity,
+            scale: Scale::new(2 * s, preset.scale_obs),
+            lanes: (0..preset.envs.max(1)).map(|_| lane()).collect::<Result<_, Error>>()?,
+            coverage: Coverage::new(&described),
+            ranges: described.ranges,
+            near: described.near_limit,
+            sums: vec![0.0; 4 + s],
+            preset: preset.clone(),
+            batch: Batch::default(),
+            reward: Vec::new(),
+            tape: Tape::default(),
+        }))
+    }
+
+    /// Steps every environment once and takes the updates due; `threads` step environments.
+    ///
+    /// # Errors
+    /// [`Error::Simulator`] when a reset fails.
+    pub(crate) fn iterate(&mut self, threads: usize) -> Result<(), Error> {
+        self.begin_episodes()?;
+        self.choose_actions();
+        step_all(&mut self.lanes, threads);
+        self.record();
+        self.ledger.step += self.lanes.len() as u64;
+        let learning = self.ledger.step.saturating_sub(self.preset.seed_steps);
+        let due = learning / self.preset.update_every.max(1);
+        if self.replay.is_ready() && self.ledger.updates < due {
+            self.scale.refresh();
+            while self.ledger.updates < due {
+                self.update();
+            }
+            self.replay.trim();
+        }
+        Ok(())
+    }
+
+    fn begin_episodes(&mut self) -> Result<(), Error> {
+        for lane in &mut self.lanes {
+            if lane.episode.is_some() && lane.age < lane.length && lane.result == Step::Ok {
+                continue;
+            }
+            let mut rng = Rng::new(self.seed, Stream::Reset, self.ledger.episodes);
+            self.ledger.episodes += 1;
+            let [lo, hi] = EPISODE_FRAMES;
+            lane.length = lo + rng.below(hi - lo + 1);
+            lane.age = 0;
+            lane.result = Step::Ok;
+            lane.env.reset(&mut rng)?;
+            let (q, v) = lane.obs.split_at_mut(lane.env.state_dim());
+            lane.env.observe(q, v);
+            self.scale.add(&lane.obs);
+            lane.episode = Some(self.replay.begin(&lane.obs));
+        }
+        Ok(())
+    }
+
+    fn choose_actions(&mut self) {
+        let learned = self.ledger.updates > 0;
+        let a = self.header.act;
+        let mut x = Vec::new();
+        for (index, lane) in (self.ledger.step..).zip(&mut self.lanes) {
+            if !lane.skill.is_empty() && lane.age % SKILL_STEPS == 0 {
+                let w = aps::skill(&mut Rng::new(self.seed, Stream::Skill, index));
+                lane.skill.iter_mut().zip(w).for_each(|(s, w)| *s = w as f32);
+            }
+            self.scale.apply(&lane.obs, &mut x);
+            x.extend_from_slice(&lane.skill);
+        }
+        let rows = self.lanes.len();
+        let means = self.ddpg.actor.forward(&x, rows, &mut self.tape);
+        for ((index, lane), mean) in
+            (self.ledger.step..).zip(&mut self.lanes).zip(means.chunks_exact(a))
+        {
+            let mut rng = Rng::new(self.seed, Stream::Noise, index);
+            for (u, &m) in lane.action.iter_mut().zip(mean) {
+                *u = if learned { sampled(m, &mut rng) } else { rng.range(-1.0, 1.0) as f32 };
+            }
+        }
+    }
+
+    fn record(&mut self) {
+        for lane in &mut self.lanes {
+            let Some(episode) = lane.episode else { continue };
+            match lane.result {
+                Step::Ok => {
+                    self.replay.push(episode, &lane.action, &lane.skill, &lane.obs);
+                    self.scale.add(&lane.obs);
+                    let (q, v) = lane.obs.split_at(lane.env.state_dim());
+                    self.coverage.add(q, v);
+                    self.sums[3] += 1.0;
+                    for ((x, range), n) in q.iter().zip(&self.ranges).zip(&mut self.sums[4..]) {
+                        let x = f64::from(*x);
+                        let pinned =
+                            range.is_some_and(|[lo, hi]| x < lo + self.near || x > hi - self.near);
+                        *n += f64::from(u8::from(pinned));
+                    }
+                }
+                Step::Implausible => {}
+                Step::Broken => {
+                    self.replay.void(episode);
+                    self.ledger.broken += 1;
+                }
+            }
+            lane.age += 1;
+        }
+    }
+
+    fn update(&mut self) {
+        let (rows, index) = (self.preset.batch, self.ledger.updates);
+        self.replay.sample(rows, self.seed, index, &self.scale, &mut self.batch);
+        let lr = self.preset.lr;
+        let loss = self.curiosity.update(&self.batch, lr, self.seed, index, &mut self.reward);
+        // Acting draws from the same stream at small indices.
+        let noise = (1 << 48) + index;
+        self.ddpg.update(&self.batch, &self.reward, lr, self.seed, noise);
+        self.ledger.updates += 1;
+        let mean = self.reward.iter().map(|&r| f64::from(r)).sum::<f64>() / rows.max(1) as f64;
+        self.sums[0] += mean;
+        self.sums[1] += loss;
+        self.sums[2] += 1.0;
+    }
+
+    /// Mean intrinsic reward since the last point.
+    pub(crate) fn recent_reward(&self) -> f64 {
+        self.sums[0] / self.sums[2].max(1.0)
+    }
+
+    /// Ends all episodes, adds a point to the curve and returns the actor as it is now.
+    pub(crate) fn snapshot(&mut self, nominal: u64) -> Snapshot {
+        for lane in &mut self.lanes {
+            lane.episode = None;
+        }
+        // What a restore computes from the running sums must be what is in use here.
+        self.restored();
+        let frames = self.sums[3].max(1.0);
+        self.ledger.curve.push(Point {
+            step: nominal,
+            reward: self.recent_reward(),
+            loss: self.sums[1] / self.sums[2].max(1.0),
+            coverage: self.coverage.share(),
+            near_limit: self.sums[4..].iter().map(|n| n / frames).collect(),
+            broken: self.ledger.broken,
+        });
+        self.sums.fill(0.0);
+        let (mean, inv) = self.scale.in_use();
+        Snapshot {
+            header: SnapshotHeader { step: nominal, ..self.header.clone() },
+            actor: self.ddpg.actor.params.clone(),
+            mean: mean.to_vec(),
+            inv: inv.to_vec(),
+        }
+    }
+
+    /// Walks through all numbers that a checkpoint keeps.
+    pub(crate) fn keep(&mut self, visit: &mut dyn FnMut(&str, Field<'_, f32>)) {
+        self.ddpg.keep(visit);
+        self.curiosity.keep(visit);
+        visit("scale", Field::Doubles(&mut self.scale.state));
+    }
+
+    /// Puts derived numbers right after a restore.
+    pub(crate) fn restored(&mut self) {
+        if self.ledger.updates > 0 {
+            self.scale.refresh();
+        }
+    }
+
+    /// File of a snapshot within an agent's folder.
+    pub(crate) fn snapshot_file(dir: &Path, step: u64) -> std::path::PathBuf {
+        dir.join(format!("snapshot-{step:09}.safetensors"))
+    }
+}
+
+/// Steps all lanes; each lane is a function of itself, so the split over threads shows
+/// nowhere.
+fn step_all(lanes: &mut [Lane], threads: usize) {
+    let work = |lanes: &mut [Lane]| {
+        for lane in lanes {
+            lane.result = lane.env.step(&lane.action);
+            let (q, v) = lane.obs.split_at_mut(lane.env.state_dim());
+            lane.env.observe(q, v);
+        }
+    };
+    if threads < 2 || lanes.len() < 2 {
+        return work(lanes);
+    }
+    let share = lanes.len().div_ceil(threads);
+    std::thread::scope(|scope| {
+        let mut chunks = lanes.chunks_mut(share);
+        let mine = chunks.next();
+        for chunk in chunks {
+            scope.spawn(|| work(chunk));
+        }
+        if let Some(chunk) = mine {
+            work(chunk);
+        }
+    });
+}

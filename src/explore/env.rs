@@ -1,0 +1,308 @@
+//! One simulated robot as an agent sees it: reset, act, observe.
+//!
+//! What an episode does is a function of its seed and its actions alone; which simulation it
+//! ran in, and what ran there before, leaves no trace.
+
+use std::sync::Arc;
+
+use super::error::Error;
+use crate::mujoco::Data;
+use crate::rng::Rng;
+use crate::robot::{Coupling, Robot};
+use crate::units::SUBSTEPS;
+
+/// How far beyond a stop a joint may be pushed before the frame is implausible, in its unit.
+const OVERSHOOT: f64 = 0.3;
+/// Coordinates and speeds beyond this are implausible for any robot.
+const WILD: f64 = 50.0;
+const WILD_SPEED: f64 = 200.0;
+/// Depth of self-contact that a start pose may have, m.
+const PENETRATION: f64 = 0.002;
+/// Frames without torque that a start pose gets to push links apart.
+const PASSIVE_FRAMES: usize = 3;
+/// Start poses tried before the last one is taken as it is.
+const TRIES: usize = 20;
+
+/// Where episodes start.
+#[derive(Clone, Debug)]
+enum Start {
+    /// Centre plus or minus a half width, joint by joint.
+    Around(Vec<f64>, Vec<f64>),
+    /// From home toward a uniform pose in range, by a random share.
+    Toward,
+    /// Fingers open, curled, or each in between (robots with tendons).
+    Hand,
+}
+
+/// What a step came to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Step {
+    /// Fine.
+    Ok,
+    /// Beyond what a real joint would do: the episode ends before this frame.
+    Implausible,
+    /// The simulator broke and reset itself: nothing of the episode may be kept.
+    Broken,
+}
+
+/// One robot in one simulation.
+#[derive(Debug)]
+pub(crate) struct Env {
+    robot: Arc<Robot>,
+    data: Data,
+    start: Start,
+    home: Vec<f64>,
+    /// Centre and half span of each control range.
+    span: Vec<(f64, f64)>,
+    ctrl: Vec<f64>,
+    /// Geoms that belong to the robot (not to the world).
+    own: Vec<bool>,
+}
+
+impl Env {
+    /// A simulation of this robot.
+    ///
+    /// # Errors
+    /// [`Error::Simulator`].
+    pub(crate) fn new(robot: &Arc<Robot>) -> Result<Self, Error> {
+        let data = Data::new(robot.model())?;
+        let span: Vec<(f64, f64)> = robot
+            .actuators()
+            .iter()
+            .map(|a| {
+                (0.5 * (a.ctrlrange[0] + a.ctrlrange[1]), 0.5 * (a.ctrlrange[1] - a.ctrlrange[0]))
+            })
+            .collect();
+        Ok(Env {
+            start: start_of(robot),
+            home: robot.home(),
+            ctrl: vec![0.0; span.len()],
+            span,
+            own: robot.model().geom_bodyid().iter().map(|&b| b != 0).collect(),
+            robot: Arc::clone(robot),
+            data,
+        })
+    }
+
+    /// State joints S.
+    pub(crate) fn state_dim(&self) -> usize {
+        self.robot.state_dim()
+    }
+
+    /// Puts the robot at rest in a start pose drawn from `rng`. Poses whose links overlap get
+    /// a few frames to push themselves apart, or are drawn again.
+    ///
+    /// # Errors
+    /// [`Error::Simulator`].
+    pub(crate) fn reset(&mut self, rng: &mut Rng) -> Result<(), Error> {
+        for _ in 0..TRIES {
+            let pose = self.draw(rng);
+            self.place(&pose)?;
+            self.data.forward()?;
+            if self.depth() > PENETRATION {
+                self.ctrl.iter_mut().zip(&self.span).for_each(|(c, (mid, _))| *c = *mid);
+                self.data.set_ctrl(&self.ctrl)?;
+                if self.data.step(PASSIVE_FRAMES * SUBSTEPS).is_err() || self.depth() > PENETRATION
+                {
+                    continue;
+                }
+                let apart = self.robot.state(&self.data);
+                if self.is_wild() {
+                    continue;
+                }
+                self.place(&apart)?;
+            }
+            return Ok(());
+        }
+        let home = self.home.clone();
+        self.place(&home)
+    }
+
+    fn place(&mut self, pose: &[f64]) -> Result<(), Error> {
+        self.data.reset()?;
+        self.robot.write_state(&mut self.data, pose)?;
+        Ok(())
+    }
+
+    fn draw(&self, rng: &mut Rng) -> Vec<f64> {
+        let joints = self.robot.joints();
+        let inside = |j: usize, q: f64| {
+            joints
+                .get(j)
+                .map_or(q, |s| if s.unbounded { q } else { q.clamp(s.range[0], s.range[1]) })
+        };
+        // Range of a joint; 1 rad or m about home for one without stops.
+        let range = |j: usize| {
+            let s = &joints[j];
+            if s.unbounded { [self.home[j] - 1.0, self.home[j] + 1.0] } else { s.range }
+        };
+        match &self.start {
+            Start::Around(centre, half) => centre
+                .iter()
+                .zip(half)
+                .enumerate()
+                .map(|(j, (c, h))| inside(j, c + h * rng.range(-1.0, 1.0)))
+                .collect(),
+            Start::Toward => {
+                let share = rng.uniform();
+                (0..joints.len())
+                    .map(|j| {
+                        let [lo, hi] = range(j);
+                        let u = rng.range(lo, hi);
+                        self.home[j] + share * (u - self.home[j])
+                    })
+                    .collect()
+            }
+            Start::Hand => {
+                let kind = rng.below(4);
+                let whole = rng.uniform();
+                let curls: Vec<f64> =
+                    self.robot.profile().groups.iter().map(|_| rng.uniform()).collect();
+                let jitter = 0.3 * rng.uniform();
+                (0..joints.len())
+                    .map(|j| {
+                        let [lo, hi] = range(j);
+                        let group = self
+                            .robot
+                            .profile()
+                            .groups
+                            .iter()
+                            .position(|g| g.joints.contains(&joints[j].name));
+                        let finger = group.and_then(|g| curls.get(g)).copied().unwrap_or(0.0);
+                        let share = match kind {
+                            0 => 0.0,
+                            1 => 1.0,
+                            2 => finger,
+                            _ => whole,
+                        };
+                        // Only joints that bend one way curl; spreading ones stay near home.
+                        let one_way = self.home[j] - lo < 0.25 * (hi - lo);
+                        let goal = if one_way { hi } else { self.home[j] };
+                        let u = rng.range(lo, hi);
+                        let curled = self.home[j] + 0.95 * share * (goal - self.home[j]);
+                        inside(j, curled + jitter * (u - curled))
+                    })
+                    .collect()
+            }
+        }
+    }
+
+    /// Holds this action in [-1, 1] for one frame.
+    pub(crate) fn step(&mut self, action: &[f32]) -> Step {
+        for ((c, (mid, half)), a) in self.ctrl.iter_mut().zip(&self.span).zip(action) {
+            *c = mid + half * f64::from(*a).clamp(-1.0, 1.0);
+        }
+        if self.data.set_ctrl(&self.ctrl).is_err() || self.data.step(SUBSTEPS).is_err() {
+            return Step::Broken;
+        }
+        if self.is_wild() { Step::Implausible } else { Step::Ok }
+    }
+
+    fn is_wild(&self) -> bool {
+        let (qpos, qvel) = (self.data.qpos(), self.data.qvel());
+        self.robot.joints().iter().any(|j| {
+            let q = qpos.get(j.qposadr).copied().unwrap_or(f64::NAN);
+            let v = qvel.get(j.dofadr).copied().unwrap_or(f64::NAN);
+            let beyond = !j.unbounded && (q < j.range[0] - OVERSHOOT || q > j.range[1] + OVERSHOOT);
+            // Written so that NaN counts as wild.
+            beyond || !(q.abs() <= WILD && v.abs() <= WILD_SPEED)
+        })
+    }
+
+    /// Copies the state joints' positions and velocities, (S) each.
+    pub(crate) fn observe(&self, qpos: &mut [f32], qvel: &mut [f32]) {
+        let (q, v) = (self.data.qpos(), self.data.qvel());
+        for ((j, to_q), to_v) in self.robot.joints().iter().zip(qpos).zip(qvel) {
+            *to_q = q.get(j.qposadr).map_or(f32::NAN, |&x| x as f32);
+            *to_v = v.get(j.dofadr).map_or(f32::NAN, |&x| x as f32);
+        }
+    }
+
+    /// All coordinates, (nq).
+    pub(crate) fn qpos(&self) -> Vec<f64> {
+        self.data.qpos().to_vec()
+    }
+
+    /// Whether two links of the robot touch.
+    pub(crate) fn self_contact(&self) -> bool {
+        self.data.contacts().any(|c| self.is_own(c.geoms) && c.dist < 0.0)
+    }
+
+    fn is_own(&self, geoms: [usize; 2]) -> bool {
+        geoms.iter().all(|&g| self.own.get(g).copied().unwrap_or(false))
+    }
+
+    /// Deepest self-contact, m.
+    fn depth(&self) -> f64 {
+        let own = self.data.contacts().filter(|c| self.is_own(c.geoms));
+        own.map(|c| -c.dist).fold(0.0, f64::max)
+    }
+}
+
+/// Where this robot's episodes start: the tried rules for the built-in robots, else what the
+/// profile suggests.
+fn start_of(robot: &Robot) -> Start {
+    match robot.id() {
+        "pointmass" => Start::Around(vec![0.0; 2], vec![1.0; 2]),
+        "ur5e" | "ur5e_light" => {
+            let up = -std::f64::consts::FRAC_PI_2;
+            Start::Around(vec![0.0, up, 0.0, up, 0.0], vec![2.2, 1.6, 2.2, 1.8, 2.2])
+        }
+        _ if has_tendons(robot) => Start::Hand,
+        _ => Start::Toward,
+    }
+}
+
+/// Whether a tendon couples joints, as in fingers.
+pub(super) fn has_tendons(robot: &Robot) -> bool {
+    robot.profile().couplings.iter().any(|c| matches!(c, Coupling::Tendon { .. }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rng::Stream;
+
+    #[test]
+    fn an_episode_depends_on_its_seed_only() {
+        for id in ["pointmass", "ur5e", "shadow_hand"] {
+            let robot = Arc::new(Robot::builtin(id).unwrap());
+            let (mut fresh, mut used) = (Env::new(&robot).unwrap(), Env::new(&robot).unwrap());
+            let s = fresh.state_dim();
+            let run = |env: &mut Env, seed: u64| {
+                let mut rng = Rng::new(seed, Stream::Test, 0);
+                env.reset(&mut rng).unwrap();
+                let mut out = vec![0.0; 2 * s];
+                for _ in 0..20 {
+                    let a: Vec<f32> =
+                        env.span.iter().map(|_| rng.range(-1.0, 1.0) as f32).collect();
+                    assert_eq!(env.step(&a), Step::Ok, "{id}");
+                }
+                let (q, v) = out.split_at_mut(s);
+                env.observe(q, v);
+                out
+            };
+            run(&mut used, 1);
+            run(&mut used, 2);
+            assert_eq!(run(&mut fresh, 3), run(&mut used, 3), "{id}");
+        }
+    }
+
+    #[test]
+    fn starts_are_in_range_and_apart() {
+        for id in ["ur5e", "shadow_hand"] {
+            let robot = Arc::new(Robot::builtin(id).unwrap());
+            let mut env = Env::new(&robot).unwrap();
+            let mut deep = 0;
+            for i in 0..40 {
+                env.reset(&mut Rng::new(5, Stream::Test, i)).unwrap();
+                env.data.forward().unwrap();
+                deep += u32::from(env.depth() > 0.004);
+                for (q, j) in robot.state(&env.data).iter().zip(robot.joints()) {
+                    assert!(*q > j.range[0] - 0.25 && *q < j.range[1] + 0.25, "{id} {}", j.name);
+                }
+            }
+            assert!(deep < 4, "{id}: {deep} of 40 starts overlap");
+        }
+    }
+}

@@ -1,0 +1,85 @@
+//! What can go wrong while collecting.
+
+use std::path::PathBuf;
+
+use crate::exit::{Exit, HasExit};
+use crate::{dataset, fsio, mujoco, robot};
+
+/// A collection that cannot start or go on.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// The robot cannot be used.
+    #[error(transparent)]
+    Robot(#[from] robot::Error),
+    /// The simulator failed.
+    #[error(transparent)]
+    Simulator(#[from] mujoco::Error),
+    /// Shards or manifest failed.
+    #[error(transparent)]
+    Dataset(#[from] dataset::Error),
+    /// A file could not be read or written.
+    #[error(transparent)]
+    File(#[from] fsio::Error),
+    /// An option is outside its range.
+    #[error("{name} must be {must}, got {got}")]
+    Argument {
+        /// The option.
+        name: &'static str,
+        /// What is allowed.
+        must: String,
+        /// What was given.
+        got: String,
+    },
+    /// The folder holds another collection, or one that was not asked to go on.
+    #[error("{message}: {path}", path = path.display())]
+    Folder {
+        /// What is there and how to mend it.
+        message: String,
+        /// The folder.
+        path: PathBuf,
+    },
+    /// A checkpoint or snapshot is damaged.
+    #[error("{message}: {path}", path = path.display())]
+    Checkpoint {
+        /// What is wrong with it.
+        message: String,
+        /// The file.
+        path: PathBuf,
+    },
+    /// The robot hardly survives: too many trajectories break.
+    #[error(
+        "{broken} of {tried} trajectories of {agent} broke the simulation; check masses, limits and control ranges of {robot}"
+    )]
+    Unstable {
+        /// The robot.
+        robot: String,
+        /// Who acted.
+        agent: String,
+        /// Broken trajectories.
+        broken: u64,
+        /// All that were tried.
+        tried: u64,
+    },
+    /// Stopped by the user; `--resume` goes on.
+    #[error("stopped; go on with --resume: {path}", path = path.display())]
+    Cancelled {
+        /// The folder.
+        path: PathBuf,
+    },
+}
+
+impl HasExit for Error {
+    fn exit(&self) -> Exit {
+        match self {
+            Error::Robot(e) => e.exit(),
+            Error::Simulator(e) => e.exit(),
+            Error::Dataset(e) => e.exit(),
+            Error::File(e) => e.exit(),
+            Error::Argument { .. } => Exit::Usage,
+            Error::Folder { .. } | Error::Checkpoint { .. } => Exit::Invalid,
+            Error::Unstable { .. } => Exit::Failed,
+            Error::Cancelled { .. } => Exit::Interrupted,
+        }
+    }
+}

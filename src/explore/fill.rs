@@ -1,0 +1,284 @@
+//! Roll-outs into shards: the phase that makes the data.
+//!
+//! A shard is a function of its plan: which agent at which snapshot, how many frames, which
+//! seed. Episodes run in waves, side by side in as many simulations, so that one product of
+//! the policy network serves all of them; each episode depends on its own seed only.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use super::env::{Env, Step};
+use super::error::Error;
+use super::policy::{Mind, Policy, Scratch};
+use crate::dataset::{EpisodeMeta, Robot as Described, ShardBuilder, ShardEntry};
+use crate::progress::Cancel;
+use crate::rng::{Rng, Stream, draw};
+use crate::robot::Robot;
+
+/// Episodes side by side: the policy's products get enough rows, the simulations' work
+/// spaces still fit the cache.
+const WAVE: usize = 16;
+/// Frames of a training window; shorter trajectories are of no use.
+pub(crate) const MIN_FRAMES: usize = 51;
+/// Bits of the shard index in an episode's draw index.
+const EPISODE_BITS: u32 = 24;
+
+/// What one shard holds.
+#[derive(Clone, Debug)]
+pub(crate) struct Plan {
+    /// Who acts.
+    pub(crate) agent: String,
+    /// Environment steps behind it.
+    pub(crate) snapshot_step: u64,
+    /// Index of the shard within its spec.
+    pub(crate) index: u64,
+    /// Frames wanted; what is stored is at most this, and less than a window short of it.
+    pub(crate) frames: usize,
+    /// Frames of an episode.
+    pub(crate) episode_frames: usize,
+    /// Seed of the spec.
+    pub(crate) seed: u64,
+    /// Sha-256 of the spec.
+    pub(crate) spec_sha256: String,
+}
+
+/// Simulations of one thread, reused from shard to shard.
+#[derive(Debug)]
+pub(crate) struct Wave {
+    robot: Arc<Robot>,
+    described: Described,
+    lanes: Vec<Lane>,
+    scratch: Scratch,
+}
+
+#[derive(Debug)]
+struct Lane {
+    env: Env,
+    qpos: Vec<f32>,
+    qvel: Vec<f32>,
+    ctrl: Vec<f32>,
+    contact: Vec<u8>,
+}
+
+/// How an episode ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum End {
+    Running,
+    Whole,
+    Cut,
+    Broken,
+}
+
+impl Wave {
+    /// Simulations of this robot.
+    ///
+    /// # Errors
+    /// [`Error::Simulator`].
+    pub(crate) fn new(robot: &Arc<Robot>) -> Result<Self, Error> {
+        let lane = || {
+            let env = Env::new(robot)?;
+            let (qpos, qvel, ctrl) = (Vec::new(), Vec::new(), Vec::new());
+            Ok(Lane { env, qpos, qvel, ctrl, contact: Vec::new() })
+        };
+        Ok(Wave {
+            robot: Arc::clone(robot),
+            described: describe(robot),
+            lanes: (0..WAVE).map(|_| lane()).collect::<Result<_, Error>>()?,
+            scratch: Scratch::default(),
+        })
+    }
+
+    /// Makes the shard of this plan and writes it to `dir/file`. `tick` hears of frames.
+    ///
+    /// # Errors
+    /// [`Error::Unstable`] when most trajectories break; [`Error::Cancelled`];
+    /// [`Error::Simulator`], [`Error::Dataset`].
+    pub(crate) fn make(
+        &mut self,
+        plan: &Plan,
+        policy: &Policy,
+        (dir, file): (&Path, &Path),
+        cancel: &Cancel,
+        tick: &dyn Fn(u64),
+    ) -> Result<ShardEntry, Error> {
+        let mut shard = ShardBuilder::new(&self.described, &plan.spec_sha256, plan.index);
+        let (mut tried, mut broken) = (0_u64, 0_u64);
+        while plan.frames - shard.frames().min(plan.frames) >= MIN_FRAMES {
+            if cancel.is_cancelled() {
+                return Err(Error::Cancelled { path: dir.to_owned() });
+            }
+            let mut left = plan.frames - shard.frames();
+            let mut lengths = Vec::with_capacity(WAVE);
+            while lengths.len() < WAVE && left >= MIN_FRAMES {
+                let rest = left.saturating_sub(plan.episode_frames);
+                // A remainder too short for a window is joined to the episode before it.
+                let n = if rest < MIN_FRAMES { left } else { plan.episode_frames };
+                lengths.push(n);
+                left -= n;
+            }
+            let seeds: Vec<u64> =
+                (tried..tried + lengths.len() as u64).map(|e| episode_seed(plan, e)).collect();
+            tried += lengths.len() as u64;
+            let ends = self.run(policy, &seeds, &lengths)?;
+            for ((lane, end), seed) in self.lanes.iter().zip(ends).zip(seeds) {
+                if end == End::Broken {
+                    broken += 1;
+                    shard.drop_broken();
+                } else if lane.contact.len() < MIN_FRAMES {
+                    shard.drop_short();
+                } else {
+                    let meta = EpisodeMeta {
+                        agent: plan.agent.clone(),
+                        snapshot_step: plan.snapshot_step,
+                        seed,
+                    };
+                    shard.push(&meta, &lane.qpos, &lane.qvel, &lane.ctrl, &lane.contact)?;
+                    tick(lane.contact.len() as u64);
+                }
+            }
+            let needed = plan.frames.div_ceil(plan.episode_frames) as u64;
+            if tried > 4 * needed + 64 {
+                return Err(Error::Unstable {
+                    robot: self.robot.id().to_owned(),
+                    agent: plan.agent.clone(),
+                    broken,
+                    tried,
+                });
+            }
+        }
+        Ok(shard.write(dir, file)?)
+    }
+
+    /// Runs one episode per seed, side by side; frames are left in the lanes.
+    fn run(
+        &mut self,
+        policy: &Policy,
+        seeds: &[u64],
+        lengths: &[usize],
+    ) -> Result<Vec<End>, Error> {
+        let (s, a, k) = (self.robot.state_dim(), self.robot.action_dim(), policy.skill());
+        let n = seeds.len();
+        let mut skills = vec![0.0; n * k];
+        let mut minds: Vec<Mind> = Vec::with_capacity(n);
+        for (i, (&seed, lane)) in seeds.iter().zip(&mut self.lanes).enumerate() {
+            minds.push(policy.begin(seed, &mut skills[i * k..(i + 1) * k]));
+            for v in [&mut lane.qpos, &mut lane.qvel, &mut lane.ctrl] {
+                v.clear();
+            }
+            lane.contact.clear();
+            lane.env.reset(&mut Rng::new(seed, Stream::Reset, 0))?;
+        }
+        let mut ends = vec![End::Running; n];
+        let mut obs = vec![0.0; n * 2 * s];
+        let mut action = vec![0.0; a];
+        while ends.contains(&End::Running) {
+            for (lane, o) in self.lanes.iter().zip(obs.chunks_exact_mut(2 * s)) {
+                let (q, v) = o.split_at_mut(s);
+                lane.env.observe(q, v);
+            }
+            let means = policy.think(&obs, &skills, n, &mut self.scratch);
+            for (i, (lane, mind)) in self.lanes.iter_mut().zip(&mut minds).enumerate() {
+                if ends[i] != End::Running {
+                    continue;
+                }
+                mind.act(means.get(i * a..(i + 1) * a).unwrap_or_default(), &mut action);
+                let o = &obs[i * 2 * s..(i + 1) * 2 * s];
+                match lane.env.step(&action) {
+                    Step::Ok => {
+                        lane.qpos.extend_from_slice(&o[..s]);
+                        lane.qvel.extend_from_slice(&o[s..]);
+                        lane.ctrl.extend_from_slice(&action);
+                        lane.contact.push(u8::from(lane.env.self_contact()));
+                        if lane.contact.len() == lengths[i] {
+                            ends[i] = End::Whole;
+                        }
+                    }
+                    Step::Implausible => ends[i] = End::Cut,
+                    Step::Broken => ends[i] = End::Broken,
+                }
+            }
+        }
+        Ok(ends)
+    }
+}
+
+/// Seed of an episode's own draws: below 2^53, so that every JSON reader keeps it exact.
+fn episode_seed(plan: &Plan, episode: u64) -> u64 {
+    let name = crate::fsio::sha256_hex(plan.agent.as_bytes());
+    let code = u64::from_str_radix(name.get(..16).unwrap_or("0"), 16).unwrap_or(0);
+    draw(plan.seed ^ code, Stream::Reset, (plan.index << EPISODE_BITS) + episode) >> 11
+}
+
+/// The manifest's words for a robot.
+pub fn describe(robot: &Robot) -> Described {
+    Described {
+        id: robot.id().to_owned(),
+        model_sha256: robot.model_sha256().to_owned(),
+        joints: robot.joints().iter().map(|j| j.name.clone()).collect(),
+        units: robot.joints().iter().map(|j| j.unit).collect(),
+        ranges: robot.joints().iter().map(|j| (!j.unbounded).then_some(j.range)).collect(),
+        near_limit: robot.profile().near_limit,
+        actuators: robot.actuators().iter().map(|a| a.name.clone()).collect(),
+        ctrlranges: robot.actuators().iter().map(|a| a.ctrlrange).collect(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::noise::NoiseRule;
+    use super::*;
+    use crate::dataset::Shard;
+
+    fn plan(frames: usize) -> Plan {
+        Plan {
+            agent: "noise".to_owned(),
+            snapshot_step: 0,
+            index: 2,
+            frames,
+            episode_frames: 100,
+            seed: 9,
+            spec_sha256: "s".to_owned(),
+        }
+    }
+
+    #[test]
+    fn a_shard_is_the_same_alone_and_after_others() {
+        let dir = tempfile::tempdir().unwrap();
+        let robot = Arc::new(Robot::builtin("ur5e").unwrap());
+        let policy = Policy::Noise(NoiseRule::of(&robot));
+        let never = Cancel::default();
+        let make = |wave: &mut Wave, plan: &Plan, name: &str| {
+            wave.make(plan, &policy, (dir.path(), Path::new(name)), &never, &|_| ()).unwrap()
+        };
+        let mut wave = Wave::new(&robot).unwrap();
+        let first = make(&mut wave, &plan(1234), "a");
+        make(&mut wave, &Plan { index: 3, ..plan(300) }, "b");
+        let again = make(&mut wave, &plan(1234), "c");
+        let alone = make(&mut Wave::new(&robot).unwrap(), &plan(1234), "d");
+        assert_eq!(first.sha256, again.sha256);
+        assert_eq!(first.sha256, alone.sha256);
+        assert_eq!(first.frames, 1234);
+    }
+
+    #[test]
+    fn recorded_actions_lead_to_recorded_states() {
+        let dir = tempfile::tempdir().unwrap();
+        let robot = Arc::new(Robot::builtin("pointmass").unwrap());
+        let mut wave = Wave::new(&robot).unwrap();
+        let file = (dir.path(), Path::new("a"));
+        wave.make(&plan(200), &Policy::Uniform, file, &Cancel::default(), &|_| ()).unwrap();
+        let shard = Shard::open(&dir.path().join("a"), 2, 2, None).unwrap();
+        let mut env = Env::new(&robot).unwrap();
+        for (start, n, meta) in shard.episodes() {
+            let (start, n) = (start as usize, n as usize);
+            env.reset(&mut Rng::new(meta.seed, Stream::Reset, 0)).unwrap();
+            let (mut q, mut v) = ([0.0; 2], [0.0; 2]);
+            for t in start..start + n {
+                env.observe(&mut q, &mut v);
+                assert_eq!(shard.qpos_rows(t, 1), q);
+                assert_eq!(shard.qvel_rows(t, 1), v);
+                assert_eq!(env.step(shard.ctrl_rows(t, 1)), Step::Ok);
+            }
+        }
+    }
+}

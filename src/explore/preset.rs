@@ -1,0 +1,131 @@
+//! Sizes and schedules of the agents.
+
+use serde::{Deserialize, Serialize};
+
+use super::error::Error;
+
+/// How an agent is built and trained.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Preset {
+    /// Name.
+    pub name: String,
+    /// Hidden width of all networks.
+    pub hidden: usize,
+    /// Transitions in an update.
+    pub batch: usize,
+    /// Environments side by side.
+    pub envs: usize,
+    /// Environment steps per update.
+    pub update_every: u64,
+    /// Steps of uniform random torque before learning starts.
+    pub seed_steps: u64,
+    /// Steps that the replay memory holds.
+    pub capacity: usize,
+    /// Whether observations are scaled by their running mean and deviation.
+    pub scale_obs: bool,
+    /// Learning rate of every network.
+    pub lr: f64,
+    /// Default length of training, environment steps.
+    pub steps: u64,
+    /// Snapshots are taken at multiples of this, or at the published four when 0.
+    pub snapshot_every: u64,
+}
+
+impl Preset {
+    /// The published sizes of URLB: one environment, h 1024, batch 1024, 2 M steps.
+    pub fn urlb() -> Self {
+        Preset {
+            name: "urlb".to_owned(),
+            hidden: 1024,
+            batch: 1024,
+            envs: 1,
+            update_every: 2,
+            seed_steps: 4000,
+            capacity: 1_000_000,
+            scale_obs: false,
+            lr: 1e-4,
+            steps: 2_000_010,
+            snapshot_every: 0,
+        }
+    }
+
+    /// For a CPU: many environments, few updates, small networks (the direction of parallel
+    /// Q-learning, arXiv 2307.12983). One update of RND at the published size costs 54
+    /// GFLOP; here .4. Observations are scaled: an arm's velocities of +-10 beside angles of
+    /// +-6 upset every distance that ICM and APT measure.
+    pub fn url_fast() -> Self {
+        Preset {
+            name: "url-fast".to_owned(),
+            hidden: 128,
+            batch: 256,
+            envs: 32,
+            update_every: 8,
+            seed_steps: 4000,
+            capacity: 1_000_000,
+            scale_obs: true,
+            lr: 1e-4,
+            steps: 200_000,
+            snapshot_every: 10_000,
+        }
+    }
+
+    /// The preset of this name.
+    ///
+    /// # Errors
+    /// [`Error::Argument`].
+    pub fn named(name: &str) -> Result<Self, Error> {
+        match name {
+            "urlb" => Ok(Self::urlb()),
+            "url-fast" => Ok(Self::url_fast()),
+            _ => Err(Error::Argument {
+                name: "preset",
+                must: "urlb or url-fast".to_owned(),
+                got: name.to_owned(),
+            }),
+        }
+    }
+
+    /// The preset for a training of `steps`: short ones learn from a fifth of their steps on
+    /// and still take about twenty snapshots (none closer than 500 steps).
+    #[must_use]
+    pub fn lasting(mut self, steps: u64) -> Self {
+        self.steps = steps;
+        self.seed_steps = self.seed_steps.min(steps / 5);
+        if self.snapshot_every > 0 {
+            self.snapshot_every = self.snapshot_every.min((steps / 20).max(500)).max(1);
+        }
+        self
+    }
+
+    /// Steps at which snapshots are taken, ascending; the last is the end.
+    pub fn snapshots(&self) -> Vec<u64> {
+        let mut at: Vec<u64> = if self.snapshot_every == 0 {
+            [100_000, 500_000, 1_000_000, 2_000_000]
+                .into_iter()
+                .filter(|&s| s < self.steps)
+                .collect()
+        } else {
+            (1..=self.steps / self.snapshot_every).map(|i| i * self.snapshot_every).collect()
+        };
+        if at.last().is_none_or(|&l| l < self.steps && self.snapshot_every > 0) {
+            at.push(self.steps);
+        }
+        at
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn snapshots_end_at_the_end() {
+        let fast = Preset::url_fast();
+        assert_eq!(fast.snapshots().len(), 20);
+        assert_eq!(fast.clone().lasting(2000).snapshots(), [500, 1000, 1500, 2000]);
+        assert_eq!(fast.lasting(700).snapshots(), [500, 700]);
+        assert_eq!(Preset::urlb().snapshots(), [100_000, 500_000, 1_000_000, 2_000_000]);
+        assert_eq!(Preset::urlb().lasting(100).snapshots(), [100]);
+    }
+}

@@ -1,0 +1,527 @@
+//! A motion on film: what is laid over the robot at each frame, and from where it is seen.
+//!
+//! Commands are rows with NaN where a joint has no goal. Between keyframes there is no command
+//! to show, so the ghost is that of the next goal in sight, the fainter the farther off: it says
+//! where the robot is being asked to go without claiming that it should be there yet.
+
+use std::sync::Arc;
+
+use glam::Vec3;
+
+use super::frame::{FrameInput, Ghost, Glyph, Mark, Trail, sun_for};
+use super::{Camera, Caption, Error, Key, Picture, Pose, Renderer, Stage, Swatch, View};
+use crate::plot::palette;
+use crate::robot::Robot;
+
+/// Frames ahead that a goal is shown: what the policy itself can see.
+const SIGHT_FRAMES: usize = 20;
+/// Frames that are looked at to find a camera that holds them all.
+const FIT_FRAMES: usize = 48;
+/// Frames of a trail when there are several (fingertips); a single one is kept whole.
+const TRAIL_FRAMES: usize = 30;
+/// Onion skins on each side.
+const ONIONS: usize = 1;
+/// Crosses drawn at most.
+const MARKS: usize = 400;
+
+/// A command and what was made of it, frame by frame from 0.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Motion {
+    /// Title of the picture.
+    pub name: String,
+    /// Who moved the robot, or that nobody did (`not simulated`).
+    pub performer: String,
+    /// Frames a second.
+    pub fps: f64,
+    /// Commanded states, NaN = no goal; (frames, S).
+    pub commanded: Vec<Vec<f64>>,
+    /// States reached; (frames, S).
+    pub achieved: Vec<Vec<f64>>,
+    /// Frames with a keyframe, ascending.
+    pub keys: Vec<usize>,
+    /// `rad` or `m`, for the caption.
+    pub unit: String,
+}
+
+impl Motion {
+    /// Frames that can be drawn.
+    pub fn frames(&self) -> usize {
+        self.achieved.len()
+    }
+
+    /// Precision of frames 1 to `frame`: mean absolute error over all goals; none before the
+    /// first goal.
+    pub fn precision(&self, frame: usize) -> Option<f64> {
+        let (mut sum, mut count) = (0.0, 0_usize);
+        let rows = self.achieved.iter().zip(&self.commanded).take(frame + 1).skip(1);
+        for (a, c) in rows.flat_map(|(a, c)| a.iter().zip(c)).filter(|(_, c)| c.is_finite()) {
+            sum += (a - c).abs();
+            count += 1;
+        }
+        (count > 0).then(|| sum / count as f64)
+    }
+
+    /// The next frame from `frame` on with a goal in sight.
+    fn goal(&self, frame: usize) -> Option<usize> {
+        let last = (frame + SIGHT_FRAMES).min(self.commanded.len().checked_sub(1)?);
+        (frame..=last).find(|f| self.has_goal(*f))
+    }
+
+    fn has_goal(&self, frame: usize) -> bool {
+        self.commanded.get(frame).is_some_and(|c| c.iter().any(|v| v.is_finite()))
+    }
+
+    /// The command of a frame, joints without goal as reached at `now`.
+    fn command(&self, frame: usize, now: usize) -> Option<Vec<f64>> {
+        let row = self.commanded.get(frame)?;
+        let reached = self.achieved.get(now)?;
+        Some(row.iter().zip(reached).map(|(c, a)| if c.is_finite() { *c } else { *a }).collect())
+    }
+}
+
+/// What is laid over the robot: each on its own.
+#[allow(clippy::struct_excessive_bools)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Overlay {
+    /// The commanded pose.
+    pub ghost: bool,
+    /// Tint the ghost by the error of each link.
+    pub error: bool,
+    /// Poses of the keyframes before and after.
+    pub onion: bool,
+    /// Paths of fingertips or end effector, with crosses at commanded keyframes.
+    pub trail: bool,
+    /// Title, time, Precision, legend.
+    pub caption: bool,
+    /// Joint axes.
+    pub axes: bool,
+    /// Touches.
+    pub contacts: bool,
+}
+
+impl Default for Overlay {
+    fn default() -> Self {
+        Overlay {
+            ghost: true,
+            error: true,
+            onion: false,
+            trail: true,
+            caption: true,
+            axes: false,
+            contacts: false,
+        }
+    }
+}
+
+impl Overlay {
+    /// Names as they are typed.
+    pub const NAMES: &'static str = "ghost, error, onion, trail, caption, axes, contacts, none";
+
+    /// From a comma-separated list.
+    ///
+    /// # Errors
+    /// [`Error::Unknown`] with the names there are.
+    pub fn parse(text: &str) -> Result<Overlay, Error> {
+        let mut o = Overlay {
+            ghost: false,
+            error: false,
+            onion: false,
+            trail: false,
+            caption: false,
+            axes: false,
+            contacts: false,
+        };
+        for word in text.split(',').map(str::trim).filter(|w| !w.is_empty()) {
+            match word {
+                "ghost" | "command" => o.ghost = true,
+                "error" => (o.ghost, o.error) = (true, true),
+                "onion" => o.onion = true,
+                "trail" => o.trail = true,
+                "caption" => o.caption = true,
+                "axes" => o.axes = true,
+                "contacts" => o.contacts = true,
+                "none" => {}
+                other => {
+                    return Err(Error::Unknown {
+                        kind: "overlay",
+                        name: other.to_owned(),
+                        known: Overlay::NAMES.to_owned(),
+                    });
+                }
+            }
+        }
+        Ok(o)
+    }
+}
+
+/// Where the eye is.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub enum CameraChoice {
+    /// The profile's direction, as near as the whole motion allows.
+    #[default]
+    Fit,
+    /// The profile's camera as it stands.
+    Fixed,
+    /// Straight down, parallel.
+    Top,
+    /// As `Fit`, once around in the course of the motion.
+    Orbit,
+    /// As `Fit` for one frame, moving along with this body.
+    Follow(String),
+    /// A camera of the model.
+    Named(String),
+}
+
+impl CameraChoice {
+    /// From the word typed; anything else is a camera of the model.
+    pub fn parse(text: &str) -> CameraChoice {
+        match text {
+            "fit" => CameraChoice::Fit,
+            "fixed" => CameraChoice::Fixed,
+            "top" => CameraChoice::Top,
+            "orbit" => CameraChoice::Orbit,
+            _ => match text.strip_prefix("follow:") {
+                Some(body) => CameraChoice::Follow(body.to_owned()),
+                None => CameraChoice::Named(text.to_owned()),
+            },
+        }
+    }
+}
+
+/// A motion ready to be drawn frame by frame.
+#[derive(Debug)]
+pub struct Shot {
+    stage: Stage,
+    motion: Motion,
+    overlay: Overlay,
+    path: CameraPath,
+    sun: Vec3,
+    /// Path of each tip; (tips, frames).
+    tips: Vec<Vec<Vec3>>,
+    /// Colour of each path: that of the tip itself, where it has one.
+    colors: Vec<[f32; 3]>,
+    /// Commanded places of the first tips at keyframes: (tip, frame, place).
+    marks: Vec<(usize, usize, Vec3)>,
+    /// Metres at which a link is as red as it gets.
+    full_m: f32,
+}
+
+#[derive(Debug)]
+enum CameraPath {
+    Still(Camera),
+    Orbit { points: Vec<Vec3>, view: View, aspect: f32 },
+    Follow { camera: Camera, offsets: Vec<Vec3> },
+}
+
+impl Shot {
+    /// Looks through the motion once: paths of the tips, and the camera.
+    ///
+    /// # Errors
+    /// [`Error::Robot`] for states that do not fit the robot, [`Error::Unknown`] for a camera
+    /// or body, [`Error::NoFrames`].
+    pub fn new(
+        robot: &Arc<Robot>,
+        motion: Motion,
+        overlay: Overlay,
+        camera: &CameraChoice,
+        aspect: f32,
+    ) -> Result<Shot, Error> {
+        let mut stage = Stage::new(robot)?;
+        if motion.achieved.is_empty() {
+            return Err(Error::NoFrames);
+        }
+        let sites = if overlay.trail { stage.tips() } else { Vec::new() };
+        let mut tips = vec![Vec::with_capacity(motion.frames()); sites.len()];
+        for state in &motion.achieved {
+            for (path, site) in tips.iter_mut().zip(&sites) {
+                path.push(stage.site(state, *site)?);
+            }
+        }
+        let mut marks = Vec::new();
+        for &key in motion.keys.iter().take(MARKS / sites.len().max(1)) {
+            let Some(command) = motion.command(key, key.min(motion.frames() - 1)) else { continue };
+            for (tip, site) in sites.iter().enumerate() {
+                marks.push((tip, key, stage.site(&command, *site)?));
+            }
+        }
+        let points = points(&mut stage, &motion, overlay, &tips, &marks)?;
+        let low = points.iter().fold(Vec3::INFINITY, |a, p| a.min(*p));
+        let high = points.iter().fold(Vec3::NEG_INFINITY, |a, p| a.max(*p));
+        let full_m = 0.10 * low.distance(high).clamp(0.01, 100.0);
+        let path = camera_path(&mut stage, &motion, camera, points, aspect)?;
+        let colors = sites.iter().enumerate().map(|(i, s)| stage.accent(*s, i)).collect();
+        let mut shot =
+            Shot { stage, motion, overlay, path, sun: Vec3::Z, tips, colors, marks, full_m };
+        // Taken once: the light stands still while a camera orbits.
+        shot.sun = sun_for(&shot.camera(0));
+        Ok(shot)
+    }
+
+    /// What is drawn.
+    pub fn motion(&self) -> &Motion {
+        &self.motion
+    }
+
+    /// The eye at a frame.
+    pub fn camera(&self, frame: usize) -> Camera {
+        match &self.path {
+            CameraPath::Still(camera) => *camera,
+            CameraPath::Orbit { points, view, aspect } => {
+                let share = frame as f32 / self.motion.frames().max(1) as f32;
+                let azimuth = view.azimuth_rad + std::f32::consts::TAU * share;
+                Camera::fit(points, &view.from(azimuth, view.elevation_rad), *aspect)
+            }
+            CameraPath::Follow { camera, offsets } => {
+                camera.shifted(offsets.get(frame).copied().unwrap_or(Vec3::ZERO))
+            }
+        }
+    }
+
+    /// Draws one frame; frames beyond the end are the last one.
+    ///
+    /// # Errors
+    /// As [`Renderer::draw`].
+    pub fn draw(&mut self, renderer: &mut Renderer, frame: usize) -> Result<Picture, Error> {
+        let frame = frame.min(self.motion.frames() - 1);
+        let state = self.motion.achieved.get(frame).cloned().unwrap_or_default();
+        let poses = self.stage.poses(&state)?;
+        let mut glyphs = Vec::new();
+        let scale = self.full_m * 10.0;
+        if self.overlay.axes {
+            let axes = self.stage.joint_axes();
+            glyphs.extend(axes.iter().map(|&(anchor, axis)| Glyph::JointAxis {
+                anchor,
+                axis,
+                length: 0.16 * scale,
+            }));
+        }
+        if self.overlay.contacts {
+            let touches = self.stage.contacts(&state)?;
+            glyphs.extend(touches.iter().map(|&(at, normal)| Glyph::Contact {
+                at,
+                normal,
+                length: 0.10 * scale,
+            }));
+        }
+        let (command, opacity) = self.command_poses(frame)?;
+        let error = match &command {
+            // An error is one only where there is a goal now.
+            Some(c) if self.overlay.error && self.motion.has_goal(frame) => {
+                Stage::error(&poses, c, self.full_m)
+            }
+            _ => Vec::new(),
+        };
+        let onions = self.onion_poses(frame)?;
+        let mut ghosts = Vec::new();
+        if let Some(c) = &command {
+            ghosts.push(Ghost { error: &error, opacity, ..Ghost::command(c) });
+        }
+        ghosts.extend(onions.iter().map(|(p, past)| Ghost::onion(p, *past)));
+        let one = self.tips.len() == 1;
+        let from = if one { 0 } else { frame.saturating_sub(TRAIL_FRAMES) };
+        let trails: Vec<Trail> = self
+            .tips
+            .iter()
+            .enumerate()
+            .filter_map(|(i, p)| {
+                let color = self.colors.get(i).copied().unwrap_or([1.0; 3]);
+                p.get(from..=frame).map(|points| Trail::new(points, color))
+            })
+            .collect();
+        let marks: Vec<Mark> = self
+            .marks
+            .iter()
+            .filter(|(_, key, _)| one || key.abs_diff(frame) <= TRAIL_FRAMES)
+            .map(|(_, _, at)| Mark { at: *at, color: palette::unit(palette::BLUE), size: 6.0 })
+            .collect();
+        let caption = self.overlay.caption.then(|| self.caption(frame, command.is_some()));
+        let input = FrameInput {
+            ghosts: &ghosts,
+            trails: &trails,
+            marks: &marks,
+            glyphs: &glyphs,
+            sun: Some(self.sun),
+            caption: caption.as_ref(),
+            ..FrameInput::new(&poses, self.camera(frame))
+        };
+        renderer.draw(self.stage.scene(), &input)
+    }
+
+    fn command_poses(&mut self, frame: usize) -> Result<(Option<Vec<Pose>>, f32), Error> {
+        if !self.overlay.ghost {
+            return Ok((None, 0.0));
+        }
+        let Some(goal) = self.motion.goal(frame) else { return Ok((None, 0.0)) };
+        let Some(state) = self.motion.command(goal, frame) else { return Ok((None, 0.0)) };
+        let near = 1.0 - (goal - frame) as f32 / (SIGHT_FRAMES + 1) as f32;
+        Ok((Some(self.stage.poses(&state)?), 0.18 + 0.37 * near))
+    }
+
+    fn onion_poses(&mut self, frame: usize) -> Result<Vec<(Vec<Pose>, bool)>, Error> {
+        if !self.overlay.onion {
+            return Ok(Vec::new());
+        }
+        let before = self.motion.keys.iter().rev().filter(|k| **k < frame).take(ONIONS);
+        let after = self.motion.keys.iter().filter(|k| **k > frame).take(ONIONS);
+        let keys: Vec<(usize, bool)> =
+            before.map(|k| (*k, true)).chain(after.map(|k| (*k, false))).collect();
+        let mut out = Vec::new();
+        for (key, past) in keys {
+            if let Some(state) = self.motion.command(key, frame) {
+                out.push((self.stage.poses(&state)?, past));
+            }
+        }
+        Ok(out)
+    }
+
+    fn caption(&self, frame: usize, ghost: bool) -> Caption {
+        let m = &self.motion;
+        let secs = frame as f64 / m.fps.max(1e-9);
+        let precision = m.precision(frame).map(|p| (p, m.unit.as_str()));
+        let line = if m.performer.is_empty() {
+            Caption::moment(frame as u32, secs, precision)
+        } else {
+            format!("{} · {}", Caption::moment(frame as u32, secs, precision), m.performer)
+        };
+        let mut legend = Vec::new();
+        let mut add = |swatch, color, text: &str| {
+            legend.push(Key { swatch, color, text: text.to_owned() });
+        };
+        if self.overlay.ghost || self.overlay.onion || self.overlay.trail {
+            add(Swatch::Solid, [208, 212, 218], "achieved");
+        }
+        if self.overlay.ghost {
+            let now = m.has_goal(frame);
+            let text = match (ghost, now) {
+                (true, false) => "next goal",
+                _ => "command",
+            };
+            add(Swatch::Ghost, [56, 152, 226], text);
+        }
+        if self.overlay.onion {
+            add(Swatch::Ghost, palette::PURPLE, "key before");
+            add(Swatch::Ghost, palette::GREEN, "key after");
+        }
+        if self.overlay.trail && !self.marks.is_empty() {
+            add(Swatch::Cross, [56, 152, 226], "keyframe");
+        }
+        Caption { title: m.name.clone(), line, legend }
+    }
+}
+
+/// What the camera must hold: moving links over the whole motion, and what they are fixed to.
+fn points(
+    stage: &mut Stage,
+    motion: &Motion,
+    overlay: Overlay,
+    tips: &[Vec<Vec3>],
+    marks: &[(usize, usize, Vec3)],
+) -> Result<Vec<Vec3>, Error> {
+    let stride = motion.frames().div_ceil(FIT_FRAMES).max(1);
+    let mut points = Vec::new();
+    for frame in (0..motion.frames()).step_by(stride) {
+        if let Some(state) = motion.achieved.get(frame) {
+            let poses = stage.poses(state)?;
+            points.extend(stage.moving_corners(&poses));
+        }
+        if overlay.ghost
+            && let Some(state) = motion.goal(frame).and_then(|goal| motion.command(goal, frame))
+        {
+            let poses = stage.poses(&state)?;
+            points.extend(stage.moving_corners(&poses));
+        }
+    }
+    points.extend(tips.iter().flatten().copied());
+    points.extend(marks.iter().map(|m| m.2));
+    Ok(points)
+}
+
+fn camera_path(
+    stage: &mut Stage,
+    motion: &Motion,
+    camera: &CameraChoice,
+    points: Vec<Vec3>,
+    aspect: f32,
+) -> Result<CameraPath, Error> {
+    Ok(match camera {
+        CameraChoice::Fit => CameraPath::Still(Camera::fit(&points, &stage.view(), aspect)),
+        CameraChoice::Fixed => CameraPath::Still(stage.fixed_camera()),
+        CameraChoice::Top => CameraPath::Still(Camera::fit(&points, &View::top(), aspect)),
+        CameraChoice::Orbit => CameraPath::Orbit { points, view: stage.view(), aspect },
+        CameraChoice::Named(name) => CameraPath::Still(stage.model_camera(name)?),
+        CameraChoice::Follow(body) => {
+            let body = stage.scene().body(body)?;
+            let mut places = Vec::with_capacity(motion.frames());
+            for state in &motion.achieved {
+                places.push(stage.body(state, body)?);
+            }
+            let first = motion.achieved.first().map(Vec::as_slice).unwrap_or_default();
+            let poses = stage.poses(first)?;
+            let camera = Camera::fit(&stage.moving_corners(&poses), &stage.view(), aspect);
+            CameraPath::Follow { camera, offsets: smoothed(&places) }
+        }
+    })
+}
+
+/// Where each place lies from the first, averaged over half a second on both sides: a camera
+/// that copied every twitch would be worse than none.
+fn smoothed(places: &[Vec3]) -> Vec<Vec3> {
+    let half = 10;
+    let mean = |i: usize| {
+        let part = &places[i.saturating_sub(half)..(i + half + 1).min(places.len())];
+        part.iter().sum::<Vec3>() / part.len() as f32
+    };
+    let first = if places.is_empty() { Vec3::ZERO } else { mean(0) };
+    (0..places.len()).map(|i| mean(i) - first).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn motion() -> Motion {
+        let nan = f64::NAN;
+        Motion {
+            commanded: vec![vec![nan, nan], vec![1.0, nan], vec![nan, nan], vec![0.0, 2.0]],
+            achieved: vec![vec![0.0, 0.0], vec![0.5, 9.0], vec![7.0, 7.0], vec![0.0, 1.0]],
+            ..Motion::default()
+        }
+    }
+
+    #[test]
+    fn precision_counts_goals_only() {
+        let m = motion();
+        assert_eq!(m.precision(0), None);
+        assert_eq!(m.precision(1), Some(0.5));
+        assert_eq!(m.precision(2), Some(0.5));
+        assert_eq!(m.precision(3), Some(0.5), "(0.5 + 0 + 1) / 3");
+    }
+
+    #[test]
+    fn goals_are_found_ahead_and_filled_with_what_was_reached() {
+        let m = motion();
+        assert_eq!(m.goal(0), Some(1));
+        assert_eq!(m.goal(2), Some(3));
+        assert_eq!(m.command(1, 3), Some(vec![1.0, 1.0]));
+        assert_eq!(Motion::default().goal(0), None);
+    }
+
+    #[test]
+    fn a_following_camera_is_steady() {
+        let places: Vec<Vec3> = (0..100)
+            .map(|i| Vec3::new(0.01 * i as f32, if i % 2 == 0 { 0.05 } else { -0.05 }, 0.0))
+            .collect();
+        let s = smoothed(&places);
+        assert_eq!(s[0], Vec3::ZERO);
+        assert!(s.windows(2).all(|w| (w[1] - w[0]).y.abs() < 0.012));
+        assert!((s[99].x - 0.9).abs() < 0.05);
+    }
+
+    #[test]
+    fn overlays_are_named() {
+        let o = Overlay::parse("error, trail").unwrap();
+        assert!(o.ghost && o.error && o.trail && !o.caption);
+        let text = Overlay::parse("gost").unwrap_err().to_string();
+        assert!(text.contains("ghost"), "{text}");
+    }
+}

@@ -1,0 +1,288 @@
+//! Settings of a training run, presets, `--set key=value`. Saved beside the result.
+
+use serde::{Deserialize, Serialize};
+
+use super::Error;
+use crate::net::mask::{MaskKind, Schedule};
+use crate::net::token::TokenConfig;
+use crate::net::{AdamConfig, Facts, MaskGranularity, NetConfig, SkipKind, TokenKind};
+
+/// Everything that decides a training run, besides the data.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TrainConfig {
+    /// Preset that this started from.
+    pub preset: String,
+    /// Transformer layers.
+    pub layers: usize,
+    /// Width of a token.
+    pub width: usize,
+    /// Attention heads.
+    pub heads: usize,
+    /// Action bins K; 1 is plain regression.
+    pub bins: usize,
+    /// Factor on the offset loss when K > 1.
+    pub offset_weight: f64,
+    /// Token variant.
+    pub tokens: TokenKind,
+    /// Stop distances and hinge angles in a `goal` token.
+    pub profile: bool,
+    /// What a mask hides.
+    pub mask_granularity: MaskGranularity,
+    /// The linear answer beside the network.
+    pub skip: SkipKind,
+    /// Back differences in the linear fit; 0 leaves the choice to the robot.
+    pub ridge_history: usize,
+    /// Which command frames are hidden.
+    pub mask: MaskKind,
+    /// Windows in a step.
+    pub batch: usize,
+    /// Steps.
+    pub steps: u64,
+    /// Greatest learning rate.
+    pub lr: f64,
+    /// How it changes.
+    pub schedule: Schedule,
+    /// Weight decay, on the weights of linear maps only.
+    pub weight_decay: f64,
+    /// Largest norm of the gradient.
+    pub clip: f64,
+    /// Loss at the current frame only, instead of all 51.
+    pub current_only: bool,
+    /// Decay of the running average of the weights that is kept as the model; 0 is off.
+    pub average: f64,
+    /// Loss weight of frames with a joint near a stop, where torque cannot be read off.
+    pub stop_weight: f64,
+    /// Loss weight of frames in self-contact.
+    pub contact_weight: f64,
+    /// Names all draws: weights, batches, masks, split.
+    pub seed: u64,
+}
+
+impl Default for TrainConfig {
+    /// `quick`: about five minutes on two cores.
+    fn default() -> Self {
+        TrainConfig {
+            preset: "quick".into(),
+            layers: 4,
+            width: 128,
+            heads: 4,
+            bins: 1,
+            offset_weight: 10.0,
+            tokens: TokenKind::Goal,
+            profile: true,
+            mask_granularity: MaskGranularity::State,
+            skip: SkipKind::Gated,
+            ridge_history: 0,
+            mask: MaskKind::ClUniform,
+            batch: 128,
+            steps: 2_000,
+            lr: 1e-3,
+            schedule: Schedule::Cosine,
+            weight_decay: 0.1,
+            clip: 1.0,
+            current_only: false,
+            average: 0.0,
+            stop_weight: 1.0,
+            contact_weight: 1.0,
+            seed: 0,
+        }
+    }
+}
+
+/// Presets with a line for help.
+pub const PRESETS: [(&str, &str); 9] = [
+    ("instant", "no training: the linear answer alone, fitted in seconds"),
+    ("quick", "4 layers of 128, goal tokens, gated skip: about five minutes on two cores"),
+    ("pm-tiny", "2 layers of 64, 256 x 10k: Pointmass, ablations"),
+    ("pm-plus", "3 layers of 96, 256 x 10k: Pointmass"),
+    ("ur-small", "4 layers of 128, 256 x 10k: UR5e"),
+    ("hand-base", "4 layers of 192, 256 x 10k: Shadow Hand"),
+    ("paper-pointmass", "the paper's smallest: 2 layers of 64, pos tokens, K = 10, 512 x 10k"),
+    ("paper-ur5e", "the paper's: 6 layers of 768, pos tokens, K = 10, 512 x 12k"),
+    ("paper-shadow", "the paper's: 6 layers of 768, pos tokens, K = 10, 512 x 15k"),
+];
+
+impl TrainConfig {
+    /// The settings of a preset.
+    ///
+    /// # Errors
+    /// [`Error::Preset`] listing those that exist.
+    pub fn preset(name: &str) -> Result<Self, Error> {
+        let product = |layers, width, heads, lr| TrainConfig {
+            layers,
+            width,
+            heads,
+            lr,
+            batch: 256,
+            steps: 10_000,
+            ..Self::default()
+        };
+        let paper = |layers, width, heads, steps| TrainConfig {
+            layers,
+            width,
+            heads,
+            bins: 10,
+            tokens: TokenKind::Pos,
+            profile: false,
+            skip: SkipKind::Off,
+            mask: MaskKind::Cl,
+            batch: 512,
+            steps,
+            lr: 7e-5,
+            schedule: Schedule::Paper,
+            ..Self::default()
+        };
+        let cfg = match name {
+            "instant" => {
+                TrainConfig { steps: 0, layers: 1, width: 16, heads: 1, ..Self::default() }
+            }
+            "quick" => Self::default(),
+            "pm-tiny" => product(2, 64, 4, 1e-3),
+            "pm-plus" => product(3, 96, 4, 1e-3),
+            "ur-small" => product(4, 128, 4, 1e-3),
+            "hand-base" => product(4, 192, 6, 5e-4),
+            "paper-pointmass" => paper(2, 64, 4, 10_000),
+            "paper-ur5e" => paper(6, 768, 6, 12_000),
+            "paper-shadow" => paper(6, 768, 6, 15_000),
+            _ => {
+                let known = PRESETS.map(|(name, _)| name).join(", ");
+                return Err(Error::Preset { name: name.to_owned(), known });
+            }
+        };
+        Ok(TrainConfig { preset: name.to_owned(), ..cfg })
+    }
+
+    /// Changes one setting by `key=value`.
+    ///
+    /// # Errors
+    /// [`Error::Setting`]: no such key, or a value of another type.
+    pub fn set(&mut self, assignment: &str) -> Result<(), Error> {
+        let fail = |why: String| Error::Setting { setting: assignment.to_owned(), why };
+        let (key, value) =
+            assignment.split_once('=').ok_or_else(|| fail("expected key=value".into()))?;
+        let (key, value) = (key.trim(), value.trim());
+        let mut table = toml::Table::try_from(&*self).map_err(|e| fail(e.to_string()))?;
+        let Some(old) = table.get(key) else {
+            let keys: Vec<_> = table.keys().map(String::as_str).collect();
+            return Err(fail(format!("no setting {key:?}; there are {}", keys.join(", "))));
+        };
+        let parsed = match old {
+            toml::Value::Float(_) => value.parse().ok().map(toml::Value::Float),
+            toml::Value::Integer(_) => value.parse().ok().map(toml::Value::Integer),
+            toml::Value::Boolean(_) => value.parse().ok().map(toml::Value::Boolean),
+            _ => Some(toml::Value::String(value.to_owned())),
+        };
+        let kind = old.type_str();
+        let parsed = parsed.ok_or_else(|| fail(format!("{value:?} is no {kind}")))?;
+        table.insert(key.to_owned(), parsed);
+        let next: TrainConfig = table
+            .try_into()
+            .map_err(|e: toml::de::Error| fail(e.message().trim().replace('\n', " ")))?;
+        next.check()?;
+        *self = next;
+        Ok(())
+    }
+
+    /// Refuses values that make no training; network sizes are checked with the network.
+    ///
+    /// # Errors
+    /// [`Error::Setting`].
+    pub fn check(&self) -> Result<(), Error> {
+        let refuse = |setting: &str, why: &str| {
+            Err(Error::Setting { setting: setting.to_owned(), why: why.to_owned() })
+        };
+        let positive = |x: f64| x.is_finite() && x > 0.0;
+        let weight = |x: f64| x.is_finite() && (0.0..=1e6).contains(&x);
+        match () {
+            () if !(1..=65_536).contains(&self.batch) => refuse("batch", "takes 1 to 65536"),
+            () if !positive(self.lr) => refuse("lr", "must be positive"),
+            () if !positive(self.clip) => refuse("clip", "must be positive"),
+            () if !weight(self.weight_decay) => refuse("weight_decay", "must be 0 or more"),
+            () if !(0.0..1.0).contains(&self.average) => refuse("average", "takes 0 to below 1"),
+            () if !weight(self.stop_weight) => refuse("stop_weight", "must be 0 or more"),
+            () if !weight(self.contact_weight) => refuse("contact_weight", "must be 0 or more"),
+            () if self.seed > i64::MAX as u64 => refuse("seed", "takes 63 bits"),
+            () => Ok(()),
+        }
+    }
+
+    /// Which features, for this robot.
+    pub fn token_config(&self, facts: &Facts) -> TokenConfig {
+        let own = TokenConfig::for_robot(facts);
+        TokenConfig {
+            kind: self.tokens,
+            granularity: self.mask_granularity,
+            profile: self.profile,
+            ridge_history: if self.ridge_history == 0 {
+                own.ridge_history
+            } else {
+                self.ridge_history
+            },
+        }
+    }
+
+    /// The network, behind an encoder with this many inputs.
+    pub fn net_config(&self, inputs: usize, actions: usize, mask_replaces: bool) -> NetConfig {
+        NetConfig {
+            layers: self.layers,
+            width: self.width,
+            heads: self.heads,
+            inputs,
+            actions,
+            bins: self.bins,
+            offset_weight: self.offset_weight,
+            mask_replaces,
+            skip: self.skip,
+        }
+    }
+
+    /// The optimiser.
+    pub fn adam(&self) -> AdamConfig {
+        AdamConfig { weight_decay: self.weight_decay, clip: self.clip, ..AdamConfig::default() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn presets_exist_and_round_trip() {
+        for (name, _) in PRESETS {
+            let cfg = TrainConfig::preset(name).unwrap();
+            assert_eq!(cfg.preset, name);
+            let text = toml::to_string(&cfg).unwrap();
+            assert_eq!(toml::from_str::<TrainConfig>(&text).unwrap(), cfg);
+            cfg.check().unwrap();
+        }
+        let e = TrainConfig::preset("huge").unwrap_err().to_string();
+        assert!(e.contains("huge") && e.contains("ur-small"), "{e}");
+    }
+
+    #[test]
+    fn the_papers_settings() {
+        let cfg = TrainConfig::preset("paper-ur5e").unwrap();
+        let net = cfg.net_config(5, 5, true);
+        assert_eq!(crate::net::params::Layout::new(&net).count(), 42_619_452);
+        assert_eq!((cfg.batch, cfg.steps, cfg.lr), (512, 12_000, 7e-5));
+    }
+
+    #[test]
+    fn settings_are_checked_by_name_and_type() {
+        let mut cfg = TrainConfig::default();
+        cfg.set("lr=2e-4").unwrap();
+        cfg.set("tokens = pos+d").unwrap();
+        cfg.set("mask=cl-block").unwrap();
+        cfg.set("current_only=true").unwrap();
+        assert_eq!((cfg.lr, cfg.tokens, cfg.current_only), (2e-4, TokenKind::PosD, true));
+        let before = cfg.clone();
+        for bad in
+            ["lr", "learning=1", "lr=fast", "steps=1.5", "batch=0", "tokens=best", "average=1"]
+        {
+            let e = cfg.set(bad).unwrap_err().to_string();
+            assert!(e.contains(bad.split('=').next().unwrap()), "{e}");
+        }
+        assert_eq!(cfg, before);
+    }
+}

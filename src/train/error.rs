@@ -1,0 +1,79 @@
+//! What can go wrong in training.
+
+use std::path::PathBuf;
+
+use crate::exit::{Exit, HasExit};
+use crate::{dataset, fsio, net};
+
+/// Failures of a training run.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// No such preset.
+    #[error("no preset {name:?}; there are {known}")]
+    Preset {
+        /// What was asked for.
+        name: String,
+        /// All presets.
+        known: String,
+    },
+    /// A setting that does not exist or has a wrong value.
+    #[error("setting {setting}: {why}")]
+    Setting {
+        /// The setting.
+        setting: String,
+        /// What is wrong and what would be right.
+        why: String,
+    },
+    /// A run directory that cannot be used.
+    #[error("{why}: {path}", path = path.display())]
+    Run {
+        /// What is wrong.
+        why: String,
+        /// The directory or file.
+        path: PathBuf,
+    },
+    /// Too many steps whose loss or gradient was not finite.
+    #[error(
+        "training diverged: {skipped} steps were not finite, the last at step {step}; try a smaller lr. The last good checkpoint is {path}",
+        path = path.display()
+    )]
+    Diverged {
+        /// Steps skipped.
+        skipped: u64,
+        /// The last of them.
+        step: u64,
+        /// Checkpoint kept.
+        path: PathBuf,
+    },
+    /// The evaluation failed.
+    #[error("evaluation at step {step}: {why}")]
+    Evaluation {
+        /// Step of the weights.
+        step: u64,
+        /// What went wrong.
+        why: String,
+    },
+    /// Data.
+    #[error(transparent)]
+    Data(#[from] dataset::Error),
+    /// Network or its file.
+    #[error(transparent)]
+    Net(#[from] net::Error),
+    /// Files.
+    #[error(transparent)]
+    Files(#[from] fsio::Error),
+}
+
+impl HasExit for Error {
+    fn exit(&self) -> Exit {
+        match self {
+            Error::Preset { .. } | Error::Setting { .. } => Exit::Usage,
+            Error::Run { .. } => Exit::Invalid,
+            Error::Diverged { .. } | Error::Evaluation { .. } => Exit::Failed,
+            Error::Data(e) => e.exit(),
+            Error::Net(e) => e.exit(),
+            Error::Files(e) => e.exit(),
+        }
+    }
+}

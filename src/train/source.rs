@@ -1,0 +1,123 @@
+//! Batches: window w of step t is a function of the seed, t and w alone, so that any thread
+//! may fill any slot and a resumed run sees what the whole one saw.
+
+use std::sync::{Mutex, PoisonError};
+
+use super::TrainConfig;
+use crate::dataset::{Dataset, Windows};
+use crate::net::encode::EncodeScratch;
+use crate::net::{Batch, CURRENT, Encoder, WINDOW};
+use crate::rng::{Rng, Stream};
+
+/// Added to the seed for windows that are only measured.
+const MEASURE: u64 = 0x5EED;
+/// Hidden-prefix lengths that are measured in turn.
+const PREFIXES: u64 = 20;
+
+/// Fills slots of batches.
+#[derive(Debug)]
+pub(super) struct Source<'a> {
+    data: &'a Dataset,
+    encoder: &'a Encoder,
+    cfg: &'a TrainConfig,
+    ranges: Vec<Option<[f32; 2]>>,
+    near: f32,
+    pool: Mutex<Vec<Scratch>>,
+}
+
+#[derive(Debug)]
+struct Scratch {
+    q: Vec<f32>,        // (51, S)
+    actions: Vec<f32>,  // (51, A)
+    visible: Vec<bool>, // (51, S)
+    encode: EncodeScratch,
+}
+
+impl<'a> Source<'a> {
+    pub(super) fn new(data: &'a Dataset, encoder: &'a Encoder, cfg: &'a TrainConfig) -> Self {
+        let robot = &data.manifest().robot;
+        Source {
+            data,
+            encoder,
+            cfg,
+            ranges: robot.ranges.iter().map(|r| r.map(|r| r.map(|x| x as f32))).collect(),
+            near: robot.near_limit as f32,
+            pool: Mutex::new(Vec::new()),
+        }
+    }
+
+    /// Window `w` of step `step` into a slot.
+    pub(super) fn train(
+        &self,
+        windows: &Windows<'_>,
+        step: u64,
+        w: usize,
+        slot: usize,
+        batch: &mut Batch<f32>,
+    ) {
+        let index = step * self.cfg.batch as u64 + w as u64;
+        let progress = step as f64 / self.cfg.steps as f64;
+        self.fill(windows, self.cfg.seed, index, slot, batch, |visible, s| {
+            let mut rng = Rng::new(self.cfg.seed, Stream::Mask, index);
+            self.cfg.mask.draw(progress, self.cfg.mask_granularity, s, &mut rng, visible);
+        });
+    }
+
+    /// A window to measure on: the first w mod 20 command frames are hidden.
+    pub(super) fn measure(
+        &self,
+        windows: &Windows<'_>,
+        w: u64,
+        slot: usize,
+        batch: &mut Batch<f32>,
+    ) {
+        self.fill(windows, self.cfg.seed ^ MEASURE, w, slot, batch, |visible, s| {
+            visible.fill(true);
+            let hidden = (w % PREFIXES) as usize;
+            visible[(CURRENT + 1) * s..(CURRENT + 1 + hidden) * s].fill(false);
+        });
+    }
+
+    fn fill(
+        &self,
+        windows: &Windows<'_>,
+        seed: u64,
+        index: u64,
+        slot: usize,
+        batch: &mut Batch<f32>,
+        mask: impl FnOnce(&mut [bool], usize),
+    ) {
+        let (s, a) = (self.encoder.tokens.state(), self.encoder.tokens.facts().actions);
+        let lend = || self.pool.lock().unwrap_or_else(PoisonError::into_inner).pop();
+        let mut scratch = lend().unwrap_or_else(|| Scratch {
+            q: vec![0.0; WINDOW * s],
+            actions: vec![0.0; WINDOW * a],
+            visible: vec![true; WINDOW * s],
+            encode: self.encoder.scratch(),
+        });
+        let Scratch { q, actions, visible, encode } = &mut scratch;
+        windows.fill(seed, index, q, actions);
+        mask(visible, s);
+        self.encoder.encode(q, visible, encode, batch, slot);
+        batch.actions[slot * WINDOW * a..(slot + 1) * WINDOW * a].copy_from_slice(actions);
+        let at = windows.draw(seed, index);
+        let episode = self.data.episodes().get(at.episode);
+        let touches = episode.map_or(&[][..], |e| self.data.self_contact(e));
+        for i in 0..WINDOW {
+            let stopped = self.near_stop(&q[i * s..(i + 1) * s]);
+            let touching = touches.get(at.start + i).is_some_and(|&c| c != 0);
+            let row = slot * WINDOW + i;
+            batch.clear[row] = !stopped && !touching;
+            let weight = |on: bool, w: f64| if on { w } else { 1.0 };
+            batch.weight[row] = (weight(stopped, self.cfg.stop_weight)
+                * weight(touching, self.cfg.contact_weight)) as f32;
+        }
+        self.pool.lock().unwrap_or_else(PoisonError::into_inner).push(scratch);
+    }
+
+    fn near_stop(&self, q: &[f32]) -> bool {
+        q.iter().zip(&self.ranges).any(|(&x, range)| {
+            range.is_some_and(|[lo, hi]| x < lo + self.near || x > hi - self.near)
+        })
+    }
+}

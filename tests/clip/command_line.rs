@@ -1,0 +1,148 @@
+//! `robert clip`, as people and scripts call it.
+
+use std::fs;
+use std::process::Command;
+
+use crate::run::{Ran, binary, robert};
+
+/// A second call in the folder of the first.
+fn again(ran: &Ran, args: &[&str]) -> (i32, String, String) {
+    let out = Command::new(binary()).args(args).current_dir(ran.dir.path()).output().unwrap();
+    let text = |b: &[u8]| String::from_utf8_lossy(b).into_owned();
+    (out.status.code().unwrap_or(-1), text(&out.stdout), text(&out.stderr))
+}
+
+fn new_arm() -> Ran {
+    robert().args(["clip", "new", "--robot", "ur5e", "--secs", "3", "-o", "a.clip.json"]).succeeds()
+}
+
+#[test]
+fn new_clip_is_formatted_checked_and_not_overwritten() {
+    let ran = new_arm();
+    assert_eq!(again(&ran, &["clip", "fmt", "--check", "a.clip.json"]).0, 0);
+    let (code, out, _) = again(&ran, &["clip", "info", "--json", "a.clip.json"]);
+    let info: serde_json::Value = serde_json::from_str(&out).unwrap();
+    assert_eq!((code, &info["frames"], &info["robot"]), (0, &60.into(), &"ur5e".into()));
+    let (code, _, err) = again(&ran, &["clip", "new", "--robot", "ur5e", "-o", "a.clip.json"]);
+    assert_eq!(code, 2);
+    assert!(err.contains("--force"), "{err}");
+    let (code, _, err) = again(&ran, &["clip", "new", "--robot", "ur5f"]);
+    assert_eq!(code, 3, "{err}");
+}
+
+#[test]
+fn check_has_places_levels_and_mends() {
+    let ran = new_arm();
+    let ops = r#"[
+        {"op": "keys.add", "args": {"keys": [{"frame": 10, "q": [9, 0, 0, 0, 0]}]}},
+        {"op": "keys.hold", "args": {"frames": [10], "hold": 50}}
+    ]"#;
+    fs::write(ran.path("ops.json"), ops).unwrap();
+    let (code, out, err) =
+        again(&ran, &["clip", "apply", "a.clip.json", "ops.json", "-i", "--json"]);
+    assert_eq!(code, 0, "{err}");
+    let applied: serde_json::Value = serde_json::from_str(&out).unwrap();
+    assert_eq!(applied["first_changed_frame"], 10);
+    let (code, out, _) = again(&ran, &["clip", "check", "a.clip.json"]);
+    assert_eq!(code, 4);
+    let text = fs::read_to_string(ran.path("a.clip.json")).unwrap();
+    let line = 1 + text.lines().position(|l| l.contains("\"frame\": 10,")).unwrap();
+    assert!(out.contains(&format!("a.clip.json:{line}:25: error[joint-limit]: ")), "{out}");
+    assert!(out.contains("mend: Clamp to the limits"), "{out}");
+    let (_, out, _) = again(&ran, &["clip", "check", "--json", "a.clip.json"]);
+    let report: serde_json::Value = serde_json::from_str(&out).unwrap();
+    let lint = &report["files"][0]["lints"][0];
+    assert_eq!((&lint["rule"], &lint["line"]), (&"joint-limit".into(), &line.into()));
+    // A script can carry a mend out by itself.
+    fs::write(ran.path("mend.json"), lint["mends"][0]["op"].to_string()).unwrap();
+    assert_eq!(again(&ran, &["clip", "apply", "a.clip.json", "mend.json", "-i"]).0, 0);
+    assert_eq!(again(&ran, &["clip", "check", "a.clip.json"]).0, 0, "warnings only");
+    assert_eq!(again(&ran, &["clip", "check", "--strict", "a.clip.json"]).0, 4);
+    assert_eq!(again(&ran, &["clip", "check", "--strict", "--fix", "a.clip.json"]).0, 0);
+    // What apply said about undoing leads back.
+    fs::write(ran.path("undo.json"), applied["undo"].to_string()).unwrap();
+    fs::write(ran.path("b.clip.json"), &text).unwrap();
+    assert_eq!(again(&ran, &["clip", "apply", "b.clip.json", "undo.json", "-i"]).0, 0);
+    robert_new_equals(&ran, "b.clip.json");
+}
+
+fn robert_new_equals(ran: &Ran, name: &str) {
+    let fresh = new_arm();
+    let read = |p| fs::read_to_string(p).unwrap();
+    assert_eq!(read(ran.path(name)), read(fresh.path("a.clip.json")));
+}
+
+#[test]
+fn refusals_name_file_and_place() {
+    let ran = new_arm();
+    fs::write(ran.path("ops.json"), "[\n {\"op\": \"keys.mvoe\", \"args\": {}}\n]").unwrap();
+    let (code, _, err) = again(&ran, &["clip", "apply", "a.clip.json", "ops.json"]);
+    assert_eq!(code, 3);
+    assert!(err.starts_with("error: ops.json:2:") && err.contains("keys.move"), "{err}");
+    fs::write(ran.path("ops.json"), "{\"op\": \"keys.delete\", \"args\": {\"frames\": [7]}}")
+        .unwrap();
+    let (code, _, err) = again(&ran, &["clip", "apply", "a.clip.json", "ops.json"]);
+    assert_eq!(code, 3);
+    assert!(err.contains("edit 0 (keys.delete): there is no key at frame 7"), "{err}");
+    fs::write(ran.path("a.csv"), "frame,shoulder_pan\n0,x\n").unwrap();
+    let (code, _, err) =
+        again(&ran, &["clip", "convert", "a.csv", "b.clip.json", "--like", "a.clip.json"]);
+    assert_eq!(code, 3, "{err}");
+    assert!(err.starts_with("error: a.csv:"), "{err}");
+    let (code, _, err) = again(&ran, &["clip", "convert", "a.csv", "b.clip.json"]);
+    assert_eq!(code, 2, "{err}");
+    let (code, _, _) = again(&ran, &["clip", "check", "none.clip.json", "a.clip.json"]);
+    assert_eq!(code, 3, "a missing file");
+}
+
+#[test]
+fn conversions_keep_the_command() {
+    let ran = new_arm();
+    let ops = r#"{"op": "batch", "args": {"ops": [
+        {"op": "keys.add", "args": {"keys": [
+            {"frame": 13, "q": [0.1, -1.2, 1.234567, 0.333333, 2], "fill": "cubic"},
+            {"frame": 59, "q": [-0.1, -1.4, 1, 0, 1]}]}},
+        {"op": "mask.set", "args": {"from": 20, "to": 30, "masked": true}}]}}"#;
+    fs::write(ran.path("ops.json"), ops).unwrap();
+    assert_eq!(again(&ran, &["clip", "apply", "a.clip.json", "ops.json", "-i"]).0, 0);
+    for end in ["csv", "xml", "yaml", "json"] {
+        let there = format!("a.{end}");
+        let back = format!("{end}.clip.json");
+        let (code, _, err) = again(&ran, &["clip", "convert", "a.clip.json", &there]);
+        assert_eq!(code, 0, "{err}");
+        let (code, _, err) =
+            again(&ran, &["clip", "convert", &there, &back, "--like", "a.clip.json"]);
+        assert_eq!(code, 0, "{err}");
+        let (_, out, _) = again(&ran, &["clip", "diff", "--json", "a.clip.json", &back]);
+        let diff: serde_json::Value = serde_json::from_str(&out).unwrap();
+        assert_eq!(diff["same_command"], true, "{end}: {out}");
+    }
+}
+
+#[test]
+fn fmt_and_diff_speak_to_scripts() {
+    let ran = new_arm();
+    let text = fs::read_to_string(ran.path("a.clip.json")).unwrap();
+    fs::write(ran.path("b.clip.json"), text.replace(": ", ":   ").replace('\n', "\n\n")).unwrap();
+    assert_eq!(again(&ran, &["clip", "fmt", "--check", "b.clip.json"]).0, 4);
+    assert_eq!(again(&ran, &["clip", "diff", "--exit-code", "a.clip.json", "b.clip.json"]).0, 0);
+    assert_eq!(again(&ran, &["clip", "fmt", "b.clip.json"]).0, 0);
+    assert_eq!(fs::read_to_string(ran.path("b.clip.json")).unwrap(), text);
+    fs::write(ran.path("c.clip.json"), text.replace("\"length\": 60", "\"length\": 61")).unwrap();
+    let (code, out, _) =
+        again(&ran, &["clip", "diff", "--exit-code", "a.clip.json", "c.clip.json"]);
+    assert_eq!(code, 4);
+    assert!(out.contains("length: 60 -> 61 frames"), "{out}");
+    let (code, out, _) = again(&ran, &["clip", "upgrade", "c.clip.json"]);
+    assert_eq!((code, out.as_str()), (0, "c.clip.json: robert-clip/1 is up to date\n"));
+}
+
+#[test]
+fn every_command_has_examples() {
+    for command in ["new", "check", "fmt", "info", "apply", "diff", "convert", "schema", "upgrade"]
+    {
+        let ran = robert().args(["clip", command, "--help"]).succeeds();
+        assert!(ran.stdout.contains("Example"), "{command}");
+        assert!(ran.stdout.contains(&format!("robert clip {command}")), "{command}");
+    }
+}

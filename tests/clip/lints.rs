@@ -1,0 +1,188 @@
+//! Findings: what is found, where, and that the mend mends it.
+
+use robert::clip::*;
+use robert::units::Unit;
+
+fn table() -> JointTable {
+    let joint = |name: &str| JointFacts {
+        name: name.into(),
+        unit: Unit::Rad,
+        range: Some([-1.0, 2.0]),
+        speed_max: Some(2.0),
+    };
+    JointTable {
+        robot: "hand".into(),
+        model_sha256: Some("ab".repeat(32)),
+        joints: vec![joint("J1"), joint("J2"), joint("J3")],
+        rest: vec![0.0; 3],
+        mirror: Mirror::None("one hand".into()),
+        couplings: vec![Coupling {
+            name: "J0".into(),
+            members: ["J1", "J2"]
+                .map(|j| CouplingMember { joint: j.into(), coef: 1.0, offset: 0.0 })
+                .to_vec(),
+            tolerance: 0.1,
+        }],
+        granularity: Granularity::State,
+    }
+}
+
+fn clip(keys: Vec<Key>) -> Clip {
+    let joints = table().names();
+    let robot = RobotRef { id: "hand".into(), joints, ..RobotRef::default() };
+    let mut clip = Clip::new(robot, 60);
+    clip.keys = keys;
+    clip
+}
+
+fn found(clip: &Clip) -> Vec<Lint> {
+    lint(clip, &compile(clip).unwrap(), &table(), None)
+}
+
+fn rules(clip: &Clip) -> Vec<Rule> {
+    let mut rules: Vec<Rule> = found(clip).iter().map(|l| l.rule).collect();
+    rules.dedup();
+    rules
+}
+
+/// Every mend of this rule makes the number of its findings smaller.
+fn mends(clip: &Clip, rule: Rule) -> Vec<Lint> {
+    let of_rule = |c: &Clip| found(c).into_iter().filter(|l| l.rule == rule).collect::<Vec<_>>();
+    let lints = of_rule(clip);
+    assert!(!lints.is_empty(), "{rule:?} not found");
+    for lint in &lints {
+        assert!(!lint.mends.is_empty(), "{lint:?}");
+        for mend in &lint.mends {
+            let next = edited(clip, &mend.op, Some(&table())).unwrap();
+            assert!(of_rule(&next).len() < lints.len(), "{} does not mend {lint:?}", mend.title);
+        }
+    }
+    lints
+}
+
+fn dense(frames: u32, step: f64) -> Vec<Key> {
+    (0..frames).map(|f| Key::new(f, &[0.0, 0.0, -1.0 + step * f64::from(f)])).collect()
+}
+
+#[test]
+fn nothing_to_say_about_a_good_clip() {
+    let keys = vec![Key::new(0, &[0.0; 3]).held(20), Key::new(39, &[0.5, 0.5, 0.0]).held(21)];
+    assert_eq!(found(&clip(keys)), []);
+}
+
+#[test]
+fn limits_speeds_and_couplings() {
+    let keys = vec![Key::new(0, &[0.0; 3]).held(20), Key::new(40, &[0.5, 0.5, 2.5]).held(20)];
+    let lints = mends(&clip(keys), Rule::JointLimit);
+    assert_eq!((lints[0].level, lints[0].pointer.as_str()), (Level::Error, "/keys/1/q/2"));
+    assert_eq!((lints[0].frames, &lints[0].joints[..]), (Some([40, 41]), &["J3".to_owned()][..]));
+
+    for fill in Fill::ALL {
+        let mut c =
+            clip(vec![Key::new(0, &[0.0; 3]).held(20), Key::new(25, &[0.0, 0.0, 1.5]).held(35)]);
+        c.fill = fill;
+        let lints = mends(&c, Rule::JointSpeed);
+        assert_eq!(lints[0].joints, ["J3"], "{fill:?}");
+    }
+    mends(&clip(dense(20, 0.15)), Rule::JointSpeed);
+
+    let lints = mends(&clip(vec![Key::new(0, &[0.5, 0.0, 0.0]).held(60)]), Rule::Coupled);
+    assert_eq!(lints[0].joints, ["J1", "J2"]);
+}
+
+#[test]
+fn blind_spans_are_found_and_mended() {
+    let c = clip(vec![Key::new(0, &[0.0; 3]), Key::new(21, &[0.1; 3]).held(39)]);
+    let lints = mends(&c, Rule::BlindSpan);
+    assert_eq!((lints.len(), lints[0].frames), (1, Some([1, 21])));
+    assert_eq!(lints[0].mends.len(), 2);
+    let c = clip(vec![Key::new(0, &[0.0; 3]), Key::new(20, &[0.1; 3]).held(40)]);
+    assert_eq!(rules(&c), [], "20 frames apart is in sight");
+    let mut c = clip(dense(60, 0.0));
+    c.masks = vec![Mask { from: 10, to: 40, joints: None }];
+    let blind = mends(&c, Rule::BlindSpan);
+    assert_eq!(blind[0].mends[0].title, "Unmask frames 10 to 39");
+    let tail = clip(vec![Key::new(0, &[0.0; 3])]);
+    mends(&tail, Rule::BlindSpan);
+    let late = clip(vec![Key::new(59, &[0.1; 3])]);
+    mends(&late, Rule::BlindSpan);
+}
+
+#[test]
+fn joints_left_open_need_a_policy_that_knows_them() {
+    let mut c = clip(vec![Key::new(0, &[0.0; 3]).held(60)]);
+    c.masks = vec![Mask { from: 5, to: 9, joints: Some(vec!["J3".into()]) }];
+    let lints = mends(&c, Rule::PartialMask);
+    assert_eq!((lints[0].frames, &lints[0].joints[..]), (Some([5, 9]), &["J3".to_owned()][..]));
+    let able = JointTable { granularity: Granularity::Joint, ..table() };
+    assert_eq!(lint(&c, &compile(&c).unwrap(), &able, None), []);
+}
+
+#[test]
+fn other_robots_and_hidden_keys() {
+    let mut c = clip(vec![Key::new(0, &[0.0; 3]).held(60)]);
+    c.robot.id = "foot".into();
+    assert_eq!(rules(&c), [Rule::OtherRobot]);
+    let mut c = clip(vec![Key::new(0, &[0.0; 3]).held(60)]);
+    c.robot.model_sha256 = Some("cd".repeat(32));
+    assert_eq!(found(&c)[0].level, Level::Warning);
+    let mut c = clip(vec![Key::new(0, &[0.0; 3]).held(60)]);
+    c.robot.joints[1] = "thumb".into();
+    assert_eq!(rules(&c), [Rule::UnknownJoint]);
+    assert_eq!(found(&c).len(), 2, "one too many and one too few");
+    let mut c = clip(vec![Key::new(0, &[0.0; 3]).held(60), Key::new(9, &[0.0; 3]).held(51)]);
+    assert_eq!(found(&c)[0].pointer, "/keys/0/hold");
+    mends(&c, Rule::Hidden);
+    c.keys[0].hold = 9;
+    c.masks = vec![Mask { from: 0, to: 9, joints: None }];
+    mends(&c, Rule::Hidden);
+}
+
+struct Wall;
+
+impl PoseChecker for Wall {
+    fn check(&mut self, _: &[String], q: &[f64]) -> PoseReport {
+        let contacts = if q[0] > 1.0 { vec![("a".into(), "b".into(), 0.01)] } else { vec![] };
+        PoseReport { contacts, settled: Some(q.iter().map(|v| v.min(1.0)).collect()) }
+    }
+}
+
+#[test]
+fn poses_are_judged_by_the_checker() {
+    let mut c = clip(vec![Key::new(0, &[1.5, 1.5, 0.0]).held(60)]);
+    c.poses.insert("p".into(), vec![Some(0.0), Some(0.0), Some(1.8)]);
+    let lints = lint(&c, &compile(&c).unwrap(), &table(), Some(&mut Wall));
+    let rules: Vec<_> = lints.iter().map(|l| (l.rule, l.pointer.as_str())).collect();
+    let expect = [
+        (Rule::SelfCollision, "/keys/0/q"),
+        (Rule::Unreachable, "/keys/0/q"),
+        (Rule::Unreachable, "/poses/p"),
+    ];
+    for e in expect {
+        assert!(rules.contains(&e), "{rules:?}");
+    }
+    for found in lints {
+        c = edited(&c, &found.mends[0].op, None).unwrap();
+    }
+    assert_eq!(lint(&c, &compile(&c).unwrap(), &table(), Some(&mut Wall)), []);
+}
+
+#[test]
+fn a_long_wild_clip_is_checked_in_a_second() {
+    let keys: Vec<Key> = (0..50_000)
+        .map(|i| Key::new(i * 2, &[f64::from(i % 2) * 5.0, -3.0, f64::from(i % 3)]))
+        .collect();
+    let mut c = clip(keys);
+    c.length = 100_000;
+    c.masks = (0..1000).map(|i| Mask { from: i * 100, to: i * 100 + 41, joints: None }).collect();
+    for fill in Fill::ALL {
+        c.fill = fill;
+        let start = super::cpu();
+        let lints = found(&c);
+        let took = super::cpu().saturating_sub(start);
+        assert!(took.as_secs_f64() < 1.0, "{fill:?}: {took:?}");
+        assert!(lints.len() > 1000 && lints.len() < 6000, "{}", lints.len());
+        let text = serde_json::to_string(&lints).unwrap();
+        assert!(text.len() < 8 << 20, "{} bytes", text.len());
+    }
+}

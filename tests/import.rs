@@ -1,0 +1,263 @@
+//! Foreign models become folders that every command takes: checked against the
+//! simulator's own reading of the same source.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use robert::mujoco::{Data, Kind, Model};
+use robert::robot::{Coupling, Robot};
+
+use crate::run::{Ran, robert};
+
+/// A tetrahedron as binary STL, and as Wavefront OBJ.
+fn tetrahedron_stl() -> Vec<u8> {
+    let p: [[f32; 3]; 4] = [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.1, 0.0], [0.0, 0.0, 0.1]];
+    let mut out = vec![0_u8; 80];
+    out.extend(4_u32.to_le_bytes());
+    for face in [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]] {
+        out.extend([0_u8; 12]);
+        for v in face {
+            p[v].iter().for_each(|c| out.extend(c.to_le_bytes()));
+        }
+        out.extend([0_u8; 2]);
+    }
+    out
+}
+
+const TETRAHEDRON_OBJ: &str =
+    "v 0 0 0\nv .1 0 0\nv 0 .1 0\nv 0 0 .1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n";
+
+/// Two moving fingers on an arm, one mimicking the other, fixed links in between, tilted
+/// frames, a package mesh, a transmission.
+const GRIPPER: &str = r#"<?xml version="1.0"?>
+<robot name="gripper">
+  <material name="steel"><color rgba=".5 .5 .6 1"/></material>
+  <link name="base"><inertial><mass value="2"/><inertia ixx=".1" iyy=".2" izz=".25" ixy="0" ixz="0" iyz="0"/></inertial>
+    <collision><geometry><box size=".2 .2 .1"/></geometry></collision></link>
+  <link name="arm">
+    <inertial><origin xyz=".1 .02 .3" rpy=".3 -.2 .9"/><mass value="1.5"/>
+      <inertia ixx=".03" iyy=".04" izz=".02" ixy=".003" ixz="-.002" iyz=".001"/></inertial>
+    <visual><origin xyz="0 0 .1" rpy="0 .1 0"/><geometry><mesh filename="package://gripper_description/meshes/Arm.STL" scale="2 2 2"/></geometry><material name="steel"/></visual>
+    <collision><origin xyz="0 0 .2"/><geometry><cylinder radius=".05" length=".4"/></geometry></collision></link>
+  <link name="flange"/>
+  <link name="left"><inertial><mass value=".1"/><inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial>
+    <collision><geometry><sphere radius=".02"/></geometry></collision></link>
+  <link name="right"><inertial><mass value=".1"/><inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial>
+    <visual><geometry><mesh filename="package://gripper_description/meshes/pretty.dxf"/></geometry></visual>
+    <collision><geometry><sphere radius=".02"/></geometry></collision></link>
+  <joint name="turn" type="continuous"><origin xyz="0 0 .05" rpy="0 0 .4"/><parent link="base"/><child link="arm"/>
+    <axis xyz="0 .6 .8"/><limit effort="30" velocity="2"/><dynamics damping=".7" friction=".2"/></joint>
+  <joint name="mount" type="fixed"><origin xyz="0 .1 .4" rpy="1.1 .2 -.3"/><parent link="arm"/><child link="flange"/></joint>
+  <joint name="grip" type="prismatic"><origin xyz=".06 0 .1"/><parent link="flange"/><child link="left"/>
+    <axis xyz="1 0 0"/><limit lower="0" upper=".04" effort="8" velocity=".1"/></joint>
+  <joint name="grip2" type="prismatic"><origin xyz="-.06 0 .1" rpy="0 0 3.1"/><parent link="flange"/><child link="right"/>
+    <axis xyz="1 0 0"/><limit lower="0" upper=".05" effort="8" velocity=".1"/><mimic joint="grip" multiplier="1.2" offset=".001"/></joint>
+  <transmission name="t"/>
+</robot>"#;
+
+fn import_gripper() -> Ran {
+    robert()
+        .file("ws/gripper_description/urdf/gripper.urdf", GRIPPER)
+        .file("ws/gripper_description/meshes/Arm.STL", tetrahedron_stl())
+        .args(["import", "ws/gripper_description/urdf/gripper.urdf", "--out", "bot", "--json"])
+        .args(["--package", "gripper_description=ws/gripper_description"])
+        .succeeds()
+}
+
+fn notes(v: &serde_json::Value, key: &str) -> String {
+    v[key].as_array().unwrap().iter().map(|s| s.as_str().unwrap()).collect::<Vec<_>>().join("\n")
+}
+
+#[test]
+fn a_urdf_becomes_a_robot_with_everything_told() {
+    let ran = import_gripper();
+    let v = ran.json();
+    assert_eq!((v["state_dim"].as_u64(), v["action_dim"].as_u64()), (Some(3), Some(2)));
+    assert_eq!(v["files"].as_u64(), Some(1));
+    assert!((v["mass_kg"].as_f64().unwrap() - 3.7).abs() < 1e-9);
+    let (dropped, assumed, changed) =
+        (notes(&v, "dropped"), notes(&v, "assumed"), notes(&v, "changed"));
+    assert!(dropped.contains("pretty.dxf") && dropped.contains("<transmission>"), "{dropped}");
+    assert!(assumed.contains("base - arm") && assumed.contains("armature 0.01"), "{assumed}");
+    assert!(changed.contains("\"grip2\" follows \"grip\""), "{changed}");
+
+    let robot = Robot::from_folder(&ran.path("bot")).unwrap();
+    let joints: Vec<_> = robot.joints().iter().map(|j| (j.name.as_str(), j.speed_limit)).collect();
+    assert_eq!(joints, [("turn", 2.0), ("grip", 0.1), ("grip2", 0.1)]);
+    let motors: Vec<_> =
+        robot.actuators().iter().map(|a| (a.name.as_str(), a.ctrlrange[1])).collect();
+    assert_eq!(motors, [("turn", 30.0), ("grip", 8.0)]);
+    assert!(robot.joints()[0].unbounded);
+    assert_eq!(robot.joints()[1].range, [0.0, 0.04]);
+    let m = robot.model();
+    assert_eq!(
+        (m.dof_damping()[0], m.dof_frictionloss()[0], m.dof_armature()[0]),
+        (0.7, 0.2, 0.01)
+    );
+    assert_eq!(
+        robot.profile().couplings,
+        [Coupling::Mimic {
+            follower: "grip2".into(),
+            leader: "grip".into(),
+            offset: 0.001,
+            multiplier: 1.2
+        }]
+    );
+    assert!(robot.scene_model().unwrap().ngeom() > m.ngeom(), "the mesh is only looked at");
+
+    // The follower follows in simulation.
+    let mut d = Data::new(m).unwrap();
+    robot.apply_action(&mut d, &[0.0, 0.5]).unwrap();
+    d.step(400).unwrap();
+    let q = robot.state(&d);
+    assert!(q[1] > 0.03 && (q[2] - 0.001 - 1.2 * q[1]).abs() < 2e-3, "{q:?}");
+}
+
+#[test]
+fn a_urdf_moves_as_in_the_simulators_own_reading() {
+    let ran = import_gripper();
+    let robot = Robot::from_folder(&ran.path("bot")).unwrap();
+    let plain = GRIPPER
+        .replace(
+            "<robot name=\"gripper\">",
+            "<robot name=\"gripper\"><mujoco><compiler fusestatic=\"false\"/></mujoco>",
+        )
+        .replace("package://gripper_description/meshes/pretty.dxf", "none.stl");
+    let own = Arc::new(Model::from_xml(&plain).unwrap());
+    let ours = robot.model();
+    assert_eq!((own.nq(), own.nbody()), (ours.nq(), ours.nbody()));
+    for (name, a, b) in [
+        ("mass", own.body_mass(), ours.body_mass()),
+        ("ipos", own.body_ipos(), ours.body_ipos()),
+        ("inertia", own.body_inertia(), ours.body_inertia()),
+        ("range", own.jnt_range(), ours.jnt_range()),
+    ] {
+        close(a, b, name);
+    }
+    let (mut x, mut y) = (Data::new(&own).unwrap(), Data::new(ours).unwrap());
+    for q in [[0.0, 0.0, 0.0], [1.2, 0.03, 0.01], [-2.9, 0.01, 0.05]] {
+        x.set_qpos(&q).unwrap();
+        y.set_qpos(&q).unwrap();
+        x.kinematics().unwrap();
+        y.kinematics().unwrap();
+        close(x.xpos(), y.xpos(), "xpos");
+        close(x.xmat(), y.xmat(), "xmat");
+        close(x.xipos(), y.xipos(), "xipos");
+    }
+}
+
+fn close(a: &[f64], b: &[f64], what: &str) {
+    assert_eq!(a.len(), b.len(), "{what}");
+    for (i, (x, y)) in a.iter().zip(b).enumerate() {
+        assert!((x - y).abs() < 1e-9, "{what}[{i}]: {x} and {y}");
+    }
+}
+
+/// A leg with servos in a file that includes another and reads meshes from beside it.
+fn import_leg(extra: &[&str]) -> crate::run::Robert {
+    let main = r#"<mujoco model="leg">
+  <compiler angle="radian" meshdir="../meshes"/>
+  <option timestep="0.001" integrator="implicitfast" ls_iterations="9"/>
+  <include file="parts/assets.xml"/>
+  <worldbody>
+    <geom type="plane" size="1 1 .1"/>
+    <body name="hip" pos="0 0 1"><geom type="box" size=".1 .1 .1"/>
+      <body pos="0 0 -.12"><joint name="hip" axis="0 1 0" range="-1 1"/><geom type="mesh" mesh="Bone"/><geom size=".04"/>
+        <body name="shank" pos="0 0 -.3"><joint axis="0 1 0" range="0 2"/><geom type="mesh" mesh="foot"/></body></body></body>
+  </worldbody>
+  <actuator><position name="hip" joint="hip" kp="50" kv="2" forcerange="-40 40" ctrlrange="-1 1"/></actuator>
+  <sensor><jointpos joint="hip"/></sensor>
+</mujoco>"#;
+    let mut args = vec!["import", "leg/xml/leg.xml", "--out", "bot", "--json"];
+    args.extend(extra);
+    robert()
+        .file("leg/xml/leg.xml", main)
+        .file("leg/xml/parts/assets.xml", "<mujoco><asset><mesh file=\"Bone.STL\"/><mesh name=\"foot\" file=\"sub/bone.stl\" scale=\"2 2 2\"/></asset></mujoco>")
+        .file("leg/meshes/Bone.STL", tetrahedron_stl())
+        .file("leg/meshes/sub/bone.stl", tetrahedron_stl())
+        .args(args)
+}
+
+#[test]
+fn an_mjcf_with_includes_and_meshes_becomes_a_folder() {
+    let refused = import_leg(&[]).fails(3);
+    assert!(refused.stderr.contains("--root"), "{}", refused.stderr);
+
+    let ran = import_leg(&["--root", "leg"]).succeeds();
+    let v = ran.json();
+    assert_eq!(
+        (v["state_dim"].as_u64(), v["action_dim"].as_u64(), v["files"].as_u64()),
+        (Some(2), Some(1), Some(2))
+    );
+    let changed = notes(&v, "changed");
+    assert!(changed.contains("servo \"hip\" became a motor of -40 to 40"), "{changed}");
+    assert!(changed.contains("1 nameless joints"), "{changed}");
+    assert!(notes(&v, "dropped").contains("option/ls_iterations"));
+    let robot = Robot::from_folder(&ran.path("bot")).unwrap();
+    assert_eq!(robot.actuators()[0].ctrlrange, [-40.0, 40.0]);
+    let m = robot.model();
+    assert_eq!((m.timestep(), m.integrator(), m.cone()), (0.005, 0, 0));
+    assert_eq!(robot.joints()[0].range, [-1.0, 1.0], "a range is a limit");
+    // "hip" is fixed: its child starts inside it and must be left alone.
+    let mut d = Data::new(m).unwrap();
+    d.forward().unwrap();
+    assert_eq!(d.contacts().count(), 0);
+    // Meshes of equal names from two folders stay apart.
+    let scaled = m.id(Kind::Mesh, "foot").unwrap();
+    assert!(m.id(Kind::Mesh, "Bone").is_some_and(|b| b != scaled));
+    assert!(ran.path("bot/assets/bone_2.stl").is_file() && ran.path("bot/import.json").is_file());
+    // The folder stands alone: what it was made of may go.
+    std::fs::remove_dir_all(ran.path("leg")).unwrap();
+    Robot::from_folder(&ran.path("bot")).unwrap().settle(&[0.2, 0.3]).unwrap();
+}
+
+#[test]
+fn imports_that_cannot_be_leave_no_folder() {
+    let xml = r#"<mujoco><worldbody><body><freejoint/><geom size=".1"/><body><joint name="k"/><geom size=".1" pos="1 0 0"/></body></body></worldbody></mujoco>"#;
+    let ran = robert().file("m.xml", xml).args(["import", "m.xml", "--out", "bot"]).fails(3);
+    assert!(
+        ran.stderr.contains("m.xml:1:") && ran.stderr.contains("--fixed-base"),
+        "{}",
+        ran.stderr
+    );
+    let left: Vec<_> =
+        std::fs::read_dir(ran.dir.path()).unwrap().map(|e| e.unwrap().file_name()).collect();
+    assert_eq!(left, ["m.xml"]);
+
+    let ran = robert()
+        .file("m.xml", xml)
+        .args(["import", "m.xml", "--out", "bot", "--fixed-base", "--json"])
+        .succeeds();
+    assert!(notes(&ran.json(), "assumed").contains("no actuators: 1 motors of +-10"));
+
+    robert()
+        .file("m.xml", xml)
+        .file("bot/x", "mine")
+        .args(["import", "m.xml", "--out", "bot"])
+        .fails(3);
+    robert().args(["import", "gone.urdf", "--out", "bot"]).fails(3);
+    robert().file("m.xml", xml).args(["import", "m.xml", "--out", "b", "--package", "x"]).fails(2);
+    let ran = robert().file("m.xml", xml).args(["robots", "show", "m.xml"]).fails(3);
+    assert!(ran.stderr.contains("robert import m.xml"), "{}", ran.stderr);
+}
+
+#[test]
+fn obj_meshes_and_welded_joints_are_taken() {
+    let urdf = GRIPPER
+        .replace("package://gripper_description/meshes/Arm.STL", "arm.obj")
+        .replace("package://gripper_description/meshes/pretty.dxf", "arm.obj");
+    let ran = robert()
+        .file("g.urdf", urdf)
+        .file("arm.obj", TETRAHEDRON_OBJ)
+        .args(["import", "g.urdf", "--out", "bot", "--weld", "turn", "--base-height", "0.7"])
+        .succeeds();
+    assert!(ran.stdout.contains("welded"), "{}", ran.stdout);
+    let robot = Robot::from_folder(Path::new(&ran.path("bot"))).unwrap();
+    assert_eq!((robot.state_dim(), robot.action_dim()), (2, 1));
+    let base = robot.model().id(Kind::Body, "base").unwrap();
+    assert_eq!(robot.model().body_pos()[3 * base + 2], 0.7);
+    robert()
+        .file("g.urdf", GRIPPER)
+        .args(["import", "g.urdf", "--out", "b", "--weld", "nose"])
+        .fails(3);
+}

@@ -1,0 +1,358 @@
+// The wire: one session cookie, one socket, every edit a message. The page never changes the
+// document by itself; it sends operations and draws what comes back.
+
+import { batch } from "@preact/signals";
+import { values, type Clip } from "./clip";
+import { patched, type DocumentView, type ErrorBody, type Event, type RobotFacts, type State } from "./protocol";
+import * as store from "./store";
+
+let socket: WebSocket | undefined;
+let client = 0;
+let nextId = 1;
+const waiting = new Map<number, { resolve: (r: Reply) => void; sent: number }>();
+
+export interface Reply {
+  ok: boolean;
+  result?: unknown;
+  error?: ErrorBody;
+}
+
+/** Time from sending an edit to its acknowledgement, milliseconds; the last 500. */
+export const ackTimes: number[] = [];
+
+export class Refusal extends Error {
+  constructor(
+    readonly body: ErrorBody,
+    readonly status: number,
+  ) {
+    super(body.message);
+  }
+}
+
+export async function http<T>(method: string, path: string, body?: unknown): Promise<T> {
+  const init: RequestInit = { method, credentials: "same-origin" };
+  if (typeof body === "string") {
+    init.body = body;
+    init.headers = { "content-type": "text/plain" };
+  } else if (body !== undefined) {
+    init.body = JSON.stringify(body);
+    init.headers = { "content-type": "application/json" };
+  }
+  const answer = await fetch(path, init);
+  const text = await answer.text();
+  if (!answer.ok) {
+    let refusal: ErrorBody = { code: "failed", message: text || answer.statusText };
+    try {
+      refusal = JSON.parse(text) as ErrorBody;
+    } catch {
+      // Not every refusal comes from a handler.
+    }
+    throw new Refusal(refusal, answer.status);
+  }
+  try {
+    return JSON.parse(text) as T;
+  } catch {
+    return text as T;
+  }
+}
+
+/** Says what went wrong, with the place, as the command line would. */
+export function complain(e: unknown): void {
+  if (e instanceof Refusal) store.toast(e.body.mend ? `${e.body.message} (${e.body.mend})` : e.body.message, "error");
+  else store.toast(e instanceof Error ? e.message : String(e), "error");
+}
+
+/** Trades the token in the URL for a cookie and forgets it. */
+async function session(): Promise<void> {
+  const token = /token=([0-9a-f]+)/i.exec(location.hash)?.[1];
+  if (!token) return;
+  const answer = await fetch("/api/session", { method: "POST", headers: { authorization: `Bearer ${token}` } });
+  if (answer.ok) history.replaceState(null, "", location.pathname + location.search);
+}
+
+export async function connect(): Promise<void> {
+  try {
+    await session();
+  } catch {
+    // The socket's own reconnect says so.
+  }
+  open();
+}
+
+function open(): void {
+  const scheme = location.protocol === "https:" ? "wss" : "ws";
+  const ws = new WebSocket(`${scheme}://${location.host}/api/ws`);
+  socket = ws;
+  let greeted = false;
+  ws.onmessage = (m) => {
+    greeted = true;
+    receive(JSON.parse(String(m.data)) as Event);
+  };
+  ws.onclose = () => {
+    for (const w of waiting.values()) w.resolve({ ok: false, error: { code: "lost", message: "the studio is gone" } });
+    waiting.clear();
+    store.link.value = greeted || store.link.value === "lost" || store.link.value === "open" ? "lost" : "refused";
+    setTimeout(open, 1000);
+  };
+}
+
+function send(op: string, args: object): Promise<Reply> {
+  const ws = socket;
+  if (!ws || ws.readyState !== WebSocket.OPEN) {
+    return Promise.resolve({ ok: false, error: { code: "lost", message: "not connected: the edit was not made" } });
+  }
+  const id = nextId++;
+  return new Promise((resolve) => {
+    waiting.set(id, { resolve, sent: performance.now() });
+    ws.send(JSON.stringify({ id, op, args }));
+  });
+}
+
+/** An edit. Resolves when it is on the server's disk; refusals are shown. */
+export async function edit(op: string, args: object): Promise<boolean> {
+  const reply = await send(op, args);
+  if (reply.error) complain(new Refusal(reply.error, 422));
+  return reply.ok;
+}
+
+/** Tells the server something that is no edit; silence is success. */
+export function tell(op: string, args: object = {}): void {
+  void send(op, args).then((r) => {
+    if (r.error && r.error.code !== "lost") complain(new Refusal(r.error, 422));
+  });
+}
+
+/** Asks for something that is no edit. */
+export async function ask(op: string, args: object = {}): Promise<Reply> {
+  return send(op, args);
+}
+
+function settle(id: number | undefined, reply: Reply): void {
+  const w = id === undefined ? undefined : waiting.get(id);
+  if (!w || id === undefined) return;
+  waiting.delete(id);
+  ackTimes.push(performance.now() - w.sent);
+  if (ackTimes.length > 500) ackTimes.shift();
+  w.resolve(reply);
+}
+
+function receive(e: Event): void {
+  switch (e.event) {
+    case "hello":
+      client = e.client;
+      store.link.value = "open";
+      welcome(e.state);
+      return;
+    case "edit": {
+      const d = store.doc.value;
+      if (d) {
+        batch(() => {
+          store.doc.value = { ...d, rev: e.rev, clip: patched(d.clip, e.patch), dirty: e.dirty, history: e.history };
+          store.announcement.value = e.label;
+        });
+      }
+      if (e.by === client) settle(e.id, { ok: true });
+      return;
+    }
+    case "reply":
+      settle(e.id, e.error ? { ok: false, error: e.error } : { ok: true, result: e.result });
+      return;
+    case "document":
+      for (const id of [...waiting.keys()]) settle(id, { ok: true });
+      adopt(e.document);
+      return;
+    case "saved": {
+      const d = store.doc.value;
+      if (d) store.doc.value = { ...d, path: e.path, dirty: d.rev !== e.rev };
+      store.toast(`saved ${e.path}`);
+      return;
+    }
+    case "findings": {
+      const d = store.doc.value;
+      if (d) store.doc.value = { ...d, findings: e };
+      return;
+    }
+    case "rollout.settings":
+      store.settings.value = e;
+      return;
+    case "rollout.frames": {
+      const f = store.frames.value;
+      store.frames.value = {
+        q: [...f.q.slice(0, e.from), ...e.q],
+        error: [...f.error.slice(0, e.from), ...e.error],
+      };
+      return;
+    }
+    case "rollout.state":
+      store.rollout.value = e;
+      if (e.phase === "failed" && e.error) store.announcement.value = e.error;
+      return;
+    case "select": {
+      const joints = store.doc.value?.clip.robot.joints ?? [];
+      store.joint.value = e.joint === undefined ? undefined : Math.max(0, joints.indexOf(e.joint));
+      store.site.value = e.site;
+      return;
+    }
+    case "joint":
+      jointMoved(e.values, e.done);
+      return;
+    case "notice":
+      store.toast(e.message, e.level === "error" ? "error" : "info");
+      return;
+    case "worker":
+    case "job":
+      document.dispatchEvent(new CustomEvent(`robert-${e.event}`, { detail: e }));
+  }
+}
+
+function welcome(state: State): void {
+  batch(() => {
+    store.version.value = state.version;
+    store.folder.value = state.folder;
+    store.viser.value = state.viser;
+    store.settings.value = state.rollout;
+    store.policies.value = state.policies;
+  });
+  adopt(state.document);
+  void refreshGallery();
+}
+
+export async function refreshGallery(): Promise<void> {
+  try {
+    store.gallery.value = await http("GET", "/api/gallery");
+    store.recent.value = await http("GET", "/api/recent");
+  } catch (e) {
+    complain(e);
+  }
+}
+
+function adopt(d: DocumentView | null): void {
+  const before = store.doc.value;
+  batch(() => {
+    store.doc.value = d ? { ...d, restored: d.restored?.edits ?? 0 } : undefined;
+    if (!d) {
+      store.page.value = "gallery";
+      store.frames.value = { q: [], error: [] };
+      store.rollout.value = undefined;
+      return;
+    }
+    if (store.page.value === "gallery") store.page.value = "editor";
+    if (before?.clip.name !== d.clip.name || before?.path !== d.path) {
+      store.selection.value = new Set();
+      store.playhead.value = 0;
+      store.joint.value = undefined;
+      store.frames.value = { q: [], error: [] };
+    }
+  });
+  if (d) void loadRobot(d.clip.robot.id);
+}
+
+async function loadRobot(id: string): Promise<void> {
+  if (store.robot.value?.id === id) return;
+  try {
+    store.robot.value = await http<RobotFacts>("GET", `/api/robot/${encodeURIComponent(id)}`);
+  } catch (e) {
+    complain(e);
+  }
+}
+
+/** Opens from the server's side; the `document` event does the rest. */
+export async function openWith(method: string, path: string, body?: unknown): Promise<void> {
+  try {
+    adopt(await http<DocumentView>(method, path, body));
+  } catch (e) {
+    complain(e);
+  }
+}
+
+/** The pose at the playhead: the key there, else what is commanded or achieved. */
+export function poseAt(clip: Clip, frame: number): number[] {
+  const d = store.doc.value;
+  const rest = d?.table.rest ?? [];
+  const key = clip.keys.find((k) => k.frame === frame);
+  const achieved = store.frames.value.q[frame];
+  const before = clip.keys.filter((k) => k.frame <= frame).at(-1) ?? clip.keys[0];
+  const from = key ? values(clip, key) : (achieved ?? (before ? values(clip, before) : rest));
+  return clip.robot.joints.map((_, j) => from[j] ?? achieved?.[j] ?? rest[j] ?? 0);
+}
+
+/** The edit that gives joints these values at the playhead. */
+function poseEdit(changes: Record<string, number>): { op: string; args: object } | undefined {
+  const d = store.doc.value;
+  if (!d) return undefined;
+  const frame = store.playhead.value;
+  const key = d.clip.keys.find((k) => k.frame === frame);
+  if (key) return { op: "keys.set", args: { frame, values: changes } };
+  const q = poseAt(d.clip, frame);
+  d.clip.robot.joints.forEach((name, j) => {
+    const v = changes[name];
+    if (v !== undefined) q[j] = v;
+  });
+  return { op: "keys.add", args: { keys: [{ frame, q }] } };
+}
+
+/**
+ * A joint is being moved by a slider or in the viewport. While it moves the rollout follows as
+ * a preview; when it is let go there is one edit. With auto-key off, and off a key, it is a
+ * floating pose: shown, kept, and no key until the person says so.
+ */
+export function jointMoved(changes: Record<string, number>, done: boolean): void {
+  const d = store.doc.value;
+  if (!d) return;
+  const onKey = d.clip.keys.some((k) => k.frame === store.playhead.value);
+  if (!onKey && !store.autoKey.value) {
+    const q = store.floating.value ?? poseAt(d.clip, store.playhead.value);
+    store.floating.value = d.clip.robot.joints.map((name, j) => changes[name] ?? q[j] ?? 0);
+    tell("view.pose", { q: store.floating.value });
+    return;
+  }
+  const e = poseEdit(changes);
+  if (!e) return;
+  if (done) void edit(e.op, e.args).then(() => tell("preview.end"));
+  else preview(e);
+}
+
+let previewing = false;
+let newest: object | undefined;
+
+/** Sends previews no faster than they are answered; the newest wins. */
+function preview(op: object): void {
+  newest = op;
+  if (previewing) return;
+  previewing = true;
+  const step = (): void => {
+    const next = newest;
+    newest = undefined;
+    if (!next) {
+      previewing = false;
+      return;
+    }
+    void send("preview", { op: next }).then(step);
+  };
+  step();
+}
+
+export function previewEdit(op: string, args: object): void {
+  preview({ op, args });
+}
+
+export async function keyFloating(): Promise<void> {
+  const d = store.doc.value;
+  const q = store.floating.value;
+  if (!d || !q) return;
+  if (await edit("keys.add", { keys: [{ frame: store.playhead.value, q }], replace: true })) dropFloating();
+}
+
+export function dropFloating(): void {
+  store.floating.value = undefined;
+  tell("view.pose", { q: null });
+}
+
+export async function save(path?: string): Promise<void> {
+  try {
+    await http("POST", "/api/save", path === undefined ? {} : { path });
+  } catch (e) {
+    if (e instanceof Refusal && e.body.code === "untitled") document.dispatchEvent(new CustomEvent("robert-save-as"));
+    else complain(e);
+  }
+}

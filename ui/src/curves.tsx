@@ -1,0 +1,133 @@
+// Commanded against achieved, by joint, and the error over time. Colour is the joint, pattern the
+// kind: crosses are commanded, the line is achieved, dashes are the take compared with.
+
+import { effect } from "@preact/signals";
+import { useEffect, useRef } from "preact/hooks";
+import uPlot from "uplot";
+import "uplot/dist/uPlot.min.css";
+import { keyEnd, values } from "./clip";
+import * as store from "./store";
+import { SERIES, colors } from "./theme";
+
+/** Goals of one joint by frame; null where masked. Fills between keys are left to the line. */
+function goals(joint: number): (number | null)[] {
+  const clip = store.doc.value?.clip;
+  if (!clip) return [];
+  const row: (number | null)[] = new Array(clip.length).fill(null);
+  for (const key of clip.keys) {
+    const v = values(clip, key)[joint];
+    if (v === null || v === undefined) continue;
+    for (let f = key.frame; f < Math.min(keyEnd(key), clip.length); f++) row[f] = v;
+  }
+  for (const m of clip.masks ?? []) {
+    if (m.joints && !m.joints.includes(clip.robot.joints[joint] ?? "")) continue;
+    for (let f = m.from; f < Math.min(m.to, clip.length); f++) row[f] = null;
+  }
+  return row;
+}
+
+function column(q: number[][], joint: number, length: number): (number | null)[] {
+  return Array.from({ length }, (_, f) => q[f]?.[joint] ?? null);
+}
+
+export function Curves() {
+  const host = useRef<HTMLDivElement>(null);
+  useEffect(() => {
+    const parent = host.current;
+    if (!parent) return;
+    let plots: uPlot[] = [];
+    let shape = "";
+    const build = (): void => {
+      plots.forEach((p) => p.destroy());
+      const c = colors();
+      const width = Math.max(200, parent.clientWidth - 4);
+      const axis = { stroke: c.dim, grid: { stroke: c.faint, width: 1 }, ticks: { stroke: c.rule }, font: "11px system-ui" };
+      const cursor = {
+        sync: { key: "curves" },
+        drag: { x: false, y: false },
+        bind: {
+          mousedown: (u: uPlot) => () => {
+            const f = u.cursor.idx;
+            if (typeof f === "number") {
+              store.playing.value = false;
+              store.playhead.value = f;
+            }
+            return null;
+          },
+        },
+      };
+      const line = { hooks: { draw: [(u: uPlot) => {
+        const x = u.valToPos(store.playhead.value / store.fps.value, "x", true);
+        u.ctx.strokeStyle = c.playhead;
+        u.ctx.beginPath();
+        u.ctx.moveTo(x, u.bbox.top);
+        u.ctx.lineTo(x, u.bbox.top + u.bbox.height);
+        u.ctx.stroke();
+      }] } };
+      const joint = store.joint.value ?? 0;
+      const color = SERIES[joint % SERIES.length] ?? "#56b4e9";
+      const unit = store.doc.value?.table.joints[joint]?.unit ?? "rad";
+      const deg = unit === "rad" && store.degrees.value;
+      const axisUnit = unit === "m" ? "m" : deg ? "deg" : "rad";
+      const title = store.titles.value[joint] ?? "";
+      const scale = deg ? 180 / Math.PI : 1;
+      const fmt = (v: number | null): string => (v === null || v === undefined ? "–" : (v * scale).toFixed(deg ? 1 : 3));
+      const ticksOf = (_: uPlot, at: number[]): string[] => at.map((v) => (v * scale).toFixed(deg ? 0 : 2));
+      const common = { width, legend: { live: false }, cursor: cursor as unknown as uPlot.Cursor, padding: [6, 8, 0, 0] as [number, number, number, number] };
+      plots = [
+        new uPlot({
+          ...common, height: 150, title: `${title}, ${axisUnit}`, plugins: [line as unknown as uPlot.Plugin],
+          scales: { x: { time: false } },
+          axes: [{ ...axis, values: (_, at) => at.map((v) => `${v} s`) }, { ...axis, size: 44, values: ticksOf }],
+          series: [{}, 
+            { label: "commanded", stroke: color, paths: () => null, points: { show: true, size: 6, stroke: color, fill: c.panel }, value: (_, v) => fmt(v) },
+            { label: "achieved", stroke: color, width: 1.6, value: (_, v) => fmt(v) },
+            { label: "compared", stroke: c.dim, width: 1.2, dash: [5, 4], value: (_, v) => fmt(v) }],
+        }, [[0], [null], [null], [null]], parent),
+        new uPlot({
+          ...common, height: 110, title: `mean error, ${store.unit.value === "m" ? "mm" : "deg"}`, plugins: [line as unknown as uPlot.Plugin],
+          scales: { x: { time: false } },
+          axes: [{ ...axis, values: (_, at) => at.map((v) => `${v} s`) }, { ...axis, size: 44 }],
+          series: [{}, { label: "error", stroke: c.error, width: 1.4, fill: c.error + "33" }, { label: "compared", stroke: c.dim, width: 1.2, dash: [5, 4] }],
+        }, [[0], [null], [null]], parent),
+      ];
+    };
+    let queued = false;
+    const update = (): void => {
+      queued = false;
+      const d = store.doc.value;
+      if (!d) return;
+      const joint = store.joint.value ?? 0;
+      const now = `${parent.clientWidth}:${joint}:${store.degrees.value}:${d.clip.robot.id}`;
+      if (now !== shape) {
+        shape = now;
+        build();
+      }
+      const n = d.clip.length;
+      const xs = Array.from({ length: n }, (_, f) => f / d.clip.fps);
+      const other = store.takes.value.find((t) => t.id === store.compared.value);
+      const scale = store.unit.value === "m" ? 1000 : 180 / Math.PI;
+      const errors = (e: (number | null)[]): (number | null)[] => xs.map((_, f) => (e[f] === null || e[f] === undefined ? null : e[f] * scale));
+      plots[0]?.setData([xs, goals(joint), column(store.frames.value.q, joint, n), other ? column(other.frames.q, joint, n) : xs.map(() => null)]);
+      plots[1]?.setData([xs, errors(store.frames.value.error), other ? errors(other.frames.error) : xs.map(() => null)]);
+    };
+    const observer = new ResizeObserver(() => ask());
+    const ask = (): void => {
+      if (!queued) {
+        queued = true;
+        requestAnimationFrame(update);
+      }
+    };
+    observer.observe(parent);
+    const dispose = effect(() => {
+      void [store.doc.value, store.frames.value, store.joint.value, store.degrees.value, store.compared.value, store.takes.value, store.playhead.value];
+      ask();
+    });
+    return () => {
+      dispose();
+      observer.disconnect();
+      plots.forEach((p) => p.destroy());
+    };
+  }, []);
+  return <section class="curves" ref={host} aria-label="Curves" data-testid="curves" />;
+}

@@ -1,0 +1,263 @@
+// Everything that asks something: palette, shortcut sheet, small questions, files, export.
+
+import { useSignal } from "@preact/signals";
+import type { ComponentChildren } from "preact";
+import { useEffect, useRef } from "preact/hooks";
+import { ACTIONS, act } from "./actions";
+import { complain, edit, http, openWith, poseAt, save } from "./api";
+import { keyAt } from "./clip";
+import * as store from "./store";
+import { setTheme } from "./theme";
+
+export function Dialog(props: { title: string; onClose: () => void; children: ComponentChildren; class?: string }) {
+  const box = useRef<HTMLDivElement>(null);
+  useEffect(() => {
+    const before = document.activeElement;
+    const first = box.current?.querySelector<HTMLElement>("input, select, button");
+    first?.focus();
+    if (first instanceof HTMLInputElement) first.select();
+    return () => {
+      if (before instanceof HTMLElement) before.focus();
+    };
+  }, []);
+  const onKey = (e: KeyboardEvent): void => {
+    e.stopPropagation();
+    if (e.key === "Escape") props.onClose();
+    if (e.key !== "Tab") return;
+    const all = [...(box.current?.querySelectorAll<HTMLElement>("input, select, button, a[href]") ?? [])];
+    const edge = e.shiftKey ? all[0] : all.at(-1);
+    if (document.activeElement === edge) {
+      e.preventDefault();
+      (e.shiftKey ? all.at(-1) : all[0])?.focus();
+    }
+  };
+  return (
+    <div class="scrim" onPointerDown={(e) => e.target === e.currentTarget && props.onClose()}>
+      <div class={`dialog ${props.class ?? ""}`} role="dialog" aria-modal="true" aria-label={props.title} ref={box} onKeyDown={onKey}>
+        <h2>{props.title}</h2>
+        {props.children}
+      </div>
+    </div>
+  );
+}
+
+function Ask(props: { title: string; label: string; value: string; hint?: string; onClose: () => void; onDone: (value: string) => boolean | void }) {
+  const value = useSignal(props.value);
+  const done = (): void => {
+    if (props.onDone(value.value.trim()) !== false) props.onClose();
+  };
+  return (
+    <Dialog title={props.title} onClose={props.onClose}>
+      <form onSubmit={(e) => { e.preventDefault(); done(); }}>
+        <label>{props.label}<br /><input type="text" style="width: 100%; padding: 6px 8px" value={value.value} onInput={(e) => (value.value = e.currentTarget.value)} /></label>
+        {props.hint ? <p style="color: var(--dim)">{props.hint}</p> : null}
+        <div class="row" style="margin-top: 12px; justify-content: flex-end">
+          <button type="button" onClick={props.onClose}>Cancel</button>
+          <button class="main" type="submit">OK</button>
+        </div>
+      </form>
+    </Dialog>
+  );
+}
+
+function Palette({ onClose }: { onClose: () => void }) {
+  const text = useSignal("");
+  const at = useSignal(0);
+  const words = text.value.toLowerCase().split(/\s+/).filter(Boolean);
+  const found = ACTIONS.filter((a) => words.every((w) => `${a.title} ${a.group}`.toLowerCase().includes(w)));
+  const run = (id: string | undefined): void => {
+    onClose();
+    if (id) act(id);
+  };
+  return (
+    <Dialog title="Find a command" onClose={onClose} class="palette">
+      <input type="text" role="combobox" aria-expanded="true" aria-controls="palette-list" aria-label="Command" value={text.value}
+        onInput={(e) => { text.value = e.currentTarget.value; at.value = 0; }}
+        onKeyDown={(e) => {
+          if (e.key === "ArrowDown") at.value = Math.min(found.length - 1, at.value + 1);
+          else if (e.key === "ArrowUp") at.value = Math.max(0, at.value - 1);
+          else if (e.key === "Enter") run(found[at.value]?.id);
+          else return;
+          e.preventDefault();
+        }} />
+      <ul id="palette-list" role="listbox">
+        {found.slice(0, 14).map((a, i) => (
+          <li key={a.id} role="option" aria-selected={i === at.value} onClick={() => run(a.id)} title={a.not?.() ?? ""}>
+            <span style={a.not?.() ? "opacity: .5" : ""}>{a.title}</span><span>{(a.keys ?? []).slice(0, 1).map((k) => <kbd key={k}>{k}</kbd>)}</span>
+          </li>
+        ))}
+        {found.length === 0 ? <li>nothing found</li> : null}
+      </ul>
+    </Dialog>
+  );
+}
+
+function Shortcuts({ onClose }: { onClose: () => void }) {
+  const groups = [...new Set(ACTIONS.map((a) => a.group))];
+  return (
+    <Dialog title="Shortcuts" onClose={onClose}>
+      {groups.map((g) => (
+        <section key={g}>
+          <h3 style="margin: 10px 0 4px">{g}</h3>
+          <div class="keys">
+            {ACTIONS.filter((a) => a.group === g && a.keys).map((a) => (
+              <div key={a.id}><span>{a.title}</span><span>{a.keys?.map((k) => <kbd key={k}>{k}</kbd>)}</span></div>
+            ))}
+          </div>
+        </section>
+      ))}
+      <h3 style="margin: 10px 0 4px">Mouse</h3>
+      <div class="keys">
+        <div><span>Move keys</span><kbd>drag</kbd></div>
+        <div><span>Copy keys</span><kbd>Alt+drag</kbd></div>
+        <div><span>Ripple</span><kbd>Shift+drag</kbd></div>
+        <div><span>Retime about the playhead</span><kbd>S+drag</kbd></div>
+        <div><span>Zoom at the pointer</span><kbd>wheel</kbd></div>
+        <div><span>Pan</span><kbd>Shift+wheel</kbd></div>
+        <div><span>Scroll rows</span><kbd>Alt+wheel</kbd></div>
+        <div><span>Type exact values</span><kbd>double-click</kbd></div>
+      </div>
+      <div class="row" style="margin-top: 12px; justify-content: flex-end"><button class="main" onClick={onClose}>Close</button></div>
+    </Dialog>
+  );
+}
+
+const EXPORTS: { format: string; title: string; about: string; extension: string }[] = [
+  { format: "json", title: "Clip", about: "the keyframes, robert-clip/1", extension: "clip.json" },
+  { format: "command", title: "Command table", about: "every frame as CSV, masked cells empty", extension: "command.csv" },
+  { format: "achieved-csv", title: "Achieved motion", about: "what the policy reached, CSV", extension: "csv" },
+  { format: "mcap", title: "Take", about: "MCAP for Foxglove, Lichtblick, Rerun", extension: "mcap" },
+  { format: "mp4", title: "Film", about: "MP4, H.264", extension: "mp4" },
+  { format: "gif", title: "Animated picture", about: "GIF", extension: "gif" },
+  { format: "strip", title: "Film strip", about: "six moments in one PNG", extension: "png" },
+  { format: "html", title: "Page", about: "one HTML file that plays anywhere", extension: "html" },
+  { format: "mjcf", title: "MuJoCo keys", about: "MJCF <keyframe>", extension: "xml" },
+  { format: "ros", title: "ROS 2 trajectory", about: "JointTrajectory YAML", extension: "yaml" },
+];
+
+function Export({ onClose }: { onClose: () => void }) {
+  const busy = useSignal<string | undefined>(undefined);
+  const fetchIt = async (format: string, extension: string): Promise<void> => {
+    busy.value = format;
+    try {
+      const answer = await fetch(`/api/export?format=${format}`, { credentials: "same-origin" });
+      if (!answer.ok) throw new Error((await answer.json().catch(() => ({ message: answer.statusText })) as { message: string }).message);
+      const link = document.createElement("a");
+      link.href = URL.createObjectURL(await answer.blob());
+      link.download = `${(store.doc.value?.clip.name ?? "clip").replace(/[^\w-]+/g, "_")}.${extension}`;
+      link.click();
+      setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
+      store.toast(`${link.download} is in your downloads folder`);
+    } catch (e) {
+      complain(e);
+    }
+    busy.value = undefined;
+  };
+  return (
+    <Dialog title="Export" onClose={onClose}>
+      <div style="display: grid; grid-template-columns: 1fr 1fr; gap: 8px">
+        {EXPORTS.map((x) => (
+          <button key={x.format} disabled={busy.value !== undefined} onClick={() => void fetchIt(x.format, x.extension)} style="text-align: left; white-space: normal; padding: 8px 10px" data-testid={`export-${x.format}`}>
+            <b>{x.title}</b>{busy.value === x.format ? " …" : ""}<br /><span style="color: var(--dim)">{x.about}</span>
+          </button>
+        ))}
+      </div>
+      <div class="row" style="margin-top: 12px; justify-content: flex-end"><button onClick={onClose}>Close</button></div>
+    </Dialog>
+  );
+}
+
+/** Numeric values of one key, all joints in one text: `name value` a line. */
+function KeyEditor({ frame, onClose }: { frame: number; onClose: () => void }) {
+  const d = store.doc.value;
+  if (!d) return null;
+  const key = keyAt(d.clip, frame);
+  const q = poseAt(d.clip, frame);
+  const at = useSignal(String(frame));
+  const hold = useSignal(String(key?.hold ?? 1));
+  const scale = (j: number): number => (d.table.joints[j]?.unit === "rad" && store.degrees.value ? 180 / Math.PI : 1);
+  const fields = useSignal(q.map((v, j) => (v * scale(j)).toFixed(scale(j) === 1 ? 4 : 2)));
+  const done = async (): Promise<void> => {
+    const numbers = fields.value.map((t, j) => Number(t) / scale(j));
+    if (numbers.some((n) => !Number.isFinite(n))) return store.toast("a value is no number", "error");
+    const changes = Object.fromEntries(numbers.flatMap((n, j) => (Math.abs(n - (q[j] ?? 0)) > 5e-5 ? [[d.clip.robot.joints[j] ?? "", n]] : [])));
+    const ops: { op: string; args: object }[] = [];
+    if (Object.keys(changes).length || Number(hold.value) !== (key?.hold ?? 1)) {
+      ops.push({ op: "keys.set", args: { frame, ...(Object.keys(changes).length ? { values: changes } : {}), hold: Math.max(1, Math.round(Number(hold.value))) } });
+    }
+    const to = Math.round(Number(at.value));
+    if (Number.isFinite(to) && to !== frame) ops.push({ op: "keys.move", args: { frames: [frame], df: to - frame } });
+    if (ops.length === 0 || (await edit("batch", { label: `Edit key at ${frame}`, ops }))) onClose();
+  };
+  return (
+    <Dialog title={`Key at frame ${frame}`} onClose={onClose}>
+      <form onSubmit={(e) => { e.preventDefault(); void done(); }}>
+        <div class="row">
+          <label>frame <input type="text" style="width: 70px" value={at.value} onInput={(e) => (at.value = e.currentTarget.value)} /></label>
+          <label>hold <input type="text" style="width: 70px" value={hold.value} onInput={(e) => (hold.value = e.currentTarget.value)} /> frames</label>
+        </div>
+        <div style="display: grid; grid-template-columns: repeat(3, 1fr); gap: 6px 12px; margin: 12px 0">
+          {fields.value.map((t, j) => (
+            <label key={j} style="display: flex; justify-content: space-between; gap: 6px">{store.titles.value[j]}
+              <input type="text" style="width: 84px; text-align: right" value={t} onInput={(e) => (fields.value = fields.value.map((x, i) => (i === j ? e.currentTarget.value : x)))} />
+            </label>
+          ))}
+        </div>
+        <div class="row" style="justify-content: flex-end"><button type="button" onClick={onClose}>Cancel</button><button class="main" type="submit">OK</button></div>
+      </form>
+    </Dialog>
+  );
+}
+
+/** The dialog of this name. */
+export function Dialogs(props: { name: string | undefined; frame: number | undefined; onClose: () => void }) {
+  const { onClose } = props;
+  if (props.frame !== undefined) return <KeyEditor frame={props.frame} onClose={onClose} />;
+  const frames = [...store.selection.value].sort((a, b) => a - b);
+  const number = (text: string, then: (n: number) => void): boolean => {
+    const n = Number(text.replace(",", "."));
+    if (!Number.isFinite(n)) {
+      store.toast(`"${text}" is no number`, "error");
+      return false;
+    }
+    then(n);
+    return true;
+  };
+  switch (props.name) {
+    case "palette": return <Palette onClose={onClose} />;
+    case "keys": return <Shortcuts onClose={onClose} />;
+    case "export": return <Export onClose={onClose} />;
+    case "retime": return <Ask title="Retime" label="Factor on the distance to the playhead" value="1.5" hint="2 is twice as slow; frames are rounded" onClose={onClose} onDone={(t) => number(t, (factor) => void edit("keys.scale", { frames, pivot: store.playhead.value, factor }))} />;
+    case "time": return <Ask title="Insert or remove time" label="Frames (negative removes)" value="10" hint="everything right of the playhead moves" onClose={onClose} onDone={(t) => number(t, (n) => {
+      const at = store.playhead.value;
+      if (n > 0) void edit("time.insert", { at, frames: Math.round(n) });
+      else if (n < 0) void edit("time.delete", { from: at, to: at - Math.round(n) });
+    })} />;
+    case "hold": return <Ask title="Hold" label="Frames (20 are a second)" value="20" onClose={onClose} onDone={(t) => number(t, (n) => void edit("keys.hold", { frames, hold: Math.max(1, Math.round(n)) }))} />;
+    case "pose": return <Ask title="Save pose" label="Name" value="pose" onClose={onClose} onDone={(name) => {
+      const clip = store.doc.value?.clip;
+      if (!name || !clip) return false;
+      void edit("pose.save", { name, q: store.floating.value ?? poseAt(clip, store.playhead.value), replace: true });
+      return true;
+    }} />;
+    case "marker": return <Ask title="Marker" label="Name" value="mark" onClose={onClose} onDone={(name) => void edit("markers.add", { frame: store.playhead.value, name })} />;
+    case "save-as": return <Ask title="Save as" label="File" value={store.doc.value?.path ?? `${(store.doc.value?.clip.name ?? "clip").replace(/[^\w-]+/g, "_")}.clip.json`} hint={`relative to ${store.folder.value}`} onClose={onClose} onDone={(path) => void save(path)} />;
+    case "open": return <Ask title="Open" label="File" value="" hint={`a .clip.json, relative to ${store.folder.value}`} onClose={onClose} onDone={(path) => { if (path) void openWith("POST", "/api/open", { path }); }} />;
+    case "theme": return (
+      <Dialog title="Theme" onClose={onClose}>
+        <div class="row">{(["auto", "dark", "light"] as const).map((t) => <button key={t} onClick={() => { setTheme(t); onClose(); }}>{t}</button>)}</div>
+      </Dialog>
+    );
+    default: return null;
+  }
+}
+
+export async function newClip(robot: string): Promise<void> {
+  try {
+    await openWith("POST", "/api/new", { robot });
+  } catch (e) {
+    complain(e);
+  }
+}
+
+export { http };

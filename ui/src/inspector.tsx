@@ -1,0 +1,144 @@
+// Joint sliders: the pose at the playhead, with limits, error and coupled joints.
+
+import { useSignal } from "@preact/signals";
+import { complain, http, jointMoved, poseAt, tell } from "./api";
+import { act } from "./actions";
+import { keyAt } from "./clip";
+import * as store from "./store";
+
+/** All joints that move with this one, with their values when it is at `value`. */
+function together(name: string, value: number): Record<string, number> {
+  const changes: Record<string, number> = { [name]: value };
+  for (const c of store.doc.value?.table.couplings ?? []) {
+    const members = (c.members ?? []) as { joint: string; coef?: number; offset?: number }[];
+    const own = members.find((m) => m.joint === name);
+    if (!own) continue;
+    const shared = (value - (own.offset ?? 0)) / (own.coef || 1);
+    for (const m of members) changes[m.joint] = (m.coef ?? 1) * shared + (m.offset ?? 0);
+  }
+  return changes;
+}
+
+function Joint({ index }: { index: number }) {
+  const d = store.doc.value;
+  const text = useSignal<string | undefined>(undefined);
+  const live = useSignal<number | undefined>(undefined);
+  const fact = d?.table.joints[index];
+  if (!d || !fact) return null;
+  const frame = store.playhead.value;
+  const pose = store.floating.value ?? poseAt(d.clip, frame);
+  const value = live.value ?? pose[index] ?? 0;
+  const unit = fact.unit;
+  const scale = unit === "rad" && store.degrees.value ? 180 / Math.PI : 1;
+  const [lo, hi] = fact.range ?? [value - (unit === "m" ? 1 : Math.PI), value + (unit === "m" ? 1 : Math.PI)];
+  const achieved = store.frames.value.q[frame]?.[index];
+  const commanded = keyAt(d.clip, frame) !== undefined;
+  const off = achieved === undefined || !commanded ? undefined : Math.abs(achieved - value);
+  const name = fact.name;
+  const title = store.titles.value[index] ?? name;
+  const coupled = Object.keys(together(name, 0)).filter((n) => n !== name);
+  const set = (v: number, done: boolean): void => {
+    if (!Number.isFinite(v)) return;
+    const inside = fact.range ? Math.min(fact.range[1], Math.max(fact.range[0], v)) : v;
+    live.value = done ? undefined : inside;
+    jointMoved(together(name, inside), done);
+  };
+  const typed = (): void => {
+    const t = text.value;
+    text.value = undefined;
+    if (t === undefined) return;
+    const v = Number(t.replace(",", ".").replace(/[°a-z ]+$/i, ""));
+    if (!Number.isFinite(v)) return store.toast(`"${t}" is no number`, "error");
+    const inner = v / scale;
+    if (fact.range && (inner < fact.range[0] || inner > fact.range[1])) {
+      store.toast(`${title} goes from ${store.shown(fact.range[0], unit)} to ${store.shown(fact.range[1], unit)}`);
+    }
+    set(inner, true);
+  };
+  const id = `joint-${index}`;
+  return (
+    <div class={`joint ${store.joint.value === index ? "on" : ""}`} data-testid={id} onPointerEnter={() => undefined}>
+      <label for={id} title={coupled.length ? `${name}; moves with ${coupled.join(", ")}` : name} onClick={() => select(index)}>
+        {title}{coupled.length ? <span aria-hidden="true" style="color: var(--marker)"> &</span> : null}
+      </label>
+      <input
+        id={id} type="range" min={lo} max={hi} step={(hi - lo) / 2000} value={value}
+        aria-valuetext={store.shown(value, unit)}
+        onFocus={() => select(index)}
+        onInput={(e) => set(Number(e.currentTarget.value), false)}
+        onChange={(e) => set(Number(e.currentTarget.value), true)}
+      />
+      <input
+        type="text" aria-label={`${title}, value`} inputMode="decimal" value={text.value ?? (value * scale).toFixed(unit === "m" ? 3 : store.degrees.value ? 1 : 3)}
+        onInput={(e) => (text.value = e.currentTarget.value)}
+        onBlur={typed}
+        onKeyDown={(e) => {
+          if (e.key === "Enter") typed();
+          if (e.key === "Escape") text.value = undefined;
+          if (e.key === "ArrowUp" || e.key === "ArrowDown") {
+            const step = ((e.shiftKey ? 0.1 : 1) * (unit === "m" ? 0.01 : Math.PI / 180)) * (e.key === "ArrowUp" ? 1 : -1);
+            set(value + step, true);
+            e.preventDefault();
+          }
+        }}
+      />
+      {off !== undefined && off > 0.002 ? <span class="err">reached {store.shown(achieved ?? 0, unit)}, off by {store.shownError(off, unit)}</span> : null}
+    </div>
+  );
+}
+
+function select(index: number): void {
+  if (store.joint.value === index) return;
+  store.joint.value = index;
+  const name = store.doc.value?.clip.robot.joints[index];
+  if (name) tell("view.select", { joint: name });
+}
+
+async function settle(): Promise<void> {
+  const d = store.doc.value;
+  if (!d) return;
+  try {
+    const answer = await http<{ q: number[]; residual?: number[] }>("POST", "/api/settle", { q: poseAt(d.clip, store.playhead.value) });
+    const changes = Object.fromEntries(d.clip.robot.joints.map((n, j) => [n, answer.q[j] ?? 0]));
+    const worst = Math.max(0, ...(answer.residual ?? []).map(Math.abs));
+    jointMoved(changes, true);
+    store.toast(`settled: the simulated robot ends up ${store.shownError(worst, store.unit.value)} away at most`);
+  } catch (e) {
+    complain(e);
+  }
+}
+
+export function Inspector() {
+  const d = store.doc.value;
+  if (!d) return null;
+  const frame = store.playhead.value;
+  const key = keyAt(d.clip, frame);
+  const grouped = new Set(store.groups.value.flatMap((g) => g.joints));
+  const rest = d.clip.robot.joints.map((_, j) => j).filter((j) => !grouped.has(j));
+  return (
+    <section class="panel fill" aria-label="Inspector" data-testid="inspector">
+      <h2>
+        {key ? `Key at ${frame}` : `Frame ${frame}`}{key?.pose ? ` · ${key.pose}` : ""}
+        <span class="grow" />
+        {store.unit.value === "rad" ? (
+          <button class="quiet" onClick={() => act("unit")} aria-label="Switch between degrees and radians">{store.degrees.value ? "deg" : "rad"}</button>
+        ) : null}
+      </h2>
+      <div class="scroll">
+        {rest.map((j) => <Joint key={j} index={j} />)}
+        {store.groups.value.map((g) => (
+          <details class="group" key={g.name} open={!store.closed.value.has(g.name)}>
+            <summary>{g.title}</summary>
+            {g.joints.map((j) => <Joint key={j} index={j} />)}
+          </details>
+        ))}
+      </div>
+      <div class="row" style="padding: 6px 10px">
+        <button onClick={() => act("key")} disabled={!!key && !store.floating.value} title="K">Key</button>
+        <button onClick={() => void settle()} title="Drive the pose in simulation and keep what is reached">Settle</button>
+        <button onClick={() => act("mirror")} disabled={store.noMirror.value !== null || store.selection.value.size === 0} title={store.noMirror.value ?? "Mirror the selected keys"}>Mirror</button>
+        <button onClick={() => act("save-pose")} title="P">Save pose</button>
+      </div>
+    </section>
+  );
+}

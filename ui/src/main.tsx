@@ -1,0 +1,190 @@
+// The shell: which page, the editor's grid, banners, menus; and the hooks of browser tests.
+
+import { render } from "preact";
+import { useEffect } from "preact/hooks";
+import { useSignal } from "@preact/signals";
+import "./app.css";
+import { act, setFill } from "./actions";
+import { ackTimes, connect, http } from "./api";
+import { Curves } from "./curves";
+import { Dialogs } from "./dialogs";
+import { Gallery } from "./gallery";
+import { Inspector } from "./inspector";
+import { Poses, Problems, Takes } from "./panels";
+import { install } from "./shortcuts";
+import * as store from "./store";
+import { setTheme } from "./theme";
+import { Timeline, testPoints, type Menu } from "./timeline/timeline";
+import { Transport } from "./transport";
+import { Viewport } from "./viewport";
+
+function Bar() {
+  const d = store.doc.value;
+  const name = d?.path?.split("/").at(-1) ?? d?.clip.name ?? "";
+  const h = d?.history;
+  return (
+    <header class="bar">
+      <button class="quiet brand" onClick={() => (store.page.value = "gallery")} title="Examples and recent files"><img src="/ui/icon.svg" width="18" height="18" alt="" /> RoBERT Studio</button>
+      <span class="name" data-testid="title">{name}{d?.dirty ? " •" : ""}</span>
+      <span style="color: var(--dim)">{store.robot.value?.title}</span>
+      <span class="grow" />
+      <button class="quiet" onClick={() => act("undo")} disabled={!h || h.done === 0} title={h && h.done > 0 ? `Undo: ${h.labels[h.done - h.first - 1] ?? ""} (Ctrl+Z)` : "Nothing to undo"} data-testid="undo">Undo</button>
+      <button class="quiet" onClick={() => act("redo")} disabled={!h || h.done >= h.len} title={h && h.done < h.len ? `Redo: ${h.labels[h.done - h.first] ?? ""} (Ctrl+Shift+Z)` : "Nothing to redo"}>Redo</button>
+      <button class="quiet" onClick={() => act("palette")} title="Ctrl+K">Commands</button>
+      <button onClick={() => act("save")} disabled={!d?.dirty && !!d?.path} title="Ctrl+S" data-testid="save">Save</button>
+      <button class="quiet" onClick={() => act("help")} title="Shortcuts (?)" aria-label="Shortcuts">?</button>
+    </header>
+  );
+}
+
+const HINTS: [string, string][] = [["drag", "move"], ["Alt", "copy"], ["Shift", "ripple"], ["S", "retime"], ["M", "mask"], ["K", "key"], ["Space", "play"], ["?", "all"]];
+
+function Hint({ text }: { text: string }) {
+  const held = useSignal("");
+  useEffect(() => {
+    const on = (e: KeyboardEvent): void => {
+      held.value = [e.ctrlKey || e.metaKey ? "Ctrl: add to the selection" : "", e.altKey ? "Alt: drag copies" : "", e.shiftKey ? "Shift: drag ripples, arrows step 10" : ""].filter(Boolean).join(" · ");
+    };
+    window.addEventListener("keydown", on);
+    window.addEventListener("keyup", on);
+    return () => {
+      window.removeEventListener("keydown", on);
+      window.removeEventListener("keyup", on);
+    };
+  }, []);
+  const d = store.doc.value;
+  return (
+    <footer class="hint">
+      {text || held.value ? <b>{text || held.value}</b> : HINTS.map(([k, t]) => <span key={k}><kbd>{k}</kbd> {t}</span>)}
+      <span class="grow" />
+      <span>{store.selection.value.size ? `${store.selection.value.size} selected` : ""}</span>
+      <span>{d ? (d.dirty ? "every edit is journalled; not saved to the file yet" : "saved") : ""}</span>
+      <span>{store.link.value === "open" ? "connected" : store.link.value}</span>
+    </footer>
+  );
+}
+
+function ContextMenu({ menu, onClose, onOpenKey }: { menu: Menu; onClose: () => void; onOpenKey: (frame: number) => void }) {
+  const item = (title: string, keys: string, run: () => void, why?: string | null) => (
+    <button role="menuitem" disabled={!!why} title={why ?? ""} onClick={() => { onClose(); run(); }}>{title}<span style="color: var(--dim)">{keys}</span></button>
+  );
+  useEffect(() => {
+    const close = (e: Event): void => {
+      if (!(e.target instanceof Element) || !e.target.closest(".menu")) onClose();
+    };
+    window.addEventListener("pointerdown", close);
+    window.addEventListener("keydown", (e) => e.key === "Escape" && onClose(), { once: true });
+    return () => window.removeEventListener("pointerdown", close);
+  }, []);
+  const left = Math.min(menu.x, innerWidth - 230);
+  const top = Math.min(menu.y, innerHeight - 330);
+  return (
+    <div class="menu" role="menu" style={`left: ${left}px; top: ${top}px`}>
+      {item("Type values…", "double-click", () => onOpenKey(menu.frame))}
+      {item("Hold…", "H", () => act("hold"))}
+      {item("Leave to the policy until the next key", "", () => setFill("mask"))}
+      {item("Straight line to the next key", "", () => setFill("linear"))}
+      {item("Smooth curve to the next key", "", () => setFill("cubic"))}
+      {item("Copy", "Ctrl+C", () => act("copy"))}
+      {item("Mirror", "", () => act("mirror"), store.noMirror.value)}
+      {item("Save as pose…", "P", () => { store.playhead.value = menu.frame; act("save-pose"); })}
+      {item("Marker here…", "Shift+M", () => { store.playhead.value = menu.frame; act("marker"); })}
+      {item("Delete", "X", () => act("delete"))}
+    </div>
+  );
+}
+
+function Editor(props: { openKey: (frame: number) => void }) {
+  const menu = useSignal<Menu | undefined>(undefined);
+  const hint = useSignal("");
+  return (
+    <div class="editor" data-testid="editor">
+      <Bar />
+      <aside class="left"><Poses /><Takes /></aside>
+      <Viewport />
+      <aside class="right"><Inspector /><Problems /></aside>
+      <Transport />
+      <div class="below">
+        <Timeline onMenu={(m) => (menu.value = m)} onOpenKey={props.openKey} onHint={(t) => (hint.value = t)} />
+        <Curves />
+      </div>
+      <Hint text={hint.value} />
+      {menu.value ? <ContextMenu menu={menu.value} onClose={() => (menu.value = undefined)} onOpenKey={props.openKey} /> : null}
+    </div>
+  );
+}
+
+function App() {
+  const dialog = useSignal<string | undefined>(undefined);
+  const keyFrame = useSignal<number | undefined>(undefined);
+  const dismissed = useSignal(false);
+  useEffect(() => {
+    const open = (e: Event): void => void (dialog.value = (e as CustomEvent<string>).detail);
+    const saveAs = (): void => void (dialog.value = "save-as");
+    document.addEventListener("robert-dialog", open);
+    document.addEventListener("robert-save-as", saveAs);
+    return () => {
+      document.removeEventListener("robert-dialog", open);
+      document.removeEventListener("robert-save-as", saveAs);
+    };
+  }, []);
+  const d = store.doc.value;
+  return (
+    <>
+      {store.link.value === "refused" ? (
+        <div class="banner" role="alert">This page has no access. Open the address that <code>robert studio</code> printed, with its token.</div>
+      ) : store.link.value === "lost" ? (
+        <div class="banner" role="alert">The studio is gone. Nothing is lost: every acknowledged edit is on disk. Reconnecting…</div>
+      ) : d && d.restored > 0 && !dismissed.value && store.page.value === "editor" ? (
+        <div class="banner" role="status" data-testid="restored">Restored {d.restored} unsaved edit{d.restored === 1 ? "" : "s"}.
+          <button onClick={() => (dismissed.value = true)}>Keep</button>
+          <button onClick={() => void http("POST", "/api/discard").then(() => (dismissed.value = true))}>Back to the saved file</button>
+        </div>
+      ) : null}
+      {store.page.value === "editor" && d ? <Editor openKey={(f) => (keyFrame.value = f)} /> : <Gallery />}
+      <Dialogs name={dialog.value} frame={keyFrame.value} onClose={() => { dialog.value = undefined; keyFrame.value = undefined; }} />
+      <div class="toasts">
+        {store.toasts.value.map((t) => (
+          <div class={`toast ${t.kind}`} key={t.id} role={t.kind === "error" ? "alert" : "status"}>
+            <span>{t.text}</span>
+            {t.undo ? <button onClick={() => act("undo")}>Undo</button> : null}
+            <button class="quiet" aria-label="Dismiss" onClick={() => store.dismiss(t.id)}>×</button>
+          </div>
+        ))}
+      </div>
+      <div class="offscreen" aria-live="polite">{store.announcement.value}</div>
+    </>
+  );
+}
+
+const theme = localStorage.getItem("theme");
+if (theme === "dark" || theme === "light") setTheme(theme);
+install(window);
+const root = document.getElementById("app");
+if (root) render(<App />, root);
+void connect();
+
+/** For browser tests: a snapshot, a promise of quiet, and where things are on the canvas. */
+Object.assign(window, {
+  __studio: {
+    get state() {
+      return {
+        page: store.page.value, link: store.link.value, rev: store.doc.value?.rev, clip: store.doc.value?.clip,
+        dirty: store.doc.value?.dirty, playhead: store.playhead.value, selection: [...store.selection.value],
+        rollout: store.rollout.value, frames: store.frames.value.q.length, joint: store.joint.value, playing: store.playing.value,
+      };
+    },
+    idle: async () => {
+      for (let i = 0; i < 600; i++) {
+        const r = store.rollout.value;
+        const d = store.doc.value;
+        if (!d || !store.settings.value.auto || (r && r.rev === d.rev && (r.phase === "done" || r.phase === "failed"))) return true;
+        await new Promise((resolve) => setTimeout(resolve, 25));
+      }
+      return false;
+    },
+    ackTimes,
+    frameToX: (f: number) => testPoints().frameToX(f),
+    rowToY: (name: string) => testPoints().rowToY(name),
+  },
+});

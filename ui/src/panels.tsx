@@ -1,0 +1,119 @@
+// The smaller panels: problems, takes, poses.
+
+import { useSignal } from "@preact/signals";
+import { edit, tell } from "./api";
+import { seek } from "./actions";
+import * as store from "./store";
+
+export function Problems() {
+  const lints = store.doc.value?.findings.lints ?? [];
+  return (
+    <section class="panel" style="max-height: 42%" aria-label="Problems" data-testid="problems">
+      <h2>Problems{lints.length ? ` (${lints.length})` : ""}</h2>
+      <div class="scroll">
+        {lints.length === 0 ? <p style="color: var(--dim); margin: 4px 0">None: within limits and in the policy's sight.</p> : null}
+        {lints.map((l, i) => (
+          <div class={`problem ${l.level}`} key={`${l.rule}${i}`}>
+            <span class="mark" aria-label={l.level}>{l.level === "error" ? "✖" : l.level === "warning" ? "!" : "i"}</span>
+            <div>
+              <p>
+                {l.frames ? <button class="quiet" style="padding: 0 4px" onClick={() => seek(l.frames?.[0] ?? 0)}>{l.frames[0]}</button> : null} {l.message}
+              </p>
+              {l.mends.length ? (
+                <div class="mends">
+                  {l.mends.map((m) => <button key={m.title} onClick={() => void edit(m.op.op, m.op.args)}>{m.title}</button>)}
+                </div>
+              ) : null}
+            </div>
+          </div>
+        ))}
+      </div>
+    </section>
+  );
+}
+
+let takeId = 1;
+
+/** Keeps the finished rollout for comparison. */
+export function pinTake(): void {
+  const r = store.rollout.value;
+  if (!r) return;
+  const id = takeId++;
+  const take: store.Take = { id, label: `take ${id}`, policy: r.policy, mae: r.mae, pinned: true, frames: store.frames.value };
+  store.takes.value = [...store.takes.value, take];
+  store.toast(`take ${id} pinned`);
+}
+
+export function Takes() {
+  const r = store.rollout.value;
+  const set = (change: Partial<typeof store.settings.value>): void => tell("rollout.set", { ...store.settings.value, ...change });
+  const known = store.policies.value;
+  return (
+    <section class="panel" aria-label="Takes" data-testid="takes">
+      <h2>Rollout</h2>
+      <div class="scroll" style="flex: none">
+        <div class="row" style="gap: 6px">
+          <select aria-label="Policy" value={store.settings.value.policy} onChange={(e) => set({ policy: e.currentTarget.value })} style="flex: 1; min-width: 0">
+            {known.map((p) => <option key={p.name} value={p.name} disabled={!p.available}>{p.name}</option>)}
+          </select>
+          <label title="One planning step a frame on the model, from the policy's action">
+            <input type="checkbox" checked={store.settings.value.refine} onChange={(e) => set({ refine: e.currentTarget.checked })} /> refine
+          </label>
+        </div>
+      </div>
+      <h2>Takes <span class="grow" /><button class="quiet" onClick={pinTake} disabled={!r || r.phase !== "done"}>Pin</button></h2>
+      <div class="scroll" style="max-height: 130px">
+        {r ? <div class="take"><b class="grow">now · {r.policy}</b><span class="num">{r.mae === null ? "…" : store.shownError(r.mae, store.unit.value)}</span></div> : null}
+        {store.takes.value.map((t) => (
+          <div class="take" key={t.id}>
+            <span class="grow">{t.label} · {t.policy}</span>
+            <span class="num">{t.mae === null ? "" : store.shownError(t.mae, store.unit.value)}</span>
+            <button class="quiet" aria-pressed={store.compared.value === t.id} onClick={() => (store.compared.value = store.compared.value === t.id ? undefined : t.id)} title="Compare with the current take">A/B</button>
+            <button class="quiet" aria-label={`Remove ${t.label}`} onClick={() => (store.takes.value = store.takes.value.filter((x) => x.id !== t.id))}>×</button>
+          </div>
+        ))}
+      </div>
+    </section>
+  );
+}
+
+export function Poses() {
+  const blend = useSignal(100);
+  const find = useSignal("");
+  const mirrored = useSignal(false);
+  const d = store.doc.value;
+  if (!d) return null;
+  const own = Object.keys(d.clip.poses ?? {});
+  const given = (store.robot.value?.poses ?? []).map((p) => p.name).filter((n) => !own.includes(n));
+  const names = [...own, ...given].filter((n) => n.toLowerCase().includes(find.value.toLowerCase()));
+  const apply = (name: string): void => {
+    const frames = store.selection.value.size ? [...store.selection.value] : [store.playhead.value];
+    const ops: { op: string; args: object }[] = [];
+    const builtin = store.robot.value?.poses.find((p) => p.name === name);
+    if (!own.includes(name) && builtin) ops.push({ op: "pose.save", args: { name, q: builtin.q } });
+    ops.push({ op: "pose.apply", args: { name, frames, blend: blend.value / 100, mirrored: mirrored.value } });
+    void (ops.length === 1 && ops[0] ? edit(ops[0].op, ops[0].args) : edit("batch", { label: `Apply pose ${name}`, ops }));
+  };
+  return (
+    <section class="panel fill" aria-label="Poses" data-testid="poses">
+      <h2>Poses</h2>
+      <div class="scroll">
+        <input type="text" placeholder="find" aria-label="Find a pose" style="width: 100%; margin-bottom: 6px" value={find.value} onInput={(e) => (find.value = e.currentTarget.value)} />
+        <div class="poses">
+          {names.map((name) => (
+            <button class="pose" key={name} onClick={() => apply(name)} title={`Apply ${name} at the playhead or to the selected keys`} data-testid={`pose-${name}`}>
+              <img src={`/api/pose.jpg?robot=${encodeURIComponent(d.clip.robot.id)}&pose=${encodeURIComponent(name)}&rev=${own.includes(name) ? d.rev : 0}`} alt="" loading="lazy" onError={(e) => (e.currentTarget.style.visibility = "hidden")} />
+              {name}
+            </button>
+          ))}
+        </div>
+        <label style="display: block; margin-top: 8px">blend {blend.value} %
+          <input type="range" min={0} max={100} step={5} value={blend.value} onInput={(e) => (blend.value = Number(e.currentTarget.value))} />
+        </label>
+        <label title={store.noMirror.value ?? ""}>
+          <input type="checkbox" disabled={store.noMirror.value !== null} checked={mirrored.value} onChange={(e) => (mirrored.value = e.currentTarget.checked)} /> mirrored
+        </label>
+      </div>
+    </section>
+  );
+}

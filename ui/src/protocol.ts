@@ -1,0 +1,187 @@
+// The server's messages, as src/studio/protocol.rs writes them. Values are rad, m and frames.
+
+import type { Clip, Fill, Key, Marker, Mask } from "./clip";
+
+export interface Delta {
+  keys_removed?: number[];
+  keys_put?: Key[];
+  poses_removed?: string[];
+  poses_put?: [string, (number | null)[]][];
+  masks?: Mask[];
+  markers?: Marker[];
+  name?: string;
+  notes?: string;
+  length?: number;
+  fill?: Fill;
+  start?: unknown;
+}
+
+export interface ErrorBody {
+  code: string;
+  message: string;
+  place?: { line: number; col: number };
+  mend?: string;
+}
+
+export interface History {
+  labels: string[];
+  first: number;
+  done: number;
+  len: number;
+}
+
+export interface JointFacts {
+  name: string;
+  unit: "rad" | "m";
+  range: [number, number] | null;
+  speed_max: number | null;
+}
+
+export interface JointTable {
+  robot: string;
+  joints: JointFacts[];
+  rest: number[];
+  mirror: { table: unknown[] } | { none: string };
+  couplings: { joints?: string[]; members?: { joint: string }[]; [key: string]: unknown }[];
+  granularity: "state" | "joint";
+}
+
+export interface Lint {
+  level: "error" | "warning" | "info";
+  rule: string;
+  message: string;
+  frames: [number, number] | null;
+  joints: string[];
+  mends: { title: string; op: { op: string; args: object } }[];
+}
+
+export interface Findings {
+  rev: number;
+  lints: Lint[];
+  spans: { from: number; to: number; kind: string }[];
+  blind: { after: number | null; before: number | null; from: number; to: number }[];
+  simulated: boolean;
+}
+
+export interface DocumentView {
+  rev: number;
+  clip: Clip;
+  path: string | null;
+  dirty: boolean;
+  history: History;
+  table: JointTable;
+  restored: { edits: number } | null;
+  findings: Findings;
+}
+
+export interface RolloutSettings {
+  policy: string;
+  refine: boolean;
+  guide: "none" | "linear";
+  seed: number;
+  auto: boolean;
+  model_path?: string;
+}
+
+export interface RolloutState {
+  gen: number;
+  rev: number;
+  phase: "off" | "waiting" | "running" | "done" | "failed";
+  cached_to: number;
+  frames: number;
+  resumed_at: number;
+  mae: number | null;
+  ms_per_frame: number | null;
+  policy: string;
+  error?: string;
+}
+
+export interface PolicyCard {
+  name: string;
+  available: boolean;
+  why?: string;
+}
+
+export interface State {
+  version: string;
+  document: DocumentView | null;
+  rollout: RolloutSettings;
+  policies: PolicyCard[];
+  worker: unknown;
+  viser: boolean;
+  clients: number;
+  folder: string;
+}
+
+export interface Selection {
+  joint?: string;
+  body?: string;
+  site?: string;
+}
+
+export interface RobotFacts {
+  id: string;
+  title: string;
+  about: string;
+  table: JointTable;
+  groups: { name: string; title: string; joints: string[] }[];
+  actuators: string[];
+  poses: { name: string; q: number[] }[];
+  ik_sites: string[];
+  settle_tolerance: number;
+}
+
+export interface GalleryItem {
+  id: string;
+  name: string;
+  robot: string;
+  length: number;
+  keys: number;
+}
+
+export interface RecentFile {
+  path: string;
+  name: string;
+  robot: string;
+  opened_secs: number;
+  exists: boolean;
+}
+
+export type Event =
+  | { event: "hello"; client: number; state: State }
+  | { event: "edit"; by: number; id?: number; rev: number; label: string; patch: Delta; dirty: boolean; history: History }
+  | { event: "reply"; id: number; result?: unknown; error?: ErrorBody }
+  | { event: "document"; document: DocumentView | null }
+  | { event: "saved"; path: string; rev: number }
+  | ({ event: "findings" } & Findings)
+  | ({ event: "rollout.settings" } & RolloutSettings)
+  | { event: "rollout.frames"; gen: number; from: number; q: number[][]; error: (number | null)[] }
+  | ({ event: "rollout.state" } & RolloutState)
+  | { event: "worker"; [key: string]: unknown }
+  | { event: "job"; [key: string]: unknown }
+  | ({ event: "select" } & Selection)
+  | { event: "joint"; values: Record<string, number>; done: boolean }
+  | { event: "notice"; level: "info" | "warning" | "error"; message: string };
+
+/** Applies a difference to a copy of the clip. */
+export function patched(clip: Clip, d: Delta): Clip {
+  const next: Clip = { ...clip };
+  if (d.keys_removed || d.keys_put) {
+    const gone = new Set([...(d.keys_removed ?? []), ...(d.keys_put ?? []).map((k) => k.frame)]);
+    next.keys = [...clip.keys.filter((k) => !gone.has(k.frame)), ...(d.keys_put ?? [])];
+    next.keys.sort((a, b) => a.frame - b.frame);
+  }
+  if (d.poses_removed || d.poses_put) {
+    const poses = { ...clip.poses };
+    for (const name of d.poses_removed ?? []) delete poses[name];
+    for (const [name, q] of d.poses_put ?? []) poses[name] = q;
+    next.poses = poses;
+  }
+  if (d.masks) next.masks = d.masks;
+  if (d.markers) next.markers = d.markers;
+  if (d.name !== undefined) next.name = d.name;
+  if (d.notes !== undefined) next.notes = d.notes;
+  if (d.length !== undefined) next.length = d.length;
+  if (d.fill !== undefined) next.fill = d.fill;
+  return next;
+}

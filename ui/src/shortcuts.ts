@@ -1,0 +1,43 @@
+// Keyboard: one table (actions.ts), one listener, also installed inside the viewport's frame.
+
+import { ACTIONS, act } from "./actions";
+
+/** `Ctrl+Shift+V` for an event; Cmd counts as Ctrl. */
+export function chord(e: KeyboardEvent): string {
+  const name = e.code === "Space" ? "Space" : e.key.length === 1 ? e.key.toUpperCase() : e.key;
+  const symbol = e.key.length === 1 && !/[a-z0-9 ]/i.test(e.key);
+  const parts = [];
+  if (e.ctrlKey || e.metaKey) parts.push("Ctrl");
+  if (e.altKey) parts.push("Alt");
+  // A symbol already says that shift was held.
+  if (e.shiftKey && !symbol) parts.push("Shift");
+  return [...parts, name].join("+");
+}
+
+const byKey = new Map(ACTIONS.flatMap((a) => (a.keys ?? []).map((k) => [k.replace(/\b([a-z])$/, (c) => c.toUpperCase()), a.id] as const)));
+
+function typing(target: EventTarget | null): boolean {
+  if (!(target instanceof HTMLElement)) return false;
+  if (target.isContentEditable || target.tagName === "TEXTAREA" || target.tagName === "SELECT") return true;
+  return target instanceof HTMLInputElement && target.type !== "range" && target.type !== "checkbox";
+}
+
+export function onKeyDown(e: KeyboardEvent): void {
+  if (e.defaultPrevented || document.querySelector(".scrim")) return;
+  const keys = chord(e);
+  if (typing(e.target) && !/^(Ctrl\+[SKOE]|Ctrl\+Shift\+S|F1)$/.test(keys)) return;
+  const focus = e.target instanceof HTMLElement ? e.target : undefined;
+  // A focused button keeps Space and Enter, a slider its arrows.
+  if (focus?.tagName === "BUTTON" && (keys === "Space" || keys === "Enter")) return;
+  if (focus instanceof HTMLInputElement && focus.type === "range" && /Arrow|Home|End/.test(keys)) return;
+  const id = byKey.get(keys);
+  if (!id) return;
+  e.preventDefault();
+  e.stopPropagation();
+  act(id);
+}
+
+/** Our keys go first, wherever the focus is: here and in the viewport's frame. */
+export function install(target: Window): void {
+  target.addEventListener("keydown", onKeyDown, true);
+}

@@ -1,0 +1,123 @@
+// The 3D view: viser's client in a same-origin frame, driven by our server. Without it, or
+// without WebGL, pictures rendered by the server, with the same selection and sliders.
+
+import { useEffect, useRef } from "preact/hooks";
+import { useSignal } from "@preact/signals";
+import { tell } from "./api";
+import { toggleShow } from "./actions";
+import { install } from "./shortcuts";
+import * as store from "./store";
+
+/** Viser's own panel and notices would cover the robot; the shell has its own. */
+const HIDE = "[data-floating-window],[data-testid='floating-panel'],.mantine-Notifications-root{display:none!important}";
+
+/** Asked once: every probe holds a context, and a page has only sixteen. */
+const WEBGL = ((): boolean => {
+  try {
+    const context = document.createElement("canvas").getContext("webgl2");
+    context?.getExtension("WEBGL_lose_context")?.loseContext();
+    return context !== null;
+  } catch {
+    return false;
+  }
+})();
+
+export function Viewport() {
+  const frame = useRef<HTMLIFrameElement>(null);
+  const stills = !store.viser.value || !WEBGL;
+
+  useEffect(() => {
+    let last = -1;
+    let timer = 0;
+    // The viewport shows the playhead; while playing, the server keeps its own clock.
+    const dispose = store.playhead.subscribe((f) => {
+      if (store.playing.value || f === last) return;
+      last = f;
+      clearTimeout(timer);
+      timer = window.setTimeout(() => tell("view.frame", { frame: f }), 12);
+    });
+    const stop = store.playing.subscribe((on) => {
+      const r = store.range.value;
+      if (on) tell("view.play", { frame: store.playhead.value, speed: store.speed.value, ...(store.loop.value ? { range: r ? [r.from, r.to] : [0, store.length.value] } : {}) });
+      else if (store.doc.value) tell("view.play", { frame: store.playhead.value, speed: 0 });
+    });
+    return () => {
+      dispose();
+      stop();
+    };
+  }, []);
+
+  const loaded = (): void => {
+    const inner = frame.current?.contentWindow;
+    const page = frame.current?.contentDocument;
+    if (!inner || !page) return;
+    const style = page.createElement("style");
+    style.textContent = HIDE;
+    page.head.append(style);
+    install(inner as Window);
+    const dark = !matchMedia("(prefers-color-scheme: light)").matches;
+    tell("view.show", { ...store.show.value, dark });
+    // Its socket only reconnects while its document has the focus.
+    frame.current?.addEventListener("pointerenter", () => inner.focus());
+  };
+
+  const r = store.rollout.value;
+  const phase = !r || r.phase === "off" ? "not simulated"
+    : r.phase === "failed" ? "failed"
+    : r.phase === "done" ? "" : `rollout ${r.cached_to}/${r.frames}`;
+  return (
+    <main class="viewport" aria-label="Viewport" data-testid="viewport">
+      {stills ? <Stills /> : (
+        <iframe
+          ref={frame} title="3D view" onLoad={loaded}
+          src={`/viser/?websocket=${encodeURIComponent(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/viser`)}${matchMedia("(prefers-color-scheme: light)").matches ? "" : "&darkMode"}`}
+        />
+      )}
+      <div class="legend" role="group" aria-label="Shown">
+        <button aria-pressed={store.show.value.command} onClick={() => toggleShow("command")} title="What is commanded, translucent (1)">Command</button>
+        <button aria-pressed={store.show.value.achieved} onClick={() => toggleShow("achieved")} title="What the policy reached, solid (2)">Achieved</button>
+        <button aria-pressed={store.show.value.ghosts} onClick={() => toggleShow("ghosts")} title="Poses of the neighbouring keys (4)">Ghosts</button>
+        <button onClick={() => tell("view.camera", { preset: "fit" })} title="Frame the robot (F)">Fit</button>
+      </div>
+      {store.floating.value ? (
+        <div class="banner" style="position: absolute; top: 46px">
+          This pose is no key yet.
+          <button class="main" onClick={() => void import("./api").then((a) => a.keyFloating())}>Key it (K)</button>
+          <button onClick={() => void import("./api").then((a) => a.dropFloating())}>Discard</button>
+        </div>
+      ) : null}
+      <div class="badge" aria-live="off" data-testid="badge">
+        {phase ? <span>{phase} </span> : null}
+        {r?.error ? <span style="color: var(--bad)">{r.error} </span> : null}
+        {r?.mae !== null && r?.mae !== undefined ? <span><b>{store.shownError(r.mae, store.unit.value)}</b> mean error</span> : null}
+        {r?.ms_per_frame ? <span class="num"> · {r.ms_per_frame.toFixed(1)} ms a frame</span> : null}
+      </div>
+    </main>
+  );
+}
+
+function Stills() {
+  const url = useSignal("");
+  const busy = useRef(false);
+  useEffect(() => {
+    const ask = (): void => {
+      const d = store.doc.value;
+      if (!d || busy.current) return;
+      busy.current = true;
+      const f = Math.round(store.playhead.value);
+      url.value = `/api/still.jpg?frame=${f}&rev=${d.rev}&gen=${store.rollout.value?.gen ?? 0}&w=960&h=600`;
+    };
+    const a = store.playhead.subscribe(ask);
+    const b = store.rollout.subscribe(ask);
+    return () => {
+      a();
+      b();
+    };
+  }, []);
+  return (
+    <>
+      {url.value ? <img src={url.value} alt="The robot at the playhead" onLoad={() => (busy.current = false)} onError={() => (busy.current = false)} /> : null}
+      <p style="position: absolute; left: 10px; top: 6px; color: var(--dim)">Still pictures: {store.viser.value ? "this browser has no WebGL" : "the 3D client is not in this build; script/bootstrap fetches it"}</p>
+    </>
+  );
+}
