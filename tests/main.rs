@@ -10,3 +10,4 @@ mod import;
 mod malformed;
 mod robots;
 mod run;
+mod studio;

@@ -195,9 +195,7 @@ impl Plan {
         }
         Ok(match (self.film, self.strip) {
             (Some(_), _) => (0..total).collect(),
-            (None, Some(n)) => {
-                (0..n).map(|i| (i + 1) * (total - 1) / n.max(1)).collect()
-            }
+            (None, Some(n)) => (0..n).map(|i| (i + 1) * (total - 1) / n.max(1)).collect(),
             (None, None) => vec![total - 1],
         })
     }
@@ -248,7 +246,8 @@ fn perform(robot: &Arc<Robot>, clip: &Clip, performer: &Performer, quiet: bool) 
             (rows, "not simulated".to_owned())
         }
         Performer::Policy(policy, seed) => {
-            let config = RolloutConfig { seed: *seed, guide: policy.guide, ..RolloutConfig::default() };
+            let config =
+                RolloutConfig { seed: *seed, guide: policy.guide, ..RolloutConfig::default() };
             let built = policy.build(robot)?;
             let mut rollout = Rollout::new(robot, built, &command, Start::Pose, config)?;
             let bar = Bar::new("simulate", "frames", quiet);
@@ -258,7 +257,8 @@ fn perform(robot: &Arc<Robot>, clip: &Clip, performer: &Performer, quiet: bool) 
                 bar.tick(rollout.frame() as u64, rollout.frames() as u64, "");
             }
             bar.finish();
-            let rows = rollout.reached().chunks_exact(robot.state_dim()).map(<[f64]>::to_vec).collect();
+            let rows =
+                rollout.reached().chunks_exact(robot.state_dim()).map(<[f64]>::to_vec).collect();
             (rows, policy.label())
         }
     };
@@ -334,13 +334,8 @@ fn film(
     for (i, frame) in frames.iter().enumerate() {
         let picture = moment(shots, renderer, *frame)?;
         size = (picture.width, picture.height);
-        let film = Film {
-            format,
-            fps: FPS,
-            width: size.0,
-            height: size.1,
-            frames: frames.len() as u32,
-        };
+        let film =
+            Film { format, fps: FPS, width: size.0, height: size.1, frames: frames.len() as u32 };
         let writer = match &mut writer {
             Some(w) => w,
             None => writer.insert(VideoWriter::create(&plan.output, film)?),

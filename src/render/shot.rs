@@ -246,8 +246,7 @@ impl Shot {
         let high = points.iter().fold(Vec3::NEG_INFINITY, |a, p| a.max(*p));
         let full_m = 0.10 * low.distance(high).clamp(0.01, 100.0);
         let path = camera_path(&mut stage, &motion, camera, points, aspect)?;
-        let mut shot =
-            Shot { stage, motion, overlay, path, sun: Vec3::Z, tips, marks, full_m };
+        let mut shot = Shot { stage, motion, overlay, path, sun: Vec3::Z, tips, marks, full_m };
         // Taken once: the light stands still while a camera orbits.
         shot.sun = sun_for(&shot.camera(0));
         Ok(shot)
@@ -285,15 +284,19 @@ impl Shot {
         let scale = self.full_m * 10.0;
         if self.overlay.axes {
             let axes = self.stage.joint_axes();
-            glyphs.extend(
-                axes.iter().map(|&(anchor, axis)| Glyph::JointAxis { anchor, axis, length: 0.16 * scale }),
-            );
+            glyphs.extend(axes.iter().map(|&(anchor, axis)| Glyph::JointAxis {
+                anchor,
+                axis,
+                length: 0.16 * scale,
+            }));
         }
         if self.overlay.contacts {
             let touches = self.stage.contacts(&state)?;
-            glyphs.extend(
-                touches.iter().map(|&(at, normal)| Glyph::Contact { at, normal, length: 0.10 * scale }),
-            );
+            glyphs.extend(touches.iter().map(|&(at, normal)| Glyph::Contact {
+                at,
+                normal,
+                length: 0.10 * scale,
+            }));
         }
         let (command, opacity) = self.command_poses(frame)?;
         let error = match &command {
@@ -497,8 +500,9 @@ mod tests {
 
     #[test]
     fn a_following_camera_is_steady() {
-        let places: Vec<Vec3> =
-            (0..100).map(|i| Vec3::new(0.01 * i as f32, if i % 2 == 0 { 0.05 } else { -0.05 }, 0.0)).collect();
+        let places: Vec<Vec3> = (0..100)
+            .map(|i| Vec3::new(0.01 * i as f32, if i % 2 == 0 { 0.05 } else { -0.05 }, 0.0))
+            .collect();
         let s = smoothed(&places);
         assert_eq!(s[0], Vec3::ZERO);
         assert!(s.windows(2).all(|w| (w[1] - w[0]).y.abs() < 0.012));

@@ -83,8 +83,7 @@ impl Header {
             let name: String = format.chars().take(40).collect();
             return Err(wrong(format!("the format is {name:?}; this program reads {FORMAT}")));
         }
-        let header: Header =
-            serde_json::from_slice(bytes).map_err(|e| wrong(e.to_string()))?;
+        let header: Header = serde_json::from_slice(bytes).map_err(|e| wrong(e.to_string()))?;
         header.check().map_err(wrong)?;
         Ok(header)
     }

@@ -5,9 +5,7 @@ use std::collections::BTreeMap;
 use super::retained::Retained;
 use super::space::{self, Place, V3};
 use crate::studio::worker::{Geometry, MeshFacts, RobotFacts};
-use crate::take::viser::{
-    Binding, Buffer, FrameProps, GridProps, MeshProps, Message, node_name,
-};
+use crate::take::viser::{Binding, Buffer, FrameProps, GridProps, MeshProps, Message, node_name};
 
 /// One of the robots on stage.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -124,9 +122,8 @@ pub fn theme(scene: &mut Retained, dark: bool) {
 }
 
 fn props(mesh: &MeshFacts) -> MeshProps {
-    let byte = |k: usize| {
-        (mesh.rgba.get(k).copied().unwrap_or(0.5).clamp(0.0, 1.0) * 255.0).round() as u8
-    };
+    let byte =
+        |k: usize| (mesh.rgba.get(k).copied().unwrap_or(0.5).clamp(0.0, 1.0) * 255.0).round() as u8;
     MeshProps {
         vertices: Buffer::f32(&mesh.vertices),
         faces: Buffer::u32(&mesh.faces),
@@ -203,11 +200,8 @@ impl Cast {
             "top" => (FRAC_PI_2, -FRAC_PI_2 + 1e-3),
             _ => return false,
         };
-        let sight = [
-            elevation.cos() * azimuth.cos(),
-            elevation.cos() * azimuth.sin(),
-            elevation.sin(),
-        ];
+        let sight =
+            [elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin()];
         let fov = c.fovy_rad.clamp(0.2, 2.0);
         let distance = self.radius / (fov / 2.0).sin() * 1.02;
         let position = space::sub(self.centre, space::scale(sight, distance));

@@ -12,10 +12,10 @@ use std::time::Duration;
 use tokio::sync::mpsc::{Receiver, Sender};
 use tokio::time::Instant;
 
+use super::Viewport;
 use super::incoming::{Incoming, Phase};
 use super::scene::{self, Actor, Cast};
 use super::space::{self, Place, V3};
-use super::Viewport;
 use crate::studio::error::Error;
 use crate::studio::hub::Hub;
 use crate::studio::live::Live;
@@ -450,8 +450,7 @@ impl Stage {
         {
             let body = facts.bodies.iter().position(|b| &b.name == body);
             let joint = body.and_then(|b| moving_joint(&facts, b));
-            selection.joint =
-                joint.and_then(|j| facts.table.joints.get(j)).map(|j| j.name.clone());
+            selection.joint = joint.and_then(|j| facts.table.joints.get(j)).map(|j| j.name.clone());
         }
         let joint = selection.joint.as_ref();
         if joint.is_some_and(|j| facts.table.joint(j).is_none()) {
@@ -656,7 +655,9 @@ impl Stage {
         let value = crate::clip::round(fact.clamp(start + total));
         let mut values = BTreeMap::from([(fact.name.clone(), value)]);
         for coupling in &facts.table.couplings {
-            let Some(own) = coupling.members.iter().find(|m| m.joint == fact.name) else { continue };
+            let Some(own) = coupling.members.iter().find(|m| m.joint == fact.name) else {
+                continue;
+            };
             let shared = (value - own.offset) / own.coef;
             for m in &coupling.members {
                 values.insert(m.joint.clone(), crate::clip::round(m.coef * shared + m.offset));
@@ -680,13 +681,8 @@ impl Stage {
         }
         let Some(Grip { what: Held::Site { name }, pose, .. }) = &self.grip else { return };
         let Some(pos) = self.ik_next.take() else { return };
-        let request = IkRequest {
-            q: pose.clone(),
-            site: name.clone(),
-            pos,
-            quat: None,
-            locked: Vec::new(),
-        };
+        let request =
+            IkRequest { q: pose.clone(), site: name.clone(), pos, quat: None, locked: Vec::new() };
         self.ik_busy = true;
         self.ask(Request::Ik(request), Say::Ik);
     }
@@ -728,11 +724,7 @@ impl Stage {
 }
 
 /// A command's pose in state order, masks bridged by straight lines.
-fn pose_at(
-    facts: &RobotFacts,
-    command: &crate::clip::Command,
-    frame: u32,
-) -> Option<Vec<f64>> {
+fn pose_at(facts: &RobotFacts, command: &crate::clip::Command, frame: u32) -> Option<Vec<f64>> {
     let row = command.interpolated(frame.min(command.frames().saturating_sub(1)));
     facts
         .table

@@ -110,9 +110,9 @@ fn slow_lane(asks: &Receiver<Ask>, out: &Out) {
     while let Ok(Ask { id, request }) = asks.recv() {
         grant_cpu();
         let report = match request {
-            Request::Facts { robot } => {
-                of_robot(&mut current, &robot, |r| Ok(Report::Facts(Box::new(query::facts(r, &robot)))))
-            }
+            Request::Facts { robot } => of_robot(&mut current, &robot, |r| {
+                Ok(Report::Facts(Box::new(query::facts(r, &robot))))
+            }),
             Request::Geometry { robot } => of_robot(&mut current, &robot, |r| {
                 Ok(query::geometry(r).map_or_else(|e| e, |g| Report::Geometry(Box::new(g))))
             }),

@@ -197,9 +197,11 @@ mod tests {
         let last_pose = take.body_poses(29);
         for (b, body) in take.robot.bodies.iter().enumerate() {
             let last = |kind: &str, field: &str| -> Vec<f64> {
-                let found = file.messages.iter().rev().find(|(_, m)| {
-                    m["type"] == kind && m["name"] == format!("/robot/{body}")
-                });
+                let found = file
+                    .messages
+                    .iter()
+                    .rev()
+                    .find(|(_, m)| m["type"] == kind && m["name"] == format!("/robot/{body}"));
                 serde_json::from_value(found.unwrap().1[field].clone()).unwrap()
             };
             assert_eq!(last("SetPositionMessage", "position"), last_pose[b * 7..b * 7 + 3]);
