@@ -13,5 +13,5 @@ mod malformed;
 mod motion;
 mod robots;
 mod run;
-mod take;
 mod studio;
+mod take;
