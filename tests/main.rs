@@ -13,3 +13,4 @@ mod malformed;
 mod robots;
 mod run;
 mod take;
+mod train;
