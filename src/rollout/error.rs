@@ -20,6 +20,9 @@ pub enum Error {
     /// The robot could not be read or changed.
     #[error(transparent)]
     Robot(#[from] crate::robot::Error),
+    /// A dataset could not be read, or has no trajectory that is long enough.
+    #[error(transparent)]
+    Dataset(#[from] crate::dataset::Error),
     /// A policy gave something that is no number.
     #[error("frame {frame}: policy {policy} gave {value} for actuator {actuator}")]
     BadAction {
@@ -98,6 +101,7 @@ impl HasExit for Error {
             Error::Setup(e) => e.exit(),
             Error::Robot(e) => e.exit(),
             Error::Model(e) => e.exit(),
+            Error::Dataset(e) => e.exit(),
             Error::UnknownPolicy { .. } | Error::Plant { .. } => Exit::Usage,
             Error::Needs { .. } => Exit::Missing,
             Error::Cancelled { .. } => Exit::Interrupted,

@@ -7,6 +7,7 @@ mod explore;
 mod infer;
 mod reference;
 mod render;
+mod rollout;
 mod sim;
 mod train;
 
@@ -29,6 +30,8 @@ enum What {
     Sim(sim::Args),
     /// Processor time of a picture.
     Render(render::Args),
+    /// Policies, against the bare simulation of the frames that they act in.
+    Rollout(rollout::Args),
     /// Training throughput of the network, and its share of the machine's peak.
     Train(train::Args),
     /// Time of one action at batch 1.
@@ -45,6 +48,7 @@ pub(super) fn run(args: Args) -> Outcome {
     match args.what {
         What::Sim(args) => sim::run(&args),
         What::Render(args) => render::run(&args),
+        What::Rollout(args) => rollout::run(&args),
         What::Train(args) => train::run(&args),
         What::Infer(args) => infer::run(&args),
         What::Reference(args) => reference::run(&args),
