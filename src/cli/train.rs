@@ -170,7 +170,8 @@ fn summary(dir: &Path, done: &Finished) -> String {
 
 /// Presets for help texts.
 fn presets() -> String {
-    PRESETS.iter().map(|(name, what)| format!("  {name:16} {what}\n")).collect()
+    let lines: Vec<_> = PRESETS.iter().map(|(name, what)| format!("  {name:16} {what}")).collect();
+    lines.join("\n")
 }
 
 #[cfg(test)]
