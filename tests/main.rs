@@ -15,3 +15,4 @@ mod robots;
 mod run;
 mod studio;
 mod take;
+mod train;

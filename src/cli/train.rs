@@ -141,10 +141,14 @@ fn stamp(secs: u64) -> String {
 }
 
 fn summary(dir: &Path, done: &Finished) -> String {
-    let mut text = format!(
-        "{} of {} steps in {:.0} s, {:.0} windows/s",
-        done.step, done.steps, done.secs, done.windows_per_sec
-    );
+    let mut text = if done.steps == 0 {
+        "fitted the linear answer; no network was trained".to_owned()
+    } else {
+        format!(
+            "{} of {} steps in {:.0} s, {:.0} windows/s",
+            done.step, done.steps, done.secs, done.windows_per_sec
+        )
+    };
     if let Some(held) = &done.held_out {
         let at = |k: usize| held.nmse_by_hidden.get(k).copied().unwrap_or(f64::NAN);
         write!(
@@ -166,7 +170,8 @@ fn summary(dir: &Path, done: &Finished) -> String {
 
 /// Presets for help texts.
 fn presets() -> String {
-    PRESETS.iter().map(|(name, what)| format!("  {name:16} {what}\n")).collect()
+    let lines: Vec<_> = PRESETS.iter().map(|(name, what)| format!("  {name:16} {what}")).collect();
+    lines.join("\n")
 }
 
 #[cfg(test)]
