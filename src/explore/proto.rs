@@ -249,10 +249,10 @@ fn sinkhorn<T: Real>(x: &mut [T], cols: usize) {
             sums.iter_mut().zip(row).for_each(|(s, &v)| *s += v);
         }
         // A prototype without mass would scale by infinity; it takes the largest finite scale.
-        let mut scale: Vec<f64> = sums.iter().map(|s| 1.0 / (cols as f64 * s.f64())).collect();
-        let most = scale.iter().copied().filter(|s| s.is_finite()).fold(0.0, f64::max);
-        scale.iter_mut().filter(|s| !s.is_finite()).for_each(|s| *s = most);
-        let shares: Vec<T> = scale.into_iter().map(T::of).collect();
+        let mut shares: Vec<f64> = sums.iter().map(|s| 1.0 / (cols as f64 * s.f64())).collect();
+        let most = shares.iter().copied().filter(|s| s.is_finite()).fold(0.0, f64::max);
+        shares.iter_mut().filter(|s| !s.is_finite()).for_each(|s| *s = most);
+        let shares: Vec<T> = shares.into_iter().map(T::of).collect();
         for row in x.chunks_exact_mut(cols) {
             row.iter_mut().zip(&shares).for_each(|(v, &k)| *v = *v * k);
             let sum = row.iter().map(|v| v.f64()).sum::<f64>();
