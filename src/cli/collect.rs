@@ -36,7 +36,7 @@ pub(super) struct Args {
     #[arg(long, default_value_t = 0)]
     seed: u64,
     /// Roll out only the snapshots of this first share of the training [default: .5 for the
-    /// UR5e, whose agents drift to extremes, else 1].
+    /// `UR5e`, whose agents drift to extremes, else 1].
     #[arg(long)]
     snapshots_until: Option<f64>,
     /// Frames of a recorded episode.

@@ -273,10 +273,18 @@ pub(super) fn info(m: &Manifest, json: bool) -> Outcome {
         table.add_row([name.clone(), format!("{lo} .. {hi}"), percent(*x)]);
     }
     out::line(&table.to_string())?;
-    for (name, x) in m.robot.joints.iter().zip(&s.near_limit).filter(|(_, x)| **x > PINNED) {
+    let pinned: Vec<String> = m
+        .robot
+        .joints
+        .iter()
+        .zip(&s.near_limit)
+        .filter(|(_, x)| **x > PINNED)
+        .map(|(name, x)| format!("{name} {:.0} %", x * 100.0))
+        .collect();
+    if !pinned.is_empty() {
         tracing::warn!(
-            "joint {name} is near a stop in {} of frames: torque cannot be read from positions there",
-            percent(*x)
+            "near a stop, where torque cannot be read from positions, in many frames: {}",
+            pinned.join(", ")
         );
     }
     Ok(())

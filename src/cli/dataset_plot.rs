@@ -107,7 +107,7 @@ fn sample(data: &Dataset) -> Sample {
         let agent = agents.iter().position(|a| *a == e.agent).unwrap_or(0);
         let (qpos, qvel, _) = data.frames(e);
         for (q, v) in qpos.chunks_exact(s).zip(qvel.chunks_exact(s)) {
-            if at % every == 0 {
+            if at.is_multiple_of(every) {
                 let wide = |x: &[f32]| x.iter().map(|&v| f64::from(v)).collect();
                 frames.push((agent, wide(q), wide(v)));
             }
@@ -138,7 +138,9 @@ fn lines(sample: &Sample, x: Axis, value: impl Fn(&(usize, Vec<f64>, Vec<f64>)) 
                 *h += 100.0;
             }
         }
-        heights.iter_mut().for_each(|h| *h /= f64::max(count, 1.0));
+        for h in &mut heights {
+            *h /= f64::max(count, 1.0);
+        }
         if several {
             let middle = |i: usize| lo + wide * (i as f64 + 0.5);
             let points = heights.iter().enumerate().map(|(i, &h)| (middle(i), h)).collect();

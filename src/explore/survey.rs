@@ -93,7 +93,7 @@ fn learner(
                 return Err(stopped());
             }
             agent.iterate(1)?;
-            if agent.ledger.step % 1024 == 0 {
+            if agent.ledger.step.is_multiple_of(1024) {
                 tick(agent.ledger.step, agent.kind.name());
             }
         }
@@ -141,7 +141,9 @@ fn baseline(
             if kind == AgentKind::Noise {
                 noise.next(&mut action);
             } else {
-                action.iter_mut().for_each(|x| *x = rng.range(-1.0, 1.0) as f32);
+                for x in &mut action {
+                    *x = rng.range(-1.0, 1.0) as f32;
+                }
             }
             match env.step(&action) {
                 Step::Ok => {}
@@ -153,11 +155,8 @@ fn baseline(
             }
             env.observe(&mut q, &mut v);
             coverage.add(&q, &v);
-            for ((x, range), n) in q.iter().zip(&described.ranges).zip(&mut near) {
-                let x = f64::from(*x);
-                let pinned = range.is_some_and(|[lo, hi]| {
-                    x < lo + described.near_limit || x > hi - described.near_limit
-                });
+            for ((j, x), n) in q.iter().enumerate().zip(&mut near) {
+                let pinned = described.is_near_limit(j, f64::from(*x));
                 *n += f64::from(u8::from(pinned));
             }
             (step, frames) = (step + 1, frames + 1);

@@ -155,12 +155,12 @@ fn turns(
     for _ in 0..args.turns {
         let (start, cpu) = (Instant::now(), thread_cpu());
         let frames = bench.roll_out(dir.path(), args.frames)? as f64;
-        let own = (thread_cpu() - cpu).as_secs_f64() / frames;
+        let own = thread_cpu().saturating_sub(cpu).as_secs_f64() / frames;
         ours.push(frames / start.elapsed().as_secs_f64());
         bench.prepare(dir.path())?;
         let (start, cpu) = (Instant::now(), thread_cpu());
         let frames = bench.simulate()? as f64;
-        ratios.push((thread_cpu() - cpu).as_secs_f64() / frames / own);
+        ratios.push(thread_cpu().saturating_sub(cpu).as_secs_f64() / frames / own);
         bare.push(frames / start.elapsed().as_secs_f64());
     }
     Ok((median(&mut ours), median(&mut bare), median(&mut ratios)))
@@ -177,7 +177,7 @@ fn update(robot: &Robot, kind: AgentKind, preset: &Preset, args: &Args) -> f64 {
         .map(|_| {
             let cpu = thread_cpu();
             (0..args.updates).for_each(|_| bench.update());
-            (thread_cpu() - cpu).as_secs_f64() * 1e3 / args.updates as f64
+            thread_cpu().saturating_sub(cpu).as_secs_f64() * 1e3 / args.updates as f64
         })
         .collect();
     median(&mut times)
