@@ -64,8 +64,38 @@ pub const UPLOAD_BYTES: u64 = 256 << 20;
 pub const PROJECT_FILES: usize = 1_000;
 /// Bytes of one inbound WebSocket message.
 pub const WS_MESSAGE_BYTES: usize = 1 << 20;
-/// Studio clients at once.
+/// Bytes of one WebSocket frame (a message may have several).
+pub const WS_FRAME_BYTES: usize = 256 << 10;
+/// Bytes that wait unsent in one WebSocket before its client counts as gone.
+pub const WS_WRITE_BYTES: usize = 4 << 20;
+/// Studio clients at once, on each of the two sockets.
 pub const CLIENTS: usize = 16;
+/// Open connections of the studio.
+pub const CONNECTIONS: usize = 512;
+/// Bytes of a request's head.
+pub const HEAD_BYTES: usize = 16 << 10;
+/// Time for a request's head, seconds.
+pub const HEAD_SECS: u64 = 5;
+/// Time for a request's body and answer, seconds.
+pub const BODY_SECS: u64 = 30;
+/// Bytes of a JSON request other than a clip.
+pub const REQUEST_BYTES: usize = 2 << 20;
+/// Bytes of a journal that is read back.
+pub const JOURNAL_BYTES: u64 = 1 << 30;
+/// Bytes of one record of a journal.
+pub const JOURNAL_RECORD_BYTES: usize = 64 << 20;
+/// Bytes of one message between the studio and its worker.
+pub const WORKER_MESSAGE_BYTES: usize = 256 << 20;
+/// Address space of the worker, bytes.
+pub const WORKER_MEMORY_BYTES: u64 = 8 << 30;
+/// Processor time that one request may take the worker, seconds.
+pub const WORKER_CPU_SECS: u64 = 120;
+/// Recent files kept.
+pub const RECENT: usize = 20;
+/// Jobs kept in the studio's list, and lines kept of each.
+pub const JOBS: usize = 64;
+/// Lines kept of one job.
+pub const JOB_LINES: usize = 2_000;
 
 /// Bytes in the header of a safetensors file.
 pub const TENSOR_HEADER_BYTES: u64 = 100 << 20;

@@ -12,7 +12,7 @@ use super::bar::Bar;
 use super::failure::{Failure, Outcome};
 use super::interrupt::cancel_on_ctrl_c;
 use super::motion::{self, CLIP_SUFFIX};
-use super::rollout::GuideArg;
+use super::perform::GuideArg;
 use super::{Global, out};
 use crate::clip::{self, Clip, Sight};
 use crate::dataset::{Dataset, Verify};

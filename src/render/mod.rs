@@ -41,5 +41,5 @@ pub use mesh::Mesh;
 pub use model::{Stage, poses};
 pub use picture::Picture;
 pub use renderer::{Quality, RenderConfig, Renderer};
-pub use shot::{CameraChoice, Motion, Overlay, Shot};
 pub use scene::{Floor, GEOMS, Geom, Pose, Scene, Shape};
+pub use shot::{CameraChoice, Motion, Overlay, Shot};

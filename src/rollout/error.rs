@@ -75,6 +75,9 @@ pub enum Error {
         /// What is missing and where it comes from.
         needs: String,
     },
+    /// A model file, or the network in it.
+    #[error(transparent)]
+    Model(#[from] crate::net::Error),
     /// A plant description is wrong.
     #[error("plant {text:?}: {problem}; write for instance mass=1.25,damping=1.5,gear=0.85")]
     Plant {
@@ -98,6 +101,7 @@ impl HasExit for Error {
             Error::Setup(e) => e.exit(),
             Error::Robot(e) => e.exit(),
             Error::Dataset(e) => e.exit(),
+            Error::Model(e) => e.exit(),
             Error::UnknownPolicy { .. } | Error::Plant { .. } => Exit::Usage,
             Error::Needs { .. } => Exit::Missing,
             Error::Cancelled { .. } => Exit::Interrupted,

@@ -29,7 +29,8 @@ impl Take {
         let mut velocity = Vec::with_capacity(frames * dim);
         for f in 0..frames {
             let qvel = rollout.snapshot(f).map_or(&[][..], |s| &s.qvel);
-            velocity.extend(robot.joints().iter().map(|j| qvel.get(j.dofadr).copied().unwrap_or(0.0)));
+            velocity
+                .extend(robot.joints().iter().map(|j| qvel.get(j.dofadr).copied().unwrap_or(0.0)));
         }
         let actions = rollout.actions().to_vec();
         let mut ctrl = Vec::with_capacity(actions.len());

@@ -179,7 +179,11 @@ fn arc(from: i32, to: i32) -> Vec<(f32, f32)> {
     (from..=to)
         .map(|i| {
             let lat = std::f32::consts::FRAC_PI_2 * i as f32 / RINGS as f32;
-            if i.unsigned_abs() as usize == RINGS { (0.0, lat.sin()) } else { (lat.cos(), lat.sin()) }
+            if i.unsigned_abs() as usize == RINGS {
+                (0.0, lat.sin())
+            } else {
+                (lat.cos(), lat.sin())
+            }
         })
         .collect()
 }

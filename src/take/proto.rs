@@ -237,10 +237,7 @@ const FOXGLOVE: Table = &[
         "pose 1 Pose, scale 2 Vector3, color 3 Color, override_color 4 bool, url 5 string, \
          media_type 6 string, data 7 bytes",
     ),
-    (
-        "SceneEntityDeletion",
-        "timestamp 1 Timestamp, type 2 enum:Type=MATCHING_ID/ALL, id 3 string",
-    ),
+    ("SceneEntityDeletion", "timestamp 1 Timestamp, type 2 enum:Type=MATCHING_ID/ALL, id 3 string"),
     (
         "SceneEntity",
         "timestamp 1 Timestamp, frame_id 2 string, id 3 string, lifetime 4 Duration, \
@@ -291,10 +288,7 @@ fn schema(package: &str, table: Table) -> Vec<u8> {
             package: Some("google.protobuf".to_owned()),
             message_type: vec![DescriptorProto {
                 name: Some(name.to_owned()),
-                field: vec![
-                    field("seconds", 1, Type::Int64),
-                    field("nanos", 2, Type::Int32),
-                ],
+                field: vec![field("seconds", 1, Type::Int64), field("nanos", 2, Type::Int32)],
                 ..DescriptorProto::default()
             }],
             syntax: Some("proto3".to_owned()),
@@ -451,8 +445,7 @@ mod tests {
                 rotation: Some(q),
             }],
         };
-        let log =
-            Log { timestamp: timestamp(1), level: 2, message: "m".into(), name: "n".into() };
+        let log = Log { timestamp: timestamp(1), level: 2, message: "m".into(), name: "n".into() };
         let metrics = Metrics {
             frame: 1,
             frame_mae: Some(0.5),
@@ -494,8 +487,8 @@ mod tests {
                 .unwrap_or_else(|| panic!("{name} has no field {}", key >> 3));
             met += 1;
             let kind = field.r#type();
-            let packed = field.label() == Label::Repeated
-                && matches!(kind, Type::Double | Type::Fixed32);
+            let packed =
+                field.label() == Label::Repeated && matches!(kind, Type::Double | Type::Fixed32);
             let want = match kind {
                 _ if packed => 2,
                 Type::Double => 1,

@@ -248,8 +248,9 @@ impl Scan {
                 if message.data.len() > limits::TAKE_MESSAGE_BYTES {
                     return Err(broken("a message larger than any of a take"));
                 }
-                self.message(topic, message)
-                    .ok_or_else(|| broken(&format!("a {} message that does not fit", name(topic))))?;
+                self.message(topic, message).ok_or_else(|| {
+                    broken(&format!("a {} message that does not fit", name(topic)))
+                })?;
             }
             _ => {}
         }
@@ -278,8 +279,9 @@ impl Scan {
                     && r.doubles(&mut self.velocity)? == dim
                     && r.doubles(&mut self.effort)? == if last { 0 } else { dim };
                 let fresh = self.reached.iter().skip(frame * dim);
-                (whole && fresh.chain(self.velocity.iter().skip(frame * dim)).all(|v| v.is_finite()))
-                    .then_some(())
+                (whole
+                    && fresh.chain(self.velocity.iter().skip(frame * dim)).all(|v| v.is_finite()))
+                .then_some(())
             }
             Topic::Tf => {
                 if !next || self.poses.len() != frame * bodies * POSE {
@@ -345,7 +347,9 @@ impl Scan {
     /// The take; `whole` = every frame that the header names must be there.
     fn take(self, whole: bool) -> Result<Take, Error> {
         let Some(header) = self.header else {
-            return Err(Error::foreign(format!("there is no {TAKE_JSON}: no take of this program")));
+            return Err(Error::foreign(format!(
+                "there is no {TAKE_JSON}: no take of this program"
+            )));
         };
         let (dim, actuators) = (header.robot.joints.len(), header.robot.actuators.len());
         let n = self.frames;
@@ -573,13 +577,16 @@ mod tests {
     fn foreign_files_say_so() {
         let message = |bytes: &[u8]| Take::from_mcap(bytes).unwrap_err().to_string();
         assert!(message(b"hello, this is a text").contains("no MCAP"), "{}", message(b"hello"));
-        let mut writer = mcap::WriteOptions::new()
-            .create(std::io::Cursor::new(Vec::new()))
-            .unwrap();
+        let mut writer =
+            mcap::WriteOptions::new().create(std::io::Cursor::new(Vec::new())).unwrap();
         let none = BTreeMap::new();
         let id = writer.add_channel(0, topic::JOINT_STATES, "cdr", &none).unwrap();
-        let header =
-            mcap::records::MessageHeader { channel_id: id, sequence: 0, log_time: 0, publish_time: 0 };
+        let header = mcap::records::MessageHeader {
+            channel_id: id,
+            sequence: 0,
+            log_time: 0,
+            publish_time: 0,
+        };
         writer.write_to_known_channel(&header, &[0, 1, 0, 0]).unwrap();
         writer.finish().unwrap();
         let bytes = writer.into_inner().into_inner();

@@ -105,7 +105,13 @@ fn entity<'a>(
             Shape::Cylinder { radius, half_length } => {
                 let size = size(Vec3::new(radius, radius, half_length));
                 let (bottom_scale, top_scale) = (1.0, 1.0);
-                out.cylinders.push(CylinderPrimitive { pose, size, bottom_scale, top_scale, color });
+                out.cylinders.push(CylinderPrimitive {
+                    pose,
+                    size,
+                    bottom_scale,
+                    top_scale,
+                    color,
+                });
             }
             Shape::Capsule { .. } | Shape::Plane { .. } | Shape::Mesh { .. } => {
                 let mesh = solids.triangles(solid.shape);

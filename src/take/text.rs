@@ -46,12 +46,23 @@ impl Take {
         let mut out = String::from("<mujoco>\n  <!-- qpos and qvel: ");
         // A comment may not hold two dashes.
         let plain = |names: &[String]| names.join(" ").replace("--", "- -");
-        writeln!(out, "{}\n       ctrl: {} -->", plain(&self.robot.joints), plain(&self.robot.actuators)).ok();
+        writeln!(
+            out,
+            "{}\n       ctrl: {} -->",
+            plain(&self.robot.joints),
+            plain(&self.robot.actuators)
+        )
+        .ok();
         out.push_str("  <keyframe>\n");
         for f in 0..self.frames() {
             let qpos = numbers(self.state(f));
             let qvel = numbers(row(&self.velocity, f, self.state_dim()));
-            write!(out, "    <key name=\"frame{f}\" time=\"{}\" qpos=\"{qpos}\" qvel=\"{qvel}\"", secs(f)).ok();
+            write!(
+                out,
+                "    <key name=\"frame{f}\" time=\"{}\" qpos=\"{qpos}\" qvel=\"{qvel}\"",
+                secs(f)
+            )
+            .ok();
             let ctrl = row(&self.ctrl, f, self.action_dim());
             if !ctrl.is_empty() {
                 write!(out, " ctrl=\"{}\"", numbers(ctrl)).ok();
@@ -118,7 +129,7 @@ mod tests {
     use crate::rollout::{PolicyConfig, PolicyName, Precision, Rollout, RolloutConfig, Start};
 
     fn original(take: &Take) -> Clip {
-        parse(take.clip_text.as_ref().unwrap()).unwrap().clip
+        parse(take.clip_text.clone().unwrap()).unwrap().clip
     }
 
     /// What each exporter writes of the reached motion is read back to within the clip's grid.
@@ -167,9 +178,12 @@ mod tests {
             let mjcf = from_mjcf(&take.to_mjcf(What::Command).unwrap(), &robot, Fill::Mask);
             let ros = from_ros(&take.to_ros(What::Command).unwrap(), Some(&robot), Fill::Mask);
             let again = original(&take);
-            for (what, clip) in
-                [("csv", csv.unwrap()), ("mjcf", mjcf.unwrap()), ("ros", ros.unwrap()), ("take", again)]
-            {
+            for (what, clip) in [
+                ("csv", csv.unwrap()),
+                ("mjcf", mjcf.unwrap()),
+                ("ros", ros.unwrap()),
+                ("take", again),
+            ] {
                 let command = compile(&clip).unwrap();
                 let found = precision(&take, id, &command);
                 let (a, b) = (found.precision.unwrap(), take.precision().precision.unwrap());

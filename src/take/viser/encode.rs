@@ -65,7 +65,8 @@ impl Serialize for Buffer {
                 list.len() - 1
             }))
         });
-        let index = index.ok_or_else(|| serde::ser::Error::custom("a buffer outside of a frame"))?;
+        let index =
+            index.ok_or_else(|| serde::ser::Error::custom("a buffer outside of a frame"))?;
         let mut map = serializer.serialize_map(Some(2))?;
         map.serialize_entry("__binary_index", &index)?;
         map.serialize_entry("dtype", self.dtype)?;
@@ -134,10 +135,8 @@ pub fn frame(messages: &[Message], timestamp_secs: f64) -> Result<Vec<u8>, Error
 /// # Errors
 /// [`Error::Encode`].
 pub(super) fn file(messages: &[(f64, Message)], duration_secs: f64) -> Result<Vec<u8>, Error> {
-    let fields = [
-        ("durationSeconds", Field::Number(duration_secs)),
-        ("viserVersion", Field::Text(VERSION)),
-    ];
+    let fields =
+        [("durationSeconds", Field::Number(duration_secs)), ("viserVersion", Field::Text(VERSION))];
     let (packed, beside) = document(messages, &fields)?;
     let mut inner = Vec::with_capacity(8 + packed.len());
     inner.extend((packed.len() as u64).to_le_bytes());

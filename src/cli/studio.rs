@@ -1,0 +1,87 @@
+//! `robert studio`: the web app on this machine.
+
+use std::path::PathBuf;
+use std::process::{Command, Stdio};
+
+use super::failure::{Failure, Outcome};
+use crate::studio::{self, StudioConfig};
+
+/// Options of `robert studio`.
+#[derive(clap::Args, Debug)]
+pub(super) struct Args {
+    /// Clip to open; without one the studio opens on its examples.
+    clip: Option<PathBuf>,
+    /// Robot to start an empty clip for, or that CLIP is for: an id, or a folder.
+    #[arg(long, value_name = "ID|DIR")]
+    robot: Option<String>,
+    /// Model that performs the clip.
+    #[arg(long)]
+    model: Option<PathBuf>,
+    /// Port on 127.0.0.1; 0 takes a free one.
+    #[arg(long, default_value_t = 0)]
+    port: u16,
+    /// Print the address, open nothing.
+    #[arg(long)]
+    no_open: bool,
+    /// Open in a window of its own (needs a browser of the Chromium family).
+    #[arg(long, conflicts_with = "no_open")]
+    app: bool,
+}
+
+/// Browsers that know `--app=URL`.
+const APP_BROWSERS: [&str; 6] = [
+    "chromium",
+    "chromium-browser",
+    "google-chrome",
+    "google-chrome-stable",
+    "microsoft-edge",
+    "brave-browser",
+];
+
+pub(super) fn run(args: Args) -> Outcome {
+    let binary = std::env::current_exe()?;
+    let folder = std::env::current_dir()?;
+    let model_path = args.model.map(std::path::absolute).transpose()?;
+    let config = StudioConfig {
+        clip_path: args.clip,
+        robot: args.robot.map(absolute_robot).transpose()?,
+        model_path,
+        port: args.port,
+        binary,
+        state_dir: studio::state_dir(),
+        folder,
+    };
+    let (no_open, app) = (args.no_open, args.app);
+    studio::run(config, |url| {
+        // The one line that scripts wait for. A closed stdout must not end the studio.
+        super::out::line(url).ok();
+        if !no_open && !open(url, app) {
+            tracing::info!("no browser could be started; open the address above yourself");
+        }
+    })
+    .map_err(Failure::from)
+}
+
+/// The simulation runs in a folder of its own: a robot's folder must be said in full.
+fn absolute_robot(robot: String) -> std::io::Result<String> {
+    if std::path::Path::new(&robot).is_dir() {
+        return Ok(std::path::absolute(&robot)?.display().to_string());
+    }
+    Ok(robot)
+}
+
+/// Starts a browser; the token is in its arguments, which on this machine only the same
+/// user and root may read in full.
+fn open(url: &str, app: bool) -> bool {
+    let start = |program: &str, argument: &str| {
+        Command::new(program)
+            .arg(argument)
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .is_ok()
+    };
+    let window = format!("--app={url}");
+    (app && APP_BROWSERS.iter().any(|b| start(b, &window))) || start("xdg-open", url)
+}

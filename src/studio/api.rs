@@ -1,0 +1,464 @@
+//! `/api/...`: thin handlers that turn requests into questions and answers into JSON.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+
+use axum::body::Bytes;
+use axum::extract::{FromRequest, FromRequestParts, Path as UrlPath, State};
+use axum::http::request::Parts;
+use axum::http::{HeaderMap, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+
+use super::document::Edit;
+use super::error::Error;
+use super::jobs::{JobRequest, JobView};
+use super::protocol::{
+    Code, DocumentView, Edited, ErrorBody, GalleryItem, IkRequest, OpsRequest, PolicyCard,
+    RecentFile, RobotCard, RolloutView, Saved, StudioOp,
+};
+use super::server::App;
+use super::session::{Ask, Author};
+use super::worker::{Geometry, IkAnswer, Report, Request, RobotFacts, SettleAnswer};
+use super::{export, gallery, pages, protocol};
+use crate::clip::{self, Batch, Op};
+use crate::limits;
+use crate::robot::Robot;
+use crate::rollout::PolicyName;
+
+/// A refusal as a response.
+#[derive(Debug)]
+pub(super) struct Refused(ErrorBody);
+
+impl From<Error> for Refused {
+    fn from(e: Error) -> Refused {
+        Refused(ErrorBody::from(&e))
+    }
+}
+
+impl IntoResponse for Refused {
+    fn into_response(self) -> Response {
+        let status = StatusCode::from_u16(self.0.status());
+        (status.unwrap_or(StatusCode::INTERNAL_SERVER_ERROR), axum::Json(self.0)).into_response()
+    }
+}
+
+/// JSON bodies and answers, with our refusals.
+#[derive(Debug)]
+pub(super) struct Json<T>(pub T);
+
+impl<T: Serialize> IntoResponse for Json<T> {
+    fn into_response(self) -> Response {
+        axum::Json(self.0).into_response()
+    }
+}
+
+impl<T: DeserializeOwned, S: Send + Sync> FromRequest<S> for Json<T> {
+    type Rejection = Response;
+
+    async fn from_request(request: axum::extract::Request, state: &S) -> Result<Self, Response> {
+        match axum::Json::<T>::from_request(request, state).await {
+            Ok(axum::Json(body)) => Ok(Json(body)),
+            Err(e) => {
+                let body = ErrorBody::new(Code::Request, e.body_text());
+                Err((e.status(), axum::Json(body)).into_response())
+            }
+        }
+    }
+}
+
+/// Queries, with our refusals.
+#[derive(Debug)]
+pub(super) struct Query<T>(pub T);
+
+impl<T: DeserializeOwned, S: Send + Sync> FromRequestParts<S> for Query<T> {
+    type Rejection = Refused;
+
+    async fn from_request_parts(head: &mut Parts, state: &S) -> Result<Self, Refused> {
+        match axum::extract::Query::<T>::from_request_parts(head, state).await {
+            Ok(axum::extract::Query(query)) => Ok(Query(query)),
+            Err(e) => Err(Refused(ErrorBody::new(Code::Request, e.body_text()))),
+        }
+    }
+}
+
+type Answer<T> = Result<Json<T>, Refused>;
+type Shared = State<Arc<App>>;
+
+/// No icon is no error.
+pub(super) async fn favicon() -> StatusCode {
+    StatusCode::NO_CONTENT
+}
+
+/// Nothing here.
+pub(super) async fn not_found() -> Refused {
+    Refused::from(Error::NotFound { what: "such address".into() })
+}
+
+/// Not this way.
+pub(super) async fn bad_method() -> Response {
+    let body = ErrorBody::new(Code::Request, "this address does not take that method");
+    (StatusCode::METHOD_NOT_ALLOWED, axum::Json(body)).into_response()
+}
+
+/// Token for cookie. The guard has seen the token already.
+pub(super) async fn session(State(app): Shared) -> Response {
+    (StatusCode::NO_CONTENT, [(header::SET_COOKIE, app.guard.set_cookie())]).into_response()
+}
+
+/// The open document, if any.
+pub(super) async fn current_view(app: &App) -> Option<Box<DocumentView>> {
+    app.session.ask(Ask::View).await.ok().flatten()
+}
+
+/// Everything that a fresh page needs.
+pub(super) async fn current_state(app: &App) -> protocol::State {
+    protocol::State {
+        version: env!("CARGO_PKG_VERSION"),
+        document: current_view(app).await.map(|d| *d),
+        rollout: app.live.settings(),
+        policies: PolicyName::all()
+            .map(|p| PolicyCard { name: p.as_str(), available: true })
+            .collect(),
+        worker: app.live.worker_state(),
+        viser: pages::has_viser(),
+        clients: app.clients.load(Ordering::SeqCst),
+        folder: app.folder.display().to_string(),
+    }
+}
+
+/// `GET /api/state`.
+pub(super) async fn state(State(app): Shared) -> Json<protocol::State> {
+    Json(current_state(&app).await)
+}
+
+/// `GET /api/clip`.
+pub(super) async fn clip(State(app): Shared) -> Result<Response, Refused> {
+    let text = app.session.ask(Ask::Text).await?;
+    Ok(([(header::CONTENT_TYPE, "application/json")], text).into_response())
+}
+
+/// `PUT /api/clip`.
+pub(super) async fn put_clip(
+    State(app): Shared,
+    request: axum::extract::Request,
+) -> Answer<Edited> {
+    let bytes = whole_body(request, limits::CLIP_BYTES as usize).await?;
+    let text = text_of(&bytes)?;
+    let edited = app.session.ask(|r| Ask::Put(Author::default(), text, r)).await?;
+    Ok(Json(edited))
+}
+
+async fn whole_body(request: axum::extract::Request, cap: usize) -> Result<Bytes, Refused> {
+    axum::body::to_bytes(request.into_body(), cap).await.map_err(|_too_large| {
+        Refused(ErrorBody::new(Code::Full, format!("the body has more than {cap} bytes")))
+    })
+}
+
+fn text_of(bytes: &[u8]) -> Result<String, Refused> {
+    // The reader of files says where bytes stop being text; here the text is enough.
+    String::from_utf8(bytes.to_vec()).map_err(|e| {
+        let at = e.utf8_error().valid_up_to();
+        Refused(ErrorBody::new(Code::Invalid, format!("byte {at} is not UTF-8 text")))
+    })
+}
+
+/// `POST /api/ops`.
+pub(super) async fn ops(State(app): Shared, Json(body): Json<OpsRequest>) -> Answer<Edited> {
+    let mut ops = body.ops;
+    let op = if ops.len() == 1 && body.label.is_empty() {
+        ops.remove(0)
+    } else {
+        let label = if body.label.is_empty() {
+            ops.first().map(Op::label).unwrap_or_default()
+        } else {
+            body.label
+        };
+        Op::Batch(Batch { label, ops })
+    };
+    edit(&app, Edit::Op(Box::new(op))).await
+}
+
+async fn edit(app: &App, edit: Edit) -> Answer<Edited> {
+    Ok(Json(app.session.ask(|r| Ask::Edit(Author::default(), edit, r)).await?))
+}
+
+/// `POST /api/undo`.
+pub(super) async fn undo(State(app): Shared) -> Answer<Edited> {
+    edit(&app, Edit::Undo).await
+}
+
+/// `POST /api/redo`.
+pub(super) async fn redo(State(app): Shared) -> Answer<Edited> {
+    edit(&app, Edit::Redo).await
+}
+
+/// `POST /api/discard`.
+pub(super) async fn discard(State(app): Shared) -> Answer<Edited> {
+    Ok(Json(app.session.ask(|r| Ask::Discard(Author::default(), r)).await?))
+}
+
+/// Body with a path.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct PathBody {
+    path: String,
+}
+
+impl App {
+    /// A path as the user typed it.
+    fn path(&self, typed: &str) -> Result<PathBuf, Error> {
+        if typed.is_empty() || typed.contains('\0') {
+            return Err(Error::request("this is no path"));
+        }
+        Ok(self.folder.join(Path::new(typed)))
+    }
+}
+
+/// `POST /api/open`.
+pub(super) async fn open(State(app): Shared, Json(body): Json<PathBody>) -> Answer<DocumentView> {
+    let path = app.path(&body.path)?;
+    Ok(Json(app.session.ask(|r| Ask::Open(path, r)).await?))
+}
+
+/// Body of `POST /api/new`.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct NewBody {
+    #[serde(default)]
+    robot: Option<String>,
+    #[serde(default)]
+    length: Option<u32>,
+    #[serde(default)]
+    name: String,
+    #[serde(default)]
+    text: Option<String>,
+}
+
+/// Frames of a new clip that says nothing else: 5 s.
+const NEW_LENGTH: u32 = 100;
+
+/// `POST /api/new`.
+pub(super) async fn new(State(app): Shared, Json(body): Json<NewBody>) -> Answer<DocumentView> {
+    let view = match (body.robot, body.text) {
+        (_, Some(text)) => {
+            let clip = clip::parse(text).map_err(Error::from)?.clip;
+            app.session.ask(|r| Ask::New(Box::new(clip), r)).await?
+        }
+        (Some(robot), None) => {
+            let (length, name) = (body.length.unwrap_or(NEW_LENGTH), body.name);
+            app.session.ask(|reply| Ask::Blank { robot, length, name, reply }).await?
+        }
+        (None, None) => return Err(Error::request("say `robot` or `text`").into()),
+    };
+    Ok(Json(view))
+}
+
+/// Body of `POST /api/save`.
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct SaveBody {
+    path: Option<String>,
+}
+
+/// `POST /api/save`.
+pub(super) async fn save(State(app): Shared, Json(body): Json<SaveBody>) -> Answer<Saved> {
+    let path = body.path.map(|p| app.path(&p)).transpose()?;
+    Ok(Json(app.session.ask(|r| Ask::Save(path, r)).await?))
+}
+
+/// `POST /api/close`.
+pub(super) async fn close(State(app): Shared) -> Result<StatusCode, Refused> {
+    app.session.ask(Ask::Close).await?;
+    Ok(StatusCode::NO_CONTENT)
+}
+
+/// `GET /api/gallery`.
+pub(super) async fn gallery() -> Json<Vec<GalleryItem>> {
+    Json(gallery::list())
+}
+
+/// `POST /api/gallery/{id}`.
+pub(super) async fn open_example(
+    State(app): Shared,
+    UrlPath(id): UrlPath<String>,
+) -> Answer<DocumentView> {
+    let clip = gallery::open(&id)?;
+    Ok(Json(app.session.ask(|r| Ask::New(Box::new(clip), r)).await?))
+}
+
+/// `GET /api/recent`.
+pub(super) async fn recent(State(app): Shared) -> Json<Vec<RecentFile>> {
+    Json(app.recent.list())
+}
+
+/// `GET /api/robots`.
+pub(super) async fn robots() -> Json<Vec<RobotCard>> {
+    let card = |id: &str| RobotCard { id: id.to_owned(), builtin: true };
+    Json(Robot::builtin_ids().map(card).collect())
+}
+
+/// `GET /api/robot/{id}`.
+pub(super) async fn robot(
+    State(app): Shared,
+    UrlPath(robot): UrlPath<String>,
+) -> Answer<RobotFacts> {
+    match app.worker.ask(Request::Facts { robot }).await? {
+        Report::Facts(facts) => Ok(Json(*facts)),
+        _ => Err(odd()),
+    }
+}
+
+/// `GET /api/robot/{id}/geometry`.
+pub(super) async fn geometry(
+    State(app): Shared,
+    UrlPath(robot): UrlPath<String>,
+) -> Answer<Geometry> {
+    match app.worker.ask(Request::Geometry { robot }).await? {
+        Report::Geometry(geometry) => Ok(Json(*geometry)),
+        _ => Err(odd()),
+    }
+}
+
+fn odd() -> Refused {
+    Error::Worker { reason: "it gave an answer that fits no question".into() }.into()
+}
+
+/// Body of `POST /api/kinematics`.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Poses {
+    q: Vec<Vec<f64>>,
+}
+
+/// Poses in one question.
+const POSES: usize = 1_000;
+
+/// `POST /api/kinematics`.
+pub(super) async fn kinematics(
+    State(app): Shared,
+    Json(body): Json<Poses>,
+) -> Answer<Vec<Vec<f32>>> {
+    if body.q.len() > POSES {
+        return Err(Error::Full { what: "poses in one question", cap: POSES }.into());
+    }
+    match app.worker.ask(Request::Kinematics { poses: body.q }).await? {
+        Report::Bodies(bodies) => Ok(Json(bodies)),
+        _ => Err(odd()),
+    }
+}
+
+/// `POST /api/ik`.
+pub(super) async fn ik(State(app): Shared, Json(body): Json<IkRequest>) -> Answer<IkAnswer> {
+    match app.worker.ask(Request::Ik(body)).await? {
+        Report::Ik(answer) => Ok(Json(answer)),
+        _ => Err(odd()),
+    }
+}
+
+/// Body of `POST /api/settle`.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Pose {
+    q: Vec<f64>,
+}
+
+/// `POST /api/settle`.
+pub(super) async fn settle(State(app): Shared, Json(body): Json<Pose>) -> Answer<SettleAnswer> {
+    let facts = app.live.facts().ok_or(Error::NoDocument)?;
+    let request = Request::Settle { robot: facts.source.clone(), q: body.q };
+    match app.worker.ask(request).await? {
+        Report::Settled(answer) => Ok(Json(answer)),
+        _ => Err(odd()),
+    }
+}
+
+/// `GET /api/rollout`.
+pub(super) async fn rollout(State(app): Shared) -> Json<RolloutView> {
+    Json(app.live.view())
+}
+
+/// Query of `GET /api/export`.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct ExportQuery {
+    format: String,
+}
+
+/// `GET /api/export`.
+pub(super) async fn export(
+    State(app): Shared,
+    Query(query): Query<ExportQuery>,
+) -> Result<Response, Refused> {
+    let (clip, command) = app.session.ask(Ask::Content).await?;
+    let file = export::file(&query.format, &clip, &command, &app.live)?;
+    let mut headers = HeaderMap::new();
+    if let Ok(value) = file.media_type.parse() {
+        headers.insert(header::CONTENT_TYPE, value);
+    }
+    if let Ok(value) = format!("attachment; filename=\"{}\"", file.name).parse() {
+        headers.insert(header::CONTENT_DISPOSITION, value);
+    }
+    Ok((headers, file.bytes).into_response())
+}
+
+/// `GET /api/jobs`.
+pub(super) async fn jobs(State(app): Shared) -> Json<Vec<JobView>> {
+    Json(app.jobs.list())
+}
+
+/// `POST /api/jobs`.
+pub(super) async fn start_job(State(app): Shared, Json(body): Json<JobRequest>) -> Answer<JobView> {
+    Ok(Json(app.jobs.start(body, &app.folder)?))
+}
+
+/// Query of `GET /api/jobs/{id}`.
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct LinesFrom {
+    from: usize,
+}
+
+/// `GET /api/jobs/{id}`.
+pub(super) async fn job(
+    State(app): Shared,
+    UrlPath(id): UrlPath<u64>,
+    Query(query): Query<LinesFrom>,
+) -> Answer<JobView> {
+    Ok(Json(app.jobs.view(id, query.from)?))
+}
+
+/// `POST /api/jobs/{id}/cancel`.
+pub(super) async fn cancel_job(State(app): Shared, UrlPath(id): UrlPath<u64>) -> Answer<JobView> {
+    Ok(Json(app.jobs.cancel(id)?))
+}
+
+/// `POST /api/jobs/{id}/resume`.
+pub(super) async fn resume_job(State(app): Shared, UrlPath(id): UrlPath<u64>) -> Answer<JobView> {
+    Ok(Json(app.jobs.resume(id, &app.folder)?))
+}
+
+/// A request on the socket that is no edit.
+///
+/// # Errors
+/// Whatever it says.
+pub(super) async fn studio_op(app: &App, op: StudioOp) -> Result<(), Error> {
+    match op {
+        StudioOp::Undo {} | StudioOp::Redo {} | StudioOp::HistoryGoto { .. } => Ok(()),
+        StudioOp::Preview { op } => app.session.ask(|r| Ask::Preview(op, r)).await,
+        StudioOp::PreviewEnd {} => app.session.ask(Ask::PreviewEnd).await,
+        StudioOp::RolloutSet(settings) => app.session.ask(|r| Ask::Settings(settings, r)).await,
+        StudioOp::RolloutRun {} => app.session.ask(Ask::Run).await,
+        StudioOp::RolloutCancel {} => {
+            app.live.cancel(&app.worker);
+            Ok(())
+        }
+        StudioOp::WorkerRestart {} => {
+            app.worker.restart();
+            Ok(())
+        }
+        view => super::viser::view_op(app, view),
+    }
+}

@@ -1,0 +1,599 @@
+//! The open document: clip, history, journal, file.
+//!
+//! Plain and synchronous; the session's thread is its only owner. Every change goes to the
+//! journal before anyone hears of it. Saving rewrites the journal to the saved text
+//! alone: what is on disk needs no second copy.
+
+use std::path::{Path, PathBuf};
+
+use super::error::Error;
+use super::journal::{Journal, Record};
+use crate::clip::{self, Batch, Change, Clip, Command, Delta, Editor, JointTable, Op};
+use crate::fsio;
+
+/// What a start from a journal brought back.
+#[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub struct Restored {
+    /// Edits that had not been saved.
+    pub edits: usize,
+    /// Bytes of a torn record at the end, never acknowledged, that were dropped.
+    pub torn_bytes: u64,
+    /// The file was changed by others since: saving overwrites that.
+    pub file_changed: bool,
+}
+
+/// One thing that a client asks of the document.
+#[derive(Clone, Debug)]
+pub enum Edit {
+    /// A clip operation.
+    Op(Box<Op>),
+    /// Takes the last edit back.
+    Undo,
+    /// Does it again.
+    Redo,
+    /// Undoes or redoes until this many edits are done.
+    Goto(usize),
+}
+
+/// A clip with its history, journal and file.
+#[derive(Debug)]
+pub struct Document {
+    editor: Editor,
+    journal: Journal,
+    path: Option<PathBuf>,
+    /// What the file holds: content, and its very bytes, so that an undone edit gives the
+    /// same file again even where its author wrote it in another layout.
+    saved: Clip,
+    saved_text: String,
+    /// Never saved, and not empty of value: a new clip.
+    untitled: bool,
+    restored: Option<Restored>,
+    /// After a failed journal write the taken-back edit must not be redone: the journal
+    /// does not know it.
+    redo_blocked: bool,
+    replayed: Replayed,
+}
+
+/// What was done to the history.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Step {
+    Edit,
+    Undo,
+    Redo,
+}
+
+/// The history that a replay of the journal would have. It is shorter than the true one
+/// after a save, and what it lacks must be written out as an edit.
+#[derive(Clone, Copy, Debug, Default)]
+struct Replayed {
+    done: usize,
+    len: usize,
+    /// An undo went back beyond it; from there on the two histories do not match.
+    apart: bool,
+}
+
+impl Replayed {
+    fn push(&mut self) {
+        self.done += 1;
+        self.len = self.done;
+    }
+
+    fn undo(&mut self) -> bool {
+        let known = !self.apart && self.done > 0;
+        if known {
+            self.done -= 1;
+        } else {
+            self.apart = true;
+            self.push();
+        }
+        known
+    }
+
+    fn redo(&mut self) -> bool {
+        let known = !self.apart && self.done < self.len;
+        if known {
+            self.done += 1;
+        } else {
+            self.push();
+        }
+        known
+    }
+}
+
+impl Document {
+    /// Opens a clip file, with what a journal beside it has on top.
+    ///
+    /// # Errors
+    /// [`Error::Clip`] with path:line:col, [`Error::Locked`], [`Error::Journal`].
+    pub fn open(
+        path: &Path,
+        state_dir: &Path,
+        table: impl FnOnce(&Clip) -> Option<JointTable>,
+    ) -> Result<Document, Error> {
+        let path = std::path::absolute(path)
+            .map_err(|source| fsio::Error::Read { source, path: path.to_owned() })?;
+        let (journal, records, torn_bytes) = open_journal(&path, state_dir)?;
+        let text = fsio::read_capped(&path, crate::limits::CLIP_BYTES);
+        let on_disk = match text {
+            Ok(bytes) => clip::parse_bytes(bytes.clone())
+                .map(|p| (p.clip, String::from_utf8_lossy(&bytes).into_owned()))
+                .map_err(|e| Error::from(e.in_file(&path))),
+            Err(e) => Err(e.into()),
+        };
+        let edits = records.len().saturating_sub(1);
+        let base = match records.first() {
+            Some(Record::Base { text, .. }) if edits > 0 => Some(text.clone()),
+            _ => None,
+        };
+        let Some(base) = base else {
+            // Nothing unsaved: the file is the document.
+            let (saved, saved_text) = match on_disk {
+                Ok(found) => found,
+                Err(e) => {
+                    journal.remove();
+                    return Err(e);
+                }
+            };
+            let editor = Editor::new(saved.clone(), table(&saved)).map_err(invalid)?;
+            let mut document = Document {
+                editor,
+                journal,
+                path: Some(path),
+                saved,
+                saved_text,
+                untitled: false,
+                restored: None,
+                redo_blocked: false,
+                replayed: Replayed::default(),
+            };
+            document.rebase()?;
+            return Ok(document);
+        };
+        let file_changed = on_disk.as_ref().map_or(true, |(_, text)| *text != base);
+        let start = Clip::parse(&base).map_err(|e| e.in_file(journal.path()))?;
+        let editor = Editor::new(start.clone(), table(&start)).map_err(invalid)?;
+        let (saved, saved_text) = match on_disk {
+            Ok(found) if file_changed => found,
+            _ => (start, base),
+        };
+        let mut document = Document {
+            editor,
+            journal,
+            path: Some(path),
+            saved,
+            saved_text,
+            untitled: false,
+            restored: None,
+            redo_blocked: false,
+            replayed: Replayed::default(),
+        };
+        document.replay(&records)?;
+        document.restored = Some(Restored { edits, torn_bytes, file_changed });
+        Ok(document)
+    }
+
+    /// A document without a file, journalled in the state folder.
+    ///
+    /// # Errors
+    /// [`Error::Journal`], [`Error::Clip`].
+    pub fn new(clip: Clip, state_dir: &Path, table: Option<JointTable>) -> Result<Document, Error> {
+        for number in 1..10_000 {
+            let path = state_dir.join(format!("untitled-{number}.autosave"));
+            match Journal::open(&path) {
+                Ok((journal, records, _)) if records.is_empty() => {
+                    let saved_text = clip.to_text();
+                    let editor = Editor::new(clip, table).map_err(invalid)?;
+                    let saved = editor.clip().clone();
+                    let mut document = Document {
+                        editor,
+                        journal,
+                        path: None,
+                        saved,
+                        saved_text,
+                        untitled: true,
+                        restored: None,
+                        redo_blocked: false,
+                        replayed: Replayed::default(),
+                    };
+                    document.rebase()?;
+                    return Ok(document);
+                }
+                Ok(_) | Err(Error::Locked { .. }) => {}
+                Err(e) => return Err(e),
+            }
+        }
+        Err(Error::Full { what: "unsaved clips", cap: 10_000 })
+    }
+
+    /// The unsaved clip of a studio that was killed, if there is one.
+    pub fn orphan(
+        state_dir: &Path,
+        table: impl FnOnce(&Clip) -> Option<JointTable>,
+    ) -> Option<Document> {
+        let mut found: Vec<PathBuf> = std::fs::read_dir(state_dir)
+            .ok()?
+            .filter_map(|e| e.ok().map(|e| e.path()))
+            .filter(|p| {
+                p.file_name()
+                    .and_then(|n| n.to_str())
+                    .is_some_and(|n| n.starts_with("untitled-") && n.ends_with(".autosave"))
+            })
+            .collect();
+        found.sort();
+        for path in found {
+            let Ok((journal, records, torn_bytes)) = Journal::open(&path) else { continue };
+            let edits = records.len().saturating_sub(1);
+            let Some(Record::Base { text, path: None }) = records.first() else { continue };
+            if edits == 0 {
+                journal.remove();
+                continue;
+            }
+            let Ok(start) = Clip::parse(text) else { continue };
+            let facts = table(&start);
+            let editor = Editor::new(start.clone(), facts).ok()?;
+            let mut document = Document {
+                editor,
+                journal,
+                path: None,
+                saved: start,
+                saved_text: text.clone(),
+                untitled: true,
+                restored: None,
+                redo_blocked: false,
+                replayed: Replayed::default(),
+            };
+            document.replay(&records).ok()?;
+            document.restored = Some(Restored { edits, torn_bytes, file_changed: false });
+            return Some(document);
+        }
+        None
+    }
+
+    fn replay(&mut self, records: &[Record]) -> Result<(), Error> {
+        for record in records.iter().skip(1) {
+            match record {
+                Record::Base { .. } => {}
+                Record::Edit { label, patch } => {
+                    self.editor.apply(&relabelled(label, patch))?;
+                    self.replayed.push();
+                }
+                Record::Undo => {
+                    self.editor.undo()?;
+                    self.replayed.undo();
+                }
+                Record::Redo => {
+                    self.editor.redo()?;
+                    self.replayed.redo();
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// The clip.
+    pub fn clip(&self) -> &Clip {
+        self.editor.clip()
+    }
+
+    /// The clip, compiled.
+    pub fn command(&self) -> &Command {
+        self.editor.command()
+    }
+
+    /// What is known about its robot.
+    pub fn table(&self) -> Option<&JointTable> {
+        self.editor.table()
+    }
+
+    /// Version.
+    pub fn rev(&self) -> u64 {
+        self.editor.rev()
+    }
+
+    /// Its file.
+    pub fn path(&self) -> Option<&Path> {
+        self.path.as_deref()
+    }
+
+    /// Labels of all edits and how many are done.
+    pub fn history(&self) -> (Vec<&str>, usize) {
+        self.editor.history()
+    }
+
+    /// Whether anything would be lost without the journal.
+    pub fn is_dirty(&self) -> bool {
+        self.editor.clip() != &self.saved
+    }
+
+    /// What the start brought back.
+    pub fn restored(&self) -> Option<&Restored> {
+        self.restored.as_ref()
+    }
+
+    /// The text that saving would write.
+    pub fn text(&self) -> String {
+        if self.is_dirty() { self.clip().to_text() } else { self.saved_text.clone() }
+    }
+
+    /// Carries out several requests, of different clients perhaps, with one `fdatasync`.
+    /// Each gets its answer; when the journal fails, all that had succeeded are taken back
+    /// and get that error.
+    pub fn edit(&mut self, edits: &[Edit]) -> Vec<Result<Vec<Change>, Error>> {
+        let mut records = Vec::new();
+        let mut steps = Vec::new();
+        let replayed = self.replayed;
+        let mut answers: Vec<Result<Vec<Change>, Error>> = Vec::with_capacity(edits.len());
+        for edit in edits {
+            answers.push(self.one(edit, &mut records, &mut steps));
+        }
+        if records.is_empty() {
+            return answers;
+        }
+        if let Err(error) = self.journal.append(&records) {
+            self.take_back(&steps);
+            self.replayed = replayed;
+            let text = error.to_string();
+            for answer in &mut answers {
+                if answer.as_ref().is_ok_and(|changes| !changes.is_empty()) {
+                    let source = std::io::Error::other(text.clone());
+                    *answer = Err(Error::Journal { source, path: self.journal.path().to_owned() });
+                }
+            }
+        }
+        answers
+    }
+
+    fn one(
+        &mut self,
+        edit: &Edit,
+        records: &mut Vec<Record>,
+        steps: &mut Vec<Step>,
+    ) -> Result<Vec<Change>, Error> {
+        match edit {
+            Edit::Op(op) => {
+                let change = self.editor.apply(op)?;
+                if change.patch.is_empty() {
+                    return Ok(Vec::new());
+                }
+                self.redo_blocked = false;
+                self.replayed.push();
+                steps.push(Step::Edit);
+                records.push(written_out(&change));
+                Ok(vec![change])
+            }
+            Edit::Undo => {
+                let change = self.editor.undo()?;
+                if let Some(change) = &change {
+                    let known = self.replayed.undo();
+                    steps.push(Step::Undo);
+                    records.push(if known { Record::Undo } else { written_out(change) });
+                }
+                Ok(change.into_iter().collect())
+            }
+            Edit::Redo if self.redo_blocked => Ok(Vec::new()),
+            Edit::Redo => {
+                let change = self.editor.redo()?;
+                if let Some(change) = &change {
+                    let known = self.replayed.redo();
+                    steps.push(Step::Redo);
+                    records.push(if known { Record::Redo } else { written_out(change) });
+                }
+                Ok(change.into_iter().collect())
+            }
+            Edit::Goto(done) => {
+                let mut changes = Vec::new();
+                loop {
+                    let now = self.editor.history().1;
+                    let step = match now.cmp(done) {
+                        std::cmp::Ordering::Greater => self.one(&Edit::Undo, records, steps)?,
+                        std::cmp::Ordering::Less => self.one(&Edit::Redo, records, steps)?,
+                        std::cmp::Ordering::Equal => return Ok(changes),
+                    };
+                    if step.is_empty() {
+                        return Ok(changes);
+                    }
+                    changes.extend(step);
+                }
+            }
+        }
+    }
+
+    fn take_back(&mut self, steps: &[Step]) {
+        for step in steps.iter().rev() {
+            let done = match step {
+                Step::Edit | Step::Redo => self.editor.undo(),
+                Step::Undo => self.editor.redo(),
+            };
+            // An inverse of an edit that was just valid is valid; the clip stands either way.
+            done.ok();
+            self.redo_blocked |= *step == Step::Edit;
+        }
+    }
+
+    /// The clip as an edit would leave it; nothing changes. For previews while dragging.
+    ///
+    /// # Errors
+    /// [`Error::Op`].
+    pub fn preview(&self, op: &Op) -> Result<Command, Error> {
+        let next = clip::edited(self.clip(), op, self.table())?;
+        clip::compile(&next).map_err(|e| Error::Op(e.into()))
+    }
+
+    /// Writes the file, under a new name where one is given.
+    ///
+    /// # Errors
+    /// [`Error::Untitled`], [`Error::File`], [`Error::Locked`], [`Error::Journal`].
+    pub fn save(&mut self, to: Option<&Path>, state_dir: &Path) -> Result<(), Error> {
+        let target = match to {
+            Some(p) => std::path::absolute(p)
+                .map_err(|source| fsio::Error::Write { source, path: p.to_owned() })?,
+            None => self.path.clone().ok_or(Error::Untitled)?,
+        };
+        let text = self.text();
+        let moved = self.path.as_deref() != Some(&target);
+        let journal = if moved { Some(open_journal(&target, state_dir)?.0) } else { None };
+        fsio::write_atomic(&target, text.as_bytes())?;
+        if let Some(journal) = journal {
+            std::mem::replace(&mut self.journal, journal).remove();
+        }
+        self.path = Some(target);
+        self.saved = self.clip().clone();
+        self.saved_text = text;
+        self.untitled = false;
+        self.restored = None;
+        self.rebase()
+    }
+
+    /// Makes the journal start from what is saved.
+    fn rebase(&mut self) -> Result<(), Error> {
+        let base = Record::Base { text: self.saved_text.clone(), path: self.path.clone() };
+        self.journal.rewrite(&[base])?;
+        self.replayed = Replayed::default();
+        Ok(())
+    }
+
+    /// Gives up unsaved edits of a restored document.
+    ///
+    /// # Errors
+    /// As [`Document::edit`].
+    pub fn discard(&mut self) -> Result<Vec<Change>, Error> {
+        let patch = Delta::between(self.clip(), &self.saved);
+        self.restored = None;
+        if patch.is_empty() {
+            return Ok(Vec::new());
+        }
+        let op = relabelled("Discard unsaved changes", &Box::new(patch));
+        self.edit(&[Edit::Op(Box::new(op))]).pop().unwrap_or_else(|| Ok(Vec::new()))
+    }
+
+    /// Ends it. Unsaved edits stay in the journal for the next start; without any the
+    /// journal goes.
+    pub fn close(self) {
+        let keep = if self.untitled { self.editor.history().1 > 0 } else { self.is_dirty() };
+        if !keep {
+            self.journal.remove();
+        }
+    }
+}
+
+fn invalid(e: clip::Invalid) -> Error {
+    Error::Op(e.into())
+}
+
+fn written_out(change: &Change) -> Record {
+    Record::Edit { label: change.label.clone(), patch: Box::new(change.patch.clone()) }
+}
+
+fn relabelled(label: &str, patch: &Delta) -> Op {
+    Op::Batch(Batch { label: label.to_owned(), ops: vec![Op::Patch(Box::new(patch.clone()))] })
+}
+
+/// The journal of a clip file: beside it, or in the state folder where that is read-only.
+fn open_journal(clip: &Path, state_dir: &Path) -> Result<(Journal, Vec<Record>, u64), Error> {
+    let mut name = clip.file_name().unwrap_or_default().to_owned();
+    name.push(".autosave");
+    match Journal::open(&clip.with_file_name(&name)) {
+        Err(Error::Journal { source, .. })
+            if matches!(
+                source.kind(),
+                std::io::ErrorKind::PermissionDenied | std::io::ErrorKind::ReadOnlyFilesystem
+            ) =>
+        {
+            let hash = fsio::sha256_hex(clip.as_os_str().as_encoded_bytes());
+            let short = hash.get(..16).unwrap_or(&hash);
+            Journal::open(&state_dir.join(format!("{short}.autosave")))
+        }
+        other => other,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::clip::{ClipRename, Key, KeysAdd, RobotRef};
+
+    fn blank() -> Clip {
+        let joints = vec!["a".to_owned(), "b".to_owned()];
+        let mut clip = Clip::new(RobotRef { id: "r".into(), joints, ..RobotRef::default() }, 100);
+        clip.keys.push(Key::new(0, &[0.0, 0.0]));
+        clip
+    }
+
+    fn add(frame: u32) -> Edit {
+        let keys = vec![Key::new(frame, &[0.5, 1.0])];
+        Edit::Op(Box::new(Op::KeysAdd(KeysAdd { keys, replace: true })))
+    }
+
+    #[test]
+    fn comes_back_with_history_and_undoes_to_the_same_bytes() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.clip.json");
+        // Not our layout, yet it must come back as it was.
+        let text = blank().to_text().replace('\n', "\n ").trim_end().to_owned();
+        std::fs::write(&path, &text).unwrap();
+        let mut doc = Document::open(&path, dir.path(), |_| None).unwrap();
+        assert!(!doc.is_dirty() && doc.text() == text);
+        let answers = doc.edit(&[add(20), add(40), Edit::Undo, add(50)]);
+        assert!(answers.iter().all(Result::is_ok));
+        let (clip, history) = (doc.clip().clone(), doc.history().0.len());
+        drop(doc); // as a kill would
+        let mut doc = Document::open(&path, dir.path(), |_| None).unwrap();
+        assert_eq!((doc.clip(), doc.history().0.len()), (&clip, history));
+        assert_eq!(doc.restored().unwrap().edits, 4);
+        doc.edit(&[Edit::Goto(0)]).pop().unwrap().unwrap();
+        assert_eq!(doc.text(), text);
+        doc.close();
+        assert!(!path.with_file_name("a.clip.json.autosave").exists());
+    }
+
+    #[test]
+    fn saving_compacts_and_moving_takes_the_lock_along() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut doc = Document::new(blank(), dir.path(), None).unwrap();
+        assert!(matches!(doc.save(None, dir.path()), Err(Error::Untitled)));
+        doc.edit(&[add(30)]);
+        let path = dir.path().join("b.clip.json");
+        doc.save(Some(&path), dir.path()).unwrap();
+        assert!(!doc.is_dirty());
+        assert!(matches!(Document::open(&path, dir.path(), |_| None), Err(Error::Locked { .. })));
+        assert_eq!(std::fs::read_to_string(&path).unwrap(), doc.clip().to_text());
+        // The saved journal does not know this edit any more, and yet its undo is kept.
+        for (edit, there) in [(Edit::Undo, false), (Edit::Redo, true), (Edit::Undo, false)] {
+            doc.edit(&[edit]);
+            let killed = dir.path().join("killed.clip.json");
+            std::fs::copy(&path, &killed).unwrap();
+            std::fs::copy(
+                dir.path().join("b.clip.json.autosave"),
+                dir.path().join("killed.clip.json.autosave"),
+            )
+            .unwrap();
+            let back = Document::open(&killed, dir.path(), |_| None).unwrap();
+            assert_eq!(back.clip().key(30).is_some(), there);
+            assert_eq!(back.clip(), doc.clip());
+        }
+        assert!(Document::orphan(dir.path(), |_| None).is_none());
+    }
+
+    #[test]
+    fn an_unsaved_clip_is_found_again() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut doc = Document::new(blank(), dir.path(), None).unwrap();
+        let rename = ClipRename { name: "wave".into() };
+        doc.edit(&[Edit::Op(Box::new(Op::ClipRename(rename)))]);
+        assert!(Document::orphan(dir.path(), |_| None).is_none(), "it is in use");
+        drop(doc);
+        let doc = Document::orphan(dir.path(), |_| None).unwrap();
+        assert_eq!(doc.clip().name, "wave");
+        assert!(doc.is_dirty() && doc.path().is_none());
+    }
+
+    #[test]
+    fn a_refused_edit_leaves_no_record() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut doc = Document::new(blank(), dir.path(), None).unwrap();
+        let before = doc.journal.bytes();
+        let answers = doc.edit(&[add(5000), Edit::Redo]);
+        assert!(answers[0].is_err() && answers[1].as_ref().unwrap().is_empty());
+        assert_eq!(doc.journal.bytes(), before);
+    }
+}

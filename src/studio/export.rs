@@ -1,0 +1,72 @@
+//! The clip and its rollout as files of other programs, by the functions of the command line.
+
+use super::error::Error;
+use super::live::Live;
+use crate::clip::{Clip, Command, formats};
+use crate::units::CTRL_DT;
+
+/// A file to download.
+#[derive(Debug)]
+pub(super) struct Download {
+    /// Its name.
+    pub(super) name: String,
+    /// Its media type.
+    pub(super) media_type: &'static str,
+    /// Its content.
+    pub(super) bytes: Vec<u8>,
+}
+
+const FORMATS: &str = "json, csv, mjcf, ros, command, achieved-csv";
+
+/// Makes a file.
+///
+/// # Errors
+/// [`Error::Request`] for an unknown format, [`Error::NotFound`] when nothing is simulated.
+pub(super) fn file(
+    format: &str,
+    clip: &Clip,
+    command: &Command,
+    live: &Live,
+) -> Result<Download, Error> {
+    let stem: String = clip
+        .name
+        .chars()
+        .map(|c| if c.is_ascii_alphanumeric() || c == '-' { c } else { '_' })
+        .take(60)
+        .collect();
+    let stem = if stem.is_empty() { "clip".to_owned() } else { stem };
+    let made =
+        |end: &str, media_type, bytes| Download { name: format!("{stem}{end}"), media_type, bytes };
+    match format {
+        "json" => Ok(made(".clip.json", "application/json", clip.to_text().into_bytes())),
+        "csv" => Ok(made(".csv", "text/csv", formats::to_csv(command).into_bytes())),
+        "mjcf" => Ok(made(".xml", "application/xml", formats::to_mjcf(command)?.into_bytes())),
+        "ros" => Ok(made(".yaml", "application/yaml", formats::to_ros(command)?.into_bytes())),
+        "command" => {
+            let text = formats::to_command_json(command, &clip.robot.id);
+            Ok(made(".command.json", "application/json", text.into_bytes()))
+        }
+        "achieved-csv" => Ok(made("-achieved.csv", "text/csv", achieved(command, live)?)),
+        other => Err(Error::request(format!("no format is called {other:?}; there are {FORMATS}"))),
+    }
+}
+
+/// `frame,time,mask,<joint>...` of the achieved motion.
+fn achieved(command: &Command, live: &Live) -> Result<Vec<u8>, Error> {
+    use std::fmt::Write as _;
+    let view = live.view();
+    if view.q.is_empty() {
+        return Err(Error::NotFound { what: "rollout to export yet".into() });
+    }
+    let joints = live.facts().map_or_else(|| command.joints().to_vec(), |f| f.table.names());
+    let mut text = format!("frame,time,mask,{}\n", joints.join(","));
+    for (frame, row) in view.q.iter().enumerate() {
+        let masked = command.sight(frame as u32) == crate::clip::Sight::Masked;
+        write!(text, "{frame},{:.2},{}", frame as f64 * CTRL_DT, u8::from(masked)).ok();
+        for v in row {
+            write!(text, ",{v}").ok();
+        }
+        text.push('\n');
+    }
+    Ok(text.into_bytes())
+}

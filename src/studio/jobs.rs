@@ -1,0 +1,357 @@
+//! Collect, train, evaluate from the browser: the same commands as in a shell, as children.
+//!
+//! A job is `robert KIND ARGS.. --jsonl`; its stdout is events, a line each. Cancelling sends
+//! what Ctrl-C sends, so the job writes its checkpoint; resuming starts it again with `--resume`.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
+
+use rustix::process::{Pid, Signal, kill_process};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use super::error::Error;
+use super::hub::Hub;
+use super::protocol::Event;
+use crate::limits;
+
+/// What can be started.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum JobKind {
+    /// Gather motion without reward.
+    Collect,
+    /// Train a network.
+    Train,
+    /// Measure policies.
+    Eval,
+    /// Render a picture or a film.
+    Render,
+}
+
+impl JobKind {
+    fn command(self) -> &'static str {
+        match self {
+            JobKind::Collect => "collect",
+            JobKind::Train => "train",
+            JobKind::Eval => "eval",
+            JobKind::Render => "render",
+        }
+    }
+}
+
+/// `POST /api/jobs`.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct JobRequest {
+    /// What.
+    pub kind: JobKind,
+    /// Arguments as on the command line, without `--jsonl`.
+    pub args: Vec<String>,
+}
+
+/// How a job is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum JobPhase {
+    /// It runs.
+    Running,
+    /// It was asked to stop.
+    Cancelling,
+    /// It ended well.
+    Done,
+    /// It ended after being asked to stop, with a checkpoint.
+    Interrupted,
+    /// It ended badly.
+    Failed,
+}
+
+/// A job as the page sees it.
+#[derive(Clone, Debug, Serialize)]
+pub struct JobView {
+    /// Number.
+    pub id: u64,
+    /// What.
+    pub kind: JobKind,
+    /// Its arguments.
+    pub args: Vec<String>,
+    /// How it is.
+    pub phase: JobPhase,
+    /// Exit code, when it has ended.
+    pub exit: Option<i32>,
+    /// The newest event.
+    pub last: Option<Value>,
+    /// Events so far.
+    pub events: usize,
+    /// Number of the first event in `lines`.
+    pub first: usize,
+    /// Events, in `GET /api/jobs/{id}` only.
+    pub lines: Vec<Value>,
+    /// The last lines of its log.
+    pub log: Vec<String>,
+    /// Seconds it has run.
+    pub secs: f64,
+}
+
+struct Job {
+    kind: JobKind,
+    args: Vec<String>,
+    phase: JobPhase,
+    exit: Option<i32>,
+    pid: Option<Pid>,
+    lines: VecDeque<Value>,
+    events: usize,
+    log: VecDeque<String>,
+    begin: Instant,
+    secs: f64,
+}
+
+/// Log lines kept.
+const LOG: usize = 100;
+/// Bytes of one line that are kept.
+const LINE_BYTES: usize = 64 << 10;
+
+#[derive(Default)]
+struct Inner {
+    jobs: BTreeMap<u64, Job>,
+    next: u64,
+}
+
+/// All jobs of this run.
+#[derive(Clone)]
+pub struct Jobs {
+    inner: Arc<Mutex<Inner>>,
+    hub: Hub,
+    binary: PathBuf,
+}
+
+impl std::fmt::Debug for Jobs {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("Jobs")
+    }
+}
+
+impl Jobs {
+    /// None yet.
+    pub fn new(hub: Hub, binary: PathBuf) -> Jobs {
+        Jobs { inner: Arc::default(), hub, binary }
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Inner> {
+        self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Starts one.
+    ///
+    /// # Errors
+    /// [`Error::Full`], [`Error::Server`] when it cannot be started.
+    pub fn start(&self, request: JobRequest, folder: &Path) -> Result<JobView, Error> {
+        if request.args.iter().any(|a| a.contains('\0')) || request.args.len() > 256 {
+            return Err(Error::request("these are no arguments"));
+        }
+        let mut child = Command::new(&self.binary)
+            .arg(request.kind.command())
+            .args(&request.args)
+            .arg("--jsonl")
+            .current_dir(folder)
+            .env("NO_COLOR", "1")
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .map_err(Error::Server)?;
+        let id = {
+            let mut inner = self.lock();
+            let running = inner.jobs.values().filter(|j| j.pid.is_some()).count();
+            if running >= limits::JOBS {
+                child.kill().ok();
+                child.wait().ok();
+                return Err(Error::Full { what: "jobs", cap: limits::JOBS });
+            }
+            while inner.jobs.len() >= limits::JOBS {
+                let ended = inner.jobs.iter().find(|(_, j)| j.pid.is_none()).map(|(id, _)| *id);
+                let Some(ended) = ended else { break };
+                inner.jobs.remove(&ended);
+            }
+            inner.next += 1;
+            let id = inner.next;
+            let job = Job {
+                kind: request.kind,
+                args: request.args,
+                phase: JobPhase::Running,
+                exit: None,
+                pid: i32::try_from(child.id()).ok().and_then(Pid::from_raw),
+                lines: VecDeque::new(),
+                events: 0,
+                log: VecDeque::new(),
+                begin: Instant::now(),
+                secs: 0.0,
+            };
+            inner.jobs.insert(id, job);
+            id
+        };
+        let (out, err) = (child.stdout.take(), child.stderr.take());
+        let jobs = self.clone();
+        std::thread::Builder::new()
+            .name(format!("job {id} log"))
+            .spawn(move || {
+                for line in err.into_iter().flat_map(|e| BufReader::new(e).lines()) {
+                    let Ok(line) = line else { break };
+                    jobs.with(id, |job| keep(&mut job.log, LOG, clipped(line)));
+                }
+            })
+            .map_err(Error::Server)?;
+        let jobs = self.clone();
+        std::thread::Builder::new()
+            .name(format!("job {id}"))
+            .spawn(move || {
+                for line in out.into_iter().flat_map(|o| BufReader::new(o).lines()) {
+                    let Ok(line) = line else { break };
+                    let event = serde_json::from_str(&line)
+                        .unwrap_or_else(|_| Value::String(clipped(line)));
+                    jobs.with(id, |job| {
+                        job.events += 1;
+                        keep(&mut job.lines, limits::JOB_LINES, event);
+                    });
+                    jobs.tell(id);
+                }
+                let exit = child.wait().ok().and_then(|s| s.code());
+                jobs.with(id, |job| {
+                    job.pid = None;
+                    job.exit = exit;
+                    job.secs = job.begin.elapsed().as_secs_f64();
+                    job.phase = match exit {
+                        Some(0) => JobPhase::Done,
+                        Some(130) => JobPhase::Interrupted,
+                        None if job.phase == JobPhase::Cancelling => JobPhase::Interrupted,
+                        _ => JobPhase::Failed,
+                    };
+                });
+                jobs.tell(id);
+            })
+            .map_err(Error::Server)?;
+        self.view(id, usize::MAX)
+    }
+
+    fn with(&self, id: u64, change: impl FnOnce(&mut Job)) {
+        if let Some(job) = self.lock().jobs.get_mut(&id) {
+            change(job);
+        }
+    }
+
+    fn tell(&self, id: u64) {
+        if let Ok(view) = self.view(id, usize::MAX) {
+            self.hub.send(&Event::Job(Box::new(view)));
+        }
+    }
+
+    /// All jobs, without their events.
+    pub fn list(&self) -> Vec<JobView> {
+        self.lock().jobs.iter().map(|(id, job)| job.view(*id, usize::MAX)).collect()
+    }
+
+    /// One job with its events from number `from` on.
+    ///
+    /// # Errors
+    /// [`Error::NotFound`].
+    pub fn view(&self, id: u64, from: usize) -> Result<JobView, Error> {
+        let inner = self.lock();
+        let job = inner.jobs.get(&id).ok_or_else(|| missing(id))?;
+        Ok(job.view(id, from))
+    }
+
+    /// Asks it to stop as Ctrl-C would; a second time ends it at once.
+    ///
+    /// # Errors
+    /// [`Error::NotFound`].
+    pub fn cancel(&self, id: u64) -> Result<JobView, Error> {
+        {
+            let mut inner = self.lock();
+            let job = inner.jobs.get_mut(&id).ok_or_else(|| missing(id))?;
+            if let Some(pid) = job.pid {
+                let signal = match job.phase {
+                    JobPhase::Running => Signal::INT,
+                    _ => Signal::KILL,
+                };
+                kill_process(pid, signal).ok();
+                job.phase = JobPhase::Cancelling;
+            }
+        }
+        self.tell(id);
+        self.view(id, usize::MAX)
+    }
+
+    /// Starts an ended job again where it stopped.
+    ///
+    /// # Errors
+    /// [`Error::NotFound`], [`Error::Request`] while it runs.
+    pub fn resume(&self, id: u64, folder: &Path) -> Result<JobView, Error> {
+        let (kind, mut args) = {
+            let inner = self.lock();
+            let job = inner.jobs.get(&id).ok_or_else(|| missing(id))?;
+            if job.pid.is_some() {
+                return Err(Error::request(format!("job {id} is still running")));
+            }
+            (job.kind, job.args.clone())
+        };
+        if !args.iter().any(|a| a == "--resume" || a.starts_with("--resume=")) {
+            args.push("--resume".into());
+        }
+        self.start(JobRequest { kind, args }, folder)
+    }
+
+    /// Ends all: the studio goes.
+    pub fn stop(&self) {
+        for job in self.lock().jobs.values() {
+            if let Some(pid) = job.pid {
+                kill_process(pid, Signal::INT).ok();
+            }
+        }
+    }
+}
+
+impl Job {
+    fn view(&self, id: u64, from: usize) -> JobView {
+        let dropped = self.events - self.lines.len();
+        let first = from.clamp(dropped, self.events);
+        JobView {
+            id,
+            kind: self.kind,
+            args: self.args.clone(),
+            phase: self.phase,
+            exit: self.exit,
+            last: self.lines.back().cloned(),
+            events: self.events,
+            first,
+            lines: self.lines.iter().skip(first - dropped).cloned().collect(),
+            log: self.log.iter().cloned().collect(),
+            secs: if self.pid.is_some() { self.begin.elapsed().as_secs_f64() } else { self.secs },
+        }
+    }
+}
+
+fn missing(id: u64) -> Error {
+    Error::NotFound { what: format!("job {id}") }
+}
+
+fn keep<T>(list: &mut VecDeque<T>, cap: usize, item: T) {
+    if list.len() >= cap {
+        list.pop_front();
+    }
+    list.push_back(item);
+}
+
+fn clipped(mut line: String) -> String {
+    if line.len() > LINE_BYTES {
+        let mut end = LINE_BYTES;
+        while !line.is_char_boundary(end) {
+            end -= 1;
+        }
+        line.truncate(end);
+    }
+    line
+}

@@ -1,0 +1,357 @@
+//! The live rollout: frames as they come, and what each client has yet to see of them.
+//!
+//! No queues. Frames stand in one store, each with the stamp of its writing; a client
+//! remembers the newest stamp it has sent and takes what is newer. A slow browser so gets
+//! fewer, larger updates and never falls behind, and a thousand edits while it sleeps cost
+//! nothing but their last state.
+
+use std::sync::{Arc, PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
+
+use serde_json::Value;
+use tokio::sync::watch;
+
+use super::hub::Hub;
+use super::protocol::{Event, Phase, RolloutSettings, RolloutState, RolloutView};
+use super::worker::{
+    Dense, Frames, Report, Request, RobotFacts, WorkerHandle, WorkerSink, WorkerState,
+};
+use crate::clip::Command;
+use crate::rollout::PolicyConfig;
+
+/// The store; see the module.
+#[derive(Debug)]
+pub struct Live {
+    inner: RwLock<Inner>,
+    changed: watch::Sender<u64>,
+    hub: Hub,
+}
+
+#[derive(Debug, Default)]
+struct Inner {
+    state: RolloutState,
+    state_stamp: u64,
+    settings: RolloutSettings,
+    q: Vec<Vec<f32>>,
+    error: Vec<Option<f64>>,
+    action: Vec<Vec<f32>>,
+    bodies: Vec<Arc<[f32]>>,
+    goal_bodies: Vec<Arc<[f32]>>,
+    /// When each frame was written; never falls along the frames.
+    stamps: Vec<u64>,
+    stamp: u64,
+    /// Time and number of the frames of this rollout.
+    spent: (f64, usize),
+    precision: Option<Value>,
+    facts: Option<Arc<RobotFacts>>,
+    command: Option<Arc<Command>>,
+    keys: Arc<[u32]>,
+    worker: WorkerState,
+}
+
+/// News for one client.
+#[derive(Debug, Default)]
+pub struct News {
+    /// Its stamp from now on.
+    pub seen: u64,
+    /// Frames, if any are new.
+    pub frames: Option<Event>,
+    /// State, if it changed.
+    pub state: Option<Event>,
+}
+
+impl Live {
+    /// An empty store.
+    pub fn new(hub: Hub) -> Arc<Live> {
+        Arc::new(Live { inner: RwLock::default(), changed: watch::Sender::new(0), hub })
+    }
+
+    fn read(&self) -> RwLockReadGuard<'_, Inner> {
+        self.inner.read().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn write(&self) -> RwLockWriteGuard<'_, Inner> {
+        self.inner.write().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Wakes whenever there is news.
+    pub fn watch(&self) -> watch::Receiver<u64> {
+        self.changed.subscribe()
+    }
+
+    fn notify(&self) {
+        self.changed.send_modify(|n| *n += 1);
+    }
+
+    /// The robot of the open document.
+    pub fn set_facts(&self, facts: Option<Arc<RobotFacts>>) {
+        {
+            let mut inner = self.write();
+            inner.facts = facts;
+            inner.clear();
+        }
+        self.notify();
+    }
+
+    /// The robot of the open document.
+    pub fn facts(&self) -> Option<Arc<RobotFacts>> {
+        self.read().facts.clone()
+    }
+
+    /// How rollouts are made.
+    pub fn settings(&self) -> RolloutSettings {
+        self.read().settings.clone()
+    }
+
+    /// Changes how rollouts are made.
+    pub fn set_settings(&self, settings: RolloutSettings, worker: &WorkerHandle) {
+        self.write().settings = settings;
+        self.send_policy(worker);
+    }
+
+    /// Tells the worker the policy.
+    pub fn send_policy(&self, worker: &WorkerHandle) {
+        let settings = self.settings();
+        let mut policy = PolicyConfig::new(settings.policy);
+        policy.refine = settings.refine;
+        policy.guide = settings.guide;
+        policy.model_path = settings.model_path.map(Into::into);
+        worker.tell(Request::Policy { policy, seed: settings.seed });
+    }
+
+    /// Performs a command; `rev` 0 is a preview.
+    pub fn perform(&self, rev: u64, command: &Command, worker: &WorkerHandle) {
+        let generation = {
+            let mut inner = self.write();
+            inner.stamp += 1;
+            inner.state_stamp = inner.stamp;
+            inner.spent = (0.0, 0);
+            inner.command = Some(Arc::new(command.clone()));
+            let settings = inner.settings.clone();
+            let mut label = PolicyConfig::new(settings.policy);
+            label.refine = settings.refine;
+            label.guide = settings.guide;
+            inner.state = RolloutState {
+                generation: inner.state.generation + 1,
+                rev,
+                phase: Phase::Waiting,
+                frames: command.frames() as usize,
+                policy: label.label(),
+                error: None,
+                ..inner.state.clone()
+            };
+            inner.state.generation
+        };
+        worker.tell(Request::Perform { generation, command: Dense::of(command) });
+        self.notify();
+    }
+
+    /// Frames of the clip's keys, for the ghosts around the playhead.
+    pub fn set_keys(&self, keys: Vec<u32>) {
+        self.write().keys = keys.into();
+    }
+
+    /// The command that is performed, and the frames of the clip's keys.
+    pub fn command(&self) -> (Option<Arc<Command>>, Arc<[u32]>) {
+        let inner = self.read();
+        (inner.command.clone(), Arc::clone(&inner.keys))
+    }
+
+    /// Stops performing.
+    pub fn cancel(&self, worker: &WorkerHandle) {
+        worker.tell(Request::Stop);
+        {
+            let mut inner = self.write();
+            if matches!(inner.state.phase, Phase::Waiting | Phase::Running) {
+                inner.set_phase(Phase::Off, None);
+            }
+        }
+        self.notify();
+    }
+
+    /// The simulation as it is.
+    pub fn worker_state(&self) -> WorkerState {
+        self.read().worker.clone()
+    }
+
+    /// Everything.
+    pub fn view(&self) -> RolloutView {
+        let inner = self.read();
+        RolloutView {
+            state: inner.state.clone(),
+            q: inner.q.clone(),
+            error: inner.error.clone(),
+            precision: inner.precision.clone(),
+        }
+    }
+
+    /// How far it is.
+    pub fn state(&self) -> RolloutState {
+        self.read().state.clone()
+    }
+
+    /// Achieved and commanded body transforms at a frame; (nbody, 7) each. Beyond what has
+    /// been simulated the last frame there is.
+    pub fn bodies(&self, frame: usize) -> Option<(Arc<[f32]>, Arc<[f32]>)> {
+        let inner = self.read();
+        let last = inner.bodies.len().checked_sub(1)?;
+        let at = frame.min(last);
+        Some((Arc::clone(inner.bodies.get(at)?), Arc::clone(inner.goal_bodies.get(at)?)))
+    }
+
+    /// Achieved state of a frame.
+    pub fn reached(&self, frame: usize) -> Option<Vec<f32>> {
+        self.read().q.get(frame).cloned()
+    }
+
+    /// What a client that has seen everything up to a stamp has missed.
+    pub fn news(&self, seen: u64) -> News {
+        let inner = self.read();
+        let from = inner.stamps.partition_point(|s| *s <= seen);
+        let frames = (from < inner.stamps.len()).then(|| Event::RolloutFrames {
+            generation: inner.state.generation,
+            from,
+            q: inner.q.get(from..).unwrap_or_default().to_vec(),
+            error: inner.error.get(from..).unwrap_or_default().to_vec(),
+        });
+        let state = (inner.state_stamp > seen).then(|| Event::RolloutState(inner.state.clone()));
+        News { seen: inner.stamp, frames, state }
+    }
+}
+
+impl Inner {
+    fn clear(&mut self) {
+        self.truncate(0);
+        self.precision = None;
+        self.command = None;
+        self.keys = Arc::default();
+        self.stamp += 1;
+        self.state_stamp = self.stamp;
+        self.state =
+            RolloutState { generation: self.state.generation + 1, ..RolloutState::default() };
+    }
+
+    fn truncate(&mut self, frames: usize) {
+        self.q.truncate(frames);
+        self.error.truncate(frames);
+        self.action.truncate(frames);
+        self.bodies.truncate(frames);
+        self.goal_bodies.truncate(frames);
+        self.stamps.truncate(frames);
+        self.state.cached_to = self.q.len();
+    }
+
+    fn set_phase(&mut self, phase: Phase, error: Option<String>) {
+        self.stamp += 1;
+        self.state_stamp = self.stamp;
+        self.state.phase = phase;
+        self.state.error = error;
+    }
+
+    fn take(&mut self, frames: Frames) {
+        self.stamp += 1;
+        self.truncate(frames.from);
+        let stamp = self.stamp;
+        self.stamps.extend(std::iter::repeat_n(stamp, frames.q.len()));
+        self.spent.0 += frames.secs;
+        if frames.secs > 0.0 {
+            self.spent.1 += frames.q.len();
+        }
+        self.q.extend(frames.q);
+        self.error.extend(frames.error);
+        self.action.extend(frames.action);
+        self.bodies.extend(frames.bodies.into_iter().map(Arc::from));
+        self.goal_bodies.extend(frames.goal_bodies.into_iter().map(Arc::from));
+        self.state.cached_to = self.q.len();
+        let (mut sum, mut n) = (0.0, 0_u32);
+        for e in self.error.iter().skip(1).flatten() {
+            sum += e;
+            n += 1;
+        }
+        self.state.mae = (n > 0).then(|| sum / f64::from(n));
+        self.state.ms_per_frame =
+            (self.spent.1 > 0).then(|| 1e3 * self.spent.0 / self.spent.1 as f64);
+        self.set_phase(Phase::Running, None);
+    }
+}
+
+impl WorkerSink for Live {
+    fn report(&self, report: Report) {
+        {
+            let mut inner = self.write();
+            let current = inner.state.generation;
+            match report {
+                Report::Started { generation, resumed_at } if generation == current => {
+                    inner.state.resumed_at = resumed_at;
+                    inner.precision = None;
+                    if resumed_at == 0 {
+                        inner.truncate(0);
+                    } else {
+                        inner.truncate(resumed_at + 1);
+                    }
+                    inner.set_phase(Phase::Running, None);
+                }
+                Report::Frames(frames) if frames.generation == current => inner.take(frames),
+                Report::Ended { generation, precision, error } if generation == current => {
+                    inner.precision = precision.as_ref().and_then(|p| serde_json::to_value(p).ok());
+                    if let Some(p) = precision {
+                        inner.state.mae = p.precision;
+                    }
+                    let phase = if error.is_some() { Phase::Failed } else { Phase::Done };
+                    inner.set_phase(phase, error);
+                }
+                _ => return,
+            }
+        }
+        self.notify();
+    }
+
+    fn state(&self, state: &WorkerState) {
+        self.write().worker = state.clone();
+        self.hub.send(&Event::Worker(state.clone()));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn frames(generation: u64, from: usize, n: usize) -> Report {
+        let row = vec![generation as f32];
+        Report::Frames(Frames {
+            generation,
+            from,
+            q: vec![row.clone(); n],
+            error: vec![Some(0.5); n],
+            bodies: vec![vec![0.0; 7]; n],
+            goal_bodies: vec![vec![0.0; 7]; n],
+            action: vec![row; n],
+            secs: 0.001,
+        })
+    }
+
+    fn from(news: &News) -> Option<(usize, usize)> {
+        match &news.frames {
+            Some(Event::RolloutFrames { from, q, .. }) => Some((*from, q.len())),
+            _ => None,
+        }
+    }
+
+    #[test]
+    fn a_sleeping_client_gets_exactly_what_changed() {
+        let live = Live::new(Hub::new());
+        live.write().state.generation = 1;
+        live.report(frames(1, 0, 50));
+        let awake = live.news(0);
+        assert_eq!(from(&awake), Some((0, 50)));
+        assert_eq!(from(&live.news(awake.seen)), None);
+        // Two edits while it slept: one went back to 30, the next only to 40.
+        live.write().state.generation = 2;
+        live.report(frames(2, 30, 5));
+        live.write().state.generation = 3;
+        live.report(frames(3, 33, 27));
+        live.report(frames(2, 35, 9)); // too late, belongs to the past
+        assert_eq!(from(&live.news(awake.seen)), Some((30, 30)));
+        assert_eq!(live.state().cached_to, 60);
+        assert!(live.news(live.news(0).seen).state.is_none());
+    }
+}

@@ -1,0 +1,688 @@
+//! What the studio and its clients say to each other, precisely.
+//!
+//! The browser page, `examples/` scripts and tests all use this one protocol: JSON over HTTP
+//! and over one WebSocket. Values are rad, m, s and frames of 1/20 s. Every struct here
+//! serialises to the JSON that is described; absent options are left out, unknown fields in
+//! requests are refused.
+//!
+//! # Access
+//!
+//! `robert studio` prints `http://127.0.0.1:PORT/#token=HEX`. A page sends
+//! `POST /api/session` with `Authorization: Bearer HEX` once, gets a cookie (HttpOnly,
+//! SameSite=Strict) and drops the fragment. A script sends the Bearer header with every
+//! request, and on the socket either that header or `?token=HEX`.
+//!
+//! # HTTP
+//!
+//! | request | answer |
+//! |---|---|
+//! | `POST /api/session` | 204 and the cookie |
+//! | `GET /api/state` | [`State`] |
+//! | `GET /api/clip` | the clip's canonical text (`robert-clip/1`); 404 without a document |
+//! | `PUT /api/clip` | body = clip text: replaces the content as one edit; [`Edited`] |
+//! | `POST /api/ops` | [`OpsRequest`] → [`Edited`]; all or none of them |
+//! | `POST /api/undo`, `/api/redo` | [`Edited`] |
+//! | `POST /api/open` `{path}` | [`DocumentView`]; 422 with the text that the command line prints |
+//! | `POST /api/new` `{robot, length?, name?, text?}` | [`DocumentView`]; `text` imports a clip without a file |
+//! | `POST /api/save` `{path?}` | [`Saved`] |
+//! | `POST /api/close` | 204; unsaved edits stay in the journal |
+//! | `POST /api/discard` | [`Edited`]: back to the saved content, as an edit |
+//! | `GET /api/gallery` | list of [`GalleryItem`] |
+//! | `POST /api/gallery/{id}` | opens a copy: [`DocumentView`] |
+//! | `GET /api/recent` | list of [`RecentFile`] |
+//! | `GET /api/robots` | list of [`RobotCard`] |
+//! | `GET /api/robot/{id}` | [`RobotFacts`](super::worker::RobotFacts) |
+//! | `GET /api/robot/{id}/geometry` | [`Geometry`](super::worker::Geometry) |
+//! | `POST /api/kinematics` `{q: [[..]]}` | body transforms by pose |
+//! | `POST /api/ik` [`IkRequest`] | [`IkAnswer`](super::worker::IkAnswer) |
+//! | `POST /api/settle` `{q}` | [`SettleAnswer`](super::worker::SettleAnswer) |
+//! | `GET /api/rollout` | [`RolloutView`] with all frames |
+//! | `GET /api/export?format=F` | bytes; F = json, csv, mjcf, ros, command (clip) or achieved-csv (rollout) |
+//! | `GET /api/jobs` | list of [`JobView`](super::jobs::JobView) |
+//! | `POST /api/jobs` [`JobRequest`](super::jobs::JobRequest) | `JobView` |
+//! | `GET /api/jobs/{id}` | `JobView` with its lines; `?from=N` skips the first N |
+//! | `POST /api/jobs/{id}/cancel`, `/resume` | `JobView` |
+//!
+//! Every refusal is an [`ErrorBody`] with a fitting status.
+//!
+//! # Socket `/api/ws`
+//!
+//! Client → server: one JSON text message each, `{"id": N, "op": NAME, "args": {..}}`. NAME is a
+//! clip operation (`keys.add`, ..., see [`crate::clip::Op`]) or one of [`StudioOp`]. `id` is chosen by the
+//! client and comes back; a client has one request under way at a time, later ones wait in
+//! its own socket.
+//!
+//! Server → client: [`Event`], `{"event": NAME, ...}`:
+//!
+//! * `hello` comes first: the client's number, then the whole [`State`].
+//! * `edit`: a change, in order of `rev`, sent to every client *including its author*
+//!   (`by` = author's client number, `id` = its request). It is the acknowledgement: the change is
+//!   on disk. Apply `patch` (see [`crate::clip::Delta`]) to your copy. The journal's
+//!   restored or discarded edits have `by` 0.
+//! * `reply`: answers a request that changed nothing or is no edit; `result` or `error`.
+//! * `document`: throw your copy away and take this one (open, new, close, or you were so
+//!   slow that edits were skipped; requests under way count as done).
+//! * `findings`: problems and timeline of a `rev`; follow every change, later once more with
+//!   what simulation found.
+//! * `rollout.frames`: frames `from..from+q.len()` of rollout `gen`. Throw away what you have
+//!   from `from` on. Frames before `from` stay valid even when `gen` is new: they are the
+//!   frames that an edit could not change. A slow client gets fewer, larger events.
+//! * `rollout.state`: waiting, running, done, failed, off; `cached_to`, MAE, milliseconds a frame.
+//! * `worker`: the simulation's state, for a banner.
+//! * `job`: a job's new state (latest only).
+//! * `select`, `joint`: what happens in the viewport: a link was clicked, a gizmo turns a joint.
+//! * `notice`: a sentence for a banner.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use super::document::Restored;
+use super::error::Error;
+use super::worker::WorkerState;
+use crate::clip::{Blind, ClipError, Delta, JointTable, Lint, Op, Span};
+use crate::exit::{Exit, HasExit};
+use crate::rollout::{Guide, PolicyName};
+
+/// What kind of refusal.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Code {
+    /// A file, a value or an edit is wrong.
+    Invalid,
+    /// A request is malformed.
+    Request,
+    /// No token.
+    Unauthorized,
+    /// Not from here.
+    Forbidden,
+    /// There is no such thing.
+    NotFound,
+    /// No clip is open.
+    NoDocument,
+    /// The clip needs a file name first.
+    Untitled,
+    /// Another studio has it.
+    Locked,
+    /// The simulation is down.
+    Worker,
+    /// A cap was reached.
+    Full,
+    /// It was tried and failed.
+    Failed,
+}
+
+/// Where in a file.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Place {
+    /// Line, from 1.
+    pub line: usize,
+    /// Column in characters, from 1.
+    pub col: usize,
+}
+
+/// A refusal.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ErrorBody {
+    /// Its kind.
+    pub code: Code,
+    /// The sentence that the command line prints after `error: `.
+    pub message: String,
+    /// Where, for files.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub place: Option<Place>,
+    /// What to do about it, where that is not in the message.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mend: Option<String>,
+}
+
+impl ErrorBody {
+    /// A refusal.
+    pub fn new(code: Code, message: impl Into<String>) -> ErrorBody {
+        ErrorBody { code, message: message.into(), place: None, mend: None }
+    }
+
+    /// The HTTP status.
+    pub fn status(&self) -> u16 {
+        match self.code {
+            Code::Invalid => 422,
+            Code::Request => 400,
+            Code::Unauthorized => 401,
+            Code::Forbidden => 403,
+            Code::NotFound | Code::NoDocument => 404,
+            Code::Untitled | Code::Locked => 409,
+            Code::Full => 429,
+            Code::Worker => 503,
+            Code::Failed => 500,
+        }
+    }
+}
+
+impl From<&Error> for ErrorBody {
+    fn from(e: &Error) -> ErrorBody {
+        let code = match e {
+            Error::NoDocument => Code::NoDocument,
+            Error::Untitled => Code::Untitled,
+            Error::Locked { .. } => Code::Locked,
+            Error::Worker { .. } => Code::Worker,
+            Error::Request { .. } => Code::Request,
+            Error::NotFound { .. } => Code::NotFound,
+            Error::Full { .. } => Code::Full,
+            other if other.exit() == Exit::Invalid => Code::Invalid,
+            _ => Code::Failed,
+        };
+        let place = match e {
+            Error::Clip(c) => ClipError::line_col(c).map(|(line, col)| Place { line, col }),
+            _ => None,
+        };
+        let mend = match e {
+            Error::Locked { .. } => Some("close the other studio, or save under another name"),
+            Error::Untitled => Some("use save as"),
+            Error::Worker { .. } => Some("press restart; edits are safe meanwhile"),
+            _ => None,
+        };
+        ErrorBody { code, message: e.to_string(), place, mend: mend.map(str::to_owned) }
+    }
+}
+
+/// Body of `POST /api/ops`.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct OpsRequest {
+    /// The edits, in order; they count as one for undo.
+    pub ops: Vec<Op>,
+    /// What the history calls them; the first edit's own words when empty.
+    #[serde(default)]
+    pub label: String,
+}
+
+/// What an edit did.
+#[derive(Clone, Debug, Serialize)]
+pub struct Edited {
+    /// Version afterwards.
+    pub rev: u64,
+    /// Unsaved edits exist.
+    pub dirty: bool,
+    /// What changed, step by step; empty when nothing did.
+    pub patches: Vec<Delta>,
+    /// Labels and position.
+    pub history: History,
+    /// Problems as far as they are known without simulation.
+    pub lints: Vec<Lint>,
+}
+
+/// The named history.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct History {
+    /// The last labels, oldest first (at most 200).
+    pub labels: Vec<String>,
+    /// Number of the first label, from 0.
+    pub first: usize,
+    /// How many edits are done; the rest can be redone.
+    pub done: usize,
+    /// How many there are.
+    pub len: usize,
+}
+
+/// The open document.
+#[derive(Clone, Debug, Serialize)]
+pub struct DocumentView {
+    /// Version.
+    pub rev: u64,
+    /// `robert-clip/1` as a JSON value.
+    pub clip: Value,
+    /// Its file.
+    pub path: Option<String>,
+    /// Unsaved edits exist.
+    pub dirty: bool,
+    /// History.
+    pub history: History,
+    /// Facts about its robot that the timeline needs.
+    pub table: JointTable,
+    /// Unsaved edits that a start brought back: show the banner.
+    pub restored: Option<Restored>,
+    /// Problems and timeline.
+    pub findings: Findings,
+}
+
+/// Problems and the compiled timeline.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Findings {
+    /// The version they are about.
+    pub rev: u64,
+    /// Problems, worst first, each with its mends (ready-made `op`s).
+    pub lints: Vec<Lint>,
+    /// What the frames are; tiles the clip.
+    pub spans: Vec<Span>,
+    /// Runs of steps without any goal in sight.
+    pub blind: Vec<Blind>,
+    /// Whether simulation has judged every pose.
+    pub simulated: bool,
+}
+
+/// Everything a fresh page needs.
+#[derive(Clone, Debug, Serialize)]
+pub struct State {
+    /// Version of the program.
+    pub version: &'static str,
+    /// The document, if one is open.
+    pub document: Option<DocumentView>,
+    /// Rollout settings.
+    pub rollout: RolloutSettings,
+    /// Policies that can be chosen.
+    pub policies: Vec<PolicyCard>,
+    /// The simulation.
+    pub worker: WorkerState,
+    /// Whether the 3D client is there; otherwise the viewport is made of stills.
+    pub viser: bool,
+    /// Editor clients connected.
+    pub clients: usize,
+    /// Where relative paths start.
+    pub folder: String,
+}
+
+/// A policy to choose.
+#[derive(Clone, Debug, Serialize)]
+pub struct PolicyCard {
+    /// Name, as on the command line.
+    pub name: &'static str,
+    /// Whether it can be chosen for this robot now.
+    pub available: bool,
+}
+
+/// How the live rollout is made.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct RolloutSettings {
+    /// The policy.
+    pub policy: PolicyName,
+    /// Improve each action on the model.
+    pub refine: bool,
+    /// Virtual commands through masks.
+    pub guide: Guide,
+    /// Seed.
+    pub seed: u64,
+    /// Roll out after every edit.
+    pub auto: bool,
+    /// Model or fit file, for policies that learned something.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub model_path: Option<String>,
+}
+
+impl Default for RolloutSettings {
+    fn default() -> Self {
+        RolloutSettings {
+            policy: PolicyName::ComputedTorque,
+            refine: false,
+            guide: Guide::None,
+            seed: 0,
+            auto: true,
+            model_path: None,
+        }
+    }
+}
+
+/// `GET /api/rollout`.
+#[derive(Clone, Debug, Serialize)]
+pub struct RolloutView {
+    /// State.
+    pub state: RolloutState,
+    /// Achieved states; `q[f]` is frame f.
+    pub q: Vec<Vec<f32>>,
+    /// Mean absolute error by frame, null where masked.
+    pub error: Vec<Option<f64>>,
+    /// Full figures, when done.
+    pub precision: Option<Value>,
+}
+
+/// How far the rollout is.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct RolloutState {
+    /// Number of the rollout; rises with every restart.
+    #[serde(rename = "gen")]
+    pub generation: u64,
+    /// Version of the document that it performs; 0 for a preview.
+    pub rev: u64,
+    /// What it is doing.
+    pub phase: Phase,
+    /// Frames 0..cached_to are valid.
+    pub cached_to: usize,
+    /// Frames of the clip.
+    pub frames: usize,
+    /// The frame it was resumed from.
+    pub resumed_at: usize,
+    /// Mean absolute error so far, rad or m.
+    pub mae: Option<f64>,
+    /// Time a simulated frame takes, milliseconds.
+    pub ms_per_frame: Option<f64>,
+    /// Who performs it, such as `pd+refine`.
+    pub policy: String,
+    /// Why it failed.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub error: Option<String>,
+}
+
+/// What a rollout is doing.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Phase {
+    /// There is none.
+    #[default]
+    Off,
+    /// Asked for, no frame yet.
+    Waiting,
+    /// Frames come.
+    Running,
+    /// All frames are there.
+    Done,
+    /// It broke; frames before stand.
+    Failed,
+}
+
+/// Requests on the socket that are no clip edits.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(tag = "op", content = "args", deny_unknown_fields)]
+pub enum StudioOp {
+    /// Takes the last edit back.
+    #[serde(rename = "undo")]
+    Undo {},
+    /// Does it again.
+    #[serde(rename = "redo")]
+    Redo {},
+    /// Undoes or redoes until `done` edits are done.
+    #[serde(rename = "history.goto")]
+    HistoryGoto {
+        /// How many.
+        done: usize,
+    },
+    /// Rolls out as if this edit were made; nothing is stored. Send while dragging; the
+    /// newest wins.
+    #[serde(rename = "preview")]
+    Preview {
+        /// The edit.
+        op: Box<Op>,
+    },
+    /// Back to the document.
+    #[serde(rename = "preview.end")]
+    PreviewEnd {},
+    /// Changes how rollouts are made; absent fields get their defaults.
+    #[serde(rename = "rollout.set")]
+    RolloutSet(RolloutSettings),
+    /// Rolls out now (when `auto` is off).
+    #[serde(rename = "rollout.run")]
+    RolloutRun {},
+    /// Stops it; frames so far stay.
+    #[serde(rename = "rollout.cancel")]
+    RolloutCancel {},
+    /// Starts the simulation again after it gave up.
+    #[serde(rename = "worker.restart")]
+    WorkerRestart {},
+    /// Shows this frame in the viewport (also while scrubbing).
+    #[serde(rename = "view.frame")]
+    ViewFrame {
+        /// The frame; fractions are interpolated.
+        frame: f64,
+    },
+    /// Plays in the viewport; the page's own clock follows `frame` at `speed`.
+    #[serde(rename = "view.play")]
+    ViewPlay {
+        /// Where from.
+        frame: f64,
+        /// Frames of the loop, `[from, to)`; absent = the clip, once.
+        #[serde(default)]
+        range: Option<[u32; 2]>,
+        /// Times real time; 0 stops.
+        speed: f64,
+    },
+    /// What the viewport shows; absent fields stay.
+    #[serde(rename = "view.show")]
+    ViewShow(ViewShow),
+    /// Selects a joint or a body, or nothing.
+    #[serde(rename = "view.select")]
+    ViewSelect(Selection),
+    /// Frames the camera: `home`, `fit`, `front`, `side`, `top`.
+    #[serde(rename = "view.camera")]
+    ViewCamera {
+        /// Which.
+        preset: String,
+    },
+    /// Shows a pose that is not in the clip (a floating pose); null ends it.
+    #[serde(rename = "view.pose")]
+    ViewPose {
+        /// One value per state joint.
+        q: Option<Vec<f64>>,
+    },
+}
+
+/// Parts of the viewport.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ViewShow {
+    /// The achieved motion, solid.
+    #[serde(default)]
+    pub achieved: Option<bool>,
+    /// The command, translucent.
+    #[serde(default)]
+    pub command: Option<bool>,
+    /// Poses of the neighbouring keys.
+    #[serde(default)]
+    pub ghosts: Option<bool>,
+    /// Dark background.
+    #[serde(default)]
+    pub dark: Option<bool>,
+}
+
+/// What is selected; shared by all clients.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Selection {
+    /// A state joint.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub joint: Option<String>,
+    /// A body.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub body: Option<String>,
+    /// A site to drag by inverse kinematics.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub site: Option<String>,
+}
+
+/// Body of `POST /api/ik`.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct IkRequest {
+    /// Where to start, one value per state joint.
+    pub q: Vec<f64>,
+    /// The site that is pulled.
+    pub site: String,
+    /// Where to, world, m.
+    pub pos: [f64; 3],
+    /// Orientation, w x y z; absent = free.
+    #[serde(default)]
+    pub quat: Option<[f64; 4]>,
+    /// Joints that must stay.
+    #[serde(default)]
+    pub locked: Vec<String>,
+}
+
+/// `POST /api/save`.
+#[derive(Clone, Debug, Serialize)]
+pub struct Saved {
+    /// The file.
+    pub path: String,
+    /// Version that it holds.
+    pub rev: u64,
+}
+
+/// One example.
+#[derive(Clone, Debug, Serialize)]
+pub struct GalleryItem {
+    /// For `POST /api/gallery/{id}`.
+    pub id: String,
+    /// Title.
+    pub name: String,
+    /// Robot.
+    pub robot: String,
+    /// Frames.
+    pub length: u32,
+    /// Keys.
+    pub keys: usize,
+    /// One of the few that the start page shows large.
+    pub featured: bool,
+}
+
+/// One recent file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RecentFile {
+    /// Path.
+    pub path: String,
+    /// Title of the clip.
+    pub name: String,
+    /// Robot.
+    pub robot: String,
+    /// Seconds since 1970 when it was last open here.
+    pub opened_secs: u64,
+    /// Whether it is still there.
+    #[serde(default, skip_deserializing)]
+    pub exists: bool,
+}
+
+/// One robot, in short.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct RobotCard {
+    /// Identifier.
+    pub id: String,
+    /// Whether it comes with the program.
+    pub builtin: bool,
+}
+
+/// Server → client on the socket.
+#[derive(Clone, Debug, Serialize)]
+#[serde(tag = "event")]
+pub enum Event {
+    /// First of all.
+    #[serde(rename = "hello")]
+    Hello {
+        /// Your number.
+        client: u64,
+        /// Everything.
+        state: Box<State>,
+    },
+    /// A change of the document.
+    #[serde(rename = "edit")]
+    Edit {
+        /// Its author's number.
+        by: u64,
+        /// The author's request.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        id: Option<u64>,
+        /// Version afterwards.
+        rev: u64,
+        /// In words.
+        label: String,
+        /// The difference.
+        patch: Delta,
+        /// Unsaved edits exist.
+        dirty: bool,
+        /// History.
+        history: History,
+        /// First compiled frame that differs.
+        first_changed_frame: Option<u32>,
+        /// First rollout step that can differ.
+        first_changed_step: Option<u32>,
+    },
+    /// Answer to a request that is no edit, or that was refused.
+    #[serde(rename = "reply")]
+    Reply {
+        /// The request.
+        id: u64,
+        /// Its result.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        result: Option<Value>,
+        /// Why not.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        error: Option<ErrorBody>,
+    },
+    /// Another document, or this one afresh.
+    #[serde(rename = "document")]
+    Document {
+        /// It; null when none is open.
+        document: Option<Box<DocumentView>>,
+    },
+    /// Saved.
+    #[serde(rename = "saved")]
+    Saved {
+        /// The file.
+        path: String,
+        /// Version that it holds.
+        rev: u64,
+    },
+    /// Problems and timeline.
+    #[serde(rename = "findings")]
+    Findings(Findings),
+    /// Rollout settings changed.
+    #[serde(rename = "rollout.settings")]
+    RolloutSettings(RolloutSettings),
+    /// New frames.
+    #[serde(rename = "rollout.frames")]
+    RolloutFrames {
+        /// Which rollout.
+        #[serde(rename = "gen")]
+        generation: u64,
+        /// First frame here.
+        from: usize,
+        /// Achieved states.
+        q: Vec<Vec<f32>>,
+        /// Mean absolute error by frame, null where masked.
+        error: Vec<Option<f64>>,
+    },
+    /// How far it is.
+    #[serde(rename = "rollout.state")]
+    RolloutState(RolloutState),
+    /// State of the simulation.
+    #[serde(rename = "worker")]
+    Worker(WorkerState),
+    /// State of a job.
+    #[serde(rename = "job")]
+    Job(Box<super::jobs::JobView>),
+    /// Something was selected.
+    #[serde(rename = "select")]
+    Select(Selection),
+    /// A joint moves under the mouse in the viewport. `done` = released: make it an edit.
+    #[serde(rename = "joint")]
+    Joint {
+        /// New values by joint.
+        values: BTreeMap<String, f64>,
+        /// Whether the mouse was released.
+        done: bool,
+    },
+    /// A sentence for a banner.
+    #[serde(rename = "notice")]
+    Notice {
+        /// `info`, `warning` or `error`.
+        level: &'static str,
+        /// It.
+        message: String,
+    },
+}
+
+/// The names of [`StudioOp`]; any other is a clip operation.
+pub const STUDIO_OPS: [&str; 16] = [
+    "undo",
+    "redo",
+    "history.goto",
+    "preview",
+    "preview.end",
+    "rollout.set",
+    "rollout.run",
+    "rollout.cancel",
+    "worker.restart",
+    "view.frame",
+    "view.play",
+    "view.show",
+    "view.select",
+    "view.camera",
+    "view.pose",
+    "ping",
+];

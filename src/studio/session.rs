@@ -1,0 +1,696 @@
+//! The session: one thread that owns the document.
+//!
+//! Whatever clients ask arrives in one queue and is done in order; edits that wait together
+//! share one `fdatasync`. If this thread panics the process ends: the journal is on disk, and
+//! a half-applied edit must never be built upon.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::time::Duration;
+
+use tokio::sync::oneshot;
+
+use super::document::{Document, Edit};
+use super::error::Error;
+use super::hub::Hub;
+use super::live::Live;
+use super::protocol::{DocumentView, Edited, Event, Findings, History, RolloutSettings, Saved};
+use super::recent::Recent;
+use super::worker::{Checked, Report, Request, RobotFacts, WorkerHandle};
+use crate::clip::{
+    self, Batch, Change, Clip, Command, Delta, Granularity, JointTable, Op, PoseChecker,
+    PoseReport, RobotRef,
+};
+
+/// Labels of the history that are sent.
+const LABELS: usize = 100;
+/// How long opening waits for the facts of its robot.
+const ROBOT_PATIENCE: Duration = Duration::from_secs(20);
+/// Poses whose verdicts are remembered.
+const VERDICTS: usize = 4_000;
+/// Poses that are judged in one go, so that a question in between need not wait long.
+const JUDGED_AT_ONCE: usize = 4;
+
+/// Who asks for an edit.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Author {
+    /// Client number; 0 over HTTP.
+    pub client: u64,
+    /// Its request.
+    pub id: Option<u64>,
+}
+
+type Reply<T> = oneshot::Sender<Result<T, Error>>;
+
+/// What is asked of the session.
+#[derive(Debug)]
+pub enum Ask {
+    /// An edit, undo, redo.
+    Edit(Author, Edit, Reply<Edited>),
+    /// Replaces the content by this text, as an edit.
+    Put(Author, String, Reply<Edited>),
+    /// Gives up unsaved edits.
+    Discard(Author, Reply<Edited>),
+    /// Rolls out as if.
+    Preview(Box<Op>, Reply<()>),
+    /// Back to the document.
+    PreviewEnd(Reply<()>),
+    /// Opens a file.
+    Open(PathBuf, Reply<DocumentView>),
+    /// Starts from a clip without a file.
+    New(Box<Clip>, Reply<DocumentView>),
+    /// Starts empty for this robot.
+    Blank { robot: String, length: u32, name: String, reply: Reply<DocumentView> },
+    /// Brings back the unsaved clip of a studio that was killed; false when there is none.
+    Recover(Reply<bool>),
+    /// Remembers a robot from a folder, for clips that name its id.
+    Know(String, Reply<()>),
+    /// Saves.
+    Save(Option<PathBuf>, Reply<Saved>),
+    /// Closes.
+    Close(Reply<()>),
+    /// The document as it is.
+    View(Reply<Option<Box<DocumentView>>>),
+    /// The clip's text.
+    Text(Reply<String>),
+    /// The clip and its command.
+    Content(Reply<(Clip, Command)>),
+    /// How rollouts are made.
+    Settings(RolloutSettings, Reply<()>),
+    /// Rolls out now.
+    Run(Reply<()>),
+    /// Verdicts of the simulation on poses.
+    Judged { robot: String, poses: Vec<Vec<f64>>, verdicts: Result<Report, Error> },
+    /// Ends the session.
+    Shutdown(Reply<()>),
+}
+
+/// A way to ask the session.
+#[derive(Clone, Debug)]
+pub struct Session(Sender<Ask>);
+
+impl Session {
+    /// Starts the thread.
+    ///
+    /// # Errors
+    /// When the system gives none.
+    pub fn start(
+        state_dir: PathBuf,
+        folder: PathBuf,
+        hub: Hub,
+        live: Arc<Live>,
+        worker: WorkerHandle,
+        recent: Arc<Recent>,
+    ) -> std::io::Result<Session> {
+        let (tx, rx) = channel();
+        let desk = Desk {
+            document: None,
+            state_dir,
+            hub,
+            live,
+            worker,
+            recent,
+            facts: None,
+            sources: BTreeMap::new(),
+            folder,
+            verdicts: BTreeMap::new(),
+            judging: false,
+            previewing: false,
+            inbox: tx.clone(),
+        };
+        std::thread::Builder::new().name("session".into()).spawn(move || {
+            let work = std::panic::AssertUnwindSafe(move || desk.run(&rx));
+            if std::panic::catch_unwind(work).is_err() {
+                tracing::error!("the session broke; every acknowledged edit is in its journal");
+                std::process::exit(1);
+            }
+        })?;
+        Ok(Session(tx))
+    }
+
+    /// Asks and waits.
+    ///
+    /// # Errors
+    /// The session's refusal.
+    pub async fn ask<T>(&self, ask: impl FnOnce(Reply<T>) -> Ask) -> Result<T, Error> {
+        let (tx, rx) = oneshot::channel();
+        self.0.send(ask(tx)).ok();
+        rx.await.unwrap_or_else(|_| Err(Error::request("the studio is shutting down")))
+    }
+}
+
+struct Desk {
+    document: Option<Document>,
+    state_dir: PathBuf,
+    hub: Hub,
+    live: Arc<Live>,
+    worker: WorkerHandle,
+    recent: Arc<Recent>,
+    facts: Option<Arc<RobotFacts>>,
+    /// Folders of robots that are not in the program, by id.
+    sources: BTreeMap<String, String>,
+    folder: PathBuf,
+    /// By the bits of a pose in state order.
+    verdicts: BTreeMap<Vec<u64>, Checked>,
+    judging: bool,
+    previewing: bool,
+    inbox: Sender<Ask>,
+}
+
+impl Desk {
+    fn run(mut self, asks: &Receiver<Ask>) {
+        while let Ok(first) = asks.recv() {
+            let mut edits = Vec::new();
+            let mut next = Some(first);
+            while let Some(ask) = next {
+                match ask {
+                    Ask::Edit(author, edit, reply) => edits.push((author, edit, reply)),
+                    Ask::Shutdown(reply) => {
+                        self.edit(std::mem::take(&mut edits));
+                        if let Some(document) = self.document.take() {
+                            document.close();
+                        }
+                        reply.send(Ok(())).ok();
+                        return;
+                    }
+                    other => {
+                        self.edit(std::mem::take(&mut edits));
+                        self.answer(other);
+                    }
+                }
+                next = asks.try_recv().ok();
+            }
+            self.edit(edits);
+        }
+    }
+
+    fn answer(&mut self, ask: Ask) {
+        match ask {
+            Ask::Put(author, text, reply) => {
+                let result = self.put(author, text);
+                reply.send(result).ok();
+            }
+            Ask::Discard(author, reply) => {
+                let result = self.open_document().and_then(Document::discard);
+                let result = result.map(|changes| self.changed(author, &changes));
+                reply.send(result).ok();
+            }
+            Ask::Preview(op, reply) => {
+                reply.send(self.preview(&op)).ok();
+            }
+            Ask::PreviewEnd(reply) => {
+                if std::mem::take(&mut self.previewing) {
+                    self.perform();
+                }
+                reply.send(Ok(())).ok();
+            }
+            Ask::Open(path, reply) => {
+                let result = self.open(&path);
+                reply.send(result).ok();
+            }
+            Ask::New(clip, reply) => {
+                let result = self.start_from(*clip);
+                reply.send(result).ok();
+            }
+            Ask::Blank { robot, length, name, reply } => {
+                let result = self.blank(&robot, length, name);
+                reply.send(result).ok();
+            }
+            Ask::Know(robot, reply) => {
+                reply.send(self.know(&robot).map(|_| ())).ok();
+            }
+            Ask::Recover(reply) => {
+                reply.send(Ok(self.recover())).ok();
+            }
+            Ask::Save(path, reply) => {
+                let result = self.save(path.as_deref());
+                reply.send(result).ok();
+            }
+            Ask::Close(reply) => {
+                self.close();
+                self.live.set_facts(None);
+                self.hub.send(&Event::Document { document: None });
+                reply.send(Ok(())).ok();
+            }
+            Ask::View(reply) => {
+                let view = self.document.is_some().then(|| Box::new(self.view()));
+                reply.send(Ok(view)).ok();
+            }
+            Ask::Text(reply) => {
+                let text = self.document.as_ref().map(Document::text);
+                reply.send(text.ok_or(Error::NoDocument)).ok();
+            }
+            Ask::Content(reply) => {
+                let content =
+                    self.document.as_ref().map(|d| (d.clip().clone(), d.command().clone()));
+                reply.send(content.ok_or(Error::NoDocument)).ok();
+            }
+            Ask::Settings(settings, reply) => {
+                self.live.set_settings(settings.clone(), &self.worker);
+                self.hub.send(&Event::RolloutSettings(settings));
+                self.perform();
+                self.tell_findings();
+                reply.send(Ok(())).ok();
+            }
+            Ask::Run(reply) => {
+                let result = self.open_document().map(|_| ());
+                if result.is_ok() {
+                    self.perform_now();
+                }
+                reply.send(result).ok();
+            }
+            Ask::Judged { robot, poses, verdicts } => self.judged(&robot, poses, verdicts),
+            Ask::Edit(..) | Ask::Shutdown(_) => {}
+        }
+    }
+
+    fn open_document(&mut self) -> Result<&mut Document, Error> {
+        self.document.as_mut().ok_or(Error::NoDocument)
+    }
+
+    fn edit(&mut self, edits: Vec<(Author, Edit, Reply<Edited>)>) {
+        if edits.is_empty() {
+            return;
+        }
+        let Some(document) = &mut self.document else {
+            for (.., reply) in edits {
+                reply.send(Err(Error::NoDocument)).ok();
+            }
+            return;
+        };
+        let (asked, rest): (Vec<Edit>, Vec<(Author, Reply<Edited>)>) =
+            edits.into_iter().map(|(a, e, r)| (e, (a, r))).unzip();
+        let answers = document.edit(&asked);
+        let mut any = false;
+        for (answer, (author, reply)) in answers.into_iter().zip(rest) {
+            let answer = answer.map(|changes| {
+                any |= !changes.is_empty();
+                self.announce(author, &changes)
+            });
+            reply.send(answer).ok();
+        }
+        if any {
+            self.previewing = false;
+            self.perform();
+            self.tell_findings();
+        }
+    }
+
+    /// Tells everyone about changes; what the author gets back.
+    fn announce(&self, author: Author, changes: &[Change]) -> Edited {
+        let Some(document) = &self.document else {
+            return Edited {
+                rev: 0,
+                dirty: false,
+                patches: vec![],
+                history: History::default(),
+                lints: vec![],
+            };
+        };
+        let history = history(document);
+        let dirty = document.is_dirty();
+        for change in changes {
+            self.hub.send(&Event::Edit {
+                by: author.client,
+                id: author.id,
+                rev: change.rev,
+                label: change.label.clone(),
+                patch: change.patch.clone(),
+                dirty,
+                history: history.clone(),
+                first_changed_frame: change.first_changed_frame,
+                first_changed_step: change.first_changed_step,
+            });
+        }
+        let lints = if author.client == 0 { self.findings().0.lints } else { Vec::new() };
+        let patches = changes.iter().map(|c| c.patch.clone()).collect();
+        Edited { rev: document.rev(), dirty, patches, history, lints }
+    }
+
+    fn changed(&mut self, author: Author, changes: &[Change]) -> Edited {
+        let edited = self.announce(author, changes);
+        if !changes.is_empty() {
+            self.previewing = false;
+            self.perform();
+            self.tell_findings();
+        }
+        edited
+    }
+
+    fn put(&mut self, author: Author, text: String) -> Result<Edited, Error> {
+        let next = clip::parse(text)?.clip;
+        let document = self.open_document()?;
+        if next.robot.id != document.clip().robot.id
+            || next.robot.joints != document.clip().robot.joints
+        {
+            return Err(Error::request(
+                "this text is for another robot; open it as a clip of its own instead",
+            ));
+        }
+        let patch = Delta::between(document.clip(), &next);
+        let op = Op::Batch(Batch {
+            label: "Replace the text".into(),
+            ops: vec![Op::Patch(Box::new(patch))],
+        });
+        let changes =
+            document.edit(&[Edit::Op(Box::new(op))]).pop().unwrap_or_else(|| Ok(Vec::new()))?;
+        Ok(self.changed(author, &changes))
+    }
+
+    fn preview(&mut self, op: &Op) -> Result<(), Error> {
+        let command = self.open_document()?.preview(op)?;
+        self.previewing = true;
+        if self.live.settings().auto {
+            self.live.perform(0, &command, &self.worker);
+        }
+        Ok(())
+    }
+
+    /// Rolls the document out, if that is wanted.
+    fn perform(&self) {
+        if self.live.settings().auto {
+            self.perform_now();
+        }
+    }
+
+    fn perform_now(&self) {
+        let Some(document) = &self.document else { return };
+        // Without a robot there is nobody to perform; the banner has said so.
+        if self.facts.is_some() {
+            self.live.set_keys(document.clip().keys.iter().map(|k| k.frame).collect());
+            self.live.perform(document.rev(), document.command(), &self.worker);
+        }
+    }
+
+    fn open(&mut self, path: &Path) -> Result<DocumentView, Error> {
+        // The same file again: give its lock back first, but keep the document if it fails.
+        let again = std::path::absolute(path).ok();
+        if self.document.as_ref().is_some_and(|d| d.path() == again.as_deref()) {
+            return Ok(self.view());
+        }
+        let (mut facts, mut refusal) = (None, None);
+        let document = Document::open(path, &self.state_dir, |clip| {
+            let found = self.ask_robot(clip);
+            let table = found.as_ref().ok().map(|f| f.table.clone());
+            match found {
+                Ok(found) => facts = Some(found),
+                Err(e) => refusal = Some(e),
+            }
+            table
+        })?;
+        Ok(self.take_up(document, facts, refusal))
+    }
+
+    fn recover(&mut self) -> bool {
+        let (mut facts, mut refusal) = (None, None);
+        let found = Document::orphan(&self.state_dir, |clip| {
+            match self.ask_robot(clip) {
+                Ok(known) => facts = Some(known),
+                Err(e) => refusal = Some(e),
+            }
+            facts.as_ref().map(|f: &RobotFacts| f.table.clone())
+        });
+        let Some(document) = found else { return false };
+        self.take_up(document, facts, refusal);
+        true
+    }
+
+    fn start_from(&mut self, clip: Clip) -> Result<DocumentView, Error> {
+        let (facts, refusal) = match self.ask_robot(&clip) {
+            Ok(facts) => (Some(facts), None),
+            Err(e) => (None, Some(e)),
+        };
+        let table = facts.as_ref().map(|f| f.table.clone());
+        let document = Document::new(clip, &self.state_dir, table)?;
+        Ok(self.take_up(document, facts, refusal))
+    }
+
+    /// Asks about a robot and remembers where it comes from.
+    fn know(&mut self, robot: &str) -> Result<RobotFacts, Error> {
+        let request = Request::Facts { robot: robot.to_owned() };
+        match self.worker.ask_blocking(request, ROBOT_PATIENCE)? {
+            Report::Facts(facts) => {
+                self.sources.insert(facts.id.clone(), robot.to_owned());
+                Ok(*facts)
+            }
+            _ => Err(Error::request("the simulation gave no facts")),
+        }
+    }
+
+    /// Asks the worker to take a clip's robot up: by its id, or from the folder that the
+    /// user named, that the clip names, or that an import left beside us.
+    fn ask_robot(&self, clip: &Clip) -> Result<RobotFacts, Error> {
+        let id = &clip.robot.id;
+        let beside = [
+            clip.robot.model.as_ref().map(|m| self.folder.join(m)),
+            Some(self.folder.join("robots").join(id)),
+            Some(self.state_dir.join("robots").join(id)),
+        ];
+        let is_builtin = crate::robot::Robot::builtin_ids().any(|b| b == id);
+        let robot = match self.sources.get(id) {
+            Some(source) => source.clone(),
+            None if is_builtin => id.clone(),
+            None => beside
+                .into_iter()
+                .flatten()
+                .find(|dir| dir.join(crate::robot::MODEL_FILE).is_file())
+                .map_or_else(|| id.clone(), |dir| dir.display().to_string()),
+        };
+        match self.worker.ask_blocking(Request::Robot { robot }, ROBOT_PATIENCE)? {
+            Report::Facts(facts) => Ok(*facts),
+            _ => Err(Error::request("the simulation gave no facts")),
+        }
+    }
+
+    fn blank(&mut self, robot: &str, length: u32, name: String) -> Result<DocumentView, Error> {
+        let facts = self.know(robot)?;
+        let table = &facts.table;
+        let reference = RobotRef {
+            id: table.robot.clone(),
+            model: None,
+            model_sha256: table.model_sha256.clone(),
+            joints: table.names(),
+            units: table.joints.iter().map(|j| j.unit).collect(),
+        };
+        let mut clip = Clip::new(reference, length.clamp(2, crate::limits::CLIP_FRAMES));
+        clip.name = name;
+        clip.start = Some(clip::Start::Q(table.rest.iter().map(|v| clip::round(*v)).collect()));
+        self.start_from(clip)
+    }
+
+    /// Puts a document in the place of the open one.
+    fn take_up(
+        &mut self,
+        document: Document,
+        facts: Option<RobotFacts>,
+        refusal: Option<Error>,
+    ) -> DocumentView {
+        self.close();
+        self.facts = facts.map(Arc::new);
+        self.live.set_facts(self.facts.clone());
+        self.live.send_policy(&self.worker);
+        if let Some(path) = document.path() {
+            self.recent.opened(path, document.clip());
+        }
+        self.document = Some(document);
+        let view = self.view();
+        self.hub.send(&Event::Document { document: Some(Box::new(view.clone())) });
+        if let Some(e) = refusal {
+            self.hub.send(&Event::Notice { level: "error", message: e.to_string() });
+        }
+        self.perform();
+        self.tell_findings();
+        view
+    }
+
+    fn save(&mut self, path: Option<&Path>) -> Result<Saved, Error> {
+        let state_dir = self.state_dir.clone();
+        let document = self.open_document()?;
+        document.save(path, &state_dir)?;
+        let saved = Saved {
+            path: document.path().map(|p| p.display().to_string()).unwrap_or_default(),
+            rev: document.rev(),
+        };
+        if let (Some(document), Some(path)) =
+            (&self.document, self.document.as_ref().and_then(Document::path))
+        {
+            self.recent.opened(path, document.clip());
+        }
+        self.hub.send(&Event::Saved { path: saved.path.clone(), rev: saved.rev });
+        Ok(saved)
+    }
+
+    fn close(&mut self) {
+        if let Some(document) = self.document.take() {
+            document.close();
+        }
+        self.live.cancel(&self.worker);
+        self.facts = None;
+        self.verdicts.clear();
+        self.previewing = false;
+    }
+
+    /// What is known about the robot, with what the policy in use can leave open: those
+    /// that own a model take any goal, the learned one whole states.
+    fn table(&self) -> JointTable {
+        let known = self.facts.as_ref().map(|f| f.table.clone());
+        let mut table = known.unwrap_or_else(|| {
+            let clip = self.document.as_ref().map(Document::clip);
+            clip.map(JointTable::from_clip).unwrap_or_else(|| JointTable {
+                robot: String::new(),
+                model_sha256: None,
+                joints: vec![],
+                rest: vec![],
+                mirror: clip::Mirror::None(String::new()),
+                couplings: vec![],
+                granularity: Granularity::State,
+            })
+        });
+        table.granularity = Granularity::Joint;
+        table
+    }
+
+    fn view(&self) -> DocumentView {
+        let Some(document) = &self.document else {
+            return DocumentView {
+                rev: 0,
+                clip: serde_json::Value::Null,
+                path: None,
+                dirty: false,
+                history: History::default(),
+                table: self.table(),
+                restored: None,
+                findings: Findings::default(),
+            };
+        };
+        DocumentView {
+            rev: document.rev(),
+            clip: document.clip().to_json(),
+            path: document.path().map(|p| p.display().to_string()),
+            dirty: document.is_dirty(),
+            history: history(document),
+            table: self.table(),
+            restored: document.restored().cloned(),
+            findings: self.findings().0,
+        }
+    }
+
+    /// Problems and timeline, and the poses that simulation has not judged yet.
+    fn findings(&self) -> (Findings, Vec<Vec<f64>>) {
+        let Some(document) = &self.document else { return (Findings::default(), Vec::new()) };
+        let table = self.table();
+        let (clip, command) = (document.clip(), document.command());
+        let mut judge = Judge {
+            names: table.names(),
+            tolerance: self.facts.as_ref().map_or(0.05, |f| f.settle_tolerance),
+            verdicts: &self.verdicts,
+            unknown: Vec::new(),
+        };
+        let checker: Option<&mut dyn PoseChecker> =
+            if self.facts.is_some() { Some(&mut judge) } else { None };
+        let lints = clip::lint(clip, command, &table, checker);
+        let findings = Findings {
+            rev: document.rev(),
+            lints,
+            spans: command.spans().to_vec(),
+            blind: command.blind_spans(),
+            simulated: judge.unknown.is_empty(),
+        };
+        (findings, judge.unknown)
+    }
+
+    /// Tells everyone the findings and lets the simulation judge what is new.
+    fn tell_findings(&mut self) {
+        if self.document.is_none() {
+            return;
+        }
+        let (findings, mut unknown) = self.findings();
+        self.hub.send(&Event::Findings(findings));
+        let Some(facts) = &self.facts else { return };
+        unknown.truncate(JUDGED_AT_ONCE);
+        if unknown.is_empty() || self.judging {
+            return;
+        }
+        self.judging = true;
+        let robot = facts.source.clone();
+        let inbox = self.inbox.clone();
+        let request = Request::Check { robot: robot.clone(), poses: unknown.clone() };
+        self.worker.ask_with(request, move |verdicts| {
+            inbox.send(Ask::Judged { robot, poses: unknown, verdicts }).ok();
+        });
+    }
+
+    fn judged(&mut self, robot: &str, poses: Vec<Vec<f64>>, verdicts: Result<Report, Error>) {
+        self.judging = false;
+        if self.facts.as_ref().is_none_or(|f| f.source != robot) {
+            self.tell_findings();
+            return;
+        }
+        let verdicts = match verdicts {
+            Ok(Report::Checked(verdicts)) => verdicts,
+            // A pose that kills the simulation must not be asked about again and again.
+            _ => vec![Checked::default(); poses.len()],
+        };
+        if self.verdicts.len() > VERDICTS {
+            self.verdicts.clear();
+        }
+        for (pose, verdict) in poses.iter().zip(verdicts) {
+            self.verdicts.insert(bits(pose), verdict);
+        }
+        self.tell_findings();
+    }
+}
+
+fn history(document: &Document) -> History {
+    let (labels, done) = document.history();
+    let len = labels.len();
+    // A window around the present, so that undoing far back still shows names.
+    let first = done.saturating_sub(LABELS).min(len.saturating_sub(LABELS));
+    let labels = labels.into_iter().skip(first).take(LABELS).map(str::to_owned).collect();
+    History { labels, first, done, len }
+}
+
+fn bits(pose: &[f64]) -> Vec<u64> {
+    pose.iter().map(|v| v.to_bits()).collect()
+}
+
+/// Answers lints from what simulation has said so far.
+struct Judge<'a> {
+    /// Joints in state order.
+    names: Vec<String>,
+    tolerance: f64,
+    verdicts: &'a BTreeMap<Vec<u64>, Checked>,
+    unknown: Vec<Vec<f64>>,
+}
+
+impl PoseChecker for Judge<'_> {
+    fn check(&mut self, joints: &[String], q: &[f64]) -> PoseReport {
+        let place = |name: &String| joints.iter().position(|j| j == name);
+        let pose: Option<Vec<f64>> =
+            self.names.iter().map(|n| place(n).and_then(|i| q.get(i).copied())).collect();
+        let Some(pose) = pose else { return PoseReport::default() };
+        let Some(verdict) = self.verdicts.get(&bits(&pose)) else {
+            if !self.unknown.contains(&pose) {
+                self.unknown.push(pose);
+            }
+            return PoseReport::default();
+        };
+        let settled = verdict.settled.as_ref().map(|state| {
+            joints
+                .iter()
+                .zip(q)
+                .map(|(j, own)| {
+                    let at = self.names.iter().position(|n| n == j);
+                    at.and_then(|i| state.get(i).copied()).unwrap_or(*own)
+                })
+                .collect()
+        });
+        PoseReport { contacts: verdict.contacts.clone(), settled }
+    }
+
+    fn tolerance(&self) -> f64 {
+        self.tolerance
+    }
+}

@@ -1,0 +1,241 @@
+//! `/api/ws`: one editor client.
+//!
+//! Requests are done one at a time: a client that floods fills its own socket, not our
+//! queues. What goes out is either in the bounded stream of the hub or taken from the
+//! store when the socket has room; nothing is kept for a client that does not read.
+
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+
+use axum::extract::State;
+use axum::extract::ws::{Message, Utf8Bytes, WebSocket, WebSocketUpgrade};
+use axum::response::{IntoResponse, Response};
+use serde::Deserialize;
+use serde_json::Value;
+use serde_json::value::RawValue;
+use tokio::sync::broadcast::error::RecvError;
+
+use super::api::{self, Refused};
+use super::document::Edit;
+use super::error::Error;
+use super::hub;
+use super::protocol::{ErrorBody, Event, STUDIO_OPS, StudioOp};
+use super::server::{App, ended};
+use super::session::{Ask, Author};
+use crate::clip::Op;
+use crate::limits;
+
+/// A client that takes nothing for so long is gone.
+const PATIENCE: Duration = Duration::from_secs(20);
+/// Between signs of life.
+const PING: Duration = Duration::from_secs(10);
+/// Between two batches of frames.
+const NEWS: Duration = Duration::from_millis(16);
+
+/// Upgrades, if there is room.
+pub(super) async fn editor(State(app): State<Arc<App>>, upgrade: WebSocketUpgrade) -> Response {
+    let before = app.clients.fetch_add(1, Ordering::SeqCst);
+    let seat = Seat(Arc::clone(&app));
+    if before >= limits::CLIENTS {
+        return Refused::from(Error::Full { what: "clients", cap: limits::CLIENTS })
+            .into_response();
+    }
+    upgrade
+        .max_message_size(limits::WS_MESSAGE_BYTES)
+        .max_frame_size(limits::WS_FRAME_BYTES)
+        .max_write_buffer_size(limits::WS_WRITE_BYTES)
+        .on_upgrade(move |socket| async move {
+            let number = app.next_client.fetch_add(1, Ordering::SeqCst) as u64 + 1;
+            let mut client = Client { app, socket, number };
+            client.serve().await;
+            drop(seat);
+        })
+}
+
+/// Counts a client as long as it lives.
+struct Seat(Arc<App>);
+
+impl Drop for Seat {
+    fn drop(&mut self) {
+        self.0.clients.fetch_sub(1, Ordering::SeqCst);
+    }
+}
+
+struct Client {
+    app: Arc<App>,
+    socket: WebSocket,
+    number: u64,
+}
+
+/// The socket is closed or stuck.
+struct Gone;
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Wire<'a> {
+    id: u64,
+    op: String,
+    #[serde(borrow, default)]
+    args: Option<&'a RawValue>,
+}
+
+impl Client {
+    async fn serve(&mut self) {
+        let mut events = self.app.hub.listen();
+        let mut live = self.app.live.watch();
+        let mut ending = self.app.ending.clone();
+        let mut ping = tokio::time::interval(PING);
+        let mut heard = Instant::now();
+        let mut seen = 0;
+        let mut shown = tokio::time::Instant::now();
+        let mut due: Option<tokio::time::Instant> = None;
+        let state = api::current_state(&self.app).await;
+        let hello = Event::Hello { client: self.number, state: Box::new(state) };
+        if self.send(&hello).await.is_err() {
+            return;
+        }
+        live.mark_changed();
+        loop {
+            let done = tokio::select! {
+                message = self.socket.recv() => {
+                    heard = Instant::now();
+                    match message {
+                        Some(Ok(Message::Text(text))) => self.request(&text).await,
+                        Some(Ok(Message::Binary(_))) => self.refuse_binary().await,
+                        Some(Ok(Message::Ping(_) | Message::Pong(_))) => Ok(()),
+                        Some(Ok(Message::Close(_)) | Err(_)) | None => Err(Gone),
+                    }
+                }
+                event = events.recv() => match event {
+                    Ok(text) => self.send_text(text).await,
+                    Err(RecvError::Lagged(_)) => {
+                        events = events.resubscribe();
+                        let document = api::current_view(&self.app).await;
+                        self.send(&Event::Document { document }).await
+                    }
+                    Err(RecvError::Closed) => Err(Gone),
+                },
+                _ = live.changed(), if due.is_none() => {
+                    // Frames that come faster than the screen add up.
+                    due = Some(tokio::time::Instant::now().max(shown + NEWS));
+                    Ok(())
+                }
+                () = sleep_until(due), if due.is_some() => {
+                    let news = self.app.live.news(seen);
+                    seen = news.seen;
+                    due = None;
+                    shown = tokio::time::Instant::now();
+                    self.send_news(news.frames, news.state).await
+                }
+                _ = ping.tick() => {
+                    if heard.elapsed() > 3 * PING {
+                        Err(Gone)
+                    } else {
+                        self.send_message(Message::Ping(axum::body::Bytes::new())).await
+                    }
+                }
+                () = ended(&mut ending) => Err(Gone),
+            };
+            if done.is_err() {
+                self.socket.send(Message::Close(None)).await.ok();
+                return;
+            }
+        }
+    }
+
+    async fn send_news(&mut self, frames: Option<Event>, state: Option<Event>) -> Result<(), Gone> {
+        for event in [frames, state].into_iter().flatten() {
+            self.send(&event).await?;
+        }
+        Ok(())
+    }
+
+    async fn send(&mut self, event: &Event) -> Result<(), Gone> {
+        match hub::text(event) {
+            Some(text) => self.send_text(text).await,
+            None => Ok(()),
+        }
+    }
+
+    async fn send_text(&mut self, text: Utf8Bytes) -> Result<(), Gone> {
+        self.send_message(Message::Text(text)).await
+    }
+
+    async fn send_message(&mut self, message: Message) -> Result<(), Gone> {
+        match tokio::time::timeout(PATIENCE, self.socket.send(message)).await {
+            Ok(Ok(())) => Ok(()),
+            _ => Err(Gone),
+        }
+    }
+
+    async fn refuse_binary(&mut self) -> Result<(), Gone> {
+        let error = ErrorBody::from(&Error::request("messages are JSON text"));
+        self.send(&Event::Reply { id: 0, result: None, error: Some(error) }).await
+    }
+
+    async fn request(&mut self, text: &str) -> Result<(), Gone> {
+        let wire: Wire<'_> = match serde_json::from_str(text) {
+            Ok(wire) => wire,
+            Err(e) => {
+                let what = format!("a request is {{\"id\", \"op\", \"args\"}}: {e}");
+                let error = Some(ErrorBody::from(&Error::request(what)));
+                return self.send(&Event::Reply { id: 0, result: None, error }).await;
+            }
+        };
+        let id = wire.id;
+        match self.carry_out(&wire).await {
+            Ok(None) => Ok(()),
+            Ok(result) => self.send(&Event::Reply { id, result, error: None }).await,
+            Err(e) => {
+                let error = Some(ErrorBody::from(&e));
+                self.send(&Event::Reply { id, result: None, error }).await
+            }
+        }
+    }
+
+    /// `None`: the answer is in the stream of events.
+    async fn carry_out(&mut self, wire: &Wire<'_>) -> Result<Option<Value>, Error> {
+        let author = Author { client: self.number, id: Some(wire.id) };
+        let edit = if STUDIO_OPS.contains(&wire.op.as_str()) {
+            match studio_op(wire)? {
+                StudioOp::Undo {} => Edit::Undo,
+                StudioOp::Redo {} => Edit::Redo,
+                StudioOp::HistoryGoto { done } => Edit::Goto(done),
+                other => {
+                    api::studio_op(&self.app, other).await?;
+                    return Ok(Some(Value::Null));
+                }
+            }
+        } else {
+            Edit::Op(Box::new(clip_op(wire)?))
+        };
+        let edited = self.app.session.ask(|reply| Ask::Edit(author, edit, reply)).await?;
+        if edited.patches.is_empty() {
+            return Ok(Some(serde_json::json!({"rev": edited.rev})));
+        }
+        Ok(None)
+    }
+}
+
+async fn sleep_until(due: Option<tokio::time::Instant>) {
+    if let Some(due) = due {
+        tokio::time::sleep_until(due).await;
+    }
+}
+
+/// `{"op", "args"}` as the typed enums read it.
+fn tagged<T: serde::de::DeserializeOwned>(wire: &Wire<'_>) -> Result<T, Error> {
+    let args = wire.args.map_or("{}", RawValue::get);
+    let op = serde_json::to_string(&wire.op).unwrap_or_default();
+    serde_json::from_str(&format!("{{\"op\":{op},\"args\":{args}}}"))
+        .map_err(|e| Error::request(format!("{}: {e}", wire.op)))
+}
+
+fn studio_op(wire: &Wire<'_>) -> Result<StudioOp, Error> {
+    tagged(wire)
+}
+
+fn clip_op(wire: &Wire<'_>) -> Result<Op, Error> {
+    tagged(wire)
+}

@@ -1,0 +1,154 @@
+//! The scene as it stands, and what each client has yet to see of it.
+//!
+//! One slot per (kind, name) holds the newest message of that kind, with the stamp of its
+//! writing. A late joiner gets every slot, a client with a slow link the newest state of what
+//! changed while it was busy: no queues, hence nothing to overflow.
+
+use std::collections::BTreeMap;
+
+use crate::take::viser::Message;
+
+/// Order in which slots are sent: what a slot needs has a lower rank.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Rank {
+    Global,
+    Remove,
+    Create,
+    Position,
+    Orientation,
+    Visibility,
+    Clicks,
+    Drags,
+    Camera,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+struct Key {
+    rank: Rank,
+    name: String,
+}
+
+/// The scene; see the module.
+#[derive(Debug, Default)]
+pub struct Retained {
+    slots: BTreeMap<Key, (u64, Message)>,
+    stamp: u64,
+}
+
+impl Retained {
+    /// Takes a message in; one that changes nothing is dropped.
+    pub fn put(&mut self, message: Message) {
+        let Some(key) = key(&message) else { return };
+        if key.rank == Rank::Create {
+            self.slots.remove(&Key { rank: Rank::Remove, name: key.name.clone() });
+        }
+        let camera = key.rank == Rank::Camera;
+        if !camera && self.slots.get(&key).is_some_and(|(_, old)| *old == message) {
+            return;
+        }
+        self.stamp += 1;
+        self.slots.insert(key, (self.stamp, message));
+    }
+
+    /// Removes a node and all below it.
+    pub fn remove(&mut self, name: &str) {
+        let below = format!("{name}/");
+        let gone: Vec<Key> = self
+            .slots
+            .keys()
+            .filter(|k| k.rank != Rank::Global && k.rank != Rank::Camera)
+            .filter(|k| k.name == name || k.name.starts_with(&below))
+            .cloned()
+            .collect();
+        for key in gone {
+            self.slots.remove(&key);
+            if key.rank == Rank::Create {
+                self.put(Message::RemoveSceneNodeMessage { name: key.name, owner: String::new() });
+            }
+        }
+    }
+
+    /// Everything newer than a stamp, in order, and the stamp from now on. From 0: what a
+    /// new client needs.
+    pub fn since(&self, seen: u64) -> (Vec<Message>, u64) {
+        let news = self
+            .slots
+            .iter()
+            .filter(|(key, (stamp, _))| *stamp > seen && (seen > 0 || key.rank != Rank::Remove))
+            .map(|(_, (_, message))| message.clone())
+            .collect();
+        (news, self.stamp)
+    }
+
+    /// Stamp of the newest slot.
+    pub fn stamp(&self) -> u64 {
+        self.stamp
+    }
+}
+
+fn key(message: &Message) -> Option<Key> {
+    let of = |rank, name: &str| Some(Key { rank, name: name.to_owned() });
+    match message {
+        Message::FrameMessage(n) => of(Rank::Create, &n.name),
+        Message::MeshMessage(n) => of(Rank::Create, &n.name),
+        Message::SkinnedMeshMessage(n) => of(Rank::Create, &n.name),
+        Message::BoxMessage(n) => of(Rank::Create, &n.name),
+        Message::IcosphereMessage(n) => of(Rank::Create, &n.name),
+        Message::CylinderMessage(n) => of(Rank::Create, &n.name),
+        Message::GridMessage(n) => of(Rank::Create, &n.name),
+        Message::LineSegmentsMessage(n) => of(Rank::Create, &n.name),
+        Message::TransformControlsMessage(n) => of(Rank::Create, &n.name),
+        Message::DirectionalLightMessage(n) => of(Rank::Create, &n.name),
+        Message::AmbientLightMessage(n) => of(Rank::Create, &n.name),
+        Message::SetPositionMessage { name, .. } => of(Rank::Position, name),
+        // The whole scene's orientation comes before anything stands in it.
+        Message::SetOrientationMessage { name, .. } if name.is_empty() => of(Rank::Global, "up"),
+        Message::SetOrientationMessage { name, .. } => of(Rank::Orientation, name),
+        Message::SetSceneNodeVisibilityMessage { name, .. } => of(Rank::Visibility, name),
+        Message::RemoveSceneNodeMessage { name, .. } => of(Rank::Remove, name),
+        Message::SetSceneNodeClickBindingsMessage { name, .. } => of(Rank::Clicks, name),
+        Message::SetSceneNodeDragBindingsMessage { name, .. } => of(Rank::Drags, name),
+        Message::EnableLightsMessage { .. } => of(Rank::Global, "lights"),
+        Message::ThemeConfigurationMessage { .. } => of(Rank::Global, "theme"),
+        Message::SetCameraUpDirectionMessage { .. } => of(Rank::Camera, "0 up"),
+        Message::SetCameraFovMessage { .. } => of(Rank::Camera, "1 fov"),
+        Message::SetCameraPositionMessage { .. } => of(Rank::Camera, "2 position"),
+        Message::SetCameraLookAtMessage { .. } => of(Rank::Camera, "3 look at"),
+        // Bones are not used live, and the end of the replay belongs to one connection.
+        Message::SetBonePositionMessage { .. }
+        | Message::SetBoneOrientationMessage { .. }
+        | Message::ReplayDoneMessage {} => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::take::viser::FrameProps;
+
+    #[test]
+    fn the_newest_wins_and_parents_come_first() {
+        let mut scene = Retained::default();
+        scene.put(Message::position("/a/b", [1.0, 0.0, 0.0]));
+        scene.put(Message::create("/a/b", FrameProps::default()));
+        scene.put(Message::create("/a", FrameProps::default()));
+        scene.put(Message::z_up());
+        let (first, seen) = scene.since(0);
+        assert_eq!(first.len(), 4);
+        assert_eq!(first[0], Message::z_up());
+        assert_eq!(first[1], Message::create("/a", FrameProps::default()));
+        for k in 0..50 {
+            scene.put(Message::position("/a/b", [f64::from(k), 0.0, 0.0]));
+        }
+        let (news, seen2) = scene.since(seen);
+        assert_eq!(news, [Message::position("/a/b", [49.0, 0.0, 0.0])]);
+        scene.put(Message::position("/a/b", [49.0, 0.0, 0.0]));
+        assert!(scene.since(seen2).0.is_empty(), "nothing changed");
+        scene.remove("/a");
+        let (news, _) = scene.since(seen2);
+        assert_eq!(news.len(), 2);
+        assert_eq!(scene.since(0).0, [Message::z_up()]);
+        scene.put(Message::create("/a", FrameProps::default()));
+        assert_eq!(scene.since(0).0.len(), 2);
+    }
+}

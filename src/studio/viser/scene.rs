@@ -1,0 +1,220 @@
+//! A robot as nodes of the scene: bodies are frames, what is seen of them hangs below.
+
+use std::collections::BTreeMap;
+
+use super::retained::Retained;
+use super::space::{self, Place, V3};
+use crate::studio::worker::{Geometry, MeshFacts, RobotFacts};
+use crate::take::viser::{Binding, Buffer, FrameProps, GridProps, MeshProps, Message, node_name};
+
+/// One of the robots on stage.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Actor {
+    /// What was achieved, solid.
+    Robot,
+    /// What is commanded, translucent.
+    Command,
+    /// The key before.
+    Past,
+    /// The key after.
+    Future,
+}
+
+impl Actor {
+    /// Everyone.
+    pub const ALL: [Actor; 4] = [Actor::Robot, Actor::Command, Actor::Past, Actor::Future];
+
+    /// Its node.
+    pub fn root(self) -> &'static str {
+        match self {
+            Actor::Robot => "/robot",
+            Actor::Command => "/command",
+            Actor::Past => "/past",
+            Actor::Future => "/future",
+        }
+    }
+
+    /// sRGB and opacity in place of its own colours: blue command, green past, amber future.
+    fn tint(self) -> Option<[f32; 4]> {
+        match self {
+            Actor::Robot => None,
+            Actor::Command => Some([0.27, 0.51, 0.96, 0.3]),
+            Actor::Past => Some([0.16, 0.65, 0.44, 0.18]),
+            Actor::Future => Some([0.93, 0.58, 0.14, 0.18]),
+        }
+    }
+}
+
+/// Names of the bodies on stage, and where the camera sees all of them.
+#[derive(Debug)]
+pub struct Cast {
+    /// Node names by body, the world first.
+    names: Vec<String>,
+    by_name: BTreeMap<String, usize>,
+    centre: V3,
+    radius: f64,
+}
+
+/// Puts a robot on stage; what stood there before goes.
+pub fn build(scene: &mut Retained, geometry: &Geometry) -> Cast {
+    for root in Actor::ALL.map(Actor::root).into_iter().chain(["/world", "/gizmo"]) {
+        scene.remove(root);
+    }
+    let names: Vec<String> = geometry.bodies.iter().map(|b| node_name(b)).collect();
+    for actor in Actor::ALL {
+        let root = actor.root();
+        scene.put(Message::create(root, FrameProps::default()));
+        for name in names.iter().skip(1) {
+            scene.put(Message::create(&format!("{root}/{name}"), FrameProps::default()));
+        }
+    }
+    scene.put(Message::create("/world", FrameProps::default()));
+    for (k, mesh) in geometry.meshes.iter().enumerate() {
+        let props = props(mesh);
+        let Some(body) = names.get(mesh.body).filter(|_| mesh.body > 0) else {
+            scene.put(Message::create(&format!("/world/{k}"), props));
+            continue;
+        };
+        for actor in Actor::ALL {
+            let name = format!("{}/{body}/{k}", actor.root());
+            scene.put(Message::create(&name, tinted(&props, actor.tint())));
+            if actor == Actor::Robot {
+                let left = vec![Binding { button: "left", modifier: None }];
+                let owner = String::new();
+                scene.put(Message::SetSceneNodeClickBindingsMessage {
+                    name: name.clone(),
+                    bindings: left.clone(),
+                    owner: owner.clone(),
+                });
+                scene.put(Message::SetSceneNodeDragBindingsMessage { name, bindings: left, owner });
+            }
+        }
+    }
+    let (low, high) = bounds(geometry);
+    let centre = space::scale(space::add(low, high), 0.5);
+    let radius = (space::norm(space::sub(high, low)) / 2.0).clamp(1e-3, 1e3);
+    let floor = low[2].min(0.0);
+    scene.put(Message::create("/floor", GridProps { shadow_opacity: 0.0, ..GridProps::default() }));
+    scene.put(Message::position("/floor", [0.0, 0.0, floor - 1e-3]));
+    let by_name = names.iter().enumerate().map(|(i, n)| (n.clone(), i)).collect();
+    Cast { names, by_name, centre, radius }
+}
+
+/// What is there before any robot.
+pub fn empty(scene: &mut Retained, dark: bool) {
+    scene.put(Message::z_up());
+    scene.put(Message::visibility("/WorldAxes", false));
+    scene.put(Message::EnableLightsMessage { enabled: true, cast_shadow: false });
+    theme(scene, dark);
+}
+
+/// Light or dark page.
+pub fn theme(scene: &mut Retained, dark: bool) {
+    scene.put(Message::ThemeConfigurationMessage {
+        titlebar_content: None,
+        control_layout: "floating",
+        control_width: "small",
+        show_logo: false,
+        show_share_button: false,
+        dark_mode: dark,
+        colors: None,
+    });
+}
+
+fn props(mesh: &MeshFacts) -> MeshProps {
+    let byte =
+        |k: usize| (mesh.rgba.get(k).copied().unwrap_or(0.5).clamp(0.0, 1.0) * 255.0).round() as u8;
+    MeshProps {
+        vertices: Buffer::f32(&mesh.vertices),
+        faces: Buffer::u32(&mesh.faces),
+        color: [byte(0), byte(1), byte(2)],
+        opacity: (mesh.rgba[3] < 1.0).then(|| f64::from(mesh.rgba[3])),
+        // Foreign meshes are not always closed.
+        side: "double",
+        cast_shadow: false,
+        receive_shadow: false,
+        ..MeshProps::default()
+    }
+}
+
+/// The same mesh (and its bytes) in an actor's colour.
+fn tinted(props: &MeshProps, tint: Option<[f32; 4]>) -> MeshProps {
+    let Some(rgba) = tint else { return props.clone() };
+    let byte = |v: f32| (v * 255.0).round() as u8;
+    MeshProps {
+        color: [byte(rgba[0]), byte(rgba[1]), byte(rgba[2])],
+        opacity: Some(f64::from(rgba[3])),
+        side: "front",
+        ..props.clone()
+    }
+}
+
+/// Corners of the box around the robot in its home pose; the world's own meshes (floors,
+/// tables) do not count unless there is nothing else.
+fn bounds(geometry: &Geometry) -> (V3, V3) {
+    let around = |own: bool| {
+        let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+        for mesh in geometry.meshes.iter().filter(|m| (m.body > 0) == own) {
+            let Some(place) = Place::of(&geometry.home, mesh.body) else { continue };
+            for corner in mesh.vertices.chunks_exact(3) {
+                let at = |k: usize| f64::from(corner.get(k).copied().unwrap_or(0.0));
+                let p = place.point([at(0), at(1), at(2)]);
+                for ((l, h), v) in low.iter_mut().zip(&mut high).zip(p) {
+                    *l = l.min(v);
+                    *h = h.max(v);
+                }
+            }
+        }
+        low.iter().chain(&high).all(|v| v.is_finite()).then_some((low, high))
+    };
+    around(true).or_else(|| around(false)).unwrap_or(([-0.5; 3], [0.5; 3]))
+}
+
+impl Cast {
+    /// Moves an actor.
+    pub fn pose(&self, scene: &mut Retained, actor: Actor, place: impl Fn(usize) -> Option<Place>) {
+        for (body, name) in self.names.iter().enumerate().skip(1) {
+            let Some(place) = place(body) else { continue };
+            let node = format!("{}/{name}", actor.root());
+            scene.put(Message::position(&node, place.pos));
+            scene.put(Message::orientation(&node, place.quat));
+        }
+    }
+
+    /// The body that a node of the solid robot belongs to.
+    pub fn body_of(&self, node: &str) -> Option<usize> {
+        let name = node.strip_prefix("/robot/")?.split('/').next()?;
+        self.by_name.get(name).copied()
+    }
+
+    /// Points the camera so that the whole robot is in view.
+    pub fn camera(&self, scene: &mut Retained, facts: &RobotFacts, preset: &str) -> bool {
+        use std::f64::consts::{FRAC_PI_2, PI};
+        let c = &facts.camera;
+        // Azimuth and elevation of the line of sight; the eye is behind it.
+        let (azimuth, elevation) = match preset {
+            "home" | "fit" => (c.azimuth_rad, c.elevation_rad),
+            "front" => (PI, 0.0),
+            "side" => (FRAC_PI_2, 0.0),
+            // Not straight down: the horizon would have no direction.
+            "top" => (FRAC_PI_2, -FRAC_PI_2 + 1e-3),
+            _ => return false,
+        };
+        let sight =
+            [elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin()];
+        let fov = c.fovy_rad.clamp(0.2, 2.0);
+        let distance = self.radius / (fov / 2.0).sin() * 1.02;
+        let position = space::sub(self.centre, space::scale(sight, distance));
+        let initial = true;
+        scene.put(Message::SetCameraUpDirectionMessage { position: [0.0, 0.0, 1.0], initial });
+        scene.put(Message::SetCameraFovMessage { fov, initial });
+        scene.put(Message::SetCameraPositionMessage { position, initial });
+        scene.put(Message::SetCameraLookAtMessage { look_at: self.centre, initial });
+        true
+    }
+
+    /// A good size for a gizmo, m.
+    pub fn gizmo_scale(&self) -> f64 {
+        self.radius * 0.35
+    }
+}
