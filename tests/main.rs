@@ -14,3 +14,4 @@ mod motion;
 mod robots;
 mod run;
 mod take;
+mod studio;

@@ -59,7 +59,7 @@ enum Format {
     Mcap,
     /// A `<keyframe>` block: full states of the simulator.
     Mjcf,
-    /// ROS 2 trajectory_msgs/JointTrajectory, YAML.
+    /// ROS 2 `trajectory_msgs/JointTrajectory`, YAML.
     Ros,
     /// A recording for the viser client.
     Viser,
@@ -118,16 +118,17 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
         Format::Json => take.to_json(what).into_bytes(),
         Format::Mjcf => take.to_mjcf(what)?.into_bytes(),
         Format::Ros => take.to_ros(what)?.into_bytes(),
-        Format::Mcap => match &robot {
-            Ok(robot) => take.to_mcap(Some(&take.scene(robot)?))?,
-            Err(_) => {
+        Format::Mcap => {
+            if let Ok(robot) = &robot {
+                take.to_mcap(Some(&take.scene(robot)?))?
+            } else {
                 tracing::warn!(
                     "robot {} is not known here: no geometry in the take; give it with --robot",
                     take.robot.id
                 );
                 take.to_mcap(None)?
             }
-        },
+        }
         Format::Viser => Recording::of(&take, robot?.as_ref())?.to_bytes()?,
         Format::Html => {
             let recording = Recording::of(&take, robot?.as_ref())?.to_bytes()?;

@@ -261,6 +261,9 @@ impl Columns {
             }
             frames += 1;
         }
+        if frames == 0 {
+            return Err(bad(2, "no rows".into()));
+        }
         Ok(Columns { names: picked.into_iter().map(|p| p.1).collect(), values, frames })
     }
 

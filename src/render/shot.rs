@@ -252,6 +252,7 @@ impl Shot {
         let colors = sites.iter().enumerate().map(|(i, s)| stage.accent(*s, i)).collect();
         let mut shot =
             Shot { stage, motion, overlay, path, sun: Vec3::Z, tips, colors, marks, full_m };
+        let mut shot = Shot { stage, motion, overlay, path, sun: Vec3::Z, tips, marks, full_m };
         // Taken once: the light stands still while a camera orbits.
         shot.sun = sun_for(&shot.camera(0));
         Ok(shot)

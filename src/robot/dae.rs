@@ -248,7 +248,7 @@ impl<'a> Reader<'a> {
         let indices = |p: Node<'_, '_>| -> Vec<usize> {
             p.text().unwrap_or_default().split_whitespace().filter_map(|w| w.parse().ok()).collect()
         };
-        let mut corner = |index: usize| -> Result<[f32; 3], String> {
+        let corner = |index: usize| -> Result<[f32; 3], String> {
             let p = positions
                 .get(3 * index..3 * index + 3)
                 .ok_or("an index is beyond the positions")?;

@@ -6,8 +6,8 @@ mod engine;
 mod explore;
 mod infer;
 mod reference;
-mod rollout;
 mod render;
+mod rollout;
 mod sim;
 mod train;
 
@@ -28,10 +28,10 @@ pub(super) struct Args {
 enum What {
     /// Control steps a second through the simulator layer, against a bare C loop.
     Sim(sim::Args),
-    /// Policies, against the bare simulation of the frames that they act in.
-    Rollout(rollout::Args),
     /// Processor time of a picture.
     Render(render::Args),
+    /// Policies, against the bare simulation of the frames that they act in.
+    Rollout(rollout::Args),
     /// Training throughput of the network, and its share of the machine's peak.
     Train(train::Args),
     /// Time of one action at batch 1.
@@ -47,8 +47,8 @@ enum What {
 pub(super) fn run(args: Args) -> Outcome {
     match args.what {
         What::Sim(args) => sim::run(&args),
-        What::Rollout(args) => rollout::run(&args),
         What::Render(args) => render::run(&args),
+        What::Rollout(args) => rollout::run(&args),
         What::Train(args) => train::run(&args),
         What::Infer(args) => infer::run(&args),
         What::Reference(args) => reference::run(&args),

@@ -109,6 +109,7 @@ fn key(message: &Message) -> Option<Key> {
         Message::SetSceneNodeClickBindingsMessage { name, .. } => of(Rank::Clicks, name),
         Message::SetSceneNodeDragBindingsMessage { name, .. } => of(Rank::Drags, name),
         Message::EnableLightsMessage { .. } => of(Rank::Global, "lights"),
+        Message::EnvironmentMapMessage { .. } => of(Rank::Global, "surroundings"),
         Message::ThemeConfigurationMessage { .. } => of(Rank::Global, "theme"),
         Message::SetCameraUpDirectionMessage { .. } => of(Rank::Camera, "0 up"),
         Message::SetCameraFovMessage { .. } => of(Rank::Camera, "1 fov"),

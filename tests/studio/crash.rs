@@ -1,0 +1,146 @@
+//! Kill it at any moment: what was acknowledged is there.
+
+use std::time::{Duration, Instant};
+
+use robert::rng::{Rng, Stream};
+use serde_json::json;
+
+use super::client::{CLIP, Socket, Studio, key};
+
+/// Kills in a test run; `ROBERT_KILLS=200` for the long one.
+fn kills() -> u64 {
+    std::env::var("ROBERT_KILLS").ok().and_then(|k| k.parse().ok()).unwrap_or(24)
+}
+
+fn round(seed: u64) {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.clip.json");
+    // Not in our own layout: undoing everything must give back these very bytes.
+    let text = CLIP.replace("\n    {", "\n        {");
+    std::fs::write(&path, &text).unwrap();
+    let mut studio = Studio::start(dir.path(), &["a.clip.json"]);
+    let mut rng = Rng::new(seed, Stream::Test, 70);
+    let until = Duration::from_millis(rng.below(400));
+    let port_token = (studio.port, studio.token.clone());
+    let mut socket = studio.socket();
+    let (acked, sent) = std::thread::scope(|scope| {
+        let editing = scope.spawn(move || {
+            let (mut acked, mut sent) = (0, 0);
+            loop {
+                sent += 1;
+                let done = match sent % 7 {
+                    3 => try_ask(
+                        &mut socket,
+                        "keys.add",
+                        &key(sent % 50 + 5, 0.01 * f64::from(sent)),
+                    ),
+                    _ => try_ask(&mut socket, "clip.rename", &json!({"name": format!("n{sent}")})),
+                };
+                if !done {
+                    return (acked, sent);
+                }
+                acked = sent;
+            }
+        });
+        std::thread::sleep(until);
+        studio.kill();
+        editing.join().unwrap()
+    });
+    let studio = Studio::start(dir.path(), &["a.clip.json"]);
+    assert_ne!((studio.port, studio.token.clone()), port_token);
+    assert!(studio.startup < Duration::from_secs(2), "seed {seed}: {:?}", studio.startup);
+    let state = studio.state();
+    let done = state["document"]["history"]["done"].as_u64().unwrap();
+    assert!(
+        u64::from(acked) <= done && done <= u64::from(sent),
+        "seed {seed}: {acked} acknowledged, {sent} sent, {done} there"
+    );
+    if done > 0 {
+        assert_eq!(state["document"]["restored"]["edits"], done, "seed {seed}");
+        let named = (1..=done).rev().find(|n| n % 7 != 3).map(|n| format!("n{n}"));
+        let name = state["document"]["clip"]["name"].as_str().unwrap_or_default();
+        assert_eq!(name, named.as_deref().unwrap_or("start"), "seed {seed}");
+    }
+    let mut socket = studio.socket();
+    socket.ask("history.goto", &json!({"done": 0}));
+    assert_eq!(String::from_utf8(studio.get("/api/clip").body).unwrap(), text, "seed {seed}");
+    assert_eq!(std::fs::read_to_string(&path).unwrap(), text);
+}
+
+/// Whether it was acknowledged before the end.
+fn try_ask(socket: &mut Socket, op: &str, args: &serde_json::Value) -> bool {
+    let text = json!({"id": 1, "op": op, "args": args}).to_string();
+    if socket.send_frame(1, text.as_bytes()).is_err() {
+        return false;
+    }
+    loop {
+        let Some(payload) = socket.read() else { return false };
+        let event: serde_json::Value = serde_json::from_slice(&payload).unwrap();
+        assert_ne!(event["event"], "reply", "refused: {event}");
+        if event["event"] == "edit" {
+            return true;
+        }
+    }
+}
+
+#[test]
+fn kill_at_any_moment_loses_no_acknowledged_edit() {
+    let next = std::sync::atomic::AtomicU64::new(0);
+    std::thread::scope(|scope| {
+        for _ in 0..3 {
+            scope.spawn(|| {
+                loop {
+                    let seed = next.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+                    if seed >= kills() {
+                        return;
+                    }
+                    round(seed);
+                }
+            });
+        }
+    });
+}
+
+#[test]
+fn an_unsaved_clip_comes_back_and_can_be_saved() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut studio = Studio::start(dir.path(), &["--robot", "pointmass"]);
+    assert_eq!(
+        studio
+            .post("/api/ops", &json!({"ops": [{"op": "clip.rename", "args": {"name": "mine"}}]}))
+            .status,
+        200
+    );
+    studio.kill();
+    let studio = Studio::start(dir.path(), &[]);
+    let state = studio.state();
+    assert_eq!(state["document"]["clip"]["name"], "mine");
+    assert_eq!(state["document"]["restored"]["edits"], 1);
+    assert_eq!(studio.post("/api/save", &json!({})).status, 409);
+    let saved = studio.post("/api/save", &json!({"path": "mine.clip.json"}));
+    assert_eq!(saved.status, 200, "{saved:?}");
+    let text = std::fs::read(dir.path().join("mine.clip.json")).unwrap();
+    assert_eq!(studio.get("/api/clip").body, text);
+    assert_eq!(studio.get("/api/recent").json()[0]["name"], "mine");
+    let (code, ..) = studio.terminate();
+    assert_eq!(code, 0);
+    assert!(!dir.path().join("mine.clip.json.autosave").exists(), "nothing unsaved is left");
+}
+
+#[test]
+fn terminates_quickly_and_a_second_one_is_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::write(dir.path().join("a.clip.json"), CLIP).unwrap();
+    let studio = Studio::start(dir.path(), &["a.clip.json"]);
+    studio.socket().ask("clip.rename", &json!({"name": "unsaved"}));
+    let refused = Studio::try_start(dir.path(), &["a.clip.json"]).unwrap_err();
+    assert!(refused.contains("another studio has this clip open"), "{refused}");
+    let begin = Instant::now();
+    let token = studio.token.clone();
+    let (code, _, log) = studio.terminate();
+    assert_eq!(code, 0);
+    assert!(begin.elapsed() < Duration::from_secs(2));
+    assert!(!log.contains(&token), "the token was logged");
+    let studio = Studio::start(dir.path(), &["a.clip.json"]);
+    assert_eq!(studio.state()["document"]["clip"]["name"], "unsaved");
+}

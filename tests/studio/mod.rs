@@ -1,0 +1,9 @@
+//! The studio through its port, as browsers, scripts and attackers meet it.
+
+mod client;
+mod crash;
+mod editing;
+mod guard;
+mod hostile;
+mod simulation;
+mod viewport;
