@@ -2,8 +2,6 @@
 
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
-use std::path::PathBuf;
-use std::time::Instant;
 
 use serde_json::{Value, json};
 
@@ -12,9 +10,6 @@ use super::perform::{PerformArgs, Performed, perform};
 use super::{Global, motion, out};
 use crate::fsio;
 use crate::rollout::{Precision, Rollout};
-use crate::progress::Progress as _;
-use crate::rollout::{Error, Guide, PlantConfig, Precision, Rollout, RolloutConfig, Start};
-use crate::take::{Provenance, Take, What};
 use crate::units::CTRL_DT;
 
 #[derive(clap::Args, Debug)]
@@ -30,27 +25,6 @@ pub(super) struct Args {
     #[arg(short, long, value_name = "FILE")]
     out: Option<PathBuf>,
     /// Write the reached motion: frame, time, mask, one column a joint.
-    /// The policy; suffixes +guide and +refine are the flags below.
-    #[arg(short, long, default_value = "ilqr")]
-    policy: String,
-    /// Virtual commands through masked frames: the straight line from the reached state.
-    #[arg(long, value_enum, default_value_t = GuideArg::None)]
-    guide: GuideArg,
-    /// Improve each action on the robot's model before it is applied.
-    #[arg(long)]
-    refine: bool,
-    /// Simulate another plant than the policy believes in: mass=1.25,damping=1.5,gear=0.85.
-    #[arg(long, value_name = "FACTORS")]
-    plant: Option<String>,
-    /// Seed of the policy's draws.
-    #[arg(long, default_value_t = 0)]
-    seed: u64,
-    /// The robot, where it is not the clip's own.
-    #[arg(long, value_name = "ID|DIR")]
-    robot: Option<String>,
-    /// Write the take: MCAP, opens in Foxglove, Lichtblick and Rerun.
-    #[arg(short, long, value_name = "TAKE.mcap")]
-    /// Write the reached motion as a table: frame, time, mask, one column a joint.
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
     /// Print JSON.
@@ -63,49 +37,6 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     // What was reached is worth keeping even where the rollout broke off.
     if let Some(path) = &args.csv {
         write_csv(path, &done.rollout)?;
-    let clip = motion::clip(&args.clip, args.robot.as_deref())?;
-    let robot = motion::robot(args.robot.as_deref().unwrap_or(&clip.robot.id))?;
-    let policy = motion::policy(&args.policy, args.guide.into(), args.refine)?;
-    let plant: PlantConfig = match &args.plant {
-        Some(text) => text.parse()?,
-        None => PlantConfig::default(),
-    };
-    let command =
-        clip::compile(&clip).map_err(|e| Failure::invalid(format!("{}: {e}", args.clip)))?;
-    let config = RolloutConfig { seed: args.seed, guide: policy.guide, plant };
-    let mut rollout =
-        Rollout::new(&robot, policy.build(&robot)?, &command, Start::Pose, config.clone())?;
-
-    let cancel = cancel_on_ctrl_c();
-    let bar = Bar::new(&policy.label(), "frames", global.quiet);
-    let steps = rollout.frames().saturating_sub(1) as u64;
-    let unit = motion::unit(&robot);
-    let begin = Instant::now();
-    let result = loop {
-        if cancel.is_cancelled() {
-            break Err(Error::Cancelled { frame: rollout.frame() });
-        }
-        match rollout.step() {
-            Ok(Some(frame)) => {
-                let note = frame.error.map_or_else(String::new, |e| format!("error {e:.4} {unit}"));
-                bar.tick(frame.frame as u64, steps, &note);
-            }
-            Ok(None) => break Ok(()),
-            Err(e) => break Err(e),
-        }
-    };
-    let wall_secs = begin.elapsed().as_secs_f64();
-    bar.finish();
-
-    if args.out.is_some() || args.csv.is_some() {
-        let provenance = Provenance::new(&policy, &config)?;
-        let take = Take::record(&rollout, &command, Some(&clip), provenance)?;
-        if let Some(path) = &args.out {
-            take.write(path, Some(&take.scene(&robot)?))?;
-        }
-        if let Some(path) = &args.csv {
-            fsio::write_atomic(path, take.to_csv(What::Achieved).as_bytes())?;
-        }
     }
     if let Some(path) = &args.out {
         let take = done.take()?;
@@ -186,4 +117,25 @@ fn summary(rollout: &Rollout, p: &Precision, policy: &str, unit: &str, wall_secs
         text.push_str(format!("\n  {name:<13} {value:<wide$}  {what}").trim_end());
     }
     text
+}
+
+/// Reached states; `mask` is 1 where nothing was commanded.
+fn write_csv(path: &Path, rollout: &Rollout) -> Outcome {
+    fsio::write_atomic_with(path, |file| {
+        write!(file, "frame,time,mask")?;
+        for joint in rollout.robot().joints() {
+            write!(file, ",{}", joint.name)?;
+        }
+        writeln!(file)?;
+        for frame in rollout.frames_reached() {
+            let masked = u8::from(!rollout.goals().any_visible(frame.frame));
+            write!(file, "{},{},{masked}", frame.frame, frame.frame as f64 / 20.0)?;
+            for q in frame.reached {
+                write!(file, ",{q}")?;
+            }
+            writeln!(file)?;
+        }
+        Ok(())
+    })?;
+    Ok(())
 }
