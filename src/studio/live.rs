@@ -39,6 +39,8 @@ struct Inner {
     /// When each frame was written; never falls along the frames.
     stamps: Vec<u64>,
     stamp: u64,
+    /// Rollouts up to this one are of another robot.
+    floor: u64,
     /// Time and number of the frames of this rollout.
     spent: (f64, usize),
     precision: Option<Value>,
@@ -270,7 +272,9 @@ impl Inner {
         self.state.mae = (n > 0).then(|| sum / f64::from(n));
         self.state.ms_per_frame =
             (self.spent.1 > 0).then(|| 1e3 * self.spent.0 / self.spent.1 as f64);
-        self.set_phase(Phase::Running, None);
+        if frames.generation == self.state.generation {
+            self.set_phase(Phase::Running, None);
+        }
     }
 }
 
@@ -279,18 +283,19 @@ impl WorkerSink for Live {
         {
             let mut inner = self.write();
             let current = inner.state.generation;
+            let floor = inner.floor;
             match report {
-                Report::Started { generation, resumed_at } if generation == current => {
-                    inner.state.resumed_at = resumed_at;
+                // The worker goes on from what it has simulated, whoever asked for that: its
+                // frames count even when a newer rollout has been asked for meanwhile.
+                Report::Started { generation, resumed_at } if generation > floor => {
+                    inner.truncate(if resumed_at == 0 { 0 } else { resumed_at + 1 });
                     inner.precision = None;
-                    if resumed_at == 0 {
-                        inner.truncate(0);
-                    } else {
-                        inner.truncate(resumed_at + 1);
+                    if generation == current {
+                        inner.state.resumed_at = resumed_at;
+                        inner.set_phase(Phase::Running, None);
                     }
-                    inner.set_phase(Phase::Running, None);
                 }
-                Report::Frames(frames) if frames.generation == current => inner.take(frames),
+                Report::Frames(frames) if frames.generation > floor => inner.take(frames),
                 Report::Ended { generation, precision, error } if generation == current => {
                     inner.precision = precision.as_ref().and_then(|p| serde_json::to_value(p).ok());
                     if let Some(p) = precision {
@@ -349,9 +354,11 @@ mod tests {
         live.report(frames(2, 30, 5));
         live.write().state.generation = 3;
         live.report(frames(3, 33, 27));
-        live.report(frames(2, 35, 9)); // too late, belongs to the past
         assert_eq!(from(&live.news(awake.seen)), Some((30, 30)));
         assert_eq!(live.state().cached_to, 60);
+        live.set_facts(None);
+        live.report(frames(3, 0, 9)); // of the robot before
+        assert_eq!(live.state().cached_to, 0);
         assert!(live.news(live.news(0).seen).state.is_none());
     }
 }

@@ -206,6 +206,7 @@ fn heads_and_bodies_have_caps() {
         assert_eq!(studio.get(path).status, 404, "{path}");
     }
     let nested = format!("{{\"ops\":{}", "[".repeat(100_000));
-    assert_eq!(studio.call("POST", "/api/ops", Some(&nested)).status, 400);
+    let refused = studio.call("POST", "/api/ops", Some(&nested));
+    assert!(matches!(refused.status, 400 | 422), "{refused:?}");
     assert_eq!(studio.get("/api/clip").status, 200);
 }

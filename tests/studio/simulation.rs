@@ -30,7 +30,7 @@ fn a_dead_simulation_takes_nothing_along() {
     let studio = open(&dir);
     studio.rolled_out(0);
     let mut socket = studio.socket();
-    for (n, kind) in [Signal::SEGV, Signal::STOP].into_iter().enumerate() {
+    for (n, kind) in [Signal::ABORT, Signal::STOP].into_iter().enumerate() {
         let before = worker(&studio, "ready");
         signal(before["pid"].as_u64().unwrap() as u32, kind);
         let begin = Instant::now();
@@ -108,16 +108,29 @@ fn poses_are_judged_by_simulation_and_can_be_solved() {
         std::thread::sleep(Duration::from_millis(20));
     }
     let robot = studio.get("/api/robot/ur5e").json();
-    let site = robot["ik_sites"][0]["name"].clone();
+    let site = robot["ik_sites"][0].clone();
     let q = robot["table"]["rest"].clone();
     let settled = studio.post("/api/settle", &json!({"q": q})).json();
     assert!(settled["worst"].as_f64().unwrap() < 0.5, "{settled}");
     let bodies = studio.post("/api/kinematics", &json!({"q": [q]})).json();
     let n = robot["bodies"].as_array().unwrap().len();
     assert_eq!(bodies[0].as_array().unwrap().len(), 7 * n);
-    let found =
-        studio.post("/api/ik", &json!({"q": q, "site": site, "pos": [0.1, 0.4, 0.5]})).json();
-    assert!(found["distance_m"].as_f64().unwrap() < 0.01, "{found}");
+    // A place that is in reach: where another pose has the site.
+    let near: Vec<f64> = q.as_array().unwrap().iter().map(|v| v.as_f64().unwrap() + 0.2).collect();
+    let bodies = studio.post("/api/kinematics", &json!({"q": [near]})).json();
+    let body = 7 * site["body"].as_u64().unwrap() as usize;
+    let at = |k: usize| bodies[0][body + k].as_f64().unwrap();
+    let (w, u) = (at(3), [at(4), at(5), at(6)]);
+    let p: Vec<f64> = site["pos"].as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect();
+    let cross = |a: &[f64], b: &[f64]| {
+        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    };
+    let t = cross(&u, &p).map(|v| 2.0 * v);
+    let ut = cross(&u, &t);
+    let pos: Vec<f64> = (0..3).map(|k| at(k) + p[k] + w * t[k] + ut[k]).collect();
+    let site = site["name"].clone();
+    let found = studio.post("/api/ik", &json!({"q": q, "site": site, "pos": pos})).json();
+    assert!(found["distance_m"].as_f64().unwrap() < 1e-3, "{found}");
     assert_eq!(
         studio.post("/api/ik", &json!({"q": q, "site": "nose", "pos": [0, 0, 0]})).status,
         422

@@ -102,7 +102,7 @@ fn key(message: &Message) -> Option<Key> {
         Message::AmbientLightMessage(n) => of(Rank::Create, &n.name),
         Message::SetPositionMessage { name, .. } => of(Rank::Position, name),
         // The whole scene's orientation comes before anything stands in it.
-        Message::SetOrientationMessage { name, .. } if name.is_empty() => of(Rank::Global, "up"),
+        Message::SetOrientationMessage { name, .. } if name.is_empty() => of(Rank::Global, "0 up"),
         Message::SetOrientationMessage { name, .. } => of(Rank::Orientation, name),
         Message::SetSceneNodeVisibilityMessage { name, .. } => of(Rank::Visibility, name),
         Message::RemoveSceneNodeMessage { name, .. } => of(Rank::Remove, name),
@@ -111,6 +111,8 @@ fn key(message: &Message) -> Option<Key> {
         Message::EnableLightsMessage { .. } => of(Rank::Global, "lights"),
         Message::EnvironmentMapMessage { .. } => of(Rank::Global, "surroundings"),
         Message::ThemeConfigurationMessage { .. } => of(Rank::Global, "theme"),
+        Message::EnableLightsMessage { .. } => of(Rank::Global, "1 lights"),
+        Message::ThemeConfigurationMessage { .. } => of(Rank::Global, "2 theme"),
         Message::SetCameraUpDirectionMessage { .. } => of(Rank::Camera, "0 up"),
         Message::SetCameraFovMessage { .. } => of(Rank::Camera, "1 fov"),
         Message::SetCameraPositionMessage { .. } => of(Rank::Camera, "2 position"),

@@ -316,10 +316,12 @@ impl Lane {
             }
         };
         let resumed_at = show.rollout.frame();
+        // Frames that were simulated but not sent yet are sent now.
+        let unsent = show.batch.from;
         // The ghost of the command leans toward the next goal: it changes on frames, too,
         // that need no new simulation.
         let leans = command.first_changed_step(&show.command).unwrap_or(u32::MAX);
-        let from = resumed_at.min(leans as usize);
+        let from = resumed_at.min(leans as usize).min(unsent);
         self.out.tell(0, Report::Started { generation, resumed_at });
         show.command = command;
         show.generation = generation;
