@@ -21,7 +21,7 @@ fn dataset(dir: &Path) -> Dataset {
         joints: vec!["a".into(), "b".into()],
         units: vec![Unit::Rad; 2],
         ranges: vec![Some([-2.0, 2.0]), None],
-        near_limit: 0.1,
+        near_limit: vec![0.1; 2],
         actuators: vec!["ma".into(), "mb".into()],
         ctrlranges: vec![[-1.0, 1.0]; 2],
     });
