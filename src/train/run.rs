@@ -151,6 +151,10 @@ pub fn read_config(dir: &Path) -> Result<TrainConfig, Error> {
 pub fn train(data: &Dataset, cfg: &TrainConfig, mut opts: Options<'_>) -> Result<Finished, Error> {
     cfg.check()?;
     let mut run = Run::open(data, cfg, &opts)?;
+    if run.step == 0 {
+        // From the first step on there is something good to fall back on.
+        run.save(&opts.dir)?;
+    }
     let encoder = run.encoder.clone();
     let source = Source::new(data, &encoder, cfg);
     let windows = Windows::new(data, WINDOW, Part::Train, cfg.seed)?;
