@@ -21,7 +21,7 @@ fn author(robot: &Robot) -> Result<Clip, Failure> {
         ..RobotRef::default()
     };
     let mut clip = Clip::new(reference, 71);
-    clip.name = "lean and return".to_owned();
+    clip.name = "lean and return".into();
     for name in ["upright", "elbow_left"] {
         let pose = robot.pose(name)?.into_iter().map(Some).collect();
         clip.poses.insert(name.to_owned(), pose);

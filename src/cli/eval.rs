@@ -192,7 +192,7 @@ fn suites(args: &Args) -> Outcome<(Arc<Robot>, Vec<Suite>)> {
         let path = Path::new(text);
         if path.is_dir() {
             named.push((text.trim_end_matches('/').to_owned(), Source::Clips(folder(path)?)));
-        } else if path.exists() || text.ends_with(".json") {
+        } else if path.exists() || path.extension().is_some_and(|e| e == "json") {
             files.push((stem(path), motion::clip(text, None)?));
         } else if text == "test" {
             named.push((text.clone(), Source::Data));

@@ -21,7 +21,7 @@ pub(super) fn robot(id: &str) -> Outcome<Arc<Robot>> {
 /// A clip from a file, or a shipped task by its name (`fire`, `ur5e/reacher`).
 pub(super) fn clip(text: &str, robot: Option<&str>) -> Outcome<Clip> {
     let path = Path::new(text);
-    if path.exists() || text.ends_with(".json") {
+    if path.exists() || path.extension().is_some_and(|e| e == "json") {
         return Clip::load(path).map_err(|e: ClipError| Failure::from(e));
     }
     tasks::find(text, robot).map_err(|e| {

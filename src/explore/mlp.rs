@@ -371,7 +371,7 @@ pub(super) mod tests {
         adam.grads[0] = -1.0;
         adam.step(&mut p, 0.1);
         let (m, v) = (0.9 * 0.2 - 0.1, 0.999 * 0.004 + 0.001);
-        let want = 0.9 - 0.1 * (m / 0.19) / ((v / 0.001999_f64).sqrt() + 1e-8);
+        let want = 0.9 - 0.1 * (m / 0.19) / ((v / 0.001_999_f64).sqrt() + 1e-8);
         assert!((p[0] - want).abs() < 1e-9, "{} {want}", p[0]);
         assert_eq!(adam.grads, [0.0]);
     }

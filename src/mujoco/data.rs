@@ -227,6 +227,7 @@ impl Data {
         self.write("qfrc_applied", ptr, self.model.nv(), force)
     }
 
+    #[allow(clippy::unused_self)] // the exclusive borrow is what makes the write sound
     fn write(
         &mut self,
         what: &'static str,

@@ -121,7 +121,7 @@ fn bits_do_not_depend_on_threads() {
         let mut learner = learner::<f32>(&cfg, 70, threads, 0.0);
         for step in 0..3 {
             let fill = |w: usize, slot: usize, batch: &mut Batch<f32>| {
-                window(1000 * step + w, slot, batch)
+                window(1000 * step + w, slot, batch);
             };
             assert!(learner.step(1e-3, &fill).applied);
         }

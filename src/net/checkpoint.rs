@@ -509,7 +509,7 @@ mod tests {
         huge[..8].copy_from_slice(&u64::MAX.to_le_bytes());
         assert!(refusal(&huge).contains("header"));
         let overlap = with_header(&good, |h| {
-            h["mask"]["data_offsets"] = h["position"]["data_offsets"].clone()
+            h["mask"]["data_offsets"] = h["position"]["data_offsets"].clone();
         });
         refusal(&overlap);
         let big = with_header(&good, |h| h["mask"]["shape"] = serde_json::json!([1_u64 << 60]));

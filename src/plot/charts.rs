@@ -309,7 +309,7 @@ mod tests {
     fn empty_and_broken_data_are_no_crash() {
         assert!(joints("none", &[], 20.0).png().is_err());
         let nan = Curve { name: "n".into(), points: vec![(f64::NAN, f64::NAN); 3], ci95: vec![] };
-        precision("nan", &[nan.clone()], "rad", &[], 20.0).png().unwrap();
+        precision("nan", std::slice::from_ref(&nan), "rad", &[], 20.0).png().unwrap();
         curves(
             "one",
             &[Curve { points: vec![(1.0, 1.0)], ..nan }],

@@ -450,6 +450,9 @@ struct Frame {
     log: (bool, bool),
 }
 
+/// Both ends of what is left of a segment, and whether the second was inside.
+type Cut = ((f64, f64), (f64, f64), bool);
+
 impl Frame {
     fn share(v: f64, ends: (f64, f64), log: bool) -> f64 {
         if log {
@@ -501,7 +504,7 @@ impl Frame {
     }
 
     /// The part of a segment inside (Liang and Barsky), and whether its end was inside.
-    fn cut(&self, a: (f64, f64), b: (f64, f64)) -> Option<((f64, f64), (f64, f64), bool)> {
+    fn cut(&self, a: (f64, f64), b: (f64, f64)) -> Option<Cut> {
         let r = self.rect;
         let (dx, dy) = (b.0 - a.0, b.1 - a.1);
         let (mut t0, mut t1) = (0.0_f64, 1.0_f64);

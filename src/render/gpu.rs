@@ -127,10 +127,10 @@ impl Gpu {
     /// The first complaint of the driver since the last call, as an error.
     pub(super) fn check(&self) -> Result<(), Error> {
         let complaint = self.complaint.lock().ok().and_then(|mut c| c.take());
-        complaint.map_or(Ok(()), |reason| Err(self.error(reason)))
+        complaint.map_or(Ok(()), |reason| Err(self.error(&reason)))
     }
 
-    pub(super) fn error(&self, reason: impl ToString) -> Error {
+    pub(super) fn error(&self, reason: &(impl ToString + ?Sized)) -> Error {
         Error::Device { adapter: self.info.name.clone(), reason: reason.to_string() }
     }
 }

@@ -409,13 +409,13 @@ impl Renderer {
             submission_index: None,
             timeout: Some(std::time::Duration::from_secs(FRAME_SECS)),
         };
-        self.gpu.device.poll(wait).map_err(|e| self.gpu.error(e))?;
+        self.gpu.device.poll(wait).map_err(|e| self.gpu.error(&e))?;
         match receive.try_recv() {
             Ok(Ok(())) => {}
-            Ok(Err(e)) => return Err(self.gpu.error(e)),
-            Err(e) => return Err(self.gpu.error(e)),
+            Ok(Err(e)) => return Err(self.gpu.error(&e)),
+            Err(e) => return Err(self.gpu.error(&e)),
         }
-        let mapped = slice.get_mapped_range().map_err(|e| self.gpu.error(e))?;
+        let mapped = slice.get_mapped_range().map_err(|e| self.gpu.error(&e))?;
         let row = t.width as usize * 4;
         let mut rgba = Vec::with_capacity(row * t.height as usize);
         for line in mapped.chunks_exact(t.pitch as usize).take(t.height as usize) {

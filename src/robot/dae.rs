@@ -75,7 +75,9 @@ pub(super) fn read(path: &Path) -> Result<Vec<Part>, String> {
 
 fn parse(text: &str) -> Result<Vec<Part>, String> {
     let text = text.trim_start_matches('\u{feff}');
-    preparse::depth(text).map_err(|_| "its XML is nested too deep".to_owned())?;
+    if preparse::depth(text).is_err() {
+        return Err("its XML is nested too deep".to_owned());
+    }
     let options = roxmltree::ParsingOptions { nodes_limit: DAE_NODES, ..Default::default() };
     let doc = Document::parse_with_options(text, options).map_err(|e| e.to_string())?;
     let root = doc.root_element();

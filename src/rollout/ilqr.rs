@@ -89,7 +89,7 @@ impl Ilqr {
     ///
     /// # Errors
     /// [`Error::Setup`], [`Error::Timestep`].
-    pub fn new(robot: &Arc<Robot>, config: IlqrConfig) -> Result<Ilqr, Error> {
+    pub fn new(robot: &Arc<Robot>, config: &IlqrConfig) -> Result<Ilqr, Error> {
         let belief = Belief::new(robot)?;
         let horizon = config.horizon.clamp(1, COMMAND);
         let snapshot = belief.data.snapshot();
@@ -102,7 +102,7 @@ impl Ilqr {
             trial_states: vec![snapshot; horizon + 1],
             goals: Window::new(robot.state_dim()),
             last_action: vec![0.0; actions],
-            config: IlqrConfig { horizon, ..config },
+            config: IlqrConfig { horizon, ..config.clone() },
             belief,
         })
     }

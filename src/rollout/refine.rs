@@ -24,7 +24,7 @@ impl Refined {
     /// # Errors
     /// [`Error::Setup`], [`Error::Timestep`].
     pub(super) fn new(robot: &Arc<Robot>, inner: Box<dyn Policy>) -> Result<Refined, Error> {
-        let planner = Ilqr::new(robot, IlqrConfig::for_robot(robot))?;
+        let planner = Ilqr::new(robot, &IlqrConfig::for_robot(robot))?;
         Ok(Refined { inner, planner, hint: vec![0.0; robot.action_dim()], inner_memory: 0 })
     }
 }

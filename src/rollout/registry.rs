@@ -126,9 +126,9 @@ impl PolicyConfig {
             PolicyName::Zero => Box::new(Zero),
             PolicyName::Pd => Box::new(Pd::new(robot)?),
             PolicyName::ComputedTorque => Box::new(ComputedTorque::new(robot)?),
-            PolicyName::Ilqr => Box::new(Ilqr::new(robot, IlqrConfig::for_robot(robot))?),
+            PolicyName::Ilqr => Box::new(Ilqr::new(robot, &IlqrConfig::for_robot(robot))?),
             PolicyName::PredictiveSampling => {
-                Box::new(PredictiveSampling::new(robot, SamplingConfig::default())?)
+                Box::new(PredictiveSampling::new(robot, &SamplingConfig::default())?)
             }
             PolicyName::Robert => {
                 let model = learned::load(robot, self.needed_path()?)?;

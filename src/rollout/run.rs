@@ -440,7 +440,7 @@ mod tests {
                     0 => keys[k].1 = rng.range(-0.3, 0.3),
                     1 => keys[k].0 = 1 + rng.below(89) as usize,
                     _ if keys.len() < 6 => {
-                        keys.push((1 + rng.below(89) as usize, rng.range(-0.3, 0.3)))
+                        keys.push((1 + rng.below(89) as usize, rng.range(-0.3, 0.3)));
                     }
                     _ => drop(keys.pop()),
                 }

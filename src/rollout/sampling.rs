@@ -46,12 +46,12 @@ impl PredictiveSampling {
     ///
     /// # Errors
     /// [`Error::Setup`], [`Error::Timestep`].
-    pub fn new(robot: &Arc<Robot>, config: SamplingConfig) -> Result<Self, Error> {
+    pub fn new(robot: &Arc<Robot>, config: &SamplingConfig) -> Result<Self, Error> {
         let config = SamplingConfig {
             trajectories: config.trajectories.max(1),
             knots: config.knots.max(2),
             horizon: config.horizon.clamp(1, COMMAND),
-            ..config
+            ..config.clone()
         };
         let spline = vec![0.0; config.knots * robot.action_dim()];
         let goals = Window::new(robot.state_dim());

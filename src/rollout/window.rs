@@ -54,13 +54,13 @@ impl Goals {
     }
 
     fn fill_gaps(&mut self, start: &[f64]) {
-        for j in 0..self.dim {
+        for (j, &before) in start.iter().enumerate() {
             let mut last: Option<usize> = None;
             for f in 0..self.frames {
                 if !self.visible[f * self.dim + j] {
                     continue;
                 }
-                let from = last.map_or(start[j], |a| self.q[a * self.dim + j]);
+                let from = last.map_or(before, |a| self.q[a * self.dim + j]);
                 let begin = last.map_or(0, |a| a + 1);
                 let to = self.q[f * self.dim + j];
                 // Frame `begin - 1` holds `from`; before the first key that is the start pose.
@@ -70,7 +70,7 @@ impl Goals {
                 }
                 last = Some(f);
             }
-            let hold = last.map_or(start[j], |a| self.q[a * self.dim + j]);
+            let hold = last.map_or(before, |a| self.q[a * self.dim + j]);
             self.end[j] = hold;
             for g in last.map_or(0, |a| a + 1)..self.frames {
                 self.q[g * self.dim + j] = hold;

@@ -44,7 +44,8 @@ impl Secret {
     pub fn draw() -> std::io::Result<Secret> {
         let mut bytes = [0_u8; 32];
         std::fs::File::open("/dev/urandom")?.read_exact(&mut bytes)?;
-        let hex = bytes.iter().map(|b| format!("{b:02x}")).collect();
+        let digit = |n: u8| char::from_digit(u32::from(n), 16).unwrap_or('0');
+        let hex = bytes.iter().flat_map(|b| [digit(b >> 4), digit(b & 15)]).collect();
         Ok(Secret(hex))
     }
 
@@ -138,7 +139,7 @@ impl Guard {
         if origins.next().is_some() || (origin.is_some() && !own) {
             return Err(Refusal::Origin);
         }
-        self.fetch_site(head, open)?;
+        fetch_site(head, open)?;
         if open {
             return Ok(());
         }
@@ -163,23 +164,6 @@ impl Guard {
         match head.uri.authority() {
             Some(a) if !a.as_str().eq_ignore_ascii_case(known) => None,
             _ => Some(known),
-        }
-    }
-
-    /// What the browser itself says about the sender. Old browsers and scripts say nothing.
-    fn fetch_site(&self, head: &Parts, open: bool) -> Result<(), Refusal> {
-        let value = |name: &str| head.headers.get(name).map(HeaderValue::as_bytes);
-        match value("sec-fetch-site") {
-            None | Some(b"same-origin" | b"none") => Ok(()),
-            // A link in a mail or a web terminal may open the start page, as a page.
-            Some(_)
-                if open
-                    && value("sec-fetch-mode") == Some(b"navigate")
-                    && value("sec-fetch-dest") == Some(b"document") =>
-            {
-                Ok(())
-            }
-            Some(_) => Err(Refusal::Origin),
         }
     }
 
@@ -262,6 +246,23 @@ fn refuse(refusal: Refusal) -> Response {
     };
     let body = ErrorBody::new(code, message);
     (status, axum::Json(body)).into_response()
+}
+
+/// What the browser itself says about the sender. Old browsers and scripts say nothing.
+fn fetch_site(head: &Parts, open: bool) -> Result<(), Refusal> {
+    let value = |name: &str| head.headers.get(name).map(HeaderValue::as_bytes);
+    match value("sec-fetch-site") {
+        None | Some(b"same-origin" | b"none") => Ok(()),
+        // A link in a mail or a web terminal may open the start page, as a page.
+        Some(_)
+            if open
+                && value("sec-fetch-mode") == Some(b"navigate")
+                && value("sec-fetch-dest") == Some(b"document") =>
+        {
+            Ok(())
+        }
+        Some(_) => Err(Refusal::Origin),
+    }
 }
 
 #[cfg(test)]

@@ -15,6 +15,12 @@ const LAG: usize = 256;
 #[derive(Clone, Debug)]
 pub struct Hub(broadcast::Sender<Utf8Bytes>);
 
+impl Default for Hub {
+    fn default() -> Hub {
+        Hub::new()
+    }
+}
+
 impl Hub {
     /// A stream that nobody listens to yet.
     pub fn new() -> Hub {

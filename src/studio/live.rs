@@ -193,11 +193,11 @@ impl Live {
 
     /// Achieved and commanded body transforms at a frame; (nbody, 7) each. Beyond what has
     /// been simulated the last frame there is.
-    pub fn bodies(&self, frame: usize) -> Option<(Arc<[f32]>, Arc<[f32]>)> {
+    pub fn bodies(&self, frame: usize) -> Option<[Arc<[f32]>; 2]> {
         let inner = self.read();
         let last = inner.bodies.len().checked_sub(1)?;
         let at = frame.min(last);
-        Some((Arc::clone(inner.bodies.get(at)?), Arc::clone(inner.goal_bodies.get(at)?)))
+        Some([Arc::clone(inner.bodies.get(at)?), Arc::clone(inner.goal_bodies.get(at)?)])
     }
 
     /// Achieved state of a frame.

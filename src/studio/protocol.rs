@@ -560,6 +560,7 @@ pub struct RobotCard {
 /// Server → client on the socket.
 #[derive(Clone, Debug, Serialize)]
 #[serde(tag = "event")]
+#[allow(clippy::large_enum_variant)] // one at a time, on its way to the socket
 pub enum Event {
     /// First of all.
     #[serde(rename = "hello")]

@@ -261,7 +261,7 @@ impl Desk {
                 }
                 reply.send(result).ok();
             }
-            Ask::Judged { robot, poses, verdicts } => self.judged(&robot, poses, verdicts),
+            Ask::Judged { robot, poses, verdicts } => self.judged(&robot, &poses, verdicts),
             Ask::Edit(..) | Ask::Shutdown(_) => {}
         }
     }
@@ -538,7 +538,7 @@ impl Desk {
         let known = self.facts.as_ref().map(|f| f.table.clone());
         let mut table = known.unwrap_or_else(|| {
             let clip = self.document.as_ref().map(Document::clip);
-            clip.map(JointTable::from_clip).unwrap_or_else(|| JointTable {
+            let empty = || JointTable {
                 robot: String::new(),
                 model_sha256: None,
                 joints: vec![],
@@ -546,7 +546,8 @@ impl Desk {
                 mirror: clip::Mirror::None(String::new()),
                 couplings: vec![],
                 granularity: Granularity::State,
-            })
+            };
+            clip.map_or_else(empty, JointTable::from_clip)
         });
         table.granularity = Granularity::Joint;
         table
@@ -622,7 +623,7 @@ impl Desk {
         });
     }
 
-    fn judged(&mut self, robot: &str, poses: Vec<Vec<f64>>, verdicts: Result<Report, Error>) {
+    fn judged(&mut self, robot: &str, poses: &[Vec<f64>], verdicts: Result<Report, Error>) {
         self.judging = false;
         if self.facts.as_ref().is_none_or(|f| f.source != robot) {
             self.tell_findings();

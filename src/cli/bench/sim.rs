@@ -110,7 +110,7 @@ fn measure(robot: &Arc<Robot>, threads: usize, secs: f64) -> Outcome<(f64, f64)>
     let (mut rate, mut ratios) = (0.0, Vec::new());
     for worker in workers {
         let worker =
-            worker.map_err(|_| Failure::with(crate::exit::Exit::Failed, "a worker died"))??;
+            worker.unwrap_or_else(|_| Err(Failure::with(crate::exit::Exit::Failed, "a worker died")))?;
         rate += worker.rate;
         ratios.push(worker.ratio);
     }

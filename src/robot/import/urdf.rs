@@ -15,6 +15,9 @@ use super::draft::{ASSET_DIR, Draft, physics};
 use crate::robot::text::escape;
 use crate::robot::{Error, dae, mesh, preparse};
 
+/// A geom's attributes and the colour that its file gives it.
+type Colored = (String, Option<[f64; 4]>);
+
 /// Rotor inertia where the source gives none, kg m^2 or kg (it never does).
 const ARMATURE: f64 = 0.01;
 /// Mass and inertia of moving links that have neither inertia nor collision shapes.
@@ -527,7 +530,7 @@ impl<'a> Tree<'a> {
         geometry: &Geometry,
         link: &str,
         what: &str,
-    ) -> Result<Vec<(String, Option<[f64; 4]>)>, Error> {
+    ) -> Result<Vec<Colored>, Error> {
         let one = |text: String| Ok(vec![(text, None)]);
         let (filename, scale) = match geometry {
             Geometry::Box { size: s } => {

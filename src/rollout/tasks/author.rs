@@ -23,7 +23,7 @@ pub struct Authored {
 pub fn author(robot: &Robot) -> Result<Vec<Authored>, Error> {
     match robot.id() {
         "pointmass" => Ok(pointmass::tasks(robot)),
-        "ur5e" => ur5e::tasks(robot),
+        "ur5e" => Ok(ur5e::tasks(robot)),
         "shadow_hand" => hand::tasks(robot),
         _ => Ok(Vec::new()),
     }

@@ -104,7 +104,7 @@ pub(super) async fn route(
     State(app): State<Arc<App>>,
     upgrade: Result<WebSocketUpgrade, WebSocketUpgradeRejection>,
 ) -> Response {
-    let Ok(upgrade) = upgrade else { return pages::viser().await };
+    let Ok(upgrade) = upgrade else { return pages::viser() };
     let before = app.viewport.clients.fetch_add(1, Ordering::SeqCst);
     let seat = Seat(Arc::clone(&app.viewport));
     if before >= limits::CLIENTS {
@@ -207,7 +207,7 @@ async fn send(
         let secs = begin.elapsed().as_secs_f64();
         // Compressing a scene takes milliseconds; poses take microseconds.
         let encoded = if first {
-            tokio::task::spawn_blocking(move || frame(&batch, secs)).await.map_err(|_| ())?
+            tokio::task::spawn_blocking(move || frame(&batch, secs)).await.or(Err(()))?
         } else {
             frame(&batch, secs)
         };

@@ -375,10 +375,10 @@ impl Stage {
         self.viewport.edit(|scene| {
             if let Some(bodies) = floating {
                 cast.pose(scene, Actor::Robot, |b| Place::of(bodies, b));
-            } else if let (Some((a, _)), Some((b, _))) = (&now, &next) {
+            } else if let (Some([a, _]), Some([b, _])) = (&now, &next) {
                 cast.pose(scene, Actor::Robot, |body| between(a, b, body));
             }
-            if let (true, Some((_, a)), Some((_, b))) = (simulated, &now, &next) {
+            if let (true, Some([_, a]), Some([_, b])) = (simulated, &now, &next) {
                 cast.pose(scene, Actor::Command, |body| between(a, b, body));
             } else if let Some(bodies) = &ghost {
                 cast.pose(scene, Actor::Command, |b| Place::of(bodies, b));
@@ -476,7 +476,7 @@ impl Stage {
         }
         let at = self.frame.round() as usize;
         if at < self.live.state().cached_to {
-            return self.live.bodies(at).map(|(_, goal)| goal.to_vec());
+            return self.live.bodies(at).map(|[_, goal]| goal.to_vec());
         }
         self.ghost.as_ref().filter(|(f, _)| *f == at).map(|(_, b)| b.clone())
     }
