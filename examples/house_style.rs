@@ -111,7 +111,10 @@ fn main() {
 
     let cloud: Vec<(f64, f64)> = (0..20_000)
         .map(|k| {
-            let (r, a) = ((-2.0 * noise(k).max(1e-9).ln()).sqrt(), std::f64::consts::TAU * noise(k + 40_000));
+            let (r, a) = (
+                (-2.0 * noise(k).max(1e-9).ln()).sqrt(),
+                std::f64::consts::TAU * noise(k + 40_000),
+            );
             (0.5 * r * a.cos(), 0.3 * r * a.sin() + 0.4 * (r * a.cos()).powi(2))
         })
         .collect();

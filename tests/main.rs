@@ -2,7 +2,8 @@
 //!
 //! Regressions are named by what broke. `robert()` is the builder that all tests use.
 
-#![allow(clippy::unwrap_used, clippy::expect_used)]
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::format_push_string)]
+#![allow(clippy::decimal_bitwise_operands, clippy::enum_variant_names, clippy::unnecessary_wraps)]
 
 mod clip;
 mod collect;

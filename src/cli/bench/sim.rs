@@ -109,8 +109,8 @@ fn measure(robot: &Arc<Robot>, threads: usize, secs: f64) -> Outcome<(f64, f64)>
     });
     let (mut rate, mut ratios) = (0.0, Vec::new());
     for worker in workers {
-        let worker =
-            worker.unwrap_or_else(|_| Err(Failure::with(crate::exit::Exit::Failed, "a worker died")))?;
+        let worker = worker
+            .unwrap_or_else(|_| Err(Failure::with(crate::exit::Exit::Failed, "a worker died")))?;
         rate += worker.rate;
         ratios.push(worker.ratio);
     }

@@ -30,7 +30,7 @@ const GIZMO: &str = "/gizmo";
 
 /// What the stage is told.
 #[derive(Debug)]
-pub enum Say {
+pub(super) enum Say {
     /// A request of a page.
     View(StudioOp),
     /// A message of the 3D client.
@@ -74,7 +74,7 @@ struct Play {
 }
 
 /// The state; see the module.
-pub struct Stage {
+pub(super) struct Stage {
     viewport: Arc<Viewport>,
     live: Arc<Live>,
     worker: WorkerHandle,
@@ -105,7 +105,7 @@ pub struct Stage {
 
 impl Stage {
     /// An empty stage.
-    pub fn new(
+    pub(super) fn new(
         viewport: Arc<Viewport>,
         live: Arc<Live>,
         worker: WorkerHandle,
@@ -141,7 +141,7 @@ impl Stage {
     }
 
     /// Runs for the life of the studio.
-    pub async fn run(mut self, mut said: Receiver<Say>) {
+    pub(super) async fn run(mut self, mut said: Receiver<Say>) {
         let mut live = self.live.watch();
         self.viewport.edit(|scene| scene::empty(scene, false));
         let mut tick = Instant::now();
