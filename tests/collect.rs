@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use crate::run::{binary, robert};
 
-const SMALL: [&str; 12] = [
+const SMALL: [&str; 10] = [
     "collect",
     "--robot",
     "pointmass",
@@ -16,8 +16,6 @@ const SMALL: [&str; 12] = [
     "1000",
     "--transitions",
     "4000",
-    "--seed",
-    "5",
     "--json",
 ];
 
