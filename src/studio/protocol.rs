@@ -54,14 +54,15 @@
 //!
 //! Server → client: [`Event`], `{"event": NAME, ...}`:
 //!
-//! * `hello` comes first: the client's number, then the whole [`State`].
+//! * `hello` comes first: the client's number, then the whole [`State`]. Skip an `edit` whose
+//!   `rev` is not above that of the document you have.
 //! * `edit`: a change, in order of `rev`, sent to every client *including its author*
 //!   (`by` = author's client number, `id` = its request). It is the acknowledgement: the change is
 //!   on disk. Apply `patch` (see [`crate::clip::Delta`]) to your copy. The journal's
 //!   restored or discarded edits have `by` 0.
 //! * `reply`: answers a request that changed nothing or is no edit; `result` or `error`.
 //! * `document`: throw your copy away and take this one (open, new, close, or you were so
-//!   slow that edits were skipped; requests under way count as done).
+//!   slow that edits were skipped; what they would have acknowledged comes as `reply`).
 //! * `findings`: problems and timeline of a `rev`; follow every change, later once more with
 //!   what simulation found.
 //! * `rollout.frames`: frames `from..from+q.len()` of rollout `gen`. Throw away what you have
