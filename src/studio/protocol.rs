@@ -8,8 +8,8 @@
 //! # Access
 //!
 //! `robert studio` prints `http://127.0.0.1:PORT/#token=HEX`. A page sends
-//! `POST /api/session` with `Authorization: Bearer HEX` once, gets a cookie (HttpOnly,
-//! SameSite=Strict) and drops the fragment. A script sends the Bearer header with every
+//! `POST /api/session` with `Authorization: Bearer HEX` once, gets a cookie (`HttpOnly`,
+//! `SameSite=Strict`) and drops the fragment. A script sends the Bearer header with every
 //! request, and on the socket either that header or `?token=HEX`.
 //!
 //! # HTTP
@@ -347,7 +347,7 @@ pub struct RolloutState {
     pub rev: u64,
     /// What it is doing.
     pub phase: Phase,
-    /// Frames 0..cached_to are valid.
+    /// Frames `0..cached_to` are valid.
     pub cached_to: usize,
     /// Frames of the clip.
     pub frames: usize,
@@ -561,6 +561,7 @@ pub struct RobotCard {
 /// Server → client on the socket.
 #[derive(Clone, Debug, Serialize)]
 #[serde(tag = "event")]
+#[allow(clippy::large_enum_variant)] // built, written out as JSON, dropped
 pub enum Event {
     /// First of all.
     #[serde(rename = "hello")]

@@ -10,7 +10,7 @@ use crate::{fsio, limits};
 
 /// The list; the newest first.
 #[derive(Debug)]
-pub(super) struct Recent {
+pub struct Recent {
     path: PathBuf,
     files: Mutex<Vec<RecentFile>>,
 }

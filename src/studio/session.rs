@@ -261,7 +261,7 @@ impl Desk {
                 }
                 reply.send(result).ok();
             }
-            Ask::Judged { robot, poses, verdicts } => self.judged(&robot, poses, verdicts),
+            Ask::Judged { robot, poses, verdicts } => self.judged(&robot, &poses, verdicts),
             Ask::Edit(..) | Ask::Shutdown(_) => {}
         }
     }
@@ -535,19 +535,9 @@ impl Desk {
     /// What is known about the robot, with what the policy in use can leave open: those
     /// that own a model take any goal, the learned one whole states.
     fn table(&self) -> JointTable {
-        let known = self.facts.as_ref().map(|f| f.table.clone());
-        let mut table = known.unwrap_or_else(|| {
-            let clip = self.document.as_ref().map(Document::clip);
-            clip.map(JointTable::from_clip).unwrap_or_else(|| JointTable {
-                robot: String::new(),
-                model_sha256: None,
-                joints: vec![],
-                rest: vec![],
-                mirror: clip::Mirror::None(String::new()),
-                couplings: vec![],
-                granularity: Granularity::State,
-            })
-        });
+        let clip = || self.document.as_ref().map(|d| JointTable::from_clip(d.clip()));
+        let known = self.facts.as_ref().map(|f| f.table.clone()).or_else(clip);
+        let mut table = known.unwrap_or_else(|| JointTable::from_clip(&nothing()));
         table.granularity = Granularity::Joint;
         table
     }
@@ -622,7 +612,7 @@ impl Desk {
         });
     }
 
-    fn judged(&mut self, robot: &str, poses: Vec<Vec<f64>>, verdicts: Result<Report, Error>) {
+    fn judged(&mut self, robot: &str, poses: &[Vec<f64>], verdicts: Result<Report, Error>) {
         self.judging = false;
         if self.facts.as_ref().is_none_or(|f| f.source != robot) {
             self.tell_findings();
@@ -641,6 +631,11 @@ impl Desk {
         }
         self.tell_findings();
     }
+}
+
+/// A clip of no robot.
+fn nothing() -> Clip {
+    Clip::new(RobotRef::default(), 2)
 }
 
 fn history(document: &Document) -> History {

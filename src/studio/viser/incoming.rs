@@ -6,7 +6,7 @@ use serde::Deserialize;
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(tag = "type")]
 #[allow(missing_docs)]
-pub enum Incoming {
+pub(super) enum Incoming {
     /// A gizmo is taken.
     TransformControlsDragStartMessage { name: String },
     /// It moves; pose in its parent's frame.
@@ -30,7 +30,7 @@ pub enum Incoming {
 /// Part of a drag.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Phase {
+pub(super) enum Phase {
     /// It begins.
     Start,
     /// It goes on.
@@ -41,7 +41,7 @@ pub enum Phase {
 
 impl Incoming {
     /// Reads a binary frame. `None` for what is no message, or holds numbers that are none.
-    pub fn read(bytes: &[u8]) -> Option<Incoming> {
+    pub(super) fn read(bytes: &[u8]) -> Option<Incoming> {
         let message: Incoming = rmp_serde::from_slice(bytes).ok()?;
         let finite = match &message {
             Incoming::TransformControlsUpdateMessage { wxyz, position, .. } => {

@@ -30,14 +30,14 @@ struct Key {
 
 /// The scene; see the module.
 #[derive(Debug, Default)]
-pub struct Retained {
+pub(super) struct Retained {
     slots: BTreeMap<Key, (u64, Message)>,
     stamp: u64,
 }
 
 impl Retained {
     /// Takes a message in; one that changes nothing is dropped.
-    pub fn put(&mut self, message: Message) {
+    pub(super) fn put(&mut self, message: Message) {
         let Some(key) = key(&message) else { return };
         if key.rank == Rank::Create {
             self.slots.remove(&Key { rank: Rank::Remove, name: key.name.clone() });
@@ -51,7 +51,7 @@ impl Retained {
     }
 
     /// Removes a node and all below it.
-    pub fn remove(&mut self, name: &str) {
+    pub(super) fn remove(&mut self, name: &str) {
         let below = format!("{name}/");
         let gone: Vec<Key> = self
             .slots
@@ -70,7 +70,7 @@ impl Retained {
 
     /// Everything newer than a stamp, in order, and the stamp from now on. From 0: what a
     /// new client needs.
-    pub fn since(&self, seen: u64) -> (Vec<Message>, u64) {
+    pub(super) fn since(&self, seen: u64) -> (Vec<Message>, u64) {
         let news = self
             .slots
             .iter()
@@ -81,7 +81,7 @@ impl Retained {
     }
 
     /// Stamp of the newest slot.
-    pub fn stamp(&self) -> u64 {
+    pub(super) fn stamp(&self) -> u64 {
         self.stamp
     }
 }

@@ -9,7 +9,7 @@ use crate::take::viser::{Binding, Buffer, FrameProps, GridProps, MeshProps, Mess
 
 /// One of the robots on stage.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Actor {
+pub(super) enum Actor {
     /// What was achieved, solid.
     Robot,
     /// What is commanded, translucent.
@@ -22,10 +22,10 @@ pub enum Actor {
 
 impl Actor {
     /// Everyone.
-    pub const ALL: [Actor; 4] = [Actor::Robot, Actor::Command, Actor::Past, Actor::Future];
+    pub(super) const ALL: [Actor; 4] = [Actor::Robot, Actor::Command, Actor::Past, Actor::Future];
 
     /// Its node.
-    pub fn root(self) -> &'static str {
+    pub(super) fn root(self) -> &'static str {
         match self {
             Actor::Robot => "/robot",
             Actor::Command => "/command",
@@ -47,7 +47,7 @@ impl Actor {
 
 /// Names of the bodies on stage, and where the camera sees all of them.
 #[derive(Debug)]
-pub struct Cast {
+pub(super) struct Cast {
     /// Node names by body, the world first.
     names: Vec<String>,
     by_name: BTreeMap<String, usize>,
@@ -56,7 +56,7 @@ pub struct Cast {
 }
 
 /// Puts a robot on stage; what stood there before goes.
-pub fn build(scene: &mut Retained, geometry: &Geometry) -> Cast {
+pub(super) fn build(scene: &mut Retained, geometry: &Geometry) -> Cast {
     for root in Actor::ALL.map(Actor::root).into_iter().chain(["/world", "/gizmo"]) {
         scene.remove(root);
     }
@@ -101,7 +101,7 @@ pub fn build(scene: &mut Retained, geometry: &Geometry) -> Cast {
 }
 
 /// What is there before any robot.
-pub fn empty(scene: &mut Retained, dark: bool) {
+pub(super) fn empty(scene: &mut Retained, dark: bool) {
     scene.put(Message::z_up());
     scene.put(Message::visibility("/WorldAxes", false));
     scene.put(Message::EnableLightsMessage { enabled: true, cast_shadow: false });
@@ -109,7 +109,7 @@ pub fn empty(scene: &mut Retained, dark: bool) {
 }
 
 /// Light or dark page.
-pub fn theme(scene: &mut Retained, dark: bool) {
+pub(super) fn theme(scene: &mut Retained, dark: bool) {
     scene.put(Message::ThemeConfigurationMessage {
         titlebar_content: None,
         control_layout: "floating",
@@ -172,7 +172,12 @@ fn bounds(geometry: &Geometry) -> (V3, V3) {
 
 impl Cast {
     /// Moves an actor.
-    pub fn pose(&self, scene: &mut Retained, actor: Actor, place: impl Fn(usize) -> Option<Place>) {
+    pub(super) fn pose(
+        &self,
+        scene: &mut Retained,
+        actor: Actor,
+        place: impl Fn(usize) -> Option<Place>,
+    ) {
         for (body, name) in self.names.iter().enumerate().skip(1) {
             let Some(place) = place(body) else { continue };
             let node = format!("{}/{name}", actor.root());
@@ -182,13 +187,13 @@ impl Cast {
     }
 
     /// The body that a node of the solid robot belongs to.
-    pub fn body_of(&self, node: &str) -> Option<usize> {
+    pub(super) fn body_of(&self, node: &str) -> Option<usize> {
         let name = node.strip_prefix("/robot/")?.split('/').next()?;
         self.by_name.get(name).copied()
     }
 
     /// Points the camera so that the whole robot is in view.
-    pub fn camera(&self, scene: &mut Retained, facts: &RobotFacts, preset: &str) -> bool {
+    pub(super) fn camera(&self, scene: &mut Retained, facts: &RobotFacts, preset: &str) -> bool {
         use std::f64::consts::{FRAC_PI_2, PI};
         let c = &facts.camera;
         // Azimuth and elevation of the line of sight; the eye is behind it.
@@ -214,7 +219,7 @@ impl Cast {
     }
 
     /// A good size for a gizmo, m.
-    pub fn gizmo_scale(&self) -> f64 {
+    pub(super) fn gizmo_scale(&self) -> f64 {
         self.radius * 0.35
     }
 }

@@ -1,34 +1,34 @@
 //! The little geometry that the viewport needs; quaternions are w x y z.
 
 /// A vector.
-pub type V3 = [f64; 3];
+pub(super) type V3 = [f64; 3];
 /// A unit quaternion.
-pub type Q = [f64; 4];
+pub(super) type Q = [f64; 4];
 
 /// A transform in the world.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Place {
+pub(super) struct Place {
     /// Position, m.
-    pub pos: V3,
+    pub(super) pos: V3,
     /// Orientation.
-    pub quat: Q,
+    pub(super) quat: Q,
 }
 
 impl Place {
     /// Body `i` of a row of transforms (nbody, 7).
-    pub fn of(bodies: &[f32], i: usize) -> Option<Place> {
+    pub(super) fn of(bodies: &[f32], i: usize) -> Option<Place> {
         let v = bodies.get(7 * i..7 * i + 7)?;
         let at = |k: usize| f64::from(v.get(k).copied().unwrap_or(0.0));
         Some(Place { pos: [at(0), at(1), at(2)], quat: unit([at(3), at(4), at(5), at(6)]) })
     }
 
     /// A point of this frame in the world.
-    pub fn point(&self, p: V3) -> V3 {
+    pub(super) fn point(&self, p: V3) -> V3 {
         add(self.pos, rotate(self.quat, p))
     }
 
     /// Between two, at share `s`.
-    pub fn between(a: Place, b: Place, s: f64) -> Place {
+    pub(super) fn between(a: Place, b: Place, s: f64) -> Place {
         // The shorter way round; for frames a twentieth of a second apart the normalised
         // straight line is the arc.
         let sign = if dot4(a.quat, b.quat) < 0.0 { -1.0 } else { 1.0 };
@@ -54,49 +54,49 @@ fn dot4(a: Q, b: Q) -> f64 {
 }
 
 /// Sum.
-pub fn add(a: V3, b: V3) -> V3 {
+pub(super) fn add(a: V3, b: V3) -> V3 {
     [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
 }
 
 /// Difference.
-pub fn sub(a: V3, b: V3) -> V3 {
+pub(super) fn sub(a: V3, b: V3) -> V3 {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 
 /// Multiple.
-pub fn scale(a: V3, s: f64) -> V3 {
+pub(super) fn scale(a: V3, s: f64) -> V3 {
     a.map(|v| v * s)
 }
 
 /// Dot product.
-pub fn dot(a: V3, b: V3) -> f64 {
+pub(super) fn dot(a: V3, b: V3) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 /// Cross product.
-pub fn cross(a: V3, b: V3) -> V3 {
+pub(super) fn cross(a: V3, b: V3) -> V3 {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
 /// Length.
-pub fn norm(a: V3) -> f64 {
+pub(super) fn norm(a: V3) -> f64 {
     dot(a, a).sqrt()
 }
 
 /// Direction; x for no vector at all.
-pub fn direction(a: V3) -> V3 {
+pub(super) fn direction(a: V3) -> V3 {
     let n = norm(a);
     if n > 1e-12 { scale(a, 1.0 / n) } else { [1.0, 0.0, 0.0] }
 }
 
 /// Length 1; the identity for no rotation at all.
-pub fn unit(q: Q) -> Q {
+pub(super) fn unit(q: Q) -> Q {
     let n = dot4(q, q).sqrt();
     if n > 1e-9 && n.is_finite() { q.map(|v| v / n) } else { [1.0, 0.0, 0.0, 0.0] }
 }
 
 /// First `b`, then `a`.
-pub fn mul(a: Q, b: Q) -> Q {
+pub(super) fn mul(a: Q, b: Q) -> Q {
     let [aw, ax, ay, az] = a;
     let [bw, bx, by, bz] = b;
     [
@@ -108,19 +108,19 @@ pub fn mul(a: Q, b: Q) -> Q {
 }
 
 /// The other way round.
-pub fn conjugate(q: Q) -> Q {
+pub(super) fn conjugate(q: Q) -> Q {
     [q[0], -q[1], -q[2], -q[3]]
 }
 
 /// A turned vector.
-pub fn rotate(q: Q, v: V3) -> V3 {
+pub(super) fn rotate(q: Q, v: V3) -> V3 {
     let u = [q[1], q[2], q[3]];
     let t = scale(cross(u, v), 2.0);
     add(v, add(scale(t, q[0]), cross(u, t)))
 }
 
 /// The rotation that takes z to a direction.
-pub fn from_z(to: V3) -> Q {
+pub(super) fn from_z(to: V3) -> Q {
     let to = direction(to);
     let w = 1.0 + to[2];
     if w < 1e-9 {
@@ -131,14 +131,14 @@ pub fn from_z(to: V3) -> Q {
 }
 
 /// Angle of a rotation about an axis, rad, in -pi..pi: its twist part.
-pub fn twist(q: Q, axis: V3) -> f64 {
+pub(super) fn twist(q: Q, axis: V3) -> f64 {
     let along = dot([q[1], q[2], q[3]], direction(axis));
     let angle = 2.0 * along.atan2(q[0]);
     wrap(angle)
 }
 
 /// The same angle in -pi..pi.
-pub fn wrap(angle: f64) -> f64 {
+pub(super) fn wrap(angle: f64) -> f64 {
     angle - std::f64::consts::TAU * (angle / std::f64::consts::TAU).round()
 }
 

@@ -30,7 +30,7 @@ const GIZMO: &str = "/gizmo";
 
 /// What the stage is told.
 #[derive(Debug)]
-pub enum Say {
+pub(super) enum Say {
     /// A request of a page.
     View(StudioOp),
     /// A message of the 3D client.
@@ -74,7 +74,8 @@ struct Play {
 }
 
 /// The state; see the module.
-pub struct Stage {
+#[allow(clippy::struct_excessive_bools)] // four switches of a view, not a state machine
+pub(super) struct Stage {
     viewport: Arc<Viewport>,
     live: Arc<Live>,
     worker: WorkerHandle,
@@ -105,7 +106,7 @@ pub struct Stage {
 
 impl Stage {
     /// An empty stage.
-    pub fn new(
+    pub(super) fn new(
         viewport: Arc<Viewport>,
         live: Arc<Live>,
         worker: WorkerHandle,
@@ -141,7 +142,7 @@ impl Stage {
     }
 
     /// Runs for the life of the studio.
-    pub async fn run(mut self, mut said: Receiver<Say>) {
+    pub(super) async fn run(mut self, mut said: Receiver<Say>) {
         let mut live = self.live.watch();
         self.viewport.edit(|scene| scene::empty(scene, false));
         let mut tick = Instant::now();
@@ -332,21 +333,18 @@ impl Stage {
     fn float(&mut self, pose: Option<Vec<f64>>) {
         let fits = |q: &Vec<f64>| {
             self.facts.as_ref().is_some_and(|f| f.table.joints.len() == q.len())
-                && q.iter().all(|v| v.is_finite())
+                && q.iter().all(|v| v.abs() <= crate::limits::CLIP_VALUE_MAX)
         };
         self.floating = pose.filter(fits);
         self.floating_number += 1;
         self.released_at = None;
-        match self.floating.clone() {
-            Some(q) => {
-                let number = self.floating_number;
-                let request = Request::Kinematics { poses: vec![q] };
-                self.ask(request, move |answer| Say::Floating(number, answer));
-            }
-            None => {
-                self.floating_bodies = None;
-                self.refresh();
-            }
+        if let Some(q) = self.floating.clone() {
+            let number = self.floating_number;
+            let request = Request::Kinematics { poses: vec![q] };
+            self.ask(request, move |answer| Say::Floating(number, answer));
+        } else {
+            self.floating_bodies = None;
+            self.refresh();
         }
     }
 
