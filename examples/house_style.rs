@@ -46,7 +46,8 @@ fn main() {
         .enumerate()
         .map(|(i, n)| {
             let goal = |f: usize| 0.8 * ((f as f64) * 0.03 + i as f64).sin();
-            let seen = |f: usize| if i < 4 { f < 60 || f > 120 } else { f % 40 == 0 };
+            let seen =
+                |f: usize| if i < 4 { !(60..=120).contains(&f) } else { f.is_multiple_of(40) };
             JointTrack {
                 name: (*n).into(),
                 unit: "rad".into(),

@@ -5,9 +5,14 @@
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod clip;
+mod collect;
 mod floors;
+mod golden;
 mod import;
 mod malformed;
+mod motion;
 mod robots;
 mod run;
 mod studio;
+mod take;
+mod train;

@@ -51,9 +51,9 @@ fn body(attributes: &str, joint: &str, geom: &str) -> String {
 }
 
 fn nested(n: usize) -> String {
-    let open: String = (0..n)
-        .map(|i| format!("<body name=\"n{i}\"><joint name=\"j{i}\"/><geom size=\".1\"/>"))
-        .collect();
+    let open = (0..n).fold(String::new(), |all, i| {
+        all + &format!("<body name=\"n{i}\"><joint name=\"j{i}\"/><geom size=\".1\"/>")
+    });
     world(&format!("{BODY}{open}{}", "</body>".repeat(n)))
 }
 

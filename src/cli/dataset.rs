@@ -6,9 +6,10 @@ use clap::Subcommand;
 use serde::Serialize;
 
 use super::failure::{Failure, Outcome};
-use super::out;
+use super::{dataset_plot, out};
 use crate::dataset::{self, Corruption, Dataset, Manifest, Statistics, Totals, View};
 use crate::exit::Exit;
+use crate::plot::Theme;
 
 /// Share of pinned frames above which a joint is worth a warning.
 const PINNED: f64 = 0.3;
@@ -80,6 +81,20 @@ enum What {
         #[command(flatten)]
         out: Out,
     },
+    /// Draw where the data lie: histograms, speeds, planes of joints.
+    Plot {
+        /// Dataset folder.
+        data: PathBuf,
+        /// Picture to write (png or svg).
+        #[arg(long)]
+        out: PathBuf,
+        /// Only these joints.
+        #[arg(long, value_delimiter = ',')]
+        joints: Vec<String>,
+        /// On a dark ground.
+        #[arg(long)]
+        dark: bool,
+    },
     /// Verify every shard: sha256, shapes, values. Exit code 3 names the bad ones.
     Check {
         /// Dataset folder.
@@ -131,6 +146,10 @@ pub(super) fn run(args: Args) -> Outcome {
             view(&data, &out, |m| dataset::corrupt(m, how))
         }
         What::Check { data, json } => check(&data, json),
+        What::Plot { data, out, joints, dark } => {
+            let theme = if dark { Theme::Dark } else { Theme::Light };
+            dataset_plot::run(&data, &out, &joints, theme)
+        }
     }
 }
 
@@ -254,10 +273,18 @@ pub(super) fn info(m: &Manifest, json: bool) -> Outcome {
         table.add_row([name.clone(), format!("{lo} .. {hi}"), percent(*x)]);
     }
     out::line(&table.to_string())?;
-    for (name, x) in m.robot.joints.iter().zip(&s.near_limit).filter(|(_, x)| **x > PINNED) {
+    let pinned: Vec<String> = m
+        .robot
+        .joints
+        .iter()
+        .zip(&s.near_limit)
+        .filter(|(_, x)| **x > PINNED)
+        .map(|(name, x)| format!("{name} {:.0} %", x * 100.0))
+        .collect();
+    if !pinned.is_empty() {
         tracing::warn!(
-            "joint {name} is near a stop in {} of frames: torque cannot be read from positions there",
-            percent(*x)
+            "near a stop, where torque cannot be read from positions, in many frames: {}",
+            pinned.join(", ")
         );
     }
     Ok(())

@@ -3,6 +3,7 @@
 use std::fmt::Write as _;
 use std::io;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Instant;
 
 use serde::Serialize;
@@ -11,14 +12,16 @@ use super::bar::Bar;
 use super::failure::{Failure, Outcome};
 use super::interrupt::cancel_on_ctrl_c;
 use super::motion::{self, CLIP_SUFFIX};
-use super::rollout::GuideArg;
+use super::perform::GuideArg;
 use super::{Global, out};
-use crate::clip::{self, Clip};
+use crate::clip::{self, Clip, Sight};
+use crate::dataset::{Dataset, Verify};
 use crate::exit::Exit;
 use crate::fsio;
 use crate::robot::Robot;
 use crate::rollout::{
     Case, EvalConfig, Evaluation, PlantConfig, PolicyConfig, Start, Suite, evaluate, tasks,
+    test_suites,
 };
 
 #[derive(clap::Args, Debug)]
@@ -29,9 +32,19 @@ pub(super) struct Args {
     /// The robot; with clip files it may be left out.
     #[arg(long, value_name = "ID|DIR")]
     robot: Option<String>,
-    /// Shipped suites (manual, extra, heldout), clip files, or folders of clips.
+    /// Shipped suites (manual, extra, heldout), clip files, folders of clips, or test: cut
+    /// from the held-out part of --data, unmasked, a quarter and half of the frames hidden.
     #[arg(long, required = true, num_args = 1.., value_delimiter = ',')]
     suite: Vec<String>,
+    /// The dataset that the suite test is cut from.
+    #[arg(long, value_name = "DIR")]
+    data: Option<PathBuf>,
+    /// Tasks in each suite cut from data; 30 for the arm, 6 for others, as in the paper.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1000))]
+    cases: Option<u16>,
+    /// Seed of the pieces, of their masks, and of the split where the dataset fixes none.
+    #[arg(long, default_value_t = 0, value_name = "SEED")]
+    data_seed: u64,
     /// Policies, with suffixes +guide and +refine.
     #[arg(short, long, required = true, num_args = 1.., value_delimiter = ',')]
     policy: Vec<String>,
@@ -73,7 +86,33 @@ struct Report<'a> {
     seeds: u64,
     threads: usize,
     wall_secs: f64,
+    suites: Vec<SuiteFacts>,
     results: &'a [Evaluation],
+}
+
+/// What a suite asks for.
+#[derive(Debug, Serialize)]
+struct SuiteFacts {
+    name: String,
+    tasks: usize,
+    /// Share of commanded frames with a joint near a limit, where torque cannot be told
+    /// from position.
+    near_limit_share: f64,
+}
+
+impl SuiteFacts {
+    fn of(suite: &Suite, robot: &Robot) -> SuiteFacts {
+        let (mut near, mut all) = (0_u32, 0_u32);
+        for command in suite.cases.iter().map(|c| &c.command) {
+            for f in (1..command.frames()).filter(|f| command.sight(*f) == Sight::Full) {
+                let q: Vec<f64> = command.row(f).iter().map(|v| f64::from(*v)).collect();
+                near += u32::from(!robot.near_limits(&q).is_empty());
+                all += 1;
+            }
+        }
+        let near_limit_share = f64::from(near) / f64::from(all.max(1));
+        SuiteFacts { name: suite.name.clone(), tasks: suite.cases.len(), near_limit_share }
+    }
 }
 
 pub(super) fn run(args: &Args, global: Global) -> Outcome {
@@ -90,14 +129,6 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
         return Err(Failure::usage(format!("--max-precision {x} is no distance")));
     }
     let (robot, suites) = suites(args)?;
-    let robot = motion::robot(&robot)?;
-    let suites = suites
-        .into_iter()
-        .map(|(name, clips)| {
-            let cases = clips.into_iter().map(case).collect::<Outcome<Vec<_>>>()?;
-            Ok(Suite { name, cases })
-        })
-        .collect::<Outcome<Vec<_>>>()?;
     let threads = match args.threads {
         Some(n) => usize::from(n),
         None => std::thread::available_parallelism().map_or(1, usize::from),
@@ -118,6 +149,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
         seeds: args.seeds,
         threads,
         wall_secs: begin.elapsed().as_secs_f64(),
+        suites: suites.iter().map(|s| SuiteFacts::of(s, &robot)).collect(),
         results: &results,
     };
     if let Some(path) = &args.csv {
@@ -142,37 +174,69 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     }
 }
 
-/// The robot's id, and the clips of every suite with their names.
+/// Clips with their names.
 type Clips = Vec<(String, Clip)>;
 
-fn suites(args: &Args) -> Outcome<(String, Vec<(String, Clips)>)> {
+/// Where the tasks of a suite come from.
+enum Source {
+    Shipped,
+    Clips(Clips),
+    Data,
+}
+
+/// The robot and its suites, every clip compiled.
+fn suites(args: &Args) -> Outcome<(Arc<Robot>, Vec<Suite>)> {
     let mut files: Clips = Vec::new();
-    let mut named = Vec::new();
+    let mut named: Vec<(String, Source)> = Vec::new();
     for text in &args.suite {
         let path = Path::new(text);
         if path.is_dir() {
-            let clips = folder(path)?;
-            named.push((text.trim_end_matches('/').to_owned(), clips));
+            named.push((text.trim_end_matches('/').to_owned(), Source::Clips(folder(path)?)));
         } else if path.exists() || text.ends_with(".json") {
             files.push((stem(path), motion::clip(text, None)?));
+        } else if text == "test" {
+            named.push((text.clone(), Source::Data));
         } else {
-            // Shipped: resolved once the robot is known.
-            named.push((text.clone(), Vec::new()));
+            named.push((text.clone(), Source::Shipped));
         }
     }
     if !files.is_empty() {
-        named.push(("files".to_owned(), files));
+        named.push(("files".to_owned(), Source::Clips(files)));
     }
-    let of_clips = named.iter().flat_map(|(_, c)| c).map(|(_, c)| c.robot.id.clone()).next();
-    let Some(robot) = args.robot.clone().or(of_clips) else {
+    let of_clips = named.iter().find_map(|(_, s)| match s {
+        Source::Clips(clips) => clips.first().map(|(_, c)| c.robot.id.clone()),
+        Source::Shipped | Source::Data => None,
+    });
+    let Some(id) = args.robot.clone().or(of_clips) else {
         return Err(Failure::usage("a shipped suite needs --robot"));
     };
-    for (name, clips) in &mut named {
-        if clips.is_empty() {
-            *clips = tasks::suite(&robot, name)?;
-        }
+    let robot = motion::robot(&id)?;
+    let mut suites = Vec::new();
+    for (name, source) in named {
+        let clips = match source {
+            Source::Clips(clips) => clips,
+            Source::Shipped => tasks::suite(&id, &name)?,
+            Source::Data => {
+                suites.extend(cut_suites(args, &robot)?);
+                continue;
+            }
+        };
+        let cases = clips.into_iter().map(case).collect::<Outcome<Vec<_>>>()?;
+        suites.push(Suite { name, cases });
     }
-    Ok((robot, named))
+    Ok((robot, suites))
+}
+
+/// The three suites cut from a dataset.
+fn cut_suites(args: &Args, robot: &Robot) -> Outcome<Vec<Suite>> {
+    let Some(path) = &args.data else {
+        return Err(Failure::usage("the suite test is cut from recorded motion: give --data DIR"));
+    };
+    let data = Dataset::open(path, Verify::Structure)?;
+    // As many as the paper used.
+    let arm = robot.id().starts_with("ur5e");
+    let count = args.cases.unwrap_or(if arm { 30 } else { 6 });
+    Ok(test_suites(robot, &data, usize::from(count), args.data_seed)?)
 }
 
 /// The clips of a folder, by name.
@@ -200,7 +264,7 @@ fn stem(path: &Path) -> String {
 
 fn case((name, clip): (String, Clip)) -> Outcome<Case> {
     let command = clip::compile(&clip).map_err(|e| Failure::invalid(format!("{name}: {e}")))?;
-    Ok(Case { name, command, start: Start::Pose })
+    Ok(Case { name, command, start: Start::Pose, truth: None })
 }
 
 /// Exit 4 where a mean is over the limit, or is none.

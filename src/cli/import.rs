@@ -21,7 +21,7 @@ pub(super) struct Args {
     /// The folder that includes and meshes may not leave [default: the file's own].
     #[arg(long, value_name = "DIR")]
     root: Option<PathBuf>,
-    /// Where a ROS package lies, for package://NAME/… paths. May be repeated.
+    /// Where a ROS package lies, for paths such as `package://NAME/arm.stl`. May be repeated.
     #[arg(long = "package", value_name = "NAME=DIR")]
     packages: Vec<String>,
     /// The robot's id [default: the folder's name].

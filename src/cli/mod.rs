@@ -8,21 +8,27 @@ mod bar;
 mod bench;
 mod check;
 mod clip;
+mod collect;
 mod completions;
 mod dataset;
+mod dataset_plot;
 mod doctor;
 mod eval;
+mod export;
 mod failure;
 mod import;
 mod interrupt;
 mod log;
 mod motion;
 mod out;
+mod perform;
+mod plot;
 mod render;
 mod robots;
 mod rollout;
 mod studio;
 mod tasks;
+mod train;
 
 pub use failure::{Failure, Outcome};
 
@@ -37,7 +43,7 @@ use crate::exit::Exit;
 #[derive(Debug, Parser)]
 #[command(name = "robert", version, max_term_width = 100, arg_required_else_help = true)]
 #[command(
-    after_help = "Examples:\n  robert doctor                 is everything here that the program needs?\n  robert robots ls              the robots it knows\n\nExit codes: 0 ok, 1 job failed, 2 usage, 3 invalid input, 4 threshold missed, 5 missing dependency, 130 interrupted."
+    after_help = "Examples:\n  robert studio                          draft motions in the browser\n  robert tasks ls                        the example clips\n  robert rollout CLIP --policy ilqr      perform a clip, print how near it came\n  robert render CLIP -o hang.mp4         see it\n  robert doctor                          is everything here that the program needs?\n\nExit codes: 0 ok, 1 job failed, 2 usage, 3 invalid input, 4 threshold missed, 5 missing dependency, 130 interrupted."
 )]
 pub struct Cli {
     #[command(flatten)]
@@ -59,33 +65,41 @@ pub struct Global {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    /// Author keyframes in the browser and watch a policy perform them.
+    Studio(studio::Args),
+    /// Create, check, edit and convert clips.
+    Clip(clip::Args),
     /// Let a policy perform a clip, and measure how near it comes.
     Rollout(rollout::Args),
+    /// Draw a clip: one picture, a film strip or a film.
+    Render(Box<render::Args>),
+    /// Write a take, or a clip that is performed first, in another format.
+    Export(export::Args),
     /// Roll out a suite of clips with several policies; one table.
     Eval(eval::Args),
     /// List the task clips in the program, or copy them out to edit.
     Tasks(tasks::Args),
-    /// Check the machine: libraries, graphics, cores, models, each with its fix.
-    Doctor(doctor::Args),
-    /// Measure speed: simulation, training, inference.
-    Bench(bench::Args),
-    /// Author keyframes in the browser and watch a policy perform them.
-    Studio(studio::Args),
-    /// The simulation process of the studio.
-    #[command(name = "__worker", hide = true)]
-    Worker,
+    /// Draw files of numbers as charts.
+    Plot(plot::Args),
+    /// Let curious agents and noise fill a dataset.
+    Collect(collect::Args),
     /// Look at collected data; split, shrink, corrupt, merge or verify it.
     Dataset(dataset::Args),
-    /// Create, check, edit and convert clips.
-    Clip(clip::Args),
-    /// Draw a clip: one picture, a film strip or a film.
-    Render(Box<render::Args>),
-    /// Print a completion script for your shell.
-    Completions(completions::Args),
+    /// Train a policy on collected data; stop and go on at any time.
+    Train(train::Args),
     /// List, show and settle robots.
     Robots(robots::Args),
     /// Make a robot's folder out of a URDF or MJCF.
     Import(import::Args),
+    /// Check the machine: libraries, graphics, cores, models, each with its fix.
+    Doctor(doctor::Args),
+    /// Measure speed, against a named peer, in turns.
+    Bench(bench::Args),
+    /// Print a completion script for your shell.
+    Completions(completions::Args),
+    /// The simulation process of the studio.
+    #[command(name = "__worker", hide = true)]
+    Worker,
     /// The child's side of the check of a foreign model.
     #[command(name = crate::robot::check::SUBCOMMAND, hide = true)]
     CompileCheck(check::Args),
@@ -93,6 +107,7 @@ enum Command {
 
 /// Parses, runs, reports. The only caller is `main`.
 pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
+    crate::mujoco::set_env_at_start("NODEVICE_SELECT", "1");
     let cli = match Cli::try_parse_from(args) {
         Ok(cli) => cli,
         Err(e) => return usage(&e),
@@ -110,15 +125,19 @@ pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
 fn run(cli: Cli) -> Outcome {
     match cli.command {
         Command::Rollout(args) => rollout::run(&args, cli.global),
+        Command::Export(args) => export::run(&args, cli.global),
         Command::Eval(args) => eval::run(&args, cli.global),
         Command::Tasks(args) => tasks::run(&args),
         Command::Doctor(args) => doctor::run(&args),
         Command::Bench(args) => bench::run(args),
+        Command::Collect(args) => collect::run(&args, cli.global),
         Command::Studio(args) => studio::run(args),
         Command::Worker => Ok(crate::studio::worker::child::run()?),
         Command::Dataset(args) => dataset::run(args),
+        Command::Train(args) => train::run(&args, cli.global),
         Command::Clip(args) => clip::run(&args),
         Command::Render(args) => render::run(&args, cli.global.quiet),
+        Command::Plot(args) => plot::run(&args),
         Command::Completions(args) => completions::run(&args),
         Command::Robots(args) => robots::run(&args),
         Command::Import(args) => import::run(&args),

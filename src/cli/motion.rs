@@ -30,24 +30,29 @@ pub(super) fn clip(text: &str, robot: Option<&str>) -> Outcome<Clip> {
     })
 }
 
-/// `pd`, `pd+guide`, `zero+guide+refine`; the flags add to every policy.
+/// `pd`, `pd+guide`, `zero+guide+refine`, `robert:runs/a+guide`; the flags add to every
+/// policy.
 pub(super) fn policy(text: &str, guide: Guide, refine: bool) -> Outcome<PolicyConfig> {
-    let mut parts = text.split('+');
-    let name: PolicyName = parts.next().unwrap_or_default().parse()?;
-    let mut config = PolicyConfig { guide, refine, ..PolicyConfig::new(name) };
-    for suffix in parts {
-        match suffix {
-            "guide" => config.guide = Guide::Linear,
-            "refine" => config.refine = true,
-            other => {
-                return Err(Failure::with(
-                    Exit::Usage,
-                    format!("policy {text:?}: +{other} is not +guide or +refine"),
-                ));
-            }
+    // A path may hold a plus; only these two endings are switches.
+    let (mut rest, mut guide, mut refine) = (text, guide, refine);
+    loop {
+        if let Some(shorter) = rest.strip_suffix("+guide") {
+            (rest, guide) = (shorter, Guide::Linear);
+        } else if let Some(shorter) = rest.strip_suffix("+refine") {
+            (rest, refine) = (shorter, true);
+        } else {
+            break;
         }
     }
-    Ok(config)
+    let (name, model) = rest.split_once(':').map_or((rest, None), |(n, p)| (n, Some(p)));
+    if let (Some((_, other)), None) = (name.split_once('+'), model) {
+        return Err(Failure::with(
+            Exit::Usage,
+            format!("policy {text:?}: +{other} is not +guide or +refine"),
+        ));
+    }
+    let name: PolicyName = name.parse()?;
+    Ok(PolicyConfig { guide, refine, model_path: model.map(Into::into), ..PolicyConfig::new(name) })
 }
 
 /// Unit of a robot's errors, for tables.

@@ -3,13 +3,12 @@
 //! A clip is performed first (by `--policy`, or not at all with `--kinematic`); what is drawn is
 //! a [`Motion`], commanded and achieved states frame by frame, whoever made it.
 
-use std::path::{Path, PathBuf};
-use std::str::FromStr;
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use super::bar::Bar;
 use super::failure::{Failure, Outcome};
-use super::out;
+use super::{motion, out};
 use crate::clip::{Clip, Command, compile};
 use crate::limits;
 use crate::progress::{Cancel, Progress};
@@ -18,7 +17,7 @@ use crate::render::{
     Backend, CameraChoice, Motion, Overlay, Picture, Quality, RenderConfig, Renderer, Shot,
 };
 use crate::robot::Robot;
-use crate::rollout::{Guide, PolicyConfig, PolicyName, Rollout, RolloutConfig, Start};
+use crate::rollout::{Guide, PolicyConfig, Rollout, RolloutConfig, Start};
 use crate::units::FPS;
 
 #[derive(clap::Args, Debug)]
@@ -26,8 +25,8 @@ use crate::units::FPS;
     after_help = "Examples:\n  robert render wave.clip.json -o wave.mp4\n  robert render wave.clip.json -o still.png --frames 40 --size 1280x720\n  robert render wave.clip.json -o strip.png --strip 6\n  robert render wave.clip.json -o both.gif --compare other.clip.json --overlay ghost,caption\n  robert render wave.clip.json -o preview.mp4 --kinematic --camera orbit"
 )]
 pub(super) struct Args {
-    /// The clip.
-    clip: PathBuf,
+    /// The clip: a file, or the name of a shipped task (`fire`).
+    clip: String,
     /// Where to: .png, .jpg (one picture), .mp4, .gif, .apng (a film).
     #[arg(short, long)]
     output: PathBuf,
@@ -45,12 +44,12 @@ pub(super) struct Args {
     overlay: String,
     /// A second clip beside the first.
     #[arg(long)]
-    compare: Option<PathBuf>,
+    compare: Option<String>,
     /// One picture of this many moments.
     #[arg(long, value_name = "N")]
     strip: Option<usize>,
-    /// Who performs the clip.
-    #[arg(long, default_value = "ilqr")]
+    /// Who performs the clip: a policy, with +guide or +refine.
+    #[arg(long, default_value = "ilqr+guide")]
     policy: String,
     /// Show the commanded poses without simulating anything.
     #[arg(long)]
@@ -166,9 +165,7 @@ impl Plan {
         let performer = if args.kinematic {
             Performer::Nobody
         } else {
-            let mut policy = PolicyConfig::new(PolicyName::from_str(&args.policy)?);
-            policy.guide = Guide::Linear;
-            Performer::Policy(policy, args.seed)
+            Performer::Policy(motion::policy(&args.policy, Guide::None, false)?, args.seed)
         };
         Ok(Plan {
             output: args.output.clone(),
@@ -227,10 +224,9 @@ fn frames(text: &str) -> Outcome<Vec<usize>> {
     text.split(',').map(number).collect()
 }
 
-fn load(path: &Path) -> Outcome<(Arc<Robot>, Clip)> {
-    let clip = Clip::load(path)?;
-    let robot = Robot::load(&clip.robot.id)?;
-    Ok((Arc::new(robot), clip))
+fn load(text: &str) -> Outcome<(Arc<Robot>, Clip)> {
+    let clip = motion::clip(text, None)?;
+    Ok((motion::robot(&clip.robot.id)?, clip))
 }
 
 /// The clip performed, or only laid out.

@@ -2,45 +2,28 @@
 
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
-use std::time::Instant;
 
 use serde_json::{Value, json};
 
-use super::bar::Bar;
-use super::failure::{Failure, Outcome};
-use super::interrupt::cancel_on_ctrl_c;
+use super::failure::Outcome;
+use super::perform::{PerformArgs, Performed, perform};
 use super::{Global, motion, out};
-use crate::clip;
 use crate::fsio;
-use crate::progress::Progress as _;
-use crate::rollout::{Error, Guide, PlantConfig, Precision, Rollout, RolloutConfig, Start};
+use crate::rollout::{Precision, Rollout};
 use crate::units::CTRL_DT;
 
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  robert rollout wave.clip.json --policy ilqr --csv reached.csv\n  robert rollout ur5e/reacher --policy pd --guide linear\n  robert rollout fire --policy computed-torque --plant mass=1.25,damping=1.5,gear=0.85 --json"
+    after_help = "Examples:\n  robert rollout wave.clip.json --policy ilqr --out wave.mcap\n  robert rollout ur5e/reacher --policy pd --guide linear\n  robert rollout fire --policy computed-torque --plant mass=1.25,damping=1.5,gear=0.85 --json"
 )]
 pub(super) struct Args {
     /// A clip file, or the name of a shipped task (robert tasks ls).
     clip: String,
-    /// The policy; suffixes +guide and +refine are the flags below.
-    #[arg(short, long, default_value = "ilqr")]
-    policy: String,
-    /// Virtual commands through masked frames: the straight line from the reached state.
-    #[arg(long, value_enum, default_value_t = GuideArg::None)]
-    guide: GuideArg,
-    /// Improve each action on the robot's model before it is applied.
-    #[arg(long)]
-    refine: bool,
-    /// Simulate another plant than the policy believes in: mass=1.25,damping=1.5,gear=0.85.
-    #[arg(long, value_name = "FACTORS")]
-    plant: Option<String>,
-    /// Seed of the policy's draws.
-    #[arg(long, default_value_t = 0)]
-    seed: u64,
-    /// The robot, where it is not the clip's own.
-    #[arg(long, value_name = "ID|DIR")]
-    robot: Option<String>,
+    #[command(flatten)]
+    perform: PerformArgs,
+    /// Write the take: an MCAP file for Foxglove, Lichtblick, Rerun and robert export.
+    #[arg(short, long, value_name = "FILE")]
+    out: Option<PathBuf>,
     /// Write the reached motion: frame, time, mask, one column a joint.
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
@@ -49,88 +32,38 @@ pub(super) struct Args {
     json: bool,
 }
 
-/// [`Guide`] as it is typed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-pub(super) enum GuideArg {
-    /// The policy sees the masks.
-    None,
-    /// The straight line from the reached state to the next goal.
-    Linear,
-}
-
-impl From<GuideArg> for Guide {
-    fn from(arg: GuideArg) -> Guide {
-        match arg {
-            GuideArg::None => Guide::None,
-            GuideArg::Linear => Guide::Linear,
-        }
-    }
-}
-
 pub(super) fn run(args: &Args, global: Global) -> Outcome {
-    let clip = motion::clip(&args.clip, args.robot.as_deref())?;
-    let robot = motion::robot(args.robot.as_deref().unwrap_or(&clip.robot.id))?;
-    let policy = motion::policy(&args.policy, args.guide.into(), args.refine)?;
-    let plant: PlantConfig = match &args.plant {
-        Some(text) => text.parse()?,
-        None => PlantConfig::default(),
-    };
-    let command =
-        clip::compile(&clip).map_err(|e| Failure::invalid(format!("{}: {e}", args.clip)))?;
-    let config = RolloutConfig { seed: args.seed, guide: policy.guide, plant };
-    let mut rollout = Rollout::new(&robot, policy.build(&robot)?, &command, Start::Pose, config)?;
-
-    let cancel = cancel_on_ctrl_c();
-    let bar = Bar::new(&policy.label(), "frames", global.quiet);
-    let steps = rollout.frames().saturating_sub(1) as u64;
-    let unit = motion::unit(&robot);
-    let begin = Instant::now();
-    let result = loop {
-        if cancel.is_cancelled() {
-            break Err(Error::Cancelled { frame: rollout.frame() });
-        }
-        match rollout.step() {
-            Ok(Some(frame)) => {
-                let note = frame.error.map_or_else(String::new, |e| format!("error {e:.4} {unit}"));
-                bar.tick(frame.frame as u64, steps, &note);
-            }
-            Ok(None) => break Ok(()),
-            Err(e) => break Err(e),
-        }
-    };
-    let wall_secs = begin.elapsed().as_secs_f64();
-    bar.finish();
-
+    let mut done = perform(&args.clip, &args.perform, global)?;
     // What was reached is worth keeping even where the rollout broke off.
     if let Some(path) = &args.csv {
-        write_csv(path, &rollout)?;
+        write_csv(path, &done.rollout)?;
     }
-    result?;
-
-    let precision = rollout.precision();
+    if let Some(path) = &args.out {
+        let take = done.take()?;
+        take.write(path, Some(&take.scene(&done.robot)?))?;
+    }
+    if let Some(e) = done.broke.take() {
+        return Err(e.into());
+    }
+    let precision = done.rollout.precision();
     if args.json {
-        return out::json(&report(args, &rollout, &precision, policy.label(), plant, wall_secs));
+        return out::json(&report(args, &done, &precision));
     }
-    out::line(&summary(&rollout, &precision, &policy.label(), unit, wall_secs))
+    let unit = motion::unit(&done.robot);
+    out::line(&summary(&done.rollout, &precision, &done.policy.label(), unit, done.wall_secs))
 }
 
-fn report(
-    args: &Args,
-    rollout: &Rollout,
-    p: &Precision,
-    policy: String,
-    plant: PlantConfig,
-    wall_secs: f64,
-) -> Value {
+fn report(args: &Args, done: &Performed, p: &Precision) -> Value {
+    let (rollout, wall_secs) = (&done.rollout, done.wall_secs);
     let joints = rollout.robot().joints().iter().zip(&p.per_joint);
     json!({
         "clip": args.clip,
         "robot": rollout.robot().id(),
         "unit": motion::unit(rollout.robot()),
-        "policy": policy,
+        "policy": done.policy.label(),
         "uses_model": rollout.uses_model(),
-        "seed": args.seed,
-        "plant": plant,
+        "seed": done.config.seed,
+        "plant": done.config.plant,
         "precision": p.precision,
         "masked_mae": p.masked_mae,
         "p95": p.p95,
@@ -148,6 +81,7 @@ fn report(
             .collect::<Vec<_>>(),
         "holds": p.holds,
         "per_frame": p.per_frame,
+        "out": args.out,
     })
 }
 

@@ -60,7 +60,10 @@ fn ls(robot: Option<&str>, json: bool) -> Outcome {
     let manifest = tasks::manifest()?;
     let robots: Vec<&str> = match robot {
         Some(robot) => vec![robot],
-        None => manifest.keys().map(String::as_str).collect(),
+        // A robot that takes another's clips would only repeat them.
+        None => {
+            manifest.iter().filter(|(_, t)| t.like.is_none()).map(|(id, _)| id.as_str()).collect()
+        }
     };
     let mut rows: Vec<Value> = Vec::new();
     let mut t = out::table(&["robot", "suite", "task", "frames", "visible", "what it is"]);

@@ -34,8 +34,8 @@ pub struct Robot {
     pub units: Vec<Unit>,
     /// Stops of each joint in its unit; none for unlimited joints.
     pub ranges: Vec<Option<[f64; 2]>>,
-    /// A joint nearer than this to a stop counts as pinned, in its unit.
-    pub near_limit: f64,
+    /// A joint nearer than this to a stop counts as pinned, in its unit; (S).
+    pub near_limit: Vec<f64>,
     /// Actuators, in the column order of `ctrl`.
     pub actuators: Vec<String>,
     /// Control of each actuator at actions -1 and +1.
@@ -291,8 +291,9 @@ impl Manifest {
         if s == 0 || s > limits::JOINTS || a == 0 || a > limits::JOINTS {
             return Err(format!("{s} joints and {a} actuators; 1 to {} allowed", limits::JOINTS));
         }
-        if self.robot.units.len() != s || self.robot.ranges.len() != s {
-            return Err("robot.units and robot.ranges need one entry per joint".to_owned());
+        let r = &self.robot;
+        if [r.units.len(), r.ranges.len(), r.near_limit.len()] != [s; 3] {
+            return Err("robot.units, ranges and near_limit need one entry per joint".to_owned());
         }
         if self.robot.ctrlranges.len() != a {
             return Err("robot.ctrlranges needs one entry per actuator".to_owned());
@@ -363,7 +364,7 @@ pub(super) mod tests {
             joints: vec!["a".to_owned(), "b".to_owned()],
             units: vec![Unit::Rad; 2],
             ranges: vec![Some([-1.0, 1.0]), None],
-            near_limit: 0.1,
+            near_limit: vec![0.1; 2],
             actuators: vec!["u".to_owned()],
             ctrlranges: vec![[-3.0, 3.0]],
         }

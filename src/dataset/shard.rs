@@ -316,8 +316,8 @@ impl Shard {
             let raw = bytes.get(range).unwrap_or_default();
             raw.chunks_exact(8)
                 .map(|c| {
-                    let value = c.try_into().map(i64::from_le_bytes).unwrap_or(-1);
-                    u64::try_from(value).map_err(|_| format!("has a negative entry in \"{name}\""))
+                    let value = c.try_into().map_or(-1, i64::from_le_bytes);
+                    u64::try_from(value).map_err(|e| format!("has a bad entry in \"{name}\" ({e})"))
                 })
                 .collect::<Result<Vec<u64>, String>>()
         };

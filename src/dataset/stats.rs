@@ -66,13 +66,13 @@ impl Sums {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Normaliser {
-    /// s_t, (S).
+    /// `s_t`, (S).
     pub qpos: Moments,
-    /// s_t - s_{t-1}, (S).
+    /// `s_t` - s_{t-1}, (S).
     pub d1: Moments,
-    /// s_{t+1} - 2 s_t + s_{t-1}, (S).
+    /// s_{t+1} - 2 `s_t` + s_{t-1}, (S).
     pub d2: Moments,
-    /// a_t in [-1, 1], (A).
+    /// `a_t` in [-1, 1], (A).
     pub ctrl: Moments,
 }
 
@@ -162,7 +162,7 @@ impl Statistics {
                 let mut any = false;
                 for (j, &x) in row.iter().enumerate() {
                     let x = f64::from(x);
-                    let near = is_near_limit(&m.robot, j, x);
+                    let near = m.robot.is_near_limit(j, x);
                     any |= near;
                     bump(&mut out.near_limit, j, near);
                     if let (Some(lo), Some(hi)) = (out.qpos_min.get_mut(j), out.qpos_max.get_mut(j))
@@ -196,11 +196,13 @@ impl Statistics {
     }
 }
 
-/// Whether joint `j` at `x` is within the robot's threshold of a stop.
-fn is_near_limit(robot: &Robot, j: usize, x: f64) -> bool {
-    match robot.ranges.get(j) {
-        Some(Some([lo, hi])) => x < lo + robot.near_limit || x > hi - robot.near_limit,
-        _ => false,
+impl Robot {
+    /// Whether joint `j` at `x` is within its threshold of a stop.
+    pub fn is_near_limit(&self, j: usize, x: f64) -> bool {
+        match (self.ranges.get(j), self.near_limit.get(j)) {
+            (Some(Some([lo, hi])), Some(near)) => x < lo + near || x > hi - near,
+            _ => false,
+        }
     }
 }
 

@@ -16,6 +16,9 @@ use crate::rng::{Rng, Stream, draw};
 /// Share held out when nothing else is asked for (the paper's 95/5).
 pub(super) const TEST_SHARE: f64 = 0.05;
 
+/// Order of shards in a merge: spec, index within it, sha256.
+type ShardKey = (String, u64, String);
+
 /// Identity of a trajectory: shard sha256 and first frame.
 type Identity = (String, u64);
 
@@ -97,7 +100,7 @@ pub fn shrink(m: &mut Manifest, k: u64) -> Result<(), Error> {
             return true;
         }
         at += 1;
-        (at - 1) % k == 0
+        (at - 1).is_multiple_of(k)
     });
     m.views.push(View::Shrink { k });
     drop_unused_shards(m);
@@ -161,8 +164,8 @@ pub fn corrupt(m: &mut Manifest, how: Corruption) -> Result<(), Error> {
 /// [`Error::Manifest`] when two inputs list the same trajectory.
 pub fn merge(inputs: &[PathBuf], out: &Path, equal: bool) -> Result<Manifest, Error> {
     let mut merged: Option<Manifest> = None;
-    let mut shards: BTreeMap<(String, u64, String), ShardEntry> = BTreeMap::new();
-    let mut episodes: BTreeMap<((String, u64, String), u64), Vec<Episode>> = BTreeMap::new();
+    let mut shards: BTreeMap<ShardKey, ShardEntry> = BTreeMap::new();
+    let mut episodes: BTreeMap<(ShardKey, u64), Vec<Episode>> = BTreeMap::new();
     for input in inputs {
         let data = Dataset::open(input, Verify::Full)?;
         let mut m = data.manifest().clone();

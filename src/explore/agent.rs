@@ -25,7 +25,7 @@ use super::proto::Proto;
 use super::replay::{Replay, Scale};
 use super::rnd::Rnd;
 use super::state::{Field, Keep};
-use crate::dataset::Coverage;
+use crate::dataset::{Coverage, Robot as Described};
 use crate::rng::{Rng, Stream, draw};
 use crate::robot::Robot;
 
@@ -268,8 +268,7 @@ pub(crate) struct Agent {
     scale: Scale,
     lanes: Vec<Lane>,
     pub(crate) coverage: Coverage,
-    ranges: Vec<Option<[f64; 2]>>,
-    near: f64,
+    described: Described,
     /// Sums since the last point: reward, loss, updates, frames, then near-limit frames.
     sums: Vec<f64>,
     batch: Batch<f32>,
@@ -320,8 +319,7 @@ impl Agent {
             scale: Scale::new(2 * s, preset.scale_obs),
             lanes: (0..preset.envs.max(1)).map(|_| lane()).collect::<Result<_, Error>>()?,
             coverage: Coverage::new(&described),
-            ranges: described.ranges,
-            near: described.near_limit,
+            described,
             sums: vec![0.0; 4 + s],
             preset: preset.clone(),
             batch: Batch::default(),
@@ -406,10 +404,8 @@ impl Agent {
                     let (q, v) = lane.obs.split_at(lane.env.state_dim());
                     self.coverage.add(q, v);
                     self.sums[3] += 1.0;
-                    for ((x, range), n) in q.iter().zip(&self.ranges).zip(&mut self.sums[4..]) {
-                        let x = f64::from(*x);
-                        let pinned =
-                            range.is_some_and(|[lo, hi]| x < lo + self.near || x > hi - self.near);
+                    for ((j, x), n) in q.iter().enumerate().zip(&mut self.sums[4..]) {
+                        let pinned = self.described.is_near_limit(j, f64::from(*x));
                         *n += f64::from(u8::from(pinned));
                     }
                 }

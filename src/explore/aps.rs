@@ -38,7 +38,9 @@ pub(crate) struct Aps<T> {
 /// A skill: uniform on the unit sphere of R^10.
 pub(crate) fn skill(rng: &mut Rng) -> [f64; SKILL] {
     let mut w = [0.0; SKILL];
-    w.iter_mut().for_each(|x| *x = rng.normal());
+    for x in &mut w {
+        *x = rng.normal();
+    }
     let norm = kernel::dot(&w, &w).sqrt().max(1e-12);
     w.map(|x| x / norm)
 }

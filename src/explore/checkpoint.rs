@@ -57,7 +57,9 @@ pub(super) fn load(agent: &mut Agent, dir: &Path) -> Result<bool, Error> {
         let bytes = fsio::read_capped(&path, limits::SHARD_BYTES)?;
         let episodes = replay_episodes(&bytes)
             .map_err(|message| Error::Checkpoint { message, path: path.clone() })?;
-        episodes.into_iter().for_each(|e| agent.replay.restore(e));
+        for e in episodes {
+            agent.replay.restore(e);
+        }
     }
     agent.replay.trim();
     agent.saved = agent.replay.begun();

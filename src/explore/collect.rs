@@ -54,13 +54,13 @@ pub struct CollectConfig {
     /// Frames of a recorded episode.
     pub episode_frames: u64,
     /// Only snapshots up to this share of the training are rolled out: agents that drift to
-    /// extremes (UR5e) are stopped early.
+    /// extremes (`UR5e`) are stopped early.
     pub snapshots_until: f64,
 }
 
 impl CollectConfig {
     /// Defaults for a robot: episodes of 250 frames; the first half of the snapshots for the
-    /// UR5e, all of them otherwise.
+    /// `UR5e`, all of them otherwise.
     pub fn new(robot: &Robot) -> Self {
         let early = robot.id().starts_with("ur5e");
         CollectConfig {

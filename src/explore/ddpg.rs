@@ -1,7 +1,7 @@
 //! DDPG backbone: deterministic actor, twin critics, n-step targets.
 //!
 //! Source: Lillicrap et al. 2016 (arXiv 1509.02971) in the form of DrQ-v2 (Yarats et al.
-//! 2021, arXiv 2107.09645) that URLB uses for states. With Q_i = w . head_i when the agent
+//! 2021, arXiv 2107.09645) that URLB uses for states. With `Q_i` = w . `head_i` when the agent
 //! has skills w (APS) and the head itself otherwise:
 //!
 //! ```text

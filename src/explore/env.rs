@@ -218,6 +218,11 @@ impl Env {
         }
     }
 
+    /// All coordinates, (nq).
+    pub(crate) fn qpos(&self) -> Vec<f64> {
+        self.data.qpos().to_vec()
+    }
+
     /// Whether two links of the robot touch.
     pub(crate) fn self_contact(&self) -> bool {
         self.data.contacts().any(|c| self.is_own(c.geoms) && c.dist < 0.0)

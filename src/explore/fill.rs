@@ -13,11 +13,11 @@ use super::policy::{Mind, Policy, Scratch};
 use crate::dataset::{EpisodeMeta, Robot as Described, ShardBuilder, ShardEntry};
 use crate::progress::Cancel;
 use crate::rng::{Rng, Stream, draw};
-use crate::robot::Robot;
+use crate::robot::{Robot, StateJoint};
 
 /// Episodes side by side: the policy's products get enough rows, the simulations' work
 /// spaces still fit the cache.
-const WAVE: usize = 16;
+const WAVE: usize = 8;
 /// Frames of a training window; shorter trajectories are of no use.
 pub(crate) const MIN_FRAMES: usize = 51;
 /// Bits of the shard index in an episode's draw index.
@@ -209,6 +209,14 @@ fn episode_seed(plan: &Plan, episode: u64) -> u64 {
     draw(plan.seed ^ code, Stream::Reset, (plan.index << EPISODE_BITS) + episode) >> 11
 }
 
+/// Distance to a stop below which a joint counts as pinned: the profile's, but at most 2 %
+/// of the joint's range. At .1 rad a hand's spreading joint would be pinned over a third of
+/// its range, where nothing touches.
+fn near_limit(robot: &Robot, joint: &StateJoint) -> f64 {
+    let range = if joint.unbounded { f64::INFINITY } else { joint.range[1] - joint.range[0] };
+    robot.profile().near_limit.min(0.02 * range)
+}
+
 /// The manifest's words for a robot.
 pub fn describe(robot: &Robot) -> Described {
     Described {
@@ -217,7 +225,7 @@ pub fn describe(robot: &Robot) -> Described {
         joints: robot.joints().iter().map(|j| j.name.clone()).collect(),
         units: robot.joints().iter().map(|j| j.unit).collect(),
         ranges: robot.joints().iter().map(|j| (!j.unbounded).then_some(j.range)).collect(),
-        near_limit: robot.profile().near_limit,
+        near_limit: robot.joints().iter().map(|j| near_limit(robot, j)).collect(),
         actuators: robot.actuators().iter().map(|a| a.name.clone()).collect(),
         ctrlranges: robot.actuators().iter().map(|a| a.ctrlrange).collect(),
     }

@@ -87,11 +87,6 @@ impl<T: Real> Mlp<T> {
         Mlp { layers: layers.to_vec(), params }
     }
 
-    /// Output columns.
-    pub(crate) fn outputs(&self) -> usize {
-        self.layers.last().map_or(0, |l| l.outputs())
-    }
-
     /// Runs the network on `x` (rows, inputs) and keeps what the backward pass needs.
     pub(crate) fn forward<'t>(&self, x: &[T], rows: usize, tape: &'t mut Tape<T>) -> &'t [T] {
         tape.rows = rows;
@@ -190,12 +185,11 @@ impl<T: Real> Mlp<T> {
                     let (x, rstd) = &tape.norms[i];
                     // Gradients of frozen networks are computed and thrown away: 2 n numbers.
                     let mut waste = Vec::new();
-                    let g = match mine {
-                        Some(g) => g,
-                        None => {
-                            waste.resize(2 * n, T::default());
-                            &mut waste
-                        }
+                    let g = if let Some(g) = mine {
+                        g
+                    } else {
+                        waste.resize(2 * n, T::default());
+                        &mut waste
                     };
                     let (dgain, dbias) = g.split_at_mut(n);
                     let gain = &params[..n];
@@ -233,7 +227,9 @@ fn orthogonal(m: usize, n: usize, rng: &mut Rng) -> Vec<f64> {
             }
         }
         let norm = kernel::dot(&v, &v).sqrt();
-        v.iter_mut().for_each(|x| *x /= norm);
+        for x in &mut v {
+            *x /= norm;
+        }
         basis.push(v);
     }
     let at = |i: usize, j: usize| if m <= n { basis[i][j] } else { basis[j][i] };

@@ -1,9 +1,20 @@
 //! Curious agents: motion without reward, label or demonstration.
+//!
+//! Five agents learn on an intrinsic reward alone ([`rnd`], [`icm`], [`apt`], [`aps`],
+//! [`proto`]: one file each, over one [`ddpg`] backbone); smooth [`noise`] needs no learning
+//! and is what they are judged against. [`collect`] is the procedure: train, keep snapshots,
+//! roll the snapshots out, merge in equal parts.
+//!
+//! Everything is a function of the options and one seed: environments, updates and shards
+//! come out the same on one thread or many, and after any number of kills.
+//!
+//! Sources: URLB (Laskin et al. 2021) for sizes and losses; the papers named in each file.
 
 mod agent;
 mod aps;
 mod apt;
 mod batch;
+mod bench;
 mod checkpoint;
 mod collect;
 mod ddpg;
@@ -21,8 +32,11 @@ mod proto;
 mod replay;
 mod rnd;
 mod state;
+mod survey;
 pub use agent::{AgentKind, Point, UpdateBench};
+pub use bench::RolloutBench;
 pub use collect::{AgentSummary, CollectConfig, Collected, collect};
 pub use error::Error;
 pub use fill::describe;
 pub use preset::Preset;
+pub use survey::survey;

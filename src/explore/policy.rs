@@ -305,7 +305,9 @@ impl Mind {
         match self {
             Mind::Noise(noise) => noise.next(action),
             Mind::Uniform(rng) => {
-                action.iter_mut().for_each(|a| *a = rng.range(-1.0, 1.0) as f32);
+                for a in action {
+                    *a = rng.range(-1.0, 1.0) as f32;
+                }
             }
             Mind::Actor(rng) => {
                 for (a, &m) in action.iter_mut().zip(mean) {

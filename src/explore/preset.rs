@@ -100,13 +100,10 @@ impl Preset {
 
     /// Steps at which snapshots are taken, ascending; the last is the end.
     pub fn snapshots(&self) -> Vec<u64> {
-        let mut at: Vec<u64> = if self.snapshot_every == 0 {
-            [100_000, 500_000, 1_000_000, 2_000_000]
-                .into_iter()
-                .filter(|&s| s < self.steps)
-                .collect()
-        } else {
-            (1..=self.steps / self.snapshot_every).map(|i| i * self.snapshot_every).collect()
+        let published = [100_000, 500_000, 1_000_000, 2_000_000];
+        let mut at: Vec<u64> = match self.steps.checked_div(self.snapshot_every) {
+            None => published.into_iter().filter(|&s| s < self.steps).collect(),
+            Some(n) => (1..=n).map(|i| i * self.snapshot_every).collect(),
         };
         if at.last().is_none_or(|&l| l < self.steps && self.snapshot_every > 0) {
             at.push(self.steps);

@@ -216,13 +216,20 @@ fn scores<T: Real>(a: &[T], b: &[T], cols: usize, out: &mut Vec<T>) {
     gemm(MatMut::new(out, n, m), Init::Zero, Mat::new(a, n, cols), Mat::new(b, m, cols).t());
 }
 
+/// x = x by.
+fn scale<T: Real>(x: &mut [T], by: T) {
+    for v in x {
+        *v = *v * by;
+    }
+}
+
 /// Scales each row to unit length; returns the lengths (at least 1e-12).
 fn normalise_rows<T: Real>(x: &mut [T], cols: usize) -> Vec<f64> {
     x.chunks_exact_mut(cols)
         .map(|row| {
             let norm = kernel::dot(row, row).f64().sqrt().max(1e-12);
             let inv = T::of(1.0 / norm);
-            row.iter_mut().for_each(|v| *v = *v * inv);
+            scale(row, inv);
             norm
         })
         .collect()
@@ -235,27 +242,27 @@ fn sinkhorn<T: Real>(x: &mut [T], cols: usize) {
     let top = x.iter().map(|v| v.f64()).fold(f64::MIN, f64::max);
     let total = kernel::exp_sum(x, T::of(1.0 / TAU), T::of(top));
     let inv = T::of(1.0 / total.f64());
-    x.iter_mut().for_each(|v| *v = *v * inv);
+    scale(x, inv);
     for _ in 0..ITERATIONS {
         let mut sums = vec![T::default(); cols];
         for row in x.chunks_exact(cols) {
             sums.iter_mut().zip(row).for_each(|(s, &v)| *s += v);
         }
         // A prototype without mass would scale by infinity; it takes the largest finite scale.
-        let mut scale: Vec<f64> = sums.iter().map(|s| 1.0 / (cols as f64 * s.f64())).collect();
-        let most = scale.iter().copied().filter(|s| s.is_finite()).fold(0.0, f64::max);
-        scale.iter_mut().filter(|s| !s.is_finite()).for_each(|s| *s = most);
-        let scale: Vec<T> = scale.into_iter().map(T::of).collect();
+        let mut shares: Vec<f64> = sums.iter().map(|s| 1.0 / (cols as f64 * s.f64())).collect();
+        let most = shares.iter().copied().filter(|s| s.is_finite()).fold(0.0, f64::max);
+        shares.iter_mut().filter(|s| !s.is_finite()).for_each(|s| *s = most);
+        let shares: Vec<T> = shares.into_iter().map(T::of).collect();
         for row in x.chunks_exact_mut(cols) {
-            row.iter_mut().zip(&scale).for_each(|(v, &k)| *v = *v * k);
+            row.iter_mut().zip(&shares).for_each(|(v, &k)| *v = *v * k);
             let sum = row.iter().map(|v| v.f64()).sum::<f64>();
             let k = T::of(1.0 / (rows as f64 * sum.max(f64::MIN_POSITIVE)));
-            row.iter_mut().for_each(|v| *v = *v * k);
+            scale(row, k);
         }
     }
     for row in x.chunks_exact_mut(cols) {
         let k = T::of(1.0 / row.iter().map(|v| v.f64()).sum::<f64>().max(f64::MIN_POSITIVE));
-        row.iter_mut().for_each(|v| *v = *v * k);
+        scale(row, k);
     }
 }
 

@@ -90,7 +90,9 @@ impl<T: Real> Rnd<T> {
         );
         self.error.add(out);
         let scale = T::of(1.0 / (self.error.std() + 1e-8));
-        out.iter_mut().for_each(|r| *r = *r * scale);
+        for r in out {
+            *r = *r * scale;
+        }
     }
 }
 

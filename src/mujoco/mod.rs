@@ -31,6 +31,7 @@
 )]
 mod bindings;
 mod data;
+mod environment;
 mod error;
 mod load;
 mod model;
@@ -39,6 +40,7 @@ mod raw;
 mod snapshot;
 
 pub use data::{BareLoop, Contact, Data, Warnings};
+pub use environment::set_env_at_start;
 pub use error::Error;
 pub use load::check_library;
 pub use model::{Geom, Joint, Model, Transmission};

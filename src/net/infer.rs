@@ -122,9 +122,29 @@ impl Policy {
         &self.encoder
     }
 
-    /// Forgets past windows: a new rollout begins.
-    pub fn reset(&mut self) {
+    /// Forgets past windows: a new rollout begins, its draws named by `seed`.
+    pub fn reset(&mut self, seed: u64) {
         self.windows = 0;
+        self.cfg.seed = seed;
+    }
+
+    /// What it carries from step to step: predictions of past windows, empty unless they
+    /// are averaged.
+    pub fn memory(&self) -> Vec<f64> {
+        if self.cfg.ensemble == 1 {
+            return Vec::new();
+        }
+        let past = self.past.iter().map(|&x| f64::from(x));
+        std::iter::once(self.windows as f64).chain(past).collect()
+    }
+
+    /// Back to a memory taken earlier.
+    pub fn recall(&mut self, memory: &[f64]) {
+        let Some((&windows, past)) = memory.split_first() else { return };
+        self.windows = (windows as usize).min(self.cfg.ensemble);
+        for (to, &x) in self.past.iter_mut().zip(past) {
+            *to = x as f32;
+        }
     }
 
     /// The action to apply now, in [−1, 1]: positions `q` (51, S), visible where `visible`

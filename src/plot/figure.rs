@@ -254,9 +254,13 @@ impl Layer {
                 }
             }
             Layer::Histogram { edges, heights, .. } => {
-                edges.iter().for_each(|e| x(*e));
+                for e in edges {
+                    x(*e);
+                }
                 y(0.0);
-                heights.iter().for_each(|h| y(*h));
+                for h in heights {
+                    y(*h);
+                }
             }
             Layer::Cells { x: (x0, x1), y: (y0, y1), .. } => {
                 x(*x0);

@@ -38,7 +38,7 @@ pub struct Caption {
     pub title: String,
     /// Bottom left: frame, time, Precision.
     pub line: String,
-    /// Bottom right.
+    /// Top right.
     pub legend: Vec<Key>,
 }
 
@@ -75,10 +75,10 @@ impl Captioner {
             let panel = self.panel(picture, &caption.line, false, px, margin, -bottom);
             self.text(picture, &caption.line, false, px, panel, INK);
         }
-        self.legend(picture, &caption.legend, px, margin, bottom);
+        self.legend(picture, &caption.legend, px, margin);
     }
 
-    fn legend(&self, picture: &mut Picture, keys: &[Key], px: f32, margin: f32, bottom: f32) {
+    fn legend(&self, picture: &mut Picture, keys: &[Key], px: f32, margin: f32) {
         if keys.is_empty() {
             return;
         }
@@ -88,7 +88,8 @@ impl Captioner {
         let width = widest + px * 2.0 + 2.0 * pad;
         let height = step * keys.len() as f32 + pad;
         let x = picture.width as f32 - margin - width;
-        let y = bottom - height;
+        // Top right: the caption line at the bottom may be as wide as the picture.
+        let y = margin;
         rounded(picture, [x, y, width, height], px * 0.35, PANEL, PANEL_OPACITY);
         for (i, key) in keys.iter().enumerate() {
             let top = y + 0.5 * pad + step * i as f32;

@@ -108,7 +108,7 @@ pub struct Trail<'a> {
 impl<'a> Trail<'a> {
     /// A solid path that fades towards its past.
     pub fn new(points: &'a [Vec3], color: [f32; 3]) -> Trail<'a> {
-        Trail { points, color, width: 3.0, fade: true, dashed: false }
+        Trail { points, color, width: 3.6, fade: true, dashed: false }
     }
 }
 

@@ -2,6 +2,8 @@
 
 use std::sync::{Arc, Mutex};
 
+use wgpu::CompareFunction::{Equal, Less, LessEqual};
+
 use super::Error;
 use super::prims::Vertex;
 
@@ -155,7 +157,8 @@ pub(super) struct Pipelines {
     pub samples: u32,
 }
 
-/// What distinguishes the pipelines of the object pass.
+/// What distinguishes the pipelines of the object pass: independent switches, not states.
+#[allow(clippy::struct_excessive_bools)]
 #[derive(Clone, Copy)]
 struct Pass {
     label: &'static str,
@@ -314,7 +317,6 @@ impl Pipelines {
                 cache: None,
             })
         };
-        use wgpu::CompareFunction::{Equal, Less, LessEqual};
         let solid = Pass {
             label: "opaque",
             vertex: "vs_surface",

@@ -8,7 +8,7 @@ use std::ops::Range;
 use glam::{Mat3, Vec3};
 
 use super::camera::{Camera, Lens};
-use super::frame::{FrameInput, Ghost, GhostKind, Glyph, Mark, Trail};
+use super::frame::{FrameInput, Ghost, GhostKind, Glyph, Mark, SUN, Trail};
 use super::gpu::{Instance, Segment};
 use super::prims::Prim;
 use super::renderer::linear;
@@ -50,6 +50,8 @@ pub(super) struct Drawn {
     pub below_floor: bool,
     /// The part of the picture with objects, pixels: x, y, width, height. None = all of it.
     pub rect: Option<[u32; 4]>,
+    /// The part with objects or their shadows on the floor.
+    pub shaded: Option<[u32; 4]>,
 }
 
 /// Half edge of a plane without end, in picture heights.
@@ -191,7 +193,8 @@ impl Drawn {
         let ahead =
             |p: [f32; 4]| (Vec3::new(p[0], p[1], p[2]) - camera.eye).dot(reach.forward) > 1e-3;
         segments.retain(|s| ahead(s.a) && ahead(s.b));
-        reach.finish(casters, props, glass, veils, segments, height_px)
+        let sun = input.sun.unwrap_or(SUN).normalize_or(Vec3::Z);
+        reach.finish(casters, props, glass, veils, segments, height_px, sun)
     }
 }
 
@@ -204,6 +207,7 @@ impl Reach<'_> {
         veils: List,
         segments: Vec<Segment>,
         height_px: u32,
+        sun: Vec3,
     ) -> Drawn {
         let mut instances = Vec::new();
         let solid = self.low.x <= self.high.x;
@@ -211,19 +215,16 @@ impl Reach<'_> {
         let far = if self.far.is_finite() { self.far.max(1e-3) * 1.01 } else { scale * 4.0 };
         let near = if self.near.is_finite() { self.near * 0.99 } else { 0.0 };
         let near = match self.camera.lens {
+            // The floor reaches under the eye: it hides what is below only where it is not cut.
+            Lens::Perspective { .. } if self.below => near.min(far * 0.02).max(far * 2e-4),
             Lens::Perspective { .. } => near.max(far * 2e-4),
             Lens::Orthographic { .. } => near,
         };
         let width_px = height_px as f32 * self.aspect;
-        let rect = (!self.everywhere).then(|| {
-            let to_px = |x: f32, size: f32| ((x * 0.5 + 0.5) * size).clamp(0.0, size);
-            let x0 = (to_px(self.rect[0], width_px) - 2.0).max(0.0).floor() as u32;
-            let x1 = (to_px(self.rect[2], width_px) + 2.0).min(width_px.round()).ceil() as u32;
-            let h = height_px as f32;
-            let y0 = (to_px(-self.rect[3], h) - 2.0).max(0.0).floor() as u32;
-            let y1 = (to_px(-self.rect[1], h) + 2.0).min(h).ceil() as u32;
-            [x0, y0, x1.saturating_sub(x0), y1.saturating_sub(y0)]
-        });
+        let to_px = |r: [f32; 4]| pixels(r, width_px, height_px as f32);
+        let rect = (!self.everywhere).then(|| to_px(self.rect));
+        let shaded = (!self.everywhere && solid).then(|| self.with_shadow(sun)).flatten();
+        let shaded = if solid { shaded.map(to_px) } else { rect };
         Drawn {
             casters: casters.flush(&mut instances),
             props: props.flush(&mut instances),
@@ -237,8 +238,45 @@ impl Reach<'_> {
             far: far.max(near + 1e-3),
             below_floor: self.below,
             rect,
+            shaded,
         }
     }
+}
+
+impl Reach<'_> {
+    /// The rectangle of the objects, widened by where their bounding box throws its shadow on the
+    /// floor; none when that cannot be told (a low sun, a shadow behind the eye).
+    fn with_shadow(&self, sun: Vec3) -> Option<[f32; 4]> {
+        if !self.floor_z.is_finite() {
+            return Some(self.rect);
+        }
+        if sun.z < 0.05 {
+            return None;
+        }
+        let mut r = self.rect;
+        for k in 0..8_u8 {
+            let pick = |b: u8, low: f32, high: f32| if k >> b & 1 == 1 { high } else { low };
+            let corner = Vec3::new(
+                pick(0, self.low.x, self.high.x),
+                pick(1, self.low.y, self.high.y),
+                pick(2, self.low.z, self.high.z),
+            );
+            let shadow = corner - sun * ((corner.z - self.floor_z) / sun.z);
+            let p = self.camera.project(shadow, self.aspect)?;
+            r = [r[0].min(p.x), r[1].min(p.y), r[2].max(p.x), r[3].max(p.y)];
+        }
+        Some(r)
+    }
+}
+
+/// From -1..1 (y up) to whole pixels with a little air: x, y, width, height.
+fn pixels(r: [f32; 4], width: f32, height: f32) -> [u32; 4] {
+    let at = |x: f32, size: f32| ((x * 0.5 + 0.5) * size).clamp(0.0, size);
+    let x0 = (at(r[0], width) - 3.0).max(0.0).floor() as u32;
+    let x1 = (at(r[2], width) + 3.0).min(width.round()).ceil() as u32;
+    let y0 = (at(-r[3], height) - 3.0).max(0.0).floor() as u32;
+    let y1 = (at(-r[1], height) + 3.0).min(height).ceil() as u32;
+    [x0, y0, x1.saturating_sub(x0), y1.saturating_sub(y0)]
 }
 
 /// Height of the picture at the target, metres.
@@ -335,7 +373,7 @@ fn veil(
         let rgb = match ghost.kind {
             GhostKind::Command => {
                 let error = f64::from(ghost.error.get(i).copied().unwrap_or(0.0).clamp(0.0, 1.0));
-                palette::mix([20, 132, 214], palette::VERMILION, error)
+                tint(error)
             }
             GhostKind::Past => palette::PURPLE,
             GhostKind::Future => palette::GREEN,
@@ -346,6 +384,16 @@ fn veil(
             reach.ball(centre, radius, false);
             list.push(key, instance);
         }
+    }
+}
+
+/// Blue, purple, vermilion: the straight way between the ends would lead through grey.
+fn tint(error: f64) -> palette::Rgb {
+    let (near, middle, far) = ([20, 132, 214], [168, 92, 190], palette::VERMILION);
+    if error < 0.5 {
+        palette::mix(near, middle, 2.0 * error)
+    } else {
+        palette::mix(middle, far, 2.0 * error - 1.0)
     }
 }
 
@@ -424,7 +472,7 @@ fn trail_segments(trail: &Trail, px: f32, reach: &mut Reach, out: &mut Vec<Segme
         let before = if i > 0 && !trail.dashed { trail.points.get(i - 1) } else { None };
         let after = if trail.dashed { None } else { trail.points.get(i + 2) };
         let share = |k: usize| {
-            if trail.fade { 0.12 + 0.88 * (k as f32 / (n - 1) as f32).powf(1.3) } else { 1.0 }
+            if trail.fade { 0.22 + 0.78 * (k as f32 / (n - 1) as f32).powf(1.3) } else { 1.0 }
         };
         let color = |k: usize| [c[0], c[1], c[2], share(k)];
         reach.ball(a, 0.0, false);

@@ -108,8 +108,7 @@ fn smooth(vertices: &[[f32; 3]], faces: &[[u32; 3]]) -> Triangles {
             *slot += 1;
         }
     }
-    let mut out = Triangles::default();
-    out.indices = vec![0; faces.len() * 3];
+    let mut out = Triangles { vertices: Vec::new(), indices: vec![0; faces.len() * 3] };
     let mut made: Vec<(Vec3, u32)> = Vec::new();
     for g in 0..groups {
         let around = &corners[start[g] as usize..start[g + 1] as usize];

@@ -7,6 +7,7 @@ use glam::Vec3;
 use super::scene::{Floor, Geom, Pose, Scene, Shape};
 use super::{Camera, Error, Lens, Mesh, View};
 use crate::mujoco::{self, Data, Kind, Model};
+use crate::plot::palette::{self, Theme};
 use crate::robot::{self, Robot};
 
 /// Groups from this one on are for collision: not drawn unless nothing else is there.
@@ -155,6 +156,21 @@ impl Stage {
     pub fn tips(&self) -> Vec<usize> {
         let profile = self.robot.profile();
         profile.ik_sites.iter().filter_map(|s| self.data.model().id(Kind::Site, s)).collect()
+    }
+
+    /// The most vivid colour of the body that carries a site; a house colour for a grey one.
+    pub fn accent(&self, site: usize, index: usize) -> [f32; 3] {
+        let body = self.data.model().site_bodyid().get(site).and_then(|b| usize::try_from(*b).ok());
+        let vivid = |c: &[f32; 4]| {
+            let (low, high) = (c[0].min(c[1]).min(c[2]), c[0].max(c[1]).max(c[2]));
+            high - low
+        };
+        let own = self.scene.geoms().iter().filter(|g| Some(g.body) == body && g.rgba[3] > 0.0);
+        let best = own.map(|g| g.rgba).max_by(|a, b| vivid(a).total_cmp(&vivid(b)));
+        match best {
+            Some(c) if vivid(&c) > 0.25 => [c[0], c[1], c[2]],
+            _ => palette::unit(if index == 0 { palette::ORANGE } else { Theme::Dark.line(index) }),
+        }
     }
 
     /// Per geom how far off it is, 0 to 1: the distance between both poses, 1 at `full_m`.

@@ -376,7 +376,7 @@ impl Renderer {
             ..wgpu::RenderPassDescriptor::default()
         });
         pass.set_bind_group(0, &self.main_group, &[]);
-        let [x, y, w, h] = drawn.rect.unwrap_or([0, 0, t.width, t.height]);
+        let [x, y, w, h] = drawn.shaded.unwrap_or([0, 0, t.width, t.height]);
         pass.set_pipeline(&self.pipelines.backdrop);
         let (right, below) = (x + w, y + h);
         for [x, y, w, h] in [

@@ -278,7 +278,7 @@ fn line_share(p: vec2f, w: vec2f, half_width: f32) -> vec2f {
         * clamp(vec2f(0.5) / w, vec2f(0.0), vec2f(1.0));
 }
 
-fn backdrop_at(ndc: vec2f) -> vec3f {
+fn backdrop_at(ndc: vec2f, shadowed: bool) -> vec3f {
     let ray = ray_of(ndc);
     let sky = sky_at(ray.dir);
     let t = (g.floor_pos.z - ray.origin.z) / ray.dir.z;
@@ -297,7 +297,10 @@ fn backdrop_at(ndc: vec2f) -> vec3f {
         vec2f(0.0), vec2f(1.0)) * g.floor_fog.z;
     albedo = mix(albedo, vec3f(0.42, 0.06, 0.05), axis.y);
     albedo = mix(albedo, vec3f(0.05, 0.30, 0.10), axis.x);
-    let lit = lit_share(vec3f(hit.xy, g.floor_pos.z));
+    var lit = 1.0;
+    if shadowed {
+        lit = lit_share(vec3f(hit.xy, g.floor_pos.z));
+    }
     let ambient = g.sky.rgb;
     let surface = expose(albedo * (ambient + g.sun_color.rgb * g.sun.z * lit));
     let away = length(hit.xy - g.floor_pos.xy) - g.floor_pos.w;
@@ -306,9 +309,11 @@ fn backdrop_at(ndc: vec2f) -> vec3f {
     return mix(sky, surface, seen);
 }
 
+// For the parts of the picture that neither an object nor a shadow reaches: looking up a shadow
+// for every pixel of the floor would cost a software driver as much as all the rest.
 @fragment
 fn fs_backdrop(b: Backdrop) -> @location(0) vec4f {
-    return vec4f(encode(backdrop_at(b.ndc)), 1.0);
+    return vec4f(encode(backdrop_at(b.ndc, false)), 1.0);
 }
 
 @group(1) @binding(0) var objects: texture_2d<f32>;
@@ -316,7 +321,7 @@ fn fs_backdrop(b: Backdrop) -> @location(0) vec4f {
 @fragment
 fn fs_compose(b: Backdrop) -> @location(0) vec4f {
     let o = textureLoad(objects, vec2i(b.clip.xy), 0);
-    return vec4f(o.rgb + (1.0 - o.a) * encode(backdrop_at(b.ndc)), 1.0);
+    return vec4f(o.rgb + (1.0 - o.a) * encode(backdrop_at(b.ndc, true)), 1.0);
 }
 
 @group(1) @binding(1) var samples: texture_multisampled_2d<f32>;
@@ -326,5 +331,5 @@ fn fs_compose_samples(b: Backdrop) -> @location(0) vec4f {
     let at = vec2i(b.clip.xy);
     let o = 0.25 * (textureLoad(samples, at, 0) + textureLoad(samples, at, 1)
         + textureLoad(samples, at, 2) + textureLoad(samples, at, 3));
-    return vec4f(o.rgb + (1.0 - o.a) * encode(backdrop_at(b.ndc)), 1.0);
+    return vec4f(o.rgb + (1.0 - o.a) * encode(backdrop_at(b.ndc, true)), 1.0);
 }

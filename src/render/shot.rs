@@ -79,7 +79,8 @@ impl Motion {
     }
 }
 
-/// What is laid over the robot.
+/// What is laid over the robot: each on its own.
+#[allow(clippy::struct_excessive_bools)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Overlay {
     /// The commanded pose.
@@ -197,6 +198,8 @@ pub struct Shot {
     sun: Vec3,
     /// Path of each tip; (tips, frames).
     tips: Vec<Vec<Vec3>>,
+    /// Colour of each path: that of the tip itself, where it has one.
+    colors: Vec<[f32; 3]>,
     /// Commanded places of the first tips at keyframes: (tip, frame, place).
     marks: Vec<(usize, usize, Vec3)>,
     /// Metres at which a link is as red as it gets.
@@ -246,7 +249,9 @@ impl Shot {
         let high = points.iter().fold(Vec3::NEG_INFINITY, |a, p| a.max(*p));
         let full_m = 0.10 * low.distance(high).clamp(0.01, 100.0);
         let path = camera_path(&mut stage, &motion, camera, points, aspect)?;
-        let mut shot = Shot { stage, motion, overlay, path, sun: Vec3::Z, tips, marks, full_m };
+        let colors = sites.iter().enumerate().map(|(i, s)| stage.accent(*s, i)).collect();
+        let mut shot =
+            Shot { stage, motion, overlay, path, sun: Vec3::Z, tips, colors, marks, full_m };
         // Taken once: the light stands still while a camera orbits.
         shot.sun = sun_for(&shot.camera(0));
         Ok(shot)
@@ -300,7 +305,10 @@ impl Shot {
         }
         let (command, opacity) = self.command_poses(frame)?;
         let error = match &command {
-            Some(c) if self.overlay.error => Stage::error(&poses, c, self.full_m),
+            // An error is one only where there is a goal now.
+            Some(c) if self.overlay.error && self.motion.has_goal(frame) => {
+                Stage::error(&poses, c, self.full_m)
+            }
             _ => Vec::new(),
         };
         let onions = self.onion_poses(frame)?;
@@ -311,14 +319,14 @@ impl Shot {
         ghosts.extend(onions.iter().map(|(p, past)| Ghost::onion(p, *past)));
         let one = self.tips.len() == 1;
         let from = if one { 0 } else { frame.saturating_sub(TRAIL_FRAMES) };
-        let color = |tip: usize| {
-            palette::unit(if one { palette::ORANGE } else { palette::Theme::Dark.line(tip) })
-        };
         let trails: Vec<Trail> = self
             .tips
             .iter()
             .enumerate()
-            .filter_map(|(i, p)| p.get(from..=frame).map(|points| Trail::new(points, color(i))))
+            .filter_map(|(i, p)| {
+                let color = self.colors.get(i).copied().unwrap_or([1.0; 3]);
+                p.get(from..=frame).map(|points| Trail::new(points, color))
+            })
             .collect();
         let marks: Vec<Mark> = self
             .marks

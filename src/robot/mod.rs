@@ -1,8 +1,8 @@
 //! Robots: model, profile, import, inverse kinematics.
 //!
 //! A [`Robot`] is an MJCF model plus a [`Profile`] (a TOML file beside it) that says what a
-//! person knows beyond the physics: groups, named poses, mirror, camera. Three robots and a
-//! lighter UR5e are built in; [`mod@import`] makes a folder of the same kind from a foreign URDF
+//! person knows beyond the physics: groups, named poses, mirror, camera. Three robots, one of
+//! them twice, are built in; [`mod@import`] makes a folder of the same kind from a foreign URDF
 //! or MJCF.
 //!
 //! The state is the coordinates of all joints in model order; the action is one number in
@@ -15,6 +15,7 @@
 
 mod builtin;
 pub mod check;
+mod dae;
 mod derive;
 mod error;
 mod folder;

@@ -155,7 +155,7 @@ fn strip_place(message: &str) -> String {
 
 /// Nesting depth by a scan of the tags, before anything recursive sees the text. Gives the
 /// byte of the first tag that is too deep.
-fn depth(xml: &str) -> Result<(), usize> {
+pub(super) fn depth(xml: &str) -> Result<(), usize> {
     let bytes = xml.as_bytes();
     let (mut at, mut deep) = (0, 0_usize);
     while let Some(next) = xml.get(at..).and_then(|r| r.find('<')) {

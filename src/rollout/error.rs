@@ -20,6 +20,9 @@ pub enum Error {
     /// The robot could not be read or changed.
     #[error(transparent)]
     Robot(#[from] crate::robot::Error),
+    /// A dataset could not be read, or has no trajectory that is long enough.
+    #[error(transparent)]
+    Dataset(#[from] crate::dataset::Error),
     /// A policy gave something that is no number.
     #[error("frame {frame}: policy {policy} gave {value} for actuator {actuator}")]
     BadAction {
@@ -72,6 +75,9 @@ pub enum Error {
         /// What is missing and where it comes from.
         needs: String,
     },
+    /// A model file, or the network in it.
+    #[error(transparent)]
+    Model(#[from] crate::net::Error),
     /// A plant description is wrong.
     #[error("plant {text:?}: {problem}; write for instance mass=1.25,damping=1.5,gear=0.85")]
     Plant {
@@ -94,6 +100,8 @@ impl HasExit for Error {
             Error::Simulation { .. } | Error::BadAction { .. } => Exit::Failed,
             Error::Setup(e) => e.exit(),
             Error::Robot(e) => e.exit(),
+            Error::Model(e) => e.exit(),
+            Error::Dataset(e) => e.exit(),
             Error::UnknownPolicy { .. } | Error::Plant { .. } => Exit::Usage,
             Error::Needs { .. } => Exit::Missing,
             Error::Cancelled { .. } => Exit::Interrupted,

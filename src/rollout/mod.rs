@@ -11,8 +11,10 @@
 
 mod actuation;
 mod computed_torque;
+mod cut;
 mod error;
 mod ilqr;
+mod learned;
 mod pd;
 mod plant;
 mod policy;
@@ -27,11 +29,13 @@ pub mod tasks;
 mod window;
 mod zero;
 
+pub use cut::{CUT_FRAMES, Masking, cut, test_suites};
 pub use error::Error;
 pub use ilqr::{Ilqr, IlqrConfig};
+pub use learned::{Learned, Linear, load, model_path, robot_card};
 pub use plant::{Belief, PlantConfig};
 pub use policy::{Policy, View};
-pub use precision::{HoldError, Precision};
+pub use precision::{HoldError, Precision, hidden_error};
 pub use registry::{Guide, PolicyConfig, PolicyName};
 pub use run::{Frame, Rollout, RolloutConfig, Start};
 pub use sampling::{PredictiveSampling, SamplingConfig};

@@ -17,8 +17,9 @@ pub struct Precision {
     /// Mean absolute error over unmasked frames and joints: the paper's Precision. `None`
     /// when nothing was commanded.
     pub precision: Option<f64>,
-    /// The same over masked frames, against the straight line through the gap. Means
-    /// something only where the hidden motion is known (tasks cut from data).
+    /// The same over masked frames: against the hidden motion where that is known (tasks
+    /// cut from data, see [`hidden_error`]), else against the straight line through the
+    /// gap, which says how direct the way was and no more.
     pub masked_mae: Option<f64>,
     /// 95th percentile over unmasked frames and joints.
     pub p95: Option<f64>,
@@ -112,6 +113,20 @@ impl Precision {
     }
 }
 
+/// Mean absolute error over masked frames and joints against the motion that the mask hides;
+/// `truth` and `reached` are (frames, dim), frame 0 first. `None` when nothing is masked.
+pub fn hidden_error(goals: &Goals, reached: &[f64], truth: &[f64]) -> Option<f64> {
+    let dim = goals.dim();
+    let frames = (reached.len().min(truth.len()) / dim.max(1)).min(goals.frames());
+    let mut masked = Mean::default();
+    for i in dim..frames * dim {
+        if !goals.is_visible(i / dim, i % dim) {
+            masked.add((reached[i] - truth[i]).abs());
+        }
+    }
+    masked.get()
+}
+
 #[derive(Clone, Debug, Default)]
 struct Mean {
     sum: f64,
@@ -177,4 +192,75 @@ fn holds(goals: &Goals, reached: &[f64], frames: usize) -> Vec<HoldError> {
         });
     }
     holds
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::clip::Command;
+
+    /// One joint; `None` is masked.
+    fn goals(rows: &[Option<f32>]) -> Goals {
+        let q = rows.iter().map(|v| v.unwrap_or(0.0)).collect();
+        let visible = rows.iter().map(Option::is_some).collect();
+        Goals::new(&Command::from_dense(vec!["a".into()], vec![0.0], q, visible).unwrap())
+    }
+
+    fn near(a: Option<f64>, b: f64) -> bool {
+        (a.unwrap() - b).abs() < 1e-12
+    }
+
+    #[test]
+    fn frames_are_strictly_aligned_and_frame_0_does_not_count() {
+        let g = goals(&[Some(9.0), Some(1.0), Some(2.0), Some(3.0)]);
+        // The right path one frame late: time-warping would call it perfect.
+        let p = Precision::measure(&g, &[0.0, 0.0, 1.0, 2.0], &[0.0; 3], 1);
+        assert!(near(p.precision, 1.0), "{p:?}");
+        assert_eq!(p.per_frame, [None, Some(1.0), Some(1.0), Some(1.0)]);
+        assert!(near(Precision::measure(&g, &[0.0, 1.0, 2.0, 3.0], &[], 1).precision, 0.0));
+        // A rollout that still runs is measured over what it has.
+        assert!(near(Precision::measure(&g, &[0.0, 1.5], &[], 1).precision, 0.5));
+    }
+
+    #[test]
+    fn masked_frames_are_left_out_and_counted_apart() {
+        let g = goals(&[Some(0.0), None, None, Some(3.0), Some(3.0)]);
+        let reached = [0.0, 5.0, 1.0, 3.5, 3.1];
+        let p = Precision::measure(&g, &reached, &[0.0; 4], 1);
+        assert!(near(p.precision, 0.3));
+        assert!(near(p.p95, 0.5));
+        assert_eq!(p.worst, Some((3, 0.5)));
+        // The straight line goes through 1 and 2; the hidden motion went through 5 and 2.
+        assert!(near(p.masked_mae, 2.5));
+        assert!(near(hidden_error(&g, &reached, &[0.0, 5.0, 2.0, 3.0, 3.0]), 0.5));
+        assert_eq!(hidden_error(&goals(&[Some(0.0), Some(0.0)]), &[0.0; 2], &[1.0; 2]), None);
+        let all = goals(&[Some(0.0), None, None]);
+        assert_eq!(Precision::measure(&all, &[0.0; 3], &[0.0; 2], 1).precision, None);
+    }
+
+    #[test]
+    fn holds_know_their_end_and_how_late_they_were_reached() {
+        let mut rows = vec![Some(0.0), None, None];
+        rows.extend([Some(1.0); 4]);
+        rows.extend([None, Some(2.0), Some(2.0), Some(2.0)]);
+        let g = goals(&rows);
+        // Within 0.05 from the third held frame on; the second hold is never reached.
+        let reached = [0.0, 0.3, 0.6, 0.8, 0.94, 0.96, 1.02, 1.3, 1.5, 1.6, 1.7];
+        let p = Precision::measure(&g, &reached, &[0.0; 10], 1);
+        let holds: Vec<_> = p.holds.iter().map(|h| (h.frame, h.length, h.late_frames)).collect();
+        assert_eq!(holds, [(3, 4, Some(2)), (8, 3, None)]);
+        assert!((p.holds[0].end_error - 0.02).abs() < 1e-9, "{p:?}");
+        // A hold that was never reached counts its whole length.
+        assert!(near(p.frames_late, (2.0 + 3.0) / 2.0));
+        assert!((p.hold_end.unwrap() - (0.02 + 0.3) / 2.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn shaking_and_saturation_are_of_actions() {
+        let g = goals(&[Some(0.0); 4]);
+        // Two actuators, three frames: |du| = 0.5, 0.1 then 0.5, 0.3.
+        let p = Precision::measure(&g, &[0.0; 4], &[1.0, 0.0, 0.5, 0.1, 0.0, -0.2], 2);
+        assert!((p.mean_abs_du - 0.35).abs() < 1e-12, "{}", p.mean_abs_du);
+        assert!((p.saturation - 1.0 / 6.0).abs() < 1e-12);
+    }
 }

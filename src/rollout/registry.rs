@@ -7,6 +7,7 @@ use std::sync::Arc;
 use super::computed_torque::ComputedTorque;
 use super::error::Error;
 use super::ilqr::{Ilqr, IlqrConfig};
+use super::learned::{self, Learned, Linear};
 use super::pd::Pd;
 use super::policy::Policy;
 use super::refine::Refined;
@@ -30,15 +31,21 @@ pub enum PolicyName {
     Ilqr,
     /// Predictive sampling on the true model.
     PredictiveSampling,
+    /// A trained network.
+    Robert,
+    /// The linear answer inside a model file.
+    Ridge,
 }
 
 /// Names as they are typed, in the order of tables.
-const NAMES: [(PolicyName, &str); 5] = [
+const NAMES: [(PolicyName, &str); 7] = [
     (PolicyName::Zero, "zero"),
     (PolicyName::Pd, "pd"),
     (PolicyName::ComputedTorque, "computed-torque"),
     (PolicyName::Ilqr, "ilqr"),
     (PolicyName::PredictiveSampling, "predictive-sampling"),
+    (PolicyName::Robert, "robert"),
+    (PolicyName::Ridge, "ridge"),
 ];
 
 impl PolicyName {
@@ -103,6 +110,13 @@ impl PolicyConfig {
         format!("{}{guide}{refine}", self.name.as_str())
     }
 
+    fn needed_path(&self) -> Result<&std::path::Path, Error> {
+        self.model_path.as_deref().ok_or_else(|| Error::Needs {
+            policy: self.name.as_str().to_owned(),
+            needs: format!("a model file or run directory: {}:PATH", self.name.as_str()),
+        })
+    }
+
     /// Builds it for this robot.
     ///
     /// # Errors
@@ -115,6 +129,13 @@ impl PolicyConfig {
             PolicyName::Ilqr => Box::new(Ilqr::new(robot, IlqrConfig::for_robot(robot))?),
             PolicyName::PredictiveSampling => {
                 Box::new(PredictiveSampling::new(robot, SamplingConfig::default())?)
+            }
+            PolicyName::Robert => {
+                let model = learned::load(robot, self.needed_path()?)?;
+                Box::new(Learned::new(model, crate::net::PolicyConfig::default())?)
+            }
+            PolicyName::Ridge => {
+                Box::new(Linear::new(learned::load(robot, self.needed_path()?)?.encoder)?)
             }
         };
         Ok(if self.refine { Box::new(Refined::new(robot, policy)?) } else { policy })

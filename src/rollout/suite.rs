@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use super::error::Error;
 use super::plant::PlantConfig;
-use super::precision::Precision;
+use super::precision::{Precision, hidden_error};
 use super::registry::PolicyConfig;
 use super::run::{Rollout, RolloutConfig, Start};
 use super::stats::{Interval, mean_ci95};
@@ -24,6 +24,8 @@ pub struct Case {
     pub command: Command,
     /// Where it begins.
     pub start: Start,
+    /// The whole motion, where masks hide a known one; (frames, S), frame 0 first.
+    pub truth: Option<Vec<f64>>,
 }
 
 /// Tasks that are reported together.
@@ -260,7 +262,11 @@ fn one(
     let frames = rollout.frame();
     match result {
         Ok(()) => {
-            Ok(Outcome { precision: Some(rollout.precision()), error: None, wall_secs, frames })
+            let mut precision = rollout.precision();
+            if let Some(truth) = &case.truth {
+                precision.masked_mae = hidden_error(rollout.goals(), rollout.reached(), truth);
+            }
+            Ok(Outcome { precision: Some(precision), error: None, wall_secs, frames })
         }
         Err(e @ (Error::Simulation { .. } | Error::BadAction { .. })) => {
             Ok(Outcome { precision: None, error: Some(e.to_string()), wall_secs, frames })

@@ -128,3 +128,41 @@ impl Header {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::sample;
+    use super::*;
+
+    fn problem(change: impl Fn(&mut serde_json::Value)) -> String {
+        let (_, take) = sample::take("pointmass", 5, 5);
+        let mut json = serde_json::to_value(Header::of(&take)).unwrap();
+        change(&mut json);
+        let bytes = serde_json::to_vec(&json).unwrap();
+        Header::parse(&bytes).map_or_else(|e| e.to_string(), |_| "fine".to_owned())
+    }
+
+    #[test]
+    fn caps_and_versions_are_checked() {
+        assert_eq!(problem(|_| ()), "fine");
+        assert!(problem(|j| j["format"] = "robert-take/2".into()).contains("reads robert-take/1"));
+        assert!(problem(|j| j["fps"] = 30.into()).contains("30 frames a second"));
+        let cap = limits::CLIP_FRAMES;
+        assert_eq!(problem(|j| j["frames"] = cap.into()), "fine");
+        assert!(problem(|j| j["frames"] = (cap + 1).into()).contains("frames"));
+        assert!(problem(|j| j["frames"] = 0.into()).contains("frames"));
+        let names = |n: usize| (0..n).map(|i| format!("n{i}")).collect::<Vec<_>>();
+        assert_eq!(problem(|j| j["robot"]["bodies"] = names(limits::BODIES).into()), "fine");
+        let many = names(limits::BODIES + 1);
+        assert!(problem(|j| j["robot"]["bodies"] = many.clone().into()).contains("too many"));
+        assert!(
+            problem(|j| j["robot"]["joints"][1] = j["robot"]["joints"][0].clone())
+                .contains("twice")
+        );
+        assert!(
+            problem(|j| j["robot"]["joints"][0] = "x".repeat(300).into()).contains("300 bytes")
+        );
+        assert!(problem(|j| j["start"] = serde_json::json!([0.0])).contains("start values"));
+        assert!(problem(|j| j["more"] = 1.into()) == "fine", "later minor fields are passed over");
+    }
+}

@@ -15,13 +15,13 @@ struct Document<'a> {
     precision: Precision,
     /// Frames x joints; `null` where masked.
     command: Vec<Vec<Option<f32>>>,
-    achieved: Vec<Frame<'a>>,
+    achieved: Vec<Row<'a>>,
     #[serde(skip_serializing_if = "Option::is_none")]
     clip: Option<serde_json::Value>,
 }
 
 #[derive(Serialize)]
-struct Frame<'a> {
+struct Row<'a> {
     frame: usize,
     time: f64,
     position: &'a [f64],
@@ -49,7 +49,7 @@ impl Take {
             self.command.row(f).iter().enumerate().map(goal).collect()
         };
         let achieved = (0..self.frames())
-            .map(|f| Frame {
+            .map(|f| Row {
                 frame: f,
                 time: (f as f64 * CTRL_DT * 100.0).round() / 100.0,
                 position: self.state(f),

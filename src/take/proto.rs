@@ -338,17 +338,18 @@ fn message(package: &str, name: &str, fields: &str) -> DescriptorProto {
                 proto.r#type = typed(Type::Message);
                 proto.type_name = Some(format!(".google.protobuf.{kind}"));
             }
-            _ => match kind.strip_prefix("enum:").and_then(|k| k.split_once('=')) {
-                Some((own, values)) => {
+            _ => {
+                if let Some((own, values)) =
+                    kind.strip_prefix("enum:").and_then(|k| k.split_once('='))
+                {
                     proto.r#type = typed(Type::Enum);
                     proto.type_name = Some(format!(".{package}.{name}.{own}"));
                     out.enum_type.push(enumeration(own, values));
-                }
-                None => {
+                } else {
                     proto.r#type = typed(Type::Message);
                     proto.type_name = Some(format!(".{package}.{kind}"));
                 }
-            },
+            }
         }
         if optional {
             // Presence in proto3 is a oneof of one.
@@ -391,7 +392,8 @@ fn camel(name: &str) -> String {
     out
 }
 
-/// Time of a message.
+/// Time of a message, as message fields hold it.
+#[allow(clippy::unnecessary_wraps)] // protobuf fields are optional
 pub(super) fn timestamp(nanos: u64) -> Option<Timestamp> {
     Some(Timestamp {
         seconds: (nanos / 1_000_000_000) as i64,

@@ -214,3 +214,55 @@ pub(super) fn unpack<'a>(record: Record<'a>, budget: &mut u64) -> Result<Cow<'a,
     }
     Ok(records)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn chunk(declared: u64, compression: &str, packed: &[u8]) -> Vec<u8> {
+        let mut body = vec![0; 16];
+        body.extend(declared.to_le_bytes());
+        body.extend([0; 4]);
+        body.extend((compression.len() as u32).to_le_bytes());
+        body.extend(compression.as_bytes());
+        body.extend((packed.len() as u64).to_le_bytes());
+        body.extend(packed);
+        body
+    }
+
+    fn problem(body: &[u8], budget: u64) -> String {
+        let record = Record { op: op::CHUNK, body, offset: 40 };
+        unpack(record, &mut { budget }).map_or_else(|d| d.to_string(), |_| "fine".to_owned())
+    }
+
+    /// A chunk may say that it is as large as the cap, and is then found out; one byte more
+    /// is refused before anything is unpacked. The same for what all chunks may take.
+    #[test]
+    fn chunk_sizes_are_capped() {
+        let cap = limits::MCAP_RECORD_BYTES as u64;
+        let small = zstd::bulk::compress(b"hello", 1).unwrap();
+        let far = limits::TAKE_UNPACKED_BYTES;
+        assert!(problem(&chunk(cap, "zstd", &small), far).contains("should be"));
+        assert!(problem(&chunk(cap + 1, "zstd", &small), far).contains("allowed"));
+        assert_eq!(problem(&chunk(5, "zstd", &small), 5), "fine");
+        assert!(problem(&chunk(5, "zstd", &small), 4).contains("allowed"));
+        // A bomb: more in it than it says.
+        let bomb = zstd::bulk::compress(&vec![0; 1 << 20], 1).unwrap();
+        assert!(problem(&chunk(1000, "zstd", &bomb), far).contains("does not unpack"));
+        assert_eq!(problem(&chunk(5, "", b"hello"), far), "fine");
+        assert!(problem(&chunk(5, "", b"hell"), far).contains("should be"));
+        assert!(problem(&chunk(5, "lz4", b"hello"), far).contains("lz4"));
+        assert!(problem(&chunk(5, "zstd", b"hello"), far).starts_with("byte 40: "));
+    }
+
+    #[test]
+    fn lengths_beyond_the_file_are_refused() {
+        let mut bytes = vec![op::MESSAGE];
+        bytes.extend(u64::MAX.to_le_bytes());
+        assert!(Records::new(&bytes, 0).next().unwrap().is_err());
+        assert!(Records::new(&bytes[..4], 0).next().unwrap().is_err());
+        assert!(Records::new(&[], 0).next().is_none());
+        let short = Record { op: op::ATTACHMENT, body: &[0; 5], offset: 0 };
+        assert!(attachment(short).is_err());
+    }
+}

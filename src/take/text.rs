@@ -129,7 +129,7 @@ mod tests {
     use crate::rollout::{PolicyConfig, PolicyName, Precision, Rollout, RolloutConfig, Start};
 
     fn original(take: &Take) -> Clip {
-        parse(take.clip_text.as_ref().unwrap()).unwrap().clip
+        parse(take.clip_text.clone().unwrap()).unwrap().clip
     }
 
     /// What each exporter writes of the reached motion is read back to within the clip's grid.

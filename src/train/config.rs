@@ -91,7 +91,8 @@ impl Default for TrainConfig {
 }
 
 /// Presets with a line for help.
-pub const PRESETS: [(&str, &str); 8] = [
+pub const PRESETS: [(&str, &str); 9] = [
+    ("instant", "no training: the linear answer alone, fitted in seconds"),
     ("quick", "4 layers of 128, goal tokens, gated skip: about five minutes on two cores"),
     ("pm-tiny", "2 layers of 64, 256 x 10k: Pointmass, ablations"),
     ("pm-plus", "3 layers of 96, 256 x 10k: Pointmass"),
@@ -133,6 +134,9 @@ impl TrainConfig {
             ..Self::default()
         };
         let cfg = match name {
+            "instant" => {
+                TrainConfig { steps: 0, layers: 1, width: 16, heads: 1, ..Self::default() }
+            }
             "quick" => Self::default(),
             "pm-tiny" => product(2, 64, 4, 1e-3),
             "pm-plus" => product(3, 96, 4, 1e-3),
@@ -192,7 +196,6 @@ impl TrainConfig {
         let weight = |x: f64| x.is_finite() && (0.0..=1e6).contains(&x);
         match () {
             () if !(1..=65_536).contains(&self.batch) => refuse("batch", "takes 1 to 65536"),
-            () if self.steps == 0 => refuse("steps", "takes 1 or more"),
             () if !positive(self.lr) => refuse("lr", "must be positive"),
             () if !positive(self.clip) => refuse("clip", "must be positive"),
             () if !weight(self.weight_decay) => refuse("weight_decay", "must be 0 or more"),

@@ -6,9 +6,12 @@
 
 pub mod config;
 mod error;
+pub mod judge;
 pub mod prepare;
 pub mod run;
 mod source;
+#[cfg(test)]
+mod tests;
 
 pub use config::{PRESETS, TrainConfig};
 pub use error::Error;

@@ -151,6 +151,10 @@ pub fn read_config(dir: &Path) -> Result<TrainConfig, Error> {
 pub fn train(data: &Dataset, cfg: &TrainConfig, mut opts: Options<'_>) -> Result<Finished, Error> {
     cfg.check()?;
     let mut run = Run::open(data, cfg, &opts)?;
+    if run.step == 0 {
+        // From the first step on there is something good to fall back on.
+        run.save(&opts.dir)?;
+    }
     let encoder = run.encoder.clone();
     let source = Source::new(data, &encoder, cfg);
     let windows = Windows::new(data, WINDOW, Part::Train, cfg.seed)?;
@@ -378,7 +382,8 @@ impl<'a> Run<'a> {
 
     /// Metrics first: a crash in between leaves lines that resuming cuts off again.
     fn save(&mut self, dir: &Path) -> Result<(), Error> {
-        let lines: String = self.metrics.iter().map(|l| format!("{l}\n")).collect();
+        let lines: Vec<String> = self.metrics.iter().map(ToString::to_string).collect();
+        let lines = lines.join("\n") + "\n";
         fsio::write_atomic(&paths::metrics(dir), lines.as_bytes())?;
         self.card.training.step = self.step;
         let ridge = self.encoder.ridge.as_ref();
@@ -435,8 +440,9 @@ fn read_metrics(path: &Path, step: u64) -> Result<Vec<serde_json::Value>, Error>
     let bytes = fsio::read_capped(path, 256 << 20)?;
     let text = String::from_utf8_lossy(&bytes);
     let lines = text.lines().filter_map(|l| serde_json::from_str::<serde_json::Value>(l).ok());
-    let until =
-        |l: &serde_json::Value| l.get("step").and_then(|s| s.as_u64()).is_some_and(|s| s <= step);
+    let until = |l: &serde_json::Value| {
+        l.get("step").and_then(serde_json::Value::as_u64).is_some_and(|s| s <= step)
+    };
     Ok(lines.filter(until).collect())
 }
 

@@ -21,7 +21,8 @@ pub(super) struct Source<'a> {
     encoder: &'a Encoder,
     cfg: &'a TrainConfig,
     ranges: Vec<Option<[f32; 2]>>,
-    near: f32,
+    /// Nearer than this to a stop counts as at it, by joint; (S).
+    near: Vec<f32>,
     pool: Mutex<Vec<Scratch>>,
 }
 
@@ -41,7 +42,7 @@ impl<'a> Source<'a> {
             encoder,
             cfg,
             ranges: robot.ranges.iter().map(|r| r.map(|r| r.map(|x| x as f32))).collect(),
-            near: robot.near_limit as f32,
+            near: robot.near_limit.iter().map(|&n| n as f32).collect(),
             pool: Mutex::new(Vec::new()),
         }
     }
@@ -116,8 +117,9 @@ impl<'a> Source<'a> {
     }
 
     fn near_stop(&self, q: &[f32]) -> bool {
-        q.iter().zip(&self.ranges).any(|(&x, range)| {
-            range.is_some_and(|[lo, hi]| x < lo + self.near || x > hi - self.near)
-        })
+        q.iter()
+            .zip(&self.ranges)
+            .zip(&self.near)
+            .any(|((&x, range), near)| range.is_some_and(|[lo, hi]| x < lo + near || x > hi - near))
     }
 }

@@ -4,9 +4,25 @@ import { useSignal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
 import { http, openWith } from "./api";
 import { act } from "./actions";
+import type { GalleryItem } from "./protocol";
 import * as store from "./store";
 
 const ROBOTS: Record<string, string> = { pointmass: "Pointmass", ur5e: "UR5e arm", ur5e_light: "UR5e arm, light damping", shadow_hand: "Shadow Hand" };
+
+/** What a newcomer should see first; the rest is a click away. */
+const FEATURED = ["shadow_hand/fire", "shadow_hand/rsp", "shadow_hand/six", "ur5e/hang", "ur5e/front_back", "pointmass/star"];
+
+function Card({ item }: { item: GalleryItem }) {
+  return (
+    <button class="card" onClick={() => void openWith("POST", `/api/gallery/${encodeURIComponent(item.id)}`)} data-testid={`example-${item.id}`}>
+      <img src={`/api/gallery-picture.jpg?id=${encodeURIComponent(item.id)}`} alt="" loading="lazy" onError={(e) => (e.currentTarget.style.visibility = "hidden")} />
+      <span class="body">
+        <span class="title">{item.name}</span><br />
+        <span class="sub">{ROBOTS[item.robot] ?? item.robot} · {(item.length / 20).toFixed(0)} s · {item.keys} key{item.keys === 1 ? "" : "s"}</span>
+      </span>
+    </button>
+  );
+}
 
 export function Gallery() {
   const robots = useSignal<{ id: string; builtin: boolean }[]>([]);
@@ -14,20 +30,15 @@ export function Gallery() {
   useEffect(() => {
     http<{ id: string; builtin: boolean }[]>("GET", "/api/robots").then((r) => (robots.value = r), () => undefined);
   }, []);
+  const all = store.gallery.value;
+  const featured = FEATURED.flatMap((id) => all.find((g) => g.id === id) ?? []);
+  const more = all.filter((g) => !FEATURED.includes(g.id));
   return (
     <div class="gallery" data-testid="gallery">
       <h1>RoBERT Studio</h1>
       <p class="lead">Place a few poses on a timeline. A policy that learned from curiosity alone performs them in physics, and you see how near it comes while you edit.</p>
       <div class="cards">
-        {store.gallery.value.map((g) => (
-          <button class="card" key={g.id} onClick={() => void openWith("POST", `/api/gallery/${encodeURIComponent(g.id)}`)} data-testid={`example-${g.id}`}>
-            <img src={`/api/gallery/${encodeURIComponent(g.id)}/picture.jpg`} alt="" loading="lazy" onError={(e) => (e.currentTarget.style.visibility = "hidden")} />
-            <span class="body">
-              <span class="title">{g.name}</span><br />
-              <span class="sub">{ROBOTS[g.robot] ?? g.robot} · {(g.length / 20).toFixed(0)} s · {g.keys} keys</span>
-            </span>
-          </button>
-        ))}
+        {featured.map((g) => <Card key={g.id} item={g} />)}
       </div>
       <h2>New clip</h2>
       <div class="row" style="margin-bottom: 22px">
@@ -38,6 +49,10 @@ export function Gallery() {
         <button onClick={() => act("open")}>Open a file…</button>
         <span style="color: var(--dim)">Your own robot: <code>robert import robot.urdf --out my_robot</code></span>
       </div>
+      <details style="margin-bottom: 22px">
+        <summary style="cursor: pointer"><b>{more.length} more examples</b></summary>
+        <div class="cards" style="margin-top: 12px">{more.map((g) => <Card key={g.id} item={g} />)}</div>
+      </details>
       {store.recent.value.length ? <h2>Recent</h2> : null}
       {store.recent.value.map((r) => (
         <div class="take" key={r.path} style="max-width: 760px">

@@ -59,7 +59,7 @@ function Joint({ index }: { index: number }) {
   return (
     <div class={`joint ${store.joint.value === index ? "on" : ""}`} data-testid={id} onPointerEnter={() => undefined}>
       <label for={id} title={coupled.length ? `${name}; moves with ${coupled.join(", ")}` : name} onClick={() => select(index)}>
-        {coupled.length ? "⚭ " : ""}{title}
+        {title}{coupled.length ? <span aria-hidden="true" style="color: var(--marker)"> &</span> : null}
       </label>
       <input
         id={id} type="range" min={lo} max={hi} step={(hi - lo) / 2000} value={value}

@@ -24,12 +24,12 @@ function Bar() {
   const h = d?.history;
   return (
     <header class="bar">
-      <button class="quiet brand" onClick={() => (store.page.value = "gallery")} title="Examples and recent files"><img src="/icon.svg" width="18" height="18" alt="" /> RoBERT Studio</button>
+      <button class="quiet brand" onClick={() => (store.page.value = "gallery")} title="Examples and recent files"><img src="/ui/icon.svg" width="18" height="18" alt="" /> RoBERT Studio</button>
       <span class="name" data-testid="title">{name}{d?.dirty ? " •" : ""}</span>
       <span style="color: var(--dim)">{store.robot.value?.title}</span>
       <span class="grow" />
-      <button class="quiet" onClick={() => act("undo")} disabled={!h || h.done === 0} title={h && h.done > 0 ? `Undo: ${h.labels[h.done - h.first - 1] ?? ""} (Ctrl+Z)` : "Nothing to undo"} data-testid="undo">↶ Undo</button>
-      <button class="quiet" onClick={() => act("redo")} disabled={!h || h.done >= h.len} title={h && h.done < h.len ? `Redo: ${h.labels[h.done - h.first] ?? ""} (Ctrl+Shift+Z)` : "Nothing to redo"}>↷ Redo</button>
+      <button class="quiet" onClick={() => act("undo")} disabled={!h || h.done === 0} title={h && h.done > 0 ? `Undo: ${h.labels[h.done - h.first - 1] ?? ""} (Ctrl+Z)` : "Nothing to undo"} data-testid="undo">Undo</button>
+      <button class="quiet" onClick={() => act("redo")} disabled={!h || h.done >= h.len} title={h && h.done < h.len ? `Redo: ${h.labels[h.done - h.first] ?? ""} (Ctrl+Shift+Z)` : "Nothing to redo"}>Redo</button>
       <button class="quiet" onClick={() => act("palette")} title="Ctrl+K">Commands</button>
       <button onClick={() => act("save")} disabled={!d?.dirty && !!d?.path} title="Ctrl+S" data-testid="save">Save</button>
       <button class="quiet" onClick={() => act("help")} title="Shortcuts (?)" aria-label="Shortcuts">?</button>

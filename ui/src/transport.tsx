@@ -45,6 +45,20 @@ function usePlayback(): void {
   }, []);
 }
 
+/** Drawn, because no font is sure to have these signs. */
+const SHAPES: Record<string, string> = {
+  start: "M3 2h2v10H3z M13 2v10L6 7z",
+  back: "M11 2v10L4 7z",
+  play: "M4 2l9 5-9 5z",
+  pause: "M4 2h3v10H4z M9 2h3v10H9z",
+  forward: "M5 2l7 5-7 5z",
+  end: "M11 2h2v10h-2z M3 2l7 5-7 5z",
+};
+
+function Icon({ name }: { name: keyof typeof SHAPES }) {
+  return <svg width="15" height="14" viewBox="0 0 15 14" aria-hidden="true" style="display: block"><path d={SHAPES[name]} fill="currentColor" /></svg>;
+}
+
 export function Transport() {
   usePlayback();
   const text = useSignal<string | undefined>(undefined);
@@ -59,11 +73,11 @@ export function Transport() {
   };
   return (
     <div class="transport" role="toolbar" aria-label="Playback">
-      <button onClick={() => act("home")} aria-label="To the start" title="Home">⏮</button>
-      <button onClick={() => act("prev-frame")} aria-label="Previous frame" title="Left">◀</button>
-      <button class="main" onClick={() => act("play")} aria-label={store.playing.value ? "Pause" : "Play"} title="Space" data-testid="play">{store.playing.value ? "❚❚" : "▶"}</button>
-      <button onClick={() => act("next-frame")} aria-label="Next frame" title="Right">▶</button>
-      <button onClick={() => act("end")} aria-label="To the end" title="End">⏭</button>
+      <button onClick={() => act("home")} aria-label="To the start" title="Home"><Icon name="start" /></button>
+      <button onClick={() => act("prev-frame")} aria-label="Previous frame" title="Left"><Icon name="back" /></button>
+      <button class="main" onClick={() => act("play")} aria-label={store.playing.value ? "Pause" : "Play"} title="Space" data-testid="play"><Icon name={store.playing.value ? "pause" : "play"} /></button>
+      <button onClick={() => act("next-frame")} aria-label="Next frame" title="Right"><Icon name="forward" /></button>
+      <button onClick={() => act("end")} aria-label="To the end" title="End"><Icon name="end" /></button>
       <button aria-pressed={store.loop.value} onClick={() => act("loop")} title="L">Loop</button>
       <select aria-label="Speed" value={String(store.speed.value)} onChange={(e) => (store.speed.value = Number(e.currentTarget.value))}>
         {[0.1, 0.25, 0.5, 1, 2, 4].map((s) => <option key={s} value={String(s)}>{s}×</option>)}

@@ -11,17 +11,20 @@ import * as store from "./store";
 /** Viser's own panel and notices would cover the robot; the shell has its own. */
 const HIDE = "[data-floating-window],[data-testid='floating-panel'],.mantine-Notifications-root{display:none!important}";
 
-function hasWebGL(): boolean {
+/** Asked once: every probe holds a context, and a page has only sixteen. */
+const WEBGL = ((): boolean => {
   try {
-    return document.createElement("canvas").getContext("webgl2") !== null;
+    const context = document.createElement("canvas").getContext("webgl2");
+    context?.getExtension("WEBGL_lose_context")?.loseContext();
+    return context !== null;
   } catch {
     return false;
   }
-}
+})();
 
 export function Viewport() {
   const frame = useRef<HTMLIFrameElement>(null);
-  const stills = !store.viser.value || !hasWebGL();
+  const stills = !store.viser.value || !WEBGL;
 
   useEffect(() => {
     let last = -1;

@@ -1,9 +1,13 @@
 //! `robert bench`: speed, always as a ratio to a named peer, measured in turns in one run.
 
 mod clock;
+mod collect;
 mod engine;
+mod explore;
 mod infer;
 mod reference;
+mod render;
+mod rollout;
 mod sim;
 mod train;
 
@@ -24,19 +28,31 @@ pub(super) struct Args {
 enum What {
     /// Control steps a second through the simulator layer, against a bare C loop.
     Sim(sim::Args),
+    /// Processor time of a picture.
+    Render(render::Args),
+    /// Policies, against the bare simulation of the frames that they act in.
+    Rollout(rollout::Args),
     /// Training throughput of the network, and its share of the machine's peak.
     Train(train::Args),
     /// Time of one action at batch 1.
     Infer(infer::Args),
     /// Write worked examples (weights, batch, loss, gradients) for other implementations.
     Reference(reference::Args),
+    /// Collection: roll-outs against bare simulation, updates of each agent, reading windows.
+    Collect(collect::Args),
+    /// Reward and coverage of every collector over steps.
+    Explore(explore::Args),
 }
 
 pub(super) fn run(args: Args) -> Outcome {
     match args.what {
         What::Sim(args) => sim::run(&args),
+        What::Render(args) => render::run(&args),
+        What::Rollout(args) => rollout::run(&args),
         What::Train(args) => train::run(&args),
         What::Infer(args) => infer::run(&args),
         What::Reference(args) => reference::run(&args),
+        What::Collect(args) => collect::run(&args),
+        What::Explore(args) => explore::run(&args),
     }
 }

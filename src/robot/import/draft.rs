@@ -39,6 +39,20 @@ impl Draft {
         let refused =
             |message: String| Error::Refused { message, line: 0, column: 0, path: path.into() };
         let extension = mesh::extension(path);
+        let bytes = fsio::read_capped(path, limits::MESH_BYTES)?;
+        let bytes = mesh::normalised(&path.to_string_lossy(), bytes).map_err(refused)?;
+        let name = self.add(path, &extension, bytes)?;
+        self.sources.insert(path.to_owned(), name.clone());
+        Ok(name)
+    }
+
+    /// Adds content that came of a file, under a plain name of its own.
+    pub(super) fn add(
+        &mut self,
+        path: &Path,
+        extension: &str,
+        bytes: Vec<u8>,
+    ) -> Result<String, Error> {
         let stem = path.file_stem().map(|s| s.to_string_lossy().to_lowercase()).unwrap_or_default();
         let stem: String = stem
             .chars()
@@ -51,18 +65,16 @@ impl Draft {
             name = format!("{stem}_{n}.{extension}");
             n += 1;
         }
-        let bytes = fsio::read_capped(path, limits::MESH_BYTES)?;
         self.bytes += bytes.len() as u64;
         if self.bytes > limits::UPLOAD_BYTES || self.assets.len() >= limits::PROJECT_FILES {
-            return Err(refused(format!(
+            let message = format!(
                 "with this file the model has more than {} bytes or {} files",
                 limits::UPLOAD_BYTES,
                 limits::PROJECT_FILES
-            )));
+            );
+            return Err(Error::Refused { message, line: 0, column: 0, path: path.into() });
         }
-        let bytes = mesh::normalised(&name, bytes).map_err(refused)?;
         self.assets.push((name.clone(), bytes));
-        self.sources.insert(path.to_owned(), name.clone());
         Ok(name)
     }
 
@@ -72,12 +84,11 @@ impl Draft {
         let doc = preparse::parse(&self.xml, path)?;
         let mut edits = text::Edits::default();
         let root = doc.root_element();
-        match text::before_close(root) {
-            Some(at) => edits.insert(at, sections),
-            None => {
-                let name = root.tag_name().name();
-                edits.replace(root.range(), format!("<{name}>{sections}</{name}>"));
-            }
+        if let Some(at) = text::before_close(root) {
+            edits.insert(at, sections);
+        } else {
+            let name = root.tag_name().name();
+            edits.replace(root.range(), format!("<{name}>{sections}</{name}>"));
         }
         let xml = edits.apply(&self.xml);
         self.xml = xml;

@@ -127,13 +127,13 @@ fn motor(draft: &mut Draft, model: &Model, a: usize, config: &ImportConfig) -> O
     let called = model.name(Kind::Actuator, a);
     let (attribute, target) = match model.transmission(a) {
         Some(Transmission::Joint(j)) => ("joint", model.name(Kind::Joint, j)?.to_owned()),
-        Some(Transmission::Tendon(t)) => match model.name(Kind::Tendon, t) {
-            Some(n) => ("tendon", n.to_owned()),
-            None => {
+        Some(Transmission::Tendon(t)) => {
+            let Some(name) = model.name(Kind::Tendon, t) else {
                 draft.dropped.push(format!("actuator {a}: its tendon has no name"));
                 return None;
-            }
-        },
+            };
+            ("tendon", name.to_owned())
+        }
         _ => {
             let name =
                 called.map_or_else(|| format!("actuator {a}"), |n| format!("actuator \"{n}\""));
@@ -191,14 +191,14 @@ fn without_actuators(draft: &mut Draft, config: &ImportConfig) -> Result<String,
 }
 
 /// Whether the model weighs the same without its visual geoms, body by body, bit by bit.
-pub(super) fn weightless_visuals(xml: &str, assets: &Assets, full: &Model) -> Result<bool, Error> {
-    let Ok(bare) = text::discard_visual(xml) else { return Ok(false) };
-    let Ok(bare) = crate::robot::compile(&bare, assets) else { return Ok(false) };
-    Ok(bare.nq() == full.nq()
+pub(super) fn weightless_visuals(xml: &str, assets: &Assets, full: &Model) -> bool {
+    let Ok(bare) = text::discard_visual(xml) else { return false };
+    let Ok(bare) = crate::robot::compile(&bare, assets) else { return false };
+    bare.nq() == full.nq()
         && bare.nu() == full.nu()
         && bare.body_mass() == full.body_mass()
         && bare.body_inertia() == full.body_inertia()
         && bare.body_ipos() == full.body_ipos()
         && bare.body_pos() == full.body_pos()
-        && bare.ngeom() < full.ngeom())
+        && bare.ngeom() < full.ngeom()
 }

@@ -176,7 +176,7 @@ fn stem(written: &str) -> String {
 fn names(doc: &Document<'_>, draft: &mut Draft, edits: &mut Edits) {
     let taken: BTreeSet<&str> = doc.descendants().filter_map(|n| n.attribute("name")).collect();
     let in_world = |n: &Node<'_, '_>| n.ancestors().any(|a| a.has_tag_name("worldbody"));
-    let mut fresh = |stem: &str, n: &mut usize| loop {
+    let fresh = |stem: &str, n: &mut usize| loop {
         let name = format!("{stem}_{n}");
         *n += 1;
         if !taken.contains(name.as_str()) {

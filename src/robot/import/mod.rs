@@ -211,7 +211,7 @@ fn describe(
             j.speed_limit = *v;
         }
     }
-    p.physics.discard_visual = mend::weightless_visuals(&draft.xml, &draft.assets, model)?;
+    p.physics.discard_visual = mend::weightless_visuals(&draft.xml, &draft.assets, model);
     let text = p.to_toml()?;
     Ok(format!(
         "# Made by robert import. Whatever the model implies may be left out again.\n{text}"

@@ -13,12 +13,18 @@ use urdf_rs::{Geometry, Joint, JointType, Link, Pose};
 use super::ImportConfig;
 use super::draft::{ASSET_DIR, Draft, physics};
 use crate::robot::text::escape;
-use crate::robot::{Error, mesh, preparse};
+use crate::robot::{Error, dae, mesh, preparse};
 
 /// Rotor inertia where the source gives none, kg m^2 or kg (it never does).
 const ARMATURE: f64 = 0.01;
 /// Mass and inertia of moving links that have neither inertia nor collision shapes.
 const GHOST: (f64, f64) = (1e-3, 1e-6);
+
+/// Colour of what has none.
+const PLAIN: [f64; 4] = [0.7, 0.7, 0.72, 1.0];
+
+/// Mesh files with their colours.
+type Painted = Vec<(String, Option<[f64; 4]>)>;
 
 /// The robot under work.
 struct Tree<'a> {
@@ -31,6 +37,8 @@ struct Tree<'a> {
     materials: BTreeMap<&'a str, [f64; 4]>,
     /// Mesh assets by file and scale: name.
     meshes: BTreeMap<(String, String), String>,
+    /// Parts of COLLADA meshes by file.
+    painted: BTreeMap<PathBuf, Painted>,
     /// Files that could not be used, with the reason, each told once.
     unusable: BTreeSet<String>,
     draft: Draft,
@@ -63,6 +71,7 @@ pub(super) fn draft(project: &preparse::Project, config: &ImportConfig) -> Resul
         project,
         config,
         meshes: BTreeMap::new(),
+        painted: BTreeMap::new(),
         unusable: BTreeSet::new(),
         draft: Draft { title: robot.name.clone(), ..Draft::default() },
         body: String::new(),
@@ -94,8 +103,7 @@ fn check_tree<'a>(
     let named = |tag: &str, name: &str| {
         doc.root_element()
             .children()
-            .filter(|n| n.has_tag_name(tag) && n.attribute("name") == Some(name))
-            .last()
+            .rfind(|n| n.has_tag_name(tag) && n.attribute("name") == Some(name))
             .unwrap_or_else(|| doc.root_element())
     };
     let refuse =
@@ -267,6 +275,15 @@ impl<'a> Tree<'a> {
             .unwrap_or_else(|| self.doc.root_element())
     }
 
+    /// Whether the source says anything about the link's mass.
+    fn has_inertial(&self, link: &str) -> bool {
+        self.doc
+            .root_element()
+            .children()
+            .filter(|n| n.has_tag_name("link") && n.attribute("name") == Some(link))
+            .any(|n| n.children().any(|c| c.has_tag_name("inertial")))
+    }
+
     fn refuse_joint(&self, j: &Joint, message: &str) -> Error {
         preparse::refuse(
             self.joint_node(&j.name),
@@ -326,8 +343,7 @@ impl<'a> Tree<'a> {
     fn inertial(&mut self, link: &Link, moving: bool, pad: &str) {
         let i = &link.inertial;
         if i.mass.value <= 0.0 {
-            let weighs =
-                link.collision.iter().any(|c| !matches!(c.geometry, Geometry::Mesh { .. }));
+            let weighs = link.collision.iter().any(|c| is_read(&c.geometry));
             if moving && !weighs {
                 let (mass, inertia) = GHOST;
                 writeln!(
@@ -339,6 +355,13 @@ impl<'a> Tree<'a> {
                     "link \"{}\" has no inertia: {mass} kg, {inertia} kg m^2",
                     link.name
                 ));
+            } else if !moving && self.has_inertial(&link.name) {
+                // A massless frame, such as a tool's: nothing for its shapes to weigh.
+                writeln!(
+                    self.body,
+                    "{pad}  <inertial pos=\"0 0 0\" mass=\"0\" diaginertia=\"0 0 0\"/>"
+                )
+                .ok();
             } else if moving {
                 self.draft.assumed.push(format!(
                     "link \"{}\" has no inertia: that of its collision shapes at 1000 kg/m^3",
@@ -465,19 +488,14 @@ impl<'a> Tree<'a> {
     fn shapes(&mut self, link: &'a Link, pad: &str) -> Result<(), Error> {
         let mut seen = false;
         for v in &link.visual {
-            let rgba = v
-                .material
-                .as_ref()
-                .and_then(|m| {
-                    m.color
-                        .as_ref()
-                        .map(|c| c.rgba.0)
-                        .or_else(|| self.materials.get(m.name.as_str()).copied())
-                })
-                .unwrap_or([0.7, 0.7, 0.72, 1.0])
-                .map(|c| c.clamp(0.0, 1.0));
-            if let Some(shape) = self.shape(&v.geometry, &link.name, "visual")? {
-                let [r, g, b, a] = rgba;
+            let own = v.material.as_ref().and_then(|m| {
+                m.color
+                    .as_ref()
+                    .map(|c| c.rgba.0)
+                    .or_else(|| self.materials.get(m.name.as_str()).copied())
+            });
+            for (shape, painted) in self.shape(&v.geometry, &link.name, "visual")? {
+                let [r, g, b, a] = painted.or(own).unwrap_or(PLAIN).map(|c| c.clamp(0.0, 1.0));
                 writeln!(
                     self.body,
                     "{pad}  <geom {shape} {} contype=\"0\" conaffinity=\"0\" group=\"2\" mass=\"0\" rgba=\"{r} {g} {b} {a}\"/>",
@@ -490,7 +508,7 @@ impl<'a> Tree<'a> {
         // Without anything to look at, the collision shapes are shown.
         let group = if seen { 3 } else { 1 };
         for c in &link.collision {
-            if let Some(shape) = self.shape(&c.geometry, &link.name, "collision")? {
+            for (shape, _) in self.shape(&c.geometry, &link.name, "collision")? {
                 writeln!(
                     self.body,
                     "{pad}  <geom {shape} {} group=\"{group}\"/>",
@@ -502,46 +520,94 @@ impl<'a> Tree<'a> {
         Ok(())
     }
 
-    /// Type and size of a geom; `None` where its file cannot be used, which is told.
+    /// Types and sizes of the geoms of a shape, with colours where its file has some; none
+    /// where the file cannot be used, which is told.
     fn shape(
         &mut self,
         geometry: &Geometry,
         link: &str,
         what: &str,
-    ) -> Result<Option<String>, Error> {
-        Ok(Some(match geometry {
+    ) -> Result<Vec<(String, Option<[f64; 4]>)>, Error> {
+        let one = |text: String| Ok(vec![(text, None)]);
+        let (filename, scale) = match geometry {
             Geometry::Box { size: s } => {
-                format!("type=\"box\" size=\"{} {} {}\"", s[0] / 2.0, s[1] / 2.0, s[2] / 2.0)
+                return one(format!(
+                    "type=\"box\" size=\"{} {} {}\"",
+                    s[0] / 2.0,
+                    s[1] / 2.0,
+                    s[2] / 2.0
+                ));
             }
             Geometry::Cylinder { radius, length } => {
-                format!("type=\"cylinder\" size=\"{radius} {}\"", length / 2.0)
+                return one(format!("type=\"cylinder\" size=\"{radius} {}\"", length / 2.0));
             }
             Geometry::Capsule { radius, length } => {
-                format!("type=\"capsule\" size=\"{radius} {}\"", length / 2.0)
+                return one(format!("type=\"capsule\" size=\"{radius} {}\"", length / 2.0));
             }
-            Geometry::Sphere { radius } => format!("type=\"sphere\" size=\"{radius}\""),
-            Geometry::Mesh { filename, scale } => {
-                let extension = mesh::extension(Path::new(filename));
-                if !matches!(extension.as_str(), "stl" | "obj" | "msh") {
-                    if self.unusable.insert(format!("{filename} {what}")) {
-                        self.draft.dropped.push(format!(
-                            "{what} mesh \"{filename}\" of link \"{link}\": .{extension} is not read (STL and OBJ are)"
-                        ));
-                    }
-                    return Ok(None);
+            Geometry::Sphere { radius } => {
+                return one(format!("type=\"sphere\" size=\"{radius}\""));
+            }
+            Geometry::Mesh { filename, scale } => (filename, scale),
+        };
+        if !is_read(geometry) {
+            let extension = mesh::extension(Path::new(filename));
+            self.leave_out(
+                filename,
+                link,
+                what,
+                &format!(".{extension} is not read (STL, OBJ and DAE are)"),
+            );
+            return Ok(Vec::new());
+        }
+        let file = self.locate(filename)?;
+        mesh::check_file(&file).map_err(|m| self.refuse_mesh(filename, &m))?;
+        let files = if mesh::extension(&file) == "dae" {
+            match self.collada(&file)? {
+                Ok(files) => files,
+                Err(why) => {
+                    self.leave_out(filename, link, what, &why);
+                    return Ok(Vec::new());
                 }
-                let file = self.locate(filename)?;
-                let size = mesh::check_file(&file).map_err(|m| self.refuse_mesh(filename, &m))?;
-                debug_assert!(size > 0);
-                let name = self.draft.take(&file)?;
-                let scale =
-                    scale.map_or_else(String::new, |s| format!("{} {} {}", s[0], s[1], s[2]));
-                let count = self.meshes.len();
-                let id =
-                    self.meshes.entry((name, scale)).or_insert_with(|| format!("mesh_{count}"));
-                format!("type=\"mesh\" mesh=\"{id}\"")
             }
-        }))
+        } else {
+            vec![(self.draft.take(&file)?, None)]
+        };
+        let scale = scale.map_or_else(String::new, |s| format!("{} {} {}", s[0], s[1], s[2]));
+        Ok(files
+            .into_iter()
+            .map(|(name, rgba)| {
+                let count = self.meshes.len();
+                let key = (name, scale.clone());
+                let id = self.meshes.entry(key).or_insert_with(|| format!("mesh_{count}"));
+                (format!("type=\"mesh\" mesh=\"{id}\""), rgba)
+            })
+            .collect())
+    }
+
+    /// Says once that a mesh is not in the result.
+    fn leave_out(&mut self, filename: &str, link: &str, what: &str, why: &str) {
+        if self.unusable.insert(format!("{filename} {what}")) {
+            self.draft
+                .dropped
+                .push(format!("{what} mesh \"{filename}\" of link \"{link}\": {why}"));
+        }
+    }
+
+    /// Files and colours of the parts of a COLLADA mesh; the inner error is why it has none.
+    fn collada(&mut self, file: &Path) -> Result<Result<Painted, String>, Error> {
+        if let Some(known) = self.painted.get(file) {
+            return Ok(Ok(known.clone()));
+        }
+        let parts = match dae::read(file) {
+            Ok(parts) => parts,
+            Err(why) => return Ok(Err(why)),
+        };
+        let mut files = Painted::new();
+        for part in &parts {
+            files.push((self.draft.add(file, "stl", part.to_stl())?, part.rgba));
+        }
+        self.painted.insert(file.to_owned(), files.clone());
+        Ok(Ok(files))
     }
 
     fn refuse_mesh(&self, filename: &str, message: &str) -> Error {
@@ -625,6 +691,12 @@ impl<'a> Tree<'a> {
         self.draft.assumed.push(format!("armature {ARMATURE} at every joint"));
         Ok(self.draft)
     }
+}
+
+/// Whether a shape can be taken over: all but meshes in formats that are not read.
+fn is_read(geometry: &Geometry) -> bool {
+    let Geometry::Mesh { filename, .. } = geometry else { return true };
+    matches!(mesh::extension(Path::new(filename)).as_str(), "stl" | "obj" | "msh" | "dae")
 }
 
 fn rotation(p: &Pose) -> Matrix3<f64> {

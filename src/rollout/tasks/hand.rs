@@ -24,7 +24,6 @@ const LITTLE_CURLED: Finger = [0.0, 1.34, 1.5, 1.5];
 const HALF: Finger = [0.0, 0.7, 0.8, 0.8];
 
 const THUMB_OUT: Thumb = [-0.6, 0.0, 0.0, -0.5, -0.2];
-const THUMB_REST: Thumb = [0.0; 5];
 /// Across the palm, under curled fingers.
 const THUMB_OVER: Thumb = [0.6, 1.1, 0.0, 0.5, 0.9];
 /// Beside the curled index finger.
@@ -69,9 +68,7 @@ fn drawn(name: &str) -> Option<Vec<f64>> {
             [-0.2, 0.4, 0.0, 0.0, 0.1],
         ),
         "call_me" => pose(CURLED, CURLED, RING_CURLED, spread(s, -0.25), THUMB_OUT),
-        "rock_on" => {
-            pose(spread(s, -0.1), CURLED, RING_CURLED, spread(s, -0.2), [0.6, 1.1, 0.0, 0.5, 0.9])
-        }
+        "rock_on" => pose(spread(s, -0.1), CURLED, RING_CURLED, spread(s, -0.2), THUMB_BESIDE),
         "pinch_middle" => pose(
             spread(s, -0.1),
             [0.0, 0.95, 0.7, 0.7],

@@ -210,3 +210,102 @@ fn text(path: &str) -> Result<String, TaskError> {
 fn damaged(path: &str, message: &str) -> TaskError {
     TaskError::Damaged { message: message.to_owned(), path: path.to_owned() }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use super::*;
+    use crate::clip::{Level, compile, lint};
+    use crate::robot::Robot;
+
+    fn folders() -> impl Iterator<Item = String> {
+        manifest().unwrap().into_iter().filter(|(_, t)| t.like.is_none()).map(|(id, _)| id)
+    }
+
+    #[test]
+    fn every_file_is_listed_and_every_listed_task_is_a_file() {
+        let listed: BTreeSet<String> = folders()
+            .flat_map(|id| {
+                SUITES.map(|s| {
+                    suite(&id, s)
+                        .unwrap()
+                        .into_iter()
+                        .map(|(n, _)| path_of(&id, &n))
+                        .collect::<Vec<_>>()
+                })
+            })
+            .flatten()
+            .chain([MANIFEST.to_owned()])
+            .collect();
+        let there: BTreeSet<String> = Files::iter().map(|f| f.to_string()).collect();
+        assert_eq!(listed, there);
+        let count = |id| suite(id, "manual").unwrap().len();
+        assert_eq!([count("pointmass"), count("ur5e"), count("shadow_hand")], [15, 4, 18]);
+        assert_eq!(suite("ur5e_light", "manual").unwrap().len(), 4);
+    }
+
+    #[test]
+    fn every_task_is_canonical_lasts_and_lints_clean() {
+        for id in folders() {
+            let robot = Robot::builtin(&id).unwrap();
+            let table = robot.joint_table();
+            for s in SUITES {
+                for (name, clip) in suite(&id, s).unwrap() {
+                    let text = task_text(&id, &name).unwrap();
+                    assert_eq!(clip.to_text(), text, "{id}/{name} is not canonical");
+                    assert!(s != "manual" || clip.secs() > 10.0, "{id}/{name} is too short");
+                    assert!(!clip.name.is_empty() && !clip.notes.is_empty());
+                    let sha = clip.robot.model_sha256.as_deref();
+                    assert_eq!(sha, Some(robot.model_sha256()), "{id}/{name}");
+                    let command = compile(&clip).unwrap();
+                    for lint in lint(&clip, &command, &table, None) {
+                        assert!(lint.level < Level::Error, "{id}/{name}: {}", lint.message);
+                    }
+                    for f in 0..command.frames() {
+                        for (j, q) in robot.joints().iter().zip(command.row(f)) {
+                            let inside = j.range[0] - 1e-6..=j.range[1] + 1e-6;
+                            assert!(inside.contains(&f64::from(*q)), "{id}/{name} {f} {}", j.name);
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    /// The files are what the formulas give; hand poses to a milliradian, since they come
+    /// out of a simulation.
+    #[test]
+    fn files_and_formulas_agree() {
+        for id in folders() {
+            let robot = Robot::builtin(&id).unwrap();
+            let tasks = author(&robot).unwrap();
+            let names: usize = SUITES.iter().map(|s| suite(&id, s).unwrap().len()).sum();
+            assert_eq!(tasks.len(), names, "{id}: run robert tasks author --out assets/clips");
+            for task in tasks {
+                let file = read(&id, task.name).unwrap();
+                assert_eq!(file.keys.len(), task.clip.keys.len(), "{id}/{}", task.name);
+                assert_eq!(file.poses.len(), task.clip.poses.len(), "{id}/{}", task.name);
+                let (a, b) = (compile(&file).unwrap(), compile(&task.clip).unwrap());
+                assert_eq!(a.frames(), b.frames());
+                for f in 0..a.frames() {
+                    assert_eq!(a.sight(f), b.sight(f), "{id}/{} {f}", task.name);
+                    for (x, y) in a.row(f).iter().zip(b.row(f)) {
+                        assert!((x - y).abs() < 1e-3, "{id}/{} {f}: {x} {y}", task.name);
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn names_find_their_task_and_mistakes_a_near_one() {
+        assert_eq!(find("reacher", None).unwrap().robot.id, "ur5e");
+        assert_eq!(find("shadow_hand/fire", None).unwrap().name, "fire a handgun");
+        assert_eq!(find("hang", Some("ur5e_light")).unwrap().robot.id, "ur5e");
+        let e = find("recher", None).unwrap_err();
+        assert!(e.to_string().contains("ur5e/reacher"), "{e}");
+        assert!(matches!(suite("ur5e", "x"), Err(TaskError::UnknownSuite { .. })));
+        assert!(matches!(suite("spot", "manual"), Err(TaskError::NoTasks { .. })));
+    }
+}

@@ -108,6 +108,7 @@ fn key(message: &Message) -> Option<Key> {
         Message::RemoveSceneNodeMessage { name, .. } => of(Rank::Remove, name),
         Message::SetSceneNodeClickBindingsMessage { name, .. } => of(Rank::Clicks, name),
         Message::SetSceneNodeDragBindingsMessage { name, .. } => of(Rank::Drags, name),
+        Message::EnvironmentMapMessage { .. } => of(Rank::Global, "3 surroundings"),
         Message::EnableLightsMessage { .. } => of(Rank::Global, "1 lights"),
         Message::ThemeConfigurationMessage { .. } => of(Rank::Global, "2 theme"),
         Message::SetCameraUpDirectionMessage { .. } => of(Rank::Camera, "0 up"),

@@ -74,8 +74,10 @@ impl Serialize for Buffer {
     }
 }
 
-/// Encodes `head`, then what `tail` makes of the lengths of the buffers met in it.
-fn pack<H: Serialize>(head: &H) -> Result<(Vec<u8>, Vec<Arc<[u8]>>), Error> {
+/// Msgpack and the buffers beside it.
+type Packed = (Vec<u8>, Vec<Arc<[u8]>>);
+
+fn pack<H: Serialize>(head: &H) -> Result<Packed, Error> {
     BESIDE.set(Some(Vec::new()));
     let packed = rmp_serde::to_vec_named(head);
     let beside = BESIDE.take().unwrap_or_default();
@@ -83,10 +85,7 @@ fn pack<H: Serialize>(head: &H) -> Result<(Vec<u8>, Vec<Arc<[u8]>>), Error> {
 }
 
 /// `messages`, encoded one after the other so that the lengths can stand in the same map.
-fn document<M: Serialize>(
-    messages: &[M],
-    fields: &[(&str, Field<'_>)],
-) -> Result<(Vec<u8>, Vec<Arc<[u8]>>), Error> {
+fn document<M: Serialize>(messages: &[M], fields: &[(&str, Field<'_>)]) -> Result<Packed, Error> {
     let (list, beside) = pack(&messages)?;
     let lengths: Vec<usize> = beside.iter().map(|b| b.len()).collect();
     // A msgpack map is its size and then keys and values in turn.

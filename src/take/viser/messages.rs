@@ -90,6 +90,17 @@ messages! {
         SetSceneNodeDragBindingsMessage { name: String, bindings: Vec<Binding>, owner: String, },
         /// Switches the client's own lights.
         EnableLightsMessage { enabled: bool, cast_shadow: bool, },
+        /// Light from a picture of the surroundings.
+        EnvironmentMapMessage {
+            /// JPEG of the surroundings; `None` switches them off.
+            hdri_data: Option<serde_bytes::ByteBuf>,
+            background: bool,
+            background_blurriness: f64,
+            background_intensity: f64,
+            background_wxyz: Wxyz,
+            environment_intensity: f64,
+            environment_wxyz: Wxyz,
+        },
         /// Where the camera stands.
         SetCameraPositionMessage {
             position: Xyz,
@@ -152,6 +163,20 @@ impl Message {
     pub fn visibility(name: &str, visible: bool) -> Message {
         let (name, owner) = (name.to_owned(), String::new());
         Message::SetSceneNodeVisibilityMessage { name, visible, owner }
+    }
+
+    /// No picture of the surroundings: while the client's own is loading it hides the scene,
+    /// and in a page opened from disk or drawn in software that may take for ever.
+    pub fn no_environment() -> Message {
+        Message::EnvironmentMapMessage {
+            hdri_data: None,
+            background: false,
+            background_blurriness: 0.0,
+            background_intensity: 1.0,
+            background_wxyz: [1.0, 0.0, 0.0, 0.0],
+            environment_intensity: 1.0,
+            environment_wxyz: [1.0, 0.0, 0.0, 0.0],
+        }
     }
 
     /// z is up: the client's own scene has y up.

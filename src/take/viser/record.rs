@@ -8,7 +8,9 @@ use super::super::error::Error;
 use super::super::geometry::{BodyMesh, Solids, body_meshes};
 use super::super::scene::GHOST;
 use super::encode::{Buffer, file};
-use super::messages::{FrameProps, GridProps, MeshProps, Message};
+use super::messages::{
+    AmbientLightProps, DirectionalLightProps, FrameProps, GridProps, MeshProps, Message,
+};
 use crate::robot::Robot;
 use crate::units::CTRL_DT;
 
@@ -79,7 +81,16 @@ impl Recording {
         self.put(0.0, Message::z_up());
         self.put(0.0, Message::visibility("/WorldAxes", false));
         self.put(0.0, Message::EnableLightsMessage { enabled: true, cast_shadow: true });
+        self.put(0.0, Message::no_environment());
+        let ambient = AmbientLightProps { intensity: 1.2, ..AmbientLightProps::default() };
+        self.put(0.0, Message::create("/ambient", ambient));
+        self.put(0.0, Message::visibility("/ambient", true));
+        let sun = DirectionalLightProps { intensity: 1.5, ..DirectionalLightProps::default() };
+        self.put(0.0, Message::create("/sun", sun));
+        self.put(0.0, Message::visibility("/sun", true));
+        self.put(0.0, Message::position("/sun", [2.0, -1.5, 4.0]));
         self.put(0.0, Message::create("/floor", GridProps::default()));
+        self.put(0.0, Message::visibility("/floor", true));
         let z = floor_z.map_or(0.0, f64::from);
         self.put(0.0, Message::position("/floor", [0.0, 0.0, z - 1e-3]));
         let c = &robot.profile().camera;
@@ -114,6 +125,9 @@ impl Recording {
                 None => continue,
             };
             self.put(0.0, Message::create(&name, props(mesh, tint)));
+            // When playback starts over, the client hides all nodes and only a message
+            // shows them again.
+            self.put(0.0, Message::visibility(&name, true));
         }
     }
 }

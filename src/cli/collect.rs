@@ -1,0 +1,125 @@
+//! `robert collect`: let curious agents and noise fill a dataset.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use super::bar::Bar;
+use super::failure::Outcome;
+use super::{Global, dataset, interrupt, out};
+use crate::explore::{AgentKind, CollectConfig, Collected, Preset, collect};
+use crate::robot::Robot;
+
+#[derive(clap::Args, Debug)]
+#[command(
+    after_help = "Examples:\n  robert collect --robot ur5e --agent noise --transitions 400000 --out data/ur5e-noise\n  robert collect --robot ur5e --agent rnd,icm,apt,aps,proto --transitions 3000000 --out data/ur5e\n  robert collect --robot ur5e --agent rnd --agent-steps 2000 --transitions 5000 --out data/try\n\nThe bits depend on the options only, not on threads, interruptions or order. A stopped\ncollection goes on with the same command and --resume."
+)]
+pub(super) struct Args {
+    /// Robot: id, or a folder with robot.xml.
+    #[arg(long)]
+    robot: String,
+    /// Who collects, equal parts each: rnd, icm, apt, aps, proto, noise, uniform.
+    #[arg(long, value_delimiter = ',', default_value = "noise")]
+    agent: Vec<AgentKind>,
+    /// Frames to record in all.
+    #[arg(long, default_value_t = 400_000)]
+    transitions: u64,
+    /// Dataset folder.
+    #[arg(long)]
+    out: PathBuf,
+    /// Environment steps of training for each agent; the preset's if not given.
+    #[arg(long)]
+    agent_steps: Option<u64>,
+    /// Sizes and schedule of the agents: url-fast, or urlb as published (days on a CPU).
+    #[arg(long, default_value = "url-fast")]
+    preset: String,
+    /// Seed of everything.
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Roll out only the snapshots of this first share of the training [default: .5 for the
+    /// `UR5e`, whose agents drift to extremes, else 1].
+    #[arg(long)]
+    snapshots_until: Option<f64>,
+    /// Frames of a recorded episode.
+    #[arg(long, default_value_t = 250)]
+    episode_frames: u64,
+    /// Go on with what the folder holds.
+    #[arg(long)]
+    resume: bool,
+    /// Threads; all cores if not given.
+    #[arg(long)]
+    threads: Option<usize>,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn run(args: &Args, global: Global) -> Outcome {
+    let robot = Arc::new(Robot::load(&args.robot)?);
+    let mut preset = Preset::named(&args.preset)?;
+    if let Some(steps) = args.agent_steps {
+        preset = preset.lasting(steps);
+    }
+    let defaults = CollectConfig::new(&robot);
+    let config = CollectConfig {
+        agents: args.agent.clone(),
+        preset,
+        transitions: args.transitions,
+        seed: args.seed,
+        episode_frames: args.episode_frames,
+        snapshots_until: args.snapshots_until.unwrap_or(defaults.snapshots_until),
+    };
+    let threads =
+        args.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
+    let cancel = interrupt::cancel_on_ctrl_c();
+    let bar = Bar::new("collect", "steps", global.quiet || args.json);
+    let done = collect(&robot, &config, &args.out, args.resume, threads, &bar, &cancel);
+    bar.finish();
+    let done = done?;
+    if args.json {
+        return json(args, &done);
+    }
+    curves(&done)?;
+    dataset::info(&done.manifest, false)?;
+    out::line(&format!(
+        "{}: training {:.0} s, roll-outs {:.0} s ({:.0} frames/s)",
+        args.out.display(),
+        done.train_secs,
+        done.rollout_secs,
+        done.rollout_frames as f64 / done.rollout_secs.max(1e-9),
+    ))
+}
+
+fn json(args: &Args, done: &Collected) -> Outcome {
+    let m = &done.manifest;
+    out::json(&serde_json::json!({
+        "robot": m.robot.id,
+        "out": args.out,
+        "seed": args.seed,
+        "agents": done.agents,
+        "train_secs": done.train_secs,
+        "rollout_secs": done.rollout_secs,
+        "rollout_frames": done.rollout_frames,
+        "manifest_sha256": m.sha256(),
+        "totals": m.totals,
+        "statistics": m.statistics,
+    }))
+}
+
+/// Reward and coverage of each agent over its training.
+fn curves(done: &Collected) -> Outcome {
+    let mut table = out::table(&["agent", "steps", "updates", "reward", "coverage", "broken"]);
+    let mut any = false;
+    for a in &done.agents {
+        let (Some(first), Some(last)) = (a.curve.first(), a.curve.last()) else { continue };
+        any = true;
+        table.add_row([
+            a.agent.name().to_owned(),
+            a.steps.to_string(),
+            a.updates.to_string(),
+            format!("{:.3} -> {:.3}", first.reward, last.reward),
+            format!("{:.1} % -> {:.1} %", first.coverage * 100.0, last.coverage * 100.0),
+            a.broken.to_string(),
+        ]);
+    }
+    if any { out::line(&table.to_string()) } else { Ok(()) }
+}

@@ -1,0 +1,160 @@
+//! `robert dataset plot`: where the data lie, in one picture.
+//!
+//! Every joint's histogram (one line an agent), the speeds, and planes of neighbouring
+//! joints and of joints against their own speed on a log scale: the rare corners matter.
+
+use std::path::Path;
+
+use super::failure::{Failure, Outcome};
+use super::out;
+use crate::dataset::{Dataset, Verify};
+use crate::plot::{Axis, Figure, Layer, Panel, Theme, coverage};
+use crate::units::Unit;
+
+/// Frames drawn; more do not change a picture.
+const FRAMES: u64 = 200_000;
+/// Bins of a histogram.
+const BINS: usize = 60;
+/// Cells along a plane.
+const CELLS: usize = 60;
+/// Planes drawn at most.
+const PLANES: usize = 8;
+
+/// Frames picked evenly from all trajectories.
+struct Sample {
+    agents: Vec<String>,
+    /// Agent, positions, velocities of each frame.
+    frames: Vec<(usize, Vec<f64>, Vec<f64>)>,
+}
+
+/// Draws `data` into the picture `path` (png or svg).
+pub(super) fn run(data: &Path, path: &Path, only: &[String], theme: Theme) -> Outcome {
+    let data = Dataset::open(data, Verify::Structure)?;
+    let m = data.manifest();
+    let names = &m.robot.joints;
+    if let Some(unknown) = only.iter().find(|n| !names.contains(n)) {
+        return Err(Failure::usage(format!(
+            "{} has no joint \"{unknown}\"; it has {}",
+            m.robot.id,
+            names.join(", ")
+        )));
+    }
+    let joints: Vec<usize> = (0..names.len())
+        .filter(|&j| only.is_empty() || names.get(j).is_some_and(|n| only.contains(n)))
+        .collect();
+    let sample = sample(&data);
+    let axis = |j: usize| {
+        let unit = m.robot.units.get(j).map_or("", |u| u.symbol());
+        let axis = Axis::new(names.get(j).map_or("", String::as_str), unit);
+        match m.robot.ranges.get(j) {
+            Some(Some([lo, hi])) => axis.range(*lo, *hi),
+            _ => axis,
+        }
+    };
+    let speed_axis = |j: usize| {
+        let per_sec = match m.robot.units.get(j) {
+            Some(Unit::M) => "m/s",
+            _ => "rad/s",
+        };
+        Axis::new(&format!("{} speed", names.get(j).map_or("", String::as_str)), per_sec)
+    };
+    let mut panels: Vec<Panel> = joints
+        .iter()
+        .map(|&j| lines(&sample, axis(j), |f| f.1.get(j).copied().unwrap_or(f64::NAN)))
+        .collect();
+    panels.push(lines(
+        &sample,
+        Axis::new("fastest joint", if m.robot.units.contains(&Unit::M) { "m/s" } else { "rad/s" }),
+        |f| joints.iter().filter_map(|&j| f.2.get(j)).fold(0.0, |a: f64, v| a.max(v.abs())),
+    ));
+    let pairs = joints.iter().zip(joints.iter().skip(1)).take(PLANES);
+    for (&a, &b) in pairs {
+        let points: Vec<(f64, f64)> =
+            sample.frames.iter().filter_map(|f| Some((*f.1.get(a)?, *f.1.get(b)?))).collect();
+        panels.push(coverage("", &points, CELLS, axis(a), axis(b)));
+    }
+    for &j in joints.iter().take(PLANES) {
+        let points: Vec<(f64, f64)> =
+            sample.frames.iter().filter_map(|f| Some((*f.1.get(j)?, *f.2.get(j)?))).collect();
+        panels.push(coverage("", &points, CELLS, axis(j), speed_axis(j)));
+    }
+    let columns = if panels.len() > 16 { 5 } else { 4 };
+    let s = &m.statistics;
+    let note = format!(
+        "{} frames of {} trajectories by {}; coverage {:.1} %, any joint near a stop in {:.0} %, self-contact in {:.0} %",
+        m.totals.frames,
+        m.totals.episodes,
+        sample.agents.join(", "),
+        s.coverage * 100.0,
+        s.near_limit_any * 100.0,
+        s.self_contact * 100.0,
+    );
+    Figure::grid(&format!("{}: where the data lie", m.robot.id), panels, columns)
+        .note(&note)
+        .theme(theme)
+        .save(path)?;
+    out::line(&path.display().to_string())
+}
+
+fn sample(data: &Dataset) -> Sample {
+    let m = data.manifest();
+    let every = m.totals.frames.div_ceil(FRAMES).max(1);
+    let s = m.qpos_dim();
+    let agents: Vec<String> = m.statistics.agents.keys().cloned().collect();
+    let mut frames = Vec::new();
+    let mut at = 0_u64;
+    for e in data.episodes() {
+        let agent = agents.iter().position(|a| *a == e.agent).unwrap_or(0);
+        let (qpos, qvel, _) = data.frames(e);
+        for (q, v) in qpos.chunks_exact(s).zip(qvel.chunks_exact(s)) {
+            if at.is_multiple_of(every) {
+                let wide = |x: &[f32]| x.iter().map(|&v| f64::from(v)).collect();
+                frames.push((agent, wide(q), wide(v)));
+            }
+            at += 1;
+        }
+    }
+    Sample { agents, frames }
+}
+
+/// A histogram of `value`, one line for each agent.
+fn lines(sample: &Sample, x: Axis, value: impl Fn(&(usize, Vec<f64>, Vec<f64>)) -> f64) -> Panel {
+    let values: Vec<(usize, f64)> = sample.frames.iter().map(|f| (f.0, value(f))).collect();
+    let (lo, hi) = x.range.unwrap_or_else(|| {
+        let ends = |(a, b): (f64, f64), v: &(usize, f64)| (a.min(v.1), b.max(v.1));
+        values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), ends)
+    });
+    let wide = ((hi - lo) / BINS as f64).max(1e-9);
+    let several = sample.agents.len() > 1;
+    let layers = sample.agents.iter().enumerate().map(|(k, name)| {
+        let mut heights = vec![0.0; BINS];
+        let mut count = 0.0;
+        for &(_, v) in values.iter().filter(|(agent, _)| *agent == k) {
+            count += 1.0;
+            let bin = ((v - lo) / wide).floor();
+            if bin >= 0.0
+                && let Some(h) = heights.get_mut((bin as usize).min(BINS - 1))
+            {
+                *h += 100.0;
+            }
+        }
+        for h in &mut heights {
+            *h /= f64::max(count, 1.0);
+        }
+        if several {
+            let middle = |i: usize| lo + wide * (i as f64 + 0.5);
+            let points = heights.iter().enumerate().map(|(i, &h)| (middle(i), h)).collect();
+            Layer::Line { name: name.clone(), points, color: k, dash: crate::plot::Dash::Solid }
+        } else {
+            let edges = (0..=BINS).map(|i| lo + wide * i as f64).collect();
+            Layer::Histogram { name: String::new(), edges, heights, color: 0 }
+        }
+    });
+    Panel {
+        title: String::new(),
+        y: Axis::new("frames", "%").from_zero(),
+        layers: layers.collect(),
+        x: if x.range.is_some() { x } else { x.range(lo, hi.max(lo + 1e-9)) },
+        equal: false,
+    }
+}

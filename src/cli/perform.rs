@@ -1,0 +1,114 @@
+//! What `rollout` and `export` share: the flags of a performance, and performing it.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use super::bar::Bar;
+use super::failure::{Failure, Outcome};
+use super::interrupt::cancel_on_ctrl_c;
+use super::{Global, motion};
+use crate::clip::{self, Clip};
+use crate::progress::Progress as _;
+use crate::robot::Robot;
+use crate::rollout::{Error, Guide, PlantConfig, PolicyConfig, Rollout, RolloutConfig, Start};
+use crate::take::{Provenance, Take};
+
+/// Who performs, on what, from which seed.
+#[derive(clap::Args, Clone, Debug)]
+pub(super) struct PerformArgs {
+    /// The policy; suffixes +guide and +refine are the flags below.
+    #[arg(short, long, default_value = "ilqr")]
+    policy: String,
+    /// Virtual commands through masked frames: the straight line from the reached state.
+    #[arg(long, value_enum, default_value_t = GuideArg::None)]
+    guide: GuideArg,
+    /// Improve each action on the robot's model before it is applied.
+    #[arg(long)]
+    refine: bool,
+    /// Simulate another plant than the policy believes in: mass=1.25,damping=1.5,gear=0.85.
+    #[arg(long, value_name = "FACTORS")]
+    plant: Option<String>,
+    /// Seed of the policy's draws.
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// The robot, where it is not the clip's own.
+    #[arg(long, value_name = "ID|DIR")]
+    pub(super) robot: Option<String>,
+}
+
+/// [`Guide`] as it is typed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub(super) enum GuideArg {
+    /// The policy sees the masks.
+    None,
+    /// The straight line from the reached state to the next goal.
+    Linear,
+}
+
+impl From<GuideArg> for Guide {
+    fn from(arg: GuideArg) -> Guide {
+        match arg {
+            GuideArg::None => Guide::None,
+            GuideArg::Linear => Guide::Linear,
+        }
+    }
+}
+
+/// A clip on its way through a policy.
+#[derive(Debug)]
+pub(super) struct Performed {
+    pub clip: Clip,
+    pub command: clip::Command,
+    pub robot: Arc<Robot>,
+    pub rollout: Rollout,
+    pub policy: PolicyConfig,
+    pub config: RolloutConfig,
+    pub wall_secs: f64,
+    /// Why it ended early, if it did. What was reached is worth keeping even then.
+    pub broke: Option<Error>,
+}
+
+impl Performed {
+    /// The recording.
+    pub(super) fn take(&self) -> Outcome<Take> {
+        let provenance = Provenance::new(&self.policy, &self.config)?;
+        Ok(Take::record(&self.rollout, &self.command, Some(&self.clip), provenance)?)
+    }
+}
+
+/// Performs a clip (a file, or a shipped task) with a bar on stderr.
+pub(super) fn perform(text: &str, args: &PerformArgs, global: Global) -> Outcome<Performed> {
+    let clip = motion::clip(text, args.robot.as_deref())?;
+    let robot = motion::robot(args.robot.as_deref().unwrap_or(&clip.robot.id))?;
+    let policy = motion::policy(&args.policy, args.guide.into(), args.refine)?;
+    let plant: PlantConfig = match &args.plant {
+        Some(text) => text.parse()?,
+        None => PlantConfig::default(),
+    };
+    let command = clip::compile(&clip).map_err(|e| Failure::invalid(format!("{text}: {e}")))?;
+    let config = RolloutConfig { seed: args.seed, guide: policy.guide, plant };
+    let built = policy.build(&robot)?;
+    let mut rollout = Rollout::new(&robot, built, &command, Start::Pose, config.clone())?;
+
+    let cancel = cancel_on_ctrl_c();
+    let bar = Bar::new(&policy.label(), "frames", global.quiet);
+    let steps = rollout.frames().saturating_sub(1) as u64;
+    let unit = motion::unit(&robot);
+    let begin = Instant::now();
+    let broke = loop {
+        if cancel.is_cancelled() {
+            break Some(Error::Cancelled { frame: rollout.frame() });
+        }
+        match rollout.step() {
+            Ok(Some(frame)) => {
+                let note = frame.error.map_or_else(String::new, |e| format!("error {e:.4} {unit}"));
+                bar.tick(frame.frame as u64, steps, &note);
+            }
+            Ok(None) => break None,
+            Err(e) => break Some(e),
+        }
+    };
+    let wall_secs = begin.elapsed().as_secs_f64();
+    bar.finish();
+    Ok(Performed { clip, command, robot, rollout, policy, config, wall_secs, broke })
+}

@@ -1,0 +1,404 @@
+//! `robert plot`: files of numbers as charts in the house style.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use super::failure::{Failure, Outcome};
+use super::out;
+use crate::fsio;
+use crate::plot::{
+    self, Axis, Curve, Figure, JointTrack, Theme, bars, coverage, curves, histogram, joints, xy,
+};
+use crate::units::FPS;
+
+#[derive(clap::Args, Debug)]
+#[command(
+    after_help = "Examples:\n  robert plot joints achieved.csv --command command.csv -o joints.png\n  robert plot xy achieved.csv --command command.csv -o star.svg\n  robert plot precision pd=a.csv ilqr=b.csv --command command.csv -o precision.png\n  robert plot curves runs/a/metrics.jsonl runs/b/metrics.jsonl --y loss --log -o loss.png\n  robert plot bars eval.json -o bars.png\n  robert plot coverage achieved.csv -o coverage.png\n\nCSV files have the columns frame, time, mask, then one a joint; an empty cell is masked."
+)]
+pub(super) struct Args {
+    #[command(subcommand)]
+    what: What,
+}
+
+#[derive(clap::Args, Debug)]
+struct Common {
+    /// Where to: .png or .svg.
+    #[arg(short, long, global = false)]
+    output: PathBuf,
+    /// Above the chart.
+    #[arg(long, default_value = "")]
+    title: String,
+    /// Light ink on dark paper.
+    #[arg(long)]
+    dark: bool,
+}
+
+#[derive(clap::Subcommand, Debug)]
+enum What {
+    /// Commanded against achieved, a small chart a joint.
+    Joints {
+        /// Achieved motion, CSV.
+        achieved: PathBuf,
+        /// Command, CSV.
+        #[arg(long)]
+        command: Option<PathBuf>,
+        /// Only these joints.
+        #[arg(long, value_delimiter = ',')]
+        only: Vec<String>,
+        /// Unit of the joints.
+        #[arg(long, default_value = "rad")]
+        unit: String,
+        #[command(flatten)]
+        common: Common,
+    },
+    /// Paths in the plane of the first two columns.
+    Xy {
+        /// Achieved motions, CSV; `name=file` names a path.
+        achieved: Vec<String>,
+        /// Command, CSV.
+        #[arg(long)]
+        command: Option<PathBuf>,
+        #[command(flatten)]
+        common: Common,
+    },
+    /// Mean absolute error over time.
+    Precision {
+        /// Achieved motions, CSV; `name=file` names a method.
+        achieved: Vec<String>,
+        /// Command, CSV.
+        #[arg(long)]
+        command: PathBuf,
+        /// Unit of the joints.
+        #[arg(long, default_value = "rad")]
+        unit: String,
+        #[command(flatten)]
+        common: Common,
+    },
+    /// A figure over training steps, from metrics.jsonl files; the same name twice becomes a mean
+    /// with its 95 % interval.
+    Curves {
+        /// Metrics, one JSON object a line; `name=file` names a run.
+        metrics: Vec<String>,
+        /// Field on the x axis.
+        #[arg(long, default_value = "step")]
+        x: String,
+        /// Field on the y axis.
+        #[arg(long, default_value = "loss")]
+        y: String,
+        /// Unit of y.
+        #[arg(long, default_value = "")]
+        unit: String,
+        /// Powers of ten on the y axis.
+        #[arg(long)]
+        log: bool,
+        #[command(flatten)]
+        common: Common,
+    },
+    /// Bars with 95 % intervals from JSON: `{"unit": "rad", "groups": [..], "sets": [{"name":
+    /// .., "mean": [..], "ci95": [..]}]}`.
+    Bars {
+        /// The file.
+        file: PathBuf,
+        #[command(flatten)]
+        common: Common,
+    },
+    /// How often joint values occur, and the first two against each other.
+    Coverage {
+        /// Motion, CSV.
+        motion: PathBuf,
+        /// Only these joints.
+        #[arg(long, value_delimiter = ',')]
+        only: Vec<String>,
+        /// Unit of the joints.
+        #[arg(long, default_value = "rad")]
+        unit: String,
+        #[command(flatten)]
+        common: Common,
+    },
+}
+
+/// Bytes of one input file.
+const BYTES: u64 = 256 << 20;
+
+pub(super) fn run(args: &Args) -> Outcome {
+    let fps = f64::from(FPS);
+    let (figure, common) = match &args.what {
+        What::Joints { achieved, command, only, unit, common } => {
+            let achieved = Columns::read(achieved)?;
+            let command = command.as_deref().map(Columns::read).transpose()?;
+            let names = achieved.pick(only)?;
+            let tracks: Vec<JointTrack> = names
+                .iter()
+                .map(|n| JointTrack {
+                    name: n.clone(),
+                    unit: unit.clone(),
+                    commanded: command.as_ref().and_then(|c| c.of(n)).cloned().unwrap_or_default(),
+                    achieved: achieved.of(n).cloned().unwrap_or_default(),
+                })
+                .collect();
+            (joints(&common.title, &tracks, fps), common)
+        }
+        What::Xy { achieved, command, common } => {
+            let mut paths = Vec::new();
+            for (name, path) in named(achieved)? {
+                paths.push(Curve {
+                    name,
+                    points: Columns::read(&path)?.plane(&path)?,
+                    ci95: vec![],
+                });
+            }
+            let crosses = match command {
+                Some(path) => Columns::read(path)?.plane(path)?,
+                None => Vec::new(),
+            };
+            (xy(&common.title, &paths, &crosses, "m"), common)
+        }
+        What::Precision { achieved, command, unit, common } => {
+            let command = Columns::read(command)?;
+            let mut lines = Vec::new();
+            for (name, path) in named(achieved)? {
+                let reached = Columns::read(&path)?;
+                let points =
+                    (0..command.frames).map(|f| (f as f64, command.error(&reached, f))).collect();
+                lines.push(Curve { name, points, ci95: vec![] });
+            }
+            let masked = command.masked();
+            (plot::precision(&common.title, &lines, unit, &masked, fps), common)
+        }
+        What::Curves { metrics, x, y, unit, log, common } => {
+            let mut runs: BTreeMap<String, Vec<Vec<(f64, f64)>>> = BTreeMap::new();
+            for (name, path) in named(metrics)? {
+                runs.entry(name).or_default().push(series(&path, x, y)?);
+            }
+            let lines: Vec<Curve> =
+                runs.into_iter().map(|(name, runs)| mean(name, &runs)).collect();
+            let axis = Axis::new(y, unit);
+            let axis = if *log { axis.log() } else { axis };
+            (curves(&common.title, &lines, Axis::new(x, ""), axis), common)
+        }
+        What::Bars { file, common } => (bar_chart(file, &common.title)?, common),
+        What::Coverage { motion, only, unit, common } => {
+            let columns = Columns::read(motion)?;
+            let names = columns.pick(only)?;
+            let of = |n: &str| columns.of(n).cloned().unwrap_or_default();
+            let mut panels: Vec<_> =
+                names.iter().map(|n| histogram(n, &of(n), 40, Axis::new("", unit))).collect();
+            if let [a, b, ..] = names.as_slice() {
+                let points: Vec<(f64, f64)> = of(a).into_iter().zip(of(b)).collect();
+                let title = format!("{a} against {b}");
+                panels.push(coverage(&title, &points, 48, Axis::new(a, unit), Axis::new(b, unit)));
+            }
+            let across = panels.len().clamp(1, 4);
+            (Figure::grid(&common.title, panels, across).panel_size(300, 230), common)
+        }
+    };
+    let theme = if common.dark { Theme::Dark } else { Theme::Light };
+    figure.theme(theme).save(&common.output)?;
+    out::line(&common.output.display().to_string())
+}
+
+/// `name=file`, or a file named by its folder (`metrics.jsonl`) or its stem.
+fn named(list: &[String]) -> Outcome<Vec<(String, PathBuf)>> {
+    if list.is_empty() {
+        return Err(Failure::usage("at least one file is needed"));
+    }
+    let stem = |p: &Path| p.file_stem().map(|s| s.to_string_lossy().into_owned());
+    let one = |text: &String| match text.split_once('=') {
+        Some((name, path)) if !name.is_empty() => (name.to_owned(), PathBuf::from(path)),
+        _ => {
+            let path = PathBuf::from(text);
+            let folder = path.parent().and_then(Path::file_name);
+            let name = match (stem(&path), folder) {
+                (Some(s), Some(f)) if s == "metrics" => f.to_string_lossy().into_owned(),
+                (Some(s), _) => s,
+                (None, _) => text.clone(),
+            };
+            (name, path)
+        }
+    };
+    Ok(list.iter().map(one).collect())
+}
+
+/// The joint columns of a motion CSV.
+struct Columns {
+    names: Vec<String>,
+    values: Vec<Vec<f64>>,
+    frames: usize,
+}
+
+impl Columns {
+    fn read(path: &Path) -> Outcome<Columns> {
+        let bytes = fsio::read_capped(path, BYTES)?;
+        let mut reader =
+            csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(bytes.as_slice());
+        let bad =
+            |line: u64, why: String| Failure::invalid(format!("{}:{line}: {why}", path.display()));
+        let head = reader.headers().map_err(|e| bad(1, e.to_string()))?.clone();
+        let joint = |h: &str| !matches!(h, "frame" | "time" | "mask" | "error" | "");
+        let picked: Vec<(usize, String)> = head
+            .iter()
+            .enumerate()
+            .filter(|(_, h)| joint(h))
+            .map(|(i, h)| (i, h.to_owned()))
+            .collect();
+        if picked.is_empty() {
+            return Err(bad(1, "no joint columns; expected frame,time,mask,<joint>...".into()));
+        }
+        let mut values = vec![Vec::new(); picked.len()];
+        let mut frames = 0;
+        for (row, record) in reader.records().enumerate() {
+            let line = row as u64 + 2;
+            let record = record.map_err(|e| bad(line, e.to_string()))?;
+            for ((i, name), column) in picked.iter().zip(&mut values) {
+                let cell = record.get(*i).unwrap_or("");
+                let value = if cell.is_empty() {
+                    f64::NAN
+                } else {
+                    cell.parse()
+                        .map_err(|_e| bad(line, format!("{name}: {cell:?} is no number")))?
+                };
+                column.push(value);
+            }
+            frames += 1;
+        }
+        if frames == 0 {
+            return Err(bad(2, "no rows".into()));
+        }
+        Ok(Columns { names: picked.into_iter().map(|p| p.1).collect(), values, frames })
+    }
+
+    fn of(&self, name: &str) -> Option<&Vec<f64>> {
+        self.names.iter().position(|n| n == name).and_then(|i| self.values.get(i))
+    }
+
+    fn pick(&self, only: &[String]) -> Outcome<Vec<String>> {
+        if let Some(missing) = only.iter().find(|n| self.of(n).is_none()) {
+            return Err(Failure::invalid(format!(
+                "no column {missing:?}; there are: {}",
+                self.names.join(", ")
+            )));
+        }
+        Ok(if only.is_empty() { self.names.clone() } else { only.to_vec() })
+    }
+
+    fn plane(&self, path: &Path) -> Outcome<Vec<(f64, f64)>> {
+        match self.values.as_slice() {
+            [x, y, ..] => Ok(x.iter().copied().zip(y.iter().copied()).collect()),
+            _ => Err(Failure::invalid(format!("{}: two columns are needed", path.display()))),
+        }
+    }
+
+    /// Mean absolute error of a frame over the joints with a goal; NaN where there is none.
+    fn error(&self, reached: &Columns, frame: usize) -> f64 {
+        let (mut sum, mut count) = (0.0, 0.0_f64);
+        for (name, goal) in self.names.iter().zip(&self.values) {
+            let a = reached.of(name).and_then(|v| v.get(frame));
+            if let (Some(a), Some(c)) = (a, goal.get(frame))
+                && a.is_finite()
+                && c.is_finite()
+            {
+                sum += (a - c).abs();
+                count += 1.0;
+            }
+        }
+        if count > 0.0 { sum / count } else { f64::NAN }
+    }
+
+    /// Stretches of more than one frame without any goal.
+    fn masked(&self) -> Vec<(f64, f64)> {
+        let seen = |f: usize| self.values.iter().any(|c| c.get(f).is_some_and(|v| v.is_finite()));
+        let mut out = Vec::new();
+        let mut from = None;
+        for f in 0..=self.frames {
+            match (f < self.frames && !seen(f), from) {
+                (true, None) => from = Some(f),
+                (false, Some(a)) => {
+                    if f > a + 1 {
+                        out.push((a as f64, (f - 1) as f64));
+                    }
+                    from = None;
+                }
+                _ => {}
+            }
+        }
+        out
+    }
+}
+
+/// The pairs of two fields in a file of JSON lines; lines without them are other events.
+fn series(path: &Path, x: &str, y: &str) -> Outcome<Vec<(f64, f64)>> {
+    let bytes = fsio::read_capped(path, BYTES)?;
+    let text = String::from_utf8_lossy(&bytes);
+    let mut points = Vec::new();
+    for (i, line) in text.lines().enumerate().filter(|(_, l)| !l.trim().is_empty()) {
+        let value: serde_json::Value = serde_json::from_str(line)
+            .map_err(|e| Failure::invalid(format!("{}:{}: {e}", path.display(), i + 1)))?;
+        let field = |k: &str| value.get(k).and_then(serde_json::Value::as_f64);
+        if let (Some(x), Some(y)) = (field(x), field(y)) {
+            points.push((x, y));
+        }
+    }
+    if points.is_empty() {
+        return Err(Failure::invalid(format!("{}: no line has {x:?} and {y:?}", path.display())));
+    }
+    Ok(points)
+}
+
+/// Runs of one name become their mean over common x, with its interval.
+fn mean(name: String, runs: &[Vec<(f64, f64)>]) -> Curve {
+    if let [only] = runs {
+        return Curve { name, points: only.clone(), ci95: Vec::new() };
+    }
+    let mut at: BTreeMap<u64, (f64, Vec<f64>)> = BTreeMap::new();
+    for (x, y) in runs.iter().flatten().filter(|p| p.0 >= 0.0) {
+        // Bits of a positive number sort as the number does.
+        at.entry(x.to_bits()).or_insert_with(|| (*x, Vec::new())).1.push(*y);
+    }
+    let (mut points, mut ci95) = (Vec::new(), Vec::new());
+    for (x, ys) in at.into_values().filter(|(_, ys)| ys.len() == runs.len()) {
+        if let Some(i) = crate::rollout::mean_ci95(&ys) {
+            points.push((x, i.mean));
+            ci95.push(i.ci95.unwrap_or(0.0));
+        }
+    }
+    Curve { name, points, ci95 }
+}
+
+#[derive(serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+struct BarFile {
+    #[serde(default)]
+    unit: String,
+    #[serde(default)]
+    label: String,
+    groups: Vec<String>,
+    sets: Vec<BarSet>,
+}
+
+#[derive(serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+struct BarSet {
+    name: String,
+    mean: Vec<Option<f64>>,
+    #[serde(default)]
+    ci95: Vec<Option<f64>>,
+}
+
+fn bar_chart(path: &Path, title: &str) -> Outcome<Figure> {
+    let bytes = fsio::read_capped(path, BYTES)?;
+    let file: BarFile = serde_json::from_slice(&bytes).map_err(|e| {
+        Failure::invalid(format!("{}:{}:{}: {e}", path.display(), e.line(), e.column()))
+    })?;
+    let set = |s: BarSet| {
+        let values = (0..file.groups.len())
+            .map(|i| {
+                let at = |v: &[Option<f64>]| v.get(i).copied().flatten();
+                (at(&s.mean).unwrap_or(f64::NAN), at(&s.ci95).unwrap_or(0.0))
+            })
+            .collect();
+        (s.name, values)
+    };
+    let sets: Vec<_> = file.sets.into_iter().map(set).collect();
+    let label = if file.label.is_empty() { "precision" } else { &file.label };
+    Ok(bars(title, &file.groups, &sets, Axis::new(label, &file.unit)))
+}

@@ -1,0 +1,187 @@
+//! `robert train`: a policy from collected motion.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use super::bar::Bar;
+use super::failure::{Failure, Outcome};
+use super::interrupt::cancel_on_ctrl_c;
+use super::{Global, motion, out};
+use crate::dataset::{Dataset, Verify};
+use crate::exit::Exit;
+use crate::train::judge::SuiteJudge;
+use crate::train::run::read_config;
+use crate::train::{Evaluate, Finished, Options, PRESETS, TrainConfig, train};
+
+#[derive(clap::Args, Debug)]
+#[command(
+    after_help = "Examples:\n  robert train --robot ur5e --data data/ur5e --out runs/first\n  robert train --robot ur5e --data data/ur5e --preset instant --out runs/linear\n  robert train --robot ur5e --data data/ur5e --preset ur-small --set lr=5e-4 --set seed=1 --out runs/b\n  robert train --robot ur5e --data data/ur5e --resume runs/b"
+)]
+pub(super) struct Args {
+    /// The robot that the data is of.
+    #[arg(long, value_name = "ID|DIR")]
+    robot: String,
+    /// Dataset folder.
+    #[arg(long, value_name = "DIR")]
+    data: PathBuf,
+    /// Settings to start from.
+    #[arg(long, default_value = "quick", long_help = format!("Settings to start from:\n{}", presets()))]
+    preset: String,
+    /// Change one setting; may be repeated.
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Run directory to begin in; by default runs/TIME-ROBOT-PRESET.
+    #[arg(long, value_name = "RUN")]
+    out: Option<PathBuf>,
+    /// Run directory to go on in, with its own settings.
+    #[arg(long, value_name = "RUN", conflicts_with_all = ["out", "set", "preset"])]
+    resume: Option<PathBuf>,
+    /// Threads; all cores by default. The weights do not depend on it.
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=256))]
+    threads: Option<u16>,
+    /// Minutes between checkpoints.
+    #[arg(long, default_value_t = 2.0)]
+    checkpoint_mins: f64,
+    /// Evaluations by rollout, spread over the run; 0 keeps the last model only.
+    #[arg(long, default_value_t = 20)]
+    evaluations: u64,
+    /// Print one JSON document at the end.
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn run(args: &Args, global: Global) -> Outcome {
+    let (dir, cfg) = plan(args)?;
+    let robot = motion::robot(&args.robot)?;
+    let data = Dataset::open(&args.data, Verify::Full)?;
+    let of = &data.manifest().robot;
+    if of.model_sha256 != robot.model_sha256() {
+        return Err(Failure::invalid(format!(
+            "the data is of {} (model {:.12}), not of {} (model {:.12}): {}",
+            of.id,
+            of.model_sha256,
+            robot.id(),
+            robot.model_sha256(),
+            args.data.display()
+        )));
+    }
+    let threads = args
+        .threads
+        .map_or_else(|| std::thread::available_parallelism().map_or(1, usize::from), usize::from);
+    let mut judge = SuiteJudge::new(Arc::clone(&robot), threads).map_err(Failure::invalid)?;
+    let bar = Bar::new("train", "steps", global.quiet);
+    let cancel = cancel_on_ctrl_c();
+    let options = Options {
+        dir: dir.clone(),
+        threads,
+        checkpoint_secs: (60.0 * args.checkpoint_mins).max(1.0),
+        evaluations: args.evaluations,
+        progress: &bar,
+        cancel: &cancel,
+        judge: judge.as_mut().map(|j| j as &mut dyn Evaluate),
+        meta: serde_json::json!({
+            "version": env!("CARGO_PKG_VERSION"),
+            "argv": std::env::args().collect::<Vec<_>>(),
+            "threads": threads,
+        }),
+    };
+    let done = train(&data, &cfg, options);
+    bar.finish();
+    let done = done?;
+    if args.json {
+        out::json(&serde_json::json!({"dir": dir, "result": done}))?;
+    } else {
+        out::line(&summary(&dir, &done))?;
+    }
+    if done.interrupted {
+        let hint = format!("stopped at step {}; go on with --resume {}", done.step, dir.display());
+        return Err(Failure::with(Exit::Interrupted, hint));
+    }
+    Ok(())
+}
+
+/// Run directory and settings.
+fn plan(args: &Args) -> Outcome<(PathBuf, TrainConfig)> {
+    if let Some(dir) = &args.resume {
+        return Ok((dir.clone(), read_config(dir)?));
+    }
+    let mut cfg = TrainConfig::preset(&args.preset)?;
+    for assignment in &args.set {
+        cfg.set(assignment)?;
+    }
+    let dir = args.out.clone().unwrap_or_else(|| {
+        let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
+        let secs = now.map_or(0, |d| d.as_secs());
+        let robot = Path::new(&args.robot).file_name().unwrap_or_default().to_string_lossy();
+        PathBuf::from(format!("runs/{}-{robot}-{}", stamp(secs), cfg.preset))
+    });
+    if dir.join("config.toml").exists() {
+        return Err(Failure::usage(format!(
+            "there is a run already; give another --out, or --resume it: {}",
+            dir.display()
+        )));
+    }
+    Ok((dir, cfg))
+}
+
+/// yyyymmdd-hhmmss (UTC) of a Unix time; days to a date after Howard Hinnant.
+fn stamp(secs: u64) -> String {
+    let (days, rest) = (secs / 86_400, secs % 86_400);
+    let z = days + 719_468;
+    let (era, day) = (z / 146_097, z % 146_097);
+    let year = (day - day / 1460 + day / 36_524 - day / 146_096) / 365;
+    let day = day - (365 * year + year / 4 - year / 100);
+    let month = (5 * day + 2) / 153;
+    let date = day - (153 * month + 2) / 5 + 1;
+    let (month, late) = if month < 10 { (month + 3, 0) } else { (month - 9, 1) };
+    let year = era * 400 + year + late;
+    let (h, m, s) = (rest / 3600, rest / 60 % 60, rest % 60);
+    format!("{year:04}{month:02}{date:02}-{h:02}{m:02}{s:02}")
+}
+
+fn summary(dir: &Path, done: &Finished) -> String {
+    let mut text = if done.steps == 0 {
+        "fitted the linear answer; no network was trained".to_owned()
+    } else {
+        format!(
+            "{} of {} steps in {:.0} s, {:.0} windows/s",
+            done.step, done.steps, done.secs, done.windows_per_sec
+        )
+    };
+    if let Some(held) = &done.held_out {
+        let at = |k: usize| held.nmse_by_hidden.get(k).copied().unwrap_or(f64::NAN);
+        write!(
+            text,
+            "\nheld-out action error (share of variance): {:.4} next frame known, {:.4} away from stops and contact, {:.3} / {:.3} with 4 / 16 frames hidden",
+            at(0), held.nmse_clear, at(4), at(16)
+        )
+        .ok();
+    }
+    if let Some((step, precision)) = done.best {
+        write!(text, "\nbest Precision {precision:.5} at step {step}").ok();
+    }
+    if done.skipped > 0 {
+        write!(text, "\n{} steps were skipped: not finite", done.skipped).ok();
+    }
+    write!(text, "\nuse it: robert rollout CLIP --policy robert:{}", dir.display()).ok();
+    text
+}
+
+/// Presets for help texts.
+fn presets() -> String {
+    let lines: Vec<_> = PRESETS.iter().map(|(name, what)| format!("  {name:16} {what}")).collect();
+    lines.join("\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::stamp;
+
+    #[test]
+    fn dates() {
+        assert_eq!(stamp(0), "19700101-000000");
+        assert_eq!(stamp(951_827_696), "20000229-123456");
+        assert_eq!(stamp(1_735_689_599), "20241231-235959");
+    }
+}

@@ -1,0 +1,180 @@
+//! Do the collectors do their work? Reward and coverage over steps, for learners and for the
+//! two that do not learn, on the same robot with as many steps.
+
+use std::sync::Arc;
+use std::sync::Mutex;
+use std::sync::PoisonError;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use super::agent::{Agent, AgentKind, Point};
+use super::collect::AgentSummary;
+use super::env::{Env, Step};
+use super::error::Error;
+use super::fill::describe;
+use super::noise::{Noise, NoiseRule};
+use super::preset::Preset;
+use crate::dataset::Coverage;
+use crate::progress::{Cancel, Progress};
+use crate::rng::{Rng, Stream, draw};
+use crate::robot::Robot;
+
+/// Frames of a baseline's episode: the mean of the agents' training episodes.
+const EPISODE_FRAMES: u64 = 350;
+
+/// Trains each agent of `kinds` (nothing is written), runs the others as long, and returns
+/// all curves in the order asked for.
+///
+/// # Errors
+/// [`Error::Simulator`], [`Error::Cancelled`].
+pub fn survey(
+    robot: &Arc<Robot>,
+    kinds: &[AgentKind],
+    preset: &Preset,
+    seed: u64,
+    threads: usize,
+    progress: &dyn Progress,
+    cancel: &Cancel,
+) -> Result<Vec<AgentSummary>, Error> {
+    let next = AtomicUsize::new(0);
+    let done = Mutex::new(vec![0_u64; kinds.len()]);
+    let total = preset.steps * kinds.len() as u64;
+    let tick = |i: usize, steps: u64, note: &str| {
+        let mut done = done.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(mine) = done.get_mut(i) {
+            *mine = steps.min(preset.steps);
+        }
+        progress.tick(done.iter().sum(), total, note);
+    };
+    let work = || -> Result<Vec<(usize, AgentSummary)>, Error> {
+        let mut mine = Vec::new();
+        loop {
+            let i = next.fetch_add(1, Ordering::Relaxed);
+            let Some(&kind) = kinds.get(i) else { return Ok(mine) };
+            let tick = |steps: u64, note: &str| tick(i, steps, note);
+            let summary = match Agent::new(robot, kind, preset, seed)? {
+                Some(agent) => learner(agent, cancel, &tick)?,
+                None => baseline(robot, kind, preset, seed, cancel, &tick)?,
+            };
+            mine.push((i, summary));
+        }
+    };
+    let results: Vec<_> = std::thread::scope(|scope| {
+        let handles: Vec<_> =
+            (1..threads.min(kinds.len()).max(1)).map(|_| scope.spawn(work)).collect();
+        let mut results = vec![work()];
+        for handle in handles {
+            match handle.join() {
+                Ok(result) => results.push(result),
+                Err(panic) => std::panic::resume_unwind(panic),
+            }
+        }
+        results
+    });
+    let mut all = Vec::new();
+    for result in results {
+        all.extend(result?);
+    }
+    all.sort_by_key(|(i, _)| *i);
+    Ok(all.into_iter().map(|(_, s)| s).collect())
+}
+
+fn stopped() -> Error {
+    Error::Cancelled { path: std::path::PathBuf::from("(nothing is written)") }
+}
+
+fn learner(
+    mut agent: Agent,
+    cancel: &Cancel,
+    tick: &dyn Fn(u64, &str),
+) -> Result<AgentSummary, Error> {
+    for nominal in agent.preset.snapshots() {
+        while agent.ledger.step < nominal {
+            if cancel.is_cancelled() {
+                return Err(stopped());
+            }
+            agent.iterate(1)?;
+            if agent.ledger.step.is_multiple_of(1024) {
+                tick(agent.ledger.step, agent.kind.name());
+            }
+        }
+        agent.snapshot(nominal);
+    }
+    let ledger = agent.ledger;
+    Ok(AgentSummary {
+        agent: agent.kind,
+        curve: ledger.curve,
+        steps: ledger.step,
+        updates: ledger.updates,
+        broken: ledger.broken,
+    })
+}
+
+/// The same number of steps with noise or uniform torque; reward stays 0.
+fn baseline(
+    robot: &Arc<Robot>,
+    kind: AgentKind,
+    preset: &Preset,
+    seed: u64,
+    cancel: &Cancel,
+    tick: &dyn Fn(u64, &str),
+) -> Result<AgentSummary, Error> {
+    let described = describe(robot);
+    let rule = NoiseRule::of(robot);
+    let (s, a) = (robot.state_dim(), robot.action_dim());
+    let mut env = Env::new(robot)?;
+    let mut coverage = Coverage::new(&described);
+    let (mut q, mut v, mut action) = (vec![0.0; s], vec![0.0; s], vec![0.0; a]);
+    let mut near = vec![0.0_f64; s];
+    let (mut step, mut frames, mut episode, mut broken) = (0_u64, 0_u64, 0_u64, 0_u64);
+    let mut curve = Vec::new();
+    let mut snapshots = preset.snapshots().into_iter().peekable();
+    while snapshots.peek().is_some() {
+        if cancel.is_cancelled() {
+            return Err(stopped());
+        }
+        let own = draw(seed ^ kind as u64, Stream::Reset, episode);
+        episode += 1;
+        env.reset(&mut Rng::new(own, Stream::Reset, 0))?;
+        let mut noise = Noise::new(&rule, own);
+        let mut rng = Rng::new(own, Stream::Noise, 1);
+        for _ in 0..EPISODE_FRAMES {
+            if kind == AgentKind::Noise {
+                noise.next(&mut action);
+            } else {
+                for x in &mut action {
+                    *x = rng.range(-1.0, 1.0) as f32;
+                }
+            }
+            match env.step(&action) {
+                Step::Ok => {}
+                Step::Implausible => break,
+                Step::Broken => {
+                    broken += 1;
+                    break;
+                }
+            }
+            env.observe(&mut q, &mut v);
+            coverage.add(&q, &v);
+            for ((j, x), n) in q.iter().enumerate().zip(&mut near) {
+                let pinned = described.is_near_limit(j, f64::from(*x));
+                *n += f64::from(u8::from(pinned));
+            }
+            (step, frames) = (step + 1, frames + 1);
+            if snapshots.next_if(|&n| step >= n).is_some_and(|nominal| {
+                curve.push(Point {
+                    step: nominal,
+                    coverage: coverage.share(),
+                    near_limit: near.iter().map(|n| n / frames.max(1) as f64).collect(),
+                    broken,
+                    ..Point::default()
+                });
+                true
+            }) {
+                near.fill(0.0);
+                frames = 0;
+            }
+        }
+        tick(step, kind.name());
+    }
+    Ok(AgentSummary { agent: kind, curve, steps: step, updates: 0, broken })
+}

@@ -1,0 +1,293 @@
+//! The learned policies: `robert`, a trained network, and `ridge`, the linear answer inside
+//! its model file. Both see the window and nothing else.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use super::error::Error;
+use super::policy::{Policy, View};
+use super::window::Window;
+use crate::net::{
+    self, CURRENT, Encoder, HISTORY, MaskGranularity, Model, RobotCard, WINDOW, checkpoint,
+};
+use crate::robot::Robot;
+
+/// The robot as model cards name it.
+pub fn robot_card(robot: &Robot) -> RobotCard {
+    RobotCard {
+        id: robot.id().to_owned(),
+        model_sha256: robot.model_sha256().to_owned(),
+        joints: robot.joints().iter().map(|j| j.name.clone()).collect(),
+        actuators: robot.actuators().iter().map(|a| a.name.clone()).collect(),
+    }
+}
+
+/// The model file meant by a path: itself, or the best, else the last, of a run directory.
+pub fn model_path(path: &Path) -> PathBuf {
+    let inside = [path.join("ckpt/best.safetensors"), path.join("model.safetensors")];
+    inside.into_iter().find(|p| p.exists()).unwrap_or_else(|| path.to_owned())
+}
+
+/// Loads the model that a path means and checks that it is for this robot.
+///
+/// # Errors
+/// [`Error::Model`].
+pub fn load(robot: &Robot, path: &Path) -> Result<Model, Error> {
+    Ok(checkpoint::load(&model_path(path), Some(&robot_card(robot)))?)
+}
+
+/// Window of a rollout as the network takes it.
+#[derive(Clone, Debug)]
+struct Frames {
+    granularity: MaskGranularity,
+    q: Vec<f32>,        // (51, S)
+    visible: Vec<bool>, // (51, S)
+}
+
+impl Frames {
+    fn new(encoder: &Encoder) -> Self {
+        let n = WINDOW * encoder.tokens.state();
+        let granularity = encoder.tokens.config().granularity;
+        Frames { granularity, q: vec![0.0; n], visible: vec![true; n] }
+    }
+
+    fn fill(&mut self, window: &Window) {
+        let s = window.dim();
+        let mut put = |window: &Window| {
+            let states = window.history.iter().chain(&window.current).chain(&window.command);
+            for (to, &x) in self.q.iter_mut().zip(states) {
+                *to = x as f32;
+            }
+            let command = &mut self.visible[(CURRENT + 1) * s..];
+            command.copy_from_slice(&window.visible);
+        };
+        if self.granularity == MaskGranularity::State {
+            // This network knows whole frames only.
+            let mut whole = window.clone();
+            whole.complete_partial_frames();
+            put(&whole);
+        } else {
+            put(window);
+        }
+    }
+}
+
+/// A trained network.
+#[derive(Debug)]
+pub struct Learned {
+    policy: net::Policy,
+    frames: Frames,
+}
+
+impl Learned {
+    /// The network of a model.
+    ///
+    /// # Errors
+    /// [`Error::Model`].
+    pub fn new(model: Model, options: net::PolicyConfig) -> Result<Self, Error> {
+        let frames = Frames::new(&model.encoder);
+        Ok(Learned { policy: net::Policy::new(model.net, model.encoder, options)?, frames })
+    }
+}
+
+impl Policy for Learned {
+    fn name(&self) -> String {
+        "robert".to_owned()
+    }
+
+    fn reset(&mut self, seed: u64) {
+        self.policy.reset(seed);
+    }
+
+    fn act(&mut self, view: &View<'_>, action: &mut [f64]) -> Result<(), Error> {
+        self.frames.fill(view.window);
+        let found = self.policy.act(&self.frames.q, &self.frames.visible, view.frame as u64);
+        for (to, &x) in action.iter_mut().zip(found) {
+            *to = f64::from(x);
+        }
+        Ok(())
+    }
+
+    fn memory(&self) -> Vec<f64> {
+        self.policy.memory()
+    }
+
+    fn recall(&mut self, memory: &[f64]) {
+        self.policy.recall(memory);
+    }
+}
+
+/// The linear answer alone: no network, fitted in seconds.
+#[derive(Debug)]
+pub struct Linear {
+    encoder: Arc<Encoder>,
+    frames: Frames,
+    scratch: net::token::Scratch,
+    features: Vec<f32>,
+    answer: Vec<f32>,
+}
+
+impl Linear {
+    /// The linear answer inside a model.
+    ///
+    /// # Errors
+    /// [`Error::Needs`] when the model has none.
+    pub fn new(encoder: Encoder) -> Result<Self, Error> {
+        if encoder.ridge.is_none() {
+            return Err(Error::Needs {
+                policy: "ridge".to_owned(),
+                needs: "a model with a linear skip; this one was trained without".to_owned(),
+            });
+        }
+        Ok(Linear {
+            frames: Frames::new(&encoder),
+            scratch: encoder.tokens.scratch(),
+            features: Vec::new(),
+            answer: vec![0.0; encoder.tokens.facts().actions],
+            encoder: Arc::new(encoder),
+        })
+    }
+}
+
+impl Policy for Linear {
+    fn name(&self) -> String {
+        "ridge".to_owned()
+    }
+
+    fn reset(&mut self, _seed: u64) {}
+
+    fn act(&mut self, view: &View<'_>, action: &mut [f64]) -> Result<(), Error> {
+        debug_assert_eq!(view.window.history.len(), HISTORY * view.window.dim());
+        self.frames.fill(view.window);
+        let (tokens, now) = (&self.encoder.tokens, CURRENT..CURRENT + 1);
+        tokens.read(&self.frames.q, &self.frames.visible, &mut self.scratch);
+        if let Some(ridge) = &self.encoder.ridge {
+            ridge.answers(tokens, &self.scratch, now, &mut self.features, &mut self.answer);
+        }
+        for (to, &x) in action.iter_mut().zip(&self.answer) {
+            *to = f64::from(x.clamp(-1.0, 1.0));
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::net::ridge::Ridge;
+    use crate::net::token::RIDGE_HEADS;
+    use crate::net::{
+        Card, Facts, JointFacts, Net, NetConfig, Normaliser, SkipKind, TokenConfig, Tokeniser,
+    };
+    use crate::rollout::{Rollout, RolloutConfig, Start};
+
+    /// A gated network around a linear answer of constant actions, for the puck.
+    fn model(robot: &Robot, granularity: MaskGranularity) -> Model {
+        let s = robot.state_dim();
+        let joints = vec![JointFacts { hinge: false, range: None }; s];
+        let facts = Facts { joints, actions: robot.action_dim() };
+        let one = |x: f64| vec![x; s];
+        let norm =
+            Normaliser { mean: one(0.0), std: one(1.0), std_d1: one(0.05), std_d2: one(0.01) };
+        let cfg = TokenConfig { granularity, ..TokenConfig::for_robot(&facts) };
+        let tokens = Tokeniser::new(cfg, facts, &norm).unwrap();
+        let inputs = tokens.ridge_inputs();
+        let mut weights = vec![0.0; RIDGE_HEADS * inputs * robot.action_dim()];
+        // Proportional to the goal velocity of each joint.
+        for head in weights.chunks_mut(inputs * s) {
+            for j in 0..s {
+                head[(s + j) * s + j] = 0.3;
+            }
+        }
+        let ridge = Ridge::new(inputs, s, weights).unwrap();
+        let encoder = Encoder::new(tokens, Some(ridge)).unwrap();
+        let net_cfg = NetConfig {
+            layers: 2,
+            width: 32,
+            heads: 2,
+            inputs: encoder.inputs(),
+            actions: robot.action_dim(),
+            bins: 1,
+            offset_weight: 10.0,
+            mask_replaces: false,
+            skip: SkipKind::Gated,
+        };
+        let net = Net::init(net_cfg.clone(), None, 1).unwrap();
+        let training = net::checkpoint::TrainingCard::default();
+        let card = Card::new(robot_card(robot), net_cfg, &encoder.tokens, norm, training);
+        Model { card, net, encoder, optimiser: None }
+    }
+
+    fn command(robot: &Robot) -> crate::clip::Command {
+        let joints: Vec<String> = robot.joints().iter().map(|j| j.name.clone()).collect();
+        let (n, s) = (60, robot.state_dim());
+        let q: Vec<f32> = (0..n * s).map(|i| if i / s >= 30 { 0.2 } else { 0.0 }).collect();
+        let visible: Vec<bool> =
+            (0..n * s).map(|i| i / s % 15 == 0 || i % s == 0 && i / s > 40).collect();
+        crate::clip::Command::from_dense(joints, vec![0.0; s], q, visible).unwrap()
+    }
+
+    #[test]
+    fn an_untrained_gate_is_the_linear_answer() {
+        let robot = Arc::new(Robot::builtin("pointmass").unwrap());
+        for granularity in [MaskGranularity::State, MaskGranularity::Joint] {
+            let model = model(&robot, granularity);
+            let run = |policy: Box<dyn Policy>| {
+                let start = Start::Pose;
+                let config = RolloutConfig::default();
+                let mut r = Rollout::new(&robot, policy, &command(&robot), start, config).unwrap();
+                r.run(&crate::progress::Cancel::default()).unwrap();
+                r.actions().to_vec()
+            };
+            let robert = Learned::new(model.clone(), net::PolicyConfig::default()).unwrap();
+            let (a, b) =
+                (run(Box::new(robert)), run(Box::new(Linear::new(model.encoder).unwrap())));
+            assert!(a.iter().any(|x| x.abs() > 0.01), "it does something");
+            assert!(a.iter().zip(&b).all(|(a, b)| (a - b).abs() < 1e-6));
+        }
+    }
+
+    #[test]
+    fn ensembles_resume_where_they_were() {
+        let robot = Arc::new(Robot::builtin("pointmass").unwrap());
+        let model = model(&robot, MaskGranularity::State);
+        let options = net::PolicyConfig { ensemble: 4, ..Default::default() };
+        let policy = Box::new(Learned::new(model, options).unwrap());
+        let start = Start::Pose;
+        let mut r = Rollout::new(&robot, policy, &command(&robot), start, RolloutConfig::default())
+            .unwrap();
+        let cancel = crate::progress::Cancel::default();
+        r.run(&cancel).unwrap();
+        let whole = r.actions().to_vec();
+        // A goal changed near the end and changed back: frames are simulated again from there.
+        let joints: Vec<String> = robot.joints().iter().map(|j| j.name.clone()).collect();
+        let s = robot.state_dim();
+        let rest = crate::clip::Command::from_dense(
+            joints,
+            vec![0.0; s],
+            (0..60 * s).map(|i| if i / s >= 45 { 0.4 } else { 0.0 }).collect(),
+            vec![true; 60 * s],
+        )
+        .unwrap();
+        r.set_command(&rest).unwrap();
+        r.run(&cancel).unwrap();
+        assert_ne!(whole, r.actions());
+        r.set_command(&command(&robot)).unwrap();
+        r.run(&cancel).unwrap();
+        assert_eq!(whole, r.actions());
+    }
+
+    #[test]
+    fn a_model_of_another_robot_is_refused() {
+        let robot = Robot::builtin("pointmass").unwrap();
+        let model = model(&robot, MaskGranularity::State);
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("model.safetensors");
+        let ridge = model.encoder.ridge.as_ref();
+        checkpoint::save(&path, &model.card, &model.net, ridge, None).unwrap();
+        assert!(load(&robot, dir.path()).is_ok(), "a run directory will do");
+        let other = Robot::builtin("ur5e").unwrap();
+        let e = load(&other, &path).unwrap_err().to_string();
+        assert!(e.contains("trained for pointmass") && e.contains("ur5e"), "{e}");
+    }
+}

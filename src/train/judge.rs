@@ -1,0 +1,99 @@
+//! Selection by what a network does: shipped suites of keyframe tasks, rolled out.
+//!
+//! Action loss misleads (a lower loss went with control many times worse when frames are
+//! hidden), so the best checkpoint is the one with the best closed-loop Precision.
+
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use super::run::{Evaluate, Evaluation};
+use crate::clip::{self, Command};
+use crate::net::step::{next_of, on_threads};
+use crate::net::{Model, PolicyConfig};
+use crate::robot::Robot;
+use crate::rollout::{Learned, Rollout, RolloutConfig, Start, tasks};
+
+/// Suites that count, headline and sparse tasks alike; the held-out one is for the report.
+const SUITES: [&str; 2] = ["manual", "extra"];
+/// Error that stands for a rollout that broke, rad or m.
+const BROKEN: f64 = 10.0;
+
+/// Judges by shipped tasks.
+pub struct SuiteJudge {
+    robot: Arc<Robot>,
+    cases: Vec<Case>,
+    threads: usize,
+}
+
+#[derive(Debug)]
+struct Case {
+    suite: &'static str,
+    name: String,
+    command: Command,
+}
+
+impl std::fmt::Debug for SuiteJudge {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "SuiteJudge({}, {} tasks)", self.robot.id(), self.cases.len())
+    }
+}
+
+impl SuiteJudge {
+    /// The tasks shipped for this robot; none when there are none.
+    ///
+    /// # Errors
+    /// A message, when a shipped task is damaged.
+    pub fn new(robot: Arc<Robot>, threads: usize) -> Result<Option<Self>, String> {
+        let mut cases = Vec::new();
+        for suite in SUITES {
+            let Ok(clips) = tasks::suite(robot.id(), suite) else { continue };
+            for (name, clip) in clips {
+                let command = clip::compile(&clip).map_err(|e| format!("{name}: {e}"))?;
+                cases.push(Case { suite, name, command });
+            }
+        }
+        Ok((!cases.is_empty()).then_some(SuiteJudge { robot, cases, threads }))
+    }
+}
+
+impl Evaluate for SuiteJudge {
+    fn evaluate(&mut self, model: &Model) -> Result<Evaluation, String> {
+        let mut found: Vec<Result<f64, String>> = vec![Ok(BROKEN); self.cases.len()];
+        let queue = Mutex::new(self.cases.iter().zip(&mut found));
+        on_threads(self.threads, |_| {
+            while let Some((case, to)) = next_of(&queue) {
+                *to = self.one(model, case);
+            }
+        });
+        drop(queue.into_inner().unwrap_or_else(PoisonError::into_inner));
+        let mut suites: BTreeMap<String, Vec<f64>> = BTreeMap::new();
+        let mut all = BTreeMap::new();
+        for (case, result) in self.cases.iter().zip(found) {
+            let precision = result?;
+            suites.entry(case.suite.to_owned()).or_default().push(precision);
+            all.insert(format!("{}/{}", case.suite, case.name), precision);
+        }
+        let mean = |x: &[f64]| x.iter().sum::<f64>() / x.len().max(1) as f64;
+        let means: Vec<f64> = suites.values().map(|x| mean(x)).collect();
+        all.extend(suites.iter().map(|(name, x)| (name.clone(), mean(x))));
+        Ok(Evaluation { precision: mean(&means), suites: all })
+    }
+}
+
+impl SuiteJudge {
+    fn one(&self, model: &Model, case: &Case) -> Result<f64, String> {
+        let text = |e: crate::rollout::Error| format!("{}: {e}", case.name);
+        let policy = Learned::new(model.clone(), PolicyConfig::default()).map_err(text)?;
+        let start = Start::Pose;
+        let config = RolloutConfig::default();
+        let mut rollout = Rollout::new(&self.robot, Box::new(policy), &case.command, start, config)
+            .map_err(text)?;
+        while !rollout.is_done() {
+            // A plant that broke under this policy is a result, not an error of the run.
+            if rollout.step().is_err() {
+                return Ok(BROKEN);
+            }
+        }
+        Ok(rollout.precision().precision.unwrap_or(BROKEN).min(BROKEN))
+    }
+}

@@ -1,0 +1,135 @@
+//! `robert eval`.
+
+use serde_json::Value;
+
+use super::HOP;
+use crate::run::robert;
+
+/// `results[i]` of a report, by policy.
+fn result<'a>(report: &'a Value, policy: &str) -> &'a Value {
+    let results = report["results"].as_array().unwrap();
+    results.iter().find(|r| r["policy"] == policy).unwrap_or_else(|| panic!("no {policy}"))
+}
+
+fn mean(report: &Value, policy: &str) -> f64 {
+    result(report, policy)["precision_mean"].as_f64().unwrap()
+}
+
+#[test]
+fn the_arm_holds_its_gates_on_any_number_of_threads() {
+    let report = |threads: &str| {
+        let ran = robert()
+            .args(["eval", "--robot", "ur5e", "--suite", "manual", "-q", "--json"])
+            .args(["--policy", "zero,pd,computed-torque", "--threads", threads])
+            .succeeds();
+        let mut json = ran.json();
+        for r in json["results"].as_array_mut().unwrap() {
+            for t in r["tasks"].as_array_mut().unwrap() {
+                t.as_object_mut().unwrap().remove("wall_secs");
+            }
+        }
+        json
+    };
+    let (one, three) = (report("1"), report("3"));
+    assert_eq!(one["results"], three["results"]);
+    let (zero, pd, ct) = (mean(&one, "zero"), mean(&one, "pd"), mean(&one, "computed-torque"));
+    assert!(zero >= 0.05 && pd <= 0.015 && ct <= 0.002, "{zero} {pd} {ct}");
+    let ct = result(&one, "computed-torque");
+    assert_eq!((ct["suite"].as_str(), ct["uses_model"].as_bool()), (Some("manual"), Some(true)));
+    let names: Vec<&str> =
+        ct["tasks"].as_array().unwrap().iter().map(|t| t["name"].as_str().unwrap()).collect();
+    assert_eq!(names, ["reacher", "swing", "hang", "front_back"]);
+    for key in ["precision", "masked_mae", "p95", "mean_abs_du"] {
+        assert!(ct["tasks"][2][key].is_number(), "{key}");
+    }
+    assert!(ct["ci95"].is_null(), "one seed has no interval");
+}
+
+#[test]
+fn the_puck_holds_its_gates() {
+    let ran = robert()
+        .args(["eval", "--robot", "pointmass", "--suite", "manual", "extra", "-q", "--json"])
+        .args(["--policy", "pd", "computed-torque"])
+        .succeeds();
+    let report = ran.json();
+    assert_eq!(report["results"].as_array().unwrap().len(), 4, "two suites, two policies");
+    for policy in ["pd", "computed-torque"] {
+        assert!(mean(&report, policy) < 0.005, "{policy}");
+        for task in result(&report, policy)["tasks"].as_array().unwrap() {
+            assert!(task["precision"].as_f64().unwrap() < 0.005, "{policy} {}", task["name"]);
+        }
+    }
+}
+
+#[test]
+fn the_hand_holds_its_gate_on_clip_files() {
+    let clip = |name: &str| {
+        format!("{}/assets/clips/shadow_hand/{name}.clip.json", env!("CARGO_MANIFEST_DIR"))
+    };
+    let ran = robert()
+        .args(["eval", "--policy", "pd", "--max-precision", "0.04", "--json", "-q"])
+        .args(["--suite".to_owned(), clip("rsp"), clip("piano")])
+        .succeeds();
+    let report = ran.json();
+    assert_eq!(
+        (&report["robot"], &report["results"][0]["suite"]),
+        (&"shadow_hand".into(), &"files".into())
+    );
+    assert_eq!(report["results"][0]["tasks"].as_array().unwrap().len(), 2);
+}
+
+#[test]
+fn a_missed_threshold_is_exit_4_after_the_table() {
+    let ran = robert()
+        .file("clips/hop.clip.json", HOP)
+        .args(["eval", "--suite", "clips", "-p", "zero,ilqr", "--max-precision", "0.01"])
+        .fails(4);
+    assert!(ran.stderr.contains("zero on clips: 0."), "{}", ran.stderr);
+    assert!(!ran.stderr.contains("ilqr on"), "{}", ran.stderr);
+    for word in ["hop", "ilqr (m)", "* 0.", "mean |du|", "uses a model"] {
+        assert!(ran.stdout.contains(word), "{word}: {}", ran.stdout);
+    }
+    robert()
+        .file("clips/hop.clip.json", HOP)
+        .args(["eval", "--suite", "clips", "-p", "ilqr", "--max-precision", "0.01"])
+        .succeeds();
+}
+
+#[test]
+fn seeds_give_an_interval_and_files_hold_every_row() {
+    let ran = robert()
+        .file("hop.clip.json", HOP)
+        .args(["eval", "--suite", "hop.clip.json", "-p", "predictive-sampling,pd+guide"])
+        .args(["--seeds", "3", "--csv", "rows.csv", "--out", "found", "--json", "-q"])
+        .succeeds();
+    let report = ran.json();
+    assert!(result(&report, "predictive-sampling")["ci95"].as_f64().unwrap() > 0.0);
+    assert_eq!(result(&report, "pd+guide")["ci95"].as_f64(), Some(0.0), "no draws, no spread");
+    let read = |name| std::fs::read_to_string(ran.path(name)).unwrap();
+    assert_eq!(read("rows.csv").lines().count(), 3);
+    assert_eq!(read("rows.csv"), read("found/results.csv"));
+    // Nine commanded frames a policy, with a header.
+    assert_eq!(read("found/errors.csv").lines().count(), 19);
+    let saved: Value = serde_json::from_str(&read("found/results.json")).unwrap();
+    assert_eq!(saved, report);
+}
+
+#[test]
+fn mistakes_are_named() {
+    let says = |args: &[&str], code: i32, words: &[&str]| {
+        let ran = robert()
+            .file("empty/readme.txt", "")
+            .args(["eval", "--policy", "zero", "--suite"])
+            .args(args)
+            .fails(code);
+        for word in words {
+            assert!(ran.stderr.contains(word), "{args:?}: {word} not in {}", ran.stderr);
+        }
+    };
+    says(&["manual"], 2, &["--robot"]);
+    says(&["hard", "--robot", "ur5e"], 2, &["hard", "manual, extra, heldout"]);
+    says(&["empty"], 3, &["empty", ".clip.json"]);
+    says(&["test", "--robot", "ur5e"], 2, &["--data"]);
+    says(&["manual", "--robot", "ur5e", "--max-precision", "nan"], 2, &["--max-precision"]);
+    says(&["test", "--robot", "ur5e", "--data", "nowhere"], 3, &["nowhere"]);
+}

@@ -1,0 +1,112 @@
+//! `robert rollout`.
+
+use super::HOP;
+use crate::run::robert;
+
+#[test]
+fn json_has_what_scripts_read() {
+    let ran = robert().args(["rollout", "ur5e/reacher", "--policy", "pd", "--json"]).succeeds();
+    let r = ran.json();
+    let precision = r["precision"].as_f64().unwrap();
+    assert!(precision > 1e-6 && precision < 0.015, "{precision}");
+    assert_eq!(r["frames"], 201);
+    assert!(r["masked_mae"].is_null(), "nothing is masked");
+    assert!(r["wall_secs"].as_f64().unwrap() > 0.0);
+    assert_eq!((r["policy"].as_str(), r["unit"].as_str()), (Some("pd"), Some("rad")));
+    assert_eq!(r["per_frame"].as_array().unwrap().len(), 201);
+    let joints = r["per_joint"].as_array().unwrap();
+    let mean = joints.iter().map(|j| j["error"].as_f64().unwrap()).sum::<f64>() / 5.0;
+    assert!((mean - precision).abs() < 1e-12, "joints weigh alike: {mean} {precision}");
+}
+
+#[test]
+fn twice_the_same_bytes() {
+    for policy in ["predictive-sampling", "ilqr", "pd+guide+refine"] {
+        let once = || {
+            let ran = robert()
+                .file("hop.clip.json", HOP)
+                .args(["rollout", "hop.clip.json", "--seed", "5", "-q", "--json"])
+                .args(["--policy", policy, "--out", "hop.mcap", "--csv", "hop.csv"])
+                .succeeds();
+            let mut json = ran.json();
+            for time in ["wall_secs", "ms_per_frame"] {
+                json.as_object_mut().unwrap().remove(time);
+            }
+            let read = |name| std::fs::read(ran.path(name)).unwrap();
+            (json, read("hop.mcap"), read("hop.csv"))
+        };
+        let (a, b) = (once(), once());
+        assert!(a == b, "{policy}: {} {}", a.0, b.0);
+        assert!(a.1.starts_with(b"\x89MCAP0"));
+        let table = String::from_utf8(a.2).unwrap();
+        assert!(table.starts_with("frame,time,mask,x,y\n0,0,0,0,0\n"), "{table}");
+        assert_eq!(table.lines().count(), 22);
+    }
+}
+
+#[test]
+fn seeds_and_plants_change_the_motion() {
+    let precision = |more: &[&str]| {
+        let ran = robert()
+            .file("hop.clip.json", HOP)
+            .args(["rollout", "hop.clip.json", "--json", "-q"])
+            .args(more)
+            .succeeds();
+        ran.json()["precision"].as_f64().unwrap()
+    };
+    let sampled = |seed| precision(&["-p", "predictive-sampling", "--seed", seed]);
+    assert_ne!(sampled("1").to_bits(), sampled("2").to_bits());
+    let (right, wrong) = (
+        precision(&["-p", "computed-torque"]),
+        precision(&["-p", "computed-torque", "--plant", "mass=1.5,damping=1.5,gear=0.8"]),
+    );
+    assert!(right < 1e-4 && wrong > 10.0 * right, "{right} {wrong}");
+    let (open, refined) = (precision(&["-p", "zero"]), precision(&["-p", "zero", "--refine"]));
+    assert!(refined < 0.01 * open, "{refined} {open}");
+}
+
+#[test]
+fn people_get_a_summary_and_progress_goes_elsewhere() {
+    let ran = robert().file("hop.clip.json", HOP).args(["rollout", "hop.clip.json"]).succeeds();
+    for word in ["ilqr on pointmass", "Precision", "end of holds", "21 frames"] {
+        assert!(ran.stdout.contains(word), "{word}: {}", ran.stdout);
+    }
+}
+
+#[test]
+fn mistakes_are_named() {
+    let says = |args: &[&str], code: i32, words: &[&str]| {
+        let ran = robert().file("hop.clip.json", HOP).args(["rollout"]).args(args).fails(code);
+        for word in words {
+            assert!(ran.stderr.contains(word), "{args:?}: {word} not in {}", ran.stderr);
+        }
+        assert!(ran.stdout.is_empty());
+    };
+    says(&["hop.clip.json", "-p", "magic"], 2, &["magic", "computed-torque"]);
+    says(&["hop.clip.json", "-p", "pd+x"], 2, &["+x"]);
+    says(&["hop.clip.json", "--plant", "wind=2"], 2, &["wind", "mass=1.25"]);
+    says(&["hop.clip.json", "--robot", "ur5e"], 3, &["2 joints", "ur5e has 5", "--robot"]);
+    says(&["hop.clip.json", "--robot", "ur6"], 3, &["ur6"]);
+    says(&["gone.clip.json"], 3, &["gone.clip.json"]);
+    says(&["recher"], 2, &["ur5e/reacher"]);
+    let bad = HOP.replace("\"hold\": 9", "\"hold\": -9");
+    let ran = robert().file("bad.clip.json", bad).args(["rollout", "bad.clip.json"]).fails(3);
+    assert!(ran.stderr.contains("bad.clip.json:8:"), "{}", ran.stderr);
+    let short = HOP
+        .replace("\"length\": 21", "\"length\": 1")
+        .replace(",\n    {\"frame\": 12, \"q\": [0.2, -0.1], \"hold\": 9}", "");
+    let ran = robert().file("short.clip.json", short).args(["rollout", "short.clip.json"]).fails(3);
+    assert!(ran.stderr.contains("at least 2"), "{}", ran.stderr);
+}
+
+#[test]
+fn tasks_are_listed_and_shown() {
+    let ran = robert().args(["tasks", "ls", "--robot", "shadow_hand", "--json"]).succeeds();
+    let tasks = ran.json();
+    let fire = tasks.as_array().unwrap().iter().find(|t| t["task"] == "fire").unwrap().clone();
+    assert_eq!((fire["suite"].as_str(), fire["frames"].as_u64()), (Some("manual"), Some(201)));
+    let clip = robert().args(["tasks", "show", "shadow_hand/fire"]).succeeds().stdout;
+    let file = concat!(env!("CARGO_MANIFEST_DIR"), "/assets/clips/shadow_hand/fire.clip.json");
+    assert_eq!(clip, std::fs::read_to_string(file).unwrap());
+    robert().file("fire.clip.json", clip).args(["clip", "check", "fire.clip.json"]).succeeds();
+}
