@@ -47,7 +47,7 @@ pub(super) async fn bundle(uri: Uri) -> Response {
 }
 
 /// `/viser/`: the client's one page.
-pub(super) async fn viser() -> Response {
+pub(super) fn viser() -> Response {
     match Viser::get("index.html") {
         Some(file) => Html(file.data.into_owned()).into_response(),
         None => (

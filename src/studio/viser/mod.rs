@@ -104,7 +104,7 @@ pub(super) async fn route(
     State(app): State<Arc<App>>,
     upgrade: Result<WebSocketUpgrade, WebSocketUpgradeRejection>,
 ) -> Response {
-    let Ok(upgrade) = upgrade else { return pages::viser().await };
+    let Ok(upgrade) = upgrade else { return pages::viser() };
     let before = app.viewport.clients.fetch_add(1, Ordering::SeqCst);
     let seat = Seat(Arc::clone(&app.viewport));
     if before >= limits::CLIENTS {

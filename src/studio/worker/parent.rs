@@ -190,7 +190,6 @@ impl Supervisor {
                 }
             };
             match message {
-                None => {}
                 Some(Inbox::Ask { request, reply }) => self.ask(request, reply),
                 Some(Inbox::Answer { child, answer }) if self.is_current(child) => {
                     self.answer(answer);
@@ -198,13 +197,12 @@ impl Supervisor {
                 Some(Inbox::Gone { child, reason }) if self.is_current(child) => {
                     self.died(&reason);
                 }
-                // From a child that has been buried already.
-                Some(Inbox::Answer { .. } | Inbox::Gone { .. }) => {}
                 Some(Inbox::Restart) if self.child.is_none() => {
                     self.deaths.clear();
                     self.spawn();
                 }
-                Some(Inbox::Restart) => {}
+                // Nothing new, or from a child that has been buried already.
+                None | Some(Inbox::Answer { .. } | Inbox::Gone { .. } | Inbox::Restart) => {}
                 Some(Inbox::Shutdown) => break,
             }
             self.watch();
