@@ -333,6 +333,27 @@ pub(super) struct Poses {
     q: Vec<Vec<f64>>,
 }
 
+/// A pose of the open robot: as many numbers as joints, and none beyond all reason.
+fn check_pose(app: &App, q: &[f64]) -> Result<Arc<RobotFacts>, Error> {
+    let facts = app.live.facts().ok_or(Error::NoDocument)?;
+    let joints = facts.table.joints.len();
+    if q.len() != joints {
+        let id = &facts.id;
+        let got = q.len();
+        return Err(Error::request(format!("{got} values for the {joints} joints of {id}")));
+    }
+    check_numbers(q.iter())?;
+    Ok(facts)
+}
+
+fn check_numbers<'a>(mut values: impl Iterator<Item = &'a f64>) -> Result<(), Error> {
+    let sane = |v: &f64| v.is_finite() && v.abs() <= limits::CLIP_VALUE_MAX;
+    match values.find(|v| !sane(v)) {
+        Some(v) => Err(Error::request(format!("{v:e} is no position of any joint or point"))),
+        None => Ok(()),
+    }
+}
+
 /// Poses in one question.
 const POSES: usize = 1_000;
 
@@ -344,6 +365,9 @@ pub(super) async fn kinematics(
     if body.q.len() > POSES {
         return Err(Error::Full { what: "poses in one question", cap: POSES }.into());
     }
+    for q in &body.q {
+        check_pose(&app, q)?;
+    }
     match app.worker.ask(Request::Kinematics { poses: body.q }).await? {
         Report::Bodies(bodies) => Ok(Json(bodies)),
         _ => Err(odd()),
@@ -352,6 +376,8 @@ pub(super) async fn kinematics(
 
 /// `POST /api/ik`.
 pub(super) async fn ik(State(app): Shared, Json(body): Json<IkRequest>) -> Answer<IkAnswer> {
+    check_pose(&app, &body.q)?;
+    check_numbers(body.pos.iter().chain(body.quat.iter().flatten()))?;
     match app.worker.ask(Request::Ik(body)).await? {
         Report::Ik(answer) => Ok(Json(answer)),
         _ => Err(odd()),
@@ -367,7 +393,7 @@ pub(super) struct Pose {
 
 /// `POST /api/settle`.
 pub(super) async fn settle(State(app): Shared, Json(body): Json<Pose>) -> Answer<SettleAnswer> {
-    let facts = app.live.facts().ok_or(Error::NoDocument)?;
+    let facts = check_pose(&app, &body.q)?;
     let request = Request::Settle { robot: facts.source.clone(), q: body.q };
     match app.worker.ask(request).await? {
         Report::Settled(answer) => Ok(Json(answer)),

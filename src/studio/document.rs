@@ -381,19 +381,32 @@ impl Document {
                 Ok(change.into_iter().collect())
             }
             Edit::Goto(done) => {
-                let mut changes = Vec::new();
+                let before = (self.clip().clone(), self.command().clone());
+                let mut steps_made = 0;
+                let mut last = None;
                 loop {
                     let now = self.editor.history().1;
                     let step = match now.cmp(done) {
                         std::cmp::Ordering::Greater => self.one(&Edit::Undo, records, steps)?,
                         std::cmp::Ordering::Less => self.one(&Edit::Redo, records, steps)?,
-                        std::cmp::Ordering::Equal => return Ok(changes),
+                        std::cmp::Ordering::Equal => break,
                     };
-                    if step.is_empty() {
-                        return Ok(changes);
-                    }
-                    changes.extend(step);
+                    let Some(step) = step.into_iter().next() else { break };
+                    steps_made += 1;
+                    last = Some(step);
                 }
+                let Some(last) = last else { return Ok(Vec::new()) };
+                if steps_made == 1 {
+                    return Ok(vec![last]);
+                }
+                // Hundreds of steps are one change to whoever looks on.
+                Ok(vec![Change {
+                    rev: last.rev,
+                    label: format!("Go to edit {done}"),
+                    patch: Delta::between(&before.0, self.clip()),
+                    first_changed_frame: self.command().first_changed_frame(&before.1),
+                    first_changed_step: self.command().first_changed_step(&before.1),
+                }])
             }
         }
     }

@@ -43,5 +43,5 @@ pub(super) fn list() -> Vec<GalleryItem> {
 /// # Errors
 /// [`Error::NotFound`].
 pub(super) fn open(id: &str) -> Result<Clip, Error> {
-    tasks::find(id, None).or(Err(Error::NotFound { what: format!("example \"{id}\"") }))
+    tasks::find(id, None).map_err(|_unknown| Error::NotFound { what: format!("example \"{id}\"") })
 }

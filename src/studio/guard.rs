@@ -1,15 +1,15 @@
 //! Who may talk to the studio: nobody but the person who started it.
 //!
 //! A loopback address is no defence. Any page in the same browser can send requests to it
-//! (simple POSTs and WebSockets ask no one), a DNS name can be rebound to 127.0.0.1, and
+//! (simple POSTs and sockets ask no one), a DNS name can be rebound to 127.0.0.1, and
 //! other users of the machine reach the port as well. Hence three checks on every request,
 //! in this order:
 //!
-//! 1. `Host` is exactly one of 127.0.0.1, localhost, \[::1\] with our port, once (403);
+//! 1. `Host` is exactly one of `127.0.0.1`, `localhost`, `[::1]` with our port, once (403);
 //! 2. `Origin`, where a browser sends one, is `http://` plus that very Host; a request that
 //!    the browser calls cross-site is refused unless it opens the start page (403);
 //! 3. the token of this run: `Authorization: Bearer`, the cookie that `POST /api/session`
-//!    gives for it, or `?token=` on a WebSocket (401). Only the start page and its bundle
+//!    gives for it, or `?token=` on a socket (401). Only the start page and its bundle
 //!    are open, as the browser has no token yet; they hold no secret.
 //!
 //! Rejected: "no Origin means no browser, so let it in" (Jupyter's hole) and CORS lists (they
@@ -44,9 +44,7 @@ impl Secret {
     pub fn draw() -> std::io::Result<Secret> {
         let mut bytes = [0_u8; 32];
         std::fs::File::open("/dev/urandom")?.read_exact(&mut bytes)?;
-        let digit = |n: u8| char::from_digit(u32::from(n), 16).unwrap_or('0');
-        let hex = bytes.iter().flat_map(|b| [digit(b >> 4), digit(b & 15)]).collect();
-        Ok(Secret(hex))
+        Ok(Secret(crate::fsio::sha256_hex(&bytes)))
     }
 
     /// The digits, for the one line that hands them to the user.
@@ -191,6 +189,23 @@ impl Guard {
     }
 }
 
+/// What the browser itself says about the sender. Old browsers and scripts say nothing.
+fn fetch_site(head: &Parts, open: bool) -> Result<(), Refusal> {
+    let value = |name: &str| head.headers.get(name).map(HeaderValue::as_bytes);
+    match value("sec-fetch-site") {
+        None | Some(b"same-origin" | b"none") => Ok(()),
+        // A link in a mail or a web terminal may open the start page, as a page.
+        Some(_)
+            if open
+                && value("sec-fetch-mode") == Some(b"navigate")
+                && value("sec-fetch-dest") == Some(b"document") =>
+        {
+            Ok(())
+        }
+        Some(_) => Err(Refusal::Origin),
+    }
+}
+
 enum Credential {
     Token,
     Cookie,
@@ -246,23 +261,6 @@ fn refuse(refusal: Refusal) -> Response {
     };
     let body = ErrorBody::new(code, message);
     (status, axum::Json(body)).into_response()
-}
-
-/// What the browser itself says about the sender. Old browsers and scripts say nothing.
-fn fetch_site(head: &Parts, open: bool) -> Result<(), Refusal> {
-    let value = |name: &str| head.headers.get(name).map(HeaderValue::as_bytes);
-    match value("sec-fetch-site") {
-        None | Some(b"same-origin" | b"none") => Ok(()),
-        // A link in a mail or a web terminal may open the start page, as a page.
-        Some(_)
-            if open
-                && value("sec-fetch-mode") == Some(b"navigate")
-                && value("sec-fetch-dest") == Some(b"document") =>
-        {
-            Ok(())
-        }
-        Some(_) => Err(Refusal::Origin),
-    }
 }
 
 #[cfg(test)]

@@ -11,15 +11,18 @@ use super::protocol::Event;
 /// Events that a client may be behind.
 const LAG: usize = 256;
 
+/// An event on its way.
+#[derive(Clone, Debug)]
+pub struct Sent {
+    /// It, as JSON.
+    pub text: Utf8Bytes,
+    /// Client and request that it acknowledges.
+    pub acknowledges: Option<(u64, u64)>,
+}
+
 /// The stream.
 #[derive(Clone, Debug)]
-pub struct Hub(broadcast::Sender<Utf8Bytes>);
-
-impl Default for Hub {
-    fn default() -> Hub {
-        Hub::new()
-    }
-}
+pub struct Hub(broadcast::Sender<Sent>);
 
 impl Hub {
     /// A stream that nobody listens to yet.
@@ -32,12 +35,16 @@ impl Hub {
         if self.0.receiver_count() > 0
             && let Some(text) = text(event)
         {
-            self.0.send(text).ok();
+            let acknowledges = match event {
+                Event::Edit { by, id: Some(id), .. } => Some((*by, *id)),
+                _ => None,
+            };
+            self.0.send(Sent { text, acknowledges }).ok();
         }
     }
 
     /// Listens from now on.
-    pub fn listen(&self) -> broadcast::Receiver<Utf8Bytes> {
+    pub fn listen(&self) -> broadcast::Receiver<Sent> {
         self.0.subscribe()
     }
 }
@@ -50,5 +57,11 @@ pub fn text(event: &Event) -> Option<Utf8Bytes> {
             tracing::error!("an event cannot be written: {e}");
             None
         }
+    }
+}
+
+impl Default for Hub {
+    fn default() -> Self {
+        Hub::new()
     }
 }

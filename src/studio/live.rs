@@ -50,6 +50,11 @@ struct Inner {
     worker: WorkerState,
 }
 
+/// What is performed, and the frames of the clip's keys.
+pub type Performed = (Option<Arc<Command>>, Arc<[u32]>);
+/// Achieved and commanded body transforms; (nbody, 7) each.
+pub type BodyPair = (Arc<[f32]>, Arc<[f32]>);
+
 /// News for one client.
 #[derive(Debug, Default)]
 pub struct News {
@@ -153,7 +158,7 @@ impl Live {
     }
 
     /// The command that is performed, and the frames of the clip's keys.
-    pub fn command(&self) -> (Option<Arc<Command>>, Arc<[u32]>) {
+    pub fn command(&self) -> Performed {
         let inner = self.read();
         (inner.command.clone(), Arc::clone(&inner.keys))
     }
@@ -193,11 +198,11 @@ impl Live {
 
     /// Achieved and commanded body transforms at a frame; (nbody, 7) each. Beyond what has
     /// been simulated the last frame there is.
-    pub fn bodies(&self, frame: usize) -> Option<[Arc<[f32]>; 2]> {
+    pub fn bodies(&self, frame: usize) -> Option<BodyPair> {
         let inner = self.read();
         let last = inner.bodies.len().checked_sub(1)?;
         let at = frame.min(last);
-        Some([Arc::clone(inner.bodies.get(at)?), Arc::clone(inner.goal_bodies.get(at)?)])
+        Some((Arc::clone(inner.bodies.get(at)?), Arc::clone(inner.goal_bodies.get(at)?)))
     }
 
     /// Achieved state of a frame.

@@ -8,8 +8,8 @@
 //! # Access
 //!
 //! `robert studio` prints `http://127.0.0.1:PORT/#token=HEX`. A page sends
-//! `POST /api/session` with `Authorization: Bearer HEX` once, gets a cookie (HttpOnly,
-//! SameSite=Strict) and drops the fragment. A script sends the Bearer header with every
+//! `POST /api/session` with `Authorization: Bearer HEX` once, gets a cookie (`HttpOnly`,
+//! `SameSite=Strict`) and drops the fragment. A script sends the Bearer header with every
 //! request, and on the socket either that header or `?token=HEX`.
 //!
 //! # HTTP
@@ -54,14 +54,15 @@
 //!
 //! Server → client: [`Event`], `{"event": NAME, ...}`:
 //!
-//! * `hello` comes first: the client's number, then the whole [`State`].
+//! * `hello` comes first: the client's number, then the whole [`State`]. Skip an `edit` whose
+//!   `rev` is not above that of the document you have.
 //! * `edit`: a change, in order of `rev`, sent to every client *including its author*
 //!   (`by` = author's client number, `id` = its request). It is the acknowledgement: the change is
 //!   on disk. Apply `patch` (see [`crate::clip::Delta`]) to your copy. The journal's
 //!   restored or discarded edits have `by` 0.
 //! * `reply`: answers a request that changed nothing or is no edit; `result` or `error`.
 //! * `document`: throw your copy away and take this one (open, new, close, or you were so
-//!   slow that edits were skipped; requests under way count as done).
+//!   slow that edits were skipped; what they would have acknowledged comes as `reply`).
 //! * `findings`: problems and timeline of a `rev`; follow every change, later once more with
 //!   what simulation found.
 //! * `rollout.frames`: frames `from..from+q.len()` of rollout `gen`. Throw away what you have
@@ -346,7 +347,7 @@ pub struct RolloutState {
     pub rev: u64,
     /// What it is doing.
     pub phase: Phase,
-    /// Frames 0..cached_to are valid.
+    /// Frames `0..cached_to` are valid.
     pub cached_to: usize,
     /// Frames of the clip.
     pub frames: usize,
@@ -560,7 +561,7 @@ pub struct RobotCard {
 /// Server → client on the socket.
 #[derive(Clone, Debug, Serialize)]
 #[serde(tag = "event")]
-#[allow(clippy::large_enum_variant)] // one at a time, on its way to the socket
+#[allow(clippy::large_enum_variant)] // built, written out as JSON, dropped
 pub enum Event {
     /// First of all.
     #[serde(rename = "hello")]

@@ -535,20 +535,9 @@ impl Desk {
     /// What is known about the robot, with what the policy in use can leave open: those
     /// that own a model take any goal, the learned one whole states.
     fn table(&self) -> JointTable {
-        let known = self.facts.as_ref().map(|f| f.table.clone());
-        let mut table = known.unwrap_or_else(|| {
-            let clip = self.document.as_ref().map(Document::clip);
-            let empty = || JointTable {
-                robot: String::new(),
-                model_sha256: None,
-                joints: vec![],
-                rest: vec![],
-                mirror: clip::Mirror::None(String::new()),
-                couplings: vec![],
-                granularity: Granularity::State,
-            };
-            clip.map_or_else(empty, JointTable::from_clip)
-        });
+        let clip = || self.document.as_ref().map(|d| JointTable::from_clip(d.clip()));
+        let known = self.facts.as_ref().map(|f| f.table.clone()).or_else(clip);
+        let mut table = known.unwrap_or_else(|| JointTable::from_clip(&nothing()));
         table.granularity = Granularity::Joint;
         table
     }
@@ -642,6 +631,11 @@ impl Desk {
         }
         self.tell_findings();
     }
+}
+
+/// A clip of no robot.
+fn nothing() -> Clip {
+    Clip::new(RobotRef::default(), 2)
 }
 
 fn history(document: &Document) -> History {

@@ -47,7 +47,7 @@ pub(super) async fn editor(State(app): State<Arc<App>>, upgrade: WebSocketUpgrad
         .max_write_buffer_size(limits::WS_WRITE_BYTES)
         .on_upgrade(move |socket| async move {
             let number = app.next_client.fetch_add(1, Ordering::SeqCst) as u64 + 1;
-            let mut client = Client { app, socket, number };
+            let mut client = Client { app, socket, number, unacked: Vec::new() };
             client.serve().await;
             drop(seat);
         })
@@ -66,6 +66,8 @@ struct Client {
     app: Arc<App>,
     socket: WebSocket,
     number: u64,
+    /// Requests whose edit has been made but not yet been sent to this client.
+    unacked: Vec<(u64, u64)>,
 }
 
 /// The socket is closed or stuck.
@@ -108,11 +110,16 @@ impl Client {
                     }
                 }
                 event = events.recv() => match event {
-                    Ok(text) => self.send_text(text).await,
+                    Ok(sent) => {
+                        let own = sent.acknowledges.filter(|(by, _)| *by == self.number);
+                        if let Some((_, id)) = own {
+                            self.unacked.retain(|(waiting, _)| *waiting != id);
+                        }
+                        self.send_text(sent.text).await
+                    }
                     Err(RecvError::Lagged(_)) => {
                         events = events.resubscribe();
-                        let document = api::current_view(&self.app).await;
-                        self.send(&Event::Document { document }).await
+                        self.start_afresh().await
                     }
                     Err(RecvError::Closed) => Err(Gone),
                 },
@@ -142,6 +149,17 @@ impl Client {
                 return;
             }
         }
+    }
+
+    /// Too far behind: the document as it is, and the acknowledgements that were missed.
+    async fn start_afresh(&mut self) -> Result<(), Gone> {
+        let document = api::current_view(&self.app).await;
+        self.send(&Event::Document { document }).await?;
+        for (id, rev) in std::mem::take(&mut self.unacked) {
+            let result = Some(serde_json::json!({"rev": rev}));
+            self.send(&Event::Reply { id, result, error: None }).await?;
+        }
+        Ok(())
     }
 
     async fn send_news(&mut self, frames: Option<Event>, state: Option<Event>) -> Result<(), Gone> {
@@ -214,6 +232,7 @@ impl Client {
         if edited.patches.is_empty() {
             return Ok(Some(serde_json::json!({"rev": edited.rev})));
         }
+        self.unacked.push((wire.id, edited.rev));
         Ok(None)
     }
 }

@@ -227,11 +227,11 @@ impl Socket {
         match payload.len() {
             n @ 0..126 => bytes.push(0x80 | n as u8),
             n @ 126..65536 => {
-                bytes.push(0x80 | 126);
+                bytes.push(0x80 | 0x7e);
                 bytes.extend((n as u16).to_be_bytes());
             }
             n => {
-                bytes.push(0x80 | 127);
+                bytes.push(0x80 | 0x7f);
                 bytes.extend((n as u64).to_be_bytes());
             }
         }

@@ -1,5 +1,7 @@
 //! Only our own page and whoever has the token get in.
 
+use std::fmt::Write as _;
+
 use super::client::{CLIP, Studio};
 
 struct Row {
@@ -31,16 +33,17 @@ fn bytes(row: &Row) -> Vec<u8> {
     };
     let mut text = format!("{method} {path} HTTP/1.1\r\n");
     for host in &row.host {
-        text += &format!("Host: {host}\r\n");
+        write!(text, "Host: {host}\r\n").unwrap();
     }
     if let Some(origin) = &row.origin {
-        text += &format!("Origin: {origin}\r\n");
+        write!(text, "Origin: {origin}\r\n").unwrap();
     }
     if let Some(token) = &row.token {
-        text += &format!("Authorization: Bearer {token}\r\n");
+        write!(text, "Authorization: Bearer {token}\r\n").unwrap();
     }
     let connection = if row.request == "socket" { "Upgrade" } else { "close" };
-    text += &format!("{extra}Connection: {connection}\r\nContent-Length: {}\r\n\r\n", body.len());
+    write!(text, "{extra}Connection: {connection}\r\nContent-Length: {}\r\n\r\n", body.len())
+        .unwrap();
     (text + body).into_bytes()
 }
 

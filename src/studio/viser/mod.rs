@@ -207,7 +207,9 @@ async fn send(
         let secs = begin.elapsed().as_secs_f64();
         // Compressing a scene takes milliseconds; poses take microseconds.
         let encoded = if first {
-            tokio::task::spawn_blocking(move || frame(&batch, secs)).await.or(Err(()))?
+            tokio::task::spawn_blocking(move || frame(&batch, secs))
+                .await
+                .map_err(|_panicked| ())?
         } else {
             frame(&batch, secs)
         };

@@ -9,9 +9,9 @@ pub(super) type Q = [f64; 4];
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Place {
     /// Position, m.
-    pub pos: V3,
+    pub(super) pos: V3,
     /// Orientation.
-    pub quat: Q,
+    pub(super) quat: Q,
 }
 
 impl Place {

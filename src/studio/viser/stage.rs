@@ -74,6 +74,7 @@ struct Play {
 }
 
 /// The state; see the module.
+#[allow(clippy::struct_excessive_bools)] // four switches of a view, not a state machine
 pub(super) struct Stage {
     viewport: Arc<Viewport>,
     live: Arc<Live>,
@@ -332,21 +333,18 @@ impl Stage {
     fn float(&mut self, pose: Option<Vec<f64>>) {
         let fits = |q: &Vec<f64>| {
             self.facts.as_ref().is_some_and(|f| f.table.joints.len() == q.len())
-                && q.iter().all(|v| v.is_finite())
+                && q.iter().all(|v| v.abs() <= crate::limits::CLIP_VALUE_MAX)
         };
         self.floating = pose.filter(fits);
         self.floating_number += 1;
         self.released_at = None;
-        match self.floating.clone() {
-            Some(q) => {
-                let number = self.floating_number;
-                let request = Request::Kinematics { poses: vec![q] };
-                self.ask(request, move |answer| Say::Floating(number, answer));
-            }
-            None => {
-                self.floating_bodies = None;
-                self.refresh();
-            }
+        if let Some(q) = self.floating.clone() {
+            let number = self.floating_number;
+            let request = Request::Kinematics { poses: vec![q] };
+            self.ask(request, move |answer| Say::Floating(number, answer));
+        } else {
+            self.floating_bodies = None;
+            self.refresh();
         }
     }
 
@@ -375,10 +373,10 @@ impl Stage {
         self.viewport.edit(|scene| {
             if let Some(bodies) = floating {
                 cast.pose(scene, Actor::Robot, |b| Place::of(bodies, b));
-            } else if let (Some([a, _]), Some([b, _])) = (&now, &next) {
+            } else if let (Some((a, _)), Some((b, _))) = (&now, &next) {
                 cast.pose(scene, Actor::Robot, |body| between(a, b, body));
             }
-            if let (true, Some([_, a]), Some([_, b])) = (simulated, &now, &next) {
+            if let (true, Some((_, a)), Some((_, b))) = (simulated, &now, &next) {
                 cast.pose(scene, Actor::Command, |body| between(a, b, body));
             } else if let Some(bodies) = &ghost {
                 cast.pose(scene, Actor::Command, |b| Place::of(bodies, b));
@@ -476,7 +474,7 @@ impl Stage {
         }
         let at = self.frame.round() as usize;
         if at < self.live.state().cached_to {
-            return self.live.bodies(at).map(|[_, goal]| goal.to_vec());
+            return self.live.bodies(at).map(|(_, goal)| goal.to_vec());
         }
         self.ghost.as_ref().filter(|(f, _)| *f == at).map(|(_, b)| b.clone())
     }

@@ -114,7 +114,7 @@ fn slow_lane(asks: &Receiver<Ask>, out: &Out) {
                 Ok(Report::Facts(Box::new(query::facts(r, &robot))))
             }),
             Request::Geometry { robot } => of_robot(&mut current, &robot, |r| {
-                Ok(query::geometry(r).map_or_else(|e| e, |g| Report::Geometry(Box::new(g))))
+                Ok(query::geometry(r).map_or_else(|e| *e, |g| Report::Geometry(Box::new(g))))
             }),
             Request::Settle { robot, q } => {
                 of_robot(&mut current, &robot, |r| Ok(Report::Settled(query::settle(r, &q)?)))
@@ -292,27 +292,23 @@ impl Lane {
     /// Goes on with the last rollout where the new command allows it.
     fn take_up(&mut self, command: Command, generation: u64) -> Result<(), crate::rollout::Error> {
         let Some((robot, _)) = &self.robot else { return Ok(()) };
-        let mut show = match self.show.take() {
-            Some(mut show) => {
-                show.rollout.set_command(&command)?;
-                show
-            }
-            None => {
-                let policy = self.policy.build(robot)?;
-                let config = RolloutConfig {
-                    seed: self.seed,
-                    guide: self.policy.guide,
-                    ..RolloutConfig::default()
-                };
-                let rollout = Rollout::new(robot, policy, &command, Start::Pose, config)?;
-                Show {
-                    rollout,
-                    command: command.clone(),
-                    generation,
-                    running: true,
-                    batch: Frames::default(),
-                    sent: Instant::now(),
-                }
+        let mut show = if let Some(mut show) = self.show.take() {
+            show.rollout.set_command(&command)?;
+            show
+        } else {
+            let policy = self.policy.build(robot)?;
+            let config = RolloutConfig {
+                seed: self.seed,
+                guide: self.policy.guide,
+                ..RolloutConfig::default()
+            };
+            Show {
+                rollout: Rollout::new(robot, policy, &command, Start::Pose, config)?,
+                command: command.clone(),
+                generation,
+                running: true,
+                batch: Frames::default(),
+                sent: Instant::now(),
             }
         };
         let resumed_at = show.rollout.frame();

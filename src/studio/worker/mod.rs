@@ -162,7 +162,7 @@ pub enum Report {
     Started {
         /// Which.
         generation: u64,
-        /// Frames 0..=resumed_at stand.
+        /// Frames up to this one stand.
         resumed_at: usize,
     },
     /// Simulated frames.

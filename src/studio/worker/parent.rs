@@ -22,10 +22,10 @@ const SILENCE: Duration = Duration::from_millis(1500);
 /// A child that is silent this long is asked whether it lives.
 const ASK_AFTER: Duration = Duration::from_millis(500);
 /// Time for one question (not for a rollout, which may take as long as it moves on).
-const PATIENCE: Duration = Duration::from_secs(60);
+const PATIENCE: Duration = Duration::from_mins(1);
 /// Deaths within [`DEATH_WINDOW`] after which it is given up.
 const DEATHS: usize = 3;
-const DEATH_WINDOW: Duration = Duration::from_secs(60);
+const DEATH_WINDOW: Duration = Duration::from_mins(1);
 
 /// Who hears what the worker says unasked. Called from the supervisor's thread; must be
 /// quick.
@@ -190,24 +190,19 @@ impl Supervisor {
                 }
             };
             match message {
-                None => {}
                 Some(Inbox::Ask { request, reply }) => self.ask(request, reply),
-                Some(Inbox::Answer { child, answer }) => {
-                    if self.is_current(child) {
-                        self.answer(answer);
-                    }
+                Some(Inbox::Answer { child, answer }) if self.is_current(child) => {
+                    self.answer(answer);
                 }
-                Some(Inbox::Gone { child, reason }) => {
-                    if self.is_current(child) {
-                        self.died(&reason);
-                    }
+                Some(Inbox::Gone { child, reason }) if self.is_current(child) => {
+                    self.died(&reason);
                 }
-                Some(Inbox::Restart) => {
-                    if self.child.is_none() {
-                        self.deaths.clear();
-                        self.spawn();
-                    }
+                Some(Inbox::Restart) if self.child.is_none() => {
+                    self.deaths.clear();
+                    self.spawn();
                 }
+                // Nothing new, or from a child that has been buried already.
+                None | Some(Inbox::Answer { .. } | Inbox::Gone { .. } | Inbox::Restart) => {}
                 Some(Inbox::Shutdown) => break,
             }
             self.watch();

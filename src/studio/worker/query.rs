@@ -135,11 +135,11 @@ fn index(ids: &[i32], at: usize) -> usize {
 }
 
 /// What a robot looks like.
-pub(super) fn geometry(robot: &Robot) -> Result<Geometry, Report> {
+pub(super) fn geometry(robot: &Robot) -> Result<Geometry, Box<Report>> {
     let model = robot.model();
-    let meshes = crate::take::body_meshes(robot).map_err(|e| refused(&e))?;
-    let mut data = Data::new(model).map_err(|e| refused(&e))?;
-    let home = transforms(robot, &mut data, &robot.home()).map_err(|e| refused(&e))?;
+    let meshes = crate::take::body_meshes(robot).map_err(|e| Box::new(refused(&e)))?;
+    let mut data = Data::new(model).map_err(|e| Box::new(refused(&e)))?;
+    let home = transforms(robot, &mut data, &robot.home()).map_err(|e| Box::new(refused(&e)))?;
     Ok(Geometry {
         robot: robot.id().to_owned(),
         bodies: (0..model.nbody()).map(|b| body_name(model, b)).collect(),
