@@ -54,6 +54,11 @@ impl PolicyName {
         NAMES.iter().find(|(n, _)| *n == self).map_or("", |(_, s)| s)
     }
 
+    /// Whether it learned something, and needs the file that holds it.
+    pub fn needs_model(self) -> bool {
+        matches!(self, PolicyName::Robert | PolicyName::Ridge)
+    }
+
     /// All names.
     pub fn all() -> impl Iterator<Item = PolicyName> {
         NAMES.iter().map(|(n, _)| *n)

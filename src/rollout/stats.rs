@@ -27,7 +27,9 @@ pub fn mean_ci95(samples: &[f64]) -> Option<Interval> {
     if n == 0 {
         return None;
     }
-    let mean = samples.iter().sum::<f64>() / n as f64;
+    // Relative to the first, so that equal samples have exactly no spread.
+    let first = samples.first().copied().unwrap_or(0.0);
+    let mean = first + samples.iter().map(|s| s - first).sum::<f64>() / n as f64;
     let ci95 = (n > 1).then(|| {
         let var = samples.iter().map(|s| (s - mean) * (s - mean)).sum::<f64>() / (n - 1) as f64;
         let t = T975.get(n - 2).copied().unwrap_or(1.96);

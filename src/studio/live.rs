@@ -233,8 +233,9 @@ impl Inner {
         self.keys = Arc::default();
         self.stamp += 1;
         self.state_stamp = self.stamp;
-        self.state =
-            RolloutState { generation: self.state.generation + 1, ..RolloutState::default() };
+        // A robot that is gone may still have frames on their way.
+        self.floor = self.state.generation;
+        self.state = RolloutState { generation: self.floor + 1, ..RolloutState::default() };
     }
 
     fn truncate(&mut self, frames: usize) {

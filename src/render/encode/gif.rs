@@ -37,9 +37,11 @@ struct Palette {
 
 impl Palette {
     fn of(picture: &Picture) -> Palette {
-        // About 40,000 samples teach the palette; small pictures are looked at whole.
-        let every = (picture.rgba.len() / 4 / 40_000).clamp(1, 10) as i32;
-        let quant = NeuQuant::new(every, COLORS, &picture.rgba);
+        // About 40,000 samples teach the palette; small pictures are looked at again and again.
+        let pixels = (picture.rgba.len() / 4).max(1);
+        let every = (pixels / 40_000).clamp(1, 10) as i32;
+        let lessons = picture.rgba.repeat((40_000 / pixels).max(1));
+        let quant = NeuQuant::new(every, COLORS, &lessons);
         let rgb = quant.color_map_rgb();
         Palette { quant, table: vec![u16::MAX; 1 << (3 * BITS)], rgb }
     }
