@@ -155,6 +155,8 @@ impl Studio {
     pub(super) fn connect(&self, path: &str, protocol: Option<&str>) -> Socket {
         let mut stream = TcpStream::connect(("127.0.0.1", self.port)).unwrap();
         stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
+        // A flood that the server stops reading must end, not hang the test.
+        stream.set_write_timeout(Some(Duration::from_secs(5))).unwrap();
         stream.set_nodelay(true).unwrap();
         let protocol =
             protocol.map(|p| format!("Sec-WebSocket-Protocol: {p}\r\n")).unwrap_or_default();
