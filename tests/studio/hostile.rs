@@ -15,6 +15,15 @@ fn resident_bytes(pid: u32) -> u64 {
     line.split_whitespace().nth(1).unwrap().parse::<u64>().unwrap() * 1024
 }
 
+/// Raises a flag when it goes out of scope.
+struct Raise<'a>(&'a AtomicBool);
+
+impl Drop for Raise<'_> {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+}
+
 #[test]
 fn an_honest_client_does_not_feel_the_others() {
     let dir = tempfile::tempdir().unwrap();
@@ -54,6 +63,8 @@ fn an_honest_client_does_not_feel_the_others() {
                 }
             }
         });
+        // Also on a panic below: a scope waits for its threads.
+        let _end = Raise(&stop);
         let mut times = Vec::new();
         let begin = Instant::now();
         while begin.elapsed() < Duration::from_secs(6) {
@@ -62,7 +73,6 @@ fn an_honest_client_does_not_feel_the_others() {
             times.push(at.elapsed());
             std::thread::sleep(Duration::from_millis(10));
         }
-        stop.store(true, Ordering::Relaxed);
         times
     });
     times.sort();
