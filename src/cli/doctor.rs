@@ -11,6 +11,7 @@ use crate::exit::Exit;
 use crate::mujoco;
 use crate::render::{RenderConfig, Renderer};
 use crate::robot::Robot;
+use crate::rollout::shipped;
 
 #[derive(clap::Args, Debug)]
 #[command(
@@ -67,6 +68,8 @@ pub(super) fn run(args: &Args) -> Outcome {
         processor(),
         memory(),
         models(),
+        page(),
+        viser(),
         browser(),
         cache(),
     ];
@@ -186,12 +189,41 @@ fn memory() -> Check {
 }
 
 fn models() -> Check {
-    Check::bad(
-        "trained policies",
-        State::Warning,
-        "none in this build",
-        "robert train makes one for your robot",
-    )
+    const NAME: &str = "trained policies";
+    match shipped::all() {
+        Err(e) => Check::bad(NAME, State::Missing, e.to_string(), "rebuild the program"),
+        Ok(found) if found.is_empty() => Check::bad(
+            NAME,
+            State::Warning,
+            "none in this build",
+            "robert train makes one for your robot",
+        ),
+        Ok(found) => {
+            let names: Vec<String> =
+                found.iter().map(|m| format!("{}/{}", m.robot, m.name)).collect();
+            Check::ok(NAME, names.join(", "))
+        }
+    }
+}
+
+fn page() -> Check {
+    const MEND: &str =
+        "script/bootstrap, then cargo build --release (the first needs Node and npm)";
+    if crate::studio::has_page() {
+        Check::ok("studio page", "in this build")
+    } else {
+        Check::bad("studio page", State::Missing, "not in this build", MEND)
+    }
+}
+
+fn viser() -> Check {
+    const MEND: &str = "script/bootstrap, then cargo build --release; until then the studio's \
+        viewport is made of stills";
+    if crate::studio::has_viser() {
+        Check::ok("3D client", "viser, in this build")
+    } else {
+        Check::bad("3D client", State::Warning, "not in this build", MEND)
+    }
 }
 
 fn browser() -> Check {

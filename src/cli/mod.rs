@@ -19,6 +19,7 @@ mod failure;
 mod import;
 mod interrupt;
 mod log;
+mod models;
 mod motion;
 mod out;
 mod perform;
@@ -87,6 +88,8 @@ enum Command {
     Dataset(dataset::Args),
     /// Train a policy on collected data; stop and go on at any time.
     Train(train::Args),
+    /// List the trained policies in the program; look at a model's card; pack one to ship.
+    Models(models::Args),
     /// List, show and settle robots.
     Robots(robots::Args),
     /// Make a robot's folder out of a URDF or MJCF.
@@ -135,6 +138,7 @@ fn run(cli: Cli) -> Outcome {
         Command::Worker => Ok(crate::studio::worker::child::run()?),
         Command::Dataset(args) => dataset::run(args),
         Command::Train(args) => train::run(&args, cli.global),
+        Command::Models(args) => models::run(&args),
         Command::Clip(args) => clip::run(&args),
         Command::Render(args) => render::run(&args, cli.global.quiet),
         Command::Plot(args) => plot::run(&args),

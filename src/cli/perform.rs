@@ -16,9 +16,10 @@ use crate::take::{Provenance, Take};
 /// Who performs, on what, from which seed.
 #[derive(clap::Args, Clone, Debug)]
 pub(super) struct PerformArgs {
-    /// The policy; suffixes +guide and +refine are the flags below.
-    #[arg(short, long, default_value = "ilqr")]
-    policy: String,
+    /// The policy [default: the robot's trained one, else computed-torque]; suffixes +guide
+    /// and +refine are the flags below.
+    #[arg(short, long)]
+    policy: Option<String>,
     /// Virtual commands through masked frames: the straight line from the reached state.
     #[arg(long, value_enum, default_value_t = GuideArg::None)]
     guide: GuideArg,
@@ -80,7 +81,14 @@ impl Performed {
 pub(super) fn perform(text: &str, args: &PerformArgs, global: Global) -> Outcome<Performed> {
     let clip = motion::clip(text, args.robot.as_deref())?;
     let robot = motion::robot(args.robot.as_deref().unwrap_or(&clip.robot.id))?;
-    let policy = motion::policy(&args.policy, args.guide.into(), args.refine)?;
+    let policy = match &args.policy {
+        Some(text) => motion::policy(text, args.guide.into(), args.refine)?,
+        None => PolicyConfig {
+            guide: args.guide.into(),
+            refine: args.refine,
+            ..PolicyConfig::default_for(&robot)
+        },
+    };
     let plant: PlantConfig = match &args.plant {
         Some(text) => text.parse()?,
         None => PlantConfig::default(),

@@ -48,9 +48,10 @@ pub(super) struct Args {
     /// One picture of this many moments.
     #[arg(long, value_name = "N")]
     strip: Option<usize>,
-    /// Who performs the clip: a policy, with +guide or +refine.
-    #[arg(long, default_value = "ilqr+guide")]
-    policy: String,
+    /// Who performs the clip, with +guide or +refine [default: the robot's trained policy,
+    /// else computed-torque].
+    #[arg(long)]
+    policy: Option<String>,
     /// Show the commanded poses without simulating anything.
     #[arg(long)]
     kinematic: bool,
@@ -82,7 +83,8 @@ struct Plan {
 
 enum Performer {
     Nobody,
-    Policy(PolicyConfig, u64),
+    /// Who, or the default of the robot; the seed.
+    Policy(Option<PolicyConfig>, u64),
 }
 
 /// Moments in a strip at most.
@@ -165,7 +167,9 @@ impl Plan {
         let performer = if args.kinematic {
             Performer::Nobody
         } else {
-            Performer::Policy(motion::policy(&args.policy, Guide::None, false)?, args.seed)
+            let policy = args.policy.as_ref();
+            let policy = policy.map(|p| motion::policy(p, Guide::None, false)).transpose()?;
+            Performer::Policy(policy, args.seed)
         };
         Ok(Plan {
             output: args.output.clone(),
@@ -242,6 +246,7 @@ fn perform(robot: &Arc<Robot>, clip: &Clip, performer: &Performer, quiet: bool) 
             (rows, "not simulated".to_owned())
         }
         Performer::Policy(policy, seed) => {
+            let policy = policy.clone().unwrap_or_else(|| PolicyConfig::default_for(robot));
             let config =
                 RolloutConfig { seed: *seed, guide: policy.guide, ..RolloutConfig::default() };
             let built = policy.build(robot)?;

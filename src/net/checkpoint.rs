@@ -8,6 +8,7 @@
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::path::Path;
 
+use half::f16;
 use safetensors::tensor::{Dtype, SafeTensors};
 use serde::{Deserialize, Serialize};
 
@@ -84,6 +85,9 @@ pub struct TrainingCard {
     pub step: u64,
     /// Precision by suite, where it was measured.
     pub precision: BTreeMap<String, f64>,
+    /// What a reader should know beyond the numbers: data, commands, limits.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub notes: String,
 }
 
 /// Everything about a model but its numbers.
@@ -201,14 +205,7 @@ pub fn save(
             }
         }
     }
-    let centres = Out::new(&[net.cfg.bins, net.cfg.actions], &net.centres);
-    all.insert("centres".into(), centres);
-    if let Some(ridge) = ridge {
-        let actions = card.facts.actions;
-        let inputs = ridge.weights().len() / (RIDGE_HEADS * actions).max(1);
-        let shape = [RIDGE_HEADS, inputs, actions];
-        all.insert("ridge".into(), Out::new(&shape, ridge.weights()));
-    }
+    add_fixed(&mut all, card, net, ridge);
     let json = serde_json::to_string(card).map_err(|e| damaged(e.to_string()))?;
     let mut metadata = BTreeMap::from([(CARD.to_owned(), json)]);
     if let Some(state) = optimiser {
@@ -223,9 +220,53 @@ pub fn save(
 /// # Errors
 /// As [`load`].
 pub fn read_card(path: &Path) -> Result<Card, Error> {
-    let bytes = fsio::read_capped(path, limits::TENSOR_FILE_BYTES)?;
+    card(&fsio::read_capped(path, limits::TENSOR_FILE_BYTES)?, path)
+}
+
+/// [`read_card`] from memory; `path` is for messages.
+///
+/// # Errors
+/// [`Error::File`].
+pub fn card(bytes: &[u8], path: &Path) -> Result<Card, Error> {
     let damaged = |why: String| Error::File { why, path: path.to_owned() };
-    parse_card(&bytes).map(|(card, _)| card).map_err(damaged)
+    parse_card(bytes).map(|(card, _)| card).map_err(damaged)
+}
+
+/// Writes a model to be shipped: weights of the network in half precision, the linear
+/// answer and the centres in full (their rounding would be seen in every action).
+///
+/// # Errors
+/// [`Error::Files`], [`Error::File`].
+pub fn save_half(path: &Path, model: &Model) -> Result<(), Error> {
+    let damaged = |why: String| Error::File { why, path: path.to_owned() };
+    let net = &model.net;
+    let halves: Vec<f16> = net.weights.iter().map(|&w| f16::from_f32(w)).collect();
+    let mut all = BTreeMap::new();
+    for t in &net.layout.tensors {
+        all.insert(t.name.clone(), Out::half(&t.shape, &halves[t.range.clone()]));
+    }
+    add_fixed(&mut all, &model.card, net, model.encoder.ridge.as_ref());
+    let json = serde_json::to_string(&model.card).map_err(|e| damaged(e.to_string()))?;
+    let metadata = BTreeMap::from([(CARD.to_owned(), json)]);
+    let bytes = tensors::serialise(&all, &metadata).map_err(|e| damaged(e.to_string()))?;
+    Ok(fsio::write_atomic(path, &bytes)?)
+}
+
+/// What is no weight of the network: bin centres and the linear answer.
+fn add_fixed<'a>(
+    all: &mut BTreeMap<String, Out<'a>>,
+    card: &Card,
+    net: &'a Net<f32>,
+    ridge: Option<&'a Ridge>,
+) {
+    let centres = Out::new(&[net.cfg.bins, net.cfg.actions], &net.centres);
+    all.insert("centres".into(), centres);
+    if let Some(ridge) = ridge {
+        let actions = card.facts.actions;
+        let inputs = ridge.weights().len() / (RIDGE_HEADS * actions).max(1);
+        let shape = [RIDGE_HEADS, inputs, actions];
+        all.insert("ridge".into(), Out::new(&shape, ridge.weights()));
+    }
 }
 
 fn parse_card(bytes: &[u8]) -> Result<(Card, HashMap<String, String>), String> {
@@ -350,17 +391,20 @@ fn check_card(card: &Card) -> Result<(), String> {
     Ok(())
 }
 
-/// One tensor, checked: present, f32, this shape, finite.
+/// One tensor, checked: present, f32 or f16, this shape, finite.
 fn numbers(file: &SafeTensors<'_>, name: &str, shape: &[usize]) -> Result<Vec<f32>, String> {
     let t = file.tensor(name).map_err(|_e| format!("no tensor {name:?}"))?;
-    if t.dtype() != Dtype::F32 {
-        return Err(format!("tensor {name:?} of type {:?} instead of F32", t.dtype()));
-    }
     if t.shape() != shape {
         return Err(format!("tensor {name:?} of shape {:?} instead of {shape:?}", t.shape()));
     }
-    let (words, _) = t.data().as_chunks::<4>();
-    let x: Vec<f32> = words.iter().map(|&b| f32::from_le_bytes(b)).collect();
+    let x: Vec<f32> = match t.dtype() {
+        Dtype::F32 => t.data().as_chunks::<4>().0.iter().map(|&b| f32::from_le_bytes(b)).collect(),
+        Dtype::F16 => {
+            let words = t.data().as_chunks::<2>().0;
+            words.iter().map(|&b| f16::from_le_bytes(b).to_f32()).collect()
+        }
+        other => return Err(format!("tensor {name:?} of type {other:?} instead of F32 or F16")),
+    };
     match x.iter().position(|x| !x.is_finite()) {
         Some(i) => Err(format!("tensor {name:?} holding {} at {i}", x[i])),
         None => Ok(x),
@@ -490,6 +534,25 @@ mod tests {
         assert_eq!(back.encoder.ridge.unwrap().weights(), encoder.ridge.unwrap().weights());
         assert!(back.optimiser.is_none());
         assert_eq!(bytes, self::bytes(), "the same model gives the same file");
+    }
+
+    #[test]
+    fn half_precision_halves_the_weights_alone() {
+        let (card, net, encoder) = model();
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("half.safetensors");
+        let whole = Model { card, net, encoder, optimiser: None };
+        save_half(&path, &whole).unwrap();
+        let back = load(&path, None).unwrap();
+        assert_eq!(back.card, whole.card);
+        for (a, b) in back.net.weights.iter().zip(&whole.net.weights[..]) {
+            assert!((a - b).abs() <= b.abs() / 1024.0 + 1e-7, "{a} for {b}");
+        }
+        assert_eq!(back.encoder.ridge.unwrap().weights(), whole.encoder.ridge.unwrap().weights());
+        let size = |p: &Path| std::fs::metadata(p).unwrap().len();
+        let full = dir.path().join("full.safetensors");
+        std::fs::write(&full, bytes()).unwrap();
+        assert!(size(&path) < size(&full));
     }
 
     #[test]

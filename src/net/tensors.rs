@@ -24,6 +24,11 @@ impl<'a> Out<'a> {
         // The format is little-endian, as are the processors that this runs on.
         Out { shape: shape.to_vec(), kind, bytes: bytemuck::cast_slice(data) }
     }
+
+    /// The same in half precision.
+    pub fn half(shape: &[usize], data: &'a [half::f16]) -> Self {
+        Out { shape: shape.to_vec(), kind: "F16", bytes: bytemuck::cast_slice(data) }
+    }
 }
 
 /// The file's bytes.

@@ -23,6 +23,7 @@ mod refine;
 mod registry;
 mod run;
 mod sampling;
+pub mod shipped;
 mod stats;
 mod suite;
 pub mod tasks;

@@ -1,6 +1,6 @@
 //! Policies by name.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::sync::Arc;
 
@@ -12,7 +12,9 @@ use super::pd::Pd;
 use super::policy::Policy;
 use super::refine::Refined;
 use super::sampling::{PredictiveSampling, SamplingConfig};
+use super::shipped;
 use super::zero::Zero;
+use crate::net::Model;
 use crate::robot::Robot;
 
 /// Every policy there is.
@@ -98,7 +100,8 @@ pub struct PolicyConfig {
     pub guide: Guide,
     /// Improve each action on the model.
     pub refine: bool,
-    /// Model or fit file, for policies that learned something.
+    /// Model or fit file, or the name of a shipped model, for policies that learned
+    /// something; nothing is the robot's shipped default.
     pub model_path: Option<PathBuf>,
 }
 
@@ -115,11 +118,26 @@ impl PolicyConfig {
         format!("{}{guide}{refine}", self.name.as_str())
     }
 
-    fn needed_path(&self) -> Result<&std::path::Path, Error> {
-        self.model_path.as_deref().ok_or_else(|| Error::Needs {
-            policy: self.name.as_str().to_owned(),
-            needs: format!("a model file or run directory: {}:PATH", self.name.as_str()),
-        })
+    /// What performs a robot when nothing else is asked for: its shipped model, else
+    /// computed torque, which needs no data.
+    pub fn default_for(robot: &Robot) -> PolicyConfig {
+        let learned = shipped::has_default(robot);
+        PolicyConfig::new(if learned { PolicyName::Robert } else { PolicyName::ComputedTorque })
+    }
+
+    /// The model that is meant: a file or run directory, else a shipped one by its name.
+    fn model(&self, robot: &Robot) -> Result<Arc<Model>, Error> {
+        let policy = self.name.as_str();
+        let Some(path) = &self.model_path else {
+            let needs = || format!("a model file or run directory: {policy}:PATH");
+            return shipped::get(robot, shipped::DEFAULT)?
+                .ok_or_else(|| Error::Needs { policy: policy.to_owned(), needs: needs() });
+        };
+        let shipped = path.to_str().filter(|name| !name.contains('/') && !path.exists());
+        match shipped.map(|name| shipped::get(robot, name)).transpose()?.flatten() {
+            Some(model) => Ok(model),
+            None => Ok(Arc::new(learned::load(robot, Path::new(path))?)),
+        }
     }
 
     /// Builds it for this robot.
@@ -136,12 +154,10 @@ impl PolicyConfig {
                 Box::new(PredictiveSampling::new(robot, &SamplingConfig::default())?)
             }
             PolicyName::Robert => {
-                let model = learned::load(robot, self.needed_path()?)?;
+                let model = Arc::unwrap_or_clone(self.model(robot)?);
                 Box::new(Learned::new(model, crate::net::PolicyConfig::default())?)
             }
-            PolicyName::Ridge => {
-                Box::new(Linear::new(learned::load(robot, self.needed_path()?)?.encoder)?)
-            }
+            PolicyName::Ridge => Box::new(Linear::new(self.model(robot)?.encoder.clone())?),
         };
         Ok(if self.refine { Box::new(Refined::new(robot, policy)?) } else { policy })
     }

@@ -37,6 +37,7 @@ pub mod viser;
 pub mod worker;
 
 pub use error::Error;
+pub use pages::{has_page, has_viser};
 pub use recent::state_dir;
 
 use std::path::PathBuf;

@@ -58,8 +58,13 @@ pub(super) fn viser() -> Response {
     }
 }
 
-/// Whether the viser client is there.
-pub(super) fn has_viser() -> bool {
+/// Whether the user interface is in this build.
+pub fn has_page() -> bool {
+    Bundle::get("index.html").is_some()
+}
+
+/// Whether the viser client is in this build.
+pub fn has_viser() -> bool {
     Viser::get("index.html").is_some()
 }
 

@@ -45,7 +45,6 @@ MODELS = [
     ("kinova3 (robosuite)", f"{ROBOSUITE}/kinova3/robot.xml", []),
     ("iiwa (robosuite)", f"{ROBOSUITE}/iiwa/robot.xml", []),
     ("jaco (robosuite)", f"{ROBOSUITE}/jaco/robot.xml", []),
-    ("xarm7 (robosuite)", f"{ROBOSUITE}/xarm7/robot.xml", []),
     ("ur3 urdf", f"{DATA}/robots/ur_description/urdf/ur3_robot.urdf", []),
     ("ur5 urdf", f"{DATA}/robots/ur_description/urdf/ur5_robot.urdf", []),
     ("panda urdf", f"{DATA}/robots/panda_description/urdf/panda.urdf", []),

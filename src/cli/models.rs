@@ -1,0 +1,138 @@
+//! `robert models`: the trained policies in the program, and files made to be shipped.
+
+use std::path::PathBuf;
+
+use serde_json::{Value, json};
+
+use super::failure::Outcome;
+use super::out;
+use crate::net::{Card, checkpoint};
+use crate::rollout::{model_path, shipped};
+
+#[derive(clap::Args, Debug)]
+#[command(
+    after_help = "Examples:\n  robert models ls\n  robert models show shadow_hand/robert\n  robert models show runs/first --json\n  robert models pack runs/first -o first.safetensors --notes \"400k noise transitions, seed 1\"\n\nA model in the program is used by its name: robert rollout fire --policy robert:faithful"
+)]
+pub(super) struct Args {
+    #[command(subcommand)]
+    what: What,
+}
+
+#[derive(clap::Subcommand, Debug)]
+enum What {
+    /// List the trained policies in the program.
+    Ls {
+        /// Print JSON.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Print a model's card: ROBOT/NAME in the program, a file, or a run directory.
+    Show {
+        /// Which.
+        model: String,
+        /// Print JSON.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Write a run's best model as one small file: half precision, no optimiser state.
+    Pack {
+        /// Run directory or model file.
+        run: PathBuf,
+        /// Where to.
+        #[arg(short, long)]
+        output: PathBuf,
+        /// What a reader should know: data, commands, seeds, limits.
+        #[arg(long, default_value = "")]
+        notes: String,
+    },
+}
+
+pub(super) fn run(args: &Args) -> Outcome {
+    match &args.what {
+        What::Ls { json } => ls(*json),
+        What::Show { model, json } => show(model, *json),
+        What::Pack { run, output, notes } => {
+            let mut model = checkpoint::load(&model_path(run), None)?;
+            model.card.training.notes.clone_from(notes);
+            checkpoint::save_half(output, &model)?;
+            let bytes = std::fs::metadata(output).map_or(0, |m| m.len());
+            out::line(&format!("{}: {:.2} MB", output.display(), bytes as f64 / 1e6))
+        }
+    }
+}
+
+fn ls(json: bool) -> Outcome {
+    let found = shipped::all()?;
+    if json {
+        let rows: Vec<Value> = found
+            .iter()
+            .map(|m| {
+                json!({
+                    "robot": m.robot, "name": m.name, "bytes": m.bytes,
+                    "parameters": parameters(&m.card), "tokens": m.card.tokens.kind,
+                    "default": m.name == shipped::DEFAULT,
+                    "precision": m.card.training.precision,
+                })
+            })
+            .collect();
+        return out::json(&rows);
+    }
+    let mut t = out::table(&["robot", "name", "size", "parameters", "Precision by suite"]);
+    for m in &found {
+        let suites = m.card.training.precision.iter().map(|(s, p)| format!("{s} {p:.5}"));
+        t.add_row([
+            m.robot.clone(),
+            m.name.clone(),
+            format!("{:.1} MB", m.bytes as f64 / 1e6),
+            format!("{:.2} M", parameters(&m.card) as f64 / 1e6),
+            suites.collect::<Vec<_>>().join(", "),
+        ]);
+    }
+    if found.is_empty() {
+        return out::line("no trained policies in this build; robert train makes one");
+    }
+    out::line(&t.to_string())
+}
+
+fn show(model: &str, json: bool) -> Outcome {
+    let inside = shipped::all()?.into_iter().find(|m| format!("{}/{}", m.robot, m.name) == model);
+    let card = match inside {
+        Some(m) => m.card,
+        None => checkpoint::read_card(&model_path(model.as_ref()))?,
+    };
+    if json {
+        return out::json(&card);
+    }
+    let net = &card.net;
+    let mut t = out::table(&["", ""]);
+    let training = &card.training;
+    let rows = [
+        ("robot", card.robot.id.clone()),
+        ("state, action", format!("{}, {}", card.facts.joints.len(), card.facts.actions)),
+        ("network", format!("{} layers of {}, {} heads", net.layers, net.width, net.heads)),
+        ("parameters", parameters(&card).to_string()),
+        ("tokens, skip", format!("{:?}, {:?}", card.tokens.kind, net.skip).to_lowercase()),
+        ("action bins", net.bins.to_string()),
+        ("masks", format!("{:?}", card.mask_granularity).to_lowercase()),
+        ("dataset", training.dataset_sha256.clone()),
+        ("seed, step", format!("{}, {}", training.seed, training.step)),
+        (
+            "Precision",
+            training
+                .precision
+                .iter()
+                .map(|(s, p)| format!("{s} {p:.5}"))
+                .collect::<Vec<_>>()
+                .join(", "),
+        ),
+        ("notes", training.notes.clone()),
+    ];
+    for (name, value) in rows {
+        t.add_row([name.to_owned(), value]);
+    }
+    out::line(&t.to_string())
+}
+
+fn parameters(card: &Card) -> usize {
+    crate::net::params::Layout::new(&card.net).count()
+}

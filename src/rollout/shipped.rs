@@ -1,0 +1,117 @@
+//! The trained policies in the program: `assets/models/ROBOT/NAME.safetensors`.
+//!
+//! A robot's default is the model called [`DEFAULT`]; others beside it answer other
+//! questions (the network as published, one for plants that differ). What each was trained
+//! on and how well it does stands in its card.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+
+use super::error::Error;
+use super::learned::robot_card;
+use crate::net::{Card, Model, checkpoint};
+use crate::robot::Robot;
+
+#[derive(rust_embed::RustEmbed)]
+#[folder = "assets/models/"]
+struct Files;
+
+/// Name of the model that a robot is performed with when nothing else is asked for.
+pub const DEFAULT: &str = "robert";
+
+/// A model in the program.
+#[derive(Clone, Debug)]
+pub struct ShippedModel {
+    /// Robot that it drives.
+    pub robot: String,
+    /// Name: `robert`, `faithful`, ...
+    pub name: String,
+    /// Bytes of the file.
+    pub bytes: u64,
+    /// Its card.
+    pub card: Card,
+}
+
+/// Every model in the program, by robot and name.
+///
+/// # Errors
+/// [`Error::Model`] when a file is damaged.
+pub fn all() -> Result<Vec<ShippedModel>, Error> {
+    let mut found = Vec::new();
+    for path in Files::iter() {
+        let Some((robot, name)) = split(&path) else { continue };
+        let Some(file) = Files::get(&path) else { continue };
+        found.push(ShippedModel {
+            robot: robot.to_owned(),
+            name: name.to_owned(),
+            bytes: file.data.len() as u64,
+            card: checkpoint::card(&file.data, Path::new(path.as_ref()))?,
+        });
+    }
+    found.sort_by(|a, b| (&a.robot, &a.name).cmp(&(&b.robot, &b.name)));
+    Ok(found)
+}
+
+/// Names of the models of a robot; empty when it has none.
+pub fn names(robot: &str) -> Vec<String> {
+    let mut names: Vec<String> = Files::iter()
+        .filter_map(|path| split(&path).filter(|(r, _)| *r == robot).map(|(_, n)| n.to_owned()))
+        .collect();
+    names.sort();
+    names
+}
+
+/// A model of this robot by name, or nothing when there is no such model. Parsed once a
+/// process.
+///
+/// # Errors
+/// [`Error::Model`]: damaged, or trained for another version of the robot.
+pub fn get(robot: &Robot, name: &str) -> Result<Option<Arc<Model>>, Error> {
+    type Parsed = Mutex<BTreeMap<(String, String), Arc<Model>>>;
+    static PARSED: OnceLock<Parsed> = OnceLock::new();
+    let path = format!("{}/{name}.safetensors", robot.id());
+    // The robot is part of the key: a folder of the user's may bear a shipped robot's name.
+    let key = (path.clone(), robot.model_sha256().to_owned());
+    let parsed = PARSED.get_or_init(Mutex::default);
+    if let Some(model) = parsed.lock().unwrap_or_else(PoisonError::into_inner).get(&key) {
+        return Ok(Some(model.clone()));
+    }
+    let Some(file) = Files::get(&path) else { return Ok(None) };
+    let model = checkpoint::parse(&file.data, Path::new(&path), Some(&robot_card(robot)))?;
+    let model = Arc::new(model);
+    parsed.lock().unwrap_or_else(PoisonError::into_inner).insert(key, model.clone());
+    Ok(Some(model))
+}
+
+/// Whether the robot can be performed by a shipped model.
+pub fn has_default(robot: &Robot) -> bool {
+    matches!(get(robot, DEFAULT), Ok(Some(_)))
+}
+
+fn split(path: &str) -> Option<(&str, &str)> {
+    path.strip_suffix(".safetensors")?.split_once('/')
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_shipped_model_drives_its_robot() {
+        for found in all().unwrap() {
+            let robot = Robot::builtin(&found.robot).unwrap();
+            let model = get(&robot, &found.name).unwrap().unwrap();
+            assert_eq!(model.card, found.card);
+            assert!(names(&found.robot).contains(&found.name));
+        }
+    }
+
+    #[test]
+    fn what_is_not_there_is_nothing() {
+        let robot = Robot::builtin("pointmass").unwrap();
+        assert!(get(&robot, "no_such_model").unwrap().is_none());
+        assert!(get(&robot, "../clips/suites").unwrap().is_none());
+        assert!(names("nobody").is_empty());
+    }
+}
