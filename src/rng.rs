@@ -45,6 +45,8 @@ pub enum Stream {
     Fit = 15,
     /// Dropout and other noise inside the network.
     Dropout = 16,
+    /// Poses of trial clips.
+    Trial = 17,
     /// Tests only.
     Test = 99,
 }

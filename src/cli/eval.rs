@@ -32,7 +32,8 @@ pub(super) struct Args {
     /// The robot; with clip files it may be left out.
     #[arg(long, value_name = "ID|DIR")]
     robot: Option<String>,
-    /// Shipped suites (manual, extra, heldout), clip files, folders of clips, or test: cut
+    /// Shipped suites (manual, extra, heldout), clip files, folders of clips; trial: five
+    /// clips that follow from any robot's limits and --data-seed; or test: cut
     /// from the held-out part of --data, unmasked, a quarter and half of the frames hidden.
     #[arg(long, required = true, num_args = 1.., value_delimiter = ',')]
     suite: Vec<String>,
@@ -180,6 +181,7 @@ type Clips = Vec<(String, Clip)>;
 /// Where the tasks of a suite come from.
 enum Source {
     Shipped,
+    Trial,
     Clips(Clips),
     Data,
 }
@@ -194,6 +196,8 @@ fn suites(args: &Args) -> Outcome<(Arc<Robot>, Vec<Suite>)> {
             named.push((text.trim_end_matches('/').to_owned(), Source::Clips(folder(path)?)));
         } else if path.exists() || path.extension().is_some_and(|e| e == "json") {
             files.push((stem(path), motion::clip(text, None)?));
+        } else if text == "trial" {
+            named.push((text.clone(), Source::Trial));
         } else if text == "test" {
             named.push((text.clone(), Source::Data));
         } else {
@@ -205,7 +209,7 @@ fn suites(args: &Args) -> Outcome<(Arc<Robot>, Vec<Suite>)> {
     }
     let of_clips = named.iter().find_map(|(_, s)| match s {
         Source::Clips(clips) => clips.first().map(|(_, c)| c.robot.id.clone()),
-        Source::Shipped | Source::Data => None,
+        Source::Shipped | Source::Trial | Source::Data => None,
     });
     let Some(id) = args.robot.clone().or(of_clips) else {
         return Err(Failure::usage("a shipped suite needs --robot"));
@@ -215,7 +219,11 @@ fn suites(args: &Args) -> Outcome<(Arc<Robot>, Vec<Suite>)> {
     for (name, source) in named {
         let clips = match source {
             Source::Clips(clips) => clips,
-            Source::Shipped => tasks::suite(&id, &name)?,
+            Source::Shipped => tasks::suite(robot.id(), &name)?,
+            Source::Trial => {
+                let trial = tasks::trial(&robot, args.data_seed)?;
+                trial.into_iter().map(|t| (t.name.to_owned(), t.clip)).collect()
+            }
             Source::Data => {
                 suites.extend(cut_suites(args, &robot)?);
                 continue;

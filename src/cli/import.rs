@@ -1,7 +1,7 @@
 //! `robert import FILE --out DIR`: a robot's folder out of a URDF or MJCF.
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use super::failure::{Failure, Outcome};
 use super::out;
@@ -18,6 +18,16 @@ pub(super) struct Args {
     /// The folder to make.
     #[arg(long)]
     out: PathBuf,
+    #[command(flatten)]
+    model: ModelFlags,
+    /// Print the report as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+/// How a foreign model is read; shared with `robert new`.
+#[derive(clap::Args, Debug)]
+pub(super) struct ModelFlags {
     /// The folder that includes and meshes may not leave [default: the file's own].
     #[arg(long, value_name = "DIR")]
     root: Option<PathBuf>,
@@ -42,41 +52,41 @@ pub(super) struct Args {
     /// Keep position and velocity servos instead of turning them into motors.
     #[arg(long)]
     keep_servos: bool,
-    /// Print the report as JSON.
-    #[arg(long)]
-    json: bool,
 }
 
 pub(super) fn run(args: &Args) -> Outcome {
-    let report = import(&plan(args)?)?;
+    let report = import(&args.model.plan(&args.file, &args.out)?)?;
     if args.json {
         return out::json(&report);
     }
     print(&report)
 }
 
-fn plan(args: &Args) -> Outcome<ImportConfig> {
-    let mut packages = BTreeMap::new();
-    for word in &args.packages {
-        let (name, dir) = word
-            .split_once('=')
-            .filter(|(n, d)| !n.is_empty() && !d.is_empty())
-            .ok_or_else(|| Failure::usage(format!("--package {word}: write NAME=DIR")))?;
-        packages.insert(name.to_owned(), PathBuf::from(dir));
+impl ModelFlags {
+    /// The checked values.
+    pub(super) fn plan(&self, source: &Path, out: &Path) -> Outcome<ImportConfig> {
+        let mut packages = BTreeMap::new();
+        for word in &self.packages {
+            let (name, dir) = word
+                .split_once('=')
+                .filter(|(n, d)| !n.is_empty() && !d.is_empty())
+                .ok_or_else(|| Failure::usage(format!("--package {word}: write NAME=DIR")))?;
+            packages.insert(name.to_owned(), PathBuf::from(dir));
+        }
+        Ok(ImportConfig {
+            source: source.to_owned(),
+            out: out.to_owned(),
+            root: self.root.clone(),
+            packages,
+            id: self.id.clone(),
+            fixed_base: self.fixed_base,
+            base_height_m: self.base_height,
+            effort: self.effort,
+            weld: self.weld.clone(),
+            keep_servos: self.keep_servos,
+            checker: check::executable()?,
+        })
     }
-    Ok(ImportConfig {
-        source: args.file.clone(),
-        out: args.out.clone(),
-        root: args.root.clone(),
-        packages,
-        id: args.id.clone(),
-        fixed_base: args.fixed_base,
-        base_height_m: args.base_height,
-        effort: args.effort,
-        weld: args.weld.clone(),
-        keep_servos: args.keep_servos,
-        checker: check::executable()?,
-    })
 }
 
 fn print(r: &Report) -> Outcome {

@@ -21,6 +21,7 @@ mod interrupt;
 mod log;
 mod models;
 mod motion;
+mod new;
 mod out;
 mod perform;
 mod plot;
@@ -92,6 +93,8 @@ enum Command {
     Models(models::Args),
     /// List, show and settle robots.
     Robots(robots::Args),
+    /// From a URDF or MJCF to a policy that performs it, in one command.
+    New(Box<new::Args>),
     /// Make a robot's folder out of a URDF or MJCF.
     Import(import::Args),
     /// Check the machine: libraries, graphics, cores, models, each with its fix.
@@ -139,6 +142,7 @@ fn run(cli: Cli) -> Outcome {
         Command::Dataset(args) => dataset::run(args),
         Command::Train(args) => train::run(&args, cli.global),
         Command::Models(args) => models::run(&args),
+        Command::New(args) => new::run(&args, cli.global),
         Command::Clip(args) => clip::run(&args),
         Command::Render(args) => render::run(&args, cli.global.quiet),
         Command::Plot(args) => plot::run(&args),

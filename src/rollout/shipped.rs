@@ -1,11 +1,12 @@
-//! The trained policies in the program: `assets/models/ROBOT/NAME.safetensors`.
+//! The trained policies in the program, `assets/models/ROBOT/NAME.safetensors`, and those
+//! in a robot's own folder, `DIR/models/NAME.safetensors`, which come first.
 //!
 //! A robot's default is the model called [`DEFAULT`]; others beside it answer other
 //! questions (the network as published, one for plants that differ). What each was trained
 //! on and how well it does stands in its card.
 
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use super::error::Error;
@@ -53,7 +54,12 @@ pub fn all() -> Result<Vec<ShippedModel>, Error> {
     Ok(found)
 }
 
-/// Names of the models of a robot; empty when it has none.
+/// Where a robot's folder keeps a model.
+pub fn path_in(dir: &Path, name: &str) -> PathBuf {
+    dir.join("models").join(format!("{name}.safetensors"))
+}
+
+/// Names of the models of a robot in the program; empty when it has none.
 pub fn names(robot: &str) -> Vec<String> {
     let mut names: Vec<String> = Files::iter()
         .filter_map(|path| split(&path).filter(|(r, _)| *r == robot).map(|(_, n)| n.to_owned()))
@@ -62,14 +68,17 @@ pub fn names(robot: &str) -> Vec<String> {
     names
 }
 
-/// A model of this robot by name, or nothing when there is no such model. Parsed once a
-/// process.
+/// A model of this robot by name, or nothing when there is no such model. Those in the
+/// program are parsed once a process.
 ///
 /// # Errors
 /// [`Error::Model`]: damaged, or trained for another version of the robot.
 pub fn get(robot: &Robot, name: &str) -> Result<Option<Arc<Model>>, Error> {
     type Parsed = Mutex<BTreeMap<(String, String), Arc<Model>>>;
     static PARSED: OnceLock<Parsed> = OnceLock::new();
+    if let Some(own) = robot.folder().map(|dir| path_in(dir, name)).filter(|p| p.is_file()) {
+        return Ok(Some(Arc::new(checkpoint::load(&own, Some(&robot_card(robot)))?)));
+    }
     let path = format!("{}/{name}.safetensors", robot.id());
     // The robot is part of the key: a folder of the user's may bear a shipped robot's name.
     let key = (path.clone(), robot.model_sha256().to_owned());

@@ -39,7 +39,7 @@ impl std::fmt::Debug for SuiteJudge {
 }
 
 impl SuiteJudge {
-    /// The tasks shipped for this robot; none when there are none.
+    /// The tasks shipped for this robot, else the trial clips that its profile gives.
     ///
     /// # Errors
     /// A message, when a shipped task is damaged.
@@ -50,6 +50,14 @@ impl SuiteJudge {
             for (name, clip) in clips {
                 let command = clip::compile(&clip).map_err(|e| format!("{name}: {e}"))?;
                 cases.push(Case { suite, name, command });
+            }
+        }
+        if cases.is_empty() {
+            // A robot without tasks of its own is judged on what its profile gives.
+            for task in tasks::trial(&robot, 0).map_err(|e| e.to_string())? {
+                let command =
+                    clip::compile(&task.clip).map_err(|e| format!("{}: {e}", task.name))?;
+                cases.push(Case { suite: task.suite, name: task.name.to_owned(), command });
             }
         }
         Ok((!cases.is_empty()).then_some(SuiteJudge { robot, cases, threads }))

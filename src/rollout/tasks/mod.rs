@@ -11,6 +11,7 @@
 mod author;
 mod hand;
 mod pointmass;
+mod trial;
 mod ur5e;
 
 use std::collections::BTreeMap;
@@ -18,6 +19,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 pub use author::{Authored, author};
+pub use trial::trial;
 
 use crate::clip::{Clip, ClipError};
 use crate::exit::{Exit, HasExit};

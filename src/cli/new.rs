@@ -1,0 +1,296 @@
+//! `robert new`: from a foreign robot's file to a policy that performs it, in one command.
+//!
+//! Import, collect smooth noise, fit the closed form (the instant policy, usable at once),
+//! train the network, compare both on trial clips and keep the better one in the robot's
+//! folder, where every other command finds it. Each part is the command of that name with
+//! its own defaults; a stopped run goes on where it was.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Instant;
+
+use serde_json::{Value, json};
+
+use super::bar::Bar;
+use super::failure::{Failure, Outcome};
+use super::import::ModelFlags;
+use super::interrupt::cancel_on_ctrl_c;
+use super::{Global, motion, out};
+use crate::clip::compile;
+use crate::dataset::{Dataset, Verify};
+use crate::explore::{CollectConfig, collect};
+use crate::net::checkpoint;
+use crate::progress::{Cancel, Silent};
+use crate::robot::import::import;
+use crate::robot::{PROFILE_FILE, Robot};
+use crate::rollout::{
+    Case, EvalConfig, Evaluation, PlantConfig, PolicyConfig, PolicyName, Start, Suite, evaluate,
+    model_path, shipped, tasks,
+};
+use crate::train::judge::SuiteJudge;
+use crate::train::run::read_config;
+use crate::train::{Evaluate, Finished, Options, TrainConfig, train};
+
+/// Steps of the run that measures the speed of this machine.
+const PROBE_STEPS: u64 = 12;
+/// Share of the given minutes that steps are planned for; the rest is evaluation.
+const PLANNED: f64 = 0.85;
+/// Seed of the trial clips that choose between checkpoints and policies.
+const CHOOSE: u64 = 0;
+/// Seed of the trial clips of the report.
+const REPORT: u64 = 1;
+
+#[derive(clap::Args, Debug)]
+#[command(
+    after_help = "Examples:\n  robert new arm.urdf --out my_arm\n  robert new arm.urdf --out my_arm --package arm_description=../arm_description --minutes 5\n  robert new my_arm --out my_arm --minutes 30 --transitions 1M   (a folder of robert import)\n\nThe folder is a robot for every other command: robert studio --robot my_arm"
+)]
+pub(super) struct Args {
+    /// The model: URDF, MJCF, or a folder that `robert import` made.
+    file: PathBuf,
+    /// The robot's folder: made, or gone on with.
+    #[arg(long)]
+    out: PathBuf,
+    #[command(flatten)]
+    model: ModelFlags,
+    /// Frames of noise to collect.
+    #[arg(long, default_value_t = 200_000, value_parser = clap::value_parser!(u64).range(10_000..))]
+    transitions: u64,
+    /// Minutes of training on this machine; 0 stops at the instant policy.
+    #[arg(long, default_value_t = 8.0)]
+    minutes: f64,
+    /// Preset of the network.
+    #[arg(long, default_value = "quick")]
+    preset: String,
+    /// Seed of everything.
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Print one JSON document at the end.
+    #[arg(long)]
+    json: bool,
+}
+
+/// Folders inside the robot's own.
+struct Places {
+    data: PathBuf,
+    instant: PathBuf,
+    run: PathBuf,
+    model: PathBuf,
+}
+
+impl Places {
+    fn of(dir: &Path) -> Self {
+        Places {
+            data: dir.join("data"),
+            instant: dir.join("runs/instant"),
+            run: dir.join("runs/robert"),
+            model: shipped::path_in(dir, shipped::DEFAULT),
+        }
+    }
+}
+
+pub(super) fn run(args: &Args, global: Global) -> Outcome {
+    let minutes = args.minutes;
+    if !(minutes.is_finite() && minutes >= 0.0) {
+        return Err(Failure::usage(format!("--minutes {minutes} is no time")));
+    }
+    let begin = Instant::now();
+    let since = || begin.elapsed().as_secs_f64();
+    let cancel = cancel_on_ctrl_c();
+    let threads = std::thread::available_parallelism().map_or(1, usize::from);
+    let say = |text: &str| {
+        if !global.quiet {
+            eprintln!("{text}");
+        }
+    };
+    let places = Places::of(&args.out);
+
+    if args.out.join(PROFILE_FILE).is_file() {
+        say(&format!("1 import: {} is there", args.out.display()));
+    } else {
+        say(&format!("1 import: {} to {}", args.file.display(), args.out.display()));
+        let report = import(&args.model.plan(&args.file, &args.out)?)?;
+        for (what, list) in [("dropped", &report.dropped), ("assumed", &report.assumed)] {
+            list.iter().for_each(|item| say(&format!("  {what}  {item}")));
+        }
+    }
+    let robot = Arc::new(Robot::from_folder(&args.out)?);
+
+    say(&format!("2 collect: {} frames of smooth noise", args.transitions));
+    let config = CollectConfig {
+        transitions: args.transitions,
+        seed: args.seed,
+        ..CollectConfig::new(&robot)
+    };
+    let bar = Bar::new("collect", "steps", global.quiet);
+    let resume = places.data.exists();
+    let collected = collect(&robot, &config, &places.data, resume, threads, &bar, &cancel);
+    bar.finish();
+    collected?;
+    let data = Dataset::open(&places.data, Verify::Full)?;
+
+    say("3 fit: the closed form for every gap");
+    if !model_path(&places.instant).is_file() {
+        let cfg = TrainConfig { seed: args.seed, ..TrainConfig::preset("instant")? };
+        let options = options(&places.instant, threads, &Silent, &cancel, None);
+        train(&data, &cfg, options)?;
+    }
+    if !places.model.is_file() {
+        pack(&places.instant, &places.model)?;
+    }
+    let instant_secs = since();
+    say(&format!(
+        "  usable after {instant_secs:.0} s: robert studio --robot {}",
+        args.out.display()
+    ));
+
+    let mut trained = None;
+    if minutes > 0.0 {
+        say(&format!("4 train: RoBERT, about {minutes} minutes"));
+        trained = Some(teach(args, &robot, &data, &places, threads, &cancel, global)?);
+    }
+
+    say("5 compare: trial clips that nothing was chosen on");
+    let found = compare(&robot, &places, trained.is_some(), REPORT, threads, &cancel, global)?;
+    let kept = if trained.is_some() {
+        let choice = compare(&robot, &places, true, CHOOSE, threads, &cancel, global)?;
+        let of = |name: &str| choice.iter().find(|e| e.policy == name)?.precision_mean;
+        let better = matches!((of("robert"), of("ridge")), (Some(net), Some(line)) if net <= line);
+        pack(if better { &places.run } else { &places.instant }, &places.model)?;
+        if better { "robert" } else { "ridge" }
+    } else {
+        "ridge"
+    };
+    report(args, &robot, &found, kept, instant_secs, since())
+}
+
+/// Trains for the given time, with the trial clips as judge.
+fn teach(
+    args: &Args,
+    robot: &Arc<Robot>,
+    data: &Dataset,
+    places: &Places,
+    threads: usize,
+    cancel: &Cancel,
+    global: Global,
+) -> Outcome<Finished> {
+    let cfg = if places.run.join("config.toml").is_file() {
+        read_config(&places.run)?
+    } else {
+        let preset = TrainConfig { seed: args.seed, ..TrainConfig::preset(&args.preset)? };
+        // How fast is this machine? A few steps tell, and are thrown away.
+        let scratch =
+            tempfile::tempdir().map_err(|e| Failure::with(crate::exit::Exit::Failed, e))?;
+        let probe = TrainConfig { steps: PROBE_STEPS, ..preset.clone() };
+        let tried = train(data, &probe, options(scratch.path(), threads, &Silent, cancel, None))?;
+        let steps = args.minutes * 60.0 * PLANNED * tried.windows_per_sec / preset.batch as f64;
+        TrainConfig { steps: (steps as u64).max(50), ..preset }
+    };
+    let mut judge = SuiteJudge::new(Arc::clone(robot), threads).map_err(Failure::invalid)?;
+    let bar = Bar::new("train", "steps", global.quiet);
+    let judge = judge.as_mut().map(|j| j as &mut dyn Evaluate);
+    let done = train(data, &cfg, options(&places.run, threads, &bar, cancel, judge));
+    bar.finish();
+    let done = done?;
+    if done.interrupted {
+        let hint =
+            format!("stopped at step {} of {}; the same command goes on", done.step, done.steps);
+        return Err(Failure::with(crate::exit::Exit::Interrupted, hint));
+    }
+    Ok(done)
+}
+
+fn options<'a>(
+    dir: &Path,
+    threads: usize,
+    progress: &'a dyn crate::progress::Progress,
+    cancel: &'a Cancel,
+    judge: Option<&'a mut dyn Evaluate>,
+) -> Options<'a> {
+    Options {
+        dir: dir.to_owned(),
+        threads,
+        checkpoint_secs: 60.0,
+        evaluations: if judge.is_some() { 8 } else { 0 },
+        progress,
+        cancel,
+        judge,
+        meta: json!({ "version": env!("CARGO_PKG_VERSION"), "argv": std::env::args().collect::<Vec<_>>() }),
+    }
+}
+
+/// A run's best model becomes the robot's own.
+fn pack(run: &Path, to: &Path) -> Outcome {
+    let mut model = checkpoint::load(&model_path(run), None)?;
+    model.card.training.notes = "made by robert new".to_owned();
+    Ok(checkpoint::save_half(to, &model)?)
+}
+
+/// Both policies and proportional control on the trial clips of a seed.
+fn compare(
+    robot: &Arc<Robot>,
+    places: &Places,
+    trained: bool,
+    seed: u64,
+    threads: usize,
+    cancel: &Cancel,
+    global: Global,
+) -> Outcome<Vec<Evaluation>> {
+    let with = |name, path: &Path| PolicyConfig {
+        model_path: Some(path.to_owned()),
+        ..PolicyConfig::new(name)
+    };
+    let mut policies =
+        vec![PolicyConfig::new(PolicyName::Pd), with(PolicyName::Ridge, &places.instant)];
+    if trained {
+        policies.push(with(PolicyName::Robert, &places.run));
+    }
+    let cases = tasks::trial(robot, seed)?
+        .into_iter()
+        .map(|task| {
+            let command = compile(&task.clip).map_err(Failure::invalid)?;
+            Ok(Case { name: task.name.to_owned(), command, start: Start::Pose, truth: None })
+        })
+        .collect::<Outcome<Vec<_>>>()?;
+    let suite = Suite { name: "trial".to_owned(), cases };
+    let config = EvalConfig { policies, plant: PlantConfig::default(), seeds: 1, threads };
+    let bar = Bar::new("compare", "rollouts", global.quiet);
+    let found = evaluate(robot, &[suite], &config, &bar, cancel);
+    bar.finish();
+    Ok(found?)
+}
+
+fn report(
+    args: &Args,
+    robot: &Robot,
+    found: &[Evaluation],
+    kept: &str,
+    instant_secs: f64,
+    total_secs: f64,
+) -> Outcome {
+    if args.json {
+        let results: Vec<Value> = found.iter().map(|e| json!(e)).collect();
+        return out::json(&json!({
+            "robot": robot.id(), "folder": args.out, "unit": motion::unit(robot),
+            "instant_secs": instant_secs, "total_secs": total_secs,
+            "kept": kept, "results": results,
+        }));
+    }
+    let unit = format!("Precision, {}", motion::unit(robot));
+    let header: Vec<&str> =
+        std::iter::once(unit.as_str()).chain(found.iter().map(|e| e.policy.as_str())).collect();
+    let mut t = out::table(&header);
+    let show = |p: Option<f64>| p.map_or_else(|| "failed".to_owned(), |p| format!("{p:.5}"));
+    let rows = found.first().map_or(0, |e| e.tasks.len());
+    for row in 0..rows {
+        let name = found[0].tasks[row].name.clone();
+        let cells = found.iter().map(|e| show(e.tasks.get(row).and_then(|t| t.precision)));
+        t.add_row(std::iter::once(name).chain(cells));
+    }
+    let means = found.iter().map(|e| show(e.precision_mean));
+    t.add_row(std::iter::once("mean".to_owned()).chain(means));
+    out::line(&t.to_string())?;
+    out::line(&format!(
+        "usable after {instant_secs:.0} s, done after {total_secs:.0} s; {kept} is kept as the robot's policy"
+    ))?;
+    out::line(&format!("draft with it:  robert studio --robot {}", args.out.display()))
+}

@@ -1,0 +1,185 @@
+//! Trial clips for any robot: what a policy of a robot without tasks of its own is judged on.
+//!
+//! Five clips follow from the robot's limits, speeds and a seed: a dense sway of all joints,
+//! the same with every tenth frame visible, poses with open gaps between, the same with one
+//! visible frame a hold, and one joint after another. Poses are settled in simulation first
+//! and only taken when the motors can hold them; gaps leave time for the speed that the
+//! profile names. Seed 0 is for choosing checkpoints, others are for reports.
+
+use std::f64::consts::TAU;
+
+use super::author::{Authored, blank, dense, middles, sequence, thinned};
+use crate::clip::Clip;
+use crate::rng::{Rng, Stream};
+use crate::robot::{Error, Robot, StateJoint};
+use crate::units::CTRL_DT;
+
+/// Share of the room to the further stop that motions use.
+const REACH: f64 = 0.45;
+/// Room of a joint without end: rad, m.
+const UNBOUNDED: [f64; 2] = [1.5, 0.5];
+/// Share of the greatest sustained speed that gaps plan with.
+const PACE: f64 = 0.45;
+/// Poses tried before the best one is taken although the motors miss it.
+const TRIES: u64 = 12;
+/// Frames that a pose is held for.
+const HOLD: u32 = 16;
+/// Poses in the gapped clips.
+const POSES: usize = 4;
+/// Joints that take their turn.
+const TURNS: usize = 6;
+
+/// The five trial clips of a robot.
+///
+/// # Errors
+/// Poses are settled in simulation, which may fail.
+pub fn trial(robot: &Robot, seed: u64) -> Result<Vec<Authored>, Error> {
+    let home = robot.home();
+    let mut poses = Vec::new();
+    for index in 0..POSES as u64 {
+        poses.push(held(robot, seed, index)?);
+    }
+    let sway = sway(robot, &poses[0]);
+    let reach = through(robot, "reach", "Poses with open gaps between.", &home, &poses);
+    let thin = thinned(&sway, 10, "sway, sparse", "As sway, with every tenth frame visible.");
+    let middle = middles(&reach, "reach, high mask", "As reach, with one frame of each hold.");
+    // One joint after another leaves home for its part of the second pose and stays there.
+    let mut steps = Vec::new();
+    let mut at = home.clone();
+    let stride = home.len().div_ceil(TURNS).max(1);
+    for first in (0..home.len()).step_by(stride) {
+        for j in first..(first + stride).min(home.len()) {
+            at[j] = poses[1][j];
+        }
+        steps.push(robot.settle(&at)?.reached);
+    }
+    let turns = through(robot, "turns", "One joint after another.", &home, &steps);
+    let made = |name, clip| Authored { name, suite: "trial", clip };
+    Ok(vec![
+        made("sway", sway),
+        made("sway_sparse", thin),
+        made("reach", reach),
+        made("reach_high_mask", middle),
+        made("turns", turns),
+    ])
+}
+
+/// A pose that the motors can hold, as it settles.
+fn held(robot: &Robot, seed: u64, index: u64) -> Result<Vec<f64>, Error> {
+    let mut best: Option<(f64, Vec<f64>)> = None;
+    for attempt in 0..TRIES {
+        let mut rng = Rng::new(seed, Stream::Trial, index * TRIES + attempt);
+        // Later tries stay nearer to home.
+        let shrink = 1.0 - 0.06 * attempt as f64;
+        let target: Vec<f64> = robot
+            .joints()
+            .iter()
+            .zip(robot.home())
+            .map(|(j, home)| {
+                let way = shrink * room(j, home) * rng.range(0.3, 1.0);
+                // Mostly toward the wider side; both ways where there is no narrow one.
+                let back = j.unbounded && rng.uniform() < 0.5;
+                home + if back { -way } else { way }
+            })
+            .collect();
+        let settled = robot.settle(&target)?;
+        if settled.within {
+            return Ok(settled.reached);
+        }
+        if best.as_ref().is_none_or(|(worst, _)| settled.worst < *worst) {
+            best = Some((settled.worst, settled.reached));
+        }
+    }
+    Ok(best.map_or_else(|| robot.home(), |(_, pose)| pose))
+}
+
+/// How far a joint goes from home, with the sign of the wider side.
+fn room(j: &StateJoint, home: f64) -> f64 {
+    if j.unbounded {
+        let slides = j.unit == crate::units::Unit::M;
+        return UNBOUNDED[usize::from(slides)];
+    }
+    let (down, up) = (home - j.range[0], j.range[1] - home);
+    REACH * if up >= down { up } else { -down }
+}
+
+/// Every joint leaves home towards `far` and returns, each second one at half the pace.
+fn sway(robot: &Robot, far: &[f64]) -> Clip {
+    let home = robot.home();
+    let joints = robot.joints().iter().zip(&home).zip(far);
+    // A raised cosine of period T is fastest at pi d / T.
+    let period = joints
+        .map(|((j, h), f)| (f - h).abs() * TAU / 2.0 / (PACE * j.speed_limit.max(1e-3)))
+        .fold(2.0, f64::max);
+    let turns = (8.0 / period).round().max(1.0);
+    let frames = (turns * period / CTRL_DT).round() as u32;
+    dense(robot, "sway", "All joints leave home and return.", frames, |t| {
+        let wave = |t: f64| (1.0 - (TAU * t / period).cos()) / 2.0;
+        home.iter()
+            .zip(far)
+            .enumerate()
+            .map(|(j, (h, f))| h + (f - h) * wave(if j % 2 == 0 { t } else { t / 2.0 }))
+            .collect()
+    })
+}
+
+/// From home through poses, each reached over an open gap and held.
+fn through(robot: &Robot, title: &str, notes: &str, home: &[f64], poses: &[Vec<f64>]) -> Clip {
+    let mut clip = blank(robot, title, notes, 1);
+    let names: Vec<String> = (0..poses.len()).map(|k| format!("pose_{}", k + 1)).collect();
+    let row = |q: &[f64]| q.iter().copied().map(Some).collect();
+    clip.poses.insert("home".to_owned(), row(home));
+    let mut steps = Vec::new();
+    let mut from = home;
+    for (name, pose) in names.iter().zip(poses) {
+        clip.poses.insert(name.clone(), row(pose));
+        steps.push((name.as_str(), gap(robot, from, pose), HOLD));
+        from = pose;
+    }
+    sequence(&mut clip, "home", &steps);
+    clip
+}
+
+/// Open frames between two poses.
+fn gap(robot: &Robot, from: &[f64], to: &[f64]) -> u32 {
+    let joints = robot.joints().iter().zip(from).zip(to);
+    let secs = joints
+        .map(|((j, a), b)| (b - a).abs() / (PACE * j.speed_limit.max(1e-3)))
+        .fold(0.0, f64::max);
+    ((secs / CTRL_DT).ceil() as u32).clamp(8, 60)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::clip::{compile, lint};
+
+    #[test]
+    fn clips_are_valid_and_within_reach() {
+        for id in Robot::builtin_ids() {
+            let robot = Robot::builtin(id).unwrap();
+            let table = robot.joint_table();
+            for task in trial(&robot, 0).unwrap() {
+                let command = compile(&task.clip).unwrap();
+                let again = Clip::parse(&task.clip.to_text()).unwrap();
+                assert_eq!(again.to_text(), task.clip.to_text());
+                for found in lint(&task.clip, &command, &table, None) {
+                    let (level, text) = (found.level, &found.message);
+                    assert!(level < crate::clip::Level::Error, "{id}/{}: {text}", task.name);
+                }
+                let moved = (0..command.frames()).any(|f| command.row(f) != command.row(0));
+                assert!(moved, "{id}/{} stands still", task.name);
+            }
+        }
+    }
+
+    #[test]
+    fn a_seed_names_its_clips() {
+        let robot = Robot::builtin("ur5e").unwrap();
+        let text = |seed| -> Vec<String> {
+            trial(&robot, seed).unwrap().iter().map(|t| t.clip.to_text()).collect()
+        };
+        assert_eq!(text(3), text(3));
+        assert_ne!(text(3), text(4));
+    }
+}
