@@ -221,7 +221,7 @@ fn options<'a>(
 /// A run's best model becomes the robot's own.
 fn pack(run: &Path, to: &Path) -> Outcome {
     let mut model = checkpoint::load(&model_path(run), None)?;
-    model.card.training.notes = "made by robert new".to_owned();
+    "made by robert new".clone_into(&mut model.card.training.notes);
     Ok(checkpoint::save_half(to, &model)?)
 }
 

@@ -48,9 +48,8 @@ pub fn trial(robot: &Robot, seed: u64) -> Result<Vec<Authored>, Error> {
     let mut at = home.clone();
     let stride = home.len().div_ceil(TURNS).max(1);
     for first in (0..home.len()).step_by(stride) {
-        for j in first..(first + stride).min(home.len()) {
-            at[j] = poses[1][j];
-        }
+        let some = first..(first + stride).min(home.len());
+        at[some.clone()].copy_from_slice(&poses[1][some]);
         steps.push(robot.settle(&at)?.reached);
     }
     let turns = through(robot, "turns", "One joint after another.", &home, &steps);
