@@ -9,9 +9,10 @@
 //!
 //! What matters is that joints are rarely pinned at their stops, where torque cannot be read
 //! from positions. So amplitudes follow the plant: spread widely where damping and gravity
-//! keep joints apart (arm, puck), or chosen for an expected travel of .15-3 rad per
-//! correlation time where nothing does (hand). Hands also get gates (rest at any pose), bias
-//! drawn anew now and then, and fingers whose joints move together.
+//! keep joints apart (arm, puck), or chosen for an expected travel of .05-1 rad per
+//! correlation time where nothing does (hand). Three times that drives fingers into each
+//! other and their stops, and teaches little about holding still. Hands also get gates (rest
+//! at any pose), bias drawn anew now and then, and fingers whose joints move together.
 
 use super::env::has_tendons;
 use crate::rng::{Rng, Stream};
@@ -23,7 +24,7 @@ const TAU_SECS: [f64; 2] = [0.06, 4.0];
 /// Standard deviation of the white part.
 const WHITE: f64 = 0.03;
 /// Expected travel per correlation time, rad, for a joint of 90 degrees range.
-const TRAVEL: [f64; 2] = [0.15, 3.0];
+const TRAVEL: [f64; 2] = [0.05, 1.0];
 /// Mean time that a gate stays open or shut, seconds.
 const GATE_SECS: [f64; 2] = [1.2, 0.8];
 /// Share of episodes with gates.
@@ -178,7 +179,7 @@ impl Noise {
             .bias
             .iter()
             .zip(&amplitude)
-            .map(|(b, a)| level * if relative { b.min(0.5 * a) } else { *b })
+            .map(|(b, a)| level * if relative { 0.5 * b.min(0.5 * a) } else { *b })
             .collect();
         let mut noise = Noise {
             decay: (-CTRL_DT / tau).exp(),

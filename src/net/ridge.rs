@@ -193,7 +193,15 @@ impl Starts {
 }
 
 /// Hides frames so that one of them belongs to `head`; returns that frame.
-fn pose_window(head: usize, state: usize, rng: &mut Rng, visible: &mut [bool]) -> Option<usize> {
+/// Frames before `past` have no whole history in the window: their missing differences read
+/// as rest, and a fit to them would mistrust the history of all.
+fn pose_window(
+    head: usize,
+    past: usize,
+    state: usize,
+    rng: &mut Rng,
+    visible: &mut [bool],
+) -> Option<usize> {
     visible.fill(true);
     let mut hide = |frames: std::ops::Range<usize>| {
         visible[frames.start.min(WINDOW) * state..frames.end.min(WINDOW) * state].fill(false);
@@ -210,7 +218,8 @@ fn pose_window(head: usize, state: usize, rng: &mut Rng, visible: &mut [bool]) -
             // too, otherwise a second gap of any length that fits, or nothing at all.
             let last = WINDOW - 1 - head;
             let i = if head == 1 {
-                3 + rng.below(last as u64 - 2) as usize
+                let first = past.min(CURRENT);
+                first + rng.below((last - first) as u64 + 1) as usize
             } else {
                 CURRENT + rng.below((last - CURRENT) as u64 + 1) as usize
             };
@@ -252,7 +261,7 @@ fn fit_head(
         let (episode, start) = starts.draw(&mut rng);
         let states = &episodes.states(episode)[start * s..(start + WINDOW) * s];
         let actions = &episodes.actions(episode)[start * a..];
-        let posed = pose_window(head, s, &mut rng, &mut visible);
+        let posed = pose_window(head, tokens.config().ridge_history + 1, s, &mut rng, &mut visible);
         tokens.read(states, &visible, &mut scratch);
         let first = rng.below(WINDOW as u64) as usize;
         let frame = posed.or_else(|| {
@@ -461,6 +470,94 @@ mod tests {
         assert!(nmse[0] < 0.02, "next frame known: {nmse:?}");
         assert!(nmse[1] < 0.7 && nmse[1] > nmse[0], "three hidden: {nmse:?}");
         assert!(nmse[2] < 1.05, "ten hidden: {nmse:?}");
+    }
+
+    /// Sliders with dry friction and hardly any damping: what a whole history and the sign
+    /// of the goal velocity are for.
+    #[derive(Debug)]
+    struct Dry(Vec<(Vec<f32>, Vec<f32>)>);
+
+    impl Dry {
+        fn new(friction: f64, damping: f64) -> Self {
+            let run = |e: u64| {
+                let mut rng = Rng::new(4, Stream::Test, e);
+                let (mut q, mut v, mut a) = (0.0_f64, 0.0_f64, 0.0_f64);
+                let (mut states, mut actions) = (Vec::new(), Vec::new());
+                for _ in 0..250 {
+                    a = (0.9 * a + 0.25 * rng.normal()).clamp(-1.0, 1.0);
+                    states.push(q as f32);
+                    actions.push(a as f32);
+                    for _ in 0..10 {
+                        // Friction takes away speed, at most all of it.
+                        let free = v + 0.005 * (5.0 * a - damping * v);
+                        v = free - free.clamp(-0.005 * friction, 0.005 * friction);
+                        q += 0.005 * v;
+                    }
+                }
+                (states, actions)
+            };
+            Dry((0..40).map(run).collect())
+        }
+
+        /// Share of the actions' variance that a fit with these features leaves open when
+        /// the next frame is known, of frames that move slower than `slow` a frame.
+        fn left_open(&self, cfg: &TokenConfig, slow: f32) -> f64 {
+            let facts =
+                Facts { joints: vec![JointFacts { hinge: false, range: None }], actions: 1 };
+            let norm = Normaliser::measure(1, self.0[..30].iter().map(|e| &e.0[..]));
+            let tokens = Tokeniser::new(cfg.clone(), facts, &norm).unwrap();
+            let fit = RidgeConfig { samples: 3000, ..RidgeConfig::default() };
+            let ridge = Ridge::fit(&tokens, &Dry(self.0[..30].to_vec()), &fit, 2).unwrap();
+            let (mut scratch, mut got) = (tokens.scratch(), [0.0]);
+            let (mut square, mut power) = (0.0, 0.0);
+            for (states, actions) in &self.0[30..] {
+                for start in 0..states.len() - WINDOW {
+                    let now = start + CURRENT;
+                    if (states[now + 1] - states[now]).abs() > slow {
+                        continue;
+                    }
+                    tokens.read(&states[start..start + WINDOW], &[true; WINDOW], &mut scratch);
+                    let range = CURRENT..CURRENT + 1;
+                    ridge.answers(&tokens, &scratch, range, &mut Vec::new(), &mut got);
+                    square += f64::from(got[0] - actions[now]).powi(2);
+                    power += f64::from(actions[now]).powi(2);
+                }
+            }
+            square / power
+        }
+    }
+
+    impl Episodes for Dry {
+        fn count(&self) -> usize {
+            self.0.len()
+        }
+        fn states(&self, e: usize) -> &[f32] {
+            &self.0[e].0
+        }
+        fn actions(&self, e: usize) -> &[f32] {
+            &self.0[e].1
+        }
+    }
+
+    fn history(ridge_history: usize, ridge_friction: bool) -> TokenConfig {
+        let facts = Facts { joints: vec![JointFacts { hinge: false, range: None }], actions: 1 };
+        TokenConfig { ridge_history, ridge_friction, ..TokenConfig::for_robot(&facts) }
+    }
+
+    #[test]
+    fn a_long_history_tells_the_action_of_an_undamped_plant() {
+        let data = Dry::new(0.0, 0.1);
+        let open = [2, 8, 20].map(|n| data.left_open(&history(n, false), f32::INFINITY));
+        // Frames at the window's begin have no whole history; fitted to such, it failed.
+        assert!(open[2] < 1e-4, "{open:?}");
+        assert!(open[0] > 10.0 * open[1] && open[1] > 3.0 * open[2], "{open:?}");
+    }
+
+    #[test]
+    fn the_sign_of_the_goal_velocity_tells_dry_friction() {
+        let data = Dry::new(1.5, 8.0);
+        let open = [false, true].map(|friction| data.left_open(&history(8, friction), 0.004));
+        assert!(open[1] < 0.7 * open[0], "{open:?}");
     }
 
     #[test]

@@ -106,10 +106,14 @@ pub struct TokenConfig {
     /// Back differences in the features of the linear fit; plants with little damping need
     /// more than 2.
     pub ridge_history: usize,
+    /// Whether the linear fit gets the sign of each goal velocity, softened: the torque that
+    /// overcomes dry friction.
+    #[serde(default)]
+    pub ridge_friction: bool,
 }
 
 impl TokenConfig {
-    /// The product's defaults for this robot: `goal` tokens with profile features; twelve
+    /// The product's defaults for this robot: `goal` tokens with profile features; sixteen
     /// differences where a joint slides freely, two elsewhere.
     pub fn for_robot(facts: &Facts) -> Self {
         let floats = facts.joints.iter().any(|j| j.floats());
@@ -117,7 +121,8 @@ impl TokenConfig {
             kind: TokenKind::Goal,
             granularity: MaskGranularity::State,
             profile: true,
-            ridge_history: if floats { 12 } else { 2 },
+            ridge_history: if floats { 16 } else { 2 },
+            ridge_friction: true,
         }
     }
 }
@@ -127,6 +132,8 @@ impl TokenConfig {
 const SUMMED_HINGES: usize = 8;
 /// Distance to a stop from which a joint feels it, rad or m.
 const STOP_ZONE: f32 = 0.1;
+/// Goal velocity at which friction counts as half overcome, rad or m a frame.
+const CREEP: f32 = 0.002;
 /// Stop distances are small; this brings them to the size of other features.
 const STOP_SCALE: f32 = 10.0;
 
@@ -250,7 +257,8 @@ impl Tokeniser {
 
     /// Features of the linear fit.
     pub fn ridge_inputs(&self) -> usize {
-        (3 + self.cfg.ridge_history) * self.state() + 1 + self.profile_len()
+        let friction = usize::from(self.cfg.ridge_friction);
+        (3 + self.cfg.ridge_history + friction) * self.state() + 1 + self.profile_len()
     }
 
     /// Whether the mask vector replaces the embedding of a hidden frame.
@@ -399,7 +407,11 @@ impl Tokeniser {
             }
         }
         rest[0] = 1.0;
-        rest[1..].copy_from_slice(&scratch.profile[frame * p..(frame + 1) * p]);
+        rest[1..=p].copy_from_slice(&scratch.profile[frame * p..(frame + 1) * p]);
+        let goal = &scratch.goal[frame * s..(frame + 1) * s];
+        for (x, &v) in rest[1 + p..].iter_mut().zip(goal) {
+            *x = v / (v.abs() + CREEP);
+        }
     }
 
     /// Token features of one frame; `to` has [`Tokeniser::inputs`] places. `visible` is what
@@ -510,7 +522,14 @@ mod tests {
         for kind in [TokenKind::Pos, TokenKind::PosD, TokenKind::Fill, TokenKind::Goal] {
             for granularity in [MaskGranularity::State, MaskGranularity::Joint] {
                 for profile in [false, true] {
-                    all.push(TokenConfig { kind, granularity, profile, ridge_history: 2 });
+                    let ridge_friction = !profile;
+                    all.push(TokenConfig {
+                        kind,
+                        granularity,
+                        profile,
+                        ridge_history: 2,
+                        ridge_friction,
+                    });
                 }
             }
         }
@@ -566,6 +585,7 @@ mod tests {
                 granularity: MaskGranularity::State,
                 profile,
                 ridge_history: 2,
+                ridge_friction: true,
             };
             Tokeniser::new(cfg, facts(), &norm()).unwrap().inputs()
         };

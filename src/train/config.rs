@@ -219,6 +219,7 @@ impl TrainConfig {
             } else {
                 self.ridge_history
             },
+            ridge_friction: own.ridge_friction,
         }
     }
 
