@@ -32,6 +32,9 @@ pub(super) struct Args {
     /// Sizes and schedule of the agents: url-fast, or urlb as published (days on a CPU).
     #[arg(long, default_value = "url-fast")]
     preset: String,
+    /// Change one setting of the preset, as in lr=3e-4; may be repeated.
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
     /// Seed of everything.
     #[arg(long, default_value_t = 0)]
     seed: u64,
@@ -58,6 +61,9 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let mut preset = Preset::named(&args.preset)?;
     if let Some(steps) = args.agent_steps {
         preset = preset.lasting(steps);
+    }
+    for assignment in &args.set {
+        preset.set(assignment)?;
     }
     let defaults = CollectConfig::new(&robot);
     let config = CollectConfig {

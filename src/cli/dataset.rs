@@ -91,6 +91,9 @@ enum What {
         /// Only these joints.
         #[arg(long, value_delimiter = ',')]
         joints: Vec<String>,
+        /// One column of planes an agent instead of histograms and planes of all.
+        #[arg(long)]
+        by_agent: bool,
         /// On a dark ground.
         #[arg(long)]
         dark: bool,
@@ -146,9 +149,9 @@ pub(super) fn run(args: Args) -> Outcome {
             view(&data, &out, |m| dataset::corrupt(m, how))
         }
         What::Check { data, json } => check(&data, json),
-        What::Plot { data, out, joints, dark } => {
+        What::Plot { data, out, joints, by_agent, dark } => {
             let theme = if dark { Theme::Dark } else { Theme::Light };
-            dataset_plot::run(&data, &out, &joints, theme)
+            dataset_plot::run(&data, &out, &joints, by_agent, theme)
         }
     }
 }

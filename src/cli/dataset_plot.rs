@@ -19,6 +19,8 @@ const BINS: usize = 60;
 const CELLS: usize = 60;
 /// Planes drawn at most.
 const PLANES: usize = 8;
+/// Planes of each kind, positions and speeds, where every agent has its own.
+const PLANES_BY_AGENT: usize = 3;
 
 /// Frames picked evenly from all trajectories.
 struct Sample {
@@ -27,8 +29,14 @@ struct Sample {
     frames: Vec<(usize, Vec<f64>, Vec<f64>)>,
 }
 
-/// Draws `data` into the picture `path` (png or svg).
-pub(super) fn run(data: &Path, path: &Path, only: &[String], theme: Theme) -> Outcome {
+/// Draws `data` into the picture `path` (png or svg), all agents in one or one a column.
+pub(super) fn run(
+    data: &Path,
+    path: &Path,
+    only: &[String],
+    by_agent: bool,
+    theme: Theme,
+) -> Outcome {
     let data = Dataset::open(data, Verify::Structure)?;
     let m = data.manifest();
     let names = &m.robot.joints;
@@ -58,27 +66,46 @@ pub(super) fn run(data: &Path, path: &Path, only: &[String], theme: Theme) -> Ou
         };
         Axis::new(&format!("{} speed", names.get(j).map_or("", String::as_str)), per_sec)
     };
-    let mut panels: Vec<Panel> = joints
-        .iter()
-        .map(|&j| lines(&sample, axis(j), |f| f.1.get(j).copied().unwrap_or(f64::NAN)))
-        .collect();
-    panels.push(lines(
-        &sample,
-        Axis::new("fastest joint", if m.robot.units.contains(&Unit::M) { "m/s" } else { "rad/s" }),
-        |f| joints.iter().filter_map(|&j| f.2.get(j)).fold(0.0, |a: f64, v| a.max(v.abs())),
-    ));
-    let pairs = joints.iter().zip(joints.iter().skip(1)).take(PLANES);
-    for (&a, &b) in pairs {
-        let points: Vec<(f64, f64)> =
-            sample.frames.iter().filter_map(|f| Some((*f.1.get(a)?, *f.1.get(b)?))).collect();
-        panels.push(coverage("", &points, CELLS, axis(a), axis(b)));
+    // Planes (title, joint, joint or own speed) of one agent's frames, or of all.
+    let plane = |title: &str, who: Option<usize>, a: usize, b: Option<usize>| {
+        let frames = sample.frames.iter().filter(|f| who.is_none_or(|w| w == f.0));
+        let points: Vec<(f64, f64)> = frames
+            .filter_map(|f| {
+                Some((*f.1.get(a)?, b.map_or_else(|| f.2.get(a), |b| f.1.get(b))?.to_owned()))
+            })
+            .collect();
+        coverage(title, &points, CELLS, axis(a), b.map_or_else(|| speed_axis(a), axis))
+    };
+    let pairs: Vec<(usize, Option<usize>)> =
+        joints.iter().zip(joints.iter().skip(1)).map(|(&a, &b)| (a, Some(b))).collect();
+    let speeds: Vec<(usize, Option<usize>)> = joints.iter().map(|&j| (j, None)).collect();
+    let few = |list: &[(usize, Option<usize>)], n| list.iter().copied().take(n).collect::<Vec<_>>();
+    let mut panels: Vec<Panel> = Vec::new();
+    let columns;
+    if by_agent {
+        let planes = [few(&pairs, PLANES_BY_AGENT), few(&speeds, PLANES_BY_AGENT)].concat();
+        for (row, (a, b)) in planes.into_iter().enumerate() {
+            for (k, name) in sample.agents.iter().enumerate() {
+                let title = if row == 0 { name.as_str() } else { "" };
+                panels.push(plane(title, Some(k), a, b));
+            }
+        }
+        columns = sample.agents.len().max(1);
+    } else {
+        panels.extend(
+            joints
+                .iter()
+                .map(|&j| lines(&sample, axis(j), |f| f.1.get(j).copied().unwrap_or(f64::NAN))),
+        );
+        let unit = if m.robot.units.contains(&Unit::M) { "m/s" } else { "rad/s" };
+        panels.push(lines(&sample, Axis::new("fastest joint", unit), |f| {
+            joints.iter().filter_map(|&j| f.2.get(j)).fold(0.0, |a: f64, v| a.max(v.abs()))
+        }));
+        for (a, b) in [few(&pairs, PLANES), few(&speeds, PLANES)].concat() {
+            panels.push(plane("", None, a, b));
+        }
+        columns = if panels.len() > 16 { 5 } else { 4 };
     }
-    for &j in joints.iter().take(PLANES) {
-        let points: Vec<(f64, f64)> =
-            sample.frames.iter().filter_map(|f| Some((*f.1.get(j)?, *f.2.get(j)?))).collect();
-        panels.push(coverage("", &points, CELLS, axis(j), speed_axis(j)));
-    }
-    let columns = if panels.len() > 16 { 5 } else { 4 };
     let s = &m.statistics;
     let note = format!(
         "{} frames of {} trajectories by {}; coverage {:.1} %, any joint near a stop in {:.0} %, self-contact in {:.0} %",

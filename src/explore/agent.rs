@@ -19,18 +19,21 @@ use super::error::Error;
 use super::fill::describe;
 use super::icm::Icm;
 use super::mlp::Tape;
-use super::policy::{Snapshot, SnapshotHeader, sampled};
+use super::policy::{Snapshot, SnapshotHeader};
 use super::preset::Preset;
 use super::proto::Proto;
 use super::replay::{Replay, Scale};
 use super::rnd::Rnd;
 use super::state::{Field, Keep};
+use super::wander::Wander;
 use crate::dataset::{Coverage, Robot as Described};
 use crate::rng::{Rng, Stream, draw};
 use crate::robot::Robot;
 
 /// Lengths of training episodes, frames.
 const EPISODE_FRAMES: [u64; 2] = [200, 500];
+/// An action of the policy beyond this counts as saturated.
+const SATURATED: f64 = 0.95;
 
 /// Who collects.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
@@ -218,12 +221,64 @@ pub struct Point {
     pub reward: f64,
     /// Mean loss of the curiosity module since then.
     pub loss: f64,
+    /// Mean Q of the actor's own actions since then.
+    pub value: f64,
+    /// Mean |action| of the policy itself, without exploration noise, since then.
+    pub action: f64,
+    /// Share of those actions beyond .95, where tanh hardly lets a gradient through.
+    pub saturated: f64,
     /// Share of coarse cells visited so far.
     pub coverage: f64,
     /// Share of frames since the last point with this joint near a stop, (S).
     pub near_limit: Vec<f64>,
+    /// Share of frames since then in which the robot touched itself.
+    pub self_contact: f64,
     /// Trajectories that the simulator broke so far.
     pub broken: u64,
+}
+
+/// What a point of the curve is made of.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Sums {
+    reward: f64,
+    loss: f64,
+    value: f64,
+    updates: f64,
+    action: f64,
+    saturated: f64,
+    actions: f64,
+    frames: f64,
+    contacts: f64,
+    near_limit: Vec<f64>,
+}
+
+impl Sums {
+    /// Counts a frame: positions (S) and whether the robot touches itself.
+    pub(crate) fn add_frame(&mut self, robot: &Described, qpos: &[f32], contact: bool) {
+        self.frames += 1.0;
+        self.contacts += f64::from(u8::from(contact));
+        self.near_limit.resize(qpos.len(), 0.0);
+        for ((j, x), n) in qpos.iter().enumerate().zip(&mut self.near_limit) {
+            *n += f64::from(u8::from(robot.is_near_limit(j, f64::from(*x))));
+        }
+    }
+
+    /// The means.
+    pub(crate) fn point(&self, step: u64, coverage: f64, broken: u64) -> Point {
+        let (updates, frames) = (self.updates.max(1.0), self.frames.max(1.0));
+        Point {
+            step,
+            reward: self.reward / updates,
+            loss: self.loss / updates,
+            value: self.value / updates,
+            action: self.action / self.actions.max(1.0),
+            saturated: self.saturated / self.actions.max(1.0),
+            coverage,
+            near_limit: self.near_limit.iter().map(|n| n / frames).collect(),
+            self_contact: self.contacts / frames,
+            broken,
+        }
+    }
 }
 
 /// Counters and curve: what a checkpoint holds beside numbers.
@@ -245,6 +300,8 @@ struct Lane {
     obs: Vec<f32>,
     action: Vec<f32>,
     skill: Vec<f32>,
+    /// Exploration noise of the running episode.
+    wander: Wander,
     /// Handle in the replay memory; none before the first reset.
     episode: Option<usize>,
     age: u64,
@@ -269,8 +326,8 @@ pub(crate) struct Agent {
     lanes: Vec<Lane>,
     pub(crate) coverage: Coverage,
     described: Described,
-    /// Sums since the last point: reward, loss, updates, frames, then near-limit frames.
-    sums: Vec<f64>,
+    /// Since the last point of the curve.
+    sums: Sums,
     batch: Batch<f32>,
     reward: Vec<f32>,
     tape: Tape<f32>,
@@ -301,6 +358,7 @@ impl Agent {
                 obs: vec![0.0; 2 * s],
                 action: vec![0.0; a],
                 skill: vec![0.0; skill],
+                wander: Wander::new(&preset.spread, a, Rng::new(seed, Stream::Noise, 0)),
                 episode: None,
                 age: 0,
                 length: 0,
@@ -320,7 +378,7 @@ impl Agent {
             lanes: (0..preset.envs.max(1)).map(|_| lane()).collect::<Result<_, Error>>()?,
             coverage: Coverage::new(&described),
             described,
-            sums: vec![0.0; 4 + s],
+            sums: Sums::default(),
             preset: preset.clone(),
             batch: Batch::default(),
             reward: Vec::new(),
@@ -361,6 +419,8 @@ impl Agent {
             lane.length = lo + rng.below(hi - lo + 1);
             lane.age = 0;
             lane.result = Step::Ok;
+            let noise = Rng::new(self.seed, Stream::Noise, self.ledger.episodes);
+            lane.wander = Wander::new(&self.preset.spread, self.header.act, noise);
             lane.env.reset(&mut rng)?;
             let (q, v) = lane.obs.split_at_mut(lane.env.state_dim());
             lane.env.observe(q, v);
@@ -384,12 +444,16 @@ impl Agent {
         }
         let rows = self.lanes.len();
         let means = self.ddpg.actor.forward(&x, rows, &mut self.tape);
-        for ((index, lane), mean) in
-            (self.ledger.step..).zip(&mut self.lanes).zip(means.chunks_exact(a))
-        {
-            let mut rng = Rng::new(self.seed, Stream::Noise, index);
-            for (u, &m) in lane.action.iter_mut().zip(mean) {
-                *u = if learned { sampled(m, &mut rng) } else { rng.range(-1.0, 1.0) as f32 };
+        for (lane, mean) in self.lanes.iter_mut().zip(means.chunks_exact(a)) {
+            if learned {
+                lane.wander.act(mean, &mut lane.action);
+                for m in mean.iter().map(|m| f64::from(m.abs())) {
+                    self.sums.action += m;
+                    self.sums.saturated += f64::from(u8::from(m > SATURATED));
+                    self.sums.actions += 1.0;
+                }
+            } else {
+                lane.wander.uniform(&mut lane.action);
             }
         }
     }
@@ -403,10 +467,10 @@ impl Agent {
                     self.scale.add(&lane.obs);
                     let (q, v) = lane.obs.split_at(lane.env.state_dim());
                     self.coverage.add(q, v);
-                    self.sums[3] += 1.0;
-                    for ((j, x), n) in q.iter().enumerate().zip(&mut self.sums[4..]) {
-                        let pinned = self.described.is_near_limit(j, f64::from(*x));
-                        *n += f64::from(u8::from(pinned));
+                    self.sums.add_frame(&self.described, q, lane.env.self_contact());
+                    let most = self.preset.pinned_frames;
+                    if most > 0 && lane.env.pinned_frames() >= most {
+                        lane.length = 0;
                     }
                 }
                 Step::Implausible => {}
@@ -424,19 +488,20 @@ impl Agent {
         self.replay.sample(rows, self.seed, index, &self.scale, &mut self.batch);
         let lr = self.preset.lr;
         let loss = self.curiosity.update(&self.batch, lr, self.seed, index, &mut self.reward);
-        // Acting draws from the same stream at small indices.
+        // Episodes draw from the same stream at small indices.
         let noise = (1 << 48) + index;
-        self.ddpg.update(&self.batch, &self.reward, lr, self.seed, noise);
+        let (_, actor_loss) = self.ddpg.update(&self.batch, &self.reward, lr, self.seed, noise);
         self.ledger.updates += 1;
         let mean = self.reward.iter().map(|&r| f64::from(r)).sum::<f64>() / rows.max(1) as f64;
-        self.sums[0] += mean;
-        self.sums[1] += loss;
-        self.sums[2] += 1.0;
+        self.sums.reward += mean;
+        self.sums.loss += loss;
+        self.sums.value -= actor_loss;
+        self.sums.updates += 1.0;
     }
 
     /// Mean intrinsic reward since the last point.
     pub(crate) fn recent_reward(&self) -> f64 {
-        self.sums[0] / self.sums[2].max(1.0)
+        self.sums.reward / self.sums.updates.max(1.0)
     }
 
     /// Ends all episodes, adds a point to the curve and returns the actor as it is now.
@@ -446,16 +511,9 @@ impl Agent {
         }
         // What a restore computes from the running sums must be what is in use here.
         self.restored();
-        let frames = self.sums[3].max(1.0);
-        self.ledger.curve.push(Point {
-            step: nominal,
-            reward: self.recent_reward(),
-            loss: self.sums[1] / self.sums[2].max(1.0),
-            coverage: self.coverage.share(),
-            near_limit: self.sums[4..].iter().map(|n| n / frames).collect(),
-            broken: self.ledger.broken,
-        });
-        self.sums.fill(0.0);
+        let point = self.sums.point(nominal, self.coverage.share(), self.ledger.broken);
+        self.ledger.curve.push(point);
+        self.sums = Sums::default();
         let (mean, inv) = self.scale.in_use();
         Snapshot {
             header: SnapshotHeader { step: nominal, ..self.header.clone() },

@@ -10,11 +10,11 @@
 //! ```
 
 use super::batch::Batch;
-use super::kernel;
 use super::mlp::{Adam, Layer, Mlp, Tape};
 use super::particle::{Neighbours, Pbe, Rms};
 use super::state::{Field, Keep};
 use crate::net::real::Real;
+use crate::net::simd;
 use crate::rng::Rng;
 
 /// Length of skills and features.
@@ -41,7 +41,7 @@ pub(crate) fn skill(rng: &mut Rng) -> [f64; SKILL] {
     for x in &mut w {
         *x = rng.normal();
     }
-    let norm = kernel::dot(&w, &w).sqrt().max(1e-12);
+    let norm = simd::dot(&w, &w).sqrt().max(1e-12);
     w.map(|x| x / norm)
 }
 
@@ -108,8 +108,8 @@ impl<T: Real> Aps<T> {
 
 /// |y| (at least 1e-12, as `PyTorch`'s normalize) and w . y / |y|.
 fn project<T: Real>(y: &[T], w: &[T]) -> (f64, f64) {
-    let norm = kernel::dot(y, y).f64().sqrt().max(1e-12);
-    (norm, kernel::dot(y, w).f64() / norm)
+    let norm = simd::dot(y, y).f64().sqrt().max(1e-12);
+    (norm, simd::dot(y, w).f64() / norm)
 }
 
 impl<T: Real> Keep<T> for Aps<T> {
@@ -148,7 +148,7 @@ mod tests {
     fn skills_lie_on_the_sphere_and_features_learn_them() {
         let b = batch(64);
         for w in b.skill.chunks_exact(SKILL) {
-            assert!((kernel::dot(w, w) - 1.0).abs() < 1e-12);
+            assert!((simd::dot(w, w) - 1.0).abs() < 1e-12);
         }
         let mut aps = Aps::<f64>::new(4, 64, 3);
         let first = aps.update(&b, 1e-3);

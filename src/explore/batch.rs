@@ -1,6 +1,7 @@
 //! What one update sees.
 
 use crate::net::real::Real;
+use crate::net::simd;
 
 /// Transitions over n steps: state s, action a, state s' three steps later, and the skill
 /// vector that acted (empty unless the agent has skills).
@@ -73,7 +74,7 @@ pub(crate) fn norm_loss<T: Real>(
     grad.clear();
     let mut sum = 0.0;
     for (x, y) in a.chunks_exact(cols).zip(b.chunks_exact(cols)) {
-        let norm = super::kernel::distance2(x, y).f64().sqrt();
+        let norm = simd::distance2(x, y).f64().sqrt();
         norms.push(T::of(norm));
         sum += norm;
         // At 0 the norm has no gradient; 0 is the usual choice.

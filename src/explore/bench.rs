@@ -8,6 +8,7 @@ use super::env::Env;
 use super::error::Error;
 use super::fill::{Plan, Wave};
 use super::policy::{Actor, Policy, Snapshot, SnapshotHeader};
+use super::preset::Preset;
 use crate::dataset::Shard;
 use crate::mujoco::Data;
 use crate::progress::Cancel;
@@ -48,7 +49,7 @@ impl RolloutBench {
         Ok(RolloutBench {
             robot: Arc::clone(robot),
             wave: Wave::new(robot)?,
-            policy: Policy::Actor(Box::new(Actor::new(&snapshot))),
+            policy: Policy::Actor(Box::new(Actor::new(&snapshot)), Preset::url_fast().spread),
             env: Env::new(robot)?,
             data: Data::new(robot.model())?,
             index: index << 16,
@@ -69,6 +70,7 @@ impl RolloutBench {
             index: self.index,
             frames,
             episode_frames: EPISODE,
+            pinned_frames: Preset::url_fast().pinned_frames,
             seed: 1,
             spec_sha256: String::new(),
         };

@@ -24,6 +24,7 @@ use serde::{Deserialize, Serialize};
 
 use super::agent::{Agent, AgentKind, Ledger, Point};
 use super::checkpoint;
+use super::crew::spread;
 use super::error::Error;
 use super::fill::{MIN_FRAMES, Plan, Wave, describe};
 use super::noise::NoiseRule;
@@ -321,40 +322,9 @@ impl Run<'_> {
                 }
             }
         };
-        let mut all = self.spread(learners, work)?;
+        let mut all = spread(self.threads.min(learners), work)?;
         all.sort_by_key(|(i, _)| *i);
         Ok(all.into_iter().map(|(_, s)| s).collect())
-    }
-
-    /// Runs `work` on as many threads as there are jobs for; the first error wins, a
-    /// cancellation that it caused elsewhere does not hide it.
-    fn spread<T: Send>(
-        &self,
-        jobs: usize,
-        work: impl Fn() -> Result<Vec<T>, Error> + Sync,
-    ) -> Result<Vec<T>, Error> {
-        let workers = self.threads.min(jobs).max(1);
-        let results: Vec<Result<Vec<T>, Error>> = std::thread::scope(|scope| {
-            let handles: Vec<_> = (1..workers).map(|_| scope.spawn(&work)).collect();
-            let mut results = vec![work()];
-            for handle in handles {
-                match handle.join() {
-                    Ok(result) => results.push(result),
-                    Err(panic) => std::panic::resume_unwind(panic),
-                }
-            }
-            results
-        });
-        let mut all = Vec::new();
-        let mut failed = None;
-        for result in results {
-            match (result, &failed) {
-                (Ok(items), _) => all.extend(items),
-                (Err(e), None | Some(Error::Cancelled { .. })) => failed = Some(e),
-                (Err(_), Some(_)) => {}
-            }
-        }
-        failed.map_or(Ok(all), Err)
     }
 
     /// Trains one agent to the end of its preset, from its newest checkpoint. `threads` says
@@ -448,7 +418,7 @@ impl Run<'_> {
                 }
             }
         };
-        let mut all = self.spread(jobs.len(), work)?;
+        let mut all = spread(self.threads.min(jobs.len()), work)?;
         all.sort_by_key(|(i, _)| *i);
         Ok((all.into_iter().map(|(_, e)| e).collect(), specs, made.into_inner()))
     }
@@ -504,6 +474,11 @@ impl Run<'_> {
                             index,
                             frames: share(mine as u64, pieces, piece) as usize,
                             episode_frames: self.config.episode_frames as usize,
+                            pinned_frames: if kind.learns() {
+                                self.config.preset.pinned_frames
+                            } else {
+                                0
+                            },
                             seed: self.config.seed,
                             spec_sha256: spec_sha256.clone(),
                         },
@@ -535,7 +510,9 @@ impl Run<'_> {
                     }
                     let sha256 = fsio::sha256_file(&path)?;
                     listed.push(serde_json::json!({ "step": step, "sha256": sha256 }));
-                    policies.push((step, Arc::new(Policy::Actor(Box::new(Actor::new(&snapshot))))));
+                    let actor = Box::new(Actor::new(&snapshot));
+                    let policy = Policy::Actor(actor, self.config.preset.spread);
+                    policies.push((step, Arc::new(policy)));
                 }
                 Ok((policies, listed))
             }

@@ -17,10 +17,10 @@
 
 use super::aps::SKILL;
 use super::batch::{Batch, beside, right};
-use super::kernel;
 use super::mlp::{Adam, Layer, Mlp, Tape};
 use super::state::{Field, Keep};
 use crate::net::real::Real;
+use crate::net::simd;
 use crate::rng::{Rng, Stream};
 
 /// Steps between s and s'.
@@ -74,7 +74,7 @@ impl<T: Real> Critic<T> {
                 q.extend(
                     y.chunks_exact(SKILL)
                         .zip(skill.chunks_exact(SKILL))
-                        .map(|(y, w)| kernel::dot(y, w)),
+                        .map(|(y, w)| simd::dot(y, w)),
                 );
             }
         }
@@ -213,7 +213,7 @@ impl<T: Real> Ddpg<T> {
         self.actor_adam.step(&mut self.actor.params, lr);
 
         for (slow, fast) in self.target.nets().into_iter().zip(self.critic.nets()) {
-            kernel::follow(&mut slow.params, &fast.params, T::of(FOLLOW));
+            simd::follow(&mut slow.params, &fast.params, T::of(FOLLOW));
         }
         (critic_loss, actor_loss)
     }

@@ -6,6 +6,8 @@
 use std::sync::Arc;
 
 use super::error::Error;
+use super::fill::describe;
+use crate::dataset::Robot as Described;
 use crate::mujoco::Data;
 use crate::rng::Rng;
 use crate::robot::{Coupling, Robot};
@@ -57,6 +59,10 @@ pub(crate) struct Env {
     ctrl: Vec<f64>,
     /// Geoms that belong to the robot (not to the world).
     own: Vec<bool>,
+    /// Frames for which each joint has stood at a stop; none while it has been there from
+    /// the start.
+    pinned: Vec<Option<u64>>,
+    described: Described,
 }
 
 impl Env {
@@ -79,6 +85,8 @@ impl Env {
             ctrl: vec![0.0; span.len()],
             span,
             own: robot.model().geom_bodyid().iter().map(|&b| b != 0).collect(),
+            pinned: vec![None; robot.state_dim()],
+            described: describe(robot),
             robot: Arc::clone(robot),
             data,
         })
@@ -121,7 +129,24 @@ impl Env {
     fn place(&mut self, pose: &[f64]) -> Result<(), Error> {
         self.data.reset()?;
         self.robot.write_state(&mut self.data, pose)?;
+        for (j, (pinned, q)) in self.pinned.iter_mut().zip(pose).enumerate() {
+            *pinned = (!self.described.is_near_limit(j, *q)).then_some(0);
+        }
         Ok(())
+    }
+
+    fn count_pinned(&mut self) {
+        let qpos = self.data.qpos();
+        for ((j, joint), pinned) in self.robot.joints().iter().enumerate().zip(&mut self.pinned) {
+            let q = qpos.get(joint.qposadr).copied().unwrap_or(0.0);
+            let near = self.described.is_near_limit(j, q);
+            *pinned = if near { pinned.map(|n| n + 1) } else { Some(0) };
+        }
+    }
+
+    /// Frames for which some joint has stood at a stop that it did not start at.
+    pub(crate) fn pinned_frames(&self) -> u64 {
+        self.pinned.iter().flatten().copied().max().unwrap_or(0)
     }
 
     fn draw(&self, rng: &mut Rng) -> Vec<f64> {
@@ -195,7 +220,11 @@ impl Env {
         if self.data.set_ctrl(&self.ctrl).is_err() || self.data.step(SUBSTEPS).is_err() {
             return Step::Broken;
         }
-        if self.is_wild() { Step::Implausible } else { Step::Ok }
+        if self.is_wild() {
+            return Step::Implausible;
+        }
+        self.count_pinned();
+        Step::Ok
     }
 
     fn is_wild(&self) -> bool {
@@ -286,6 +315,29 @@ mod tests {
             run(&mut used, 2);
             assert_eq!(run(&mut fresh, 3), run(&mut used, 3), "{id}");
         }
+    }
+
+    #[test]
+    fn a_joint_at_a_stop_is_counted_unless_it_started_there() {
+        let robot = Arc::new(Robot::builtin("ur5e").unwrap());
+        let mut env = Env::new(&robot).unwrap();
+        let top = robot.joints()[4].range[1];
+        let mut pose = robot.home();
+        pose[4] = top - 1.0;
+        env.place(&pose).unwrap();
+        let push = [0.0, 0.0, 0.0, 0.0, 1.0];
+        let counts: Vec<u64> = (0..60)
+            .map(|_| {
+                assert_eq!(env.step(&push), Step::Ok);
+                env.pinned_frames()
+            })
+            .collect();
+        assert_eq!(counts[0], 0);
+        assert!(counts[59] > 20, "{counts:?}");
+        assert!(counts.windows(2).all(|w| w[1] == 0 || w[1] == w[0] + 1));
+        pose[4] = top - 0.01;
+        env.place(&pose).unwrap();
+        assert_eq!((env.step(&push), env.pinned_frames()), (Step::Ok, 0));
     }
 
     #[test]

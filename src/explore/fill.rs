@@ -36,6 +36,8 @@ pub(crate) struct Plan {
     pub(crate) frames: usize,
     /// Frames of an episode.
     pub(crate) episode_frames: usize,
+    /// An episode ends when a joint has stood at a stop for so many frames; 0 for never.
+    pub(crate) pinned_frames: u64,
     /// Seed of the spec.
     pub(crate) seed: u64,
     /// Sha-256 of the spec.
@@ -119,7 +121,7 @@ impl Wave {
             let seeds: Vec<u64> =
                 (tried..tried + lengths.len() as u64).map(|e| episode_seed(plan, e)).collect();
             tried += lengths.len() as u64;
-            let ends = self.run(policy, &seeds, &lengths)?;
+            let ends = self.run(policy, &seeds, &lengths, plan.pinned_frames)?;
             for ((lane, end), seed) in self.lanes.iter().zip(ends).zip(seeds) {
                 if end == End::Broken {
                     broken += 1;
@@ -155,6 +157,7 @@ impl Wave {
         policy: &Policy,
         seeds: &[u64],
         lengths: &[usize],
+        pinned_frames: u64,
     ) -> Result<Vec<End>, Error> {
         let (s, a, k) = (self.robot.state_dim(), self.robot.action_dim(), policy.skill());
         let n = seeds.len();
@@ -191,6 +194,8 @@ impl Wave {
                         lane.contact.push(u8::from(lane.env.self_contact()));
                         if lane.contact.len() == lengths[i] {
                             ends[i] = End::Whole;
+                        } else if pinned_frames > 0 && lane.env.pinned_frames() >= pinned_frames {
+                            ends[i] = End::Cut;
                         }
                     }
                     Step::Implausible => ends[i] = End::Cut,
@@ -244,6 +249,7 @@ mod tests {
             index: 2,
             frames,
             episode_frames: 100,
+            pinned_frames: 0,
             seed: 9,
             spec_sha256: "s".to_owned(),
         }

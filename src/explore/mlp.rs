@@ -5,9 +5,9 @@
 //! checks of each agent's loss). One network is one flat parameter vector, so that copying,
 //! averaging and saving are one line each.
 
-use super::kernel;
 use crate::net::mat::{Init, Mat, MatMut, gemm};
 use crate::net::real::Real;
+use crate::net::simd::{self, AdamStep};
 use crate::rng::{Rng, Stream};
 
 /// One layer; sizes are input and output columns.
@@ -53,8 +53,8 @@ pub(crate) struct Tape<T> {
     rows: usize,
     /// Input, then the output of each layer.
     values: Vec<Vec<T>>,
-    /// (normalised input, 1 / std) of each normalisation.
-    norms: Vec<(Vec<T>, Vec<T>)>,
+    /// (mean, 1 / std) of each row of each normalisation.
+    stats: Vec<Vec<[T; 2]>>,
     spare: Vec<T>,
 }
 
@@ -91,7 +91,7 @@ impl<T: Real> Mlp<T> {
     pub(crate) fn forward<'t>(&self, x: &[T], rows: usize, tape: &'t mut Tape<T>) -> &'t [T] {
         tape.rows = rows;
         tape.values.resize_with(self.layers.len() + 1, Vec::new);
-        tape.norms.resize_with(self.layers.len(), Default::default);
+        tape.stats.resize_with(self.layers.len(), Vec::new);
         tape.values[0].clear();
         tape.values[0].extend_from_slice(x);
         let mut at = 0;
@@ -112,12 +112,11 @@ impl<T: Real> Mlp<T> {
                     );
                 }
                 Layer::NormTanh(n) => {
-                    let (xhat, rstd) = &mut tape.norms[i];
-                    xhat.clear();
-                    xhat.extend_from_slice(input);
-                    rstd.resize(rows, T::default());
+                    let stats = &mut tape.stats[i];
+                    stats.resize(rows, [T::default(); 2]);
                     let (gain, bias) = params.split_at(n);
-                    kernel::NormTanh { gain, bias, x: xhat, rstd, y: out }.forward();
+                    simd::layer_norm(input, gain, bias, out, stats);
+                    simd::tanh(out);
                 }
                 Layer::Relu(_) => {
                     let zero = T::default();
@@ -127,7 +126,7 @@ impl<T: Real> Mlp<T> {
                 }
                 Layer::Tanh(_) => {
                     out.copy_from_slice(input);
-                    kernel::tanh(out);
+                    simd::tanh(out);
                 }
             }
         }
@@ -182,7 +181,6 @@ impl<T: Real> Mlp<T> {
                     d.truncate(rows * m);
                 }
                 Layer::NormTanh(n) => {
-                    let (x, rstd) = &tape.norms[i];
                     // Gradients of frozen networks are computed and thrown away: 2 n numbers.
                     let mut waste = Vec::new();
                     let g = if let Some(g) = mine {
@@ -192,8 +190,12 @@ impl<T: Real> Mlp<T> {
                         &mut waste
                     };
                     let (dgain, dbias) = g.split_at_mut(n);
-                    let gain = &params[..n];
-                    kernel::NormTanhBack { gain, x, rstd, y: output, d, dgain, dbias }.backward();
+                    through_tanh(d, output);
+                    tape.spare.clear();
+                    tape.spare.resize(rows * n, T::default());
+                    let (stats, gain) = (&tape.stats[i], &params[..n]);
+                    simd::layer_norm_back(d, input, stats, gain, &mut tape.spare, dgain, dbias);
+                    std::mem::swap(d, &mut tape.spare);
                 }
                 Layer::Relu(_) => {
                     let zero = T::default();
@@ -201,13 +203,16 @@ impl<T: Real> Mlp<T> {
                         *d = if y > zero { *d } else { zero };
                     }
                 }
-                Layer::Tanh(_) => {
-                    for (d, &y) in d.iter_mut().zip(output) {
-                        *d = *d * (T::of(1.0) - y * y);
-                    }
-                }
+                Layer::Tanh(_) => through_tanh(d, output),
             }
         }
+    }
+}
+
+/// Gradient by the input of a tanh with these outputs.
+fn through_tanh<T: Real>(d: &mut [T], output: &[T]) {
+    for (d, &y) in d.iter_mut().zip(output) {
+        *d = *d * (T::of(1.0) - y * y);
     }
 }
 
@@ -220,13 +225,13 @@ fn orthogonal(m: usize, n: usize, rng: &mut Rng) -> Vec<f64> {
         let mut v: Vec<f64> = (0..len).map(|_| rng.normal()).collect();
         for _ in 0..2 {
             for b in &basis {
-                let along = kernel::dot(b, &v);
+                let along = simd::dot(b, &v);
                 for (x, y) in v.iter_mut().zip(b) {
                     *x -= along * y;
                 }
             }
         }
-        let norm = kernel::dot(&v, &v).sqrt();
+        let norm = simd::dot(&v, &v).sqrt();
         for x in &mut v {
             *x /= norm;
         }
@@ -259,16 +264,16 @@ impl<T: Real> Adam<T> {
     /// Takes a step along the collected gradients and clears them.
     pub(crate) fn step(&mut self, params: &mut [T], lr: f64) {
         self.steps += 1;
-        let t = self.steps as f64;
-        kernel::AdamStep {
-            params,
-            grads: &self.grads,
-            m: &mut self.m,
-            v: &mut self.v,
-            rate: T::of(lr / (1.0 - 0.9_f64.powf(t))),
-            scale: T::of(1.0 / (1.0 - 0.999_f64.powf(t)).sqrt()),
-        }
-        .run();
+        let step = AdamStep {
+            lr,
+            beta1: 0.9,
+            beta2: 0.999,
+            eps: 1e-8,
+            decay: 0.0,
+            clip: 1.0,
+            count: self.steps,
+        };
+        simd::adam(&step, params, &self.grads, &mut self.m, &mut self.v);
         self.grads.fill(T::default());
     }
 }
@@ -325,7 +330,7 @@ pub(super) mod tests {
         net.params.iter_mut().zip(noise(1000, 9)).for_each(|(p, n)| *p += 0.1 * n);
         let (mut x, c) = (noise(7 * 5, 0), noise(7 * 3, 1));
         let value =
-            |net: &Mlp<f64>, x: &[f64]| kernel::dot(net.forward(x, 7, &mut Tape::default()), &c);
+            |net: &Mlp<f64>, x: &[f64]| simd::dot(net.forward(x, 7, &mut Tape::default()), &c);
         let mut tape = Tape::default();
         net.forward(&x, 7, &mut tape);
         let (mut d, mut g) = (c.clone(), vec![0.0; net.params.len()]);
@@ -374,17 +379,5 @@ pub(super) mod tests {
         let want = 0.9 - 0.1 * (m / 0.19) / ((v / 0.001_999_f64).sqrt() + 1e-8);
         assert!((p[0] - want).abs() < 1e-9, "{} {want}", p[0]);
         assert_eq!(adam.grads, [0.0]);
-    }
-
-    #[test]
-    fn tanh_is_tanh() {
-        for x in [-50.0, -9.5, -3.0, -0.1, 0.0, 1e-4, 0.7, 8.0, 100.0_f64] {
-            let mut y = [x; 5];
-            kernel::tanh(&mut y);
-            assert!((y[4] - x.tanh()).abs() < 1e-15, "{x}");
-            let mut y = [x as f32; 3];
-            kernel::tanh(&mut y);
-            assert!((f64::from(y[2]) - x.tanh()).abs() < 2e-7, "{x}");
-        }
     }
 }

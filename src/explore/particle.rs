@@ -3,9 +3,9 @@
 //! Source: the reference implementation of URLB (Laskin et al. 2021, arXiv 2110.15191);
 //! the entropy estimate is that of APT (Liu and Abbeel 2021, arXiv 2103.04551), equation 5.
 
-use super::kernel;
 use crate::net::mat::{Init, Mat, MatMut, gemm};
 use crate::net::real::Real;
+use crate::net::simd;
 
 /// Running mean and variance of a stream of scalars. With batch values x of size b:
 ///
@@ -114,7 +114,7 @@ impl<T: Real> Neighbours<T> {
             Mat::new(y, others, cols).t(),
         );
         self.norms.clear();
-        self.norms.extend(y.chunks_exact(cols).map(|r| kernel::dot(r, r)));
+        self.norms.extend(y.chunks_exact(cols).map(|r| simd::dot(r, r)));
         self.found.clear();
         let two = T::of(2.0);
         for (i, (a, p)) in x.chunks_exact(cols).zip(self.products.chunks_exact(others)).enumerate()
@@ -132,7 +132,7 @@ impl<T: Real> Neighbours<T> {
             let from = self.found.len();
             for &(_, j) in &self.row[..k] {
                 let b = &y[j as usize * cols..][..cols];
-                let d = if own && j as usize == i { 0.0 } else { kernel::distance2(a, b).f64() };
+                let d = if own && j as usize == i { 0.0 } else { simd::distance2(a, b).f64() };
                 self.found.push(T::of(d.sqrt()));
             }
             self.found[from..]
@@ -187,7 +187,7 @@ mod tests {
         let got = s.nearest(&x, &x, 37, 12, true).to_vec();
         for (i, a) in x.chunks_exact(37).enumerate() {
             let mut d: Vec<f32> =
-                x.chunks_exact(37).map(|b| kernel::distance2(a, b).sqrt()).collect();
+                x.chunks_exact(37).map(|b| simd::distance2(a, b).sqrt()).collect();
             d.sort_by(f32::total_cmp);
             assert_eq!(got[i * 12], 0.0);
             // The choice is made on rounded figures; what is chosen is measured exactly.

@@ -10,11 +10,11 @@ use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use serde::{Deserialize, Serialize};
 
 use super::aps;
-use super::ddpg::{EDGE, SIGMA};
 use super::error::Error;
-use super::kernel;
 use super::noise::{Noise, NoiseRule};
+use super::wander::{Spread, Wander};
 use crate::net::mat::{Init, Mat, MatMut, Packed, gemm_packed};
+use crate::net::simd;
 use crate::rng::{Rng, Stream};
 use crate::{fsio, limits};
 
@@ -158,7 +158,7 @@ pub(crate) struct Scratch {
     x: Vec<f32>,
     a: Vec<f32>,
     b: Vec<f32>,
-    rstd: Vec<f32>,
+    stats: Vec<[f32; 2]>,
 }
 
 impl Actor {
@@ -212,15 +212,15 @@ impl Actor {
         }
         s.a.resize(rows * h.hidden, 0.0);
         s.b.resize(rows * h.hidden, 0.0);
-        s.rstd.resize(rows, 0.0);
+        s.stats.resize(rows, [0.0; 2]);
         gemm_packed(
             MatMut::new(&mut s.a, rows, h.hidden),
             Init::Bias(&self.biases[0]),
             Mat::new(&s.x, rows, inputs),
             &self.weights[0],
         );
-        let (gain, bias) = (self.gain.as_slice(), self.shift.as_slice());
-        kernel::NormTanh { gain, bias, x: &mut s.a, rstd: &mut s.rstd, y: &mut s.b }.forward();
+        simd::layer_norm(&s.a, &self.gain, &self.shift, &mut s.b, &mut s.stats);
+        simd::tanh(&mut s.b);
         gemm_packed(
             MatMut::new(&mut s.a, rows, h.hidden),
             Init::Bias(&self.biases[1]),
@@ -235,7 +235,7 @@ impl Actor {
             Mat::new(&s.a, rows, h.hidden),
             &self.weights[2],
         );
-        kernel::tanh(&mut s.b);
+        simd::tanh(&mut s.b);
         &s.b
     }
 }
@@ -247,8 +247,8 @@ pub(crate) enum Policy {
     Noise(NoiseRule),
     /// A fresh uniform torque every frame: the naive baseline.
     Uniform,
-    /// A trained agent, its actions sampled with sigma .2; one skill for the whole episode.
-    Actor(Box<Actor>),
+    /// A trained agent with its exploration noise; one skill for the whole episode.
+    Actor(Box<Actor>, Spread),
 }
 
 /// What one episode carries from frame to frame.
@@ -256,14 +256,14 @@ pub(crate) enum Policy {
 pub(crate) enum Mind {
     Noise(Box<Noise>),
     Uniform(Rng),
-    Actor(Rng),
+    Actor(Wander),
 }
 
 impl Policy {
     /// Length of skills.
     pub(crate) fn skill(&self) -> usize {
         match self {
-            Policy::Actor(a) => a.header.skill,
+            Policy::Actor(a, _) => a.header.skill,
             _ => 0,
         }
     }
@@ -273,13 +273,13 @@ impl Policy {
         match self {
             Policy::Noise(rule) => Mind::Noise(Box::new(Noise::new(rule, seed))),
             Policy::Uniform => Mind::Uniform(Rng::new(seed, Stream::Noise, 0)),
-            Policy::Actor(_) => {
+            Policy::Actor(actor, spread) => {
                 let mut rng = Rng::new(seed, Stream::Noise, 0);
                 if !skill.is_empty() {
                     let w = aps::skill(&mut rng);
                     skill.iter_mut().zip(w).for_each(|(s, w)| *s = w as f32);
                 }
-                Mind::Actor(rng)
+                Mind::Actor(Wander::new(spread, actor.header.act, rng))
             }
         }
     }
@@ -293,7 +293,7 @@ impl Policy {
         s: &'s mut Scratch,
     ) -> &'s [f32] {
         match self {
-            Policy::Actor(a) => a.act(obs, skills, rows, s),
+            Policy::Actor(a, _) => a.act(obs, skills, rows, s),
             _ => &[],
         }
     }
@@ -309,18 +309,9 @@ impl Mind {
                     *a = rng.range(-1.0, 1.0) as f32;
                 }
             }
-            Mind::Actor(rng) => {
-                for (a, &m) in action.iter_mut().zip(mean) {
-                    *a = sampled(m, rng);
-                }
-            }
+            Mind::Actor(wander) => wander.act(mean, action),
         }
     }
-}
-
-/// An action around its mean, clamped just inside +-1.
-pub(crate) fn sampled(mean: f32, rng: &mut Rng) -> f32 {
-    (f64::from(mean) + SIGMA * rng.normal()).clamp(EDGE - 1.0, 1.0 - EDGE) as f32
 }
 
 #[cfg(test)]

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::error::Error;
+use super::wander::Spread;
 
 /// How an agent is built and trained.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -26,6 +27,11 @@ pub struct Preset {
     pub scale_obs: bool,
     /// Learning rate of every network.
     pub lr: f64,
+    /// Exploration noise, in training and in roll-outs.
+    pub spread: Spread,
+    /// An episode ends when a joint has stood at a stop for this many frames, in training and
+    /// in roll-outs; 0 for never. A joint that starts there may stay there.
+    pub pinned_frames: u64,
     /// Default length of training, environment steps.
     pub steps: u64,
     /// Snapshots are taken at multiples of this, or at the published four when 0.
@@ -45,6 +51,8 @@ impl Preset {
             capacity: 1_000_000,
             scale_obs: false,
             lr: 1e-4,
+            spread: Spread::WHITE,
+            pinned_frames: 0,
             steps: 2_000_010,
             snapshot_every: 0,
         }
@@ -59,12 +67,14 @@ impl Preset {
             name: "url-fast".to_owned(),
             hidden: 128,
             batch: 256,
-            envs: 32,
+            envs: 16,
             update_every: 8,
             seed_steps: 4000,
             capacity: 1_000_000,
             scale_obs: true,
-            lr: 1e-4,
+            lr: 1e-3,
+            spread: Spread { sigma: [0.1, 0.8], tau_secs: [0.06, 4.0] },
+            pinned_frames: 20,
             steps: 200_000,
             snapshot_every: 10_000,
         }
@@ -84,6 +94,34 @@ impl Preset {
                 got: name.to_owned(),
             }),
         }
+    }
+
+    /// Changes one setting, as in `lr=3e-4` or `spread.sigma=[.1,.5]`.
+    ///
+    /// # Errors
+    /// [`Error::Argument`]: no such setting, or a value of another kind.
+    pub fn set(&mut self, assignment: &str) -> Result<(), Error> {
+        let fail = |must: String| Error::Argument { name: "set", must, got: assignment.to_owned() };
+        let (key, text) = assignment.split_once('=').ok_or_else(|| fail("key=value".to_owned()))?;
+        let mut all = serde_json::to_value(&*self).unwrap_or_default();
+        let place = all.pointer_mut(&format!("/{}", key.trim().replace('.', "/")));
+        let Some(place) = place.filter(|p| !p.is_object()) else {
+            return Err(fail("a setting of the preset".to_owned()));
+        };
+        *place = serde_json::from_str(text).map_err(|e| fail(format!("a value ({e})")))?;
+        let next: Preset = serde_json::from_value(all).map_err(|e| fail(e.to_string()))?;
+        let sizes = [next.hidden, next.batch, next.envs, next.capacity];
+        let ordered = |[lo, hi]: [f64; 2]| lo >= 0.0 && hi >= lo && hi.is_finite();
+        if sizes.iter().any(|&n| !(1..=1 << 24).contains(&n))
+            || next.update_every == 0
+            || !(next.lr > 0.0 && next.lr < 1.0)
+            || !ordered(next.spread.sigma)
+            || !ordered(next.spread.tau_secs)
+        {
+            return Err(fail("a possible value".to_owned()));
+        }
+        *self = next;
+        Ok(())
     }
 
     /// The preset for a training of `steps`: short ones learn from a fifth of their steps on
@@ -115,6 +153,20 @@ impl Preset {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn settings_are_checked() {
+        let mut p = Preset::url_fast();
+        p.set("lr=3e-4").unwrap();
+        p.set("spread.sigma=[0.1,0.5]").unwrap();
+        p.set("envs=8").unwrap();
+        assert_eq!((p.lr, p.spread.sigma, p.envs), (3e-4, [0.1, 0.5], 8));
+        for bad in ["lr", "lr=x", "speed=1", "spread=3", "spread.sigma=[0.5,0.1]", "envs=0"] {
+            let before = p.clone();
+            assert!(p.set(bad).is_err(), "{bad}");
+            assert_eq!(p, before);
+        }
+    }
 
     #[test]
     fn snapshots_end_at_the_end() {

@@ -14,12 +14,12 @@
 //! pred' follows pred with share .05. Prototypes C (512, 128) have rows of unit length.
 
 use super::batch::Batch;
-use super::kernel;
 use super::mlp::{Adam, Layer, Mlp, Tape};
 use super::particle::Neighbours;
 use super::state::{Field, Keep};
 use crate::net::mat::{Init, Mat, MatMut, gemm};
 use crate::net::real::Real;
+use crate::net::simd;
 use crate::rng::{Rng, Stream};
 
 /// Width of the representation.
@@ -141,9 +141,9 @@ impl<T: Real> Proto<T> {
         let scale = T::of(1.0 / (TAU * rows as f64));
         for (u, q) in self.scores.chunks_exact_mut(count).zip(self.goal.chunks_exact(count)) {
             let top = u.iter().map(|v| v.f64()).fold(f64::MIN, f64::max);
-            let along = kernel::dot(u, q).f64();
+            let along = simd::dot(u, q).f64();
             let mass = q.iter().map(|v| v.f64()).sum::<f64>();
-            let sum = kernel::exp_sum(u, T::of(1.0 / TAU), T::of(top)).f64();
+            let sum = simd::exp_sum(u, T::of(1.0 / TAU), T::of(top)).f64();
             loss -= (along - mass * top) / TAU - mass * sum.ln();
             let share = T::of(mass / sum);
             for (u, &q) in u.iter_mut().zip(q) {
@@ -168,7 +168,7 @@ impl<T: Real> Proto<T> {
         for ((d, u), &norm) in
             self.d.chunks_exact_mut(rep).zip(self.unit.chunks_exact(rep)).zip(&norms)
         {
-            let along = kernel::dot(d, u);
+            let along = simd::dot(d, u);
             let inv = T::of(1.0 / norm);
             d.iter_mut().zip(u).for_each(|(d, &u)| *d = (*d - along * u) * inv);
         }
@@ -191,7 +191,7 @@ impl<T: Real> Proto<T> {
         let mut rng = Rng::new(seed, Stream::Skill, index);
         for p in self.scores.chunks_exact_mut(rows).take(count) {
             let top = p.iter().map(|v| v.f64()).fold(f64::MIN, f64::max);
-            let sum = kernel::exp_sum(p, T::of(1.0), T::of(top)).f64();
+            let sum = simd::exp_sum(p, T::of(1.0), T::of(top)).f64();
             let mut left = rng.uniform() * sum;
             let chosen = p.iter().position(|v| {
                 left -= v.f64();
@@ -205,7 +205,7 @@ impl<T: Real> Proto<T> {
         let d = self.neighbours.nearest(&self.unit, &self.queue, rep, NEIGHBOUR, false);
         out.clear();
         out.extend(d.chunks_exact(NEIGHBOUR).map(|row| row[NEIGHBOUR - 1]));
-        kernel::follow(&mut self.target.params, &self.predictor.params, T::of(FOLLOW));
+        simd::follow(&mut self.target.params, &self.predictor.params, T::of(FOLLOW));
     }
 }
 
@@ -227,7 +227,7 @@ fn scale<T: Real>(x: &mut [T], by: T) {
 fn normalise_rows<T: Real>(x: &mut [T], cols: usize) -> Vec<f64> {
     x.chunks_exact_mut(cols)
         .map(|row| {
-            let norm = kernel::dot(row, row).f64().sqrt().max(1e-12);
+            let norm = simd::dot(row, row).f64().sqrt().max(1e-12);
             let inv = T::of(1.0 / norm);
             scale(row, inv);
             norm
@@ -240,7 +240,7 @@ fn normalise_rows<T: Real>(x: &mut [T], cols: usize) -> Vec<f64> {
 fn sinkhorn<T: Real>(x: &mut [T], cols: usize) {
     let rows = x.len() / cols;
     let top = x.iter().map(|v| v.f64()).fold(f64::MIN, f64::max);
-    let total = kernel::exp_sum(x, T::of(1.0 / TAU), T::of(top));
+    let total = simd::exp_sum(x, T::of(1.0 / TAU), T::of(top));
     let inv = T::of(1.0 / total.f64());
     scale(x, inv);
     for _ in 0..ITERATIONS {

@@ -12,6 +12,7 @@ use super::mlp::{Adam, Layer, Mlp, Tape};
 use super::particle::Rms;
 use super::state::{Field, Keep};
 use crate::net::real::Real;
+use crate::net::simd;
 
 /// Outputs of both networks.
 const OUTPUTS: usize = 512;
@@ -75,7 +76,7 @@ impl<T: Real> Rnd<T> {
         let scale = T::of(2.0 / (rows * OUTPUTS) as f64);
         self.d.clear();
         self.d.extend(f.iter().zip(goal).map(|(&a, &b)| (a - b) * scale));
-        super::kernel::distance2(f, goal).f64() / (rows * OUTPUTS) as f64
+        simd::distance2(f, goal).f64() / (rows * OUTPUTS) as f64
     }
 
     /// Reward of each transition, after the step on the same batch: the normalised input and
@@ -86,7 +87,7 @@ impl<T: Real> Rnd<T> {
         out.extend(
             f.chunks_exact(OUTPUTS)
                 .zip(self.other.output().chunks_exact(OUTPUTS))
-                .map(|(a, b)| super::kernel::distance2(a, b) * T::of(1.0 / OUTPUTS as f64)),
+                .map(|(a, b)| simd::distance2(a, b) * T::of(1.0 / OUTPUTS as f64)),
         );
         self.error.add(out);
         let scale = T::of(1.0 / (self.error.std() + 1e-8));

@@ -6,8 +6,9 @@ use std::sync::Mutex;
 use std::sync::PoisonError;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use super::agent::{Agent, AgentKind, Point};
+use super::agent::{Agent, AgentKind, Sums};
 use super::collect::AgentSummary;
+use super::crew::spread;
 use super::env::{Env, Step};
 use super::error::Error;
 use super::fill::describe;
@@ -58,22 +59,7 @@ pub fn survey(
             mine.push((i, summary));
         }
     };
-    let results: Vec<_> = std::thread::scope(|scope| {
-        let handles: Vec<_> =
-            (1..threads.min(kinds.len()).max(1)).map(|_| scope.spawn(work)).collect();
-        let mut results = vec![work()];
-        for handle in handles {
-            match handle.join() {
-                Ok(result) => results.push(result),
-                Err(panic) => std::panic::resume_unwind(panic),
-            }
-        }
-        results
-    });
-    let mut all = Vec::new();
-    for result in results {
-        all.extend(result?);
-    }
+    let mut all = spread(threads.min(kinds.len()), work)?;
     all.sort_by_key(|(i, _)| *i);
     Ok(all.into_iter().map(|(_, s)| s).collect())
 }
@@ -124,8 +110,8 @@ fn baseline(
     let mut env = Env::new(robot)?;
     let mut coverage = Coverage::new(&described);
     let (mut q, mut v, mut action) = (vec![0.0; s], vec![0.0; s], vec![0.0; a]);
-    let mut near = vec![0.0_f64; s];
-    let (mut step, mut frames, mut episode, mut broken) = (0_u64, 0_u64, 0_u64, 0_u64);
+    let mut sums = Sums::default();
+    let (mut step, mut episode, mut broken) = (0_u64, 0_u64, 0_u64);
     let mut curve = Vec::new();
     let mut snapshots = preset.snapshots().into_iter().peekable();
     while snapshots.peek().is_some() {
@@ -155,23 +141,11 @@ fn baseline(
             }
             env.observe(&mut q, &mut v);
             coverage.add(&q, &v);
-            for ((j, x), n) in q.iter().enumerate().zip(&mut near) {
-                let pinned = described.is_near_limit(j, f64::from(*x));
-                *n += f64::from(u8::from(pinned));
-            }
-            (step, frames) = (step + 1, frames + 1);
-            if snapshots.next_if(|&n| step >= n).is_some_and(|nominal| {
-                curve.push(Point {
-                    step: nominal,
-                    coverage: coverage.share(),
-                    near_limit: near.iter().map(|n| n / frames.max(1) as f64).collect(),
-                    broken,
-                    ..Point::default()
-                });
-                true
-            }) {
-                near.fill(0.0);
-                frames = 0;
+            sums.add_frame(&described, &q, env.self_contact());
+            step += 1;
+            if let Some(nominal) = snapshots.next_if(|&n| step >= n) {
+                curve.push(sums.point(nominal, coverage.share(), broken));
+                sums = Sums::default();
             }
         }
         tick(step, kind.name());

@@ -1,8 +1,10 @@
-//! The elementwise half of the network: normalisation, activation, softmax, optimiser.
+//! The elementwise half of every network, the transformer's and the agents': normalisation,
+//! activation, softmax, optimiser.
 //!
-//! Rows are `width` numbers, a whole number of registers ([`super::config`] demands a
-//! multiple of 16), except attention scores, which are padded to [`PAD`]. Reductions run
-//! in a fixed order, so bits depend on the processor's register width and nothing else.
+//! Lengths are any. Those of the transformer are whole registers ([`super::config`] demands
+//! a multiple of 16), attention scores are padded to [`PAD`]; what is left over elsewhere is
+//! a partial register or a few scalars. Reductions run in a fixed order, so bits depend on
+//! the processor's register width and nothing else.
 
 // Vector code must be inlined into the function that pulp compiles for the processor found.
 #![allow(clippy::inline_always)]
@@ -19,53 +21,99 @@ pub const EPS: f64 = 1e-5;
 
 /// Defines a function whose body is compiled for every register width.
 macro_rules! kernel {
+    (@returns) => { () };
+    (@returns $out:ty) => { $out };
     ($(#[$doc:meta])* pub fn $name:ident<$t:ident, $simd:ident>
-     ($s:ident; $($arg:ident: $ty:ty),* $(,)?) $body:block) => {
+     ($s:ident; $($arg:ident: $ty:ty),* $(,)?) $(-> $out:ty)? $body:block) => {
         $(#[$doc])*
-        pub fn $name<'k, $t: Real>($($arg: $ty),*) {
+        pub fn $name<'k, $t: Real>($($arg: $ty),*) $(-> $out)? {
             struct Kernel<'k, $t: Real> {
                 $($arg: $ty,)*
                 life: std::marker::PhantomData<&'k $t>,
             }
             impl<'k, $t: Real> WithSimd for Kernel<'k, $t> {
-                type Output = ();
+                type Output = kernel!(@returns $($out)?);
                 #[inline(always)]
-                fn with_simd<$simd: Simd>(self, $s: $simd) {
+                fn with_simd<$simd: Simd>(self, $s: $simd) -> Self::Output {
                     let Kernel { $($arg,)* life: _ } = self;
                     $body
                 }
             }
-            Arch::new().dispatch(Kernel { $($arg,)* life: std::marker::PhantomData });
+            Arch::new().dispatch(Kernel { $($arg,)* life: std::marker::PhantomData })
         }
     };
+}
+
+/// x = f(x), register by register; missing lanes of the last one are 0 and are not stored.
+#[inline(always)]
+fn map<T: Real, S: Simd>(s: S, x: &mut [T], f: impl Fn(T::V<S>) -> T::V<S>) {
+    let (body, tail) = T::vectors_mut::<S>(x);
+    for v in body {
+        *v = f(*v);
+    }
+    if !tail.is_empty() {
+        let v = f(T::load(s, tail));
+        T::store(s, tail, v);
+    }
+}
+
+/// Sum of f(accumulator, x, y) over all registers; `f` must add 0 for lanes that are 0.
+#[inline(always)]
+fn fold<T: Real, S: Simd>(
+    s: S,
+    x: &[T],
+    y: &[T],
+    f: impl Fn(T::V<S>, T::V<S>, T::V<S>) -> T::V<S>,
+) -> T {
+    let (xs, xt) = T::vectors::<S>(x);
+    let (ys, yt) = T::vectors::<S>(y);
+    let mut acc = T::splat(s, T::default());
+    for (a, b) in xs.iter().zip(ys) {
+        acc = f(acc, *a, *b);
+    }
+    if !xt.is_empty() {
+        acc = f(acc, T::load(s, xt), T::load(s, yt));
+    }
+    T::vsum(s, acc)
 }
 
 kernel! {
     /// y = γ (x − mean) / sd + β, row by row; `stats` gets (mean, 1/sd) of each row.
     pub fn layer_norm<T, S>(s; x: &'k [T], gamma: &'k [T], beta: &'k [T], y: &'k mut [T], stats: &'k mut [[T; 2]]) {
         let width = gamma.len();
-        let (gamma, beta) = (T::vectors::<S>(gamma).0, T::vectors::<S>(beta).0);
+        let ((gamma, gamma_rest), (beta, beta_rest)) = (T::vectors::<S>(gamma), T::vectors::<S>(beta));
         let share = T::of(1.0 / width as f64);
         for ((x, y), stat) in x.chunks_exact(width).zip(y.chunks_exact_mut(width)).zip(stats) {
-            let x = T::vectors::<S>(x).0;
+            let (x, x_rest) = T::vectors::<S>(x);
             let mut sum = T::splat(s, T::default());
             for &x in x {
                 sum = T::vadd(s, sum, x);
             }
-            let mean = T::vsum(s, sum) * share;
+            let mut sum = T::vsum(s, sum);
+            for &x in x_rest {
+                sum += x;
+            }
+            let mean = sum * share;
             let means = T::splat(s, mean);
             let mut squares = T::splat(s, T::default());
             for &x in x {
                 let c = T::vsub(s, x, means);
                 squares = T::fma(s, c, c, squares);
             }
-            let rstd = T::of(1.0 / ((T::vsum(s, squares) * share).f64() + EPS).sqrt());
+            let mut squares = T::vsum(s, squares);
+            for &x in x_rest {
+                squares += (x - mean) * (x - mean);
+            }
+            let rstd = T::of(1.0 / ((squares * share).f64() + EPS).sqrt());
             let rstds = T::splat(s, rstd);
             *stat = [mean, rstd];
-            let y = T::vectors_mut::<S>(y).0;
+            let (y, y_rest) = T::vectors_mut::<S>(y);
             for (((y, &x), &g), &b) in y.iter_mut().zip(x).zip(gamma).zip(beta) {
                 let hat = T::vmul(s, T::vsub(s, x, means), rstds);
                 *y = T::fma(s, hat, g, b);
+            }
+            for (((y, &x), &g), &b) in y_rest.iter_mut().zip(x_rest).zip(gamma_rest).zip(beta_rest) {
+                *y = (x - mean) * rstd * g + b;
             }
         }
     }
@@ -76,13 +124,14 @@ kernel! {
     pub fn layer_norm_back<T, S>(s; dy: &'k [T], x: &'k [T], stats: &'k [[T; 2]], gamma: &'k [T],
                                  dx: &'k mut [T], dgamma: &'k mut [T], dbeta: &'k mut [T]) {
         let width = gamma.len();
-        let gamma = T::vectors::<S>(gamma).0;
-        let (dgamma, dbeta) = (T::vectors_mut::<S>(dgamma).0, T::vectors_mut::<S>(dbeta).0);
+        let (gamma, gamma_rest) = T::vectors::<S>(gamma);
+        let (dgamma, dgamma_rest) = T::vectors_mut::<S>(dgamma);
+        let (dbeta, dbeta_rest) = T::vectors_mut::<S>(dbeta);
         let share = T::of(1.0 / width as f64);
         let rows = dy.chunks_exact(width).zip(x.chunks_exact(width)).zip(dx.chunks_exact_mut(width));
         for (((dy, x), dx), &[mean, rstd]) in rows.zip(stats) {
-            let (dy, x) = (T::vectors::<S>(dy).0, T::vectors::<S>(x).0);
-            let dx = T::vectors_mut::<S>(dx).0;
+            let ((dy, dy_rest), (x, x_rest)) = (T::vectors::<S>(dy), T::vectors::<S>(x));
+            let (dx, dx_rest) = T::vectors_mut::<S>(dx);
             let (means, rstds) = (T::splat(s, mean), T::splat(s, rstd));
             let (mut sum, mut dot) = (T::splat(s, T::default()), T::splat(s, T::default()));
             let terms = dy.iter().zip(x).zip(gamma).zip(dgamma.iter_mut().zip(dbeta.iter_mut()));
@@ -94,15 +143,111 @@ kernel! {
                 sum = T::vadd(s, sum, d);
                 dot = T::fma(s, d, hat, dot);
             }
-            let sums = T::splat(s, T::vsum(s, sum) * share);
-            let dots = T::splat(s, T::vsum(s, dot) * share);
+            let (mut sum, mut dot) = (T::vsum(s, sum), T::vsum(s, dot));
+            for (i, ((&dy, &x), &g)) in dy_rest.iter().zip(x_rest).zip(gamma_rest).enumerate() {
+                let hat = (x - mean) * rstd;
+                dgamma_rest[i] += dy * hat;
+                dbeta_rest[i] += dy;
+                sum += dy * g;
+                dot += dy * g * hat;
+            }
+            let (sum, dot) = (sum * share, dot * share);
+            let (sums, dots) = (T::splat(s, sum), T::splat(s, dot));
             for (((&dy, &x), &g), dx) in dy.iter().zip(x).zip(gamma).zip(dx) {
                 let hat = T::vmul(s, T::vsub(s, x, means), rstds);
                 let d = T::vsub(s, T::vmul(s, dy, g), sums);
                 let d = T::vsub(s, d, T::vmul(s, hat, dots));
                 *dx = T::fma(s, d, rstds, *dx);
             }
+            for (((&dy, &x), &g), dx) in dy_rest.iter().zip(x_rest).zip(gamma_rest).zip(dx_rest) {
+                let hat = (x - mean) * rstd;
+                *dx += (dy * g - sum - hat * dot) * rstd;
+            }
         }
+    }
+}
+
+kernel! {
+    /// x ← tanh(x), by one exponential; beyond ±9 (f32) or ±19 (f64) it is 1 to the last bit.
+    pub fn tanh<T, S>(s; x: &'k mut [T]) {
+        let bound = if size_of::<T>() == 4 { 9.0 } else { 19.0 };
+        let all = |x: f64| T::splat(s, T::of(x));
+        let (low, zero, one, two) = (all(-bound), all(0.0), all(1.0), all(2.0));
+        map(
+            s,
+            x,
+            #[inline(always)]
+            |x| {
+                let x = T::vsub(s, zero, T::vmax(s, T::vsub(s, zero, T::vmax(s, x, low)), low));
+                let e = T::exp(s, T::vadd(s, x, x));
+                T::vsub(s, one, T::vdiv(s, two, T::vadd(s, e, one)))
+            },
+        );
+    }
+}
+
+kernel! {
+    /// Σ x y.
+    pub fn dot<T, S>(s; x: &'k [T], y: &'k [T]) -> T {
+        fold(
+            s,
+            x,
+            y,
+            #[inline(always)]
+            |acc, a, b| T::fma(s, a, b, acc),
+        )
+    }
+}
+
+kernel! {
+    /// Σ (x − y)².
+    pub fn distance2<T, S>(s; x: &'k [T], y: &'k [T]) -> T {
+        fold(
+            s,
+            x,
+            y,
+            #[inline(always)]
+            |acc, a, b| {
+                let d = T::vsub(s, a, b);
+                T::fma(s, d, d, acc)
+            },
+        )
+    }
+}
+
+kernel! {
+    /// x ← x + share (y − x): the moving average of target networks.
+    pub fn follow<T, S>(s; x: &'k mut [T], y: &'k [T], share: T) {
+        let share = T::splat(s, share);
+        let (x, x_rest) = T::vectors_mut::<S>(x);
+        let (y, y_rest) = T::vectors::<S>(y);
+        for (x, &y) in x.iter_mut().zip(y) {
+            *x = T::fma(s, share, T::vsub(s, y, *x), *x);
+        }
+        if !x_rest.is_empty() {
+            let (a, b) = (T::load(s, x_rest), T::load(s, y_rest));
+            T::store(s, x_rest, T::fma(s, share, T::vsub(s, b, a), a));
+        }
+    }
+}
+
+kernel! {
+    /// x ← e^(scale (x − shift)); returns the sum.
+    pub fn exp_sum<T, S>(s; x: &'k mut [T], scale: T, shift: T) -> T {
+        let (k, c, one) = (T::splat(s, scale), T::splat(s, shift), T::splat(s, T::of(1.0)));
+        map(
+            s,
+            x,
+            #[inline(always)]
+            |v| T::exp(s, T::vmul(s, k, T::vsub(s, v, c))),
+        );
+        fold(
+            s,
+            x,
+            x,
+            #[inline(always)]
+            |acc, a, _| T::fma(s, a, one, acc),
+        )
     }
 }
 
@@ -277,4 +422,57 @@ pub fn sum_of_squares<T: Real>(x: &[T]) -> f64 {
         })
         .iter()
         .sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tanh_is_tanh() {
+        for x in [-50.0, -9.5, -3.0, -0.1, 0.0, 1e-4, 0.7, 8.0, 100.0_f64] {
+            let mut y = [x; 5];
+            tanh(&mut y);
+            assert!((y[4] - x.tanh()).abs() < 1e-15, "{x}");
+            let mut y = [x as f32; 3];
+            tanh(&mut y);
+            assert!((f64::from(y[2]) - x.tanh()).abs() < 2e-7, "{x}");
+        }
+    }
+
+    #[test]
+    fn any_width_is_normalised_alike() {
+        // 16 numbers are whole registers everywhere; 21 leave five over on every processor.
+        for width in [3, 16, 21, 37] {
+            let x: Vec<f64> = (0..2 * width).map(|i| (i as f64 * 1.7).sin() + 0.3).collect();
+            let gamma: Vec<f64> = (0..width).map(|i| 1.0 + 0.1 * i as f64).collect();
+            let beta: Vec<f64> = (0..width).map(|i| 0.2 * i as f64).collect();
+            let (mut y, mut stats) = (vec![0.0; 2 * width], [[0.0; 2]; 2]);
+            layer_norm(&x, &gamma, &beta, &mut y, &mut stats);
+            for (x, y) in x.chunks(width).zip(y.chunks(width)) {
+                let mean = x.iter().sum::<f64>() / width as f64;
+                let var = x.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / width as f64;
+                for (i, y) in y.iter().enumerate() {
+                    let want = gamma[i] * (x[i] - mean) / (var + EPS).sqrt() + beta[i];
+                    assert!((y - want).abs() < 1e-12, "{width} {i}: {y} {want}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn sums_and_averages_take_odd_lengths() {
+        for n in [1, 7, 16, 19, 33] {
+            let x: Vec<f32> = (0..n).map(|i| i as f32).collect();
+            let y = vec![1.0_f32; n];
+            let total = (n * (n - 1) / 2) as f32;
+            assert_eq!(dot(&x, &y), total);
+            assert_eq!(distance2(&x, &x), 0.0);
+            let mut z = x.clone();
+            follow(&mut z, &y, 0.5);
+            assert!(z.iter().zip(&x).all(|(z, x)| *z == 0.5 * (x + 1.0)));
+            let mut ones = vec![2.0_f32; n];
+            assert!((exp_sum(&mut ones, 3.0, 2.0) - n as f32).abs() < 1e-5);
+        }
+    }
 }

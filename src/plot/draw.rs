@@ -109,6 +109,8 @@ struct Size {
 struct Entry {
     name: String,
     color: usize,
+    /// Whether panels draw it in different colours: then the pattern is what it explains.
+    varies: bool,
     sign: Sign,
 }
 
@@ -150,11 +152,11 @@ fn layout(figure: &Figure, letterer: &Letterer) -> Result<Size, Error> {
 fn legend(figure: &Figure) -> Vec<Entry> {
     let mut entries: Vec<Entry> = Vec::new();
     let mut add = |name: &str, color: usize, sign: Sign| {
-        let entry = Entry { name: name.to_owned(), color, sign };
         // The same name and pattern in several panels is one entry, whatever the colour there.
-        if !name.is_empty() && !entries.iter().any(|e| e.name == entry.name && e.sign == entry.sign)
-        {
-            entries.push(entry);
+        if let Some(e) = entries.iter_mut().find(|e| e.name == name && e.sign == sign) {
+            e.varies |= e.color != color;
+        } else if !name.is_empty() {
+            entries.push(Entry { name: name.to_owned(), color, varies: false, sign });
         }
     };
     for layer in figure.panels.iter().flat_map(|p| &p.layers) {
@@ -428,7 +430,7 @@ fn render<DB: DrawingBackend>(
             x = 0.0;
             y += LABEL * 1.7;
         }
-        canvas.entry(e, MARGIN + x, y, figure.panels.len() > 1)?;
+        canvas.entry(e, MARGIN + x, y)?;
         x += w;
     }
     let columns = figure.columns.clamp(1, figure.panels.len());
@@ -544,10 +546,9 @@ impl<DB: DrawingBackend> Canvas<'_, DB> {
         }
     }
 
-    fn entry(&self, e: &Entry, x: f64, y: f64, many: bool) -> Result<(), Error> {
-        // Between panels colour may differ: the pattern is what the entry explains.
+    fn entry(&self, e: &Entry, x: f64, y: f64) -> Result<(), Error> {
         let c = match e.sign {
-            Sign::Line(Dash::Solid) if many => self.theme.faint_ink(),
+            Sign::Line(Dash::Solid) if e.varies => self.theme.faint_ink(),
             _ => self.color(e.color),
         };
         match e.sign {

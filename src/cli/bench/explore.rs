@@ -27,6 +27,9 @@ pub(super) struct Args {
     /// Environment steps of each.
     #[arg(long, default_value_t = 200_000)]
     steps: u64,
+    /// Change one setting of url-fast, as in lr=3e-4; may be repeated.
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
     /// Seed.
     #[arg(long, default_value_t = 0)]
     seed: u64,
@@ -40,7 +43,10 @@ pub(super) struct Args {
 
 pub(super) fn run(args: &Args) -> Outcome {
     let robot = Arc::new(Robot::load(&args.robot)?);
-    let preset = Preset::url_fast().lasting(args.steps);
+    let mut preset = Preset::url_fast().lasting(args.steps);
+    for assignment in &args.set {
+        preset.set(assignment)?;
+    }
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
     let cancel = interrupt::cancel_on_ctrl_c();
     let bar = Bar::new("explore", "steps", args.json);
@@ -67,10 +73,14 @@ pub(super) fn run(args: &Args) -> Outcome {
             }
             let pinned = p.near_limit.iter().sum::<f64>() / p.near_limit.len().max(1) as f64;
             row.push(format!(
-                "r {:.3}\ncover {:.1} %\npinned {:.1} %",
-                p.reward,
+                "cover {:.1} %\nr {:.3}\nQ {:.2}\n|a| {:.2}\nsat {:.0} %\npinned {:.1} %\ntouch {:.1} %",
                 p.coverage * 100.0,
-                pinned * 100.0
+                p.reward,
+                p.value,
+                p.action,
+                p.saturated * 100.0,
+                pinned * 100.0,
+                p.self_contact * 100.0,
             ));
         }
         table.add_row(row);

@@ -1,0 +1,33 @@
+//! Several threads at one kind of work.
+
+use super::error::Error;
+
+/// Runs `work` on `threads` threads, this one among them, and joins what they return, in no
+/// particular order. The first error wins; a cancellation that it caused elsewhere does not
+/// hide it.
+pub(super) fn spread<T: Send>(
+    threads: usize,
+    work: impl Fn() -> Result<Vec<T>, Error> + Sync,
+) -> Result<Vec<T>, Error> {
+    let results: Vec<Result<Vec<T>, Error>> = std::thread::scope(|scope| {
+        let handles: Vec<_> = (1..threads).map(|_| scope.spawn(&work)).collect();
+        let mut results = vec![work()];
+        for handle in handles {
+            match handle.join() {
+                Ok(result) => results.push(result),
+                Err(panic) => std::panic::resume_unwind(panic),
+            }
+        }
+        results
+    });
+    let mut all = Vec::new();
+    let mut failed = None;
+    for result in results {
+        match (result, &failed) {
+            (Ok(items), _) => all.extend(items),
+            (Err(e), None | Some(Error::Cancelled { .. })) => failed = Some(e),
+            (Err(_), Some(_)) => {}
+        }
+    }
+    failed.map_or(Ok(all), Err)
+}
