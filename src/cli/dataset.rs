@@ -57,6 +57,19 @@ enum What {
         #[command(flatten)]
         out: Out,
     },
+    /// Keep the trajectories of some agents, or evenly as many as a number of frames holds.
+    Pick {
+        /// Dataset folder.
+        data: PathBuf,
+        /// Agents to keep; all if not given.
+        #[arg(long, value_delimiter = ',')]
+        agent: Vec<String>,
+        /// Frames to keep at most.
+        #[arg(long)]
+        frames: Option<u64>,
+        #[command(flatten)]
+        out: Out,
+    },
     /// Keep every K-th trajectory (of the train part, once a split is fixed).
     Shrink {
         /// Keep one trajectory in K.
@@ -142,6 +155,9 @@ pub(super) fn run(args: Args) -> Outcome {
         }
         What::Split { data, seed, test, out } => {
             view(&data, &out, |m| dataset::split(m, seed, test))
+        }
+        What::Pick { data, agent, frames, out } => {
+            view(&data, &out, |m| dataset::pick(m, &agent, frames))
         }
         What::Shrink { k, data, out } => view(&data, &out, |m| dataset::shrink(m, k)),
         What::Corrupt { p, data, per_slot, seed, out } => {

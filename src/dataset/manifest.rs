@@ -145,6 +145,13 @@ pub enum View {
         /// The part.
         part: Part,
     },
+    /// Only these agents' trajectories were kept, thinned evenly to so many frames.
+    Pick {
+        /// The agents; empty for all.
+        agents: Vec<String>,
+        /// At most this many frames, if there is a limit.
+        frames: Option<u64>,
+    },
     /// Every k-th trajectory was kept.
     Shrink {
         /// k.

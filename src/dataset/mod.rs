@@ -27,5 +27,5 @@ pub use manifest::{Episode, FORMAT, Manifest, Part, Physics, Robot, ShardEntry, 
 pub use open::{Dataset, Problem, Verify};
 pub use shard::{EpisodeMeta, Shard, ShardBuilder, ShardHeader};
 pub use stats::{Moments, Normaliser, Statistics};
-pub use view::{Corruption, corrupt, merge, rebase, shrink, split};
+pub use view::{Corruption, corrupt, merge, pick, rebase, shrink, split};
 pub use windows::{Window, Windows};

@@ -107,6 +107,36 @@ pub fn shrink(m: &mut Manifest, k: u64) -> Result<(), Error> {
     Ok(())
 }
 
+/// Keeps the trajectories of these agents (all when none is named), of them evenly as many
+/// as `frames` holds. So datasets of different agents can be judged at equal size.
+///
+/// # Errors
+/// [`Error::Argument`] for an agent that has no trajectory here.
+pub fn pick(m: &mut Manifest, agents: &[String], frames: Option<u64>) -> Result<(), Error> {
+    if let Some(missing) = agents.iter().find(|a| m.episodes.iter().all(|e| e.agent != **a)) {
+        let known: BTreeSet<&str> = m.episodes.iter().map(|e| e.agent.as_str()).collect();
+        let must = "an agent of this dataset";
+        let got = format!("{missing} (it has {})", Vec::from_iter(known).join(", "));
+        return Err(Error::Argument { name: "agent", must, got });
+    }
+    m.episodes.retain(|e| agents.is_empty() || agents.contains(&e.agent));
+    if let Some(most) = frames {
+        let all: u64 = m.episodes.iter().map(|e| e.length).sum();
+        let (mut seen, mut kept) = (0_u64, 0_u64);
+        m.episodes.retain(|e| {
+            seen += e.length;
+            // As many frames as this far into the list are due.
+            let due = u128::from(seen) * u128::from(most) / u128::from(all.max(1));
+            let keep = all <= most || u128::from(kept + e.length) <= due;
+            kept += if keep { e.length } else { 0 };
+            keep
+        });
+    }
+    m.views.push(View::Pick { agents: agents.to_vec(), frames });
+    drop_unused_shards(m);
+    Ok(())
+}
+
 /// How to corrupt a dataset.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Corruption {
@@ -379,6 +409,26 @@ pub(super) mod tests {
         let mut fixed = m.clone();
         split(&mut fixed, 1, 0.05).unwrap();
         assert_eq!(part(&fixed, Part::Test, 99), test);
+    }
+
+    #[test]
+    fn pick_keeps_agents_and_thins_evenly() {
+        let dir = tempfile::tempdir().unwrap();
+        let m = dataset(dir.path(), 30, 1);
+        let mut a = m.clone();
+        pick(&mut a, &["a".to_owned()], None).unwrap();
+        assert!(a.episodes.iter().all(|e| e.agent == "a"));
+        assert!(!a.episodes.is_empty() && a.episodes.len() < m.episodes.len());
+        let mut few = m.clone();
+        pick(&mut few, &[], Some(800)).unwrap();
+        assert!((700..=800).contains(&few.totals.frames), "{}", few.totals.frames);
+        let last = |m: &Manifest| m.episodes.last().map(|e| (m.shards[e.shard].index, e.start));
+        let first = few.episodes.first().map(|e| e.start);
+        assert!(first < Some(400) && last(&few) > Some((1, 400)), "from end to end");
+        let mut all = m.clone();
+        pick(&mut all, &[], Some(1 << 40)).unwrap();
+        assert_eq!(all.episodes, m.episodes);
+        assert!(pick(&mut all, &["z".to_owned()], None).unwrap_err().to_string().contains('z'));
     }
 
     #[test]

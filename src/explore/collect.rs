@@ -277,7 +277,10 @@ impl Run<'_> {
     fn train_all(&self) -> Result<Vec<AgentSummary>, Error> {
         let kinds = &self.config.agents;
         let learners = kinds.iter().filter(|k| k.learns()).count();
-        let total = learners as u64 * self.config.preset.steps;
+        let steps =
+            kinds.iter().filter_map(|&k| self.config.used_snapshots(k).last().copied()).max();
+        let steps = steps.unwrap_or(0);
+        let total = learners as u64 * steps;
         let (next, active) = (AtomicUsize::new(0), AtomicUsize::new(0));
         let stop = AtomicBool::new(false);
         let board: Mutex<BTreeMap<AgentKind, (u64, String)>> = Mutex::default();
@@ -294,10 +297,10 @@ impl Run<'_> {
                 broken_note(agent.ledger.broken),
             );
             let mut board = board.lock().unwrap_or_else(PoisonError::into_inner);
-            board.insert(kind, (agent.ledger.step.min(self.config.preset.steps), note));
+            board.insert(kind, (agent.ledger.step.min(steps), note));
             let done = board.values().map(|(n, _)| n).sum();
             let rate = fresh as f64 / start.elapsed().as_secs_f64().max(1e-3);
-            let running = board.values().filter(|(n, _)| *n < self.config.preset.steps);
+            let running = board.values().filter(|(n, _)| *n < steps);
             let notes: Vec<&str> = running.map(|(_, s)| s.as_str()).collect();
             self.progress.tick(done, total, &format!("{rate:.0}/s  {}", notes.join("  ")));
         };
@@ -346,7 +349,8 @@ impl Run<'_> {
         };
         checkpoint::load(&mut agent, &dir)?;
         report(kind, &agent, 0);
-        for nominal in preset.snapshots() {
+        // What comes after the last snapshot that is rolled out would be trained for nothing.
+        for nominal in self.config.used_snapshots(kind) {
             let mut reported = agent.ledger.step;
             let mut since = 0;
             while agent.ledger.step < nominal {

@@ -30,7 +30,8 @@ pub struct Preset {
     /// Exploration noise, in training and in roll-outs.
     pub spread: Spread,
     /// An episode ends when a joint has stood at a stop for this many frames, in training and
-    /// in roll-outs; 0 for never. A joint that starts there may stay there.
+    /// in roll-outs; 0 for never. A joint that starts there may stay there. Not for hands,
+    /// whose joints reach a stop within a second.
     pub pinned_frames: u64,
     /// Default length of training, environment steps.
     pub steps: u64,
@@ -74,7 +75,7 @@ impl Preset {
             scale_obs: true,
             lr: 1e-3,
             spread: Spread { sigma: [0.1, 0.8], tau_secs: [0.06, 4.0] },
-            pinned_frames: 20,
+            pinned_frames: 0,
             steps: 200_000,
             snapshot_every: 10_000,
         }
