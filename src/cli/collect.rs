@@ -17,7 +17,7 @@ pub(super) struct Args {
     /// Robot: id, or a folder with robot.xml.
     #[arg(long)]
     robot: String,
-    /// Who collects, equal parts each: rnd, icm, apt, aps, proto, noise, uniform.
+    /// Who collects, equal parts each: rnd, icm, apt, aps, proto, noise, babble, uniform.
     #[arg(long, value_delimiter = ',', default_value = "noise")]
     agent: Vec<AgentKind>,
     /// Frames to record in all.

@@ -81,8 +81,7 @@ pub(super) fn run(
     let speeds: Vec<(usize, Option<usize>)> = joints.iter().map(|&j| (j, None)).collect();
     let few = |list: &[(usize, Option<usize>)], n| list.iter().copied().take(n).collect::<Vec<_>>();
     let mut panels: Vec<Panel> = Vec::new();
-    let columns;
-    if by_agent {
+    let columns = if by_agent {
         let planes = [few(&pairs, PLANES_BY_AGENT), few(&speeds, PLANES_BY_AGENT)].concat();
         for (row, (a, b)) in planes.into_iter().enumerate() {
             for (k, name) in sample.agents.iter().enumerate() {
@@ -90,7 +89,7 @@ pub(super) fn run(
                 panels.push(plane(title, Some(k), a, b));
             }
         }
-        columns = sample.agents.len().max(1);
+        sample.agents.len().max(1)
     } else {
         panels.extend(
             joints
@@ -104,8 +103,8 @@ pub(super) fn run(
         for (a, b) in [few(&pairs, PLANES), few(&speeds, PLANES)].concat() {
             panels.push(plane("", None, a, b));
         }
-        columns = if panels.len() > 16 { 5 } else { 4 };
-    }
+        if panels.len() > 16 { 5 } else { 4 }
+    };
     let s = &m.statistics;
     let note = format!(
         "{} frames of {} trajectories by {}; coverage {:.1} %, any joint near a stop in {:.0} %, self-contact in {:.0} %",

@@ -1,6 +1,6 @@
 //! `robert new`: from a foreign robot's file to a policy that performs it, in one command.
 //!
-//! Import, collect smooth noise, fit the closed form (the instant policy, usable at once),
+//! Import, collect random motion, fit the closed form (the instant policy, usable at once),
 //! train the network, compare both on trial clips and keep the better one in the robot's
 //! folder, where every other command finds it. Each part is the command of that name with
 //! its own defaults; a stopped run goes on where it was.
@@ -52,7 +52,7 @@ pub(super) struct Args {
     out: PathBuf,
     #[command(flatten)]
     model: ModelFlags,
-    /// Frames of noise to collect.
+    /// Frames of random motion to collect.
     #[arg(long, default_value_t = 200_000, value_parser = clap::value_parser!(u64).range(10_000..))]
     transitions: u64,
     /// Minutes of training on this machine; 0 stops at the instant policy.
@@ -115,12 +115,13 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     }
     let robot = Arc::new(Robot::from_folder(&args.out)?);
 
-    say(&format!("2 collect: {} frames of smooth noise", args.transitions));
     let config = CollectConfig {
         transitions: args.transitions,
         seed: args.seed,
         ..CollectConfig::new(&robot)
     };
+    let who: Vec<&str> = config.agents.iter().map(|a| a.name()).collect();
+    say(&format!("2 collect: {} frames by {}", args.transitions, who.join(", ")));
     let bar = Bar::new("collect", "steps", global.quiet);
     let resume = places.data.exists();
     let collected = collect(&robot, &config, &places.data, resume, threads, &bar, &cancel);

@@ -51,19 +51,22 @@ pub enum AgentKind {
     Proto,
     /// Smooth noise, no learning.
     Noise,
+    /// Random references behind weak servos, no learning.
+    Babble,
     /// Uniform random torque, no learning: the naive baseline.
     Uniform,
 }
 
 impl AgentKind {
     /// All, in the order in which they are listed everywhere.
-    pub const ALL: [AgentKind; 7] = [
+    pub const ALL: [AgentKind; 8] = [
         AgentKind::Rnd,
         AgentKind::Icm,
         AgentKind::Apt,
         AgentKind::Aps,
         AgentKind::Proto,
         AgentKind::Noise,
+        AgentKind::Babble,
         AgentKind::Uniform,
     ];
 
@@ -76,13 +79,14 @@ impl AgentKind {
             AgentKind::Aps => "aps",
             AgentKind::Proto => "proto",
             AgentKind::Noise => "noise",
+            AgentKind::Babble => "babble",
             AgentKind::Uniform => "uniform",
         }
     }
 
     /// Whether it learns before it collects.
     pub fn learns(self) -> bool {
-        !matches!(self, AgentKind::Noise | AgentKind::Uniform)
+        !matches!(self, AgentKind::Noise | AgentKind::Babble | AgentKind::Uniform)
     }
 }
 
@@ -116,7 +120,7 @@ impl Curiosity {
             AgentKind::Apt => Curiosity::Apt(Box::new(Apt::new(obs, act, h, seed))),
             AgentKind::Aps => Curiosity::Aps(Box::new(Aps::new(obs, h, seed))),
             AgentKind::Proto => Curiosity::Proto(Box::new(Proto::new(obs, seed))),
-            AgentKind::Noise | AgentKind::Uniform => return None,
+            AgentKind::Noise | AgentKind::Babble | AgentKind::Uniform => return None,
         })
     }
 

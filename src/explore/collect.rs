@@ -23,6 +23,7 @@ use std::time::Instant;
 use serde::{Deserialize, Serialize};
 
 use super::agent::{Agent, AgentKind, Ledger, Point};
+use super::babble::BabbleRule;
 use super::checkpoint;
 use super::crew::spread;
 use super::error::Error;
@@ -59,13 +60,20 @@ pub struct CollectConfig {
     pub snapshots_until: f64,
 }
 
+/// The collector that needs no training and no tuning on this robot: the tried noise of a
+/// built-in one, babbling where motors sit at joints, else noise.
+fn unlearned(robot: &Robot) -> AgentKind {
+    let tried = Robot::builtin_ids().any(|id| id == robot.id());
+    if !tried && BabbleRule::of(robot).is_ok() { AgentKind::Babble } else { AgentKind::Noise }
+}
+
 impl CollectConfig {
-    /// Defaults for a robot: episodes of 250 frames; the first half of the snapshots for the
+    /// Defaults for a robot: a collector without training; episodes of 250 frames; the first half of the snapshots for the
     /// `UR5e`, all of them otherwise.
     pub fn new(robot: &Robot) -> Self {
         let early = robot.id().starts_with("ur5e");
         CollectConfig {
-            agents: vec![AgentKind::Noise],
+            agents: vec![unlearned(robot)],
             preset: Preset::url_fast(),
             transitions: 400_000,
             seed: 0,
@@ -500,6 +508,7 @@ impl Run<'_> {
         let plain = |policy| (vec![(0, Arc::new(policy))], Vec::new());
         match kind {
             AgentKind::Noise => Ok(plain(Policy::Noise(NoiseRule::of(self.robot)))),
+            AgentKind::Babble => Ok(plain(Policy::Babble(BabbleRule::of(self.robot)?))),
             AgentKind::Uniform => Ok(plain(Policy::Uniform)),
             _ => {
                 let dir = self.agent_dir(kind);

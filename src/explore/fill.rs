@@ -184,8 +184,8 @@ impl Wave {
                 if ends[i] != End::Running {
                     continue;
                 }
-                mind.act(means.get(i * a..(i + 1) * a).unwrap_or_default(), &mut action);
                 let o = &obs[i * 2 * s..(i + 1) * 2 * s];
+                mind.act(o, means.get(i * a..(i + 1) * a).unwrap_or_default(), &mut action);
                 match lane.env.step(&action) {
                     Step::Ok => {
                         lane.qpos.extend_from_slice(&o[..s]);

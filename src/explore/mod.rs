@@ -13,6 +13,7 @@
 mod agent;
 mod aps;
 mod apt;
+mod babble;
 mod batch;
 mod bench;
 mod checkpoint;

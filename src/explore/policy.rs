@@ -10,6 +10,7 @@ use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use serde::{Deserialize, Serialize};
 
 use super::aps;
+use super::babble::{Babble, BabbleRule};
 use super::error::Error;
 use super::noise::{Noise, NoiseRule};
 use super::wander::{Spread, Wander};
@@ -245,6 +246,8 @@ impl Actor {
 pub(crate) enum Policy {
     /// Smooth noise.
     Noise(NoiseRule),
+    /// Random references behind weak servos.
+    Babble(BabbleRule),
     /// A fresh uniform torque every frame: the naive baseline.
     Uniform,
     /// A trained agent with its exploration noise; one skill for the whole episode.
@@ -255,6 +258,7 @@ pub(crate) enum Policy {
 #[derive(Debug)]
 pub(crate) enum Mind {
     Noise(Box<Noise>),
+    Babble(Box<Babble>),
     Uniform(Rng),
     Actor(Wander),
 }
@@ -272,6 +276,7 @@ impl Policy {
     pub(crate) fn begin(&self, seed: u64, skill: &mut [f32]) -> Mind {
         match self {
             Policy::Noise(rule) => Mind::Noise(Box::new(Noise::new(rule, seed))),
+            Policy::Babble(rule) => Mind::Babble(Box::new(Babble::new(rule, seed))),
             Policy::Uniform => Mind::Uniform(Rng::new(seed, Stream::Noise, 0)),
             Policy::Actor(actor, spread) => {
                 let mut rng = Rng::new(seed, Stream::Noise, 0);
@@ -300,10 +305,15 @@ impl Policy {
 }
 
 impl Mind {
-    /// The action of one episode, given the mean action (A) if a network acts.
-    pub(crate) fn act(&mut self, mean: &[f32], action: &mut [f32]) {
+    /// The action of one episode, given positions and speeds (2 S) and the mean action (A)
+    /// if a network acts.
+    pub(crate) fn act(&mut self, obs: &[f32], mean: &[f32], action: &mut [f32]) {
         match self {
             Mind::Noise(noise) => noise.next(action),
+            Mind::Babble(babble) => {
+                let (q, v) = obs.split_at(obs.len() / 2);
+                babble.next(q, v, action);
+            }
             Mind::Uniform(rng) => {
                 for a in action {
                     *a = rng.range(-1.0, 1.0) as f32;

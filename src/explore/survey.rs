@@ -7,12 +7,14 @@ use std::sync::PoisonError;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use super::agent::{Agent, AgentKind, Sums};
+use super::babble::BabbleRule;
 use super::collect::AgentSummary;
 use super::crew::spread;
 use super::env::{Env, Step};
 use super::error::Error;
 use super::fill::describe;
-use super::noise::{Noise, NoiseRule};
+use super::noise::NoiseRule;
+use super::policy::Policy;
 use super::preset::Preset;
 use crate::dataset::Coverage;
 use crate::progress::{Cancel, Progress};
@@ -105,11 +107,16 @@ fn baseline(
     tick: &dyn Fn(u64, &str),
 ) -> Result<AgentSummary, Error> {
     let described = describe(robot);
-    let rule = NoiseRule::of(robot);
+    let policy = match kind {
+        AgentKind::Noise => Policy::Noise(NoiseRule::of(robot)),
+        AgentKind::Babble => Policy::Babble(BabbleRule::of(robot)?),
+        _ => Policy::Uniform,
+    };
     let (s, a) = (robot.state_dim(), robot.action_dim());
     let mut env = Env::new(robot)?;
     let mut coverage = Coverage::new(&described);
     let (mut q, mut v, mut action) = (vec![0.0; s], vec![0.0; s], vec![0.0; a]);
+    let mut obs = vec![0.0; 2 * s];
     let mut sums = Sums::default();
     let (mut step, mut episode, mut broken) = (0_u64, 0_u64, 0_u64);
     let mut curve = Vec::new();
@@ -121,16 +128,11 @@ fn baseline(
         let own = draw(seed ^ kind as u64, Stream::Reset, episode);
         episode += 1;
         env.reset(&mut Rng::new(own, Stream::Reset, 0))?;
-        let mut noise = Noise::new(&rule, own);
-        let mut rng = Rng::new(own, Stream::Noise, 1);
+        let mut mind = policy.begin(own, &mut []);
+        env.observe(&mut obs[..s], &mut v);
+        obs[s..].copy_from_slice(&v);
         for _ in 0..EPISODE_FRAMES {
-            if kind == AgentKind::Noise {
-                noise.next(&mut action);
-            } else {
-                for x in &mut action {
-                    *x = rng.range(-1.0, 1.0) as f32;
-                }
-            }
+            mind.act(&obs, &[], &mut action);
             match env.step(&action) {
                 Step::Ok => {}
                 Step::Implausible => break,
@@ -140,6 +142,8 @@ fn baseline(
                 }
             }
             env.observe(&mut q, &mut v);
+            obs[..s].copy_from_slice(&q);
+            obs[s..].copy_from_slice(&v);
             coverage.add(&q, &v);
             sums.add_frame(&described, &q, env.self_contact());
             step += 1;

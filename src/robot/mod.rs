@@ -26,6 +26,7 @@ mod mesh;
 mod mirror;
 pub mod preparse;
 mod profile;
+mod servo;
 mod settle;
 mod text;
 
@@ -38,6 +39,7 @@ pub use profile::{
     ActuatorSpec, Camera, Coupling, Drive, FORMAT, Group, JointSpec, MODEL_FILE, MirrorRow,
     MirrorSpec, NEAR_LIMIT, PROFILE_FILE, Physics, PoseSpec, Profile, SettleSpec, valid_id,
 };
+pub use servo::Servo;
 pub use settle::Settled;
 
 use std::path::{Path, PathBuf};

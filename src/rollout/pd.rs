@@ -1,10 +1,5 @@
 //! Proportional-derivative control with gains from the mass matrix: what a roboticist
-//! tries first, without planner or data.
-//!
-//! Each joint is taken for itself: inertia M and damping c give its answer to a torque
-//! held for one frame T. With tau = M/c and g = tau (1 - e^(-T/tau)), a joint at speed v
-//! moves by g v on its own and by b = (T - g)/c per unit of torque, so
-//! u = alpha (r - q - g v)/b would reach the target r in one frame at alpha = 1.
+//! tries first, without planner or data. The gains are those of [`crate::robot::Servo`].
 
 use std::sync::Arc;
 
@@ -12,20 +7,19 @@ use super::actuation::Actuation;
 use super::error::Error;
 use super::plant::Belief;
 use super::policy::{Policy, View};
-use crate::robot::Robot;
-use crate::units::CTRL_DT;
+use crate::robot::{Robot, Servo};
 
 /// Share of the remaining way that one frame aims at. Full deadbeat (1) rings with the
 /// coupling between joints that the diagonal gains ignore.
-const ALPHA: f64 = 0.9;
+const SHARE: f64 = 0.9;
 
 /// PD on a straight reference, joint by joint.
 #[derive(Debug)]
 pub(super) struct Pd {
     robot: Arc<Robot>,
     actuation: Actuation,
-    /// Torque per rad of error and per rad/s, by state joint.
-    gains: Vec<(f64, f64)>,
+    /// By state joint.
+    servos: Vec<Servo>,
     torque: Vec<f64>,
 }
 
@@ -38,32 +32,13 @@ impl Pd {
         let mut belief = Belief::new(robot)?;
         robot.write_state(&mut belief.data, &robot.home())?;
         let actuation = Actuation::new(robot, &mut belief.data)?;
-        let nv = robot.model().nv();
-        let mut mass = vec![0.0; nv * nv];
-        belief.data.full_mass(&mut mass)?;
-        let gains = robot
-            .joints()
-            .iter()
-            .map(|j| {
-                let inertia = mass[j.dofadr * nv + j.dofadr].max(1e-9);
-                let damping = robot.model().dof_damping()[j.dofadr];
-                gains(inertia, damping)
-            })
-            .collect();
-        Ok(Pd { robot: Arc::clone(robot), actuation, gains, torque: vec![0.0; nv] })
+        Ok(Pd {
+            robot: Arc::clone(robot),
+            actuation,
+            servos: robot.servos(SHARE)?,
+            torque: vec![0.0; robot.model().nv()],
+        })
     }
-}
-
-/// (kp, kd) for one joint; the undamped limit is b = T^2/(2M), g = T.
-fn gains(inertia: f64, damping: f64) -> (f64, f64) {
-    let (b, g) = if damping * CTRL_DT < 1e-6 * inertia {
-        (CTRL_DT * CTRL_DT / (2.0 * inertia), CTRL_DT)
-    } else {
-        let tau = inertia / damping;
-        let g = tau * (1.0 - (-CTRL_DT / tau).exp());
-        ((CTRL_DT - g) / damping, g)
-    };
-    (ALPHA / b, ALPHA * g / b)
 }
 
 impl Policy for Pd {
@@ -75,30 +50,12 @@ impl Policy for Pd {
 
     fn act(&mut self, view: &View<'_>, action: &mut [f64]) -> Result<(), Error> {
         self.torque.fill(0.0);
-        for (k, (joint, (kp, kd))) in self.robot.joints().iter().zip(&self.gains).enumerate() {
+        for (k, (joint, servo)) in self.robot.joints().iter().zip(&self.servos).enumerate() {
             let error = view.window.next_target(k) - view.window.current[k];
-            self.torque[joint.dofadr] = kp * error - kd * view.state.qvel[joint.dofadr];
+            let speed = view.state.qvel[joint.dofadr];
+            self.torque[joint.dofadr] = servo.kp * error - servo.kd * speed;
         }
         self.actuation.action(&self.torque, action);
         Ok(())
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn gains_reach_the_target_of_a_single_joint() {
-        for (inertia, damping) in [(3.0, 100.0), (0.0003, 0.05), (4.0, 0.0), (0.3, 3.0)] {
-            let (kp, kd) = gains(inertia, damping);
-            let (mut q, mut v, dt) = (0.0, 0.4, CTRL_DT / 1000.0);
-            let u = (kp * (1.0 - q) - kd * v) / ALPHA;
-            for _ in 0..1000 {
-                v += dt * (u - damping * v) / inertia;
-                q += dt * v;
-            }
-            assert!((q - 1.0_f64).abs() < 2e-2, "M {inertia}, c {damping}: reached {q}");
-        }
     }
 }

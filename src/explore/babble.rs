@@ -1,0 +1,251 @@
+//! Babbling collector: random references, followed by weak servos, under random torque.
+//!
+//! Free torque noise throws a light arm with strong motors against its stops, where torque
+//! cannot be read from positions, and lets it lie there. Living things explore otherwise:
+//! they reach for random places and hold them (motor babbling; Demiris and Dearden 2005,
+//! Rolf et al. 2010). Per episode and joint a reference either wanders about a place
+//!
+//! ```text
+//! x'  = x e^(-dt/tau) + sqrt(1 - e^(-2 dt/tau)) n        tau log-uniform .2-3 s
+//! r   = centre + amplitude x
+//! ```
+//!
+//! or dashes to another place and rests there. A servo covers a share of the way each frame,
+//! the share log-uniform, so that stiff and soft motion both occur:
+//!
+//! ```text
+//! a   = clamp((kp (r - q) - kd v + disturbance) / full torque, +-1)
+//! ```
+//!
+//! No task, no reward, no demonstration; of the robot it takes ranges, speeds and the
+//! inertia that any servo is tuned by.
+
+use super::error::Error;
+use crate::rng::{Rng, Stream};
+use crate::robot::{Drive, Robot, Servo};
+use crate::units::{CTRL_DT, Unit};
+
+/// Share of the way that a servo covers in a frame.
+const SHARE: [f64; 2] = [0.03, 0.5];
+/// Correlation time of a wandering reference and of the disturbance, seconds.
+const TAU_SECS: [f64; 2] = [0.2, 3.0];
+const DISTURBANCE_SECS: [f64; 2] = [0.06, 1.0];
+/// Largest disturbance, in the torque that the servo needs for a frame at full speed.
+const DISTURBANCE: f64 = 0.5;
+/// Its white part.
+const WHITE: f64 = 0.05;
+/// Amplitude of a wandering reference, in half ranges.
+const AMPLITUDE: [f64; 2] = [0.05, 0.6];
+/// Length of a dash, in ranges.
+const DASH: [f64; 2] = [0.05, 0.8];
+/// Mean rest after a dash, seconds.
+const REST_SECS: f64 = 0.8;
+/// Pace of references, in greatest sustained speeds.
+const PACE: [f64; 2] = [0.1, 1.0];
+/// References keep this share of the range away from stops.
+const MARGIN: f64 = 0.03;
+/// Range of a joint without end about home: rad, m.
+const UNBOUNDED: [f64; 2] = [1.5, 0.5];
+
+/// What the babbling of a robot is made of.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct BabbleRule {
+    joints: Vec<Joint>,
+    /// For each actuator the joint that it turns, and its torque at action 0 and 1.
+    motors: Vec<(usize, f64, f64)>,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+struct Joint {
+    lo: f64,
+    hi: f64,
+    speed: f64,
+    /// At share 1.
+    servo: Servo,
+}
+
+impl BabbleRule {
+    /// The rule of a robot with a motor at each driven joint.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] for tendons and the like; [`Error::Robot`].
+    pub(crate) fn of(robot: &Robot) -> Result<Self, Error> {
+        let gear = robot.model().actuator_gear();
+        let mut motors = Vec::new();
+        for (k, a) in robot.actuators().iter().enumerate() {
+            let joint = match &a.drive {
+                Drive::Joint(name) => robot.joint_index(name)?,
+                _ => {
+                    return Err(Error::Argument {
+                        name: "agent",
+                        must: "noise for this robot: babble needs motors at joints".to_owned(),
+                        got: format!("babble, with motor {} at something else", a.name),
+                    });
+                }
+            };
+            let gear = gear.get(6 * k).copied().unwrap_or(1.0);
+            let [lo, hi] = a.ctrlrange;
+            motors.push((joint, 0.5 * gear * (lo + hi), 0.5 * gear * (hi - lo)));
+        }
+        let servos = robot.servos(1.0)?;
+        let joints = robot
+            .joints()
+            .iter()
+            .zip(robot.home())
+            .zip(servos)
+            .map(|((j, home), servo)| {
+                let [lo, hi] = if j.unbounded {
+                    let room = UNBOUNDED[usize::from(j.unit == Unit::M)];
+                    [home - room, home + room]
+                } else {
+                    j.range
+                };
+                let margin = MARGIN * (hi - lo);
+                Joint { lo: lo + margin, hi: hi - margin, speed: j.speed_limit.max(1e-3), servo }
+            })
+            .collect();
+        Ok(BabbleRule { joints, motors })
+    }
+}
+
+/// The babbling of one episode.
+#[derive(Clone, Debug)]
+pub(crate) struct Babble {
+    rng: Rng,
+    rule: BabbleRule,
+    share: f64,
+    /// Wander (true) or dash.
+    wanders: bool,
+    keep: f64,
+    disturbance: f64,
+    disturbance_keep: f64,
+    lanes: Vec<Lane>,
+    /// Torque by joint, scratch.
+    torque: Vec<f64>,
+    begun: bool,
+}
+
+/// One joint's reference.
+#[derive(Clone, Debug)]
+struct Lane {
+    centre: f64,
+    amplitude: f64,
+    x: f64,
+    goal: f64,
+    reference: f64,
+    /// Largest move of the reference in a frame.
+    pace: f64,
+    dash: f64,
+    push: f64,
+}
+
+impl Babble {
+    /// The babbling of the episode with this seed.
+    pub(crate) fn new(rule: &BabbleRule, seed: u64) -> Self {
+        let mut rng = Rng::new(seed, Stream::Noise, 0);
+        let log_uniform = |rng: &mut Rng, [lo, hi]: [f64; 2]| lo * (hi / lo).powf(rng.uniform());
+        let share = log_uniform(&mut rng, SHARE);
+        let keep = (-CTRL_DT / log_uniform(&mut rng, TAU_SECS)).exp();
+        let disturbance_keep = (-CTRL_DT / log_uniform(&mut rng, DISTURBANCE_SECS)).exp();
+        let disturbance = DISTURBANCE * rng.uniform();
+        let wanders = rng.uniform() < 0.5;
+        let pace = rng.range(PACE[0], PACE[1]);
+        let lanes = rule
+            .joints
+            .iter()
+            .map(|j| Lane {
+                centre: rng.range(j.lo, j.hi),
+                amplitude: 0.5 * (j.hi - j.lo) * rng.range(AMPLITUDE[0], AMPLITUDE[1]),
+                x: rng.normal(),
+                goal: 0.0,
+                reference: 0.0,
+                pace: pace * j.speed * CTRL_DT * rng.range(0.3, 1.0),
+                dash: (j.hi - j.lo) * rng.range(DASH[0], DASH[1]),
+                push: 0.0,
+            })
+            .collect();
+        Babble {
+            rng,
+            share,
+            wanders,
+            keep,
+            disturbance,
+            disturbance_keep,
+            lanes,
+            torque: vec![0.0; rule.joints.len()],
+            rule: rule.clone(),
+            begun: false,
+        }
+    }
+
+    /// The action of the next frame, (A), at these positions and speeds, (S) each.
+    pub(crate) fn next(&mut self, qpos: &[f32], qvel: &[f32], action: &mut [f32]) {
+        let (kick, push_kick) = (
+            (1.0 - self.keep * self.keep).sqrt(),
+            (1.0 - self.disturbance_keep * self.disturbance_keep).sqrt(),
+        );
+        let first = !std::mem::replace(&mut self.begun, true);
+        for (k, (lane, joint)) in self.lanes.iter_mut().zip(&self.rule.joints).enumerate() {
+            let q = qpos.get(k).map_or(0.0, |&x| f64::from(x));
+            let v = qvel.get(k).map_or(0.0, |&x| f64::from(x));
+            if first {
+                (lane.reference, lane.goal) = (q, q);
+            }
+            if self.wanders {
+                lane.x = self.keep * lane.x + kick * self.rng.normal();
+                lane.goal = lane.centre + lane.amplitude * lane.x;
+            } else if self.rng.uniform() < CTRL_DT / REST_SECS {
+                lane.goal = lane.reference + self.rng.range(-lane.dash, lane.dash);
+            }
+            lane.goal = lane.goal.clamp(joint.lo, joint.hi);
+            lane.reference += (lane.goal - lane.reference).clamp(-lane.pace, lane.pace);
+            lane.push = self.disturbance_keep * lane.push + push_kick * self.rng.normal();
+            let full_speed = joint.servo.kp * joint.speed * CTRL_DT;
+            let noise = self.disturbance * lane.push + WHITE * self.rng.normal();
+            self.torque[k] = self.share
+                * (joint.servo.kp * (lane.reference - q) - joint.servo.kd * v + full_speed * noise);
+        }
+        for (a, &(joint, middle, half)) in action.iter_mut().zip(&self.rule.motors) {
+            let torque = self.torque.get(joint).copied().unwrap_or(0.0);
+            *a = ((torque - middle) / half).clamp(-1.0, 1.0) as f32;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn references_are_followed_and_episodes_repeat() {
+        let rule = BabbleRule::of(&Robot::builtin("ur5e").unwrap()).unwrap();
+        let run = |seed| {
+            let mut babble = Babble::new(&rule, seed);
+            let mut actions = Vec::new();
+            let mut a = [0.0_f32; 5];
+            for _ in 0..50 {
+                babble.next(&[0.1; 5], &[0.0; 5], &mut a);
+                assert!(a.iter().all(|x| x.abs() <= 1.0));
+                actions.extend(a);
+            }
+            actions
+        };
+        assert_eq!(run(1), run(1));
+        assert_ne!(run(1), run(2));
+        // A servo pulls towards its reference.
+        let mut babble = Babble::new(&rule, 3);
+        let mut a = [0.0_f32; 5];
+        babble.next(&[0.0; 5], &[0.0; 5], &mut a);
+        (babble.disturbance, babble.wanders) = (0.0, false);
+        babble.lanes.iter_mut().for_each(|l| (l.goal, l.reference) = (1.0, 1.0));
+        babble.next(&[0.0; 5], &[0.0; 5], &mut a);
+        assert!(a.iter().all(|&x| x > 0.0), "{a:?}");
+    }
+
+    #[test]
+    fn tendons_are_refused_with_the_way_out() {
+        let hand = Robot::builtin("shadow_hand").unwrap();
+        let e = BabbleRule::of(&hand).unwrap_err().to_string();
+        assert!(e.contains("noise"), "{e}");
+    }
+}
