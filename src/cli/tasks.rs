@@ -13,7 +13,7 @@ use crate::rollout::tasks::{self, MANIFEST, RobotTasks, SUITES};
 
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  robert tasks ls --robot shadow_hand\n  robert tasks show ur5e/hang > my.clip.json"
+    after_help = "Examples:\n  robert tasks ls --robot shadow_hand\n  robert tasks show ur5e/hang > my.clip.json\n  robert tasks trial --robot my_arm --out my_arm/clips"
 )]
 pub(super) struct Args {
     #[command(subcommand)]
@@ -36,6 +36,19 @@ enum What {
         /// NAME or ROBOT/NAME.
         task: String,
     },
+    /// Write five clips that follow from a robot's limits and a seed: a start for a robot
+    /// without tasks of its own.
+    Trial {
+        /// The robot: id, or its folder.
+        #[arg(long, value_name = "ID|DIR")]
+        robot: String,
+        /// Where the clips go.
+        #[arg(long, value_name = "DIR")]
+        out: PathBuf,
+        /// Seed of the poses.
+        #[arg(long, default_value_t = 0)]
+        seed: u64,
+    },
     /// Write all task clips anew from their formulas.
     #[command(hide = true)]
     Author {
@@ -52,6 +65,7 @@ pub(super) fn run(args: &Args) -> Outcome {
             let clip = tasks::find(task, None)?;
             out::line(clip.to_text().trim_end())
         }
+        What::Trial { robot, out, seed } => trial(robot, out, *seed),
         What::Author { out } => author(out),
     }
 }
@@ -92,6 +106,17 @@ fn ls(robot: Option<&str>, json: bool) -> Outcome {
         }
     }
     if json { out::json(&rows) } else { out::line(&t.to_string()) }
+}
+
+/// The trial clips of a robot as files.
+fn trial(robot: &str, dir: &Path, seed: u64) -> Outcome {
+    let robot = motion::robot(robot)?;
+    for task in tasks::trial(&robot, seed)? {
+        let path = dir.join(format!("{}{}", task.name, motion::CLIP_SUFFIX));
+        fsio::write_atomic(&path, task.clip.to_text().as_bytes())?;
+        out::line(&path.display().to_string())?;
+    }
+    Ok(())
 }
 
 /// The clips of every robot, and the list of suites.
