@@ -3,6 +3,7 @@
 mod eval;
 mod examples;
 mod rollout;
+mod shipped;
 
 /// A puck that goes from one goal to another: small enough to plan for in no time.
 pub(crate) const HOP: &str = r#"{
