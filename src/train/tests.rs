@@ -87,6 +87,7 @@ fn options<'a>(
         progress,
         cancel,
         judge: None,
+        perform: None,
         meta: serde_json::Value::Null,
     }
 }
@@ -96,7 +97,7 @@ fn weights(dir: &Path) -> Model {
 }
 
 #[test]
-fn learns_and_beats_its_own_linear_answer() {
+fn beats_its_own_linear_answer_on_held_out_motion() {
     let dir = tempfile::tempdir().unwrap();
     let data = dataset(&dir.path().join("data"));
     let (cancel, run) = (Cancel::default(), dir.path().join("run"));
@@ -111,6 +112,13 @@ fn learns_and_beats_its_own_linear_answer() {
         lines.iter().filter_map(|l| l["held_out"]["nmse_by_hidden"][0].as_f64()).collect();
     assert_eq!(held.len(), 4);
     assert!(end.nmse_by_hidden[0] < 0.1, "{end:?}");
+    // An untrained network is the linear answer: no step at all shows what it leaves.
+    let (none, straight) = (dir.path().join("none"), TrainConfig { lr: 1e-30, ..small(40) });
+    let once = Options { evaluations: 1, ..options(&none, 2, &cancel, &Silent) };
+    let linear = train(&data, &straight, once).unwrap().held_out.unwrap();
+    assert!(end.nmse_clear < 0.9 * linear.nmse_clear, "{end:?} after {linear:?}");
+    let mean = |h: &HeldOut| h.nmse_by_hidden.iter().sum::<f64>();
+    assert!(mean(&end) < mean(&linear), "{end:?} after {linear:?}");
     assert!(end.nmse_by_hidden[10] > end.nmse_by_hidden[0], "hidden frames cost something");
     let model = checkpoint::load(&paths::model(&run), None).unwrap();
     assert!(model.optimiser.is_none());
@@ -138,6 +146,7 @@ fn interrupted_and_resumed_is_bit_equal() {
         TrainConfig { average: 0.9, ..small(30) },
         TrainConfig {
             bins: 4,
+            average: 0.0,
             skip: SkipKind::Off,
             tokens: TokenKind::Pos,
             mask: MaskKind::Cl,
