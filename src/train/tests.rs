@@ -83,7 +83,7 @@ fn options<'a>(
         dir: dir.to_owned(),
         threads,
         checkpoint_secs: 1e9,
-        evaluations: 4,
+        evaluations: 0,
         progress,
         cancel,
         judge: None,
@@ -102,7 +102,8 @@ fn beats_its_own_linear_answer_on_held_out_motion() {
     let data = dataset(&dir.path().join("data"));
     let (cancel, run) = (Cancel::default(), dir.path().join("run"));
     let cfg = TrainConfig { average: 0.99, mask: MaskKind::ClUniform, ..small(160) };
-    let done = train(&data, &cfg, options(&run, 2, &cancel, &Silent)).unwrap();
+    let four = Options { evaluations: 4, ..options(&run, 2, &cancel, &Silent) };
+    let done = train(&data, &cfg, four).unwrap();
     assert_eq!((done.step, done.interrupted, done.skipped), (160, false, 0));
     let end = done.held_out.unwrap();
     let text = std::fs::read_to_string(paths::metrics(&run)).unwrap();
@@ -213,10 +214,15 @@ fn the_best_by_precision_is_kept() {
     let dir = tempfile::tempdir().unwrap();
     let data = dataset(&dir.path().join("data"));
     let (cancel, run) = (Cancel::default(), dir.path().join("run"));
-    let mut judge = Judge(vec![0.3, 0.1, 0.2, 0.4]);
-    let opts = Options { judge: Some(&mut judge), ..options(&run, 1, &cancel, &Silent) };
+    // The linear answer is judged first; it is the figure to beat, never the best.
+    let mut judge = Judge(vec![0.05, 0.3, 0.1, 0.2, 0.4]);
+    let opts =
+        Options { evaluations: 4, judge: Some(&mut judge), ..options(&run, 1, &cancel, &Silent) };
     let done = train(&data, &small(8), opts).unwrap();
     assert_eq!(done.best, Some((4, 0.1)));
+    let record = super::record::Record::read(&run).unwrap();
+    assert_eq!(record.linear.as_ref().map(|l| l.precision), Some(0.05));
+    assert!(record.worse_than_linear() && paths::curves(&run).exists());
     let best = checkpoint::load(&paths::best(&run), None).unwrap();
     assert_eq!((best.card.training.step, best.card.training.precision["toy"]), (4, 0.1));
 }
