@@ -24,6 +24,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         progress: &Silent,
         cancel: &cancel,
         judge: None,
+        perform: None,
         meta: serde_json::Value::Null,
     };
     let done = train(&data, &cfg, options)?;

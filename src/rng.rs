@@ -47,6 +47,8 @@ pub enum Stream {
     Dropout = 16,
     /// Poses of trial clips.
     Trial = 17,
+    /// Windows that come from what a network reached itself.
+    Reached = 18,
     /// Tests only.
     Test = 99,
 }

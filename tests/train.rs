@@ -1,6 +1,12 @@
 //! Training and its benchmarks through the binary.
 
-use crate::run::robert;
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+use robert::rng::{Rng, Stream};
+
+use crate::run::{binary, robert};
 
 #[test]
 fn settings_that_do_not_exist_are_named() {
@@ -34,7 +40,7 @@ fn a_model_that_is_missing_or_damaged_is_invalid_input() {
 #[test]
 fn reference_files_cover_every_variant() {
     let ran = robert().args(["bench", "reference", "--out", "ref"]).succeeds();
-    assert_eq!(ran.stdout.lines().count(), 16);
+    assert_eq!(ran.stdout.lines().count(), 17);
     assert!(ran.path("ref/k10-skip_off-replace-all.safetensors").exists());
 }
 
@@ -45,4 +51,272 @@ fn bench_infer_reports_json() {
     assert_eq!(report["sizes"][0]["size"], "S");
     assert!(report["sizes"][0]["ms"].as_f64().unwrap() > 0.0);
     assert!(report["peak_gflops"].as_f64().unwrap() > 0.0);
+}
+
+/// A run so small that a test can afford it.
+const TINY: [&str; 17] = [
+    "train",
+    "--robot",
+    "pointmass",
+    "--data",
+    "data",
+    "--set",
+    "layers=1",
+    "--set",
+    "width=16",
+    "--set",
+    "heads=1",
+    "--set",
+    "batch=8",
+    "--set",
+    "average=0.9",
+    "--set",
+    "ridge_history=2",
+];
+
+/// Goes on in `cut`.
+const RESUME: [&str; 11] = [
+    "train",
+    "--robot",
+    "pointmass",
+    "--data",
+    "data",
+    "--resume",
+    "cut",
+    "--evaluations",
+    "0",
+    "--checkpoint-mins",
+    "0.001",
+];
+
+fn tiny<'a>(extra: &[&'a str]) -> Vec<&'a str> {
+    TINY.into_iter().chain(extra.iter().copied()).collect()
+}
+
+/// Collects a little noise into `data`.
+fn collect(dir: &Path) {
+    let args = ["collect", "--robot", "pointmass", "--transitions", "4000", "--out", "data"];
+    let (code, _, stderr) = finish(dir, &args);
+    assert_eq!(code, 0, "{stderr}");
+}
+
+fn finish(dir: &Path, args: &[&str]) -> (i32, String, String) {
+    let done = Command::new(binary()).args(args).current_dir(dir).output().unwrap();
+    (
+        done.status.code().unwrap_or(-1),
+        String::from_utf8_lossy(&done.stdout).into_owned(),
+        String::from_utf8_lossy(&done.stderr).into_owned(),
+    )
+}
+
+/// Kills while training in a test run; `ROBERT_KILLS=20` for the long one.
+fn kills() -> u64 {
+    std::env::var("ROBERT_KILLS").ok().and_then(|k| k.parse().ok()).unwrap_or(3)
+}
+
+#[test]
+fn killed_at_any_step_and_resumed_gives_the_same_file() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    collect(dir);
+    let steps = format!("steps={}", 100 * kills());
+    let rest = ["--set", &steps, "--evaluations", "0", "--checkpoint-mins", "0.001", "--out"];
+    let began = Instant::now();
+    let (code, _, stderr) = finish(dir, &tiny(&[&rest[..], &["whole", "--threads", "1"]].concat()));
+    assert_eq!(code, 0, "{stderr}");
+    let span = began.elapsed();
+    let start = tiny(&[&rest[..], &["cut"]].concat());
+    let mut rng = Rng::new(1, Stream::Test, 5);
+    let mut done = 0;
+    for round in 0..3 * kills() {
+        let fresh = !dir.join("cut/ckpt/last.safetensors").exists();
+        if fresh {
+            // Killed before there was anything to go on from: begin again.
+            std::fs::remove_dir_all(dir.join("cut")).ok();
+        }
+        let mut cut = Command::new(binary())
+            .args(if fresh { &start[..] } else { &RESUME[..] })
+            .args(["--threads", if round % 2 == 0 { "1" } else { "2" }])
+            .current_dir(dir)
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        // Long enough to get on, on a machine of any speed; short enough to be cut.
+        std::thread::sleep(span.mul_f64((0.3 + rng.uniform()) / kills() as f64));
+        let ended = cut.try_wait().unwrap().is_some();
+        cut.kill().ok();
+        cut.wait().unwrap();
+        done += u64::from(!ended);
+        if ended || done == kills() {
+            break;
+        }
+    }
+    assert!(done > 0, "it was over before the first kill");
+    let (code, _, stderr) = finish(dir, &RESUME);
+    assert_eq!(code, 0, "{stderr}");
+    let sha = |run: &str| {
+        robert::fsio::sha256_hex(&std::fs::read(dir.join(run).join("model.safetensors")).unwrap())
+    };
+    assert_eq!(sha("whole"), sha("cut"), "after {done} kills");
+}
+
+#[test]
+fn ctrl_c_keeps_a_checkpoint_and_says_how_to_go_on() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    collect(dir);
+    let rest = ["--set", "steps=100000", "--evaluations", "0", "--out", "cut"];
+    let mut child = Command::new(binary())
+        .args(tiny(&rest))
+        .current_dir(dir)
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let began = Instant::now();
+    while !dir.join("cut/ckpt/last.safetensors").exists() {
+        assert!(began.elapsed().as_secs() < 300, "no first checkpoint");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    std::thread::sleep(Duration::from_millis(500));
+    let pid = rustix::process::Pid::from_child(&child);
+    rustix::process::kill_process(pid, rustix::process::Signal::INT).unwrap();
+    let mut stderr = String::new();
+    std::io::Read::read_to_string(&mut child.stderr.take().unwrap(), &mut stderr).unwrap();
+    assert_eq!(child.wait().unwrap().code(), Some(130), "{stderr}");
+    assert!(stderr.contains("--resume cut"), "{stderr}");
+    let after = stderr.split("stopped at step ").nth(1).unwrap();
+    let stopped: u64 = after.split(';').next().unwrap().parse().unwrap();
+    let card = robert::net::checkpoint::read_card(&dir.join("cut/model.safetensors")).unwrap();
+    assert_eq!(card.training.step, stopped, "of the last step, not of the timer");
+}
+
+#[test]
+fn a_run_is_listed_shown_compared_and_drawn() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    collect(dir);
+    for (out, lr) in [("runs/a", "lr=1e-3"), ("runs/b", "lr=1e-4")] {
+        let rest = ["--set", "steps=4", "--set", lr, "--evaluations", "1", "--out", out, "--json"];
+        let (code, stdout, stderr) = finish(dir, &tiny(&rest));
+        assert_eq!(code, 0, "{stderr}");
+        let report: serde_json::Value = serde_json::from_str(&stdout).unwrap();
+        assert_eq!(report["result"]["best"][0], 4);
+        let png = std::fs::read(dir.join(out).join("curves.png")).unwrap();
+        assert!(png.starts_with(b"\x89PNG"));
+    }
+    let (code, text, _) = finish(dir, &["runs", "ls"]);
+    assert!(code == 0 && text.contains("pointmass") && text.lines().count() >= 4, "{text}");
+    let (code, text, _) = finish(dir, &["runs", "show", "runs/a"]);
+    assert_eq!(code, 0);
+    for part in ["best, step 4", "last, step 4", "linear answer", "manual/circle", "at a stop"] {
+        assert!(text.contains(part), "no {part:?} in {text}");
+    }
+    let (code, text, _) = finish(dir, &["runs", "compare", "runs/a", "runs/b", "-o", "c.png"]);
+    assert_eq!(code, 0);
+    let line = text.lines().find(|l| l.trim_start().starts_with("lr")).unwrap();
+    assert!(line.contains("0.001") && line.contains("0.0001"), "{line}");
+    assert!(!text.contains("weight_decay"), "only what differs: {text}");
+    assert!(dir.join("c.png").exists());
+    let (code, text, _) = finish(dir, &["runs", "compare", "runs/a", "runs/b", "--json"]);
+    let json: serde_json::Value = serde_json::from_str(&text).unwrap();
+    assert_eq!((code, json["runs"].as_array().unwrap().len()), (0, 2));
+    let linear = json["runs"][0]["linear"]["precision"].as_f64().unwrap();
+    assert!(linear > 0.0 && linear < 1.0, "{linear}");
+    let (code, _, stderr) = finish(dir, &["runs", "show", "data"]);
+    assert!(code == 3 && stderr.contains("config.toml"), "{stderr}");
+}
+
+const SWEEP: &str = r#"
+title = "masks"
+robot = "pointmass"
+data = "data"
+preset = "pm-tiny"
+seeds = [0, 1]
+x = "mask"
+suites = ["test"]
+cases = 1
+[set]
+steps = 2
+layers = 1
+width = 16
+heads = 1
+batch = 4
+ridge_history = 2
+[grid]
+mask = ["none", "cl-uniform"]
+corrupt = [0.0, 0.5]
+"#;
+
+#[test]
+fn a_sweep_trains_every_point_and_goes_on_where_it_was() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    collect(dir);
+    std::fs::write(dir.join("s.toml"), SWEEP).unwrap();
+    let sweep = ["sweep", "s.toml", "--out", "sweep", "--json"];
+    let (code, stdout, stderr) = finish(dir, &sweep);
+    assert_eq!(code, 0, "{stderr}");
+    let report: serde_json::Value = serde_json::from_str(&stdout).unwrap();
+    let rows = report["rows"].as_array().unwrap();
+    assert_eq!((rows.len(), &report["complete"]), (4, &true.into()));
+    for row in rows {
+        assert_eq!(row["seeds"], 2);
+        let test = &row["suites"]["test"];
+        assert!(test["mean"].as_f64().unwrap() > 0.0 && test["ci95"].as_f64().is_some(), "{row}");
+        assert!(row["suites"]["test_high_mask"]["mean"].as_f64().is_some());
+    }
+    assert!(dir.join("sweep/sweep.png").exists());
+    assert_eq!(std::fs::read_to_string(dir.join("sweep/table.csv")).unwrap().lines().count(), 5);
+    // One point is lost; only that one is measured again, with the same figures.
+    let point = dir.join("sweep/points/corrupt-0.5_mask-none");
+    let written = |file: &str| std::fs::metadata(point.join(file)).unwrap().modified().unwrap();
+    let before = written("seed-0/result.json");
+    std::fs::remove_dir_all(point.join("seed-1")).unwrap();
+    let (code, again, stderr) = finish(dir, &sweep);
+    assert_eq!(code, 0, "{stderr}");
+    let again: serde_json::Value = serde_json::from_str(&again).unwrap();
+    assert_eq!(again["rows"], report["rows"]);
+    assert_eq!(written("seed-0/result.json"), before);
+    // Other settings do not mix with what is there.
+    std::fs::write(dir.join("s.toml"), SWEEP.replace("steps = 2", "steps = 3")).unwrap();
+    let (code, _, stderr) = finish(dir, &sweep);
+    assert!(code == 3 && stderr.contains("other settings"), "{stderr}");
+}
+
+#[test]
+fn self_correction_adds_what_was_reached_and_survives_a_stop() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    collect(dir);
+    let rest = ["--set", "steps=4", "--set", "self_tasks=3", "--self-correct", "1"];
+    let rest = [&rest[..], &["--evaluations", "0", "--out"]].concat();
+    let model = |run: &str| std::fs::read(dir.join(run).join("model.safetensors")).unwrap();
+    for (out, threads) in [("one", "1"), ("two", "2")] {
+        let args = tiny(&[&rest[..], &[out, "--threads", threads]].concat());
+        let (code, _, stderr) = finish(dir, &args);
+        assert_eq!(code, 0, "{stderr}");
+        assert!(stderr.contains("performing 3 tasks"), "{stderr}");
+    }
+    assert_eq!(model("one"), model("two"), "one thread or two");
+    let (code, text, _) = finish(dir, &["dataset", "info", "one/self/round-1", "--json"]);
+    let info: serde_json::Value = serde_json::from_str(&text).unwrap();
+    assert_eq!(code, 0);
+    assert!(text.contains("330"), "3 tasks of 110 frames: {info}");
+    let (code, _, _) =
+        finish(dir, &tiny(&["--set", "steps=4", "--evaluations", "0", "--out", "off"]));
+    assert_eq!(code, 0);
+    assert_ne!(model("one"), model("off"), "what was reached was learned from");
+}
+
+#[test]
+fn options_of_a_network_are_refused_elsewhere() {
+    let eval = |policy: &str| {
+        robert().args(["eval", "--robot", "ur5e", "--suite", "manual", "--policy", policy])
+    };
+    assert!(eval("pd+ensemble=3").fails(2).stderr.contains("robert"));
+    assert!(eval("robert:x+ensemble=40").fails(2).stderr.contains("1 to 21"));
+    assert!(eval("pd+sampel").fails(2).stderr.contains("+sample"));
+    assert!(eval("robert:x+sample+ensemble=3+guide").fails(3).stderr.contains("cannot read"));
 }

@@ -40,6 +40,7 @@ def shapes(cfg):
     yield "position", (WINDOW, d)
     yield "mask", (d,)
     for i in range(cfg["layers"]):
+        alone = cfg.get("mixing") == "none"
         for name, shape in [
             ("ln1.weight", (d,)), ("ln1.bias", (d,)),
             ("qkv.weight", (d, 3 * d)), ("qkv.bias", (3 * d,)),
@@ -48,7 +49,8 @@ def shapes(cfg):
             ("up.weight", (d, 4 * d)), ("up.bias", (4 * d,)),
             ("down.weight", (4 * d, d)), ("down.bias", (d,)),
         ]:
-            yield f"layers.{i}.{name}", shape
+            if not (alone and name.split(".")[0] in ("ln1", "qkv", "out")):
+                yield f"layers.{i}.{name}", shape
     yield "norm.weight", (d,)
     yield "norm.bias", (d,)
     yield "head.weight", (d, outputs)
@@ -65,11 +67,12 @@ def forward(w, cfg, tokens, masked):
     b = x.shape[0]
     for i in range(cfg["layers"]):
         p = lambda name: w[f"layers.{i}.{name}"]
-        y = F.layer_norm(x, (d,), p("ln1.weight"), p("ln1.bias"))
-        qkv = y @ p("qkv.weight") + p("qkv.bias")
-        q, k, v = qkv.view(b, WINDOW, 3, heads, d // heads).permute(2, 0, 3, 1, 4)
-        y = F.scaled_dot_product_attention(q, k, v)
-        x = x + y.transpose(1, 2).reshape(b, WINDOW, d) @ p("out.weight") + p("out.bias")
+        if cfg.get("mixing") != "none":
+            y = F.layer_norm(x, (d,), p("ln1.weight"), p("ln1.bias"))
+            qkv = y @ p("qkv.weight") + p("qkv.bias")
+            q, k, v = qkv.view(b, WINDOW, 3, heads, d // heads).permute(2, 0, 3, 1, 4)
+            y = F.scaled_dot_product_attention(q, k, v)
+            x = x + y.transpose(1, 2).reshape(b, WINDOW, d) @ p("out.weight") + p("out.bias")
         y = F.layer_norm(x, (d,), p("ln2.weight"), p("ln2.bias"))
         y = F.gelu(y @ p("up.weight") + p("up.bias"))
         x = x + y @ p("down.weight") + p("down.bias")

@@ -28,7 +28,9 @@ mod plot;
 mod render;
 mod robots;
 mod rollout;
+mod runs;
 mod studio;
+mod sweep;
 mod tasks;
 mod train;
 
@@ -91,6 +93,10 @@ enum Command {
     Train(train::Args),
     /// List the trained policies in the program; look at a model's card; pack one to ship.
     Models(models::Args),
+    /// Train a grid of settings with several seeds; one table and a picture.
+    Sweep(sweep::Args),
+    /// List, show and compare training runs.
+    Runs(runs::Args),
     /// List, show and settle robots.
     Robots(robots::Args),
     /// From a URDF or MJCF to a policy that performs it, in one command.
@@ -143,6 +149,8 @@ fn run(cli: Cli) -> Outcome {
         Command::Train(args) => train::run(&args, cli.global),
         Command::Models(args) => models::run(&args),
         Command::New(args) => new::run(&args, cli.global),
+        Command::Sweep(args) => sweep::run(&args, cli.global),
+        Command::Runs(args) => runs::run(&args),
         Command::Clip(args) => clip::run(&args),
         Command::Render(args) => render::run(&args, cli.global.quiet),
         Command::Plot(args) => plot::run(&args),

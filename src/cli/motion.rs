@@ -7,7 +7,7 @@ use super::failure::{Failure, Outcome};
 use crate::clip::{Clip, ClipError};
 use crate::exit::{Exit, HasExit};
 use crate::robot::Robot;
-use crate::rollout::{Guide, PolicyConfig, PolicyName, tasks};
+use crate::rollout::{COMMAND, Guide, Inference, PolicyConfig, PolicyName, tasks};
 use crate::units::Unit;
 
 /// Suffix of the clip files.
@@ -17,6 +17,9 @@ pub(super) const CLIP_SUFFIX: &str = ".clip.json";
 pub(super) fn robot(id: &str) -> Outcome<Arc<Robot>> {
     Ok(Arc::new(Robot::load(id)?))
 }
+
+/// Windows that look at one frame: as current one, and as each of the commands.
+const WINDOWS: usize = COMMAND + 1;
 
 /// A clip from a file, or a shipped task by its name (`fire`, `ur5e/reacher`).
 pub(super) fn clip(text: &str, robot: Option<&str>) -> Outcome<Clip> {
@@ -30,16 +33,23 @@ pub(super) fn clip(text: &str, robot: Option<&str>) -> Outcome<Clip> {
     })
 }
 
-/// `pd`, `pd+guide`, `zero+guide+refine`, `robert:runs/a+guide`; the flags add to every
-/// policy.
+/// `pd`, `pd+guide`, `zero+guide+refine`, `robert:runs/a+ensemble=3+sample+guide`; the flags
+/// add to every policy.
 pub(super) fn policy(text: &str, guide: Guide, refine: bool) -> Outcome<PolicyConfig> {
-    // A path may hold a plus; only these two endings are switches.
+    // A path may hold a plus; only these endings are switches.
     let (mut rest, mut guide, mut refine) = (text, guide, refine);
+    let mut inference = Inference::default();
     loop {
         if let Some(shorter) = rest.strip_suffix("+guide") {
             (rest, guide) = (shorter, Guide::Linear);
         } else if let Some(shorter) = rest.strip_suffix("+refine") {
             (rest, refine) = (shorter, true);
+        } else if let Some(shorter) = rest.strip_suffix("+sample") {
+            (rest, inference.sample) = (shorter, true);
+        } else if let Some((shorter, n)) = rest.rsplit_once("+ensemble=") {
+            let n = n.parse().ok().filter(|n| (1..=WINDOWS).contains(n));
+            let why = || Failure::usage(format!("policy {text:?}: ensemble takes 1 to {WINDOWS}"));
+            (rest, inference.ensemble) = (shorter, n.ok_or_else(why)?);
         } else {
             break;
         }
@@ -48,11 +58,16 @@ pub(super) fn policy(text: &str, guide: Guide, refine: bool) -> Outcome<PolicyCo
     if let (Some((_, other)), None) = (name.split_once('+'), model) {
         return Err(Failure::with(
             Exit::Usage,
-            format!("policy {text:?}: +{other} is not +guide or +refine"),
+            format!("policy {text:?}: +{other} is not +guide, +refine, +sample or +ensemble=N"),
         ));
     }
     let name: PolicyName = name.parse()?;
-    Ok(PolicyConfig { guide, refine, model_path: model.map(Into::into), ..PolicyConfig::new(name) })
+    if inference != Inference::default() && name != PolicyName::Robert {
+        let why = "+sample and +ensemble=N are for robert, which infers actions of many frames";
+        return Err(Failure::usage(format!("policy {text:?}: {why}")));
+    }
+    let model_path = model.map(Into::into);
+    Ok(PolicyConfig { guide, refine, model_path, inference, ..PolicyConfig::new(name) })
 }
 
 /// Unit of a robot's errors, for tables.

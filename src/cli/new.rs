@@ -215,6 +215,7 @@ fn options<'a>(
         progress,
         cancel,
         judge,
+        perform: None,
         meta: json!({ "version": env!("CARGO_PKG_VERSION"), "argv": std::env::args().collect::<Vec<_>>() }),
     }
 }

@@ -10,6 +10,7 @@ use super::interrupt::cancel_on_ctrl_c;
 use super::{Global, motion, out};
 use crate::dataset::{Dataset, Verify};
 use crate::exit::Exit;
+use crate::train::hindsight::Simulated;
 use crate::train::judge::SuiteJudge;
 use crate::train::run::read_config;
 use crate::train::{Evaluate, Finished, Options, PRESETS, TrainConfig, train};
@@ -31,11 +32,15 @@ pub(super) struct Args {
     /// Change one setting; may be repeated.
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
+    /// Rounds of self-correction: perform tasks from its own data, learn from what was
+    /// reached.
+    #[arg(long, value_name = "N")]
+    self_correct: Option<u64>,
     /// Run directory to begin in; by default runs/TIME-ROBOT-PRESET.
     #[arg(long, value_name = "RUN")]
     out: Option<PathBuf>,
     /// Run directory to go on in, with its own settings.
-    #[arg(long, value_name = "RUN", conflicts_with_all = ["out", "set", "preset"])]
+    #[arg(long, value_name = "RUN", conflicts_with_all = ["out", "set", "preset", "self_correct"])]
     resume: Option<PathBuf>,
     /// Threads; all cores by default. The weights do not depend on it.
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=256))]
@@ -70,15 +75,17 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
         .threads
         .map_or_else(|| std::thread::available_parallelism().map_or(1, usize::from), usize::from);
     let mut judge = SuiteJudge::new(Arc::clone(&robot), threads).map_err(Failure::invalid)?;
+    let mut perform = Simulated { robot: Arc::clone(&robot), threads };
     let bar = Bar::new("train", "steps", global.quiet);
     let cancel = cancel_on_ctrl_c();
     let options = Options {
         dir: dir.clone(),
         threads,
-        checkpoint_secs: (60.0 * args.checkpoint_mins).max(1.0),
+        checkpoint_secs: (60.0 * args.checkpoint_mins).max(0.01),
         evaluations: args.evaluations,
         progress: &bar,
         cancel: &cancel,
+        perform: Some(&mut perform),
         judge: judge.as_mut().map(|j| j as &mut dyn Evaluate),
         meta: serde_json::json!({
             "version": env!("CARGO_PKG_VERSION"),
@@ -109,6 +116,9 @@ fn plan(args: &Args) -> Outcome<(PathBuf, TrainConfig)> {
     let mut cfg = TrainConfig::preset(&args.preset)?;
     for assignment in &args.set {
         cfg.set(assignment)?;
+    }
+    if let Some(rounds) = args.self_correct {
+        cfg.set(&format!("self_correct={rounds}"))?;
     }
     let dir = args.out.clone().unwrap_or_else(|| {
         let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
@@ -151,10 +161,11 @@ fn summary(dir: &Path, done: &Finished) -> String {
     };
     if let Some(held) = &done.held_out {
         let at = |k: usize| held.nmse_by_hidden.get(k).copied().unwrap_or(f64::NAN);
+        let share = |i: usize| 100.0 * held.shares.get(i).copied().unwrap_or(0.0);
         write!(
             text,
-            "\nheld-out action error (share of variance): {:.4} next frame known, {:.4} away from stops and contact, {:.3} / {:.3} with 4 / 16 frames hidden",
-            at(0), held.nmse_clear, at(4), at(16)
+            "\nheld-out action error, share of variance, next frame known: {:.4} clear ({:.0} % of frames), {:.4} at a stop ({:.0} %), {:.4} in contact ({:.0} %); 4 / 16 frames hidden: {:.3} / {:.3}",
+            held.nmse_clear, share(0), held.nmse_stop, share(1), held.nmse_contact, share(2), at(4), at(16)
         )
         .ok();
     }

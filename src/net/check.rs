@@ -1,7 +1,7 @@
 //! Gradients against finite differences in f64, every kind of parameter, every variant;
 //! sameness of bits over thread counts.
 
-use super::config::{NetConfig, SkipKind, WINDOW};
+use super::config::{Mixing, NetConfig, SkipKind, WINDOW};
 use super::model::{Batch, Net};
 use super::step::{AdamConfig, Learner};
 use crate::net::real::Real;
@@ -18,6 +18,7 @@ fn config(bins: usize, skip: SkipKind, mask_replaces: bool) -> NetConfig {
         offset_weight: 10.0,
         mask_replaces,
         skip,
+        mixing: Mixing::Attention,
     }
 }
 
@@ -63,6 +64,7 @@ fn gradients_agree_with_finite_differences() {
         (config(1, SkipKind::Gated, true), true),
         (config(4, SkipKind::Off, true), false),
         (config(4, SkipKind::Off, false), false),
+        (NetConfig { mixing: Mixing::None, ..config(1, SkipKind::Gated, false) }, false),
     ];
     for (cfg, current_only) in variants {
         let mut learner = learner::<f64>(&cfg, 3, 1, 0.15);

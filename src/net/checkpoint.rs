@@ -466,7 +466,7 @@ impl OptimiserState {
 mod tests {
     use super::*;
     use crate::net::ridge::{RidgeConfig, toy::Toy};
-    use crate::net::{AdamConfig, Batch, JointFacts};
+    use crate::net::{AdamConfig, Batch, JointFacts, Mixing};
     use crate::rng::{Rng, Stream};
 
     fn model() -> (Card, Net<f32>, Encoder) {
@@ -488,6 +488,7 @@ mod tests {
             offset_weight: 10.0,
             mask_replaces: false,
             skip: SkipKind::Gated,
+            mixing: Mixing::Attention,
         };
         let net = Net::init(cfg.clone(), None, 4).unwrap();
         let robot = RobotCard {

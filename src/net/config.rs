@@ -55,6 +55,18 @@ pub enum SkipKind {
     Gated,
 }
 
+/// How frames hear of each other.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Mixing {
+    /// Softmax attention over the window: the transformer.
+    #[default]
+    Attention,
+    /// Not at all: the same feed-forward layers on each frame's token alone. What attention
+    /// is worth is the difference.
+    None,
+}
+
 /// Sizes of a network.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -77,6 +89,9 @@ pub struct NetConfig {
     pub mask_replaces: bool,
     /// The linear answer beside the network; needs K = 1.
     pub skip: SkipKind,
+    /// How frames hear of each other.
+    #[serde(default)]
+    pub mixing: Mixing,
 }
 
 impl NetConfig {

@@ -5,7 +5,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use super::config::{NetConfig, SkipKind, WINDOW};
+use super::config::{Mixing, NetConfig, SkipKind, WINDOW};
 use super::model::{Batch, Net};
 use super::real::Real;
 use super::step::{AdamConfig, Learner};
@@ -28,6 +28,7 @@ pub fn variants() -> Vec<(String, NetConfig, bool)> {
         offset_weight: 10.0,
         mask_replaces: true,
         skip: SkipKind::Off,
+        mixing: Mixing::Attention,
     };
     let mut all = Vec::new();
     for (bins, skip) in
@@ -45,6 +46,8 @@ pub fn variants() -> Vec<(String, NetConfig, bool)> {
             }
         }
     }
+    let alone = NetConfig { mixing: Mixing::None, skip: SkipKind::Gated, ..base };
+    all.push(("k1-skip_gated-replace-all-alone".to_owned(), alone, false));
     all
 }
 

@@ -11,6 +11,27 @@ use super::real::Real;
 /// Hidden command frames right after the current one, 0 to 20.
 pub const GAPS: usize = 21;
 
+/// Where a robot is: at stops and in contact forces act that positions do not tell of.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Place {
+    /// Away from stops and from itself.
+    #[default]
+    Clear,
+    /// A joint near a stop.
+    Stop,
+    /// In self-contact, no joint near a stop.
+    Contact,
+}
+
+impl Place {
+    /// All, in the order of [`Sums::place_square`].
+    pub const ALL: [Place; 3] = [Place::Clear, Place::Stop, Place::Contact];
+}
+
+/// Oldest frame that counts in [`Sums::place_square`]: 16 frames of history settle what
+/// positions tell of a velocity.
+const SETTLED: usize = 16;
+
 /// Sums over the tokens of a batch, for the log.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Sums {
@@ -24,9 +45,11 @@ pub struct Sums {
     pub gap_square: [f64; GAPS],
     /// Windows by hidden frames after the current one.
     pub gap_windows: [f64; GAPS],
-    /// Squared error of the current frame's action, and windows, where that frame is away
-    /// from stops and contact and the next one visible.
-    pub clear: [f64; 2],
+    /// Squared error of the actions of frames 16 to 30 whose next frame is visible, by
+    /// [`Place`].
+    pub place_square: [f64; 3],
+    /// Those frames, by [`Place`].
+    pub place_tokens: [f64; 3],
 }
 
 impl Sums {
@@ -38,7 +61,8 @@ impl Sums {
         pair(&mut self.tokens, &other.tokens);
         pair(&mut self.gap_square, &other.gap_square);
         pair(&mut self.gap_windows, &other.gap_windows);
-        pair(&mut self.clear, &other.clear);
+        pair(&mut self.place_square, &other.place_square);
+        pair(&mut self.place_tokens, &other.place_tokens);
     }
 }
 
@@ -108,10 +132,12 @@ pub fn loss<T: Real>(
             let gap = after.iter().take_while(|&&m| m).count().min(GAPS - 1);
             sums.gap_square[gap] += square;
             sums.gap_windows[gap] += 1.0;
-            if gap == 0 && batch.clear.get(row).copied().unwrap_or_default() {
-                sums.clear[0] += square;
-                sums.clear[1] += 1.0;
-            }
+        }
+        let next_hidden = batch.masked.get(row + 1).copied().unwrap_or_default();
+        if (SETTLED..=CURRENT).contains(&i) && !next_hidden {
+            let place = batch.place.get(row).copied().unwrap_or_default() as usize;
+            sums.place_square[place] += square;
+            sums.place_tokens[place] += 1.0;
         }
     }
     sums

@@ -5,7 +5,9 @@
 //! is allocated in a step. Averaging what successive windows predict for the same frame
 //! (temporal ensembling, as in ACT by Zhao et al. 2023) is an option.
 
-use super::config::{COMMAND, CURRENT, NetConfig, WINDOW};
+use std::sync::Arc;
+
+use super::config::{COMMAND, CURRENT, Mixing, NetConfig, WINDOW};
 use super::encode::EncodeScratch;
 use super::head::{self, Choice};
 use super::mat::{Init, Mat, MatMut, Packed, gemm, gemm_packed};
@@ -34,13 +36,14 @@ impl Default for PolicyConfig {
     }
 }
 
-/// A trained network in a control loop.
-#[derive(Debug)]
+/// A trained network in a control loop. Clones share weights, panels and features, so that
+/// many rollouts of one network cost one packing.
+#[derive(Clone, Debug)]
 pub struct Policy {
     cfg: PolicyConfig,
-    net: Net<f32>,
-    encoder: Encoder,
-    panels: Panels,
+    net: Arc<Net<f32>>,
+    encoder: Arc<Encoder>,
+    panels: Arc<Panels>,
     scratch: EncodeScratch,
     batch: Batch<f32>,
     x: Aligned<f32>,     // (51, d), residual stream
@@ -90,7 +93,7 @@ impl Policy {
         let (n, d, e) = (&net.cfg, net.cfg.width, cfg.ensemble);
         let zeros = |rows: usize, cols: usize| Aligned::zeros(rows * cols);
         Ok(Policy {
-            panels: Panels::new(&net),
+            panels: Arc::new(Panels::new(&net)),
             scratch: encoder.scratch(),
             batch: Batch::zeros(n, 1),
             x: zeros(WINDOW, d),
@@ -107,8 +110,8 @@ impl Policy {
             past: vec![0.0; e * e * n.actions],
             windows: 0,
             cfg,
-            net,
-            encoder,
+            net: Arc::new(net),
+            encoder: Arc::new(encoder),
         })
     }
 
@@ -198,53 +201,58 @@ impl Policy {
             &panels.embed,
         );
         super::model::place(cfg, x, &batch.masked, part(&at.mask), part(&at.position));
+        let attends = cfg.mixing == Mixing::Attention;
         let Some((last_at, first_at)) = at.layers.split_last() else { return };
         let Some((last, first)) = panels.layers.split_last() else { return };
         for (at, p) in first_at.iter().zip(first) {
-            simd::layer_norm(x, part(&at.ln1_weight), part(&at.ln1_bias), y, stats);
-            gemm_packed(
-                MatMut::new(wide, WINDOW, 3 * d),
-                Init::Bias(part(&at.qkv_bias)),
-                Mat::new(y, WINDOW, d),
-                &p.qkv,
-            );
-            attend(cfg, 1, wide, probs, mixed);
-            add_product(x, mixed, WINDOW, d, part(&at.out_bias), &p.out);
+            if attends {
+                simd::layer_norm(x, part(&at.ln1_weight), part(&at.ln1_bias), y, stats);
+                gemm_packed(
+                    MatMut::new(wide, WINDOW, 3 * d),
+                    Init::Bias(part(&at.qkv_bias)),
+                    Mat::new(y, WINDOW, d),
+                    &p.qkv,
+                );
+                attend(cfg, 1, wide, probs, mixed);
+                add_product(x, mixed, WINDOW, d, part(&at.out_bias), &p.out);
+            }
             simd::layer_norm(x, part(&at.ln2_weight), part(&at.ln2_bias), y, stats);
             feed_forward(x, y, WINDOW, d, wide, act, [part(&at.up_bias), part(&at.down_bias)], p);
         }
 
         // Last layer: keys and values of all tokens, the rest only for those used.
         let (at, p) = (last_at, last);
-        simd::layer_norm(x, part(&at.ln1_weight), part(&at.ln1_bias), y, stats);
-        let bias = part(&at.qkv_bias);
-        gemm_packed(
-            MatMut::new(wide, WINDOW, 2 * d),
-            Init::Bias(&bias[d..]),
-            Mat::new(y, WINDOW, d),
-            &p.qkv,
-        );
-        gemm_packed(
-            MatMut::new(&mut self.query, e, d),
-            Init::Bias(&bias[..d]),
-            Mat::new(&y[CURRENT * d..], e, d),
-            &panels.query,
-        );
-        let h = d / cfg.heads;
-        let scale = 1.0 / (h as f32).sqrt();
-        for i in 0..cfg.heads {
-            let keys = Mat::strided(&wide[i * h..], WINDOW, h, 2 * d);
-            let values = Mat::strided(&wide[d + i * h..], WINDOW, h, 2 * d);
-            let p = &mut probs[..e * PAD];
-            let q = Mat::strided(&self.query[i * h..], e, h, d);
-            gemm(MatMut::strided(p, e, WINDOW, PAD), Init::Zero, q, keys.t());
-            simd::softmax(p, WINDOW, scale);
-            let p = Mat::strided(p, e, WINDOW, PAD);
-            gemm(MatMut::strided(&mut mixed[i * h..], e, h, d), Init::Zero, p, values);
-        }
         let tail = &mut self.tail;
         tail.copy_from_slice(&x[CURRENT * d..(CURRENT + e) * d]);
-        add_product(tail, mixed, e, d, part(&at.out_bias), &p.out);
+        if attends {
+            simd::layer_norm(x, part(&at.ln1_weight), part(&at.ln1_bias), y, stats);
+            let bias = part(&at.qkv_bias);
+            gemm_packed(
+                MatMut::new(wide, WINDOW, 2 * d),
+                Init::Bias(&bias[d..]),
+                Mat::new(y, WINDOW, d),
+                &p.qkv,
+            );
+            gemm_packed(
+                MatMut::new(&mut self.query, e, d),
+                Init::Bias(&bias[..d]),
+                Mat::new(&y[CURRENT * d..], e, d),
+                &panels.query,
+            );
+            let h = d / cfg.heads;
+            let scale = 1.0 / (h as f32).sqrt();
+            for i in 0..cfg.heads {
+                let keys = Mat::strided(&wide[i * h..], WINDOW, h, 2 * d);
+                let values = Mat::strided(&wide[d + i * h..], WINDOW, h, 2 * d);
+                let p = &mut probs[..e * PAD];
+                let q = Mat::strided(&self.query[i * h..], e, h, d);
+                gemm(MatMut::strided(p, e, WINDOW, PAD), Init::Zero, q, keys.t());
+                simd::softmax(p, WINDOW, scale);
+                let p = Mat::strided(p, e, WINDOW, PAD);
+                gemm(MatMut::strided(&mut mixed[i * h..], e, h, d), Init::Zero, p, values);
+            }
+            add_product(tail, mixed, e, d, part(&at.out_bias), &p.out);
+        }
         let y = &mut y[..e * d];
         simd::layer_norm(tail, part(&at.ln2_weight), part(&at.ln2_bias), y, stats);
         feed_forward(tail, y, e, d, wide, act, [part(&at.up_bias), part(&at.down_bias)], p);
@@ -288,7 +296,10 @@ impl Panels {
         let mut layers = Vec::with_capacity(cfg.layers);
         for (l, at) in at.layers.iter().enumerate() {
             let all = &w[at.qkv_weight.clone()];
-            let qkv = if l + 1 == cfg.layers {
+            let attends = cfg.mixing == Mixing::Attention;
+            let qkv = if !attends {
+                Packed::default()
+            } else if l + 1 == cfg.layers {
                 query = Packed::new(Mat::strided(all, d, d, 3 * d));
                 Packed::new(Mat::strided(&all[d..], d, 2 * d, 3 * d))
             } else {
@@ -296,7 +307,11 @@ impl Panels {
             };
             layers.push(LayerPanels {
                 qkv,
-                out: Packed::new(Mat::new(&w[at.out_weight.clone()], d, d)),
+                out: if attends {
+                    Packed::new(Mat::new(&w[at.out_weight.clone()], d, d))
+                } else {
+                    Packed::default()
+                },
                 up: Packed::new(Mat::new(&w[at.up_weight.clone()], d, 4 * d)),
                 down: Packed::new(Mat::new(&w[at.down_weight.clone()], 4 * d, d)),
             });
@@ -318,7 +333,7 @@ mod tests {
     use crate::net::token::{Facts, JointFacts, Normaliser, TokenConfig, Tokeniser};
     use crate::net::{MaskGranularity, SkipKind};
 
-    fn parts(bins: usize) -> (Net<f32>, Encoder) {
+    fn parts(bins: usize, mixing: Mixing) -> (Net<f32>, Encoder) {
         let range = Some([-1.0, 1.0]);
         let facts = Facts { joints: vec![JointFacts { hinge: true, range }; 3], actions: 2 };
         let one = |x: f64| vec![x; 3];
@@ -335,6 +350,7 @@ mod tests {
             offset_weight: 10.0,
             mask_replaces: false,
             skip: SkipKind::Off,
+            mixing,
         };
         let mut rng = Rng::new(1, Stream::Test, 0);
         let centres = (0..bins * 2).map(|_| 0.3 * rng.normal() as f32).collect();
@@ -368,8 +384,8 @@ mod tests {
 
     #[test]
     fn the_short_way_gives_the_same_action() {
-        for bins in [1, 5] {
-            let (net, encoder) = parts(bins);
+        for (bins, mixing) in [(1, Mixing::Attention), (5, Mixing::Attention), (1, Mixing::None)] {
+            let (net, encoder) = parts(bins, mixing);
             let mut policy =
                 Policy::new(net.clone(), encoder.clone(), PolicyConfig::default()).unwrap();
             for index in 0..5 {
@@ -385,7 +401,7 @@ mod tests {
 
     #[test]
     fn ensembles_average_what_was_said_of_one_frame() {
-        let (net, encoder) = parts(1);
+        let (net, encoder) = parts(1, Mixing::Attention);
         let cfg = PolicyConfig { ensemble: 3, ensemble_decay: 0.7, ..PolicyConfig::default() };
         let mut policy = Policy::new(net.clone(), encoder.clone(), cfg).unwrap();
         let mut got = Vec::new();
@@ -404,7 +420,7 @@ mod tests {
 
     #[test]
     fn bins_are_drawn_by_seed_and_step() {
-        let (net, encoder) = parts(5);
+        let (net, encoder) = parts(5, Mixing::Attention);
         let run = |seed| {
             let cfg = PolicyConfig { sample_bins: true, seed, ..PolicyConfig::default() };
             let mut policy = Policy::new(net.clone(), encoder.clone(), cfg).unwrap();

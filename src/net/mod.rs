@@ -28,7 +28,7 @@ pub mod token;
 
 pub use checkpoint::{Card, Model, RobotCard};
 pub use config::{
-    COMMAND, CURRENT, HISTORY, MaskGranularity, NetConfig, SkipKind, TokenKind, WINDOW,
+    COMMAND, CURRENT, HISTORY, MaskGranularity, Mixing, NetConfig, SkipKind, TokenKind, WINDOW,
 };
 pub use encode::Encoder;
 pub use error::Error;

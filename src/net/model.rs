@@ -7,8 +7,8 @@
 //! Block by block this is the pre-norm encoder of Xiong et al. 2020 with the head of
 //! Behaviour Transformers (Shafiullah et al. 2022).
 
-use super::config::{NetConfig, WINDOW};
-use super::head::{self, Sums};
+use super::config::{Mixing, NetConfig, WINDOW};
+use super::head::{self, Place, Sums};
 use super::mat::{Init, Mat, MatMut, Packed, gemm, gemm_packed};
 use super::params::Layout;
 use super::real::{Aligned, Real};
@@ -60,8 +60,8 @@ pub struct Batch<T: Real> {
     pub actions: Vec<T>,
     /// Weight of each token in the loss, (B, 51).
     pub weight: Vec<T>,
-    /// Whether a frame is away from stops and contact, (B, 51); for the log only.
-    pub clear: Vec<bool>,
+    /// Where the robot is at a frame, (B, 51); for the log only.
+    pub place: Vec<Place>,
 }
 
 impl<T: Real> Batch<T> {
@@ -76,7 +76,7 @@ impl<T: Real> Batch<T> {
             linear: vec![T::default(); if skip { rows * cfg.actions } else { 0 }],
             actions: vec![T::default(); rows * cfg.actions],
             weight: vec![T::of(1.0); rows],
-            clear: vec![true; rows],
+            place: vec![Place::Clear; rows],
         }
     }
 }
@@ -138,8 +138,11 @@ impl<T: Real> Panels<T> {
                 to.pack(m);
                 to_t.pack(m.t());
             };
-            pair(&mut panels.qkv, &mut panels.qkv_t, Mat::new(&w[at.qkv_weight.clone()], d, 3 * d));
-            pair(&mut panels.out, &mut panels.out_t, Mat::new(&w[at.out_weight.clone()], d, d));
+            if cfg.mixing == Mixing::Attention {
+                let qkv = Mat::new(&w[at.qkv_weight.clone()], d, 3 * d);
+                pair(&mut panels.qkv, &mut panels.qkv_t, qkv);
+                pair(&mut panels.out, &mut panels.out_t, Mat::new(&w[at.out_weight.clone()], d, d));
+            }
             pair(&mut panels.up, &mut panels.up_t, Mat::new(&w[at.up_weight.clone()], d, 4 * d));
             pair(
                 &mut panels.down,
@@ -251,20 +254,24 @@ pub fn forward<T: Real>(net: &Net<T>, panels: &Panels<T>, batch: &Batch<T>, aren
         let [x2, x3, ..] = after else { return };
         let n = rows * d;
 
-        normalise(x1, &mut a.ln1, part(&at.ln1_weight), part(&at.ln1_bias), n);
-        gemm_packed(
-            MatMut::new(&mut a.qkv, rows, 3 * d),
-            Init::Bias(part(&at.qkv_bias)),
-            Mat::new(&a.ln1.y, rows, d),
-            &panels.qkv,
-        );
-        attend(cfg, batch.count, &a.qkv, &mut a.probs, &mut a.mixed);
-        gemm_packed(
-            MatMut::new(x2, rows, d),
-            Init::Residual(part(&at.out_bias), x1),
-            Mat::new(&a.mixed, rows, d),
-            &panels.out,
-        );
+        if cfg.mixing == Mixing::Attention {
+            normalise(x1, &mut a.ln1, part(&at.ln1_weight), part(&at.ln1_bias), n);
+            gemm_packed(
+                MatMut::new(&mut a.qkv, rows, 3 * d),
+                Init::Bias(part(&at.qkv_bias)),
+                Mat::new(&a.ln1.y, rows, d),
+                &panels.qkv,
+            );
+            attend(cfg, batch.count, &a.qkv, &mut a.probs, &mut a.mixed);
+            gemm_packed(
+                MatMut::new(x2, rows, d),
+                Init::Residual(part(&at.out_bias), x1),
+                Mat::new(&a.mixed, rows, d),
+                &panels.out,
+            );
+        } else {
+            x2[..n].copy_from_slice(&x1[..n]);
+        }
 
         normalise(x2, &mut a.ln2, part(&at.ln2_weight), part(&at.ln2_bias), n);
         gemm_packed(
@@ -432,6 +439,9 @@ pub fn backward<T: Real>(
         let small = &arena.d_small[..n];
         normalise_back(small, x2, &a.ln2.stats, w, &at.ln2_weight, &at.ln2_bias, dx, grads);
 
+        if cfg.mixing == Mixing::None {
+            continue;
+        }
         // Attention half.
         weight_grad(grads, &at.out_weight, &at.out_bias, &a.mixed, dx, rows, d, d);
         gemm_packed(

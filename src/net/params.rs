@@ -5,7 +5,7 @@
 
 use std::ops::Range;
 
-use super::config::{NetConfig, SkipKind, WINDOW};
+use super::config::{Mixing, NetConfig, SkipKind, WINDOW};
 use super::real::{Aligned, Real};
 use crate::rng::{Rng, Stream};
 
@@ -22,7 +22,7 @@ pub struct Tensor {
     pub decays: bool,
 }
 
-/// Places of one layer's tensors.
+/// Places of one layer's tensors; those of attention are empty where there is none.
 #[derive(Clone, Debug)]
 #[allow(missing_docs)]
 pub struct LayerAt {
@@ -82,13 +82,17 @@ impl Layout {
             let mut at = |name: &str, shape: &[usize], decays| {
                 put(format!("layers.{i}.{name}"), shape, decays)
             };
+            let attends = cfg.mixing == Mixing::Attention;
+            let mut mix = |name: &str, shape: &[usize], decays| {
+                if attends { at(name, shape, decays) } else { 0..0 }
+            };
             layers.push(LayerAt {
-                ln1_weight: at("ln1.weight", &[d], false),
-                ln1_bias: at("ln1.bias", &[d], false),
-                qkv_weight: at("qkv.weight", &[d, 3 * d], true),
-                qkv_bias: at("qkv.bias", &[3 * d], false),
-                out_weight: at("out.weight", &[d, d], true),
-                out_bias: at("out.bias", &[d], false),
+                ln1_weight: mix("ln1.weight", &[d], false),
+                ln1_bias: mix("ln1.bias", &[d], false),
+                qkv_weight: mix("qkv.weight", &[d, 3 * d], true),
+                qkv_bias: mix("qkv.bias", &[3 * d], false),
+                out_weight: mix("out.weight", &[d, d], true),
+                out_bias: mix("out.bias", &[d], false),
                 ln2_weight: at("ln2.weight", &[d], false),
                 ln2_bias: at("ln2.bias", &[d], false),
                 up_weight: at("up.weight", &[d, 4 * d], true),
@@ -159,6 +163,7 @@ mod tests {
             offset_weight: 10.0,
             mask_replaces: true,
             skip: SkipKind::Off,
+            mixing: Mixing::Attention,
         };
         Layout::new(&cfg).count()
     }
@@ -183,6 +188,7 @@ mod tests {
             offset_weight: 1.0,
             mask_replaces: false,
             skip: SkipKind::Gated,
+            mixing: Mixing::Attention,
         };
         let layout = Layout::new(&cfg);
         let names: std::collections::BTreeSet<_> = layout.tensors.iter().map(|t| &t.name).collect();

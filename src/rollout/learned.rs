@@ -73,7 +73,7 @@ impl Frames {
 }
 
 /// A trained network.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Learned {
     policy: net::Policy,
     frames: Frames,
@@ -108,6 +108,10 @@ impl Policy for Learned {
         Ok(())
     }
 
+    fn fork(&self) -> Option<Box<dyn Policy>> {
+        Some(Box::new(self.clone()))
+    }
+
     fn memory(&self) -> Vec<f64> {
         self.policy.memory()
     }
@@ -118,7 +122,7 @@ impl Policy for Learned {
 }
 
 /// The linear answer alone: no network, fitted in seconds.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Linear {
     encoder: Arc<Encoder>,
     frames: Frames,
@@ -156,6 +160,10 @@ impl Policy for Linear {
 
     fn reset(&mut self, _seed: u64) {}
 
+    fn fork(&self) -> Option<Box<dyn Policy>> {
+        Some(Box::new(self.clone()))
+    }
+
     fn act(&mut self, view: &View<'_>, action: &mut [f64]) -> Result<(), Error> {
         debug_assert_eq!(view.window.history.len(), HISTORY * view.window.dim());
         self.frames.fill(view.window);
@@ -177,7 +185,8 @@ mod tests {
     use crate::net::ridge::Ridge;
     use crate::net::token::RIDGE_HEADS;
     use crate::net::{
-        Card, Facts, JointFacts, Net, NetConfig, Normaliser, SkipKind, TokenConfig, Tokeniser,
+        Card, Facts, JointFacts, Mixing, Net, NetConfig, Normaliser, SkipKind, TokenConfig,
+        Tokeniser,
     };
     use crate::rollout::{Rollout, RolloutConfig, Start};
 
@@ -211,6 +220,7 @@ mod tests {
             offset_weight: 10.0,
             mask_replaces: false,
             skip: SkipKind::Gated,
+            mixing: Mixing::Attention,
         };
         let net = Net::init(net_cfg.clone(), None, 1).unwrap();
         let training = net::checkpoint::TrainingCard::default();

@@ -38,6 +38,12 @@ pub trait Policy: Send {
     /// Whatever keeps the policy from answering; the rollout stops there.
     fn act(&mut self, view: &View<'_>, action: &mut [f64]) -> Result<(), Error>;
 
+    /// A copy that shares what is costly to build (the weights of a network), for the next
+    /// rollout; `None` where building anew is as cheap.
+    fn fork(&self) -> Option<Box<dyn Policy>> {
+        None
+    }
+
     /// What it carries from frame to frame (a warm start, an ensemble); empty for most.
     fn memory(&self) -> Vec<f64> {
         Vec::new()

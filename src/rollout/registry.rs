@@ -91,6 +91,22 @@ pub enum Guide {
     Linear,
 }
 
+/// How a trained network becomes an action; other policies have no use for it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Inference {
+    /// Windows whose predictions for the current frame are averaged; 1 is off, 21 at most.
+    pub ensemble: usize,
+    /// Draw the action bin (the paper's way) instead of taking the likeliest.
+    pub sample: bool,
+}
+
+impl Default for Inference {
+    fn default() -> Self {
+        Inference { ensemble: 1, sample: false }
+    }
+}
+
 /// A policy as asked for on the command line.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct PolicyConfig {
@@ -103,19 +119,31 @@ pub struct PolicyConfig {
     /// Model or fit file, or the name of a shipped model, for policies that learned
     /// something; nothing is the robot's shipped default.
     pub model_path: Option<PathBuf>,
+    /// How a trained network becomes an action.
+    #[serde(default)]
+    pub inference: Inference,
 }
 
 impl PolicyConfig {
     /// This policy with default options.
     pub fn new(name: PolicyName) -> PolicyConfig {
-        PolicyConfig { name, guide: Guide::None, refine: false, model_path: None }
+        PolicyConfig {
+            name,
+            guide: Guide::None,
+            refine: false,
+            model_path: None,
+            inference: Inference::default(),
+        }
     }
 
-    /// The name that tables show: `pd`, `pd+guide`, `robert+refine`.
+    /// The name that tables show: `pd`, `pd+guide`, `robert+ensemble=3+refine`.
     pub fn label(&self) -> String {
         let guide = if self.guide == Guide::Linear { "+guide" } else { "" };
         let refine = if self.refine { "+refine" } else { "" };
-        format!("{}{guide}{refine}", self.name.as_str())
+        let Inference { ensemble, sample } = self.inference;
+        let sample = if sample { "+sample" } else { "" };
+        let ensemble = if ensemble > 1 { format!("+ensemble={ensemble}") } else { String::new() };
+        format!("{}{sample}{ensemble}{guide}{refine}", self.name.as_str())
     }
 
     /// What performs a robot when nothing else is asked for: its shipped model, else
@@ -155,7 +183,13 @@ impl PolicyConfig {
             }
             PolicyName::Robert => {
                 let model = Arc::unwrap_or_clone(self.model(robot)?);
-                Box::new(Learned::new(model, crate::net::PolicyConfig::default())?)
+                let Inference { ensemble, sample } = self.inference;
+                let options = crate::net::PolicyConfig {
+                    ensemble,
+                    sample_bins: sample,
+                    ..crate::net::PolicyConfig::default()
+                };
+                Box::new(Learned::new(model, options)?)
             }
             PolicyName::Ridge => Box::new(Linear::new(self.model(robot)?.encoder.clone())?),
         };

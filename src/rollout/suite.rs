@@ -1,14 +1,15 @@
 //! Many clips, many policies, all cores: the table that claims stand on.
 
-use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use serde::Serialize;
 
 use super::error::Error;
 use super::plant::PlantConfig;
+use super::policy::Policy;
 use super::precision::{Precision, hidden_error};
-use super::registry::PolicyConfig;
+use super::registry::{Guide, PolicyConfig};
 use super::run::{Rollout, RolloutConfig, Start};
 use super::stats::{Interval, mean_ci95};
 use crate::clip::Command;
@@ -101,6 +102,9 @@ pub struct Evaluation {
     pub tasks: Vec<CaseResult>,
 }
 
+/// A policy that rollouts are forked from.
+type Template = Mutex<Box<dyn Policy>>;
+
 /// One rollout of an evaluation.
 #[derive(Clone, Copy, Debug)]
 struct Job {
@@ -124,11 +128,11 @@ pub fn evaluate(
     progress: &dyn Progress,
     cancel: &Cancel,
 ) -> Result<Vec<Evaluation>, Error> {
-    let uses_model = config
-        .policies
-        .iter()
-        .map(|p| p.build(robot).map(|built| built.uses_model()))
-        .collect::<Result<Vec<_>, _>>()?;
+    // Built once: a model file is read, checked and packed for all its rollouts together.
+    let templates =
+        config.policies.iter().map(|p| p.build(robot)).collect::<Result<Vec<_>, _>>()?;
+    let uses_model: Vec<bool> = templates.iter().map(|t| t.uses_model()).collect();
+    let templates: Vec<Template> = templates.into_iter().map(Mutex::new).collect();
     let seeds = config.seeds.max(1);
     let mut jobs = Vec::new();
     for (suite, cases) in suites.iter().map(|s| s.cases.len()).enumerate() {
@@ -138,7 +142,7 @@ pub fn evaluate(
             }
         }
     }
-    let mut outcomes = all(robot, suites, config, &jobs, progress, cancel)?.into_iter();
+    let mut outcomes = all(robot, suites, config, &templates, &jobs, progress, cancel)?.into_iter();
 
     let mut results = Vec::new();
     for suite in suites {
@@ -168,6 +172,7 @@ fn all(
     robot: &Arc<Robot>,
     suites: &[Suite],
     config: &EvalConfig,
+    templates: &[Template],
     jobs: &[Job],
     progress: &dyn Progress,
     cancel: &Cancel,
@@ -182,7 +187,16 @@ fn all(
             let Some(job) = jobs.get(at) else { return Ok(mine) };
             let case = &suites[job.suite].cases[job.case];
             let policy = &config.policies[job.policy];
-            let outcome = one(robot, policy, case, job.seed, config.plant, &[cancel, &stop])
+            let forked = {
+                let template = templates[job.policy].lock();
+                template.unwrap_or_else(PoisonError::into_inner).fork()
+            };
+            let built = forked.map_or_else(|| policy.build(robot), Ok);
+            let outcome = built
+                .and_then(|built| {
+                    let guided = (built, policy.guide);
+                    one(robot, guided, case, job.seed, config.plant, &[cancel, &stop])
+                })
                 .inspect_err(|_| stop.cancel())?;
             mine.push((at, outcome));
             let n = done.fetch_add(1, Ordering::Relaxed) + 1;
@@ -238,15 +252,14 @@ struct Outcome {
 
 fn one(
     robot: &Arc<Robot>,
-    policy: &PolicyConfig,
+    (policy, guide): (Box<dyn Policy>, Guide),
     case: &Case,
     seed: u64,
     plant: PlantConfig,
     stops: &[&Cancel],
 ) -> Result<Outcome, Error> {
-    let config = RolloutConfig { seed, guide: policy.guide, plant };
-    let mut rollout =
-        Rollout::new(robot, policy.build(robot)?, &case.command, case.start.clone(), config)?;
+    let config = RolloutConfig { seed, guide, plant };
+    let mut rollout = Rollout::new(robot, policy, &case.command, case.start.clone(), config)?;
     let begin = std::time::Instant::now();
     let result = loop {
         if stops.iter().any(|c| c.is_cancelled()) {

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::Error;
 use crate::net::mask::{MaskKind, Schedule};
 use crate::net::token::TokenConfig;
-use crate::net::{AdamConfig, Facts, MaskGranularity, NetConfig, SkipKind, TokenKind};
+use crate::net::{AdamConfig, Facts, MaskGranularity, Mixing, NetConfig, SkipKind, TokenKind};
 
 /// Everything that decides a training run, besides the data.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -19,6 +19,8 @@ pub struct TrainConfig {
     pub width: usize,
     /// Attention heads.
     pub heads: usize,
+    /// How frames hear of each other; `none` leaves a feed-forward network on each frame.
+    pub mixing: Mixing,
     /// Action bins K; 1 is plain regression.
     pub bins: usize,
     /// Factor on the offset loss when K > 1.
@@ -50,7 +52,16 @@ pub struct TrainConfig {
     /// Loss at the current frame only, instead of all 51.
     pub current_only: bool,
     /// Decay of the running average of the weights that is kept as the model; 0 is off.
+    /// Until step 9 d / (1 - d) it spans about the last ninth of the steps so far, so one value
+    /// fits short and long runs.
     pub average: f64,
+    /// Rounds of self-correction: the network performs tasks from its own data, and what it
+    /// reached joins the data; 0 is off.
+    pub self_correct: u64,
+    /// Share of windows that come from earlier rounds.
+    pub self_share: f64,
+    /// Tasks in a round, of 80 frames each.
+    pub self_tasks: usize,
     /// Loss weight of frames with a joint near a stop, where torque cannot be read off.
     pub stop_weight: f64,
     /// Loss weight of frames in self-contact.
@@ -67,6 +78,7 @@ impl Default for TrainConfig {
             layers: 4,
             width: 128,
             heads: 4,
+            mixing: Mixing::Attention,
             bins: 1,
             offset_weight: 10.0,
             tokens: TokenKind::Goal,
@@ -82,7 +94,10 @@ impl Default for TrainConfig {
             weight_decay: 0.1,
             clip: 1.0,
             current_only: false,
-            average: 0.0,
+            average: 0.999,
+            self_correct: 0,
+            self_share: 0.25,
+            self_tasks: 240,
             stop_weight: 1.0,
             contact_weight: 1.0,
             seed: 0,
@@ -131,6 +146,7 @@ impl TrainConfig {
             steps,
             lr: 7e-5,
             schedule: Schedule::Paper,
+            average: 0.0,
             ..Self::default()
         };
         let cfg = match name {
@@ -202,6 +218,11 @@ impl TrainConfig {
             () if !(0.0..1.0).contains(&self.average) => refuse("average", "takes 0 to below 1"),
             () if !weight(self.stop_weight) => refuse("stop_weight", "must be 0 or more"),
             () if !weight(self.contact_weight) => refuse("contact_weight", "must be 0 or more"),
+            () if self.self_correct > 100 => refuse("self_correct", "takes 0 to 100"),
+            () if !(0.0..=1.0).contains(&self.self_share) => refuse("self_share", "takes 0 to 1"),
+            () if !(1..=1_000_000).contains(&self.self_tasks) => {
+                refuse("self_tasks", "takes 1 to a million")
+            }
             () if self.seed > i64::MAX as u64 => refuse("seed", "takes 63 bits"),
             () => Ok(()),
         }
@@ -235,6 +256,7 @@ impl TrainConfig {
             offset_weight: self.offset_weight,
             mask_replaces,
             skip: self.skip,
+            mixing: self.mixing,
         }
     }
 
@@ -267,6 +289,7 @@ mod tests {
         let net = cfg.net_config(5, 5, true);
         assert_eq!(crate::net::params::Layout::new(&net).count(), 42_619_452);
         assert_eq!((cfg.batch, cfg.steps, cfg.lr), (512, 12_000, 7e-5));
+        assert_eq!((cfg.average, cfg.self_correct, cfg.skip), (0.0, 0, SkipKind::Off));
     }
 
     #[test]

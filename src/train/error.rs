@@ -33,6 +33,14 @@ pub enum Error {
         /// The directory or file.
         path: PathBuf,
     },
+    /// A sweep file, or a folder of points, that cannot be used.
+    #[error("{why}: {path}", path = path.display())]
+    Sweep {
+        /// What is wrong.
+        why: String,
+        /// The file or folder.
+        path: PathBuf,
+    },
     /// Too many steps whose loss or gradient was not finite.
     #[error(
         "training diverged: {skipped} steps were not finite, the last at step {step}; try a smaller lr. The last good checkpoint is {path}",
@@ -69,7 +77,7 @@ impl HasExit for Error {
     fn exit(&self) -> Exit {
         match self {
             Error::Preset { .. } | Error::Setting { .. } => Exit::Usage,
-            Error::Run { .. } => Exit::Invalid,
+            Error::Run { .. } | Error::Sweep { .. } => Exit::Invalid,
             Error::Diverged { .. } | Error::Evaluation { .. } => Exit::Failed,
             Error::Data(e) => e.exit(),
             Error::Net(e) => e.exit(),

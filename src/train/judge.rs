@@ -66,11 +66,14 @@ impl SuiteJudge {
 
 impl Evaluate for SuiteJudge {
     fn evaluate(&mut self, model: &Model) -> Result<Evaluation, String> {
+        let policy = Learned::new(model.clone(), PolicyConfig::default());
+        let policy = Mutex::new(policy.map_err(|e| e.to_string())?);
         let mut found: Vec<Result<f64, String>> = vec![Ok(BROKEN); self.cases.len()];
         let queue = Mutex::new(self.cases.iter().zip(&mut found));
         on_threads(self.threads, |_| {
             while let Some((case, to)) = next_of(&queue) {
-                *to = self.one(model, case);
+                let policy = policy.lock().unwrap_or_else(PoisonError::into_inner).clone();
+                *to = self.one(policy, case);
             }
         });
         drop(queue.into_inner().unwrap_or_else(PoisonError::into_inner));
@@ -89,9 +92,8 @@ impl Evaluate for SuiteJudge {
 }
 
 impl SuiteJudge {
-    fn one(&self, model: &Model, case: &Case) -> Result<f64, String> {
+    fn one(&self, policy: Learned, case: &Case) -> Result<f64, String> {
         let text = |e: crate::rollout::Error| format!("{}: {e}", case.name);
-        let policy = Learned::new(model.clone(), PolicyConfig::default()).map_err(text)?;
         let start = Start::Pose;
         let config = RolloutConfig::default();
         let mut rollout = Rollout::new(&self.robot, Box::new(policy), &case.command, start, config)

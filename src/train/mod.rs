@@ -1,15 +1,19 @@
 //! Training: settings, preparation of data and linear fit, the loop, resuming.
 //!
 //! [`config`] is what a person chooses, [`prepare`] what follows from the data,
-//! [`run`] the loop. A run is a function of the data and the settings: thread count, kills
+//! [`run`] the loop, [`record`] what a run directory tells, [`sweep`] grids of runs. A run is a function of the data and the settings: thread count, kills
 //! and resumes change nothing in its weights.
 
 pub mod config;
+pub mod curves;
 mod error;
+pub mod hindsight;
 pub mod judge;
 pub mod prepare;
+pub mod record;
 pub mod run;
 mod source;
+pub mod sweep;
 #[cfg(test)]
 mod tests;
 

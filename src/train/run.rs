@@ -11,20 +11,25 @@ use std::time::Instant;
 
 use serde::{Deserialize, Serialize};
 
+use super::hindsight::{self, Perform};
 use super::prepare::{normaliser, prepare};
-use super::source::Source;
-use super::{Error, TrainConfig};
+use super::record::{Line, Record, read_metrics};
+use super::source::{Mix, Source};
+use super::{Error, TrainConfig, curves};
 use crate::dataset::{Dataset, Part, Windows};
 use crate::fsio;
 use crate::net::checkpoint::{self, OptimiserState};
 use crate::net::head::{GAPS, Sums};
-use crate::net::{Batch, Card, Encoder, Learner, Model, Net, WINDOW};
+use crate::net::{Batch, Card, Encoder, Learner, Model, Net, SkipKind, WINDOW};
 use crate::progress::{Cancel, Progress};
 
 /// Steps with a loss or gradient that is not finite before a run gives up.
 const MOST_SKIPPED: u64 = 10;
-/// Windows that held-out error is measured on.
-const MEASURED: usize = 640;
+/// Windows that held-out error is measured on during a run; a twentieth for each number of
+/// hidden frames.
+const MEASURED: usize = 1_280;
+/// Windows that it is measured on at the end: actions at stops are heavy-tailed.
+const MEASURED_AT_END: usize = 5_120;
 /// Lines of training metrics in a run.
 const LINES: u64 = 400;
 
@@ -62,6 +67,8 @@ pub struct Options<'a> {
     pub cancel: &'a Cancel,
     /// Closed-loop judge; without one only the last model is kept.
     pub judge: Option<&'a mut dyn Evaluate>,
+    /// Performs tasks for self-correction; needed when the settings ask for it.
+    pub perform: Option<&'a mut dyn Perform>,
     /// What else to put into meta.json (version, host, command line).
     pub meta: serde_json::Value,
 }
@@ -98,10 +105,17 @@ pub struct Finished {
 /// Error of inferred actions on held-out trajectories, as a share of the actions' variance.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct HeldOut {
-    /// By number of hidden frames before the next visible one, 0 to 19.
+    /// Of the current frame, by number of hidden frames before the next visible one, 0 to 19.
     pub nmse_by_hidden: Vec<f64>,
     /// Next frame visible, away from stops and contact.
     pub nmse_clear: f64,
+    /// Next frame visible, a joint near a stop: torque that presses against a stop leaves no
+    /// trace in positions.
+    pub nmse_stop: f64,
+    /// Next frame visible, in self-contact.
+    pub nmse_contact: f64,
+    /// Share of frames by place: clear, at a stop, in contact.
+    pub shares: [f64; 3],
 }
 
 /// Paths inside a run directory.
@@ -123,6 +137,10 @@ pub mod paths {
     /// Latest model, without optimiser state.
     pub fn model(dir: &Path) -> PathBuf {
         dir.join("model.safetensors")
+    }
+    /// Training curves.
+    pub fn curves(dir: &Path) -> PathBuf {
+        dir.join("curves.png")
     }
     /// One JSON object a line.
     pub fn metrics(dir: &Path) -> PathBuf {
@@ -150,8 +168,15 @@ pub fn read_config(dir: &Path) -> Result<TrainConfig, Error> {
 /// Those of [`Error`]; whatever happens, the last checkpoint stays whole.
 pub fn train(data: &Dataset, cfg: &TrainConfig, mut opts: Options<'_>) -> Result<Finished, Error> {
     cfg.check()?;
+    if cfg.self_correct > 0 && opts.perform.is_none() {
+        return Err(Error::Setting {
+            setting: "self_correct".into(),
+            why: "nobody here performs the tasks".into(),
+        });
+    }
     let mut run = Run::open(data, cfg, &opts)?;
     if run.step == 0 {
+        run.judge_linear(&mut opts)?;
         // From the first step on there is something good to fall back on.
         run.save(&opts.dir)?;
     }
@@ -160,73 +185,147 @@ pub fn train(data: &Dataset, cfg: &TrainConfig, mut opts: Options<'_>) -> Result
     let windows = Windows::new(data, WINDOW, Part::Train, cfg.seed)?;
     let held_out = Windows::new(data, WINDOW, Part::Test, cfg.seed).ok();
     let begin = Instant::now();
-    let (first, mut saved) = (run.step, begin);
-    let line_every = (cfg.steps / LINES).max(1);
-    let (mut recent, mut recent_steps) = (Sums::default(), 0_u32);
-    let mut finished = Finished {
-        step: run.step,
-        steps: cfg.steps,
-        interrupted: false,
-        skipped: 0,
-        best: run.best,
-        held_out: None,
-        secs: 0.0,
-        windows_per_sec: 0.0,
-        model: paths::model(&opts.dir),
+    let first = run.step;
+    let mut session = Session {
+        begin,
+        first,
+        saved: begin,
+        recent: Sums::default(),
+        recent_steps: 0,
+        finished: Finished {
+            step: run.step,
+            steps: cfg.steps,
+            interrupted: false,
+            skipped: 0,
+            best: run.best,
+            held_out: None,
+            secs: 0.0,
+            windows_per_sec: 0.0,
+            model: paths::model(&opts.dir),
+        },
     };
-    while run.step < cfg.steps {
-        if opts.cancel.is_cancelled() {
-            finished.interrupted = true;
+    // A stretch of steps learns from the data and from what earlier rounds reached.
+    for round in 0..=cfg.self_correct {
+        let end = cfg.steps * (round + 1) / (cfg.self_correct + 1);
+        if run.step >= end && round < cfg.self_correct {
+            continue;
+        }
+        if round > 0 {
+            run.perform(data, round, &mut opts)?;
+        }
+        let reached = hindsight::open(&opts.dir, round)?;
+        let mix = Mix::new(&source, &windows, &reached);
+        session.stretch(&mut run, &mix, held_out.as_ref(), end, &mut opts)?;
+        if session.finished.interrupted {
             break;
-        }
-        let step = run.step;
-        let lr = cfg.lr * cfg.schedule.factor(step as f64 / cfg.steps as f64);
-        let fill = |w: usize, slot: usize, batch: &mut Batch<f32>| {
-            source.train(&windows, step, w, slot, batch);
-        };
-        let report = run.learner.step(lr, &fill);
-        run.step += 1;
-        if report.applied {
-            run.average(cfg.average);
-            recent.add(&report.sums);
-            recent_steps += 1;
-        } else {
-            finished.skipped += 1;
-            opts.progress.log(&format!("step {step}: loss or gradient not finite, skipped"));
-            if finished.skipped >= MOST_SKIPPED {
-                let path = paths::last(&opts.dir);
-                return Err(Error::Diverged { skipped: finished.skipped, step, path });
-            }
-        }
-        let rate = (run.step - first) as f64 * cfg.batch as f64 / begin.elapsed().as_secs_f64();
-        if run.step % line_every == 0 || run.step == cfg.steps {
-            let line = metrics_line(&recent, recent_steps, &run, lr, report.grad_norm, rate);
-            opts.progress.tick(run.step, cfg.steps, &note(&recent, recent_steps, rate));
-            run.metrics.push(line);
-            (recent, recent_steps) = (Sums::default(), 0);
-        }
-        if due(run.step, cfg.steps, opts.evaluations) {
-            if let Some(held_out) = &held_out {
-                let found = run.measure(&source, held_out);
-                run.metrics.push(serde_json::json!({"step": run.step, "held_out": found}));
-                finished.held_out = Some(found);
-            }
-            if let Some(judge) = opts.judge.as_deref_mut() {
-                run.judge(judge, &opts.dir, opts.progress)?;
-                finished.best = run.best;
-            }
-        }
-        if saved.elapsed().as_secs_f64() >= opts.checkpoint_secs {
-            run.save(&opts.dir)?;
-            saved = Instant::now();
         }
     }
     run.save(&opts.dir)?;
+    let mut finished = session.finished;
     finished.step = run.step;
     finished.secs = begin.elapsed().as_secs_f64();
     finished.windows_per_sec =
         (run.step - first) as f64 * cfg.batch as f64 / finished.secs.max(1e-9);
     Ok(finished)
+}
+
+/// What one call of [`train`] counts.
+struct Session {
+    begin: Instant,
+    /// Step that it began at.
+    first: u64,
+    saved: Instant,
+    recent: Sums,
+    recent_steps: u32,
+    finished: Finished,
+}
+
+impl Session {
+    /// Steps up to `end`.
+    fn stretch(
+        &mut self,
+        run: &mut Run<'_>,
+        mix: &Mix<'_>,
+        held_out: Option<&Windows<'_>>,
+        end: u64,
+        opts: &mut Options<'_>,
+    ) -> Result<(), Error> {
+        let cfg = run.cfg;
+        let line_every = (cfg.steps / LINES).max(1);
+        while run.step < end {
+            if opts.cancel.is_cancelled() {
+                self.finished.interrupted = true;
+                break;
+            }
+            let step = run.step;
+            let lr = cfg.lr * cfg.schedule.factor(step as f64 / cfg.steps as f64);
+            let fill = |w: usize, slot: usize, batch: &mut Batch<f32>| {
+                mix.train(step, w, slot, batch);
+            };
+            let report = run.learner.step(lr, &fill);
+            run.step += 1;
+            if report.applied {
+                run.average(cfg.average);
+                self.recent.add(&report.sums);
+                self.recent_steps += 1;
+            } else {
+                self.skip(step, opts)?;
+            }
+            if run.step.is_multiple_of(line_every) || run.step == cfg.steps {
+                self.line(run, lr, report.grad_norm, opts.progress);
+            }
+            if due(run.step, cfg.steps, opts.evaluations) {
+                if let Some(held_out) = held_out {
+                    let count = if run.step == cfg.steps { MEASURED_AT_END } else { MEASURED };
+                    // A small run is not worth a long measurement.
+                    let seen = run.step as usize * cfg.batch;
+                    let found = run.measure(mix.source, held_out, count.min(seen));
+                    run.metrics.push(serde_json::json!({"step": run.step, "held_out": found}));
+                    self.finished.held_out = Some(found);
+                }
+                if let Some(judge) = opts.judge.as_deref_mut() {
+                    run.judge(judge, &opts.dir, opts.progress)?;
+                    self.finished.best = run.best;
+                }
+                run.draw(opts);
+            }
+            if self.saved.elapsed().as_secs_f64() >= opts.checkpoint_secs {
+                run.save(&opts.dir)?;
+                self.saved = Instant::now();
+            }
+        }
+        Ok(())
+    }
+
+    /// Counts a step whose loss or gradient was not finite; too many end the run.
+    fn skip(&mut self, step: u64, opts: &Options<'_>) -> Result<(), Error> {
+        self.finished.skipped += 1;
+        let skipped = self.finished.skipped;
+        opts.progress.log(&format!("step {step}: loss or gradient not finite, skipped"));
+        if skipped < MOST_SKIPPED {
+            return Ok(());
+        }
+        Err(Error::Diverged { skipped, step, path: paths::last(&opts.dir) })
+    }
+
+    fn line(&mut self, run: &mut Run<'_>, lr: f64, grad_norm: f64, progress: &dyn Progress) {
+        let secs = self.begin.elapsed().as_secs_f64();
+        let rate = (run.step - self.first) as f64 * run.cfg.batch as f64 / secs.max(1e-9);
+        let (recent, steps) = (&self.recent, self.recent_steps);
+        let line = Line {
+            step: run.step,
+            loss: mean_loss(recent, steps),
+            action_rms_visible: rms(recent, 0),
+            action_rms_masked: rms(recent, 1),
+            lr,
+            grad_norm,
+            windows_per_sec: rate.round(),
+            secs: ((run.spent + secs) * 10.0).round() / 10.0,
+        };
+        progress.tick(run.step, run.cfg.steps, &note(recent, steps, rate));
+        run.metrics.push(serde_json::to_value(line).unwrap_or_default());
+        (self.recent, self.recent_steps) = (Sums::default(), 0);
+    }
 }
 
 /// Whether an evaluation falls on the end of this step.
@@ -247,6 +346,8 @@ struct Run<'a> {
     power: f64,
     step: u64,
     best: Option<(u64, f64)>,
+    /// Seconds spent in earlier sessions.
+    spent: f64,
 }
 
 impl<'a> Run<'a> {
@@ -261,6 +362,7 @@ impl<'a> Run<'a> {
                 .map_err(|e| Error::Run { why: e.to_string(), path: paths::config(dir) })?;
             fsio::write_atomic(&paths::config(dir), text.as_bytes())?;
             let meta = serde_json::json!({
+                "robot": card.robot.id,
                 "dataset": data.path(),
                 "dataset_sha256": card.training.dataset_sha256,
                 "seed": cfg.seed,
@@ -280,6 +382,7 @@ impl<'a> Run<'a> {
                 power,
                 step: 0,
                 best: None,
+                spent: 0.0,
             });
         }
         let refuse = |why: String| Err(Error::Run { why, path: last.clone() });
@@ -300,8 +403,21 @@ impl<'a> Run<'a> {
         state.restore(&mut learner)?;
         let metrics = read_metrics(&paths::metrics(dir), step)?;
         let best = best_of(&metrics);
+        let spent = |l: &serde_json::Value| l.get("secs").and_then(serde_json::Value::as_f64);
+        let spent = metrics.iter().rev().find_map(spent).unwrap_or(0.0);
         opts.progress.log(&format!("going on from step {step}"));
-        Ok(Run { cfg, card, encoder, learner, averaged: state.average, metrics, power, step, best })
+        Ok(Run {
+            cfg,
+            card,
+            encoder,
+            learner,
+            averaged: state.average,
+            metrics,
+            power,
+            step,
+            best,
+            spent,
+        })
     }
 
     fn learner(net: Net<f32>, cfg: &TrainConfig, opts: &Options<'_>) -> Learner<f32> {
@@ -331,7 +447,22 @@ impl<'a> Run<'a> {
         Model { card, net, encoder: self.encoder.clone(), optimiser: None }
     }
 
-    fn measure(&mut self, source: &Source<'_>, held_out: &Windows<'_>) -> HeldOut {
+    /// The network of the moment performs tasks from its own data, and what it reached is
+    /// written down; nothing to do where an earlier session did.
+    fn perform(&mut self, data: &Dataset, round: u64, opts: &mut Options<'_>) -> Result<(), Error> {
+        let dir = hindsight::folder(&opts.dir, round);
+        if dir.join("manifest.json").exists() {
+            return Ok(());
+        }
+        let Some(perform) = opts.perform.as_deref_mut() else { return Ok(()) };
+        let (tasks, seed) = (self.cfg.self_tasks, self.cfg.seed);
+        opts.progress.log(&format!("step {}: performing {tasks} tasks from its data", self.step));
+        perform
+            .perform(&self.model(), data, round, tasks, seed, &dir)
+            .map_err(|why| Error::Evaluation { step: self.step, why })
+    }
+
+    fn measure(&mut self, source: &Source<'_>, held_out: &Windows<'_>, windows: usize) -> HeldOut {
         let batch = self.cfg.batch;
         // The average, where there is one, is what will be used: measure that.
         let kept = self.averaged.clone().map(|average| {
@@ -341,7 +472,7 @@ impl<'a> Run<'a> {
             kept
         });
         let mut sums = Sums::default();
-        for round in 0..MEASURED.div_ceil(batch) {
+        for round in 0..windows.div_ceil(batch) {
             let fill = |w: usize, slot: usize, to: &mut Batch<f32>| {
                 source.measure(held_out, (round * batch + w) as u64, slot, to);
             };
@@ -353,9 +484,42 @@ impl<'a> Run<'a> {
         }
         let nmse = |square: f64, count: f64| square / count.max(1.0) / self.power.max(1e-12);
         let gaps = sums.gap_square.iter().zip(&sums.gap_windows).take(GAPS - 1);
+        let place = |p: usize| nmse(sums.place_square[p], sums.place_tokens[p]);
+        let tokens: f64 = sums.place_tokens.iter().sum();
         HeldOut {
             nmse_by_hidden: gaps.map(|(&s, &n)| nmse(s, n)).collect(),
-            nmse_clear: nmse(sums.clear[0], sums.clear[1]),
+            nmse_clear: place(0),
+            nmse_stop: place(1),
+            nmse_contact: place(2),
+            shares: sums.place_tokens.map(|n| n / tokens.max(1.0)),
+        }
+    }
+
+    /// The linear answer alone on the judge's tasks: what the training has to beat. An
+    /// untrained skip network is that answer.
+    fn judge_linear(&mut self, opts: &mut Options<'_>) -> Result<(), Error> {
+        let Some(judge) = opts.judge.as_deref_mut() else { return Ok(()) };
+        if self.cfg.skip == SkipKind::Off || opts.evaluations == 0 {
+            return Ok(());
+        }
+        let found = judge
+            .evaluate(&self.model())
+            .map_err(|why| Error::Evaluation { step: self.step, why })?;
+        opts.progress.log(&format!("linear answer: Precision {:.5}", found.precision));
+        self.metrics.push(serde_json::json!({"step": 0, "linear": found}));
+        self.card.training.precision = found.suites;
+        Ok(())
+    }
+
+    /// Curves into the run directory. A picture that fails is no reason to stop.
+    fn draw(&self, opts: &Options<'_>) {
+        let whole = opts.dir.canonicalize().unwrap_or_else(|_| opts.dir.clone());
+        let name = whole.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let mut record = Record::of(name, self.cfg.clone(), &self.metrics);
+        record.robot.clone_from(&self.card.robot.id);
+        let Some(figure) = curves::figure(&record) else { return };
+        if let Err(e) = figure.save(&paths::curves(&opts.dir)) {
+            opts.progress.log(&format!("no picture of the curves: {e}"));
         }
     }
 
@@ -411,39 +575,6 @@ fn note(sums: &Sums, steps: u32, rate: f64) -> String {
         rms(sums, 0),
         rms(sums, 1),
     )
-}
-
-fn metrics_line(
-    sums: &Sums,
-    steps: u32,
-    run: &Run<'_>,
-    lr: f64,
-    grad_norm: f64,
-    rate: f64,
-) -> serde_json::Value {
-    serde_json::json!({
-        "step": run.step,
-        "loss": mean_loss(sums, steps),
-        "action_rms_visible": rms(sums, 0),
-        "action_rms_masked": rms(sums, 1),
-        "lr": lr,
-        "grad_norm": grad_norm,
-        "windows_per_sec": rate.round(),
-    })
-}
-
-/// Lines of a run up to a step; a torn last line is dropped.
-fn read_metrics(path: &Path, step: u64) -> Result<Vec<serde_json::Value>, Error> {
-    if !path.exists() {
-        return Ok(Vec::new());
-    }
-    let bytes = fsio::read_capped(path, 256 << 20)?;
-    let text = String::from_utf8_lossy(&bytes);
-    let lines = text.lines().filter_map(|l| serde_json::from_str::<serde_json::Value>(l).ok());
-    let until = |l: &serde_json::Value| {
-        l.get("step").and_then(serde_json::Value::as_u64).is_some_and(|s| s <= step)
-    };
-    Ok(lines.filter(until).collect())
 }
 
 fn best_of(metrics: &[serde_json::Value]) -> Option<(u64, f64)> {

@@ -6,6 +6,7 @@ use std::sync::{Mutex, PoisonError};
 use super::TrainConfig;
 use crate::dataset::{Dataset, Windows};
 use crate::net::encode::EncodeScratch;
+use crate::net::head::Place;
 use crate::net::{Batch, CURRENT, Encoder, WINDOW};
 use crate::rng::{Rng, Stream};
 
@@ -24,6 +25,45 @@ pub(super) struct Source<'a> {
     /// Nearer than this to a stop counts as at it, by joint; (S).
     near: Vec<f32>,
     pool: Mutex<Vec<Scratch>>,
+}
+
+/// The data of a run and what it reached itself in earlier rounds.
+#[derive(Debug)]
+pub(super) struct Mix<'a> {
+    /// The data.
+    pub(super) source: &'a Source<'a>,
+    windows: &'a Windows<'a>,
+    reached: Vec<(Source<'a>, Windows<'a>)>,
+}
+
+impl<'a> Mix<'a> {
+    /// Rounds too short for a window are left out.
+    pub(super) fn new(
+        source: &'a Source<'a>,
+        windows: &'a Windows<'a>,
+        reached: &'a [Dataset],
+    ) -> Self {
+        let of = |data: &'a Dataset| {
+            let all: Vec<usize> = (0..data.episodes().len()).collect();
+            let windows = Windows::of(data, WINDOW, &all)?;
+            Some((Source::new(data, source.encoder, source.cfg), windows))
+        };
+        Mix { source, windows, reached: reached.iter().filter_map(of).collect() }
+    }
+
+    /// Window `w` of step `step` into a slot.
+    pub(super) fn train(&self, step: u64, w: usize, slot: usize, batch: &mut Batch<f32>) {
+        let cfg = self.source.cfg;
+        let index = step * cfg.batch as u64 + w as u64;
+        let mut rng = Rng::new(cfg.seed, Stream::Reached, index);
+        if !self.reached.is_empty() && rng.uniform() < cfg.self_share {
+            let round = rng.below(self.reached.len() as u64) as usize;
+            if let Some((source, windows)) = self.reached.get(round) {
+                return source.train(windows, step, w, slot, batch);
+            }
+        }
+        self.source.train(self.windows, step, w, slot, batch);
+    }
 }
 
 #[derive(Debug)]
@@ -48,7 +88,7 @@ impl<'a> Source<'a> {
     }
 
     /// Window `w` of step `step` into a slot.
-    pub(super) fn train(
+    fn train(
         &self,
         windows: &Windows<'_>,
         step: u64,
@@ -108,7 +148,11 @@ impl<'a> Source<'a> {
             let stopped = self.near_stop(&q[i * s..(i + 1) * s]);
             let touching = touches.get(at.start + i).is_some_and(|&c| c != 0);
             let row = slot * WINDOW + i;
-            batch.clear[row] = !stopped && !touching;
+            batch.place[row] = match (stopped, touching) {
+                (true, _) => Place::Stop,
+                (false, true) => Place::Contact,
+                (false, false) => Place::Clear,
+            };
             let weight = |on: bool, w: f64| if on { w } else { 1.0 };
             batch.weight[row] = (weight(stopped, self.cfg.stop_weight)
                 * weight(touching, self.cfg.contact_weight)) as f32;

@@ -83,10 +83,11 @@ fn options<'a>(
         dir: dir.to_owned(),
         threads,
         checkpoint_secs: 1e9,
-        evaluations: 4,
+        evaluations: 0,
         progress,
         cancel,
         judge: None,
+        perform: None,
         meta: serde_json::Value::Null,
     }
 }
@@ -96,12 +97,13 @@ fn weights(dir: &Path) -> Model {
 }
 
 #[test]
-fn learns_and_beats_its_own_linear_answer() {
+fn beats_its_own_linear_answer_on_held_out_motion() {
     let dir = tempfile::tempdir().unwrap();
     let data = dataset(&dir.path().join("data"));
     let (cancel, run) = (Cancel::default(), dir.path().join("run"));
     let cfg = TrainConfig { average: 0.99, mask: MaskKind::ClUniform, ..small(160) };
-    let done = train(&data, &cfg, options(&run, 2, &cancel, &Silent)).unwrap();
+    let four = Options { evaluations: 4, ..options(&run, 2, &cancel, &Silent) };
+    let done = train(&data, &cfg, four).unwrap();
     assert_eq!((done.step, done.interrupted, done.skipped), (160, false, 0));
     let end = done.held_out.unwrap();
     let text = std::fs::read_to_string(paths::metrics(&run)).unwrap();
@@ -111,6 +113,13 @@ fn learns_and_beats_its_own_linear_answer() {
         lines.iter().filter_map(|l| l["held_out"]["nmse_by_hidden"][0].as_f64()).collect();
     assert_eq!(held.len(), 4);
     assert!(end.nmse_by_hidden[0] < 0.1, "{end:?}");
+    // An untrained network is the linear answer: no step at all shows what it leaves.
+    let (none, straight) = (dir.path().join("none"), TrainConfig { lr: 1e-30, ..small(40) });
+    let once = Options { evaluations: 1, ..options(&none, 2, &cancel, &Silent) };
+    let linear = train(&data, &straight, once).unwrap().held_out.unwrap();
+    assert!(end.nmse_clear < 0.9 * linear.nmse_clear, "{end:?} after {linear:?}");
+    let mean = |h: &HeldOut| h.nmse_by_hidden.iter().sum::<f64>();
+    assert!(mean(&end) < mean(&linear), "{end:?} after {linear:?}");
     assert!(end.nmse_by_hidden[10] > end.nmse_by_hidden[0], "hidden frames cost something");
     let model = checkpoint::load(&paths::model(&run), None).unwrap();
     assert!(model.optimiser.is_none());
@@ -138,6 +147,7 @@ fn interrupted_and_resumed_is_bit_equal() {
         TrainConfig { average: 0.9, ..small(30) },
         TrainConfig {
             bins: 4,
+            average: 0.0,
             skip: SkipKind::Off,
             tokens: TokenKind::Pos,
             mask: MaskKind::Cl,
@@ -204,10 +214,15 @@ fn the_best_by_precision_is_kept() {
     let dir = tempfile::tempdir().unwrap();
     let data = dataset(&dir.path().join("data"));
     let (cancel, run) = (Cancel::default(), dir.path().join("run"));
-    let mut judge = Judge(vec![0.3, 0.1, 0.2, 0.4]);
-    let opts = Options { judge: Some(&mut judge), ..options(&run, 1, &cancel, &Silent) };
+    // The linear answer is judged first; it is the figure to beat, never the best.
+    let mut judge = Judge(vec![0.05, 0.3, 0.1, 0.2, 0.4]);
+    let opts =
+        Options { evaluations: 4, judge: Some(&mut judge), ..options(&run, 1, &cancel, &Silent) };
     let done = train(&data, &small(8), opts).unwrap();
     assert_eq!(done.best, Some((4, 0.1)));
+    let record = super::record::Record::read(&run).unwrap();
+    assert_eq!(record.linear.as_ref().map(|l| l.precision), Some(0.05));
+    assert!(record.worse_than_linear() && paths::curves(&run).exists());
     let best = checkpoint::load(&paths::best(&run), None).unwrap();
     assert_eq!((best.card.training.step, best.card.training.precision["toy"]), (4, 0.1));
 }

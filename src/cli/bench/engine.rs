@@ -4,7 +4,7 @@ use crate::cli::failure::{Failure, Outcome};
 use crate::net::mat::{Init, Mat, MatMut, gemm};
 use crate::net::real::Aligned;
 use crate::net::step::on_threads;
-use crate::net::{NetConfig, SkipKind, WINDOW};
+use crate::net::{Mixing, NetConfig, SkipKind, WINDOW};
 
 /// Features of a token in the benchmark.
 const INPUTS: usize = 64;
@@ -54,6 +54,7 @@ impl Size {
             offset_weight: 10.0,
             mask_replaces: false,
             skip: SkipKind::Off,
+            mixing: Mixing::Attention,
         }
     }
 

@@ -1,0 +1,142 @@
+//! `robert sweep FILE`: a grid of trainings, one table and a picture.
+
+use std::io;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use super::bar::Bar;
+use super::failure::{Failure, Outcome};
+use super::interrupt::cancel_on_ctrl_c;
+use super::{Global, motion, out};
+use crate::exit::Exit;
+use crate::fsio;
+use crate::rollout::Interval;
+use crate::train::sweep::{Row, Sweep, Work, figure, sweep};
+
+#[derive(clap::Args, Debug)]
+#[command(
+    after_help = "Examples:\n  robert sweep assets/sweeps/masking.toml --data data/pointmass --out sweeps/masking\n  robert sweep my.toml --data data/ur5e --set steps=500 --out sweeps/my --json\n\nA sweep that was stopped goes on with the same command. Each point is a run directory\nbelow OUT/points: robert runs show works on it."
+)]
+pub(super) struct Args {
+    /// The grid, its seeds and its suites.
+    file: PathBuf,
+    /// Dataset folder, where the file names none or another.
+    #[arg(long, value_name = "DIR")]
+    data: Option<PathBuf>,
+    /// Folder for points, table.csv, results.json and sweep.png.
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Change one setting of all points; may be repeated.
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Threads; all cores by default. The figures do not depend on it.
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=256))]
+    threads: Option<u16>,
+    /// Print one JSON document.
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn run(args: &Args, global: Global) -> Outcome {
+    let file = Sweep::load(&args.file, &args.set)?;
+    let Some(data) = args.data.clone().or_else(|| file.data.clone()) else {
+        return Err(Failure::usage("the file names no data: give --data DIR"));
+    };
+    let robot = motion::robot(&file.robot)?;
+    let cores = || std::thread::available_parallelism().map_or(1, usize::from);
+    let bar = Bar::new("sweep", "points", global.quiet);
+    let cancel = cancel_on_ctrl_c();
+    let work = Work {
+        data,
+        out: args.out.clone(),
+        threads: args.threads.map_or_else(cores, usize::from),
+        progress: &bar,
+        cancel: &cancel,
+        meta: serde_json::json!({
+            "version": env!("CARGO_PKG_VERSION"),
+            "argv": std::env::args().collect::<Vec<_>>(),
+        }),
+    };
+    let done = sweep(&file, &Arc::clone(&robot), &work);
+    bar.finish();
+    let (rows, complete) = done?;
+    let report = serde_json::json!({"sweep": file, "complete": complete, "rows": rows});
+    let text = serde_json::to_vec_pretty(&report).map_err(io::Error::other)?;
+    fsio::write_atomic(&args.out.join("results.json"), &text)?;
+    fsio::write_atomic(&args.out.join("table.csv"), &csv(&rows)?)?;
+    if let Some(figure) = figure(&file, &rows) {
+        figure.save(&args.out.join("sweep.png"))?;
+    }
+    if args.json {
+        out::json(&report)?;
+    } else if !rows.is_empty() {
+        out::line(&table(&file, &rows))?;
+    }
+    if !complete {
+        let hint = format!("stopped; the same command goes on in {}", args.out.display());
+        return Err(Failure::with(Exit::Interrupted, hint));
+    }
+    Ok(())
+}
+
+fn suites(rows: &[Row]) -> Vec<String> {
+    rows.first().map_or_else(Vec::new, |r| r.suites.keys().cloned().collect())
+}
+
+fn table(file: &Sweep, rows: &[Row]) -> String {
+    let (keys, suites) = (file.grid.keys().cloned().collect::<Vec<_>>(), suites(rows));
+    let mut header = keys.clone();
+    header.extend(suites.iter().cloned());
+    header.extend(["held-out nMSE, clear".to_owned(), "seeds".to_owned()]);
+    let mut t = out::table(&header.iter().map(String::as_str).collect::<Vec<_>>());
+    let cell = |i: Option<Interval>| match i {
+        None => "failed".to_owned(),
+        Some(i) => {
+            format!("{:.5}{}", i.mean, i.ci95.map_or_else(String::new, |c| format!(" ±{c:.5}")))
+        }
+    };
+    for r in rows {
+        let values =
+            keys.iter().map(|k| r.values.get(k).map_or_else(String::new, ToString::to_string));
+        let found = suites.iter().map(|s| cell(r.suites.get(s).copied().flatten()));
+        let tail = [cell(r.nmse_clear), r.seeds.to_string()];
+        t.add_row(values.chain(found).chain(tail));
+    }
+    for column in t.column_iter_mut().skip(keys.len()) {
+        column.set_cell_alignment(comfy_table::CellAlignment::Right);
+    }
+    format!(
+        "{}\n{t}\nPrecision of the last model by suite, rad or m (lower is better), mean ± 95 % interval over seeds",
+        file.title
+    )
+}
+
+fn csv(rows: &[Row]) -> Outcome<Vec<u8>> {
+    let mut w = csv::Writer::from_writer(Vec::new());
+    let keys: Vec<String> =
+        rows.first().map_or_else(Vec::new, |r| r.values.keys().cloned().collect());
+    let suites = suites(rows);
+    let mut head = keys.clone();
+    head.push("seeds".to_owned());
+    for s in suites.iter().map(String::as_str).chain(["nmse_clear"]) {
+        head.extend([s.to_owned(), format!("{s}_ci95")]);
+    }
+    w.write_record(&head).map_err(io::Error::other)?;
+    let two = |i: Option<Interval>| {
+        let number = |x: Option<f64>| x.map_or_else(String::new, |x| x.to_string());
+        [number(i.map(|i| i.mean)), number(i.and_then(|i| i.ci95))]
+    };
+    for r in rows {
+        let mut line: Vec<String> = keys
+            .iter()
+            .map(|k| r.values.get(k).map_or_else(String::new, ToString::to_string))
+            .collect();
+        line.push(r.seeds.to_string());
+        for s in &suites {
+            line.extend(two(r.suites.get(s).copied().flatten()));
+        }
+        line.extend(two(r.nmse_clear));
+        w.write_record(&line).map_err(io::Error::other)?;
+    }
+    Ok(w.into_inner().map_err(|e| io::Error::other(e.to_string()))?)
+}

@@ -1,0 +1,181 @@
+//! Hindsight self-correction: what the network reaches is feasible, whatever was asked for.
+//!
+//! In rounds during the training it performs tasks cut from its own training trajectories,
+//! some frames hidden, and drifts to states that the data did not hold. What it reached
+//! becomes the command, the actions it applied the answer: correct by construction, no
+//! label and no judge. These trajectories join the data for the rest of the run (the idea
+//! of hindsight relabelling, Andrychowicz et al. 2017, with dataset aggregation).
+
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use crate::dataset::{
+    Dataset, Episode, EpisodeMeta, Manifest, Part, Shard, ShardBuilder, Verify, Windows,
+};
+use crate::net::step::{next_of, on_threads};
+use crate::net::{Model, PolicyConfig};
+use crate::robot::{Robot, StateJoint};
+use crate::rollout::{CUT_FRAMES, HISTORY, Learned, Masking, Rollout, RolloutConfig, cut};
+
+/// States of a task: history, present, commands.
+const STATES: usize = HISTORY + 1 + CUT_FRAMES;
+/// Joint angle or distance beyond which a rollout is no example of anything.
+const IMPLAUSIBLE: f64 = 100.0;
+
+/// Performs tasks from recorded motion with the network of the moment.
+pub trait Perform {
+    /// Writes a dataset of `tasks` achieved trajectories to `dir`. A function of the model,
+    /// the data, the round and the seed.
+    ///
+    /// # Errors
+    /// A message; the run stops with it.
+    fn perform(
+        &mut self,
+        model: &Model,
+        data: &Dataset,
+        round: u64,
+        tasks: usize,
+        seed: u64,
+        dir: &Path,
+    ) -> Result<(), String>;
+}
+
+/// [`Perform`] in the simulator.
+#[derive(Debug)]
+pub struct Simulated {
+    /// The robot.
+    pub robot: Arc<Robot>,
+    /// Threads.
+    pub threads: usize,
+}
+
+/// Where a round's trajectories lie in a run directory.
+pub(super) fn folder(dir: &Path, round: u64) -> PathBuf {
+    dir.join("self").join(format!("round-{round}"))
+}
+
+/// One achieved trajectory: n frames.
+struct Achieved {
+    qpos: Vec<f32>, // (n, S)
+    qvel: Vec<f32>, // (n, S)
+    ctrl: Vec<f32>, // (n, A)
+}
+
+impl Perform for Simulated {
+    fn perform(
+        &mut self,
+        model: &Model,
+        data: &Dataset,
+        round: u64,
+        tasks: usize,
+        seed: u64,
+        dir: &Path,
+    ) -> Result<(), String> {
+        let text = |e: &dyn std::fmt::Display| e.to_string();
+        let policy = Learned::new(model.clone(), PolicyConfig::default()).map_err(|e| text(&e))?;
+        let policy = Mutex::new(policy);
+        let windows = Windows::new(data, STATES, Part::Train, seed).map_err(|e| text(&e))?;
+        let mut found: Vec<Result<Option<Achieved>, String>> = Vec::new();
+        found.resize_with(tasks, || Ok(None));
+        let queue = Mutex::new(found.iter_mut().enumerate());
+        on_threads(self.threads.max(1), |_| {
+            while let Some((i, to)) = next_of(&queue) {
+                let policy = policy.lock().unwrap_or_else(PoisonError::into_inner).clone();
+                *to = one(&self.robot, policy, data, &windows, seed, (round << 32) + i as u64);
+            }
+        });
+        let robot = data.manifest().robot.clone();
+        let mut manifest = Manifest::new(robot.clone());
+        let spec = serde_json::json!({
+            "self_correct": {"round": round, "tasks": tasks, "seed": seed, "step": model.card.training.step},
+        });
+        let sha = crate::fsio::sha256_hex(spec.to_string().as_bytes());
+        let mut shard = ShardBuilder::new(&robot, &sha, 0);
+        for (i, found) in found.into_iter().enumerate() {
+            let Some(a) = found? else {
+                shard.drop_broken();
+                continue;
+            };
+            let meta = EpisodeMeta {
+                agent: "self".into(),
+                snapshot_step: model.card.training.step,
+                seed: i as u64,
+            };
+            let frames = a.ctrl.len() / robot.actuators.len().max(1);
+            shard.push(&meta, &a.qpos, &a.qvel, &a.ctrl, &vec![0; frames]).map_err(|e| text(&e))?;
+        }
+        if shard.frames() == 0 {
+            return Err("no rollout of the network could be used".into());
+        }
+        let file = PathBuf::from("shards/0.safetensors");
+        let entry = shard.write(dir, &file).map_err(|e| text(&e))?;
+        manifest.specs.insert(sha, spec);
+        let written =
+            Shard::open(&dir.join(&file), robot.joints.len(), robot.actuators.len(), None)?;
+        manifest.shards.push(entry);
+        let all = written.episodes();
+        manifest.episodes = all
+            .map(|(start, length, meta)| {
+                let EpisodeMeta { agent, snapshot_step, seed } = meta;
+                Episode { shard: 0, start, length, agent, snapshot_step, seed, part: None }
+            })
+            .collect();
+        Dataset::publish(manifest, dir).map_err(|e| text(&e))?;
+        Ok(())
+    }
+}
+
+/// One task drawn, masked and performed; `None` when the simulator broke.
+fn one(
+    robot: &Arc<Robot>,
+    policy: Learned,
+    data: &Dataset,
+    windows: &Windows<'_>,
+    seed: u64,
+    index: u64,
+) -> Result<Option<Achieved>, String> {
+    let (s, a) = (robot.state_dim(), robot.action_dim());
+    let at = windows.draw(seed, index);
+    let Some(episode) = data.episodes().get(at.episode) else { return Ok(None) };
+    let (qpos, qvel, ctrl) = data.frames(episode);
+    let rows = at.start * s..(at.start + STATES) * s;
+    let (Some(q), Some(v)) = (qpos.get(rows.clone()), qvel.get(rows)) else { return Ok(None) };
+    let masking = Masking::ALL[index as usize % Masking::ALL.len()];
+    let joints = &data.manifest().robot.joints;
+    let Some(case) = cut(joints, "self", q, v, masking, seed, index) else { return Ok(None) };
+    let config = RolloutConfig { seed: index, ..RolloutConfig::default() };
+    let mut rollout =
+        Rollout::new(robot, Box::new(policy), &case.command, case.start.clone(), config)
+            .map_err(|e| e.to_string())?;
+    while !rollout.is_done() {
+        // A plant that broke teaches nothing; the frames before it would be too few.
+        if rollout.step().is_err() {
+            return Ok(None);
+        }
+    }
+    let reached = rollout.reached();
+    if reached.iter().any(|x| !x.is_finite() || x.abs() > IMPLAUSIBLE) {
+        return Ok(None);
+    }
+    // The state after the last action has no action of its own.
+    let n = HISTORY + CUT_FRAMES;
+    let mut out = Achieved {
+        qpos: q[..HISTORY * s].to_vec(),
+        qvel: v[..HISTORY * s].to_vec(),
+        ctrl: ctrl[at.start * a..(at.start + HISTORY) * a].to_vec(),
+    };
+    out.qpos.extend(reached[..CUT_FRAMES * s].iter().map(|&x| x as f32));
+    for frame in 0..CUT_FRAMES {
+        let qvel = rollout.snapshot(frame).map_or(&[][..], |state| &state.qvel);
+        let of = |j: &StateJoint| qvel.get(j.dofadr).copied().unwrap_or(0.0) as f32;
+        out.qvel.extend(robot.joints().iter().map(of));
+    }
+    out.ctrl.extend(rollout.actions()[..CUT_FRAMES * a].iter().map(|&x| x as f32));
+    debug_assert_eq!((out.qpos.len(), out.ctrl.len()), (n * s, n * a));
+    Ok(Some(out))
+}
+
+/// The rounds' datasets, opened, with the windows of all their trajectories.
+pub(super) fn open(dir: &Path, rounds: u64) -> Result<Vec<Dataset>, crate::dataset::Error> {
+    (1..=rounds).map(|r| Dataset::open(&folder(dir, r), Verify::Full)).collect()
+}

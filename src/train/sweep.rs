@@ -1,0 +1,656 @@
+//! A grid of settings, every point with several seeds: trained, judged, put in one table.
+//!
+//! A point is a run directory of its own, so a sweep that was stopped goes on where it was,
+//! and each point can be looked at like any run. Settings of the data (`shrink`, `corrupt`)
+//! are views of the same shards; the held-out trajectories are fixed first and are the same
+//! for every point.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+
+use super::hindsight::Simulated;
+use super::run::{Options, paths, read_config, train};
+use super::{Error, TrainConfig};
+use crate::clip;
+use crate::dataset::{self, Corruption, Dataset, Manifest, Verify};
+use crate::fsio;
+use crate::plot::{self, Axis, Curve, Figure};
+use crate::progress::{Cancel, Progress, Silent};
+use crate::robot::Robot;
+use crate::rollout::{
+    Case, EvalConfig, Interval, PlantConfig, PolicyConfig, PolicyName, Start, Suite, evaluate,
+    mean_ci95, tasks, test_suites,
+};
+
+/// Points of a grid, seeds included, at most.
+const MOST_POINTS: usize = 10_000;
+/// Bytes of a sweep file or of a result.
+const FILE_BYTES: u64 = 4 << 20;
+/// Seed of the split into trained and held-out trajectories, the same for all points.
+const SPLIT_SEED: u64 = 0;
+/// Share held out (the paper's 95/5).
+const TEST_SHARE: f64 = 0.05;
+
+/// A value in a grid.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Value {
+    /// Whole number.
+    Integer(i64),
+    /// Number.
+    Float(f64),
+    /// Switch.
+    Switch(bool),
+    /// Word.
+    Word(String),
+}
+
+impl std::fmt::Display for Value {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Value::Integer(x) => write!(f, "{x}"),
+            Value::Float(x) => write!(f, "{x}"),
+            Value::Switch(x) => write!(f, "{x}"),
+            Value::Word(x) => write!(f, "{x}"),
+        }
+    }
+}
+
+impl std::str::FromStr for Value {
+    type Err = std::convert::Infallible;
+
+    /// What a text most plainly is.
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let number =
+            || text.parse().map(Value::Integer).or_else(|_| text.parse().map(Value::Float));
+        let switch = || text.parse().map(Value::Switch);
+        Ok(number().or_else(|_| switch()).unwrap_or_else(|_| Value::Word(text.to_owned())))
+    }
+}
+
+impl Value {
+    fn number(&self) -> Option<f64> {
+        match self {
+            Value::Integer(x) => Some(*x as f64),
+            Value::Float(x) => Some(*x),
+            Value::Switch(_) | Value::Word(_) => None,
+        }
+    }
+}
+
+/// A sweep as its file says.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Sweep {
+    /// Above the table and the pictures.
+    pub title: String,
+    /// Robot id or folder.
+    pub robot: String,
+    /// Dataset folder; the command line may name another.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub data: Option<PathBuf>,
+    /// Preset that the points start from.
+    pub preset: String,
+    /// Settings of all points, over the preset's.
+    #[serde(default)]
+    pub set: BTreeMap<String, Value>,
+    /// Values by setting; every combination is a point. `shrink` (keep every k-th
+    /// trajectory) and `corrupt` (share of trajectories overwritten) are views of the data.
+    pub grid: BTreeMap<String, Vec<Value>>,
+    /// Seeds of every point.
+    pub seeds: Vec<u64>,
+    /// Setting along the x axis of the pictures; must be in the grid.
+    pub x: String,
+    /// Suites that the last model of each point performs: shipped ones, and `test` (cut from
+    /// held-out trajectories: unmasked, a quarter and half of the frames hidden).
+    #[serde(default = "default_suites")]
+    pub suites: Vec<String>,
+    /// Tasks in each suite cut from data.
+    #[serde(default = "default_cases")]
+    pub cases: usize,
+}
+
+fn default_suites() -> Vec<String> {
+    ["manual", "extra", "test"].map(String::from).to_vec()
+}
+
+fn default_cases() -> usize {
+    12
+}
+
+/// Settings that make another view of the data.
+const VIEWS: [&str; 2] = ["shrink", "corrupt"];
+
+/// One combination of values.
+pub type Combination = BTreeMap<String, Value>;
+
+/// What one point reached.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Reached {
+    /// Values of this point.
+    pub values: Combination,
+    /// Seed.
+    pub seed: u64,
+    /// Sha-256 of the data's manifest.
+    pub dataset_sha256: String,
+    /// Windows learned from.
+    pub windows: u64,
+    /// Mean Precision by suite; `None` where a rollout broke.
+    pub suites: BTreeMap<String, Option<f64>>,
+    /// Held-out action error, next frame known and away from stops and contact.
+    pub nmse_clear: Option<f64>,
+    /// Seconds of the last session.
+    pub secs: f64,
+}
+
+/// One row of the table: a combination, all seeds.
+#[derive(Clone, Debug, Serialize)]
+pub struct Row {
+    /// Values.
+    pub values: Combination,
+    /// Seeds that are done.
+    pub seeds: usize,
+    /// Mean and 95 % interval over seeds by suite; `None` where a rollout broke.
+    pub suites: BTreeMap<String, Option<Interval>>,
+    /// The same of the held-out action error.
+    pub nmse_clear: Option<Interval>,
+}
+
+impl Sweep {
+    /// Reads and checks a sweep file; `set` (`key=value`) goes over the settings of all its
+    /// points.
+    ///
+    /// # Errors
+    /// [`Error::Files`], [`Error::Sweep`], those of the settings.
+    pub fn load(path: &Path, set: &[String]) -> Result<Self, Error> {
+        let bytes = fsio::read_capped(path, FILE_BYTES)?;
+        let text = String::from_utf8_lossy(&bytes);
+        let fail = |why: String| Error::Sweep { why, path: path.to_owned() };
+        let mut sweep: Sweep =
+            toml::from_str(&text).map_err(|e| fail(e.to_string().trim().replace('\n', " ")))?;
+        for assignment in set {
+            let Some((key, value)) = assignment.split_once('=') else {
+                let why = "expected key=value".to_owned();
+                return Err(Error::Setting { setting: assignment.clone(), why });
+            };
+            let Ok(value) = value.trim().parse();
+            sweep.set.insert(key.trim().to_owned(), value);
+        }
+        if sweep.seeds.is_empty() {
+            return Err(fail("seeds is empty".into()));
+        }
+        if let Some((key, _)) = sweep.grid.iter().find(|(_, v)| v.is_empty()) {
+            return Err(fail(format!("grid.{key} is empty")));
+        }
+        if !sweep.grid.contains_key(&sweep.x) {
+            let known: Vec<_> = sweep.grid.keys().map(String::as_str).collect();
+            return Err(fail(format!(
+                "x = {:?} is not in the grid ({})",
+                sweep.x,
+                known.join(", ")
+            )));
+        }
+        for key in VIEWS {
+            if sweep.set.contains_key(key) {
+                return Err(fail(format!("{key} belongs into [grid]; one value is enough there")));
+            }
+        }
+        let mut distinct = sweep.seeds.clone();
+        distinct.sort_unstable();
+        distinct.dedup();
+        if distinct.len() < sweep.seeds.len() {
+            return Err(fail("a seed stands twice".into()));
+        }
+        let count = sweep.grid.values().map(Vec::len).product::<usize>() * sweep.seeds.len();
+        if count > MOST_POINTS {
+            return Err(fail(format!("{count} points, more than {MOST_POINTS}")));
+        }
+        for values in sweep.combinations() {
+            sweep.config(&values, 0)?;
+            View::of(&values).map_err(fail)?;
+        }
+        Ok(sweep)
+    }
+
+    /// Every combination of the grid, the last setting turning fastest.
+    pub fn combinations(&self) -> Vec<Combination> {
+        let mut all = vec![Combination::new()];
+        for (key, values) in &self.grid {
+            let each = |c: &Combination| {
+                let with = |v: &Value| {
+                    let mut c = c.clone();
+                    c.insert(key.clone(), v.clone());
+                    c
+                };
+                values.iter().map(with).collect::<Vec<_>>()
+            };
+            all = all.iter().flat_map(each).collect();
+        }
+        all
+    }
+
+    /// Settings of one point.
+    ///
+    /// # Errors
+    /// [`Error::Preset`], [`Error::Setting`].
+    pub fn config(&self, values: &Combination, seed: u64) -> Result<TrainConfig, Error> {
+        let mut cfg = TrainConfig::preset(&self.preset)?;
+        let own = values.iter().filter(|(k, _)| !VIEWS.contains(&k.as_str()));
+        for (key, value) in self.set.iter().chain(own) {
+            cfg.set(&format!("{key}={value}"))?;
+        }
+        cfg.set(&format!("seed={seed}"))?;
+        Ok(cfg)
+    }
+}
+
+/// Which view of the data a point learns from.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct View {
+    shrink: u64,
+    corrupt: f64,
+}
+
+impl View {
+    fn of(values: &Combination) -> Result<Self, String> {
+        let shrink = match values.get("shrink") {
+            None => 1,
+            Some(Value::Integer(k)) if *k >= 1 => *k as u64,
+            Some(other) => return Err(format!("shrink = {other}: takes 1 or more")),
+        };
+        let corrupt = values.get("corrupt").map_or(Some(0.0), Value::number);
+        match corrupt.filter(|p| (0.0..=1.0).contains(p)) {
+            Some(corrupt) => Ok(View { shrink, corrupt }),
+            None => Err("corrupt takes 0 to 1".into()),
+        }
+    }
+
+    fn name(self, seed: u64) -> String {
+        match (self.shrink, self.corrupt) {
+            (1, 0.0) => "whole".into(),
+            (k, 0.0) => format!("shrink-{k}"),
+            (k, p) => format!("shrink-{k}-corrupt-{p}-seed-{seed}"),
+        }
+    }
+
+    /// The view in `out/data`, made if need be; opened.
+    fn open(self, data: &Path, out: &Path, seed: u64) -> Result<Dataset, Error> {
+        let dir = out.join("data").join(self.name(seed));
+        if !dir.join("manifest.json").exists() {
+            let mut m = Manifest::load(data)?;
+            // A split that the data came with stands.
+            if m.episodes.iter().all(|e| e.part.is_none()) {
+                dataset::split(&mut m, SPLIT_SEED, TEST_SHARE)?;
+            }
+            if self.shrink > 1 {
+                dataset::shrink(&mut m, self.shrink)?;
+            }
+            if self.corrupt > 0.0 {
+                let how = Corruption { share: self.corrupt, per_slot: false, seed };
+                dataset::corrupt(&mut m, how)?;
+            }
+            dataset::rebase(&mut m, &Manifest::path_of(data), &dir)?;
+            Dataset::publish(m, &dir)?;
+        }
+        Ok(Dataset::open(&dir, Verify::Structure)?)
+    }
+}
+
+/// Characters of values that make no folder names are replaced.
+fn slug(values: &Combination) -> String {
+    let text: Vec<String> = values.iter().map(|(k, v)| format!("{k}-{v}")).collect();
+    let plain = |c: char| if c.is_ascii_alphanumeric() || "-._+".contains(c) { c } else { '_' };
+    text.join("_").chars().map(plain).collect()
+}
+
+/// How a sweep is carried out.
+pub struct Work<'a> {
+    /// Dataset folder.
+    pub data: PathBuf,
+    /// Where points, table and pictures go.
+    pub out: PathBuf,
+    /// Threads.
+    pub threads: usize,
+    /// Who hears of it: points done of all.
+    pub progress: &'a dyn Progress,
+    /// Asks for a stop; what was done stays.
+    pub cancel: &'a Cancel,
+    /// What else to put into the meta.json of each run.
+    pub meta: serde_json::Value,
+}
+
+impl std::fmt::Debug for Work<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Work").field("out", &self.out).finish_non_exhaustive()
+    }
+}
+
+/// Trains and judges what is not done yet; returns the rows so far and whether all points
+/// are done.
+///
+/// # Errors
+/// Those of training and of the files; points done before stay.
+pub fn sweep(
+    sweep: &Sweep,
+    robot: &Arc<Robot>,
+    work: &Work<'_>,
+) -> Result<(Vec<Row>, bool), Error> {
+    // All data verified once; the views refer to the same shards.
+    let whole = Dataset::open(&work.data, Verify::Full)?;
+    let (of, own) = (&whole.manifest().robot, robot.model_sha256());
+    if of.model_sha256 != own {
+        let why = format!(
+            "the data is of {} (model {:.12}), the robot {own:.12}",
+            of.id, of.model_sha256
+        );
+        return Err(Error::Sweep { why, path: work.data.clone() });
+    }
+    drop(whole);
+    let combinations = sweep.combinations();
+    let total = combinations.len() * sweep.seeds.len();
+    let mut found = Vec::new();
+    let mut suites = None;
+    let mut complete = true;
+    'all: for &seed in &sweep.seeds {
+        for values in &combinations {
+            let name = slug(values);
+            work.progress.tick(found.len() as u64, total as u64, &format!("{name} seed {seed}"));
+            let dir = work.out.join("points").join(&name).join(format!("seed-{seed}"));
+            let cfg = sweep.config(values, seed)?;
+            let view =
+                View::of(values).map_err(|why| Error::Sweep { why, path: work.out.clone() })?;
+            let data = view.open(&work.data, &work.out, seed)?;
+            let sha = data.manifest().sha256();
+            if let Some(done) = finished(&dir, &cfg, &sha)? {
+                found.push(done);
+                continue;
+            }
+            let mut simulated = Simulated { robot: Arc::clone(robot), threads: work.threads };
+            let done = train(&data, &cfg, options(&dir, work, &mut simulated))?;
+            if done.interrupted || work.cancel.is_cancelled() {
+                complete = false;
+                break 'all;
+            }
+            let suites = match &suites {
+                Some(suites) => suites,
+                // Cut from the held-out part, which is the same in every view.
+                None => suites.insert(suites_of(sweep, robot, &data)?),
+            };
+            let reached = Reached {
+                values: values.clone(),
+                seed,
+                dataset_sha256: sha,
+                windows: cfg.steps * cfg.batch as u64,
+                suites: perform(robot, &dir, suites, work)?,
+                nmse_clear: done.held_out.map(|h| h.nmse_clear),
+                secs: done.secs,
+            };
+            let text = serde_json::to_string_pretty(&reached).unwrap_or_default();
+            fsio::write_atomic(&dir.join("result.json"), text.as_bytes())?;
+            found.push(reached);
+        }
+    }
+    Ok((rows(&combinations, &found), complete))
+}
+
+fn options<'a>(dir: &Path, work: &'a Work<'_>, perform: &'a mut Simulated) -> Options<'a> {
+    Options {
+        dir: dir.to_owned(),
+        threads: work.threads,
+        checkpoint_secs: 120.0,
+        // The judge would take longer than small points; what counts is measured at the end.
+        evaluations: 4,
+        progress: &Silent,
+        cancel: work.cancel,
+        judge: None,
+        perform: Some(perform),
+        meta: work.meta.clone(),
+    }
+}
+
+/// The result of a point that is done; refuses one of other settings or data.
+fn finished(dir: &Path, cfg: &TrainConfig, sha: &str) -> Result<Option<Reached>, Error> {
+    let path = dir.join("result.json");
+    if !path.exists() {
+        return Ok(None);
+    }
+    let refuse = |why: &str| Err(Error::Sweep { why: why.to_owned(), path: path.clone() });
+    let bytes = fsio::read_capped(&path, FILE_BYTES)?;
+    let Ok(reached) = serde_json::from_slice::<Reached>(&bytes) else {
+        return refuse("a damaged result; remove it to measure the point again");
+    };
+    if read_config(dir)? != *cfg {
+        return refuse("the point was trained with other settings; give another --out");
+    }
+    if reached.dataset_sha256 != sha {
+        return refuse("the point was trained on other data; give another --out");
+    }
+    Ok(Some(reached))
+}
+
+fn suites_of(sweep: &Sweep, robot: &Arc<Robot>, data: &Dataset) -> Result<Vec<Suite>, Error> {
+    let fail = |why: String| Error::Evaluation { step: 0, why };
+    let mut suites = Vec::new();
+    for name in &sweep.suites {
+        if name == "test" {
+            let cut = test_suites(robot, data, sweep.cases.max(1), SPLIT_SEED);
+            suites.extend(cut.map_err(|e| fail(e.to_string()))?);
+            continue;
+        }
+        let clips = tasks::suite(robot.id(), name).map_err(|e| fail(e.to_string()))?;
+        let mut cases = Vec::new();
+        for (name, clip) in clips {
+            let command = clip::compile(&clip).map_err(|e| fail(format!("{name}: {e}")))?;
+            cases.push(Case { name, command, start: Start::Pose, truth: None });
+        }
+        suites.push(Suite { name: name.clone(), cases });
+    }
+    Ok(suites)
+}
+
+/// The last model of a point on all suites.
+fn perform(
+    robot: &Arc<Robot>,
+    dir: &Path,
+    suites: &[Suite],
+    work: &Work<'_>,
+) -> Result<BTreeMap<String, Option<f64>>, Error> {
+    let model_path = Some(paths::model(dir));
+    let config = EvalConfig {
+        policies: vec![PolicyConfig { model_path, ..PolicyConfig::new(PolicyName::Robert) }],
+        plant: PlantConfig::default(),
+        seeds: 1,
+        threads: work.threads,
+    };
+    let results = evaluate(robot, suites, &config, &Silent, work.cancel)
+        .map_err(|e| Error::Evaluation { step: 0, why: e.to_string() })?;
+    Ok(results.into_iter().map(|r| (r.suite, r.precision_mean)).collect())
+}
+
+fn rows(combinations: &[Combination], found: &[Reached]) -> Vec<Row> {
+    let row = |values: &Combination| {
+        let mine: Vec<&Reached> = found.iter().filter(|r| r.values == *values).collect();
+        let names: Vec<&String> = mine.first().map_or_else(Vec::new, |r| r.suites.keys().collect());
+        let over = |of: &dyn Fn(&Reached) -> Option<f64>| {
+            let samples: Option<Vec<f64>> = mine.iter().map(|r| of(r)).collect();
+            mean_ci95(&samples?)
+        };
+        let suites = names
+            .iter()
+            .map(|&n| (n.clone(), over(&|r| r.suites.get(n).copied().flatten())))
+            .collect();
+        let nmse_clear = over(&|r| r.nmse_clear);
+        Row { values: values.clone(), seeds: mine.len(), suites, nmse_clear }
+    };
+    combinations.iter().map(row).filter(|r| r.seeds > 0).collect()
+}
+
+/// One panel a suite: Precision over the setting `x`, one curve (or colour of bar) for each
+/// combination of the others, bands and whiskers the 95 % interval over seeds.
+pub fn figure(sweep: &Sweep, rows: &[Row]) -> Option<Figure> {
+    let names: Vec<&String> = rows.first()?.suites.keys().collect();
+    let xs = sweep.grid.get(&sweep.x)?;
+    let numbers: Option<Vec<f64>> = xs.iter().map(Value::number).collect();
+    let label = |r: &Row| {
+        let others = r.values.iter().filter(|(k, _)| **k != sweep.x);
+        others.map(|(k, v)| format!("{k} {v}")).collect::<Vec<_>>().join(", ")
+    };
+    let mut lines: Vec<String> = rows.iter().map(label).collect();
+    lines.sort();
+    lines.dedup();
+    let at = |line: &str, x: &Value, suite: &str| {
+        let row = rows.iter().find(|r| label(r) == *line && r.values.get(&sweep.x) == Some(x))?;
+        *row.suites.get(suite)?
+    };
+    let seeds = sweep.seeds.len();
+    let note = format!("{}, {seeds} seeds, bands and whiskers 95 % (Student's t)", sweep.robot);
+    let panels = names.iter().map(|suite| {
+        let y = Axis::new("Precision", "rad or m");
+        let figure = if let Some(numbers) = &numbers {
+            let curves: Vec<Curve> = lines
+                .iter()
+                .map(|line| {
+                    let found: Vec<(f64, Interval)> = numbers
+                        .iter()
+                        .zip(xs)
+                        .filter_map(|(&n, x)| Some((n, at(line, x, suite)?)))
+                        .collect();
+                    let half = |i: &Interval| i.ci95.unwrap_or(0.0);
+                    Curve {
+                        name: line.clone(),
+                        points: found.iter().map(|(x, i)| (*x, i.mean)).collect(),
+                        ci95: found.iter().map(|(_, i)| half(i)).collect(),
+                    }
+                })
+                .collect();
+            let spread = numbers.iter().copied().fold(f64::INFINITY, f64::min);
+            let most = numbers.iter().copied().fold(0.0, f64::max);
+            let axis = Axis::new(&sweep.x, "");
+            let axis = if spread > 0.0 && most / spread > 20.0 { axis.log() } else { axis };
+            plot::curves(suite, &curves, axis, y.from_zero())
+        } else {
+            let groups: Vec<String> = xs.iter().map(ToString::to_string).collect();
+            let bar = |i: Option<Interval>| {
+                i.map_or((f64::NAN, 0.0), |i| (i.mean, i.ci95.unwrap_or(0.0)))
+            };
+            let sets: Vec<(String, Vec<(f64, f64)>)> = lines
+                .iter()
+                .map(|line| (line.clone(), xs.iter().map(|x| bar(at(line, x, suite))).collect()))
+                .collect();
+            plot::bars(suite, &groups, &sets, y)
+        };
+        figure.panels.into_iter().next().map(|p| plot::Panel { title: (*suite).clone(), ..p })
+    });
+    let panels: Vec<_> = panels.flatten().collect();
+    let columns = panels.len().clamp(1, 3);
+    Some(Figure::grid(&sweep.title, panels, columns).panel_size(360, 260).note(&note))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TEXT: &str = r#"
+        title = "masks"
+        robot = "pointmass"
+        preset = "pm-tiny"
+        seeds = [0, 1, 2]
+        x = "mask"
+        [set]
+        steps = 20
+        lr = 2e-3
+        [grid]
+        mask = ["cl", "none"]
+        shrink = [1, 10]
+    "#;
+
+    fn load(text: &str) -> Result<Sweep, Error> {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("s.toml");
+        std::fs::write(&path, text).unwrap();
+        Sweep::load(&path, &[])
+    }
+
+    #[test]
+    fn a_grid_is_every_combination() {
+        let s = load(TEXT).unwrap();
+        let all = s.combinations();
+        assert_eq!(all.len(), 4);
+        let names: Vec<_> = all.iter().map(slug).collect();
+        assert_eq!(names[1], "mask-cl_shrink-10");
+        let cfg = s.config(&all[3], 2).unwrap();
+        assert_eq!((cfg.steps, cfg.seed, cfg.lr), (20, 2, 2e-3));
+        assert_eq!(cfg.mask, crate::net::mask::MaskKind::None);
+        assert_eq!(View::of(&all[3]).unwrap(), View { shrink: 10, corrupt: 0.0 });
+    }
+
+    #[test]
+    fn what_is_wrong_in_a_file_is_named() {
+        for (from, to, what) in [
+            ("seeds = [0, 1, 2]", "seeds = []", "seeds"),
+            ("seeds = [0, 1, 2]", "seeds = [1, 1]", "twice"),
+            ("x = \"mask\"", "x = \"bins\"", "bins"),
+            ("mask = [\"cl\", \"none\"]", "mask = [\"cl\", \"all\"]", "mask=all"),
+            ("shrink = [1, 10]", "shrink = [0]", "shrink"),
+            ("shrink = [1, 10]", "corrupt = [1.5]", "corrupt"),
+            ("steps = 20", "stpes = 20", "stpes"),
+            ("preset = \"pm-tiny\"", "preset = \"pm\"", "pm-plus"),
+            ("title = \"masks\"", "titel = \"masks\"", "titel"),
+        ] {
+            assert!(TEXT.contains(from));
+            let e = load(&TEXT.replace(from, to)).unwrap_err().to_string();
+            assert!(e.contains(what), "{e}");
+        }
+    }
+
+    #[test]
+    fn shipped_sweeps_are_in_order() {
+        let dir = Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/sweeps");
+        let mut names = Vec::new();
+        for entry in std::fs::read_dir(dir).unwrap() {
+            let path = entry.unwrap().path();
+            let set = ["steps=7".to_owned(), "lr=1e-2".to_owned()];
+            let sweep = Sweep::load(&path, &set).unwrap();
+            assert_eq!(sweep.seeds.len(), 3, "an interval needs three");
+            let cfg = sweep.config(&sweep.combinations()[0], 0).unwrap();
+            assert_eq!((cfg.steps, cfg.lr), (7, 1e-2));
+            names.push(path.file_stem().unwrap().to_string_lossy().into_owned());
+        }
+        names.sort();
+        assert_eq!(names, ["action-bins", "corruption", "masking", "scaling"]);
+    }
+
+    #[test]
+    fn rows_are_means_over_seeds() {
+        let s = load(TEXT).unwrap();
+        let all = s.combinations();
+        let reached = |values: &Combination, seed, p: Option<f64>| Reached {
+            values: values.clone(),
+            seed,
+            dataset_sha256: String::new(),
+            windows: 1,
+            suites: [("manual".to_owned(), p)].into(),
+            nmse_clear: Some(0.1),
+            secs: 1.0,
+        };
+        let found = [
+            reached(&all[0], 0, Some(1.0)),
+            reached(&all[0], 1, Some(2.0)),
+            reached(&all[0], 2, Some(3.0)),
+            reached(&all[1], 0, Some(5.0)),
+            reached(&all[1], 1, None),
+        ];
+        let rows = rows(&all, &found);
+        assert_eq!(rows.len(), 2);
+        let first = rows[0].suites["manual"].unwrap();
+        assert_eq!((first.mean, first.n), (2.0, 3));
+        assert!((first.ci95.unwrap() - 4.303 / 3.0_f64.sqrt()).abs() < 1e-12);
+        assert!(rows[1].suites["manual"].is_none(), "a rollout that broke is no number");
+        let figure = figure(&s, &rows).unwrap();
+        assert!(figure.svg().unwrap().contains("shrink 10"));
+    }
+}
