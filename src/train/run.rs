@@ -202,13 +202,16 @@ pub fn train(data: &Dataset, cfg: &TrainConfig, mut opts: Options<'_>) -> Result
         if run.step % line_every == 0 || run.step == cfg.steps {
             let line = metrics_line(&recent, recent_steps, &run, lr, report.grad_norm, rate);
             opts.progress.tick(run.step, cfg.steps, &note(&recent, recent_steps, rate));
+            opts.progress.figures(&line);
             run.metrics.push(line);
             (recent, recent_steps) = (Sums::default(), 0);
         }
         if due(run.step, cfg.steps, opts.evaluations) {
             if let Some(held_out) = &held_out {
                 let found = run.measure(&source, held_out);
-                run.metrics.push(serde_json::json!({"step": run.step, "held_out": found}));
+                let line = serde_json::json!({"step": run.step, "held_out": found});
+                opts.progress.figures(&line);
+                run.metrics.push(line);
                 finished.held_out = Some(found);
             }
             if let Some(judge) = opts.judge.as_deref_mut() {
@@ -368,6 +371,7 @@ impl<'a> Run<'a> {
         let mut model = self.model();
         let found =
             judge.evaluate(&model).map_err(|why| Error::Evaluation { step: self.step, why })?;
+        progress.figures(&serde_json::json!({"step": self.step, "evaluation": found}));
         self.metrics.push(serde_json::json!({"step": self.step, "evaluation": found}));
         progress.log(&format!("step {}: Precision {:.5}", self.step, found.precision));
         model.card.training.precision = found.suites.clone();
