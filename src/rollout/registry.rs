@@ -119,7 +119,7 @@ pub fn offers(robot: &Robot) -> Vec<Offer> {
                 // A network's file need not hold the linear answer.
                 let lacks = name == PolicyName::Ridge && model.encoder.ridge.is_none();
                 let needs = lacks.then(|| "a model with a linear answer in it".to_owned());
-                list.push(Offer { masks, needs, ..offer(name) });
+                list.push(Offer { needs, masks, ..offer(name) });
             }
             Ok(None) => {
                 let needs = Some(format!(

@@ -117,8 +117,8 @@ impl Live {
         let mut policy = PolicyConfig::new(settings.policy);
         policy.refine = settings.refine;
         policy.guide = settings.guide;
-        // A bare name is a model that comes with the program or the robot.
-        let full = |p: String| if p.contains('/') { folder.join(p) } else { p.into() };
+        // What is no file here is the name of a model that comes with the program or the robot.
+        let full = |p: String| Some(folder.join(&p)).filter(|f| f.exists()).unwrap_or(p.into());
         policy.model_path = settings.model_path.map(full);
         worker.tell(Request::Policy { policy, seed: settings.seed });
     }

@@ -294,8 +294,10 @@ impl Desk {
     /// What masks may hide from the policy of these settings. A model that cannot be read
     /// says so itself when it is to perform.
     fn masks(&self, settings: &RolloutSettings) -> MaskGranularity {
-        let offered =
-            self.offers().iter().find(|o| o.name == settings.policy && o.model == settings.model_path);
+        let offered = self
+            .offers()
+            .iter()
+            .find(|o| o.name == settings.policy && o.model == settings.model_path);
         match (offered, &settings.model_path) {
             (Some(offer), _) => offer.masks,
             (None, Some(path)) if settings.policy.needs_model() => {

@@ -26,6 +26,7 @@ export interface Snapshot {
   findings?: Findings;
   settings: RolloutSettings;
   takes: number;
+  robot?: string;
   range?: { from: number; to: number };
   view: { zoom: number; left: number };
   error: (number | null)[];

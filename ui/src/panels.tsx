@@ -44,24 +44,37 @@ export function pinTake(): void {
   store.toast(`take ${id} pinned`);
 }
 
+const policyId = (p: { name: string; model?: string }): string => (p.model ? `${p.name}:${p.model}` : p.name);
+
 export function Takes() {
   const r = store.rollout.value;
   const set = (change: Partial<typeof store.settings.value>): void => tell("rollout.set", { ...store.settings.value, ...change });
   const known = store.policies.value;
   const model = store.settings.value.model_path;
+  // A model of the program goes by its name, one of the user's by its path.
+  const own = model && !known.some((p) => p.model === model) ? model : undefined;
+  const now = model && !own ? `${store.settings.value.policy}:${model}` : store.settings.value.policy;
+  const choose = (id: string): void => {
+    const { model_path: _, ...rest } = store.settings.value;
+    const card = known.find((p) => policyId(p) === id);
+    if (!card) return;
+    const path = card.model ?? (card.learned && !card.available ? own : undefined);
+    tell("rollout.set", { ...rest, policy: card.name, ...(path ? { model_path: path } : {}) });
+  };
   return (
     <section class="panel" aria-label="Takes" data-testid="takes">
       <h2>Rollout</h2>
       <div class="scroll" style="flex: none">
         <div style="display: grid; grid-template-columns: minmax(0, 1fr) auto; gap: 6px; align-items: center">
-          <select aria-label="Policy" value={store.settings.value.policy} onChange={(e) => set({ policy: e.currentTarget.value })} data-testid="policy" style="flex: 1; min-width: 0">
-            {known.map((p) => <option key={p.name} value={p.name} disabled={!p.available && !(p.learned && model)} title={p.why ?? ""}>{p.name}{p.default ? " (default)" : ""}{!p.available && !(p.learned && model) ? " – no model" : ""}</option>)}
+          <select aria-label="Policy" data-testid="policy" style="min-width: 0" value={now} onChange={(e) => choose(e.currentTarget.value)}>
+            {known.map((p) => <option key={policyId(p)} value={policyId(p)} disabled={!p.available && !(p.learned && own)} title={p.why ?? ""}>{policyId(p)}{p.default ? " (default)" : ""}{p.available || (p.learned && own) ? "" : " – no model"}</option>)}
+            {own && !known.some((p) => policyId(p) === now) ? <option value={now}>{now}</option> : null}
           </select>
           <label title="One planning step a frame on the model, from the policy's action">
             <input type="checkbox" checked={store.settings.value.refine} onChange={(e) => set({ refine: e.currentTarget.checked })} /> refine
           </label>
         </div>
-        {model ? <div class="take"><span class="grow" title={model}>model {model.split("/").slice(-3).join("/")}</span><button class="quiet" aria-label="Without this model" onClick={() => { const { model_path: _, ...rest } = store.settings.value; tell("rollout.set", { ...rest, policy: known.find((p) => p.default)?.name ?? rest.policy }); }}>×</button></div> : null}
+        {own ? <div class="take"><span class="grow" title={own}>model {own.split("/").slice(-3).join("/")}</span><button class="quiet" aria-label="Without this model" onClick={() => { const { model_path: _, ...rest } = store.settings.value; tell("rollout.set", { ...rest, policy: known.find((p) => p.default)?.name ?? rest.policy }); }}>×</button></div> : null}
       </div>
       <h2>Takes <span class="grow" /><button class="quiet" onClick={pinTake} disabled={!r || r.phase !== "done"}>Pin</button></h2>
       <div class="scroll" style="max-height: 130px">

@@ -99,6 +99,7 @@ export interface RolloutState {
 
 export interface PolicyCard {
   name: string;
+  model?: string;
   available: boolean;
   why?: string;
   learned: boolean;
