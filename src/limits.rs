@@ -90,6 +90,8 @@ pub const WORKER_MESSAGE_BYTES: usize = 256 << 20;
 pub const WORKER_MEMORY_BYTES: u64 = 8 << 30;
 /// Processor time that one request may take the worker, seconds.
 pub const WORKER_CPU_SECS: u64 = 120;
+/// Pixels along an edge of a picture that the studio shows.
+pub const STILL_PX: u32 = 2560;
 /// Recent files kept.
 pub const RECENT: usize = 20;
 /// Jobs kept in the studio's list, and lines kept of each.

@@ -13,6 +13,9 @@ pub trait Progress: Send + Sync {
 
     /// A line worth keeping (a warning, a checkpoint).
     fn log(&self, line: &str);
+
+    /// Figures for curves: an object with a `step`. Most listeners draw none.
+    fn figures(&self, _point: &serde_json::Value) {}
 }
 
 /// Nobody listens.

@@ -10,13 +10,18 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use crate::progress::Progress;
 
 const LINE_EVERY: Duration = Duration::from_secs(10);
+/// Between two events of `--jsonl`.
+const EVENT_EVERY: Duration = Duration::from_millis(200);
 
 /// Draws a [`Progress`] for a person.
 #[derive(Debug)]
 pub(super) struct Bar {
     bar: ProgressBar,
     plain: Option<Mutex<Plain>>,
+    /// With `--jsonl`: when the last event was written.
+    events: Option<Mutex<Plain>>,
     what: String,
+    unit: String,
 }
 
 #[derive(Debug)]
@@ -28,7 +33,9 @@ struct Plain {
 impl Bar {
     /// A bar titled `what`, counting `unit`.
     pub(super) fn new(what: &str, unit: &str, quiet: bool) -> Self {
+        let lines = super::out::is_in_lines();
         let tty = std::io::stderr().is_terminal();
+        let quiet = quiet || lines;
         let target = if tty && !quiet {
             ProgressDrawTarget::stderr_with_hz(10)
         } else {
@@ -44,7 +51,25 @@ impl Bar {
         bar.set_prefix(what.to_owned());
         let now = Instant::now();
         let plain = (!tty && !quiet).then(|| Mutex::new(Plain { start: now, last: now }));
-        Bar { bar, plain, what: what.to_owned() }
+        let events = lines.then(|| Mutex::new(Plain { start: now, last: now }));
+        Bar { bar, plain, events, what: what.to_owned(), unit: unit.to_owned() }
+    }
+
+    /// One event of `--jsonl`, unless the last was a moment ago.
+    fn tell(&self, done: u64, total: u64, note: &str) {
+        let Some(Ok(mut times)) = self.events.as_ref().map(Mutex::lock) else { return };
+        // The first and the last always: a short job must not look as if nothing happened.
+        let due = times.last == times.start || times.last.elapsed() >= EVENT_EVERY;
+        if !due && done < total {
+            return;
+        }
+        times.last = Instant::now();
+        let secs = times.start.elapsed().as_secs_f64();
+        let event = serde_json::json!({
+            "event": "progress", "what": self.what, "unit": self.unit,
+            "done": done, "total": total, "secs": secs, "note": note,
+        });
+        super::out::event(&event).ok();
     }
 
     /// Removes the bar.
@@ -55,6 +80,7 @@ impl Bar {
 
 impl Progress for Bar {
     fn tick(&self, done: u64, total: u64, note: &str) {
+        self.tell(done, total, note);
         self.bar.set_length(total);
         self.bar.set_position(done);
         if !self.bar.is_hidden() {
@@ -75,6 +101,15 @@ impl Progress for Bar {
     }
 
     fn log(&self, line: &str) {
+        if self.events.is_some() {
+            super::out::event(&serde_json::json!({"event": "log", "line": line})).ok();
+        }
         self.bar.suspend(|| eprintln!("{line}"));
+    }
+
+    fn figures(&self, point: &serde_json::Value) {
+        if self.events.is_some() {
+            super::out::event(&serde_json::json!({"event": "figures", "figures": point})).ok();
+        }
     }
 }

@@ -62,6 +62,9 @@ pub struct Global {
     /// Say less: errors only.
     #[arg(short, long, global = true, conflicts_with = "verbose")]
     quiet: bool,
+    /// As --json, and progress as JSON lines on stdout before it: for other programs.
+    #[arg(long, global = true)]
+    jsonl: bool,
     /// Say more; twice for debugging.
     #[arg(short, long, global = true, action = clap::ArgAction::Count)]
     verbose: u8,
@@ -120,10 +123,18 @@ enum Command {
 /// Parses, runs, reports. The only caller is `main`.
 pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
     crate::mujoco::set_env_at_start("NODEVICE_SELECT", "1");
+    let mut args: Vec<OsString> = args.into_iter().collect();
+    let given = |args: &[OsString], flag: &str| args.iter().skip(1).any(|a| a == flag);
+    if given(&args, "--jsonl") && !given(&args, "--json") {
+        args.push("--json".into());
+    }
     let cli = match Cli::try_parse_from(args) {
         Ok(cli) => cli,
         Err(e) => return usage(&e),
     };
+    if cli.global.jsonl {
+        out::in_lines();
+    }
     log::init(cli.global.quiet, cli.global.verbose);
     match run(cli) {
         Ok(()) => ExitCode::SUCCESS,

@@ -1,14 +1,37 @@
 //! Results on stdout: one JSON document, or a table for people.
 
 use std::io::{self, Write};
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use comfy_table::{ContentArrangement, LineStyle, Table, TableStyle};
 use serde::Serialize;
 
 use super::failure::Outcome;
 
-/// Prints one pretty JSON document.
+/// Whether stdout takes JSON lines (`--jsonl`). Set once, before any command runs.
+static LINES: AtomicBool = AtomicBool::new(false);
+
+/// From now on results and progress are JSON lines.
+pub(super) fn in_lines() {
+    LINES.store(true, Ordering::Relaxed);
+}
+
+/// Whether results and progress are JSON lines.
+pub(super) fn is_in_lines() -> bool {
+    LINES.load(Ordering::Relaxed)
+}
+
+/// Prints one event of `--jsonl`.
+pub(super) fn event(value: &serde_json::Value) -> Outcome {
+    line(&value.to_string())
+}
+
+/// Prints one pretty JSON document; with `--jsonl` as the event `result`.
 pub(super) fn json(value: &impl Serialize) -> Outcome {
+    if is_in_lines() {
+        let result = serde_json::to_value(value).map_err(io::Error::other)?;
+        return event(&serde_json::json!({"event": "result", "result": result}));
+    }
     let text = serde_json::to_string_pretty(value).map_err(io::Error::other)?;
     line(&text)
 }

@@ -52,6 +52,9 @@ pub(super) struct Args {
     /// else computed-torque].
     #[arg(long)]
     policy: Option<String>,
+    /// The robot, where it is not known by the clip's own name: an id, or a folder.
+    #[arg(long, value_name = "ID|DIR")]
+    robot: Option<String>,
     /// Show the commanded poses without simulating anything.
     #[arg(long)]
     kinematic: bool,
@@ -94,9 +97,9 @@ const COLUMNS: usize = 6;
 
 pub(super) fn run(args: &Args, quiet: bool) -> Outcome {
     let plan = Plan::new(args)?;
-    let mut clips = vec![load(&args.clip)?];
+    let mut clips = vec![load(&args.clip, args.robot.as_deref())?];
     if let Some(other) = &args.compare {
-        clips.push(load(other)?);
+        clips.push(load(other, args.robot.as_deref())?);
     }
     // The device first: a machine without a driver says so before anything is simulated.
     let mut renderer = Renderer::new(plan.config)?;
@@ -228,9 +231,9 @@ fn frames(text: &str) -> Outcome<Vec<usize>> {
     text.split(',').map(number).collect()
 }
 
-fn load(text: &str) -> Outcome<(Arc<Robot>, Clip)> {
-    let clip = motion::clip(text, None)?;
-    Ok((motion::robot(&clip.robot.id)?, clip))
+fn load(text: &str, robot: Option<&str>) -> Outcome<(Arc<Robot>, Clip)> {
+    let clip = motion::clip(text, robot)?;
+    Ok((motion::robot(robot.unwrap_or(&clip.robot.id))?, clip))
 }
 
 /// The clip performed, or only laid out.

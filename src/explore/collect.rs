@@ -375,6 +375,10 @@ impl Run<'_> {
             }
             if agent.ledger.curve.last().is_none_or(|p| p.step < nominal) {
                 checkpoint::save(&mut agent, &dir, nominal)?;
+                if let Some(p) = agent.ledger.curve.last() {
+                    let point = serde_json::json!({"step": p.step, "agent": kind.name(), "reward": p.reward, "coverage": p.coverage});
+                    self.progress.figures(&point);
+                }
             }
             report(kind, &agent, agent.ledger.step.saturating_sub(reported));
         }

@@ -37,7 +37,7 @@ pub use learned::{Learned, Linear, load, model_path, robot_card};
 pub use plant::{Belief, PlantConfig};
 pub use policy::{Policy, View};
 pub use precision::{HoldError, Precision, hidden_error};
-pub use registry::{Guide, Inference, PolicyConfig, PolicyName};
+pub use registry::{Guide, Inference, Offer, PolicyConfig, PolicyName, offers};
 pub use run::{Frame, Rollout, RolloutConfig, Start};
 pub use sampling::{PredictiveSampling, SamplingConfig};
 pub use stats::{Interval, mean_ci95};

@@ -14,7 +14,7 @@ use super::refine::Refined;
 use super::sampling::{PredictiveSampling, SamplingConfig};
 use super::shipped;
 use super::zero::Zero;
-use crate::net::Model;
+use crate::net::{MaskGranularity, Model};
 use crate::robot::Robot;
 
 /// Every policy there is.
@@ -78,6 +78,66 @@ impl FromStr for PolicyName {
             }
         })
     }
+}
+
+/// A policy as a robot can have it.
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub struct Offer {
+    /// Which.
+    pub name: PolicyName,
+    /// Name of the model, where it is not the robot's default one.
+    pub model: Option<String>,
+    /// What it needs before it can be chosen; `None` when it needs nothing.
+    pub needs: Option<String>,
+    /// What a mask may hide from it: from one that learned, what it was trained with; from
+    /// everyone else any goal.
+    pub masks: MaskGranularity,
+    /// Who performs unless another one is chosen.
+    pub default: bool,
+}
+
+/// Every policy that there is for a robot, models included. The one list that pages and
+/// tables are made from.
+pub fn offers(robot: &Robot) -> Vec<Offer> {
+    let chosen = PolicyConfig::default_for(robot).name;
+    let offer = |name: PolicyName| Offer {
+        name,
+        model: None,
+        needs: None,
+        masks: MaskGranularity::Joint,
+        default: name == chosen,
+    };
+    let mut list = Vec::new();
+    for name in PolicyName::all() {
+        if !name.needs_model() {
+            list.push(offer(name));
+            continue;
+        }
+        match shipped::get(robot, shipped::DEFAULT) {
+            Ok(Some(model)) => {
+                let masks = model.card.mask_granularity;
+                // A network's file need not hold the linear answer.
+                let lacks = name == PolicyName::Ridge && model.encoder.ridge.is_none();
+                let needs = lacks.then(|| "a model with a linear answer in it".to_owned());
+                list.push(Offer { needs, masks, ..offer(name) });
+            }
+            Ok(None) => {
+                let needs = Some(format!(
+                    "no model for {} comes with the program: train one, or name its file",
+                    robot.id()
+                ));
+                list.push(Offer { needs, ..offer(name) });
+            }
+            Err(e) => list.push(Offer { needs: Some(e.to_string()), ..offer(name) }),
+        }
+    }
+    for name in shipped::of(robot).into_iter().filter(|n| n != shipped::DEFAULT) {
+        let Ok(Some(model)) = shipped::get(robot, &name) else { continue };
+        let masks = model.card.mask_granularity;
+        let named = Offer { model: Some(name), masks, ..offer(PolicyName::Robert) };
+        list.push(Offer { default: false, ..named });
+    }
+    list
 }
 
 /// What fills masked frames before a policy sees them.

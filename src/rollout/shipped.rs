@@ -68,6 +68,23 @@ pub fn names(robot: &str) -> Vec<String> {
     names
 }
 
+/// Names of the models that this robot can be performed with: its folder's and the program's.
+pub fn of(robot: &Robot) -> Vec<String> {
+    let mut found = names(robot.id());
+    let own = robot.folder().map(|dir| dir.join("models"));
+    for entry in own.and_then(|dir| dir.read_dir().ok()).into_iter().flatten().flatten() {
+        let path = entry.path();
+        if path.extension().is_some_and(|e| e == "safetensors")
+            && let Some(name) = path.file_stem().and_then(|n| n.to_str())
+        {
+            found.push(name.to_owned());
+        }
+    }
+    found.sort();
+    found.dedup();
+    found
+}
+
 /// A model of this robot by name, or nothing when there is no such model. Those in the
 /// program are parsed once a process.
 ///

@@ -7,26 +7,27 @@ use std::sync::atomic::Ordering;
 use axum::body::Bytes;
 use axum::extract::{FromRequest, FromRequestParts, Path as UrlPath, State};
 use axum::http::request::Parts;
-use axum::http::{HeaderMap, StatusCode, header};
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use super::document::Edit;
 use super::error::Error;
-use super::jobs::{JobRequest, JobView};
+use super::exchange::ExportRequest;
+use super::jobs::{Extra, JobKind, JobRequest, JobView};
 use super::protocol::{
-    Code, DocumentView, Edited, ErrorBody, GalleryItem, IkRequest, OpsRequest, PolicyCard,
-    RecentFile, RobotCard, RolloutView, Saved, StudioOp,
+    Code, DocumentView, Edited, ErrorBody, GalleryItem, IkRequest, OpsRequest, RecentFile,
+    RobotCard, RolloutView, Saved, StudioOp,
 };
 use super::server::App;
 use super::session::{Ask, Author};
+use super::shelf::{self, Shelf};
 use super::worker::{Geometry, IkAnswer, Report, Request, RobotFacts, SettleAnswer};
-use super::{export, gallery, pages, protocol};
+use super::{exchange, export, gallery, pages, protocol};
 use crate::clip::{self, Batch, Op};
-use crate::limits;
 use crate::robot::Robot;
-use crate::rollout::PolicyName;
+use crate::{fsio, limits};
 
 /// A refusal as a response.
 #[derive(Debug)]
@@ -119,9 +120,7 @@ pub(super) async fn current_state(app: &App) -> protocol::State {
         version: env!("CARGO_PKG_VERSION"),
         document: current_view(app).await.map(|d| *d),
         rollout: app.live.settings(),
-        policies: PolicyName::all()
-            .map(|p| PolicyCard { name: p.as_str(), available: true })
-            .collect(),
+        policies: app.live.facts().map(|f| protocol::policies(&f.offers)).unwrap_or_default(),
         worker: app.live.worker_state(),
         viser: pages::has_viser(),
         clients: app.clients.load(Ordering::SeqCst),
@@ -295,9 +294,19 @@ pub(super) async fn recent(State(app): Shared) -> Json<Vec<RecentFile>> {
 }
 
 /// `GET /api/robots`.
-pub(super) async fn robots() -> Json<Vec<RobotCard>> {
-    let card = |id: &str| RobotCard { id: id.to_owned(), builtin: true };
-    Json(Robot::builtin_ids().map(card).collect())
+pub(super) async fn robots(State(app): Shared) -> Json<Vec<RobotCard>> {
+    Json(shelf::robots(&app.folder, &app.state_dir))
+}
+
+impl App {
+    /// Where a robot is loaded from: as the open document has it, else the program or a
+    /// folder beside us; else as it was said.
+    fn robot_source(&self, id: String) -> String {
+        match self.live.facts() {
+            Some(facts) if facts.id == id => facts.source.clone(),
+            _ => shelf::source(&id, &self.folder, &self.state_dir).unwrap_or(id),
+        }
+    }
 }
 
 /// `GET /api/robot/{id}`.
@@ -305,6 +314,7 @@ pub(super) async fn robot(
     State(app): Shared,
     UrlPath(robot): UrlPath<String>,
 ) -> Answer<RobotFacts> {
+    let robot = app.robot_source(robot);
     match app.worker.ask(Request::Facts { robot }).await? {
         Report::Facts(facts) => Ok(Json(*facts)),
         _ => Err(odd()),
@@ -316,6 +326,7 @@ pub(super) async fn geometry(
     State(app): Shared,
     UrlPath(robot): UrlPath<String>,
 ) -> Answer<Geometry> {
+    let robot = app.robot_source(robot);
     match app.worker.ask(Request::Geometry { robot }).await? {
         Report::Geometry(geometry) => Ok(Json(*geometry)),
         _ => Err(odd()),
@@ -420,14 +431,217 @@ pub(super) async fn export(
 ) -> Result<Response, Refused> {
     let (clip, command) = app.session.ask(Ask::Content).await?;
     let file = export::file(&query.format, &clip, &command, &app.live)?;
+    Ok(download(&file.name, file.media_type, file.bytes))
+}
+
+fn download(name: &str, media_type: &'static str, bytes: Vec<u8>) -> Response {
     let mut headers = HeaderMap::new();
-    if let Ok(value) = file.media_type.parse() {
-        headers.insert(header::CONTENT_TYPE, value);
-    }
-    if let Ok(value) = format!("attachment; filename=\"{}\"", file.name).parse() {
+    headers.insert(header::CONTENT_TYPE, HeaderValue::from_static(media_type));
+    let plain: String = name.chars().filter(|c| !matches!(c, '"' | '\\') && c.is_ascii()).collect();
+    if let Ok(value) = format!("attachment; filename=\"{plain}\"").parse() {
         headers.insert(header::CONTENT_DISPOSITION, value);
     }
-    Ok((headers, file.bytes).into_response())
+    (headers, bytes).into_response()
+}
+
+/// Query of `GET /api/still.jpg`.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct StillQuery {
+    #[serde(default)]
+    frame: usize,
+    #[serde(default = "still_width")]
+    w: u32,
+    #[serde(default = "still_height")]
+    h: u32,
+    #[serde(default)]
+    draft: bool,
+    /// Not read: makes the address of a newer picture another one.
+    #[serde(default, rename = "v")]
+    _version: String,
+}
+
+fn still_width() -> u32 {
+    640
+}
+
+fn still_height() -> u32 {
+    480
+}
+
+fn picture(jpeg: Bytes) -> Response {
+    ([(header::CONTENT_TYPE, "image/jpeg")], jpeg).into_response()
+}
+
+/// `GET /api/still.jpg`.
+pub(super) async fn still(
+    State(app): Shared,
+    Query(q): Query<StillQuery>,
+) -> Result<Response, Refused> {
+    Ok(picture(app.pictures.still(&app.live, q.frame, (q.w, q.h), q.draft).await?))
+}
+
+/// Query of `GET /api/pose.jpg`.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct PoseQuery {
+    pose: String,
+    /// Not read: see [`StillQuery`].
+    #[serde(default, rename = "v")]
+    _version: String,
+}
+
+/// `GET /api/pose.jpg`: a pose of the clip, or of its robot.
+pub(super) async fn pose_picture(
+    State(app): Shared,
+    Query(query): Query<PoseQuery>,
+) -> Result<Response, Refused> {
+    let (clip, _) = app.session.ask(Ask::Content).await?;
+    let facts = app.live.facts().ok_or(Error::NoDocument)?;
+    let missing = || Error::NotFound { what: format!("pose {:?}", query.pose) };
+    let rest = &facts.table.rest;
+    let q = match clip.poses.get(&query.pose) {
+        // A pose may leave joints open; they are shown at rest.
+        Some(values) => facts
+            .table
+            .joints
+            .iter()
+            .zip(rest)
+            .map(|(j, rest)| {
+                let at = clip.robot.joints.iter().position(|n| *n == j.name);
+                at.and_then(|i| values.get(i).copied().flatten()).unwrap_or(*rest)
+            })
+            .collect(),
+        None => facts.poses.iter().find(|p| p.name == query.pose).ok_or_else(missing)?.q.clone(),
+    };
+    Ok(picture(app.pictures.pose(facts.source.clone(), q).await?))
+}
+
+/// Query of `GET /api/gallery-picture.jpg`.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct ExampleQuery {
+    id: String,
+}
+
+/// `GET /api/gallery-picture.jpg`.
+pub(super) async fn example_picture(
+    State(app): Shared,
+    Query(query): Query<ExampleQuery>,
+) -> Result<Response, Refused> {
+    Ok(picture(app.pictures.example(&query.id).await?))
+}
+
+/// `POST /api/exports`.
+pub(super) async fn start_export(
+    State(app): Shared,
+    Json(body): Json<ExportRequest>,
+) -> Answer<JobView> {
+    let (clip, _) = app.session.ask(Ask::Content).await?;
+    let facts = app.live.facts().ok_or(Error::NoDocument)?;
+    let settings = app.live.settings();
+    let (request, extra) = exchange::job(&body, &clip, &facts.source, &settings, &app.folder)?;
+    Ok(Json(app.jobs.start_with(request, extra, &app.folder)?))
+}
+
+/// `GET /api/jobs/{id}/file`.
+pub(super) async fn job_file(
+    State(app): Shared,
+    UrlPath(id): UrlPath<u64>,
+) -> Result<Response, Refused> {
+    let path = app.jobs.file(id)?;
+    let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    let read = tokio::task::spawn_blocking(move || fsio::read_capped(&path, limits::UPLOAD_BYTES));
+    let bytes = read.await.map_err(|_panicked| Error::request("the file was not read"))?;
+    let bytes = bytes.map_err(Error::from)?;
+    Ok(download(&name, export::media_type(&name), bytes))
+}
+
+/// `GET /api/shelf`.
+pub(super) async fn shelf(State(app): Shared) -> Result<Json<Shelf>, Refused> {
+    let folder = app.folder.clone();
+    let found = tokio::task::spawn_blocking(move || shelf::list(&folder)).await;
+    Ok(Json(found.map_err(|_panicked| Error::request("the folder was not read"))?))
+}
+
+/// `GET /api/curves?path=RUN`.
+pub(super) async fn curves(
+    State(app): Shared,
+    Query(body): Query<PathBody>,
+) -> Answer<Vec<serde_json::Value>> {
+    let dir = app.path(&body.path)?;
+    let found = tokio::task::spawn_blocking(move || shelf::curves(&dir)).await;
+    Ok(Json(found.map_err(|_panicked| Error::request("the run was not read"))?))
+}
+
+/// Query of `PUT /api/upload`.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct UploadQuery {
+    path: String,
+    #[serde(default)]
+    first: bool,
+}
+
+/// `PUT /api/upload`: one file of a robot's folder; the first one empties it.
+pub(super) async fn upload(
+    State(app): Shared,
+    Query(query): Query<UploadQuery>,
+    request: axum::extract::Request,
+) -> Result<StatusCode, Refused> {
+    let bytes = whole_body(request, limits::PROJECT_BYTES as usize).await?;
+    let uploads = Arc::clone(&app.uploads);
+    let put = move || uploads.put(&query.path, query.first, &bytes);
+    let done = tokio::task::spawn_blocking(put).await;
+    done.map_err(|_panicked| Error::request("the file was not kept"))??;
+    Ok(StatusCode::NO_CONTENT)
+}
+
+/// Body of `POST /api/import`.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct ImportBody {
+    /// The URDF or MJCF: among the uploaded files, or on this machine.
+    file: String,
+    #[serde(default)]
+    uploaded: bool,
+    id: String,
+    #[serde(default)]
+    fixed_base: bool,
+}
+
+/// `POST /api/import`: a job that makes a robot in the studio's folder.
+pub(super) async fn import(State(app): Shared, Json(body): Json<ImportBody>) -> Answer<JobView> {
+    if !crate::robot::valid_id(&body.id) {
+        return Err(Error::request(format!(
+            "{:?} cannot be a robot's name: lower-case letters, digits, '_' and '-'",
+            body.id
+        ))
+        .into());
+    }
+    if Robot::builtin_ids().any(|id| id == body.id) {
+        return Err(Error::request(format!("{} is a robot of the program", body.id)).into());
+    }
+    let file = if body.uploaded {
+        exchange::upload_path(app.uploads.folder(), &body.file)?
+    } else {
+        app.path(&body.file)?
+    };
+    let out = app.folder.join("robots").join(&body.id);
+    let mut args: Vec<String> = [file.as_path(), Path::new("--out"), &out, Path::new("--id")]
+        .iter()
+        .map(|p| p.display().to_string())
+        .collect();
+    args.push(body.id.clone());
+    if body.uploaded {
+        args.extend(["--root".to_owned(), app.uploads.folder().display().to_string()]);
+    }
+    if body.fixed_base {
+        args.push("--fixed-base".into());
+    }
+    let extra = Extra { title: format!("Import {}", body.id), ..Extra::default() };
+    let request = JobRequest { kind: JobKind::Import, args };
+    Ok(Json(app.jobs.start_with(request, extra, &app.folder)?))
 }
 
 /// `GET /api/jobs`.

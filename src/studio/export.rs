@@ -28,13 +28,7 @@ pub(super) fn file(
     command: &Command,
     live: &Live,
 ) -> Result<Download, Error> {
-    let stem: String = clip
-        .name
-        .chars()
-        .map(|c| if c.is_ascii_alphanumeric() || c == '-' { c } else { '_' })
-        .take(60)
-        .collect();
-    let stem = if stem.is_empty() { "clip".to_owned() } else { stem };
+    let stem = stem(clip);
     let made =
         |end: &str, media_type, bytes| Download { name: format!("{stem}{end}"), media_type, bytes };
     match format {
@@ -49,6 +43,32 @@ pub(super) fn file(
         "achieved-csv" => Ok(made("-achieved.csv", "text/csv", achieved(command, live)?)),
         other => Err(Error::request(format!("no format is called {other:?}; there are {FORMATS}"))),
     }
+}
+
+/// What a file is, by its ending.
+pub(super) fn media_type(name: &str) -> &'static str {
+    match name.rsplit('.').next().unwrap_or_default() {
+        "mp4" => "video/mp4",
+        "gif" => "image/gif",
+        "png" | "apng" => "image/png",
+        "csv" => "text/csv",
+        "json" => "application/json",
+        "xml" => "application/xml",
+        "yaml" => "application/yaml",
+        "html" => "text/html; charset=utf-8",
+        _ => "application/octet-stream",
+    }
+}
+
+/// The clip's title as a file name.
+pub(super) fn stem(clip: &Clip) -> String {
+    let stem: String = clip
+        .name
+        .chars()
+        .map(|c| if c.is_ascii_alphanumeric() || c == '-' { c } else { '_' })
+        .take(60)
+        .collect();
+    if stem.trim_matches('_').is_empty() { "clip".to_owned() } else { stem }
 }
 
 /// `frame,time,mask,<joint>...` of the achieved motion.

@@ -1,6 +1,8 @@
-//! Collect, train, evaluate from the browser: the same commands as in a shell, as children.
+//! Collect, train, evaluate, import and export from the browser: the same commands as in a
+//! shell, as children.
 //!
-//! A job is `robert KIND ARGS.. --jsonl`; its stdout is events, a line each. Cancelling sends
+//! A job is `robert KIND ARGS.. --jsonl`; its stdout is events, a line each: `progress` (only
+//! the newest is kept), `figures` for curves, `log`, and at the end `result`. Cancelling sends
 //! what Ctrl-C sends, so the job writes its checkpoint; resuming starts it again with `--resume`.
 
 use std::collections::{BTreeMap, VecDeque};
@@ -31,6 +33,10 @@ pub enum JobKind {
     Eval,
     /// Render a picture or a film.
     Render,
+    /// Write a take in another format.
+    Export,
+    /// Make a robot's folder out of a model file.
+    Import,
 }
 
 impl JobKind {
@@ -40,8 +46,60 @@ impl JobKind {
             JobKind::Train => "train",
             JobKind::Eval => "eval",
             JobKind::Render => "render",
+            JobKind::Export => "export",
+            JobKind::Import => "import",
         }
     }
+
+    /// The arguments that let an ended job go on.
+    fn resumed(self, args: &[String]) -> Result<Vec<String>, Error> {
+        let mut next = args.to_vec();
+        match self {
+            // A run directory is its own memory of all other settings.
+            JobKind::Train => {
+                if value_of(args, "--resume").is_some() {
+                    return Ok(next);
+                }
+                let run = value_of(args, "--out")
+                    .ok_or_else(|| Error::request("this training was started without --out"))?;
+                next = without(args, &["--out", "--preset", "--set"]);
+                next.extend(["--resume".to_owned(), run]);
+            }
+            JobKind::Collect => {
+                if !args.iter().any(|a| a == "--resume") {
+                    next.push("--resume".into());
+                }
+            }
+            // Short enough to begin anew.
+            JobKind::Eval | JobKind::Render | JobKind::Export | JobKind::Import => {}
+        }
+        Ok(next)
+    }
+}
+
+/// The value of `--name V` or `--name=V`.
+fn value_of(args: &[String], name: &str) -> Option<String> {
+    let glued = format!("{name}=");
+    args.iter().enumerate().find_map(|(i, a)| {
+        if a == name { args.get(i + 1).cloned() } else { a.strip_prefix(&glued).map(str::to_owned) }
+    })
+}
+
+/// The arguments without these options and their values.
+fn without(args: &[String], names: &[&str]) -> Vec<String> {
+    let mut kept = Vec::new();
+    let mut skip = false;
+    for a in args {
+        if std::mem::take(&mut skip) {
+            continue;
+        }
+        if names.contains(&a.as_str()) {
+            skip = true;
+        } else if !names.iter().any(|n| a.strip_prefix(n).is_some_and(|r| r.starts_with('='))) {
+            kept.push(a.clone());
+        }
+    }
+    kept
 }
 
 /// `POST /api/jobs`.
@@ -79,13 +137,20 @@ pub struct JobView {
     pub kind: JobKind,
     /// Its arguments.
     pub args: Vec<String>,
+    /// What it is for, in words.
+    pub title: String,
     /// How it is.
     pub phase: JobPhase,
     /// Exit code, when it has ended.
     pub exit: Option<i32>,
-    /// The newest event.
+    /// How far it is: the newest `progress` event.
+    pub progress: Option<Value>,
+    /// The newest other event.
     pub last: Option<Value>,
-    /// Events so far.
+    /// Name of the file that it makes for `GET /api/jobs/{id}/file`; it is there when the job
+    /// is done.
+    pub file: Option<String>,
+    /// Other events so far.
     pub events: usize,
     /// Number of the first event in `lines`.
     pub first: usize,
@@ -100,7 +165,9 @@ pub struct JobView {
 struct Job {
     kind: JobKind,
     args: Vec<String>,
+    extra: Extra,
     phase: JobPhase,
+    progress: Option<Value>,
     exit: Option<i32>,
     pid: Option<Pid>,
     lines: VecDeque<Value>,
@@ -108,6 +175,17 @@ struct Job {
     log: VecDeque<String>,
     begin: Instant,
     secs: f64,
+}
+
+/// What the studio knows about a job beside its arguments.
+#[derive(Clone, Debug, Default)]
+pub struct Extra {
+    /// What it is for.
+    pub title: String,
+    /// The file that it makes, for downloading.
+    pub output: Option<PathBuf>,
+    /// Files that it needs, gone with the job.
+    pub scratch: Option<Arc<tempfile::TempDir>>,
 }
 
 /// Log lines kept.
@@ -150,6 +228,19 @@ impl Jobs {
     /// # Errors
     /// [`Error::Full`], [`Error::Server`] when it cannot be started.
     pub fn start(&self, request: JobRequest, folder: &Path) -> Result<JobView, Error> {
+        self.start_with(request, Extra::default(), folder)
+    }
+
+    /// Starts one of the studio's own.
+    ///
+    /// # Errors
+    /// As [`Jobs::start`].
+    pub fn start_with(
+        &self,
+        request: JobRequest,
+        extra: Extra,
+        folder: &Path,
+    ) -> Result<JobView, Error> {
         if request.args.iter().any(|a| a.contains('\0')) || request.args.len() > 256 {
             return Err(Error::request("these are no arguments"));
         }
@@ -182,7 +273,9 @@ impl Jobs {
             let job = Job {
                 kind: request.kind,
                 args: request.args,
+                extra,
                 phase: JobPhase::Running,
+                progress: None,
                 exit: None,
                 pid: i32::try_from(child.id()).ok().and_then(Pid::from_raw),
                 lines: VecDeque::new(),
@@ -214,8 +307,12 @@ impl Jobs {
                     let event = serde_json::from_str(&line)
                         .unwrap_or_else(|_| Value::String(clipped(line)));
                     jobs.with(id, |job| {
-                        job.events += 1;
-                        keep(&mut job.lines, limits::JOB_LINES, event);
+                        if event.get("event").is_some_and(|e| e == "progress") {
+                            job.progress = Some(event);
+                        } else {
+                            job.events += 1;
+                            keep(&mut job.lines, limits::JOB_LINES, event);
+                        }
                     });
                     jobs.tell(id);
                 }
@@ -290,18 +387,27 @@ impl Jobs {
     /// # Errors
     /// [`Error::NotFound`], [`Error::Request`] while it runs.
     pub fn resume(&self, id: u64, folder: &Path) -> Result<JobView, Error> {
-        let (kind, mut args) = {
+        let (kind, args, extra) = {
             let inner = self.lock();
             let job = inner.jobs.get(&id).ok_or_else(|| missing(id))?;
             if job.pid.is_some() {
                 return Err(Error::request(format!("job {id} is still running")));
             }
-            (job.kind, job.args.clone())
+            (job.kind, job.args.clone(), job.extra.clone())
         };
-        if !args.iter().any(|a| a == "--resume" || a.starts_with("--resume=")) {
-            args.push("--resume".into());
-        }
-        self.start(JobRequest { kind, args }, folder)
+        let args = kind.resumed(&args)?;
+        self.start_with(JobRequest { kind, args }, extra, folder)
+    }
+
+    /// The file that a job has made.
+    ///
+    /// # Errors
+    /// [`Error::NotFound`] before it is there.
+    pub fn file(&self, id: u64) -> Result<PathBuf, Error> {
+        let inner = self.lock();
+        let job = inner.jobs.get(&id).ok_or_else(|| missing(id))?;
+        let made = job.extra.output.clone().filter(|_| job.phase == JobPhase::Done);
+        made.ok_or_else(|| Error::NotFound { what: format!("file of job {id} yet") })
     }
 
     /// Ends all: the studio goes.
@@ -322,9 +428,16 @@ impl Job {
             id,
             kind: self.kind,
             args: self.args.clone(),
+            title: self.extra.title.clone(),
             phase: self.phase,
             exit: self.exit,
+            progress: self.progress.clone(),
             last: self.lines.back().cloned(),
+            file: self
+                .extra
+                .output
+                .as_ref()
+                .and_then(|p| Some(p.file_name()?.to_string_lossy().into_owned())),
             events: self.events,
             first,
             lines: self.lines.iter().skip(first - dropped).cloned().collect(),
@@ -354,4 +467,23 @@ fn clipped(mut line: String) -> String {
         line.truncate(end);
     }
     line
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_stopped_training_goes_on_in_its_own_folder() {
+        let words = |t: &str| t.split(' ').map(str::to_owned).collect::<Vec<_>>();
+        let args =
+            words("--robot ur5e --data d --preset quick --set lr=1 --set=seed=2 --out runs/a");
+        let next = JobKind::Train.resumed(&args).unwrap();
+        assert_eq!(next, words("--robot ur5e --data d --resume runs/a"));
+        assert_eq!(JobKind::Train.resumed(&next).unwrap(), next, "and so the second time");
+        let next = JobKind::Collect.resumed(&words("--out d")).unwrap();
+        assert_eq!(next, words("--out d --resume"));
+        assert_eq!(JobKind::Collect.resumed(&next).unwrap(), next);
+        assert!(JobKind::Train.resumed(&words("--robot ur5e")).is_err());
+    }
 }

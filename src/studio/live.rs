@@ -5,6 +5,7 @@
 //! fewer, larger updates and never falls behind, and a thousand edits while it sleeps cost
 //! nothing but their last state.
 
+use std::path::Path;
 use std::sync::{Arc, PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
 
 use serde_json::Value;
@@ -13,7 +14,7 @@ use tokio::sync::watch;
 use super::hub::Hub;
 use super::protocol::{Event, Phase, RolloutSettings, RolloutState, RolloutView};
 use super::worker::{
-    Dense, Frames, Report, Request, RobotFacts, WorkerHandle, WorkerSink, WorkerState,
+    Dense, Frames, MotionRows, Report, Request, RobotFacts, WorkerHandle, WorkerSink, WorkerState,
 };
 use crate::clip::Command;
 use crate::rollout::PolicyConfig;
@@ -47,6 +48,7 @@ struct Inner {
     facts: Option<Arc<RobotFacts>>,
     command: Option<Arc<Command>>,
     keys: Arc<[u32]>,
+    title: String,
     worker: WorkerState,
 }
 
@@ -109,19 +111,15 @@ impl Live {
         self.read().settings.clone()
     }
 
-    /// Changes how rollouts are made.
-    pub fn set_settings(&self, settings: RolloutSettings, worker: &WorkerHandle) {
-        self.write().settings = settings;
-        self.send_policy(worker);
-    }
-
-    /// Tells the worker the policy.
-    pub fn send_policy(&self, worker: &WorkerHandle) {
-        let settings = self.settings();
+    /// Changes how rollouts are made; a model's path counts from `folder`.
+    pub fn set_settings(&self, settings: RolloutSettings, worker: &WorkerHandle, folder: &Path) {
+        self.write().settings = settings.clone();
         let mut policy = PolicyConfig::new(settings.policy);
         policy.refine = settings.refine;
         policy.guide = settings.guide;
-        policy.model_path = settings.model_path.map(Into::into);
+        // What is no file here is the name of a model that comes with the program or the robot.
+        let full = |p: String| Some(folder.join(&p)).filter(|f| f.exists()).unwrap_or(p.into());
+        policy.model_path = settings.model_path.map(full);
         worker.tell(Request::Policy { policy, seed: settings.seed });
     }
 
@@ -152,9 +150,12 @@ impl Live {
         self.notify();
     }
 
-    /// Frames of the clip's keys, for the ghosts around the playhead.
-    pub fn set_keys(&self, keys: Vec<u32>) {
-        self.write().keys = keys.into();
+    /// The clip's title, for pictures, and the frames of its keys, for the ghosts around the
+    /// playhead.
+    pub fn set_clip(&self, title: &str, keys: Vec<u32>) {
+        let mut inner = self.write();
+        title.clone_into(&mut inner.title);
+        inner.keys = keys.into();
     }
 
     /// The command that is performed, and the frames of the clip's keys.
@@ -208,6 +209,39 @@ impl Live {
     /// Achieved state of a frame.
     pub fn reached(&self, frame: usize) -> Option<Vec<f32>> {
         self.read().q.get(frame).cloned()
+    }
+
+    /// The motion that has this frame, for a picture: a stamp that is its own, where the robot
+    /// is loaded from, and its rows. What is not simulated yet is laid out as commanded, and
+    /// says so. `None` without a robot.
+    pub fn motion(&self, frame: usize) -> Option<(u64, String, MotionRows)> {
+        let inner = self.read();
+        let facts = inner.facts.as_ref()?;
+        let names = facts.table.names();
+        let command = inner.command.as_ref()?.reordered(&names)?;
+        let simulated = frame < inner.q.len();
+        let commanded = (0..command.frames())
+            .map(|f| {
+                let row = command.row(f).iter().enumerate();
+                row.map(|(j, v)| if command.sees(f, j) { *v } else { f32::NAN }).collect()
+            })
+            .collect();
+        let (achieved, performer) = if simulated {
+            (inner.q.clone(), inner.state.policy.clone())
+        } else {
+            let rows = (0..command.frames()).map(|f| command.interpolated(f)).collect();
+            (rows, "not simulated".to_owned())
+        };
+        let motion = MotionRows {
+            name: inner.title.clone(),
+            performer,
+            commanded,
+            achieved,
+            keys: inner.keys.iter().map(|k| *k as usize).collect(),
+        };
+        // Twice the stamp, so that the two kinds of rows never share one.
+        let stamp = 2 * inner.stamp + u64::from(simulated);
+        Some((stamp, facts.source.clone(), motion))
     }
 
     /// What a client that has seen everything up to a stamp has missed.

@@ -12,7 +12,8 @@
 //! | [`document`], [`journal`] | clip + history + file; what survives a kill |
 //! | [`live`] | the rollout's frames, and what each client has yet to see |
 //! | [`worker`] | the simulation, in a process of its own |
-//! | [`jobs`] | collect, train, evaluate as child processes |
+//! | [`pictures`] | rendered stills, by a second child |
+//! | [`jobs`], `exchange`, `shelf` | collect, train, import, export as child processes; their files |
 //!
 //! Two promises shape it: an edit is acknowledged only when it is on disk, and nothing that
 //! a model or a client does can take the document along.
@@ -20,6 +21,7 @@
 mod api;
 pub mod document;
 pub mod error;
+pub mod exchange;
 mod export;
 mod gallery;
 pub mod guard;
@@ -28,10 +30,12 @@ pub mod jobs;
 pub mod journal;
 pub mod live;
 mod pages;
+pub mod pictures;
 pub mod protocol;
 mod recent;
 pub mod server;
 pub mod session;
+pub mod shelf;
 mod socket;
 pub mod viser;
 pub mod worker;
@@ -51,10 +55,13 @@ use tokio::sync::watch;
 use guard::Guard;
 use hub::Hub;
 use live::Live;
+use protocol::RolloutSettings;
 use server::App;
 use session::{Ask, Session};
 use viser::Viewport;
 use worker::WorkerHandle;
+
+use crate::rollout::PolicyName;
 
 /// How the studio is started.
 #[derive(Clone, Debug)]
@@ -121,6 +128,10 @@ async fn serve(config: StudioConfig, ready: impl FnOnce(&str)) -> Result<(), Err
         recent,
         viewport: Viewport::start(Arc::clone(&live), worker.clone(), hub.clone()),
         jobs: jobs::Jobs::new(hub, config.binary.clone()),
+        pictures: pictures::Pictures::new(config.binary.clone(), &config.state_dir)
+            .map_err(Error::Server)?,
+        uploads: Arc::new(exchange::Uploads::new().map_err(Error::Server)?),
+        state_dir: config.state_dir.clone(),
         folder: config.folder.clone(),
         clients: AtomicUsize::new(0),
         next_client: AtomicUsize::new(0),
@@ -146,6 +157,7 @@ async fn serve(config: StudioConfig, ready: impl FnOnce(&str)) -> Result<(), Err
         Err(e) => Err(e),
     };
     app.jobs.stop();
+    app.pictures.shutdown();
     session.ask(Ask::Shutdown).await.ok();
     worker.shutdown();
     tokio::time::sleep(Duration::from_millis(50)).await;
@@ -153,6 +165,14 @@ async fn serve(config: StudioConfig, ready: impl FnOnce(&str)) -> Result<(), Err
 }
 
 async fn first_document(config: &StudioConfig, session: &Session) -> Result<(), Error> {
+    if let Some(path) = &config.model_path {
+        let settings = RolloutSettings {
+            policy: PolicyName::Robert,
+            model_path: Some(path.display().to_string()),
+            ..RolloutSettings::default()
+        };
+        session.ask(|r| Ask::Settings(settings, r)).await?;
+    }
     if let Some(path) = &config.clip_path {
         if let Some(robot) = config.robot.clone() {
             session.ask(|r| Ask::Know(robot, r)).await?;

@@ -38,9 +38,17 @@
 //! | `POST /api/settle` `{q}` | [`SettleAnswer`](super::worker::SettleAnswer) |
 //! | `GET /api/rollout` | [`RolloutView`] with all frames |
 //! | `GET /api/export?format=F` | bytes; F = json, csv, mjcf, ros, command (clip) or achieved-csv (rollout) |
+//! | `POST /api/exports` `{format, path?, size?, frames?, overlay?, camera?, moments?}` | `JobView`: performs the clip as it is and writes mp4, gif, apng, png, strip, mcap, csv, json, mjcf, ros, viser or html |
+//! | `GET /api/still.jpg?frame=N&w=W&h=H&draft=B` | the rollout at a frame, rendered here; 500 with what to install where no driver is |
+//! | `GET /api/pose.jpg?pose=NAME`, `/api/gallery-picture.jpg?id=ID` | a pose; an example, performed |
+//! | `GET /api/shelf` | [`Shelf`](super::shelf::Shelf): runs, data, presets in the studio's folder |
+//! | `GET /api/curves?path=RUN` | metrics of a training run, thinned |
+//! | `PUT /api/upload?path=NAME&first=B` | 204; body = one file of a robot to import |
+//! | `POST /api/import` `{file, uploaded?, id, fixed_base?}` | `JobView`: makes `robots/ID` |
 //! | `GET /api/jobs` | list of [`JobView`](super::jobs::JobView) |
 //! | `POST /api/jobs` [`JobRequest`](super::jobs::JobRequest) | `JobView` |
 //! | `GET /api/jobs/{id}` | `JobView` with its lines; `?from=N` skips the first N |
+//! | `GET /api/jobs/{id}/file` | what an export made, when it is done |
 //! | `POST /api/jobs/{id}/cancel`, `/resume` | `JobView` |
 //!
 //! Every refusal is an [`ErrorBody`] with a fitting status.
@@ -84,7 +92,7 @@ use super::error::Error;
 use super::worker::WorkerState;
 use crate::clip::{Blind, ClipError, Delta, JointTable, Lint, Op, Span};
 use crate::exit::{Exit, HasExit};
-use crate::rollout::{Guide, PolicyName};
+use crate::rollout::{Guide, Offer, PolicyName};
 
 /// What kind of refusal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -245,6 +253,8 @@ pub struct DocumentView {
     pub restored: Option<Restored>,
     /// Problems and timeline.
     pub findings: Findings,
+    /// Policies as its robot can have them.
+    pub policies: Vec<PolicyCard>,
 }
 
 /// Problems and the compiled timeline.
@@ -284,12 +294,36 @@ pub struct State {
 }
 
 /// A policy to choose.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PolicyCard {
     /// Name, as on the command line.
     pub name: &'static str,
-    /// Whether it can be chosen for this robot now.
+    /// Name of the model, where it is not the robot's default one: `model_path` of
+    /// [`RolloutSettings`].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub model: Option<String>,
+    /// Whether it can be chosen for this robot without a model file of one's own.
     pub available: bool,
+    /// What it needs, when it cannot.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub why: Option<String>,
+    /// Whether it learned something, and so can have a model file of one's own.
+    pub learned: bool,
+    /// Who performs unless one is chosen.
+    pub default: bool,
+}
+
+/// Every policy as this robot can have it.
+pub fn policies(offers: &[Offer]) -> Vec<PolicyCard> {
+    let card = |o: &Offer| PolicyCard {
+        name: o.name.as_str(),
+        model: o.model.clone(),
+        available: o.needs.is_none(),
+        why: o.needs.clone(),
+        learned: o.name.needs_model(),
+        default: o.default,
+    };
+    offers.iter().map(card).collect()
 }
 
 /// How the live rollout is made.
@@ -554,6 +588,8 @@ pub struct RecentFile {
 pub struct RobotCard {
     /// Identifier.
     pub id: String,
+    /// What it is loaded by: its id, or its folder.
+    pub source: String,
     /// Whether it comes with the program.
     pub builtin: bool,
 }

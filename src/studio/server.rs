@@ -12,7 +12,7 @@ use std::time::Duration;
 use axum::Router;
 use axum::extract::DefaultBodyLimit;
 use axum::http::StatusCode;
-use axum::routing::{get, post};
+use axum::routing::{get, post, put};
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
 use tokio::net::{TcpListener, TcpStream};
@@ -21,10 +21,12 @@ use tower_http::catch_panic::CatchPanicLayer;
 use tower_http::timeout::TimeoutLayer;
 
 use super::error::Error;
+use super::exchange::Uploads;
 use super::guard::{self, Guard};
 use super::hub::Hub;
 use super::jobs::Jobs;
 use super::live::Live;
+use super::pictures::Pictures;
 use super::recent::Recent;
 use super::session::Session;
 use super::viser::Viewport;
@@ -51,6 +53,12 @@ pub struct App {
     pub viewport: Arc<Viewport>,
     /// Long jobs.
     pub jobs: Jobs,
+    /// Pictures.
+    pub pictures: Pictures,
+    /// Files that a page has sent.
+    pub uploads: Arc<Uploads>,
+    /// Journals of unsaved clips, recent files, kept pictures.
+    pub state_dir: PathBuf,
     /// Where relative paths start.
     pub folder: PathBuf,
     /// Editor clients now.
@@ -101,8 +109,17 @@ pub fn router(app: Arc<App>) -> Router {
         .route("/api/settle", post(api::settle))
         .route("/api/rollout", get(api::rollout))
         .route("/api/export", get(api::export))
+        .route("/api/exports", post(api::start_export))
+        .route("/api/still.jpg", get(api::still))
+        .route("/api/pose.jpg", get(api::pose_picture))
+        .route("/api/gallery-picture.jpg", get(api::example_picture))
+        .route("/api/shelf", get(api::shelf))
+        .route("/api/curves", get(api::curves))
+        .route("/api/upload", put(api::upload))
+        .route("/api/import", post(api::import))
         .route("/api/jobs", get(api::jobs).post(api::start_job))
         .route("/api/jobs/{id}", get(api::job))
+        .route("/api/jobs/{id}/file", get(api::job_file))
         .route("/api/jobs/{id}/cancel", post(api::cancel_job))
         .route("/api/jobs/{id}/resume", post(api::resume_job))
         .layer(TimeoutLayer::with_status_code(

@@ -16,13 +16,18 @@ use super::document::{Document, Edit};
 use super::error::Error;
 use super::hub::Hub;
 use super::live::Live;
-use super::protocol::{DocumentView, Edited, Event, Findings, History, RolloutSettings, Saved};
+use super::protocol::{
+    DocumentView, Edited, Event, Findings, History, RolloutSettings, Saved, policies,
+};
 use super::recent::Recent;
 use super::worker::{Checked, Report, Request, RobotFacts, WorkerHandle};
 use crate::clip::{
     self, Batch, Change, Clip, Command, Delta, Granularity, JointTable, Op, PoseChecker,
     PoseReport, RobotRef,
 };
+use crate::net::MaskGranularity;
+use crate::net::checkpoint::read_card;
+use crate::rollout::{Offer, PolicyName, model_path};
 
 /// Labels of the history that are sent.
 const LABELS: usize = 100;
@@ -118,6 +123,8 @@ impl Session {
             verdicts: BTreeMap::new(),
             judging: false,
             previewing: false,
+            chosen: false,
+            granularity: Granularity::Joint,
             inbox: tx.clone(),
         };
         std::thread::Builder::new().name("session".into()).spawn(move || {
@@ -156,6 +163,10 @@ struct Desk {
     verdicts: BTreeMap<Vec<u64>, Checked>,
     judging: bool,
     previewing: bool,
+    /// Somebody chose a policy; until then each robot has its own.
+    chosen: bool,
+    /// What masks the policy in use can take.
+    granularity: Granularity,
     inbox: Sender<Ask>,
 }
 
@@ -248,8 +259,8 @@ impl Desk {
                 reply.send(content.ok_or(Error::NoDocument)).ok();
             }
             Ask::Settings(settings, reply) => {
-                self.live.set_settings(settings.clone(), &self.worker);
-                self.hub.send(&Event::RolloutSettings(settings));
+                self.chosen = true;
+                self.settle_on(settings);
                 self.perform();
                 self.tell_findings();
                 reply.send(Ok(())).ok();
@@ -264,6 +275,58 @@ impl Desk {
             Ask::Judged { robot, poses, verdicts } => self.judged(&robot, &poses, verdicts),
             Ask::Edit(..) | Ask::Shutdown(_) => {}
         }
+    }
+
+    /// Performs so from now on.
+    fn settle_on(&mut self, settings: RolloutSettings) {
+        self.granularity = match self.masks(&settings) {
+            MaskGranularity::State => Granularity::State,
+            MaskGranularity::Joint => Granularity::Joint,
+        };
+        self.live.set_settings(settings.clone(), &self.worker, &self.folder);
+        self.hub.send(&Event::RolloutSettings(settings));
+    }
+
+    fn offers(&self) -> &[Offer] {
+        self.facts.as_ref().map(|f| f.offers.as_slice()).unwrap_or_default()
+    }
+
+    /// What masks may hide from the policy of these settings. A model that cannot be read
+    /// says so itself when it is to perform.
+    fn masks(&self, settings: &RolloutSettings) -> MaskGranularity {
+        let offered = self
+            .offers()
+            .iter()
+            .find(|o| o.name == settings.policy && o.model == settings.model_path);
+        match (offered, &settings.model_path) {
+            (Some(offer), _) => offer.masks,
+            (None, Some(path)) if settings.policy.needs_model() => {
+                let card = read_card(&model_path(&self.folder.join(path)));
+                card.map_or(MaskGranularity::Joint, |c| c.mask_granularity)
+            }
+            _ => MaskGranularity::Joint,
+        }
+    }
+
+    /// The settings for the robot of the document that is being opened: what was chosen, as
+    /// far as this robot can have it.
+    fn suited(&self, robot: &str) -> RolloutSettings {
+        let mut settings = self.live.settings();
+        let offers = self.offers();
+        if let Some(path) = &settings.model_path {
+            let named = offers.iter().any(|o| o.model.as_ref() == Some(path));
+            let fits = || read_card(&model_path(&self.folder.join(path)));
+            if !named && fits().is_ok_and(|c| c.robot.id != robot) {
+                settings.model_path = None;
+            }
+        }
+        let known = offers.iter().find(|o| o.name == settings.policy && o.model.is_none());
+        let has = settings.model_path.is_some() || known.is_some_and(|o| o.needs.is_none());
+        if (!self.chosen && settings.model_path.is_none()) || !has {
+            let default = offers.iter().find(|o| o.default).map(|o| o.name);
+            settings.policy = default.unwrap_or(PolicyName::ComputedTorque);
+        }
+        settings
     }
 
     fn open_document(&mut self) -> Result<&mut Document, Error> {
@@ -379,7 +442,8 @@ impl Desk {
         let Some(document) = &self.document else { return };
         // Without a robot there is nobody to perform; the banner has said so.
         if self.facts.is_some() {
-            self.live.set_keys(document.clip().keys.iter().map(|k| k.frame).collect());
+            let clip = document.clip();
+            self.live.set_clip(&clip.name, clip.keys.iter().map(|k| k.frame).collect());
             self.live.perform(document.rev(), document.command(), &self.worker);
         }
     }
@@ -446,6 +510,7 @@ impl Desk {
         let beside = [
             clip.robot.model.as_ref().map(|m| self.folder.join(m)),
             Some(self.folder.join("robots").join(id)),
+            Some(self.folder.join(id)),
             Some(self.state_dir.join("robots").join(id)),
         ];
         let is_builtin = crate::robot::Robot::builtin_ids().any(|b| b == id);
@@ -490,7 +555,8 @@ impl Desk {
         self.close();
         self.facts = facts.map(Arc::new);
         self.live.set_facts(self.facts.clone());
-        self.live.send_policy(&self.worker);
+        let settings = self.suited(&document.clip().robot.id);
+        self.settle_on(settings);
         if let Some(path) = document.path() {
             self.recent.opened(path, document.clip());
         }
@@ -532,13 +598,12 @@ impl Desk {
         self.previewing = false;
     }
 
-    /// What is known about the robot, with what the policy in use can leave open: those
-    /// that own a model take any goal, the learned one whole states.
+    /// What is known about the robot, with what the policy in use can leave open.
     fn table(&self) -> JointTable {
         let clip = || self.document.as_ref().map(|d| JointTable::from_clip(d.clip()));
         let known = self.facts.as_ref().map(|f| f.table.clone()).or_else(clip);
         let mut table = known.unwrap_or_else(|| JointTable::from_clip(&nothing()));
-        table.granularity = Granularity::Joint;
+        table.granularity = self.granularity;
         table
     }
 
@@ -553,6 +618,7 @@ impl Desk {
                 table: self.table(),
                 restored: None,
                 findings: Findings::default(),
+                policies: Vec::new(),
             };
         };
         DocumentView {
@@ -564,6 +630,7 @@ impl Desk {
             table: self.table(),
             restored: document.restored().cloned(),
             findings: self.findings().0,
+            policies: policies(self.offers()),
         }
     }
 

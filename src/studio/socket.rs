@@ -27,7 +27,9 @@ use crate::clip::Op;
 use crate::limits;
 
 /// A client that takes nothing for so long is gone.
-const PATIENCE: Duration = Duration::from_secs(20);
+const PATIENCE: Duration = Duration::from_secs(10);
+/// Time for the last message to a client.
+const FAREWELL: Duration = Duration::from_millis(500);
 /// Between signs of life.
 const PING: Duration = Duration::from_secs(10);
 /// Between two batches of frames.
@@ -145,7 +147,9 @@ impl Client {
                 () = ended(&mut ending) => Err(Gone),
             };
             if done.is_err() {
-                self.socket.send(Message::Close(None)).await.ok();
+                // Whoever has taken nothing so far takes no farewell either: without a limit
+                // this task, and the client's seat, would stay for ever.
+                tokio::time::timeout(FAREWELL, self.socket.send(Message::Close(None))).await.ok();
                 return;
             }
         }

@@ -280,7 +280,9 @@ impl Session {
                     // A small run is not worth a long measurement.
                     let seen = run.step as usize * cfg.batch;
                     let found = run.measure(mix.source, held_out, count.min(seen));
-                    run.metrics.push(serde_json::json!({"step": run.step, "held_out": found}));
+                    let line = serde_json::json!({"step": run.step, "held_out": found});
+                    opts.progress.figures(&line);
+                    run.metrics.push(line);
                     self.finished.held_out = Some(found);
                 }
                 if let Some(judge) = opts.judge.as_deref_mut() {
@@ -323,7 +325,9 @@ impl Session {
             secs: ((run.spent + secs) * 10.0).round() / 10.0,
         };
         progress.tick(run.step, run.cfg.steps, &note(recent, steps, rate));
-        run.metrics.push(serde_json::to_value(line).unwrap_or_default());
+        let line = serde_json::to_value(line).unwrap_or_default();
+        progress.figures(&line);
+        run.metrics.push(line);
         (self.recent, self.recent_steps) = (Sums::default(), 0);
     }
 }
@@ -532,6 +536,7 @@ impl<'a> Run<'a> {
         let mut model = self.model();
         let found =
             judge.evaluate(&model).map_err(|why| Error::Evaluation { step: self.step, why })?;
+        progress.figures(&serde_json::json!({"step": self.step, "evaluation": found}));
         self.metrics.push(serde_json::json!({"step": self.step, "evaluation": found}));
         progress.log(&format!("step {}: Precision {:.5}", self.step, found.precision));
         model.card.training.precision = found.suites.clone();

@@ -89,3 +89,21 @@ fn an_honest_client_does_not_feel_the_others() {
     assert!(growth < 64 << 20, "grew by {growth} bytes");
     drop(silent);
 }
+
+#[test]
+fn whoever_takes_nothing_loses_its_seat() {
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::write(dir.path().join("a.clip.json"), CLIP).unwrap();
+    let studio = Studio::start(dir.path(), &["a.clip.json"]);
+    // Asks on and on, reads nothing, stays connected: the server's last word to it must
+    // not wait for it, either.
+    let mut greedy = studio.socket();
+    let text = json!({"id": 1, "op": "nonsense", "args": {}}).to_string();
+    while greedy.send_frame(1, text.as_bytes()).is_ok() {}
+    let begin = Instant::now();
+    while studio.state()["clients"] != 0 {
+        assert!(begin.elapsed() < Duration::from_secs(60), "its seat is taken for ever");
+        std::thread::sleep(Duration::from_millis(100));
+    }
+    drop(greedy);
+}

@@ -5,5 +5,7 @@ mod crash;
 mod editing;
 mod guard;
 mod hostile;
+mod measure;
+mod pages;
 mod simulation;
 mod viewport;

@@ -177,3 +177,93 @@ fn another_version_of_the_client_is_turned_away() {
     }
     assert_eq!(studio.get("/api/state").status, 200);
 }
+
+/// Free viewport of the page at three window sizes, pixels: what the panels leave.
+const WINDOWS: [(f64, f64); 3] = [(770.0, 332.0), (896.0, 344.0), (1120.0, 456.0)];
+
+/// Bounds of the robot on the picture of its first camera, -1..1 both ways for a square.
+fn seen(studio: &Studio, robot: &str) -> [f64; 4] {
+    let view = studio.post("/api/new", &json!({"robot": robot})).json();
+    let id = view["table"]["robot"].as_str().unwrap_or_else(|| panic!("{view}")).to_owned();
+    let geometry = studio.get(&format!("/api/robot/{id}/geometry")).json();
+    let numbers = |v: &Value| -> Vec<f64> {
+        v.as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect()
+    };
+    let bodies = geometry["bodies"].as_array().unwrap();
+    let last = bodies.last().unwrap().as_str().unwrap().to_owned();
+    let node = format!("/robot/{}", robert::take::viser::node_name(&last));
+    let mut viser = studio.connect("/viser/", Some("viser-v1.1.1"));
+    let mut scene = until(&mut viser, |m| m["name"] == node.as_str());
+    while !scene.iter().any(|m| m["type"] == "SetCameraLookAtMessage") {
+        scene.extend(messages(&viser.read().unwrap()));
+    }
+    let newest = |kind: &str| scene.iter().rev().find(|m| m["type"] == kind).unwrap();
+    let eye = numbers(&newest("SetCameraPositionMessage")["position"]);
+    let at = numbers(&newest("SetCameraLookAtMessage")["look_at"]);
+    let fov = newest("SetCameraFovMessage")["fov"].as_f64().unwrap();
+    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>();
+    let cross = |a: &[f64], b: &[f64]| {
+        vec![a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    };
+    let unit = |a: Vec<f64>| {
+        let n = dot(&a, &a).sqrt();
+        a.into_iter().map(|v| v / n).collect::<Vec<f64>>()
+    };
+    let minus = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x - y).collect::<Vec<f64>>();
+    let forward = unit(minus(&at, &eye));
+    let right = unit(cross(&forward, &[0.0, 0.0, 1.0]));
+    let up = cross(&right, &forward);
+    let home = numbers(&geometry["home"]);
+    let mut bounds = [f64::INFINITY, f64::NEG_INFINITY, f64::INFINITY, f64::NEG_INFINITY];
+    for mesh in geometry["meshes"].as_array().unwrap() {
+        let body = mesh["body"].as_u64().unwrap() as usize;
+        if body == 0 {
+            continue;
+        }
+        let place = &home[7 * body..7 * body + 7];
+        let (w, u) = (place[3], place[4..7].to_vec());
+        for v in numbers(&mesh["vertices"]).chunks_exact(3) {
+            let t: Vec<f64> = cross(&u, v).into_iter().map(|x| 2.0 * x).collect();
+            let ut = cross(&u, &t);
+            let p: Vec<f64> = (0..3).map(|k| place[k] + v[k] + w * t[k] + ut[k]).collect();
+            let d = minus(&p, &eye);
+            let depth = dot(&d, &forward) * (fov / 2.0).tan();
+            let (x, y) = (dot(&d, &right) / depth, dot(&d, &up) / depth);
+            bounds = [bounds[0].min(x), bounds[1].max(x), bounds[2].min(y), bounds[3].max(y)];
+        }
+    }
+    bounds
+}
+
+#[test]
+fn every_robot_is_in_view_at_every_window() {
+    let dir = tempfile::tempdir().unwrap();
+    let folder = |name: &str, xml: &str| {
+        let path = dir.path().join(format!("{name}.xml"));
+        std::fs::write(&path, xml).unwrap();
+        let out = dir.path().join("robots").join(name);
+        let ran = crate::run::robert()
+            .args(["import", path.to_str().unwrap(), "--out", out.to_str().unwrap()])
+            .succeeds();
+        assert!(ran.stderr.is_empty() || out.is_dir(), "{}", ran.stderr);
+        out.display().to_string()
+    };
+    let leg = r#"<mujoco><worldbody><body name="hip" pos="0 0 2"><joint name="swing" axis="0 1 0" range="-60 60" limited="true"/>
+        <geom type="capsule" fromto="0 0 0 0 0 -.8" size=".06"/><body name="shin" pos="0 0 -.8"><joint name="knee" axis="0 1 0" range="0 120" limited="true"/>
+        <geom type="capsule" fromto="0 0 0 0 0 -.7" size=".05"/></body></body></worldbody></mujoco>"#;
+    let slider = r#"<mujoco><worldbody><body name="cart" pos="5 -3 .05"><joint name="x" type="slide" axis="1 0 0" range="-.1 .1" limited="true"/>
+        <geom type="box" size=".02 .01 .01"/></body></worldbody></mujoco>"#;
+    let own = [folder("leg", leg), folder("cart", slider)];
+    let studio = Studio::start(dir.path(), &[]);
+    let robots = ["pointmass", "ur5e", "shadow_hand"].map(str::to_owned).into_iter().chain(own);
+    for robot in robots {
+        let [x0, x1, y0, y1] = seen(&studio, &robot);
+        for (width, height) in WINDOWS {
+            let aspect = width / height;
+            assert!(y0 >= -1.0 && y1 <= 1.0, "{robot}: {y0} to {y1}");
+            assert!(x0 >= -aspect && x1 <= aspect, "{robot} {width}x{height}: {x0} to {x1}");
+            let share = (x1 - x0) * (y1 - y0) / (4.0 * aspect);
+            assert!(share >= 0.10, "{robot} {width}x{height}: {share:.3} of the viewport");
+        }
+    }
+}

@@ -180,11 +180,14 @@ export const ACTIONS: Action[] = [
 
   { id: "undo", title: "Undo", group: "Document", keys: ["Ctrl+Z"], run: () => tell("undo") },
   { id: "redo", title: "Redo", group: "Document", keys: ["Ctrl+Shift+Z", "Ctrl+Y"], run: () => tell("redo") },
+  { id: "history", title: "History: go to any edit…", group: "Document", keys: ["Ctrl+H"], run: dialog("history") },
   { id: "save", title: "Save", group: "Document", keys: ["Ctrl+S"], run: () => void save() },
   { id: "save-as", title: "Save as…", group: "Document", keys: ["Ctrl+Shift+S"], run: dialog("save-as") },
   { id: "open", title: "Open…", group: "Document", keys: ["Ctrl+O"], run: dialog("open") },
   { id: "export", title: "Export…", group: "Document", keys: ["Ctrl+E"], run: dialog("export") },
   { id: "gallery", title: "Examples and recent files", group: "Document", run: () => (store.page.value = "gallery") },
+  { id: "runs", title: "Import, collect, train, evaluate", group: "Document", run: () => (store.page.value = "runs") },
+  { id: "rendered", title: "The picture as it is exported", group: "View", run: () => (store.side.value = store.side.value === "rendered" ? "curves" : "rendered") },
 ];
 
 function nudge(df: number, ripple: boolean): void {

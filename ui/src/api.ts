@@ -3,7 +3,10 @@
 
 import { batch } from "@preact/signals";
 import { values, type Clip } from "./clip";
-import { patched, type DocumentView, type ErrorBody, type Event, type RobotFacts, type State } from "./protocol";
+import {
+  patched, type DocumentView, type ErrorBody, type Event, type JobEvent, type JobKind, type JobView, type RobotFacts,
+  type State, type WorkerState,
+} from "./protocol";
 import * as store from "./store";
 
 let socket: WebSocket | undefined;
@@ -147,7 +150,11 @@ function receive(e: Event): void {
       const d = store.doc.value;
       if (d) {
         batch(() => {
-          store.doc.value = { ...d, rev: e.rev, clip: patched(d.clip, e.patch), dirty: e.dirty, history: e.history };
+          const clip = patched(d.clip, e.patch);
+          store.doc.value = { ...d, rev: e.rev, clip, dirty: e.dirty, history: e.history };
+          // A key that has gone, or gone elsewhere, is no longer selected.
+          const there = [...store.selection.value].filter((f) => clip.keys.some((k) => k.frame === f));
+          if (there.length < store.selection.value.size) store.selection.value = new Set(there);
           store.announcement.value = e.label;
         });
       }
@@ -200,9 +207,95 @@ function receive(e: Event): void {
       store.toast(e.message, e.level === "error" ? "error" : "info");
       return;
     case "worker":
-    case "job":
-      document.dispatchEvent(new CustomEvent(`robert-${e.event}`, { detail: e }));
+      heardOfWorker(e);
+      return;
+    case "job": {
+      const before = store.jobs.value.get(e.id);
+      store.jobs.value = new Map(store.jobs.value).set(e.id, { ...e, lines: [...(before?.lines ?? []), ...newLines(e, before)] });
+      if (before?.phase !== e.phase && (e.phase === "done" || e.phase === "interrupted" || e.phase === "failed")) jobEnded(e);
+    }
   }
+}
+
+/** An event of a job carries its newest line only; a first sight asks for the rest. */
+function newLines(job: JobView, before: JobView | undefined): JobEvent[] {
+  if (!job.last) return [];
+  if (before && job.events === before.events) return [];
+  if (before ? job.events > before.events + 1 : job.events > 1) void loadJob(job.id);
+  return [job.last];
+}
+
+/** All lines of a job, for its curves. */
+export async function loadJob(id: number): Promise<void> {
+  try {
+    const whole = await http<JobView>("GET", `/api/jobs/${id}?from=0`);
+    store.jobs.value = new Map(store.jobs.value).set(id, whole);
+  } catch (e) {
+    complain(e);
+  }
+}
+
+function jobEnded(job: JobView): void {
+  document.dispatchEvent(new CustomEvent("robert-job-ended", { detail: job }));
+  const what = job.title || job.kind;
+  if (job.phase === "failed") store.toast(`${what}: ${job.log.filter((l) => l.startsWith("error")).at(-1) ?? "failed"}`, "error");
+  else if (job.kind === "collect" || job.kind === "train" || job.kind === "eval" || job.kind === "import") {
+    store.toast(job.phase === "done" ? `${what} is done` : `${what} stopped; it can go on`);
+  }
+  if (job.kind !== "render" && job.kind !== "export") void refreshShelf();
+}
+
+export async function refreshShelf(): Promise<void> {
+  try {
+    store.shelf.value = await http("GET", "/api/shelf");
+    store.robots.value = await http("GET", "/api/robots");
+  } catch (e) {
+    complain(e);
+  }
+}
+
+export async function startJob(kind: JobKind, args: string[]): Promise<JobView | undefined> {
+  try {
+    return await http<JobView>("POST", "/api/jobs", { kind, args });
+  } catch (e) {
+    complain(e);
+    return undefined;
+  }
+}
+
+/** Starts an export of the clip as it is performed now. */
+export async function startExport(options: object): Promise<JobView | undefined> {
+  try {
+    const job = await http<JobView>("POST", "/api/exports", options);
+    store.jobs.value = new Map(store.jobs.value).set(job.id, store.jobs.value.get(job.id) ?? job);
+    return job;
+  } catch (e) {
+    complain(e);
+    return undefined;
+  }
+}
+
+export async function cancelJob(id: number): Promise<void> {
+  try {
+    await http("POST", `/api/jobs/${id}/cancel`);
+  } catch (e) {
+    complain(e);
+  }
+}
+
+export async function resumeJob(id: number): Promise<void> {
+  try {
+    await http("POST", `/api/jobs/${id}/resume`);
+  } catch (e) {
+    complain(e);
+  }
+}
+
+function heardOfWorker(state: WorkerState): void {
+  const before = store.worker.value;
+  store.worker.value = state;
+  if (state.phase === "restarting") store.toast(`The simulation died and is starting again (${state.reason ?? "no reason given"}). Nothing was lost.`, "error");
+  if (state.phase === "ready" && before?.phase === "restarting") store.announcement.value = "the simulation runs again";
 }
 
 function welcome(state: State): void {
@@ -212,9 +305,21 @@ function welcome(state: State): void {
     store.viser.value = state.viser;
     store.settings.value = state.rollout;
     store.policies.value = state.policies;
+    store.worker.value = state.worker;
   });
   adopt(state.document);
   void refreshGallery();
+  void refreshJobs();
+}
+
+async function refreshJobs(): Promise<void> {
+  try {
+    const all = await http<JobView[]>("GET", "/api/jobs");
+    store.jobs.value = new Map(all.map((j) => [j.id, j]));
+    for (const j of all) if (j.events > 0 && j.kind !== "render" && j.kind !== "export") void loadJob(j.id);
+  } catch (e) {
+    complain(e);
+  }
 }
 
 export async function refreshGallery(): Promise<void> {
@@ -236,6 +341,7 @@ function adopt(d: DocumentView | null): void {
       store.rollout.value = undefined;
       return;
     }
+    store.policies.value = d.policies;
     if (store.page.value === "gallery") store.page.value = "editor";
     if (before?.clip.name !== d.clip.name || before?.path !== d.path) {
       store.selection.value = new Set();
@@ -308,7 +414,10 @@ export function jointMoved(changes: Record<string, number>, done: boolean): void
   }
   const e = poseEdit(changes);
   if (!e) return;
-  if (done) void edit(e.op, e.args).then(() => tell("preview.end"));
+  if (done) {
+    endPreview();
+    void edit(e.op, e.args).then(() => tell("preview.end"));
+  }
   else preview(e);
 }
 
@@ -330,6 +439,11 @@ function preview(op: object): void {
     void send("preview", { op: next }).then(step);
   };
   step();
+}
+
+/** What waits to be previewed is out of date: an edit or its end follows. */
+export function endPreview(): void {
+  newest = undefined;
 }
 
 export function previewEdit(op: string, args: object): void {

@@ -41,6 +41,8 @@ export function Curves() {
       plots.forEach((p) => p.destroy());
       const c = colors();
       const width = Math.max(200, parent.clientWidth - 4);
+      // Both charts in sight: what the panel has, less titles and legend.
+      const room = Math.max(120, parent.clientHeight - 66);
       const axis = { stroke: c.dim, grid: { stroke: c.faint, width: 1 }, ticks: { stroke: c.rule }, font: "11px system-ui" };
       const cursor = {
         sync: { key: "curves" },
@@ -76,16 +78,16 @@ export function Curves() {
       const common = { width, legend: { live: false }, cursor: cursor as unknown as uPlot.Cursor, padding: [6, 8, 0, 0] as [number, number, number, number] };
       plots = [
         new uPlot({
-          ...common, height: 150, title: `${title}, ${axisUnit}`, plugins: [line as unknown as uPlot.Plugin],
+          ...common, height: Math.round(room * 0.58), title: `${title}, ${axisUnit}`, plugins: [line as unknown as uPlot.Plugin],
           scales: { x: { time: false } },
           axes: [{ ...axis, values: (_, at) => at.map((v) => `${v} s`) }, { ...axis, size: 44, values: ticksOf }],
           series: [{}, 
             { label: "commanded", stroke: color, paths: () => null, points: { show: true, size: 6, stroke: color, fill: c.panel }, value: (_, v) => fmt(v) },
             { label: "achieved", stroke: color, width: 1.6, value: (_, v) => fmt(v) },
-            { label: "compared", stroke: c.dim, width: 1.2, dash: [5, 4], value: (_, v) => fmt(v) }],
+            { label: "compared", stroke: c.dim, width: 1.2, dash: [5, 4], value: (_, v) => fmt(v), show: store.compared.value !== undefined }],
         }, [[0], [null], [null], [null]], parent),
         new uPlot({
-          ...common, height: 110, title: `mean error, ${store.unit.value === "m" ? "mm" : "deg"}`, plugins: [line as unknown as uPlot.Plugin],
+          ...common, height: Math.round(room * 0.42), legend: { show: false }, title: `mean error, ${store.unit.value === "m" ? "mm" : "deg"}`, plugins: [line as unknown as uPlot.Plugin],
           scales: { x: { time: false } },
           axes: [{ ...axis, values: (_, at) => at.map((v) => `${v} s`) }, { ...axis, size: 44 }],
           series: [{}, { label: "error", stroke: c.error, width: 1.4, fill: c.error + "33" }, { label: "compared", stroke: c.dim, width: 1.2, dash: [5, 4] }],
@@ -98,7 +100,7 @@ export function Curves() {
       const d = store.doc.value;
       if (!d) return;
       const joint = store.joint.value ?? 0;
-      const now = `${parent.clientWidth}:${joint}:${store.degrees.value}:${d.clip.robot.id}`;
+      const now = `${parent.clientWidth}:${parent.clientHeight}:${store.compared.value}:${joint}:${store.degrees.value}:${d.clip.robot.id}`;
       if (now !== shape) {
         shape = now;
         build();

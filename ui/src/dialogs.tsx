@@ -4,9 +4,10 @@ import { useSignal } from "@preact/signals";
 import type { ComponentChildren } from "preact";
 import { useEffect, useRef } from "preact/hooks";
 import { ACTIONS, act } from "./actions";
-import { complain, edit, http, openWith, poseAt, save } from "./api";
+import { complain, edit, http, openWith, poseAt, save, tell } from "./api";
 import { keyAt } from "./clip";
 import * as store from "./store";
+import { Export } from "./export";
 import { setTheme } from "./theme";
 
 export function Dialog(props: { title: string; onClose: () => void; children: ComponentChildren; class?: string }) {
@@ -92,6 +93,27 @@ function Palette({ onClose }: { onClose: () => void }) {
   );
 }
 
+function History({ onClose }: { onClose: () => void }) {
+  const h = store.doc.value?.history;
+  if (!h) return null;
+  const rows = h.labels.map((label, i) => ({ label, done: h.first + i + 1 })).reverse();
+  const go = (done: number): void => tell("history.goto", { done });
+  return (
+    <Dialog title={`History: ${h.done} of ${h.len} edits done`} onClose={onClose}>
+      <ol class="history" reversed data-testid="history">
+        {rows.map((r) => (
+          <li key={r.done} class={r.done > h.done ? "undone" : ""}>
+            <button class="quiet" aria-current={r.done === h.done ? "step" : undefined} onClick={() => go(r.done)}>{r.label}</button>
+          </li>
+        ))}
+        {h.first > 0 ? <li class="undone">{h.first} earlier edits</li> : null}
+        <li><button class="quiet" aria-current={h.done === 0 ? "step" : undefined} onClick={() => go(0)}>The clip as it was opened</button></li>
+      </ol>
+      <div class="row" style="margin-top: 12px; justify-content: flex-end"><button class="main" onClick={onClose}>Close</button></div>
+    </Dialog>
+  );
+}
+
 function Shortcuts({ onClose }: { onClose: () => void }) {
   const groups = [...new Set(ACTIONS.map((a) => a.group))];
   return (
@@ -122,52 +144,6 @@ function Shortcuts({ onClose }: { onClose: () => void }) {
   );
 }
 
-const EXPORTS: { format: string; title: string; about: string; extension: string }[] = [
-  { format: "json", title: "Clip", about: "the keyframes, robert-clip/1", extension: "clip.json" },
-  { format: "command", title: "Command table", about: "every frame as CSV, masked cells empty", extension: "command.csv" },
-  { format: "achieved-csv", title: "Achieved motion", about: "what the policy reached, CSV", extension: "csv" },
-  { format: "mcap", title: "Take", about: "MCAP for Foxglove, Lichtblick, Rerun", extension: "mcap" },
-  { format: "mp4", title: "Film", about: "MP4, H.264", extension: "mp4" },
-  { format: "gif", title: "Animated picture", about: "GIF", extension: "gif" },
-  { format: "strip", title: "Film strip", about: "six moments in one PNG", extension: "png" },
-  { format: "html", title: "Page", about: "one HTML file that plays anywhere", extension: "html" },
-  { format: "mjcf", title: "MuJoCo keys", about: "MJCF <keyframe>", extension: "xml" },
-  { format: "ros", title: "ROS 2 trajectory", about: "JointTrajectory YAML", extension: "yaml" },
-];
-
-function Export({ onClose }: { onClose: () => void }) {
-  const busy = useSignal<string | undefined>(undefined);
-  const fetchIt = async (format: string, extension: string): Promise<void> => {
-    busy.value = format;
-    try {
-      const answer = await fetch(`/api/export?format=${format}`, { credentials: "same-origin" });
-      if (!answer.ok) throw new Error((await answer.json().catch(() => ({ message: answer.statusText })) as { message: string }).message);
-      const link = document.createElement("a");
-      link.href = URL.createObjectURL(await answer.blob());
-      link.download = `${(store.doc.value?.clip.name ?? "clip").replace(/[^\w-]+/g, "_")}.${extension}`;
-      link.click();
-      setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
-      store.toast(`${link.download} is in your downloads folder`);
-    } catch (e) {
-      complain(e);
-    }
-    busy.value = undefined;
-  };
-  return (
-    <Dialog title="Export" onClose={onClose}>
-      <div style="display: grid; grid-template-columns: 1fr 1fr; gap: 8px">
-        {EXPORTS.map((x) => (
-          <button key={x.format} disabled={busy.value !== undefined} onClick={() => void fetchIt(x.format, x.extension)} style="text-align: left; white-space: normal; padding: 8px 10px" data-testid={`export-${x.format}`}>
-            <b>{x.title}</b>{busy.value === x.format ? " …" : ""}<br /><span style="color: var(--dim)">{x.about}</span>
-          </button>
-        ))}
-      </div>
-      <div class="row" style="margin-top: 12px; justify-content: flex-end"><button onClick={onClose}>Close</button></div>
-    </Dialog>
-  );
-}
-
-/** Numeric values of one key, all joints in one text: `name value` a line. */
 function KeyEditor({ frame, onClose }: { frame: number; onClose: () => void }) {
   const d = store.doc.value;
   if (!d) return null;
@@ -226,8 +202,12 @@ export function Dialogs(props: { name: string | undefined; frame: number | undef
   switch (props.name) {
     case "palette": return <Palette onClose={onClose} />;
     case "keys": return <Shortcuts onClose={onClose} />;
+    case "history": return <History onClose={onClose} />;
     case "export": return <Export onClose={onClose} />;
-    case "retime": return <Ask title="Retime" label="Factor on the distance to the playhead" value="1.5" hint="2 is twice as slow; frames are rounded" onClose={onClose} onDone={(t) => number(t, (factor) => void edit("keys.scale", { frames, pivot: store.playhead.value, factor }))} />;
+    case "retime": return <Ask title="Retime" label="Factor on the distance to the playhead" value="1.5" hint="2 is twice as slow; frames are rounded" onClose={onClose} onDone={(t) => number(t, (factor) => {
+      const pivot = store.playhead.value;
+      void edit("keys.scale", { frames, pivot, factor }).then((ok) => ok && (store.selection.value = new Set(frames.map((f) => Math.round(pivot + (f - pivot) * factor)))));
+    })} />;
     case "time": return <Ask title="Insert or remove time" label="Frames (negative removes)" value="10" hint="everything right of the playhead moves" onClose={onClose} onDone={(t) => number(t, (n) => {
       const at = store.playhead.value;
       if (n > 0) void edit("time.insert", { at, frames: Math.round(n) });

@@ -2,7 +2,7 @@
 
 import { useSignal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
-import { http, openWith } from "./api";
+import { openWith, refreshShelf } from "./api";
 import { act } from "./actions";
 import type { GalleryItem } from "./protocol";
 import * as store from "./store";
@@ -25,17 +25,16 @@ function Card({ item }: { item: GalleryItem }) {
 }
 
 export function Gallery() {
-  const robots = useSignal<{ id: string; builtin: boolean }[]>([]);
   const chosen = useSignal("shadow_hand");
   useEffect(() => {
-    http<{ id: string; builtin: boolean }[]>("GET", "/api/robots").then((r) => (robots.value = r), () => undefined);
-  }, []);
+    if (store.link.value === "open") void refreshShelf();
+  }, [store.link.value]);
   const all = store.gallery.value;
   const featured = FEATURED.flatMap((id) => all.find((g) => g.id === id) ?? []);
   const more = all.filter((g) => !FEATURED.includes(g.id));
   return (
     <div class="gallery" data-testid="gallery">
-      <h1>RoBERT Studio</h1>
+      <h1>Start from an example</h1>
       <p class="lead">Place a few poses on a timeline. A policy that learned from curiosity alone performs them in physics, and you see how near it comes while you edit.</p>
       <div class="cards">
         {featured.map((g) => <Card key={g.id} item={g} />)}
@@ -43,11 +42,11 @@ export function Gallery() {
       <h2>New clip</h2>
       <div class="row" style="margin-bottom: 22px">
         <select aria-label="Robot" value={chosen.value} onChange={(e) => (chosen.value = e.currentTarget.value)}>
-          {robots.value.map((r) => <option key={r.id} value={r.id}>{ROBOTS[r.id] ?? r.id}</option>)}
+          {store.robots.value.map((r) => <option key={r.source} value={r.source}>{ROBOTS[r.id] ?? r.id}</option>)}
         </select>
         <button class="main" onClick={() => void openWith("POST", "/api/new", { robot: chosen.value })} data-testid="new-clip">New clip</button>
         <button onClick={() => act("open")}>Open a file…</button>
-        <span style="color: var(--dim)">Your own robot: <code>robert import robot.urdf --out my_robot</code></span>
+        <button onClick={() => act("runs")}>Import your own robot…</button>
       </div>
       <details style="margin-bottom: 22px">
         <summary style="cursor: pointer"><b>{more.length} more examples</b></summary>

@@ -133,7 +133,7 @@ export function Inspector() {
           </details>
         ))}
       </div>
-      <div class="row" style="padding: 6px 10px">
+      <div class="tools-row">
         <button onClick={() => act("key")} disabled={!!key && !store.floating.value} title="K">Key</button>
         <button onClick={() => void settle()} title="Drive the pose in simulation and keep what is reached">Settle</button>
         <button onClick={() => act("mirror")} disabled={store.noMirror.value !== null || store.selection.value.size === 0} title={store.noMirror.value ?? "Mirror the selected keys"}>Mirror</button>

@@ -5,7 +5,7 @@ import { useEffect } from "preact/hooks";
 import { useSignal } from "@preact/signals";
 import "./app.css";
 import { act, setFill } from "./actions";
-import { ackTimes, connect, http } from "./api";
+import { ackTimes, connect, http, tell } from "./api";
 import { Curves } from "./curves";
 import { Dialogs } from "./dialogs";
 import { Gallery } from "./gallery";
@@ -16,7 +16,28 @@ import * as store from "./store";
 import { setTheme } from "./theme";
 import { Timeline, testPoints, type Menu } from "./timeline/timeline";
 import { Transport } from "./transport";
+import { Rendered } from "./rendered";
+import { Runs } from "./runs";
 import { Viewport } from "./viewport";
+
+const PAGES: [store.Page, string][] = [["gallery", "Examples"], ["editor", "Editor"], ["runs", "Training"]];
+
+function Pages() {
+  const running = [...store.jobs.value.values()].filter((j) => (j.kind === "collect" || j.kind === "train" || j.kind === "eval") && j.phase === "running").length;
+  return (
+    <nav class="pages" aria-label="Pages">
+      {PAGES.map(([page, title]) => (
+        <button key={page} class="quiet" aria-current={store.page.value === page ? "page" : undefined} disabled={page === "editor" && !store.doc.value} onClick={() => (store.page.value = page)} data-testid={`page-${page}`}>
+          {title}{page === "runs" && running ? ` (${running})` : ""}
+        </button>
+      ))}
+    </nav>
+  );
+}
+
+function Brand() {
+  return <span class="brand"><img src="/ui/icon.svg" width="18" height="18" alt="" /> RoBERT Studio</span>;
+}
 
 function Bar() {
   const d = store.doc.value;
@@ -24,12 +45,14 @@ function Bar() {
   const h = d?.history;
   return (
     <header class="bar">
-      <button class="quiet brand" onClick={() => (store.page.value = "gallery")} title="Examples and recent files"><img src="/ui/icon.svg" width="18" height="18" alt="" /> RoBERT Studio</button>
+      <Brand />
+      <Pages />
       <span class="name" data-testid="title">{name}{d?.dirty ? " •" : ""}</span>
       <span style="color: var(--dim)">{store.robot.value?.title}</span>
       <span class="grow" />
       <button class="quiet" onClick={() => act("undo")} disabled={!h || h.done === 0} title={h && h.done > 0 ? `Undo: ${h.labels[h.done - h.first - 1] ?? ""} (Ctrl+Z)` : "Nothing to undo"} data-testid="undo">Undo</button>
       <button class="quiet" onClick={() => act("redo")} disabled={!h || h.done >= h.len} title={h && h.done < h.len ? `Redo: ${h.labels[h.done - h.first] ?? ""} (Ctrl+Shift+Z)` : "Nothing to redo"}>Redo</button>
+      <button class="quiet" onClick={() => act("history")} disabled={!h || h.len === 0} title="Every edit by name">History</button>
       <button class="quiet" onClick={() => act("palette")} title="Ctrl+K">Commands</button>
       <button onClick={() => act("save")} disabled={!d?.dirty && !!d?.path} title="Ctrl+S" data-testid="save">Save</button>
       <button class="quiet" onClick={() => act("help")} title="Shortcuts (?)" aria-label="Shortcuts">?</button>
@@ -58,7 +81,7 @@ function Hint({ text }: { text: string }) {
       {text || held.value ? <b>{text || held.value}</b> : HINTS.map(([k, t]) => <span key={k}><kbd>{k}</kbd> {t}</span>)}
       <span class="grow" />
       <span>{store.selection.value.size ? `${store.selection.value.size} selected` : ""}</span>
-      <span>{d ? (d.dirty ? "every edit is journalled; not saved to the file yet" : "saved") : ""}</span>
+      <span>{!d ? "" : d.dirty ? "every edit is journalled; not saved to the file yet" : d.path ? "saved" : "not in a file yet"}</span>
       <span>{store.link.value === "open" ? "connected" : store.link.value}</span>
     </footer>
   );
@@ -72,9 +95,15 @@ function ContextMenu({ menu, onClose, onOpenKey }: { menu: Menu; onClose: () => 
     const close = (e: Event): void => {
       if (!(e.target instanceof Element) || !e.target.closest(".menu")) onClose();
     };
+    const key = (e: KeyboardEvent): void => {
+      if (e.key === "Escape") onClose();
+    };
     window.addEventListener("pointerdown", close);
-    window.addEventListener("keydown", (e) => e.key === "Escape" && onClose(), { once: true });
-    return () => window.removeEventListener("pointerdown", close);
+    window.addEventListener("keydown", key, true);
+    return () => {
+      window.removeEventListener("pointerdown", close);
+      window.removeEventListener("keydown", key, true);
+    };
   }, []);
   const left = Math.min(menu.x, innerWidth - 230);
   const top = Math.min(menu.y, innerHeight - 330);
@@ -94,6 +123,20 @@ function ContextMenu({ menu, onClose, onOpenKey }: { menu: Menu; onClose: () => 
   );
 }
 
+/** Beside the timeline: curves, or the picture as it is exported. */
+function Side() {
+  const rendered = store.side.value === "rendered";
+  return (
+    <aside class="side" aria-label="Curves and picture">
+      <div class="tabs" role="tablist">
+        <button role="tab" aria-selected={!rendered} onClick={() => (store.side.value = "curves")} data-testid="tab-curves">Curves</button>
+        <button role="tab" aria-selected={rendered} onClick={() => (store.side.value = "rendered")} data-testid="tab-rendered">Rendered</button>
+      </div>
+      {rendered ? <Rendered /> : <Curves />}
+    </aside>
+  );
+}
+
 function Editor(props: { openKey: (frame: number) => void }) {
   const menu = useSignal<Menu | undefined>(undefined);
   const hint = useSignal("");
@@ -106,7 +149,7 @@ function Editor(props: { openKey: (frame: number) => void }) {
       <Transport />
       <div class="below">
         <Timeline onMenu={(m) => (menu.value = m)} onOpenKey={props.openKey} onHint={(t) => (hint.value = t)} />
-        <Curves />
+        <Side />
       </div>
       <Hint text={hint.value} />
       {menu.value ? <ContextMenu menu={menu.value} onClose={() => (menu.value = undefined)} onOpenKey={props.openKey} /> : null}
@@ -135,13 +178,22 @@ function App() {
         <div class="banner" role="alert">This page has no access. Open the address that <code>robert studio</code> printed, with its token.</div>
       ) : store.link.value === "lost" ? (
         <div class="banner" role="alert">The studio is gone. Nothing is lost: every acknowledged edit is on disk. Reconnecting…</div>
+      ) : store.worker.value?.phase === "stopped" ? (
+        <div class="banner" role="alert" data-testid="worker-stopped">The simulation stopped: {store.worker.value.reason}. Editing goes on, nothing is lost.
+          <button class="main" onClick={() => tell("worker.restart")}>Start it again</button>
+        </div>
       ) : d && d.restored > 0 && !dismissed.value && store.page.value === "editor" ? (
         <div class="banner" role="status" data-testid="restored">Restored {d.restored} unsaved edit{d.restored === 1 ? "" : "s"}.
           <button onClick={() => (dismissed.value = true)}>Keep</button>
           <button onClick={() => void http("POST", "/api/discard").then(() => (dismissed.value = true))}>Back to the saved file</button>
         </div>
       ) : null}
-      {store.page.value === "editor" && d ? <Editor openKey={(f) => (keyFrame.value = f)} /> : <Gallery />}
+      {store.page.value === "editor" && d ? <Editor openKey={(f) => (keyFrame.value = f)} /> : (
+        <div class="front">
+          <header class="bar"><Brand /><Pages /><span class="grow" /><button class="quiet" onClick={() => act("theme")}>Theme</button><span style="color: var(--dim)">{store.version.value}</span></header>
+          {store.page.value === "runs" ? <Runs /> : <Gallery />}
+        </div>
+      )}
       <Dialogs name={dialog.value} frame={keyFrame.value} onClose={() => { dialog.value = undefined; keyFrame.value = undefined; }} />
       <div class="toasts">
         {store.toasts.value.map((t) => (
@@ -172,6 +224,9 @@ Object.assign(window, {
         page: store.page.value, link: store.link.value, rev: store.doc.value?.rev, clip: store.doc.value?.clip,
         dirty: store.doc.value?.dirty, playhead: store.playhead.value, selection: [...store.selection.value],
         rollout: store.rollout.value, frames: store.frames.value.q.length, joint: store.joint.value, playing: store.playing.value,
+        history: store.doc.value?.history, findings: store.doc.value?.findings, settings: store.settings.value, view: store.view.value,
+        robot: store.robot.value?.id, worker: store.worker.value, range: store.range.value, takes: store.takes.value.length,
+        error: store.frames.value.error, q: store.frames.value.q,
       };
     },
     idle: async () => {

@@ -11,7 +11,7 @@ export function Problems() {
     <section class="panel" style="max-height: 42%" aria-label="Problems" data-testid="problems">
       <h2>Problems{lints.length ? ` (${lints.length})` : ""}</h2>
       <div class="scroll">
-        {lints.length === 0 ? <p style="color: var(--dim); margin: 4px 0">None: within limits and in the policy's sight.</p> : null}
+        {lints.length === 0 ? <p style="color: var(--dim); margin: 0">None.</p> : null}
         {lints.map((l, i) => (
           <div class={`problem ${l.level}`} key={`${l.rule}${i}`}>
             <span class="mark" aria-label={l.level}>{l.level === "error" ? "✖" : l.level === "warning" ? "!" : "i"}</span>
@@ -44,22 +44,37 @@ export function pinTake(): void {
   store.toast(`take ${id} pinned`);
 }
 
+const policyId = (p: { name: string; model?: string }): string => (p.model ? `${p.name}:${p.model}` : p.name);
+
 export function Takes() {
   const r = store.rollout.value;
   const set = (change: Partial<typeof store.settings.value>): void => tell("rollout.set", { ...store.settings.value, ...change });
   const known = store.policies.value;
+  const model = store.settings.value.model_path;
+  // A model of the program goes by its name, one of the user's by its path.
+  const own = model && !known.some((p) => p.model === model) ? model : undefined;
+  const now = model && !own ? `${store.settings.value.policy}:${model}` : store.settings.value.policy;
+  const choose = (id: string): void => {
+    const { model_path: _, ...rest } = store.settings.value;
+    const card = known.find((p) => policyId(p) === id);
+    if (!card) return;
+    const path = card.model ?? (card.learned && !card.available ? own : undefined);
+    tell("rollout.set", { ...rest, policy: card.name, ...(path ? { model_path: path } : {}) });
+  };
   return (
     <section class="panel" aria-label="Takes" data-testid="takes">
       <h2>Rollout</h2>
       <div class="scroll" style="flex: none">
-        <div class="row" style="gap: 6px">
-          <select aria-label="Policy" value={store.settings.value.policy} onChange={(e) => set({ policy: e.currentTarget.value })} style="flex: 1; min-width: 0">
-            {known.map((p) => <option key={p.name} value={p.name} disabled={!p.available}>{p.name}</option>)}
+        <div style="display: grid; grid-template-columns: minmax(0, 1fr) auto; gap: 6px; align-items: center">
+          <select aria-label="Policy" data-testid="policy" style="min-width: 0" value={now} onChange={(e) => choose(e.currentTarget.value)}>
+            {known.map((p) => <option key={policyId(p)} value={policyId(p)} disabled={!p.available && !(p.learned && own)} title={p.why ?? ""}>{policyId(p)}{p.default ? " (default)" : ""}{p.available || (p.learned && own) ? "" : " – no model"}</option>)}
+            {own && !known.some((p) => policyId(p) === now) ? <option value={now}>{now}</option> : null}
           </select>
           <label title="One planning step a frame on the model, from the policy's action">
             <input type="checkbox" checked={store.settings.value.refine} onChange={(e) => set({ refine: e.currentTarget.checked })} /> refine
           </label>
         </div>
+        {own ? <div class="take"><span class="grow" title={own}>model {own.split("/").slice(-3).join("/")}</span><button class="quiet" aria-label="Without this model" onClick={() => { const { model_path: _, ...rest } = store.settings.value; tell("rollout.set", { ...rest, policy: known.find((p) => p.default)?.name ?? rest.policy }); }}>×</button></div> : null}
       </div>
       <h2>Takes <span class="grow" /><button class="quiet" onClick={pinTake} disabled={!r || r.phase !== "done"}>Pin</button></h2>
       <div class="scroll" style="max-height: 130px">
@@ -102,7 +117,7 @@ export function Poses() {
         <div class="poses">
           {names.map((name) => (
             <button class="pose" key={name} onClick={() => apply(name)} title={`Apply ${name} at the playhead or to the selected keys`} data-testid={`pose-${name}`}>
-              <img src={`/api/pose.jpg?robot=${encodeURIComponent(d.clip.robot.id)}&pose=${encodeURIComponent(name)}&rev=${own.includes(name) ? d.rev : 0}`} alt="" loading="lazy" onError={(e) => (e.currentTarget.style.visibility = "hidden")} />
+              <img src={`/api/pose.jpg?pose=${encodeURIComponent(name)}&v=${encodeURIComponent(`${d.clip.robot.id}${own.includes(name) ? JSON.stringify(d.clip.poses?.[name]) : ""}`.slice(0, 600))}`} alt="" loading="lazy" onError={(e) => (e.currentTarget.style.visibility = "hidden")} />
               {name}
             </button>
           ))}

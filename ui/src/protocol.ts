@@ -72,6 +72,7 @@ export interface DocumentView {
   table: JointTable;
   restored: { edits: number } | null;
   findings: Findings;
+  policies: PolicyCard[];
 }
 
 export interface RolloutSettings {
@@ -98,8 +99,83 @@ export interface RolloutState {
 
 export interface PolicyCard {
   name: string;
+  model?: string;
   available: boolean;
   why?: string;
+  learned: boolean;
+  default: boolean;
+}
+
+export interface WorkerState {
+  phase: "starting" | "ready" | "restarting" | "stopped";
+  pid: number | null;
+  deaths: number;
+  reason: string | null;
+}
+
+export type JobKind = "collect" | "train" | "eval" | "render" | "export" | "import";
+
+export interface Progress {
+  what: string;
+  unit: string;
+  done: number;
+  total: number;
+  secs: number;
+  note: string;
+}
+
+export interface JobEvent {
+  event: string;
+  figures?: Record<string, unknown>;
+  line?: string;
+  result?: unknown;
+}
+
+export interface JobView {
+  id: number;
+  kind: JobKind;
+  args: string[];
+  title: string;
+  phase: "running" | "cancelling" | "done" | "interrupted" | "failed";
+  exit: number | null;
+  progress: Progress | null;
+  last: JobEvent | null;
+  file: string | null;
+  events: number;
+  first: number;
+  lines: JobEvent[];
+  log: string[];
+  secs: number;
+}
+
+export interface RunCard {
+  path: string;
+  robot: string | null;
+  preset: string;
+  step: number;
+  steps: number;
+  precision: Record<string, number> | null;
+  model: string | null;
+  changed_secs: number;
+}
+
+export interface DataCard {
+  path: string;
+  robot: string;
+  frames: number;
+  episodes: number;
+}
+
+export interface Shelf {
+  runs: RunCard[];
+  data: DataCard[];
+  presets: [string, string][];
+}
+
+export interface RobotCard {
+  id: string;
+  source: string;
+  builtin: boolean;
 }
 
 export interface State {
@@ -107,7 +183,7 @@ export interface State {
   document: DocumentView | null;
   rollout: RolloutSettings;
   policies: PolicyCard[];
-  worker: unknown;
+  worker: WorkerState;
   viser: boolean;
   clients: number;
   folder: string;
@@ -157,8 +233,8 @@ export type Event =
   | ({ event: "rollout.settings" } & RolloutSettings)
   | { event: "rollout.frames"; gen: number; from: number; q: number[][]; error: (number | null)[] }
   | ({ event: "rollout.state" } & RolloutState)
-  | { event: "worker"; [key: string]: unknown }
-  | { event: "job"; [key: string]: unknown }
+  | ({ event: "worker" } & WorkerState)
+  | ({ event: "job" } & JobView)
   | ({ event: "select" } & Selection)
   | { event: "joint"; values: Record<string, number>; done: boolean }
   | { event: "notice"; level: "info" | "warning" | "error"; message: string };

@@ -1,6 +1,7 @@
 // Keyboard: one table (actions.ts), one listener, also installed inside the viewport's frame.
 
 import { ACTIONS, act } from "./actions";
+import { retimeByHand } from "./timeline/gestures";
 
 /** `Ctrl+Shift+V` for an event; Cmd counts as Ctrl. */
 export function chord(e: KeyboardEvent): string {
@@ -23,7 +24,7 @@ function typing(target: EventTarget | null): boolean {
 }
 
 export function onKeyDown(e: KeyboardEvent): void {
-  if (e.defaultPrevented || document.querySelector(".scrim")) return;
+  if (e.defaultPrevented || document.querySelector(".scrim, .menu")) return;
   const keys = chord(e);
   if (typing(e.target) && !/^(Ctrl\+[SKOE]|Ctrl\+Shift\+S|F1)$/.test(keys)) return;
   const focus = e.target instanceof HTMLElement ? e.target : undefined;
@@ -34,6 +35,13 @@ export function onKeyDown(e: KeyboardEvent): void {
   if (!id) return;
   e.preventDefault();
   e.stopPropagation();
+  // S held while dragging retimes by hand; only S alone asks for a number.
+  if (id === "retime") {
+    if (e.repeat) return;
+    retimeByHand.used = false;
+    window.addEventListener("keyup", () => retimeByHand.used || act(id), { once: true });
+    return;
+  }
   act(id);
 }
 

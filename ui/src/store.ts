@@ -3,8 +3,8 @@
 import { computed, signal } from "@preact/signals";
 import type { Clip } from "./clip";
 import type {
-  Findings, GalleryItem, History, JointTable, PolicyCard, RecentFile, RobotFacts, RolloutSettings,
-  RolloutState,
+  Findings, GalleryItem, History, JobView, JointTable, PolicyCard, RecentFile, RobotCard, RobotFacts, RolloutSettings,
+  RolloutState, Shelf, WorkerState,
 } from "./protocol";
 import type { Group, View } from "./timeline/layout";
 import { fit } from "./timeline/layout";
@@ -52,9 +52,17 @@ export const settings = signal<RolloutSettings>({ policy: "", refine: false, gui
 export const policies = signal<PolicyCard[]>([]);
 export const rollout = signal<RolloutState | undefined>(undefined);
 export const frames = signal<Frames>({ q: [], error: [] });
+export const worker = signal<WorkerState | undefined>(undefined);
+/** Jobs by number, as the last event told. */
+export const jobs = signal<ReadonlyMap<number, JobView>>(new Map());
+export const shelf = signal<Shelf>({ runs: [], data: [], presets: [] });
+export const robots = signal<RobotCard[]>([]);
 export const takes = signal<Take[]>([]);
 /** The take drawn beside the current one. */
 export const compared = signal<number | undefined>(undefined);
+
+/** What stands beside the timeline. */
+export const side = signal<"curves" | "rendered">("curves");
 
 export const playhead = signal(0);
 export const playing = signal(false);
@@ -127,10 +135,11 @@ export function shown(value: number, unit: "rad" | "m"): string {
   return degrees.value ? `${((value * 180) / Math.PI).toFixed(1)}°` : `${value.toFixed(3)} rad`;
 }
 
-/** An error: thousandths matter. */
+/** An error: two figures that count, however small it is. */
 export function shownError(value: number, unit: "rad" | "m"): string {
-  if (unit === "m") return `${(value * 1000).toFixed(1)} mm`;
-  return degrees.value ? `${((value * 180) / Math.PI).toFixed(2)}°` : `${value.toFixed(4)} rad`;
+  const figures = (v: number): string => (Math.abs(v) >= 10 ? v.toFixed(1) : Math.abs(v) >= 1e-4 ? v.toPrecision(2) : v === 0 ? "0" : v.toExponential(0));
+  if (unit === "m") return `${figures(value * 1000)} mm`;
+  return degrees.value ? `${figures((value * 180) / Math.PI)}°` : `${figures(value)} rad`;
 }
 
 export const unit = computed<"rad" | "m">(() => doc.value?.table.joints[0]?.unit ?? "rad");

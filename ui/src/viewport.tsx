@@ -2,9 +2,9 @@
 // without WebGL, pictures rendered by the server, with the same selection and sliders.
 
 import { useEffect, useRef } from "preact/hooks";
-import { useSignal } from "@preact/signals";
 import { tell } from "./api";
 import { toggleShow } from "./actions";
+import { useStill } from "./rendered";
 import { install } from "./shortcuts";
 import * as store from "./store";
 
@@ -97,27 +97,19 @@ export function Viewport() {
 }
 
 function Stills() {
-  const url = useSignal("");
-  const busy = useRef(false);
-  useEffect(() => {
-    const ask = (): void => {
-      const d = store.doc.value;
-      if (!d || busy.current) return;
-      busy.current = true;
-      const f = Math.round(store.playhead.value);
-      url.value = `/api/still.jpg?frame=${f}&rev=${d.rev}&gen=${store.rollout.value?.gen ?? 0}&w=960&h=600`;
-    };
-    const a = store.playhead.subscribe(ask);
-    const b = store.rollout.subscribe(ask);
-    return () => {
-      a();
-      b();
-    };
-  }, []);
+  const host = useRef<HTMLDivElement>(null);
+  const { url, error } = useStill(() => {
+    const w = host.current?.clientWidth ?? 960;
+    const h = host.current?.clientHeight ?? 600;
+    const shrink = Math.min(1, 960 / Math.max(w, h));
+    return { w: Math.max(64, Math.round(w * shrink)), h: Math.max(64, Math.round(h * shrink)), draft: true };
+  });
   return (
-    <>
-      {url.value ? <img src={url.value} alt="The robot at the playhead" onLoad={() => (busy.current = false)} onError={() => (busy.current = false)} /> : null}
-      <p style="position: absolute; left: 10px; top: 6px; color: var(--dim)">Still pictures: {store.viser.value ? "this browser has no WebGL" : "the 3D client is not in this build; script/bootstrap fetches it"}</p>
-    </>
+    <div ref={host} style="position: absolute; inset: 0">
+      {url.value ? <img src={url.value} alt="The robot at the playhead" data-testid="still-view" /> : null}
+      <p style="position: absolute; left: 10px; top: 6px; color: var(--dim); max-width: 60%">
+        {error.value || `Still pictures: ${store.viser.value ? "this browser has no WebGL" : "the 3D client is not in this build; script/bootstrap fetches it"}`}
+      </p>
+    </div>
   );
 }

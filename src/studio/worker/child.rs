@@ -15,6 +15,7 @@ use rustix::process::{
     Resource, Rlimit, Signal, getrlimit, set_parent_process_death_signal, setrlimit,
 };
 
+use super::paint::Painter;
 use super::{Answer, Ask, Dense, Frames, Report, Request, codec, query};
 use crate::clip::Command;
 use crate::limits;
@@ -107,6 +108,7 @@ impl Out {
 
 fn slow_lane(asks: &Receiver<Ask>, out: &Out) {
     let mut current: Option<(String, Arc<Robot>)> = None;
+    let mut painter = Painter::default();
     while let Ok(Ask { id, request }) = asks.recv() {
         grant_cpu();
         let report = match request {
@@ -123,6 +125,9 @@ fn slow_lane(asks: &Receiver<Ask>, out: &Out) {
                 let checked = poses.iter().map(|q| query::check(r, q)).collect::<Result<_, _>>()?;
                 Ok(Report::Checked(checked))
             }),
+            Request::Paint(picture) => of_robot(&mut current, &picture.robot, |r| {
+                Ok(painter.paint(r, &picture).unwrap_or_else(|refusal| *refusal))
+            }),
             _ => Report::Ok,
         };
         out.tell(id, report);
@@ -133,7 +138,7 @@ fn slow_lane(asks: &Receiver<Ask>, out: &Out) {
 fn of_robot(
     current: &mut Option<(String, Arc<Robot>)>,
     id: &str,
-    answer: impl FnOnce(&Robot) -> Result<Report, crate::robot::Error>,
+    answer: impl FnOnce(&Arc<Robot>) -> Result<Report, crate::robot::Error>,
 ) -> Report {
     if current.as_ref().is_none_or(|(known, _)| known != id) {
         match query::resolve(id) {

@@ -9,10 +9,12 @@
 //! sandboxes (the child is our own code; what it needs is limits, not a jail).
 //!
 //! `mod.rs` is the vocabulary, `codec.rs` the framing, `child.rs` what runs in the child,
-//! `parent.rs` the supervisor.
+//! `parent.rs` the supervisor. Pictures are painted in a second child of the same kind
+//! (`paint.rs`), so that neither a graphics driver nor its memory is felt by the simulation.
 
 pub mod child;
 mod codec;
+mod paint;
 pub mod parent;
 mod query;
 
@@ -23,7 +25,7 @@ use serde::{Deserialize, Serialize};
 use crate::clip::{Command, JointTable};
 use crate::exit::Exit;
 use crate::robot::{Camera, Group};
-use crate::rollout::PolicyConfig;
+use crate::rollout::{Offer, PolicyConfig};
 
 /// Parent → child.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -92,6 +94,65 @@ pub enum Request {
         /// Builtin id or folder.
         robot: String,
     },
+    /// A picture.
+    Paint(Box<PaintRequest>),
+}
+
+/// A picture to paint.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct PaintRequest {
+    /// Builtin id or folder.
+    pub robot: String,
+    /// What is seen.
+    pub subject: Subject,
+    /// The frame; the last one when there are fewer.
+    pub frame: usize,
+    /// Pixels a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// What is laid over, as [`crate::render::Overlay::parse`] reads it.
+    pub overlay: String,
+    /// Fast and less smooth.
+    pub draft: bool,
+}
+
+/// What a picture shows.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub enum Subject {
+    /// A pose; one value per state joint.
+    Pose(Vec<f64>),
+    /// A motion. What has the same stamp is the same motion, and is not looked through again.
+    Motion {
+        /// See above.
+        stamp: u64,
+        /// It.
+        motion: Box<MotionRows>,
+    },
+    /// A clip, to be performed first, by the robot's default policy.
+    Clip {
+        /// Title.
+        name: String,
+        /// The clip.
+        command: Dense,
+        /// Frames of its keys.
+        keys: Vec<usize>,
+    },
+}
+
+/// A motion as [`crate::render::Motion`] takes it, rows in state order.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+pub struct MotionRows {
+    /// Title.
+    pub name: String,
+    /// Who performed it.
+    pub performer: String,
+    /// NaN = no goal; (frames, S).
+    pub commanded: Vec<Vec<f32>>,
+    /// (frames, S).
+    pub achieved: Vec<Vec<f32>>,
+    /// Frames of the keys.
+    pub keys: Vec<usize>,
 }
 
 impl Request {
@@ -103,6 +164,7 @@ impl Request {
                 | Request::Check { .. }
                 | Request::Facts { .. }
                 | Request::Geometry { .. }
+                | Request::Paint(_)
         )
     }
 }
@@ -188,6 +250,12 @@ pub enum Report {
     Facts(Box<RobotFacts>),
     /// Answer to [`Request::Geometry`].
     Geometry(Box<Geometry>),
+    /// Answer to [`Request::Paint`].
+    Picture {
+        /// The file.
+        #[serde(with = "serde_bytes")]
+        jpeg: Vec<u8>,
+    },
 }
 
 /// A run of simulated frames.
@@ -319,6 +387,8 @@ pub struct RobotFacts {
     pub bodies: Vec<BodyFacts>,
     /// Residual above which a pose counts as not reached, rad or m.
     pub settle_tolerance: f64,
+    /// Policies that can perform it.
+    pub offers: Vec<Offer>,
 }
 
 /// All that is seen of one body in one colour.
@@ -364,7 +434,7 @@ pub struct WorkerState {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum WorkerPhase {
-    /// Not up yet.
+    /// Not up yet, or not needed at the moment.
     #[default]
     Starting,
     /// Up.

@@ -64,6 +64,27 @@ impl WorkerHandle {
     /// # Errors
     /// When the system gives no thread.
     pub fn start(binary: PathBuf, sink: Arc<dyn WorkerSink>) -> io::Result<WorkerHandle> {
+        Self::supervise(binary, sink, None)
+    }
+
+    /// The same with a child that is started when something is asked, and ended again when
+    /// nothing has been asked for `rest`: its memory is needed now and then only.
+    ///
+    /// # Errors
+    /// When the system gives no thread.
+    pub fn start_resting(
+        binary: PathBuf,
+        sink: Arc<dyn WorkerSink>,
+        rest: Duration,
+    ) -> io::Result<WorkerHandle> {
+        Self::supervise(binary, sink, Some(rest))
+    }
+
+    fn supervise(
+        binary: PathBuf,
+        sink: Arc<dyn WorkerSink>,
+        rest: Option<Duration>,
+    ) -> io::Result<WorkerHandle> {
         let (inbox, asks) = channel();
         let supervisor = Supervisor {
             binary,
@@ -81,6 +102,7 @@ impl WorkerHandle {
             perform: None,
             deaths: Vec::new(),
             state: WorkerState::default(),
+            rest,
             scratch: tempfile::tempdir()?,
         };
         std::thread::Builder::new().name("worker".into()).spawn(move || supervisor.run(&asks))?;
@@ -169,24 +191,36 @@ struct Supervisor {
     perform: Option<Request>,
     deaths: Vec<Instant>,
     state: WorkerState,
+    /// Started on demand, ended after so long without any.
+    rest: Option<Duration>,
     /// The simulator writes its log into the current folder.
     scratch: tempfile::TempDir,
 }
 
 impl Supervisor {
     fn run(mut self, asks: &Receiver<Inbox>) {
-        self.spawn();
+        if self.rest.is_none() {
+            self.spawn();
+        }
         loop {
-            let message = if self.performing || !self.pending.is_empty() {
-                match asks.recv_timeout(Duration::from_millis(100)) {
-                    Ok(message) => Some(message),
-                    Err(RecvTimeoutError::Timeout) => None,
-                    Err(RecvTimeoutError::Disconnected) => break,
-                }
-            } else {
+            let busy = self.performing || !self.pending.is_empty();
+            let rest = self.rest.filter(|_| self.child.is_some());
+            let message = if let (false, None) = (busy, rest) {
                 match asks.recv() {
                     Ok(message) => Some(message),
                     Err(_) => break,
+                }
+            } else {
+                let wait = if busy { Duration::from_millis(100) } else { rest.unwrap_or(SILENCE) };
+                match asks.recv_timeout(wait) {
+                    Ok(message) => Some(message),
+                    Err(RecvTimeoutError::Timeout) => {
+                        if !busy && rest.is_some() {
+                            self.send_home();
+                        }
+                        None
+                    }
+                    Err(RecvTimeoutError::Disconnected) => break,
                 }
             };
             match message {
@@ -209,6 +243,15 @@ impl Supervisor {
         }
         self.bury();
         self.fail_pending("it has been shut down");
+    }
+
+    /// Nobody needs the child at the moment.
+    fn send_home(&mut self) {
+        if let Some(running) = &mut self.child {
+            running.process.kill().ok();
+        }
+        self.bury();
+        self.set_state(WorkerPhase::Starting, None);
     }
 
     fn is_current(&self, child: u64) -> bool {
@@ -257,6 +300,9 @@ impl Supervisor {
             Request::Perform { .. } => self.perform = Some(request.clone()),
             Request::Stop => self.perform = None,
             _ => {}
+        }
+        if self.child.is_none() && self.rest.is_some() && self.state.phase != WorkerPhase::Stopped {
+            self.spawn();
         }
         if self.child.is_none() {
             if let Some(reply) = reply {

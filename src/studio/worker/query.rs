@@ -107,6 +107,7 @@ pub(super) fn facts(robot: &Robot, source: &str) -> RobotFacts {
         camera: profile.camera,
         bodies: bodies(robot, model),
         settle_tolerance: profile.settle.tolerance,
+        offers: crate::rollout::offers(robot),
     }
 }
 

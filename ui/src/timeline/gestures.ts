@@ -21,6 +21,8 @@ export interface Sheet {
   toggleGroup(name: string): void;
   preview(dragged: ReadonlyMap<number, number>, box: BoxSelect | undefined): void;
   edit(op: string, args: object): void;
+  /** The rollout follows a drag; without an operation it goes back to the document. */
+  follow(op?: string, args?: object): void;
   openKey(frame: number): void;
   menu(frame: number, x: number, y: number): void;
   hint(text: string): void;
@@ -42,6 +44,9 @@ interface Press {
   base: ReadonlySet<number>;
   retime: boolean;
 }
+
+/** Whether keys were dragged since S went down. */
+export const retimeByHand = { used: false };
 
 /** The key whose diamond is under a pixel. */
 export function hit(sheet: Sheet, x: number, y: number): number | undefined {
@@ -86,12 +91,13 @@ export class Gestures {
       this.canvas.addEventListener(type, handler, options);
       return () => this.canvas.removeEventListener(type, handler, options);
     };
+    // Before the shortcuts, which let nothing that they know pass.
     const keys = (e: KeyboardEvent): void => {
       if (e.key === "Escape" && this.press) this.cancel();
       if (e.key.toLowerCase() === "s" && !e.ctrlKey && !e.metaKey) this.retimeKey = e.type === "keydown";
     };
-    window.addEventListener("keydown", keys);
-    window.addEventListener("keyup", keys);
+    window.addEventListener("keydown", keys, true);
+    window.addEventListener("keyup", keys, true);
     const stops = [
       on("pointerdown", (e) => this.down(e)),
       on("pointermove", (e) => this.move(e)),
@@ -100,8 +106,8 @@ export class Gestures {
       on("dblclick", (e) => this.double(e)),
       on("contextmenu", (e) => this.context(e)),
       on("wheel", (e) => this.wheel(e), { passive: false }),
-      () => window.removeEventListener("keydown", keys),
-      () => window.removeEventListener("keyup", keys),
+      () => window.removeEventListener("keydown", keys, true),
+      () => window.removeEventListener("keyup", keys, true),
     ];
     return () => stops.forEach((stop) => stop());
   }
@@ -146,6 +152,7 @@ export class Gestures {
       sheet.setSelection(new Set([key]));
     }
     begin("keys", key);
+    if (this.retimeKey) retimeByHand.used = true;
   }
 
   private label(y: number): void {
@@ -213,6 +220,10 @@ export class Gestures {
       sheet.preview(to, undefined);
       const what = press.retime ? `retime × ${factor.toFixed(2)}` : `${df >= 0 ? "+" : ""}${df} frames`;
       sheet.hint(`${what}${e.altKey ? ", copy" : ""}${e.shiftKey ? ", ripple" : ""}`);
+      const frames = [...sheet.selection()].sort((a, b) => a - b);
+      if (press.retime) sheet.follow("keys.scale", { frames, pivot: sheet.playhead(), factor });
+      else if (df !== 0) sheet.follow("keys.move", { frames, df, copy: e.altKey, ripple: e.shiftKey, replace: true });
+      else sheet.follow();
     }
     if (press.kind === "marker") sheet.hint(`marker to frame ${Math.max(0, Math.round(xToFrame(sheet.view(), x)))}`);
   }
@@ -234,6 +245,7 @@ export class Gestures {
       const { df, to, factor } = this.landing(e, x);
       this.press = undefined;
       const frames = [...sheet.selection()].sort((a, b) => a - b);
+      if (df === 0 && (!press.retime || factor === 1)) sheet.follow();
       if (press.retime) {
         if (factor !== 1) sheet.edit("keys.scale", { frames, pivot: sheet.playhead(), factor });
       } else if (df !== 0) {
@@ -253,6 +265,7 @@ export class Gestures {
     const { press, sheet } = this;
     this.press = undefined;
     if (press) sheet.setSelection(press.base);
+    if (press?.kind === "keys" && press.moved) sheet.follow();
     sheet.preview(new Map(), undefined);
     sheet.hint("");
   }

@@ -2,13 +2,13 @@
 
 import { effect, useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
-import { edit } from "../api";
+import { edit, endPreview, previewEdit, tell } from "../api";
 import { fillAfter, keyAt, nextKey, prevKey, values } from "../clip";
 import * as store from "../store";
 import { colors } from "../theme";
 import { draw, forgetHatches, type Scene } from "./draw";
 import { Gestures, type BoxSelect, type Sheet } from "./gestures";
-import { fit, frameToX, rowToY, rowsOf, type Box, type RowKind } from "./layout";
+import { fit, frameToX, rowToY, rowsOf, type Box, type RowKind, type View } from "./layout";
 
 /** Error that fills the strip: what a person sees as off, rad or m. */
 const ERROR_TOP = 0.1;
@@ -38,6 +38,7 @@ export function Timeline(props: { onMenu: (menu: Menu) => void; onOpenKey: (fram
     const ctx = element.getContext("2d");
     if (!ctx) return;
     let fitted = "";
+    let fittedView: View | undefined;
     const observer = new ResizeObserver(() => {
       size.value = { width: parent.clientWidth, height: parent.clientHeight };
     });
@@ -61,7 +62,17 @@ export function Timeline(props: { onMenu: (menu: Menu) => void; onOpenKey: (fram
         dragged.value = d;
         box.value = b;
       },
-      edit: (op, args) => void edit(op, args),
+      edit: (op, args) => {
+        endPreview();
+        void edit(op, args);
+      },
+      follow: (op, args) => {
+        if (op && args) previewEdit(op, args);
+        else {
+          endPreview();
+          tell("preview.end");
+        }
+      },
       openKey: props.onOpenKey,
       menu: (frame, x, y) => props.onMenu({ frame, x, y }),
       hint: (text) => {
@@ -90,9 +101,13 @@ export function Timeline(props: { onMenu: (menu: Menu) => void; onOpenKey: (fram
       }
       if (!d) return;
       const name = `${d.path}:${d.clip.name}:${d.clip.robot.id}`;
-      if (fitted !== name && width > 200) {
-        fitted = name;
-        store.view.value = fit(d.clip.length, size.value);
+      // The whole clip, until somebody looks closer; also after the panels have moved.
+      const shape = `${name}:${d.clip.length}:${width}`;
+      const untouched = store.view.value === fittedView || !fitted.startsWith(`${name}:`);
+      if (fitted !== shape && untouched && width > 200) {
+        fitted = shape;
+        fittedView = fit(d.clip.length, size.value);
+        store.view.value = fittedView;
       }
       ctx.setTransform(ratio, 0, 0, ratio, 0, 0);
       draw(ctx, scene(d));

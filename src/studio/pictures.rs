@@ -1,0 +1,238 @@
+//! Pictures for the page: the playhead, poses, examples; painted by a child of their own.
+//!
+//! The painter starts with the first picture and ends after a while without any. What it
+//! painted is kept in memory within a bound, and the pictures of the examples, which never
+//! change, in the state folder too, so that the second start shows them at once.
+
+use std::collections::VecDeque;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use axum::body::Bytes;
+
+use super::error::Error;
+use super::gallery;
+use super::live::Live;
+use super::worker::{
+    Dense, PaintRequest, Report, Request, Subject, WorkerHandle, WorkerSink, WorkerState,
+};
+use crate::clip::{self, Command};
+use crate::rollout::shipped;
+use crate::{fsio, limits};
+
+/// The painter goes after so long without work.
+const REST: Duration = Duration::from_secs(45);
+/// Bytes of pictures kept in memory.
+const KEPT_BYTES: usize = 12 << 20;
+/// Pictures that may wait.
+const WAITING: usize = 128;
+/// Pixels along an edge, at least.
+const SMALLEST_PX: u32 = 16;
+/// What is laid over the robot at the playhead.
+const OVERLAY: &str = "ghost,error,trail,caption";
+/// Of pictures that stand among words of the page.
+const CARD_OVERLAY: &str = "ghost,error,trail";
+/// Size of an example's picture, pixels.
+const CARD_PX: (u32, u32) = (480, 300);
+/// Size of a pose's picture, pixels.
+const POSE_PX: (u32, u32) = (152, 114);
+/// Part of the names of kept files: rises when pictures of the same thing look different.
+const LOOK: u32 = 1;
+
+/// The painter, and what it has painted.
+#[derive(Debug)]
+pub struct Pictures {
+    painter: WorkerHandle,
+    kept: Mutex<Kept>,
+    waiting: AtomicUsize,
+    dir: PathBuf,
+}
+
+/// The newest last.
+#[derive(Debug, Default)]
+struct Kept {
+    list: VecDeque<(String, Bytes)>,
+    bytes: usize,
+}
+
+/// Nobody listens to the painter: who asks gets the answer.
+struct Deaf;
+
+impl WorkerSink for Deaf {
+    fn report(&self, _report: Report) {}
+    fn state(&self, state: &WorkerState) {
+        tracing::debug!("the painter: {state:?}");
+    }
+}
+
+impl Pictures {
+    /// Starts nothing yet.
+    ///
+    /// # Errors
+    /// When the system gives no thread.
+    pub fn new(binary: PathBuf, state_dir: &Path) -> std::io::Result<Pictures> {
+        Ok(Pictures {
+            painter: WorkerHandle::start_resting(binary, Arc::new(Deaf), REST)?,
+            kept: Mutex::default(),
+            waiting: AtomicUsize::new(0),
+            dir: state_dir.join("pictures"),
+        })
+    }
+
+    /// The painter ends with the studio.
+    pub fn shutdown(&self) {
+        self.painter.shutdown();
+    }
+
+    fn known(&self, name: &str) -> Option<Bytes> {
+        let kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        kept.list.iter().find(|(n, _)| n == name).map(|(_, b)| b.clone())
+    }
+
+    fn keep(&self, name: String, jpeg: &Bytes) {
+        let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        kept.bytes += jpeg.len();
+        kept.list.push_back((name, jpeg.clone()));
+        while kept.bytes > KEPT_BYTES {
+            let Some((_, old)) = kept.list.pop_front() else { break };
+            kept.bytes -= old.len();
+        }
+    }
+
+    async fn paint(&self, name: String, picture: PaintRequest) -> Result<Bytes, Error> {
+        let sane = SMALLEST_PX..=limits::STILL_PX;
+        if !sane.contains(&picture.width) || !sane.contains(&picture.height) {
+            let (w, h) = (picture.width, picture.height);
+            return Err(Error::request(format!(
+                "a picture of {w}x{h} px; edges go from {SMALLEST_PX} to {}",
+                limits::STILL_PX
+            )));
+        }
+        if self.waiting.fetch_add(1, Ordering::SeqCst) >= WAITING {
+            self.waiting.fetch_sub(1, Ordering::SeqCst);
+            return Err(Error::Full { what: "pictures at once", cap: WAITING });
+        }
+        let waiting = Waiting(&self.waiting);
+        let answer = self.painter.ask(Request::Paint(Box::new(picture))).await;
+        drop(waiting);
+        match answer? {
+            Report::Picture { jpeg } => {
+                let jpeg = Bytes::from(jpeg);
+                self.keep(name, &jpeg);
+                Ok(jpeg)
+            }
+            _ => Err(Error::Worker { reason: "the painter gave no picture".into() }),
+        }
+    }
+
+    /// The robot at a frame of the live rollout; beyond what is simulated, the command.
+    ///
+    /// # Errors
+    /// [`Error::NoDocument`], [`Error::Simulation`] with what to install where there is no
+    /// graphics driver.
+    pub async fn still(
+        &self,
+        live: &Live,
+        frame: usize,
+        size: (u32, u32),
+        draft: bool,
+    ) -> Result<Bytes, Error> {
+        let (stamp, robot, motion) = live.motion(frame).ok_or(Error::NoDocument)?;
+        let (width, height) = size;
+        let name = format!("still {robot} {stamp} {frame} {width}x{height} {draft}");
+        if let Some(known) = self.known(&name) {
+            return Ok(known);
+        }
+        let subject = Subject::Motion { stamp, motion: Box::new(motion) };
+        // The still viewport has its captions around it.
+        let overlay = if draft { CARD_OVERLAY } else { OVERLAY }.to_owned();
+        self.paint(name, PaintRequest { robot, subject, frame, width, height, overlay, draft })
+            .await
+    }
+
+    /// A pose of a robot.
+    ///
+    /// # Errors
+    /// As [`Pictures::still`].
+    pub async fn pose(&self, robot: String, q: Vec<f64>) -> Result<Bytes, Error> {
+        let (width, height) = POSE_PX;
+        let bits: Vec<u8> = q.iter().flat_map(|v| v.to_le_bytes()).collect();
+        let name = format!("pose {robot} {}", fsio::sha256_hex(&bits));
+        if let Some(known) = self.known(&name) {
+            return Ok(known);
+        }
+        let (subject, overlay) = (Subject::Pose(q), "none".to_owned());
+        let draft = false;
+        self.paint(name, PaintRequest { robot, subject, frame: 0, width, height, overlay, draft })
+            .await
+    }
+
+    /// An example, performed.
+    ///
+    /// # Errors
+    /// As [`Pictures::still`], [`Error::NotFound`].
+    pub async fn example(&self, id: &str) -> Result<Bytes, Error> {
+        let clip = gallery::open(id)?;
+        // Another model is another picture.
+        let models = shipped::all().unwrap_or_default();
+        let of_robot = models.iter().filter(|m| m.robot == clip.robot.id);
+        let models: Vec<String> =
+            of_robot.map(|m| format!("{} {} {}", m.name, m.bytes, m.card.training.step)).collect();
+        let text = clip.to_text();
+        let seed = format!("{LOOK} {} {models:?} {text}", env!("CARGO_PKG_VERSION"));
+        let name = format!("example-{}.jpg", fsio::sha256_hex(seed.as_bytes()));
+        if let Some(known) = self.known(&name) {
+            return Ok(known);
+        }
+        let path = self.dir.join(&name);
+        if let Ok(bytes) = fsio::read_capped(&path, 4 << 20) {
+            let jpeg = Bytes::from(bytes);
+            self.keep(name, &jpeg);
+            return Ok(jpeg);
+        }
+        let command = clip::compile(&clip).map_err(|e| Error::request(e.to_string()))?;
+        let (width, height) = CARD_PX;
+        let picture = PaintRequest {
+            robot: clip.robot.id.clone(),
+            frame: telling(&clip, &command),
+            subject: Subject::Clip {
+                name: clip.name.clone(),
+                command: Dense::of(&command),
+                keys: clip.keys.iter().map(|k| k.frame as usize).collect(),
+            },
+            width,
+            height,
+            overlay: CARD_OVERLAY.to_owned(),
+            draft: false,
+        };
+        let jpeg = self.paint(name, picture).await?;
+        let kept = jpeg.clone();
+        // A picture that cannot be kept is painted again next time.
+        tokio::task::spawn_blocking(move || fsio::write_atomic(&path, &kept).ok());
+        Ok(jpeg)
+    }
+}
+
+/// The frame that says most about a clip: where its command is farthest from its start.
+fn telling(clip: &clip::Clip, command: &Command) -> usize {
+    let start = command.start();
+    let far = |frame: u32| -> f64 {
+        let row = command.interpolated(frame);
+        row.iter().zip(start).map(|(a, b)| f64::from((a - b).abs())).sum()
+    };
+    clip.keys
+        .iter()
+        .map(|k| k.frame.min(clip.length.saturating_sub(1)))
+        .max_by(|a, b| far(*a).total_cmp(&far(*b)))
+        .map_or(0, |f| f as usize)
+}
+
+struct Waiting<'a>(&'a AtomicUsize);
+
+impl Drop for Waiting<'_> {
+    fn drop(&mut self) {
+        self.0.fetch_sub(1, Ordering::SeqCst);
+    }
+}

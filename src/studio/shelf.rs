@@ -1,0 +1,192 @@
+//! What lies in the studio's folder: robots, collected data, training runs. Read on demand;
+//! nothing here is kept.
+
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+use serde_json::Value;
+
+use super::protocol::RobotCard;
+use crate::net::checkpoint;
+use crate::robot::{MODEL_FILE, Robot};
+use crate::rollout::model_path;
+use crate::train::run::read_config;
+use crate::{fsio, limits};
+
+/// Folders that are looked at for one list.
+const LOOKED_AT: usize = 2_000;
+/// How deep data and runs may lie.
+const DEPTH: usize = 3;
+/// Points of a run's curves that are sent.
+const POINTS: usize = 400;
+
+/// A training run on disk.
+#[derive(Clone, Debug, Serialize)]
+pub struct RunCard {
+    /// Folder, relative to the studio's.
+    pub path: String,
+    /// Robot, once there is a model.
+    pub robot: Option<String>,
+    /// Preset it began with.
+    pub preset: String,
+    /// Steps done.
+    pub step: u64,
+    /// Steps wanted.
+    pub steps: u64,
+    /// Best Precision by suite, where it was measured.
+    pub precision: Value,
+    /// The model to perform with, once there is one.
+    pub model: Option<String>,
+    /// Seconds since 1970 of the last change.
+    pub changed_secs: u64,
+}
+
+/// Collected data on disk.
+#[derive(Clone, Debug, Serialize)]
+pub struct DataCard {
+    /// Folder, relative to the studio's.
+    pub path: String,
+    /// Robot.
+    pub robot: String,
+    /// Transitions.
+    pub frames: u64,
+    /// Trajectories.
+    pub episodes: u64,
+}
+
+/// What `GET /api/shelf` shows.
+#[derive(Clone, Debug, Serialize)]
+pub struct Shelf {
+    /// Runs, the newest first.
+    pub runs: Vec<RunCard>,
+    /// Data, by path.
+    pub data: Vec<DataCard>,
+    /// Presets of training, each with a sentence.
+    pub presets: Vec<(&'static str, &'static str)>,
+}
+
+/// Robots in the program, then those in the studio's folder and in the state folder.
+pub(super) fn robots(folder: &Path, state_dir: &Path) -> Vec<RobotCard> {
+    let mut cards: Vec<RobotCard> = Robot::builtin_ids()
+        .map(|id| RobotCard { id: id.to_owned(), source: id.to_owned(), builtin: true })
+        .collect();
+    for dir in [folder.join("robots"), folder.to_owned(), state_dir.join("robots")] {
+        for dir in folders(&dir) {
+            let Some(id) = dir.file_name().and_then(|n| n.to_str()).map(str::to_owned) else {
+                continue;
+            };
+            if dir.join(MODEL_FILE).is_file() && cards.iter().all(|c| c.id != id) {
+                let source = dir.display().to_string();
+                cards.push(RobotCard { id, source, builtin: false });
+            }
+        }
+    }
+    cards
+}
+
+/// Where a robot of this id is loaded from: the program, or a folder beside us.
+pub(super) fn source(id: &str, folder: &Path, state_dir: &Path) -> Option<String> {
+    robots(folder, state_dir).into_iter().find(|c| c.id == id).map(|c| c.source)
+}
+
+/// Runs and data in the studio's folder.
+pub(super) fn list(folder: &Path) -> Shelf {
+    let mut runs = Vec::new();
+    walk(&folder.join("runs"), DEPTH, &mut LOOKED_AT.clone(), &mut |dir| {
+        dir.join("config.toml").is_file() && {
+            runs.extend(run(folder, dir));
+            true
+        }
+    });
+    runs.sort_by(|a, b| b.changed_secs.cmp(&a.changed_secs).then_with(|| a.path.cmp(&b.path)));
+    let mut data = Vec::new();
+    walk(&folder.join("data"), DEPTH, &mut LOOKED_AT.clone(), &mut |dir| {
+        dir.join("manifest.json").is_file() && {
+            data.extend(dataset(folder, dir));
+            true
+        }
+    });
+    Shelf { runs, data, presets: crate::train::PRESETS.to_vec() }
+}
+
+/// The metrics of a run, thinned to what a chart can show.
+pub(super) fn curves(dir: &Path) -> Vec<Value> {
+    let Ok(bytes) = fsio::read_capped(&dir.join("metrics.jsonl"), 64 << 20) else {
+        return Vec::new();
+    };
+    let text = String::from_utf8_lossy(&bytes);
+    let all: Vec<Value> = text.lines().filter_map(|l| serde_json::from_str(l).ok()).collect();
+    let (plain, rare): (Vec<Value>, Vec<Value>) =
+        all.into_iter().partition(|l| l.get("loss").is_some());
+    let every = plain.len().div_ceil(POINTS).max(1);
+    let last = plain.len().saturating_sub(1);
+    let thin = plain.into_iter().enumerate().filter(|(i, _)| i % every == 0 || *i == last);
+    thin.map(|(_, l)| l).chain(rare).collect()
+}
+
+fn folders(dir: &Path) -> Vec<PathBuf> {
+    let mut found: Vec<PathBuf> = std::fs::read_dir(dir)
+        .into_iter()
+        .flatten()
+        .take(LOOKED_AT)
+        .filter_map(|e| e.ok().map(|e| e.path()))
+        .filter(|p| p.is_dir())
+        .collect();
+    found.sort();
+    found
+}
+
+/// Visits folders; below one that was taken there is nothing to look for.
+fn walk(dir: &Path, depth: usize, left: &mut usize, take: &mut dyn FnMut(&Path) -> bool) {
+    for dir in folders(dir) {
+        if *left == 0 {
+            return;
+        }
+        *left -= 1;
+        if !take(&dir) && depth > 1 {
+            walk(&dir, depth - 1, left, take);
+        }
+    }
+}
+
+fn relative(folder: &Path, dir: &Path) -> String {
+    dir.strip_prefix(folder).unwrap_or(dir).display().to_string()
+}
+
+fn run(folder: &Path, dir: &Path) -> Option<RunCard> {
+    let config = read_config(dir).ok()?;
+    let model = model_path(dir);
+    let card = model.is_file().then(|| checkpoint::read_card(&model).ok()).flatten();
+    let changed = [dir.join("metrics.jsonl"), dir.join("config.toml")];
+    let changed_secs = changed
+        .iter()
+        .find_map(|p| p.metadata().ok()?.modified().ok())
+        .and_then(|t| t.duration_since(std::time::UNIX_EPOCH).ok())
+        .map_or(0, |d| d.as_secs());
+    let last = curves(dir).iter().filter_map(|l| l.get("step")?.as_u64()).max();
+    Some(RunCard {
+        path: relative(folder, dir),
+        robot: card.as_ref().map(|c| c.robot.id.clone()),
+        preset: config.preset.clone(),
+        step: last.or(card.as_ref().map(|c| c.training.step)).unwrap_or(0),
+        steps: config.steps,
+        precision: card
+            .as_ref()
+            .and_then(|c| serde_json::to_value(&c.training.precision).ok())
+            .unwrap_or(Value::Null),
+        model: card.map(|_| relative(folder, &model)),
+        changed_secs,
+    })
+}
+
+fn dataset(folder: &Path, dir: &Path) -> Option<DataCard> {
+    let bytes = fsio::read_capped(&dir.join("manifest.json"), limits::UPLOAD_BYTES).ok()?;
+    let manifest: Value = serde_json::from_slice(&bytes).ok()?;
+    let total = |name: &str| manifest.pointer(&format!("/totals/{name}")).and_then(Value::as_u64);
+    Some(DataCard {
+        path: relative(folder, dir),
+        robot: manifest.pointer("/robot/id")?.as_str()?.to_owned(),
+        frames: total("frames")?,
+        episodes: total("episodes")?,
+    })
+}

@@ -1,0 +1,175 @@
+//! The painter's side of the child: robots on pictures.
+//!
+//! Opening a graphics device takes a fifth of a second, so it stays open as long as the child
+//! lives; so does the last motion that was looked through, for scrubbing.
+
+use std::sync::Arc;
+
+use super::query::refused;
+use super::{Dense, MotionRows, PaintRequest, Report, Subject};
+use crate::clip::Command;
+use crate::exit::Exit;
+use crate::render::{
+    CameraChoice, Error, Motion, Overlay, Quality, RenderConfig, Renderer, Shot, encode,
+};
+use crate::robot::Robot;
+use crate::rollout::{PolicyConfig, Rollout, RolloutConfig, Start};
+use crate::units::FPS;
+
+/// JPEG quality, percent.
+const JPEG: u8 = 88;
+
+/// What stays open between two pictures.
+#[derive(Default)]
+pub(super) struct Painter {
+    draft: Option<Renderer>,
+    export: Option<Renderer>,
+    shot: Option<(Known, Shot)>,
+}
+
+/// What a shot was made for.
+#[derive(PartialEq)]
+struct Known {
+    robot: String,
+    stamp: u64,
+    overlay: String,
+    aspect: f32,
+}
+
+impl Painter {
+    /// Paints a picture, or says why not.
+    pub(super) fn paint(
+        &mut self,
+        robot: &Arc<Robot>,
+        ask: &PaintRequest,
+    ) -> Result<Report, Box<Report>> {
+        let aspect = ask.width as f32 / ask.height as f32;
+        let make = |motion: Motion| -> Result<Shot, Box<Report>> {
+            let overlay = Overlay::parse(&ask.overlay).map_err(refusal)?;
+            Shot::new(robot, motion, overlay, &CameraChoice::Fit, aspect).map_err(refusal)
+        };
+        let (known, mut shot) = match &ask.subject {
+            Subject::Motion { stamp, motion } => {
+                let known = Known {
+                    robot: ask.robot.clone(),
+                    stamp: *stamp,
+                    overlay: ask.overlay.clone(),
+                    aspect,
+                };
+                match self.shot.take().filter(|(k, _)| *k == known) {
+                    Some((_, shot)) => (Some(known), shot),
+                    None => (Some(known), make(rows(robot, motion))?),
+                }
+            }
+            Subject::Pose(q) => (None, make(pose(robot, q))?),
+            Subject::Clip { name, command, keys } => {
+                (None, make(performed(robot, name, command, keys)?)?)
+            }
+        };
+        let renderer = self.renderer(ask)?;
+        let drawn = renderer
+            .resize(ask.width, ask.height)
+            .and_then(|()| shot.draw(renderer, ask.frame))
+            .and_then(|picture| encode::jpeg(&picture, JPEG));
+        if let Some(known) = known {
+            self.shot = Some((known, shot));
+        }
+        match drawn {
+            Ok(jpeg) => Ok(Report::Picture { jpeg }),
+            Err(e) => {
+                // A device that has been lost must not be asked again.
+                *self.slot(ask) = None;
+                Err(refusal(e))
+            }
+        }
+    }
+
+    fn slot(&mut self, ask: &PaintRequest) -> &mut Option<Renderer> {
+        if ask.draft { &mut self.draft } else { &mut self.export }
+    }
+
+    fn renderer(&mut self, ask: &PaintRequest) -> Result<&mut Renderer, Box<Report>> {
+        let quality = if ask.draft { Quality::Preview } else { Quality::Export };
+        let slot = self.slot(ask);
+        if slot.is_none() {
+            let config = RenderConfig {
+                width: ask.width,
+                height: ask.height,
+                quality,
+                ..RenderConfig::default()
+            };
+            *slot = Some(Renderer::new(config).map_err(refusal)?);
+        }
+        slot.as_mut().ok_or_else(|| refusal(Error::NoFrames))
+    }
+}
+
+#[allow(clippy::needless_pass_by_value)] // for `map_err`
+fn refusal(e: Error) -> Box<Report> {
+    Box::new(refused(&e))
+}
+
+fn unit(robot: &Robot) -> String {
+    robot.joints().first().map_or("rad", |j| j.unit.symbol()).to_owned()
+}
+
+fn wide(rows: &[Vec<f32>]) -> Vec<Vec<f64>> {
+    rows.iter().map(|r| r.iter().map(|v| f64::from(*v)).collect()).collect()
+}
+
+fn rows(robot: &Robot, m: &MotionRows) -> Motion {
+    Motion {
+        name: m.name.clone(),
+        performer: m.performer.clone(),
+        fps: f64::from(FPS),
+        commanded: wide(&m.commanded),
+        achieved: wide(&m.achieved),
+        keys: m.keys.clone(),
+        unit: unit(robot),
+    }
+}
+
+fn pose(robot: &Robot, q: &[f64]) -> Motion {
+    Motion {
+        achieved: vec![q.to_vec()],
+        fps: f64::from(FPS),
+        unit: unit(robot),
+        ..Motion::default()
+    }
+}
+
+fn performed(
+    robot: &Arc<Robot>,
+    name: &str,
+    dense: &Dense,
+    keys: &[usize],
+) -> Result<Motion, Box<Report>> {
+    let names: Vec<String> = robot.joints().iter().map(|j| j.name.clone()).collect();
+    let Dense { joints, start, q, visible } = dense.clone();
+    let command = Command::from_dense(joints, start, q, visible).and_then(|c| c.reordered(&names));
+    let Some(command) = command else {
+        let message = format!("the clip does not have the joints of robot {}", robot.id());
+        return Err(Box::new(Report::Refused { message, exit: Exit::Invalid.code() }));
+    };
+    let broke = |e: crate::rollout::Error| Box::new(refused(&e));
+    let policy = PolicyConfig::default_for(robot);
+    let config = RolloutConfig { guide: policy.guide, ..RolloutConfig::default() };
+    let built = policy.build(robot).map_err(broke)?;
+    let mut rollout = Rollout::new(robot, built, &command, Start::Pose, config).map_err(broke)?;
+    while rollout.step().map_err(broke)?.is_some() {}
+    let commanded = (0..command.frames())
+        .map(|f| {
+            let row = command.row(f).iter().enumerate();
+            row.map(|(j, v)| if command.sees(f, j) { f64::from(*v) } else { f64::NAN }).collect()
+        })
+        .collect();
+    Ok(Motion {
+        name: name.to_owned(),
+        performer: policy.label(),
+        fps: f64::from(FPS),
+        commanded,
+        achieved: rollout.reached().chunks_exact(robot.state_dim()).map(<[f64]>::to_vec).collect(),
+        keys: keys.to_vec(),
+        unit: unit(robot),
+    })
+}

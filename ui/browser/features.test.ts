@@ -1,0 +1,476 @@
+// One test for each feature without which a first release fails, and the promises that only a
+// browser can check. The viewport is made of stills here: no WebGL, the same everything else.
+
+import assert from "node:assert/strict";
+import { after, before, describe, test } from "node:test";
+import { ARM, armTab, endBrowsers, Studio, tab, type Tab } from "./harness";
+
+describe("features", () => {
+  let studio: Studio;
+  let t: Tab;
+
+  before(async () => {
+    studio = await Studio.start();
+    t = await armTab(studio);
+  });
+  after(async () => {
+    await endBrowsers();
+    await studio.end();
+  });
+  /** The arm as it was, by the named history. */
+  const afresh = async (): Promise<void> => {
+    await t.page.keyboard.press("Escape");
+    await studio.api("POST", "/api/new", { text: ARM });
+    await t.until((s) => s.rev === 0 && s.clip?.name === "arm" && s.history?.len === 0, "afresh");
+    await t.press("Shift+F", "Home", "Escape");
+    await t.rolledOut();
+  };
+
+  test("scrub on the ruler, zoom at the pointer, pan", async () => {
+    await afresh();
+    const box = await t.byId("timeline").boundingBox();
+    assert.ok(box);
+    const [a, b] = [await t.at(10), await t.at(50)];
+    await t.page.mouse.move(a.x, box.y + 10);
+    await t.page.mouse.down();
+    await t.page.mouse.move(b.x, box.y + 10, { steps: 5 });
+    assert.equal((await t.state()).playhead, 50, "the playhead follows the mouse");
+    await t.page.mouse.up();
+    const before = await t.state();
+    await t.page.mouse.move(b.x, box.y + 80);
+    await t.page.mouse.wheel(0, -400);
+    const near = await t.until((s) => s.view.zoom > before.view.zoom * 1.5, "zoomed in");
+    const there = await t.at(50);
+    assert.ok(Math.abs(there.x - b.x) < 2, "the frame under the pointer stays there");
+    await t.page.keyboard.down("Shift");
+    await t.page.mouse.wheel(0, 200);
+    await t.page.keyboard.up("Shift");
+    await t.until((s) => s.view.left > near.view.left, "panned");
+    await t.press("Shift+F");
+    await t.until((s) => s.view.zoom < near.view.zoom, "the whole clip again");
+  });
+
+  test("typed time is a whole frame", async () => {
+    await afresh();
+    const field = t.byId("frame");
+    for (const [text, frame] of [["2:15", 55], ["30f", 30], ["1.25s", 25], ["7", 7]] as const) {
+      await field.fill(text);
+      await field.press("Enter");
+      await t.until((s) => s.playhead === frame, text);
+    }
+    await field.fill("later");
+    await field.press("Enter");
+    await t.page.getByText('"later" is no time').first().waitFor();
+  });
+
+  test("box, Ctrl, Shift and all", async () => {
+    await afresh();
+    await t.clickKey(30);
+    assert.deepEqual((await t.state()).selection, [30]);
+    await t.clickKey(60, ["Control"]);
+    await t.until((s) => s.selection.length === 2, "two by Ctrl");
+    await t.clickKey(0);
+    await t.clickKey(60, ["Shift"]);
+    await t.until((s) => s.selection.length === 3, "a range by Shift");
+    await t.press("Escape");
+    await t.until((s) => s.selection.length === 0, "none");
+    const [a, b] = [await t.at(20), await t.at(70)];
+    await t.page.mouse.move(a.x, a.y - 5);
+    await t.page.mouse.down();
+    await t.page.mouse.move(b.x, b.y + 5, { steps: 4 });
+    await t.page.mouse.up();
+    await t.until((s) => JSON.stringify([...s.selection].sort((x, y) => x - y)) === "[30,60]", "two by the box");
+    await t.page.keyboard.press("Control+a");
+    await t.until((s) => s.selection.length === 3, "all");
+  });
+
+  test("copy, cut, paste, duplicate, Alt-drag", async () => {
+    await afresh();
+    await t.clickKey(30);
+    await t.press("Control+c");
+    await t.goTo(45);
+    await t.press("Control+v");
+    await t.until_keys([0, 30, 45, 60]);
+    const [a, b] = ((await t.state()).clip?.keys ?? []).filter((k) => k.frame === 30 || k.frame === 45);
+    assert.deepEqual(a?.q, b?.q);
+    const clipboard = JSON.parse(await t.page.evaluate(() => navigator.clipboard.readText()));
+    assert.equal(clipboard.format, "robert-clip/1", "the clipboard is a clip fragment");
+    await t.clickKey(45);
+    await t.press("Control+x");
+    await t.until_keys([0, 30, 60]);
+    await t.clickKey(60);
+    await t.press("Control+d");
+    await t.until_keys([0, 30, 60, 65]);
+    await t.drag(30, 40, { hold: "Alt" });
+    await t.until_keys([0, 30, 40, 60, 65]);
+  });
+
+  test("move, ripple, insert and delete time", async () => {
+    await afresh();
+    await t.drag(30, 36);
+    await t.until_keys([0, 36, 60]);
+    await t.drag(36, 40, { hold: "Shift" });
+    await t.until_keys([0, 40, 64]);
+    await t.goTo(50);
+    await t.press("e");
+    await t.page.getByLabel("Frames (negative removes)").fill("5");
+    await t.page.keyboard.press("Enter");
+    await t.until_keys([0, 40, 69]);
+    await t.press("e");
+    await t.page.getByLabel("Frames (negative removes)").fill("-5");
+    await t.page.keyboard.press("Enter");
+    await t.until_keys([0, 40, 64]);
+  });
+
+  test("retime about the playhead, by S-drag and by number", async () => {
+    await afresh();
+    await t.goTo(0);
+    await t.page.keyboard.press("Control+a");
+    await t.press("s");
+    await t.page.getByLabel("Factor on the distance to the playhead").fill("0.5");
+    await t.page.keyboard.press("Enter");
+    await t.until_keys([0, 15, 30]);
+    await t.until((s) => s.selection.length === 3, "they stay selected where they are now");
+    await t.press("Escape");
+    await t.clickKey(30);
+    await t.goTo(0);
+    await t.drag(30, 60, { hold: "s" });
+    await t.until_keys([0, 15, 60]);
+    assert.equal(await t.page.getByRole("dialog").count(), 0, "a drag asks for no number");
+  });
+
+  test("mask spans and fills, blind spans and their mend", async () => {
+    await afresh();
+    await t.goTo(10);
+    await t.press("m");
+    const masked = await t.until((s) => (s.clip?.masks ?? []).length === 1, "masked");
+    assert.deepEqual(masked.clip?.masks?.[0], { from: 1, to: 30 });
+    await t.until((s) => (s.findings?.blind ?? []).length > 0, "blind");
+    await t.press("u");
+    await t.until((s) => (s.clip?.masks ?? []).length === 0, "unmasked");
+    await t.until((s) => s.findings?.blind.length === 0, "no blind span");
+    for (const fill of ["mask", "cubic", "hold", "linear"]) {
+      const p = await t.at(30);
+      await t.page.mouse.click(p.x, p.y, { button: "right" });
+      await t.page.getByRole("menuitem").first().waitFor();
+      const item = { mask: "Leave to the policy until the next key", linear: "Straight line to the next key", cubic: "Smooth curve to the next key", hold: "" }[fill];
+      if (item) await t.page.getByRole("menuitem", { name: item }).click();
+      else {
+        await t.page.keyboard.press("Escape");
+        await t.clickKey(30);
+        await t.page.keyboard.press("Control+k");
+        await t.page.getByLabel("Command", { exact: true }).fill("interval hold");
+        await t.page.keyboard.press("Enter");
+      }
+      await t.until((s) => (s.clip?.keys.find((k) => k.frame === 30)?.fill ?? s.clip?.fill) === fill, fill);
+    }
+    await studio.api("POST", "/api/ops", { ops: [{ op: "fill.set", args: { frames: [0], fill: "mask" } }] });
+    await t.until((s) => (s.findings?.blind ?? []).length === 1, "a blind span");
+    const mend = t.byId("problems").locator(".mends button").first();
+    await mend.click();
+    await t.until((s) => s.findings?.blind.length === 0, "mended by one click");
+  });
+
+  test("look-ahead, pre-roll and blind shading are on the timeline", async () => {
+    await afresh();
+    await t.goTo(30);
+    /** Mean colour of a piece of the canvas, 8 frames wide, below the rows. */
+    const colour = (frame: number): Promise<number[]> => t.page.evaluate((f) => {
+      const canvas = document.querySelector(".sheet canvas") as HTMLCanvasElement;
+      const hook = (window as unknown as { __studio: { frameToX: (f: number) => number; rowToY: (r: string) => number } }).__studio;
+      const k = devicePixelRatio;
+      const x = hook.frameToX(f) * k;
+      const data = canvas.getContext("2d")?.getImageData(x, (hook.rowToY("wrist_2") + 14) * k, hook.frameToX(f + 8) * k - x, 16 * k).data ?? [];
+      const sum = [0, 0, 0];
+      data.forEach((v, i) => { if (i % 4 < 3) sum[i % 4] = (sum[i % 4] ?? 0) + v; });
+      return sum.map((v) => v / (data.length / 4));
+    }, frame);
+    const far = (a: number[], b: number[]): number => Math.max(...a.map((v, i) => Math.abs(v - (b[i] ?? 0))));
+    await t.page.waitForTimeout(100);
+    const plain = await colour(65);
+    assert.ok(far(await colour(66), plain) < 0.5, "the same ground");
+    assert.ok(far(await colour(36), plain) > 4, "20 frames from the playhead are marked");
+    assert.ok(far(await colour(-15), plain) > 1, "the past that the policy is told is hatched");
+    await studio.api("POST", "/api/ops", { ops: [{ op: "fill.set", args: { frames: [30], fill: "mask" } }] });
+    await t.until((s) => (s.findings?.blind ?? []).length === 1, "a blind span");
+    await t.goTo(70);
+    await t.page.waitForTimeout(100);
+    assert.ok(far(await colour(31), await colour(12)) > 2, "where the policy sees no goal");
+  });
+
+  test("joint sliders, typed values, limits, auto-key off", async () => {
+    await afresh();
+    await t.goTo(30);
+    const joint = t.byId("joint-2");
+    const number = joint.locator("input[type=text]");
+    await number.fill("60");
+    await number.press("Enter");
+    await t.until((s) => Math.abs((s.clip?.keys.find((k) => k.frame === 30)?.q?.[2] ?? 0) - Math.PI / 3) < 1e-3, "60 degrees");
+    const slider = joint.locator("input[type=range]");
+    await slider.focus();
+    await t.page.keyboard.press("ArrowRight");
+    await t.until((s) => (s.clip?.keys.find((k) => k.frame === 30)?.q?.[2] ?? 0) > Math.PI / 3, "one step of the slider");
+    await number.fill("9999");
+    await number.press("Enter");
+    await t.page.getByText("elbow goes from").first().waitFor();
+    // Off a key a moved joint makes one; with auto-key off it floats until somebody says so.
+    await t.goTo(45);
+    await t.byId("joint-0").locator("input[type=text]").fill("-80");
+    await t.byId("joint-0").locator("input[type=text]").press("Enter");
+    await t.until_keys([0, 30, 45, 60]);
+    await t.page.getByRole("button", { name: "Auto-key" }).click();
+    await t.goTo(50);
+    await t.byId("joint-0").locator("input[type=text]").fill("-70");
+    await t.byId("joint-0").locator("input[type=text]").press("Enter");
+    await t.page.getByText("This pose is no key yet").waitFor();
+    assert.deepEqual(await t.keys(), [0, 30, 45, 60]);
+    await t.page.getByRole("button", { name: "Key it (K)" }).click();
+    await t.until_keys([0, 30, 45, 50, 60]);
+    await t.page.getByRole("button", { name: "Auto-key" }).click();
+  });
+
+  test("undo and redo, one entry a drag, history by name", async () => {
+    await afresh();
+    await t.drag(30, 36, { steps: 12 });
+    await t.until_keys([0, 36, 60]);
+    assert.equal((await t.state()).history?.len, 1, "one drag is one edit");
+    await t.clickKey(36);
+    await t.press("Delete");
+    await t.until_keys([0, 60]);
+    await t.press("Control+z", "Control+z");
+    await t.until_keys([0, 30, 60]);
+    await t.press("Control+Shift+z");
+    await t.until_keys([0, 36, 60]);
+    await t.page.getByRole("button", { name: "History" }).click();
+    await t.byId("history").getByRole("button", { name: "The clip as it was opened" }).click();
+    await t.until((s) => s.history?.done === 0, "back to the start");
+    await t.until_keys([0, 30, 60]);
+    await t.page.keyboard.press("Escape");
+  });
+
+  test("shortcut sheet and palette", async () => {
+    await afresh();
+    await t.press("?");
+    await t.page.getByRole("dialog", { name: "Shortcuts" }).waitFor();
+    await t.picture("shortcuts");
+    await t.page.keyboard.press("Escape");
+    await t.press("Control+k");
+    await t.page.getByLabel("Command", { exact: true }).fill("to the end");
+    await t.page.keyboard.press("Enter");
+    await t.until((s) => s.playhead === 79, "the command ran");
+  });
+
+  test("play, loop, in and out, step, speed", async () => {
+    await afresh();
+    await t.press("Space");
+    await t.until((s) => s.playing && s.playhead > 3, "playing");
+    await t.press("Space");
+    const rest = (await t.until((s) => !s.playing, "paused")).playhead;
+    await t.press("ArrowRight");
+    await t.until((s) => s.playhead === rest + 1, "a frame on");
+    await t.press("Shift+ArrowLeft");
+    await t.until((s) => s.playhead === Math.max(0, rest - 9), "ten back");
+    await t.goTo(20);
+    await t.press("[");
+    await t.goTo(26);
+    await t.press("]");
+    await t.until((s) => s.range?.from === 20 && s.range.to === 27, "a loop");
+    await t.press("-", "Space");
+    const seen = new Set<number>();
+    for (let i = 0; i < 40; i++) {
+      seen.add((await t.state()).playhead);
+      await t.page.waitForTimeout(20);
+    }
+    await t.press("Space", "0");
+    assert.ok([...seen].every((f) => f >= 20 && f <= 26) && seen.size > 2, [...seen].join());
+    await t.press("ArrowUp");
+    await t.press("ArrowDown");
+    await t.until((s) => s.playhead === 30, "to the next key");
+  });
+
+  test("command, achieved and ghosts can be shown or not", async () => {
+    await afresh();
+    const legend = t.page.getByRole("group", { name: "Shown" });
+    for (const name of ["Command", "Achieved", "Ghosts"]) {
+      const button = legend.getByRole("button", { name });
+      const before = await button.getAttribute("aria-pressed");
+      await button.click();
+      assert.notEqual(await button.getAttribute("aria-pressed"), before, name);
+      await button.click();
+      assert.ok(await button.getAttribute("title"), "it says what it is");
+    }
+  });
+
+  test("error by frame and mean error, equal to their definition", async () => {
+    await afresh();
+    const s = await t.rolledOut();
+    const known = s.error.slice(1).filter((e): e is number => e !== null);
+    assert.ok(known.length > 40);
+    const mean = known.reduce((a, b) => a + b, 0) / known.length;
+    assert.ok(Math.abs(mean - (s.rollout?.mae ?? 0)) < 1e-6, `${mean} ${s.rollout?.mae}`);
+    const badge = await t.byId("badge").innerText();
+    assert.match(badge, /mean error/);
+    assert.ok((await t.page.locator(".curves canvas").count()) >= 2, "curves are drawn");
+  });
+
+  test("the rollout follows a drag and ends where the edit is", async () => {
+    await afresh();
+    const before = (await t.rolledOut()).rollout?.gen ?? 0;
+    let during = 0;
+    await t.drag(30, 45, { steps: 15, before: async () => {
+      await t.until((s) => (s.rollout?.gen ?? 0) >= before + 2 && s.rollout?.rev === 0, "rolled out while dragging");
+      during = (await t.state()).rollout?.gen ?? 0;
+    } });
+    await t.until_keys([0, 45, 60]);
+    const done = await t.rolledOut();
+    assert.ok(during > before && (done.rollout?.gen ?? 0) > during);
+    assert.equal(done.rollout?.rev, 1);
+    await t.drag(45, 50, { before: async () => void (await t.page.keyboard.press("Escape")) });
+    await t.until_keys([0, 45, 60]);
+  });
+
+  test("an edit rolls out only what it can change", async () => {
+    await afresh();
+    const before = await t.rolledOut();
+    await studio.api("POST", "/api/ops", { ops: [{ op: "keys.move", args: { frames: [60], df: 10 } }] });
+    await t.until_keys([0, 30, 70]);
+    const s = await t.rolledOut();
+    const resumed = s.rollout?.resumed_at ?? 0;
+    assert.equal(resumed, 11, "20 frames before the first that differs");
+    assert.deepEqual(s.q.slice(0, resumed + 1), before.q.slice(0, resumed + 1), "bit for bit");
+    assert.notDeepEqual(s.error, before.error);
+  });
+
+  test("problems are listed, found by N, and explained", async () => {
+    await afresh();
+    await studio.api("POST", "/api/ops", { ops: [{ op: "keys.add", args: { keys: [{ frame: 32, q: [2.5, -1.5, 1.5, -1.5, -1.5] }] } }] });
+    const s = await t.until((x) => (x.findings?.lints ?? []).some((l) => l.level !== "info"), "a problem");
+    await t.goTo(0);
+    await t.press("n");
+    const first = (s.findings?.lints ?? []).flatMap((l) => (l.frames ? [l.frames[0]] : [])).sort((a, b) => a - b).find((f) => f > 0);
+    await t.until((x) => x.playhead === first, "at the problem");
+    assert.match(await t.byId("problems").innerText(), /rad\/s|deg|faster|speed/i);
+  });
+
+  test("poses: save, apply, blend, mirrored says why not", async () => {
+    await afresh();
+    await t.goTo(30);
+    await t.press("p");
+    await t.page.getByLabel("Name").fill("reach");
+    await t.page.keyboard.press("Enter");
+    await t.until((s) => "reach" in (s.clip?.poses ?? {}), "saved");
+    await t.byId("pose-reach").locator("img").evaluate(async (img: HTMLImageElement) => img.decode());
+    await t.goTo(45);
+    await t.byId("pose-reach").click();
+    await t.until_keys([0, 30, 45, 60]);
+  });
+
+  test("takes: pin, compare", async () => {
+    await afresh();
+    await t.rolledOut();
+    await t.page.getByRole("button", { name: "Pin" }).click();
+    await t.until((s) => s.takes >= 1, "pinned");
+    await t.page.getByRole("button", { name: "A/B" }).first().click();
+    assert.equal(await t.page.getByRole("button", { name: "A/B" }).first().getAttribute("aria-pressed"), "true");
+  });
+
+  test("markers are kept in the file", async () => {
+    await afresh();
+    await t.goTo(25);
+    await t.press("Shift+M");
+    await t.page.getByLabel("Name").fill("shot");
+    await t.page.keyboard.press("Enter");
+    await t.until((s) => s.clip?.markers?.[0]?.name === "shot", "marked");
+    assert.match((await studio.api("GET", "/api/clip")).bytes.toString(), /"shot"/);
+  });
+
+  test("two tabs on one document stay in step", async () => {
+    await afresh();
+    const other = await tab(studio);
+    await other.until((s) => s.clip?.name === "arm", "the same clip");
+    await other.drag(30, 34);
+    await t.until_keys([0, 34, 60]);
+    await t.press("Control+z");
+    await other.until_keys([0, 30, 60]);
+    await other.context.close();
+  });
+
+  test("a bad file is a banner with its place, as on the command line", async () => {
+    studio.file("bad.clip.json", '{\n  "format": "robert-clip/1",\n  "robot": 7\n}\n');
+    await t.press("Control+o");
+    await t.page.getByLabel("File").fill("bad.clip.json");
+    await t.page.keyboard.press("Enter");
+    await t.page.getByText(/bad\.clip\.json:3:\d+/).first().waitFor();
+  });
+
+  test("every gesture has a key, and the grid speaks", async () => {
+    await afresh();
+    await t.clickKey(30);
+    await t.press("Alt+ArrowRight");
+    await t.until_keys([0, 31, 60]);
+    await t.press("Alt+Shift+ArrowRight");
+    await t.until_keys([0, 32, 61]);
+    const grid = t.byId("timeline");
+    assert.equal(await grid.getAttribute("role"), "grid");
+    assert.equal(await grid.getAttribute("aria-colcount"), "80");
+    await t.goTo(32);
+    await grid.focus();
+    assert.match(await t.page.locator("#sheet-cell").innerText(), /frame 32, key/);
+  });
+
+  test("the still viewport and the rendered panel show the playhead; a film plays", async () => {
+    await afresh();
+    await t.byId("still-view").waitFor();
+    await t.byId("tab-rendered").click();
+    await t.byId("still").waitFor();
+    const source = (): Promise<string | null> => t.byId("still").getAttribute("src");
+    const first = await source();
+    await t.goTo(60);
+    for (let i = 0; i < 200 && (await source()) === first; i++) await t.page.waitForTimeout(50);
+    assert.notEqual(await source(), first, "another frame, another picture");
+    await t.picture("rendered");
+    // A shorter one, for the film.
+    await studio.api("POST", "/api/ops", { ops: [{ op: "keys.delete", args: { frames: [30, 60] } }, { op: "clip.length", args: { length: 20 } }] });
+    await t.rolledOut();
+    await t.byId("play-film").click();
+    await t.byId("film").waitFor({ timeout: 90_000 });
+    const secs = await t.byId("film").evaluate(async (v: HTMLVideoElement) => {
+      if (!(v.duration > 0)) await new Promise((resolve) => v.addEventListener("loadedmetadata", resolve, { once: true }));
+      return v.duration;
+    });
+    assert.ok(Math.abs(secs - 1) < 0.06, `${secs} s`);
+    await t.byId("tab-curves").click();
+  });
+
+  test("a dead simulation is told, and edits go on", async () => {
+    await afresh();
+    const pid = (await studio.api("GET", "/api/state")).json().worker.pid as number;
+    process.kill(pid, "SIGKILL");
+    await t.page.getByText("The simulation died").first().waitFor();
+    await t.drag(30, 33);
+    await t.until_keys([0, 33, 60]);
+    const s = await t.rolledOut();
+    assert.equal(s.rollout?.phase, "done");
+  });
+
+  test("works at 1100 x 640, dark and light", async () => {
+    await afresh();
+    await t.page.setViewportSize({ width: 1100, height: 640 });
+    for (const scheme of ["light", "dark"] as const) {
+      await t.page.emulateMedia({ colorScheme: scheme, reducedMotion: "reduce" });
+      await t.page.waitForTimeout(150);
+      await t.picture(`small-${scheme}`);
+      const over = await t.page.evaluate(() => [...document.querySelectorAll(".editor > *, .side > *, .transport > *, .bar > *")].filter((e) => {
+        const r = e.getBoundingClientRect();
+        return r.width > 0 && (r.right > innerWidth + 1 || r.bottom > innerHeight + 1 || r.left < -1);
+      }).map((e) => `${e.className} ${e.textContent?.slice(0, 20)}`));
+      assert.deepEqual(over, [], "nothing sticks out");
+    }
+    await t.page.setViewportSize({ width: 1280, height: 720 });
+  });
+
+  test("nothing left the origin, and no script broke", async () => {
+    assert.deepEqual(t.foreign, []);
+    assert.deepEqual(t.errors, []);
+  });
+});

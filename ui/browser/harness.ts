@@ -1,0 +1,293 @@
+// A real server, a real browser, and the few gestures that all tests share.
+
+import assert from "node:assert/strict";
+import { spawn, type ChildProcess } from "node:child_process";
+import { existsSync, mkdirSync, mkdtempSync, readFileSync, rmSync, writeFileSync } from "node:fs";
+import { tmpdir } from "node:os";
+import { join } from "node:path";
+import { chromium, type Browser, type BrowserContext, type Page } from "playwright-core";
+import type { Clip } from "../src/clip";
+import type { Findings, History, RolloutSettings, RolloutState } from "../src/protocol";
+
+/** What the page publishes for tests, see src/main.tsx. */
+export interface Snapshot {
+  page: string;
+  link: string;
+  rev?: number;
+  clip?: Clip;
+  dirty?: boolean;
+  playhead: number;
+  selection: number[];
+  rollout?: RolloutState;
+  frames: number;
+  joint?: number;
+  playing: boolean;
+  history?: History;
+  findings?: Findings;
+  settings: RolloutSettings;
+  takes: number;
+  robot?: string;
+  range?: { from: number; to: number };
+  view: { zoom: number; left: number };
+  error: (number | null)[];
+  q: number[][];
+}
+
+const root = process.env["ROBERT_ROOT"] ?? join(process.cwd(), "..");
+
+/** The program under test: ROBERT_BIN, else what cargo has built last. */
+export function binary(): string {
+  const named = process.env["ROBERT_BIN"];
+  if (named) return named;
+  const built = ["debug", "release"].map((p) => join(root, "target", p, "robert")).find(existsSync);
+  assert.ok(built, "no robert is built: cargo build");
+  return built;
+}
+
+function browserPath(): string {
+  const named = process.env["CHROMIUM"];
+  const known = ["/usr/bin/chromium", "/usr/bin/chromium-browser", "/usr/bin/google-chrome", "/usr/bin/google-chrome-stable"];
+  const found = named ?? known.find(existsSync);
+  assert.ok(found, "no Chromium is installed: script/bootstrap --test, or name one in CHROMIUM");
+  return found;
+}
+
+/** Where pictures of what was seen go, for people to look at. */
+const PICTURES = process.env["ROBERT_SCREENSHOTS"];
+
+export class Studio {
+  private child: ChildProcess | undefined;
+  url = "";
+
+  private constructor(readonly dir: string, private readonly args: string[]) {}
+
+  static async start(args: string[] = [], dir = mkdtempSync(join(tmpdir(), "robert-browser-"))): Promise<Studio> {
+    const studio = new Studio(dir, args);
+    await studio.run();
+    return studio;
+  }
+
+  async run(): Promise<void> {
+    const child = spawn(binary(), ["studio", "--no-open", "--port", "0", ...this.args], {
+      cwd: this.dir, env: { ...process.env, ROBERT_STATE_DIR: join(this.dir, "state"), NO_COLOR: "1" }, stdio: ["ignore", "pipe", "inherit"],
+    });
+    this.child = child;
+    this.url = await new Promise<string>((resolve, reject) => {
+      let text = "";
+      child.stdout.on("data", (d: Buffer) => {
+        text += d.toString();
+        if (text.includes("\n")) resolve(text.trim());
+      });
+      child.on("exit", (code) => reject(new Error(`the studio ended with ${code}`)));
+    });
+  }
+
+  get token(): string {
+    return this.url.split("token=")[1] ?? "";
+  }
+
+  /** A request beside the browser, as a script makes it. */
+  async api(method: string, path: string, body?: unknown): Promise<{ status: number; json: () => any; bytes: Buffer }> {
+    const answer = await fetch(new URL(path, this.url), {
+      method, headers: { authorization: `Bearer ${this.token}`, "content-type": "application/json" },
+      ...(body === undefined ? {} : { body: JSON.stringify(body) }),
+    });
+    const bytes = Buffer.from(await answer.arrayBuffer());
+    return { status: answer.status, bytes, json: () => JSON.parse(bytes.toString()) };
+  }
+
+  /** As a power cut would. */
+  async kill(): Promise<void> {
+    const child = this.child;
+    if (!child || child.exitCode !== null) return;
+    const gone = new Promise((resolve) => child.on("exit", resolve));
+    child.kill("SIGKILL");
+    await gone;
+  }
+
+  async end(): Promise<void> {
+    await this.kill();
+    rmSync(this.dir, { recursive: true, force: true });
+  }
+
+  file(name: string, text?: string): string {
+    const path = join(this.dir, name);
+    if (text !== undefined) {
+      mkdirSync(join(path, ".."), { recursive: true });
+      writeFileSync(path, text);
+    }
+    return path;
+  }
+
+  read(name: string): Buffer {
+    return readFileSync(join(this.dir, name));
+  }
+}
+
+/** A page with what tests do on it. */
+export class Tab {
+  /** Requests that left the origin: there must be none. */
+  readonly foreign: string[] = [];
+  readonly errors: string[] = [];
+  actions = 0;
+
+  constructor(readonly page: Page, readonly context: BrowserContext, readonly studio: Studio) {
+    // Viser's sorter of splats, which we have none of, asks for eval and is refused.
+    page.on("pageerror", (e) => /Evaluating a string as JavaScript/.test(e.message) || this.errors.push(e.message));
+    page.on("request", (r) => {
+      const url = r.url();
+      if (!url.startsWith(new URL(studio.url).origin) && !/^(data|blob|about):/.test(url)) this.foreign.push(url);
+    });
+  }
+
+  async open(): Promise<this> {
+    await this.page.goto(this.studio.url);
+    await this.until((s) => s.link === "open", "connected");
+    return this;
+  }
+
+  state(): Promise<Snapshot> {
+    return this.page.evaluate(() => (window as unknown as { __studio: { state: Snapshot } }).__studio.state);
+  }
+
+  /** Waits until the page's state is as it should be. */
+  async until(ok: (s: Snapshot) => boolean, what: string, secs = 40): Promise<Snapshot> {
+    const end = Date.now() + secs * 1000;
+    for (;;) {
+      const s = await this.state().catch(() => undefined);
+      if (s && ok(s)) return s;
+      if (Date.now() > end) {
+        const { q: _q, error: _e, findings: _f, clip: _c, ...rest } = s ?? ({} as Snapshot);
+        assert.fail(`not ${what}: ${JSON.stringify(rest)}`);
+      }
+      await new Promise((r) => setTimeout(r, 20));
+    }
+  }
+
+  /** The rollout of what is on the page is done. */
+  rolledOut(): Promise<Snapshot> {
+    return this.until((s) => s.rollout?.rev === s.rev && (s.rollout?.phase === "done" || s.rollout?.phase === "failed"), "rolled out");
+  }
+
+  byId(id: string) {
+    return this.page.locator(`[data-testid="${id}"]`);
+  }
+
+  async click(id: string): Promise<void> {
+    this.actions++;
+    await this.byId(id).click();
+  }
+
+  async press(...keys: string[]): Promise<void> {
+    for (const key of keys) {
+      this.actions++;
+      await this.page.keyboard.press(key);
+    }
+  }
+
+  /** A point of the timeline in page coordinates. */
+  async at(frame: number, row = "All joints"): Promise<{ x: number; y: number }> {
+    const box = await this.byId("timeline").boundingBox();
+    assert.ok(box);
+    const [x, y] = await this.page.evaluate(([f, r]) => {
+      const hook = (window as unknown as { __studio: { frameToX: (f: number) => number; rowToY: (r: string) => number | undefined } }).__studio;
+      return [hook.frameToX(f as number), hook.rowToY(r as string)];
+    }, [frame, row] as [number, string]);
+    assert.ok(x !== undefined && y !== undefined, `row ${row}`);
+    return { x: box.x + (x as number), y: box.y + (y as number) };
+  }
+
+  async clickKey(frame: number, modifiers: ("Shift" | "Control" | "Alt")[] = []): Promise<void> {
+    const p = await this.at(frame);
+    this.actions++;
+    for (const m of modifiers) await this.page.keyboard.down(m);
+    await this.page.mouse.click(p.x, p.y);
+    for (const m of modifiers) await this.page.keyboard.up(m);
+  }
+
+  /** Presses at one frame, moves in steps, releases at another. */
+  async drag(from: number, to: number, options: { hold?: string; row?: string; steps?: number; before?: () => Promise<void> } = {}): Promise<void> {
+    const a = await this.at(from, options.row);
+    const b = await this.at(to, options.row);
+    this.actions++;
+    if (options.hold) await this.page.keyboard.down(options.hold);
+    await this.page.mouse.move(a.x, a.y);
+    await this.page.mouse.down();
+    const n = options.steps ?? 6;
+    for (let i = 1; i <= n; i++) await this.page.mouse.move(a.x + ((b.x - a.x) * i) / n, a.y + ((b.y - a.y) * i) / n);
+    await options.before?.();
+    await this.page.mouse.up();
+    if (options.hold) await this.page.keyboard.up(options.hold);
+  }
+
+  async goTo(frame: number): Promise<void> {
+    const field = this.byId("frame");
+    await field.fill(String(frame));
+    await field.press("Enter");
+    await this.until((s) => s.playhead === frame, `at frame ${frame}`);
+  }
+
+  /** The frames of the keys. */
+  async keys(): Promise<number[]> {
+    return ((await this.state()).clip?.keys ?? []).map((k) => k.frame);
+  }
+
+  async until_keys(frames: number[]): Promise<void> {
+    await this.until((s) => JSON.stringify(s.clip?.keys.map((k) => k.frame)) === JSON.stringify(frames), `keys at ${frames.join(", ")}`);
+  }
+
+  async picture(name: string): Promise<void> {
+    if (PICTURES) await this.page.screenshot({ path: join(PICTURES, `${name}.png`) });
+  }
+}
+
+let still: Browser | undefined;
+
+/** One browser without WebGL for all tests that need no 3D view: the viewport is stills. */
+export async function stillBrowser(): Promise<Browser> {
+  still ??= await chromium.launch({
+    executablePath: browserPath(), args: ["--no-sandbox", "--disable-background-networking", "--disable-gpu", "--disable-3d-apis"],
+  });
+  return still;
+}
+
+export async function endBrowsers(): Promise<void> {
+  await still?.close();
+  still = undefined;
+}
+
+export async function tab(studio: Studio, size = { width: 1280, height: 720 }): Promise<Tab> {
+  const context = await (await stillBrowser()).newContext({ viewport: size, acceptDownloads: true, permissions: ["clipboard-read", "clipboard-write"] });
+  return new Tab(await context.newPage(), context, studio).open();
+}
+
+/** A fresh browser with WebGL in software: a second page in one may wait for its frames. */
+export async function webgl(studio: Studio, size = { width: 1280, height: 720 }): Promise<{ tab: Tab; close: () => Promise<void> }> {
+  const browser = await chromium.launch({
+    executablePath: browserPath(), args: ["--no-sandbox", "--disable-background-networking", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"],
+  });
+  const context = await browser.newContext({ viewport: size });
+  const made = await new Tab(await context.newPage(), context, studio).open();
+  return { tab: made, close: () => browser.close() };
+}
+
+/** Three keys of the arm, the rest masked. */
+export const ARM = JSON.stringify({
+  format: "robert-clip/1", name: "arm",
+  robot: { id: "ur5e", joints: ["shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2"] },
+  fps: 20, length: 80, fill: "linear",
+  keys: [
+    { frame: 0, q: [-1.57, -1.57, 1.57, -1.57, -1.57] },
+    { frame: 30, q: [-1.2, -1.4, 1.4, -1.5, -1.5] },
+    { frame: 60, q: [-1.4, -1.5, 1.3, -1.4, -1.6] },
+  ],
+});
+
+/** A clip opened with computed torque, which is fast in every build. */
+export async function armTab(studio: Studio): Promise<Tab> {
+  await studio.api("POST", "/api/new", { text: ARM });
+  const t = await tab(studio);
+  await t.until((s) => s.page === "editor" && s.clip?.name === "arm", "the arm open");
+  await t.rolledOut();
+  return t;
+}

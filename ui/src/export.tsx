@@ -1,0 +1,114 @@
+// The export dialog: one list of formats, where the file goes, how far it is.
+
+import { useSignal } from "@preact/signals";
+import { startExport } from "./api";
+import { Dialog } from "./dialogs";
+import { ended, fetchFile, isRunning, JobBar, saveUrl } from "./jobs";
+import * as store from "./store";
+
+interface Format {
+  format: string;
+  title: string;
+  about: string;
+  ending: string;
+  /** Of the clip alone: made at once, without performing anything. */
+  clip?: true;
+}
+
+const FORMATS: Format[] = [
+  { format: "mp4", title: "Film", about: "MP4, H.264: command and achieved motion with captions", ending: "mp4" },
+  { format: "gif", title: "Animated picture", about: "GIF for pages and chats", ending: "gif" },
+  { format: "strip", title: "Film strip", about: "six moments in one PNG", ending: "png" },
+  { format: "png", title: "Picture", about: "the playhead as a PNG", ending: "png" },
+  { format: "mcap", title: "Take", about: "MCAP for Foxglove, Lichtblick, Rerun", ending: "mcap" },
+  { format: "html", title: "Page", about: "one HTML file that plays the take anywhere", ending: "html" },
+  { format: "csv", title: "Achieved motion", about: "CSV: frame, time, mask, a column a joint", ending: "csv" },
+  { format: "command", title: "Command table", about: "CSV of what is asked for, masked cells empty", ending: "command.csv", clip: true },
+  { format: "json", title: "Clip", about: "the keyframes, robert-clip/1", ending: "clip.json", clip: true },
+  { format: "mjcf", title: "MuJoCo keys", about: "MJCF <keyframe> of the achieved motion", ending: "xml" },
+  { format: "ros", title: "ROS 2 trajectory", about: "JointTrajectory, YAML", ending: "yaml" },
+];
+
+const SIZES: [string, [number, number]][] = [["640×480", [640, 480]], ["1280×720", [1280, 720]], ["1920×1080", [1920, 1080]]];
+const PICTURES = new Set(["mp4", "gif", "strip", "png"]);
+
+export function Export({ onClose }: { onClose: () => void }) {
+  const chosen = useSignal(0);
+  const size = useSignal(0);
+  const whole = useSignal(true);
+  const typed = useSignal<string | undefined>(undefined);
+  const job = useSignal<number | undefined>(undefined);
+  const said = useSignal("");
+  const f = FORMATS[chosen.value] ?? FORMATS[0];
+  const d = store.doc.value;
+  if (!f || !d) return null;
+  const stem = (d.clip.name ?? "clip").replace(/[^\w-]+/g, "_") || "clip";
+  const path = typed.value ?? `${stem}.${f.ending}`;
+  const current = job.value === undefined ? undefined : store.jobs.value.get(job.value);
+  const busy = isRunning(current);
+  const range = store.range.value;
+
+  const clipFile = async (): Promise<string> => {
+    const answer = await fetch(`/api/export?format=${f.format === "command" ? "csv" : f.format}`, { credentials: "same-origin" });
+    if (!answer.ok) throw new Error(((await answer.json().catch(() => ({}))) as { message?: string }).message ?? answer.statusText);
+    return URL.createObjectURL(await answer.blob());
+  };
+  const run = async (toFolder: boolean): Promise<void> => {
+    said.value = "";
+    try {
+      if (f.clip) return saveUrl(await clipFile(), `${stem}.${f.ending}`);
+      const at = store.playhead.value;
+      const frames = f.format === "png" ? [at, at + 1] : !whole.value && range ? [range.from, range.to] : undefined;
+      const started = await startExport({
+        format: f.format,
+        ...(toFolder ? { path } : {}),
+        ...(PICTURES.has(f.format) ? { size: SIZES[size.value]?.[1] } : {}),
+        ...(frames && PICTURES.has(f.format) && f.format !== "strip" ? { frames } : {}),
+      });
+      if (!started) return;
+      job.value = started.id;
+      const done = await ended(started.id);
+      if (done.phase === "failed") said.value = done.log.filter((l) => l.startsWith("error")).at(-1) ?? "it failed";
+      else if (done.phase === "interrupted") said.value = "cancelled; nothing was written";
+      else if (toFolder) said.value = `written: ${store.folder.value}/${path}`;
+      else saveUrl(await fetchFile(done), done.file ?? `${stem}.${f.ending}`);
+    } catch (e) {
+      store.toast(e instanceof Error ? e.message : String(e), "error");
+    }
+  };
+  return (
+    <Dialog title="Export" onClose={onClose}>
+      <div class="formats" role="radiogroup" aria-label="Format">
+        {FORMATS.map((x, i) => (
+          <label key={x.format} class={i === chosen.value ? "on" : ""}>
+            <input type="radio" name="format" checked={i === chosen.value} onChange={() => { chosen.value = i; typed.value = undefined; said.value = ""; }} data-testid={`format-${x.format}`} />
+            <b>{x.title}</b><span>{x.about}</span>
+          </label>
+        ))}
+      </div>
+      <div class="row" style="margin-top: 10px">
+        {PICTURES.has(f.format) ? (
+          <select aria-label="Size" value={String(size.value)} onChange={(e) => (size.value = Number(e.currentTarget.value))}>
+            {SIZES.map(([title], i) => <option key={title} value={String(i)}>{title}</option>)}
+          </select>
+        ) : null}
+        {f.format === "mp4" || f.format === "gif" ? (
+          <label title={range ? "" : "set in and out with [ and ]"}><input type="checkbox" disabled={!range} checked={!whole.value && !!range} onChange={(e) => (whole.value = !e.currentTarget.checked)} /> in/out range only</label>
+        ) : null}
+        <span style="color: var(--dim)">performed by {store.settings.value.policy}{store.settings.value.refine ? " with refine" : ""}, as you see it</span>
+      </div>
+      {f.clip ? null : (
+        <label style="display: block; margin-top: 10px">File, relative to {store.folder.value}<br />
+          <input type="text" style="width: 100%; padding: 6px 8px" value={path} onInput={(e) => (typed.value = e.currentTarget.value)} data-testid="export-path" />
+        </label>
+      )}
+      {current && busy ? <JobBar job={current} /> : null}
+      {said.value ? <p role="status" data-testid="export-said">{said.value}</p> : null}
+      <div class="row" style="margin-top: 12px; justify-content: flex-end">
+        <button onClick={onClose}>Close</button>
+        {f.clip ? null : <button disabled={busy} onClick={() => void run(true)} data-testid="export-folder">Write there</button>}
+        <button class="main" disabled={busy} onClick={() => void run(false)} data-testid="export-download">Download</button>
+      </div>
+    </Dialog>
+  );
+}

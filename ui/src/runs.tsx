@@ -1,0 +1,304 @@
+// From a robot to a policy without leaving the page: import, collect, train, evaluate. Every
+// form is a command line, shown as such; what runs here is what runs in a shell.
+
+import { effect, useSignal } from "@preact/signals";
+import type { ComponentChildren } from "preact";
+import { useEffect, useRef } from "preact/hooks";
+import uPlot from "uplot";
+import { complain, http, openWith, refreshShelf, resumeJob, startJob, tell } from "./api";
+import { isRunning, JobBar, minutes } from "./jobs";
+import type { JobKind, JobView, RunCard } from "./protocol";
+import * as store from "./store";
+import { SERIES, colors } from "./theme";
+
+const AGENTS: [string, string][] = [
+  ["noise", "smooth random torque: seconds"], ["rnd", "random network distillation"], ["icm", "curiosity of a forward model"],
+  ["apt", "particle entropy"], ["aps", "particle entropy and successor features"], ["proto", "prototypes"],
+];
+
+/** A word that a shell would take apart is put in quotes. */
+export function shellWord(word: string): string {
+  return /^[\w@%+=:,./-]+$/.test(word) ? word : `'${word.replaceAll("'", `'\\''`)}'`;
+}
+
+function Line({ kind, args }: { kind: JobKind; args: string[] }) {
+  return <code class="line">robert {kind} {args.map(shellWord).join(" ")}</code>;
+}
+
+function stamp(): string {
+  return new Date().toISOString().slice(0, 16).replace(/[-:]/g, "").replace("T", "-");
+}
+
+function Step(props: { n: number; title: string; about: string; children: ComponentChildren }) {
+  return (
+    <section class="step" aria-label={props.title}>
+      <h2><span class="n">{props.n}</span>{props.title}</h2>
+      <p class="about">{props.about}</p>
+      {props.children}
+    </section>
+  );
+}
+
+function Robots(props: { value: string; onChange: (source: string) => void }) {
+  return (
+    <select aria-label="Robot" value={props.value} onChange={(e) => props.onChange(e.currentTarget.value)} data-testid="runs-robot">
+      {store.robots.value.map((r) => <option key={r.source} value={r.source}>{r.id}{r.builtin ? "" : " (yours)"}</option>)}
+    </select>
+  );
+}
+
+function Import() {
+  const file = useSignal("");
+  const id = useSignal("");
+  const fixed = useSignal(false);
+  const files = useSignal<File[]>([]);
+  const busy = useSignal("");
+  const models = files.value.filter((f) => /\.(urdf|xml|mjcf)$/i.test(f.name));
+  const nameOf = (f: File): string => f.webkitRelativePath || f.name;
+  const start = async (): Promise<void> => {
+    try {
+      let path = file.value;
+      const uploaded = files.value.length > 0;
+      if (uploaded) {
+        for (const [i, f] of files.value.entries()) {
+          busy.value = `sending ${i + 1} of ${files.value.length}`;
+          const answer = await fetch(`/api/upload?path=${encodeURIComponent(nameOf(f))}&first=${i === 0}`, { method: "PUT", body: f, credentials: "same-origin" });
+          if (!answer.ok) throw new Error(((await answer.json().catch(() => ({}))) as { message?: string }).message ?? answer.statusText);
+        }
+        path ||= nameOf(models[0] ?? files.value[0] as File);
+      }
+      await http("POST", "/api/import", { file: path, uploaded, id: id.value, fixed_base: fixed.value });
+    } catch (e) {
+      complain(e);
+    }
+    busy.value = "";
+  };
+  const pick = (list: FileList | null): void => {
+    files.value = [...(list ?? [])];
+    const first = files.value.find((f) => /\.(urdf|xml|mjcf)$/i.test(f.name));
+    file.value = first ? nameOf(first) : "";
+    if (first && !id.value) id.value = first.name.replace(/\.\w+$/, "").toLowerCase().replace(/[^a-z0-9_-]+/g, "_");
+  };
+  return (
+    <details class="import" data-testid="import">
+      <summary>Import a robot (URDF, or MJCF for MuJoCo 2.2.2)</summary>
+      <div class="fields">
+        <label>Its folder <input type="file" multiple {...{ webkitdirectory: true }} onChange={(e) => pick(e.currentTarget.files)} data-testid="import-folder" /></label>
+        <label>or files <input type="file" multiple onChange={(e) => pick(e.currentTarget.files)} data-testid="import-files" /></label>
+        {models.length > 1 ? (
+          <label>Model <select value={file.value} onChange={(e) => (file.value = e.currentTarget.value)}>{models.map((f) => <option key={nameOf(f)} value={nameOf(f)}>{nameOf(f)}</option>)}</select></label>
+        ) : (
+          <label>Model file <input type="text" value={file.value} placeholder={`path in ${store.folder.value}`} disabled={files.value.length > 0} onInput={(e) => (file.value = e.currentTarget.value)} data-testid="import-path" /></label>
+        )}
+        <label>Call it <input type="text" value={id.value} placeholder="my_arm" onInput={(e) => (id.value = e.currentTarget.value)} data-testid="import-id" /></label>
+        <label><input type="checkbox" checked={fixed.value} onChange={(e) => (fixed.value = e.currentTarget.checked)} /> hold a floating base still</label>
+      </div>
+      <div class="row"><button class="main" disabled={!id.value || (!file.value && !files.value.length) || !!busy.value} onClick={() => void start()} data-testid="import-start">Import</button><span>{busy.value}</span></div>
+      <p class="about">The model is checked in a process of its own. Motors, contacts and limits that its file does not give are added and listed.</p>
+    </details>
+  );
+}
+
+/** Curves out of `figures` events: what rises and falls with `step`. */
+function series(job: JobView): { title: string; names: string[]; x: number[]; ys: (number | null)[][] }[] {
+  const points = job.lines.flatMap((l) => (l.event === "figures" && l.figures ? [l.figures] : []));
+  const number = (v: unknown): number | null => (typeof v === "number" && Number.isFinite(v) ? v : null);
+  const chart = (title: string, of: [string, (p: Record<string, unknown>) => number | null][]) => {
+    const rows = points.filter((p) => of.some(([, get]) => get(p) !== null));
+    rows.sort((a, b) => (number(a["step"]) ?? 0) - (number(b["step"]) ?? 0));
+    return { title, names: of.map(([n]) => n), x: rows.map((p) => number(p["step"]) ?? 0), ys: of.map(([, get]) => rows.map(get)) };
+  };
+  if (job.kind === "train") {
+    const inside = (p: Record<string, unknown>, outer: string, key: string): number | null => number((p[outer] as Record<string, unknown> | undefined)?.[key]);
+    return [
+      chart("loss", [["loss", (p) => number(p["loss"])]]),
+      chart("action error", [["visible", (p) => number(p["action_rms_visible"])], ["masked", (p) => number(p["action_rms_masked"])]]),
+      chart("Precision", [["rollout", (p) => inside(p, "evaluation", "precision")]]),
+    ].filter((c) => c.x.length > 0);
+  }
+  const agents = [...new Set(points.map((p) => String(p["agent"] ?? "")))].filter(Boolean);
+  return ["coverage", "reward"].map((what) => chart(what, agents.map((a) => [a, (p) => (p["agent"] === a ? number(p[what]) : null)]))).filter((c) => c.x.length > 0);
+}
+
+function JobCurves({ id }: { id: number }) {
+  const host = useRef<HTMLDivElement>(null);
+  useEffect(() => {
+    let plots: uPlot[] = [];
+    let shape = "";
+    const dispose = effect(() => {
+      const job = store.jobs.value.get(id);
+      const parent = host.current;
+      if (!job || !parent) return;
+      const charts = series(job);
+      const now = JSON.stringify(charts.map((c) => [c.title, c.names]));
+      if (now !== shape) {
+        shape = now;
+        plots.forEach((p) => p.destroy());
+        const c = colors();
+        const axis = { stroke: c.dim, grid: { stroke: c.faint, width: 1 }, ticks: { stroke: c.rule }, font: "11px system-ui" };
+        plots = charts.map((chart) => new uPlot({
+          width: 320, height: 150, title: chart.title, legend: { live: false, show: chart.names.length > 1 },
+          scales: { x: { time: false } },
+          axes: [{ ...axis, values: (_, at) => at.map((v) => (v >= 1000 ? `${v / 1000}k` : `${v}`)) }, { ...axis, size: 52 }],
+          series: [{}, ...chart.names.map((label, i) => ({ label, stroke: SERIES[i % SERIES.length] as string, width: 1.5, spanGaps: true, points: { show: chart.x.length < 30, size: 4 } }))],
+        }, [chart.x, ...chart.ys] as uPlot.AlignedData, parent));
+      }
+      charts.forEach((chart, i) => plots[i]?.setData([chart.x, ...chart.ys] as uPlot.AlignedData));
+    });
+    return () => {
+      dispose();
+      plots.forEach((p) => p.destroy());
+    };
+  }, [id]);
+  return <div class="job-curves" ref={host} />;
+}
+
+interface EvalResult {
+  unit: string;
+  results: { policy: string; suite: string; precision_mean: number | null; tasks: { name: string; precision: number | null }[] }[];
+}
+
+/** The table of an evaluation: tasks as rows, policies as columns. */
+function Table({ job }: { job: JobView }) {
+  const found = job.lines.find((l) => l.event === "result")?.result as EvalResult | undefined;
+  if (!found?.results) return null;
+  const suites = [...new Set(found.results.map((r) => r.suite))];
+  const text = (v: number | null | undefined): string => (v === null || v === undefined ? "failed" : v.toFixed(4));
+  return (
+    <>
+      {suites.map((suite) => {
+        const columns = found.results.filter((r) => r.suite === suite);
+        return (
+          <table key={suite} class="result" data-testid="eval-table">
+            <caption>{suite}: Precision in {found.unit}, lower is better</caption>
+            <thead><tr><th>task</th>{columns.map((c) => <th key={c.policy}>{c.policy}</th>)}</tr></thead>
+            <tbody>
+              {(columns[0]?.tasks ?? []).map((t, i) => <tr key={t.name}><td>{t.name}</td>{columns.map((c) => <td key={c.policy} class="num">{text(c.tasks[i]?.precision)}</td>)}</tr>)}
+              <tr class="mean"><td>mean</td>{columns.map((c) => <td key={c.policy} class="num">{text(c.precision_mean)}</td>)}</tr>
+            </tbody>
+          </table>
+        );
+      })}
+    </>
+  );
+}
+
+function Job({ job }: { job: JobView }) {
+  const log = job.log.filter((l) => l.trim() !== "");
+  const imported = job.kind === "import" && job.phase === "done" ? (job.lines.find((l) => l.event === "result")?.result as { id: string; folder: string; dropped: string[]; assumed: string[]; changed: string[] } | undefined) : undefined;
+  return (
+    <article class="job" data-testid={`job-${job.id}`} data-phase={job.phase}>
+      <header class="row"><b>{job.title || job.kind}</b><span class={`phase ${job.phase}`}>{job.phase}</span><span class="num">{minutes(job.secs)}</span><span class="grow" />
+        {!isRunning(job) && job.phase !== "done" ? <button onClick={() => void resumeJob(job.id)} data-testid={`resume-${job.id}`}>{job.kind === "train" || job.kind === "collect" ? "Go on" : "Again"}</button> : null}
+      </header>
+      <Line kind={job.kind} args={job.args} />
+      {isRunning(job) ? <JobBar job={job} /> : null}
+      {job.progress?.note ? <p class="note">{job.progress.note}</p> : null}
+      <JobCurves id={job.id} />
+      {job.kind === "eval" ? <Table job={job} /> : null}
+      {imported ? (
+        <div data-testid="imported">
+          <p><button class="main" onClick={() => void openWith("POST", "/api/new", { robot: imported.folder })}>New clip with {imported.id}</button></p>
+          <ul>{[...imported.assumed.map((t) => `assumed: ${t}`), ...imported.changed.map((t) => `changed: ${t}`), ...imported.dropped.map((t) => `left out: ${t}`)].map((t) => <li key={t}>{t}</li>)}</ul>
+        </div>
+      ) : null}
+      {job.phase === "failed" ? <p class="problem error" role="alert">{log.filter((l) => l.startsWith("error")).at(-1) ?? log.at(-1) ?? `exit ${job.exit}`}</p> : null}
+      {log.length ? <details><summary>Log</summary><pre>{log.join("\n")}</pre></details> : null}
+    </article>
+  );
+}
+
+async function perform(run: RunCard): Promise<void> {
+  if (!run.model || !run.robot) return;
+  tell("rollout.set", { ...store.settings.value, policy: "robert", model_path: run.model });
+  if (store.doc.value?.clip.robot.id !== run.robot) {
+    const source = store.robots.value.find((r) => r.id === run.robot)?.source ?? run.robot;
+    await openWith("POST", "/api/new", { robot: source });
+  }
+  store.page.value = "editor";
+}
+
+export function Runs() {
+  const robot = useSignal("pointmass");
+  const agents = useSignal<ReadonlySet<string>>(new Set(["noise"]));
+  const transitions = useSignal("100000");
+  const agentSteps = useSignal("20000");
+  const out = useSignal("");
+  const data = useSignal("");
+  const preset = useSignal("instant");
+  const run = useSignal("");
+  const policies = useSignal("pd,computed-torque");
+  const suite = useSignal("manual");
+  useEffect(() => {
+    void refreshShelf();
+    const id = store.doc.value?.clip.robot.id;
+    if (id) robot.value = store.robots.value.find((r) => r.id === id)?.source ?? id;
+  }, []);
+  const shelf = store.shelf.value;
+  const id = store.robots.value.find((r) => r.source === robot.value)?.id ?? robot.value;
+  const mine = shelf.data.filter((d) => d.robot === id);
+  const chosen = data.value && mine.some((d) => d.path === data.value) ? data.value : mine[0]?.path ?? "";
+  const list = [...store.jobs.value.values()].filter((j) => j.kind !== "render" && j.kind !== "export").sort((a, b) => b.id - a.id);
+  const curious = [...agents.value].some((a) => a !== "noise");
+  const collect = ["--robot", robot.value, "--agent", [...agents.value].join(","), "--transitions", transitions.value, ...(curious && agentSteps.value ? ["--agent-steps", agentSteps.value] : []), "--out", out.value || `data/${id}-${[...agents.value].join("-")}`];
+  const train = ["--robot", robot.value, "--data", chosen, "--preset", preset.value, "--out", run.value || `runs/${stamp()}-${id}-${preset.value}`];
+  const evaluate = ["--robot", robot.value, "--suite", suite.value, "--policy", policies.value];
+  const trained = shelf.runs.filter((r) => r.model && r.robot === id);
+  const text = (signal: { value: string }, label: string, placeholder = "") => (
+    <label>{label} <input type="text" value={signal.value} placeholder={placeholder} onInput={(e) => (signal.value = e.currentTarget.value)} /></label>
+  );
+  return (
+    <div class="runs" data-testid="runs">
+      <div class="steps">
+        <div class="row head"><h1>Train a policy</h1><Robots value={robot.value} onChange={(r) => (robot.value = r)} /></div>
+        <Import />
+        <Step n={1} title="Collect motion" about="Agents move the robot as their curiosity drives them: no reward, no demonstration.">
+          <div class="fields">
+            {AGENTS.map(([name, about]) => (
+              <label key={name} title={about}><input type="checkbox" checked={agents.value.has(name)} onChange={() => { const next = new Set(agents.value); if (!next.delete(name)) next.add(name); if (next.size) agents.value = next; }} /> {name}</label>
+            ))}
+            {text(transitions, "transitions")}
+            {curious ? text(agentSteps, "steps an agent learns") : null}
+            {text(out, "folder", `data/${id}-${[...agents.value].join("-")}`)}
+          </div>
+          <Line kind="collect" args={collect} />
+          <button class="main" onClick={() => void startJob("collect", collect)} data-testid="collect">Collect</button>
+        </Step>
+        <Step n={2} title="Train" about="A transformer learns which torque leads from one frame to the next, with goals hidden at random.">
+          <div class="fields">
+            <label>data <select value={chosen} onChange={(e) => (data.value = e.currentTarget.value)}>{mine.length ? mine.map((d) => <option key={d.path} value={d.path}>{d.path} ({d.frames.toLocaleString("en")} frames)</option>) : <option value="">none for {id} yet</option>}</select></label>
+            <label>preset <select value={preset.value} onChange={(e) => (preset.value = e.currentTarget.value)}>{shelf.presets.map(([name, about]) => <option key={name} value={name} title={about}>{name}</option>)}</select></label>
+            {text(run, "run", "runs/…")}
+          </div>
+          <p class="about">{shelf.presets.find(([n]) => n === preset.value)?.[1]}</p>
+          <Line kind="train" args={train} />
+          <button class="main" disabled={!chosen} onClick={() => void startJob("train", train)} data-testid="train">Train</button>
+        </Step>
+        <Step n={3} title="Evaluate" about="A table of how near each policy comes on the task clips.">
+          <div class="fields">
+            {text(suite, "suite")}
+            {text(policies, "policies")}
+            {trained.map((r) => <button key={r.path} class="quiet" onClick={() => (policies.value = `${policies.value},robert:${r.path}`)} title="Add this model to the table">+ {r.path}</button>)}
+          </div>
+          <Line kind="eval" args={evaluate} />
+          <button class="main" onClick={() => void startJob("eval", evaluate)} data-testid="evaluate">Evaluate</button>
+        </Step>
+      </div>
+      <div class="work">
+        <h2>At work</h2>
+        {list.length === 0 ? <p class="about">Nothing yet. Jobs run on when this page is closed; they end with the studio, and can go on later.</p> : null}
+        {list.map((j) => <Job key={j.id} job={j} />)}
+        <h2>Trained here</h2>
+        {shelf.runs.length === 0 ? <p class="about">No runs in {store.folder.value}/runs.</p> : null}
+        {shelf.runs.map((r) => (
+          <div class="take" key={r.path}>
+            <span class="grow">{r.path}</span>
+            <span class="num">{r.step.toLocaleString("en")} of {r.steps.toLocaleString("en")} steps</span>
+            {r.step < r.steps && r.robot ? <button onClick={() => void startJob("train", ["--robot", store.robots.value.find((x) => x.id === r.robot)?.source ?? r.robot ?? "", "--data", shelf.data.find((d) => d.robot === r.robot)?.path ?? "", "--resume", r.path])}>Go on</button> : null}
+            <button disabled={!r.model} onClick={() => void perform(r).catch(complain)} data-testid={`perform-${r.path}`}>Perform with it</button>
+          </div>
+        ))}
+      </div>
+    </div>
+  );
+}
