@@ -144,7 +144,7 @@ fn run(cli: Cli) -> Outcome {
         Command::Models(args) => models::run(&args),
         Command::New(args) => new::run(&args, cli.global),
         Command::Clip(args) => clip::run(&args),
-        Command::Render(args) => render::run(&args, cli.global.quiet),
+        Command::Render(args) => render::run(&args, cli.global),
         Command::Plot(args) => plot::run(&args),
         Command::Completions(args) => completions::run(&args),
         Command::Robots(args) => robots::run(&args),

@@ -52,6 +52,23 @@ impl Pd {
             .collect();
         Ok(Pd { robot: Arc::clone(robot), actuation, gains, torque: vec![0.0; nv] })
     }
+
+    /// Writes the action that drives joints at `current`, moving at `qvel` (nv), to `target`;
+    /// both (S).
+    pub(super) fn drive(
+        &mut self,
+        current: &[f64],
+        target: &[f64],
+        qvel: &[f64],
+        action: &mut [f64],
+    ) {
+        self.torque.fill(0.0);
+        let ways = target.iter().zip(current).map(|(r, q)| r - q);
+        for ((joint, (kp, kd)), way) in self.robot.joints().iter().zip(&self.gains).zip(ways) {
+            self.torque[joint.dofadr] = kp * way - kd * qvel[joint.dofadr];
+        }
+        self.actuation.action(&self.torque, action);
+    }
 }
 
 /// (kp, kd) for one joint; the undamped limit is b = T^2/(2M), g = T.
@@ -74,12 +91,9 @@ impl Policy for Pd {
     fn reset(&mut self, _seed: u64) {}
 
     fn act(&mut self, view: &View<'_>, action: &mut [f64]) -> Result<(), Error> {
-        self.torque.fill(0.0);
-        for (k, (joint, (kp, kd))) in self.robot.joints().iter().zip(&self.gains).enumerate() {
-            let error = view.window.next_target(k) - view.window.current[k];
-            self.torque[joint.dofadr] = kp * error - kd * view.state.qvel[joint.dofadr];
-        }
-        self.actuation.action(&self.torque, action);
+        let window = view.window;
+        let target: Vec<f64> = (0..window.dim()).map(|k| window.next_target(k)).collect();
+        self.drive(&window.current, &target, &view.state.qvel, action);
         Ok(())
     }
 }
