@@ -120,7 +120,7 @@ fn mistakes_are_named_before_any_work() {
     says(&["hop.clip.json", "-o", "a.mp4", "--strip", "4"], 2, &["strip", ".png"]);
     says(&["hop.clip.json", "-o", "a.png", "--overlay", "hats"], 2, &["hats", "ghost"]);
     says(&["hop.clip.json", "-o", "a.png", "--frames", "21"], 3, &["21", "0 to 20"]);
-    says(&["hop.clip.json", "-o", "a.png", "--camera", "follow:nobody"], 3, &["nobody"]);
+    says(&["hop.clip.json", "-o", "a.png", "--camera", "follow:nobody"], 2, &["nobody"]);
     says(&["gone.clip.json", "-o", "a.png"], 3, &["gone.clip.json"]);
     says(&["gone.mcap", "-o", "a.png"], 3, &["gone.mcap"]);
 }
