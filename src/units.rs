@@ -67,3 +67,100 @@ impl Unit {
         }
     }
 }
+
+/// A count as people type it: `400000`, `400_000`, `400k`, `2.5M`, `4e5`.
+///
+/// # Errors
+/// A sentence for the command line where the text is no whole number below 2^53.
+pub fn count(text: &str) -> Result<u64, String> {
+    let plain = text.trim().replace('_', "");
+    if let Ok(n) = plain.parse::<u64>() {
+        return Ok(n);
+    }
+    let (digits, unit) = match plain.char_indices().last() {
+        Some((at, 'k' | 'K')) => (&plain[..at], 1e3),
+        Some((at, 'm' | 'M')) => (&plain[..at], 1e6),
+        Some((at, 'g' | 'G')) => (&plain[..at], 1e9),
+        _ => (plain.as_str(), 1.0),
+    };
+    let value = digits.parse::<f64>().unwrap_or(f64::NAN) * unit;
+    // 2.3e6 and .0023G are whole numbers that binary fractions miss by a hair.
+    let whole = value.round();
+    if (0.0..9.007e15).contains(&whole) && (value - whole).abs() <= 1e-9 * whole.max(1.0) {
+        return Ok(whole as u64);
+    }
+    Err(format!("{text:?} is no whole number; write 400000, 400k, 2.5M or 4e5"))
+}
+
+/// Three significant digits in plain decimals: `0.0312`, `0.000421`, `12.3`.
+///
+/// What is smaller than 1e-9 of a unit is rounding, and shown as 0.
+pub fn significant(value: f64) -> String {
+    if !value.is_finite() || value.abs() < 1e-9 {
+        return if value.is_finite() { "0".to_owned() } else { value.to_string() };
+    }
+    // The exponent after rounding: 0.0009996 is shown as 0.00100.
+    let rounded = format!("{value:.2e}");
+    let exponent: i32 = rounded.split_once('e').and_then(|(_, e)| e.parse().ok()).unwrap_or(0);
+    format!("{value:.*}", usize::try_from(2 - exponent).unwrap_or(0))
+}
+
+/// The unit in which figures around `typical` are short: factor and symbol. Only `rad` and
+/// `m` have smaller siblings.
+pub fn short_unit(unit: &str, typical: f64) -> (f64, String) {
+    let known = unit == "rad" || unit == "m";
+    match typical.abs() {
+        x if known && (1e-9..1e-5).contains(&x) => (1e6, format!("\u{b5}{unit}")),
+        x if known && (1e-5..1e-2).contains(&x) => (1e3, format!("m{unit}")),
+        _ => (1.0, unit.to_owned()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn counts_are_read_as_typed() {
+        let good = [
+            ("0", 0),
+            ("400000", 400_000),
+            ("400_000", 400_000),
+            ("400k", 400_000),
+            (" 2.5M ", 2_500_000),
+            ("2.3e6", 2_300_000),
+            ("1g", 1_000_000_000),
+            ("18446744073709551615", u64::MAX),
+        ];
+        for (text, n) in good {
+            assert_eq!(count(text), Ok(n), "{text}");
+        }
+        for bad in ["", "k", "1.5", "0.0001k", "-3", "4 00", "4kk", "nan", "inf", "1e30", "\u{3b1}"]
+        {
+            let said = count(bad).unwrap_err();
+            assert!(said.contains("400k"), "{bad}: {said}");
+        }
+    }
+
+    #[test]
+    fn figures_have_three_digits() {
+        let cases = [
+            (0.0312, "0.0312"),
+            (0.000_421_4, "0.000421"),
+            (0.000_999_6, "0.00100"),
+            (12.345, "12.3"),
+            (1234.5, "1234"),
+            (-0.5, "-0.500"),
+            (0.0, "0"),
+            (3e-12, "0"),
+        ];
+        for (value, text) in cases {
+            assert_eq!(significant(value), text);
+        }
+        assert_eq!(short_unit("rad", 0.2), (1.0, "rad".into()));
+        assert_eq!(short_unit("m", 0.002), (1e3, "mm".into()));
+        assert_eq!(short_unit("rad", 3e-6), (1e6, "\u{b5}rad".into()));
+        assert_eq!(short_unit("rad or m", 3e-6).0, 1.0);
+        assert_eq!(short_unit("rad", 0.0).0, 1.0);
+    }
+}

@@ -12,6 +12,7 @@ mod golden;
 mod import;
 mod malformed;
 mod motion;
+mod render;
 mod robots;
 mod run;
 mod studio;

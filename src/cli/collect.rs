@@ -8,10 +8,11 @@ use super::failure::Outcome;
 use super::{Global, dataset, interrupt, out};
 use crate::explore::{AgentKind, CollectConfig, Collected, Preset, collect};
 use crate::robot::Robot;
+use crate::units::count;
 
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  robert collect --robot ur5e --agent noise --transitions 400000 --out data/ur5e-noise\n  robert collect --robot ur5e --agent rnd,icm,apt,aps,proto --transitions 3000000 --out data/ur5e\n  robert collect --robot ur5e --agent rnd --agent-steps 2000 --transitions 5000 --out data/try\n\nThe bits depend on the options only, not on threads, interruptions or order. A stopped\ncollection goes on with the same command and --resume."
+    after_help = "Examples:\n  robert collect --robot ur5e --agent noise --transitions 400k --out data/ur5e-noise\n  robert collect --robot ur5e --agent rnd,icm,apt,aps,proto --transitions 3M --out data/ur5e\n  robert collect --robot ur5e --agent rnd --agent-steps 2k --transitions 5k --out data/try\n\nThe bits depend on the options only, not on threads, interruptions or order. A stopped\ncollection goes on with the same command and --resume."
 )]
 pub(super) struct Args {
     /// Robot: id, or a folder with robot.xml.
@@ -20,14 +21,14 @@ pub(super) struct Args {
     /// Who collects, equal parts each: rnd, icm, apt, aps, proto, noise, babble, uniform.
     #[arg(long, value_delimiter = ',', default_value = "noise")]
     agent: Vec<AgentKind>,
-    /// Frames to record in all.
-    #[arg(long, default_value_t = 400_000)]
+    /// Frames to record in all; 400k and 2.5M are numbers, too.
+    #[arg(long, default_value_t = 400_000, value_name = "N", value_parser = count)]
     transitions: u64,
     /// Dataset folder.
     #[arg(long)]
     out: PathBuf,
     /// Environment steps of training for each agent; the preset's if not given.
-    #[arg(long)]
+    #[arg(long, value_name = "N", value_parser = count)]
     agent_steps: Option<u64>,
     /// Sizes and schedule of the agents: url-fast, or urlb as published (days on a CPU).
     #[arg(long, default_value = "url-fast")]
@@ -43,7 +44,7 @@ pub(super) struct Args {
     #[arg(long)]
     snapshots_until: Option<f64>,
     /// Frames of a recorded episode.
-    #[arg(long, default_value_t = 250)]
+    #[arg(long, default_value_t = 250, value_name = "N", value_parser = count)]
     episode_frames: u64,
     /// Go on with what the folder holds.
     #[arg(long)]

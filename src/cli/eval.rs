@@ -14,7 +14,7 @@ use super::interrupt::cancel_on_ctrl_c;
 use super::motion::{self, CLIP_SUFFIX};
 use super::perform::GuideArg;
 use super::{Global, out};
-use crate::clip::{self, Clip, Sight};
+use crate::clip::{Clip, Sight};
 use crate::dataset::{Dataset, Verify};
 use crate::exit::Exit;
 use crate::fsio;
@@ -212,7 +212,9 @@ fn suites(args: &Args) -> Outcome<(Arc<Robot>, Vec<Suite>)> {
         Source::Shipped | Source::Trial | Source::Data => None,
     });
     let Some(id) = args.robot.clone().or(of_clips) else {
-        return Err(Failure::usage("a shipped suite needs --robot"));
+        return Err(Failure::usage(
+            "a shipped suite needs a robot: --robot pointmass, ur5e, ur5e_light or shadow_hand",
+        ));
     };
     let robot = motion::robot(&id)?;
     let mut suites = Vec::new();
@@ -229,7 +231,7 @@ fn suites(args: &Args) -> Outcome<(Arc<Robot>, Vec<Suite>)> {
                 continue;
             }
         };
-        let cases = clips.into_iter().map(case).collect::<Outcome<Vec<_>>>()?;
+        let cases = clips.into_iter().map(|c| case(&robot, c)).collect::<Outcome<Vec<_>>>()?;
         suites.push(Suite { name, cases });
     }
     Ok((robot, suites))
@@ -270,8 +272,8 @@ fn stem(path: &Path) -> String {
     name.strip_suffix(CLIP_SUFFIX).unwrap_or(&name).to_owned()
 }
 
-fn case((name, clip): (String, Clip)) -> Outcome<Case> {
-    let command = clip::compile(&clip).map_err(|e| Failure::invalid(format!("{name}: {e}")))?;
+fn case(robot: &Robot, (name, clip): (String, Clip)) -> Outcome<Case> {
+    let command = motion::command(&clip, robot, &name)?;
     Ok(Case { name, command, start: Start::Pose, truth: None })
 }
 
@@ -353,11 +355,16 @@ fn cells(name: &str, values: &[Option<f64>], cis: &[Option<f64>]) -> Vec<String>
             Some(v) => {
                 let mark = if values.len() > 1 && Some(*v) == best { "* " } else { "" };
                 let ci = ci.map_or_else(String::new, |c| format!(" ±{c:.5}"));
-                format!("{mark}{v:.5}{ci}")
+                format!("{mark}{}{ci}", short(*v))
             }
         });
     }
     cells
+}
+
+/// Five decimals; an error that they would hide is not shown as none.
+fn short(v: f64) -> String {
+    if v > 0.0 && v < 5e-6 { "<0.00001".to_owned() } else { format!("{v:.5}") }
 }
 
 fn average(e: &Evaluation, f: impl Fn(&crate::rollout::CaseResult) -> f64) -> String {

@@ -1,6 +1,6 @@
 //! `robert export TAKE|CLIP`: takes in other formats; a clip is performed first.
 
-use std::io::{Read as _, Write as _};
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -167,13 +167,14 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
 /// The take, and the robot where it is known.
 fn input(args: &Args, global: Global) -> Outcome<(Take, Outcome<Arc<Robot>>)> {
     let path = Path::new(&args.input);
-    if !is_take(path) {
+    if !motion::is_take(path) {
         let mut done = perform(&args.input, &args.perform, global)?;
         if let Some(e) = done.broke.take() {
             return Err(e.into());
         }
         return Ok((done.take()?, Ok(done.robot)));
     }
+    args.perform.must_be_absent(&args.input)?;
     let take = if args.recover {
         let found = Take::recover(path)?;
         if let Some(damage) = found.damage {
@@ -194,15 +195,6 @@ fn input(args: &Args, global: Global) -> Outcome<(Take, Outcome<Arc<Robot>>)> {
         },
         Err(e) => Ok((take, Err(e))),
     }
-}
-
-/// A take by its name or its first bytes; everything else is taken for a clip.
-fn is_take(path: &Path) -> bool {
-    let named = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("mcap"));
-    let mut magic = [0; 5];
-    named
-        || std::fs::File::open(path).and_then(|mut f| f.read_exact(&mut magic)).is_ok()
-            && &magic == b"\x89MCAP"
 }
 
 /// `dir/wave.clip.json` is `wave`, `ur5e/reacher` is `reacher`.

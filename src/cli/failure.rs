@@ -40,8 +40,21 @@ impl Failure {
         if is_broken_pipe(&self.error) {
             return;
         }
-        // `{:#}` joins the chain of causes with colons: one line, what then why.
-        eprintln!("error: {:#}", self.error);
+        eprintln!("error: {}", self.sentence());
+    }
+
+    /// What went wrong, then why, on one line; a cause that a message already tells is not
+    /// told again.
+    fn sentence(&self) -> String {
+        let mut text = String::new();
+        for cause in self.error.chain().map(ToString::to_string) {
+            if text.is_empty() {
+                text = cause;
+            } else if !text.contains(&cause) {
+                text = format!("{text}: {cause}");
+            }
+        }
+        text
     }
 }
 
@@ -56,4 +69,21 @@ fn is_broken_pipe(error: &anyhow::Error) -> bool {
         .chain()
         .filter_map(|c| c.downcast_ref::<std::io::Error>())
         .any(|e| e.kind() == std::io::ErrorKind::BrokenPipe)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn causes_are_told_once() {
+        let missing = crate::fsio::read_capped(std::path::Path::new("/gone"), 1).unwrap_err();
+        let said = Failure::from(missing).sentence();
+        assert_eq!(said.matches("No such file").count(), 1, "{said}");
+        let error = anyhow::anyhow!("disk full").context("cannot write a.mcap");
+        assert_eq!(
+            Failure { exit: Exit::Failed, error }.sentence(),
+            "cannot write a.mcap: disk full"
+        );
+    }
 }

@@ -163,7 +163,7 @@ fn run(cli: Cli) -> Outcome {
         Command::Sweep(args) => sweep::run(&args, cli.global),
         Command::Runs(args) => runs::run(&args),
         Command::Clip(args) => clip::run(&args),
-        Command::Render(args) => render::run(&args, cli.global.quiet),
+        Command::Render(args) => render::run(&args, cli.global),
         Command::Plot(args) => plot::run(&args),
         Command::Completions(args) => completions::run(&args),
         Command::Robots(args) => robots::run(&args),

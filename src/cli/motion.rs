@@ -1,13 +1,16 @@
 //! What `rollout` and `eval` share: the robot, the clip, the policies as they are typed.
 
+use std::fs::File;
+use std::io::Read as _;
 use std::path::Path;
 use std::sync::Arc;
 
 use super::failure::{Failure, Outcome};
-use crate::clip::{Clip, ClipError};
+use crate::clip::{Clip, ClipError, Command, compile, parse};
 use crate::exit::{Exit, HasExit};
 use crate::robot::Robot;
 use crate::rollout::{COMMAND, Guide, Inference, PolicyConfig, PolicyName, tasks};
+use crate::take::Take;
 use crate::units::Unit;
 
 /// Suffix of the clip files.
@@ -21,9 +24,13 @@ pub(super) fn robot(id: &str) -> Outcome<Arc<Robot>> {
 /// Windows that look at one frame: as current one, and as each of the commands.
 const WINDOWS: usize = COMMAND + 1;
 
-/// A clip from a file, or a shipped task by its name (`fire`, `ur5e/reacher`).
+/// A clip from a file, the clip inside a take, or a shipped task by its name (`fire`,
+/// `ur5e/reacher`).
 pub(super) fn clip(text: &str, robot: Option<&str>) -> Outcome<Clip> {
     let path = Path::new(text);
+    if is_take(path) {
+        return clip_of(&Take::read(path)?, text);
+    }
     if path.exists() || path.extension().is_some_and(|e| e == "json") {
         return Clip::load(path).map_err(|e: ClipError| Failure::from(e));
     }
@@ -31,6 +38,36 @@ pub(super) fn clip(text: &str, robot: Option<&str>) -> Outcome<Clip> {
         let exit = e.exit();
         Failure::with(exit, format!("no file {text}, and {e}"))
     })
+}
+
+/// The command of a clip, its joints in the robot's order. Other joints than the robot's
+/// are left for the rollout to refuse.
+pub(super) fn command(clip: &Clip, robot: &Robot, text: &str) -> Outcome<Command> {
+    let command = compile(clip).map_err(|e| Failure::invalid(format!("{text}: {e}")))?;
+    if command.dim() != robot.state_dim() {
+        return Ok(command);
+    }
+    let names: Vec<String> = robot.joints().iter().map(|j| j.name.clone()).collect();
+    Ok(command.reordered(&names).unwrap_or(command))
+}
+
+/// The clip that a take was made from.
+pub(super) fn clip_of(take: &Take, text: &str) -> Outcome<Clip> {
+    let Some(clip) = &take.clip_text else {
+        return Err(Failure::invalid(format!("{text}: the take holds no clip")));
+    };
+    let inside = format!("{text}/clip.json");
+    let parsed = parse(clip.clone()).map_err(|e| e.in_file(Path::new(&inside)))?;
+    Ok(parsed.clip)
+}
+
+/// A take by its name or its first bytes; everything else is taken for a clip.
+pub(super) fn is_take(path: &Path) -> bool {
+    let named = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("mcap"));
+    let mut magic = [0; 5];
+    named
+        || File::open(path).and_then(|mut f| f.read_exact(&mut magic)).is_ok()
+            && &magic == b"\x89MCAP"
 }
 
 /// `pd`, `pd+guide`, `zero+guide+refine`, `robert:runs/a+ensemble=3+sample+guide`; the flags

@@ -12,12 +12,14 @@ use crate::progress::Progress as _;
 use crate::robot::Robot;
 use crate::rollout::{Error, Guide, PlantConfig, PolicyConfig, Rollout, RolloutConfig, Start};
 use crate::take::{Provenance, Take};
+use crate::units::significant;
 
 /// Who performs, on what, from which seed.
 #[derive(clap::Args, Clone, Debug)]
 pub(super) struct PerformArgs {
-    /// The policy [default: the robot's trained one, else computed-torque]; suffixes +guide
-    /// and +refine are the flags below.
+    /// Who performs: zero, pd, computed-torque, ilqr, predictive-sampling, or a learned one
+    /// (robert, robert:RUN) [default: the robot's trained one, else computed-torque];
+    /// suffixes +guide and +refine are the flags below.
     #[arg(short, long)]
     policy: Option<String>,
     /// Virtual commands through masked frames: the straight line from the reached state.
@@ -35,6 +37,40 @@ pub(super) struct PerformArgs {
     /// The robot, where it is not the clip's own.
     #[arg(long, value_name = "ID|DIR")]
     pub(super) robot: Option<String>,
+}
+
+impl PerformArgs {
+    /// A take has been performed: asking for another performance is a mistake worth saying.
+    pub(super) fn must_be_absent(&self, take: &str) -> Outcome {
+        let asked = [
+            ("--policy", self.policy.is_some()),
+            ("--guide", self.guide != GuideArg::None),
+            ("--refine", self.refine),
+            ("--plant", self.plant.is_some()),
+            ("--seed", self.seed != 0),
+        ];
+        match asked.iter().find(|(_, given)| *given) {
+            None => Ok(()),
+            Some((flag, _)) => Err(Failure::usage(format!(
+                "{take} is a take, it has been performed: {flag} is for clips (robert rollout {take} {flag} ... performs its clip anew)"
+            ))),
+        }
+    }
+
+    /// The policy as asked for, or the robot's own.
+    fn policy(&self, robot: &Robot) -> Outcome<PolicyConfig> {
+        Ok(self.named()?.unwrap_or_else(|| PolicyConfig {
+            guide: self.guide.into(),
+            refine: self.refine,
+            ..PolicyConfig::default_for(robot)
+        }))
+    }
+
+    /// The policy that was named: a typo needs no robot to be seen.
+    pub(super) fn named(&self) -> Outcome<Option<PolicyConfig>> {
+        let named = self.policy.as_deref();
+        named.map(|p| motion::policy(p, self.guide.into(), self.refine)).transpose()
+    }
 }
 
 /// [`Guide`] as it is typed.
@@ -72,7 +108,7 @@ pub(super) struct Performed {
 impl Performed {
     /// The recording.
     pub(super) fn take(&self) -> Outcome<Take> {
-        let provenance = Provenance::new(&self.policy, &self.config)?;
+        let provenance = Provenance::new(&self.robot, &self.policy, &self.config)?;
         Ok(Take::record(&self.rollout, &self.command, Some(&self.clip), provenance)?)
     }
 }
@@ -81,19 +117,12 @@ impl Performed {
 pub(super) fn perform(text: &str, args: &PerformArgs, global: Global) -> Outcome<Performed> {
     let clip = motion::clip(text, args.robot.as_deref())?;
     let robot = motion::robot(args.robot.as_deref().unwrap_or(&clip.robot.id))?;
-    let policy = match &args.policy {
-        Some(text) => motion::policy(text, args.guide.into(), args.refine)?,
-        None => PolicyConfig {
-            guide: args.guide.into(),
-            refine: args.refine,
-            ..PolicyConfig::default_for(&robot)
-        },
-    };
+    let policy = args.policy(&robot)?;
     let plant: PlantConfig = match &args.plant {
         Some(text) => text.parse()?,
         None => PlantConfig::default(),
     };
-    let command = clip::compile(&clip).map_err(|e| Failure::invalid(format!("{text}: {e}")))?;
+    let command = motion::command(&clip, &robot, text)?;
     let config = RolloutConfig { seed: args.seed, guide: policy.guide, plant };
     let built = policy.build(&robot)?;
     let mut rollout = Rollout::new(&robot, built, &command, Start::Pose, config.clone())?;
@@ -109,7 +138,9 @@ pub(super) fn perform(text: &str, args: &PerformArgs, global: Global) -> Outcome
         }
         match rollout.step() {
             Ok(Some(frame)) => {
-                let note = frame.error.map_or_else(String::new, |e| format!("error {e:.4} {unit}"));
+                let note = frame
+                    .error
+                    .map_or_else(String::new, |e| format!("error {} {unit}", significant(e)));
                 bar.tick(frame.frame as u64, steps, &note);
             }
             Ok(None) => break None,

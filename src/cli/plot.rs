@@ -4,16 +4,17 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use super::failure::{Failure, Outcome};
-use super::out;
+use super::{motion, out};
 use crate::fsio;
 use crate::plot::{
     self, Axis, Curve, Figure, JointTrack, Theme, bars, coverage, curves, histogram, joints, xy,
 };
+use crate::take::{Take, What as Asked};
 use crate::units::FPS;
 
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  robert plot joints achieved.csv --command command.csv -o joints.png\n  robert plot xy achieved.csv --command command.csv -o star.svg\n  robert plot precision pd=a.csv ilqr=b.csv --command command.csv -o precision.png\n  robert plot curves runs/a/metrics.jsonl runs/b/metrics.jsonl --y loss --log -o loss.png\n  robert plot bars eval.json -o bars.png\n  robert plot coverage achieved.csv -o coverage.png\n\nCSV files have the columns frame, time, mask, then one a joint; an empty cell is masked."
+    after_help = "Examples:\n  robert plot joints achieved.csv --command command.csv -o joints.png\n  robert plot xy achieved.csv --command command.csv -o star.svg\n  robert plot precision pd=a.csv ilqr=b.csv --command command.csv -o precision.png\n  robert plot curves runs/a/metrics.jsonl runs/b/metrics.jsonl --y loss --log -o loss.png\n  robert plot coverage achieved.csv -o coverage.png\n  robert plot precision pd=pd.mcap ilqr=ilqr.mcap -o precision.png   takes hold their command\n  robert eval --robot ur5e --suite manual -p pd,ilqr --json > eval.json && robert plot bars eval.json -o bars.png\n\nMotions are takes (.mcap) or CSV files: these have the columns frame, time, mask, then one a joint; an empty cell is masked."
 )]
 pub(super) struct Args {
     #[command(subcommand)]
@@ -37,9 +38,9 @@ struct Common {
 enum What {
     /// Commanded against achieved, a small chart a joint.
     Joints {
-        /// Achieved motion, CSV.
+        /// Achieved motion: a take or CSV.
         achieved: PathBuf,
-        /// Command, CSV.
+        /// Command, CSV; a take's own when absent.
         #[arg(long)]
         command: Option<PathBuf>,
         /// Only these joints.
@@ -53,9 +54,9 @@ enum What {
     },
     /// Paths in the plane of the first two columns.
     Xy {
-        /// Achieved motions, CSV; `name=file` names a path.
+        /// Achieved motions, takes or CSV; `name=file` names a path.
         achieved: Vec<String>,
-        /// Command, CSV.
+        /// Command, CSV; the first take's own when absent.
         #[arg(long)]
         command: Option<PathBuf>,
         #[command(flatten)]
@@ -63,11 +64,11 @@ enum What {
     },
     /// Mean absolute error over time.
     Precision {
-        /// Achieved motions, CSV; `name=file` names a method.
+        /// Achieved motions, takes or CSV; `name=file` names a method.
         achieved: Vec<String>,
-        /// Command, CSV.
+        /// Command, CSV; the first take's own when absent.
         #[arg(long)]
-        command: PathBuf,
+        command: Option<PathBuf>,
         /// Unit of the joints.
         #[arg(long, default_value = "rad")]
         unit: String,
@@ -94,17 +95,20 @@ enum What {
         #[command(flatten)]
         common: Common,
     },
-    /// Bars with 95 % intervals from JSON: `{"unit": "rad", "groups": [..], "sets": [{"name":
-    /// .., "mean": [..], "ci95": [..]}]}`.
+    /// Bars with 95 % intervals from the JSON of `robert eval`, or from `{"unit": "rad", "groups":
+    /// [..], "sets": [{"name": .., "mean": [..], "ci95": [..]}]}`.
     Bars {
         /// The file.
         file: PathBuf,
+        /// Of a report with several suites, this one; the first when absent.
+        #[arg(long)]
+        suite: Option<String>,
         #[command(flatten)]
         common: Common,
     },
     /// How often joint values occur, and the first two against each other.
     Coverage {
-        /// Motion, CSV.
+        /// Motion: a take or CSV.
         motion: PathBuf,
         /// Only these joints.
         #[arg(long, value_delimiter = ',')]
@@ -124,8 +128,8 @@ pub(super) fn run(args: &Args) -> Outcome {
     let fps = f64::from(FPS);
     let (figure, common) = match &args.what {
         What::Joints { achieved, command, only, unit, common } => {
+            let command = asked(command.as_deref(), [achieved.as_path()])?;
             let achieved = Columns::read(achieved)?;
-            let command = command.as_deref().map(Columns::read).transpose()?;
             let names = achieved.pick(only)?;
             let tracks: Vec<JointTrack> = names
                 .iter()
@@ -140,7 +144,9 @@ pub(super) fn run(args: &Args) -> Outcome {
         }
         What::Xy { achieved, command, common } => {
             let mut paths = Vec::new();
-            for (name, path) in named(achieved)? {
+            let files = named(achieved)?;
+            let command = asked(command.as_deref(), files.iter().map(|f| f.1.as_path()))?;
+            for (name, path) in files {
                 paths.push(Curve {
                     name,
                     points: Columns::read(&path)?.plane(&path)?,
@@ -148,15 +154,21 @@ pub(super) fn run(args: &Args) -> Outcome {
                 });
             }
             let crosses = match command {
-                Some(path) => Columns::read(path)?.plane(path)?,
+                Some(command) => command.plane(Path::new("the command"))?,
                 None => Vec::new(),
             };
             (xy(&common.title, &paths, &crosses, "m"), common)
         }
         What::Precision { achieved, command, unit, common } => {
-            let command = Columns::read(command)?;
+            let files = named(achieved)?;
+            let command = asked(command.as_deref(), files.iter().map(|f| f.1.as_path()))?;
+            let Some(command) = command else {
+                return Err(Failure::usage(
+                    "against what? CSV files hold no command: give --command FILE, or a take (.mcap)",
+                ));
+            };
             let mut lines = Vec::new();
-            for (name, path) in named(achieved)? {
+            for (name, path) in files {
                 let reached = Columns::read(&path)?;
                 let points =
                     (0..command.frames).map(|f| (f as f64, command.error(&reached, f))).collect();
@@ -176,7 +188,9 @@ pub(super) fn run(args: &Args) -> Outcome {
             let axis = if *log { axis.log() } else { axis };
             (curves(&common.title, &lines, Axis::new(x, ""), axis), common)
         }
-        What::Bars { file, common } => (bar_chart(file, &common.title)?, common),
+        What::Bars { file, suite, common } => {
+            (bar_chart(file, suite.as_deref(), &common.title)?, common)
+        }
         What::Coverage { motion, only, unit, common } => {
             let columns = Columns::read(motion)?;
             let names = columns.pick(only)?;
@@ -226,11 +240,33 @@ struct Columns {
     frames: usize,
 }
 
+/// The command of a chart: the file that was named, else what the first take asked for.
+fn asked<'a>(
+    file: Option<&Path>,
+    motions: impl IntoIterator<Item = &'a Path>,
+) -> Outcome<Option<Columns>> {
+    if let Some(file) = file {
+        return Columns::of_file(file, Asked::Command).map(Some);
+    }
+    let take = motions.into_iter().find(|p| motion::is_take(p));
+    take.map(|p| Columns::of_file(p, Asked::Command)).transpose()
+}
+
 impl Columns {
+    /// The motion in a file.
     fn read(path: &Path) -> Outcome<Columns> {
-        let bytes = fsio::read_capped(path, BYTES)?;
-        let mut reader =
-            csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(bytes.as_slice());
+        Columns::of_file(path, Asked::Achieved)
+    }
+
+    fn of_file(path: &Path, what: Asked) -> Outcome<Columns> {
+        if motion::is_take(path) {
+            return Columns::parse(path, Take::read(path)?.to_csv(what).as_bytes());
+        }
+        Columns::parse(path, &fsio::read_capped(path, BYTES)?)
+    }
+
+    fn parse(path: &Path, bytes: &[u8]) -> Outcome<Columns> {
+        let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(bytes);
         let bad =
             |line: u64, why: String| Failure::invalid(format!("{}:{line}: {why}", path.display()));
         let head = reader.headers().map_err(|e| bad(1, e.to_string()))?.clone();
@@ -384,11 +420,68 @@ struct BarSet {
     ci95: Vec<Option<f64>>,
 }
 
-fn bar_chart(path: &Path, title: &str) -> Outcome<Figure> {
+/// What is read of `robert eval --json`.
+#[derive(serde::Deserialize)]
+struct EvalFile {
+    unit: String,
+    results: Vec<EvalResult>,
+}
+
+#[derive(serde::Deserialize)]
+struct EvalResult {
+    policy: String,
+    suite: String,
+    precision_mean: Option<f64>,
+    ci95: Option<f64>,
+    tasks: Vec<EvalTask>,
+}
+
+#[derive(serde::Deserialize)]
+struct EvalTask {
+    name: String,
+    precision: Option<f64>,
+    ci95: Option<f64>,
+}
+
+impl EvalFile {
+    /// Tasks and their mean as groups, policies as sets.
+    fn bars(self, path: &Path, suite: Option<&str>) -> Outcome<BarFile> {
+        let wanted = suite.or(self.results.first().map(|r| r.suite.as_str())).unwrap_or_default();
+        let results: Vec<&EvalResult> = self.results.iter().filter(|r| r.suite == wanted).collect();
+        let Some(first) = results.first() else {
+            let mut known: Vec<&str> = self.results.iter().map(|r| r.suite.as_str()).collect();
+            known.dedup();
+            return Err(Failure::invalid(format!(
+                "{}: no suite {wanted:?}; there are: {}",
+                path.display(),
+                known.join(", ")
+            )));
+        };
+        let mut groups: Vec<String> = first.tasks.iter().map(|t| t.name.clone()).collect();
+        groups.push("mean".to_owned());
+        let sets = results
+            .iter()
+            .map(|r| BarSet {
+                name: r.policy.clone(),
+                mean: r.tasks.iter().map(|t| t.precision).chain([r.precision_mean]).collect(),
+                ci95: r.tasks.iter().map(|t| t.ci95).chain([r.ci95]).collect(),
+            })
+            .collect();
+        Ok(BarFile { unit: self.unit.clone(), label: "Precision".to_owned(), groups, sets })
+    }
+}
+
+fn bar_chart(path: &Path, suite: Option<&str>, title: &str) -> Outcome<Figure> {
     let bytes = fsio::read_capped(path, BYTES)?;
-    let file: BarFile = serde_json::from_slice(&bytes).map_err(|e| {
+    let bad = |e: serde_json::Error| {
         Failure::invalid(format!("{}:{}:{}: {e}", path.display(), e.line(), e.column()))
-    })?;
+    };
+    let value: serde_json::Value = serde_json::from_slice(&bytes).map_err(bad)?;
+    let file: BarFile = if value.get("results").is_some() {
+        serde_json::from_slice::<EvalFile>(&bytes).map_err(bad)?.bars(path, suite)?
+    } else {
+        serde_json::from_slice(&bytes).map_err(bad)?
+    };
     let set = |s: BarSet| {
         let values = (0..file.groups.len())
             .map(|i| {

@@ -1,15 +1,19 @@
-//! `robert render`: a clip as a picture, a film strip or a film.
+//! `robert render`: a clip or a take as a picture, a film strip or a film.
 //!
-//! A clip is performed first (by `--policy`, or not at all with `--kinematic`); what is drawn is
-//! a [`Motion`], commanded and achieved states frame by frame, whoever made it.
+//! A clip is performed first (by `--policy`, or not at all with `--kinematic`), a take has
+//! been; what is drawn is a [`Motion`], commanded and achieved states frame by frame, whoever
+//! made it.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::bar::Bar;
 use super::failure::{Failure, Outcome};
-use super::{motion, out};
-use crate::clip::{Clip, Command, compile};
+use super::interrupt::cancel_on_ctrl_c;
+use super::perform::{PerformArgs, perform};
+use super::{Global, motion, out};
+use crate::clip::{Clip, Command};
+use crate::exit::Exit;
 use crate::limits;
 use crate::progress::{Cancel, Progress};
 use crate::render::encode::{self, Film, FilmFormat, VideoWriter};
@@ -17,16 +21,16 @@ use crate::render::{
     Backend, CameraChoice, Motion, Overlay, Picture, Quality, RenderConfig, Renderer, Shot,
 };
 use crate::robot::Robot;
-use crate::rollout::{Guide, PolicyConfig, Rollout, RolloutConfig, Start};
+use crate::take::Take;
 use crate::units::FPS;
 
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  robert render wave.clip.json -o wave.mp4\n  robert render wave.clip.json -o still.png --frames 40 --size 1280x720\n  robert render wave.clip.json -o strip.png --strip 6\n  robert render wave.clip.json -o both.gif --compare other.clip.json --overlay ghost,caption\n  robert render wave.clip.json -o preview.mp4 --kinematic --camera orbit"
+    after_help = "Examples:\n  robert render wave.clip.json -o wave.mp4\n  robert render wave.mcap -o wave.mp4                  a take, as it was performed\n  robert render fire --policy pd -o fire.gif --size 320x240\n  robert render wave.clip.json -o still.png --frames 40 --size 1280x720\n  robert render wave.clip.json -o strip.png --strip 6\n  robert render wave.clip.json -o both.gif --compare other.clip.json --overlay ghost,caption\n  robert render wave.clip.json -o preview.mp4 --kinematic --camera orbit"
 )]
 pub(super) struct Args {
-    /// The clip: a file, or the name of a shipped task (`fire`).
-    clip: String,
+    /// A clip file, a take (.mcap), or the name of a shipped task (`fire`).
+    input: String,
     /// Where to: .png, .jpg (one picture), .mp4, .gif, .apng (a film).
     #[arg(short, long)]
     output: PathBuf,
@@ -42,25 +46,17 @@ pub(super) struct Args {
     /// What is laid over: ghost, error, onion, trail, caption, axes, contacts; or none.
     #[arg(long, default_value = "ghost,error,trail,caption")]
     overlay: String,
-    /// A second clip beside the first.
-    #[arg(long)]
+    /// A second clip or take beside the first.
+    #[arg(long, value_name = "INPUT")]
     compare: Option<String>,
     /// One picture of this many moments.
     #[arg(long, value_name = "N")]
     strip: Option<usize>,
-    /// Who performs the clip, with +guide or +refine [default: the robot's trained policy,
-    /// else computed-torque].
-    #[arg(long)]
-    policy: Option<String>,
-    /// The robot, where it is not known by the clip's own name: an id, or a folder.
-    #[arg(long, value_name = "ID|DIR")]
-    robot: Option<String>,
     /// Show the commanded poses without simulating anything.
     #[arg(long)]
     kinematic: bool,
-    /// Seed of the policy.
-    #[arg(long, default_value_t = 0)]
-    seed: u64,
+    #[command(flatten)]
+    perform: PerformArgs,
     /// preview (fast) or export (4 samples a pixel).
     #[arg(long, default_value = "export")]
     quality: String,
@@ -81,13 +77,6 @@ struct Plan {
     camera: CameraChoice,
     overlay: Overlay,
     strip: Option<usize>,
-    performer: Performer,
-}
-
-enum Performer {
-    Nobody,
-    /// Who, or the default of the robot; the seed.
-    Policy(Option<PolicyConfig>, u64),
 }
 
 /// Moments in a strip at most.
@@ -95,26 +84,30 @@ const STRIP: usize = 64;
 /// Pictures in one row of a strip.
 const COLUMNS: usize = 6;
 
-pub(super) fn run(args: &Args, quiet: bool) -> Outcome {
+pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let plan = Plan::new(args)?;
-    let mut clips = vec![load(&args.clip, args.robot.as_deref())?];
-    if let Some(other) = &args.compare {
-        clips.push(load(other, args.robot.as_deref())?);
-    }
+    let cancel = cancel_on_ctrl_c();
     // The device first: a machine without a driver says so before anything is simulated.
     let mut renderer = Renderer::new(plan.config)?;
     let aspect = plan.config.width as f32 / plan.config.height as f32;
     let mut shots = Vec::new();
-    for (robot, clip) in &clips {
-        let motion = perform(robot, clip, &plan.performer, quiet)?;
-        shots.push(Shot::new(robot, motion, plan.overlay, &plan.camera, aspect)?);
+    for input in std::iter::once(&args.input).chain(&args.compare) {
+        let (robot, motion) = shown(input, args, global)?;
+        shots.push(Shot::new(&robot, motion, plan.overlay, &plan.camera, aspect)?);
+        stopped(&cancel, 0)?;
     }
     let total = shots.iter().map(|s| s.motion().frames()).max().unwrap_or(1);
     let frames = plan.wanted(total)?;
-    let bar = Bar::new("render", "frames", quiet);
+    let bar = Bar::new("render", "frames", global.quiet);
+    let mut draw = |i: usize, frame: usize| {
+        stopped(&cancel, i)?;
+        let picture = moment(&mut shots, &mut renderer, frame)?;
+        bar.tick(i as u64 + 1, frames.len() as u64, "");
+        Ok(picture)
+    };
     let written = match plan.film {
-        Some(format) => film(&plan, format, &frames, &mut shots, &mut renderer, &bar),
-        None => still(&plan, &frames, &mut shots, &mut renderer, &bar),
+        Some(format) => film(&plan, format, &frames, &mut draw),
+        None => still(&plan, &frames, &mut draw),
     };
     bar.finish();
     let (pictures, bytes, size) = written?;
@@ -167,13 +160,8 @@ impl Plan {
             "cpu" => Backend::Cpu,
             other => return Err(unknown("renderer", other, "auto, gpu, cpu")),
         };
-        let performer = if args.kinematic {
-            Performer::Nobody
-        } else {
-            let policy = args.policy.as_ref();
-            let policy = policy.map(|p| motion::policy(p, Guide::None, false)).transpose()?;
-            Performer::Policy(policy, args.seed)
-        };
+        // A typo in the policy must not wait for the pictures of another clip.
+        args.perform.named()?;
         Ok(Plan {
             output: args.output.clone(),
             film,
@@ -182,7 +170,6 @@ impl Plan {
             camera: CameraChoice::parse(&args.camera),
             overlay: Overlay::parse(&args.overlay)?,
             strip: args.strip,
-            performer,
         })
     }
 
@@ -231,51 +218,92 @@ fn frames(text: &str) -> Outcome<Vec<usize>> {
     text.split(',').map(number).collect()
 }
 
-fn load(text: &str, robot: Option<&str>) -> Outcome<(Arc<Robot>, Clip)> {
-    let clip = motion::clip(text, robot)?;
-    Ok((motion::robot(robot.unwrap_or(&clip.robot.id))?, clip))
+/// Ctrl-C between two pictures: nothing half-written stays.
+fn stopped(cancel: &Cancel, drawn: usize) -> Outcome {
+    if !cancel.is_cancelled() {
+        return Ok(());
+    }
+    Err(Failure::with(
+        Exit::Interrupted,
+        format!("stopped after {drawn} pictures; nothing was written"),
+    ))
 }
 
-/// The clip performed, or only laid out.
-fn perform(robot: &Arc<Robot>, clip: &Clip, performer: &Performer, quiet: bool) -> Outcome<Motion> {
-    let command = compile(clip).map_err(Failure::invalid)?;
-    let names: Vec<String> = robot.joints().iter().map(|j| j.name.clone()).collect();
-    let command = command.reordered(&names).ok_or_else(|| {
-        Failure::invalid(format!("the clip's joints are not those of {}", robot.id()))
-    })?;
-    let (achieved, performer) = match performer {
-        Performer::Nobody => {
-            let rows = (0..command.frames()).map(|f| wide(&command.interpolated(f))).collect();
-            (rows, "not simulated".to_owned())
+/// What is drawn of one input, and with which robot.
+fn shown(input: &str, args: &Args, global: Global) -> Outcome<(Arc<Robot>, Motion)> {
+    if motion::is_take(Path::new(input)) {
+        args.perform.must_be_absent(input)?;
+        if args.kinematic {
+            return Err(Failure::usage(format!("{input} is a take: --kinematic is for clips")));
         }
-        Performer::Policy(policy, seed) => {
-            let policy = policy.clone().unwrap_or_else(|| PolicyConfig::default_for(robot));
-            let config =
-                RolloutConfig { seed: *seed, guide: policy.guide, ..RolloutConfig::default() };
-            let built = policy.build(robot)?;
-            let mut rollout = Rollout::new(robot, built, &command, Start::Pose, config)?;
-            let bar = Bar::new("simulate", "frames", quiet);
-            let cancel = Cancel::default();
-            while !rollout.is_done() && !cancel.is_cancelled() {
-                rollout.step()?;
-                bar.tick(rollout.frame() as u64, rollout.frames() as u64, "");
-            }
-            bar.finish();
-            let rows =
-                rollout.reached().chunks_exact(robot.state_dim()).map(<[f64]>::to_vec).collect();
-            (rows, policy.label())
+        return recorded(input, args);
+    }
+    if !args.kinematic {
+        let mut done = perform(input, &args.perform, global)?;
+        if let Some(e) = done.broke.take() {
+            return Err(e.into());
         }
+        let dim = done.robot.state_dim();
+        let rows = done.rollout.reached().chunks_exact(dim).map(<[f64]>::to_vec).collect();
+        let motion = of_clip(&done.clip, &done.command, rows, done.policy.label(), &done.robot);
+        return Ok((done.robot, motion));
+    }
+    let clip = motion::clip(input, args.perform.robot.as_deref())?;
+    let robot = motion::robot(args.perform.robot.as_deref().unwrap_or(&clip.robot.id))?;
+    let command = motion::command(&clip, &robot, input)?;
+    if command.dim() != robot.state_dim() {
+        return Err(Failure::invalid(format!(
+            "{input}: {} joints, but {} has {}",
+            command.dim(),
+            robot.id(),
+            robot.state_dim()
+        )));
+    }
+    let rows = command.filled().chunks_exact(command.dim().max(1)).map(wide).collect();
+    let motion = of_clip(&clip, &command, rows, "not simulated".to_owned(), &robot);
+    Ok((robot, motion))
+}
+
+/// A take, as it was performed.
+fn recorded(input: &str, args: &Args) -> Outcome<(Arc<Robot>, Motion)> {
+    let take = Take::read(Path::new(input))?;
+    let robot = motion::robot(args.perform.robot.as_deref().unwrap_or(&take.robot.id))?;
+    take.check_robot(&robot)?;
+    let clip = match &take.clip_text {
+        Some(_) => Some(motion::clip_of(&take, input)?),
+        None => None,
     };
-    let unit = robot.joints().first().map_or("rad", |j| j.unit.symbol());
-    Ok(Motion {
+    let rows = (0..take.frames()).map(|f| take.state(f).to_vec()).collect();
+    Ok((
+        Arc::clone(&robot),
+        Motion {
+            name: clip.as_ref().map_or_else(String::new, |c| c.name.clone()),
+            performer: take.provenance.policy.clone(),
+            fps: f64::from(FPS),
+            commanded: commanded(&take.command),
+            achieved: rows,
+            keys: clip.map_or_else(Vec::new, |c| c.keys.iter().map(|k| k.frame as usize).collect()),
+            unit: motion::unit(&robot).to_owned(),
+        },
+    ))
+}
+
+fn of_clip(
+    clip: &Clip,
+    command: &Command,
+    achieved: Vec<Vec<f64>>,
+    performer: String,
+    robot: &Robot,
+) -> Motion {
+    Motion {
         name: clip.name.clone(),
         performer,
         fps: f64::from(FPS),
-        commanded: commanded(&command),
+        commanded: commanded(command),
         achieved,
         keys: clip.keys.iter().map(|k| k.frame as usize).collect(),
-        unit: unit.to_owned(),
-    })
+        unit: motion::unit(robot).to_owned(),
+    }
 }
 
 fn wide(row: &[f32]) -> Vec<f64> {
@@ -301,42 +329,29 @@ fn moment(shots: &mut [Shot], renderer: &mut Renderer, frame: usize) -> Outcome<
 
 type Done = (u64, u64, (u32, u32));
 
-fn still(
-    plan: &Plan,
-    frames: &[usize],
-    shots: &mut [Shot],
-    renderer: &mut Renderer,
-    bar: &Bar,
-) -> Outcome<Done> {
-    let mut pictures = Vec::with_capacity(frames.len());
-    for (i, frame) in frames.iter().enumerate() {
-        if i >= STRIP {
-            return Err(Failure::usage(format!(
-                "{} frames do not fit one picture (at most {STRIP}): end the output in .mp4",
-                frames.len()
-            )));
-        }
-        pictures.push(moment(shots, renderer, *frame)?);
-        bar.tick(i as u64 + 1, frames.len() as u64, "");
+/// Draws the i-th picture, of a frame.
+type Draw<'a> = &'a mut dyn FnMut(usize, usize) -> Outcome<Picture>;
+
+fn still(plan: &Plan, frames: &[usize], draw: Draw<'_>) -> Outcome<Done> {
+    if frames.len() > STRIP {
+        return Err(Failure::usage(format!(
+            "{} frames do not fit one picture (at most {STRIP}): end the output in .mp4",
+            frames.len()
+        )));
     }
+    let pictures: Vec<Picture> =
+        frames.iter().enumerate().map(|(i, f)| draw(i, *f)).collect::<Outcome<_>>()?;
     let picture = Picture::strip(&pictures, COLUMNS.min(pictures.len()))?;
     encode::save(&picture, &plan.output)?;
     let bytes = std::fs::metadata(&plan.output)?.len();
     Ok((pictures.len() as u64, bytes, (picture.width, picture.height)))
 }
 
-fn film(
-    plan: &Plan,
-    format: FilmFormat,
-    frames: &[usize],
-    shots: &mut [Shot],
-    renderer: &mut Renderer,
-    bar: &Bar,
-) -> Outcome<Done> {
+fn film(plan: &Plan, format: FilmFormat, frames: &[usize], draw: Draw<'_>) -> Outcome<Done> {
     let mut writer = None;
     let mut size = (0, 0);
     for (i, frame) in frames.iter().enumerate() {
-        let picture = moment(shots, renderer, *frame)?;
+        let picture = draw(i, *frame)?;
         size = (picture.width, picture.height);
         let film =
             Film { format, fps: FPS, width: size.0, height: size.1, frames: frames.len() as u32 };
@@ -345,7 +360,6 @@ fn film(
             None => writer.insert(VideoWriter::create(&plan.output, film)?),
         };
         writer.push(picture)?;
-        bar.tick(i as u64 + 1, frames.len() as u64, "");
     }
     let Some(writer) = writer else { return Err(Failure::usage("no frames to draw")) };
     let written = writer.finish()?;

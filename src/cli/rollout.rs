@@ -10,7 +10,7 @@ use super::perform::{PerformArgs, Performed, perform};
 use super::{Global, motion, out};
 use crate::fsio;
 use crate::rollout::{Precision, Rollout};
-use crate::units::CTRL_DT;
+use crate::units::{CTRL_DT, short_unit, significant};
 
 #[derive(clap::Args, Debug)]
 #[command(
@@ -86,14 +86,17 @@ fn report(args: &Args, done: &Performed, p: &Precision) -> Value {
 }
 
 fn summary(rollout: &Rollout, p: &Precision, policy: &str, unit: &str, wall_secs: f64) -> String {
-    let value = |v: Option<f64>| v.map_or_else(|| "-".to_owned(), |v| format!("{v:.5} {unit}"));
+    // One unit for all rows, or they cannot be compared at a glance.
+    let (factor, unit) = short_unit(unit, p.precision.unwrap_or(0.0));
+    let figure = |v: f64| format!("{} {unit}", significant(v * factor));
+    let value = |v: Option<f64>| v.map_or_else(|| "-".to_owned(), figure);
     let late = p.frames_late.map_or_else(|| "-".to_owned(), |v| format!("{v:.1} frames"));
     let mut rows = vec![
         ("Precision", value(p.precision), "mean |error|, unmasked frames, all joints"),
         ("p95", value(p.p95), "95th percentile of it"),
     ];
     let worst =
-        p.worst.map_or_else(|| "-".to_owned(), |(f, e)| format!("{e:.5} {unit}, frame {f}"));
+        p.worst.map_or_else(|| "-".to_owned(), |(f, e)| format!("{}, frame {f}", figure(e)));
     rows.push(("worst frame", worst, ""));
     if !p.holds.is_empty() {
         rows.push(("end of holds", value(p.hold_end), "mean |error| in their last frame"));

@@ -252,22 +252,43 @@ impl Command {
     }
 
     /// The straight line between the goals around a frame, (dim): the start pose counts as
-    /// a goal at frame 0, and after its last goal a joint is held.
+    /// a goal at frame 0, where every rollout begins, and after its last goal a joint is
+    /// held.
     pub fn interpolated(&self, frame: u32) -> Vec<f32> {
         self.start
             .iter()
             .enumerate()
             .map(|(j, start)| {
-                let (a, from) = self.last_goal(frame, j).unwrap_or((0, *start));
-                match self.next_goal(frame, j) {
-                    Some((b, to)) if b > a && frame > a => {
-                        let s = f64::from(frame - a) / f64::from(b - a);
-                        (f64::from(from) + s * (f64::from(to) - f64::from(from))) as f32
-                    }
-                    _ => from,
-                }
+                let before = self.last_goal(frame, j).unwrap_or((0, *start));
+                between(before, self.next_goal(frame, j), frame)
             })
             .collect()
+    }
+
+    /// Every row of [`Command::interpolated`], in one pass; (frames, dim).
+    pub fn filled(&self) -> Vec<f32> {
+        let dim = self.dim();
+        let mut q = self.q.clone();
+        for (j, start) in self.start.iter().enumerate() {
+            let mut before = (0, *start);
+            let mut open = 0; // first frame that waits for the next goal
+            for frame in 0..=self.frames {
+                let goal = if frame == self.frames {
+                    None
+                } else if self.sees(frame, j) {
+                    self.row(frame).get(j).map(|v| (frame, *v))
+                } else {
+                    continue;
+                };
+                for f in open..frame {
+                    if let Some(slot) = q.get_mut(f as usize * dim + j) {
+                        *slot = between(before, goal, f);
+                    }
+                }
+                (before, open) = (goal.unwrap_or(before), frame + 1);
+            }
+        }
+        q
     }
 
     /// The virtual key of step `step`, whose window shows commands `step+1..=step+20`:
@@ -375,6 +396,18 @@ impl Command {
     /// Length in seconds.
     pub fn secs(&self) -> f64 {
         f64::from(self.frames) / f64::from(FPS)
+    }
+}
+
+/// The value at `frame` on the line from one goal to the next, both (frame, value); held
+/// where there is no next.
+fn between((a, from): (u32, f32), next: Option<(u32, f32)>, frame: u32) -> f32 {
+    match next {
+        Some((b, to)) if b > a && frame > a => {
+            let s = f64::from(frame - a) / f64::from(b - a);
+            (f64::from(from) + s * (f64::from(to) - f64::from(from))) as f32
+        }
+        _ => from,
     }
 }
 

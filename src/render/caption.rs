@@ -6,6 +6,7 @@
 use super::Picture;
 use crate::plot::Letterer;
 use crate::plot::palette::Rgb;
+use crate::units::significant;
 
 /// How a legend entry is shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -43,10 +44,14 @@ pub struct Caption {
 }
 
 impl Caption {
-    /// `frame 40 · 2.00 s · Precision 0.031 rad` in the bottom left corner.
+    /// `frame 40 · 2.00 s · Precision 0.0312 rad` in the bottom left corner; the Precision
+    /// in the unit that is given with it.
     pub fn moment(frame: u32, secs: f64, precision: Option<(f64, &str)>) -> String {
         match precision {
-            Some((p, unit)) => format!("frame {frame} · {secs:.2} s · Precision {p:.3} {unit}"),
+            Some((p, unit)) => {
+                let p = significant(p);
+                format!("frame {frame} · {secs:.2} s · Precision {p} {unit}")
+            }
             None => format!("frame {frame} · {secs:.2} s"),
         }
     }
@@ -218,6 +223,6 @@ mod tests {
             Captioner::default().draw(&mut p, &caption);
             assert_eq!(p.rgba.len(), (4 * w * h) as usize);
         }
-        assert_eq!(caption.line, "frame 40 · 2.00 s · Precision 0.031 rad");
+        assert_eq!(caption.line, "frame 40 · 2.00 s · Precision 0.0312 rad");
     }
 }

@@ -202,6 +202,8 @@ pub struct Shot {
     colors: Vec<[f32; 3]>,
     /// Commanded places of the first tips at keyframes: (tip, frame, place).
     marks: Vec<(usize, usize, Vec3)>,
+    /// Of the captions: one for the whole film, chosen by its last figure.
+    unit: (f64, String),
     /// Metres at which a link is as red as it gets.
     full_m: f32,
 }
@@ -250,8 +252,11 @@ impl Shot {
         let full_m = 0.10 * low.distance(high).clamp(0.01, 100.0);
         let path = camera_path(&mut stage, &motion, camera, points, aspect)?;
         let colors = sites.iter().enumerate().map(|(i, s)| stage.accent(*s, i)).collect();
+        let typical = motion.precision(motion.frames()).unwrap_or(0.0);
+        let unit = crate::units::short_unit(&motion.unit, typical);
+        let sun = Vec3::Z;
         let mut shot =
-            Shot { stage, motion, overlay, path, sun: Vec3::Z, tips, colors, marks, full_m };
+            Shot { stage, motion, overlay, path, sun, tips, colors, marks, unit, full_m };
         // Taken once: the light stands still while a camera orbits.
         shot.sun = sun_for(&shot.camera(0));
         Ok(shot)
@@ -377,7 +382,8 @@ impl Shot {
     fn caption(&self, frame: usize, ghost: bool) -> Caption {
         let m = &self.motion;
         let secs = frame as f64 / m.fps.max(1e-9);
-        let precision = m.precision(frame).map(|p| (p, m.unit.as_str()));
+        let (factor, unit) = &self.unit;
+        let precision = m.precision(frame).map(|p| (p * factor, unit.as_str()));
         let line = if m.performer.is_empty() {
             Caption::moment(frame as u32, secs, precision)
         } else {

@@ -8,17 +8,30 @@
 //! to the number of substeps: A = As^n, B = (As^(n-1) + … + 1) Bs. That is ten times cheaper
 //! than differentiating every substep; the line search runs the true simulation, so the
 //! approximation costs convergence at contacts, never correctness.
+//!
+//! At contacts it may find nothing better than a bad plan and keep it, so the plan of the
+//! frame before has a rival in every frame: the one that proportional control would make.
 
 use std::sync::Arc;
 
 use nalgebra::{DMatrix, DVector};
 
 use super::error::Error;
+use super::pd::Pd;
 use super::plant::Belief;
 use super::policy::{Policy, View};
 use super::window::{COMMAND, Window};
 use crate::mujoco::Snapshot;
 use crate::robot::Robot;
+
+/// Step lengths of the line search: each is a simulation of the whole horizon.
+const ALPHAS: [f64; 3] = [1.0, 0.4, 0.1];
+
+/// Dampings tried before the plan stays as it is.
+const DAMPINGS: usize = 3;
+
+/// Share of the cost below which an expected drop is not worth simulating.
+const CONVERGED: f64 = 1e-4;
 
 /// Settings of [`Ilqr`].
 #[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
@@ -61,6 +74,7 @@ impl IlqrConfig {
 pub struct Ilqr {
     config: IlqrConfig,
     belief: Belief,
+    rival: Pd,
     /// Actions of the horizon; (H, A).
     plan: Vec<f64>,
     warm: bool,
@@ -102,6 +116,7 @@ impl Ilqr {
             trial_states: vec![snapshot; horizon + 1],
             goals: Window::new(robot.state_dim()),
             last_action: vec![0.0; actions],
+            rival: Pd::new(robot)?,
             config: IlqrConfig { horizon, ..config.clone() },
             belief,
         })
@@ -142,6 +157,31 @@ impl Ilqr {
         let cost = if diverged { f64::INFINITY } else { self.cost(view, plan, &states) };
         *(if trial { &mut self.trial_states } else { &mut self.states }) = states;
         Ok(cost)
+    }
+
+    /// The plan of proportional control on the guided goals, simulated into the trial states;
+    /// its cost.
+    fn track(&mut self, view: &View<'_>) -> Result<(Vec<f64>, f64), Error> {
+        let (dim, actions) = (view.window.dim(), self.actions());
+        let mut plan = vec![0.0; self.plan.len()];
+        let mut current = vec![0.0; dim];
+        self.belief.data.restore(view.state)?;
+        for (i, u) in plan.chunks_exact_mut(actions).enumerate() {
+            let data = &mut self.belief.data;
+            data.snapshot_into(&mut self.trial_states[i]);
+            self.belief.robot.read_state(data, &mut current);
+            let target = &self.goals.command[i * dim..(i + 1) * dim];
+            self.rival.drive(&current, target, data.qvel(), u);
+            self.belief.robot.apply_action(data, u)?;
+            if data.step(self.belief.substeps).is_err() {
+                return Ok((plan, f64::INFINITY));
+            }
+        }
+        if let Some(last) = self.trial_states.last_mut() {
+            self.belief.data.snapshot_into(last);
+        }
+        let cost = self.cost(view, &plan, &self.trial_states);
+        Ok((plan, cost))
     }
 
     fn cost(&self, view: &View<'_>, plan: &[f64], states: &[Snapshot]) -> f64 {
@@ -188,14 +228,16 @@ impl Ilqr {
         Ok(Step { a, b })
     }
 
-    /// Backward pass; `None` when a Hessian is not positive at this damping.
-    fn backward(&self, view: &View<'_>, steps: &[Step]) -> Option<Vec<Gain>> {
+    /// Backward pass: feedback, and the drop of cost that it expects. `None` when a Hessian is
+    /// not positive at this damping.
+    fn backward(&self, view: &View<'_>, steps: &[Step]) -> Option<(Vec<Gain>, f64)> {
         let (dim, actions) = (view.window.dim(), self.actions());
         let n = steps.first()?.a.nrows();
         let horizon = steps.len();
         let mut vx = DVector::zeros(n);
         let mut vxx = DMatrix::zeros(n, n);
         let mut gains = Vec::with_capacity(horizon);
+        let mut expected = 0.0;
         for i in (0..horizon).rev() {
             // Cost of the state that this frame reaches.
             for (j, joint) in self.belief.robot.joints().iter().enumerate() {
@@ -221,6 +263,7 @@ impl Ilqr {
             let va = &vxx * a;
             let qux = b.tr_mul(&va);
             let gain = bounded_newton(&quu, &qu, &qux, u)?;
+            expected -= gain.k.dot(&qu) + 0.5 * gain.k.dot(&(&quu * &gain.k));
             let qx = a.tr_mul(&vx);
             let qxx = a.tr_mul(&va);
             vx = qx + gain.feedback.tr_mul(&(&quu * &gain.k + &qu)) + qux.tr_mul(&gain.k);
@@ -231,7 +274,7 @@ impl Ilqr {
             gains.push(gain);
         }
         gains.reverse();
-        Some(gains)
+        Some((gains, expected))
     }
 
     /// The plan that the gains give when simulated at step length `alpha`.
@@ -276,9 +319,12 @@ impl Ilqr {
     fn improve(&mut self, view: &View<'_>, cost: &mut f64) -> Result<bool, Error> {
         let steps =
             (0..self.config.horizon).map(|i| self.linearise(i)).collect::<Result<Vec<_>, _>>()?;
-        for _ in 0..6 {
-            if let Some(gains) = self.backward(view, &steps) {
-                for alpha in [1.0, 0.5, 0.2, 0.05] {
+        for _ in 0..DAMPINGS {
+            if let Some((gains, expected)) = self.backward(view, &steps) {
+                if expected < CONVERGED * *cost {
+                    return Ok(false);
+                }
+                for alpha in ALPHAS {
                     let (plan, trial) = self.forward(view, &gains, alpha)?;
                     if trial < *cost {
                         self.plan = plan;
@@ -422,6 +468,12 @@ impl Ilqr {
                 std::mem::swap(&mut self.states, &mut self.trial_states);
                 cost = trial;
             }
+        }
+        let (tracked, trial) = self.track(view)?;
+        if trial < cost {
+            self.plan = tracked;
+            std::mem::swap(&mut self.states, &mut self.trial_states);
+            cost = trial;
         }
         if !cost.is_finite() {
             // The plan leads into a divergence: begin again from rest.

@@ -77,6 +77,7 @@ impl Frames {
 pub struct Learned {
     policy: net::Policy,
     frames: Frames,
+    card: Option<String>,
 }
 
 impl Learned {
@@ -86,13 +87,18 @@ impl Learned {
     /// [`Error::Model`].
     pub fn new(model: Model, options: net::PolicyConfig) -> Result<Self, Error> {
         let frames = Frames::new(&model.encoder);
-        Ok(Learned { policy: net::Policy::new(model.net, model.encoder, options)?, frames })
+        let card = serde_json::to_string_pretty(&model.card).ok();
+        Ok(Learned { policy: net::Policy::new(model.net, model.encoder, options)?, frames, card })
     }
 }
 
 impl Policy for Learned {
     fn name(&self) -> String {
         "robert".to_owned()
+    }
+
+    fn card(&self) -> Option<String> {
+        self.card.clone()
     }
 
     fn reset(&mut self, seed: u64) {
@@ -129,6 +135,7 @@ pub struct Linear {
     scratch: net::token::Scratch,
     features: Vec<f32>,
     answer: Vec<f32>,
+    card: Option<String>,
 }
 
 impl Linear {
@@ -149,13 +156,24 @@ impl Linear {
             features: Vec::new(),
             answer: vec![0.0; encoder.tokens.facts().actions],
             encoder: Arc::new(encoder),
+            card: None,
         })
+    }
+
+    /// With the card of the model that it is inside of.
+    #[must_use]
+    pub fn with_card(self, card: &net::Card) -> Self {
+        Linear { card: serde_json::to_string_pretty(card).ok(), ..self }
     }
 }
 
 impl Policy for Linear {
     fn name(&self) -> String {
         "ridge".to_owned()
+    }
+
+    fn card(&self) -> Option<String> {
+        self.card.clone()
     }
 
     fn reset(&mut self, _seed: u64) {}

@@ -39,6 +39,23 @@ impl Pd {
             torque: vec![0.0; robot.model().nv()],
         })
     }
+
+    /// Writes the action that drives joints at `current`, moving at `qvel` (nv), to `target`;
+    /// both (S).
+    pub(super) fn drive(
+        &mut self,
+        current: &[f64],
+        target: &[f64],
+        qvel: &[f64],
+        action: &mut [f64],
+    ) {
+        self.torque.fill(0.0);
+        let ways = target.iter().zip(current).map(|(r, q)| r - q);
+        for ((joint, servo), way) in self.robot.joints().iter().zip(&self.servos).zip(ways) {
+            self.torque[joint.dofadr] = servo.kp * way - servo.kd * qvel[joint.dofadr];
+        }
+        self.actuation.action(&self.torque, action);
+    }
 }
 
 impl Policy for Pd {
@@ -49,13 +66,9 @@ impl Policy for Pd {
     fn reset(&mut self, _seed: u64) {}
 
     fn act(&mut self, view: &View<'_>, action: &mut [f64]) -> Result<(), Error> {
-        self.torque.fill(0.0);
-        for (k, (joint, servo)) in self.robot.joints().iter().zip(&self.servos).enumerate() {
-            let error = view.window.next_target(k) - view.window.current[k];
-            let speed = view.state.qvel[joint.dofadr];
-            self.torque[joint.dofadr] = servo.kp * error - servo.kd * speed;
-        }
-        self.actuation.action(&self.torque, action);
+        let window = view.window;
+        let target: Vec<f64> = (0..window.dim()).map(|k| window.next_target(k)).collect();
+        self.drive(&window.current, &target, &view.state.qvel, action);
         Ok(())
     }
 }

@@ -100,7 +100,21 @@ impl Belief {
     /// # Errors
     /// [`Error::Setup`], [`Error::Timestep`].
     pub fn new(robot: &Arc<Robot>) -> Result<Belief, Error> {
-        let data = Data::new(robot.model())?;
+        Belief::on(robot, robot.model())
+    }
+
+    /// The same robot touching nothing.
+    ///
+    /// # Errors
+    /// As [`Belief::new`].
+    pub fn without_contacts(robot: &Arc<Robot>) -> Result<Belief, Error> {
+        let mut model = robot.model().duplicate()?;
+        model.set_contacts(false);
+        Belief::on(robot, &Arc::new(model))
+    }
+
+    fn on(robot: &Arc<Robot>, model: &Arc<Model>) -> Result<Belief, Error> {
+        let data = Data::new(model)?;
         let substeps = substeps(robot.model())?;
         Ok(Belief { robot: Arc::clone(robot), data, substeps })
     }

@@ -29,6 +29,11 @@ pub trait Policy: Send {
         false
     }
 
+    /// What a learned policy knows of its own making: its model card, JSON.
+    fn card(&self) -> Option<String> {
+        None
+    }
+
     /// Forgets everything; draws of this episode come from `seed`.
     fn reset(&mut self, seed: u64);
 

@@ -38,6 +38,10 @@ impl Policy for Refined {
         true
     }
 
+    fn card(&self) -> Option<String> {
+        self.inner.card()
+    }
+
     fn reset(&mut self, seed: u64) {
         self.inner.reset(seed);
         self.planner.reset(seed);

@@ -14,6 +14,7 @@ use super::refine::Refined;
 use super::sampling::{PredictiveSampling, SamplingConfig};
 use super::shipped;
 use super::zero::Zero;
+use crate::fsio;
 use crate::net::{MaskGranularity, Model};
 use crate::robot::Robot;
 
@@ -228,6 +229,54 @@ impl PolicyConfig {
         }
     }
 
+    /// Name, without its folder, and sha-256 of the model file that [`PolicyConfig::build`]
+    /// reads; `None` for policies that learned nothing.
+    ///
+    /// # Errors
+    /// [`Error::Model`] when it cannot be read.
+    pub fn model_file(&self, robot: &Robot) -> Result<Option<(String, String)>, Error> {
+        if !self.name.needs_model() {
+            return Ok(None);
+        }
+        let named = match &self.model_path {
+            None => Some(shipped::DEFAULT),
+            Some(path) => path.to_str().filter(|name| !name.contains('/') && !path.exists()),
+        };
+        if let Some(name) = named
+            && let Some(sha256) = shipped::sha256(robot, name)?
+        {
+            return Ok(Some((format!("{name}.safetensors"), sha256)));
+        }
+        let Some(path) = self.model_path.as_deref().map(learned::model_path) else {
+            return Ok(None);
+        };
+        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let sha256 = fsio::sha256_file(&path).map_err(crate::net::Error::from)?;
+        Ok(Some((name, sha256)))
+    }
+
+    /// The settings that [`PolicyConfig::build`] uses for this robot; null where there are
+    /// none.
+    pub fn settings(&self, robot: &Robot) -> serde_json::Value {
+        // Structs of numbers: serialising cannot fail.
+        let ilqr = || serde_json::to_value(IlqrConfig::for_robot(robot)).unwrap_or_default();
+        let own = match self.name {
+            PolicyName::Ilqr => ilqr(),
+            PolicyName::PredictiveSampling => {
+                serde_json::to_value(SamplingConfig::default()).unwrap_or_default()
+            }
+            _ => serde_json::Value::Null,
+        };
+        match (own, self.refine) {
+            (own, false) => own,
+            (serde_json::Value::Object(mut own), true) => {
+                own.insert("refine".to_owned(), ilqr());
+                own.into()
+            }
+            (_, true) => serde_json::json!({ "refine": ilqr() }),
+        }
+    }
+
     /// Builds it for this robot.
     ///
     /// # Errors
@@ -251,7 +300,10 @@ impl PolicyConfig {
                 };
                 Box::new(Learned::new(model, options)?)
             }
-            PolicyName::Ridge => Box::new(Linear::new(self.model(robot)?.encoder.clone())?),
+            PolicyName::Ridge => {
+                let model = self.model(robot)?;
+                Box::new(Linear::new(model.encoder.clone())?.with_card(&model.card))
+            }
         };
         Ok(if self.refine { Box::new(Refined::new(robot, policy)?) } else { policy })
     }

@@ -11,6 +11,7 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use super::error::Error;
 use super::learned::robot_card;
+use crate::fsio;
 use crate::net::{Card, Model, checkpoint};
 use crate::robot::Robot;
 
@@ -108,6 +109,18 @@ pub fn get(robot: &Robot, name: &str) -> Result<Option<Arc<Model>>, Error> {
     let model = Arc::new(model);
     parsed.lock().unwrap_or_else(PoisonError::into_inner).insert(key, model.clone());
     Ok(Some(model))
+}
+
+/// Sha-256 of the file that [`get`] would take; `None` when there is no such model.
+///
+/// # Errors
+/// [`Error::Model`].
+pub fn sha256(robot: &Robot, name: &str) -> Result<Option<String>, Error> {
+    if let Some(own) = robot.folder().map(|dir| path_in(dir, name)).filter(|p| p.is_file()) {
+        return Ok(Some(fsio::sha256_file(&own).map_err(crate::net::Error::from)?));
+    }
+    let file = Files::get(&format!("{}/{name}.safetensors", robot.id()));
+    Ok(file.map(|f| fsio::sha256_hex(&f.data)))
 }
 
 /// Whether the robot can be performed by a shipped model.

@@ -42,46 +42,24 @@ impl Goals {
             in_gap: vec![false; frames],
             end: vec![0.0; dim],
         };
-        for f in 0..frames {
-            for (j, &q) in command.row(f as u32).iter().enumerate() {
-                goals.visible[f * dim + j] = command.sees(f as u32, j);
-                goals.q[f * dim + j] = f64::from(q);
-            }
-        }
-        let start: Vec<f64> = command.start().iter().map(|&v| f64::from(v)).collect();
-        goals.fill_gaps(&start);
-        goals
-    }
-
-    fn fill_gaps(&mut self, start: &[f64]) {
-        for (j, &before) in start.iter().enumerate() {
-            let mut last: Option<usize> = None;
-            for f in 0..self.frames {
-                if !self.visible[f * self.dim + j] {
-                    continue;
-                }
-                let from = last.map_or(before, |a| self.q[a * self.dim + j]);
-                let begin = last.map_or(0, |a| a + 1);
-                let to = self.q[f * self.dim + j];
-                // Frame `begin - 1` holds `from`; before the first key that is the start pose.
-                let span = (f + 1 - begin) as f64;
-                for g in begin..f {
-                    self.q[g * self.dim + j] = from + (to - from) * ((g + 1 - begin) as f64 / span);
-                }
-                last = Some(f);
-            }
-            let hold = last.map_or(before, |a| self.q[a * self.dim + j]);
-            self.end[j] = hold;
-            for g in last.map_or(0, |a| a + 1)..self.frames {
-                self.q[g * self.dim + j] = hold;
-            }
+        // The line through the masks is the clip's, bit for bit: what the timeline draws as
+        // the virtual keyframe is what the policy gets.
+        for (to, q) in goals.q.iter_mut().zip(command.filled()) {
+            *to = f64::from(q);
         }
         let mut run = 0;
-        for f in 0..self.frames {
-            run = if self.any_visible(f) { 0 } else { run + 1 };
+        for f in 0..frames {
+            for j in 0..dim {
+                goals.visible[f * dim + j] = command.sees(f as u32, j);
+            }
+            run = if goals.any_visible(f) { 0 } else { run + 1 };
             // Frame f is the last of a window that shows nothing else.
-            self.in_gap[f] = run >= COMMAND;
+            goals.in_gap[f] = run >= COMMAND;
         }
+        for (to, q) in goals.end.iter_mut().zip(command.held_end()) {
+            *to = f64::from(q);
+        }
+        goals
     }
 
     /// Frames.
@@ -289,17 +267,49 @@ mod tests {
         }
         // Frame 5 sees 6..=25: nothing; index 50 is the straight line at 25 of 45.
         let w = window(&g, 5, 0.0);
-        assert_eq!(
-            w.next_goal(0),
-            Some((19, 0.9 * 25.0 / 45.0))
-                .map(|(i, v)| (i, v as f32 as f64))
-                .map(|(i, _)| (i, w.command[19]))
-        );
-        assert!((w.command[19] - 0.5).abs() < 1e-6);
+        let (index, value) = w.next_goal(0).unwrap();
+        assert_eq!(index, 19);
+        assert!((value - 0.5).abs() < 1e-6);
         // Frame 25 sees the key itself at index 19 and no virtual one.
         assert_eq!(window(&g, 25, 0.0).visible.iter().filter(|&&v| v).count(), 1);
         // After the last key its value is held: the masked tail stays put.
         assert!((window(&g, 45, 0.9).command[19] - 0.9).abs() < 1e-6);
+    }
+
+    /// The timeline draws the virtual keyframe and the insert-a-key mend stores the line:
+    /// both must be what the policy is given, also before the first key.
+    #[test]
+    fn the_line_through_a_gap_is_the_clips() {
+        let mut rng = crate::rng::Rng::new(5, crate::rng::Stream::Test, 0);
+        let mut virtual_keys = 0;
+        for _ in 0..60 {
+            let frames = 50 + rng.below(60) as usize;
+            let mut visible = vec![false; frames * 2];
+            let mut q = vec![0.0_f32; frames * 2];
+            for _ in 0..rng.below(5) {
+                let f = rng.below(frames as u64) as usize;
+                for j in 0..2 {
+                    visible[f * 2 + j] = rng.below(4) > 0;
+                    q[f * 2 + j] = rng.range(-2.0, 2.0) as f32;
+                }
+            }
+            let names = vec!["a".into(), "b".into()];
+            let command = Command::from_dense(names, vec![0.3, -0.7], q, visible).unwrap();
+            let goals = Goals::new(&command);
+            let mut w = Window::new(2);
+            for t in 0..frames {
+                let line: Vec<f64> =
+                    command.interpolated(t as u32).into_iter().map(f64::from).collect();
+                assert_eq!(goals.row(t), line, "frame {t}");
+                if let Some(key) = command.virtual_key(t as u32) {
+                    w.fill(t, &vec![0.0; 2 * (HISTORY + t + 1)], &goals);
+                    let shown: Vec<f32> = w.command[38..].iter().map(|v| *v as f32).collect();
+                    assert_eq!((key.frame as usize, shown), (t + 20, key.q));
+                    virtual_keys += 1;
+                }
+            }
+        }
+        assert!(virtual_keys > 500, "{virtual_keys}");
     }
 
     #[test]

@@ -49,6 +49,7 @@ impl Take {
             poses: Vec::new(),
             ghost: Vec::new(),
             provenance,
+            policy_card: rollout.policy_card(),
         };
         take.place(robot)?;
         Ok(take)

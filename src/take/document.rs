@@ -7,7 +7,8 @@ use serde::{Deserialize, Serialize};
 use super::error::Error;
 use crate::clip::Command;
 use crate::fsio;
-use crate::rollout::{Goals, Guide, PlantConfig, PolicyConfig, Precision, RolloutConfig};
+use crate::robot::Robot;
+use crate::rollout::{self, Goals, Guide, PlantConfig, PolicyConfig, Precision, RolloutConfig};
 use crate::units::{CTRL_DT, Unit};
 
 /// Numbers of one body pose: position in m, then orientation w x y z.
@@ -33,12 +34,18 @@ pub struct RobotFacts {
 
 /// How a take came about.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 pub struct Provenance {
     /// The policy as tables show it: `pd`, `pd+guide`, `robert+refine`.
     pub policy: String,
-    /// Sha-256 of the policy's model file, where it has one.
+    /// Name of the policy's model file, where it has one; without its folder, which is
+    /// nobody's business.
+    #[serde(default)]
+    pub policy_file: Option<String>,
+    /// Sha-256 of that file.
     pub policy_sha256: Option<String>,
+    /// The settings of the policy, resolved for the robot; null where it has none.
+    #[serde(default)]
+    pub settings: serde_json::Value,
     /// Seed of the policy's draws.
     pub seed: u64,
     /// Virtual commands through masks.
@@ -55,16 +62,22 @@ impl Provenance {
     /// Of a rollout made with these settings. Reads the policy's model file for its hash.
     ///
     /// # Errors
-    /// [`Error::File`].
-    pub fn new(policy: &PolicyConfig, rollout: &RolloutConfig) -> Result<Provenance, Error> {
-        let policy_sha256 = policy.model_path.as_deref().map(fsio::sha256_file).transpose()?;
+    /// When the model file cannot be read.
+    pub fn new(
+        robot: &Robot,
+        policy: &PolicyConfig,
+        config: &RolloutConfig,
+    ) -> Result<Provenance, rollout::Error> {
+        let (policy_file, policy_sha256) = policy.model_file(robot)?.unzip();
         Ok(Provenance {
             policy: policy.label(),
+            policy_file,
             policy_sha256,
-            seed: rollout.seed,
-            guide: rollout.guide,
+            settings: policy.settings(robot),
+            seed: config.seed,
+            guide: config.guide,
             refine: policy.refine,
-            plant: rollout.plant,
+            plant: config.plant,
             program: format!("robert {}", env!("CARGO_PKG_VERSION")),
         })
     }
@@ -106,6 +119,8 @@ pub struct Take {
     pub ghost: Vec<Option<Vec<f64>>>,
     /// Where it came from.
     pub provenance: Provenance,
+    /// The card of a learned policy, JSON: what it was trained on, with what figures.
+    pub policy_card: Option<String>,
 }
 
 impl Take {
@@ -148,6 +163,66 @@ impl Take {
     /// Sha-256 of the clip's text.
     pub fn clip_sha256(&self) -> Option<String> {
         self.clip_text.as_ref().map(|t| fsio::sha256_hex(t.as_bytes()))
+    }
+
+    /// `config.toml`: the resolved configuration, for people and for doing it again. Made
+    /// from robot and provenance, so it is written and never read.
+    pub fn config_toml(&self) -> String {
+        #[derive(Serialize)]
+        struct Config<'a> {
+            program: &'a str,
+            robot: Model<'a>,
+            #[serde(skip_serializing_if = "Option::is_none")]
+            clip: Option<Model<'a>>,
+            policy: Policy<'a>,
+            rollout: Rollout,
+        }
+        #[derive(Serialize)]
+        struct Model<'a> {
+            id: &'a str,
+            sha256: String,
+        }
+        #[derive(Serialize)]
+        struct Policy<'a> {
+            name: &'a str,
+            #[serde(skip_serializing_if = "Option::is_none")]
+            file: Option<&'a str>,
+            #[serde(skip_serializing_if = "Option::is_none")]
+            sha256: Option<&'a str>,
+            guide: Guide,
+            refine: bool,
+            #[serde(skip_serializing_if = "serde_json::Value::is_null")]
+            settings: &'a serde_json::Value,
+        }
+        #[derive(Serialize)]
+        struct Rollout {
+            seed: u64,
+            frames: usize,
+            fps: u32,
+            plant: PlantConfig,
+        }
+        let p = &self.provenance;
+        let config = Config {
+            program: &p.program,
+            robot: Model { id: &self.robot.id, sha256: self.robot.model_sha256.clone() },
+            clip: self.clip_sha256().map(|sha256| Model { id: "clip.json", sha256 }),
+            policy: Policy {
+                name: &p.policy,
+                file: p.policy_file.as_deref(),
+                sha256: p.policy_sha256.as_deref(),
+                guide: p.guide,
+                refine: p.refine,
+                settings: &p.settings,
+            },
+            rollout: Rollout {
+                seed: p.seed,
+                frames: self.frames(),
+                fps: crate::units::FPS,
+                plant: p.plant,
+            },
+        };
+        // Only a seed beyond 2^63 has no place in TOML; then there is no config.toml.
+        toml::to_string(&config).unwrap_or_default()
     }
 
     /// Error of a joint at a frame, where the command has a goal for it, rad or m.

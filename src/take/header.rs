@@ -15,6 +15,8 @@ pub(super) const FORMAT: &str = "robert-take/1";
 /// Names of the attachments.
 pub(super) const TAKE_JSON: &str = "take.json";
 pub(super) const CLIP_JSON: &str = "clip.json";
+pub(super) const CONFIG_TOML: &str = "config.toml";
+pub(super) const MODEL_CARD: &str = "model_card.json";
 
 /// Figures for people and scripts that read the attachment alone.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]

@@ -12,7 +12,7 @@ use prost::Message as _;
 use super::cdr;
 use super::document::{POSE, Take};
 use super::error::{Damage, Error};
-use super::header::{CLIP_JSON, Header, TAKE_JSON};
+use super::header::{CLIP_JSON, Header, MODEL_CARD, TAKE_JSON};
 use super::proto::{FrameTransforms, Metrics};
 use super::records::{Channel, Fields, MAGIC, Message, Record, Records, attachment, op, unpack};
 use super::scene::COMMAND;
@@ -95,6 +95,7 @@ enum Topic {
 struct Scan {
     header: Option<Header>,
     clip_text: Option<String>,
+    policy_card: Option<String>,
     channels: BTreeMap<u16, Topic>,
     reached: Vec<f64>,
     velocity: Vec<f64>,
@@ -215,6 +216,11 @@ impl Scan {
                     return Err(Damage::at(record.offset, problem).into());
                 }
                 self.clip_text = Some(text.to_owned());
+            }
+            MODEL_CARD if self.policy_card.is_none() => {
+                let text = std::str::from_utf8(data)
+                    .or(Err(Damage::at(record.offset, "model_card.json is no UTF-8")))?;
+                self.policy_card = Some(text.to_owned());
             }
             _ => {}
         }
@@ -385,6 +391,7 @@ impl Scan {
             poses: cut(self.poses, n * bodies * POSE),
             ghost,
             provenance: header.provenance,
+            policy_card: self.policy_card,
             robot: header.robot,
         })
     }
@@ -494,27 +501,64 @@ mod tests {
         assert_eq!(longest, 12, "no prefix gave all frames");
     }
 
+    /// Files of a fuzz test: `ROBERT_FUZZ`, or a share that fits a normal run.
+    fn rounds(usual: u64) -> (u64, bool) {
+        let asked = std::env::var("ROBERT_FUZZ").ok().and_then(|n| n.parse().ok());
+        (asked.unwrap_or(usual), asked.is_some())
+    }
+
+    /// Processor time of this thread: a busy machine is no hang.
+    fn cpu() -> std::time::Duration {
+        let text = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
+        let nanos = text.split_whitespace().next().and_then(|n| n.parse().ok()).unwrap_or(0);
+        std::time::Duration::from_nanos(nanos)
+    }
+
+    /// Peak memory of this process, kB. It only means something where one test runs alone.
+    fn peak_kb() -> u64 {
+        let status = std::fs::read_to_string("/proc/self/status").unwrap();
+        let peak = status.lines().find_map(|l| l.strip_prefix("VmHWM:")).unwrap();
+        peak.trim().trim_end_matches(" kB").parse().unwrap()
+    }
+
+    /// Reads `rounds` files; none may panic, take a second, or 256 MB.
+    fn survive(what: &str, (rounds, asked): (u64, bool), file: impl Fn(u64) -> Vec<u8>) -> u64 {
+        let (mut whole, mut some, mut slowest) = (0, 0, std::time::Duration::ZERO);
+        for round in 0..rounds {
+            let bytes = file(round);
+            let start = cpu();
+            if let Ok(take) = Take::from_mcap(&bytes) {
+                whole += 1;
+                assert_eq!(take.reached.len() % take.state_dim(), 0);
+                assert!(take.reached.iter().all(|v| v.is_finite()));
+                take.precision();
+            }
+            if let Ok(found) = Take::recover_mcap(&bytes) {
+                some += 1;
+                found.take.precision();
+            }
+            slowest = slowest.max(cpu().saturating_sub(start));
+        }
+        assert!(slowest.as_secs_f64() < 1.0, "{slowest:?}");
+        if asked {
+            let peak = peak_kb();
+            println!(
+                "{what}: {rounds} files, {whole} read, {some} recovered, slowest {slowest:?}, peak {peak} kB"
+            );
+            assert!(peak < 256 << 10, "{peak} kB");
+        }
+        whole
+    }
+
     /// Seeded damage: an error or a take with sane sizes; no panic, no endless work.
     #[test]
     fn mutated_files_never_panic() {
         let (_, take) = sample::take("pointmass", 10, 10);
         let bytes = take.to_mcap(None).unwrap();
-        let rounds = std::env::var("ROBERT_FUZZ").map_or(4_000, |n| n.parse().unwrap());
-        let begin = std::time::Instant::now();
-        let mut whole = 0;
-        for round in 0..rounds {
-            let rng = Rng::new(11, Stream::Test, round);
-            let mutated = mutate(&bytes, rng);
-            if let Ok(take) = Take::from_mcap(&mutated) {
-                whole += 1;
-                assert_eq!(take.reached.len() % take.state_dim(), 0);
-                take.precision();
-            }
-            drop(Take::recover_mcap(&mutated));
-        }
-        let each = begin.elapsed().as_secs_f64() / rounds as f64;
-        assert!(each < 0.1, "{each} s a file");
-        assert!(whole < rounds, "damage is never noticed");
+        let rounds = rounds(4_000);
+        let whole =
+            survive("files", rounds, |round| mutate(&bytes, Rng::new(11, Stream::Test, round)));
+        assert!(whole < rounds.0, "damage is never noticed");
     }
 
     fn mutate(bytes: &[u8], mut rng: Rng) -> Vec<u8> {
@@ -559,7 +603,7 @@ mod tests {
             }
         }
         let chunk = chunk.unwrap();
-        for round in 0..3_000 {
+        let whole = survive("chunks", rounds(3_000), |round| {
             let inner = mutate(&chunk, Rng::new(12, Stream::Test, round));
             let mut file = front.clone();
             file.push(op::CHUNK);
@@ -569,8 +613,9 @@ mod tests {
             file.extend([0; 8]); // no checksum, no compression
             file.extend((inner.len() as u64).to_le_bytes());
             file.extend(&inner);
-            drop(Take::recover_mcap(&file));
-        }
+            file
+        });
+        assert_eq!(whole, 0, "without closing records no file is whole");
     }
 
     #[test]

@@ -47,7 +47,7 @@ pub(super) fn take(id: &str, frames: u32, reached: usize) -> (Arc<Robot>, Take) 
     let command = compile(&clip).unwrap();
     let policy = PolicyConfig::new(PolicyName::Pd);
     let config = RolloutConfig { seed: 3, ..RolloutConfig::default() };
-    let provenance = Provenance::new(&policy, &config).unwrap();
+    let provenance = Provenance::new(&robot, &policy, &config).unwrap();
     let built = policy.build(&robot).unwrap();
     let mut rollout = Rollout::new(&robot, built, &command, Start::Pose, config).unwrap();
     while rollout.frame() + 1 < reached {

@@ -14,7 +14,7 @@ use prost::Message as _;
 use super::cdr;
 use super::document::{POSE, Take};
 use super::error::Error;
-use super::header::{CLIP_JSON, FORMAT, Header, TAKE_JSON};
+use super::header::{CLIP_JSON, CONFIG_TOML, FORMAT, Header, MODEL_CARD, TAKE_JSON};
 use super::proto::{
     self, FrameTransform, FrameTransforms, JointError, Log, Metrics, Quaternion, Vector3,
 };
@@ -125,9 +125,17 @@ impl Take {
         }
         pair("program", self.provenance.program.clone());
         out.writer.write_metadata(&Metadata { name: "robert".to_owned(), metadata: pairs })?;
-        out.attach(TAKE_JSON, &text)?;
+        let json = "application/json";
+        out.attach(TAKE_JSON, json, &text)?;
         if let Some(clip) = &self.clip_text {
-            out.attach(CLIP_JSON, clip.as_bytes())?;
+            out.attach(CLIP_JSON, json, clip.as_bytes())?;
+        }
+        let config = self.config_toml();
+        if !config.is_empty() {
+            out.attach(CONFIG_TOML, "application/toml", config.as_bytes())?;
+        }
+        if let Some(card) = &self.policy_card {
+            out.attach(MODEL_CARD, json, card.as_bytes())?;
         }
         Ok(())
     }
@@ -319,12 +327,12 @@ impl<W: std::io::Write + std::io::Seek> Out<W> {
         self.writer.write_to_known_channel(&header, data)
     }
 
-    fn attach(&mut self, name: &str, data: &[u8]) -> mcap::McapResult<()> {
+    fn attach(&mut self, name: &str, media_type: &str, data: &[u8]) -> mcap::McapResult<()> {
         self.writer.attach(&Attachment {
             log_time: nanos(0),
             create_time: nanos(0),
             name: name.to_owned(),
-            media_type: "application/json".to_owned(),
+            media_type: media_type.to_owned(),
             data: data.into(),
         })
     }

@@ -185,7 +185,10 @@ impl TrainConfig {
         };
         let parsed = match old {
             toml::Value::Float(_) => value.parse().ok().map(toml::Value::Float),
-            toml::Value::Integer(_) => value.parse().ok().map(toml::Value::Integer),
+            toml::Value::Integer(_) => {
+                let typed = || crate::units::count(value).ok().and_then(|n| i64::try_from(n).ok());
+                value.parse().ok().or_else(typed).map(toml::Value::Integer)
+            }
             toml::Value::Boolean(_) => value.parse().ok().map(toml::Value::Boolean),
             _ => Some(toml::Value::String(value.to_owned())),
         };
@@ -299,6 +302,8 @@ mod tests {
         cfg.set("tokens = pos+d").unwrap();
         cfg.set("mask=cl-block").unwrap();
         cfg.set("current_only=true").unwrap();
+        cfg.set("steps=2.5k").unwrap();
+        assert_eq!(cfg.steps, 2500);
         assert_eq!((cfg.lr, cfg.tokens, cfg.current_only), (2e-4, TokenKind::PosD, true));
         let before = cfg.clone();
         for bad in

@@ -6,6 +6,7 @@ mod fuzz;
 mod generate;
 mod hostile;
 mod lints;
+mod robots;
 mod schema;
 
 /// Processor time of this thread so far: a busy machine is no hang.

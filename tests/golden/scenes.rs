@@ -193,7 +193,7 @@ pub(super) fn all() -> Vec<Drawing> {
     let mut d = arm_drawing("caption");
     d.caption = Some(Caption {
         title: "caption".into(),
-        line: Caption::moment(40, 2.0, Some((0.031, "rad"))),
+        line: "frame 40 · 2.00 s · Precision 0.031 rad".into(),
         legend: vec![
             Key { swatch: Swatch::Solid, color: [208, 212, 218], text: "achieved".into() },
             Key { swatch: Swatch::Ghost, color: [56, 152, 226], text: "command".into() },

@@ -13,6 +13,7 @@ import pathlib
 import subprocess
 import sys
 import tempfile
+import tomllib
 
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
@@ -92,7 +93,10 @@ def check(clip, folder):
                 raise AssertionError(channel.topic)
         attachments = {a.name: a for a in reader.iter_attachments()}
         metadata = {m.name: m.metadata for m in reader.iter_metadata()}
-    assert sorted(attachments) == ["clip.json", "take.json"]
+    assert sorted(attachments) == ["clip.json", "config.toml", "take.json"]
+    config = tomllib.loads(attachments["config.toml"].data.decode())
+    assert config["policy"]["name"] == metadata["robert"]["policy"] == "pd"
+    assert config["rollout"]["seed"] == int(metadata["robert"]["seed"])
     assert json.loads(attachments["clip.json"].data)["format"] == "robert-clip/1"
     assert json.loads(attachments["take.json"].data)["format"] == "robert-take/1"
     assert metadata["robert"]["format"] == "robert-take/1"

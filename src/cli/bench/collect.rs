@@ -33,8 +33,8 @@ pub(super) struct Args {
     #[arg(long, default_value_t = 5)]
     turns: usize,
     /// Frames of one roll-out turn and thread.
-    #[arg(long, default_value_t = 4000)]
-    frames: usize,
+    #[arg(long, default_value_t = 4000, value_name = "N", value_parser = crate::units::count)]
+    frames: u64,
     /// Updates of one turn.
     #[arg(long, default_value_t = 20)]
     updates: usize,
@@ -154,7 +154,7 @@ fn turns(
     let (mut ours, mut bare, mut ratios) = (Vec::new(), Vec::new(), Vec::new());
     for _ in 0..args.turns {
         let (start, cpu) = (Instant::now(), thread_cpu());
-        let frames = bench.roll_out(dir.path(), args.frames)? as f64;
+        let frames = bench.roll_out(dir.path(), args.frames as usize)? as f64;
         let own = thread_cpu().saturating_sub(cpu).as_secs_f64() / frames;
         ours.push(frames / start.elapsed().as_secs_f64());
         bench.prepare(dir.path())?;

@@ -15,7 +15,7 @@ const ROWS: usize = 5;
 
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Example:\n  robert bench explore --robot ur5e --steps 50000 --plot coverage.png"
+    after_help = "Example:\n  robert bench explore --robot ur5e --steps 50k --plot coverage.png"
 )]
 pub(super) struct Args {
     /// Robot: id, or a folder with robot.xml.
@@ -25,7 +25,7 @@ pub(super) struct Args {
     #[arg(long, value_delimiter = ',', default_value = "rnd,icm,apt,aps,proto,noise,uniform")]
     agent: Vec<AgentKind>,
     /// Environment steps of each.
-    #[arg(long, default_value_t = 200_000)]
+    #[arg(long, default_value_t = 200_000, value_name = "N", value_parser = crate::units::count)]
     steps: u64,
     /// Change one setting of url-fast, as in lr=3e-4; may be repeated.
     #[arg(long, value_name = "KEY=VALUE")]

@@ -205,6 +205,12 @@ fn print(report: &FileReport) -> Outcome {
         for mend in &lint.mends {
             out::line(&format!("    mend: {}", mend.title))?;
         }
+        if lint.rule == Rule::OtherRobot {
+            let robot = &report.robot;
+            out::line(&format!(
+                "    mend: robert clip convert {path} NEW.clip.json --robot {robot}   (where the joints have the same names)"
+            ))?;
+        }
     }
     if report.lints.is_empty() {
         out::line(&format!("{path}: ok"))?;

@@ -5,28 +5,31 @@ use std::path::{Path, PathBuf};
 use clap::ValueEnum;
 
 use super::super::failure::{Failure, Outcome};
-use super::super::out;
+use super::super::{motion, out};
 use crate::clip::formats::{
     from_command_json, from_csv, from_mjcf, from_ros, to_command_json, to_csv, to_mjcf, to_ros,
 };
 use crate::clip::{Clip, ClipError, Fill, RobotRef, compile};
+use crate::take::Take;
 use crate::{fsio, limits};
 
 /// Convert clips from and to other formats.
 ///
 /// Formats go by the file name: .clip.json, .csv, .xml (MJCF keyframes), .yaml (ROS 2
-/// JointTrajectory), .json (dense command). Writing a dense format and reading it back
-/// gives the same command, bit for bit.
+/// JointTrajectory), .json (dense command); the clip inside a take (.mcap, or .json of
+/// robert export) is read, too. Writing a dense format and reading it back gives the same
+/// command, bit for bit.
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  robert clip convert wave.clip.json wave.csv\n  robert clip convert log.csv log.clip.json --robot ur5e\n  robert clip convert plan.yaml plan.clip.json --robot ur5e --fill linear\n  robert clip convert scene.xml poses.clip.json --like wave.clip.json"
+    after_help = "Examples:\n  robert clip convert wave.clip.json wave.csv\n  robert clip convert log.csv log.clip.json --robot ur5e\n  robert clip convert plan.yaml plan.clip.json --robot ur5e --fill linear\n  robert clip convert scene.xml poses.clip.json --like wave.clip.json\n  robert clip convert wave.clip.json light.clip.json --robot ur5e_light   the same joints, another plant\n  robert clip convert wave.mcap again.clip.json            the clip that a take was made from"
 )]
 pub(super) struct Convert {
     /// The file to read.
     input: PathBuf,
     /// The file to write.
     output: PathBuf,
-    /// Robot of the input, where the input does not say.
+    /// Robot of the input, where the input does not say; of a clip, the robot that takes
+    /// it over (its joints must have the same names).
     #[arg(long)]
     robot: Option<String>,
     /// Take robot and joint order from this clip.
@@ -53,6 +56,8 @@ enum Format {
     Mjcf,
     Ros,
     Json,
+    /// A take: the clip that it was made from.
+    Mcap,
 }
 
 impl Format {
@@ -68,9 +73,10 @@ impl Format {
             () if ends(".xml") || ends(".mjcf") => Format::Mjcf,
             () if ends(".yaml") || ends(".yml") => Format::Ros,
             () if ends(".json") => Format::Json,
+            () if ends(".mcap") => Format::Mcap,
             () => {
                 return Err(Failure::usage(format!(
-                    "{}: the name ends in none of .clip.json .csv .xml .yaml .json; say --from or --to",
+                    "{}: the name ends in none of .clip.json .csv .xml .yaml .json .mcap; say --from or --to",
                     path.display()
                 )));
             }
@@ -83,6 +89,9 @@ pub(super) fn run(a: &Convert) -> Outcome {
     if !a.force && a.output.exists() {
         let path = a.output.display();
         return Err(Failure::usage(format!("{path} exists; say --force to overwrite it")));
+    }
+    if to == Format::Mcap {
+        return Err(Failure::usage("a take is performed: robert export CLIP --to mcap"));
     }
     let robot = super::reference(a.robot.as_deref(), a.like.as_ref())?;
     let clip = read(a, from, robot.as_ref())?;
@@ -98,7 +107,15 @@ pub(super) fn run(a: &Convert) -> Outcome {
 
 fn read(a: &Convert, from: Format, robot: Option<&RobotRef>) -> Result<Clip, Failure> {
     if from == Format::Clip {
-        return Ok(super::load(&a.input)?.clip);
+        let clip = super::load(&a.input)?.clip;
+        return match robot {
+            Some(robot) => adopted(clip, robot, &a.input),
+            None => Ok(clip),
+        };
+    }
+    if from == Format::Mcap {
+        let take = Take::read(&a.input)?;
+        return motion::clip_of(&take, &a.input.display().to_string());
     }
     let cap = limits::PROJECT_BYTES;
     let bytes = fsio::read_capped(&a.input, cap)?;
@@ -112,14 +129,67 @@ fn read(a: &Convert, from: Format, robot: Option<&RobotRef>) -> Result<Clip, Fai
             a.input.display()
         ))
     };
+    if from == Format::Json
+        && let Some(clip) = inside_take(&text()?)
+    {
+        return Ok(clip.map_err(|e| e.in_file(&a.input))?);
+    }
     let robot_ref = robot.ok_or_else(whose);
     let clip: Result<Clip, ClipError> = match from {
         Format::Csv => from_csv(&bytes, Some(robot_ref?), a.fill),
         Format::Mjcf => from_mjcf(&text()?, robot_ref?, a.fill),
         Format::Ros => from_ros(&text()?, Some(robot_ref?), a.fill),
-        Format::Json | Format::Clip => from_command_json(&text()?, robot, a.fill),
+        Format::Json | Format::Clip | Format::Mcap => from_command_json(&text()?, robot, a.fill),
     };
     Ok(clip.map_err(|e| e.in_file(&a.input))?)
+}
+
+/// The same clip for another robot, or another version of its model. The clip keeps its
+/// own joint order: values are found by name.
+fn adopted(mut clip: Clip, robot: &RobotRef, path: &Path) -> Result<Clip, Failure> {
+    let strangers = |of: &[String], with: &[String]| {
+        let odd: Vec<&str> =
+            of.iter().filter(|j| !with.contains(j)).map(String::as_str).take(5).collect();
+        odd.join(", ")
+    };
+    let (more, less) = (
+        strangers(&clip.robot.joints, &robot.joints),
+        strangers(&robot.joints, &clip.robot.joints),
+    );
+    if !more.is_empty() || !less.is_empty() {
+        let dash = |s: String| if s.is_empty() { "none".to_owned() } else { s };
+        return Err(Failure::invalid(format!(
+            "{}: the joints are not those of {}: too many: {}; lacking: {}",
+            path.display(),
+            robot.id,
+            dash(more),
+            dash(less)
+        )));
+    }
+    let unit =
+        |j: &String| robot.joints.iter().position(|r| r == j).and_then(|i| robot.units.get(i));
+    let units: Option<Vec<_>> = clip.robot.joints.iter().map(|j| unit(j).copied()).collect();
+    clip.robot = RobotRef {
+        joints: std::mem::take(&mut clip.robot.joints),
+        units: units.unwrap_or_default(),
+        ..robot.clone()
+    };
+    Ok(clip)
+}
+
+/// The clip in a take that was exported as JSON; `None` for other documents.
+fn inside_take(text: &str) -> Option<Result<Clip, ClipError>> {
+    #[derive(serde::Deserialize)]
+    struct Outer<'a> {
+        format: String,
+        #[serde(borrow)]
+        clip: Option<&'a serde_json::value::RawValue>,
+    }
+    let outer: Outer<'_> = serde_json::from_str(text).ok()?;
+    if !outer.format.starts_with("robert-take/") {
+        return None;
+    }
+    outer.clip.map(|clip| Clip::parse(clip.get()))
 }
 
 fn write(clip: &Clip, to: Format, path: &Path) -> Outcome {
@@ -129,7 +199,7 @@ fn write(clip: &Clip, to: Format, path: &Path) -> Outcome {
         Format::Csv => to_csv(&command),
         Format::Mjcf => to_mjcf(&command)?,
         Format::Ros => to_ros(&command)?,
-        Format::Json => to_command_json(&command, &clip.robot.id),
+        Format::Json | Format::Mcap => to_command_json(&command, &clip.robot.id),
     };
     fsio::write_atomic(path, text.as_bytes())?;
     Ok(())

@@ -1,0 +1,248 @@
+//! `robert render` and `robert plot` through the binary.
+//!
+//! Pictures need a Vulkan driver; where there is none `robert render` says so with exit 5
+//! and these tests have nothing to look at.
+
+use std::process::{Command, Stdio};
+
+use crate::motion::HOP;
+use crate::run::{Ran, binary, robert};
+
+const SMALL: [&str; 6] = ["--size", "160x120", "--quality", "preview", "--renderer", "cpu"];
+
+/// Renders the small clip; `None` without a driver.
+fn render(more: &[&str]) -> Option<Ran> {
+    let ran = robert()
+        .file("hop.clip.json", HOP)
+        .args(["render", "hop.clip.json", "-q"])
+        .args(SMALL)
+        .args(more)
+        .run();
+    if ran.code == 5 {
+        assert!(ran.stderr.contains("Vulkan") || ran.stderr.contains("adapter"), "{}", ran.stderr);
+        return None;
+    }
+    Some(ran)
+}
+
+fn png_size(bytes: &[u8]) -> (u32, u32) {
+    assert_eq!(&bytes[..8], b"\x89PNG\r\n\x1a\n");
+    let number = |at: usize| u32::from_be_bytes(bytes[at..at + 4].try_into().unwrap());
+    (number(16), number(20))
+}
+
+#[test]
+fn stills_and_strips_have_their_size_and_say_so() {
+    let Some(ran) = render(&["-o", "a.png", "-p", "computed-torque", "--json"]) else { return };
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+    let report = ran.json();
+    let bytes = std::fs::read(ran.path("a.png")).unwrap();
+    assert_eq!(png_size(&bytes), (160, 120));
+    assert_eq!((report["frames"].as_u64(), report["width"].as_u64()), (Some(1), Some(160)));
+    assert_eq!(report["bytes"].as_u64(), Some(bytes.len() as u64));
+    let precision = report["precision"][0].as_f64().unwrap();
+    assert!(precision > 0.0 && precision < 0.01, "{precision}");
+
+    let ran = render(&["-o", "s.png", "--strip", "4", "--kinematic", "--json"]).unwrap();
+    assert_eq!((ran.code, ran.json()["frames"].as_u64()), (0, Some(4)));
+    let (width, height) = png_size(&std::fs::read(ran.path("s.png")).unwrap());
+    assert!(width >= 4 * 160 && height >= 120, "{width}x{height}");
+    assert_eq!(ran.json()["precision"][0].as_f64(), Some(0.0), "poses that nobody performed");
+
+    let ran = render(&["-o", "c.png", "--compare", "hop.clip.json", "--frames", "3"]).unwrap();
+    let (width, _) = png_size(&std::fs::read(ran.path("c.png")).unwrap());
+    assert!(width >= 320, "two pictures side by side: {width}");
+}
+
+#[test]
+fn films_have_every_frame() {
+    for (name, magic) in [("a.gif", &b"GIF89a"[..]), ("a.apng", b"\x89PNG"), ("a.mp4", b"")] {
+        let Some(ran) = render(&["-o", name, "--kinematic", "--json"]) else { return };
+        assert_eq!(ran.code, 0, "{name}: {}", ran.stderr);
+        assert_eq!(ran.json()["frames"].as_u64(), Some(21), "{name}");
+        let bytes = std::fs::read(ran.path(name)).unwrap();
+        assert!(bytes.starts_with(magic), "{name}");
+        if name == "a.mp4" {
+            assert_eq!(&bytes[4..8], b"ftyp");
+        }
+    }
+}
+
+/// A take is shown as it was performed: the very picture of the clip that made it.
+#[test]
+fn a_take_is_drawn_as_its_rollout() {
+    let Some(of_clip) = render(&["-o", "a.png", "-p", "pd", "--frames", "9"]) else { return };
+    let made = robert()
+        .file("hop.clip.json", HOP)
+        .args(["rollout", "hop.clip.json", "-p", "pd", "--out", "hop.mcap", "-q"])
+        .succeeds();
+    let take = std::fs::read(made.path("hop.mcap")).unwrap();
+    let of_take = robert()
+        .file("hop.mcap", &take)
+        .args(["render", "hop.mcap", "-o", "a.png", "--frames", "9", "-q"])
+        .args(SMALL)
+        .succeeds();
+    let read = |ran: &Ran| std::fs::read(ran.path("a.png")).unwrap();
+    assert!(read(&of_clip) == read(&of_take), "the pictures differ");
+    let other = render(&["-o", "a.png", "-p", "zero", "--frames", "9"]).unwrap();
+    assert!(read(&of_clip) != read(&other), "every policy looks the same");
+    for (more, word) in [(["-p", "zero"], "--policy"), (["--seed", "3"], "--seed")] {
+        let ran = robert()
+            .file("hop.mcap", &take)
+            .args(["render", "hop.mcap", "-o", "a.png"])
+            .args(SMALL)
+            .args(more)
+            .fails(2);
+        assert!(ran.stderr.contains(word) && ran.stderr.contains("is a take"), "{}", ran.stderr);
+    }
+    let ran = robert()
+        .file("hop.mcap", &take[..take.len() / 2])
+        .args(["render", "hop.mcap", "-o", "a.png"])
+        .fails(3);
+    assert!(ran.stderr.contains("hop.mcap: byte "), "{}", ran.stderr);
+}
+
+#[test]
+fn mistakes_are_named_before_any_work() {
+    let says = |args: &[&str], code: i32, words: &[&str]| {
+        let ran = robert().file("hop.clip.json", HOP).args(["render"]).args(args).run();
+        if ran.code == 5 {
+            return;
+        }
+        assert_eq!(ran.code, code, "{args:?}: {}", ran.stderr);
+        for word in words {
+            assert!(ran.stderr.contains(word), "{args:?}: {word} not in {}", ran.stderr);
+        }
+        assert!(ran.stdout.is_empty());
+    };
+    says(&["hop.clip.json", "-o", "a.bmp"], 2, &["a.bmp", ".mp4"]);
+    says(&["hop.clip.json", "-o", "a.png", "-p", "magic"], 2, &["magic", "computed-torque"]);
+    says(&["hop.clip.json", "-o", "a.mp4", "--strip", "4"], 2, &["strip", ".png"]);
+    says(&["hop.clip.json", "-o", "a.png", "--overlay", "hats"], 2, &["hats", "ghost"]);
+    says(&["hop.clip.json", "-o", "a.png", "--frames", "21"], 3, &["21", "0 to 20"]);
+    says(&["hop.clip.json", "-o", "a.png", "--camera", "follow:nobody"], 2, &["nobody"]);
+    says(&["gone.clip.json", "-o", "a.png"], 3, &["gone.clip.json"]);
+    says(&["gone.mcap", "-o", "a.png"], 3, &["gone.mcap"]);
+}
+
+/// Whether the process handles this signal by itself.
+fn catches(pid: u32, signal: u32) -> bool {
+    let status = std::fs::read_to_string(format!("/proc/{pid}/status")).unwrap_or_default();
+    let mask = status.lines().find_map(|l| l.strip_prefix("SigCgt:")).unwrap_or("0");
+    u64::from_str_radix(mask.trim(), 16).unwrap_or(0) >> (signal - 1) & 1 == 1
+}
+
+#[test]
+fn ctrl_c_ends_a_film_with_130_and_leaves_no_file() {
+    if render(&["-o", "a.png", "--kinematic"]).is_none() {
+        return;
+    }
+    let dir = tempfile::tempdir().unwrap();
+    let long = HOP.replace("\"length\": 21", "\"length\": 20000");
+    std::fs::write(dir.path().join("long.clip.json"), long).unwrap();
+    let mut child = Command::new(binary())
+        .args(["render", "long.clip.json", "-o", "long.gif", "--kinematic"])
+        .args(SMALL)
+        .current_dir(dir.path())
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    while !catches(child.id(), 2) {
+        assert!(child.try_wait().unwrap().is_none(), "it ended by itself");
+        std::thread::yield_now();
+    }
+    let sent = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    assert!(sent.success());
+    let out = child.wait_with_output().unwrap();
+    let stderr = String::from_utf8_lossy(&out.stderr);
+    assert_eq!(out.status.code(), Some(130), "{stderr}");
+    assert!(stderr.contains("stopped after"), "{stderr}");
+    let left: Vec<_> =
+        std::fs::read_dir(dir.path()).unwrap().map(|e| e.unwrap().file_name()).collect();
+    assert_eq!(left, ["long.clip.json"], "something half-written stayed");
+}
+
+/// Two takes of the small clip and what plot makes of them.
+fn plotted(args: &[&str]) -> Ran {
+    let take = |policy: &str| {
+        let made = robert()
+            .file("hop.clip.json", HOP)
+            .args(["rollout", "hop.clip.json", "-p", policy, "--out", "t.mcap", "-q"])
+            .succeeds();
+        std::fs::read(made.path("t.mcap")).unwrap()
+    };
+    let csv = robert()
+        .file("hop.clip.json", HOP)
+        .args(["export", "hop.clip.json", "-p", "pd", "--to", "csv", "-q"])
+        .succeeds()
+        .stdout;
+    let command = robert()
+        .file("hop.clip.json", HOP)
+        .args(["export", "hop.clip.json", "-p", "pd", "--to", "csv", "--what", "command", "-q"])
+        .succeeds()
+        .stdout;
+    robert()
+        .file("pd.mcap", take("pd"))
+        .file("zero.mcap", take("zero"))
+        .file("pd.csv", csv)
+        .file("command.csv", command)
+        .args(["plot"])
+        .args(args)
+        .run()
+}
+
+#[test]
+fn motions_are_plotted_from_takes_and_from_tables() {
+    let svg = |args: &[&str]| {
+        let ran = plotted(&[args, &["-o", "p.svg"]].concat());
+        assert_eq!(ran.code, 0, "{args:?}: {}", ran.stderr);
+        assert_eq!(ran.stdout, "p.svg\n");
+        let text = std::fs::read_to_string(ran.path("p.svg")).unwrap();
+        assert!(text.starts_with("<svg") && text.trim_end().ends_with("</svg>"), "{args:?}");
+        text
+    };
+    let take = svg(&["precision", "a=pd.mcap"]);
+    let table = svg(&["precision", "a=pd.csv", "--command", "command.csv"]);
+    assert_eq!(take, table, "a take and its tables are one motion");
+    let two = svg(&["precision", "pd.mcap", "zero.mcap"]);
+    assert!(two.contains("zero") && two.len() > take.len());
+    assert_eq!(svg(&["joints", "pd.mcap"]), svg(&["joints", "pd.csv", "--command", "command.csv"]));
+    assert_eq!(svg(&["xy", "a=pd.mcap"]), svg(&["xy", "a=pd.csv", "--command", "command.csv"]));
+    let ran = plotted(&["coverage", "pd.mcap", "-o", "c.png"]);
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+    png_size(&std::fs::read(ran.path("c.png")).unwrap());
+    let ran = plotted(&["precision", "pd.csv", "-o", "p.svg"]);
+    assert_eq!(ran.code, 2);
+    assert!(ran.stderr.contains("--command"), "{}", ran.stderr);
+    let ran = plotted(&["joints", "pd.csv", "--only", "z", "-o", "p.svg"]);
+    assert_eq!(ran.code, 3);
+    assert!(ran.stderr.contains("\"z\"") && ran.stderr.contains("x, y"), "{}", ran.stderr);
+}
+
+#[test]
+fn an_evaluation_is_plotted_as_it_was_printed() {
+    let report = robert()
+        .file("clips/hop.clip.json", HOP)
+        .args(["eval", "--suite", "clips", "-p", "zero,pd", "--json", "-q"])
+        .succeeds()
+        .stdout;
+    let ran = robert()
+        .file("eval.json", &report)
+        .args(["plot", "bars", "eval.json", "-o", "b.svg"])
+        .succeeds();
+    let text = std::fs::read_to_string(ran.path("b.svg")).unwrap();
+    for word in ["hop", "mean", "zero", "pd"] {
+        assert!(text.contains(word), "{word}");
+    }
+    let ran = robert()
+        .file("eval.json", &report)
+        .args(["plot", "bars", "eval.json", "--suite", "manual", "-o", "b.svg"])
+        .fails(3);
+    assert!(ran.stderr.contains("clips"), "{}", ran.stderr);
+    let ran = robert()
+        .file("x.json", "{\n\"a\": }")
+        .args(["plot", "bars", "x.json", "-o", "b.svg"])
+        .fails(3);
+    assert!(ran.stderr.contains("x.json:2:"), "{}", ran.stderr);
+}
