@@ -57,7 +57,7 @@ impl Provenance {
     /// # Errors
     /// [`Error::File`].
     pub fn new(policy: &PolicyConfig, rollout: &RolloutConfig) -> Result<Provenance, Error> {
-        let policy_sha256 = policy.model_path.as_deref().map(fsio::sha256_file).transpose()?;
+        let policy_sha256 = policy.file().as_deref().map(fsio::sha256_file).transpose()?;
         Ok(Provenance {
             policy: policy.label(),
             policy_sha256,
