@@ -7,6 +7,7 @@
 
 mod clip;
 mod collect;
+mod fit;
 mod floors;
 mod golden;
 mod import;

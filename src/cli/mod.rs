@@ -16,6 +16,7 @@ mod doctor;
 mod eval;
 mod export;
 mod failure;
+mod fit;
 mod import;
 mod interrupt;
 mod log;
@@ -100,6 +101,8 @@ enum Command {
     Sweep(sweep::Args),
     /// List, show and compare training runs.
     Runs(runs::Args),
+    /// Fit a policy that needs no training: ridge, nearest, mlp-inverse.
+    Fit(fit::Args),
     /// List, show and settle robots.
     Robots(robots::Args),
     /// From a URDF or MJCF to a policy that performs it, in one command.
@@ -162,6 +165,7 @@ fn run(cli: Cli) -> Outcome {
         Command::New(args) => new::run(&args, cli.global),
         Command::Sweep(args) => sweep::run(&args, cli.global),
         Command::Runs(args) => runs::run(&args),
+        Command::Fit(args) => fit::run(&args, cli.global),
         Command::Clip(args) => clip::run(&args),
         Command::Render(args) => render::run(&args, cli.global),
         Command::Plot(args) => plot::run(&args),

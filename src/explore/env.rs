@@ -183,7 +183,7 @@ impl Env {
                 let whole = rng.uniform();
                 let curls: Vec<f64> =
                     self.robot.profile().groups.iter().map(|_| rng.uniform()).collect();
-                let jitter = 0.3 * rng.uniform();
+                let jitter = 0.6 * rng.uniform();
                 (0..joints.len())
                     .map(|j| {
                         let [lo, hi] = range(j);

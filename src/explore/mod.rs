@@ -40,6 +40,7 @@ pub use bench::RolloutBench;
 pub use collect::{AgentSummary, CollectConfig, Collected, collect};
 pub use error::Error;
 pub use fill::describe;
+pub(crate) use mlp::{Adam, Layer, Mlp, Tape};
 pub use preset::Preset;
 pub use survey::survey;
 pub use wander::Spread;

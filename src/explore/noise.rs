@@ -28,7 +28,7 @@ const TRAVEL: [f64; 2] = [0.05, 1.0];
 /// Mean time that a gate stays open or shut, seconds.
 const GATE_SECS: [f64; 2] = [1.2, 0.8];
 /// Share of episodes with gates.
-const GATED: f64 = 0.6;
+const GATED: f64 = 0.9;
 /// Mean time between new biases, seconds.
 const BIAS_SECS: f64 = 2.0;
 
@@ -68,8 +68,10 @@ impl NoiseRule {
         };
         match robot.id() {
             "pointmass" => plain(Amplitude::Spread(0.05, 1.2, 1.0), vec![0.1; n]),
-            "ur5e" | "ur5e_light" => {
-                plain(Amplitude::Spread(0.05, 1.0, 0.4), vec![0.09, 0.3, 0.3, 0.09, 0.09])
+            "ur5e" => plain(Amplitude::Spread(0.05, 1.0, 0.4), vec![0.09, 0.3, 0.3, 0.09, 0.09]),
+            // A tenth of the damping: the same torques would spin it from stop to stop.
+            "ur5e_light" => {
+                plain(Amplitude::Spread(0.02, 0.4, 0.4), vec![0.036, 0.12, 0.12, 0.036, 0.036])
             }
             _ => {
                 let floats = robot.model().gravity().iter().all(|g| g.abs() < 1e-9);

@@ -344,7 +344,8 @@ pub fn parse(bytes: &[u8], path: &Path, robot: Option<&RobotCard>) -> Result<Mod
     Ok(Model { card, net, encoder, optimiser })
 }
 
-fn same_robot(trained: &RobotCard, given: &RobotCard, path: &Path) -> Result<(), Error> {
+/// Refuses a file that was made for another robot, saying what differs.
+pub(crate) fn same_robot(trained: &RobotCard, given: &RobotCard, path: &Path) -> Result<(), Error> {
     let refuse = |trained: String, given: String| {
         Err(Error::Robot { trained, given, path: path.to_owned() })
     };
@@ -392,7 +393,11 @@ fn check_card(card: &Card) -> Result<(), String> {
 }
 
 /// One tensor, checked: present, f32 or f16, this shape, finite.
-fn numbers(file: &SafeTensors<'_>, name: &str, shape: &[usize]) -> Result<Vec<f32>, String> {
+pub(crate) fn numbers(
+    file: &SafeTensors<'_>,
+    name: &str,
+    shape: &[usize],
+) -> Result<Vec<f32>, String> {
     let t = file.tensor(name).map_err(|_e| format!("no tensor {name:?}"))?;
     if t.shape() != shape {
         return Err(format!("tensor {name:?} of shape {:?} instead of {shape:?}", t.shape()));

@@ -25,6 +25,11 @@ pub trait Episodes: Sync {
     fn states(&self, episode: usize) -> &[f32];
     /// Actions of one, (frames, A) row-major: action t takes state t to state t + 1.
     fn actions(&self, episode: usize) -> &[f32];
+    /// Whether the robot touched itself at this frame: there torque holds against a link
+    /// instead of moving it, and cannot be told from positions.
+    fn in_contact(&self, _episode: usize, _frame: usize) -> bool {
+        false
+    }
 }
 
 /// Settings of the fit.
@@ -238,6 +243,9 @@ fn pose_window(
     }
 }
 
+/// Draws for each sample wanted, after which frames in self-contact are taken too.
+const FREE_TRIES: u64 = 10;
+
 fn fit_head(
     head: usize,
     tokens: &Tokeniser,
@@ -273,6 +281,11 @@ fn fit_head(
             continue;
         };
         let Some(action) = actions.get(frame * a..(frame + 1) * a) else { continue };
+        // Frames in self-contact are left out while there are enough others.
+        let picky = index < FREE_TRIES * cfg.samples as u64;
+        if picky && episodes.in_contact(episode, start + frame) {
+            continue;
+        }
         tokens.ridge_features(&scratch, frame, &mut row);
         x[filled * f..(filled + 1) * f].iter_mut().zip(&row).for_each(|(x, &r)| *x = f64::from(r));
         y[filled * a..(filled + 1) * a]
@@ -558,6 +571,50 @@ mod tests {
         let data = Dry::new(1.5, 8.0);
         let open = [false, true].map(|friction| data.left_open(&history(8, friction), 0.004));
         assert!(open[1] < 0.7 * open[0], "{open:?}");
+    }
+
+    /// A plant whose recordings are spoiled wherever it touches itself.
+    #[derive(Debug)]
+    struct Touching(Toy, fn(usize) -> bool);
+
+    impl Episodes for Touching {
+        fn count(&self) -> usize {
+            self.0.count()
+        }
+        fn states(&self, e: usize) -> &[f32] {
+            self.0.states(e)
+        }
+        fn actions(&self, e: usize) -> &[f32] {
+            self.0.actions(e)
+        }
+        fn in_contact(&self, _e: usize, frame: usize) -> bool {
+            self.1(frame)
+        }
+    }
+
+    #[test]
+    fn frames_in_contact_are_left_out_while_there_are_others() {
+        let facts = Facts { joints: vec![JointFacts { hinge: true, range: None }; 2], actions: 2 };
+        let clean = Toy::new(2, 20, 200, 1);
+        let norm = Normaliser::measure(2, (0..20).map(|e| clean.states(e)));
+        let tokens = Tokeniser::new(TokenConfig::for_robot(&facts), facts, &norm).unwrap();
+        let cfg = RidgeConfig { samples: 400, ..RidgeConfig::default() };
+        let fit = |data: &Touching| Ridge::fit(&tokens, data, &cfg, 1).unwrap().weights().to_vec();
+        let spoil = |touches: fn(usize) -> bool| {
+            let mut toy = Toy::new(2, 20, 200, 1);
+            for (_, actions) in &mut toy.episodes {
+                let frames = actions.chunks_exact_mut(2).enumerate();
+                frames.filter(|(t, _)| touches(*t)).for_each(|(_, a)| a.fill(0.9));
+            }
+            Touching(toy, touches)
+        };
+        let third: fn(usize) -> bool = |t| t % 3 == 0;
+        let want = fit(&Touching(clean, third));
+        assert_eq!(fit(&spoil(third)), want, "what is left out cannot matter");
+        let blind = Touching(spoil(third).0, |_| false);
+        assert_ne!(fit(&blind), want);
+        // A robot that always touches itself is fitted all the same.
+        assert!(fit(&Touching(Toy::new(2, 20, 200, 1), |_| true)).iter().any(|w| *w != 0.0));
     }
 
     #[test]

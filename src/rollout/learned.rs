@@ -22,9 +22,11 @@ pub fn robot_card(robot: &Robot) -> RobotCard {
     }
 }
 
-/// The model file meant by a path: itself, or the best, else the last, of a run directory.
+/// The model file meant by a path: itself, or the best, else the last, of a run directory,
+/// or the fit beside a dataset.
 pub fn model_path(path: &Path) -> PathBuf {
-    let inside = [path.join("ckpt/best.safetensors"), path.join("model.safetensors")];
+    let inside = ["ckpt/best.safetensors", "model.safetensors", "ridge.safetensors"];
+    let inside = inside.map(|name| path.join(name));
     inside.into_iter().find(|p| p.exists()).unwrap_or_else(|| path.to_owned())
 }
 
@@ -165,6 +167,20 @@ impl Linear {
     pub fn with_card(self, card: &net::Card) -> Self {
         Linear { card: serde_json::to_string_pretty(card).ok(), ..self }
     }
+
+    /// The action for this window, (A).
+    pub fn answer(&mut self, window: &Window, action: &mut [f64]) {
+        debug_assert_eq!(window.history.len(), HISTORY * window.dim());
+        self.frames.fill(window);
+        let (tokens, now) = (&self.encoder.tokens, CURRENT..CURRENT + 1);
+        tokens.read(&self.frames.q, &self.frames.visible, &mut self.scratch);
+        if let Some(ridge) = &self.encoder.ridge {
+            ridge.answers(tokens, &self.scratch, now, &mut self.features, &mut self.answer);
+        }
+        for (to, &x) in action.iter_mut().zip(&self.answer) {
+            *to = f64::from(x.clamp(-1.0, 1.0));
+        }
+    }
 }
 
 impl Policy for Linear {
@@ -183,16 +199,7 @@ impl Policy for Linear {
     }
 
     fn act(&mut self, view: &View<'_>, action: &mut [f64]) -> Result<(), Error> {
-        debug_assert_eq!(view.window.history.len(), HISTORY * view.window.dim());
-        self.frames.fill(view.window);
-        let (tokens, now) = (&self.encoder.tokens, CURRENT..CURRENT + 1);
-        tokens.read(&self.frames.q, &self.frames.visible, &mut self.scratch);
-        if let Some(ridge) = &self.encoder.ridge {
-            ridge.answers(tokens, &self.scratch, now, &mut self.features, &mut self.answer);
-        }
-        for (to, &x) in action.iter_mut().zip(&self.answer) {
-            *to = f64::from(x.clamp(-1.0, 1.0));
-        }
+        self.answer(view.window, action);
         Ok(())
     }
 }

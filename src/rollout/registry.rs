@@ -6,8 +6,11 @@ use std::sync::Arc;
 
 use super::computed_torque::ComputedTorque;
 use super::error::Error;
+use super::fitted::FitKind;
 use super::ilqr::{Ilqr, IlqrConfig};
+use super::inverse::Inverse;
 use super::learned::{self, Learned, Linear};
+use super::nearest::Nearest;
 use super::pd::Pd;
 use super::policy::Policy;
 use super::refine::Refined;
@@ -38,10 +41,14 @@ pub enum PolicyName {
     Robert,
     /// The linear answer inside a model file.
     Ridge,
+    /// What was done in the recorded moments most like this one.
+    Nearest,
+    /// A small network of three frames.
+    MlpInverse,
 }
 
 /// Names as they are typed, in the order of tables.
-const NAMES: [(PolicyName, &str); 7] = [
+const NAMES: [(PolicyName, &str); 9] = [
     (PolicyName::Zero, "zero"),
     (PolicyName::Pd, "pd"),
     (PolicyName::ComputedTorque, "computed-torque"),
@@ -49,6 +56,8 @@ const NAMES: [(PolicyName, &str); 7] = [
     (PolicyName::PredictiveSampling, "predictive-sampling"),
     (PolicyName::Robert, "robert"),
     (PolicyName::Ridge, "ridge"),
+    (PolicyName::Nearest, "nearest"),
+    (PolicyName::MlpInverse, "mlp-inverse"),
 ];
 
 impl PolicyName {
@@ -59,7 +68,10 @@ impl PolicyName {
 
     /// Whether it learned something, and needs the file that holds it.
     pub fn needs_model(self) -> bool {
-        matches!(self, PolicyName::Robert | PolicyName::Ridge)
+        matches!(
+            self,
+            PolicyName::Robert | PolicyName::Ridge | PolicyName::Nearest | PolicyName::MlpInverse
+        )
     }
 
     /// All names.
@@ -247,9 +259,7 @@ impl PolicyConfig {
         {
             return Ok(Some((format!("{name}.safetensors"), sha256)));
         }
-        let Some(path) = self.model_path.as_deref().map(learned::model_path) else {
-            return Ok(None);
-        };
+        let Some(path) = self.file() else { return Ok(None) };
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         let sha256 = fsio::sha256_file(&path).map_err(crate::net::Error::from)?;
         Ok(Some((name, sha256)))
@@ -275,6 +285,30 @@ impl PolicyConfig {
             }
             (_, true) => serde_json::json!({ "refine": ilqr() }),
         }
+    }
+
+    fn needed_path(&self) -> Result<&Path, Error> {
+        self.model_path.as_deref().ok_or_else(|| {
+            let name = self.name.as_str();
+            let what =
+                if self.name == PolicyName::Nearest { "a dataset or its fit" } else { "a fit" };
+            Error::Needs { policy: name.to_owned(), needs: format!("{what}: {name}:PATH") }
+        })
+    }
+
+    /// The file that [`PolicyConfig::model_path`] means: of a folder the one inside that is
+    /// read. `None` for policies that learned nothing, and for shipped models.
+    pub fn file(&self) -> Option<PathBuf> {
+        let path = self.model_path.as_deref()?;
+        let inside = |name: &str| Some(path.join(name)).filter(|p| p.exists());
+        let found = match self.name {
+            PolicyName::Nearest => {
+                inside(FitKind::Nearest.file()).or_else(|| inside("manifest.json"))
+            }
+            PolicyName::MlpInverse => inside(FitKind::MlpInverse.file()),
+            _ => Some(learned::model_path(path)),
+        };
+        Some(found.unwrap_or_else(|| path.to_owned())).filter(|p| p.is_file())
     }
 
     /// Builds it for this robot.
@@ -303,6 +337,14 @@ impl PolicyConfig {
             PolicyName::Ridge => {
                 let model = self.model(robot)?;
                 Box::new(Linear::new(model.encoder.clone())?.with_card(&model.card))
+            }
+            PolicyName::Nearest => {
+                Box::new(Nearest::open(self.needed_path()?, &learned::robot_card(robot))?)
+            }
+            PolicyName::MlpInverse => {
+                let path = self.needed_path()?;
+                let path = self.file().unwrap_or_else(|| path.to_owned());
+                Box::new(Inverse::load(&path, Some(&learned::robot_card(robot)))?)
             }
         };
         Ok(if self.refine { Box::new(Refined::new(robot, policy)?) } else { policy })

@@ -54,6 +54,14 @@ pub enum Error {
         /// Checkpoint kept.
         path: PathBuf,
     },
+    /// A fit was stopped before its end; nothing was written.
+    #[error("stopped at step {step} of {steps}; nothing was written")]
+    Stopped {
+        /// Steps done.
+        step: u64,
+        /// Steps asked for.
+        steps: u64,
+    },
     /// The evaluation failed.
     #[error("evaluation at step {step}: {why}")]
     Evaluation {
@@ -79,6 +87,7 @@ impl HasExit for Error {
             Error::Preset { .. } | Error::Setting { .. } => Exit::Usage,
             Error::Run { .. } | Error::Sweep { .. } => Exit::Invalid,
             Error::Diverged { .. } | Error::Evaluation { .. } => Exit::Failed,
+            Error::Stopped { .. } => Exit::Interrupted,
             Error::Data(e) => e.exit(),
             Error::Net(e) => e.exit(),
             Error::Files(e) => e.exit(),

@@ -7,6 +7,7 @@
 pub mod config;
 pub mod curves;
 mod error;
+pub mod fit;
 pub mod hindsight;
 pub mod judge;
 pub mod prepare;

@@ -2,14 +2,12 @@
 //! action centres, all from the train split alone.
 
 use super::{Error, TrainConfig};
-use crate::dataset::{self, Dataset, Part};
-use crate::net::checkpoint::{RobotCard, TrainingCard};
+use crate::dataset::{Dataset, Part};
+use crate::net::checkpoint::TrainingCard;
 use crate::net::kmeans::kmeans;
 use crate::net::ridge::RidgeConfig;
-use crate::net::{
-    Card, Encoder, Episodes, Facts, JointFacts, Net, Normaliser, Ridge, SkipKind, Tokeniser,
-};
-use crate::units::Unit;
+use crate::net::{Card, Encoder, Episodes, Net, Ridge, SkipKind, Tokeniser};
+pub use crate::rollout::{card_of as robot_card, facts, normaliser};
 
 /// Actions that the bins are fitted to, at most.
 const ACTIONS: usize = 400_000;
@@ -46,42 +44,10 @@ impl Episodes for Side<'_> {
     fn actions(&self, episode: usize) -> &[f32] {
         self.frames(episode).1
     }
-}
-
-/// What the features need to know of the robot in a dataset.
-pub fn facts(robot: &dataset::Robot) -> Facts {
-    let joints = robot.units.iter().zip(&robot.ranges);
-    Facts {
-        joints: joints
-            .map(|(&unit, &range)| JointFacts { hinge: unit == Unit::Rad, range })
-            .collect(),
-        actions: robot.actuators.len(),
+    fn in_contact(&self, episode: usize, frame: usize) -> bool {
+        let at = self.episodes.get(episode).and_then(|&i| self.data.episodes().get(i));
+        at.and_then(|e| self.data.self_contact(e).get(frame)).is_some_and(|&c| c != 0)
     }
-}
-
-/// The robot of a dataset as a model card names it.
-pub fn robot_card(robot: &dataset::Robot) -> RobotCard {
-    RobotCard {
-        id: robot.id.clone(),
-        model_sha256: robot.model_sha256.clone(),
-        joints: robot.joints.clone(),
-        actuators: robot.actuators.clone(),
-    }
-}
-
-/// The normaliser of the train split in the network's words.
-pub fn normaliser(data: &Dataset, seed: u64) -> (Normaliser, f64) {
-    let n = dataset::Normaliser::fit(data, &data.part(Part::Train, seed));
-    let floor = |x: &[f64], least: f64| x.iter().map(|x| x.max(least)).collect();
-    // A joint that never moves in the data must not blow up when it moves later.
-    let norm = Normaliser {
-        mean: n.qpos.mean,
-        std: floor(&n.qpos.std, 1e-3),
-        std_d1: floor(&n.d1.std, 1e-5),
-        std_d2: floor(&n.d2.std, 1e-6),
-    };
-    let power = n.ctrl.std.iter().map(|s| s * s).sum::<f64>() / n.ctrl.std.len().max(1) as f64;
-    (norm, power)
 }
 
 /// A fresh network for this data, its features and its card.

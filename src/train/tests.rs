@@ -226,3 +226,57 @@ fn the_best_by_precision_is_kept() {
     let best = checkpoint::load(&paths::best(&run), None).unwrap();
     assert_eq!((best.card.training.step, best.card.training.precision["toy"]), (4, 0.1));
 }
+
+fn fit_inverse(data: &Dataset, seed: u64, out: &Path) -> fit::Fitted {
+    let settings =
+        crate::rollout::InverseSettings { width: 24, steps: 500, batch: 64, ..Default::default() };
+    fit::mlp_inverse(data, seed, settings, out, &Silent, &Cancel::default()).unwrap()
+}
+
+#[test]
+fn fits_infer_held_out_actions() {
+    let dir = tempfile::tempdir().unwrap();
+    let data = dataset(dir.path());
+    let path = |name: &str| dir.path().join(name);
+    let mut ridge = fit::ridge(&data, 0, 2, &path("r")).unwrap();
+    let mut nearest = fit::nearest(&data, 0, usize::MAX, &path("n")).unwrap();
+    let mut inverse = fit_inverse(&data, 0, &path("i"));
+    let errors = [&mut ridge, &mut nearest, &mut inverse]
+        .map(|fitted| fit::held_out(&data, 0, fitted).unwrap());
+    let next = errors.map(|e| e[0]);
+    assert!(next[0] < 0.1 && next[0] < next[1] && next[0] < next[2], "{errors:?}");
+    assert!(next.iter().all(|e| *e < 0.8), "better than to do what is done on average: {errors:?}");
+    assert!(errors.iter().all(|e| e[2] > e[0]), "hidden frames make it harder: {errors:?}");
+}
+
+#[test]
+fn a_fit_is_a_function_of_data_and_seed() {
+    let dir = tempfile::tempdir().unwrap();
+    let data = dataset(dir.path());
+    let path = |name: &str| dir.path().join(name);
+    for (name, seed) in [("a", 1), ("b", 1), ("c", 2)] {
+        fit_inverse(&data, seed, &path(name));
+    }
+    let read = |name: &str| std::fs::read(path(name)).unwrap();
+    assert!(read("a") == read("b") && read("a") != read("c"));
+
+    // A part of the data is whole trajectories, spread over all of it.
+    fit::nearest(&data, 0, 900, &path("n")).unwrap();
+    let found = crate::rollout::Nearest::load(&path("n"), None).unwrap();
+    let lengths = &found.card().settings.lengths;
+    assert_eq!(found.frames(), lengths.iter().sum::<usize>());
+    assert!(lengths.iter().all(|&n| n == 150) && lengths.len() == 6, "{lengths:?}");
+}
+
+#[test]
+fn a_stopped_fit_leaves_no_file() {
+    let dir = tempfile::tempdir().unwrap();
+    let data = dataset(dir.path());
+    let cancel = Cancel::default();
+    cancel.cancel();
+    let out = dir.path().join("i");
+    let settings = crate::rollout::InverseSettings { width: 8, batch: 8, ..Default::default() };
+    let e = fit::mlp_inverse(&data, 0, settings, &out, &Silent, &cancel).unwrap_err();
+    assert_eq!(crate::exit::HasExit::exit(&e), crate::exit::Exit::Interrupted);
+    assert!(!out.exists());
+}

@@ -1,0 +1,155 @@
+//! `robert fit`: policies that need no training, from collected motion.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use serde::Serialize;
+
+use super::bar::Bar;
+use super::failure::{Failure, Outcome};
+use super::interrupt::cancel_on_ctrl_c;
+use super::{Global, motion, out};
+use crate::dataset::{Dataset, Verify};
+use crate::rollout::{InverseSettings, NEAREST_FRAMES};
+use crate::train::fit::{self, HIDDEN};
+
+#[derive(clap::Args, Debug)]
+#[command(
+    after_help = "Examples:\n  robert fit ridge --data data/ur5e\n  robert fit nearest --data data/ur5e --frames 100000 --out near.safetensors\n  robert fit mlp-inverse --data data/ur5e --json\n  robert eval --robot ur5e --suite manual --policy ridge:data/ur5e,nearest:data/ur5e,mlp-inverse:data/ur5e\n\nWithout --out the fit is written beside the data, where the name of the data's folder finds\nit. Only the train part of the data is used; the error is measured on the rest."
+)]
+pub(super) struct Args {
+    /// Which policy.
+    #[arg(value_enum)]
+    policy: Fit,
+    /// Dataset folder.
+    #[arg(long, value_name = "DIR")]
+    data: PathBuf,
+    /// File to write; POLICY.safetensors beside the data by default.
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Refuse data of another robot than this.
+    #[arg(long, value_name = "ID|DIR")]
+    robot: Option<String>,
+    /// Seed of the draws, and of the split where the dataset fixes none.
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// nearest: frames to search at most, whole trajectories evenly spread.
+    #[arg(long, default_value_t = NEAREST_FRAMES as u64, value_parser = clap::value_parser!(u64).range(51..=20_000_000))]
+    frames: u64,
+    /// mlp-inverse: training steps.
+    #[arg(long, default_value_t = InverseSettings::default().steps, value_parser = clap::value_parser!(u64).range(1..=10_000_000))]
+    steps: u64,
+    /// mlp-inverse: units of each of the two hidden layers.
+    #[arg(long, default_value_t = InverseSettings::default().width as u64, value_parser = clap::value_parser!(u64).range(1..=4096))]
+    width: u64,
+    /// ridge: threads; all cores by default. The bits do not depend on it.
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=256))]
+    threads: Option<u16>,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum Fit {
+    /// One linear map for each number of frames to the next goal.
+    Ridge,
+    /// What was done in the recorded moments most like this one.
+    Nearest,
+    /// A small network: where the robot was, is, and shall be one frame from now.
+    MlpInverse,
+}
+
+impl Fit {
+    fn as_str(self) -> &'static str {
+        match self {
+            Fit::Ridge => "ridge",
+            Fit::Nearest => "nearest",
+            Fit::MlpInverse => "mlp-inverse",
+        }
+    }
+}
+
+#[derive(Serialize)]
+struct Report<'a> {
+    policy: &'static str,
+    robot: &'a str,
+    out: PathBuf,
+    seed: u64,
+    dataset_sha256: String,
+    secs: f64,
+    hidden: [usize; 3],
+    /// Share of the actions' variance, by hidden frames.
+    held_out: Option<[f64; 3]>,
+}
+
+pub(super) fn run(args: &Args, global: Global) -> Outcome {
+    let data = Dataset::open(&args.data, Verify::Full)?;
+    let of = &data.manifest().robot;
+    if let Some(robot) = args.robot.as_deref().map(motion::robot).transpose()? {
+        if of.model_sha256 != robot.model_sha256() {
+            return Err(Failure::invalid(format!(
+                "the data is of {} (model {:.12}), not of {} (model {:.12}): {}",
+                of.id,
+                of.model_sha256,
+                robot.id(),
+                robot.model_sha256(),
+                args.data.display()
+            )));
+        }
+    }
+    let name = args.policy.as_str();
+    let beside = data.path().with_file_name(format!("{name}.safetensors"));
+    let path = args.out.clone().unwrap_or(beside);
+    let threads = args
+        .threads
+        .map_or_else(|| std::thread::available_parallelism().map_or(1, usize::from), usize::from);
+    let bar = Bar::new("fit", "steps", global.quiet || args.json);
+    let cancel = cancel_on_ctrl_c();
+    let begin = Instant::now();
+    let fitted = match args.policy {
+        Fit::Ridge => fit::ridge(&data, args.seed, threads, &path),
+        Fit::Nearest => fit::nearest(&data, args.seed, args.frames as usize, &path),
+        Fit::MlpInverse => {
+            let settings = InverseSettings {
+                width: args.width as usize,
+                steps: args.steps,
+                ..InverseSettings::default()
+            };
+            fit::mlp_inverse(&data, args.seed, settings, &path, &bar, &cancel)
+        }
+    };
+    bar.finish();
+    let mut fitted = fitted?;
+    let secs = begin.elapsed().as_secs_f64();
+    // Too little data to hold any out is no reason to withhold the fit.
+    let held_out = fit::held_out(&data, args.seed, &mut fitted).ok();
+    if args.json {
+        return out::json(&Report {
+            policy: name,
+            robot: &of.id,
+            out: path,
+            seed: args.seed,
+            dataset_sha256: data.manifest().sha256(),
+            secs,
+            hidden: HIDDEN,
+            held_out,
+        });
+    }
+    let error = held_out.map_or_else(
+        || "no trajectory is held out to measure on".to_owned(),
+        |e| {
+            let [a, b, c] = e;
+            let [_, many, most] = HIDDEN;
+            format!(
+                "held-out action error (share of variance): {a:.4} next frame known, {b:.3} / {c:.3} with {many} / {most} frames hidden"
+            )
+        },
+    );
+    out::line(&format!(
+        "{name} for {} in {secs:.1} s: {}\n{error}\nuse it: robert rollout CLIP --policy {name}:{}",
+        of.id,
+        path.display(),
+        path.display()
+    ))
+}

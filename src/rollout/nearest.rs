@@ -1,0 +1,397 @@
+//! `nearest`: does what was done in the recorded moments most like this one.
+//!
+//! Nothing is learned. A moment is alike when the robot stood in nearly the same pose, had
+//! come there the same way, and was k frames later where the next visible goal is k frames
+//! ahead. The search looks at every frame, so the answer is exact and the same on every
+//! machine; most frames are dropped after their first few numbers.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+
+use super::error::Error;
+use super::fitted::{self, FitCard, FitKind, Scales, file_error, tensors_of};
+use super::policy::{Policy, View};
+use super::window::{HISTORY, Window};
+use crate::dataset::{Dataset, Part, Verify};
+use crate::net::tensors::Out;
+use crate::net::{self, RobotCard, checkpoint};
+use crate::{fsio, limits};
+
+/// Frames that are enough, and that can be searched at 20 Hz.
+pub const FRAMES: usize = 400_000;
+/// Frames a fit may hold.
+const MOST_FRAMES: usize = 20_000_000;
+
+/// Settings and sizes of a fit.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct NearestSettings {
+    /// Moments whose actions are averaged, the nearer the more.
+    pub neighbours: usize,
+    /// Weight of a distance in pose, spreads of the pose as the unit.
+    pub place: f32,
+    /// Weight of a distance in the way of the last frame, in typical ways of a frame; that of
+    /// the way to the goal counts 1.
+    pub past: f32,
+    /// Frames of each trajectory, in order.
+    pub lengths: Vec<usize>,
+}
+
+impl NearestSettings {
+    /// The settings that did best; see `docs/results.md`.
+    pub fn new(lengths: Vec<usize>) -> Self {
+        NearestSettings { neighbours: 8, place: 0.5, past: 0.3, lengths }
+    }
+}
+
+/// Recorded moments, and how to look them up.
+#[derive(Clone, Debug)]
+pub struct Nearest {
+    card: FitCard<NearestSettings>,
+    /// (N, S), trajectories one after the other.
+    qpos: Vec<f32>,
+    /// (N, A).
+    ctrl: Vec<f32>,
+    /// Factors of the three distances, (S) each.
+    place: Vec<f32>,
+    past: Vec<f32>,
+    way: Vec<f32>,
+    /// The best moments so far: squared distance and frame, nearest first.
+    best: Vec<(f32, usize)>,
+}
+
+impl Nearest {
+    /// From recorded frames, trajectories one after the other.
+    ///
+    /// # Errors
+    /// [`net::Error::Shape`] when the numbers do not fit the card, [`net::Error::Config`].
+    pub fn new(
+        card: FitCard<NearestSettings>,
+        qpos: Vec<f32>,
+        ctrl: Vec<f32>,
+    ) -> Result<Self, net::Error> {
+        let set = &card.settings;
+        let refuse = |field, why: &str| Err(net::Error::Config { field, why: why.to_owned() });
+        if !(1..=1000).contains(&set.neighbours) {
+            return refuse("neighbours", "takes 1 to 1000");
+        }
+        if [set.place, set.past].iter().any(|w| !(w.is_finite() && (0.0..=1e6).contains(w))) {
+            return refuse("place, past", "take 0 to 1e6");
+        }
+        let frames = set
+            .lengths
+            .iter()
+            .try_fold(0_usize, |n, &l| n.checked_add(l).filter(|&n| l > 0 && n <= MOST_FRAMES));
+        let Some(frames) = frames.filter(|&n| n > 0) else {
+            return refuse("lengths", "hold one or more trajectories, 20 million frames in all");
+        };
+        for (what, per, got) in
+            [("qpos", card.state(), qpos.len()), ("ctrl", card.actions(), ctrl.len())]
+        {
+            if got != frames * per {
+                return Err(net::Error::Shape { what, want: frames * per, got });
+            }
+        }
+        let scales = Scales::new(&card);
+        let times = |x: &[f32], w: f32| x.iter().map(|x| x * w).collect();
+        Ok(Nearest {
+            place: times(&scales.place, set.place),
+            past: times(&scales.way, set.past),
+            way: scales.way,
+            best: Vec::with_capacity(set.neighbours + 1),
+            card,
+            qpos,
+            ctrl,
+        })
+    }
+
+    /// The train part of a dataset, at most `frames` of it: whole trajectories, evenly spread
+    /// over the list, so that every collector and snapshot keeps its share.
+    ///
+    /// # Errors
+    /// As [`Nearest::new`].
+    pub fn of(data: &Dataset, seed: u64, frames: usize) -> Result<Self, net::Error> {
+        let all = data.part(Part::Train, seed);
+        let length = |i: &usize| data.episodes().get(*i).map_or(0, |e| e.length);
+        let total: u64 = all.iter().map(length).sum();
+        let (mut seen, mut kept) = (0_u64, 0_u64);
+        let (mut lengths, mut qpos, mut ctrl) = (Vec::new(), Vec::new(), Vec::new());
+        for i in &all {
+            seen += length(i);
+            let share = u128::from(seen) * frames as u128 / u128::from(total.max(1));
+            if u128::from(kept + length(i)) > share.max(u128::from(length(i))) {
+                continue;
+            }
+            let Some(e) = data.episodes().get(*i) else { continue };
+            let (q, _, a) = data.frames(e);
+            qpos.extend_from_slice(q);
+            ctrl.extend_from_slice(a);
+            lengths.push(e.length as usize);
+            kept += e.length;
+        }
+        let settings = NearestSettings::new(lengths);
+        Self::new(FitCard::of(FitKind::Nearest, data, seed, settings), qpos, ctrl)
+    }
+
+    /// Opens what a path means: a file of `robert fit nearest`, or a dataset.
+    ///
+    /// # Errors
+    /// As [`Nearest::load`], and [`Error::Dataset`].
+    pub fn open(path: &Path, robot: &RobotCard) -> Result<Self, Error> {
+        let fitted = path.join(FitKind::Nearest.file());
+        if fitted.exists() {
+            return Ok(Self::load(&fitted, Some(robot))?);
+        }
+        if !path.is_dir() {
+            return Ok(Self::load(path, Some(robot))?);
+        }
+        let data = Dataset::open(path, Verify::Structure)?;
+        checkpoint::same_robot(&fitted::card_of(&data.manifest().robot), robot, path)?;
+        Ok(Self::of(&data, 0, FRAMES)?)
+    }
+
+    /// What it was made with.
+    pub fn card(&self) -> &FitCard<NearestSettings> {
+        &self.card
+    }
+
+    /// Frames that are searched.
+    pub fn frames(&self) -> usize {
+        self.qpos.len() / self.card.state().max(1)
+    }
+
+    /// Writes it, atomically.
+    ///
+    /// # Errors
+    /// [`net::Error::Files`].
+    pub fn save(&self, path: &Path) -> Result<(), net::Error> {
+        let n = self.frames();
+        let all = BTreeMap::from([
+            ("qpos".to_owned(), Out::new(&[n, self.card.state()], &self.qpos)),
+            ("ctrl".to_owned(), Out::new(&[n, self.card.actions()], &self.ctrl)),
+        ]);
+        self.card.save(path, &all)
+    }
+
+    /// Reads and checks a file; `robot`, when given, must be its robot.
+    ///
+    /// # Errors
+    /// [`net::Error::File`] with the reason, [`net::Error::Robot`], [`net::Error::Files`].
+    pub fn load(path: &Path, robot: Option<&RobotCard>) -> Result<Self, net::Error> {
+        let bytes = fsio::read_capped(path, limits::TENSOR_FILE_BYTES)?;
+        let card = FitCard::<NearestSettings>::parse(&bytes, FitKind::Nearest, robot, path)?;
+        let file = tensors_of(&bytes, &["qpos".to_owned(), "ctrl".to_owned()], path)?;
+        let frames = card.settings.lengths.iter().fold(0_usize, |n, &l| n.saturating_add(l));
+        let read = |name: &str, columns: usize| {
+            checkpoint::numbers(&file, name, &[frames, columns])
+                .map_err(|why| file_error(why, path))
+        };
+        let (qpos, ctrl) = (read("qpos", card.state())?, read("ctrl", card.actions())?);
+        if ctrl.iter().any(|a| a.abs() > 1.0) {
+            return Err(file_error("actions beyond [-1, 1]".to_owned(), path));
+        }
+        Self::new(card, qpos, ctrl).map_err(|e| file_error(e.to_string(), path))
+    }
+
+    /// The moments most like this one, the nearest first: squared distance and frame.
+    fn look(&mut self, now: &[f32], past: &[f32], goal: &[f32], k: usize) {
+        let s = self.card.state();
+        let keep = self.card.settings.neighbours;
+        let zero = vec![0.0; s];
+        self.best.clear();
+        let mut first = 0;
+        for &length in &self.card.settings.lengths {
+            let (begin, end) = (first, first + length);
+            first = end;
+            // A frame needs one before it and the goal's after it.
+            for t in begin + 1..end.saturating_sub(k).max(begin + 1) {
+                let worst = if self.best.len() == keep {
+                    self.best.last().map_or(f32::INFINITY, |b| b.0)
+                } else {
+                    f32::INFINITY
+                };
+                let here = &self.qpos[t * s..(t + 1) * s];
+                let there = &self.qpos[(t + k) * s..(t + k + 1) * s];
+                let before = &self.qpos[(t - 1) * s..t * s];
+                let mut d = ways_apart(here, there, goal, &self.way, 1.0 / k as f32);
+                if d >= worst {
+                    continue;
+                }
+                d += ways_apart(now, here, &zero, &self.place, 1.0);
+                d += ways_apart(before, here, past, &self.past, 1.0);
+                if d < worst {
+                    let at = self.best.partition_point(|b| b.0 <= d);
+                    self.best.insert(at, (d, t));
+                    self.best.truncate(keep);
+                }
+            }
+        }
+    }
+
+    /// The action for this window, (A).
+    pub fn answer(&mut self, window: &Window, action: &mut [f64]) {
+        let s = window.dim();
+        let single = |x: &[f64]| x.iter().map(|&x| x as f32).collect::<Vec<f32>>();
+        let now = single(&window.current);
+        let before = single(&window.history[(HISTORY - 1) * s..]);
+        let past: Vec<f32> = now.iter().zip(&before).map(|(a, b)| a - b).collect();
+        // The first frame that shows any joint; joints that it hides lie on their own line.
+        let seen = window.visible.chunks_exact(s).position(|row| row.iter().any(|&v| v));
+        let k = seen.map_or(1, |i| i + 1);
+        let goal: Vec<f32> =
+            (0..s).map(|j| (window.next_target(j) - window.current[j]) as f32).collect();
+        self.look(&now, &past, &goal, k);
+        action.fill(0.0);
+        let a = self.card.actions();
+        let mut all = 0.0;
+        // Weights fall with the distance; the nearest moment alone decides if it is the same.
+        for &(d, t) in &self.best {
+            let weight = 1.0 / (f64::from(d) + 1e-9);
+            all += weight;
+            for (to, &x) in action.iter_mut().zip(&self.ctrl[t * a..(t + 1) * a]) {
+                *to += weight * f64::from(x);
+            }
+        }
+        if all > 0.0 {
+            action.iter_mut().for_each(|x| *x /= all);
+        }
+    }
+}
+
+/// Squared distance between the way from `from` to `to`, times `share`, and `way`, joint by
+/// joint in units of 1 / `scale`.
+fn ways_apart(from: &[f32], to: &[f32], way: &[f32], scale: &[f32], share: f32) -> f32 {
+    let ends = to.iter().zip(from).zip(way.iter().zip(scale));
+    ends.map(|((b, a), (w, s))| {
+        let x = ((b - a) * share - w) * s;
+        x * x
+    })
+    .sum()
+}
+
+impl Policy for Nearest {
+    fn name(&self) -> String {
+        "nearest".to_owned()
+    }
+
+    fn reset(&mut self, _seed: u64) {}
+
+    fn act(&mut self, view: &View<'_>, action: &mut [f64]) -> Result<(), Error> {
+        self.answer(view.window, action);
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::net::{JointFacts, Normaliser};
+    use crate::rng::{Rng, Stream};
+    use crate::rollout::COMMAND;
+
+    /// Smooth motion of two joints; every action is told by its frame.
+    fn recorded(neighbours: usize) -> (Nearest, Vec<f32>) {
+        let lengths = vec![80, 90];
+        let mut rng = Rng::new(2, Stream::Test, 0);
+        let mut qpos = Vec::new();
+        let (mut q, mut v) = ([0.0_f64; 2], [0.0_f64; 2]);
+        for _ in 0..170 {
+            for (q, v) in q.iter_mut().zip(&mut v) {
+                *v = 0.8 * *v + 0.02 * rng.normal();
+                *q += *v;
+            }
+            qpos.extend(q.map(|x| x as f32));
+        }
+        let ctrl: Vec<f32> = (0..170).map(|t| t as f32 / 170.0).collect();
+        let robot = RobotCard {
+            id: "toy".into(),
+            model_sha256: String::new(),
+            joints: vec!["a".into(), "b".into()],
+            actuators: vec!["m".into()],
+        };
+        let norm = Normaliser {
+            mean: vec![0.0; 2],
+            std: vec![0.3; 2],
+            std_d1: vec![0.03; 2],
+            std_d2: vec![0.02; 2],
+        };
+        let settings = NearestSettings { neighbours, ..NearestSettings::new(lengths) };
+        let card = FitCard {
+            format: "robert-fit/1".into(),
+            kind: FitKind::Nearest,
+            robot,
+            joints: vec![JointFacts { hinge: true, range: None }; 2],
+            normaliser: norm,
+            dataset_sha256: String::new(),
+            seed: 0,
+            settings,
+        };
+        (Nearest::new(card, qpos.clone(), ctrl).unwrap(), qpos)
+    }
+
+    /// What the policy sees at frame `t` of the recording when the next `hidden` frames are
+    /// masked.
+    fn window(qpos: &[f32], t: usize, hidden: usize) -> Window {
+        let mut w = Window::new(2);
+        let wide = |f: usize| [f64::from(qpos[f * 2]), f64::from(qpos[f * 2 + 1])];
+        for i in 0..HISTORY {
+            w.history[i * 2..i * 2 + 2].copy_from_slice(&wide(t - HISTORY + i));
+        }
+        w.current.copy_from_slice(&wide(t));
+        for i in 0..COMMAND {
+            w.command[i * 2..i * 2 + 2].copy_from_slice(&wide(t + 1 + i));
+            w.visible[i * 2..i * 2 + 2].fill(i >= hidden);
+        }
+        w
+    }
+
+    #[test]
+    fn a_recorded_moment_gives_its_own_action() {
+        let (mut one, qpos) = recorded(1);
+        let (mut eight, _) = recorded(8);
+        let mut action = [0.0];
+        for t in (HISTORY..79 - COMMAND).chain(80 + HISTORY..169 - COMMAND) {
+            for hidden in [0, 1, 7, 19] {
+                let w = window(&qpos, t, hidden);
+                for policy in [&mut one, &mut eight] {
+                    policy.answer(&w, &mut action);
+                    let want = f64::from(t as f32 / 170.0);
+                    assert!((action[0] - want).abs() < 1e-3, "frame {t}, {hidden} hidden");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_search_leaves_nothing_out() {
+        let (mut policy, qpos) = recorded(3);
+        let mut rng = Rng::new(3, Stream::Test, 0);
+        for _ in 0..50 {
+            let mut draw = |scale: f64| [0, 1].map(|_| (scale * rng.normal()) as f32);
+            let (now, past, goal) = (draw(0.3), draw(0.03), draw(0.03));
+            for k in [1, 5, 20] {
+                policy.look(&now, &past, &goal, k);
+                let mut all: Vec<(f32, usize)> = Vec::new();
+                for (begin, end) in [(0, 80), (80, 170)] {
+                    for t in begin + 1..end - k {
+                        let at = |t: usize, j: usize| qpos[t * 2 + j];
+                        let d = (0..2).map(|j| {
+                            let way = (at(t + k, j) - at(t, j)) / k as f32 - goal[j];
+                            let behind = at(t, j) - at(t - 1, j) - past[j];
+                            (way / 0.03).powi(2)
+                                + ((at(t, j) - now[j]) * 0.5 / 0.3).powi(2)
+                                + (behind * 0.3 / 0.03).powi(2)
+                        });
+                        all.push((d.sum(), t));
+                    }
+                }
+                all.sort_by(|a, b| a.0.total_cmp(&b.0));
+                let found: Vec<usize> = policy.best.iter().map(|b| b.1).collect();
+                let want: Vec<usize> = all[..3].iter().map(|b| b.1).collect();
+                assert_eq!(found, want, "gap {k}");
+            }
+        }
+    }
+}
