@@ -46,7 +46,11 @@ impl Answer {
 impl Studio {
     /// Starts with its state in `dir/state`.
     pub(super) fn start(dir: &Path, args: &[&str]) -> Studio {
-        Self::try_start(dir, args).unwrap_or_else(|stderr| panic!("no studio: {stderr}"))
+        let studio =
+            Self::try_start(dir, args).unwrap_or_else(|stderr| panic!("no studio: {stderr}"));
+        // A shipped network takes its time in a build without optimisation.
+        studio.socket().ask("rollout.set", &json!({"policy": "computed-torque"}));
+        studio
     }
 
     /// The same, or what it said instead.

@@ -13,10 +13,7 @@ mod example;
 
 fn open(dir: &tempfile::TempDir) -> Studio {
     std::fs::write(dir.path().join("a.clip.json"), CLIP).unwrap();
-    let studio = Studio::start(dir.path(), &["a.clip.json"]);
-    // Quick in every build; a shipped network is not.
-    studio.socket().ask("rollout.set", &json!({"policy": "computed-torque"}));
-    studio
+    Studio::start(dir.path(), &["a.clip.json"])
 }
 
 fn ended(studio: &Studio, job: &Value) -> Value {

@@ -288,6 +288,8 @@ export async function armTab(studio: Studio): Promise<Tab> {
   await studio.api("POST", "/api/new", { text: ARM });
   const t = await tab(studio);
   await t.until((s) => s.page === "editor" && s.clip?.name === "arm", "the arm open");
+  await t.byId("policy").selectOption("computed-torque");
+  await t.until((s) => s.settings.policy === "computed-torque", "the policy chosen");
   await t.rolledOut();
   return t;
 }

@@ -3,7 +3,6 @@
 import { dropFloating, edit, keyFloating, poseAt, save, tell } from "./api";
 import { keyAt, keyEnd, nextKey, prevKey, type Fill, type Key } from "./clip";
 import * as store from "./store";
-import { fit } from "./timeline/layout";
 
 export interface Action {
   id: string;
@@ -166,7 +165,7 @@ export const ACTIONS: Action[] = [
   { id: "show-both", title: "Show both", group: "View", keys: ["3"], run: () => { store.show.value = { ...store.show.value, command: true, achieved: true }; tell("view.show", { command: true, achieved: true }); } },
   { id: "ghosts", title: "Ghosts of the neighbouring keys", group: "View", keys: ["4", "O"], run: () => toggleShow("ghosts") },
   { id: "frame", title: "Frame the robot", group: "View", keys: ["F"], run: () => tell("view.camera", { preset: "fit" }) },
-  { id: "fit", title: "Fit the timeline", group: "View", keys: ["Shift+F"], run: () => { const box = document.querySelector("[data-testid=timeline]"); store.view.value = fit(store.length.value, { width: box?.clientWidth ?? 900, height: box?.clientHeight ?? 200 }); } },
+  { id: "fit", title: "Fit the timeline", group: "View", keys: ["Shift+F"], run: () => document.dispatchEvent(new Event("robert-fit")) },
   { id: "next-problem", title: "Next problem", group: "View", keys: ["N"], run: () => problem(1) },
   { id: "prev-problem", title: "Previous problem", group: "View", keys: ["Shift+N"], run: () => problem(-1) },
   { id: "unit", title: "Degrees or radians", group: "View", run: () => { store.degrees.value = !store.degrees.value; localStorage.setItem("unit", store.degrees.value ? "deg" : "rad"); } },

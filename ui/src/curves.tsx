@@ -100,7 +100,7 @@ export function Curves() {
       const d = store.doc.value;
       if (!d) return;
       const joint = store.joint.value ?? 0;
-      const now = `${parent.clientWidth}:${parent.clientHeight}:${store.compared.value}:${joint}:${store.degrees.value}:${d.clip.robot.id}`;
+      const now = `${parent.clientWidth}:${parent.clientHeight}:${colors().back}:${store.compared.value}:${joint}:${store.degrees.value}:${d.clip.robot.id}`;
       if (now !== shape) {
         shape = now;
         build();
@@ -121,12 +121,17 @@ export function Curves() {
       }
     };
     observer.observe(parent);
+    const scheme = matchMedia("(prefers-color-scheme: light)");
+    scheme.addEventListener("change", ask);
+    document.addEventListener("robert-theme", ask);
     const dispose = effect(() => {
       void [store.doc.value, store.frames.value, store.joint.value, store.degrees.value, store.compared.value, store.takes.value, store.playhead.value];
       ask();
     });
     return () => {
       dispose();
+      scheme.removeEventListener("change", ask);
+      document.removeEventListener("robert-theme", ask);
       observer.disconnect();
       plots.forEach((p) => p.destroy());
     };

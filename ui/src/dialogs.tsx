@@ -15,7 +15,8 @@ export function Dialog(props: { title: string; onClose: () => void; children: Co
   useEffect(() => {
     const before = document.activeElement;
     const first = box.current?.querySelector<HTMLElement>("input, select, button");
-    first?.focus();
+    // A long sheet is read from its top.
+    first?.focus({ preventScroll: true });
     if (first instanceof HTMLInputElement) first.select();
     return () => {
       if (before instanceof HTMLElement) before.focus();

@@ -27,4 +27,5 @@ export function setTheme(theme: "dark" | "light" | "auto"): void {
   if (theme === "auto") delete document.documentElement.dataset["theme"];
   else document.documentElement.dataset["theme"] = theme;
   localStorage.setItem("theme", theme);
+  document.dispatchEvent(new Event("robert-theme"));
 }

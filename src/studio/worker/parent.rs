@@ -301,7 +301,8 @@ impl Supervisor {
             Request::Stop => self.perform = None,
             _ => {}
         }
-        if self.child.is_none() && self.rest.is_some() && self.state.phase != WorkerPhase::Stopped {
+        let recent = self.deaths.iter().filter(|d| d.elapsed() < DEATH_WINDOW).count();
+        if self.child.is_none() && self.rest.is_some() && recent < DEATHS {
             self.spawn();
         }
         if self.child.is_none() {

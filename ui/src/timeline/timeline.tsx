@@ -88,6 +88,12 @@ export function Timeline(props: { onMenu: (menu: Menu) => void; onOpenKey: (fram
       paint();
     };
     scheme.addEventListener("change", repaint);
+    const refit = (): void => {
+      fitted = "";
+      paint();
+    };
+    document.addEventListener("robert-fit", refit);
+    document.addEventListener("robert-theme", repaint);
     const paint = (): void => {
       queued = false;
       const d = store.doc.value;
@@ -152,6 +158,8 @@ export function Timeline(props: { onMenu: (menu: Menu) => void; onOpenKey: (fram
       dispose();
       observer.disconnect();
       scheme.removeEventListener("change", repaint);
+      document.removeEventListener("robert-fit", refit);
+      document.removeEventListener("robert-theme", repaint);
     };
   }, []);
 
