@@ -86,17 +86,17 @@ struct Report<'a> {
 pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let data = Dataset::open(&args.data, Verify::Full)?;
     let of = &data.manifest().robot;
-    if let Some(robot) = args.robot.as_deref().map(motion::robot).transpose()? {
-        if of.model_sha256 != robot.model_sha256() {
-            return Err(Failure::invalid(format!(
-                "the data is of {} (model {:.12}), not of {} (model {:.12}): {}",
-                of.id,
-                of.model_sha256,
-                robot.id(),
-                robot.model_sha256(),
-                args.data.display()
-            )));
-        }
+    if let Some(robot) = args.robot.as_deref().map(motion::robot).transpose()?
+        && of.model_sha256 != robot.model_sha256()
+    {
+        return Err(Failure::invalid(format!(
+            "the data is of {} (model {:.12}), not of {} (model {:.12}): {}",
+            of.id,
+            of.model_sha256,
+            robot.id(),
+            robot.model_sha256(),
+            args.data.display()
+        )));
     }
     let name = args.policy.as_str();
     let beside = data.path().with_file_name(format!("{name}.safetensors"));
@@ -116,7 +116,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
                 steps: args.steps,
                 ..InverseSettings::default()
             };
-            fit::mlp_inverse(&data, args.seed, settings, &path, &bar, &cancel)
+            fit::mlp_inverse(&data, args.seed, &settings, &path, &bar, &cancel)
         }
     };
     bar.finish();

@@ -73,7 +73,7 @@ pub fn nearest(data: &Dataset, seed: u64, frames: usize, out: &Path) -> Result<F
 pub fn mlp_inverse(
     data: &Dataset,
     seed: u64,
-    settings: InverseSettings,
+    settings: &InverseSettings,
     out: &Path,
     progress: &dyn Progress,
     cancel: &Cancel,

@@ -230,7 +230,7 @@ fn the_best_by_precision_is_kept() {
 fn fit_inverse(data: &Dataset, seed: u64, out: &Path) -> fit::Fitted {
     let settings =
         crate::rollout::InverseSettings { width: 24, steps: 500, batch: 64, ..Default::default() };
-    fit::mlp_inverse(data, seed, settings, out, &Silent, &Cancel::default()).unwrap()
+    fit::mlp_inverse(data, seed, &settings, out, &Silent, &Cancel::default()).unwrap()
 }
 
 #[test]
@@ -276,7 +276,7 @@ fn a_stopped_fit_leaves_no_file() {
     cancel.cancel();
     let out = dir.path().join("i");
     let settings = crate::rollout::InverseSettings { width: 8, batch: 8, ..Default::default() };
-    let e = fit::mlp_inverse(&data, 0, settings, &out, &Silent, &cancel).unwrap_err();
+    let e = fit::mlp_inverse(&data, 0, &settings, &out, &Silent, &cancel).unwrap_err();
     assert_eq!(crate::exit::HasExit::exit(&e), crate::exit::Exit::Interrupted);
     assert!(!out.exists());
 }
