@@ -67,7 +67,10 @@ fn seeds_and_plants_change_the_motion() {
 
 #[test]
 fn people_get_a_summary_and_progress_goes_elsewhere() {
-    let ran = robert().file("hop.clip.json", HOP).args(["rollout", "hop.clip.json"]).succeeds();
+    let ran = robert()
+        .file("hop.clip.json", HOP)
+        .args(["rollout", "hop.clip.json", "-p", "ilqr"])
+        .succeeds();
     for word in ["ilqr on pointmass", "Precision", "end of holds", "21 frames"] {
         assert!(ran.stdout.contains(word), "{word}: {}", ran.stdout);
     }
