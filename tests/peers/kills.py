@@ -22,7 +22,7 @@ def main(robert, robot="ur5e", kills="30"):
     draw = random.Random(1)
 
     def command(out, *more):
-        steps = ["--agent-steps", "2000", "--transitions", "30000", "--seed", "7"]
+        steps = ["--agent-steps", "1000", "--transitions", "30000", "--seed", "7"]
         return [robert, "collect", "--robot", robot, "--agent", AGENTS, *steps, "--json", "--out", str(work / out), *more]
 
     def collect(out, *more):
