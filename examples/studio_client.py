@@ -28,22 +28,23 @@ class Studio:
 
     def rolled_out(self, rev):
         while True:
-            rollout = self.ask("GET", "/api/rollout")
-            if rollout["state"]["rev"] == rev and rollout["state"]["phase"] in ("done", "failed"):
-                return rollout
+            state = self.ask("GET", "/api/rollout")["state"]
+            if state["rev"] == rev and state["phase"] == "failed":
+                raise SystemExit(f"the rollout broke: {state['error']}")
+            if state["rev"] == rev and state["phase"] == "done":
+                return state
             time.sleep(0.05)
 
 def main(studio):
     view = studio.ask("POST", "/api/new", {"robot": "ur5e", "length": 80, "name": "nod"})
-    rest = view["table"]["rest"]
-    elbow = view["clip"]["robot"]["joints"].index("elbow")
-    bent = [q + (0.4 if j == elbow else 0.0) for j, q in enumerate(rest)]
+    rest, names = view["table"]["rest"], view["clip"]["robot"]["joints"]
+    bent = [q + (0.4 if name == "elbow" else 0.0) for name, q in zip(names, rest)]
     edited = studio.edit(
         "Nod",
         ("keys.add", {"keys": [{"frame": 0, "q": rest}, {"frame": 25, "q": bent, "hold": 10}]}),
         ("keys.add", {"keys": [{"frame": 60, "q": rest, "hold": 20}]}),
     )
-    state = studio.rolled_out(edited["rev"])["state"]
+    state = studio.rolled_out(edited["rev"])
     print(f"{state['policy']}: {len(edited['lints'])} problems, mean error {state['mae']:.5f} rad")
 
 

@@ -17,8 +17,13 @@ use std::time::{Duration, Instant};
 use super::{Answer, Ask, Report, Request, WorkerPhase, WorkerState, codec, exit_of};
 use crate::studio::error::Error;
 
-/// A child that is silent this long while something is asked of it is dead.
+/// A child that was stopped and is silent this long while something is asked of it is dead.
 const SILENCE: Duration = Duration::from_millis(1500);
+/// A child that is silent this long is dead in any case. Its reader never computes, so on a
+/// machine that gives it its turn it answers at once; on a crowded one that can take a while.
+const DEAD_SILENCE: Duration = Duration::from_secs(15);
+/// A child that does not take what is sent to it for so long is dead.
+const BLOCKED: Duration = Duration::from_secs(4);
 /// A child that is silent this long is asked whether it lives.
 const ASK_AFTER: Duration = Duration::from_millis(500);
 /// Time for one question (not for a rollout, which may take as long as it moves on).
@@ -370,12 +375,23 @@ impl Supervisor {
             return;
         }
         let silent = self.heard.elapsed();
-        if self.pinged && silent > SILENCE {
+        let dead = silent > DEAD_SILENCE || (silent > SILENCE && self.is_stopped());
+        if self.pinged && dead {
             self.died("it does not answer");
         } else if !self.pinged && silent > ASK_AFTER {
             self.pinged = true;
             self.send(Request::Ping, None);
         }
+    }
+
+    /// Whether a signal or a debugger holds the child.
+    fn is_stopped(&self) -> bool {
+        let Some(child) = &self.child else { return false };
+        let stat = std::fs::read_to_string(format!("/proc/{}/stat", child.process.id()));
+        // After the name in parentheses comes the state.
+        let state =
+            stat.ok().and_then(|s| s.rsplit_once(") ").map(|(_, rest)| rest.chars().next()));
+        matches!(state.flatten(), Some('T' | 't' | 'Z' | 'X'))
     }
 
     fn died(&mut self, reason: &str) {
@@ -444,7 +460,7 @@ fn start(
         .current_dir(scratch)
         .spawn()?;
     // A child that was stopped lets the buffer run full: better a death than a wait.
-    ours.set_write_timeout(Some(SILENCE))?;
+    ours.set_write_timeout(Some(BLOCKED))?;
     let mut reading = io::BufReader::new(ours.try_clone()?);
     let inbox = inbox.clone();
     std::thread::Builder::new().name("worker-in".into()).spawn(move || {
