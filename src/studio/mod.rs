@@ -177,8 +177,17 @@ async fn first_document(config: &StudioConfig, session: &Session) -> Result<(), 
         if let Some(robot) = config.robot.clone() {
             session.ask(|r| Ask::Know(robot, r)).await?;
         }
+        let named = path.to_str().and_then(|name| gallery::open(name).ok());
         let path = config.folder.join(path);
-        session.ask(|r| Ask::Open(path, r)).await?;
+        match named {
+            // As everywhere on the command line, a file goes before a task of that name.
+            Some(clip) if !path.exists() => {
+                session.ask(|r| Ask::New(Box::new(clip), r)).await?;
+            }
+            _ => {
+                session.ask(|r| Ask::Open(path, r)).await?;
+            }
+        }
     } else if session.ask(Ask::Recover).await? {
         // The unsaved clip of a studio that was killed.
     } else if let Some(robot) = config.robot.clone() {
