@@ -83,16 +83,25 @@ impl Bench {
 fn speeds_limits_and_blind_spans_on_every_robot() {
     for id in Robot::builtin_ids() {
         let b = Bench::new(id);
-        let first = &b.robot.joints()[0];
+        let home = b.robot.home();
+        // The joint with the longest way for its speed.
+        let ways = b.robot.joints().iter().zip(&home).map(|(j, h)| {
+            let far = match j.unbounded {
+                true => h + 5.0,
+                false if h - j.range[0] > j.range[1] - h => j.range[0],
+                false => j.range[1],
+            };
+            (far, (far - h).abs() / j.speed_limit)
+        });
+        let (k, (far, _)) = ways.enumerate().max_by(|(_, a), (_, b)| a.1.total_cmp(&b.1)).unwrap();
+        let joint = &b.robot.joints()[k];
         // Across in a tenth of a second.
-        let far = if first.unbounded { 5.0 } else { first.range[0] };
-        let far = if (far - b.robot.home()[0]).abs() < 0.1 { first.range[1] } else { far };
-        b.write(40, &[(0, 10, b.pose(&[])), (11, 29, b.pose(&[(0, far)]))]);
+        b.write(40, &[(0, 10, b.pose(&[])), (11, 29, b.pose(&[(k, far)]))]);
         b.fires_and_is_mended("joint-speed", "\"frame\": 11", &[]);
         b.write(61, &[(0, 1, b.pose(&[])), (60, 1, b.pose(&[]))]);
         b.fires_and_is_mended("blind-span", "\"frame\": 60", &[]);
-        if !first.unbounded {
-            b.write(20, &[(0, 20, b.pose(&[(0, first.range[1] + 0.2)]))]);
+        if !joint.unbounded {
+            b.write(20, &[(0, 20, b.pose(&[(k, joint.range[1] + 0.2)]))]);
             b.fires_and_is_mended("joint-limit", "\"frame\": 0", &[]);
             assert_eq!(b.robert(&["clip", "check", "a.clip.json"]).0, 0);
         }
