@@ -14,7 +14,7 @@
 //! | 1 | [`mujoco`], [`robot`], [`plot`] | the simulator layer, the robots, charts |
 //! | 2 | [`dataset`], [`net`], [`explore`] | trajectories, the network, the curious agents |
 //! | 3 | [`train`], `rollout`, [`render`] | learning, acting, seeing |
-//! | 4 | [`take`], [`jobs`] | recorded rollouts and exports; work split in shards |
+//! | 4 | [`take`] | recorded rollouts and exports |
 //! | 5 | [`studio`], [`cli`] | what people touch |
 //!
 //! Start reading at [`clip`] (what a person writes), then `rollout` (what is done
@@ -40,7 +40,6 @@ pub mod render;
 pub mod rollout;
 pub mod train;
 
-pub mod jobs;
 pub mod take;
 
 pub mod cli;

@@ -9,7 +9,7 @@ const FLOORS: &[&[&str]] = &[
     &["mujoco", "robot", "plot"],
     &["dataset", "net", "explore"],
     &["train", "rollout", "render"],
-    &["take", "jobs"],
+    &["take"],
     &["studio", "cli"],
 ];
 

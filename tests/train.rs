@@ -34,7 +34,8 @@ fn a_model_that_is_missing_or_damaged_is_invalid_input() {
     };
     assert!(eval("robert:bad.safetensors").fails(3).stderr.contains("bad.safetensors"));
     assert!(eval("ridge:none.safetensors").fails(3).stderr.contains("none.safetensors"));
-    assert!(eval("robert").fails(5).stderr.contains("robert:PATH"));
+    let none = ["eval", "--robot", "ur5e_light", "--suite", "manual", "--policy", "robert"];
+    assert!(robert().args(none).fails(5).stderr.contains("robert:PATH"));
 }
 
 #[test]

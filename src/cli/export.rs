@@ -106,6 +106,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     if args.json && (stdout || (args.out.is_none() && args.to.is_text())) {
         return Err(Failure::usage("--json prints a report on stdout: name a file with -o"));
     }
+    motion::not_onto_itself(&args.input, args.out.as_deref())?;
     // Before any work: the page may be missing.
     let client = match (args.to, &args.viser_client) {
         (Format::Html, Some(path)) => Some(fsio::read_capped(path, limits::MESH_BYTES)?),

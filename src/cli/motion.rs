@@ -51,6 +51,17 @@ pub(super) fn command(clip: &Clip, robot: &Robot, text: &str) -> Outcome<Command
     Ok(command.reordered(&names).unwrap_or(command))
 }
 
+/// Refuses to write a result over what it was made from.
+pub(super) fn not_onto_itself(input: &str, out: Option<&Path>) -> Outcome {
+    let real = |p: &Path| std::fs::canonicalize(p).ok();
+    match out.and_then(real) {
+        Some(out) if real(Path::new(input)).as_ref() == Some(&out) => Err(Failure::usage(format!(
+            "{input} would be overwritten by what is made from it: give another file to write"
+        ))),
+        _ => Ok(()),
+    }
+}
+
 /// The clip that a take was made from.
 pub(super) fn clip_of(take: &Take, text: &str) -> Outcome<Clip> {
     let Some(clip) = &take.clip_text else {

@@ -33,6 +33,8 @@ pub(super) struct Args {
 }
 
 pub(super) fn run(args: &Args, global: Global) -> Outcome {
+    motion::not_onto_itself(&args.clip, args.out.as_deref())?;
+    motion::not_onto_itself(&args.clip, args.csv.as_deref())?;
     let mut done = perform(&args.clip, &args.perform, global)?;
     // What was reached is worth keeping even where the rollout broke off.
     if let Some(path) = &args.csv {

@@ -113,3 +113,18 @@ fn tasks_are_listed_and_shown() {
     assert_eq!(clip, std::fs::read_to_string(file).unwrap());
     robert().file("fire.clip.json", clip).args(["clip", "check", "fire.clip.json"]).succeeds();
 }
+
+#[test]
+fn a_clip_is_never_written_over_by_what_is_made_from_it() {
+    for args in [
+        ["rollout", "hop.clip.json", "-p", "pd", "-o", "hop.clip.json"],
+        ["rollout", "hop.clip.json", "-p", "pd", "--csv", "./hop.clip.json"],
+        ["export", "hop.clip.json", "--to", "csv", "-o", "hop.clip.json"],
+    ] {
+        let ran = robert().file("hop.clip.json", HOP).args(args).run();
+        assert_eq!(ran.code, 2, "{args:?}: {}", ran.stderr);
+        assert!(ran.stderr.contains("overwritten"), "{}", ran.stderr);
+        let text = std::fs::read_to_string(ran.dir.path().join("hop.clip.json")).unwrap();
+        assert_eq!(text, HOP);
+    }
+}

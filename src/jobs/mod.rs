@@ -1,1 +1,0 @@
-//! Work split into shards that any machine can do.
