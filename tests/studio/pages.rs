@@ -128,9 +128,12 @@ fn a_training_runs_stops_and_goes_on() {
         "0",
         "--threads",
         "1",
-        // The closed form of a puck's long history takes minutes without optimisation.
+        // The closed form of a puck's long history, and large batches, take minutes without
+        // optimisation.
         "--set",
         "skip=off",
+        "--set",
+        "batch=4",
     ];
     let job = studio.post("/api/jobs", &json!({"kind": "train", "args": args})).json();
     let path = format!("/api/jobs/{}", job["id"]);
