@@ -7,10 +7,8 @@ use std::sync::Arc;
 
 use robert::clip::compile;
 use robert::progress::Cancel;
-use robert::robot::Robot;
-use robert::rollout::{
-    PlantConfig, PolicyConfig, PolicyName, Rollout, RolloutConfig, Start, tasks,
-};
+use robert::robot::{PlantConfig, Robot};
+use robert::rollout::{PolicyConfig, PolicyName, Rollout, RolloutConfig, Start, tasks};
 
 type Failure = Box<dyn std::error::Error>;
 

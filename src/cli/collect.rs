@@ -7,12 +7,12 @@ use super::bar::Bar;
 use super::failure::Outcome;
 use super::{Global, dataset, interrupt, out};
 use crate::explore::{AgentKind, CollectConfig, Collected, Preset, collect};
-use crate::robot::Robot;
+use crate::robot::{PlantRange, Robot};
 use crate::units::count;
 
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  robert collect --robot ur5e --agent noise --transitions 400k --out data/ur5e-noise\n  robert collect --robot ur5e --agent rnd,icm,apt,aps,proto --transitions 3M --out data/ur5e\n  robert collect --robot ur5e --agent rnd --agent-steps 2k --transitions 5k --out data/try\n\nThe bits depend on the options only, not on threads, interruptions or order. A stopped\ncollection goes on with the same command and --resume."
+    after_help = "Examples:\n  robert collect --robot ur5e --agent noise --transitions 400k --out data/ur5e-noise\n  robert collect --robot ur5e --agent rnd,icm,apt,aps,proto --transitions 3M --out data/ur5e\n  robert collect --robot ur5e --agent rnd --agent-steps 2k --transitions 5k --out data/try\n  robert collect --robot ur5e --plants mass=0.7..1.4,damping=0.5..2,gear=0.7..1.3 --out data/many\n\nThe bits depend on the options only, not on threads, interruptions or order. A stopped\ncollection goes on with the same command and --resume."
 )]
 pub(super) struct Args {
     /// Robot: id, or a folder with robot.xml.
@@ -43,6 +43,9 @@ pub(super) struct Args {
     /// `UR5e`, whose agents drift to extremes, else 1].
     #[arg(long)]
     snapshots_until: Option<f64>,
+    /// Draw another plant for each recorded episode: factors on mass, damping and force.
+    #[arg(long, value_name = "RANGES")]
+    plants: Option<PlantRange>,
     /// Frames of a recorded episode.
     #[arg(long, default_value_t = 250, value_name = "N", value_parser = count)]
     episode_frames: u64,
@@ -74,6 +77,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
         seed: args.seed,
         episode_frames: args.episode_frames,
         snapshots_until: args.snapshots_until.unwrap_or(defaults.snapshots_until),
+        plants: args.plants,
     };
     let threads =
         args.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));

@@ -18,15 +18,14 @@ use crate::clip::{Clip, Sight};
 use crate::dataset::{Dataset, Verify};
 use crate::exit::Exit;
 use crate::fsio;
-use crate::robot::Robot;
+use crate::robot::{PlantRange, Robot};
 use crate::rollout::{
-    Case, EvalConfig, Evaluation, PlantConfig, PolicyConfig, Start, Suite, evaluate, tasks,
-    test_suites,
+    Case, EvalConfig, Evaluation, PolicyConfig, Start, Suite, evaluate, tasks, test_suites,
 };
 
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  robert eval --robot ur5e --suite manual --policy zero,pd,computed-torque,ilqr\n  robert eval --robot ur5e --suite manual --policy pd,pd+guide --plant mass=1.25,damping=1.5,gear=0.85\n  robert eval --suite my-clips/ --policy ilqr --max-precision 0.005 --json"
+    after_help = "Examples:\n  robert eval --robot ur5e --suite manual --policy zero,pd,computed-torque,ilqr\n  robert eval --robot ur5e --suite manual --policy pd,pd+guide --plant mass=1.25,damping=1.5,gear=0.85\n  robert eval --robot ur5e --policy ridge,robert --plant mass=0.7..1.4,damping=0.5..2 --seeds 8\n  robert eval --suite my-clips/ --policy ilqr --max-precision 0.005 --json"
 )]
 pub(super) struct Args {
     /// The robot; with clip files it may be left out.
@@ -55,7 +54,8 @@ pub(super) struct Args {
     /// Improve each action on the robot's model, for every policy.
     #[arg(long)]
     refine: bool,
-    /// Simulate another plant than the policies believe in: mass=1.25,damping=1.5,gear=0.85.
+    /// Simulate another plant than the policies believe in: mass=1.25,damping=1.5,gear=0.85;
+    /// each seed draws its own from a range: mass=0.7..1.4.
     #[arg(long, value_name = "FACTORS")]
     plant: Option<String>,
     /// Seeds 0..N; the interval is over seeds.
@@ -83,7 +83,7 @@ pub(super) struct Args {
 struct Report<'a> {
     robot: &'a str,
     unit: &'static str,
-    plant: PlantConfig,
+    plant: PlantRange,
     seeds: u64,
     threads: usize,
     wall_secs: f64,
@@ -124,7 +124,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
         .collect::<Outcome<_>>()?;
     let plant = match &args.plant {
         Some(text) => text.parse()?,
-        None => PlantConfig::default(),
+        None => PlantRange::default(),
     };
     if let Some(x) = args.max_precision.filter(|x| !(x.is_finite() && *x >= 0.0)) {
         return Err(Failure::usage(format!("--max-precision {x} is no distance")));
@@ -295,7 +295,7 @@ fn check(results: &[Evaluation], limit: f64, unit: &str) -> Outcome {
 }
 
 /// Tasks as rows, policies as columns.
-fn table(robot: &Robot, suite: &str, plant: PlantConfig, results: &[Evaluation]) -> String {
+fn table(robot: &Robot, suite: &str, plant: PlantRange, results: &[Evaluation]) -> String {
     let columns: Vec<&Evaluation> = results.iter().filter(|r| r.suite == suite).collect();
     let unit = motion::unit(robot);
     let mut header = vec!["task".to_owned()];
@@ -327,7 +327,8 @@ fn table(robot: &Robot, suite: &str, plant: PlantConfig, results: &[Evaluation])
     for column in t.column_iter_mut().skip(1) {
         column.set_cell_alignment(comfy_table::CellAlignment::Right);
     }
-    let plant = if plant.is_nominal() { String::new() } else { format!(", plant {plant}") };
+    let plant =
+        if plant == PlantRange::default() { String::new() } else { format!(", plant {plant}") };
     let mut text = format!(
         "{} {suite}: Precision in {unit} (mean |error| over unmasked frames; lower is better){plant}\n{t}\n* best of the row",
         robot.id()

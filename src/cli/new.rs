@@ -22,10 +22,10 @@ use crate::explore::{CollectConfig, collect};
 use crate::net::checkpoint;
 use crate::progress::{Cancel, Silent};
 use crate::robot::import::import;
-use crate::robot::{PROFILE_FILE, Robot};
+use crate::robot::{PROFILE_FILE, PlantRange, Robot};
 use crate::rollout::{
-    Case, EvalConfig, Evaluation, PlantConfig, PolicyConfig, PolicyName, Start, Suite, evaluate,
-    model_path, shipped, tasks,
+    Case, EvalConfig, Evaluation, PolicyConfig, PolicyName, Start, Suite, evaluate, model_path,
+    shipped, tasks,
 };
 use crate::train::judge::SuiteJudge;
 use crate::train::run::read_config;
@@ -254,7 +254,7 @@ fn compare(
         })
         .collect::<Outcome<Vec<_>>>()?;
     let suite = Suite { name: "trial".to_owned(), cases };
-    let config = EvalConfig { policies, plant: PlantConfig::default(), seeds: 1, threads };
+    let config = EvalConfig { policies, plant: PlantRange::default(), seeds: 1, threads };
     let bar = Bar::new("compare", "rollouts", global.quiet);
     let found = evaluate(robot, &[suite], &config, &bar, cancel);
     bar.finish();

@@ -9,8 +9,8 @@ use super::interrupt::cancel_on_ctrl_c;
 use super::{Global, motion};
 use crate::clip::{self, Clip};
 use crate::progress::Progress as _;
-use crate::robot::Robot;
-use crate::rollout::{Error, Guide, PlantConfig, PolicyConfig, Rollout, RolloutConfig, Start};
+use crate::robot::{PlantConfig, Robot};
+use crate::rollout::{Error, Guide, PolicyConfig, Rollout, RolloutConfig, Start};
 use crate::take::{Provenance, Take};
 use crate::units::significant;
 

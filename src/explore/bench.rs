@@ -48,7 +48,7 @@ impl RolloutBench {
         };
         Ok(RolloutBench {
             robot: Arc::clone(robot),
-            wave: Wave::new(robot)?,
+            wave: Wave::new(robot, None)?,
             policy: Policy::Actor(Box::new(Actor::new(&snapshot)), Preset::url_fast().spread),
             env: Env::new(robot)?,
             data: Data::new(robot.model())?,

@@ -33,7 +33,7 @@ use super::policy::{Actor, Policy, Snapshot};
 use super::preset::Preset;
 use crate::dataset::{Dataset, Episode, Manifest, Shard, ShardEntry};
 use crate::progress::{Cancel, Progress};
-use crate::robot::Robot;
+use crate::robot::{PlantRange, Robot};
 use crate::{fsio, limits};
 
 /// Frames of the largest shard: what a kill can cost stays within half a minute.
@@ -58,6 +58,10 @@ pub struct CollectConfig {
     /// Only snapshots up to this share of the training are rolled out: agents that drift to
     /// extremes (`UR5e`) are stopped early.
     pub snapshots_until: f64,
+    /// Each recorded episode draws its plant from here; the robot's own if none. Agents are
+    /// trained on the robot's own.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub plants: Option<PlantRange>,
 }
 
 /// The collector that needs no training and no tuning on this robot: the tried noise of a
@@ -79,6 +83,7 @@ impl CollectConfig {
             seed: 0,
             episode_frames: 250,
             snapshots_until: if early { 0.5 } else { 1.0 },
+            plants: None,
         }
     }
 
@@ -418,7 +423,7 @@ impl Run<'_> {
                 }
                 let wave = match &mut wave {
                     Some(w) => w,
-                    none => none.insert(Wave::new(self.robot)?),
+                    none => none.insert(Wave::new(self.robot, self.config.plants)?),
                 };
                 let target = (self.out, job.file.as_path());
                 match wave.make(&job.plan, &job.policy, target, self.cancel, &tick) {
@@ -462,7 +467,7 @@ impl Run<'_> {
         for (i, &kind) in agents.iter().enumerate() {
             let frames = share(self.config.transitions, agents.len() as u64, i as u64);
             let (policies, snapshots) = self.policies(kind)?;
-            let spec = serde_json::json!({
+            let mut spec = serde_json::json!({
                 "format": "robert-collect/1",
                 "robot": self.robot.id(),
                 "model_sha256": self.robot.model_sha256(),
@@ -474,6 +479,9 @@ impl Run<'_> {
                 "training": kind.learns().then_some(&self.config.preset),
                 "snapshots": snapshots,
             });
+            if let Some(plants) = self.config.plants {
+                spec["plants"] = plants.to_string().into();
+            }
             let spec_sha256 = fsio::sha256_hex(spec.to_string().as_bytes());
             let mut index = 0;
             for (j, (step, policy)) in policies.iter().enumerate() {

@@ -1,7 +1,8 @@
 //! One simulated robot as an agent sees it: reset, act, observe.
 //!
 //! What an episode does is a function of its seed and its actions alone; which simulation it
-//! ran in, and what ran there before, leaves no trace.
+//! ran in, and what ran there before, leaves no trace. Where plants vary, each episode has its
+//! own: only what moved before tells a policy which one.
 
 use std::sync::Arc;
 
@@ -10,7 +11,7 @@ use super::fill::describe;
 use crate::dataset::Robot as Described;
 use crate::mujoco::Data;
 use crate::rng::Rng;
-use crate::robot::{Coupling, Robot};
+use crate::robot::{Coupling, PlantRange, Robot};
 use crate::units::SUBSTEPS;
 
 /// How far beyond a stop a joint may be pushed before the frame is implausible, in its unit.
@@ -52,6 +53,8 @@ pub(crate) enum Step {
 pub(crate) struct Env {
     robot: Arc<Robot>,
     data: Data,
+    /// Where the plant of each episode is drawn from; the robot's own if none.
+    plants: Option<PlantRange>,
     start: Start,
     home: Vec<f64>,
     /// Centre and half span of each control range.
@@ -66,11 +69,19 @@ pub(crate) struct Env {
 }
 
 impl Env {
-    /// A simulation of this robot.
+    /// A simulation of this robot as its file says.
     ///
     /// # Errors
     /// [`Error::Simulator`].
     pub(crate) fn new(robot: &Arc<Robot>) -> Result<Self, Error> {
+        Env::varied(robot, None)
+    }
+
+    /// The same with a plant of its own for each episode.
+    ///
+    /// # Errors
+    /// [`Error::Simulator`].
+    pub(crate) fn varied(robot: &Arc<Robot>, plants: Option<PlantRange>) -> Result<Self, Error> {
         let data = Data::new(robot.model())?;
         let span: Vec<(f64, f64)> = robot
             .actuators()
@@ -89,6 +100,7 @@ impl Env {
             described: describe(robot),
             robot: Arc::clone(robot),
             data,
+            plants,
         })
     }
 
@@ -101,8 +113,12 @@ impl Env {
     /// a few frames to push themselves apart, or are drawn again.
     ///
     /// # Errors
-    /// [`Error::Simulator`].
+    /// [`Error::Simulator`], [`Error::Robot`].
     pub(crate) fn reset(&mut self, rng: &mut Rng) -> Result<(), Error> {
+        if let Some(plants) = &self.plants {
+            let plant = plants.draw(rng.next_u64());
+            self.data = Data::new(&plant.model(&self.robot)?)?;
+        }
         for _ in 0..TRIES {
             let pose = self.draw(rng);
             self.place(&pose)?;

@@ -13,7 +13,7 @@ use super::policy::{Mind, Policy, Scratch};
 use crate::dataset::{EpisodeMeta, Robot as Described, ShardBuilder, ShardEntry};
 use crate::progress::Cancel;
 use crate::rng::{Rng, Stream, draw};
-use crate::robot::{Robot, StateJoint};
+use crate::robot::{PlantRange, Robot, StateJoint};
 
 /// Episodes side by side: the policy's products get enough rows, the simulations' work
 /// spaces still fit the cache.
@@ -72,13 +72,13 @@ enum End {
 }
 
 impl Wave {
-    /// Simulations of this robot.
+    /// Simulations of this robot; with `plants`, of another plant in each episode.
     ///
     /// # Errors
     /// [`Error::Simulator`].
-    pub(crate) fn new(robot: &Arc<Robot>) -> Result<Self, Error> {
+    pub(crate) fn new(robot: &Arc<Robot>, plants: Option<PlantRange>) -> Result<Self, Error> {
         let lane = || {
-            let env = Env::new(robot)?;
+            let env = Env::varied(robot, plants)?;
             let (qpos, qvel, ctrl) = (Vec::new(), Vec::new(), Vec::new());
             Ok(Lane { env, qpos, qvel, ctrl, contact: Vec::new() })
         };
@@ -264,21 +264,52 @@ mod tests {
         let make = |wave: &mut Wave, plan: &Plan, name: &str| {
             wave.make(plan, &policy, (dir.path(), Path::new(name)), &never, &|_| ()).unwrap()
         };
-        let mut wave = Wave::new(&robot).unwrap();
+        let mut wave = Wave::new(&robot, None).unwrap();
         let first = make(&mut wave, &plan(1234), "a");
         make(&mut wave, &Plan { index: 3, ..plan(300) }, "b");
         let again = make(&mut wave, &plan(1234), "c");
-        let alone = make(&mut Wave::new(&robot).unwrap(), &plan(1234), "d");
+        let alone = make(&mut Wave::new(&robot, None).unwrap(), &plan(1234), "d");
         assert_eq!(first.sha256, again.sha256);
         assert_eq!(first.sha256, alone.sha256);
         assert_eq!(first.frames, 1234);
     }
 
     #[test]
+    fn each_episode_has_a_plant_of_its_own() {
+        let dir = tempfile::tempdir().unwrap();
+        let robot = Arc::new(Robot::builtin("pointmass").unwrap());
+        let never = Cancel::default();
+        let speeds = |plants: Option<PlantRange>, name: &str| {
+            let mut wave = Wave::new(&robot, plants).unwrap();
+            let file = (dir.path(), Path::new(name));
+            let made = wave.make(&plan(800), &Policy::Uniform, file, &never, &|_| ()).unwrap();
+            let mut again = Wave::new(&robot, plants).unwrap();
+            let same = again.make(&plan(800), &Policy::Uniform, file, &never, &|_| ()).unwrap();
+            assert_eq!(made.sha256, same.sha256);
+            let shard = Shard::open(&dir.path().join(name), 2, 2, None).unwrap();
+            // The change of speed a unit of torque makes, from rest: gear over mass.
+            let push = |&(start, _, _): &(u64, u64, _)| {
+                let t = start as usize;
+                let (u, v) = (shard.ctrl_rows(t, 1)[0], shard.qvel_rows(t + 1, 1)[0]);
+                v / u
+            };
+            shard.episodes().map(|e| push(&e)).collect::<Vec<f32>>()
+        };
+        let one = speeds(None, "one");
+        let many = speeds(Some("mass=.5..2,gear=.5..2".parse().unwrap()), "many");
+        let spread = |v: &[f32]| {
+            let (lo, hi) = v.iter().fold((f32::MAX, f32::MIN), |(a, b), x| (a.min(*x), b.max(*x)));
+            hi / lo
+        };
+        assert!(spread(&one) < 1.01, "{one:?}");
+        assert!(spread(&many) > 1.5, "{many:?}");
+    }
+
+    #[test]
     fn recorded_actions_lead_to_recorded_states() {
         let dir = tempfile::tempdir().unwrap();
         let robot = Arc::new(Robot::builtin("pointmass").unwrap());
-        let mut wave = Wave::new(&robot).unwrap();
+        let mut wave = Wave::new(&robot, None).unwrap();
         let file = (dir.path(), Path::new("a"));
         wave.make(&plan(200), &Policy::Uniform, file, &Cancel::default(), &|_| ()).unwrap();
         let shard = Shard::open(&dir.path().join("a"), 2, 2, None).unwrap();

@@ -57,6 +57,14 @@ pub enum Error {
         /// Why.
         reason: String,
     },
+    /// A plant description is wrong.
+    #[error("plant {text:?}: {problem}; write for instance mass=1.25,damping=0.5..2,gear=0.85")]
+    Plant {
+        /// What was given.
+        text: String,
+        /// What is wrong with it.
+        problem: String,
+    },
     /// A value that should be a number is not, or a vector has the wrong length.
     #[error("{what} has {got} values, {robot} takes {want}")]
     Length {
@@ -147,6 +155,7 @@ impl HasExit for Error {
             Error::Simulator(e) => e.exit(),
             Error::File(e) => e.exit(),
             Error::Length { .. } => Exit::Failed,
+            Error::Plant { .. } => Exit::Usage,
             Error::NoChecker { .. } => Exit::Missing,
             _ => Exit::Invalid,
         }

@@ -24,6 +24,7 @@ pub mod import;
 mod joint_table;
 mod mesh;
 mod mirror;
+mod plant;
 pub mod preparse;
 mod profile;
 mod servo;
@@ -35,6 +36,7 @@ pub use derive::derive;
 pub use error::Error;
 pub use ik::{IkConfig, IkResult, Point, Target};
 pub use joint_table::Settler;
+pub use plant::{PlantConfig, PlantRange};
 pub use profile::{
     ActuatorSpec, Camera, Coupling, Drive, FORMAT, Group, JointSpec, MODEL_FILE, MirrorRow,
     MirrorSpec, NEAR_LIMIT, PROFILE_FILE, Physics, PoseSpec, Profile, SettleSpec, valid_id,

@@ -25,8 +25,8 @@ use std::sync::Arc;
 use nalgebra::{DMatrix, DVector};
 
 use super::actuation::Actuation;
+use super::belief::Belief;
 use super::error::Error;
-use super::plant::Belief;
 use super::policy::{Policy, View};
 use crate::mujoco::Data;
 use crate::robot::Robot;

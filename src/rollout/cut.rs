@@ -139,9 +139,8 @@ mod tests {
 
     use super::*;
     use crate::progress::{Cancel, Silent};
-    use crate::rollout::{
-        EvalConfig, PlantConfig, PolicyConfig, PolicyName, Rollout, RolloutConfig, evaluate,
-    };
+    use crate::robot::PlantRange;
+    use crate::rollout::{EvalConfig, PolicyConfig, PolicyName, Rollout, RolloutConfig, evaluate};
 
     /// A recorded motion of the arm: 111 states and velocities.
     fn recording(robot: &Arc<Robot>) -> (Vec<String>, Vec<f32>, Vec<f32>) {
@@ -183,7 +182,7 @@ mod tests {
         let suite = Suite { name: "t".into(), cases: last.clone() };
         let config = EvalConfig {
             policies: vec![policy.clone()],
-            plant: PlantConfig::default(),
+            plant: PlantRange::default(),
             seeds: 1,
             threads: 2,
         };

@@ -78,14 +78,6 @@ pub enum Error {
     /// A model file, or the network in it.
     #[error(transparent)]
     Model(#[from] crate::net::Error),
-    /// A plant description is wrong.
-    #[error("plant {text:?}: {problem}; write for instance mass=1.25,damping=1.5,gear=0.85")]
-    Plant {
-        /// What was given.
-        text: String,
-        /// What is wrong with it.
-        problem: String,
-    },
     /// Stopped on request.
     #[error("stopped at frame {frame}")]
     Cancelled {
@@ -102,7 +94,7 @@ impl HasExit for Error {
             Error::Robot(e) => e.exit(),
             Error::Model(e) => e.exit(),
             Error::Dataset(e) => e.exit(),
-            Error::UnknownPolicy { .. } | Error::Plant { .. } => Exit::Usage,
+            Error::UnknownPolicy { .. } => Exit::Usage,
             Error::Needs { .. } => Exit::Missing,
             Error::Cancelled { .. } => Exit::Interrupted,
             _ => Exit::Invalid,

@@ -16,9 +16,9 @@ use std::sync::Arc;
 
 use nalgebra::{DMatrix, DVector};
 
+use super::belief::Belief;
 use super::error::Error;
 use super::pd::Pd;
-use super::plant::Belief;
 use super::policy::{Policy, View};
 use super::window::{COMMAND, Window};
 use crate::mujoco::Snapshot;

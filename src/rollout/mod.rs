@@ -10,6 +10,7 @@
 //! which sees 20 frames ahead and no more.
 
 mod actuation;
+mod belief;
 mod computed_torque;
 mod cut;
 mod error;
@@ -19,7 +20,6 @@ mod inverse;
 mod learned;
 mod nearest;
 mod pd;
-mod plant;
 mod policy;
 mod precision;
 mod refine;
@@ -33,6 +33,7 @@ pub mod tasks;
 mod window;
 mod zero;
 
+pub use belief::Belief;
 pub use cut::{CUT_FRAMES, Masking, cut, test_suites};
 pub use error::Error;
 pub use fitted::{FitCard, FitKind, card_of, facts, normaliser};
@@ -40,7 +41,6 @@ pub use ilqr::{Ilqr, IlqrConfig};
 pub use inverse::{Inverse, InverseSettings};
 pub use learned::{Learned, Linear, load, model_path, robot_card};
 pub use nearest::{FRAMES as NEAREST_FRAMES, Nearest, NearestSettings};
-pub use plant::{Belief, PlantConfig};
 pub use policy::{Policy, View};
 pub use precision::{HoldError, Precision, hidden_error};
 pub use registry::{Guide, Inference, Offer, PolicyConfig, PolicyName, offers};

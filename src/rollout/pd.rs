@@ -4,8 +4,8 @@
 use std::sync::Arc;
 
 use super::actuation::Actuation;
+use super::belief::Belief;
 use super::error::Error;
-use super::plant::Belief;
 use super::policy::{Policy, View};
 use crate::robot::{Robot, Servo};
 

@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
+use super::belief::substeps;
 use super::error::Error;
-use super::plant::{PlantConfig, substeps};
 use super::policy::{Policy, View};
 use super::precision::Precision;
 use super::registry::Guide;
@@ -11,7 +11,7 @@ use super::window::{COMMAND, Goals, HISTORY, Window};
 use crate::clip::Command;
 use crate::mujoco::{Data, Snapshot};
 use crate::progress::Cancel;
-use crate::robot::Robot;
+use crate::robot::{PlantConfig, Robot};
 use crate::units::CTRL_DT;
 
 /// Where a rollout begins.

@@ -4,8 +4,8 @@
 
 use std::sync::Arc;
 
+use super::belief::Belief;
 use super::error::Error;
-use super::plant::Belief;
 use super::policy::{Policy, View};
 use super::window::{COMMAND, Window};
 use crate::rng::{Rng, Stream};

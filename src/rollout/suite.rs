@@ -6,7 +6,6 @@ use std::sync::{Arc, Mutex, PoisonError};
 use serde::Serialize;
 
 use super::error::Error;
-use super::plant::PlantConfig;
 use super::policy::Policy;
 use super::precision::{Precision, hidden_error};
 use super::registry::{Guide, PolicyConfig};
@@ -14,7 +13,7 @@ use super::run::{Rollout, RolloutConfig, Start};
 use super::stats::{Interval, mean_ci95};
 use crate::clip::Command;
 use crate::progress::{Cancel, Progress};
-use crate::robot::Robot;
+use crate::robot::{PlantConfig, PlantRange, Robot};
 
 /// One task of a suite.
 #[derive(Clone, Debug)]
@@ -43,8 +42,8 @@ pub struct Suite {
 pub struct EvalConfig {
     /// The policies.
     pub policies: Vec<PolicyConfig>,
-    /// The plant.
-    pub plant: PlantConfig,
+    /// Where the plant of each seed is drawn from.
+    pub plant: PlantRange,
     /// Seeds 0..n.
     pub seeds: u64,
     /// Worker threads.
@@ -91,7 +90,7 @@ pub struct Evaluation {
     pub uses_model: bool,
     /// Suite.
     pub suite: String,
-    /// Plant, where it is not nominal.
+    /// Plant or range of plants, where it is not nominal.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub plant: Option<String>,
     /// Mean Precision over tasks; `None` when any task failed.
@@ -157,7 +156,7 @@ pub fn evaluate(
                 policy: policy.label(),
                 uses_model,
                 suite: suite.name.clone(),
-                plant: (!config.plant.is_nominal()).then(|| config.plant.to_string()),
+                plant: (config.plant != PlantRange::default()).then(|| config.plant.to_string()),
                 precision_mean: interval.map(|i| i.mean),
                 ci95: interval.and_then(|i| i.ci95),
                 tasks: suite.cases.iter().zip(&by_case).map(|(c, o)| summarise(c, o)).collect(),
@@ -195,7 +194,14 @@ fn all(
             let outcome = built
                 .and_then(|built| {
                     let guided = (built, policy.guide);
-                    one(robot, guided, case, job.seed, config.plant, &[cancel, &stop])
+                    one(
+                        robot,
+                        guided,
+                        case,
+                        job.seed,
+                        config.plant.draw(job.seed),
+                        &[cancel, &stop],
+                    )
                 })
                 .inspect_err(|_| stop.cancel())?;
             mine.push((at, outcome));

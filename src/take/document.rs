@@ -7,8 +7,8 @@ use serde::{Deserialize, Serialize};
 use super::error::Error;
 use crate::clip::Command;
 use crate::fsio;
-use crate::robot::Robot;
-use crate::rollout::{self, Goals, Guide, PlantConfig, PolicyConfig, Precision, RolloutConfig};
+use crate::robot::{PlantConfig, Robot};
+use crate::rollout::{self, Goals, Guide, PolicyConfig, Precision, RolloutConfig};
 use crate::units::{CTRL_DT, Unit};
 
 /// Numbers of one body pose: position in m, then orientation w x y z.

@@ -19,10 +19,10 @@ use crate::dataset::{self, Corruption, Dataset, Manifest, Verify};
 use crate::fsio;
 use crate::plot::{self, Axis, Curve, Figure};
 use crate::progress::{Cancel, Progress, Silent};
-use crate::robot::Robot;
+use crate::robot::{PlantRange, Robot};
 use crate::rollout::{
-    Case, EvalConfig, Interval, PlantConfig, PolicyConfig, PolicyName, Start, Suite, evaluate,
-    mean_ci95, tasks, test_suites,
+    Case, EvalConfig, Interval, PolicyConfig, PolicyName, Start, Suite, evaluate, mean_ci95, tasks,
+    test_suites,
 };
 
 /// Points of a grid, seeds included, at most.
@@ -462,7 +462,7 @@ fn perform(
     let model_path = Some(paths::model(dir));
     let config = EvalConfig {
         policies: vec![PolicyConfig { model_path, ..PolicyConfig::new(PolicyName::Robert) }],
-        plant: PlantConfig::default(),
+        plant: PlantRange::default(),
         seeds: 1,
         threads: work.threads,
     };

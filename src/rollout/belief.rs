@@ -1,0 +1,59 @@
+//! The plant that a planner believes in: the robot as its file says.
+
+use std::sync::Arc;
+
+use super::error::Error;
+use crate::mujoco::{Data, Model};
+use crate::robot::Robot;
+
+/// A planner's own simulation of the robot as its file says.
+#[derive(Debug)]
+pub struct Belief {
+    /// The robot.
+    pub robot: Arc<Robot>,
+    /// Work space on the robot's own model.
+    pub data: Data,
+    /// Simulator steps in one control step.
+    pub substeps: usize,
+}
+
+impl Belief {
+    /// A planner's simulation.
+    ///
+    /// # Errors
+    /// [`Error::Setup`], [`Error::Timestep`].
+    pub fn new(robot: &Arc<Robot>) -> Result<Belief, Error> {
+        Belief::on(robot, robot.model())
+    }
+
+    /// The same robot touching nothing.
+    ///
+    /// # Errors
+    /// As [`Belief::new`].
+    pub fn without_contacts(robot: &Arc<Robot>) -> Result<Belief, Error> {
+        let mut model = robot.model().duplicate()?;
+        model.set_contacts(false);
+        Belief::on(robot, &Arc::new(model))
+    }
+
+    fn on(robot: &Arc<Robot>, model: &Arc<Model>) -> Result<Belief, Error> {
+        let data = Data::new(model)?;
+        let substeps = substeps(robot.model())?;
+        Ok(Belief { robot: Arc::clone(robot), data, substeps })
+    }
+}
+
+/// Simulator steps that make up one control step exactly.
+///
+/// # Errors
+/// [`Error::Timestep`] when 0.05 s is no whole number of them: the clock of the rollout
+/// would drift against the clip.
+pub(super) fn substeps(model: &Model) -> Result<usize, Error> {
+    let dt = model.timestep();
+    let n = (crate::units::CTRL_DT / dt).round();
+    if n >= 1.0 && (n * dt - crate::units::CTRL_DT).abs() < 1e-9 {
+        Ok(n as usize)
+    } else {
+        Err(Error::Timestep { timestep_secs: dt })
+    }
+}
