@@ -98,8 +98,8 @@ impl Default for TrainConfig {
             self_correct: 0,
             self_share: 0.25,
             self_tasks: 240,
-            stop_weight: 1.0,
-            contact_weight: 1.0,
+            stop_weight: 0.1,
+            contact_weight: 0.05,
             seed: 0,
         }
     }
@@ -147,6 +147,8 @@ impl TrainConfig {
             lr: 7e-5,
             schedule: Schedule::Paper,
             average: 0.0,
+            stop_weight: 1.0,
+            contact_weight: 1.0,
             ..Self::default()
         };
         let cfg = match name {

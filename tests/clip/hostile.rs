@@ -2,7 +2,6 @@
 //! under a second and with less than 256 MB of address space above an empty run's.
 
 use std::process::Command;
-use std::time::{Duration, Instant};
 
 use crate::run::binary;
 
@@ -192,15 +191,14 @@ fn hostile_clips_are_refused_with_their_place() {
     let mut wrong = Vec::new();
     for (name, bytes, place) in cases {
         std::fs::write(dir.path().join("h.clip.json"), bytes).unwrap();
-        let start = Instant::now();
-        // ulimit counts kilobytes of address space, program and libraries included.
+        // ulimit counts kilobytes of address space, program and libraries included, and seconds
+        // of processor time: those of the clock would judge the machine's other work.
         let ran = Command::new("sh")
-            .args(["-c", "ulimit -v 262144 && exec \"$0\" clip check h.clip.json"])
+            .args(["-c", "ulimit -v 262144 && ulimit -t 1 && exec \"$0\" clip check h.clip.json"])
             .arg(binary())
             .current_dir(dir.path())
             .output()
             .unwrap();
-        let took = start.elapsed();
         let stderr = String::from_utf8_lossy(&ran.stderr);
         let expect = format!("error: h.clip.json:{place}");
         let ends = place.ends_with(':')
@@ -212,9 +210,6 @@ fn hostile_clips_are_refused_with_their_place() {
                 ran.status.code(),
                 &stderr[..stderr.len().min(300)]
             ));
-        }
-        if took > Duration::from_secs(1) {
-            wrong.push(format!("{name}: took {took:?}"));
         }
         if stderr.len() > 1000 || stderr.lines().count() > 1 {
             wrong.push(format!("{name}: a message of {} bytes", stderr.len()));
