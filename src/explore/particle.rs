@@ -3,9 +3,17 @@
 //! Source: the reference implementation of URLB (Laskin et al. 2021, arXiv 2110.15191);
 //! the entropy estimate is that of APT (Liu and Abbeel 2021, arXiv 2103.04551), equation 5.
 
+// Vector code must be inlined into the function that pulp compiles for the processor found.
+#![allow(clippy::inline_always)]
+
+use pulp::Arch;
+
 use crate::net::mat::{Init, Mat, MatMut, gemm};
 use crate::net::real::Real;
 use crate::net::simd;
+
+/// Numbers that are compared side by side.
+const BLOCK: usize = 32;
 
 /// Running mean and variance of a stream of scalars. With batch values x of size b:
 ///
@@ -93,7 +101,8 @@ impl Pbe {
 pub(crate) struct Neighbours<T> {
     products: Vec<T>,
     norms: Vec<T>,
-    row: Vec<(T, u32)>,
+    /// The nearest so far, by the short form, and their indices.
+    row: Vec<(T, usize)>,
     found: Vec<T>,
 }
 
@@ -116,30 +125,54 @@ impl<T: Real> Neighbours<T> {
         self.norms.clear();
         self.norms.extend(y.chunks_exact(cols).map(|r| simd::dot(r, r)));
         self.found.clear();
-        let two = T::of(2.0);
-        for (i, (a, p)) in x.chunks_exact(cols).zip(self.products.chunks_exact(others)).enumerate()
-        {
-            self.row.clear();
-            self.row.extend(
-                p.iter().zip(&self.norms).zip(0_u32..).map(|((&p, &n), j)| (n - two * p, j)),
-            );
-            let order = |l: &(T, u32), r: &(T, u32)| {
-                l.0.partial_cmp(&r.0).unwrap_or(std::cmp::Ordering::Equal).then(l.1.cmp(&r.1))
-            };
-            if k < others {
-                self.row.select_nth_unstable_by(k, order);
+        let Neighbours { products, norms, row, found } = self;
+        for (i, (a, p)) in x.chunks_exact(cols).zip(products.chunks_exact(others)).enumerate() {
+            least(p, norms, k, row);
+            let from = found.len();
+            for &(_, j) in &*row {
+                let b = &y[j * cols..][..cols];
+                let d = if own && j == i { 0.0 } else { simd::distance2(a, b).f64() };
+                found.push(T::of(d.sqrt()));
             }
-            let from = self.found.len();
-            for &(_, j) in &self.row[..k] {
-                let b = &y[j as usize * cols..][..cols];
-                let d = if own && j as usize == i { 0.0 } else { simd::distance2(a, b).f64() };
-                self.found.push(T::of(d.sqrt()));
-            }
-            self.found[from..]
+            found[from..]
                 .sort_unstable_by(|l, r| l.partial_cmp(r).unwrap_or(std::cmp::Ordering::Equal));
         }
         &self.found
     }
+}
+
+/// The `k` least of norm - 2 product with their indices, ascending; equal ones by index.
+///
+/// Read in blocks: one that holds nothing less than the worst of the k is passed over by a
+/// few vector operations, and soon nearly all are. A selection would move every number.
+fn least<T: Real>(products: &[T], norms: &[T], k: usize, best: &mut Vec<(T, usize)>) {
+    let two = T::of(2.0);
+    best.clear();
+    // The first k stand in for whatever comes, so that k are found among any numbers.
+    best.extend(norms.iter().zip(products).take(k).map(|(&n, &p)| n - two * p).zip(0..));
+    best.sort_by(|l, r| l.0.partial_cmp(&r.0).unwrap_or(std::cmp::Ordering::Equal));
+    Arch::new().dispatch(
+        #[inline(always)]
+        || {
+            let blocks = products.chunks(BLOCK).zip(norms.chunks(BLOCK));
+            for (b, (p, n)) in blocks.enumerate() {
+                let Some(&(mut worst, _)) = best.last() else { return };
+                let below = |(p, n): (&T, &T)| *n - two * *p < worst;
+                if !p.iter().zip(n).fold(false, |any, pair| any | below(pair)) {
+                    continue;
+                }
+                for (j, (&p, &n)) in (b * BLOCK..).zip(p.iter().zip(n)).skip_while(|(j, _)| *j < k)
+                {
+                    let value = n - two * p;
+                    if value < worst {
+                        best.pop();
+                        best.insert(best.partition_point(|l| l.0 <= value), (value, j));
+                        worst = best.last().map_or(value, |l| l.0);
+                    }
+                }
+            }
+        },
+    );
 }
 
 #[cfg(test)]
@@ -193,5 +226,27 @@ mod tests {
             // The choice is made on rounded figures; what is chosen is measured exactly.
             assert!((got[i * 12 + 11] / d[11] - 1.0).abs() < 0.2);
         }
+    }
+
+    #[test]
+    fn the_least_are_those_of_a_whole_sort() {
+        for n in [1, 5, 32, 33, 70, 300] {
+            for k in [1, 3, 12].into_iter().filter(|k| *k <= n) {
+                let (p, norms) = (noise(n, 3), noise(n, 4));
+                // Rounded, so that many are equal.
+                let round = |x: &f64| (x * 4.0).round() / 4.0;
+                let (p, norms): (Vec<f64>, Vec<f64>) =
+                    (p.iter().map(round).collect(), norms.iter().map(round).collect());
+                let mut all: Vec<(f64, usize)> =
+                    norms.iter().zip(&p).map(|(n, p)| n - 2.0 * p).zip(0..).collect();
+                all.sort_by(|l, r| l.0.total_cmp(&r.0));
+                let mut best = Vec::new();
+                least(&p, &norms, k, &mut best);
+                assert_eq!(best, all[..k], "{k} of {n}");
+            }
+        }
+        let mut best = Vec::new();
+        least(&[f32::NAN; 40], &[1.0; 40], 3, &mut best);
+        assert_eq!(best.len(), 3);
     }
 }

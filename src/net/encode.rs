@@ -1,6 +1,6 @@
 //! One window into one slot of a batch: tokens, masks, linear answers, actions.
 
-use super::config::WINDOW;
+use super::config::{CURRENT, WINDOW};
 use super::model::Batch;
 use super::real::Real;
 use super::ridge::Ridge;
@@ -46,8 +46,13 @@ impl Encoder {
 
     /// Inputs of a network behind this encoder.
     pub fn inputs(&self) -> usize {
-        let linear = if self.ridge.is_some() { self.tokens.facts().actions } else { 0 };
-        self.tokens.inputs() + linear
+        let per_action = usize::from(self.ridge.is_some()) + usize::from(self.sees_actions());
+        self.tokens.inputs() + per_action * self.tokens.facts().actions
+    }
+
+    /// Whether tokens hold the actions applied before.
+    pub fn sees_actions(&self) -> bool {
+        self.tokens.config().previous_action
     }
 
     /// Refuses a network that does not fit.
@@ -84,10 +89,15 @@ impl Encoder {
 
     /// Encodes positions `q` (51, S), visible where `visible` (51, S) says, into `slot`.
     /// Actions and weights of the slot are the caller's.
+    ///
+    /// `applied` holds the last actions before the current frame, oldest first, (n, A) with
+    /// n up to 30; only networks that see actions read it. Of frames before those the linear
+    /// answer stands in (0 without one): at the begin of a rollout nobody knows better.
     pub fn encode<T: Real>(
         &self,
         q: &[f32],
         visible: &[bool],
+        applied: &[f32],
         scratch: &mut EncodeScratch,
         batch: &mut Batch<T>,
         slot: usize,
@@ -106,8 +116,22 @@ impl Encoder {
             self.tokens.token(&scratch.window, visible, i, &mut scratch.token);
             let (own, line) = batch.tokens[row * all..(row + 1) * all].split_at_mut(f);
             own.iter_mut().zip(&scratch.token).for_each(|(to, &x)| *to = T::of(f64::from(x)));
-            let linear = scratch.linear[i * a..].iter();
-            line.iter_mut().zip(linear).for_each(|(to, &x)| *to = T::of(f64::from(x)));
+            let put = |to: &mut [T], from: &[f32]| {
+                to.iter_mut().zip(from).for_each(|(to, &x)| *to = T::of(f64::from(x)));
+            };
+            let mut line = line;
+            if self.sees_actions() {
+                let own;
+                (own, line) = line.split_at_mut(a);
+                own.fill(T::default());
+                // Frames from here to the current one; the action before this one led here.
+                let left = CURRENT.saturating_sub(i);
+                if (1..=CURRENT).contains(&i) {
+                    let known = (applied.len() / a).checked_sub(left + 1);
+                    put(own, known.map_or(&scratch.linear[(i - 1) * a..], |n| &applied[n * a..]));
+                }
+            }
+            put(line, &scratch.linear[i * a..]);
         }
     }
 }

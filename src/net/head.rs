@@ -21,10 +21,12 @@ pub enum Place {
     Stop,
     /// In self-contact, no joint near a stop.
     Contact,
+    /// Anywhere, but the next token tells the action: no error counts here.
+    Told,
 }
 
 impl Place {
-    /// All, in the order of [`Sums::place_square`].
+    /// Where errors count, in the order of [`Sums::place_square`].
     pub const ALL: [Place; 3] = [Place::Clear, Place::Stop, Place::Contact];
 }
 
@@ -124,6 +126,10 @@ pub fn loss<T: Real>(
         }
         square /= a as f64;
         sums.loss += factor * (lambda * square + focal(logits, bin, factor));
+        let place = batch.place.get(row).copied().unwrap_or_default();
+        if place == Place::Told {
+            continue;
+        }
         let side = usize::from(masked);
         sums.square[side] += square;
         sums.tokens[side] += 1.0;
@@ -135,9 +141,8 @@ pub fn loss<T: Real>(
         }
         let next_hidden = batch.masked.get(row + 1).copied().unwrap_or_default();
         if (SETTLED..=CURRENT).contains(&i) && !next_hidden {
-            let place = batch.place.get(row).copied().unwrap_or_default() as usize;
-            sums.place_square[place] += square;
-            sums.place_tokens[place] += 1.0;
+            sums.place_square[place as usize] += square;
+            sums.place_tokens[place as usize] += 1.0;
         }
     }
     sums

@@ -60,6 +60,8 @@ pub struct Policy {
     /// Predictions of past windows, newest first: (ensemble, ensemble, A).
     past: Vec<f32>,
     windows: usize,
+    /// Actions given before, oldest first, up to (30, A); empty unless the network sees them.
+    applied: Vec<f32>,
 }
 
 #[derive(Debug)]
@@ -109,6 +111,7 @@ impl Policy {
             action: vec![0.0; n.actions],
             past: vec![0.0; e * e * n.actions],
             windows: 0,
+            applied: Vec::with_capacity(CURRENT * n.actions),
             cfg,
             net: Arc::new(net),
             encoder: Arc::new(encoder),
@@ -128,32 +131,37 @@ impl Policy {
     /// Forgets past windows: a new rollout begins, its draws named by `seed`.
     pub fn reset(&mut self, seed: u64) {
         self.windows = 0;
+        self.applied.clear();
         self.cfg.seed = seed;
     }
 
-    /// What it carries from step to step: predictions of past windows, empty unless they
-    /// are averaged.
+    /// What it carries from step to step: predictions of past windows where they are
+    /// averaged, actions given where the network sees them; empty for most.
     pub fn memory(&self) -> Vec<f64> {
-        if self.cfg.ensemble == 1 {
+        if self.cfg.ensemble == 1 && !self.encoder.sees_actions() {
             return Vec::new();
         }
-        let past = self.past.iter().map(|&x| f64::from(x));
-        std::iter::once(self.windows as f64).chain(past).collect()
+        let all = self.past.iter().chain(&self.applied).map(|&x| f64::from(x));
+        std::iter::once(self.windows as f64).chain(all).collect()
     }
 
     /// Back to a memory taken earlier.
     pub fn recall(&mut self, memory: &[f64]) {
         let Some((&windows, past)) = memory.split_first() else { return };
         self.windows = (windows as usize).min(self.cfg.ensemble);
+        let (past, applied) = past.split_at(self.past.len().min(past.len()));
         for (to, &x) in self.past.iter_mut().zip(past) {
             *to = x as f32;
         }
+        self.applied.clear();
+        self.applied.extend(applied.iter().map(|&x| x as f32));
     }
 
     /// The action to apply now, in [−1, 1]: positions `q` (51, S), visible where `visible`
     /// (51, S) says; `step` counts the frames of the rollout and names the draws.
     pub fn act(&mut self, q: &[f32], visible: &[bool], step: u64) -> &[f32] {
-        self.encoder.encode(q, visible, &mut self.scratch, &mut self.batch, 0);
+        let applied = &self.applied;
+        self.encoder.encode(q, visible, applied, &mut self.scratch, &mut self.batch, 0);
         self.forward();
         let (a, e, k) = (self.net.cfg.actions, self.cfg.ensemble, self.net.cfg.outputs());
         self.past.copy_within(..(e - 1) * e * a, e * a);
@@ -185,6 +193,12 @@ impl Policy {
             self.action.iter_mut().zip(said).for_each(|(to, x)| *to += weight * x);
         }
         self.action.iter_mut().for_each(|x| *x /= total);
+        if self.encoder.sees_actions() {
+            if self.applied.len() == CURRENT * a {
+                self.applied.drain(..a);
+            }
+            self.applied.extend(self.action.iter().map(|x| x.clamp(-1.0, 1.0)));
+        }
         &self.action
     }
 
@@ -334,11 +348,16 @@ mod tests {
     use crate::net::{MaskGranularity, SkipKind};
 
     fn parts(bins: usize, mixing: Mixing) -> (Net<f32>, Encoder) {
+        seeing(bins, mixing, false)
+    }
+
+    fn seeing(bins: usize, mixing: Mixing, previous_action: bool) -> (Net<f32>, Encoder) {
         let range = Some([-1.0, 1.0]);
         let facts = Facts { joints: vec![JointFacts { hinge: true, range }; 3], actions: 2 };
         let one = |x: f64| vec![x; 3];
         let norm = Normaliser { mean: one(0.0), std: one(0.5), std_d1: one(0.1), std_d2: one(0.1) };
-        let tokens = Tokeniser::new(TokenConfig::for_robot(&facts), facts, &norm).unwrap();
+        let config = TokenConfig { previous_action, ..TokenConfig::for_robot(&facts) };
+        let tokens = Tokeniser::new(config, facts, &norm).unwrap();
         let encoder = Encoder::new(tokens, None).unwrap();
         let cfg = NetConfig {
             layers: 3,
@@ -372,7 +391,7 @@ mod tests {
     fn slow(net: &Net<f32>, encoder: &Encoder, index: u64, ahead: usize) -> Vec<f32> {
         let (q, visible) = window(index);
         let mut batch = Batch::zeros(&net.cfg, 1);
-        encoder.encode(&q, &visible, &mut encoder.scratch(), &mut batch, 0);
+        encoder.encode(&q, &visible, &[], &mut encoder.scratch(), &mut batch, 0);
         let mut arena = Arena::new(&net.cfg, 1);
         forward(net, &TrainPanels::new(net), &batch, &mut arena);
         let k = net.cfg.outputs();
@@ -397,6 +416,55 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn actions_given_before_are_seen_and_recalled() {
+        let (net, encoder) = seeing(1, Mixing::Attention, true);
+        assert_eq!(encoder.inputs(), parts(1, Mixing::Attention).1.inputs() + 2);
+        let mut policy =
+            Policy::new(net.clone(), encoder.clone(), PolicyConfig::default()).unwrap();
+        policy.reset(0);
+        let begin = policy.memory();
+        let mut given: Vec<f32> = Vec::new();
+        let mut half = Vec::new();
+        for index in 0..40 {
+            if index == 35 {
+                half = policy.memory();
+            }
+            let (q, visible) = window(index);
+            let mut batch = Batch::zeros(&net.cfg, 1);
+            let last = given.len().saturating_sub(CURRENT * 2);
+            encoder.encode(&q, &visible, &given[last..], &mut encoder.scratch(), &mut batch, 0);
+            // Frame i holds the action that led to it; of commands nothing is known.
+            let n = net.cfg.inputs;
+            for i in 0..WINDOW {
+                let back = CURRENT.checked_sub(i).map(|b| given.len().checked_sub(2 * (b + 1)));
+                let want = back
+                    .flatten()
+                    .filter(|_| i > 0)
+                    .map_or(&[0.0, 0.0][..], |at| &given[at..at + 2]);
+                assert_eq!(batch.tokens[(i + 1) * n - 2..(i + 1) * n], *want, "{index} {i}");
+            }
+            let mut arena = Arena::new(&net.cfg, 1);
+            forward(&net, &TrainPanels::new(&net), &batch, &mut arena);
+            let (k, mut want) = (net.cfg.outputs(), [0.0; 2]);
+            let out = &arena.out[CURRENT * k..][..k];
+            head::decode(&net.cfg, &net.centres, out, &[], Choice::Argmax, &mut want);
+            let got = policy.act(&q, &visible, index).to_vec();
+            assert!(got.iter().zip(&want).all(|(g, w)| (g - w).abs() < 1e-5), "{got:?} {want:?}");
+            given.extend(got);
+        }
+        let again = |policy: &mut Policy, memory: &[f64], from: usize| {
+            policy.recall(memory);
+            let all = (from as u64..40).flat_map(|index| {
+                let (q, visible) = window(index);
+                policy.act(&q, &visible, index).to_vec()
+            });
+            assert_eq!(all.collect::<Vec<_>>(), given[2 * from..]);
+        };
+        again(&mut policy, &half, 35);
+        again(&mut policy, &begin, 0);
     }
 
     #[test]

@@ -515,11 +515,16 @@ mod tests {
         /// Share of the actions' variance that a fit with these features leaves open when
         /// the next frame is known, of frames that move slower than `slow` a frame.
         fn left_open(&self, cfg: &TokenConfig, slow: f32) -> f64 {
+            self.left_open_by(cfg, slow, RidgeConfig::default().lambda)
+        }
+
+        /// The same with this penalty.
+        fn left_open_by(&self, cfg: &TokenConfig, slow: f32, lambda: f64) -> f64 {
             let facts =
                 Facts { joints: vec![JointFacts { hinge: false, range: None }], actions: 1 };
             let norm = Normaliser::measure(1, self.0[..30].iter().map(|e| &e.0[..]));
             let tokens = Tokeniser::new(cfg.clone(), facts, &norm).unwrap();
-            let fit = RidgeConfig { samples: 3000, ..RidgeConfig::default() };
+            let fit = RidgeConfig { samples: 3000, lambda, ..RidgeConfig::default() };
             let ridge = Ridge::fit(&tokens, &Dry(self.0[..30].to_vec()), &fit, 2).unwrap();
             let (mut scratch, mut got) = (tokens.scratch(), [0.0]);
             let (mut square, mut power) = (0.0, 0.0);
@@ -559,13 +564,16 @@ mod tests {
 
     #[test]
     fn a_long_history_tells_the_action_of_a_sliding_puck() {
-        // The point mass: a time constant of a tenth of a second. (At a hundredth of that
-        // damping speeds grow until the penalty hides second differences.)
-        let data = Dry::new(0.0, 10.0);
-        let open = [2, 8, 20].map(|n| data.left_open(&history(n, false), f32::INFINITY));
+        // Hardly any damping: speeds grow, and second differences, which tell the force, are
+        // small beside them. The usual penalty would hide them (.05 left open at any length).
+        let free = Dry::new(0.0, 0.1);
+        let open = [2, 8, 20].map(|n| free.left_open_by(&history(n, false), f32::INFINITY, 1e-5));
         // Frames at the window's begin have no whole history; fitted to such, it failed.
         assert!(open[2] < 1e-4, "{open:?}");
         assert!(open[0] > 10.0 * open[1] && open[1] > 3.0 * open[2], "{open:?}");
+        // The point mass: a time constant of a tenth of a second, the usual penalty.
+        let damped = Dry::new(0.0, 10.0).left_open(&history(20, false), f32::INFINITY);
+        assert!(damped < 1e-4, "{damped}");
     }
 
     #[test]

@@ -110,6 +110,10 @@ pub struct TokenConfig {
     /// overcomes dry friction.
     #[serde(default)]
     pub ridge_friction: bool,
+    /// Whether a frame's token holds the action that led to it, where that is known: up to
+    /// the current frame.
+    #[serde(default)]
+    pub previous_action: bool,
 }
 
 impl TokenConfig {
@@ -123,6 +127,7 @@ impl TokenConfig {
             profile: true,
             ridge_history: if floats { 16 } else { 2 },
             ridge_friction: true,
+            previous_action: false,
         }
     }
 }
@@ -241,7 +246,7 @@ impl Tokeniser {
         8 * self.stops.len() + 2 * (self.hinges.len() + self.sums.len())
     }
 
-    /// Features in a token, the linear answer not counted.
+    /// Features in a token that positions tell: without actions and the linear answer.
     pub fn inputs(&self) -> usize {
         let s = self.state();
         let joint = self.cfg.granularity == MaskGranularity::Joint;
@@ -529,6 +534,7 @@ mod tests {
                         profile,
                         ridge_history: 2,
                         ridge_friction,
+                        previous_action: false,
                     });
                 }
             }
@@ -586,6 +592,7 @@ mod tests {
                 profile,
                 ridge_history: 2,
                 ridge_friction: true,
+                previous_action: false,
             };
             Tokeniser::new(cfg, facts(), &norm()).unwrap().inputs()
         };

@@ -297,9 +297,10 @@ mod tests {
     fn nearest() -> Nearest {
         let lengths = vec![60, 70];
         let mut rng = Rng::new(1, Stream::Test, 0);
-        let mut numbers = |n: usize| (0..n).map(|_| rng.range(-0.9, 0.9) as f32).collect();
+        let mut numbers =
+            |n: usize| (0..n).map(|_| rng.range(-0.9, 0.9) as f32).collect::<Vec<f32>>();
         let (qpos, ctrl) = (numbers(130 * S), numbers(130 * A));
-        Nearest::new(card(FitKind::Nearest, NearestSettings::new(lengths)), qpos, ctrl).unwrap()
+        Nearest::new(card(FitKind::Nearest, NearestSettings::new(lengths)), &qpos, ctrl).unwrap()
     }
 
     fn inverse() -> Inverse {

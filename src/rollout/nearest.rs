@@ -2,12 +2,16 @@
 //!
 //! Nothing is learned. A moment is alike when the robot stood in nearly the same pose, had
 //! come there the same way, and was k frames later where the next visible goal is k frames
-//! ahead. The search looks at every frame, so the answer is exact and the same on every
-//! machine; most frames are dropped after their first few numbers.
+//! ahead. The search looks at every frame, so the answer is exact; frames are read joint by
+//! joint in blocks, and most blocks are dropped after their first few joints.
+
+// Vector code must be inlined into the function that pulp compiles for the processor found.
+#![allow(clippy::inline_always)]
 
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use pulp::Arch;
 use serde::{Deserialize, Serialize};
 
 use super::error::Error;
@@ -23,6 +27,10 @@ use crate::{fsio, limits};
 pub const FRAMES: usize = 400_000;
 /// Frames a fit may hold.
 const MOST_FRAMES: usize = 20_000_000;
+/// Frames that are compared side by side.
+const BLOCK: usize = 32;
+/// Joints after which a block that is too far already is dropped.
+const LOOK_EVERY: usize = 4;
 
 /// Settings and sizes of a fit.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -50,8 +58,10 @@ impl NearestSettings {
 #[derive(Clone, Debug)]
 pub struct Nearest {
     card: FitCard<NearestSettings>,
-    /// (N, S), trajectories one after the other.
+    /// (S, stride): one row a joint, trajectories one after the other, then room for the
+    /// last block.
     qpos: Vec<f32>,
+    stride: usize,
     /// (N, A).
     ctrl: Vec<f32>,
     /// Factors of the three distances, (S) each.
@@ -63,13 +73,13 @@ pub struct Nearest {
 }
 
 impl Nearest {
-    /// From recorded frames, trajectories one after the other.
+    /// From recorded frames, trajectories one after the other: (N, S) and (N, A).
     ///
     /// # Errors
     /// [`net::Error::Shape`] when the numbers do not fit the card, [`net::Error::Config`].
     pub fn new(
         card: FitCard<NearestSettings>,
-        qpos: Vec<f32>,
+        qpos: &[f32],
         ctrl: Vec<f32>,
     ) -> Result<Self, net::Error> {
         let set = &card.settings;
@@ -96,13 +106,19 @@ impl Nearest {
         }
         let scales = Scales::new(&card);
         let times = |x: &[f32], w: f32| x.iter().map(|x| x * w).collect();
+        let (s, stride) = (card.state(), frames + BLOCK);
+        let mut columns = vec![0.0; s * stride];
+        for (t, row) in qpos.chunks_exact(s.max(1)).enumerate() {
+            row.iter().enumerate().for_each(|(j, &x)| columns[j * stride + t] = x);
+        }
         Ok(Nearest {
             place: times(&scales.place, set.place),
             past: times(&scales.way, set.past),
             way: scales.way,
             best: Vec::with_capacity(set.neighbours + 1),
             card,
-            qpos,
+            qpos: columns,
+            stride,
             ctrl,
         })
     }
@@ -132,7 +148,7 @@ impl Nearest {
             kept += e.length;
         }
         let settings = NearestSettings::new(lengths);
-        Self::new(FitCard::of(FitKind::Nearest, data, seed, settings), qpos, ctrl)
+        Self::new(FitCard::of(FitKind::Nearest, data, seed, settings), &qpos, ctrl)
     }
 
     /// Opens what a path means: a file of `robert fit nearest`, or a dataset.
@@ -159,7 +175,7 @@ impl Nearest {
 
     /// Frames that are searched.
     pub fn frames(&self) -> usize {
-        self.qpos.len() / self.card.state().max(1)
+        self.ctrl.len() / self.card.actions().max(1)
     }
 
     /// Writes it, atomically.
@@ -167,9 +183,11 @@ impl Nearest {
     /// # Errors
     /// [`net::Error::Files`].
     pub fn save(&self, path: &Path) -> Result<(), net::Error> {
-        let n = self.frames();
+        let (n, s) = (self.frames(), self.card.state());
+        let at = |t: usize, j: usize| self.qpos[j * self.stride + t];
+        let qpos: Vec<f32> = (0..n).flat_map(|t| (0..s).map(move |j| at(t, j))).collect();
         let all = BTreeMap::from([
-            ("qpos".to_owned(), Out::new(&[n, self.card.state()], &self.qpos)),
+            ("qpos".to_owned(), Out::new(&[n, s], &qpos)),
             ("ctrl".to_owned(), Out::new(&[n, self.card.actions()], &self.ctrl)),
         ]);
         self.card.save(path, &all)
@@ -192,39 +210,57 @@ impl Nearest {
         if ctrl.iter().any(|a| a.abs() > 1.0) {
             return Err(file_error("actions beyond [-1, 1]".to_owned(), path));
         }
-        Self::new(card, qpos, ctrl).map_err(|e| file_error(e.to_string(), path))
+        Self::new(card, &qpos, ctrl).map_err(|e| file_error(e.to_string(), path))
     }
 
     /// The moments most like this one, the nearest first: squared distance and frame.
-    fn look(&mut self, now: &[f32], past: &[f32], goal: &[f32], k: usize) {
-        let s = self.card.state();
+    fn look(&mut self, query: &Query) {
+        let mut best = std::mem::take(&mut self.best);
+        best.clear();
+        Arch::new().dispatch(
+            #[inline(always)]
+            || self.scan(query, &mut best),
+        );
+        self.best = best;
+    }
+
+    #[inline(always)]
+    fn scan(&self, query: &Query, best: &mut Vec<(f32, usize)>) {
+        let Query { now, past, goal, k } = query;
         let keep = self.card.settings.neighbours;
-        let zero = vec![0.0; s];
-        self.best.clear();
+        let share = 1.0 / *k as f32;
         let mut first = 0;
         for &length in &self.card.settings.lengths {
-            let (begin, end) = (first, first + length);
-            first = end;
             // A frame needs one before it and the goal's after it.
-            for t in begin + 1..end.saturating_sub(k).max(begin + 1) {
-                let worst = if self.best.len() == keep {
-                    self.best.last().map_or(f32::INFINITY, |b| b.0)
-                } else {
-                    f32::INFINITY
-                };
-                let here = &self.qpos[t * s..(t + 1) * s];
-                let there = &self.qpos[(t + k) * s..(t + k + 1) * s];
-                let before = &self.qpos[(t - 1) * s..t * s];
-                let mut d = ways_apart(here, there, goal, &self.way, 1.0 / k as f32);
-                if d >= worst {
+            let (begin, end) = (first + 1, (first + length).saturating_sub(*k));
+            first += length;
+            for t in (begin..end).step_by(BLOCK) {
+                let full = best.len() == keep;
+                let worst = best.last().filter(|_| full).map_or(f32::INFINITY, |b| b.0);
+                let mut d = [0.0; BLOCK];
+                let joints = || self.qpos.chunks_exact(self.stride).enumerate();
+                let far = joints().any(
+                    #[inline(always)]
+                    |(j, q)| {
+                        apart(&mut d, block(q, t + k), block(q, t), share, goal[j], self.way[j]);
+                        (j + 1) % LOOK_EVERY == 0 && !any_below(&d, worst)
+                    },
+                );
+                if far || !any_below(&d, worst) {
                     continue;
                 }
-                d += ways_apart(now, here, &zero, &self.place, 1.0);
-                d += ways_apart(before, here, past, &self.past, 1.0);
-                if d < worst {
-                    let at = self.best.partition_point(|b| b.0 <= d);
-                    self.best.insert(at, (d, t));
-                    self.best.truncate(keep);
+                for (j, q) in joints() {
+                    let here = block(q, t);
+                    apart(&mut d, here, &[now[j]; BLOCK], 1.0, 0.0, self.place[j]);
+                    apart(&mut d, here, block(q, t - 1), 1.0, past[j], self.past[j]);
+                }
+                // What lies beyond the trajectory was compared for nothing.
+                for (i, &d) in d.iter().enumerate().take(end - t) {
+                    let worst = best.get(keep - 1).map_or(f32::INFINITY, |b| b.0);
+                    if d < worst {
+                        best.insert(best.partition_point(|b| b.0 <= d), (d, t + i));
+                        best.truncate(keep);
+                    }
                 }
             }
         }
@@ -242,7 +278,7 @@ impl Nearest {
         let k = seen.map_or(1, |i| i + 1);
         let goal: Vec<f32> =
             (0..s).map(|j| (window.next_target(j) - window.current[j]) as f32).collect();
-        self.look(&now, &past, &goal, k);
+        self.look(&Query { now, past, goal, k });
         action.fill(0.0);
         let a = self.card.actions();
         let mut all = 0.0;
@@ -260,15 +296,43 @@ impl Nearest {
     }
 }
 
-/// Squared distance between the way from `from` to `to`, times `share`, and `way`, joint by
-/// joint in units of 1 / `scale`.
-fn ways_apart(from: &[f32], to: &[f32], way: &[f32], scale: &[f32], share: f32) -> f32 {
-    let ends = to.iter().zip(from).zip(way.iter().zip(scale));
-    ends.map(|((b, a), (w, s))| {
-        let x = ((b - a) * share - w) * s;
-        x * x
-    })
-    .sum()
+/// A moment to look for: pose, way of the last frame, way a frame to the goal, (S) each, and
+/// frames to the goal.
+#[derive(Debug)]
+struct Query {
+    now: Vec<f32>,
+    past: Vec<f32>,
+    goal: Vec<f32>,
+    k: usize,
+}
+
+/// The numbers from `t` on.
+#[inline(always)]
+fn block(q: &[f32], t: usize) -> &[f32; BLOCK] {
+    q[t..].first_chunk().unwrap_or(&[0.0; BLOCK])
+}
+
+/// Adds, frame by frame, the squared distance between the way from `from` to `to`, times
+/// `share`, and `way`, in units of 1 / `scale`.
+#[inline(always)]
+fn apart(
+    d: &mut [f32; BLOCK],
+    to: &[f32; BLOCK],
+    from: &[f32; BLOCK],
+    share: f32,
+    way: f32,
+    scale: f32,
+) {
+    for ((d, to), from) in d.iter_mut().zip(to).zip(from) {
+        let x = ((to - from) * share - way) * scale;
+        *d += x * x;
+    }
+}
+
+/// Whether any is less; without branches, so that it stays in registers.
+#[inline(always)]
+fn any_below(d: &[f32; BLOCK], worst: f32) -> bool {
+    d.iter().fold(false, |any, &d| any | (d < worst))
 }
 
 impl Policy for Nearest {
@@ -328,7 +392,7 @@ mod tests {
             seed: 0,
             settings,
         };
-        (Nearest::new(card, qpos.clone(), ctrl).unwrap(), qpos)
+        (Nearest::new(card, &qpos, ctrl).unwrap(), qpos)
     }
 
     /// What the policy sees at frame `t` of the recording when the next `hidden` frames are
@@ -372,7 +436,9 @@ mod tests {
             let mut draw = |scale: f64| [0, 1].map(|_| (scale * rng.normal()) as f32);
             let (now, past, goal) = (draw(0.3), draw(0.03), draw(0.03));
             for k in [1, 5, 20] {
-                policy.look(&now, &past, &goal, k);
+                let query =
+                    Query { now: now.to_vec(), past: past.to_vec(), goal: goal.to_vec(), k };
+                policy.look(&query);
                 let mut all: Vec<(f32, usize)> = Vec::new();
                 for (begin, end) in [(0, 80), (80, 170)] {
                     for t in begin + 1..end - k {

@@ -29,12 +29,20 @@ pub struct TrainConfig {
     pub tokens: TokenKind,
     /// Stop distances and hinge angles in a `goal` token.
     pub profile: bool,
+    /// Whether a frame's token holds the action that led to it, up to the current frame;
+    /// nothing is learned at earlier frames then, whose action the next token tells.
+    #[serde(default)]
+    pub previous_action: bool,
     /// What a mask hides.
     pub mask_granularity: MaskGranularity,
     /// The linear answer beside the network.
     pub skip: SkipKind,
     /// Back differences in the linear fit; 0 leaves the choice to the robot.
     pub ridge_history: usize,
+    /// Penalty of the linear fit; 0 leaves the choice to the robot. Plants with little
+    /// damping and a long history want less.
+    #[serde(default)]
+    pub ridge_lambda: f64,
     /// Which command frames are hidden.
     pub mask: MaskKind,
     /// Windows in a step.
@@ -83,9 +91,11 @@ impl Default for TrainConfig {
             offset_weight: 10.0,
             tokens: TokenKind::Goal,
             profile: true,
+            previous_action: false,
             mask_granularity: MaskGranularity::State,
             skip: SkipKind::Gated,
             ridge_history: 0,
+            ridge_lambda: 0.0,
             mask: MaskKind::ClUniform,
             batch: 128,
             steps: 2_000,
@@ -221,6 +231,7 @@ impl TrainConfig {
             () if !positive(self.clip) => refuse("clip", "must be positive"),
             () if !weight(self.weight_decay) => refuse("weight_decay", "must be 0 or more"),
             () if !(0.0..1.0).contains(&self.average) => refuse("average", "takes 0 to below 1"),
+            () if !weight(self.ridge_lambda) => refuse("ridge_lambda", "must be 0 or more"),
             () if !weight(self.stop_weight) => refuse("stop_weight", "must be 0 or more"),
             () if !weight(self.contact_weight) => refuse("contact_weight", "must be 0 or more"),
             () if self.self_correct > 100 => refuse("self_correct", "takes 0 to 100"),
@@ -246,6 +257,7 @@ impl TrainConfig {
                 self.ridge_history
             },
             ridge_friction: own.ridge_friction,
+            previous_action: self.previous_action,
         }
     }
 

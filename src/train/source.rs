@@ -139,7 +139,7 @@ impl<'a> Source<'a> {
         let Scratch { q, actions, visible, encode } = &mut scratch;
         windows.fill(seed, index, q, actions);
         mask(visible, s);
-        self.encoder.encode(q, visible, encode, batch, slot);
+        self.encoder.encode(q, visible, &actions[..CURRENT * a], encode, batch, slot);
         batch.actions[slot * WINDOW * a..(slot + 1) * WINDOW * a].copy_from_slice(actions);
         let at = windows.draw(seed, index);
         let episode = self.data.episodes().get(at.episode);
@@ -148,14 +148,17 @@ impl<'a> Source<'a> {
             let stopped = self.near_stop(&q[i * s..(i + 1) * s]);
             let touching = touches.get(at.start + i).is_some_and(|&c| c != 0);
             let row = slot * WINDOW + i;
-            batch.place[row] = match (stopped, touching) {
-                (true, _) => Place::Stop,
-                (false, true) => Place::Contact,
-                (false, false) => Place::Clear,
+            let told = self.encoder.sees_actions() && i < CURRENT;
+            batch.place[row] = match (told, stopped, touching) {
+                (true, ..) => Place::Told,
+                (false, true, _) => Place::Stop,
+                (false, false, true) => Place::Contact,
+                (false, false, false) => Place::Clear,
             };
             let weight = |on: bool, w: f64| if on { w } else { 1.0 };
             batch.weight[row] = (weight(stopped, self.cfg.stop_weight)
-                * weight(touching, self.cfg.contact_weight)) as f32;
+                * weight(touching, self.cfg.contact_weight)
+                * weight(told, 0.0)) as f32;
         }
         self.pool.lock().unwrap_or_else(PoisonError::into_inner).push(scratch);
     }

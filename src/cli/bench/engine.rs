@@ -1,5 +1,6 @@
-//! What `bench train` and `bench infer` share: sizes, floating-point work, peak, clocks.
+//! What `bench train` and `bench infer` share: sizes, floating-point work, peak.
 
+use super::clock::process_cpu;
 use crate::cli::failure::{Failure, Outcome};
 use crate::net::mat::{Init, Mat, MatMut, gemm};
 use crate::net::real::Aligned;
@@ -74,19 +75,6 @@ pub(super) fn check_threads(threads: usize) -> Outcome {
     Err(Failure::usage("--threads takes 1 to 256"))
 }
 
-/// Processor time of the whole process, s, in ticks of 10 ms; wall time where the kernel
-/// does not tell.
-pub(super) fn process_cpu() -> f64 {
-    let text = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
-    // The name may hold spaces; fields are counted after its closing bracket.
-    let fields: Vec<&str> = text.rsplit(')').next().unwrap_or_default().split(' ').collect();
-    let ticks = |i: usize| fields.get(i).and_then(|f| f.parse::<f64>().ok());
-    match (ticks(12), ticks(13)) {
-        (Some(user), Some(system)) => (user + system) * 0.01,
-        _ => super::clock::thread_cpu().as_secs_f64(),
-    }
-}
-
 /// Best rate of large products, floating-point operations a second of processor time and
 /// of wall time, all threads together. Takes about `secs`.
 pub(super) fn peak(threads: usize, secs: f64) -> (f64, f64) {
@@ -105,7 +93,7 @@ pub(super) fn peak(threads: usize, secs: f64) -> (f64, f64) {
             std::hint::black_box(&c);
         });
         let work = flop * (rounds * threads) as f64;
-        best.0 = best.0.max(work / (process_cpu() - cpu).max(1e-9) * threads as f64);
+        best.0 = best.0.max(work / (process_cpu() - cpu).as_secs_f64().max(1e-9) * threads as f64);
         best.1 = best.1.max(work / wall.elapsed().as_secs_f64().max(1e-9));
     }
     best

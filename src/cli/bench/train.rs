@@ -4,8 +4,8 @@ use std::time::Instant;
 
 use serde::Serialize;
 
-use super::clock::median;
-use super::engine::{Size, check_threads, peak, process_cpu};
+use super::clock::{median, process_cpu};
+use super::engine::{Size, check_threads, peak};
 use crate::cli::failure::Outcome;
 use crate::cli::out;
 use crate::net::{AdamConfig, Batch, Learner, Net, WINDOW};
@@ -107,7 +107,7 @@ fn measure(size: Size, batch: usize, threads: usize, secs: f64) -> Outcome<(Row,
         for _ in 0..per_turn {
             learner.step(1e-4, &fill);
         }
-        let spent = ((process_cpu() - cpu0) / per_turn as f64).max(1e-9);
+        let spent = ((process_cpu() - cpu0).as_secs_f64() / per_turn as f64).max(1e-9);
         cpu.push(spent);
         wall.push(wall0.elapsed().as_secs_f64() / per_turn as f64);
         ratios.push(flop / spent * threads as f64 / peak_cpu.max(1.0));
