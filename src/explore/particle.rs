@@ -157,8 +157,11 @@ fn least<T: Real>(products: &[T], norms: &[T], k: usize, best: &mut Vec<(T, usiz
             let blocks = products.chunks(BLOCK).zip(norms.chunks(BLOCK));
             for (b, (p, n)) in blocks.enumerate() {
                 let Some(&(mut worst, _)) = best.last() else { return };
-                let below = |(p, n): (&T, &T)| *n - two * *p < worst;
-                if !p.iter().zip(n).fold(false, |any, pair| any | below(pair)) {
+                let mut any = false;
+                for (p, n) in p.iter().zip(n) {
+                    any |= *n - two * *p < worst;
+                }
+                if !any {
                     continue;
                 }
                 for (j, (&p, &n)) in (b * BLOCK..).zip(p.iter().zip(n)).skip_while(|(j, _)| *j < k)

@@ -332,7 +332,11 @@ fn apart(
 /// Whether any is less; without branches, so that it stays in registers.
 #[inline(always)]
 fn any_below(d: &[f32; BLOCK], worst: f32) -> bool {
-    d.iter().fold(false, |any, &d| any | (d < worst))
+    let mut any = false;
+    for d in d {
+        any |= *d < worst;
+    }
+    any
 }
 
 impl Policy for Nearest {

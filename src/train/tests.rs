@@ -125,8 +125,10 @@ fn learns_and_beats_its_linear_answer() {
     let once = Options { evaluations: 1, ..options(&none, 2, &cancel, &Silent) };
     let linear = train(&data, &straight, once).unwrap().held_out.unwrap();
     assert!(end.nmse_clear < 0.9 * linear.nmse_clear, "{end:?} after {linear:?}");
-    let mean = |h: &HeldOut| h.nmse_by_hidden.iter().sum::<f64>();
-    assert!(mean(&end) < 0.9 * mean(&linear), "{end:?} after {linear:?}");
+    let sum = |h: &HeldOut, gaps: usize| h.nmse_by_hidden.iter().take(gaps).sum::<f64>();
+    assert!(sum(&end, 2) < 0.9 * sum(&linear, 2), "{end:?} after {linear:?}");
+    // Most of what a long gap leaves open nobody can tell; nothing may be lost there.
+    assert!(sum(&end, 20) < 1.1 * sum(&linear, 20), "{end:?} after {linear:?}");
     assert!(end.nmse_by_hidden[10] > end.nmse_by_hidden[0], "hidden frames cost something");
     let model = checkpoint::load(&paths::model(&run), None).unwrap();
     assert!(model.optimiser.is_none());
