@@ -4,7 +4,7 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
-use crate::run::{binary, robert};
+use crate::run::{binary, call, robert};
 
 const SMALL: [&str; 10] = [
     "collect",
@@ -29,15 +29,6 @@ fn collect(dir: &Path, out: &str, extra: &[&str]) -> serde_json::Value {
         .unwrap();
     assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
     serde_json::from_slice(&done.stdout).unwrap()
-}
-
-fn run(dir: &Path, args: &[&str]) -> (i32, String, String) {
-    let done = Command::new(binary()).args(args).current_dir(dir).output().unwrap();
-    (
-        done.status.code().unwrap_or(-1),
-        String::from_utf8_lossy(&done.stdout).into_owned(),
-        String::from_utf8_lossy(&done.stderr).into_owned(),
-    )
 }
 
 /// Kills at growing distances; then the folder must hold what one undisturbed run makes.
@@ -79,7 +70,7 @@ fn damage_is_named_and_mended() {
     let first = collect(dir.path(), "d", &[]);
     assert_eq!(first["totals"]["frames"], 4000);
     assert_eq!(first["agents"][0]["curve"].as_array().unwrap().len(), 2);
-    let (code, text, _) = run(dir.path(), &["dataset", "check", "d"]);
+    let (code, text, _) = call(dir.path(), &["dataset", "check", "d"]);
     assert_eq!((code, text.contains("shards are whole")), (0, true), "{text}");
 
     let shard = dir.path().join("d/shards/rnd-00001.safetensors");
@@ -88,7 +79,7 @@ fn damage_is_named_and_mended() {
     bytes[middle] ^= 4;
     std::fs::write(&shard, &bytes).unwrap();
     std::fs::write(dir.path().join("d/shards/noise-00000.safetensors"), &bytes[..500]).unwrap();
-    let (code, text, err) = run(dir.path(), &["dataset", "check", "d"]);
+    let (code, text, err) = call(dir.path(), &["dataset", "check", "d"]);
     assert_eq!(code, 3);
     assert!(text.contains("rnd-00001") && text.contains("noise-00000"), "{text}");
     assert!(text.contains("differs from its sha256") && text.contains("500 bytes"), "{text}");
@@ -102,14 +93,14 @@ fn views_are_lists_over_the_same_shards() {
     let dir = tempfile::tempdir().unwrap();
     collect(dir.path(), "d", &[]);
     let view = |args: &[&str]| -> serde_json::Value {
-        let (code, text, err) = run(dir.path(), args);
+        let (code, text, err) = call(dir.path(), args);
         assert_eq!(code, 0, "{err}");
         serde_json::from_str(&text).unwrap()
     };
     let tenth = view(&["dataset", "shrink", "3", "d", "--out", "v/third", "--json"]);
     assert_eq!(tenth["totals"]["episodes"], 16_u64.div_ceil(3));
     assert!(!dir.path().join("v/third/shards").exists(), "no frames are copied");
-    let (code, ..) = run(dir.path(), &["dataset", "check", "v/third"]);
+    let (code, ..) = call(dir.path(), &["dataset", "check", "v/third"]);
     assert_eq!(code, 0);
     let half = ["dataset", "corrupt", "0.5", "d", "--out", "half", "--seed", "2", "--json"];
     let (a, b) = (view(&half), view(&half));
@@ -123,10 +114,10 @@ fn views_are_lists_over_the_same_shards() {
     let y = view(&["dataset", "merge", "e", "d", "--out", "m2", "--equal", "--json"]);
     assert_eq!(x["totals"]["frames"], 8000);
     assert_eq!(y["statistics"]["agents"]["rnd"], y["statistics"]["agents"]["noise"]);
-    let (code, _, err) = run(dir.path(), &["dataset", "shrink", "2", "d", "--out", "d"]);
+    let (code, _, err) = call(dir.path(), &["dataset", "shrink", "2", "d", "--out", "d"]);
     assert_eq!((code, err.contains("another folder")), (2, true), "{err}");
 
-    let (code, ..) = run(dir.path(), &["dataset", "plot", "m", "--out", "m.png"]);
+    let (code, ..) = call(dir.path(), &["dataset", "plot", "m", "--out", "m.png"]);
     assert_eq!(code, 0);
     let png = std::fs::read(dir.path().join("m.png")).unwrap();
     assert!(png.starts_with(b"\x89PNG") && png.len() > 20_000);

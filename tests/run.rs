@@ -86,6 +86,13 @@ impl Ran {
     }
 }
 
+/// A call in a folder that is there: exit code, stdout, stderr.
+pub(crate) fn call(dir: &Path, args: &[&str]) -> (i32, String, String) {
+    let out = Command::new(binary()).args(args).current_dir(dir).output().unwrap();
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    (out.status.code().unwrap_or(-1), text(&out.stdout), text(&out.stderr))
+}
+
 /// The binary under test.
 pub(crate) fn binary() -> &'static Path {
     Path::new(env!("CARGO_BIN_EXE_robert"))

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use robert::rng::{Rng, Stream};
 
-use crate::run::{binary, robert};
+use crate::run::{binary, call, robert};
 
 #[test]
 fn settings_that_do_not_exist_are_named() {
@@ -97,17 +97,8 @@ fn tiny<'a>(extra: &[&'a str]) -> Vec<&'a str> {
 /// Collects a little noise into `data`.
 fn collect(dir: &Path) {
     let args = ["collect", "--robot", "pointmass", "--transitions", "4000", "--out", "data"];
-    let (code, _, stderr) = finish(dir, &args);
+    let (code, _, stderr) = call(dir, &args);
     assert_eq!(code, 0, "{stderr}");
-}
-
-fn finish(dir: &Path, args: &[&str]) -> (i32, String, String) {
-    let done = Command::new(binary()).args(args).current_dir(dir).output().unwrap();
-    (
-        done.status.code().unwrap_or(-1),
-        String::from_utf8_lossy(&done.stdout).into_owned(),
-        String::from_utf8_lossy(&done.stderr).into_owned(),
-    )
 }
 
 /// Kills while training in a test run; `ROBERT_KILLS=20` for the long one.
@@ -123,7 +114,7 @@ fn killed_at_any_step_and_resumed_gives_the_same_file() {
     let steps = format!("steps={}", 100 * kills());
     let rest = ["--set", &steps, "--evaluations", "0", "--checkpoint-mins", "0.001", "--out"];
     let began = Instant::now();
-    let (code, _, stderr) = finish(dir, &tiny(&[&rest[..], &["whole", "--threads", "1"]].concat()));
+    let (code, _, stderr) = call(dir, &tiny(&[&rest[..], &["whole", "--threads", "1"]].concat()));
     assert_eq!(code, 0, "{stderr}");
     let span = began.elapsed();
     let start = tiny(&[&rest[..], &["cut"]].concat());
@@ -154,7 +145,7 @@ fn killed_at_any_step_and_resumed_gives_the_same_file() {
         }
     }
     assert!(done > 0, "it was over before the first kill");
-    let (code, _, stderr) = finish(dir, &RESUME);
+    let (code, _, stderr) = call(dir, &RESUME);
     assert_eq!(code, 0, "{stderr}");
     let sha = |run: &str| {
         robert::fsio::sha256_hex(&std::fs::read(dir.join(run).join("model.safetensors")).unwrap())
@@ -200,32 +191,32 @@ fn a_run_is_listed_shown_compared_and_drawn() {
     collect(dir);
     for (out, lr) in [("runs/a", "lr=1e-3"), ("runs/b", "lr=1e-4")] {
         let rest = ["--set", "steps=4", "--set", lr, "--evaluations", "1", "--out", out, "--json"];
-        let (code, stdout, stderr) = finish(dir, &tiny(&rest));
+        let (code, stdout, stderr) = call(dir, &tiny(&rest));
         assert_eq!(code, 0, "{stderr}");
         let report: serde_json::Value = serde_json::from_str(&stdout).unwrap();
         assert_eq!(report["result"]["best"][0], 4);
         let png = std::fs::read(dir.join(out).join("curves.png")).unwrap();
         assert!(png.starts_with(b"\x89PNG"));
     }
-    let (code, text, _) = finish(dir, &["runs", "ls"]);
+    let (code, text, _) = call(dir, &["runs", "ls"]);
     assert!(code == 0 && text.contains("pointmass") && text.lines().count() >= 4, "{text}");
-    let (code, text, _) = finish(dir, &["runs", "show", "runs/a"]);
+    let (code, text, _) = call(dir, &["runs", "show", "runs/a"]);
     assert_eq!(code, 0);
     for part in ["best, step 4", "last, step 4", "linear answer", "manual/circle", "at a stop"] {
         assert!(text.contains(part), "no {part:?} in {text}");
     }
-    let (code, text, _) = finish(dir, &["runs", "compare", "runs/a", "runs/b", "-o", "c.png"]);
+    let (code, text, _) = call(dir, &["runs", "compare", "runs/a", "runs/b", "-o", "c.png"]);
     assert_eq!(code, 0);
     let line = text.lines().find(|l| l.trim_start().starts_with("lr")).unwrap();
     assert!(line.contains("0.001") && line.contains("0.0001"), "{line}");
     assert!(!text.contains("weight_decay"), "only what differs: {text}");
     assert!(dir.join("c.png").exists());
-    let (code, text, _) = finish(dir, &["runs", "compare", "runs/a", "runs/b", "--json"]);
+    let (code, text, _) = call(dir, &["runs", "compare", "runs/a", "runs/b", "--json"]);
     let json: serde_json::Value = serde_json::from_str(&text).unwrap();
     assert_eq!((code, json["runs"].as_array().unwrap().len()), (0, 2));
     let linear = json["runs"][0]["linear"]["precision"].as_f64().unwrap();
     assert!(linear > 0.0 && linear < 1.0, "{linear}");
-    let (code, _, stderr) = finish(dir, &["runs", "show", "data"]);
+    let (code, _, stderr) = call(dir, &["runs", "show", "data"]);
     assert!(code == 3 && stderr.contains("config.toml"), "{stderr}");
 }
 
@@ -257,7 +248,7 @@ fn a_sweep_trains_every_point_and_goes_on_where_it_was() {
     collect(dir);
     std::fs::write(dir.join("s.toml"), SWEEP).unwrap();
     let sweep = ["sweep", "s.toml", "--out", "sweep", "--json"];
-    let (code, stdout, stderr) = finish(dir, &sweep);
+    let (code, stdout, stderr) = call(dir, &sweep);
     assert_eq!(code, 0, "{stderr}");
     let report: serde_json::Value = serde_json::from_str(&stdout).unwrap();
     let rows = report["rows"].as_array().unwrap();
@@ -275,14 +266,14 @@ fn a_sweep_trains_every_point_and_goes_on_where_it_was() {
     let written = |file: &str| std::fs::metadata(point.join(file)).unwrap().modified().unwrap();
     let before = written("seed-0/result.json");
     std::fs::remove_dir_all(point.join("seed-1")).unwrap();
-    let (code, again, stderr) = finish(dir, &sweep);
+    let (code, again, stderr) = call(dir, &sweep);
     assert_eq!(code, 0, "{stderr}");
     let again: serde_json::Value = serde_json::from_str(&again).unwrap();
     assert_eq!(again["rows"], report["rows"]);
     assert_eq!(written("seed-0/result.json"), before);
     // Other settings do not mix with what is there.
     std::fs::write(dir.join("s.toml"), SWEEP.replace("steps = 2", "steps = 3")).unwrap();
-    let (code, _, stderr) = finish(dir, &sweep);
+    let (code, _, stderr) = call(dir, &sweep);
     assert!(code == 3 && stderr.contains("other settings"), "{stderr}");
 }
 
@@ -296,17 +287,17 @@ fn self_correction_adds_what_was_reached_and_survives_a_stop() {
     let model = |run: &str| std::fs::read(dir.join(run).join("model.safetensors")).unwrap();
     for (out, threads) in [("one", "1"), ("two", "2")] {
         let args = tiny(&[&rest[..], &[out, "--threads", threads]].concat());
-        let (code, _, stderr) = finish(dir, &args);
+        let (code, _, stderr) = call(dir, &args);
         assert_eq!(code, 0, "{stderr}");
         assert!(stderr.contains("performing 3 tasks"), "{stderr}");
     }
     assert_eq!(model("one"), model("two"), "one thread or two");
-    let (code, text, _) = finish(dir, &["dataset", "info", "one/self/round-1", "--json"]);
+    let (code, text, _) = call(dir, &["dataset", "info", "one/self/round-1", "--json"]);
     let info: serde_json::Value = serde_json::from_str(&text).unwrap();
     assert_eq!(code, 0);
     assert!(text.contains("330"), "3 tasks of 110 frames: {info}");
     let (code, _, _) =
-        finish(dir, &tiny(&["--set", "steps=4", "--evaluations", "0", "--out", "off"]));
+        call(dir, &tiny(&["--set", "steps=4", "--evaluations", "0", "--out", "off"]));
     assert_eq!(code, 0);
     assert_ne!(model("one"), model("off"), "what was reached was learned from");
 }

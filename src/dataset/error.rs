@@ -67,6 +67,23 @@ pub enum Error {
         /// The other manifest.
         path: PathBuf,
     },
+    /// The data is of another robot, or of another version of its model.
+    #[error(
+        "the data is of {of} (model {of_model:.12}), not of {robot} (model {model:.12}): {path}",
+        path = path.display()
+    )]
+    OtherRobot {
+        /// Whose motion it is.
+        of: String,
+        /// Sha-256 of that robot's model.
+        of_model: String,
+        /// The robot that was asked for.
+        robot: String,
+        /// Sha-256 of its model.
+        model: String,
+        /// The dataset.
+        path: PathBuf,
+    },
     /// Nothing is left to read.
     #[error("no trajectory of at least {frames} frames in the {part} part of {path}", path = path.display())]
     Empty {

@@ -11,6 +11,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use super::error::Error;
+use super::shard::Shard;
 use super::stats::Statistics;
 use crate::units::{FPS, SIM_DT, SUBSTEPS, Unit};
 use crate::{fsio, limits};
@@ -250,6 +251,21 @@ impl Manifest {
     /// [`Error::File`].
     pub fn save(&self, dir: &Path) -> Result<(), Error> {
         Ok(fsio::write_atomic(&dir.join(FILE), self.text().as_bytes())?)
+    }
+
+    /// Adds a shard with all of its trajectories.
+    pub fn add(&mut self, entry: ShardEntry, shard: &Shard) {
+        let at = self.shards.len();
+        self.episodes.extend(shard.episodes().map(|(start, length, meta)| Episode {
+            shard: at,
+            start,
+            length,
+            agent: meta.agent,
+            snapshot_step: meta.snapshot_step,
+            seed: meta.seed,
+            part: None,
+        }));
+        self.shards.push(entry);
     }
 
     /// Recomputes [`Manifest::totals`] from the lists. Dropped counts are those of the

@@ -8,6 +8,7 @@ use super::error::Error;
 use super::manifest::{Episode, Manifest, Part};
 use super::shard::Shard;
 use super::stats::Statistics;
+use crate::robot::Robot;
 
 /// How much is checked before a dataset is used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -87,6 +88,24 @@ impl Dataset {
     pub fn check(path: &Path) -> Result<Vec<Problem>, Error> {
         let manifest = Manifest::load(path)?;
         Ok(inspect(&manifest, &Manifest::path_of(path), Verify::Full).1)
+    }
+
+    /// Refuses data of another robot, or of another version of its model.
+    ///
+    /// # Errors
+    /// [`Error::OtherRobot`].
+    pub fn must_be_of(&self, robot: &Robot) -> Result<(), Error> {
+        let of = &self.manifest.robot;
+        if of.model_sha256 == robot.model_sha256() {
+            return Ok(());
+        }
+        Err(Error::OtherRobot {
+            of: of.id.clone(),
+            of_model: of.model_sha256.clone(),
+            robot: robot.id().to_owned(),
+            model: robot.model_sha256().to_owned(),
+            path: self.path.clone(),
+        })
     }
 
     /// The manifest.

@@ -380,18 +380,7 @@ pub(super) mod tests {
             let entry = b.write(dir, &file).unwrap();
             let shard = super::super::shard::Shard::open(&dir.join(&file), 2, 1, Some(entry.bytes))
                 .unwrap();
-            for (start, length, meta) in shard.episodes() {
-                m.episodes.push(Episode {
-                    shard: half as usize,
-                    start,
-                    length,
-                    agent: meta.agent,
-                    snapshot_step: meta.snapshot_step,
-                    seed: meta.seed,
-                    part: None,
-                });
-            }
-            m.shards.push(entry);
+            m.add(entry, &shard);
         }
         m.count();
         m.save(dir).unwrap();

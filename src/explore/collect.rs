@@ -31,7 +31,7 @@ use super::fill::{MIN_FRAMES, Plan, Wave, describe};
 use super::noise::NoiseRule;
 use super::policy::{Actor, Policy, Snapshot};
 use super::preset::Preset;
-use crate::dataset::{Dataset, Episode, Manifest, Shard, ShardEntry};
+use crate::dataset::{Dataset, Manifest, Shard, ShardEntry};
 use crate::progress::{Cancel, Progress};
 use crate::robot::{PlantRange, Robot};
 use crate::{fsio, limits};
@@ -551,16 +551,7 @@ impl Run<'_> {
             let path = self.out.join(&entry.file);
             let shard = Shard::open(&path, m.qpos_dim(), m.ctrl_dim(), Some(entry.bytes))
                 .map_err(|message| crate::dataset::Error::Shard { index: at, message, path })?;
-            m.episodes.extend(shard.episodes().map(|(start, length, meta)| Episode {
-                shard: at,
-                start,
-                length,
-                agent: meta.agent,
-                snapshot_step: meta.snapshot_step,
-                seed: meta.seed,
-                part: None,
-            }));
-            m.shards.push(entry);
+            m.add(entry, &shard);
         }
         Ok(Dataset::publish(m, self.out)?)
     }

@@ -471,6 +471,7 @@ impl OptimiserState {
 mod tests {
     use super::*;
     use crate::net::ridge::{RidgeConfig, toy::Toy};
+    use crate::net::tensors::with_header;
     use crate::net::{AdamConfig, Batch, JointFacts, Mixing};
     use crate::rng::{Rng, Stream};
 
@@ -516,18 +517,6 @@ mod tests {
 
     fn refusal(bytes: &[u8]) -> String {
         parse(bytes, Path::new("m.safetensors"), None).unwrap_err().to_string()
-    }
-
-    /// The header as JSON, changed, with the numbers as they were.
-    fn with_header(bytes: &[u8], change: impl FnOnce(&mut serde_json::Value)) -> Vec<u8> {
-        let n = u64::from_le_bytes(bytes[..8].try_into().unwrap()) as usize;
-        let mut header: serde_json::Value = serde_json::from_slice(&bytes[8..8 + n]).unwrap();
-        change(&mut header);
-        let text = serde_json::to_vec(&header).unwrap();
-        let mut out = (text.len() as u64).to_le_bytes().to_vec();
-        out.extend(text);
-        out.extend(&bytes[8 + n..]);
-        out
     }
 
     #[test]

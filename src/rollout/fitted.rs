@@ -264,6 +264,7 @@ mod tests {
     use super::super::inverse::{Inverse, InverseSettings};
     use super::super::nearest::{Nearest, NearestSettings};
     use super::*;
+    use crate::net::tensors::with_header;
     use crate::rng::{Rng, Stream};
 
     const S: usize = 2;
@@ -333,20 +334,9 @@ mod tests {
         e
     }
 
-    /// The file with another header or card.
-    fn changed(bytes: &[u8], change: impl FnOnce(&mut serde_json::Value)) -> Vec<u8> {
-        let n = u64::from_le_bytes(bytes[..8].try_into().unwrap()) as usize;
-        let mut header: serde_json::Value = serde_json::from_slice(&bytes[8..8 + n]).unwrap();
-        change(&mut header);
-        let text = serde_json::to_vec(&header).unwrap();
-        let mut out = (text.len() as u64).to_le_bytes().to_vec();
-        out.extend(text);
-        out.extend(&bytes[8 + n..]);
-        out
-    }
-
+    /// The file with another card.
     fn recarded(bytes: &[u8], change: impl FnOnce(&mut serde_json::Value)) -> Vec<u8> {
-        changed(bytes, |h| {
+        with_header(bytes, |h| {
             let text = h["__metadata__"][CARD].as_str().unwrap();
             let mut card: serde_json::Value = serde_json::from_str(text).unwrap();
             change(&mut card);
@@ -387,15 +377,18 @@ mod tests {
             let mut huge = good.clone();
             huge[..8].copy_from_slice(&u64::MAX.to_le_bytes());
             says(&huge, "header");
-            says(&changed(&good, |h| h[tensor]["shape"] = serde_json::json!([1_u64 << 60])), "");
-            says(&changed(&good, |h| h[tensor]["dtype"] = "I32".into()), "type");
-            let renamed = changed(&good, |h| {
+            says(
+                &with_header(&good, |h| h[tensor]["shape"] = serde_json::json!([1_u64 << 60])),
+                "",
+            );
+            says(&with_header(&good, |h| h[tensor]["dtype"] = "I32".into()), "type");
+            let renamed = with_header(&good, |h| {
                 let t = h[tensor].take();
                 h.as_object_mut().unwrap().remove(tensor);
                 h["other"] = t;
             });
             says(&renamed, "unknown tensor \"other\"");
-            says(&changed(&good, |h| h["__metadata__"] = serde_json::json!({})), "no card");
+            says(&with_header(&good, |h| h["__metadata__"] = serde_json::json!({})), "no card");
             says(&recarded(&good, |c| c["format"] = "robert-fit/9".into()), "robert-fit/9");
             says(&recarded(&good, |c| c["kind"] = "ridge".into()), "ridge");
             says(&recarded(&good, |c| c["extra"] = 1.into()), "extra");

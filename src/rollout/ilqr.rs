@@ -135,45 +135,21 @@ impl Ilqr {
         }
     }
 
-    /// Simulates `plan` into `states`; the cost, infinite where the simulation diverges.
-    fn simulate(&mut self, view: &View<'_>, plan: &[f64], trial: bool) -> Result<f64, Error> {
+    /// Simulates the plan that `choose` makes, frame by frame, into the trial states; the plan
+    /// and its cost, infinite where the simulation diverges.
+    fn simulate(
+        &mut self,
+        view: &View<'_>,
+        mut choose: impl FnMut(&mut Self, usize, &mut [f64]),
+    ) -> Result<(Vec<f64>, f64), Error> {
         let actions = self.actions();
-        let mut states =
-            std::mem::take(if trial { &mut self.trial_states } else { &mut self.states });
-        let data = &mut self.belief.data;
-        data.restore(view.state)?;
-        let mut diverged = false;
-        for (i, u) in plan.chunks_exact(actions).enumerate() {
-            data.snapshot_into(&mut states[i]);
-            self.belief.robot.apply_action(data, u)?;
-            if data.step(self.belief.substeps).is_err() {
-                diverged = true;
-                break;
-            }
-        }
-        if let Some(last) = states.last_mut() {
-            data.snapshot_into(last);
-        }
-        let cost = if diverged { f64::INFINITY } else { self.cost(view, plan, &states) };
-        *(if trial { &mut self.trial_states } else { &mut self.states }) = states;
-        Ok(cost)
-    }
-
-    /// The plan of proportional control on the guided goals, simulated into the trial states;
-    /// its cost.
-    fn track(&mut self, view: &View<'_>) -> Result<(Vec<f64>, f64), Error> {
-        let (dim, actions) = (view.window.dim(), self.actions());
         let mut plan = vec![0.0; self.plan.len()];
-        let mut current = vec![0.0; dim];
         self.belief.data.restore(view.state)?;
         for (i, u) in plan.chunks_exact_mut(actions).enumerate() {
-            let data = &mut self.belief.data;
-            data.snapshot_into(&mut self.trial_states[i]);
-            self.belief.robot.read_state(data, &mut current);
-            let target = &self.goals.command[i * dim..(i + 1) * dim];
-            self.rival.drive(&current, target, data.qvel(), u);
-            self.belief.robot.apply_action(data, u)?;
-            if data.step(self.belief.substeps).is_err() {
+            self.belief.data.snapshot_into(&mut self.trial_states[i]);
+            choose(self, i, u);
+            self.belief.robot.apply_action(&mut self.belief.data, u)?;
+            if self.belief.data.step(self.belief.substeps).is_err() {
                 return Ok((plan, f64::INFINITY));
             }
         }
@@ -182,6 +158,32 @@ impl Ilqr {
         }
         let cost = self.cost(view, &plan, &self.trial_states);
         Ok((plan, cost))
+    }
+
+    /// [`Ilqr::simulate`] of a plan that is there already.
+    fn replay(&mut self, view: &View<'_>, plan: &[f64]) -> Result<(Vec<f64>, f64), Error> {
+        self.simulate(view, |s, i, u| {
+            let actions = s.actions();
+            u.copy_from_slice(&plan[i * actions..(i + 1) * actions]);
+        })
+    }
+
+    /// The plan of proportional control on the guided goals, simulated into the trial states;
+    /// its cost.
+    fn track(&mut self, view: &View<'_>) -> Result<(Vec<f64>, f64), Error> {
+        let dim = view.window.dim();
+        let mut current = vec![0.0; dim];
+        self.simulate(view, |s, i, u| {
+            s.belief.robot.read_state(&s.belief.data, &mut current);
+            let target = &s.goals.command[i * dim..(i + 1) * dim];
+            s.rival.drive(&current, target, s.belief.data.qvel(), u);
+        })
+    }
+
+    /// Makes the plan in the trial states the current one.
+    fn take(&mut self, plan: Vec<f64>) {
+        self.plan = plan;
+        std::mem::swap(&mut self.states, &mut self.trial_states);
     }
 
     fn cost(&self, view: &View<'_>, plan: &[f64], states: &[Snapshot]) -> f64 {
@@ -284,35 +286,21 @@ impl Ilqr {
         gains: &[Gain],
         alpha: f64,
     ) -> Result<(Vec<f64>, f64), Error> {
-        let actions = self.actions();
         let nv = self.belief.robot.model().nv();
-        let mut plan = vec![0.0; self.plan.len()];
-        self.belief.data.restore(view.state)?;
-        for (i, gain) in gains.iter().enumerate() {
-            let data = &mut self.belief.data;
-            let n = gain.feedback.ncols();
-            let mut dx = DVector::zeros(n);
+        self.simulate(view, |s, i, u| {
+            let (gain, data) = (&gains[i], &s.belief.data);
+            let mut dx = DVector::zeros(gain.feedback.ncols());
             for k in 0..nv {
                 // Hinges and slides only: coordinates are the tangent.
-                dx[k] = data.qpos()[k] - self.states[i].qpos[k];
-                dx[nv + k] = data.qvel()[k] - self.states[i].qvel[k];
+                dx[k] = data.qpos()[k] - s.states[i].qpos[k];
+                dx[nv + k] = data.qvel()[k] - s.states[i].qvel[k];
             }
             let du = &gain.k * alpha + &gain.feedback * dx;
-            let u = &mut plan[i * actions..(i + 1) * actions];
-            for k in 0..actions {
-                u[k] = (self.plan[i * actions + k] + du[k]).clamp(-1.0, 1.0);
+            let old = &s.plan[i * u.len()..(i + 1) * u.len()];
+            for (k, (new, old)) in u.iter_mut().zip(old).enumerate() {
+                *new = (old + du[k]).clamp(-1.0, 1.0);
             }
-            data.snapshot_into(&mut self.trial_states[i]);
-            self.belief.robot.apply_action(data, u)?;
-            if data.step(self.belief.substeps).is_err() {
-                return Ok((plan, f64::INFINITY));
-            }
-        }
-        if let Some(last) = self.trial_states.last_mut() {
-            self.belief.data.snapshot_into(last);
-        }
-        let cost = self.cost(view, &plan, &self.trial_states);
-        Ok((plan, cost))
+        })
     }
 
     /// One iteration; whether the plan improved.
@@ -327,8 +315,7 @@ impl Ilqr {
                 for alpha in ALPHAS {
                     let (plan, trial) = self.forward(view, &gains, alpha)?;
                     if trial < *cost {
-                        self.plan = plan;
-                        std::mem::swap(&mut self.states, &mut self.trial_states);
+                        self.take(plan);
                         *cost = trial;
                         self.damping = (self.damping * 0.3).max(1e-8);
                         return Ok(true);
@@ -454,32 +441,32 @@ impl Ilqr {
         self.goals.guide_linear();
         let iterations =
             if self.warm { self.config.iterations } else { self.config.first_iterations };
-        let plan = self.plan.clone();
-        let mut cost = self.simulate(view, &plan, false)?;
+        let old = self.plan.clone();
+        let (plan, mut cost) = self.replay(view, &old)?;
+        self.take(plan);
         if let Some(hint) = hint {
-            let mut hinted = plan;
+            let mut hinted = old;
             let repeats = if self.warm { 1 } else { self.config.horizon };
             for u in hinted.chunks_exact_mut(hint.len()).take(repeats) {
                 u.copy_from_slice(hint);
             }
-            let trial = self.simulate(view, &hinted, true)?;
+            let (plan, trial) = self.replay(view, &hinted)?;
             if trial < cost {
-                self.plan = hinted;
-                std::mem::swap(&mut self.states, &mut self.trial_states);
+                self.take(plan);
                 cost = trial;
             }
         }
-        let (tracked, trial) = self.track(view)?;
+        let (plan, trial) = self.track(view)?;
         if trial < cost {
-            self.plan = tracked;
-            std::mem::swap(&mut self.states, &mut self.trial_states);
+            self.take(plan);
             cost = trial;
         }
         if !cost.is_finite() {
             // The plan leads into a divergence: begin again from rest.
-            self.plan.fill(0.0);
-            let rest = self.plan.clone();
-            cost = self.simulate(view, &rest, false)?;
+            let rest = vec![0.0; self.plan.len()];
+            let (plan, trial) = self.replay(view, &rest)?;
+            self.take(plan);
+            cost = trial;
         }
         for _ in 0..iterations {
             if !self.improve(view, &mut cost)? {

@@ -2,13 +2,10 @@
 //!
 //! Alignment counts from the byte after the four-byte header; a string carries its NUL.
 
-/// Schema text of `sensor_msgs/msg/JointState`.
-pub(super) const JOINT_STATE: &str = "\
-std_msgs/Header header
-string[] name
-float64[] position
-float64[] velocity
-float64[] effort
+/// The definitions that both schemas end with.
+macro_rules! header {
+    () => {
+        "\
 ================================================================================
 MSG: std_msgs/Header
 builtin_interfaces/Time stamp
@@ -17,10 +14,25 @@ string frame_id
 MSG: builtin_interfaces/Time
 int32 sec
 uint32 nanosec
-";
+"
+    };
+}
+
+/// Schema text of `sensor_msgs/msg/JointState`.
+pub(super) const JOINT_STATE: &str = concat!(
+    "\
+std_msgs/Header header
+string[] name
+float64[] position
+float64[] velocity
+float64[] effort
+",
+    header!()
+);
 
 /// Schema text of `trajectory_msgs/msg/JointTrajectory`.
-pub(super) const JOINT_TRAJECTORY: &str = "\
+pub(super) const JOINT_TRAJECTORY: &str = concat!(
+    "\
 std_msgs/Header header
 string[] joint_names
 trajectory_msgs/JointTrajectoryPoint[] points
@@ -35,15 +47,9 @@ builtin_interfaces/Duration time_from_start
 MSG: builtin_interfaces/Duration
 int32 sec
 uint32 nanosec
-================================================================================
-MSG: std_msgs/Header
-builtin_interfaces/Time stamp
-string frame_id
-================================================================================
-MSG: builtin_interfaces/Time
-int32 sec
-uint32 nanosec
-";
+",
+    header!()
+);
 
 const HEADER: [u8; 4] = [0, 1, 0, 0];
 

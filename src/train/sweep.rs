@@ -341,14 +341,7 @@ pub fn sweep(
 ) -> Result<(Vec<Row>, bool), Error> {
     // All data verified once; the views refer to the same shards.
     let whole = Dataset::open(&work.data, Verify::Full)?;
-    let (of, own) = (&whole.manifest().robot, robot.model_sha256());
-    if of.model_sha256 != own {
-        let why = format!(
-            "the data is of {} (model {:.12}), the robot {own:.12}",
-            of.id, of.model_sha256
-        );
-        return Err(Error::Sweep { why, path: work.data.clone() });
-    }
+    whole.must_be_of(robot)?;
     drop(whole);
     let combinations = sweep.combinations();
     let total = combinations.len() * sweep.seeds.len();

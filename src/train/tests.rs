@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::*;
-use crate::dataset::{Dataset, Episode, EpisodeMeta, Manifest, Robot, Shard, ShardBuilder, Verify};
+use crate::dataset::{Dataset, EpisodeMeta, Manifest, Robot, Shard, ShardBuilder, Verify};
 use crate::net::Model;
 use crate::net::checkpoint;
 use crate::net::mask::MaskKind;
@@ -58,19 +58,7 @@ fn plant(dir: &Path, lever: f64) -> Dataset {
     let file = PathBuf::from("shards/0.safetensors");
     let entry = b.write(dir, &file).unwrap();
     let shard = Shard::open(&dir.join(&file), 2, 2, Some(entry.bytes)).unwrap();
-    for (start, length, meta) in shard.episodes() {
-        let EpisodeMeta { agent, snapshot_step, seed } = meta;
-        m.episodes.push(Episode {
-            shard: 0,
-            start,
-            length,
-            agent,
-            snapshot_step,
-            seed,
-            part: None,
-        });
-    }
-    m.shards.push(entry);
+    m.add(entry, &shard);
     m.count();
     m.save(dir).unwrap();
     Dataset::open(dir, Verify::Structure).unwrap()

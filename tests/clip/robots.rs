@@ -2,13 +2,12 @@
 //! a line of the file, and its mend mends it.
 
 use std::fs;
-use std::process::Command;
 
 use robert::clip::{Clip, Key};
 use robert::robot::Robot;
 use serde_json::Value;
 
-use crate::run::binary;
+use crate::run::call;
 
 struct Bench {
     dir: tempfile::TempDir,
@@ -21,9 +20,7 @@ impl Bench {
     }
 
     fn robert(&self, args: &[&str]) -> (i32, String, String) {
-        let out = Command::new(binary()).args(args).current_dir(self.dir.path()).output().unwrap();
-        let text = |b: &[u8]| String::from_utf8_lossy(b).into_owned();
-        (out.status.code().unwrap_or(-1), text(&out.stdout), text(&out.stderr))
+        call(self.dir.path(), args)
     }
 
     /// Home, changed at some joints.
