@@ -27,6 +27,7 @@ mod mirror;
 mod plant;
 pub mod preparse;
 mod profile;
+mod response;
 mod servo;
 mod settle;
 mod text;
@@ -41,6 +42,7 @@ pub use profile::{
     ActuatorSpec, Camera, Coupling, Drive, FORMAT, Group, JointSpec, MODEL_FILE, MirrorRow,
     MirrorSpec, NEAR_LIMIT, PROFILE_FILE, Physics, PoseSpec, Profile, SettleSpec, valid_id,
 };
+pub use response::Response;
 pub use servo::Servo;
 pub use settle::Settled;
 

@@ -3,13 +3,8 @@
 //! The torque is held for a frame of n substeps, during which a damped arm does not keep
 //! the acceleration that it starts with; the textbook law qacc = ((r - q)/T - v)/T arrives
 //! half a frame late on our arm. With the bias forces cancelled by the inverse dynamics the
-//! frame is linear, v+ = (M + h D)^-1 (M v + h u) (semi-implicit Euler, step h), so
-//!
-//! ```text
-//! q(T) = q + G v + H u,    v(T) = P^n v + S u
-//! ```
-//!
-//! with constant matrices, and u solves q(T) = r exactly, couplings included. The velocity
+//! frame is linear ([`Response`]): q(T) = q + G v + H u, v(T) = P v + S u, and u solves
+//! q(T) = r exactly, couplings included. The velocity
 //! left over alternates with the sampling zeros of the plant; where these hardly decay
 //! (light damping) the law solves v(T) = (r - q)/T instead, which never rings.
 //!
@@ -29,7 +24,7 @@ use super::belief::Belief;
 use super::error::Error;
 use super::policy::{Policy, View};
 use crate::mujoco::Data;
-use crate::robot::Robot;
+use crate::robot::{Response, Robot};
 use crate::units::CTRL_DT;
 
 /// Sampling zeros beyond this ring visibly before they decay. The formula is that of continuous
@@ -63,25 +58,15 @@ impl Law {
         let nv = damping.len();
         let m = DMatrix::from_row_slice(nv, nv, mass);
         let d = DMatrix::from_diagonal(&DVector::from_row_slice(damping));
-        let implicit = (&m + &d * h).try_inverse()?;
-        let p = &implicit * &m;
-        let s_one = implicit * h;
-        let (mut s, mut power) = (DMatrix::zeros(nv, nv), DMatrix::identity(nv, nv));
-        let (mut g, mut hh) = (DMatrix::zeros(nv, nv), DMatrix::zeros(nv, nv));
-        for _ in 0..n {
-            s = &p * s + &s_one;
-            power = &p * power;
-            g += &power * h;
-            hh += &s * h;
-        }
+        let Response { coast, way, keep, speed } = Response::new(&m, damping, h, n)?;
         let m_inv = m.try_inverse()?;
         // u = gain_way (r - q) + gain_speed v, then qacc = M^-1 (u - D v).
         let (gain_way, gain_speed) = if rings(mass, damping) {
-            let inv = s.try_inverse()?;
-            (&inv / CTRL_DT, -(inv * power))
+            let inv = speed.try_inverse()?;
+            (&inv / CTRL_DT, -(inv * keep))
         } else {
-            let inv = hh.try_inverse()?;
-            let speed = -(&inv * g);
+            let inv = way.try_inverse()?;
+            let speed = -(&inv * coast);
             (inv, speed)
         };
         Some(Law { way: &m_inv * gain_way, speed: m_inv * (gain_speed - d) })

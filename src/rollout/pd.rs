@@ -1,5 +1,5 @@
 //! Proportional-derivative control with gains from the mass matrix: what a roboticist
-//! tries first, without planner or data. The gains are those of [`crate::robot::Servo`].
+//! tries first, without planner or data. The gains are those of [`Robot::tracking_servos`].
 
 use std::sync::Arc;
 
@@ -8,10 +8,6 @@ use super::belief::Belief;
 use super::error::Error;
 use super::policy::{Policy, View};
 use crate::robot::{Robot, Servo};
-
-/// Share of the remaining way that one frame aims at. Full deadbeat (1) rings with the
-/// coupling between joints that the diagonal gains ignore.
-const SHARE: f64 = 0.9;
 
 /// PD on a straight reference, joint by joint.
 #[derive(Debug)]
@@ -35,7 +31,7 @@ impl Pd {
         Ok(Pd {
             robot: Arc::clone(robot),
             actuation,
-            servos: robot.servos(SHARE)?,
+            servos: robot.tracking_servos()?,
             torque: vec![0.0; robot.model().nv()],
         })
     }
