@@ -75,6 +75,14 @@ pub enum Error {
         /// What is missing and where it comes from.
         needs: String,
     },
+    /// The policy takes a file, and none was named.
+    #[error("policy {policy} needs {needs}")]
+    Unnamed {
+        /// The policy.
+        policy: String,
+        /// What to name, and what makes it.
+        needs: String,
+    },
     /// A model file, or the network in it.
     #[error(transparent)]
     Model(#[from] crate::net::Error),
@@ -94,7 +102,7 @@ impl HasExit for Error {
             Error::Robot(e) => e.exit(),
             Error::Model(e) => e.exit(),
             Error::Dataset(e) => e.exit(),
-            Error::UnknownPolicy { .. } => Exit::Usage,
+            Error::UnknownPolicy { .. } | Error::Unnamed { .. } => Exit::Usage,
             Error::Needs { .. } => Exit::Missing,
             Error::Cancelled { .. } => Exit::Interrupted,
             _ => Exit::Invalid,

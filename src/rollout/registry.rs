@@ -47,23 +47,27 @@ pub enum PolicyName {
     MlpInverse,
 }
 
-/// Names as they are typed, in the order of tables.
-const NAMES: [(PolicyName, &str); 9] = [
-    (PolicyName::Zero, "zero"),
-    (PolicyName::Pd, "pd"),
-    (PolicyName::ComputedTorque, "computed-torque"),
-    (PolicyName::Ilqr, "ilqr"),
-    (PolicyName::PredictiveSampling, "predictive-sampling"),
-    (PolicyName::Robert, "robert"),
-    (PolicyName::Ridge, "ridge"),
-    (PolicyName::Nearest, "nearest"),
-    (PolicyName::MlpInverse, "mlp-inverse"),
-];
+/// Names as they are typed, in the order of tables; the argument that goes with the name;
+/// what the policy is.
+const NAMES: [(PolicyName, &str, &str, &str); 9] = {
+    use PolicyName as P;
+    [
+        (P::Zero, "zero", "", "no torque"),
+        (P::Pd, "pd", "", "proportional-derivative control, joint by joint"),
+        (P::ComputedTorque, "computed-torque", "", "inverse dynamics of the robot's model"),
+        (P::Ilqr, "ilqr", "", "receding-horizon optimal control on the model"),
+        (P::PredictiveSampling, "predictive-sampling", "", "random search about pd, on the model"),
+        (P::Robert, "robert", "[:MODEL]", "a trained network: file, run directory or shipped name"),
+        (P::Ridge, "ridge", "[:MODEL]", "the linear answer of such a model, or of a robert fit"),
+        (P::Nearest, "nearest", ":PATH", "the recorded moments most like this one: data or fit"),
+        (P::MlpInverse, "mlp-inverse", ":PATH", "a small inverse model, made by robert fit"),
+    ]
+};
 
 impl PolicyName {
     /// The name as it is typed.
     pub fn as_str(self) -> &'static str {
-        NAMES.iter().find(|(n, _)| *n == self).map_or("", |(_, s)| s)
+        NAMES.iter().find(|n| n.0 == self).map_or("", |n| n.1)
     }
 
     /// Whether it learned something, and needs the file that holds it.
@@ -76,7 +80,12 @@ impl PolicyName {
 
     /// All names.
     pub fn all() -> impl Iterator<Item = PolicyName> {
-        NAMES.iter().map(|(n, _)| *n)
+        NAMES.iter().map(|n| n.0)
+    }
+
+    /// How each is asked for, and what it is: for help texts.
+    pub fn usages() -> impl Iterator<Item = (String, &'static str)> {
+        NAMES.iter().map(|(_, name, argument, what)| (format!("{name}{argument}"), *what))
     }
 }
 
@@ -84,11 +93,9 @@ impl FromStr for PolicyName {
     type Err = Error;
 
     fn from_str(text: &str) -> Result<Self, Error> {
-        NAMES.iter().find(|(_, s)| *s == text).map(|(n, _)| *n).ok_or_else(|| {
-            Error::UnknownPolicy {
-                name: text.to_owned(),
-                known: NAMES.iter().map(|(_, s)| *s).collect::<Vec<_>>().join(", "),
-            }
+        NAMES.iter().find(|n| n.1 == text).map(|n| n.0).ok_or_else(|| Error::UnknownPolicy {
+            name: text.to_owned(),
+            known: NAMES.iter().map(|n| n.1).collect::<Vec<_>>().join(", "),
         })
     }
 }
@@ -230,7 +237,8 @@ impl PolicyConfig {
     fn model(&self, robot: &Robot) -> Result<Arc<Model>, Error> {
         let policy = self.name.as_str();
         let Some(path) = &self.model_path else {
-            let needs = || format!("a model file or run directory: {policy}:PATH");
+            let maker = if self.name == PolicyName::Ridge { "fit ridge" } else { "train" };
+            let needs = || format!("a model: robert {maker} makes one, then {policy}:PATH");
             return shipped::get(robot, shipped::DEFAULT)?
                 .ok_or_else(|| Error::Needs { policy: policy.to_owned(), needs: needs() });
         };
@@ -273,7 +281,7 @@ impl PolicyConfig {
         let own = match self.name {
             PolicyName::Ilqr => ilqr(),
             PolicyName::PredictiveSampling => {
-                serde_json::to_value(SamplingConfig::default()).unwrap_or_default()
+                serde_json::to_value(SamplingConfig::for_robot(robot)).unwrap_or_default()
             }
             _ => serde_json::Value::Null,
         };
@@ -290,9 +298,13 @@ impl PolicyConfig {
     fn needed_path(&self) -> Result<&Path, Error> {
         self.model_path.as_deref().ok_or_else(|| {
             let name = self.name.as_str();
-            let what =
-                if self.name == PolicyName::Nearest { "a dataset or its fit" } else { "a fit" };
-            Error::Needs { policy: name.to_owned(), needs: format!("{what}: {name}:PATH") }
+            let data = if self.name == PolicyName::Nearest { " or a dataset" } else { "" };
+            Error::Unnamed {
+                policy: name.to_owned(),
+                needs: format!(
+                    "a fit{data}: robert fit {name} --data DIR, then --policy {name}:PATH"
+                ),
+            }
         })
     }
 
@@ -322,7 +334,7 @@ impl PolicyConfig {
             PolicyName::ComputedTorque => Box::new(ComputedTorque::new(robot)?),
             PolicyName::Ilqr => Box::new(Ilqr::new(robot, &IlqrConfig::for_robot(robot))?),
             PolicyName::PredictiveSampling => {
-                Box::new(PredictiveSampling::new(robot, &SamplingConfig::default())?)
+                Box::new(PredictiveSampling::new(robot, &SamplingConfig::for_robot(robot))?)
             }
             PolicyName::Robert => {
                 let model = Arc::unwrap_or_clone(self.model(robot)?);

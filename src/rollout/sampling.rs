@@ -1,32 +1,62 @@
 //! Predictive sampling (Howell et al. 2022, "Predictive Sampling: Real-time Behaviour
 //! Synthesis with MuJoCo", algorithm 1): perturb the best spline, keep the best rollout.
 //! The simplest planner that works, and a yardstick for how much search alone buys.
+//!
+//! The published planner samples targets of position servos. Our actuators are motors, and a
+//! spline of torque leaves every error to the next guess; so the servos of `pd` close the
+//! loop inside each candidate, and what is sampled is what is added to their action. The plan
+//! of zeros is `pd`.
+//!
+//! Two things differ from the published algorithm, since candidates are tried one after
+//! another here: each perturbs the best so far instead of the plan of the frame before, and
+//! they come in pairs of opposite sign and in several widths, coarse ones to find a way and
+//! fine ones to follow it.
 
 use std::sync::Arc;
 
 use super::belief::Belief;
 use super::error::Error;
+use super::pd::Pd;
 use super::policy::{Policy, View};
 use super::window::{COMMAND, Window};
 use crate::rng::{Rng, Stream};
 use crate::robot::Robot;
 
-/// Settings of [`PredictiveSampling`]; the defaults are those of the published planner.
+/// Each width of the perturbations is this share of the one before.
+const NARROWER: f64 = 0.35;
+
+/// Settings of [`PredictiveSampling`].
 #[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
 pub struct SamplingConfig {
     /// Candidate plans a frame, the unchanged one included.
     pub trajectories: usize,
-    /// Standard deviation of the knots' perturbation, in actions.
+    /// Standard deviation of the widest perturbation of a knot, in actions.
     pub noise: f64,
+    /// Widths of perturbations, taken in turns.
+    pub widths: usize,
     /// Spline knots over the horizon.
     pub knots: usize,
     /// Frames planned ahead.
     pub horizon: usize,
+    /// Weight of a masked frame that the linear guide filled; a commanded one has 1.
+    pub guide_weight: f64,
+    /// Weight of the squared action.
+    pub action_weight: f64,
 }
 
-impl Default for SamplingConfig {
-    fn default() -> Self {
-        SamplingConfig { trajectories: 10, noise: 0.1, knots: 5, horizon: 10 }
+impl SamplingConfig {
+    /// Settings for a robot: few joints are searched further ahead.
+    pub fn for_robot(robot: &Robot) -> SamplingConfig {
+        let small = robot.model().nv() <= 10;
+        SamplingConfig {
+            trajectories: 33,
+            noise: 0.2,
+            widths: 4,
+            knots: 4,
+            horizon: if small { 8 } else { 4 },
+            guide_weight: 0.02,
+            action_weight: 1e-6,
+        }
     }
 }
 
@@ -35,7 +65,8 @@ impl Default for SamplingConfig {
 pub struct PredictiveSampling {
     config: SamplingConfig,
     belief: Belief,
-    /// (knots, A).
+    servos: Pd,
+    /// What is added to the servos' action; (knots, A).
     spline: Vec<f64>,
     seed: u64,
     goals: Window,
@@ -49,39 +80,64 @@ impl PredictiveSampling {
     pub fn new(robot: &Arc<Robot>, config: &SamplingConfig) -> Result<Self, Error> {
         let config = SamplingConfig {
             trajectories: config.trajectories.max(1),
+            widths: config.widths.max(1),
             knots: config.knots.max(2),
             horizon: config.horizon.clamp(1, COMMAND),
             ..config.clone()
         };
         let spline = vec![0.0; config.knots * robot.action_dim()];
         let goals = Window::new(robot.state_dim());
-        Ok(PredictiveSampling { belief: Belief::new(robot)?, config, spline, seed: 0, goals })
+        let (belief, servos) = (Belief::new(robot)?, Pd::new(robot)?);
+        Ok(PredictiveSampling { belief, servos, config, spline, seed: 0, goals })
     }
 
-    fn cost(&mut self, view: &View<'_>, spline: &[f64]) -> Result<f64, Error> {
-        let actions = self.belief.robot.action_dim();
-        let dim = self.goals.dim();
+    /// Cost of a plan, simulated from the state of the view, and its first action. It is
+    /// given up where it costs more than `bound`: every term adds.
+    fn cost(
+        &mut self,
+        view: &View<'_>,
+        spline: &[f64],
+        bound: f64,
+        first: &mut [f64],
+    ) -> Result<f64, Error> {
+        let (actions, dim) = (first.len(), self.goals.dim());
         let mut u = vec![0.0; actions];
+        let mut added = vec![0.0; actions];
+        let mut current = vec![0.0; dim];
         let mut cost = 0.0;
         let data = &mut self.belief.data;
         data.restore(view.state)?;
         for i in 0..self.config.horizon {
-            evaluate(spline, actions, self.config.horizon, i as f64, &mut u);
+            let target = &self.goals.command[i * dim..(i + 1) * dim];
+            self.belief.robot.read_state(data, &mut current);
+            self.servos.drive(&current, target, data.qvel(), &mut u);
+            evaluate(spline, actions, self.config.horizon, i as f64, &mut added);
+            for (u, added) in u.iter_mut().zip(&added) {
+                *u = (*u + added).clamp(-1.0, 1.0);
+                cost += self.config.action_weight * *u * *u;
+            }
+            if i == 0 {
+                first.copy_from_slice(&u);
+            }
             self.belief.robot.apply_action(data, &u)?;
             if data.step(self.belief.substeps).is_err() {
                 return Ok(f64::INFINITY);
             }
             for (j, joint) in self.belief.robot.joints().iter().enumerate() {
-                let e = data.qpos()[joint.qposadr] - self.goals.command[i * dim + j];
-                cost += e * e;
+                let e = data.qpos()[joint.qposadr] - target[j];
+                let seen = view.window.visible[i * dim + j];
+                cost += if seen { 1.0 } else { self.config.guide_weight } * e * e;
             }
-            cost += 1e-5 * u.iter().map(|a| a * a).sum::<f64>();
+            if cost >= bound {
+                return Ok(f64::INFINITY);
+            }
         }
         Ok(cost)
     }
 }
 
-/// Cubic Catmull-Rom value of the spline at frame `at` of `horizon`.
+/// Cubic Catmull-Rom value of the spline at frame `at` of `horizon`, within the two units that
+/// take an action from one bound to the other.
 fn evaluate(spline: &[f64], actions: usize, horizon: usize, at: f64, out: &mut [f64]) {
     let knots = spline.len() / actions;
     let x = (at / horizon as f64 * (knots - 1) as f64).clamp(0.0, (knots - 1) as f64);
@@ -99,7 +155,7 @@ fn evaluate(spline: &[f64], actions: usize, horizon: usize, at: f64, out: &mut [
                 * s
                 * (p2 - p0
                     + s * (2.0 * p0 - 5.0 * p1 + 4.0 * p2 - p3 + s * (3.0 * (p1 - p2) + p3 - p0)));
-        *o = value.clamp(-1.0, 1.0);
+        *o = value.clamp(-2.0, 2.0);
     }
 }
 
@@ -122,29 +178,29 @@ impl Policy for PredictiveSampling {
         self.goals.guide_linear();
         let actions = action.len();
         let mut best = self.spline.clone();
-        let mut best_cost = self.cost(view, &best)?;
-        for n in 1..self.config.trajectories {
-            let index = view.frame as u64 * self.config.trajectories as u64 + n as u64;
+        let mut best_cost = self.cost(view, &best, f64::INFINITY, action)?;
+        let mut first = vec![0.0; actions];
+        let SamplingConfig { trajectories, noise, widths, .. } = self.config;
+        for n in 1..trajectories {
+            // Pairs share a draw, in opposite directions.
+            let (pair, sign) = ((n - 1) / 2, if n % 2 == 0 { -1.0 } else { 1.0 });
+            let index = (view.frame * trajectories + pair) as u64;
             let mut rng = Rng::new(self.seed, Stream::Planner, index);
-            let candidate: Vec<f64> = self
-                .spline
-                .iter()
-                .map(|v| (v + self.config.noise * rng.normal()).clamp(-1.0, 1.0))
-                .collect();
-            let cost = self.cost(view, &candidate)?;
+            let width = sign * noise * NARROWER.powi((pair % widths) as i32);
+            let candidate: Vec<f64> =
+                best.iter().map(|v| (v + width * rng.normal()).clamp(-2.0, 2.0)).collect();
+            let cost = self.cost(view, &candidate, best_cost, &mut first)?;
             if cost < best_cost {
                 (best, best_cost) = (candidate, cost);
+                action.copy_from_slice(&first);
             }
         }
-        evaluate(&best, actions, self.config.horizon, 0.0, action);
         // Warm start: the same curve, one frame on.
-        let knots = self.config.knots;
-        let step = self.config.horizon as f64 / (knots - 1) as f64;
-        let mut shifted = vec![0.0; best.len()];
-        for (k, row) in shifted.chunks_exact_mut(actions).enumerate() {
-            evaluate(&best, actions, self.config.horizon, k as f64 * step + 1.0, row);
+        let (knots, horizon) = (self.config.knots, self.config.horizon);
+        let step = horizon as f64 / (knots - 1) as f64;
+        for (k, row) in self.spline.chunks_exact_mut(actions).enumerate() {
+            evaluate(&best, actions, horizon, k as f64 * step + 1.0, row);
         }
-        self.spline = shifted;
         Ok(())
     }
 
