@@ -105,6 +105,15 @@ pub fn significant(value: f64) -> String {
     format!("{value:.*}", usize::try_from(2 - exponent).unwrap_or(0))
 }
 
+/// A fixed number of decimals, without the sign of a value that they round to nothing.
+pub fn fixed(value: f64, decimals: usize) -> String {
+    let text = format!("{value:.decimals$}");
+    match text.strip_prefix('-') {
+        Some(rest) if rest.bytes().all(|b| matches!(b, b'0' | b'.')) => rest.to_owned(),
+        _ => text,
+    }
+}
+
 /// The unit in which figures around `typical` are short: factor and symbol. Only `rad` and
 /// `m` have smaller siblings.
 pub fn short_unit(unit: &str, typical: f64) -> (f64, String) {
@@ -157,6 +166,8 @@ mod tests {
         for (value, text) in cases {
             assert_eq!(significant(value), text);
         }
+        assert_eq!((fixed(-0.000_04, 4), fixed(-0.000_06, 4)), ("0.0000".into(), "-0.0001".into()));
+        assert_eq!((fixed(-0.0, 0), fixed(-1.0, 0)), ("0".into(), "-1".into()));
         assert_eq!(short_unit("rad", 0.2), (1.0, "rad".into()));
         assert_eq!(short_unit("m", 0.002), (1e3, "mm".into()));
         assert_eq!(short_unit("rad", 3e-6), (1e6, "\u{b5}rad".into()));

@@ -79,8 +79,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
         snapshots_until: args.snapshots_until.unwrap_or(defaults.snapshots_until),
         plants: args.plants,
     };
-    let threads =
-        args.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
+    let threads = args.threads.unwrap_or_else(|| super::threads(None));
     let cancel = interrupt::cancel_on_ctrl_c();
     let bar = Bar::new("collect", "steps", global.quiet || args.json);
     let done = collect(&robot, &config, &args.out, args.resume, threads, &bar, &cancel);

@@ -6,7 +6,7 @@ use super::failure::Outcome;
 
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Example:\n  robert completions bash > ~/.local/share/bash-completion/completions/robert"
+    after_help = "Examples:\n  robert completions bash > ~/.local/share/bash-completion/completions/robert"
 )]
 pub(super) struct Args {
     /// The shell.

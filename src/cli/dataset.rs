@@ -26,6 +26,9 @@ pub(super) struct Args {
 #[derive(Debug, Subcommand)]
 enum What {
     /// What is in a dataset, and how clean it is.
+    #[command(
+        after_help = "Examples:\n  robert dataset info data/ur5e\n  robert dataset info data/ur5e --json | jq .totals"
+    )]
     Info {
         /// Dataset folder.
         data: PathBuf,
@@ -34,6 +37,9 @@ enum What {
         json: bool,
     },
     /// Join datasets of one robot.
+    #[command(
+        after_help = "Examples:\n  robert dataset merge data/rnd data/icm --equal --out data/all"
+    )]
     Merge {
         /// Dataset folders; their order does not matter.
         #[arg(required = true)]
@@ -45,6 +51,9 @@ enum What {
         out: Out,
     },
     /// Fix which trajectories are held out.
+    #[command(
+        after_help = "Examples:\n  robert dataset split data/all --test 0.1 --out data/split"
+    )]
     Split {
         /// Dataset folder.
         data: PathBuf,
@@ -58,6 +67,9 @@ enum What {
         out: Out,
     },
     /// Keep the trajectories of some agents, or evenly as many as a number of frames holds.
+    #[command(
+        after_help = "Examples:\n  robert dataset pick data/all --agent rnd,icm --out data/curious\n  robert dataset pick data/all --frames 100000 --out data/less"
+    )]
     Pick {
         /// Dataset folder.
         data: PathBuf,
@@ -71,6 +83,7 @@ enum What {
         out: Out,
     },
     /// Keep every K-th trajectory (of the train part, once a split is fixed).
+    #[command(after_help = "Examples:\n  robert dataset shrink 10 data/all --out data/tenth")]
     Shrink {
         /// Keep one trajectory in K.
         k: u64,
@@ -80,6 +93,9 @@ enum What {
         out: Out,
     },
     /// Overwrite a share P of the train trajectories by copies of one of them.
+    #[command(
+        after_help = "Examples:\n  robert dataset corrupt 0.5 data/all --out data/half_copies"
+    )]
     Corrupt {
         /// Share, 0 to 1.
         p: f64,
@@ -95,6 +111,9 @@ enum What {
         out: Out,
     },
     /// Draw where the data lie: histograms, speeds, planes of joints.
+    #[command(
+        after_help = "Examples:\n  robert dataset plot data/all --out all.png\n  robert dataset plot data/all --by-agent --out agents.svg"
+    )]
     Plot {
         /// Dataset folder.
         data: PathBuf,
@@ -112,6 +131,7 @@ enum What {
         dark: bool,
     },
     /// Verify every shard: sha256, shapes, values. Exit code 3 names the bad ones.
+    #[command(after_help = "Examples:\n  robert dataset check data/all")]
     Check {
         /// Dataset folder.
         data: PathBuf,

@@ -148,7 +148,7 @@ fn graphics() -> Check {
 }
 
 fn processor() -> Check {
-    let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+    let cores = super::threads(None);
     let name = field("/proc/cpuinfo", "model name").unwrap_or_else(|| "unknown processor".into());
     #[cfg(target_arch = "x86_64")]
     let features: Vec<&str> = [

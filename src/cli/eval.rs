@@ -12,7 +12,7 @@ use super::bar::Bar;
 use super::failure::{Failure, Outcome};
 use super::interrupt::cancel_on_ctrl_c;
 use super::motion::{self, CLIP_SUFFIX};
-use super::perform::GuideArg;
+use super::perform::{Conditions, who};
 use super::{Global, out};
 use crate::clip::{Clip, Sight};
 use crate::dataset::{Dataset, Verify};
@@ -45,19 +45,11 @@ pub(super) struct Args {
     /// Seed of the pieces, of their masks, and of the split where the dataset fixes none.
     #[arg(long, default_value_t = 0, value_name = "SEED")]
     data_seed: u64,
-    /// Policies, with suffixes +guide and +refine.
-    #[arg(short, long, required = true, num_args = 1.., value_delimiter = ',')]
+    /// Policies; --help lists all.
+    #[arg(short, long, required = true, num_args = 1.., value_delimiter = ',', long_help = who("Policies:"))]
     policy: Vec<String>,
-    /// Virtual commands through masked frames, for every policy.
-    #[arg(long, value_enum, default_value_t = GuideArg::None)]
-    guide: GuideArg,
-    /// Improve each action on the robot's model, for every policy.
-    #[arg(long)]
-    refine: bool,
-    /// Simulate another plant than the policies believe in: mass=1.25,damping=1.5,gear=0.85;
-    /// each seed draws its own from a range: mass=0.7..1.4.
-    #[arg(long, value_name = "FACTORS")]
-    plant: Option<String>,
+    #[command(flatten)]
+    conditions: Conditions,
     /// Seeds 0..N; the interval is over seeds.
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=1000))]
     seeds: u64,
@@ -117,23 +109,14 @@ impl SuiteFacts {
 }
 
 pub(super) fn run(args: &Args, global: Global) -> Outcome {
-    let policies: Vec<PolicyConfig> = args
-        .policy
-        .iter()
-        .map(|p| motion::policy(p, args.guide.into(), args.refine))
-        .collect::<Outcome<_>>()?;
-    let plant = match &args.plant {
-        Some(text) => text.parse()?,
-        None => PlantRange::default(),
-    };
+    let policies: Vec<PolicyConfig> =
+        args.policy.iter().map(|p| args.conditions.policy(p)).collect::<Outcome<_>>()?;
+    let plant = args.conditions.plant()?;
     if let Some(x) = args.max_precision.filter(|x| !(x.is_finite() && *x >= 0.0)) {
         return Err(Failure::usage(format!("--max-precision {x} is no distance")));
     }
     let (robot, suites) = suites(args)?;
-    let threads = match args.threads {
-        Some(n) => usize::from(n),
-        None => std::thread::available_parallelism().map_or(1, usize::from),
-    };
+    let threads = super::threads(args.threads);
     let config = EvalConfig { policies, plant, seeds: args.seeds, threads };
 
     let cancel = cancel_on_ctrl_c();
@@ -211,12 +194,15 @@ fn suites(args: &Args) -> Outcome<(Arc<Robot>, Vec<Suite>)> {
         Source::Clips(clips) => clips.first().map(|(_, c)| c.robot.id.clone()),
         Source::Shipped | Source::Trial | Source::Data => None,
     });
-    let Some(id) = args.robot.clone().or(of_clips) else {
-        return Err(Failure::usage(
-            "a shipped suite needs a robot: --robot pointmass, ur5e, ur5e_light or shadow_hand",
-        ));
+    let robot = match (&args.robot, of_clips) {
+        (Some(id), _) => motion::robot(id)?,
+        (None, Some(own)) => motion::robot_for(None, &own)?,
+        (None, None) => {
+            return Err(Failure::usage(
+                "a shipped suite needs a robot: --robot pointmass, ur5e, ur5e_light or shadow_hand",
+            ));
+        }
     };
-    let robot = motion::robot(&id)?;
     let mut suites = Vec::new();
     for (name, source) in named {
         let clips = match source {
@@ -324,9 +310,7 @@ fn table(robot: &Robot, suite: &str, plant: PlantRange, results: &[Evaluation]) 
             columns.iter().map(|c| average(c, |t| 1e3 * t.wall_secs / t.frames.max(1) as f64)),
         ),
     );
-    for column in t.column_iter_mut().skip(1) {
-        column.set_cell_alignment(comfy_table::CellAlignment::Right);
-    }
+    out::right(&mut t, 1);
     let plant =
         if plant == PlantRange::default() { String::new() } else { format!(", plant {plant}") };
     let mut text = format!(

@@ -1,6 +1,5 @@
 //! `robert export TAKE|CLIP`: takes in other formats; a clip is performed first.
 
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -106,7 +105,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     if args.json && (stdout || (args.out.is_none() && args.to.is_text())) {
         return Err(Failure::usage("--json prints a report on stdout: name a file with -o"));
     }
-    motion::not_onto_itself(&args.input, args.out.as_deref())?;
+    motion::may_write(&args.input, args.out.as_deref())?;
     // Before any work: the page may be missing.
     let client = match (args.to, &args.viser_client) {
         (Format::Html, Some(path)) => Some(fsio::read_capped(path, limits::MESH_BYTES)?),
@@ -141,12 +140,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
         None if !args.to.is_text() => {
             PathBuf::from(format!("{}.{}", title(&args.input), args.to.suffix()))
         }
-        _ => {
-            let mut stdout = std::io::stdout().lock();
-            stdout.write_all(&bytes)?;
-            stdout.flush()?;
-            return Ok(());
-        }
+        _ => return out::bytes(&bytes),
     };
     fsio::write_atomic(&path, &bytes)?;
     let precision = take.precision();
@@ -185,7 +179,7 @@ fn input(args: &Args, global: Global) -> Outcome<(Take, Outcome<Arc<Robot>>)> {
     } else {
         Take::read(path)?
     };
-    let robot = motion::robot(args.perform.robot.as_deref().unwrap_or(&take.robot.id));
+    let robot = motion::robot_for(args.perform.robot.as_deref(), &take.robot.id);
     // A robot that was named must be there; the take's own may be unknown on this machine.
     match robot {
         Err(e) if args.perform.robot.is_some() => Err(e),

@@ -35,17 +35,14 @@ impl Failure {
         self.exit
     }
 
-    /// Prints `error: …` and its causes to stderr. A closed stdout is no error worth words.
+    /// Prints `error: …` and its causes to stderr.
     pub(super) fn report(&self) {
-        if is_broken_pipe(&self.error) {
-            return;
-        }
         eprintln!("error: {}", self.sentence());
     }
 
     /// What went wrong, then why, on one line; a cause that a message already tells is not
     /// told again.
-    fn sentence(&self) -> String {
+    pub(super) fn sentence(&self) -> String {
         let mut text = String::new();
         for cause in self.error.chain().map(ToString::to_string) {
             if text.is_empty() {
@@ -62,13 +59,6 @@ impl<E: HasExit> From<E> for Failure {
     fn from(error: E) -> Self {
         Failure { exit: error.exit(), error: anyhow::Error::new(error) }
     }
-}
-
-fn is_broken_pipe(error: &anyhow::Error) -> bool {
-    error
-        .chain()
-        .filter_map(|c| c.downcast_ref::<std::io::Error>())
-        .any(|e| e.kind() == std::io::ErrorKind::BrokenPipe)
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@ use std::time::Instant;
 use serde::Serialize;
 
 use super::bar::Bar;
-use super::failure::{Failure, Outcome};
+use super::failure::Outcome;
 use super::interrupt::cancel_on_ctrl_c;
 use super::{Global, motion, out};
 use crate::dataset::{Dataset, Verify};
@@ -85,25 +85,14 @@ struct Report<'a> {
 
 pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let data = Dataset::open(&args.data, Verify::Full)?;
-    let of = &data.manifest().robot;
-    if let Some(robot) = args.robot.as_deref().map(motion::robot).transpose()?
-        && of.model_sha256 != robot.model_sha256()
-    {
-        return Err(Failure::invalid(format!(
-            "the data is of {} (model {:.12}), not of {} (model {:.12}): {}",
-            of.id,
-            of.model_sha256,
-            robot.id(),
-            robot.model_sha256(),
-            args.data.display()
-        )));
+    if let Some(robot) = &args.robot {
+        data.must_be_of(&*motion::robot(robot)?)?;
     }
+    let of = &data.manifest().robot;
     let name = args.policy.as_str();
     let beside = data.path().with_file_name(format!("{name}.safetensors"));
     let path = args.out.clone().unwrap_or(beside);
-    let threads = args
-        .threads
-        .map_or_else(|| std::thread::available_parallelism().map_or(1, usize::from), usize::from);
+    let threads = super::threads(args.threads);
     let bar = Bar::new("fit", "steps", global.quiet || args.json);
     let cancel = cancel_on_ctrl_c();
     let begin = Instant::now();

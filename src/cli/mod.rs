@@ -86,6 +86,7 @@ enum Command {
     /// Roll out a suite of clips with several policies; one table.
     Eval(eval::Args),
     /// List the task clips in the program, or copy them out to edit.
+    #[command(subcommand)]
     Tasks(tasks::Args),
     /// Draw files of numbers as charts.
     Plot(plot::Args),
@@ -96,14 +97,17 @@ enum Command {
     /// Train a policy on collected data; stop and go on at any time.
     Train(train::Args),
     /// List the trained policies in the program; look at a model's card; pack one to ship.
+    #[command(subcommand)]
     Models(models::Args),
     /// Train a grid of settings with several seeds; one table and a picture.
     Sweep(sweep::Args),
     /// List, show and compare training runs.
+    #[command(subcommand)]
     Runs(runs::Args),
     /// Fit a policy that needs no training: ridge, nearest, mlp-inverse.
     Fit(fit::Args),
     /// List, show and settle robots.
+    #[command(subcommand)]
     Robots(robots::Args),
     /// From a URDF or MJCF to a policy that performs it, in one command.
     New(Box<new::Args>),
@@ -182,6 +186,54 @@ fn usage(e: &clap::Error) -> ExitCode {
     ExitCode::from(if e.use_stderr() { Exit::Usage.code() } else { Exit::Ok.code() })
 }
 
+/// Threads to work with: as many as were asked for, else one a core.
+fn threads(asked: Option<u16>) -> usize {
+    asked.map_or_else(|| std::thread::available_parallelism().map_or(1, usize::from), usize::from)
+}
+
 fn command() -> clap::Command {
     Cli::command()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::command;
+    use crate::rollout::PolicyName;
+
+    /// Every command that does something, hidden ones aside, with the words that call it.
+    fn leaves(c: &clap::Command, path: &str, found: &mut Vec<(String, clap::Command)>) {
+        let mut inside =
+            c.get_subcommands().filter(|s| !s.is_hide_set() && s.get_name() != "help").peekable();
+        if inside.peek().is_none() {
+            found.push((path.to_owned(), c.clone()));
+        }
+        for s in inside {
+            leaves(s, &format!("{path} {}", s.get_name()), found);
+        }
+    }
+
+    #[test]
+    fn every_command_has_examples_of_itself() {
+        let mut found = Vec::new();
+        leaves(&command(), "robert", &mut found);
+        assert!(found.len() > 50, "{}", found.len());
+        for (path, mut c) in found {
+            let help = c.render_long_help().to_string();
+            let examples = help.split("\nExamples:\n").nth(1);
+            assert!(examples.is_some_and(|e| e.contains(&path)), "{path}: {help}");
+        }
+    }
+
+    #[test]
+    fn help_names_every_policy() {
+        let root = command();
+        for name in ["rollout", "eval", "export", "render"] {
+            let mut c = root.find_subcommand(name).unwrap().clone();
+            let help = c.render_long_help().to_string();
+            for policy in PolicyName::all() {
+                assert!(help.contains(&format!("  {}", policy.as_str())), "{name}: {help}");
+            }
+            assert!(help.contains("nearest:PATH") && help.contains("+ensemble=N"), "{name}");
+        }
+    }
 }

@@ -9,24 +9,22 @@ use super::out;
 use crate::net::{Card, checkpoint};
 use crate::rollout::{model_path, shipped};
 
-#[derive(clap::Args, Debug)]
+#[derive(clap::Subcommand, Debug)]
 #[command(
     after_help = "Examples:\n  robert models ls\n  robert models show shadow_hand/robert\n  robert models show runs/first --json\n  robert models pack runs/first -o first.safetensors --notes \"400k noise transitions, seed 1\"\n\nA model in the program is used by its name: robert rollout fire --policy robert:faithful"
 )]
-pub(super) struct Args {
-    #[command(subcommand)]
-    what: What,
-}
-
-#[derive(clap::Subcommand, Debug)]
-enum What {
+pub(super) enum Args {
     /// List the trained policies in the program.
+    #[command(after_help = "Examples:\n  robert models ls\n  robert models ls --json")]
     Ls {
         /// Print JSON.
         #[arg(long)]
         json: bool,
     },
     /// Print a model's card: ROBOT/NAME in the program, a file, or a run directory.
+    #[command(
+        after_help = "Examples:\n  robert models show shadow_hand/robert\n  robert models show runs/first --json"
+    )]
     Show {
         /// Which.
         model: String,
@@ -35,6 +33,9 @@ enum What {
         json: bool,
     },
     /// Write a run's best model as one small file: half precision, no optimiser state.
+    #[command(
+        after_help = "Examples:\n  robert models pack runs/first -o first.safetensors --notes \"400k noise transitions, seed 1\""
+    )]
     Pack {
         /// Run directory or model file.
         run: PathBuf,
@@ -48,10 +49,10 @@ enum What {
 }
 
 pub(super) fn run(args: &Args) -> Outcome {
-    match &args.what {
-        What::Ls { json } => ls(*json),
-        What::Show { model, json } => show(model, *json),
-        What::Pack { run, output, notes } => {
+    match args {
+        Args::Ls { json } => ls(*json),
+        Args::Show { model, json } => show(model, *json),
+        Args::Pack { run, output, notes } => {
             let mut model = checkpoint::load(&model_path(run), None)?;
             model.card.training.notes.clone_from(notes);
             checkpoint::save_half(output, &model)?;

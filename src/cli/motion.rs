@@ -21,6 +21,16 @@ pub(super) fn robot(id: &str) -> Outcome<Arc<Robot>> {
     Ok(Arc::new(Robot::load(id)?))
 }
 
+/// The robot that was asked for (`--robot`), else the one that a clip or take is for.
+pub(super) fn robot_for(asked: Option<&str>, own: &str) -> Outcome<Arc<Robot>> {
+    match (asked, Robot::load(asked.unwrap_or(own))) {
+        (None, Err(crate::robot::Error::Unknown { .. })) => Err(Failure::invalid(format!(
+            "it is for robot \"{own}\", which does not come with the program: give its folder, --robot DIR"
+        ))),
+        (_, loaded) => Ok(Arc::new(loaded?)),
+    }
+}
+
 /// Windows that look at one frame: as current one, and as each of the commands.
 const WINDOWS: usize = COMMAND + 1;
 
@@ -51,15 +61,37 @@ pub(super) fn command(clip: &Clip, robot: &Robot, text: &str) -> Outcome<Command
     Ok(command.reordered(&names).unwrap_or(command))
 }
 
-/// Refuses to write a result over what it was made from.
-pub(super) fn not_onto_itself(input: &str, out: Option<&Path>) -> Outcome {
+/// Refuses to write a result over what it was made from, or over something that a person
+/// made. A result of an earlier call is replaced: that is what calling again is for.
+pub(super) fn may_write(input: &str, out: Option<&Path>) -> Outcome {
     let real = |p: &Path| std::fs::canonicalize(p).ok();
-    match out.and_then(real) {
-        Some(out) if real(Path::new(input)).as_ref() == Some(&out) => Err(Failure::usage(format!(
+    let Some((path, there)) = out.and_then(|p| Some((p, real(p)?))) else { return Ok(()) };
+    if real(Path::new(input)).as_ref() == Some(&there) {
+        return Err(Failure::usage(format!(
             "{input} would be overwritten by what is made from it: give another file to write"
-        ))),
-        _ => Ok(()),
+        )));
     }
+    match made_by_hand(&there) {
+        Some(what) => Err(Failure::usage(format!(
+            "{} is a {what}, and would be lost: give another file to write, or remove it first",
+            path.display()
+        ))),
+        None => Ok(()),
+    }
+}
+
+/// What an existing file is, where that is nothing a command could make again.
+fn made_by_hand(path: &Path) -> Option<&'static str> {
+    let mut head = Vec::new();
+    File::open(path).ok()?.take(4096).read_to_end(&mut head).ok()?;
+    let text = String::from_utf8_lossy(&head);
+    if text.trim_start().starts_with('{') && text.contains("\"robert-clip/") {
+        return Some("clip");
+    }
+    // The exports with a `<mujoco>` element of their own hold nothing but keys.
+    let model =
+        text.contains("<robot ") || text.contains("<worldbody") || text.contains("<compiler");
+    (text.trim_start().starts_with('<') && model).then_some("robot's model")
 }
 
 /// The clip that a take was made from.

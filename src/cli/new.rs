@@ -96,7 +96,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let begin = Instant::now();
     let since = || begin.elapsed().as_secs_f64();
     let cancel = cancel_on_ctrl_c();
-    let threads = std::thread::available_parallelism().map_or(1, usize::from);
+    let threads = super::threads(None);
     let say = |text: &str| {
         if !global.quiet {
             eprintln!("{text}");

@@ -3,7 +3,7 @@
 use std::io::{self, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use comfy_table::{ContentArrangement, LineStyle, Table, TableStyle};
+use comfy_table::{CellAlignment, ContentArrangement, LineStyle, Table, TableStyle};
 use serde::Serialize;
 
 use super::failure::Outcome;
@@ -38,10 +38,17 @@ pub(super) fn json(value: &impl Serialize) -> Outcome {
 
 /// Prints one line.
 pub(super) fn line(text: &str) -> Outcome {
+    bytes(format!("{text}\n").as_bytes())
+}
+
+/// Writes to stdout. Whoever closed the pipe (`| head`) has read enough: no error, and the
+/// command still ends with its own exit code.
+pub(super) fn bytes(bytes: &[u8]) -> Outcome {
     let mut out = io::stdout().lock();
-    writeln!(out, "{text}")?;
-    out.flush()?;
-    Ok(())
+    match out.write_all(bytes).and_then(|()| out.flush()) {
+        Err(e) if e.kind() != io::ErrorKind::BrokenPipe => Err(e.into()),
+        _ => Ok(()),
+    }
 }
 
 const STYLE: TableStyle =
@@ -54,4 +61,11 @@ pub(super) fn table(header: &[&str]) -> Table {
         .set_content_arrangement(ContentArrangement::Dynamic)
         .set_header(header.to_vec());
     t
+}
+
+/// Numbers line up on the right: all columns but the first `texts`.
+pub(super) fn right(t: &mut Table, texts: usize) {
+    for column in t.column_iter_mut().skip(texts) {
+        column.set_cell_alignment(CellAlignment::Right);
+    }
 }

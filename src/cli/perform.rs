@@ -1,5 +1,6 @@
 //! What `rollout` and `export` share: the flags of a performance, and performing it.
 
+use std::str::FromStr;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -9,28 +10,19 @@ use super::interrupt::cancel_on_ctrl_c;
 use super::{Global, motion};
 use crate::clip::{self, Clip};
 use crate::progress::Progress as _;
-use crate::robot::{PlantConfig, Robot};
-use crate::rollout::{Error, Guide, PolicyConfig, Rollout, RolloutConfig, Start};
+use crate::robot::{self, PlantConfig, Robot};
+use crate::rollout::{Error, Guide, PolicyConfig, PolicyName, Rollout, RolloutConfig, Start};
 use crate::take::{Provenance, Take};
 use crate::units::significant;
 
 /// Who performs, on what, from which seed.
 #[derive(clap::Args, Clone, Debug)]
 pub(super) struct PerformArgs {
-    /// Who performs: zero, pd, computed-torque, ilqr, predictive-sampling, or a learned one
-    /// (robert, robert:RUN) [default: the robot's trained one, else computed-torque];
-    /// suffixes +guide and +refine are the flags below.
-    #[arg(short, long)]
+    /// Who performs [default: the robot's trained one, else computed-torque]; --help lists all.
+    #[arg(short, long, long_help = who("Who performs [default: the robot's trained one, else computed-torque]:"))]
     policy: Option<String>,
-    /// Virtual commands through masked frames: the straight line from the reached state.
-    #[arg(long, value_enum, default_value_t = GuideArg::None)]
-    guide: GuideArg,
-    /// Improve each action on the robot's model before it is applied.
-    #[arg(long)]
-    refine: bool,
-    /// Simulate another plant than the policy believes in: mass=1.25,damping=1.5,gear=0.85.
-    #[arg(long, value_name = "FACTORS")]
-    plant: Option<String>,
+    #[command(flatten)]
+    conditions: Conditions,
     /// Seed of the policy's draws.
     #[arg(long, default_value_t = 0)]
     seed: u64,
@@ -39,14 +31,51 @@ pub(super) struct PerformArgs {
     pub(super) robot: Option<String>,
 }
 
+/// Every policy with its argument, and the switches that may follow it.
+pub(super) fn who(head: &str) -> String {
+    let rows: Vec<String> =
+        PolicyName::usages().map(|(usage, what)| format!("  {usage:<20} {what}")).collect();
+    format!(
+        "{head}\n{}\nAfter the name: +guide and +refine are the flags of that name, for this policy alone;\nrobert takes +ensemble=N (means over N windows, 1 to 21) and +sample (draws the action).",
+        rows.join("\n")
+    )
+}
+
+/// What is changed for every policy; shared with `robert eval`.
+#[derive(clap::Args, Clone, Debug)]
+pub(super) struct Conditions {
+    /// Virtual commands through masked frames: the straight line from the reached state.
+    #[arg(long, value_enum, default_value_t = GuideArg::None)]
+    guide: GuideArg,
+    /// Improve each action on the robot's model before it is applied.
+    #[arg(long)]
+    refine: bool,
+    /// Simulate another plant than the policy believes in: mass=1.25,damping=1.5,gear=0.85.
+    /// For robert eval, a range is drawn from, one plant a seed: mass=0.7..1.4.
+    #[arg(long, value_name = "FACTORS")]
+    plant: Option<String>,
+}
+
+impl Conditions {
+    /// A policy as it is typed, under these conditions.
+    pub(super) fn policy(&self, text: &str) -> Outcome<PolicyConfig> {
+        motion::policy(text, self.guide.into(), self.refine)
+    }
+
+    /// The plant that is simulated, or the range of plants.
+    pub(super) fn plant<P: FromStr<Err = robot::Error> + Default>(&self) -> Outcome<P> {
+        Ok(self.plant.as_deref().map(str::parse).transpose()?.unwrap_or_default())
+    }
+}
+
 impl PerformArgs {
     /// A take has been performed: asking for another performance is a mistake worth saying.
     pub(super) fn must_be_absent(&self, take: &str) -> Outcome {
         let asked = [
             ("--policy", self.policy.is_some()),
-            ("--guide", self.guide != GuideArg::None),
-            ("--refine", self.refine),
-            ("--plant", self.plant.is_some()),
+            ("--guide", self.conditions.guide != GuideArg::None),
+            ("--refine", self.conditions.refine),
+            ("--plant", self.conditions.plant.is_some()),
             ("--seed", self.seed != 0),
         ];
         match asked.iter().find(|(_, given)| *given) {
@@ -60,16 +89,15 @@ impl PerformArgs {
     /// The policy as asked for, or the robot's own.
     fn policy(&self, robot: &Robot) -> Outcome<PolicyConfig> {
         Ok(self.named()?.unwrap_or_else(|| PolicyConfig {
-            guide: self.guide.into(),
-            refine: self.refine,
+            guide: self.conditions.guide.into(),
+            refine: self.conditions.refine,
             ..PolicyConfig::default_for(robot)
         }))
     }
 
     /// The policy that was named: a typo needs no robot to be seen.
     pub(super) fn named(&self) -> Outcome<Option<PolicyConfig>> {
-        let named = self.policy.as_deref();
-        named.map(|p| motion::policy(p, self.guide.into(), self.refine)).transpose()
+        self.policy.as_deref().map(|p| self.conditions.policy(p)).transpose()
     }
 }
 
@@ -116,12 +144,9 @@ impl Performed {
 /// Performs a clip (a file, or a shipped task) with a bar on stderr.
 pub(super) fn perform(text: &str, args: &PerformArgs, global: Global) -> Outcome<Performed> {
     let clip = motion::clip(text, args.robot.as_deref())?;
-    let robot = motion::robot(args.robot.as_deref().unwrap_or(&clip.robot.id))?;
+    let robot = motion::robot_for(args.robot.as_deref(), &clip.robot.id)?;
     let policy = args.policy(&robot)?;
-    let plant: PlantConfig = match &args.plant {
-        Some(text) => text.parse()?,
-        None => PlantConfig::default(),
-    };
+    let plant: PlantConfig = args.conditions.plant()?;
     let command = motion::command(&clip, &robot, text)?;
     let config = RolloutConfig { seed: args.seed, guide: policy.guide, plant };
     let built = policy.build(&robot)?;

@@ -34,25 +34,38 @@ struct Common {
     dark: bool,
 }
 
+/// Which columns of a motion are drawn.
+#[derive(clap::Args, Debug)]
+struct Joints {
+    /// Only these joints.
+    #[arg(long, value_delimiter = ',')]
+    only: Vec<String>,
+    /// Unit of the joints.
+    #[arg(long, default_value = "rad")]
+    unit: String,
+}
+
 #[derive(clap::Subcommand, Debug)]
 enum What {
     /// Commanded against achieved, a small chart a joint.
+    #[command(
+        after_help = "Examples:\n  robert plot joints wave.mcap -o joints.png\n  robert plot joints achieved.csv --command command.csv --only elbow,wrist_1 -o joints.svg"
+    )]
     Joints {
         /// Achieved motion: a take or CSV.
         achieved: PathBuf,
         /// Command, CSV; a take's own when absent.
         #[arg(long)]
         command: Option<PathBuf>,
-        /// Only these joints.
-        #[arg(long, value_delimiter = ',')]
-        only: Vec<String>,
-        /// Unit of the joints.
-        #[arg(long, default_value = "rad")]
-        unit: String,
+        #[command(flatten)]
+        joints: Joints,
         #[command(flatten)]
         common: Common,
     },
     /// Paths in the plane of the first two columns.
+    #[command(
+        after_help = "Examples:\n  robert plot xy star.mcap -o star.svg\n  robert plot xy pd=a.csv ilqr=b.csv --command command.csv -o star.png"
+    )]
     Xy {
         /// Achieved motions, takes or CSV; `name=file` names a path.
         achieved: Vec<String>,
@@ -63,6 +76,9 @@ enum What {
         common: Common,
     },
     /// Mean absolute error over time.
+    #[command(
+        after_help = "Examples:\n  robert plot precision pd=pd.mcap ilqr=ilqr.mcap -o precision.png"
+    )]
     Precision {
         /// Achieved motions, takes or CSV; `name=file` names a method.
         achieved: Vec<String>,
@@ -77,6 +93,9 @@ enum What {
     },
     /// A figure over training steps, from metrics.jsonl files; the same name twice becomes a mean
     /// with its 95 % interval.
+    #[command(
+        after_help = "Examples:\n  robert plot curves runs/a/metrics.jsonl runs/b/metrics.jsonl --y loss --log -o loss.png"
+    )]
     Curves {
         /// Metrics, one JSON object a line; `name=file` names a run.
         metrics: Vec<String>,
@@ -97,6 +116,9 @@ enum What {
     },
     /// Bars with 95 % intervals from the JSON of `robert eval`, or from `{"unit": "rad", "groups":
     /// [..], "sets": [{"name": .., "mean": [..], "ci95": [..]}]}`.
+    #[command(
+        after_help = "Examples:\n  robert eval --robot ur5e --suite manual -p pd,ilqr --json > eval.json && robert plot bars eval.json -o bars.png"
+    )]
     Bars {
         /// The file.
         file: PathBuf,
@@ -107,15 +129,12 @@ enum What {
         common: Common,
     },
     /// How often joint values occur, and the first two against each other.
+    #[command(after_help = "Examples:\n  robert plot coverage achieved.csv -o coverage.png")]
     Coverage {
         /// Motion: a take or CSV.
         motion: PathBuf,
-        /// Only these joints.
-        #[arg(long, value_delimiter = ',')]
-        only: Vec<String>,
-        /// Unit of the joints.
-        #[arg(long, default_value = "rad")]
-        unit: String,
+        #[command(flatten)]
+        joints: Joints,
         #[command(flatten)]
         common: Common,
     },
@@ -127,7 +146,7 @@ const BYTES: u64 = 256 << 20;
 pub(super) fn run(args: &Args) -> Outcome {
     let fps = f64::from(FPS);
     let (figure, common) = match &args.what {
-        What::Joints { achieved, command, only, unit, common } => {
+        What::Joints { achieved, command, joints: Joints { only, unit }, common } => {
             let command = asked(command.as_deref(), [achieved.as_path()])?;
             let achieved = Columns::read(achieved)?;
             let names = achieved.pick(only)?;
@@ -191,7 +210,7 @@ pub(super) fn run(args: &Args) -> Outcome {
         What::Bars { file, suite, common } => {
             (bar_chart(file, suite.as_deref(), &common.title)?, common)
         }
-        What::Coverage { motion, only, unit, common } => {
+        What::Coverage { motion, joints: Joints { only, unit }, common } => {
             let columns = Columns::read(motion)?;
             let names = columns.pick(only)?;
             let of = |n: &str| columns.of(n).cloned().unwrap_or_default();

@@ -249,7 +249,7 @@ fn shown(input: &str, args: &Args, global: Global) -> Outcome<(Arc<Robot>, Motio
         return Ok((done.robot, motion));
     }
     let clip = motion::clip(input, args.perform.robot.as_deref())?;
-    let robot = motion::robot(args.perform.robot.as_deref().unwrap_or(&clip.robot.id))?;
+    let robot = motion::robot_for(args.perform.robot.as_deref(), &clip.robot.id)?;
     let command = motion::command(&clip, &robot, input)?;
     if command.dim() != robot.state_dim() {
         return Err(Failure::invalid(format!(
@@ -267,7 +267,7 @@ fn shown(input: &str, args: &Args, global: Global) -> Outcome<(Arc<Robot>, Motio
 /// A take, as it was performed.
 fn recorded(input: &str, args: &Args) -> Outcome<(Arc<Robot>, Motion)> {
     let take = Take::read(Path::new(input))?;
-    let robot = motion::robot(args.perform.robot.as_deref().unwrap_or(&take.robot.id))?;
+    let robot = motion::robot_for(args.perform.robot.as_deref(), &take.robot.id)?;
     take.check_robot(&robot)?;
     let clip = match &take.clip_text {
         Some(_) => Some(motion::clip_of(&take, input)?),

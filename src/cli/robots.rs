@@ -7,26 +7,26 @@ use super::out;
 use crate::mujoco::{Data, Kind, Model};
 use crate::rng::{Rng, Stream};
 use crate::robot::{Drive, Robot, Settled};
-use crate::units::{CTRL_DT, SUBSTEPS, Unit};
+use crate::units::{CTRL_DT, SUBSTEPS, Unit, fixed};
 
-#[derive(clap::Args, Debug)]
+#[derive(clap::Subcommand, Debug)]
 #[command(
     after_help = "Examples:\n  robert robots ls\n  robert robots show shadow_hand\n  robert robots settle shadow_hand --pose rock\n  robert robots settle ur5e --set elbow=0.7 --set wrist_1=-1"
 )]
-pub(super) struct Args {
-    #[command(subcommand)]
-    what: What,
-}
-
-#[derive(clap::Subcommand, Debug)]
-enum What {
+pub(super) enum Args {
     /// List the robots in the program.
+    #[command(
+        after_help = "Examples:\n  robert robots ls\n  robert robots ls --json | jq '.[].id'"
+    )]
     Ls {
         /// Print JSON.
         #[arg(long)]
         json: bool,
     },
     /// Show one robot: joints, motors, groups, poses.
+    #[command(
+        after_help = "Examples:\n  robert robots show shadow_hand\n  robert robots show my_arm --toml > my_arm/profile.toml"
+    )]
     Show {
         /// Id, or a folder with robot.xml.
         robot: String,
@@ -38,6 +38,9 @@ enum What {
         toml: bool,
     },
     /// Drive a pose in simulation; report the pose that is reached and what is missing.
+    #[command(
+        after_help = "Examples:\n  robert robots settle shadow_hand --pose rock\n  robert robots settle ur5e --set elbow=0.7 --set wrist_1=-1"
+    )]
     Settle {
         /// Id, or a folder with robot.xml.
         robot: String,
@@ -66,11 +69,11 @@ enum What {
 }
 
 pub(super) fn run(args: &Args) -> Outcome {
-    match &args.what {
-        What::Ls { json } => ls(*json),
-        What::Show { robot, json, toml } => show(robot, *json, *toml),
-        What::Settle { robot, pose, set, json } => settle(robot, pose.as_deref(), set, *json),
-        What::Kinematics { robot, poses, secs } => kinematics(robot, *poses, *secs),
+    match args {
+        Args::Ls { json } => ls(*json),
+        Args::Show { robot, json, toml } => show(robot, *json, *toml),
+        Args::Settle { robot, pose, set, json } => settle(robot, pose.as_deref(), set, *json),
+        Args::Kinematics { robot, poses, secs } => kinematics(robot, *poses, *secs),
     }
 }
 
@@ -146,14 +149,14 @@ fn show(robot: &str, json: bool, toml: bool) -> Outcome {
     ))?;
     let mut t = out::table(&["joint", "unit", "from", "to", "speed", "home"]);
     for (j, home) in robot.joints().iter().zip(robot.home()) {
-        let end = |v: f64| if v.is_finite() { format!("{v:.3}") } else { "-".to_owned() };
+        let end = |v: f64| if v.is_finite() { fixed(v, 3) } else { "-".to_owned() };
         t.add_row([
             j.name.clone(),
             j.unit.symbol().to_owned(),
             end(j.range[0]),
             end(j.range[1]),
             format!("{:.3}", j.speed_limit),
-            format!("{home:.3}"),
+            fixed(home, 3),
         ]);
     }
     out::line(&t.to_string())?;
@@ -216,18 +219,18 @@ fn settle(robot: &str, pose: Option<&str>, set: &[String], json: bool) -> Outcom
         let mark = if residual > tolerance { "  not reached" } else { "" };
         t.add_row([
             j.name.clone(),
-            format!("{:.4}", at(&s.target)),
-            format!("{:.4}", at(&s.reached)),
-            format!("{residual:.4}{mark}"),
+            fixed(at(&s.target), 4),
+            fixed(at(&s.reached), 4),
+            format!("{}{mark}", fixed(residual, 4)),
         ]);
     }
     out::line(&t.to_string())?;
     let worst = robot.joints().get(s.worst_joint);
     let (name, unit) = worst.map_or(("", Unit::Rad), |j| (j.name.as_str(), j.unit));
     out::line(&format!(
-        "{}: worst {:.4} {} at {name} (tolerance {tolerance})",
+        "{}: worst {} {} at {name} (tolerance {tolerance})",
         if s.within { "reached" } else { "not reached" },
-        s.worst,
+        fixed(s.worst, 4),
         unit.symbol()
     ))
 }

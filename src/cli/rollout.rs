@@ -5,9 +5,10 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
-use super::failure::Outcome;
+use super::failure::{Failure, Outcome};
 use super::perform::{PerformArgs, Performed, perform};
 use super::{Global, motion, out};
+use crate::exit::HasExit as _;
 use crate::fsio;
 use crate::rollout::{Precision, Rollout};
 use crate::units::{CTRL_DT, short_unit, significant};
@@ -32,9 +33,13 @@ pub(super) struct Args {
     json: bool,
 }
 
+/// Why there is no Precision.
+const NOTHING_ASKED: &str =
+    "none: the clip asks for nothing after frame 0 (add a key, or unmask one)";
+
 pub(super) fn run(args: &Args, global: Global) -> Outcome {
-    motion::not_onto_itself(&args.clip, args.out.as_deref())?;
-    motion::not_onto_itself(&args.clip, args.csv.as_deref())?;
+    motion::may_write(&args.clip, args.out.as_deref())?;
+    motion::may_write(&args.clip, args.csv.as_deref())?;
     let mut done = perform(&args.clip, &args.perform, global)?;
     // What was reached is worth keeping even where the rollout broke off.
     if let Some(path) = &args.csv {
@@ -45,7 +50,11 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
         take.write(path, Some(&take.scene(&done.robot)?))?;
     }
     if let Some(e) = done.broke.take() {
-        return Err(e.into());
+        let exit = e.exit();
+        let kept = [&args.out, &args.csv].into_iter().flatten().map(|p| p.display().to_string());
+        let kept = kept.collect::<Vec<_>>().join(" and ");
+        let kept = if kept.is_empty() { kept } else { format!("; the frames before: {kept}") };
+        return Err(Failure::with(exit, format!("{e}{kept}")));
     }
     let precision = done.rollout.precision();
     if args.json {
@@ -67,6 +76,7 @@ fn report(args: &Args, done: &Performed, p: &Precision) -> Value {
         "seed": done.config.seed,
         "plant": done.config.plant,
         "precision": p.precision,
+        "why_none": p.precision.is_none().then_some(NOTHING_ASKED),
         "masked_mae": p.masked_mae,
         "p95": p.p95,
         "worst": p.worst.map(|(frame, error)| json!({"frame": frame, "error": error})),
@@ -93,8 +103,13 @@ fn summary(rollout: &Rollout, p: &Precision, policy: &str, unit: &str, wall_secs
     let figure = |v: f64| format!("{} {unit}", significant(v * factor));
     let value = |v: Option<f64>| v.map_or_else(|| "-".to_owned(), figure);
     let late = p.frames_late.map_or_else(|| "-".to_owned(), |v| format!("{v:.1} frames"));
+    let what = if p.precision.is_some() {
+        "mean |error|, unmasked frames, all joints"
+    } else {
+        NOTHING_ASKED
+    };
     let mut rows = vec![
-        ("Precision", value(p.precision), "mean |error|, unmasked frames, all joints"),
+        ("Precision", value(p.precision), what),
         ("p95", value(p.p95), "95th percentile of it"),
     ];
     let worst =

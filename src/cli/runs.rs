@@ -12,18 +12,13 @@ use crate::train::record::{Record, runs_in};
 use crate::train::run::Evaluation;
 use crate::train::{TrainConfig, curves};
 
-#[derive(clap::Args, Debug)]
+#[derive(clap::Subcommand, Debug)]
 #[command(
     after_help = "Examples:\n  robert runs ls\n  robert runs show runs/first\n  robert runs show runs/first --json | jq .best\n  robert runs compare runs/a runs/b -o compare.png"
 )]
-pub(super) struct Args {
-    #[command(subcommand)]
-    what: What,
-}
-
-#[derive(clap::Subcommand, Debug)]
-enum What {
+pub(super) enum Args {
     /// One line a run.
+    #[command(after_help = "Examples:\n  robert runs ls\n  robert runs ls runs/sweep --json")]
     Ls {
         /// Folder that holds the runs.
         #[arg(default_value = "runs")]
@@ -33,6 +28,9 @@ enum What {
         json: bool,
     },
     /// One run: settings, best and last checkpoint task by task, held-out errors.
+    #[command(
+        after_help = "Examples:\n  robert runs show runs/first\n  robert runs show runs/first --json | jq .best"
+    )]
     Show {
         /// Run directory.
         run: PathBuf,
@@ -44,6 +42,7 @@ enum What {
         json: bool,
     },
     /// Several runs: what differs in their settings, and their best and last side by side.
+    #[command(after_help = "Examples:\n  robert runs compare runs/a runs/b -o compare.png")]
     Compare {
         /// Run directories.
         #[arg(required = true, num_args = 2..)]
@@ -58,21 +57,15 @@ enum What {
 }
 
 pub(super) fn run(args: &Args) -> Outcome {
-    match &args.what {
-        What::Ls { dir, json } => ls(dir, *json),
-        What::Show { run, output, json } => show(run, output.as_deref(), *json),
-        What::Compare { runs, output, json } => compare(runs, output.as_deref(), *json),
+    match args {
+        Args::Ls { dir, json } => ls(dir, *json),
+        Args::Show { run, output, json } => show(run, output.as_deref(), *json),
+        Args::Compare { runs, output, json } => compare(runs, output.as_deref(), *json),
     }
 }
 
 fn cell(x: Option<f64>) -> String {
     x.map_or_else(|| "-".to_owned(), |x| format!("{x:.5}"))
-}
-
-fn right(t: &mut comfy_table::Table) {
-    for column in t.column_iter_mut().skip(1) {
-        column.set_cell_alignment(comfy_table::CellAlignment::Right);
-    }
 }
 
 fn brief(r: &Record) -> Value {
@@ -118,7 +111,7 @@ fn ls(dir: &Path, json: bool) -> Outcome {
             cell(r.linear.as_ref().map(|l| l.precision)),
         ]);
     }
-    right(&mut t);
+    out::right(&mut t, 1);
     out::line(&t.to_string())?;
     out::line("Precision in closed loop, mean over suites, rad or m: lower is better")
 }
@@ -180,7 +173,7 @@ fn show(dir: &Path, output: Option<&Path>, json: bool) -> Outcome {
             cell(last.map(|b| b.1.precision)),
             cell(r.linear.as_ref().map(|l| l.precision)),
         ]);
-        right(&mut t);
+        out::right(&mut t, 1);
         out::line(&t.to_string())?;
         out::line(
             "Precision, rad or m; the best is chosen on these very tasks, which flatters it",
@@ -202,7 +195,7 @@ fn show(dir: &Path, output: Option<&Path>, json: bool) -> Outcome {
             t.add_row([format!("{hidden} hidden"), String::new(), format!("{nmse:.4}")]);
         }
     }
-    right(&mut t);
+    out::right(&mut t, 1);
     out::line(&t.to_string())
 }
 
@@ -262,6 +255,6 @@ fn compare(dirs: &[PathBuf], output: Option<&Path>, json: bool) -> Outcome {
             cell(r.held_out().and_then(|h| h.nmse_by_hidden.get(hidden).copied()))
         });
     }
-    right(&mut t);
+    out::right(&mut t, 1);
     out::line(&t.to_string())
 }

@@ -43,13 +43,12 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
         return Err(Failure::usage("the file names no data: give --data DIR"));
     };
     let robot = motion::robot(&file.robot)?;
-    let cores = || std::thread::available_parallelism().map_or(1, usize::from);
     let bar = Bar::new("sweep", "points", global.quiet);
     let cancel = cancel_on_ctrl_c();
     let work = Work {
         data,
         out: args.out.clone(),
-        threads: args.threads.map_or_else(cores, usize::from),
+        threads: super::threads(args.threads),
         progress: &bar,
         cancel: &cancel,
         meta: serde_json::json!({
@@ -102,9 +101,7 @@ fn table(file: &Sweep, rows: &[Row]) -> String {
         let tail = [cell(r.nmse_clear), r.seeds.to_string()];
         t.add_row(values.chain(found).chain(tail));
     }
-    for column in t.column_iter_mut().skip(keys.len()) {
-        column.set_cell_alignment(comfy_table::CellAlignment::Right);
-    }
+    out::right(&mut t, keys.len());
     format!(
         "{}\n{t}\nPrecision of the last model by suite, rad or m (lower is better), mean ± 95 % interval over seeds",
         file.title

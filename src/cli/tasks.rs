@@ -11,18 +11,15 @@ use crate::fsio;
 use crate::robot::Robot;
 use crate::rollout::tasks::{self, MANIFEST, RobotTasks, SUITES};
 
-#[derive(clap::Args, Debug)]
+#[derive(clap::Subcommand, Debug)]
 #[command(
     after_help = "Examples:\n  robert tasks ls --robot shadow_hand\n  robert tasks show ur5e/hang > my.clip.json\n  robert tasks trial --robot my_arm --out my_arm/clips"
 )]
-pub(super) struct Args {
-    #[command(subcommand)]
-    what: What,
-}
-
-#[derive(clap::Subcommand, Debug)]
-enum What {
+pub(super) enum Args {
     /// List the tasks by robot and suite.
+    #[command(
+        after_help = "Examples:\n  robert tasks ls\n  robert tasks ls --robot shadow_hand --json"
+    )]
     Ls {
         /// Of this robot only.
         #[arg(long)]
@@ -32,12 +29,18 @@ enum What {
         json: bool,
     },
     /// Print a task's clip.
+    #[command(
+        after_help = "Examples:\n  robert tasks show fire\n  robert tasks show ur5e/hang > my.clip.json"
+    )]
     Show {
         /// NAME or ROBOT/NAME.
         task: String,
     },
     /// Write five clips that follow from a robot's limits and a seed: a start for a robot
     /// without tasks of its own.
+    #[command(
+        after_help = "Examples:\n  robert tasks trial --robot my_arm --out my_arm/clips\n  robert tasks trial --robot ur5e --out trial --seed 3"
+    )]
     Trial {
         /// The robot: id, or its folder.
         #[arg(long, value_name = "ID|DIR")]
@@ -59,14 +62,14 @@ enum What {
 }
 
 pub(super) fn run(args: &Args) -> Outcome {
-    match &args.what {
-        What::Ls { robot, json } => ls(robot.as_deref(), *json),
-        What::Show { task } => {
+    match args {
+        Args::Ls { robot, json } => ls(robot.as_deref(), *json),
+        Args::Show { task } => {
             let clip = tasks::find(task, None)?;
             out::line(clip.to_text().trim_end())
         }
-        What::Trial { robot, out, seed } => trial(robot, out, *seed),
-        What::Author { out } => author(out),
+        Args::Trial { robot, out, seed } => trial(robot, out, *seed),
+        Args::Author { out } => author(out),
     }
 }
 

@@ -60,20 +60,8 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let (dir, cfg) = plan(args)?;
     let robot = motion::robot(&args.robot)?;
     let data = Dataset::open(&args.data, Verify::Full)?;
-    let of = &data.manifest().robot;
-    if of.model_sha256 != robot.model_sha256() {
-        return Err(Failure::invalid(format!(
-            "the data is of {} (model {:.12}), not of {} (model {:.12}): {}",
-            of.id,
-            of.model_sha256,
-            robot.id(),
-            robot.model_sha256(),
-            args.data.display()
-        )));
-    }
-    let threads = args
-        .threads
-        .map_or_else(|| std::thread::available_parallelism().map_or(1, usize::from), usize::from);
+    data.must_be_of(&robot)?;
+    let threads = super::threads(args.threads);
     let mut judge = SuiteJudge::new(Arc::clone(&robot), threads).map_err(Failure::invalid)?;
     let mut perform = Simulated { robot: Arc::clone(&robot), threads };
     let bar = Bar::new("train", "steps", global.quiet);

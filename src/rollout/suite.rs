@@ -302,6 +302,10 @@ fn summarise(case: &Case, outcomes: &[Outcome]) -> CaseResult {
         values.and_then(|v| mean_ci95(&v))
     };
     let precision = if failed.is_some() { None } else { mean(&|p| p.precision) };
+    let failed = failed.or_else(|| {
+        let why = "nothing to measure: the clip asks for nothing after frame 0";
+        precision.is_none().then(|| why.to_owned())
+    });
     CaseResult {
         name: case.name.clone(),
         precision: precision.map(|i| i.mean),

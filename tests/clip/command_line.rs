@@ -1,15 +1,12 @@
 //! `robert clip`, as people and scripts call it.
 
 use std::fs;
-use std::process::Command;
 
-use crate::run::{Ran, binary, robert};
+use crate::run::{Ran, call, robert};
 
 /// A second call in the folder of the first.
 fn again(ran: &Ran, args: &[&str]) -> (i32, String, String) {
-    let out = Command::new(binary()).args(args).current_dir(ran.dir.path()).output().unwrap();
-    let text = |b: &[u8]| String::from_utf8_lossy(b).into_owned();
-    (out.status.code().unwrap_or(-1), text(&out.stdout), text(&out.stderr))
+    call(ran.dir.path(), args)
 }
 
 fn new_arm() -> Ran {
@@ -113,9 +110,8 @@ fn conversions_keep_the_command() {
         let (code, _, err) =
             again(&ran, &["clip", "convert", &there, &back, "--like", "a.clip.json"]);
         assert_eq!(code, 0, "{err}");
-        let (_, out, _) = again(&ran, &["clip", "diff", "--json", "a.clip.json", &back]);
-        let diff: serde_json::Value = serde_json::from_str(&out).unwrap();
-        assert_eq!(diff["same_command"], true, "{end}: {out}");
+        let (_, out, _) = again(&ran, &["clip", "diff", "a.clip.json", &back]);
+        assert_eq!(out.lines().last(), Some("the commanded motion is the same"), "{end}: {out}");
     }
 }
 
@@ -135,6 +131,76 @@ fn fmt_and_diff_speak_to_scripts() {
     assert!(out.contains("length: 60 -> 61 frames"), "{out}");
     let (code, out, _) = again(&ran, &["clip", "upgrade", "c.clip.json"]);
     assert_eq!((code, out.as_str()), (0, "c.clip.json: robert-clip/1 is up to date\n"));
+}
+
+/// `diff a b` as an edit of a gives b, and the way back gives a.
+#[test]
+fn a_difference_is_an_edit_that_leads_there() {
+    let ran = new_arm();
+    let ops = r#"[
+        {"op": "keys.add", "args": {"keys": [{"frame": 13, "q": [0.1, -1.2, 1, 0, 2], "hold": 3}]}},
+        {"op": "mask.set", "args": {"from": 20, "to": 30, "masked": true}},
+        {"op": "pose.delete", "args": {"name": "home"}},
+        {"op": "markers.add", "args": {"frame": 5, "name": "here"}},
+        {"op": "clip.start", "args": {"start": {"q": [0, 0, 0, 0, 0]}}},
+        {"op": "clip.rename", "args": {"name": "other"}}
+    ]"#;
+    fs::write(ran.path("ops.json"), ops).unwrap();
+    let (code, text, err) = again(&ran, &["clip", "apply", "a.clip.json", "ops.json"]);
+    assert_eq!(code, 0, "{err}");
+    fs::write(ran.path("b.clip.json"), &text).unwrap();
+    for [from, to] in [["a.clip.json", "b.clip.json"], ["b.clip.json", "a.clip.json"]] {
+        let (code, patch, err) = again(&ran, &["clip", "diff", "--json", from, to]);
+        assert_eq!((code, err.as_str()), (0, ""));
+        fs::write(ran.path("p.json"), patch).unwrap();
+        let (code, there, err) = again(&ran, &["clip", "apply", from, "p.json"]);
+        assert_eq!(code, 0, "{err}");
+        assert_eq!(there, fs::read_to_string(ran.path(to)).unwrap(), "{from} to {to}");
+    }
+    let (_, same, _) = again(&ran, &["clip", "diff", "--json", "a.clip.json", "a.clip.json"]);
+    fs::write(ran.path("p.json"), same).unwrap();
+    assert_eq!(again(&ran, &["clip", "apply", "a.clip.json", "p.json", "-i"]).0, 0);
+    robert_new_equals(&ran, "a.clip.json");
+    // What no edit changes is said.
+    let other = text.replace("\"ur5e\"", "\"ur5e_light\"");
+    fs::write(ran.path("c.clip.json"), other).unwrap();
+    let (_, _, err) = again(&ran, &["clip", "diff", "--json", "b.clip.json", "c.clip.json"]);
+    assert!(err.contains("robot differs"), "{err}");
+}
+
+#[test]
+fn what_is_no_clip_is_counted() {
+    let ran = new_arm();
+    fs::write(ran.path("bad.clip.json"), "{").unwrap();
+    let (code, out, err) =
+        again(&ran, &["clip", "check", "--json", "bad.clip.json", "a.clip.json"]);
+    assert_eq!(code, 3, "{err}");
+    let report: serde_json::Value = serde_json::from_str(&out).unwrap();
+    assert_eq!(
+        (&report["errors"], &report["unreadable"][0]["path"]),
+        (&1.into(), &"bad.clip.json".into())
+    );
+    let said = report["unreadable"][0]["error"].as_str().unwrap();
+    assert!(said.starts_with("bad.clip.json:1:"), "{said}");
+    assert_eq!(report["files"].as_array().unwrap().len(), 1);
+    // Only what was found is told.
+    let (code, _, err) = again(&ran, &["clip", "check", "--strict", "a.clip.json"]);
+    assert_eq!((code, err.as_str()), (4, "error: 1 warning\n"));
+}
+
+#[test]
+fn a_take_is_no_format_to_convert_to() {
+    let ran = new_arm();
+    let (code, _, err) = again(&ran, &["clip", "convert", "a.clip.json", "x", "--to", "mcap"]);
+    assert!(code == 2 && err.contains("[possible values: clip, csv, mjcf, ros, json]"), "{err}");
+    let (code, _, err) = again(&ran, &["clip", "convert", "a.clip.json", "a.mcap"]);
+    assert!(code == 2 && err.contains("robert export a.clip.json --to mcap -o a.mcap"), "{err}");
+}
+
+#[test]
+fn a_length_below_zero_is_named() {
+    let ran = robert().args(["clip", "new", "--robot", "ur5e", "--secs", "-1"]).fails(2);
+    assert!(ran.stderr.contains("--secs lies above 0"), "{}", ran.stderr);
 }
 
 #[test]

@@ -103,6 +103,66 @@ fn mistakes_are_named() {
 }
 
 #[test]
+fn a_clip_that_asks_for_nothing_says_so() {
+    let empty = HOP
+        .replace("{\"frame\": 12, \"q\": [0.2, -0.1], \"hold\": 9}", "")
+        .replace("[0, 0]},", "[0, 0]}");
+    let run = |args: &[&str]| robert().file("hop.clip.json", &empty).args(args).succeeds();
+    let ran = run(&["rollout", "hop.clip.json", "-p", "pd"]);
+    assert!(ran.stdout.contains("asks for nothing after frame 0"), "{}", ran.stdout);
+    let ran = run(&["rollout", "hop.clip.json", "-p", "pd", "--json"]).json();
+    assert!(ran["precision"].is_null() && ran["why_none"].is_string(), "{ran}");
+    let ran = run(&["eval", "--suite", "hop.clip.json", "-p", "pd"]);
+    assert!(ran.stdout.contains("nothing to measure"), "{}", ran.stdout);
+}
+
+#[test]
+fn a_robot_of_ones_own_is_asked_for() {
+    let clip = HOP.replace("\"pointmass\"", "\"my_arm\"");
+    for args in [
+        &["rollout", "hop.clip.json"][..],
+        &["render", "hop.clip.json", "-o", "a.png", "--kinematic"],
+        &["export", "hop.clip.json", "--to", "csv"],
+        &["eval", "--suite", "hop.clip.json", "-p", "pd"],
+    ] {
+        let ran = robert().file("hop.clip.json", &clip).args(args).fails(3);
+        for word in ["my_arm", "--robot DIR"] {
+            assert!(ran.stderr.contains(word), "{args:?}: {}", ran.stderr);
+        }
+    }
+}
+
+#[test]
+fn whoever_reads_may_stop_reading() {
+    use std::process::{Command, Stdio};
+    let shut = |args: &[&str]| {
+        let mut child = Command::new(crate::run::binary())
+            .args(args)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        drop(child.stdout.take());
+        let out = child.wait_with_output().unwrap();
+        (out.status.code(), String::from_utf8_lossy(&out.stderr).into_owned())
+    };
+    assert_eq!(shut(&["robots", "ls", "--json"]), (Some(0), String::new()));
+    assert_eq!(shut(&["completions", "bash"]), (Some(0), String::new()));
+    let (code, err) = shut(&[
+        "eval",
+        "--robot",
+        "pointmass",
+        "--suite",
+        "trial",
+        "-p",
+        "zero",
+        "--max-precision",
+        "0",
+    ]);
+    assert!(code == Some(4) && err.contains("Precision above 0"), "{code:?} {err}");
+}
+
+#[test]
 fn tasks_are_listed_and_shown() {
     let ran = robert().args(["tasks", "ls", "--robot", "shadow_hand", "--json"]).succeeds();
     let tasks = ran.json();
@@ -127,4 +187,22 @@ fn a_clip_is_never_written_over_by_what_is_made_from_it() {
         let text = std::fs::read_to_string(ran.dir.path().join("hop.clip.json")).unwrap();
         assert_eq!(text, HOP);
     }
+    // Nor is another clip, or a robot.
+    let model = "<mujoco><worldbody/></mujoco>";
+    for args in [
+        ["rollout", "hop.clip.json", "-p", "pd", "-o", "other.clip.json"],
+        ["rollout", "hop.clip.json", "-p", "pd", "--csv", "robot.xml"],
+        ["export", "hop.clip.json", "--to", "mjcf", "-o", "robot.xml"],
+    ] {
+        let files = robert().file("hop.clip.json", HOP).file("other.clip.json", HOP);
+        let ran = files.file("robot.xml", model).args(args).fails(2);
+        assert!(ran.stderr.contains("would be lost"), "{}", ran.stderr);
+        assert_eq!(std::fs::read_to_string(ran.path("other.clip.json")).unwrap(), HOP);
+        assert_eq!(std::fs::read_to_string(ran.path("robot.xml")).unwrap(), model);
+    }
+    // What can be made again is replaced.
+    let args = ["export", "hop.clip.json", "-p", "pd", "--to", "mjcf", "-o", "keys.xml"];
+    let first = robert().file("hop.clip.json", HOP).args(args).succeeds();
+    let keys = std::fs::read(first.path("keys.xml")).unwrap();
+    robert().file("hop.clip.json", HOP).file("keys.xml", keys).args(args).succeeds();
 }

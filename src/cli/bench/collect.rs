@@ -20,7 +20,7 @@ const WINDOW: usize = 51;
 
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Example:\n  robert bench collect --robot ur5e --json\n  robert bench collect --data data/ur5e"
+    after_help = "Examples:\n  robert bench collect --robot ur5e --json\n  robert bench collect --data data/ur5e"
 )]
 pub(super) struct Args {
     /// Robots; the three of the paper by default.

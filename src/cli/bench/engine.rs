@@ -23,9 +23,21 @@ pub(super) enum Size {
     L,
 }
 
-impl Size {
-    pub(super) const ALL: [Size; 3] = [Size::S, Size::M, Size::L];
+/// The sizes to measure.
+#[derive(clap::Args, Debug)]
+pub(super) struct Sizes {
+    /// Sizes: S (4 layers of 128), M (6 of 256), L (6 of 768).
+    #[arg(long, value_delimiter = ',', ignore_case = true, default_values_t = [Size::S, Size::M, Size::L])]
+    size: Vec<Size>,
+}
 
+impl Sizes {
+    pub(super) fn iter(&self) -> impl Iterator<Item = Size> {
+        self.size.iter().copied()
+    }
+}
+
+impl Size {
     pub(super) fn name(self) -> &'static str {
         match self {
             Size::S => "S",

@@ -15,7 +15,7 @@ const ROWS: usize = 5;
 
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Example:\n  robert bench explore --robot ur5e --steps 50k --plot coverage.png"
+    after_help = "Examples:\n  robert bench explore --robot ur5e --steps 50k --plot coverage.png"
 )]
 pub(super) struct Args {
     /// Robot: id, or a folder with robot.xml.
@@ -47,7 +47,7 @@ pub(super) fn run(args: &Args) -> Outcome {
     for assignment in &args.set {
         preset.set(assignment)?;
     }
-    let threads = std::thread::available_parallelism().map_or(1, usize::from);
+    let threads = crate::cli::threads(None);
     let cancel = interrupt::cancel_on_ctrl_c();
     let bar = Bar::new("explore", "steps", args.json);
     let done = survey(&robot, &args.agent, &preset, args.seed, threads, &bar, &cancel);

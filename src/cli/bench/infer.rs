@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use super::clock::{median, thread_cpu};
-use super::engine::{Size, peak};
+use super::engine::{Size, Sizes, peak};
 use crate::cli::failure::{Failure, Outcome};
 use crate::cli::out;
 use crate::net::token::RIDGE_HEADS;
@@ -13,11 +13,10 @@ use crate::net::{
 };
 
 #[derive(clap::Args, Debug)]
-#[command(after_help = "Example:\n  robert bench infer --json")]
+#[command(after_help = "Examples:\n  robert bench infer --json")]
 pub(super) struct Args {
-    /// Sizes: S (4 layers of 128), M (6 of 256), L (6 of 768).
-    #[arg(long, value_delimiter = ',', ignore_case = true)]
-    size: Vec<Size>,
+    #[command(flatten)]
+    sizes: Sizes,
     /// Seconds for each size.
     #[arg(long, default_value_t = 4.0)]
     secs: f64,
@@ -49,10 +48,9 @@ pub(super) fn run(args: &Args) -> Outcome {
     if !(0.1..=600.0).contains(&args.secs) {
         return Err(Failure::usage("--secs takes 0.1 to 600"));
     }
-    let sizes = if args.size.is_empty() { Size::ALL.to_vec() } else { args.size.clone() };
     let peak = peak(1, 1.0).0;
     let rows: Vec<Row> =
-        sizes.into_iter().map(|s| measure(s, args.secs, peak)).collect::<Outcome<_>>()?;
+        args.sizes.iter().map(|s| measure(s, args.secs, peak)).collect::<Outcome<_>>()?;
     let report = Report { peak_gflops: peak / 1e9, sizes: rows };
     if args.json {
         return out::json(&report);

@@ -8,7 +8,7 @@ use crate::net::exchange;
 
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Example:\n  robert bench reference --out /tmp/ref && python benches/peers/reference.py /tmp/ref"
+    after_help = "Examples:\n  robert bench reference --out ref && python benches/peers/reference.py ref"
 )]
 pub(super) struct Args {
     /// Folder for the files, one for each variant of the network.

@@ -17,7 +17,7 @@ use crate::units::SUBSTEPS;
 
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Example:\n  robert bench rollout --clip fire,ur5e/reacher --policy computed-torque,ilqr --json"
+    after_help = "Examples:\n  robert bench rollout --clip fire,ur5e/reacher --policy computed-torque,ilqr --json"
 )]
 pub(super) struct Args {
     /// Clips or shipped tasks.
@@ -57,7 +57,7 @@ pub(super) fn run(args: &Args) -> Outcome {
     let mut rows = Vec::new();
     for name in &args.clip {
         let clip = motion::clip(name, None)?;
-        let robot = motion::robot(&clip.robot.id)?;
+        let robot = motion::robot_for(None, &clip.robot.id)?;
         let command = clip::compile(&clip).map_err(|e| Failure::invalid(format!("{name}: {e}")))?;
         for policy in &policies {
             let row = measure(&robot, policy, &command, usize::from(args.turns))?;

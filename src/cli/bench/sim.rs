@@ -18,7 +18,7 @@ use crate::units::SUBSTEPS;
 const EPISODE: usize = 200;
 
 #[derive(clap::Args, Debug)]
-#[command(after_help = "Example:\n  robert bench sim --json")]
+#[command(after_help = "Examples:\n  robert bench sim --json")]
 pub(super) struct Args {
     /// Robots; all built-in ones by default.
     #[arg(long, value_delimiter = ',')]

@@ -5,19 +5,18 @@ use std::time::Instant;
 use serde::Serialize;
 
 use super::clock::{median, process_cpu};
-use super::engine::{Size, check_threads, peak};
+use super::engine::{Size, Sizes, check_threads, peak};
 use crate::cli::failure::Outcome;
 use crate::cli::out;
 use crate::net::{AdamConfig, Batch, Learner, Net, WINDOW};
 
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Example:\n  robert bench train --json\n\nAgainst PyTorch, in turns: python benches/peers/compare.py"
+    after_help = "Examples:\n  robert bench train --json\n\nAgainst PyTorch, in turns: python benches/peers/compare.py"
 )]
 pub(super) struct Args {
-    /// Sizes: S (4 layers of 128), M (6 of 256), L (6 of 768).
-    #[arg(long, value_delimiter = ',', ignore_case = true)]
-    size: Vec<Size>,
+    #[command(flatten)]
+    sizes: Sizes,
     /// Windows in a step; 256, or 16 at L.
     #[arg(long)]
     batch: Option<usize>,
@@ -55,9 +54,8 @@ struct Row {
 
 pub(super) fn run(args: &Args) -> Outcome {
     check_threads(args.threads)?;
-    let sizes = if args.size.is_empty() { Size::ALL.to_vec() } else { args.size.clone() };
     let (mut rows, mut peaks) = (Vec::new(), Vec::new());
-    for size in sizes {
+    for size in args.sizes.iter() {
         let batch = args.batch.unwrap_or(size.batch()).clamp(1, 1 << 16);
         let (row, mut found) = measure(size, batch, args.threads, args.secs)?;
         rows.push(row);

@@ -51,8 +51,16 @@ pub(super) struct Check {
 #[derive(Serialize)]
 struct Report {
     files: Vec<FileReport>,
+    /// Files that are no clip; each counts as an error.
+    unreadable: Vec<Unreadable>,
     errors: usize,
     warnings: usize,
+}
+
+#[derive(Serialize)]
+struct Unreadable {
+    path: PathBuf,
+    error: String,
 }
 
 #[derive(Serialize)]
@@ -73,7 +81,7 @@ struct PlacedLint {
 }
 
 pub(super) fn run(a: &Check) -> Outcome {
-    let mut report = Report { files: Vec::new(), errors: 0, warnings: 0 };
+    let mut report = Report { files: Vec::new(), unreadable: Vec::new(), errors: 0, warnings: 0 };
     let mut invalid: Option<Failure> = None;
     for path in &a.files {
         match file(a, path) {
@@ -88,6 +96,9 @@ pub(super) fn run(a: &Check) -> Outcome {
             }
             // The other files are still checked; the last broken one decides the exit code.
             Err(failure) => {
+                report.errors += 1;
+                let error = failure.sentence();
+                report.unreadable.push(Unreadable { path: path.clone(), error });
                 if let Some(earlier) = invalid.replace(failure) {
                     earlier.report();
                 }
@@ -102,9 +113,13 @@ pub(super) fn run(a: &Check) -> Outcome {
     }
     let counted = report.errors + if a.strict { report.warnings } else { 0 };
     if counted > 0 {
-        let many = |n: usize, what: &str| format!("{n} {what}{}", if n == 1 { "" } else { "s" });
-        let message = [many(report.errors, "error"), many(report.warnings, "warning")].join(", ");
-        return Err(Failure::with(Exit::Threshold, message));
+        let found = [(report.errors, "error"), (report.warnings, "warning")];
+        let words: Vec<String> = found
+            .iter()
+            .filter(|(n, _)| *n > 0)
+            .map(|(n, what)| format!("{n} {what}{}", if *n == 1 { "" } else { "s" }))
+            .collect();
+        return Err(Failure::with(Exit::Threshold, words.join(", ")));
     }
     Ok(())
 }

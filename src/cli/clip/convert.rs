@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 
 use super::super::failure::{Failure, Outcome};
 use super::super::{motion, out};
@@ -42,7 +43,7 @@ pub(super) struct Convert {
     #[arg(long)]
     from: Option<Format>,
     /// Format of the output, when its name does not tell.
-    #[arg(long)]
+    #[arg(long, value_parser = writable())]
     to: Option<Format>,
     /// Overwrite an existing file.
     #[arg(long)]
@@ -58,6 +59,13 @@ enum Format {
     Json,
     /// A take: the clip that it was made from.
     Mcap,
+}
+
+/// All formats but the take: a take is a motion that was performed.
+fn writable() -> impl TypedValueParser<Value = Format> {
+    let words = Format::value_variants().iter().filter(|f| **f != Format::Mcap);
+    PossibleValuesParser::new(words.filter_map(ValueEnum::to_possible_value))
+        .try_map(|word| Format::from_str(&word, false))
 }
 
 impl Format {
@@ -91,7 +99,11 @@ pub(super) fn run(a: &Convert) -> Outcome {
         return Err(Failure::usage(format!("{path} exists; say --force to overwrite it")));
     }
     if to == Format::Mcap {
-        return Err(Failure::usage("a take is performed: robert export CLIP --to mcap"));
+        return Err(Failure::usage(format!(
+            "a take is a motion that was performed: robert export {} --to mcap -o {}",
+            a.input.display(),
+            a.output.display()
+        )));
     }
     let robot = super::reference(a.robot.as_deref(), a.like.as_ref())?;
     let clip = read(a, from, robot.as_ref())?;

@@ -23,7 +23,7 @@ pub(super) struct New {
     #[arg(long, default_value_t = 200, value_parser = clap::value_parser!(u32).range(1..=i64::from(limits::CLIP_FRAMES)))]
     length: u32,
     /// Length in seconds instead.
-    #[arg(long, conflicts_with = "length", value_name = "SECONDS")]
+    #[arg(long, conflicts_with = "length", value_name = "SECONDS", allow_negative_numbers = true)]
     secs: Option<f64>,
     /// What stands between keys: mask, linear, cubic or hold.
     #[arg(long, default_value = "mask", value_parser = super::fill_word)]
@@ -205,7 +205,7 @@ fn read_ops(path: &Path) -> Result<Vec<Op>, Failure> {
 /// There is one version so far, robert-clip/1: files of it are only brought into canonical
 /// form, files of a newer version are refused.
 #[derive(clap::Args, Debug)]
-#[command(after_help = "Example:\n  robert clip upgrade *.clip.json")]
+#[command(after_help = "Examples:\n  robert clip upgrade *.clip.json")]
 pub(super) struct Upgrade {
     /// Clips.
     #[arg(required = true, value_name = "CLIP")]

@@ -6,7 +6,9 @@ use serde::Serialize;
 
 use super::super::failure::{Failure, Outcome};
 use super::super::out;
-use crate::clip::{Blind, Clip, Delta, Fill, Foreign, Goal, Key, Row, Sight, compile, start_row};
+use crate::clip::{
+    Blind, Clip, Delta, Fill, Foreign, Goal, Key, Op, Row, Sight, compile, start_row,
+};
 use crate::exit::Exit;
 use crate::fsio;
 
@@ -101,30 +103,19 @@ fn names<'a>(names: impl Iterator<Item = &'a String>) -> String {
 /// Say what changed between two clips, in terms of keys, masks and frames.
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  robert clip diff old.clip.json new.clip.json\n  robert clip diff --exit-code a.clip.json b.clip.json   exit 4 when they differ"
+    after_help = "Examples:\n  robert clip diff old.clip.json new.clip.json\n  robert clip diff --exit-code a.clip.json b.clip.json   exit 4 when they differ\n  robert clip diff --json a.clip.json b.clip.json > a_to_b.json\n  robert clip apply a.clip.json a_to_b.json               and that gives b"
 )]
 pub(super) struct Diff {
     /// The older clip.
     old: PathBuf,
     /// The newer clip.
     new: PathBuf,
-    /// One JSON document: a patch that `robert clip apply` understands.
+    /// The difference as an edit, JSON: what `robert clip apply` takes.
     #[arg(long)]
     json: bool,
     /// Exit 4 when they differ.
     #[arg(long)]
     exit_code: bool,
-}
-
-#[derive(Serialize)]
-#[allow(clippy::struct_excessive_bools)] // facts for scripts
-struct Difference {
-    same: bool,
-    same_command: bool,
-    first_changed_frame: Option<u32>,
-    robot_differs: bool,
-    extensions_differ: bool,
-    patch: Delta,
 }
 
 pub(super) fn diff(a: &Diff) -> Outcome {
@@ -136,14 +127,14 @@ pub(super) fn diff(a: &Diff) -> Outcome {
     let first = is.first_changed_frame(&was);
     let same = patch.is_empty() && foreign.robot.is_none() && foreign.x.is_none();
     if a.json {
-        out::json(&Difference {
-            same,
-            same_command: first.is_none(),
-            first_changed_frame: first,
-            robot_differs: foreign.robot.is_some(),
-            extensions_differ: foreign.x.is_some(),
-            patch,
-        })?;
+        for (what, differs) in [("robot", foreign.robot.is_some()), ("x", foreign.x.is_some())] {
+            if differs {
+                tracing::warn!(
+                    "{what} differs, too, and no edit changes that: it is not in the patch"
+                );
+            }
+        }
+        out::json(&Op::Patch(Box::new(patch)))?;
     } else {
         for line in lines(&old, &new, &patch, &foreign) {
             out::line(&line)?;

@@ -40,7 +40,7 @@ enum Command {
 /// Editors use it to complete and check clips: save it and refer to it in your editor's
 /// settings for *.clip.json.
 #[derive(clap::Args, Debug)]
-#[command(after_help = "Example:\n  robert clip schema > robert-clip-1.schema.json")]
+#[command(after_help = "Examples:\n  robert clip schema > robert-clip-1.schema.json")]
 struct Schema {}
 
 pub(super) fn run(args: &Args) -> Outcome {

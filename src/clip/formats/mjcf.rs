@@ -63,6 +63,7 @@ pub fn from_mjcf(text: &str, robot: &RobotRef, fill: Fill) -> Result<Clip, ClipE
     })?;
     let nq = robot.joints.len();
     let mut found = Vec::new();
+    let mut untimed = 0;
     for node in tree.descendants().filter(|n| n.has_tag_name("key")) {
         let place = |attribute: &str| {
             let at = node.attribute_node(attribute).map_or(node.range(), |a| a.range());
@@ -92,7 +93,10 @@ pub fn from_mjcf(text: &str, robot: &RobotRef, fill: Fill) -> Result<Clip, ClipE
         }
         let (line, col) = place("time");
         let secs = match node.attribute("time").map(|t| t.trim().parse::<f64>()) {
-            None => 0.0,
+            None => {
+                untimed += 1;
+                0.0
+            }
             Some(Ok(t)) if t.is_finite() => t,
             Some(_) => return Err(ClipError::at("this time is no number", line, col)),
         };
@@ -114,7 +118,8 @@ pub fn from_mjcf(text: &str, robot: &RobotRef, fill: Fill) -> Result<Clip, ClipE
             return Err(ClipError::at("this time lies outside of what a clip holds", line, col));
         };
         if track.rows.insert(frame, row).is_some() {
-            let message = format!("a second key at {secs} s (frame {frame})");
+            let hint = if untimed > 0 { "; a key without a time is at 0 s" } else { "" };
+            let message = format!("a second key at {secs} s (frame {frame}){hint}");
             return Err(ClipError::at(message, line, col));
         }
         track.length = track.length.max(frame + 1);
@@ -123,7 +128,11 @@ pub fn from_mjcf(text: &str, robot: &RobotRef, fill: Fill) -> Result<Clip, ClipE
             track.names.insert(frame, name);
         }
     }
-    track.clip(robot.clone(), fill)
+    let mut clip = track.clip(robot.clone(), fill)?;
+    if !timed {
+        clip.notes = format!("The keys had no times: {SPREAD_FRAMES} frames apart.");
+    }
+    Ok(clip)
 }
 
 /// Refuses nesting beyond [`limits::XML_DEPTH`]. A count of tags is enough: a wrong guess
@@ -167,6 +176,20 @@ mod tests {
         assert_eq!(clip.keys.iter().map(|k| k.frame).collect::<Vec<_>>(), [0, 20, 40]);
         assert_eq!(clip.keys[1].goal, Goal::Pose("up".into()));
         assert_eq!((clip.length, clip.fill), (41, Fill::Linear));
+        assert!(clip.notes.contains("20 frames apart"), "{}", clip.notes);
+    }
+
+    #[test]
+    fn keys_without_time_among_others_are_at_zero() {
+        let text = "<mujoco><keyframe><key qpos='0 0'/>\n<key time='.5' qpos='1 1'/>\
+                    \n<key qpos='2 2'/></keyframe></mujoco>";
+        let e = from_mjcf(text, &robot(), Fill::Mask).unwrap_err().to_string();
+        assert!(e.starts_with("3:1: a second key at 0 s"), "{e}");
+        assert!(e.contains("without a time"), "{e}");
+        let two = text.replace("<key qpos='2 2'/>", "");
+        let clip = from_mjcf(&two, &robot(), Fill::Mask).unwrap();
+        assert_eq!(clip.keys.iter().map(|k| k.frame).collect::<Vec<_>>(), [0, 10]);
+        assert_eq!(clip.notes, "");
     }
 
     #[test]

@@ -8,6 +8,7 @@ use std::fmt::Write as _;
 
 use serde::Deserialize;
 use serde_json::Value;
+use serde_saphyr::{Location, MessageFormatter as _, Spanned, UserMessageFormatter};
 
 use super::super::command::{Command, Sight};
 use super::super::document::{Clip, Fill, RobotRef, Row};
@@ -55,23 +56,27 @@ fn decimal(v: f32) -> String {
     if text.contains('.') { text } else { format!("{text}.0") }
 }
 
+/// A message, or an action goal that holds one. Not an untagged enum: that would lose the
+/// places that errors need.
 #[derive(Deserialize)]
-#[serde(untagged)]
-enum File {
-    Goal { trajectory: Trajectory },
-    Bare(Trajectory),
+struct File {
+    trajectory: Option<Trajectory>,
+    joint_names: Option<JointNames>,
+    points: Option<Vec<Spanned<Point>>>,
 }
+
+type JointNames = Spanned<Vec<Spanned<String>>>;
 
 #[derive(Deserialize)]
 struct Trajectory {
-    joint_names: Vec<String>,
-    points: Vec<Point>,
+    joint_names: JointNames,
+    points: Vec<Spanned<Point>>,
 }
 
 #[derive(Deserialize)]
 struct Point {
-    positions: Vec<f64>,
-    time_from_start: Duration,
+    positions: Vec<Spanned<f64>>,
+    time_from_start: Spanned<Duration>,
 }
 
 #[derive(Deserialize)]
@@ -82,6 +87,27 @@ struct Duration {
     nanosec: u32,
 }
 
+/// An error at a place of the YAML.
+fn fault(message: impl Into<String>, at: Location) -> ClipError {
+    ClipError::at(message, (at.line() as usize).max(1), (at.column() as usize).max(1))
+}
+
+/// What the YAML reader says, in the words of the file's format.
+fn unreadable(e: &serde_saphyr::Error) -> ClipError {
+    let mut text = UserMessageFormatter.format_message(e.without_snippet()).into_owned();
+    for (internal, word) in [
+        ("f64", "a number"),
+        ("i64", "a whole number"),
+        ("u32", "a whole number from 0"),
+        ("struct Point", "a mapping with positions and time_from_start"),
+        ("struct Duration", "a mapping with sec and nanosec"),
+        ("struct File", "a mapping with joint_names and points"),
+    ] {
+        text = text.replace(internal, word);
+    }
+    fault(format!("not a JointTrajectory: {text}"), e.location().unwrap_or(Location::UNKNOWN))
+}
+
 /// Reads a JointTrajectory (bare, or inside an action goal's `trajectory`). Without a robot
 /// its own joint names are taken. Velocities and efforts are left out: a clip has none.
 ///
@@ -90,53 +116,57 @@ struct Duration {
 pub fn from_ros(text: &str, robot: Option<&RobotRef>, fill: Fill) -> Result<Clip, ClipError> {
     // A stream of documents, or ROS' trailing separator: take the first.
     let text = text.trim_start_matches('\u{feff}');
-    let file: File = serde_saphyr::from_str(text).map_err(|e| {
-        let (line, col) = e.location().map_or((1, 1), |l| (l.line() as usize, l.column() as usize));
-        let first = e.to_string();
-        let first = first.lines().next().unwrap_or_default().to_owned();
-        ClipError::at(format!("not a JointTrajectory: {first}"), line.max(1), col.max(1))
-    })?;
-    let (File::Goal { trajectory } | File::Bare(trajectory)) = file;
-    let dim = trajectory.joint_names.len();
-    if dim == 0 || dim > limits::JOINTS {
-        return Err(ClipError::at(format!("{dim} joint names"), 1, 1));
-    }
-    if trajectory.points.len().saturating_mul(dim) > limits::CLIP_VALUES {
-        return Err(ClipError::at(format!("{} points", trajectory.points.len()), 1, 1));
-    }
-    let own = RobotRef {
-        id: "unknown".to_owned(),
-        joints: trajectory.joint_names.clone(),
-        ..RobotRef::default()
-    };
-    let robot = robot.cloned().unwrap_or(own);
-    let order = places(&trajectory.joint_names, &robot, |_| (1, 1))?;
-    let mut track = Track::default();
-    for (i, point) in trajectory.points.iter().enumerate() {
-        // The YAML tree has no positions any more; the point's number finds it.
-        let fault = |what: String| ClipError::at(format!("point {i}: {what}"), 1, 1);
-        if point.positions.len() != dim {
-            return Err(fault(format!("{} positions for {dim} joints", point.positions.len())));
+    let file: File = serde_saphyr::from_str(text).map_err(|e| unreadable(&e))?;
+    let (names, points) = match (file.trajectory, file.joint_names, file.points) {
+        (Some(goal), ..) => (goal.joint_names, goal.points),
+        (None, Some(names), Some(points)) => (names, points),
+        (None, names, _) => {
+            let lacks = if names.is_none() { "joint_names" } else { "points" };
+            return Err(ClipError::at(format!("not a JointTrajectory: no {lacks}"), 1, 1));
         }
-        let time = &point.time_from_start;
+    };
+    let dim = names.value.len();
+    if dim == 0 || dim > limits::JOINTS {
+        return Err(fault(format!("{dim} joint names"), names.referenced));
+    }
+    if points.len().saturating_mul(dim) > limits::CLIP_VALUES {
+        return Err(fault(format!("{} points", points.len()), names.referenced));
+    }
+    let joints: Vec<String> = names.value.iter().map(|n| n.value.clone()).collect();
+    let own = RobotRef { id: "unknown".to_owned(), joints: joints.clone(), ..RobotRef::default() };
+    let robot = robot.cloned().unwrap_or(own);
+    let order = places(&joints, &robot, |i| {
+        let at = names.value.get(i).map_or(names.referenced, |n| n.referenced);
+        (at.line() as usize, at.column() as usize)
+    })?;
+    let mut track = Track::default();
+    for (i, Spanned { value: point, referenced: place, .. }) in points.iter().enumerate() {
+        let fault = |what: String, at: Location| fault(format!("point {i}: {what}"), at);
+        if point.positions.len() != dim {
+            let what = format!("{} positions for {dim} joints", point.positions.len());
+            return Err(fault(what, *place));
+        }
+        let Spanned { value: time, referenced: place, .. } = &point.time_from_start;
         let secs = time.sec as f64 + f64::from(time.nanosec) * 1e-9;
-        let frame = frame_of(secs).ok_or_else(|| fault(format!("{secs} s is outside a clip")))?;
+        let frame =
+            frame_of(secs).ok_or_else(|| fault(format!("{secs} s is outside a clip"), *place))?;
         let mut row: Row = vec![None; robot.joints.len()];
-        for (&j, v) in order.iter().zip(&point.positions) {
-            if !v.is_finite() || v.abs() > limits::CLIP_VALUE_MAX {
-                return Err(fault(format!("{v} is no joint value")));
+        for (&j, Spanned { value, referenced, .. }) in order.iter().zip(&point.positions) {
+            if !value.is_finite() || value.abs() > limits::CLIP_VALUE_MAX {
+                return Err(fault(format!("{value} is no joint value"), *referenced));
             }
             if let Some(slot) = row.get_mut(j) {
-                *slot = Some(*v);
+                *slot = Some(*value);
             }
         }
         if track.rows.insert(frame, row).is_some() {
-            return Err(fault(format!("a second point within frame {frame} (20 a second)")));
+            let what = format!("a second point within frame {frame} (20 a second)");
+            return Err(fault(what, *place));
         }
         track.length = track.length.max(frame + 1);
     }
     if track.rows.is_empty() {
-        return Err(ClipError::at("no points", 1, 1));
+        return Err(fault("no points", names.referenced));
     }
     track.clip(robot, fill)
 }
@@ -156,6 +186,35 @@ mod tests {
         let rows: Vec<_> =
             clip.keys.iter().map(|k| (k.frame, clip.row(k).unwrap().clone())).collect();
         assert_eq!(rows, [(10, vec![Some(2.0), Some(1.0)]), (40, vec![Some(4.0), Some(3.0)])]);
+    }
+
+    #[test]
+    fn errors_have_places_and_no_internals() {
+        let joints = vec!["a".to_owned(), "b".to_owned()];
+        let robot = RobotRef { id: "r".into(), joints, ..RobotRef::default() };
+        let point = |q: &str, t: &str| {
+            format!("joint_names: [a, b]\npoints:\n- positions: {q}\n  time_from_start: {t}\n")
+        };
+        let time = "{sec: 0}";
+        for (text, place, word) in [
+            ("joint_names: [a, c]\npoints: []\n".to_owned(), "1:18: ", "has no joint \"c\""),
+            (point("[1]", time), "3:3: ", "1 positions for 2 joints"),
+            (point("[1, .nan]", time), "3:18: ", "no joint value"),
+            (point("[1, x]", time), "3:18: ", "a number"),
+            (point("[1, 2]", "{sec: x}"), "4:26: ", "a whole number"),
+            (point("[1, 2]", "{sec: -1}"), "4:20: ", "outside a clip"),
+            (point("3", time), "3:14: ", "not a JointTrajectory"),
+            ("points: []\n".to_owned(), "1:1: ", "no joint_names"),
+            ("joint_names: [a]\n".to_owned(), "1:1: ", "no points"),
+            ("joint_names: [a, b]\npoints: []\n".to_owned(), "1:14: ", "no points"),
+            ("[".to_owned(), "1:", "not a JointTrajectory"),
+        ] {
+            let e = from_ros(&text, Some(&robot), Fill::Mask).unwrap_err().to_string();
+            assert!(e.starts_with(place) && e.contains(word), "{text}{e}");
+            for internal in ["f64", "i64", "u32", "struct", "variant", "untagged", "Deserialize"] {
+                assert!(!e.contains(internal), "{e}");
+            }
+        }
     }
 
     #[test]
