@@ -36,7 +36,7 @@ struct Common {
 
 /// Which columns of a motion are drawn.
 #[derive(clap::Args, Debug)]
-struct Joints {
+struct Selection {
     /// Only these joints.
     #[arg(long, value_delimiter = ',')]
     only: Vec<String>,
@@ -58,7 +58,7 @@ enum What {
         #[arg(long)]
         command: Option<PathBuf>,
         #[command(flatten)]
-        joints: Joints,
+        joints: Selection,
         #[command(flatten)]
         common: Common,
     },
@@ -134,7 +134,7 @@ enum What {
         /// Motion: a take or CSV.
         motion: PathBuf,
         #[command(flatten)]
-        joints: Joints,
+        joints: Selection,
         #[command(flatten)]
         common: Common,
     },
@@ -146,7 +146,7 @@ const BYTES: u64 = 256 << 20;
 pub(super) fn run(args: &Args) -> Outcome {
     let fps = f64::from(FPS);
     let (figure, common) = match &args.what {
-        What::Joints { achieved, command, joints: Joints { only, unit }, common } => {
+        What::Joints { achieved, command, joints: Selection { only, unit }, common } => {
             let command = asked(command.as_deref(), [achieved.as_path()])?;
             let achieved = Columns::read(achieved)?;
             let names = achieved.pick(only)?;
@@ -210,7 +210,7 @@ pub(super) fn run(args: &Args) -> Outcome {
         What::Bars { file, suite, common } => {
             (bar_chart(file, suite.as_deref(), &common.title)?, common)
         }
-        What::Coverage { motion, joints: Joints { only, unit }, common } => {
+        What::Coverage { motion, joints: Selection { only, unit }, common } => {
             let columns = Columns::read(motion)?;
             let names = columns.pick(only)?;
             let of = |n: &str| columns.of(n).cloned().unwrap_or_default();

@@ -14,11 +14,15 @@ use crate::units::CTRL_DT;
 
 /// Share of the remaining way that tracking aims at where the joints leave each other alone.
 /// Full deadbeat (1) alternates between two torques on an undamped joint.
-const SHARE: f64 = 0.9;
+const SHARE: f64 = 0.97;
 /// What may be left of a disturbance after a frame.
-const LASTING: f64 = 0.9;
+const LASTING: f64 = 1.0;
+/// Poses beside home at which that is asked for.
+const POSES: usize = 8;
+/// Room of a joint without end: rad or m to either side of home.
+const UNBOUNDED: f64 = 1.5;
 /// Shares are tried from [`SHARE`] down in these steps, to no less than a hundredth.
-const SOFTER: f64 = 0.95;
+const SOFTER: f64 = 0.97;
 const SOFTEST: f64 = 0.01;
 
 /// Torque per rad (or m) of error and per rad/s (or m/s) of speed.
@@ -55,64 +59,91 @@ impl Robot {
     /// # Errors
     /// [`Error::Simulator`].
     pub fn servos(&self, share: f64) -> Result<Vec<Servo>, Error> {
-        let (mass, damping) = self.home_inertia()?;
-        let joints = damping.iter().enumerate();
-        Ok(joints.map(|(k, c)| Servo::tuned(mass[(k, k)], *c, share)).collect())
+        let mass = self.inertia(&mut Data::new(self.model())?, &self.home())?;
+        let joints = self.state_damping().into_iter().enumerate();
+        Ok(joints.map(|(k, c)| Servo::tuned(mass[(k, k)], c, share)).collect())
     }
 
     /// Servos that drive all state joints at once, as stiff as the coupling of the joints
     /// allows; (S). Light links behind heavy ones answer a torque several times as strongly
-    /// as they would alone, and gains that ignore it chatter between full torques. The
-    /// share is lowered until the frame of the home pose, inertia, damping and the held
-    /// torque included, leaves nine tenths of any disturbance or less.
+    /// as they would alone, and gains that ignore it chatter between full torques. So the
+    /// share is lowered until a frame, with inertia, damping and the held torque as they are
+    /// at home and at some poses spread over the ranges, lets every disturbance shrink.
     ///
     /// # Errors
     /// [`Error::Simulator`].
     pub fn tracking_servos(&self) -> Result<Vec<Servo>, Error> {
-        let (mass, damping) = self.home_inertia()?;
+        let damping = self.state_damping();
         let dt = self.model().timestep();
         let substeps = (CTRL_DT / dt).round().max(1.0) as usize;
-        let Some(response) = Response::new(&mass, &damping, dt, substeps) else {
-            return self.servos(SOFTEST);
+        let mut data = Data::new(self.model())?;
+        let mut response = |pose: &[f64]| -> Result<Option<Response>, Error> {
+            Ok(Response::new(&self.inertia(&mut data, pose)?, &damping, dt, substeps))
         };
+        let Some(home) = response(&self.home())? else { return self.servos(SOFTEST) };
+        let mut all = vec![home.clone()];
+        for k in 0..POSES {
+            all.extend(response(&self.spread_pose(k))?);
+        }
         let servos = |share: f64| -> Vec<Servo> {
-            let joints = 0..damping.len();
-            let own = |k| Servo::covering(share, response.way[(k, k)], response.coast[(k, k)]);
-            joints.map(own).collect()
-        };
-        let lasting = |servos: &[Servo]| {
-            let (kp, kd): (Vec<f64>, Vec<f64>) = servos.iter().map(|s| (s.kp, s.kd)).unzip();
-            response.lasting(&kp, &kd)
+            let own = |k| Servo::covering(share, home.way[(k, k)], home.coast[(k, k)]);
+            (0..damping.len()).map(own).collect()
         };
         let mut share = SHARE;
-        while share > SOFTEST && lasting(&servos(share)) > LASTING {
+        while share > SOFTEST && lasting(&all, &servos(share)) > LASTING {
             share *= SOFTER;
         }
         Ok(servos(share))
     }
 
-    /// Inertia (S, S) and damping (S) of the state joints at home, other joints held.
-    fn home_inertia(&self) -> Result<(DMatrix<f64>, Vec<f64>), Error> {
-        let mut data = Data::new(self.model())?;
-        self.write_state(&mut data, &self.home())?;
+    /// Inertia of the state joints at a pose, (S, S); other joints are held.
+    fn inertia(&self, data: &mut Data, pose: &[f64]) -> Result<DMatrix<f64>, Error> {
+        self.write_state(data, pose)?;
         data.forward()?;
         let nv = self.model().nv();
         let mut mass = vec![0.0; nv * nv];
         data.full_mass(&mut mass)?;
-        let dofs: Vec<usize> = self.joints().iter().map(|j| j.dofadr).collect();
-        let mass = DMatrix::from_fn(dofs.len(), dofs.len(), |r, c| {
-            let m = mass.get(dofs[r] * nv + dofs[c]).copied().unwrap_or(0.0);
+        let mass = DMatrix::from_row_slice(nv, nv, &mass);
+        let dof: Vec<usize> = self.joints().iter().map(|j| j.dofadr).collect();
+        Ok(DMatrix::from_fn(dof.len(), dof.len(), |r, c| {
+            let m = mass[(dof[r], dof[c])];
             if r == c { m.max(1e-9) } else { m }
-        });
-        let damping = self.model().dof_damping();
-        let damping = dofs.iter().map(|d| damping.get(*d).copied().unwrap_or(0.0)).collect();
-        Ok((mass, damping))
+        }))
     }
+
+    fn state_damping(&self) -> Vec<f64> {
+        let damping = self.model().dof_damping();
+        self.joints().iter().map(|j| damping.get(j.dofadr).copied().unwrap_or(0.0)).collect()
+    }
+
+    /// Pose `k` of a set that fills the ranges evenly (additive recurrence of the golden
+    /// ratio, another multiple for each joint).
+    fn spread_pose(&self, k: usize) -> Vec<f64> {
+        let golden = 0.618_033_988_749_895;
+        let joints = self.joints().iter().zip(self.home()).enumerate();
+        joints
+            .map(|(j, (joint, home))| {
+                let [lo, hi] = match joint.range {
+                    _ if joint.unbounded => [home - UNBOUNDED, home + UNBOUNDED],
+                    range => range,
+                };
+                let multiple = (golden * (j + 1) as f64).fract();
+                lo + (hi - lo) * (multiple * (k + 1) as f64).fract()
+            })
+            .collect()
+    }
+}
+
+/// What is left of a disturbance after a frame at the worst of these poses.
+fn lasting(responses: &[Response], servos: &[Servo]) -> f64 {
+    let (kp, kd): (Vec<f64>, Vec<f64>) = servos.iter().map(|s| (s.kp, s.kd)).unzip();
+    responses.iter().map(|r| r.lasting(&kp, &kd)).fold(0.0, f64::max)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::units::{SIM_DT, SUBSTEPS};
 
     #[test]
     fn gains_reach_the_target_of_a_single_joint() {
@@ -128,27 +159,30 @@ mod tests {
         }
     }
 
-    /// Each robot starts off its home pose and is driven back, all joints at once, without
-    /// gravity: what is left must die away, on the light arm, too, where gains that take
-    /// each joint for itself end between full torques.
+    /// Joint by joint, the light arm's gains end between full torques; taken together every
+    /// disturbance dies away, and where joints hardly touch each other nothing is given up.
     #[test]
     fn tracking_servos_come_to_rest() {
         for id in Robot::builtin_ids() {
             let robot = Robot::builtin(id).unwrap();
-            let stiff = robot.servos(SHARE).unwrap();
-            let tracking = robot.tracking_servos().unwrap();
-            let (mass, damping) = robot.home_inertia().unwrap();
-            let r = Response::new(&mass, &damping, robot.model().timestep(), 10).unwrap();
-            let lasting = |s: &[Servo]| {
-                let (kp, kd): (Vec<f64>, Vec<f64>) = s.iter().map(|s| (s.kp, s.kd)).unzip();
-                r.lasting(&kp, &kd)
+            let mut data = Data::new(robot.model()).unwrap();
+            let mut lasts = |pose: &[f64], servos: &[Servo]| {
+                let mass = robot.inertia(&mut data, pose).unwrap();
+                let r = Response::new(&mass, &robot.state_damping(), SIM_DT, SUBSTEPS).unwrap();
+                lasting(&[r], servos)
             };
-            assert!(lasting(&tracking) <= LASTING, "{id}: {}", lasting(&tracking));
-            assert_eq!(lasting(&stiff) > 1.0, id == "ur5e_light", "{id}: {}", lasting(&stiff));
-            // No softer than needed: where the joints hardly touch each other, as stiff.
-            let softest = tracking.iter().zip(&stiff).map(|(t, s)| t.kp / s.kp);
+            let (alone, all) = (robot.servos(0.9).unwrap(), robot.tracking_servos().unwrap());
+            let rings = id == "ur5e_light";
+            let home = robot.home();
+            assert_eq!(lasts(&home, &alone) > 1.5, rings, "{id}: {}", lasts(&home, &alone));
+            for k in 0..2 * POSES {
+                // Half of them are others than those of the tuning.
+                let worst = lasts(&robot.spread_pose(k), &all);
+                assert!(worst < 1.05, "{id}, pose {k}: {worst}");
+            }
+            let softest = all.iter().zip(&alone).map(|(t, s)| t.kp / s.kp);
             let softest = softest.fold(f64::INFINITY, f64::min);
-            assert!(softest > if id == "ur5e_light" { 0.2 } else { 0.9 }, "{id}: {softest}");
+            assert!(softest > if rings { 0.2 } else { 0.85 }, "{id}: {softest}");
         }
     }
 }

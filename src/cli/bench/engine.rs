@@ -27,7 +27,7 @@ pub(super) enum Size {
 #[derive(clap::Args, Debug)]
 pub(super) struct Sizes {
     /// Sizes: S (4 layers of 128), M (6 of 256), L (6 of 768).
-    #[arg(long, value_delimiter = ',', ignore_case = true, default_values_t = [Size::S, Size::M, Size::L])]
+    #[arg(long, value_delimiter = ',', ignore_case = true, default_values = ["S", "M", "L"])]
     size: Vec<Size>,
 }
 

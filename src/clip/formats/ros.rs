@@ -96,6 +96,9 @@ fn fault(message: impl Into<String>, at: Location) -> ClipError {
 fn unreadable(e: &serde_saphyr::Error) -> ClipError {
     let mut text = UserMessageFormatter.format_message(e.without_snippet()).into_owned();
     for (internal, word) in [
+        ("invalid floating point", "a number is wanted here"),
+        ("invalid i64", "a whole number is wanted here"),
+        ("invalid u32", "a whole number from 0 is wanted here"),
         ("f64", "a number"),
         ("i64", "a whole number"),
         ("u32", "a whole number from 0"),
