@@ -59,17 +59,19 @@ impl Response {
         put(nv, 0, -(&self.speed * &kp));
         put(nv, nv, &self.keep - &self.speed * &kd);
         // Powers 256 and 512 by squaring: from one to the other only the mode that lasts
-        // longest, or grows most, still changes.
-        let mut norms = [0.0; 2];
+        // longest, or grows most, still changes. Sizes are kept as logarithms.
+        let (mut before, mut log) = (0.0, 0.0);
         for _ in 0..9 {
             frame = &frame * &frame;
-            norms = [norms[1], frame.norm()];
+            let norm = frame.norm();
+            if norm == 0.0 {
+                return 0.0;
+            }
+            frame /= norm;
+            (before, log) = (log, 2.0 * log + norm.ln());
         }
-        match norms {
-            [early, late] if late.is_finite() && early > 0.0 => (late / early).powf(1.0 / 256.0),
-            [_, late] if late.is_finite() => 0.0,
-            _ => f64::INFINITY,
-        }
+        let factor = f64::exp((log - before) / 256.0);
+        if factor.is_finite() { factor } else { f64::INFINITY }
     }
 }
 
