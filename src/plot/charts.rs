@@ -3,6 +3,7 @@
 use super::INK;
 use super::axis::Axis;
 use super::figure::{Dash, Figure, Layer, Mark, Panel};
+use super::palette::COLORS;
 
 /// A named curve with an optional interval.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -28,6 +29,15 @@ pub struct JointTrack {
     pub achieved: Vec<f64>,
 }
 
+/// Curves that share a colour differ by their pattern.
+fn pattern(curve: usize) -> Dash {
+    match curve / COLORS % 3 {
+        0 => Dash::Solid,
+        1 => Dash::Dashed,
+        _ => Dash::Dotted,
+    }
+}
+
 fn curve_layers(curves: &[Curve]) -> Vec<Layer> {
     let band = |(color, c): (usize, &Curve)| {
         let points = c.points.iter().zip(&c.ci95).map(|(p, e)| (p.0, p.1 - e, p.1 + e)).collect();
@@ -37,7 +47,7 @@ fn curve_layers(curves: &[Curve]) -> Vec<Layer> {
         name: c.name.clone(),
         points: c.points.clone(),
         color,
-        dash: Dash::Solid,
+        dash: pattern(color),
     };
     let bands = curves.iter().enumerate().filter_map(band);
     bands.chain(curves.iter().enumerate().map(line)).collect()
@@ -250,6 +260,7 @@ pub fn coverage(name: &str, points: &[(f64, f64)], cells: usize, x: Axis, y: Axi
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::plot::Theme;
 
     fn wave(name: &str, phase: f64) -> Curve {
         let points: Vec<_> = (0..100)
@@ -298,6 +309,19 @@ mod tests {
             let says = |what: &str| svg.lines().any(|l| !l.contains('<') && l.contains(what));
             assert!(says("rad") || says("(m)") || says(", m") || says("loss"), "{}", f.title);
         }
+    }
+
+    #[test]
+    fn twenty_curves_look_unlike_each_other() {
+        let curves: Vec<Curve> = (0..20).map(|i| wave(&format!("run {i}"), 0.1)).collect();
+        let mut looks = Vec::new();
+        for layer in curve_layers(&curves) {
+            let Layer::Line { color, dash, .. } = layer else { continue };
+            let look = (Theme::Light.line(color), dash);
+            assert!(!looks.contains(&look), "{look:?} twice");
+            looks.push(look);
+        }
+        assert_eq!(looks.len(), 20);
     }
 
     #[test]

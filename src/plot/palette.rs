@@ -20,9 +20,11 @@ pub const SKY: Rgb = [86, 180, 233];
 /// Yellow; too pale for lines on white, hence last.
 pub const YELLOW: Rgb = [240, 228, 66];
 
+/// Colours that differ by more than their shade.
+pub(super) const COLORS: usize = 7;
 /// Lines in the order they are given out.
-const LIGHT: [Rgb; 7] = [BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, [90, 90, 90]];
-const DARK: [Rgb; 7] =
+const LIGHT: [Rgb; COLORS] = [BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, [90, 90, 90]];
+const DARK: [Rgb; COLORS] =
     [SKY, ORANGE, [45, 200, 150], [230, 150, 195], YELLOW, [240, 110, 50], [190, 190, 190]];
 
 /// Background, ink and lines of a chart.
@@ -68,13 +70,14 @@ impl Theme {
         }
     }
 
-    /// Colour number `i`; after seven they start again.
+    /// Colour number `i`; past seven the same again, every second round nearer to the ink.
     pub fn line(self, i: usize) -> Rgb {
         let set = match self {
             Theme::Light => &LIGHT,
             Theme::Dark => &DARK,
         };
-        set[i % set.len()]
+        let color = set[i % COLORS];
+        if i / COLORS % 2 == 0 { color } else { mix(color, self.ink(), 0.5) }
     }
 
     /// Sequential scale, 0 to 1: from the paper to deep blue, even in lightness (heat maps).
@@ -127,7 +130,7 @@ mod tests {
         for t in [Theme::Light, Theme::Dark] {
             assert!(contrast(t.ink(), t.paper()) >= 7.0);
             assert!(contrast(t.faint_ink(), t.paper()) >= 4.5);
-            for i in 0..7 {
+            for i in 0..2 * COLORS {
                 assert!(contrast(t.line(i), t.paper()) >= 2.0, "{t:?} {i}");
             }
         }

@@ -1,0 +1,163 @@
+//! Lays out and draws a figure through plotters' bitmap and SVG backends.
+//!
+//! The axes are ours (plotters' own reserve fixed label areas and cannot hatch, break lines at
+//! masks or share a legend between panels); its backends, shapes and font handling do the work.
+
+mod canvas;
+mod frame;
+mod legend;
+mod panel;
+
+use std::cell::RefCell;
+
+use plotters::backend::{BitMapBackend, SVGBackend};
+use plotters::prelude::{DrawingBackend, IntoDrawingArea};
+use plotters::style::text_anchor::{HPos, VPos};
+
+use self::canvas::{Area, Canvas, Lettering, Rect, SMOOTH, UNITS, rgb};
+use self::legend::Entry;
+use super::figure::Figure;
+use super::{Error, Letterer};
+
+/// Points along one edge of a figure.
+const POINTS: u32 = 6000;
+
+const TITLE: f64 = 16.0;
+const HEAD: f64 = 12.5;
+const LABEL: f64 = 11.5;
+const TICK: f64 = 10.5;
+const MARGIN: f64 = 16.0;
+
+/// A figure as PNG bytes.
+pub(super) fn png(figure: &Figure) -> Result<Vec<u8>, Error> {
+    let letterer = Letterer::default();
+    let size = layout(figure, &letterer)?;
+    let (w, h) = ((size.width * UNITS) as usize, (size.height * UNITS) as usize);
+    let mut pixels = vec![0_u8; w * h * 3];
+    let texts = RefCell::new(Vec::new());
+    {
+        let backend = BitMapBackend::with_buffer(&mut pixels, (w as u32, h as u32));
+        render(figure, &size, &backend.into_drawing_area(), &letterer, Some(&texts))?;
+    }
+    let smooth = SMOOTH as usize;
+    let (ow, oh) = (w / smooth, h / smooth);
+    let mut out = Vec::with_capacity(ow * oh * 3);
+    for y in 0..oh {
+        for x in 0..ow {
+            for c in 0..3 {
+                let mut sum = 0_u32;
+                for dy in 0..smooth {
+                    for dx in 0..smooth {
+                        sum += u32::from(pixels[3 * ((y * smooth + dy) * w + x * smooth + dx) + c]);
+                    }
+                }
+                out.push(((sum + SMOOTH) / (SMOOTH * SMOOTH)) as u8);
+            }
+        }
+    }
+    for t in texts.into_inner() {
+        t.draw(&letterer, &mut out, (ow, oh));
+    }
+    let mut bytes = Vec::new();
+    let mut encoder = png::Encoder::new(&mut bytes, ow as u32, oh as u32);
+    encoder.set_color(png::ColorType::Rgb);
+    encoder.set_depth(png::BitDepth::Eight);
+    let mut writer = encoder.write_header().map_err(Error::draw)?;
+    writer.write_image_data(&out).map_err(Error::draw)?;
+    writer.finish().map_err(Error::draw)?;
+    Ok(bytes)
+}
+
+/// A figure as SVG text.
+pub(super) fn svg(figure: &Figure) -> Result<String, Error> {
+    let letterer = Letterer::default();
+    let size = layout(figure, &letterer)?;
+    let (w, h) = (size.width * UNITS, size.height * UNITS);
+    let mut text = String::new();
+    {
+        let backend = SVGBackend::with_string(&mut text, (w, h));
+        render(figure, &size, &backend.into_drawing_area(), &letterer, None)?;
+    }
+    // Drawn in quarter points, shown in points.
+    let large = format!("width=\"{w}\" height=\"{h}\"");
+    let shown = format!("width=\"{}\" height=\"{}\"", size.width, size.height);
+    Ok(text.replacen(&large, &shown, 1))
+}
+
+struct Size {
+    width: u32,
+    height: u32,
+    /// Top of the panels.
+    top: f64,
+    legend: Vec<Entry>,
+    rows: usize,
+}
+
+fn layout(figure: &Figure, letterer: &Letterer) -> Result<Size, Error> {
+    if figure.panels.is_empty() {
+        return Err(Error::Empty);
+    }
+    let columns = figure.columns.clamp(1, figure.panels.len());
+    let rows = figure.panels.len().div_ceil(columns);
+    let width = 2.0 * MARGIN + columns as f64 * f64::from(figure.panel.0);
+    let legend = legend::entries(figure);
+    let mut top = MARGIN;
+    if !figure.title.is_empty() {
+        top += TITLE * 1.45;
+    }
+    if !figure.note.is_empty() {
+        top += LABEL * 1.5;
+    }
+    let rows_of_legend = legend::rows(letterer, &legend, width - 2.0 * MARGIN);
+    if rows_of_legend > 0 {
+        top += rows_of_legend as f64 * LABEL * 1.7 + 7.0;
+    }
+    let height = top + rows as f64 * f64::from(figure.panel.1) + 0.6 * MARGIN;
+    let (width, height) = (width.ceil() as u32, height.ceil() as u32);
+    if width > POINTS || height > POINTS {
+        return Err(Error::Large { width, height, cap: POINTS });
+    }
+    Ok(Size { width, height, top, legend, rows })
+}
+
+fn render<DB: DrawingBackend>(
+    figure: &Figure,
+    size: &Size,
+    area: &Area<'_, DB>,
+    letterer: &Letterer,
+    texts: Option<&RefCell<Vec<Lettering>>>,
+) -> Result<(), Error> {
+    let t = figure.theme;
+    area.fill(&rgb(t.paper())).map_err(Error::draw)?;
+    let canvas = Canvas { area, letterer, texts, theme: t };
+    let mut y = MARGIN;
+    let left = (HPos::Left, VPos::Center);
+    if !figure.title.is_empty() {
+        canvas.text(&figure.title, (MARGIN, y + 0.5 * TITLE), TITLE, true, t.ink(), left)?;
+        y += TITLE * 1.45;
+    }
+    if !figure.note.is_empty() {
+        canvas.text(&figure.note, (MARGIN, y + 0.4 * LABEL), LABEL, false, t.faint_ink(), left)?;
+        y += LABEL * 1.5;
+    }
+    let mut x = 0.0;
+    y += 0.8 * LABEL;
+    for e in &size.legend {
+        let w = e.width(letterer);
+        if x > 0.0 && x + w > f64::from(size.width) - 2.0 * MARGIN {
+            x = 0.0;
+            y += LABEL * 1.7;
+        }
+        canvas.entry(e, MARGIN + x, y)?;
+        x += w;
+    }
+    let columns = figure.columns.clamp(1, figure.panels.len());
+    let (w, h) = (f64::from(figure.panel.0), f64::from(figure.panel.1));
+    for (i, panel) in figure.panels.iter().enumerate() {
+        let (column, row) = (i % columns, i / columns);
+        let r = Rect { x: MARGIN + w * column as f64, y: size.top + h * row as f64, w, h };
+        let lowest = row + 1 == size.rows || i + columns >= figure.panels.len();
+        canvas.panel(panel, r, lowest)?;
+    }
+    area.present().map_err(Error::draw)
+}
