@@ -184,14 +184,14 @@ impl Stage {
 
     /// The profile's direction and lens, to be fitted to what moves.
     pub fn view(&self) -> View {
-        view_of(&self.robot.profile().camera)
+        View::of(&self.robot.profile().camera)
     }
 
     /// The profile's camera as it stands.
     pub fn fixed_camera(&self) -> Camera {
         let c = &self.robot.profile().camera;
         let target = Vec3::from_array(c.lookat.map(|x| x as f32));
-        Camera::orbit(target, c.distance as f32, &view_of(c))
+        Camera::orbit(target, c.distance as f32, &View::of(c))
     }
 
     /// A camera of the model, by name.
@@ -236,13 +236,16 @@ fn subject(model: &Model) -> Vec<bool> {
     subject
 }
 
-fn view_of(c: &robot::Camera) -> View {
-    View {
-        // The simulator's azimuth is the direction of sight, ours that of the eye.
-        azimuth_rad: c.azimuth_rad as f32 + std::f32::consts::PI,
-        elevation_rad: -c.elevation_rad as f32,
-        lens: Lens::Perspective { fov_y_rad: c.fovy_rad as f32 },
-        ..View::default()
+impl View {
+    /// The direction and lens of a robot's own camera, to be fitted to what moves.
+    pub fn of(c: &robot::Camera) -> View {
+        View {
+            // The simulator's azimuth is the direction of sight, ours that of the eye.
+            azimuth_rad: c.azimuth_rad as f32 + std::f32::consts::PI,
+            elevation_rad: -c.elevation_rad as f32,
+            lens: Lens::Perspective { fov_y_rad: c.fovy_rad as f32 },
+            ..View::default()
+        }
     }
 }
 

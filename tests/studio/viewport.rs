@@ -262,13 +262,8 @@ fn every_robot_is_in_view_at_every_window() {
             let aspect = width / height;
             assert!(y0 >= -1.0 && y1 <= 1.0, "{robot}: {y0} to {y1}");
             assert!(x0 >= -aspect && x1 <= aspect, "{robot} {width}x{height}: {x0} to {x1}");
-            // A slender robot fills the height or the width, not the area.
             let share = (x1 - x0) * (y1 - y0) / (4.0 * aspect);
-            let longest = ((x1 - x0) / (2.0 * aspect)).max((y1 - y0) / 2.0);
-            assert!(
-                share >= 0.10 || longest >= 0.6,
-                "{robot} {width}x{height}: {share:.3} of the viewport, {longest:.3} of a side"
-            );
+            assert!(share >= 0.10, "{robot} {width}x{height}: {share:.3} of the viewport");
         }
     }
 }

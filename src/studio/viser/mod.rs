@@ -2,6 +2,7 @@
 //!
 //! | module | owns |
 //! |---|---|
+//! | `framing` | where the camera stands |
 //! | `incoming` | what the client says |
 //! | `retained` | the scene, and what each client has yet to see of it |
 //! | `scene` | a robot as nodes |
@@ -10,6 +11,7 @@
 //! The messages and their encoding are in [`crate::take::viser`]. The client checks nothing
 //! and reconnects by itself; every connection gets the whole scene first.
 
+mod framing;
 mod incoming;
 mod retained;
 mod scene;

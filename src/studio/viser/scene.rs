@@ -2,8 +2,13 @@
 
 use std::collections::BTreeMap;
 
+use glam::Vec3;
+
+use super::framing;
 use super::retained::Retained;
-use super::space::{self, Place, V3};
+use super::space::Place;
+use crate::render::View;
+use crate::robot;
 use crate::studio::worker::{Geometry, MeshFacts, RobotFacts};
 use crate::take::viser::{Binding, Buffer, FrameProps, GridProps, MeshProps, Message, node_name};
 
@@ -45,13 +50,14 @@ impl Actor {
     }
 }
 
-/// Names of the bodies on stage, and where the camera sees all of them.
+/// Names of the bodies on stage, and what the camera must hold.
 #[derive(Debug)]
 pub(super) struct Cast {
     /// Node names by body, the world first.
     names: Vec<String>,
     by_name: BTreeMap<String, usize>,
-    centre: V3,
+    outline: Vec<Vec3>,
+    /// Of a ball around it, m.
     radius: f64,
 }
 
@@ -90,14 +96,15 @@ pub(super) fn build(scene: &mut Retained, geometry: &Geometry) -> Cast {
             }
         }
     }
-    let (low, high) = bounds(geometry);
-    let centre = space::scale(space::add(low, high), 0.5);
-    let radius = (space::norm(space::sub(high, low)) / 2.0).clamp(1e-3, 1e3);
-    let floor = low[2].min(0.0);
+    let outline = outline(geometry);
+    let low = outline.iter().fold(Vec3::INFINITY, |a, p| a.min(*p));
+    let high = outline.iter().fold(Vec3::NEG_INFINITY, |a, p| a.max(*p));
+    let radius = f64::from(0.5 * low.distance(high)).clamp(1e-3, 1e3);
+    let floor = f64::from(low.z).min(0.0);
     scene.put(Message::create("/floor", GridProps { shadow_opacity: 0.0, ..GridProps::default() }));
     scene.put(Message::position("/floor", [0.0, 0.0, floor - 1e-3]));
     let by_name = names.iter().enumerate().map(|(i, n)| (n.clone(), i)).collect();
-    Cast { names, by_name, centre, radius }
+    Cast { names, by_name, outline, radius }
 }
 
 /// What is there before any robot.
@@ -149,25 +156,22 @@ fn tinted(props: &MeshProps, tint: Option<[f32; 4]>) -> MeshProps {
     }
 }
 
-/// Corners of the box around the robot in its home pose; the world's own meshes (floors,
-/// tables) do not count unless there is nothing else.
-fn bounds(geometry: &Geometry) -> (V3, V3) {
-    let around = |own: bool| {
-        let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
-        for mesh in geometry.meshes.iter().filter(|m| (m.body > 0) == own) {
-            let Some(place) = Place::of(&geometry.home, mesh.body) else { continue };
-            for corner in mesh.vertices.chunks_exact(3) {
+/// The outermost points of the robot in its home pose; the world's own meshes (floors, tables)
+/// do not count unless there is nothing else.
+fn outline(geometry: &Geometry) -> Vec<Vec3> {
+    let of = |own: bool| {
+        let meshes = geometry.meshes.iter().filter(move |m| (m.body > 0) == own);
+        framing::outline(meshes.flat_map(|mesh| {
+            let place = Place::of(&geometry.home, mesh.body);
+            mesh.vertices.chunks_exact(3).filter_map(move |corner| {
                 let at = |k: usize| f64::from(corner.get(k).copied().unwrap_or(0.0));
-                let p = place.point([at(0), at(1), at(2)]);
-                for ((l, h), v) in low.iter_mut().zip(&mut high).zip(p) {
-                    *l = l.min(v);
-                    *h = h.max(v);
-                }
-            }
-        }
-        low.iter().chain(&high).all(|v| v.is_finite()).then_some((low, high))
+                let p = place?.point([at(0), at(1), at(2)]);
+                Some(Vec3::from_array(p.map(|v| v as f32)))
+            })
+        }))
     };
-    around(true).or_else(|| around(false)).unwrap_or(([-0.5; 3], [0.5; 3]))
+    let found = [of(true), of(false)].into_iter().find(|o| !o.is_empty());
+    found.unwrap_or_else(|| vec![Vec3::splat(-0.5), Vec3::splat(0.5)])
 }
 
 impl Cast {
@@ -194,27 +198,23 @@ impl Cast {
 
     /// Points the camera so that the whole robot is in view.
     pub(super) fn camera(&self, scene: &mut Retained, facts: &RobotFacts, preset: &str) -> bool {
-        use std::f64::consts::{FRAC_PI_2, PI};
-        let c = &facts.camera;
-        // Azimuth and elevation of the line of sight; the eye is behind it.
-        let (azimuth, elevation) = match preset {
-            "home" | "fit" => (c.azimuth_rad, c.elevation_rad),
-            "front" => (PI, 0.0),
-            "side" => (FRAC_PI_2, 0.0),
+        use std::f32::consts::FRAC_PI_2;
+        let fov = facts.camera.fovy_rad.clamp(0.2, 2.0);
+        let view = View::of(&robot::Camera { fovy_rad: fov, ..facts.camera });
+        let camera = match preset {
+            "home" | "fit" => framing::near(&view, &self.outline),
+            "front" => framing::from(&view.from(0.0, 0.0), &self.outline),
+            "side" => framing::from(&view.from(-FRAC_PI_2, 0.0), &self.outline),
             // Not straight down: the horizon would have no direction.
-            "top" => (FRAC_PI_2, -FRAC_PI_2 + 1e-3),
+            "top" => framing::from(&view.from(-FRAC_PI_2, FRAC_PI_2 - 1e-3), &self.outline),
             _ => return false,
         };
-        let sight =
-            [elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin()];
-        let fov = c.fovy_rad.clamp(0.2, 2.0);
-        let distance = self.radius / (fov / 2.0).sin() * 1.02;
-        let position = space::sub(self.centre, space::scale(sight, distance));
+        let [position, look_at] = [camera.eye, camera.target].map(|p| p.to_array().map(f64::from));
         let initial = true;
         scene.put(Message::SetCameraUpDirectionMessage { position: [0.0, 0.0, 1.0], initial });
         scene.put(Message::SetCameraFovMessage { fov, initial });
         scene.put(Message::SetCameraPositionMessage { position, initial });
-        scene.put(Message::SetCameraLookAtMessage { look_at: self.centre, initial });
+        scene.put(Message::SetCameraLookAtMessage { look_at, initial });
         true
     }
 
