@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, Mutex};
 
-use wgpu::CompareFunction::{Equal, Less, LessEqual};
+use wgpu::CompareFunction::{Always, Equal, Less, LessEqual};
 
 use super::Error;
 use super::prims::Vertex;
@@ -45,7 +45,7 @@ pub(super) struct Segment {
 }
 
 /// The uniform block, field by field as in `shader.wgsl`.
-#[derive(Clone, Copy, Debug, Default, bytemuck::Pod, bytemuck::Zeroable)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 pub(super) struct Globals {
     pub view_proj: [[f32; 4]; 4],
@@ -146,13 +146,15 @@ pub(super) struct Pipelines {
     pub glass: wgpu::RenderPipeline,
     pub line: wgpu::RenderPipeline,
     pub shadow: wgpu::RenderPipeline,
+    /// Writes "nothing here" into the shadow map.
+    pub wipe: wgpu::RenderPipeline,
     pub compose: wgpu::RenderPipeline,
     pub backdrop: wgpu::RenderPipeline,
     /// Globals, shadow map, sampler.
     pub main_layout: wgpu::BindGroupLayout,
     /// Globals only (the shadow pass writes the map that the other one reads).
     pub shadow_layout: wgpu::BindGroupLayout,
-    /// The drawn objects.
+    /// The drawn objects and the two backdrops.
     pub compose_layout: wgpu::BindGroupLayout,
     pub samples: u32,
 }
@@ -243,8 +245,14 @@ impl Pipelines {
         let shadow_layout = layout("shadow", &[uniform]);
         let float = wgpu::TextureSampleType::Float { filterable: false };
         let multisampled = samples > 1;
-        let compose_layout =
-            layout("compose", &[texture(u32::from(multisampled), float, multisampled)]);
+        let compose_layout = layout(
+            "compose",
+            &[
+                texture(u32::from(multisampled), float, multisampled),
+                texture(2, float, false),
+                texture(3, float, false),
+            ],
+        );
         let pipeline_layout = |groups: &[Option<&wgpu::BindGroupLayout>]| {
             device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
                 label: None,
@@ -329,7 +337,7 @@ impl Pipelines {
             cull: true,
         };
         let veil = Pass { blend: true, depth_write: false, ..solid };
-        let full_screen = |label, layout, entry| {
+        let full_screen = |label, layout, entry, targets: &[Option<wgpu::ColorTargetState>]| {
             device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
                 label: Some(label),
                 layout: Some(layout),
@@ -346,37 +354,41 @@ impl Pipelines {
                     module: &module,
                     entry_point: Some(entry),
                     compilation_options: wgpu::PipelineCompilationOptions::default(),
-                    targets: &[Some(COLOR.into())],
+                    targets,
                 }),
                 multiview_mask: None,
                 cache: None,
             })
         };
-        let shadow = device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-            label: Some("shadow"),
-            layout: Some(&shadow_only),
-            vertex: wgpu::VertexState {
-                module: &module,
-                entry_point: Some("vs_shadow"),
-                compilation_options: wgpu::PipelineCompilationOptions::default(),
-                buffers: &mesh_buffers,
-            },
-            primitive: wgpu::PrimitiveState {
-                cull_mode: Some(wgpu::Face::Back),
-                ..wgpu::PrimitiveState::default()
-            },
-            depth_stencil: Some(wgpu::DepthStencilState {
-                format: DEPTH,
-                depth_write_enabled: Some(true),
-                depth_compare: Some(Less),
-                stencil: wgpu::StencilState::default(),
-                bias: wgpu::DepthBiasState { constant: 2, slope_scale: 2.0, clamp: 0.0 },
-            }),
-            multisample: wgpu::MultisampleState::default(),
-            fragment: None,
-            multiview_mask: None,
-            cache: None,
-        });
+        let depth_only = |label, entry, buffers: &[_], cull_mode, compare, bias| {
+            device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+                label: Some(label),
+                layout: Some(&shadow_only),
+                vertex: wgpu::VertexState {
+                    module: &module,
+                    entry_point: Some(entry),
+                    compilation_options: wgpu::PipelineCompilationOptions::default(),
+                    buffers,
+                },
+                primitive: wgpu::PrimitiveState { cull_mode, ..wgpu::PrimitiveState::default() },
+                depth_stencil: Some(wgpu::DepthStencilState {
+                    format: DEPTH,
+                    depth_write_enabled: Some(true),
+                    depth_compare: Some(compare),
+                    stencil: wgpu::StencilState::default(),
+                    bias,
+                }),
+                multisample: wgpu::MultisampleState::default(),
+                fragment: None,
+                multiview_mask: None,
+                cache: None,
+            })
+        };
+        let bias = wgpu::DepthBiasState { constant: 2, slope_scale: 2.0, clamp: 0.0 };
+        let back = Some(wgpu::Face::Back);
+        let shadow = depth_only("shadow", "vs_shadow", &mesh_buffers, back, Less, bias);
+        let unbiased = wgpu::DepthBiasState::default();
+        let wipe = depth_only("wipe", "vs_far", &[], None, Always, unbiased);
         let compose_entry = if multisampled { "fs_compose_samples" } else { "fs_compose" };
         Pipelines {
             opaque: object(solid),
@@ -416,8 +428,14 @@ impl Pipelines {
                 ..veil
             }),
             shadow,
-            compose: full_screen("compose", &composing, compose_entry),
-            backdrop: full_screen("backdrop", &main, "fs_backdrop"),
+            wipe,
+            compose: full_screen("compose", &composing, compose_entry, &[Some(COLOR.into())]),
+            backdrop: full_screen(
+                "backdrop",
+                &shadow_only,
+                "fs_backdrop",
+                &[Some(COLOR.into()), Some(COLOR.into())],
+            ),
             main_layout,
             shadow_layout,
             compose_layout,

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::f32::consts::TAU;
 use std::ops::Range;
 
-use glam::{Mat3, Vec3};
+use glam::{Mat3, Mat4, Vec3};
 
 use super::camera::{Camera, Lens};
 use super::frame::{FrameInput, Ghost, GhostKind, Glyph, Mark, SUN, Trail};
@@ -41,7 +41,9 @@ pub(super) struct Drawn {
     /// Translucent parts of the model.
     pub glass: Vec<Batch>,
     pub ghosts: Vec<Batch>,
-    /// Ball around everything that throws a shadow.
+    /// Corners of the box around everything that throws a shadow.
+    pub casting: Option<(Vec3, Vec3)>,
+    /// Ball around the same.
     pub centre: Vec3,
     pub radius: f32,
     pub near: f32,
@@ -52,6 +54,30 @@ pub(super) struct Drawn {
     pub rect: Option<[u32; 4]>,
     /// The part with objects or their shadows on the floor.
     pub shaded: Option<[u32; 4]>,
+}
+
+impl Key {
+    /// The same form with fewer triangles, for its shadow.
+    pub(super) fn coarser(self) -> Key {
+        match self {
+            Key::Prim(p) => Key::Prim(p.coarser()),
+            Key::Mesh(_) => self,
+        }
+    }
+}
+
+impl Drawn {
+    /// The part of a shadow map of `px` texels along its edges that anything falls into: x, y,
+    /// width, height.
+    pub(super) fn shadow_rect(&self, light: &Mat4, px: u32) -> [u32; 4] {
+        let Some((low, high)) = self.casting else { return [0; 4] };
+        let mut r = [1.0_f32, 1.0, -1.0, -1.0];
+        for corner in corners(low, high) {
+            let p = light.project_point3(corner);
+            r = [r[0].min(p.x), r[1].min(p.y), r[2].max(p.x), r[3].max(p.y)];
+        }
+        pixels(r, px as f32, px as f32)
+    }
 }
 
 /// Half edge of a plane without end, in picture heights.
@@ -67,6 +93,18 @@ struct List(BTreeMap<Key, Vec<Instance>>);
 impl List {
     fn push(&mut self, key: Key, instance: Instance) {
         self.0.entry(key).or_default().push(instance);
+    }
+
+    /// Front to back: what is hidden is then not shaded. Translucent lists come as they are.
+    fn flush_sorted(mut self, into: &mut Vec<Instance>, forward: Vec3) -> Vec<Batch> {
+        let depth = |i: &Instance| {
+            let [x, y, z] = i.rows.map(|r| r[3]);
+            Vec3::new(x, y, z).dot(forward)
+        };
+        for list in self.0.values_mut() {
+            list.sort_by(|a, b| depth(a).total_cmp(&depth(b)));
+        }
+        self.flush(into)
     }
 
     fn flush(self, into: &mut Vec<Instance>) -> Vec<Batch> {
@@ -226,12 +264,13 @@ impl Reach<'_> {
         let shaded = (!self.everywhere && solid).then(|| self.with_shadow(sun)).flatten();
         let shaded = if solid { shaded.map(to_px) } else { rect };
         Drawn {
-            casters: casters.flush(&mut instances),
-            props: props.flush(&mut instances),
+            casters: casters.flush_sorted(&mut instances, self.forward),
+            props: props.flush_sorted(&mut instances, self.forward),
             glass: glass.flush(&mut instances),
             ghosts: veils.flush(&mut instances),
             instances,
             segments,
+            casting: solid.then_some((self.low, self.high)),
             centre: if solid { 0.5 * (self.low + self.high) } else { Vec3::ZERO },
             radius: if solid { 0.5 * self.low.distance(self.high) } else { scale },
             near,
@@ -254,19 +293,20 @@ impl Reach<'_> {
             return None;
         }
         let mut r = self.rect;
-        for k in 0..8_u8 {
-            let pick = |b: u8, low: f32, high: f32| if k >> b & 1 == 1 { high } else { low };
-            let corner = Vec3::new(
-                pick(0, self.low.x, self.high.x),
-                pick(1, self.low.y, self.high.y),
-                pick(2, self.low.z, self.high.z),
-            );
+        for corner in corners(self.low, self.high) {
             let shadow = corner - sun * ((corner.z - self.floor_z) / sun.z);
             let p = self.camera.project(shadow, self.aspect)?;
             r = [r[0].min(p.x), r[1].min(p.y), r[2].max(p.x), r[3].max(p.y)];
         }
         Some(r)
     }
+}
+
+fn corners(low: Vec3, high: Vec3) -> [Vec3; 8] {
+    [0, 1, 2, 3, 4, 5, 6, 7].map(|k: u8| {
+        let pick = |b: u8, low: f32, high: f32| if k >> b & 1 == 1 { high } else { low };
+        Vec3::new(pick(0, low.x, high.x), pick(1, low.y, high.y), pick(2, low.z, high.z))
+    })
 }
 
 /// From -1..1 (y up) to whole pixels with a little air: x, y, width, height.

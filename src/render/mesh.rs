@@ -138,7 +138,24 @@ fn smooth(vertices: &[[f32; 3]], faces: &[[u32; 3]]) -> Triangles {
             out.indices[corner as usize] = index;
         }
     }
-    out
+    in_order_of_use(out)
+}
+
+/// Vertices in the order in which the faces ask for them: a driver that keeps the last few does
+/// not compute them again.
+fn in_order_of_use(t: Triangles) -> Triangles {
+    let mut place = vec![u32::MAX; t.vertices.len()];
+    let mut vertices = Vec::with_capacity(t.vertices.len());
+    let mut indices = t.indices;
+    for i in &mut indices {
+        let old = *i as usize;
+        if place[old] == u32::MAX {
+            place[old] = vertices.len() as u32;
+            vertices.push(t.vertices[old]);
+        }
+        *i = place[old];
+    }
+    Triangles { vertices, indices }
 }
 
 /// For each vertex the number of its position: files often repeat a vertex per face.

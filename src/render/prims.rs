@@ -74,6 +74,16 @@ impl Prim {
         }
     }
 
+    /// The same form with fewer triangles.
+    pub(super) fn coarser(self) -> Prim {
+        match self {
+            Prim::BallFine => Prim::Ball,
+            Prim::Ball => Prim::BallCoarse,
+            Prim::Cylinder => Prim::CylinderCoarse,
+            other => other,
+        }
+    }
+
     /// The cylinder for a radius on screen.
     pub(super) fn cylinder_for(radius_px: f32) -> Prim {
         if radius_px < 30.0 { Prim::CylinderCoarse } else { Prim::Cylinder }

@@ -1,8 +1,9 @@
-//! Draws a frame: shadow, objects (4 samples), backdrop and composition, readback.
+//! Draws a frame: shadow, objects (4 samples), composition over the backdrop, readback.
 //!
-//! The backdrop (sky and endless floor) has no edges that need multisampling, so it is computed
-//! once a pixel in the composing pass and only the objects pay for samples. On a software driver
-//! this is what makes 4x MSAA affordable.
+//! On a software driver every pixel counts, so nothing is drawn that is there already. The
+//! backdrop (sky and endless floor) has no edges that need multisampling and changes with the
+//! camera only: it is kept, with and without sun, and mixed where a shadow falls. The shadow map
+//! is wiped where something was. Composition covers what objects and their shadows reach.
 
 use std::collections::BTreeMap;
 
@@ -60,6 +61,9 @@ impl Default for RenderConfig {
 const FRAME_SECS: u64 = 120;
 /// Pixels beyond which four samples a pixel would not fit the memory of small machines.
 const SAMPLED_PX: u64 = 4096 * 4096;
+/// x, y, width, height.
+type Rect = [u32; 4];
+
 /// Scenes whose meshes stay on the device.
 const SCENES_KEPT: usize = 4;
 
@@ -77,6 +81,9 @@ struct Targets {
     objects: wgpu::TextureView,
     depth: wgpu::TextureView,
     compose: wgpu::BindGroup,
+    /// Sky and floor with and without sun.
+    lit: wgpu::Texture,
+    backdrops: [wgpu::TextureView; 2],
     picture: wgpu::Texture,
     picture_view: wgpu::TextureView,
     readback: wgpu::Buffer,
@@ -95,6 +102,10 @@ pub struct Renderer {
     shadow_group: wgpu::BindGroup,
     shadow_view: wgpu::TextureView,
     shadow_px: u32,
+    /// Where the shadow map holds anything, texels; unknown before the first frame.
+    shadow_used: Option<Rect>,
+    /// What the backdrops were drawn for.
+    painted: Option<Globals>,
     instances: wgpu::Buffer,
     segments: wgpu::Buffer,
     targets: Targets,
@@ -174,6 +185,8 @@ impl Renderer {
             shadow_group,
             shadow_view,
             shadow_px,
+            shadow_used: None,
+            painted: None,
             targets,
             captioner: Captioner::default(),
             config,
@@ -209,6 +222,7 @@ impl Renderer {
         check_size(&config, &self.gpu)?;
         if (width, height) != self.size() {
             self.targets = targets(&self.gpu, &self.pipelines, width, height);
+            self.painted = None;
             self.config = config;
         }
         self.gpu.check()
@@ -234,13 +248,18 @@ impl Renderer {
         put(device, queue, &mut self.segments, bytemuck::cast_slice(&drawn.segments));
 
         let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-        if self.config.shadows {
-            self.shadow_pass(&mut encoder, scene, &drawn);
-        } else {
-            // The map is still read: it must say "lit everywhere".
-            depth_pass(&mut encoder, &self.shadow_view);
-        }
+        let shadow_used = self.shadow_pass(&mut encoder, scene, &drawn, &globals);
         self.object_pass(&mut encoder, scene, &drawn);
+        // Of the matrices only the sky and the floor's rays matter, and those stand beside them.
+        let still = Globals {
+            view_proj: [[0.0; 4]; 4],
+            light_proj: [[0.0; 4]; 4],
+            shadow: [0.0; 4],
+            ..globals
+        };
+        if self.painted != Some(still) {
+            self.backdrop_pass(&mut encoder);
+        }
         self.compose_pass(&mut encoder, &drawn);
         let t = &self.targets;
         encoder.copy_texture_to_buffer(
@@ -257,6 +276,7 @@ impl Renderer {
         );
         queue.submit([encoder.finish()]);
         self.gpu.check()?;
+        (self.shadow_used, self.painted) = (Some(shadow_used), Some(still));
         let mut picture = self.read_back()?;
         if let Some(caption) = input.caption {
             self.captioner.draw(&mut picture, caption);
@@ -288,35 +308,61 @@ impl Renderer {
     }
 
     fn batches(&self, pass: &mut wgpu::RenderPass, scene: &Scene, batches: &[Batch]) {
+        self.batches_as(pass, scene, batches, |key| key);
+    }
+
+    fn batches_as(
+        &self,
+        pass: &mut wgpu::RenderPass,
+        scene: &Scene,
+        batches: &[Batch],
+        form: fn(Key) -> Key,
+    ) {
         pass.set_vertex_buffer(1, self.instances.slice(..));
         for b in batches {
-            let Some(mesh) = self.mesh(scene, b.key) else { continue };
+            let Some(mesh) = self.mesh(scene, form(b.key)) else { continue };
             pass.set_vertex_buffer(0, mesh.vertices.slice(..));
             pass.set_index_buffer(mesh.indices.slice(..), wgpu::IndexFormat::Uint32);
             pass.draw_indexed(0..mesh.count, 0, b.range.clone());
         }
     }
 
-    fn shadow_pass(&self, encoder: &mut wgpu::CommandEncoder, scene: &Scene, drawn: &Drawn) {
-        let mut pass = depth_pass(encoder, &self.shadow_view);
-        pass.set_pipeline(&self.pipelines.shadow);
+    /// Draws the shadow map; says where it now holds anything.
+    fn shadow_pass(
+        &self,
+        encoder: &mut wgpu::CommandEncoder,
+        scene: &Scene,
+        drawn: &Drawn,
+        globals: &Globals,
+    ) -> Rect {
+        let light = Mat4::from_cols_array_2d(&globals.light_proj);
+        // Without shadows the map is still read: it must say "lit everywhere".
+        let used =
+            if self.config.shadows { drawn.shadow_rect(&light, self.shadow_px) } else { [0; 4] };
+        let mut pass = depth_pass(encoder, &self.shadow_view, self.shadow_used.is_none());
         pass.set_bind_group(0, &self.shadow_group, &[]);
-        self.batches(&mut pass, scene, &drawn.casters);
+        if let Some(old) = self.shadow_used {
+            let [x, y, w, h] = union(old, used);
+            if w > 0 && h > 0 {
+                pass.set_scissor_rect(x, y, w, h);
+                pass.set_pipeline(&self.pipelines.wipe);
+                pass.draw(0..3, 0..1);
+            }
+        }
+        let [x, y, w, h] = used;
+        if w > 0 && h > 0 {
+            pass.set_scissor_rect(x, y, w, h);
+            pass.set_pipeline(&self.pipelines.shadow);
+            self.batches_as(&mut pass, scene, &drawn.casters, Key::coarser);
+        }
+        used
     }
 
     fn object_pass(&self, encoder: &mut wgpu::CommandEncoder, scene: &Scene, drawn: &Drawn) {
         let t = &self.targets;
         let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
             label: Some("objects"),
-            color_attachments: &[Some(wgpu::RenderPassColorAttachment {
-                view: &t.objects,
-                depth_slice: None,
-                resolve_target: None,
-                ops: wgpu::Operations {
-                    load: wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT),
-                    store: wgpu::StoreOp::Store,
-                },
-            })],
+            color_attachments: &[color(&t.objects, wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT))],
             depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
                 view: &t.depth,
                 depth_ops: Some(wgpu::Operations {
@@ -360,39 +406,35 @@ impl Renderer {
         }
     }
 
-    fn compose_pass(&self, encoder: &mut wgpu::CommandEncoder, drawn: &Drawn) {
-        let t = &self.targets;
+    fn backdrop_pass(&self, encoder: &mut wgpu::CommandEncoder) {
+        let [lit, dark] = &self.targets.backdrops;
         let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-            label: Some("compose"),
-            color_attachments: &[Some(wgpu::RenderPassColorAttachment {
-                view: &t.picture_view,
-                depth_slice: None,
-                resolve_target: None,
-                ops: wgpu::Operations {
-                    load: wgpu::LoadOp::Clear(wgpu::Color::BLACK),
-                    store: wgpu::StoreOp::Store,
-                },
-            })],
+            label: Some("backdrop"),
+            color_attachments: &[
+                color(lit, wgpu::LoadOp::Clear(wgpu::Color::BLACK)),
+                color(dark, wgpu::LoadOp::Clear(wgpu::Color::BLACK)),
+            ],
             ..wgpu::RenderPassDescriptor::default()
         });
-        pass.set_bind_group(0, &self.main_group, &[]);
-        let [x, y, w, h] = drawn.shaded.unwrap_or([0, 0, t.width, t.height]);
+        pass.set_bind_group(0, &self.shadow_group, &[]);
         pass.set_pipeline(&self.pipelines.backdrop);
-        let (right, below) = (x + w, y + h);
-        for [x, y, w, h] in [
-            [0, 0, t.width, y],
-            [0, below, t.width, t.height - below],
-            [0, y, x, h],
-            [right, y, t.width - right, h],
-        ] {
-            if w > 0 && h > 0 {
-                pass.set_scissor_rect(x, y, w, h);
-                pass.draw(0..3, 0..1);
-            }
-        }
+        pass.draw(0..3, 0..1);
+    }
+
+    fn compose_pass(&self, encoder: &mut wgpu::CommandEncoder, drawn: &Drawn) {
+        let t = &self.targets;
+        let size = wgpu::Extent3d { width: t.width, height: t.height, depth_or_array_layers: 1 };
+        encoder.copy_texture_to_texture(t.lit.as_image_copy(), t.picture.as_image_copy(), size);
+        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+            label: Some("compose"),
+            color_attachments: &[color(&t.picture_view, wgpu::LoadOp::Load)],
+            ..wgpu::RenderPassDescriptor::default()
+        });
+        let [x, y, w, h] = drawn.shaded.unwrap_or([0, 0, t.width, t.height]);
         if w > 0 && h > 0 {
             pass.set_scissor_rect(x, y, w, h);
             pass.set_pipeline(&self.pipelines.compose);
+            pass.set_bind_group(0, &self.main_group, &[]);
             pass.set_bind_group(1, &t.compose, &[]);
             pass.draw(0..3, 0..1);
         }
@@ -560,16 +602,43 @@ fn check_input(scene: &Scene, input: &FrameInput) -> Result<(), Error> {
     Ok(())
 }
 
+/// The smallest rectangle around both; one without extent does not count.
+fn union(a: Rect, b: Rect) -> Rect {
+    let empty = |r: Rect| r[2] == 0 || r[3] == 0;
+    if empty(a) {
+        return b;
+    }
+    if empty(b) {
+        return a;
+    }
+    let (x, y) = (a[0].min(b[0]), a[1].min(b[1]));
+    let end = |k: usize| (a[k] + a[k + 2]).max(b[k] + b[k + 2]);
+    [x, y, end(0) - x, end(1) - y]
+}
+
+fn color(
+    view: &wgpu::TextureView,
+    load: wgpu::LoadOp<wgpu::Color>,
+) -> Option<wgpu::RenderPassColorAttachment<'_>> {
+    Some(wgpu::RenderPassColorAttachment {
+        view,
+        depth_slice: None,
+        resolve_target: None,
+        ops: wgpu::Operations { load, store: wgpu::StoreOp::Store },
+    })
+}
+
 fn depth_pass<'a>(
     encoder: &'a mut wgpu::CommandEncoder,
     view: &wgpu::TextureView,
+    clear: bool,
 ) -> wgpu::RenderPass<'a> {
     encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
         label: Some("shadow"),
         depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
             view,
             depth_ops: Some(wgpu::Operations {
-                load: wgpu::LoadOp::Clear(1.0),
+                load: if clear { wgpu::LoadOp::Clear(1.0) } else { wgpu::LoadOp::Load },
                 store: wgpu::StoreOp::Store,
             }),
             stencil_ops: None,
@@ -596,7 +665,7 @@ fn texture(
         usage: wgpu::TextureUsages::RENDER_ATTACHMENT
             | wgpu::TextureUsages::TEXTURE_BINDING
             | if samples == 1 {
-                wgpu::TextureUsages::COPY_SRC
+                wgpu::TextureUsages::COPY_SRC | wgpu::TextureUsages::COPY_DST
             } else {
                 wgpu::TextureUsages::empty()
             },
@@ -611,14 +680,19 @@ fn targets(gpu: &Gpu, pipelines: &Pipelines, width: u32, height: u32) -> Targets
     let objects = texture(device, "objects", width, height, samples, COLOR).create_view(&view);
     let depth = texture(device, "depth", width, height, samples, DEPTH).create_view(&view);
     let picture = texture(device, "picture", width, height, 1, COLOR);
+    let [lit, dark] =
+        ["lit backdrop", "dark backdrop"].map(|l| texture(device, l, width, height, 1, COLOR));
+    let backdrops = [&lit, &dark].map(|t| t.create_view(&view));
     let pitch = (4 * width).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
     let compose = device.create_bind_group(&wgpu::BindGroupDescriptor {
         label: Some("compose"),
         layout: &pipelines.compose_layout,
-        entries: &[wgpu::BindGroupEntry {
-            binding: u32::from(samples > 1),
-            resource: wgpu::BindingResource::TextureView(&objects),
-        }],
+        entries: &[(u32::from(samples > 1), &objects), (2, &backdrops[0]), (3, &backdrops[1])].map(
+            |(binding, view)| wgpu::BindGroupEntry {
+                binding,
+                resource: wgpu::BindingResource::TextureView(view),
+            },
+        ),
     });
     Targets {
         width,
@@ -626,6 +700,8 @@ fn targets(gpu: &Gpu, pipelines: &Pipelines, width: u32, height: u32) -> Targets
         objects,
         depth,
         compose,
+        lit,
+        backdrops,
         picture_view: picture.create_view(&view),
         picture,
         readback: device.create_buffer(&wgpu::BufferDescriptor {

@@ -158,6 +158,12 @@ fn fs_glass(s: Surface) -> @location(0) vec4f {
 @fragment
 fn fs_depth_only() {}
 
+// As far as the map goes: wipes a part of it.
+@vertex
+fn vs_far(@builtin(vertex_index) k: u32) -> @builtin(position) vec4f {
+    return vec4f(vec2f(f32((k << 1u) & 2u), f32(k & 2u)) * 2.0 - vec2f(1.0), 1.0, 1.0);
+}
+
 // ---- lines: one quad a segment, mitred against its neighbours, width in pixels ----
 
 struct Segment {
@@ -227,7 +233,7 @@ fn vs_floor(@builtin(vertex_index) k: u32) -> @builtin(position) vec4f {
     return screen(vec3f(g.floor_pos.xy + c * reach, g.floor_pos.z));
 }
 
-// ---- backdrop: sky and floor per pixel, then the objects over it ----
+// ---- backdrop: sky and floor once a camera, then the objects over it ----
 
 struct Backdrop {
     @builtin(position) clip: vec4f,
@@ -278,11 +284,25 @@ fn line_share(p: vec2f, w: vec2f, half_width: f32) -> vec2f {
         * clamp(vec2f(0.5) / w, vec2f(0.0), vec2f(1.0));
 }
 
-fn backdrop_at(ndc: vec2f, shadowed: bool) -> vec3f {
-    let ray = ray_of(ndc);
-    let sky = sky_at(ray.dir);
+// Where a ray meets the floor; w: how far along it, positive in front of the eye.
+fn floor_hit(ray: Ray) -> vec4f {
     let t = (g.floor_pos.z - ray.origin.z) / ray.dir.z;
-    let hit = ray.origin + t * ray.dir;
+    return vec4f(ray.origin + t * ray.dir, t);
+}
+
+// Sky and floor with and without sun. They stand still as long as the camera does: drawn once,
+// and where a shadow falls, mixed.
+struct Backdrops {
+    @location(0) lit: vec4f,
+    @location(1) dark: vec4f,
+};
+
+@fragment
+fn fs_backdrop(b: Backdrop) -> Backdrops {
+    let ray = ray_of(b.ndc);
+    let sky = sky_at(ray.dir);
+    let hit = floor_hit(ray);
+    let t = hit.w;
     let cells = hit.xy / g.floor_a.w;
     // Derivatives by hand: fwidth would break at the horizon, where neighbours miss the floor.
     let px = abs(t / ray.dir.z) * 2.0 * g.view.zw;
@@ -297,31 +317,33 @@ fn backdrop_at(ndc: vec2f, shadowed: bool) -> vec3f {
         vec2f(0.0), vec2f(1.0)) * g.floor_fog.z;
     albedo = mix(albedo, vec3f(0.42, 0.06, 0.05), axis.y);
     albedo = mix(albedo, vec3f(0.05, 0.30, 0.10), axis.x);
-    var lit = 1.0;
-    if shadowed {
-        lit = lit_share(vec3f(hit.xy, g.floor_pos.z));
-    }
     let ambient = g.sky.rgb;
-    let surface = expose(albedo * (ambient + g.sun_color.rgb * g.sun.z * lit));
+    let lit = expose(albedo * (ambient + g.sun_color.rgb * g.sun.z));
+    let dark = expose(albedo * ambient);
     let away = length(hit.xy - g.floor_pos.xy) - g.floor_pos.w;
     let fog = smoothstep(0.0, 1.0, clamp(away * g.floor_fog.x, 0.0, 1.0));
     let seen = select(0.0, 1.0 - fog, t > 0.0) * g.floor_b.w;
-    return mix(sky, surface, seen);
-}
-
-// For the parts of the picture that neither an object nor a shadow reaches: looking up a shadow
-// for every pixel of the floor would cost a software driver as much as all the rest.
-@fragment
-fn fs_backdrop(b: Backdrop) -> @location(0) vec4f {
-    return vec4f(encode(backdrop_at(b.ndc, false)), 1.0);
+    return Backdrops(
+        vec4f(encode(select(sky, mix(sky, lit, seen), seen > 0.0)), 1.0),
+        vec4f(encode(select(sky, mix(sky, dark, seen), seen > 0.0)), 1.0));
 }
 
 @group(1) @binding(0) var objects: texture_2d<f32>;
+@group(1) @binding(2) var backdrop_lit: texture_2d<f32>;
+@group(1) @binding(3) var backdrop_dark: texture_2d<f32>;
+
+// What lies behind the objects of a pixel.
+fn behind(b: Backdrop) -> vec3f {
+    let at = vec2i(b.clip.xy);
+    let hit = floor_hit(ray_of(b.ndc));
+    let lit = select(1.0, lit_share(vec3f(hit.xy, g.floor_pos.z)), hit.w > 0.0);
+    return mix(textureLoad(backdrop_dark, at, 0).rgb, textureLoad(backdrop_lit, at, 0).rgb, lit);
+}
 
 @fragment
 fn fs_compose(b: Backdrop) -> @location(0) vec4f {
     let o = textureLoad(objects, vec2i(b.clip.xy), 0);
-    return vec4f(o.rgb + (1.0 - o.a) * encode(backdrop_at(b.ndc, true)), 1.0);
+    return vec4f(o.rgb + (1.0 - o.a) * behind(b), 1.0);
 }
 
 @group(1) @binding(1) var samples: texture_multisampled_2d<f32>;
@@ -331,5 +353,5 @@ fn fs_compose_samples(b: Backdrop) -> @location(0) vec4f {
     let at = vec2i(b.clip.xy);
     let o = 0.25 * (textureLoad(samples, at, 0) + textureLoad(samples, at, 1)
         + textureLoad(samples, at, 2) + textureLoad(samples, at, 3));
-    return vec4f(o.rgb + (1.0 - o.a) * encode(backdrop_at(b.ndc, true)), 1.0);
+    return vec4f(o.rgb + (1.0 - o.a) * behind(b), 1.0);
 }
