@@ -102,6 +102,9 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let mut draw = |i: usize, frame: usize| {
         stopped(&cancel, i)?;
         let picture = moment(&mut shots, &mut renderer, frame)?;
+        if plan.film.is_none() {
+            shots.iter_mut().for_each(Shot::be_brief);
+        }
         bar.tick(i as u64 + 1, frames.len() as u64, "");
         Ok(picture)
     };
