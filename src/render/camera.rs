@@ -213,6 +213,17 @@ impl Camera {
         proj * view
     }
 
+    /// The ray of a point of the picture (-1 to 1, y up): where it starts and its direction.
+    pub(super) fn ray(&self, at: Vec2, aspect: f32) -> (Vec3, Vec3) {
+        let (right, up, forward) = self.axes();
+        let h = self.half_height();
+        let across = right * (at.x * h * aspect) + up * (at.y * h);
+        match self.lens {
+            Lens::Perspective { .. } => (self.eye, forward + across),
+            Lens::Orthographic { .. } => (self.eye + across, forward),
+        }
+    }
+
     /// Where a point falls, -1 to 1 in x and y (up); none behind the eye.
     pub fn project(&self, point: Vec3, aspect: f32) -> Option<Vec2> {
         let (right, up, forward) = self.axes();

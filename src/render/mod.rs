@@ -24,6 +24,7 @@ mod gpu;
 mod instances;
 mod mesh;
 mod model;
+mod pick;
 mod picture;
 mod prims;
 mod renderer;

@@ -179,6 +179,11 @@ impl Scene {
         self
     }
 
+    /// Name of a body; none for one that has none.
+    pub fn body_name(&self, body: usize) -> Option<&str> {
+        self.bodies.get(body).map(String::as_str).filter(|n| !n.is_empty())
+    }
+
     /// Number of the body of this name.
     ///
     /// # Errors

@@ -6,10 +6,10 @@
 
 use std::sync::Arc;
 
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 
 use super::frame::{FrameInput, Ghost, Glyph, Mark, Trail, sun_for};
-use super::{Camera, Caption, Error, Key, Picture, Pose, Renderer, Stage, Swatch, View};
+use super::{Camera, Caption, Error, Key, Picture, Pose, Renderer, Stage, Swatch, View, pick};
 use crate::plot::palette;
 use crate::robot::Robot;
 
@@ -206,6 +206,8 @@ pub struct Shot {
     unit: (f64, String),
     /// Metres at which a link is as red as it gets.
     full_m: f32,
+    /// Title and legend have been seen.
+    brief: bool,
 }
 
 #[derive(Debug)]
@@ -255,8 +257,19 @@ impl Shot {
         let typical = motion.precision(motion.frames()).unwrap_or(0.0);
         let unit = crate::units::short_unit(&motion.unit, typical);
         let sun = Vec3::Z;
-        let mut shot =
-            Shot { stage, motion, overlay, path, sun, tips, colors, marks, unit, full_m };
+        let mut shot = Shot {
+            stage,
+            motion,
+            overlay,
+            path,
+            sun,
+            tips,
+            colors,
+            marks,
+            unit,
+            full_m,
+            brief: false,
+        };
         // Taken once: the light stands still while a camera orbits.
         shot.sun = sun_for(&shot.camera(0));
         Ok(shot)
@@ -265,6 +278,12 @@ impl Shot {
     /// What is drawn.
     pub fn motion(&self) -> &Motion {
         &self.motion
+    }
+
+    /// From now on captions have frame, time and Precision only: title and legend stand on
+    /// another picture of the same strip.
+    pub fn be_brief(&mut self) {
+        self.brief = true;
     }
 
     /// The eye at a frame.
@@ -352,6 +371,22 @@ impl Shot {
         renderer.draw(self.stage.scene(), &input)
     }
 
+    /// The body that is seen at a point of a frame's picture (-1 to 1, y up); none where the
+    /// floor or the sky is. Ghosts are looked through.
+    ///
+    /// # Errors
+    /// [`Error::Robot`].
+    pub fn body_at(&mut self, frame: usize, at: Vec2, aspect: f32) -> Result<Option<&str>, Error> {
+        let frame = frame.min(self.motion.frames() - 1);
+        let state = self.motion.achieved.get(frame).cloned().unwrap_or_default();
+        let poses = self.stage.poses(&state)?;
+        let camera = self.camera(frame);
+        let scene = self.stage.scene();
+        let geom = pick::geom_at(scene, &poses, &camera, at, aspect);
+        let body = geom.and_then(|g| scene.geoms().get(g)).map(|g| g.body);
+        Ok(body.and_then(|b| scene.body_name(b)))
+    }
+
     fn command_poses(&mut self, frame: usize) -> Result<(Option<Vec<Pose>>, f32), Error> {
         if !self.overlay.ghost {
             return Ok((None, 0.0));
@@ -384,6 +419,10 @@ impl Shot {
         let secs = frame as f64 / m.fps.max(1e-9);
         let (factor, unit) = &self.unit;
         let precision = m.precision(frame).map(|p| (p * factor, unit.as_str()));
+        if self.brief {
+            let line = Caption::moment(frame as u32, secs, precision);
+            return Caption { line, ..Caption::default() };
+        }
         let line = if m.performer.is_empty() {
             Caption::moment(frame as u32, secs, precision)
         } else {

@@ -26,7 +26,6 @@ use super::shelf::{self, Shelf};
 use super::worker::{Geometry, IkAnswer, Report, Request, RobotFacts, SettleAnswer};
 use super::{exchange, export, gallery, pages, protocol};
 use crate::clip::{self, Batch, Op};
-use crate::robot::Robot;
 use crate::{fsio, limits};
 
 /// A refusal as a response.
@@ -481,6 +480,31 @@ pub(super) async fn still(
     Ok(picture(app.pictures.still(&app.live, q.frame, (q.w, q.h), q.draft).await?))
 }
 
+/// Query of `GET /api/still-body`.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct StillBodyQuery {
+    frame: usize,
+    w: u32,
+    h: u32,
+    /// From the left edge, 0 to 1.
+    x: f32,
+    /// From the top edge, 0 to 1.
+    y: f32,
+}
+
+/// `GET /api/still-body`: the body at a point of a draft still, or null.
+pub(super) async fn still_body(
+    State(app): Shared,
+    Query(q): Query<StillBodyQuery>,
+) -> Answer<Option<String>> {
+    let inside = 0.0..=1.0;
+    if !inside.contains(&q.x) || !inside.contains(&q.y) {
+        return Err(Error::request("x and y go from 0 to 1").into());
+    }
+    Ok(Json(app.pictures.body_at(&app.live, q.frame, (q.w, q.h), (q.x, q.y)).await?))
+}
+
 /// Query of `GET /api/pose.jpg`.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -619,7 +643,7 @@ pub(super) async fn import(State(app): Shared, Json(body): Json<ImportBody>) -> 
         ))
         .into());
     }
-    if Robot::builtin_ids().any(|id| id == body.id) {
+    if shelf::is_builtin(&body.id) {
         return Err(Error::request(format!("{} is a robot of the program", body.id)).into());
     }
     let file = if body.uploaded {

@@ -14,7 +14,7 @@ use super::jobs::{Extra, JobKind, JobRequest};
 use super::protocol::RolloutSettings;
 use crate::clip::Clip;
 use crate::limits;
-use crate::rollout::{Guide, PolicyConfig};
+use crate::rollout::Guide;
 
 /// Body of `POST /api/exports`.
 #[derive(Clone, Debug, Deserialize)]
@@ -117,8 +117,7 @@ pub(super) fn job(
 
 /// The policy as the command line takes it.
 fn policy(settings: &RolloutSettings) -> String {
-    let named = PolicyConfig::new(settings.policy);
-    let mut text = named.label();
+    let mut text = settings.policy.as_str().to_owned();
     if let Some(path) = &settings.model_path {
         text = format!("{text}:{path}");
     }

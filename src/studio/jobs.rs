@@ -244,25 +244,23 @@ impl Jobs {
         if request.args.iter().any(|a| a.contains('\0')) || request.args.len() > 256 {
             return Err(Error::request("these are no arguments"));
         }
-        let mut child = Command::new(&self.binary)
-            .arg(request.kind.command())
-            .args(&request.args)
-            .arg("--jsonl")
-            .current_dir(folder)
-            .env("NO_COLOR", "1")
-            .stdin(Stdio::null())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::piped())
-            .spawn()
-            .map_err(Error::Server)?;
-        let id = {
+        let (id, mut child) = {
             let mut inner = self.lock();
             let running = inner.jobs.values().filter(|j| j.pid.is_some()).count();
             if running >= limits::JOBS {
-                child.kill().ok();
-                child.wait().ok();
                 return Err(Error::Full { what: "jobs", cap: limits::JOBS });
             }
+            let child = Command::new(&self.binary)
+                .arg(request.kind.command())
+                .args(&request.args)
+                .arg("--jsonl")
+                .current_dir(folder)
+                .env("NO_COLOR", "1")
+                .stdin(Stdio::null())
+                .stdout(Stdio::piped())
+                .stderr(Stdio::piped())
+                .spawn()
+                .map_err(Error::Server)?;
             while inner.jobs.len() >= limits::JOBS {
                 let ended = inner.jobs.iter().find(|(_, j)| j.pid.is_none()).map(|(id, _)| *id);
                 let Some(ended) = ended else { break };
@@ -285,7 +283,7 @@ impl Jobs {
                 secs: 0.0,
             };
             inner.jobs.insert(id, job);
-            id
+            (id, child)
         };
         let (out, err) = (child.stdout.take(), child.stderr.take());
         let jobs = self.clone();

@@ -17,7 +17,6 @@ use super::worker::{
     Dense, Frames, MotionRows, Report, Request, RobotFacts, WorkerHandle, WorkerSink, WorkerState,
 };
 use crate::clip::Command;
-use crate::rollout::PolicyConfig;
 
 /// The store; see the module.
 #[derive(Debug)]
@@ -114,9 +113,7 @@ impl Live {
     /// Changes how rollouts are made; a model's path counts from `folder`.
     pub fn set_settings(&self, settings: RolloutSettings, worker: &WorkerHandle, folder: &Path) {
         self.write().settings = settings.clone();
-        let mut policy = PolicyConfig::new(settings.policy);
-        policy.refine = settings.refine;
-        policy.guide = settings.guide;
+        let mut policy = settings.config();
         // What is no file here is the name of a model that comes with the program or the robot.
         let full = |p: String| Some(folder.join(&p)).filter(|f| f.exists()).unwrap_or(p.into());
         policy.model_path = settings.model_path.map(full);
@@ -131,16 +128,12 @@ impl Live {
             inner.state_stamp = inner.stamp;
             inner.spent = (0.0, 0);
             inner.command = Some(Arc::new(command.clone()));
-            let settings = inner.settings.clone();
-            let mut label = PolicyConfig::new(settings.policy);
-            label.refine = settings.refine;
-            label.guide = settings.guide;
             inner.state = RolloutState {
                 generation: inner.state.generation + 1,
                 rev,
                 phase: Phase::Waiting,
                 frames: command.frames() as usize,
-                policy: label.label(),
+                policy: inner.settings.config().label(),
                 error: None,
                 ..inner.state.clone()
             };

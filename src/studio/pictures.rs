@@ -102,6 +102,20 @@ impl Pictures {
     }
 
     async fn paint(&self, name: String, picture: PaintRequest) -> Result<Bytes, Error> {
+        match self.ask(Request::Paint(Box::new(picture))).await? {
+            Report::Picture { jpeg } => {
+                let jpeg = Bytes::from(jpeg);
+                self.keep(name, &jpeg);
+                Ok(jpeg)
+            }
+            _ => Err(odd()),
+        }
+    }
+
+    async fn ask(&self, request: Request) -> Result<Report, Error> {
+        let (Request::Paint(picture) | Request::Pick(picture, _)) = &request else {
+            return Err(odd());
+        };
         let sane = SMALLEST_PX..=limits::STILL_PX;
         if !sane.contains(&picture.width) || !sane.contains(&picture.height) {
             let (w, h) = (picture.width, picture.height);
@@ -115,15 +129,27 @@ impl Pictures {
             return Err(Error::Full { what: "pictures at once", cap: WAITING });
         }
         let waiting = Waiting(&self.waiting);
-        let answer = self.painter.ask(Request::Paint(Box::new(picture))).await;
+        let answer = self.painter.ask(request).await;
         drop(waiting);
-        match answer? {
-            Report::Picture { jpeg } => {
-                let jpeg = Bytes::from(jpeg);
-                self.keep(name, &jpeg);
-                Ok(jpeg)
-            }
-            _ => Err(Error::Worker { reason: "the painter gave no picture".into() }),
+        answer
+    }
+
+    /// The body that the still of a frame shows at a point (0 to 1 from its top left corner).
+    ///
+    /// # Errors
+    /// [`Error::NoDocument`].
+    pub async fn body_at(
+        &self,
+        live: &Live,
+        frame: usize,
+        size: (u32, u32),
+        at: (f32, f32),
+    ) -> Result<Option<String>, Error> {
+        let ask = still(live, frame, size, true)?.1;
+        let at = [2.0 * at.0 - 1.0, 1.0 - 2.0 * at.1];
+        match self.ask(Request::Pick(Box::new(ask), at)).await? {
+            Report::Picked(body) => Ok(body),
+            _ => Err(odd()),
         }
     }
 
@@ -139,17 +165,11 @@ impl Pictures {
         size: (u32, u32),
         draft: bool,
     ) -> Result<Bytes, Error> {
-        let (stamp, robot, motion) = live.motion(frame).ok_or(Error::NoDocument)?;
-        let (width, height) = size;
-        let name = format!("still {robot} {stamp} {frame} {width}x{height} {draft}");
-        if let Some(known) = self.known(&name) {
-            return Ok(known);
+        let (name, picture) = still(live, frame, size, draft)?;
+        match self.known(&name) {
+            Some(known) => Ok(known),
+            None => self.paint(name, picture).await,
         }
-        let subject = Subject::Motion { stamp, motion: Box::new(motion) };
-        // The still viewport has its captions around it.
-        let overlay = if draft { CARD_OVERLAY } else { OVERLAY }.to_owned();
-        self.paint(name, PaintRequest { robot, subject, frame, width, height, overlay, draft })
-            .await
     }
 
     /// A pose of a robot.
@@ -213,6 +233,25 @@ impl Pictures {
         tokio::task::spawn_blocking(move || fsio::write_atomic(&path, &kept).ok());
         Ok(jpeg)
     }
+}
+
+/// The name of a still and what to ask the painter for.
+fn still(
+    live: &Live,
+    frame: usize,
+    (width, height): (u32, u32),
+    draft: bool,
+) -> Result<(String, PaintRequest), Error> {
+    let (stamp, robot, motion) = live.motion(frame).ok_or(Error::NoDocument)?;
+    let name = format!("still {robot} {stamp} {frame} {width}x{height} {draft}");
+    let subject = Subject::Motion { stamp, motion: Box::new(motion) };
+    // The still viewport has its captions around it.
+    let overlay = if draft { CARD_OVERLAY } else { OVERLAY }.to_owned();
+    Ok((name, PaintRequest { robot, subject, frame, width, height, overlay, draft }))
+}
+
+fn odd() -> Error {
+    Error::Worker { reason: "the painter gave an answer that fits no question".into() }
 }
 
 /// The frame that says most about a clip: where its command is farthest from its start.

@@ -39,6 +39,7 @@
 //! | `GET /api/rollout` | [`RolloutView`] with all frames |
 //! | `GET /api/export?format=F` | bytes; F = json, csv, mjcf, ros, command (clip) or achieved-csv (rollout) |
 //! | `POST /api/exports` `{format, path?, size?, frames?, overlay?, camera?, moments?}` | `JobView`: performs the clip as it is and writes mp4, gif, apng, png, strip, mcap, csv, json, mjcf, ros, viser or html |
+//! | `GET /api/still-body?frame=N&w=W&h=H&x=X&y=Y` | name of the body that the draft still shows at X, Y (0 to 1 from the top left), or null |
 //! | `GET /api/still.jpg?frame=N&w=W&h=H&draft=B` | the rollout at a frame, rendered here; 500 with what to install where no driver is |
 //! | `GET /api/pose.jpg?pose=NAME`, `/api/gallery-picture.jpg?id=ID` | a pose; an example, performed |
 //! | `GET /api/shelf` | [`Shelf`](super::shelf::Shelf): runs, data, presets in the studio's folder |
@@ -92,7 +93,7 @@ use super::error::Error;
 use super::worker::WorkerState;
 use crate::clip::{Blind, ClipError, Delta, JointTable, Lint, Op, Span};
 use crate::exit::{Exit, HasExit};
-use crate::rollout::{Guide, Offer, PolicyName};
+use crate::rollout::{Guide, Offer, PolicyConfig, PolicyName};
 
 /// What kind of refusal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -343,6 +344,16 @@ pub struct RolloutSettings {
     /// Model or fit file, for policies that learned something.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub model_path: Option<String>,
+}
+
+impl RolloutSettings {
+    /// The policy that they ask for, without its model.
+    pub fn config(&self) -> PolicyConfig {
+        let mut config = PolicyConfig::new(self.policy);
+        config.refine = self.refine;
+        config.guide = self.guide;
+        config
+    }
 }
 
 impl Default for RolloutSettings {

@@ -111,6 +111,7 @@ pub fn router(app: Arc<App>) -> Router {
         .route("/api/export", get(api::export))
         .route("/api/exports", post(api::start_export))
         .route("/api/still.jpg", get(api::still))
+        .route("/api/still-body", get(api::still_body))
         .route("/api/pose.jpg", get(api::pose_picture))
         .route("/api/gallery-picture.jpg", get(api::example_picture))
         .route("/api/shelf", get(api::shelf))

@@ -20,6 +20,7 @@ use super::protocol::{
     DocumentView, Edited, Event, Findings, History, RolloutSettings, Saved, policies,
 };
 use super::recent::Recent;
+use super::shelf;
 use super::worker::{Checked, Report, Request, RobotFacts, WorkerHandle};
 use crate::clip::{
     self, Batch, Change, Clip, Command, Delta, Granularity, JointTable, Op, PoseChecker,
@@ -27,6 +28,7 @@ use crate::clip::{
 };
 use crate::net::MaskGranularity;
 use crate::net::checkpoint::read_card;
+use crate::robot::MODEL_FILE;
 use crate::rollout::{Offer, PolicyName, model_path};
 
 /// Labels of the history that are sent.
@@ -507,21 +509,12 @@ impl Desk {
     /// user named, that the clip names, or that an import left beside us.
     fn ask_robot(&self, clip: &Clip) -> Result<RobotFacts, Error> {
         let id = &clip.robot.id;
-        let beside = [
-            clip.robot.model.as_ref().map(|m| self.folder.join(m)),
-            Some(self.folder.join("robots").join(id)),
-            Some(self.folder.join(id)),
-            Some(self.state_dir.join("robots").join(id)),
-        ];
-        let is_builtin = crate::robot::Robot::builtin_ids().any(|b| b == id);
-        let robot = match self.sources.get(id) {
-            Some(source) => source.clone(),
-            None if is_builtin => id.clone(),
-            None => beside
-                .into_iter()
-                .flatten()
-                .find(|dir| dir.join(crate::robot::MODEL_FILE).is_file())
-                .map_or_else(|| id.clone(), |dir| dir.display().to_string()),
+        let named = clip.robot.model.as_ref().map(|m| self.folder.join(m));
+        let named = named.filter(|dir| dir.join(MODEL_FILE).is_file());
+        let robot = match (self.sources.get(id), named) {
+            (Some(source), _) => source.clone(),
+            (None, Some(dir)) if !shelf::is_builtin(id) => dir.display().to_string(),
+            _ => shelf::source(id, &self.folder, &self.state_dir).unwrap_or_else(|| id.clone()),
         };
         match self.worker.ask_blocking(Request::Robot { robot }, ROBOT_PATIENCE)? {
             Report::Facts(facts) => Ok(*facts),

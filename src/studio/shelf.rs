@@ -8,7 +8,7 @@ use serde_json::Value;
 
 use super::protocol::RobotCard;
 use crate::net::checkpoint;
-use crate::robot::{MODEL_FILE, Robot};
+use crate::robot::{self, MODEL_FILE, Robot};
 use crate::rollout::model_path;
 use crate::train::run::read_config;
 use crate::{fsio, limits};
@@ -70,7 +70,7 @@ pub(super) fn robots(folder: &Path, state_dir: &Path) -> Vec<RobotCard> {
     let mut cards: Vec<RobotCard> = Robot::builtin_ids()
         .map(|id| RobotCard { id: id.to_owned(), source: id.to_owned(), builtin: true })
         .collect();
-    for dir in [folder.join("robots"), folder.to_owned(), state_dir.join("robots")] {
+    for dir in homes(folder, state_dir) {
         for dir in folders(&dir) {
             let Some(id) = dir.file_name().and_then(|n| n.to_str()).map(str::to_owned) else {
                 continue;
@@ -84,9 +84,24 @@ pub(super) fn robots(folder: &Path, state_dir: &Path) -> Vec<RobotCard> {
     cards
 }
 
+/// Where robots of the user's own lie.
+fn homes(folder: &Path, state_dir: &Path) -> [PathBuf; 3] {
+    [folder.join("robots"), folder.to_owned(), state_dir.join("robots")]
+}
+
+/// Whether a robot of this id comes with the program.
+pub(super) fn is_builtin(id: &str) -> bool {
+    Robot::builtin_ids().any(|b| b == id)
+}
+
 /// Where a robot of this id is loaded from: the program, or a folder beside us.
 pub(super) fn source(id: &str, folder: &Path, state_dir: &Path) -> Option<String> {
-    robots(folder, state_dir).into_iter().find(|c| c.id == id).map(|c| c.source)
+    if is_builtin(id) {
+        return Some(id.to_owned());
+    }
+    let mut dirs = homes(folder, state_dir).into_iter().map(|home| home.join(id));
+    let dir = dirs.find(|dir| robot::valid_id(id) && dir.join(MODEL_FILE).is_file());
+    dir.map(|dir| dir.display().to_string())
 }
 
 /// Runs and data in the studio's folder.

@@ -128,6 +128,9 @@ fn slow_lane(asks: &Receiver<Ask>, out: &Out) {
             Request::Paint(picture) => of_robot(&mut current, &picture.robot, |r| {
                 Ok(painter.paint(r, &picture).unwrap_or_else(|refusal| *refusal))
             }),
+            Request::Pick(picture, at) => of_robot(&mut current, &picture.robot, |r| {
+                Ok(painter.pick(r, &picture, at).unwrap_or_else(|refusal| *refusal))
+            }),
             _ => Report::Ok,
         };
         out.tell(id, report);

@@ -96,6 +96,8 @@ pub enum Request {
     },
     /// A picture.
     Paint(Box<PaintRequest>),
+    /// The body that a picture would show at a point (-1 to 1, y up).
+    Pick(Box<PaintRequest>, [f32; 2]),
 }
 
 /// A picture to paint.
@@ -165,6 +167,7 @@ impl Request {
                 | Request::Facts { .. }
                 | Request::Geometry { .. }
                 | Request::Paint(_)
+                | Request::Pick(..)
         )
     }
 }
@@ -250,6 +253,8 @@ pub enum Report {
     Facts(Box<RobotFacts>),
     /// Answer to [`Request::Geometry`].
     Geometry(Box<Geometry>),
+    /// Answer to [`Request::Pick`].
+    Picked(Option<String>),
     /// Answer to [`Request::Paint`].
     Picture {
         /// The file.

@@ -43,12 +43,55 @@ impl Painter {
         robot: &Arc<Robot>,
         ask: &PaintRequest,
     ) -> Result<Report, Box<Report>> {
-        let aspect = ask.width as f32 / ask.height as f32;
+        let (known, mut shot) = self.shot(robot, ask)?;
+        let renderer = self.renderer(ask)?;
+        let drawn = renderer
+            .resize(ask.width, ask.height)
+            .and_then(|()| shot.draw(renderer, ask.frame))
+            .and_then(|picture| encode::jpeg(&picture, JPEG));
+        self.keep(known, shot);
+        match drawn {
+            Ok(jpeg) => Ok(Report::Picture { jpeg }),
+            Err(e) => {
+                // A device that has been lost must not be asked again.
+                *self.slot(ask) = None;
+                Err(refusal(e))
+            }
+        }
+    }
+
+    /// Says which body a picture would show at a point, or why not.
+    pub(super) fn pick(
+        &mut self,
+        robot: &Arc<Robot>,
+        ask: &PaintRequest,
+        at: [f32; 2],
+    ) -> Result<Report, Box<Report>> {
+        let (known, mut shot) = self.shot(robot, ask)?;
+        let found = shot.body_at(ask.frame, at.into(), aspect(ask));
+        let found = found.map(|name| name.map(str::to_owned)).map_err(refusal);
+        self.keep(known, shot);
+        Ok(Report::Picked(found?))
+    }
+
+    fn keep(&mut self, known: Option<Known>, shot: Shot) {
+        if let Some(known) = known {
+            self.shot = Some((known, shot));
+        }
+    }
+
+    /// The motion that is asked for, looked through; the last one is at hand.
+    fn shot(
+        &mut self,
+        robot: &Arc<Robot>,
+        ask: &PaintRequest,
+    ) -> Result<(Option<Known>, Shot), Box<Report>> {
+        let aspect = aspect(ask);
         let make = |motion: Motion| -> Result<Shot, Box<Report>> {
             let overlay = Overlay::parse(&ask.overlay).map_err(refusal)?;
             Shot::new(robot, motion, overlay, &CameraChoice::Fit, aspect).map_err(refusal)
         };
-        let (known, mut shot) = match &ask.subject {
+        Ok(match &ask.subject {
             Subject::Motion { stamp, motion } => {
                 let known = Known {
                     robot: ask.robot.clone(),
@@ -65,23 +108,7 @@ impl Painter {
             Subject::Clip { name, command, keys } => {
                 (None, make(performed(robot, name, command, keys)?)?)
             }
-        };
-        let renderer = self.renderer(ask)?;
-        let drawn = renderer
-            .resize(ask.width, ask.height)
-            .and_then(|()| shot.draw(renderer, ask.frame))
-            .and_then(|picture| encode::jpeg(&picture, JPEG));
-        if let Some(known) = known {
-            self.shot = Some((known, shot));
-        }
-        match drawn {
-            Ok(jpeg) => Ok(Report::Picture { jpeg }),
-            Err(e) => {
-                // A device that has been lost must not be asked again.
-                *self.slot(ask) = None;
-                Err(refusal(e))
-            }
-        }
+        })
     }
 
     fn slot(&mut self, ask: &PaintRequest) -> &mut Option<Renderer> {
@@ -102,6 +129,10 @@ impl Painter {
         }
         slot.as_mut().ok_or_else(|| refusal(Error::NoFrames))
     }
+}
+
+fn aspect(ask: &PaintRequest) -> f32 {
+    ask.width as f32 / ask.height as f32
 }
 
 #[allow(clippy::needless_pass_by_value)] // for `map_err`
