@@ -18,6 +18,7 @@ import { Timeline, testPoints, type Menu } from "./timeline/timeline";
 import { Transport } from "./transport";
 import { Rendered } from "./rendered";
 import { Runs } from "./runs";
+import { restorePanels, Splitter } from "./splitter";
 import { Viewport } from "./viewport";
 
 const PAGES: [store.Page, string][] = [["gallery", "Examples"], ["editor", "Editor"], ["runs", "Training"]];
@@ -128,6 +129,7 @@ function Side() {
   const rendered = store.side.value === "rendered";
   return (
     <aside class="side" aria-label="Curves and picture">
+      <Splitter of="curves" />
       <div class="tabs" role="tablist">
         <button role="tab" aria-selected={!rendered} onClick={() => (store.side.value = "curves")} data-testid="tab-curves">Curves</button>
         <button role="tab" aria-selected={rendered} onClick={() => (store.side.value = "rendered")} data-testid="tab-rendered">Rendered</button>
@@ -212,6 +214,7 @@ function App() {
 const theme = localStorage.getItem("theme");
 if (theme === "dark" || theme === "light") setTheme(theme);
 install(window);
+restorePanels();
 const root = document.getElementById("app");
 if (root) render(<App />, root);
 void connect();

@@ -22,6 +22,12 @@ export const SERIES = ["#56b4e9", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#
 
 matchMedia("(prefers-color-scheme: light)").addEventListener("change", () => (cached = undefined));
 
+/** What was chosen, else what the system says. */
+export function isDark(): boolean {
+  const chosen = document.documentElement.dataset["theme"];
+  return chosen ? chosen === "dark" : !matchMedia("(prefers-color-scheme: light)").matches;
+}
+
 export function setTheme(theme: "dark" | "light" | "auto"): void {
   cached = undefined;
   if (theme === "auto") delete document.documentElement.dataset["theme"];

@@ -5,6 +5,7 @@ import { useSignal } from "@preact/signals";
 import { act, seek } from "./actions";
 import { tell } from "./api";
 import { clock, parseTime } from "./clip";
+import { Splitter } from "./splitter";
 import * as store from "./store";
 
 /** Moves the playhead by the wall clock; frames are dropped, never slowed. */
@@ -73,6 +74,7 @@ export function Transport() {
   };
   return (
     <div class="transport" role="toolbar" aria-label="Playback">
+      <Splitter of="sheet" />
       <button onClick={() => act("home")} aria-label="To the start" title="Home"><Icon name="start" /></button>
       <button onClick={() => act("prev-frame")} aria-label="Previous frame" title="Left"><Icon name="back" /></button>
       <button class="main" onClick={() => act("play")} aria-label={store.playing.value ? "Pause" : "Play"} title="Space" data-testid="play"><Icon name={store.playing.value ? "pause" : "play"} /></button>

@@ -2,11 +2,13 @@
 // without WebGL, pictures rendered by the server, with the same selection and sliders.
 
 import { useEffect, useRef } from "preact/hooks";
-import { tell } from "./api";
+import { complain, http, tell } from "./api";
 import { toggleShow } from "./actions";
 import { useStill } from "./rendered";
 import { install } from "./shortcuts";
+import { Splitter } from "./splitter";
 import * as store from "./store";
+import { isDark } from "./theme";
 
 /** Viser's own panel and notices would cover the robot; the shell has its own. */
 const HIDE = "[data-floating-window],[data-testid='floating-panel'],.mantine-Notifications-root{display:none!important}";
@@ -25,6 +27,8 @@ const WEBGL = ((): boolean => {
 export function Viewport() {
   const frame = useRef<HTMLIFrameElement>(null);
   const stills = !store.viser.value || !WEBGL;
+  // Once: another address would load the 3D view anew.
+  const dark = useRef(isDark()).current;
 
   useEffect(() => {
     let last = -1;
@@ -41,9 +45,12 @@ export function Viewport() {
       if (on) tell("view.play", { frame: store.playhead.value, speed: store.speed.value, ...(store.loop.value ? { range: r ? [r.from, r.to] : [0, store.length.value] } : {}) });
       else if (store.doc.value) tell("view.play", { frame: store.playhead.value, speed: 0 });
     });
+    const themed = (): void => tell("view.show", { dark: isDark() });
+    document.addEventListener("robert-theme", themed);
     return () => {
       dispose();
       stop();
+      document.removeEventListener("robert-theme", themed);
     };
   }, []);
 
@@ -55,8 +62,7 @@ export function Viewport() {
     style.textContent = HIDE;
     page.head.append(style);
     install(inner as Window);
-    const dark = !matchMedia("(prefers-color-scheme: light)").matches;
-    tell("view.show", { ...store.show.value, dark });
+    tell("view.show", { ...store.show.value, dark: isDark() });
     // Its socket only reconnects while its document has the focus.
     frame.current?.addEventListener("pointerenter", () => inner.focus());
   };
@@ -70,7 +76,7 @@ export function Viewport() {
       {stills ? <Stills /> : (
         <iframe
           ref={frame} title="3D view" onLoad={loaded}
-          src={`/viser/?websocket=${encodeURIComponent(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/viser`)}${matchMedia("(prefers-color-scheme: light)").matches ? "" : "&darkMode"}`}
+          src={`/viser/?websocket=${encodeURIComponent(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/viser`)}${dark ? "&darkMode" : ""}`}
         />
       )}
       <div class="legend" role="group" aria-label="Shown">
@@ -92,22 +98,39 @@ export function Viewport() {
         {r?.mae !== null && r?.mae !== undefined ? <span><b>{store.shownError(r.mae, store.unit.value)}</b> mean error</span> : null}
         {r?.ms_per_frame ? <span class="num"> · {r.ms_per_frame.toFixed(1)} ms a frame</span> : null}
       </div>
+      <Splitter of="left" />
+      <Splitter of="right" />
     </main>
   );
 }
 
 function Stills() {
   const host = useRef<HTMLDivElement>(null);
-  const { url, error } = useStill(() => {
+  const size = (): { w: number; h: number } => {
     const w = host.current?.clientWidth ?? 960;
     const h = host.current?.clientHeight ?? 600;
     const shrink = Math.min(1, 960 / Math.max(w, h));
-    return { w: Math.max(64, Math.round(w * shrink)), h: Math.max(64, Math.round(h * shrink)), draft: true };
-  });
+    return { w: Math.max(64, Math.round(w * shrink)), h: Math.max(64, Math.round(h * shrink)) };
+  };
+  const { url, error } = useStill(() => ({ ...size(), draft: true }));
+  /** The link under the mouse is selected, as in the 3D view. */
+  const pick = async (e: MouseEvent): Promise<void> => {
+    const box = host.current?.getBoundingClientRect();
+    if (!box) return;
+    const { w, h } = size();
+    const x = (e.clientX - box.left) / box.width;
+    const y = (e.clientY - box.top) / box.height;
+    try {
+      const body = await http<string | null>("GET", `/api/still-body?frame=${Math.round(store.playhead.value)}&w=${w}&h=${h}&x=${x}&y=${y}`);
+      tell("view.select", body ? { body } : {});
+    } catch (error) {
+      complain(error);
+    }
+  };
   return (
-    <div ref={host} style="position: absolute; inset: 0">
+    <div ref={host} class="stills" onClick={(e) => void pick(e)}>
       {url.value ? <img src={url.value} alt="The robot at the playhead" data-testid="still-view" /> : null}
-      <p style="position: absolute; left: 10px; top: 6px; color: var(--dim); max-width: 60%">
+      <p>
         {error.value || `Still pictures: ${store.viser.value ? "this browser has no WebGL" : "the 3D client is not in this build; script/bootstrap fetches it"}`}
       </p>
     </div>
