@@ -3,7 +3,7 @@
 mod command_line;
 mod edits;
 mod fuzz;
-mod generate;
+pub(crate) mod generate;
 mod hostile;
 mod lints;
 mod robots;

@@ -6,6 +6,7 @@ use robert::rng::{Rng, Stream};
 use serde_json::json;
 
 use super::client::{CLIP, Socket, Studio, key};
+use crate::clip::generate;
 
 /// Kills in a test run; `ROBERT_KILLS=200` for the long one.
 fn kills() -> u64 {
@@ -99,6 +100,63 @@ fn kill_at_any_moment_loses_no_acknowledged_edit() {
             });
         }
     });
+}
+
+/// Rounds of two hundred edits; `ROBERT_ROUNDS=100` for the long test.
+fn rounds() -> u64 {
+    std::env::var("ROBERT_ROUNDS").ok().and_then(|k| k.parse().ok()).unwrap_or(2)
+}
+
+/// Any edits there are, in any order, undo and redo among them; then the power fails.
+fn two_hundred_edits(seed: u64) {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.clip.json");
+    let text = CLIP.replace("\n    {", "\n        {");
+    std::fs::write(&path, &text).unwrap();
+    let mut studio = Studio::start(dir.path(), &["a.clip.json"]);
+    let mut socket = studio.socket();
+    socket.ask("rollout.set", &json!({"policy": "zero", "auto": false}));
+    let mut rng = Rng::new(seed, Stream::Test, 71);
+    let mut clip = robert::clip::Clip::parse(&text).unwrap();
+    let (mut taken, mut refused) = (0, 0);
+    for n in 0..200 {
+        let answer = match rng.below(10) {
+            0 => socket.ask("undo", &json!({})),
+            1 => socket.ask("redo", &json!({})),
+            _ => {
+                let op = serde_json::to_value(generate::op(&mut rng, &clip, true)).unwrap();
+                socket.ask(op["op"].as_str().unwrap(), &op["args"])
+            }
+        };
+        if answer["error"].is_null() {
+            taken += 1;
+        } else {
+            refused += 1;
+        }
+        // Edits that make sense need the clip as it is now; a glance now and then is enough.
+        if n % 4 == 0 {
+            let now = String::from_utf8(studio.get("/api/clip").body).unwrap();
+            clip = robert::clip::Clip::parse(&now).unwrap();
+        }
+    }
+    assert!(taken > 60 && refused > 0, "seed {seed}: {taken} taken, {refused} refused");
+    let before = (studio.get("/api/clip").body, studio.state()["document"]["clip"].clone());
+    studio.kill();
+    let studio = Studio::start(dir.path(), &["a.clip.json"]);
+    assert!(studio.startup < Duration::from_secs(2), "seed {seed}: {:?}", studio.startup);
+    assert_eq!(studio.get("/api/clip").body, before.0, "seed {seed}");
+    assert_eq!(studio.state()["document"]["clip"], before.1, "seed {seed}");
+    let mut socket = studio.socket();
+    socket.ask("history.goto", &json!({"done": 0}));
+    assert_eq!(String::from_utf8(studio.get("/api/clip").body).unwrap(), text, "seed {seed}");
+    assert_eq!(std::fs::read_to_string(&path).unwrap(), text, "seed {seed}");
+}
+
+#[test]
+fn two_hundred_edits_of_any_kind_survive_a_kill() {
+    for seed in 0..rounds() {
+        two_hundred_edits(seed);
+    }
 }
 
 #[test]

@@ -433,7 +433,7 @@ describe("features", () => {
     await studio.api("POST", "/api/ops", { ops: [{ op: "keys.delete", args: { frames: [30, 60] } }, { op: "clip.length", args: { length: 20 } }] });
     await t.rolledOut();
     await t.byId("play-film").click();
-    await t.byId("film").waitFor({ timeout: 90_000 });
+    await t.byId("film").waitFor();
     const secs = await t.byId("film").evaluate(async (v: HTMLVideoElement) => {
       if (!(v.duration > 0)) await new Promise((resolve) => v.addEventListener("loadedmetadata", resolve, { once: true }));
       return v.duration;

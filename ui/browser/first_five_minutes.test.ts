@@ -197,7 +197,7 @@ describe("the first five minutes", () => {
       await t.byId(`format-${format}`).check();
       await t.byId("export-path").fill(`out.${format}`);
       await t.byId("export-folder").click();
-      await t.byId("export-said").filter({ hasText: `out.${format}` }).waitFor({ timeout: 60_000 });
+      await t.byId("export-said").filter({ hasText: `out.${format}` }).waitFor();
       assert.ok(studio.read(`out.${format}`).length > 1000, format);
     }
     assert.equal(studio.read("out.mcap").subarray(1, 5).toString(), "MCAP");
@@ -239,20 +239,20 @@ describe("the first five minutes", () => {
       await p.byId("runs-robot").selectOption("pointmass");
       await p.page.getByLabel("transitions").fill("20000");
       await p.byId("collect").click();
-      await p.page.locator('[data-testid="job-1"][data-phase="done"]').waitFor({ timeout: 90_000 });
+      await p.page.locator('[data-testid="job-1"][data-phase="done"]').waitFor();
       await p.page.getByLabel("preset").selectOption("pm-tiny");
       await p.page.getByLabel("run", { exact: true }).fill("runs/mine");
       await p.byId("train").click();
-      await p.page.locator('[data-testid="job-2"] .job-curves canvas').first().waitFor({ timeout: 120_000 });
+      await p.page.locator('[data-testid="job-2"] .job-curves canvas').first().waitFor();
       await p.page.locator('[data-testid="job-2"] .job-bar').filter({ hasText: "left" }).waitFor();
       await p.picture("training");
       await p.byId("cancel-2").click();
-      await p.page.locator('[data-testid="job-2"][data-phase="interrupted"]').waitFor({ timeout: 60_000 });
+      await p.page.locator('[data-testid="job-2"][data-phase="interrupted"]').waitFor();
       await p.byId("resume-2").click();
       await p.page.locator('[data-testid="job-3"]').getByText(/--resume runs\/mine/).waitFor();
-      await p.page.locator('[data-testid="job-3"] progress').waitFor({ timeout: 60_000 });
+      await p.page.locator('[data-testid="job-3"] progress').waitFor();
       await p.byId("cancel-3").click();
-      await p.page.locator('[data-testid="job-3"][data-phase="interrupted"]').waitFor({ timeout: 60_000 });
+      await p.page.locator('[data-testid="job-3"][data-phase="interrupted"]').waitFor();
       await p.byId("perform-runs/mine").click();
       const s = await p.until((x) => x.page === "editor" && x.robot === "pointmass" && x.settings.policy === "robert", "the model performs");
       assert.match(s.settings.model_path ?? "", /runs\/mine/);

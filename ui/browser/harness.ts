@@ -124,6 +124,9 @@ export class Studio {
   }
 }
 
+/** How long a condition may take on a crowded machine before it counts as never. */
+const PATIENCE_MS = 150_000;
+
 /** A page with what tests do on it. */
 export class Tab {
   /** Requests that left the origin: there must be none. */
@@ -132,6 +135,8 @@ export class Tab {
   actions = 0;
 
   constructor(readonly page: Page, readonly context: BrowserContext, readonly studio: Studio) {
+    // Two cores draw, simulate and serve at once; what never comes is found by the test's end.
+    page.setDefaultTimeout(PATIENCE_MS);
     // Viser's sorter of splats, which we have none of, asks for eval and is refused.
     page.on("pageerror", (e) => /Evaluating a string as JavaScript/.test(e.message) || this.errors.push(e.message));
     page.on("request", (r) => {
@@ -151,8 +156,8 @@ export class Tab {
   }
 
   /** Waits until the page's state is as it should be. */
-  async until(ok: (s: Snapshot) => boolean, what: string, secs = 40): Promise<Snapshot> {
-    const end = Date.now() + secs * 1000;
+  async until(ok: (s: Snapshot) => boolean, what: string): Promise<Snapshot> {
+    const end = Date.now() + PATIENCE_MS;
     for (;;) {
       const s = await this.state().catch(() => undefined);
       if (s && ok(s)) return s;
