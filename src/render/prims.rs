@@ -53,8 +53,8 @@ impl Prim {
     pub(super) fn triangles(self) -> Triangles {
         match self {
             Prim::BallCoarse => ball(16, 8),
-            Prim::Ball => ball(28, 14),
-            Prim::BallFine => ball(56, 28),
+            Prim::Ball => ball(24, 12),
+            Prim::BallFine => ball(48, 24),
             Prim::Box => cube(),
             Prim::CylinderCoarse => cylinder(24),
             Prim::Cylinder => cylinder(64),

@@ -3,6 +3,8 @@
 use std::sync::Arc;
 
 use glam::{Mat3, Vec3};
+use robert::mujoco::{Data, Model};
+use robert::render::poses;
 use robert::render::{
     Camera, Caption, Floor, FrameInput, Geom, Ghost, Glyph, Key, Mark, Mesh, Pose, Scene, Shape,
     Stage, Swatch, Trail, View, sun_for,
@@ -147,6 +149,30 @@ fn robot(name: &'static str, id: &str, pose: Option<&str>) -> Drawing {
     d
 }
 
+/// Hills with a ball on them, through the simulator: rows, columns and heights its own way.
+fn height_field() -> Drawing {
+    let (rows, columns) = (24_i32, 40_i32);
+    let mut hills = [rows, columns].map(i32::to_le_bytes).concat();
+    for r in 0..rows {
+        for c in 0..columns {
+            // A ridge along x and one peak near the far right corner: no symmetry to hide behind.
+            let (x, y) = (c as f32 / (columns - 1) as f32, r as f32 / (rows - 1) as f32);
+            let peak = (-40.0 * ((x - 0.8).powi(2) + (y - 0.75).powi(2))).exp();
+            let ridge = 0.35 * (-30.0 * (y - 0.3).powi(2)).exp();
+            hills.extend((peak + ridge).to_le_bytes());
+        }
+    }
+    let xml = r#"<mujoco><asset><hfield name="hills" file="hills.bin" size=".4 .25 .16 .02"/></asset>
+        <worldbody><geom type="plane" size="0 0 1"/><geom type="hfield" hfield="hills" pos="0 0 .02" rgba=".45 .6 .35 1"/>
+        <geom type="sphere" size=".05" pos="-.2 .05 .09" rgba=".8 .35 .2 1"/></worldbody></mujoco>"#;
+    let files: [(&str, &[u8]); 2] = [("model.xml", xml.as_bytes()), ("hills.bin", &hills)];
+    let model = Arc::new(Model::from_assets("model.xml", &files).unwrap());
+    let mut data = Data::new(&model).unwrap();
+    data.kinematics().unwrap();
+    let scene = Scene::from_model(&model).unwrap();
+    Drawing::new("height_field", scene, poses(&data), &View::default())
+}
+
 pub(super) fn all() -> Vec<Drawing> {
     let mut out = vec![
         pair("sphere", Shape::Sphere { radius: 0.1 }, [0.2, 0.5, 0.75]),
@@ -204,6 +230,7 @@ pub(super) fn all() -> Vec<Drawing> {
     let mut d = arm_drawing("from_above");
     d.camera = Camera::fit(&d.scene.corners(&d.poses), &View::top(), ASPECT);
     out.push(d);
+    out.push(height_field());
     out.push(robot("pointmass", "pointmass", None));
     out.push(robot("ur5e", "ur5e", None));
     out.push(robot("shadow_hand", "shadow_hand", Some("gun")));
