@@ -110,10 +110,6 @@ pub fn router(app: Arc<App>) -> Router {
         .route("/api/rollout", get(api::rollout))
         .route("/api/export", get(api::export))
         .route("/api/exports", post(api::start_export))
-        .route("/api/still.jpg", get(api::still))
-        .route("/api/still-body", get(api::still_body))
-        .route("/api/pose.jpg", get(api::pose_picture))
-        .route("/api/gallery-picture.jpg", get(api::example_picture))
         .route("/api/shelf", get(api::shelf))
         .route("/api/curves", get(api::curves))
         .route("/api/upload", put(api::upload))
@@ -127,8 +123,16 @@ pub fn router(app: Arc<App>) -> Router {
             StatusCode::REQUEST_TIMEOUT,
             Duration::from_secs(limits::BODY_SECS),
         ));
+    // Six examples that are performed and painted for the first time stand in line: who is last
+    // may wait longer than a request's body may take. The painter has a patience of its own.
+    let painted = Router::new()
+        .route("/api/still.jpg", get(api::still))
+        .route("/api/still-body", get(api::still_body))
+        .route("/api/pose.jpg", get(api::pose_picture))
+        .route("/api/gallery-picture.jpg", get(api::example_picture));
     Router::new()
         .merge(timed)
+        .merge(painted)
         .route("/api/ws", get(socket::editor))
         .route("/viser", get(super::viser::route))
         .route("/viser/", get(super::viser::route))

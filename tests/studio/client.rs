@@ -104,7 +104,7 @@ impl Studio {
 
     pub(super) fn raw(&self, bytes: &[u8]) -> Answer {
         let mut stream = TcpStream::connect(("127.0.0.1", self.port)).unwrap();
-        stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
+        stream.set_read_timeout(Some(Duration::from_secs(100))).unwrap();
         stream.write_all(bytes).unwrap();
         read_answer(&mut BufReader::new(stream))
     }

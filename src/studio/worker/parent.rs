@@ -169,7 +169,10 @@ fn gone(reason: &str) -> Error {
 
 struct Pending {
     reply: Option<Reply>,
+    /// When its turn may have begun.
     since: Instant,
+    /// It waits behind others of its kind: see [`Request::is_slow`].
+    slow: bool,
 }
 
 struct Running {
@@ -330,7 +333,8 @@ impl Supervisor {
         let id = self.next_id;
         // A Perform has no answer of its own: its end is told by generation.
         if !matches!(request, Request::Perform { .. }) {
-            self.pending.insert(id, Pending { reply, since: Instant::now() });
+            let (since, slow) = (Instant::now(), request.is_slow());
+            self.pending.insert(id, Pending { reply, since, slow });
         }
         let Some(child) = &mut self.child else { return };
         if let Err(e) = codec::write(&mut child.socket, &Ask { id, request }) {
@@ -352,7 +356,12 @@ impl Supervisor {
             self.sink.report(report);
             return;
         }
-        if let Some(Pending { reply: Some(reply), .. }) = self.pending.remove(&id) {
+        let Some(done) = self.pending.remove(&id) else { return };
+        // Who stood in line behind it has not been waited for yet.
+        for waiting in self.pending.values_mut().filter(|p| p.slow == done.slow) {
+            waiting.since = Instant::now();
+        }
+        if let Some(reply) = done.reply {
             reply(match report {
                 Report::Refused { message, exit } => {
                     Err(Error::Simulation { message, exit: exit_of(exit) })
