@@ -442,6 +442,57 @@ describe("features", () => {
     await t.byId("tab-curves").click();
   });
 
+  test("a click on the still selects the link under the mouse", async () => {
+    await afresh();
+    const view = await t.byId("still-view").boundingBox();
+    assert.ok(view);
+    const [w, h] = [Math.round(view.width), Math.round(view.height)];
+    const at = async (x: number, y: number): Promise<string | null> =>
+      (await studio.api("GET", `/api/still-body?frame=0&w=${w}&h=${h}&x=${x}&y=${y}`)).json() as string | null;
+    const found: { x: number; y: number }[] = [];
+    for (let i = 0; i < 24; i++) for (let j = 0; j < 18; j++) {
+      const p = { x: (i + 0.5) / 24, y: (j + 0.5) / 18 };
+      if (/forearm/.test((await at(p.x, p.y)) ?? "")) found.push(p);
+    }
+    const middle = found[Math.floor(found.length / 2)];
+    assert.ok(middle, "the forearm is in the picture");
+    await t.page.mouse.click(view.x + middle.x * view.width, view.y + middle.y * view.height);
+    await t.until((s) => s.clip?.robot.joints[s.joint ?? -1] === "elbow", "the elbow is selected");
+    await t.page.locator(".joint.on").first().waitFor();
+    assert.equal(await at(0.01, 0.01), null, "nothing in the sky");
+    await t.page.mouse.click(view.x + 0.01 * view.width, view.y + 0.5 * view.height);
+    await t.until((s) => s.joint === undefined, "nothing selected");
+  });
+
+  test("the edges of panels move by mouse and keys, stay for the next visit, and go back", async () => {
+    await afresh();
+    const width = async (): Promise<number> => (await t.page.locator(".left").boundingBox())?.width ?? 0;
+    const before = await width();
+    const edge = await t.byId("splitter-left").boundingBox();
+    assert.ok(edge);
+    const y = edge.y + edge.height / 2;
+    await t.page.mouse.move(edge.x + 3, y);
+    await t.page.mouse.down();
+    await t.page.mouse.move(edge.x + 63, y, { steps: 4 });
+    await t.page.mouse.up();
+    const wide = await width();
+    assert.ok(Math.abs(wide - before - 60) < 4, `${before} to ${wide}`);
+    await t.page.reload();
+    await t.until((s) => s.link === "open" && s.page === "editor", "here again");
+    assert.ok(Math.abs((await width()) - wide) < 2, "kept");
+    await t.byId("splitter-left").focus();
+    await t.press("ArrowLeft");
+    const narrow = await width();
+    assert.ok(narrow < wide - 10, `${wide} to ${narrow} by a key`);
+    assert.equal((await t.state()).playhead, 0, "and the playhead stays");
+    await t.byId("splitter-left").dblclick();
+    assert.ok(Math.abs((await width()) - before) < 2, "as it was");
+    for (const of of ["right", "curves", "sheet"]) {
+      const box = await t.byId(`splitter-${of}`).boundingBox();
+      assert.ok(box && (box.width >= 5 && box.height >= 5), of);
+    }
+  });
+
   test("a dead simulation is told, and edits go on", async () => {
     await afresh();
     const pid = (await studio.api("GET", "/api/state")).json().worker.pid as number;
