@@ -65,8 +65,8 @@ export function Takes() {
     <section class="panel" aria-label="Takes" data-testid="takes">
       <h2>Rollout</h2>
       <div class="scroll" style="flex: none">
-        <div style="display: grid; grid-template-columns: minmax(0, 1fr) auto; gap: 6px; align-items: center">
-          <select aria-label="Policy" data-testid="policy" style="min-width: 0" value={now} onChange={(e) => choose(e.currentTarget.value)}>
+        <div class="row" style="gap: 4px 8px">
+          <select aria-label="Policy" data-testid="policy" style="flex: 1 1 112px; min-width: 0" value={now} onChange={(e) => choose(e.currentTarget.value)}>
             {known.map((p) => <option key={policyId(p)} value={policyId(p)} disabled={!p.available && !(p.learned && own)} title={p.why ?? ""}>{policyId(p)}{p.default ? " (default)" : ""}{p.available || (p.learned && own) ? "" : " – no model"}</option>)}
             {own && !known.some((p) => policyId(p) === now) ? <option value={now}>{now}</option> : null}
           </select>

@@ -80,9 +80,9 @@ export function Viewport() {
         />
       )}
       <div class="legend" role="group" aria-label="Shown">
-        <button aria-pressed={store.show.value.command} onClick={() => toggleShow("command")} title="What is commanded, translucent (1)">Command</button>
-        <button aria-pressed={store.show.value.achieved} onClick={() => toggleShow("achieved")} title="What the policy reached, solid (2)">Achieved</button>
-        <button aria-pressed={store.show.value.ghosts} onClick={() => toggleShow("ghosts")} title="Poses of the neighbouring keys (4)">Ghosts</button>
+        <button aria-pressed={store.show.value.command} onClick={() => toggleShow("command")} title="What is commanded, translucent (1)"><i class="is-command" />Command</button>
+        <button aria-pressed={store.show.value.achieved} onClick={() => toggleShow("achieved")} title="What the policy reached, solid (2)"><i class="is-achieved" />Achieved</button>
+        <button aria-pressed={store.show.value.ghosts} onClick={() => toggleShow("ghosts")} title="Poses of the neighbouring keys: green before, amber after (4)"><i class="is-ghosts" />Ghosts</button>
         <button onClick={() => tell("view.camera", { preset: "fit" })} title="Frame the robot (F)">Fit</button>
       </div>
       {store.floating.value ? (
