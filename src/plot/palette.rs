@@ -77,7 +77,7 @@ impl Theme {
             Theme::Dark => &DARK,
         };
         let color = set[i % COLORS];
-        if i / COLORS % 2 == 0 { color } else { mix(color, self.ink(), 0.5) }
+        if (i / COLORS).is_multiple_of(2) { color } else { mix(color, self.ink(), 0.5) }
     }
 
     /// Sequential scale, 0 to 1: from the paper to deep blue, even in lightness (heat maps).

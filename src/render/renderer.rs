@@ -362,7 +362,10 @@ impl Renderer {
         let t = &self.targets;
         let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
             label: Some("objects"),
-            color_attachments: &[color(&t.objects, wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT))],
+            color_attachments: &[Some(color(
+                &t.objects,
+                wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT),
+            ))],
             depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
                 view: &t.depth,
                 depth_ops: Some(wgpu::Operations {
@@ -411,8 +414,8 @@ impl Renderer {
         let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
             label: Some("backdrop"),
             color_attachments: &[
-                color(lit, wgpu::LoadOp::Clear(wgpu::Color::BLACK)),
-                color(dark, wgpu::LoadOp::Clear(wgpu::Color::BLACK)),
+                Some(color(lit, wgpu::LoadOp::Clear(wgpu::Color::BLACK))),
+                Some(color(dark, wgpu::LoadOp::Clear(wgpu::Color::BLACK))),
             ],
             ..wgpu::RenderPassDescriptor::default()
         });
@@ -427,7 +430,7 @@ impl Renderer {
         encoder.copy_texture_to_texture(t.lit.as_image_copy(), t.picture.as_image_copy(), size);
         let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
             label: Some("compose"),
-            color_attachments: &[color(&t.picture_view, wgpu::LoadOp::Load)],
+            color_attachments: &[Some(color(&t.picture_view, wgpu::LoadOp::Load))],
             ..wgpu::RenderPassDescriptor::default()
         });
         let [x, y, w, h] = drawn.shaded.unwrap_or([0, 0, t.width, t.height]);
@@ -624,13 +627,13 @@ fn union(a: Rect, b: Rect) -> Rect {
 fn color(
     view: &wgpu::TextureView,
     load: wgpu::LoadOp<wgpu::Color>,
-) -> Option<wgpu::RenderPassColorAttachment<'_>> {
-    Some(wgpu::RenderPassColorAttachment {
+) -> wgpu::RenderPassColorAttachment<'_> {
+    wgpu::RenderPassColorAttachment {
         view,
         depth_slice: None,
         resolve_target: None,
         ops: wgpu::Operations { load, store: wgpu::StoreOp::Store },
-    })
+    }
 }
 
 fn depth_pass<'a>(
