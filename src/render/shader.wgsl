@@ -85,17 +85,28 @@ fn expose(c: vec3f) -> vec3f {
     return min(c, vec3f(0.6)) + 0.4 * over / (over + vec3f(0.4));
 }
 
-// Two bilinear looks across the diagonal: each is four loads from afar, the dearest thing here.
-fn lit_share(world: vec3f) -> f32 {
+// A place as the shadow map has it: uv and depth; w is 1 inside the map.
+fn in_light(world: vec3f) -> vec4f {
     let p = g.light_proj * vec4f(world, 1.0);
     let uv = p.xy * vec2f(0.5, -0.5) + vec2f(0.5);
-    let depth = min(p.z, 0.9999);
-    let r = g.shadow.x * g.shadow.w;
-    let a = vec2f(0.92, 0.38) * r;
-    var s = textureSampleCompareLevel(shadow_map, shadow_sampler, uv + a, depth);
-    s += textureSampleCompareLevel(shadow_map, shadow_sampler, uv - a, depth);
-    let inside = step(max(abs(p.x), abs(p.y)), 1.0);
-    return mix(1.0, mix(1.0, 0.5 * s, inside), g.sun.w);
+    return vec4f(uv, min(p.z, 0.9999), step(max(abs(p.x), abs(p.y)), 1.0));
+}
+
+fn look(uv: vec2f, depth: f32) -> f32 {
+    return textureSampleCompareLevel(shadow_map, shadow_sampler, uv, depth);
+}
+
+// Each look is four loads from afar, the dearest thing here: one on objects, two across the
+// diagonal on the floor, where the outline of a shadow is seen whole.
+fn lit_object(world: vec3f) -> f32 {
+    let p = in_light(world);
+    return mix(1.0, look(p.xy, p.z), p.w * g.sun.w);
+}
+
+fn lit_floor(world: vec3f) -> f32 {
+    let p = in_light(world);
+    let a = vec2f(0.92, 0.38) * g.shadow.x * g.shadow.w;
+    return mix(1.0, 0.5 * (look(p.xy + a, p.z) + look(p.xy - a, p.z)), p.w * g.sun.w);
 }
 
 fn view_dir(world: vec3f) -> vec3f {
@@ -120,7 +131,7 @@ fn shade(albedo: vec3f, n: vec3f, v: vec3f, lit: f32) -> vec3f {
 @fragment
 fn fs_opaque(s: Surface) -> @location(0) vec4f {
     let n = normalize(s.normal);
-    let lit = lit_share(s.world + n * g.shadow.y);
+    let lit = lit_object(s.world + n * g.shadow.y);
     return vec4f(encode(shade(s.color.rgb, n, view_dir(s.world), lit)), 1.0);
 }
 
@@ -334,7 +345,7 @@ fn fs_backdrop(b: Backdrop) -> Backdrops {
 fn behind(b: Backdrop) -> vec3f {
     let at = vec2i(b.clip.xy);
     let hit = floor_hit(ray_of(b.ndc));
-    let lit = select(1.0, lit_share(vec3f(hit.xy, g.floor_pos.z)), hit.w > 0.0);
+    let lit = select(1.0, lit_floor(vec3f(hit.xy, g.floor_pos.z)), hit.w > 0.0);
     let dark = textureLoad(backdrop_dark, at, 0).rgb;
     let bright = textureLoad(backdrop_lit, at, 0).rgb;
     // Light adds up as squares of what is stored, nearly.
