@@ -37,7 +37,7 @@ pub struct InverseSettings {
 
 impl Default for InverseSettings {
     fn default() -> Self {
-        InverseSettings { width: 128, steps: 3_000, batch: 256, lr: 2e-3 }
+        InverseSettings { width: 128, steps: 12_000, batch: 256, lr: 2e-3 }
     }
 }
 

@@ -39,10 +39,6 @@ pub struct TrainConfig {
     pub skip: SkipKind,
     /// Back differences in the linear fit; 0 leaves the choice to the robot.
     pub ridge_history: usize,
-    /// Penalty of the linear fit; 0 leaves the choice to the robot. Plants with little
-    /// damping and a long history want less.
-    #[serde(default)]
-    pub ridge_lambda: f64,
     /// Which command frames are hidden.
     pub mask: MaskKind,
     /// Windows in a step.
@@ -95,7 +91,6 @@ impl Default for TrainConfig {
             mask_granularity: MaskGranularity::State,
             skip: SkipKind::Gated,
             ridge_history: 0,
-            ridge_lambda: 0.0,
             mask: MaskKind::ClUniform,
             batch: 128,
             steps: 2_000,
@@ -231,7 +226,6 @@ impl TrainConfig {
             () if !positive(self.clip) => refuse("clip", "must be positive"),
             () if !weight(self.weight_decay) => refuse("weight_decay", "must be 0 or more"),
             () if !(0.0..1.0).contains(&self.average) => refuse("average", "takes 0 to below 1"),
-            () if !weight(self.ridge_lambda) => refuse("ridge_lambda", "must be 0 or more"),
             () if !weight(self.stop_weight) => refuse("stop_weight", "must be 0 or more"),
             () if !weight(self.contact_weight) => refuse("contact_weight", "must be 0 or more"),
             () if self.self_correct > 100 => refuse("self_correct", "takes 0 to 100"),

@@ -67,9 +67,7 @@ pub fn prepare(
     let ridge = if cfg.skip == SkipKind::Off {
         None
     } else {
-        let own = RidgeConfig::for_tokens(&tokens);
-        let lambda = if cfg.ridge_lambda == 0.0 { own.lambda } else { cfg.ridge_lambda };
-        let fit = RidgeConfig { seed: cfg.seed, lambda, ..own };
+        let fit = RidgeConfig { seed: cfg.seed, ..RidgeConfig::for_tokens(&tokens) };
         Some(Ridge::fit(&tokens, &train, &fit, threads)?)
     };
     let encoder = Encoder::new(tokens, ridge)?;
