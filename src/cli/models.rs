@@ -80,7 +80,9 @@ fn ls(json: bool) -> Outcome {
     }
     let mut t = out::table(&["robot", "name", "size", "parameters", "Precision by suite"]);
     for m in &found {
-        let suites = m.card.training.precision.iter().map(|(s, p)| format!("{s} {p:.5}"));
+        // Whole suites: their tasks (`manual/fire`) stand in the card.
+        let whole = m.card.training.precision.iter().filter(|(suite, _)| !suite.contains('/'));
+        let suites = whole.map(|(s, p)| format!("{s} {p:.5}"));
         t.add_row([
             m.robot.clone(),
             m.name.clone(),
@@ -124,7 +126,7 @@ fn show(model: &str, json: bool) -> Outcome {
                 .iter()
                 .map(|(s, p)| format!("{s} {p:.5}"))
                 .collect::<Vec<_>>()
-                .join(", "),
+                .join("\n"),
         ),
         ("notes", training.notes.clone()),
     ];
