@@ -564,6 +564,9 @@ mod tests {
     fn mutate(bytes: &[u8], mut rng: Rng) -> Vec<u8> {
         let mut out = bytes.to_vec();
         for _ in 0..=rng.below(4) {
+            if out.is_empty() {
+                break;
+            }
             let at = rng.below(out.len() as u64) as usize;
             match rng.below(6) {
                 0 => out[at] ^= 1 << rng.below(8),
