@@ -143,7 +143,6 @@ fn two_hundred_edits(seed: u64) {
     let before = (studio.get("/api/clip").body, studio.state()["document"]["clip"].clone());
     studio.kill();
     let studio = Studio::start(dir.path(), &["a.clip.json"]);
-    assert!(studio.startup < Duration::from_secs(2), "seed {seed}: {:?}", studio.startup);
     assert_eq!(studio.get("/api/clip").body, before.0, "seed {seed}");
     assert_eq!(studio.state()["document"]["clip"], before.1, "seed {seed}");
     let mut socket = studio.socket();

@@ -374,6 +374,22 @@ describe("features", () => {
     assert.equal(await t.page.getByRole("button", { name: "A/B" }).first().getAttribute("aria-pressed"), "true");
   });
 
+  test("a policy is chosen, and another, and refined, whatever was opened meanwhile", async () => {
+    await afresh();
+    for (const policy of ["pd", "computed-torque", "zero", "computed-torque"]) {
+      await t.byId("policy").selectOption(policy);
+      await t.until((s) => s.settings.policy === policy, `${policy} chosen`);
+      const s = await t.until((x) => x.rollout?.policy === policy && x.rollout.phase === "done", `${policy} performs`);
+      assert.equal(s.frames, s.clip?.length);
+    }
+    const refine = t.page.getByLabel("refine");
+    await refine.check();
+    await t.until((s) => s.settings.refine && s.rollout?.phase === "done", "refined");
+    await refine.uncheck();
+    await t.until((s) => !s.settings.refine, "plain again");
+    assert.deepEqual(await t.page.getByRole("alert").allInnerTexts(), [], "nothing was refused");
+  });
+
   test("markers are kept in the file", async () => {
     await afresh();
     await t.goTo(25);

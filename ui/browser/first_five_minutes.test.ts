@@ -48,6 +48,19 @@ async function bodyPoint(t: Tab, name: string): Promise<{ x: number; y: number }
   }
 }
 
+/** Waits until the 3D view has drawn three more pictures: two may have been under way. */
+async function drawn(t: Tab): Promise<void> {
+  const frame = t.page.frames().find((f) => f.url().includes("/viser/"));
+  assert.ok(frame, "the 3D view is there");
+  const count = (): Promise<number> => frame.evaluate(() => (window as any).__viserTestpoints?.rendererInfo?.render?.frame ?? 0);
+  const from = await count();
+  const end = Date.now() + 120_000;
+  while ((await count()) < from + 3) {
+    assert.ok(Date.now() < end, "the 3D view stands still");
+    await t.page.waitForTimeout(50);
+  }
+}
+
 describe("the first five minutes", () => {
   let studio: Studio;
   let t: Tab;
@@ -134,18 +147,15 @@ describe("the first five minutes", () => {
       for (const name of ["Ghosts", "Command"]) await legend.getByRole("button", { name }).click();
       await g.goTo(free);
       const p = await bodyPoint(g, `/robot/${body}`);
-      // What is under the mouse is found when a frame is drawn.
-      for (let attempt = 0; attempt < 4 && !(await g.state()).clip?.keys.some((k) => k.frame === free); attempt++) {
-        await g.page.mouse.move(p.x + attempt, p.y, { steps: 3 });
-        await g.page.waitForTimeout(800 * (attempt + 1));
-        await g.page.mouse.down();
-        for (let i = 1; i <= 6; i++) {
-          await g.page.mouse.move(p.x, p.y + 8 * i);
-          await g.page.waitForTimeout(300 * (attempt + 1));
-        }
-        await g.page.mouse.up();
-        await g.page.waitForTimeout(1500 * (attempt + 1));
+      // What is under the mouse is found when a frame is drawn, and so is every step of a drag.
+      await g.page.mouse.move(p.x, p.y, { steps: 3 });
+      await drawn(g);
+      await g.page.mouse.down();
+      for (let i = 1; i <= 6; i++) {
+        await g.page.mouse.move(p.x, p.y + 8 * i);
+        await drawn(g);
       }
+      await g.page.mouse.up();
       const s = await g.until((x) => x.clip?.keys.some((k) => k.frame === free) ?? false, "a key where there was none");
       assert.ok(s.joint !== undefined);
       assert.match(s.clip?.robot.joints[s.joint] ?? "", /FFJ/, "a joint of the finger");

@@ -179,9 +179,12 @@ function receive(e: Event): void {
       if (d) store.doc.value = { ...d, findings: e };
       return;
     }
-    case "rollout.settings":
-      store.settings.value = e;
+    case "rollout.settings": {
+      // They are sent back when one of them is changed: without the name of the event.
+      const { event: _, ...settings } = e;
+      store.settings.value = settings;
       return;
+    }
     case "rollout.frames": {
       const f = store.frames.value;
       store.frames.value = {

@@ -49,7 +49,7 @@ function Bar() {
       <Brand />
       <Pages />
       <span class="name" data-testid="title">{name}{d?.dirty ? " •" : ""}</span>
-      <span style="color: var(--dim)">{store.robot.value?.title}</span>
+      <span class="of">{store.robot.value?.title}</span>
       <span class="grow" />
       <button class="quiet" onClick={() => act("undo")} disabled={!h || h.done === 0} title={h && h.done > 0 ? `Undo: ${h.labels[h.done - h.first - 1] ?? ""} (Ctrl+Z)` : "Nothing to undo"} data-testid="undo">Undo</button>
       <button class="quiet" onClick={() => act("redo")} disabled={!h || h.done >= h.len} title={h && h.done < h.len ? `Redo: ${h.labels[h.done - h.first] ?? ""} (Ctrl+Shift+Z)` : "Nothing to redo"}>Redo</button>
