@@ -108,10 +108,10 @@ def main():
             for _ in range(a.turns):
                 for m in modes:
                     peer[m].append(clock(steps[m], a.secs))
-                extra = ["--threads", str(a.threads)] if job == "train" else []
-                r = ours(a.robert, job, "--size", name.lower(), "--secs", str(a.secs), *extra)
+                r = ours(a.robert, job, "--size", name.lower(), "--secs", str(a.secs),
+                         "--threads", str(a.threads))
                 own.append((r["wall_ms_per_step"], r["cpu_ms_per_step"]) if job == "train"
-                           else (r["ms"], r["ms"]))
+                           else (r["ms"], r["cpu_ms"]))
             mid = lambda pairs, i: statistics.median(x[i] for x in pairs)
             best = min(modes, key=lambda m: mid(peer[m], 0))
             row = dict(

@@ -1,19 +1,15 @@
-//! One action now: the network at batch 1, for a control loop.
+//! One action now: the network in a control loop.
 //!
-//! Only the tokens whose actions are used pass through the last layer's queries, outputs
-//! and feed-forward part; the others give keys and values. Weights are packed once, nothing
-//! is allocated in a step. Averaging what successive windows predict for the same frame
-//! (temporal ensembling, as in ACT by Zhao et al. 2023) is an option.
+//! Averaging what successive windows predict for the same frame (temporal ensembling, as in
+//! ACT by Zhao et al. 2023) is an option, and so is a second thread.
 
 use std::sync::Arc;
 
-use super::config::{COMMAND, CURRENT, Mixing, NetConfig, WINDOW};
+use super::config::{COMMAND, CURRENT, NetConfig};
 use super::encode::EncodeScratch;
 use super::head::{self, Choice};
-use super::mat::{Init, Mat, MatMut, Packed, gemm, gemm_packed};
-use super::model::{Batch, Net, attend};
-use super::real::Aligned;
-use super::simd::{self, PAD};
+use super::model::{Batch, Net};
+use super::single::{Panels, Single};
 use super::{Encoder, Error};
 use crate::rng::{Rng, Stream};
 
@@ -28,11 +24,13 @@ pub struct PolicyConfig {
     pub ensemble: usize,
     /// The prediction of j windows ago counts exp(−decay j).
     pub ensemble_decay: f64,
+    /// Threads that share one window, 1 or 2; the action is the same to the last bit.
+    pub threads: usize,
 }
 
 impl Default for PolicyConfig {
     fn default() -> Self {
-        PolicyConfig { sample_bins: false, seed: 0, ensemble: 1, ensemble_decay: 0.5 }
+        PolicyConfig { sample_bins: false, seed: 0, ensemble: 1, ensemble_decay: 0.5, threads: 1 }
     }
 }
 
@@ -46,39 +44,13 @@ pub struct Policy {
     panels: Arc<Panels>,
     scratch: EncodeScratch,
     batch: Batch<f32>,
-    x: Aligned<f32>,     // (51, d), residual stream
-    y: Aligned<f32>,     // (51, d)
-    wide: Aligned<f32>,  // (51, 4d)
-    act: Aligned<f32>,   // (51, 4d)
-    probs: Aligned<f32>, // (heads, 51, PAD)
-    mixed: Aligned<f32>, // (51, d)
-    tail: Aligned<f32>,  // (ensemble, d), residual stream of the tokens used
-    query: Aligned<f32>, // (ensemble, d)
-    out: Aligned<f32>,   // (ensemble, outputs)
-    stats: Vec<[f32; 2]>,
+    single: Single,
     action: Vec<f32>,
     /// Predictions of past windows, newest first: (ensemble, ensemble, A).
     past: Vec<f32>,
     windows: usize,
     /// Actions given before, oldest first, up to (30, A); empty unless the network sees them.
     applied: Vec<f32>,
-}
-
-#[derive(Debug)]
-struct Panels {
-    embed: Packed<f32>,
-    layers: Vec<LayerPanels>,
-    query: Packed<f32>,
-    head: Packed<f32>,
-}
-
-#[derive(Debug)]
-struct LayerPanels {
-    /// Queries, keys and values; keys and values alone in the last layer.
-    qkv: Packed<f32>,
-    out: Packed<f32>,
-    up: Packed<f32>,
-    down: Packed<f32>,
 }
 
 impl Policy {
@@ -92,22 +64,16 @@ impl Policy {
             let why = format!("{} is not in 1..={}", cfg.ensemble, COMMAND + 1);
             return Err(Error::Config { field: "ensemble", why });
         }
-        let (n, d, e) = (&net.cfg, net.cfg.width, cfg.ensemble);
-        let zeros = |rows: usize, cols: usize| Aligned::zeros(rows * cols);
+        if !(1..=2).contains(&cfg.threads) {
+            let why = format!("{} is not 1 or 2", cfg.threads);
+            return Err(Error::Config { field: "threads", why });
+        }
+        let (n, e) = (&net.cfg, cfg.ensemble);
         Ok(Policy {
             panels: Arc::new(Panels::new(&net)),
             scratch: encoder.scratch(),
             batch: Batch::zeros(n, 1),
-            x: zeros(WINDOW, d),
-            y: zeros(WINDOW, d),
-            wide: zeros(WINDOW, 4 * d),
-            act: zeros(WINDOW, 4 * d),
-            probs: zeros(n.heads * WINDOW, PAD),
-            mixed: zeros(WINDOW, d),
-            tail: zeros(e, d),
-            query: zeros(e, d),
-            out: zeros(e, n.outputs()),
-            stats: vec![[0.0; 2]; WINDOW],
+            single: Single::new(n, e, cfg.threads),
             action: vec![0.0; n.actions],
             past: vec![0.0; e * e * n.actions],
             windows: 0,
@@ -162,7 +128,7 @@ impl Policy {
     pub fn act(&mut self, q: &[f32], visible: &[bool], step: u64) -> &[f32] {
         let applied = &self.applied;
         self.encoder.encode(q, visible, applied, &mut self.scratch, &mut self.batch, 0);
-        self.forward();
+        let out = self.single.run(&self.net, &self.panels, &self.batch);
         let (a, e, k) = (self.net.cfg.actions, self.cfg.ensemble, self.net.cfg.outputs());
         self.past.copy_within(..(e - 1) * e * a, e * a);
         for j in 0..e {
@@ -176,7 +142,7 @@ impl Policy {
             head::decode(
                 &self.net.cfg,
                 &self.net.centres,
-                &self.out[j * k..(j + 1) * k],
+                &out[j * k..(j + 1) * k],
                 self.batch.linear.get(row..row + a).unwrap_or_default(),
                 choice,
                 &mut self.past[j * a..(j + 1) * a],
@@ -201,147 +167,12 @@ impl Policy {
         }
         &self.action
     }
-
-    /// Head output of tokens 30..30 + ensemble into `out`.
-    fn forward(&mut self) {
-        let Policy { net, panels, batch, x, y, wide, act, probs, mixed, stats, .. } = self;
-        let (cfg, at, w) = (&net.cfg, &net.layout, &net.weights);
-        let (d, e) = (cfg.width, self.cfg.ensemble);
-        let part = |r: &std::ops::Range<usize>| &w[r.clone()];
-        gemm_packed(
-            MatMut::new(x, WINDOW, d),
-            Init::Bias(part(&at.embed_bias)),
-            Mat::new(&batch.tokens, WINDOW, cfg.inputs),
-            &panels.embed,
-        );
-        super::model::place(cfg, x, &batch.masked, part(&at.mask), part(&at.position));
-        let attends = cfg.mixing == Mixing::Attention;
-        let Some((last_at, first_at)) = at.layers.split_last() else { return };
-        let Some((last, first)) = panels.layers.split_last() else { return };
-        for (at, p) in first_at.iter().zip(first) {
-            if attends {
-                simd::layer_norm(x, part(&at.ln1_weight), part(&at.ln1_bias), y, stats);
-                gemm_packed(
-                    MatMut::new(wide, WINDOW, 3 * d),
-                    Init::Bias(part(&at.qkv_bias)),
-                    Mat::new(y, WINDOW, d),
-                    &p.qkv,
-                );
-                attend(cfg, 1, wide, probs, mixed);
-                add_product(x, mixed, WINDOW, d, part(&at.out_bias), &p.out);
-            }
-            simd::layer_norm(x, part(&at.ln2_weight), part(&at.ln2_bias), y, stats);
-            feed_forward(x, y, WINDOW, d, wide, act, [part(&at.up_bias), part(&at.down_bias)], p);
-        }
-
-        // Last layer: keys and values of all tokens, the rest only for those used.
-        let (at, p) = (last_at, last);
-        let tail = &mut self.tail;
-        tail.copy_from_slice(&x[CURRENT * d..(CURRENT + e) * d]);
-        if attends {
-            simd::layer_norm(x, part(&at.ln1_weight), part(&at.ln1_bias), y, stats);
-            let bias = part(&at.qkv_bias);
-            gemm_packed(
-                MatMut::new(wide, WINDOW, 2 * d),
-                Init::Bias(&bias[d..]),
-                Mat::new(y, WINDOW, d),
-                &p.qkv,
-            );
-            gemm_packed(
-                MatMut::new(&mut self.query, e, d),
-                Init::Bias(&bias[..d]),
-                Mat::new(&y[CURRENT * d..], e, d),
-                &panels.query,
-            );
-            let h = d / cfg.heads;
-            let scale = 1.0 / (h as f32).sqrt();
-            for i in 0..cfg.heads {
-                let keys = Mat::strided(&wide[i * h..], WINDOW, h, 2 * d);
-                let values = Mat::strided(&wide[d + i * h..], WINDOW, h, 2 * d);
-                let p = &mut probs[..e * PAD];
-                let q = Mat::strided(&self.query[i * h..], e, h, d);
-                gemm(MatMut::strided(p, e, WINDOW, PAD), Init::Zero, q, keys.t());
-                simd::softmax(p, WINDOW, scale);
-                let p = Mat::strided(p, e, WINDOW, PAD);
-                gemm(MatMut::strided(&mut mixed[i * h..], e, h, d), Init::Zero, p, values);
-            }
-            add_product(tail, mixed, e, d, part(&at.out_bias), &p.out);
-        }
-        let y = &mut y[..e * d];
-        simd::layer_norm(tail, part(&at.ln2_weight), part(&at.ln2_bias), y, stats);
-        feed_forward(tail, y, e, d, wide, act, [part(&at.up_bias), part(&at.down_bias)], p);
-        let at = &net.layout;
-        simd::layer_norm(tail, part(&at.norm_weight), part(&at.norm_bias), y, stats);
-        gemm_packed(
-            MatMut::new(&mut self.out, e, cfg.outputs()),
-            Init::Bias(part(&at.head_bias)),
-            Mat::new(y, e, d),
-            &panels.head,
-        );
-    }
-}
-
-/// x += y W + bias.
-fn add_product(x: &mut [f32], y: &[f32], rows: usize, d: usize, bias: &[f32], w: &Packed<f32>) {
-    gemm_packed(MatMut::new(x, rows, d), Init::AddBias(bias), Mat::new(y, rows, w.rows()), w);
-}
-
-fn feed_forward(
-    x: &mut [f32],
-    y: &[f32],
-    rows: usize,
-    d: usize,
-    wide: &mut [f32],
-    act: &mut [f32],
-    [up, down]: [&[f32]; 2],
-    p: &LayerPanels,
-) {
-    let (wide, act) = (&mut wide[..rows * 4 * d], &mut act[..rows * 4 * d]);
-    gemm_packed(MatMut::new(wide, rows, 4 * d), Init::Bias(up), Mat::new(y, rows, d), &p.up);
-    simd::gelu(wide, act);
-    add_product(x, act, rows, d, down, &p.down);
-}
-
-impl Panels {
-    fn new(net: &Net<f32>) -> Self {
-        let (cfg, at, w) = (&net.cfg, &net.layout, &net.weights);
-        let d = cfg.width;
-        let mut query = Packed::default();
-        let mut layers = Vec::with_capacity(cfg.layers);
-        for (l, at) in at.layers.iter().enumerate() {
-            let all = &w[at.qkv_weight.clone()];
-            let attends = cfg.mixing == Mixing::Attention;
-            let qkv = if !attends {
-                Packed::default()
-            } else if l + 1 == cfg.layers {
-                query = Packed::new(Mat::strided(all, d, d, 3 * d));
-                Packed::new(Mat::strided(&all[d..], d, 2 * d, 3 * d))
-            } else {
-                Packed::new(Mat::new(all, d, 3 * d))
-            };
-            layers.push(LayerPanels {
-                qkv,
-                out: if attends {
-                    Packed::new(Mat::new(&w[at.out_weight.clone()], d, d))
-                } else {
-                    Packed::default()
-                },
-                up: Packed::new(Mat::new(&w[at.up_weight.clone()], d, 4 * d)),
-                down: Packed::new(Mat::new(&w[at.down_weight.clone()], 4 * d, d)),
-            });
-        }
-        Panels {
-            embed: Packed::new(Mat::new(&w[at.embed_weight.clone()], cfg.inputs, d)),
-            layers,
-            query,
-            head: Packed::new(Mat::new(&w[at.head_weight.clone()], d, cfg.outputs())),
-        }
-    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::net::config::{Mixing, WINDOW};
     use crate::net::mask::MaskKind;
     use crate::net::model::{Arena, Panels as TrainPanels, forward};
     use crate::net::token::{Facts, JointFacts, Normaliser, TokenConfig, Tokeniser};
@@ -415,6 +246,23 @@ mod tests {
                     assert!((g - w).abs() < 1e-5, "{got:?} {want:?}");
                 }
             }
+        }
+    }
+
+    #[test]
+    fn two_threads_give_the_same_bits() {
+        for (bins, mixing) in [(1, Mixing::Attention), (5, Mixing::Attention), (1, Mixing::None)] {
+            let (net, encoder) = parts(bins, mixing);
+            let policy = |threads| {
+                let cfg = PolicyConfig { threads, ensemble: 3, ..PolicyConfig::default() };
+                Policy::new(net.clone(), encoder.clone(), cfg)
+            };
+            let (mut one, mut two) = (policy(1).unwrap(), policy(2).unwrap());
+            for index in 0..20 {
+                let (q, visible) = window(index);
+                assert_eq!(one.act(&q, &visible, index), two.act(&q, &visible, index));
+            }
+            assert!(matches!(policy(3), Err(Error::Config { field: "threads", .. })));
         }
     }
 

@@ -22,6 +22,7 @@ pub mod params;
 pub mod real;
 pub mod ridge;
 pub mod simd;
+mod single;
 pub mod step;
 pub mod tensors;
 pub mod token;

@@ -423,12 +423,11 @@ pub fn backward<T: Real>(
         weight_grad(grads, &at.down_weight, &at.down_bias, &a.act, dx, rows, 4 * d, d);
         gemm_packed(
             MatMut::new(&mut arena.d_wide, rows, 4 * d),
-            Init::Zero,
+            Init::Times(&a.slope),
             Mat::new(dx, rows, d),
             &panels.down_t,
         );
-        let wide = &mut arena.d_wide[..4 * n];
-        simd::scale_by(wide, &a.slope[..4 * n]);
+        let wide = &arena.d_wide[..4 * n];
         weight_grad(grads, &at.up_weight, &at.up_bias, &a.ln2.y, wide, rows, d, 4 * d);
         gemm_packed(
             MatMut::new(&mut arena.d_small, rows, d),

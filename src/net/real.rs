@@ -77,6 +77,8 @@ pub trait Real:
     fn exp<S: Simd>(s: S, a: Self::V<S>) -> Self::V<S>;
     /// Lends the packing buffer of this thread: products allocate only while shapes grow.
     fn with_scratch<R>(f: impl FnOnce(&mut Packed<Self>) -> R) -> R;
+    /// Lends the buffer for the rows of a left factor.
+    fn with_left<R>(f: impl FnOnce(&mut Aligned<Self>) -> R) -> R;
     /// Exact GELU x Φ(x) and its derivative Φ(x) + x φ(x).
     fn gelu<S: Simd>(s: S, a: Self::V<S>) -> (Self::V<S>, Self::V<S>);
 }
@@ -92,6 +94,13 @@ macro_rules! vector_ops {
                 static SCRATCH: RefCell<Packed<$t>> = RefCell::default();
             }
             SCRATCH.with_borrow_mut(f)
+        }
+
+        fn with_left<R>(f: impl FnOnce(&mut Aligned<Self>) -> R) -> R {
+            thread_local! {
+                static LEFT: RefCell<Aligned<$t>> = RefCell::default();
+            }
+            LEFT.with_borrow_mut(f)
         }
 
         #[inline(always)]

@@ -261,15 +261,6 @@ kernel! {
 }
 
 kernel! {
-    /// a ← a b.
-    pub fn scale_by<T, S>(s; a: &'k mut [T], b: &'k [T]) {
-        for (a, &b) in T::vectors_mut::<S>(a).0.iter_mut().zip(T::vectors::<S>(b).0) {
-            *a = T::vmul(s, *a, b);
-        }
-    }
-}
-
-kernel! {
     /// Rows of [`PAD`] scores become softmax(scale · row) over the first `used`; the rest 0.
     pub fn softmax<T, S>(s; rows: &'k mut [T], used: usize, scale: T) {
         let factor = T::splat(s, scale);

@@ -65,6 +65,22 @@ const NAMES: [(PolicyName, &str, &str, &str); 9] = {
 };
 
 impl PolicyName {
+    /// The case that it is best for, in a few words; measured in `docs/models.md` and
+    /// `docs/baselines.md`.
+    pub fn suits(self) -> &'static str {
+        match self {
+            PolicyName::Zero => "seeing what gravity does",
+            PolicyName::Pd => "slow motion with a goal in every frame",
+            PolicyName::ComputedTorque => "a robot whose file is right, goals close together",
+            PolicyName::Ilqr => "a robot whose file is right, sparse goals",
+            PolicyName::PredictiveSampling => "a robot whose file is right, contact",
+            PolicyName::Robert => "goals far apart and light damping, without trusting the file",
+            PolicyName::Ridge => "linear plants, and a new robot after seconds of data",
+            PolicyName::Nearest => "comparison: what the recorded motion already holds",
+            PolicyName::MlpInverse => "goals in every frame, without trusting the file",
+        }
+    }
+
     /// The name as it is typed.
     pub fn as_str(self) -> &'static str {
         NAMES.iter().find(|n| n.0 == self).map_or("", |n| n.1)
@@ -107,6 +123,8 @@ pub struct Offer {
     pub name: PolicyName,
     /// Name of the model, where it is not the robot's default one.
     pub model: Option<String>,
+    /// The case that it is best for, in a few words.
+    pub suits: String,
     /// What it needs before it can be chosen; `None` when it needs nothing.
     pub needs: Option<String>,
     /// What a mask may hide from it: from one that learned, what it was trained with; from
@@ -123,6 +141,7 @@ pub fn offers(robot: &Robot) -> Vec<Offer> {
     let offer = |name: PolicyName| Offer {
         name,
         model: None,
+        suits: name.suits().to_owned(),
         needs: None,
         masks: MaskGranularity::Joint,
         default: name == chosen,
@@ -154,7 +173,15 @@ pub fn offers(robot: &Robot) -> Vec<Offer> {
     for name in shipped::of(robot).into_iter().filter(|n| n != shipped::DEFAULT) {
         let Ok(Some(model)) = shipped::get(robot, &name) else { continue };
         let masks = model.card.mask_granularity;
-        let named = Offer { model: Some(name), masks, ..offer(PolicyName::Robert) };
+        let suits = if model.encoder.sees_actions() {
+            "a payload, damping or motor that may differ from the file"
+        } else if model.encoder.ridge.is_none() {
+            "a look at the network as published: no linear answer, no guide"
+        } else {
+            PolicyName::Robert.suits()
+        };
+        let suits = suits.to_owned();
+        let named = Offer { model: Some(name), suits, masks, ..offer(PolicyName::Robert) };
         list.push(Offer { default: false, ..named });
     }
     list

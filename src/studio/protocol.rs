@@ -303,6 +303,8 @@ pub struct PolicyCard {
     /// [`RolloutSettings`].
     #[serde(skip_serializing_if = "Option::is_none")]
     pub model: Option<String>,
+    /// The case that it is best for.
+    pub suits: String,
     /// Whether it can be chosen for this robot without a model file of one's own.
     pub available: bool,
     /// What it needs, when it cannot.
@@ -319,6 +321,7 @@ pub fn policies(offers: &[Offer]) -> Vec<PolicyCard> {
     let card = |o: &Offer| PolicyCard {
         name: o.name.as_str(),
         model: o.model.clone(),
+        suits: o.suits.clone(),
         available: o.needs.is_none(),
         why: o.needs.clone(),
         learned: o.name.needs_model(),

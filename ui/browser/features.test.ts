@@ -390,6 +390,21 @@ describe("features", () => {
     assert.deepEqual(await t.page.getByRole("alert").allInnerTexts(), [], "nothing was refused");
   });
 
+  test("every policy is tried on the clip, and the nearest of its kind proposed", async () => {
+    await afresh();
+    await t.byId("policy").selectOption("pd");
+    await t.until((s) => s.rollout?.policy === "pd" && s.rollout.phase === "done", "pd performs");
+    await t.byId("try-all").click();
+    const use = t.byId("tries").getByRole("button", { name: "Use it" });
+    await use.waitFor({ timeout: 60_000 });
+    const names = await t.byId("tries").locator(".take button").allInnerTexts();
+    for (const name of ["pd", "ridge", "robert"]) assert.ok(names.some((n) => n.startsWith(name)), `${name} was tried`);
+    await use.click();
+    const s = await t.until((x) => x.settings.policy !== "pd" && x.rollout?.phase === "done", "the proposal performs");
+    assert.ok(["robert", "ridge"].includes(s.settings.policy), `${s.settings.policy} knows no model, as pd does not`);
+    assert.equal(await use.count(), 0, "nothing nearer is left to propose");
+  });
+
   test("markers are kept in the file", async () => {
     await afresh();
     await t.goTo(25);

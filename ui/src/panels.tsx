@@ -4,6 +4,7 @@ import { useSignal } from "@preact/signals";
 import { edit, tell } from "./api";
 import { seek } from "./actions";
 import * as store from "./store";
+import { knowsModel, policyId, proposal, tried, tryAll, trying, withPolicy } from "./tryall";
 
 export function Problems() {
   const lints = store.doc.value?.findings.lints ?? [];
@@ -44,7 +45,25 @@ export function pinTake(): void {
   store.toast(`take ${id} pinned`);
 }
 
-const policyId = (p: { name: string; model?: string }): string => (p.model ? `${p.name}:${p.model}` : p.name);
+/** What every policy reached on the clip as it stands, nearest first, and which to take. */
+function Tries() {
+  const rows = tried.value && tried.value.rev === store.doc.value?.rev ? tried.value.rows : [];
+  const best = proposal();
+  const use = (card: (typeof rows)[number]["card"]): void => tell("rollout.set", { ...withPolicy(store.settings.value, card) });
+  if (trying.value) return <p class="tries" role="status">trying {trying.value} …</p>;
+  if (rows.length === 0) return null;
+  return (
+    <div class="tries" data-testid="tries">
+      {best ? <p role="status">{policyId(best.card)} is nearer here: {store.shownError(best.mae, store.unit.value)} <button onClick={() => use(best.card)}>Use it</button></p> : null}
+      {rows.map((t) => (
+        <div class="take" key={policyId(t.card)} title={`for ${t.card.suits}`}>
+          <button class="quiet grow" onClick={() => use(t.card)}>{policyId(t.card)}{knowsModel(t.card) ? <small> knows the model</small> : null}</button>
+          <span class="num">{store.shownError(t.mae, store.unit.value)}</span>
+        </div>
+      ))}
+    </div>
+  );
+}
 
 export function Takes() {
   const r = store.rollout.value;
@@ -54,6 +73,7 @@ export function Takes() {
   // A model of the program goes by its name, one of the user's by its path.
   const own = model && !known.some((p) => p.model === model) ? model : undefined;
   const now = model && !own ? `${store.settings.value.policy}:${model}` : store.settings.value.policy;
+  const card = known.find((p) => policyId(p) === now);
   const choose = (id: string): void => {
     const { model_path: _, ...rest } = store.settings.value;
     const card = known.find((p) => policyId(p) === id);
@@ -63,17 +83,19 @@ export function Takes() {
   };
   return (
     <section class="panel" aria-label="Takes" data-testid="takes">
-      <h2>Rollout</h2>
+      <h2>Rollout <span class="grow" /><button class="quiet" data-testid="try-all" disabled={trying.value !== undefined || r?.phase !== "done"} title="Perform the clip with every policy that answers at once, and propose the nearest" onClick={() => void tryAll()}>Try all</button></h2>
       <div class="scroll" style="flex: none">
         <div class="row" style="gap: 4px 8px">
           <select aria-label="Policy" data-testid="policy" style="flex: 1 1 112px; min-width: 0" value={now} onChange={(e) => choose(e.currentTarget.value)}>
-            {known.map((p) => <option key={policyId(p)} value={policyId(p)} disabled={!p.available && !(p.learned && own)} title={p.why ?? ""}>{policyId(p)}{p.default ? " (default)" : ""}{p.available || (p.learned && own) ? "" : " – no model"}</option>)}
+            {known.map((p) => <option key={policyId(p)} value={policyId(p)} disabled={!p.available && !(p.learned && own)} title={p.why ?? `for ${p.suits}`}>{policyId(p)}{p.default ? " (default)" : ""}{p.available || (p.learned && own) ? "" : " – no model"}</option>)}
             {own && !known.some((p) => policyId(p) === now) ? <option value={now}>{now}</option> : null}
           </select>
           <label title="One planning step a frame on the model, from the policy's action">
             <input type="checkbox" checked={store.settings.value.refine} onChange={(e) => set({ refine: e.currentTarget.checked })} /> refine
           </label>
         </div>
+        {card ? <p class="suits">for {card.suits}</p> : null}
+        <Tries />
         {own ? <div class="take"><span class="grow" title={own}>model {own.split("/").slice(-3).join("/")}</span><button class="quiet" aria-label="Without this model" onClick={() => { const { model_path: _, ...rest } = store.settings.value; tell("rollout.set", { ...rest, policy: known.find((p) => p.default)?.name ?? rest.policy }); }}>×</button></div> : null}
       </div>
       <h2>Takes <span class="grow" /><button class="quiet" onClick={pinTake} disabled={!r || r.phase !== "done"}>Pin</button></h2>

@@ -100,6 +100,7 @@ export interface RolloutState {
 export interface PolicyCard {
   name: string;
   model?: string;
+  suits: string;
   available: boolean;
   why?: string;
   learned: boolean;

@@ -1,8 +1,9 @@
-//! `robert bench infer`: one action at batch 1, features and linear skip included.
+//! `robert bench infer`: one action at batch 1, features and linear skip included, on one
+//! thread and on two.
 
 use serde::Serialize;
 
-use super::clock::{median, thread_cpu};
+use super::clock::{median, process_cpu, thread_cpu};
 use super::engine::{Size, Sizes, peak};
 use crate::cli::failure::{Failure, Outcome};
 use crate::cli::out;
@@ -20,6 +21,9 @@ pub(super) struct Args {
     /// Seconds for each size.
     #[arg(long, default_value_t = 4.0)]
     secs: f64,
+    /// Threads that share one action, 1 or 2.
+    #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=2))]
+    threads: u8,
     /// Print one JSON document.
     #[arg(long)]
     json: bool,
@@ -36,10 +40,15 @@ struct Row {
     size: &'static str,
     batch: usize,
     threads: usize,
-    /// Median processor time of one action.
+    /// Median wall time of one action.
     ms: f64,
+    /// Median processor time of it, all threads together.
+    cpu_ms: f64,
+    /// Median processor time of one action on one thread.
+    one_thread_ms: f64,
     /// Of that, features and linear answer.
     encode_ms: f64,
+    /// Rate and share of the peak on one thread.
     gflops: f64,
     fraction_of_peak: f64,
 }
@@ -50,16 +59,18 @@ pub(super) fn run(args: &Args) -> Outcome {
     }
     let peak = peak(1, 1.0).0;
     let rows: Vec<Row> =
-        args.sizes.iter().map(|s| measure(s, args.secs, peak)).collect::<Outcome<_>>()?;
+        args.sizes.iter().map(|s| measure(s, usize::from(args.threads), args.secs, peak)).collect::<Outcome<_>>()?;
     let report = Report { peak_gflops: peak / 1e9, sizes: rows };
     if args.json {
         return out::json(&report);
     }
-    let mut table = out::table(&["size", "ms/action", "of it features", "GFLOP/s", "of peak"]);
+    let mut table = out::table(&["size", "threads", "ms/action", "ms, one thread", "features", "GFLOP/s", "of peak"]);
     for r in &report.sizes {
         table.add_row([
             r.size.to_owned(),
+            r.threads.to_string(),
             format!("{:.3}", r.ms),
+            format!("{:.3}", r.one_thread_ms),
             format!("{:.3}", r.encode_ms),
             format!("{:.0}", r.gflops),
             format!("{:.0} %", 100.0 * r.fraction_of_peak),
@@ -68,7 +79,7 @@ pub(super) fn run(args: &Args) -> Outcome {
     out::line(&table.to_string())
 }
 
-fn measure(size: Size, secs: f64, peak: f64) -> Outcome<Row> {
+fn measure(size: Size, threads: usize, secs: f64, peak: f64) -> Outcome<Row> {
     let actions = size.config().actions;
     let joint = JointFacts { hinge: true, range: Some([-3.0, 3.0]) };
     let facts = Facts { joints: vec![joint; actions], actions };
@@ -82,17 +93,25 @@ fn measure(size: Size, secs: f64, peak: f64) -> Outcome<Row> {
     let cfg = NetConfig { inputs: encoder.inputs(), skip, ..size.config() };
     let mut batch = crate::net::Batch::<f32>::zeros(&cfg, 1);
     let net = Net::init(cfg, None, 1)?;
+    let shared = PolicyConfig { threads, ..PolicyConfig::default() };
+    let mut shared = Policy::new(net.clone(), encoder.clone(), shared)?;
     let mut policy = Policy::new(net, encoder, PolicyConfig::default())?;
 
     let q: Vec<f32> = (0..WINDOW * actions).map(|i| (i as f32 * 0.01).sin()).collect();
     let mut visible = vec![true; q.len()];
     visible[(CURRENT + 1) * actions..(CURRENT + 15) * actions].fill(false);
     let mut scratch = policy.encoder().scratch();
-    let (mut all, mut encode) = (vec![], vec![]);
+    let (mut wall, mut cpu, mut all, mut encode) = (vec![], vec![], vec![], vec![]);
     let begin = std::time::Instant::now();
     let mut step = 0;
     while begin.elapsed().as_secs_f64() < secs || all.len() < 5 {
         // Asking the clock costs a microsecond: ten actions at a time.
+        let (w0, c0) = (std::time::Instant::now(), process_cpu());
+        for _ in 0..10 {
+            std::hint::black_box(shared.act(&q, &visible, step));
+        }
+        wall.push(w0.elapsed().as_secs_f64() / 10.0);
+        cpu.push((process_cpu() - c0).as_secs_f64() / 10.0);
         let t0 = thread_cpu();
         for _ in 0..10 {
             std::hint::black_box(policy.act(&q, &visible, step));
@@ -111,8 +130,10 @@ fn measure(size: Size, secs: f64, peak: f64) -> Outcome<Row> {
     Ok(Row {
         size: size.name(),
         batch: 1,
-        threads: 1,
-        ms: 1e3 * seconds,
+        threads,
+        ms: 1e3 * median(&mut wall),
+        cpu_ms: 1e3 * median(&mut cpu),
+        one_thread_ms: 1e3 * seconds,
         encode_ms: 1e3 * median(&mut encode),
         gflops: rate / 1e9,
         fraction_of_peak: rate / peak.max(1.0),
