@@ -89,6 +89,8 @@ pub struct Learner<T: Real> {
     threads: usize,
     panels: Panels<T>,
     lanes: Vec<Lane<T>>,
+    /// All lanes but the first are zero.
+    clean: bool,
     workers: Vec<Worker<T>>,
 }
 
@@ -126,6 +128,7 @@ impl<T: Real> Learner<T> {
             micro,
             threads,
             panels: Panels::new(&net),
+            clean: true,
             lanes: (0..lanes)
                 .map(|i| Lane {
                     grads: Aligned::zeros(len),
@@ -160,18 +163,20 @@ impl<T: Real> Learner<T> {
         fill: &(impl Fn(usize, usize, &mut Batch<T>) + Sync),
         gradients: bool,
     ) -> Sums {
+        let clean = self.clean;
+        self.clean &= !gradients;
         let Learner { net, panels, lanes, workers, batch, micro, threads, current_only, .. } = self;
         let (batch, micro, current_only) = (*batch, *micro, *current_only);
         let tokens = if current_only { 1 } else { super::config::WINDOW };
         let scale = 1.0 / (batch * tokens) as f64;
         let workers: Vec<_> = workers.iter_mut().map(Mutex::new).collect();
-        let queue = Mutex::new(lanes.iter_mut());
+        let queue = Mutex::new(lanes.iter_mut().enumerate());
         on_threads(*threads, |t| {
             let Some(worker) = workers.get(t) else { return };
             let mut worker = worker.lock().unwrap_or_else(PoisonError::into_inner);
             let Worker { arena, batch: windows } = &mut **worker;
-            while let Some(lane) = next_of(&queue) {
-                if gradients {
+            while let Some((index, lane)) = next_of(&queue) {
+                if gradients && !(clean && index > 0) {
                     lane.grads.fill(T::default());
                 }
                 lane.sums = Sums::default();
@@ -196,27 +201,41 @@ impl<T: Real> Learner<T> {
         sums
     }
 
-    /// Sums the lanes into the first one and returns the norm of the result.
+    /// Sums the lanes into the first one and returns the norm of the result. Piece by piece
+    /// all the way up the tree, so that a gradient passes through the cache once; the other
+    /// lanes are left at zero for the next step.
     fn reduce(&mut self) -> f64 {
-        let mut gap = 1;
         let (lanes, threads) = (&mut self.lanes, self.threads);
-        while gap < lanes.len() {
-            for i in (0..lanes.len()).step_by(2 * gap) {
-                let middle = (i + gap).min(lanes.len());
-                let (low, high) = lanes.split_at_mut(middle);
-                if let (Some(a), Some(b)) = (low.get_mut(i), high.first()) {
-                    let pieces = a.grads.chunks_mut(PIECE).zip(b.grads.chunks(PIECE));
-                    let queue = Mutex::new(pieces);
-                    on_threads(threads, |_| {
-                        while let Some((a, b)) = next_of(&queue) {
+        let pieces = lanes.first().map_or(0, |lane| lane.grads.len().div_ceil(PIECE));
+        let mut jobs: Vec<(Vec<&mut [T]>, f64)> =
+            (0..pieces).map(|_| (Vec::with_capacity(lanes.len()), 0.0)).collect();
+        for lane in lanes.iter_mut() {
+            for (job, piece) in jobs.iter_mut().zip(lane.grads.chunks_mut(PIECE)) {
+                job.0.push(piece);
+            }
+        }
+        let queue = Mutex::new(jobs.iter_mut());
+        on_threads(threads, |_| {
+            while let Some((parts, squares)) = next_of(&queue) {
+                let mut gap = 1;
+                while gap < parts.len() {
+                    for i in (0..parts.len()).step_by(2 * gap) {
+                        let middle = (i + gap).min(parts.len());
+                        let (low, high) = parts.split_at_mut(middle);
+                        if let (Some(a), Some(b)) = (low.get_mut(i), high.first()) {
                             simd::add(a, b);
                         }
-                    });
+                    }
+                    gap *= 2;
+                }
+                if let Some((sum, rest)) = parts.split_first_mut() {
+                    *squares = simd::sum_of_squares(sum);
+                    rest.iter_mut().for_each(|part| part.fill(T::default()));
                 }
             }
-            gap *= 2;
-        }
-        let norm: f64 = self.gradient().chunks(PIECE).map(simd::sum_of_squares).sum();
+        });
+        let norm: f64 = jobs.iter().map(|(_, squares)| squares).sum();
+        self.clean = true;
         norm.sqrt()
     }
 
