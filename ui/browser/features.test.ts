@@ -465,10 +465,18 @@ describe("features", () => {
     await t.rolledOut();
     await t.byId("play-film").click();
     await t.byId("film").waitFor();
-    const secs = await t.byId("film").evaluate(async (v: HTMLVideoElement) => {
+    const film = await t.byId("film").evaluate(async (v: HTMLVideoElement) => {
       if (!(v.duration > 0)) await new Promise((resolve) => v.addEventListener("loadedmetadata", resolve, { once: true }));
-      return v.duration;
+      // Slowly, so that a busy machine drops no frame.
+      Object.assign(v, { muted: true, loop: false, playbackRate: 0.25, currentTime: 0 });
+      const ended = new Promise((resolve) => v.addEventListener("ended", resolve, { once: true }));
+      await v.play();
+      await ended;
+      return { secs: v.duration, width: v.videoWidth, height: v.videoHeight, frames: v.getVideoPlaybackQuality().totalVideoFrames };
     });
+    assert.ok(film.width >= 320 && film.width * 3 === film.height * 4, `${film.width} x ${film.height}`);
+    assert.ok(film.frames >= 20 && film.frames <= 23, `${film.frames} frames were shown`);
+    const secs = film.secs;
     assert.ok(Math.abs(secs - 1) < 0.06, `${secs} s`);
     await t.byId("tab-curves").click();
   });
