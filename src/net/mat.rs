@@ -288,7 +288,15 @@ impl<T: Real> Gemm<'_, '_, T> {
         let mut i = 0;
         while i < rows {
             let left = rows - i;
-            let m = if left >= 8 && wide { 8 } else if left >= 4 { 4 } else if left >= 2 { 2 } else { 1 };
+            let m = if left >= 8 && wide {
+                8
+            } else if left >= 4 {
+                4
+            } else if left >= 2 {
+                2
+            } else {
+                1
+            };
             let to = &mut self.left[i * depth..][..m * depth];
             let from = &self.a.data[start * self.a.stride + first + i..];
             match m {
@@ -534,9 +542,15 @@ mod tests {
 
     #[test]
     fn products_agree_with_the_definition() {
-        for (m, k, n) in
-            [(1, 1, 1), (3, 5, 7), (8, 16, 48), (13, 33, 51), (51, 20, 97), (9, 800, 49), (77, 5, 3)]
-        {
+        for (m, k, n) in [
+            (1, 1, 1),
+            (3, 5, 7),
+            (8, 16, 48),
+            (13, 33, 51),
+            (51, 20, 97),
+            (9, 800, 49),
+            (77, 5, 3),
+        ] {
             for (ta, tb) in [(false, false), (true, false), (false, true), (true, true)] {
                 check::<f32>(m, k, n, ta, tb, 4e-6);
                 check::<f64>(m, k, n, ta, tb, 1e-13);

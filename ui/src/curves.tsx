@@ -72,15 +72,19 @@ export function Curves() {
       const deg = unit === "rad" && store.degrees.value;
       const axisUnit = unit === "m" ? "m" : deg ? "deg" : "rad";
       const title = store.titles.value[joint] ?? "";
-      const scale = deg ? 180 / Math.PI : 1;
-      const fmt = (v: number | null): string => (v === null || v === undefined ? "–" : (v * scale).toFixed(deg ? 1 : 3));
-      const ticksOf = (_: uPlot, at: number[]): string[] => at.map((v) => (v * scale).toFixed(deg ? 0 : 2));
+      const fmt = (v: number | null): string => (v === null || v === undefined ? "–" : v.toFixed(deg ? 1 : 3));
+      // As many digits as tell one tick from the next; ticks near enough that there are two.
+      const ticksOf = (_: uPlot, at: number[]): string[] => {
+        const step = Math.abs((at[1] ?? 1) - (at[0] ?? 0));
+        return at.map((v) => v.toFixed(Math.min(6, Math.max(0, Math.ceil(-Math.log10(step) - 1e-9)))));
+      };
+      const upright = { ...axis, size: 48, space: 22, values: ticksOf };
       const common = { width, legend: { live: false }, cursor: cursor as unknown as uPlot.Cursor, padding: [6, 8, 0, 0] as [number, number, number, number] };
       plots = [
         new uPlot({
           ...common, height: Math.round(room * 0.58), title: `${title}, ${axisUnit}`, plugins: [line as unknown as uPlot.Plugin],
           scales: { x: { time: false } },
-          axes: [{ ...axis, values: (_, at) => at.map((v) => `${v} s`) }, { ...axis, size: 44, values: ticksOf }],
+          axes: [{ ...axis, values: (_, at) => at.map((v) => `${v} s`) }, upright],
           series: [{}, 
             { label: "commanded", stroke: color, paths: () => null, points: { show: true, size: 6, stroke: color, fill: c.panel }, value: (_, v) => fmt(v) },
             { label: "achieved", stroke: color, width: 1.6, value: (_, v) => fmt(v) },
@@ -89,7 +93,7 @@ export function Curves() {
         new uPlot({
           ...common, height: Math.round(room * 0.42), legend: { show: false }, title: `mean error, ${store.unit.value === "m" ? "mm" : "deg"}`, plugins: [line as unknown as uPlot.Plugin],
           scales: { x: { time: false } },
-          axes: [{ ...axis, values: (_, at) => at.map((v) => `${v} s`) }, { ...axis, size: 44 }],
+          axes: [{ ...axis, values: (_, at) => at.map((v) => `${v} s`) }, upright],
           series: [{}, { label: "error", stroke: c.error, width: 1.4, fill: c.error + "33" }, { label: "compared", stroke: c.dim, width: 1.2, dash: [5, 4] }],
         }, [[0], [null], [null]], parent),
       ];
@@ -110,7 +114,11 @@ export function Curves() {
       const other = store.takes.value.find((t) => t.id === store.compared.value);
       const scale = store.unit.value === "m" ? 1000 : 180 / Math.PI;
       const errors = (e: (number | null)[]): (number | null)[] => xs.map((_, f) => (e[f] === null || e[f] === undefined ? null : e[f] * scale));
-      plots[0]?.setData([xs, goals(joint), column(store.frames.value.q, joint, n), other ? column(other.frames.q, joint, n) : xs.map(() => null)]);
+      // In the unit that is read, so that ticks stand at round numbers.
+      const turn = d.table.joints[joint]?.unit === "rad" && store.degrees.value ? 180 / Math.PI : 1;
+      const turned = (column: (number | null)[]): (number | null)[] => column.map((v) => (v === null ? null : v * turn));
+      const rest = other ? turned(column(other.frames.q, joint, n)) : xs.map(() => null);
+      plots[0]?.setData([xs, turned(goals(joint)), turned(column(store.frames.value.q, joint, n)), rest]);
       plots[1]?.setData([xs, errors(store.frames.value.error), other ? errors(other.frames.error) : xs.map(() => null)]);
     };
     const observer = new ResizeObserver(() => ask());

@@ -58,13 +58,24 @@ pub(super) fn run(args: &Args) -> Outcome {
         return Err(Failure::usage("--secs takes 0.1 to 600"));
     }
     let peak = peak(1, 1.0).0;
-    let rows: Vec<Row> =
-        args.sizes.iter().map(|s| measure(s, usize::from(args.threads), args.secs, peak)).collect::<Outcome<_>>()?;
+    let rows: Vec<Row> = args
+        .sizes
+        .iter()
+        .map(|s| measure(s, usize::from(args.threads), args.secs, peak))
+        .collect::<Outcome<_>>()?;
     let report = Report { peak_gflops: peak / 1e9, sizes: rows };
     if args.json {
         return out::json(&report);
     }
-    let mut table = out::table(&["size", "threads", "ms/action", "ms, one thread", "features", "GFLOP/s", "of peak"]);
+    let mut table = out::table(&[
+        "size",
+        "threads",
+        "ms/action",
+        "ms, one thread",
+        "features",
+        "GFLOP/s",
+        "of peak",
+    ]);
     for r in &report.sizes {
         table.add_row([
             r.size.to_owned(),
