@@ -313,6 +313,12 @@ pub fn parse(bytes: &[u8], path: &Path, robot: Option<&RobotCard>) -> Result<Mod
     let tokens = Tokeniser::new(card.tokens.clone(), card.facts.clone(), &card.normaliser)?;
 
     let layout = Layout::new(&card.net);
+    // Memory for the weights is taken only where the file can hold them, at half precision.
+    let count = layout.count();
+    if count > bytes.len() / 2 {
+        let why = format!("{} bytes are too few for the {count} weights of its card", bytes.len());
+        return Err(damaged(why));
+    }
     let mut known: BTreeSet<&str> = layout.tensors.iter().map(|t| t.name.as_str()).collect();
     known.insert("centres");
     let mut weights = super::real::Aligned::<f32>::zeros(layout.len);
@@ -594,6 +600,13 @@ mod tests {
             h["__metadata__"]["robert"] = card.replace("\"layers\":1", "\"layers\":9000000").into();
         });
         assert!(refusal(&absurd).contains("layers"));
+        // Sizes that a network may have, but not in a file this small.
+        let hollow = with_header(&good, |h| {
+            let card = h["__metadata__"]["robert"].as_str().unwrap();
+            let card = card.replace("\"width\":16", "\"width\":4096");
+            h["__metadata__"]["robert"] = card.into();
+        });
+        assert!(refusal(&hollow).contains("too few for the"), "{}", refusal(&hollow));
     }
 
     #[test]

@@ -3,6 +3,11 @@
 use serde::{Deserialize, Serialize};
 
 use super::Error;
+use super::params::Layout;
+
+/// Learned numbers of a network at most: a checkpoint holds each four times (weight, two
+/// moments, average) and must stay below [`crate::limits::TENSOR_FILE_BYTES`].
+pub const MOST_WEIGHTS: usize = 250_000_000;
 
 /// Frames before the current one that the network sees.
 pub const HISTORY: usize = 30;
@@ -130,6 +135,44 @@ impl NetConfig {
         if !(self.offset_weight.is_finite() && self.offset_weight > 0.0) {
             return refuse("offset_weight", format!("{} is not positive", self.offset_weight));
         }
+        // The bounds above keep the sum far inside 64 bits.
+        let count = Layout::new(self).count();
+        if count > MOST_WEIGHTS {
+            let (layers, width) = (self.layers, self.width);
+            let why = format!(
+                "{width} with {layers} layers makes {count} weights, more than {MOST_WEIGHTS}"
+            );
+            return refuse("width", why);
+        }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn networks_that_no_file_could_hold_are_refused() {
+        let cfg = NetConfig {
+            layers: 6,
+            width: 768,
+            heads: 6,
+            inputs: 22,
+            actions: 18,
+            bins: 10,
+            offset_weight: 10.0,
+            mask_replaces: true,
+            skip: SkipKind::Off,
+            mixing: Mixing::Attention,
+        };
+        cfg.check().unwrap();
+        NetConfig { layers: 34, ..cfg.clone() }.check().unwrap();
+        for (layers, width) in [(36, 768), (64, 8192), (1, 8192)] {
+            let e = NetConfig { layers, width, heads: 8, ..cfg.clone() }.check().unwrap_err();
+            let e = e.to_string();
+            assert!(e.contains("width") && e.contains(&format!("{layers} layers")), "{e}");
+        }
+        const { assert!(16 * (MOST_WEIGHTS as u64) < crate::limits::TENSOR_FILE_BYTES) };
     }
 }
