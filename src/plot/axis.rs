@@ -107,18 +107,7 @@ impl Axis {
         if self.log {
             return log_ticks(ends);
         }
-        let step = step(ends.1 - ends.0, wish.max(2));
-        let first = (ends.0 / step - 1e-9).ceil() as i64;
-        let last = (ends.1 / step + 1e-9).floor() as i64;
-        let digits = digits(step);
-        let large = ends.0.abs().max(ends.1.abs()) >= 1e5;
-        (first..=last)
-            .take(200)
-            .map(|k| {
-                let v = k as f64 * step;
-                (v, if large { short(v) } else { minus(&format!("{v:.digits$}")) })
-            })
-            .collect()
+        even_ticks(ends, wish)
     }
 }
 
@@ -144,18 +133,44 @@ fn digits(step: f64) -> usize {
 
 fn log_ticks(ends: (f64, f64)) -> Vec<(f64, String)> {
     let (a, b) = (ends.0.log10().floor() as i32, ends.1.log10().ceil() as i32);
-    let leads: &[f64] = if ends.1 / ends.0 < 100.0 { &[1.0, 2.0, 5.0] } else { &[1.0] };
     let every = ((b - a) / 8).max(1);
-    let mut ticks = Vec::new();
-    for power in (a..=b).step_by(every as usize) {
-        for lead in leads {
-            let v = lead * 10_f64.powi(power);
-            if v >= ends.0 * (1.0 - 1e-9) && v <= ends.1 * (1.0 + 1e-9) {
-                ticks.push((v, short(v)));
+    let at = |leads: &[f64]| {
+        let mut ticks = Vec::new();
+        for power in (a..=b).step_by(every as usize) {
+            for lead in leads {
+                let v = lead * 10_f64.powi(power);
+                if v >= ends.0 * (1.0 - 1e-9) && v <= ends.1 * (1.0 + 1e-9) {
+                    ticks.push((v, short(v)));
+                }
             }
         }
-    }
-    ticks
+        ticks
+    };
+    // The shorter the axis, the finer: one number alone is no scale.
+    let all: [&[f64]; 3] =
+        [&[1.0], &[1.0, 2.0, 5.0], &[1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0]];
+    let from = usize::from(ends.1 / ends.0 < 100.0);
+    let mut found = all[from..].iter().map(|leads| at(leads));
+    found.find(|ticks| ticks.len() >= 3).unwrap_or_else(|| {
+        let mut even = (4..10).map(|wish| even_ticks(ends, wish));
+        even.find(|ticks| ticks.len() >= 3).unwrap_or_default()
+    })
+}
+
+/// Round numbers at equal distances.
+fn even_ticks(ends: (f64, f64), wish: usize) -> Vec<(f64, String)> {
+    let step = step(ends.1 - ends.0, wish.max(2));
+    let first = (ends.0 / step - 1e-9).ceil() as i64;
+    let last = (ends.1 / step + 1e-9).floor() as i64;
+    let digits = digits(step);
+    let large = ends.0.abs().max(ends.1.abs()) >= 1e5;
+    (first..=last)
+        .take(200)
+        .map(|k| {
+            let v = k as f64 * step;
+            (v, if large { short(v) } else { minus(&format!("{v:.digits$}")) })
+        })
+        .collect()
 }
 
 /// 20k, 1.5M, 0.02.
@@ -201,6 +216,12 @@ mod tests {
         assert_eq!(texts(&a, (-1.2, 1.2)), ["−1.0", "−0.5", "0.0", "0.5", "1.0"]);
         assert_eq!(texts(&a, (0.0, 300_000.0)), ["0", "100k", "200k", "300k"]);
         assert_eq!(texts(&a.clone().log(), (0.009, 1.1)), ["0.01", "0.1", "1"]);
+        assert_eq!(
+            texts(&a.clone().log(), (0.02, 3.0)),
+            ["0.02", "0.05", "0.1", "0.2", "0.5", "1", "2"]
+        );
+        let short = ["0.0025", "0.0030", "0.0035", "0.0040", "0.0045"];
+        assert_eq!(texts(&a.clone().log(), (0.0021, 0.0048)), short);
         assert_eq!(a.text(), "angle (rad)");
     }
 

@@ -38,9 +38,13 @@ fn pattern(curve: usize) -> Dash {
     }
 }
 
-fn curve_layers(curves: &[Curve]) -> Vec<Layer> {
+/// Over an axis with zero, an interval around what cannot be negative ends there.
+fn curve_layers(curves: &[Curve], y: &Axis) -> Vec<Layer> {
     let band = |(color, c): (usize, &Curve)| {
-        let points = c.points.iter().zip(&c.ci95).map(|(p, e)| (p.0, p.1 - e, p.1 + e)).collect();
+        let clipped = y.from_zero && c.points.iter().all(|p| p.1.is_nan() || p.1 >= 0.0);
+        let low = |x: f64| if clipped { x.max(0.0) } else { x };
+        let points =
+            c.points.iter().zip(&c.ci95).map(|(p, e)| (p.0, low(p.1 - e), p.1 + e)).collect();
         (!c.ci95.is_empty()).then_some(Layer::Band { points, color })
     };
     let line = |(color, c): (usize, &Curve)| Layer::Line {
@@ -68,13 +72,9 @@ pub fn precision(
         .iter()
         .map(|c| Curve { points: c.points.iter().map(|p| (p.0 / fps, p.1)).collect(), ..c.clone() })
         .collect();
-    layers.extend(curve_layers(&scaled));
-    let panel = Panel {
-        x: Axis::new("time", "s"),
-        y: Axis::new("precision: mean absolute error", unit).from_zero(),
-        layers,
-        ..Panel::default()
-    };
+    let y = Axis::new("precision: mean absolute error", unit).from_zero();
+    layers.extend(curve_layers(&scaled, &y));
+    let panel = Panel { x: Axis::new("time", "s"), y, layers, ..Panel::default() };
     Figure::of(title, panel)
 }
 
@@ -151,7 +151,7 @@ fn joint_panel(color: usize, t: &JointTrack, fps: f64) -> Panel {
 
 /// Paths in the plane, lengths true: achieved as lines, commanded points as crosses.
 pub fn xy(title: &str, paths: &[Curve], commanded: &[(f64, f64)], unit: &str) -> Figure {
-    let mut layers = curve_layers(paths);
+    let mut layers = curve_layers(paths, &Axis::default());
     layers.push(Layer::Marks {
         name: "commanded".into(),
         points: commanded.to_vec(),
@@ -170,7 +170,8 @@ pub fn xy(title: &str, paths: &[Curve], commanded: &[(f64, f64)], unit: &str) ->
 
 /// Curves over a count (training steps): one panel.
 pub fn curves(title: &str, curves: &[Curve], x: Axis, y: Axis) -> Figure {
-    Figure::of(title, Panel { x, y, layers: curve_layers(curves), ..Panel::default() })
+    let layers = curve_layers(curves, &y);
+    Figure::of(title, Panel { x, y, layers, ..Panel::default() })
 }
 
 /// Bars with 95 % intervals: `groups` along x (tasks), `sets` side by side (methods).
@@ -315,13 +316,45 @@ mod tests {
     fn twenty_curves_look_unlike_each_other() {
         let curves: Vec<Curve> = (0..20).map(|i| wave(&format!("run {i}"), 0.1)).collect();
         let mut looks = Vec::new();
-        for layer in curve_layers(&curves) {
+        for layer in curve_layers(&curves, &Axis::default()) {
             let Layer::Line { color, dash, .. } = layer else { continue };
             let look = (Theme::Light.line(color), dash);
             assert!(!looks.contains(&look), "{look:?} twice");
             looks.push(look);
         }
         assert_eq!(looks.len(), 20);
+    }
+
+    #[test]
+    fn intervals_end_at_a_zero_that_cannot_be_passed() {
+        let curve =
+            Curve { name: "a".into(), points: vec![(0.0, 1.0), (1.0, 2.0)], ci95: vec![1.5; 2] };
+        let lows = |curve: &Curve, y: Axis| match &curve_layers(std::slice::from_ref(curve), &y)[0]
+        {
+            Layer::Band { points, .. } => points.iter().map(|p| p.1).collect::<Vec<_>>(),
+            _ => Vec::new(),
+        };
+        assert_eq!(lows(&curve, Axis::default().from_zero()), [0.0, 0.5]);
+        assert_eq!(lows(&curve, Axis::default()), [-0.5, 0.5]);
+        let signed = Curve { points: vec![(0.0, -1.0), (1.0, 2.0)], ..curve };
+        assert_eq!(lows(&signed, Axis::default().from_zero()), [-2.5, 0.5]);
+    }
+
+    #[test]
+    fn panels_explain_their_own_colours_when_asked() {
+        let panel = |color| Panel {
+            layers: vec![Layer::Line {
+                name: "loss".into(),
+                points: vec![(0.0, 1.0), (1.0, 2.0)],
+                color,
+                dash: Dash::Solid,
+            }],
+            ..Panel::default()
+        };
+        let figure = Figure::grid("two", vec![panel(0), panel(1)], 2).panel_size(300, 200);
+        let named = |f: &Figure| f.svg().unwrap().lines().filter(|l| l.trim() == "loss").count();
+        assert_eq!(named(&figure), 1);
+        assert_eq!(named(&figure.own_legends()), 2);
     }
 
     #[test]

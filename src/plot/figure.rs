@@ -138,6 +138,8 @@ pub struct Figure {
     pub panel: (u32, u32),
     /// Paper or dark.
     pub theme: Theme,
+    /// Whether each panel explains its own colours; otherwise one list serves all.
+    pub own_legends: bool,
 }
 
 impl Figure {
@@ -150,6 +152,7 @@ impl Figure {
             columns: 1,
             panel: (720, 380),
             theme: Theme::Light,
+            own_legends: false,
         }
     }
 
@@ -162,6 +165,7 @@ impl Figure {
             columns: columns.max(1),
             panel: (270, 180),
             theme: Theme::Light,
+            own_legends: false,
         }
     }
 
@@ -176,6 +180,13 @@ impl Figure {
     #[must_use]
     pub fn theme(mut self, theme: Theme) -> Figure {
         self.theme = theme;
+        self
+    }
+
+    /// Panels whose colours mean different things.
+    #[must_use]
+    pub fn own_legends(mut self) -> Figure {
+        self.own_legends = true;
         self
     }
 

@@ -9,11 +9,17 @@ const HIDDEN: [usize; 3] = [0, 4, 16];
 /// Four panels: closed-loop Precision by suite, action error, held-out error over training
 /// and by hidden frames. `None` before there is anything to draw.
 pub fn figure(record: &Record) -> Option<Figure> {
-    let panels: Vec<Panel> =
+    let mut panels: Vec<Panel> =
         [precision(record), action_error(record), held_out(record), by_hidden(record)]
             .into_iter()
             .flatten()
             .collect();
+    // What was never measured (no contact, no masked frame) needs no name.
+    let drawn = |l: &Layer| !matches!(l, Layer::Line { points, .. } if points.is_empty());
+    for panel in &mut panels {
+        panel.layers.retain(drawn);
+    }
+    panels.retain(|p| !p.layers.is_empty());
     if panels.is_empty() {
         return None;
     }
@@ -31,7 +37,8 @@ pub fn figure(record: &Record) -> Option<Figure> {
         c.batch,
         record.secs / 60.0
     );
-    Some(Figure::grid(&record.name, panels, columns).panel_size(460, 280).note(&note))
+    let figure = Figure::grid(&record.name, panels, columns).own_legends();
+    Some(figure.panel_size(460, 330).note(&note))
 }
 
 /// How a setting is written in files.
@@ -74,7 +81,7 @@ fn precision(record: &Record) -> Option<Panel> {
     }
     layers.push(Layer::Marks {
         name: format!("best: {:.5} at step {best}", best_found.precision),
-        points: vec![(*best as f64, best_found.precision)],
+        points: vec![(best as f64, best_found.precision)],
         color: INK,
         mark: Mark::Cross,
     });
@@ -114,12 +121,12 @@ fn held_out(record: &Record) -> Option<Panel> {
         points.filter(|p| p.1 > 0.0).collect()
     };
     let mut layers = vec![
-        line("next known, clear", of(&|h| Some(h.nmse_clear)), 0, Dash::Solid),
-        line("next known, at a stop", of(&|h| Some(h.nmse_stop)), 1, Dash::Solid),
-        line("next known, in contact", of(&|h| Some(h.nmse_contact)), 2, Dash::Solid),
+        line("next known, clear", of(&|h| h.nmse_clear), 0, Dash::Solid),
+        line("next known, at a stop", of(&|h| h.nmse_stop), 1, Dash::Solid),
+        line("next known, in contact", of(&|h| h.nmse_contact), 2, Dash::Solid),
     ];
     for (i, hidden) in HIDDEN.into_iter().enumerate() {
-        let points = of(&|h| h.nmse_by_hidden.get(hidden).copied());
+        let points = of(&|h| h.nmse_by_hidden.get(hidden).copied().flatten());
         layers.push(line(&format!("{hidden} hidden, all places"), points, 3 + i, Dash::Dotted));
     }
     (!record.held_out.is_empty()).then(|| Panel {
@@ -137,8 +144,8 @@ fn by_hidden(record: &Record) -> Option<Panel> {
     pick.dedup();
     let one = |(color, &i): (usize, &usize)| {
         let (step, found) = all.get(i)?;
-        let points = found.nmse_by_hidden.iter().enumerate().map(|(k, &y)| (k as f64, y));
-        let points = points.filter(|p| p.1 > 0.0).collect();
+        let points = found.nmse_by_hidden.iter().enumerate();
+        let points = points.filter_map(|(k, y)| Some((k as f64, (*y)?))).collect();
         Some(line(&format!("step {step}"), points, color, Dash::Solid))
     };
     Some(Panel {
@@ -148,4 +155,28 @@ fn by_hidden(record: &Record) -> Option<Panel> {
         layers: pick.iter().enumerate().filter_map(one).collect(),
         equal: false,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::train::TrainConfig;
+
+    #[test]
+    fn only_what_was_measured_is_listed() {
+        let held_out = serde_json::json!({
+            "nmse_by_hidden": [0.1, 0.2], "nmse_clear": 0.1, "nmse_stop": 0.3,
+            "nmse_contact": null, "shares": [0.9, 0.1, 0.0],
+        });
+        let metrics = [
+            serde_json::json!({"step": 5, "held_out": held_out}),
+            serde_json::json!({"step": 10, "held_out": held_out}),
+        ];
+        let record = Record::of("a".into(), TrainConfig::default(), &metrics);
+        let figure = figure(&record).unwrap();
+        assert_eq!(figure.panels.len(), 2, "no training line, no evaluation");
+        let svg = figure.svg().unwrap();
+        assert!(svg.contains("next known, clear") && svg.contains("0 hidden, all places"));
+        assert!(!svg.contains("in contact") && !svg.contains("16 hidden"));
+    }
 }

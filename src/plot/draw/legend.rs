@@ -1,11 +1,12 @@
-//! What the colours and patterns of a figure mean: one list for all its panels.
+//! What the colours and patterns of a figure mean: one list for all its panels, or one for
+//! each.
 
 use plotters::prelude::DrawingBackend;
 use plotters::style::text_anchor::{HPos, VPos};
 
 use super::LABEL;
 use super::canvas::{Canvas, Rect, text_width};
-use crate::plot::figure::{Dash, Figure, Layer, Mark};
+use crate::plot::figure::{Dash, Layer, Mark, Panel};
 use crate::plot::{Error, INK, Letterer};
 
 /// A legend entry.
@@ -27,7 +28,7 @@ pub(super) enum Sign {
 }
 
 /// What needs explaining, once each, masks last.
-pub(super) fn entries(figure: &Figure) -> Vec<Entry> {
+pub(super) fn entries(panels: &[Panel]) -> Vec<Entry> {
     let mut entries: Vec<Entry> = Vec::new();
     let mut add = |name: &str, color: usize, sign: Sign| {
         // The same name and pattern in several panels is one entry, whatever the colour there.
@@ -37,7 +38,7 @@ pub(super) fn entries(figure: &Figure) -> Vec<Entry> {
             entries.push(Entry { name: name.to_owned(), color, varies: false, sign });
         }
     };
-    for layer in figure.panels.iter().flat_map(|p| &p.layers) {
+    for layer in panels.iter().flat_map(|p| &p.layers) {
         match layer {
             Layer::Line { name, color, dash, .. } => add(name, *color, Sign::Line(*dash)),
             Layer::Marks { name, color, mark, .. } => add(name, *color, Sign::Mark(*mark)),
@@ -50,7 +51,7 @@ pub(super) fn entries(figure: &Figure) -> Vec<Entry> {
     }
     entries.sort_by_key(|e| e.sign == Sign::Hatch);
     // One set of bars in one panel names itself by the axis.
-    if entries.len() == 1 && figure.panels.len() == 1 && matches!(entries[0].sign, Sign::Block) {
+    if entries.len() == 1 && panels.len() == 1 && matches!(entries[0].sign, Sign::Block) {
         entries.clear();
     }
     entries
@@ -62,6 +63,9 @@ impl Entry {
         30.0 + text_width(letterer, &self.name, LABEL, false) + 18.0
     }
 }
+
+/// From one line of the list to the next, points.
+pub(super) const LINE: f64 = LABEL * 1.7;
 
 /// Lines that the list takes at this width.
 pub(super) fn rows(letterer: &Letterer, legend: &[Entry], width: f64) -> usize {
@@ -81,7 +85,28 @@ pub(super) fn rows(letterer: &Letterer, legend: &[Entry], width: f64) -> usize {
 }
 
 impl<DB: DrawingBackend> Canvas<'_, DB> {
-    pub(super) fn entry(&self, e: &Entry, x: f64, y: f64) -> Result<(), Error> {
+    /// The list, its first line at `y`.
+    pub(super) fn legend(
+        &self,
+        list: &[Entry],
+        left: f64,
+        mut y: f64,
+        width: f64,
+    ) -> Result<(), Error> {
+        let mut x = 0.0;
+        for e in list {
+            let w = e.width(self.letterer);
+            if x > 0.0 && x + w > width {
+                x = 0.0;
+                y += LINE;
+            }
+            self.entry(e, left + x, y)?;
+            x += w;
+        }
+        Ok(())
+    }
+
+    fn entry(&self, e: &Entry, x: f64, y: f64) -> Result<(), Error> {
         let c = match e.sign {
             Sign::Line(Dash::Solid) if e.varies => self.theme.faint_ink(),
             _ => self.color(e.color),

@@ -100,7 +100,7 @@ fn layout(figure: &Figure, letterer: &Letterer) -> Result<Size, Error> {
     let columns = figure.columns.clamp(1, figure.panels.len());
     let rows = figure.panels.len().div_ceil(columns);
     let width = 2.0 * MARGIN + columns as f64 * f64::from(figure.panel.0);
-    let legend = legend::entries(figure);
+    let legend = if figure.own_legends { Vec::new() } else { legend::entries(&figure.panels) };
     let mut top = MARGIN;
     if !figure.title.is_empty() {
         top += TITLE * 1.45;
@@ -110,7 +110,7 @@ fn layout(figure: &Figure, letterer: &Letterer) -> Result<Size, Error> {
     }
     let rows_of_legend = legend::rows(letterer, &legend, width - 2.0 * MARGIN);
     if rows_of_legend > 0 {
-        top += rows_of_legend as f64 * LABEL * 1.7 + 7.0;
+        top += rows_of_legend as f64 * legend::LINE + 7.0;
     }
     let height = top + rows as f64 * f64::from(figure.panel.1) + 0.6 * MARGIN;
     let (width, height) = (width.ceil() as u32, height.ceil() as u32);
@@ -140,24 +140,20 @@ fn render<DB: DrawingBackend>(
         canvas.text(&figure.note, (MARGIN, y + 0.4 * LABEL), LABEL, false, t.faint_ink(), left)?;
         y += LABEL * 1.5;
     }
-    let mut x = 0.0;
     y += 0.8 * LABEL;
-    for e in &size.legend {
-        let w = e.width(letterer);
-        if x > 0.0 && x + w > f64::from(size.width) - 2.0 * MARGIN {
-            x = 0.0;
-            y += LABEL * 1.7;
-        }
-        canvas.entry(e, MARGIN + x, y)?;
-        x += w;
-    }
+    canvas.legend(&size.legend, MARGIN, y, f64::from(size.width) - 2.0 * MARGIN)?;
     let columns = figure.columns.clamp(1, figure.panels.len());
     let (w, h) = (f64::from(figure.panel.0), f64::from(figure.panel.1));
     for (i, panel) in figure.panels.iter().enumerate() {
         let (column, row) = (i % columns, i / columns);
         let r = Rect { x: MARGIN + w * column as f64, y: size.top + h * row as f64, w, h };
         let lowest = row + 1 == size.rows || i + columns >= figure.panels.len();
-        canvas.panel(panel, r, lowest)?;
+        let legend = if figure.own_legends {
+            legend::entries(std::slice::from_ref(panel))
+        } else {
+            Vec::new()
+        };
+        canvas.panel(panel, r, lowest, &legend)?;
     }
     area.present().map_err(Error::draw)
 }

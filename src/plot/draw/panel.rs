@@ -5,6 +5,7 @@ use plotters::style::text_anchor::{HPos, VPos};
 
 use super::canvas::{Canvas, Rect, text_width};
 use super::frame::Frame;
+use super::legend::{Entry, LINE, rows};
 use super::{HEAD, LABEL, TICK};
 use crate::plot::Error;
 use crate::plot::axis::Axis;
@@ -23,7 +24,14 @@ impl<DB: DrawingBackend> Canvas<'_, DB> {
         }
     }
 
-    pub(super) fn panel(&self, panel: &Panel, outer: Rect, lowest: bool) -> Result<(), Error> {
+    /// `legend` is the panel's own, empty where the figure has one.
+    pub(super) fn panel(
+        &self,
+        panel: &Panel,
+        outer: Rect,
+        lowest: bool,
+        legend: &[Entry],
+    ) -> Result<(), Error> {
         let t = self.theme;
         let ends = |axis: &Axis, horizontal: bool| {
             let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
@@ -61,6 +69,9 @@ impl<DB: DrawingBackend> Canvas<'_, DB> {
         if !panel.title.is_empty() {
             top += HEAD * 1.5;
         }
+        // Whatever the ticks will take, the list fits beside them.
+        let list_width = (outer.w - 64.0).max(10.0);
+        top += rows(self.letterer, legend, list_width) as f64 * LINE;
         if !panel.y.text().is_empty() {
             top += LABEL * 1.35;
         }
@@ -92,6 +103,8 @@ impl<DB: DrawingBackend> Canvas<'_, DB> {
             self.text(&panel.title, (rect.x, head + 0.6 * HEAD), HEAD, true, t.ink(), left)?;
             head += HEAD * 1.5;
         }
+        self.legend(legend, rect.x, head + 0.5 * LINE, list_width)?;
+        head += rows(self.letterer, legend, list_width) as f64 * LINE;
         let y_text = panel.y.text();
         self.text(&y_text, (rect.x, head + 0.5 * LABEL), LABEL, false, t.faint_ink(), left)?;
 
@@ -165,6 +178,14 @@ impl<DB: DrawingBackend> Canvas<'_, DB> {
         let t = self.theme;
         match layer {
             Layer::Line { points, color, dash, .. } => {
+                // A line of one point would not be seen.
+                if let [p] = points[..]
+                    && p.0.is_finite()
+                    && p.1.is_finite()
+                    && f.inside((f.x(p.0), f.y(p.1)))
+                {
+                    self.dot((f.x(p.0), f.y(p.1)), 2.2, self.color(*color))?;
+                }
                 for piece in f.pieces(points) {
                     self.path(&piece, self.color(*color), 1.8, *dash)?;
                 }
