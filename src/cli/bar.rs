@@ -2,7 +2,7 @@
 //! seconds elsewhere (a log file full of redrawn bars helps nobody).
 
 use std::io::IsTerminal;
-use std::sync::Mutex;
+use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
@@ -13,10 +13,49 @@ const LINE_EVERY: Duration = Duration::from_secs(10);
 /// Between two events of `--jsonl`.
 const EVENT_EVERY: Duration = Duration::from_millis(200);
 
+/// Time left, by the pace since the first tick: what came before it (a fit, an evaluation),
+/// and what an earlier session did, tell nothing of it.
+#[derive(Debug, Default)]
+struct Pace(Mutex<Option<First>>);
+
+/// The first tick of a count.
+#[derive(Clone, Copy, Debug)]
+struct First {
+    done: u64,
+    total: u64,
+    at: Instant,
+}
+
+impl Pace {
+    /// Seconds from `now` to the end; `None` until something was done.
+    fn left(&self, done: u64, total: u64, now: Instant) -> Option<f64> {
+        let mut first = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        // Work in parts counts anew.
+        let same = |f: &First| f.total == total && f.done <= done;
+        let from = first.filter(same).unwrap_or(First { done, total, at: now });
+        *first = Some(from);
+        let made = Some(done - from.done).filter(|&n| n > 0)?;
+        let spent = now.duration_since(from.at).as_secs_f64();
+        Some(spent * total.saturating_sub(done) as f64 / made as f64)
+    }
+}
+
+/// 12 s, 3 min 20 s, 5 h 4 min; a dash as long as nobody knows.
+fn span(secs: Option<f64>) -> String {
+    let Some(secs) = secs else { return "-".to_owned() };
+    let s = secs.round() as u64;
+    match s {
+        0..60 => format!("{s} s"),
+        60..3600 => format!("{} min {} s", s / 60, s % 60),
+        _ => format!("{} h {} min", s / 3600, s / 60 % 60),
+    }
+}
+
 /// Draws a [`Progress`] for a person.
 #[derive(Debug)]
 pub(super) struct Bar {
     bar: ProgressBar,
+    pace: Pace,
     plain: Option<Mutex<Plain>>,
     /// With `--jsonl`: when the last event was written.
     events: Option<Mutex<Plain>>,
@@ -43,7 +82,7 @@ impl Bar {
         };
         let bar = ProgressBar::with_draw_target(None, target);
         let template = format!(
-            "{{prefix}} {{wide_bar:.cyan/dim}} {{percent:>3}}% {{human_pos}}/{{human_len}} {unit}  ETA {{eta}}  {{msg}}"
+            "{{prefix}} {{wide_bar:.cyan/dim}} {{percent:>3}}% {{human_pos}}/{{human_len}} {unit}  {{msg}}"
         );
         if let Ok(style) = ProgressStyle::with_template(&template) {
             bar.set_style(style.progress_chars("━╸─"));
@@ -52,7 +91,8 @@ impl Bar {
         let now = Instant::now();
         let plain = (!tty && !quiet).then(|| Mutex::new(Plain { start: now, last: now }));
         let events = lines.then(|| Mutex::new(Plain { start: now, last: now }));
-        Bar { bar, plain, events, what: what.to_owned(), unit: unit.to_owned() }
+        let (what, unit) = (what.to_owned(), unit.to_owned());
+        Bar { bar, pace: Pace::default(), plain, events, what, unit }
     }
 
     /// One event of `--jsonl`, unless the last was a moment ago.
@@ -81,23 +121,19 @@ impl Bar {
 impl Progress for Bar {
     fn tick(&self, done: u64, total: u64, note: &str) {
         self.tell(done, total, note);
+        let left = span(self.pace.left(done, total, Instant::now()));
         self.bar.set_length(total);
         self.bar.set_position(done);
         if !self.bar.is_hidden() {
-            self.bar.set_message(note.to_owned());
+            self.bar.set_message(format!("ETA {left}  {note}"));
         }
         let Some(Ok(mut plain)) = self.plain.as_ref().map(Mutex::lock) else { return };
         if plain.last.elapsed() < LINE_EVERY {
             return;
         }
         plain.last = Instant::now();
-        let share = done as f64 / total.max(1) as f64;
-        let left = plain.start.elapsed().as_secs_f64() * (1.0 - share) / share.max(1e-9);
-        eprintln!(
-            "{}: {done}/{total} ({:.0}%), {left:.0} s left  {note}",
-            self.what,
-            share * 100.0
-        );
+        let percent = 100.0 * done as f64 / total.max(1) as f64;
+        eprintln!("{}: {done}/{total} ({percent:.0}%), {left} left  {note}", self.what);
     }
 
     fn log(&self, line: &str) {
@@ -111,5 +147,25 @@ impl Progress for Bar {
         if self.events.is_some() {
             super::out::event(&serde_json::json!({"event": "figures", "figures": point})).ok();
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn time_left_follows_the_pace_of_this_session() {
+        let (pace, start) = (Pace::default(), Instant::now());
+        let at = |secs| start + Duration::from_secs(secs);
+        // Sixty seconds of fitting went before; an earlier session did 900 of 1000.
+        assert_eq!(pace.left(900, 1000, at(60)), None);
+        assert_eq!(pace.left(900, 1000, at(61)), None);
+        assert_eq!(pace.left(910, 1000, at(65)), Some(45.0));
+        assert_eq!(pace.left(1000, 1000, at(110)), Some(0.0));
+        assert_eq!(pace.left(0, 50, at(111)), None, "another part");
+        assert_eq!(pace.left(25, 50, at(121)), Some(10.0));
+        let texts = [None, Some(12.4), Some(200.0), Some(18_245.0)].map(span);
+        assert_eq!(texts, ["-", "12 s", "3 min 20 s", "5 h 4 min"]);
     }
 }
