@@ -63,6 +63,11 @@ pub(super) fn table(header: &[&str]) -> Table {
     t
 }
 
+/// A number in a table or a sentence; a dash where nothing was measured.
+pub(super) fn number(x: Option<f64>, digits: usize) -> String {
+    x.map_or_else(|| "-".to_owned(), |x| format!("{x:.digits$}"))
+}
+
 /// Numbers line up on the right: all columns but the first `texts`.
 pub(super) fn right(t: &mut Table, texts: usize) {
     for column in t.column_iter_mut().skip(texts) {

@@ -65,11 +65,11 @@ pub(super) fn run(args: &Args) -> Outcome {
 }
 
 fn cell(x: Option<f64>) -> String {
-    x.map_or_else(|| "-".to_owned(), |x| format!("{x:.5}"))
+    out::number(x, 5)
 }
 
 fn brief(r: &Record) -> Value {
-    let at = |e: Option<&(u64, Evaluation)>| e.map(|(s, e)| json!({"step": s, "found": e}));
+    let at = |e: Option<(u64, &Evaluation)>| e.map(|(s, e)| json!({"step": s, "found": e}));
     json!({
         "name": r.name,
         "dir": r.dir,
@@ -152,7 +152,7 @@ fn show(dir: &Path, output: Option<&Path>, json: bool) -> Outcome {
     }
     let (best, last) = (r.best(), r.last());
     if best.is_some() || r.linear.is_some() {
-        let head = |what: &str, e: Option<&(u64, Evaluation)>| {
+        let head = |what: &str, e: Option<(u64, &Evaluation)>| {
             e.map_or_else(|| what.to_owned(), |(step, _)| format!("{what}, step {step}"))
         };
         let (b, l) = (head("best", best), head("last", last));
@@ -162,8 +162,8 @@ fn show(dir: &Path, output: Option<&Path>, json: bool) -> Outcome {
         for task in r.tasks() {
             t.add_row([
                 task.clone(),
-                at(best.map(|b| &b.1), &task),
-                at(last.map(|b| &b.1), &task),
+                at(best.map(|b| b.1), &task),
+                at(last.map(|b| b.1), &task),
                 at(r.linear.as_ref(), &task),
             ]);
         }
@@ -188,11 +188,11 @@ fn show(dir: &Path, output: Option<&Path>, json: bool) -> Outcome {
     let places = ["clear", "at a stop", "in contact"].into_iter().zip(h.shares);
     for ((place, share), nmse) in places.zip([h.nmse_clear, h.nmse_stop, h.nmse_contact]) {
         let name = format!("next known, {place}");
-        t.add_row([name, format!("{:.1} %", 100.0 * share), format!("{nmse:.4}")]);
+        t.add_row([name, format!("{:.1} %", 100.0 * share), out::number(nmse, 4)]);
     }
     for (hidden, nmse) in h.nmse_by_hidden.iter().enumerate() {
         if [0, 1, 2, 4, 8, 12, 16, 19].contains(&hidden) {
-            t.add_row([format!("{hidden} hidden"), String::new(), format!("{nmse:.4}")]);
+            t.add_row([format!("{hidden} hidden"), String::new(), out::number(*nmse, 4)]);
         }
     }
     out::right(&mut t, 1);
@@ -249,10 +249,10 @@ fn compare(dirs: &[PathBuf], output: Option<&Path>, json: bool) -> Outcome {
             cell(r.last().and_then(|b| b.1.suites.get(task).copied()))
         });
     }
-    row("held out, clear".into(), &|r| cell(r.held_out().map(|h| h.nmse_clear)));
+    row("held out, clear".into(), &|r| cell(r.held_out().and_then(|h| h.nmse_clear)));
     for hidden in [0, 4, 16] {
         row(format!("held out, {hidden} hidden"), &|r| {
-            cell(r.held_out().and_then(|h| h.nmse_by_hidden.get(hidden).copied()))
+            cell(r.held_out().and_then(|h| h.nmse_by_hidden.get(hidden).copied().flatten()))
         });
     }
     out::right(&mut t, 1);

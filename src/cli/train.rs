@@ -69,7 +69,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let options = Options {
         dir: dir.clone(),
         threads,
-        checkpoint_secs: (60.0 * args.checkpoint_mins).max(0.01),
+        checkpoint_secs: 60.0 * args.checkpoint_mins,
         evaluations: args.evaluations,
         progress: &bar,
         cancel: &cancel,
@@ -98,6 +98,9 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
 
 /// Run directory and settings.
 fn plan(args: &Args) -> Outcome<(PathBuf, TrainConfig)> {
+    if !(args.checkpoint_mins.is_finite() && args.checkpoint_mins >= 0.0) {
+        return Err(Failure::usage("--checkpoint-mins takes 0 or more"));
+    }
     if let Some(dir) = &args.resume {
         return Ok((dir.clone(), read_config(dir)?));
     }
@@ -108,6 +111,7 @@ fn plan(args: &Args) -> Outcome<(PathBuf, TrainConfig)> {
     if let Some(rounds) = args.self_correct {
         cfg.set(&format!("self_correct={rounds}"))?;
     }
+    cfg.check_network()?;
     let dir = args.out.clone().unwrap_or_else(|| {
         let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
         let secs = now.map_or(0, |d| d.as_secs());
@@ -148,17 +152,24 @@ fn summary(dir: &Path, done: &Finished) -> String {
         )
     };
     if let Some(held) = &done.held_out {
-        let at = |k: usize| held.nmse_by_hidden.get(k).copied().unwrap_or(f64::NAN);
+        let at = |k: usize| out::number(held.nmse_by_hidden.get(k).copied().flatten(), 3);
+        let place = |x: Option<f64>| out::number(x, 4);
         let share = |i: usize| 100.0 * held.shares.get(i).copied().unwrap_or(0.0);
         write!(
             text,
-            "\nheld-out action error, share of variance, next frame known: {:.4} clear ({:.0} % of frames), {:.4} at a stop ({:.0} %), {:.4} in contact ({:.0} %); 4 / 16 frames hidden: {:.3} / {:.3}",
-            held.nmse_clear, share(0), held.nmse_stop, share(1), held.nmse_contact, share(2), at(4), at(16)
+            "\nheld-out action error, share of variance, next frame known: {} clear ({:.0} % of frames), {} at a stop ({:.0} %), {} in contact ({:.0} %); 4 / 16 frames hidden: {} / {}",
+            place(held.nmse_clear), share(0), place(held.nmse_stop), share(1), place(held.nmse_contact), share(2), at(4), at(16)
         )
         .ok();
     }
     if let Some((step, precision)) = done.best {
         write!(text, "\nbest Precision {precision:.5} at step {step}").ok();
+        if let Some(linear) = done.linear {
+            write!(text, ", the linear answer that it starts from {linear:.5}").ok();
+        }
+        if step == 0 && done.steps > 0 {
+            text.push_str(": no evaluation was better, so that is what best.safetensors holds");
+        }
     }
     if done.skipped > 0 {
         write!(text, "\n{} steps were skipped: not finite", done.skipped).ok();

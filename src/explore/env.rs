@@ -270,7 +270,7 @@ impl Env {
 
     /// Whether two links of the robot touch.
     pub(crate) fn self_contact(&self) -> bool {
-        self.data.contacts().any(|c| self.is_own(c.geoms) && c.dist < 0.0)
+        self.data.touches_itself()
     }
 
     fn is_own(&self, geoms: [usize; 2]) -> bool {

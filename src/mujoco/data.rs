@@ -422,6 +422,13 @@ impl Data {
         })
     }
 
+    /// Whether two links of the robot touch: neither is the world.
+    pub fn touches_itself(&self) -> bool {
+        let bodies = self.model.geom_bodyid();
+        let own = |g: usize| bodies.get(g).is_some_and(|&b| b != 0);
+        self.contacts().any(|c| c.dist < 0.0 && c.geoms.into_iter().all(own))
+    }
+
     /// The state, to come back to.
     pub fn snapshot(&self) -> Snapshot {
         let mut s = Snapshot {

@@ -58,6 +58,22 @@ impl Default for AdamConfig {
     }
 }
 
+/// Loss and gradient of a batch, before anything is changed.
+#[derive(Clone, Copy, Debug)]
+pub struct Look {
+    /// Loss and errors over the batch.
+    pub sums: Sums,
+    /// Norm of the gradient before clipping.
+    pub grad_norm: f64,
+}
+
+impl Look {
+    /// Whether a step can follow.
+    pub fn is_finite(&self) -> bool {
+        self.sums.loss.is_finite() && self.grad_norm.is_finite()
+    }
+}
+
 /// What one step did.
 #[derive(Clone, Copy, Debug)]
 pub struct StepReport {
@@ -263,15 +279,27 @@ impl<T: Real> Learner<T> {
         lr: f64,
         fill: &(impl Fn(usize, usize, &mut Batch<T>) + Sync),
     ) -> StepReport {
+        let look = self.look(fill);
+        let applied = look.is_finite();
+        if applied {
+            self.apply(lr, &look);
+        }
+        StepReport { sums: look.sums, grad_norm: look.grad_norm, applied }
+    }
+
+    /// The first half of a step: weights and moments stay as they are. What has a finite
+    /// look is worth keeping as a checkpoint.
+    pub fn look(&mut self, fill: &(impl Fn(usize, usize, &mut Batch<T>) + Sync)) -> Look {
         let sums = self.gradients(fill);
         let grad_norm = self.reduce();
-        let applied = sums.loss.is_finite() && grad_norm.is_finite();
-        if applied {
-            self.count += 1;
-            self.update(lr, grad_norm);
-            self.panels.refresh(&self.net, self.threads);
-        }
-        StepReport { sums, grad_norm, applied }
+        Look { sums, grad_norm }
+    }
+
+    /// The second half: moves the weights by the gradient of the last look.
+    pub fn apply(&mut self, lr: f64, look: &Look) {
+        self.count += 1;
+        self.update(lr, look.grad_norm);
+        self.panels.refresh(&self.net, self.threads);
     }
 
     fn update(&mut self, lr: f64, norm: f64) {

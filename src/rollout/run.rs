@@ -161,6 +161,11 @@ impl Rollout {
         self.snapshots.len().saturating_sub(1)
     }
 
+    /// Whether two links touch at the end of the last step.
+    pub fn touches_itself(&self) -> bool {
+        self.plant.touches_itself()
+    }
+
     /// Frames of the clip.
     pub fn frames(&self) -> usize {
         self.goals.frames()

@@ -5,7 +5,13 @@ use serde::{Deserialize, Serialize};
 use super::Error;
 use crate::net::mask::{MaskKind, Schedule};
 use crate::net::token::TokenConfig;
-use crate::net::{AdamConfig, Facts, MaskGranularity, Mixing, NetConfig, SkipKind, TokenKind};
+use crate::net::{
+    AdamConfig, COMMAND, Facts, MaskGranularity, Mixing, NetConfig, SkipKind, TokenKind, WINDOW,
+};
+
+/// Steps at most: with the largest batch and all rounds the windows still have numbers of
+/// their own.
+const MOST_STEPS: u64 = 1_000_000_000_000;
 
 /// Everything that decides a training run, besides the data.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -185,6 +191,9 @@ impl TrainConfig {
         let (key, value) =
             assignment.split_once('=').ok_or_else(|| fail("expected key=value".into()))?;
         let (key, value) = (key.trim(), value.trim());
+        if key == "preset" {
+            return Err(fail("is no single setting: choose it with --preset, or in a sweep file with preset = above [set]".into()));
+        }
         let mut table = toml::Table::try_from(&*self).map_err(|e| fail(e.to_string()))?;
         let Some(old) = table.get(key) else {
             let keys: Vec<_> = table.keys().map(String::as_str).collect();
@@ -210,7 +219,8 @@ impl TrainConfig {
         Ok(())
     }
 
-    /// Refuses values that make no training; network sizes are checked with the network.
+    /// Refuses values that make no training, each by itself; [`TrainConfig::check_network`]
+    /// sees those that must go together.
     ///
     /// # Errors
     /// [`Error::Setting`].
@@ -222,6 +232,10 @@ impl TrainConfig {
         let weight = |x: f64| x.is_finite() && (0.0..=1e6).contains(&x);
         match () {
             () if !(1..=65_536).contains(&self.batch) => refuse("batch", "takes 1 to 65536"),
+            () if self.steps > MOST_STEPS => refuse("steps", "takes 0 to 1e12"),
+            () if self.ridge_history >= WINDOW - COMMAND => {
+                refuse("ridge_history", "takes 0 to 30")
+            }
             () if !positive(self.lr) => refuse("lr", "must be positive"),
             () if !positive(self.clip) => refuse("clip", "must be positive"),
             () if !weight(self.weight_decay) => refuse("weight_decay", "must be 0 or more"),
@@ -236,6 +250,21 @@ impl TrainConfig {
             () if self.seed > i64::MAX as u64 => refuse("seed", "takes 63 bits"),
             () => Ok(()),
         }
+    }
+
+    /// Refuses sizes that make no network for any robot: before data are read. To be called
+    /// when all settings are in place, since some are right only together.
+    ///
+    /// # Errors
+    /// [`Error::Setting`].
+    pub fn check_network(&self) -> Result<(), Error> {
+        // The least inputs and actions: those of a robot are checked with its data.
+        self.net_config(1, 1, false).check().map_err(|e| match e {
+            crate::net::Error::Config { field, why } => {
+                Error::Setting { setting: field.to_owned(), why }
+            }
+            other => other.into(),
+        })
     }
 
     /// Which features, for this robot.
@@ -316,10 +345,38 @@ mod tests {
         let before = cfg.clone();
         for bad in
             ["lr", "learning=1", "lr=fast", "steps=1.5", "batch=0", "tokens=best", "average=1"]
+                .into_iter()
+                .chain(["preset=ur-small", "steps=2000000000000", "ridge_history=31"])
         {
             let e = cfg.set(bad).unwrap_err().to_string();
             assert!(e.contains(bad.split('=').next().unwrap()), "{e}");
         }
         assert_eq!(cfg, before);
+    }
+
+    #[test]
+    fn sizes_are_checked_together_before_any_data() {
+        for (name, _) in PRESETS {
+            TrainConfig::preset(name).unwrap().check_network().unwrap();
+        }
+        // The first alone leaves no network behind; both together do.
+        let mut cfg = TrainConfig::default();
+        cfg.set("heads=6").unwrap();
+        assert!(cfg.check_network().is_err());
+        cfg.set("width=96").unwrap();
+        cfg.check_network().unwrap();
+        for (bad, what) in [
+            ("heads=5", "heads"),
+            ("width=20", "width"),
+            ("bins=97", "bins"),
+            ("bins=4", "skip"),
+            ("layers=0", "layers"),
+        ] {
+            let mut cfg = cfg.clone();
+            cfg.set(bad).unwrap();
+            let e = cfg.check_network().unwrap_err();
+            assert!(matches!(e, Error::Setting { .. }), "{e}");
+            assert!(e.to_string().contains(what), "{bad}: {e}");
+        }
     }
 }

@@ -41,17 +41,17 @@ pub enum Error {
         /// The file or folder.
         path: PathBuf,
     },
-    /// Too many steps whose loss or gradient was not finite.
+    /// Too many steps whose loss or gradient was not finite, or nothing finite at the end.
     #[error(
-        "training diverged: {skipped} steps were not finite, the last at step {step}; try a smaller lr. The last good checkpoint is {path}",
+        "training diverged by step {step}: loss or gradient not finite, {skipped} steps skipped. The last good checkpoint is kept, {path}; a run keeps its settings, so begin a new one with a smaller lr: --set lr=... and another --out",
         path = path.display()
     )]
     Diverged {
         /// Steps skipped.
         skipped: u64,
-        /// The last of them.
+        /// Step at which it was given up.
         step: u64,
-        /// Checkpoint kept.
+        /// Checkpoint kept: the step after it is finite.
         path: PathBuf,
     },
     /// A fit was stopped before its end; nothing was written.

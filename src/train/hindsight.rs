@@ -14,18 +14,32 @@ use crate::dataset::{
 };
 use crate::net::step::{next_of, on_threads};
 use crate::net::{Model, PolicyConfig};
+use crate::progress::Cancel;
 use crate::robot::{Robot, StateJoint};
 use crate::rollout::{CUT_FRAMES, HISTORY, Learned, Masking, Rollout, RolloutConfig, cut};
 
 /// States of a task: history, present, commands.
-const STATES: usize = HISTORY + 1 + CUT_FRAMES;
+pub(super) const STATES: usize = HISTORY + 1 + CUT_FRAMES;
 /// Joint angle or distance beyond which a rollout is no example of anything.
 const IMPLAUSIBLE: f64 = 100.0;
 
+/// One round of self-correction.
+#[derive(Clone, Copy, Debug)]
+pub struct Round<'a> {
+    /// Its number, from 1.
+    pub round: u64,
+    /// Tasks to perform.
+    pub tasks: usize,
+    /// Names the draws.
+    pub seed: u64,
+    /// Where what was reached goes.
+    pub dir: &'a Path,
+}
+
 /// Performs tasks from recorded motion with the network of the moment.
 pub trait Perform {
-    /// Writes a dataset of `tasks` achieved trajectories to `dir`. A function of the model,
-    /// the data, the round and the seed.
+    /// Writes a dataset of achieved trajectories: a function of the model, the data, the
+    /// round and the seed. False when a stop was asked for meanwhile: nothing is written.
     ///
     /// # Errors
     /// A message; the run stops with it.
@@ -33,11 +47,9 @@ pub trait Perform {
         &mut self,
         model: &Model,
         data: &Dataset,
-        round: u64,
-        tasks: usize,
-        seed: u64,
-        dir: &Path,
-    ) -> Result<(), String>;
+        job: &Round<'_>,
+        cancel: &Cancel,
+    ) -> Result<bool, String>;
 }
 
 /// [`Perform`] in the simulator.
@@ -56,9 +68,10 @@ pub(super) fn folder(dir: &Path, round: u64) -> PathBuf {
 
 /// One achieved trajectory: n frames.
 struct Achieved {
-    qpos: Vec<f32>, // (n, S)
-    qvel: Vec<f32>, // (n, S)
-    ctrl: Vec<f32>, // (n, A)
+    qpos: Vec<f32>,   // (n, S)
+    qvel: Vec<f32>,   // (n, S)
+    ctrl: Vec<f32>,   // (n, A)
+    contact: Vec<u8>, // (n), of links with each other
 }
 
 impl Perform for Simulated {
@@ -66,11 +79,10 @@ impl Perform for Simulated {
         &mut self,
         model: &Model,
         data: &Dataset,
-        round: u64,
-        tasks: usize,
-        seed: u64,
-        dir: &Path,
-    ) -> Result<(), String> {
+        job: &Round<'_>,
+        cancel: &Cancel,
+    ) -> Result<bool, String> {
+        let Round { round, tasks, seed, dir } = *job;
         let text = |e: &dyn std::fmt::Display| e.to_string();
         let policy = Learned::new(model.clone(), PolicyConfig::default()).map_err(|e| text(&e))?;
         let policy = Mutex::new(policy);
@@ -79,11 +91,16 @@ impl Perform for Simulated {
         found.resize_with(tasks, || Ok(None));
         let queue = Mutex::new(found.iter_mut().enumerate());
         on_threads(self.threads.max(1), |_| {
-            while let Some((i, to)) = next_of(&queue) {
+            while !cancel.is_cancelled()
+                && let Some((i, to)) = next_of(&queue)
+            {
                 let policy = policy.lock().unwrap_or_else(PoisonError::into_inner).clone();
                 *to = one(&self.robot, policy, data, &windows, seed, (round << 32) + i as u64);
             }
         });
+        if cancel.is_cancelled() {
+            return Ok(false);
+        }
         let robot = data.manifest().robot.clone();
         let mut manifest = Manifest::new(robot.clone());
         let spec = serde_json::json!({
@@ -101,8 +118,7 @@ impl Perform for Simulated {
                 snapshot_step: model.card.training.step,
                 seed: i as u64,
             };
-            let frames = a.ctrl.len() / robot.actuators.len().max(1);
-            shard.push(&meta, &a.qpos, &a.qvel, &a.ctrl, &vec![0; frames]).map_err(|e| text(&e))?;
+            shard.push(&meta, &a.qpos, &a.qvel, &a.ctrl, &a.contact).map_err(|e| text(&e))?;
         }
         if shard.frames() == 0 {
             return Err("no rollout of the network could be used".into());
@@ -121,7 +137,7 @@ impl Perform for Simulated {
             })
             .collect();
         Dataset::publish(manifest, dir).map_err(|e| text(&e))?;
-        Ok(())
+        Ok(true)
     }
 }
 
@@ -147,11 +163,15 @@ fn one(
     let mut rollout =
         Rollout::new(robot, Box::new(policy), &case.command, case.start.clone(), config)
             .map_err(|e| e.to_string())?;
+    // As the collector notes it: a frame is in contact when its action ends in contact.
+    let touched = data.self_contact(episode).get(at.start..at.start + HISTORY);
+    let mut contact = touched.unwrap_or(&[0; HISTORY]).to_vec();
     while !rollout.is_done() {
         // A plant that broke teaches nothing; the frames before it would be too few.
         if rollout.step().is_err() {
             return Ok(None);
         }
+        contact.push(u8::from(rollout.touches_itself()));
     }
     let reached = rollout.reached();
     if reached.iter().any(|x| !x.is_finite() || x.abs() > IMPLAUSIBLE) {
@@ -163,6 +183,7 @@ fn one(
         qpos: q[..HISTORY * s].to_vec(),
         qvel: v[..HISTORY * s].to_vec(),
         ctrl: ctrl[at.start * a..(at.start + HISTORY) * a].to_vec(),
+        contact,
     };
     out.qpos.extend(reached[..CUT_FRAMES * s].iter().map(|&x| x as f32));
     for frame in 0..CUT_FRAMES {
@@ -171,11 +192,59 @@ fn one(
         out.qvel.extend(robot.joints().iter().map(of));
     }
     out.ctrl.extend(rollout.actions()[..CUT_FRAMES * a].iter().map(|&x| x as f32));
-    debug_assert_eq!((out.qpos.len(), out.ctrl.len()), (n * s, n * a));
+    debug_assert_eq!((out.qpos.len(), out.ctrl.len(), out.contact.len()), (n * s, n * a, n));
     Ok(Some(out))
 }
 
 /// The rounds' datasets, opened, with the windows of all their trajectories.
 pub(super) fn open(dir: &Path, rounds: u64) -> Result<Vec<Dataset>, crate::dataset::Error> {
     (1..=rounds).map(|r| Dataset::open(&folder(dir, r), Verify::Full)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::explore::{CollectConfig, collect};
+    use crate::progress::Silent;
+    use crate::train::TrainConfig;
+    use crate::train::prepare::prepare;
+
+    #[test]
+    fn what_was_reached_in_contact_is_noted() {
+        let dir = tempfile::tempdir().unwrap();
+        let robot = Arc::new(Robot::builtin("ur5e").unwrap());
+        let config = CollectConfig { transitions: 3000, seed: 3, ..CollectConfig::new(&robot) };
+        let folder = dir.path().join("data");
+        collect(&robot, &config, &folder, false, 2, &Silent, &Cancel::default()).unwrap();
+        let data = Dataset::open(&folder, Verify::Structure).unwrap();
+        let cfg = TrainConfig::preset("instant").unwrap();
+        let (card, net, encoder) = prepare(&data, &cfg, 2).unwrap();
+        let model = Model { card, net, encoder, optimiser: None };
+        let mut simulated = Simulated { robot, threads: 2 };
+        let (out, cancel) = (dir.path().join("one"), Cancel::default());
+        let job = Round { round: 1, tasks: 12, seed: 0, dir: &out };
+        assert!(simulated.perform(&model, &data, &job, &cancel).unwrap());
+
+        let reached = Dataset::open(&out, Verify::Full).unwrap();
+        let windows = Windows::new(&data, STATES, Part::Train, 0).unwrap();
+        let (mut before, mut after) = (0, 0);
+        for e in reached.episodes() {
+            let flags = reached.self_contact(e);
+            assert_eq!(flags.len(), HISTORY + CUT_FRAMES);
+            // The history is recorded motion, and so are its flags.
+            let at = windows.draw(0, (1 << 32) + e.seed);
+            let source = data.self_contact(&data.episodes()[at.episode]);
+            assert_eq!(flags[..HISTORY], source[at.start..at.start + HISTORY]);
+            let count = |flags: &[u8]| flags.iter().filter(|&&c| c != 0).count();
+            before += count(&flags[..HISTORY]);
+            after += count(&flags[HISTORY..]);
+        }
+        assert!(before > 0 && after > 0, "{before} before, {after} after");
+
+        let none = dir.path().join("none");
+        cancel.cancel();
+        let job = Round { dir: &none, ..job };
+        assert!(!simulated.perform(&model, &data, &job, &cancel).unwrap());
+        assert!(!none.exists(), "a round cut short leaves nothing");
+    }
 }

@@ -10,8 +10,9 @@ use super::run::{Evaluate, Evaluation};
 use crate::clip::{self, Command};
 use crate::net::step::{next_of, on_threads};
 use crate::net::{Model, PolicyConfig};
+use crate::progress::Cancel;
 use crate::robot::Robot;
-use crate::rollout::{Learned, Rollout, RolloutConfig, Start, tasks};
+use crate::rollout::{Learned, Linear, Policy, Rollout, RolloutConfig, Start, tasks};
 
 /// Suites that count, headline and sparse tasks alike; the held-out one is for the report.
 const SUITES: [&str; 2] = ["manual", "extra"];
@@ -65,18 +66,41 @@ impl SuiteJudge {
 }
 
 impl Evaluate for SuiteJudge {
-    fn evaluate(&mut self, model: &Model) -> Result<Evaluation, String> {
+    fn evaluate(&mut self, model: &Model, cancel: &Cancel) -> Result<Option<Evaluation>, String> {
         let policy = Learned::new(model.clone(), PolicyConfig::default());
-        let policy = Mutex::new(policy.map_err(|e| e.to_string())?);
+        self.all(policy.map_err(|e| e.to_string())?, cancel)
+    }
+
+    fn evaluate_linear(
+        &mut self,
+        model: &Model,
+        cancel: &Cancel,
+    ) -> Result<Option<Evaluation>, String> {
+        let policy = Linear::new(model.encoder.clone());
+        self.all(policy.map_err(|e| e.to_string())?, cancel)
+    }
+}
+
+impl SuiteJudge {
+    /// All tasks; `None` when a stop was asked for meanwhile.
+    fn all<P: Policy + Clone + 'static>(
+        &self,
+        policy: P,
+        cancel: &Cancel,
+    ) -> Result<Option<Evaluation>, String> {
+        let policy = Mutex::new(policy);
         let mut found: Vec<Result<f64, String>> = vec![Ok(BROKEN); self.cases.len()];
         let queue = Mutex::new(self.cases.iter().zip(&mut found));
         on_threads(self.threads, |_| {
             while let Some((case, to)) = next_of(&queue) {
                 let policy = policy.lock().unwrap_or_else(PoisonError::into_inner).clone();
-                *to = self.one(policy, case);
+                *to = self.one(policy, case, cancel);
             }
         });
         drop(queue.into_inner().unwrap_or_else(PoisonError::into_inner));
+        if cancel.is_cancelled() {
+            return Ok(None);
+        }
         let mut suites: BTreeMap<String, Vec<f64>> = BTreeMap::new();
         let mut all = BTreeMap::new();
         for (case, result) in self.cases.iter().zip(found) {
@@ -87,23 +111,57 @@ impl Evaluate for SuiteJudge {
         let mean = |x: &[f64]| x.iter().sum::<f64>() / x.len().max(1) as f64;
         let means: Vec<f64> = suites.values().map(|x| mean(x)).collect();
         all.extend(suites.iter().map(|(name, x)| (name.clone(), mean(x))));
-        Ok(Evaluation { precision: mean(&means), suites: all })
+        Ok(Some(Evaluation { precision: mean(&means), suites: all }))
     }
-}
 
-impl SuiteJudge {
-    fn one(&self, policy: Learned, case: &Case) -> Result<f64, String> {
+    /// Precision of one task; meaningless after a stop.
+    fn one<P: Policy + 'static>(
+        &self,
+        policy: P,
+        case: &Case,
+        cancel: &Cancel,
+    ) -> Result<f64, String> {
         let text = |e: crate::rollout::Error| format!("{}: {e}", case.name);
         let start = Start::Pose;
         let config = RolloutConfig::default();
         let mut rollout = Rollout::new(&self.robot, Box::new(policy), &case.command, start, config)
             .map_err(text)?;
-        while !rollout.is_done() {
+        while !rollout.is_done() && !cancel.is_cancelled() {
             // A plant that broke under this policy is a result, not an error of the run.
             if rollout.step().is_err() {
                 return Ok(BROKEN);
             }
         }
         Ok(rollout.precision().precision.unwrap_or(BROKEN).min(BROKEN))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dataset::{Dataset, Verify};
+    use crate::explore::{CollectConfig, collect};
+    use crate::progress::Silent;
+    use crate::train::TrainConfig;
+    use crate::train::prepare::prepare;
+
+    #[test]
+    fn an_untrained_network_is_judged_as_its_linear_answer() {
+        let dir = tempfile::tempdir().unwrap();
+        let robot = Arc::new(Robot::builtin("pointmass").unwrap());
+        let config = CollectConfig { transitions: 3000, ..CollectConfig::new(&robot) };
+        let (folder, cancel) = (dir.path().join("data"), Cancel::default());
+        collect(&robot, &config, &folder, false, 2, &Silent, &cancel).unwrap();
+        let data = Dataset::open(&folder, Verify::Structure).unwrap();
+        let (card, net, encoder) =
+            prepare(&data, &TrainConfig::preset("instant").unwrap(), 2).unwrap();
+        let model = Model { card, net, encoder, optimiser: None };
+        let mut judge = SuiteJudge::new(robot, 2).unwrap().unwrap();
+        let linear = judge.evaluate_linear(&model, &cancel).unwrap().unwrap();
+        assert!(linear.precision < BROKEN && linear.suites.len() > 2, "{linear:?}");
+        let network = judge.evaluate(&model, &cancel).unwrap().unwrap();
+        assert!((network.precision - linear.precision).abs() < 1e-6, "{network:?} {linear:?}");
+        cancel.cancel();
+        assert_eq!(judge.evaluate(&model, &cancel), Ok(None));
     }
 }

@@ -119,14 +119,17 @@ impl Record {
         }
     }
 
-    /// The evaluation with the lowest Precision: the checkpoint `best`.
-    pub fn best(&self) -> Option<&(u64, Evaluation)> {
-        self.evaluations.iter().min_by(|a, b| a.1.precision.total_cmp(&b.1.precision))
+    /// The evaluation with the lowest Precision: the checkpoint `best`. The linear answer is
+    /// the untrained network, step 0.
+    pub fn best(&self) -> Option<(u64, &Evaluation)> {
+        let start = self.linear.iter().map(|e| (0, e));
+        let all = start.chain(self.evaluations.iter().map(|(s, e)| (*s, e)));
+        all.min_by(|a, b| a.1.precision.total_cmp(&b.1.precision))
     }
 
     /// The last evaluation.
-    pub fn last(&self) -> Option<&(u64, Evaluation)> {
-        self.evaluations.last()
+    pub fn last(&self) -> Option<(u64, &Evaluation)> {
+        self.evaluations.last().map(|(s, e)| (*s, e))
     }
 
     /// The last held-out measurement.
@@ -221,9 +224,19 @@ mod tests {
         ];
         let r = Record::of("a".into(), TrainConfig::default(), &metrics);
         assert_eq!((r.step, r.secs, r.lines.len()), (10, 20.0, 2));
-        assert_eq!(r.best().map(|(s, e)| (*s, e.precision)), Some((5, 0.2)));
-        assert_eq!(r.last().map(|(s, e)| (*s, e.precision)), Some((10, 0.4)));
+        assert_eq!(r.best().map(|(s, e)| (s, e.precision)), Some((5, 0.2)));
+        assert_eq!(r.last().map(|(s, e)| (s, e.precision)), Some((10, 0.4)));
         assert!(r.worse_than_linear());
+        // What no step improved on is the best there is.
+        let worse = Record::of(
+            "b".into(),
+            TrainConfig::default(),
+            &[
+                serde_json::json!({"step": 0, "linear": evaluation(0.3)}),
+                serde_json::json!({"step": 5, "evaluation": evaluation(0.31)}),
+            ],
+        );
+        assert_eq!(worse.best().map(|(s, e)| (s, e.precision)), Some((0, 0.3)));
         assert_eq!(r.tasks(), ["manual", "manual/a"]);
     }
 

@@ -11,7 +11,7 @@ use std::time::Instant;
 
 use serde::{Deserialize, Serialize};
 
-use super::hindsight::{self, Perform};
+use super::hindsight::{self, Perform, Round};
 use super::prepare::{normaliser, prepare};
 use super::record::{Line, Record, read_metrics};
 use super::source::{Mix, Source};
@@ -20,6 +20,7 @@ use crate::dataset::{Dataset, Part, Windows};
 use crate::fsio;
 use crate::net::checkpoint::{self, OptimiserState};
 use crate::net::head::{GAPS, Sums};
+use crate::net::step::Look;
 use crate::net::{Batch, Card, Encoder, Learner, Model, Net, SkipKind, WINDOW};
 use crate::progress::{Cancel, Progress};
 
@@ -32,6 +33,9 @@ const MEASURED: usize = 1_280;
 const MEASURED_AT_END: usize = 5_120;
 /// Lines of training metrics in a run.
 const LINES: u64 = 400;
+/// Keys of metrics that hold an [`Evaluation`]: of the network, of the linear answer that it
+/// starts from.
+const JUDGED: [&str; 2] = ["evaluation", "linear"];
 
 /// What a closed-loop evaluation found.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -44,11 +48,24 @@ pub struct Evaluation {
 
 /// Judges a network by what it does, not by its loss.
 pub trait Evaluate {
-    /// Rolls the network out.
+    /// Rolls the network out; `None` when a stop was asked for meanwhile.
     ///
     /// # Errors
     /// A message; the run stops with it.
-    fn evaluate(&mut self, model: &Model) -> Result<Evaluation, String>;
+    fn evaluate(&mut self, model: &Model, cancel: &Cancel) -> Result<Option<Evaluation>, String>;
+
+    /// The same for the linear answer alone, which is what an untrained network with a skip
+    /// gives: a judge may leave the network out.
+    ///
+    /// # Errors
+    /// As [`Evaluate::evaluate`].
+    fn evaluate_linear(
+        &mut self,
+        model: &Model,
+        cancel: &Cancel,
+    ) -> Result<Option<Evaluation>, String> {
+        self.evaluate(model, cancel)
+    }
 }
 
 /// How a run is carried out; nothing here changes its bits.
@@ -88,11 +105,13 @@ pub struct Finished {
     pub steps: u64,
     /// Whether a stop was asked for before the end.
     pub interrupted: bool,
-    /// Steps skipped because something was not finite.
+    /// Steps skipped because something was not finite, all sessions.
     pub skipped: u64,
-    /// Best step and its Precision.
+    /// Best step and its Precision; step 0 is the linear answer that a skip starts from.
     pub best: Option<(u64, f64)>,
-    /// Held-out error at the end.
+    /// Precision of that linear answer.
+    pub linear: Option<f64>,
+    /// Held-out error, last measured.
     pub held_out: Option<HeldOut>,
     /// Seconds of this session.
     pub secs: f64,
@@ -102,18 +121,19 @@ pub struct Finished {
     pub model: PathBuf,
 }
 
-/// Error of inferred actions on held-out trajectories, as a share of the actions' variance.
+/// Error of inferred actions on held-out trajectories, as a share of the actions' variance;
+/// `None` where no frame was measured.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct HeldOut {
     /// Of the current frame, by number of hidden frames before the next visible one, 0 to 19.
-    pub nmse_by_hidden: Vec<f64>,
+    pub nmse_by_hidden: Vec<Option<f64>>,
     /// Next frame visible, away from stops and contact.
-    pub nmse_clear: f64,
+    pub nmse_clear: Option<f64>,
     /// Next frame visible, a joint near a stop: torque that presses against a stop leaves no
     /// trace in positions.
-    pub nmse_stop: f64,
+    pub nmse_stop: Option<f64>,
     /// Next frame visible, in self-contact.
-    pub nmse_contact: f64,
+    pub nmse_contact: Option<f64>,
     /// Share of frames by place: clear, at a stop, in contact.
     pub shares: [f64; 3],
 }
@@ -168,15 +188,21 @@ pub fn read_config(dir: &Path) -> Result<TrainConfig, Error> {
 /// Those of [`Error`]; whatever happens, the last checkpoint stays whole.
 pub fn train(data: &Dataset, cfg: &TrainConfig, mut opts: Options<'_>) -> Result<Finished, Error> {
     cfg.check()?;
-    if cfg.self_correct > 0 && opts.perform.is_none() {
-        return Err(Error::Setting {
-            setting: "self_correct".into(),
-            why: "nobody here performs the tasks".into(),
-        });
+    cfg.check_network()?;
+    if cfg.self_correct > 0 {
+        if opts.perform.is_none() {
+            return Err(Error::Setting {
+                setting: "self_correct".into(),
+                why: "nobody here performs the tasks".into(),
+            });
+        }
+        // The first round comes late: say now when no trajectory is long enough for a task.
+        Windows::new(data, hindsight::STATES, Part::Train, cfg.seed)?;
     }
     let mut run = Run::open(data, cfg, &opts)?;
+    let mut stopped = false;
     if run.step == 0 {
-        run.judge_linear(&mut opts)?;
+        stopped = !run.judge_linear(&mut opts)?;
         // From the first step on there is something good to fall back on.
         run.save(&opts.dir)?;
     }
@@ -184,45 +210,30 @@ pub fn train(data: &Dataset, cfg: &TrainConfig, mut opts: Options<'_>) -> Result
     let source = Source::new(data, &encoder, cfg);
     let windows = Windows::new(data, WINDOW, Part::Train, cfg.seed)?;
     let held_out = Windows::new(data, WINDOW, Part::Test, cfg.seed).ok();
-    let begin = Instant::now();
-    let first = run.step;
-    let mut session = Session {
-        begin,
-        first,
-        saved: begin,
-        recent: Sums::default(),
-        recent_steps: 0,
-        finished: Finished {
-            step: run.step,
-            steps: cfg.steps,
-            interrupted: false,
-            skipped: 0,
-            best: run.best,
-            held_out: None,
-            secs: 0.0,
-            windows_per_sec: 0.0,
-            model: paths::model(&opts.dir),
-        },
-    };
+    let mut session = Session::new(&run, held_out.as_ref(), &opts.dir);
+    session.finished.interrupted = stopped;
+    // An evaluation that a stop cut short is made up for.
+    session.evaluate(&mut run, &source, &mut opts)?;
     // A stretch of steps learns from the data and from what earlier rounds reached.
     for round in 0..=cfg.self_correct {
         let end = cfg.steps * (round + 1) / (cfg.self_correct + 1);
-        if run.step >= end && round < cfg.self_correct {
-            continue;
-        }
-        if round > 0 {
-            run.perform(data, round, &mut opts)?;
-        }
-        let reached = hindsight::open(&opts.dir, round)?;
-        let mix = Mix::new(&source, &windows, &reached);
-        session.stretch(&mut run, &mix, held_out.as_ref(), end, &mut opts)?;
         if session.finished.interrupted {
             break;
         }
+        if run.step >= end && round < cfg.self_correct {
+            continue;
+        }
+        if round > 0 && !run.perform(data, round, &mut opts)? {
+            session.finished.interrupted = true;
+            break;
+        }
+        let reached = hindsight::open(&opts.dir, round)?;
+        let mix = Mix::new(&source, &windows, &reached);
+        session.stretch(&mut run, &mix, end, &mut opts)?;
     }
-    run.save(&opts.dir)?;
-    let mut finished = session.finished;
+    let Session { begin, first, mut finished, .. } = session;
     finished.step = run.step;
+    finished.best = run.best;
     finished.secs = begin.elapsed().as_secs_f64();
     finished.windows_per_sec =
         (run.step - first) as f64 * cfg.batch as f64 / finished.secs.max(1e-9);
@@ -230,101 +241,180 @@ pub fn train(data: &Dataset, cfg: &TrainConfig, mut opts: Options<'_>) -> Result
 }
 
 /// What one call of [`train`] counts.
-struct Session {
+struct Session<'a> {
+    held_out: Option<&'a Windows<'a>>,
     begin: Instant,
     /// Step that it began at.
     first: u64,
-    saved: Instant,
+    /// Time and step of the last checkpoint.
+    saved: (Instant, u64),
     recent: Sums,
     recent_steps: u32,
+    /// Norm of the last gradient that was applied.
+    grad_norm: f64,
     finished: Finished,
 }
 
-impl Session {
-    /// Steps up to `end`.
+impl<'a> Session<'a> {
+    fn new(run: &Run<'_>, held_out: Option<&'a Windows<'a>>, dir: &Path) -> Self {
+        let begin = Instant::now();
+        let last = |key: &str| run.metrics.iter().rev().find_map(|l| l.get(key));
+        Session {
+            held_out,
+            begin,
+            first: run.step,
+            saved: (begin, run.step),
+            recent: Sums::default(),
+            recent_steps: 0,
+            grad_norm: 0.0,
+            finished: Finished {
+                step: run.step,
+                steps: run.cfg.steps,
+                interrupted: false,
+                skipped: last("skipped").and_then(serde_json::Value::as_u64).unwrap_or(0),
+                best: run.best,
+                linear: last("linear").and_then(|l| l.get("precision")?.as_f64()),
+                held_out: last("held_out").and_then(|h| HeldOut::deserialize(h).ok()),
+                secs: 0.0,
+                windows_per_sec: 0.0,
+                model: paths::model(dir),
+            },
+        }
+    }
+
+    /// Steps up to `end`, and a checkpoint there or where a stop was asked for.
     fn stretch(
         &mut self,
         run: &mut Run<'_>,
         mix: &Mix<'_>,
-        held_out: Option<&Windows<'_>>,
         end: u64,
         opts: &mut Options<'_>,
     ) -> Result<(), Error> {
         let cfg = run.cfg;
         let line_every = (cfg.steps / LINES).max(1);
+        if run.step < end {
+            opts.progress.tick(run.step, cfg.steps, "");
+        }
         while run.step < end {
-            if opts.cancel.is_cancelled() {
-                self.finished.interrupted = true;
-                break;
-            }
             let step = run.step;
             let lr = cfg.lr * cfg.schedule.factor(step as f64 / cfg.steps as f64);
-            let fill = |w: usize, slot: usize, batch: &mut Batch<f32>| {
-                mix.train(step, w, slot, batch);
-            };
-            let report = run.learner.step(lr, &fill);
-            run.step += 1;
-            if report.applied {
+            let look = run.look(mix);
+            if look.is_finite() {
+                // Only weights from which a step is known to be possible are kept.
+                let stop = opts.cancel.is_cancelled();
+                if stop || self.saved.0.elapsed().as_secs_f64() >= opts.checkpoint_secs {
+                    self.save(run, opts)?;
+                }
+                if stop {
+                    self.finished.interrupted = true;
+                    return Ok(());
+                }
+                run.learner.apply(lr, &look);
+                run.step += 1;
                 run.average(cfg.average);
-                self.recent.add(&report.sums);
+                self.recent.add(&look.sums);
                 self.recent_steps += 1;
+                self.grad_norm = look.grad_norm;
             } else {
-                self.skip(step, opts)?;
+                run.step += 1;
+                self.skip(run, step, opts)?;
             }
             if run.step.is_multiple_of(line_every) || run.step == cfg.steps {
-                self.line(run, lr, report.grad_norm, opts.progress);
+                self.line(run, lr, opts.progress);
             }
-            if due(run.step, cfg.steps, opts.evaluations) {
-                if let Some(held_out) = held_out {
-                    let count = if run.step == cfg.steps { MEASURED_AT_END } else { MEASURED };
-                    // A small run is not worth a long measurement.
-                    let seen = run.step as usize * cfg.batch;
-                    let found = run.measure(mix.source, held_out, count.min(seen));
-                    let line = serde_json::json!({"step": run.step, "held_out": found});
-                    opts.progress.figures(&line);
-                    run.metrics.push(line);
-                    self.finished.held_out = Some(found);
-                }
-                if let Some(judge) = opts.judge.as_deref_mut() {
-                    run.judge(judge, &opts.dir, opts.progress)?;
-                    self.finished.best = run.best;
-                }
-                run.draw(opts);
-            }
-            if self.saved.elapsed().as_secs_f64() >= opts.checkpoint_secs {
-                run.save(&opts.dir)?;
-                self.saved = Instant::now();
-            }
+            self.evaluate(run, mix.source, opts)?;
+        }
+        if run.step > self.saved.1 && !run.look(mix).is_finite() {
+            return Err(self.diverged(run, opts));
+        }
+        self.save(run, opts)
+    }
+
+    fn save(&mut self, run: &mut Run<'_>, opts: &Options<'_>) -> Result<(), Error> {
+        run.save(&opts.dir)?;
+        self.saved = (Instant::now(), run.step);
+        Ok(())
+    }
+
+    /// Measures and judges, where that is due and not done yet; a stop cuts it short.
+    fn evaluate(
+        &mut self,
+        run: &mut Run<'_>,
+        source: &Source<'_>,
+        opts: &mut Options<'_>,
+    ) -> Result<(), Error> {
+        let cfg = run.cfg;
+        if run.step == 0 || !due(run.step, cfg.steps, opts.evaluations) {
+            return Ok(());
+        }
+        let known = run.metrics.len();
+        if let Some(held_out) = self.held_out
+            && !run.has("held_out")
+        {
+            let count = if run.step == cfg.steps { MEASURED_AT_END } else { MEASURED };
+            // A small run is not worth a long measurement.
+            let seen = run.step as usize * cfg.batch;
+            let Some(found) = run.measure(source, held_out, count.min(seen), opts.cancel) else {
+                self.finished.interrupted = true;
+                return Ok(());
+            };
+            let line = serde_json::json!({"step": run.step, "held_out": found});
+            opts.progress.figures(&line);
+            run.metrics.push(line);
+            self.finished.held_out = Some(found);
+        }
+        if let Some(judge) = opts.judge.as_deref_mut()
+            && !run.has("evaluation")
+            && !run.judge(judge, &opts.dir, opts.progress, opts.cancel)?
+        {
+            self.finished.interrupted = true;
+        }
+        if run.metrics.len() > known {
+            run.draw(opts);
         }
         Ok(())
     }
 
     /// Counts a step whose loss or gradient was not finite; too many end the run.
-    fn skip(&mut self, step: u64, opts: &Options<'_>) -> Result<(), Error> {
+    fn skip(&mut self, run: &mut Run<'_>, step: u64, opts: &Options<'_>) -> Result<(), Error> {
         self.finished.skipped += 1;
         let skipped = self.finished.skipped;
+        run.metrics.push(serde_json::json!({"step": run.step, "skipped": skipped}));
         opts.progress.log(&format!("step {step}: loss or gradient not finite, skipped"));
         if skipped < MOST_SKIPPED {
             return Ok(());
         }
-        Err(Error::Diverged { skipped, step, path: paths::last(&opts.dir) })
+        Err(self.diverged(run, opts))
     }
 
-    fn line(&mut self, run: &mut Run<'_>, lr: f64, grad_norm: f64, progress: &dyn Progress) {
+    fn diverged(&self, run: &Run<'_>, opts: &Options<'_>) -> Error {
+        // For whoever looks at the run; resuming cuts off what lies after the checkpoint.
+        if let Err(e) = run.save_metrics(&opts.dir) {
+            opts.progress.log(&format!("metrics not written: {e}"));
+        }
+        let skipped = self.finished.skipped;
+        Error::Diverged { skipped, step: run.step, path: paths::last(&opts.dir) }
+    }
+
+    fn line(&mut self, run: &mut Run<'_>, lr: f64, progress: &dyn Progress) {
         let secs = self.begin.elapsed().as_secs_f64();
         let rate = (run.step - self.first) as f64 * run.cfg.batch as f64 / secs.max(1e-9);
         let (recent, steps) = (&self.recent, self.recent_steps);
+        progress.tick(run.step, run.cfg.steps, &note(recent, steps, rate));
+        // All of them skipped: there is nothing to tell.
+        if steps == 0 {
+            return;
+        }
         let line = Line {
             step: run.step,
             loss: mean_loss(recent, steps),
             action_rms_visible: rms(recent, 0),
             action_rms_masked: rms(recent, 1),
             lr,
-            grad_norm,
+            grad_norm: self.grad_norm,
             windows_per_sec: rate.round(),
             secs: ((run.spent + secs) * 10.0).round() / 10.0,
         };
-        progress.tick(run.step, run.cfg.steps, &note(recent, steps, rate));
         let line = serde_json::to_value(line).unwrap_or_default();
         progress.figures(&line);
         run.metrics.push(line);
@@ -350,6 +440,8 @@ struct Run<'a> {
     power: f64,
     step: u64,
     best: Option<(u64, f64)>,
+    /// Step at which the card's Precision was measured.
+    judged: Option<u64>,
     /// Seconds spent in earlier sessions.
     spent: f64,
 }
@@ -386,6 +478,7 @@ impl<'a> Run<'a> {
                 power,
                 step: 0,
                 best: None,
+                judged: None,
                 spent: 0.0,
             });
         }
@@ -402,6 +495,12 @@ impl<'a> Run<'a> {
         let Some(state) = optimiser else {
             return refuse("no optimiser state to go on from".into());
         };
+        // The checkpoint knows what it was trained with; the file beside it can be edited.
+        let own = serde_json::from_value::<TrainConfig>(card.training.config.clone());
+        if own.ok().as_ref() != Some(cfg) {
+            let why = "config.toml is no longer the one that the run was started with: put it back, or begin a new run";
+            return Err(Error::Run { why: why.into(), path: paths::config(dir) });
+        }
         let step = card.training.step;
         let mut learner = Self::learner(net, cfg, opts);
         state.restore(&mut learner)?;
@@ -409,6 +508,8 @@ impl<'a> Run<'a> {
         let best = best_of(&metrics);
         let spent = |l: &serde_json::Value| l.get("secs").and_then(serde_json::Value::as_f64);
         let spent = metrics.iter().rev().find_map(spent).unwrap_or(0.0);
+        let judged = metrics.iter().filter(|l| JUDGED.iter().any(|key| l.get(key).is_some()));
+        let judged = judged.filter_map(|l| l.get("step")?.as_u64()).max();
         opts.progress.log(&format!("going on from step {step}"));
         Ok(Run {
             cfg,
@@ -420,6 +521,7 @@ impl<'a> Run<'a> {
             power,
             step,
             best,
+            judged,
             spent,
         })
     }
@@ -451,22 +553,51 @@ impl<'a> Run<'a> {
         Model { card, net, encoder: self.encoder.clone(), optimiser: None }
     }
 
+    /// Loss and gradient of the next step.
+    fn look(&mut self, mix: &Mix<'_>) -> Look {
+        let step = self.step;
+        let fill = |w: usize, slot: usize, batch: &mut Batch<f32>| mix.train(step, w, slot, batch);
+        self.learner.look(&fill)
+    }
+
+    /// Whether the metrics have this of the step of the moment.
+    fn has(&self, key: &str) -> bool {
+        let here = |l: &&serde_json::Value| {
+            l.get("step").and_then(serde_json::Value::as_u64) == Some(self.step)
+        };
+        self.metrics.iter().rev().filter(here).any(|l| l.get(key).is_some())
+    }
+
     /// The network of the moment performs tasks from its own data, and what it reached is
-    /// written down; nothing to do where an earlier session did.
-    fn perform(&mut self, data: &Dataset, round: u64, opts: &mut Options<'_>) -> Result<(), Error> {
+    /// written down; nothing to do where an earlier session did. False when a stop was asked
+    /// for: then nothing is written.
+    fn perform(
+        &mut self,
+        data: &Dataset,
+        round: u64,
+        opts: &mut Options<'_>,
+    ) -> Result<bool, Error> {
         let dir = hindsight::folder(&opts.dir, round);
         if dir.join("manifest.json").exists() {
-            return Ok(());
+            return Ok(true);
         }
-        let Some(perform) = opts.perform.as_deref_mut() else { return Ok(()) };
+        let Some(perform) = opts.perform.as_deref_mut() else { return Ok(true) };
         let (tasks, seed) = (self.cfg.self_tasks, self.cfg.seed);
         opts.progress.log(&format!("step {}: performing {tasks} tasks from its data", self.step));
+        let job = Round { round, tasks, seed, dir: &dir };
         perform
-            .perform(&self.model(), data, round, tasks, seed, &dir)
+            .perform(&self.model(), data, &job, opts.cancel)
             .map_err(|why| Error::Evaluation { step: self.step, why })
     }
 
-    fn measure(&mut self, source: &Source<'_>, held_out: &Windows<'_>, windows: usize) -> HeldOut {
+    /// Held-out error; `None` when a stop was asked for meanwhile.
+    fn measure(
+        &mut self,
+        source: &Source<'_>,
+        held_out: &Windows<'_>,
+        windows: usize,
+        cancel: &Cancel,
+    ) -> Option<HeldOut> {
         let batch = self.cfg.batch;
         // The average, where there is one, is what will be used: measure that.
         let kept = self.averaged.clone().map(|average| {
@@ -476,42 +607,63 @@ impl<'a> Run<'a> {
             kept
         });
         let mut sums = Sums::default();
-        for round in 0..windows.div_ceil(batch) {
+        let rounds = windows.div_ceil(batch);
+        let mut done = 0;
+        while done < rounds && !cancel.is_cancelled() {
+            let round = done;
             let fill = |w: usize, slot: usize, to: &mut Batch<f32>| {
                 source.measure(held_out, (round * batch + w) as u64, slot, to);
             };
             sums.add(&self.learner.errors(&fill));
+            done += 1;
         }
         if let Some(kept) = kept {
             self.learner.net.weights.copy_from_slice(&kept);
             self.learner.weights_changed();
         }
-        let nmse = |square: f64, count: f64| square / count.max(1.0) / self.power.max(1e-12);
+        if done < rounds {
+            return None;
+        }
+        let power = self.power.max(1e-12);
+        let nmse = |square: f64, count: f64| (count > 0.0).then(|| square / count / power);
         let gaps = sums.gap_square.iter().zip(&sums.gap_windows).take(GAPS - 1);
         let place = |p: usize| nmse(sums.place_square[p], sums.place_tokens[p]);
         let tokens: f64 = sums.place_tokens.iter().sum();
-        HeldOut {
+        Some(HeldOut {
             nmse_by_hidden: gaps.map(|(&s, &n)| nmse(s, n)).collect(),
             nmse_clear: place(0),
             nmse_stop: place(1),
             nmse_contact: place(2),
             shares: sums.place_tokens.map(|n| n / tokens.max(1.0)),
-        }
+        })
     }
 
-    /// The linear answer alone on the judge's tasks: what the training has to beat. An
-    /// untrained skip network is that answer.
-    fn judge_linear(&mut self, opts: &mut Options<'_>) -> Result<(), Error> {
-        let Some(judge) = opts.judge.as_deref_mut() else { return Ok(()) };
-        if self.cfg.skip == SkipKind::Off || opts.evaluations == 0 {
-            return Ok(());
+    /// The linear answer alone on the judge's tasks: what the training has to beat, and the
+    /// first candidate for `best`, since an untrained skip network is that answer. False when
+    /// a stop was asked for meanwhile.
+    fn judge_linear(&mut self, opts: &mut Options<'_>) -> Result<bool, Error> {
+        let Some(judge) = opts.judge.as_deref_mut() else { return Ok(true) };
+        if self.cfg.skip == SkipKind::Off || opts.evaluations == 0 || self.has("linear") {
+            return Ok(true);
         }
-        let found = judge
-            .evaluate(&self.model())
-            .map_err(|why| Error::Evaluation { step: self.step, why })?;
+        let found = judge.evaluate_linear(&self.model(), opts.cancel);
+        let found = found.map_err(|why| Error::Evaluation { step: self.step, why })?;
+        let Some(found) = found else { return Ok(false) };
         opts.progress.log(&format!("linear answer: Precision {:.5}", found.precision));
         self.metrics.push(serde_json::json!({"step": 0, "linear": found}));
+        self.note_judged(found, &opts.dir)?;
+        Ok(true)
+    }
+
+    /// Figures into the card, and a file where none was better.
+    fn note_judged(&mut self, found: Evaluation, dir: &Path) -> Result<(), Error> {
         self.card.training.precision = found.suites;
+        self.judged = Some(self.step);
+        if self.best.is_none_or(|(_, best)| found.precision < best) {
+            self.best = Some((self.step, found.precision));
+            let Model { card, net, encoder, .. } = self.model();
+            checkpoint::save(&paths::best(dir), &card, &net, encoder.ridge.as_ref(), None)?;
+        }
         Ok(())
     }
 
@@ -527,34 +679,39 @@ impl<'a> Run<'a> {
         }
     }
 
+    /// False when a stop was asked for meanwhile.
     fn judge(
         &mut self,
         judge: &mut dyn Evaluate,
         dir: &Path,
         progress: &dyn Progress,
-    ) -> Result<(), Error> {
-        let mut model = self.model();
-        let found =
-            judge.evaluate(&model).map_err(|why| Error::Evaluation { step: self.step, why })?;
-        progress.figures(&serde_json::json!({"step": self.step, "evaluation": found}));
-        self.metrics.push(serde_json::json!({"step": self.step, "evaluation": found}));
+        cancel: &Cancel,
+    ) -> Result<bool, Error> {
+        let found = judge.evaluate(&self.model(), cancel);
+        let found = found.map_err(|why| Error::Evaluation { step: self.step, why })?;
+        let Some(found) = found else { return Ok(false) };
+        let line = serde_json::json!({"step": self.step, "evaluation": found});
+        progress.figures(&line);
+        self.metrics.push(line);
         progress.log(&format!("step {}: Precision {:.5}", self.step, found.precision));
-        model.card.training.precision = found.suites.clone();
-        self.card.training.precision = found.suites;
-        if self.best.is_none_or(|(_, best)| found.precision < best) {
-            self.best = Some((self.step, found.precision));
-            let ridge = model.encoder.ridge.as_ref();
-            checkpoint::save(&paths::best(dir), &model.card, &model.net, ridge, None)?;
-        }
-        Ok(())
+        self.note_judged(found, dir)?;
+        Ok(true)
+    }
+
+    fn save_metrics(&self, dir: &Path) -> Result<(), Error> {
+        let lines: Vec<String> = self.metrics.iter().map(ToString::to_string).collect();
+        let lines = lines.join("\n") + "\n";
+        Ok(fsio::write_atomic(&paths::metrics(dir), lines.as_bytes())?)
     }
 
     /// Metrics first: a crash in between leaves lines that resuming cuts off again.
     fn save(&mut self, dir: &Path) -> Result<(), Error> {
-        let lines: Vec<String> = self.metrics.iter().map(ToString::to_string).collect();
-        let lines = lines.join("\n") + "\n";
-        fsio::write_atomic(&paths::metrics(dir), lines.as_bytes())?;
+        self.save_metrics(dir)?;
         self.card.training.step = self.step;
+        // Figures of an earlier step are none of these weights.
+        if self.judged != Some(self.step) {
+            self.card.training.precision.clear();
+        }
         let ridge = self.encoder.ridge.as_ref();
         let state = OptimiserState::of(&self.learner, self.averaged.as_deref());
         let net = &self.learner.net;
@@ -584,8 +741,8 @@ fn note(sums: &Sums, steps: u32, rate: f64) -> String {
 
 fn best_of(metrics: &[serde_json::Value]) -> Option<(u64, f64)> {
     let found = metrics.iter().filter_map(|l| {
-        let precision = l.get("evaluation")?.get("precision")?.as_f64()?;
-        Some((l.get("step")?.as_u64()?, precision))
+        let found = JUDGED.iter().find_map(|key| l.get(key))?;
+        Some((l.get("step")?.as_u64()?, found.get("precision")?.as_f64()?))
     });
     found.min_by(|a, b| a.1.total_cmp(&b.1))
 }

@@ -21,6 +21,11 @@ fn dataset(dir: &Path) -> Dataset {
 /// The same behind levers: the force of a motor grows by `lever` a radian, which no linear map
 /// can undo.
 fn plant(dir: &Path, lever: f64) -> Dataset {
+    trajectories(dir, lever, 150)
+}
+
+/// Forty trajectories of so many frames.
+fn trajectories(dir: &Path, lever: f64, frames: usize) -> Dataset {
     let mut m = Manifest::new(Robot {
         id: "toy".into(),
         model_sha256: "ab".repeat(32),
@@ -36,7 +41,7 @@ fn plant(dir: &Path, lever: f64) -> Dataset {
         let mut rng = Rng::new(9, Stream::Test, e);
         let (mut q, mut v, mut a) = ([0.0_f64; 2], [0.0_f64; 2], [0.0_f64; 2]);
         let (mut qs, mut vs, mut us) = (Vec::new(), Vec::new(), Vec::new());
-        for _ in 0..150 {
+        for _ in 0..frames {
             for a in &mut a {
                 *a = (0.85 * *a + 0.3 * rng.normal()).clamp(-1.0, 1.0);
             }
@@ -53,7 +58,7 @@ fn plant(dir: &Path, lever: f64) -> Dataset {
             }
         }
         let meta = EpisodeMeta { agent: "noise".into(), snapshot_step: 0, seed: e };
-        b.push(&meta, &qs, &vs, &us, &[0; 150]).unwrap();
+        b.push(&meta, &qs, &vs, &us, &vec![0; frames]).unwrap();
     }
     let file = PathBuf::from("shards/0.safetensors");
     let entry = b.write(dir, &file).unwrap();
@@ -107,17 +112,21 @@ fn learns_and_beats_its_linear_answer() {
     let held: Vec<f64> =
         lines.iter().filter_map(|l| l["held_out"]["nmse_by_hidden"][0].as_f64()).collect();
     assert_eq!(held.len(), 4);
-    assert!(end.nmse_by_hidden[0] < 0.1, "{end:?}");
+    let by_hidden = |h: &HeldOut| h.nmse_by_hidden.iter().flatten().copied().collect::<Vec<_>>();
+    assert!(by_hidden(&end).len() == 20 && by_hidden(&end)[0] < 0.1, "{end:?}");
+    // Nothing in this data touches itself: that is no error of zero.
+    assert_eq!((end.nmse_contact, end.shares[2]), (None, 0.0));
     // An untrained network is the linear answer: no step at all shows what it leaves.
     let (none, straight) = (dir.path().join("none"), TrainConfig { lr: 1e-30, ..small(40) });
     let once = Options { evaluations: 1, ..options(&none, 2, &cancel, &Silent) };
     let linear = train(&data, &straight, once).unwrap().held_out.unwrap();
-    assert!(end.nmse_clear < 0.9 * linear.nmse_clear, "{end:?} after {linear:?}");
-    let sum = |h: &HeldOut, gaps: usize| h.nmse_by_hidden.iter().take(gaps).sum::<f64>();
+    let clear = |h: &HeldOut| h.nmse_clear.unwrap();
+    assert!(clear(&end) < 0.9 * clear(&linear), "{end:?} after {linear:?}");
+    let sum = |h: &HeldOut, gaps: usize| by_hidden(h).iter().take(gaps).sum::<f64>();
     assert!(sum(&end, 2) < 0.9 * sum(&linear, 2), "{end:?} after {linear:?}");
     // Most of what a long gap leaves open nobody can tell; nothing may be lost there.
     assert!(sum(&end, 20) < 1.1 * sum(&linear, 20), "{end:?} after {linear:?}");
-    assert!(end.nmse_by_hidden[10] > end.nmse_by_hidden[0], "hidden frames cost something");
+    assert!(by_hidden(&end)[10] > by_hidden(&end)[0], "hidden frames cost something");
     let model = checkpoint::load(&paths::model(&run), None).unwrap();
     assert!(model.optimiser.is_none());
     assert_ne!(model.net.weights[..], weights(&run).net.weights[..], "the average is kept");
@@ -180,6 +189,155 @@ fn a_run_goes_on_only_with_its_own_settings_and_data() {
     let other = TrainConfig { lr: 1e-4, ..small(3) };
     let e = train(&data, &other, options(&run, 1, &cancel, &Silent)).unwrap_err();
     assert!(e.to_string().contains("other settings"), "{e}");
+    // A file edited by hand would put wrong settings on record.
+    let text = std::fs::read_to_string(paths::config(&run)).unwrap();
+    std::fs::write(paths::config(&run), text.replace("lr = 0.003", "lr = 0.004")).unwrap();
+    let edited = run::read_config(&run).unwrap();
+    assert_eq!(edited.lr, 0.004);
+    let e = train(&data, &edited, options(&run, 1, &cancel, &Silent)).unwrap_err();
+    assert!(e.to_string().contains("no longer the one"), "{e}");
+    std::fs::write(paths::config(&run), text).unwrap();
+    train(&data, &small(3), options(&run, 1, &cancel, &Silent)).unwrap();
+}
+
+/// Keeps the lines of a log.
+#[derive(Default)]
+struct Log(std::sync::Mutex<Vec<String>>);
+
+impl Log {
+    fn skipped(&self) -> Vec<String> {
+        let lines = self.0.lock().unwrap();
+        lines.iter().filter(|l| l.contains("skipped")).cloned().collect()
+    }
+}
+
+impl Progress for Log {
+    fn tick(&self, _done: u64, _total: u64, _note: &str) {}
+    fn log(&self, line: &str) {
+        self.0.lock().unwrap().push(line.to_owned());
+    }
+}
+
+#[test]
+fn the_checkpoint_kept_is_one_that_can_go_on() {
+    let dir = tempfile::tempdir().unwrap();
+    let data = dataset(&dir.path().join("data"));
+    // One step of this length leaves finite weights, and nothing finite after them.
+    let cfg = TrainConfig { lr: 1e30, ..small(60) };
+    let (cancel, run) = (Cancel::default(), dir.path().join("run"));
+    let each = || Options { checkpoint_secs: 0.0, ..options(&run, 1, &cancel, &Silent) };
+    let e = train(&data, &cfg, each()).unwrap_err();
+    assert!(matches!(e, Error::Diverged { skipped: 10, .. }), "{e}");
+    assert!(e.to_string().contains("begin a new one with a smaller lr"), "{e}");
+    let kept = weights(&run).card.training.step;
+    let log = Log::default();
+    let again = Options { progress: &log, ..each() };
+    assert!(matches!(train(&data, &cfg, again).unwrap_err(), Error::Diverged { .. }));
+    let skipped = log.skipped();
+    assert_eq!(skipped.len(), 10, "counted from the checkpoint on");
+    let next = format!("step {kept}:");
+    assert!(skipped.iter().all(|l| !l.starts_with(&next)), "{skipped:?}");
+    // At the end nothing follows that could tell: it is tried.
+    let short = dir.path().join("short");
+    let cfg = TrainConfig { lr: 1e30, ..small(3) };
+    let e = train(&data, &cfg, options(&short, 1, &cancel, &Silent)).unwrap_err();
+    assert!(matches!(e, Error::Diverged { .. }), "{e}");
+    assert!(weights(&short).card.training.step < 3);
+}
+
+#[test]
+fn a_finished_run_still_has_its_figures() {
+    let dir = tempfile::tempdir().unwrap();
+    let data = dataset(&dir.path().join("data"));
+    let (cancel, run) = (Cancel::default(), dir.path().join("run"));
+    let twice = || Options { evaluations: 2, ..options(&run, 1, &cancel, &Silent) };
+    let first = train(&data, &small(4), twice()).unwrap();
+    assert!(first.held_out.is_some());
+    let model = std::fs::read(paths::model(&run)).unwrap();
+    let again = train(&data, &small(4), twice()).unwrap();
+    assert_eq!((again.step, again.held_out), (4, first.held_out));
+    assert_eq!(model, std::fs::read(paths::model(&run)).unwrap());
+}
+
+/// Judges by a list, and is stopped at the entry that is missing.
+struct Judge(Vec<Option<f64>>, Cancel);
+
+impl Evaluate for Judge {
+    fn evaluate(&mut self, model: &Model, cancel: &Cancel) -> Result<Option<Evaluation>, String> {
+        assert!(model.net.weights.iter().all(|w| w.is_finite()));
+        let Some(precision) = self.0.remove(0) else {
+            self.1.cancel();
+            assert!(cancel.is_cancelled(), "the run's own");
+            return Ok(None);
+        };
+        Ok(Some(Evaluation { precision, suites: [("toy".to_owned(), precision)].into() }))
+    }
+}
+
+fn figures(run: &Path, key: &str) -> Vec<(u64, f64)> {
+    let text = std::fs::read_to_string(paths::metrics(run)).unwrap();
+    let lines = text.lines().map(|l| serde_json::from_str::<serde_json::Value>(l).unwrap());
+    lines.filter_map(|l| Some((l["step"].as_u64()?, l.get(key)?["precision"].as_f64()?))).collect()
+}
+
+#[test]
+fn a_stop_cuts_an_evaluation_short_and_resuming_makes_up_for_it() {
+    let dir = tempfile::tempdir().unwrap();
+    let data = dataset(&dir.path().join("data"));
+    let run = dir.path().join("run");
+    let session = |list: &[Option<f64>]| {
+        let cancel = Cancel::default();
+        let mut judge = Judge(list.to_vec(), cancel.clone());
+        let judge: &mut dyn Evaluate = &mut judge;
+        let two = options(&run, 1, &cancel, &Silent);
+        train(&data, &small(8), Options { evaluations: 2, judge: Some(judge), ..two }).unwrap()
+    };
+    // Stopped while the linear answer is judged, at step 4, at the end; then let alone.
+    for (list, step) in
+        [(&[None][..], 0), (&[Some(0.5), None], 4), (&[Some(0.4), None], 8), (&[None], 8)]
+    {
+        let done = session(list);
+        assert_eq!((done.step, done.interrupted), (step, true), "{list:?}");
+        assert_eq!(weights(&run).card.training.step, step);
+        let precision = weights(&run).card.training.precision;
+        assert!(precision.is_empty(), "figures of another step: {precision:?}");
+    }
+    let done = session(&[Some(0.3)]);
+    assert_eq!((done.step, done.interrupted, done.best), (8, false, Some((8, 0.3))));
+    assert_eq!(figures(&run, "linear"), [(0, 0.5)]);
+    assert_eq!(figures(&run, "evaluation"), [(4, 0.4), (8, 0.3)]);
+    let whole = dir.path().join("whole");
+    let cancel = Cancel::default();
+    let mut judge = Judge(vec![Some(0.5), Some(0.4), Some(0.3)], cancel.clone());
+    let two = options(&whole, 1, &cancel, &Silent);
+    train(&data, &small(8), Options { evaluations: 2, judge: Some(&mut judge), ..two }).unwrap();
+    let model = |dir: &Path| std::fs::read(paths::model(dir)).unwrap();
+    assert!(model(&run) == model(&whole), "to the byte that of a run nobody stopped");
+}
+
+#[test]
+fn trajectories_too_short_for_self_correction_are_refused_at_the_start() {
+    struct Nobody;
+    impl hindsight::Perform for Nobody {
+        fn perform(
+            &mut self,
+            _model: &Model,
+            _data: &Dataset,
+            _job: &hindsight::Round<'_>,
+            _cancel: &Cancel,
+        ) -> Result<bool, String> {
+            panic!("not before the data were looked at");
+        }
+    }
+    let dir = tempfile::tempdir().unwrap();
+    let data = trajectories(&dir.path().join("data"), 0.0, 100);
+    let cfg = TrainConfig { self_correct: 1, ..small(4) };
+    let (cancel, run) = (Cancel::default(), dir.path().join("run"));
+    let mut nobody = Nobody;
+    let opts = Options { perform: Some(&mut nobody), ..options(&run, 1, &cancel, &Silent) };
+    let e = train(&data, &cfg, opts).unwrap_err().to_string();
+    assert!(e.contains("111"), "{e}");
+    assert!(!paths::config(&run).exists(), "nothing was begun");
 }
 
 #[test]
@@ -201,28 +359,26 @@ fn steps_that_are_not_finite_are_skipped_counted_and_end_the_run() {
 
 #[test]
 fn the_best_by_precision_is_kept() {
-    struct Judge(Vec<f64>);
-    impl Evaluate for Judge {
-        fn evaluate(&mut self, model: &Model) -> Result<Evaluation, String> {
-            assert!(model.net.weights.iter().all(|w| w.is_finite()));
-            let precision = self.0.remove(0);
-            Ok(Evaluation { precision, suites: [("toy".to_owned(), precision)].into() })
-        }
-    }
     let dir = tempfile::tempdir().unwrap();
     let data = dataset(&dir.path().join("data"));
-    let (cancel, run) = (Cancel::default(), dir.path().join("run"));
-    // The linear answer is judged first; it is the figure to beat, never the best.
-    let mut judge = Judge(vec![0.05, 0.3, 0.1, 0.2, 0.4]);
-    let opts =
-        Options { evaluations: 4, judge: Some(&mut judge), ..options(&run, 1, &cancel, &Silent) };
-    let done = train(&data, &small(8), opts).unwrap();
-    assert_eq!(done.best, Some((4, 0.1)));
-    let record = super::record::Record::read(&run).unwrap();
-    assert_eq!(record.linear.as_ref().map(|l| l.precision), Some(0.05));
-    assert!(record.worse_than_linear() && paths::curves(&run).exists());
-    let best = checkpoint::load(&paths::best(&run), None).unwrap();
-    assert_eq!((best.card.training.step, best.card.training.precision["toy"]), (4, 0.1));
+    // The linear answer is judged first: an untrained network, and the one to keep where no
+    // step was better.
+    for (linear, want) in [(0.15, (4, 0.1)), (0.05, (0, 0.05))] {
+        let (cancel, run) = (Cancel::default(), dir.path().join(format!("run-{linear}")));
+        let list = [linear, 0.3, 0.1, 0.2, 0.4].map(Some).to_vec();
+        let mut judge = Judge(list, cancel.clone());
+        let four = options(&run, 1, &cancel, &Silent);
+        let four = Options { evaluations: 4, judge: Some(&mut judge), ..four };
+        let done = train(&data, &small(8), four).unwrap();
+        assert_eq!((done.best, done.linear), (Some(want), Some(linear)));
+        let record = super::record::Record::read(&run).unwrap();
+        assert_eq!(record.best().map(|(s, e)| (s, e.precision)), Some(want));
+        assert_eq!(record.linear.as_ref().map(|l| l.precision), Some(linear));
+        assert!(record.worse_than_linear() && paths::curves(&run).exists());
+        let best = checkpoint::load(&paths::best(&run), None).unwrap();
+        let training = best.card.training;
+        assert_eq!((training.step, training.precision["toy"]), want);
+    }
 }
 
 fn fit_inverse(data: &Dataset, seed: u64, out: &Path) -> fit::Fitted {
