@@ -11,7 +11,7 @@ use super::{Global, motion, out};
 use crate::exit::Exit;
 use crate::fsio;
 use crate::rollout::Interval;
-use crate::train::sweep::{Row, Sweep, Work, figure, sweep};
+use crate::train::sweep::{Row, Sweep, Swept, Work, figure, sweep};
 
 #[derive(clap::Args, Debug)]
 #[command(
@@ -46,7 +46,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let bar = Bar::new("sweep", "points", global.quiet);
     let cancel = cancel_on_ctrl_c();
     let work = Work {
-        data,
+        data: data.clone(),
         out: args.out.clone(),
         threads: super::threads(args.threads),
         progress: &bar,
@@ -58,8 +58,14 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     };
     let done = sweep(&file, &Arc::clone(&robot), &work);
     bar.finish();
-    let (rows, complete) = done?;
-    let report = serde_json::json!({"sweep": file, "complete": complete, "rows": rows});
+    let Swept { rows, complete, data_sha256 } = done?;
+    let report = serde_json::json!({
+        "sweep": file,
+        "data": data,
+        "data_sha256": data_sha256,
+        "complete": complete,
+        "rows": rows,
+    });
     let text = serde_json::to_vec_pretty(&report).map_err(io::Error::other)?;
     fsio::write_atomic(&args.out.join("results.json"), &text)?;
     fsio::write_atomic(&args.out.join("table.csv"), &csv(&rows)?)?;
@@ -98,7 +104,9 @@ fn table(file: &Sweep, rows: &[Row]) -> String {
         let values =
             keys.iter().map(|k| r.values.get(k).map_or_else(String::new, ToString::to_string));
         let found = suites.iter().map(|s| cell(r.suites.get(s).copied().flatten()));
-        let tail = [cell(r.nmse_clear), r.seeds.to_string()];
+        // No frame to measure on is no failure.
+        let nmse = r.nmse_clear.map_or_else(|| "-".to_owned(), |i| cell(Some(i)));
+        let tail = [nmse, r.seeds.to_string()];
         t.add_row(values.chain(found).chain(tail));
     }
     out::right(&mut t, keys.len());

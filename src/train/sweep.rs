@@ -199,6 +199,9 @@ impl Sweep {
                 return Err(fail(format!("{key} belongs into [grid]; one value is enough there")));
             }
         }
+        if sweep.set.contains_key("seed") || sweep.grid.contains_key("seed") {
+            return Err(fail("seed is no setting here: list them in seeds = [...]".into()));
+        }
         let mut distinct = sweep.seeds.clone();
         distinct.sort_unstable();
         distinct.dedup();
@@ -244,6 +247,7 @@ impl Sweep {
             cfg.set(&format!("{key}={value}"))?;
         }
         cfg.set(&format!("seed={seed}"))?;
+        cfg.check_network()?;
         Ok(cfg)
     }
 }
@@ -329,20 +333,28 @@ impl std::fmt::Debug for Work<'_> {
     }
 }
 
-/// Trains and judges what is not done yet; returns the rows so far and whether all points
-/// are done.
+/// What a call of [`sweep`] leaves.
+#[derive(Clone, Debug)]
+pub struct Swept {
+    /// The rows so far.
+    pub rows: Vec<Row>,
+    /// Whether all points are done.
+    pub complete: bool,
+    /// Sha-256 of the manifest of the data.
+    pub data_sha256: String,
+}
+
+/// Trains and judges what is not done yet.
 ///
 /// # Errors
 /// Those of training and of the files; points done before stay.
-pub fn sweep(
-    sweep: &Sweep,
-    robot: &Arc<Robot>,
-    work: &Work<'_>,
-) -> Result<(Vec<Row>, bool), Error> {
+pub fn sweep(sweep: &Sweep, robot: &Arc<Robot>, work: &Work<'_>) -> Result<Swept, Error> {
     // All data verified once; the views refer to the same shards.
     let whole = Dataset::open(&work.data, Verify::Full)?;
     whole.must_be_of(robot)?;
+    let data_sha256 = whole.manifest().sha256();
     drop(whole);
+    claim(&work.out, &data_sha256)?;
     let combinations = sweep.combinations();
     let total = combinations.len() * sweep.seeds.len();
     let mut found = Vec::new();
@@ -351,7 +363,6 @@ pub fn sweep(
     'all: for &seed in &sweep.seeds {
         for values in &combinations {
             let name = slug(values);
-            work.progress.tick(found.len() as u64, total as u64, &format!("{name} seed {seed}"));
             let dir = work.out.join("points").join(&name).join(format!("seed-{seed}"));
             let cfg = sweep.config(values, seed)?;
             let view =
@@ -362,6 +373,8 @@ pub fn sweep(
                 found.push(done);
                 continue;
             }
+            // What earlier calls did is no measure of the time left.
+            work.progress.tick(found.len() as u64, total as u64, &format!("{name} seed {seed}"));
             let mut simulated = Simulated { robot: Arc::clone(robot), threads: work.threads };
             let done = train(&data, &cfg, options(&dir, work, &mut simulated))?;
             if done.interrupted || work.cancel.is_cancelled() {
@@ -373,13 +386,21 @@ pub fn sweep(
                 // Cut from the held-out part, which is the same in every view.
                 None => suites.insert(suites_of(sweep, robot, &data)?),
             };
+            let found_suites = match perform(robot, &dir, suites, work) {
+                // Cut short: the next call judges the point.
+                Err(_) if work.cancel.is_cancelled() => {
+                    complete = false;
+                    break 'all;
+                }
+                found => found?,
+            };
             let reached = Reached {
                 values: values.clone(),
                 seed,
                 dataset_sha256: sha,
                 windows: cfg.steps * cfg.batch as u64,
-                suites: perform(robot, &dir, suites, work)?,
-                nmse_clear: done.held_out.map(|h| h.nmse_clear),
+                suites: found_suites,
+                nmse_clear: done.held_out.and_then(|h| h.nmse_clear),
                 secs: done.secs,
             };
             let text = serde_json::to_string_pretty(&reached).unwrap_or_default();
@@ -387,7 +408,27 @@ pub fn sweep(
             found.push(reached);
         }
     }
-    Ok((rows(&combinations, &found), complete))
+    Ok(Swept { rows: rows(&combinations, &found), complete, data_sha256 })
+}
+
+/// Marks the folder's views as those of this data; refuses a folder that belongs to others.
+fn claim(out: &Path, sha256: &str) -> Result<(), Error> {
+    let folder = out.join("data");
+    let path = folder.join("source");
+    let refuse = |why: &str| Err(Error::Sweep { why: why.to_owned(), path: out.to_owned() });
+    if path.exists() {
+        let found = fsio::read_capped(&path, FILE_BYTES)?;
+        if String::from_utf8_lossy(&found).trim() == sha256 {
+            return Ok(());
+        }
+        return refuse("the folder belongs to other data; give another --out");
+    }
+    // A temporary of a write that was cut short is no view.
+    let named = |e: std::fs::DirEntry| !e.file_name().to_string_lossy().starts_with('.');
+    if std::fs::read_dir(&folder).is_ok_and(|all| all.flatten().any(named)) {
+        return refuse("the folder does not tell which data it is of; give another --out");
+    }
+    Ok(fsio::write_atomic(&path, format!("{sha256}\n").as_bytes())?)
 }
 
 fn options<'a>(dir: &Path, work: &'a Work<'_>, perform: &'a mut Simulated) -> Options<'a> {
@@ -592,6 +633,10 @@ mod tests {
             ("shrink = [1, 10]", "corrupt = [1.5]", "corrupt"),
             ("steps = 20", "stpes = 20", "stpes"),
             ("preset = \"pm-tiny\"", "preset = \"pm\"", "pm-plus"),
+            ("shrink = [1, 10]", "seed = [1, 2]", "seeds = ["),
+            ("steps = 20", "seed = 20", "seeds = ["),
+            ("steps = 20", "heads = 5", "heads"),
+            ("steps = 20", "preset = \"quick\"", "preset"),
             ("title = \"masks\"", "titel = \"masks\"", "titel"),
         ] {
             assert!(TEXT.contains(from));
