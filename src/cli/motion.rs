@@ -141,6 +141,16 @@ pub(super) fn policy(text: &str, guide: Guide, refine: bool) -> Outcome<PolicyCo
             format!("policy {text:?}: +{other} is not +guide, +refine, +sample or +ensemble=N"),
         ));
     }
+    // A path with a plus that is nowhere is a misspelt switch.
+    if let Some(path) = model
+        && let Some((_, other)) = path.rsplit_once('+')
+        && !other.contains('/')
+        && !Path::new(path).exists()
+    {
+        return Err(Failure::usage(format!(
+            "policy {text:?}: there is no {path}, and +{other} is not +guide, +refine, +sample or +ensemble=N"
+        )));
+    }
     let name: PolicyName = name.parse()?;
     if inference != Inference::default() && name != PolicyName::Robert {
         let why = "+sample and +ensemble=N are for robert, which infers actions of many frames";

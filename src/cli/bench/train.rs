@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use super::clock::{median, process_cpu};
 use super::engine::{Size, Sizes, check_threads, peak};
-use crate::cli::failure::Outcome;
+use crate::cli::failure::{Failure, Outcome};
 use crate::cli::out;
 use crate::net::{AdamConfig, Batch, Learner, Net, WINDOW};
 
@@ -54,9 +54,15 @@ struct Row {
 
 pub(super) fn run(args: &Args) -> Outcome {
     check_threads(args.threads)?;
+    if !(0.1..=600.0).contains(&args.secs) {
+        return Err(Failure::usage("--secs takes 0.1 to 600"));
+    }
+    if args.batch.is_some_and(|b| !(1..=1 << 16).contains(&b)) {
+        return Err(Failure::usage("--batch takes 1 to 65536"));
+    }
     let (mut rows, mut peaks) = (Vec::new(), Vec::new());
     for size in args.sizes.iter() {
-        let batch = args.batch.unwrap_or(size.batch()).clamp(1, 1 << 16);
+        let batch = args.batch.unwrap_or(size.batch());
         let (row, mut found) = measure(size, batch, args.threads, args.secs)?;
         rows.push(row);
         peaks.append(&mut found);
