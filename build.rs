@@ -36,10 +36,10 @@ fn page_is_current() {
     println!("cargo::rerun-if-changed=ui/src");
     println!("cargo::rerun-if-changed=ui/dist");
     let bundled = std::fs::metadata("ui/dist/app.js").and_then(|m| m.modified());
-    if let (Ok(bundled), Some(written)) = (bundled, newest(Path::new("ui/src"))) {
-        if written > bundled {
-            println!("cargo::warning=ui/dist is older than ui/src: npm --prefix ui run build");
-        }
+    if let (Ok(bundled), Some(written)) = (bundled, newest(Path::new("ui/src")))
+        && written > bundled
+    {
+        println!("cargo::warning=ui/dist is older than ui/src: npm --prefix ui run build");
     }
 }
 
