@@ -8,7 +8,7 @@ use std::path::Path;
 use super::failure::{Failure, Outcome};
 use super::out;
 use crate::dataset::{Dataset, Verify};
-use crate::plot::{Axis, Figure, Layer, Panel, Theme, coverage};
+use crate::plot::{Axis, Figure, Layer, Panel, Theme, coverage, one_scale};
 use crate::units::Unit;
 
 /// Frames drawn; more do not change a picture.
@@ -22,11 +22,23 @@ const PLANES: usize = 8;
 /// Planes of each kind, positions and speeds, where every agent has its own.
 const PLANES_BY_AGENT: usize = 3;
 
+/// Agent, positions, velocities of a frame.
+type Frame = (usize, Vec<f64>, Vec<f64>);
+
 /// Frames picked evenly from all trajectories.
 struct Sample {
     agents: Vec<String>,
-    /// Agent, positions, velocities of each frame.
-    frames: Vec<(usize, Vec<f64>, Vec<f64>)>,
+    frames: Vec<Frame>,
+}
+
+impl Sample {
+    /// The axis over what all agents' frames need, so that their panels can be compared.
+    fn span(&self, axis: Axis, value: impl Fn(&Frame) -> Option<f64>) -> Axis {
+        let seen = self.frames.iter().filter_map(value).filter(|v| v.is_finite());
+        let (lo, hi) =
+            seen.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
+        if lo < hi { axis.range(lo, hi) } else { axis }
+    }
 }
 
 /// Draws `data` into the picture `path` (png or svg), all agents in one or one a column.
@@ -51,12 +63,16 @@ pub(super) fn run(
         .filter(|&j| only.is_empty() || names.get(j).is_some_and(|n| only.contains(n)))
         .collect();
     let sample = sample(&data);
+    if sample.frames.is_empty() {
+        let path = data.path().display();
+        return Err(Failure::invalid(format!("nothing to draw: {path} lists no trajectory")));
+    }
     let axis = |j: usize| {
         let unit = m.robot.units.get(j).map_or("", |u| u.symbol());
         let axis = Axis::new(names.get(j).map_or("", String::as_str), unit);
         match m.robot.ranges.get(j) {
             Some(Some([lo, hi])) => axis.range(*lo, *hi),
-            _ => axis,
+            _ => sample.span(axis, |f| f.1.get(j).copied()),
         }
     };
     let speed_axis = |j: usize| {
@@ -64,7 +80,8 @@ pub(super) fn run(
             Some(Unit::M) => "m/s",
             _ => "rad/s",
         };
-        Axis::new(&format!("{} speed", names.get(j).map_or("", String::as_str)), per_sec)
+        let name = names.get(j).map_or("", String::as_str);
+        sample.span(Axis::new(&format!("{name} speed"), per_sec), |f| f.2.get(j).copied())
     };
     // Planes (title, joint, joint or own speed) of one agent's frames, or of all.
     let plane = |title: &str, who: Option<usize>, a: usize, b: Option<usize>| {
@@ -84,10 +101,12 @@ pub(super) fn run(
     let columns = if by_agent {
         let planes = [few(&pairs, PLANES_BY_AGENT), few(&speeds, PLANES_BY_AGENT)].concat();
         for (row, (a, b)) in planes.into_iter().enumerate() {
+            let first = panels.len();
             for (k, name) in sample.agents.iter().enumerate() {
                 let title = if row == 0 { name.as_str() } else { "" };
                 panels.push(plane(title, Some(k), a, b));
             }
+            one_scale(panels.get_mut(first..).unwrap_or_default());
         }
         sample.agents.len().max(1)
     } else {
@@ -144,7 +163,7 @@ fn sample(data: &Dataset) -> Sample {
 }
 
 /// A histogram of `value`, one line for each agent.
-fn lines(sample: &Sample, x: Axis, value: impl Fn(&(usize, Vec<f64>, Vec<f64>)) -> f64) -> Panel {
+fn lines(sample: &Sample, x: Axis, value: impl Fn(&Frame) -> f64) -> Panel {
     let values: Vec<(usize, f64)> = sample.frames.iter().map(|f| (f.0, value(f))).collect();
     let (lo, hi) = x.range.unwrap_or_else(|| {
         let ends = |(a, b): (f64, f64), v: &(usize, f64)| (a.min(v.1), b.max(v.1));
@@ -182,5 +201,20 @@ fn lines(sample: &Sample, x: Axis, value: impl Fn(&(usize, Vec<f64>, Vec<f64>)) 
         layers: layers.collect(),
         x: if x.range.is_some() { x } else { x.range(lo, hi.max(lo + 1e-9)) },
         equal: false,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn agents_share_their_axes() {
+        let frame = |agent, q: f64, v: f64| (agent, vec![q], vec![v]);
+        let frames = vec![frame(0, 1.0, f64::NAN), frame(1, -2.0, 0.5), frame(0, 0.0, 0.5)];
+        let sample = Sample { agents: vec!["a".into(), "b".into()], frames };
+        let axis = || Axis::new("x", "m");
+        assert_eq!(sample.span(axis(), |f| f.1.first().copied()).range, Some((-2.0, 1.0)));
+        assert_eq!(sample.span(axis(), |f| f.2.first().copied()).range, None);
     }
 }

@@ -176,6 +176,9 @@ fn even_ticks(ends: (f64, f64), wish: usize) -> Vec<(f64, String)> {
 /// 20k, 1.5M, 0.02.
 fn short(v: f64) -> String {
     let a = v.abs();
+    if a >= 1e13 {
+        return minus(&format!("{v:.1e}"));
+    }
     let (scaled, letter) = match a {
         a if a >= 1e9 => (v / 1e9, "G"),
         a if a >= 1e6 => (v / 1e6, "M"),
@@ -222,6 +225,8 @@ mod tests {
         );
         let short = ["0.0025", "0.0030", "0.0035", "0.0040", "0.0045"];
         assert_eq!(texts(&a.clone().log(), (0.0021, 0.0048)), short);
+        assert_eq!(texts(&a, (0.0, 1e300)).last().unwrap(), "1.0e300");
+        assert_eq!(texts(&a, (-3e38, 0.0)).first().unwrap(), "−3.0e38");
         assert_eq!(a.text(), "angle (rad)");
     }
 

@@ -254,8 +254,19 @@ pub fn coverage(name: &str, points: &[(f64, f64)], cells: usize, x: Axis, y: Axi
     let values =
         counts.iter().map(|n| if *n == 0 { f64::NAN } else { f64::from(*n).log10() }).collect();
     let label = "frames, log10".to_owned();
-    let layers = vec![Layer::Cells { x: xe, y: ye, columns: cells, values, label }];
+    let layers = vec![Layer::Cells { x: xe, y: ye, columns: cells, values, label, ends: None }];
     Panel { title: name.to_owned(), x, y, layers, equal: false }
+}
+
+/// Gives the cells of all these panels one scale of colours, so that they can be compared.
+pub fn one_scale(panels: &mut [Panel]) {
+    let scales = panels.iter().flat_map(|p| &p.layers).filter_map(Layer::scale);
+    let all = scales.map(|(_, low, high)| (low, high)).reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)));
+    for layer in panels.iter_mut().flat_map(|p| &mut p.layers) {
+        if let Layer::Cells { ends, .. } = layer {
+            *ends = all;
+        }
+    }
 }
 
 #[cfg(test)]
@@ -372,6 +383,33 @@ mod tests {
         .unwrap();
         Figure::of("empty", histogram("h", &[], 5, Axis::new("x", "m"))).png().unwrap();
         Figure::of("empty", coverage("c", &[], 5, Axis::default(), Axis::default())).png().unwrap();
+    }
+
+    #[test]
+    fn panels_of_one_scale_have_the_same_colours() {
+        let axis = || Axis::new("x", "m");
+        let panel = |n: usize| coverage("", &vec![(0.5, 0.5); n], 2, axis(), axis());
+        let mut panels = [panel(10), panel(1000), panel(0)];
+        one_scale(&mut panels);
+        let scales: Vec<_> = panels.iter().map(|p| p.layers[0].scale().unwrap()).collect();
+        assert!(scales.iter().all(|s| (s.1, s.2) == (scales[0].1, scales[0].2)), "{scales:?}");
+        assert!(scales[0].1 <= 1.0 && scales[0].2 >= 3.0, "{scales:?}");
+    }
+
+    #[test]
+    fn an_axis_is_named_where_the_one_below_is_another() {
+        let panel = |x: &str| Panel {
+            x: Axis::new(x, "m"),
+            layers: curve_layers(&[wave("w", 0.0)]),
+            ..Panel::default()
+        };
+        let count = |names: [&str; 4], what: &str| {
+            let svg = Figure::grid("g", names.map(panel).into(), 2).svg().unwrap();
+            svg.lines().filter(|l| l.trim() == what).count()
+        };
+        assert_eq!(count(["time", "time", "time", "time"], "time (m)"), 2);
+        let names = ["hip", "knee", "foot", "knee"];
+        assert_eq!(["hip (m)", "foot (m)", "knee (m)"].map(|what| count(names, what)), [1, 1, 1]);
     }
 
     #[test]

@@ -93,6 +93,8 @@ pub enum Layer {
         values: Vec<f64>,
         /// What the colour means, with its unit.
         label: String,
+        /// Values of the first and the last colour; none = what the values need.
+        ends: Option<(f64, f64)>,
     },
     /// A stretch of x without goal (hatched).
     Masked {
@@ -231,7 +233,10 @@ impl Figure {
 impl Layer {
     /// Whether colours of cells need a scale beside the panel.
     pub(super) fn scale(&self) -> Option<(&str, f64, f64)> {
-        let Layer::Cells { values, label, .. } = self else { return None };
+        let Layer::Cells { values, label, ends, .. } = self else { return None };
+        if let Some((low, high)) = ends {
+            return Some((label.as_str(), *low, *high));
+        }
         let seen = values.iter().copied().filter(|v| v.is_finite());
         let (low, high) =
             seen.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));

@@ -17,7 +17,9 @@ mod lettering;
 pub mod palette;
 
 pub use axis::Axis;
-pub use charts::{Curve, JointTrack, bars, coverage, curves, histogram, joints, precision, xy};
+pub use charts::{
+    Curve, JointTrack, bars, coverage, curves, histogram, joints, one_scale, precision, xy,
+};
 pub use figure::{Dash, Figure, Layer, Mark, Panel};
 pub use lettering::Letterer;
 pub use palette::Theme;

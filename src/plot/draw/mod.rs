@@ -147,7 +147,9 @@ fn render<DB: DrawingBackend>(
     for (i, panel) in figure.panels.iter().enumerate() {
         let (column, row) = (i % columns, i / columns);
         let r = Rect { x: MARGIN + w * column as f64, y: size.top + h * row as f64, w, h };
-        let lowest = row + 1 == size.rows || i + columns >= figure.panels.len();
+        // A label serves the whole column as long as the panels below have the same.
+        let below = figure.panels.get(i + columns);
+        let lowest = row + 1 == size.rows || below.is_none_or(|b| b.x.text() != panel.x.text());
         let legend = if figure.own_legends {
             legend::entries(std::slice::from_ref(panel))
         } else {
