@@ -42,9 +42,9 @@ pub enum Error {
         /// The shard file.
         path: PathBuf,
     },
-    /// Several shards are bad; the indices are what must be made again.
+    /// Several shards are bad.
     #[error(
-        "{count} of {total} shards are missing or damaged, make these again: {indices:?} (first: {first})",
+        "{count} of {total} shards are missing or damaged (first: {first}); robert dataset check names all",
         count = indices.len()
     )]
     Incomplete {

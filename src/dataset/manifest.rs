@@ -77,7 +77,8 @@ pub struct ShardEntry {
     pub frames: u64,
     /// Trajectories in it.
     pub episodes: u64,
-    /// Trajectories dropped because the simulator broke (reset itself, NaN, implausible).
+    /// Trajectories dropped because the simulator broke and reset itself. Of one that became
+    /// implausible (NaN, far beyond a stop) the frames before are kept.
     pub dropped_broken: u64,
     /// Trajectories dropped because fewer than 51 frames were left.
     pub dropped_short: u64,
@@ -173,6 +174,9 @@ pub enum View {
         inputs: u64,
         /// Whether every agent was cut to an equal number of frames.
         equal: bool,
+        /// What was done to inputs before, one list for each to which anything was; sorted.
+        #[serde(default, skip_serializing_if = "Vec::is_empty")]
+        of: Vec<Vec<View>>,
     },
 }
 
@@ -271,13 +275,18 @@ impl Manifest {
     /// Recomputes [`Manifest::totals`] from the lists. Dropped counts are those of the
     /// shards still referred to.
     pub fn count(&mut self) {
-        self.totals = Totals {
+        self.totals = self.counted();
+    }
+
+    /// What [`Manifest::totals`] has to be.
+    pub(super) fn counted(&self) -> Totals {
+        Totals {
             shards: self.shards.len() as u64,
             episodes: self.episodes.len() as u64,
             frames: self.episodes.iter().map(|e| e.length).sum(),
             dropped_broken: self.shards.iter().map(|s| s.dropped_broken).sum(),
             dropped_short: self.shards.iter().map(|s| s.dropped_short).sum(),
-        };
+        }
     }
 
     /// State dimension S.
@@ -321,6 +330,7 @@ impl Manifest {
         if self.robot.ctrlranges.len() != a {
             return Err("robot.ctrlranges needs one entry per actuator".to_owned());
         }
+        self.check_numbers()?;
         if self.ctrl != "scaled" {
             return Err(format!("ctrl is \"{}\", only \"scaled\" is known", self.ctrl));
         }
@@ -356,9 +366,32 @@ impl Manifest {
         }
         Ok(())
     }
+
+    /// Ranges that a plot or a share of pinned frames can be computed from, and statistics of
+    /// as many joints as there are (or none yet).
+    fn check_numbers(&self) -> Result<(), String> {
+        let (r, t, most) = (&self.robot, &self.statistics, limits::CLIP_VALUE_MAX);
+        let rises = |[lo, hi]: [f64; 2]| lo < hi && lo >= -most && hi <= most;
+        if let Some(j) = r.ranges.iter().position(|x| !x.is_none_or(rises)) {
+            return Err(format!("robot.ranges[{j}] must rise, within {most} either way"));
+        }
+        if let Some(j) = r.near_limit.iter().position(|x| !(0.0..=most).contains(x)) {
+            return Err(format!("robot.near_limit[{j}] must lie in 0 to {most}"));
+        }
+        if let Some(k) = r.ctrlranges.iter().position(|[lo, hi]| lo > hi) {
+            return Err(format!("robot.ctrlranges[{k}] must rise"));
+        }
+        let joints =
+            [&t.near_limit, &t.qpos_mean, &t.qpos_std, &t.qpos_min, &t.qpos_max, &t.qvel_std];
+        let joints = joints.iter().all(|v| v.len() == self.qpos_dim());
+        if *t != Statistics::default() && !(joints && t.saturated.len() == self.ctrl_dim()) {
+            return Err("statistics need one entry per joint and actuator".to_owned());
+        }
+        Ok(())
+    }
 }
 
-/// `"name": [` with one compact element a line.
+/// `"name": [ with one compact element a line.
 fn list<T: Serialize>(name: &str, items: &[T]) -> String {
     let lines: Vec<String> = items
         .iter()
@@ -441,5 +474,26 @@ pub(super) mod tests {
         m.format = "robert-dataset/2".to_owned();
         m.save(dir.path()).unwrap();
         assert!(Manifest::load(dir.path()).is_err());
+    }
+
+    #[test]
+    fn numbers_that_cannot_be_are_named() {
+        let dir = tempfile::tempdir().unwrap();
+        let bad = |change: &dyn Fn(&mut Manifest)| {
+            let mut m = Manifest::new(robot());
+            change(&mut m);
+            m.save(dir.path()).unwrap();
+            Manifest::load(dir.path()).map_or_else(|e| e.to_string(), |_| "fine".to_owned())
+        };
+        let most = limits::CLIP_VALUE_MAX;
+        assert_eq!(bad(&|_| ()), "fine");
+        assert_eq!(bad(&|m| m.robot.ranges[0] = Some([-most, most])), "fine");
+        for range in [[5.0, -5.0], [1.0, 1.0], [0.0, 1e300], [-most * 1.01, 0.0]] {
+            assert!(bad(&|m| m.robot.ranges[0] = Some(range)).contains("ranges[0]"), "{range:?}");
+        }
+        assert!(bad(&|m| m.robot.near_limit[1] = -0.1).contains("near_limit[1]"));
+        assert!(bad(&|m| m.robot.ctrlranges[0] = [1.0, -1.0]).contains("ctrlranges[0]"));
+        assert!(bad(&|m| m.statistics.qpos_mean = vec![0.0]).contains("statistics"));
+        assert!(bad(&|m| m.statistics.coverage = 0.5).contains("statistics"));
     }
 }

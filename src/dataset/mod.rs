@@ -10,11 +10,13 @@
 //!
 //! What is stored per frame t: `qpos` (state joints), `qvel` (for exact resets), `ctrl` =
 //! the action in [-1, 1] that was held during frame t and took the state to t+1 (the
-//! simulator got `ctrl * ctrlrange`), and `self_contact`.
+//! simulator got `ctrl * ctrlrange`), and `self_contact`, which is of the end of frame t (the
+//! simulator step before state t+1), as `ctrl` and not `qpos` is.
 
 mod coverage;
 mod error;
 mod manifest;
+mod merge;
 mod open;
 mod shard;
 mod stats;
@@ -24,8 +26,9 @@ mod windows;
 pub use coverage::Coverage;
 pub use error::Error;
 pub use manifest::{Episode, FORMAT, Manifest, Part, Physics, Robot, ShardEntry, Totals, View};
+pub use merge::merge;
 pub use open::{Dataset, Problem, Verify};
 pub use shard::{EpisodeMeta, Shard, ShardBuilder, ShardHeader};
 pub use stats::{Moments, Normaliser, Statistics};
-pub use view::{Corruption, corrupt, merge, pick, rebase, shrink, split};
+pub use view::{Corruption, corrupt, pick, rebase, shrink, split};
 pub use windows::{Window, Windows};

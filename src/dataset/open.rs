@@ -8,12 +8,13 @@ use super::error::Error;
 use super::manifest::{Episode, Manifest, Part};
 use super::shard::Shard;
 use super::stats::Statistics;
+use crate::fsio;
 use crate::robot::Robot;
 
 /// How much is checked before a dataset is used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verify {
-    /// Sizes, shapes, trajectory bounds; the frames are not touched.
+    /// Sizes, shapes, that each trajectory is one of its shard's; the frames are not touched.
     Structure,
     /// Also the sha256 of every shard, and that every value is finite and in range.
     Full,
@@ -50,12 +51,28 @@ impl Dataset {
         Self::of(Manifest::load(path)?, Manifest::path_of(path), verify)
     }
 
-    /// Counts, measures and writes a manifest to the folder `dir`, where its shards can be
-    /// reached.
+    /// Counts, measures and writes a manifest to the folder `dir` (made if needed), where its
+    /// shards can be reached.
     ///
     /// # Errors
-    /// Those of [`Dataset::open`] and [`Manifest::save`].
-    pub fn publish(mut manifest: Manifest, dir: &Path) -> Result<Manifest, Error> {
+    /// Those of [`Dataset::open`] and [`Manifest::save`]; folders that it made are gone then.
+    pub fn publish(manifest: Manifest, dir: &Path) -> Result<Manifest, Error> {
+        let missing = |d: &&Path| !d.as_os_str().is_empty() && !d.exists();
+        let made: Vec<&Path> = dir.ancestors().take_while(missing).collect();
+        // The shards' paths lead through the folder, so it has to be there to check them.
+        std::fs::create_dir_all(dir)
+            .map_err(|source| fsio::Error::Write { source, path: dir.to_owned() })?;
+        let published = Self::measure(manifest, dir);
+        if published.is_err() {
+            // Only empty folders go; what cannot be removed does no harm.
+            for d in made {
+                std::fs::remove_dir(d).ok();
+            }
+        }
+        published
+    }
+
+    fn measure(mut manifest: Manifest, dir: &Path) -> Result<Manifest, Error> {
         manifest.count();
         let mut data = Self::of(manifest, dir.join("manifest.json"), Verify::Structure)?;
         data.manifest.statistics = data.statistics();
@@ -81,13 +98,44 @@ impl Dataset {
         }
     }
 
-    /// Every problem of every shard, fully verified.
+    /// Every problem of every shard, fully verified. Where there is none, the manifest's
+    /// totals and statistics are computed again, too.
     ///
     /// # Errors
-    /// Those of [`Manifest::load`].
+    /// Those of [`Manifest::load`]; [`Error::Manifest`] when totals or statistics are not what
+    /// the trajectories come to.
     pub fn check(path: &Path) -> Result<Vec<Problem>, Error> {
         let manifest = Manifest::load(path)?;
-        Ok(inspect(&manifest, &Manifest::path_of(path), Verify::Full).1)
+        let path = Manifest::path_of(path);
+        let (shards, problems) = inspect(&manifest, &path, Verify::Full);
+        if problems.is_empty() {
+            Dataset { manifest, path, shards }.must_add_up()?;
+        }
+        Ok(problems)
+    }
+
+    fn must_add_up(&self) -> Result<(), Error> {
+        // As they are written, so that no field can be forgotten here.
+        fn written(x: &impl serde::Serialize) -> serde_json::Value {
+            serde_json::to_value(x).unwrap_or_default()
+        }
+        let m = &self.manifest;
+        let pairs = [
+            ("totals", written(&m.totals), written(&m.counted())),
+            ("statistics", written(&m.statistics), written(&self.statistics())),
+        ];
+        for (name, listed, found) in &pairs {
+            let mut fields = listed.as_object().into_iter().flatten();
+            if let Some((field, _)) = fields.find(|(k, v)| found.get(k) != Some(*v)) {
+                return Err(Error::Manifest {
+                    message: format!(
+                        "{name}.{field} is not what the trajectories come to; the manifest was altered"
+                    ),
+                    path: self.path.clone(),
+                });
+            }
+        }
+        Ok(())
     }
 
     /// Refuses data of another robot, or of another version of its model.
@@ -185,6 +233,18 @@ fn inspect(manifest: &Manifest, path: &Path, verify: Verify) -> (Vec<Shard>, Vec
             all
         });
     results.sort_by_key(|(i, _)| *i);
+    for (k, e) in manifest.episodes.iter().enumerate() {
+        let Some((_, result)) = results.get_mut(e.shard) else { continue };
+        let Some(entry) = manifest.shards.get(e.shard) else { continue };
+        if result.as_ref().is_ok_and(|shard| !shard.holds(e)) {
+            let message = format!(
+                "has no trajectory as episodes[{k}] lists it: frames {}+{} by {} at {} with seed {}",
+                e.start, e.length, e.agent, e.snapshot_step, e.seed
+            );
+            let path = dir.join(&entry.file);
+            *result = Err(Problem { shard: e.shard, index: entry.index, path, message });
+        }
+    }
     let mut shards = Vec::with_capacity(count);
     let mut problems = Vec::new();
     for (_, result) in results {
@@ -228,5 +288,53 @@ fn raise_file_limit(shards: usize) {
         let current = Some(now.maximum.map_or(want, |m| m.min(want)));
         // Failing here shows up as "cannot be mapped (too many open files)", with the shard.
         setrlimit(Resource::Nofile, Rlimit { current, maximum: now.maximum }).ok();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::view::tests::dataset;
+    use super::*;
+
+    #[test]
+    fn a_manifest_that_does_not_fit_its_shards_is_found() {
+        let dir = tempfile::tempdir().unwrap();
+        let m = dataset(dir.path(), 6, 1);
+        let good = Dataset::publish(m, dir.path()).unwrap();
+        assert_eq!(Dataset::check(dir.path()).unwrap(), []);
+        let hurt = |change: &dyn Fn(&mut Manifest)| {
+            let mut m = good.clone();
+            change(&mut m);
+            m.save(dir.path()).unwrap();
+            match Dataset::check(dir.path()) {
+                Ok(problems) => problems.into_iter().map(|p| p.message).collect::<String>(),
+                Err(e) => e.to_string(),
+            }
+        };
+        // Across the border of two trajectories, in the middle of one, by another, of another.
+        for change in [
+            |m: &mut Manifest| m.episodes[1].start -= 10,
+            |m: &mut Manifest| m.episodes[1].length -= 1,
+            |m: &mut Manifest| m.episodes[1].agent = "b".to_owned(),
+            |m: &mut Manifest| m.episodes[1].snapshot_step += 1,
+            |m: &mut Manifest| m.episodes[1].seed += 1,
+        ] {
+            assert!(hurt(&change).contains("episodes[1]"));
+            let e = Dataset::open(dir.path(), Verify::Structure).unwrap_err().to_string();
+            assert!(e.contains("shard 0 ") && e.contains("1-0.safetensors"), "{e}");
+        }
+        assert!(hurt(&|m| m.totals.frames = 0).contains("totals.frames"));
+        assert!(hurt(&|m| m.statistics.agents.clear()).contains("statistics.agents"));
+        assert!(hurt(&|m| m.statistics.qpos_mean[1] += 1e-6).contains("statistics.qpos_mean"));
+        assert_eq!(hurt(&|_| ()), "");
+    }
+
+    #[test]
+    fn nothing_is_left_of_a_manifest_that_could_not_be_published() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut m = dataset(dir.path(), 6, 1);
+        m.shards[1].file = "gone".into();
+        assert!(Dataset::publish(m, &dir.path().join("new/deep")).is_err());
+        assert!(!dir.path().join("new").exists());
     }
 }

@@ -5,7 +5,7 @@
 //! | `qpos` | (N, S) | f32 | state joints, rad or m |
 //! | `qvel` | (N, S) | f32 | their velocities, per second |
 //! | `ctrl` | (N, A) | f32 | action in [-1, 1] held during the frame |
-//! | `self_contact` | (N) | u8 | 1 where two links of the robot touch |
+//! | `self_contact` | (N) | u8 | 1 where two links of the robot touch as the frame ends |
 //! | `episode_offsets` | (E + 1) | i64 | first frame of each trajectory, then N |
 //! | `episode_snapshot` | (E) | i64 | environment steps behind the acting agent |
 //! | `episode_seed` | (E) | i64 | seed of the trajectory's own draws |
@@ -35,7 +35,7 @@ use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use serde::{Deserialize, Serialize};
 
 use super::error::Error;
-use super::manifest::ShardEntry;
+use super::manifest::{Episode, ShardEntry};
 use crate::{fsio, limits};
 
 /// Format name of this version.
@@ -426,6 +426,16 @@ impl Shard {
                 (start, length, EpisodeMeta { agent: agent.clone(), snapshot_step, seed })
             },
         )
+    }
+
+    /// Whether a manifest's trajectory is one of this shard's, whole and by the same maker.
+    pub(super) fn holds(&self, e: &Episode) -> bool {
+        let Ok(at) = self.offsets.binary_search(&e.start) else { return false };
+        let end = self.offsets.get(at + 1);
+        end.is_some_and(|end| end - e.start == e.length)
+            && self.header.agents.get(at) == Some(&e.agent)
+            && self.snapshots.get(at) == Some(&e.snapshot_step)
+            && self.seeds.get(at) == Some(&e.seed)
     }
 
     fn floats(&self, range: &Range<usize>) -> &[f32] {

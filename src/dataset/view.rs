@@ -2,22 +2,19 @@
 //!
 //! A trajectory keeps its identity (shard hash, first frame) through every view, and the
 //! split is a ranking of those identities. So copies made by [`corrupt`] stay on their
-//! original's side, and nothing held out leaks into training.
+//! original's side, and nothing held out leaks into training; [`super::merge`] refuses a
+//! trajectory that comes from two inputs, where it could be on both sides.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Component, Path, PathBuf};
 
 use super::error::Error;
-use super::manifest::{Episode, Manifest, Part, ShardEntry, View};
-use super::open::{Dataset, Verify};
+use super::manifest::{Episode, Manifest, Part, View};
 use crate::fsio;
 use crate::rng::{Rng, Stream, draw};
 
 /// Share held out when nothing else is asked for (the paper's 95/5).
 pub(super) const TEST_SHARE: f64 = 0.05;
-
-/// Order of shards in a merge: spec, index within it, sha256.
-type ShardKey = (String, u64, String);
 
 /// Identity of a trajectory: shard sha256 and first frame.
 type Identity = (String, u64);
@@ -185,145 +182,43 @@ pub fn corrupt(m: &mut Manifest, how: Corruption) -> Result<(), Error> {
     Ok(())
 }
 
-/// Joins datasets of the same robot; the result does not depend on their order. All shards
-/// are verified first. With `equal`, every agent is cut to the frames of the smallest.
-/// Shard paths of the result are relative to `out`.
-///
-/// # Errors
-/// [`Error::Mismatch`], [`Error::Incomplete`] or [`Error::Shard`] naming what to make again,
-/// [`Error::Manifest`] when two inputs list the same trajectory.
-pub fn merge(inputs: &[PathBuf], out: &Path, equal: bool) -> Result<Manifest, Error> {
-    let mut merged: Option<Manifest> = None;
-    let mut shards: BTreeMap<ShardKey, ShardEntry> = BTreeMap::new();
-    let mut episodes: BTreeMap<(ShardKey, u64), Vec<Episode>> = BTreeMap::new();
-    for input in inputs {
-        let data = Dataset::open(input, Verify::Full)?;
-        let mut m = data.manifest().clone();
-        rebase(&mut m, &Manifest::path_of(input), out)?;
-        for e in &m.episodes {
-            let Some(s) = m.shards.get(e.shard) else { continue };
-            let key = (s.spec_sha256.clone(), s.index, s.sha256.clone());
-            episodes.entry((key, e.start)).or_default().push(e.clone());
-        }
-        for s in m.shards.drain(..) {
-            shards.entry((s.spec_sha256.clone(), s.index, s.sha256.clone())).or_insert(s);
-        }
-        match &mut merged {
-            None => {
-                m.episodes.clear();
-                merged = Some(m);
-            }
-            Some(first) => {
-                same(first, &m, input)?;
-                first.specs.append(&mut m.specs);
-            }
-        }
-        let repeated =
-            episodes.iter().find(|(_, e)| e.len() > 1 && data.manifest().views.is_empty());
-        if let Some(((key, start), _)) = repeated {
-            return Err(Error::Manifest {
-                message: format!(
-                    "the trajectory at frame {start} of shard {} is in two inputs; merge each dataset once",
-                    key.1
-                ),
-                path: Manifest::path_of(input),
-            });
-        }
-    }
-    let Some(mut m) = merged else {
-        return Err(Error::Argument {
-            name: "datasets",
-            must: "one or more",
-            got: "none".to_owned(),
-        });
-    };
-    let position: BTreeMap<_, usize> = shards.keys().cloned().zip(0..).collect();
-    m.shards = shards.into_values().collect();
-    m.episodes = episodes
-        .into_iter()
-        .flat_map(|((key, _), list)| {
-            let shard = position.get(&key).copied().unwrap_or(0);
-            list.into_iter().map(move |e| Episode { shard, ..e })
-        })
-        .collect();
-    m.views = vec![View::Merge { inputs: inputs.len() as u64, equal }];
-    if equal {
-        level(&mut m);
-    }
-    drop_unused_shards(&mut m);
-    Ok(m)
-}
-
-/// Cuts every agent to the frames of the smallest, trajectories spread evenly over what the
-/// agent had (so that early and late snapshots stay).
-fn level(m: &mut Manifest) {
-    let mut lists: BTreeMap<&str, Vec<usize>> = BTreeMap::new();
-    for (i, e) in m.episodes.iter().enumerate() {
-        lists.entry(&e.agent).or_default().push(i);
-    }
-    let length = |i: &usize| m.episodes.get(*i).map_or(0, |e| e.length);
-    let smallest = lists.values().map(|l| l.iter().map(length).sum::<u64>()).min().unwrap_or(0);
-    let mut keep = BTreeSet::new();
-    for list in lists.values() {
-        let all: u64 = list.iter().map(length).sum();
-        let (mut seen, mut kept) = (0_u64, 0_u64);
-        for &i in list {
-            // As Bresenham draws a line: keep a trajectory whenever the kept frames would
-            // otherwise fall behind their share by more than half of it.
-            seen += length(&i);
-            let want = u128::from(seen) * u128::from(smallest) / u128::from(all.max(1));
-            if u128::from(kept + length(&i) / 2) <= want {
-                kept += length(&i);
-                keep.insert(i);
-            }
-        }
-    }
-    let mut at = 0;
-    m.episodes.retain(|_| {
-        at += 1;
-        keep.contains(&(at - 1))
-    });
-}
-
-fn same(a: &Manifest, b: &Manifest, path: &Path) -> Result<(), Error> {
-    let differ = |field, left: &dyn ToString, right: &dyn ToString| {
-        Err(Error::Mismatch {
-            field,
-            left: left.to_string(),
-            right: right.to_string(),
-            path: Manifest::path_of(path),
-        })
-    };
-    if a.robot.id != b.robot.id {
-        return differ("robot", &a.robot.id, &b.robot.id);
-    }
-    if a.robot.model_sha256 != b.robot.model_sha256 {
-        return differ("robot model", &a.robot.model_sha256, &b.robot.model_sha256);
-    }
-    if a.robot != b.robot {
-        return differ("robot description", &format!("{:?}", a.robot), &format!("{:?}", b.robot));
-    }
-    Ok(())
-}
-
-/// Rewrites shard paths so that they are relative to the folder `out` (made if needed)
-/// instead of the folder of the manifest `from`.
+/// Rewrites shard paths so that they are relative to the folder `out` (which need not be there
+/// yet) instead of the folder of the manifest `from`.
 ///
 /// # Errors
 /// [`Error::File`] when a folder cannot be resolved.
 pub fn rebase(m: &mut Manifest, from: &Path, out: &Path) -> Result<(), Error> {
-    let real = |p: &Path| {
-        let p = if p.as_os_str().is_empty() { Path::new(".") } else { p };
-        p.canonicalize().map_err(|source| fsio::Error::Read { source, path: p.to_owned() })
-    };
-    std::fs::create_dir_all(out)
-        .map_err(|source| fsio::Error::Write { source, path: out.to_owned() })?;
-    let from = real(from.parent().unwrap_or(Path::new(".")))?;
-    let out = real(out)?;
+    let from = from.parent().unwrap_or(Path::new("."));
+    let from =
+        resolve(from).map_err(|source| fsio::Error::Read { source, path: from.to_owned() })?;
+    let out = resolve(out).map_err(|source| fsio::Error::Write { source, path: out.to_owned() })?;
     for s in &mut m.shards {
         s.file = relative(&from.join(&s.file), &out);
     }
     Ok(())
+}
+
+/// What a folder is called by the system, or will be once it is made.
+fn resolve(path: &Path) -> std::io::Result<PathBuf> {
+    let path = if path.as_os_str().is_empty() { Path::new(".") } else { path };
+    let path = std::path::absolute(path)?;
+    for there in path.ancestors() {
+        let mut real = match there.canonicalize() {
+            Err(e) if e.kind() == std::io::ErrorKind::NotFound => continue,
+            found => found?,
+        };
+        // Nothing of the rest is there, so no link hides behind its "..".
+        for c in path.strip_prefix(there).into_iter().flat_map(Path::components) {
+            match c {
+                Component::ParentDir => {
+                    real.pop();
+                }
+                c => real.push(c),
+            }
+        }
+        return Ok(real);
+    }
+    Ok(path)
 }
 
 /// `path` as seen from `base`; both absolute.
@@ -458,42 +353,5 @@ pub(super) mod tests {
         let mut again = m.clone();
         corrupt(&mut again, Corruption { share: 0.5, per_slot: false, seed: 4 }).unwrap();
         assert_eq!(again, c);
-    }
-
-    #[test]
-    fn merge_does_not_depend_on_order() {
-        let dir = tempfile::tempdir().unwrap();
-        let (a, b) = (dir.path().join("a"), dir.path().join("b"));
-        dataset(&a, 20, 1);
-        dataset(&b, 30, 2);
-        let out = dir.path().join("deep/out");
-        let x = merge(&[a.clone(), b.clone()], &out, false).unwrap();
-        let y = merge(&[b.clone(), a.clone()], &out, false).unwrap();
-        assert_eq!(x, y);
-        assert_eq!(x.totals.episodes, 50);
-        x.save(&out).unwrap();
-        assert_eq!(Dataset::open(&out, Verify::Full).unwrap().episodes().len(), 50);
-        assert!(merge(&[a.clone(), a.clone()], &out, false).is_err());
-        std::fs::write(a.join("shards/1-1.safetensors"), b"x").unwrap();
-        let e = merge(&[b, a], &out, false).unwrap_err().to_string();
-        assert!(e.contains("shard 1 has 1 bytes") && e.contains("1-1.safetensors"), "{e}");
-    }
-
-    #[test]
-    fn equal_parts_are_equal() {
-        let dir = tempfile::tempdir().unwrap();
-        let (a, b) = (dir.path().join("a"), dir.path().join("b"));
-        let mut m = dataset(&a, 40, 1);
-        m.episodes.truncate(25);
-        m.views.push(View::Only { part: Part::Train });
-        m.save(&a).unwrap();
-        dataset(&b, 60, 2);
-        let out = merge(&[a, b], &dir.path().join("o"), true).unwrap();
-        let mut frames: BTreeMap<&str, u64> = BTreeMap::new();
-        for e in &out.episodes {
-            *frames.entry(&e.agent).or_default() += e.length;
-        }
-        let (x, y) = (frames["a"] as f64, frames["b"] as f64);
-        assert!((x / y - 1.0).abs() < 0.1, "{frames:?}");
     }
 }
