@@ -13,6 +13,8 @@ use crate::plot::Theme;
 
 /// Share of pinned frames above which a joint is worth a warning.
 const PINNED: f64 = 0.3;
+/// Bad files that an error names; the lines before it name all.
+const NAMED: usize = 5;
 
 #[derive(clap::Args, Debug)]
 #[command(
@@ -38,7 +40,7 @@ enum What {
     },
     /// Join datasets of one robot.
     #[command(
-        after_help = "Examples:\n  robert dataset merge data/rnd data/icm --equal --out data/all"
+        after_help = "Examples:\n  robert dataset merge data/rnd data/icm --equal --out data/all\n\nA trajectory that two inputs have is an error. Where some inputs have a fixed split and others\nnone, those get the usual one (5 % by seed 0)."
     )]
     Merge {
         /// Dataset folders; their order does not matter.
@@ -130,7 +132,8 @@ enum What {
         #[arg(long)]
         dark: bool,
     },
-    /// Verify every shard: sha256, shapes, values. Exit code 3 names the bad ones.
+    /// Verify every shard (sha256, shapes, values, trajectories) and the manifest's sums. Exit
+    /// code 3 names the bad ones.
     #[command(after_help = "Examples:\n  robert dataset check data/all")]
     Check {
         /// Dataset folder.
@@ -171,7 +174,7 @@ pub(super) fn run(args: Args) -> Outcome {
         What::Info { data, json } => info(&Manifest::load(&data)?, json),
         What::Merge { data, equal, out } => {
             refuse_same(&data, &out.out)?;
-            publish(dataset::merge(&data, &out.out, equal)?, &out)
+            publish(dataset::merge(&data, &out.out, equal)?, None, &out)
         }
         What::Split { data, seed, test, out } => {
             view(&data, &out, |m| dataset::split(m, seed, test))
@@ -199,9 +202,10 @@ fn view(
 ) -> Outcome {
     refuse_same(&[data.to_owned()], &out.out)?;
     let mut m = Manifest::load(data)?;
+    let shortest = m.episodes.iter().map(|e| e.length).min();
     change(&mut m)?;
     dataset::rebase(&mut m, &Manifest::path_of(data), &out.out)?;
-    publish(m, out)
+    publish(m, shortest, out)
 }
 
 fn refuse_same(data: &[PathBuf], out: &Path) -> Outcome {
@@ -212,10 +216,26 @@ fn refuse_same(data: &[PathBuf], out: &Path) -> Outcome {
             out.display()
         )));
     }
+    refuse_file(out)
+}
+
+/// A folder is asked for and a file is there.
+pub(super) fn refuse_file(out: &Path) -> Outcome {
+    if out.exists() && !out.is_dir() {
+        let path = out.display();
+        return Err(Failure::usage(format!("--out must be a folder, but {path} is a file")));
+    }
     Ok(())
 }
 
-fn publish(m: Manifest, out: &Out) -> Outcome {
+/// Writes the manifest, if anything is left; `shortest` trajectory of where it was made from.
+fn publish(m: Manifest, shortest: Option<u64>, out: &Out) -> Outcome {
+    if m.episodes.is_empty() {
+        return Err(Failure::usage(shortest.map_or_else(
+            || "there is nothing in it: the data have no trajectory".to_owned(),
+            |n| format!("nothing is left; the shortest trajectory has {n} frames"),
+        )));
+    }
     let m = Dataset::publish(m, &out.out)?;
     if out.json {
         return info(&m, true);
@@ -243,12 +263,17 @@ fn check(data: &Path, json: bool) -> Outcome {
         0 if json => Ok(()),
         0 => out::line(&format!("{shards} shards are whole: {}", data.display())),
         n => {
-            let list: Vec<String> = problems.iter().map(|p| p.index.to_string()).collect();
+            let files: Vec<String> =
+                problems.iter().map(|p| p.path.display().to_string()).collect();
+            let more = n.saturating_sub(NAMED);
+            let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+            let named = files.get(..NAMED).unwrap_or(&files).join(", ");
             Err(Failure::with(
                 Exit::Invalid,
                 format!(
-                    "{n} of {shards} shards are missing or damaged; make these indices again: {}: {}",
-                    list.join(", "),
+                    "{n} of {shards} shards are missing, damaged or not as listed: {named}{more}; \
+                     where they were collected, delete them and repeat the command with --resume \
+                     (robert collect … --resume): {}",
                     data.display()
                 ),
             ))
