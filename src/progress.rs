@@ -11,6 +11,9 @@ pub trait Progress: Send + Sync {
     /// `done` of `total` units are finished; `note` holds the figures of the moment.
     fn tick(&self, done: u64, total: u64, note: &str);
 
+    /// From now on `done` and `total` count `unit`s of this part of the job.
+    fn phase(&self, _what: &str, _unit: &str) {}
+
     /// A line worth keeping (a warning, a checkpoint).
     fn log(&self, line: &str);
 

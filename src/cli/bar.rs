@@ -59,8 +59,8 @@ pub(super) struct Bar {
     plain: Option<Mutex<Plain>>,
     /// With `--jsonl`: when the last event was written.
     events: Option<Mutex<Plain>>,
-    what: String,
-    unit: String,
+    /// What is done and in which unit.
+    phase: Mutex<(String, String)>,
 }
 
 #[derive(Debug)]
@@ -81,18 +81,16 @@ impl Bar {
             ProgressDrawTarget::hidden()
         };
         let bar = ProgressBar::with_draw_target(None, target);
-        let template = format!(
-            "{{prefix}} {{wide_bar:.cyan/dim}} {{percent:>3}}% {{human_pos}}/{{human_len}} {unit}  {{msg}}"
-        );
-        if let Ok(style) = ProgressStyle::with_template(&template) {
-            bar.set_style(style.progress_chars("━╸─"));
-        }
-        bar.set_prefix(what.to_owned());
+        name(&bar, what, unit);
         let now = Instant::now();
         let plain = (!tty && !quiet).then(|| Mutex::new(Plain { start: now, last: now }));
         let events = lines.then(|| Mutex::new(Plain { start: now, last: now }));
-        let (what, unit) = (what.to_owned(), unit.to_owned());
-        Bar { bar, pace: Pace::default(), plain, events, what, unit }
+        let phase = Mutex::new((what.to_owned(), unit.to_owned()));
+        Bar { bar, pace: Pace::default(), plain, events, phase }
+    }
+
+    fn named(&self) -> (String, String) {
+        self.phase.lock().map(|phase| phase.clone()).unwrap_or_default()
     }
 
     /// One event of `--jsonl`, unless the last was a moment ago.
@@ -105,8 +103,9 @@ impl Bar {
         }
         times.last = Instant::now();
         let secs = times.start.elapsed().as_secs_f64();
+        let (what, unit) = self.named();
         let event = serde_json::json!({
-            "event": "progress", "what": self.what, "unit": self.unit,
+            "event": "progress", "what": what, "unit": unit,
             "done": done, "total": total, "secs": secs, "note": note,
         });
         super::out::event(&event).ok();
@@ -116,6 +115,16 @@ impl Bar {
     pub(super) fn finish(&self) {
         self.bar.finish_and_clear();
     }
+}
+
+fn name(bar: &ProgressBar, what: &str, unit: &str) {
+    let template = format!(
+        "{{prefix}} {{wide_bar:.cyan/dim}} {{percent:>3}}% {{human_pos}}/{{human_len}} {unit}  {{msg}}"
+    );
+    if let Ok(style) = ProgressStyle::with_template(&template) {
+        bar.set_style(style.progress_chars("━╸─"));
+    }
+    bar.set_prefix(what.to_owned());
 }
 
 impl Progress for Bar {
@@ -133,7 +142,24 @@ impl Progress for Bar {
         }
         plain.last = Instant::now();
         let percent = 100.0 * done as f64 / total.max(1) as f64;
-        eprintln!("{}: {done}/{total} ({percent:.0}%), {left} left  {note}", self.what);
+        let (what, unit) = self.named();
+        eprintln!("{what}: {done}/{total} {unit} ({percent:.0}%), {left} left  {note}");
+    }
+
+    fn phase(&self, what: &str, unit: &str) {
+        let Ok(mut phase) = self.phase.lock() else { return };
+        *phase = (what.to_owned(), unit.to_owned());
+        drop(phase);
+        name(&self.bar, what, unit);
+        // What comes is as fast as it is, not as what was.
+        self.bar.reset();
+        *self.pace.0.lock().unwrap_or_else(PoisonError::into_inner) = None;
+        for times in [&self.plain, &self.events].into_iter().flatten() {
+            if let Ok(mut times) = times.lock() {
+                times.start = Instant::now();
+                times.last = times.start;
+            }
+        }
     }
 
     fn log(&self, line: &str) {
