@@ -5,6 +5,9 @@ use serde::{Deserialize, Serialize};
 use super::error::Error;
 use super::wander::Spread;
 
+/// Environment steps that no training reaches.
+const LONG: u64 = 1_000_000_000;
+
 /// How an agent is built and trained.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -111,14 +114,21 @@ impl Preset {
         };
         *place = serde_json::from_str(text).map_err(|e| fail(format!("a value ({e})")))?;
         let next: Preset = serde_json::from_value(all).map_err(|e| fail(e.to_string()))?;
-        let sizes = [next.hidden, next.batch, next.envs, next.capacity];
+        // A wider network has snapshots that are not read back; the others eat all memory.
+        let bounds = [
+            ("hidden", next.hidden as u64, 1, 4096),
+            ("batch", next.batch as u64, 1, 1 << 16),
+            ("envs", next.envs as u64, 1, 4096),
+            ("capacity", next.capacity as u64, 1, 1 << 24),
+            ("update_every", next.update_every, 1, LONG),
+            ("seed_steps", next.seed_steps, 0, LONG),
+        ];
+        if let Some((name, _, lo, hi)) = bounds.iter().find(|(_, n, lo, hi)| n < lo || n > hi) {
+            return Err(fail(format!("{name} from {lo} to {hi}")));
+        }
         let ordered = |[lo, hi]: [f64; 2]| lo >= 0.0 && hi >= lo && hi.is_finite();
-        if sizes.iter().any(|&n| !(1..=1 << 24).contains(&n))
-            || next.update_every == 0
-            || !(next.lr > 0.0 && next.lr < 1.0)
-            || !ordered(next.spread.sigma)
-            || !ordered(next.spread.tau_secs)
-        {
+        let rate = next.lr > 0.0 && next.lr < 1.0;
+        if !(rate && ordered(next.spread.sigma) && ordered(next.spread.tau_secs)) {
             return Err(fail("a possible value".to_owned()));
         }
         *self = next;
@@ -166,6 +176,22 @@ mod tests {
             let before = p.clone();
             assert!(p.set(bad).is_err(), "{bad}");
             assert_eq!(p, before);
+        }
+    }
+
+    #[test]
+    fn sizes_that_cannot_work_are_refused() {
+        for (key, most) in [
+            ("hidden", 4096),
+            ("batch", 65_536),
+            ("envs", 4096),
+            ("update_every", LONG),
+            ("seed_steps", LONG),
+        ] {
+            let mut p = Preset::url_fast();
+            p.set(&format!("{key}={most}")).unwrap();
+            let e = p.set(&format!("{key}={}", most + 1)).unwrap_err().to_string();
+            assert!(e.contains(&format!("to {most}")), "{e}");
         }
     }
 
