@@ -5,6 +5,7 @@
 //! end, so a checkpoint needs no simulator state: going on from it and never having stopped
 //! are the same run.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -256,6 +257,13 @@ pub(crate) struct Sums {
     near_limit: Vec<f64>,
 }
 
+impl Point {
+    /// Share of frames in which the worst joint stood at a stop.
+    pub fn pinned(&self) -> f64 {
+        self.near_limit.iter().copied().fold(0.0, f64::max)
+    }
+}
+
 impl Sums {
     /// Counts a frame: positions (S) and whether the robot touches itself.
     pub(crate) fn add_frame(&mut self, robot: &Described, qpos: &[f32], contact: bool) {
@@ -294,6 +302,12 @@ pub(crate) struct Ledger {
     pub(crate) broken: u64,
     /// Replay files written so far.
     pub(crate) chunks: u64,
+    /// Youngest episodes of them that the replay memory held.
+    #[serde(default)]
+    pub(crate) remembered: Option<usize>,
+    /// Sha-256 of each snapshot's file, by its step.
+    #[serde(default)]
+    pub(crate) snapshots: BTreeMap<u64, String>,
     pub(crate) curve: Vec<Point>,
 }
 
@@ -508,11 +522,19 @@ impl Agent {
         self.sums.reward / self.sums.updates.max(1.0)
     }
 
+    /// Share of frames since the last point in which the worst joint stood at a stop.
+    pub(crate) fn recent_pinned(&self) -> f64 {
+        self.sums.near_limit.iter().copied().fold(0.0, f64::max) / self.sums.frames.max(1.0)
+    }
+
     /// Ends all episodes, adds a point to the curve and returns the actor as it is now.
     pub(crate) fn snapshot(&mut self, nominal: u64) -> Snapshot {
         for lane in &mut self.lanes {
             lane.episode = None;
         }
+        // A restore has the episodes of this moment; going on has to begin with the same.
+        self.replay.trim();
+        self.ledger.remembered = Some(self.replay.remembered());
         // What a restore computes from the running sums must be what is in use here.
         self.restored();
         let point = self.sums.point(nominal, self.coverage.share(), self.ledger.broken);

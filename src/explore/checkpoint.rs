@@ -12,6 +12,7 @@ use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 
 use super::agent::{Agent, Ledger};
 use super::error::Error;
+use super::policy::Snapshot;
 use super::replay::Steps;
 use super::state::Field;
 use crate::{fsio, limits};
@@ -34,11 +35,35 @@ pub(super) fn save(agent: &mut Agent, dir: &Path, nominal: u64) -> Result<(), Er
     agent.ledger.chunks += 1;
 
     let path = Agent::snapshot_file(dir, nominal);
-    fsio::write_atomic(&path, &snapshot.bytes().map_err(|m| bad(m, &path))?)?;
+    let bytes = snapshot.bytes().map_err(|m| bad(m, &path))?;
+    fsio::write_atomic(&path, &bytes)?;
+    agent.ledger.snapshots.insert(nominal, fsio::sha256_hex(&bytes));
 
     let path = state_file(dir);
     let bytes = state_bytes(agent).map_err(|m| bad(m, &path))?;
     Ok(fsio::write_atomic(&path, &bytes)?)
+}
+
+/// Whether the snapshot of this step is in `dir` as it was written.
+pub(super) fn is_whole(ledger: &Ledger, dir: &Path, step: u64) -> bool {
+    let path = Agent::snapshot_file(dir, step);
+    match ledger.snapshots.get(&step) {
+        Some(sha256) => fsio::sha256_file(&path).is_ok_and(|found| found == *sha256),
+        None => Snapshot::load(&path).is_ok(),
+    }
+}
+
+/// Adds to what is wrong with an agent's file in `dir` how to go on without it.
+pub(super) fn curable(e: Error, dir: &Path) -> Error {
+    let (message, path) = match e {
+        Error::Checkpoint { message, path } => (message, path),
+        Error::File(fsio::Error::Read { source, path }) => {
+            (format!("cannot be read ({source})"), path)
+        }
+        other => return other,
+    };
+    let message = format!("{message}; delete {} to train this agent again", dir.display());
+    Error::Checkpoint { message, path }
 }
 
 /// Restores the newest checkpoint in `dir`, if there is one.
@@ -51,7 +76,14 @@ pub(super) fn load(agent: &mut Agent, dir: &Path) -> Result<bool, Error> {
         return Ok(false);
     }
     let bytes = fsio::read_capped(&path, limits::SHARD_BYTES)?;
-    restore(agent, &bytes).map_err(|message| Error::Checkpoint { message, path })?;
+    let bad = |message: &str, path: &Path| {
+        Err(Error::Checkpoint { message: message.to_owned(), path: path.to_owned() })
+    };
+    restore(agent, &bytes).map_err(|message| Error::Checkpoint { message, path: path.clone() })?;
+    let mut steps = agent.ledger.snapshots.keys();
+    if let Some(&step) = steps.find(|&&step| !is_whole(&agent.ledger, dir, step)) {
+        return bad("is missing or damaged", &Agent::snapshot_file(dir, step));
+    }
     for chunk in 0..agent.ledger.chunks {
         let path = replay_file(dir, chunk);
         let bytes = fsio::read_capped(&path, limits::SHARD_BYTES)?;
@@ -61,7 +93,14 @@ pub(super) fn load(agent: &mut Agent, dir: &Path) -> Result<bool, Error> {
             agent.replay.restore(e);
         }
     }
-    agent.replay.trim();
+    match agent.ledger.remembered {
+        Some(n) => {
+            if !agent.replay.keep_youngest(n) {
+                return bad("names more episodes than the replay files beside it have", &path);
+            }
+        }
+        None => agent.replay.trim(),
+    }
     agent.saved = agent.replay.begun();
     Ok(true)
 }
@@ -255,5 +294,57 @@ mod tests {
             let point = straight.ledger.curve.last().unwrap();
             assert!(point.reward.is_finite() && point.coverage > 0.0, "{point:?}");
         }
+    }
+
+    #[test]
+    fn a_memory_that_forgets_goes_on_alike() {
+        let robot = Arc::new(Robot::builtin("pointmass").unwrap());
+        // Between updates the memory grows beyond its capacity; some episodes are forgotten
+        // before a checkpoint ever sees them.
+        let small = Preset { capacity: 500, update_every: 450, ..preset() };
+        let make = || Agent::new(&robot, AgentKind::Rnd, &small, 4).unwrap().unwrap();
+        let (a, b) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+        let mut straight = make();
+        for nominal in [900, 1800, 4200] {
+            run(&mut straight, nominal, 1);
+            save(&mut straight, a.path(), nominal).unwrap();
+            let mut again = make();
+            load(&mut again, b.path()).unwrap();
+            run(&mut again, nominal, 2);
+            save(&mut again, b.path(), nominal).unwrap();
+            for file in
+                ["state.safetensors".to_owned(), format!("snapshot-{nominal:09}.safetensors")]
+            {
+                let read = |d: &Path| std::fs::read(d.join(&file)).unwrap();
+                assert!(read(a.path()) == read(b.path()), "{nominal} {file}");
+            }
+        }
+        assert!(straight.replay.begun() > straight.replay.remembered());
+    }
+
+    #[test]
+    fn damage_is_told_with_its_cure() {
+        let robot = Arc::new(Robot::builtin("pointmass").unwrap());
+        let make = || Agent::new(&robot, AgentKind::Rnd, &preset(), 4).unwrap().unwrap();
+        let dir = tempfile::tempdir().unwrap();
+        let mut agent = make();
+        run(&mut agent, 600, 1);
+        save(&mut agent, dir.path(), 600).unwrap();
+        for file in
+            ["state.safetensors", "replay-00000.safetensors", "snapshot-000000600.safetensors"]
+        {
+            let path = dir.path().join(file);
+            let whole = std::fs::read(&path).unwrap();
+            std::fs::write(&path, &whole[..whole.len() / 2]).unwrap();
+            let e = curable(load(&mut make(), dir.path()).unwrap_err(), dir.path()).to_string();
+            assert!(e.contains("; delete ") && e.ends_with(file), "{e}");
+            if file != "state.safetensors" {
+                std::fs::remove_file(&path).unwrap();
+                let e = curable(load(&mut make(), dir.path()).unwrap_err(), dir.path()).to_string();
+                assert!(e.contains("; delete ") && e.ends_with(file), "{e}");
+            }
+            std::fs::write(&path, &whole).unwrap();
+        }
+        assert!(load(&mut make(), dir.path()).unwrap());
     }
 }

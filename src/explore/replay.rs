@@ -87,12 +87,31 @@ impl Replay {
             self.steps -= self.episodes[drop].action.len() / self.act;
             drop += 1;
         }
+        self.forget(drop);
+    }
+
+    /// Keeps the youngest `n` episodes, as a checkpoint says; false if there are fewer.
+    pub(crate) fn keep_youngest(&mut self, n: usize) -> bool {
+        let Some(drop) = self.episodes.len().checked_sub(n) else { return false };
+        let steps: usize = self.episodes.iter().take(drop).map(|e| e.action.len()).sum();
+        self.steps -= steps / self.act;
+        self.forget(drop);
+        true
+    }
+
+    /// Drops the oldest episodes; their steps are subtracted already.
+    fn forget(&mut self, drop: usize) {
         if drop > 0 {
             self.episodes.drain(..drop);
             self.forgotten += drop;
             self.ready.retain(|&r| r as usize >= drop);
             self.ready.iter_mut().for_each(|r| *r -= drop as u32);
         }
+    }
+
+    /// Episodes in memory.
+    pub(crate) fn remembered(&self) -> usize {
+        self.episodes.len()
     }
 
     /// Whether anything can be sampled.
@@ -256,6 +275,17 @@ mod tests {
         assert!(b.obs.iter().all(|&s| (100.0..200.0).contains(&s)));
         r.push(0, &[0.0], &[], &[0.0]);
         assert_eq!(r.steps, 10);
+    }
+
+    #[test]
+    fn the_youngest_are_what_trimming_leaves() {
+        let (mut a, mut b) = (filled(&[10, 2, 10, 10], 25), filled(&[10, 2, 10, 10], 25));
+        a.trim();
+        assert_eq!(a.remembered(), 3);
+        assert!(b.keep_youngest(3));
+        assert_eq!((a.steps, a.begun(), &a.ready), (b.steps, b.begun(), &b.ready));
+        assert_eq!(a.since(0), b.since(0));
+        assert!(!b.keep_youngest(4));
     }
 
     #[test]
