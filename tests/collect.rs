@@ -20,15 +20,13 @@ const SMALL: [&str; 10] = [
 ];
 
 fn collect(dir: &Path, out: &str, extra: &[&str]) -> serde_json::Value {
-    let done = Command::new(binary())
-        .args(SMALL)
-        .args(["--out", out])
-        .args(extra)
-        .current_dir(dir)
-        .output()
-        .unwrap();
-    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
-    serde_json::from_slice(&done.stdout).unwrap()
+    json(dir, &[&SMALL[..], &["--out", out], extra].concat())
+}
+
+fn json(dir: &Path, args: &[&str]) -> serde_json::Value {
+    let (code, text, err) = call(dir, args);
+    assert_eq!(code, 0, "{err}");
+    serde_json::from_str(&text).unwrap()
 }
 
 /// Kills at growing distances; then the folder must hold what one undisturbed run makes.
@@ -83,7 +81,8 @@ fn damage_is_named_and_mended() {
     assert_eq!(code, 3);
     assert!(text.contains("rnd-00001") && text.contains("noise-00000"), "{text}");
     assert!(text.contains("differs from its sha256") && text.contains("500 bytes"), "{text}");
-    assert!(err.contains("2 of 3 shards"), "{err}");
+    assert!(err.contains("2 of 3 shards") && err.contains("--resume"), "{err}");
+    assert!(err.contains("rnd-00001.safetensors"), "{err}");
     let again = collect(dir.path(), "d", &["--resume"]);
     assert_eq!(first["manifest_sha256"], again["manifest_sha256"]);
 }
@@ -117,10 +116,71 @@ fn views_are_lists_over_the_same_shards() {
     let (code, _, err) = call(dir.path(), &["dataset", "shrink", "2", "d", "--out", "d"]);
     assert_eq!((code, err.contains("another folder")), (2, true), "{err}");
 
+    let (code, _, err) =
+        call(dir.path(), &["dataset", "pick", "d", "--frames", "1", "--out", "few/er"]);
+    assert_eq!((code, err.contains("shortest trajectory has 250 frames")), (2, true), "{err}");
+    assert!(!dir.path().join("few").exists());
+    let (code, _, err) = call(dir.path(), &["dataset", "merge", "d", "v/third", "--out", "few"]);
+    assert_eq!((code, err.contains("two inputs")), (3, true), "{err}");
+    assert!(!dir.path().join("few").exists());
+    std::fs::write(dir.path().join("file"), "x").unwrap();
+    for args in [
+        &["dataset", "shrink", "2", "d", "--out", "file"][..],
+        &["collect", "--robot", "pointmass", "--out", "file"],
+    ] {
+        let (code, _, err) = call(dir.path(), args);
+        assert_eq!((code, err.contains("is a file")), (2, true), "{err}");
+    }
+
     let (code, ..) = call(dir.path(), &["dataset", "plot", "m", "--out", "m.png"]);
     assert_eq!(code, 0);
     let png = std::fs::read(dir.path().join("m.png")).unwrap();
     assert!(png.starts_with(b"\x89PNG") && png.len() > 20_000);
+}
+
+#[test]
+fn a_manifest_that_was_altered_does_not_pass() {
+    let dir = tempfile::tempdir().unwrap();
+    let (code, ..) = call(
+        dir.path(),
+        &["collect", "--robot", "pointmass", "--transitions", "1000", "--out", "d"],
+    );
+    assert_eq!(code, 0);
+    let path = dir.path().join("d/manifest.json");
+    let good = std::fs::read_to_string(&path).unwrap();
+    for (old, new, named) in [
+        ("\"start\":250", "\"start\":100", "episodes[1]"),
+        ("\"frames\": 1000", "\"frames\": 0", "totals.frames"),
+        ("\"noise\": 1000", "\"noise\": 999", "statistics.agents"),
+    ] {
+        assert!(good.contains(old), "{good}");
+        std::fs::write(&path, good.replacen(old, new, 1)).unwrap();
+        let (code, text, err) = call(dir.path(), &["dataset", "check", "d"]);
+        assert_eq!((code, (text + &err).contains(named)), (3, true), "{err}");
+    }
+    let mut m: serde_json::Value = serde_json::from_str(&good).unwrap();
+    m["episodes"] = serde_json::json!([]);
+    std::fs::write(&path, m.to_string()).unwrap();
+    let (code, _, err) = call(dir.path(), &["dataset", "plot", "d", "--out", "d.png"]);
+    assert_eq!((code, err.contains("nothing to draw")), (3, true), "{err}");
+    assert!(!dir.path().join("d.png").exists());
+    let (code, _, err) = call(dir.path(), &["dataset", "split", "d", "--out", "s"]);
+    assert_eq!((code, err.contains("no trajectory")), (2, true), "{err}");
+}
+
+#[test]
+fn trained_agents_serve_another_amount() {
+    let dir = tempfile::tempdir().unwrap();
+    let rnd = "collect --robot pointmass --agent rnd --agent-steps 1000 --set hidden=16 --json";
+    let rnd: Vec<&str> = rnd.split(' ').collect();
+    let with = |more: &[&str]| json(dir.path(), &[&rnd[..], more].concat());
+    let first = with(&["--transitions", "4000", "--out", "a"]);
+    let second = with(&["--transitions", "6000", "--out", "b", "--agents-from", "a"]);
+    assert_eq!(second["totals"]["frames"], 6000);
+    assert_eq!(first["agents"], second["agents"]);
+    let snapshot = "agents/rnd/snapshot-000001000.safetensors";
+    let read = |name: &str| std::fs::read(dir.path().join(name).join(snapshot)).unwrap();
+    assert!(read("a") == read("b"));
 }
 
 #[test]
@@ -133,6 +193,10 @@ fn bad_requests_are_refused_before_work_begins() {
     let ran = robert().args(small).fails(2);
     assert!(ran.stderr.contains("51 or more"), "{}", ran.stderr);
     assert!(!ran.path("x").exists());
+    let most = u64::MAX.to_string();
+    let large = ["collect", "--robot", "ur5e", "--transitions", &most, "--out", "x"];
+    let ran = robert().args(large).fails(2);
+    assert!(ran.stderr.contains("or less") && !ran.path("x").exists(), "{}", ran.stderr);
     let ran = robert().args(["dataset", "info", "nowhere"]).fails(3);
     assert!(ran.stderr.contains("nowhere"));
 }

@@ -12,7 +12,7 @@ use crate::units::count;
 
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  robert collect --robot ur5e --agent noise --transitions 400k --out data/ur5e-noise\n  robert collect --robot ur5e --agent rnd,icm,apt,aps,proto --transitions 3M --out data/ur5e\n  robert collect --robot ur5e --agent rnd --agent-steps 2k --transitions 5k --out data/try\n  robert collect --robot ur5e --plants mass=0.7..1.4,damping=0.5..2,gear=0.7..1.3 --out data/many\n\nThe bits depend on the options only, not on threads, interruptions or order. A stopped\ncollection goes on with the same command and --resume."
+    after_help = "Examples:\n  robert collect --robot ur5e --agent noise --transitions 400k --out data/ur5e-noise\n  robert collect --robot ur5e --agent rnd,icm,apt,aps,proto --transitions 3M --out data/ur5e\n  robert collect --robot ur5e --agent rnd --agent-steps 2k --transitions 5k --out data/try\n  robert collect --robot ur5e --plants mass=0.7..1.4,damping=0.5..2,gear=0.7..1.3 --out data/many\n  robert collect --robot ur5e --agent rnd --transitions 1M --agents-from data/rnd --out data/rnd1m\n\nThe bits depend on the options only, not on threads, interruptions or order. A stopped\ncollection goes on with the same command and --resume."
 )]
 pub(super) struct Args {
     /// Robot: id, or a folder with robot.xml.
@@ -40,7 +40,7 @@ pub(super) struct Args {
     #[arg(long, default_value_t = 0)]
     seed: u64,
     /// Roll out only the snapshots of this first share of the training [default: .5 for the
-    /// `UR5e`, whose agents drift to extremes, else 1].
+    /// UR5e, whose agents drift to extremes, else 1].
     #[arg(long)]
     snapshots_until: Option<f64>,
     /// Draw another plant for each recorded episode: factors on mass, damping and force.
@@ -49,6 +49,11 @@ pub(super) struct Args {
     /// Frames of a recorded episode.
     #[arg(long, default_value_t = 250, value_name = "N", value_parser = count)]
     episode_frames: u64,
+    /// Another collection, whose trained agents are taken if robot, preset, steps and seed are
+    /// the same: for more or fewer transitions. (Of one seed the longer collection begins with
+    /// the motions of the shorter; do not merge them.)
+    #[arg(long, value_name = "DIR")]
+    agents_from: Option<PathBuf>,
     /// Go on with what the folder holds.
     #[arg(long)]
     resume: bool,
@@ -78,7 +83,9 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
         episode_frames: args.episode_frames,
         snapshots_until: args.snapshots_until.unwrap_or(defaults.snapshots_until),
         plants: args.plants,
+        agents_from: args.agents_from.clone(),
     };
+    dataset::refuse_file(&args.out)?;
     let threads = args.threads.unwrap_or_else(|| super::threads(None));
     let cancel = interrupt::cancel_on_ctrl_c();
     let bar = Bar::new("collect", "steps", global.quiet || args.json);
@@ -115,9 +122,10 @@ fn json(args: &Args, done: &Collected) -> Outcome {
     }))
 }
 
-/// Reward and coverage of each agent over its training.
+/// Reward, coverage and frames at stops of each agent over its training.
 fn curves(done: &Collected) -> Outcome {
-    let mut table = out::table(&["agent", "steps", "updates", "reward", "coverage", "broken"]);
+    let head = ["agent", "steps", "updates", "reward", "coverage", "worst joint pinned", "broken"];
+    let mut table = out::table(&head);
     let mut any = false;
     for a in &done.agents {
         let (Some(first), Some(last)) = (a.curve.first(), a.curve.last()) else { continue };
@@ -128,6 +136,7 @@ fn curves(done: &Collected) -> Outcome {
             a.updates.to_string(),
             format!("{:.3} -> {:.3}", first.reward, last.reward),
             format!("{:.1} % -> {:.1} %", first.coverage * 100.0, last.coverage * 100.0),
+            format!("{:.0} % -> {:.0} %", first.pinned() * 100.0, last.pinned() * 100.0),
             a.broken.to_string(),
         ]);
     }

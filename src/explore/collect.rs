@@ -20,122 +20,24 @@ use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use super::agent::{Agent, AgentKind, Ledger, Point};
 use super::babble::BabbleRule;
 use super::checkpoint;
 use super::crew::spread;
 use super::error::Error;
-use super::fill::{MIN_FRAMES, Plan, Wave, describe};
+use super::fill::{Made, Plan, Wave, describe};
 use super::noise::NoiseRule;
 use super::policy::{Actor, Policy, Snapshot};
-use super::preset::Preset;
+use super::request::{CollectConfig, SHARD_FRAMES, claim, pieces, share};
 use crate::dataset::{Dataset, Manifest, Shard, ShardEntry};
 use crate::progress::{Cancel, Progress};
-use crate::robot::{PlantRange, Robot};
+use crate::robot::Robot;
 use crate::{fsio, limits};
 
-/// Frames of the largest shard: what a kill can cost stays within half a minute.
-const SHARD_FRAMES: usize = 50_000;
 /// Iterations between progress reports.
 const REPORT_EVERY: u64 = 16;
-
-/// What to collect.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct CollectConfig {
-    /// Who collects; each contributes an equal part.
-    pub agents: Vec<AgentKind>,
-    /// How agents are trained.
-    pub preset: Preset,
-    /// Frames to record in all.
-    pub transitions: u64,
-    /// Seed of everything.
-    pub seed: u64,
-    /// Frames of a recorded episode.
-    pub episode_frames: u64,
-    /// Only snapshots up to this share of the training are rolled out: agents that drift to
-    /// extremes (`UR5e`) are stopped early.
-    pub snapshots_until: f64,
-    /// Each recorded episode draws its plant from here; the robot's own if none. Agents are
-    /// trained on the robot's own.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub plants: Option<PlantRange>,
-}
-
-/// The collector that needs no training and no tuning on this robot: the tried noise of a
-/// built-in one, babbling where motors sit at joints, else noise.
-fn unlearned(robot: &Robot) -> AgentKind {
-    let tried = Robot::builtin_ids().any(|id| id == robot.id());
-    if !tried && BabbleRule::of(robot).is_ok() { AgentKind::Babble } else { AgentKind::Noise }
-}
-
-impl CollectConfig {
-    /// Defaults for a robot: a collector without training; episodes of 250 frames; the first half of the snapshots for the
-    /// `UR5e`, all of them otherwise.
-    pub fn new(robot: &Robot) -> Self {
-        let early = robot.id().starts_with("ur5e");
-        CollectConfig {
-            agents: vec![unlearned(robot)],
-            preset: Preset::url_fast(),
-            transitions: 400_000,
-            seed: 0,
-            episode_frames: 250,
-            snapshots_until: if early { 0.5 } else { 1.0 },
-            plants: None,
-        }
-    }
-
-    fn check(&self) -> Result<(), Error> {
-        let bad = |name, must: &str, got: String| {
-            Err(Error::Argument { name, must: must.to_owned(), got })
-        };
-        if self.agents.is_empty() {
-            return bad("agents", "one or more", "none".to_owned());
-        }
-        let mut sorted = self.agents.clone();
-        sorted.sort_unstable();
-        sorted.dedup();
-        if sorted.len() != self.agents.len() {
-            return bad("agents", "named once each", format!("{:?}", self.agents));
-        }
-        if !(MIN_FRAMES as u64..=100_000).contains(&self.episode_frames) {
-            return bad("episode frames", "51 to 100000", self.episode_frames.to_string());
-        }
-        if !(self.snapshots_until > 0.0 && self.snapshots_until <= 1.0) {
-            return bad("snapshots until", "above 0, at most 1", self.snapshots_until.to_string());
-        }
-        let learns = self.agents.iter().any(|a| a.learns());
-        if learns && !(100..=1_000_000_000).contains(&self.preset.steps) {
-            return bad("agent steps", "100 or more", self.preset.steps.to_string());
-        }
-        let least = self.agents.iter().map(|&a| self.used_snapshots(a).len().max(1)).max();
-        let least = (least.unwrap_or(1) * self.agents.len() * MIN_FRAMES) as u64;
-        if self.transitions < least {
-            return bad(
-                "transitions",
-                &format!("{least} or more (one window for each agent and snapshot)"),
-                self.transitions.to_string(),
-            );
-        }
-        Ok(())
-    }
-
-    /// Steps of the snapshots that are rolled out.
-    fn used_snapshots(&self, kind: AgentKind) -> Vec<u64> {
-        if !kind.learns() {
-            return Vec::new();
-        }
-        let until = self.snapshots_until * self.preset.steps as f64;
-        let all = self.preset.snapshots();
-        let mut used: Vec<u64> = all.iter().copied().filter(|&s| s as f64 <= until).collect();
-        if used.is_empty() {
-            used.extend(all.first());
-        }
-        used
-    }
-}
 
 /// How one agent did.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -168,23 +70,6 @@ pub struct Collected {
     pub rollout_frames: u64,
 }
 
-/// What stands in `collect.json`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Request {
-    format: String,
-    robot: String,
-    model_sha256: String,
-    #[serde(flatten)]
-    config: Flat,
-}
-
-/// `flatten` and `deny_unknown_fields` exclude each other on one level; a newtype parts them.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-struct Flat {
-    config: CollectConfig,
-}
-
 /// Collects into the folder `out`, on `threads` threads; the bits do not depend on them.
 /// With `resume`, goes on with what the folder holds.
 ///
@@ -200,6 +85,7 @@ pub fn collect(
     cancel: &Cancel,
 ) -> Result<Collected, Error> {
     config.check()?;
+    config.check_agents_from(robot)?;
     claim(robot, config, out, resume)?;
     let run = Run { robot, config, out, threads: threads.max(1), progress, cancel };
     let start = Instant::now();
@@ -210,58 +96,6 @@ pub fn collect(
     let rollout_secs = start.elapsed().as_secs_f64();
     let manifest = run.publish(entries, specs)?;
     Ok(Collected { manifest, agents, train_secs, rollout_secs, rollout_frames })
-}
-
-/// Makes the folder ours, or finds that it is.
-fn claim(robot: &Robot, config: &CollectConfig, out: &Path, resume: bool) -> Result<(), Error> {
-    let path = out.join("collect.json");
-    let request = Request {
-        format: "robert-collect/1".to_owned(),
-        robot: robot.id().to_owned(),
-        model_sha256: robot.model_sha256().to_owned(),
-        config: Flat { config: config.clone() },
-    };
-    let folder = |message: String| Err(Error::Folder { message, path: out.to_owned() });
-    if path.exists() {
-        if !resume {
-            return folder(
-                "the folder holds a collection; go on with --resume or name another".to_owned(),
-            );
-        }
-        let bytes = fsio::read_capped(&path, limits::CLIP_BYTES)?;
-        let found: serde_json::Value = serde_json::from_slice(&bytes)
-            .map_err(|e| Error::Checkpoint { message: e.to_string(), path: path.clone() })?;
-        let wanted = serde_json::to_value(&request).unwrap_or_default();
-        return match difference("", &wanted, &found) {
-            None => Ok(()),
-            Some((what, want, have)) => folder(format!(
-                "the folder was begun with {what} {have}, now {want} is asked for; use the same options"
-            )),
-        };
-    }
-    let foreign = out.join("manifest.json").exists() || out.join("shards").exists();
-    if foreign {
-        return folder("the folder holds data that this command did not begin".to_owned());
-    }
-    let text = serde_json::to_string_pretty(&request).unwrap_or_default() + "\n";
-    Ok(fsio::write_atomic(&path, text.as_bytes())?)
-}
-
-/// First place where two documents differ: its name and both values.
-fn difference(
-    at: &str,
-    a: &serde_json::Value,
-    b: &serde_json::Value,
-) -> Option<(String, String, String)> {
-    if let (Some(x), Some(y)) = (a.as_object(), b.as_object()) {
-        let null = serde_json::Value::Null;
-        let keys: std::collections::BTreeSet<&String> = x.keys().chain(y.keys()).collect();
-        return keys.into_iter().find_map(|k| {
-            let (x, y) = (x.get(k).unwrap_or(&null), y.get(k).unwrap_or(&null));
-            difference(k, x, y)
-        });
-    }
-    (a != b).then(|| (at.to_owned(), a.to_string(), b.to_string()))
 }
 
 struct Run<'a> {
@@ -294,6 +128,9 @@ impl Run<'_> {
             kinds.iter().filter_map(|&k| self.config.used_snapshots(k).last().copied()).max();
         let steps = steps.unwrap_or(0);
         let total = learners as u64 * steps;
+        if learners > 0 {
+            self.progress.phase("train", "steps");
+        }
         let (next, active) = (AtomicUsize::new(0), AtomicUsize::new(0));
         let stop = AtomicBool::new(false);
         let board: Mutex<BTreeMap<AgentKind, (u64, String)>> = Mutex::default();
@@ -302,11 +139,12 @@ impl Run<'_> {
         let report = |kind: AgentKind, agent: &Agent, new: u64| {
             let fresh = fresh.fetch_add(new, Ordering::Relaxed) + new;
             let note = format!(
-                "{} {:.0}k reward {:.3} cover {:.1}%{}",
+                "{} {:.0}k reward {:.3} cover {:.1}% pinned {:.0}%{}",
                 kind.name(),
                 agent.ledger.step as f64 / 1e3,
                 agent.recent_reward(),
                 agent.coverage.share() * 100.0,
+                agent.recent_pinned() * 100.0,
                 broken_note(agent.ledger.broken),
             );
             let mut board = board.lock().unwrap_or_else(PoisonError::into_inner);
@@ -354,16 +192,25 @@ impl Run<'_> {
         let preset = &self.config.preset;
         let empty = || AgentSummary { agent: kind, curve: vec![], steps: 0, updates: 0, broken: 0 };
         let dir = self.agent_dir(kind);
-        if let Some(done) = finished(&dir)? {
+        let used = self.config.used_snapshots(kind);
+        if let Some(done) = finished(&dir, &used) {
             return Ok(AgentSummary::of(kind, &done));
         }
         let Some(mut agent) = Agent::new(self.robot, kind, preset, self.config.seed)? else {
             return Ok(empty());
         };
-        checkpoint::load(&mut agent, &dir)?;
+        if let Some(done) = self.taken(kind, &used)? {
+            return Ok(AgentSummary::of(kind, &done));
+        }
+        if dir.join("curve.json").exists() {
+            let text =
+                format!("{}: files are damaged; {} is trained again", dir.display(), kind.name());
+            self.progress.log(&text);
+        }
+        checkpoint::load(&mut agent, &dir).map_err(|e| checkpoint::curable(e, &dir))?;
         report(kind, &agent, 0);
         // What comes after the last snapshot that is rolled out would be trained for nothing.
-        for nominal in self.config.used_snapshots(kind) {
+        for nominal in used {
             let mut reported = agent.ledger.step;
             let mut since = 0;
             while agent.ledger.step < nominal {
@@ -393,6 +240,26 @@ impl Run<'_> {
         Ok(AgentSummary::of(kind, &agent.ledger))
     }
 
+    /// The agent of another collection, copied, if it is this one and trained as far.
+    fn taken(&self, kind: AgentKind, used: &[u64]) -> Result<Option<Ledger>, Error> {
+        let Some(from) = &self.config.agents_from else { return Ok(None) };
+        let dir = from.join("agents").join(kind.name());
+        let Some(ledger) = finished(&dir, used) else {
+            let text =
+                format!("{}: not trained as far; {} is trained here", dir.display(), kind.name());
+            self.progress.log(&text);
+            return Ok(None);
+        };
+        let to = self.agent_dir(kind);
+        let files = used.iter().map(|&step| Agent::snapshot_file(Path::new(""), step));
+        // The curve is what makes it finished, so it comes last.
+        for file in files.chain([PathBuf::from("curve.json")]) {
+            let bytes = fsio::read_capped(&dir.join(&file), limits::TENSOR_HEADER_BYTES)?;
+            fsio::write_atomic(&to.join(&file), &bytes)?;
+        }
+        Ok(Some(ledger))
+    }
+
     /// All shards, from finished ones and new ones; also the specs by their sha256 and the
     /// frames made in this run.
     fn roll_out(&self) -> Result<(Vec<ShardEntry>, Specs, u64), Error> {
@@ -400,11 +267,19 @@ impl Run<'_> {
         let total: u64 = jobs.iter().map(|j| j.plan.frames as u64).sum();
         let (next, done, made) = (AtomicUsize::new(0), AtomicU64::new(0), AtomicU64::new(0));
         let start = Instant::now();
-        let tick = |new: u64| {
-            let made = made.fetch_add(new, Ordering::Relaxed) + new;
-            let done = done.fetch_add(new, Ordering::Relaxed) + new;
+        self.progress.phase("roll out", "frames");
+        let tally: Mutex<(Vec<u64>, u64)> = Mutex::new((vec![0; self.robot.state_dim()], 0));
+        let tick = |new: &Made<'_>| {
+            let made = made.fetch_add(new.frames, Ordering::Relaxed) + new.frames;
+            let done = done.fetch_add(new.frames, Ordering::Relaxed) + new.frames;
             let rate = made as f64 / start.elapsed().as_secs_f64().max(1e-3);
-            self.progress.tick(done, total, &format!("{rate:.0} frames/s"));
+            let mut tally = tally.lock().unwrap_or_else(PoisonError::into_inner);
+            let (near, broken) = &mut *tally;
+            near.iter_mut().zip(new.near_limit).for_each(|(n, more)| *n += more);
+            *broken += u64::from(new.broken);
+            let worst = near.iter().copied().max().unwrap_or(0) as f64 / made.max(1) as f64;
+            let note = format!("{rate:.0}/s  pinned {:.0}%{}", worst * 100.0, broken_note(*broken));
+            self.progress.tick(done, total, &note);
         };
         let stop = AtomicBool::new(false);
         let work = || -> Result<Vec<(usize, ShardEntry)>, Error> {
@@ -486,7 +361,7 @@ impl Run<'_> {
             let mut index = 0;
             for (j, (step, policy)) in policies.iter().enumerate() {
                 let mine = share(frames, policies.len() as u64, j as u64) as usize;
-                let pieces = mine.div_ceil(SHARD_FRAMES).max(1) as u64;
+                let pieces = pieces(mine as u64);
                 for piece in 0..pieces {
                     jobs.push(Job {
                         file: PathBuf::from("shards")
@@ -527,11 +402,12 @@ impl Run<'_> {
                 let (mut policies, mut listed) = (Vec::new(), Vec::new());
                 for step in self.config.used_snapshots(kind) {
                     let path = Agent::snapshot_file(&dir, step);
-                    let snapshot = Snapshot::load(&path)?;
+                    let snapshot =
+                        Snapshot::load(&path).map_err(|e| checkpoint::curable(e, &dir))?;
                     let h = &snapshot.header;
                     if h.model_sha256 != self.robot.model_sha256() || h.agent != kind.name() {
                         let message = format!("is of {} on {}", h.agent, h.robot);
-                        return Err(Error::Checkpoint { message, path });
+                        return Err(checkpoint::curable(Error::Checkpoint { message, path }, &dir));
                     }
                     let sha256 = fsio::sha256_file(&path)?;
                     listed.push(serde_json::json!({ "step": step, "sha256": sha256 }));
@@ -572,21 +448,12 @@ impl AgentSummary {
     }
 }
 
-/// The ledger of an agent whose training is over.
-fn finished(dir: &Path) -> Result<Option<Ledger>, Error> {
-    let path = dir.join("curve.json");
-    if !path.exists() {
-        return Ok(None);
-    }
-    let bytes = fsio::read_capped(&path, limits::CLIP_BYTES)?;
-    serde_json::from_slice(&bytes)
-        .map(Some)
-        .map_err(|e| Error::Checkpoint { message: e.to_string(), path })
-}
-
-/// Part `i` of `n` nearly equal parts of `total`.
-fn share(total: u64, n: u64, i: u64) -> u64 {
-    total * (i + 1) / n - total * i / n
+/// The ledger of an agent whose training is over; none while it is not, or where the ledger or
+/// a snapshot that is needed has been damaged since.
+fn finished(dir: &Path, used: &[u64]) -> Option<Ledger> {
+    let bytes = fsio::read_capped(&dir.join("curve.json"), limits::CLIP_BYTES).ok()?;
+    let ledger: Ledger = serde_json::from_slice(&bytes).ok()?;
+    used.iter().all(|&step| checkpoint::is_whole(&ledger, dir, step)).then_some(ledger)
 }
 
 fn broken_note(broken: u64) -> String {
@@ -595,19 +462,9 @@ fn broken_note(broken: u64) -> String {
 
 #[cfg(test)]
 mod tests {
+    use super::super::request::tests::config;
     use super::*;
     use crate::progress::Silent;
-
-    fn config(robot: &Robot) -> CollectConfig {
-        let preset = Preset { hidden: 16, batch: 32, envs: 6, ..Preset::url_fast() };
-        CollectConfig {
-            agents: vec![AgentKind::Rnd, AgentKind::Aps, AgentKind::Noise],
-            preset: preset.lasting(1000),
-            transitions: 3000,
-            seed: 3,
-            ..CollectConfig::new(robot)
-        }
-    }
 
     #[test]
     fn the_same_bits_on_any_threads() {
@@ -643,20 +500,69 @@ mod tests {
         c.seed = 4;
         let e = go(&c, true).unwrap_err().to_string();
         assert!(e.contains("seed 3, now 4"), "{e}");
+        // Another robot is what matters, not what it changes.
+        let other = Arc::new(Robot::builtin("ur5e").unwrap());
+        c.snapshots_until = 0.5;
+        let e = collect(&other, &c, dir.path(), true, 1, &Silent, &Cancel::default()).unwrap_err();
+        assert!(e.to_string().contains("robot \"pointmass\", now \"ur5e\""), "{e}");
     }
 
     #[test]
-    fn impossible_requests_are_named() {
-        let robot = Robot::builtin("pointmass").unwrap();
-        let bad = |change: &dyn Fn(&mut CollectConfig)| {
-            let mut c = config(&robot);
-            change(&mut c);
-            c.check().unwrap_err().to_string()
+    fn damaged_agents_are_trained_again() {
+        let robot = Arc::new(Robot::builtin("pointmass").unwrap());
+        let dir = tempfile::tempdir().unwrap();
+        let c = CollectConfig { agents: vec![AgentKind::Rnd], ..config(&robot) };
+        let go = |resume| collect(&robot, &c, dir.path(), resume, 2, &Silent, &Cancel::default());
+        let first = go(false).unwrap();
+        let agent = dir.path().join("agents/rnd");
+        let snapshot = agent.join("snapshot-000000500.safetensors");
+        let whole = std::fs::read(&snapshot).unwrap();
+        let mut flipped = whole.clone();
+        *flipped.last_mut().unwrap() ^= 1;
+        for damage in [flipped.as_slice(), &whole[..whole.len() / 2]] {
+            std::fs::write(&snapshot, damage).unwrap();
+            assert_eq!(go(true).unwrap().manifest, first.manifest);
+            assert!(std::fs::read(&snapshot).unwrap() == whole);
+        }
+        std::fs::remove_file(&snapshot).unwrap();
+        assert_eq!(go(true).unwrap().agents, first.agents);
+        std::fs::write(agent.join("curve.json"), "{").unwrap();
+        let again = go(true).unwrap();
+        assert_eq!((again.agents, again.manifest), (first.agents, first.manifest));
+        assert_eq!(again.rollout_frames, 0);
+    }
+
+    #[test]
+    fn agents_are_taken_from_where_they_are_the_same() {
+        let robot = Arc::new(Robot::builtin("pointmass").unwrap());
+        let dir = tempfile::tempdir().unwrap();
+        let at = |name: &str| dir.path().join(name);
+        let go = |c: &CollectConfig, name: &str| {
+            collect(&robot, c, &at(name), false, 2, &Silent, &Cancel::default())
         };
-        assert!(bad(&|c| c.transitions = 100).contains("306 or more"));
-        assert!(bad(&|c| c.agents = vec![]).contains("one or more"));
-        assert!(bad(&|c| c.agents = vec![AgentKind::Rnd; 2]).contains("once"));
-        assert!(bad(&|c| c.episode_frames = 50).contains("51"));
-        assert!(bad(&|c| c.snapshots_until = 0.0).contains("above 0"));
+        let small = CollectConfig { agents: vec![AgentKind::Rnd], ..config(&robot) };
+        let first = go(&small, "first").unwrap();
+        let large = CollectConfig { transitions: 6000, ..small.clone() };
+        let alone = go(&large, "alone").unwrap();
+        let taking = CollectConfig { agents_from: Some(at("first")), ..large };
+        // A mark that no training writes: these are the files that were taken.
+        let curve = at("first/agents/rnd/curve.json");
+        let text =
+            std::fs::read_to_string(&curve).unwrap().replace("\"broken\": 0", "\"broken\": 7");
+        std::fs::write(&curve, text).unwrap();
+        let taken = go(&taking, "taken").unwrap();
+        assert_eq!(taken.manifest, alone.manifest);
+        assert_eq!(taken.agents[0].broken, 7);
+        assert_eq!(first.agents[0].broken, 0);
+        // Of the same kind only; and what is not there is trained.
+        let other = CollectConfig { seed: 4, ..taking.clone() };
+        let e = go(&other, "other").unwrap_err().to_string();
+        assert!(e.contains("seed 3, now 4") && e.contains("first"), "{e}");
+        let preset = taking.preset.clone().lasting(700);
+        let e = go(&CollectConfig { preset, ..taking.clone() }, "less").unwrap_err().to_string();
+        assert!(e.contains("now "), "{e}");
+        let more = CollectConfig { agents: vec![AgentKind::Icm, AgentKind::Rnd], ..taking };
+        let both = go(&more, "both").unwrap();
+        assert_eq!((both.agents[0].agent, both.agents[1].broken), (AgentKind::Icm, 7));
     }
 }

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use super::fill::MIN_FRAMES;
 use crate::exit::{Exit, HasExit};
 use crate::{dataset, fsio, mujoco, robot};
 
@@ -61,12 +62,39 @@ pub enum Error {
         /// All that were tried.
         tried: u64,
     },
+    /// Too many trajectories end before they are of use.
+    #[error(
+        "{short} of {tried} trajectories of {agent} ended before {least} frames; {cure}",
+        least = MIN_FRAMES,
+        cure = cure(*pinned_frames, robot)
+    )]
+    TooShort {
+        /// The robot.
+        robot: String,
+        /// Who acted.
+        agent: String,
+        /// Trajectories that were too short.
+        short: u64,
+        /// All that were tried.
+        tried: u64,
+        /// Frames at a stop that end a trajectory; 0 for never.
+        pinned_frames: u64,
+    },
     /// Stopped by the user; `--resume` goes on.
     #[error("stopped; go on with --resume: {path}", path = path.display())]
     Cancelled {
         /// The folder.
         path: PathBuf,
     },
+}
+
+fn cure(pinned_frames: u64, robot: &str) -> String {
+    match pinned_frames {
+        0 => format!(
+            "{robot} soon leaves what is plausible: check its masses, limits and control ranges"
+        ),
+        n => format!("raise pinned_frames (now {n}) or set it to 0"),
+    }
 }
 
 impl HasExit for Error {
@@ -78,7 +106,7 @@ impl HasExit for Error {
             Error::File(e) => e.exit(),
             Error::Argument { .. } => Exit::Usage,
             Error::Folder { .. } | Error::Checkpoint { .. } => Exit::Invalid,
-            Error::Unstable { .. } => Exit::Failed,
+            Error::Unstable { .. } | Error::TooShort { .. } => Exit::Failed,
             Error::Cancelled { .. } => Exit::Interrupted,
         }
     }

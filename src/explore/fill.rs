@@ -32,7 +32,7 @@ pub(crate) struct Plan {
     pub(crate) snapshot_step: u64,
     /// Index of the shard within its spec.
     pub(crate) index: u64,
-    /// Frames wanted; what is stored is at most this, and less than a window short of it.
+    /// Frames wanted; what is stored is this, or after cut episodes up to a window more.
     pub(crate) frames: usize,
     /// Frames of an episode.
     pub(crate) episode_frames: usize,
@@ -60,6 +60,17 @@ struct Lane {
     qvel: Vec<f32>,
     ctrl: Vec<f32>,
     contact: Vec<u8>,
+}
+
+/// What one trajectory came to, for whoever watches.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Made<'a> {
+    /// Frames recorded.
+    pub(crate) frames: u64,
+    /// Of them, with each joint near a stop, (S); empty where nothing was recorded.
+    pub(crate) near_limit: &'a [u64],
+    /// Whether the simulator broke.
+    pub(crate) broken: bool,
 }
 
 /// How an episode ended.
@@ -90,26 +101,30 @@ impl Wave {
         })
     }
 
-    /// Makes the shard of this plan and writes it to `dir/file`. `tick` hears of frames.
+    /// Makes the shard of this plan and writes it to `dir/file`. `tick` hears of each
+    /// trajectory.
     ///
     /// # Errors
-    /// [`Error::Unstable`] when most trajectories break; [`Error::Cancelled`];
-    /// [`Error::Simulator`], [`Error::Dataset`].
+    /// [`Error::Unstable`] when most trajectories break, [`Error::TooShort`] when most end
+    /// before a window's frames; [`Error::Cancelled`]; [`Error::Simulator`], [`Error::Dataset`].
     pub(crate) fn make(
         &mut self,
         plan: &Plan,
         policy: &Policy,
         (dir, file): (&Path, &Path),
         cancel: &Cancel,
-        tick: &dyn Fn(u64),
+        tick: &dyn Fn(&Made<'_>),
     ) -> Result<ShardEntry, Error> {
         let mut shard = ShardBuilder::new(&self.described, &plan.spec_sha256, plan.index);
-        let (mut tried, mut broken) = (0_u64, 0_u64);
-        while plan.frames - shard.frames().min(plan.frames) >= MIN_FRAMES {
+        let (mut tried, mut broken, mut short) = (0_u64, 0_u64, 0_u64);
+        let most = 8 * plan.frames.div_ceil(MIN_FRAMES) as u64 + 64;
+        while shard.frames() < plan.frames {
             if cancel.is_cancelled() {
                 return Err(Error::Cancelled { path: dir.to_owned() });
             }
-            let mut left = plan.frames - shard.frames();
+            // Episodes that were cut may leave less than a window, but whoever asks for frames
+            // gets them.
+            let mut left = (plan.frames - shard.frames()).max(MIN_FRAMES);
             let mut lengths = Vec::with_capacity(WAVE);
             while lengths.len() < WAVE && left >= MIN_FRAMES {
                 let rest = left.saturating_sub(plan.episode_frames);
@@ -126,7 +141,9 @@ impl Wave {
                 if end == End::Broken {
                     broken += 1;
                     shard.drop_broken();
+                    tick(&Made { broken: true, ..Made::default() });
                 } else if lane.contact.len() < MIN_FRAMES {
+                    short += 1;
                     shard.drop_short();
                 } else {
                     let meta = EpisodeMeta {
@@ -135,17 +152,19 @@ impl Wave {
                         seed,
                     };
                     shard.push(&meta, &lane.qpos, &lane.qvel, &lane.ctrl, &lane.contact)?;
-                    tick(lane.contact.len() as u64);
+                    let near_limit = near_limits(&self.described, &lane.qpos);
+                    let frames = lane.contact.len() as u64;
+                    tick(&Made { frames, near_limit: &near_limit, broken: false });
                 }
             }
-            let needed = plan.frames.div_ceil(plan.episode_frames) as u64;
-            if tried > 4 * needed + 64 {
-                return Err(Error::Unstable {
-                    robot: self.robot.id().to_owned(),
-                    agent: plan.agent.clone(),
-                    broken,
-                    tried,
-                });
+            let (robot, agent) = (self.robot.id().to_owned(), plan.agent.clone());
+            if broken > 64 + 3 * (tried - broken) {
+                return Err(Error::Unstable { robot, agent, broken, tried });
+            }
+            // Each of the others brought a window at least, so most were of no use.
+            if tried > most {
+                let pinned_frames = plan.pinned_frames;
+                return Err(Error::TooShort { robot, agent, short, tried, pinned_frames });
             }
         }
         Ok(shard.write(dir, file)?)
@@ -191,6 +210,7 @@ impl Wave {
                         lane.qpos.extend_from_slice(&o[..s]);
                         lane.qvel.extend_from_slice(&o[s..]);
                         lane.ctrl.extend_from_slice(&action);
+                        // Of the end of the frame, as seen by its last simulator step.
                         lane.contact.push(u8::from(lane.env.self_contact()));
                         if lane.contact.len() == lengths[i] {
                             ends[i] = End::Whole;
@@ -222,6 +242,17 @@ fn near_limit(robot: &Robot, joint: &StateJoint) -> f64 {
     robot.profile().near_limit.min(0.02 * range)
 }
 
+/// Frames of `qpos` (n, S) in which each joint is near a stop, (S).
+fn near_limits(robot: &Described, qpos: &[f32]) -> Vec<u64> {
+    let mut counts = vec![0; robot.joints.len()];
+    for row in qpos.chunks_exact(counts.len().max(1)) {
+        for ((j, x), n) in row.iter().enumerate().zip(&mut counts) {
+            *n += u64::from(robot.is_near_limit(j, f64::from(*x)));
+        }
+    }
+    counts
+}
+
 /// The manifest's words for a robot.
 pub fn describe(robot: &Robot) -> Described {
     Described {
@@ -238,7 +269,10 @@ pub fn describe(robot: &Robot) -> Described {
 
 #[cfg(test)]
 mod tests {
+    use super::super::ddpg::Ddpg;
     use super::super::noise::NoiseRule;
+    use super::super::policy::{Actor, Snapshot, SnapshotHeader};
+    use super::super::wander::Spread;
     use super::*;
     use crate::dataset::Shard;
 
@@ -272,6 +306,55 @@ mod tests {
         assert_eq!(first.sha256, again.sha256);
         assert_eq!(first.sha256, alone.sha256);
         assert_eq!(first.frames, 1234);
+    }
+
+    #[test]
+    fn cut_episodes_end_neither_the_shard_nor_its_frames() {
+        let dir = tempfile::tempdir().unwrap();
+        let robot = Arc::new(Robot::builtin("ur5e_light").unwrap());
+        let mut wave = Wave::new(&robot, None).unwrap();
+        let file = (dir.path(), Path::new("a"));
+        let policy = Policy::Noise(NoiseRule::of(&robot));
+        let seen = std::cell::RefCell::new((0, vec![0; robot.state_dim()]));
+        let tick = |made: &Made<'_>| {
+            let (frames, near) = &mut *seen.borrow_mut();
+            *frames += made.frames;
+            near.iter_mut().zip(made.near_limit).for_each(|(n, m)| *n += m);
+        };
+        // Most episodes reach a stop long before their 1000 frames: many more are needed than
+        // whole ones would be.
+        let cut = Plan { episode_frames: 1000, pinned_frames: 5, ..plan(8000) };
+        let made = wave.make(&cut, &policy, file, &Cancel::default(), &tick).unwrap();
+        assert!((8000..8051).contains(&made.frames), "{made:?}");
+        assert!(made.episodes > 16, "{made:?}");
+        let (frames, near) = seen.into_inner();
+        assert_eq!(frames, made.frames);
+        let s = robot.state_dim();
+        let shard = Shard::open(&dir.path().join("a"), s, robot.action_dim(), None).unwrap();
+        assert_eq!(near, near_limits(&wave.described, shard.qpos()));
+        assert!(near.iter().any(|&n| n > 0));
+    }
+
+    #[test]
+    fn episodes_that_are_all_too_short_are_told_as_that() {
+        let dir = tempfile::tempdir().unwrap();
+        // Full torque on all joints of a hand: some joint is at its stop within a second.
+        let robot = Arc::new(Robot::builtin("shadow_hand").unwrap());
+        let (obs, act) = (2 * robot.state_dim(), robot.action_dim());
+        let mut actor = Ddpg::<f32>::new(obs, act, 0, 4, 1).actor.params;
+        let biases = actor.len() - act;
+        actor[biases..].fill(100.0);
+        let (mean, inv) = (vec![0.0; obs], vec![1.0; obs]);
+        let header = SnapshotHeader::new(&robot, "rnd", 0, 4);
+        let snapshot = Snapshot { header, actor, mean, inv };
+        let policy = Policy::Actor(Box::new(Actor::new(&snapshot)), Spread::WHITE);
+        let mut wave = Wave::new(&robot, None).unwrap();
+        let file = (dir.path(), Path::new("a"));
+        let short = Plan { pinned_frames: 1, ..plan(51) };
+        let e = wave.make(&short, &policy, file, &Cancel::default(), &|_| ()).unwrap_err();
+        assert!(matches!(e, Error::TooShort { short, tried, .. } if short == tried), "{e}");
+        assert!(e.to_string().contains("raise pinned_frames"), "{e}");
+        assert!(!dir.path().join("a").exists());
     }
 
     #[test]

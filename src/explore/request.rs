@@ -1,0 +1,329 @@
+//! What is asked of a collection, whether it can be done, and the file in its folder that
+//! remembers it.
+
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use super::agent::AgentKind;
+use super::babble::BabbleRule;
+use super::error::Error;
+use super::fill::MIN_FRAMES;
+use super::preset::Preset;
+use crate::robot::{PlantRange, Robot};
+use crate::{fsio, limits};
+
+/// Frames of the largest shard: what a kill can cost stays within half a minute.
+pub(super) const SHARD_FRAMES: usize = 50_000;
+/// Bytes of the manifest that a trajectory takes at most.
+const EPISODE_BYTES: u64 = 144;
+/// Snapshots of an agent at most: all of them are in memory during the roll-outs.
+const SNAPSHOTS: u64 = 2000;
+
+/// What to collect.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CollectConfig {
+    /// Who collects; each contributes an equal part.
+    pub agents: Vec<AgentKind>,
+    /// How agents are trained.
+    pub preset: Preset,
+    /// Frames to record in all.
+    pub transitions: u64,
+    /// Seed of everything.
+    pub seed: u64,
+    /// Frames of a recorded episode.
+    pub episode_frames: u64,
+    /// Only snapshots up to this share of the training are rolled out: agents that drift to
+    /// extremes (`UR5e`) are stopped early.
+    pub snapshots_until: f64,
+    /// Each recorded episode draws its plant from here; the robot's own if none. Agents are
+    /// trained on the robot's own.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub plants: Option<PlantRange>,
+    /// Another collection's folder, whose trained agents are taken where they are the same:
+    /// robot, preset and seed. It changes no bit, only the time.
+    #[serde(skip)]
+    pub agents_from: Option<PathBuf>,
+}
+
+/// The collector that needs no training and no tuning on this robot: the tried noise of a
+/// built-in one, babbling where motors sit at joints, else noise.
+fn unlearned(robot: &Robot) -> AgentKind {
+    let tried = Robot::builtin_ids().any(|id| id == robot.id());
+    if !tried && BabbleRule::of(robot).is_ok() { AgentKind::Babble } else { AgentKind::Noise }
+}
+
+impl CollectConfig {
+    /// Defaults for a robot: a collector without training; episodes of 250 frames; the first
+    /// half of the snapshots for the UR5e, all of them otherwise.
+    pub fn new(robot: &Robot) -> Self {
+        let early = robot.id().starts_with("ur5e");
+        CollectConfig {
+            agents: vec![unlearned(robot)],
+            preset: Preset::url_fast(),
+            transitions: 400_000,
+            seed: 0,
+            episode_frames: 250,
+            snapshots_until: if early { 0.5 } else { 1.0 },
+            plants: None,
+            agents_from: None,
+        }
+    }
+
+    pub(super) fn check(&self) -> Result<(), Error> {
+        let bad = |name, must: &str, got: String| {
+            Err(Error::Argument { name, must: must.to_owned(), got })
+        };
+        if self.agents.is_empty() {
+            return bad("agents", "one or more", "none".to_owned());
+        }
+        let mut sorted = self.agents.clone();
+        sorted.sort_unstable();
+        sorted.dedup();
+        if sorted.len() != self.agents.len() {
+            let names: Vec<&str> = self.agents.iter().map(|a| a.name()).collect();
+            return bad("agents", "named once each", names.join(", "));
+        }
+        if !(MIN_FRAMES as u64..=100_000).contains(&self.episode_frames) {
+            return bad("episode frames", "51 to 100000", self.episode_frames.to_string());
+        }
+        if !(self.snapshots_until > 0.0 && self.snapshots_until <= 1.0) {
+            return bad("snapshots until", "above 0, at most 1", self.snapshots_until.to_string());
+        }
+        let learns = self.agents.iter().any(|a| a.learns());
+        if learns && !(100..=1_000_000_000).contains(&self.preset.steps) {
+            return bad("agent steps", "100 to 1000000000", self.preset.steps.to_string());
+        }
+        let snapshots = self.preset.steps.checked_div(self.preset.snapshot_every).unwrap_or(0);
+        if learns && snapshots > SNAPSHOTS {
+            let must = format!(
+                "at least {} (for {SNAPSHOTS} snapshots at most)",
+                self.preset.steps.div_ceil(SNAPSHOTS)
+            );
+            return bad("snapshot_every", &must, self.preset.snapshot_every.to_string());
+        }
+        let least = self.agents.iter().map(|&a| self.used_snapshots(a).len().max(1)).max();
+        let least = (least.unwrap_or(1) * self.agents.len() * MIN_FRAMES) as u64;
+        if self.transitions < least {
+            return bad(
+                "transitions",
+                &format!("{least} or more (one window for each agent and snapshot)"),
+                self.transitions.to_string(),
+            );
+        }
+        // What could not be read back must not be begun.
+        let pinned = learns && self.preset.pinned_frames > 0;
+        let shortest = if pinned { MIN_FRAMES as u64 } else { self.episode_frames };
+        let episodes = (limits::EPISODES as u64).min(limits::MANIFEST_BYTES / EPISODE_BYTES);
+        let most = (episodes * shortest).min((limits::SHARDS / 2 * SHARD_FRAMES) as u64);
+        if self.transitions > most || self.shards() > limits::SHARDS as u64 {
+            return bad("transitions", &format!("{most} or less"), self.transitions.to_string());
+        }
+        Ok(())
+    }
+
+    /// Refuses agents that another training would make.
+    pub(super) fn check_agents_from(&self, robot: &Robot) -> Result<(), Error> {
+        let Some(from) =
+            self.agents_from.as_ref().filter(|_| self.agents.iter().any(|a| a.learns()))
+        else {
+            return Ok(());
+        };
+        let found = read_request(&from.join("collect.json"))?;
+        let wanted = serde_json::to_value(Request::of(robot, self)).unwrap_or_default();
+        let same = ["/robot", "/model_sha256", "/config/seed", "/config/preset"];
+        let pick = |v: &serde_json::Value, at: &str| v.pointer(at).cloned().unwrap_or_default();
+        let differs = same.iter().find_map(|at| {
+            let name = at.rsplit('/').next().unwrap_or(at);
+            difference(name, &pick(&wanted, at), &pick(&found, at))
+        });
+        let Some((what, want, have)) = differs else { return Ok(()) };
+        let message = format!(
+            "its agents were trained with {what} {have}, now {want} is asked for; train new ones without --agents-from"
+        );
+        Err(Error::Folder { message, path: from.clone() })
+    }
+
+    /// Shards of all agents.
+    fn shards(&self) -> u64 {
+        let agents = self.agents.len() as u64;
+        let of = |(i, &kind): (u64, &AgentKind)| {
+            let frames = share(self.transitions, agents, i);
+            let n = self.used_snapshots(kind).len().max(1) as u64;
+            (0..n).map(|j| pieces(share(frames, n, j))).sum::<u64>()
+        };
+        (0..).zip(&self.agents).map(of).sum()
+    }
+
+    /// Steps of the snapshots that are rolled out.
+    pub(super) fn used_snapshots(&self, kind: AgentKind) -> Vec<u64> {
+        if !kind.learns() {
+            return Vec::new();
+        }
+        let until = self.snapshots_until * self.preset.steps as f64;
+        let all = self.preset.snapshots();
+        let mut used: Vec<u64> = all.iter().copied().filter(|&s| s as f64 <= until).collect();
+        if used.is_empty() {
+            used.extend(all.first());
+        }
+        used
+    }
+}
+
+/// What stands in `collect.json`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Request {
+    format: String,
+    robot: String,
+    model_sha256: String,
+    #[serde(flatten)]
+    config: Flat,
+}
+
+/// `flatten` and `deny_unknown_fields` exclude each other on one level; a newtype parts them.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+struct Flat {
+    config: CollectConfig,
+}
+
+impl Request {
+    fn of(robot: &Robot, config: &CollectConfig) -> Self {
+        Request {
+            format: "robert-collect/1".to_owned(),
+            robot: robot.id().to_owned(),
+            model_sha256: robot.model_sha256().to_owned(),
+            config: Flat { config: config.clone() },
+        }
+    }
+}
+
+fn read_request(path: &Path) -> Result<serde_json::Value, Error> {
+    let bytes = fsio::read_capped(path, limits::CLIP_BYTES)?;
+    serde_json::from_slice(&bytes)
+        .map_err(|e| Error::Checkpoint { message: e.to_string(), path: path.to_owned() })
+}
+
+/// Makes the folder ours, or finds that it is.
+pub(super) fn claim(
+    robot: &Robot,
+    config: &CollectConfig,
+    out: &Path,
+    resume: bool,
+) -> Result<(), Error> {
+    let path = out.join("collect.json");
+    let request = Request::of(robot, config);
+    let folder = |message: String| Err(Error::Folder { message, path: out.to_owned() });
+    if path.exists() {
+        if !resume {
+            return folder(
+                "the folder holds a collection; go on with --resume or name another".to_owned(),
+            );
+        }
+        let found = read_request(&path)?;
+        let wanted = serde_json::to_value(&request).unwrap_or_default();
+        return match difference("", &wanted, &found) {
+            None => Ok(()),
+            Some((what, want, have)) => folder(format!(
+                "the folder was begun with {what} {have}, now {want} is asked for; use the same options, or another --out (with --agents-from, if only the agents are to stay)"
+            )),
+        };
+    }
+    let foreign = out.join("manifest.json").exists() || out.join("shards").exists();
+    if foreign {
+        return folder("the folder holds data that this command did not begin".to_owned());
+    }
+    let text = serde_json::to_string_pretty(&request).unwrap_or_default() + "\n";
+    Ok(fsio::write_atomic(&path, text.as_bytes())?)
+}
+
+/// First place where two documents differ: its name and both values. Another robot explains
+/// more than what it is the reason for.
+fn difference(
+    at: &str,
+    a: &serde_json::Value,
+    b: &serde_json::Value,
+) -> Option<(String, String, String)> {
+    if let (Some(x), Some(y)) = (a.as_object(), b.as_object()) {
+        let null = serde_json::Value::Null;
+        let mut keys: Vec<&String> = x.keys().chain(y.keys()).collect();
+        keys.sort_by_key(|k| (*k != "robot", *k));
+        return keys.into_iter().find_map(|k| {
+            let (x, y) = (x.get(k).unwrap_or(&null), y.get(k).unwrap_or(&null));
+            difference(k, x, y)
+        });
+    }
+    (a != b).then(|| (at.to_owned(), a.to_string(), b.to_string()))
+}
+
+/// Part `i` of `n` nearly equal parts of `total`.
+pub(super) fn share(total: u64, n: u64, i: u64) -> u64 {
+    let upto = |i: u64| (u128::from(total) * u128::from(i) / u128::from(n)) as u64;
+    upto(i + 1) - upto(i)
+}
+
+/// Shards that so many frames of one snapshot are cut into.
+pub(super) fn pieces(frames: u64) -> u64 {
+    frames.div_ceil(SHARD_FRAMES as u64).max(1)
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+
+    /// Two small learners and noise, trained in a second.
+    pub(crate) fn config(robot: &Robot) -> CollectConfig {
+        let preset = Preset { hidden: 16, batch: 32, envs: 6, ..Preset::url_fast() };
+        CollectConfig {
+            agents: vec![AgentKind::Rnd, AgentKind::Aps, AgentKind::Noise],
+            preset: preset.lasting(1000),
+            transitions: 3000,
+            seed: 3,
+            ..CollectConfig::new(robot)
+        }
+    }
+
+    #[test]
+    fn impossible_requests_are_named() {
+        let robot = Robot::builtin("pointmass").unwrap();
+        let bad = |change: &dyn Fn(&mut CollectConfig)| {
+            let mut c = config(&robot);
+            change(&mut c);
+            c.check().unwrap_err().to_string()
+        };
+        assert!(bad(&|c| c.transitions = 100).contains("306 or more"));
+        assert!(bad(&|c| c.agents = vec![]).contains("one or more"));
+        let twice = bad(&|c| c.agents = vec![AgentKind::Rnd; 2]);
+        assert!(twice.contains("once each, got rnd, rnd"), "{twice}");
+        assert!(bad(&|c| c.transitions = u64::MAX).contains("transitions must be"));
+        assert!(
+            bad(&|c| (c.preset.steps, c.preset.snapshot_every) = (1_000_000_000, 1))
+                .contains("snapshot_every")
+        );
+        assert!(bad(&|c| c.episode_frames = 50).contains("51"));
+        assert!(bad(&|c| c.snapshots_until = 0.0).contains("above 0"));
+    }
+
+    #[test]
+    fn the_largest_request_can_be_read_back() {
+        let robot = Robot::builtin("pointmass").unwrap();
+        let mut c = config(&robot);
+        for (episode_frames, pinned_frames) in [(250, 0), (51, 0), (250, 20), (100_000, 0)] {
+            (c.episode_frames, c.preset.pinned_frames) = (episode_frames, pinned_frames);
+            c.transitions = u64::MAX;
+            let e = c.check().unwrap_err().to_string();
+            let most = e.split(' ').find_map(|word| word.parse::<u64>().ok()).unwrap();
+            c.transitions = most + 1;
+            assert!(c.check().is_err());
+            c.transitions = most;
+            c.check().unwrap();
+            let shortest = if pinned_frames > 0 { 51 } else { episode_frames };
+            assert!(most / shortest <= limits::EPISODES as u64);
+            assert!(most / shortest * EPISODE_BYTES <= limits::MANIFEST_BYTES);
+            assert!(c.shards() <= limits::SHARDS as u64);
+        }
+        let parts: u64 = (0..7).map(|i| share(u64::MAX, 7, i)).sum();
+        assert_eq!(parts, u64::MAX);
+    }
+}
