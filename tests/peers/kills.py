@@ -18,7 +18,11 @@ AGENTS = "rnd,icm,apt,aps,proto,noise"
 
 
 def main(robert, robot="ur5e", kills="30"):
-    work = pathlib.Path(tempfile.mkdtemp(prefix="kills-"))
+    with tempfile.TemporaryDirectory(prefix="kills-") as work:
+        torture(pathlib.Path(work), robert, robot, kills)
+
+
+def torture(work, robert, robot, kills):
     draw = random.Random(1)
 
     def command(out, *more):
@@ -70,7 +74,6 @@ def main(robert, robot="ur5e", kills="30"):
         path.write_bytes(good)
     done = subprocess.run([robert, "dataset", "check", str(work / "whole")], capture_output=True)
     assert done.returncode == 0
-    shutil.rmtree(work)
     print(f"{robot}: {len(shards)} shards, {fired} kills, {named} damaged files named: ok")
 
 
