@@ -183,6 +183,8 @@ impl<T: Real> Proto<T> {
     pub(crate) fn reward(&mut self, batch: &Batch<T>, seed: u64, index: u64, out: &mut Vec<T>) {
         let Sizes { rep, protos: count, queue, .. } = self.sizes;
         let rows = batch.rows;
+        // The step of an update has left them a little off, and their lengths would weigh.
+        normalise_rows(&mut self.protos, rep);
         self.unit.clear();
         self.unit.extend_from_slice(self.predictor.forward(&batch.next, rows, &mut self.tapes[0]));
         normalise_rows(&mut self.unit, rep);
@@ -363,6 +365,14 @@ mod tests {
         b.next[..4].copy_from_slice(&[9.0, -9.0, 9.0, 9.0]);
         p.reward(&b, 1, 99, &mut r);
         assert!(r[0] > usual, "{} {usual}", r[0]);
+        let (mut plain, mut longer, mut q) = (small(), small(), Vec::new());
+        for p in [&mut plain, &mut longer] {
+            p.update(&b, 1e-3);
+        }
+        longer.protos.iter_mut().for_each(|x| *x *= 8.0);
+        plain.reward(&b, 1, 0, &mut r);
+        longer.reward(&b, 1, 0, &mut q);
+        assert_eq!((&plain.queue, &r), (&longer.queue, &q), "only directions of prototypes count");
         let mut again = small();
         again.update(&b, 1e-3);
         assert!(again.predictor.params != again.target.params);
