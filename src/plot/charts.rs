@@ -400,7 +400,7 @@ mod tests {
     fn an_axis_is_named_where_the_one_below_is_another() {
         let panel = |x: &str| Panel {
             x: Axis::new(x, "m"),
-            layers: curve_layers(&[wave("w", 0.0)]),
+            layers: curve_layers(&[wave("w", 0.0)], &Axis::default()),
             ..Panel::default()
         };
         let count = |names: [&str; 4], what: &str| {
