@@ -260,8 +260,12 @@ pub(crate) struct Sums {
 impl Point {
     /// Share of frames in which the worst joint stood at a stop.
     pub fn pinned(&self) -> f64 {
-        self.near_limit.iter().copied().fold(0.0, f64::max)
+        worst(&self.near_limit)
     }
+}
+
+fn worst(shares: &[f64]) -> f64 {
+    shares.iter().copied().fold(0.0, f64::max)
 }
 
 impl Sums {
@@ -524,7 +528,7 @@ impl Agent {
 
     /// Share of frames since the last point in which the worst joint stood at a stop.
     pub(crate) fn recent_pinned(&self) -> f64 {
-        self.sums.near_limit.iter().copied().fold(0.0, f64::max) / self.sums.frames.max(1.0)
+        worst(&self.sums.near_limit) / self.sums.frames.max(1.0)
     }
 
     /// Ends all episodes, adds a point to the curve and returns the actor as it is now.

@@ -372,7 +372,13 @@ impl<T: Real> Gemm<'_, '_, T> {
                 Init::Times(factor) => {
                     let sum =
                         if block.start > 0 { plus::<T, S, N>(s, acc[I], out) } else { acc[I] };
-                    times::<T, S, N>(s, sum, &factor[at..][..block.cols])
+                    zipped::<T, S, N>(
+                        s,
+                        sum,
+                        &factor[at..][..block.cols],
+                        #[inline(always)]
+                        |a, b| T::vmul(s, a, b),
+                    )
                 }
                 Init::Residual(bias, residual) => {
                     let sum = plus::<T, S, N>(s, acc[I], &bias[block.col..][..block.cols]);
@@ -459,23 +465,28 @@ fn along_columns<T: Real, S: Simd, const M: usize, const N: usize>(
 /// acc + x; `x` may be shorter than the N registers.
 #[inline(always)]
 fn plus<T: Real, S: Simd, const N: usize>(s: S, acc: [T::V<S>; N], x: &[T]) -> [T::V<S>; N] {
-    let mut acc = acc;
-    let (whole, rest) = T::vectors::<S>(x);
-    unrolled!(N, [0 1 2], |J| {
-        let x = if J < whole.len() { whole[J] } else { T::load(s, rest) };
-        acc[J] = T::vadd(s, acc[J], x);
-    });
-    acc
+    zipped::<T, S, N>(
+        s,
+        acc,
+        x,
+        #[inline(always)]
+        |a, b| T::vadd(s, a, b),
+    )
 }
 
-/// acc ∘ x; `x` may be shorter than the N registers.
+/// f(acc, x), register by register; `x` may be shorter than the N registers.
 #[inline(always)]
-fn times<T: Real, S: Simd, const N: usize>(s: S, acc: [T::V<S>; N], x: &[T]) -> [T::V<S>; N] {
+fn zipped<T: Real, S: Simd, const N: usize>(
+    s: S,
+    acc: [T::V<S>; N],
+    x: &[T],
+    f: impl Fn(T::V<S>, T::V<S>) -> T::V<S>,
+) -> [T::V<S>; N] {
     let mut acc = acc;
     let (whole, rest) = T::vectors::<S>(x);
     unrolled!(N, [0 1 2], |J| {
         let x = if J < whole.len() { whole[J] } else { T::load(s, rest) };
-        acc[J] = T::vmul(s, acc[J], x);
+        acc[J] = f(acc[J], x);
     });
     acc
 }

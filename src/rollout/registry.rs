@@ -127,6 +127,10 @@ pub struct Offer {
     pub suits: String,
     /// What it needs before it can be chosen; `None` when it needs nothing.
     pub needs: Option<String>,
+    /// Whether it has the robot's own model to compute with.
+    pub knows_model: bool,
+    /// Whether it plans so long that a clip takes seconds.
+    pub slow: bool,
     /// What a mask may hide from it: from one that learned, what it was trained with; from
     /// everyone else any goal.
     pub masks: MaskGranularity,
@@ -142,6 +146,11 @@ pub fn offers(robot: &Robot) -> Vec<Offer> {
         name,
         model: None,
         suits: name.suits().to_owned(),
+        knows_model: matches!(
+            name,
+            PolicyName::ComputedTorque | PolicyName::Ilqr | PolicyName::PredictiveSampling
+        ),
+        slow: matches!(name, PolicyName::Ilqr | PolicyName::PredictiveSampling),
         needs: None,
         masks: MaskGranularity::Joint,
         default: name == chosen,

@@ -305,6 +305,10 @@ pub struct PolicyCard {
     pub model: Option<String>,
     /// The case that it is best for.
     pub suits: String,
+    /// Whether it has the robot's own model to compute with.
+    pub knows_model: bool,
+    /// Whether it plans so long that a clip takes seconds.
+    pub slow: bool,
     /// Whether it can be chosen for this robot without a model file of one's own.
     pub available: bool,
     /// What it needs, when it cannot.
@@ -322,6 +326,8 @@ pub fn policies(offers: &[Offer]) -> Vec<PolicyCard> {
         name: o.name.as_str(),
         model: o.model.clone(),
         suits: o.suits.clone(),
+        knows_model: o.knows_model,
+        slow: o.slow,
         available: o.needs.is_none(),
         why: o.needs.clone(),
         learned: o.name.needs_model(),

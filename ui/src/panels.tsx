@@ -4,7 +4,7 @@ import { useSignal } from "@preact/signals";
 import { edit, tell } from "./api";
 import { seek } from "./actions";
 import * as store from "./store";
-import { knowsModel, policyId, proposal, tried, tryAll, trying, withPolicy } from "./tryall";
+import { policyId, proposal, tried, tryAll, trying, withPolicy } from "./tryall";
 
 export function Problems() {
   const lints = store.doc.value?.findings.lints ?? [];
@@ -57,7 +57,7 @@ function Tries() {
       {best ? <p role="status">{policyId(best.card)} is nearer here: {store.shownError(best.mae, store.unit.value)} <button onClick={() => use(best.card)}>Use it</button></p> : null}
       {rows.map((t) => (
         <div class="take" key={policyId(t.card)} title={`for ${t.card.suits}`}>
-          <button class="quiet grow" onClick={() => use(t.card)}>{policyId(t.card)}{knowsModel(t.card) ? <small> knows the model</small> : null}</button>
+          <button class="quiet grow" onClick={() => use(t.card)}>{policyId(t.card)}{t.card.knows_model ? <small> knows the model</small> : null}</button>
           <span class="num">{store.shownError(t.mae, store.unit.value)}</span>
         </div>
       ))}
@@ -75,11 +75,10 @@ export function Takes() {
   const now = model && !own ? `${store.settings.value.policy}:${model}` : store.settings.value.policy;
   const card = known.find((p) => policyId(p) === now);
   const choose = (id: string): void => {
-    const { model_path: _, ...rest } = store.settings.value;
     const card = known.find((p) => policyId(p) === id);
     if (!card) return;
-    const path = card.model ?? (card.learned && !card.available ? own : undefined);
-    tell("rollout.set", { ...rest, policy: card.name, ...(path ? { model_path: path } : {}) });
+    const path = card.learned && !card.available ? own : undefined;
+    tell("rollout.set", { ...withPolicy(store.settings.value, card), ...(path ? { model_path: path } : {}) });
   };
   return (
     <section class="panel" aria-label="Takes" data-testid="takes">

@@ -101,6 +101,8 @@ export interface PolicyCard {
   name: string;
   model?: string;
   suits: string;
+  knows_model: boolean;
+  slow: boolean;
   available: boolean;
   why?: string;
   learned: boolean;

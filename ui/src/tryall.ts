@@ -5,10 +5,6 @@ import { tell } from "./api";
 import type { PolicyCard, RolloutSettings } from "./protocol";
 import * as store from "./store";
 
-/** Their planning takes seconds a clip: they are chosen by hand. */
-const SLOW = new Set(["ilqr", "predictive-sampling"]);
-/** These hold the robot's own model; the others know it from data or from gains. */
-const KNOWS_MODEL = new Set(["computed-torque", "ilqr", "predictive-sampling"]);
 /** Nearer by less than this share is not worth a change. */
 const WORTH = 0.1;
 
@@ -21,7 +17,6 @@ export const trying = signal<string | undefined>(undefined);
 export const tried = signal<{ rev: number; rows: Tried[] } | undefined>(undefined);
 
 export const policyId = (p: { name: string; model?: string }): string => (p.model ? `${p.name}:${p.model}` : p.name);
-export const knowsModel = (p: PolicyCard): boolean => KNOWS_MODEL.has(p.name);
 
 /** Settings with this policy and all else as it is. */
 export function withPolicy(settings: RolloutSettings, card: PolicyCard): RolloutSettings {
@@ -56,7 +51,7 @@ export async function tryAll(): Promise<void> {
   const own = store.settings.value;
   const rev = store.doc.value?.rev ?? 0;
   const rows: Tried[] = [];
-  const cards = store.policies.value.filter((p) => p.available && p.name !== "zero" && !SLOW.has(p.name));
+  const cards = store.policies.value.filter((p) => p.available && p.name !== "zero" && !p.slow);
   for (const card of cards) {
     if (store.doc.value?.rev !== rev) break;
     trying.value = policyId(card);
@@ -75,6 +70,6 @@ export function proposal(): Tried | undefined {
   const now = policyId({ name: store.settings.value.policy, ...(store.settings.value.model_path ? { model: store.settings.value.model_path } : {}) });
   const rows = tried.value?.rev === store.doc.value?.rev ? (tried.value?.rows ?? []) : [];
   const own = rows.find((r) => policyId(r.card) === now);
-  const best = rows.find((r) => !own || knowsModel(r.card) === knowsModel(own.card));
+  const best = rows.find((r) => !own || r.card.knows_model === own.card.knows_model);
   return best && best !== own && (!own || best.mae < own.mae * (1 - WORTH)) ? best : undefined;
 }
