@@ -13,7 +13,7 @@ use crate::fsio;
 /// Seed of the split that [`merge`] fixes for inputs without one.
 const SPLIT_SEED: u64 = 0;
 /// Frames by which trajectories are told apart: no collector keeps shorter ones.
-const TELLING: u64 = 51;
+const TELLING: u64 = super::SHORTEST as u64;
 /// Merges of merges whose inputs' views are kept: JSON readers stop at some depth.
 const DEPTH: usize = 16;
 

@@ -23,6 +23,9 @@ mod stats;
 mod view;
 mod windows;
 
+/// Frames of the shortest trajectory worth keeping: one window of the network.
+pub const SHORTEST: usize = 51;
+
 pub use coverage::Coverage;
 pub use error::Error;
 pub use manifest::{Episode, FORMAT, Manifest, Part, Physics, Robot, ShardEntry, Totals, View};

@@ -159,18 +159,19 @@ impl Statistics {
                 position.add(row.iter().map(|&x| f64::from(x)));
                 velocity.add(speed.iter().map(|&x| f64::from(x)));
                 coverage.add(row, speed);
-                let mut any = false;
+                let mut any = 0.0;
+                for j in m.robot.near_limits(row) {
+                    any = 1.0;
+                    bump(&mut out.near_limit, j, true);
+                }
+                out.near_limit_any += any;
                 for (j, &x) in row.iter().enumerate() {
                     let x = f64::from(x);
-                    let near = m.robot.is_near_limit(j, x);
-                    any |= near;
-                    bump(&mut out.near_limit, j, near);
                     if let (Some(lo), Some(hi)) = (out.qpos_min.get_mut(j), out.qpos_max.get_mut(j))
                     {
                         (*lo, *hi) = (lo.min(x), hi.max(x));
                     }
                 }
-                out.near_limit_any += f64::from(u8::from(any));
             }
             for row in ctrl.chunks_exact(a) {
                 for (k, u) in row.iter().enumerate() {
@@ -203,6 +204,12 @@ impl Robot {
             (Some(Some([lo, hi])), Some(near)) => x < lo + near || x > hi - near,
             _ => false,
         }
+    }
+
+    /// Joints of one frame (S) that are near a stop.
+    pub fn near_limits(&self, qpos: &[f32]) -> impl Iterator<Item = usize> {
+        let near = |(j, x): (usize, &f32)| self.is_near_limit(j, f64::from(*x)).then_some(j);
+        qpos.iter().enumerate().filter_map(near)
     }
 }
 

@@ -274,8 +274,10 @@ impl Sums {
         self.frames += 1.0;
         self.contacts += f64::from(u8::from(contact));
         self.near_limit.resize(qpos.len(), 0.0);
-        for ((j, x), n) in qpos.iter().enumerate().zip(&mut self.near_limit) {
-            *n += f64::from(u8::from(robot.is_near_limit(j, f64::from(*x))));
+        for j in robot.near_limits(qpos) {
+            if let Some(n) = self.near_limit.get_mut(j) {
+                *n += 1.0;
+            }
         }
     }
 

@@ -10,7 +10,8 @@ use std::sync::Arc;
 use super::env::{Env, Step};
 use super::error::Error;
 use super::policy::{Mind, Policy, Scratch};
-use crate::dataset::{EpisodeMeta, Robot as Described, ShardBuilder, ShardEntry};
+use crate::dataset::{EpisodeMeta, Robot as Described, SHORTEST, ShardBuilder, ShardEntry};
+use crate::net::WINDOW;
 use crate::progress::Cancel;
 use crate::rng::{Rng, Stream, draw};
 use crate::robot::{PlantRange, Robot, StateJoint};
@@ -19,7 +20,8 @@ use crate::robot::{PlantRange, Robot, StateJoint};
 /// spaces still fit the cache.
 const WAVE: usize = 8;
 /// Frames of a training window; shorter trajectories are of no use.
-pub(crate) const MIN_FRAMES: usize = 51;
+pub(crate) const MIN_FRAMES: usize = SHORTEST;
+const _: () = assert!(SHORTEST == WINDOW, "a window of the network has other frames");
 /// Bits of the shard index in an episode's draw index.
 const EPISODE_BITS: u32 = 24;
 
@@ -246,8 +248,10 @@ fn near_limit(robot: &Robot, joint: &StateJoint) -> f64 {
 fn near_limits(robot: &Described, qpos: &[f32]) -> Vec<u64> {
     let mut counts = vec![0; robot.joints.len()];
     for row in qpos.chunks_exact(counts.len().max(1)) {
-        for ((j, x), n) in row.iter().enumerate().zip(&mut counts) {
-            *n += u64::from(robot.is_near_limit(j, f64::from(*x)));
+        for j in robot.near_limits(row) {
+            if let Some(n) = counts.get_mut(j) {
+                *n += 1;
+            }
         }
     }
     counts

@@ -204,22 +204,12 @@ pub(super) fn open(dir: &Path, rounds: u64) -> Result<Vec<Dataset>, crate::datas
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::explore::{CollectConfig, collect};
-    use crate::progress::Silent;
-    use crate::train::TrainConfig;
-    use crate::train::prepare::prepare;
+    use crate::train::tests::untrained;
 
     #[test]
     fn what_was_reached_in_contact_is_noted() {
         let dir = tempfile::tempdir().unwrap();
-        let robot = Arc::new(Robot::builtin("ur5e").unwrap());
-        let config = CollectConfig { transitions: 3000, seed: 3, ..CollectConfig::new(&robot) };
-        let folder = dir.path().join("data");
-        collect(&robot, &config, &folder, false, 2, &Silent, &Cancel::default()).unwrap();
-        let data = Dataset::open(&folder, Verify::Structure).unwrap();
-        let cfg = TrainConfig::preset("instant").unwrap();
-        let (card, net, encoder) = prepare(&data, &cfg, 2).unwrap();
-        let model = Model { card, net, encoder, optimiser: None };
+        let (robot, data, model) = untrained("ur5e", 3, &dir.path().join("data"));
         let mut simulated = Simulated { robot, threads: 2 };
         let (out, cancel) = (dir.path().join("one"), Cancel::default());
         let job = Round { round: 1, tasks: 12, seed: 0, dir: &out };

@@ -139,23 +139,13 @@ impl SuiteJudge {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dataset::{Dataset, Verify};
-    use crate::explore::{CollectConfig, collect};
-    use crate::progress::Silent;
-    use crate::train::TrainConfig;
-    use crate::train::prepare::prepare;
+    use crate::train::tests::untrained;
 
     #[test]
     fn an_untrained_network_is_judged_as_its_linear_answer() {
         let dir = tempfile::tempdir().unwrap();
-        let robot = Arc::new(Robot::builtin("pointmass").unwrap());
-        let config = CollectConfig { transitions: 3000, ..CollectConfig::new(&robot) };
-        let (folder, cancel) = (dir.path().join("data"), Cancel::default());
-        collect(&robot, &config, &folder, false, 2, &Silent, &cancel).unwrap();
-        let data = Dataset::open(&folder, Verify::Structure).unwrap();
-        let (card, net, encoder) =
-            prepare(&data, &TrainConfig::preset("instant").unwrap(), 2).unwrap();
-        let model = Model { card, net, encoder, optimiser: None };
+        let (robot, _, model) = untrained("pointmass", 0, dir.path());
+        let cancel = Cancel::default();
         let mut judge = SuiteJudge::new(robot, 2).unwrap().unwrap();
         let linear = judge.evaluate_linear(&model, &cancel).unwrap().unwrap();
         assert!(linear.precision < BROKEN && linear.suites.len() > 2, "{linear:?}");

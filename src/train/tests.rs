@@ -1,17 +1,32 @@
 //! Runs on a small made-up plant: learning, resuming, bits, refusals.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use super::*;
 use crate::dataset::{Dataset, EpisodeMeta, Manifest, Robot, Shard, ShardBuilder, Verify};
+use crate::explore::{CollectConfig, collect};
 use crate::net::Model;
 use crate::net::checkpoint;
 use crate::net::mask::MaskKind;
 use crate::net::{SkipKind, TokenKind};
 use crate::progress::{Cancel, Progress, Silent};
 use crate::rng::{Rng, Stream};
+use crate::robot::Robot as Built;
 use crate::units::Unit;
 use run::paths;
+
+/// A robot of the program, 3,000 transitions of noise in `folder`, and a network that knows
+/// no more than their linear answer.
+pub(super) fn untrained(robot: &str, seed: u64, folder: &Path) -> (Arc<Built>, Dataset, Model) {
+    let robot = Arc::new(Built::builtin(robot).unwrap());
+    let config = CollectConfig { transitions: 3000, seed, ..CollectConfig::new(&robot) };
+    collect(&robot, &config, folder, false, 2, &Silent, &Cancel::default()).unwrap();
+    let data = Dataset::open(folder, Verify::Structure).unwrap();
+    let cfg = TrainConfig::preset("instant").unwrap();
+    let (card, net, encoder) = prepare::prepare(&data, &cfg, 2).unwrap();
+    (robot, data, Model { card, net, encoder, optimiser: None })
+}
 
 /// Two damped joints with springs, pushed by smooth random forces.
 fn dataset(dir: &Path) -> Dataset {

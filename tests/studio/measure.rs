@@ -1,12 +1,20 @@
-//! Figures that depend on the machine: run by hand, printed, never asserted.
+//! Edits, live rollouts and deaths of the simulation, with how long each took: the course of
+//! things is asserted, the times, which depend on the machine, are only printed.
 //!
-//! `cargo test --release --test it studio::measure -- --ignored --nocapture`
+//! A test run does a few of each; for figures, all examples and as many as the environment says:
+//!
+//! `ROBERT_EDITS=60 ROBERT_DEATHS=100 cargo test --release --test it studio::measure -- --nocapture --test-threads 1`
 
 use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
 
 use super::client::{Studio, signal};
+
+/// So many as the environment asks for, else a few.
+fn times(name: &str) -> Option<u32> {
+    std::env::var(name).ok().and_then(|n| n.parse().ok())
+}
 
 fn ms(d: Duration) -> f64 {
     (d.as_secs_f64() * 1e4).round() / 10.0
@@ -37,7 +45,7 @@ fn worker_pid(studio: &Studio) -> u32 {
 
 /// One example: edits at its middle, from sending to acknowledgement and to the first new
 /// frame; then the whole of it anew.
-fn editing(studio: &Studio, id: &str, policy: Option<&str>) -> Value {
+fn editing(studio: &Studio, id: &str, policy: Option<&str>, edits: u32) -> Value {
     let path = format!("/api/gallery/{}", id.replace('/', "%2F"));
     let view = studio.post(&path, &json!({})).json();
     let mut socket = studio.socket();
@@ -50,7 +58,7 @@ fn editing(studio: &Studio, id: &str, policy: Option<&str>) -> Value {
     let middle = &keys[keys.len() / 2]["frame"];
     let joint = view["clip"]["robot"]["joints"][0].as_str().unwrap();
     let (mut acks, mut firsts) = (Vec::new(), Vec::new());
-    for n in 0..60 {
+    for n in 0..edits {
         let begin = Instant::now();
         let values = json!({joint: 0.002 * f64::from(n % 7)});
         let sent = socket.send("keys.set", &json!({"frame": middle, "values": values}));
@@ -114,19 +122,23 @@ fn editing(studio: &Studio, id: &str, policy: Option<&str>) -> Value {
 }
 
 #[test]
-#[ignore = "prints figures of this machine"]
-fn figures() {
+fn edits_are_acknowledged_and_rolled_out() {
+    let asked = times("ROBERT_EDITS");
     let dir = tempfile::tempdir().unwrap();
     let studio = Studio::try_start(dir.path(), &[]).unwrap();
     println!("{}", json!({"startup_ms": ms(studio.startup)}));
-    for (id, policy) in [
+    let examples = [
         ("pointmass/star", None),
         ("ur5e/hang", None),
         ("shadow_hand/fire", None),
         ("ur5e/hang", Some("computed-torque")),
         ("shadow_hand/fire", Some("computed-torque")),
-    ] {
-        println!("{}", editing(&studio, id, policy));
+    ];
+    for (id, policy) in examples.into_iter().take(if asked.is_some() { 5 } else { 1 }) {
+        println!("{}", editing(&studio, id, policy, asked.unwrap_or(8)));
+    }
+    if asked.is_none() {
+        return;
     }
     // With a document open and nobody there.
     std::thread::sleep(Duration::from_secs(3));
@@ -141,13 +153,13 @@ fn figures() {
 }
 
 #[test]
-#[ignore = "two minutes of killing"]
-fn a_hundred_deaths_of_the_simulation() {
+fn deaths_of_the_simulation_cost_no_edit() {
+    let deaths = times("ROBERT_DEATHS").unwrap_or(5);
     let dir = tempfile::tempdir().unwrap();
     let studio = Studio::start(dir.path(), &["--robot", "ur5e"]);
     let mut socket = studio.socket();
-    let mut times = Vec::new();
-    for n in 0..100_u32 {
+    let mut again = Vec::new();
+    for n in 0..deaths {
         let name = format!("death {n}");
         signal(worker_pid(&studio), rustix::process::Signal::KILL);
         let begin = Instant::now();
@@ -167,11 +179,11 @@ fn a_hundred_deaths_of_the_simulation() {
             socket.ask("worker.restart", &json!({}));
         }
         studio.rolled_out(u64::from(n) + 1);
-        times.push(begin.elapsed());
+        again.push(begin.elapsed());
         assert_eq!(studio.state()["document"]["clip"]["name"], name);
     }
     println!(
         "{}",
-        json!({"deaths": 100, "preview_again_ms_p50": share(&mut times, 0.5), "ms_max": share(&mut times, 1.0)})
+        json!({"deaths": deaths, "preview_again_ms_p50": share(&mut again, 0.5), "ms_max": share(&mut again, 1.0)})
     );
 }

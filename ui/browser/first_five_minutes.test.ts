@@ -146,10 +146,16 @@ describe("the first five minutes", () => {
       await g.until((s) => s.robot === "shadow_hand", "the hand");
       for (const name of ["Ghosts", "Command"]) await legend.getByRole("button", { name }).click();
       await g.goTo(free);
-      const p = await bodyPoint(g, `/robot/${body}`);
       // What is under the mouse is found when a frame is drawn, and so is every step of a drag.
-      await g.page.mouse.move(p.x, p.y, { steps: 3 });
-      await drawn(g);
+      // The view is framed when the robot has come: the place counts when it stays.
+      let p = await bodyPoint(g, `/robot/${body}`);
+      for (let stays = false; !stays;) {
+        await g.page.mouse.move(p.x, p.y, { steps: 3 });
+        await drawn(g);
+        const now = await bodyPoint(g, `/robot/${body}`);
+        stays = Math.hypot(now.x - p.x, now.y - p.y) < 0.5;
+        p = now;
+      }
       await g.page.mouse.down();
       for (let i = 1; i <= 6; i++) {
         await g.page.mouse.move(p.x, p.y + 8 * i);
@@ -214,6 +220,7 @@ describe("the first five minutes", () => {
     assert.match(studio.read("out.csv").toString(), /^frame,time,mask,/);
     await t.picture("export");
     await t.page.keyboard.press("Escape");
+    await t.page.getByRole("dialog").waitFor({ state: "hidden" });
     const ran = robert(["rollout", "mine.clip.json", "--policy", "computed-torque", "--json"], studio.dir);
     assert.equal(ran.code, 0, ran.err);
     const precision = (JSON.parse(ran.out) as { precision: number | { precision: number } }).precision;

@@ -12,13 +12,28 @@ import { setTheme } from "./theme";
 
 export function Dialog(props: { title: string; onClose: () => void; children: ComponentChildren; class?: string }) {
   const box = useRef<HTMLDivElement>(null);
+  const close = useRef(props.onClose);
+  close.current = props.onClose;
   useEffect(() => {
     const before = document.activeElement;
-    const first = box.current?.querySelector<HTMLElement>("input, select, button");
-    // A long sheet is read from its top.
-    first?.focus({ preventScroll: true });
-    if (first instanceof HTMLInputElement) first.select();
+    const enter = (): void => {
+      const first = box.current?.querySelector<HTMLElement>("input:enabled, select:enabled, button:enabled");
+      // A long sheet is read from its top.
+      (first ?? box.current)?.focus({ preventScroll: true });
+      if (first instanceof HTMLInputElement) first.select();
+    };
+    // A button that is disabled while it works loses the focus to the page: its keys come here.
+    const astray = (e: KeyboardEvent): void => {
+      if (e.target instanceof Node && box.current?.contains(e.target)) return;
+      e.stopPropagation();
+      if (e.key === "Escape") return close.current();
+      if (e.key === "Tab") e.preventDefault();
+      enter();
+    };
+    enter();
+    document.addEventListener("keydown", astray, true);
     return () => {
+      document.removeEventListener("keydown", astray, true);
       if (before instanceof HTMLElement) before.focus();
     };
   }, []);
@@ -26,7 +41,7 @@ export function Dialog(props: { title: string; onClose: () => void; children: Co
     e.stopPropagation();
     if (e.key === "Escape") props.onClose();
     if (e.key !== "Tab") return;
-    const all = [...(box.current?.querySelectorAll<HTMLElement>("input, select, button, a[href]") ?? [])];
+    const all = [...(box.current?.querySelectorAll<HTMLElement>("input:enabled, select:enabled, button:enabled, a[href]") ?? [])];
     const edge = e.shiftKey ? all[0] : all.at(-1);
     if (document.activeElement === edge) {
       e.preventDefault();
@@ -35,7 +50,7 @@ export function Dialog(props: { title: string; onClose: () => void; children: Co
   };
   return (
     <div class="scrim" onPointerDown={(e) => e.target === e.currentTarget && props.onClose()}>
-      <div class={`dialog ${props.class ?? ""}`} role="dialog" aria-modal="true" aria-label={props.title} ref={box} onKeyDown={onKey}>
+      <div class={`dialog ${props.class ?? ""}`} role="dialog" aria-modal="true" aria-label={props.title} ref={box} tabIndex={-1} onKeyDown={onKey}>
         <h2>{props.title}</h2>
         {props.children}
       </div>

@@ -17,8 +17,9 @@ function usePlayback(): void {
     const step = (now: number): void => {
       if (!store.playing.value) return;
       const r = store.range.value ?? { from: 0, to: store.length.value };
-      at += ((now - last) / 1000) * store.fps.value * store.speed.value;
-      last = now;
+      // The time of a picture is of its beginning, which may lie before the start.
+      at += (Math.max(0, now - last) / 1000) * store.fps.value * store.speed.value;
+      last = Math.max(last, now);
       if (at >= r.to - 1) {
         if (store.loop.value) at = r.from + ((at - r.from) % Math.max(1, r.to - r.from - 1));
         else {

@@ -11,12 +11,12 @@ use super::clock::{median, thread_cpu};
 use crate::cli::failure::{Failure, Outcome};
 use crate::cli::out;
 use crate::dataset::{Dataset, Part, Verify, Windows};
+use crate::net::WINDOW;
 use crate::explore::{AgentKind, Preset, RolloutBench, UpdateBench};
 use crate::robot::Robot;
 
-/// Windows in a batch and frames in a window, as in training.
+/// Windows in a batch, as in training.
 const BATCH: usize = 512;
-const WINDOW: usize = 51;
 
 #[derive(clap::Args, Debug)]
 #[command(
