@@ -125,7 +125,7 @@ export class Studio {
 }
 
 /** How long a condition may take on a crowded machine before it counts as never. */
-const PATIENCE_MS = 150_000;
+const PATIENCE_MS = Number(process.env["ROBERT_PATIENCE_MS"] ?? 150_000);
 
 /** A page with what tests do on it. */
 export class Tab {

@@ -2,7 +2,7 @@
 
 import { useSignal } from "@preact/signals";
 import type { ComponentChildren } from "preact";
-import { useEffect, useRef } from "preact/hooks";
+import { useLayoutEffect, useRef } from "preact/hooks";
 import { ACTIONS, act } from "./actions";
 import { complain, edit, http, openWith, poseAt, save, tell } from "./api";
 import { keyAt } from "./clip";
@@ -14,7 +14,7 @@ export function Dialog(props: { title: string; onClose: () => void; children: Co
   const box = useRef<HTMLDivElement>(null);
   const close = useRef(props.onClose);
   close.current = props.onClose;
-  useEffect(() => {
+  useLayoutEffect(() => {
     const before = document.activeElement;
     const enter = (): void => {
       const first = box.current?.querySelector<HTMLElement>("input:enabled, select:enabled, button:enabled");

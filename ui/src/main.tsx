@@ -1,7 +1,7 @@
 // The shell: which page, the editor's grid, banners, menus; and the hooks of browser tests.
 
 import { render } from "preact";
-import { useEffect } from "preact/hooks";
+import { useEffect, useLayoutEffect } from "preact/hooks";
 import { useSignal } from "@preact/signals";
 import "./app.css";
 import { act, setFill } from "./actions";
@@ -92,17 +92,18 @@ function ContextMenu({ menu, onClose, onOpenKey }: { menu: Menu; onClose: () => 
   const item = (title: string, keys: string, run: () => void, why?: string | null) => (
     <button role="menuitem" disabled={!!why} title={why ?? ""} onClick={() => { onClose(); run(); }}>{title}<span style="color: var(--dim)">{keys}</span></button>
   );
-  useEffect(() => {
+  // Before it is seen: the next key may come at once.
+  useLayoutEffect(() => {
     const close = (e: Event): void => {
       if (!(e.target instanceof Element) || !e.target.closest(".menu")) onClose();
     };
     const key = (e: KeyboardEvent): void => {
       if (e.key === "Escape") onClose();
     };
-    window.addEventListener("pointerdown", close);
+    window.addEventListener("pointerdown", close, true);
     window.addEventListener("keydown", key, true);
     return () => {
-      window.removeEventListener("pointerdown", close);
+      window.removeEventListener("pointerdown", close, true);
       window.removeEventListener("keydown", key, true);
     };
   }, []);
