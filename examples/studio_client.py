@@ -41,7 +41,7 @@ def main(studio):
     bent = [q + (0.4 if name == "elbow" else 0.0) for name, q in zip(names, rest)]
     edited = studio.edit(
         "Nod",
-        ("keys.add", {"keys": [{"frame": 0, "q": rest}, {"frame": 25, "q": bent, "hold": 10}]}),
+        ("keys.add", {"keys": [{"frame": 25, "q": bent, "hold": 10}]}),  # its first key is where it rests
         ("keys.add", {"keys": [{"frame": 60, "q": rest, "hold": 20}]}),
     )
     state = studio.rolled_out(edited["rev"])

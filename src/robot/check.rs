@@ -64,10 +64,14 @@ pub fn compile(model: &Path, exe: &Path, steps: usize) -> Result<Verdict, Error>
 /// [`Error::NoChecker`].
 pub fn executable() -> Result<PathBuf, Error> {
     let own = std::env::current_exe().map_err(|e| Error::NoChecker { message: e.to_string() })?;
-    if own.file_stem().is_some_and(|s| s == "robert") {
+    // Test binaries (robert-HASH, too) live in target/PROFILE/deps, examples in
+    // target/PROFILE/examples. The program may have a version in its name; what is called
+    // otherwise is somebody's own, which cannot check.
+    let folder = own.parent().and_then(Path::file_name);
+    let named = own.file_stem().and_then(|s| s.to_str()).is_some_and(|s| s.starts_with("robert"));
+    if named && folder.is_none_or(|f| f != "deps" && f != "examples") {
         return Ok(own);
     }
-    // Test binaries live in target/PROFILE/deps, examples in target/PROFILE/examples.
     let beside = own.parent().and_then(Path::parent).map(|d| d.join("robert"));
     match beside.filter(|p| p.is_file()) {
         Some(p) => Ok(p),

@@ -12,18 +12,18 @@ use axum::response::{IntoResponse, Response};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use super::document::Edit;
+use super::document::{Document, Edit};
 use super::error::Error;
 use super::exchange::ExportRequest;
 use super::jobs::{Extra, JobKind, JobRequest, JobView};
 use super::protocol::{
-    Code, DocumentView, Edited, ErrorBody, GalleryItem, IkRequest, OpsRequest, RecentFile,
+    Code, DocumentView, Draft, Edited, ErrorBody, GalleryItem, IkRequest, OpsRequest, RecentFile,
     RobotCard, RolloutView, Saved, StudioOp,
 };
 use super::server::App;
 use super::session::{Ask, Author};
 use super::shelf::{self, Shelf};
-use super::worker::{Geometry, IkAnswer, Report, Request, RobotFacts, SettleAnswer};
+use super::worker::{Geometry, IkAnswer, MeanError, Report, Request, RobotFacts, SettleAnswer};
 use super::{exchange, export, gallery, pages, protocol};
 use crate::clip::{self, Batch, Op};
 use crate::{fsio, limits};
@@ -292,6 +292,32 @@ pub(super) async fn recent(State(app): Shared) -> Json<Vec<RecentFile>> {
     Json(app.recent.list())
 }
 
+/// `GET /api/drafts`.
+pub(super) async fn drafts(State(app): Shared) -> Answer<Vec<Draft>> {
+    let dir = app.state_dir.clone();
+    let found = tokio::task::spawn_blocking(move || Document::drafts(&dir)).await;
+    Ok(Json(found.map_err(|_panicked| Error::request("the journals were not read"))?))
+}
+
+/// `POST /api/drafts/{number}`.
+pub(super) async fn open_draft(
+    State(app): Shared,
+    UrlPath(number): UrlPath<u32>,
+) -> Answer<DocumentView> {
+    Ok(Json(app.session.ask(|r| Ask::Draft(number, r)).await?))
+}
+
+/// `POST /api/drafts/{number}/discard`.
+pub(super) async fn discard_draft(
+    State(app): Shared,
+    UrlPath(number): UrlPath<u32>,
+) -> Result<StatusCode, Refused> {
+    let dir = app.state_dir.clone();
+    let gone = tokio::task::spawn_blocking(move || Document::drop_draft(&dir, number)).await;
+    gone.map_err(|_panicked| Error::request("the journal was not removed"))??;
+    Ok(StatusCode::NO_CONTENT)
+}
+
 /// `GET /api/robots`.
 pub(super) async fn robots(State(app): Shared) -> Json<Vec<RobotCard>> {
     Json(shelf::robots(&app.folder, &app.state_dir))
@@ -541,7 +567,7 @@ pub(super) async fn pose_picture(
     Ok(picture(app.pictures.pose(facts.source.clone(), q).await?))
 }
 
-/// Query of `GET /api/gallery-picture.jpg`.
+/// Query of `GET /api/gallery-picture.jpg` and `/api/gallery-error`.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct ExampleQuery {
@@ -554,6 +580,14 @@ pub(super) async fn example_picture(
     Query(query): Query<ExampleQuery>,
 ) -> Result<Response, Refused> {
     Ok(picture(app.pictures.example(&query.id).await?))
+}
+
+/// `GET /api/gallery-error`.
+pub(super) async fn example_error(
+    State(app): Shared,
+    Query(query): Query<ExampleQuery>,
+) -> Answer<Option<MeanError>> {
+    Ok(Json(app.pictures.example_error(&query.id).await?))
 }
 
 /// `POST /api/exports`.

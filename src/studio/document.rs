@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 
 use super::error::Error;
 use super::journal::{Journal, Record};
+use super::protocol::Draft;
 use crate::clip::{self, Batch, Change, Clip, Command, Delta, Editor, JointTable, Op};
 use crate::fsio;
 
@@ -205,48 +206,105 @@ impl Document {
         Err(Error::Full { what: "unsaved clips", cap: 10_000 })
     }
 
-    /// The unsaved clip of a studio that was killed, if there is one.
+    /// The unsaved clip of a studio that was killed, if there is one: the newest.
     pub fn orphan(
         state_dir: &Path,
         table: impl FnOnce(&Clip) -> Option<JointTable>,
     ) -> Option<Document> {
-        let mut found: Vec<PathBuf> = std::fs::read_dir(state_dir)
-            .ok()?
+        let draft = Document::drafts(state_dir).into_iter().next()?;
+        Document::draft(state_dir, draft.number, table).ok()
+    }
+
+    /// Clips that were never saved and are open nowhere, the newest first. Journals without
+    /// an edit go.
+    pub fn drafts(state_dir: &Path) -> Vec<Draft> {
+        let Ok(found) = std::fs::read_dir(state_dir) else { return Vec::new() };
+        let number = |path: &Path| -> Option<u32> {
+            path.file_name()?
+                .to_str()?
+                .strip_prefix("untitled-")?
+                .strip_suffix(".autosave")?
+                .parse()
+                .ok()
+        };
+        let mut list: Vec<Draft> = found
             .filter_map(|e| e.ok().map(|e| e.path()))
-            .filter(|p| {
-                p.file_name()
-                    .and_then(|n| n.to_str())
-                    .is_some_and(|n| n.starts_with("untitled-") && n.ends_with(".autosave"))
+            .filter_map(|path| {
+                let number = number(&path)?;
+                let changed = std::fs::metadata(&path).and_then(|m| m.modified()).ok()?;
+                let (journal, records, _) = Journal::open(&path).ok()?;
+                if matches!(records.as_slice(), [Record::Base { path: None, .. }]) {
+                    journal.remove();
+                    return None;
+                }
+                let document = Document::from_journal(journal, &records, 0, |_| None).ok()?;
+                let since = changed.duration_since(std::time::UNIX_EPOCH).ok()?;
+                Some(Draft {
+                    number,
+                    name: document.clip().name.clone(),
+                    robot: document.clip().robot.id.clone(),
+                    keys: document.clip().keys.len(),
+                    changed_secs: since.as_secs(),
+                })
             })
             .collect();
-        found.sort();
-        for path in found {
-            let Ok((journal, records, torn_bytes)) = Journal::open(&path) else { continue };
-            let edits = records.len().saturating_sub(1);
-            let Some(Record::Base { text, path: None }) = records.first() else { continue };
-            if edits == 0 {
-                journal.remove();
-                continue;
-            }
-            let Ok(start) = Clip::parse(text) else { continue };
-            let facts = table(&start);
-            let editor = Editor::new(start.clone(), facts).ok()?;
-            let mut document = Document {
-                editor,
-                journal,
-                path: None,
-                saved: start,
-                saved_text: text.clone(),
-                untitled: true,
-                restored: None,
-                redo_blocked: false,
-                replayed: Replayed::default(),
-            };
-            document.replay(&records).ok()?;
-            document.restored = Some(Restored { edits, torn_bytes, file_changed: false });
-            return Some(document);
+        list.sort_by_key(|d| std::cmp::Reverse((d.changed_secs, d.number)));
+        list
+    }
+
+    /// Takes an unsaved clip up again.
+    ///
+    /// # Errors
+    /// [`Error::NotFound`], [`Error::Locked`] when it is open elsewhere, [`Error::Journal`].
+    pub fn draft(
+        state_dir: &Path,
+        number: u32,
+        table: impl FnOnce(&Clip) -> Option<JointTable>,
+    ) -> Result<Document, Error> {
+        let path = state_dir.join(format!("untitled-{number}.autosave"));
+        if !path.is_file() {
+            return Err(Error::NotFound { what: format!("unsaved clip {number}") });
         }
-        None
+        let (journal, records, torn_bytes) = Journal::open(&path)?;
+        Document::from_journal(journal, &records, torn_bytes, table)
+    }
+
+    /// Gives an unsaved clip up.
+    ///
+    /// # Errors
+    /// As [`Document::draft`].
+    pub fn drop_draft(state_dir: &Path, number: u32) -> Result<(), Error> {
+        Document::draft(state_dir, number, |_| None)?.journal.remove();
+        Ok(())
+    }
+
+    fn from_journal(
+        journal: Journal,
+        records: &[Record],
+        torn_bytes: u64,
+        table: impl FnOnce(&Clip) -> Option<JointTable>,
+    ) -> Result<Document, Error> {
+        let Some(Record::Base { text, path: None }) = records.first() else {
+            return Err(Error::NotFound { what: "an unsaved clip in this journal".into() });
+        };
+        let start = Clip::parse(text).map_err(Error::from)?;
+        let facts = table(&start);
+        let editor = Editor::new(start.clone(), facts).map_err(invalid)?;
+        let mut document = Document {
+            editor,
+            journal,
+            path: None,
+            saved: start,
+            saved_text: text.clone(),
+            untitled: true,
+            restored: None,
+            redo_blocked: false,
+            replayed: Replayed::default(),
+        };
+        document.replay(records)?;
+        let edits = records.len().saturating_sub(1);
+        document.restored = Some(Restored { edits, torn_bytes, file_changed: false });
+        Ok(document)
     }
 
     fn replay(&mut self, records: &[Record]) -> Result<(), Error> {
@@ -594,10 +652,29 @@ mod tests {
         let rename = ClipRename { name: "wave".into() };
         doc.edit(&[Edit::Op(Box::new(Op::ClipRename(rename)))]);
         assert!(Document::orphan(dir.path(), |_| None).is_none(), "it is in use");
-        drop(doc);
+        // Another beside it: both stay within reach.
+        let mut other = Document::new(blank(), dir.path(), None).unwrap();
+        let rename = ClipRename { name: "nod".into() };
+        other.edit(&[Edit::Op(Box::new(Op::ClipRename(rename)))]);
+        let untouched = Document::new(blank(), dir.path(), None).unwrap();
+        drop((doc, other, untouched));
+        let mut names: Vec<String> =
+            Document::drafts(dir.path()).into_iter().map(|d| d.name).collect();
+        names.sort();
+        assert_eq!(names, ["nod", "wave"]);
         let doc = Document::orphan(dir.path(), |_| None).unwrap();
-        assert_eq!(doc.clip().name, "wave");
+        assert_eq!(doc.clip().name, "nod", "the newest");
         assert!(doc.is_dirty() && doc.path().is_none());
+        let left = Document::drafts(dir.path());
+        assert_eq!(left.len(), 1, "the other one is open: {left:?}");
+        let number = left.first().unwrap().number;
+        assert_eq!(Document::draft(dir.path(), number, |_| None).unwrap().clip().name, "wave");
+        Document::drop_draft(dir.path(), number).unwrap();
+        assert!(Document::drafts(dir.path()).is_empty());
+        assert!(matches!(
+            Document::draft(dir.path(), number, |_| None),
+            Err(Error::NotFound { .. })
+        ));
     }
 
     #[test]

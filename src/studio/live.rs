@@ -199,6 +199,15 @@ impl Live {
         Some((Arc::clone(inner.bodies.get(at)?), Arc::clone(inner.goal_bodies.get(at)?)))
     }
 
+    /// Achieved and commanded body transforms at so many moments, evenly over what has been
+    /// simulated; (nbody, 7) each.
+    pub fn moments(&self, count: usize) -> Vec<Arc<[f32]>> {
+        let inner = self.read();
+        let step = inner.bodies.len().div_ceil(count.max(1)).max(1);
+        let some = |rows: &[Arc<[f32]>]| rows.iter().step_by(step).cloned().collect::<Vec<_>>();
+        [some(&inner.bodies), some(&inner.goal_bodies)].concat()
+    }
+
     /// Achieved state of a frame.
     pub fn reached(&self, frame: usize) -> Option<Vec<f32>> {
         self.read().q.get(frame).cloned()

@@ -16,7 +16,7 @@ use super::error::Error;
 use super::gallery;
 use super::live::Live;
 use super::worker::{
-    Dense, PaintRequest, Report, Request, Subject, WorkerHandle, WorkerSink, WorkerState,
+    Dense, MeanError, PaintRequest, Report, Request, Subject, WorkerHandle, WorkerSink, WorkerState,
 };
 use crate::clip::{self, Command};
 use crate::rollout::shipped;
@@ -101,12 +101,16 @@ impl Pictures {
         }
     }
 
-    async fn paint(&self, name: String, picture: PaintRequest) -> Result<Bytes, Error> {
+    async fn paint(
+        &self,
+        name: String,
+        picture: PaintRequest,
+    ) -> Result<(Bytes, Option<MeanError>), Error> {
         match self.ask(Request::Paint(Box::new(picture))).await? {
-            Report::Picture { jpeg } => {
+            Report::Picture { jpeg, error } => {
                 let jpeg = Bytes::from(jpeg);
                 self.keep(name, &jpeg);
-                Ok(jpeg)
+                Ok((jpeg, error))
             }
             _ => Err(odd()),
         }
@@ -168,7 +172,7 @@ impl Pictures {
         let (name, picture) = still(live, frame, size, draft)?;
         match self.known(&name) {
             Some(known) => Ok(known),
-            None => self.paint(name, picture).await,
+            None => Ok(self.paint(name, picture).await?.0),
         }
     }
 
@@ -185,8 +189,8 @@ impl Pictures {
         }
         let (subject, overlay) = (Subject::Pose(q), "none".to_owned());
         let draft = false;
-        self.paint(name, PaintRequest { robot, subject, frame: 0, width, height, overlay, draft })
-            .await
+        let ask = PaintRequest { robot, subject, frame: 0, width, height, overlay, draft };
+        Ok(self.paint(name, ask).await?.0)
     }
 
     /// An example, performed.
@@ -195,28 +199,43 @@ impl Pictures {
     /// As [`Pictures::still`], [`Error::NotFound`].
     pub async fn example(&self, id: &str) -> Result<Bytes, Error> {
         let clip = gallery::open(id)?;
-        // Another model is another picture.
-        let models = shipped::all().unwrap_or_default();
-        let of_robot = models.iter().filter(|m| m.robot == clip.robot.id);
-        let models: Vec<String> =
-            of_robot.map(|m| format!("{} {} {}", m.name, m.bytes, m.card.training.step)).collect();
-        let text = clip.to_text();
-        let seed = format!("{LOOK} {} {models:?} {text}", env!("CARGO_PKG_VERSION"));
-        let name = format!("example-{}.jpg", fsio::sha256_hex(seed.as_bytes()));
+        let name = example_name(&clip);
         if let Some(known) = self.known(&name) {
             return Ok(known);
         }
-        let path = self.dir.join(&name);
-        if let Ok(bytes) = fsio::read_capped(&path, 4 << 20) {
+        if let Ok(bytes) = fsio::read_capped(&self.dir.join(&name), 4 << 20) {
             let jpeg = Bytes::from(bytes);
             self.keep(name, &jpeg);
             return Ok(jpeg);
         }
-        let command = clip::compile(&clip).map_err(|e| Error::request(e.to_string()))?;
+        Ok(self.perform(&clip, name).await?.0)
+    }
+
+    /// Mean error of an example's performance; `None` where nothing is commanded.
+    ///
+    /// # Errors
+    /// As [`Pictures::example`].
+    pub async fn example_error(&self, id: &str) -> Result<Option<MeanError>, Error> {
+        let clip = gallery::open(id)?;
+        let name = example_name(&clip);
+        let noted = fsio::read_capped(&self.dir.join(noted(&name)), 64).ok();
+        if let Some(error) = noted.and_then(|text| serde_json::from_slice(&text).ok()) {
+            return Ok(error);
+        }
+        Ok(self.perform(&clip, name).await?.1)
+    }
+
+    async fn perform(
+        &self,
+        clip: &clip::Clip,
+        name: String,
+    ) -> Result<(Bytes, Option<MeanError>), Error> {
+        let (path, note) = (self.dir.join(&name), self.dir.join(noted(&name)));
+        let command = clip::compile(clip).map_err(|e| Error::request(e.to_string()))?;
         let (width, height) = CARD_PX;
         let picture = PaintRequest {
             robot: clip.robot.id.clone(),
-            frame: telling(&clip, &command),
+            frame: telling(clip, &command),
             subject: Subject::Clip {
                 name: clip.name.clone(),
                 command: Dense::of(&command),
@@ -227,12 +246,30 @@ impl Pictures {
             overlay: CARD_OVERLAY.to_owned(),
             draft: false,
         };
-        let jpeg = self.paint(name, picture).await?;
-        let kept = jpeg.clone();
+        let (jpeg, error) = self.paint(name, picture).await?;
+        let (kept, text) = (jpeg.clone(), serde_json::json!(error).to_string());
         // A picture that cannot be kept is painted again next time.
-        tokio::task::spawn_blocking(move || fsio::write_atomic(&path, &kept).ok());
-        Ok(jpeg)
+        tokio::task::spawn_blocking(move || {
+            fsio::write_atomic(&note, text.as_bytes()).ok();
+            fsio::write_atomic(&path, &kept).ok();
+        });
+        Ok((jpeg, error))
     }
+}
+
+/// The name of an example's picture: another model is another picture.
+fn example_name(clip: &clip::Clip) -> String {
+    let models = shipped::all().unwrap_or_default();
+    let of_robot = models.iter().filter(|m| m.robot == clip.robot.id);
+    let models: Vec<String> =
+        of_robot.map(|m| format!("{} {} {}", m.name, m.bytes, m.card.training.step)).collect();
+    let seed = format!("{LOOK} {} {models:?} {}", env!("CARGO_PKG_VERSION"), clip.to_text());
+    format!("example-{}.jpg", fsio::sha256_hex(seed.as_bytes()))
+}
+
+/// Beside the picture: the error, as JSON.
+fn noted(name: &str) -> String {
+    format!("{name}.json")
 }
 
 /// The name of a still and what to ask the painter for.

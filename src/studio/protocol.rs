@@ -30,6 +30,9 @@
 //! | `GET /api/gallery` | list of [`GalleryItem`] |
 //! | `POST /api/gallery/{id}` | opens a copy: [`DocumentView`] |
 //! | `GET /api/recent` | list of [`RecentFile`] |
+//! | `GET /api/drafts` | list of [`Draft`]: clips that were never saved and are not open |
+//! | `POST /api/drafts/{number}` | opens it: [`DocumentView`] |
+//! | `POST /api/drafts/{number}/discard` | 204; it is gone |
 //! | `GET /api/robots` | list of [`RobotCard`] |
 //! | `GET /api/robot/{id}` | [`RobotFacts`](super::worker::RobotFacts) |
 //! | `GET /api/robot/{id}/geometry` | [`Geometry`](super::worker::Geometry) |
@@ -42,6 +45,7 @@
 //! | `GET /api/still-body?frame=N&w=W&h=H&x=X&y=Y` | name of the body that the draft still shows at X, Y (0 to 1 from the top left), or null |
 //! | `GET /api/still.jpg?frame=N&w=W&h=H&draft=B` | the rollout at a frame, rendered here; 500 with what to install where no driver is |
 //! | `GET /api/pose.jpg?pose=NAME`, `/api/gallery-picture.jpg?id=ID` | a pose; an example, performed |
+//! | `GET /api/gallery-error?id=ID` | [`MeanError`](super::worker::MeanError) of that performance, or null |
 //! | `GET /api/shelf` | [`Shelf`](super::shelf::Shelf): runs, data, presets in the studio's folder |
 //! | `GET /api/curves?path=RUN` | metrics of a training run, thinned |
 //! | `PUT /api/upload?path=NAME&first=B` | 204; body = one file of a robot to import |
@@ -585,6 +589,21 @@ pub struct GalleryItem {
     pub keys: usize,
     /// One of the few that the start page shows large.
     pub featured: bool,
+}
+
+/// A clip that was never saved.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Draft {
+    /// For `POST /api/drafts/{number}`.
+    pub number: u32,
+    /// Title of the clip.
+    pub name: String,
+    /// Robot.
+    pub robot: String,
+    /// Keys.
+    pub keys: usize,
+    /// Seconds since 1970 of its last edit.
+    pub changed_secs: u64,
 }
 
 /// One recent file.

@@ -101,6 +101,9 @@ pub fn router(app: Arc<App>) -> Router {
         .route("/api/gallery", get(api::gallery))
         .route("/api/gallery/{*id}", post(api::open_example))
         .route("/api/recent", get(api::recent))
+        .route("/api/drafts", get(api::drafts))
+        .route("/api/drafts/{number}", post(api::open_draft))
+        .route("/api/drafts/{number}/discard", post(api::discard_draft))
         .route("/api/robots", get(api::robots))
         .route("/api/robot/{id}", get(api::robot))
         .route("/api/robot/{id}/geometry", get(api::geometry))
@@ -129,7 +132,8 @@ pub fn router(app: Arc<App>) -> Router {
         .route("/api/still.jpg", get(api::still))
         .route("/api/still-body", get(api::still_body))
         .route("/api/pose.jpg", get(api::pose_picture))
-        .route("/api/gallery-picture.jpg", get(api::example_picture));
+        .route("/api/gallery-picture.jpg", get(api::example_picture))
+        .route("/api/gallery-error", get(api::example_error));
     Router::new()
         .merge(timed)
         .merge(painted)

@@ -72,6 +72,8 @@ pub enum Ask {
     Blank { robot: String, length: u32, name: String, reply: Reply<DocumentView> },
     /// Brings back the unsaved clip of a studio that was killed; false when there is none.
     Recover(Reply<bool>),
+    /// Takes up a clip that was never saved.
+    Draft(u32, Reply<DocumentView>),
     /// Remembers a robot from a folder, for clips that name its id.
     Know(String, Reply<()>),
     /// Saves.
@@ -233,6 +235,10 @@ impl Desk {
             }
             Ask::Know(robot, reply) => {
                 reply.send(self.know(&robot).map(|_| ())).ok();
+            }
+            Ask::Draft(number, reply) => {
+                let result = self.take_up_draft(number);
+                reply.send(result).ok();
             }
             Ask::Recover(reply) => {
                 reply.send(Ok(self.recover())).ok();
@@ -483,6 +489,18 @@ impl Desk {
         true
     }
 
+    fn take_up_draft(&mut self, number: u32) -> Result<DocumentView, Error> {
+        let (mut facts, mut refusal) = (None, None);
+        let document = Document::draft(&self.state_dir, number, |clip| {
+            match self.ask_robot(clip) {
+                Ok(known) => facts = Some(known),
+                Err(e) => refusal = Some(e),
+            }
+            facts.as_ref().map(|f: &RobotFacts| f.table.clone())
+        })?;
+        Ok(self.take_up(document, facts, refusal))
+    }
+
     fn start_from(&mut self, clip: Clip) -> Result<DocumentView, Error> {
         let (facts, refusal) = match self.ask_robot(&clip) {
             Ok(facts) => (Some(facts), None),
@@ -534,7 +552,9 @@ impl Desk {
         };
         let mut clip = Clip::new(reference, length.clamp(2, crate::limits::CLIP_FRAMES));
         clip.name = name;
-        clip.start = Some(clip::Start::Q(table.rest.iter().map(|v| clip::round(*v)).collect()));
+        // The first key is where the robot starts, until somebody says another start.
+        let rest: Vec<f64> = table.rest.iter().map(|v| clip::round(*v)).collect();
+        clip.keys.push(clip::Key::new(0, &rest));
         self.start_from(clip)
     }
 

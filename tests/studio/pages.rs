@@ -70,6 +70,11 @@ fn pictures_are_painted_without_keeping_an_edit_waiting() {
     let card = studio.get("/api/gallery-picture.jpg?id=pointmass%2Fstar");
     assert_eq!(size(&card.body), (480, 300));
     assert_eq!(studio.get("/api/gallery-picture.jpg?id=no%2Fsuch").status, 404);
+    let error = studio.get("/api/gallery-error?id=pointmass%2Fstar").json();
+    assert_eq!(error["unit"], "m");
+    assert!(error["value"].as_f64().is_some_and(|e| e > 0.0 && e < 0.01), "{error}");
+    assert_eq!(studio.get("/api/gallery-error?id=pointmass%2Fstar").json(), error, "noted");
+    assert_eq!(studio.get("/api/gallery-error?id=no%2Fsuch").status, 404);
     assert_eq!(studio.state()["worker"]["pid"], worker, "the simulation has no part in it");
 }
 

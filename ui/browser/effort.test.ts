@@ -24,12 +24,12 @@ describe("editing effort", () => {
 
   test("a clip of three keys with their times: at most 12 clicks and 40 keys", async () => {
     const t = await tab(studio);
-    const effort = { clicks: 2, keys: 1 };
+    const effort = { clicks: 2, keys: 0 };
     await t.page.getByLabel("Robot").first().selectOption("ur5e");
     await t.byId("new-clip").click();
     await t.until((s) => s.page === "editor" && s.robot === "ur5e" && s.frames > 0, "a new clip");
     await t.byId("policy").selectOption("computed-torque"); // not part of the task
-    await t.page.locator("body").press("k");
+    // A new clip begins with its first key: where the robot rests.
     await t.until_keys([0]);
     for (const [at, value] of [["20", "60"], ["40", "120"]] as const) {
       await type(t, effort, "frame", at);
@@ -85,7 +85,7 @@ describe("editing effort", () => {
     const t = await tab(studio);
     const s = await t.until((x) => x.page === "editor" && x.robot === "ur5e", "open");
     const why = await t.page.getByRole("button", { name: "Mirror", exact: true }).getAttribute("title");
-    await studio.api("POST", "/api/ops", { ops: [{ op: "keys.add", args: { keys: [{ frame: 0, q: s.clip?.robot.joints.map((_, j) => 0.1 * (j + 1)) }] } }] });
+    await studio.api("POST", "/api/ops", { ops: [{ op: "keys.add", args: { keys: [{ frame: 0, q: s.clip?.robot.joints.map((_, j) => 0.1 * (j + 1)) }], replace: true } }] });
     await t.until_keys([0]);
     t.actions = 0;
     await t.clickKey(0);

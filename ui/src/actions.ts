@@ -153,8 +153,10 @@ export const ACTIONS: Action[] = [
   { id: "save-pose", title: "Save the pose at the playhead", group: "Keys", keys: ["P"], run: dialog("pose") },
   { id: "marker", title: "Add a marker at the playhead", group: "Keys", keys: ["Shift+M"], run: dialog("marker") },
 
-  { id: "mask", title: "Mask: no goal here", group: "Masks", keys: ["M"], run: () => { const s = span(); if (s && s.to > s.from) void edit("mask.set", { ...s, masked: true }); } },
-  { id: "unmask", title: "Unmask", group: "Masks", keys: ["U"], run: () => { const s = span(); if (s && s.to > s.from) void edit("mask.set", { ...s, masked: false }); } },
+  { id: "mask", title: "Mask: no goal here", group: "Masks", keys: ["M"], run: () => maskSpan(true) },
+  { id: "unmask", title: "Unmask", group: "Masks", keys: ["U"], run: () => maskSpan(false) },
+  { id: "mask-joint", title: "Mask the chosen joint only", group: "Masks", keys: ["Alt+M"], not: needsJoint, run: () => maskSpan(true, chosenJoint()) },
+  { id: "unmask-joint", title: "Unmask the chosen joint only", group: "Masks", keys: ["Alt+U"], not: needsJoint, run: () => maskSpan(false, chosenJoint()) },
   { id: "fill-mask", title: "Interval: leave it to the policy", group: "Masks", run: () => setFill("mask") },
   { id: "fill-linear", title: "Interval: straight line", group: "Masks", run: () => setFill("linear") },
   { id: "fill-cubic", title: "Interval: smooth curve", group: "Masks", run: () => setFill("cubic") },
@@ -188,6 +190,24 @@ export const ACTIONS: Action[] = [
   { id: "runs", title: "Import, collect, train, evaluate", group: "Document", run: () => (store.page.value = "runs") },
   { id: "rendered", title: "The picture as it is exported", group: "View", run: () => (store.side.value = store.side.value === "rendered" ? "curves" : "rendered") },
 ];
+
+/** The joint that is chosen on the timeline, in the viewport or among the sliders. */
+export function chosenJoint(): string | undefined {
+  const at = store.joint.value;
+  return at === undefined ? undefined : clip()?.robot.joints[at];
+}
+
+function needsJoint(): string | undefined {
+  return chosenJoint() ? undefined : "choose a joint first: click its name on the timeline";
+}
+
+function maskSpan(masked: boolean, joint?: string): void {
+  const s = span();
+  if (!s || s.to <= s.from) return;
+  void edit("mask.set", { ...s, ...(joint ? { joints: [joint] } : {}), masked }).then((ok) => {
+    if (ok) store.toast(`frames ${s.from} to ${s.to - 1}, ${joint ?? "all joints"}: ${masked ? "no goal" : "goals again"}`);
+  });
+}
 
 function nudge(df: number, ripple: boolean): void {
   const frames = selected();

@@ -329,12 +329,13 @@ export async function refreshGallery(): Promise<void> {
   try {
     store.gallery.value = await http("GET", "/api/gallery");
     store.recent.value = await http("GET", "/api/recent");
+    store.drafts.value = await http("GET", "/api/drafts");
   } catch (e) {
     complain(e);
   }
 }
 
-function adopt(d: DocumentView | null): void {
+function adopt(d: DocumentView | null, opened = false): void {
   const before = store.doc.value;
   batch(() => {
     store.doc.value = d ? { ...d, restored: d.restored?.edits ?? 0 } : undefined;
@@ -345,8 +346,8 @@ function adopt(d: DocumentView | null): void {
       return;
     }
     store.policies.value = d.policies;
-    if (store.page.value === "gallery") store.page.value = "editor";
-    if (before?.clip.name !== d.clip.name || before?.path !== d.path) {
+    if (opened || store.page.value === "gallery") store.page.value = "editor";
+    if (opened || before?.clip.name !== d.clip.name || before?.path !== d.path) {
       store.selection.value = new Set();
       store.playhead.value = 0;
       store.joint.value = undefined;
@@ -367,8 +368,10 @@ async function loadRobot(id: string): Promise<void> {
 
 /** Opens from the server's side; the `document` event does the rest. */
 export async function openWith(method: string, path: string, body?: unknown): Promise<void> {
+  const left = store.doc.value;
   try {
-    adopt(await http<DocumentView>(method, path, body));
+    adopt(await http<DocumentView>(method, path, body), true);
+    if (left && !left.path && left.history.done > 0) store.toast(`"${left.clip.name || "untitled"}" was never saved; it waits under Examples, Unsaved`);
   } catch (e) {
     complain(e);
   }
@@ -385,6 +388,9 @@ export function poseAt(clip: Clip, frame: number): number[] {
   return clip.robot.joints.map((_, j) => from[j] ?? achieved?.[j] ?? rest[j] ?? 0);
 }
 
+/** The pose that a drag began from: what its previews reach must not pull the other joints along. */
+let base: { frame: number; rev: number; q: number[] } | undefined;
+
 /** The edit that gives joints these values at the playhead. */
 function poseEdit(changes: Record<string, number>): { op: string; args: object } | undefined {
   const d = store.doc.value;
@@ -392,7 +398,8 @@ function poseEdit(changes: Record<string, number>): { op: string; args: object }
   const frame = store.playhead.value;
   const key = d.clip.keys.find((k) => k.frame === frame);
   if (key) return { op: "keys.set", args: { frame, values: changes } };
-  const q = poseAt(d.clip, frame);
+  if (base?.frame !== frame || base.rev !== d.rev) base = { frame, rev: d.rev, q: poseAt(d.clip, frame) };
+  const q = [...base.q];
   d.clip.robot.joints.forEach((name, j) => {
     const v = changes[name];
     if (v !== undefined) q[j] = v;
@@ -418,6 +425,7 @@ export function jointMoved(changes: Record<string, number>, done: boolean): void
   const e = poseEdit(changes);
   if (!e) return;
   if (done) {
+    base = undefined;
     endPreview();
     void edit(e.op, e.args).then(() => tell("preview.end"));
   }

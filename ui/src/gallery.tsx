@@ -2,7 +2,7 @@
 
 import { useSignal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
-import { openWith, refreshShelf } from "./api";
+import { complain, http, openWith, refreshShelf } from "./api";
 import { act } from "./actions";
 import type { GalleryItem } from "./protocol";
 import * as store from "./store";
@@ -13,12 +13,19 @@ const ROBOTS: Record<string, string> = { pointmass: "Pointmass", ur5e: "UR5e arm
 const FEATURED = ["shadow_hand/fire", "shadow_hand/rsp", "shadow_hand/six", "ur5e/hang", "ur5e/front_back", "pointmass/star"];
 
 function Card({ item }: { item: GalleryItem }) {
+  const error = useSignal("");
+  // Known as soon as the picture is: both are of one performance.
+  const measure = (): void => {
+    void http<{ value: number; unit: "rad" | "m" } | null>("GET", `/api/gallery-error?id=${encodeURIComponent(item.id)}`)
+      .then((e) => { if (e) error.value = ` · ${store.shownError(e.value, e.unit)} off`; })
+      .catch(() => undefined);
+  };
   return (
     <button class="card" onClick={() => void openWith("POST", `/api/gallery/${encodeURIComponent(item.id)}`)} data-testid={`example-${item.id}`}>
-      <img src={`/api/gallery-picture.jpg?id=${encodeURIComponent(item.id)}`} alt="" loading="lazy" onError={(e) => (e.currentTarget.style.visibility = "hidden")} />
+      <img src={`/api/gallery-picture.jpg?id=${encodeURIComponent(item.id)}`} alt="" loading="lazy" onLoad={measure} onError={(e) => (e.currentTarget.style.visibility = "hidden")} />
       <span class="body">
         <span class="title">{item.name}</span><br />
-        <span class="sub">{ROBOTS[item.robot] ?? item.robot} · {(item.length / 20).toFixed(0)} s · {item.keys} key{item.keys === 1 ? "" : "s"}</span>
+        <span class="sub">{ROBOTS[item.robot] ?? item.robot} · {(item.length / 20).toFixed(0)} s · {item.keys} key{item.keys === 1 ? "" : "s"}<span title="Mean error of the robot's policy over all commanded frames" data-testid={`error-${item.id}`}>{error.value}</span></span>
       </span>
     </button>
   );
@@ -28,7 +35,7 @@ export function Gallery() {
   const chosen = useSignal("shadow_hand");
   useEffect(() => {
     if (store.link.value === "open") void refreshShelf();
-  }, [store.link.value]);
+  }, [store.link.value, store.doc.value?.path, store.doc.value === undefined]);
   const all = store.gallery.value;
   const featured = FEATURED.flatMap((id) => all.find((g) => g.id === id) ?? []);
   const more = all.filter((g) => !FEATURED.includes(g.id));
@@ -52,6 +59,15 @@ export function Gallery() {
         <summary style="cursor: pointer"><b>{more.length} more examples</b></summary>
         <div class="cards" style="margin-top: 12px">{more.map((g) => <Card key={g.id} item={g} />)}</div>
       </details>
+      {store.drafts.value.length ? <h2>Unsaved</h2> : null}
+      {store.drafts.value.map((d) => (
+        <div class="take" key={d.number} style="max-width: 760px" data-testid={`draft-${d.number}`}>
+          <button class="quiet" onClick={() => void openWith("POST", `/api/drafts/${d.number}`)}><b>{d.name || "untitled"}</b></button>
+          <span class="grow" style="color: var(--dim)">{d.keys} key{d.keys === 1 ? "" : "s"} · {new Date(d.changed_secs * 1000).toLocaleString()}</span>
+          <span>{ROBOTS[d.robot] ?? d.robot}</span>
+          <button class="quiet" aria-label={`Discard ${d.name || "untitled"}`} title="Discard" onClick={() => void http("POST", `/api/drafts/${d.number}/discard`).then(refreshShelf, complain)}>×</button>
+        </div>
+      ))}
       {store.recent.value.length ? <h2>Recent</h2> : null}
       {store.recent.value.map((r) => (
         <div class="take" key={r.path} style="max-width: 760px">

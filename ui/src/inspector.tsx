@@ -23,6 +23,7 @@ function Joint({ index }: { index: number }) {
   const d = store.doc.value;
   const text = useSignal<string | undefined>(undefined);
   const live = useSignal<number | undefined>(undefined);
+  const held = useSignal<number | undefined>(undefined);
   const fact = d?.table.joints[index];
   if (!d || !fact) return null;
   const frame = store.playhead.value;
@@ -30,7 +31,10 @@ function Joint({ index }: { index: number }) {
   const value = live.value ?? pose[index] ?? 0;
   const unit = fact.unit;
   const scale = unit === "rad" && store.degrees.value ? 180 / Math.PI : 1;
-  const [lo, hi] = fact.range ?? [value - (unit === "m" ? 1 : Math.PI), value + (unit === "m" ? 1 : Math.PI)];
+  // A joint without stops has a slider about its value, which stands still while it is dragged.
+  const reach = unit === "m" ? 1 : Math.PI;
+  const middle = held.value ?? Math.round(value / reach) * reach;
+  const [lo, hi] = fact.range ?? [middle - reach, middle + reach];
   const achieved = store.frames.value.q[frame]?.[index];
   const commanded = keyAt(d.clip, frame) !== undefined;
   const off = achieved === undefined || !commanded ? undefined : Math.abs(achieved - value);
@@ -65,6 +69,9 @@ function Joint({ index }: { index: number }) {
         id={id} type="range" min={lo} max={hi} step={(hi - lo) / 2000} value={value}
         aria-valuetext={store.shown(value, unit)}
         onFocus={() => select(index)}
+        onPointerDown={() => (held.value = middle)}
+        onPointerUp={() => (held.value = undefined)}
+        onPointerCancel={() => (held.value = undefined)}
         onInput={(e) => set(Number(e.currentTarget.value), false)}
         onChange={(e) => set(Number(e.currentTarget.value), true)}
       />

@@ -4,7 +4,7 @@ import { render } from "preact";
 import { useEffect, useLayoutEffect } from "preact/hooks";
 import { useSignal } from "@preact/signals";
 import "./app.css";
-import { act, setFill } from "./actions";
+import { act, setFill, chosenJoint } from "./actions";
 import { ackTimes, connect, http, tell } from "./api";
 import { Curves } from "./curves";
 import { Dialogs } from "./dialogs";
@@ -107,20 +107,37 @@ function ContextMenu({ menu, onClose, onOpenKey }: { menu: Menu; onClose: () => 
       window.removeEventListener("keydown", key, true);
     };
   }, []);
+  const { key } = menu;
+  const joint = chosenJoint();
   const left = Math.min(menu.x, innerWidth - 230);
   const top = Math.min(menu.y, innerHeight - 330);
   return (
     <div class="menu" role="menu" style={`left: ${left}px; top: ${top}px`}>
-      {item("Type values…", "double-click", () => onOpenKey(menu.frame))}
-      {item("Hold…", "H", () => act("hold"))}
-      {item("Leave to the policy until the next key", "", () => setFill("mask"))}
-      {item("Straight line to the next key", "", () => setFill("linear"))}
-      {item("Smooth curve to the next key", "", () => setFill("cubic"))}
-      {item("Copy", "Ctrl+C", () => act("copy"))}
-      {item("Mirror", "", () => act("mirror"), store.noMirror.value)}
-      {item("Save as pose…", "P", () => { store.playhead.value = menu.frame; act("save-pose"); })}
-      {item("Marker here…", "Shift+M", () => { store.playhead.value = menu.frame; act("marker"); })}
-      {item("Delete", "X", () => act("delete"))}
+      {key === undefined ? (
+        <>
+          {item("Key here", "K", () => act("key"))}
+          {item("Mask: no goal here", "M", () => act("mask"))}
+          {item(`Mask ${joint ?? "one joint"} only`, "Alt+M", () => act("mask-joint"), joint ? null : "choose a joint first")}
+          {item("Unmask", "U", () => act("unmask"))}
+          {item(`Unmask ${joint ?? "one joint"} only`, "Alt+U", () => act("unmask-joint"), joint ? null : "choose a joint first")}
+          {item("Paste", "Ctrl+V", () => act("paste"))}
+          {item("Insert or remove time…", "E", () => act("ripple-right"))}
+          {item("Marker here…", "Shift+M", () => act("marker"))}
+        </>
+      ) : (
+        <>
+          {item("Type values…", "double-click", () => onOpenKey(key))}
+          {item("Hold…", "H", () => act("hold"))}
+          {item("Leave to the policy until the next key", "", () => setFill("mask"))}
+          {item("Straight line to the next key", "", () => setFill("linear"))}
+          {item("Smooth curve to the next key", "", () => setFill("cubic"))}
+          {item("Copy", "Ctrl+C", () => act("copy"))}
+          {item("Mirror", "", () => act("mirror"), store.noMirror.value)}
+          {item("Save as pose…", "P", () => { store.playhead.value = key; act("save-pose"); })}
+          {item("Marker here…", "Shift+M", () => { store.playhead.value = key; act("marker"); })}
+          {item("Delete", "X", () => act("delete"))}
+        </>
+      )}
     </div>
   );
 }

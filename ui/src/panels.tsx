@@ -9,10 +9,9 @@ import { policyId, proposal, tried, tryAll, trying, withPolicy } from "./tryall"
 export function Problems() {
   const lints = store.doc.value?.findings.lints ?? [];
   return (
-    <section class="panel" style="max-height: 42%" aria-label="Problems" data-testid="problems">
-      <h2>Problems{lints.length ? ` (${lints.length})` : ""}</h2>
+    <section class="panel problems" aria-label="Problems" data-testid="problems">
+      <h2>{lints.length ? `Problems (${lints.length})` : "No problems"}</h2>
       <div class="scroll">
-        {lints.length === 0 ? <p style="color: var(--dim); margin: 0">None.</p> : null}
         {lints.map((l, i) => (
           <div class={`problem ${l.level}`} key={`${l.rule}${i}`}>
             <span class="mark" aria-label={l.level}>{l.level === "error" ? "✖" : l.level === "warning" ? "!" : "i"}</span>
@@ -54,6 +53,7 @@ function Tries() {
   if (rows.length === 0) return null;
   return (
     <div class="tries" data-testid="tries">
+      <button class="quiet close" aria-label="Close the tries" title="Close" onClick={() => (tried.value = undefined)}>×</button>
       {best ? <p role="status">{policyId(best.card)} is nearer here: {store.shownError(best.mae, store.unit.value)} <button onClick={() => use(best.card)}>Use it</button></p> : null}
       {rows.map((t) => (
         <div class="take" key={policyId(t.card)} title={`for ${t.card.suits}`}>
@@ -86,7 +86,7 @@ export function Takes() {
       <div class="scroll" style="flex: none">
         <div class="row" style="gap: 4px 8px">
           <select aria-label="Policy" data-testid="policy" style="flex: 1 1 112px; min-width: 0" value={now} onChange={(e) => choose(e.currentTarget.value)}>
-            {known.map((p) => <option key={policyId(p)} value={policyId(p)} disabled={!p.available && !(p.learned && own)} title={p.why ?? `for ${p.suits}`}>{policyId(p)}{p.default ? " (default)" : ""}{p.available || (p.learned && own) ? "" : " – no model"}</option>)}
+            {known.map((p) => <option key={policyId(p)} value={policyId(p)} disabled={!p.available && !(p.learned && own)} title={p.why ?? `for ${p.suits}`}>{policyId(p)}{p.default && !(own && policyId(p) === now) ? " (default)" : ""}{p.available || (p.learned && own) ? "" : " – no model"}</option>)}
             {own && !known.some((p) => policyId(p) === now) ? <option value={now}>{now}</option> : null}
           </select>
           <label title="One planning step a frame on the model, from the policy's action">
@@ -99,10 +99,10 @@ export function Takes() {
       </div>
       <h2>Takes <span class="grow" /><button class="quiet" onClick={pinTake} disabled={!r || r.phase !== "done"}>Pin</button></h2>
       <div class="scroll" style="max-height: 130px">
-        {r ? <div class="take"><b class="grow">now · {r.policy}</b><span class="num">{r.mae === null ? "…" : store.shownError(r.mae, store.unit.value)}</span></div> : null}
+        {r ? <div class="take"><b class="grow" title={r.policy}>now · {r.policy}</b><span class="num">{r.mae === null ? "…" : store.shownError(r.mae, store.unit.value)}</span></div> : null}
         {store.takes.value.map((t) => (
           <div class="take" key={t.id}>
-            <span class="grow">{t.label} · {t.policy}</span>
+            <span class="grow" title={`${t.label} · ${t.policy}`}>{t.label} · {t.policy}</span>
             <span class="num">{t.mae === null ? "" : store.shownError(t.mae, store.unit.value)}</span>
             <button class="quiet" aria-pressed={store.compared.value === t.id} onClick={() => (store.compared.value = store.compared.value === t.id ? undefined : t.id)} title="Compare with the current take">A/B</button>
             <button class="quiet" aria-label={`Remove ${t.label}`} onClick={() => (store.takes.value = store.takes.value.filter((x) => x.id !== t.id))}>×</button>

@@ -75,6 +75,15 @@ export interface DocumentView {
   policies: PolicyCard[];
 }
 
+/** A clip that was never saved and is not open. */
+export interface Draft {
+  number: number;
+  name: string;
+  robot: string;
+  keys: number;
+  changed_secs: number;
+}
+
 export interface RolloutSettings {
   policy: string;
   refine: boolean;

@@ -202,7 +202,7 @@ function Job({ job }: { job: JobView }) {
           <ul>{[...imported.assumed.map((t) => `assumed: ${t}`), ...imported.changed.map((t) => `changed: ${t}`), ...imported.dropped.map((t) => `left out: ${t}`)].map((t) => <li key={t}>{t}</li>)}</ul>
         </div>
       ) : null}
-      {job.phase === "failed" ? <p class="problem error" role="alert">{log.filter((l) => l.startsWith("error")).at(-1) ?? log.at(-1) ?? `exit ${job.exit}`}</p> : null}
+      {job.phase === "failed" ? <p class="note failed" role="alert">{log.filter((l) => l.startsWith("error")).at(-1) ?? log.at(-1) ?? `exit ${job.exit}`}</p> : null}
       {log.length ? <details><summary>Log</summary><pre>{log.join("\n")}</pre></details> : null}
     </article>
   );

@@ -4,8 +4,7 @@ import { computed, signal } from "@preact/signals";
 import type { Clip } from "./clip";
 import type {
   Findings, GalleryItem, History, JobView, JointTable, PolicyCard, RecentFile, RobotCard, RobotFacts, RolloutSettings,
-  RolloutState, Shelf, WorkerState,
-} from "./protocol";
+  RolloutState, Shelf, WorkerState, Draft } from "./protocol";
 import type { Group, View } from "./timeline/layout";
 import { fit } from "./timeline/layout";
 
@@ -48,6 +47,7 @@ export const robot = signal<RobotFacts | undefined>(undefined);
 export const doc = signal<Document | undefined>(undefined);
 export const gallery = signal<GalleryItem[]>([]);
 export const recent = signal<RecentFile[]>([]);
+export const drafts = signal<Draft[]>([]);
 export const settings = signal<RolloutSettings>({ policy: "", refine: false, guide: "none", seed: 0, auto: true });
 export const policies = signal<PolicyCard[]>([]);
 export const rollout = signal<RolloutState | undefined>(undefined);

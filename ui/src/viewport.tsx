@@ -96,7 +96,7 @@ export function Viewport() {
         {phase ? <span>{phase} </span> : null}
         {r?.error ? <span style="color: var(--bad)">{r.error} </span> : null}
         {r?.mae !== null && r?.mae !== undefined ? <span><b>{store.shownError(r.mae, store.unit.value)}</b> mean error</span> : null}
-        {r?.ms_per_frame ? <span class="num"> · {r.ms_per_frame.toFixed(1)} ms a frame</span> : null}
+        {r?.ms_per_frame ? <span class="num">{r.mae === null ? "" : " · "}{r.ms_per_frame.toFixed(1)} ms a frame</span> : null}
       </div>
       <Splitter of="left" />
       <Splitter of="right" />

@@ -11,8 +11,8 @@ use super::clock::{median, thread_cpu};
 use crate::cli::failure::{Failure, Outcome};
 use crate::cli::out;
 use crate::dataset::{Dataset, Part, Verify, Windows};
-use crate::net::WINDOW;
 use crate::explore::{AgentKind, Preset, RolloutBench, UpdateBench};
+use crate::net::WINDOW;
 use crate::robot::Robot;
 
 /// Windows in a batch, as in training.

@@ -21,26 +21,34 @@ const DIRECTIONS: usize = 160;
 
 /// The points that matter for a framing: the outermost ones.
 pub(super) fn outline(points: impl Iterator<Item = Vec3>) -> Vec<Vec3> {
-    let directions: Vec<Vec3> = (0..DIRECTIONS)
+    outermost(points, DIRECTIONS)
+}
+
+/// The outermost points of one body of many, in fewer directions.
+pub(super) fn hull(points: impl Iterator<Item = Vec3>) -> Vec<Vec3> {
+    outermost(points, DIRECTIONS / 4)
+}
+
+fn outermost(points: impl Iterator<Item = Vec3>, count: usize) -> Vec<Vec3> {
+    let directions: Vec<Vec3> = (0..count)
         .map(|k| {
             // Evenly over the ball: a spiral that turns by the golden angle.
-            let z = 1.0 - (2 * k + 1) as f32 / DIRECTIONS as f32;
+            let z = 1.0 - (2 * k + 1) as f32 / count as f32;
             let (sin, cos) = (2.399_963_2 * k as f32).sin_cos();
             let r = (1.0 - z * z).sqrt();
             Vec3::new(r * cos, r * sin, z)
         })
         .collect();
-    let mut outermost = vec![(f32::NEG_INFINITY, Vec3::ZERO); DIRECTIONS];
+    let mut best = vec![(f32::NEG_INFINITY, Vec3::ZERO); count];
     for p in points.filter(|p| p.is_finite()) {
-        for (d, best) in directions.iter().zip(&mut outermost) {
+        for (d, best) in directions.iter().zip(&mut best) {
             let reach = d.dot(p);
             if reach > best.0 {
                 *best = (reach, p);
             }
         }
     }
-    let mut found: Vec<Vec3> =
-        outermost.into_iter().filter(|o| o.0.is_finite()).map(|o| o.1).collect();
+    let mut found: Vec<Vec3> = best.into_iter().filter(|o| o.0.is_finite()).map(|o| o.1).collect();
     found.dedup();
     found
 }

@@ -1,6 +1,7 @@
 //! A robot as nodes of the scene: bodies are frames, what is seen of them hangs below.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use glam::Vec3;
 
@@ -56,7 +57,10 @@ pub(super) struct Cast {
     /// Node names by body, the world first.
     names: Vec<String>,
     by_name: BTreeMap<String, usize>,
+    /// In the home pose.
     outline: Vec<Vec3>,
+    /// By body, in its own frame: what to look at where it moves.
+    hulls: Vec<(usize, Vec<Vec3>)>,
     /// Of a ball around it, m.
     radius: f64,
 }
@@ -104,7 +108,7 @@ pub(super) fn build(scene: &mut Retained, geometry: &Geometry) -> Cast {
     scene.put(Message::create("/floor", GridProps { shadow_opacity: 0.0, ..GridProps::default() }));
     scene.put(Message::position("/floor", [0.0, 0.0, floor - 1e-3]));
     let by_name = names.iter().enumerate().map(|(i, n)| (n.clone(), i)).collect();
-    Cast { names, by_name, outline, radius }
+    Cast { names, by_name, outline, hulls: hulls(geometry), radius }
 }
 
 /// What is there before any robot.
@@ -156,6 +160,18 @@ fn tinted(props: &MeshProps, tint: Option<[f32; 4]>) -> MeshProps {
     }
 }
 
+/// The outermost points of each body that moves, in its own frame.
+fn hulls(geometry: &Geometry) -> Vec<(usize, Vec<Vec3>)> {
+    (1..geometry.bodies.len())
+        .map(|body| {
+            let meshes = geometry.meshes.iter().filter(|m| m.body == body);
+            let corners = meshes.flat_map(|m| m.vertices.as_chunks::<3>().0);
+            (body, framing::hull(corners.map(|c| Vec3::from_array(*c))))
+        })
+        .filter(|(_, hull)| !hull.is_empty())
+        .collect()
+}
+
 /// The outermost points of the robot in its home pose; the world's own meshes (floors, tables)
 /// do not count unless there is nothing else.
 fn outline(geometry: &Geometry) -> Vec<Vec3> {
@@ -196,17 +212,38 @@ impl Cast {
         self.by_name.get(name).copied()
     }
 
-    /// Points the camera so that the whole robot is in view.
-    pub(super) fn camera(&self, scene: &mut Retained, facts: &RobotFacts, preset: &str) -> bool {
+    /// The outermost points of the robot in all of these poses, (nbody, 7) each.
+    fn reach(&self, poses: &[Arc<[f32]>]) -> Vec<Vec3> {
+        framing::outline(poses.iter().flat_map(|bodies| {
+            self.hulls.iter().flat_map(|(body, hull)| {
+                let place = Place::of(bodies, *body);
+                hull.iter().filter_map(move |p| {
+                    let at = place?.point(p.to_array().map(f64::from));
+                    Some(Vec3::from_array(at.map(|v| v as f32)))
+                })
+            })
+        }))
+    }
+
+    /// Points the camera so that the whole robot is in view, also in these poses of its motion.
+    pub(super) fn camera(
+        &self,
+        scene: &mut Retained,
+        facts: &RobotFacts,
+        preset: &str,
+        poses: &[Arc<[f32]>],
+    ) -> bool {
         use std::f32::consts::FRAC_PI_2;
         let fov = facts.camera.fovy_rad.clamp(0.2, 2.0);
         let view = View::of(&robot::Camera { fovy_rad: fov, ..facts.camera });
+        let moved = self.reach(poses);
+        let points = if moved.is_empty() { &self.outline } else { &moved };
         let camera = match preset {
-            "home" | "fit" => framing::near(&view, &self.outline),
-            "front" => framing::from(&view.from(0.0, 0.0), &self.outline),
-            "side" => framing::from(&view.from(-FRAC_PI_2, 0.0), &self.outline),
+            "home" | "fit" => framing::near(&view, points),
+            "front" => framing::from(&view.from(0.0, 0.0), points),
+            "side" => framing::from(&view.from(-FRAC_PI_2, 0.0), points),
             // Not straight down: the horizon would have no direction.
-            "top" => framing::from(&view.from(-FRAC_PI_2, FRAC_PI_2 - 1e-3), &self.outline),
+            "top" => framing::from(&view.from(-FRAC_PI_2, FRAC_PI_2 - 1e-3), points),
             _ => return false,
         };
         let [position, look_at] = [camera.eye, camera.target].map(|p| p.to_array().map(f64::from));

@@ -19,7 +19,7 @@ use super::space::{self, Place, V3};
 use crate::studio::error::Error;
 use crate::studio::hub::Hub;
 use crate::studio::live::Live;
-use crate::studio::protocol::{Event, IkRequest, Selection, StudioOp};
+use crate::studio::protocol::{Event, IkRequest, Phase as Rollout, Selection, StudioOp};
 use crate::studio::worker::{Report, Request, RobotFacts, WorkerHandle};
 use crate::take::viser::{Message, TransformControlsProps};
 use crate::units::{FPS, Unit};
@@ -27,6 +27,8 @@ use crate::units::{FPS, Unit};
 /// Between two pictures while playing.
 const TICK: Duration = Duration::from_micros(16_667);
 const GIZMO: &str = "/gizmo";
+/// Moments of a motion that the camera must hold.
+const MOMENTS: usize = 16;
 
 /// What the stage is told.
 #[derive(Debug)]
@@ -83,6 +85,8 @@ pub(super) struct Stage {
     inbox: Sender<Say>,
     facts: Option<Arc<RobotFacts>>,
     cast: Option<Cast>,
+    /// Whether the camera has been set for the whole motion of the document.
+    framed: bool,
     frame: f64,
     play: Option<Play>,
     achieved: bool,
@@ -121,6 +125,7 @@ impl Stage {
             inbox,
             facts: None,
             cast: None,
+            framed: false,
             frame: 0.0,
             play: None,
             achieved: true,
@@ -174,7 +179,7 @@ impl Stage {
                 if self.facts.as_ref().is_some_and(|f| Arc::ptr_eq(f, &facts)) {
                     let cast = self.viewport.edit(|scene| {
                         let cast = scene::build(scene, &geometry);
-                        cast.camera(scene, &facts, "home");
+                        cast.camera(scene, &facts, "home", &[]);
                         cast.pose(scene, Actor::Robot, |b| Place::of(&geometry.home, b));
                         cast
                     });
@@ -223,6 +228,10 @@ impl Stage {
             return;
         }
         let state = self.live.state();
+        if !self.framed && self.cast.is_some() && state.phase == Rollout::Done {
+            self.framed = true;
+            self.view(StudioOp::ViewCamera { preset: "home".to_owned() });
+        }
         if self.released_at.is_some_and(|g| state.generation > g && state.rev > 0)
             && state.cached_to > 0
         {
@@ -237,6 +246,7 @@ impl Stage {
             _ => false,
         };
         self.facts = facts;
+        self.framed = false;
         self.frame = 0.0;
         self.play = None;
         self.grip = None;
@@ -302,7 +312,8 @@ impl Stage {
             StudioOp::ViewSelect(selection) => self.select(selection),
             StudioOp::ViewCamera { preset } => {
                 if let (Some(cast), Some(facts)) = (&self.cast, &self.facts) {
-                    self.viewport.edit(|scene| cast.camera(scene, facts, &preset));
+                    let poses = self.live.moments(MOMENTS);
+                    self.viewport.edit(|scene| cast.camera(scene, facts, &preset, &poses));
                 }
             }
             StudioOp::ViewPose { q } => self.float(q),

@@ -26,6 +26,7 @@ use crate::clip::{Command, JointTable};
 use crate::exit::Exit;
 use crate::robot::{Camera, Group};
 use crate::rollout::{Offer, PolicyConfig};
+use crate::units::Unit;
 
 /// Parent → child.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -260,7 +261,18 @@ pub enum Report {
         /// The file.
         #[serde(with = "serde_bytes")]
         jpeg: Vec<u8>,
+        /// Mean error of what was performed for it.
+        error: Option<MeanError>,
     },
+}
+
+/// How near a performance came.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct MeanError {
+    /// Mean absolute error over unmasked frames and joints.
+    pub value: f64,
+    /// rad or m.
+    pub unit: Unit,
 }
 
 /// A run of simulated frames.

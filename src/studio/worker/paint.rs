@@ -6,7 +6,7 @@
 use std::sync::Arc;
 
 use super::query::refused;
-use super::{Dense, MotionRows, PaintRequest, Report, Subject};
+use super::{Dense, MeanError, MotionRows, PaintRequest, Report, Subject};
 use crate::clip::Command;
 use crate::exit::Exit;
 use crate::render::{
@@ -14,7 +14,7 @@ use crate::render::{
 };
 use crate::robot::Robot;
 use crate::rollout::{PolicyConfig, Rollout, RolloutConfig, Start};
-use crate::units::FPS;
+use crate::units::{FPS, Unit};
 
 /// JPEG quality, percent.
 const JPEG: u8 = 88;
@@ -43,7 +43,7 @@ impl Painter {
         robot: &Arc<Robot>,
         ask: &PaintRequest,
     ) -> Result<Report, Box<Report>> {
-        let (known, mut shot) = self.shot(robot, ask)?;
+        let (known, mut shot, error) = self.shot(robot, ask)?;
         let renderer = self.renderer(ask)?;
         let drawn = renderer
             .resize(ask.width, ask.height)
@@ -51,7 +51,7 @@ impl Painter {
             .and_then(|picture| encode::jpeg(&picture, JPEG));
         self.keep(known, shot);
         match drawn {
-            Ok(jpeg) => Ok(Report::Picture { jpeg }),
+            Ok(jpeg) => Ok(Report::Picture { jpeg, error }),
             Err(e) => {
                 // A device that has been lost must not be asked again.
                 *self.slot(ask) = None;
@@ -67,7 +67,7 @@ impl Painter {
         ask: &PaintRequest,
         at: [f32; 2],
     ) -> Result<Report, Box<Report>> {
-        let (known, mut shot) = self.shot(robot, ask)?;
+        let (known, mut shot, _) = self.shot(robot, ask)?;
         let found = shot.body_at(ask.frame, at.into(), aspect(ask));
         let found = found.map(|name| name.map(str::to_owned)).map_err(refusal);
         self.keep(known, shot);
@@ -80,12 +80,13 @@ impl Painter {
         }
     }
 
-    /// The motion that is asked for, looked through; the last one is at hand.
+    /// The motion that is asked for, looked through; the last one is at hand. Also the mean
+    /// error where it was performed for this.
     fn shot(
         &mut self,
         robot: &Arc<Robot>,
         ask: &PaintRequest,
-    ) -> Result<(Option<Known>, Shot), Box<Report>> {
+    ) -> Result<(Option<Known>, Shot, Option<MeanError>), Box<Report>> {
         let aspect = aspect(ask);
         let make = |motion: Motion| -> Result<Shot, Box<Report>> {
             let overlay = Overlay::parse(&ask.overlay).map_err(refusal)?;
@@ -100,13 +101,14 @@ impl Painter {
                     aspect,
                 };
                 match self.shot.take().filter(|(k, _)| *k == known) {
-                    Some((_, shot)) => (Some(known), shot),
-                    None => (Some(known), make(rows(robot, motion))?),
+                    Some((_, shot)) => (Some(known), shot, None),
+                    None => (Some(known), make(rows(robot, motion))?, None),
                 }
             }
-            Subject::Pose(q) => (None, make(pose(robot, q))?),
+            Subject::Pose(q) => (None, make(pose(robot, q))?, None),
             Subject::Clip { name, command, keys } => {
-                (None, make(performed(robot, name, command, keys)?)?)
+                let (motion, error) = performed(robot, name, command, keys)?;
+                (None, make(motion)?, error)
             }
         })
     }
@@ -174,7 +176,7 @@ fn performed(
     name: &str,
     dense: &Dense,
     keys: &[usize],
-) -> Result<Motion, Box<Report>> {
+) -> Result<(Motion, Option<MeanError>), Box<Report>> {
     let names: Vec<String> = robot.joints().iter().map(|j| j.name.clone()).collect();
     let Dense { joints, start, q, visible } = dense.clone();
     let command = Command::from_dense(joints, start, q, visible).and_then(|c| c.reordered(&names));
@@ -194,7 +196,7 @@ fn performed(
             row.map(|(j, v)| if command.sees(f, j) { f64::from(*v) } else { f64::NAN }).collect()
         })
         .collect();
-    Ok(Motion {
+    let motion = Motion {
         name: name.to_owned(),
         performer: policy.label(),
         fps: f64::from(FPS),
@@ -202,5 +204,8 @@ fn performed(
         achieved: rollout.reached().chunks_exact(robot.state_dim()).map(<[f64]>::to_vec).collect(),
         keys: keys.to_vec(),
         unit: unit(robot),
-    })
+    };
+    let unit = robot.joints().first().map_or(Unit::Rad, |j| j.unit);
+    let error = rollout.precision().precision.map(|value| MeanError { value, unit });
+    Ok((motion, error))
 }

@@ -24,7 +24,8 @@ export interface Sheet {
   /** The rollout follows a drag; without an operation it goes back to the document. */
   follow(op?: string, args?: object): void;
   openKey(frame: number): void;
-  menu(frame: number, x: number, y: number): void;
+  /** On a key, or on the frames between keys. */
+  menu(key: number | undefined, x: number, y: number): void;
   hint(text: string): void;
 }
 
@@ -252,7 +253,12 @@ export class Gestures {
         const args = { frames, df, copy: e.altKey, ripple: e.shiftKey, replace: true };
         sheet.edit("keys.move", args);
       }
-      if (df !== 0 || press.retime) sheet.setSelection(new Set(frames.map((f) => to.get(f) ?? f)));
+      if (df !== 0 || press.retime) {
+        // The playhead stays on the key that it was on, and so do the sliders.
+        const along = to.get(sheet.playhead());
+        if (along !== undefined && !e.altKey) sheet.setPlayhead(along);
+        sheet.setSelection(new Set(frames.map((f) => to.get(f) ?? f)));
+      }
     }
     if (press.kind === "marker" && press.moved) {
       const to = Math.max(0, Math.round(xToFrame(sheet.view(), x)));
@@ -280,7 +286,14 @@ export class Gestures {
     e.preventDefault();
     const { x, y } = this.at(e);
     const key = hit(this.sheet, x, y);
-    if (key === undefined) return;
+    const rows = this.sheet.rows();
+    const row = rows[yToRow(this.sheet.view(), y, rows.length) ?? -1];
+    if (row?.kind === "joint") this.sheet.setJoint(row.joint);
+    if (key === undefined) {
+      if (y < RULER + MARKERS || y > this.sheet.box().height - STRIP) return;
+      if (x >= LABELS) this.scrub(x);
+      return this.sheet.menu(undefined, e.clientX, e.clientY);
+    }
     if (!this.sheet.selection().has(key)) this.sheet.setSelection(new Set([key]));
     this.sheet.menu(key, e.clientX, e.clientY);
   }
@@ -290,8 +303,9 @@ export class Gestures {
     const { sheet } = this;
     const v = sheet.view();
     const { x } = this.at(e);
+    const scroll = e.altKey || (x < LABELS && !e.ctrlKey);
     if (e.shiftKey) return sheet.setView({ ...v, left: v.left + (e.deltaY + e.deltaX) / v.zoom });
-    if (e.altKey) {
+    if (scroll) {
       const height = sheet.rows().length * ROW;
       const room = sheet.box().height - RULER - MARKERS - STRIP;
       return sheet.setView({ ...v, top: Math.max(0, Math.min(v.top + e.deltaY, height - room)) });

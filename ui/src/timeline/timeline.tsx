@@ -17,7 +17,8 @@ const hint = { text: "" };
 export const hintText = (): string => hint.text;
 
 export interface Menu {
-  frame: number;
+  /** Frame of the key; without one it is about the interval at the playhead. */
+  key: number | undefined;
   x: number;
   y: number;
 }
@@ -74,7 +75,7 @@ export function Timeline(props: { onMenu: (menu: Menu) => void; onOpenKey: (fram
         }
       },
       openKey: props.onOpenKey,
-      menu: (frame, x, y) => props.onMenu({ frame, x, y }),
+      menu: (key, x, y) => props.onMenu({ key, x, y }),
       hint: (text) => {
         hint.text = text;
         props.onHint(text);
