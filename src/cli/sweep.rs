@@ -12,6 +12,7 @@ use crate::exit::Exit;
 use crate::fsio;
 use crate::rollout::Interval;
 use crate::train::sweep::{Row, Sweep, Swept, Work, figure, sweep};
+use crate::units::Unit;
 
 #[derive(clap::Args, Debug)]
 #[command(
@@ -69,7 +70,8 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let text = serde_json::to_vec_pretty(&report).map_err(io::Error::other)?;
     fsio::write_atomic(&args.out.join("results.json"), &text)?;
     fsio::write_atomic(&args.out.join("table.csv"), &csv(&rows)?)?;
-    if let Some(figure) = figure(&file, &rows) {
+    let unit = robot.joints().first().map_or(Unit::Rad, |j| j.unit);
+    if let Some(figure) = figure(&file, unit, &rows) {
         figure.save(&args.out.join("sweep.png"))?;
     }
     if args.json {

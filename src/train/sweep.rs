@@ -24,6 +24,7 @@ use crate::rollout::{
     Case, EvalConfig, Interval, PolicyConfig, PolicyName, Start, Suite, evaluate, mean_ci95, tasks,
     test_suites,
 };
+use crate::units::Unit;
 
 /// Points of a grid, seeds included, at most.
 const MOST_POINTS: usize = 10_000;
@@ -525,7 +526,7 @@ fn rows(combinations: &[Combination], found: &[Reached]) -> Vec<Row> {
 
 /// One panel a suite: Precision over the setting `x`, one curve (or colour of bar) for each
 /// combination of the others, bands and whiskers the 95 % interval over seeds.
-pub fn figure(sweep: &Sweep, rows: &[Row]) -> Option<Figure> {
+pub fn figure(sweep: &Sweep, unit: Unit, rows: &[Row]) -> Option<Figure> {
     let names: Vec<&String> = rows.first()?.suites.keys().collect();
     let xs = sweep.grid.get(&sweep.x)?;
     let numbers: Option<Vec<f64>> = xs.iter().map(Value::number).collect();
@@ -543,7 +544,7 @@ pub fn figure(sweep: &Sweep, rows: &[Row]) -> Option<Figure> {
     let seeds = sweep.seeds.len();
     let note = format!("{}, {seeds} seeds, bands and whiskers 95 % (Student's t)", sweep.robot);
     let panels = names.iter().map(|suite| {
-        let y = Axis::new("Precision", "rad or m");
+        let y = Axis::new("Precision", unit.symbol());
         let figure = if let Some(numbers) = &numbers {
             let curves: Vec<Curve> = lines
                 .iter()
@@ -688,7 +689,7 @@ mod tests {
         assert_eq!((first.mean, first.n), (2.0, 3));
         assert!((first.ci95.unwrap() - 4.303 / 3.0_f64.sqrt()).abs() < 1e-12);
         assert!(rows[1].suites["manual"].is_none(), "a rollout that broke is no number");
-        let figure = figure(&s, &rows).unwrap();
+        let figure = figure(&s, Unit::M, &rows).unwrap();
         assert!(figure.svg().unwrap().contains("shrink 10"));
     }
 }

@@ -149,6 +149,17 @@ describe("features", () => {
     await t.press("u");
     await t.until((s) => (s.clip?.masks ?? []).length === 0, "unmasked");
     await t.until((s) => s.findings?.blind.length === 0, "no blind span");
+    // One joint alone: its name is clicked, the menu of the empty frames has it.
+    const name = await t.at(10, "shoulder_lift");
+    const left = await t.byId("timeline").boundingBox();
+    assert.ok(left);
+    await t.page.mouse.click(left.x + 60, name.y);
+    await t.page.mouse.click(name.x, name.y, { button: "right" });
+    await t.page.getByRole("menuitem", { name: /^Mask shoulder_lift/ }).click();
+    const one = await t.until((s) => (s.clip?.masks ?? []).length === 1, "one joint masked");
+    assert.deepEqual(one.clip?.masks?.[0], { from: 1, to: 30, joints: ["shoulder_lift"] });
+    await t.press("Control+z");
+    await t.until((s) => (s.clip?.masks ?? []).length === 0, "as before");
     for (const fill of ["mask", "cubic", "hold", "linear"]) {
       const p = await t.at(30);
       await t.page.mouse.click(p.x, p.y, { button: "right" });
@@ -427,6 +438,29 @@ describe("features", () => {
     await t.press("Control+z");
     await other.until_keys([0, 30, 60]);
     await other.context.close();
+  });
+
+  test("an unsaved clip waits under Examples until it is opened or discarded", async () => {
+    await afresh();
+    await t.goTo(10);
+    await t.press("m");
+    const edited = await t.until((s) => (s.clip?.masks ?? []).length === 1, "edited");
+    await t.click("page-gallery");
+    await t.byId("example-pointmass/star").click();
+    await t.until((s) => s.page === "editor" && s.robot === "pointmass", "another clip");
+    await t.click("page-gallery");
+    const row = t.page.locator('[data-testid^="draft-"]').first();
+    assert.match(await row.innerText(), /arm/);
+    await row.getByRole("button", { name: "arm", exact: true }).click();
+    const back = await t.until((s) => s.page === "editor" && s.clip?.name === "arm", "back");
+    assert.deepEqual(back.clip?.masks, edited.clip?.masks);
+    await t.click("page-gallery");
+    await t.byId("example-pointmass/star").click();
+    await t.until((s) => s.robot === "pointmass", "another clip");
+    await t.click("page-gallery");
+    const count = await t.page.locator('[data-testid^="draft-"]').count();
+    await t.page.getByRole("button", { name: "Discard arm" }).first().click();
+    await t.page.waitForFunction((n) => document.querySelectorAll('[data-testid^="draft-"]').length === n - 1, count);
   });
 
   test("a bad file is a banner with its place, as on the command line", async () => {

@@ -100,12 +100,14 @@ describe("the first five minutes", () => {
       if (!img.complete) await new Promise((resolve) => { img.onload = resolve; img.onerror = resolve; });
       if (img.naturalWidth === 0) throw new Error("no picture");
     });
+    await t.byId("error-shadow_hand/fire").filter({ hasText: /mean error 0\.\d+°/ }).waitFor();
     await t.picture("gallery");
     await t.byId("example-shadow_hand/rsp").click();
     const s = await t.until((x) => x.page === "editor" && x.robot === "shadow_hand", "open");
     assert.ok((s.clip?.keys.length ?? 0) >= 5);
     // Planners and networks alike; the fast one for what follows.
     await t.byId("policy").selectOption("computed-torque");
+    await t.until((x) => x.rollout?.policy === "computed-torque" && x.rollout.phase === "done" && x.frames === x.clip?.length, "performed by it");
     const done = await t.rolledOut();
     assert.equal(done.rollout?.phase, "done");
     assert.equal(done.frames, done.clip?.length);

@@ -2,7 +2,7 @@
 
 import { useSignal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
-import { complain, http, openWith, refreshShelf } from "./api";
+import { complain, http, openWith, refreshGallery, refreshShelf } from "./api";
 import { act } from "./actions";
 import type { GalleryItem } from "./protocol";
 import * as store from "./store";
@@ -17,7 +17,7 @@ function Card({ item }: { item: GalleryItem }) {
   // Known as soon as the picture is: both are of one performance.
   const measure = (): void => {
     void http<{ value: number; unit: "rad" | "m" } | null>("GET", `/api/gallery-error?id=${encodeURIComponent(item.id)}`)
-      .then((e) => { if (e) error.value = ` · ${store.shownError(e.value, e.unit)} off`; })
+      .then((e) => { if (e) error.value = `mean error ${store.shownError(e.value, e.unit)}`; })
       .catch(() => undefined);
   };
   return (
@@ -25,7 +25,8 @@ function Card({ item }: { item: GalleryItem }) {
       <img src={`/api/gallery-picture.jpg?id=${encodeURIComponent(item.id)}`} alt="" loading="lazy" onLoad={measure} onError={(e) => (e.currentTarget.style.visibility = "hidden")} />
       <span class="body">
         <span class="title">{item.name}</span><br />
-        <span class="sub">{ROBOTS[item.robot] ?? item.robot} · {(item.length / 20).toFixed(0)} s · {item.keys} key{item.keys === 1 ? "" : "s"}<span title="Mean error of the robot's policy over all commanded frames" data-testid={`error-${item.id}`}>{error.value}</span></span>
+        <span class="sub">{ROBOTS[item.robot] ?? item.robot} · {(item.length / 20).toFixed(0)} s · {item.keys} key{item.keys === 1 ? "" : "s"}</span><br />
+        <span class="sub" title="Of the robot's policy, over all commanded frames" data-testid={`error-${item.id}`}>{error.value || "\u00a0"}</span>
       </span>
     </button>
   );
@@ -34,8 +35,10 @@ function Card({ item }: { item: GalleryItem }) {
 export function Gallery() {
   const chosen = useSignal("shadow_hand");
   useEffect(() => {
-    if (store.link.value === "open") void refreshShelf();
-  }, [store.link.value, store.doc.value?.path, store.doc.value === undefined]);
+    if (store.link.value !== "open") return;
+    void refreshShelf();
+    void refreshGallery();
+  }, [store.link.value]);
   const all = store.gallery.value;
   const featured = FEATURED.flatMap((id) => all.find((g) => g.id === id) ?? []);
   const more = all.filter((g) => !FEATURED.includes(g.id));
@@ -65,7 +68,7 @@ export function Gallery() {
           <button class="quiet" onClick={() => void openWith("POST", `/api/drafts/${d.number}`)}><b>{d.name || "untitled"}</b></button>
           <span class="grow" style="color: var(--dim)">{d.keys} key{d.keys === 1 ? "" : "s"} · {new Date(d.changed_secs * 1000).toLocaleString()}</span>
           <span>{ROBOTS[d.robot] ?? d.robot}</span>
-          <button class="quiet" aria-label={`Discard ${d.name || "untitled"}`} title="Discard" onClick={() => void http("POST", `/api/drafts/${d.number}/discard`).then(refreshShelf, complain)}>×</button>
+          <button class="quiet" aria-label={`Discard ${d.name || "untitled"}`} title="Discard" onClick={() => void http("POST", `/api/drafts/${d.number}/discard`).then(refreshGallery, complain)}>×</button>
         </div>
       ))}
       {store.recent.value.length ? <h2>Recent</h2> : null}
