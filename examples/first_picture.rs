@@ -44,6 +44,7 @@ fn main() {
         title: "one of each".into(),
         line: Caption::moment(40, 2.0, Some((0.031, "rad"))),
         legend: vec![],
+        large: false,
     };
     let input = FrameInput {
         ghosts: &[Ghost::command(&turned)],

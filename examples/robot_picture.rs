@@ -21,6 +21,7 @@ fn main() {
         title: format!("{}: {}", args[1], args[2]),
         line: Caption::moment(40, 2.0, Some((0.031, "rad"))),
         legend: vec![],
+        large: false,
     };
     let ghosts = [Ghost::command(&other)];
     let input = FrameInput {

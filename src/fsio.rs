@@ -65,7 +65,8 @@ pub fn write_atomic_with(
     let fail = |source| Error::Write { source, path: path.to_owned() };
     let dir = folder_of(path);
     fs::create_dir_all(dir).map_err(fail)?;
-    let temp = tempfile::Builder::new().prefix(".robert-").tempfile_in(dir).map_err(fail)?;
+    let temp = tempfile::Builder::new().prefix(".robert-").tempfile_in(dir);
+    let temp = temp.map_err(|e| fail(nameless(&e)))?;
     let mut out = BufWriter::with_capacity(1 << 20, temp.as_file());
     fill(&mut out).map_err(fail)?;
     out.flush().map_err(fail)?;
@@ -74,6 +75,29 @@ pub fn write_atomic_with(
     temp.as_file().sync_all().map_err(fail)?;
     temp.persist(path).map_err(|e| fail(e.error))?;
     sync_folder(dir).map_err(fail)
+}
+
+/// Whether a file could be written at `path`, found out before what it will hold is made.
+/// Nothing is left behind.
+///
+/// # Errors
+/// [`Error::Write`]: the folder is missing or cannot be written to, or `path` is a folder.
+pub fn writable(path: &Path) -> Result<(), Error> {
+    let fail = |source| Error::Write { source, path: path.to_owned() };
+    let dir = folder_of(path);
+    if path.is_dir() {
+        return Err(fail(io::Error::other("it is a folder")));
+    }
+    if !dir.is_dir() {
+        return Err(fail(io::Error::other(format!("there is no folder {}", dir.display()))));
+    }
+    let probe = tempfile::Builder::new().prefix(".robert-").tempfile_in(dir);
+    probe.map(drop).map_err(|e| fail(nameless(&e)))
+}
+
+/// What the system said, without the temporary file's name.
+fn nameless(e: &io::Error) -> io::Error {
+    io::Error::from(e.kind())
 }
 
 /// Writes these bytes atomically.

@@ -68,6 +68,8 @@ fn damage_is_named_and_mended() {
     let first = collect(dir.path(), "d", &[]);
     assert_eq!(first["totals"]["frames"], 4000);
     assert_eq!(first["agents"][0]["curve"].as_array().unwrap().len(), 2);
+    let coverage = std::fs::read(dir.path().join("d/coverage.png")).unwrap();
+    assert!(coverage.starts_with(b"\x89PNG"), "where the data lie, beside them");
     let (code, text, _) = call(dir.path(), &["dataset", "check", "d"]);
     assert_eq!((code, text.contains("shards are whole")), (0, true), "{text}");
 

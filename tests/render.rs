@@ -42,12 +42,16 @@ fn stills_and_strips_have_their_size_and_say_so() {
     assert_eq!(report["bytes"].as_u64(), Some(bytes.len() as u64));
     let precision = report["precision"][0].as_f64().unwrap();
     assert!(precision > 0.0 && precision < 0.01, "{precision}");
+    assert_eq!(report["unit"][0], "m");
 
     let ran = render(&["-o", "s.png", "--strip", "4", "--kinematic", "--json"]).unwrap();
     assert_eq!((ran.code, ran.json()["frames"].as_u64()), (0, Some(4)));
     let (width, height) = png_size(&std::fs::read(ran.path("s.png")).unwrap());
     assert!(width >= 4 * 160 && height >= 120, "{width}x{height}");
     assert_eq!(ran.json()["precision"][0].as_f64(), Some(0.0), "poses that nobody performed");
+
+    let some = ["-o", "s.png", "--strip", "3", "--frames", "5..20", "--kinematic", "--json"];
+    assert_eq!(render(&some).unwrap().json()["frames"].as_u64(), Some(3), "three of the fifteen");
 
     let ran = render(&["-o", "c.png", "--compare", "hop.clip.json", "--frames", "3"]).unwrap();
     let (width, _) = png_size(&std::fs::read(ran.path("c.png")).unwrap());
@@ -121,6 +125,17 @@ fn mistakes_are_named_before_any_work() {
     says(&["hop.clip.json", "-o", "a.png", "--overlay", "hats"], 2, &["hats", "ghost"]);
     says(&["hop.clip.json", "-o", "a.png", "--frames", "21"], 3, &["21", "0 to 20"]);
     says(&["hop.clip.json", "-o", "a.png", "--camera", "follow:nobody"], 2, &["nobody"]);
+    let fits = ["fit", "fixed", "top", "orbit", "follow:BODY"];
+    says(&["hop.clip.json", "-o", "a.png", "--camera", "nope"], 2, &fits);
+    says(&["hop.clip.json", "-o", "a.mp4", "--size", "1x1"], 2, &["1x1", "--size", ".apng"]);
+    let wide = ["hop.clip.json", "-o", "a.mp4", "--size", "1920x1080", "--compare"];
+    says(&[&wide[..], &["hop.clip.json"]].concat(), 2, &["3846x1080", "--size", ".apng"]);
+    let large = ["hop.clip.json", "-o", "a.png", "--size", "8192x8192", "--strip", "64"];
+    says(&large, 2, &["49182x90172", "--size"]);
+    says(&["hop.clip.json", "-o", "no/a.png"], 1, &["no/a.png", "there is no folder no"]);
+    says(&["hop.clip.json", "-o", "hop.clip.json/a.mp4"], 1, &["hop.clip.json/a.mp4"]);
+    says(&["fire", "-o", "a.png", "--robot", "ur5e"], 2, &["ur5e", "shadow_hand"]);
+    says(&["hop.clip.json", "-o", "a.png", "--frames", "0..80"], 2, &["80 frames", "--strip"]);
     says(&["gone.clip.json", "-o", "a.png"], 3, &["gone.clip.json"]);
     says(&["gone.mcap", "-o", "a.png"], 3, &["gone.mcap"]);
 }
@@ -203,12 +218,13 @@ fn motions_are_plotted_from_takes_and_from_tables() {
         text
     };
     let take = svg(&["precision", "a=pd.mcap"]);
-    let table = svg(&["precision", "a=pd.csv", "--command", "command.csv"]);
+    let metres = ["a=pd.csv", "--command", "command.csv", "--unit", "m"];
+    let table = svg(&[&["precision"], &metres[..]].concat());
     assert_eq!(take, table, "a take and its tables are one motion");
     let two = svg(&["precision", "pd.mcap", "zero.mcap"]);
     assert!(two.contains("zero") && two.len() > take.len());
-    assert_eq!(svg(&["joints", "pd.mcap"]), svg(&["joints", "pd.csv", "--command", "command.csv"]));
-    assert_eq!(svg(&["xy", "a=pd.mcap"]), svg(&["xy", "a=pd.csv", "--command", "command.csv"]));
+    assert_eq!(svg(&["joints", "pd.mcap"]), svg(&[&["joints", "pd.csv"], &metres[1..]].concat()));
+    assert_eq!(svg(&["xy", "a=pd.mcap"]), svg(&[&["xy"], &metres[..]].concat()));
     let ran = plotted(&["coverage", "pd.mcap", "-o", "c.png"]);
     assert_eq!(ran.code, 0, "{}", ran.stderr);
     png_size(&std::fs::read(ran.path("c.png")).unwrap());
@@ -218,6 +234,108 @@ fn motions_are_plotted_from_takes_and_from_tables() {
     let ran = plotted(&["joints", "pd.csv", "--only", "z", "-o", "p.svg"]);
     assert_eq!(ran.code, 3);
     assert!(ran.stderr.contains("\"z\"") && ran.stderr.contains("x, y"), "{}", ran.stderr);
+}
+
+/// A take knows its units; a table is taken for rad unless told.
+#[test]
+fn axes_have_the_units_of_what_is_drawn() {
+    let texts = |args: &[&str]| -> Vec<String> {
+        let ran = plotted(&[args, &["-o", "p.svg"]].concat());
+        assert_eq!(ran.code, 0, "{args:?}: {}", ran.stderr);
+        let svg = std::fs::read_to_string(ran.path("p.svg")).unwrap();
+        let lines = svg.lines().map(str::trim).filter(|l| !l.contains('<'));
+        lines.filter(|l| l.contains("(m)") || l.contains("rad")).map(str::to_owned).collect()
+    };
+    for what in ["joints", "precision", "coverage", "xy"] {
+        let said = texts(&[what, "pd.mcap"]);
+        assert!(said.iter().any(|t| t.contains("(m)")), "{what}: {said:?}");
+        assert!(!said.iter().any(|t| t.contains("rad")), "{what}: {said:?}");
+    }
+    assert_eq!(texts(&["xy", "pd.mcap"]), ["y (m)", "x (m)"]);
+    assert_eq!(texts(&["xy", "pd.csv"]), ["y (rad)", "x (rad)"]);
+    assert_eq!(texts(&["xy", "pd.csv", "--unit", "mrad"]), ["y (mrad)", "x (mrad)"]);
+}
+
+#[test]
+fn a_chart_of_two_robots_is_refused() {
+    let arm = robert()
+        .args(["export", "ur5e/reacher", "-p", "pd", "--to", "csv", "-q"])
+        .succeeds()
+        .stdout;
+    let table = "frame,time,mask,x,y\n0,0,0,0.1,0.2\n1,0.05,0,0.2,0.3\n";
+    let says = |args: &[&str], word: &str| {
+        let ran = robert()
+            .file("arm.csv", &arm)
+            .file("puck.csv", table)
+            .args(["plot"])
+            .args(args)
+            .args(["-o", "p.svg"])
+            .fails(3);
+        assert!(ran.stderr.contains(word), "{args:?}: {}", ran.stderr);
+        assert!(!ran.path("p.svg").exists());
+    };
+    says(&["precision", "a=arm.csv", "b=puck.csv", "--command", "arm.csv"], "puck.csv");
+    says(&["joints", "arm.csv", "--command", "puck.csv"], "arm.csv");
+    says(&["xy", "arm.csv", "puck.csv"], "puck.csv");
+}
+
+/// Values that no axis can hold are left out; names may have an equals sign.
+#[test]
+fn odd_files_are_drawn_or_refused() {
+    let huge = "frame,time,mask,x,y\n0,0,0,-1e308,0\n1,0.05,0,0.5,1\n2,0.1,0,1e308,2\n";
+    let ran = robert()
+        .file("huge.csv", huge)
+        .args(["plot", "joints", "huge.csv", "-o", "p.svg"])
+        .succeeds();
+    let svg = std::fs::read_to_string(ran.path("p.svg")).unwrap();
+    assert!(!svg.contains("NaN") && !svg.contains("inf") && !svg.contains("2147483647"));
+    let metrics = "{\"step\": 1, \"loss\": 2}\n{\"step\": 2, \"loss\": 1}\n";
+    robert()
+        .file("lr=1e-3/metrics.jsonl", metrics)
+        .args(["plot", "curves", "lr=1e-3/metrics.jsonl", "-o", "p.svg"])
+        .succeeds();
+    let bars = |groups: &str, mean: &str, ci95: &str| {
+        format!(
+            "{{\"groups\": [{groups}], \"sets\": [{{\"name\": \"a\", \"mean\": [{mean}], \"ci95\": [{ci95}]}}]}}"
+        )
+    };
+    let drawn = |text: String| {
+        robert().file("b.json", text).args(["plot", "bars", "b.json", "-o", "p.svg"])
+    };
+    drawn(bars("\"x\", \"y\"", "1, null", "")).succeeds();
+    for text in [bars("", "", ""), bars("\"x\", \"y\"", "1", ""), bars("\"x\"", "1", "1, 2")] {
+        let ran = drawn(text).fails(3);
+        assert!(ran.stderr.contains("b.json: "), "{}", ran.stderr);
+    }
+    drawn("{\"groups\": [\"x\"], \"sets\": []}".to_owned()).fails(3);
+}
+
+#[test]
+fn an_evaluation_draws_itself() {
+    let eval = |name: &str| {
+        robert().file("clips/hop.clip.json", HOP).args([
+            "eval",
+            "--suite",
+            "clips",
+            "-p",
+            "zero,pd",
+            "--seeds",
+            "2",
+            "--plant",
+            "gear=0.8..1.2",
+            "--json",
+            "-q",
+            "--plot",
+            name,
+        ])
+    };
+    let ran = eval("bars.svg").succeeds();
+    let svg = std::fs::read_to_string(ran.path("bars.svg")).unwrap();
+    for word in ["hop", "mean", "zero", "pd", "Precision (m)"] {
+        assert!(svg.lines().any(|l| l.trim() == word), "{word}");
+    }
+    let ran = eval("bars.pdf").fails(2);
+    assert!(ran.stderr.contains(".svg"), "{}", ran.stderr);
 }
 
 #[test]

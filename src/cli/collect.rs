@@ -5,10 +5,14 @@ use std::sync::Arc;
 
 use super::bar::Bar;
 use super::failure::Outcome;
-use super::{Global, dataset, interrupt, out};
+use super::{Global, dataset, dataset_plot, interrupt, out};
 use crate::explore::{AgentKind, CollectConfig, Collected, Preset, collect};
+use crate::plot::Theme;
 use crate::robot::{PlantRange, Robot};
 use crate::units::count;
+
+/// Where the data lie, beside them.
+const COVERAGE: &str = "coverage.png";
 
 #[derive(clap::Args, Debug)]
 #[command(
@@ -92,6 +96,8 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let done = collect(&robot, &config, &args.out, args.resume, threads, &bar, &cancel);
     bar.finish();
     let done = done?;
+    let coverage = args.out.join(COVERAGE);
+    dataset_plot::draw(&args.out, &coverage, &[], false, Theme::Light)?;
     if args.json {
         return json(args, &done);
     }

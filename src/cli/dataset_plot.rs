@@ -41,8 +41,20 @@ impl Sample {
     }
 }
 
-/// Draws `data` into the picture `path` (png or svg), all agents in one or one a column.
+/// Draws `data` into the picture `path` and says so.
 pub(super) fn run(
+    data: &Path,
+    path: &Path,
+    only: &[String],
+    by_agent: bool,
+    theme: Theme,
+) -> Outcome {
+    draw(data, path, only, by_agent, theme)?;
+    out::line(&path.display().to_string())
+}
+
+/// Draws `data` into the picture `path` (png or svg), all agents in one or one a column.
+pub(super) fn draw(
     data: &Path,
     path: &Path,
     only: &[String],
@@ -138,7 +150,7 @@ pub(super) fn run(
         .note(&note)
         .theme(theme)
         .save(path)?;
-    out::line(&path.display().to_string())
+    Ok(())
 }
 
 fn sample(data: &Dataset) -> Sample {

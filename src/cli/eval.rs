@@ -13,11 +13,12 @@ use super::failure::{Failure, Outcome};
 use super::interrupt::cancel_on_ctrl_c;
 use super::motion::{self, CLIP_SUFFIX};
 use super::perform::{Conditions, who};
-use super::{Global, out};
+use super::{Global, out, plot};
 use crate::clip::{Clip, Sight};
 use crate::dataset::{Dataset, Verify};
 use crate::exit::Exit;
 use crate::fsio;
+use crate::plot::Figure;
 use crate::robot::{PlantRange, Robot};
 use crate::rollout::{
     Case, EvalConfig, Evaluation, PolicyConfig, Start, Suite, evaluate, tasks, test_suites,
@@ -25,7 +26,7 @@ use crate::rollout::{
 
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  robert eval --robot ur5e --suite manual --policy zero,pd,computed-torque,ilqr\n  robert eval --robot ur5e --suite manual --policy pd,pd+guide --plant mass=1.25,damping=1.5,gear=0.85\n  robert eval --robot ur5e --policy ridge,robert --plant mass=0.7..1.4,damping=0.5..2 --seeds 8\n  robert eval --suite my-clips/ --policy ilqr --max-precision 0.005 --json"
+    after_help = "Examples:\n  robert eval --robot ur5e --suite manual --policy zero,pd,computed-torque,ilqr\n  robert eval --robot ur5e --suite manual --policy pd,pd+guide --plant mass=1.25,damping=1.5,gear=0.85\n  robert eval --robot ur5e --policy ridge,robert --plant mass=0.7..1.4,damping=0.5..2 --seeds 8\n  robert eval --suite my-clips/ --policy ilqr --max-precision 0.005 --json\n  robert eval --robot ur5e --suite manual --policy pd,ilqr --seeds 4 --plant gear=0.8..1.2 --plot bars.png"
 )]
 pub(super) struct Args {
     /// The robot; with clip files it may be left out.
@@ -65,6 +66,9 @@ pub(super) struct Args {
     /// Write results.json, results.csv and errors.csv (the error by frame) here.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+    /// Draw the Precisions as bars with 95 % intervals, .png or .svg.
+    #[arg(long, value_name = "FILE")]
+    plot: Option<PathBuf>,
     /// Print JSON.
     #[arg(long)]
     json: bool,
@@ -115,6 +119,10 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     if let Some(x) = args.max_precision.filter(|x| !(x.is_finite() && *x >= 0.0)) {
         return Err(Failure::usage(format!("--max-precision {x} is no distance")));
     }
+    if let Some(path) = &args.plot {
+        Figure::may_save(path)?;
+        fsio::writable(path)?;
+    }
     let (robot, suites) = suites(args)?;
     let threads = super::threads(args.threads);
     let config = EvalConfig { policies, plant, seeds: args.seeds, threads };
@@ -144,6 +152,11 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
         fsio::write_atomic(&dir.join("results.json"), &json)?;
         fsio::write_atomic(&dir.join("results.csv"), &rows_csv(&results)?)?;
         fsio::write_atomic(&dir.join("errors.csv"), &errors_csv(&results)?)?;
+    }
+    if let Some(path) = &args.plot {
+        let value = serde_json::to_value(&report).map_err(io::Error::other)?;
+        let title = format!("{}: Precision, lower is better", robot.id());
+        plot::of_evaluation(&title, value)?.save(path)?;
     }
     if args.json {
         out::json(&report)?;

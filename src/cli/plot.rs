@@ -7,7 +7,8 @@ use super::failure::{Failure, Outcome};
 use super::{motion, out};
 use crate::fsio;
 use crate::plot::{
-    self, Axis, Curve, Figure, JointTrack, Theme, bars, coverage, curves, histogram, joints, xy,
+    self, Axis, Curve, Figure, JointTrack, Panel, Theme, bars, coverage, curves, histogram, joints,
+    xy,
 };
 use crate::take::{Take, What as Asked};
 use crate::units::FPS;
@@ -40,9 +41,16 @@ struct Selection {
     /// Only these joints.
     #[arg(long, value_delimiter = ',')]
     only: Vec<String>,
-    /// Unit of the joints.
-    #[arg(long, default_value = "rad")]
-    unit: String,
+    #[command(flatten)]
+    unit: Units,
+}
+
+/// The unit of what a file holds.
+#[derive(clap::Args, Debug)]
+struct Units {
+    /// Unit of the joints; a take knows its own, a table is taken for rad.
+    #[arg(long)]
+    unit: Option<String>,
 }
 
 #[derive(clap::Subcommand, Debug)]
@@ -64,7 +72,7 @@ enum What {
     },
     /// Paths in the plane of the first two columns.
     #[command(
-        after_help = "Examples:\n  robert plot xy star.mcap -o star.svg\n  robert plot xy pd=a.csv ilqr=b.csv --command command.csv -o star.png"
+        after_help = "Examples:\n  robert plot xy star.mcap -o star.svg\n  robert plot xy pd=a.csv ilqr=b.csv --command command.csv --unit m -o star.png"
     )]
     Xy {
         /// Achieved motions, takes or CSV; `name=file` names a path.
@@ -72,6 +80,8 @@ enum What {
         /// Command, CSV; the first take's own when absent.
         #[arg(long)]
         command: Option<PathBuf>,
+        #[command(flatten)]
+        unit: Units,
         #[command(flatten)]
         common: Common,
     },
@@ -85,9 +95,8 @@ enum What {
         /// Command, CSV; the first take's own when absent.
         #[arg(long)]
         command: Option<PathBuf>,
-        /// Unit of the joints.
-        #[arg(long, default_value = "rad")]
-        unit: String,
+        #[command(flatten)]
+        unit: Units,
         #[command(flatten)]
         common: Common,
     },
@@ -148,35 +157,49 @@ pub(super) fn run(args: &Args) -> Outcome {
     let (figure, common) = match &args.what {
         What::Joints { achieved, command, joints: Selection { only, unit }, common } => {
             let command = asked(command.as_deref(), [achieved.as_path()])?;
+            let file = achieved;
             let achieved = Columns::read(achieved)?;
+            if let Some(command) = command.as_ref().filter(|c| !c.shares_any(&achieved)) {
+                return Err(command.foreign(&achieved, file));
+            }
             let names = achieved.pick(only)?;
             let tracks: Vec<JointTrack> = names
                 .iter()
                 .map(|n| JointTrack {
                     name: n.clone(),
-                    unit: unit.clone(),
+                    unit: achieved.unit_of(n, unit),
                     commanded: command.as_ref().and_then(|c| c.of(n)).cloned().unwrap_or_default(),
                     achieved: achieved.of(n).cloned().unwrap_or_default(),
                 })
                 .collect();
             (joints(&common.title, &tracks, fps), common)
         }
-        What::Xy { achieved, command, common } => {
+        What::Xy { achieved, command, unit, common } => {
             let mut paths = Vec::new();
             let files = named(achieved)?;
             let command = asked(command.as_deref(), files.iter().map(|f| f.1.as_path()))?;
+            let mut axes: Option<[Axis; 2]> = None;
             for (name, path) in files {
-                paths.push(Curve {
-                    name,
-                    points: Columns::read(&path)?.plane(&path)?,
-                    ci95: vec![],
-                });
+                let columns = Columns::read(&path)?;
+                let own = columns.plane_axes(unit, &path)?;
+                let common = axes.get_or_insert_with(|| own.clone());
+                if *common != own {
+                    return Err(Failure::invalid(format!(
+                        "{}: its plane is {}, that of the first file {}",
+                        path.display(),
+                        own.each_ref().map(Axis::text).join(", "),
+                        common.each_ref().map(Axis::text).join(", ")
+                    )));
+                }
+                let points = columns.plane(&path)?;
+                paths.push(Curve { name, points, ci95: vec![] });
             }
             let crosses = match command {
                 Some(command) => command.plane(Path::new("the command"))?,
                 None => Vec::new(),
             };
-            (xy(&common.title, &paths, &crosses, "m"), common)
+            let [x, y] = axes.unwrap_or_default();
+            (xy(&common.title, &paths, &crosses, x, y), common)
         }
         What::Precision { achieved, command, unit, common } => {
             let files = named(achieved)?;
@@ -187,14 +210,20 @@ pub(super) fn run(args: &Args) -> Outcome {
                 ));
             };
             let mut lines = Vec::new();
+            let mut own = None;
             for (name, path) in files {
                 let reached = Columns::read(&path)?;
+                if !command.names.iter().all(|n| reached.of(n).is_some()) {
+                    return Err(command.foreign(&reached, &path));
+                }
+                own.get_or_insert_with(|| reached.unit(unit));
                 let points =
                     (0..command.frames).map(|f| (f as f64, command.error(&reached, f))).collect();
                 lines.push(Curve { name, points, ci95: vec![] });
             }
             let masked = command.masked();
-            (plot::precision(&common.title, &lines, unit, &masked, fps), common)
+            let unit = own.unwrap_or_default();
+            (plot::precision(&common.title, &lines, &unit, &masked, fps), common)
         }
         What::Curves { metrics, x, y, unit, log, common } => {
             let mut runs: BTreeMap<String, Vec<Vec<(f64, f64)>>> = BTreeMap::new();
@@ -214,12 +243,13 @@ pub(super) fn run(args: &Args) -> Outcome {
             let columns = Columns::read(motion)?;
             let names = columns.pick(only)?;
             let of = |n: &str| columns.of(n).cloned().unwrap_or_default();
+            let axis = |label: &str, n: &str| Axis::new(label, &columns.unit_of(n, unit));
             let mut panels: Vec<_> =
-                names.iter().map(|n| histogram(n, &of(n), 40, Axis::new("", unit))).collect();
+                names.iter().map(|n| histogram(n, &of(n), 40, axis("", n))).collect();
             if let [a, b, ..] = names.as_slice() {
                 let points: Vec<(f64, f64)> = of(a).into_iter().zip(of(b)).collect();
                 let title = format!("{a} against {b}");
-                panels.push(coverage(&title, &points, 48, Axis::new(a, unit), Axis::new(b, unit)));
+                panels.push(coverage(&title, &points, 48, axis(a, a), axis(b, b)));
             }
             let across = panels.len().clamp(1, 4);
             (Figure::grid(&common.title, panels, across).panel_size(300, 230), common)
@@ -230,14 +260,17 @@ pub(super) fn run(args: &Args) -> Outcome {
     out::line(&common.output.display().to_string())
 }
 
-/// `name=file`, or a file named by its folder (`metrics.jsonl`) or its stem.
+/// `name=file`, or a file named by its folder (`metrics.jsonl`) or its stem. A file that is
+/// there under the whole text has an equals sign in its own name.
 fn named(list: &[String]) -> Outcome<Vec<(String, PathBuf)>> {
     if list.is_empty() {
         return Err(Failure::usage("at least one file is needed"));
     }
     let stem = |p: &Path| p.file_stem().map(|s| s.to_string_lossy().into_owned());
     let one = |text: &String| match text.split_once('=') {
-        Some((name, path)) if !name.is_empty() => (name.to_owned(), PathBuf::from(path)),
+        Some((name, path)) if !name.is_empty() && !Path::new(text).exists() => {
+            (name.to_owned(), PathBuf::from(path))
+        }
         _ => {
             let path = PathBuf::from(text);
             let folder = path.parent().and_then(Path::file_name);
@@ -255,6 +288,8 @@ fn named(list: &[String]) -> Outcome<Vec<(String, PathBuf)>> {
 /// The joint columns of a motion CSV.
 struct Columns {
     names: Vec<String>,
+    /// Units by joint, where the file knows them.
+    units: BTreeMap<String, &'static str>,
     values: Vec<Vec<f64>>,
     frames: usize,
 }
@@ -279,7 +314,11 @@ impl Columns {
 
     fn of_file(path: &Path, what: Asked) -> Outcome<Columns> {
         if motion::is_take(path) {
-            return Columns::parse(path, Take::read(path)?.to_csv(what).as_bytes());
+            let take = Take::read(path)?;
+            let mut columns = Columns::parse(path, take.to_csv(what).as_bytes())?;
+            let joints = take.robot.joints.into_iter();
+            columns.units = joints.zip(take.robot.units.iter().map(|u| u.symbol())).collect();
+            return Ok(columns);
         }
         Columns::parse(path, &fsio::read_capped(path, BYTES)?)
     }
@@ -319,11 +358,44 @@ impl Columns {
         if frames == 0 {
             return Err(bad(2, "no rows".into()));
         }
-        Ok(Columns { names: picked.into_iter().map(|p| p.1).collect(), values, frames })
+        let names = picked.into_iter().map(|p| p.1).collect();
+        Ok(Columns { names, units: BTreeMap::new(), values, frames })
     }
 
     fn of(&self, name: &str) -> Option<&Vec<f64>> {
         self.names.iter().position(|n| n == name).and_then(|i| self.values.get(i))
+    }
+
+    /// The unit of a joint: as asked for, else its own, else rad.
+    fn unit_of(&self, name: &str, asked: &Units) -> String {
+        let own = || self.units.get(name).copied().unwrap_or("rad").to_owned();
+        asked.unit.clone().unwrap_or_else(own)
+    }
+
+    /// The unit of a mean over all joints.
+    fn unit(&self, asked: &Units) -> String {
+        let mut units: Vec<String> = self.names.iter().map(|n| self.unit_of(n, asked)).collect();
+        units.sort_by(|a, b| b.cmp(a));
+        units.dedup();
+        units.join(" or ")
+    }
+
+    fn shares_any(&self, other: &Columns) -> bool {
+        self.names.iter().any(|n| other.of(n).is_some())
+    }
+
+    /// Says that a motion is not one of this command.
+    fn foreign(&self, motion: &Columns, path: &Path) -> Failure {
+        let list = |names: &[String]| {
+            let first = names.iter().take(4).cloned().collect::<Vec<_>>().join(", ");
+            if names.len() > 4 { format!("{first}, ...") } else { first }
+        };
+        Failure::invalid(format!(
+            "{}: its joints are {}, those of the command {}: not the same robot?",
+            path.display(),
+            list(&motion.names),
+            list(&self.names)
+        ))
     }
 
     fn pick(&self, only: &[String]) -> Outcome<Vec<String>> {
@@ -334,6 +406,14 @@ impl Columns {
             )));
         }
         Ok(if only.is_empty() { self.names.clone() } else { only.to_vec() })
+    }
+
+    /// The axes of the first two columns.
+    fn plane_axes(&self, asked: &Units, path: &Path) -> Outcome<[Axis; 2]> {
+        match self.names.as_slice() {
+            [x, y, ..] => Ok([x, y].map(|n| Axis::new(n, &self.unit_of(n, asked)))),
+            _ => Err(Failure::invalid(format!("{}: two columns are needed", path.display()))),
+        }
     }
 
     fn plane(&self, path: &Path) -> Outcome<Vec<(f64, f64)>> {
@@ -464,7 +544,7 @@ struct EvalTask {
 
 impl EvalFile {
     /// Tasks and their mean as groups, policies as sets.
-    fn bars(self, path: &Path, suite: Option<&str>) -> Outcome<BarFile> {
+    fn bars(&self, path: &Path, suite: Option<&str>) -> Outcome<BarFile> {
         let wanted = suite.or(self.results.first().map(|r| r.suite.as_str())).unwrap_or_default();
         let results: Vec<&EvalResult> = self.results.iter().filter(|r| r.suite == wanted).collect();
         let Some(first) = results.first() else {
@@ -501,16 +581,61 @@ fn bar_chart(path: &Path, suite: Option<&str>, title: &str) -> Outcome<Figure> {
     } else {
         serde_json::from_slice(&bytes).map_err(bad)?
     };
-    let set = |s: BarSet| {
-        let values = (0..file.groups.len())
-            .map(|i| {
-                let at = |v: &[Option<f64>]| v.get(i).copied().flatten();
-                (at(&s.mean).unwrap_or(f64::NAN), at(&s.ci95).unwrap_or(0.0))
-            })
-            .collect();
-        (s.name, values)
-    };
-    let sets: Vec<_> = file.sets.into_iter().map(set).collect();
-    let label = if file.label.is_empty() { "precision" } else { &file.label };
-    Ok(bars(title, &file.groups, &sets, Axis::new(label, &file.unit)))
+    file.check(path)?;
+    Ok(file.figure(title))
+}
+
+impl BarFile {
+    /// Refuses what would be drawn as something else than it is.
+    fn check(&self, path: &Path) -> Outcome {
+        let bad = |why: String| Err(Failure::invalid(format!("{}: {why}", path.display())));
+        if self.groups.is_empty() || self.sets.is_empty() {
+            return bad("nothing to draw: it has no groups or no sets".to_owned());
+        }
+        let groups = self.groups.len();
+        for s in &self.sets {
+            if s.mean.len() != groups || !(s.ci95.is_empty() || s.ci95.len() == groups) {
+                return bad(format!(
+                    "set {:?} has {} means and {} intervals for {groups} groups",
+                    s.name,
+                    s.mean.len(),
+                    s.ci95.len()
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    fn figure(self, title: &str) -> Figure {
+        let file = self;
+        let set = |s: BarSet| {
+            let values = (0..file.groups.len())
+                .map(|i| {
+                    let at = |v: &[Option<f64>]| v.get(i).copied().flatten();
+                    (at(&s.mean).unwrap_or(f64::NAN), at(&s.ci95).unwrap_or(0.0))
+                })
+                .collect();
+            (s.name, values)
+        };
+        let sets: Vec<_> = file.sets.into_iter().map(set).collect();
+        let label = if file.label.is_empty() { "precision" } else { &file.label };
+        bars(title, &file.groups, &sets, Axis::new(label, &file.unit))
+    }
+}
+
+/// Every suite of an evaluation as bars with 95 % intervals; `report` as `robert eval --json`
+/// prints it.
+pub(super) fn of_evaluation(title: &str, report: serde_json::Value) -> Outcome<Figure> {
+    let file: EvalFile = serde_json::from_value(report).map_err(std::io::Error::other)?;
+    let mut suites: Vec<&str> = file.results.iter().map(|r| r.suite.as_str()).collect();
+    suites.dedup();
+    let several = suites.len() > 1;
+    let (mut panels, mut size) = (Vec::new(), (0, 0));
+    for suite in suites {
+        let figure = file.bars(Path::new("the evaluation"), Some(suite))?.figure("");
+        size = (size.0.max(figure.panel.0), size.1.max(figure.panel.1));
+        let name = if several { suite } else { "" };
+        panels.extend(figure.panels.into_iter().map(|p| Panel { title: name.to_owned(), ..p }));
+    }
+    Ok(Figure::grid(title, panels, 1).panel_size(size.0, size.1))
 }

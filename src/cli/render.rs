@@ -14,11 +14,12 @@ use super::perform::{PerformArgs, perform};
 use super::{Global, motion, out};
 use crate::clip::{Clip, Command};
 use crate::exit::Exit;
+use crate::fsio;
 use crate::limits;
 use crate::progress::{Cancel, Progress};
 use crate::render::encode::{self, Film, FilmFormat, VideoWriter};
 use crate::render::{
-    Backend, CameraChoice, Motion, Overlay, Picture, Quality, RenderConfig, Renderer, Shot,
+    Backend, CameraChoice, Motion, Overlay, Picture, Quality, RenderConfig, Renderer, Shot, Strip,
 };
 use crate::robot::Robot;
 use crate::take::Take;
@@ -34,7 +35,8 @@ pub(super) struct Args {
     /// Where to: .png, .jpg (one picture), .mp4, .gif, .apng (a film).
     #[arg(short, long)]
     output: PathBuf,
-    /// Which frames: `40`, `0..100` or `10,20,30`. A still takes the last unless told.
+    /// Which frames: `40`, `0..100` or `10,20,30`. A still takes the last keyframe that differs
+    /// from the start unless told.
     #[arg(long)]
     frames: Option<String>,
     /// Pixels, width x height.
@@ -81,11 +83,14 @@ struct Plan {
 
 /// Moments in a strip at most.
 const STRIP: usize = 64;
+/// Pixels of one picture at most: 800 MB while it is put together.
+const STILL_PX: u64 = 200_000_000;
 /// Pictures in one row of a strip.
 const COLUMNS: usize = 6;
 
 pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let plan = Plan::new(args)?;
+    plan.check_motions(args)?;
     let cancel = cancel_on_ctrl_c();
     // The device first: a machine without a driver says so before anything is simulated.
     let mut renderer = Renderer::new(plan.config)?;
@@ -96,8 +101,12 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
         shots.push(Shot::new(&robot, motion, plan.overlay, &plan.camera, aspect)?);
         stopped(&cancel, 0)?;
     }
+    Shot::share_camera(&mut shots);
     let total = shots.iter().map(|s| s.motion().frames()).max().unwrap_or(1);
-    let frames = plan.wanted(total)?;
+    let frames = plan.wanted(total, shots.first().map_or(0, |s| s.motion().telling_frame()))?;
+    if plan.film.is_none() && frames.len() > 1 {
+        shots.iter_mut().for_each(Shot::be_large);
+    }
     let bar = Bar::new("render", "frames", global.quiet);
     let mut draw = |i: usize, frame: usize| {
         stopped(&cancel, i)?;
@@ -120,6 +129,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
             "path": plan.output, "frames": pictures, "bytes": bytes,
             "width": size.0, "height": size.1, "adapter": adapter,
             "precision": shots.iter().map(|s| s.motion().precision(total)).collect::<Vec<_>>(),
+            "unit": shots.iter().map(|s| s.motion().unit.as_str()).collect::<Vec<_>>(),
         }));
     }
     out::line(&format!(
@@ -152,6 +162,14 @@ impl Plan {
             return Err(Failure::usage(format!("--strip takes 1 to {STRIP} moments, not {n}")));
         }
         let (width, height) = size(&args.size)?;
+        let beside = 1 + u32::from(args.compare.is_some());
+        let cell = Picture::beside_px(width, height, beside);
+        if let Some(format) = film {
+            format.check_size(cell.0, cell.1).map_err(|e| {
+                Failure::usage(format!("{e}: give another --size, or end the output in .apng"))
+            })?;
+        }
+        fsio::writable(&args.output)?;
         let quality = match args.quality.as_str() {
             "preview" => Quality::Preview,
             "export" => Quality::Export,
@@ -165,19 +183,63 @@ impl Plan {
         };
         // A typo in the policy must not wait for the pictures of another clip.
         args.perform.named()?;
-        Ok(Plan {
+        let frames = args.frames.as_deref().map(frames).transpose()?;
+        let plan = Plan {
             output: args.output.clone(),
             film,
-            frames: args.frames.as_deref().map(frames).transpose()?,
+            frames,
             config: RenderConfig { width, height, quality, backend, ..RenderConfig::default() },
             camera: CameraChoice::parse(&args.camera),
             overlay: Overlay::parse(&args.overlay)?,
             strip: args.strip,
-        })
+        };
+        if plan.film.is_none() {
+            plan.check_still(cell)?;
+        }
+        Ok(plan)
     }
 
-    /// The frames to draw out of `total`.
-    fn wanted(&self, total: usize) -> Outcome<Vec<usize>> {
+    /// Refuses a picture that would not fit the memory of small machines.
+    fn check_still(&self, cell: (u32, u32)) -> Outcome {
+        let listed = self.frames.as_ref().map_or(1, Vec::len);
+        let count =
+            self.strip.map_or(listed, |n| self.frames.as_ref().map_or(n, |_| n.min(listed)));
+        if count > STRIP {
+            return Err(Failure::usage(format!(
+                "{count} frames do not fit one picture (at most {STRIP}): pick some with --strip 6, or end the output in .mp4"
+            )));
+        }
+        let (w, h) = Strip::px(count, COLUMNS, cell);
+        if u64::from(w) * u64::from(h) > STILL_PX {
+            return Err(Failure::usage(format!(
+                "a picture of {w}x{h} px is too large (at most {} million pixels): give a smaller --size or fewer moments",
+                STILL_PX / 1_000_000
+            )));
+        }
+        Ok(())
+    }
+
+    /// Refuses frames and cameras that are not there, before any clip is performed.
+    fn check_motions(&self, args: &Args) -> Outcome {
+        let robot = args.perform.robot.as_deref();
+        let inputs = || std::iter::once(&args.input).chain(&args.compare);
+        // Takes say themselves what they are of, and have been performed.
+        if inputs().any(|i| motion::is_take(Path::new(i))) {
+            return Ok(());
+        }
+        let clips = inputs().map(|i| motion::clip(i, robot)).collect::<Outcome<Vec<_>>>()?;
+        let total = clips.iter().map(|c| c.length as usize).max().unwrap_or(1);
+        self.wanted(total.max(1), 0)?;
+        if matches!(self.camera, CameraChoice::Named(_) | CameraChoice::Follow(_)) {
+            for clip in &clips {
+                self.camera.check(&motion::robot_for(robot, &clip.robot.id)?)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// The frames to draw out of `total`; a still that nobody chose is of frame `telling`.
+    fn wanted(&self, total: usize, telling: usize) -> Outcome<Vec<usize>> {
         if let Some(list) = &self.frames {
             if let Some(beyond) = list.iter().find(|f| **f >= total) {
                 return Err(Failure::invalid(format!(
@@ -185,14 +247,25 @@ impl Plan {
                     total - 1
                 )));
             }
-            return Ok(list.clone());
+            return Ok(match self.strip {
+                Some(n) if n < list.len() => moments(list.len(), n)
+                    .into_iter()
+                    .filter_map(|i| list.get(i).copied())
+                    .collect(),
+                _ => list.clone(),
+            });
         }
         Ok(match (self.film, self.strip) {
             (Some(_), _) => (0..total).collect(),
-            (None, Some(n)) => (0..n).map(|i| (i + 1) * (total - 1) / n.max(1)).collect(),
-            (None, None) => vec![total - 1],
+            (None, Some(n)) => moments(total, n),
+            (None, None) => vec![telling.min(total - 1)],
         })
     }
+}
+
+/// `n` of `total` frames at equal distances, the last among them.
+fn moments(total: usize, n: usize) -> Vec<usize> {
+    (0..n).map(|i| (i + 1) * (total - 1) / n.max(1)).collect()
 }
 
 fn unknown(what: &str, word: &str, known: &str) -> Failure {
@@ -327,7 +400,10 @@ fn moment(shots: &mut [Shot], renderer: &mut Renderer, frame: usize) -> Outcome<
     for shot in shots {
         pictures.push(shot.draw(renderer, frame)?);
     }
-    Ok(Picture::beside(&pictures)?)
+    match <[Picture; 1]>::try_from(pictures) {
+        Ok([only]) => Ok(only),
+        Err(several) => Ok(Picture::beside(&several)?),
+    }
 }
 
 type Done = (u64, u64, (u32, u32));
@@ -336,18 +412,17 @@ type Done = (u64, u64, (u32, u32));
 type Draw<'a> = &'a mut dyn FnMut(usize, usize) -> Outcome<Picture>;
 
 fn still(plan: &Plan, frames: &[usize], draw: Draw<'_>) -> Outcome<Done> {
-    if frames.len() > STRIP {
-        return Err(Failure::usage(format!(
-            "{} frames do not fit one picture (at most {STRIP}): end the output in .mp4",
-            frames.len()
-        )));
+    let mut strip: Option<Strip> = None;
+    for (i, frame) in frames.iter().enumerate() {
+        let picture = draw(i, *frame)?;
+        let cell = (picture.width, picture.height);
+        strip.get_or_insert_with(|| Strip::new(frames.len(), COLUMNS, cell)).put(i, &picture);
     }
-    let pictures: Vec<Picture> =
-        frames.iter().enumerate().map(|(i, f)| draw(i, *f)).collect::<Outcome<_>>()?;
-    let picture = Picture::strip(&pictures, COLUMNS.min(pictures.len()))?;
+    let Some(strip) = strip else { return Err(Failure::usage("no frames to draw")) };
+    let picture = strip.finish();
     encode::save(&picture, &plan.output)?;
     let bytes = std::fs::metadata(&plan.output)?.len();
-    Ok((pictures.len() as u64, bytes, (picture.width, picture.height)))
+    Ok((frames.len() as u64, bytes, (picture.width, picture.height)))
 }
 
 fn film(plan: &Plan, format: FilmFormat, frames: &[usize], draw: Draw<'_>) -> Outcome<Done> {
@@ -372,6 +447,13 @@ fn film(plan: &Plan, format: FilmFormat, frames: &[usize], draw: Draw<'_>) -> Ou
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn moments_end_with_the_last_frame() {
+        assert_eq!(moments(21, 4), [5, 10, 15, 20]);
+        assert_eq!(moments(100, 6), [16, 33, 49, 66, 82, 99]);
+        assert_eq!(moments(1, 3), [0, 0, 0]);
+    }
 
     #[test]
     fn sizes_and_frames_are_checked_as_text() {

@@ -13,6 +13,8 @@ pub struct Axis {
     pub log: bool,
     /// Always show zero (bars, errors).
     pub from_zero: bool,
+    /// At least this much is shown, so that rounding does not fill the panel.
+    pub least: f64,
     /// Names instead of numbers at 0, 1, 2, ...
     pub names: Vec<String>,
 }
@@ -44,6 +46,13 @@ impl Axis {
         self
     }
 
+    /// Never less than this from end to end.
+    #[must_use]
+    pub fn least(mut self, span: f64) -> Axis {
+        self.least = span;
+        self
+    }
+
     /// Categories.
     #[must_use]
     pub fn names(mut self, names: Vec<String>) -> Axis {
@@ -52,7 +61,7 @@ impl Axis {
     }
 
     /// `label (unit)`.
-    pub(super) fn text(&self) -> String {
+    pub fn text(&self) -> String {
         match (self.label.is_empty(), self.unit.is_empty()) {
             (_, true) => self.label.clone(),
             (true, false) => format!("({})", self.unit),
@@ -74,6 +83,10 @@ impl Axis {
             return (-0.5, self.names.len() as f64 - 0.5);
         }
         let (mut low, mut high) = if low <= high { (low, high) } else { (0.0, 1.0) };
+        if high - low < self.least && !self.log {
+            let middle = 0.5 * (low + high);
+            (low, high) = (middle - 0.5 * self.least, middle + 0.5 * self.least);
+        }
         if self.log {
             let low = low.max(high * 1e-9).max(1e-300);
             let (a, b) = (low.log10(), high.max(low).log10());
@@ -163,7 +176,9 @@ fn even_ticks(ends: (f64, f64), wish: usize) -> Vec<(f64, String)> {
     let first = (ends.0 / step - 1e-9).ceil() as i64;
     let last = (ends.1 / step + 1e-9).floor() as i64;
     let digits = digits(step);
-    let large = ends.0.abs().max(ends.1.abs()) >= 1e5;
+    let greatest = ends.0.abs().max(ends.1.abs());
+    // Beyond these, digits are counted instead of read.
+    let large = !(1e-4..1e5).contains(&greatest);
     (first..=last)
         .take(200)
         .map(|k| {
@@ -186,7 +201,11 @@ fn short(v: f64) -> String {
         _ => (v, ""),
     };
     let text = if a > 0.0 && a < 1e-4 {
-        return minus(&format!("{v:e}"));
+        // A product of a tick's number and its step: digits beyond the fourth are rounding.
+        let text = format!("{v:.3e}");
+        let (lead, power) = text.split_once('e').unwrap_or((&text, "0"));
+        let lead = lead.trim_end_matches('0').trim_end_matches('.');
+        return minus(&format!("{lead}e{power}"));
     } else {
         format!("{scaled:.4}")
     };
@@ -225,9 +244,19 @@ mod tests {
         );
         let short = ["0.0025", "0.0030", "0.0035", "0.0040", "0.0045"];
         assert_eq!(texts(&a.clone().log(), (0.0021, 0.0048)), short);
+        assert_eq!(texts(&a, (0.0, 3.1e-12)), ["0", "1e-12", "2e-12", "3e-12"]);
         assert_eq!(texts(&a, (0.0, 1e300)).last().unwrap(), "1.0e300");
         assert_eq!(texts(&a, (-3e38, 0.0)).first().unwrap(), "−3.0e38");
         assert_eq!(a.text(), "angle (rad)");
+    }
+
+    #[test]
+    fn rounding_does_not_fill_a_panel() {
+        let a = Axis::new("angle", "rad").least(1e-3);
+        let (low, high) = a.ends(0.5, 0.5 + 1e-10);
+        assert!((high - low - 1.12e-3).abs() < 1e-6 && low < 0.5 && high > 0.5, "{low} {high}");
+        assert_eq!(texts(&a, (low, high)), ["0.4995", "0.5000", "0.5005"]);
+        assert_eq!(a.ends(0.0, 1.0), Axis::default().ends(0.0, 1.0));
     }
 
     #[test]

@@ -143,28 +143,23 @@ fn joint_panel(color: usize, t: &JointTrack, fps: f64) -> Panel {
     Panel {
         title: t.name.clone(),
         x: Axis::new("time", "s"),
-        y: Axis::new("", &t.unit),
+        // Less than this is rounding: a joint at rest is a straight line.
+        y: Axis::new("", &t.unit).least(1e-3),
         layers,
         equal: false,
     }
 }
 
 /// Paths in the plane, lengths true: achieved as lines, commanded points as crosses.
-pub fn xy(title: &str, paths: &[Curve], commanded: &[(f64, f64)], unit: &str) -> Figure {
+pub fn xy(title: &str, paths: &[Curve], commanded: &[(f64, f64)], x: Axis, y: Axis) -> Figure {
     let mut layers = curve_layers(paths, &Axis::default());
     layers.push(Layer::Marks {
         name: "commanded".into(),
         points: commanded.to_vec(),
-        color: 1,
+        color: INK,
         mark: Mark::Cross,
     });
-    let panel = Panel {
-        x: Axis::new("x", unit),
-        y: Axis::new("y", unit),
-        layers,
-        equal: true,
-        ..Panel::default()
-    };
+    let panel = Panel { x, y, layers, equal: true, ..Panel::default() };
     Figure::of(title, panel).panel_size(520, 520)
 }
 
@@ -293,7 +288,13 @@ mod tests {
         let figures = [
             precision("p", &[wave("robert", 0.0), wave("pd", 1.0)], "rad", &[(10.0, 30.0)], 20.0),
             joints("j", &[track.clone(), track], 20.0),
-            xy("xy", &[wave("path", 0.0)], &[(10.0, 0.1)], "m"),
+            xy(
+                "xy",
+                &[wave("path", 0.0)],
+                &[(10.0, 0.1)],
+                Axis::new("x", "m"),
+                Axis::new("y", "m"),
+            ),
             curves("c", &[wave("loss", 0.0)], Axis::new("step", ""), Axis::new("loss", "").log()),
             bars(
                 "b",
@@ -321,6 +322,35 @@ mod tests {
             let says = |what: &str| svg.lines().any(|l| !l.contains('<') && l.contains(what));
             assert!(says("rad") || says("(m)") || says(", m") || says("loss"), "{}", f.title);
         }
+    }
+
+    #[test]
+    fn a_path_and_its_command_look_unlike_each_other() {
+        let paths = [wave("a", 0.0), wave("b", 1.0)];
+        let axis = || Axis::new("x", "m");
+        let figure = xy("", &paths, &[(1.0, 0.0)], axis(), axis());
+        let colors: Vec<usize> = figure.panels[0]
+            .layers
+            .iter()
+            .filter_map(|l| match l {
+                Layer::Line { color, .. } | Layer::Marks { color, .. } => Some(*color),
+                _ => None,
+            })
+            .collect();
+        assert_eq!(colors, [0, 1, INK]);
+    }
+
+    #[test]
+    fn many_groups_are_named_as_far_as_there_is_room() {
+        let named = |n: usize| {
+            let groups: Vec<String> = (0..n).map(|i| format!("group-{i:03}")).collect();
+            let sets = [("a".to_owned(), vec![(1.0, 0.1); n])];
+            let svg = bars("", &groups, &sets, Axis::new("e", "rad")).svg().unwrap();
+            svg.lines().filter(|l| l.trim().starts_with("group-")).count()
+        };
+        assert_eq!(named(4), 4);
+        let many = named(300);
+        assert!((5..40).contains(&many), "{many} names of some 55 points on 1600");
     }
 
     #[test]

@@ -215,6 +215,18 @@ impl Figure {
         draw::svg(self)
     }
 
+    /// Whether the ending of a path names a format, asked before there are figures to draw.
+    ///
+    /// # Errors
+    /// [`Error::Format`].
+    pub fn may_save(path: &Path) -> Result<(), Error> {
+        let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase());
+        match ending.as_deref() {
+            Some("png" | "svg") => Ok(()),
+            _ => Err(Error::Format { path: path.to_owned() }),
+        }
+    }
+
     /// Writes a file; the ending (png or svg) names the format.
     ///
     /// # Errors

@@ -41,6 +41,8 @@ pub struct Caption {
     pub line: String,
     /// Top right.
     pub legend: Vec<Key>,
+    /// Letters half as large again: for pictures that will be shown smaller, as in strips.
+    pub large: bool,
 }
 
 impl Caption {
@@ -60,6 +62,34 @@ impl Caption {
 const INK: Rgb = [245, 247, 250];
 const PANEL: Rgb = [22, 26, 32];
 const PANEL_OPACITY: f32 = 0.66;
+/// Free space before and behind a text, height of its panel, and from one key of the legend to
+/// the next; in letter sizes.
+const PAD: f32 = 0.5;
+const LINE: f32 = 1.65;
+const STEP: f32 = 1.45;
+/// Letters below this cannot be read.
+const LEAST_PX: f32 = 9.0;
+/// A picture narrower than this has room for the line only.
+const SMALL_PX: f32 = 160.0;
+/// Between the parts of a line.
+const PARTS: &str = " · ";
+
+/// A text and its panel `[x, y, width, height]`, pixels.
+#[derive(Debug)]
+struct Row {
+    text: String,
+    bold: bool,
+    px: f32,
+    frame: [f32; 4],
+}
+
+/// Where everything goes.
+#[derive(Debug, Default)]
+struct Plan {
+    px: f32,
+    rows: Vec<Row>,
+    legend: Option<[f32; 4]>,
+}
 
 /// Draws captions.
 #[derive(Debug, Default)]
@@ -68,59 +98,118 @@ pub(super) struct Captioner(Letterer);
 impl Captioner {
     /// Draws the caption into the corners.
     pub(super) fn draw(&self, picture: &mut Picture, caption: &Caption) {
-        // 15 px on 480 lines; never below what the font can show legibly.
-        let px = (picture.height as f32 / 32.0).clamp(11.0, 64.0);
-        let margin = (px * 0.8).round();
-        let bottom = picture.height as f32 - margin;
-        if !caption.title.is_empty() {
-            let panel = self.panel(picture, &caption.title, true, px * 1.1, margin, margin);
-            self.text(picture, &caption.title, true, px * 1.1, panel, INK);
+        let plan = self.plan(picture.width as f32, picture.height as f32, caption);
+        for row in &plan.rows {
+            let [x, y, _, h] = row.frame;
+            rounded(picture, row.frame, row.px * 0.35, PANEL, PANEL_OPACITY);
+            let at = (x + row.px * PAD, y + 0.5 * h + 0.36 * row.px);
+            self.text(picture, &row.text, row.bold, row.px, at, INK);
         }
-        if !caption.line.is_empty() {
-            let panel = self.panel(picture, &caption.line, false, px, margin, -bottom);
-            self.text(picture, &caption.line, false, px, panel, INK);
+        if let Some(frame) = plan.legend {
+            self.legend(picture, &caption.legend, plan.px, frame);
         }
-        self.legend(picture, &caption.legend, px, margin);
     }
 
-    fn legend(&self, picture: &mut Picture, keys: &[Key], px: f32, margin: f32) {
-        if keys.is_empty() {
-            return;
+    /// What has room: nothing reaches over the margin or over anything else.
+    fn plan(&self, width: f32, height: f32, caption: &Caption) -> Plan {
+        // 15 px on 480 lines; never below what the font can show legibly.
+        let scale = if caption.large { 1.5 } else { 1.0 };
+        let px = (height.min(0.75 * width) / 32.0).clamp(11.0, 64.0) * scale;
+        let margin = (px * 0.8).round();
+        let room = width - 2.0 * margin;
+        let mut plan = Plan { px, ..Plan::default() };
+        let mut top = margin;
+        // Thumbnails have room for neither.
+        let small = width < SMALL_PX || height < 0.6 * SMALL_PX;
+        if !caption.title.is_empty() && !small {
+            let title = self.shortened(&caption.title, px * 1.1, room - 2.0 * PAD * px * 1.1);
+            let row = self.row(title, true, px * 1.1, margin, margin);
+            top += row.frame[3] + 0.4 * px;
+            plan.rows.push(row);
         }
-        let pad = px * 0.5;
-        let step = px * 1.45;
-        let widest = keys.iter().map(|k| self.width(&k.text, false, px)).fold(0.0, f32::max);
-        let width = widest + px * 2.0 + 2.0 * pad;
-        let height = step * keys.len() as f32 + pad;
-        let x = picture.width as f32 - margin - width;
-        // Top right: the caption line at the bottom may be as wide as the picture.
-        let y = margin;
-        rounded(picture, [x, y, width, height], px * 0.35, PANEL, PANEL_OPACITY);
+        let mut bottom = height - margin;
+        if !caption.line.is_empty() {
+            let (lines, px) = self.wrapped(&caption.line, px, room);
+            let step = px * LINE * 1.08;
+            let tall = step * lines.len() as f32;
+            if tall <= 0.5 * height && top + tall <= bottom {
+                bottom -= tall;
+                for (i, line) in lines.into_iter().enumerate() {
+                    plan.rows.push(self.row(line, false, px, margin, bottom + step * i as f32));
+                }
+            }
+        }
+        if !caption.legend.is_empty() && !small {
+            let widest = caption.legend.iter().map(|k| self.width(&k.text, false, px));
+            let w = widest.fold(0.0, f32::max) + px * (2.0 + 2.0 * PAD);
+            let h = px * (STEP * caption.legend.len() as f32 + PAD);
+            let x = width - margin - w;
+            // Top right, or below the title where both do not fit beside each other.
+            let beside = plan
+                .rows
+                .first()
+                .is_none_or(|r| r.frame[1] > margin || r.frame[0] + r.frame[2] + 0.5 * px <= x);
+            let y = if beside { margin } else { top };
+            if x >= margin && y + h + 0.4 * px <= bottom {
+                plan.legend = Some([x, y, w, h]);
+            }
+        }
+        plan
+    }
+
+    fn row(&self, text: String, bold: bool, px: f32, x: f32, y: f32) -> Row {
+        let width = self.width(&text, bold, px) + 2.0 * PAD * px;
+        Row { text, bold, px, frame: [x, y, width, px * LINE] }
+    }
+
+    /// Cut off with an ellipsis where it is wider.
+    fn shortened(&self, text: &str, px: f32, room: f32) -> String {
+        let fits = |t: &str| self.width(t, true, px) <= room;
+        if fits(text) {
+            return text.to_owned();
+        }
+        let ends = text.char_indices().map(|(i, _)| i).rev();
+        let mut cut = ends.map(|end| format!("{}…", text.get(..end).unwrap_or("").trim_end()));
+        cut.find(|t| fits(t)).unwrap_or_default()
+    }
+
+    /// The line at a size at which it fits: a little smaller, else in several rows; none where
+    /// even a part of it is too wide.
+    fn wrapped(&self, line: &str, px: f32, room: f32) -> (Vec<String>, f32) {
+        let fits = |t: &str, px: f32| self.width(t, false, px) + 2.0 * PAD * px <= room;
+        let smaller = [1.0, 0.9, 0.8].map(|k| (px * k).max(LEAST_PX));
+        if let Some(px) = smaller.into_iter().find(|px| fits(line, *px)) {
+            return (vec![line.to_owned()], px);
+        }
+        for px in [px, px.min(11.0), LEAST_PX] {
+            let mut rows: Vec<String> = Vec::new();
+            for part in line.split(PARTS) {
+                match rows.last_mut() {
+                    Some(row) if fits(&format!("{row}{PARTS}{part}"), px) => {
+                        row.push_str(PARTS);
+                        row.push_str(part);
+                    }
+                    _ => rows.push(part.to_owned()),
+                }
+            }
+            if rows.iter().all(|r| fits(r, px)) {
+                return (rows, px);
+            }
+        }
+        (Vec::new(), px)
+    }
+
+    fn legend(&self, picture: &mut Picture, keys: &[Key], px: f32, frame: [f32; 4]) {
+        let [x, y, ..] = frame;
+        let pad = px * PAD;
+        let step = px * STEP;
+        rounded(picture, frame, px * 0.35, PANEL, PANEL_OPACITY);
         for (i, key) in keys.iter().enumerate() {
-            let top = y + 0.5 * pad + step * i as f32;
-            let mid = top + 0.5 * step;
+            let mid = y + 0.5 * pad + step * (i as f32 + 0.5);
             swatch(picture, key, x + pad, mid, px);
             let baseline = mid + 0.36 * px;
             self.text(picture, &key.text, false, px, (x + pad + px * 2.0, baseline), INK);
         }
-    }
-
-    /// Draws the panel behind a text; gives its baseline. A negative `y` is the lower edge.
-    fn panel(
-        &self,
-        picture: &mut Picture,
-        text: &str,
-        bold: bool,
-        px: f32,
-        x: f32,
-        y: f32,
-    ) -> (f32, f32) {
-        let pad = px * 0.5;
-        let height = px * 1.65;
-        let width = self.width(text, bold, px) + 2.0 * pad;
-        let top = if y < 0.0 { -y - height } else { y };
-        rounded(picture, [x, top, width, height], px * 0.35, PANEL, PANEL_OPACITY);
-        (x + pad, top + 0.5 * height + 0.36 * px)
     }
 
     fn width(&self, text: &str, bold: bool, px: f32) -> f32 {
@@ -208,6 +297,43 @@ mod tests {
     use super::*;
 
     #[test]
+    fn nothing_is_cut_off_or_covered() {
+        let key =
+            |text: &str| Key { swatch: Swatch::Ghost, color: [0, 114, 178], text: text.into() };
+        let caption = Caption {
+            title: "Fire a handgun".into(),
+            line: format!("{} · computed-torque", Caption::moment(180, 9.0, Some((0.612, "mrad")))),
+            legend: ["achieved", "command, small error", "command, large error", "keyframe"]
+                .map(key)
+                .to_vec(),
+            large: false,
+        };
+        let size = |c: &Caption| Captioner::default().plan(640.0, 480.0, c).px;
+        assert!(size(&Caption { large: true, ..caption.clone() }) > 1.4 * size(&caption));
+        let sizes = [(640, 480), (360, 480), (300, 900), (200, 150), (160, 120), (64, 48), (8, 8)];
+        for (w, h) in sizes.map(|(w, h)| (w as f32, h as f32)) {
+            let plan = Captioner::default().plan(w, h, &caption);
+            let frames: Vec<[f32; 4]> =
+                plan.rows.iter().map(|r| r.frame).chain(plan.legend).collect();
+            for (i, [x, y, width, height]) in frames.iter().copied().enumerate() {
+                assert!(x >= 0.0 && y >= 0.0, "{w}x{h}: {frames:?}");
+                assert!(x + width <= w && y + height <= h, "{w}x{h}: {frames:?}");
+                for [ox, oy, ow, oh] in frames[..i].iter().copied() {
+                    let apart = ox + ow <= x || x + width <= ox || oy + oh <= y || y + height <= oy;
+                    assert!(apart, "{w}x{h}: {frames:?}");
+                }
+            }
+            let said: String =
+                plan.rows.iter().filter(|r| !r.bold).map(|r| r.text.clone() + PARTS).collect();
+            if w >= 160.0 {
+                assert_eq!(said.trim_end_matches(PARTS), caption.line, "{w}x{h}: all of the line");
+            }
+            assert_eq!(plan.legend.is_some(), w >= 300.0, "{w}x{h}");
+            assert_eq!(plan.rows.iter().any(|r| r.bold), w >= 160.0, "{w}x{h}");
+        }
+    }
+
+    #[test]
     fn caption_stays_inside_any_picture() {
         let caption = Caption {
             title: "a name far longer than the picture is wide, without end".into(),
@@ -217,6 +343,7 @@ mod tests {
                 color: [0, 114, 178],
                 text: "command".into(),
             }],
+            large: false,
         };
         for (w, h) in [(1, 1), (30, 10), (320, 240)] {
             let mut p = Picture::filled(w, h, [128; 3]);

@@ -16,6 +16,14 @@ pub enum Error {
         /// What the search said.
         reason: String,
     },
+    /// No graphics card answers, and nothing else was to be taken.
+    #[error(
+        "no graphics card found ({reason}): use --renderer auto, which takes the processor instead"
+    )]
+    NoGpu {
+        /// What the search said.
+        reason: String,
+    },
     /// The driver refused or lost the device.
     #[error("the graphics driver failed ({adapter}): {reason}")]
     Device {
@@ -96,6 +104,22 @@ pub enum Error {
         /// Height of the film.
         height: u32,
     },
+    /// A film that its format cannot hold.
+    #[error(
+        "an .mp4 of {width}x{height} px cannot be encoded: edges go from {least} to {long} px, the shorter one to {short}"
+    )]
+    FilmSize {
+        /// Width of the film.
+        width: u32,
+        /// Height of the film.
+        height: u32,
+        /// The shortest edge there can be.
+        least: u32,
+        /// The longest.
+        long: u32,
+        /// The longest of the shorter edge.
+        short: u32,
+    },
     /// A film without frames.
     #[error("a film needs at least one frame")]
     NoFrames,
@@ -134,8 +158,11 @@ impl Error {
 impl HasExit for Error {
     fn exit(&self) -> Exit {
         match self {
-            Error::NoAdapter { .. } => Exit::Missing,
-            Error::Size { .. } | Error::Format { .. } | Error::Unknown { .. } => Exit::Usage,
+            Error::NoAdapter { .. } | Error::NoGpu { .. } => Exit::Missing,
+            Error::Size { .. }
+            | Error::FilmSize { .. }
+            | Error::Format { .. }
+            | Error::Unknown { .. } => Exit::Usage,
             Error::NotFinite { .. }
             | Error::Mesh { .. }
             | Error::Geoms { .. }

@@ -101,14 +101,12 @@ pub struct Trail<'a> {
     pub width: f32,
     /// Thin out towards the first point.
     pub fade: bool,
-    /// Draw every second piece only (commanded, as opposed to achieved).
-    pub dashed: bool,
 }
 
 impl<'a> Trail<'a> {
     /// A solid path that fades towards its past.
     pub fn new(points: &'a [Vec3], color: [f32; 3]) -> Trail<'a> {
-        Trail { points, color, width: 3.6, fade: true, dashed: false }
+        Trail { points, color, width: 3.6, fade: true }
     }
 }
 

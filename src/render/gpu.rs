@@ -91,13 +91,15 @@ impl Gpu {
             force_fallback_adapter: backend == Backend::Cpu,
             ..wgpu::RequestAdapterOptions::default()
         };
+        let none = |reason: String| match backend {
+            Backend::Gpu => Error::NoGpu { reason },
+            Backend::Auto | Backend::Cpu => Error::NoAdapter { reason },
+        };
         let adapter = pollster::block_on(instance.request_adapter(&options))
-            .map_err(|e| Error::NoAdapter { reason: e.to_string() })?;
+            .map_err(|e| none(e.to_string()))?;
         let info = adapter.get_info();
         if backend == Backend::Gpu && info.device_type == wgpu::DeviceType::Cpu {
-            return Err(Error::NoAdapter {
-                reason: format!("only the software driver {} answers", info.name),
-            });
+            return Err(none(format!("only the software driver {} answers", info.name)));
         }
         let limits = wgpu::Limits::default().using_resolution(adapter.limits());
         let max_px = limits.max_texture_dimension_2d.min(crate::limits::PICTURE_PX);
@@ -145,6 +147,8 @@ pub(super) struct Pipelines {
     pub ghost: wgpu::RenderPipeline,
     pub glass: wgpu::RenderPipeline,
     pub line: wgpu::RenderPipeline,
+    /// Signs of what happens inside: nothing hides them.
+    pub sign: wgpu::RenderPipeline,
     pub shadow: wgpu::RenderPipeline,
     /// Writes "nothing here" into the shadow map.
     pub wipe: wgpu::RenderPipeline,
@@ -426,6 +430,13 @@ impl Pipelines {
                 compare: LessEqual,
                 cull: false,
                 ..veil
+            }),
+            sign: object(Pass {
+                label: "sign",
+                fragment: Some("fs_opaque_unshadowed"),
+                compare: Always,
+                depth_write: false,
+                ..solid
             }),
             shadow,
             wipe,

@@ -41,6 +41,8 @@ pub(super) struct Drawn {
     /// Translucent parts of the model.
     pub glass: Vec<Batch>,
     pub ghosts: Vec<Batch>,
+    /// Signs that nothing hides.
+    pub signs: Vec<Batch>,
     /// Corners of the box around everything that throws a shadow.
     pub casting: Option<(Vec3, Vec3)>,
     /// Ball around the same.
@@ -84,8 +86,10 @@ impl Drawn {
 const ENDLESS: f32 = 40.0;
 /// Ghosts nearer than this many pixels to the solid pose are not drawn, and full at four times it.
 const COINCIDE_PX: f32 = 1.0;
-const CONTACT: palette::Rgb = palette::ORANGE;
-const AXIS: palette::Rgb = palette::VERMILION;
+/// Touches, which lie inside of what touches: unlike every colour of a pose.
+pub(super) const CONTACT: palette::Rgb = [222, 30, 130];
+/// Joint axes.
+pub(super) const AXIS: palette::Rgb = palette::VERMILION;
 
 #[derive(Default)]
 struct List(BTreeMap<Key, Vec<Instance>>);
@@ -213,8 +217,13 @@ impl Drawn {
         for ghost in ghosts {
             veil(scene, input.poses, ghost, camera, height_px, &mut reach, &mut veils);
         }
+        let mut signs = List::default();
         for glyph in input.glyphs {
-            glyph_solid(glyph, &mut reach, &mut props);
+            let list = match glyph {
+                Glyph::JointAxis { .. } => &mut props,
+                Glyph::Contact { .. } => &mut signs,
+            };
+            glyph_solid(glyph, &mut reach, list);
         }
         let mut segments = Vec::new();
         let px = height_px as f32 / 480.0;
@@ -232,17 +241,14 @@ impl Drawn {
             |p: [f32; 4]| (Vec3::new(p[0], p[1], p[2]) - camera.eye).dot(reach.forward) > 1e-3;
         segments.retain(|s| ahead(s.a) && ahead(s.b));
         let sun = input.sun.unwrap_or(SUN).normalize_or(Vec3::Z);
-        reach.finish(casters, props, glass, veils, segments, height_px, sun)
+        reach.finish([casters, props, glass, veils, signs], segments, height_px, sun)
     }
 }
 
 impl Reach<'_> {
     fn finish(
         self,
-        casters: List,
-        props: List,
-        glass: List,
-        veils: List,
+        [casters, props, glass, veils, signs]: [List; 5],
         segments: Vec<Segment>,
         height_px: u32,
         sun: Vec3,
@@ -268,6 +274,7 @@ impl Reach<'_> {
             props: props.flush_sorted(&mut instances, self.forward),
             glass: glass.flush(&mut instances),
             ghosts: veils.flush(&mut instances),
+            signs: signs.flush(&mut instances),
             instances,
             segments,
             casting: solid.then_some((self.low, self.high)),
@@ -415,8 +422,8 @@ fn veil(
                 let error = f64::from(ghost.error.get(i).copied().unwrap_or(0.0).clamp(0.0, 1.0));
                 tint(error)
             }
-            GhostKind::Past => palette::PURPLE,
-            GhostKind::Future => palette::GREEN,
+            GhostKind::Past => PAST,
+            GhostKind::Future => FUTURE,
         };
         let rgb = linear(palette::unit(rgb));
         let color = [rgb[0], rgb[1], rgb[2], ghost.opacity.clamp(0.0, 1.0) * seen];
@@ -427,8 +434,12 @@ fn veil(
     }
 }
 
+/// Onion skins, as in the studio: neither is a colour between the command's two.
+pub(super) const PAST: palette::Rgb = palette::GREEN;
+pub(super) const FUTURE: palette::Rgb = palette::ORANGE;
+
 /// Blue, purple, vermilion: the straight way between the ends would lead through grey.
-fn tint(error: f64) -> palette::Rgb {
+pub(super) fn tint(error: f64) -> palette::Rgb {
     let (near, middle, far) = ([20, 132, 214], [168, 92, 190], palette::VERMILION);
     if error < 0.5 {
         palette::mix(near, middle, 2.0 * error)
@@ -489,7 +500,7 @@ fn glyph_lines(glyph: &Glyph, px: f32, reach: &mut Reach, out: &mut Vec<Segment>
     let arc: Vec<Vec3> = (0..=36).map(|k| at(0.75 * TAU * k as f32 / 36.0)).collect();
     let color = palette::unit(AXIS);
     let mut draw = |points: &[Vec3]| {
-        let t = Trail { points, color, width: 2.0, fade: false, dashed: false };
+        let t = Trail { points, color, width: 2.0, fade: false };
         trail_segments(&t, px, reach, out);
     };
     draw(&arc);
@@ -506,11 +517,8 @@ fn trail_segments(trail: &Trail, px: f32, reach: &mut Reach, out: &mut Vec<Segme
     let point = |p: Vec3, w: f32| p.extend(w).to_array();
     for (i, w) in trail.points.windows(2).enumerate() {
         let &[a, b] = w else { continue };
-        if trail.dashed && i % 2 == 1 {
-            continue;
-        }
-        let before = if i > 0 && !trail.dashed { trail.points.get(i - 1) } else { None };
-        let after = if trail.dashed { None } else { trail.points.get(i + 2) };
+        let before = i.checked_sub(1).and_then(|k| trail.points.get(k));
+        let after = trail.points.get(i + 2);
         let share = |k: usize| {
             if trail.fade { 0.22 + 0.78 * (k as f32 / (n - 1) as f32).powf(1.3) } else { 1.0 }
         };

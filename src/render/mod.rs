@@ -40,7 +40,7 @@ pub use frame::{FrameInput, Ghost, GhostKind, Glyph, Mark, SUN, Trail, sun_for};
 pub use gpu::Backend;
 pub use mesh::Mesh;
 pub use model::{Stage, poses};
-pub use picture::Picture;
+pub use picture::{Picture, Strip};
 pub use renderer::{Quality, RenderConfig, Renderer};
 pub use scene::{Floor, GEOMS, Geom, Pose, Scene, Shape};
 pub use shot::{CameraChoice, Motion, Overlay, Shot};

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use glam::Vec3;
 
 use super::scene::{Floor, Geom, Pose, Scene, Shape};
-use super::{Camera, Error, Lens, Mesh, View};
+use super::{Camera, CameraChoice, Error, Lens, Mesh, View};
 use crate::mujoco::{self, Data, Kind, Model};
 use crate::plot::palette::{self, Theme};
 use crate::robot::{self, Robot};
@@ -201,8 +201,8 @@ impl Stage {
     pub fn model_camera(&self, name: &str) -> Result<Camera, Error> {
         let model = self.data.model();
         let Some(id) = model.id(Kind::Camera, name) else {
-            let known: Vec<&str> =
-                (0..model.ncam()).filter_map(|i| model.name(Kind::Camera, i)).collect();
+            let own = (0..model.ncam()).filter_map(|i| model.name(Kind::Camera, i));
+            let known: Vec<&str> = CameraChoice::NAMES.into_iter().chain(own).collect();
             return Err(Error::Unknown {
                 kind: "camera",
                 name: name.to_owned(),

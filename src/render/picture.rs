@@ -83,17 +83,54 @@ impl Picture {
     /// [`Error::NoFrames`] without pictures.
     pub fn strip(pictures: &[Picture], columns: usize) -> Result<Picture, Error> {
         let Some(first) = pictures.first() else { return Err(Error::NoFrames) };
-        let columns = columns.clamp(1, pictures.len());
-        let rows = pictures.len().div_ceil(columns);
-        let (w, h) = (first.width, first.height);
-        let width = columns as u32 * (w + GAP_PX) - GAP_PX;
-        let height = rows as u32 * (h + GAP_PX) - GAP_PX;
-        let mut out = Picture::filled(width, height, [255; 3]);
+        let mut strip = Strip::new(pictures.len(), columns, (first.width, first.height));
         for (i, p) in pictures.iter().enumerate() {
-            let (column, row) = ((i % columns) as u32, (i / columns) as u32);
-            out.paste(p, column * (w + GAP_PX), row * (h + GAP_PX));
+            strip.put(i, p);
         }
-        Ok(out)
+        Ok(strip.finish())
+    }
+
+    /// Pixels of pictures of these widths and this height side by side.
+    pub fn beside_px(width: u32, height: u32, count: u32) -> (u32, u32) {
+        let gaps = GAP_PX.saturating_mul(count.saturating_sub(1));
+        (width.saturating_mul(count).saturating_add(gaps), height)
+    }
+}
+
+/// A film strip that is filled cell by cell: no more than the strip itself is held.
+#[derive(Clone, Debug)]
+pub struct Strip {
+    picture: Picture,
+    columns: usize,
+    cell: (u32, u32),
+}
+
+impl Strip {
+    /// Room for `count` cells of `cell` pixels, at most `columns` a row.
+    pub fn new(count: usize, columns: usize, cell: (u32, u32)) -> Strip {
+        let columns = columns.clamp(1, count.max(1));
+        let (width, height) = Strip::px(count, columns, cell);
+        Strip { picture: Picture::filled(width, height, [255; 3]), columns, cell }
+    }
+
+    /// Pixels of such a strip.
+    pub fn px(count: usize, columns: usize, (w, h): (u32, u32)) -> (u32, u32) {
+        let columns = columns.clamp(1, count.max(1));
+        let rows = count.div_ceil(columns).max(1) as u32;
+        let along = |n: u32, px: u32| n.saturating_mul(px.saturating_add(GAP_PX)) - GAP_PX;
+        (along(columns as u32, w), along(rows, h))
+    }
+
+    /// Fills the i-th cell in reading order.
+    pub fn put(&mut self, i: usize, picture: &Picture) {
+        let (column, row) = ((i % self.columns) as u32, (i / self.columns) as u32);
+        let (w, h) = self.cell;
+        self.picture.paste(picture, column * (w + GAP_PX), row * (h + GAP_PX));
+    }
+
+    /// The strip.
+    pub fn finish(self) -> Picture {
+        self.picture
     }
 }
 
@@ -116,5 +153,9 @@ mod tests {
         assert_eq!(strip.rgb(0, 3 + GAP_PX), [200, 0, 0]);
         assert_eq!(strip.rgb(7 + GAP_PX, 5 + GAP_PX), [255; 3], "empty place");
         assert!(Picture::strip(&[], 3).is_err());
+        assert_eq!(Strip::px(3, 2, (4, 3)), (strip.width, strip.height));
+        assert_eq!(Strip::px(64, 6, (u32::MAX, 8192)).0, u32::MAX - GAP_PX, "no overflow");
+        assert_eq!(Picture::beside_px(1920, 1080, 2), (3846, 1080));
+        assert_eq!(Picture::beside_px(1920, 1080, 1), (1920, 1080));
     }
 }

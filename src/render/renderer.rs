@@ -38,8 +38,6 @@ pub struct RenderConfig {
     pub quality: Quality,
     /// Which adapter.
     pub backend: Backend,
-    /// Axes on the floor.
-    pub axes: bool,
     /// Whether things throw shadows.
     pub shadows: bool,
 }
@@ -51,7 +49,6 @@ impl Default for RenderConfig {
             height: 480,
             quality: Quality::Export,
             backend: Backend::Auto,
-            axes: false,
             shadows: true,
         }
     }
@@ -407,6 +404,10 @@ impl Renderer {
             pass.set_vertex_buffer(0, self.segments.slice(..));
             pass.draw(0..6, 0..drawn.segments.len() as u32);
         }
+        if !drawn.signs.is_empty() {
+            pass.set_pipeline(&self.pipelines.sign);
+            self.batches(&mut pass, scene, &drawn.signs);
+        }
     }
 
     fn backdrop_pass(&self, encoder: &mut wgpu::CommandEncoder) {
@@ -513,12 +514,7 @@ impl Renderer {
             floor_a: [a[0], a[1], a[2], cell],
             floor_b: [b[0], b[1], b[2], f32::from(u8::from(scene.floor.is_some()))],
             floor_pos: [camera.target.x, camera.target.y, floor_z, 0.9 * focus],
-            floor_fog: [
-                1.0 / (5.0 * focus),
-                0.10,
-                if self.config.axes { 0.85 } else { 0.0 },
-                0.012 * cell.max(focus * 0.05),
-            ],
+            floor_fog: [1.0 / (5.0 * focus), 0.10, 0.0, 0.0],
             shadow: [1.0 / self.shadow_px as f32, 1.5 * texel_m, 1.0, 1.4],
             view: [
                 self.config.width as f32,

@@ -196,17 +196,6 @@ impl Scene {
         })
     }
 
-    /// Triangles drawn at most in one pass.
-    pub fn faces(&self) -> usize {
-        self.geoms
-            .iter()
-            .map(|g| match g.shape {
-                Shape::Mesh { mesh } => self.meshes.get(mesh).map_or(0, Mesh::faces),
-                _ => 600,
-            })
-            .sum()
-    }
-
     /// Refuses pose lists that do not fit or are not finite.
     pub(super) fn check(&self, what: &str, poses: &[Pose]) -> Result<(), Error> {
         if poses.len() != self.geoms.len() {
@@ -240,8 +229,9 @@ impl Scene {
         }
     }
 
-    /// Corners of the bounding boxes of all drawn geoms at these poses: what a camera must hold.
-    /// The ground is left out, it has no end.
+    /// The outermost points of all drawn geoms at these poses, corners of bounding boxes or, of
+    /// round ones, points on the surface: what a camera must hold. The ground is left out, it
+    /// has no end.
     pub fn corners(&self, poses: &[Pose]) -> Vec<Vec3> {
         self.corners_of(poses, |_| true)
     }
@@ -254,22 +244,25 @@ impl Scene {
                 continue;
             }
             let Some((centre, half)) = self.extent(g) else { continue };
-            let round = matches!(
-                g.shape,
-                Shape::Sphere { .. } | Shape::Capsule { .. } | Shape::Ellipsoid { .. }
-            );
-            // The box corners of a ball lie 1.7 radii out: cut them to what is really there.
-            let cut = if round { 0.62 } else { 1.0 };
-            for k in 0..8_u8 {
-                let s = |b: u8| if k >> b & 1 == 1 { 1.0_f32 } else { -1.0 };
-                let mut corner = half * Vec3::new(s(0), s(1), s(2));
-                if let Shape::Capsule { radius, half_length } = g.shape {
-                    corner = Vec3::new(radius * s(0), radius * s(1), radius * s(2)) * cut
-                        + Vec3::Z * half_length * s(2);
-                } else {
-                    corner *= cut;
+            let mut put = |p: Vec3| out.push(pose.pos + pose.rot * (centre + p));
+            match g.shape {
+                // Of a ball, the middles of the faces, edges and corners of the box around it,
+                // drawn in to its surface: from no side does it reach 14 % beyond them.
+                Shape::Sphere { .. } | Shape::Ellipsoid { .. } => {
+                    AROUND.iter().for_each(|d| put(half * d.normalize()));
                 }
-                out.push(pose.pos + pose.rot * (centre + corner));
+                Shape::Capsule { radius, half_length } => {
+                    for d in &AROUND {
+                        let on = radius * d.normalize();
+                        if d.z >= 0.0 {
+                            put(on + Vec3::Z * half_length);
+                        }
+                        if d.z <= 0.0 {
+                            put(on - Vec3::Z * half_length);
+                        }
+                    }
+                }
+                _ => AROUND.iter().filter(|d| d.abs() == Vec3::ONE).for_each(|d| put(half * *d)),
             }
         }
         out
@@ -283,7 +276,7 @@ impl Geom {
         self.rgba.last().is_some_and(|a| *a > 0.0)
             && match self.shape {
                 Shape::Plane { .. } => true,
-                // A disc is thin but seen: one zero edge of a box is not.
+                // One zero edge and it has no inside: models use such as markers.
                 _ => r.min_element() > 0.0,
             }
     }
@@ -303,6 +296,21 @@ impl Shape {
     }
 }
 
+/// To the middles of the faces, edges and corners of a box.
+const AROUND: [Vec3; 26] = {
+    let mut out = [Vec3::ZERO; 26];
+    let (mut k, mut i) = (0, 0);
+    while k < 27 {
+        if k != 13 {
+            let (x, y, z) = (k % 3, k / 3 % 3, k / 9);
+            out[i] = Vec3::new(x as f32 - 1.0, y as f32 - 1.0, z as f32 - 1.0);
+            i += 1;
+        }
+        k += 1;
+    }
+    out
+};
+
 fn label(index: usize, name: &str) -> String {
     if name.is_empty() { format!("{index}") } else { format!("{name:?}") }
 }
@@ -310,6 +318,7 @@ fn label(index: usize, name: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::render::{Camera, Lens, View};
 
     fn ball(radius: f32) -> Geom {
         Geom { name: "tip".into(), body: 1, shape: Shape::Sphere { radius }, rgba: [1.0; 4] }
@@ -332,6 +341,45 @@ mod tests {
         assert!(Scene::new(vec![ball(f32::INFINITY)], vec![], None).is_err());
         let mesh = Geom { shape: Shape::Mesh { mesh: 3 }, ..ball(1.0) };
         assert!(matches!(Scene::new(vec![mesh], vec![], None), Err(Error::Mesh { .. })));
+    }
+
+    /// Whatever the direction, a ball or capsule ends within the margin around its points.
+    #[test]
+    fn a_camera_that_holds_the_points_holds_the_ball() {
+        let capsule = Shape::Capsule { radius: 0.3, half_length: 0.5 };
+        for (shape, reach) in [(Shape::Sphere { radius: 0.3 }, 0.0), (capsule, 0.5_f32)] {
+            let geom = Geom { shape, ..ball(0.3) };
+            let scene = Scene::new(vec![geom], vec![], None).unwrap();
+            let points = scene.corners(&[Pose::at(1.0, 2.0, 3.0)]);
+            let on = |p: &Vec3| {
+                let p = *p - Vec3::new(1.0, 2.0, 3.0);
+                (p - Vec3::Z * p.z.clamp(-reach, reach)).length()
+            };
+            assert!(points.iter().all(|p| (on(p) - 0.3).abs() < 1e-5), "on the surface");
+            for k in 0..400 {
+                let z = 1.0 - (2 * k + 1) as f32 / 400.0;
+                let (sin, cos) = (2.4 * k as f32).sin_cos();
+                let d = Vec3::new((1.0 - z * z).sqrt() * cos, (1.0 - z * z).sqrt() * sin, z);
+                let far = points.iter().map(|p| d.dot(*p - Vec3::new(1.0, 2.0, 3.0)));
+                let far = far.fold(f32::MIN, f32::max);
+                let true_far = 0.3 + reach * d.z.abs();
+                assert!(true_far / far < 1.14, "{d}: {far} of {true_far}");
+            }
+        }
+        // From every side the whole of it is in the picture.
+        let scene = Scene::new(vec![ball(5.0)], vec![], None).unwrap();
+        let points = scene.corners(&[Pose::IDENTITY]);
+        for azimuth in 0..12 {
+            for elevation in [-0.3, 0.0, 0.38, 1.0] {
+                let view = View::default().from(0.55 * azimuth as f32, elevation);
+                let camera = Camera::fit(&points, &view, 1.4);
+                let distance = camera.eye.length();
+                let Lens::Perspective { fov_y_rad } = camera.lens else { unreachable!() };
+                let (rim, edge) = ((5.0 / distance).asin(), 0.5 * fov_y_rad);
+                let off = (camera.target - camera.eye).angle_between(-camera.eye);
+                assert!(rim + off < edge, "{azimuth} {elevation}: {rim} + {off} of {edge}");
+            }
+        }
     }
 
     #[test]

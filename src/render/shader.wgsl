@@ -18,7 +18,7 @@ struct Globals {
     floor_a: vec4f,   // checker colours; a.w = cell size, b.w = 1: floor is drawn
     floor_b: vec4f,
     floor_pos: vec4f, // centre of interest x, y; floor height; fade start radius
-    floor_fog: vec4f, // 1 / fade length; line strength; axis strength; axis half width
+    floor_fog: vec4f, // 1 / fade length; line strength
     shadow: vec4f,    // texel in uv; normal offset in metres; box is valid (1); texels of filter radius
     view: vec4f,      // width, height, 1/width, 1/height in pixels
 };
@@ -322,10 +322,6 @@ fn fs_backdrop(b: Backdrop) -> Backdrops {
     var albedo = mix(g.floor_a.rgb, g.floor_b.rgb, checker(cells, w));
     let lines = line_share(cells, w, 0.008);
     albedo *= 1.0 - g.floor_fog.y * max(lines.x, lines.y);
-    let axis = clamp((vec2f(g.floor_fog.w) + 0.5 * w * g.floor_a.w - abs(hit.xy)) / (w * g.floor_a.w),
-        vec2f(0.0), vec2f(1.0)) * g.floor_fog.z;
-    albedo = mix(albedo, vec3f(0.42, 0.06, 0.05), axis.y);
-    albedo = mix(albedo, vec3f(0.05, 0.30, 0.10), axis.x);
     let ambient = g.sky.rgb;
     let lit = expose(albedo * (ambient + g.sun_color.rgb * g.sun.z));
     let dark = expose(albedo * ambient);

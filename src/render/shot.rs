@@ -9,10 +9,13 @@ use std::sync::Arc;
 use glam::{Vec2, Vec3};
 
 use super::frame::{FrameInput, Ghost, Glyph, Mark, Trail, sun_for};
+use super::instances::{AXIS, CONTACT, FUTURE, PAST, tint};
 use super::{Camera, Caption, Error, Key, Picture, Pose, Renderer, Stage, Swatch, View, pick};
 use crate::plot::palette;
 use crate::robot::Robot;
 
+/// The command in a legend: as its ghost looks, which is lit.
+const COMMAND: palette::Rgb = [56, 152, 226];
 /// Frames ahead that a goal is shown: what the policy itself can see.
 const SIGHT_FRAMES: usize = 20;
 /// Frames that are looked at to find a camera that holds them all.
@@ -21,6 +24,10 @@ const FIT_FRAMES: usize = 48;
 const TRAIL_FRAMES: usize = 30;
 /// Onion skins on each side.
 const ONIONS: usize = 1;
+/// A pose differs to the eye from another by more than this, rad or m.
+const TELLING: f64 = 0.03;
+/// Pieces between two frames of a path.
+const PIECES: usize = 4;
 /// Crosses drawn at most.
 const MARKS: usize = 400;
 
@@ -59,6 +66,19 @@ impl Motion {
             count += 1;
         }
         (count > 0).then(|| sum / count as f64)
+    }
+
+    /// The frame of a still: the last key that differs from where the motion begins (many end
+    /// where they began), or the last frame.
+    pub fn telling_frame(&self) -> usize {
+        let last = self.frames().saturating_sub(1);
+        let differs = |k: usize| {
+            let (Some(row), Some(home)) = (self.commanded.get(k), self.achieved.first()) else {
+                return false;
+            };
+            row.iter().zip(home).any(|(c, a)| (c - a).abs() > TELLING)
+        };
+        self.keys.iter().rev().copied().find(|k| *k <= last && differs(*k)).unwrap_or(last)
     }
 
     /// The next frame from `frame` on with a goal in sight.
@@ -173,6 +193,21 @@ pub enum CameraChoice {
 }
 
 impl CameraChoice {
+    /// The words there are for any model.
+    pub const NAMES: [&str; 5] = ["fit", "fixed", "top", "orbit", "follow:BODY"];
+
+    /// Refuses a body or camera that the robot has not, before anything is performed.
+    ///
+    /// # Errors
+    /// [`Error::Unknown`]; as [`Stage::new`].
+    pub fn check(&self, robot: &Arc<Robot>) -> Result<(), Error> {
+        match self {
+            CameraChoice::Named(name) => Stage::new(robot)?.model_camera(name).map(drop),
+            CameraChoice::Follow(body) => Stage::new(robot)?.scene().body(body).map(drop),
+            _ => Ok(()),
+        }
+    }
+
     /// From the word typed; anything else is a camera of the model.
     pub fn parse(text: &str) -> CameraChoice {
         match text {
@@ -195,6 +230,9 @@ pub struct Shot {
     motion: Motion,
     overlay: Overlay,
     path: CameraPath,
+    /// What a fitted camera holds, and from which side it looks; none where nothing is fitted.
+    points: Vec<Vec3>,
+    fitted: Option<(View, f32)>,
     sun: Vec3,
     /// Path of each tip; (tips, frames).
     tips: Vec<Vec<Vec3>>,
@@ -208,6 +246,8 @@ pub struct Shot {
     full_m: f32,
     /// Title and legend have been seen.
     brief: bool,
+    /// Captions are for a strip.
+    large: bool,
 }
 
 #[derive(Debug)]
@@ -249,10 +289,12 @@ impl Shot {
             }
         }
         let points = points(&mut stage, &motion, overlay, &tips, &marks)?;
-        let low = points.iter().fold(Vec3::INFINITY, |a, p| a.min(*p));
-        let high = points.iter().fold(Vec3::NEG_INFINITY, |a, p| a.max(*p));
-        let full_m = 0.10 * low.distance(high).clamp(0.01, 100.0);
-        let path = camera_path(&mut stage, &motion, camera, points, aspect)?;
+        let path = camera_path(&mut stage, &motion, camera, &points, aspect)?;
+        let fitted = match camera {
+            CameraChoice::Fit | CameraChoice::Orbit => Some((stage.view(), aspect)),
+            CameraChoice::Top => Some((View::top(), aspect)),
+            CameraChoice::Fixed | CameraChoice::Follow(_) | CameraChoice::Named(_) => None,
+        };
         let colors = sites.iter().enumerate().map(|(i, s)| stage.accent(*s, i)).collect();
         let typical = motion.precision(motion.frames()).unwrap_or(0.0);
         let unit = crate::units::short_unit(&motion.unit, typical);
@@ -262,17 +304,54 @@ impl Shot {
             motion,
             overlay,
             path,
+            full_m: full_error(&points),
+            points,
+            fitted,
             sun,
             tips,
             colors,
             marks,
             unit,
-            full_m,
             brief: false,
+            large: false,
         };
         // Taken once: the light stands still while a camera orbits.
         shot.sun = sun_for(&shot.camera(0));
         Ok(shot)
+    }
+
+    /// Gives all shots of one robot one camera and one scale of errors: side by side, what is
+    /// as large must look as large.
+    pub fn share_camera(shots: &mut [Shot]) {
+        let ids: Vec<String> = shots.iter().map(|s| s.stage.robot().id().to_owned()).collect();
+        for (i, id) in ids.iter().enumerate() {
+            // Once for each robot, and only where there is more than one of it.
+            if ids.iter().position(|k| k == id) != Some(i)
+                || ids.iter().filter(|k| *k == id).count() < 2
+            {
+                continue;
+            }
+            let same = || ids.iter().enumerate().filter(|(_, k)| *k == id).map(|(k, _)| k);
+            let points: Vec<Vec3> =
+                same().filter_map(|k| shots.get(k)).flat_map(|s| s.points.clone()).collect();
+            for k in same() {
+                if let Some(shot) = shots.get_mut(k) {
+                    shot.hold(&points);
+                }
+            }
+        }
+    }
+
+    fn hold(&mut self, points: &[Vec3]) {
+        self.full_m = full_error(points);
+        match (&mut self.path, &self.fitted) {
+            (CameraPath::Still(camera), Some((view, aspect))) => {
+                *camera = Camera::fit(points, view, *aspect);
+            }
+            (CameraPath::Orbit { points: own, .. }, _) => *own = points.to_vec(),
+            _ => {}
+        }
+        self.sun = sun_for(&self.camera(0));
     }
 
     /// What is drawn.
@@ -284,6 +363,11 @@ impl Shot {
     /// another picture of the same strip.
     pub fn be_brief(&mut self) {
         self.brief = true;
+    }
+
+    /// From now on captions have large letters: a strip is shown smaller than it is drawn.
+    pub fn be_large(&mut self) {
+        self.large = true;
     }
 
     /// The eye at a frame.
@@ -343,14 +427,12 @@ impl Shot {
         ghosts.extend(onions.iter().map(|(p, past)| Ghost::onion(p, *past)));
         let one = self.tips.len() == 1;
         let from = if one { 0 } else { frame.saturating_sub(TRAIL_FRAMES) };
-        let trails: Vec<Trail> = self
-            .tips
+        let paths: Vec<Vec<Vec3>> =
+            self.tips.iter().filter_map(|p| p.get(from..=frame)).map(rounded).collect();
+        let trails: Vec<Trail> = paths
             .iter()
             .enumerate()
-            .filter_map(|(i, p)| {
-                let color = self.colors.get(i).copied().unwrap_or([1.0; 3]);
-                p.get(from..=frame).map(|points| Trail::new(points, color))
-            })
+            .map(|(i, p)| Trail::new(p, self.colors.get(i).copied().unwrap_or([1.0; 3])))
             .collect();
         let marks: Vec<Mark> = self
             .marks
@@ -421,7 +503,7 @@ impl Shot {
         let precision = m.precision(frame).map(|p| (p * factor, unit.as_str()));
         if self.brief {
             let line = Caption::moment(frame as u32, secs, precision);
-            return Caption { line, ..Caption::default() };
+            return Caption { line, large: self.large, ..Caption::default() };
         }
         let line = if m.performer.is_empty() {
             Caption::moment(frame as u32, secs, precision)
@@ -432,25 +514,39 @@ impl Shot {
         let mut add = |swatch, color, text: &str| {
             legend.push(Key { swatch, color, text: text.to_owned() });
         };
-        if self.overlay.ghost || self.overlay.onion || self.overlay.trail {
+        let o = self.overlay;
+        if o.ghost || o.onion || o.trail {
             add(Swatch::Solid, [208, 212, 218], "achieved");
         }
-        if self.overlay.ghost {
-            let now = m.has_goal(frame);
-            let text = match (ghost, now) {
-                (true, false) => "next goal",
-                _ => "command",
+        if o.ghost {
+            let next = ghost && !m.has_goal(frame);
+            let text = match (next, o.error) {
+                (true, _) => "next goal",
+                (false, true) => "command, small error",
+                (false, false) => "command",
             };
-            add(Swatch::Ghost, [56, 152, 226], text);
+            add(Swatch::Ghost, COMMAND, text);
+            if o.error && !next {
+                add(Swatch::Ghost, tint(1.0), "command, large error");
+            }
         }
-        if self.overlay.onion {
-            add(Swatch::Ghost, palette::PURPLE, "key before");
-            add(Swatch::Ghost, palette::GREEN, "key after");
+        if o.onion {
+            add(Swatch::Ghost, PAST, "key before");
+            add(Swatch::Ghost, FUTURE, "key after");
         }
-        if self.overlay.trail && !self.marks.is_empty() {
-            add(Swatch::Cross, [56, 152, 226], "keyframe");
+        if let (true, Some(color)) = (o.trail, self.colors.first()) {
+            add(Swatch::Line, color.map(|c| (c.clamp(0.0, 1.0) * 255.0).round() as u8), "path");
         }
-        Caption { title: m.name.clone(), line, legend }
+        if o.trail && !self.marks.is_empty() {
+            add(Swatch::Cross, COMMAND, "keyframe");
+        }
+        if o.axes {
+            add(Swatch::Line, AXIS, "joint axis");
+        }
+        if o.contacts {
+            add(Swatch::Line, CONTACT, "contact");
+        }
+        Caption { title: m.name.clone(), line, legend, large: self.large }
     }
 }
 
@@ -485,14 +581,16 @@ fn camera_path(
     stage: &mut Stage,
     motion: &Motion,
     camera: &CameraChoice,
-    points: Vec<Vec3>,
+    points: &[Vec3],
     aspect: f32,
 ) -> Result<CameraPath, Error> {
     Ok(match camera {
-        CameraChoice::Fit => CameraPath::Still(Camera::fit(&points, &stage.view(), aspect)),
+        CameraChoice::Fit => CameraPath::Still(Camera::fit(points, &stage.view(), aspect)),
         CameraChoice::Fixed => CameraPath::Still(stage.fixed_camera()),
-        CameraChoice::Top => CameraPath::Still(Camera::fit(&points, &View::top(), aspect)),
-        CameraChoice::Orbit => CameraPath::Orbit { points, view: stage.view(), aspect },
+        CameraChoice::Top => CameraPath::Still(Camera::fit(points, &View::top(), aspect)),
+        CameraChoice::Orbit => {
+            CameraPath::Orbit { points: points.to_vec(), view: stage.view(), aspect }
+        }
         CameraChoice::Named(name) => CameraPath::Still(stage.model_camera(name)?),
         CameraChoice::Follow(body) => {
             let body = stage.scene().body(body)?;
@@ -506,6 +604,33 @@ fn camera_path(
             CameraPath::Follow { camera, offsets: smoothed(&places) }
         }
     })
+}
+
+/// Metres at which a link is as red as it gets: a tenth of what the picture is about.
+fn full_error(points: &[Vec3]) -> f32 {
+    let low = points.iter().fold(Vec3::INFINITY, |a, p| a.min(*p));
+    let high = points.iter().fold(Vec3::NEG_INFINITY, |a, p| a.max(*p));
+    0.10 * low.distance(high).clamp(0.01, 100.0)
+}
+
+/// A path without corners at its frames: a curve through all of them (Catmull and Rom, 1974).
+fn rounded(path: &[Vec3]) -> Vec<Vec3> {
+    let at = |i: usize| path.get(i.min(path.len().saturating_sub(1))).copied().unwrap_or_default();
+    let mut out = Vec::with_capacity(path.len() * PIECES);
+    for i in 0..path.len().saturating_sub(1) {
+        let (a, b, c, d) = (at(i.saturating_sub(1)), at(i), at(i + 1), at(i + 2));
+        for k in 0..PIECES {
+            let t = k as f32 / PIECES as f32;
+            let (t2, t3) = (t * t, t * t * t);
+            out.push(
+                b + 0.5 * (c - a) * t
+                    + (a - 2.5 * b + 2.0 * c - 0.5 * d) * t2
+                    + (1.5 * (b - c) + 0.5 * (d - a)) * t3,
+            );
+        }
+    }
+    out.extend(path.last());
+    out
 }
 
 /// Where each place lies from the first, averaged over half a second on both sides: a camera
@@ -549,6 +674,90 @@ mod tests {
         assert_eq!(m.goal(2), Some(3));
         assert_eq!(m.command(1, 3), Some(vec![1.0, 1.0]));
         assert_eq!(Motion::default().goal(0), None);
+    }
+
+    #[test]
+    fn a_still_shows_what_differs_from_the_start() {
+        let nan = f64::NAN;
+        let home = vec![0.0, 0.0];
+        let mut m = Motion {
+            commanded: vec![home.clone(), vec![0.0, nan], vec![0.0, 1.0], home.clone()],
+            achieved: vec![home.clone(); 4],
+            keys: vec![0, 1, 2, 3],
+            ..Motion::default()
+        };
+        assert_eq!(m.telling_frame(), 2, "frame 3 is home again");
+        m.keys = vec![0, 3];
+        assert_eq!(m.telling_frame(), 3, "nothing else is commanded");
+        m.keys.clear();
+        m.achieved.truncate(2);
+        assert_eq!(m.telling_frame(), 1);
+    }
+
+    #[test]
+    fn a_rounded_path_goes_through_its_frames() {
+        let path: Vec<Vec3> =
+            (0..9).map(|i| Vec3::new(i as f32, (i * i % 5) as f32, 1.0)).collect();
+        let round = rounded(&path);
+        assert_eq!(round.len(), 8 * PIECES + 1);
+        for (i, p) in path.iter().enumerate() {
+            assert!(round[i * PIECES].distance(*p) < 1e-5, "{i}");
+        }
+        assert!(rounded(&[]).is_empty());
+        assert_eq!(rounded(&[Vec3::X]), [Vec3::X]);
+        // A straight line stays one.
+        let line = rounded(&[Vec3::ZERO, Vec3::X, 2.0 * Vec3::X]);
+        assert!(line.iter().all(|p| p.y == 0.0 && p.z == 0.0));
+    }
+
+    fn shot(robot: &str, reach: f64, overlay: &str) -> Shot {
+        let robot = Arc::new(Robot::builtin(robot).unwrap());
+        let home = robot.home();
+        let away: Vec<f64> = home.iter().map(|q| q + reach).collect();
+        let motion = Motion {
+            fps: 20.0,
+            commanded: vec![home.clone(), away.clone()],
+            achieved: vec![home, away],
+            keys: vec![1],
+            ..Motion::default()
+        };
+        let overlay = Overlay::parse(overlay).unwrap();
+        Shot::new(&robot, motion, overlay, &CameraChoice::Fit, 1.0).unwrap()
+    }
+
+    #[test]
+    fn shots_of_one_robot_share_their_camera() {
+        let shots = [("pointmass", 0.02), ("ur5e", 0.1), ("pointmass", 0.2)];
+        let mut shots = shots.map(|(robot, reach)| shot(robot, reach, "ghost,trail"));
+        let alone = [0, 1, 2].map(|i| shots[i].camera(0));
+        assert!(alone[0] != alone[2]);
+        Shot::share_camera(&mut shots);
+        let shared = [0, 1, 2].map(|i| shots[i].camera(0));
+        assert_eq!(shared[0], shared[2]);
+        assert_eq!(shared[1], alone[1], "the only one of its robot");
+        assert_eq!(shots[0].full_m, shots[2].full_m);
+    }
+
+    #[test]
+    fn the_legend_names_every_sign() {
+        let keys = |overlay: &str, frame| -> Vec<(Swatch, palette::Rgb, String)> {
+            let legend = shot("pointmass", 0.1, overlay).caption(frame, true).legend;
+            legend.into_iter().map(|k| (k.swatch, k.color, k.text)).collect()
+        };
+        let texts =
+            |overlay: &str| -> Vec<String> { keys(overlay, 1).into_iter().map(|k| k.2).collect() };
+        assert_eq!(texts("caption,ghost"), ["achieved", "command"]);
+        let error = keys("caption,error", 1);
+        let (small, large) = (&error[1], &error[2]);
+        assert!(small.2.contains("small error") && large.2.contains("large error"));
+        assert_eq!((small.1, large.1), (COMMAND, palette::VERMILION));
+        assert_eq!(texts("caption,trail"), ["achieved", "path", "keyframe"]);
+        let signs = keys("caption,axes,contacts", 1);
+        assert_eq!(
+            signs.iter().map(|k| k.2.as_str()).collect::<Vec<_>>(),
+            ["joint axis", "contact"]
+        );
+        assert!(signs[0].1 != signs[1].1);
     }
 
     #[test]

@@ -128,6 +128,24 @@ fn a_broken_shadow_ghost_or_camera_is_seen() {
     });
 }
 
+/// A touch lies inside of what touches: it is drawn over it.
+#[test]
+fn a_contact_inside_a_ball_is_seen() {
+    use robert::render::{Camera, Geom, Glyph, Pose, Shape, View};
+    let ball =
+        Geom { name: "b".into(), body: 0, shape: Shape::Sphere { radius: 0.1 }, rgba: [1.0; 4] };
+    let scene = Scene::new(vec![ball], vec![], None).unwrap();
+    let poses = [Pose::IDENTITY];
+    let camera = Camera::fit(&scene.corners(&poses), &View::default(), 4.0 / 3.0);
+    let glyph = Glyph::Contact { at: glam::Vec3::ZERO, normal: glam::Vec3::Z, length: 0.08 };
+    let plain = FrameInput::new(&poses, camera);
+    let Some(without) = draw(&scene, &plain) else { return };
+    let with = draw(&scene, &FrameInput { glyphs: &[glyph], ..plain }).unwrap();
+    let changed = with.rgba.chunks_exact(4).zip(without.rgba.chunks_exact(4));
+    let vivid = changed.filter(|(a, b)| a != b && a[0] > a[1] + 60).count();
+    assert!(vivid > 50, "{vivid} pixels of the arrow");
+}
+
 #[test]
 fn bad_input_is_refused_or_survived() {
     let Some(renderer) = renderer() else { return };

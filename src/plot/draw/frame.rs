@@ -10,12 +10,19 @@ pub(super) struct Frame {
     pub(super) log: (bool, bool),
 }
 
+/// Whether a value has a place on any axis: differences of larger ones are not finite.
+pub(super) fn drawable(v: f64) -> bool {
+    v.abs() <= 1e300
+}
+
 /// Both ends of what is left of a segment, and whether the second was inside.
 type Cut = ((f64, f64), (f64, f64), bool);
 
 impl Frame {
     fn share(v: f64, ends: (f64, f64), log: bool) -> f64 {
-        if log {
+        if !drawable(v) {
+            f64::NAN
+        } else if log {
             (v.max(1e-300).ln() - ends.0.ln()) / (ends.1.ln() - ends.0.ln())
         } else {
             (v - ends.0) / (ends.1 - ends.0)
@@ -46,7 +53,7 @@ impl Frame {
         let mut joined = false;
         for w in points.windows(2) {
             let &[a, b] = w else { continue };
-            let finite = a.0.is_finite() && a.1.is_finite() && b.0.is_finite() && b.1.is_finite();
+            let finite = [a.0, a.1, b.0, b.1].into_iter().all(drawable);
             let cut = finite
                 .then(|| self.cut((self.x(a.0), self.y(a.1)), (self.x(b.0), self.y(b.1))))
                 .flatten();

@@ -16,7 +16,8 @@ use plotters::style::text_anchor::{HPos, VPos};
 
 use self::canvas::{Area, Canvas, Lettering, Rect, SMOOTH, UNITS, rgb};
 use self::legend::Entry;
-use super::figure::Figure;
+use self::panel::Room;
+use super::figure::{Figure, Panel};
 use super::{Error, Letterer};
 
 /// Points along one edge of a figure.
@@ -144,18 +145,33 @@ fn render<DB: DrawingBackend>(
     canvas.legend(&size.legend, MARGIN, y, f64::from(size.width) - 2.0 * MARGIN)?;
     let columns = figure.columns.clamp(1, figure.panels.len());
     let (w, h) = (f64::from(figure.panel.0), f64::from(figure.panel.1));
+    // A label serves the whole column as long as the panels below have the same.
+    let lowest = |i: usize, panel: &Panel| {
+        let below = figure.panels.get(i + columns);
+        i / columns + 1 == size.rows || below.is_none_or(|b| b.x.text() != panel.x.text())
+    };
+    let mut feet = vec![false; size.rows];
+    let mut placed = Vec::with_capacity(figure.panels.len());
     for (i, panel) in figure.panels.iter().enumerate() {
         let (column, row) = (i % columns, i / columns);
-        let r = Rect { x: MARGIN + w * column as f64, y: size.top + h * row as f64, w, h };
-        // A label serves the whole column as long as the panels below have the same.
-        let below = figure.panels.get(i + columns);
-        let lowest = row + 1 == size.rows || below.is_none_or(|b| b.x.text() != panel.x.text());
-        let legend = if figure.own_legends {
-            legend::entries(std::slice::from_ref(panel))
-        } else {
-            Vec::new()
-        };
-        canvas.panel(panel, r, lowest, &legend)?;
+        if let Some(foot) = feet.get_mut(row) {
+            *foot |= lowest(i, panel);
+        }
+        let outer = Rect { x: MARGIN + w * column as f64, y: size.top + h * row as f64, w, h };
+        let own = figure.own_legends.then(|| legend::entries(std::slice::from_ref(panel)));
+        placed.push((panel, outer, own.unwrap_or_default()));
+    }
+    // Panels of a column begin at one line, panels of a row end at one.
+    let room = |i: usize, legend| Room { foot: feet.get(i / columns) == Some(&true), legend };
+    let mut labels = vec![0.0_f64; columns];
+    for (i, (panel, outer, legend)) in placed.iter().enumerate() {
+        if let Some(widest) = labels.get_mut(i % columns) {
+            *widest = widest.max(canvas.labels(panel, *outer, room(i, legend)));
+        }
+    }
+    for (i, (panel, outer, legend)) in placed.iter().enumerate() {
+        let labels = labels.get(i % columns).copied().unwrap_or(0.0);
+        canvas.panel(panel, *outer, lowest(i, panel), room(i, legend), labels)?;
     }
     area.present().map_err(Error::draw)
 }

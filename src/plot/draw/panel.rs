@@ -4,12 +4,34 @@ use plotters::prelude::DrawingBackend;
 use plotters::style::text_anchor::{HPos, VPos};
 
 use super::canvas::{Canvas, Rect, text_width};
-use super::frame::Frame;
+use super::frame::{Frame, drawable};
 use super::legend::{Entry, LINE, rows};
 use super::{HEAD, LABEL, TICK};
 use crate::plot::Error;
 use crate::plot::axis::Axis;
 use crate::plot::figure::{Dash, Layer, Mark, Panel};
+
+/// What a panel keeps free around its axes.
+#[derive(Clone, Copy)]
+pub(super) struct Room<'a> {
+    /// Whether there is room for the name of the x axis: for all panels of a row, or none.
+    pub(super) foot: bool,
+    /// The panel's own list of colours, empty where the figure has one.
+    pub(super) legend: &'a [Entry],
+}
+
+/// Axes, measured.
+struct Inner {
+    x: (f64, f64),
+    y: (f64, f64),
+    /// Upper edge and height of what lies between the axes.
+    top: f64,
+    height: f64,
+    list_width: f64,
+    /// Points that the numbers of the y axis take.
+    labels: f64,
+    y_ticks: Vec<(f64, String)>,
+}
 
 impl<DB: DrawingBackend> Canvas<'_, DB> {
     fn y_ticks(axis: &Axis, ends: (f64, f64), height: f64) -> Vec<(f64, String)> {
@@ -24,19 +46,12 @@ impl<DB: DrawingBackend> Canvas<'_, DB> {
         }
     }
 
-    /// `legend` is the panel's own, empty where the figure has one.
-    pub(super) fn panel(
-        &self,
-        panel: &Panel,
-        outer: Rect,
-        lowest: bool,
-        legend: &[Entry],
-    ) -> Result<(), Error> {
-        let t = self.theme;
+    /// Where a panel's axes end and how much of `outer` is left for them.
+    fn measure(&self, panel: &Panel, outer: Rect, room: Room<'_>) -> Inner {
         let ends = |axis: &Axis, horizontal: bool| {
             let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
             let mut take = |v: f64| {
-                if v.is_finite() && (!axis.log || v > 0.0) {
+                if drawable(v) && (!axis.log || v > 0.0) {
                     low = low.min(v);
                     high = high.max(v);
                 }
@@ -48,8 +63,7 @@ impl<DB: DrawingBackend> Canvas<'_, DB> {
             if horizontal && !panel.equal { axis.tight(low, high) } else { axis.ends(low, high) }
         };
         let (mut x, mut y) = (ends(&panel.x, true), ends(&panel.y, false));
-        let scale = panel.layers.iter().find_map(Layer::scale);
-        let cells = scale.is_some();
+        let cells = panel.layers.iter().any(|l| l.scale().is_some());
         let exact = |axis: &Axis, e: (f64, f64), layer: fn(&Layer) -> Option<(f64, f64)>| {
             if axis.range.is_some() { e } else { panel.layers.iter().find_map(layer).unwrap_or(e) }
         };
@@ -71,23 +85,46 @@ impl<DB: DrawingBackend> Canvas<'_, DB> {
         }
         // Whatever the ticks will take, the list fits beside them.
         let list_width = (outer.w - 64.0).max(10.0);
-        top += rows(self.letterer, legend, list_width) as f64 * LINE;
+        top += rows(self.letterer, room.legend, list_width) as f64 * LINE;
         if !panel.y.text().is_empty() {
             top += LABEL * 1.35;
         }
-        let bottom = TICK * 1.9 + if lowest { LABEL * 1.7 } else { 6.0 };
+        let bottom = TICK * 1.9 + if room.foot { LABEL * 1.7 } else { 6.0 };
         let height = (outer.y + outer.h - bottom - top - 4.0).max(10.0);
         let y_ticks = Self::y_ticks(&panel.y, y, height);
         let widest = y_ticks
             .iter()
             .map(|k| text_width(self.letterer, &k.1, TICK, false))
             .fold(0.0, f64::max);
-        let label_width = widest.min(0.4 * outer.w);
+        let labels = widest.min(0.4 * outer.w);
+        Inner { x, y, top: top + 4.0, height, list_width, labels, y_ticks }
+    }
+
+    /// Points that the numbers beside a panel take.
+    pub(super) fn labels(&self, panel: &Panel, outer: Rect, room: Room<'_>) -> f64 {
+        self.measure(panel, outer, room).labels
+    }
+
+    /// `labels` are the points for the numbers at the left, the same for a whole column.
+    pub(super) fn panel(
+        &self,
+        panel: &Panel,
+        outer: Rect,
+        lowest: bool,
+        room: Room<'_>,
+        labels: f64,
+    ) -> Result<(), Error> {
+        let t = self.theme;
+        let legend = room.legend;
+        let Inner { mut x, mut y, top, height, list_width, y_ticks, .. } =
+            self.measure(panel, outer, room);
+        let scale = panel.layers.iter().find_map(Layer::scale);
+        let cells = scale.is_some();
         let side = if cells { 74.0 } else { 14.0 };
         let mut rect = Rect {
-            x: outer.x + label_width + 8.0,
-            y: top + 4.0,
-            w: (outer.w - label_width - 8.0 - side).max(10.0),
+            x: outer.x + labels + 8.0,
+            y: top,
+            w: (outer.w - labels - 8.0 - side).max(10.0),
             h: height,
         };
         if panel.equal {
@@ -167,7 +204,12 @@ impl<DB: DrawingBackend> Canvas<'_, DB> {
                 .map(|k| text_width(self.letterer, &k.1, TICK, false))
                 .fold(0.0, f64::max);
             let room = frame.rect.w / ticks.len().max(1) as f64;
-            if wish <= 2 || widest + 8.0 <= room || panel.x.log || !panel.x.names.is_empty() {
+            if !panel.x.names.is_empty() {
+                // Names that would run into each other: every second, every third, ...
+                let every = ((widest + 8.0) / room.max(1e-3)).ceil().max(1.0) as usize;
+                return ticks.into_iter().step_by(every).collect();
+            }
+            if wish <= 2 || widest + 8.0 <= room || panel.x.log {
                 return ticks;
             }
             wish -= 1;
@@ -191,9 +233,7 @@ impl<DB: DrawingBackend> Canvas<'_, DB> {
                 }
             }
             Layer::Band { points, color } => {
-                for run in
-                    points.split(|p| !(p.0.is_finite() && p.1.is_finite() && p.2.is_finite()))
-                {
+                for run in points.split(|p| ![p.0, p.1, p.2].into_iter().all(drawable)) {
                     let up = run.iter().map(|p| (f.x(p.0), f.clamp_y(f.y(p.2))));
                     let down = run.iter().rev().map(|p| (f.x(p.0), f.clamp_y(f.y(p.1))));
                     let outline: Vec<_> = up.chain(down).collect();
@@ -215,14 +255,14 @@ impl<DB: DrawingBackend> Canvas<'_, DB> {
             }
             Layer::Bars { values, color, set: (set, sets), .. } => {
                 let wide = 0.76 / (*sets).max(1) as f64;
-                for (i, (v, error)) in values.iter().enumerate().filter(|(_, v)| v.0.is_finite()) {
+                for (i, (v, error)) in values.iter().enumerate().filter(|(_, v)| drawable(v.0)) {
                     let from = i as f64 - 0.38 + wide * *set as f64;
                     let gap = if *sets > 1 { 0.04 * wide } else { 0.0 };
                     let (x0, x1) = (f.x(from + gap), f.x(from + wide - gap));
                     let (y0, y1) = (f.clamp_y(f.y(v.max(0.0))), f.clamp_y(f.y(v.min(0.0))));
                     let bar = Rect { x: x0, y: y0, w: x1 - x0, h: (y1 - y0).max(0.5) };
                     self.rect(bar, self.color(*color), 0.92)?;
-                    if *error > 0.0 && error.is_finite() {
+                    if *error > 0.0 && drawable(v + error) && drawable(v - error) {
                         let x = 0.5 * (x0 + x1);
                         let (a, b) = (f.clamp_y(f.y(v - error)), f.clamp_y(f.y(v + error)));
                         let cap = (0.22 * (x1 - x0)).min(5.0);
@@ -235,6 +275,9 @@ impl<DB: DrawingBackend> Canvas<'_, DB> {
             Layer::Histogram { edges, heights, color, .. } => {
                 for (pair, v) in edges.windows(2).zip(heights) {
                     let &[a, b] = pair else { continue };
+                    if ![a, b, *v].into_iter().all(drawable) {
+                        continue;
+                    }
                     let (x0, x1) = (f.x(a), f.x(b));
                     let y = f.clamp_y(f.y(*v));
                     let foot = f.rect.y + f.rect.h;
@@ -253,7 +296,7 @@ impl<DB: DrawingBackend> Canvas<'_, DB> {
                     let (y0, y1) = (f.y(y.0 + (r + 1.0) * dy), f.y(y.0 + r * dy));
                     let share = (v - low) / (high - low);
                     let cell = Rect { x: x0, y: y0, w: x1 - x0, h: y1 - y0 };
-                    self.rect(cell, t.heat(share), 1.0)?;
+                    self.rect(cell, t.heat(seen(share)), 1.0)?;
                 }
             }
             Layer::Level { y, name } => {
@@ -279,7 +322,7 @@ impl<DB: DrawingBackend> Canvas<'_, DB> {
             let share = f64::from(k) / f64::from(steps);
             let h = f.rect.h / f64::from(steps);
             let y = f.rect.y + f.rect.h - h * f64::from(k + 1);
-            self.rect(Rect { x, y, w, h: h + 0.3 }, t.heat(share), 1.0)?;
+            self.rect(Rect { x, y, w, h: h + 0.3 }, t.heat(seen(share)), 1.0)?;
         }
         let axis = Axis::default();
         let left = (HPos::Left, VPos::Center);
@@ -290,6 +333,11 @@ impl<DB: DrawingBackend> Canvas<'_, DB> {
         let p = (x + w + 46.0, f.rect.y - 0.85 * LABEL);
         self.text(label, p, LABEL, false, t.faint_ink(), (HPos::Right, VPos::Center))
     }
+}
+
+/// The least that is shown must differ from nothing, the colour of the paper.
+fn seen(share: f64) -> f64 {
+    0.2 + 0.8 * share
 }
 
 /// Widens the range of one axis until a unit is as long on both. The panel keeps its size.

@@ -27,10 +27,14 @@ use super::fail;
 use super::video::{Encode, Film};
 use crate::render::{Error, Picture};
 
-/// Quantiser: 24 is clean to the eye on these pictures at 2 kB a frame.
+/// Quantiser: clean to the eye on these pictures at 2 kB a frame.
 const QP: u8 = 23;
 /// Frames between points that a player can jump to.
 const KEY_EVERY: u32 = 40;
+/// Edges that the encoder takes, pixels: at least, the longer one, the shorter one (level 5.1).
+const LEAST: u32 = 16;
+const LONG: u32 = 3840;
+const SHORT: u32 = 2160;
 
 pub(super) struct Mp4 {
     encoder: Encoder,
@@ -48,6 +52,15 @@ struct Planes {
     y: Vec<u8>,
     u: Vec<u8>,
     v: Vec<u8>,
+}
+
+/// Refuses sizes that the encoder would.
+pub(super) fn check_size(width: u32, height: u32) -> Result<(), Error> {
+    let (short, long) = (width.min(height), width.max(height));
+    if (LEAST..=SHORT).contains(&short) && long <= LONG {
+        return Ok(());
+    }
+    Err(Error::FilmSize { width, height, least: LEAST, long: LONG, short: SHORT })
 }
 
 impl Mp4 {

@@ -31,6 +31,17 @@ impl FilmFormat {
             _ => None,
         }
     }
+
+    /// Whether a film of these pixels can be written.
+    ///
+    /// # Errors
+    /// [`Error::FilmSize`].
+    pub fn check_size(self, width: u32, height: u32) -> Result<(), Error> {
+        match self {
+            FilmFormat::Mp4 => mp4::check_size(width, height),
+            FilmFormat::Gif | FilmFormat::Apng => Ok(()),
+        }
+    }
 }
 
 /// What a film is made of.
@@ -79,11 +90,13 @@ impl VideoWriter {
     /// A film at `path`; the format is that of `film`.
     ///
     /// # Errors
-    /// [`Error::Format`] for an ending that no film has; [`Error::Encode`].
+    /// [`Error::Format`] for an ending that no film has; [`Error::FilmSize`],
+    /// [`Error::Encode`].
     pub fn create(path: &Path, film: Film) -> Result<VideoWriter, Error> {
         if FilmFormat::of(path).is_none() {
             return Err(Error::Format { known: ENDINGS, path: path.to_owned() });
         }
+        film.format.check_size(film.width, film.height)?;
         let (send, receive) = sync_channel::<Picture>(WAITING);
         let worker = std::thread::Builder::new()
             .name("encode".into())
@@ -179,6 +192,35 @@ mod tests {
         assert!(matches!(w.finish(), Err(Error::NoFrames)));
         assert!(!path.exists());
         assert!(VideoWriter::create(&dir.path().join("a.avi"), config).is_err());
+    }
+
+    #[test]
+    fn a_film_is_refused_before_its_first_frame() {
+        for (w, h) in [(16, 16), (3840, 2160), (2160, 3840), (640, 480)] {
+            FilmFormat::Mp4.check_size(w, h).unwrap();
+        }
+        for (w, h) in [(15, 64), (1, 1), (3841, 1080), (3846, 1080), (2161, 2161), (8192, 16)] {
+            let e = FilmFormat::Mp4.check_size(w, h).unwrap_err();
+            assert!(e.to_string().contains(&format!("{w}x{h}")), "{e}");
+            FilmFormat::Apng.check_size(w, h).unwrap();
+        }
+        let film = Film { format: FilmFormat::Mp4, fps: 20, width: 1, height: 1, frames: 1 };
+        let dir = tempfile::tempdir().unwrap();
+        let made = VideoWriter::create(&dir.path().join("a.mp4"), film);
+        assert!(matches!(made, Err(Error::FilmSize { .. })));
+    }
+
+    /// The encoder takes what the check lets through.
+    #[test]
+    fn the_outermost_sizes_are_encoded() {
+        let dir = tempfile::tempdir().unwrap();
+        for (width, height) in [(16, 16), (17, 16), (3840, 2160), (2160, 3840)] {
+            let path = dir.path().join("a.mp4");
+            let film = Film { format: FilmFormat::Mp4, fps: 20, width, height, frames: 1 };
+            let mut w = VideoWriter::create(&path, film).unwrap();
+            w.push(Picture::filled(width, height, [90, 120, 200])).unwrap();
+            assert_eq!(w.finish().unwrap().frames, 1, "{width}x{height}");
+        }
     }
 
     #[test]

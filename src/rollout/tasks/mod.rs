@@ -163,7 +163,20 @@ pub fn find(name: &str, robot: Option<&str>) -> Result<Clip, TaskError> {
     let unknown = |hint| TaskError::UnknownTask { name: name.to_owned(), hint };
     match folders.as_slice() {
         [folder] => read(folder, short),
-        [] => Err(unknown(near.map_or_else(String::new, |n| format!(" (did you mean {}?)", n.1)))),
+        [] => {
+            let of_others = manifest.iter().filter(|(id, tasks)| {
+                Some(id.as_str()) != robot
+                    && SUITES.iter().filter_map(|s| tasks.suite(s)).flatten().any(|t| t == short)
+            });
+            let others: Vec<&str> = of_others.map(|(id, _)| id.as_str()).collect();
+            Err(unknown(match (robot, others.is_empty(), near) {
+                (Some(robot), false, _) => {
+                    format!(" for {robot} (it is one of {})", others.join(" and "))
+                }
+                (_, _, Some(near)) => format!(" (did you mean {}?)", near.1),
+                _ => String::new(),
+            }))
+        }
         many => Err(unknown(format!(" of one robot only (write ROBOT/NAME: {})", many.join(", ")))),
     }
 }

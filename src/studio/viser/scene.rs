@@ -11,7 +11,9 @@ use super::space::Place;
 use crate::render::View;
 use crate::robot;
 use crate::studio::worker::{Geometry, MeshFacts, RobotFacts};
-use crate::take::viser::{Binding, Buffer, FrameProps, GridProps, MeshProps, Message, node_name};
+use crate::take::viser::{
+    Apart, Binding, Buffer, FrameProps, GridProps, MeshProps, Message, node_name,
+};
 
 /// One of the robots on stage.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -63,6 +65,7 @@ pub(super) struct Cast {
     hulls: Vec<(usize, Vec<Vec3>)>,
     /// Of a ball around it, m.
     radius: f64,
+    apart: Apart,
 }
 
 /// Puts a robot on stage; what stood there before goes.
@@ -108,7 +111,12 @@ pub(super) fn build(scene: &mut Retained, geometry: &Geometry) -> Cast {
     scene.put(Message::create("/floor", GridProps { shadow_opacity: 0.0, ..GridProps::default() }));
     scene.put(Message::position("/floor", [0.0, 0.0, floor - 1e-3]));
     let by_name = names.iter().enumerate().map(|(i, n)| (n.clone(), i)).collect();
-    Cast { names, by_name, outline, hulls: hulls(geometry), radius }
+    let corners =
+        geometry.meshes.iter().filter(|m| m.body > 0).flat_map(|mesh| {
+            mesh.vertices.as_chunks::<3>().0.iter().map(|corner| (mesh.body, corner))
+        });
+    let apart = Apart::new(names.len(), corners, 2.0 * radius);
+    Cast { names, by_name, outline, hulls: hulls(geometry), radius, apart }
 }
 
 /// What is there before any robot.
@@ -203,6 +211,20 @@ impl Cast {
             let node = format!("{}/{name}", actor.root());
             scene.put(Message::position(&node, place.pos));
             scene.put(Message::orientation(&node, place.quat));
+        }
+    }
+
+    /// Shows of the command what is elsewhere than the solid robot; all of it where either is
+    /// not known.
+    pub(super) fn unveil(
+        &self,
+        scene: &mut Retained,
+        place: impl Fn(usize) -> Option<(Place, Place)>,
+    ) {
+        for (body, name) in self.names.iter().enumerate().skip(1) {
+            let seen = place(body)
+                .is_none_or(|(real, asked)| self.apart.seen(body, &real.row(), &asked.row()));
+            scene.put(Message::visibility(&format!("{}/{name}", Actor::Command.root()), seen));
         }
     }
 

@@ -22,6 +22,12 @@ impl Place {
         Some(Place { pos: [at(0), at(1), at(2)], quat: unit([at(3), at(4), at(5), at(6)]) })
     }
 
+    /// Position and orientation in a row.
+    pub(super) fn row(&self) -> [f64; 7] {
+        let ([x, y, z], [qw, qx, qy, qz]) = (self.pos, self.quat);
+        [x, y, z, qw, qx, qy, qz]
+    }
+
     /// A point of this frame in the world.
     pub(super) fn point(&self, p: V3) -> V3 {
         add(self.pos, rotate(self.quat, p))

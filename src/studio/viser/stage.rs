@@ -381,18 +381,22 @@ impl Stage {
         };
         let floating = self.floating_bodies.as_deref();
         let (achieved, command, ghosts) = (self.achieved, self.command, self.ghosts);
+        let real = |body: usize| match (floating, &now, &next) {
+            (Some(bodies), _, _) => Place::of(bodies, body),
+            (None, Some((a, _)), Some((b, _))) => between(a, b, body),
+            _ => None,
+        };
+        let asked = |body: usize| match (simulated, &now, &next, &ghost) {
+            (true, Some((_, a)), Some((_, b)), _) => between(a, b, body),
+            (_, _, _, Some(bodies)) => Place::of(bodies, body),
+            _ => None,
+        };
+        let seen = achieved || floating.is_some();
         self.viewport.edit(|scene| {
-            if let Some(bodies) = floating {
-                cast.pose(scene, Actor::Robot, |b| Place::of(bodies, b));
-            } else if let (Some((a, _)), Some((b, _))) = (&now, &next) {
-                cast.pose(scene, Actor::Robot, |body| between(a, b, body));
-            }
-            if let (true, Some((_, a)), Some((_, b))) = (simulated, &now, &next) {
-                cast.pose(scene, Actor::Command, |body| between(a, b, body));
-            } else if let Some(bodies) = &ghost {
-                cast.pose(scene, Actor::Command, |b| Place::of(bodies, b));
-            }
-            let seen = achieved || floating.is_some();
+            cast.pose(scene, Actor::Robot, real);
+            cast.pose(scene, Actor::Command, asked);
+            // Without the solid robot there is nothing that a ghost could agree with.
+            cast.unveil(scene, |b| real(b).zip(asked(b)).filter(|_| seen));
             scene.put(Message::visibility(Actor::Robot.root(), seen));
             scene.put(Message::visibility(Actor::Command.root(), command));
             if !ghosts {

@@ -10,10 +10,12 @@
 //! * Quaternions are w x y z, poses are in the parent's frame, names are `/a/b/c`.
 //! * Arrays travel beside the msgpack, see [`Buffer`].
 
+mod apart;
 mod encode;
 mod messages;
 mod record;
 
+pub use apart::Apart;
 pub use encode::{Buffer, SUBPROTOCOL, VERSION, frame};
 pub use messages::*;
 pub use record::{Recording, node_name};

@@ -7,6 +7,9 @@ use super::super::document::{POSE, Take};
 use super::super::error::Error;
 use super::super::geometry::{BodyMesh, Solids, body_meshes};
 use super::super::scene::GHOST;
+use glam::{DQuat, DVec3};
+
+use super::apart::Apart;
 use super::encode::{Buffer, file};
 use super::messages::{
     AmbientLightProps, DirectionalLightProps, FrameProps, GridProps, MeshProps, Message,
@@ -43,12 +46,19 @@ impl Recording {
         out.put(0.0, Message::create("/command", FrameProps::default()));
         let bodies: Vec<String> = take.robot.bodies.iter().map(|b| node_name(b)).collect();
         out.bodies("/robot", &bodies, &meshes, None);
-        out.bodies("/command", &bodies, &meshes, Some(GHOST));
+        // What cannot move is where it is commanded to be.
+        let weld = robot.scene_model()?.body_weldid();
+        let moving: Vec<BodyMesh> =
+            meshes.iter().filter(|m| weld.get(m.body).is_some_and(|w| *w != 0)).cloned().collect();
+        out.bodies("/command", &bodies, &moving, Some(GHOST));
+        let corners = moving.iter().flat_map(|m| m.vertices.iter().map(|v| (m.body - 1, v)));
+        let apart = Apart::new(bodies.len(), corners, size_m(take, &moving));
 
         let n = bodies.len() * POSE;
         let mut solid = Last { root: "/robot", poses: vec![f64::NAN; n] };
         let mut ghost = Last { root: "/command", poses: vec![f64::NAN; n] };
-        let mut shown = None;
+        let mut shown: Vec<Option<bool>> = vec![None; bodies.len()];
+        out.put(0.0, Message::visibility("/command", true));
         for f in 0..take.frames() {
             let at = f as f64 * CTRL_DT;
             solid.move_to(&mut out, at, &bodies, take.body_poses(f));
@@ -56,9 +66,16 @@ impl Recording {
             if let Some(poses) = goal {
                 ghost.move_to(&mut out, at, &bodies, poses);
             }
-            if shown != Some(goal.is_some()) {
-                shown = Some(goal.is_some());
-                out.put(at, Message::visibility("/command", goal.is_some()));
+            for (b, (body, shown)) in bodies.iter().zip(&mut shown).enumerate() {
+                let seen = match (pose_of(take.body_poses(f), b), goal.and_then(|g| pose_of(g, b)))
+                {
+                    (Some(real), Some(asked)) => apart.seen(b, real, asked),
+                    _ => false,
+                };
+                if *shown != Some(seen) {
+                    *shown = Some(seen);
+                    out.put(at, Message::visibility(&format!("/command/{body}"), seen));
+                }
             }
         }
         Ok(out)
@@ -82,10 +99,10 @@ impl Recording {
         self.put(0.0, Message::visibility("/WorldAxes", false));
         self.put(0.0, Message::EnableLightsMessage { enabled: true, cast_shadow: true });
         self.put(0.0, Message::no_environment());
-        let ambient = AmbientLightProps { intensity: 1.2, ..AmbientLightProps::default() };
+        let ambient = AmbientLightProps { intensity: 0.5, ..AmbientLightProps::default() };
         self.put(0.0, Message::create("/ambient", ambient));
         self.put(0.0, Message::visibility("/ambient", true));
-        let sun = DirectionalLightProps { intensity: 1.5, ..DirectionalLightProps::default() };
+        let sun = DirectionalLightProps { intensity: 0.7, ..DirectionalLightProps::default() };
         self.put(0.0, Message::create("/sun", sun));
         self.put(0.0, Message::visibility("/sun", true));
         self.put(0.0, Message::position("/sun", [2.0, -1.5, 4.0]));
@@ -130,6 +147,24 @@ impl Recording {
             self.put(0.0, Message::visibility(&name, true));
         }
     }
+}
+
+fn pose_of(poses: &[f64], body: usize) -> Option<&[f64; POSE]> {
+    poses.get(body * POSE..)?.first_chunk()
+}
+
+/// The diagonal of the box around what moves, at the first frame.
+fn size_m(take: &Take, meshes: &[BodyMesh]) -> f64 {
+    let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    for mesh in meshes {
+        let Some(p) = pose_of(take.body_poses(0), mesh.body - 1) else { continue };
+        let turn = DQuat::from_xyzw(p[4], p[5], p[6], p[3]).normalize();
+        for v in &mesh.vertices {
+            let at = DVec3::new(p[0], p[1], p[2]) + turn * DVec3::from_array(v.map(f64::from));
+            (low, high) = (low.min(at), high.max(at));
+        }
+    }
+    if low.x <= high.x { low.distance(high) } else { 0.0 }
 }
 
 fn props(mesh: &BodyMesh, tint: Option<[f32; 4]>) -> MeshProps {
@@ -221,15 +256,28 @@ mod tests {
             assert_eq!(last("SetPositionMessage", "position"), last_pose[b * 7..b * 7 + 3]);
             assert_eq!(last("SetOrientationMessage", "wxyz"), last_pose[b * 7 + 3..b * 7 + 7]);
         }
-        // The ghost is there at keys and gone between.
-        let shown: Vec<(f64, bool)> = file
-            .messages
-            .iter()
-            .filter(|(_, m)| m["name"] == "/command" && m["visible"].is_boolean())
-            .map(|(t, m)| (*t, m["visible"].as_bool().unwrap()))
-            .collect();
-        assert_eq!(shown[0], (0.0, true));
-        assert_eq!(shown[1], (0.05, false));
+        // The ghost is there at keys that were missed, and only then: at the first the arm is
+        // where it should be, in the hold from frame 10 it is on its way.
+        let shown = |body: &str| -> Vec<(f64, bool)> {
+            let name = format!("/command/{body}");
+            let of = file.messages.iter().filter(|(_, m)| m["name"] == name.as_str());
+            of.filter_map(|(t, m)| Some((*t, m["visible"].as_bool()?))).collect()
+        };
+        let wrist = shown("wrist_3_link");
+        assert_eq!(wrist[0], (0.0, false));
+        assert!((wrist[1].0 - 0.5).abs() < 1e-9 && wrist[1].1, "{wrist:?}");
+        assert!(wrist.windows(2).all(|w| w[0].1 != w[1].1), "only changes are sent: {wrist:?}");
+        assert_eq!(shown("base"), [(0.0, false)], "it cannot move");
+        let of_base = |root: &str| {
+            let inside = format!("{root}/base/");
+            let mesh = |m: &serde_json::Value| {
+                m["type"] == "MeshMessage"
+                    && m["name"].as_str().is_some_and(|n| n.starts_with(&inside))
+            };
+            file.messages.iter().filter(|(_, m)| mesh(m)).count()
+        };
+        assert!(of_base("/robot") > 0);
+        assert_eq!(of_base("/command"), 0);
         let meshes = file.messages.iter().filter(|(_, m)| m["type"] == "MeshMessage").count();
         assert!(meshes > take.robot.bodies.len(), "{meshes} meshes");
     }
