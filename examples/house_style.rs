@@ -74,7 +74,9 @@ fn main() {
         .collect();
     let achieved = Curve { name: "achieved".into(), points: path.clone(), ci95: vec![] };
     let commanded: Vec<(f64, f64)> = (0..=5).map(star).collect();
-    xy("pointmass: star", &[achieved], &commanded, "m").save(&folder.join("xy.png")).unwrap();
+    let axis = |name| Axis::new(name, "m");
+    let star = xy("pointmass: star", &[achieved], &commanded, axis("x"), axis("y"));
+    star.save(&folder.join("xy.png")).unwrap();
 
     let loss = |name: &str, end: f64| Curve {
         name: name.into(),

@@ -99,10 +99,10 @@ impl Recording {
         self.put(0.0, Message::visibility("/WorldAxes", false));
         self.put(0.0, Message::EnableLightsMessage { enabled: true, cast_shadow: true });
         self.put(0.0, Message::no_environment());
-        let ambient = AmbientLightProps { intensity: 0.5, ..AmbientLightProps::default() };
+        let ambient = AmbientLightProps { intensity: 0.75, ..AmbientLightProps::default() };
         self.put(0.0, Message::create("/ambient", ambient));
         self.put(0.0, Message::visibility("/ambient", true));
-        let sun = DirectionalLightProps { intensity: 0.7, ..DirectionalLightProps::default() };
+        let sun = DirectionalLightProps { intensity: 0.95, ..DirectionalLightProps::default() };
         self.put(0.0, Message::create("/sun", sun));
         self.put(0.0, Message::visibility("/sun", true));
         self.put(0.0, Message::position("/sun", [2.0, -1.5, 4.0]));
