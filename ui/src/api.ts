@@ -335,7 +335,7 @@ export async function refreshGallery(): Promise<void> {
   }
 }
 
-function adopt(d: DocumentView | null, opened = false): void {
+function adopt(d: DocumentView | null): void {
   const before = store.doc.value;
   batch(() => {
     store.doc.value = d ? { ...d, restored: d.restored?.edits ?? 0 } : undefined;
@@ -346,8 +346,9 @@ function adopt(d: DocumentView | null, opened = false): void {
       return;
     }
     store.policies.value = d.policies;
-    if (opened || store.page.value === "gallery") store.page.value = "editor";
-    if (opened || before?.clip.name !== d.clip.name || before?.path !== d.path) {
+    if (store.page.value === "gallery") store.page.value = "editor";
+    // The same one again comes to who has fallen behind; a clip without a name may be another.
+    if (d.rev === 0 || before?.clip.name !== d.clip.name || before?.path !== d.path) {
       store.selection.value = new Set();
       store.playhead.value = 0;
       store.joint.value = undefined;
@@ -370,7 +371,10 @@ async function loadRobot(id: string): Promise<void> {
 export async function openWith(method: string, path: string, body?: unknown): Promise<void> {
   const left = store.doc.value;
   try {
-    adopt(await http<DocumentView>(method, path, body), true);
+    const opened = await http<DocumentView>(method, path, body);
+    // The event of it came first, or is about to: it brings what follows from it, too.
+    if (store.doc.value?.rev !== opened.rev || store.doc.value.clip.robot.id !== opened.clip.robot.id) adopt(opened);
+    store.page.value = "editor";
     if (left && !left.path && left.history.done > 0) store.toast(`"${left.clip.name || "untitled"}" was never saved; it waits under Examples, Unsaved`);
   } catch (e) {
     complain(e);

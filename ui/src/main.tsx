@@ -205,7 +205,7 @@ function App() {
       ) : d && d.restored > 0 && !dismissed.value && store.page.value === "editor" ? (
         <div class="banner" role="status" data-testid="restored">Restored {d.restored} unsaved edit{d.restored === 1 ? "" : "s"}.
           <button onClick={() => (dismissed.value = true)}>Keep</button>
-          <button onClick={() => void http("POST", "/api/discard").then(() => (dismissed.value = true))}>Back to the saved file</button>
+          <button onClick={() => void http("POST", "/api/discard").then(() => (dismissed.value = true))}>{d.path ? "Back to the saved file" : "Back to how it began"}</button>
         </div>
       ) : null}
       {store.page.value === "editor" && d ? <Editor openKey={(f) => (keyFrame.value = f)} /> : (

@@ -27,6 +27,8 @@ export interface Sheet {
   /** On a key, or on the frames between keys. */
   menu(key: number | undefined, x: number, y: number): void;
   hint(text: string): void;
+  /** What is drawn at a frame, in words; the empty text where it explains itself. */
+  about(frame: number): string;
 }
 
 export interface BoxSelect {
@@ -104,6 +106,7 @@ export class Gestures {
       on("pointermove", (e) => this.move(e)),
       on("pointerup", (e) => this.up(e)),
       on("pointercancel", () => this.cancel()),
+      on("pointerleave", () => this.press ?? this.sheet.hint("")),
       on("dblclick", (e) => this.double(e)),
       on("contextmenu", (e) => this.context(e)),
       on("wheel", (e) => this.wheel(e), { passive: false }),
@@ -199,6 +202,10 @@ export class Gestures {
     const { x, y } = this.at(e);
     if (!press) {
       const key = hit(sheet, x, y);
+      const strip = y > sheet.box().height - STRIP;
+      sheet.hint(x < LABELS || y < RULER || key !== undefined ? ""
+        : strip ? "error by frame: mean over the joints that have a goal there"
+        : sheet.about(Math.round(xToFrame(sheet.view(), x))));
       this.canvas.style.cursor = key === undefined ? (y < RULER ? "ew-resize" : "default") : "grab";
       return;
     }

@@ -76,7 +76,19 @@ export function Timeline(props: { onMenu: (menu: Menu) => void; onOpenKey: (fram
       },
       openKey: props.onOpenKey,
       menu: (key, x, y) => props.onMenu({ key, x, y }),
+      about: (frame) => {
+        const d = store.doc.value;
+        const at = store.playhead.value;
+        if (!d || frame >= d.clip.length) return "";
+        if (frame < 0) return "before the clip: the past that the policy is told";
+        const within = (s: { from: number; to: number }): boolean => s.from <= frame && frame < s.to;
+        if (d.findings.blind.some(within)) return "red hatching: blind, no goal within the 20 frames that the policy sees";
+        if (d.findings.spans.some((s) => (s.kind === "masked" || s.kind === "open") && within(s))) return "hatching: no goal here, the policy finds its way";
+        if (frame > at && frame <= at + 20) return "green: the 20 frames after the playhead that the policy sees";
+        return "";
+      },
       hint: (text) => {
+        if (text === hint.text) return;
         hint.text = text;
         props.onHint(text);
       },
