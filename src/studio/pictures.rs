@@ -39,7 +39,7 @@ const CARD_PX: (u32, u32) = (480, 300);
 /// Size of a pose's picture, pixels.
 const POSE_PX: (u32, u32) = (152, 114);
 /// Part of the names of kept files: rises when pictures of the same thing look different.
-const LOOK: u32 = 1;
+const LOOK: u32 = 2;
 
 /// The painter, and what it has painted.
 #[derive(Debug)]
@@ -248,11 +248,13 @@ impl Pictures {
         };
         let (jpeg, error) = self.paint(name, picture).await?;
         let (kept, text) = (jpeg.clone(), serde_json::json!(error).to_string());
-        // A picture that cannot be kept is painted again next time.
-        tokio::task::spawn_blocking(move || {
+        // A picture that cannot be kept is painted again next time. Whoever has it asks for its
+        // error next, which must be there by then.
+        let noted = tokio::task::spawn_blocking(move || {
             fsio::write_atomic(&note, text.as_bytes()).ok();
             fsio::write_atomic(&path, &kept).ok();
         });
+        noted.await.ok();
         Ok((jpeg, error))
     }
 }
