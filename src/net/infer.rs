@@ -4,14 +4,30 @@
 //! ACT by Zhao et al. 2023) is an option, and so is a second thread.
 
 use std::sync::Arc;
+use std::time::Instant;
 
 use super::config::{COMMAND, CURRENT, NetConfig};
 use super::encode::EncodeScratch;
 use super::head::{self, Choice};
 use super::model::{Batch, Net};
+use super::pace::Pace;
 use super::single::{Panels, Single};
 use super::{Encoder, Error};
 use crate::rng::{Rng, Stream};
+
+/// Threads that share one window; the action is the same to the last bit.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Threads {
+    /// One.
+    #[default]
+    One,
+    /// Two, which meet in every layer: faster where a second core is free, several times
+    /// slower where it is not.
+    Two,
+    /// Whichever of the two has been faster lately.
+    Faster,
+}
 
 /// How a policy turns the head's output into an action.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -24,13 +40,19 @@ pub struct PolicyConfig {
     pub ensemble: usize,
     /// The prediction of j windows ago counts exp(−decay j).
     pub ensemble_decay: f64,
-    /// Threads that share one window, 1 or 2; the action is the same to the last bit.
-    pub threads: usize,
+    /// Threads that share one window.
+    pub threads: Threads,
 }
 
 impl Default for PolicyConfig {
     fn default() -> Self {
-        PolicyConfig { sample_bins: false, seed: 0, ensemble: 1, ensemble_decay: 0.5, threads: 1 }
+        PolicyConfig {
+            sample_bins: false,
+            seed: 0,
+            ensemble: 1,
+            ensemble_decay: 0.5,
+            threads: Threads::One,
+        }
     }
 }
 
@@ -44,7 +66,10 @@ pub struct Policy {
     panels: Arc<Panels>,
     scratch: EncodeScratch,
     batch: Batch<f32>,
-    single: Single,
+    /// Buffers for each number of threads that may be used, fewest first.
+    single: Vec<Single>,
+    /// Which of them to use.
+    pace: Arc<Pace>,
     action: Vec<f32>,
     /// Predictions of past windows, newest first: (ensemble, ensemble, A).
     past: Vec<f32>,
@@ -64,16 +89,17 @@ impl Policy {
             let why = format!("{} is not in 1..={}", cfg.ensemble, COMMAND + 1);
             return Err(Error::Config { field: "ensemble", why });
         }
-        if !(1..=2).contains(&cfg.threads) {
-            let why = format!("{} is not 1 or 2", cfg.threads);
-            return Err(Error::Config { field: "threads", why });
-        }
         let (n, e) = (&net.cfg, cfg.ensemble);
         Ok(Policy {
             panels: Arc::new(Panels::new(&net)),
             scratch: encoder.scratch(),
             batch: Batch::zeros(n, 1),
-            single: Single::new(n, e, cfg.threads),
+            single: match cfg.threads {
+                Threads::One => vec![Single::new(n, e, 1)],
+                Threads::Two => vec![Single::new(n, e, 2)],
+                Threads::Faster => vec![Single::new(n, e, 1), Single::new(n, e, 2)],
+            },
+            pace: Arc::default(),
             action: vec![0.0; n.actions],
             past: vec![0.0; e * e * n.actions],
             windows: 0,
@@ -128,7 +154,13 @@ impl Policy {
     pub fn act(&mut self, q: &[f32], visible: &[bool], step: u64) -> &[f32] {
         let applied = &self.applied;
         self.encoder.encode(q, visible, applied, &mut self.scratch, &mut self.batch, 0);
-        let out = self.single.run(&self.net, &self.panels, &self.batch);
+        let which = if self.single.len() > 1 { self.pace.choose() } else { 0 };
+        let Some(single) = self.single.get_mut(which) else { return &self.action };
+        let begin = Instant::now();
+        let out = single.run(&self.net, &self.panels, &self.batch);
+        if self.cfg.threads == Threads::Faster {
+            self.pace.took(which, begin.elapsed());
+        }
         let (a, e, k) = (self.net.cfg.actions, self.cfg.ensemble, self.net.cfg.outputs());
         self.past.copy_within(..(e - 1) * e * a, e * a);
         for j in 0..e {
@@ -257,12 +289,14 @@ mod tests {
                 let cfg = PolicyConfig { threads, ensemble: 3, ..PolicyConfig::default() };
                 Policy::new(net.clone(), encoder.clone(), cfg)
             };
-            let (mut one, mut two) = (policy(1).unwrap(), policy(2).unwrap());
-            for index in 0..20 {
+            let [mut one, mut two, mut faster] =
+                [Threads::One, Threads::Two, Threads::Faster].map(|t| policy(t).unwrap());
+            for index in 0..40 {
                 let (q, visible) = window(index);
-                assert_eq!(one.act(&q, &visible, index), two.act(&q, &visible, index));
+                let want = one.act(&q, &visible, index);
+                assert_eq!(want, two.act(&q, &visible, index));
+                assert_eq!(want, faster.act(&q, &visible, index));
             }
-            assert!(matches!(policy(3), Err(Error::Config { field: "threads", .. })));
         }
     }
 

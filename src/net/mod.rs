@@ -18,6 +18,7 @@ pub mod kmeans;
 pub mod mask;
 pub mod mat;
 pub mod model;
+mod pace;
 pub mod params;
 pub mod real;
 pub mod ridge;
@@ -33,7 +34,7 @@ pub use config::{
 };
 pub use encode::Encoder;
 pub use error::Error;
-pub use infer::{Policy, PolicyConfig};
+pub use infer::{Policy, PolicyConfig, Threads};
 pub use model::{Batch, Net};
 pub use ridge::{Episodes, Ridge};
 pub use step::{AdamConfig, Learner};

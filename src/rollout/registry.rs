@@ -18,7 +18,7 @@ use super::sampling::{PredictiveSampling, SamplingConfig};
 use super::shipped;
 use super::zero::Zero;
 use crate::fsio;
-use crate::net::{MaskGranularity, Model};
+use crate::net::{MaskGranularity, Model, Threads};
 use crate::robot::Robot;
 
 /// Every policy there is.
@@ -215,11 +215,13 @@ pub struct Inference {
     pub ensemble: usize,
     /// Draw the action bin (the paper's way) instead of taking the likeliest.
     pub sample: bool,
+    /// Threads that share one window; the action is the same to the last bit.
+    pub threads: Threads,
 }
 
 impl Default for Inference {
     fn default() -> Self {
-        Inference { ensemble: 1, sample: false }
+        Inference { ensemble: 1, sample: false, threads: Threads::One }
     }
 }
 
@@ -256,7 +258,7 @@ impl PolicyConfig {
     pub fn label(&self) -> String {
         let guide = if self.guide == Guide::Linear { "+guide" } else { "" };
         let refine = if self.refine { "+refine" } else { "" };
-        let Inference { ensemble, sample } = self.inference;
+        let Inference { ensemble, sample, .. } = self.inference;
         let sample = if sample { "+sample" } else { "" };
         let ensemble = if ensemble > 1 { format!("+ensemble={ensemble}") } else { String::new() };
         format!("{}{sample}{ensemble}{guide}{refine}", self.name.as_str())
@@ -374,10 +376,11 @@ impl PolicyConfig {
             }
             PolicyName::Robert => {
                 let model = Arc::unwrap_or_clone(self.model(robot)?);
-                let Inference { ensemble, sample } = self.inference;
+                let Inference { ensemble, sample, threads } = self.inference;
                 let options = crate::net::PolicyConfig {
                     ensemble,
                     sample_bins: sample,
+                    threads,
                     ..crate::net::PolicyConfig::default()
                 };
                 Box::new(Learned::new(model, options)?)

@@ -17,6 +17,7 @@ use super::worker::{
     Dense, Frames, MotionRows, Report, Request, RobotFacts, WorkerHandle, WorkerSink, WorkerState,
 };
 use crate::clip::Command;
+use crate::net::Threads;
 
 /// The store; see the module.
 #[derive(Debug)]
@@ -114,6 +115,8 @@ impl Live {
     pub fn set_settings(&self, settings: RolloutSettings, worker: &WorkerHandle, folder: &Path) {
         self.write().settings = settings.clone();
         let mut policy = settings.config();
+        // One rollout at a time, and somebody waits for it.
+        policy.inference.threads = Threads::Faster;
         // What is no file here is the name of a model that comes with the program or the robot.
         let full = |p: String| Some(folder.join(&p)).filter(|f| f.exists()).unwrap_or(p.into());
         policy.model_path = settings.model_path.map(full);

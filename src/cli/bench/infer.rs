@@ -10,7 +10,7 @@ use crate::cli::out;
 use crate::net::token::RIDGE_HEADS;
 use crate::net::{
     CURRENT, Encoder, Facts, JointFacts, Net, NetConfig, Normaliser, Policy, PolicyConfig, Ridge,
-    SkipKind, TokenConfig, Tokeniser, WINDOW,
+    SkipKind, Threads, TokenConfig, Tokeniser, WINDOW,
 };
 
 #[derive(clap::Args, Debug)]
@@ -104,7 +104,8 @@ fn measure(size: Size, threads: usize, secs: f64, peak: f64) -> Outcome<Row> {
     let cfg = NetConfig { inputs: encoder.inputs(), skip, ..size.config() };
     let mut batch = crate::net::Batch::<f32>::zeros(&cfg, 1);
     let net = Net::init(cfg, None, 1)?;
-    let shared = PolicyConfig { threads, ..PolicyConfig::default() };
+    let of = if threads > 1 { Threads::Two } else { Threads::One };
+    let shared = PolicyConfig { threads: of, ..PolicyConfig::default() };
     let mut shared = Policy::new(net.clone(), encoder.clone(), shared)?;
     let mut policy = Policy::new(net, encoder, PolicyConfig::default())?;
 
