@@ -45,6 +45,10 @@ pub(super) enum Args {
         /// What a reader should know: data, commands, seeds, limits.
         #[arg(long, default_value = "")]
         notes: String,
+        /// Corrections of the linear answer up to this size count for nothing (action units,
+        /// 0 to 0.5): on a robot that is nearly linear they are the network's own noise.
+        #[arg(long, default_value_t = 0.0)]
+        dead_zone: f64,
     },
 }
 
@@ -52,8 +56,10 @@ pub(super) fn run(args: &Args) -> Outcome {
     match args {
         Args::Ls { json } => ls(*json),
         Args::Show { model, json } => show(model, *json),
-        Args::Pack { run, output, notes } => {
+        Args::Pack { run, output, notes, dead_zone } => {
             let mut model = checkpoint::load(&model_path(run), None)?;
+            model.card.net.dead_zone = *dead_zone;
+            model.card.net.check()?;
             model.card.training.notes.clone_from(notes);
             checkpoint::save_half(output, &model)?;
             let bytes = std::fs::metadata(output).map_or(0, |m| m.len());

@@ -21,8 +21,9 @@
 //! inertia that any servo is tuned by.
 
 use super::error::Error;
+use crate::mujoco::Data;
 use crate::rng::{Rng, Stream};
-use crate::robot::{Drive, Robot, Servo};
+use crate::robot::{self, Drive, Robot, Servo};
 use crate::units::{CTRL_DT, Unit};
 
 /// Share of the way that a servo covers in a frame.
@@ -51,8 +52,18 @@ const UNBOUNDED: [f64; 2] = [1.5, 0.5];
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct BabbleRule {
     joints: Vec<Joint>,
-    /// For each actuator the joint that it turns, and its torque at action 0 and 1.
-    motors: Vec<(usize, f64, f64)>,
+    /// By actuator.
+    motors: Vec<Motor>,
+}
+
+/// What an actuator is asked for: weighted torques of the joints that it pulls at.
+#[derive(Clone, Debug, PartialEq)]
+struct Motor {
+    /// Joint and weight.
+    pulls: Vec<(usize, f64)>,
+    /// Their sum at action 0, and its change to action 1.
+    middle: f64,
+    half: f64,
 }
 
 #[derive(Clone, Debug, PartialEq)]
@@ -65,27 +76,32 @@ struct Joint {
 }
 
 impl BabbleRule {
-    /// The rule of a robot with a motor at each driven joint.
+    /// The rule of a robot with motors at joints or at tendons that couple some.
     ///
     /// # Errors
-    /// [`Error::Argument`] for tendons and the like; [`Error::Robot`].
+    /// [`Error::Argument`] for other transmissions; [`Error::Robot`].
     pub(crate) fn of(robot: &Robot) -> Result<Self, Error> {
         let gear = robot.model().actuator_gear();
         let mut motors = Vec::new();
         for (k, a) in robot.actuators().iter().enumerate() {
-            let joint = match &a.drive {
-                Drive::Joint(name) => robot.joint_index(name)?,
-                _ => {
+            let [lo, hi] = a.ctrlrange;
+            let (middle, half) = (0.5 * (lo + hi), 0.5 * (hi - lo));
+            motors.push(match &a.drive {
+                Drive::Joint(name) => {
+                    let gear = gear.get(6 * k).copied().unwrap_or(1.0);
+                    let pulls = vec![(robot.joint_index(name)?, 1.0)];
+                    Motor { pulls, middle: gear * middle, half: gear * half }
+                }
+                Drive::Tendon(_) => Motor { pulls: shares(robot, k)?, middle, half },
+                Drive::Other(_) => {
+                    let must = "noise for this robot: babble needs motors at joints or tendons";
                     return Err(Error::Argument {
                         name: "agent",
-                        must: "noise for this robot: babble needs motors at joints".to_owned(),
+                        must: must.to_owned(),
                         got: format!("babble, with motor {} at something else", a.name),
                     });
                 }
-            };
-            let gear = gear.get(6 * k).copied().unwrap_or(1.0);
-            let [lo, hi] = a.ctrlrange;
-            motors.push((joint, 0.5 * gear * (lo + hi), 0.5 * gear * (hi - lo)));
+            });
         }
         let servos = robot.servos(1.0)?;
         let joints = robot
@@ -106,6 +122,20 @@ impl BabbleRule {
             .collect();
         Ok(BabbleRule { joints, motors })
     }
+}
+
+/// The force of a tendon's motor that comes nearest to torques of the joints it couples, as
+/// weights of these: moment arms over the sum of their squares.
+fn shares(robot: &Robot, actuator: usize) -> Result<Vec<(usize, f64)>, Error> {
+    let mut data = Data::new(robot.model()).map_err(robot::Error::from)?;
+    robot.write_state(&mut data, &robot.home())?;
+    data.forward().map_err(robot::Error::from)?;
+    let nv = robot.model().nv();
+    let arms = data.actuator_moment().get(actuator * nv..(actuator + 1) * nv).unwrap_or_default();
+    let square: f64 = arms.iter().map(|a| a * a).sum();
+    let joints = robot.joints().iter().enumerate();
+    let arm = joints.filter_map(|(k, j)| Some((k, *arms.get(j.dofadr)?)));
+    Ok(arm.filter(|(_, a)| *a != 0.0).map(|(k, a)| (k, a / square)).collect())
 }
 
 /// The babbling of one episode.
@@ -205,9 +235,10 @@ impl Babble {
             self.torque[k] = self.share
                 * (joint.servo.kp * (lane.reference - q) - joint.servo.kd * v + full_speed * noise);
         }
-        for (a, &(joint, middle, half)) in action.iter_mut().zip(&self.rule.motors) {
-            let torque = self.torque.get(joint).copied().unwrap_or(0.0);
-            *a = ((torque - middle) / half).clamp(-1.0, 1.0) as f32;
+        for (a, motor) in action.iter_mut().zip(&self.rule.motors) {
+            let pull = |&(joint, weight): &(usize, f64)| self.torque.get(joint).map(|t| weight * t);
+            let force: f64 = motor.pulls.iter().filter_map(pull).sum();
+            *a = ((force - motor.middle) / motor.half).clamp(-1.0, 1.0) as f32;
         }
     }
 }
@@ -243,9 +274,27 @@ mod tests {
     }
 
     #[test]
-    fn tendons_are_refused_with_the_way_out() {
+    fn a_tendon_pulls_where_its_joints_are_to_go() {
         let hand = Robot::builtin("shadow_hand").unwrap();
-        let e = BabbleRule::of(&hand).unwrap_err().to_string();
-        assert!(e.contains("noise"), "{e}");
+        let rule = BabbleRule::of(&hand).unwrap();
+        let k = hand.actuators().iter().position(|a| a.name == "FFJ0").unwrap();
+        let names: Vec<_> =
+            rule.motors[k].pulls.iter().map(|&(j, _)| hand.joints()[j].name.as_str()).collect();
+        assert_eq!(names, ["FFJ2", "FFJ1"]);
+        let mut babble = Babble::new(&rule, 3);
+        let home: Vec<f32> = hand.home().iter().map(|&x| x as f32).collect();
+        let still = vec![0.0; home.len()];
+        let mut a = vec![0.0; hand.actuators().len()];
+        babble.next(&home, &still, &mut a);
+        (babble.disturbance, babble.wanders) = (0.0, false);
+        for (sign, up) in [(0.5, true), (-0.5, false)] {
+            for &(j, _) in &rule.motors[k].pulls {
+                let at = f64::from(home[j]) + sign;
+                (babble.lanes[j].goal, babble.lanes[j].reference) = (at, at);
+                babble.rule.joints[j].lo = -9.0;
+            }
+            babble.next(&home, &still, &mut a);
+            assert_eq!(a[k] > 0.0, up, "{a:?}");
+        }
     }
 }

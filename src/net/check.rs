@@ -19,6 +19,7 @@ fn config(bins: usize, skip: SkipKind, mask_replaces: bool) -> NetConfig {
         mask_replaces,
         skip,
         mixing: Mixing::Attention,
+        dead_zone: 0.0,
     }
 }
 

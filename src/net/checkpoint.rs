@@ -501,6 +501,7 @@ mod tests {
             mask_replaces: false,
             skip: SkipKind::Gated,
             mixing: Mixing::Attention,
+            dead_zone: 0.0,
         };
         let net = Net::init(cfg.clone(), None, 4).unwrap();
         let robot = RobotCard {

@@ -97,6 +97,16 @@ pub struct NetConfig {
     /// How frames hear of each other.
     #[serde(default)]
     pub mixing: Mixing,
+    /// Size z of a correction c of the linear answer that counts for nothing when actions are
+    /// given: c max(0, 1 - (z/c)^2), the garrote of Breiman (1995), leaves large ones as they
+    /// are. Training does not know it. 0 without a skip.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub dead_zone: f64,
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde asks so")]
+fn is_zero(x: &f64) -> bool {
+    *x == 0.0
 }
 
 impl NetConfig {
@@ -132,6 +142,12 @@ impl NetConfig {
         if self.skip != SkipKind::Off && self.bins != 1 {
             return refuse("skip", format!("the linear skip needs 1 bin, not {}", self.bins));
         }
+        if !(0.0..=0.5).contains(&self.dead_zone) {
+            return refuse("dead_zone", format!("{} is not in 0..=0.5", self.dead_zone));
+        }
+        if self.dead_zone > 0.0 && self.skip == SkipKind::Off {
+            return refuse("dead_zone", "there is no linear skip to fall back to".to_owned());
+        }
         if !(self.offset_weight.is_finite() && self.offset_weight > 0.0) {
             return refuse("offset_weight", format!("{} is not positive", self.offset_weight));
         }
@@ -165,6 +181,7 @@ mod tests {
             mask_replaces: true,
             skip: SkipKind::Off,
             mixing: Mixing::Attention,
+            dead_zone: 0.0,
         };
         cfg.check().unwrap();
         NetConfig { layers: 34, ..cfg.clone() }.check().unwrap();

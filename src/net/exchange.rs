@@ -29,6 +29,7 @@ pub fn variants() -> Vec<(String, NetConfig, bool)> {
         mask_replaces: true,
         skip: SkipKind::Off,
         mixing: Mixing::Attention,
+        dead_zone: 0.0,
     };
     let mut all = Vec::new();
     for (bins, skip) in

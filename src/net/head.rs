@@ -176,6 +176,12 @@ pub enum Choice {
     Sample(f64),
 }
 
+/// A correction with its dead zone; see [`NetConfig::dead_zone`].
+fn calm(correction: f64, dead_zone: f64) -> f64 {
+    let share = dead_zone / correction;
+    if share.abs() < 1.0 { correction * (1.0 - share * share) } else { 0.0 }
+}
+
 /// The action of one token, clamped to [−1, 1].
 pub fn decode<T: Real>(
     cfg: &NetConfig,
@@ -211,6 +217,44 @@ pub fn decode<T: Real>(
         let base = centres.get(bin * a + j).map_or(0.0, |c| c.f64());
         let offset = rest.get(bin * a + j).map_or(0.0, |o| o.f64());
         let line = linear.get(j).map_or(0.0, |l| l.f64());
-        *to = T::of((base + (1.0 + gate) * line + offset).clamp(-1.0, 1.0));
+        let found = match cfg.dead_zone {
+            0.0 => base + (1.0 + gate) * line + offset,
+            zone => line + calm(base + gate * line + offset, zone),
+        };
+        *to = T::of(found.clamp(-1.0, 1.0));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::net::config::Mixing;
+
+    #[test]
+    fn small_corrections_count_for_nothing_and_large_ones_stay() {
+        let cfg = NetConfig {
+            layers: 1,
+            width: 16,
+            heads: 1,
+            inputs: 2,
+            actions: 3,
+            bins: 1,
+            offset_weight: 10.0,
+            mask_replaces: false,
+            skip: SkipKind::Gated,
+            mixing: Mixing::Attention,
+            dead_zone: 0.05,
+        };
+        // A logit, three offsets, three gates: corrections of .04, -.05 and .5.
+        let out = [0.0, 0.04, -0.06, 0.5, 0.0, 0.05, 0.0];
+        let (centres, linear) = ([0.0; 3], [0.3, 0.2, -0.1]);
+        let mut action = [0.0_f64; 3];
+        decode(&cfg, &centres, &out, &linear, Choice::Argmax, &mut action);
+        let want = [0.3, 0.2, -0.1 + 0.5 - 0.0025 / 0.5];
+        assert!(action.iter().zip(want).all(|(a, w)| (a - w).abs() < 1e-12), "{action:?}");
+        let plain = NetConfig { dead_zone: 0.0, ..cfg };
+        decode(&plain, &centres, &out, &linear, Choice::Argmax, &mut action);
+        let want = [0.34, 0.15, 0.4];
+        assert!(action.iter().zip(want).all(|(a, w)| (a - w).abs() < 1e-12), "{action:?}");
     }
 }

@@ -233,6 +233,7 @@ mod tests {
             mask_replaces: false,
             skip: SkipKind::Off,
             mixing,
+            dead_zone: 0.0,
         };
         let mut rng = Rng::new(1, Stream::Test, 0);
         let centres = (0..bins * 2).map(|_| 0.3 * rng.normal() as f32).collect();

@@ -164,6 +164,7 @@ mod tests {
             mask_replaces: true,
             skip: SkipKind::Off,
             mixing: Mixing::Attention,
+            dead_zone: 0.0,
         };
         Layout::new(&cfg).count()
     }
@@ -189,6 +190,7 @@ mod tests {
             mask_replaces: false,
             skip: SkipKind::Gated,
             mixing: Mixing::Attention,
+            dead_zone: 0.0,
         };
         let layout = Layout::new(&cfg);
         let names: std::collections::BTreeSet<_> = layout.tensors.iter().map(|t| &t.name).collect();

@@ -246,6 +246,7 @@ mod tests {
             mask_replaces: false,
             skip: SkipKind::Gated,
             mixing: Mixing::Attention,
+            dead_zone: 0.0,
         };
         let net = Net::init(net_cfg.clone(), None, 1).unwrap();
         let training = net::checkpoint::TrainingCard::default();

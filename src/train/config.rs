@@ -297,6 +297,7 @@ impl TrainConfig {
             mask_replaces,
             skip: self.skip,
             mixing: self.mixing,
+            dead_zone: 0.0,
         }
     }
 

@@ -68,6 +68,7 @@ impl Size {
             mask_replaces: false,
             skip: SkipKind::Off,
             mixing: Mixing::Attention,
+            dead_zone: 0.0,
         }
     }
 
