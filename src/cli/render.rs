@@ -45,7 +45,7 @@ pub(super) struct Args {
     /// fit, fixed, top, orbit, follow:BODY, or a camera of the model.
     #[arg(long, default_value = "fit")]
     camera: String,
-    /// What is laid over: ghost, error, onion, trail, caption, axes, contacts; or none.
+    /// What is laid over: ghost, error, onion, bare, trail, caption, axes, contacts; or none.
     #[arg(long, default_value = "ghost,error,trail,caption")]
     overlay: String,
     /// A second clip or take beside the first.

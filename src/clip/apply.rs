@@ -8,7 +8,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use super::compile::compile;
 use super::delta::Delta;
-use super::document::{Clip, Fill, Goal, Key, Marker, Mask, Row};
+use super::document::{Clip, Fill, Goal, Key, Marker, Mask, Row, round};
 use super::joints::JointTable;
 use super::json::show;
 use super::op::{
@@ -390,7 +390,35 @@ impl Edit<'_> {
         if a.mirrored {
             self.mirror(&mut keys)?;
         }
+        if let Some(names) = &a.joints {
+            self.keep_others(&mut keys, names)?;
+        }
         self.place(keys, a.replace)
+    }
+
+    /// Gives every joint but these the value that it has at each of these frames: of the key
+    /// there, else what is commanded on the way.
+    fn keep_others(&self, keys: &mut [Key], names: &[String]) -> Done {
+        let chosen = names.iter().map(|n| self.joint(n)).collect::<Result<BTreeSet<_>, _>>()?;
+        let command = compile(self.clip)?;
+        let last = self.clip.length.saturating_sub(1);
+        for key in keys {
+            let there: Row = match self.clip.key(key.frame) {
+                Some(old) => self.row_of(old),
+                None => {
+                    let row = command.interpolated(key.frame.min(last));
+                    row.iter().map(|v| Some(round(f64::from(*v)))).collect()
+                }
+            };
+            let mut row = self.row_of(key);
+            for (j, (slot, old)) in row.iter_mut().zip(there).enumerate() {
+                if !chosen.contains(&j) {
+                    *slot = old;
+                }
+            }
+            key.goal = Goal::Q(row);
+        }
+        Ok(())
     }
 
     fn mirror(&self, keys: &mut [Key]) -> Done {

@@ -4,6 +4,7 @@ pub mod apply;
 pub mod command;
 pub mod compile;
 pub mod delta;
+mod demand;
 pub mod document;
 pub mod editor;
 pub mod error;
@@ -23,6 +24,7 @@ pub use command::{
 };
 pub use compile::{compile, start_row};
 pub use delta::{Delta, Foreign};
+pub use demand::{Demand, demand};
 pub use document::*;
 pub use editor::{Change, Editor};
 pub use error::ClipError;

@@ -190,6 +190,9 @@ pub struct KeysPaste {
     /// Paste their mirror images.
     #[serde(default)]
     pub mirrored: bool,
+    /// Only these joints, absent = all; the others stay as they are commanded there.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub joints: Option<Vec<String>>,
 }
 
 /// Arguments of `keys.hold`.

@@ -32,6 +32,6 @@ pub use manifest::{Episode, FORMAT, Manifest, Part, Physics, Robot, ShardEntry, 
 pub use merge::merge;
 pub use open::{Dataset, Problem, Verify};
 pub use shard::{EpisodeMeta, Shard, ShardBuilder, ShardHeader};
-pub use stats::{Moments, Normaliser, Statistics};
+pub use stats::{Moments, Normaliser, Statistics, usual};
 pub use view::{Corruption, corrupt, pick, rebase, shrink, split};
 pub use windows::{Window, Windows};

@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::coverage::Coverage;
 use super::manifest::Robot;
 use super::open::Dataset;
+use crate::units::CTRL_DT;
 
 /// An action beyond this share of its range counts as saturated.
 const SATURATED: f32 = 0.999;
@@ -102,6 +103,45 @@ impl Normaliser {
         }
         Normaliser { qpos: q0.moments(), d1: q1.moments(), d2: q2.moments(), ctrl: u.moments() }
     }
+}
+
+/// Frames that quantiles are taken from.
+const QUANTILE_FRAMES: usize = 40_000;
+
+/// Where each joint usually is in these trajectories, (S), from frames evenly over all: below
+/// the first and above the second number (rad or m) lies one frame of 100 each, and one of 100
+/// is faster than the third (rad/s or m/s).
+pub fn usual(data: &Dataset, episodes: &[usize]) -> Vec<[f64; 3]> {
+    let s = data.manifest().qpos_dim();
+    let all = || episodes.iter().filter_map(|&i| data.episodes().get(i));
+    let total: usize = all().map(|e| data.frames(e).0.len() / s.max(1)).sum();
+    let stride = total.div_ceil(QUANTILE_FRAMES).max(1);
+    let (mut places, mut speeds) = (vec![Vec::new(); s], vec![Vec::new(); s]);
+    let mut index = 0_usize;
+    for e in all() {
+        let (qpos, ..) = data.frames(e);
+        let mut last: Option<&[f32]> = None;
+        for row in qpos.chunks_exact(s.max(1)) {
+            if index.is_multiple_of(stride) {
+                for (j, &x) in row.iter().enumerate() {
+                    let before = last.and_then(|l| l.get(j));
+                    if let (Some(p), Some(v)) = (places.get_mut(j), speeds.get_mut(j)) {
+                        p.push(f64::from(x));
+                        v.extend(before.map(|b| (f64::from(x) - f64::from(*b)).abs() / CTRL_DT));
+                    }
+                }
+            }
+            index += 1;
+            last = Some(row);
+        }
+    }
+    let at = |values: &mut Vec<f64>, share: f64| {
+        values.sort_by(f64::total_cmp);
+        let last = values.len().saturating_sub(1);
+        values.get((share * last as f64).round() as usize).copied().unwrap_or(0.0)
+    };
+    let each = places.iter_mut().zip(&mut speeds);
+    each.map(|(p, v)| [at(p, 0.01), at(p, 0.99), at(v, 0.99)]).collect()
 }
 
 /// Hygiene and spread of the frames that a manifest lists.

@@ -9,8 +9,10 @@ use super::{Camera, Caption, Pose};
 pub struct FrameInput<'a> {
     /// Achieved pose of every geom of the scene, solid.
     pub poses: &'a [Pose],
+    /// Without what moves of it: only ghosts stand on the floor.
+    pub bare: bool,
     /// Other poses of the same scene, translucent. The first is the most important: previews on
-    /// a software driver draw only that one.
+    /// a software driver draw only the first three.
     pub ghosts: &'a [Ghost<'a>],
     /// Paths of points.
     pub trails: &'a [Trail<'a>],
@@ -42,6 +44,7 @@ impl<'a> FrameInput<'a> {
     pub fn new(poses: &'a [Pose], camera: Camera) -> FrameInput<'a> {
         FrameInput {
             poses,
+            bare: false,
             ghosts: &[],
             trails: &[],
             marks: &[],

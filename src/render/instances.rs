@@ -190,7 +190,7 @@ impl Drawn {
         let (mut casters, mut props) = (List::default(), List::default());
         let (mut glass, mut veils) = (List::default(), List::default());
         for (geom, pose) in scene.geoms.iter().zip(input.poses) {
-            if !geom.is_visible() {
+            if !geom.is_visible() || (input.bare && geom.body > 0) {
                 continue;
             }
             let rgb = linear([geom.rgba[0], geom.rgba[1], geom.rgba[2]]);
@@ -215,7 +215,8 @@ impl Drawn {
             }
         }
         for ghost in ghosts {
-            veil(scene, input.poses, ghost, camera, height_px, &mut reach, &mut veils);
+            let solid = (!input.bare).then_some(input.poses);
+            veil(scene, solid, ghost, camera, height_px, &mut reach, &mut veils);
         }
         let mut signs = List::default();
         for glyph in input.glyphs {
@@ -396,24 +397,30 @@ fn instance(pos: Vec3, rot: Mat3, size: Vec3, half_length: f32, color: [f32; 4])
 
 fn veil(
     scene: &Scene,
-    solid: &[Pose],
+    solid: Option<&[Pose]>,
     ghost: &Ghost,
     camera: &Camera,
     height_px: u32,
     reach: &mut Reach,
     list: &mut List,
 ) {
-    for (i, ((geom, pose), real)) in scene.geoms.iter().zip(ghost.poses).zip(solid).enumerate() {
+    for (i, (geom, pose)) in scene.geoms.iter().zip(ghost.poses).enumerate() {
         if !geom.is_visible() || matches!(geom.shape, Shape::Plane { .. }) {
             continue;
         }
         let (centre, radius) = ball_of(scene, geom, pose);
         // How far the farthest point of the geom moved, in pixels: shift plus turn times size.
-        let turn = (pose.rot - real.rot).to_cols_array().iter().map(|x| x * x).sum::<f32>().sqrt();
-        let away = pose.pos.distance(real.pos) + turn * std::f32::consts::FRAC_1_SQRT_2 * radius;
-        let away_px = away / camera.metres_a_px(pose.pos, height_px);
-        let limit = COINCIDE_PX * height_px as f32 / 480.0;
-        let seen = ((away_px - limit) / (3.0 * limit)).clamp(0.0, 1.0);
+        let apart = |real: &Pose| {
+            let turn =
+                (pose.rot - real.rot).to_cols_array().iter().map(|x| x * x).sum::<f32>().sqrt();
+            let away = turn * std::f32::consts::FRAC_1_SQRT_2 * radius;
+            let away_px =
+                (pose.pos.distance(real.pos) + away) / camera.metres_a_px(pose.pos, height_px);
+            let limit = COINCIDE_PX * height_px as f32 / 480.0;
+            ((away_px - limit) / (3.0 * limit)).clamp(0.0, 1.0)
+        };
+        // Without the solid robot there is nothing that a ghost could agree with.
+        let seen = solid.and_then(|poses| poses.get(i)).map_or(1.0, apart);
         if seen <= 0.0 {
             continue;
         }
@@ -438,8 +445,9 @@ fn veil(
 pub(super) const PAST: palette::Rgb = palette::GREEN;
 pub(super) const FUTURE: palette::Rgb = palette::ORANGE;
 
-/// Blue, purple, vermilion: the straight way between the ends would lead through grey.
-pub(super) fn tint(error: f64) -> palette::Rgb {
+/// The colour of a commanded link by its error, 0 to 1 = 10 % of the robot's size: blue, purple,
+/// vermilion, as the straight way between the ends would lead through grey.
+pub fn tint(error: f64) -> palette::Rgb {
     let (near, middle, far) = ([20, 132, 214], [168, 92, 190], palette::VERMILION);
     if error < 0.5 {
         palette::mix(near, middle, 2.0 * error)

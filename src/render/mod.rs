@@ -38,6 +38,7 @@ pub use caption::{Caption, Key, Swatch};
 pub use error::Error;
 pub use frame::{FrameInput, Ghost, GhostKind, Glyph, Mark, SUN, Trail, sun_for};
 pub use gpu::Backend;
+pub use instances::tint as error_color;
 pub use mesh::Mesh;
 pub use model::{Stage, poses};
 pub use picture::{Picture, Strip};

@@ -54,6 +54,8 @@ impl Default for RenderConfig {
     }
 }
 
+/// Ghosts of a preview on a software driver: the command, the key before, the key after.
+const CHEAP_GHOSTS: usize = 3;
 /// Seconds that the driver may take for one frame.
 const FRAME_SECS: u64 = 120;
 /// Pixels beyond which four samples a pixel would not fit the memory of small machines.
@@ -234,7 +236,9 @@ impl Renderer {
         self.keep_meshes(scene);
         let aspect = self.config.width as f32 / self.config.height as f32;
         let cheap = self.gpu.is_software() && self.config.quality == Quality::Preview;
-        let ghosts = input.ghosts.get(..input.ghosts.len().min(if cheap { 1 } else { usize::MAX }));
+        let ghosts = input
+            .ghosts
+            .get(..input.ghosts.len().min(if cheap { CHEAP_GHOSTS } else { usize::MAX }));
         let drawn =
             Drawn::collect(scene, input, ghosts.unwrap_or_default(), aspect, self.config.height);
         let globals = self.fill_globals(scene, input, &drawn, aspect);

@@ -109,6 +109,8 @@ pub struct Overlay {
     pub error: bool,
     /// Poses of the keyframes before and after.
     pub onion: bool,
+    /// Without the solid robot.
+    pub bare: bool,
     /// Paths of fingertips or end effector, with crosses at commanded keyframes.
     pub trail: bool,
     /// Title, time, Precision, legend.
@@ -125,6 +127,7 @@ impl Default for Overlay {
             ghost: true,
             error: true,
             onion: false,
+            bare: false,
             trail: true,
             caption: true,
             axes: false,
@@ -135,7 +138,8 @@ impl Default for Overlay {
 
 impl Overlay {
     /// Names as they are typed.
-    pub const NAMES: &'static str = "ghost, error, onion, trail, caption, axes, contacts, none";
+    pub const NAMES: &'static str =
+        "ghost, error, onion, bare, trail, caption, axes, contacts, none";
 
     /// From a comma-separated list.
     ///
@@ -146,6 +150,7 @@ impl Overlay {
             ghost: false,
             error: false,
             onion: false,
+            bare: false,
             trail: false,
             caption: false,
             axes: false,
@@ -156,6 +161,7 @@ impl Overlay {
                 "ghost" | "command" => o.ghost = true,
                 "error" => (o.ghost, o.error) = (true, true),
                 "onion" => o.onion = true,
+                "bare" => o.bare = true,
                 "trail" => o.trail = true,
                 "caption" => o.caption = true,
                 "axes" => o.axes = true,
@@ -442,6 +448,7 @@ impl Shot {
             .collect();
         let caption = self.overlay.caption.then(|| self.caption(frame, command.is_some()));
         let input = FrameInput {
+            bare: self.overlay.bare,
             ghosts: &ghosts,
             trails: &trails,
             marks: &marks,

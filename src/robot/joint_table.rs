@@ -19,6 +19,8 @@ impl Robot {
             unit: j.unit,
             range: (!j.unbounded).then_some(j.range),
             speed_max: (j.speed_limit.is_finite() && j.speed_limit > 0.0).then_some(j.speed_limit),
+            band: None,
+            speed_usual: None,
         });
         let rows = profile.mirror.table.iter().map(|r| clip::MirrorRow {
             target: r.target.clone(),

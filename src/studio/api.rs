@@ -16,6 +16,7 @@ use super::document::{Document, Edit};
 use super::error::Error;
 use super::exchange::ExportRequest;
 use super::jobs::{Extra, JobKind, JobRequest, JobView};
+use super::pictures::Shown;
 use super::protocol::{
     Code, DocumentView, Draft, Edited, ErrorBody, GalleryItem, IkRequest, OpsRequest, RecentFile,
     RobotCard, RolloutView, Saved, StudioOp,
@@ -23,6 +24,7 @@ use super::protocol::{
 use super::server::App;
 use super::session::{Ask, Author};
 use super::shelf::{self, Shelf};
+use super::viser::Hovered;
 use super::worker::{Geometry, IkAnswer, MeanError, Report, Request, RobotFacts, SettleAnswer};
 use super::{exchange, export, gallery, pages, protocol};
 use crate::clip::{self, Batch, Op};
@@ -124,6 +126,7 @@ pub(super) async fn current_state(app: &App) -> protocol::State {
         viser: pages::has_viser(),
         clients: app.clients.load(Ordering::SeqCst),
         folder: app.folder.display().to_string(),
+        locked: app.live.locked(),
     }
 }
 
@@ -413,7 +416,8 @@ pub(super) async fn kinematics(
 /// `POST /api/ik`.
 pub(super) async fn ik(State(app): Shared, Json(body): Json<IkRequest>) -> Answer<IkAnswer> {
     check_pose(&app, &body.q)?;
-    check_numbers(body.pos.iter().chain(body.quat.iter().flatten()))?;
+    let offset = body.body.iter().flat_map(|(_, offset)| offset);
+    check_numbers(body.pos.iter().chain(body.quat.iter().flatten()).chain(offset))?;
     match app.worker.ask(Request::Ik(body)).await? {
         Report::Ik(answer) => Ok(Json(answer)),
         _ => Err(odd()),
@@ -481,9 +485,21 @@ pub(super) struct StillQuery {
     h: u32,
     #[serde(default)]
     draft: bool,
+    #[serde(default = "yes")]
+    achieved: bool,
+    #[serde(default = "yes")]
+    command: bool,
+    #[serde(default)]
+    ghosts: bool,
+    /// Numbers with commas between them: a pose in the place of what was achieved.
+    pose: Option<String>,
     /// Not read: makes the address of a newer picture another one.
     #[serde(default, rename = "v")]
     _version: String,
+}
+
+fn yes() -> bool {
+    true
 }
 
 fn still_width() -> u32 {
@@ -503,7 +519,19 @@ pub(super) async fn still(
     State(app): Shared,
     Query(q): Query<StillQuery>,
 ) -> Result<Response, Refused> {
-    Ok(picture(app.pictures.still(&app.live, q.frame, (q.w, q.h), q.draft).await?))
+    let parse = |text: &String| text.split(',').map(|v| v.trim().parse::<f64>()).collect();
+    let pose: Option<Result<Vec<f64>, _>> = q.pose.as_ref().map(parse);
+    let pose = match pose {
+        Some(Ok(q)) => {
+            check_pose(&app, &q)?;
+            Some(q.into_iter().map(|v| v as f32).collect())
+        }
+        Some(Err(e)) => return Err(Error::request(format!("pose: {e}")).into()),
+        None => None,
+    };
+    let shown = Shown { achieved: q.achieved, command: q.command, ghosts: q.ghosts, pose };
+    let size = (q.w, q.h);
+    Ok(picture(app.pictures.still(&app.live, q.frame, size, q.draft, &shown).await?))
 }
 
 /// Query of `GET /api/still-body`.
@@ -529,6 +557,27 @@ pub(super) async fn still_body(
         return Err(Error::request("x and y go from 0 to 1").into());
     }
     Ok(Json(app.pictures.body_at(&app.live, q.frame, (q.w, q.h), (q.x, q.y)).await?))
+}
+
+/// Query of `GET /api/hover`.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct HoverQuery {
+    tab: String,
+    x: f64,
+    y: f64,
+}
+
+/// `GET /api/hover`: what a page's pointer is over in its 3D view.
+pub(super) async fn hover(
+    State(app): Shared,
+    Query(q): Query<HoverQuery>,
+) -> Answer<Option<Hovered>> {
+    let inside = 0.0..=1.0;
+    if !inside.contains(&q.x) || !inside.contains(&q.y) {
+        return Err(Error::request("x and y go from 0 to 1").into());
+    }
+    Ok(Json(app.viewport.under(&q.tab, [q.x, q.y]).await))
 }
 
 /// Query of `GET /api/pose.jpg`.
@@ -738,25 +787,24 @@ pub(super) async fn resume_job(State(app): Shared, UrlPath(id): UrlPath<u64>) ->
     Ok(Json(app.jobs.resume(id, &app.folder)?))
 }
 
-/// A request on the socket that is no edit.
+/// A request on the socket that is no edit; what it is answered with.
 ///
 /// # Errors
 /// Whatever it says.
-pub(super) async fn studio_op(app: &App, op: StudioOp) -> Result<(), Error> {
+pub(super) async fn studio_op(app: &App, op: StudioOp) -> Result<serde_json::Value, Error> {
+    let nothing = serde_json::Value::Null;
     match op {
-        StudioOp::Undo {} | StudioOp::Redo {} | StudioOp::HistoryGoto { .. } => Ok(()),
-        StudioOp::Preview { op } => app.session.ask(|r| Ask::Preview(op, r)).await,
-        StudioOp::PreviewEnd {} => app.session.ask(Ask::PreviewEnd).await,
-        StudioOp::RolloutSet(settings) => app.session.ask(|r| Ask::Settings(settings, r)).await,
-        StudioOp::RolloutRun {} => app.session.ask(Ask::Run).await,
-        StudioOp::RolloutCancel {} => {
-            app.live.cancel(&app.worker);
-            Ok(())
+        StudioOp::Undo {} | StudioOp::Redo {} | StudioOp::HistoryGoto { .. } => {}
+        StudioOp::Preview { op } => {
+            let demand = app.session.ask(|r| Ask::Preview(op, r)).await?;
+            return Ok(serde_json::json!({"demand": demand}));
         }
-        StudioOp::WorkerRestart {} => {
-            app.worker.restart();
-            Ok(())
-        }
-        view => super::viser::view_op(app, view),
+        StudioOp::PreviewEnd {} => app.session.ask(Ask::PreviewEnd).await?,
+        StudioOp::RolloutSet(settings) => app.session.ask(|r| Ask::Settings(settings, r)).await?,
+        StudioOp::RolloutRun {} => app.session.ask(Ask::Run).await?,
+        StudioOp::RolloutCancel {} => app.live.cancel(&app.worker),
+        StudioOp::WorkerRestart {} => app.worker.restart(),
+        view => super::viser::view_op(app, view)?,
     }
+    Ok(nothing)
 }

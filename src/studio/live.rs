@@ -50,6 +50,8 @@ struct Inner {
     keys: Arc<[u32]>,
     title: String,
     worker: WorkerState,
+    /// Joints that no hand moves.
+    locked: Vec<String>,
 }
 
 /// What is performed, and the frames of the clip's keys.
@@ -104,6 +106,16 @@ impl Live {
     /// The robot of the open document.
     pub fn facts(&self) -> Option<Arc<RobotFacts>> {
         self.read().facts.clone()
+    }
+
+    /// Joints that no hand moves.
+    pub fn locked(&self) -> Vec<String> {
+        self.read().locked.clone()
+    }
+
+    /// Joints that no hand moves from now on.
+    pub fn set_locked(&self, joints: Vec<String>) {
+        self.write().locked = joints;
     }
 
     /// How rollouts are made.

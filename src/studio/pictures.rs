@@ -30,8 +30,6 @@ const KEPT_BYTES: usize = 12 << 20;
 const WAITING: usize = 128;
 /// Pixels along an edge, at least.
 const SMALLEST_PX: u32 = 16;
-/// What is laid over the robot at the playhead.
-const OVERLAY: &str = "ghost,error,trail,caption";
 /// Of pictures that stand among words of the page.
 const CARD_OVERLAY: &str = "ghost,error,trail";
 /// Size of an example's picture, pixels.
@@ -48,6 +46,40 @@ pub struct Pictures {
     kept: Mutex<Kept>,
     waiting: AtomicUsize,
     dir: PathBuf,
+}
+
+/// What a still shows.
+#[derive(Clone, Debug)]
+pub struct Shown {
+    /// The solid robot.
+    pub achieved: bool,
+    /// The translucent command, coloured by error.
+    pub command: bool,
+    /// The keys around the frame.
+    pub ghosts: bool,
+    /// In the place of what was achieved: a pose that is no key yet.
+    pub pose: Option<Vec<f32>>,
+}
+
+impl Default for Shown {
+    fn default() -> Self {
+        Shown { achieved: true, command: true, ghosts: false, pose: None }
+    }
+}
+
+impl Shown {
+    /// In the painter's words. The still viewport has its captions around it.
+    fn overlay(&self, draft: bool) -> String {
+        let words = [
+            (!(self.achieved || self.pose.is_some()), "bare"),
+            (self.command, "ghost,error"),
+            (self.ghosts, "onion"),
+            (self.achieved, "trail"),
+            (!draft, "caption"),
+        ];
+        let words: Vec<&str> = words.iter().filter(|w| w.0).map(|w| w.1).collect();
+        if words.is_empty() { "none".to_owned() } else { words.join(",") }
+    }
 }
 
 /// The newest last.
@@ -149,7 +181,7 @@ impl Pictures {
         size: (u32, u32),
         at: (f32, f32),
     ) -> Result<Option<String>, Error> {
-        let ask = still(live, frame, size, true)?.1;
+        let ask = still(live, frame, size, true, &Shown::default())?.1;
         let at = [2.0 * at.0 - 1.0, 1.0 - 2.0 * at.1];
         match self.ask(Request::Pick(Box::new(ask), at)).await? {
             Report::Picked(body) => Ok(body),
@@ -168,8 +200,9 @@ impl Pictures {
         frame: usize,
         size: (u32, u32),
         draft: bool,
+        shown: &Shown,
     ) -> Result<Bytes, Error> {
-        let (name, picture) = still(live, frame, size, draft)?;
+        let (name, picture) = still(live, frame, size, draft, shown)?;
         match self.known(&name) {
             Some(known) => Ok(known),
             None => Ok(self.paint(name, picture).await?.0),
@@ -280,12 +313,24 @@ fn still(
     frame: usize,
     (width, height): (u32, u32),
     draft: bool,
+    shown: &Shown,
 ) -> Result<(String, PaintRequest), Error> {
-    let (stamp, robot, motion) = live.motion(frame).ok_or(Error::NoDocument)?;
-    let name = format!("still {robot} {stamp} {frame} {width}x{height} {draft}");
+    let (mut stamp, robot, mut motion) = live.motion(frame).ok_or(Error::NoDocument)?;
+    if let (Some(q), Some(row)) = (&shown.pose, motion.achieved.get_mut(frame)) {
+        if q.len() != row.len() {
+            let (got, joints) = (q.len(), row.len());
+            return Err(Error::request(format!("{got} values for the {joints} joints")));
+        }
+        row.clone_from(q);
+        // Another motion: the painter knows motions by their stamps.
+        let bits: Vec<u8> = q.iter().flat_map(|v| v.to_le_bytes()).collect();
+        let hash = fsio::sha256_hex(&[&bits[..], &stamp.to_le_bytes()].concat());
+        let short = hash.get(..16).unwrap_or_default();
+        stamp = u64::from_str_radix(short, 16).unwrap_or_default();
+    }
+    let overlay = shown.overlay(draft);
+    let name = format!("still {robot} {stamp} {frame} {width}x{height} {draft} {overlay}");
     let subject = Subject::Motion { stamp, motion: Box::new(motion) };
-    // The still viewport has its captions around it.
-    let overlay = if draft { CARD_OVERLAY } else { OVERLAY }.to_owned();
     Ok((name, PaintRequest { robot, subject, frame, width, height, overlay, draft }))
 }
 

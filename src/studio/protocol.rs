@@ -38,12 +38,13 @@
 //! | `GET /api/robot/{id}/geometry` | [`Geometry`](super::worker::Geometry) |
 //! | `POST /api/kinematics` `{q: [[..]]}` | body transforms by pose |
 //! | `POST /api/ik` [`IkRequest`] | [`IkAnswer`](super::worker::IkAnswer) |
+//! | `GET /api/hover?tab=T&x=X&y=Y` | body and joint under a point (0 to 1 from the top left) of a page's 3D view, or null; T as in the query of the view's socket |
 //! | `POST /api/settle` `{q}` | [`SettleAnswer`](super::worker::SettleAnswer) |
 //! | `GET /api/rollout` | [`RolloutView`] with all frames |
 //! | `GET /api/export?format=F` | bytes; F = json, csv, mjcf, ros, command (clip) or achieved-csv (rollout) |
 //! | `POST /api/exports` `{format, path?, size?, frames?, overlay?, camera?, moments?}` | `JobView`: performs the clip as it is and writes mp4, gif, apng, png, strip, mcap, csv, json, mjcf, ros, viser or html |
 //! | `GET /api/still-body?frame=N&w=W&h=H&x=X&y=Y` | name of the body that the draft still shows at X, Y (0 to 1 from the top left), or null |
-//! | `GET /api/still.jpg?frame=N&w=W&h=H&draft=B` | the rollout at a frame, rendered here; 500 with what to install where no driver is |
+//! | `GET /api/still.jpg?frame=N&w=W&h=H&draft=B&achieved=B&command=B&ghosts=B&pose=Q,..` | the rollout at a frame, or a pose in its place, rendered here; 500 with what to install where no driver is |
 //! | `GET /api/pose.jpg?pose=NAME`, `/api/gallery-picture.jpg?id=ID` | a pose; an example, performed |
 //! | `GET /api/gallery-error?id=ID` | [`MeanError`](super::worker::MeanError) of that performance, or null |
 //! | `GET /api/shelf` | [`Shelf`](super::shelf::Shelf): runs, data, presets in the studio's folder |
@@ -84,7 +85,8 @@
 //! * `rollout.state`: waiting, running, done, failed, off; `cached_to`, MAE, milliseconds a frame.
 //! * `worker`: the simulation's state, for a banner.
 //! * `job`: a job's new state (latest only).
-//! * `select`, `joint`: what happens in the viewport: a link was clicked, a gizmo turns a joint.
+//! * `select`, `joint`, `joint.cancelled`, `locked`: what happens in the viewport: a link was
+//!   clicked, a hand turns joints, gives up, or must leave some as they are.
 //! * `notice`: a sentence for a banner.
 
 use std::collections::BTreeMap;
@@ -95,7 +97,7 @@ use serde_json::Value;
 use super::document::Restored;
 use super::error::Error;
 use super::worker::WorkerState;
-use crate::clip::{Blind, ClipError, Delta, JointTable, Lint, Op, Span};
+use crate::clip::{Blind, ClipError, Delta, Granularity, JointTable, Lint, Op, Span};
 use crate::exit::{Exit, HasExit};
 use crate::rollout::{Guide, Offer, PolicyConfig, PolicyName};
 
@@ -275,6 +277,8 @@ pub struct Findings {
     pub blind: Vec<Blind>,
     /// Whether simulation has judged every pose.
     pub simulated: bool,
+    /// What the policy in use can leave open.
+    pub granularity: Granularity,
 }
 
 /// Everything a fresh page needs.
@@ -296,6 +300,8 @@ pub struct State {
     pub clients: usize,
     /// Where relative paths start.
     pub folder: String,
+    /// Joints that no hand moves.
+    pub locked: Vec<String>,
 }
 
 /// A policy to choose.
@@ -456,7 +462,7 @@ pub enum StudioOp {
         done: usize,
     },
     /// Rolls out as if this edit were made; nothing is stored. Send while dragging; the
-    /// newest wins.
+    /// newest wins. The reply's `demand` is the [`crate::clip::Demand`] of the edit, or null.
     #[serde(rename = "preview")]
     Preview {
         /// The edit.
@@ -500,7 +506,16 @@ pub enum StudioOp {
     /// Selects a joint or a body, or nothing.
     #[serde(rename = "view.select")]
     ViewSelect(Selection),
-    /// Frames the camera: `home`, `fit`, `front`, `side`, `top`.
+    /// Joints that no hand in the viewport moves: neither a drag nor inverse kinematics.
+    #[serde(rename = "view.lock")]
+    ViewLock {
+        /// All of them; an empty list frees every joint.
+        joints: Vec<String>,
+    },
+    /// Gives up the drag that is under way in the viewport.
+    #[serde(rename = "view.cancel")]
+    ViewCancel {},
+    /// Frames the camera: `home`, `fit`, `front`, `side`, `top`, `selection`.
     #[serde(rename = "view.camera")]
     ViewCamera {
         /// Which.
@@ -554,7 +569,11 @@ pub struct IkRequest {
     /// Where to start, one value per state joint.
     pub q: Vec<f64>,
     /// The site that is pulled.
+    #[serde(default)]
     pub site: String,
+    /// In its place: a body by name, and a point in its frame, m.
+    #[serde(default)]
+    pub body: Option<(String, [f64; 3])>,
     /// Where to, world, m.
     pub pos: [f64; 3],
     /// Orientation, w x y z; absent = free.
@@ -733,6 +752,23 @@ pub enum Event {
         values: BTreeMap<String, f64>,
         /// Whether the mouse was released.
         done: bool,
+        /// The page whose 3D view it happens in (`tab` in the query of its socket): only that
+        /// one makes the edit. Absent: whoever hears it.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        tab: Option<String>,
+    },
+    /// The drag in the viewport was given up: nothing is to be edited.
+    #[serde(rename = "joint.cancelled")]
+    JointCancelled {
+        /// See [`Event::Joint`].
+        #[serde(skip_serializing_if = "Option::is_none")]
+        tab: Option<String>,
+    },
+    /// Joints that no hand moves.
+    #[serde(rename = "locked")]
+    Locked {
+        /// All of them.
+        joints: Vec<String>,
     },
     /// A sentence for a banner.
     #[serde(rename = "notice")]
@@ -745,7 +781,7 @@ pub enum Event {
 }
 
 /// The names of [`StudioOp`]; any other is a clip operation.
-pub const STUDIO_OPS: [&str; 16] = [
+pub const STUDIO_OPS: [&str; 18] = [
     "undo",
     "redo",
     "history.goto",
@@ -759,6 +795,8 @@ pub const STUDIO_OPS: [&str; 16] = [
     "view.play",
     "view.show",
     "view.select",
+    "view.lock",
+    "view.cancel",
     "view.camera",
     "view.pose",
     "ping",

@@ -130,6 +130,7 @@ pub fn router(app: Arc<App>) -> Router {
     // may wait longer than a request's body may take. The painter has a patience of its own.
     let painted = Router::new()
         .route("/api/still.jpg", get(api::still))
+        .route("/api/hover", get(api::hover))
         .route("/api/still-body", get(api::still_body))
         .route("/api/pose.jpg", get(api::pose_picture))
         .route("/api/gallery-picture.jpg", get(api::example_picture))

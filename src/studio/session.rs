@@ -23,7 +23,7 @@ use super::recent::Recent;
 use super::shelf;
 use super::worker::{Checked, Report, Request, RobotFacts, WorkerHandle};
 use crate::clip::{
-    self, Batch, Change, Clip, Command, Delta, Granularity, JointTable, Op, PoseChecker,
+    self, Batch, Change, Clip, Command, Delta, Demand, Granularity, JointTable, Op, PoseChecker,
     PoseReport, RobotRef,
 };
 use crate::net::MaskGranularity;
@@ -61,7 +61,7 @@ pub enum Ask {
     /// Gives up unsaved edits.
     Discard(Author, Reply<Edited>),
     /// Rolls out as if.
-    Preview(Box<Op>, Reply<()>),
+    Preview(Box<Op>, Reply<Option<Demand>>),
     /// Back to the document.
     PreviewEnd(Reply<()>),
     /// Opens a file.
@@ -430,13 +430,19 @@ impl Desk {
         Ok(self.changed(author, &changes))
     }
 
-    fn preview(&mut self, op: &Op) -> Result<(), Error> {
-        let command = self.open_document()?.preview(op)?;
+    fn preview(&mut self, op: &Op) -> Result<Option<Demand>, Error> {
+        let document = self.open_document()?;
+        let command = document.preview(op)?;
+        let facts = self.facts.as_ref();
+        let asked =
+            self.document.as_ref().zip(facts).and_then(|(document, facts)| {
+                clip::demand(&command, document.command(), &facts.table)
+            });
         self.previewing = true;
         if self.live.settings().auto {
             self.live.perform(0, &command, &self.worker);
         }
-        Ok(())
+        Ok(asked)
     }
 
     /// Rolls the document out, if that is wanted.
@@ -667,6 +673,7 @@ impl Desk {
             spans: command.spans().to_vec(),
             blind: command.blind_spans(),
             simulated: judge.unknown.is_empty(),
+            granularity: self.granularity,
         };
         (findings, judge.unknown)
     }

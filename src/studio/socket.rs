@@ -225,8 +225,7 @@ impl Client {
                 StudioOp::Redo {} => Edit::Redo,
                 StudioOp::HistoryGoto { done } => Edit::Goto(done),
                 other => {
-                    api::studio_op(&self.app, other).await?;
-                    return Ok(Some(Value::Null));
+                    return Ok(Some(api::studio_op(&self.app, other).await?));
                 }
             }
         } else {

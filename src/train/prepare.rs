@@ -3,7 +3,7 @@
 
 use super::{Error, TrainConfig};
 use crate::dataset::{Dataset, Part};
-use crate::net::checkpoint::TrainingCard;
+use crate::net::checkpoint::{TrainingCard, Usual};
 use crate::net::kmeans::kmeans;
 use crate::net::ridge::RidgeConfig;
 use crate::net::{Card, Encoder, Episodes, Net, Ridge, SkipKind, Tokeniser};
@@ -97,6 +97,8 @@ pub fn prepare(
         seed: cfg.seed,
         ..TrainingCard::default()
     };
-    let card = Card::new(robot_card(robot), net_cfg, &encoder.tokens, norm, training);
+    let mut card = Card::new(robot_card(robot), net_cfg, &encoder.tokens, norm, training);
+    let usual = crate::dataset::usual(data, &data.part(Part::Train, cfg.seed));
+    card.usual = usual.into_iter().map(|[low, high, speed]| Usual { low, high, speed }).collect();
     Ok((card, net, encoder))
 }

@@ -186,7 +186,14 @@ pub(crate) fn op(r: &mut Rng, clip: &Clip, deep: bool) -> Op {
         6 => Op::KeysDelete(KeysFrames { frames: frames(r) }),
         7 => {
             let keys = clip.keys.iter().take(3).cloned().collect();
-            Op::KeysPaste(KeysPaste { at: any(r), keys, replace: flag(r), mirrored: flag(r) })
+            let joints = flag(r).then(|| clip.robot.joints.iter().take(1).cloned().collect());
+            Op::KeysPaste(KeysPaste {
+                at: any(r),
+                keys,
+                replace: flag(r),
+                mirrored: flag(r),
+                joints,
+            })
         }
         8 => Op::KeysMirror(KeysFrames { frames: frames(r) }),
         9 => Op::KeysHold(KeysHold { frames: frames(r), hold: r.below(60) as u32 }),

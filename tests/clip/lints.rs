@@ -9,6 +9,8 @@ fn table() -> JointTable {
         unit: Unit::Rad,
         range: Some([-1.0, 2.0]),
         speed_max: Some(2.0),
+        band: None,
+        speed_usual: None,
     };
     JointTable {
         robot: "hand".into(),

@@ -157,6 +157,11 @@ impl Studio {
     }
 
     pub(super) fn connect(&self, path: &str, protocol: Option<&str>) -> Socket {
+        self.connect_with(path, protocol, "")
+    }
+
+    /// With more in the query.
+    pub(super) fn connect_with(&self, path: &str, protocol: Option<&str>, query: &str) -> Socket {
         let mut stream = TcpStream::connect(("127.0.0.1", self.port)).unwrap();
         stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
         // A flood that the server stops reading must end, not hang the test.
@@ -165,7 +170,7 @@ impl Studio {
         let protocol =
             protocol.map(|p| format!("Sec-WebSocket-Protocol: {p}\r\n")).unwrap_or_default();
         let text = format!(
-            "GET {path}?token={} HTTP/1.1\r\nHost: 127.0.0.1:{}\r\nConnection: Upgrade\r\n\
+            "GET {path}?token={}{query} HTTP/1.1\r\nHost: 127.0.0.1:{}\r\nConnection: Upgrade\r\n\
              Upgrade: websocket\r\nSec-WebSocket-Version: 13\r\n{protocol}\
              Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n",
             self.token, self.port

@@ -4,6 +4,7 @@ mod client;
 mod crash;
 mod editing;
 mod guard;
+mod hand;
 mod hostile;
 mod measure;
 mod pages;

@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use super::client::{CLIP, Socket, Studio};
 
 /// Messages of one binary frame.
-fn messages(frame: &[u8]) -> Vec<Value> {
+pub(super) fn messages(frame: &[u8]) -> Vec<Value> {
     let word = |at: usize| u64::from_le_bytes(frame[at..at + 8].try_into().unwrap()) as usize;
     let (inner, packed) = (word(0), word(8));
     let inner = zstd::bulk::decompress(&frame[16..16 + packed], inner).unwrap();
@@ -23,7 +23,7 @@ fn messages(frame: &[u8]) -> Vec<Value> {
 }
 
 /// Reads until a message fits.
-fn until(socket: &mut Socket, fits: impl Fn(&Value) -> bool) -> Vec<Value> {
+pub(super) fn until(socket: &mut Socket, fits: impl Fn(&Value) -> bool) -> Vec<Value> {
     let mut all = Vec::new();
     loop {
         all.extend(messages(&socket.read().unwrap()));

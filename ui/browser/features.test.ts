@@ -299,19 +299,6 @@ describe("features", () => {
     await t.until((s) => s.playhead === 30, "to the next key");
   });
 
-  test("command, achieved and ghosts can be shown or not", async () => {
-    await afresh();
-    const legend = t.page.getByRole("group", { name: "Shown" });
-    for (const name of ["Command", "Achieved", "Ghosts"]) {
-      const button = legend.getByRole("button", { name });
-      const before = await button.getAttribute("aria-pressed");
-      await button.click();
-      assert.notEqual(await button.getAttribute("aria-pressed"), before, name);
-      await button.click();
-      assert.ok(await button.getAttribute("title"), "it says what it is");
-    }
-  });
-
   test("error by frame and mean error, equal to their definition", async () => {
     await afresh();
     const s = await t.rolledOut();

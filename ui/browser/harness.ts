@@ -21,6 +21,11 @@ export interface Snapshot {
   rollout?: RolloutState;
   frames: number;
   joint?: number;
+  site?: string;
+  locked: string[];
+  moving?: Record<string, number>;
+  demand?: { joint: string; needed: number; usual: number | null; max: number | null };
+  floating?: number[];
   playing: boolean;
   history?: History;
   findings?: Findings;

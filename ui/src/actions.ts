@@ -2,6 +2,7 @@
 
 import { dropFloating, edit, keyFloating, poseAt, save, tell } from "./api";
 import { keyAt, keyEnd, nextKey, prevKey, type Fill, type Key } from "./clip";
+import { cancelDrag, nextSite, toggleLock, unlockedOnly } from "./hand";
 import * as store from "./store";
 
 export interface Action {
@@ -51,7 +52,7 @@ export async function paste(mirrored: boolean): Promise<void> {
   if (keys.length === 0) return store.toast("nothing to paste");
   const at = store.playhead.value;
   const first = Math.min(...keys.map((k) => k.frame));
-  if (await edit("keys.paste", { at, keys, replace: true, mirrored })) {
+  if (await edit("keys.paste", { at, keys, replace: true, mirrored, ...unlockedOnly() })) {
     store.selection.value = new Set(keys.map((k) => k.frame - first + at));
   }
 }
@@ -142,7 +143,7 @@ export const ACTIONS: Action[] = [
   { id: "duplicate", title: "Duplicate keys after the last", group: "Keys", keys: ["Ctrl+D"], not: needsKeys, run: () => { const f = selected(); const a = f[0] ?? 0; const b = f.at(-1) ?? a; const last = clip()?.keys.find((k) => k.frame === b); const df = (last ? keyEnd(last) : b + 1) - a + 4; void edit("keys.move", { frames: f, df, copy: true, replace: true }).then((ok) => ok && (store.selection.value = new Set(f.map((x) => x + df)))); } },
   { id: "mirror", title: "Mirror keys", group: "Keys", not: () => needsKeys() ?? store.noMirror.value ?? undefined, run: () => void edit("keys.mirror", { frames: selected() }) },
   { id: "select-all", title: "Select all keys", group: "Keys", keys: ["Ctrl+A"], run: () => (store.selection.value = new Set(clip()?.keys.map((k) => k.frame))) },
-  { id: "clear", title: "Clear selection", group: "Keys", keys: ["Escape"], run: () => { if (store.floating.value) dropFloating(); store.selection.value = new Set(); } },
+  { id: "clear", title: "Clear selection", group: "Keys", keys: ["Escape"], run: () => { if (cancelDrag()) return; if (store.site.value) tell("view.select", {}); if (store.floating.value) dropFloating(); store.selection.value = new Set(); } },
   { id: "earlier", title: "Move keys one frame earlier", group: "Keys", keys: ["Alt+ArrowLeft"], not: needsKeys, run: () => nudge(-1, false) },
   { id: "later", title: "Move keys one frame later", group: "Keys", keys: ["Alt+ArrowRight"], not: needsKeys, run: () => nudge(1, false) },
   { id: "ripple-earlier", title: "Ripple one frame earlier", group: "Keys", keys: ["Alt+Shift+ArrowLeft"], not: needsKeys, run: () => nudge(-1, true) },
@@ -155,7 +156,7 @@ export const ACTIONS: Action[] = [
 
   { id: "mask", title: "Mask: no goal here", group: "Masks", keys: ["M"], run: () => maskSpan(true) },
   { id: "unmask", title: "Unmask", group: "Masks", keys: ["U"], run: () => maskSpan(false) },
-  { id: "mask-joint", title: "Mask the chosen joint only", group: "Masks", keys: ["Alt+M"], not: needsJoint, run: () => maskSpan(true, chosenJoint()) },
+  { id: "mask-joint", title: "Mask the chosen joint only", group: "Masks", keys: ["Alt+M"], not: needsJointMask, run: () => maskSpan(true, chosenJoint()) },
   { id: "unmask-joint", title: "Unmask the chosen joint only", group: "Masks", keys: ["Alt+U"], not: needsJoint, run: () => maskSpan(false, chosenJoint()) },
   { id: "fill-mask", title: "Interval: leave it to the policy", group: "Masks", run: () => setFill("mask") },
   { id: "fill-linear", title: "Interval: straight line", group: "Masks", run: () => setFill("linear") },
@@ -166,7 +167,14 @@ export const ACTIONS: Action[] = [
   { id: "show-achieved", title: "Show the achieved motion", group: "View", keys: ["2"], run: () => toggleShow("achieved") },
   { id: "show-both", title: "Show both", group: "View", keys: ["3"], run: () => { store.show.value = { ...store.show.value, command: true, achieved: true }; tell("view.show", { command: true, achieved: true }); } },
   { id: "ghosts", title: "Ghosts of the neighbouring keys", group: "View", keys: ["4", "O"], run: () => toggleShow("ghosts") },
-  { id: "frame", title: "Frame the robot", group: "View", keys: ["F"], run: () => tell("view.camera", { preset: "fit" }) },
+  { id: "frame", title: "Frame the selected link, or the whole motion", group: "View", keys: ["F"], not: needsSpace, run: () => tell("view.camera", { preset: "selection" }) },
+  { id: "view-home", title: "View: the whole motion", group: "View", keys: ["Alt+0"], not: needsSpace, run: () => tell("view.camera", { preset: "fit" }) },
+  { id: "view-front", title: "View: from the front", group: "View", keys: ["Alt+1"], not: needsSpace, run: () => tell("view.camera", { preset: "front" }) },
+  { id: "view-side", title: "View: from the side", group: "View", keys: ["Alt+2"], not: needsSpace, run: () => tell("view.camera", { preset: "side" }) },
+  { id: "view-top", title: "View: from above", group: "View", keys: ["Alt+3"], not: needsSpace, run: () => tell("view.camera", { preset: "top" }) },
+  { id: "reach", title: "Reach: the next fingertip or end effector", group: "Keys", keys: ["G"], run: nextSite },
+  { id: "lock-joint", title: "Lock or free the chosen joint", group: "Keys", keys: ["Alt+L"], not: needsJoint, run: () => toggleLock([chosenJoint() ?? ""]) },
+  { id: "unlock-all", title: "Free all joints", group: "Keys", not: () => (store.locked.value.size ? undefined : "no joint is locked"), run: () => toggleLock([...store.locked.value]) },
   { id: "fit", title: "Fit the timeline", group: "View", keys: ["Shift+F"], run: () => document.dispatchEvent(new Event("robert-fit")) },
   { id: "next-problem", title: "Next problem", group: "View", keys: ["N"], run: () => problem(1) },
   { id: "prev-problem", title: "Previous problem", group: "View", keys: ["Shift+N"], run: () => problem(-1) },
@@ -176,6 +184,7 @@ export const ACTIONS: Action[] = [
   { id: "palette", title: "Find a command", group: "View", keys: ["Ctrl+K"], run: dialog("palette") },
 
   { id: "rollout", title: "Roll out now", group: "Rollout", keys: ["R"], run: () => tell("rollout.run") },
+  { id: "stop-rollout", title: "Stop the rollout", group: "Rollout", keys: ["Shift+Escape"], not: () => (/running|waiting/.test(store.rollout.value?.phase ?? "") ? undefined : "no rollout is under way"), run: () => tell("rollout.cancel") },
   { id: "auto", title: "Automatic rollout on or off", group: "Rollout", keys: ["Shift+R"], run: () => tell("rollout.set", { ...store.settings.value, auto: !store.settings.value.auto }) },
   { id: "auto-key", title: "Automatic keys on or off", group: "Keys", run: () => (store.autoKey.value = !store.autoKey.value) },
 
@@ -199,6 +208,37 @@ export function chosenJoint(): string | undefined {
 
 function needsJoint(): string | undefined {
   return chosenJoint() ? undefined : "choose a joint first: click its name on the timeline";
+}
+
+/** Why a single joint cannot be masked now; undefined when it can. */
+export function noJointMask(): string | undefined {
+  return store.doc.value?.findings.granularity === "state"
+    ? `${store.settings.value.policy} was trained with whole frames left open, not single joints; choose another policy to mask one joint`
+    : undefined;
+}
+
+function needsJointMask(): string | undefined {
+  return needsJoint() ?? noJointMask();
+}
+
+/** Still pictures have one view. */
+function needsSpace(): string | undefined {
+  return store.stills.value ? "still pictures are seen from where the whole motion fits; views need the 3D view" : undefined;
+}
+
+/** Masks or unmasks joints of a row about the playhead, as M and U do. */
+export function toggleMask(joints: string[]): void {
+  const s = span();
+  const c = clip();
+  if (!s || !c || s.to <= s.from) return;
+  const hidden = (j: string): boolean => (c.masks ?? []).some((m) => m.from <= s.from && s.to <= m.to && (!m.joints || m.joints.includes(j)));
+  const masked = !joints.every(hidden);
+  const why = noJointMask();
+  if (masked && why) return store.toast(why);
+  const names = joints.length > 1 ? `${joints.length} joints` : (joints[0] ?? "");
+  void edit("mask.set", { ...s, joints, masked }).then((ok) => {
+    if (ok) store.toast(`frames ${s.from} to ${s.to - 1}, ${names}: ${masked ? "no goal" : "goals again"}`);
+  });
 }
 
 function maskSpan(masked: boolean, joint?: string): void {

@@ -4,9 +4,10 @@
 import { batch } from "@preact/signals";
 import { values, type Clip } from "./clip";
 import {
-  patched, type DocumentView, type ErrorBody, type Event, type JobEvent, type JobKind, type JobView, type RobotFacts,
+  patched, type Demand, type DocumentView, type ErrorBody, type Event, type JobEvent, type JobKind, type JobView, type RobotFacts,
   type State, type WorkerState,
 } from "./protocol";
+import { dragCancelled, dragged } from "./hand";
 import * as store from "./store";
 
 let socket: WebSocket | undefined;
@@ -204,7 +205,16 @@ function receive(e: Event): void {
       return;
     }
     case "joint":
-      jointMoved(e.values, e.done);
+      // A drag in another page's 3D view is that page's to make an edit of.
+      if (e.tab !== undefined && e.tab !== store.TAB) return;
+      dragged(e.values, e.done);
+      void jointMoved(e.values, e.done);
+      return;
+    case "joint.cancelled":
+      if (e.tab === undefined || e.tab === store.TAB) dragCancelled();
+      return;
+    case "locked":
+      store.locked.value = new Set(e.joints);
       return;
     case "notice":
       store.toast(e.message, e.level === "error" ? "error" : "info");
@@ -309,6 +319,7 @@ function welcome(state: State): void {
     store.settings.value = state.rollout;
     store.policies.value = state.policies;
     store.worker.value = state.worker;
+    store.locked.value = new Set(state.locked);
   });
   adopt(state.document);
   void refreshGallery();
@@ -416,9 +427,14 @@ function poseEdit(changes: Record<string, number>): { op: string; args: object }
  * a preview; when it is let go there is one edit. With auto-key off, and off a key, it is a
  * floating pose: shown, kept, and no key until the person says so.
  */
-export function jointMoved(changes: Record<string, number>, done: boolean): void {
+export async function jointMoved(changes: Record<string, number>, done: boolean): Promise<void> {
   const d = store.doc.value;
   if (!d) return;
+  if (done && Object.keys(changes).length === 0) {
+    // Taken and let go again.
+    endPreview();
+    return tell("preview.end");
+  }
   const onKey = d.clip.keys.some((k) => k.frame === store.playhead.value);
   if (!onKey && !store.autoKey.value) {
     const q = store.floating.value ?? poseAt(d.clip, store.playhead.value);
@@ -431,13 +447,16 @@ export function jointMoved(changes: Record<string, number>, done: boolean): void
   if (done) {
     base = undefined;
     endPreview();
-    void edit(e.op, e.args).then(() => tell("preview.end"));
+    await edit(e.op, e.args);
+    tell("preview.end");
   }
   else preview(e);
 }
 
 let previewing = false;
 let newest: object | undefined;
+/** Rises when a drag ends: what its previews are answered with is no longer of interest. */
+let asked = 0;
 
 /** Sends previews no faster than they are answered; the newest wins. */
 function preview(op: object): void {
@@ -451,7 +470,11 @@ function preview(op: object): void {
       previewing = false;
       return;
     }
-    void send("preview", { op: next }).then(step);
+    const of = asked;
+    void send("preview", { op: next }).then((r) => {
+      if (of === asked) store.demand.value = (r.result as { demand?: Demand | null } | undefined)?.demand ?? undefined;
+      step();
+    });
   };
   step();
 }
@@ -459,6 +482,8 @@ function preview(op: object): void {
 /** What waits to be previewed is out of date: an edit or its end follows. */
 export function endPreview(): void {
   newest = undefined;
+  asked++;
+  store.demand.value = undefined;
 }
 
 export function previewEdit(op: string, args: object): void {

@@ -4,19 +4,24 @@ import { useSignal } from "@preact/signals";
 import { complain, http, jointMoved, poseAt, tell } from "./api";
 import { act } from "./actions";
 import { keyAt } from "./clip";
+import { isLocked, Reach } from "./hand";
 import * as store from "./store";
 
 /** All joints that move with this one, with their values when it is at `value`. */
 function together(name: string, value: number): Record<string, number> {
   const changes: Record<string, number> = { [name]: value };
   for (const c of store.doc.value?.table.couplings ?? []) {
-    const members = (c.members ?? []) as { joint: string; coef?: number; offset?: number }[];
+    const members = c.members ?? [];
     const own = members.find((m) => m.joint === name);
     if (!own) continue;
     const shared = (value - (own.offset ?? 0)) / (own.coef || 1);
     for (const m of members) changes[m.joint] = (m.coef ?? 1) * shared + (m.offset ?? 0);
   }
   return changes;
+}
+
+function Padlock() {
+  return <svg width="9" height="11" viewBox="0 0 9 11" aria-label="locked"><path d="M1 5h7v6H1z M2.5 5V3.2a2 2 0 0 1 4 0V5" fill="none" stroke="currentColor" stroke-width="1.4" /></svg>;
 }
 
 function Joint({ index }: { index: number }) {
@@ -28,7 +33,7 @@ function Joint({ index }: { index: number }) {
   if (!d || !fact) return null;
   const frame = store.playhead.value;
   const pose = store.floating.value ?? poseAt(d.clip, frame);
-  const value = live.value ?? pose[index] ?? 0;
+  const value = live.value ?? store.moving.value?.[fact.name] ?? pose[index] ?? 0;
   const unit = fact.unit;
   const scale = unit === "rad" && store.degrees.value ? 180 / Math.PI : 1;
   // A joint without stops has a slider about its value, which stands still while it is dragged.
@@ -45,7 +50,7 @@ function Joint({ index }: { index: number }) {
     if (!Number.isFinite(v)) return;
     const inside = fact.range ? Math.min(fact.range[1], Math.max(fact.range[0], v)) : v;
     live.value = done ? undefined : inside;
-    jointMoved(together(name, inside), done);
+    void jointMoved(together(name, inside), done);
   };
   const typed = (): void => {
     const t = text.value;
@@ -60,13 +65,20 @@ function Joint({ index }: { index: number }) {
     set(inner, true);
   };
   const id = `joint-${index}`;
+  const locked = isLocked(name);
+  // Where the data of the robot's policy are, as a tint behind the slider.
+  const share = (v: number): number => Math.min(1, Math.max(0, (v - lo) / (hi - lo)));
+  const band = fact.band ? { from: share(fact.band[0]), to: share(fact.band[1]) } : undefined;
+  const usual = fact.band ? `; 98 of 100 frames of the policy's data lie within ${store.shown(fact.band[0], unit)} to ${store.shown(fact.band[1], unit)}` : "";
   return (
-    <div class={`joint ${store.joint.value === index ? "on" : ""}`} data-testid={id} onPointerEnter={() => undefined}>
-      <label for={id} title={coupled.length ? `${name}; moves with ${coupled.join(", ")}` : name} onClick={() => select(index)}>
+    <div class={`joint ${store.joint.value === index ? "on" : ""} ${locked ? "locked" : ""}`} data-testid={id} onPointerEnter={() => undefined}>
+      <label for={id} title={`${name}${coupled.length ? `; moves with ${coupled.join(", ")}` : ""}${usual}`} onClick={() => select(index)}>
         {title}{coupled.length ? <span aria-hidden="true" style="color: var(--marker)"> &</span> : null}
+        {locked ? <span class="lock" title="Locked: Alt+L frees it"><Padlock /></span> : null}
       </label>
       <input
-        id={id} type="range" min={lo} max={hi} step={(hi - lo) / 2000} value={value}
+        id={id} type="range" class={band ? "banded" : ""} disabled={locked} data-band={band ? `${band.from.toFixed(3)} ${band.to.toFixed(3)}` : undefined}
+        style={band ? `--from: ${band.from}; --to: ${band.to}` : undefined} min={lo} max={hi} step={(hi - lo) / 2000} value={value}
         aria-valuetext={store.shown(value, unit)}
         onFocus={() => select(index)}
         onPointerDown={() => (held.value = middle)}
@@ -76,7 +88,7 @@ function Joint({ index }: { index: number }) {
         onChange={(e) => set(Number(e.currentTarget.value), true)}
       />
       <input
-        type="text" aria-label={`${title}, value`} inputMode="decimal" value={text.value ?? (value * scale).toFixed(unit === "m" ? 3 : store.degrees.value ? 1 : 3)}
+        type="text" disabled={locked} aria-label={`${title}, value`} inputMode="decimal" value={text.value ?? (value * scale).toFixed(unit === "m" ? 3 : store.degrees.value ? 1 : 3)}
         onInput={(e) => (text.value = e.currentTarget.value)}
         onBlur={typed}
         onKeyDown={(e) => {
@@ -106,9 +118,9 @@ async function settle(): Promise<void> {
   if (!d) return;
   try {
     const answer = await http<{ q: number[]; residual?: number[] }>("POST", "/api/settle", { q: poseAt(d.clip, store.playhead.value) });
-    const changes = Object.fromEntries(d.clip.robot.joints.map((n, j) => [n, answer.q[j] ?? 0]));
+    const changes = Object.fromEntries(d.clip.robot.joints.flatMap((n, j) => (isLocked(n) ? [] : [[n, answer.q[j] ?? 0]])));
     const worst = Math.max(0, ...(answer.residual ?? []).map(Math.abs));
-    jointMoved(changes, true);
+    void jointMoved(changes, true);
     store.toast(`settled: the simulated robot ends up ${store.shownError(worst, store.unit.value)} away at most`);
   } catch (e) {
     complain(e);
@@ -131,6 +143,7 @@ export function Inspector() {
           <button class="quiet" onClick={() => act("unit")} aria-label="Switch between degrees and radians">{store.degrees.value ? "deg" : "rad"}</button>
         ) : null}
       </h2>
+      <Reach />
       <div class="scroll">
         {rest.map((j) => <Joint key={j} index={j} />)}
         {store.groups.value.map((g) => (

@@ -4,7 +4,7 @@ import { render } from "preact";
 import { useEffect, useLayoutEffect } from "preact/hooks";
 import { useSignal } from "@preact/signals";
 import "./app.css";
-import { act, setFill, chosenJoint } from "./actions";
+import { act, setFill, chosenJoint, noJointMask } from "./actions";
 import { ackTimes, connect, http, tell } from "./api";
 import { Curves } from "./curves";
 import { Dialogs } from "./dialogs";
@@ -12,6 +12,7 @@ import { Gallery } from "./gallery";
 import { Inspector } from "./inspector";
 import { Poses, Problems, Takes } from "./panels";
 import { install } from "./shortcuts";
+import type { Demand as DemandOf } from "./protocol";
 import * as store from "./store";
 import { setTheme } from "./theme";
 import { Timeline, testPoints, type Menu } from "./timeline/timeline";
@@ -63,6 +64,17 @@ function Bar() {
 
 const HINTS: [string, string][] = [["drag", "move"], ["Alt", "copy"], ["Shift", "ripple"], ["S", "retime"], ["M", "mask"], ["K", "key"], ["Space", "play"], ["?", "all"]];
 
+/** What the edit under the hand asks of the joints: red above what the policy's data hold. */
+function Demand({ of }: { of: DemandOf }) {
+  const index = store.doc.value?.clip.robot.joints.indexOf(of.joint) ?? -1;
+  const limit = Math.min(of.usual ?? Infinity, of.max ?? Infinity);
+  const above = of.needed > limit;
+  const unit = of.unit === "m" ? "m/s" : store.degrees.value ? "°/s" : "rad/s";
+  const speed = (v: number): string => (of.unit === "rad" && store.degrees.value ? (v * 180 / Math.PI).toFixed(0) : v.toFixed(2));
+  const what = of.max !== null && of.needed > of.max ? `the joint can do ${speed(of.max)}` : `the policy knows up to ${speed(of.usual ?? of.max ?? 0)}`;
+  return <b class={`demand ${above ? "above" : ""}`} data-testid="demand">{above ? "too fast: " : ""}{store.titles.value[index] ?? of.joint} needs {speed(of.needed)} {unit}, {what}</b>;
+}
+
 function Hint({ text }: { text: string }) {
   const held = useSignal("");
   useEffect(() => {
@@ -79,6 +91,7 @@ function Hint({ text }: { text: string }) {
   const d = store.doc.value;
   return (
     <footer class="hint">
+      {store.demand.value ? <Demand of={store.demand.value} /> : null}
       {text || held.value ? <b>{text || held.value}</b> : HINTS.map(([k, t]) => <span key={k}><kbd>{k}</kbd> {t}</span>)}
       <span class="grow" />
       <span>{store.selection.value.size ? `${store.selection.value.size} selected` : ""}</span>
@@ -117,9 +130,10 @@ function ContextMenu({ menu, onClose, onOpenKey }: { menu: Menu; onClose: () => 
         <>
           {item("Key here", "K", () => act("key"))}
           {item("Mask: no goal here", "M", () => act("mask"))}
-          {item(`Mask ${joint ?? "one joint"} only`, "Alt+M", () => act("mask-joint"), joint ? null : "choose a joint first")}
+          {item(`Mask ${joint ?? "one joint"} only`, "Alt+M", () => act("mask-joint"), joint ? noJointMask() : "choose a joint first")}
           {item("Unmask", "U", () => act("unmask"))}
           {item(`Unmask ${joint ?? "one joint"} only`, "Alt+U", () => act("unmask-joint"), joint ? null : "choose a joint first")}
+          {item(joint && store.locked.value.has(joint) ? `Free ${joint}` : `Lock ${joint ?? "one joint"}`, "Alt+L", () => act("lock-joint"), joint ? null : "choose a joint first")}
           {item("Paste", "Ctrl+V", () => act("paste"))}
           {item("Insert or remove time…", "E", () => act("ripple-right"))}
           {item("Marker here…", "Shift+M", () => act("marker"))}
@@ -243,7 +257,7 @@ Object.assign(window, {
     get state() {
       return {
         page: store.page.value, link: store.link.value, rev: store.doc.value?.rev, clip: store.doc.value?.clip,
-        dirty: store.doc.value?.dirty, playhead: store.playhead.value, selection: [...store.selection.value],
+        dirty: store.doc.value?.dirty, playhead: store.playhead.value, selection: [...store.selection.value], site: store.site.value, locked: [...store.locked.value], moving: store.moving.value, demand: store.demand.value, floating: store.floating.value,
         rollout: store.rollout.value, frames: store.frames.value.q.length, joint: store.joint.value, playing: store.playing.value,
         history: store.doc.value?.history, findings: store.doc.value?.findings, settings: store.settings.value, view: store.view.value,
         robot: store.robot.value?.id, worker: store.worker.value, range: store.range.value, takes: store.takes.value.length,

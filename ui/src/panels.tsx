@@ -3,6 +3,8 @@
 import { useSignal } from "@preact/signals";
 import { edit, tell } from "./api";
 import { seek } from "./actions";
+import { unlockedOnly } from "./hand";
+import { NoModel, Settings } from "./performance";
 import * as store from "./store";
 import { policyId, proposal, tried, tryAll, trying, withPolicy } from "./tryall";
 
@@ -92,7 +94,9 @@ export function Takes() {
           <label title="One planning step a frame on the model, from the policy's action">
             <input type="checkbox" checked={store.settings.value.refine} onChange={(e) => set({ refine: e.currentTarget.checked })} /> refine
           </label>
+          <Settings />
         </div>
+        <NoModel />
         {card ? <p class="suits">for {card.suits}</p> : null}
         <Tries />
         {own ? <div class="take"><span class="grow" title={own}>model {own.split("/").slice(-3).join("/")}</span><button class="quiet" aria-label="Without this model" onClick={() => { const { model_path: _, ...rest } = store.settings.value; tell("rollout.set", { ...rest, policy: known.find((p) => p.default)?.name ?? rest.policy }); }}>×</button></div> : null}
@@ -127,7 +131,7 @@ export function Poses() {
     const ops: { op: string; args: object }[] = [];
     const builtin = store.robot.value?.poses.find((p) => p.name === name);
     if (!own.includes(name) && builtin) ops.push({ op: "pose.save", args: { name, q: builtin.q } });
-    ops.push({ op: "pose.apply", args: { name, frames, blend: blend.value / 100, mirrored: mirrored.value } });
+    ops.push({ op: "pose.apply", args: { name, frames, blend: blend.value / 100, mirrored: mirrored.value, ...unlockedOnly() } });
     void (ops.length === 1 && ops[0] ? edit(ops[0].op, ops[0].args) : edit("batch", { label: `Apply pose ${name}`, ops }));
   };
   return (

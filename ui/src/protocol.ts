@@ -35,6 +35,9 @@ export interface JointFacts {
   unit: "rad" | "m";
   range: [number, number] | null;
   speed_max: number | null;
+  /** Where 98 of 100 frames of its policy's data lie. */
+  band?: [number, number] | null;
+  speed_usual?: number | null;
 }
 
 export interface JointTable {
@@ -42,7 +45,7 @@ export interface JointTable {
   joints: JointFacts[];
   rest: number[];
   mirror: { table: unknown[] } | { none: string };
-  couplings: { joints?: string[]; members?: { joint: string }[]; [key: string]: unknown }[];
+  couplings: { members?: { joint: string; coef?: number; offset?: number }[]; [key: string]: unknown }[];
   granularity: "state" | "joint";
 }
 
@@ -61,6 +64,17 @@ export interface Findings {
   spans: { from: number; to: number; kind: string }[];
   blind: { after: number | null; before: number | null; from: number; to: number }[];
   simulated: boolean;
+  granularity: "state" | "joint";
+}
+
+/** How fast a previewed edit makes the joint go that it asks most of; rad/s or m/s. */
+export interface Demand {
+  joint: string;
+  unit: "rad" | "m";
+  frames: [number, number];
+  needed: number;
+  usual: number | null;
+  max: number | null;
 }
 
 export interface DocumentView {
@@ -199,6 +213,7 @@ export interface State {
   viser: boolean;
   clients: number;
   folder: string;
+  locked: string[];
 }
 
 export interface Selection {
@@ -215,7 +230,8 @@ export interface RobotFacts {
   groups: { name: string; title: string; joints: string[] }[];
   actuators: string[];
   poses: { name: string; q: number[] }[];
-  ik_sites: string[];
+  ik_sites: { name: string; body: number; pos: [number, number, number] }[];
+  bodies: { name: string; parent: number; joints: number[] }[];
   settle_tolerance: number;
 }
 
@@ -248,7 +264,9 @@ export type Event =
   | ({ event: "worker" } & WorkerState)
   | ({ event: "job" } & JobView)
   | ({ event: "select" } & Selection)
-  | { event: "joint"; values: Record<string, number>; done: boolean }
+  | { event: "joint"; values: Record<string, number>; done: boolean; tab?: string }
+  | { event: "joint.cancelled"; tab?: string }
+  | { event: "locked"; joints: string[] }
   | { event: "notice"; level: "info" | "warning" | "error"; message: string };
 
 /** Applies a difference to a copy of the clip. */

@@ -7,8 +7,10 @@ import { act } from "./actions";
 import { ended, fetchFile, isRunning, JobBar, saveUrl } from "./jobs";
 import * as store from "./store";
 
+const parts = (shown: object | undefined): string => Object.entries(shown ?? {}).map(([name, value]) => `&${name}=${encodeURIComponent(String(value))}`).join("");
+
 /** Asks for stills one at a time, the newest wanted last. */
-export function useStill(size: () => { w: number; h: number; draft: boolean }) {
+export function useStill(size: () => { w: number; h: number; draft: boolean; shown?: { achieved: boolean; command: boolean; ghosts: boolean; pose?: number[] } }) {
   const url = useSignal("");
   const error = useSignal("");
   const state = useRef({ busy: false, again: false, timer: 0, shown: "", alive: true });
@@ -22,11 +24,11 @@ export function useStill(size: () => { w: number; h: number; draft: boolean }) {
         s.again = true;
         return;
       }
-      const { w, h, draft } = size();
+      const { w, h, draft, shown } = size();
       const r = store.rollout.value;
       const frame = Math.round(store.playhead.value);
       const version = `${r?.gen ?? 0}.${r?.cached_to ?? 0}.${r?.phase ?? ""}`;
-      const address = `/api/still.jpg?frame=${frame}&w=${w}&h=${h}&draft=${draft}&v=${version}`;
+      const address = `/api/still.jpg?frame=${frame}&w=${w}&h=${h}&draft=${draft}&v=${version}${parts(shown)}`;
       if (address === s.shown) return;
       s.busy = true;
       try {
@@ -52,7 +54,7 @@ export function useStill(size: () => { w: number; h: number; draft: boolean }) {
       clearTimeout(s.timer);
       s.timer = window.setTimeout(() => void load(), phase === "running" || phase === "waiting" ? 120 : 0);
     };
-    const stops = [store.playhead.subscribe(ask), store.rollout.subscribe(ask), store.doc.subscribe(ask)];
+    const stops = [store.playhead.subscribe(ask), store.rollout.subscribe(ask), store.doc.subscribe(ask), store.show.subscribe(ask), store.floating.subscribe(ask)];
     return () => {
       s.alive = false;
       clearTimeout(s.timer);

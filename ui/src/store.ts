@@ -3,7 +3,7 @@
 import { computed, signal } from "@preact/signals";
 import type { Clip } from "./clip";
 import type {
-  Findings, GalleryItem, History, JobView, JointTable, PolicyCard, RecentFile, RobotCard, RobotFacts, RolloutSettings,
+  Demand, Findings, GalleryItem, History, JobView, JointTable, PolicyCard, RecentFile, RobotCard, RobotFacts, RolloutSettings,
   RolloutState, Shelf, WorkerState, Draft } from "./protocol";
 import type { Group, View } from "./timeline/layout";
 import { fit } from "./timeline/layout";
@@ -73,13 +73,22 @@ export const range = signal<{ from: number; to: number } | undefined>(undefined)
 export const selection = signal<ReadonlySet<number>>(new Set());
 export const joint = signal<number | undefined>(undefined);
 export const site = signal<string | undefined>(undefined);
+/** Names this page to the server: its 3D view says it, too, so that drags there are its own. */
+export const TAB = [...crypto.getRandomValues(new Uint8Array(8))].map((b) => b.toString(16).padStart(2, "0")).join("");
+/** Joints under a hand in the viewport, with their values, until it lets go. */
+export const moving = signal<Record<string, number> | undefined>(undefined);
+/** What the edit that is previewed asks of the joints. */
+export const demand = signal<Demand | undefined>(undefined);
 export const closed = signal<ReadonlySet<string>>(new Set());
+/** Names of joints that no hand moves. */
 export const locked = signal<ReadonlySet<string>>(new Set());
 export const view = signal<View>(fit(200, { width: 1200, height: 300 }));
 export const autoKey = signal(true);
 /** A pose that is edited but is no key yet (auto-key off). */
 export const floating = signal<number[] | undefined>(undefined);
 export const degrees = signal(localStorage.getItem("unit") !== "rad");
+/** The viewport is made of still pictures. */
+export const stills = signal(false);
 export const show = signal({ command: true, achieved: true, ghosts: true });
 
 export interface Toast {

@@ -61,6 +61,14 @@ function Icon({ name }: { name: keyof typeof SHAPES }) {
   return <svg width="15" height="14" viewBox="0 0 15 14" aria-hidden="true" style="display: block"><path d={SHAPES[name]} fill="currentColor" /></svg>;
 }
 
+/** A rollout that takes longer than a moment. */
+function stoppable(): boolean {
+  const r = store.rollout.value;
+  if (r?.phase !== "running" && r?.phase !== "waiting") return false;
+  const slow = store.policies.value.some((p) => p.slow && p.name === store.settings.value.policy);
+  return slow || store.settings.value.refine || (r.ms_per_frame ?? 0) * (r.frames - r.cached_to) > 1500;
+}
+
 export function Transport() {
   usePlayback();
   const text = useSignal<string | undefined>(undefined);
@@ -95,7 +103,8 @@ export function Transport() {
       <span class="grow" />
       <button aria-pressed={store.autoKey.value} onClick={() => act("auto-key")} title="A moved joint becomes a key at once">Auto-key</button>
       <button aria-pressed={store.settings.value.auto} onClick={() => act("auto")} title="Roll out after every edit (Shift+R)">Auto-rollout</button>
-      <button onClick={() => act("rollout")} title="R">Roll out</button>
+      {stoppable() ? <button onClick={() => act("stop-rollout")} title="Frames so far stay (Shift+Esc)" data-testid="stop-rollout">Stop</button>
+        : <button onClick={() => act("rollout")} title="R">Roll out</button>}
       <button class="main" onClick={() => act("export")} title="Ctrl+E">Export</button>
     </div>
   );

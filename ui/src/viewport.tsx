@@ -3,7 +3,8 @@
 
 import { useEffect, useRef } from "preact/hooks";
 import { complain, http, tell } from "./api";
-import { toggleShow } from "./actions";
+import { act, toggleShow } from "./actions";
+import { hover, hoverEnds, inRobotOrder, Tip } from "./hand";
 import { useStill } from "./rendered";
 import { install } from "./shortcuts";
 import { Splitter } from "./splitter";
@@ -30,6 +31,7 @@ export function Viewport() {
   // Once: another address would load the 3D view anew.
   const dark = useRef(isDark()).current;
 
+  useEffect(() => void (store.stills.value = stills), [stills]);
   useEffect(() => {
     let last = -1;
     let timer = 0;
@@ -62,6 +64,14 @@ export function Viewport() {
     style.textContent = HIDE;
     page.head.append(style);
     install(inner as Window);
+    inner.addEventListener("pointermove", (e) => {
+      const { innerWidth: w, innerHeight: h } = inner;
+      const [x, y] = [e.clientX / w, e.clientY / h];
+      // A hand that holds something keeps its name and value beside it; one that turns the camera needs none.
+      if (e.buttons && !store.moving.value) return hoverEnds();
+      hover(e.clientX, e.clientY, async () => store.moving.value ? "" : (await http<{ body: string } | null>("GET", `/api/hover?tab=${store.TAB}&x=${x}&y=${y}`))?.body ?? null);
+    });
+    page.addEventListener("pointerleave", hoverEnds);
     tell("view.show", { ...store.show.value, dark: isDark() });
     // Its socket only reconnects while its document has the focus.
     frame.current?.addEventListener("pointerenter", () => inner.focus());
@@ -76,15 +86,20 @@ export function Viewport() {
       {stills ? <Stills /> : (
         <iframe
           ref={frame} title="3D view" onLoad={loaded}
-          src={`/viser/?websocket=${encodeURIComponent(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/viser`)}${dark ? "&darkMode" : ""}`}
+          src={`/viser/?websocket=${encodeURIComponent(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/viser?tab=${store.TAB}`)}${dark ? "&darkMode" : ""}`}
         />
       )}
       <div class="legend" role="group" aria-label="Shown">
         <button aria-pressed={store.show.value.command} onClick={() => toggleShow("command")} title="What is commanded, translucent (1)"><i class="is-command" />Command</button>
         <button aria-pressed={store.show.value.achieved} onClick={() => toggleShow("achieved")} title="What the policy reached, solid (2)"><i class="is-achieved" />Achieved</button>
         <button aria-pressed={store.show.value.ghosts} onClick={() => toggleShow("ghosts")} title="Poses of the neighbouring keys: green before, amber after (4)"><i class="is-ghosts" />Ghosts</button>
-        <button onClick={() => tell("view.camera", { preset: "fit" })} title="Frame the robot (F)">Fit</button>
+        <select aria-label="View" data-testid="view" value="" disabled={stills} title={stills ? "Still pictures are seen from where the whole motion fits" : "F frames the selected link"}
+          onChange={(e) => { act(e.currentTarget.value); e.currentTarget.value = ""; }}>
+          <option value="">View</option>
+          {[["view-home", "Whole motion"], ["view-front", "Front"], ["view-side", "Side"], ["view-top", "Top"], ["frame", "Selected link"]].map(([id, title]) => <option key={id} value={id}>{title}</option>)}
+        </select>
       </div>
+      <Tip />
       {store.floating.value ? (
         <div class="banner" style="position: absolute; top: 46px">
           This pose is no key yet.
@@ -112,23 +127,30 @@ function Stills() {
     const shrink = Math.min(1, 960 / Math.max(w, h));
     return { w: Math.max(64, Math.round(w * shrink)), h: Math.max(64, Math.round(h * shrink)) };
   };
-  const { url, error } = useStill(() => ({ ...size(), draft: true }));
+  const { url, error } = useStill(() => ({ ...size(), draft: true, shown: { ...store.show.value, ...(store.floating.value ? { pose: inRobotOrder(store.floating.value) } : {}) } }));
+  const bodyAt = async (e: { clientX: number; clientY: number }): Promise<string | null> => {
+    const box = host.current?.getBoundingClientRect();
+    if (!box) return null;
+    const { w, h } = size();
+    const [x, y] = [(e.clientX - box.left) / box.width, (e.clientY - box.top) / box.height];
+    return http<string | null>("GET", `/api/still-body?frame=${Math.round(store.playhead.value)}&w=${w}&h=${h}&x=${x}&y=${y}`);
+  };
+  const over = (e: PointerEvent): void => {
+    const box = host.current?.getBoundingClientRect();
+    const at = { clientX: e.clientX, clientY: e.clientY };
+    if (box && url.value) hover(e.clientX - box.left, e.clientY - box.top, () => bodyAt(at));
+  };
   /** The link under the mouse is selected, as in the 3D view. */
   const pick = async (e: MouseEvent): Promise<void> => {
-    const box = host.current?.getBoundingClientRect();
-    if (!box) return;
-    const { w, h } = size();
-    const x = (e.clientX - box.left) / box.width;
-    const y = (e.clientY - box.top) / box.height;
     try {
-      const body = await http<string | null>("GET", `/api/still-body?frame=${Math.round(store.playhead.value)}&w=${w}&h=${h}&x=${x}&y=${y}`);
+      const body = await bodyAt(e);
       tell("view.select", body ? { body } : {});
     } catch (error) {
       complain(error);
     }
   };
   return (
-    <div ref={host} class="stills" onClick={(e) => void pick(e)}>
+    <div ref={host} class="stills" onClick={(e) => void pick(e)} onPointerMove={over} onPointerLeave={hoverEnds}>
       {url.value ? <img src={url.value} alt="The robot at the playhead" data-testid="still-view" /> : null}
       <p>
         {error.value || `Still pictures: ${store.viser.value ? "this browser has no WebGL" : "the 3D client is not in this build; script/bootstrap fetches it"}`}

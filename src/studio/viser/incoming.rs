@@ -2,6 +2,9 @@
 
 use serde::Deserialize;
 
+use super::look::Lens;
+use super::space::unit;
+
 /// A message of the client; unknown ones are ignored, as upstream adds some every month.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(tag = "type")]
@@ -21,6 +24,16 @@ pub(super) enum Incoming {
         name: String,
         start_position: [f64; 3],
         end_position: [f64; 3],
+        #[serde(default)]
+        modifier: Option<String>,
+    },
+    /// Where the camera stands: OpenCV's axes (x right, y down, z ahead), and the picture's size.
+    ViewerCameraMessage {
+        wxyz: [f64; 4],
+        position: [f64; 3],
+        fov: f64,
+        image_height: f64,
+        image_width: f64,
     },
     /// Anything else.
     #[serde(other)]
@@ -50,9 +63,29 @@ impl Incoming {
             Incoming::SceneNodeDragMessage { start_position, end_position, .. } => {
                 start_position.iter().chain(end_position).all(|v| v.is_finite())
             }
+            Incoming::ViewerCameraMessage { wxyz, position, fov, image_height, image_width } => {
+                let sizes = [fov, image_height, image_width];
+                wxyz.iter().chain(position).chain(sizes).all(|v| v.is_finite())
+                    && sizes.iter().all(|v| **v > 0.0)
+            }
             _ => true,
         };
         finite.then_some(message)
+    }
+
+    /// The camera that it tells of.
+    pub(super) fn lens(&self) -> Option<Lens> {
+        match self {
+            Incoming::ViewerCameraMessage { wxyz, position, fov, image_height, image_width } => {
+                Some(Lens {
+                    eye: *position,
+                    turn: unit(*wxyz),
+                    slope: (fov.clamp(0.01, 3.0) / 2.0).tan(),
+                    aspect: image_width / image_height,
+                })
+            }
+            _ => None,
+        }
     }
 }
 
@@ -91,7 +124,7 @@ mod tests {
         );
         update.wxyz[2] = f64::NAN;
         assert_eq!(read(&update), None);
-        update.kind = "ViewerCameraMessage";
+        update.kind = "ShareUrlRequest";
         assert_eq!(read(&update), Some(Incoming::Unknown));
         assert_eq!(Incoming::read(&[0xc1, 7, 7]), None);
     }

@@ -3,18 +3,24 @@
 //! | module | owns |
 //! |---|---|
 //! | `framing` | where the camera stands |
+//! | `hand` | what a hand in the viewport does |
 //! | `incoming` | what the client says |
+//! | `look` | what a pointer is over |
 //! | `retained` | the scene, and what each client has yet to see of it |
 //! | `scene` | a robot as nodes |
-//! | `stage` | what is shown, and what a hand in the viewport does |
+//! | `shell` | the outline of the selected link |
+//! | `stage` | what is shown |
 //!
 //! The messages and their encoding are in [`crate::take::viser`]. The client checks nothing
 //! and reconnects by itself; every connection gets the whole scene first.
 
 mod framing;
+mod hand;
 mod incoming;
+mod look;
 mod retained;
 mod scene;
+mod shell;
 mod space;
 mod stage;
 
@@ -23,11 +29,11 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use axum::body::Bytes;
-use axum::extract::State;
 use axum::extract::ws::rejection::WebSocketUpgradeRejection;
 use axum::extract::ws::{Message as Frame, WebSocket, WebSocketUpgrade};
+use axum::extract::{RawQuery, State};
 use axum::response::{IntoResponse, Response};
-use tokio::sync::{mpsc, watch};
+use tokio::sync::{mpsc, oneshot, watch};
 
 use super::api::Refused;
 use super::error::Error;
@@ -40,6 +46,7 @@ use super::worker::WorkerHandle;
 use crate::limits;
 use crate::take::viser::{Message, SUBPROTOCOL, frame};
 use incoming::Incoming;
+pub use look::Hovered;
 use retained::Retained;
 use stage::{Say, Stage};
 
@@ -49,6 +56,8 @@ const INBOX: usize = 256;
 const FLUSH: Duration = Duration::from_micros(16_667);
 /// Bytes of arrays in one frame: a big robot comes in parts.
 const FRAME_BYTES: usize = 4 << 20;
+/// Characters of a page's name.
+const TAB: usize = 32;
 /// A client that takes nothing for so long is gone.
 const PATIENCE: Duration = Duration::from_secs(30);
 
@@ -95,6 +104,13 @@ impl Viewport {
         self.scene.lock().unwrap_or_else(PoisonError::into_inner).since(seen)
     }
 
+    /// What a page's pointer is over; 0 to 1 from the top left corner of its viewport.
+    pub async fn under(&self, tab: &str, at: [f64; 2]) -> Option<Hovered> {
+        let (reply, answer) = oneshot::channel();
+        self.stage.try_send(Say::Hover(tab.to_owned(), at, reply)).ok()?;
+        answer.await.ok().flatten()
+    }
+
     /// 3D clients connected.
     pub fn clients(&self) -> usize {
         self.clients.load(Ordering::SeqCst)
@@ -104,9 +120,11 @@ impl Viewport {
 /// The client's page, or its socket: it derives the address of one from the other.
 pub(super) async fn route(
     State(app): State<Arc<App>>,
+    RawQuery(query): RawQuery,
     upgrade: Result<WebSocketUpgrade, WebSocketUpgradeRejection>,
 ) -> Response {
     let Ok(upgrade) = upgrade else { return pages::viser() };
+    let tab = tab(query.as_deref().unwrap_or_default());
     let before = app.viewport.clients.fetch_add(1, Ordering::SeqCst);
     let seat = Seat(Arc::clone(&app.viewport));
     if before >= limits::CLIENTS {
@@ -119,9 +137,16 @@ pub(super) async fn route(
         .max_frame_size(limits::WS_FRAME_BYTES)
         .max_write_buffer_size(limits::WS_WRITE_BYTES * 8)
         .on_upgrade(move |socket| async move {
-            serve(app, socket).await;
+            serve(app, socket, tab).await;
             drop(seat);
         })
+}
+
+/// The page that a client belongs to, as the page has named itself.
+fn tab(query: &str) -> Option<String> {
+    let name = query.split('&').find_map(|pair| pair.strip_prefix("tab="))?;
+    let sane = |c: char| c.is_ascii_alphanumeric();
+    (name.len() <= TAB && !name.is_empty() && name.chars().all(sane)).then(|| name.to_owned())
 }
 
 /// Counts a client as long as it lives.
@@ -133,7 +158,7 @@ impl Drop for Seat {
     }
 }
 
-async fn serve(app: Arc<App>, mut socket: WebSocket) {
+async fn serve(app: Arc<App>, mut socket: WebSocket, tab: Option<String>) {
     if socket.protocol().and_then(|p| p.to_str().ok()) != Some(SUBPROTOCOL) {
         socket.send(Frame::Close(None)).await.ok();
         return;
@@ -156,7 +181,7 @@ async fn serve(app: Arc<App>, mut socket: WebSocket) {
                         && said != Incoming::Unknown
                     {
                         // A full stage drops moves; the next one holds the newer pose.
-                        app.viewport.stage.try_send(Say::Client(said)).ok();
+                        app.viewport.stage.try_send(Say::Client(tab.clone(), said)).ok();
                     }
                 }
                 Some(Ok(Frame::Close(_)) | Err(_)) | None => return,

@@ -6,14 +6,25 @@ use std::sync::Arc;
 use glam::Vec3;
 
 use super::framing;
+use super::look;
 use super::retained::Retained;
-use super::space::Place;
-use crate::render::View;
+use super::shell;
+use super::space::{self, Place, V3};
+use crate::render::{self, View};
 use crate::robot;
 use crate::studio::worker::{Geometry, MeshFacts, RobotFacts};
 use crate::take::viser::{
     Apart, Binding, Buffer, FrameProps, GridProps, MeshProps, Message, node_name,
 };
+
+/// The selected link's outline.
+pub(super) const OUTLINE: &str = "/selected";
+/// Thickness of it, in radii of the robot.
+const SHELL: f64 = 0.008;
+/// Shades of error: a playing robot must not send a colour for every hair's breadth.
+const SHADES: f64 = 16.0;
+/// Error of a link that is red, in sizes of the robot: as in exported pictures.
+const FULL_ERROR: f64 = 0.10;
 
 /// One of the robots on stage.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -43,12 +54,12 @@ impl Actor {
     }
 
     /// sRGB and opacity in place of its own colours: blue command, green past, amber future.
-    fn tint(self) -> Option<[f32; 4]> {
+    fn tint(self) -> Option<([u8; 3], f64)> {
         match self {
             Actor::Robot => None,
-            Actor::Command => Some([0.27, 0.51, 0.96, 0.3]),
-            Actor::Past => Some([0.16, 0.65, 0.44, 0.18]),
-            Actor::Future => Some([0.93, 0.58, 0.14, 0.18]),
+            Actor::Command => Some((render::error_color(0.0), 0.3)),
+            Actor::Past => Some(([41, 166, 112], 0.18)),
+            Actor::Future => Some(([237, 148, 36], 0.18)),
         }
     }
 }
@@ -66,11 +77,21 @@ pub(super) struct Cast {
     /// Of a ball around it, m.
     radius: f64,
     apart: Apart,
+    /// In order of bodies.
+    meshes: Vec<MeshFacts>,
+    /// Middle and radius of each, in its body's frame, m.
+    balls: Vec<(V3, f64)>,
+    /// Where the bodies of the solid robot are.
+    shown: Vec<Option<Place>>,
+    /// Shade of each link of the command.
+    shades: Vec<u8>,
+    /// The body that is outlined.
+    outlined: Option<usize>,
 }
 
 /// Puts a robot on stage; what stood there before goes.
-pub(super) fn build(scene: &mut Retained, geometry: &Geometry) -> Cast {
-    for root in Actor::ALL.map(Actor::root).into_iter().chain(["/world", "/gizmo"]) {
+pub(super) fn build(scene: &mut Retained, geometry: Geometry) -> Cast {
+    for root in Actor::ALL.map(Actor::root).into_iter().chain(["/world", "/gizmo", OUTLINE]) {
         scene.remove(root);
     }
     let names: Vec<String> = geometry.bodies.iter().map(|b| node_name(b)).collect();
@@ -92,18 +113,23 @@ pub(super) fn build(scene: &mut Retained, geometry: &Geometry) -> Cast {
             let name = format!("{}/{body}/{k}", actor.root());
             scene.put(Message::create(&name, tinted(&props, actor.tint())));
             if actor == Actor::Robot {
-                let left = vec![Binding { button: "left", modifier: None }];
                 let owner = String::new();
+                let bound = |modifiers: &[Option<&'static str>]| {
+                    let left = |modifier: &_| Binding { button: "left", modifier: *modifier };
+                    modifiers.iter().map(left).collect()
+                };
                 scene.put(Message::SetSceneNodeClickBindingsMessage {
                     name: name.clone(),
-                    bindings: left.clone(),
+                    bindings: bound(&[None]),
                     owner: owner.clone(),
                 });
-                scene.put(Message::SetSceneNodeDragBindingsMessage { name, bindings: left, owner });
+                // Alt pulls the fingertip or end effector, Shift is fine.
+                let bindings = bound(&[None, Some("alt"), Some("shift"), Some("alt+shift")]);
+                scene.put(Message::SetSceneNodeDragBindingsMessage { name, bindings, owner });
             }
         }
     }
-    let outline = outline(geometry);
+    let outline = outline(&geometry);
     let low = outline.iter().fold(Vec3::INFINITY, |a, p| a.min(*p));
     let high = outline.iter().fold(Vec3::NEG_INFINITY, |a, p| a.max(*p));
     let radius = f64::from(0.5 * low.distance(high)).clamp(1e-3, 1e3);
@@ -116,7 +142,39 @@ pub(super) fn build(scene: &mut Retained, geometry: &Geometry) -> Cast {
             mesh.vertices.as_chunks::<3>().0.iter().map(|corner| (mesh.body, corner))
         });
     let apart = Apart::new(names.len(), corners, 2.0 * radius);
-    Cast { names, by_name, outline, hulls: hulls(geometry), radius, apart }
+    let hulls = hulls(&geometry);
+    let bodies = names.len();
+    let balls = geometry.meshes.iter().map(ball).collect();
+    Cast {
+        names,
+        by_name,
+        outline,
+        hulls,
+        radius,
+        apart,
+        meshes: geometry.meshes,
+        balls,
+        shown: vec![None; bodies],
+        shades: vec![0; bodies],
+        outlined: None,
+    }
+}
+
+/// A ball around a mesh, in its body's frame.
+fn ball(mesh: &MeshFacts) -> (V3, f64) {
+    let corners = || mesh.vertices.as_chunks::<3>().0.iter().map(|c| c.map(f64::from));
+    let low = corners().fold([f64::INFINITY; 3], |a, p| [0, 1, 2].map(|k: usize| min(a, p, k)));
+    let high = corners().fold([f64::NEG_INFINITY; 3], |a, p| {
+        [0, 1, 2].map(|k: usize| -min(space::scale(a, -1.0), space::scale(p, -1.0), k))
+    });
+    let middle = space::scale(space::add(low, high), 0.5);
+    let radius = corners().map(|p| space::norm(space::sub(p, middle))).fold(0.0, f64::max);
+    (middle, radius)
+}
+
+fn min(a: V3, b: V3, k: usize) -> f64 {
+    let at = |v: V3| v.get(k).copied().unwrap_or(0.0);
+    at(a).min(at(b))
 }
 
 /// What is there before any robot.
@@ -157,15 +215,9 @@ fn props(mesh: &MeshFacts) -> MeshProps {
 }
 
 /// The same mesh (and its bytes) in an actor's colour.
-fn tinted(props: &MeshProps, tint: Option<[f32; 4]>) -> MeshProps {
-    let Some(rgba) = tint else { return props.clone() };
-    let byte = |v: f32| (v * 255.0).round() as u8;
-    MeshProps {
-        color: [byte(rgba[0]), byte(rgba[1]), byte(rgba[2])],
-        opacity: Some(f64::from(rgba[3])),
-        side: "front",
-        ..props.clone()
-    }
+fn tinted(props: &MeshProps, tint: Option<([u8; 3], f64)>) -> MeshProps {
+    let Some((color, opacity)) = tint else { return props.clone() };
+    MeshProps { color, opacity: Some(opacity), side: "front", ..props.clone() }
 }
 
 /// The outermost points of each body that moves, in its own frame.
@@ -201,13 +253,18 @@ fn outline(geometry: &Geometry) -> Vec<Vec3> {
 impl Cast {
     /// Moves an actor.
     pub(super) fn pose(
-        &self,
+        &mut self,
         scene: &mut Retained,
         actor: Actor,
         place: impl Fn(usize) -> Option<Place>,
     ) {
         for (body, name) in self.names.iter().enumerate().skip(1) {
             let Some(place) = place(body) else { continue };
+            if actor == Actor::Robot
+                && let Some(shown) = self.shown.get_mut(body)
+            {
+                *shown = Some(place);
+            }
             let node = format!("{}/{name}", actor.root());
             scene.put(Message::position(&node, place.pos));
             scene.put(Message::orientation(&node, place.quat));
@@ -226,6 +283,120 @@ impl Cast {
                 .is_none_or(|(real, asked)| self.apart.seen(body, &real.row(), &asked.row()));
             scene.put(Message::visibility(&format!("{}/{name}", Actor::Command.root()), seen));
         }
+    }
+
+    /// Colours each link of the command by how far the solid robot's is from it, as exported
+    /// pictures do; plain where either is not known.
+    pub(super) fn tint(
+        &mut self,
+        scene: &mut Retained,
+        place: impl Fn(usize) -> Option<(Place, Place)>,
+    ) {
+        let full = (2.0 * FULL_ERROR * self.radius).max(1e-3);
+        for (body, name) in self.names.iter().enumerate().skip(1) {
+            let error = place(body)
+                .map_or(0.0, |(real, asked)| space::norm(space::sub(real.pos, asked.pos)) / full);
+            let shade = (error.min(1.0) * SHADES).round() as u8;
+            let Some(known) = self.shades.get_mut(body).filter(|s| **s != shade) else { continue };
+            *known = shade;
+            let color = render::error_color(f64::from(shade) / SHADES);
+            for (k, mesh) in self.meshes.iter().enumerate() {
+                if mesh.body == body {
+                    let node = format!("{}/{name}/{k}", Actor::Command.root());
+                    scene.put(Message::recolor(&node, color));
+                }
+            }
+        }
+    }
+
+    /// Outlines one body where it is, or none.
+    pub(super) fn outline(
+        &mut self,
+        scene: &mut Retained,
+        chosen: Option<usize>,
+        place: impl Fn(usize) -> Option<Place>,
+    ) {
+        if chosen != self.outlined {
+            self.outlined = chosen;
+            scene.remove(OUTLINE);
+            let of = self.meshes.iter().filter(|m| Some(m.body) == chosen && m.body > 0);
+            if let Some(props) = shell::of(of, SHELL * self.radius) {
+                scene.put(Message::create(OUTLINE, FrameProps::default()));
+                scene.put(Message::create(&format!("{OUTLINE}/shell"), props));
+            }
+        }
+        if let Some(place) = self.outlined.and_then(place) {
+            scene.put(Message::position(OUTLINE, place.pos));
+            scene.put(Message::orientation(OUTLINE, place.quat));
+        }
+    }
+
+    /// Where a body of the solid robot is.
+    pub(super) fn shown(&self, body: usize) -> Option<Place> {
+        self.shown.get(body).copied().flatten()
+    }
+
+    /// The body of the solid robot that a ray meets first.
+    pub(super) fn first_hit(&self, eye: V3, ray: V3) -> Option<usize> {
+        let mut best: Option<(f64, usize)> = None;
+        for (mesh, (middle, radius)) in self.meshes.iter().zip(&self.balls) {
+            let Some(place) = self.shown(mesh.body).filter(|_| mesh.body > 0) else { continue };
+            // Most links are nowhere near the ray.
+            let to = space::sub(place.point(*middle), eye);
+            let off = space::sub(to, space::scale(ray, space::dot(to, ray) / space::dot(ray, ray)));
+            if space::norm(off) > *radius {
+                continue;
+            }
+            if let Some(far) = look::hit(mesh, &place, eye, ray)
+                && best.is_none_or(|(b, _)| far < b)
+            {
+                best = Some((far, mesh.body));
+            }
+        }
+        best.map(|(_, body)| body)
+    }
+
+    /// The outermost points of a body where it is shown, or of what it carries if nothing of
+    /// itself is seen.
+    pub(super) fn around(&self, facts: &RobotFacts, body: usize) -> Option<Vec<Vec3>> {
+        let carried = |mut b: usize| {
+            while b != body && b != 0 {
+                b = facts.bodies.get(b).map_or(0, |f| f.parent);
+            }
+            b == body
+        };
+        let points = |of: &dyn Fn(usize) -> bool| -> Vec<Vec3> {
+            let hulls = self.hulls.iter().filter(|(b, _)| of(*b));
+            hulls
+                .filter_map(|(b, hull)| Some((self.shown(*b)?, hull)))
+                .flat_map(|(place, hull)| {
+                    hull.iter().map(move |p| {
+                        let at = place.point(p.to_array().map(f64::from));
+                        Vec3::from_array(at.map(|v| v as f32))
+                    })
+                })
+                .collect()
+        };
+        let own = points(&|b| b == body);
+        let found = if own.is_empty() { points(&carried) } else { own };
+        (!found.is_empty()).then_some(found)
+    }
+
+    /// Points the camera at some points, from where the robot is usually seen.
+    pub(super) fn look_at(scene: &mut Retained, facts: &RobotFacts, points: &[Vec3]) -> bool {
+        let fov = facts.camera.fovy_rad.clamp(0.2, 2.0);
+        let view = View::of(&robot::Camera { fovy_rad: fov, ..facts.camera });
+        Self::put_camera(scene, &framing::near(&view, points), fov);
+        true
+    }
+
+    fn put_camera(scene: &mut Retained, camera: &render::Camera, fov: f64) {
+        let [position, look_at] = [camera.eye, camera.target].map(|p| p.to_array().map(f64::from));
+        let initial = true;
+        scene.put(Message::SetCameraUpDirectionMessage { position: [0.0, 0.0, 1.0], initial });
+        scene.put(Message::SetCameraFovMessage { fov, initial });
+        scene.put(Message::SetCameraPositionMessage { position, initial });
+        scene.put(Message::SetCameraLookAtMessage { look_at, initial });
     }
 
     /// The body that a node of the solid robot belongs to.
@@ -261,19 +432,15 @@ impl Cast {
         let moved = self.reach(poses);
         let points = if moved.is_empty() { &self.outline } else { &moved };
         let camera = match preset {
-            "home" | "fit" => framing::near(&view, points),
+            // With nothing selected all of it is.
+            "home" | "fit" | "selection" => framing::near(&view, points),
             "front" => framing::from(&view.from(0.0, 0.0), points),
             "side" => framing::from(&view.from(-FRAC_PI_2, 0.0), points),
             // Not straight down: the horizon would have no direction.
             "top" => framing::from(&view.from(-FRAC_PI_2, FRAC_PI_2 - 1e-3), points),
             _ => return false,
         };
-        let [position, look_at] = [camera.eye, camera.target].map(|p| p.to_array().map(f64::from));
-        let initial = true;
-        scene.put(Message::SetCameraUpDirectionMessage { position: [0.0, 0.0, 1.0], initial });
-        scene.put(Message::SetCameraFovMessage { fov, initial });
-        scene.put(Message::SetCameraPositionMessage { position, initial });
-        scene.put(Message::SetCameraLookAtMessage { look_at, initial });
+        Self::put_camera(scene, &camera, fov);
         true
     }
 

@@ -1,32 +1,34 @@
 //! What the viewport shows, and what a hand in it does.
 //!
 //! One task owns this state. It moves the robots along the rollout (60 times a second while
-//! playing, interpolated, as the client does not interpolate), places the gizmo, turns drags into joint
-//! values. Dragging shows a pose and tells the page; the page makes the edit. So there is
-//! one way into the document.
+//! playing, interpolated, as the client does not interpolate) and places the gizmo; what a hand
+//! does there is in `hand`. So there is one way into the document: the page's.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Duration;
 
 use tokio::sync::mpsc::{Receiver, Sender};
+use tokio::sync::oneshot;
 use tokio::time::Instant;
 
 use super::Viewport;
-use super::incoming::{Incoming, Phase};
+use super::hand::Grip;
+use super::incoming::Incoming;
+use super::look::{Hovered, Lens};
 use super::scene::{self, Actor, Cast};
 use super::space::{self, Place, V3};
 use crate::studio::error::Error;
 use crate::studio::hub::Hub;
 use crate::studio::live::Live;
-use crate::studio::protocol::{Event, IkRequest, Phase as Rollout, Selection, StudioOp};
+use crate::studio::protocol::{Event, Phase as Rollout, Selection, StudioOp};
 use crate::studio::worker::{Report, Request, RobotFacts, WorkerHandle};
 use crate::take::viser::{Message, TransformControlsProps};
 use crate::units::{FPS, Unit};
 
 /// Between two pictures while playing.
 const TICK: Duration = Duration::from_micros(16_667);
-const GIZMO: &str = "/gizmo";
+pub(super) const GIZMO: &str = "/gizmo";
 /// Moments of a motion that the camera must hold.
 const MOMENTS: usize = 16;
 
@@ -35,8 +37,10 @@ const MOMENTS: usize = 16;
 pub(super) enum Say {
     /// A request of a page.
     View(StudioOp),
-    /// A message of the 3D client.
-    Client(Incoming),
+    /// A message of a page's 3D client.
+    Client(Option<String>, Incoming),
+    /// What a page's pointer is over; 0 to 1 from the top left corner.
+    Hover(String, [f64; 2], oneshot::Sender<Option<Hovered>>),
     /// Meshes of a robot.
     Geometry(Arc<RobotFacts>, Result<Report, Error>),
     /// Transforms of a floating pose.
@@ -45,30 +49,12 @@ pub(super) enum Say {
     Ghost(usize, Result<Report, Error>),
     /// Transforms of the keys around the playhead.
     Onion([Option<u32>; 2], Result<Report, Error>),
-    /// Inverse kinematics.
-    Ik(Result<Report, Error>),
-}
-
-/// A hand on something.
-#[derive(Debug)]
-struct Grip {
-    what: Held,
-    /// The pose when it was taken; (state).
-    base: Vec<f64>,
-    /// The pose now.
-    pose: Vec<f64>,
+    /// Inverse kinematics, for a grip.
+    Ik(u64, Result<Report, Error>),
 }
 
 #[derive(Debug)]
-enum Held {
-    /// A joint: where its axis was, and how far it has turned.
-    Joint { joint: usize, anchor: V3, axis: V3, start: Place, total: f64, last: f64 },
-    /// A site.
-    Site { name: String },
-}
-
-#[derive(Debug)]
-struct Play {
+pub(super) struct Play {
     from: f64,
     since: Instant,
     speed: f64,
@@ -78,34 +64,41 @@ struct Play {
 /// The state; see the module.
 #[allow(clippy::struct_excessive_bools)] // four switches of a view, not a state machine
 pub(super) struct Stage {
-    viewport: Arc<Viewport>,
-    live: Arc<Live>,
+    pub(super) viewport: Arc<Viewport>,
+    pub(super) live: Arc<Live>,
     worker: WorkerHandle,
-    hub: Hub,
+    pub(super) hub: Hub,
     inbox: Sender<Say>,
-    facts: Option<Arc<RobotFacts>>,
-    cast: Option<Cast>,
+    pub(super) facts: Option<Arc<RobotFacts>>,
+    pub(super) cast: Option<Cast>,
     /// Whether the camera has been set for the whole motion of the document.
     framed: bool,
-    frame: f64,
-    play: Option<Play>,
-    achieved: bool,
+    pub(super) frame: f64,
+    pub(super) play: Option<Play>,
+    pub(super) achieved: bool,
     command: bool,
     ghosts: bool,
-    selection: Selection,
-    grip: Option<Grip>,
+    pub(super) selection: Selection,
+    /// Joints that no hand moves.
+    pub(super) locked: BTreeSet<String>,
+    /// Cameras of the pages.
+    pub(super) lenses: BTreeMap<String, Lens>,
+    pub(super) grip: Option<Grip>,
+    pub(super) grips: u64,
     /// A pose that is not in the clip, and its transforms.
-    floating: Option<Vec<f64>>,
+    pub(super) floating: Option<Vec<f64>>,
     floating_bodies: Option<Vec<f32>>,
     floating_number: u64,
     /// Let go: the next rollout of an edited document ends the floating pose.
-    released_at: Option<u64>,
+    pub(super) released_at: Option<u64>,
     ghost: Option<(usize, Vec<f32>)>,
     ghost_asked: bool,
     onion: [Option<u32>; 2],
     onion_asked: bool,
-    ik_busy: bool,
-    ik_next: Option<V3>,
+    pub(super) ik_busy: bool,
+    pub(super) ik_next: Option<V3>,
+    /// Let go as soon as the last pull is answered.
+    pub(super) let_go_next: bool,
 }
 
 impl Stage {
@@ -132,7 +125,10 @@ impl Stage {
             command: true,
             ghosts: false,
             selection: Selection::default(),
+            locked: BTreeSet::new(),
+            lenses: BTreeMap::new(),
             grip: None,
+            grips: 0,
             floating: None,
             floating_bodies: None,
             floating_number: 0,
@@ -143,6 +139,7 @@ impl Stage {
             onion_asked: false,
             ik_busy: false,
             ik_next: None,
+            let_go_next: false,
         }
     }
 
@@ -174,13 +171,17 @@ impl Stage {
     fn hear(&mut self, say: Say) {
         match say {
             Say::View(op) => self.view(op),
-            Say::Client(incoming) => self.touched(incoming),
+            Say::Client(tab, incoming) => self.touched(tab, incoming),
+            Say::Hover(tab, at, reply) => {
+                reply.send(self.under(&tab, at)).ok();
+            }
             Say::Geometry(facts, Ok(Report::Geometry(geometry))) => {
                 if self.facts.as_ref().is_some_and(|f| Arc::ptr_eq(f, &facts)) {
+                    let home = geometry.home.clone();
                     let cast = self.viewport.edit(|scene| {
-                        let cast = scene::build(scene, &geometry);
+                        let mut cast = scene::build(scene, *geometry);
                         cast.camera(scene, &facts, "home", &[]);
-                        cast.pose(scene, Actor::Robot, |b| Place::of(&geometry.home, b));
+                        cast.pose(scene, Actor::Robot, |b| Place::of(&home, b));
                         cast
                     });
                     self.cast = Some(cast);
@@ -207,7 +208,7 @@ impl Stage {
                     self.show_onion(keys, &bodies);
                 }
             }
-            Say::Ik(answer) => self.pulled(answer),
+            Say::Ik(number, answer) => self.pulled(number, answer),
             Say::Geometry(_, Err(e)) => {
                 self.hub.send(&Event::Notice { level: "warning", message: e.to_string() });
             }
@@ -250,9 +251,11 @@ impl Stage {
         self.frame = 0.0;
         self.play = None;
         self.grip = None;
+        self.let_go_next = false;
         self.ghost = None;
         self.onion = [None; 2];
         self.select(Selection::default());
+        self.lock(Vec::new());
         self.float(None);
         if known {
             self.refresh();
@@ -261,7 +264,9 @@ impl Stage {
         self.cast = None;
         let Some(facts) = self.facts.clone() else {
             self.viewport.edit(|scene| {
-                for root in Actor::ALL.map(Actor::root).into_iter().chain(["/world", GIZMO]) {
+                for root in
+                    Actor::ALL.map(Actor::root).into_iter().chain(["/world", GIZMO, scene::OUTLINE])
+                {
                     scene.remove(root);
                 }
             });
@@ -271,7 +276,7 @@ impl Stage {
         self.ask(request, move |answer| Say::Geometry(facts, answer));
     }
 
-    fn ask(
+    pub(super) fn ask(
         &self,
         request: Request,
         then: impl FnOnce(Result<Report, Error>) -> Say + Send + 'static,
@@ -312,10 +317,16 @@ impl Stage {
             StudioOp::ViewSelect(selection) => self.select(selection),
             StudioOp::ViewCamera { preset } => {
                 if let (Some(cast), Some(facts)) = (&self.cast, &self.facts) {
-                    let poses = self.live.moments(MOMENTS);
-                    self.viewport.edit(|scene| cast.camera(scene, facts, &preset, &poses));
+                    let chosen = self.chosen_body().filter(|_| preset == "selection");
+                    let near = chosen.and_then(|b| cast.around(facts, b));
+                    self.viewport.edit(|scene| match near {
+                        Some(points) => Cast::look_at(scene, facts, &points),
+                        None => cast.camera(scene, facts, &preset, &self.live.moments(MOMENTS)),
+                    });
                 }
             }
+            StudioOp::ViewLock { joints } => self.lock(joints),
+            StudioOp::ViewCancel {} => self.cancel_grip(),
             StudioOp::ViewPose { q } => self.float(q),
             _ => {}
         }
@@ -341,7 +352,7 @@ impl Stage {
     }
 
     /// Shows a pose that is not in the clip, or ends that.
-    fn float(&mut self, pose: Option<Vec<f64>>) {
+    pub(super) fn float(&mut self, pose: Option<Vec<f64>>) {
         let fits = |q: &Vec<f64>| {
             self.facts.as_ref().is_some_and(|f| f.table.joints.len() == q.len())
                 && q.iter().all(|v| v.abs() <= crate::limits::CLIP_VALUE_MAX)
@@ -360,15 +371,17 @@ impl Stage {
     }
 
     /// The commanded pose at the playhead, in state order.
-    fn goal_pose(&self) -> Option<Vec<f64>> {
+    pub(super) fn goal_pose(&self) -> Option<Vec<f64>> {
         let facts = self.facts.as_ref()?;
         let (command, _) = self.live.command();
         pose_at(facts, command.as_deref()?, self.frame.round() as u32)
     }
 
     /// Draws everything anew; what has not moved costs nothing.
-    fn refresh(&mut self) {
-        let Some(cast) = &self.cast else { return };
+    pub(super) fn refresh(&mut self) {
+        let chosen = self.chosen_body();
+        let errors = self.has_goal();
+        let Some(cast) = &mut self.cast else { return };
         let state = self.live.state();
         let at = self.frame.floor() as usize;
         let share = self.frame - at as f64;
@@ -392,11 +405,15 @@ impl Stage {
             _ => None,
         };
         let seen = achieved || floating.is_some();
+        // An error is one only where there is a goal now, and what was reached is known.
+        let judged = errors && simulated && floating.is_none();
         self.viewport.edit(|scene| {
             cast.pose(scene, Actor::Robot, real);
             cast.pose(scene, Actor::Command, asked);
             // Without the solid robot there is nothing that a ghost could agree with.
             cast.unveil(scene, |b| real(b).zip(asked(b)).filter(|_| seen));
+            cast.tint(scene, |b| real(b).zip(asked(b)).filter(|_| judged));
+            cast.outline(scene, chosen, |b| if seen { real(b) } else { asked(b) });
             scene.put(Message::visibility(Actor::Robot.root(), seen));
             scene.put(Message::visibility(Actor::Command.root(), command));
             if !ghosts {
@@ -410,9 +427,30 @@ impl Stage {
         if self.ghosts {
             self.ask_onion();
         }
-        if self.grip.is_none() {
+        if self.grip.as_ref().is_none_or(|g| !g.by_gizmo) {
             self.place_gizmo();
         }
+    }
+
+    /// Whether any joint has a goal at the playhead.
+    fn has_goal(&self) -> bool {
+        let (command, _) = self.live.command();
+        let at = self.frame.round() as u32;
+        command.is_some_and(|c| at < c.frames() && (0..c.dim()).any(|j| c.sees(at, j)))
+    }
+
+    /// Joints that no hand moves from now on.
+    fn lock(&mut self, joints: Vec<String>) {
+        let known = |j: &String| self.facts.as_ref().is_some_and(|f| f.table.joint(j).is_some());
+        let locked: BTreeSet<String> = joints.into_iter().filter(known).collect();
+        if locked == self.locked {
+            return;
+        }
+        self.locked = locked;
+        self.live.set_locked(self.locked.iter().cloned().collect());
+        self.hub.send(&Event::Locked { joints: self.locked.iter().cloned().collect() });
+        self.viewport.edit(|scene| scene.remove(GIZMO));
+        self.place_gizmo();
     }
 
     fn ask_ghost(&mut self, frame: usize) {
@@ -443,7 +481,7 @@ impl Stage {
 
     fn show_onion(&mut self, keys: [Option<u32>; 2], bodies: &[Vec<f32>]) {
         self.onion = keys;
-        let Some(cast) = &self.cast else { return };
+        let Some(cast) = &mut self.cast else { return };
         let wanted = self.ghosts;
         self.viewport.edit(|scene| {
             for ((actor, key), row) in [Actor::Past, Actor::Future].iter().zip(keys).zip(bodies) {
@@ -453,7 +491,7 @@ impl Stage {
         });
     }
 
-    fn select(&mut self, mut selection: Selection) {
+    pub(super) fn select(&mut self, mut selection: Selection) {
         let Some(facts) = self.facts.clone() else {
             self.selection = Selection::default();
             return;
@@ -462,7 +500,7 @@ impl Stage {
             && let Some(body) = &selection.body
         {
             let body = facts.bodies.iter().position(|b| &b.name == body);
-            let joint = body.and_then(|b| moving_joint(&facts, b));
+            let joint = body.and_then(|b| self.moving_joint(&facts, b, false));
             selection.joint = joint.and_then(|j| facts.table.joints.get(j)).map(|j| j.name.clone());
         }
         let joint = selection.joint.as_ref();
@@ -478,12 +516,12 @@ impl Stage {
         self.selection = selection;
         self.grip = None;
         self.viewport.edit(|scene| scene.remove(GIZMO));
-        self.place_gizmo();
+        self.refresh();
         self.hub.send(&Event::Select(self.selection.clone()));
     }
 
     /// Transforms that the gizmo stands by: the floating pose, else the command.
-    fn reference(&self) -> Option<Vec<f32>> {
+    pub(super) fn reference(&self) -> Option<Vec<f32>> {
         if let Some(bodies) = &self.floating_bodies {
             return Some(bodies.clone());
         }
@@ -495,35 +533,33 @@ impl Stage {
     }
 
     /// Anchor and axis of a joint in the world.
-    fn axis(&self, bodies: &[f32], joint: usize) -> Option<(V3, V3)> {
+    pub(super) fn axis(&self, bodies: &[f32], joint: usize) -> Option<(V3, V3)> {
         let axis = self.facts.as_ref()?.axes.get(joint)?;
         let place = Place::of(bodies, axis.body)?;
         Some((place.point(axis.pos), space::rotate(place.quat, axis.axis)))
     }
 
-    fn selected_joint(&self) -> Option<usize> {
+    pub(super) fn selected_joint(&self) -> Option<usize> {
         let name = self.selection.joint.as_ref()?;
         self.facts.as_ref()?.table.joints.iter().position(|j| &j.name == name)
     }
 
-    fn place_gizmo(&mut self) {
+    pub(super) fn place_gizmo(&mut self) {
         let (Some(cast), Some(facts)) = (&self.cast, &self.facts) else { return };
         let Some(bodies) = self.reference() else { return };
         let scale = cast.gizmo_scale();
         if let Some(name) = &self.selection.site {
-            let Some(site) = facts.ik_sites.iter().find(|s| &s.name == name) else { return };
-            let Some(place) = Place::of(&bodies, site.body) else { return };
+            let Some(pos) = self.site_place(name) else { return };
             let props = TransformControlsProps {
                 scale,
                 disable_rotations: true,
                 depth_test: false,
                 ..TransformControlsProps::default()
             };
-            let quat = [1.0, 0.0, 0.0, 0.0];
-            self.put_gizmo(props, Place { pos: place.point(site.pos), quat });
+            self.put_gizmo(props, Place { pos, quat: [1.0, 0.0, 0.0, 0.0] });
             return;
         }
-        let Some(joint) = self.selected_joint() else { return };
+        let Some(joint) = self.selected_joint().filter(|j| !self.is_locked(*j)) else { return };
         let Some((anchor, axis)) = self.axis(&bodies, joint) else { return };
         let hinge = facts.table.joints.get(joint).is_some_and(|j| j.unit == Unit::Rad);
         // The ring of the x-y plane turns about z, which lies along the joint's axis.
@@ -539,200 +575,24 @@ impl Stage {
         self.put_gizmo(props, Place { pos: anchor, quat: space::from_z(axis) });
     }
 
+    /// Also where the server knows of no change: a client's drag may have moved it.
+    pub(super) fn place_gizmo_anew(&mut self) {
+        self.viewport.edit(|scene| scene.remove(GIZMO));
+        self.place_gizmo();
+    }
+
+    /// Where a site is in the pose that the gizmo stands by.
+    pub(super) fn site_place(&self, name: &str) -> Option<V3> {
+        let site = self.facts.as_ref()?.ik_sites.iter().find(|s| s.name == name)?;
+        Some(Place::of(&self.reference()?, site.body)?.point(site.pos))
+    }
+
     fn put_gizmo(&self, props: TransformControlsProps, place: Place) {
         self.viewport.edit(|scene| {
             scene.put(Message::create(GIZMO, props));
             scene.put(Message::position(GIZMO, place.pos));
             scene.put(Message::orientation(GIZMO, place.quat));
         });
-    }
-
-    fn touched(&mut self, incoming: Incoming) {
-        match incoming {
-            Incoming::SceneNodeClickMessage { name } => {
-                let body = self.cast.as_ref().and_then(|c| c.body_of(&name));
-                if let Some(body) = body {
-                    self.select_body(body);
-                }
-            }
-            Incoming::TransformControlsDragStartMessage { name } if name == GIZMO => {
-                let held = match &self.selection.site {
-                    Some(site) => Some(Held::Site { name: site.clone() }),
-                    None => self.selected_joint().and_then(|j| self.hold(j)),
-                };
-                self.grasp(held);
-            }
-            Incoming::TransformControlsUpdateMessage { name, wxyz, position } if name == GIZMO => {
-                self.turned(space::unit(wxyz), position);
-            }
-            Incoming::TransformControlsDragEndMessage { name } if name == GIZMO => self.let_go(),
-            Incoming::SceneNodeDragMessage { phase, name, start_position, end_position } => {
-                self.dragged(phase, &name, start_position, end_position);
-            }
-            _ => {}
-        }
-    }
-
-    fn select_body(&mut self, body: usize) {
-        let Some(facts) = &self.facts else { return };
-        let name = facts.bodies.get(body).map(|b| b.name.clone());
-        self.select(Selection { body: name, ..Selection::default() });
-    }
-
-    fn hold(&self, joint: usize) -> Option<Held> {
-        let bodies = self.reference()?;
-        let (anchor, axis) = self.axis(&bodies, joint)?;
-        let start = Place { pos: anchor, quat: space::from_z(axis) };
-        Some(Held::Joint { joint, anchor, axis, start, total: 0.0, last: 0.0 })
-    }
-
-    fn grasp(&mut self, held: Option<Held>) {
-        let base = self.floating.clone().or_else(|| self.goal_pose());
-        let (Some(what), Some(base)) = (held, base) else { return };
-        self.play = None;
-        self.released_at = None;
-        self.grip = Some(Grip { what, pose: base.clone(), base });
-    }
-
-    /// The gizmo was moved there.
-    fn turned(&mut self, quat: space::Q, pos: V3) {
-        let hinge = self.held_is_hinge();
-        let Some(grip) = &mut self.grip else { return };
-        match &mut grip.what {
-            Held::Site { .. } => {
-                self.ik_next = Some(pos);
-                self.pull();
-            }
-            Held::Joint { axis, start, total, last, .. } => {
-                if hinge {
-                    let turn = space::mul(quat, space::conjugate(start.quat));
-                    let now = space::twist(turn, *axis);
-                    *total += space::wrap(now - *last);
-                    *last = now;
-                } else {
-                    *total = space::dot(space::sub(pos, start.pos), *axis);
-                }
-                self.move_joint(false);
-            }
-        }
-    }
-
-    /// A link is dragged with the mouse: it turns about its own joint.
-    fn dragged(&mut self, phase: Phase, node: &str, from: V3, to: V3) {
-        if phase == Phase::Start {
-            let Some(body) = self.cast.as_ref().and_then(|c| c.body_of(node)) else { return };
-            self.select_body(body);
-            let held = self.selected_joint().and_then(|j| self.hold(j));
-            self.grasp(held);
-        }
-        let hinge = self.held_is_hinge();
-        if let Some(Grip { what: Held::Joint { anchor, axis, total, last, .. }, .. }) =
-            &mut self.grip
-        {
-            if hinge {
-                let flat = |p: V3| {
-                    let arm = space::sub(p, *anchor);
-                    space::sub(arm, space::scale(*axis, space::dot(arm, *axis)))
-                };
-                let (a, b) = (flat(from), flat(to));
-                let now = space::dot(*axis, space::cross(a, b)).atan2(space::dot(a, b));
-                *total += space::wrap(now - *last);
-                *last = now;
-            } else {
-                *total = space::dot(space::sub(to, from), *axis);
-            }
-            self.move_joint(false);
-        }
-        if phase == Phase::End {
-            self.let_go();
-        }
-    }
-
-    fn held_is_hinge(&self) -> bool {
-        match (&self.grip, &self.facts) {
-            (Some(Grip { what: Held::Joint { joint, .. }, .. }), Some(facts)) => {
-                facts.table.joints.get(*joint).is_some_and(|j| j.unit == Unit::Rad)
-            }
-            _ => false,
-        }
-    }
-
-    /// Shows the joint where the hand has it, inside its limits, and tells the pages.
-    fn move_joint(&mut self, done: bool) {
-        let (Some(facts), Some(grip)) = (&self.facts, &mut self.grip) else { return };
-        let Held::Joint { joint, total, .. } = &grip.what else { return };
-        let (Some(fact), Some(start)) = (facts.table.joints.get(*joint), grip.base.get(*joint))
-        else {
-            return;
-        };
-        let value = crate::clip::round(fact.clamp(start + total));
-        let mut values = BTreeMap::from([(fact.name.clone(), value)]);
-        for coupling in &facts.table.couplings {
-            let Some(own) = coupling.members.iter().find(|m| m.joint == fact.name) else {
-                continue;
-            };
-            let shared = (value - own.offset) / own.coef;
-            for m in &coupling.members {
-                values.insert(m.joint.clone(), crate::clip::round(m.coef * shared + m.offset));
-            }
-        }
-        for (name, value) in &values {
-            let at = facts.table.joints.iter().position(|j| &j.name == name);
-            if let Some(q) = at.and_then(|i| grip.pose.get_mut(i)) {
-                *q = *value;
-            }
-        }
-        let pose = grip.pose.clone();
-        self.hub.send(&Event::Joint { values, done });
-        self.float(Some(pose));
-    }
-
-    /// Sends the newest pull, unless one is under way.
-    fn pull(&mut self) {
-        if self.ik_busy {
-            return;
-        }
-        let Some(Grip { what: Held::Site { name }, pose, .. }) = &self.grip else { return };
-        let Some(pos) = self.ik_next.take() else { return };
-        let request =
-            IkRequest { q: pose.clone(), site: name.clone(), pos, quat: None, locked: Vec::new() };
-        self.ik_busy = true;
-        self.ask(Request::Ik(request), Say::Ik);
-    }
-
-    fn pulled(&mut self, answer: Result<Report, Error>) {
-        self.ik_busy = false;
-        let (Ok(Report::Ik(found)), Some(grip)) = (answer, &mut self.grip) else { return };
-        grip.pose = found.q.iter().map(|v| crate::clip::round(*v)).collect();
-        let pose = grip.pose.clone();
-        self.tell_pose(false);
-        self.float(Some(pose));
-        self.pull();
-    }
-
-    /// Tells the pages every joint that differs from the pose that was taken.
-    fn tell_pose(&self, done: bool) {
-        let (Some(facts), Some(grip)) = (&self.facts, &self.grip) else { return };
-        let values: BTreeMap<String, f64> = facts
-            .table
-            .joints
-            .iter()
-            .zip(grip.pose.iter().zip(&grip.base))
-            .filter(|(_, (now, before))| (**now - **before).abs() > 1e-6)
-            .map(|(j, (now, _))| (j.name.clone(), *now))
-            .collect();
-        self.hub.send(&Event::Joint { values, done });
-    }
-
-    fn let_go(&mut self) {
-        if self.grip.is_none() {
-            return;
-        }
-        self.tell_pose(true);
-        self.grip = None;
-        self.ik_next = None;
-        self.released_at = Some(self.live.state().generation);
-        self.place_gizmo();
     }
 }
 
@@ -748,17 +608,4 @@ fn pose_at(facts: &RobotFacts, command: &crate::clip::Command, frame: u32) -> Op
             row.get(at).map(|v| f64::from(*v))
         })
         .collect()
-}
-
-/// The joint that moves a body: its own, else that of the nearest body it hangs on.
-fn moving_joint(facts: &RobotFacts, body: usize) -> Option<usize> {
-    let mut at = body;
-    for _ in 0..facts.bodies.len() {
-        let body = facts.bodies.get(at)?;
-        if let Some(joint) = body.joints.last() {
-            return Some(*joint);
-        }
-        at = body.parent;
-    }
-    None
 }

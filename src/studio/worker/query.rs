@@ -38,6 +38,8 @@ pub(super) fn table(robot: &Robot) -> JointTable {
             unit: j.unit,
             range: (!j.unbounded).then_some(j.range),
             speed_max: j.speed_limit.is_finite().then_some(j.speed_limit),
+            band: None,
+            speed_usual: None,
         })
         .collect();
     let mirror = match robot.mirror_reason() {
@@ -83,6 +85,21 @@ pub(super) fn table(robot: &Robot) -> JointTable {
     }
 }
 
+/// Adds what the data of the robot's own model tell.
+fn learned(mut table: JointTable, robot: &Robot) -> JointTable {
+    use crate::rollout::shipped;
+    let Ok(Some(model)) = shipped::get(robot, shipped::DEFAULT) else { return table };
+    let usual = model.card.usual();
+    for (name, usual) in model.card.robot.joints.iter().zip(usual) {
+        let Some(joint) = table.joints.iter_mut().find(|j| &j.name == name) else { continue };
+        let [low, high] = joint.range.unwrap_or([f64::NEG_INFINITY, f64::INFINITY]);
+        let band = [usual.low.max(low), usual.high.min(high)];
+        joint.band = (band[0] < band[1]).then_some(band);
+        joint.speed_usual = (usual.speed > 0.0).then_some(usual.speed);
+    }
+    table
+}
+
 /// Everything a page needs to know.
 pub(super) fn facts(robot: &Robot, source: &str) -> RobotFacts {
     let profile = robot.profile();
@@ -98,7 +115,7 @@ pub(super) fn facts(robot: &Robot, source: &str) -> RobotFacts {
         title: profile.title.clone(),
         about: profile.about.clone(),
         licence: profile.licence.clone(),
-        table: table(robot),
+        table: learned(table(robot), robot),
         groups: profile.groups.clone(),
         actuators: robot.actuators().iter().map(|a| a.name.clone()).collect(),
         poses,
@@ -196,8 +213,11 @@ pub(super) fn ik(
 ) -> Result<IkAnswer, robot::Error> {
     let locked =
         request.locked.iter().map(|j| robot.joint_index(j)).collect::<Result<Vec<_>, _>>()?;
-    let target =
-        Target { point: Point::Site(request.site.clone()), pos: request.pos, quat: request.quat };
+    let point = match request.body.clone() {
+        Some((body, offset)) => Point::Body { body, offset },
+        None => Point::Site(request.site.clone()),
+    };
+    let target = Target { point, pos: request.pos, quat: request.quat };
     let config = IkConfig { locked, ..IkConfig::default() };
     let found = robot.ik(data, &request.q, &[target], &config)?;
     Ok(IkAnswer { q: found.state, distance_m: found.distance_m, reached: found.reached })

@@ -82,6 +82,8 @@ messages! {
         SetBoneOrientationMessage { name: String, bone_index: u32, wxyz: Wxyz, owner: String, },
         /// Shows or hides a node and what hangs on it.
         SetSceneNodeVisibilityMessage { name: String, visible: bool, owner: String, },
+        /// Changes what a node shows.
+        SceneNodeUpdateMessage { name: String, updates: Updates, owner: String, },
         /// Removes a node; its children must be removed one by one.
         RemoveSceneNodeMessage { name: String, owner: String, },
         /// Says which clicks on a node are reported.
@@ -165,6 +167,12 @@ impl Message {
         Message::SetSceneNodeVisibilityMessage { name, visible, owner }
     }
 
+    /// Gives a mesh another colour.
+    pub fn recolor(name: &str, color: Rgb) -> Message {
+        let (name, owner) = (name.to_owned(), String::new());
+        Message::SceneNodeUpdateMessage { name, updates: Updates { color }, owner }
+    }
+
     /// No picture of the surroundings: while the client's own is loading it hides the scene,
     /// and in a page opened from disk or drawn in software that may take for ever.
     pub fn no_environment() -> Message {
@@ -183,6 +191,13 @@ impl Message {
     pub fn z_up() -> Message {
         Message::orientation("", [0.5, -0.5, 0.5, 0.5])
     }
+}
+
+/// Props that change.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Updates {
+    /// Of a mesh.
+    pub color: Rgb,
 }
 
 /// A mouse button with a modifier.

@@ -2,7 +2,7 @@
 
 import { fillAfter, keyEnd, values, type Clip, type Key } from "../clip";
 import {
-  LABELS, LOOK_AHEAD, MARKERS, PRE_ROLL, ROW, RULER, STRIP, frameToX, rowToY, tick,
+  LABELS, LOOK_AHEAD, MARKERS, PRE_ROLL, ROW, RULER, STRIP, SWITCH, SWITCHES, frameToX, jointsOf, rowToY, tick,
   type Box, type RowKind, type View,
 } from "./layout";
 
@@ -38,6 +38,9 @@ export interface Scene {
   dragged: ReadonlyMap<number, number>;
   boxSelect: { x0: number; y0: number; x1: number; y1: number } | undefined;
   names: (joint: number) => string;
+  locked: (joint: number) => boolean;
+  /** Whether the policy can leave single joints open. */
+  maskable: boolean;
   stale: boolean;
   focusRow: number;
   focused: boolean;
@@ -315,6 +318,34 @@ function playhead(ctx: Ctx, s: Scene): void {
   ctx.fill();
 }
 
+/** [L] locks the joints of a row, [M] leaves them to the policy; filled when on. */
+function switches(ctx: Ctx, s: Scene, row: RowKind, y: number): void {
+  const joints = jointsOf(row);
+  if (joints.length === 0) return;
+  const { theme } = s;
+  const names = joints.map((j) => s.clip.robot.joints[j] ?? "");
+  const here = (s.clip.masks ?? []).filter((m) => m.from <= s.playhead && s.playhead < m.to);
+  const masked = names.every((n) => here.some((m) => !m.joints || m.joints.includes(n)));
+  const box = (x: number, letter: string, on: boolean, color: string, dim: boolean): void => {
+    ctx.globalAlpha = dim ? 0.35 : 1;
+    ctx.fillStyle = on ? color : theme.panel;
+    ctx.strokeStyle = on ? color : theme.rule;
+    ctx.lineWidth = 1;
+    ctx.beginPath();
+    ctx.roundRect(x + 0.5, y + 2.5, SWITCH - 1, ROW - 6, 3);
+    ctx.fill();
+    ctx.stroke();
+    ctx.fillStyle = on ? theme.panel : theme.dim;
+    ctx.font = `${on ? "700 " : ""}10px system-ui, sans-serif`;
+    ctx.textAlign = "center";
+    ctx.fillText(letter, x + SWITCH / 2, y + ROW / 2);
+    ctx.textAlign = "left";
+    ctx.globalAlpha = 1;
+  };
+  box(SWITCHES.lock, "L", joints.every(s.locked), theme.playhead, false);
+  box(SWITCHES.mask, "M", masked, theme.marker, !s.maskable);
+}
+
 function labels(ctx: Ctx, s: Scene): void {
   const { theme, view, box } = s;
   ctx.fillStyle = theme.panel;
@@ -339,7 +370,8 @@ function labels(ctx: Ctx, s: Scene): void {
       row.kind === "all" ? "All joints"
       : row.kind === "group" ? `${row.open ? "▾" : "▸"} ${row.group.title}`
       : s.names(row.joint);
-    ctx.fillText(text, row.kind === "joint" ? 26 : 10, mid, LABELS - 34);
+    ctx.fillText(text, row.kind === "joint" ? 26 : 10, mid, row.kind === "all" ? LABELS - 34 : SWITCHES.lock - 30);
+    switches(ctx, s, row, y);
     if (s.focused && i === s.focusRow) {
       ctx.strokeStyle = theme.focus;
       ctx.lineWidth = 2;

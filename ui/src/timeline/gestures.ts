@@ -3,7 +3,7 @@
 
 import type { Clip } from "../clip";
 import {
-  LABELS, MARKERS, ROW, RULER, STRIP, frameToX, rowToY, xToFrame, yToRow, zoomAt,
+  LABELS, MARKERS, ROW, RULER, STRIP, frameToX, jointsOf, rowToY, switchAt, xToFrame, yToRow, zoomAt,
   type Box, type RowKind, type View,
 } from "./layout";
 
@@ -19,6 +19,9 @@ export interface Sheet {
   setSelection(frames: ReadonlySet<number>): void;
   setJoint(joint: number | undefined): void;
   toggleGroup(name: string): void;
+  /** The switches of rows. */
+  toggleLock(joints: number[]): void;
+  toggleMask(joints: number[]): void;
   preview(dragged: ReadonlyMap<number, number>, box: BoxSelect | undefined): void;
   edit(op: string, args: object): void;
   /** The rollout follows a drag; without an operation it goes back to the document. */
@@ -133,7 +136,7 @@ export class Gestures {
     };
     if (e.button === 1) return begin("pan");
     if (e.button !== 0) return;
-    if (x < LABELS) return this.label(y);
+    if (x < LABELS) return this.label(x, y);
     if (y < RULER) {
       begin("scrub");
       return this.scrub(x);
@@ -159,9 +162,12 @@ export class Gestures {
     if (this.retimeKey) retimeByHand.used = true;
   }
 
-  private label(y: number): void {
+  private label(x: number, y: number): void {
     const rows = this.sheet.rows();
     const row = rows[yToRow(this.sheet.view(), y, rows.length) ?? -1];
+    const which = switchAt(x);
+    const joints = jointsOf(row);
+    if (which && joints.length > 0) return which === "lock" ? this.sheet.toggleLock(joints) : this.sheet.toggleMask(joints);
     if (row?.kind === "group") this.sheet.toggleGroup(row.group.name);
     if (row?.kind === "joint") this.sheet.setJoint(row.joint);
     if (row?.kind === "all") {
@@ -203,7 +209,10 @@ export class Gestures {
     if (!press) {
       const key = hit(sheet, x, y);
       const strip = y > sheet.box().height - STRIP;
-      sheet.hint(x < LABELS || y < RULER || key !== undefined ? ""
+      const which = x < LABELS && jointsOf(sheet.rows()[yToRow(sheet.view(), y, sheet.rows().length) ?? -1]).length > 0 ? switchAt(x) : undefined;
+      sheet.hint(which === "lock" ? "L: lock, so that no slider, drag, reach, pose or paste moves it (Alt+L)"
+        : which === "mask" ? "M: leave it to the policy between the keys about the playhead, or between those selected (Alt+M, Alt+U)"
+        : x < LABELS || y < RULER || key !== undefined ? ""
         : strip ? "error by frame: mean over the joints that have a goal there"
         : sheet.about(Math.round(xToFrame(sheet.view(), x))));
       this.canvas.style.cursor = key === undefined ? (y < RULER ? "ew-resize" : "default") : "grab";

@@ -14,6 +14,22 @@ export const ROW = 20;
 export const STRIP = 22;
 export const LABELS = 168;
 
+/** Left edges of the two switches of a row's label: lock, mask. */
+export const SWITCHES = { lock: LABELS - 42, mask: LABELS - 22 } as const;
+export const SWITCH = 16;
+
+/** The switch of a row's label under a pixel. */
+export function switchAt(x: number): "lock" | "mask" | undefined {
+  if (x >= SWITCHES.lock && x < SWITCHES.lock + SWITCH) return "lock";
+  if (x >= SWITCHES.mask && x < SWITCHES.mask + SWITCH) return "mask";
+  return undefined;
+}
+
+/** Joints that a row's switches act on; the row of all has none. */
+export function jointsOf(row: RowKind | undefined): number[] {
+  return row?.kind === "joint" ? [row.joint] : row?.kind === "group" ? row.group.joints : [];
+}
+
 export interface Group {
   name: string;
   title: string;

@@ -2,7 +2,9 @@
 
 import { effect, useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
+import { toggleMask } from "../actions";
 import { edit, endPreview, previewEdit, tell } from "../api";
+import { isLocked, toggleLock } from "../hand";
 import { fillAfter, keyAt, nextKey, prevKey, values } from "../clip";
 import * as store from "../store";
 import { colors } from "../theme";
@@ -59,6 +61,8 @@ export function Timeline(props: { onMenu: (menu: Menu) => void; onOpenKey: (fram
       setSelection: (f) => (store.selection.value = f),
       setJoint: (j) => (store.joint.value = j),
       toggleGroup,
+      toggleLock: (joints) => toggleLock(named(joints)),
+      toggleMask: (joints) => toggleMask(named(joints)),
       preview: (d, b) => {
         dragged.value = d;
         box.value = b;
@@ -151,6 +155,8 @@ export function Timeline(props: { onMenu: (menu: Menu) => void; onOpenKey: (fram
         dragged: dragged.value,
         boxSelect: box.value,
         names: (j) => store.titles.value[j] ?? "",
+        locked: (j) => isLocked(d.clip.robot.joints[j] ?? ""),
+        maskable: d.findings.granularity !== "state",
         stale: take ? take.rev !== d.rev && take.rev !== 0 : false,
         focusRow: row.value,
         focused: focused.value,
@@ -159,7 +165,7 @@ export function Timeline(props: { onMenu: (menu: Menu) => void; onOpenKey: (fram
     // Any signal that the scene reads asks for a new frame; one frame serves them all.
     const dispose = effect(() => {
       void [store.doc.value, store.rollout.value, store.frames.value, store.groups.value, store.view.value, store.playhead.value,
-        store.selection.value, store.joint.value, store.closed.value, store.range.value,
+        store.selection.value, store.joint.value, store.closed.value, store.range.value, store.locked.value,
         size.value, dragged.value, box.value, focused.value, row.value, store.robot.value];
       if (!queued) {
         queued = true;
@@ -227,6 +233,10 @@ function rows(): RowKind[] {
   return d ? rowsOf(d.clip, store.groups.value, store.closed.value) : [];
 }
 
+function named(joints: number[]): string[] {
+  return joints.map((j) => store.doc.value?.clip.robot.joints[j] ?? "").filter(Boolean);
+}
+
 function toggleGroup(name: string): void {
   const next = new Set(store.closed.value);
   if (!next.delete(name)) next.add(name);
@@ -242,7 +252,8 @@ function rowName(row: RowKind | undefined): string {
 
 /** "Index J3, frame 55, key, 12.3°": what is at a cell, in words. */
 export function describe(d: store.Document, row: RowKind | undefined, frame: number): string {
-  const name = rowName(row);
+  const locked = row?.kind === "joint" && isLocked(d.clip.robot.joints[row.joint] ?? "") ? ", locked" : "";
+  const name = rowName(row) + locked;
   const key = keyAt(d.clip, frame);
   const unit = row?.kind === "joint" ? (store.doc.value?.table.joints[row.joint]?.unit ?? "rad") : undefined;
   if (key) {
