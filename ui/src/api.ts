@@ -166,6 +166,8 @@ function receive(e: Event): void {
       settle(e.id, e.error ? { ok: false, error: e.error } : { ok: true, result: e.result });
       return;
     case "document":
+      store.moving.value = undefined;
+      store.demand.value = undefined;
       for (const id of [...waiting.keys()]) settle(id, { ok: true });
       adopt(e.document);
       return;

@@ -76,9 +76,10 @@ function Joint({ index }: { index: number }) {
         {title}{coupled.length ? <span aria-hidden="true" style="color: var(--marker)"> &</span> : null}
         {locked ? <span class="lock" title="Locked: Alt+L frees it"><Padlock /></span> : null}
       </label>
+      <span class="slider">
+      {band ? <i class="band" style={`left: calc(8px + ${band.from} * (100% - 16px)); width: calc(${band.to - band.from} * (100% - 16px))`} /> : null}
       <input
-        id={id} type="range" class={band ? "banded" : ""} disabled={locked} data-band={band ? `${band.from.toFixed(3)} ${band.to.toFixed(3)}` : undefined}
-        style={band ? `--from: ${band.from}; --to: ${band.to}` : undefined} min={lo} max={hi} step={(hi - lo) / 2000} value={value}
+        id={id} type="range" disabled={locked} data-band={band ? `${band.from.toFixed(3)} ${band.to.toFixed(3)}` : undefined} min={lo} max={hi} step={(hi - lo) / 2000} value={value}
         aria-valuetext={store.shown(value, unit)}
         onFocus={() => select(index)}
         onPointerDown={() => (held.value = middle)}
@@ -87,6 +88,7 @@ function Joint({ index }: { index: number }) {
         onInput={(e) => set(Number(e.currentTarget.value), false)}
         onChange={(e) => set(Number(e.currentTarget.value), true)}
       />
+      </span>
       <input
         type="text" disabled={locked} aria-label={`${title}, value`} inputMode="decimal" value={text.value ?? (value * scale).toFixed(unit === "m" ? 3 : store.degrees.value ? 1 : 3)}
         onInput={(e) => (text.value = e.currentTarget.value)}
