@@ -154,6 +154,11 @@ function Shortcuts({ onClose }: { onClose: () => void }) {
         <div><span>Pan</span><kbd>Shift+wheel</kbd></div>
         <div><span>Scroll rows</span><kbd>Alt+wheel</kbd></div>
         <div><span>Type exact values</span><kbd>double-click</kbd></div>
+        <div><span>Turn a link's joint (3D view)</span><kbd>drag</kbd></div>
+        <div><span>Pull a fingertip or end effector</span><kbd>Alt+drag</kbd></div>
+        <div><span>Turn or pull finely</span><kbd>Shift+drag</kbd></div>
+        <div><span>Give a drag up</span><kbd>Esc</kbd></div>
+        <div><span>Lock or mask a row's joints</span><kbd>L M</kbd></div>
       </div>
       <div class="row" style="margin-top: 12px; justify-content: flex-end"><button class="main" onClick={onClose}>Close</button></div>
     </Dialog>

@@ -1,7 +1,7 @@
 // What a hand does besides turning one joint: locks joints, pulls fingertips and end effectors,
 // gives a drag up, and sees what it is over.
 
-import { effect, signal } from "@preact/signals";
+import { computed, effect, signal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
 import { complain, endPreview, http, jointMoved, poseAt, tell } from "./api";
 import * as store from "./store";
@@ -263,6 +263,9 @@ export function hoverEnds(): void {
   next = undefined;
   over.value = undefined;
 }
+
+/** Whether the pointer is over a link. */
+export const overLink = computed(() => over.value !== undefined);
 
 /** Joint and value beside the pointer. */
 export function Tip() {

@@ -9,6 +9,7 @@ import { ackTimes, connect, http, tell } from "./api";
 import { Curves } from "./curves";
 import { Dialogs } from "./dialogs";
 import { Gallery } from "./gallery";
+import { overLink } from "./hand";
 import { Inspector } from "./inspector";
 import { Poses, Problems, Takes } from "./panels";
 import { install } from "./shortcuts";
@@ -62,6 +63,8 @@ function Bar() {
   );
 }
 
+/** While the pointer is over a link. */
+const LINK_HINTS: [string, string][] = [["drag", "turn its joint"], ["Alt", "reach"], ["Shift", "fine"], ["Esc", "give up"], ["click", "select"], ["F", "frame"], ["G", "next tip"], ["?", "all"]];
 const HINTS: [string, string][] = [["drag", "move"], ["Alt", "copy"], ["Shift", "ripple"], ["S", "retime"], ["M", "mask"], ["K", "key"], ["Space", "play"], ["?", "all"]];
 
 /** What the edit under the hand asks of the joints: red above what the policy's data hold. */
@@ -79,7 +82,7 @@ function Hint({ text }: { text: string }) {
   const held = useSignal("");
   useEffect(() => {
     const on = (e: KeyboardEvent): void => {
-      held.value = [e.ctrlKey || e.metaKey ? "Ctrl: add to the selection" : "", e.altKey ? "Alt: drag copies" : "", e.shiftKey ? "Shift: drag ripples, arrows step 10" : ""].filter(Boolean).join(" · ");
+      held.value = [e.ctrlKey || e.metaKey ? "Ctrl: add to the selection" : "", e.altKey ? "Alt: drag copies a key, pulls a fingertip" : "", e.shiftKey ? "Shift: drag ripples keys, turns links finely, arrows step 10" : ""].filter(Boolean).join(" · ");
     };
     window.addEventListener("keydown", on);
     window.addEventListener("keyup", on);
@@ -92,7 +95,7 @@ function Hint({ text }: { text: string }) {
   return (
     <footer class="hint">
       {store.demand.value ? <Demand of={store.demand.value} /> : null}
-      {text || held.value ? <b>{text || held.value}</b> : HINTS.map(([k, t]) => <span key={k}><kbd>{k}</kbd> {t}</span>)}
+      {text || held.value ? <b>{text || held.value}</b> : (overLink.value && !store.stills.value ? LINK_HINTS : HINTS).map(([k, t]) => <span key={k}><kbd>{k}</kbd> {t}</span>)}
       <span class="grow" />
       <span>{store.selection.value.size ? `${store.selection.value.size} selected` : ""}</span>
       <span>{!d ? "" : d.dirty ? "every edit is journalled; not saved to the file yet" : d.path ? "saved" : "not in a file yet"}</span>

@@ -230,9 +230,13 @@ export function Runs() {
   const policies = useSignal("pd,computed-torque");
   const suite = useSignal("manual");
   useEffect(() => {
-    void refreshShelf();
     const id = store.doc.value?.clip.robot.id;
-    if (id) robot.value = store.robots.value.find((r) => r.id === id)?.source ?? id;
+    const choose = (): void => {
+      if (id) robot.value = store.robots.value.find((r) => r.id === id)?.source ?? id;
+    };
+    choose();
+    // The list of robots may only now come to know it.
+    void refreshShelf().then(choose);
   }, []);
   const shelf = store.shelf.value;
   const id = store.robots.value.find((r) => r.source === robot.value)?.id ?? robot.value;

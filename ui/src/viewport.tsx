@@ -90,7 +90,7 @@ export function Viewport() {
         />
       )}
       <div class="legend" role="group" aria-label="Shown">
-        <button aria-pressed={store.show.value.command} onClick={() => toggleShow("command")} title="What is commanded, translucent (1)"><i class="is-command" />Command</button>
+        <button aria-pressed={store.show.value.command} onClick={() => toggleShow("command")} title="What is commanded, translucent; its links turn from blue to red with their error (1)"><i class="is-command" />Command</button>
         <button aria-pressed={store.show.value.achieved} onClick={() => toggleShow("achieved")} title="What the policy reached, solid (2)"><i class="is-achieved" />Achieved</button>
         <button aria-pressed={store.show.value.ghosts} onClick={() => toggleShow("ghosts")} title="Poses of the neighbouring keys: green before, amber after (4)"><i class="is-ghosts" />Ghosts</button>
         <select aria-label="View" data-testid="view" value="" disabled={stills} title={stills ? "Still pictures are seen from where the whole motion fits" : "F frames the selected link"}

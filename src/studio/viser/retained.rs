@@ -76,7 +76,7 @@ impl Retained {
             .slots
             .iter()
             .filter(|(key, (stamp, _))| *stamp > seen && (seen > 0 || key.rank != Rank::Remove))
-            .map(|(_, (_, message))| message.clone())
+            .map(|(_, (_, message))| moving(message.clone(), seen > 0))
             .collect();
         (news, self.stamp)
     }
@@ -85,6 +85,19 @@ impl Retained {
     pub(super) fn stamp(&self) -> u64 {
         self.stamp
     }
+}
+
+/// A camera message as a client must get it: one that says `initial` is where a new client begins
+/// and "reset view" goes; whoever is there already only moves by one that does not.
+fn moving(mut message: Message, there: bool) -> Message {
+    if let Message::SetCameraPositionMessage { initial, .. }
+    | Message::SetCameraLookAtMessage { initial, .. }
+    | Message::SetCameraUpDirectionMessage { initial, .. }
+    | Message::SetCameraFovMessage { initial, .. } = &mut message
+    {
+        *initial = !there;
+    }
+    message
 }
 
 fn key(message: &Message) -> Option<Key> {
@@ -128,6 +141,21 @@ fn key(message: &Message) -> Option<Key> {
 mod tests {
     use super::*;
     use crate::take::viser::FrameProps;
+
+    #[test]
+    fn a_camera_is_where_new_clients_begin_and_where_others_go() {
+        let mut scene = Retained::default();
+        let at = |x: f64, initial| Message::SetCameraPositionMessage {
+            position: [x, 0.0, 0.0],
+            initial,
+        };
+        scene.put(at(1.0, true));
+        let (first, seen) = scene.since(0);
+        assert_eq!(first, [at(1.0, true)]);
+        scene.put(at(2.0, true));
+        assert_eq!(scene.since(seen).0, [at(2.0, false)], "who is there moves");
+        assert_eq!(scene.since(0).0, [at(2.0, true)]);
+    }
 
     #[test]
     fn the_newest_wins_and_parents_come_first() {

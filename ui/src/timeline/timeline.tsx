@@ -59,7 +59,12 @@ export function Timeline(props: { onMenu: (menu: Menu) => void; onOpenKey: (fram
         store.playhead.value = f;
       },
       setSelection: (f) => (store.selection.value = f),
-      setJoint: (j) => (store.joint.value = j),
+      setJoint: (j) => {
+        if (store.joint.value === j) return;
+        store.joint.value = j;
+        const name = j === undefined ? undefined : store.doc.value?.clip.robot.joints[j];
+        tell("view.select", name ? { joint: name } : {});
+      },
       toggleGroup,
       toggleLock: (joints) => toggleLock(named(joints)),
       toggleMask: (joints) => toggleMask(named(joints)),
