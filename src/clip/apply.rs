@@ -12,9 +12,10 @@ use super::document::{Clip, Fill, Goal, Key, Marker, Mask, Row, round};
 use super::joints::JointTable;
 use super::json::show;
 use super::op::{
-    Batch, ClipLength, FillSet, KeysMove, KeysPaste, KeysScale, KeysSet, MaskSet, Op, PoseApply,
-    TimeDelete, TimeInsert,
+    Batch, ClipLength, FillSet, KeysMove, KeysPaste, KeysScale, KeysSet, KeysSparsify, MaskSet, Op,
+    PoseApply, TimeDelete, TimeInsert,
 };
+use super::sparsify::superfluous;
 use super::validate::{Invalid, hint};
 use crate::exit::{Exit, HasExit};
 use crate::limits;
@@ -59,7 +60,7 @@ pub enum OpError {
     },
     /// Keys would land on others.
     #[error(
-        "{count} of the keys would land on another key (first at frame {frame}); say `replace` to overwrite"
+        "{count} of the keys would land on another key (first at frame {frame}): move or delete that one first"
     )]
     Occupied {
         /// How many.
@@ -68,7 +69,7 @@ pub enum OpError {
         frame: u32,
     },
     /// Keys or markers lie beyond a new end.
-    #[error("{count} keys and markers lie beyond frame {length}; say `cut` to drop them")]
+    #[error("{count} keys and markers lie beyond frame {length}: move or delete them first")]
     Beyond {
         /// How many.
         count: usize,
@@ -169,6 +170,7 @@ impl Edit<'_> {
                 self.place(keys, false)
             }
             Op::KeysHold(a) => self.each_key(&a.frames, |k| k.hold = a.hold),
+            Op::KeysSparsify(a) => self.keys_sparsify(a),
             Op::MaskSet(a) => self.mask_set(a),
             Op::FillSet(a) => self.fill_set(a),
             Op::TimeInsert(a) => self.time_insert(a),
@@ -444,6 +446,26 @@ impl Edit<'_> {
             }
             Some(frames) => self.each_key(frames, |k| k.fill = a.fill),
         }
+    }
+
+    fn keys_sparsify(&mut self, a: &KeysSparsify) -> Done {
+        if !(a.tolerance.is_finite() && a.tolerance >= 0.0) {
+            return argument(format!("a tolerance is 0 or more, found {}", a.tolerance));
+        }
+        let chosen = distinct(&a.frames)?;
+        for &frame in &chosen {
+            self.has_key(frame)?;
+        }
+        let gone = superfluous(self.clip, &chosen, a.tolerance);
+        if gone.is_empty() {
+            return argument(format!(
+                "none of these {} keys can go: each lies more than {} off the line between its neighbours, or says more than values",
+                chosen.len(),
+                a.tolerance
+            ));
+        }
+        self.clip.keys.retain(|k| !gone.contains(&k.frame));
+        Ok(())
     }
 
     fn mask_set(&mut self, a: &MaskSet) -> Done {

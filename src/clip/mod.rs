@@ -16,6 +16,7 @@ pub mod op;
 mod parse;
 mod print;
 mod schema;
+mod sparsify;
 pub mod validate;
 
 pub use apply::{OpError, apply, edited};

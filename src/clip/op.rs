@@ -40,6 +40,9 @@ pub enum Op {
     /// Sets how long keys are held.
     #[serde(rename = "keys.hold")]
     KeysHold(KeysHold),
+    /// Drops keys that the straight line between the others says as well.
+    #[serde(rename = "keys.sparsify")]
+    KeysSparsify(KeysSparsify),
     /// Masks or unmasks a span.
     #[serde(rename = "mask.set")]
     MaskSet(MaskSet),
@@ -203,6 +206,17 @@ pub struct KeysHold {
     pub frames: Vec<u32>,
     /// For how many frames, at least 1.
     pub hold: u32,
+}
+
+/// Arguments of `keys.sparsify`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct KeysSparsify {
+    /// Which keys may go. The ends of each unbroken run of them stay, and so do keys with a hold,
+    /// a remark or a named pose.
+    pub frames: Vec<u32>,
+    /// How far a joint of a dropped key may lie from the line, rad or m.
+    pub tolerance: f64,
 }
 
 /// Arguments of `mask.set`.
@@ -379,6 +393,7 @@ impl Op {
             Op::KeysPaste(_) => "keys.paste",
             Op::KeysMirror(_) => "keys.mirror",
             Op::KeysHold(_) => "keys.hold",
+            Op::KeysSparsify(_) => "keys.sparsify",
             Op::MaskSet(_) => "mask.set",
             Op::FillSet(_) => "fill.set",
             Op::TimeInsert(_) => "time.insert",
@@ -413,6 +428,7 @@ impl Op {
             Op::KeysPaste(a) => format!("Paste {} at {}", keys(a.keys.len()), a.at),
             Op::KeysMirror(a) => format!("Mirror {}", keys(a.frames.len())),
             Op::KeysHold(a) => format!("Hold {} for {} frames", keys(a.frames.len()), a.hold),
+            Op::KeysSparsify(a) => format!("Thin out {}", keys(a.frames.len())),
             Op::MaskSet(a) if a.masked => format!("Mask {}..{}", a.from, a.to),
             Op::MaskSet(a) => format!("Unmask {}..{}", a.from, a.to),
             Op::FillSet(a) => format!("Fill {}", a.fill.map_or("as the clip", Fill::word)),

@@ -231,7 +231,7 @@ pub struct Edited {
 /// The named history.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct History {
-    /// The last labels, oldest first (at most 200).
+    /// The last labels, oldest first (at most 100).
     pub labels: Vec<String>,
     /// Number of the first label, from 0.
     pub first: usize,
@@ -244,6 +244,9 @@ pub struct History {
 /// The open document.
 #[derive(Clone, Debug, Serialize)]
 pub struct DocumentView {
+    /// Rises with every document that is opened: what a page chose in one (range, selection,
+    /// takes) means nothing in the next.
+    pub opened: u64,
     /// Version.
     pub rev: u64,
     /// `robert-clip/1` as a JSON value.

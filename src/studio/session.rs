@@ -116,6 +116,7 @@ impl Session {
         let (tx, rx) = channel();
         let desk = Desk {
             document: None,
+            opened: 0,
             state_dir,
             hub,
             live,
@@ -154,6 +155,8 @@ impl Session {
 
 struct Desk {
     document: Option<Document>,
+    /// How many documents there have been.
+    opened: u64,
     state_dir: PathBuf,
     hub: Hub,
     live: Arc<Live>,
@@ -580,6 +583,7 @@ impl Desk {
             self.recent.opened(path, document.clip());
         }
         self.document = Some(document);
+        self.opened += 1;
         let view = self.view();
         self.hub.send(&Event::Document { document: Some(Box::new(view.clone())) });
         if let Some(e) = refusal {
@@ -629,6 +633,7 @@ impl Desk {
     fn view(&self) -> DocumentView {
         let Some(document) = &self.document else {
             return DocumentView {
+                opened: self.opened,
                 rev: 0,
                 clip: serde_json::Value::Null,
                 path: None,
@@ -641,6 +646,7 @@ impl Desk {
             };
         };
         DocumentView {
+            opened: self.opened,
             rev: document.rev(),
             clip: document.clip().to_json(),
             path: document.path().map(|p| p.display().to_string()),

@@ -196,6 +196,9 @@ pub(crate) fn op(r: &mut Rng, clip: &Clip, deep: bool) -> Op {
             })
         }
         8 => Op::KeysMirror(KeysFrames { frames: frames(r) }),
+        9 if flag(r) => {
+            Op::KeysSparsify(KeysSparsify { frames: frames(r), tolerance: r.uniform() })
+        }
         9 => Op::KeysHold(KeysHold { frames: frames(r), hold: r.below(60) as u32 }),
         10 | 11 => {
             let (from, to) = span(r, clip.length);

@@ -13,6 +13,8 @@ import type { Findings, History, RolloutSettings, RolloutState } from "../src/pr
 export interface Snapshot {
   page: string;
   link: string;
+  /** Number of the open document. */
+  opened?: number;
   rev?: number;
   clip?: Clip;
   dirty?: boolean;
@@ -72,8 +74,8 @@ export class Studio {
     return studio;
   }
 
-  async run(): Promise<void> {
-    const child = spawn(binary(), ["studio", "--no-open", "--port", "0", ...this.args], {
+  async run(port = 0): Promise<void> {
+    const child = spawn(binary(), ["studio", "--no-open", "--port", String(port), ...this.args], {
       cwd: this.dir, env: { ...process.env, ROBERT_STATE_DIR: join(this.dir, "state"), NO_COLOR: "1" }, stdio: ["ignore", "pipe", "inherit"],
     });
     this.child = child;

@@ -1,8 +1,11 @@
 // Everything a person can do, once: shortcuts, palette, menus and buttons all come here.
 
 import { dropFloating, edit, keyFloating, poseAt, save, tell } from "./api";
-import { keyAt, keyEnd, nextKey, prevKey, type Fill, type Key } from "./clip";
+import { keyAt, keyEnd, nextKey, prevKey, replaced, type Fill, type Key } from "./clip";
 import { cancelDrag, nextSite, toggleLock, unlockedOnly } from "./hand";
+import { menuByKey, type Item } from "./menu";
+import { acted, type Span, type Why } from "./span";
+import { LABELS, PRE_ROLL, frameToX, withFrame, zoomAt } from "./timeline/layout";
 import * as store from "./store";
 
 export interface Action {
@@ -23,6 +26,108 @@ export function seek(frame: number): void {
   const last = Math.max(0, store.length.value - 1);
   store.playing.value = false;
   store.playhead.value = Math.min(last, Math.max(0, Math.round(frame)));
+  keepInView(store.playhead.value);
+}
+
+/** A timeline that somebody has zoomed in follows the playhead. */
+export function keepInView(frame: number): void {
+  store.view.value = withFrame(store.view.value, store.sheet.value, frame);
+}
+
+/** Zooms about the playhead, or about the middle where that is out of sight. */
+function zoom(factor: number): void {
+  const { width } = store.sheet.value;
+  const x = frameToX(store.view.value, store.playhead.value);
+  store.view.value = zoomAt(store.view.value, x >= LABELS && x <= width ? x : (LABELS + width) / 2, factor);
+}
+
+function pan(share: number): void {
+  const v = store.view.value;
+  const frames = (store.sheet.value.width - LABELS) / v.zoom;
+  store.view.value = { ...v, left: Math.min(store.length.value, Math.max(-PRE_ROLL, v.left + share * frames)) };
+}
+
+/** The next or previous key from the playhead joins the selection, and the playhead goes there. */
+function extend(direction: 1 | -1): void {
+  const c = clip();
+  if (!c) return;
+  const at = store.playhead.value;
+  const to = direction === 1 ? nextKey(c, at) : prevKey(c, at);
+  const here = keyAt(c, at);
+  const chosen = new Set(store.selection.value);
+  if (here) chosen.add(at);
+  if (to) {
+    // Back over a selected key takes the last one out again.
+    if (here && chosen.has(to.frame)) chosen.delete(at);
+    chosen.add(to.frame);
+    seek(to.frame);
+  }
+  store.selection.value = chosen;
+  store.announcement.value = `${chosen.size} selected`;
+}
+
+function toggleSelected(): void {
+  const at = store.playhead.value;
+  const chosen = new Set(store.selection.value);
+  if (!chosen.delete(at)) chosen.add(at);
+  store.selection.value = chosen;
+  store.announcement.value = `key at frame ${at} ${chosen.has(at) ? "selected" : "not selected"}`;
+}
+
+const needsTake = (): string | undefined => (store.rollout.value?.phase === "done" && store.frames.value.q.length ? undefined : "there is no finished take");
+const markerHere = () => clip()?.markers?.find((m) => m.frame === store.playhead.value);
+const needsMarker = (): string | undefined => (markerHere() ? undefined : "there is no marker at the playhead: Ctrl+. goes to the next");
+
+function toMarker(direction: 1 | -1): void {
+  const all = (clip()?.markers ?? []).map((m) => m.frame).sort((a, b) => a - b);
+  const at = store.playhead.value;
+  const to = direction === 1 ? all.find((f) => f > at) : all.filter((f) => f < at).at(-1);
+  if (to === undefined) store.toast(all.length ? "no more markers there" : "no markers; Shift+M sets one");
+  else seek(to);
+}
+
+let turn: Promise<void> = Promise.resolve();
+
+/** One after the other: a key that is held down repeats faster than edits are acknowledged. */
+function inTurn(run: () => Promise<void>): void {
+  turn = turn.then(run, run);
+}
+
+function moveMarker(df: number): void {
+  inTurn(async () => {
+    const why = needsMarker();
+    if (why) return store.toast(why);
+    const to = store.playhead.value + df;
+    if (to < 0 || to >= store.length.value) return;
+    if (await edit("markers.move", { frame: store.playhead.value, to })) seek(to);
+  });
+}
+
+/** What can be done with the marker at a frame. */
+export function markerItems(frame: number): Item[] {
+  const here = (id: string) => () => { seek(frame); act(id); };
+  return [
+    { title: "Rename marker…", run: here("rename-marker") },
+    { title: "Marker one frame earlier", keys: "<", run: here("marker-earlier") },
+    { title: "Marker one frame later", keys: ">", run: here("marker-later") },
+    { title: "Delete marker", run: here("delete-marker") },
+  ];
+}
+
+/** Where the motion starts: what stands before frame 0. */
+export function startItems(): Item[] {
+  return ["start-key", "start-rest", "start-pose", "start-take"].flatMap((id) => {
+    const a = ACTIONS.find((x) => x.id === id);
+    return a ? [{ title: a.title, run: () => act(id), why: a.not?.() }] : [];
+  });
+}
+
+/** Sets the state before frame 0; the last frame of the take makes the clip run on where it ends. */
+function setStart(from: "key" | "rest" | "pose" | "take"): void {
+  const d = store.doc.value;
+  if (!d) return;
+  const q = from === "rest" ? d.table.rest : from === "pose" ? (store.floating.value ?? poseAt(d.clip, store.playhead.value)) : store.frames.value.q.at(-1);
+  void edit("clip.start", { start: from === "key" || !q ? null : { q: q.map((v) => Math.round(v * 1e6) / 1e6) } });
 }
 
 export function copyKeys(): Key[] {
@@ -52,24 +157,24 @@ export async function paste(mirrored: boolean): Promise<void> {
   if (keys.length === 0) return store.toast("nothing to paste");
   const at = store.playhead.value;
   const first = Math.min(...keys.map((k) => k.frame));
+  const landing = keys.map((k) => k.frame - first + at);
+  const c = clip();
+  const lost = c ? replaced(c, landing) : 0;
   if (await edit("keys.paste", { at, keys, replace: true, mirrored, ...unlockedOnly() })) {
-    store.selection.value = new Set(keys.map((k) => k.frame - first + at));
+    store.selection.value = new Set(landing);
+    tellReplaced(lost);
   }
 }
 
-/** The frames that M and U act on: in/out, else the span of the selection, else the interval. */
-function span(): { from: number; to: number } | undefined {
-  if (store.range.value) return store.range.value;
+/** What stood where keys have landed is gone: that is said, with the way back. */
+export function tellReplaced(count: number): void {
+  if (count) store.toast(`replaced ${count === 1 ? "a key" : `${count} keys`}`, "info", true);
+}
+
+/** The frames that M and U act on now. */
+export function span(): (Span & { why: Why }) | undefined {
   const c = clip();
-  if (!c) return undefined;
-  const frames = selected();
-  const a = frames[0];
-  const b = frames.at(-1);
-  if (a !== undefined && b !== undefined && a !== b) return { from: a + 1, to: b };
-  const at = store.playhead.value;
-  const before = keyAt(c, at) ?? prevKey(c, at);
-  const after = nextKey(c, at);
-  return { from: before ? keyEnd(before) : 0, to: after?.frame ?? c.length };
+  return c && acted(c, store.selection.value, store.range.value, store.playhead.value);
 }
 
 export function setFill(fill: Fill): void {
@@ -87,7 +192,13 @@ export function addKey(): void {
   if (!c) return;
   if (store.floating.value) return void keyFloating();
   const frame = store.playhead.value;
-  void edit("keys.add", { keys: [{ frame, q: poseAt(c, frame) }], replace: true }).then((ok) => {
+  if (keyAt(c, frame)) {
+    // It keeps all that it has: hold, fill, note, pose, joints left open.
+    store.selection.value = new Set([frame]);
+    store.announcement.value = `key at frame ${frame} selected`;
+    return;
+  }
+  void edit("keys.add", { keys: [{ frame, q: poseAt(c, frame) }] }).then((ok) => {
     if (ok) store.selection.value = new Set([frame]);
   });
 }
@@ -114,6 +225,7 @@ export function toggleShow(what: "command" | "achieved" | "ghosts"): void {
   tell("view.show", { [what]: store.show.value[what] });
 }
 
+const row = (by: 1 | -1): void => void document.dispatchEvent(new CustomEvent("robert-row", { detail: by }));
 const dialog = (name: string) => () => document.dispatchEvent(new CustomEvent("robert-dialog", { detail: name }));
 
 export const ACTIONS: Action[] = [
@@ -134,14 +246,19 @@ export const ACTIONS: Action[] = [
   { id: "faster", title: "Faster", group: "Playback", keys: ["+"], run: () => changeSpeed(1) },
   { id: "speed-1", title: "Real speed", group: "Playback", keys: ["0"], run: () => (store.speed.value = 1) },
 
-  { id: "key", title: "Key the pose at the playhead", group: "Keys", keys: ["K", "I"], run: addKey },
+  { id: "key", title: "Key the pose at the playhead; a key that is there is selected", group: "Keys", keys: ["K", "I"], run: addKey },
   { id: "delete", title: "Delete keys", group: "Keys", keys: ["Delete", "X"], not: needsKeys, run: () => void edit("keys.delete", { frames: selected() }).then((ok) => ok && (store.selection.value = new Set())) },
   { id: "copy", title: "Copy keys", group: "Keys", keys: ["Ctrl+C"], not: needsKeys, run: () => void copyKeys() },
   { id: "cut", title: "Cut keys", group: "Keys", keys: ["Ctrl+X"], not: needsKeys, run: () => { const k = copyKeys(); if (k.length) void edit("keys.delete", { frames: k.map((x) => x.frame) }); } },
   { id: "paste", title: "Paste keys at the playhead", group: "Keys", keys: ["Ctrl+V"], run: () => void paste(false) },
   { id: "paste-mirrored", title: "Paste mirrored", group: "Keys", keys: ["Ctrl+Shift+V"], not: () => store.noMirror.value ?? undefined, run: () => void paste(true) },
-  { id: "duplicate", title: "Duplicate keys after the last", group: "Keys", keys: ["Ctrl+D"], not: needsKeys, run: () => { const f = selected(); const a = f[0] ?? 0; const b = f.at(-1) ?? a; const last = clip()?.keys.find((k) => k.frame === b); const df = (last ? keyEnd(last) : b + 1) - a + 4; void edit("keys.move", { frames: f, df, copy: true, replace: true }).then((ok) => ok && (store.selection.value = new Set(f.map((x) => x + df)))); } },
+  { id: "duplicate", title: "Duplicate keys after the last", group: "Keys", keys: ["Ctrl+D"], not: needsKeys, run: () => { const f = selected(); const a = f[0] ?? 0; const b = f.at(-1) ?? a; const last = clip()?.keys.find((k) => k.frame === b); const df = (last ? keyEnd(last) : b + 1) - a + 4; const landing = f.map((x) => x + df); const c = clip(); const lost = c ? replaced(c, landing) : 0; void edit("keys.move", { frames: f, df, copy: true, replace: true }).then((ok) => { if (ok) { store.selection.value = new Set(landing); tellReplaced(lost); } }); } },
   { id: "mirror", title: "Mirror keys", group: "Keys", not: () => needsKeys() ?? store.noMirror.value ?? undefined, run: () => void edit("keys.mirror", { frames: selected() }) },
+  { id: "select-here", title: "Select the key at the playhead, or not", group: "Keys", keys: ["Ctrl+Space"], not: () => (clip() && keyAt(clip() ?? { keys: [] }, store.playhead.value) ? undefined : "there is no key at the playhead"), run: toggleSelected },
+  { id: "extend-next", title: "Select on to the next key", group: "Keys", keys: ["Ctrl+Shift+ArrowRight"], run: () => extend(1) },
+  { id: "extend-prev", title: "Select back to the previous key", group: "Keys", keys: ["Ctrl+Shift+ArrowLeft"], run: () => extend(-1) },
+  { id: "open-key", title: "Type the values of the key at the playhead", group: "Keys", keys: ["Enter"], run: () => void document.dispatchEvent(new Event("robert-enter")) },
+  { id: "menu", title: "Menu at the playhead, or of a pose", group: "Keys", keys: ["Shift+F10", "ContextMenu"], run: menuByKey },
   { id: "select-all", title: "Select all keys", group: "Keys", keys: ["Ctrl+A"], run: () => (store.selection.value = new Set(clip()?.keys.map((k) => k.frame))) },
   { id: "clear", title: "Clear selection", group: "Keys", keys: ["Escape"], run: () => { if (cancelDrag()) return; if (store.site.value) tell("view.select", {}); if (store.floating.value) dropFloating(); store.selection.value = new Set(); } },
   { id: "earlier", title: "Move keys one frame earlier", group: "Keys", keys: ["Alt+ArrowLeft"], not: needsKeys, run: () => nudge(-1, false) },
@@ -151,8 +268,16 @@ export const ACTIONS: Action[] = [
   { id: "retime", title: "Retime keys about the playhead…", group: "Keys", keys: ["S"], not: needsKeys, run: dialog("retime") },
   { id: "ripple-right", title: "Insert or remove time at the playhead…", group: "Keys", keys: ["E"], run: dialog("time") },
   { id: "hold", title: "Hold keys…", group: "Keys", keys: ["H"], not: needsKeys, run: dialog("hold") },
+  { id: "sparsify", title: "Thin out keys: keep the extremes…", group: "Keys", keys: ["T"], not: () => ((clip()?.keys.length ?? 0) > 2 ? undefined : "there are no three keys"), run: dialog("sparsify") },
+  { id: "densify", title: "Take as keys…", group: "Keys", keys: ["Shift+T"], not: needsTake, run: dialog("densify") },
   { id: "save-pose", title: "Save the pose at the playhead", group: "Keys", keys: ["P"], run: dialog("pose") },
   { id: "marker", title: "Add a marker at the playhead", group: "Keys", keys: ["Shift+M"], run: dialog("marker") },
+  { id: "next-marker", title: "Next marker", group: "Playback", keys: ["Ctrl+."], run: () => toMarker(1) },
+  { id: "prev-marker", title: "Previous marker", group: "Playback", keys: ["Ctrl+,"], run: () => toMarker(-1) },
+  { id: "marker-earlier", title: "Move the marker one frame earlier", group: "Keys", keys: ["<"], run: () => moveMarker(-1) },
+  { id: "marker-later", title: "Move the marker one frame later", group: "Keys", keys: [">"], run: () => moveMarker(1) },
+  { id: "rename-marker", title: "Rename the marker at the playhead…", group: "Keys", not: needsMarker, run: dialog("rename-marker") },
+  { id: "delete-marker", title: "Delete the marker at the playhead", group: "Keys", not: needsMarker, run: () => void edit("markers.delete", { frames: [store.playhead.value] }) },
 
   { id: "mask", title: "Mask: no goal here", group: "Masks", keys: ["M"], run: () => maskSpan(true) },
   { id: "unmask", title: "Unmask", group: "Masks", keys: ["U"], run: () => maskSpan(false) },
@@ -176,12 +301,25 @@ export const ACTIONS: Action[] = [
   { id: "lock-joint", title: "Lock or free the chosen joint", group: "Keys", keys: ["Alt+L"], not: needsJoint, run: () => toggleLock([chosenJoint() ?? ""]) },
   { id: "unlock-all", title: "Free all joints", group: "Keys", not: () => (store.locked.value.size ? undefined : "no joint is locked"), run: () => toggleLock([...store.locked.value]) },
   { id: "fit", title: "Fit the timeline", group: "View", keys: ["Shift+F"], run: () => document.dispatchEvent(new Event("robert-fit")) },
+  { id: "zoom-in", title: "Zoom the timeline in", group: "View", keys: ["Z"], run: () => zoom(1.5) },
+  { id: "zoom-out", title: "Zoom the timeline out", group: "View", keys: ["Shift+Z"], run: () => zoom(1 / 1.5) },
+  { id: "pan-left", title: "Timeline to the left", group: "View", keys: ["PageUp"], run: () => pan(-0.5) },
+  { id: "pan-right", title: "Timeline to the right", group: "View", keys: ["PageDown"], run: () => pan(0.5) },
+  { id: "row-up", title: "Row above", group: "View", keys: ["Ctrl+ArrowUp"], run: () => row(-1) },
+  { id: "row-down", title: "Row below", group: "View", keys: ["Ctrl+ArrowDown"], run: () => row(1) },
   { id: "next-problem", title: "Next problem", group: "View", keys: ["N"], run: () => problem(1) },
   { id: "prev-problem", title: "Previous problem", group: "View", keys: ["Shift+N"], run: () => problem(-1) },
   { id: "unit", title: "Degrees or radians", group: "View", run: () => { store.degrees.value = !store.degrees.value; localStorage.setItem("unit", store.degrees.value ? "deg" : "rad"); } },
   { id: "theme", title: "Dark or light", group: "View", run: dialog("theme") },
   { id: "help", title: "All shortcuts", group: "View", keys: ["?", "F1"], run: dialog("keys") },
   { id: "palette", title: "Find a command", group: "View", keys: ["Ctrl+K"], run: dialog("palette") },
+
+  { id: "start-key", title: "Start where the first key is", group: "Document", run: () => setStart("key") },
+  { id: "start-rest", title: "Start where the robot rests", group: "Document", run: () => setStart("rest") },
+  { id: "start-pose", title: "Start from the pose at the playhead", group: "Document", run: () => setStart("pose") },
+  { id: "start-take", title: "Start where the take ends", group: "Document", not: needsTake, run: () => setStart("take") },
+  { id: "rename", title: "Rename the clip…", group: "Document", keys: ["F2"], run: () => void document.dispatchEvent(new Event("robert-rename")) },
+  { id: "length", title: "Length of the clip…", group: "Document", run: () => document.querySelector<HTMLElement>("[data-testid=length]")?.focus() },
 
   { id: "rollout", title: "Roll out now", group: "Rollout", keys: ["R"], run: () => tell("rollout.run") },
   { id: "stop-rollout", title: "Stop the rollout", group: "Rollout", keys: ["Shift+Escape"], not: () => (/running|waiting/.test(store.rollout.value?.phase ?? "") ? undefined : "no rollout is under way"), run: () => tell("rollout.cancel") },
@@ -236,25 +374,28 @@ export function toggleMask(joints: string[]): void {
   const why = noJointMask();
   if (masked && why) return store.toast(why);
   const names = joints.length > 1 ? `${joints.length} joints` : (joints[0] ?? "");
-  void edit("mask.set", { ...s, joints, masked }).then((ok) => {
+  void edit("mask.set", { from: s.from, to: s.to, joints, masked }).then((ok) => {
     if (ok) store.toast(`frames ${s.from} to ${s.to - 1}, ${names}: ${masked ? "no goal" : "goals again"}`);
   });
 }
 
 function maskSpan(masked: boolean, joint?: string): void {
   const s = span();
-  if (!s || s.to <= s.from) return;
-  void edit("mask.set", { ...s, ...(joint ? { joints: [joint] } : {}), masked }).then((ok) => {
+  if (!s) return store.toast("there are no frames between keys here");
+  void edit("mask.set", { from: s.from, to: s.to, ...(joint ? { joints: [joint] } : {}), masked }).then((ok) => {
     if (ok) store.toast(`frames ${s.from} to ${s.to - 1}, ${joint ?? "all joints"}: ${masked ? "no goal" : "goals again"}`);
   });
 }
 
 function nudge(df: number, ripple: boolean): void {
-  const frames = selected();
-  const first = frames[0] ?? 0;
-  if (first + df < 0) return;
-  void edit("keys.move", { frames, df, ripple, replace: false }).then((ok) => {
-    if (ok) store.selection.value = new Set(frames.map((f) => f + df));
+  inTurn(async () => {
+    const frames = selected();
+    const first = frames[0];
+    if (first === undefined || first + df < 0) return;
+    if (!(await edit("keys.move", { frames, df, ripple, replace: false }))) return;
+    // The playhead stays on the key that it was on.
+    if (frames.includes(store.playhead.value)) seek(store.playhead.value + df);
+    store.selection.value = new Set(frames.map((f) => f + df));
   });
 }
 

@@ -2,7 +2,8 @@
 // document by itself; it sends operations and draws what comes back.
 
 import { batch } from "@preact/signals";
-import { values, type Clip } from "./clip";
+import { changedBy, keyAt, values, type Clip } from "./clip";
+import { within } from "./span";
 import {
   patched, type Demand, type DocumentView, type ErrorBody, type Event, type JobEvent, type JobKind, type JobView, type RobotFacts,
   type State, type WorkerState,
@@ -95,9 +96,22 @@ function open(): void {
   ws.onclose = () => {
     for (const w of waiting.values()) w.resolve({ ok: false, error: { code: "lost", message: "the studio is gone" } });
     waiting.clear();
-    store.link.value = greeted || store.link.value === "lost" || store.link.value === "open" ? "lost" : "refused";
-    setTimeout(open, 1000);
+    void whyClosed(greeted).then((why) => {
+      store.link.value = why;
+      setTimeout(open, 1000);
+    });
   };
+}
+
+/** A studio that is there and refuses us has another token; one that does not answer is gone. */
+async function whyClosed(greeted: boolean): Promise<"lost" | "refused"> {
+  if (greeted) return "lost";
+  try {
+    const { status } = await fetch("/api/state", { method: "HEAD", credentials: "same-origin", signal: AbortSignal.timeout(5000) });
+    return status === 401 || status === 403 ? "refused" : "lost";
+  } catch {
+    return "lost";
+  }
 }
 
 function send(op: string, args: object): Promise<Reply> {
@@ -154,6 +168,8 @@ function receive(e: Event): void {
           const clip = patched(d.clip, e.patch);
           store.doc.value = { ...d, rev: e.rev, clip, dirty: e.dirty, history: e.history };
           // A key that has gone, or gone elsewhere, is no longer selected.
+          store.range.value = within(store.range.value, clip.length);
+          store.playhead.value = Math.min(store.playhead.value, Math.max(0, clip.length - 1));
           const there = [...store.selection.value].filter((f) => clip.keys.some((k) => k.frame === f));
           if (there.length < store.selection.value.size) store.selection.value = new Set(there);
           store.announcement.value = e.label;
@@ -360,15 +376,26 @@ function adopt(d: DocumentView | null): void {
     }
     store.policies.value = d.policies;
     if (store.page.value === "gallery") store.page.value = "editor";
-    // The same one again comes to who has fallen behind; a clip without a name may be another.
-    if (d.rev === 0 || before?.clip.name !== d.clip.name || before?.path !== d.path) {
-      store.selection.value = new Set();
-      store.playhead.value = 0;
-      store.joint.value = undefined;
-      store.frames.value = { q: [], error: [] };
-    }
+    // The same one again comes to who has fallen behind or was cut off.
+    if (before?.opened !== d.opened || before.clip.robot.id !== d.clip.robot.id || d.rev < before.rev) forget();
   });
   if (d) void loadRobot(d.clip.robot.id);
+}
+
+/** What was chosen in one document means nothing in the next. */
+function forget(): void {
+  if (store.floating.value) dropFloating();
+  store.playing.value = false;
+  store.selection.value = new Set();
+  store.playhead.value = 0;
+  store.range.value = undefined;
+  store.joint.value = undefined;
+  store.takes.value = [];
+  store.compared.value = undefined;
+  store.frames.value = { q: [], error: [] };
+  store.rollout.value = undefined;
+  base = undefined;
+  endPreview();
 }
 
 async function loadRobot(id: string): Promise<void> {
@@ -386,7 +413,7 @@ export async function openWith(method: string, path: string, body?: unknown): Pr
   try {
     const opened = await http<DocumentView>(method, path, body);
     // The event of it came first, or is about to: it brings what follows from it, too.
-    if (store.doc.value?.rev !== opened.rev || store.doc.value.clip.robot.id !== opened.clip.robot.id) adopt(opened);
+    if (store.doc.value?.opened !== opened.opened) adopt(opened);
     store.page.value = "editor";
     if (left && !left.path && left.history.done > 0) store.toast(`"${left.clip.name || "untitled"}" was never saved; it waits under Examples, Unsaved`);
   } catch (e) {
@@ -496,7 +523,14 @@ export async function keyFloating(): Promise<void> {
   const d = store.doc.value;
   const q = store.floating.value;
   if (!d || !q) return;
-  if (await edit("keys.add", { keys: [{ frame: store.playhead.value, q }], replace: true })) dropFloating();
+  const frame = store.playhead.value;
+  const key = keyAt(d.clip, frame);
+  const changes = key && changedBy(d.clip, key, q);
+  const done = !changes ? await edit("keys.add", { keys: [{ frame, q }] })
+    : Object.keys(changes).length === 0 || (await edit("keys.set", { frame, values: changes }));
+  if (!done) return;
+  dropFloating();
+  store.selection.value = new Set([frame]);
 }
 
 export function dropFloating(): void {

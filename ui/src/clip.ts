@@ -35,6 +35,8 @@ export interface Clip {
   keys: Key[];
   masks?: Mask[];
   markers?: Marker[];
+  /** The state before frame 0; without one the first key's. */
+  start?: { pose: string } | { q: number[] } | null;
 }
 
 /** Frames that a key commands: its own and its hold. */
@@ -53,7 +55,32 @@ export function values(clip: Clip, key: Key): (number | null)[] {
   return (key.pose !== undefined && clip.poses?.[key.pose]) || [];
 }
 
-export function keyAt(clip: Clip, frame: number): Key | undefined {
+/** Joints of a key that a pose would change. Those that the key leaves open stay open. */
+export function changedBy(clip: Clip, key: Key, pose: number[]): Record<string, number> {
+  const held = values(clip, key);
+  return Object.fromEntries(clip.robot.joints.flatMap((name, j) => {
+    const [was, now] = [held[j], pose[j]];
+    // Values live on a grid of 1e-6.
+    return typeof was === "number" && now !== undefined && Math.abs(now - was) > 5e-7 ? [[name, now]] : [];
+  }));
+}
+
+/** Mean distance of the robot from a key at frame 0 when the motion begins; undefined without one. */
+export function startsAway(clip: Clip, first: number[] | undefined): number | undefined {
+  const key = keyAt(clip, 0);
+  if (!key || !first || clip.masks?.some((m) => m.from === 0 && !m.joints)) return undefined;
+  const off = values(clip, key).flatMap((v, j) => (typeof v === "number" ? [Math.abs(v - (first[j] ?? v))] : []));
+  return off.length ? off.reduce((a, b) => a + b, 0) / off.length : undefined;
+}
+
+/** How many keys would lose their place to these: keys that stand where others land. */
+export function replaced(clip: Clip, landing: Iterable<number>, leaving: Iterable<number> = []): number {
+  const gone = new Set(leaving);
+  const to = new Set(landing);
+  return clip.keys.filter((k) => to.has(k.frame) && !gone.has(k.frame)).length;
+}
+
+export function keyAt(clip: Pick<Clip, "keys">, frame: number): Key | undefined {
   return clip.keys.find((k) => k.frame === frame);
 }
 

@@ -7,7 +7,7 @@ import uPlot from "uplot";
 import "uplot/dist/uPlot.min.css";
 import { keyEnd, values } from "./clip";
 import * as store from "./store";
-import { SERIES, colors } from "./theme";
+import { colors, hue } from "./theme";
 
 /** Goals of one joint by frame; null where masked. Fills between keys are left to the line. */
 function goals(joint: number): (number | null)[] {
@@ -30,6 +30,40 @@ function column(q: number[][], joint: number, length: number): (number | null)[]
   return Array.from({ length }, (_, f) => q[f]?.[joint] ?? null);
 }
 
+/** A cross where a key commands the joint, however short; a line as long as it is held. */
+function crosses(u: uPlot, joint: number, color: string, turn: number): void {
+  const d = store.doc.value;
+  if (!d) return;
+  const goal = goals(joint);
+  const { ctx } = u;
+  const r = 3.5 * devicePixelRatio;
+  ctx.save();
+  ctx.beginPath();
+  ctx.rect(u.bbox.left - r, u.bbox.top - r, u.bbox.width + 2 * r, u.bbox.height + 2 * r);
+  ctx.clip();
+  ctx.strokeStyle = color;
+  ctx.lineWidth = 1.6 * devicePixelRatio;
+  ctx.beginPath();
+  for (const key of d.clip.keys) {
+    const v = goal[key.frame];
+    if (v === null || v === undefined) continue;
+    const y = u.valToPos(v * turn, "y", true);
+    const x = u.valToPos(key.frame / d.clip.fps, "x", true);
+    ctx.moveTo(x - r, y - r);
+    ctx.lineTo(x + r, y + r);
+    ctx.moveTo(x + r, y - r);
+    ctx.lineTo(x - r, y + r);
+    let last = key.frame;
+    while (last + 1 < keyEnd(key) && goal[last + 1] === v) last++;
+    if (last > key.frame) {
+      ctx.moveTo(x, y);
+      ctx.lineTo(u.valToPos(last / d.clip.fps, "x", true), y);
+    }
+  }
+  ctx.stroke();
+  ctx.restore();
+}
+
 export function Curves() {
   const host = useRef<HTMLDivElement>(null);
   useEffect(() => {
@@ -42,7 +76,7 @@ export function Curves() {
       const c = colors();
       const width = Math.max(200, parent.clientWidth - 4);
       // Both charts in sight: what the panel has, less titles and legend.
-      const room = Math.max(120, parent.clientHeight - 66);
+      const room = Math.max(120, parent.clientHeight - 44);
       const axis = { stroke: c.dim, grid: { stroke: c.faint, width: 1 }, ticks: { stroke: c.rule }, font: "11px system-ui" };
       const cursor = {
         sync: { key: "curves" },
@@ -67,33 +101,44 @@ export function Curves() {
         u.ctx.stroke();
       }] } };
       const joint = store.joint.value ?? 0;
-      const color = SERIES[joint % SERIES.length] ?? "#56b4e9";
+      const color = hue(joint);
       const unit = store.doc.value?.table.joints[joint]?.unit ?? "rad";
       const deg = unit === "rad" && store.degrees.value;
       const axisUnit = unit === "m" ? "m" : deg ? "deg" : "rad";
       const title = store.titles.value[joint] ?? "";
-      const fmt = (v: number | null): string => (v === null || v === undefined ? "–" : v.toFixed(deg ? 1 : 3));
+      const turned = deg ? 180 / Math.PI : 1;
       // As many digits as tell one tick from the next; ticks near enough that there are two.
       const ticksOf = (_: uPlot, at: number[]): string[] => {
         const step = Math.abs((at[1] ?? 1) - (at[0] ?? 0));
         return at.map((v) => v.toFixed(Math.min(6, Math.max(0, Math.ceil(-Math.log10(step) - 1e-9)))));
       };
-      const upright = { ...axis, size: 48, space: 22, values: ticksOf };
-      const common = { width, legend: { live: false }, cursor: cursor as unknown as uPlot.Cursor, padding: [6, 8, 0, 0] as [number, number, number, number] };
+      // As wide as its longest number.
+      const wide = (_: uPlot, ticks: string[] | null): number => 18 + 6.4 * Math.max(3, ...(ticks ?? []).map((v) => v.length));
+      const upright = { ...axis, size: wide, space: 18, values: ticksOf };
+      /** What is smaller than anybody sees is no mountain. */
+      const atLeast = (least: number) => (_: uPlot, lo: number | null, hi: number | null): [number, number] => {
+        const [a, b] = [lo ?? 0, hi ?? 0];
+        const room = Math.max(0.06 * (b - a), (least - (b - a)) / 2);
+        return [a - room, b + room];
+      };
+      // Room for "100.5 s" beside its neighbour.
+      const across = { ...axis, size: 26, gap: 3, space: 58, ticks: { ...axis.ticks, size: 5 }, values: (_: uPlot, at: number[]) => at.map((v) => `${v} s`) };
+      const common = { width, legend: { show: false }, cursor: cursor as unknown as uPlot.Cursor, padding: [6, 20, 0, 0] as [number, number, number, number] };
       plots = [
         new uPlot({
-          ...common, height: Math.round(room * 0.58), title: `${title}, ${axisUnit}`, plugins: [line as unknown as uPlot.Plugin],
-          scales: { x: { time: false } },
-          axes: [{ ...axis, values: (_, at) => at.map((v) => `${v} s`) }, upright],
+          ...common, height: Math.round(room * 0.58), title: `${title}, ${axisUnit}`, plugins: [line as unknown as uPlot.Plugin, { hooks: { draw: (u) => crosses(u, joint, color, turned) } }],
+          scales: { x: { time: false }, y: { range: atLeast(unit === "m" ? 0.004 : deg ? 0.4 : 0.007) } },
+          axes: [across, upright],
           series: [{}, 
-            { label: "commanded", stroke: color, paths: () => null, points: { show: true, size: 6, stroke: color, fill: c.panel }, value: (_, v) => fmt(v) },
-            { label: "achieved", stroke: color, width: 1.6, value: (_, v) => fmt(v) },
-            { label: "compared", stroke: c.dim, width: 1.2, dash: [5, 4], value: (_, v) => fmt(v), show: store.compared.value !== undefined }],
+            // Drawn by `crosses`; here for the scale.
+            { label: "commanded", stroke: color, paths: () => null, points: { show: false } },
+            { label: "achieved", stroke: color, width: 1.6 },
+            { label: "compared", stroke: c.dim, width: 1.2, dash: [5, 4], show: store.compared.value !== undefined }],
         }, [[0], [null], [null], [null]], parent),
         new uPlot({
-          ...common, height: Math.round(room * 0.42), legend: { show: false }, title: `mean error, ${store.unit.value === "m" ? "mm" : "deg"}`, plugins: [line as unknown as uPlot.Plugin],
-          scales: { x: { time: false } },
-          axes: [{ ...axis, values: (_, at) => at.map((v) => `${v} s`) }, upright],
+          ...common, height: Math.round(room * 0.42), title: `mean error, ${store.unit.value === "m" ? "mm" : "deg"}`, plugins: [line as unknown as uPlot.Plugin],
+          scales: { x: { time: false }, y: { range: (_, __, hi) => [0, Math.max(1.06 * (hi ?? 0), store.unit.value === "m" ? 0.5 : 0.05)] } },
+          axes: [across, upright],
           series: [{}, { label: "error", stroke: c.error, width: 1.4, fill: c.error + "33" }, { label: "compared", stroke: c.dim, width: 1.2, dash: [5, 4] }],
         }, [[0], [null], [null]], parent),
       ];
@@ -144,5 +189,16 @@ export function Curves() {
       plots.forEach((p) => p.destroy());
     };
   }, []);
-  return <section class="curves" ref={host} aria-label="Curves" data-testid="curves" />;
+  // Shape says the kind, as in the chart: a cross, a line, dashes.
+  const ink = hue(store.joint.value ?? 0);
+  return (
+    <section class="curves" aria-label="Curves" data-testid="curves">
+      <div ref={host} class="plots" />
+      <ul class="curve-legend" aria-label="Legend">
+        <li><svg width="12" height="12" viewBox="0 0 12 12" aria-hidden="true"><path d="M2 2l8 8M10 2l-8 8" stroke={ink} stroke-width="1.8" /></svg>commanded</li>
+        <li><svg width="20" height="12" viewBox="0 0 20 12" aria-hidden="true"><path d="M0 6h20" stroke={ink} stroke-width="2" /></svg>achieved</li>
+        {store.compared.value !== undefined ? <li><svg width="20" height="12" viewBox="0 0 20 12" aria-hidden="true"><path d="M0 6h20" stroke="var(--dim)" stroke-width="1.5" stroke-dasharray="5 4" /></svg>compared</li> : null}
+      </ul>
+    </section>
+  );
 }

@@ -4,7 +4,7 @@ import { useSignal } from "@preact/signals";
 import type { ComponentChildren } from "preact";
 import { useLayoutEffect, useRef } from "preact/hooks";
 import { ACTIONS, act } from "./actions";
-import { complain, edit, http, openWith, poseAt, save, tell } from "./api";
+import { edit, openWith, poseAt, save, tell } from "./api";
 import { keyAt } from "./clip";
 import * as store from "./store";
 import { Export } from "./export";
@@ -88,7 +88,7 @@ function Palette({ onClose }: { onClose: () => void }) {
   };
   return (
     <Dialog title="Find a command" onClose={onClose} class="palette">
-      <input type="text" role="combobox" aria-expanded="true" aria-controls="palette-list" aria-label="Command" value={text.value}
+      <input type="text" role="combobox" aria-expanded="true" aria-controls="palette-list" aria-activedescendant={found[at.value] ? `palette-${found[at.value]?.id}` : undefined} aria-label="Command" value={text.value}
         onInput={(e) => { text.value = e.currentTarget.value; at.value = 0; }}
         onKeyDown={(e) => {
           if (e.key === "ArrowDown") at.value = Math.min(found.length - 1, at.value + 1);
@@ -98,8 +98,8 @@ function Palette({ onClose }: { onClose: () => void }) {
           e.preventDefault();
         }} />
       <ul id="palette-list" role="listbox">
-        {found.slice(0, 14).map((a, i) => (
-          <li key={a.id} role="option" aria-selected={i === at.value} onClick={() => run(a.id)} title={a.not?.() ?? ""}>
+        {found.map((a, i) => (
+          <li key={a.id} id={`palette-${a.id}`} role="option" aria-selected={i === at.value} ref={(e) => { if (i === at.value) e?.scrollIntoView({ block: "nearest" }); }} onClick={() => run(a.id)} title={a.not?.() ?? ""}>
             <span style={a.not?.() ? "opacity: .5" : ""}>{a.title}</span><span>{(a.keys ?? []).slice(0, 1).map((k) => <kbd key={k}>{k}</kbd>)}</span>
           </li>
         ))}
@@ -159,6 +159,8 @@ function Shortcuts({ onClose }: { onClose: () => void }) {
         <div><span>Turn or pull finely</span><kbd>Shift+drag</kbd></div>
         <div><span>Give a drag up</span><kbd>Esc</kbd></div>
         <div><span>Lock or mask a row's joints</span><kbd>L M</kbd></div>
+        <div><span>Length of the clip</span><kbd>drag its end</kbd></div>
+        <div><span>What can be done here</span><kbd>right button</kbd></div>
       </div>
       <div class="row" style="margin-top: 12px; justify-content: flex-end"><button class="main" onClick={onClose}>Close</button></div>
     </Dialog>
@@ -206,8 +208,26 @@ function KeyEditor({ frame, onClose }: { frame: number; onClose: () => void }) {
   );
 }
 
+/** Achieved states in the place of the keys of a span. */
+function bake(span: { from: number; to: number }, every: number): void {
+  const clip = store.doc.value?.clip;
+  const { q } = store.frames.value;
+  if (!clip) return;
+  const gone = clip.keys.map((k) => k.frame).filter((f) => f >= span.from && f < span.to);
+  const keys: { frame: number; q: number[] }[] = [];
+  for (let f = span.from; f < Math.min(span.to, q.length); f += every) {
+    keys.push({ frame: f, q: (q[f] ?? []).map((v) => Math.round(v * 1e6) / 1e6) });
+  }
+  const ops = [...(gone.length ? [{ op: "keys.delete", args: { frames: gone } }] : []), { op: "keys.add", args: { keys } }];
+  void edit("batch", { label: `Take as ${keys.length} keys`, ops }).then((ok) => {
+    if (!ok) return;
+    store.selection.value = new Set(keys.map((k) => k.frame));
+    store.toast(`${keys.length} keys from the take${gone.length ? ` in the place of ${gone.length}` : ""}`, "info", true);
+  });
+}
+
 /** The dialog of this name. */
-export function Dialogs(props: { name: string | undefined; frame: number | undefined; onClose: () => void }) {
+export function Dialogs(props: { name: string | undefined; about: string | undefined; frame: number | undefined; onClose: () => void }) {
   const { onClose } = props;
   if (props.frame !== undefined) return <KeyEditor frame={props.frame} onClose={onClose} />;
   const frames = [...store.selection.value].sort((a, b) => a - b);
@@ -235,6 +255,25 @@ export function Dialogs(props: { name: string | undefined; frame: number | undef
       else if (n < 0) void edit("time.delete", { from: at, to: at - Math.round(n) });
     })} />;
     case "hold": return <Ask title="Hold" label="Frames (20 are a second)" value="20" onClose={onClose} onDone={(t) => number(t, (n) => void edit("keys.hold", { frames, hold: Math.max(1, Math.round(n)) }))} />;
+    case "sparsify": {
+      const clip = store.doc.value?.clip;
+      const some = frames.length > 2 ? frames : (clip?.keys ?? []).map((k) => k.frame);
+      const metres = store.unit.value === "m";
+      const scale = metres ? 1000 : store.degrees.value ? 180 / Math.PI : 1;
+      const unit = metres ? "mm" : store.degrees.value ? "degrees" : "rad";
+      return <Ask title={`Thin out ${frames.length > 2 ? `${some.length} selected keys` : `all ${some.length} keys`}`} label={`How far a key may lie from the line between the others, ${unit}`} value={metres ? "2" : store.degrees.value ? "2" : "0.03"} hint="the extremes of the motion stay; so do keys with a hold, a note or a pose" onClose={onClose} onDone={(t) => number(t, (n) => {
+        const before = some.length;
+        void edit("keys.sparsify", { frames: some, tolerance: n / scale }).then((ok) => {
+          const left = new Set(store.doc.value?.clip.keys.map((k) => k.frame));
+          if (ok) store.toast(`${before - some.filter((f) => left.has(f)).length} of ${before} keys went`, "info", true);
+        });
+      })} />;
+    }
+    case "densify": {
+      const clip = store.doc.value?.clip;
+      const span = store.range.value ?? { from: 0, to: clip?.length ?? 0 };
+      return <Ask title={`The take as keys, frames ${span.from} to ${span.to - 1}`} label="A key every so many frames" value="1" hint="what was reached becomes what is commanded; thin the keys out afterwards" onClose={onClose} onDone={(t) => number(t, (n) => bake(span, Math.max(1, Math.round(n))))} />;
+    }
     case "pose": return <Ask title="Save pose" label="Name" value="pose" onClose={onClose} onDone={(name) => {
       const clip = store.doc.value?.clip;
       if (!name || !clip) return false;
@@ -242,6 +281,19 @@ export function Dialogs(props: { name: string | undefined; frame: number | undef
       return true;
     }} />;
     case "marker": return <Ask title="Marker" label="Name" value="mark" onClose={onClose} onDone={(name) => void edit("markers.add", { frame: store.playhead.value, name })} />;
+    case "rename-marker": {
+      const frame = store.playhead.value;
+      const marker = store.doc.value?.clip.markers?.find((m) => m.frame === frame);
+      return <Ask title="Rename marker" label="Name" value={marker?.name ?? ""} onClose={onClose} onDone={(name) => void edit("markers.set", { frame, name })} />;
+    }
+    case "rename-pose": {
+      const old = props.about ?? "";
+      return <Ask title={`Rename pose ${old}`} label="Name" value={old} hint="keys that take it follow" onClose={onClose} onDone={(to) => {
+        if (!to) return false;
+        if (to !== old) void edit("pose.rename", { name: old, to });
+        return true;
+      }} />;
+    }
     case "save-as": return <Ask title="Save as" label="File" value={store.doc.value?.path ?? `${(store.doc.value?.clip.name ?? "clip").replace(/[^\w-]+/g, "_")}.clip.json`} hint={`relative to ${store.folder.value}`} onClose={onClose} onDone={(path) => void save(path)} />;
     case "open": return <Ask title="Open" label="File" value="" hint={`a .clip.json, relative to ${store.folder.value}`} onClose={onClose} onDone={(path) => { if (path) void openWith("POST", "/api/open", { path }); }} />;
     case "theme": return (
@@ -252,13 +304,3 @@ export function Dialogs(props: { name: string | undefined; frame: number | undef
     default: return null;
   }
 }
-
-export async function newClip(robot: string): Promise<void> {
-  try {
-    await openWith("POST", "/api/new", { robot });
-  } catch (e) {
-    complain(e);
-  }
-}
-
-export { http };

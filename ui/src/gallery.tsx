@@ -34,6 +34,13 @@ function Card({ item }: { item: GalleryItem }) {
 
 export function Gallery() {
   const chosen = useSignal("shadow_hand");
+  const name = useSignal("");
+  const secs = useSignal("5");
+  const create = (): void => {
+    const length = Math.round(Number(secs.value.replace(",", ".").replace(/ *s$/, "")) * 20);
+    if (!(length >= 2)) return store.toast(`"${secs.value}" is no number of seconds`, "error");
+    void openWith("POST", "/api/new", { robot: chosen.value, length, name: name.value.trim() });
+  };
   useEffect(() => {
     if (store.link.value !== "open") return;
     void refreshShelf();
@@ -54,7 +61,9 @@ export function Gallery() {
         <select aria-label="Robot" value={chosen.value} onChange={(e) => (chosen.value = e.currentTarget.value)}>
           {store.robots.value.map((r) => <option key={r.source} value={r.source}>{ROBOTS[r.id] ?? r.id}</option>)}
         </select>
-        <button class="main" onClick={() => void openWith("POST", "/api/new", { robot: chosen.value })} data-testid="new-clip">New clip</button>
+        <input type="text" placeholder="name" aria-label="Name of the new clip" style="width: 150px" value={name.value} onInput={(e) => (name.value = e.currentTarget.value)} onKeyDown={(e) => e.key === "Enter" && create()} />
+        <label><input type="text" inputMode="decimal" aria-label="Length of the new clip, seconds" style="width: 48px; text-align: right" value={secs.value} onInput={(e) => (secs.value = e.currentTarget.value)} onKeyDown={(e) => e.key === "Enter" && create()} /> s</label>
+        <button class="main" onClick={create} data-testid="new-clip">New clip</button>
         <button onClick={() => act("open")}>Open a file…</button>
         <button onClick={() => act("runs")}>Import your own robot…</button>
       </div>

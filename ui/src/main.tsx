@@ -1,22 +1,23 @@
 // The shell: which page, the editor's grid, banners, menus; and the hooks of browser tests.
 
 import { render } from "preact";
-import { useEffect, useLayoutEffect } from "preact/hooks";
+import { useEffect, useRef } from "preact/hooks";
 import { useSignal } from "@preact/signals";
 import "./app.css";
-import { act, setFill, chosenJoint, noJointMask } from "./actions";
-import { ackTimes, connect, http, tell } from "./api";
+import { act, span } from "./actions";
+import { ackTimes, connect, edit, http, tell } from "./api";
 import { Curves } from "./curves";
 import { Dialogs } from "./dialogs";
 import { Gallery } from "./gallery";
 import { overLink } from "./hand";
 import { Inspector } from "./inspector";
+import { Menu } from "./menu";
 import { Poses, Problems, Takes } from "./panels";
 import { install } from "./shortcuts";
 import type { Demand as DemandOf } from "./protocol";
 import * as store from "./store";
 import { setTheme } from "./theme";
-import { Timeline, testPoints, type Menu } from "./timeline/timeline";
+import { Timeline, measured, testPoints } from "./timeline/timeline";
 import { Transport } from "./transport";
 import { Rendered } from "./rendered";
 import { Runs } from "./runs";
@@ -42,15 +43,49 @@ function Brand() {
   return <span class="brand"><img src="/ui/icon.svg" width="18" height="18" alt="" /> RoBERT Studio</span>;
 }
 
+/** The clip's name, to be typed over, and its file. */
+function Title() {
+  const text = useSignal<string | undefined>(undefined);
+  const field = useRef<HTMLInputElement>(null);
+  const d = store.doc.value;
+  useEffect(() => {
+    const begin = (): void => {
+      text.value = store.doc.value?.clip.name ?? "";
+    };
+    document.addEventListener("robert-rename", begin);
+    return () => document.removeEventListener("robert-rename", begin);
+  }, []);
+  const typing = text.value !== undefined;
+  useEffect(() => {
+    if (typing) field.current?.select();
+  }, [typing]);
+  if (!d) return null;
+  const done = (keep: boolean): void => {
+    const name = text.value?.trim();
+    text.value = undefined;
+    if (keep && name !== undefined && name !== (d.clip.name ?? "")) void edit("clip.rename", { name });
+  };
+  const file = d.path?.split("/").at(-1);
+  return typing ? (
+    <input type="text" class="title" ref={field} aria-label="Name of the clip" data-testid="name" value={text.value}
+      onInput={(e) => (text.value = e.currentTarget.value)} onBlur={() => done(true)}
+      onKeyDown={(e) => { if (e.key === "Enter") done(true); if (e.key === "Escape") done(false); }} />
+  ) : (
+    <>
+      <button class="quiet name" data-testid="title" title="Rename the clip (F2)" onClick={() => act("rename")}>{d.clip.name || "untitled"}{d.dirty ? " •" : ""}</button>
+      {file ? <span class="of" title={d.path ?? ""}>{file}</span> : null}
+    </>
+  );
+}
+
 function Bar() {
   const d = store.doc.value;
-  const name = d?.path?.split("/").at(-1) ?? d?.clip.name ?? "";
   const h = d?.history;
   return (
     <header class="bar">
       <Brand />
       <Pages />
-      <span class="name" data-testid="title">{name}{d?.dirty ? " •" : ""}</span>
+      <Title />
       <span class="of">{store.robot.value?.title}</span>
       <span class="grow" />
       <button class="quiet" onClick={() => act("undo")} disabled={!h || h.done === 0} title={h && h.done > 0 ? `Undo: ${h.labels[h.done - h.first - 1] ?? ""} (Ctrl+Z)` : "Nothing to undo"} data-testid="undo">Undo</button>
@@ -65,7 +100,12 @@ function Bar() {
 
 /** While the pointer is over a link. */
 const LINK_HINTS: [string, string][] = [["drag", "turn its joint"], ["Alt", "reach"], ["Shift", "fine"], ["Esc", "give up"], ["click", "select"], ["F", "frame"], ["G", "next tip"], ["?", "all"]];
-const HINTS: [string, string][] = [["drag", "move"], ["Alt", "copy"], ["Shift", "ripple"], ["S", "retime"], ["M", "mask"], ["K", "key"], ["Space", "play"], ["?", "all"]];
+/** What keys and the mouse do now; M says which frames it means. */
+function hints(): [string, string][] {
+  const s = span();
+  const mask = s ? `mask ${s.to - s.from === 1 ? s.from : `${s.from} to ${s.to - 1}`} (${s.why})` : "mask";
+  return [["drag", "move"], ["Alt", "copy"], ["Shift", "ripple"], ["S", "retime"], ["K", "key"], ["Space", "play"], ["?", "all"], ["M", mask]];
+}
 
 /** What the edit under the hand asks of the joints: red above what the policy's data hold. */
 function Demand({ of }: { of: DemandOf }) {
@@ -95,67 +135,12 @@ function Hint({ text }: { text: string }) {
   return (
     <footer class="hint">
       {store.demand.value ? <Demand of={store.demand.value} /> : null}
-      {text || held.value ? <b>{text || held.value}</b> : (overLink.value && !store.stills.value ? LINK_HINTS : HINTS).map(([k, t]) => <span key={k}><kbd>{k}</kbd> {t}</span>)}
+      {text || held.value ? <b>{text || held.value}</b> : (overLink.value && !store.stills.value ? LINK_HINTS : hints()).map(([k, t]) => <span key={k}><kbd>{k}</kbd> {t}</span>)}
       <span class="grow" />
       <span>{store.selection.value.size ? `${store.selection.value.size} selected` : ""}</span>
       <span>{!d ? "" : d.dirty ? "every edit is journalled; not saved to the file yet" : d.path ? "saved" : "not in a file yet"}</span>
       <span>{store.link.value === "open" ? "connected" : store.link.value}</span>
     </footer>
-  );
-}
-
-function ContextMenu({ menu, onClose, onOpenKey }: { menu: Menu; onClose: () => void; onOpenKey: (frame: number) => void }) {
-  const item = (title: string, keys: string, run: () => void, why?: string | null) => (
-    <button role="menuitem" disabled={!!why} title={why ?? ""} onClick={() => { onClose(); run(); }}>{title}<span style="color: var(--dim)">{keys}</span></button>
-  );
-  // Before it is seen: the next key may come at once.
-  useLayoutEffect(() => {
-    const close = (e: Event): void => {
-      if (!(e.target instanceof Element) || !e.target.closest(".menu")) onClose();
-    };
-    const key = (e: KeyboardEvent): void => {
-      if (e.key === "Escape") onClose();
-    };
-    window.addEventListener("pointerdown", close, true);
-    window.addEventListener("keydown", key, true);
-    return () => {
-      window.removeEventListener("pointerdown", close, true);
-      window.removeEventListener("keydown", key, true);
-    };
-  }, []);
-  const { key } = menu;
-  const joint = chosenJoint();
-  const left = Math.min(menu.x, innerWidth - 230);
-  const top = Math.min(menu.y, innerHeight - 330);
-  return (
-    <div class="menu" role="menu" style={`left: ${left}px; top: ${top}px`}>
-      {key === undefined ? (
-        <>
-          {item("Key here", "K", () => act("key"))}
-          {item("Mask: no goal here", "M", () => act("mask"))}
-          {item(`Mask ${joint ?? "one joint"} only`, "Alt+M", () => act("mask-joint"), joint ? noJointMask() : "choose a joint first")}
-          {item("Unmask", "U", () => act("unmask"))}
-          {item(`Unmask ${joint ?? "one joint"} only`, "Alt+U", () => act("unmask-joint"), joint ? null : "choose a joint first")}
-          {item(joint && store.locked.value.has(joint) ? `Free ${joint}` : `Lock ${joint ?? "one joint"}`, "Alt+L", () => act("lock-joint"), joint ? null : "choose a joint first")}
-          {item("Paste", "Ctrl+V", () => act("paste"))}
-          {item("Insert or remove time…", "E", () => act("ripple-right"))}
-          {item("Marker here…", "Shift+M", () => act("marker"))}
-        </>
-      ) : (
-        <>
-          {item("Type values…", "double-click", () => onOpenKey(key))}
-          {item("Hold…", "H", () => act("hold"))}
-          {item("Leave to the policy until the next key", "", () => setFill("mask"))}
-          {item("Straight line to the next key", "", () => setFill("linear"))}
-          {item("Smooth curve to the next key", "", () => setFill("cubic"))}
-          {item("Copy", "Ctrl+C", () => act("copy"))}
-          {item("Mirror", "", () => act("mirror"), store.noMirror.value)}
-          {item("Save as pose…", "P", () => { store.playhead.value = key; act("save-pose"); })}
-          {item("Marker here…", "Shift+M", () => { store.playhead.value = key; act("marker"); })}
-          {item("Delete", "X", () => act("delete"))}
-        </>
-      )}
-    </div>
   );
 }
 
@@ -175,7 +160,6 @@ function Side() {
 }
 
 function Editor(props: { openKey: (frame: number) => void }) {
-  const menu = useSignal<Menu | undefined>(undefined);
   const hint = useSignal("");
   return (
     <div class="editor" data-testid="editor">
@@ -185,11 +169,10 @@ function Editor(props: { openKey: (frame: number) => void }) {
       <aside class="right"><Inspector /><Problems /></aside>
       <Transport />
       <div class="below">
-        <Timeline onMenu={(m) => (menu.value = m)} onOpenKey={props.openKey} onHint={(t) => (hint.value = t)} />
+        <Timeline onOpenKey={props.openKey} onHint={(t) => (hint.value = t)} />
         <Side />
       </div>
       <Hint text={hint.value} />
-      {menu.value ? <ContextMenu menu={menu.value} onClose={() => (menu.value = undefined)} onOpenKey={props.openKey} /> : null}
     </div>
   );
 }
@@ -199,6 +182,7 @@ function App() {
   const keyFrame = useSignal<number | undefined>(undefined);
   const dismissed = useSignal(false);
   useEffect(() => {
+    // `name:about`, where a dialog is about one thing.
     const open = (e: Event): void => void (dialog.value = (e as CustomEvent<string>).detail);
     const saveAs = (): void => void (dialog.value = "save-as");
     document.addEventListener("robert-dialog", open);
@@ -212,9 +196,9 @@ function App() {
   return (
     <>
       {store.link.value === "refused" ? (
-        <div class="banner" role="alert">This page has no access. Open the address that <code>robert studio</code> printed, with its token.</div>
+        <div class="banner" role="alert">{d ? "Another studio runs here now: this page has no access to it. Nothing is lost, every acknowledged edit is on disk." : "This page has no access."} Open the address that <code>robert studio</code> printed last, with its token.</div>
       ) : store.link.value === "lost" ? (
-        <div class="banner" role="alert">The studio is gone. Nothing is lost: every acknowledged edit is on disk. Reconnecting…</div>
+        <div class="banner" role="alert">The studio is gone. Nothing is lost: every acknowledged edit is on disk. Reconnecting… If you start it again, open the address that it prints.</div>
       ) : store.worker.value?.phase === "stopped" ? (
         <div class="banner" role="alert" data-testid="worker-stopped">The simulation stopped: {store.worker.value.reason}. Editing goes on, nothing is lost.
           <button class="main" onClick={() => tell("worker.restart")}>Start it again</button>
@@ -231,7 +215,8 @@ function App() {
           {store.page.value === "runs" ? <Runs /> : <Gallery />}
         </div>
       )}
-      <Dialogs name={dialog.value} frame={keyFrame.value} onClose={() => { dialog.value = undefined; keyFrame.value = undefined; }} />
+      <Dialogs name={dialog.value?.split(":")[0]} about={dialog.value?.split(":").slice(1).join(":")} frame={keyFrame.value} onClose={() => { dialog.value = undefined; keyFrame.value = undefined; }} />
+      <Menu />
       <div class="toasts">
         {store.toasts.value.map((t) => (
           <div class={`toast ${t.kind}`} key={t.id} role={t.kind === "error" ? "alert" : "status"}>
@@ -259,7 +244,7 @@ Object.assign(window, {
   __studio: {
     get state() {
       return {
-        page: store.page.value, link: store.link.value, rev: store.doc.value?.rev, clip: store.doc.value?.clip,
+        page: store.page.value, link: store.link.value, opened: store.doc.value?.opened, rev: store.doc.value?.rev, clip: store.doc.value?.clip,
         dirty: store.doc.value?.dirty, playhead: store.playhead.value, selection: [...store.selection.value], site: store.site.value, locked: [...store.locked.value], moving: store.moving.value, demand: store.demand.value, floating: store.floating.value,
         rollout: store.rollout.value, frames: store.frames.value.q.length, joint: store.joint.value, playing: store.playing.value,
         history: store.doc.value?.history, findings: store.doc.value?.findings, settings: store.settings.value, view: store.view.value,
@@ -277,6 +262,7 @@ Object.assign(window, {
       return false;
     },
     ackTimes,
+    redraw: () => measured.paint(),
     frameToX: (f: number) => testPoints().frameToX(f),
     rowToY: (name: string) => testPoints().rowToY(name),
   },

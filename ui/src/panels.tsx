@@ -2,6 +2,7 @@
 
 import { useSignal } from "@preact/signals";
 import { edit, tell } from "./api";
+import { openMenu } from "./menu";
 import { seek } from "./actions";
 import { unlockedOnly } from "./hand";
 import { NoModel, Settings } from "./performance";
@@ -134,14 +135,23 @@ export function Poses() {
     ops.push({ op: "pose.apply", args: { name, frames, blend: blend.value / 100, mirrored: mirrored.value, ...unlockedOnly() } });
     void (ops.length === 1 && ops[0] ? edit(ops[0].op, ops[0].args) : edit("batch", { label: `Apply pose ${name}`, ops }));
   };
+  const menu = (e: MouseEvent, name: string): void => {
+    e.preventDefault();
+    const why = own.includes(name) ? null : "it comes with the robot: apply it, and the clip has its own";
+    openMenu(`Pose ${name}`, { x: e.clientX, y: e.clientY }, [
+      { title: "Apply", run: () => apply(name) },
+      { title: "Rename…", why, run: () => void document.dispatchEvent(new CustomEvent("robert-dialog", { detail: `rename-pose:${name}` })) },
+      { title: "Delete", why, run: () => void edit("pose.delete", { name }).then((ok) => ok && store.toast(`pose ${name} deleted; keys that took it keep its values`, "info", true)) },
+    ]);
+  };
   return (
     <section class="panel fill" aria-label="Poses" data-testid="poses">
       <h2>Poses</h2>
       <div class="scroll">
-        <input type="text" placeholder="find" aria-label="Find a pose" style="width: 100%; margin-bottom: 6px" value={find.value} onInput={(e) => (find.value = e.currentTarget.value)} />
+        {own.length + given.length > 8 ? <input type="text" placeholder="find" aria-label="Find a pose" style="width: 100%; margin-bottom: 6px" value={find.value} onInput={(e) => (find.value = e.currentTarget.value)} /> : null}
         <div class="poses">
           {names.map((name) => (
-            <button class="pose" key={name} onClick={() => apply(name)} title={`Apply ${name} at the playhead or to the selected keys`} data-testid={`pose-${name}`}>
+            <button class="pose" key={name} data-menu onClick={() => apply(name)} onContextMenu={(e) => menu(e, name)} title={`Apply ${name} at the playhead or to the selected keys; right button or Shift+F10: rename, delete`} data-testid={`pose-${name}`}>
               <img src={`/api/pose.jpg?pose=${encodeURIComponent(name)}&v=${encodeURIComponent(`${d.clip.robot.id}${own.includes(name) ? JSON.stringify(d.clip.poses?.[name]) : ""}`.slice(0, 600))}`} alt="" loading="lazy" onError={(e) => (e.currentTarget.style.visibility = "hidden")} />
               {name}
             </button>

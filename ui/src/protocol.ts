@@ -13,7 +13,7 @@ export interface Delta {
   notes?: string;
   length?: number;
   fill?: Fill;
-  start?: unknown;
+  start?: Clip["start"];
 }
 
 export interface ErrorBody {
@@ -78,6 +78,8 @@ export interface Demand {
 }
 
 export interface DocumentView {
+  /** Rises with every document that is opened. */
+  opened: number;
   rev: number;
   clip: Clip;
   path: string | null;
@@ -289,5 +291,6 @@ export function patched(clip: Clip, d: Delta): Clip {
   if (d.notes !== undefined) next.notes = d.notes;
   if (d.length !== undefined) next.length = d.length;
   if (d.fill !== undefined) next.fill = d.fill;
+  if (d.start !== undefined) next.start = d.start;
   return next;
 }

@@ -1,8 +1,11 @@
 import assert from "node:assert/strict";
+import { readFileSync } from "node:fs";
 import { test } from "node:test";
-import { clock, keyEnd, parseTime, type Clip } from "./clip";
+import { changedBy, clock, keyEnd, parseTime, replaced, startsAway, type Clip, type Key } from "./clip";
 import { patched } from "./protocol";
-import { fit, frameToX, rowsOf, tick, xToFrame, yToRow, rowToY, zoomAt, LABELS, ROW } from "./timeline/layout";
+import { bars, diamonds, marks, ofRow } from "./timeline/marks";
+import { acted, ahead, within } from "./span";
+import { fit, frameToX, rowsOf, tick, xToFrame, yToRow, rowToY, zoomAt, withFrame, withRow, LABELS, MARKERS, PRE_ROLL, ROW, RULER, STRIP } from "./timeline/layout";
 
 const clip: Clip = {
   format: "robert-clip/1", robot: { id: "r", joints: ["a", "b", "c"] }, fps: 20, length: 100,
@@ -48,4 +51,172 @@ test("a patch replaces, removes and keeps order", () => {
   assert.equal(next.length, 120);
   assert.equal(clip.length, 100, "the old document is untouched");
   assert.equal(keyEnd(clip.keys[1]!), 25);
+});
+
+test("a pose on a key changes its values only: open joints stay open, equal ones stay out", () => {
+  const key: Key = { frame: 20, q: [1, null, 3], hold: 5, note: "wait" };
+  const open = { ...clip, keys: [key] };
+  assert.deepEqual(changedBy(open, key, [1.5, 9, 3]), { a: 1.5 });
+  assert.deepEqual(changedBy(open, key, [1, 0, 3]), {});
+  const posed = { ...clip, poses: { p: [7, 7, 7] }, keys: [{ frame: 0, pose: "p" }] };
+  assert.deepEqual(changedBy(posed, posed.keys[0]!, [7, 8, 7]), { b: 8 });
+});
+
+test("keys that others would land on are counted", () => {
+  assert.equal(replaced(clip, [20]), 1);
+  assert.equal(replaced(clip, [21, 41]), 0);
+  assert.equal(replaced(clip, [20, 40], [0, 20]), 1, "20 leaves, 40 stays and is lost");
+  assert.equal(replaced(clip, [40], []), 1, "a copy leaves nothing");
+});
+
+test("M and U mean the selection, then the loop, then the interval", () => {
+  const range = { from: 3, to: 90 };
+  const at = (selected: number[], r: typeof range | undefined, playhead: number) => {
+    const s = acted(clip, new Set(selected), r, playhead);
+    return s && [s.from, s.to];
+  };
+  assert.deepEqual(at([0, 40], range, 70), [1, 40], "what is selected goes before the loop");
+  assert.deepEqual(at([20], range, 70), [25, 40], "one key: what follows its hold");
+  assert.deepEqual(at([], range, 70), [3, 90], "the loop");
+  assert.deepEqual(at([], undefined, 10), [1, 20], "the interval");
+  assert.deepEqual(at([], undefined, 70), [41, 100], "to the end of the clip");
+  const close = { ...clip, keys: [{ frame: 4, q: [0, 0, 0] }, { frame: 5, q: [0, 0, 0] }] };
+  assert.equal(acted(close, new Set([4, 5]), undefined, 4), undefined, "nothing between neighbours");
+  assert.equal(acted({ ...clip, keys: [{ frame: 4, hold: 2, q: [] }, { frame: 6, q: [] }] }, new Set(), undefined, 4), undefined, "no frames between");
+});
+
+test("a loop lasts as many frames as it has, on the page as in the 3D view", () => {
+  const span = { from: 20, to: 30 };
+  const shown: number[] = [];
+  let at: number | undefined = 20;
+  for (let i = 0; i < 40 && at !== undefined; i++) {
+    shown.push(Math.floor(at));
+    at = ahead(at, 1, span, true);
+  }
+  assert.deepEqual(shown.slice(0, 11), [20, 21, 22, 23, 24, 25, 26, 27, 28, 29, 20], "the last frame stands, too");
+  // The rule of the server: from + (at - from) mod (to - from).
+  for (let n = 0; n < 300; n += 0.37) {
+    let stepped: number | undefined = 22.5;
+    for (const part of [0.3, 0.7]) stepped = ahead(stepped ?? 0, n * part, span, true);
+    const whole = 20 + ((2.5 + n) % 10);
+    const apart = Math.abs((stepped ?? 0) - whole);
+    assert.ok(Math.min(apart, 10 - apart) < 1e-9, `${n}: ${stepped} ${whole}`);
+  }
+  assert.equal(ahead(28.5, 1, span, false), undefined, "once: it ends at the last frame");
+  assert.equal(ahead(5, 1, span, true), 6, "before the loop it runs into it");
+});
+
+test("a loop does not outlast the clip", () => {
+  assert.deepEqual(within({ from: 10, to: 60 }, 40), { from: 10, to: 40 });
+  assert.deepEqual(within({ from: 10, to: 60 }, 100), { from: 10, to: 60 });
+  assert.equal(within({ from: 50, to: 60 }, 40), undefined);
+  assert.equal(within(undefined, 40), undefined);
+});
+
+test("the timeline follows the playhead and the row of the keys", () => {
+  const box = { width: 900, height: 200 };
+  const near = zoomAt(fit(1000, box), 400, 20);
+  for (const frame of [0, 3, 500, 999]) {
+    const x = frameToX(withFrame(near, box, frame), frame);
+    assert.ok(x >= LABELS && x <= box.width, `frame ${frame} at ${x}`);
+  }
+  const whole = fit(100, box);
+  assert.equal(withFrame(whole, box, 50), whole, "what is in sight stays where it is");
+  assert.ok(withFrame(near, box, 0).left >= -PRE_ROLL - 1e-9);
+  for (const r of [0, 7, 22]) {
+    const y = rowToY(withRow({ ...whole, top: 100 }, box, r), r);
+    assert.ok(y >= RULER + MARKERS && y + ROW <= box.height - STRIP, `row ${r} at ${y}`);
+  }
+});
+
+test("a patch can change where the clip starts, and take that back", () => {
+  const started = patched(clip, { start: { q: [1, 2, 3] } });
+  assert.deepEqual(started.start, { q: [1, 2, 3] });
+  assert.equal(patched(started, { start: null }).start, null);
+});
+
+test("only keys in sight are laid out, with the one whose bar reaches in", () => {
+  const many: Clip = { ...clip, length: 2000, keys: Array.from({ length: 2000 }, (_, f) => ({ frame: f, q: [f, 0, 0] })) };
+  const box = { width: 900, height: 200 };
+  const none = new Map<number, number>();
+  const near = { zoom: 20, left: 1000, top: 0 };
+  const shown = marks(many, near, box, none, new Set()).map((m) => m.frame);
+  assert.ok(shown.length < 45 && shown.includes(999) && shown.includes(1000) && shown.includes(1036), shown.join());
+  const sparse: Clip = { ...clip, length: 2000, fill: "linear", keys: [{ frame: 0, q: [0, 0, 0] }, { frame: 1999, q: [0, 0, 0] }] };
+  assert.deepEqual(marks(sparse, near, box, none, new Set()).map((m) => m.frame), [0], "its line crosses what is in sight");
+  assert.equal(bars(marks(sparse, near, box, none, new Set())).length, 1);
+  const dragged = marks(many, near, box, new Map([[5, 1010]]), new Set([5]));
+  assert.ok(dragged.some((m) => m.frame === 5 && m.selected), "a key dragged into sight");
+});
+
+test("keys closer than the eye parts them are one diamond, but a selected one shows", () => {
+  const many: Clip = { ...clip, length: 2000, keys: Array.from({ length: 2000 }, (_, f) => ({ frame: f, q: [f, 0, 0] })) };
+  const box = { width: 1168, height: 200 };
+  const list = marks(many, fit(2000, box), box, new Map(), new Set([777]));
+  assert.equal(list.length, 2000);
+  const drawn = diamonds(list);
+  assert.ok(drawn.length < 1000, `${drawn.length}`);
+  assert.equal(drawn.filter((d) => d.ink === "selected").length, 1);
+  const gaps = drawn.filter((d) => d.ink === "whole").map((d) => d.x);
+  assert.ok(gaps.every((x, i) => i === 0 || x - (gaps[i - 1] ?? 0) < 3), "no gap in the row of diamonds");
+});
+
+test("a joint without a goal has no diamond in its row and half a one in its group's", () => {
+  const open: Clip = { ...clip, keys: [{ frame: 10, q: [1, null, 3] }, { frame: 20, q: [1, 2, 3], hold: 4 }] };
+  const list = marks(open, fit(100, { width: 900, height: 200 }), { width: 900, height: 200 }, new Map(), new Set());
+  const part = list.filter((m) => !m.full);
+  assert.deepEqual(part.map((m) => m.frame), [10]);
+  assert.deepEqual(ofRow(part, [1]), []);
+  assert.deepEqual(diamonds(ofRow(part, [0])).map((d) => d.ink), ["whole"]);
+  assert.deepEqual(diamonds(ofRow(part, [0, 1])).map((d) => d.ink), ["part"]);
+  assert.deepEqual(diamonds(ofRow(part, undefined)).map((d) => d.ink), ["part"]);
+  assert.deepEqual(bars(list).map((b) => b.ink), ["masked", "hold"]);
+});
+
+/** Contrast of two colours, WCAG 2.2. */
+function contrast(a: string, b: string): number {
+  const light = (hex: string): number => {
+    const [r, g, bl] = [1, 3, 5].map((i) => {
+      const c = parseInt(hex.slice(i, i + 2), 16) / 255;
+      return c <= 0.03928 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4;
+    }) as [number, number, number];
+    return 0.2126 * r + 0.7152 * g + 0.0722 * bl;
+  };
+  const [hi, lo] = [light(a), light(b)].sort((x, y) => y - x) as [number, number];
+  return (hi + 0.05) / (lo + 0.05);
+}
+
+test("words have a contrast of 4.5 to 1, shapes and curves of 3 to 1, dark and light", () => {
+  assert.ok(Math.abs(contrast("#000000", "#ffffff") - 21) < 1e-6);
+  const css = readFileSync("src/app.css", "utf8");
+  const themes = [...css.matchAll(/:root[^{]*\{([^{}]*--back:[^{}]*)\}/g)].map((m) => new Map([...(m[1] ?? "").matchAll(/--([\w-]+):\s*([^;]+);/g)].map((v) => [v[1] ?? "", (v[2] ?? "").trim()] as const)));
+  assert.equal(themes.length, 3, "dark, light as the system says, light as chosen");
+  assert.deepEqual([...themes[1]!], [...themes[2]!], "one light theme");
+  for (const theme of themes.slice(0, 2)) {
+    const color = (name: string): string => {
+      const v = theme.get(name);
+      assert.match(v ?? "", /^#[0-9a-f]{6}$/, name);
+      return v ?? "";
+    };
+    const least = (front: string, backs: string[], ratio: number, name = front): void => {
+      for (const b of backs) {
+        const c = contrast(front.startsWith("#") ? front : color(front), color(b));
+        assert.ok(c >= ratio, `${name} on ${b}: ${c.toFixed(2)}`);
+      }
+    };
+    for (const word of ["text", "dim", "ok", "warn", "bad", "accent", "marker"]) least(word, ["back", "panel", "raise"], 4.5);
+    least("accent-text", ["accent"], 4.5);
+    for (const shape of ["key", "selected", "playhead", "look", "error", "cached", "focus", "blind", "fill"]) least(shape, ["back", "panel"], 3);
+    const series = (theme.get("series") ?? "").split(" ");
+    assert.equal(new Set(series).size, 8);
+    for (const c of series) least(c, ["panel"], 3, `curve ${c}`);
+  }
+});
+
+test("how far the robot begins from the first key is said of the joints that have a goal", () => {
+  const c: Clip = { ...clip, keys: [{ frame: 0, q: [1, null, 3] }] };
+  assert.equal(startsAway(c, [0.5, 9, 3.5]), 0.5);
+  assert.equal(startsAway(c, undefined), undefined);
+  assert.equal(startsAway({ ...c, masks: [{ from: 0, to: 5 }] }, [0, 0, 0]), undefined);
+  assert.equal(startsAway({ ...c, keys: [{ frame: 3, q: [1, 2, 3] }] }, [0, 0, 0]), undefined, "no goal at frame 0");
 });

@@ -94,11 +94,13 @@ export function Rendered() {
       store.toast(e instanceof Error ? e.message : String(e), "error");
     }
   };
+  // Who asked the system for less motion starts the film by hand.
+  const still = matchMedia("(prefers-reduced-motion: reduce)").matches;
   const busy = isRunning(current);
   return (
     <section class="rendered" aria-label="Rendered" data-testid="rendered">
       {film.value && !stale ? (
-        <video src={film.value.url} controls autoplay loop data-testid="film" />
+        <video src={film.value.url} controls autoplay={!still} loop data-testid="film" />
       ) : error.value ? (
         <p class="problem error" role="alert" data-testid="still-error">{error.value}</p>
       ) : url.value ? (

@@ -9,7 +9,7 @@ import { complain, http, openWith, refreshShelf, resumeJob, startJob, tell } fro
 import { isRunning, JobBar, minutes } from "./jobs";
 import type { JobKind, JobView, RunCard } from "./protocol";
 import * as store from "./store";
-import { SERIES, colors } from "./theme";
+import { colors, hue } from "./theme";
 
 const AGENTS: [string, string][] = [
   ["noise", "smooth random torque: seconds"], ["rnd", "random network distillation"], ["icm", "curiosity of a forward model"],
@@ -140,7 +140,7 @@ function JobCurves({ id }: { id: number }) {
           width: 320, height: 150, title: chart.title, legend: { live: false, show: chart.names.length > 1 },
           scales: { x: { time: false } },
           axes: [{ ...axis, values: (_, at) => at.map((v) => (v >= 1000 ? `${v / 1000}k` : `${v}`)) }, { ...axis, size: 52 }],
-          series: [{}, ...chart.names.map((label, i) => ({ label, stroke: SERIES[i % SERIES.length] as string, width: 1.5, spanGaps: true, points: { show: chart.x.length < 30, size: 4 } }))],
+          series: [{}, ...chart.names.map((label, i) => ({ label, stroke: hue(i), width: 1.5, spanGaps: true, points: { show: chart.x.length < 30, size: 4 } }))],
         }, [chart.x, ...chart.ys] as uPlot.AlignedData, parent));
       }
       charts.forEach((chart, i) => plots[i]?.setData([chart.x, ...chart.ys] as uPlot.AlignedData));

@@ -28,8 +28,8 @@ export function onKeyDown(e: KeyboardEvent): void {
   const keys = chord(e);
   if (typing(e.target) && !/^(Ctrl\+[SKOE]|Ctrl\+Shift\+S|F1)$/.test(keys)) return;
   const focus = e.target instanceof HTMLElement ? e.target : undefined;
-  // A focused button keeps Space and Enter, a slider or an edge of a panel its arrows.
-  if (focus?.tagName === "BUTTON" && (keys === "Space" || keys === "Enter")) return;
+  // A focused button or heading keeps Space and Enter, a slider or an edge of a panel its arrows.
+  if ((focus?.tagName === "BUTTON" || focus?.tagName === "SUMMARY") && (keys === "Space" || keys === "Enter")) return;
   if (focus instanceof HTMLInputElement && focus.type === "range" && /Arrow|Home|End/.test(keys)) return;
   if (focus?.getAttribute("role") === "separator" && /Arrow/.test(keys)) return;
   const id = byKey.get(keys);

@@ -5,10 +5,11 @@ import type { Clip } from "./clip";
 import type {
   Demand, Findings, GalleryItem, History, JobView, JointTable, PolicyCard, RecentFile, RobotCard, RobotFacts, RolloutSettings,
   RolloutState, Shelf, WorkerState, Draft } from "./protocol";
-import type { Group, View } from "./timeline/layout";
+import type { Box, Group, View } from "./timeline/layout";
 import { fit } from "./timeline/layout";
 
 export interface Document {
+  opened: number;
   rev: number;
   clip: Clip;
   path: string | null;
@@ -82,6 +83,10 @@ export const demand = signal<Demand | undefined>(undefined);
 export const closed = signal<ReadonlySet<string>>(new Set());
 /** Names of joints that no hand moves. */
 export const locked = signal<ReadonlySet<string>>(new Set());
+/** The row of the timeline that the keys of the grid are about. */
+export const row = signal(0);
+/** Size of the timeline, pixels. */
+export const sheet = signal<Box>({ width: 800, height: 240 });
 export const view = signal<View>(fit(200, { width: 1200, height: 300 }));
 export const autoKey = signal(true);
 /** A pose that is edited but is no key yet (auto-key off). */

@@ -17,8 +17,11 @@ export function colors(): Theme {
   return cached;
 }
 
-/** Joint colours of curves: Okabe and Ito's palette, safe for colour-blind eyes. */
-export const SERIES = ["#56b4e9", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#0072b2", "#f0e442", "#999999"];
+/** The colour of a curve by its number. */
+export function hue(i: number): string {
+  const all = getComputedStyle(document.documentElement).getPropertyValue("--series").trim().split(/\s+/);
+  return all[i % all.length] || "#56b4e9";
+}
 
 matchMedia("(prefers-color-scheme: light)").addEventListener("change", () => (cached = undefined));
 

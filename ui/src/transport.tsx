@@ -3,49 +3,11 @@
 import { useEffect } from "preact/hooks";
 import { useSignal } from "@preact/signals";
 import { act, seek } from "./actions";
-import { tell } from "./api";
+import { edit } from "./api";
 import { clock, parseTime } from "./clip";
+import { startPlayback } from "./playback";
 import { Splitter } from "./splitter";
 import * as store from "./store";
-
-/** Moves the playhead by the wall clock; frames are dropped, never slowed. */
-function usePlayback(): void {
-  useEffect(() => {
-    let last = 0;
-    let at = 0;
-    let handle = 0;
-    const step = (now: number): void => {
-      if (!store.playing.value) return;
-      const r = store.range.value ?? { from: 0, to: store.length.value };
-      // The time of a picture is of its beginning, which may lie before the start.
-      at += (Math.max(0, now - last) / 1000) * store.fps.value * store.speed.value;
-      last = Math.max(last, now);
-      if (at >= r.to - 1) {
-        if (store.loop.value) at = r.from + ((at - r.from) % Math.max(1, r.to - r.from - 1));
-        else {
-          store.playhead.value = r.to - 1;
-          store.playing.value = false;
-          return;
-        }
-      }
-      store.playhead.value = Math.floor(at);
-      handle = requestAnimationFrame(step);
-    };
-    const stop = store.playing.subscribe((on) => {
-      cancelAnimationFrame(handle);
-      if (!on) return;
-      const r = store.range.value ?? { from: 0, to: store.length.value };
-      if (store.playhead.value < r.from || store.playhead.value >= r.to - 1) store.playhead.value = r.from;
-      last = performance.now();
-      at = store.playhead.value;
-      handle = requestAnimationFrame(step);
-    });
-    return () => {
-      stop();
-      cancelAnimationFrame(handle);
-    };
-  }, []);
-}
 
 /** Drawn, because no font is sure to have these signs. */
 const SHAPES: Record<string, string> = {
@@ -70,9 +32,18 @@ function stoppable(): boolean {
 }
 
 export function Transport() {
-  usePlayback();
+  useEffect(() => startPlayback(), []);
   const text = useSignal<string | undefined>(undefined);
+  const long = useSignal<string | undefined>(undefined);
   const frame = store.playhead.value;
+  const stretch = (): void => {
+    const t = long.value;
+    long.value = undefined;
+    if (t === undefined) return;
+    const length = parseTime(t, store.fps.value);
+    if (length === undefined) store.toast(`"${t}" is no length; write 100, 5:00 or 5s`, "error");
+    else if (length !== store.length.value) void edit("clip.length", { length });
+  };
   const commit = (): void => {
     const t = text.value;
     text.value = undefined;
@@ -99,7 +70,12 @@ export function Transport() {
           onInput={(e) => (text.value = e.currentTarget.value)} onBlur={commit}
           onKeyDown={(e) => { if (e.key === "Enter") { commit(); e.currentTarget.blur(); } }} />
       </label>
-      <span class="num" style="color: var(--dim)">{clock(frame, store.fps.value)} of {clock(store.length.value - 1, store.fps.value)}</span>
+      <span class="num" style="color: var(--dim)">{clock(frame, store.fps.value)} of</span>
+      <input class="time length" type="text" aria-label="Length of the clip in frames or time" title={`Length: ${clock(store.length.value, store.fps.value)}; type frames, or 5s`} data-testid="length" value={long.value ?? String(store.length.value)}
+        onFocus={(e) => e.currentTarget.select()}
+        onInput={(e) => (long.value = e.currentTarget.value)} onBlur={stretch}
+        onKeyDown={(e) => { if (e.key === "Escape") long.value = undefined; if (e.key === "Enter" || e.key === "Escape") { stretch(); e.currentTarget.blur(); } }} />
+      <span class="num" style="color: var(--dim)">{clock(store.length.value, store.fps.value)}</span>
       <span class="grow" />
       <button aria-pressed={store.autoKey.value} onClick={() => act("auto-key")} title="A moved joint becomes a key at once">Auto-key</button>
       <button aria-pressed={store.settings.value.auto} onClick={() => act("auto")} title="Roll out after every edit (Shift+R)">Auto-rollout</button>
@@ -108,9 +84,4 @@ export function Transport() {
       <button class="main" onClick={() => act("export")} title="Ctrl+E">Export</button>
     </div>
   );
-}
-
-export function stopPlaying(): void {
-  if (store.playing.value) store.playing.value = false;
-  tell("view.play", { frame: store.playhead.value, speed: 0 });
 }

@@ -10,6 +10,7 @@ import { install } from "./shortcuts";
 import { Splitter } from "./splitter";
 import * as store from "./store";
 import { isDark } from "./theme";
+import { startsAway } from "./clip";
 
 /** Viser's own panel and notices would cover the robot; the shell has its own. */
 const HIDE = "[data-floating-window],[data-testid='floating-panel'],.mantine-Notifications-root{display:none!important}";
@@ -35,23 +36,17 @@ export function Viewport() {
   useEffect(() => {
     let last = -1;
     let timer = 0;
-    // The viewport shows the playhead; while playing, the server keeps its own clock.
+    // The viewport shows the playhead; while playing, the server keeps its own clock (playback.ts).
     const dispose = store.playhead.subscribe((f) => {
       if (store.playing.value || f === last) return;
       last = f;
       clearTimeout(timer);
       timer = window.setTimeout(() => tell("view.frame", { frame: f }), 12);
     });
-    const stop = store.playing.subscribe((on) => {
-      const r = store.range.value;
-      if (on) tell("view.play", { frame: store.playhead.value, speed: store.speed.value, ...(store.loop.value ? { range: r ? [r.from, r.to] : [0, store.length.value] } : {}) });
-      else if (store.doc.value) tell("view.play", { frame: store.playhead.value, speed: 0 });
-    });
     const themed = (): void => tell("view.show", { dark: isDark() });
     document.addEventListener("robert-theme", themed);
     return () => {
       dispose();
-      stop();
       document.removeEventListener("robert-theme", themed);
     };
   }, []);
@@ -78,6 +73,10 @@ export function Viewport() {
   };
 
   const r = store.rollout.value;
+  // No policy can mend the first frame: the mean leaves it out, so it is said apart.
+  const clip = store.doc.value?.clip;
+  const off = clip && startsAway(clip, store.frames.value.q[0]);
+  const apart = off !== undefined && off > 0.005 ? off : undefined;
   const phase = !r || r.phase === "off" ? "not simulated"
     : r.phase === "failed" ? "failed"
     : r.phase === "done" ? "" : `rollout ${r.cached_to}/${r.frames}`;
@@ -111,6 +110,7 @@ export function Viewport() {
         {phase ? <span>{phase} </span> : null}
         {r?.error ? <span style="color: var(--bad)">{r.error} </span> : null}
         {r?.mae !== null && r?.mae !== undefined ? <span><b>{store.shownError(r.mae, store.unit.value)}</b> mean error</span> : null}
+        {apart !== undefined ? <span title="How far the robot is from the first key when the motion begins: the mean leaves this frame out, which no policy can mend"> · starts <b>{store.shownError(apart, store.unit.value)}</b> away</span> : null}
         {r?.ms_per_frame ? <span class="num">{r.mae === null ? "" : " · "}{r.ms_per_frame.toFixed(1)} ms a frame</span> : null}
       </div>
       <Splitter of="left" />

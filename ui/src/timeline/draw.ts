@@ -1,10 +1,11 @@
 // Draws the dope sheet. Shape or hatch always repeats what colour says.
 
-import { fillAfter, keyEnd, values, type Clip, type Key } from "../clip";
+import type { Clip } from "../clip";
 import {
-  LABELS, LOOK_AHEAD, MARKERS, PRE_ROLL, ROW, RULER, STRIP, SWITCH, SWITCHES, frameToX, jointsOf, rowToY, tick,
+  LABELS, LOOK_AHEAD, MARKERS, PRE_ROLL, ROW, RULER, STRIP, SWITCH, SWITCHES, frameToX, jointsOf, rowToY, tick, xToFrame,
   type Box, type RowKind, type View,
 } from "./layout";
+import { bars, diamonds, marks, ofRow, type Diamond, type Mark } from "./marks";
 
 export interface Theme {
   back: string; panel: string; rule: string; faint: string; text: string; dim: string;
@@ -34,6 +35,8 @@ export interface Scene {
   errorTop: number;
   cachedTo: number;
   loop: Span | undefined;
+  /** The length that a drag of the clip's end would give it. */
+  end: number | undefined;
   /** Keys as a drag in progress would leave them: frame -> frame. */
   dragged: ReadonlyMap<number, number>;
   boxSelect: { x0: number; y0: number; x1: number; y1: number } | undefined;
@@ -74,6 +77,7 @@ function hatch(ctx: Ctx, color: string): CanvasPattern | string {
 
 export function forgetHatches(): void {
   hatches = new Map();
+  sprites = new Map();
 }
 
 export function draw(ctx: Ctx, s: Scene): void {
@@ -89,9 +93,14 @@ export function draw(ctx: Ctx, s: Scene): void {
   ctx.beginPath();
   ctx.rect(LABELS, RULER + MARKERS, box.width - LABELS, box.height - RULER - MARKERS - STRIP);
   ctx.clip();
+  // Nearly every key has a goal for every joint: those are drawn once for all rows.
+  const list = marks(s.clip, view, box, s.dragged, s.selection);
+  const ratio = ctx.getTransform().a || 1;
+  const common = ready(s, list.filter((m) => m.full), ratio);
+  const open = list.filter((m) => !m.full);
   s.rows.forEach((row, i) => {
     const y = rowToY(view, i);
-    if (y > -ROW && y < box.height) bar(ctx, s, row, y);
+    if (y > -ROW && y < box.height) bar(ctx, s, row, y, common, open, ratio);
   });
   ctx.restore();
   strip(ctx, s);
@@ -144,10 +153,91 @@ function backdrop(ctx: Ctx, s: Scene): void {
   ctx.stroke();
 }
 
-/** The keys, holds, fills and masks of one row. */
-function bar(ctx: Ctx, s: Scene, row: RowKind, y: number): void {
+let sprites = new Map<string, HTMLCanvasElement>();
+
+/** A diamond as a small picture: drawn thousands of times, it costs as much as a copy. */
+function sprite(theme: Theme, what: Diamond["ink"], ratio: number): HTMLCanvasElement {
+  const name = `${what}:${ratio}`;
+  const known = sprites.get(name);
+  if (known) return known;
+  const tile = document.createElement("canvas");
+  tile.width = tile.height = Math.ceil(SPRITE * ratio);
+  const t = tile.getContext("2d");
+  if (t) {
+    const r = what === "selected" ? 6 : 5;
+    t.scale(ratio, ratio);
+    t.translate(SPRITE / 2, SPRITE / 2);
+    t.beginPath();
+    t.moveTo(0, -r);
+    t.lineTo(r, 0);
+    t.lineTo(0, r);
+    t.lineTo(-r, 0);
+    t.closePath();
+    t.fillStyle = what === "selected" ? theme.selected : what === "whole" ? theme.key : theme.panel;
+    t.fill();
+    t.strokeStyle = what === "selected" ? theme.text : what === "whole" ? theme.keyEdge : theme.key;
+    t.lineWidth = what === "selected" ? 2 : 1.4;
+    t.stroke();
+  }
+  sprites.set(name, tile);
+  return tile;
+}
+
+/** Side of a diamond's picture, pixels. */
+const SPRITE = 18;
+
+/** Draws some keys and what is between them on one line. */
+function ink(ctx: Ctx, theme: Theme, list: Mark[], mid: number, ratio: number): void {
+  for (const b of bars(list)) {
+    const width = b.to - b.from;
+    if (b.ink === "masked") {
+      ctx.fillStyle = hatch(ctx, theme.hatch);
+      ctx.fillRect(b.from, mid - 4, width, 8);
+    } else if (b.ink === "hold") {
+      ctx.fillStyle = theme.fill;
+      ctx.fillRect(b.from, mid - 4, width, 8);
+    } else if (b.ink === "held") {
+      ctx.fillStyle = theme.fill + "88";
+      ctx.fillRect(b.from, mid - 2, width, 4);
+    } else {
+      ctx.strokeStyle = theme.fill;
+      ctx.lineWidth = 1.6;
+      ctx.setLineDash(b.ink === "cubic" ? [5, 3] : []);
+      ctx.beginPath();
+      ctx.moveTo(b.from, mid);
+      ctx.lineTo(b.to, mid);
+      ctx.stroke();
+      ctx.setLineDash([]);
+    }
+  }
+  // Whole pixels: a copy between them would be blurred.
+  const snap = (v: number): number => Math.round(v * ratio) / ratio;
+  const all = diamonds(list);
+  for (const what of ["part", "whole", "selected"] as const) {
+    const picture = sprite(theme, what, ratio);
+    for (const d of all) if (d.ink === what) ctx.drawImage(picture, snap(d.x - SPRITE / 2), snap(mid - SPRITE / 2), SPRITE, SPRITE);
+  }
+}
+
+let shared: HTMLCanvasElement | undefined;
+
+/** One row with the keys that are the same in all rows, to be copied into each. */
+function ready(s: Scene, list: Mark[], ratio: number): HTMLCanvasElement | undefined {
+  if (list.length === 0) return undefined;
+  shared ??= document.createElement("canvas");
+  const [w, h] = [Math.ceil(s.box.width * ratio), Math.ceil(ROW * ratio)];
+  if (shared.width !== w || shared.height !== h) Object.assign(shared, { width: w, height: h });
+  const ctx = shared.getContext("2d");
+  if (!ctx) return undefined;
+  ctx.setTransform(ratio, 0, 0, ratio, 0, 0);
+  ctx.clearRect(0, 0, s.box.width, ROW);
+  ink(ctx, s.theme, list, ROW / 2, ratio);
+  return shared;
+}
+
+/** The keys, holds, fills and masks of one row. What is the same in all rows comes ready made. */
+function bar(ctx: Ctx, s: Scene, row: RowKind, y: number, common: HTMLCanvasElement | undefined, open: Mark[], ratio: number): void {
   const { clip, view, theme } = s;
-  const mid = y + ROW / 2;
   if (row.kind !== "joint") {
     ctx.fillStyle = theme.rule + "55";
     ctx.fillRect(LABELS, y, s.box.width, ROW - 1);
@@ -157,71 +247,20 @@ function bar(ctx: Ctx, s: Scene, row: RowKind, y: number): void {
   }
   const joints =
     row.kind === "joint" ? [row.joint] : row.kind === "group" ? row.group.joints : undefined;
-  const keys = clip.keys;
-  keys.forEach((key, i) => {
-    const held = values(clip, key);
-    const present = joints ? joints.filter((j) => held[j] !== null && held[j] !== undefined) : undefined;
-    const some = present ? present.length > 0 : true;
-    const whole = joints ? present?.length === joints.length : held.every((v) => v !== null);
-    if (!some) return;
-    const at = s.dragged.get(key.frame) ?? key.frame;
-    const shift = at - key.frame;
-    const x = frameToX(view, at);
-    const holdEnd = frameToX(view, keyEnd(key) + shift);
-    const next = keys[i + 1];
-    const until = next ? frameToX(view, s.dragged.get(next.frame) ?? next.frame) : undefined;
-    const fill = fillAfter(clip, key);
-    if (until !== undefined && until > holdEnd && fill !== "mask") {
-      ctx.fillStyle = theme.fill + "88";
-      if (fill === "hold") ctx.fillRect(holdEnd, mid - 2, until - holdEnd, 4);
-      else {
-        ctx.strokeStyle = theme.fill;
-        ctx.lineWidth = 1.6;
-        ctx.setLineDash(fill === "cubic" ? [5, 3] : []);
-        ctx.beginPath();
-        ctx.moveTo(holdEnd, mid);
-        ctx.lineTo(until, mid);
-        ctx.stroke();
-        ctx.setLineDash([]);
-      }
-    } else if (until !== undefined && until > holdEnd) {
-      ctx.fillStyle = hatch(ctx, theme.hatch);
-      ctx.fillRect(holdEnd, mid - 4, until - holdEnd, 8);
-    }
-    if ((key.hold ?? 1) > 1) {
-      ctx.fillStyle = theme.fill;
-      ctx.fillRect(x, mid - 4, holdEnd - x, 8);
-    }
-    diamond(ctx, s, key, x, mid, whole);
-  });
+  if (common) ctx.drawImage(common, 0, Math.round(y * ratio) / ratio, common.width / ratio, common.height / ratio);
+  if (open.length) ink(ctx, theme, ofRow(open, joints), y + ROW / 2, ratio);
   for (const mask of clip.masks ?? []) {
     const all = !mask.joints;
     const hits = all || !joints || joints.some((j) => mask.joints?.includes(clip.robot.joints[j] ?? ""));
     if (!hits) continue;
     const x = frameToX(view, mask.from);
     const w = frameToX(view, mask.to) - x;
+    if (x > s.box.width || x + w < LABELS) continue;
     ctx.fillStyle = theme.back + "b0";
     ctx.fillRect(x, y + 2, w, ROW - 5);
     ctx.fillStyle = hatch(ctx, theme.hatch);
     ctx.fillRect(x, y + 2, w, ROW - 5);
   }
-}
-
-function diamond(ctx: Ctx, s: Scene, key: Key, x: number, y: number, whole: boolean): void {
-  const { theme } = s;
-  const selected = s.selection.has(key.frame);
-  const r = selected ? 6 : 5;
-  ctx.beginPath();
-  ctx.moveTo(x, y - r);
-  ctx.lineTo(x + r, y);
-  ctx.lineTo(x, y + r);
-  ctx.lineTo(x - r, y);
-  ctx.closePath();
-  ctx.fillStyle = selected ? theme.selected : whole ? theme.key : theme.panel;
-  ctx.fill();
-  ctx.strokeStyle = selected ? theme.text : whole ? theme.keyEdge : theme.key;
-  ctx.lineWidth = selected ? 2 : 1.4;
-  ctx.stroke();
 }
 
 function ruler(ctx: Ctx, s: Scene): void {
@@ -244,6 +283,23 @@ function ruler(ctx: Ctx, s: Scene): void {
     if (on) ctx.fillText(f % clip.fps === 0 ? `${f / clip.fps} s` : `${f}`, x + 3, 3);
   }
   ctx.stroke();
+  // The end of the clip: a bracket to drag.
+  const e = Math.round(frameToX(view, s.end ?? clip.length)) + 0.5;
+  ctx.strokeStyle = s.end === undefined ? theme.dim : theme.selected;
+  ctx.lineWidth = s.end === undefined ? 1.5 : 2.5;
+  ctx.beginPath();
+  ctx.moveTo(e - 5, 2);
+  ctx.lineTo(e, 2);
+  ctx.lineTo(e, RULER - 3);
+  ctx.lineTo(e - 5, RULER - 3);
+  ctx.stroke();
+  if (s.end !== undefined) {
+    ctx.beginPath();
+    ctx.moveTo(e, RULER);
+    ctx.lineTo(e, box.height);
+    ctx.stroke();
+  }
+  ctx.lineWidth = 1;
   // How far the take is simulated.
   ctx.fillStyle = s.stale ? hatch(ctx, theme.cached) : theme.cached;
   const from = frameToX(view, 0);
@@ -282,7 +338,8 @@ function strip(ctx: Ctx, s: Scene): void {
   ctx.fillStyle = theme.back;
   ctx.fillRect(LABELS, y, box.width - LABELS, STRIP);
   const wide = Math.max(1, view.zoom);
-  for (let f = Math.max(0, Math.floor(view.left)); f < s.errors.length; f++) {
+  const until = Math.min(s.errors.length, Math.ceil(xToFrame(view, box.width)) + 1);
+  for (let f = Math.max(0, Math.floor(view.left)); f < until; f++) {
     const e = s.errors[f];
     if (e === undefined || e === null) continue;
     const share = Math.min(1, e / s.errorTop);

@@ -1,7 +1,7 @@
 // Pointer gestures of the dope sheet as one small state machine. A gesture previews locally
 // and sends one edit when it ends, so that a drag is one entry in the history. Esc cancels.
 
-import type { Clip } from "../clip";
+import { replaced, type Clip } from "../clip";
 import {
   LABELS, MARKERS, ROW, RULER, STRIP, frameToX, jointsOf, rowToY, switchAt, xToFrame, yToRow, zoomAt,
   type Box, type RowKind, type View,
@@ -23,16 +23,23 @@ export interface Sheet {
   toggleLock(joints: number[]): void;
   toggleMask(joints: number[]): void;
   preview(dragged: ReadonlyMap<number, number>, box: BoxSelect | undefined): void;
-  edit(op: string, args: object): void;
+  /** Resolves when it is made (true) or refused. */
+  edit(op: string, args: object): Promise<boolean>;
+  /** Keys that stood where others have landed are gone. */
+  overwrote(count: number): void;
+  /** The end of the clip as a drag would leave it. */
+  previewEnd(length: number | undefined): void;
   /** The rollout follows a drag; without an operation it goes back to the document. */
   follow(op?: string, args?: object): void;
   openKey(frame: number): void;
-  /** On a key, or on the frames between keys. */
-  menu(key: number | undefined, x: number, y: number): void;
+  menu(target: Target, x: number, y: number): void;
   hint(text: string): void;
   /** What is drawn at a frame, in words; the empty text where it explains itself. */
   about(frame: number): string;
 }
+
+/** What a menu is about; `frames` and `past` at the playhead. */
+export type Target = { kind: "key"; frame: number } | { kind: "marker"; frame: number } | { kind: "frames" } | { kind: "past" };
 
 export interface BoxSelect {
   x0: number;
@@ -42,7 +49,7 @@ export interface BoxSelect {
 }
 
 interface Press {
-  kind: "scrub" | "pan" | "box" | "keys" | "marker";
+  kind: "scrub" | "pan" | "box" | "keys" | "marker" | "end";
   x: number;
   y: number;
   frame: number;
@@ -76,6 +83,12 @@ export function hit(sheet: Sheet, x: number, y: number): number | undefined {
 function markerAt(sheet: Sheet, x: number, y: number): number | undefined {
   if (y < RULER || y >= RULER + MARKERS) return undefined;
   return sheet.clip()?.markers?.find((m) => Math.abs(frameToX(sheet.view(), m.frame) - x) < 8)?.frame;
+}
+
+/** Whether the end of the clip is under a pixel of the ruler. */
+function endAt(sheet: Sheet, x: number, y: number): boolean {
+  const clip = sheet.clip();
+  return clip !== undefined && y < RULER && x >= LABELS && Math.abs(frameToX(sheet.view(), clip.length) - x) < 6;
 }
 
 export class Gestures {
@@ -137,6 +150,7 @@ export class Gestures {
     if (e.button === 1) return begin("pan");
     if (e.button !== 0) return;
     if (x < LABELS) return this.label(x, y);
+    if (endAt(sheet, x, y)) return begin("end");
     if (y < RULER) {
       begin("scrub");
       return this.scrub(x);
@@ -180,6 +194,18 @@ export class Gestures {
     this.sheet.setPlayhead(Math.min(last, Math.max(0, Math.round(xToFrame(this.sheet.view(), x)))));
   }
 
+  /** Alt copies, Shift ripples; a copy does not ripple. */
+  private manner(e: PointerEvent): { copy: boolean; ripple: boolean } {
+    return { copy: e.altKey, ripple: e.shiftKey && !e.altKey };
+  }
+
+  /** The length that a drag of the clip's end asks for: no key and no marker falls out of it. */
+  private lengthAt(x: number): number {
+    const clip = this.sheet.clip();
+    const last = Math.max(1, ...(clip?.keys ?? []).map((k) => k.frame), ...(clip?.markers ?? []).map((m) => m.frame));
+    return Math.max(last + 1, Math.round(xToFrame(this.sheet.view(), x)));
+  }
+
   /** Where the selected keys would land. */
   private landing(e: PointerEvent, x: number): { df: number; to: Map<number, number>; factor: number } {
     const { sheet, press } = this;
@@ -197,7 +223,7 @@ export class Gestures {
     let df = Math.round(now - (press?.frame ?? now));
     if (first + df < 0) df = -first;
     for (const f of frames) to.set(f, f + df);
-    if (e.shiftKey) {
+    if (this.manner(e).ripple) {
       for (const key of sheet.clip()?.keys ?? []) if (key.frame > first) to.set(key.frame, key.frame + df);
     }
     return { df, to, factor: 1 };
@@ -215,7 +241,7 @@ export class Gestures {
         : x < LABELS || y < RULER || key !== undefined ? ""
         : strip ? "error by frame: mean over the joints that have a goal there"
         : sheet.about(Math.round(xToFrame(sheet.view(), x))));
-      this.canvas.style.cursor = key === undefined ? (y < RULER ? "ew-resize" : "default") : "grab";
+      this.canvas.style.cursor = endAt(sheet, x, y) ? "col-resize" : key === undefined ? (y < RULER ? "ew-resize" : "default") : "grab";
       return;
     }
     if (!press.moved && Math.hypot(x - press.x, y - press.y) < 3) return;
@@ -236,11 +262,17 @@ export class Gestures {
       const { df, to, factor } = this.landing(e, x);
       sheet.preview(to, undefined);
       const what = press.retime ? `retime × ${factor.toFixed(2)}` : `${df >= 0 ? "+" : ""}${df} frames`;
-      sheet.hint(`${what}${e.altKey ? ", copy" : ""}${e.shiftKey ? ", ripple" : ""}`);
+      const { copy, ripple } = this.manner(e);
+      sheet.hint(`${what}${copy ? ", copy" : ""}${ripple ? ", ripple" : ""}`);
       const frames = [...sheet.selection()].sort((a, b) => a - b);
       if (press.retime) sheet.follow("keys.scale", { frames, pivot: sheet.playhead(), factor });
-      else if (df !== 0) sheet.follow("keys.move", { frames, df, copy: e.altKey, ripple: e.shiftKey, replace: true });
+      else if (df !== 0) sheet.follow("keys.move", { frames, df, copy, ripple, replace: true });
       else sheet.follow();
+    }
+    if (press.kind === "end") {
+      const length = this.lengthAt(x);
+      sheet.previewEnd(length);
+      sheet.hint(`length ${length} frames, ${(length / (sheet.clip()?.fps ?? 20)).toFixed(2)} s`);
     }
     if (press.kind === "marker") sheet.hint(`marker to frame ${Math.max(0, Math.round(xToFrame(sheet.view(), x)))}`);
   }
@@ -251,36 +283,49 @@ export class Gestures {
     this.press = undefined;
     const { x } = this.at(e);
     sheet.hint("");
-    sheet.preview(new Map(), undefined);
+    if (press.kind !== "keys" || !press.moved) sheet.preview(new Map(), undefined);
     if (press.kind === "box" && !press.moved) {
       sheet.setSelection(new Set());
       this.scrub(x);
     }
     if (press.kind === "keys" && !press.moved) sheet.setPlayhead(press.frame);
-    if (press.kind === "keys" && press.moved) {
-      this.press = press;
-      const { df, to, factor } = this.landing(e, x);
-      this.press = undefined;
-      const frames = [...sheet.selection()].sort((a, b) => a - b);
-      if (df === 0 && (!press.retime || factor === 1)) sheet.follow();
-      if (press.retime) {
-        if (factor !== 1) sheet.edit("keys.scale", { frames, pivot: sheet.playhead(), factor });
-      } else if (df !== 0) {
-        const args = { frames, df, copy: e.altKey, ripple: e.shiftKey, replace: true };
-        sheet.edit("keys.move", args);
-      }
-      if (df !== 0 || press.retime) {
-        // The playhead stays on the key that it was on, and so do the sliders.
-        const along = to.get(sheet.playhead());
-        if (along !== undefined && !e.altKey) sheet.setPlayhead(along);
-        sheet.setSelection(new Set(frames.map((f) => to.get(f) ?? f)));
-      }
+    if (press.kind === "keys" && press.moved) void this.drop(press, e, x);
+    if (press.kind === "end") {
+      const length = this.lengthAt(x);
+      if (press.moved && length !== sheet.clip()?.length) void sheet.edit("clip.length", { length });
+      sheet.previewEnd(undefined);
     }
     if (press.kind === "marker" && press.moved) {
       const to = Math.max(0, Math.round(xToFrame(sheet.view(), x)));
-      if (to !== press.frame) sheet.edit("markers.move", { frame: press.frame, to });
+      if (to !== press.frame) void sheet.edit("markers.move", { frame: press.frame, to });
     }
     if (press.kind === "marker" && !press.moved) sheet.setPlayhead(press.frame);
+  }
+
+  /** Keys are let go: they stay drawn where they are until the answer, which may be no. */
+  private async drop(press: Press, e: PointerEvent, x: number): Promise<void> {
+    const { sheet } = this;
+    this.press = press;
+    const { df, to, factor } = this.landing(e, x);
+    this.press = undefined;
+    const frames = [...sheet.selection()].sort((a, b) => a - b);
+    const { copy, ripple } = this.manner(e);
+    const pivot = sheet.playhead();
+    const still = press.retime ? factor === 1 : df === 0;
+    const clip = sheet.clip();
+    const lost = clip && !press.retime ? replaced(clip, to.values(), copy ? [] : to.keys()) : 0;
+    const done = still ? false
+      : press.retime ? await sheet.edit("keys.scale", { frames, pivot, factor })
+      : await sheet.edit("keys.move", { frames, df, copy, ripple, replace: true });
+    // By now another one may have begun.
+    if (!this.press) sheet.preview(new Map(), undefined);
+    if (!done) return sheet.follow();
+    sheet.overwrote(lost);
+    if (this.press) return;
+    // The playhead stays on the key that it was on, and so do the sliders.
+    const along = to.get(sheet.playhead());
+    if (along !== undefined && !copy) sheet.setPlayhead(along);
+    sheet.setSelection(new Set(frames.map((f) => to.get(f) ?? f)));
   }
 
   private cancel(): void {
@@ -288,6 +333,7 @@ export class Gestures {
     this.press = undefined;
     if (press) sheet.setSelection(press.base);
     if (press?.kind === "keys" && press.moved) sheet.follow();
+    sheet.previewEnd(undefined);
     sheet.preview(new Map(), undefined);
     sheet.hint("");
   }
@@ -305,13 +351,16 @@ export class Gestures {
     const rows = this.sheet.rows();
     const row = rows[yToRow(this.sheet.view(), y, rows.length) ?? -1];
     if (row?.kind === "joint") this.sheet.setJoint(row.joint);
+    const marker = x >= LABELS ? markerAt(this.sheet, x, y) : undefined;
+    if (marker !== undefined) return this.sheet.menu({ kind: "marker", frame: marker }, e.clientX, e.clientY);
     if (key === undefined) {
       if (y < RULER + MARKERS || y > this.sheet.box().height - STRIP) return;
+      if (x >= LABELS && xToFrame(this.sheet.view(), x) < -0.5) return this.sheet.menu({ kind: "past" }, e.clientX, e.clientY);
       if (x >= LABELS) this.scrub(x);
-      return this.sheet.menu(undefined, e.clientX, e.clientY);
+      return this.sheet.menu({ kind: "frames" }, e.clientX, e.clientY);
     }
     if (!this.sheet.selection().has(key)) this.sheet.setSelection(new Set([key]));
-    this.sheet.menu(key, e.clientX, e.clientY);
+    this.sheet.menu({ kind: "key", frame: key }, e.clientX, e.clientY);
   }
 
   private wheel(e: WheelEvent): void {

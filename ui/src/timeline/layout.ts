@@ -96,6 +96,24 @@ export function zoomAt(view: View, x: number, factor: number): View {
   return { ...view, zoom, left: frame - (x - LABELS) / zoom };
 }
 
+/** Moved sideways, if it must be, so that a frame is in sight. */
+export function withFrame(view: View, box: Box, frame: number): View {
+  const x = frameToX(view, frame);
+  const edge = Math.min(40, (box.width - LABELS) / 8);
+  if (x >= LABELS + edge && x <= box.width - edge) return view;
+  // A step further, so that the next ones are in sight, too.
+  const at = x < LABELS + edge ? box.width - LABELS - 4 * edge : 4 * edge;
+  const left = frame - at / view.zoom;
+  return { ...view, left: Math.max(left, Math.min(view.left, -PRE_ROLL)) };
+}
+
+/** Moved up or down, if it must be, so that a row is in sight. */
+export function withRow(view: View, box: Box, row: number): View {
+  const room = box.height - RULER - MARKERS - STRIP;
+  const top = Math.min(row * ROW, Math.max(view.top, (row + 1) * ROW - room));
+  return { ...view, top: Math.max(0, top) };
+}
+
 /** The whole clip with its pre-roll. */
 export function fit(length: number, box: Box): View {
   const frames = length + PRE_ROLL + 4;

@@ -2,37 +2,28 @@
 
 import { effect, useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
-import { toggleMask } from "../actions";
+import { act, markerItems, noJointMask, startItems, setFill, chosenJoint, tellReplaced, toggleMask } from "../actions";
 import { edit, endPreview, previewEdit, tell } from "../api";
 import { isLocked, toggleLock } from "../hand";
 import { fillAfter, keyAt, nextKey, prevKey, values } from "../clip";
 import * as store from "../store";
 import { colors } from "../theme";
 import { draw, forgetHatches, type Scene } from "./draw";
-import { Gestures, type BoxSelect, type Sheet } from "./gestures";
-import { fit, frameToX, rowToY, rowsOf, type Box, type RowKind, type View } from "./layout";
+import { openMenu, type Item } from "../menu";
+import { Gestures, type BoxSelect, type Sheet, type Target } from "./gestures";
+import { fit, frameToX, rowToY, rowsOf, withRow, ROW, type RowKind, type View } from "./layout";
 
 /** Error that fills the strip: what a person sees as off, rad or m. */
 const ERROR_TOP = 0.1;
 
-const hint = { text: "" };
-export const hintText = (): string => hint.text;
-
-export interface Menu {
-  /** Frame of the key; without one it is about the interval at the playhead. */
-  key: number | undefined;
-  x: number;
-  y: number;
-}
-
-export function Timeline(props: { onMenu: (menu: Menu) => void; onOpenKey: (frame: number) => void; onHint: (text: string) => void }) {
+export function Timeline(props: { onOpenKey: (frame: number) => void; onHint: (text: string) => void }) {
   const host = useRef<HTMLDivElement>(null);
   const canvas = useRef<HTMLCanvasElement>(null);
   const focused = useSignal(false);
-  const row = useSignal(0);
+  const { row, sheet: size } = store;
+  const end = useSignal<number | undefined>(undefined);
   const dragged = useSignal<ReadonlyMap<number, number>>(new Map());
   const box = useSignal<BoxSelect | undefined>(undefined);
-  const size = useSignal<Box>({ width: 800, height: 240 });
 
   useEffect(() => {
     const element = canvas.current;
@@ -46,6 +37,7 @@ export function Timeline(props: { onMenu: (menu: Menu) => void; onOpenKey: (fram
       size.value = { width: parent.clientWidth, height: parent.clientHeight };
     });
     observer.observe(parent);
+    let hint = "";
     const sheet: Sheet = {
       clip: () => store.doc.value?.clip,
       rows: () => rows(),
@@ -72,10 +64,12 @@ export function Timeline(props: { onMenu: (menu: Menu) => void; onOpenKey: (fram
         dragged.value = d;
         box.value = b;
       },
+      previewEnd: (length) => (end.value = length),
       edit: (op, args) => {
         endPreview();
-        void edit(op, args);
+        return edit(op, args);
       },
+      overwrote: tellReplaced,
       follow: (op, args) => {
         if (op && args) previewEdit(op, args);
         else {
@@ -84,7 +78,7 @@ export function Timeline(props: { onMenu: (menu: Menu) => void; onOpenKey: (fram
         }
       },
       openKey: props.onOpenKey,
-      menu: (key, x, y) => props.onMenu({ key, x, y }),
+      menu: (target, x, y) => openMenu("Timeline", { x, y }, menuOf(target, props.onOpenKey)),
       about: (frame) => {
         const d = store.doc.value;
         const at = store.playhead.value;
@@ -97,8 +91,8 @@ export function Timeline(props: { onMenu: (menu: Menu) => void; onOpenKey: (fram
         return "";
       },
       hint: (text) => {
-        if (text === hint.text) return;
-        hint.text = text;
+        if (text === hint) return;
+        hint = text;
         props.onHint(text);
       },
     };
@@ -114,7 +108,45 @@ export function Timeline(props: { onMenu: (menu: Menu) => void; onOpenKey: (fram
       fitted = "";
       paint();
     };
+    // The same menus at the playhead, on the row of the keys.
+    const menu = (): void => {
+      const d = store.doc.value;
+      if (!d) return;
+      const at = store.playhead.value;
+      const key = keyAt(d.clip, at);
+      if (key && !store.selection.value.has(at)) store.selection.value = new Set([at]);
+      const r = element.getBoundingClientRect();
+      const x = r.left + Math.min(size.value.width - 20, Math.max(40, frameToX(store.view.value, at)));
+      const y = r.top + Math.min(size.value.height - 20, Math.max(20, rowToY(store.view.value, row.value) + ROW));
+      const marker = d.clip.markers?.some((m) => m.frame === at);
+      openMenu("Timeline", { x, y }, [
+        ...menuOf(key ? { kind: "key", frame: at } : { kind: "frames" }, props.onOpenKey),
+        ...(marker ? menuOf({ kind: "marker", frame: at }, props.onOpenKey) : []),
+        ...(at === 0 ? menuOf({ kind: "past" }, props.onOpenKey) : []),
+      ]);
+    };
+    const step = (e: Event): void => {
+      const d = store.doc.value;
+      const list = rows();
+      if (!d) return;
+      const by = (e as CustomEvent<number>).detail;
+      row.value = Math.min(list.length - 1, Math.max(0, row.value + by));
+      const now = list[row.value];
+      if (now?.kind === "joint") store.joint.value = now.joint;
+      store.view.value = withRow(store.view.value, size.value, row.value);
+      store.announcement.value = describe(d, now, store.playhead.value);
+    };
+    /** Enter: a group opens or folds, a key shows its values. */
+    const enter = (): void => {
+      const now = document.activeElement === parent ? rows()[row.value] : undefined;
+      if (now?.kind === "group") toggleGroup(now.group.name);
+      else if (keyAt(store.doc.value?.clip ?? { keys: [] }, store.playhead.value)) props.onOpenKey(store.playhead.value);
+      else store.toast("there is no key at the playhead");
+    };
     document.addEventListener("robert-fit", refit);
+    document.addEventListener("robert-menu", menu);
+    document.addEventListener("robert-row", step);
+    document.addEventListener("robert-enter", enter);
     document.addEventListener("robert-theme", repaint);
     const paint = (): void => {
       queued = false;
@@ -140,6 +172,13 @@ export function Timeline(props: { onMenu: (menu: Menu) => void; onOpenKey: (fram
       ctx.setTransform(ratio, 0, 0, ratio, 0, 0);
       draw(ctx, scene(d));
     };
+    measured.paint = () => {
+      const began = performance.now();
+      paint();
+      // What was drawn is read back, so that it has been drawn.
+      ctx.getImageData(element.width - 1, element.height - 1, 1, 1);
+      return performance.now() - began;
+    };
     const scene = (d: store.Document): Scene => {
       const take = store.rollout.value;
       return {
@@ -157,6 +196,7 @@ export function Timeline(props: { onMenu: (menu: Menu) => void; onOpenKey: (fram
         errorTop: ERROR_TOP,
         cachedTo: take?.cached_to ?? 0,
         loop: store.range.value,
+        end: end.value,
         dragged: dragged.value,
         boxSelect: box.value,
         names: (j) => store.titles.value[j] ?? "",
@@ -171,7 +211,7 @@ export function Timeline(props: { onMenu: (menu: Menu) => void; onOpenKey: (fram
     const dispose = effect(() => {
       void [store.doc.value, store.rollout.value, store.frames.value, store.groups.value, store.view.value, store.playhead.value,
         store.selection.value, store.joint.value, store.closed.value, store.range.value, store.locked.value,
-        size.value, dragged.value, box.value, focused.value, row.value, store.robot.value];
+        size.value, dragged.value, end.value, box.value, focused.value, row.value, store.robot.value];
       if (!queued) {
         queued = true;
         requestAnimationFrame(paint);
@@ -183,28 +223,12 @@ export function Timeline(props: { onMenu: (menu: Menu) => void; onOpenKey: (fram
       observer.disconnect();
       scheme.removeEventListener("change", repaint);
       document.removeEventListener("robert-fit", refit);
+      document.removeEventListener("robert-menu", menu);
+      document.removeEventListener("robert-row", step);
+      document.removeEventListener("robert-enter", enter);
       document.removeEventListener("robert-theme", repaint);
     };
   }, []);
-
-  const onKey = (e: KeyboardEvent): void => {
-    const d = store.doc.value;
-    if (!d) return;
-    const list = rows();
-    if (e.key === "ArrowUp" && e.ctrlKey) row.value = Math.max(0, row.value - 1);
-    else if (e.key === "ArrowDown" && e.ctrlKey) row.value = Math.min(list.length - 1, row.value + 1);
-    else if (e.key === "Enter") {
-      const now = list[row.value];
-      if (now?.kind === "group") toggleGroup(now.group.name);
-      else if (keyAt(d.clip, store.playhead.value)) props.onOpenKey(store.playhead.value);
-      else return;
-    } else return;
-    const now = list[row.value];
-    if (now?.kind === "joint") store.joint.value = now.joint;
-    store.announcement.value = describe(d, now, store.playhead.value);
-    e.preventDefault();
-    e.stopPropagation();
-  };
 
   const d = store.doc.value;
   const list = d ? rows() : [];
@@ -214,7 +238,7 @@ export function Timeline(props: { onMenu: (menu: Menu) => void; onOpenKey: (fram
       class="sheet" ref={host} tabIndex={0} role="grid" data-testid="timeline"
       aria-label="Timeline" aria-rowcount={list.length} aria-colcount={store.length.value}
       aria-activedescendant="sheet-cell"
-      onKeyDown={onKey} onFocus={() => (focused.value = true)} onBlur={() => (focused.value = false)}
+      onFocus={() => (focused.value = true)} onBlur={() => (focused.value = false)}
     >
       <canvas ref={canvas} aria-hidden="true" />
       <div class="offscreen">
@@ -248,6 +272,39 @@ function toggleGroup(name: string): void {
   store.closed.value = next;
 }
 
+/** What can be done with a thing on the timeline. */
+function menuOf(target: Target, openKey: (frame: number) => void): Item[] {
+  const item = (title: string, keys: string, run: () => void, why?: string | null | undefined): Item => ({ title, keys, run, why });
+  const joint = chosenJoint();
+  const one = joint ? null : "choose a joint first: click its name on the timeline";
+  if (target.kind === "marker") return markerItems(target.frame);
+  if (target.kind === "past") return startItems();
+  if (target.kind === "frames") return [
+    item("Key here", "K", () => act("key")),
+    item("Mask: no goal here", "M", () => act("mask")),
+    item(`Mask ${joint ?? "one joint"} only`, "Alt+M", () => act("mask-joint"), one ?? noJointMask()),
+    item("Unmask", "U", () => act("unmask")),
+    item(`Unmask ${joint ?? "one joint"} only`, "Alt+U", () => act("unmask-joint"), one),
+    item(joint && store.locked.value.has(joint) ? `Free ${joint}` : `Lock ${joint ?? "one joint"}`, "Alt+L", () => act("lock-joint"), one),
+    item("Paste", "Ctrl+V", () => act("paste")),
+    item("Insert or remove time…", "E", () => act("ripple-right")),
+    item("Marker here…", "Shift+M", () => act("marker")),
+  ];
+  const { frame } = target;
+  return [
+    item("Type values…", "Enter", () => openKey(frame)),
+    item("Hold…", "H", () => act("hold")),
+    item("Leave to the policy until the next key", "", () => setFill("mask")),
+    item("Straight line to the next key", "", () => setFill("linear")),
+    item("Smooth curve to the next key", "", () => setFill("cubic")),
+    item("Copy", "Ctrl+C", () => act("copy")),
+    item("Mirror", "", () => act("mirror"), store.noMirror.value),
+    item("Save as pose…", "P", () => { store.playhead.value = frame; act("save-pose"); }),
+    item("Marker here…", "Shift+M", () => { store.playhead.value = frame; act("marker"); }),
+    item("Delete", "X", () => act("delete")),
+  ];
+}
+
 function rowName(row: RowKind | undefined): string {
   if (!row) return "";
   if (row.kind === "all") return "All joints";
@@ -273,6 +330,9 @@ export function describe(d: store.Document, row: RowKind | undefined, frame: num
   const way = !before || !after || fill === "mask" ? "no goal" : fill;
   return `${name}, frame ${frame}, ${way}`;
 }
+
+/** Published for measurements: draws at once and says how long it took, milliseconds. */
+export const measured: { paint: () => number } = { paint: () => 0 };
 
 /** Published for browser tests: where things are on the canvas. */
 export function testPoints() {

@@ -1,0 +1,126 @@
+// What is seen: nothing covered, nothing out of reach, words that say what is the case.
+
+import assert from "node:assert/strict";
+import { after, before, describe, test } from "node:test";
+import { ARM, armTab, endBrowsers, Studio, type Tab } from "./harness";
+
+describe("look", () => {
+  let studio: Studio;
+  let t: Tab;
+
+  before(async () => {
+    studio = await Studio.start();
+    t = await armTab(studio);
+  });
+  after(async () => {
+    await endBrowsers();
+    await studio.end();
+  });
+  const afresh = async (text = ARM): Promise<void> => {
+    await t.page.keyboard.press("Escape");
+    const opened = (await studio.api("POST", "/api/new", { text })).json().opened as number;
+    await t.until((s) => s.opened === opened, "afresh");
+  };
+
+  test("no message lies over a button, at three sizes", async () => {
+    await afresh();
+    for (const [width, height] of [[1100, 640], [1280, 720], [1600, 900]] as const) {
+      await t.page.setViewportSize({ width, height });
+      for (const text of ["nothing", "whatever"]) {
+        await t.byId("frame").fill(`a time that is none, ${text}, and a message of some length about it`);
+        await t.page.keyboard.press("Enter");
+      }
+      await t.page.locator(".toast").nth(1).waitFor();
+      const covered = await t.page.evaluate(() => {
+        const toasts = [...document.querySelectorAll(".toast")].map((e) => e.getBoundingClientRect());
+        const own = document.querySelector(".toasts");
+        return [...document.querySelectorAll("button, input, select, canvas, [role=separator]")].filter((e) => !own?.contains(e)).filter((e) => {
+          const r = e.getBoundingClientRect();
+          return r.width > 0 && toasts.some((b) => r.left < b.right && r.right > b.left && r.top < b.bottom && r.bottom > b.top);
+        }).map((e) => e.outerHTML.slice(0, 90));
+      });
+      assert.deepEqual(covered, [], `${width} x ${height}`);
+      await t.picture(`toasts-${width}`);
+      await t.page.evaluate(() => document.querySelectorAll<HTMLElement>(".toast [aria-label=Dismiss]").forEach((b) => b.click()));
+      await t.page.waitForFunction(() => document.querySelectorAll(".toast").length === 0);
+    }
+    await t.page.setViewportSize({ width: 1280, height: 720 });
+  });
+
+  test("at 1100 x 700 several poses and joints are in sight", async () => {
+    await studio.api("POST", `/api/gallery/${encodeURIComponent("shadow_hand/fire")}`);
+    await t.until((s) => s.robot === "shadow_hand", "the hand");
+    await t.page.setViewportSize({ width: 1100, height: 700 });
+    const seen = (what: string, within: string): Promise<number> => t.page.evaluate(([w, i]) => {
+      const box = document.querySelector(i as string)?.getBoundingClientRect();
+      return [...document.querySelectorAll(w as string)].filter((e) => {
+        const r = e.getBoundingClientRect();
+        return box && r.height > 0 && r.top >= box.top - 1 && r.bottom <= box.bottom + 1;
+      }).length;
+    }, [what, within]);
+    const poses = await seen(".pose", "[data-testid=poses] .scroll");
+    const joints = await seen(".joint", "[data-testid=inspector] .scroll");
+    assert.ok(poses >= 2, `${poses} poses`);
+    assert.ok(joints >= 5, `${joints} joints`);
+    await t.picture("small-hand");
+    await t.page.setViewportSize({ width: 1280, height: 720 });
+  });
+
+  test("at 200 % zoom every control is reached and can be pressed", async () => {
+    await afresh();
+    // 1600 x 900 at 200 % is 800 x 450 for the page.
+    await t.page.setViewportSize({ width: 800, height: 450 });
+    for (const area of [".bar", ".transport", ".legend", "[data-testid=inspector]", "[data-testid=takes]", ".tabs"]) {
+      for (const b of await t.page.locator(`${area} button:enabled, ${area} input:enabled, ${area} select:enabled`).all()) {
+        await b.click({ trial: true, timeout: 20_000 });
+      }
+    }
+    await t.byId("timeline").scrollIntoViewIfNeeded();
+    await t.picture("zoomed");
+    await t.page.setViewportSize({ width: 1280, height: 720 });
+  });
+
+  test("a key of one frame is a cross in the curves", async () => {
+    await afresh();
+    await t.rolledOut();
+    await t.byId("joint-2").locator("input[type=range]").focus();
+    await t.page.waitForTimeout(200);
+    /** Pixels of the curve's colour near a key, off the line of what was reached. */
+    const ink = (frame: number): Promise<number> => t.page.evaluate((f) => {
+      const u = document.querySelector(".plots .uplot canvas") as HTMLCanvasElement;
+      const over = document.querySelector(".plots .u-over") as HTMLElement;
+      const k = devicePixelRatio;
+      const [c, o] = [u.getBoundingClientRect(), over.getBoundingClientRect()];
+      const x = (o.left - c.left) + (f / 79) * o.width;
+      const [r, g, b] = (getComputedStyle(document.documentElement).getPropertyValue("--series").trim().split(/\s+/)[2] ?? "#000000").match(/\w\w/g)!.map((h) => parseInt(h, 16)) as [number, number, number];
+      const data = u.getContext("2d")!.getImageData((x - 6) * k, (o.top - c.top) * k, 12 * k, o.height * k).data;
+      let count = 0;
+      for (let i = 0; i < data.length; i += 4) if (Math.abs(data[i]! - r) + Math.abs(data[i + 1]! - g) + Math.abs(data[i + 2]! - b) < 60) count++;
+      return count;
+    }, frame);
+    await t.goTo(79);
+    await t.page.waitForTimeout(200);
+    const [key, between] = [await ink(30), await ink(45)];
+    assert.ok(key > between + 8, `${key} at the key, ${between} beside it`);
+    assert.equal(await t.page.locator(".curve-legend li").count(), 2);
+    const marks = await t.page.locator(".curve-legend path").evaluateAll((all) => all.map((p) => p.getAttribute("d")));
+    assert.equal(new Set(marks).size, 2, "the shapes differ, not the colour alone");
+  });
+
+  test("a studio that was started again with another token is named as such", async () => {
+    await afresh();
+    const port = Number(new URL(studio.url).port);
+    await studio.kill();
+    await t.page.getByText("The studio is gone").waitFor();
+    await studio.run(port);
+    await t.page.getByText("Another studio runs here now").waitFor();
+    await t.page.goto(studio.url);
+    await t.page.reload();
+    await t.until((s) => s.link === "open", "in again by the new address");
+  });
+
+  test("nothing left the origin, and no script broke", () => {
+    assert.deepEqual(t.foreign, []);
+    assert.deepEqual(t.errors, []);
+  });
+});
