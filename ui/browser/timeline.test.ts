@@ -180,6 +180,9 @@ describe("timeline", () => {
     await t.press("[");
     await t.goTo(70);
     await t.press("]", "Control+a");
+    await t.page.locator(".joint input[type=range]").nth(1).focus();
+    await t.press("Alt+l");
+    await t.until((x) => x.locked?.length === 1, "a joint locked");
     await t.page.getByRole("button", { name: "Auto-key" }).click();
     await t.goTo(45);
     await t.byId("joint-0").locator("input[type=text]").fill("-80");
@@ -188,7 +191,7 @@ describe("timeline", () => {
     // A document of the same name, without a file, with no edit: as like as can be.
     await afresh();
     const s = await t.state();
-    assert.deepEqual([s.range, s.selection, s.playhead, s.joint, s.takes], [undefined, [], 0, undefined, 0]);
+    assert.deepEqual([s.range, s.selection, s.playhead, s.joint, s.takes, s.locked], [undefined, [], 0, undefined, 0, []]);
     assert.equal(await t.page.getByText("This pose is no key yet").count(), 0, "nothing floats");
     await t.page.getByRole("button", { name: "Auto-key" }).click();
     await t.goTo(30);

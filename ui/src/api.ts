@@ -378,6 +378,10 @@ function adopt(d: DocumentView | null): void {
     if (store.page.value === "gallery") store.page.value = "editor";
     // The same one again comes to who has fallen behind or was cut off.
     if (before?.opened !== d.opened || before.clip.robot.id !== d.clip.robot.id || d.rev < before.rev) forget();
+    if (before && before.opened !== d.opened && store.locked.value.size) {
+      store.locked.value = new Set();
+      tell("view.lock", { joints: [] });
+    }
   });
   if (d) void loadRobot(d.clip.robot.id);
 }
@@ -390,6 +394,7 @@ function forget(): void {
   store.playhead.value = 0;
   store.range.value = undefined;
   store.joint.value = undefined;
+  store.site.value = undefined;
   store.takes.value = [];
   store.compared.value = undefined;
   store.frames.value = { q: [], error: [] };
