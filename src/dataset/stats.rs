@@ -112,16 +112,22 @@ const QUANTILE_FRAMES: usize = 40_000;
 /// the first and above the second number (rad or m) lies one frame of 100 each, and one of 100
 /// is faster than the third (rad/s or m/s).
 pub fn usual(data: &Dataset, episodes: &[usize]) -> Vec<[f64; 3]> {
-    let s = data.manifest().qpos_dim();
-    let all = || episodes.iter().filter_map(|&i| data.episodes().get(i));
-    let total: usize = all().map(|e| data.frames(e).0.len() / s.max(1)).sum();
+    let rows = || {
+        let episodes = episodes.iter().filter_map(|&i| data.episodes().get(i));
+        episodes.map(|e| data.frames(e).0)
+    };
+    usual_of(data.manifest().qpos_dim(), &rows)
+}
+
+/// [`usual`] of trajectories as they are, each (frames, S).
+fn usual_of<'a, I: Iterator<Item = &'a [f32]>>(s: usize, all: &dyn Fn() -> I) -> Vec<[f64; 3]> {
+    let total: usize = all().map(|rows| rows.len() / s.max(1)).sum();
     let stride = total.div_ceil(QUANTILE_FRAMES).max(1);
     let (mut places, mut speeds) = (vec![Vec::new(); s], vec![Vec::new(); s]);
     let mut index = 0_usize;
-    for e in all() {
-        let (qpos, ..) = data.frames(e);
+    for rows in all() {
         let mut last: Option<&[f32]> = None;
-        for row in qpos.chunks_exact(s.max(1)) {
+        for row in rows.chunks_exact(s.max(1)) {
             if index.is_multiple_of(stride) {
                 for (j, &x) in row.iter().enumerate() {
                     let before = last.and_then(|l| l.get(j));
@@ -262,6 +268,21 @@ fn bump(counts: &mut [f64], at: usize, hit: bool) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_is_usual_leaves_the_rare_out() {
+        // Two trajectories; a jump between them is no speed. One joint rises, one stands but
+        // for a single frame.
+        let rising: Vec<f32> = (0..=1000).flat_map(|k| [k as f32 / 1000.0, 0.5]).collect();
+        let mut again = rising.clone();
+        again[1000] = 77.0;
+        again[1001] = -9.0;
+        let rows = || [&rising[..], &again[..]].into_iter();
+        let [up, still] = usual_of(2, &rows)[..] else { panic!() };
+        assert!((up[0] - 0.01).abs() < 2e-3 && (up[1] - 0.99).abs() < 2e-3, "{up:?}");
+        assert!((up[2] - 0.001 / CTRL_DT).abs() < 1e-4, "{up:?}");
+        assert_eq!(still, [0.5, 0.5, 0.0]);
+    }
 
     #[test]
     fn moments_survive_a_large_mean() {

@@ -579,6 +579,23 @@ mod tests {
     }
 
     #[test]
+    fn what_is_usual_is_kept_and_estimated_where_an_older_program_did_not_say() {
+        let (mut card, ..) = model();
+        let old = serde_json::to_string(&card).unwrap();
+        assert!(!old.contains("usual"), "as older programs wrote it");
+        let read: Card = serde_json::from_str(&old).unwrap();
+        let n = &card.normaliser;
+        for (j, usual) in read.usual().iter().enumerate() {
+            assert!((usual.low - (n.mean[j] - 2.0 * n.std[j])).abs() < 1e-12);
+            assert!((usual.high - (n.mean[j] + 2.0 * n.std[j])).abs() < 1e-12);
+            assert!(usual.speed > 0.0);
+        }
+        card.usual = vec![Usual { low: -0.5, high: 0.25, speed: 2.0 }; 2];
+        let read: Card = serde_json::from_str(&serde_json::to_string(&card).unwrap()).unwrap();
+        assert_eq!(read.usual(), card.usual);
+    }
+
+    #[test]
     fn half_precision_halves_the_weights_alone() {
         let (card, net, encoder) = model();
         let dir = tempfile::tempdir().unwrap();

@@ -62,6 +62,25 @@ fn pictures_are_painted_without_keeping_an_edit_waiting() {
     let last = studio.get("/api/still.jpg?frame=59&w=320&h=200");
     assert_ne!(first.body, last.body, "the arm has moved");
     assert_eq!(size(&studio.get("/api/still.jpg?frame=5&w=161&h=99&draft=true").body), (161, 99));
+    let of = |what: &str| {
+        let answer = studio.get(&format!("/api/still.jpg?frame=20&w=320&h=200&draft=true{what}"));
+        assert_eq!(answer.status, 200, "{what}");
+        answer.body
+    };
+    let pictures = [
+        of(""),
+        of("&achieved=false"),
+        of("&achieved=false&command=false"),
+        of("&ghosts=true"),
+        of("&pose=0.5,-1.2,1.0,-1.5,-1.5"),
+        of("&pose=0.6,-1.2,1.0,-1.5,-1.5"),
+    ];
+    for (i, a) in pictures.iter().enumerate() {
+        assert!(pictures.iter().skip(i + 1).all(|b| a != b), "picture {i} is like another");
+    }
+    for wrong in ["&pose=1,2", "&pose=a,b,c,d,e", "&pose=NaN,0,0,0,0", "&achieved=7"] {
+        assert_eq!(studio.get(&format!("/api/still.jpg?frame=0{wrong}")).status, 400, "{wrong}");
+    }
     let pose = studio.get("/api/pose.jpg?pose=upright");
     assert_eq!(size(&pose.body), (152, 114));
     assert_eq!(studio.get("/api/pose.jpg?pose=nobody").status, 404);

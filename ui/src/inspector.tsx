@@ -24,7 +24,8 @@ function Padlock() {
   return <svg width="9" height="11" viewBox="0 0 9 11" aria-label="locked"><path d="M1 5h7v6H1z M2.5 5V3.2a2 2 0 0 1 4 0V5" fill="none" stroke="currentColor" stroke-width="1.4" /></svg>;
 }
 
-function Joint({ index }: { index: number }) {
+/** A joint may stand in several groups; `again` tells its later controls apart. */
+function Joint({ index, again = "" }: { index: number; again?: string }) {
   const d = store.doc.value;
   const text = useSignal<string | undefined>(undefined);
   const live = useSignal<number | undefined>(undefined);
@@ -64,7 +65,7 @@ function Joint({ index }: { index: number }) {
     }
     set(inner, true);
   };
-  const id = `joint-${index}`;
+  const id = `joint-${index}${again && `-${again}`}`;
   const locked = isLocked(name);
   // Where the data of the robot's policy are, as a tint behind the slider.
   const share = (v: number): number => Math.min(1, Math.max(0, (v - lo) / (hi - lo)));
@@ -151,7 +152,7 @@ export function Inspector() {
         {store.groups.value.map((g) => (
           <details class="group" key={g.name} open={!store.closed.value.has(g.name)}>
             <summary>{g.title}</summary>
-            {g.joints.map((j) => <Joint key={j} index={j} />)}
+            {g.joints.map((j) => <Joint key={j} index={j} again={store.groups.value.find((first) => first.joints.includes(j)) === g ? "" : g.name} />)}
           </details>
         ))}
       </div>

@@ -42,7 +42,7 @@ export function NoModel() {
   };
   return (
     <div class="no-model" role="note" data-testid="no-model">
-      <p>No policy has learned this robot yet. Those that know its model perform it meanwhile.</p>
+      <p title="Policies that know the robot's model perform it meanwhile">No policy has learned this robot yet.</p>
       <button onClick={() => (store.page.value = "runs")} title="Collect motion and train on it: minutes, on this page">Train a small one</button>
       <button onClick={preview} aria-pressed={kinematic} title="Only the command as it is drawn, nothing simulated">Preview kinematically</button>
     </div>
