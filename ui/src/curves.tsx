@@ -102,6 +102,8 @@ export function Curves() {
       }] } };
       const joint = store.joint.value ?? 0;
       const color = hue(joint);
+      // The legend's, too, in every theme.
+      parent.parentElement?.style.setProperty("--ink", color);
       const unit = store.doc.value?.table.joints[joint]?.unit ?? "rad";
       const deg = unit === "rad" && store.degrees.value;
       const axisUnit = unit === "m" ? "m" : deg ? "deg" : "rad";
@@ -190,13 +192,12 @@ export function Curves() {
     };
   }, []);
   // Shape says the kind, as in the chart: a cross, a line, dashes.
-  const ink = hue(store.joint.value ?? 0);
   return (
     <section class="curves" aria-label="Curves" data-testid="curves">
       <div ref={host} class="plots" />
       <ul class="curve-legend" aria-label="Legend">
-        <li><svg width="12" height="12" viewBox="0 0 12 12" aria-hidden="true"><path d="M2 2l8 8M10 2l-8 8" stroke={ink} stroke-width="1.8" /></svg>commanded</li>
-        <li><svg width="20" height="12" viewBox="0 0 20 12" aria-hidden="true"><path d="M0 6h20" stroke={ink} stroke-width="2" /></svg>achieved</li>
+        <li><svg width="12" height="12" viewBox="0 0 12 12" aria-hidden="true"><path d="M2 2l8 8M10 2l-8 8" stroke="var(--ink)" stroke-width="1.8" /></svg>commanded</li>
+        <li><svg width="20" height="12" viewBox="0 0 20 12" aria-hidden="true"><path d="M0 6h20" stroke="var(--ink)" stroke-width="2" /></svg>achieved</li>
         {store.compared.value !== undefined ? <li><svg width="20" height="12" viewBox="0 0 20 12" aria-hidden="true"><path d="M0 6h20" stroke="var(--dim)" stroke-width="1.5" stroke-dasharray="5 4" /></svg>compared</li> : null}
       </ul>
     </section>
