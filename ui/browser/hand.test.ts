@@ -45,10 +45,21 @@ describe("a hand, with still pictures", () => {
     canvas.getContext("2d")?.drawImage(img, 0, 0);
     return canvas.toDataURL();
   }).then((pixels) => createHash("sha1").update(pixels).digest("hex"));
+  /** When nothing newer is on its way. */
+  const settled = async (): Promise<string> => {
+    let [last, same] = ["", 0];
+    while (same < 5) {
+      const now = await picture().catch(() => "");
+      same = now !== "" && now === last ? same + 1 : 0;
+      last = now;
+      await t.page.waitForTimeout(200);
+    }
+    return last;
+  };
   const another = async (than: string, what: string): Promise<string> => {
     for (let i = 0; i < 400; i++) {
       const now = await picture().catch(() => than);
-      if (now !== than) return now;
+      if (now !== than) return settled();
       await t.page.waitForTimeout(50);
     }
     assert.fail(`the picture stays the same: ${what}`);
@@ -165,9 +176,8 @@ describe("a hand, with still pictures", () => {
     await afresh();
     await t.goTo(40);
     await t.byId("still-view").waitFor();
-    await t.page.waitForTimeout(600);
     const legend = t.page.getByRole("group", { name: "Shown" });
-    let now = await picture();
+    let now = await settled();
     for (const name of ["Achieved", "Ghosts"]) {
       await legend.getByRole("button", { name }).click();
       now = await another(now, name);
@@ -182,7 +192,7 @@ describe("a hand, with still pictures", () => {
     await another(command, "nothing");
     await t.press("1", "2");
     await t.page.getByRole("button", { name: "Auto-key" }).click();
-    const before = await picture();
+    const before = await settled();
     await t.page.locator("#joint-0").focus();
     for (let i = 0; i < 3; i++) await t.page.keyboard.press("PageUp");
     await t.until((s) => s.floating !== undefined, "a floating pose");
