@@ -193,8 +193,8 @@ describe("a hand, with still pictures", () => {
     await t.press("1", "2");
     await t.page.getByRole("button", { name: "Auto-key" }).click();
     const before = await settled();
-    await t.page.locator("#joint-0").focus();
-    for (let i = 0; i < 3; i++) await t.page.keyboard.press("PageUp");
+    await t.byId("joint-0").locator("input[type=text]").fill("-50");
+    await t.byId("joint-0").locator("input[type=text]").press("Enter");
     await t.until((s) => s.floating !== undefined, "a floating pose");
     await another(before, "the floating pose");
     await t.picture("still-floating");
