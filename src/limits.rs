@@ -94,6 +94,18 @@ pub const WORKER_CPU_SECS: u64 = 120;
 pub const STILL_PX: u32 = 2560;
 /// Recent files kept.
 pub const RECENT: usize = 20;
+/// Takes kept in the studio, all robots together.
+pub const TAKES: usize = 20;
+/// Bytes of the motions of all takes.
+pub const TAKES_BYTES: usize = 96 << 20;
+/// Takes drawn beside what is performed now.
+pub const TAKES_COMPARED: usize = 4;
+/// Entries of one folder that the studio lists.
+pub const FOLDER_ENTRIES: usize = 1_000;
+/// Entries of one folder that are looked at.
+pub const FOLDER_LOOKED_AT: usize = 20_000;
+/// Bytes of clips that are read for one list, to show what they are.
+pub const FOLDER_PEEK_BYTES: u64 = 8 << 20;
 /// Jobs kept in the studio's list, and lines kept of each.
 pub const JOBS: usize = 64;
 /// Lines kept of one job.

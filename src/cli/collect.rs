@@ -6,7 +6,7 @@ use std::sync::Arc;
 use super::bar::Bar;
 use super::failure::Outcome;
 use super::{Global, dataset, dataset_plot, interrupt, out};
-use crate::explore::{AgentKind, CollectConfig, Collected, Preset, collect};
+use crate::explore::{AgentKind, CollectConfig, Collected, Preset, begun, collect};
 use crate::plot::Theme;
 use crate::robot::{PlantRange, Robot};
 use crate::units::count;
@@ -16,33 +16,35 @@ const COVERAGE: &str = "coverage.png";
 
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  robert collect --robot ur5e --agent noise --transitions 400k --out data/ur5e-noise\n  robert collect --robot ur5e --agent rnd,icm,apt,aps,proto --transitions 3M --out data/ur5e\n  robert collect --robot ur5e --agent rnd --agent-steps 2k --transitions 5k --out data/try\n  robert collect --robot ur5e --plants mass=0.7..1.4,damping=0.5..2,gear=0.7..1.3 --out data/many\n  robert collect --robot ur5e --agent rnd --transitions 1M --agents-from data/rnd --out data/rnd1m\n\nThe bits depend on the options only, not on threads, interruptions or order. A stopped\ncollection goes on with the same command and --resume."
+    after_help = "Examples:\n  robert collect --robot ur5e --agent noise --transitions 400k --out data/ur5e-noise\n  robert collect --robot ur5e --agent rnd,icm,apt,aps,proto --transitions 3M --out data/ur5e\n  robert collect --robot ur5e --agent rnd --agent-steps 2k --transitions 5k --out data/try\n  robert collect --robot ur5e --plants mass=0.7..1.4,damping=0.5..2,gear=0.7..1.3 --out data/many\n  robert collect --robot ur5e --agent rnd --transitions 1M --agents-from data/rnd --out data/rnd1m\n\nThe bits depend on the options only, not on threads, interruptions or order. A stopped\ncollection goes on with --robot, --out and --resume alone, or the same command and --resume."
 )]
 pub(super) struct Args {
     /// Robot: id, or a folder with robot.xml.
     #[arg(long)]
     robot: String,
-    /// Who collects, equal parts each: rnd, icm, apt, aps, proto, noise, babble, uniform.
-    #[arg(long, value_delimiter = ',', default_value = "noise")]
+    /// Who collects, equal parts each: rnd, icm, apt, aps, proto, noise, babble, uniform
+    /// [default: noise].
+    #[arg(long, value_delimiter = ',')]
     agent: Vec<AgentKind>,
-    /// Frames to record in all; 400k and 2.5M are numbers, too.
-    #[arg(long, default_value_t = 400_000, value_name = "N", value_parser = count)]
-    transitions: u64,
+    /// Frames to record in all; 400k and 2.5M are numbers, too [default: 400k].
+    #[arg(long, value_name = "N", value_parser = count)]
+    transitions: Option<u64>,
     /// Dataset folder.
     #[arg(long)]
     out: PathBuf,
     /// Environment steps of training for each agent; the preset's if not given.
     #[arg(long, value_name = "N", value_parser = count)]
     agent_steps: Option<u64>,
-    /// Sizes and schedule of the agents: url-fast, or urlb as published (days on a CPU).
-    #[arg(long, default_value = "url-fast")]
-    preset: String,
+    /// Sizes and schedule of the agents: url-fast, or urlb as published (days on a CPU)
+    /// [default: url-fast].
+    #[arg(long)]
+    preset: Option<String>,
     /// Change one setting of the preset, as in lr=3e-4; may be repeated.
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Seed of everything.
-    #[arg(long, default_value_t = 0)]
-    seed: u64,
+    /// Seed of everything [default: 0].
+    #[arg(long)]
+    seed: Option<u64>,
     /// Roll out only the snapshots of this first share of the training [default: .5 for the
     /// UR5e, whose agents drift to extremes, else 1].
     #[arg(long)]
@@ -50,15 +52,15 @@ pub(super) struct Args {
     /// Draw another plant for each recorded episode: factors on mass, damping and force.
     #[arg(long, value_name = "RANGES")]
     plants: Option<PlantRange>,
-    /// Frames of a recorded episode.
-    #[arg(long, default_value_t = 250, value_name = "N", value_parser = count)]
-    episode_frames: u64,
+    /// Frames of a recorded episode [default: 250].
+    #[arg(long, value_name = "N", value_parser = count)]
+    episode_frames: Option<u64>,
     /// Another collection, whose trained agents are taken if robot, preset, steps and seed are
     /// the same: for more or fewer transitions. (Of one seed the longer collection begins with
     /// the motions of the shorter; do not merge them.)
     #[arg(long, value_name = "DIR")]
     agents_from: Option<PathBuf>,
-    /// Go on with what the folder holds.
+    /// Go on with what the folder holds; the folder knows what was asked for.
     #[arg(long)]
     resume: bool,
     /// Threads; all cores if not given.
@@ -71,24 +73,7 @@ pub(super) struct Args {
 
 pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let robot = Arc::new(Robot::load(&args.robot)?);
-    let mut preset = Preset::named(&args.preset)?;
-    if let Some(steps) = args.agent_steps {
-        preset = preset.lasting(steps);
-    }
-    for assignment in &args.set {
-        preset.set(assignment)?;
-    }
-    let defaults = CollectConfig::new(&robot);
-    let config = CollectConfig {
-        agents: args.agent.clone(),
-        preset,
-        transitions: args.transitions,
-        seed: args.seed,
-        episode_frames: args.episode_frames,
-        snapshots_until: args.snapshots_until.unwrap_or(defaults.snapshots_until),
-        plants: args.plants,
-        agents_from: args.agents_from.clone(),
-    };
+    let config = config(args, &robot)?;
     dataset::refuse_file(&args.out)?;
     let threads = args.threads.unwrap_or_else(|| super::threads(None));
     let cancel = interrupt::cancel_on_ctrl_c();
@@ -99,7 +84,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let coverage = args.out.join(COVERAGE);
     dataset_plot::draw(&args.out, &coverage, &[], false, Theme::Light)?;
     if args.json {
-        return json(args, &done);
+        return json(args, config.seed, &done);
     }
     curves(&done)?;
     dataset::info(&done.manifest, false)?;
@@ -112,12 +97,51 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     ))
 }
 
-fn json(args: &Args, done: &Collected) -> Outcome {
+/// What is asked for: by the options, or by the folder that `--resume` names alone.
+fn config(args: &Args, robot: &Robot) -> Outcome<CollectConfig> {
+    let said = !args.agent.is_empty()
+        || !args.set.is_empty()
+        || args.transitions.is_some()
+        || args.agent_steps.is_some()
+        || args.preset.is_some()
+        || args.seed.is_some()
+        || args.snapshots_until.is_some()
+        || args.plants.is_some()
+        || args.episode_frames.is_some()
+        || args.agents_from.is_some();
+    if args.resume
+        && !said
+        && let Some(begun) = begun(&args.out)?
+    {
+        return Ok(begun.config);
+    }
+    let mut preset = Preset::named(args.preset.as_deref().unwrap_or("url-fast"))?;
+    if let Some(steps) = args.agent_steps {
+        preset = preset.lasting(steps);
+    }
+    for assignment in &args.set {
+        preset.set(assignment)?;
+    }
+    let defaults = CollectConfig::new(robot);
+    let agents = if args.agent.is_empty() { vec![AgentKind::Noise] } else { args.agent.clone() };
+    Ok(CollectConfig {
+        agents,
+        preset,
+        transitions: args.transitions.unwrap_or(400_000),
+        seed: args.seed.unwrap_or(0),
+        episode_frames: args.episode_frames.unwrap_or(250),
+        snapshots_until: args.snapshots_until.unwrap_or(defaults.snapshots_until),
+        plants: args.plants,
+        agents_from: args.agents_from.clone(),
+    })
+}
+
+fn json(args: &Args, seed: u64, done: &Collected) -> Outcome {
     let m = &done.manifest;
     out::json(&serde_json::json!({
         "robot": m.robot.id,
         "out": args.out,
-        "seed": args.seed,
+        "seed": seed,
         "agents": done.agents,
         "train_secs": done.train_secs,
         "rollout_secs": done.rollout_secs,

@@ -20,7 +20,7 @@ use crate::units::significant;
 pub(super) struct PerformArgs {
     /// Who performs [default: the robot's trained one, else computed-torque]; --help lists all.
     #[arg(short, long, long_help = who("Who performs [default: the robot's trained one, else computed-torque]:"))]
-    policy: Option<String>,
+    pub(super) policy: Option<String>,
     #[command(flatten)]
     conditions: Conditions,
     /// Seed of the policy's draws.

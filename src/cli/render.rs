@@ -27,7 +27,7 @@ use crate::units::FPS;
 
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  robert render wave.clip.json -o wave.mp4\n  robert render wave.mcap -o wave.mp4                  a take, as it was performed\n  robert render fire --policy pd -o fire.gif --size 320x240\n  robert render wave.clip.json -o still.png --frames 40 --size 1280x720\n  robert render wave.clip.json -o strip.png --strip 6\n  robert render wave.clip.json -o both.gif --compare other.clip.json --overlay ghost,caption\n  robert render wave.clip.json -o preview.mp4 --kinematic --camera orbit"
+    after_help = "Examples:\n  robert render wave.clip.json -o wave.mp4\n  robert render wave.mcap -o wave.mp4                  a take, as it was performed\n  robert render fire --policy pd -o fire.gif --size 320x240\n  robert render wave.clip.json -o still.png --frames 40 --size 1280x720\n  robert render wave.clip.json -o strip.png --strip 6\n  robert render wave.clip.json -o both.gif --compare other.clip.json --overlay ghost,caption\n  robert render fire --policy robert -o both.mp4 --compare fire --compare-policy pd\n  robert render wave.clip.json -o preview.mp4 --kinematic --camera orbit"
 )]
 pub(super) struct Args {
     /// A clip file, a take (.mcap), or the name of a shipped task (`fire`).
@@ -51,6 +51,9 @@ pub(super) struct Args {
     /// A second clip or take beside the first.
     #[arg(long, value_name = "INPUT")]
     compare: Option<String>,
+    /// Policy that performs the second clip, when it is another one.
+    #[arg(long, value_name = "P", requires = "compare")]
+    compare_policy: Option<String>,
     /// One picture of this many moments.
     #[arg(long, value_name = "N")]
     strip: Option<usize>,
@@ -96,8 +99,10 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let mut renderer = Renderer::new(plan.config)?;
     let aspect = plan.config.width as f32 / plan.config.height as f32;
     let mut shots = Vec::new();
-    for input in std::iter::once(&args.input).chain(&args.compare) {
-        let (robot, motion) = shown(input, args, global)?;
+    let second = args.second();
+    let inputs = [(Some(&args.input), &args.perform), (args.compare.as_ref(), &second)];
+    for (input, perform) in inputs.into_iter().filter_map(|(i, p)| Some((i?, p))) {
+        let (robot, motion) = shown(input, args, perform, global)?;
         shots.push(Shot::new(&robot, motion, plan.overlay, &plan.camera, aspect)?);
         stopped(&cancel, 0)?;
     }
@@ -142,6 +147,17 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     ))
 }
 
+impl Args {
+    /// How the second clip is performed.
+    fn second(&self) -> PerformArgs {
+        let mut second = self.perform.clone();
+        if self.compare_policy.is_some() {
+            second.policy.clone_from(&self.compare_policy);
+        }
+        second
+    }
+}
+
 impl Plan {
     fn new(args: &Args) -> Outcome<Plan> {
         let film = FilmFormat::of(&args.output);
@@ -183,6 +199,7 @@ impl Plan {
         };
         // A typo in the policy must not wait for the pictures of another clip.
         args.perform.named()?;
+        args.second().named()?;
         let frames = args.frames.as_deref().map(frames).transpose()?;
         let plan = Plan {
             output: args.output.clone(),
@@ -306,16 +323,21 @@ fn stopped(cancel: &Cancel, drawn: usize) -> Outcome {
 }
 
 /// What is drawn of one input, and with which robot.
-fn shown(input: &str, args: &Args, global: Global) -> Outcome<(Arc<Robot>, Motion)> {
+fn shown(
+    input: &str,
+    args: &Args,
+    by: &PerformArgs,
+    global: Global,
+) -> Outcome<(Arc<Robot>, Motion)> {
     if motion::is_take(Path::new(input)) {
-        args.perform.must_be_absent(input)?;
+        by.must_be_absent(input)?;
         if args.kinematic {
             return Err(Failure::usage(format!("{input} is a take: --kinematic is for clips")));
         }
         return recorded(input, args);
     }
     if !args.kinematic {
-        let mut done = perform(input, &args.perform, global)?;
+        let mut done = perform(input, by, global)?;
         if let Some(e) = done.broke.take() {
             return Err(e.into());
         }

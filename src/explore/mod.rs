@@ -43,6 +43,6 @@ pub use error::Error;
 pub use fill::describe;
 pub(crate) use mlp::{Adam, Layer, Mlp, Tape};
 pub use preset::Preset;
-pub use request::CollectConfig;
+pub use request::{Begun, CollectConfig, begun};
 pub use survey::survey;
 pub use wander::Spread;

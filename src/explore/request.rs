@@ -205,6 +205,29 @@ fn read_request(path: &Path) -> Result<serde_json::Value, Error> {
         .map_err(|e| Error::Checkpoint { message: e.to_string(), path: path.to_owned() })
 }
 
+/// A collection as it was asked for.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Begun {
+    /// Its robot.
+    pub robot: String,
+    /// Everything else.
+    pub config: CollectConfig,
+}
+
+/// What a folder was begun with, complete or not; `None` where it is no collection.
+///
+/// # Errors
+/// [`Error::File`], [`Error::Checkpoint`] for a request that cannot be read.
+pub fn begun(out: &Path) -> Result<Option<Begun>, Error> {
+    let path = out.join("collect.json");
+    if !path.is_file() {
+        return Ok(None);
+    }
+    let request: Request = serde_json::from_value(read_request(&path)?)
+        .map_err(|e| Error::Checkpoint { message: e.to_string(), path })?;
+    Ok(Some(Begun { robot: request.robot, config: request.config.config }))
+}
+
 /// Makes the folder ours, or finds that it is.
 pub(super) fn claim(
     robot: &Robot,

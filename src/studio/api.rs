@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 
 use super::document::{Document, Edit};
 use super::error::Error;
-use super::exchange::ExportRequest;
+use super::exchange::{Beside, ExportRequest, Scene, Second};
 use super::jobs::{Extra, JobKind, JobRequest, JobView};
 use super::pictures::Shown;
 use super::protocol::{
@@ -24,6 +24,7 @@ use super::protocol::{
 use super::server::App;
 use super::session::{Ask, Author};
 use super::shelf::{self, Shelf};
+use super::takes::{TakeFrames, TakesView};
 use super::viser::Hovered;
 use super::worker::{Geometry, IkAnswer, MeanError, Report, Request, RobotFacts, SettleAnswer};
 use super::{exchange, export, gallery, pages, protocol};
@@ -86,8 +87,8 @@ impl<T: DeserializeOwned, S: Send + Sync> FromRequestParts<S> for Query<T> {
     }
 }
 
-type Answer<T> = Result<Json<T>, Refused>;
-type Shared = State<Arc<App>>;
+pub(super) type Answer<T> = Result<Json<T>, Refused>;
+pub(super) type Shared = State<Arc<App>>;
 
 /// No icon is no error.
 pub(super) async fn favicon() -> StatusCode {
@@ -127,6 +128,7 @@ pub(super) async fn current_state(app: &App) -> protocol::State {
         clients: app.clients.load(Ordering::SeqCst),
         folder: app.folder.display().to_string(),
         locked: app.live.locked(),
+        takes: app.live.takes(),
     }
 }
 
@@ -152,7 +154,10 @@ pub(super) async fn put_clip(
     Ok(Json(edited))
 }
 
-async fn whole_body(request: axum::extract::Request, cap: usize) -> Result<Bytes, Refused> {
+pub(super) async fn whole_body(
+    request: axum::extract::Request,
+    cap: usize,
+) -> Result<Bytes, Refused> {
     axum::body::to_bytes(request.into_body(), cap).await.map_err(|_too_large| {
         Refused(ErrorBody::new(Code::Full, format!("the body has more than {cap} bytes")))
     })
@@ -210,7 +215,7 @@ pub(super) struct PathBody {
 
 impl App {
     /// A path as the user typed it.
-    fn path(&self, typed: &str) -> Result<PathBuf, Error> {
+    pub(super) fn path(&self, typed: &str) -> Result<PathBuf, Error> {
         if typed.is_empty() || typed.contains('\0') {
             return Err(Error::request("this is no path"));
         }
@@ -329,7 +334,7 @@ pub(super) async fn robots(State(app): Shared) -> Json<Vec<RobotCard>> {
 impl App {
     /// Where a robot is loaded from: as the open document has it, else the program or a
     /// folder beside us; else as it was said.
-    fn robot_source(&self, id: String) -> String {
+    pub(super) fn robot_source(&self, id: String) -> String {
         match self.live.facts() {
             Some(facts) if facts.id == id => facts.source.clone(),
             _ => shelf::source(&id, &self.folder, &self.state_dir).unwrap_or(id),
@@ -444,6 +449,17 @@ pub(super) async fn settle(State(app): Shared, Json(body): Json<Pose>) -> Answer
 /// `GET /api/rollout`.
 pub(super) async fn rollout(State(app): Shared) -> Json<RolloutView> {
     Json(app.live.view())
+}
+
+/// `GET /api/takes`.
+pub(super) async fn takes(State(app): Shared) -> Json<TakesView> {
+    Json(app.live.takes())
+}
+
+/// `GET /api/takes/{id}`: its motion.
+pub(super) async fn take(State(app): Shared, UrlPath(id): UrlPath<u64>) -> Answer<TakeFrames> {
+    let missing = || Error::NotFound { what: format!("take {id}") };
+    Ok(Json(app.live.take_frames(id).ok_or_else(missing)?))
 }
 
 /// Query of `GET /api/export`.
@@ -647,7 +663,17 @@ pub(super) async fn start_export(
     let (clip, _) = app.session.ask(Ask::Content).await?;
     let facts = app.live.facts().ok_or(Error::NoDocument)?;
     let settings = app.live.settings();
-    let (request, extra) = exchange::job(&body, &clip, &facts.source, &settings, &app.folder)?;
+    let beside = match &body.compare {
+        Some(Beside::Take(id)) => {
+            let missing = || Error::NotFound { what: format!("take {id}") };
+            let (clip, settings) = app.live.take_source(*id).ok_or_else(missing)?;
+            Some(Second::Take(clip, settings))
+        }
+        Some(Beside::File(path)) => Some(Second::File(app.path(path)?)),
+        None => None,
+    };
+    let scene = Scene { clip: &clip, robot: &facts.source, settings: &settings, beside };
+    let (request, extra) = exchange::job(&body, &scene, &app.folder)?;
     Ok(Json(app.jobs.start_with(request, extra, &app.folder)?))
 }
 
@@ -804,6 +830,10 @@ pub(super) async fn studio_op(app: &App, op: StudioOp) -> Result<serde_json::Val
         StudioOp::RolloutRun {} => app.session.ask(Ask::Run).await?,
         StudioOp::RolloutCancel {} => app.live.cancel(&app.worker),
         StudioOp::WorkerRestart {} => app.worker.restart(),
+        StudioOp::TakePin { id, pinned } => app.live.change_takes(|t| t.pin(id, pinned))?,
+        StudioOp::TakeName { id, name } => app.live.change_takes(|t| t.name(id, &name))?,
+        StudioOp::TakeCompare { ids } => app.live.change_takes(|t| t.compare(&ids))?,
+        StudioOp::TakeRemove { id } => app.live.change_takes(|t| t.remove(id))?,
         view => super::viser::view_op(app, view)?,
     }
     Ok(nothing)

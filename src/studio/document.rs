@@ -5,12 +5,17 @@
 //! alone: what is on disk needs no second copy.
 
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use super::error::Error;
 use super::journal::{Journal, Record};
 use super::protocol::Draft;
 use crate::clip::{self, Batch, Change, Clip, Command, Delta, Editor, JointTable, Op};
 use crate::fsio;
+
+/// Attempts to get a draft that seems to be in use, and the time between two.
+const LOCK_TRIES: u32 = 10;
+const LOCK_PAUSE: Duration = Duration::from_millis(20);
 
 /// What a start from a journal brought back.
 #[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize)]
@@ -99,6 +104,13 @@ impl Replayed {
         }
         known
     }
+}
+
+/// The journal of a clip that is open nowhere.
+struct Waiting {
+    journal: Journal,
+    records: Vec<Record>,
+    torn_bytes: u64,
 }
 
 impl Document {
@@ -206,18 +218,26 @@ impl Document {
         Err(Error::Full { what: "unsaved clips", cap: 10_000 })
     }
 
-    /// The unsaved clip of a studio that was killed, if there is one: the newest.
+    /// The unsaved clip that was open in a studio that was killed, if there is one: the
+    /// newest. What a studio put away by itself waits among the drafts.
     pub fn orphan(
         state_dir: &Path,
         table: impl FnOnce(&Clip) -> Option<JointTable>,
     ) -> Option<Document> {
-        let draft = Document::drafts(state_dir).into_iter().next()?;
-        Document::draft(state_dir, draft.number, table).ok()
+        // Opened once: a journal that is closed and opened again at once can seem to be in use,
+        // as a child that starts just then has its lock until it is a program of its own.
+        let found = Self::waiting(state_dir).into_iter().find(|(draft, _)| draft.abandoned);
+        let (_, Waiting { journal, records, torn_bytes }) = found?;
+        Document::from_journal(journal, &records, torn_bytes, table).ok()
     }
 
     /// Clips that were never saved and are open nowhere, the newest first. Journals without
     /// an edit go.
     pub fn drafts(state_dir: &Path) -> Vec<Draft> {
+        Self::waiting(state_dir).into_iter().map(|(draft, _)| draft).collect()
+    }
+
+    fn waiting(state_dir: &Path) -> Vec<(Draft, Waiting)> {
         let Ok(found) = std::fs::read_dir(state_dir) else { return Vec::new() };
         let number = |path: &Path| -> Option<u32> {
             path.file_name()?
@@ -227,28 +247,30 @@ impl Document {
                 .parse()
                 .ok()
         };
-        let mut list: Vec<Draft> = found
+        let mut list: Vec<(Draft, Waiting)> = found
             .filter_map(|e| e.ok().map(|e| e.path()))
             .filter_map(|path| {
                 let number = number(&path)?;
                 let changed = std::fs::metadata(&path).and_then(|m| m.modified()).ok()?;
-                let (journal, records, _) = Journal::open(&path).ok()?;
+                let (journal, records, torn_bytes) = Journal::open(&path).ok()?;
                 if matches!(records.as_slice(), [Record::Base { path: None, .. }]) {
                     journal.remove();
                     return None;
                 }
                 let document = Document::from_journal(journal, &records, 0, |_| None).ok()?;
                 let since = changed.duration_since(std::time::UNIX_EPOCH).ok()?;
-                Some(Draft {
+                let draft = Draft {
                     number,
                     name: document.clip().name.clone(),
                     robot: document.clip().robot.id.clone(),
                     keys: document.clip().keys.len(),
                     changed_secs: since.as_secs(),
-                })
+                    abandoned: records.last() != Some(&Record::Closed),
+                };
+                Some((draft, Waiting { journal: document.journal, records, torn_bytes }))
             })
             .collect();
-        list.sort_by_key(|d| std::cmp::Reverse((d.changed_secs, d.number)));
+        list.sort_by_key(|(d, _)| std::cmp::Reverse((d.changed_secs, d.number)));
         list
     }
 
@@ -265,7 +287,20 @@ impl Document {
         if !path.is_file() {
             return Err(Error::NotFound { what: format!("unsaved clip {number}") });
         }
-        let (journal, records, torn_bytes) = Journal::open(&path)?;
+        // Whoever looked through the drafts a moment ago may still have it: see `orphan`.
+        let mut tries = 0;
+        let (mut journal, mut records, torn_bytes) = loop {
+            match Journal::open(&path) {
+                Err(Error::Locked { .. }) if tries < LOCK_TRIES => tries += 1,
+                opened => break opened?,
+            }
+            std::thread::sleep(LOCK_PAUSE);
+        };
+        if records.last() == Some(&Record::Closed) {
+            // Open again: a kill from here on is one with this clip open.
+            records.retain(|r| *r != Record::Closed);
+            journal.rewrite(&records)?;
+        }
         Document::from_journal(journal, &records, torn_bytes, table)
     }
 
@@ -302,7 +337,7 @@ impl Document {
             replayed: Replayed::default(),
         };
         document.replay(records)?;
-        let edits = records.len().saturating_sub(1);
+        let edits = records.iter().skip(1).filter(|r| **r != Record::Closed).count();
         document.restored = Some(Restored { edits, torn_bytes, file_changed: false });
         Ok(document)
     }
@@ -310,7 +345,7 @@ impl Document {
     fn replay(&mut self, records: &[Record]) -> Result<(), Error> {
         for record in records.iter().skip(1) {
             match record {
-                Record::Base { .. } => {}
+                Record::Base { .. } | Record::Closed => {}
                 Record::Edit { label, patch } => {
                     self.editor.apply(&relabelled(label, patch))?;
                     self.replayed.push();
@@ -537,12 +572,16 @@ impl Document {
         self.edit(&[Edit::Op(Box::new(op))]).pop().unwrap_or_else(|| Ok(Vec::new()))
     }
 
-    /// Ends it. Unsaved edits stay in the journal for the next start; without any the
-    /// journal goes.
-    pub fn close(self) {
+    /// Ends it. Unsaved edits stay in the journal, with a mark that this was no kill; without
+    /// any the journal goes.
+    pub fn close(mut self) {
         let keep = if self.untitled { self.editor.history().1 > 0 } else { self.is_dirty() };
         if !keep {
             self.journal.remove();
+        } else if self.untitled
+            && let Err(e) = self.journal.append(&[Record::Closed])
+        {
+            tracing::warn!("the next start will take this for a crash: {e}");
         }
     }
 }
@@ -675,6 +714,24 @@ mod tests {
             Document::draft(dir.path(), number, |_| None),
             Err(Error::NotFound { .. })
         ));
+    }
+
+    #[test]
+    fn what_was_put_away_is_a_draft_and_what_was_killed_comes_back() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut doc = Document::new(blank(), dir.path(), None).unwrap();
+        doc.edit(&[add(20), add(40)]);
+        doc.close();
+        assert!(Document::orphan(dir.path(), |_| None).is_none(), "nothing was killed");
+        let [draft] = &Document::drafts(dir.path())[..] else { panic!("it is kept") };
+        assert!(!draft.abandoned);
+        // Taken up again it is whole, and a kill before any further edit is a kill.
+        let doc = Document::draft(dir.path(), draft.number, |_| None).unwrap();
+        assert_eq!((doc.restored().unwrap().edits, doc.history().1), (2, 2));
+        drop(doc);
+        assert!(Document::drafts(dir.path())[0].abandoned);
+        let doc = Document::orphan(dir.path(), |_| None).unwrap();
+        assert_eq!(doc.clip().keys.len(), 3);
     }
 
     #[test]

@@ -41,6 +41,37 @@ pub(super) struct ExportRequest {
     /// Moments of a strip.
     #[serde(default)]
     moments: Option<u32>,
+    /// What is drawn beside it.
+    #[serde(default)]
+    pub(super) compare: Option<Beside>,
+}
+
+/// What stands beside the clip in a picture or film.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum Beside {
+    /// A take, performed once more: the same clip, policy and seed give the same bits.
+    Take(u64),
+    /// Another clip, performed by the same policy, or a take in a file; relative to the
+    /// studio's folder.
+    File(String),
+}
+
+/// What is exported.
+#[derive(Debug)]
+pub(super) struct Scene<'a> {
+    pub(super) clip: &'a Clip,
+    /// Where the robot is loaded from.
+    pub(super) robot: &'a str,
+    pub(super) settings: &'a RolloutSettings,
+    pub(super) beside: Option<Second>,
+}
+
+/// [`Beside`], looked up.
+#[derive(Clone, Debug)]
+pub(super) enum Second {
+    Take(Arc<Clip>, RolloutSettings),
+    File(PathBuf),
 }
 
 const FILMS: [&str; 3] = ["mp4", "gif", "apng"];
@@ -53,11 +84,10 @@ const TAKES: [&str; 7] = ["mcap", "csv", "json", "mjcf", "ros", "viser", "html"]
 /// [`Error::Request`] for options that make no sense, [`Error::Server`].
 pub(super) fn job(
     ask: &ExportRequest,
-    clip: &Clip,
-    robot: &str,
-    settings: &RolloutSettings,
+    scene: &Scene<'_>,
     folder: &Path,
 ) -> Result<(JobRequest, Extra), Error> {
+    let Scene { clip, robot, settings, beside } = scene;
     let format = ask.format.as_str();
     let scratch = Arc::new(tempfile::tempdir().map_err(Error::Server)?);
     let stem = super::export::stem(clip);
@@ -81,7 +111,7 @@ pub(super) fn job(
     let mut option = |name: &str, value: String| args.extend([name.to_owned(), value]);
     option("--policy", policy(settings));
     option("--seed", settings.seed.to_string());
-    option("--robot", robot.to_owned());
+    option("--robot", (*robot).to_owned());
     option("-o", output.display().to_string());
     let kind = if drawn {
         if let Some([w, h]) = ask.size {
@@ -92,6 +122,22 @@ pub(super) fn job(
         }
         if let Some(camera) = &ask.camera {
             option("--camera", camera.clone());
+        }
+        match beside {
+            None => {}
+            Some(Second::File(path)) => option("--compare", path.display().to_string()),
+            Some(Second::Take(_, with)) if with.seed != settings.seed => {
+                return Err(Error::request(format!(
+                    "that take has seed {}, the clip seed {}: side by side both have one",
+                    with.seed, settings.seed
+                )));
+            }
+            Some(Second::Take(clip, with)) => {
+                let second = scratch.path().join("beside.clip.json");
+                std::fs::write(&second, clip.to_text()).map_err(Error::Server)?;
+                option("--compare", second.display().to_string());
+                option("--compare-policy", policy(with));
+            }
         }
         match (format, ask.frames) {
             ("strip", _) => option("--strip", ask.moments.unwrap_or(6).to_string()),

@@ -10,7 +10,7 @@ use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal, kill_process};
 use serde::{Deserialize, Serialize};
@@ -188,6 +188,8 @@ pub struct Extra {
     pub scratch: Option<Arc<tempfile::TempDir>>,
 }
 
+/// Time for the last lines of a job that has ended; a child of its own may hold them open.
+const LOG_PATIENCE: Duration = Duration::from_secs(1);
 /// Log lines kept.
 const LOG: usize = 100;
 /// Bytes of one line that are kept.
@@ -287,7 +289,7 @@ impl Jobs {
         };
         let (out, err) = (child.stdout.take(), child.stderr.take());
         let jobs = self.clone();
-        std::thread::Builder::new()
+        let log = std::thread::Builder::new()
             .name(format!("job {id} log"))
             .spawn(move || {
                 for line in err.into_iter().flat_map(|e| BufReader::new(e).lines()) {
@@ -315,6 +317,11 @@ impl Jobs {
                     jobs.tell(id);
                 }
                 let exit = child.wait().ok().and_then(|s| s.code());
+                // Whoever hears of the end wants to read why; the pipe closes with the job.
+                let until = Instant::now() + LOG_PATIENCE;
+                while !log.is_finished() && Instant::now() < until {
+                    std::thread::sleep(Duration::from_millis(2));
+                }
                 jobs.with(id, |job| {
                     job.pid = None;
                     job.exit = exit;

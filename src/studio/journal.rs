@@ -46,6 +46,9 @@ pub enum Record {
     Undo,
     /// It was done again.
     Redo,
+    /// Its studio put it away by itself. Without this at the end of a clip that was never
+    /// saved, the studio was killed with that clip open.
+    Closed,
 }
 
 /// An open, locked journal.

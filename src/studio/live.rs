@@ -11,12 +11,14 @@ use std::sync::{Arc, PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
 use serde_json::Value;
 use tokio::sync::watch;
 
+use super::error::Error;
 use super::hub::Hub;
 use super::protocol::{Event, Phase, RolloutSettings, RolloutState, RolloutView};
+use super::takes::{Take, TakeFrames, Takes, TakesView};
 use super::worker::{
     Dense, Frames, MotionRows, Report, Request, RobotFacts, WorkerHandle, WorkerSink, WorkerState,
 };
-use crate::clip::Command;
+use crate::clip::{Clip, Command};
 use crate::net::Threads;
 
 /// The store; see the module.
@@ -49,6 +51,11 @@ struct Inner {
     command: Option<Arc<Command>>,
     keys: Arc<[u32]>,
     title: String,
+    /// The clip that is performed next.
+    clip: Option<Arc<Clip>>,
+    /// What is performed, and with which settings; `None` for a preview, which is no take.
+    performing: Option<(Arc<Clip>, RolloutSettings)>,
+    takes: Takes,
     worker: WorkerState,
     /// Joints that no hand moves.
     locked: Vec<String>,
@@ -101,6 +108,7 @@ impl Live {
             inner.clear();
         }
         self.notify();
+        self.tell_takes();
     }
 
     /// The robot of the open document.
@@ -143,6 +151,7 @@ impl Live {
             inner.state_stamp = inner.stamp;
             inner.spent = (0.0, 0);
             inner.command = Some(Arc::new(command.clone()));
+            inner.performing = inner.clip.take().map(|clip| (clip, inner.settings.clone()));
             inner.state = RolloutState {
                 generation: inner.state.generation + 1,
                 rev,
@@ -158,12 +167,60 @@ impl Live {
         self.notify();
     }
 
-    /// The clip's title, for pictures, and the frames of its keys, for the ghosts around the
-    /// playhead.
-    pub fn set_clip(&self, title: &str, keys: Vec<u32>) {
+    /// The clip that is performed next: its title, for pictures, the frames of its keys, for the
+    /// ghosts around the playhead, and all of it, for the take.
+    pub fn set_clip(&self, clip: &Clip) {
         let mut inner = self.write();
-        title.clone_into(&mut inner.title);
-        inner.keys = keys.into();
+        clip.name.clone_into(&mut inner.title);
+        inner.keys = clip.keys.iter().map(|k| k.frame).collect();
+        inner.clip = Some(Arc::new(clip.clone()));
+    }
+
+    /// Takes of the open robot.
+    pub fn takes(&self) -> TakesView {
+        let inner = self.read();
+        let robot = inner.facts.as_ref().map(|f| f.source.as_str());
+        inner.takes.view(robot, inner.command.as_deref())
+    }
+
+    /// The motion of a take.
+    pub fn take_frames(&self, id: u64) -> Option<TakeFrames> {
+        let inner = self.read();
+        let take = inner.takes.get(id)?;
+        Some(TakeFrames { q: take.q.clone(), error: take.error.clone() })
+    }
+
+    /// What a take was performed from, to perform it once more.
+    pub fn take_source(&self, id: u64) -> Option<(Arc<Clip>, RolloutSettings)> {
+        let inner = self.read();
+        let take = inner.takes.get(id)?;
+        Some((Arc::clone(&take.clip), take.settings.clone()))
+    }
+
+    /// Changes takes and tells everyone.
+    ///
+    /// # Errors
+    /// The refusal.
+    pub(super) fn change_takes(
+        &self,
+        change: impl FnOnce(&mut Takes) -> Result<(), Error>,
+    ) -> Result<(), Error> {
+        change(&mut self.write().takes)?;
+        self.notify();
+        self.tell_takes();
+        Ok(())
+    }
+
+    fn tell_takes(&self) {
+        self.hub.send(&Event::Takes(self.takes()));
+    }
+
+    /// Body transforms at a frame of the take that stands beside; beyond its end the last. One
+    /// row of (nbody, 7).
+    pub fn beside(&self, frame: usize) -> Option<Arc<[f32]>> {
+        let inner = self.read();
+        let take = inner.takes.beside(&inner.facts.as_ref()?.source)?;
+        take.bodies.get(frame).or(take.bodies.last()).cloned()
     }
 
     /// The command that is performed, and the frames of the clip's keys.
@@ -281,6 +338,8 @@ impl Inner {
         self.truncate(0);
         self.precision = None;
         self.command = None;
+        self.clip = None;
+        self.performing = None;
         self.keys = Arc::default();
         self.stamp += 1;
         self.state_stamp = self.stamp;
@@ -297,6 +356,32 @@ impl Inner {
         self.goal_bodies.truncate(frames);
         self.stamps.truncate(frames);
         self.state.cached_to = self.q.len();
+    }
+
+    /// Keeps what was just performed, if that was the document and not a preview.
+    fn keep_take(&mut self) -> bool {
+        let (Some(facts), Some(command)) = (&self.facts, &self.command) else { return false };
+        let Some((clip, settings)) = self.performing.clone() else { return false };
+        let whole = self.q.len() == self.state.frames && !self.q.is_empty();
+        if self.state.phase != Phase::Done || !whole {
+            return false;
+        }
+        self.takes.keep(Take {
+            id: 0,
+            name: String::new(),
+            robot: facts.source.clone(),
+            clip,
+            command: Arc::clone(command),
+            settings,
+            policy: self.state.policy.clone(),
+            rev: self.state.rev,
+            mae: self.state.mae,
+            q: self.q.clone(),
+            error: self.error.clone(),
+            bodies: self.bodies.clone(),
+            pinned: false,
+        });
+        true
     }
 
     fn set_phase(&mut self, phase: Phase, error: Option<String>) {
@@ -337,6 +422,7 @@ impl Inner {
 
 impl WorkerSink for Live {
     fn report(&self, report: Report) {
+        let mut kept = false;
         {
             let mut inner = self.write();
             let current = inner.state.generation;
@@ -360,11 +446,15 @@ impl WorkerSink for Live {
                     }
                     let phase = if error.is_some() { Phase::Failed } else { Phase::Done };
                     inner.set_phase(phase, error);
+                    kept = inner.keep_take();
                 }
                 _ => return,
             }
         }
         self.notify();
+        if kept {
+            self.tell_takes();
+        }
     }
 
     fn state(&self, state: &WorkerState) {

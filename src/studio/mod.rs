@@ -10,10 +10,11 @@
 //! | `api`, `socket`, [`viser`] | requests, the editor channel, the 3D viewport |
 //! | [`session`] | the thread that owns the document |
 //! | [`document`], [`journal`] | clip + history + file; what survives a kill |
-//! | [`live`] | the rollout's frames, and what each client has yet to see |
+//! | [`live`], `takes` | the rollout's frames, and what each client has yet to see; rollouts kept |
 //! | [`worker`] | the simulation, in a process of its own |
 //! | [`pictures`] | rendered stills, by a second child |
 //! | [`jobs`], `exchange`, `shelf` | collect, train, import, export as child processes; their files |
+//! | `intake`, `folders` | clips that come as files; where they lie |
 //!
 //! Two promises shape it: an edit is acknowledged only when it is on disk, and nothing that
 //! a model or a client does can take the document along.
@@ -23,9 +24,11 @@ pub mod document;
 pub mod error;
 pub mod exchange;
 mod export;
+mod folders;
 mod gallery;
 pub mod guard;
 pub mod hub;
+mod intake;
 pub mod jobs;
 pub mod journal;
 pub mod live;
@@ -37,6 +40,7 @@ pub mod server;
 pub mod session;
 pub mod shelf;
 mod socket;
+mod takes;
 pub mod viser;
 pub mod worker;
 
@@ -188,11 +192,12 @@ async fn first_document(config: &StudioConfig, session: &Session) -> Result<(), 
                 session.ask(|r| Ask::Open(path, r)).await?;
             }
         }
-    } else if session.ask(Ask::Recover).await? {
-        // The unsaved clip of a studio that was killed.
     } else if let Some(robot) = config.robot.clone() {
         let (length, name) = (100, String::new());
         session.ask(|reply| Ask::Blank { robot, length, name, reply }).await?;
+    } else {
+        // What a killed studio had open; what was put away waits in the gallery.
+        session.ask(Ask::Recover).await?;
     }
     Ok(())
 }

@@ -96,6 +96,7 @@ use serde_json::Value;
 
 use super::document::Restored;
 use super::error::Error;
+use super::takes::TakesView;
 use super::worker::WorkerState;
 use crate::clip::{Blind, ClipError, Delta, Granularity, JointTable, Lint, Op, Span};
 use crate::exit::{Exit, HasExit};
@@ -305,6 +306,8 @@ pub struct State {
     pub folder: String,
     /// Joints that no hand moves.
     pub locked: Vec<String>,
+    /// Takes of the open robot.
+    pub takes: TakesView,
 }
 
 /// A policy to choose.
@@ -486,6 +489,34 @@ pub enum StudioOp {
     /// Starts the simulation again after it gave up.
     #[serde(rename = "worker.restart")]
     WorkerRestart {},
+    /// Keeps a take for good, or no longer.
+    #[serde(rename = "take.pin")]
+    TakePin {
+        /// Which.
+        id: u64,
+        /// Whether.
+        pinned: bool,
+    },
+    /// Names a take and pins it.
+    #[serde(rename = "take.name")]
+    TakeName {
+        /// Which.
+        id: u64,
+        /// How.
+        name: String,
+    },
+    /// Draws these takes beside what is performed now; the last one also in the viewport.
+    #[serde(rename = "take.compare")]
+    TakeCompare {
+        /// Which; none ends it.
+        ids: Vec<u64>,
+    },
+    /// Forgets a take.
+    #[serde(rename = "take.remove")]
+    TakeRemove {
+        /// Which.
+        id: u64,
+    },
     /// Shows this frame in the viewport (also while scrubbing).
     #[serde(rename = "view.frame")]
     ViewFrame {
@@ -626,6 +657,8 @@ pub struct Draft {
     pub keys: usize,
     /// Seconds since 1970 of its last edit.
     pub changed_secs: u64,
+    /// The studio was killed with it open, and nobody has looked at it since.
+    pub abandoned: bool,
 }
 
 /// One recent file.
@@ -739,6 +772,9 @@ pub enum Event {
     /// How far it is.
     #[serde(rename = "rollout.state")]
     RolloutState(RolloutState),
+    /// Takes, and which are compared.
+    #[serde(rename = "takes")]
+    Takes(TakesView),
     /// State of the simulation.
     #[serde(rename = "worker")]
     Worker(WorkerState),
@@ -784,7 +820,7 @@ pub enum Event {
 }
 
 /// The names of [`StudioOp`]; any other is a clip operation.
-pub const STUDIO_OPS: [&str; 18] = [
+pub const STUDIO_OPS: [&str; 22] = [
     "undo",
     "redo",
     "history.goto",
@@ -794,6 +830,10 @@ pub const STUDIO_OPS: [&str; 18] = [
     "rollout.run",
     "rollout.cancel",
     "worker.restart",
+    "take.pin",
+    "take.name",
+    "take.compare",
+    "take.remove",
     "view.frame",
     "view.play",
     "view.show",

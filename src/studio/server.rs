@@ -31,7 +31,7 @@ use super::recent::Recent;
 use super::session::Session;
 use super::viser::Viewport;
 use super::worker::WorkerHandle;
-use super::{api, pages, socket};
+use super::{api, intake, pages, socket};
 use crate::limits;
 
 /// Everything that requests share.
@@ -98,6 +98,8 @@ pub fn router(app: Arc<App>) -> Router {
         .route("/api/new", post(api::new))
         .route("/api/save", post(api::save))
         .route("/api/close", post(api::close))
+        .route("/api/files", get(intake::files))
+        .route("/api/clips", post(intake::clips))
         .route("/api/gallery", get(api::gallery))
         .route("/api/gallery/{*id}", post(api::open_example))
         .route("/api/recent", get(api::recent))
@@ -111,6 +113,8 @@ pub fn router(app: Arc<App>) -> Router {
         .route("/api/ik", post(api::ik))
         .route("/api/settle", post(api::settle))
         .route("/api/rollout", get(api::rollout))
+        .route("/api/takes", get(api::takes))
+        .route("/api/takes/{id}", get(api::take))
         .route("/api/export", get(api::export))
         .route("/api/exports", post(api::start_export))
         .route("/api/shelf", get(api::shelf))

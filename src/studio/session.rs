@@ -459,8 +459,7 @@ impl Desk {
         let Some(document) = &self.document else { return };
         // Without a robot there is nobody to perform; the banner has said so.
         if self.facts.is_some() {
-            let clip = document.clip();
-            self.live.set_clip(&clip.name, clip.keys.iter().map(|k| k.frame).collect());
+            self.live.set_clip(document.clip());
             self.live.perform(document.rev(), document.command(), &self.worker);
         }
     }
@@ -552,14 +551,7 @@ impl Desk {
     fn blank(&mut self, robot: &str, length: u32, name: String) -> Result<DocumentView, Error> {
         let facts = self.know(robot)?;
         let table = &facts.table;
-        let reference = RobotRef {
-            id: table.robot.clone(),
-            model: None,
-            model_sha256: table.model_sha256.clone(),
-            joints: table.names(),
-            units: table.joints.iter().map(|j| j.unit).collect(),
-        };
-        let mut clip = Clip::new(reference, length.clamp(2, crate::limits::CLIP_FRAMES));
+        let mut clip = Clip::new(reference(table), length.clamp(2, crate::limits::CLIP_FRAMES));
         clip.name = name;
         // The first key is where the robot starts, until somebody says another start.
         let rest: Vec<f64> = table.rest.iter().map(|v| clip::round(*v)).collect();
@@ -723,6 +715,17 @@ impl Desk {
             self.verdicts.insert(bits(pose), verdict);
         }
         self.tell_findings();
+    }
+}
+
+/// A robot as a clip of it names it.
+pub(super) fn reference(table: &JointTable) -> RobotRef {
+    RobotRef {
+        id: table.robot.clone(),
+        model: None,
+        model_sha256: table.model_sha256.clone(),
+        joints: table.names(),
+        units: table.joints.iter().map(|j| j.unit).collect(),
     }
 }
 

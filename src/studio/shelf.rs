@@ -11,7 +11,7 @@ use crate::net::checkpoint;
 use crate::robot::{self, MODEL_FILE, Robot};
 use crate::rollout::model_path;
 use crate::train::run::read_config;
-use crate::{fsio, limits};
+use crate::{explore, fsio, limits};
 
 /// Folders that are looked at for one list.
 const LOOKED_AT: usize = 2_000;
@@ -37,6 +37,8 @@ pub struct RunCard {
     pub precision: Value,
     /// The model to perform with, once there is one.
     pub model: Option<String>,
+    /// The data that it learns from, once there is a model.
+    pub dataset_sha256: Option<String>,
     /// Seconds since 1970 of the last change.
     pub changed_secs: u64,
 }
@@ -52,6 +54,21 @@ pub struct DataCard {
     pub frames: u64,
     /// Trajectories.
     pub episodes: u64,
+    /// What model cards call it.
+    pub sha256: String,
+}
+
+/// A collection that was begun and is not there yet.
+#[derive(Clone, Debug, Serialize)]
+pub struct BegunCard {
+    /// Folder, relative to the studio's.
+    pub path: String,
+    /// Robot.
+    pub robot: String,
+    /// Who collects.
+    pub agents: Vec<String>,
+    /// Frames that are wanted.
+    pub transitions: u64,
 }
 
 /// What `GET /api/shelf` shows.
@@ -61,6 +78,8 @@ pub struct Shelf {
     pub runs: Vec<RunCard>,
     /// Data, by path.
     pub data: Vec<DataCard>,
+    /// Data that is not whole yet, by path.
+    pub begun: Vec<BegunCard>,
     /// Presets of training, each with a sentence.
     pub presets: Vec<(&'static str, &'static str)>,
 }
@@ -114,14 +133,19 @@ pub(super) fn list(folder: &Path) -> Shelf {
         }
     });
     runs.sort_by(|a, b| b.changed_secs.cmp(&a.changed_secs).then_with(|| a.path.cmp(&b.path)));
-    let mut data = Vec::new();
+    let (mut data, mut begun) = (Vec::new(), Vec::new());
     walk(&folder.join("data"), DEPTH, &mut LOOKED_AT.clone(), &mut |dir| {
-        dir.join("manifest.json").is_file() && {
+        // Written last: a folder with it is whole.
+        if dir.join("manifest.json").is_file() {
             data.extend(dataset(folder, dir));
-            true
+            return true;
         }
+        let request = begun_in(folder, dir);
+        let there = request.is_some();
+        begun.extend(request);
+        there
     });
-    Shelf { runs, data, presets: crate::train::PRESETS.to_vec() }
+    Shelf { runs, data, begun, presets: crate::train::PRESETS.to_vec() }
 }
 
 /// The metrics of a run, thinned to what a chart can show.
@@ -189,6 +213,7 @@ fn run(folder: &Path, dir: &Path) -> Option<RunCard> {
             .as_ref()
             .and_then(|c| serde_json::to_value(&c.training.precision).ok())
             .unwrap_or(Value::Null),
+        dataset_sha256: card.as_ref().map(|c| c.training.dataset_sha256.clone()),
         model: card.map(|_| relative(folder, &model)),
         changed_secs,
     })
@@ -203,5 +228,17 @@ fn dataset(folder: &Path, dir: &Path) -> Option<DataCard> {
         robot: manifest.pointer("/robot/id")?.as_str()?.to_owned(),
         frames: total("frames")?,
         episodes: total("episodes")?,
+        // It is written as its canonical text, so the file's hash is the manifest's.
+        sha256: fsio::sha256_hex(&bytes),
+    })
+}
+
+fn begun_in(folder: &Path, dir: &Path) -> Option<BegunCard> {
+    let request = explore::begun(dir).ok().flatten()?;
+    Some(BegunCard {
+        path: relative(folder, dir),
+        robot: request.robot,
+        agents: request.config.agents.iter().map(|a| a.name().to_owned()).collect(),
+        transitions: request.config.transitions,
     })
 }

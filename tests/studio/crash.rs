@@ -185,6 +185,40 @@ fn an_unsaved_clip_comes_back_and_can_be_saved() {
 }
 
 #[test]
+fn only_a_killed_studio_is_taken_up_again_and_a_robot_goes_before_it() {
+    let dir = tempfile::tempdir().unwrap();
+    let rename = |studio: &Studio, name: &str| {
+        let ops = json!({"ops": [{"op": "clip.rename", "args": {"name": name}}]});
+        assert_eq!(studio.post("/api/ops", &ops).status, 200);
+    };
+    // Ended by hand: the clip is kept, but the next start is a start.
+    let studio = Studio::start(dir.path(), &["--robot", "pointmass"]);
+    rename(&studio, "put away");
+    assert_eq!(studio.terminate().0, 0);
+    let studio = Studio::start(dir.path(), &[]);
+    assert!(studio.state()["document"].is_null(), "the gallery, not the clip of last week");
+    let drafts = studio.get("/api/drafts").json();
+    assert_eq!((&drafts[0]["name"], &drafts[0]["abandoned"]), (&json!("put away"), &json!(false)));
+    drop(studio);
+    // Killed, and started for another robot: that robot, and the clip waits.
+    let mut studio = Studio::start(dir.path(), &["--robot", "pointmass"]);
+    rename(&studio, "killed");
+    studio.kill();
+    let studio = Studio::start(dir.path(), &["--robot", "ur5e"]);
+    assert_eq!(studio.state()["document"]["clip"]["robot"]["id"], "ur5e");
+    let drafts = studio.get("/api/drafts").json();
+    let killed = drafts.as_array().unwrap().iter().find(|d| d["name"] == "killed").unwrap();
+    assert_eq!(killed["abandoned"], true);
+    assert_eq!(studio.terminate().0, 0);
+    // Nobody has seen it yet: a plain start brings it, even after that one ended well.
+    let studio = Studio::start(dir.path(), &[]);
+    assert_eq!(studio.state()["document"]["clip"]["name"], "killed");
+    assert_eq!(studio.state()["document"]["restored"]["edits"], 1);
+    assert_eq!(studio.terminate().0, 0);
+    assert!(Studio::start(dir.path(), &[]).state()["document"].is_null());
+}
+
+#[test]
 fn terminates_quickly_and_a_second_one_is_refused() {
     let dir = tempfile::tempdir().unwrap();
     std::fs::write(dir.path().join("a.clip.json"), CLIP).unwrap();

@@ -3,10 +3,12 @@
 mod client;
 mod crash;
 mod editing;
+mod files;
 mod guard;
 mod hand;
 mod hostile;
 mod measure;
 mod pages;
 mod simulation;
+mod takes;
 mod viewport;

@@ -4,8 +4,8 @@ use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
 
-use super::client::{CLIP, Studio};
-use crate::run::binary;
+use super::client::{CLIP, Studio, key};
+use crate::run::{binary, call};
 
 #[path = "../../examples/studio_client.rs"]
 #[allow(unreachable_pub)]
@@ -127,6 +127,88 @@ fn an_export_is_a_job_with_progress_and_can_be_cancelled() {
     let phase = ended(&studio, &film)["phase"].clone();
     assert!(phase == "interrupted" || phase == "done", "{phase}");
     assert_eq!(studio.post("/api/exports", &json!({"format": "vhs"})).status, 400);
+}
+
+#[test]
+fn a_take_is_exported_beside_what_is_performed_now() {
+    let dir = tempfile::tempdir().unwrap();
+    let studio = open(&dir);
+    studio.rolled_out(0);
+    let mut page = studio.socket();
+    let take = studio.get("/api/takes").json()["takes"][0].clone();
+    page.ask("rollout.set", &json!({"policy": "zero"}));
+    page.ask("keys.add", &key(30, -1.0));
+    studio.rolled_out(1);
+    let options = |compare: Value| json!({"format": "apng", "size": [96, 64], "frames": [0, 2], "overlay": "caption", "camera": "top", "compare": compare});
+    let job = studio.post("/api/exports", &options(json!({"take": take["id"]}))).json();
+    let done = ended(&studio, &job);
+    assert_eq!(done["phase"], "done", "{done}");
+    // Each picture is that of its own clip and policy: twice as wide, two errors.
+    let told = done["lines"].as_array().unwrap().iter().find(|l| l["event"] == "result").unwrap();
+    let result = &told["result"];
+    assert!(result["width"].as_u64().unwrap() >= 192, "{result}");
+    let errors = result["precision"].as_array().unwrap();
+    assert_eq!(errors.len(), 2, "{result}");
+    assert!(
+        (errors[1].as_f64().unwrap() - take["mae"].as_f64().unwrap()).abs() < 1e-9,
+        "{result} {take}"
+    );
+    let now = studio.get("/api/rollout").json();
+    assert!((errors[0].as_f64().unwrap() - now["state"]["mae"].as_f64().unwrap()).abs() < 1e-9);
+    let file = studio.get(&format!("/api/jobs/{}/file", job["id"]));
+    assert_eq!(&file.body[..4], b"\x89PNG");
+    // Another seed, and what is not there.
+    page.ask("rollout.set", &json!({"policy": "zero", "seed": 7}));
+    let refused = studio.post("/api/exports", &options(json!({"take": take["id"]})));
+    assert_eq!(refused.status, 400, "{refused:?}");
+    assert_eq!(studio.post("/api/exports", &options(json!({"take": 999}))).status, 404);
+    let job = studio.post("/api/exports", &options(json!({"file": "a.clip.json"}))).json();
+    assert_eq!(ended(&studio, &job)["phase"], "done");
+}
+
+#[test]
+fn a_collection_that_was_stopped_is_found_and_goes_on_alone() {
+    let dir = tempfile::tempdir().unwrap();
+    let collect = [
+        "collect",
+        "--robot",
+        "pointmass",
+        "--agent",
+        "noise,uniform",
+        "--transitions",
+        "4k",
+        "--seed",
+        "3",
+        "--json",
+    ];
+    let (code, whole, err) = call(dir.path(), &[&collect[..], &["--out", "data/whole"]].concat());
+    assert_eq!(code, 0, "{err}");
+    // As a kill in the middle leaves it: asked for, nothing made.
+    std::fs::create_dir_all(dir.path().join("data/half")).unwrap();
+    std::fs::copy(
+        dir.path().join("data/whole/collect.json"),
+        dir.path().join("data/half/collect.json"),
+    )
+    .unwrap();
+    let studio = Studio::start(dir.path(), &[]);
+    let shelf = studio.get("/api/shelf").json();
+    let begun = &shelf["begun"][0];
+    assert_eq!((&begun["path"], &begun["robot"]), (&json!("data/half"), &json!("pointmass")));
+    assert_eq!(
+        (&begun["agents"], &begun["transitions"]),
+        (&json!(["noise", "uniform"]), &json!(4000))
+    );
+    assert_eq!(shelf["data"].as_array().unwrap().len(), 1);
+    let args = ["--robot", "pointmass", "--out", "data/half", "--resume"];
+    let job = studio.post("/api/jobs", &json!({"kind": "collect", "args": args})).json();
+    let done = ended(&studio, &job);
+    assert_eq!(done["phase"], "done", "{done}");
+    let shelf = studio.get("/api/shelf").json();
+    assert!(shelf["begun"].as_array().unwrap().is_empty(), "{shelf}");
+    let whole: Value = serde_json::from_str(&whole).unwrap();
+    for data in shelf["data"].as_array().unwrap() {
+        assert_eq!(data["sha256"], whole["manifest_sha256"], "the same options, the same bits");
+    }
 }
 
 #[test]

@@ -414,15 +414,6 @@ describe("features", () => {
     await t.page.getByText(none).first().waitFor();
   });
 
-  test("takes: pin, compare", async () => {
-    await afresh();
-    await t.rolledOut();
-    await t.page.getByRole("button", { name: "Pin" }).click();
-    await t.until((s) => s.takes >= 1, "pinned");
-    await t.page.getByRole("button", { name: "A/B" }).first().click();
-    assert.equal(await t.page.getByRole("button", { name: "A/B" }).first().getAttribute("aria-pressed"), "true");
-  });
-
   test("a policy is chosen, and another, and refined, whatever was opened meanwhile", async () => {
     await afresh();
     // What an earlier test was told stands for fifteen seconds.

@@ -7,7 +7,7 @@ import { tmpdir } from "node:os";
 import { join } from "node:path";
 import { chromium, type Browser, type BrowserContext, type Page } from "playwright-core";
 import type { Clip } from "../src/clip";
-import type { Findings, History, RolloutSettings, RolloutState } from "../src/protocol";
+import type { Findings, History, RolloutSettings, RolloutState, TakeCard } from "../src/protocol";
 
 /** What the page publishes for tests, see src/main.tsx. */
 export interface Snapshot {
@@ -32,7 +32,9 @@ export interface Snapshot {
   history?: History;
   findings?: Findings;
   settings: RolloutSettings;
-  takes: number;
+  takes: TakeCard[];
+  compared: number[];
+  takeFrames: number[];
   robot?: string;
   range?: { from: number; to: number };
   view: { zoom: number; left: number };

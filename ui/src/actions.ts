@@ -1,12 +1,14 @@
 // Everything a person can do, once: shortcuts, palette, menus and buttons all come here.
 
-import { dropFloating, edit, keyFloating, poseAt, save, tell } from "./api";
+import { dropFloating, edit, keyFloating, openWith, poseAt, save, tell } from "./api";
 import { keyAt, keyEnd, nextKey, prevKey, replaced, type Fill, type Key } from "./clip";
 import { cancelDrag, nextSite, toggleLock, unlockedOnly } from "./hand";
+import { pick } from "./intake";
 import { menuByKey, type Item } from "./menu";
 import { acted, type Span, type Why } from "./span";
 import { LABELS, PRE_ROLL, frameToX, withFrame, zoomAt } from "./timeline/layout";
 import * as store from "./store";
+import { compareBefore, pinTake } from "./takes";
 
 export interface Action {
   id: string;
@@ -20,6 +22,7 @@ export interface Action {
 
 const clip = () => store.doc.value?.clip;
 const needsKeys = (): string | undefined => (store.selection.value.size ? undefined : "select keys first");
+const needsClip = (): string | undefined => (clip() ? undefined : "open a clip first");
 const selected = (): number[] => [...store.selection.value].sort((a, b) => a - b);
 
 export function seek(frame: number): void {
@@ -324,19 +327,29 @@ export const ACTIONS: Action[] = [
   { id: "rollout", title: "Roll out now", group: "Rollout", keys: ["R"], run: () => tell("rollout.run") },
   { id: "stop-rollout", title: "Stop the rollout", group: "Rollout", keys: ["Shift+Escape"], not: () => (/running|waiting/.test(store.rollout.value?.phase ?? "") ? undefined : "no rollout is under way"), run: () => tell("rollout.cancel") },
   { id: "auto", title: "Automatic rollout on or off", group: "Rollout", keys: ["Shift+R"], run: () => tell("rollout.set", { ...store.settings.value, auto: !store.settings.value.auto }) },
+  { id: "pin-take", title: "Pin the take, or let it go", group: "Rollout", keys: ["Shift+B"], run: pinTake },
+  { id: "compare", title: "Compare with the take before (A/B)", group: "Rollout", keys: ["B"], run: compareBefore },
   { id: "auto-key", title: "Automatic keys on or off", group: "Keys", run: () => (store.autoKey.value = !store.autoKey.value) },
 
   { id: "undo", title: "Undo", group: "Document", keys: ["Ctrl+Z"], run: () => tell("undo") },
   { id: "redo", title: "Redo", group: "Document", keys: ["Ctrl+Shift+Z", "Ctrl+Y"], run: () => tell("redo") },
   { id: "history", title: "History: go to any edit…", group: "Document", keys: ["Ctrl+H"], run: dialog("history") },
-  { id: "save", title: "Save", group: "Document", keys: ["Ctrl+S"], run: () => void save() },
-  { id: "save-as", title: "Save as…", group: "Document", keys: ["Ctrl+Shift+S"], run: dialog("save-as") },
+  { id: "save", title: "Save", group: "Document", keys: ["Ctrl+S"], not: needsClip, run: () => void save() },
+  { id: "save-as", title: "Save as…", group: "Document", keys: ["Ctrl+Shift+S"], not: needsClip, run: dialog("save-as") },
+  { id: "new", title: "New clip of this robot", group: "Document", not: needsClip, run: () => void newClip() },
   { id: "open", title: "Open…", group: "Document", keys: ["Ctrl+O"], run: dialog("open") },
-  { id: "export", title: "Export…", group: "Document", keys: ["Ctrl+E"], run: dialog("export") },
+  { id: "pick", title: "Import from this computer (CSV, MJCF keys, ROS)…", group: "Document", keys: ["Ctrl+Shift+O"], run: pick },
+  { id: "export", title: "Export…", group: "Document", keys: ["Ctrl+E"], not: needsClip, run: dialog("export") },
   { id: "gallery", title: "Examples and recent files", group: "Document", run: () => (store.page.value = "gallery") },
   { id: "runs", title: "Import, collect, train, evaluate", group: "Document", run: () => (store.page.value = "runs") },
   { id: "rendered", title: "The picture as it is exported", group: "View", run: () => (store.side.value = store.side.value === "rendered" ? "curves" : "rendered") },
 ];
+
+/** An empty clip of the robot that is open; this one waits if it was never saved. */
+function newClip(): Promise<void> {
+  const id = clip()?.robot.id ?? "";
+  return openWith("POST", "/api/new", { robot: store.robots.value.find((r) => r.id === id)?.source ?? id });
+}
 
 /** The joint that is chosen on the timeline, in the viewport or among the sliders. */
 export function chosenJoint(): string | undefined {

@@ -10,6 +10,7 @@ import {
 } from "./protocol";
 import { dragCancelled, dragged } from "./hand";
 import * as store from "./store";
+import { heardOfTakes } from "./takes";
 
 let socket: WebSocket | undefined;
 let client = 0;
@@ -36,7 +37,9 @@ export class Refusal extends Error {
 
 export async function http<T>(method: string, path: string, body?: unknown): Promise<T> {
   const init: RequestInit = { method, credentials: "same-origin" };
-  if (typeof body === "string") {
+  if (body instanceof Blob) {
+    init.body = body;
+  } else if (typeof body === "string") {
     init.body = body;
     init.headers = { "content-type": "text/plain" };
   } else if (body !== undefined) {
@@ -81,6 +84,8 @@ export async function connect(): Promise<void> {
   } catch {
     // The socket's own reconnect says so.
   }
+  // The address of a studio that was started anew differs in its token only: no new page is loaded.
+  window.addEventListener("hashchange", () => void session().catch(() => undefined));
   open();
 }
 
@@ -96,21 +101,29 @@ function open(): void {
   ws.onclose = () => {
     for (const w of waiting.values()) w.resolve({ ok: false, error: { code: "lost", message: "the studio is gone" } });
     waiting.clear();
-    void whyClosed(greeted).then((why) => {
-      store.link.value = why;
+    failures = greeted ? 0 : failures + 1;
+    known ||= greeted;
+    void answer().then((there) => {
+      if (socket !== ws) return;
+      store.link.value = there ? (known ? "moved" : "refused") : failures < PATIENCE ? "lost" : "gone";
       setTimeout(open, 1000);
     });
   };
 }
 
-/** A studio that is there and refuses us has another token; one that does not answer is gone. */
-async function whyClosed(greeted: boolean): Promise<"lost" | "refused"> {
-  if (greeted) return "lost";
+/** Attempts before a page says that the studio may not come back to this address. */
+const PATIENCE = 5;
+let failures = 0;
+/** This page was let in once. */
+let known = false;
+
+/** Whether somebody answers here who does not let this page in; a socket does not say why it closed. */
+async function answer(): Promise<boolean> {
   try {
     const { status } = await fetch("/api/state", { method: "HEAD", credentials: "same-origin", signal: AbortSignal.timeout(5000) });
-    return status === 401 || status === 403 ? "refused" : "lost";
+    return status === 401 || status === 403;
   } catch {
-    return "lost";
+    return false;
   }
 }
 
@@ -237,6 +250,9 @@ function receive(e: Event): void {
     case "notice":
       store.toast(e.message, e.level === "error" ? "error" : "info");
       return;
+    case "takes":
+      heardOfTakes(e);
+      return;
     case "worker":
       heardOfWorker(e);
       return;
@@ -339,9 +355,20 @@ function welcome(state: State): void {
     store.worker.value = state.worker;
     store.locked.value = new Set(state.locked);
   });
+  heardOfTakes(state.takes);
   adopt(state.document);
-  void refreshGallery();
+  void refreshGallery().then(rememberKilled);
   void refreshJobs();
+}
+
+let reminded = false;
+
+/** Once: a clip that a killed studio left, when this one was started for something else. */
+function rememberKilled(): void {
+  const left = store.drafts.value.find((d) => d.abandoned);
+  if (reminded || !left || !store.doc.value) return;
+  reminded = true;
+  store.toast(`"${left.name || "untitled"}" was open when the studio was killed; it waits under Examples, Unsaved`);
 }
 
 async function refreshJobs(): Promise<void> {
@@ -395,8 +422,6 @@ function forget(): void {
   store.range.value = undefined;
   store.joint.value = undefined;
   store.site.value = undefined;
-  store.takes.value = [];
-  store.compared.value = undefined;
   store.frames.value = { q: [], error: [] };
   store.rollout.value = undefined;
   base = undefined;

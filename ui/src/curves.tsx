@@ -1,5 +1,5 @@
 // Commanded against achieved, by joint, and the error over time. Colour is the joint, pattern the
-// kind: crosses are commanded, the line is achieved, dashes are the take compared with.
+// kind: crosses are commanded, the line is achieved, dashes are takes compared with.
 
 import { effect } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
@@ -64,6 +64,11 @@ function crosses(u: uPlot, joint: number, color: string, turn: number): void {
   ctx.restore();
 }
 
+/** The takes that are drawn beside, each with its colour. */
+function compared(): { id: number; name: string; color: string }[] {
+  return store.compared.value.map((id, i) => ({ id, name: store.takes.value.find((t) => t.id === id)?.name ?? `take ${id}`, color: store.takeColor(i) }));
+}
+
 export function Curves() {
   const host = useRef<HTMLDivElement>(null);
   useEffect(() => {
@@ -126,6 +131,7 @@ export function Curves() {
       // Room for "100.5 s" beside its neighbour.
       const across = { ...axis, size: 26, gap: 3, space: 58, ticks: { ...axis.ticks, size: 5 }, values: (_: uPlot, at: number[]) => at.map((v) => `${v} s`) };
       const common = { width, legend: { show: false }, cursor: cursor as unknown as uPlot.Cursor, padding: [6, 20, 0, 0] as [number, number, number, number] };
+      const others = compared().map((t) => ({ label: t.name, stroke: t.color, width: 1.4, dash: [5, 4] }));
       plots = [
         new uPlot({
           ...common, height: Math.round(room * 0.58), title: `${title}, ${axisUnit}`, plugins: [line as unknown as uPlot.Plugin, { hooks: { draw: (u) => crosses(u, joint, color, turned) } }],
@@ -135,14 +141,14 @@ export function Curves() {
             // Drawn by `crosses`; here for the scale.
             { label: "commanded", stroke: color, paths: () => null, points: { show: false } },
             { label: "achieved", stroke: color, width: 1.6 },
-            { label: "compared", stroke: c.dim, width: 1.2, dash: [5, 4], show: store.compared.value !== undefined }],
-        }, [[0], [null], [null], [null]], parent),
+            ...others],
+        }, [[0], [null], [null], ...others.map(() => [null])], parent),
         new uPlot({
           ...common, height: Math.round(room * 0.42), title: `mean error, ${store.unit.value === "m" ? "mm" : "deg"}`, plugins: [line as unknown as uPlot.Plugin],
           scales: { x: { time: false }, y: { range: (_, __, hi) => [0, Math.max(1.06 * (hi ?? 0), store.unit.value === "m" ? 0.5 : 0.05)] } },
           axes: [across, upright],
-          series: [{}, { label: "error", stroke: c.error, width: 1.4, fill: c.error + "33" }, { label: "compared", stroke: c.dim, width: 1.2, dash: [5, 4] }],
-        }, [[0], [null], [null]], parent),
+          series: [{}, { label: "error", stroke: c.error, width: 1.4, fill: c.error + "33" }, ...others],
+        }, [[0], [null], ...others.map(() => [null])], parent),
       ];
     };
     let queued = false;
@@ -151,22 +157,21 @@ export function Curves() {
       const d = store.doc.value;
       if (!d) return;
       const joint = store.joint.value ?? 0;
-      const now = `${parent.clientWidth}:${parent.clientHeight}:${colors().back}:${store.compared.value}:${joint}:${store.degrees.value}:${d.clip.robot.id}`;
+      const now = `${parent.clientWidth}:${parent.clientHeight}:${colors().back}:${JSON.stringify(compared())}:${joint}:${store.degrees.value}:${d.clip.robot.id}`;
       if (now !== shape) {
         shape = now;
         build();
       }
       const n = d.clip.length;
       const xs = Array.from({ length: n }, (_, f) => f / d.clip.fps);
-      const other = store.takes.value.find((t) => t.id === store.compared.value);
+      const others = compared().map((t) => store.takeFrames.value.get(t.id) ?? { q: [], error: [] });
       const scale = store.unit.value === "m" ? 1000 : 180 / Math.PI;
       const errors = (e: (number | null)[]): (number | null)[] => xs.map((_, f) => (e[f] === null || e[f] === undefined ? null : e[f] * scale));
       // In the unit that is read, so that ticks stand at round numbers.
       const turn = d.table.joints[joint]?.unit === "rad" && store.degrees.value ? 180 / Math.PI : 1;
       const turned = (column: (number | null)[]): (number | null)[] => column.map((v) => (v === null ? null : v * turn));
-      const rest = other ? turned(column(other.frames.q, joint, n)) : xs.map(() => null);
-      plots[0]?.setData([xs, turned(goals(joint)), turned(column(store.frames.value.q, joint, n)), rest]);
-      plots[1]?.setData([xs, errors(store.frames.value.error), other ? errors(other.frames.error) : xs.map(() => null)]);
+      plots[0]?.setData([xs, turned(goals(joint)), turned(column(store.frames.value.q, joint, n)), ...others.map((o) => turned(column(o.q, joint, n)))]);
+      plots[1]?.setData([xs, errors(store.frames.value.error), ...others.map((o) => errors(o.error))]);
     };
     const observer = new ResizeObserver(() => ask());
     const ask = (): void => {
@@ -180,7 +185,7 @@ export function Curves() {
     scheme.addEventListener("change", ask);
     document.addEventListener("robert-theme", ask);
     const dispose = effect(() => {
-      void [store.doc.value, store.frames.value, store.joint.value, store.degrees.value, store.compared.value, store.takes.value, store.playhead.value];
+      void [store.doc.value, store.frames.value, store.joint.value, store.degrees.value, store.compared.value, store.takes.value, store.takeFrames.value, store.playhead.value];
       ask();
     });
     return () => {
@@ -198,7 +203,7 @@ export function Curves() {
       <ul class="curve-legend" aria-label="Legend">
         <li><svg width="12" height="12" viewBox="0 0 12 12" aria-hidden="true"><path d="M2 2l8 8M10 2l-8 8" stroke="var(--ink)" stroke-width="1.8" /></svg>commanded</li>
         <li><svg width="20" height="12" viewBox="0 0 20 12" aria-hidden="true"><path d="M0 6h20" stroke="var(--ink)" stroke-width="2" /></svg>achieved</li>
-        {store.compared.value !== undefined ? <li><svg width="20" height="12" viewBox="0 0 20 12" aria-hidden="true"><path d="M0 6h20" stroke="var(--dim)" stroke-width="1.5" stroke-dasharray="5 4" /></svg>compared</li> : null}
+        {compared().map((t) => <li key={t.id}><svg width="20" height="12" viewBox="0 0 20 12" aria-hidden="true"><path d="M0 6h20" stroke={t.color} stroke-width="1.5" stroke-dasharray="5 4" /></svg>{t.name}</li>)}
       </ul>
     </section>
   );

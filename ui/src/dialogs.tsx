@@ -8,6 +8,7 @@ import { edit, openWith, poseAt, save, tell } from "./api";
 import { keyAt } from "./clip";
 import * as store from "./store";
 import { Export } from "./export";
+import { Open, Whose } from "./intake";
 import { setTheme } from "./theme";
 
 export function Dialog(props: { title: string; onClose: () => void; children: ComponentChildren; class?: string }) {
@@ -161,6 +162,8 @@ function Shortcuts({ onClose }: { onClose: () => void }) {
         <div><span>Lock or mask a row's joints</span><kbd>L M</kbd></div>
         <div><span>Length of the clip</span><kbd>drag its end</kbd></div>
         <div><span>What can be done here</span><kbd>right button</kbd></div>
+        <div><span>Open a file of this computer</span><kbd>drop it on the page</kbd></div>
+        <div><span>Compare with several takes</span><kbd>Ctrl+click A/B</kbd></div>
       </div>
       <div class="row" style="margin-top: 12px; justify-content: flex-end"><button class="main" onClick={onClose}>Close</button></div>
     </Dialog>
@@ -295,7 +298,8 @@ export function Dialogs(props: { name: string | undefined; about: string | undef
       }} />;
     }
     case "save-as": return <Ask title="Save as" label="File" value={store.doc.value?.path ?? `${(store.doc.value?.clip.name ?? "clip").replace(/[^\w-]+/g, "_")}.clip.json`} hint={`relative to ${store.folder.value}`} onClose={onClose} onDone={(path) => void save(path)} />;
-    case "open": return <Ask title="Open" label="File" value="" hint={`a .clip.json, relative to ${store.folder.value}`} onClose={onClose} onDone={(path) => { if (path) void openWith("POST", "/api/open", { path }); }} />;
+    case "open": return <Open onClose={onClose} />;
+    case "whose": return <Whose onClose={onClose} />;
     case "theme": return (
       <Dialog title="Theme" onClose={onClose}>
         <div class="row">{(["auto", "dark", "light"] as const).map((t) => <button key={t} onClick={() => { setTheme(t); onClose(); }}>{t}</button>)}</div>

@@ -1,6 +1,6 @@
 // The export dialog: one list of formats, where the file goes, how far it is.
 
-import { useSignal } from "@preact/signals";
+import { signal, useSignal } from "@preact/signals";
 import { startExport } from "./api";
 import { Dialog } from "./dialogs";
 import { ended, fetchFile, isRunning, JobBar, saveUrl } from "./jobs";
@@ -17,8 +17,9 @@ interface Format {
 
 const FORMATS: Format[] = [
   { format: "mp4", title: "Film", about: "MP4, H.264: command and achieved motion with captions", ending: "mp4" },
+  { format: "apng", title: "Sharp film", about: "APNG: every pixel as rendered, larger", ending: "apng" },
   { format: "gif", title: "Animated picture", about: "GIF for pages and chats", ending: "gif" },
-  { format: "strip", title: "Film strip", about: "six moments in one PNG", ending: "png" },
+  { format: "strip", title: "Film strip", about: "moments in one PNG", ending: "png" },
   { format: "png", title: "Picture", about: "the playhead as a PNG", ending: "png" },
   { format: "mcap", title: "Take", about: "MCAP for Foxglove, Lichtblick, Rerun", ending: "mcap" },
   { format: "html", title: "Page", about: "one HTML file that plays the take anywhere", ending: "html" },
@@ -30,7 +31,20 @@ const FORMATS: Format[] = [
 ];
 
 const SIZES: [string, [number, number]][] = [["640×480", [640, 480]], ["1280×720", [1280, 720]], ["1920×1080", [1920, 1080]]];
-const PICTURES = new Set(["mp4", "gif", "strip", "png"]);
+const FILMS = new Set(["mp4", "apng", "gif"]);
+const PICTURES = new Set([...FILMS, "strip", "png"]);
+const OVERLAYS: [string, string, boolean][] = [
+  ["ghost", "the command, translucent", true], ["error", "links that are off, tinted", true], ["trail", "the way of the end effector or fingertips", true],
+  ["caption", "title, time, error", true], ["onion", "the keys before and after", false], ["axes", "frames of the bodies", false], ["contacts", "where it touches", false],
+];
+const CAMERAS = ["fit", "fixed", "top", "orbit"];
+/** What may be laid over, as it was chosen last. */
+const overlays = signal<ReadonlySet<string>>(new Set(OVERLAYS.filter(([, , on]) => on).map(([name]) => name)));
+const cameraChosen = signal("fit");
+const momentsTyped = signal("6");
+/** Beside: nothing, a take (its number), a file. */
+const beside = signal<"" | number | "file">("");
+const besideFile = signal("");
 
 export function Export({ onClose }: { onClose: () => void }) {
   const chosen = useSignal(0);
@@ -39,6 +53,7 @@ export function Export({ onClose }: { onClose: () => void }) {
   const typed = useSignal<string | undefined>(undefined);
   const job = useSignal<number | undefined>(undefined);
   const said = useSignal("");
+  if (typeof beside.value === "number" && !store.takes.value.some((t) => t.id === beside.value)) beside.value = "";
   const f = FORMATS[chosen.value] ?? FORMATS[0];
   const d = store.doc.value;
   if (!f || !d) return null;
@@ -57,6 +72,9 @@ export function Export({ onClose }: { onClose: () => void }) {
     said.value = "";
     try {
       if (f.clip) return saveUrl(await clipFile(), `${stem}.${f.ending}`);
+      const moments = Math.round(Number(momentsTyped.value));
+      if (f.format === "strip" && !(moments >= 1 && moments <= 64)) return void (said.value = "a strip has 1 to 64 moments");
+      const compare = beside.value === "file" ? besideFile.value.trim() && { file: besideFile.value.trim() } : beside.value === "" ? undefined : { take: beside.value };
       const at = store.playhead.value;
       const frames = f.format === "png" ? [at, at + 1] : !whole.value && range ? [range.from, range.to] : undefined;
       const started = await startExport({
@@ -64,6 +82,8 @@ export function Export({ onClose }: { onClose: () => void }) {
         ...(toFolder ? { path } : {}),
         ...(PICTURES.has(f.format) ? { size: SIZES[size.value]?.[1] } : {}),
         ...(frames && PICTURES.has(f.format) && f.format !== "strip" ? { frames } : {}),
+        ...(PICTURES.has(f.format) ? { overlay: [...overlays.value].join(",") || "none", camera: cameraChosen.value.trim() || "fit", ...(compare ? { compare } : {}) } : {}),
+        ...(f.format === "strip" ? { moments } : {}),
       });
       if (!started) return;
       job.value = started.id;
@@ -92,11 +112,31 @@ export function Export({ onClose }: { onClose: () => void }) {
             {SIZES.map(([title], i) => <option key={title} value={String(i)}>{title}</option>)}
           </select>
         ) : null}
-        {f.format === "mp4" || f.format === "gif" ? (
+        {FILMS.has(f.format) ? (
           <label title={range ? "" : "set in and out with [ and ]"}><input type="checkbox" disabled={!range} checked={!whole.value && !!range} onChange={(e) => (whole.value = !e.currentTarget.checked)} /> in/out range only</label>
         ) : null}
         <span style="color: var(--dim)">performed by {store.settings.value.policy}{store.settings.value.refine ? " with refine" : ""}, as you see it</span>
       </div>
+      {PICTURES.has(f.format) ? (
+        <div class="pictured" data-testid="pictured">
+          <fieldset><legend>Laid over</legend>
+            {OVERLAYS.map(([name, about]) => (
+              <label key={name} title={about}><input type="checkbox" checked={overlays.value.has(name)} onChange={() => { const next = new Set(overlays.value); if (!next.delete(name)) next.add(name); overlays.value = next; }} data-testid={`overlay-${name}`} /> {name}</label>
+            ))}
+          </fieldset>
+          <div class="row">
+            <label title="Or follow:BODY, or a camera of the model">Camera <input type="text" list="cameras" style="width: 110px" value={cameraChosen.value} onInput={(e) => (cameraChosen.value = e.currentTarget.value)} data-testid="export-camera" /></label>
+            <datalist id="cameras">{CAMERAS.map((c) => <option key={c} value={c} />)}</datalist>
+            {f.format === "strip" ? <label>Moments <input type="number" min={1} max={64} style="width: 64px" value={momentsTyped.value} onInput={(e) => (momentsTyped.value = e.currentTarget.value)} data-testid="export-moments" /></label> : null}
+            <label title="Two pictures in one, by one camera">Beside it <select value={String(beside.value)} onChange={(e) => { const v = e.currentTarget.value; beside.value = v === "" || v === "file" ? v : Number(v); }} data-testid="export-beside">
+              <option value="">nothing</option>
+              {store.takes.value.map((t) => <option key={t.id} value={String(t.id)}>{t.name}: {t.policy}{t.mae === null ? "" : `, ${store.shownError(t.mae, store.unit.value)}`}</option>)}
+              <option value="file">another clip or take…</option>
+            </select></label>
+            {beside.value === "file" ? <input type="text" aria-label="Clip beside it" placeholder={`in ${store.folder.value}`} value={besideFile.value} onInput={(e) => (besideFile.value = e.currentTarget.value)} data-testid="export-beside-file" /> : null}
+          </div>
+        </div>
+      ) : null}
       {f.clip ? null : (
         <label style="display: block; margin-top: 10px">File, relative to {store.folder.value}<br />
           <input type="text" style="width: 100%; padding: 6px 8px" value={path} onInput={(e) => (typed.value = e.currentTarget.value)} data-testid="export-path" />

@@ -75,7 +75,7 @@ export function Gallery() {
       {store.drafts.value.map((d) => (
         <div class="take" key={d.number} style="max-width: 760px" data-testid={`draft-${d.number}`}>
           <button class="quiet" onClick={() => void openWith("POST", `/api/drafts/${d.number}`)}><b>{d.name || "untitled"}</b></button>
-          <span class="grow" style="color: var(--dim)">{d.keys} key{d.keys === 1 ? "" : "s"} · {new Date(d.changed_secs * 1000).toLocaleString()}</span>
+          <span class="grow" style="color: var(--dim)">{d.keys} key{d.keys === 1 ? "" : "s"} · {new Date(d.changed_secs * 1000).toLocaleString()}{d.abandoned ? " · the studio did not end by itself" : ""}</span>
           <span>{ROBOTS[d.robot] ?? d.robot}</span>
           <button class="quiet" aria-label={`Discard ${d.name || "untitled"}`} title="Discard" onClick={() => void http("POST", `/api/drafts/${d.number}/discard`).then(refreshGallery, complain)}>×</button>
         </div>

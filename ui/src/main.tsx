@@ -8,10 +8,12 @@ import { act, span } from "./actions";
 import { ackTimes, connect, edit, http, tell } from "./api";
 import { Curves } from "./curves";
 import { Dialogs } from "./dialogs";
+import { FileMenu } from "./filemenu";
 import { Gallery } from "./gallery";
 import { overLink } from "./hand";
 import { Inspector } from "./inspector";
 import { Menu } from "./menu";
+import { DropZone } from "./intake";
 import { Poses, Problems, Takes } from "./panels";
 import { install } from "./shortcuts";
 import type { Demand as DemandOf } from "./protocol";
@@ -85,6 +87,7 @@ function Bar() {
     <header class="bar">
       <Brand />
       <Pages />
+      <FileMenu />
       <Title />
       <span class="of">{store.robot.value?.title}</span>
       <span class="grow" />
@@ -196,9 +199,11 @@ function App() {
   return (
     <>
       {store.link.value === "refused" ? (
-        <div class="banner" role="alert">{d ? "Another studio runs here now: this page has no access to it. Nothing is lost, every acknowledged edit is on disk." : "This page has no access."} Open the address that <code>robert studio</code> printed last, with its token.</div>
-      ) : store.link.value === "lost" ? (
-        <div class="banner" role="alert">The studio is gone. Nothing is lost: every acknowledged edit is on disk. Reconnecting… If you start it again, open the address that it prints.</div>
+        <div class="banner" role="alert">This page has no access. Open the address that <code>robert studio</code> printed last, with its token.</div>
+      ) : store.link.value === "moved" ? (
+        <div class="banner" role="alert" data-testid="moved">Another studio runs here now: this page has no access to it. Nothing is lost, every acknowledged edit is on disk. Open the address that <code>robert studio</code> printed last, with its token.</div>
+      ) : store.link.value === "lost" || store.link.value === "gone" ? (
+        <div class="banner" role="alert" data-testid="gone">The studio is gone. Nothing is lost: every acknowledged edit is on disk. {store.link.value === "lost" ? "Reconnecting…" : <>Nobody answers here any more: start <code>robert studio</code> again and open the address that it prints.</>}</div>
       ) : store.worker.value?.phase === "stopped" ? (
         <div class="banner" role="alert" data-testid="worker-stopped">The simulation stopped: {store.worker.value.reason}. Editing goes on, nothing is lost.
           <button class="main" onClick={() => tell("worker.restart")}>Start it again</button>
@@ -217,6 +222,7 @@ function App() {
       )}
       <Dialogs name={dialog.value?.split(":")[0]} about={dialog.value?.split(":").slice(1).join(":")} frame={keyFrame.value} onClose={() => { dialog.value = undefined; keyFrame.value = undefined; }} />
       <Menu />
+      <DropZone />
       <div class="toasts">
         {store.toasts.value.map((t) => (
           <div class={`toast ${t.kind}`} key={t.id} role={t.kind === "error" ? "alert" : "status"}>
@@ -248,7 +254,7 @@ Object.assign(window, {
         dirty: store.doc.value?.dirty, playhead: store.playhead.value, selection: [...store.selection.value], site: store.site.value, locked: [...store.locked.value], moving: store.moving.value, demand: store.demand.value, floating: store.floating.value,
         rollout: store.rollout.value, frames: store.frames.value.q.length, joint: store.joint.value, playing: store.playing.value,
         history: store.doc.value?.history, findings: store.doc.value?.findings, settings: store.settings.value, view: store.view.value,
-        robot: store.robot.value?.id, worker: store.worker.value, range: store.range.value, takes: store.takes.value.length,
+        robot: store.robot.value?.id, worker: store.worker.value, range: store.range.value, takes: store.takes.value, compared: store.compared.value, takeFrames: [...store.takeFrames.value.keys()],
         error: store.frames.value.error, q: store.frames.value.q,
       };
     },

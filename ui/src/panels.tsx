@@ -7,6 +7,7 @@ import { seek } from "./actions";
 import { unlockedOnly } from "./hand";
 import { NoModel, Settings } from "./performance";
 import * as store from "./store";
+import { TakeList } from "./takes";
 import { policyId, proposal, tried, tryAll, trying, withPolicy } from "./tryall";
 
 export function Problems() {
@@ -33,18 +34,6 @@ export function Problems() {
       </div>
     </section>
   );
-}
-
-let takeId = 1;
-
-/** Keeps the finished rollout for comparison. */
-export function pinTake(): void {
-  const r = store.rollout.value;
-  if (!r) return;
-  const id = takeId++;
-  const take: store.Take = { id, label: `take ${id}`, policy: r.policy, mae: r.mae, pinned: true, frames: store.frames.value };
-  store.takes.value = [...store.takes.value, take];
-  store.toast(`take ${id} pinned`);
 }
 
 /** What every policy reached on the clip as it stands, nearest first, and which to take. */
@@ -102,18 +91,7 @@ export function Takes() {
         <Tries />
         {own ? <div class="take"><span class="grow" title={own}>model {own.split("/").slice(-3).join("/")}</span><button class="quiet" aria-label="Without this model" onClick={() => { const { model_path: _, ...rest } = store.settings.value; tell("rollout.set", { ...rest, policy: known.find((p) => p.default)?.name ?? rest.policy }); }}>×</button></div> : null}
       </div>
-      <h2>Takes <span class="grow" /><button class="quiet" onClick={pinTake} disabled={!r || r.phase !== "done"}>Pin</button></h2>
-      <div class="scroll" style="max-height: 130px">
-        {r ? <div class="take"><b class="grow" title={r.policy}>now · {r.policy}</b><span class="num">{r.mae === null ? "…" : store.shownError(r.mae, store.unit.value)}</span></div> : null}
-        {store.takes.value.map((t) => (
-          <div class="take" key={t.id}>
-            <span class="grow" title={`${t.label} · ${t.policy}`}>{t.label} · {t.policy}</span>
-            <span class="num">{t.mae === null ? "" : store.shownError(t.mae, store.unit.value)}</span>
-            <button class="quiet" aria-pressed={store.compared.value === t.id} onClick={() => (store.compared.value = store.compared.value === t.id ? undefined : t.id)} title="Compare with the current take">A/B</button>
-            <button class="quiet" aria-label={`Remove ${t.label}`} onClick={() => (store.takes.value = store.takes.value.filter((x) => x.id !== t.id))}>×</button>
-          </div>
-        ))}
-      </div>
+      <TakeList />
     </section>
   );
 }

@@ -98,6 +98,8 @@ export interface Draft {
   robot: string;
   keys: number;
   changed_secs: number;
+  /** The studio was killed with it open. */
+  abandoned: boolean;
 }
 
 export interface RolloutSettings {
@@ -184,6 +186,7 @@ export interface RunCard {
   steps: number;
   precision: Record<string, number> | null;
   model: string | null;
+  dataset_sha256: string | null;
   changed_secs: number;
 }
 
@@ -192,11 +195,21 @@ export interface DataCard {
   robot: string;
   frames: number;
   episodes: number;
+  sha256: string;
+}
+
+/** A collection that was begun and is not whole. */
+export interface BegunCard {
+  path: string;
+  robot: string;
+  agents: string[];
+  transitions: number;
 }
 
 export interface Shelf {
   runs: RunCard[];
   data: DataCard[];
+  begun: BegunCard[];
   presets: [string, string][];
 }
 
@@ -204,6 +217,45 @@ export interface RobotCard {
   id: string;
   source: string;
   builtin: boolean;
+}
+
+/** A take: a rollout that is kept. */
+export interface TakeCard {
+  id: number;
+  name: string;
+  clip: string;
+  rev: number;
+  policy: string;
+  seed: number;
+  mae: number | null;
+  frames: number;
+  pinned: boolean;
+  /** Its goals are those of now: the errors can be compared. */
+  same_goals: boolean;
+}
+
+export interface TakesView {
+  takes: TakeCard[];
+  compared: number[];
+}
+
+/** A file that could be opened. */
+export interface FileCard {
+  name: string;
+  kind: "clip" | "csv" | "mjcf" | "ros";
+  bytes: number;
+  changed_secs: number;
+  clip?: { name: string; robot: string; length: number; keys: number };
+  why?: string;
+}
+
+export interface Listing {
+  root: string;
+  dir: string;
+  folders: string[];
+  files: FileCard[];
+  left_out: number;
+  more: boolean;
 }
 
 export interface State {
@@ -216,6 +268,7 @@ export interface State {
   clients: number;
   folder: string;
   locked: string[];
+  takes: TakesView;
 }
 
 export interface Selection {
@@ -263,6 +316,7 @@ export type Event =
   | ({ event: "rollout.settings" } & RolloutSettings)
   | { event: "rollout.frames"; gen: number; from: number; q: number[][]; error: (number | null)[] }
   | ({ event: "rollout.state" } & RolloutState)
+  | ({ event: "takes" } & TakesView)
   | ({ event: "worker" } & WorkerState)
   | ({ event: "job" } & JobView)
   | ({ event: "select" } & Selection)

@@ -2,7 +2,8 @@ import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { test } from "node:test";
 import { changedBy, clock, keyEnd, parseTime, replaced, startsAway, type Clip, type Key } from "./clip";
-import { patched } from "./protocol";
+import { patched, type RobotCard, type RunCard, type Shelf } from "./protocol";
+import { resumeArgs, usualSuite } from "./shelf";
 import { bars, diamonds, marks, ofRow } from "./timeline/marks";
 import { acted, ahead, within } from "./span";
 import { fit, frameToX, rowsOf, tick, xToFrame, yToRow, rowToY, zoomAt, withFrame, withRow, LABELS, MARKERS, PRE_ROLL, ROW, RULER, STRIP } from "./timeline/layout";
@@ -219,4 +220,20 @@ test("how far the robot begins from the first key is said of the joints that hav
   assert.equal(startsAway(c, undefined), undefined);
   assert.equal(startsAway({ ...c, masks: [{ from: 0, to: 5 }] }, [0, 0, 0]), undefined);
   assert.equal(startsAway({ ...c, keys: [{ frame: 3, q: [1, 2, 3] }] }, [0, 0, 0]), undefined, "no goal at frame 0");
+});
+
+const robots: RobotCard[] = [{ id: "ur5e", source: "ur5e", builtin: true }, { id: "mine", source: "/w/robots/mine", builtin: false }];
+
+test("an imported robot is measured on its clip or on clips of its limits: it has no tasks", () => {
+  assert.equal(usualSuite("ur5e", robots, "/w/a.clip.json"), "manual");
+  assert.equal(usualSuite("mine", robots, "/w/a.clip.json"), "/w/a.clip.json");
+  assert.equal(usualSuite("mine", robots, null), "trial");
+});
+
+test("a run goes on with its own data, not with the first of its robot", () => {
+  const data = (path: string, sha256: string) => ({ path, robot: "mine", frames: 1, episodes: 1, sha256 });
+  const shelf: Shelf = { runs: [], begun: [], presets: [], data: [data("data/a", "aa"), data("data/b", "bb")] };
+  const run: RunCard = { path: "runs/r", robot: "mine", preset: "quick", step: 1, steps: 2, precision: null, model: "runs/r/m", dataset_sha256: "bb", changed_secs: 0 };
+  assert.deepEqual(resumeArgs(run, shelf, robots), ["--robot", "/w/robots/mine", "--data", "data/b", "--resume", "runs/r"]);
+  assert.equal(resumeArgs({ ...run, dataset_sha256: "cc" }, shelf, robots), undefined);
 });

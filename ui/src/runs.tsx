@@ -8,6 +8,7 @@ import uPlot from "uplot";
 import { complain, http, openWith, refreshShelf, resumeJob, startJob, tell } from "./api";
 import { isRunning, JobBar, minutes } from "./jobs";
 import type { JobKind, JobView, RunCard } from "./protocol";
+import { isBuiltin, resumeArgs, sourceOf, usualSuite } from "./shelf";
 import * as store from "./store";
 import { colors, hue } from "./theme";
 
@@ -100,15 +101,14 @@ function Import() {
 }
 
 /** Curves out of `figures` events: what rises and falls with `step`. */
-function series(job: JobView): { title: string; names: string[]; x: number[]; ys: (number | null)[][] }[] {
-  const points = job.lines.flatMap((l) => (l.event === "figures" && l.figures ? [l.figures] : []));
+function series(kind: JobKind, points: Record<string, unknown>[]): { title: string; names: string[]; x: number[]; ys: (number | null)[][] }[] {
   const number = (v: unknown): number | null => (typeof v === "number" && Number.isFinite(v) ? v : null);
   const chart = (title: string, of: [string, (p: Record<string, unknown>) => number | null][]) => {
     const rows = points.filter((p) => of.some(([, get]) => get(p) !== null));
     rows.sort((a, b) => (number(a["step"]) ?? 0) - (number(b["step"]) ?? 0));
     return { title, names: of.map(([n]) => n), x: rows.map((p) => number(p["step"]) ?? 0), ys: of.map(([, get]) => rows.map(get)) };
   };
-  if (job.kind === "train") {
+  if (kind === "train") {
     const inside = (p: Record<string, unknown>, outer: string, key: string): number | null => number((p[outer] as Record<string, unknown> | undefined)?.[key]);
     return [
       chart("loss", [["loss", (p) => number(p["loss"])]]),
@@ -120,16 +120,30 @@ function series(job: JobView): { title: string; names: string[]; x: number[]; ys
   return ["coverage", "reward"].map((what) => chart(what, agents.map((a) => [a, (p) => (p["agent"] === a ? number(p[what]) : null)]))).filter((c) => c.x.length > 0);
 }
 
-function JobCurves({ id }: { id: number }) {
+/** The figures of a job so far. */
+function figures(id: number): Record<string, unknown>[] | undefined {
+  return store.jobs.value.get(id)?.lines.flatMap((l) => (l.event === "figures" && l.figures ? [l.figures] : []));
+}
+
+/** The curves of a run on disk, as its own metrics have them. */
+function RunCurves({ path }: { path: string }) {
+  const points = useSignal<Record<string, unknown>[] | undefined>(undefined);
+  useEffect(() => void http<Record<string, unknown>[]>("GET", `/api/curves?path=${encodeURIComponent(path)}`).then((p) => (points.value = p), complain), [path]);
+  if (!points.value) return <p class="about">reading…</p>;
+  if (points.value.length === 0) return <p class="about">nothing was measured yet</p>;
+  return <Charts kind="train" points={() => points.value} />;
+}
+
+function Charts({ kind, points }: { kind: JobKind; points: () => Record<string, unknown>[] | undefined }) {
   const host = useRef<HTMLDivElement>(null);
   useEffect(() => {
     let plots: uPlot[] = [];
     let shape = "";
     const dispose = effect(() => {
-      const job = store.jobs.value.get(id);
+      const seen = points();
       const parent = host.current;
-      if (!job || !parent) return;
-      const charts = series(job);
+      if (!seen || !parent) return;
+      const charts = series(kind, seen);
       const now = JSON.stringify(charts.map((c) => [c.title, c.names]));
       if (now !== shape) {
         shape = now;
@@ -149,7 +163,7 @@ function JobCurves({ id }: { id: number }) {
       dispose();
       plots.forEach((p) => p.destroy());
     };
-  }, [id]);
+  }, []);
   return <div class="job-curves" ref={host} />;
 }
 
@@ -194,7 +208,7 @@ function Job({ job }: { job: JobView }) {
       <Line kind={job.kind} args={job.args} />
       {isRunning(job) ? <JobBar job={job} /> : null}
       {job.progress?.note ? <p class="note">{job.progress.note}</p> : null}
-      <JobCurves id={job.id} />
+      <Charts kind={job.kind} points={() => figures(job.id)} />
       {job.kind === "eval" ? <Table job={job} /> : null}
       {imported ? (
         <div data-testid="imported">
@@ -218,6 +232,26 @@ async function perform(run: RunCard): Promise<void> {
   store.page.value = "editor";
 }
 
+/** A run on disk: how far, how good, its curves, and what can be done with it. */
+function Run({ run }: { run: RunCard }) {
+  const shown = useSignal(false);
+  const args = resumeArgs(run, store.shelf.value, store.robots.value);
+  const precision = Object.entries(run.precision ?? {});
+  return (
+    <article class="run" data-testid={`run-${run.path}`}>
+      <div class="take">
+        <span class="grow" title={`preset ${run.preset}`}>{run.path}</span>
+        <span class="num">{run.step.toLocaleString("en")} of {run.steps.toLocaleString("en")} steps</span>
+        <button class="quiet" aria-expanded={shown.value} onClick={() => (shown.value = !shown.value)} data-testid={`curves-${run.path}`}>Curves</button>
+        {run.step < run.steps && run.robot ? <button disabled={!args} title={args ? `robert train ${args.map(shellWord).join(" ")}` : "the data that it learns from is not in this folder's data/ any more"} onClick={() => args && void startJob("train", args)} data-testid={`go-on-${run.path}`}>Go on</button> : null}
+        <button disabled={!run.model} onClick={() => void perform(run).catch(complain)} data-testid={`perform-${run.path}`}>Perform with it</button>
+      </div>
+      {precision.length ? <p class="precision" title="Mean error over all goals of the suite, of the best checkpoint; lower is better" data-testid={`precision-${run.path}`}>{precision.map(([name, v]) => <span key={name}>{name} <b class="num">{v.toPrecision(2)}</b></span>)}</p> : null}
+      {shown.value ? <RunCurves path={run.path} /> : null}
+    </article>
+  );
+}
+
 export function Runs() {
   const robot = useSignal("pointmass");
   const agents = useSignal<ReadonlySet<string>>(new Set(["noise"]));
@@ -228,7 +262,8 @@ export function Runs() {
   const preset = useSignal("instant");
   const run = useSignal("");
   const policies = useSignal("pd,computed-torque");
-  const suite = useSignal("manual");
+  // Until one is typed it is what this robot has.
+  const suite = useSignal<string | undefined>(undefined);
   useEffect(() => {
     const id = store.doc.value?.clip.robot.id;
     const choose = (): void => {
@@ -246,7 +281,12 @@ export function Runs() {
   const curious = [...agents.value].some((a) => a !== "noise");
   const collect = ["--robot", robot.value, "--agent", [...agents.value].join(","), "--transitions", transitions.value, ...(curious && agentSteps.value ? ["--agent-steps", agentSteps.value] : []), "--out", out.value || `data/${id}-${[...agents.value].join("-")}`];
   const train = ["--robot", robot.value, "--data", chosen, "--preset", preset.value, "--out", run.value || `runs/${stamp()}-${id}-${preset.value}`];
-  const evaluate = ["--robot", robot.value, "--suite", suite.value, "--policy", policies.value];
+  const open = store.doc.value?.clip.robot.id === id ? store.doc.value : undefined;
+  const suites = suite.value ?? usualSuite(id, store.robots.value, open?.path);
+  const evaluate = ["--robot", robot.value, "--suite", suites, "--policy", policies.value];
+  // What is being collected right now is not unfinished business.
+  const busy = list.filter(isRunning).flatMap((j) => j.args);
+  const begun = shelf.begun.filter((b) => !busy.includes(b.path));
   const trained = shelf.runs.filter((r) => r.model && r.robot === id);
   const text = (signal: { value: string }, label: string, placeholder = "") => (
     <label>{label} <input type="text" value={signal.value} placeholder={placeholder} onInput={(e) => (signal.value = e.currentTarget.value)} /></label>
@@ -280,7 +320,9 @@ export function Runs() {
         </Step>
         <Step n={3} title="Evaluate" about="A table of how near each policy comes on the task clips.">
           <div class="fields">
-            {text(suite, "suite")}
+            <label title="manual, test, heldout (of the program's robots), trial, or paths of clips; commas between them">suite <input type="text" list="suites" value={suites} onInput={(e) => (suite.value = e.currentTarget.value)} data-testid="suite" /></label>
+            <datalist id="suites">{(isBuiltin(id, store.robots.value) ? ["manual", "test", "heldout", "trial"] : ["trial"]).map((s) => <option key={s} value={s} />)}</datalist>
+            <button class="quiet" disabled={!open?.path} title={open?.path ?? (open ? "save the clip first" : `no clip of ${id} is open`)} onClick={() => { const p = open?.path; if (p && !suites.split(",").includes(p)) suite.value = suites ? `${suites},${p}` : p; }} data-testid="this-clip">+ this clip</button>
             {text(policies, "policies")}
             {trained.map((r) => <button key={r.path} class="quiet" onClick={() => (policies.value = `${policies.value},robert:${r.path}`)} title="Add this model to the table">+ {r.path}</button>)}
           </div>
@@ -294,12 +336,13 @@ export function Runs() {
         {list.map((j) => <Job key={j.id} job={j} />)}
         <h2>Trained here</h2>
         {shelf.runs.length === 0 ? <p class="about">No runs in {store.folder.value}/runs.</p> : null}
-        {shelf.runs.map((r) => (
-          <div class="take" key={r.path}>
-            <span class="grow">{r.path}</span>
-            <span class="num">{r.step.toLocaleString("en")} of {r.steps.toLocaleString("en")} steps</span>
-            {r.step < r.steps && r.robot ? <button onClick={() => void startJob("train", ["--robot", store.robots.value.find((x) => x.id === r.robot)?.source ?? r.robot ?? "", "--data", shelf.data.find((d) => d.robot === r.robot)?.path ?? "", "--resume", r.path])}>Go on</button> : null}
-            <button disabled={!r.model} onClick={() => void perform(r).catch(complain)} data-testid={`perform-${r.path}`}>Perform with it</button>
+        {shelf.runs.map((r) => <Run key={r.path} run={r} />)}
+        {begun.length ? <h2>Unfinished data</h2> : null}
+        {begun.map((b) => (
+          <div class="take" key={b.path} data-testid={`begun-${b.path}`}>
+            <span class="grow">{b.path}</span>
+            <span>{b.robot} · {b.agents.join(", ")} · {b.transitions.toLocaleString("en")} frames wanted</span>
+            <button onClick={() => void startJob("collect", ["--robot", sourceOf(b.robot, store.robots.value), "--out", b.path, "--resume"])} data-testid={`go-on-${b.path}`}>Go on</button>
           </div>
         ))}
       </div>

@@ -26,12 +26,14 @@ function typing(target: EventTarget | null): boolean {
 export function onKeyDown(e: KeyboardEvent): void {
   if (e.defaultPrevented || document.querySelector(".scrim, .menu")) return;
   const keys = chord(e);
-  if (typing(e.target) && !/^(Ctrl\+[SKOE]|Ctrl\+Shift\+S|F1)$/.test(keys)) return;
+  if (typing(e.target) && !/^(Ctrl\+[SKOE]|Ctrl\+Shift\+[SO]|F1)$/.test(keys)) return;
   const focus = e.target instanceof HTMLElement ? e.target : undefined;
   // A focused button or heading keeps Space and Enter, a slider or an edge of a panel its arrows.
   if ((focus?.tagName === "BUTTON" || focus?.tagName === "SUMMARY") && (keys === "Space" || keys === "Enter")) return;
   if (focus instanceof HTMLInputElement && focus.type === "range" && /Arrow|Home|End/.test(keys)) return;
   if (focus?.getAttribute("role") === "separator" && /Arrow/.test(keys)) return;
+  // A menu's button opens it.
+  if (focus?.getAttribute("aria-haspopup") === "menu" && keys === "ArrowDown") return;
   const id = byKey.get(keys);
   if (!id) return;
   e.preventDefault();

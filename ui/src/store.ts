@@ -4,7 +4,7 @@ import { computed, signal } from "@preact/signals";
 import type { Clip } from "./clip";
 import type {
   Demand, Findings, GalleryItem, History, JobView, JointTable, PolicyCard, RecentFile, RobotCard, RobotFacts, RolloutSettings,
-  RolloutState, Shelf, WorkerState, Draft } from "./protocol";
+  RolloutState, Shelf, TakeCard, WorkerState, Draft } from "./protocol";
 import type { Box, Group, View } from "./timeline/layout";
 import { fit } from "./timeline/layout";
 
@@ -27,17 +27,9 @@ export interface Frames {
   error: (number | null)[];
 }
 
-export interface Take {
-  id: number;
-  label: string;
-  policy: string;
-  mae: number | null;
-  pinned: boolean;
-  frames: Frames;
-}
-
 export type Page = "gallery" | "editor" | "runs";
-export type Link = "connecting" | "open" | "lost" | "refused";
+/** `gone`: no answer for a while; `moved`: a studio answers here that does not know this page. */
+export type Link = "connecting" | "open" | "lost" | "gone" | "moved" | "refused";
 
 export const page = signal<Page>("gallery");
 export const link = signal<Link>("connecting");
@@ -56,11 +48,19 @@ export const frames = signal<Frames>({ q: [], error: [] });
 export const worker = signal<WorkerState | undefined>(undefined);
 /** Jobs by number, as the last event told. */
 export const jobs = signal<ReadonlyMap<number, JobView>>(new Map());
-export const shelf = signal<Shelf>({ runs: [], data: [], presets: [] });
+export const shelf = signal<Shelf>({ runs: [], data: [], begun: [], presets: [] });
 export const robots = signal<RobotCard[]>([]);
-export const takes = signal<Take[]>([]);
-/** The take drawn beside the current one. */
-export const compared = signal<number | undefined>(undefined);
+/** Kept by the studio, for all pages; the newest first. */
+export const takes = signal<TakeCard[]>([]);
+/** Takes drawn beside what is performed now; the last one also in the viewport and the strip. */
+export const compared = signal<number[]>([]);
+/** Their motions. */
+export const takeFrames = signal<ReadonlyMap<number, Frames>>(new Map());
+
+/** The colour of the take that is compared at this place. */
+export function takeColor(place: number): string {
+  return ["#c94fa8", "#8f7bd6", "#5f9e8f", "#b08a4a"][place % 4] as string;
+}
 
 /** What stands beside the timeline. */
 export const side = signal<"curves" | "rendered">("curves");

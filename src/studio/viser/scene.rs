@@ -37,11 +37,16 @@ pub(super) enum Actor {
     Past,
     /// The key after.
     Future,
+    /// A take to compare with.
+    Beside,
 }
 
 impl Actor {
     /// Everyone.
-    pub(super) const ALL: [Actor; 4] = [Actor::Robot, Actor::Command, Actor::Past, Actor::Future];
+    pub(super) const ALL: [Actor; 5] =
+        [Actor::Robot, Actor::Command, Actor::Past, Actor::Future, Actor::Beside];
+    /// Those who are on stage from the start; the take beside enters when it is called.
+    const CAST: [Actor; 4] = [Actor::Robot, Actor::Command, Actor::Past, Actor::Future];
 
     /// Its node.
     pub(super) fn root(self) -> &'static str {
@@ -50,16 +55,19 @@ impl Actor {
             Actor::Command => "/command",
             Actor::Past => "/past",
             Actor::Future => "/future",
+            Actor::Beside => "/beside",
         }
     }
 
-    /// sRGB and opacity in place of its own colours: blue command, green past, amber future.
+    /// sRGB and opacity in place of its own colours: blue command, green past, amber future,
+    /// magenta take beside.
     fn tint(self) -> Option<([u8; 3], f64)> {
         match self {
             Actor::Robot => None,
             Actor::Command => Some((render::error_color(0.0), 0.3)),
             Actor::Past => Some(([41, 166, 112], 0.18)),
             Actor::Future => Some(([237, 148, 36], 0.18)),
+            Actor::Beside => Some(([201, 79, 168], 0.45)),
         }
     }
 }
@@ -95,12 +103,8 @@ pub(super) fn build(scene: &mut Retained, geometry: Geometry) -> Cast {
         scene.remove(root);
     }
     let names: Vec<String> = geometry.bodies.iter().map(|b| node_name(b)).collect();
-    for actor in Actor::ALL {
-        let root = actor.root();
-        scene.put(Message::create(root, FrameProps::default()));
-        for name in names.iter().skip(1) {
-            scene.put(Message::create(&format!("{root}/{name}"), FrameProps::default()));
-        }
+    for actor in Actor::CAST {
+        frames(scene, actor, &names);
     }
     scene.put(Message::create("/world", FrameProps::default()));
     for (k, mesh) in geometry.meshes.iter().enumerate() {
@@ -109,7 +113,7 @@ pub(super) fn build(scene: &mut Retained, geometry: Geometry) -> Cast {
             scene.put(Message::create(&format!("/world/{k}"), props));
             continue;
         };
-        for actor in Actor::ALL {
+        for actor in Actor::CAST {
             let name = format!("{}/{body}/{k}", actor.root());
             scene.put(Message::create(&name, tinted(&props, actor.tint())));
             if actor == Actor::Robot {
@@ -175,6 +179,15 @@ fn ball(mesh: &MeshFacts) -> (V3, f64) {
 fn min(a: V3, b: V3, k: usize) -> f64 {
     let at = |v: V3| v.get(k).copied().unwrap_or(0.0);
     at(a).min(at(b))
+}
+
+/// The bodies of an actor, still without anything to see.
+fn frames(scene: &mut Retained, actor: Actor, names: &[String]) {
+    let root = actor.root();
+    scene.put(Message::create(root, FrameProps::default()));
+    for name in names.iter().skip(1) {
+        scene.put(Message::create(&format!("{root}/{name}"), FrameProps::default()));
+    }
 }
 
 /// What is there before any robot.
@@ -251,6 +264,16 @@ fn outline(geometry: &Geometry) -> Vec<Vec3> {
 }
 
 impl Cast {
+    /// Brings an actor on stage that was not there.
+    pub(super) fn enter(&self, scene: &mut Retained, actor: Actor) {
+        frames(scene, actor, &self.names);
+        for (k, mesh) in self.meshes.iter().enumerate().filter(|(_, m)| m.body > 0) {
+            let Some(body) = self.names.get(mesh.body) else { continue };
+            let name = format!("{}/{body}/{k}", actor.root());
+            scene.put(Message::create(&name, tinted(&props(mesh), actor.tint())));
+        }
+    }
+
     /// Moves an actor.
     pub(super) fn pose(
         &mut self,
@@ -271,17 +294,18 @@ impl Cast {
         }
     }
 
-    /// Shows of the command what is elsewhere than the solid robot; all of it where either is
-    /// not known.
+    /// Shows of an actor what is elsewhere than the solid robot; all of it where either is not
+    /// known.
     pub(super) fn unveil(
         &self,
         scene: &mut Retained,
+        actor: Actor,
         place: impl Fn(usize) -> Option<(Place, Place)>,
     ) {
         for (body, name) in self.names.iter().enumerate().skip(1) {
             let seen = place(body)
                 .is_none_or(|(real, asked)| self.apart.seen(body, &real.row(), &asked.row()));
-            scene.put(Message::visibility(&format!("{}/{name}", Actor::Command.root()), seen));
+            scene.put(Message::visibility(&format!("{}/{name}", actor.root()), seen));
         }
     }
 

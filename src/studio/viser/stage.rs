@@ -95,6 +95,8 @@ pub(super) struct Stage {
     ghost_asked: bool,
     onion: [Option<u32>; 2],
     onion_asked: bool,
+    /// A take stands beside.
+    pub(super) beside: bool,
     pub(super) ik_busy: bool,
     pub(super) ik_next: Option<V3>,
     /// Let go as soon as the last pull is answered.
@@ -137,6 +139,7 @@ impl Stage {
             ghost_asked: false,
             onion: [None; 2],
             onion_asked: false,
+            beside: false,
             ik_busy: false,
             ik_next: None,
             let_go_next: false,
@@ -185,6 +188,7 @@ impl Stage {
                         cast
                     });
                     self.cast = Some(cast);
+                    self.beside = false;
                     self.onion = [None; 2];
                     self.refresh();
                 }
@@ -262,6 +266,7 @@ impl Stage {
             return;
         }
         self.cast = None;
+        self.beside = false;
         let Some(facts) = self.facts.clone() else {
             self.viewport.edit(|scene| {
                 for root in
@@ -404,18 +409,30 @@ impl Stage {
             (_, _, _, Some(bodies)) => Place::of(bodies, body),
             _ => None,
         };
+        let other = self.live.beside(at).zip(self.live.beside(at + 1));
+        let beside = |body: usize| other.as_ref().and_then(|(a, b)| between(a, b, body));
         let seen = achieved || floating.is_some();
         // An error is one only where there is a goal now, and what was reached is known.
         let judged = errors && simulated && floating.is_none();
+        let entered = std::mem::replace(&mut self.beside, other.is_some());
         self.viewport.edit(|scene| {
             cast.pose(scene, Actor::Robot, real);
             cast.pose(scene, Actor::Command, asked);
             // Without the solid robot there is nothing that a ghost could agree with.
-            cast.unveil(scene, |b| real(b).zip(asked(b)).filter(|_| seen));
+            cast.unveil(scene, Actor::Command, |b| real(b).zip(asked(b)).filter(|_| seen));
             cast.tint(scene, |b| real(b).zip(asked(b)).filter(|_| judged));
             cast.outline(scene, chosen, |b| if seen { real(b) } else { asked(b) });
             scene.put(Message::visibility(Actor::Robot.root(), seen));
             scene.put(Message::visibility(Actor::Command.root(), command));
+            if other.is_some() {
+                if !entered {
+                    cast.enter(scene, Actor::Beside);
+                }
+                cast.pose(scene, Actor::Beside, beside);
+                cast.unveil(scene, Actor::Beside, |b| real(b).zip(beside(b)).filter(|_| seen));
+            } else if entered {
+                scene.remove(Actor::Beside.root());
+            }
             if !ghosts {
                 scene.put(Message::visibility(Actor::Past.root(), false));
                 scene.put(Message::visibility(Actor::Future.root(), false));

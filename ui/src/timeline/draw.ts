@@ -31,6 +31,8 @@ export interface Scene {
   lints: { frame: number; level: "error" | "warning" }[];
   /** Mean error by frame, null where masked. */
   errors: (number | null)[];
+  /** The same of the take that is compared, and its colour. */
+  beside: { errors: (number | null)[]; color: string } | undefined;
   /** Error that fills the strip, rad or m. */
   errorTop: number;
   cachedTo: number;
@@ -349,11 +351,42 @@ function strip(ctx: Ctx, s: Scene): void {
     ctx.fillRect(frameToX(view, f - 0.5), box.height - 1 - h, wide + 0.5, h);
   }
   ctx.globalAlpha = 1;
+  if (s.beside) besideLine(ctx, s, s.beside);
   ctx.strokeStyle = theme.rule;
   ctx.beginPath();
   ctx.moveTo(LABELS, y + 0.5);
   ctx.lineTo(box.width, y + 0.5);
   ctx.stroke();
+}
+
+/** The error of the take that is compared, as a line over the bars; broken where it had no goal. */
+function besideLine(ctx: Ctx, s: Scene, beside: { errors: (number | null)[]; color: string }): void {
+  const { view, box } = s;
+  ctx.save();
+  ctx.beginPath();
+  ctx.rect(LABELS, box.height - STRIP, box.width - LABELS, STRIP);
+  ctx.clip();
+  ctx.strokeStyle = beside.color;
+  ctx.lineWidth = 1.6;
+  ctx.setLineDash([5, 3]);
+  ctx.beginPath();
+  let pen = false;
+  const last = Math.min(beside.errors.length, Math.ceil(view.left + (box.width - LABELS) / view.zoom) + 2);
+  for (let f = Math.max(0, Math.floor(view.left) - 1); f < last; f++) {
+    const e = beside.errors[f];
+    if (e === undefined || e === null) {
+      pen = false;
+      continue;
+    }
+    const x = frameToX(view, f);
+    const top = box.height - 3 - Math.min(1, e / s.errorTop) * (STRIP - 5);
+    if (pen) ctx.lineTo(x, top);
+    else ctx.moveTo(x - 1, top);
+    ctx.lineTo(x, top);
+    pen = true;
+  }
+  ctx.stroke();
+  ctx.restore();
 }
 
 function playhead(ctx: Ctx, s: Scene): void {

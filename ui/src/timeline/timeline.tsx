@@ -16,6 +16,13 @@ import { fit, frameToX, rowToY, rowsOf, withRow, ROW, type RowKind, type View } 
 /** Error that fills the strip: what a person sees as off, rad or m. */
 const ERROR_TOP = 0.1;
 
+/** The error of the take that stands in the viewport, too. */
+function beside(): Scene["beside"] {
+  const place = store.compared.value.length - 1;
+  const frames = store.takeFrames.value.get(store.compared.value[place] ?? -1);
+  return frames && { errors: frames.error, color: store.takeColor(place) };
+}
+
 export function Timeline(props: { onOpenKey: (frame: number) => void; onHint: (text: string) => void }) {
   const host = useRef<HTMLDivElement>(null);
   const canvas = useRef<HTMLCanvasElement>(null);
@@ -193,6 +200,7 @@ export function Timeline(props: { onOpenKey: (frame: number) => void; onHint: (t
         blind: d.findings.blind,
         lints: d.findings.lints.flatMap((l) => (l.frames && l.level !== "info" ? [{ frame: l.frames[0], level: l.level }] : [])),
         errors: store.frames.value.error,
+        beside: beside(),
         errorTop: ERROR_TOP,
         cachedTo: take?.cached_to ?? 0,
         loop: store.range.value,
@@ -210,7 +218,7 @@ export function Timeline(props: { onOpenKey: (frame: number) => void; onHint: (t
     // Any signal that the scene reads asks for a new frame; one frame serves them all.
     const dispose = effect(() => {
       void [store.doc.value, store.rollout.value, store.frames.value, store.groups.value, store.view.value, store.playhead.value,
-        store.selection.value, store.joint.value, store.closed.value, store.range.value, store.locked.value,
+        store.selection.value, store.joint.value, store.closed.value, store.range.value, store.locked.value, store.compared.value, store.takeFrames.value,
         size.value, dragged.value, end.value, box.value, focused.value, row.value, store.robot.value];
       if (!queued) {
         queued = true;
