@@ -225,9 +225,11 @@ describe("takes and files", () => {
     const { rmSync } = await import("node:fs");
     rmSync(studio.file("data/half/manifest.json"));
     await t.byId("page-runs").click();
+    // First that of the open clip, then the chosen one.
+    const field = (id: string, value: string) => t.page.waitForFunction(([i, v]) => document.querySelector<HTMLInputElement>(`[data-testid="${i}"]`)?.value === v, [id, value]);
+    await field("runs-robot", "ur5e");
     await t.byId("runs-robot").selectOption(robot.source);
-    await t.until(() => true, "shown");
-    assert.equal(await t.byId("suite").inputValue(), "trial", "no tasks of its own");
+    await field("suite", "trial");
     assert.equal(await t.byId("this-clip").isDisabled(), true);
     await t.page.getByLabel("policies").fill("pd");
     await t.byId("evaluate").click();
