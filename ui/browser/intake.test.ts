@@ -57,8 +57,8 @@ describe("takes and files", () => {
     await t.press("Shift+B");
     const pinned = (await t.until((s) => s.takes.some((k) => k.pinned), "pinned")).takes.find((k) => k.pinned);
     assert.ok(pinned);
-    await t.page.getByRole("button", { name: `Rename ${pinned.name}` }).click();
-    await t.page.getByLabel(`Name of ${pinned.name}`).fill("by the book");
+    await t.page.getByRole("button", { name: `Retitle ${pinned.name}` }).click();
+    await t.page.getByLabel(`Title of ${pinned.name}`).fill("by the book");
     await t.page.keyboard.press("Enter");
     await t.until((s) => s.takes.some((k) => k.name === "by the book"), "named");
     // Another policy on the same goals: another take, and an error to compare with.

@@ -67,7 +67,7 @@ function Row({ take }: { take: TakeCard }) {
     <li class={`take${take.same_goals ? "" : " stale"}`} title={about} data-testid={`take-${take.id}`}>
       <span class="mark" style={on >= 0 ? `color: ${store.takeColor(on)}` : ""} aria-label={now ? "performed now" : on >= 0 ? "compared" : undefined}>{now ? "●" : on >= 0 ? "◆" : "○"}</span>
       {naming.value ? (
-        <input type="text" class="grow" aria-label={`Name of ${take.name}`} value={take.name}
+        <input type="text" class="grow" aria-label={`Title of ${take.name}`} value={take.name}
           ref={(e) => { if (e && document.activeElement !== e) { e.focus(); e.select(); } }}
           onBlur={(e) => done(e.currentTarget.value)}
           onKeyDown={(e) => {
@@ -76,7 +76,7 @@ function Row({ take }: { take: TakeCard }) {
             if (e.key === "Escape") { e.currentTarget.value = take.name; e.currentTarget.blur(); }
           }} />
       ) : (
-        <button class="quiet grow" aria-label={`Rename ${take.name}`} title={`${about}. Click to rename`} onClick={() => (naming.value = true)}>{take.name}</button>
+        <button class="quiet grow" aria-label={`Retitle ${take.name}`} title={`${about}. Click to rename`} onClick={() => (naming.value = true)}>{take.name}</button>
       )}
       <span class="num">{take.mae === null ? "" : store.shownError(take.mae, store.unit.value)}</span>
       <span class="second">
