@@ -13,7 +13,7 @@ import * as store from "./store";
 import { colors, hue } from "./theme";
 
 const AGENTS: [string, string][] = [
-  ["noise", "smooth random torque: seconds"], ["rnd", "random network distillation"], ["icm", "curiosity of a forward model"],
+  ["noise", "smooth random torque: seconds"], ["babble", "random poses behind weak servos: seconds"], ["rnd", "random network distillation"], ["icm", "curiosity of a forward model"],
   ["apt", "particle entropy"], ["aps", "particle entropy and successor features"], ["proto", "prototypes"],
 ];
 
@@ -254,7 +254,8 @@ function Run({ run }: { run: RunCard }) {
 
 export function Runs() {
   const robot = useSignal("pointmass");
-  const agents = useSignal<ReadonlySet<string>>(new Set(["noise"]));
+  // Until some are picked it is what needs no training and no tuning on this robot.
+  const picked = useSignal<ReadonlySet<string> | undefined>(undefined);
   const transitions = useSignal("100000");
   const agentSteps = useSignal("20000");
   const out = useSignal("");
@@ -278,8 +279,9 @@ export function Runs() {
   const mine = shelf.data.filter((d) => d.robot === id);
   const chosen = data.value && mine.some((d) => d.path === data.value) ? data.value : mine[0]?.path ?? "";
   const list = [...store.jobs.value.values()].filter((j) => j.kind !== "render" && j.kind !== "export").sort((a, b) => b.id - a.id);
-  const curious = [...agents.value].some((a) => a !== "noise");
-  const collect = ["--robot", robot.value, "--agent", [...agents.value].join(","), "--transitions", transitions.value, ...(curious && agentSteps.value ? ["--agent-steps", agentSteps.value] : []), "--out", out.value || `data/${id}-${[...agents.value].join("-")}`];
+  const agents = picked.value ?? new Set([isBuiltin(id, store.robots.value) ? "noise" : "babble"]);
+  const curious = [...agents].some((a) => a !== "noise" && a !== "babble");
+  const collect = ["--robot", robot.value, "--agent", [...agents].join(","), "--transitions", transitions.value, ...(curious && agentSteps.value ? ["--agent-steps", agentSteps.value] : []), "--out", out.value || `data/${id}-${[...agents].join("-")}`];
   const train = ["--robot", robot.value, "--data", chosen, "--preset", preset.value, "--out", run.value || `runs/${stamp()}-${id}-${preset.value}`];
   const open = store.doc.value?.clip.robot.id === id ? store.doc.value : undefined;
   const suites = suite.value ?? usualSuite(id, store.robots.value, open?.path);
@@ -299,11 +301,11 @@ export function Runs() {
         <Step n={1} title="Collect motion" about="Agents move the robot as their curiosity drives them: no reward, no demonstration.">
           <div class="fields">
             {AGENTS.map(([name, about]) => (
-              <label key={name} title={about}><input type="checkbox" checked={agents.value.has(name)} onChange={() => { const next = new Set(agents.value); if (!next.delete(name)) next.add(name); if (next.size) agents.value = next; }} /> {name}</label>
+              <label key={name} title={about}><input type="checkbox" checked={agents.has(name)} onChange={() => { const next = new Set(agents); if (!next.delete(name)) next.add(name); if (next.size) picked.value = next; }} /> {name}</label>
             ))}
             {text(transitions, "transitions")}
             {curious ? text(agentSteps, "steps an agent learns") : null}
-            {text(out, "folder", `data/${id}-${[...agents.value].join("-")}`)}
+            {text(out, "folder", `data/${id}-${[...agents].join("-")}`)}
           </div>
           <Line kind="collect" args={collect} />
           <button class="main" onClick={() => void startJob("collect", collect)} data-testid="collect">Collect</button>
