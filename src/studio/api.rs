@@ -267,12 +267,14 @@ pub(super) async fn new(State(app): Shared, Json(body): Json<NewBody>) -> Answer
 #[serde(deny_unknown_fields, default)]
 pub(super) struct SaveBody {
     path: Option<String>,
+    /// Whether another file of that name is to be replaced.
+    replace: bool,
 }
 
 /// `POST /api/save`.
 pub(super) async fn save(State(app): Shared, Json(body): Json<SaveBody>) -> Answer<Saved> {
     let path = body.path.map(|p| app.path(&p)).transpose()?;
-    Ok(Json(app.session.ask(|r| Ask::Save(path, r)).await?))
+    Ok(Json(app.session.ask(|reply| Ask::Save { path, replace: body.replace, reply }).await?))
 }
 
 /// `POST /api/close`.

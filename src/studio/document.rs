@@ -528,8 +528,14 @@ impl Document {
     /// Writes the file, under a new name where one is given.
     ///
     /// # Errors
-    /// [`Error::Untitled`], [`Error::File`], [`Error::Locked`], [`Error::Journal`].
-    pub fn save(&mut self, to: Option<&Path>, state_dir: &Path) -> Result<(), Error> {
+    /// [`Error::Untitled`], [`Error::Exists`] unless `replace`, [`Error::File`],
+    /// [`Error::Locked`], [`Error::Journal`].
+    pub fn save(
+        &mut self,
+        to: Option<&Path>,
+        replace: bool,
+        state_dir: &Path,
+    ) -> Result<(), Error> {
         let target = match to {
             Some(p) => std::path::absolute(p)
                 .map_err(|source| fsio::Error::Write { source, path: p.to_owned() })?,
@@ -537,6 +543,9 @@ impl Document {
         };
         let text = self.text();
         let moved = self.path.as_deref() != Some(&target);
+        if moved && !replace && target.exists() {
+            return Err(Error::Exists { path: target });
+        }
         let journal = if moved { Some(open_journal(&target, state_dir)?.0) } else { None };
         fsio::write_atomic(&target, text.as_bytes())?;
         if let Some(journal) = journal {
@@ -660,10 +669,10 @@ mod tests {
     fn saving_compacts_and_moving_takes_the_lock_along() {
         let dir = tempfile::tempdir().unwrap();
         let mut doc = Document::new(blank(), dir.path(), None).unwrap();
-        assert!(matches!(doc.save(None, dir.path()), Err(Error::Untitled)));
+        assert!(matches!(doc.save(None, false, dir.path()), Err(Error::Untitled)));
         doc.edit(&[add(30)]);
         let path = dir.path().join("b.clip.json");
-        doc.save(Some(&path), dir.path()).unwrap();
+        doc.save(Some(&path), false, dir.path()).unwrap();
         assert!(!doc.is_dirty());
         assert!(matches!(Document::open(&path, dir.path(), |_| None), Err(Error::Locked { .. })));
         assert_eq!(std::fs::read_to_string(&path).unwrap(), doc.clip().to_text());

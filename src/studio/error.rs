@@ -28,6 +28,12 @@ pub enum Error {
     /// The clip has never been saved, so it needs a name.
     #[error("the clip has no file yet; save it under a name")]
     Untitled,
+    /// Saving under this name would put an end to another file.
+    #[error("there is a file of that name already; say that it is to be replaced: {path}", path = .path.display())]
+    Exists {
+        /// The other file.
+        path: PathBuf,
+    },
     /// Another instance edits this clip.
     #[error("another studio has this clip open (its journal is locked): {path}", path = .path.display())]
     Locked {

@@ -120,6 +120,8 @@ pub enum Code {
     NoDocument,
     /// The clip needs a file name first.
     Untitled,
+    /// A file of that name is there already.
+    Exists,
     /// Another studio has it.
     Locked,
     /// The simulation is down.
@@ -168,7 +170,7 @@ impl ErrorBody {
             Code::Unauthorized => 401,
             Code::Forbidden => 403,
             Code::NotFound | Code::NoDocument => 404,
-            Code::Untitled | Code::Locked => 409,
+            Code::Untitled | Code::Exists | Code::Locked => 409,
             Code::Full => 429,
             Code::Worker => 503,
             Code::Failed => 500,
@@ -181,6 +183,7 @@ impl From<&Error> for ErrorBody {
         let code = match e {
             Error::NoDocument => Code::NoDocument,
             Error::Untitled => Code::Untitled,
+            Error::Exists { .. } => Code::Exists,
             Error::Locked { .. } => Code::Locked,
             Error::Worker { .. } => Code::Worker,
             Error::Request { .. } => Code::Request,
@@ -196,6 +199,7 @@ impl From<&Error> for ErrorBody {
         let mend = match e {
             Error::Locked { .. } => Some("close the other studio, or save under another name"),
             Error::Untitled => Some("use save as"),
+            Error::Exists { .. } => Some("another name, or \"replace\": true"),
             Error::Worker { .. } => Some("press restart; edits are safe meanwhile"),
             _ => None,
         };

@@ -77,7 +77,7 @@ pub enum Ask {
     /// Remembers a robot from a folder, for clips that name its id.
     Know(String, Reply<()>),
     /// Saves.
-    Save(Option<PathBuf>, Reply<Saved>),
+    Save { path: Option<PathBuf>, replace: bool, reply: Reply<Saved> },
     /// Closes.
     Close(Reply<()>),
     /// The document as it is.
@@ -246,8 +246,8 @@ impl Desk {
             Ask::Recover(reply) => {
                 reply.send(Ok(self.recover())).ok();
             }
-            Ask::Save(path, reply) => {
-                let result = self.save(path.as_deref());
+            Ask::Save { path, replace, reply } => {
+                let result = self.save(path.as_deref(), replace);
                 reply.send(result).ok();
             }
             Ask::Close(reply) => {
@@ -586,10 +586,10 @@ impl Desk {
         view
     }
 
-    fn save(&mut self, path: Option<&Path>) -> Result<Saved, Error> {
+    fn save(&mut self, path: Option<&Path>, replace: bool) -> Result<Saved, Error> {
         let state_dir = self.state_dir.clone();
         let document = self.open_document()?;
-        document.save(path, &state_dir)?;
+        document.save(path, replace, &state_dir)?;
         let saved = Saved {
             path: document.path().map(|p| p.display().to_string()).unwrap_or_default(),
             rev: document.rev(),

@@ -174,7 +174,16 @@ fn an_unsaved_clip_comes_back_and_can_be_saved() {
     assert_eq!(state["document"]["clip"]["name"], "mine");
     assert_eq!(state["document"]["restored"]["edits"], 1);
     assert_eq!(studio.post("/api/save", &json!({})).status, 409);
-    let saved = studio.post("/api/save", &json!({"path": "mine.clip.json"}));
+    // Another file of that name is not replaced unless that is said.
+    std::fs::write(dir.path().join("mine.clip.json"), "dear to someone").unwrap();
+    let refused = studio.post("/api/save", &json!({"path": "mine.clip.json"}));
+    assert_eq!(
+        (refused.status, refused.json()["code"].as_str()),
+        (409, Some("exists")),
+        "{refused:?}"
+    );
+    assert_eq!(std::fs::read(dir.path().join("mine.clip.json")).unwrap(), b"dear to someone");
+    let saved = studio.post("/api/save", &json!({"path": "mine.clip.json", "replace": true}));
     assert_eq!(saved.status, 200, "{saved:?}");
     let text = std::fs::read(dir.path().join("mine.clip.json")).unwrap();
     assert_eq!(studio.get("/api/clip").body, text);

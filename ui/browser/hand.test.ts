@@ -35,6 +35,8 @@ describe("a hand, with still pictures", () => {
     await t.page.keyboard.press("Escape");
     await studio.api("POST", "/api/new", { text: ARM });
     await t.until((s) => s.rev === 0 && s.clip?.name === "arm" && s.history?.len === 0 && s.locked.length === 0, "afresh");
+    // A slider that has the focus would take Home for itself.
+    await t.page.evaluate(() => (document.activeElement as HTMLElement | null)?.blur());
     await t.press("Shift+F", "Home", "Escape");
     await t.rolledOut();
   };

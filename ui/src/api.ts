@@ -568,10 +568,14 @@ export function dropFloating(): void {
   tell("view.pose", { q: null });
 }
 
-export async function save(path?: string): Promise<void> {
+export async function save(path?: string, replace = false): Promise<void> {
   try {
-    await http("POST", "/api/save", path === undefined ? {} : { path });
+    await http("POST", "/api/save", path === undefined ? {} : { path, replace });
   } catch (e) {
+    if (e instanceof Refusal && e.body.code === "exists" && path !== undefined) {
+      document.dispatchEvent(new CustomEvent("robert-dialog", { detail: `replace:${path}` }));
+      return;
+    }
     if (e instanceof Refusal && e.body.code === "untitled") document.dispatchEvent(new CustomEvent("robert-save-as"));
     else complain(e);
   }

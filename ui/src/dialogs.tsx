@@ -298,6 +298,18 @@ export function Dialogs(props: { name: string | undefined; about: string | undef
       }} />;
     }
     case "save-as": return <Ask title="Save as" label="File" value={store.doc.value?.path ?? `${(store.doc.value?.clip.name ?? "clip").replace(/[^\w-]+/g, "_")}.clip.json`} hint={`relative to ${store.folder.value}`} onClose={onClose} onDone={(path) => void save(path)} />;
+    case "replace": {
+      const path = props.about ?? "";
+      return (
+        <Dialog title={`Replace ${path}?`} onClose={onClose}>
+          <p>There is a file of that name already. What it holds would be gone.</p>
+          <div class="row" style="margin-top: 12px; justify-content: flex-end">
+            <button type="button" onClick={onClose}>Cancel</button>
+            <button class="main" onClick={() => { onClose(); void save(path, true); }} data-testid="replace">Replace</button>
+          </div>
+        </Dialog>
+      );
+    }
     case "open": return <Open onClose={onClose} />;
     case "whose": return <Whose onClose={onClose} />;
     case "theme": return (
