@@ -24,7 +24,9 @@
 //! | `POST /api/undo`, `/api/redo` | [`Edited`] |
 //! | `POST /api/open` `{path}` | [`DocumentView`]; 422 with the text that the command line prints |
 //! | `POST /api/new` `{robot, length?, name?, text?}` | [`DocumentView`]; `text` imports a clip without a file |
-//! | `POST /api/save` `{path?}` | [`Saved`] |
+//! | `GET /api/files?root=P&dir=D` | [`Listing`](super::folders::Listing): what could be opened in a folder |
+//! | `POST /api/clips?name=N&robot=R`, or `?path=P` | body = a file of any format that can be read: [`DocumentView`] of a new clip |
+//! | `POST /api/save` `{path?, replace?}` | [`Saved`]; 409 where another file of that name is, unless `replace` |
 //! | `POST /api/close` | 204; unsaved edits stay in the journal |
 //! | `POST /api/discard` | [`Edited`]: back to the saved content, as an edit |
 //! | `GET /api/gallery` | list of [`GalleryItem`] |
@@ -41,6 +43,7 @@
 //! | `GET /api/hover?tab=T&x=X&y=Y` | body and joint under a point (0 to 1 from the top left) of a page's 3D view, or null; T as in the query of the view's socket |
 //! | `POST /api/settle` `{q}` | [`SettleAnswer`](super::worker::SettleAnswer) |
 //! | `GET /api/rollout` | [`RolloutView`] with all frames |
+//! | `GET /api/takes`, `/api/takes/{id}` | [`TakesView`]: finished rollouts of the open robot; the motion of one |
 //! | `GET /api/export?format=F` | bytes; F = json, csv, mjcf, ros, command (clip) or achieved-csv (rollout) |
 //! | `POST /api/exports` `{format, path?, size?, frames?, overlay?, camera?, moments?}` | `JobView`: performs the clip as it is and writes mp4, gif, apng, png, strip, mcap, csv, json, mjcf, ros, viser or html |
 //! | `GET /api/still-body?frame=N&w=W&h=H&x=X&y=Y` | name of the body that the draft still shows at X, Y (0 to 1 from the top left), or null |
@@ -89,134 +92,22 @@
 //!   clicked, a hand turns joints, gives up, or must leave some as they are.
 //! * `notice`: a sentence for a banner.
 
-use std::collections::BTreeMap;
+mod event;
+mod refusal;
+mod request;
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
+pub use event::Event;
+pub use refusal::{Code, ErrorBody, Place};
+pub use request::{IkRequest, OpsRequest, STUDIO_OPS, Selection, StudioOp, ViewShow};
+
 use super::document::Restored;
-use super::error::Error;
 use super::takes::TakesView;
 use super::worker::WorkerState;
-use crate::clip::{Blind, ClipError, Delta, Granularity, JointTable, Lint, Op, Span};
-use crate::exit::{Exit, HasExit};
+use crate::clip::{Blind, Delta, Granularity, JointTable, Lint, Span};
 use crate::rollout::{Guide, Offer, PolicyConfig, PolicyName};
-
-/// What kind of refusal.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Code {
-    /// A file, a value or an edit is wrong.
-    Invalid,
-    /// A request is malformed.
-    Request,
-    /// No token.
-    Unauthorized,
-    /// Not from here.
-    Forbidden,
-    /// There is no such thing.
-    NotFound,
-    /// No clip is open.
-    NoDocument,
-    /// The clip needs a file name first.
-    Untitled,
-    /// A file of that name is there already.
-    Exists,
-    /// Another studio has it.
-    Locked,
-    /// The simulation is down.
-    Worker,
-    /// A cap was reached.
-    Full,
-    /// It was tried and failed.
-    Failed,
-}
-
-/// Where in a file.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Place {
-    /// Line, from 1.
-    pub line: usize,
-    /// Column in characters, from 1.
-    pub col: usize,
-}
-
-/// A refusal.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct ErrorBody {
-    /// Its kind.
-    pub code: Code,
-    /// The sentence that the command line prints after `error: `.
-    pub message: String,
-    /// Where, for files.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub place: Option<Place>,
-    /// What to do about it, where that is not in the message.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub mend: Option<String>,
-}
-
-impl ErrorBody {
-    /// A refusal.
-    pub fn new(code: Code, message: impl Into<String>) -> ErrorBody {
-        ErrorBody { code, message: message.into(), place: None, mend: None }
-    }
-
-    /// The HTTP status.
-    pub fn status(&self) -> u16 {
-        match self.code {
-            Code::Invalid => 422,
-            Code::Request => 400,
-            Code::Unauthorized => 401,
-            Code::Forbidden => 403,
-            Code::NotFound | Code::NoDocument => 404,
-            Code::Untitled | Code::Exists | Code::Locked => 409,
-            Code::Full => 429,
-            Code::Worker => 503,
-            Code::Failed => 500,
-        }
-    }
-}
-
-impl From<&Error> for ErrorBody {
-    fn from(e: &Error) -> ErrorBody {
-        let code = match e {
-            Error::NoDocument => Code::NoDocument,
-            Error::Untitled => Code::Untitled,
-            Error::Exists { .. } => Code::Exists,
-            Error::Locked { .. } => Code::Locked,
-            Error::Worker { .. } => Code::Worker,
-            Error::Request { .. } => Code::Request,
-            Error::NotFound { .. } => Code::NotFound,
-            Error::Full { .. } => Code::Full,
-            other if other.exit() == Exit::Invalid => Code::Invalid,
-            _ => Code::Failed,
-        };
-        let place = match e {
-            Error::Clip(c) => ClipError::line_col(c).map(|(line, col)| Place { line, col }),
-            _ => None,
-        };
-        let mend = match e {
-            Error::Locked { .. } => Some("close the other studio, or save under another name"),
-            Error::Untitled => Some("use save as"),
-            Error::Exists { .. } => Some("another name, or \"replace\": true"),
-            Error::Worker { .. } => Some("press restart; edits are safe meanwhile"),
-            _ => None,
-        };
-        ErrorBody { code, message: e.to_string(), place, mend: mend.map(str::to_owned) }
-    }
-}
-
-/// Body of `POST /api/ops`.
-#[derive(Clone, Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct OpsRequest {
-    /// The edits, in order; they count as one for undo.
-    pub ops: Vec<Op>,
-    /// What the history calls them; the first edit's own words when empty.
-    #[serde(default)]
-    pub label: String,
-}
 
 /// What an edit did.
 #[derive(Clone, Debug, Serialize)]
@@ -455,173 +346,6 @@ pub enum Phase {
     Failed,
 }
 
-/// Requests on the socket that are no clip edits.
-#[derive(Clone, Debug, Deserialize)]
-#[serde(tag = "op", content = "args", deny_unknown_fields)]
-pub enum StudioOp {
-    /// Takes the last edit back.
-    #[serde(rename = "undo")]
-    Undo {},
-    /// Does it again.
-    #[serde(rename = "redo")]
-    Redo {},
-    /// Undoes or redoes until `done` edits are done.
-    #[serde(rename = "history.goto")]
-    HistoryGoto {
-        /// How many.
-        done: usize,
-    },
-    /// Rolls out as if this edit were made; nothing is stored. Send while dragging; the
-    /// newest wins. The reply's `demand` is the [`crate::clip::Demand`] of the edit, or null.
-    #[serde(rename = "preview")]
-    Preview {
-        /// The edit.
-        op: Box<Op>,
-    },
-    /// Back to the document.
-    #[serde(rename = "preview.end")]
-    PreviewEnd {},
-    /// Changes how rollouts are made; absent fields get their defaults.
-    #[serde(rename = "rollout.set")]
-    RolloutSet(RolloutSettings),
-    /// Rolls out now (when `auto` is off).
-    #[serde(rename = "rollout.run")]
-    RolloutRun {},
-    /// Stops it; frames so far stay.
-    #[serde(rename = "rollout.cancel")]
-    RolloutCancel {},
-    /// Starts the simulation again after it gave up.
-    #[serde(rename = "worker.restart")]
-    WorkerRestart {},
-    /// Keeps a take for good, or no longer.
-    #[serde(rename = "take.pin")]
-    TakePin {
-        /// Which.
-        id: u64,
-        /// Whether.
-        pinned: bool,
-    },
-    /// Names a take and pins it.
-    #[serde(rename = "take.name")]
-    TakeName {
-        /// Which.
-        id: u64,
-        /// How.
-        name: String,
-    },
-    /// Draws these takes beside what is performed now; the last one also in the viewport.
-    #[serde(rename = "take.compare")]
-    TakeCompare {
-        /// Which; none ends it.
-        ids: Vec<u64>,
-    },
-    /// Forgets a take.
-    #[serde(rename = "take.remove")]
-    TakeRemove {
-        /// Which.
-        id: u64,
-    },
-    /// Shows this frame in the viewport (also while scrubbing).
-    #[serde(rename = "view.frame")]
-    ViewFrame {
-        /// The frame; fractions are interpolated.
-        frame: f64,
-    },
-    /// Plays in the viewport; the page's own clock follows `frame` at `speed`.
-    #[serde(rename = "view.play")]
-    ViewPlay {
-        /// Where from.
-        frame: f64,
-        /// Frames of the loop, `[from, to)`; absent = the clip, once.
-        #[serde(default)]
-        range: Option<[u32; 2]>,
-        /// Times real time; 0 stops.
-        speed: f64,
-    },
-    /// What the viewport shows; absent fields stay.
-    #[serde(rename = "view.show")]
-    ViewShow(ViewShow),
-    /// Selects a joint or a body, or nothing.
-    #[serde(rename = "view.select")]
-    ViewSelect(Selection),
-    /// Joints that no hand in the viewport moves: neither a drag nor inverse kinematics.
-    #[serde(rename = "view.lock")]
-    ViewLock {
-        /// All of them; an empty list frees every joint.
-        joints: Vec<String>,
-    },
-    /// Gives up the drag that is under way in the viewport.
-    #[serde(rename = "view.cancel")]
-    ViewCancel {},
-    /// Frames the camera: `home`, `fit`, `front`, `side`, `top`, `selection`.
-    #[serde(rename = "view.camera")]
-    ViewCamera {
-        /// Which.
-        preset: String,
-    },
-    /// Shows a pose that is not in the clip (a floating pose); null ends it.
-    #[serde(rename = "view.pose")]
-    ViewPose {
-        /// One value per state joint.
-        q: Option<Vec<f64>>,
-    },
-}
-
-/// Parts of the viewport.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct ViewShow {
-    /// The achieved motion, solid.
-    #[serde(default)]
-    pub achieved: Option<bool>,
-    /// The command, translucent.
-    #[serde(default)]
-    pub command: Option<bool>,
-    /// Poses of the neighbouring keys.
-    #[serde(default)]
-    pub ghosts: Option<bool>,
-    /// Dark background.
-    #[serde(default)]
-    pub dark: Option<bool>,
-}
-
-/// What is selected; shared by all clients.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Selection {
-    /// A state joint.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub joint: Option<String>,
-    /// A body.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub body: Option<String>,
-    /// A site to drag by inverse kinematics.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub site: Option<String>,
-}
-
-/// Body of `POST /api/ik`.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct IkRequest {
-    /// Where to start, one value per state joint.
-    pub q: Vec<f64>,
-    /// The site that is pulled.
-    #[serde(default)]
-    pub site: String,
-    /// In its place: a body by name, and a point in its frame, m.
-    #[serde(default)]
-    pub body: Option<(String, [f64; 3])>,
-    /// Where to, world, m.
-    pub pos: [f64; 3],
-    /// Orientation, w x y z; absent = free.
-    #[serde(default)]
-    pub quat: Option<[f64; 4]>,
-    /// Joints that must stay.
-    #[serde(default)]
-    pub locked: Vec<String>,
-}
-
 /// `POST /api/save`.
 #[derive(Clone, Debug, Serialize)]
 pub struct Saved {
@@ -691,160 +415,3 @@ pub struct RobotCard {
     /// Whether it comes with the program.
     pub builtin: bool,
 }
-
-/// Server → client on the socket.
-#[derive(Clone, Debug, Serialize)]
-#[serde(tag = "event")]
-#[allow(clippy::large_enum_variant)] // built, written out as JSON, dropped
-pub enum Event {
-    /// First of all.
-    #[serde(rename = "hello")]
-    Hello {
-        /// Your number.
-        client: u64,
-        /// Everything.
-        state: Box<State>,
-    },
-    /// A change of the document.
-    #[serde(rename = "edit")]
-    Edit {
-        /// Its author's number.
-        by: u64,
-        /// The author's request.
-        #[serde(skip_serializing_if = "Option::is_none")]
-        id: Option<u64>,
-        /// Version afterwards.
-        rev: u64,
-        /// In words.
-        label: String,
-        /// The difference.
-        patch: Delta,
-        /// Unsaved edits exist.
-        dirty: bool,
-        /// History.
-        history: History,
-        /// First compiled frame that differs.
-        first_changed_frame: Option<u32>,
-        /// First rollout step that can differ.
-        first_changed_step: Option<u32>,
-    },
-    /// Answer to a request that is no edit, or that was refused.
-    #[serde(rename = "reply")]
-    Reply {
-        /// The request.
-        id: u64,
-        /// Its result.
-        #[serde(skip_serializing_if = "Option::is_none")]
-        result: Option<Value>,
-        /// Why not.
-        #[serde(skip_serializing_if = "Option::is_none")]
-        error: Option<ErrorBody>,
-    },
-    /// Another document, or this one afresh.
-    #[serde(rename = "document")]
-    Document {
-        /// It; null when none is open.
-        document: Option<Box<DocumentView>>,
-    },
-    /// Saved.
-    #[serde(rename = "saved")]
-    Saved {
-        /// The file.
-        path: String,
-        /// Version that it holds.
-        rev: u64,
-    },
-    /// Problems and timeline.
-    #[serde(rename = "findings")]
-    Findings(Findings),
-    /// Rollout settings changed.
-    #[serde(rename = "rollout.settings")]
-    RolloutSettings(RolloutSettings),
-    /// New frames.
-    #[serde(rename = "rollout.frames")]
-    RolloutFrames {
-        /// Which rollout.
-        #[serde(rename = "gen")]
-        generation: u64,
-        /// First frame here.
-        from: usize,
-        /// Achieved states.
-        q: Vec<Vec<f32>>,
-        /// Mean absolute error by frame, null where masked.
-        error: Vec<Option<f64>>,
-    },
-    /// How far it is.
-    #[serde(rename = "rollout.state")]
-    RolloutState(RolloutState),
-    /// Takes, and which are compared.
-    #[serde(rename = "takes")]
-    Takes(TakesView),
-    /// State of the simulation.
-    #[serde(rename = "worker")]
-    Worker(WorkerState),
-    /// State of a job.
-    #[serde(rename = "job")]
-    Job(Box<super::jobs::JobView>),
-    /// Something was selected.
-    #[serde(rename = "select")]
-    Select(Selection),
-    /// A joint moves under the mouse in the viewport. `done` = released: make it an edit.
-    #[serde(rename = "joint")]
-    Joint {
-        /// New values by joint.
-        values: BTreeMap<String, f64>,
-        /// Whether the mouse was released.
-        done: bool,
-        /// The page whose 3D view it happens in (`tab` in the query of its socket): only that
-        /// one makes the edit. Absent: whoever hears it.
-        #[serde(skip_serializing_if = "Option::is_none")]
-        tab: Option<String>,
-    },
-    /// The drag in the viewport was given up: nothing is to be edited.
-    #[serde(rename = "joint.cancelled")]
-    JointCancelled {
-        /// See [`Event::Joint`].
-        #[serde(skip_serializing_if = "Option::is_none")]
-        tab: Option<String>,
-    },
-    /// Joints that no hand moves.
-    #[serde(rename = "locked")]
-    Locked {
-        /// All of them.
-        joints: Vec<String>,
-    },
-    /// A sentence for a banner.
-    #[serde(rename = "notice")]
-    Notice {
-        /// `info`, `warning` or `error`.
-        level: &'static str,
-        /// It.
-        message: String,
-    },
-}
-
-/// The names of [`StudioOp`]; any other is a clip operation.
-pub const STUDIO_OPS: [&str; 22] = [
-    "undo",
-    "redo",
-    "history.goto",
-    "preview",
-    "preview.end",
-    "rollout.set",
-    "rollout.run",
-    "rollout.cancel",
-    "worker.restart",
-    "take.pin",
-    "take.name",
-    "take.compare",
-    "take.remove",
-    "view.frame",
-    "view.play",
-    "view.show",
-    "view.select",
-    "view.lock",
-    "view.cancel",
-    "view.camera",
-    "view.pose",
-    "ping",
-];

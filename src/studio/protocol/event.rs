@@ -1,0 +1,145 @@
+//! What the server says on the socket.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+use serde_json::Value;
+
+use super::{
+    DocumentView, ErrorBody, Findings, History, RolloutSettings, RolloutState, Selection, State,
+};
+use crate::clip::Delta;
+use crate::studio::jobs::JobView;
+use crate::studio::takes::TakesView;
+use crate::studio::worker::WorkerState;
+
+/// Server → client on the socket.
+#[derive(Clone, Debug, Serialize)]
+#[serde(tag = "event")]
+#[allow(clippy::large_enum_variant)] // built, written out as JSON, dropped
+pub enum Event {
+    /// First of all.
+    #[serde(rename = "hello")]
+    Hello {
+        /// Your number.
+        client: u64,
+        /// Everything.
+        state: Box<State>,
+    },
+    /// A change of the document.
+    #[serde(rename = "edit")]
+    Edit {
+        /// Its author's number.
+        by: u64,
+        /// The author's request.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        id: Option<u64>,
+        /// Version afterwards.
+        rev: u64,
+        /// In words.
+        label: String,
+        /// The difference.
+        patch: Delta,
+        /// Unsaved edits exist.
+        dirty: bool,
+        /// History.
+        history: History,
+        /// First compiled frame that differs.
+        first_changed_frame: Option<u32>,
+        /// First rollout step that can differ.
+        first_changed_step: Option<u32>,
+    },
+    /// Answer to a request that is no edit, or that was refused.
+    #[serde(rename = "reply")]
+    Reply {
+        /// The request.
+        id: u64,
+        /// Its result.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        result: Option<Value>,
+        /// Why not.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        error: Option<ErrorBody>,
+    },
+    /// Another document, or this one afresh.
+    #[serde(rename = "document")]
+    Document {
+        /// It; null when none is open.
+        document: Option<Box<DocumentView>>,
+    },
+    /// Saved.
+    #[serde(rename = "saved")]
+    Saved {
+        /// The file.
+        path: String,
+        /// Version that it holds.
+        rev: u64,
+    },
+    /// Problems and timeline.
+    #[serde(rename = "findings")]
+    Findings(Findings),
+    /// Rollout settings changed.
+    #[serde(rename = "rollout.settings")]
+    RolloutSettings(RolloutSettings),
+    /// New frames.
+    #[serde(rename = "rollout.frames")]
+    RolloutFrames {
+        /// Which rollout.
+        #[serde(rename = "gen")]
+        generation: u64,
+        /// First frame here.
+        from: usize,
+        /// Achieved states.
+        q: Vec<Vec<f32>>,
+        /// Mean absolute error by frame, null where masked.
+        error: Vec<Option<f64>>,
+    },
+    /// How far it is.
+    #[serde(rename = "rollout.state")]
+    RolloutState(RolloutState),
+    /// Takes, and which are compared.
+    #[serde(rename = "takes")]
+    Takes(TakesView),
+    /// State of the simulation.
+    #[serde(rename = "worker")]
+    Worker(WorkerState),
+    /// State of a job.
+    #[serde(rename = "job")]
+    Job(Box<JobView>),
+    /// Something was selected.
+    #[serde(rename = "select")]
+    Select(Selection),
+    /// A joint moves under the mouse in the viewport. `done` = released: make it an edit.
+    #[serde(rename = "joint")]
+    Joint {
+        /// New values by joint.
+        values: BTreeMap<String, f64>,
+        /// Whether the mouse was released.
+        done: bool,
+        /// The page whose 3D view it happens in (`tab` in the query of its socket): only that
+        /// one makes the edit. Absent: whoever hears it.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        tab: Option<String>,
+    },
+    /// The drag in the viewport was given up: nothing is to be edited.
+    #[serde(rename = "joint.cancelled")]
+    JointCancelled {
+        /// See [`Event::Joint`].
+        #[serde(skip_serializing_if = "Option::is_none")]
+        tab: Option<String>,
+    },
+    /// Joints that no hand moves.
+    #[serde(rename = "locked")]
+    Locked {
+        /// All of them.
+        joints: Vec<String>,
+    },
+    /// A sentence for a banner.
+    #[serde(rename = "notice")]
+    Notice {
+        /// `info`, `warning` or `error`.
+        level: &'static str,
+        /// It.
+        message: String,
+    },
+}

@@ -1,0 +1,112 @@
+//! Why the studio refuses something, as a client reads it.
+
+use serde::Serialize;
+
+use crate::clip::ClipError;
+use crate::exit::{Exit, HasExit};
+use crate::studio::error::Error;
+
+/// What kind of refusal.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Code {
+    /// A file, a value or an edit is wrong.
+    Invalid,
+    /// A request is malformed.
+    Request,
+    /// No token.
+    Unauthorized,
+    /// Not from here.
+    Forbidden,
+    /// There is no such thing.
+    NotFound,
+    /// No clip is open.
+    NoDocument,
+    /// The clip needs a file name first.
+    Untitled,
+    /// A file of that name is there already.
+    Exists,
+    /// Another studio has it.
+    Locked,
+    /// The simulation is down.
+    Worker,
+    /// A cap was reached.
+    Full,
+    /// It was tried and failed.
+    Failed,
+}
+
+/// Where in a file.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Place {
+    /// Line, from 1.
+    pub line: usize,
+    /// Column in characters, from 1.
+    pub col: usize,
+}
+
+/// A refusal.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ErrorBody {
+    /// Its kind.
+    pub code: Code,
+    /// The sentence that the command line prints after `error: `.
+    pub message: String,
+    /// Where, for files.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub place: Option<Place>,
+    /// What to do about it, where that is not in the message.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mend: Option<String>,
+}
+
+impl ErrorBody {
+    /// A refusal.
+    pub fn new(code: Code, message: impl Into<String>) -> ErrorBody {
+        ErrorBody { code, message: message.into(), place: None, mend: None }
+    }
+
+    /// The HTTP status.
+    pub fn status(&self) -> u16 {
+        match self.code {
+            Code::Invalid => 422,
+            Code::Request => 400,
+            Code::Unauthorized => 401,
+            Code::Forbidden => 403,
+            Code::NotFound | Code::NoDocument => 404,
+            Code::Untitled | Code::Exists | Code::Locked => 409,
+            Code::Full => 429,
+            Code::Worker => 503,
+            Code::Failed => 500,
+        }
+    }
+}
+
+impl From<&Error> for ErrorBody {
+    fn from(e: &Error) -> ErrorBody {
+        let code = match e {
+            Error::NoDocument => Code::NoDocument,
+            Error::Untitled => Code::Untitled,
+            Error::Exists { .. } => Code::Exists,
+            Error::Locked { .. } => Code::Locked,
+            Error::Worker { .. } => Code::Worker,
+            Error::Request { .. } => Code::Request,
+            Error::NotFound { .. } => Code::NotFound,
+            Error::Full { .. } => Code::Full,
+            other if other.exit() == Exit::Invalid => Code::Invalid,
+            _ => Code::Failed,
+        };
+        let place = match e {
+            Error::Clip(c) => ClipError::line_col(c).map(|(line, col)| Place { line, col }),
+            _ => None,
+        };
+        let mend = match e {
+            Error::Locked { .. } => Some("close the other studio, or save under another name"),
+            Error::Untitled => Some("use save as"),
+            Error::Exists { .. } => Some("another name, or \"replace\": true"),
+            Error::Worker { .. } => Some("press restart; edits are safe meanwhile"),
+            _ => None,
+        };
+        ErrorBody { code, message: e.to_string(), place, mend: mend.map(str::to_owned) }
+    }
+}
