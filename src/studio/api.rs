@@ -13,7 +13,7 @@ use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
 
-pub(super) use answer::{Answer, Json, Query, Refused, Shared, whole_body};
+pub(super) use answer::{Answer, Json, Query, Refused, Shared, apart, whole_body};
 use answer::{download, text_of};
 pub(super) use look::*;
 pub(super) use work::*;
@@ -231,8 +231,7 @@ pub(super) async fn recent(State(app): Shared) -> Json<Vec<RecentFile>> {
 /// `GET /api/drafts`.
 pub(super) async fn drafts(State(app): Shared) -> Answer<Vec<Draft>> {
     let dir = app.state_dir.clone();
-    let found = tokio::task::spawn_blocking(move || Document::drafts(&dir)).await;
-    Ok(Json(found.map_err(|_panicked| Error::request("the journals were not read"))?))
+    Ok(Json(apart("the journals were not read", move || Document::drafts(&dir)).await?))
 }
 
 /// `POST /api/drafts/{number}`.
@@ -249,8 +248,8 @@ pub(super) async fn discard_draft(
     UrlPath(number): UrlPath<u32>,
 ) -> Result<StatusCode, Refused> {
     let dir = app.state_dir.clone();
-    let gone = tokio::task::spawn_blocking(move || Document::drop_draft(&dir, number)).await;
-    gone.map_err(|_panicked| Error::request("the journal was not removed"))??;
+    let remove = move || Document::drop_draft(&dir, number);
+    apart("the journal was not removed", remove).await??;
     Ok(StatusCode::NO_CONTENT)
 }
 

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use axum::extract::State;
 use serde::Deserialize;
 
-use super::api::{Answer, Json, Query, Shared, whole_body};
+use super::api::{Answer, Json, Query, Shared, apart, whole_body};
 use super::error::Error;
 use super::folders::{self, Kind, Listing};
 use super::protocol::DocumentView;
@@ -32,8 +32,8 @@ pub(super) struct FilesQuery {
 /// `GET /api/files`: what could be opened in a folder.
 pub(super) async fn files(State(app): Shared, Query(query): Query<FilesQuery>) -> Answer<Listing> {
     let root = if query.root.is_empty() { app.folder.clone() } else { app.path(&query.root)? };
-    let found = tokio::task::spawn_blocking(move || folders::list(&root, &query.dir)).await;
-    Ok(Json(found.map_err(|_panicked| Error::request("the folder was not read"))??))
+    let list = move || folders::list(&root, &query.dir);
+    Ok(Json(apart("the folder was not read", list).await??))
 }
 
 /// Query of `POST /api/clips`.
@@ -66,8 +66,7 @@ pub(super) async fn clips(
         let path = app.path(&query.path)?;
         let from = path.clone();
         let read = move || fsio::read_capped(&from, limits::CLIP_BYTES);
-        let read = tokio::task::spawn_blocking(read).await;
-        let bytes = read.map_err(|_panicked| Error::request("the file was not read"))?;
+        let bytes = apart("the file was not read", read).await?;
         (path, bytes.map_err(Error::from)?)
     };
     let name = named.file_name().and_then(|n| n.to_str()).unwrap_or_default().to_owned();
@@ -78,14 +77,14 @@ pub(super) async fn clips(
         Kind::Clip => None,
         _ => Some(robot(&app, query.robot).await?),
     };
-    let made = tokio::task::spawn_blocking(move || {
+    let make = move || {
         let mut clip = read(kind, bytes, robot.as_ref()).map_err(|e| e.in_file(&named))?;
         if clip.name.is_empty() {
             clip.name = stem(&named);
         }
         Ok::<Clip, ClipError>(clip)
-    });
-    let made = made.await.map_err(|_panicked| Error::request("the file could not be read"))?;
+    };
+    let made = apart("the file could not be read", make).await?;
     let clip = made.map_err(Error::from)?;
     Ok(Json(app.session.ask(|r| Ask::New(Box::new(clip), r)).await?))
 }

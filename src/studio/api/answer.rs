@@ -103,3 +103,12 @@ pub(in crate::studio) fn download(
     }
     (headers, bytes).into_response()
 }
+
+/// Does work that waits for the disk where it holds up nobody; `what` was not done, should it
+/// panic.
+pub(in crate::studio) async fn apart<T: Send + 'static>(
+    what: &'static str,
+    work: impl FnOnce() -> T + Send + 'static,
+) -> Result<T, Error> {
+    tokio::task::spawn_blocking(work).await.map_err(|_panicked| Error::request(what))
+}

@@ -9,7 +9,7 @@ use axum::response::Response;
 use serde::Deserialize;
 
 use super::PathBody;
-use super::answer::{Answer, Json, Query, Refused, Shared, download, whole_body};
+use super::answer::{Answer, Json, Query, Refused, Shared, apart, download, whole_body};
 use crate::studio::error::Error;
 use crate::studio::exchange::{Beside, ExportRequest, Scene, Second};
 use crate::studio::jobs::{Extra, JobKind, JobRequest, JobView};
@@ -47,8 +47,8 @@ pub(in crate::studio) async fn job_file(
 ) -> Result<Response, Refused> {
     let path = app.jobs.file(id)?;
     let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-    let read = tokio::task::spawn_blocking(move || fsio::read_capped(&path, limits::UPLOAD_BYTES));
-    let bytes = read.await.map_err(|_panicked| Error::request("the file was not read"))?;
+    let read = move || fsio::read_capped(&path, limits::UPLOAD_BYTES);
+    let bytes = apart("the file was not read", read).await?;
     let bytes = bytes.map_err(Error::from)?;
     Ok(download(&name, export::media_type(&name), bytes))
 }
@@ -56,8 +56,7 @@ pub(in crate::studio) async fn job_file(
 /// `GET /api/shelf`.
 pub(in crate::studio) async fn shelf(State(app): Shared) -> Result<Json<Shelf>, Refused> {
     let folder = app.folder.clone();
-    let found = tokio::task::spawn_blocking(move || shelf::list(&folder)).await;
-    Ok(Json(found.map_err(|_panicked| Error::request("the folder was not read"))?))
+    Ok(Json(apart("the folder was not read", move || shelf::list(&folder)).await?))
 }
 
 /// `GET /api/curves?path=RUN`.
@@ -66,8 +65,7 @@ pub(in crate::studio) async fn curves(
     Query(body): Query<PathBody>,
 ) -> Answer<Vec<serde_json::Value>> {
     let dir = app.path(&body.path)?;
-    let found = tokio::task::spawn_blocking(move || shelf::curves(&dir)).await;
-    Ok(Json(found.map_err(|_panicked| Error::request("the run was not read"))?))
+    Ok(Json(apart("the run was not read", move || shelf::curves(&dir)).await?))
 }
 
 /// Query of `PUT /api/upload`.
@@ -88,8 +86,7 @@ pub(in crate::studio) async fn upload(
     let bytes = whole_body(request, limits::PROJECT_BYTES as usize).await?;
     let uploads = Arc::clone(&app.uploads);
     let put = move || uploads.put(&query.path, query.first, &bytes);
-    let done = tokio::task::spawn_blocking(put).await;
-    done.map_err(|_panicked| Error::request("the file was not kept"))??;
+    apart("the file was not kept", put).await??;
     Ok(StatusCode::NO_CONTENT)
 }
 
