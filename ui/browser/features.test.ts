@@ -19,9 +19,7 @@ describe("features", () => {
   });
   /** The arm as it was, by the named history. */
   const afresh = async (): Promise<void> => {
-    await t.page.keyboard.press("Escape");
-    await studio.api("POST", "/api/new", { text: ARM });
-    await t.until((s) => s.rev === 0 && s.clip?.name === "arm" && s.history?.len === 0, "afresh");
+    await t.afresh();
     await t.press("Shift+F", "Home", "Escape");
     await t.rolledOut();
   };

@@ -32,11 +32,8 @@ describe("a hand, with still pictures", () => {
     await studio.end();
   });
   const afresh = async (): Promise<void> => {
-    await t.page.keyboard.press("Escape");
-    await studio.api("POST", "/api/new", { text: ARM });
-    await t.until((s) => s.rev === 0 && s.clip?.name === "arm" && s.history?.len === 0 && s.locked.length === 0, "afresh");
-    // A slider that has the focus would take Home for itself.
-    await t.page.evaluate(() => (document.activeElement as HTMLElement | null)?.blur());
+    await t.afresh();
+    await t.until((s) => s.locked.length === 0, "nothing locked");
     await t.press("Shift+F", "Home", "Escape");
     await t.rolledOut();
   };

@@ -234,6 +234,15 @@ export class Tab {
     if (options.hold) await this.page.keyboard.up(options.hold);
   }
 
+  /** Another document, as like the last one as may be; nothing has the focus. */
+  async afresh(text = ARM): Promise<void> {
+    await this.page.keyboard.press("Escape");
+    const opened = (await this.studio.api("POST", "/api/new", { text })).json().opened as number;
+    await this.until((s) => s.opened === opened, "afresh");
+    // A slider that has the focus would take Home for itself.
+    await this.page.evaluate(() => (document.activeElement as HTMLElement | null)?.blur());
+  }
+
   async goTo(frame: number): Promise<void> {
     const field = this.byId("frame");
     await field.fill(String(frame));

@@ -45,9 +45,7 @@ describe("takes and files", () => {
     await studio.end();
   });
   const afresh = async (): Promise<void> => {
-    await t.page.keyboard.press("Escape");
-    await studio.api("POST", "/api/new", { text: ARM });
-    await t.until((s) => s.rev === 0 && s.clip?.name === "arm" && s.history?.len === 0, "afresh");
+    await t.afresh();
     await t.rolledOut();
   };
 

@@ -16,11 +16,7 @@ describe("look", () => {
     await endBrowsers();
     await studio.end();
   });
-  const afresh = async (text = ARM): Promise<void> => {
-    await t.page.keyboard.press("Escape");
-    const opened = (await studio.api("POST", "/api/new", { text })).json().opened as number;
-    await t.until((s) => s.opened === opened, "afresh");
-  };
+  const afresh = (text?: string): Promise<void> => t.afresh(text);
 
   test("no message lies over a button, at three sizes", async () => {
     await afresh();

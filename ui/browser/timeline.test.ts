@@ -18,9 +18,7 @@ describe("timeline", () => {
     await studio.end();
   });
   const afresh = async (text = ARM): Promise<void> => {
-    await t.page.keyboard.press("Escape");
-    const opened = (await studio.api("POST", "/api/new", { text })).json().opened as number;
-    await t.until((s) => s.opened === opened, "afresh");
+    await t.afresh(text);
     await t.press("Shift+F");
   };
   const ops = async (...list: { op: string; args: object }[]): Promise<void> => {
