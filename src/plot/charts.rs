@@ -159,6 +159,8 @@ pub fn xy(title: &str, paths: &[Curve], commanded: &[(f64, f64)], x: Axis, y: Ax
         color: INK,
         mark: Mark::Cross,
     });
+    // Less than this is rounding: what stays where it is is a point.
+    let (x, y) = (x.least(1e-3), y.least(1e-3));
     let panel = Panel { x, y, layers, equal: true, ..Panel::default() };
     Figure::of(title, panel).panel_size(520, 520)
 }

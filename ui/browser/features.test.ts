@@ -3,7 +3,7 @@
 
 import assert from "node:assert/strict";
 import { after, before, describe, test } from "node:test";
-import { ARM, armTab, endBrowsers, Studio, tab, type Tab } from "./harness";
+import { armTab, endBrowsers, Studio, tab, type Tab } from "./harness";
 
 describe("features", () => {
   let studio: Studio;

@@ -2,7 +2,7 @@
 
 import assert from "node:assert/strict";
 import { after, before, describe, test } from "node:test";
-import { ARM, armTab, endBrowsers, Studio, type Tab } from "./harness";
+import { armTab, endBrowsers, Studio, type Tab } from "./harness";
 
 describe("look", () => {
   let studio: Studio;
