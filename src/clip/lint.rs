@@ -521,7 +521,7 @@ impl<'a> Finder<'a> {
             let to = blind.before.unwrap_or(self.command.frames());
             let steps = blind.to - blind.from;
             let message = format!(
-                "no goal from frame {from} to {}: for {steps} steps the policy sees none and gets a virtual key",
+                "no goal from frame {from} to {}: for {steps} steps the policy sees none and is led along a straight line",
                 to - 1
             );
             let key = blind

@@ -63,7 +63,6 @@ pub struct Policy {
     cfg: PolicyConfig,
     net: Arc<Net<f32>>,
     encoder: Arc<Encoder>,
-    panels: Arc<Panels>,
     scratch: EncodeScratch,
     batch: Batch<f32>,
     /// Buffers for each number of threads that may be used, fewest first.
@@ -89,15 +88,17 @@ impl Policy {
             let why = format!("{} is not in 1..={}", cfg.ensemble, COMMAND + 1);
             return Err(Error::Config { field: "ensemble", why });
         }
-        let (n, e) = (&net.cfg, cfg.ensemble);
+        let e = cfg.ensemble;
+        let (panels, net) = (Arc::new(Panels::new(&net)), Arc::new(net));
+        let n = &net.cfg;
+        let on = |threads| Single::new(Arc::clone(&net), Arc::clone(&panels), e, threads);
         Ok(Policy {
-            panels: Arc::new(Panels::new(&net)),
             scratch: encoder.scratch(),
             batch: Batch::zeros(n, 1),
             single: match cfg.threads {
-                Threads::One => vec![Single::new(n, e, 1)],
-                Threads::Two => vec![Single::new(n, e, 2)],
-                Threads::Faster => vec![Single::new(n, e, 1), Single::new(n, e, 2)],
+                Threads::One => vec![on(1)],
+                Threads::Two => vec![on(2)],
+                Threads::Faster => vec![on(1), on(2)],
             },
             pace: Arc::default(),
             action: vec![0.0; n.actions],
@@ -105,7 +106,7 @@ impl Policy {
             windows: 0,
             applied: Vec::with_capacity(CURRENT * n.actions),
             cfg,
-            net: Arc::new(net),
+            net,
             encoder: Arc::new(encoder),
         })
     }
@@ -157,7 +158,7 @@ impl Policy {
         let which = if self.single.len() > 1 { self.pace.choose() } else { 0 };
         let Some(single) = self.single.get_mut(which) else { return &self.action };
         let begin = Instant::now();
-        let out = single.run(&self.net, &self.panels, &self.batch);
+        let out = single.run(&self.batch);
         if self.cfg.threads == Threads::Faster {
             self.pace.took(which, begin.elapsed());
         }

@@ -22,6 +22,7 @@ mod pace;
 pub mod params;
 pub mod real;
 pub mod ridge;
+mod second;
 pub mod simd;
 mod single;
 pub mod step;

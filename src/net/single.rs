@@ -8,20 +8,19 @@
 
 use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use super::config::{CURRENT, Mixing, NetConfig, WINDOW};
 use super::mat::{Init, Mat, MatMut, Packed, gemm, gemm_packed};
 use super::model::{Batch, Net, place};
 use super::params::LayerAt;
 use super::real::Aligned;
+use super::second::{Second, until};
 use super::simd::{self, PAD};
 
 /// Frames of the first of two threads: whole tiles of rows, and the second one, which also
 /// finishes the last layer, has all the frames of the command.
 const FIRST: usize = 24;
-/// Rounds of waiting before a thread that waits for the other lets someone else run.
-const SPINS: u32 = 500;
 
 /// Weights packed for products.
 #[derive(Debug)]
@@ -44,11 +43,21 @@ struct LayerPanels {
 /// Buffers of one window.
 #[derive(Debug)]
 pub(super) struct Single {
-    shares: Vec<Share>,
-    /// Keys and values that each share hands to the other, for layers of even and odd
-    /// number: nobody overwrites what the other may still be reading.
-    handed: [Vec<Mutex<Aligned<f32>>>; 2],
-    met: AtomicUsize,
+    net: Arc<Net<f32>>,
+    panels: Arc<Panels>,
+    /// Frames of this thread, the current one and all later among them.
+    own: Share,
+    /// Frames of the other thread, if it takes some.
+    other: Option<Other>,
+}
+
+/// The other thread's frames.
+#[derive(Debug)]
+struct Other {
+    share: Arc<Mutex<Share>>,
+    meeting: Arc<Meeting>,
+    /// Started when it is first needed: most copies of a policy never ask for it.
+    thread: Option<Second>,
 }
 
 /// Some frames of the window, and what one thread needs for them.
@@ -57,6 +66,8 @@ struct Share {
     rows: Range<usize>,
     /// Tokens whose actions are used, from the current one on; 0 in a share without them.
     used: usize,
+    tokens: Aligned<f32>, // (rows, inputs)
+    masked: Vec<bool>,
     x: Aligned<f32>,     // (rows, d), residual stream
     y: Aligned<f32>,     // (rows, d)
     query: Aligned<f32>, // (rows, d)
@@ -71,112 +82,109 @@ struct Share {
 
 impl Clone for Single {
     fn clone(&self) -> Self {
-        let len = |m: &Mutex<Aligned<f32>>| m.lock().map_or(0, |x| x.len());
-        let copy = |side: &Vec<Mutex<Aligned<f32>>>| {
-            side.iter().map(|m| Mutex::new(Aligned::zeros(len(m)))).collect()
-        };
-        let [even, odd] = &self.handed;
-        Single {
-            shares: self.shares.clone(),
-            handed: [copy(even), copy(odd)],
-            met: AtomicUsize::new(0),
-        }
+        let threads = 1 + usize::from(self.other.is_some());
+        Single::new(Arc::clone(&self.net), Arc::clone(&self.panels), self.own.used, threads)
     }
 }
 
 impl Single {
     /// Room for one window of which `used` tokens from the current one on give actions, on
     /// `threads` (1 or 2) threads.
-    pub(super) fn new(cfg: &NetConfig, used: usize, threads: usize) -> Single {
-        let d = cfg.width;
-        let share = |rows: Range<usize>| {
-            let used = if rows.end == WINDOW { used } else { 0 };
-            let zeros = |cols: usize| Aligned::zeros(rows.len() * cols);
-            Share {
-                used,
-                x: zeros(d),
-                y: zeros(d),
-                query: zeros(d),
-                pair: Aligned::zeros(WINDOW * 2 * d),
-                probs: zeros(PAD),
-                mixed: zeros(d),
-                wide: zeros(4 * d),
-                act: zeros(4 * d),
-                out: Aligned::zeros(used * cfg.outputs()),
-                stats: vec![[0.0; 2]; rows.len()],
-                rows,
-            }
+    pub(super) fn new(
+        net: Arc<Net<f32>>,
+        panels: Arc<Panels>,
+        used: usize,
+        threads: usize,
+    ) -> Single {
+        let cfg = &net.cfg;
+        if threads < 2 {
+            return Single { own: Share::new(cfg, 0..WINDOW, used), other: None, net, panels };
+        }
+        let other = Other {
+            share: Arc::new(Mutex::new(Share::new(cfg, 0..FIRST, 0))),
+            meeting: Arc::new(Meeting::new(cfg.width)),
+            thread: None,
         };
-        let edges: &[usize] = if threads > 1 { &[0, FIRST, WINDOW] } else { &[0, WINDOW] };
-        let shares: Vec<Share> = edges.windows(2).map(|e| share(e[0]..e[1])).collect();
-        let side = || {
-            let handed = |s: &Share| Mutex::new(Aligned::zeros(s.rows.len() * 2 * d));
-            shares.iter().map(handed).collect()
-        };
-        Single { handed: [side(), side()], met: AtomicUsize::new(0), shares }
+        Single { own: Share::new(cfg, FIRST..WINDOW, used), other: Some(other), net, panels }
     }
 
     /// Head output of the tokens used, (used, outputs).
-    pub(super) fn run(&mut self, net: &Net<f32>, panels: &Panels, batch: &Batch<f32>) -> &[f32] {
-        self.met.store(0, Ordering::Relaxed);
-        let meeting = Meeting { handed: &self.handed, met: &self.met };
-        if let [share] = &mut self.shares[..] {
-            share.run(0, net, panels, batch, None);
-        } else {
-            std::thread::scope(|scope| {
-                let meeting = &meeting;
-                let mut shares = self.shares.iter_mut().enumerate();
-                let own = shares.next_back();
-                for (i, share) in shares {
-                    scope.spawn(move || share.run(i, net, panels, batch, Some(meeting)));
-                }
-                if let Some((i, share)) = own {
-                    share.run(i, net, panels, batch, Some(meeting));
-                }
-            });
+    pub(super) fn run(&mut self, batch: &Batch<f32>) -> &[f32] {
+        if let Some(other) = &mut self.other
+            && let Err(e) = other.ready(&self.net, &self.panels)
+        {
+            tracing::warn!("no second thread: {e}");
+            let (net, panels) = (Arc::clone(&self.net), Arc::clone(&self.panels));
+            *self = Single::new(net, panels, self.own.used, 1);
         }
-        self.shares.last().map_or(&[], |share| &share.out)
+        self.own.take(&self.net.cfg, batch);
+        let Some(Other { share, meeting, thread: Some(thread) }) = &self.other else {
+            self.own.run(&self.net, &self.panels, None);
+            return &self.own.out;
+        };
+        share.lock().unwrap_or_else(PoisonError::into_inner).take(&self.net.cfg, batch);
+        meeting.begin();
+        thread.call();
+        self.own.run(&self.net, &self.panels, Some(meeting));
+        assert!(!thread.broken(), "the second thread of a policy panicked");
+        &self.own.out
     }
 }
 
-/// Where threads that share a window meet.
-struct Meeting<'a> {
-    handed: &'a [Vec<Mutex<Aligned<f32>>>; 2],
-    met: &'a AtomicUsize,
+impl Other {
+    /// Starts the thread, if it does not run yet.
+    fn ready(&mut self, net: &Arc<Net<f32>>, panels: &Arc<Panels>) -> std::io::Result<()> {
+        if self.thread.is_none() {
+            let (net, panels) = (Arc::clone(net), Arc::clone(panels));
+            let (share, meeting) = (Arc::clone(&self.share), Arc::clone(&self.meeting));
+            self.thread = Some(Second::start(move || {
+                let mut share = share.lock().unwrap_or_else(PoisonError::into_inner);
+                share.run(&net, &panels, Some(&meeting));
+            })?);
+        }
+        Ok(())
+    }
 }
 
-impl Meeting<'_> {
-    /// Hands over the keys and values of `share` and takes those of the others.
-    fn exchange(&self, layer: usize, index: usize, share: &mut Share, width: usize) {
-        let side = &self.handed[layer % 2];
+/// Where the two threads of a window meet.
+#[derive(Debug)]
+struct Meeting {
+    /// Keys and values that each hands to the other, for layers of even and odd number:
+    /// nobody overwrites what the other may still be reading.
+    handed: [[Mutex<Aligned<f32>>; 2]; 2],
+    met: AtomicUsize,
+}
+
+impl Meeting {
+    fn new(width: usize) -> Meeting {
+        let room = |rows: usize| Mutex::new(Aligned::zeros(rows * 2 * width));
+        let side = || [room(FIRST), room(WINDOW - FIRST)];
+        Meeting { handed: [side(), side()], met: AtomicUsize::new(0) }
+    }
+
+    /// Before the two begin with a window.
+    fn begin(&self) {
+        self.met.store(0, Ordering::Release);
+    }
+
+    /// Hands over the keys and values of `share` and takes those of the other.
+    fn exchange(&self, layer: usize, share: &mut Share, width: usize) {
+        let [first, second] = &self.handed[layer % 2];
         let lock = |m| Mutex::lock(m).unwrap_or_else(PoisonError::into_inner);
-        let own = share.rows.start * width..share.rows.end * width;
-        lock(&side[index]).copy_from_slice(&share.pair[own.clone()]);
+        let edge = FIRST * width;
+        let leads = share.rows.start == 0;
+        let (before, after) = share.pair.split_at_mut(edge);
+        let (mine, to, theirs, from) =
+            if leads { (before, first, after, second) } else { (after, second, before, first) };
+        lock(to).copy_from_slice(mine);
         self.met.fetch_add(1, Ordering::AcqRel);
-        let everyone = side.len() * (layer + 1);
-        let mut spins = 0;
-        while self.met.load(Ordering::Acquire) < everyone {
-            if spins < SPINS {
-                spins += 1;
-                std::hint::spin_loop();
-            } else {
-                std::thread::yield_now();
-            }
-        }
-        let (before, from) = share.pair.split_at_mut(own.start);
-        let after = &mut from[own.len()..];
-        for (i, m) in side.iter().enumerate() {
-            match i.cmp(&index) {
-                std::cmp::Ordering::Less => before.copy_from_slice(&lock(m)),
-                std::cmp::Ordering::Equal => {}
-                std::cmp::Ordering::Greater => after.copy_from_slice(&lock(m)),
-            }
-        }
+        until(|| self.met.load(Ordering::Acquire) >= 2 * (layer + 1));
+        theirs.copy_from_slice(&lock(from));
     }
 }
 
 /// Lets nobody wait for a thread that panicked.
-struct Present<'a>(Option<&'a Meeting<'a>>);
+struct Present<'a>(Option<&'a Meeting>);
 
 impl Drop for Present<'_> {
     fn drop(&mut self) {
@@ -187,14 +195,35 @@ impl Drop for Present<'_> {
 }
 
 impl Share {
-    fn run(
-        &mut self,
-        index: usize,
-        net: &Net<f32>,
-        panels: &Panels,
-        batch: &Batch<f32>,
-        meeting: Option<&Meeting<'_>>,
-    ) {
+    fn new(cfg: &NetConfig, rows: Range<usize>, used: usize) -> Share {
+        let d = cfg.width;
+        let zeros = |cols: usize| Aligned::zeros(rows.len() * cols);
+        Share {
+            used,
+            tokens: zeros(cfg.inputs),
+            masked: vec![false; rows.len()],
+            x: zeros(d),
+            y: zeros(d),
+            query: zeros(d),
+            pair: Aligned::zeros(WINDOW * 2 * d),
+            probs: zeros(PAD),
+            mixed: zeros(d),
+            wide: zeros(4 * d),
+            act: zeros(4 * d),
+            out: Aligned::zeros(used * cfg.outputs()),
+            stats: vec![[0.0; 2]; rows.len()],
+            rows,
+        }
+    }
+
+    /// Takes its frames of a window.
+    fn take(&mut self, cfg: &NetConfig, batch: &Batch<f32>) {
+        let Range { start, end } = self.rows;
+        self.tokens.copy_from_slice(&batch.tokens[start * cfg.inputs..end * cfg.inputs]);
+        self.masked.copy_from_slice(&batch.masked[start..end]);
+    }
+
+    fn run(&mut self, net: &Net<f32>, panels: &Panels, meeting: Option<&Meeting>) {
         let _present = Present(meeting);
         let (cfg, at, w) = (&net.cfg, &net.layout, &net.weights);
         let (d, rows, n) = (cfg.width, self.rows.clone(), self.rows.len());
@@ -202,11 +231,11 @@ impl Share {
         gemm_packed(
             MatMut::new(&mut self.x, n, d),
             Init::Bias(part(&at.embed_bias)),
-            Mat::new(&batch.tokens[rows.start * cfg.inputs..], n, cfg.inputs),
+            Mat::new(&self.tokens, n, cfg.inputs),
             &panels.embed,
         );
         let position = &part(&at.position)[rows.start * d..];
-        place(cfg, &mut self.x, &batch.masked[rows.clone()], part(&at.mask), position);
+        place(cfg, &mut self.x, &self.masked, part(&at.mask), position);
         for (l, (at, p)) in at.layers.iter().zip(&panels.layers).enumerate() {
             // In the last layer only the tokens used ask, and only they go on.
             let last = l + 1 == panels.layers.len();
@@ -222,7 +251,7 @@ impl Share {
                     &p.pair,
                 );
                 if let Some(meeting) = meeting {
-                    meeting.exchange(l, index, self, 2 * d);
+                    meeting.exchange(l, self, 2 * d);
                 }
             }
             if count == 0 {

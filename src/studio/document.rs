@@ -125,7 +125,8 @@ impl Document {
     ) -> Result<Document, Error> {
         let path = std::path::absolute(path)
             .map_err(|source| fsio::Error::Read { source, path: path.to_owned() })?;
-        let (journal, records, torn_bytes) = open_journal(&path, state_dir)?;
+        let (mut journal, mut records, torn_bytes) = open_journal(&path, state_dir)?;
+        reopen(&mut journal, &mut records)?;
         let text = fsio::read_capped(&path, crate::limits::CLIP_BYTES);
         let on_disk = match text {
             Ok(bytes) => clip::parse_bytes(bytes.clone())
@@ -231,6 +232,21 @@ impl Document {
         Document::from_journal(journal, &records, torn_bytes, table).ok()
     }
 
+    /// Whether a studio was killed with this file open.
+    pub fn abandoned(path: &Path, state_dir: &Path) -> bool {
+        let known = |path: &Path| {
+            path.is_file() && journal_places(path, state_dir).iter().any(|j| j.is_file())
+        };
+        known(path)
+            && open_journal(path, state_dir).is_ok_and(|(journal, records, _)| {
+                if records.is_empty() {
+                    journal.remove();
+                    return false;
+                }
+                records.last() != Some(&Record::Closed)
+            })
+    }
+
     /// Clips that were never saved and are open nowhere, the newest first. Journals without
     /// an edit go.
     pub fn drafts(state_dir: &Path) -> Vec<Draft> {
@@ -296,11 +312,7 @@ impl Document {
             }
             std::thread::sleep(LOCK_PAUSE);
         };
-        if records.last() == Some(&Record::Closed) {
-            // Open again: a kill from here on is one with this clip open.
-            records.retain(|r| *r != Record::Closed);
-            journal.rewrite(&records)?;
-        }
+        reopen(&mut journal, &mut records)?;
         Document::from_journal(journal, &records, torn_bytes, table)
     }
 
@@ -587,9 +599,7 @@ impl Document {
         let keep = if self.untitled { self.editor.history().1 > 0 } else { self.is_dirty() };
         if !keep {
             self.journal.remove();
-        } else if self.untitled
-            && let Err(e) = self.journal.append(&[Record::Closed])
-        {
+        } else if let Err(e) = self.journal.append(&[Record::Closed]) {
             tracing::warn!("the next start will take this for a crash: {e}");
         }
     }
@@ -609,21 +619,36 @@ fn relabelled(label: &str, patch: &Delta) -> Op {
 
 /// The journal of a clip file: beside it, or in the state folder where that is read-only.
 fn open_journal(clip: &Path, state_dir: &Path) -> Result<(Journal, Vec<Record>, u64), Error> {
-    let mut name = clip.file_name().unwrap_or_default().to_owned();
-    name.push(".autosave");
-    match Journal::open(&clip.with_file_name(&name)) {
+    let [beside, elsewhere] = journal_places(clip, state_dir);
+    match Journal::open(&beside) {
         Err(Error::Journal { source, .. })
             if matches!(
                 source.kind(),
                 std::io::ErrorKind::PermissionDenied | std::io::ErrorKind::ReadOnlyFilesystem
             ) =>
         {
-            let hash = fsio::sha256_hex(clip.as_os_str().as_encoded_bytes());
-            let short = hash.get(..16).unwrap_or(&hash);
-            Journal::open(&state_dir.join(format!("{short}.autosave")))
+            Journal::open(&elsewhere)
         }
         other => other,
     }
+}
+
+/// Where the journal of a clip file is: beside it, or where its folder takes no files.
+fn journal_places(clip: &Path, state_dir: &Path) -> [PathBuf; 2] {
+    let mut name = clip.file_name().unwrap_or_default().to_owned();
+    name.push(".autosave");
+    let hash = fsio::sha256_hex(clip.as_os_str().as_encoded_bytes());
+    let short = hash.get(..16).unwrap_or(&hash);
+    [clip.with_file_name(&name), state_dir.join(format!("{short}.autosave"))]
+}
+
+/// Takes the mark of a quiet end off: a kill from here on is one with this clip open.
+fn reopen(journal: &mut Journal, records: &mut Vec<Record>) -> Result<(), Error> {
+    if records.last() == Some(&Record::Closed) {
+        records.retain(|r| *r != Record::Closed);
+        journal.rewrite(records)?;
+    }
+    Ok(())
 }
 
 #[cfg(test)]
@@ -741,6 +766,30 @@ mod tests {
         assert!(Document::drafts(dir.path())[0].abandoned);
         let doc = Document::orphan(dir.path(), |_| None).unwrap();
         assert_eq!(doc.clip().keys.len(), 3);
+    }
+
+    #[test]
+    fn a_file_that_was_put_away_is_not_one_that_was_killed() {
+        let dir = tempfile::tempdir().unwrap();
+        let file = dir.path().join("wave.robert.yaml");
+        std::fs::write(&file, blank().to_text()).unwrap();
+        assert!(!Document::abandoned(&file, dir.path()));
+        let mut doc = Document::open(&file, dir.path(), |_| None).unwrap();
+        assert!(!Document::abandoned(&file, dir.path()), "it is in use");
+        doc.edit(&[add(20)]);
+        drop(doc);
+        assert!(Document::abandoned(&file, dir.path()));
+        let doc = Document::open(&file, dir.path(), |_| None).unwrap();
+        doc.close();
+        assert!(!Document::abandoned(&file, dir.path()), "its edits wait, but nothing was killed");
+        let doc = Document::open(&file, dir.path(), |_| None).unwrap();
+        assert_eq!(doc.restored().unwrap().edits, 1);
+        drop(doc);
+        assert!(Document::abandoned(&file, dir.path()), "killed before any further edit");
+        let mut doc = Document::open(&file, dir.path(), |_| None).unwrap();
+        doc.discard().unwrap();
+        doc.close();
+        assert!(!Document::abandoned(&file, dir.path()));
     }
 
     #[test]

@@ -46,8 +46,8 @@ pub enum Record {
     Undo,
     /// It was done again.
     Redo,
-    /// Its studio put it away by itself. Without this at the end of a clip that was never
-    /// saved, the studio was killed with that clip open.
+    /// Its studio put it away by itself. Without this at the end the studio was killed with
+    /// that clip open.
     Closed,
 }
 

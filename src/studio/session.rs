@@ -70,7 +70,8 @@ pub enum Ask {
     New(Box<Clip>, Reply<DocumentView>),
     /// Starts empty for this robot.
     Blank { robot: String, length: u32, name: String, reply: Reply<DocumentView> },
-    /// Brings back the unsaved clip of a studio that was killed; false when there is none.
+    /// Brings back what a killed studio had open, an unsaved clip or the last file; false when
+    /// nothing was.
     Recover(Reply<bool>),
     /// Takes up a clip that was never saved.
     Draft(u32, Reply<DocumentView>),
@@ -492,9 +493,21 @@ impl Desk {
             }
             facts.as_ref().map(|f: &RobotFacts| f.table.clone())
         });
-        let Some(document) = found else { return false };
-        self.take_up(document, facts, refusal);
-        true
+        if let Some(document) = found {
+            self.take_up(document, facts, refusal);
+            return true;
+        }
+        let last = self.recent.list().into_iter().next().map(|file| PathBuf::from(file.path));
+        let Some(path) = last.filter(|path| Document::abandoned(path, &self.state_dir)) else {
+            return false;
+        };
+        match self.open(&path) {
+            Ok(_) => true,
+            Err(e) => {
+                tracing::warn!("{} was open when a studio was killed: {e}", path.display());
+                false
+            }
+        }
     }
 
     fn take_up_draft(&mut self, number: u32) -> Result<DocumentView, Error> {

@@ -449,7 +449,7 @@ describe("a hand, in the 3D view", () => {
         assert.equal(new Set(ids).size, ids.length);
         assert.equal(ids.filter((i) => /^joint-\d+$/.test(i)).length, s.clip?.robot.joints.length, `${robot}: a control for each joint`);
         const [left, right] = [await g.page.locator(".left").boundingBox(), await g.page.locator(".right").boundingBox()];
-        assert.ok(((left?.width ?? 0) + (right?.width ?? 0)) / width <= 0.305, `panels take ${((left?.width ?? 0) + (right?.width ?? 0)) / width}`);
+        assert.ok(((left?.width ?? 0) + (right?.width ?? 0)) / width <= 0.3, `panels take ${((left?.width ?? 0) + (right?.width ?? 0)) / width}`);
       }
       await g.picture(`in-view-${id}`);
     }

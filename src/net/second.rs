@@ -1,0 +1,155 @@
+//! A second thread that waits for work.
+//!
+//! A window takes a millisecond and comes after a millisecond of simulation. To start a thread
+//! for each, or to wake one that sleeps, takes a tenth of that; so this one goes on looking for a
+//! while, giving way to whoever wants its core, before it sleeps.
+
+use std::io;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::thread::{self, JoinHandle};
+use std::time::{Duration, Instant};
+
+/// Rounds of waiting before a waiting thread lets someone else run.
+const SPINS: u32 = 500;
+/// How long it looks before it sleeps: longer than a frame is simulated.
+const PATIENCE: Duration = Duration::from_millis(2);
+
+/// Waits until `ready`, first at full speed, then giving way.
+pub(super) fn until(ready: impl Fn() -> bool) {
+    let mut spins = 0;
+    while !ready() {
+        if spins < SPINS {
+            spins += 1;
+            std::hint::spin_loop();
+        } else {
+            thread::yield_now();
+        }
+    }
+}
+
+/// What the thread is told.
+#[derive(Debug, Default)]
+struct Signals {
+    /// Times it was called.
+    calls: AtomicU64,
+    /// It sleeps, or is about to.
+    asleep: AtomicBool,
+    /// It shall end.
+    over: AtomicBool,
+    /// The work panicked.
+    broken: AtomicBool,
+}
+
+impl Signals {
+    // SeqCst here and in `call`: either the caller sees that the thread is asleep, or the thread
+    // sees the call before it sleeps.
+    fn wait(&self, done: u64) {
+        let begin = Instant::now();
+        let news = || self.calls.load(Ordering::SeqCst) != done || self.over.load(Ordering::SeqCst);
+        until(|| news() || begin.elapsed() > PATIENCE);
+        while !news() {
+            self.asleep.store(true, Ordering::SeqCst);
+            if !news() {
+                thread::park();
+            }
+            self.asleep.store(false, Ordering::SeqCst);
+        }
+    }
+}
+
+/// The thread; it ends when this is dropped.
+#[derive(Debug)]
+pub(super) struct Second {
+    signals: Arc<Signals>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Second {
+    /// Starts it; `work` is done once for each call.
+    ///
+    /// # Errors
+    /// When the system gives no thread.
+    pub(super) fn start(work: impl Fn() + Send + 'static) -> io::Result<Second> {
+        let signals = Arc::new(Signals::default());
+        let own = Arc::clone(&signals);
+        let thread = thread::Builder::new().name("second".into()).spawn(move || {
+            let mut done = 0;
+            loop {
+                own.wait(done);
+                if own.over.load(Ordering::SeqCst) {
+                    return;
+                }
+                done += 1;
+                if catch_unwind(AssertUnwindSafe(&work)).is_err() {
+                    own.broken.store(true, Ordering::SeqCst);
+                }
+            }
+        })?;
+        Ok(Second { signals, thread: Some(thread) })
+    }
+
+    /// Lets it do its work once. What it did before is over: both have met since.
+    pub(super) fn call(&self) {
+        self.signals.calls.fetch_add(1, Ordering::SeqCst);
+        if let (true, Some(thread)) = (self.signals.asleep.load(Ordering::SeqCst), &self.thread) {
+            thread.thread().unpark();
+        }
+    }
+
+    /// Whether its work has panicked.
+    pub(super) fn broken(&self) -> bool {
+        self.signals.broken.load(Ordering::SeqCst)
+    }
+}
+
+impl Drop for Second {
+    fn drop(&mut self) {
+        self.signals.over.store(true, Ordering::SeqCst);
+        if let Some(thread) = self.thread.take() {
+            thread.thread().unpark();
+            // Its panics were caught.
+            thread.join().ok();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn works_once_a_call_awake_and_asleep() {
+        let count = Arc::new(AtomicU64::new(0));
+        let seen = Arc::clone(&count);
+        let second = Second::start(move || {
+            seen.fetch_add(1, Ordering::SeqCst);
+        })
+        .unwrap();
+        for turn in 1..=200 {
+            second.call();
+            until(|| count.load(Ordering::SeqCst) == turn);
+            if turn % 50 == 0 {
+                until(|| second.signals.asleep.load(Ordering::SeqCst));
+            }
+        }
+        drop(second);
+        assert_eq!(count.load(Ordering::SeqCst), 200);
+        assert_eq!(Arc::strong_count(&count), 1, "the thread has ended");
+    }
+
+    #[test]
+    fn tells_of_a_panic_and_goes_on() {
+        let count = Arc::new(AtomicU64::new(0));
+        let seen = Arc::clone(&count);
+        let second = Second::start(move || {
+            assert!(seen.fetch_add(1, Ordering::SeqCst) > 0, "the first work panics");
+        })
+        .unwrap();
+        second.call();
+        until(|| second.broken());
+        second.call();
+        until(|| count.load(Ordering::SeqCst) == 2);
+    }
+}
