@@ -76,8 +76,23 @@ pub struct TrainConfig {
     pub stop_weight: f64,
     /// Loss weight of frames in self-contact.
     pub contact_weight: f64,
+    /// What the network learns there.
+    #[serde(default)]
+    pub contact_target: ContactTarget,
     /// Names all draws: weights, batches, masks, split.
     pub seed: u64,
+}
+
+/// What the network learns of frames in self-contact, whose torque presses instead of moving.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ContactTarget {
+    /// The action that was applied.
+    #[default]
+    Action,
+    /// The linear answer, so that it leaves that answer alone where nothing can be learned;
+    /// without a skip as `Action`.
+    Linear,
 }
 
 impl Default for TrainConfig {
@@ -111,6 +126,7 @@ impl Default for TrainConfig {
             self_tasks: 240,
             stop_weight: 0.1,
             contact_weight: 0.05,
+            contact_target: ContactTarget::Action,
             seed: 0,
         }
     }
@@ -160,6 +176,7 @@ impl TrainConfig {
             average: 0.0,
             stop_weight: 1.0,
             contact_weight: 1.0,
+            contact_target: ContactTarget::Action,
             ..Self::default()
         };
         let cfg = match name {

@@ -4,7 +4,8 @@
 use std::sync::{Mutex, PoisonError};
 
 use super::TrainConfig;
-use crate::dataset::{Dataset, Windows};
+use super::config::ContactTarget;
+use crate::dataset::{Dataset, Window, Windows};
 use crate::net::encode::EncodeScratch;
 use crate::net::head::Place;
 use crate::net::{Batch, CURRENT, Encoder, WINDOW};
@@ -102,6 +103,14 @@ impl<'a> Source<'a> {
             let mut rng = Rng::new(self.cfg.seed, Stream::Mask, index);
             self.cfg.mask.draw(progress, self.cfg.mask_granularity, s, &mut rng, visible);
         });
+        if self.cfg.contact_target == ContactTarget::Linear && !batch.linear.is_empty() {
+            let a = self.encoder.tokens.facts().actions;
+            let touches = self.touches(windows.draw(self.cfg.seed, index));
+            for (i, _) in touches.iter().take(WINDOW).enumerate().filter(|(_, c)| **c != 0) {
+                let row = (slot * WINDOW + i) * a..(slot * WINDOW + i + 1) * a;
+                batch.actions[row.clone()].copy_from_slice(&batch.linear[row]);
+            }
+        }
     }
 
     /// A window to measure on: the first w mod 20 command frames are hidden.
@@ -141,12 +150,10 @@ impl<'a> Source<'a> {
         mask(visible, s);
         self.encoder.encode(q, visible, &actions[..CURRENT * a], encode, batch, slot);
         batch.actions[slot * WINDOW * a..(slot + 1) * WINDOW * a].copy_from_slice(actions);
-        let at = windows.draw(seed, index);
-        let episode = self.data.episodes().get(at.episode);
-        let touches = episode.map_or(&[][..], |e| self.data.self_contact(e));
+        let touches = self.touches(windows.draw(seed, index));
         for i in 0..WINDOW {
             let stopped = self.near_stop(&q[i * s..(i + 1) * s]);
-            let touching = touches.get(at.start + i).is_some_and(|&c| c != 0);
+            let touching = touches.get(i).is_some_and(|&c| c != 0);
             let row = slot * WINDOW + i;
             let told = self.encoder.sees_actions() && i < CURRENT;
             batch.place[row] = match (told, stopped, touching) {
@@ -161,6 +168,12 @@ impl<'a> Source<'a> {
                 * weight(told, 0.0)) as f32;
         }
         self.pool.lock().unwrap_or_else(PoisonError::into_inner).push(scratch);
+    }
+
+    /// Whether the robot touches itself, from this frame on.
+    fn touches(&self, at: Window) -> &[u8] {
+        let episode = self.data.episodes().get(at.episode);
+        episode.map_or(&[][..], |e| self.data.self_contact(e)).get(at.start..).unwrap_or_default()
     }
 
     fn near_stop(&self, q: &[f32]) -> bool {

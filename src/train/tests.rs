@@ -3,13 +3,16 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use super::config::ContactTarget;
 use super::*;
-use crate::dataset::{Dataset, EpisodeMeta, Manifest, Robot, Shard, ShardBuilder, Verify};
+use crate::dataset::{
+    Dataset, EpisodeMeta, Manifest, Part, Robot, Shard, ShardBuilder, Verify, Windows,
+};
 use crate::explore::{CollectConfig, collect};
 use crate::net::Model;
 use crate::net::checkpoint;
 use crate::net::mask::MaskKind;
-use crate::net::{SkipKind, TokenKind};
+use crate::net::{Batch, SkipKind, TokenKind, WINDOW};
 use crate::progress::{Cancel, Progress, Silent};
 use crate::rng::{Rng, Stream};
 use crate::robot::Robot as Built;
@@ -41,6 +44,11 @@ fn plant(dir: &Path, lever: f64) -> Dataset {
 
 /// Forty trajectories of so many frames.
 fn trajectories(dir: &Path, lever: f64, frames: usize) -> Dataset {
+    touching(dir, lever, &vec![0; frames])
+}
+
+/// Forty trajectories with self-contact in these frames.
+fn touching(dir: &Path, lever: f64, touches: &[u8]) -> Dataset {
     let mut m = Manifest::new(Robot {
         id: "toy".into(),
         model_sha256: "ab".repeat(32),
@@ -56,7 +64,7 @@ fn trajectories(dir: &Path, lever: f64, frames: usize) -> Dataset {
         let mut rng = Rng::new(9, Stream::Test, e);
         let (mut q, mut v, mut a) = ([0.0_f64; 2], [0.0_f64; 2], [0.0_f64; 2]);
         let (mut qs, mut vs, mut us) = (Vec::new(), Vec::new(), Vec::new());
-        for _ in 0..frames {
+        for _ in touches {
             for a in &mut a {
                 *a = (0.85 * *a + 0.3 * rng.normal()).clamp(-1.0, 1.0);
             }
@@ -73,7 +81,7 @@ fn trajectories(dir: &Path, lever: f64, frames: usize) -> Dataset {
             }
         }
         let meta = EpisodeMeta { agent: "noise".into(), snapshot_step: 0, seed: e };
-        b.push(&meta, &qs, &vs, &us, &vec![0; frames]).unwrap();
+        b.push(&meta, &qs, &vs, &us, touches).unwrap();
     }
     let file = PathBuf::from("shards/0.safetensors");
     let entry = b.write(dir, &file).unwrap();
@@ -158,6 +166,32 @@ impl Progress for StopAfter {
         }
     }
     fn log(&self, _line: &str) {}
+}
+
+#[test]
+fn in_contact_the_linear_answer_can_be_what_is_learned() {
+    let dir = tempfile::tempdir().unwrap();
+    let touches: Vec<u8> = (0..150).map(|i| u8::from(i % 5 < 2)).collect();
+    let data = touching(dir.path(), 0.0, &touches);
+    let filled = |contact_target| {
+        let cfg = TrainConfig { contact_target, ..small(10) };
+        let (_, net, encoder) = prepare::prepare(&data, &cfg, 1).unwrap();
+        let mut batch = Batch::zeros(&net.cfg, 1);
+        let windows = Windows::new(&data, WINDOW, Part::Train, cfg.seed).unwrap();
+        let source = source::Source::new(&data, &encoder, &cfg);
+        source::Mix::new(&source, &windows, &[]).train(3, 0, 0, &mut batch);
+        (windows.draw(cfg.seed, 3 * cfg.batch as u64).start, batch)
+    };
+    let (start, applied) = filled(ContactTarget::Action);
+    let (_, batch) = filled(ContactTarget::Linear);
+    assert_eq!(applied.linear, batch.linear);
+    for i in 0..WINDOW {
+        let row = 2 * i..2 * i + 2;
+        let touches = touches[start + i] != 0;
+        let want = if touches { &batch.linear } else { &applied.actions };
+        assert_eq!(batch.actions[row.clone()], want[row.clone()], "frame {i}, {touches}");
+        assert_ne!(applied.actions[row.clone()], applied.linear[row], "frame {i}");
+    }
 }
 
 #[test]
