@@ -33,9 +33,13 @@ pub fn model_path(path: &Path) -> PathBuf {
 /// Loads the model that a path means and checks that it is for this robot.
 ///
 /// # Errors
-/// [`Error::Model`].
+/// [`Error::NoModel`], [`Error::Model`].
 pub fn load(robot: &Robot, path: &Path) -> Result<Model, Error> {
-    Ok(checkpoint::load(&model_path(path), Some(&robot_card(robot)))?)
+    let file = model_path(path);
+    if file.is_dir() {
+        return Err(Error::NoModel { path: path.display().to_string() });
+    }
+    Ok(checkpoint::load(&file, Some(&robot_card(robot)))?)
 }
 
 /// Window of a rollout as the network takes it.

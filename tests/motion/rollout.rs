@@ -87,6 +87,7 @@ fn mistakes_are_named() {
     };
     says(&["hop.clip.json", "-p", "magic"], 2, &["magic", "computed-torque"]);
     says(&["hop.clip.json", "-p", "pd+x"], 2, &["+x"]);
+    says(&["hop.clip.json", "-p", "ridge:."], 5, &["no model in .", "robert fit ridge"]);
     says(&["hop.clip.json", "--plant", "wind=2"], 2, &["wind", "mass=1.25"]);
     says(&["hop.clip.json", "--robot", "ur5e"], 3, &["2 joints", "ur5e has 5", "--robot"]);
     says(&["hop.clip.json", "--robot", "ur6"], 3, &["ur6"]);
