@@ -260,7 +260,14 @@ pub fn save(
 /// # Errors
 /// As [`load`].
 pub fn read_card(path: &Path) -> Result<Card, Error> {
-    card(&fsio::read_capped(path, limits::TENSOR_FILE_BYTES)?, path)
+    card(&read_file(path)?, path)
+}
+
+fn read_file(path: &Path) -> Result<Vec<u8>, Error> {
+    if path.is_dir() {
+        return Err(Error::NoModel { path: path.to_owned() });
+    }
+    Ok(fsio::read_capped(path, limits::TENSOR_FILE_BYTES)?)
 }
 
 /// [`read_card`] from memory; `path` is for messages.
@@ -333,8 +340,7 @@ fn parse_card(bytes: &[u8]) -> Result<(Card, HashMap<String, String>), String> {
 /// # Errors
 /// [`Error::Files`], [`Error::File`] with the reason, [`Error::Robot`], [`Error::Config`].
 pub fn load(path: &Path, robot: Option<&RobotCard>) -> Result<Model, Error> {
-    let bytes = fsio::read_capped(path, limits::TENSOR_FILE_BYTES)?;
-    parse(&bytes, path, robot)
+    parse(&read_file(path)?, path, robot)
 }
 
 /// [`load`] from memory; `path` is for messages.

@@ -54,6 +54,16 @@ pub enum Error {
         /// The file.
         path: PathBuf,
     },
+    /// A folder without a model.
+    #[error(
+        "no model in {path}: a run has ckpt/best.safetensors or model.safetensors, a dataset \
+         ridge.safetensors once it is fitted (robert fit ridge --data {path})",
+        path = path.display()
+    )]
+    NoModel {
+        /// The folder.
+        path: PathBuf,
+    },
     /// Reading or writing failed.
     #[error(transparent)]
     Files(#[from] crate::fsio::Error),
@@ -63,6 +73,7 @@ impl HasExit for Error {
     fn exit(&self) -> Exit {
         match self {
             Error::Files(e) => e.exit(),
+            Error::NoModel { .. } => Exit::Missing,
             Error::Shape { .. } | Error::Singular { .. } => Exit::Failed,
             _ => Exit::Invalid,
         }

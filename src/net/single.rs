@@ -22,6 +22,9 @@ use super::simd::{self, PAD};
 /// finishes the last layer, has all the frames of the command.
 const FIRST: usize = 24;
 
+/// More meetings than any network has layers.
+const BROKEN: usize = usize::MAX / 2;
+
 /// Weights packed for products.
 #[derive(Debug)]
 pub(super) struct Panels {
@@ -97,7 +100,8 @@ impl Single {
         threads: usize,
     ) -> Single {
         let cfg = &net.cfg;
-        if threads < 2 {
+        // Without attention the threads have nothing to hand over, and so would never meet.
+        if threads < 2 || cfg.mixing == Mixing::None {
             return Single { own: Share::new(cfg, 0..WINDOW, used), other: None, net, panels };
         }
         let other = Other {
@@ -126,7 +130,7 @@ impl Single {
         meeting.begin();
         thread.call();
         self.own.run(&self.net, &self.panels, Some(meeting));
-        assert!(!thread.broken(), "the second thread of a policy panicked");
+        assert!(!meeting.broken(), "the second thread of a policy panicked");
         &self.own.out
     }
 }
@@ -167,6 +171,11 @@ impl Meeting {
         self.met.store(0, Ordering::Release);
     }
 
+    /// Whether the other thread panicked.
+    fn broken(&self) -> bool {
+        self.met.load(Ordering::Acquire) >= BROKEN
+    }
+
     /// Hands over the keys and values of `share` and takes those of the other.
     fn exchange(&self, layer: usize, share: &mut Share, width: usize) {
         let [first, second] = &self.handed[layer % 2];
@@ -189,7 +198,7 @@ struct Present<'a>(Option<&'a Meeting>);
 impl Drop for Present<'_> {
     fn drop(&mut self) {
         if let (true, Some(meeting)) = (std::thread::panicking(), self.0) {
-            meeting.met.store(usize::MAX / 2, Ordering::Release);
+            meeting.met.store(BROKEN, Ordering::Release);
         }
     }
 }

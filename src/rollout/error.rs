@@ -83,15 +83,6 @@ pub enum Error {
         /// What to name, and what makes it.
         needs: String,
     },
-    /// A folder without a model.
-    #[error(
-        "no model in {path}: a run has ckpt/best.safetensors or model.safetensors, a dataset \
-         ridge.safetensors once it is fitted (robert fit ridge --data {path})"
-    )]
-    NoModel {
-        /// The folder.
-        path: String,
-    },
     /// A model file, or the network in it.
     #[error(transparent)]
     Model(#[from] crate::net::Error),
@@ -112,7 +103,7 @@ impl HasExit for Error {
             Error::Model(e) => e.exit(),
             Error::Dataset(e) => e.exit(),
             Error::UnknownPolicy { .. } | Error::Unnamed { .. } => Exit::Usage,
-            Error::Needs { .. } | Error::NoModel { .. } => Exit::Missing,
+            Error::Needs { .. } => Exit::Missing,
             Error::Cancelled { .. } => Exit::Interrupted,
             _ => Exit::Invalid,
         }

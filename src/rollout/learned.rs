@@ -33,13 +33,9 @@ pub fn model_path(path: &Path) -> PathBuf {
 /// Loads the model that a path means and checks that it is for this robot.
 ///
 /// # Errors
-/// [`Error::NoModel`], [`Error::Model`].
+/// [`Error::Model`].
 pub fn load(robot: &Robot, path: &Path) -> Result<Model, Error> {
-    let file = model_path(path);
-    if file.is_dir() {
-        return Err(Error::NoModel { path: path.display().to_string() });
-    }
-    Ok(checkpoint::load(&file, Some(&robot_card(robot)))?)
+    Ok(checkpoint::load(&model_path(path), Some(&robot_card(robot)))?)
 }
 
 /// Window of a rollout as the network takes it.

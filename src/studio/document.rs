@@ -125,8 +125,15 @@ impl Document {
     ) -> Result<Document, Error> {
         let path = std::path::absolute(path)
             .map_err(|source| fsio::Error::Read { source, path: path.to_owned() })?;
-        let (mut journal, mut records, torn_bytes) = open_journal(&path, state_dir)?;
-        reopen(&mut journal, &mut records)?;
+        let found = open_journal(&path, state_dir)?;
+        Document::from_file(path, found, table)
+    }
+
+    fn from_file(
+        path: PathBuf,
+        (journal, records, torn_bytes): (Journal, Vec<Record>, u64),
+        table: impl FnOnce(&Clip) -> Option<JointTable>,
+    ) -> Result<Document, Error> {
         let text = fsio::read_capped(&path, crate::limits::CLIP_BYTES);
         let on_disk = match text {
             Ok(bytes) => clip::parse_bytes(bytes.clone())
@@ -134,7 +141,7 @@ impl Document {
                 .map_err(|e| Error::from(e.in_file(&path))),
             Err(e) => Err(e.into()),
         };
-        let edits = records.len().saturating_sub(1);
+        let edits = edits(&records);
         let base = match records.first() {
             Some(Record::Base { text, .. }) if edits > 0 => Some(text.clone()),
             _ => None,
@@ -183,6 +190,9 @@ impl Document {
         };
         document.replay(&records)?;
         document.restored = Some(Restored { edits, torn_bytes, file_changed });
+        if records.last() == Some(&Record::Closed) {
+            document.taken_up();
+        }
         Ok(document)
     }
 
@@ -232,19 +242,46 @@ impl Document {
         Document::from_journal(journal, &records, torn_bytes, table).ok()
     }
 
-    /// Whether a studio was killed with this file open.
-    pub fn abandoned(path: &Path, state_dir: &Path) -> bool {
-        let known = |path: &Path| {
-            path.is_file() && journal_places(path, state_dir).iter().any(|j| j.is_file())
-        };
-        known(path)
-            && open_journal(path, state_dir).is_ok_and(|(journal, records, _)| {
-                if records.is_empty() {
-                    journal.remove();
-                    return false;
-                }
-                records.last() != Some(&Record::Closed)
-            })
+    /// Opens a clip file if a studio was killed with it open; `None` if not.
+    ///
+    /// # Errors
+    /// As [`Document::open`].
+    pub fn left_open(
+        path: &Path,
+        state_dir: &Path,
+        table: impl FnOnce(&Clip) -> Option<JointTable>,
+    ) -> Result<Option<Document>, Error> {
+        let path = std::path::absolute(path)
+            .map_err(|source| fsio::Error::Read { source, path: path.to_owned() })?;
+        if !path.is_file() || !journal_places(&path, state_dir).iter().any(|j| j.is_file()) {
+            return Ok(None);
+        }
+        // Opened once: see `orphan`.
+        let found = open_journal(&path, state_dir)?;
+        if found.1.is_empty() {
+            found.0.remove();
+            return Ok(None);
+        }
+        if found.1.last() == Some(&Record::Closed) {
+            return Ok(None);
+        }
+        Document::from_file(path, found, table).map(Some)
+    }
+
+    /// From now on a kill is one that the next start does not take up.
+    pub fn put_aside(&mut self) {
+        self.mark(Record::Closed);
+    }
+
+    /// From now on a kill is one with this clip open.
+    pub fn taken_up(&mut self) {
+        self.mark(Record::Opened);
+    }
+
+    fn mark(&mut self, record: Record) {
+        if let Err(e) = self.journal.append(&[record]) {
+            tracing::warn!("what the next start takes up may be wrong: {e}");
+        }
     }
 
     /// Clips that were never saved and are open nowhere, the newest first. Journals without
@@ -305,15 +342,18 @@ impl Document {
         }
         // Whoever looked through the drafts a moment ago may still have it: see `orphan`.
         let mut tries = 0;
-        let (mut journal, mut records, torn_bytes) = loop {
+        let (journal, records, torn_bytes) = loop {
             match Journal::open(&path) {
                 Err(Error::Locked { .. }) if tries < LOCK_TRIES => tries += 1,
                 opened => break opened?,
             }
             std::thread::sleep(LOCK_PAUSE);
         };
-        reopen(&mut journal, &mut records)?;
-        Document::from_journal(journal, &records, torn_bytes, table)
+        let mut document = Document::from_journal(journal, &records, torn_bytes, table)?;
+        if records.last() == Some(&Record::Closed) {
+            document.taken_up();
+        }
+        Ok(document)
     }
 
     /// Gives an unsaved clip up.
@@ -349,15 +389,15 @@ impl Document {
             replayed: Replayed::default(),
         };
         document.replay(records)?;
-        let edits = records.iter().skip(1).filter(|r| **r != Record::Closed).count();
-        document.restored = Some(Restored { edits, torn_bytes, file_changed: false });
+        document.restored =
+            Some(Restored { edits: edits(records), torn_bytes, file_changed: false });
         Ok(document)
     }
 
     fn replay(&mut self, records: &[Record]) -> Result<(), Error> {
         for record in records.iter().skip(1) {
             match record {
-                Record::Base { .. } | Record::Closed => {}
+                Record::Base { .. } | Record::Closed | Record::Opened => {}
                 Record::Edit { label, patch } => {
                     self.editor.apply(&relabelled(label, patch))?;
                     self.replayed.push();
@@ -599,8 +639,8 @@ impl Document {
         let keep = if self.untitled { self.editor.history().1 > 0 } else { self.is_dirty() };
         if !keep {
             self.journal.remove();
-        } else if let Err(e) = self.journal.append(&[Record::Closed]) {
-            tracing::warn!("the next start will take this for a crash: {e}");
+        } else {
+            self.put_aside();
         }
     }
 }
@@ -642,13 +682,10 @@ fn journal_places(clip: &Path, state_dir: &Path) -> [PathBuf; 2] {
     [clip.with_file_name(&name), state_dir.join(format!("{short}.autosave"))]
 }
 
-/// Takes the mark of a quiet end off: a kill from here on is one with this clip open.
-fn reopen(journal: &mut Journal, records: &mut Vec<Record>) -> Result<(), Error> {
-    if records.last() == Some(&Record::Closed) {
-        records.retain(|r| *r != Record::Closed);
-        journal.rewrite(records)?;
-    }
-    Ok(())
+/// Edits, undos and redos among the records.
+fn edits(records: &[Record]) -> usize {
+    let counts = |r: &&Record| matches!(r, Record::Edit { .. } | Record::Undo | Record::Redo);
+    records.iter().filter(counts).count()
 }
 
 #[cfg(test)]
@@ -771,25 +808,32 @@ mod tests {
     #[test]
     fn a_file_that_was_put_away_is_not_one_that_was_killed() {
         let dir = tempfile::tempdir().unwrap();
-        let file = dir.path().join("wave.robert.yaml");
+        let file = dir.path().join("wave.clip.json");
         std::fs::write(&file, blank().to_text()).unwrap();
-        assert!(!Document::abandoned(&file, dir.path()));
-        let mut doc = Document::open(&file, dir.path(), |_| None).unwrap();
-        assert!(!Document::abandoned(&file, dir.path()), "it is in use");
+        let open = || Document::open(&file, dir.path(), |_| None).unwrap();
+        let left = || Document::left_open(&file, dir.path(), |_| None);
+        assert!(left().unwrap().is_none());
+        let mut doc = open();
+        assert!(matches!(left(), Err(Error::Locked { .. })), "it is in use");
         doc.edit(&[add(20)]);
         drop(doc);
-        assert!(Document::abandoned(&file, dir.path()));
-        let doc = Document::open(&file, dir.path(), |_| None).unwrap();
+        let doc = left().unwrap().unwrap();
+        assert_eq!(doc.restored().unwrap().edits, 1);
         doc.close();
-        assert!(!Document::abandoned(&file, dir.path()), "its edits wait, but nothing was killed");
-        let doc = Document::open(&file, dir.path(), |_| None).unwrap();
+        assert!(left().unwrap().is_none(), "its edits wait, but nothing was killed");
+        let doc = open();
         assert_eq!(doc.restored().unwrap().edits, 1);
         drop(doc);
-        assert!(Document::abandoned(&file, dir.path()), "killed before any further edit");
-        let mut doc = Document::open(&file, dir.path(), |_| None).unwrap();
+        let mut doc = left().unwrap().expect("killed before any further edit");
+        assert_eq!((doc.restored().unwrap().edits, doc.history().1), (1, 1));
+        doc.put_aside();
+        drop(doc);
+        assert!(left().unwrap().is_none(), "a start that failed on it is not repeated");
+        let mut doc = open();
         doc.discard().unwrap();
         doc.close();
-        assert!(!Document::abandoned(&file, dir.path()));
+        assert!(left().unwrap().is_none());
+        assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1, "no journal is left");
     }
 
     #[test]

@@ -49,6 +49,8 @@ pub enum Record {
     /// Its studio put it away by itself. Without this at the end the studio was killed with
     /// that clip open.
     Closed,
+    /// It was taken up again.
+    Opened,
 }
 
 /// An open, locked journal.

@@ -19,11 +19,8 @@ impl Recent {
     /// What the last runs left. A damaged list is an empty one.
     pub(super) fn load(state_dir: &Path) -> Recent {
         let path = state_dir.join("recent.json");
-        let files = fsio::read_capped(&path, 1 << 20)
-            .ok()
-            .and_then(|bytes| serde_json::from_slice(&bytes).ok())
-            .unwrap_or_default();
-        Recent { path, files: Mutex::new(files) }
+        let files = Mutex::new(read(&path).unwrap_or_default());
+        Recent { path, files }
     }
 
     /// A clip was opened or saved here.
@@ -38,6 +35,10 @@ impl Recent {
         };
         let json = {
             let mut files = self.files.lock().unwrap_or_else(PoisonError::into_inner);
+            // Another studio may have written since.
+            if let Some(known) = read(&self.path) {
+                *files = known;
+            }
             files.retain(|f| f.path != file.path);
             files.insert(0, file);
             files.truncate(limits::RECENT);
@@ -71,6 +72,10 @@ pub fn state_dir() -> PathBuf {
         .or_else(|| var("HOME").map(|home| home.join(".local/state")))
         .unwrap_or_else(std::env::temp_dir)
         .join("robert")
+}
+
+fn read(path: &Path) -> Option<Vec<RecentFile>> {
+    serde_json::from_slice(&fsio::read_capped(path, 1 << 20).ok()?).ok()
 }
 
 #[cfg(test)]

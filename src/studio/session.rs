@@ -486,28 +486,31 @@ impl Desk {
 
     fn recover(&mut self) -> bool {
         let (mut facts, mut refusal) = (None, None);
-        let found = Document::orphan(&self.state_dir, |clip| {
+        let mut table = |clip: &Clip| {
             match self.ask_robot(clip) {
                 Ok(known) => facts = Some(known),
                 Err(e) => refusal = Some(e),
             }
             facts.as_ref().map(|f: &RobotFacts| f.table.clone())
-        });
-        if let Some(document) = found {
-            self.take_up(document, facts, refusal);
-            return true;
-        }
-        let last = self.recent.list().into_iter().next().map(|file| PathBuf::from(file.path));
-        let Some(path) = last.filter(|path| Document::abandoned(path, &self.state_dir)) else {
-            return false;
         };
-        match self.open(&path) {
-            Ok(_) => true,
-            Err(e) => {
-                tracing::warn!("{} was open when a studio was killed: {e}", path.display());
-                false
+        let mut found = Document::orphan(&self.state_dir, &mut table);
+        for file in self.recent.list() {
+            if found.is_some() {
+                break;
+            }
+            match Document::left_open(file.path.as_ref(), &self.state_dir, &mut table) {
+                Ok(document) => found = document,
+                Err(e) => tracing::warn!("{} is not taken up: {e}", file.path),
             }
         }
+        let Some(mut document) = found else { return false };
+        // Should it be what ended that studio, the next start does without it.
+        document.put_aside();
+        self.take_up(document, facts, refusal);
+        if let Some(document) = &mut self.document {
+            document.taken_up();
+        }
+        true
     }
 
     fn take_up_draft(&mut self, number: u32) -> Result<DocumentView, Error> {

@@ -176,17 +176,17 @@ fn in_contact_the_linear_answer_can_be_what_is_learned() {
     let filled = |contact_target| {
         let cfg = TrainConfig { contact_target, ..small(10) };
         let (_, net, encoder) = prepare::prepare(&data, &cfg, 1).unwrap();
-        let mut batch = Batch::zeros(&net.cfg, 1);
+        let mut batch = Batch::zeros(&net.cfg, 2);
         let windows = Windows::new(&data, WINDOW, Part::Train, cfg.seed).unwrap();
         let source = source::Source::new(&data, &encoder, &cfg);
-        source::Mix::new(&source, &windows, &[]).train(3, 0, 0, &mut batch);
+        source::Mix::new(&source, &windows, &[]).train(3, 0, 1, &mut batch);
         (windows.draw(cfg.seed, 3 * cfg.batch as u64).start, batch)
     };
     let (start, applied) = filled(ContactTarget::Action);
     let (_, batch) = filled(ContactTarget::Linear);
     assert_eq!(applied.linear, batch.linear);
     for i in 0..WINDOW {
-        let row = 2 * i..2 * i + 2;
+        let row = 2 * (WINDOW + i)..2 * (WINDOW + i) + 2;
         let touches = touches[start + i] != 0;
         let want = if touches { &batch.linear } else { &applied.actions };
         assert_eq!(batch.actions[row.clone()], want[row.clone()], "frame {i}, {touches}");

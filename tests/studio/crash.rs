@@ -228,6 +228,30 @@ fn only_a_killed_studio_is_taken_up_again_and_a_robot_goes_before_it() {
 }
 
 #[test]
+fn a_plain_start_brings_the_file_that_a_killed_studio_had_open() {
+    let dir = tempfile::tempdir().unwrap();
+    for name in ["a", "b"] {
+        std::fs::write(dir.path().join(format!("{name}.clip.json")), CLIP).unwrap();
+    }
+    let mut studio = Studio::start(dir.path(), &["a.clip.json"]);
+    studio.socket().ask("clip.rename", &json!({"name": "killed"}));
+    studio.kill();
+    // Another file in between, and that studio ended well.
+    assert_eq!(Studio::start(dir.path(), &["b.clip.json"]).terminate().0, 0);
+    let studio = Studio::start(dir.path(), &[]);
+    let document = studio.state()["document"].clone();
+    assert!(document["path"].as_str().unwrap().ends_with("a.clip.json"), "{document}");
+    assert_eq!(
+        (&document["clip"]["name"], &document["restored"]["edits"]),
+        (&json!("killed"), &json!(1))
+    );
+    assert_eq!(studio.terminate().0, 0);
+    assert!(Studio::start(dir.path(), &[]).state()["document"].is_null(), "put away this time");
+    let studio = Studio::start(dir.path(), &["a.clip.json"]);
+    assert_eq!(studio.state()["document"]["restored"]["edits"], 1, "and still there");
+}
+
+#[test]
 fn terminates_quickly_and_a_second_one_is_refused() {
     let dir = tempfile::tempdir().unwrap();
     std::fs::write(dir.path().join("a.clip.json"), CLIP).unwrap();

@@ -402,6 +402,8 @@ impl Lane {
         let fresh = Frames { generation: show.generation, from: next, ..Frames::default() };
         let batch = std::mem::replace(&mut show.batch, fresh);
         show.sent = Instant::now();
+        // Time is for one answer, and these frames are one.
+        grant_cpu();
         self.out.tell(0, Report::Frames(batch));
     }
 }
