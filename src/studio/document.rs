@@ -637,10 +637,10 @@ impl Document {
     /// any the journal goes.
     pub fn close(mut self) {
         let keep = if self.untitled { self.editor.history().1 > 0 } else { self.is_dirty() };
-        if !keep {
-            self.journal.remove();
-        } else {
+        if keep {
             self.put_aside();
+        } else {
+            self.journal.remove();
         }
     }
 }

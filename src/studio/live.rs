@@ -415,6 +415,13 @@ impl Inner {
         self.state.ms_per_frame =
             (self.spent.1 > 0).then(|| 1e3 * self.spent.0 / self.spent.1 as f64);
         if frames.generation == self.state.generation {
+            self.goes_on();
+        }
+    }
+
+    /// It is running, unless it was stopped meanwhile: what was on its way then still counts.
+    fn goes_on(&mut self) {
+        if matches!(self.state.phase, Phase::Waiting | Phase::Running) {
             self.set_phase(Phase::Running, None);
         }
     }
@@ -435,7 +442,7 @@ impl WorkerSink for Live {
                     inner.precision = None;
                     if generation == current {
                         inner.state.resumed_at = resumed_at;
-                        inner.set_phase(Phase::Running, None);
+                        inner.goes_on();
                     }
                 }
                 Report::Frames(frames) if frames.generation > floor => inner.take(frames),
@@ -486,6 +493,21 @@ mod tests {
             Some(Event::RolloutFrames { from, q, .. }) => Some((*from, q.len())),
             _ => None,
         }
+    }
+
+    #[test]
+    fn frames_on_their_way_do_not_start_what_was_stopped() {
+        let live = Live::new(Hub::new());
+        live.write().state.generation = 1;
+        live.write().state.phase = Phase::Waiting;
+        live.report(Report::Started { generation: 1, resumed_at: 0 });
+        live.report(frames(1, 0, 5));
+        assert_eq!(live.state().phase, Phase::Running);
+        live.write().set_phase(Phase::Off, None);
+        live.report(frames(1, 5, 3));
+        live.report(Report::Started { generation: 1, resumed_at: 8 });
+        let state = live.state();
+        assert_eq!((state.phase, state.cached_to), (Phase::Off, 8));
     }
 
     #[test]
