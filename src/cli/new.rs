@@ -19,7 +19,7 @@ use super::{Global, motion, out};
 use crate::clip::compile;
 use crate::dataset::{Dataset, Verify};
 use crate::explore::{CollectConfig, collect};
-use crate::net::checkpoint;
+use crate::net::{SkipKind, checkpoint};
 use crate::progress::{Cancel, Silent};
 use crate::robot::import::import;
 use crate::robot::{PROFILE_FILE, PlantRange, Robot};
@@ -29,7 +29,7 @@ use crate::rollout::{
 };
 use crate::train::judge::SuiteJudge;
 use crate::train::run::read_config;
-use crate::train::{Evaluate, Finished, Options, TrainConfig, train};
+use crate::train::{ContactTarget, Evaluate, Finished, Options, TrainConfig, train};
 
 /// Steps of the run that measures the speed of this machine.
 const PROBE_STEPS: u64 = 12;
@@ -177,7 +177,15 @@ fn teach(
     let cfg = if places.run.join("config.toml").is_file() {
         read_config(&places.run)?
     } else {
-        let preset = TrainConfig { seed: args.seed, ..TrainConfig::preset(&args.preset)? };
+        // A robot that babbles rests against itself more than one under noise.
+        let (contact_target, contact_weight) = (ContactTarget::Linear, 1.0);
+        let preset = TrainConfig::preset(&args.preset)?;
+        let preset = if preset.skip == SkipKind::Off {
+            preset
+        } else {
+            TrainConfig { contact_target, contact_weight, ..preset }
+        };
+        let preset = TrainConfig { seed: args.seed, ..preset };
         // How fast is this machine? A few steps tell, and are thrown away.
         let scratch =
             tempfile::tempdir().map_err(|e| Failure::with(crate::exit::Exit::Failed, e))?;

@@ -18,6 +18,6 @@ pub mod sweep;
 #[cfg(test)]
 mod tests;
 
-pub use config::{PRESETS, TrainConfig};
+pub use config::{ContactTarget, PRESETS, TrainConfig};
 pub use error::Error;
 pub use run::{Evaluate, Evaluation, Finished, HeldOut, Options, train};

@@ -3,7 +3,6 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use super::config::ContactTarget;
 use super::*;
 use crate::dataset::{
     Dataset, EpisodeMeta, Manifest, Part, Robot, Shard, ShardBuilder, Verify, Windows,
