@@ -178,12 +178,12 @@ fn teach(
         read_config(&places.run)?
     } else {
         // A robot that babbles rests against itself more than one under noise.
-        let (contact_target, contact_weight) = (ContactTarget::Linear, 1.0);
+        let (contact_weight, contact_target) = (1.0, ContactTarget::Linear);
         let preset = TrainConfig::preset(&args.preset)?;
         let preset = if preset.skip == SkipKind::Off {
             preset
         } else {
-            TrainConfig { contact_target, contact_weight, ..preset }
+            TrainConfig { contact_weight, contact_target, ..preset }
         };
         let preset = TrainConfig { seed: args.seed, ..preset };
         // How fast is this machine? A few steps tell, and are thrown away.
