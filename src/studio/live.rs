@@ -257,6 +257,11 @@ impl Live {
         }
     }
 
+    /// Whether nothing is being performed.
+    pub fn rests(&self) -> bool {
+        !matches!(self.read().state.phase, Phase::Waiting | Phase::Running)
+    }
+
     /// How far it is.
     pub fn state(&self) -> RolloutState {
         self.read().state.clone()

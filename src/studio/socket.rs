@@ -125,9 +125,11 @@ impl Client {
                     }
                     Err(RecvError::Closed) => Err(Gone),
                 },
-                _ = live.changed(), if due.is_none() => {
-                    // Frames that come faster than the screen add up.
-                    due = Some(tokio::time::Instant::now().max(shown + NEWS));
+                _ = live.changed() => {
+                    // Frames that come faster than the screen add up; nobody waits for the end.
+                    let now = tokio::time::Instant::now();
+                    let next = if self.app.live.rests() { now } else { now.max(shown + NEWS) };
+                    due = Some(due.map_or(next, |due| due.min(next)));
                     Ok(())
                 }
                 () = sleep_until(due), if due.is_some() => {
