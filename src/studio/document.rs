@@ -5,6 +5,7 @@
 //! alone: what is on disk needs no second copy.
 
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 use super::error::Error;
@@ -287,6 +288,9 @@ impl Document {
     /// Clips that were never saved and are open nowhere, the newest first. Journals without
     /// an edit go.
     pub fn drafts(state_dir: &Path) -> Vec<Draft> {
+        // Who looks holds the journals' locks meanwhile: two at once would miss some.
+        static LOOKING: Mutex<()> = Mutex::new(());
+        let _one = LOOKING.lock().unwrap_or_else(PoisonError::into_inner);
         Self::waiting(state_dir).into_iter().map(|(draft, _)| draft).collect()
     }
 
@@ -834,6 +838,25 @@ mod tests {
         doc.close();
         assert!(left().unwrap().is_none());
         assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1, "no journal is left");
+    }
+
+    #[test]
+    fn two_who_look_for_drafts_at_once_both_find_all() {
+        let dir = tempfile::tempdir().unwrap();
+        for _ in 0..4 {
+            let mut doc = Document::new(blank(), dir.path(), None).unwrap();
+            doc.edit(&[add(20)]);
+            doc.close();
+        }
+        std::thread::scope(|scope| {
+            for _ in 0..2 {
+                scope.spawn(|| {
+                    for _ in 0..50 {
+                        assert_eq!(Document::drafts(dir.path()).len(), 4);
+                    }
+                });
+            }
+        });
     }
 
     #[test]
