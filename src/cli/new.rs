@@ -19,7 +19,7 @@ use super::{Global, motion, out};
 use crate::clip::compile;
 use crate::dataset::{Dataset, Verify};
 use crate::explore::{CollectConfig, collect};
-use crate::net::{SkipKind, checkpoint};
+use crate::net::checkpoint;
 use crate::progress::{Cancel, Silent};
 use crate::robot::import::import;
 use crate::robot::{PROFILE_FILE, PlantRange, Robot};
@@ -177,15 +177,13 @@ fn teach(
     let cfg = if places.run.join("config.toml").is_file() {
         read_config(&places.run)?
     } else {
-        // A robot that babbles rests against itself more than one under noise.
-        let (contact_weight, contact_target) = (1.0, ContactTarget::Linear);
-        let preset = TrainConfig::preset(&args.preset)?;
-        let preset = if preset.skip == SkipKind::Off {
-            preset
-        } else {
-            TrainConfig { contact_weight, contact_target, ..preset }
+        let preset = TrainConfig {
+            // A robot that babbles rests against itself more than one under noise.
+            contact_weight: 1.0,
+            contact_target: ContactTarget::Linear,
+            seed: args.seed,
+            ..TrainConfig::preset(&args.preset)?
         };
-        let preset = TrainConfig { seed: args.seed, ..preset };
         // How fast is this machine? A few steps tell, and are thrown away.
         let scratch =
             tempfile::tempdir().map_err(|e| Failure::with(crate::exit::Exit::Failed, e))?;

@@ -1,8 +1,8 @@
 //! A second thread that waits for work.
 //!
-//! A window takes a millisecond and comes after a millisecond of simulation. To start a thread
-//! for each, or to wake one that sleeps, takes a tenth of that; so this one goes on looking for a
-//! while, giving way to whoever wants its core, before it sleeps.
+//! A window takes half a millisecond and comes after as much simulation. To start a thread for each
+//! takes a twelfth of that; so this one goes on looking for a while, giving way to whoever wants
+//! its core, before it sleeps.
 
 use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};

@@ -75,6 +75,15 @@ pub(in crate::studio) async fn still(
     Ok(picture(app.pictures.still(&app.live, q.frame, size, q.draft, &shown).await?))
 }
 
+fn on_picture(x: f64, y: f64) -> Result<(), Error> {
+    let inside = 0.0..=1.0;
+    if inside.contains(&x) && inside.contains(&y) {
+        Ok(())
+    } else {
+        Err(Error::request("x and y go from 0 to 1"))
+    }
+}
+
 /// Query of `GET /api/still-body`.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -93,10 +102,7 @@ pub(in crate::studio) async fn still_body(
     State(app): Shared,
     Query(q): Query<StillBodyQuery>,
 ) -> Answer<Option<String>> {
-    let inside = 0.0..=1.0;
-    if !inside.contains(&q.x) || !inside.contains(&q.y) {
-        return Err(Error::request("x and y go from 0 to 1").into());
-    }
+    on_picture(q.x.into(), q.y.into())?;
     Ok(Json(app.pictures.body_at(&app.live, q.frame, (q.w, q.h), (q.x, q.y)).await?))
 }
 
@@ -114,10 +120,7 @@ pub(in crate::studio) async fn hover(
     State(app): Shared,
     Query(q): Query<HoverQuery>,
 ) -> Answer<Option<Hovered>> {
-    let inside = 0.0..=1.0;
-    if !inside.contains(&q.x) || !inside.contains(&q.y) {
-        return Err(Error::request("x and y go from 0 to 1").into());
-    }
+    on_picture(q.x, q.y)?;
     Ok(Json(app.viewport.under(&q.tab, [q.x, q.y]).await))
 }
 
