@@ -4,6 +4,9 @@
 //! share one `fdatasync`. If this thread panics the process ends: the journal is on disk, and
 //! a half-applied edit must never be built upon.
 
+mod findings;
+mod opening;
+
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -12,6 +15,7 @@ use std::time::Duration;
 
 use tokio::sync::oneshot;
 
+use self::opening::Asked;
 use super::document::{Document, Edit};
 use super::error::Error;
 use super::hub::Hub;
@@ -20,15 +24,12 @@ use super::protocol::{
     DocumentView, Edited, Event, Findings, History, RolloutSettings, Saved, policies,
 };
 use super::recent::Recent;
-use super::shelf;
-use super::worker::{Checked, Report, Request, RobotFacts, WorkerHandle};
+use super::worker::{Checked, Report, RobotFacts, WorkerHandle};
 use crate::clip::{
-    self, Batch, Change, Clip, Command, Delta, Demand, Granularity, JointTable, Op, PoseChecker,
-    PoseReport, RobotRef,
+    self, Batch, Change, Clip, Command, Delta, Demand, Granularity, JointTable, Op, RobotRef,
 };
 use crate::net::MaskGranularity;
 use crate::net::checkpoint::read_card;
-use crate::robot::MODEL_FILE;
 use crate::rollout::{Offer, PolicyName, model_path};
 
 /// Labels of the history that are sent.
@@ -465,124 +466,14 @@ impl Desk {
         }
     }
 
-    fn open(&mut self, path: &Path) -> Result<DocumentView, Error> {
-        // The same file again: give its lock back first, but keep the document if it fails.
-        let again = std::path::absolute(path).ok();
-        if self.document.as_ref().is_some_and(|d| d.path() == again.as_deref()) {
-            return Ok(self.view());
-        }
-        let (mut facts, mut refusal) = (None, None);
-        let document = Document::open(path, &self.state_dir, |clip| {
-            let found = self.ask_robot(clip);
-            let table = found.as_ref().ok().map(|f| f.table.clone());
-            match found {
-                Ok(found) => facts = Some(found),
-                Err(e) => refusal = Some(e),
-            }
-            table
-        })?;
-        Ok(self.take_up(document, facts, refusal))
-    }
-
-    fn recover(&mut self) -> bool {
-        let (mut facts, mut refusal) = (None, None);
-        let mut table = |clip: &Clip| {
-            match self.ask_robot(clip) {
-                Ok(known) => facts = Some(known),
-                Err(e) => refusal = Some(e),
-            }
-            facts.as_ref().map(|f: &RobotFacts| f.table.clone())
-        };
-        let mut found = Document::orphan(&self.state_dir, &mut table);
-        for file in self.recent.list() {
-            if found.is_some() {
-                break;
-            }
-            match Document::left_open(file.path.as_ref(), &self.state_dir, &mut table) {
-                Ok(document) => found = document,
-                Err(e) => tracing::warn!("{} is not taken up: {e}", file.path),
-            }
-        }
-        let Some(mut document) = found else { return false };
-        // Should it be what ended that studio, the next start does without it.
-        document.put_aside();
-        self.take_up(document, facts, refusal);
-        if let Some(document) = &mut self.document {
-            document.taken_up();
-        }
-        true
-    }
-
-    fn take_up_draft(&mut self, number: u32) -> Result<DocumentView, Error> {
-        let (mut facts, mut refusal) = (None, None);
-        let document = Document::draft(&self.state_dir, number, |clip| {
-            match self.ask_robot(clip) {
-                Ok(known) => facts = Some(known),
-                Err(e) => refusal = Some(e),
-            }
-            facts.as_ref().map(|f: &RobotFacts| f.table.clone())
-        })?;
-        Ok(self.take_up(document, facts, refusal))
-    }
-
-    fn start_from(&mut self, clip: Clip) -> Result<DocumentView, Error> {
-        let (facts, refusal) = match self.ask_robot(&clip) {
-            Ok(facts) => (Some(facts), None),
-            Err(e) => (None, Some(e)),
-        };
-        let table = facts.as_ref().map(|f| f.table.clone());
-        let document = Document::new(clip, &self.state_dir, table)?;
-        Ok(self.take_up(document, facts, refusal))
-    }
-
-    /// Asks about a robot and remembers where it comes from.
-    fn know(&mut self, robot: &str) -> Result<RobotFacts, Error> {
-        let request = Request::Facts { robot: robot.to_owned() };
-        match self.worker.ask_blocking(request, ROBOT_PATIENCE)? {
-            Report::Facts(facts) => {
-                self.sources.insert(facts.id.clone(), robot.to_owned());
-                Ok(*facts)
-            }
-            _ => Err(Error::request("the simulation gave no facts")),
-        }
-    }
-
-    /// Asks the worker to take a clip's robot up: by its id, or from the folder that the
-    /// user named, that the clip names, or that an import left beside us.
-    fn ask_robot(&self, clip: &Clip) -> Result<RobotFacts, Error> {
-        let id = &clip.robot.id;
-        let named = clip.robot.model.as_ref().map(|m| self.folder.join(m));
-        let named = named.filter(|dir| dir.join(MODEL_FILE).is_file());
-        let robot = match (self.sources.get(id), named) {
-            (Some(source), _) => source.clone(),
-            (None, Some(dir)) if !shelf::is_builtin(id) => dir.display().to_string(),
-            _ => shelf::source(id, &self.folder, &self.state_dir).unwrap_or_else(|| id.clone()),
-        };
-        match self.worker.ask_blocking(Request::Robot { robot }, ROBOT_PATIENCE)? {
-            Report::Facts(facts) => Ok(*facts),
-            _ => Err(Error::request("the simulation gave no facts")),
-        }
-    }
-
-    fn blank(&mut self, robot: &str, length: u32, name: String) -> Result<DocumentView, Error> {
-        let facts = self.know(robot)?;
-        let table = &facts.table;
-        let mut clip = Clip::new(reference(table), length.clamp(2, crate::limits::CLIP_FRAMES));
-        clip.name = name;
-        // The first key is where the robot starts, until somebody says another start.
-        let rest: Vec<f64> = table.rest.iter().map(|v| clip::round(*v)).collect();
-        clip.keys.push(clip::Key::new(0, &rest));
-        self.start_from(clip)
-    }
-
     /// Puts a document in the place of the open one.
-    fn take_up(
-        &mut self,
-        document: Document,
-        facts: Option<RobotFacts>,
-        refusal: Option<Error>,
-    ) -> DocumentView {
+    fn take_up(&mut self, document: Document, asked: Option<Asked>) -> DocumentView {
         self.close();
+        let (facts, refusal) = match asked {
+            Some(Ok(facts)) => (Some(facts), None),
+            Some(Err(e)) => (None, Some(e)),
+            None => (None, None),
+        };
         self.facts = facts.map(Arc::new);
         self.live.set_facts(self.facts.clone());
         let settings = self.suited(&document.clip().robot.id);
@@ -666,72 +557,6 @@ impl Desk {
             policies: policies(self.offers()),
         }
     }
-
-    /// Problems and timeline, and the poses that simulation has not judged yet.
-    fn findings(&self) -> (Findings, Vec<Vec<f64>>) {
-        let Some(document) = &self.document else { return (Findings::default(), Vec::new()) };
-        let table = self.table();
-        let (clip, command) = (document.clip(), document.command());
-        let mut judge = Judge {
-            names: table.names(),
-            tolerance: self.facts.as_ref().map_or(0.05, |f| f.settle_tolerance),
-            verdicts: &self.verdicts,
-            unknown: Vec::new(),
-        };
-        let checker: Option<&mut dyn PoseChecker> =
-            if self.facts.is_some() { Some(&mut judge) } else { None };
-        let lints = clip::lint(clip, command, &table, checker);
-        let findings = Findings {
-            rev: document.rev(),
-            lints,
-            spans: command.spans().to_vec(),
-            blind: command.blind_spans(),
-            simulated: judge.unknown.is_empty(),
-            granularity: self.granularity,
-        };
-        (findings, judge.unknown)
-    }
-
-    /// Tells everyone the findings and lets the simulation judge what is new.
-    fn tell_findings(&mut self) {
-        if self.document.is_none() {
-            return;
-        }
-        let (findings, mut unknown) = self.findings();
-        self.hub.send(&Event::Findings(findings));
-        let Some(facts) = &self.facts else { return };
-        unknown.truncate(JUDGED_AT_ONCE);
-        if unknown.is_empty() || self.judging {
-            return;
-        }
-        self.judging = true;
-        let robot = facts.source.clone();
-        let inbox = self.inbox.clone();
-        let request = Request::Check { robot: robot.clone(), poses: unknown.clone() };
-        self.worker.ask_with(request, move |verdicts| {
-            inbox.send(Ask::Judged { robot, poses: unknown, verdicts }).ok();
-        });
-    }
-
-    fn judged(&mut self, robot: &str, poses: &[Vec<f64>], verdicts: Result<Report, Error>) {
-        self.judging = false;
-        if self.facts.as_ref().is_none_or(|f| f.source != robot) {
-            self.tell_findings();
-            return;
-        }
-        let verdicts = match verdicts {
-            Ok(Report::Checked(verdicts)) => verdicts,
-            // A pose that kills the simulation must not be asked about again and again.
-            _ => vec![Checked::default(); poses.len()],
-        };
-        if self.verdicts.len() > VERDICTS {
-            self.verdicts.clear();
-        }
-        for (pose, verdict) in poses.iter().zip(verdicts) {
-            self.verdicts.insert(bits(pose), verdict);
-        }
-        self.tell_findings();
-    }
 }
 
 /// A robot as a clip of it names it.
@@ -757,47 +582,4 @@ fn history(document: &Document) -> History {
     let first = done.saturating_sub(LABELS).min(len.saturating_sub(LABELS));
     let labels = labels.into_iter().skip(first).take(LABELS).map(str::to_owned).collect();
     History { labels, first, done, len }
-}
-
-fn bits(pose: &[f64]) -> Vec<u64> {
-    pose.iter().map(|v| v.to_bits()).collect()
-}
-
-/// Answers lints from what simulation has said so far.
-struct Judge<'a> {
-    /// Joints in state order.
-    names: Vec<String>,
-    tolerance: f64,
-    verdicts: &'a BTreeMap<Vec<u64>, Checked>,
-    unknown: Vec<Vec<f64>>,
-}
-
-impl PoseChecker for Judge<'_> {
-    fn check(&mut self, joints: &[String], q: &[f64]) -> PoseReport {
-        let place = |name: &String| joints.iter().position(|j| j == name);
-        let pose: Option<Vec<f64>> =
-            self.names.iter().map(|n| place(n).and_then(|i| q.get(i).copied())).collect();
-        let Some(pose) = pose else { return PoseReport::default() };
-        let Some(verdict) = self.verdicts.get(&bits(&pose)) else {
-            if !self.unknown.contains(&pose) {
-                self.unknown.push(pose);
-            }
-            return PoseReport::default();
-        };
-        let settled = verdict.settled.as_ref().map(|state| {
-            joints
-                .iter()
-                .zip(q)
-                .map(|(j, own)| {
-                    let at = self.names.iter().position(|n| n == j);
-                    at.and_then(|i| state.get(i).copied()).unwrap_or(*own)
-                })
-                .collect()
-        });
-        PoseReport { contacts: verdict.contacts.clone(), settled }
-    }
-
-    fn tolerance(&self) -> f64 {
-        self.tolerance
-    }
 }

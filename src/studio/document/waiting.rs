@@ -1,0 +1,175 @@
+//! Journals of documents that are open nowhere: drafts, and what a killed studio left.
+
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
+use std::time::Duration;
+
+use super::super::error::Error;
+use super::super::journal::{Journal, Record};
+use super::super::protocol::Draft;
+use super::Document;
+use crate::clip::{Clip, JointTable};
+use crate::fsio;
+
+/// Attempts to get a draft that seems to be in use, and the time between two.
+const LOCK_TRIES: u32 = 10;
+const LOCK_PAUSE: Duration = Duration::from_millis(20);
+
+/// The journal of a clip that is open nowhere.
+struct Waiting {
+    journal: Journal,
+    records: Vec<Record>,
+    torn_bytes: u64,
+}
+
+impl Document {
+    /// The unsaved clip that was open in a studio that was killed, if there is one: the
+    /// newest. What a studio put away by itself waits among the drafts.
+    pub fn orphan(
+        state_dir: &Path,
+        table: impl FnOnce(&Clip) -> Option<JointTable>,
+    ) -> Option<Document> {
+        // Opened once: a journal that is closed and opened again at once can seem to be in use,
+        // as a child that starts just then has its lock until it is a program of its own.
+        let found = Self::waiting(state_dir).into_iter().find(|(draft, _)| draft.abandoned);
+        let (_, Waiting { journal, records, torn_bytes }) = found?;
+        Document::from_journal(journal, &records, torn_bytes, table).ok()
+    }
+
+    /// Opens a clip file if a studio was killed with it open; `None` if not.
+    ///
+    /// # Errors
+    /// As [`Document::open`].
+    pub fn left_open(
+        path: &Path,
+        state_dir: &Path,
+        table: impl FnOnce(&Clip) -> Option<JointTable>,
+    ) -> Result<Option<Document>, Error> {
+        let path = std::path::absolute(path)
+            .map_err(|source| fsio::Error::Read { source, path: path.to_owned() })?;
+        if !path.is_file() || !journal_places(&path, state_dir).iter().any(|j| j.is_file()) {
+            return Ok(None);
+        }
+        // Opened once: see `orphan`.
+        let found = open_journal(&path, state_dir)?;
+        if found.1.is_empty() {
+            found.0.remove();
+            return Ok(None);
+        }
+        if found.1.last() == Some(&Record::Closed) {
+            return Ok(None);
+        }
+        Document::from_file(path, found, table).map(Some)
+    }
+
+    /// Clips that were never saved and are open nowhere, the newest first. Journals without
+    /// an edit go.
+    pub fn drafts(state_dir: &Path) -> Vec<Draft> {
+        // Who looks holds the journals' locks meanwhile: two at once would miss some.
+        static LOOKING: Mutex<()> = Mutex::new(());
+        let _one = LOOKING.lock().unwrap_or_else(PoisonError::into_inner);
+        Self::waiting(state_dir).into_iter().map(|(draft, _)| draft).collect()
+    }
+
+    fn waiting(state_dir: &Path) -> Vec<(Draft, Waiting)> {
+        let Ok(found) = std::fs::read_dir(state_dir) else { return Vec::new() };
+        let number = |path: &Path| -> Option<u32> {
+            path.file_name()?
+                .to_str()?
+                .strip_prefix("untitled-")?
+                .strip_suffix(".autosave")?
+                .parse()
+                .ok()
+        };
+        let mut list: Vec<(Draft, Waiting)> = found
+            .filter_map(|e| e.ok().map(|e| e.path()))
+            .filter_map(|path| {
+                let number = number(&path)?;
+                let changed = std::fs::metadata(&path).and_then(|m| m.modified()).ok()?;
+                let (journal, records, torn_bytes) = Journal::open(&path).ok()?;
+                if matches!(records.as_slice(), [Record::Base { path: None, .. }]) {
+                    journal.remove();
+                    return None;
+                }
+                let document = Document::from_journal(journal, &records, 0, |_| None).ok()?;
+                let since = changed.duration_since(std::time::UNIX_EPOCH).ok()?;
+                let draft = Draft {
+                    number,
+                    name: document.clip().name.clone(),
+                    robot: document.clip().robot.id.clone(),
+                    keys: document.clip().keys.len(),
+                    changed_secs: since.as_secs(),
+                    abandoned: records.last() != Some(&Record::Closed),
+                };
+                Some((draft, Waiting { journal: document.journal, records, torn_bytes }))
+            })
+            .collect();
+        list.sort_by_key(|(d, _)| std::cmp::Reverse((d.changed_secs, d.number)));
+        list
+    }
+
+    /// Takes an unsaved clip up again.
+    ///
+    /// # Errors
+    /// [`Error::NotFound`], [`Error::Locked`] when it is open elsewhere, [`Error::Journal`].
+    pub fn draft(
+        state_dir: &Path,
+        number: u32,
+        table: impl FnOnce(&Clip) -> Option<JointTable>,
+    ) -> Result<Document, Error> {
+        let path = state_dir.join(format!("untitled-{number}.autosave"));
+        if !path.is_file() {
+            return Err(Error::NotFound { what: format!("unsaved clip {number}") });
+        }
+        // Whoever looked through the drafts a moment ago may still have it: see `orphan`.
+        let mut tries = 0;
+        let (journal, records, torn_bytes) = loop {
+            match Journal::open(&path) {
+                Err(Error::Locked { .. }) if tries < LOCK_TRIES => tries += 1,
+                opened => break opened?,
+            }
+            std::thread::sleep(LOCK_PAUSE);
+        };
+        let mut document = Document::from_journal(journal, &records, torn_bytes, table)?;
+        if records.last() == Some(&Record::Closed) {
+            document.taken_up();
+        }
+        Ok(document)
+    }
+
+    /// Gives an unsaved clip up.
+    ///
+    /// # Errors
+    /// As [`Document::draft`].
+    pub fn drop_draft(state_dir: &Path, number: u32) -> Result<(), Error> {
+        Document::draft(state_dir, number, |_| None)?.journal.remove();
+        Ok(())
+    }
+}
+
+pub(super) fn open_journal(
+    clip: &Path,
+    state_dir: &Path,
+) -> Result<(Journal, Vec<Record>, u64), Error> {
+    let [beside, elsewhere] = journal_places(clip, state_dir);
+    match Journal::open(&beside) {
+        Err(Error::Journal { source, .. })
+            if matches!(
+                source.kind(),
+                std::io::ErrorKind::PermissionDenied | std::io::ErrorKind::ReadOnlyFilesystem
+            ) =>
+        {
+            Journal::open(&elsewhere)
+        }
+        other => other,
+    }
+}
+
+/// Where the journal of a clip file is: beside it, or where its folder takes no files.
+fn journal_places(clip: &Path, state_dir: &Path) -> [PathBuf; 2] {
+    let mut name = clip.file_name().unwrap_or_default().to_owned();
+    name.push(".autosave");
+    let hash = fsio::sha256_hex(clip.as_os_str().as_encoded_bytes());
+    let short = hash.get(..16).unwrap_or(&hash);
+    [clip.with_file_name(&name), state_dir.join(format!("{short}.autosave"))]
+}
