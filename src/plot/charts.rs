@@ -351,8 +351,9 @@ mod tests {
             svg.lines().filter(|l| l.trim().starts_with("group-")).count()
         };
         assert_eq!(named(4), 4);
+        assert_eq!(named(24), 24, "in two rows");
         let many = named(300);
-        assert!((5..40).contains(&many), "{many} names of some 55 points on 1600");
+        assert!((5..60).contains(&many), "{many} names of some 55 points on twice 1600");
     }
 
     #[test]

@@ -581,7 +581,8 @@ pub fn figure(sweep: &Sweep, unit: Unit, rows: &[Row]) -> Option<Figure> {
         figure.panels.into_iter().next().map(|p| plot::Panel { title: (*suite).clone(), ..p })
     });
     let panels: Vec<_> = panels.flatten().collect();
-    let columns = panels.len().clamp(1, 3);
+    // Four in a row of three would leave one alone.
+    let columns = if panels.len() == 4 { 2 } else { panels.len().clamp(1, 3) };
     Some(Figure::grid(&sweep.title, panels, columns).panel_size(360, 260).note(&note))
 }
 

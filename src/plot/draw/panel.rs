@@ -31,6 +31,8 @@ struct Inner {
     /// Points that the numbers of the y axis take.
     labels: f64,
     y_ticks: Vec<(f64, String)>,
+    /// Lines that names below the x axis take: two where they would run into each other.
+    name_rows: usize,
 }
 
 impl<DB: DrawingBackend> Canvas<'_, DB> {
@@ -89,15 +91,14 @@ impl<DB: DrawingBackend> Canvas<'_, DB> {
         if !panel.y.text().is_empty() {
             top += LABEL * 1.35;
         }
-        let bottom = TICK * 1.9 + if room.foot { LABEL * 1.7 } else { 6.0 };
+        // The width is known to the numbers at the left, a tenth of the panel more or less.
+        let name_rows = self.name_rows(panel, 0.92 * list_width);
+        let bottom =
+            TICK * (0.6 + 1.3 * name_rows as f64) + if room.foot { LABEL * 1.7 } else { 6.0 };
         let height = (outer.y + outer.h - bottom - top - 4.0).max(10.0);
         let y_ticks = Self::y_ticks(&panel.y, y, height);
-        let widest = y_ticks
-            .iter()
-            .map(|k| text_width(self.letterer, &k.1, TICK, false))
-            .fold(0.0, f64::max);
-        let labels = widest.min(0.4 * outer.w);
-        Inner { x, y, top: top + 4.0, height, list_width, labels, y_ticks }
+        let labels = self.widest(&y_ticks).min(0.4 * outer.w);
+        Inner { x, y, top: top + 4.0, height, list_width, labels, y_ticks, name_rows }
     }
 
     /// Points that the numbers beside a panel take.
@@ -116,7 +117,7 @@ impl<DB: DrawingBackend> Canvas<'_, DB> {
     ) -> Result<(), Error> {
         let t = self.theme;
         let legend = room.legend;
-        let Inner { mut x, mut y, top, height, list_width, y_ticks, .. } =
+        let Inner { mut x, mut y, top, height, list_width, y_ticks, name_rows, .. } =
             self.measure(panel, outer, room);
         let scale = panel.layers.iter().find_map(Layer::scale);
         let cells = scale.is_some();
@@ -132,7 +133,7 @@ impl<DB: DrawingBackend> Canvas<'_, DB> {
         }
         let y_ticks = if panel.equal { Self::y_ticks(&panel.y, y, rect.h) } else { y_ticks };
         let frame = Frame { rect, x, y, log: (panel.x.log, panel.y.log) };
-        let x_ticks = self.x_ticks(panel, &frame);
+        let x_ticks = self.x_ticks(panel, &frame, name_rows);
 
         let left = (HPos::Left, VPos::Center);
         let mut head = outer.y;
@@ -175,16 +176,17 @@ impl<DB: DrawingBackend> Canvas<'_, DB> {
             let p = (rect.x - 5.0, frame.y(*v));
             self.text(name, p, TICK, false, t.faint_ink(), (HPos::Right, VPos::Center))?;
         }
-        for (v, name) in &x_ticks {
+        for (i, (v, name)) in x_ticks.iter().enumerate() {
             let x = frame.x(*v);
             if !bars {
                 self.line(&[(x, foot), (x, foot + 3.5)], t.faint_ink(), 1.0, 0.9)?;
             }
-            let p = (x, foot + 6.0 + 0.5 * TICK);
+            let down = (i % name_rows) as f64 * 1.3 * TICK;
+            let p = (x, foot + 6.0 + 0.5 * TICK + down);
             self.text(name, p, TICK, false, t.faint_ink(), (HPos::Center, VPos::Center))?;
         }
         if lowest {
-            let p = (rect.x + 0.5 * rect.w, foot + TICK * 1.7 + LABEL);
+            let p = (rect.x + 0.5 * rect.w, foot + TICK * (0.4 + 1.3 * name_rows as f64) + LABEL);
             let centre = (HPos::Center, VPos::Center);
             self.text(&panel.x.text(), p, LABEL, false, t.faint_ink(), centre)?;
         }
@@ -194,19 +196,28 @@ impl<DB: DrawingBackend> Canvas<'_, DB> {
         Ok(())
     }
 
-    /// As many ticks as have room beside each other.
-    fn x_ticks(&self, panel: &Panel, frame: &Frame) -> Vec<(f64, String)> {
+    fn widest(&self, ticks: &[(f64, String)]) -> f64 {
+        ticks.iter().map(|k| text_width(self.letterer, &k.1, TICK, false)).fold(0.0, f64::max)
+    }
+
+    /// Rows for the names below the axis, in a panel this wide.
+    fn name_rows(&self, panel: &Panel, width: f64) -> usize {
+        let names = panel.x.ticks((0.0, 1.0), 2);
+        let crowded = self.widest(&names) + 8.0 > width / names.len().max(1) as f64;
+        if !panel.x.names.is_empty() && crowded { 2 } else { 1 }
+    }
+
+    /// As many ticks as have room beside each other, in so many rows.
+    fn x_ticks(&self, panel: &Panel, frame: &Frame, rows: usize) -> Vec<(f64, String)> {
         let mut wish = (frame.rect.w / 62.0).round().clamp(2.0, 12.0) as usize;
         loop {
             let ticks = panel.x.ticks(frame.x, wish);
-            let widest = ticks
-                .iter()
-                .map(|k| text_width(self.letterer, &k.1, TICK, false))
-                .fold(0.0, f64::max);
+            let widest = self.widest(&ticks);
             let room = frame.rect.w / ticks.len().max(1) as f64;
             if !panel.x.names.is_empty() {
-                // Names that would run into each other: every second, every third, ...
-                let every = ((widest + 8.0) / room.max(1e-3)).ceil().max(1.0) as usize;
+                // Names that would run into each other all the same: every second, every third, ...
+                let room = rows as f64 * room.max(1e-3);
+                let every = ((widest + 8.0) / room).ceil().max(1.0) as usize;
                 return ticks.into_iter().step_by(every).collect();
             }
             if wish <= 2 || widest + 8.0 <= room || panel.x.log {
