@@ -225,6 +225,16 @@ impl Default for Inference {
     }
 }
 
+/// Names for policies side by side: where two would be the same, the files that they were
+/// learned in tell them apart.
+pub(super) fn labels(policies: &[PolicyConfig]) -> Vec<String> {
+    let short: Vec<String> = policies.iter().map(PolicyConfig::label).collect();
+    let twice = |label: &String| short.iter().filter(|l| *l == label).count() > 1;
+    let long = |p: &PolicyConfig| p.labelled(p.model_path.as_deref().and_then(Path::to_str));
+    let each = policies.iter().zip(&short);
+    each.map(|(p, label)| if twice(label) { long(p) } else { label.clone() }).collect()
+}
+
 /// A policy as asked for on the command line.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct PolicyConfig {
@@ -254,14 +264,25 @@ impl PolicyConfig {
         }
     }
 
-    /// The name that tables show: `pd`, `pd+guide`, `robert+ensemble=3+refine`.
+    /// The name that tables show: `pd`, `pd+guide`, `robert:adaptive+ensemble=3+refine`. A file
+    /// or a folder is not named: see [`labels`].
     pub fn label(&self) -> String {
+        self.labelled(self.model_name())
+    }
+
+    /// The model's name, if it is asked for by one.
+    fn model_name(&self) -> Option<&str> {
+        self.model_path.as_deref().and_then(Path::to_str).filter(|name| !name.contains('/'))
+    }
+
+    fn labelled(&self, model: Option<&str>) -> String {
         let guide = if self.guide == Guide::Linear { "+guide" } else { "" };
         let refine = if self.refine { "+refine" } else { "" };
         let Inference { ensemble, sample, .. } = self.inference;
         let sample = if sample { "+sample" } else { "" };
         let ensemble = if ensemble > 1 { format!("+ensemble={ensemble}") } else { String::new() };
-        format!("{}{sample}{ensemble}{guide}{refine}", self.name.as_str())
+        let model = model.map(|m| format!(":{m}")).unwrap_or_default();
+        format!("{}{model}{sample}{ensemble}{guide}{refine}", self.name.as_str())
     }
 
     /// What performs a robot when nothing else is asked for: its shipped model, else
@@ -399,5 +420,24 @@ impl PolicyConfig {
             }
         };
         Ok(if self.refine { Box::new(Refined::new(robot, policy)?) } else { policy })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn models_side_by_side_are_told_apart() {
+        let of = |path: Option<&str>| PolicyConfig {
+            model_path: path.map(PathBuf::from),
+            ..PolicyConfig::new(PolicyName::Robert)
+        };
+        let alone = [of(Some("runs/a"))];
+        assert_eq!(labels(&alone), ["robert"]);
+        let pd = PolicyConfig { guide: Guide::Linear, ..PolicyConfig::new(PolicyName::Pd) };
+        let many = [of(None), of(Some("adaptive")), of(Some("runs/a")), of(Some("runs/b")), pd];
+        let named = ["robert", "robert:adaptive", "robert:runs/a", "robert:runs/b", "pd+guide"];
+        assert_eq!(labels(&many), named);
     }
 }

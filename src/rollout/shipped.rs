@@ -72,8 +72,16 @@ pub fn names(robot: &str) -> Vec<String> {
 /// Names of the models that this robot can be performed with: its folder's and the program's.
 pub fn of(robot: &Robot) -> Vec<String> {
     let mut found = names(robot.id());
-    let own = robot.folder().map(|dir| dir.join("models"));
-    for entry in own.and_then(|dir| dir.read_dir().ok()).into_iter().flatten().flatten() {
+    found.extend(robot.folder().map(names_in).unwrap_or_default());
+    found.sort();
+    found.dedup();
+    found
+}
+
+/// Names of the models that lie in a robot's folder.
+pub fn names_in(dir: &Path) -> Vec<String> {
+    let mut found = Vec::new();
+    for entry in dir.join("models").read_dir().ok().into_iter().flatten().flatten() {
         let path = entry.path();
         if path.extension().is_some_and(|e| e == "safetensors")
             && let Some(name) = path.file_stem().and_then(|n| n.to_str())
@@ -82,7 +90,6 @@ pub fn of(robot: &Robot) -> Vec<String> {
         }
     }
     found.sort();
-    found.dedup();
     found
 }
 

@@ -8,7 +8,7 @@ use serde::Serialize;
 use super::error::Error;
 use super::policy::Policy;
 use super::precision::{Precision, hidden_error};
-use super::registry::{Guide, PolicyConfig};
+use super::registry::{Guide, PolicyConfig, labels};
 use super::run::{Rollout, RolloutConfig, Start};
 use super::stats::{Interval, mean_ci95};
 use crate::clip::Command;
@@ -141,11 +141,13 @@ pub fn evaluate(
             }
         }
     }
-    let mut outcomes = all(robot, suites, config, &templates, &jobs, progress, cancel)?.into_iter();
+    let labels = labels(&config.policies);
+    let found = all(robot, suites, config, &templates, &labels, &jobs, progress, cancel)?;
+    let mut outcomes = found.into_iter();
 
     let mut results = Vec::new();
     for suite in suites {
-        for (policy, &uses_model) in config.policies.iter().zip(&uses_model) {
+        for (policy, &uses_model) in labels.iter().zip(&uses_model) {
             let by_case: Vec<Vec<Outcome>> = suite
                 .cases
                 .iter()
@@ -153,7 +155,7 @@ pub fn evaluate(
                 .collect();
             let interval = over_seeds(&by_case, seeds as usize);
             results.push(Evaluation {
-                policy: policy.label(),
+                policy: policy.clone(),
                 uses_model,
                 suite: suite.name.clone(),
                 plant: (config.plant != PlantRange::default()).then(|| config.plant.to_string()),
@@ -172,6 +174,7 @@ fn all(
     suites: &[Suite],
     config: &EvalConfig,
     templates: &[Template],
+    labels: &[String],
     jobs: &[Job],
     progress: &dyn Progress,
     cancel: &Cancel,
@@ -206,7 +209,7 @@ fn all(
                 .inspect_err(|_| stop.cancel())?;
             mine.push((at, outcome));
             let n = done.fetch_add(1, Ordering::Relaxed) + 1;
-            let note = format!("{} {}", policy.label(), case.name);
+            let note = format!("{} {}", labels[job.policy], case.name);
             progress.tick(n as u64, jobs.len() as u64, &note);
         }
     };

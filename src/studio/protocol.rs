@@ -414,4 +414,6 @@ pub struct RobotCard {
     pub source: String,
     /// Whether it comes with the program.
     pub builtin: bool,
+    /// Names of the trained models that it has.
+    pub models: Vec<String>,
 }

@@ -9,7 +9,7 @@ use serde_json::Value;
 use super::protocol::RobotCard;
 use crate::net::checkpoint;
 use crate::robot::{self, MODEL_FILE, Robot};
-use crate::rollout::model_path;
+use crate::rollout::{model_path, shipped};
 use crate::train::run::read_config;
 use crate::{explore, fsio, limits};
 
@@ -87,7 +87,12 @@ pub struct Shelf {
 /// Robots in the program, then those in the studio's folder and in the state folder.
 pub(super) fn robots(folder: &Path, state_dir: &Path) -> Vec<RobotCard> {
     let mut cards: Vec<RobotCard> = Robot::builtin_ids()
-        .map(|id| RobotCard { id: id.to_owned(), source: id.to_owned(), builtin: true })
+        .map(|id| RobotCard {
+            id: id.to_owned(),
+            source: id.to_owned(),
+            builtin: true,
+            models: shipped::names(id),
+        })
         .collect();
     for dir in homes(folder, state_dir) {
         for dir in folders(&dir) {
@@ -96,7 +101,8 @@ pub(super) fn robots(folder: &Path, state_dir: &Path) -> Vec<RobotCard> {
             };
             if dir.join(MODEL_FILE).is_file() && cards.iter().all(|c| c.id != id) {
                 let source = dir.display().to_string();
-                cards.push(RobotCard { id, source, builtin: false });
+                let models = shipped::names_in(&dir);
+                cards.push(RobotCard { id, source, builtin: false, models });
             }
         }
     }

@@ -217,6 +217,7 @@ export interface RobotCard {
   id: string;
   source: string;
   builtin: boolean;
+  models: string[];
 }
 
 /** A take: a rollout that is kept. */

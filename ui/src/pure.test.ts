@@ -3,7 +3,7 @@ import { readFileSync } from "node:fs";
 import { test } from "node:test";
 import { changedBy, clock, keyEnd, parseTime, replaced, startsAway, type Clip, type Key } from "./clip";
 import { patched, type RobotCard, type RunCard, type Shelf } from "./protocol";
-import { resumeArgs, usualSuite } from "./shelf";
+import { resumeArgs, usualPolicies, usualSuite } from "./shelf";
 import { bars, diamonds, marks, ofRow } from "./timeline/marks";
 import { acted, ahead, within } from "./span";
 import { fit, frameToX, rowsOf, tick, xToFrame, yToRow, rowToY, zoomAt, withFrame, withRow, LABELS, MARKERS, PRE_ROLL, ROW, RULER, STRIP } from "./timeline/layout";
@@ -222,12 +222,14 @@ test("how far the robot begins from the first key is said of the joints that hav
   assert.equal(startsAway({ ...c, keys: [{ frame: 3, q: [1, 2, 3] }] }, [0, 0, 0]), undefined, "no goal at frame 0");
 });
 
-const robots: RobotCard[] = [{ id: "ur5e", source: "ur5e", builtin: true }, { id: "mine", source: "/w/robots/mine", builtin: false }];
+const robots: RobotCard[] = [{ id: "ur5e", source: "ur5e", builtin: true, models: ["adaptive", "robert"] }, { id: "mine", source: "/w/robots/mine", builtin: false, models: [] }];
 
 test("an imported robot is measured on its clip or on clips of its limits: it has no tasks", () => {
   assert.equal(usualSuite("ur5e", robots, "/w/a.clip.json"), "manual");
   assert.equal(usualSuite("mine", robots, "/w/a.clip.json"), "/w/a.clip.json");
   assert.equal(usualSuite("mine", robots, null), "trial");
+  assert.equal(usualPolicies([]), "pd,computed-torque");
+  assert.equal(usualPolicies(["adaptive", "robert"]), "pd,ridge,robert,computed-torque");
 });
 
 test("a run goes on with its own data, not with the first of its robot", () => {

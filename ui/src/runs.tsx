@@ -8,7 +8,7 @@ import uPlot from "uplot";
 import { complain, http, openWith, refreshShelf, resumeJob, startJob, tell } from "./api";
 import { isRunning, JobBar, minutes } from "./jobs";
 import type { JobKind, JobView, RunCard } from "./protocol";
-import { isBuiltin, resumeArgs, sourceOf, usualSuite } from "./shelf";
+import { isBuiltin, resumeArgs, sourceOf, usualPolicies, usualSuite } from "./shelf";
 import * as store from "./store";
 import { colors, hue } from "./theme";
 
@@ -262,7 +262,8 @@ export function Runs() {
   const data = useSignal("");
   const preset = useSignal("instant");
   const run = useSignal("");
-  const policies = useSignal("pd,computed-torque");
+  // Until some are typed it is what this robot has.
+  const policies = useSignal<string | undefined>(undefined);
   // Until one is typed it is what this robot has.
   const suite = useSignal<string | undefined>(undefined);
   useEffect(() => {
@@ -285,7 +286,9 @@ export function Runs() {
   const train = ["--robot", robot.value, "--data", chosen, "--preset", preset.value, "--out", run.value || `runs/${stamp()}-${id}-${preset.value}`];
   const open = store.doc.value?.clip.robot.id === id ? store.doc.value : undefined;
   const suites = suite.value ?? usualSuite(id, store.robots.value, open?.path);
-  const evaluate = ["--robot", robot.value, "--suite", suites, "--policy", policies.value];
+  const models = store.robots.value.find((r) => r.id === id)?.models ?? [];
+  const compared = policies.value ?? usualPolicies(models);
+  const evaluate = ["--robot", robot.value, "--suite", suites, "--policy", compared];
   // What is being collected right now is not unfinished business.
   const busy = list.filter(isRunning).flatMap((j) => j.args);
   const begun = shelf.begun.filter((b) => !busy.includes(b.path));
@@ -325,8 +328,8 @@ export function Runs() {
             <label title="manual, test, heldout (of the program's robots), trial, or paths of clips; commas between them">suite <input type="text" list="suites" value={suites} onInput={(e) => (suite.value = e.currentTarget.value)} data-testid="suite" /></label>
             <datalist id="suites">{(isBuiltin(id, store.robots.value) ? ["manual", "test", "heldout", "trial"] : ["trial"]).map((s) => <option key={s} value={s} />)}</datalist>
             <button class="quiet" disabled={!open?.path} title={open?.path ?? (open ? "save the clip first" : `no clip of ${id} is open`)} onClick={() => { const p = open?.path; if (p && !suites.split(",").includes(p)) suite.value = suites ? `${suites},${p}` : p; }} data-testid="this-clip">+ this clip</button>
-            {text(policies, "policies")}
-            {trained.map((r) => <button key={r.path} class="quiet" onClick={() => (policies.value = `${policies.value},robert:${r.path}`)} title="Add this model to the table">+ {r.path}</button>)}
+            <label>policies <input type="text" value={compared} onInput={(e) => (policies.value = e.currentTarget.value)} /></label>
+            {[...models.filter((m) => m !== "robert"), ...trained.map((r) => r.path)].map((m) => <button key={m} class="quiet" disabled={compared.split(",").includes(`robert:${m}`)} onClick={() => (policies.value = compared ? `${compared},robert:${m}` : `robert:${m}`)} title="Add this model to the table">+ {m}</button>)}
           </div>
           <Line kind="eval" args={evaluate} />
           <button class="main" onClick={() => void startJob("eval", evaluate)} data-testid="evaluate">Evaluate</button>

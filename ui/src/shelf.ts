@@ -17,6 +17,11 @@ export function usualSuite(id: string, robots: RobotCard[], path: string | null 
   return isBuiltin(id, robots) ? "manual" : (path ?? "trial");
 }
 
+/** Whom to compare at first: the learned beside what needs no learning. */
+export function usualPolicies(models: string[]): string {
+  return models.includes("robert") ? "pd,ridge,robert,computed-torque" : "pd,computed-torque";
+}
+
 /** What makes a run go on: its own data, wherever that lies now; undefined when that is gone. */
 export function resumeArgs(run: RunCard, shelf: Shelf, robots: RobotCard[]): string[] | undefined {
   const data = shelf.data.find((d) => d.sha256 === run.dataset_sha256);
