@@ -2,6 +2,7 @@
 
 use super::config::{CURRENT, WINDOW};
 use super::model::Batch;
+use super::past::Past;
 use super::real::Real;
 use super::ridge::Ridge;
 use super::token::{Scratch, Tokeniser};
@@ -23,6 +24,7 @@ pub struct EncodeScratch {
     token: Vec<f32>,
     features: Vec<f32>,
     linear: Vec<f32>,
+    past: Past,
 }
 
 impl Encoder {
@@ -46,7 +48,9 @@ impl Encoder {
 
     /// Inputs of a network behind this encoder.
     pub fn inputs(&self) -> usize {
-        let per_action = usize::from(self.ridge.is_some()) + usize::from(self.sees_actions());
+        // The linear answer; how far the last action was from it, and the ratio of both.
+        let per_action =
+            usize::from(self.ridge.is_some()) + if self.sees_actions() { 2 } else { 0 };
         self.tokens.inputs() + per_action * self.tokens.facts().actions
     }
 
@@ -84,6 +88,7 @@ impl Encoder {
             token: vec![0.0; self.tokens.inputs()],
             features: Vec::new(),
             linear: vec![0.0; WINDOW * self.tokens.facts().actions],
+            past: Past::new(self.tokens.facts().actions),
         }
     }
 
@@ -92,7 +97,7 @@ impl Encoder {
     ///
     /// `applied` holds the last actions before the current frame, oldest first, (n, A) with
     /// n up to 30; only networks that see actions read it. Of frames before those the linear
-    /// answer stands in (0 without one): at the begin of a rollout nobody knows better.
+    /// answer counts as right: at the begin of a rollout nobody knows better.
     pub fn encode<T: Real>(
         &self,
         q: &[f32],
@@ -110,6 +115,7 @@ impl Encoder {
             let to = &mut batch.linear[slot * WINDOW * a..(slot + 1) * WINDOW * a];
             to.iter_mut().zip(&*linear).for_each(|(to, &x)| *to = T::of(f64::from(x)));
         }
+        scratch.past.clear();
         for i in 0..WINDOW {
             let row = slot * WINDOW + i;
             batch.masked[row] = self.tokens.masked(&scratch.window, i);
@@ -121,15 +127,18 @@ impl Encoder {
             };
             let mut line = line;
             if self.sees_actions() {
-                let own;
-                (own, line) = line.split_at_mut(a);
-                own.fill(T::default());
+                let (residual, gain);
+                (residual, line) = line.split_at_mut(a);
+                (gain, line) = line.split_at_mut(a);
+                let EncodeScratch { past, linear, .. } = &mut *scratch;
                 // Frames from here to the current one; the action before this one led here.
-                let left = CURRENT.saturating_sub(i);
-                if (1..=CURRENT).contains(&i) {
-                    let known = (applied.len() / a).checked_sub(left + 1);
-                    put(own, known.map_or(&scratch.linear[(i - 1) * a..], |n| &applied[n * a..]));
+                let left = CURRENT.checked_sub(i).filter(|_| i > 0);
+                match left.and_then(|left| (applied.len() / a).checked_sub(left + 1)) {
+                    Some(n) => past.see(&applied[n * a..][..a], &linear[(i - 1) * a..]),
+                    None => past.miss(),
                 }
+                put(residual, scratch.past.residual());
+                put(gain, scratch.past.gain());
             }
             put(line, &scratch.linear[i * a..]);
         }

@@ -305,7 +305,7 @@ mod tests {
     #[test]
     fn actions_given_before_are_seen_and_recalled() {
         let (net, encoder) = seeing(1, Mixing::Attention, true);
-        assert_eq!(encoder.inputs(), parts(1, Mixing::Attention).1.inputs() + 2);
+        assert_eq!(encoder.inputs(), parts(1, Mixing::Attention).1.inputs() + 4);
         let mut policy =
             Policy::new(net.clone(), encoder.clone(), PolicyConfig::default()).unwrap();
         policy.reset(0);
@@ -320,7 +320,8 @@ mod tests {
             let mut batch = Batch::zeros(&net.cfg, 1);
             let last = given.len().saturating_sub(CURRENT * 2);
             encoder.encode(&q, &visible, &given[last..], &mut encoder.scratch(), &mut batch, 0);
-            // Frame i holds the action that led to it; of commands nothing is known.
+            // Without a linear answer frame i holds the action that led to it, and no ratio; of
+            // commands nothing is known.
             let n = net.cfg.inputs;
             for i in 0..WINDOW {
                 let back = CURRENT.checked_sub(i).map(|b| given.len().checked_sub(2 * (b + 1)));
@@ -328,7 +329,8 @@ mod tests {
                     .flatten()
                     .filter(|_| i > 0)
                     .map_or(&[0.0, 0.0][..], |at| &given[at..at + 2]);
-                assert_eq!(batch.tokens[(i + 1) * n - 2..(i + 1) * n], *want, "{index} {i}");
+                let (action, ratio) = batch.tokens[(i + 1) * n - 4..(i + 1) * n].split_at(2);
+                assert_eq!((action, ratio), (want, &[0.0; 2][..]), "{index} {i}");
             }
             let mut arena = Arena::new(&net.cfg, 1);
             forward(&net, &TrainPanels::new(&net), &batch, &mut arena);

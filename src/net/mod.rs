@@ -20,6 +20,7 @@ pub mod mat;
 pub mod model;
 mod pace;
 pub mod params;
+mod past;
 pub mod real;
 pub mod ridge;
 mod second;

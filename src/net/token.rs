@@ -110,8 +110,9 @@ pub struct TokenConfig {
     /// overcomes dry friction.
     #[serde(default)]
     pub ridge_friction: bool,
-    /// Whether a frame's token holds the action that led to it, where that is known: up to
-    /// the current frame.
+    /// Whether a frame's token holds what the actions before it say of the plant, up to the
+    /// current frame: how far the last one was from the linear answer, and by what factor the
+    /// linear answer was off in all of the past.
     #[serde(default)]
     pub previous_action: bool,
 }

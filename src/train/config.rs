@@ -35,8 +35,9 @@ pub struct TrainConfig {
     pub tokens: TokenKind,
     /// Stop distances and hinge angles in a `goal` token.
     pub profile: bool,
-    /// Whether a frame's token holds the action that led to it, up to the current frame;
-    /// nothing is learned at earlier frames then, whose action the next token tells.
+    /// Whether a frame's token holds how far the action that led to it was from the linear
+    /// answer, and the ratio of both over the past, up to the current frame; nothing is learned
+    /// at earlier frames then, whose action the next token tells.
     #[serde(default)]
     pub previous_action: bool,
     /// What a mask hides.

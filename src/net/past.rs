@@ -1,0 +1,96 @@
+//! What the actions of the past say of the plant: how far each was from the linear answer,
+//! and by what factor it should have been multiplied.
+//!
+//! A plant that is heavier, more damped or weaker than those that the linear answer was
+//! fitted to needs other torque for the same motion. The ratio of what was applied to what
+//! the linear answer says led there, summed over the past, is known per actuator; the gate
+//! of the skip can use it as it is.
+
+/// Squared linear answer, summed over the past, from which on the ratio counts for more than
+/// the guess that the plant is the usual one. Actions are in [-1, 1].
+const DOUBT: f32 = 0.1;
+/// Ratios beyond these are contact or stops, not the plant.
+const RATIO: (f32, f32) = (0.2, 5.0);
+
+/// Sums over the frames seen, per actuator.
+#[derive(Clone, Debug)]
+pub(super) struct Past {
+    both: Vec<f32>,
+    square: Vec<f32>,
+    residual: Vec<f32>,
+    gain: Vec<f32>,
+}
+
+impl Past {
+    /// For so many actuators.
+    pub(super) fn new(actions: usize) -> Self {
+        let zero = vec![0.0; actions];
+        Past { both: zero.clone(), square: zero.clone(), residual: zero.clone(), gain: zero }
+    }
+
+    /// Forgets.
+    pub(super) fn clear(&mut self) {
+        for x in [&mut self.both, &mut self.square, &mut self.residual, &mut self.gain] {
+            x.fill(0.0);
+        }
+    }
+
+    /// The next frame: the action applied before it, and the linear answer for the same.
+    pub(super) fn see(&mut self, applied: &[f32], linear: &[f32]) {
+        for (j, (&u, &l)) in applied.iter().zip(linear).enumerate() {
+            self.residual[j] = u - l;
+            self.both[j] += u * l;
+            self.square[j] += l * l;
+            let ratio = (DOUBT + self.both[j]) / (DOUBT + self.square[j]);
+            self.gain[j] = ratio.clamp(RATIO.0, RATIO.1) - 1.0;
+        }
+    }
+
+    /// A frame before which nobody knows the action.
+    pub(super) fn miss(&mut self) {
+        self.residual.fill(0.0);
+    }
+
+    /// Applied less linear, of the action before this frame, (A).
+    pub(super) fn residual(&self) -> &[f32] {
+        &self.residual
+    }
+
+    /// Ratio of applied to linear over the past, less 1, (A).
+    pub(super) fn gain(&self) -> &[f32] {
+        &self.gain
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_ratio_of_a_plant_is_found_per_actuator_and_held_back_without_motion() {
+        let mut past = Past::new(3);
+        for t in 0..30_u8 {
+            let x = 0.3 * f32::from(t).sin();
+            // Half as strong, twice as strong, hardly moved.
+            past.see(&[2.0 * x, 0.5 * x, 0.02 * x], &[x, x, 0.01 * x]);
+        }
+        let gain = past.gain().to_vec();
+        assert!((gain[0] - 1.0).abs() < 0.1 && (gain[1] + 0.5).abs() < 0.05, "{gain:?}");
+        assert!(gain[2].abs() < 0.01, "{gain:?}");
+        past.see(&[0.3; 3], &[0.1, 0.3, 0.5]);
+        assert!(past.residual().iter().zip([0.2, 0.0, -0.2]).all(|(x, y)| (x - y).abs() < 1e-6));
+        past.miss();
+        assert_eq!(past.residual(), [0.0; 3], "unknown actions say nothing");
+        assert_ne!(past.gain(), [0.0; 3], "what was learned stays");
+        past.see(&[9.0; 3], &[0.1; 3]);
+        past.clear();
+        assert_eq!(past.gain(), [0.0; 3]);
+    }
+
+    #[test]
+    fn what_no_plant_explains_is_cut() {
+        let mut past = Past::new(2);
+        (0..30).for_each(|_| past.see(&[1.0, -1.0], &[0.1, 0.1]));
+        assert_eq!(past.gain(), [RATIO.1 - 1.0, RATIO.0 - 1.0]);
+    }
+}
