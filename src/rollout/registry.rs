@@ -270,9 +270,10 @@ impl PolicyConfig {
         self.labelled(self.model_name())
     }
 
-    /// The model's name, if it is asked for by one.
+    /// The model's name, if it is asked for by one: a file or folder that is there is a path.
     fn model_name(&self) -> Option<&str> {
-        self.model_path.as_deref().and_then(Path::to_str).filter(|name| !name.contains('/'))
+        let path = self.model_path.as_deref()?;
+        path.to_str().filter(|name| !name.contains('/') && !path.exists())
     }
 
     fn labelled(&self, model: Option<&str>) -> String {
@@ -301,8 +302,7 @@ impl PolicyConfig {
             return shipped::get(robot, shipped::DEFAULT)?
                 .ok_or_else(|| Error::Needs { policy: policy.to_owned(), needs: needs() });
         };
-        let shipped = path.to_str().filter(|name| !name.contains('/') && !path.exists());
-        match shipped.map(|name| shipped::get(robot, name)).transpose()?.flatten() {
+        match self.model_name().map(|name| shipped::get(robot, name)).transpose()?.flatten() {
             Some(model) => Ok(model),
             None => Ok(Arc::new(learned::load(robot, Path::new(path))?)),
         }
@@ -319,7 +319,7 @@ impl PolicyConfig {
         }
         let named = match &self.model_path {
             None => Some(shipped::DEFAULT),
-            Some(path) => path.to_str().filter(|name| !name.contains('/') && !path.exists()),
+            Some(_) => self.model_name(),
         };
         if let Some(name) = named
             && let Some(sha256) = shipped::sha256(robot, name)?

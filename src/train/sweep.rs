@@ -534,9 +534,13 @@ pub fn figure(sweep: &Sweep, unit: Unit, rows: &[Row]) -> Option<Figure> {
         let others = r.values.iter().filter(|(k, _)| **k != sweep.x);
         others.map(|(k, v)| format!("{k} {v}")).collect::<Vec<_>>().join(", ")
     };
-    let mut lines: Vec<String> = rows.iter().map(label).collect();
-    lines.sort();
-    lines.dedup();
+    // As the grid has them.
+    let mut lines: Vec<String> = Vec::new();
+    for line in rows.iter().map(label) {
+        if !lines.contains(&line) {
+            lines.push(line);
+        }
+    }
     let at = |line: &str, x: &Value, suite: &str| {
         let row = rows.iter().find(|r| label(r) == *line && r.values.get(&sweep.x) == Some(x))?;
         *row.suites.get(suite)?
