@@ -54,7 +54,7 @@ impl Encoder {
         self.tokens.inputs() + per_action * self.tokens.facts().actions
     }
 
-    /// Whether tokens hold the actions applied before.
+    /// Whether tokens hold what the actions applied before say of the plant.
     pub fn sees_actions(&self) -> bool {
         self.tokens.config().previous_action
     }

@@ -150,6 +150,14 @@ impl Policy {
         self.applied.extend(applied.iter().map(|&x| x as f32));
     }
 
+    /// What was applied in the last frame instead of the action that [`Policy::act`] gave, (A).
+    pub fn applied(&mut self, action: &[f64]) {
+        let last = self.applied.len().saturating_sub(action.len());
+        for (to, &x) in self.applied[last..].iter_mut().zip(action) {
+            *to = x as f32;
+        }
+    }
+
     /// The action to apply now, in [−1, 1]: positions `q` (51, S), visible where `visible`
     /// (51, S) says; `step` counts the frames of the rollout and names the draws.
     pub fn act(&mut self, q: &[f32], visible: &[bool], step: u64) -> &[f32] {
@@ -208,7 +216,8 @@ mod tests {
     use crate::net::config::{Mixing, WINDOW};
     use crate::net::mask::MaskKind;
     use crate::net::model::{Arena, Panels as TrainPanels, forward};
-    use crate::net::token::{Facts, JointFacts, Normaliser, TokenConfig, Tokeniser};
+    use crate::net::ridge::Ridge;
+    use crate::net::token::{Facts, JointFacts, Normaliser, RIDGE_HEADS, TokenConfig, Tokeniser};
     use crate::net::{MaskGranularity, SkipKind};
 
     fn parts(bins: usize, mixing: Mixing) -> (Net<f32>, Encoder) {
@@ -298,6 +307,42 @@ mod tests {
                 let want = one.act(&q, &visible, index);
                 assert_eq!(want, two.act(&q, &visible, index));
                 assert_eq!(want, faster.act(&q, &visible, index));
+            }
+        }
+    }
+
+    #[test]
+    fn past_actions_meet_the_linear_answer_of_their_own_frame() {
+        let (net, plain) = seeing(1, Mixing::Attention, true);
+        let mut rng = Rng::new(2, Stream::Test, 0);
+        let n = plain.tokens.ridge_inputs();
+        let weights = (0..RIDGE_HEADS * n * 2).map(|_| 0.1 * rng.normal() as f32).collect();
+        let ridge = Ridge::new(n, 2, weights).unwrap();
+        let encoder = Encoder::new(plain.tokens, Some(ridge)).unwrap();
+        let inputs = encoder.inputs();
+        let cfg = NetConfig { inputs, skip: SkipKind::Additive, ..net.cfg };
+        let (q, visible) = window(3);
+        let given: Vec<f32> = (0..2 * CURRENT).map(|_| 0.5 * rng.normal() as f32).collect();
+        for known in [0, 7, CURRENT] {
+            let mut batch = Batch::<f32>::zeros(&cfg, 1);
+            let applied = &given[2 * (CURRENT - known)..];
+            encoder.encode(&q, &visible, applied, &mut encoder.scratch(), &mut batch, 0);
+            let (mut both, mut square, mut want) = ([0.1_f32; 2], [0.1_f32; 2], [[0.0_f32; 2]; 2]);
+            for i in 0..WINDOW {
+                want[0] = [0.0; 2];
+                for j in 0..2 {
+                    if i == 0 || i > CURRENT || i <= CURRENT - known {
+                        continue;
+                    }
+                    let (u, line) = (given[2 * (i - 1) + j], batch.linear[2 * (i - 1) + j]);
+                    both[j] += u * line;
+                    square[j] += line * line;
+                    want[0][j] = u - line;
+                    want[1][j] = (both[j] / square[j]).clamp(0.2, 5.0) - 1.0;
+                }
+                let got = &batch.tokens[(i + 1) * inputs - 6..(i + 1) * inputs - 2];
+                let want: Vec<f32> = want.concat();
+                assert!(got.iter().zip(&want).all(|(g, w)| (g - w).abs() < 1e-5), "{known} {i}");
             }
         }
     }

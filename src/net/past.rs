@@ -1,5 +1,5 @@
 //! What the actions of the past say of the plant: how far each was from the linear answer,
-//! and by what factor it should have been multiplied.
+//! and by what factor the linear answer was off.
 //!
 //! A plant that is heavier, more damped or weaker than those that the linear answer was
 //! fitted to needs other torque for the same motion. The ratio of what was applied to what

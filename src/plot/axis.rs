@@ -145,6 +145,9 @@ fn digits(step: f64) -> usize {
 }
 
 fn log_ticks(ends: (f64, f64)) -> Vec<(f64, String)> {
+    if ends.0 <= 0.0 {
+        return Vec::new();
+    }
     let (a, b) = (ends.0.log10().floor() as i32, ends.1.log10().ceil() as i32);
     let every = ((b - a) / 8).max(1);
     let at = |leads: &[f64]| {

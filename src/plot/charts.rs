@@ -298,6 +298,7 @@ mod tests {
                 Axis::new("y", "m"),
             ),
             curves("c", &[wave("loss", 0.0)], Axis::new("step", ""), Axis::new("loss", "").log()),
+            curves("x", &[wave("loss", 0.0)], Axis::new("data", "").log(), Axis::new("loss", "")),
             bars(
                 "b",
                 &groups,

@@ -116,6 +116,10 @@ impl Policy for Learned {
         Ok(())
     }
 
+    fn applied(&mut self, action: &[f64]) {
+        self.policy.applied(action);
+    }
+
     fn fork(&self) -> Option<Box<dyn Policy>> {
         Some(Box::new(self.clone()))
     }

@@ -43,6 +43,9 @@ pub trait Policy: Send {
     /// Whatever keeps the policy from answering; the rollout stops there.
     fn act(&mut self, view: &View<'_>, action: &mut [f64]) -> Result<(), Error>;
 
+    /// What was applied in the last frame instead of the action that [`Policy::act`] gave.
+    fn applied(&mut self, _action: &[f64]) {}
+
     /// A copy that shares what is costly to build (the weights of a network), for the next
     /// rollout; `None` where building anew is as cheap.
     fn fork(&self) -> Option<Box<dyn Policy>> {

@@ -15,7 +15,6 @@ pub(super) struct Refined {
     inner: Box<dyn Policy>,
     planner: Ilqr,
     hint: Vec<f64>,
-    inner_memory: usize,
 }
 
 impl Refined {
@@ -25,7 +24,7 @@ impl Refined {
     /// [`Error::Setup`], [`Error::Timestep`].
     pub(super) fn new(robot: &Arc<Robot>, inner: Box<dyn Policy>) -> Result<Refined, Error> {
         let planner = Ilqr::new(robot, &IlqrConfig::for_robot(robot))?;
-        Ok(Refined { inner, planner, hint: vec![0.0; robot.action_dim()], inner_memory: 0 })
+        Ok(Refined { inner, planner, hint: vec![0.0; robot.action_dim()] })
     }
 }
 
@@ -45,12 +44,13 @@ impl Policy for Refined {
     fn reset(&mut self, seed: u64) {
         self.inner.reset(seed);
         self.planner.reset(seed);
-        self.inner_memory = self.inner.memory().len();
     }
 
     fn act(&mut self, view: &View<'_>, action: &mut [f64]) -> Result<(), Error> {
         self.inner.act(view, &mut self.hint)?;
-        self.planner.act_from(view, Some(&self.hint), action)
+        self.planner.act_from(view, Some(&self.hint), action)?;
+        self.inner.applied(action);
+        Ok(())
     }
 
     fn memory(&self) -> Vec<f64> {
@@ -60,7 +60,9 @@ impl Policy for Refined {
     }
 
     fn recall(&mut self, memory: &[f64]) {
-        let (inner, planner) = memory.split_at(self.inner_memory.min(memory.len()));
+        // What the inner policy carries may grow with the rollout; what the planner does, not.
+        let inner = memory.len().saturating_sub(self.planner.memory().len());
+        let (inner, planner) = memory.split_at(inner);
         self.inner.recall(inner);
         self.planner.recall(planner);
     }

@@ -157,7 +157,7 @@ impl Live {
                 rev,
                 phase: Phase::Waiting,
                 frames: command.frames() as usize,
-                policy: inner.settings.config().label(),
+                policy: inner.settings.label(),
                 error: None,
                 ..inner.state.clone()
             };

@@ -274,6 +274,12 @@ impl RolloutSettings {
         config.guide = self.guide;
         config
     }
+
+    /// What takes and pictures say who performed.
+    pub fn label(&self) -> String {
+        let model_path = self.model_path.as_ref().map(Into::into);
+        PolicyConfig { model_path, ..self.config() }.label()
+    }
 }
 
 impl Default for RolloutSettings {

@@ -328,8 +328,10 @@ impl Desk {
         let offers = self.offers();
         if let Some(path) = &settings.model_path {
             let named = offers.iter().any(|o| o.model.as_ref() == Some(path));
-            let fits = || read_card(&model_path(&self.folder.join(path)));
-            if !named && fits().is_ok_and(|c| c.robot.id != robot) {
+            let file = model_path(&self.folder.join(path));
+            // Fits of other kinds have no card; whether they suit shows when they are loaded.
+            let other = || !file.exists() || read_card(&file).is_ok_and(|c| c.robot.id != robot);
+            if !named && other() {
                 settings.model_path = None;
             }
         }

@@ -72,7 +72,7 @@ export function Rendered() {
   const film = useSignal<{ url: string; of: string } | undefined>(undefined);
   const current = job.value === undefined ? undefined : store.jobs.value.get(job.value);
   const r = store.rollout.value;
-  const version = `${store.doc.value?.rev}:${r?.policy}:${store.settings.value.seed}`;
+  const version = `${store.doc.value?.rev}:${r?.policy}:${store.settings.value.model_path ?? ""}:${store.settings.value.seed}`;
   const stale = film.value !== undefined && film.value.of !== version;
 
   const make = async (format: string, keep: boolean): Promise<void> => {

@@ -202,9 +202,12 @@ impl<DB: DrawingBackend> Canvas<'_, DB> {
 
     /// Rows for the names below the axis, in a panel this wide.
     fn name_rows(&self, panel: &Panel, width: f64) -> usize {
+        if panel.x.names.is_empty() {
+            return 1;
+        }
         let names = panel.x.ticks((0.0, 1.0), 2);
         let crowded = self.widest(&names) + 8.0 > width / names.len().max(1) as f64;
-        if !panel.x.names.is_empty() && crowded { 2 } else { 1 }
+        if crowded { 2 } else { 1 }
     }
 
     /// As many ticks as have room beside each other, in so many rows.
