@@ -125,6 +125,8 @@ pub struct Offer {
     pub model: Option<String>,
     /// The case that it is best for, in a few words.
     pub suits: String,
+    /// What should fill masked frames for it.
+    pub guide: Guide,
     /// What it needs before it can be chosen; `None` when it needs nothing.
     pub needs: Option<String>,
     /// Whether it has the robot's own model to compute with.
@@ -146,6 +148,7 @@ pub fn offers(robot: &Robot) -> Vec<Offer> {
         name,
         model: None,
         suits: name.suits().to_owned(),
+        guide: Guide::None,
         knows_model: matches!(
             name,
             PolicyName::ComputedTorque | PolicyName::Ilqr | PolicyName::PredictiveSampling
@@ -182,15 +185,18 @@ pub fn offers(robot: &Robot) -> Vec<Offer> {
     for name in shipped::of(robot).into_iter().filter(|n| n != shipped::DEFAULT) {
         let Ok(Some(model)) = shipped::get(robot, &name) else { continue };
         let masks = model.card.mask_granularity;
-        let suits = if model.encoder.sees_actions() {
-            "a payload, damping or motor that may differ from the file"
+        // What tells the plant is the answer to small steps, which the guide makes of wide gaps.
+        let sees = model.encoder.sees_actions();
+        let guide = if sees { Guide::Linear } else { Guide::None };
+        let suits = if sees {
+            "a payload, damping or motor that may differ from the file; with the guide"
         } else if model.encoder.ridge.is_none() {
             "a look at the network as published: no linear answer, no guide"
         } else {
             PolicyName::Robert.suits()
         };
         let suits = suits.to_owned();
-        let named = Offer { model: Some(name), suits, masks, ..offer(PolicyName::Robert) };
+        let named = Offer { model: Some(name), suits, guide, masks, ..offer(PolicyName::Robert) };
         list.push(Offer { default: false, ..named });
     }
     list
@@ -439,5 +445,14 @@ mod tests {
         let many = [of(None), of(Some("adaptive")), of(Some("runs/a")), of(Some("runs/b")), pd];
         let named = ["robert", "robert:adaptive", "robert:runs/a", "robert:runs/b", "pd+guide"];
         assert_eq!(labels(&many), named);
+    }
+
+    #[test]
+    fn a_model_that_sees_the_past_wants_the_guide() {
+        let offers = offers(&Robot::builtin("pointmass").unwrap());
+        let guided = offers.iter().filter(|o| o.guide == Guide::Linear);
+        let models: Vec<_> = guided.map(|o| o.model.as_deref()).collect();
+        assert_eq!(models, [Some("adaptive")]);
+        assert!(offers.iter().any(|o| o.default && o.guide == Guide::None));
     }
 }

@@ -216,6 +216,8 @@ pub struct PolicyCard {
     pub model: Option<String>,
     /// The case that it is best for.
     pub suits: String,
+    /// What should fill masked frames for it.
+    pub guide: Guide,
     /// Whether it has the robot's own model to compute with.
     pub knows_model: bool,
     /// Whether it plans so long that a clip takes seconds.
@@ -237,6 +239,7 @@ pub fn policies(offers: &[Offer]) -> Vec<PolicyCard> {
         name: o.name.as_str(),
         model: o.model.clone(),
         suits: o.suits.clone(),
+        guide: o.guide,
         knows_model: o.knows_model,
         slow: o.slow,
         available: o.needs.is_none(),

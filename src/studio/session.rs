@@ -30,7 +30,7 @@ use crate::clip::{
 };
 use crate::net::MaskGranularity;
 use crate::net::checkpoint::read_card;
-use crate::rollout::{Offer, PolicyName, model_path};
+use crate::rollout::{Guide, Offer, PolicyName, model_path};
 
 /// Labels of the history that are sent.
 const LABELS: usize = 100;
@@ -333,6 +333,7 @@ impl Desk {
             let other = || !file.exists() || read_card(&file).is_ok_and(|c| c.robot.id != robot);
             if !named && other() {
                 settings.model_path = None;
+                settings.guide = Guide::None;
             }
         }
         let known = offers.iter().find(|o| o.name == settings.policy && o.model.is_none());

@@ -64,6 +64,30 @@ function crosses(u: uPlot, joint: number, color: string, turn: number): void {
   ctx.restore();
 }
 
+/** A stem and a dot where a goal stands alone: between masked frames there is no line to see. */
+function stems(u: uPlot): void {
+  const { ctx } = u;
+  const floor = u.valToPos(0, "y", true);
+  ctx.save();
+  u.series.slice(1).forEach((series, i) => {
+    const row = u.data[i + 1] ?? [];
+    ctx.fillStyle = ctx.strokeStyle = String(typeof series.stroke === "function" ? series.stroke(u, i + 1) : series.stroke);
+    ctx.lineWidth = 1.4 * devicePixelRatio;
+    row.forEach((v, f) => {
+      if (typeof v !== "number" || typeof row[f - 1] === "number" || typeof row[f + 1] === "number") return;
+      const [x, y] = [u.valToPos(u.data[0][f] ?? 0, "x", true), u.valToPos(v, "y", true)];
+      ctx.beginPath();
+      ctx.moveTo(x, floor);
+      ctx.lineTo(x, y);
+      ctx.stroke();
+      ctx.beginPath();
+      ctx.arc(x, y, 2.5 * devicePixelRatio, 0, 2 * Math.PI);
+      ctx.fill();
+    });
+  });
+  ctx.restore();
+}
+
 /** The takes that are drawn beside, each with its colour. */
 function compared(): { id: number; name: string; color: string }[] {
   return store.compared.value.map((id, i) => ({ id, name: store.takes.value.find((t) => t.id === id)?.name ?? `take ${id}`, color: store.takeColor(i) }));
@@ -144,7 +168,7 @@ export function Curves() {
             ...others],
         }, [[0], [null], [null], ...others.map(() => [null])], parent),
         new uPlot({
-          ...common, height: Math.round(room * 0.42), title: `mean error, ${store.unit.value === "m" ? "mm" : "deg"}`, plugins: [line as unknown as uPlot.Plugin],
+          ...common, height: Math.round(room * 0.42), title: `mean error, ${store.unit.value === "m" ? "mm" : "deg"}`, plugins: [line as unknown as uPlot.Plugin, { hooks: { draw: stems } }],
           scales: { x: { time: false }, y: { range: (_, __, hi) => [0, Math.max(1.06 * (hi ?? 0), store.unit.value === "m" ? 0.5 : 0.05)] } },
           axes: [across, upright],
           series: [{}, { label: "error", stroke: c.error, width: 1.4, fill: c.error + "33" }, ...others],

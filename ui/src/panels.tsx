@@ -6,9 +6,10 @@ import { openMenu } from "./menu";
 import { seek } from "./actions";
 import { unlockedOnly } from "./hand";
 import { NoModel, Settings } from "./performance";
+import { nearest, policyId, shown, variant, withPolicy } from "./policy";
 import * as store from "./store";
 import { TakeList } from "./takes";
-import { policyId, proposal, tried, tryAll, trying, withPolicy } from "./tryall";
+import { tried, tryAll, trying } from "./tryall";
 
 export function Problems() {
   const lints = store.doc.value?.findings.lints ?? [];
@@ -36,20 +37,26 @@ export function Problems() {
   );
 }
 
+/** A policy's name, broken where its parts meet if it must be. */
+function Breakable({ name }: { name: string }) {
+  return <>{name.split(/(?<=:)|(?=\+)/).map((part, i) => <>{i ? <wbr /> : null}{part}</>)}</>;
+}
+
 /** What every policy reached on the clip as it stands, nearest first, and which to take. */
 function Tries() {
   const rows = tried.value && tried.value.rev === store.doc.value?.rev ? tried.value.rows : [];
-  const best = proposal();
-  const use = (card: (typeof rows)[number]["card"]): void => tell("rollout.set", { ...withPolicy(store.settings.value, card) });
+  const settings = store.settings.value;
+  const best = nearest(rows, settings);
+  const use = ({ card, guide }: (typeof rows)[number]): void => tell("rollout.set", { ...withPolicy(settings, card, store.policies.value), guide });
   if (trying.value) return <p class="tries" role="status">trying {trying.value} …</p>;
   if (rows.length === 0) return null;
   return (
     <div class="tries" data-testid="tries">
       <button class="quiet close" aria-label="Close the tries" title="Close" onClick={() => (tried.value = undefined)}>×</button>
-      {best ? <p role="status">{policyId(best.card)} is nearer here: {store.shownError(best.mae, store.unit.value)} <button onClick={() => use(best.card)}>Use it</button></p> : null}
-      {rows.map((t) => (
-        <div class="take" key={policyId(t.card)} title={`for ${t.card.suits}`}>
-          <button class="quiet grow" onClick={() => use(t.card)}>{policyId(t.card)}{t.card.knows_model ? <small> knows the model</small> : null}</button>
+      {best ? <p role="status">{variant(best.card, best.guide)} is nearer here: {store.shownError(best.mae, store.unit.value)} <button onClick={() => use(best)}>Use it</button></p> : null}
+      {shown(rows, settings).map((t) => (
+        <div class="take" key={variant(t.card, t.guide)} title={`for ${t.card.suits}`}>
+          <button class="quiet grow" onClick={() => use(t)}><Breakable name={variant(t.card, t.guide)} />{t.card.knows_model ? <small> knows the model</small> : null}</button>
           <span class="num">{store.shownError(t.mae, store.unit.value)}</span>
         </div>
       ))}
@@ -70,7 +77,7 @@ export function Takes() {
     const card = known.find((p) => policyId(p) === id);
     if (!card) return;
     const path = card.learned && !card.available ? own : undefined;
-    tell("rollout.set", { ...withPolicy(store.settings.value, card), ...(path ? { model_path: path } : {}) });
+    tell("rollout.set", { ...withPolicy(store.settings.value, card, known), ...(path ? { model_path: path } : {}) });
   };
   return (
     <section class="panel" aria-label="Takes" data-testid="takes">

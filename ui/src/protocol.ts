@@ -102,10 +102,13 @@ export interface Draft {
   abandoned: boolean;
 }
 
+/** What fills masked frames before a policy sees them. */
+export type Guide = "none" | "linear";
+
 export interface RolloutSettings {
   policy: string;
   refine: boolean;
-  guide: "none" | "linear";
+  guide: Guide;
   seed: number;
   auto: boolean;
   model_path?: string;
@@ -128,6 +131,8 @@ export interface PolicyCard {
   name: string;
   model?: string;
   suits: string;
+  /** What should fill masked frames for it. */
+  guide: Guide;
   knows_model: boolean;
   slow: boolean;
   available: boolean;

@@ -2,7 +2,8 @@ import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { test } from "node:test";
 import { changedBy, clock, keyEnd, parseTime, replaced, startsAway, type Clip, type Key } from "./clip";
-import { patched, type RobotCard, type RunCard, type Shelf } from "./protocol";
+import { nearest, shown, variant, withPolicy, type Tried } from "./policy";
+import { patched, type PolicyCard, type RobotCard, type RolloutSettings, type RunCard, type Shelf } from "./protocol";
 import { resumeArgs, usualPolicies, usualSuite } from "./shelf";
 import { bars, diamonds, marks, ofRow } from "./timeline/marks";
 import { acted, ahead, within } from "./span";
@@ -230,6 +231,27 @@ test("an imported robot is measured on its clip or on clips of its limits: it ha
   assert.equal(usualSuite("mine", robots, null), "trial");
   assert.equal(usualPolicies([]), "pd,computed-torque");
   assert.equal(usualPolicies(["adaptive", "robert"]), "pd,ridge,robert,computed-torque");
+});
+
+test("a policy brings the guide that it wants and takes it away again; one set by hand stays", () => {
+  const card = (name: string, more: Partial<PolicyCard> = {}): PolicyCard => ({ name, suits: "", guide: "none", knows_model: false, slow: false, available: true, learned: true, default: false, ...more });
+  const [pd, robert, adaptive] = [card("pd"), card("robert"), card("robert", { model: "adaptive", guide: "linear" })];
+  const model = card("computed-torque", { knows_model: true });
+  const cards = [pd, robert, adaptive, model];
+  const plain: RolloutSettings = { policy: "pd", refine: false, guide: "none", seed: 0, auto: true };
+  const guided = withPolicy(plain, adaptive, cards);
+  assert.deepEqual(guided, { ...plain, policy: "robert", model_path: "adaptive", guide: "linear" });
+  assert.deepEqual(withPolicy(guided, robert, cards), { ...plain, policy: "robert" });
+  assert.equal(withPolicy({ ...plain, guide: "linear" }, robert, cards).guide, "linear");
+  assert.equal(withPolicy({ ...guided, guide: "none" }, adaptive, cards).guide, "linear");
+
+  const tried = (card: PolicyCard, guide: "none" | "linear", mae: number): Tried => ({ card, guide, mae });
+  const rows = [tried(model, "none", 1), tried(adaptive, "linear", 2), tried(adaptive, "none", 3), tried(robert, "none", 4), tried(pd, "linear", 5), tried(pd, "none", 6)];
+  assert.deepEqual(shown(rows, plain).map((t) => variant(t.card, t.guide)), ["computed-torque", "robert:adaptive+guide", "robert", "pd+guide", "pd"]);
+  assert.equal(nearest(rows, plain), rows[1], "the nearest that knows as little of the model");
+  assert.equal(nearest(rows, guided), undefined, "nothing is nearer than the one in use");
+  assert.equal(nearest(rows, { ...guided, guide: "none" }), rows[1]);
+  assert.equal(nearest([tried(robert, "none", 0.95), tried(pd, "none", 1)], plain), undefined, "not worth the change");
 });
 
 test("a run goes on with its own data, not with the first of its robot", () => {

@@ -2,27 +2,12 @@
 
 import { effect, signal } from "@preact/signals";
 import { tell } from "./api";
-import type { PolicyCard, RolloutSettings } from "./protocol";
+import { variant, withPolicy, type Tried } from "./policy";
+import type { Guide, RolloutSettings } from "./protocol";
 import * as store from "./store";
-
-/** Nearer by less than this share is not worth a change. */
-const WORTH = 0.1;
-
-export interface Tried {
-  card: PolicyCard;
-  mae: number;
-}
 
 export const trying = signal<string | undefined>(undefined);
 export const tried = signal<{ rev: number; rows: Tried[] } | undefined>(undefined);
-
-export const policyId = (p: { name: string; model?: string }): string => (p.model ? `${p.name}:${p.model}` : p.name);
-
-/** Settings with this policy and all else as it is. */
-export function withPolicy(settings: RolloutSettings, card: PolicyCard): RolloutSettings {
-  const { model_path: _, ...rest } = settings;
-  return { ...rest, policy: card.name, ...(card.model ? { model_path: card.model } : {}) };
-}
 
 /** The mean error of the rollout that follows these settings; null when it fails or the clip changes. */
 function performed(settings: RolloutSettings): Promise<number | null> {
@@ -52,24 +37,20 @@ export async function tryAll(): Promise<void> {
   const rev = store.doc.value?.rev ?? 0;
   const rows: Tried[] = [];
   const cards = store.policies.value.filter((p) => p.available && p.name !== "zero" && !p.slow);
+  // Where every frame is commanded there is nothing for a guide to fill.
+  const masked = store.doc.value?.findings.spans.some((s) => s.kind === "masked" || s.kind === "open");
+  const guides: Guide[] = masked ? ["none", "linear"] : [own.guide];
   for (const card of cards) {
-    if (store.doc.value?.rev !== rev) break;
-    trying.value = policyId(card);
-    const mae = await performed(withPolicy(own, card));
-    if (mae !== null) rows.push({ card, mae });
+    for (const guide of guides) {
+      if (store.doc.value?.rev !== rev) break;
+      trying.value = variant(card, guide);
+      const mae = await performed({ ...withPolicy(own, card, cards), guide });
+      if (mae !== null) rows.push({ card, guide, mae });
+    }
   }
   trying.value = undefined;
   tell("rollout.set", { ...own });
   if (store.doc.value?.rev !== rev) return store.toast("the clip changed: try again when it rests");
   rows.sort((a, b) => a.mae - b.mae);
   tried.value = { rev, rows };
-}
-
-/** The nearest of those that know as much as the one in use, where the change is worth it. */
-export function proposal(): Tried | undefined {
-  const now = policyId({ name: store.settings.value.policy, ...(store.settings.value.model_path ? { model: store.settings.value.model_path } : {}) });
-  const rows = tried.value?.rev === store.doc.value?.rev ? (tried.value?.rows ?? []) : [];
-  const own = rows.find((r) => policyId(r.card) === now);
-  const best = rows.find((r) => !own || r.card.knows_model === own.card.knows_model);
-  return best && best !== own && (!own || best.mae < own.mae * (1 - WORTH)) ? best : undefined;
 }

@@ -1,0 +1,41 @@
+// Policies side by side: their names, what settings ask for one, and which of those tried is nearest.
+
+import type { Guide, PolicyCard, RolloutSettings } from "./protocol";
+
+/** Nearer by less than this share is not worth a change. */
+const WORTH = 0.1;
+
+export interface Tried {
+  card: PolicyCard;
+  guide: Guide;
+  mae: number;
+}
+
+export const policyId = (p: { name: string; model?: string }): string => (p.model ? `${p.name}:${p.model}` : p.name);
+/** The policy that settings name, as `policyId` does. */
+const idOf = (s: RolloutSettings): string => policyId({ name: s.policy, ...(s.model_path ? { model: s.model_path } : {}) });
+/** What was tried, as tables show it. */
+export const variant = (card: PolicyCard, guide: Guide): string => policyId(card) + (guide === "linear" ? "+guide" : "");
+
+/** Settings with this policy and its guide, and all else as it is. A guide that the policy before wanted leaves with it. */
+export function withPolicy(settings: RolloutSettings, card: PolicyCard, cards: PolicyCard[]): RolloutSettings {
+  const { model_path: _, ...rest } = settings;
+  const wanted = cards.find((c) => policyId(c) === idOf(settings))?.guide === "linear";
+  const guide = card.guide === "linear" || wanted ? card.guide : settings.guide;
+  return { ...rest, guide, policy: card.name, ...(card.model ? { model_path: card.model } : {}) };
+}
+
+/** The best of each policy, nearest first, and the one in use. */
+export function shown(rows: Tried[], settings: RolloutSettings): Tried[] {
+  const first = (t: Tried): boolean => rows.find((r) => r.card === t.card) === t;
+  return rows.filter((t) => first(t) || inUse(t, settings));
+}
+
+const inUse = (t: Tried, settings: RolloutSettings): boolean => policyId(t.card) === idOf(settings) && t.guide === settings.guide;
+
+/** The nearest of those that know as much as the one in use, where the change is worth it. */
+export function nearest(rows: Tried[], settings: RolloutSettings): Tried | undefined {
+  const own = rows.find((r) => inUse(r, settings));
+  const best = rows.find((r) => !own || r.card.knows_model === own.card.knows_model);
+  return best && best !== own && (!own || best.mae < own.mae * (1 - WORTH)) ? best : undefined;
+}
