@@ -26,7 +26,7 @@ use crate::rollout::{
 
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  robert eval --robot ur5e --suite manual --policy zero,pd,computed-torque,ilqr\n  robert eval --robot ur5e --suite manual --policy pd,pd+guide --plant mass=1.25,damping=1.5,gear=0.85\n  robert eval --robot ur5e --policy ridge,robert --plant mass=0.7..1.4,damping=0.5..2 --seeds 8\n  robert eval --suite my-clips/ --policy ilqr --max-precision 0.005 --json\n  robert eval --robot ur5e --suite manual --policy pd,ilqr --seeds 4 --plant gear=0.8..1.2 --plot bars.png"
+    after_help = "Examples:\n  robert eval --robot ur5e --suite manual --policy zero,pd,computed-torque,ilqr\n  robert eval --robot ur5e --suite manual --policy pd,pd+guide --plant mass=1.25,damping=1.5,gear=0.85\n  robert eval --robot ur5e --policy robert+guide,robert:adaptive+guide --plant mass=0.7..1.4 --seeds 8\n  robert eval --suite my-clips/ --policy ilqr --max-precision 0.005 --json\n  robert eval --robot ur5e --suite manual --policy pd,ilqr --seeds 4 --plant gear=0.8..1.2 --plot bars.png"
 )]
 pub(super) struct Args {
     /// The robot; with clip files it may be left out.

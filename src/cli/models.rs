@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 use super::failure::Outcome;
 use super::out;
 use crate::net::{Card, checkpoint};
-use crate::rollout::{model_path, shipped};
+use crate::rollout::{PolicyConfig, PolicyName, case, model_path, shipped};
 
 #[derive(clap::Subcommand, Debug)]
 #[command(
@@ -78,22 +78,23 @@ fn ls(json: bool) -> Outcome {
                     "robot": m.robot, "name": m.name, "bytes": m.bytes,
                     "parameters": parameters(&m.card), "tokens": m.card.tokens.kind,
                     "default": m.name == shipped::DEFAULT,
+                    "policy": asked_as(&m.name, &m.card), "suits": case(&m.card).0,
                     "precision": m.card.training.precision,
                 })
             })
             .collect();
         return out::json(&rows);
     }
-    let mut t = out::table(&["robot", "name", "size", "parameters", "Precision by suite"]);
+    let mut t = out::table(&["robot", "policy", "for", "size", "Precision by suite"]);
     for m in &found {
         // Whole suites: their tasks (`manual/fire`) stand in the card.
         let whole = m.card.training.precision.iter().filter(|(suite, _)| !suite.contains('/'));
         let suites = whole.map(|(s, p)| format!("{s} {p:.5}"));
         t.add_row([
             m.robot.clone(),
-            m.name.clone(),
+            asked_as(&m.name, &m.card),
+            case(&m.card).0.to_owned(),
             format!("{:.1} MB", m.bytes as f64 / 1e6),
-            format!("{:.2} M", parameters(&m.card) as f64 / 1e6),
             suites.collect::<Vec<_>>().join(", "),
         ]);
     }
@@ -101,6 +102,13 @@ fn ls(json: bool) -> Outcome {
         return out::line("no trained policies in this build; robert train makes one");
     }
     out::line(&t.to_string())
+}
+
+/// What follows `--policy` to have a model of the program perform as it does best.
+fn asked_as(name: &str, card: &Card) -> String {
+    let default = PolicyConfig { guide: case(card).1, ..PolicyConfig::new(PolicyName::Robert) };
+    let named = name != shipped::DEFAULT;
+    PolicyConfig { model_path: named.then(|| name.into()), ..default }.label()
 }
 
 fn show(model: &str, json: bool) -> Outcome {
@@ -117,6 +125,7 @@ fn show(model: &str, json: bool) -> Outcome {
     let training = &card.training;
     let rows = [
         ("robot", card.robot.id.clone()),
+        ("for", case(&card).0.to_owned()),
         ("state, action", format!("{}, {}", card.facts.joints.len(), card.facts.actions)),
         ("network", format!("{} layers of {}, {} heads", net.layers, net.width, net.heads)),
         ("parameters", parameters(&card).to_string()),

@@ -36,7 +36,7 @@ pub(super) fn who(head: &str) -> String {
     let rows: Vec<String> =
         PolicyName::usages().map(|(usage, what)| format!("  {usage:<20} {what}")).collect();
     format!(
-        "{head}\n{}\nAfter the name: +guide and +refine are the flags of that name, for this policy alone;\nrobert takes +ensemble=N (means over N windows, 1 to 21) and +sample (draws the action).",
+        "{head}\n{}\nAfter the name: +guide and +refine are the flags of that name, for this policy alone\n(robert:adaptive is best with +guide); robert takes +ensemble=N (means over N windows, 1 to 21) and +sample (draws the action).",
         rows.join("\n")
     )
 }

@@ -43,7 +43,7 @@ pub use learned::{Learned, Linear, load, model_path, robot_card};
 pub use nearest::{FRAMES as NEAREST_FRAMES, Nearest, NearestSettings};
 pub use policy::{Policy, View};
 pub use precision::{HoldError, Precision, hidden_error};
-pub use registry::{Guide, Inference, Offer, PolicyConfig, PolicyName, offers};
+pub use registry::{Guide, Inference, Offer, PolicyConfig, PolicyName, case, offers};
 pub use run::{Frame, Rollout, RolloutConfig, Start};
 pub use sampling::{PredictiveSampling, SamplingConfig};
 pub use stats::{Interval, mean_ci95};

@@ -18,7 +18,7 @@ use super::sampling::{PredictiveSampling, SamplingConfig};
 use super::shipped;
 use super::zero::Zero;
 use crate::fsio;
-use crate::net::{MaskGranularity, Model, Threads};
+use crate::net::{Card, MaskGranularity, Model, SkipKind, Threads};
 use crate::robot::Robot;
 
 /// Every policy there is.
@@ -169,8 +169,18 @@ pub fn offers(robot: &Robot) -> Vec<Offer> {
                 let masks = model.card.mask_granularity;
                 // A network's file need not hold the linear answer.
                 let lacks = name == PolicyName::Ridge && model.encoder.ridge.is_none();
-                let needs = lacks.then(|| "a model with a linear answer in it".to_owned());
-                list.push(Offer { needs, masks, ..offer(name) });
+                let needs = match name {
+                    PolicyName::Nearest => Some("recorded motion: name its folder"),
+                    PolicyName::MlpInverse => Some("a fit: name its file"),
+                    _ => lacks.then_some("a model with a linear answer in it"),
+                };
+                let needs = needs.map(str::to_owned);
+                let (suits, guide) = match name {
+                    PolicyName::Robert => case(&model.card),
+                    _ => (name.suits(), Guide::None),
+                };
+                let suits = suits.to_owned();
+                list.push(Offer { needs, suits, guide, masks, ..offer(name) });
             }
             Ok(None) => {
                 let needs = Some(format!(
@@ -185,21 +195,26 @@ pub fn offers(robot: &Robot) -> Vec<Offer> {
     for name in shipped::of(robot).into_iter().filter(|n| n != shipped::DEFAULT) {
         let Ok(Some(model)) = shipped::get(robot, &name) else { continue };
         let masks = model.card.mask_granularity;
-        // What tells the plant is the answer to small steps, which the guide makes of wide gaps.
-        let sees = model.encoder.sees_actions();
-        let guide = if sees { Guide::Linear } else { Guide::None };
-        let suits = if sees {
-            "a payload, damping or motor that may differ from the file; with the guide"
-        } else if model.encoder.ridge.is_none() {
-            "a look at the network as published: no linear answer, no guide"
-        } else {
-            PolicyName::Robert.suits()
-        };
+        let (suits, guide) = case(&model.card);
         let suits = suits.to_owned();
         let named = Offer { model: Some(name), suits, guide, masks, ..offer(PolicyName::Robert) };
         list.push(Offer { default: false, ..named });
     }
     list
+}
+
+/// The case that a trained network is best for, and what should fill masked frames for it;
+/// measured in `docs/models.md`.
+pub fn case(card: &Card) -> (&'static str, Guide) {
+    if card.tokens.previous_action {
+        // What tells the plant is the answer to small steps, which the guide makes of wide gaps.
+        let suits = "a payload, damping or motor that may differ from the file; with the guide";
+        (suits, Guide::Linear)
+    } else if card.net.skip == SkipKind::Off {
+        ("a look at the network as published, without the linear answer", Guide::None)
+    } else {
+        (PolicyName::Robert.suits(), Guide::None)
+    }
 }
 
 /// What fills masked frames before a policy sees them.

@@ -29,6 +29,9 @@ fn models_are_listed_shown_and_named() {
         let shown = robert().args(["models", "show", &format!("{robot}/robert")]).run();
         assert!(shown.stdout.contains("seed"), "{}", shown.stdout);
     }
+    let asked: Vec<_> =
+        rows.iter().filter(|r| r["robot"] == "ur5e").map(|r| &r["policy"]).collect();
+    assert_eq!(asked, ["robert:adaptive+guide", "robert:faithful", "robert"]);
     let ran = robert().args(["rollout", "ur5e/swing", "--policy", "robert:nobody"]).run();
     assert_eq!(ran.code, 3, "{}", ran.stderr);
     assert!(ran.stderr.contains("nobody"), "{}", ran.stderr);

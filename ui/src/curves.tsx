@@ -73,6 +73,8 @@ function stems(u: uPlot): void {
     const row = u.data[i + 1] ?? [];
     ctx.fillStyle = ctx.strokeStyle = String(typeof series.stroke === "function" ? series.stroke(u, i + 1) : series.stroke);
     ctx.lineWidth = 1.4 * devicePixelRatio;
+    // As the legend has it: dashes are takes.
+    ctx.setLineDash(i === 0 ? [] : [5 * devicePixelRatio, 4 * devicePixelRatio]);
     row.forEach((v, f) => {
       if (typeof v !== "number" || typeof row[f - 1] === "number" || typeof row[f + 1] === "number") return;
       const [x, y] = [u.valToPos(u.data[0][f] ?? 0, "x", true), u.valToPos(v, "y", true)];

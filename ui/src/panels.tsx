@@ -6,7 +6,7 @@ import { openMenu } from "./menu";
 import { seek } from "./actions";
 import { unlockedOnly } from "./hand";
 import { NoModel, Settings } from "./performance";
-import { nearest, policyId, shown, variant, withPolicy } from "./policy";
+import { leaving, nearest, policyId, shown, variant, withPolicy } from "./policy";
 import * as store from "./store";
 import { TakeList } from "./takes";
 import { tried, tryAll, trying } from "./tryall";
@@ -83,7 +83,7 @@ export function Takes() {
     <section class="panel" aria-label="Takes" data-testid="takes">
       <h2>Rollout <span class="grow" /><button class="quiet" data-testid="try-all" disabled={trying.value !== undefined || r?.phase !== "done"} title="Perform the clip with every policy that answers at once, and propose the nearest" onClick={() => void tryAll()}>Try all</button></h2>
       <div class="scroll" style="flex: none">
-        <div class="row" style="gap: 4px 8px">
+        <fieldset class="row bare" style="gap: 4px 8px" disabled={trying.value !== undefined}>
           <select aria-label="Policy" data-testid="policy" style="flex: 1 1 112px; min-width: 0" value={now} onChange={(e) => choose(e.currentTarget.value)}>
             {known.map((p) => <option key={policyId(p)} value={policyId(p)} disabled={!p.available && !(p.learned && own)} title={p.why ?? `for ${p.suits}`}>{policyId(p)}{p.default && !(own && policyId(p) === now) ? " (default)" : ""}{p.available || (p.learned && own) ? "" : " – no model"}</option>)}
             {own && !known.some((p) => policyId(p) === now) ? <option value={now}>{now}</option> : null}
@@ -92,11 +92,11 @@ export function Takes() {
             <input type="checkbox" checked={store.settings.value.refine} onChange={(e) => set({ refine: e.currentTarget.checked })} /> refine
           </label>
           <Settings />
-        </div>
+        </fieldset>
         <NoModel />
         {card ? <p class="suits">for {card.suits}</p> : null}
         <Tries />
-        {own ? <div class="take"><span class="grow" title={own}>model {own.split("/").slice(-3).join("/")}</span><button class="quiet" aria-label="Without this model" onClick={() => { const { model_path: _, ...rest } = store.settings.value; tell("rollout.set", { ...rest, policy: known.find((p) => p.default)?.name ?? rest.policy }); }}>×</button></div> : null}
+        {own ? <div class="take"><span class="grow" title={own}>model {own.split("/").slice(-3).join("/")}</span><button class="quiet" aria-label="Without this model" onClick={() => { const rest = leaving(store.settings.value, known); tell("rollout.set", { ...rest, policy: known.find((p) => p.default)?.name ?? rest.policy }); }}>×</button></div> : null}
       </div>
       <TakeList />
     </section>

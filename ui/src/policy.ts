@@ -17,11 +17,17 @@ const idOf = (s: RolloutSettings): string => policyId({ name: s.policy, ...(s.mo
 /** What was tried, as tables show it. */
 export const variant = (card: PolicyCard, guide: Guide): string => policyId(card) + (guide === "linear" ? "+guide" : "");
 
-/** Settings with this policy and its guide, and all else as it is. A guide that the policy before wanted leaves with it. */
-export function withPolicy(settings: RolloutSettings, card: PolicyCard, cards: PolicyCard[]): RolloutSettings {
+/** Settings without a model, and without the guide where the policy in use wanted it. */
+export function leaving(settings: RolloutSettings, cards: PolicyCard[]): RolloutSettings {
   const { model_path: _, ...rest } = settings;
   const wanted = cards.find((c) => policyId(c) === idOf(settings))?.guide === "linear";
-  const guide = card.guide === "linear" || wanted ? card.guide : settings.guide;
+  return wanted ? { ...rest, guide: "none" } : rest;
+}
+
+/** Settings with this policy and the guide it wants, and all else as it is. */
+export function withPolicy(settings: RolloutSettings, card: PolicyCard, cards: PolicyCard[]): RolloutSettings {
+  const rest = leaving(settings, cards);
+  const guide = card.guide === "linear" ? card.guide : rest.guide;
   return { ...rest, guide, policy: card.name, ...(card.model ? { model_path: card.model } : {}) };
 }
 
@@ -33,9 +39,9 @@ export function shown(rows: Tried[], settings: RolloutSettings): Tried[] {
 
 const inUse = (t: Tried, settings: RolloutSettings): boolean => policyId(t.card) === idOf(settings) && t.guide === settings.guide;
 
-/** The nearest of those that know as much as the one in use, where the change is worth it. */
+/** The nearest of those that know as much as the one in use, where the change is worth it; nothing where that one was not tried. */
 export function nearest(rows: Tried[], settings: RolloutSettings): Tried | undefined {
   const own = rows.find((r) => inUse(r, settings));
-  const best = rows.find((r) => !own || r.card.knows_model === own.card.knows_model);
-  return best && best !== own && (!own || best.mae < own.mae * (1 - WORTH)) ? best : undefined;
+  const best = own && rows.find((r) => r.card.knows_model === own.card.knows_model);
+  return best && best.mae < own.mae * (1 - WORTH) ? best : undefined;
 }

@@ -233,7 +233,7 @@ test("an imported robot is measured on its clip or on clips of its limits: it ha
   assert.equal(usualPolicies(["adaptive", "robert"]), "pd,ridge,robert,computed-torque");
 });
 
-test("a policy brings the guide that it wants and takes it away again; one set by hand stays", () => {
+test("a policy brings the guide that it wants and takes it away again; between others one set by hand stays", () => {
   const card = (name: string, more: Partial<PolicyCard> = {}): PolicyCard => ({ name, suits: "", guide: "none", knows_model: false, slow: false, available: true, learned: true, default: false, ...more });
   const [pd, robert, adaptive] = [card("pd"), card("robert"), card("robert", { model: "adaptive", guide: "linear" })];
   const model = card("computed-torque", { knows_model: true });
@@ -251,6 +251,7 @@ test("a policy brings the guide that it wants and takes it away again; one set b
   assert.equal(nearest(rows, plain), rows[1], "the nearest that knows as little of the model");
   assert.equal(nearest(rows, guided), undefined, "nothing is nearer than the one in use");
   assert.equal(nearest(rows, { ...guided, guide: "none" }), rows[1]);
+  assert.equal(nearest(rows, { ...plain, guide: "linear", policy: "ilqr" }), undefined, "the one in use was not tried");
   assert.equal(nearest([tried(robert, "none", 0.95), tried(pd, "none", 1)], plain), undefined, "not worth the change");
 });
 

@@ -7,6 +7,7 @@ import { useEffect, useRef } from "preact/hooks";
 import uPlot from "uplot";
 import { complain, http, openWith, refreshShelf, resumeJob, startJob, tell } from "./api";
 import { isRunning, JobBar, minutes } from "./jobs";
+import { leaving } from "./policy";
 import type { JobKind, JobView, RunCard } from "./protocol";
 import { isBuiltin, resumeArgs, sourceOf, usualPolicies, usualSuite } from "./shelf";
 import * as store from "./store";
@@ -224,7 +225,7 @@ function Job({ job }: { job: JobView }) {
 
 async function perform(run: RunCard): Promise<void> {
   if (!run.model || !run.robot) return;
-  tell("rollout.set", { ...store.settings.value, policy: "robert", model_path: run.model });
+  tell("rollout.set", { ...leaving(store.settings.value, store.policies.value), policy: "robert", model_path: run.model });
   if (store.doc.value?.clip.robot.id !== run.robot) {
     const source = store.robots.value.find((r) => r.id === run.robot)?.source ?? run.robot;
     await openWith("POST", "/api/new", { robot: source });

@@ -3,7 +3,7 @@
 import { effect, signal } from "@preact/signals";
 import { tell } from "./api";
 import { variant, withPolicy, type Tried } from "./policy";
-import type { Guide, RolloutSettings } from "./protocol";
+import type { Guide, PolicyCard, RolloutSettings } from "./protocol";
 import * as store from "./store";
 
 export const trying = signal<string | undefined>(undefined);
@@ -37,11 +37,11 @@ export async function tryAll(): Promise<void> {
   const rev = store.doc.value?.rev ?? 0;
   const rows: Tried[] = [];
   const cards = store.policies.value.filter((p) => p.available && p.name !== "zero" && !p.slow);
-  // Where every frame is commanded there is nothing for a guide to fill.
   const masked = store.doc.value?.findings.spans.some((s) => s.kind === "masked" || s.kind === "open");
-  const guides: Guide[] = masked ? ["none", "linear"] : [own.guide];
+  // Where every frame is commanded there is nothing for a guide to fill, and who computes goes along that line anyway.
+  const guides = (card: PolicyCard): Guide[] => (masked && card.learned ? ["none", "linear"] : [withPolicy(own, card, cards).guide]);
   for (const card of cards) {
-    for (const guide of guides) {
+    for (const guide of guides(card)) {
       if (store.doc.value?.rev !== rev) break;
       trying.value = variant(card, guide);
       const mae = await performed({ ...withPolicy(own, card, cards), guide });
