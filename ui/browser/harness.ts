@@ -238,7 +238,7 @@ export class Tab {
   async afresh(text = ARM): Promise<void> {
     await this.page.keyboard.press("Escape");
     const opened = (await this.studio.api("POST", "/api/new", { text })).json().opened as number;
-    await this.until((s) => s.opened === opened, "afresh");
+    await this.until((s) => s.opened === opened, `document ${opened} is open`);
     // A slider that has the focus would take Home for itself.
     await this.page.evaluate(() => (document.activeElement as HTMLElement | null)?.blur());
   }

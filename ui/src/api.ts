@@ -442,8 +442,9 @@ export async function openWith(method: string, path: string, body?: unknown): Pr
   const left = store.doc.value;
   try {
     const opened = await http<DocumentView>(method, path, body);
-    // The event of it came first, or is about to: it brings what follows from it, too.
-    if (store.doc.value?.opened !== opened.opened) adopt(opened);
+    // The event of it came first, or is about to: it brings what follows from it, too. Another
+    // document may even have been opened since, and stays.
+    if ((store.doc.value?.opened ?? -1) < opened.opened) adopt(opened);
     store.page.value = "editor";
     if (left && !left.path && left.history.done > 0) store.toast(`"${left.clip.name || "untitled"}" was never saved; it waits under Examples, Unsaved`);
   } catch (e) {
