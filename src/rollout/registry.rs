@@ -180,7 +180,7 @@ pub fn offers(robot: &Robot) -> Vec<Offer> {
                     _ => (name.suits(), Guide::None),
                 };
                 let suits = suits.to_owned();
-                list.push(Offer { needs, suits, guide, masks, ..offer(name) });
+                list.push(Offer { suits, guide, needs, masks, ..offer(name) });
             }
             Ok(None) => {
                 let needs = Some(format!(
