@@ -100,11 +100,11 @@ fn walk(dir: &Path) -> Vec<std::path::PathBuf> {
 }
 
 #[test]
-fn unsafe_lives_in_one_place() {
+fn unsafe_lives_in_two_places() {
     let src = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
-    let allowed = src.join("mujoco");
+    let allowed = [src.join("mujoco"), src.join("net/amx.rs")];
     for path in walk(&src) {
-        if path.starts_with(&allowed) {
+        if allowed.iter().any(|a| path.starts_with(a)) {
             continue;
         }
         let text = fs::read_to_string(&path).unwrap();

@@ -10,8 +10,13 @@
 //! bounds are proved by slicing before the inner loop. Rejected: the `gemm` crate, whose
 //! entry point is unsafe and which packs the right factor again at every call.
 //!
+//! Weights and their gradients go to the tile unit of processors that have one
+//! ([`gemm_tiled`], [`Packed::pack_tiled`]); all else, and everything on other processors, is
+//! done here.
+//!
 //! Bits: for given shapes each output is one chain of fused multiply-adds in a fixed order,
-//! so results never depend on threads.
+//! so results never depend on threads. They do depend on the kind of processor: how wide its
+//! registers are, and whether it has tiles.
 
 // Vector code must be inlined into the function that pulp compiles for the processor found.
 #![allow(clippy::inline_always)]
@@ -65,6 +70,16 @@ impl<'a, T: Real> Mat<'a, T> {
         Mat { data, rows, cols, stride, transposed: false }
     }
 
+    /// (rows, columns).
+    pub(super) fn shape(&self) -> (usize, usize) {
+        (self.rows, self.cols)
+    }
+
+    /// Where the numbers lie: data, stride, and whether they lie column by column.
+    pub(super) fn lines(&self) -> (&'a [T], usize, bool) {
+        (self.data, self.stride, self.transposed)
+    }
+
     /// The transpose, without moving anything.
     #[must_use]
     pub fn t(self) -> Self {
@@ -98,6 +113,11 @@ impl<'a, T: Real> MatMut<'a, T> {
         assert!(fits(data.len(), rows, cols, stride), "matrix {rows}x{cols} does not fit");
         MatMut { data, rows, cols, stride }
     }
+
+    /// (rows, columns).
+    pub(super) fn shape(&self) -> (usize, usize) {
+        (self.rows, self.cols)
+    }
 }
 
 fn fits(len: usize, rows: usize, cols: usize, stride: usize) -> bool {
@@ -121,19 +141,37 @@ pub enum Init<'a, T> {
     Times(&'a [T]),
 }
 
-/// A right factor (k, n) in panels.
+/// A right factor (k, n) in panels, or in terms for the tile unit.
 #[derive(Clone, Debug, Default)]
 pub struct Packed<T: Real> {
     data: Aligned<T>,
     k: usize,
     n: usize,
     lanes: usize,
+    #[cfg(target_arch = "x86_64")]
+    terms: super::split::Terms,
+    /// Whether it is the terms that hold the factor.
+    tiled: bool,
 }
 
 impl<T: Real> Packed<T> {
     /// Packs `b`; memory is reused when it is large enough.
     pub fn pack(&mut self, b: Mat<'_, T>) {
+        self.tiled = false;
         Arch::new().dispatch(Pack { out: self, b });
+    }
+
+    /// Packs `b` for products of many rows, which the tile unit does where there is one.
+    pub fn pack_tiled(&mut self, b: Mat<'_, T>) {
+        #[cfg(target_arch = "x86_64")]
+        if super::split::suits(b.rows, b.cols)
+            && let Some(b) = T::single(b)
+        {
+            self.terms.pack(b);
+            (self.k, self.n, self.tiled) = (b.shape().0, b.shape().1, true);
+            return;
+        }
+        self.pack(b);
     }
 
     /// Rows of what is packed.
@@ -147,6 +185,14 @@ impl<T: Real> Packed<T> {
         packed.pack(b);
         packed
     }
+}
+
+/// Whether products of many rows in single precision run on a tile unit here (Intel AMX).
+pub fn tiled() -> bool {
+    #[cfg(target_arch = "x86_64")]
+    return super::split::usable();
+    #[cfg(not(target_arch = "x86_64"))]
+    false
 }
 
 struct Pack<'a, 'b, T: Real> {
@@ -202,6 +248,11 @@ impl<T: Real> WithSimd for Pack<'_, '_, T> {
 /// When the shapes disagree.
 pub fn gemm_packed<T: Real>(out: MatMut<'_, T>, init: Init<'_, T>, a: Mat<'_, T>, b: &Packed<T>) {
     assert!(a.cols == b.k && out.rows == a.rows && out.cols == b.n, "shapes of a product disagree");
+    #[cfg(target_arch = "x86_64")]
+    if b.tiled {
+        T::product(out, init, a, Factor::Terms(&b.terms));
+        return;
+    }
     T::with_left(|left| Arch::new().dispatch(Gemm { out, init, a, b, left }));
 }
 
@@ -214,6 +265,30 @@ pub fn gemm<T: Real>(out: MatMut<'_, T>, init: Init<'_, T>, a: Mat<'_, T>, b: Ma
         scratch.pack(b);
         gemm_packed(out, init, a, scratch);
     });
+}
+
+/// out = init + a b for factors of some size, by the tile unit where there is one.
+///
+/// # Panics
+/// When the shapes disagree.
+pub fn gemm_tiled<T: Real>(out: MatMut<'_, T>, init: Init<'_, T>, a: Mat<'_, T>, b: Mat<'_, T>) {
+    #[cfg(target_arch = "x86_64")]
+    if super::split::suits(b.rows, b.cols) && T::single(b).is_some() {
+        assert!(a.cols == b.rows, "shapes of a product disagree");
+        T::product(out, init, a, Factor::Mat(b));
+        return;
+    }
+    gemm(out, init, a, b);
+}
+
+/// A right factor of the tile unit: split before, or to be split.
+#[cfg(target_arch = "x86_64")]
+#[derive(Clone, Copy, Debug)]
+pub enum Factor<'a, T: Real> {
+    /// Split before.
+    Terms(&'a super::split::Terms),
+    /// To be split.
+    Mat(Mat<'a, T>),
 }
 
 struct Gemm<'a, 'b, T: Real> {
@@ -315,6 +390,15 @@ impl<T: Real> Gemm<'_, '_, T> {
         let mut i = block.first;
         // 24 accumulators where there are 32 registers, 12 where there are 16.
         if S::REGISTER_COUNT >= 32 {
+            // 51 frames, and the 27 of a second thread, are tiles of 9 and 8: no rows are left
+            // over, for which the registers would not be enough to hide how long a sum takes.
+            let over = (m - i) % 8;
+            if !self.a.transposed && 9 * over <= m - i {
+                for _ in 0..over {
+                    self.tile::<S, 9, N>(s, block, i);
+                    i += 9;
+                }
+            }
             while i + 8 <= m {
                 self.tile::<S, 8, N>(s, block, i);
                 i += 8;
@@ -350,44 +434,72 @@ impl<T: Real> Gemm<'_, '_, T> {
             let lines = &self.a.data[row * self.a.stride + block.start..];
             along_rows::<T, S, M, N>(s, lines, self.a.stride, panel)
         };
-        // A later pass adds to the earlier ones; a factor waits for the whole sum.
-        let last = block.start + block.depth == self.b.k;
-        let init = match self.init {
-            Init::Times(_) if block.start == 0 && !last => Init::Zero,
-            Init::Times(factor) if last => Init::Times(factor),
-            init if block.start == 0 => init,
-            _ => Init::Add,
-        };
-        unrolled!(M, [0 1 2 3 4 5 6 7], |I| {
-            let at = (row + I) * self.out.stride + block.col;
-            let out = &mut self.out.data[at..][..block.cols];
-            let sum = match init {
-                Init::Zero => acc[I],
-                Init::Add => plus::<T, S, N>(s, acc[I], out),
-                Init::Bias(bias) => plus::<T, S, N>(s, acc[I], &bias[block.col..][..block.cols]),
-                Init::AddBias(bias) => {
-                    let sum = plus::<T, S, N>(s, acc[I], &bias[block.col..][..block.cols]);
-                    plus::<T, S, N>(s, sum, out)
-                }
-                Init::Times(factor) => {
-                    let sum =
-                        if block.start > 0 { plus::<T, S, N>(s, acc[I], out) } else { acc[I] };
-                    zipped::<T, S, N>(
-                        s,
-                        sum,
-                        &factor[at..][..block.cols],
-                        #[inline(always)]
-                        |a, b| T::vmul(s, a, b),
-                    )
-                }
-                Init::Residual(bias, residual) => {
-                    let sum = plus::<T, S, N>(s, acc[I], &bias[block.col..][..block.cols]);
-                    plus::<T, S, N>(s, sum, &residual[at..][..block.cols])
-                }
-            };
-            put::<T, S, N>(s, out, sum);
+        let (first, last) = (block.start == 0, block.start + block.depth == self.b.k);
+        unrolled!(M, [0 1 2 3 4 5 6 7 8], |I| {
+            let place = Place { row: row + I, col: block.col, cols: block.cols, first, last };
+            finish::<T, S, N>(s, &mut self.out, self.init, acc[I], &place);
         });
     }
+}
+
+/// A row's share of columns, and which pass over the inner dimension made its sums.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Place {
+    /// Row of the result.
+    pub(super) row: usize,
+    /// First column.
+    pub(super) col: usize,
+    /// Columns.
+    pub(super) cols: usize,
+    /// No pass before this one.
+    pub(super) first: bool,
+    /// No pass after this one.
+    pub(super) last: bool,
+}
+
+/// Writes N registers of sums, with what they are added to.
+#[inline(always)]
+pub(super) fn finish<T: Real, S: Simd, const N: usize>(
+    s: S,
+    out: &mut MatMut<'_, T>,
+    init: Init<'_, T>,
+    acc: [T::V<S>; N],
+    place: &Place,
+) {
+    let Place { row, col, cols, first, last } = *place;
+    // A later pass adds to the earlier ones; a factor waits for the whole sum.
+    let init = match init {
+        Init::Times(_) if first && !last => Init::Zero,
+        Init::Times(factor) if last => Init::Times(factor),
+        init if first => init,
+        _ => Init::Add,
+    };
+    let at = row * out.stride + col;
+    let out = &mut out.data[at..][..cols];
+    let sum = match init {
+        Init::Zero => acc,
+        Init::Add => plus::<T, S, N>(s, acc, out),
+        Init::Bias(bias) => plus::<T, S, N>(s, acc, &bias[col..][..cols]),
+        Init::AddBias(bias) => {
+            let sum = plus::<T, S, N>(s, acc, &bias[col..][..cols]);
+            plus::<T, S, N>(s, sum, out)
+        }
+        Init::Times(factor) => {
+            let sum = if first { acc } else { plus::<T, S, N>(s, acc, out) };
+            zipped::<T, S, N>(
+                s,
+                sum,
+                &factor[at..][..cols],
+                #[inline(always)]
+                |a, b| T::vmul(s, a, b),
+            )
+        }
+        Init::Residual(bias, residual) => {
+            let sum = plus::<T, S, N>(s, acc, &bias[col..][..cols]);
+            plus::<T, S, N>(s, sum, &residual[at..][..cols])
+        }
+    };
+    put::<T, S, N>(s, out, sum);
 }
 
 #[inline(always)]
@@ -410,7 +522,7 @@ fn step<T: Real, S: Simd, const M: usize, const N: usize>(
     b: &[T::V<S>; N],
 ) -> [[T::V<S>; N]; M] {
     let mut acc = acc;
-    unrolled!(M, [0 1 2 3 4 5 6 7], |I| {
+    unrolled!(M, [0 1 2 3 4 5 6 7 8], |I| {
         let x = T::splat(s, a(I));
         unrolled!(N, [0 1 2], |J| {
             acc[I][J] = T::fma(s, x, b[J], acc[I][J]);

@@ -5,6 +5,8 @@
 //! everything stands on [`mat`], the one place that multiplies matrices, and [`simd`], the
 //! elementwise rest. The module knows nothing of clips, takes or simulators.
 
+#[cfg(target_arch = "x86_64")]
+mod amx;
 #[cfg(test)]
 mod check;
 pub mod checkpoint;
@@ -26,6 +28,8 @@ pub mod ridge;
 mod second;
 pub mod simd;
 mod single;
+#[cfg(target_arch = "x86_64")]
+mod split;
 pub mod step;
 pub mod tensors;
 pub mod token;

@@ -9,7 +9,7 @@
 
 use super::config::{Mixing, NetConfig, WINDOW};
 use super::head::{self, Place, Sums};
-use super::mat::{Init, Mat, MatMut, Packed, gemm, gemm_packed};
+use super::mat::{Init, Mat, MatMut, Packed, gemm, gemm_packed, gemm_tiled};
 use super::params::Layout;
 use super::real::{Aligned, Real};
 use super::simd::{self, PAD};
@@ -129,14 +129,14 @@ impl<T: Real> Panels<T> {
     pub fn refresh(&mut self, net: &Net<T>, threads: usize) {
         let (cfg, at, w) = (&net.cfg, &net.layout, &net.weights);
         let (d, k) = (cfg.width, cfg.outputs());
-        self.embed.pack(Mat::new(&w[at.embed_weight.clone()], cfg.inputs, d));
+        self.embed.pack_tiled(Mat::new(&w[at.embed_weight.clone()], cfg.inputs, d));
         let head = Mat::new(&w[at.head_weight.clone()], d, k);
-        self.head.pack(head);
-        self.head_t.pack(head.t());
+        self.head.pack_tiled(head);
+        self.head_t.pack_tiled(head.t());
         let pack = |(panels, at): (&mut LayerPanels<T>, &super::params::LayerAt)| {
             let pair = |to: &mut Packed<T>, to_t: &mut Packed<T>, m: Mat<'_, T>| {
-                to.pack(m);
-                to_t.pack(m.t());
+                to.pack_tiled(m);
+                to_t.pack_tiled(m.t());
             };
             if cfg.mixing == Mixing::Attention {
                 let qkv = Mat::new(&w[at.qkv_weight.clone()], d, 3 * d);
@@ -489,7 +489,7 @@ fn weight_grad<T: Real>(
     inputs: usize,
     outputs: usize,
 ) {
-    gemm(
+    gemm_tiled(
         MatMut::new(&mut grads[weight.clone()], inputs, outputs),
         Init::Add,
         Mat::new(x, rows, inputs).t(),

@@ -17,7 +17,9 @@ use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 use bytemuck::Pod;
 use pulp::Simd;
 
-use super::mat::Packed;
+#[cfg(target_arch = "x86_64")]
+use super::mat::Factor;
+use super::mat::{Init, Mat, MatMut, Packed};
 
 /// f32 or f64, with the vector operations that the kernels use.
 pub trait Real:
@@ -79,6 +81,11 @@ pub trait Real:
     fn with_scratch<R>(f: impl FnOnce(&mut Packed<Self>) -> R) -> R;
     /// Lends the buffer for the rows of a left factor.
     fn with_left<R>(f: impl FnOnce(&mut Aligned<Self>) -> R) -> R;
+    /// The same matrix, where these are numbers that the tile unit takes.
+    fn single(x: Mat<'_, Self>) -> Option<Mat<'_, f32>>;
+    /// out = init + a b on the tile unit, of numbers that it takes.
+    #[cfg(target_arch = "x86_64")]
+    fn product(out: MatMut<'_, Self>, init: Init<'_, Self>, a: Mat<'_, Self>, b: Factor<'_, Self>);
     /// Exact GELU x Φ(x) and its derivative Φ(x) + x φ(x).
     fn gelu<S: Simd>(s: S, a: Self::V<S>) -> (Self::V<S>, Self::V<S>);
 }
@@ -232,6 +239,20 @@ impl Real for f32 {
         reduce_max_f32s
     );
 
+    fn single(x: Mat<'_, Self>) -> Option<Mat<'_, f32>> {
+        Some(x)
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    fn product(
+        mut out: MatMut<'_, Self>,
+        init: Init<'_, Self>,
+        a: Mat<'_, Self>,
+        b: Factor<'_, Self>,
+    ) {
+        super::split::product(&mut out, init, a, b);
+    }
+
     /// Range reduction by Cody and Waite: x = n ln 2 + r, e^x = 2^n e^r.
     #[inline(always)]
     fn exp<S: Simd>(s: S, a: S::f32s) -> S::f32s {
@@ -287,6 +308,15 @@ impl Real for f64 {
         reduce_sum_f64s,
         reduce_max_f64s
     );
+
+    fn single(_: Mat<'_, Self>) -> Option<Mat<'_, f32>> {
+        None
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    fn product(_: MatMut<'_, Self>, _: Init<'_, Self>, _: Mat<'_, Self>, _: Factor<'_, Self>) {
+        unreachable!("double precision is never packed for the tile unit");
+    }
 
     #[inline(always)]
     fn exp<S: Simd>(_s: S, mut a: S::f64s) -> S::f64s {

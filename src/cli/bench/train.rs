@@ -12,7 +12,7 @@ use crate::net::{AdamConfig, Batch, Learner, Net, WINDOW};
 
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  robert bench train --json\n\nAgainst PyTorch, in turns: python benches/peers/compare.py"
+    after_help = "Examples:\n  robert bench train --json\n  ROBERT_AMX=off robert bench train    # without the tile unit of a processor that has one\n\nAgainst PyTorch, in turns: python benches/peers/compare.py"
 )]
 pub(super) struct Args {
     #[command(flatten)]
@@ -33,8 +33,10 @@ pub(super) struct Args {
 
 #[derive(Serialize)]
 struct Report {
-    /// Rate of large products on all threads.
+    /// Rate of large products on all threads, by vector instructions.
     peak_gflops: f64,
+    /// Whether training used the tile unit beside them, and so may be above that.
+    tiles: bool,
     sizes: Vec<Row>,
 }
 
@@ -67,7 +69,11 @@ pub(super) fn run(args: &Args) -> Outcome {
         rows.push(row);
         peaks.append(&mut found);
     }
-    let report = Report { peak_gflops: median(&mut peaks) / 1e9, sizes: rows };
+    let report = Report {
+        peak_gflops: median(&mut peaks) / 1e9,
+        tiles: crate::net::mat::tiled(),
+        sizes: rows,
+    };
     if args.json {
         return out::json(&report);
     }
@@ -85,7 +91,12 @@ pub(super) fn run(args: &Args) -> Outcome {
         ]);
     }
     out::line(&table.to_string())?;
-    out::line(&format!("peak {:.0} GFLOP/s", report.peak_gflops))
+    let tiles = if report.tiles {
+        "; training used the tile unit, too (without: ROBERT_AMX=off)"
+    } else {
+        ""
+    };
+    out::line(&format!("peak of vector instructions {:.0} GFLOP/s{tiles}", report.peak_gflops))
 }
 
 /// Steps and products in turns, so that a busy or a throttled machine slows both.
