@@ -2,14 +2,15 @@
 //! Architectures Software Developer's Manual, volume 1, chapter 18).
 //!
 //! Eight registers of sixteen rows of 64 bytes; one instruction multiplies two of them as
-//! matrices of bfloat16 and adds to a third in single precision, at eight times the rate of
-//! vector instructions. Rust has no safe way to it: beside `src/mujoco` this is the only
-//! place with `unsafe`, and it holds three small blocks of instructions. What is done with
+//! matrices of bfloat16 and adds to a third in single precision, at sixteen times the rate of
+//! vector instructions of single precision. Rust has no safe way to it: beside `src/mujoco` this
+//! is the only place with `unsafe`, and it holds four blocks of instructions. What is done with
 //! them is in [`super::split`].
 
 #![allow(unsafe_code)]
 
 use std::arch::asm;
+use std::cell::Cell;
 use std::marker::PhantomData;
 use std::sync::OnceLock;
 
@@ -22,7 +23,12 @@ pub(super) const TILE: usize = 256;
 /// Words in a block of 32 rows or columns and 32 inner steps: for each term two tiles.
 pub(super) const BLOCK: usize = TERMS * 2 * TILE;
 
-/// The tile registers of this thread, set up; given back on drop.
+thread_local! {
+    /// Whether this thread has its registers set up.
+    static LIVE: Cell<bool> = const { Cell::new(false) };
+}
+
+/// The tile registers of this thread, set up; given back on drop. One at a time.
 #[derive(Debug)]
 pub(super) struct Tiles {
     /// Registers belong to a thread.
@@ -35,18 +41,27 @@ struct Shape([u8; 64]);
 
 impl Tiles {
     /// Whether this machine has the unit and lets the process use it. `ROBERT_AMX=off` says no.
+    ///
+    /// Linux refuses, too, while a thread has a stack for signals that is too small for tiles; what
+    /// is found at the first call stays.
     pub(super) fn usable() -> bool {
         static USABLE: OnceLock<bool> = OnceLock::new();
         *USABLE.get_or_init(|| {
-            std::env::var_os("ROBERT_AMX").is_none_or(|v| v != "off") && present() && permitted()
+            let off = std::env::var("ROBERT_AMX")
+                .is_ok_and(|v| ["off", "0", "no", "false"].contains(&v.to_lowercase().as_str()));
+            !off && present() && permitted()
         })
     }
 
     /// Sets the registers of this thread up; none where they cannot be used.
+    ///
+    /// # Panics
+    /// When this thread has them already.
     pub(super) fn start() -> Option<Self> {
         if !Self::usable() {
             return None;
         }
+        assert!(!LIVE.replace(true), "the tiles of this thread are in use");
         let mut shape = Shape([0; 64]);
         let (palette, rest) = shape.0.split_at_mut(16);
         let (widths, heights) = rest.split_at_mut(32);
@@ -56,7 +71,13 @@ impl Tiles {
         // SAFETY: the unit is present and permitted (`usable`); the instruction reads the 64
         // bytes of `shape` and sets tile registers, which the compiler never uses.
         unsafe {
-            asm!("ldtilecfg [{}]", in(reg) &raw const shape, options(nostack, readonly));
+            asm!(
+                "ldtilecfg [{}]",
+                in(reg) &raw const shape,
+                out("tmm0") _, out("tmm1") _, out("tmm2") _, out("tmm3") _,
+                out("tmm4") _, out("tmm5") _, out("tmm6") _, out("tmm7") _,
+                options(nostack),
+            );
         }
         Some(Tiles { stay: PhantomData })
     }
@@ -65,7 +86,8 @@ impl Tiles {
     /// `a` and `b`.
     ///
     /// Of the nine products of three terms the six largest count: what is left out is below
-    /// 2⁻²⁵ of the product of two numbers, less than single precision holds.
+    /// 2⁻²⁴ of the product of two numbers, half a unit in the last place of single precision,
+    /// and usually far below.
     ///
     /// # Panics
     /// When the factors are not as many whole blocks.
@@ -79,7 +101,9 @@ impl Tiles {
             }
             return;
         }
-        // SAFETY: the registers are set up for as long as `self` lives. Loads stay within the
+        // SAFETY: the registers are set up for as long as `self` lives: there is one such value
+        // to a thread, and nothing that is called in between uses tiles (the calling convention
+        // leaves them to whoever set them up, and no library here has them). Loads stay within the
         // `blocks` blocks of `a` and `b` (per block six tiles of 1024 bytes each, stride 64),
         // loads and stores of sums within the 4096 bytes of `out` (rows of 128 bytes).
         unsafe {
@@ -88,8 +112,8 @@ impl Tiles {
                 "jz 3f",
                 "tileloadd tmm0, [{c} + {wide}]",
                 "tileloadd tmm1, [{c} + {wide} + 64]",
-                "tileloadd tmm2, [{low} + {wide}]",
-                "tileloadd tmm3, [{low} + {wide} + 64]",
+                "tileloadd tmm2, [{c} + {wide} + 2048]",
+                "tileloadd tmm3, [{c} + {wide} + 2112]",
                 "jmp 2f",
                 "3:",
                 "tilezero tmm0",
@@ -151,13 +175,12 @@ impl Tiles {
                 "jnz 2b",
                 "tilestored [{c} + {wide}], tmm0",
                 "tilestored [{c} + {wide} + 64], tmm1",
-                "tilestored [{low} + {wide}], tmm2",
-                "tilestored [{low} + {wide} + 64], tmm3",
+                "tilestored [{c} + {wide} + 2048], tmm2",
+                "tilestored [{c} + {wide} + 2112], tmm3",
                 add = in(reg) u32::from(add),
                 a = inout(reg) a.as_ptr() => _,
                 b = inout(reg) b.as_ptr() => _,
                 c = in(reg) out.as_mut_ptr(),
-                low = in(reg) out[SIDE * SIDE / 2..].as_mut_ptr(),
                 blocks = inout(reg) blocks => _,
                 line = in(reg) 64_usize,
                 wide = in(reg) 128_usize,
@@ -173,7 +196,15 @@ impl Drop for Tiles {
     /// Empty registers cost a context switch nothing.
     fn drop(&mut self) {
         // SAFETY: the unit is present and permitted, or there would be no value to drop.
-        unsafe { asm!("tilerelease", options(nostack, nomem)) }
+        unsafe {
+            asm!(
+                "tilerelease",
+                out("tmm0") _, out("tmm1") _, out("tmm2") _, out("tmm3") _,
+                out("tmm4") _, out("tmm5") _, out("tmm6") _, out("tmm7") _,
+                options(nostack),
+            );
+        }
+        LIVE.set(false);
     }
 }
 

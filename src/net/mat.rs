@@ -1,7 +1,7 @@
-//! The one place that multiplies matrices.
+//! The place that multiplies matrices; [`super::split`] does some of it on tiles.
 //!
 //! A register-blocked product after Goto and van de Geijn (2008): the right factor is
-//! packed in panels three registers wide, a tile of 8 rows (4 with 16 registers) stays in
+//! packed in panels three registers wide, a tile of 8 or 9 rows (4 with 16 registers) stays in
 //! registers while the inner dimension runs. A left factor that lies row by row is read
 //! where it lies; of one that lies column by column (gradients of weights), a block of rows
 //! is copied first: read in place, each step of a tile is on another page, and products of
@@ -14,7 +14,8 @@
 //! ([`gemm_tiled`], [`Packed::pack_tiled`]); all else, and everything on other processors, is
 //! done here.
 //!
-//! Bits: for given shapes each output is one chain of fused multiply-adds in a fixed order,
+//! Bits: for given shapes each output is added up in a fixed order (one chain of fused multiply-adds
+//! here, a fixed number of chains on tiles),
 //! so results never depend on threads. They do depend on the kind of processor: how wide its
 //! registers are, and whether it has tiles.
 
@@ -70,11 +71,13 @@ impl<'a, T: Real> Mat<'a, T> {
         Mat { data, rows, cols, stride, transposed: false }
     }
 
+    #[cfg(target_arch = "x86_64")]
     /// (rows, columns).
     pub(super) fn shape(&self) -> (usize, usize) {
         (self.rows, self.cols)
     }
 
+    #[cfg(target_arch = "x86_64")]
     /// Where the numbers lie: data, stride, and whether they lie column by column.
     pub(super) fn lines(&self) -> (&'a [T], usize, bool) {
         (self.data, self.stride, self.transposed)
@@ -114,6 +117,7 @@ impl<'a, T: Real> MatMut<'a, T> {
         MatMut { data, rows, cols, stride }
     }
 
+    #[cfg(target_arch = "x86_64")]
     /// (rows, columns).
     pub(super) fn shape(&self) -> (usize, usize) {
         (self.rows, self.cols)
@@ -150,6 +154,7 @@ pub struct Packed<T: Real> {
     lanes: usize,
     #[cfg(target_arch = "x86_64")]
     terms: super::split::Terms,
+    #[cfg(target_arch = "x86_64")]
     /// Whether it is the terms that hold the factor.
     tiled: bool,
 }
@@ -157,7 +162,10 @@ pub struct Packed<T: Real> {
 impl<T: Real> Packed<T> {
     /// Packs `b`; memory is reused when it is large enough.
     pub fn pack(&mut self, b: Mat<'_, T>) {
-        self.tiled = false;
+        #[cfg(target_arch = "x86_64")]
+        {
+            self.tiled = false;
+        }
         Arch::new().dispatch(Pack { out: self, b });
     }
 
@@ -388,7 +396,7 @@ impl<T: Real> Gemm<'_, '_, T> {
     fn rows<S: Simd, const N: usize>(&mut self, s: S, block: &Block<'_, T>) {
         let m = block.first + block.rows;
         let mut i = block.first;
-        // 24 accumulators where there are 32 registers, 12 where there are 16.
+        // 24 or 27 accumulators where there are 32 registers, 12 where there are 16.
         if S::REGISTER_COUNT >= 32 {
             // 51 frames, and the 27 of a second thread, are tiles of 9 and 8: no rows are left
             // over, for which the registers would not be enough to hide how long a sum takes.

@@ -2,7 +2,7 @@
 //!
 //! A window of 51 frames goes in, the action of each frame comes out. [`model`] is the
 //! transformer itself, [`head`] its action head, [`step`] one optimiser step on all cores;
-//! everything stands on [`mat`], the one place that multiplies matrices, and [`simd`], the
+//! everything stands on [`mat`], which multiplies matrices (some of them on tiles), and [`simd`], the
 //! elementwise rest. The module knows nothing of clips, takes or simulators.
 
 #[cfg(target_arch = "x86_64")]

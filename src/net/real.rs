@@ -4,7 +4,7 @@
 //! Vectors come from `pulp`, whose dispatch picks SSE, AVX2, AVX-512 or NEON at run time
 //! behind a safe interface. Rejected: `target-cpu=native` (a released binary would be slow
 //! or not start elsewhere) and the `gemm` crate's `unsafe fn` (this crate keeps unsafe code
-//! in the simulator layer alone).
+//! in the simulator layer and the tile unit).
 
 // Vector code must be inlined into the function that pulp compiles for the processor found.
 #![allow(clippy::inline_always)]

@@ -5,7 +5,13 @@
 //! products, of which [`Tiles::multiply`] adds the six that single precision can tell
 //! (Henry, Tang, Heinecke 2019, "Leveraging the bfloat16 Artificial Intelligence Datatype
 //! for Higher-Precision Computations", section III). The result is as near as that of a chain
-//! of fused multiply-adds (see the test), at two to three times its rate.
+//! of fused multiply-adds (see the test). On data in the cache one core of a Sapphire Rapids
+//! made 420 GFLOP/s so, against 148 by vector instructions; a whole training step is 1.3 to
+//! 1.4 times as fast.
+//!
+//! The unit takes numbers below 2⁻¹²⁶ for zero, so that third terms vanish below about 1e-31, and
+//! numbers within 2⁻⁹ of the largest round to infinity. What is not finite in a factor is not
+//! finite in the result; it may be NaN where vector instructions gave an infinity.
 //!
 //! Factors are cut into blocks of 32 × 32. An inner step of the unit takes pairs of numbers;
 //! since the order of a sum is free, a pair here is steps j and j + 16 of a block, which lie
@@ -35,7 +41,10 @@ const ROWS: usize = 8;
 /// Inner blocks for which the right factor stays in the first cache.
 const CHUNK: usize = 4;
 
-/// A right factor (k, n), split and in blocks; those of 32 columns follow each other.
+const _: () = assert!(PASS * ROWS <= STAY);
+
+/// A right factor (k, n), split and in blocks; those of 32 columns follow each other. Each word
+/// of its data is a pair of bfloat16, not a number.
 #[derive(Clone, Debug, Default)]
 pub struct Terms {
     data: Aligned<f32>,
@@ -48,7 +57,7 @@ pub struct Terms {
 struct Scratch {
     left: Aligned<f32>,
     right: Aligned<f32>,
-    sums: Vec<[f32; SIDE * SIDE]>,
+    sums: Aligned<f32>,
 }
 
 thread_local! {
@@ -68,7 +77,7 @@ pub(super) fn suits(k: usize, n: usize) -> bool {
 impl Terms {
     /// Splits `b`; memory is reused when it is large enough.
     pub(super) fn pack(&mut self, b: Mat<'_, f32>) {
-        let Some(v4) = V4::try_new() else { return };
+        let Some(v4) = V4::try_new() else { unreachable!("nothing suits without AVX-512") };
         let (k, n) = b.shape();
         (self.k, self.n) = (k, n);
         let deep = k.div_ceil(SIDE);
@@ -110,7 +119,10 @@ pub(super) fn product(
     };
     let (rows, inner) = a.shape();
     assert!(k == inner && out.shape() == (rows, n), "shapes of a product disagree");
-    let (Some(v4), Some(tiles)) = (V4::try_new(), Tiles::start()) else { return };
+    assert!(k > 0, "an empty inner dimension does not suit");
+    let (Some(v4), Some(tiles)) = (V4::try_new(), Tiles::start()) else {
+        unreachable!("nothing suits without tiles")
+    };
     SCRATCH.with_borrow_mut(|scratch| {
         v4.vectorize(Product { v4, tiles: &tiles, out, init, a, b, scratch });
     });
@@ -134,12 +146,15 @@ impl NullaryFnOnce for Product<'_, '_, '_> {
         let Product { v4, tiles, out, init, a, b, scratch } = self;
         let Scratch { left, right, sums } = scratch;
         let ((rows, k), (_, n)) = (a.shape(), out.shape());
+        if rows == 0 || n == 0 {
+            return;
+        }
         let (tall, deep, wide) = (rows.div_ceil(SIDE), k.div_ceil(SIDE), n.div_ceil(SIDE));
         let pass = deep.div_ceil(deep.div_ceil(PASS).max(1));
         let mut start = 0;
         while start < deep {
             let depth = pass.min(deep - start);
-            let many = (STAY / depth).clamp(1, ROWS).min(tall);
+            let many = ROWS.min(tall);
             // The smaller factor stays where both have to be split.
             let strip = match b {
                 Factor::Terms(_) => wide,
@@ -147,7 +162,8 @@ impl NullaryFnOnce for Product<'_, '_, '_> {
                 Factor::Mat(_) => (STAY / depth).clamp(1, wide),
             };
             left.reserve(many * depth * BLOCK);
-            sums.resize(many, [0.0; SIDE * SIDE]);
+            sums.reserve(many * SIDE * SIDE);
+            let sums = sums.as_chunks_mut::<{ SIDE * SIDE }>().0;
             let mut ready = false;
             for col in (0..wide).step_by(strip) {
                 let cols = strip.min(wide - col);
@@ -170,7 +186,7 @@ impl NullaryFnOnce for Product<'_, '_, '_> {
                         };
                         let right = &right[..depth * BLOCK];
                         for (c, right) in right.chunks(CHUNK * BLOCK).enumerate() {
-                            for (left, sums) in left.chunks(depth * BLOCK).zip(&mut *sums) {
+                            for (left, sums) in left.chunks(depth * BLOCK).zip(sums.iter_mut()) {
                                 let left = &left[c * CHUNK * BLOCK..][..right.len()];
                                 tiles.multiply(left, right, sums, c > 0);
                             }
@@ -206,7 +222,7 @@ fn store(
     let rows = out.shape().0.min(place.row + SIDE);
     for (row, line) in (place.row..rows).zip(sums.as_chunks::<SIDE>().0) {
         let place = Place { row, ..place };
-        let (low, high) = (whole(v4, line), whole(v4, &line[16..]));
+        let (low, high) = (whole(line), whole(&line[16..]));
         if place.cols > 16 {
             finish::<f32, V4, 2>(v4, out, init, [low, high], &place);
         } else {
@@ -230,7 +246,7 @@ fn split_left(v4: V4, a: Mat<'_, f32>, row: usize, [start, depth]: [usize; 2], t
                 let from = &data[row * stride + step..];
                 emit(v4, block, tile, |i| {
                     let line = &from[i * stride..][..SIDE];
-                    (whole(v4, line), whole(v4, &line[16..]))
+                    (whole(line), whole(&line[16..]))
                 });
             } else {
                 let (low, high) = (a.square(v4, row, step), a.square(v4, row, step + 16));
@@ -259,7 +275,7 @@ fn split_right(v4: V4, b: Mat<'_, f32>, col: usize, [start, depth]: [usize; 2], 
                 if inside {
                     let from = &data[step * stride + col..];
                     emit(v4, block, tile, |j| {
-                        (whole(v4, &from[j * stride..]), whole(v4, &from[(j + 16) * stride..]))
+                        (whole(&from[j * stride..]), whole(&from[(j + 16) * stride..]))
                     });
                 } else {
                     let (low, high) = (b.square(v4, step, col), b.square(v4, step + 16, col));
@@ -297,7 +313,7 @@ fn lines(
     if row + 16 <= rows && col + 16 <= cols {
         let from = &data[row * stride + col..];
         for (i, to) in to.iter_mut().enumerate() {
-            *to = whole(v4, &from[i * stride..]);
+            *to = whole(&from[i * stride..]);
         }
     } else if col < cols {
         let wide = (cols - col).min(16);
@@ -310,8 +326,8 @@ fn lines(
 
 /// The next sixteen numbers.
 #[inline(always)]
-fn whole(v4: V4, x: &[f32]) -> f32x16 {
-    x.first_chunk::<16>().map_or_else(|| v4.splat_f32s(0.0), |x| pulp::cast(*x))
+fn whole(x: &[f32]) -> f32x16 {
+    V4::as_simd_f32s(&x[..16]).0[0]
 }
 
 /// Splits pairs of numbers and writes them as rows of the tiles of a block.
@@ -331,7 +347,7 @@ fn emit(v4: V4, block: &mut [f32; BLOCK], tile: usize, at: impl Fn(usize) -> (f3
 /// The three terms of each number, in the upper halves of the words.
 ///
 /// The first two are rounded by adding half of what is cut off. What is left then has no more
-/// than eight bits, so that the last one is exact; it is cut so that NaN stays NaN.
+/// than seven bits, so that the last one is exact; it is cut so that NaN stays NaN.
 #[inline(always)]
 fn terms(v4: V4, x: f32x16) -> [u32x16; TERMS] {
     let (half, upper) = (v4.splat_u32s(0x8000), v4.splat_u32s(0xffff_0000));
@@ -389,7 +405,7 @@ fn transpose(v4: V4, x: &[f32x16; 16]) -> [f32x16; 16] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::net::mat::{gemm, gemm_tiled};
+    use crate::net::mat::{Packed, gemm, gemm_packed, gemm_tiled};
     use crate::rng::{Rng, Stream};
 
     fn random(n: usize, index: u64) -> Vec<f32> {
@@ -415,22 +431,15 @@ mod tests {
     fn three_terms_are_the_number() {
         let Some(v4) = V4::try_new() else { return };
         let mut x = random(4096, 9);
-        x.extend([
-            0.0,
-            -0.0,
-            1.0,
-            1.0 - f32::EPSILON / 2.0,
-            -3.999_999_8,
-            1e30,
-            f32::MAX / 2.0,
-            7e-30,
-        ]);
-        x.extend([f32::NAN, f32::INFINITY, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0]);
+        x.extend([0.0, -0.0, 1.0, 1.0 - f32::EPSILON / 2.0, -3.999_999_8, 1e30, f32::MAX / 2.0]);
+        x.extend([0x7fff_ffff, 0xffff_8000, 0x7f80_0001].map(f32::from_bits));
+        x.extend([f32::NAN, f32::INFINITY, -f32::INFINITY, f32::MAX, 7e-30, 1.0]);
         for x in x.as_chunks::<16>().0 {
             let y: [[f32; 16]; 3] = terms(v4, pulp::cast(*x)).map(pulp::cast);
             for (i, &x) in x.iter().enumerate() {
                 let sum = y[0][i] + (y[1][i] + y[2][i]);
-                assert!(sum == x || !x.is_finite() && !sum.is_finite(), "{x}: {sum}");
+                let edge = !x.is_finite() || x == f32::MAX;
+                assert!(sum == x || edge && !sum.is_finite(), "{x}: {sum}");
                 for t in &y {
                     assert_eq!(t[i].to_bits() & 0xffff, 0);
                 }
@@ -438,41 +447,142 @@ mod tests {
         }
     }
 
-    /// As near to the product in double precision as the vector units' is.
+    /// A matrix whose place (i, j) is known, stored either way.
+    fn stored(x: &[f32], rows: usize, cols: usize, turned: bool) -> Vec<f32> {
+        let at = |i: usize| if turned { (i % rows) * cols + i / rows } else { i };
+        (0..rows * cols).map(|i| x[at(i)]).collect()
+    }
+
+    fn mat(x: &[f32], rows: usize, cols: usize, turned: bool) -> Mat<'_, f32> {
+        if turned { Mat::new(x, cols, rows).t() } else { Mat::new(x, rows, cols) }
+    }
+
+    /// As near to the product in double precision as the vector units' is, in every way that a
+    /// product can be asked for, and for shapes of several passes, groups and strips.
     #[test]
     fn products_are_of_single_precision() {
-        if !Tiles::usable() {
+        if !usable() {
             return;
         }
-        for (m, k, n) in
-            [(32, 32, 32), (51, 37, 45), (408, 256, 40), (17, 1100, 65), (300, 816, 96)]
-        {
+        let shapes = [
+            (32, 32, 32),
+            (51, 37, 45),
+            (33, 32, 48),
+            (64, 512, 200),
+            (300, 1024, 300),
+            (17, 1100, 65),
+        ];
+        for (m, k, n) in shapes {
             let (a, b, c) = (random(m * k, 0), random(k * n, 1), random(m * n, 2));
-            for (ta, tb) in [(false, false), (true, false), (false, true)] {
-                let ma = if ta { Mat::new(&a, k, m).t() } else { Mat::new(&a, m, k) };
-                let mb = if tb { Mat::new(&b, n, k).t() } else { Mat::new(&b, k, n) };
-                let at = |i: usize, p: usize| f64::from(a[if ta { p * m + i } else { i * k + p }]);
-                let bt = |p: usize, j: usize| f64::from(b[if tb { j * k + p } else { p * n + j }]);
-                let (mut tiled, mut plain) = (c.clone(), c.clone());
-                gemm_tiled(MatMut::new(&mut tiled, m, n), Init::Add, ma, mb);
-                gemm(MatMut::new(&mut plain, m, n), Init::Add, ma, mb);
-                let (mut worst, mut error, mut peer) = (0.0_f64, 0.0, 0.0);
-                for i in 0..m {
-                    for j in 0..n {
-                        let (mut sum, mut scale) = (f64::from(c[i * n + j]), 0.0);
-                        for p in 0..k {
-                            let x = at(i, p) * bt(p, j);
-                            sum += x;
-                            scale += x * x;
-                        }
-                        let scale = scale.sqrt().max(1e-30);
-                        let off = |x: f32| (f64::from(x) - sum) / scale;
-                        error += off(tiled[i * n + j]).powi(2);
-                        peer += off(plain[i * n + j]).powi(2);
-                        worst = worst.max(off(tiled[i * n + j]).abs());
+            let bias = random(n, 3);
+            let (mut dot, mut scale) = (vec![0.0_f64; m * n], vec![0.0_f64; m * n]);
+            for i in 0..m {
+                for p in 0..k {
+                    let x = f64::from(a[i * k + p]);
+                    let line = dot[i * n..][..n].iter_mut().zip(&mut scale[i * n..][..n]);
+                    for ((dot, scale), &y) in line.zip(&b[p * n..][..n]) {
+                        *dot += x * f64::from(y);
+                        *scale += (x * f64::from(y)).powi(2);
                     }
                 }
-                assert!(error < 1.5 * peer && worst < 1e-5, "{m}x{k}x{n}: {error} {peer} {worst}");
+            }
+            for way in 0..6 {
+                let (ta, tb) = (way % 2 == 1, way / 2 % 2 == 1);
+                let (a, b) = (stored(&a, m, k, ta), stored(&b, k, n, tb));
+                let (ma, mb) = (mat(&a, m, k, ta), mat(&b, k, n, tb));
+                let init = match way {
+                    0 => Init::Zero,
+                    1 => Init::Add,
+                    2 => Init::Bias(&bias),
+                    3 => Init::AddBias(&bias),
+                    4 => Init::Times(&c),
+                    _ => Init::Residual(&bias, &c),
+                };
+                let (mut tiled, mut plain) = (c.clone(), c.clone());
+                gemm_tiled(MatMut::new(&mut tiled, m, n), init, ma, mb);
+                gemm(MatMut::new(&mut plain, m, n), init, ma, mb);
+                assert!(tiled != plain, "the tiles were not asked");
+                let mut packed = Packed::default();
+                packed.pack_tiled(mb);
+                let mut split = c.clone();
+                gemm_packed(MatMut::new(&mut split, m, n), init, ma, &packed);
+                assert!(split == tiled, "{m}x{k}x{n} {way}: split before, other bits");
+                let (mut worst, mut error, mut peer) = (0.0_f64, 0.0, 0.0);
+                for at in 0..m * n {
+                    let (x, y) = (f64::from(c[at]), f64::from(bias[at % n]));
+                    let want = match way {
+                        0 => dot[at],
+                        1 => dot[at] + x,
+                        2 => dot[at] + y,
+                        4 => dot[at] * x,
+                        _ => dot[at] + x + y,
+                    };
+                    let size = scale[at].sqrt() * if way == 4 { x.abs() } else { 1.0 };
+                    let size = size.max(x.abs().max(y.abs()) * f64::from(u8::from(way != 4)));
+                    let off = |x: f32| (f64::from(x) - want) / size.max(1e-30);
+                    error += off(tiled[at]).powi(2);
+                    peer += off(plain[at]).powi(2);
+                    worst = worst.max(off(tiled[at]).abs());
+                }
+                let what = format!("{m}x{k}x{n} {way}: {error:e} {peer:e} {worst:e}");
+                assert!(error < 1.5 * peer && worst < 1e-5, "{what}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_not_finite_stays_in_its_row_and_column() {
+        if !usable() {
+            return;
+        }
+        let (m, k, n) = (40, 70, 50);
+        let (a, b) = (random(m * k, 0), random(k * n, 1));
+        let product = |a: &[f32], b: &[f32]| {
+            let mut c = vec![0.0; m * n];
+            gemm_tiled(MatMut::new(&mut c, m, n), Init::Zero, Mat::new(a, m, k), Mat::new(b, k, n));
+            c
+        };
+        let clean = product(&a, &b);
+        let bad =
+            [0x7fff_ffff, 0xffff_8000, 0x7f80_0001, 0x7f80_0000, 0xff80_0000].map(f32::from_bits);
+        for bad in bad {
+            let (mut row, mut col) = (a.clone(), b.clone());
+            row[33 * k + 65] = bad;
+            col[65 * n + 47] = bad;
+            for (at, (x, y)) in product(&row, &b).into_iter().zip(product(&a, &col)).enumerate() {
+                assert!(if at / n == 33 { !x.is_finite() } else { x == clean[at] }, "{bad} {at}");
+                assert!(if at % n == 47 { !y.is_finite() } else { y == clean[at] }, "{bad} {at}");
+            }
+        }
+    }
+
+    #[test]
+    fn one_room_packs_either_way_again_and_again() {
+        let mut room = Packed::default();
+        for (k, n, tiled) in [
+            (96, 64, true),
+            (5, 7, false),
+            (40, 33, true),
+            (32, 16, true),
+            (600, 70, true),
+            (96, 64, true),
+        ] {
+            let b = random(k * n, 4);
+            let pack = |to: &mut Packed<f32>| {
+                let b = Mat::new(&b, k, n);
+                if tiled { to.pack_tiled(b) } else { to.pack(b) }
+            };
+            let mut fresh = Packed::default();
+            pack(&mut fresh);
+            pack(&mut room);
+            for m in [0, 1, 33] {
+                let a = random(m * k, 5);
+                let product = |by: &Packed<f32>| {
+                    let mut c = vec![0.0; m * n];
+                    gemm_packed(MatMut::new(&mut c, m, n), Init::Zero, Mat::new(&a, m, k), by);
+                    c
+                };
+                assert_eq!(product(&room), product(&fresh), "{m}x{k}x{n}");
             }
         }
     }

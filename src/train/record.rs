@@ -178,9 +178,17 @@ pub fn runs_in(dir: &Path) -> Result<Vec<Record>, Error> {
 
 /// The robot's id out of meta.json; empty in runs of before it was kept.
 fn robot(dir: &Path) -> String {
+    meta(dir).get("robot").and_then(Value::as_str).unwrap_or_default().to_owned()
+}
+
+/// Whether a run was begun on a tile unit; none in runs of before that was kept.
+pub(super) fn began_with_tiles(dir: &Path) -> Option<bool> {
+    meta(dir).get("tiles").and_then(Value::as_bool)
+}
+
+fn meta(dir: &Path) -> Value {
     let bytes = fsio::read_capped(&dir.join("meta.json"), META_BYTES).unwrap_or_default();
-    let meta: Value = serde_json::from_slice(&bytes).unwrap_or_default();
-    meta.get("robot").and_then(Value::as_str).unwrap_or_default().to_owned()
+    serde_json::from_slice(&bytes).unwrap_or_default()
 }
 
 fn step_of(line: &Value) -> Option<u64> {

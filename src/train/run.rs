@@ -13,13 +13,14 @@ use serde::{Deserialize, Serialize};
 
 use super::hindsight::{self, Perform, Round};
 use super::prepare::{normaliser, prepare};
-use super::record::{Line, Record, read_metrics};
+use super::record::{Line, Record, began_with_tiles, read_metrics};
 use super::source::{Mix, Source};
 use super::{Error, TrainConfig, curves};
 use crate::dataset::{Dataset, Part, Windows};
 use crate::fsio;
 use crate::net::checkpoint::{self, OptimiserState};
 use crate::net::head::{GAPS, Sums};
+use crate::net::mat::tiled;
 use crate::net::step::Look;
 use crate::net::{Batch, Card, Encoder, Learner, Model, Net, SkipKind, WINDOW};
 use crate::progress::{Cancel, Progress};
@@ -462,6 +463,7 @@ impl<'a> Run<'a> {
                 "dataset": data.path(),
                 "dataset_sha256": card.training.dataset_sha256,
                 "seed": cfg.seed,
+                "tiles": tiled(),
                 "run": opts.meta,
             });
             fsio::write_atomic(&dir.join("meta.json"), format!("{meta:#}\n").as_bytes())?;
@@ -495,6 +497,14 @@ impl<'a> Run<'a> {
         let Some(state) = optimiser else {
             return refuse("no optimiser state to go on from".into());
         };
+        if began_with_tiles(dir).is_some_and(|tiles| tiles != tiled()) {
+            let with = if tiled() {
+                "without a tile unit, and goes on with"
+            } else {
+                "with a tile unit, and goes on without"
+            };
+            opts.progress.log(&format!("this run began {with} one: as good, but its last bits are no longer those of an undisturbed run"));
+        }
         // The checkpoint knows what it was trained with; the file beside it can be edited.
         let own = serde_json::from_value::<TrainConfig>(card.training.config.clone());
         if own.ok().as_ref() != Some(cfg) {

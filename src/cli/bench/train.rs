@@ -1,4 +1,5 @@
-//! `robert bench train`: windows a second, and how near that is to the machine's peak.
+//! `robert bench train`: windows a second, and how near that is to the peak of the machine's
+//! vector instructions (with a tile unit it may be above).
 
 use std::time::Instant;
 
