@@ -8,7 +8,7 @@ use std::path::Path;
 
 use robert::dataset::{Dataset, Verify};
 use robert::mujoco::Data;
-use robert::net::{COMMAND, CURRENT, Policy, PolicyConfig, WINDOW, checkpoint};
+use robert::net::{COMMAND, CURRENT, NetPolicy, NetPolicyConfig, WINDOW, checkpoint};
 use robert::progress::{Cancel, Silent};
 use robert::robot::Robot;
 use robert::train::{Options, TrainConfig, run::paths, train};
@@ -26,7 +26,7 @@ fn main() -> Result<(), Failure> {
     let run = Path::new("runs/example");
     teach(Path::new(&data), run)?;
     let model = checkpoint::load(&paths::model(run), None)?;
-    let mut policy = Policy::new(model.net, model.encoder, PolicyConfig::default())?;
+    let mut policy = NetPolicy::new(model.net, model.encoder, NetPolicyConfig::default())?;
     for (goal, reached) in GOALS.iter().zip(perform(&mut policy)?) {
         println!("asked for {goal:?} m, was at {reached:.4?} m");
     }
@@ -47,7 +47,7 @@ fn teach(data: &Path, run: &Path) -> Result<(), Failure> {
         evaluations: 4,
         progress: &Silent,
         cancel: &cancel,
-        judge: None,
+        evaluator: None,
         perform: None,
         meta: serde_json::Value::Null,
     };
@@ -63,7 +63,7 @@ fn teach(data: &Path, run: &Path) -> Result<(), Failure> {
 }
 
 /// The loop. Returns where the robot was at the time of each goal.
-fn perform(policy: &mut Policy) -> Result<Vec<Vec<f64>>, Failure> {
+fn perform(policy: &mut NetPolicy) -> Result<Vec<Vec<f64>>, Failure> {
     let robot = Robot::builtin("pointmass")?;
     let mut plant = Data::new(robot.model())?;
     let s = robot.state_dim();

@@ -63,7 +63,7 @@ fn thirty_kills_change_no_bit() {
 }
 
 #[test]
-fn damage_is_named_and_mended() {
+fn damage_is_named_and_repaired() {
     let dir = tempfile::tempdir().unwrap();
     let first = collect(dir.path(), "d", &[]);
     assert_eq!(first["totals"]["frames"], 4000);

@@ -230,7 +230,7 @@ fn a_run_is_listed_shown_compared_and_drawn() {
         let (code, stdout, stderr) = call(dir, &tiny(&rest));
         assert_eq!(code, 0, "{stderr}");
         let report: serde_json::Value = serde_json::from_str(&stdout).unwrap();
-        // Four steps may well be worse than the linear answer that they start from.
+        // Four steps may well be worse than the linear prediction that they start from.
         let best = report["result"]["best"][1].as_f64().unwrap();
         assert!(best <= report["result"]["linear"].as_f64().unwrap(), "{report}");
         let png = std::fs::read(dir.join(out).join("curves.png")).unwrap();
@@ -240,7 +240,7 @@ fn a_run_is_listed_shown_compared_and_drawn() {
     assert!(code == 0 && text.contains("pointmass") && text.lines().count() >= 4, "{text}");
     let (code, text, _) = call(dir, &["runs", "show", "runs/a"]);
     assert_eq!(code, 0);
-    for part in ["best, step ", "last, step 4", "linear answer", "manual/circle", "at a stop"] {
+    for part in ["best, step ", "last, step 4", "linear prediction", "manual/circle", "at a stop"] {
         assert!(text.contains(part), "no {part:?} in {text}");
     }
     // Nothing touches in this plane: no error of zero there.

@@ -7,7 +7,7 @@ median wall and processor time of a step of each, and the ratio PyTorch / ours (
 ours is faster). PyTorch runs the model of model.py with AdamW and clipping, eager and, with
 --compile, through torch.compile; the faster one counts. For one action PyTorch computes all
 frames of the last layer and picks the current one, the engine only what that frame needs; the
-engine's figure includes features and linear answer, PyTorch's does not.
+engine's figure includes features and linear prediction, PyTorch's does not.
 """
 
 import argparse

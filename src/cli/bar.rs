@@ -16,7 +16,7 @@ const EVENT_EVERY: Duration = Duration::from_millis(200);
 /// Time left, by the pace since the first tick: what came before it (a fit, an evaluation),
 /// and what an earlier session did, tell nothing of it.
 #[derive(Debug, Default)]
-struct Pace(Mutex<Option<First>>);
+struct TimeLeft(Mutex<Option<First>>);
 
 /// The first tick of a count.
 #[derive(Clone, Copy, Debug)]
@@ -26,7 +26,7 @@ struct First {
     at: Instant,
 }
 
-impl Pace {
+impl TimeLeft {
     /// Seconds from `now` to the end; `None` until something was done.
     fn left(&self, done: u64, total: u64, now: Instant) -> Option<f64> {
         let mut first = self.0.lock().unwrap_or_else(PoisonError::into_inner);
@@ -55,7 +55,7 @@ fn span(secs: Option<f64>) -> String {
 #[derive(Debug)]
 pub(super) struct Bar {
     bar: ProgressBar,
-    pace: Pace,
+    time_left: TimeLeft,
     plain: Option<Mutex<Plain>>,
     /// With `--jsonl`: when the last event was written.
     events: Option<Mutex<Plain>>,
@@ -86,7 +86,7 @@ impl Bar {
         let plain = (!tty && !quiet).then(|| Mutex::new(Plain { start: now, last: now }));
         let events = lines.then(|| Mutex::new(Plain { start: now, last: now }));
         let phase = Mutex::new((what.to_owned(), unit.to_owned()));
-        Bar { bar, pace: Pace::default(), plain, events, phase }
+        Bar { bar, time_left: TimeLeft::default(), plain, events, phase }
     }
 
     fn named(&self) -> (String, String) {
@@ -130,7 +130,7 @@ fn name(bar: &ProgressBar, what: &str, unit: &str) {
 impl Progress for Bar {
     fn tick(&self, done: u64, total: u64, note: &str) {
         self.tell(done, total, note);
-        let left = span(self.pace.left(done, total, Instant::now()));
+        let left = span(self.time_left.left(done, total, Instant::now()));
         self.bar.set_length(total);
         self.bar.set_position(done);
         if !self.bar.is_hidden() {
@@ -153,7 +153,7 @@ impl Progress for Bar {
         name(&self.bar, what, unit);
         // What comes is as fast as it is, not as what was.
         self.bar.reset();
-        *self.pace.0.lock().unwrap_or_else(PoisonError::into_inner) = None;
+        *self.time_left.0.lock().unwrap_or_else(PoisonError::into_inner) = None;
         for times in [&self.plain, &self.events].into_iter().flatten() {
             if let Ok(mut times) = times.lock() {
                 times.start = Instant::now();
@@ -182,15 +182,15 @@ mod tests {
 
     #[test]
     fn time_left_follows_the_pace_of_this_session() {
-        let (pace, start) = (Pace::default(), Instant::now());
+        let (time_left, start) = (TimeLeft::default(), Instant::now());
         let at = |secs| start + Duration::from_secs(secs);
         // Sixty seconds of fitting went before; an earlier session did 900 of 1000.
-        assert_eq!(pace.left(900, 1000, at(60)), None);
-        assert_eq!(pace.left(900, 1000, at(61)), None);
-        assert_eq!(pace.left(910, 1000, at(65)), Some(45.0));
-        assert_eq!(pace.left(1000, 1000, at(110)), Some(0.0));
-        assert_eq!(pace.left(0, 50, at(111)), None, "another part");
-        assert_eq!(pace.left(25, 50, at(121)), Some(10.0));
+        assert_eq!(time_left.left(900, 1000, at(60)), None);
+        assert_eq!(time_left.left(900, 1000, at(61)), None);
+        assert_eq!(time_left.left(910, 1000, at(65)), Some(45.0));
+        assert_eq!(time_left.left(1000, 1000, at(110)), Some(0.0));
+        assert_eq!(time_left.left(0, 50, at(111)), None, "another part");
+        assert_eq!(time_left.left(25, 50, at(121)), Some(10.0));
         let texts = [None, Some(12.4), Some(200.0), Some(18_245.0)].map(span);
         assert_eq!(texts, ["-", "12 s", "3 min 20 s", "5 h 4 min"]);
     }

@@ -1,4 +1,4 @@
-//! `robert doctor`: is everything here that the program needs, and what mends it?
+//! `robert doctor`: is everything here that the program needs, and what fixes it?
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -40,8 +40,9 @@ struct Check {
     name: &'static str,
     state: State,
     found: String,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    mend: Option<String>,
+    // Scripts know the old name.
+    #[serde(rename = "mend", skip_serializing_if = "Option::is_none")]
+    fix: Option<String>,
 }
 
 #[derive(Debug, Serialize)]
@@ -52,11 +53,11 @@ struct Report {
 
 impl Check {
     fn ok(name: &'static str, found: impl Into<String>) -> Check {
-        Check { name, state: State::Ok, found: found.into(), mend: None }
+        Check { name, state: State::Ok, found: found.into(), fix: None }
     }
 
-    fn bad(name: &'static str, state: State, found: impl Into<String>, mend: &str) -> Check {
-        Check { name, state, found: found.into(), mend: Some(mend.to_owned()) }
+    fn bad(name: &'static str, state: State, found: impl Into<String>, fix: &str) -> Check {
+        Check { name, state, found: found.into(), fix: Some(fix.to_owned()) }
     }
 }
 
@@ -85,15 +86,15 @@ pub(super) fn run(args: &Args) -> Outcome {
                 State::Warning => "--",
                 State::Missing => "!!",
             };
-            let mend = c.mend.as_ref().map(|m| format!("\nmend: {m}")).unwrap_or_default();
-            table.add_row([mark.to_owned(), c.name.to_owned(), format!("{}{mend}", c.found)]);
+            let fix = c.fix.as_ref().map(|m| format!("\nmend: {m}")).unwrap_or_default();
+            table.add_row([mark.to_owned(), c.name.to_owned(), format!("{}{fix}", c.found)]);
         }
         out::line(&table.to_string())?;
     }
     if missing {
         return Err(Failure::with(
             Exit::Missing,
-            "something is missing; each line above says what mends it",
+            "something is missing; each line above says what fixes it",
         ));
     }
     Ok(())
@@ -164,9 +165,9 @@ fn processor() -> Check {
     let features: Vec<&str> = Vec::new();
     let found = format!("{cores} cores, {name}, {}", features.join(" "));
     if cfg!(target_arch = "x86_64") && !features.contains(&"avx2") {
-        let mend =
+        let fix =
             "training works but is several times slower than on a processor of the last ten years";
-        return Check::bad("processor", State::Warning, found, mend);
+        return Check::bad("processor", State::Warning, found, fix);
     }
     Check::ok("processor", found)
 }

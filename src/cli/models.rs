@@ -45,7 +45,7 @@ pub(super) enum Args {
         /// What a reader should know: data, commands, seeds, limits.
         #[arg(long, default_value = "")]
         notes: String,
-        /// Corrections of the linear answer up to this size count for nothing (action units,
+        /// Corrections of the linear prediction up to this size count for nothing (action units,
         /// 0 to 0.5): on a robot that is nearly linear they are the network's own noise.
         #[arg(long, default_value_t = 0.0)]
         dead_zone: f64,

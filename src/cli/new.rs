@@ -27,7 +27,7 @@ use crate::rollout::{
     Case, EvalConfig, Evaluation, PolicyConfig, PolicyName, Start, Suite, evaluate, model_path,
     shipped, tasks,
 };
-use crate::train::judge::SuiteJudge;
+use crate::train::evaluator::SuiteEvaluator;
 use crate::train::run::read_config;
 use crate::train::{ContactTarget, Evaluate, Finished, Options, TrainConfig, train};
 
@@ -164,7 +164,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     report(args, &robot, &found, kept, instant_secs, since())
 }
 
-/// Trains for the given time, with the trial clips as judge.
+/// Trains for the given time, with the trial clips as evaluator.
 fn teach(
     args: &Args,
     robot: &Arc<Robot>,
@@ -192,10 +192,11 @@ fn teach(
         let steps = args.minutes * 60.0 * PLANNED * tried.windows_per_sec / preset.batch as f64;
         TrainConfig { steps: (steps as u64).max(50), ..preset }
     };
-    let mut judge = SuiteJudge::new(Arc::clone(robot), threads).map_err(Failure::invalid)?;
+    let mut evaluator =
+        SuiteEvaluator::new(Arc::clone(robot), threads).map_err(Failure::invalid)?;
     let bar = Bar::new("train", "steps", global.quiet);
-    let judge = judge.as_mut().map(|j| j as &mut dyn Evaluate);
-    let done = train(data, &cfg, options(&places.run, threads, &bar, cancel, judge));
+    let evaluator = evaluator.as_mut().map(|j| j as &mut dyn Evaluate);
+    let done = train(data, &cfg, options(&places.run, threads, &bar, cancel, evaluator));
     bar.finish();
     let done = done?;
     if done.interrupted {
@@ -211,16 +212,16 @@ fn options<'a>(
     threads: usize,
     progress: &'a dyn crate::progress::Progress,
     cancel: &'a Cancel,
-    judge: Option<&'a mut dyn Evaluate>,
+    evaluator: Option<&'a mut dyn Evaluate>,
 ) -> Options<'a> {
     Options {
         dir: dir.to_owned(),
         threads,
         checkpoint_secs: 60.0,
-        evaluations: if judge.is_some() { 8 } else { 0 },
+        evaluations: if evaluator.is_some() { 8 } else { 0 },
         progress,
         cancel,
-        judge,
+        evaluator,
         perform: None,
         meta: json!({ "version": env!("CARGO_PKG_VERSION"), "argv": std::env::args().collect::<Vec<_>>() }),
     }

@@ -156,7 +156,7 @@ fn show(dir: &Path, output: Option<&Path>, json: bool) -> Outcome {
             e.map_or_else(|| what.to_owned(), |(step, _)| format!("{what}, step {step}"))
         };
         let (b, l) = (head("best", best), head("last", last));
-        let mut t = out::table(&["task", &b, &l, "linear answer"]);
+        let mut t = out::table(&["task", &b, &l, "linear prediction"]);
         let at =
             |e: Option<&Evaluation>, task: &str| cell(e.and_then(|e| e.suites.get(task).copied()));
         for task in r.tasks() {
@@ -180,7 +180,9 @@ fn show(dir: &Path, output: Option<&Path>, json: bool) -> Outcome {
         )?;
     }
     if r.worse_than_linear() {
-        out::line("warning: the last checkpoint is worse than the linear answer it started from")?;
+        out::line(
+            "warning: the last checkpoint is worse than the linear prediction it started from",
+        )?;
     }
     let Some(h) = r.held_out() else { return Ok(()) };
     out::line("\nheld-out action error, share of the actions' variance")?;
@@ -237,7 +239,7 @@ fn compare(dirs: &[PathBuf], output: Option<&Path>, json: bool) -> Outcome {
     row("best Precision".into(), &|r| cell(r.best().map(|b| b.1.precision)));
     row("  at step".into(), &|r| r.best().map_or_else(|| "-".to_owned(), |b| b.0.to_string()));
     row("last Precision".into(), &|r| cell(r.last().map(|b| b.1.precision)));
-    row("linear answer".into(), &|r| cell(r.linear.as_ref().map(|l| l.precision)));
+    row("linear prediction".into(), &|r| cell(r.linear.as_ref().map(|l| l.precision)));
     let mut tasks: Vec<String> = runs.iter().flat_map(Record::tasks).collect();
     tasks.sort_by_key(|t| (t.contains('/'), t.clone()));
     tasks.dedup();

@@ -10,8 +10,8 @@ use super::interrupt::cancel_on_ctrl_c;
 use super::{Global, motion, out};
 use crate::dataset::{Dataset, Verify};
 use crate::exit::Exit;
+use crate::train::evaluator::SuiteEvaluator;
 use crate::train::hindsight::Simulated;
-use crate::train::judge::SuiteJudge;
 use crate::train::run::read_config;
 use crate::train::{Evaluate, Finished, Options, PRESETS, TrainConfig, train};
 
@@ -62,7 +62,8 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let data = Dataset::open(&args.data, Verify::Full)?;
     data.must_be_of(&robot)?;
     let threads = super::threads(args.threads);
-    let mut judge = SuiteJudge::new(Arc::clone(&robot), threads).map_err(Failure::invalid)?;
+    let mut evaluator =
+        SuiteEvaluator::new(Arc::clone(&robot), threads).map_err(Failure::invalid)?;
     let mut perform = Simulated { robot: Arc::clone(&robot), threads };
     let bar = Bar::new("train", "steps", global.quiet);
     let cancel = cancel_on_ctrl_c();
@@ -74,7 +75,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
         progress: &bar,
         cancel: &cancel,
         perform: Some(&mut perform),
-        judge: judge.as_mut().map(|j| j as &mut dyn Evaluate),
+        evaluator: evaluator.as_mut().map(|j| j as &mut dyn Evaluate),
         meta: serde_json::json!({
             "version": env!("CARGO_PKG_VERSION"),
             "argv": std::env::args().collect::<Vec<_>>(),
@@ -144,7 +145,7 @@ fn stamp(secs: u64) -> String {
 
 fn summary(dir: &Path, done: &Finished) -> String {
     let mut text = if done.steps == 0 {
-        "fitted the linear answer; no network was trained".to_owned()
+        "fitted the linear prediction; no network was trained".to_owned()
     } else {
         format!(
             "{} of {} steps in {:.0} s, {:.0} windows/s",
@@ -165,7 +166,7 @@ fn summary(dir: &Path, done: &Finished) -> String {
     if let Some((step, precision)) = done.best {
         write!(text, "\nbest Precision {precision:.5} at step {step}").ok();
         if let Some(linear) = done.linear {
-            write!(text, ", the linear answer that it starts from {linear:.5}").ok();
+            write!(text, ", the linear prediction that it starts from {linear:.5}").ok();
         }
         if step == 0 && done.steps > 0 {
             text.push_str(": no evaluation was better, so that is what best.safetensors holds");

@@ -16,7 +16,7 @@ pub enum ClipError {
     /// The text is not a `robert-clip/1` document.
     #[error("{}{line}:{col}: {message}", prefix(.path.as_deref()))]
     Syntax {
-        /// What is wrong and how to mend it.
+        /// What is wrong and how to fix it.
         message: String,
         /// Line, from 1.
         line: usize,

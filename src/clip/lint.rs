@@ -1,5 +1,5 @@
 //! What is valid but will not do what was meant: each finding with its place and, where
-//! there is one, the edit that mends it.
+//! there is one, the edit that fixes it.
 //!
 //! One list for everything. What needs the simulator (self-collision, poses out of reach)
 //! comes in through [`PoseChecker`], implemented on a higher floor.
@@ -67,7 +67,7 @@ pub enum Rule {
 
 /// An edit that removes a finding.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Mend {
+pub struct Fix {
     /// What the button says.
     pub title: String,
     /// What it does.
@@ -89,8 +89,9 @@ pub struct Lint {
     pub joints: Vec<String>,
     /// JSON pointer of the value to look at.
     pub pointer: String,
-    /// Ways out, best first.
-    pub mends: Vec<Mend>,
+    /// Ways out, best first; `mends` in JSON, as scripts know it.
+    #[serde(rename = "mends")]
+    pub fixes: Vec<Fix>,
 }
 
 /// What the simulator says about one pose.
@@ -170,7 +171,7 @@ impl Place<'_> {
     }
 
     /// The edit that gives this row other values.
-    fn mend(&self, title: &str, values: &[(&str, usize, f64)]) -> Vec<Mend> {
+    fn fix(&self, title: &str, values: &[(&str, usize, f64)]) -> Vec<Fix> {
         let op = match (self.pose, self.frames.first()) {
             (Some(pose), _) => {
                 let mut q = self.row.clone();
@@ -188,7 +189,7 @@ impl Place<'_> {
             }
             (None, None) => return Vec::new(),
         };
-        vec![Mend { title: title.to_owned(), op }]
+        vec![Fix { title: title.to_owned(), op }]
     }
 }
 
@@ -218,9 +219,9 @@ impl<'a> Finder<'a> {
             let frames = None;
             let message = format!("and {} more of this kind", count - MOST);
             let pointer = "/keys".to_owned();
-            let (joints, mends) = (Vec::new(), Vec::new());
+            let (joints, fixes) = (Vec::new(), Vec::new());
             let level = Level::Info;
-            self.lints.push(Lint { level, rule, message, frames, joints, pointer, mends });
+            self.lints.push(Lint { level, rule, message, frames, joints, pointer, fixes });
         }
     }
 
@@ -262,7 +263,7 @@ impl<'a> Finder<'a> {
                 frames: None,
                 joints,
                 pointer,
-                mends: vec![],
+                fixes: vec![],
             });
         };
         if clip.robot.id != table.robot {
@@ -342,7 +343,7 @@ impl<'a> Finder<'a> {
                 frames: place.span(),
                 joints: out.iter().map(|o| o.0.to_owned()).collect(),
                 pointer: format!("{}/{first}", place.pointer),
-                mends: place.mend("Clamp to the limits", &out),
+                fixes: place.fix("Clamp to the limits", &out),
             });
         }
     }
@@ -416,7 +417,7 @@ impl<'a> Finder<'a> {
         let next = keys.partition_point(|k| k.frame < to);
         let index = keys.partition_point(|k| k.frame <= from).saturating_sub(1);
         let ratio = ratio * self.between_samples(from, to);
-        let mut mends = Vec::new();
+        let mut fixes = Vec::new();
         if let (Some(key), Some(after)) = (keys.get(index), keys.get(next))
             && next == index + 1
         {
@@ -446,11 +447,11 @@ impl<'a> Finder<'a> {
                 }
             };
             if room {
-                mends.push(Mend { title, op });
+                fixes.push(Fix { title, op });
             }
         }
         if slowest {
-            mends.extend(self.slow_down(from, to, ratio));
+            fixes.extend(self.slow_down(from, to, ratio));
         }
         Lint {
             level: Level::Warning,
@@ -459,7 +460,7 @@ impl<'a> Finder<'a> {
             frames: Some([from, to + 1]),
             joints,
             pointer: format!("/keys/{}", next.min(keys.len().saturating_sub(1))),
-            mends,
+            fixes,
         }
     }
 
@@ -475,7 +476,7 @@ impl<'a> Finder<'a> {
     }
 
     /// Everything slower by one factor: the smallest that is enough once frames are rounded.
-    fn slow_down(&self, from: u32, to: u32, ratio: f64) -> Option<Mend> {
+    fn slow_down(&self, from: u32, to: u32, ratio: f64) -> Option<Fix> {
         let clip = self.clip;
         let scaled = |frames: u32, factor: f64| (f64::from(frames) * factor).round();
         let enough = |factor: &f64| {
@@ -506,7 +507,7 @@ impl<'a> Finder<'a> {
             Op::KeysScale(KeysScale { frames, pivot: 0, factor, replace: false }),
         ];
         let title = format!("Slow the whole clip down by {factor}");
-        Some(Mend { title: title.clone(), op: Op::Batch(Batch { label: title, ops }) })
+        Some(Fix { title: title.clone(), op: Op::Batch(Batch { label: title, ops }) })
     }
 
     fn blind(&mut self) {
@@ -527,7 +528,7 @@ impl<'a> Finder<'a> {
             let key = blind
                 .before
                 .map_or(self.clip.keys.len(), |b| self.clip.keys.partition_point(|k| k.frame < b));
-            let mends = self.blind_mends(blind.after, from, to);
+            let fixes = self.blind_fixes(blind.after, from, to);
             self.push(Lint {
                 level: Level::Warning,
                 rule: Rule::BlindSpan,
@@ -535,24 +536,24 @@ impl<'a> Finder<'a> {
                 frames: Some([from, to]),
                 joints: Vec::new(),
                 pointer: format!("/keys/{}", key.min(self.clip.keys.len().saturating_sub(1))),
-                mends,
+                fixes,
             });
         }
     }
 
-    fn blind_mends(&self, after: Option<u32>, from: u32, to: u32) -> Vec<Mend> {
+    fn blind_fixes(&self, after: Option<u32>, from: u32, to: u32) -> Vec<Fix> {
         let clip = self.clip;
         let spans = self.command.spans();
         let first = spans.partition_point(|s| s.to <= from);
         let mut inside = spans.iter().skip(first).take_while(|s| s.from < to);
         if inside.any(|s| s.kind == SpanKind::Masked) {
             let set = MaskSet { from, to, joints: None, masked: false };
-            return vec![Mend {
+            return vec![Fix {
                 title: format!("Unmask frames {from} to {}", to - 1),
                 op: Op::MaskSet(set),
             }];
         }
-        let mut mends = Vec::new();
+        let mut fixes = Vec::new();
         // Hold: the last goal stays until 20 frames before the next one.
         let holder = after.and_then(|a| {
             let i = clip.keys.partition_point(|k| k.frame <= a).checked_sub(1)?;
@@ -561,7 +562,7 @@ impl<'a> Finder<'a> {
         if let Some(key) = holder {
             let hold = to - LOOKAHEAD_FRAMES - key.frame + 1;
             let op = Op::KeysHold(KeysHold { frames: vec![key.frame], hold });
-            mends.push(Mend { title: format!("Hold the key at {} longer", key.frame), op });
+            fixes.push(Fix { title: format!("Hold the key at {} longer", key.frame), op });
         }
         // A goal every 20 frames on the line to the next.
         let first = after.unwrap_or(0);
@@ -580,9 +581,9 @@ impl<'a> Finder<'a> {
                 1 => "Insert a key on the way".to_owned(),
                 n => format!("Insert {n} keys on the way"),
             };
-            mends.push(Mend { title, op: Op::KeysAdd(KeysAdd { keys, replace: false }) });
+            fixes.push(Fix { title, op: Op::KeysAdd(KeysAdd { keys, replace: false }) });
         }
-        mends
+        fixes
     }
 
     fn coupled(&mut self) {
@@ -614,7 +615,7 @@ impl<'a> Finder<'a> {
             return None;
         }
         let mean = values().sum::<f64>() / shared.len() as f64;
-        let mended: Vec<(&str, usize, f64)> = shared
+        let even: Vec<(&str, usize, f64)> = shared
             .iter()
             .map(|(m, at, _)| {
                 let q = m.coef * mean + m.offset;
@@ -637,7 +638,7 @@ impl<'a> Finder<'a> {
             frames: place.span(),
             joints,
             pointer: format!("{}/{first}", place.pointer),
-            mends: place.mend("Split evenly", &mended),
+            fixes: place.fix("Split evenly", &even),
         })
     }
 
@@ -672,7 +673,7 @@ impl<'a> Finder<'a> {
                 frames: Some([from, at]),
                 joints,
                 pointer: format!("/keys/{key}"),
-                mends: vec![Mend { title: "Mask these frames for all joints".to_owned(), op }],
+                fixes: vec![Fix { title: "Mask these frames for all joints".to_owned(), op }],
             });
         }
     }
@@ -692,7 +693,7 @@ impl<'a> Finder<'a> {
                     frames,
                     joints: Vec::new(),
                     pointer: format!("/keys/{i}"),
-                    mends: vec![Mend { title: "Unmask the key".to_owned(), op: Op::MaskSet(set) }],
+                    fixes: vec![Fix { title: "Unmask the key".to_owned(), op: Op::MaskSet(set) }],
                 });
             }
             let held = end - key.frame;
@@ -708,7 +709,7 @@ impl<'a> Finder<'a> {
                     frames,
                     joints: Vec::new(),
                     pointer: format!("/keys/{i}/hold"),
-                    mends: vec![Mend { title: format!("Hold {held} frames"), op }],
+                    fixes: vec![Fix { title: format!("Hold {held} frames"), op }],
                 });
             }
         }
@@ -737,7 +738,7 @@ impl<'a> Finder<'a> {
                     frames: place.span(),
                     joints: Vec::new(),
                     pointer: place.pointer.clone(),
-                    mends: settled(&place, joints, report.settled.as_deref()),
+                    fixes: settled(&place, joints, report.settled.as_deref()),
                 });
             }
             let Some(reached) = &report.settled else { continue };
@@ -757,7 +758,7 @@ impl<'a> Finder<'a> {
                 frames: place.span(),
                 joints: off.iter().map(|(j, _)| (*j).clone()).collect(),
                 pointer: place.pointer.clone(),
-                mends: settled(&place, joints, Some(reached)),
+                fixes: settled(&place, joints, Some(reached)),
             });
         }
         for lint in lints {
@@ -766,11 +767,11 @@ impl<'a> Finder<'a> {
     }
 }
 
-fn settled(place: &Place<'_>, joints: &[String], reached: Option<&[f64]>) -> Vec<Mend> {
+fn settled(place: &Place<'_>, joints: &[String], reached: Option<&[f64]>) -> Vec<Fix> {
     let Some(reached) = reached else { return Vec::new() };
     let values: Vec<(&str, usize, f64)> =
         joints.iter().zip(reached).enumerate().map(|(i, (j, v))| (j.as_str(), i, *v)).collect();
-    place.mend("Store the pose that is reached", &values)
+    place.fix("Store the pose that is reached", &values)
 }
 
 #[derive(Clone, Copy)]

@@ -30,7 +30,7 @@ pub use document::*;
 pub use editor::{Change, Editor};
 pub use error::ClipError;
 pub use joints::*;
-pub use lint::{Level, Lint, Mend, PoseChecker, PoseReport, Rule, lint};
+pub use lint::{Fix, Level, Lint, PoseChecker, PoseReport, Rule, lint};
 pub use op::*;
 pub use parse::{Parsed, load, parse, parse_bytes};
 pub use schema::schema;

@@ -27,7 +27,7 @@ pub enum Error {
     /// The manifest contradicts itself or is of a newer format.
     #[error("{message}: {path}", path = path.display())]
     Manifest {
-        /// What is wrong, and how to mend it.
+        /// What is wrong, and how to fix it.
         message: String,
         /// The manifest.
         path: PathBuf,

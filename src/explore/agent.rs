@@ -11,13 +11,14 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
+use super::action_noise::ActionNoise;
 use super::aps::{self, Aps, SKILL, SKILL_STEPS};
 use super::apt::Apt;
 use super::batch::Batch;
 use super::ddpg::Ddpg;
 use super::env::{Env, Step};
+use super::env_batch::describe;
 use super::error::Error;
-use super::fill::describe;
 use super::icm::Icm;
 use super::mlp::Tape;
 use super::policy::{Snapshot, SnapshotHeader};
@@ -26,7 +27,6 @@ use super::proto::Proto;
 use super::replay::{Replay, Scale};
 use super::rnd::Rnd;
 use super::state::{Field, Keep};
-use super::wander::Wander;
 use crate::dataset::{Coverage, Robot as Described};
 use crate::rng::{Rng, Stream, draw};
 use crate::robot::Robot;
@@ -319,13 +319,13 @@ pub(crate) struct Ledger {
 
 /// One environment in training.
 #[derive(Debug)]
-struct Lane {
+struct EnvSlot {
     env: Env,
     obs: Vec<f32>,
     action: Vec<f32>,
     skill: Vec<f32>,
     /// Exploration noise of the running episode.
-    wander: Wander,
+    noise: ActionNoise,
     /// Handle in the replay memory; none before the first reset.
     episode: Option<usize>,
     age: u64,
@@ -347,7 +347,7 @@ pub(crate) struct Agent {
     ddpg: Ddpg<f32>,
     curiosity: Curiosity,
     scale: Scale,
-    lanes: Vec<Lane>,
+    slots: Vec<EnvSlot>,
     pub(crate) coverage: Coverage,
     described: Described,
     /// Since the last point of the curve.
@@ -376,13 +376,13 @@ impl Agent {
             return Ok(None);
         };
         let described = describe(robot);
-        let lane = || {
-            Ok(Lane {
+        let slot = || {
+            Ok(EnvSlot {
                 env: Env::new(robot)?,
                 obs: vec![0.0; 2 * s],
                 action: vec![0.0; a],
                 skill: vec![0.0; skill],
-                wander: Wander::new(&preset.spread, a, Rng::new(seed, Stream::Noise, 0)),
+                noise: ActionNoise::new(&preset.spread, a, Rng::new(seed, Stream::Noise, 0)),
                 episode: None,
                 age: 0,
                 length: 0,
@@ -399,7 +399,7 @@ impl Agent {
             ddpg: Ddpg::new(2 * s, a, skill, preset.hidden, seed),
             curiosity,
             scale: Scale::new(2 * s, preset.scale_obs),
-            lanes: (0..preset.envs.max(1)).map(|_| lane()).collect::<Result<_, Error>>()?,
+            slots: (0..preset.envs.max(1)).map(|_| slot()).collect::<Result<_, Error>>()?,
             coverage: Coverage::new(&described),
             described,
             sums: Sums::default(),
@@ -417,9 +417,9 @@ impl Agent {
     pub(crate) fn iterate(&mut self, threads: usize) -> Result<(), Error> {
         self.begin_episodes()?;
         self.choose_actions();
-        step_all(&mut self.lanes, threads);
+        step_all(&mut self.slots, threads);
         self.record();
-        self.ledger.step += self.lanes.len() as u64;
+        self.ledger.step += self.slots.len() as u64;
         let learning = self.ledger.step.saturating_sub(self.preset.seed_steps);
         let due = learning / self.preset.update_every.max(1);
         if self.replay.is_ready() && self.ledger.updates < due {
@@ -433,23 +433,23 @@ impl Agent {
     }
 
     fn begin_episodes(&mut self) -> Result<(), Error> {
-        for lane in &mut self.lanes {
-            if lane.episode.is_some() && lane.age < lane.length && lane.result == Step::Ok {
+        for slot in &mut self.slots {
+            if slot.episode.is_some() && slot.age < slot.length && slot.result == Step::Ok {
                 continue;
             }
             let mut rng = Rng::new(self.seed, Stream::Reset, self.ledger.episodes);
             self.ledger.episodes += 1;
             let [lo, hi] = EPISODE_FRAMES;
-            lane.length = lo + rng.below(hi - lo + 1);
-            lane.age = 0;
-            lane.result = Step::Ok;
+            slot.length = lo + rng.below(hi - lo + 1);
+            slot.age = 0;
+            slot.result = Step::Ok;
             let noise = Rng::new(self.seed, Stream::Noise, self.ledger.episodes);
-            lane.wander = Wander::new(&self.preset.spread, self.header.act, noise);
-            lane.env.reset(&mut rng)?;
-            let (q, v) = lane.obs.split_at_mut(lane.env.state_dim());
-            lane.env.observe(q, v);
-            self.scale.add(&lane.obs);
-            lane.episode = Some(self.replay.begin(&lane.obs));
+            slot.noise = ActionNoise::new(&self.preset.spread, self.header.act, noise);
+            slot.env.reset(&mut rng)?;
+            let (q, v) = slot.obs.split_at_mut(slot.env.state_dim());
+            slot.env.observe(q, v);
+            self.scale.add(&slot.obs);
+            slot.episode = Some(self.replay.begin(&slot.obs));
         }
         Ok(())
     }
@@ -458,43 +458,43 @@ impl Agent {
         let learned = self.ledger.updates > 0;
         let a = self.header.act;
         let mut x = Vec::new();
-        for (index, lane) in (self.ledger.step..).zip(&mut self.lanes) {
-            if !lane.skill.is_empty() && lane.age % SKILL_STEPS == 0 {
+        for (index, slot) in (self.ledger.step..).zip(&mut self.slots) {
+            if !slot.skill.is_empty() && slot.age % SKILL_STEPS == 0 {
                 let w = aps::skill(&mut Rng::new(self.seed, Stream::Skill, index));
-                lane.skill.iter_mut().zip(w).for_each(|(s, w)| *s = w as f32);
+                slot.skill.iter_mut().zip(w).for_each(|(s, w)| *s = w as f32);
             }
-            self.scale.apply(&lane.obs, &mut x);
-            x.extend_from_slice(&lane.skill);
+            self.scale.apply(&slot.obs, &mut x);
+            x.extend_from_slice(&slot.skill);
         }
-        let rows = self.lanes.len();
+        let rows = self.slots.len();
         let means = self.ddpg.actor.forward(&x, rows, &mut self.tape);
-        for (lane, mean) in self.lanes.iter_mut().zip(means.chunks_exact(a)) {
+        for (slot, mean) in self.slots.iter_mut().zip(means.chunks_exact(a)) {
             if learned {
-                lane.wander.act(mean, &mut lane.action);
+                slot.noise.act(mean, &mut slot.action);
                 for m in mean.iter().map(|m| f64::from(m.abs())) {
                     self.sums.action += m;
                     self.sums.saturated += f64::from(u8::from(m > SATURATED));
                     self.sums.actions += 1.0;
                 }
             } else {
-                lane.wander.uniform(&mut lane.action);
+                slot.noise.uniform(&mut slot.action);
             }
         }
     }
 
     fn record(&mut self) {
-        for lane in &mut self.lanes {
-            let Some(episode) = lane.episode else { continue };
-            match lane.result {
+        for slot in &mut self.slots {
+            let Some(episode) = slot.episode else { continue };
+            match slot.result {
                 Step::Ok => {
-                    self.replay.push(episode, &lane.action, &lane.skill, &lane.obs);
-                    self.scale.add(&lane.obs);
-                    let (q, v) = lane.obs.split_at(lane.env.state_dim());
+                    self.replay.push(episode, &slot.action, &slot.skill, &slot.obs);
+                    self.scale.add(&slot.obs);
+                    let (q, v) = slot.obs.split_at(slot.env.state_dim());
                     self.coverage.add(q, v);
-                    self.sums.add_frame(&self.described, q, lane.env.self_contact());
+                    self.sums.add_frame(&self.described, q, slot.env.self_contact());
                     let most = self.preset.pinned_frames;
-                    if most > 0 && lane.env.pinned_frames() >= most {
-                        lane.length = 0;
+                    if most > 0 && slot.env.pinned_frames() >= most {
+                        slot.length = 0;
                     }
                 }
                 Step::Implausible => {}
@@ -503,7 +503,7 @@ impl Agent {
                     self.ledger.broken += 1;
                 }
             }
-            lane.age += 1;
+            slot.age += 1;
         }
     }
 
@@ -535,8 +535,8 @@ impl Agent {
 
     /// Ends all episodes, adds a point to the curve and returns the actor as it is now.
     pub(crate) fn snapshot(&mut self, nominal: u64) -> Snapshot {
-        for lane in &mut self.lanes {
-            lane.episode = None;
+        for slot in &mut self.slots {
+            slot.episode = None;
         }
         // A restore has the episodes of this moment; going on has to begin with the same.
         self.replay.trim();
@@ -575,22 +575,22 @@ impl Agent {
     }
 }
 
-/// Steps all lanes; each lane is a function of itself, so the split over threads shows
+/// Steps all slots; each slot is a function of itself, so the split over threads shows
 /// nowhere.
-fn step_all(lanes: &mut [Lane], threads: usize) {
-    let work = |lanes: &mut [Lane]| {
-        for lane in lanes {
-            lane.result = lane.env.step(&lane.action);
-            let (q, v) = lane.obs.split_at_mut(lane.env.state_dim());
-            lane.env.observe(q, v);
+fn step_all(slots: &mut [EnvSlot], threads: usize) {
+    let work = |slots: &mut [EnvSlot]| {
+        for slot in slots {
+            slot.result = slot.env.step(&slot.action);
+            let (q, v) = slot.obs.split_at_mut(slot.env.state_dim());
+            slot.env.observe(q, v);
         }
     };
-    if threads < 2 || lanes.len() < 2 {
-        return work(lanes);
+    if threads < 2 || slots.len() < 2 {
+        return work(slots);
     }
-    let share = lanes.len().div_ceil(threads);
+    let share = slots.len().div_ceil(threads);
     std::thread::scope(|scope| {
-        let mut chunks = lanes.chunks_mut(share);
+        let mut chunks = slots.chunks_mut(share);
         let mine = chunks.next();
         for chunk in chunks {
             scope.spawn(|| work(chunk));

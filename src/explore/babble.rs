@@ -149,7 +149,7 @@ pub(crate) struct Babble {
     keep: f64,
     disturbance: f64,
     disturbance_keep: f64,
-    lanes: Vec<Lane>,
+    references: Vec<JointReference>,
     /// Torque by joint, scratch.
     torque: Vec<f64>,
     begun: bool,
@@ -157,12 +157,12 @@ pub(crate) struct Babble {
 
 /// One joint's reference.
 #[derive(Clone, Debug)]
-struct Lane {
+struct JointReference {
     centre: f64,
     amplitude: f64,
     x: f64,
     goal: f64,
-    reference: f64,
+    value: f64,
     /// Largest move of the reference in a frame.
     pace: f64,
     dash: f64,
@@ -180,15 +180,15 @@ impl Babble {
         let disturbance = DISTURBANCE * rng.uniform();
         let wanders = rng.uniform() < 0.5;
         let pace = rng.range(PACE[0], PACE[1]);
-        let lanes = rule
+        let references = rule
             .joints
             .iter()
-            .map(|j| Lane {
+            .map(|j| JointReference {
                 centre: rng.range(j.lo, j.hi),
                 amplitude: 0.5 * (j.hi - j.lo) * rng.range(AMPLITUDE[0], AMPLITUDE[1]),
                 x: rng.normal(),
                 goal: 0.0,
-                reference: 0.0,
+                value: 0.0,
                 pace: pace * j.speed * CTRL_DT * rng.range(0.3, 1.0),
                 dash: (j.hi - j.lo) * rng.range(DASH[0], DASH[1]),
                 push: 0.0,
@@ -201,7 +201,7 @@ impl Babble {
             keep,
             disturbance,
             disturbance_keep,
-            lanes,
+            references,
             torque: vec![0.0; rule.joints.len()],
             rule: rule.clone(),
             begun: false,
@@ -215,25 +215,28 @@ impl Babble {
             (1.0 - self.disturbance_keep * self.disturbance_keep).sqrt(),
         );
         let first = !std::mem::replace(&mut self.begun, true);
-        for (k, (lane, joint)) in self.lanes.iter_mut().zip(&self.rule.joints).enumerate() {
+        for (k, (reference, joint)) in self.references.iter_mut().zip(&self.rule.joints).enumerate()
+        {
             let q = qpos.get(k).map_or(0.0, |&x| f64::from(x));
             let v = qvel.get(k).map_or(0.0, |&x| f64::from(x));
             if first {
-                (lane.reference, lane.goal) = (q, q);
+                (reference.value, reference.goal) = (q, q);
             }
             if self.wanders {
-                lane.x = self.keep * lane.x + kick * self.rng.normal();
-                lane.goal = lane.centre + lane.amplitude * lane.x;
+                reference.x = self.keep * reference.x + kick * self.rng.normal();
+                reference.goal = reference.centre + reference.amplitude * reference.x;
             } else if self.rng.uniform() < CTRL_DT / REST_SECS {
-                lane.goal = lane.reference + self.rng.range(-lane.dash, lane.dash);
+                reference.goal = reference.value + self.rng.range(-reference.dash, reference.dash);
             }
-            lane.goal = lane.goal.clamp(joint.lo, joint.hi);
-            lane.reference += (lane.goal - lane.reference).clamp(-lane.pace, lane.pace);
-            lane.push = self.disturbance_keep * lane.push + push_kick * self.rng.normal();
+            reference.goal = reference.goal.clamp(joint.lo, joint.hi);
+            reference.value +=
+                (reference.goal - reference.value).clamp(-reference.pace, reference.pace);
+            reference.push = self.disturbance_keep * reference.push + push_kick * self.rng.normal();
             let full_speed = joint.servo.kp * joint.speed * CTRL_DT;
-            let noise = self.disturbance * lane.push + WHITE * self.rng.normal();
+            let noise = self.disturbance * reference.push + WHITE * self.rng.normal();
             self.torque[k] = self.share
-                * (joint.servo.kp * (lane.reference - q) - joint.servo.kd * v + full_speed * noise);
+                * (joint.servo.kp * (reference.value - q) - joint.servo.kd * v
+                    + full_speed * noise);
         }
         for (a, motor) in action.iter_mut().zip(&self.rule.motors) {
             let pull = |&(joint, weight): &(usize, f64)| self.torque.get(joint).map(|t| weight * t);
@@ -268,7 +271,7 @@ mod tests {
         let mut a = [0.0_f32; 5];
         babble.next(&[0.0; 5], &[0.0; 5], &mut a);
         (babble.disturbance, babble.wanders) = (0.0, false);
-        babble.lanes.iter_mut().for_each(|l| (l.goal, l.reference) = (1.0, 1.0));
+        babble.references.iter_mut().for_each(|l| (l.goal, l.value) = (1.0, 1.0));
         babble.next(&[0.0; 5], &[0.0; 5], &mut a);
         assert!(a.iter().all(|&x| x > 0.0), "{a:?}");
     }
@@ -290,7 +293,7 @@ mod tests {
         for (sign, up) in [(0.5, true), (-0.5, false)] {
             for &(j, _) in &rule.motors[k].pulls {
                 let at = f64::from(home[j]) + sign;
-                (babble.lanes[j].goal, babble.lanes[j].reference) = (at, at);
+                (babble.references[j].goal, babble.references[j].value) = (at, at);
                 babble.rule.joints[j].lo = -9.0;
             }
             babble.next(&home, &still, &mut a);

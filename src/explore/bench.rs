@@ -5,9 +5,9 @@ use std::sync::Arc;
 
 use super::ddpg::Ddpg;
 use super::env::Env;
+use super::env_batch::{EnvBatch, Plan};
 use super::error::Error;
-use super::fill::{Plan, Wave};
-use super::policy::{Actor, Policy, Snapshot, SnapshotHeader};
+use super::policy::{Actor, ExplorePolicy, Snapshot, SnapshotHeader};
 use super::preset::Preset;
 use crate::dataset::Shard;
 use crate::mujoco::Data;
@@ -23,8 +23,8 @@ const EPISODE: usize = 250;
 #[derive(Debug)]
 pub struct RolloutBench {
     robot: Arc<Robot>,
-    wave: Wave,
-    policy: Policy,
+    batch: EnvBatch,
+    policy: ExplorePolicy,
     env: Env,
     data: Data,
     index: u64,
@@ -48,8 +48,11 @@ impl RolloutBench {
         };
         Ok(RolloutBench {
             robot: Arc::clone(robot),
-            wave: Wave::new(robot, None)?,
-            policy: Policy::Actor(Box::new(Actor::new(&snapshot)), Preset::url_fast().spread),
+            batch: EnvBatch::new(robot, None)?,
+            policy: ExplorePolicy::Actor(
+                Box::new(Actor::new(&snapshot)),
+                Preset::url_fast().spread,
+            ),
             env: Env::new(robot)?,
             data: Data::new(robot.model())?,
             index: index << 16,
@@ -76,7 +79,7 @@ impl RolloutBench {
         };
         let name = format!("{}.safetensors", self.index);
         let target = (dir, Path::new(&name));
-        let entry = self.wave.make(&plan, &self.policy, target, &Cancel::default(), &|_| ())?;
+        let entry = self.batch.make(&plan, &self.policy, target, &Cancel::default(), &|_| ())?;
         Ok(entry.frames)
     }
 

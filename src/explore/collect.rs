@@ -25,11 +25,11 @@ use serde::Serialize;
 use super::agent::{Agent, AgentKind, Ledger, Point};
 use super::babble::BabbleRule;
 use super::checkpoint;
-use super::crew::spread;
+use super::env_batch::{EnvBatch, Made, Plan, describe};
 use super::error::Error;
-use super::fill::{Made, Plan, Wave, describe};
 use super::noise::NoiseRule;
-use super::policy::{Actor, Policy, Snapshot};
+use super::parallel::for_each;
+use super::policy::{Actor, ExplorePolicy, Snapshot};
 use super::request::{CollectConfig, SHARD_FRAMES, claim, pieces, share};
 use crate::dataset::{Dataset, Manifest, Shard, ShardEntry};
 use crate::progress::{Cancel, Progress};
@@ -110,7 +110,7 @@ struct Run<'a> {
 /// One shard to make.
 struct Job {
     plan: Plan,
-    policy: Arc<Policy>,
+    policy: Arc<ExplorePolicy>,
     /// Relative to the dataset's folder.
     file: PathBuf,
 }
@@ -176,7 +176,7 @@ impl Run<'_> {
                 }
             }
         };
-        let mut all = spread(self.threads.min(learners), work)?;
+        let mut all = for_each(self.threads.min(learners), work)?;
         all.sort_by_key(|(i, _)| *i);
         Ok(all.into_iter().map(|(_, s)| s).collect())
     }
@@ -283,7 +283,7 @@ impl Run<'_> {
         };
         let stop = AtomicBool::new(false);
         let work = || -> Result<Vec<(usize, ShardEntry)>, Error> {
-            let mut wave: Option<Wave> = None;
+            let mut batch: Option<EnvBatch> = None;
             let mut mine = Vec::new();
             loop {
                 let i = next.fetch_add(1, Ordering::Relaxed);
@@ -296,12 +296,12 @@ impl Run<'_> {
                     mine.push((i, entry));
                     continue;
                 }
-                let wave = match &mut wave {
+                let batch = match &mut batch {
                     Some(w) => w,
-                    none => none.insert(Wave::new(self.robot, self.config.plants)?),
+                    none => none.insert(EnvBatch::new(self.robot, self.config.plants)?),
                 };
                 let target = (self.out, job.file.as_path());
-                match wave.make(&job.plan, &job.policy, target, self.cancel, &tick) {
+                match batch.make(&job.plan, &job.policy, target, self.cancel, &tick) {
                     Ok(entry) => {
                         let text = serde_json::to_string(&entry).unwrap_or_default();
                         fsio::write_atomic(&self.entry_path(job), text.as_bytes())?;
@@ -314,7 +314,7 @@ impl Run<'_> {
                 }
             }
         };
-        let mut all = spread(self.threads.min(jobs.len()), work)?;
+        let mut all = for_each(self.threads.min(jobs.len()), work)?;
         all.sort_by_key(|(i, _)| *i);
         Ok((all.into_iter().map(|(_, e)| e).collect(), specs, made.into_inner()))
     }
@@ -394,9 +394,9 @@ impl Run<'_> {
     fn policies(&self, kind: AgentKind) -> Result<(Policies, Vec<serde_json::Value>), Error> {
         let plain = |policy| (vec![(0, Arc::new(policy))], Vec::new());
         match kind {
-            AgentKind::Noise => Ok(plain(Policy::Noise(NoiseRule::of(self.robot)))),
-            AgentKind::Babble => Ok(plain(Policy::Babble(BabbleRule::of(self.robot)?))),
-            AgentKind::Uniform => Ok(plain(Policy::Uniform)),
+            AgentKind::Noise => Ok(plain(ExplorePolicy::Noise(NoiseRule::of(self.robot)))),
+            AgentKind::Babble => Ok(plain(ExplorePolicy::Babble(BabbleRule::of(self.robot)?))),
+            AgentKind::Uniform => Ok(plain(ExplorePolicy::Uniform)),
             _ => {
                 let dir = self.agent_dir(kind);
                 let (mut policies, mut listed) = (Vec::new(), Vec::new());
@@ -412,7 +412,7 @@ impl Run<'_> {
                     let sha256 = fsio::sha256_file(&path)?;
                     listed.push(serde_json::json!({ "step": step, "sha256": sha256 }));
                     let actor = Box::new(Actor::new(&snapshot));
-                    let policy = Policy::Actor(actor, self.config.preset.spread);
+                    let policy = ExplorePolicy::Actor(actor, self.config.preset.spread);
                     policies.push((step, Arc::new(policy)));
                 }
                 Ok((policies, listed))
@@ -434,7 +434,7 @@ impl Run<'_> {
 }
 
 type Specs = BTreeMap<String, serde_json::Value>;
-type Policies = Vec<(u64, Arc<Policy>)>;
+type Policies = Vec<(u64, Arc<ExplorePolicy>)>;
 
 impl AgentSummary {
     fn of(agent: AgentKind, ledger: &Ledger) -> Self {

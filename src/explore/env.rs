@@ -6,8 +6,8 @@
 
 use std::sync::Arc;
 
+use super::env_batch::describe;
 use super::error::Error;
-use super::fill::describe;
 use crate::dataset::Robot as Described;
 use crate::mujoco::Data;
 use crate::rng::Rng;

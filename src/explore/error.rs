@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use super::fill::MIN_FRAMES;
+use super::env_batch::MIN_FRAMES;
 use crate::exit::{Exit, HasExit};
 use crate::{dataset, fsio, mujoco, robot};
 
@@ -35,7 +35,7 @@ pub enum Error {
     /// The folder holds another collection, or one that was not asked to go on.
     #[error("{message}: {path}", path = path.display())]
     Folder {
-        /// What is there and how to mend it.
+        /// What is there and how to fix it.
         message: String,
         /// The folder.
         path: PathBuf,

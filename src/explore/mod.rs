@@ -10,6 +10,7 @@
 //!
 //! Sources: URLB (Laskin et al. 2021) for sizes and losses; the papers named in each file.
 
+mod action_noise;
 mod agent;
 mod aps;
 mod apt;
@@ -18,14 +19,15 @@ mod batch;
 mod bench;
 mod checkpoint;
 mod collect;
-mod crew;
 mod ddpg;
 mod env;
+mod env_batch;
 mod error;
-mod fill;
 mod icm;
+mod learning_curves;
 mod mlp;
 mod noise;
+mod parallel;
 mod particle;
 mod policy;
 mod preset;
@@ -34,15 +36,13 @@ mod replay;
 mod request;
 mod rnd;
 mod state;
-mod survey;
-mod wander;
+pub use action_noise::NoiseBounds;
 pub use agent::{AgentKind, Point, UpdateBench};
 pub use bench::RolloutBench;
 pub use collect::{AgentSummary, Collected, collect};
+pub use env_batch::describe;
 pub use error::Error;
-pub use fill::describe;
+pub use learning_curves::learning_curves;
 pub(crate) use mlp::{Adam, Layer, Mlp, Tape};
 pub use preset::Preset;
 pub use request::{Begun, CollectConfig, begun};
-pub use survey::survey;
-pub use wander::Spread;

@@ -9,11 +9,11 @@ use std::path::Path;
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use serde::{Deserialize, Serialize};
 
+use super::action_noise::{ActionNoise, NoiseBounds};
 use super::aps;
 use super::babble::{Babble, BabbleRule};
 use super::error::Error;
 use super::noise::{Noise, NoiseRule};
-use super::wander::{Spread, Wander};
 use crate::net::mat::{Init, Mat, MatMut, Packed, gemm_packed};
 use crate::net::simd;
 use crate::rng::{Rng, Stream};
@@ -243,7 +243,7 @@ impl Actor {
 
 /// Who acts.
 #[derive(Debug)]
-pub(crate) enum Policy {
+pub(crate) enum ExplorePolicy {
     /// Smooth noise.
     Noise(NoiseRule),
     /// Random references behind weak servos.
@@ -251,40 +251,40 @@ pub(crate) enum Policy {
     /// A fresh uniform torque every frame: the naive baseline.
     Uniform,
     /// A trained agent with its exploration noise; one skill for the whole episode.
-    Actor(Box<Actor>, Spread),
+    Actor(Box<Actor>, NoiseBounds),
 }
 
 /// What one episode carries from frame to frame.
 #[derive(Debug)]
-pub(crate) enum Mind {
+pub(crate) enum ActorState {
     Noise(Box<Noise>),
     Babble(Box<Babble>),
     Uniform(Rng),
-    Actor(Wander),
+    Actor(ActionNoise),
 }
 
-impl Policy {
+impl ExplorePolicy {
     /// Length of skills.
     pub(crate) fn skill(&self) -> usize {
         match self {
-            Policy::Actor(a, _) => a.header.skill,
+            ExplorePolicy::Actor(a, _) => a.header.skill,
             _ => 0,
         }
     }
 
     /// Begins the episode with this seed; its skill goes to `skill` (k).
-    pub(crate) fn begin(&self, seed: u64, skill: &mut [f32]) -> Mind {
+    pub(crate) fn begin(&self, seed: u64, skill: &mut [f32]) -> ActorState {
         match self {
-            Policy::Noise(rule) => Mind::Noise(Box::new(Noise::new(rule, seed))),
-            Policy::Babble(rule) => Mind::Babble(Box::new(Babble::new(rule, seed))),
-            Policy::Uniform => Mind::Uniform(Rng::new(seed, Stream::Noise, 0)),
-            Policy::Actor(actor, spread) => {
+            ExplorePolicy::Noise(rule) => ActorState::Noise(Box::new(Noise::new(rule, seed))),
+            ExplorePolicy::Babble(rule) => ActorState::Babble(Box::new(Babble::new(rule, seed))),
+            ExplorePolicy::Uniform => ActorState::Uniform(Rng::new(seed, Stream::Noise, 0)),
+            ExplorePolicy::Actor(actor, spread) => {
                 let mut rng = Rng::new(seed, Stream::Noise, 0);
                 if !skill.is_empty() {
                     let w = aps::skill(&mut rng);
                     skill.iter_mut().zip(w).for_each(|(s, w)| *s = w as f32);
                 }
-                Mind::Actor(Wander::new(spread, actor.header.act, rng))
+                ActorState::Actor(ActionNoise::new(spread, actor.header.act, rng))
             }
         }
     }
@@ -298,28 +298,28 @@ impl Policy {
         s: &'s mut Scratch,
     ) -> &'s [f32] {
         match self {
-            Policy::Actor(a, _) => a.act(obs, skills, rows, s),
+            ExplorePolicy::Actor(a, _) => a.act(obs, skills, rows, s),
             _ => &[],
         }
     }
 }
 
-impl Mind {
+impl ActorState {
     /// The action of one episode, given positions and speeds (2 S) and the mean action (A)
     /// if a network acts.
     pub(crate) fn act(&mut self, obs: &[f32], mean: &[f32], action: &mut [f32]) {
         match self {
-            Mind::Noise(noise) => noise.next(action),
-            Mind::Babble(babble) => {
+            ActorState::Noise(noise) => noise.next(action),
+            ActorState::Babble(babble) => {
                 let (q, v) = obs.split_at(obs.len() / 2);
                 babble.next(q, v, action);
             }
-            Mind::Uniform(rng) => {
+            ActorState::Uniform(rng) => {
                 for a in action {
                     *a = rng.range(-1.0, 1.0) as f32;
                 }
             }
-            Mind::Actor(wander) => wander.act(mean, action),
+            ActorState::Actor(noise) => noise.act(mean, action),
         }
     }
 }

@@ -2,8 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::action_noise::NoiseBounds;
 use super::error::Error;
-use super::wander::Spread;
 
 /// Environment steps that no training reaches.
 const LONG: u64 = 1_000_000_000;
@@ -31,7 +31,7 @@ pub struct Preset {
     /// Learning rate of every network.
     pub lr: f64,
     /// Exploration noise, in training and in roll-outs.
-    pub spread: Spread,
+    pub spread: NoiseBounds,
     /// An episode ends when a joint has stood at a stop for this many frames, in training and
     /// in roll-outs; 0 for never. A joint that starts there may stay there. Not for hands,
     /// whose joints reach a stop within a second.
@@ -55,7 +55,7 @@ impl Preset {
             capacity: 1_000_000,
             scale_obs: false,
             lr: 1e-4,
-            spread: Spread::WHITE,
+            spread: NoiseBounds::WHITE,
             pinned_frames: 0,
             steps: 2_000_010,
             snapshot_every: 0,
@@ -77,7 +77,7 @@ impl Preset {
             capacity: 1_000_000,
             scale_obs: true,
             lr: 1e-3,
-            spread: Spread { sigma: [0.1, 0.8], tau_secs: [0.06, 4.0] },
+            spread: NoiseBounds { sigma: [0.1, 0.8], tau_secs: [0.06, 4.0] },
             pinned_frames: 0,
             steps: 200_000,
             snapshot_every: 10_000,

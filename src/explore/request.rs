@@ -7,8 +7,8 @@ use serde::{Deserialize, Serialize};
 
 use super::agent::AgentKind;
 use super::babble::BabbleRule;
+use super::env_batch::MIN_FRAMES;
 use super::error::Error;
-use super::fill::MIN_FRAMES;
 use super::preset::Preset;
 use crate::robot::{PlantRange, Robot};
 use crate::{fsio, limits};

@@ -87,7 +87,7 @@ pub enum Error {
     },
     /// The installed library is not the one that this program was built for.
     #[error(
-        "libmujoco {want} is needed, {got} is installed; mend: sudo apt-get install libmujoco2.2.2"
+        "libmujoco {want} is needed, {got} is installed; fix: sudo apt-get install libmujoco2.2.2"
     )]
     Version {
         /// What is installed.

@@ -84,7 +84,7 @@ fn compile(
     load: impl FnOnce(*mut *mut mj::mjModel, *mut std::ffi::c_char) -> i32,
 ) -> Result<Model, Error> {
     check_library()?;
-    // Poisoned only if a thread panicked inside the guard; the library has no state to mend.
+    // Poisoned only if a thread panicked inside the guard; the library has no state to repair.
     let lock = COMPILER.lock().unwrap_or_else(PoisonError::into_inner);
     let mut raw = std::ptr::null_mut();
     let warning = call("compiling the model", |msg| load(&raw mut raw, msg))?;

@@ -5,7 +5,7 @@
 //! matrices of bfloat16 and adds to a third in single precision, at sixteen times the rate of
 //! vector instructions of single precision. Rust has no safe way to it: beside `src/mujoco` this
 //! is the only place with `unsafe`, and it holds four blocks of instructions. What is done with
-//! them is in [`super::split`].
+//! them is in [`super::bf16x3`].
 
 #![allow(unsafe_code)]
 

@@ -214,7 +214,7 @@ pub struct Model {
     pub card: Card,
     /// The network.
     pub net: Net<f32>,
-    /// Features and linear answer.
+    /// Features and linear prediction.
     pub encoder: Encoder,
     /// Present in training checkpoints.
     pub optimiser: Option<OptimiserState>,
@@ -299,7 +299,7 @@ pub fn save_half(path: &Path, model: &Model) -> Result<(), Error> {
     Ok(fsio::write_atomic(path, &bytes)?)
 }
 
-/// What is no weight of the network: bin centres and the linear answer.
+/// What is no weight of the network: bin centres and the linear prediction.
 fn add_fixed<'a>(
     all: &mut BTreeMap<String, Out<'a>>,
     card: &Card,

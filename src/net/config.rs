@@ -47,7 +47,7 @@ pub enum MaskGranularity {
     Joint,
 }
 
-/// The linear answer beside the network.
+/// The linear prediction beside the network.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum SkipKind {
@@ -92,12 +92,12 @@ pub struct NetConfig {
     pub offset_weight: f64,
     /// Whether the mask vector replaces the embedding (`pos`, `pos+d`) or is added.
     pub mask_replaces: bool,
-    /// The linear answer beside the network; needs K = 1.
+    /// The linear prediction beside the network; needs K = 1.
     pub skip: SkipKind,
     /// How frames hear of each other.
     #[serde(default)]
     pub mixing: Mixing,
-    /// Size z of a correction c of the linear answer that counts for nothing when actions are
+    /// Size z of a correction c of the linear prediction that counts for nothing when actions are
     /// given: c max(0, 1 - (z/c)^2), the garrote of Breiman (1995), leaves large ones as they
     /// are. Training does not know it. 0 without a skip.
     #[serde(default, skip_serializing_if = "is_zero")]

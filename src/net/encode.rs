@@ -1,8 +1,8 @@
-//! One window into one slot of a batch: tokens, masks, linear answers, actions.
+//! One window into one slot of a batch: tokens, masks, linear predictions, actions.
 
+use super::action_history::ActionHistory;
 use super::config::{CURRENT, WINDOW};
 use super::model::Batch;
-use super::past::Past;
 use super::real::Real;
 use super::ridge::Ridge;
 use super::token::{Scratch, Tokeniser};
@@ -13,7 +13,7 @@ use super::{Error, NetConfig, SkipKind};
 pub struct Encoder {
     /// Features.
     pub tokens: Tokeniser,
-    /// The linear answer, when the network has a skip.
+    /// The linear prediction, when the network has a skip.
     pub ridge: Option<Ridge>,
 }
 
@@ -24,11 +24,11 @@ pub struct EncodeScratch {
     token: Vec<f32>,
     features: Vec<f32>,
     linear: Vec<f32>,
-    past: Past,
+    history: ActionHistory,
 }
 
 impl Encoder {
-    /// Pairs features with the linear answer.
+    /// Pairs features with the linear prediction.
     ///
     /// # Errors
     /// [`Error::Shape`] when the fit belongs to other features.
@@ -48,7 +48,7 @@ impl Encoder {
 
     /// Inputs of a network behind this encoder.
     pub fn inputs(&self) -> usize {
-        // The linear answer; how far the last action was from it, and the ratio of both.
+        // The linear prediction; how far the last action was from it, and the ratio of both.
         let per_action =
             usize::from(self.ridge.is_some()) + if self.sees_actions() { 2 } else { 0 };
         self.tokens.inputs() + per_action * self.tokens.facts().actions
@@ -76,7 +76,7 @@ impl Encoder {
             return refuse("mask_replaces", "does not fit the token variant".into());
         }
         if (cfg.skip != SkipKind::Off) != self.ridge.is_some() {
-            return refuse("skip", "needs a fitted linear answer, and only then".into());
+            return refuse("skip", "needs a fitted linear prediction, and only then".into());
         }
         Ok(())
     }
@@ -88,7 +88,7 @@ impl Encoder {
             token: vec![0.0; self.tokens.inputs()],
             features: Vec::new(),
             linear: vec![0.0; WINDOW * self.tokens.facts().actions],
-            past: Past::new(self.tokens.facts().actions),
+            history: ActionHistory::new(self.tokens.facts().actions),
         }
     }
 
@@ -115,7 +115,7 @@ impl Encoder {
             let to = &mut batch.linear[slot * WINDOW * a..(slot + 1) * WINDOW * a];
             to.iter_mut().zip(&*linear).for_each(|(to, &x)| *to = T::of(f64::from(x)));
         }
-        scratch.past.clear();
+        scratch.history.clear();
         for i in 0..WINDOW {
             let row = slot * WINDOW + i;
             batch.masked[row] = self.tokens.masked(&scratch.window, i);
@@ -130,15 +130,15 @@ impl Encoder {
                 let (residual, gain);
                 (residual, line) = line.split_at_mut(a);
                 (gain, line) = line.split_at_mut(a);
-                let EncodeScratch { past, linear, .. } = &mut *scratch;
+                let EncodeScratch { history, linear, .. } = &mut *scratch;
                 // Frames from here to the current one; the action before this one led here.
                 let left = CURRENT.checked_sub(i).filter(|_| i > 0);
                 match left.and_then(|left| (applied.len() / a).checked_sub(left + 1)) {
-                    Some(n) => past.see(&applied[n * a..][..a], &linear[(i - 1) * a..]),
-                    None => past.miss(),
+                    Some(n) => history.see(&applied[n * a..][..a], &linear[(i - 1) * a..]),
+                    None => history.miss(),
                 }
-                put(residual, scratch.past.residual());
-                put(gain, scratch.past.gain());
+                put(residual, scratch.history.residual());
+                put(gain, scratch.history.gain());
             }
             put(line, &scratch.linear[i * a..]);
         }

@@ -6,11 +6,11 @@
 use std::sync::Arc;
 use std::time::Instant;
 
+use super::adaptive_threads::AdaptiveThreads;
 use super::config::{COMMAND, CURRENT, NetConfig};
 use super::encode::EncodeScratch;
 use super::head::{self, Choice};
 use super::model::{Batch, Net};
-use super::pace::Pace;
 use super::single::{Panels, Single};
 use super::{Encoder, Error};
 use crate::rng::{Rng, Stream};
@@ -31,7 +31,7 @@ pub enum Threads {
 
 /// How a policy turns the head's output into an action.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PolicyConfig {
+pub struct NetPolicyConfig {
     /// Draw the action bin (the paper's way) instead of taking the likeliest.
     pub sample_bins: bool,
     /// Seed of those draws.
@@ -44,9 +44,9 @@ pub struct PolicyConfig {
     pub threads: Threads,
 }
 
-impl Default for PolicyConfig {
+impl Default for NetPolicyConfig {
     fn default() -> Self {
-        PolicyConfig {
+        NetPolicyConfig {
             sample_bins: false,
             seed: 0,
             ensemble: 1,
@@ -59,8 +59,8 @@ impl Default for PolicyConfig {
 /// A trained network in a control loop. Clones share weights, panels and features, so that
 /// many rollouts of one network cost one packing.
 #[derive(Clone, Debug)]
-pub struct Policy {
-    cfg: PolicyConfig,
+pub struct NetPolicy {
+    cfg: NetPolicyConfig,
     net: Arc<Net<f32>>,
     encoder: Arc<Encoder>,
     scratch: EncodeScratch,
@@ -68,7 +68,7 @@ pub struct Policy {
     /// Buffers for each number of threads that may be used, fewest first.
     single: Vec<Single>,
     /// Which of them to use.
-    pace: Arc<Pace>,
+    adaptive: Arc<AdaptiveThreads>,
     action: Vec<f32>,
     /// Predictions of past windows, newest first: (ensemble, ensemble, A).
     past: Vec<f32>,
@@ -77,12 +77,12 @@ pub struct Policy {
     applied: Vec<f32>,
 }
 
-impl Policy {
+impl NetPolicy {
     /// Packs the weights for use.
     ///
     /// # Errors
     /// [`Error::Config`] when network and encoder disagree or the ensemble is too large.
-    pub fn new(net: Net<f32>, encoder: Encoder, cfg: PolicyConfig) -> Result<Self, Error> {
+    pub fn new(net: Net<f32>, encoder: Encoder, cfg: NetPolicyConfig) -> Result<Self, Error> {
         encoder.check(&net.cfg)?;
         if !(1..=COMMAND + 1).contains(&cfg.ensemble) {
             let why = format!("{} is not in 1..={}", cfg.ensemble, COMMAND + 1);
@@ -92,7 +92,7 @@ impl Policy {
         let (panels, net) = (Arc::new(Panels::new(&net)), Arc::new(net));
         let n = &net.cfg;
         let on = |threads| Single::new(Arc::clone(&net), Arc::clone(&panels), e, threads);
-        Ok(Policy {
+        Ok(NetPolicy {
             scratch: encoder.scratch(),
             batch: Batch::zeros(n, 1),
             single: match cfg.threads {
@@ -100,7 +100,7 @@ impl Policy {
                 Threads::Two => vec![on(2)],
                 Threads::Faster => vec![on(1), on(2)],
             },
-            pace: Arc::default(),
+            adaptive: Arc::default(),
             action: vec![0.0; n.actions],
             past: vec![0.0; e * e * n.actions],
             windows: 0,
@@ -116,7 +116,7 @@ impl Policy {
         &self.net.cfg
     }
 
-    /// Features and linear answer.
+    /// Features and linear prediction.
     pub fn encoder(&self) -> &Encoder {
         &self.encoder
     }
@@ -150,7 +150,7 @@ impl Policy {
         self.applied.extend(applied.iter().map(|&x| x as f32));
     }
 
-    /// What was applied in the last frame instead of the action that [`Policy::act`] gave, (A).
+    /// What was applied in the last frame instead of the action that [`NetPolicy::act`] gave, (A).
     pub fn applied(&mut self, action: &[f64]) {
         let last = self.applied.len().saturating_sub(action.len());
         for (to, &x) in self.applied[last..].iter_mut().zip(action) {
@@ -163,12 +163,12 @@ impl Policy {
     pub fn act(&mut self, q: &[f32], visible: &[bool], step: u64) -> &[f32] {
         let applied = &self.applied;
         self.encoder.encode(q, visible, applied, &mut self.scratch, &mut self.batch, 0);
-        let which = if self.single.len() > 1 { self.pace.choose() } else { 0 };
+        let which = if self.single.len() > 1 { self.adaptive.choose() } else { 0 };
         let Some(single) = self.single.get_mut(which) else { return &self.action };
         let begin = Instant::now();
         let out = single.run(&self.batch);
         if self.cfg.threads == Threads::Faster {
-            self.pace.took(which, begin.elapsed());
+            self.adaptive.took(which, begin.elapsed());
         }
         let (a, e, k) = (self.net.cfg.actions, self.cfg.ensemble, self.net.cfg.outputs());
         self.past.copy_within(..(e - 1) * e * a, e * a);
@@ -280,7 +280,7 @@ mod tests {
         for (bins, mixing) in [(1, Mixing::Attention), (5, Mixing::Attention), (1, Mixing::None)] {
             let (net, encoder) = parts(bins, mixing);
             let mut policy =
-                Policy::new(net.clone(), encoder.clone(), PolicyConfig::default()).unwrap();
+                NetPolicy::new(net.clone(), encoder.clone(), NetPolicyConfig::default()).unwrap();
             for index in 0..5 {
                 let (q, visible) = window(index);
                 let got = policy.act(&q, &visible, index).to_vec();
@@ -297,8 +297,8 @@ mod tests {
         for (bins, mixing) in [(1, Mixing::Attention), (5, Mixing::Attention), (1, Mixing::None)] {
             let (net, encoder) = parts(bins, mixing);
             let policy = |threads| {
-                let cfg = PolicyConfig { threads, ensemble: 3, ..PolicyConfig::default() };
-                Policy::new(net.clone(), encoder.clone(), cfg)
+                let cfg = NetPolicyConfig { threads, ensemble: 3, ..NetPolicyConfig::default() };
+                NetPolicy::new(net.clone(), encoder.clone(), cfg)
             };
             let [mut one, mut two, mut faster] =
                 [Threads::One, Threads::Two, Threads::Faster].map(|t| policy(t).unwrap());
@@ -352,7 +352,7 @@ mod tests {
         let (net, encoder) = seeing(1, Mixing::Attention, true);
         assert_eq!(encoder.inputs(), parts(1, Mixing::Attention).1.inputs() + 4);
         let mut policy =
-            Policy::new(net.clone(), encoder.clone(), PolicyConfig::default()).unwrap();
+            NetPolicy::new(net.clone(), encoder.clone(), NetPolicyConfig::default()).unwrap();
         policy.reset(0);
         let begin = policy.memory();
         let mut given: Vec<f32> = Vec::new();
@@ -365,7 +365,7 @@ mod tests {
             let mut batch = Batch::zeros(&net.cfg, 1);
             let last = given.len().saturating_sub(CURRENT * 2);
             encoder.encode(&q, &visible, &given[last..], &mut encoder.scratch(), &mut batch, 0);
-            // Without a linear answer frame i holds the action that led to it, and no ratio; of
+            // Without a linear prediction frame i holds the action that led to it, and no ratio; of
             // commands nothing is known.
             let n = net.cfg.inputs;
             for i in 0..WINDOW {
@@ -386,7 +386,7 @@ mod tests {
             assert!(got.iter().zip(&want).all(|(g, w)| (g - w).abs() < 1e-5), "{got:?} {want:?}");
             given.extend(got);
         }
-        let again = |policy: &mut Policy, memory: &[f64], from: usize| {
+        let again = |policy: &mut NetPolicy, memory: &[f64], from: usize| {
             policy.recall(memory);
             let all = (from as u64..40).flat_map(|index| {
                 let (q, visible) = window(index);
@@ -401,8 +401,9 @@ mod tests {
     #[test]
     fn ensembles_average_what_was_said_of_one_frame() {
         let (net, encoder) = parts(1, Mixing::Attention);
-        let cfg = PolicyConfig { ensemble: 3, ensemble_decay: 0.7, ..PolicyConfig::default() };
-        let mut policy = Policy::new(net.clone(), encoder.clone(), cfg).unwrap();
+        let cfg =
+            NetPolicyConfig { ensemble: 3, ensemble_decay: 0.7, ..NetPolicyConfig::default() };
+        let mut policy = NetPolicy::new(net.clone(), encoder.clone(), cfg).unwrap();
         let mut got = Vec::new();
         for index in 0..4 {
             let (q, visible) = window(index);
@@ -421,8 +422,8 @@ mod tests {
     fn bins_are_drawn_by_seed_and_step() {
         let (net, encoder) = parts(5, Mixing::Attention);
         let run = |seed| {
-            let cfg = PolicyConfig { sample_bins: true, seed, ..PolicyConfig::default() };
-            let mut policy = Policy::new(net.clone(), encoder.clone(), cfg).unwrap();
+            let cfg = NetPolicyConfig { sample_bins: true, seed, ..NetPolicyConfig::default() };
+            let mut policy = NetPolicy::new(net.clone(), encoder.clone(), cfg).unwrap();
             let (q, visible) = window(0);
             (0..20).map(|s| policy.act(&q, &visible, s).to_vec()).collect::<Vec<_>>()
         };

@@ -1,4 +1,4 @@
-//! The place that multiplies matrices; [`super::split`] does some of it on tiles.
+//! The place that multiplies matrices; [`super::bf16x3`] does some of it on tiles.
 //!
 //! A register-blocked product after Goto and van de Geijn (2008): the right factor is
 //! packed in panels three registers wide, a tile of 8 or 9 rows (4 with 16 registers) stays in
@@ -153,7 +153,7 @@ pub struct Packed<T: Real> {
     n: usize,
     lanes: usize,
     #[cfg(target_arch = "x86_64")]
-    terms: super::split::Terms,
+    terms: super::bf16x3::Terms,
     #[cfg(target_arch = "x86_64")]
     /// Whether it is the terms that hold the factor.
     tiled: bool,
@@ -172,7 +172,7 @@ impl<T: Real> Packed<T> {
     /// Packs `b` for products of many rows, which the tile unit does where there is one.
     pub fn pack_tiled(&mut self, b: Mat<'_, T>) {
         #[cfg(target_arch = "x86_64")]
-        if super::split::suits(b.rows, b.cols)
+        if super::bf16x3::suits(b.rows, b.cols)
             && let Some(b) = T::single(b)
         {
             self.terms.pack(b);
@@ -198,7 +198,7 @@ impl<T: Real> Packed<T> {
 /// Whether products of many rows in single precision run on a tile unit here (Intel AMX).
 pub fn tiled() -> bool {
     #[cfg(target_arch = "x86_64")]
-    return super::split::usable();
+    return super::bf16x3::usable();
     #[cfg(not(target_arch = "x86_64"))]
     false
 }
@@ -281,7 +281,7 @@ pub fn gemm<T: Real>(out: MatMut<'_, T>, init: Init<'_, T>, a: Mat<'_, T>, b: Ma
 /// When the shapes disagree.
 pub fn gemm_tiled<T: Real>(out: MatMut<'_, T>, init: Init<'_, T>, a: Mat<'_, T>, b: Mat<'_, T>) {
     #[cfg(target_arch = "x86_64")]
-    if super::split::suits(b.rows, b.cols) && T::single(b).is_some() {
+    if super::bf16x3::suits(b.rows, b.cols) && T::single(b).is_some() {
         assert!(a.cols == b.rows, "shapes of a product disagree");
         T::product(out, init, a, Factor::Mat(b));
         return;
@@ -294,7 +294,7 @@ pub fn gemm_tiled<T: Real>(out: MatMut<'_, T>, init: Init<'_, T>, a: Mat<'_, T>,
 #[derive(Clone, Copy, Debug)]
 pub enum Factor<'a, T: Real> {
     /// Split before.
-    Terms(&'a super::split::Terms),
+    Terms(&'a super::bf16x3::Terms),
     /// To be split.
     Mat(Mat<'a, T>),
 }

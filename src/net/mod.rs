@@ -5,8 +5,12 @@
 //! everything stands on [`mat`], which multiplies matrices (some of them on tiles), and [`simd`], the
 //! elementwise rest. The module knows nothing of clips, takes or simulators.
 
+mod action_history;
+mod adaptive_threads;
 #[cfg(target_arch = "x86_64")]
 mod amx;
+#[cfg(target_arch = "x86_64")]
+mod bf16x3;
 #[cfg(test)]
 mod check;
 pub mod checkpoint;
@@ -15,21 +19,17 @@ pub mod encode;
 mod error;
 pub mod exchange;
 pub mod head;
+mod helper_thread;
 pub mod infer;
 pub mod kmeans;
 pub mod mask;
 pub mod mat;
 pub mod model;
-mod pace;
 pub mod params;
-mod past;
 pub mod real;
 pub mod ridge;
-mod second;
 pub mod simd;
 mod single;
-#[cfg(target_arch = "x86_64")]
-mod split;
 pub mod step;
 pub mod tensors;
 pub mod token;
@@ -40,7 +40,7 @@ pub use config::{
 };
 pub use encode::Encoder;
 pub use error::Error;
-pub use infer::{Policy, PolicyConfig, Threads};
+pub use infer::{NetPolicy, NetPolicyConfig, Threads};
 pub use model::{Batch, Net};
 pub use ridge::{Episodes, Ridge};
 pub use step::{AdamConfig, Learner};

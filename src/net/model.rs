@@ -54,7 +54,7 @@ pub struct Batch<T: Real> {
     pub tokens: Aligned<T>,
     /// Whether a token is hidden, (B, 51).
     pub masked: Vec<bool>,
-    /// The linear answer, (B, 51, A); empty without a skip.
+    /// The linear prediction, (B, 51, A); empty without a skip.
     pub linear: Vec<T>,
     /// Actions to infer, (B, 51, A).
     pub actions: Vec<T>,

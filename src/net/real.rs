@@ -250,7 +250,7 @@ impl Real for f32 {
         a: Mat<'_, Self>,
         b: Factor<'_, Self>,
     ) {
-        super::split::product(&mut out, init, a, b);
+        super::bf16x3::product(&mut out, init, a, b);
     }
 
     /// Range reduction by Cody and Waite: x = n ln 2 + r, e^x = 2^n e^r.

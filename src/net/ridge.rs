@@ -134,7 +134,7 @@ impl Ridge {
         }
     }
 
-    /// Linear answers of frames `range` of the window read, row-major (frames, A).
+    /// Linear predictions of frames `range` of the window read, row-major (frames, A).
     pub fn answers(
         &self,
         tokens: &Tokeniser,

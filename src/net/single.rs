@@ -11,11 +11,11 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::config::{CURRENT, Mixing, NetConfig, WINDOW};
+use super::helper_thread::{HelperThread, until};
 use super::mat::{Init, Mat, MatMut, Packed, gemm, gemm_packed};
 use super::model::{Batch, Net, place};
 use super::params::LayerAt;
 use super::real::Aligned;
-use super::second::{Second, until};
 use super::simd::{self, PAD};
 
 /// Frames of the first of two threads: whole tiles of rows, and the second one, which also
@@ -60,7 +60,7 @@ struct Other {
     share: Arc<Mutex<Share>>,
     meeting: Arc<Meeting>,
     /// Started when it is first needed: most copies of a policy never ask for it.
-    thread: Option<Second>,
+    thread: Option<HelperThread>,
 }
 
 /// Some frames of the window, and what one thread needs for them.
@@ -141,7 +141,7 @@ impl Other {
         if self.thread.is_none() {
             let (net, panels) = (Arc::clone(net), Arc::clone(panels));
             let (share, meeting) = (Arc::clone(&self.share), Arc::clone(&self.meeting));
-            self.thread = Some(Second::start(move || {
+            self.thread = Some(HelperThread::start(move || {
                 let mut share = share.lock().unwrap_or_else(PoisonError::into_inner);
                 share.run(&net, &panels, Some(&meeting));
             })?);

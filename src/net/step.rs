@@ -1,8 +1,8 @@
 //! One optimiser step on all cores, with bits that do not depend on how many there are.
 //!
 //! A batch is cut into micro-batches (which stay in the cache) and these are dealt to a
-//! fixed number of lanes, each with a gradient of its own; threads only take lanes from a
-//! queue. Lanes are summed pairwise in a fixed tree. So one thread or eight add the same
+//! fixed number of gradient accumulators; threads only take accumulators from a
+//! queue. Accumulators are summed pairwise in a fixed tree. So one thread or eight add the same
 //! numbers in the same order. Rejected: one gradient per micro-batch (16 × 19 MB at 4.7 M
 //! parameters, for nothing) and one per thread (bits would follow the machine).
 
@@ -13,8 +13,8 @@ use super::model::{Arena, Batch, Net, Panels, backward, forward, score};
 use super::real::{Aligned, Real};
 use super::simd::{self, AdamStep};
 
-/// Lanes at most; more cores than this do not speed up one step.
-pub const LANES: usize = 8;
+/// Accumulators at most; more cores than this do not speed up one step.
+pub const ACCUMULATORS: usize = 8;
 /// Windows in a micro-batch at most.
 const MICRO: usize = 16;
 /// Weights in one piece of the update.
@@ -60,14 +60,14 @@ impl Default for AdamConfig {
 
 /// Loss and gradient of a batch, before anything is changed.
 #[derive(Clone, Copy, Debug)]
-pub struct Look {
+pub struct GradientView {
     /// Loss and errors over the batch.
     pub sums: Sums,
     /// Norm of the gradient before clipping.
     pub grad_norm: f64,
 }
 
-impl Look {
+impl GradientView {
     /// Whether a step can follow.
     pub fn is_finite(&self) -> bool {
         self.sums.loss.is_finite() && self.grad_norm.is_finite()
@@ -104,14 +104,14 @@ pub struct Learner<T: Real> {
     micro: usize,
     threads: usize,
     panels: Panels<T>,
-    lanes: Vec<Lane<T>>,
-    /// All lanes but the first are zero.
+    accumulators: Vec<Accumulator<T>>,
+    /// All accumulators but the first are zero.
     clean: bool,
     workers: Vec<Worker<T>>,
 }
 
 #[derive(Debug)]
-struct Lane<T: Real> {
+struct Accumulator<T: Real> {
     grads: Aligned<T>,
     sums: Sums,
     /// Micro-batches `first..end`.
@@ -131,8 +131,8 @@ impl<T: Real> Learner<T> {
         let batch = batch.max(1);
         let micro = MICRO.min(batch.div_ceil(2));
         let micros = batch.div_ceil(micro);
-        let lanes = LANES.min(micros);
-        let threads = threads.clamp(1, lanes);
+        let accumulators = ACCUMULATORS.min(micros);
+        let threads = threads.clamp(1, accumulators);
         let len = net.layout.len;
         Learner {
             first: Aligned::zeros(len),
@@ -145,12 +145,12 @@ impl<T: Real> Learner<T> {
             threads,
             panels: Panels::new(&net),
             clean: true,
-            lanes: (0..lanes)
-                .map(|i| Lane {
+            accumulators: (0..accumulators)
+                .map(|i| Accumulator {
                     grads: Aligned::zeros(len),
                     sums: Sums::default(),
-                    first: micros * i / lanes,
-                    end: micros * (i + 1) / lanes,
+                    first: micros * i / accumulators,
+                    end: micros * (i + 1) / accumulators,
                 })
                 .collect(),
             workers: (0..threads)
@@ -181,22 +181,24 @@ impl<T: Real> Learner<T> {
     ) -> Sums {
         let clean = self.clean;
         self.clean &= !gradients;
-        let Learner { net, panels, lanes, workers, batch, micro, threads, current_only, .. } = self;
+        let Learner {
+            net, panels, accumulators, workers, batch, micro, threads, current_only, ..
+        } = self;
         let (batch, micro, current_only) = (*batch, *micro, *current_only);
         let tokens = if current_only { 1 } else { super::config::WINDOW };
         let scale = 1.0 / (batch * tokens) as f64;
         let workers: Vec<_> = workers.iter_mut().map(Mutex::new).collect();
-        let queue = Mutex::new(lanes.iter_mut().enumerate());
+        let queue = Mutex::new(accumulators.iter_mut().enumerate());
         on_threads(*threads, |t| {
             let Some(worker) = workers.get(t) else { return };
             let mut worker = worker.lock().unwrap_or_else(PoisonError::into_inner);
             let Worker { arena, batch: windows } = &mut **worker;
-            while let Some((index, lane)) = next_of(&queue) {
+            while let Some((index, part)) = next_of(&queue) {
                 if gradients && !(clean && index > 0) {
-                    lane.grads.fill(T::default());
+                    part.grads.fill(T::default());
                 }
-                lane.sums = Sums::default();
-                for m in lane.first..lane.end {
+                part.sums = Sums::default();
+                for m in part.first..part.end {
                     let first = m * micro;
                     windows.count = micro.min(batch - first);
                     for slot in 0..windows.count {
@@ -204,29 +206,29 @@ impl<T: Real> Learner<T> {
                     }
                     forward(net, panels, windows, arena);
                     let sums = if gradients {
-                        backward(net, panels, windows, arena, &mut lane.grads, scale, current_only)
+                        backward(net, panels, windows, arena, &mut part.grads, scale, current_only)
                     } else {
                         score(net, windows, arena, scale, current_only)
                     };
-                    lane.sums.add(&sums);
+                    part.sums.add(&sums);
                 }
             }
         });
         let mut sums = Sums::default();
-        self.lanes.iter().for_each(|lane| sums.add(&lane.sums));
+        self.accumulators.iter().for_each(|part| sums.add(&part.sums));
         sums
     }
 
-    /// Sums the lanes into the first one and returns the norm of the result. Piece by piece
+    /// Sums the accumulators into the first one and returns the norm of the result. Piece by piece
     /// all the way up the tree, so that a gradient passes through the cache once; the other
-    /// lanes are left at zero for the next step.
+    /// accumulators are left at zero for the next step.
     fn reduce(&mut self) -> f64 {
-        let (lanes, threads) = (&mut self.lanes, self.threads);
-        let pieces = lanes.first().map_or(0, |lane| lane.grads.len().div_ceil(PIECE));
+        let (accumulators, threads) = (&mut self.accumulators, self.threads);
+        let pieces = accumulators.first().map_or(0, |part| part.grads.len().div_ceil(PIECE));
         let mut jobs: Vec<(Vec<&mut [T]>, f64)> =
-            (0..pieces).map(|_| (Vec::with_capacity(lanes.len()), 0.0)).collect();
-        for lane in lanes.iter_mut() {
-            for (job, piece) in jobs.iter_mut().zip(lane.grads.chunks_mut(PIECE)) {
+            (0..pieces).map(|_| (Vec::with_capacity(accumulators.len()), 0.0)).collect();
+        for part in accumulators.iter_mut() {
+            for (job, piece) in jobs.iter_mut().zip(part.grads.chunks_mut(PIECE)) {
                 job.0.push(piece);
             }
         }
@@ -257,7 +259,7 @@ impl<T: Real> Learner<T> {
 
     /// Gradient of the last step, laid out as the weights.
     pub fn gradient(&self) -> &[T] {
-        self.lanes.first().map_or(&[], |lane| &lane.grads)
+        self.accumulators.first().map_or(&[], |part| &part.grads)
     }
 
     /// Loss and its whole gradient, without touching the weights.
@@ -279,35 +281,38 @@ impl<T: Real> Learner<T> {
         lr: f64,
         fill: &(impl Fn(usize, usize, &mut Batch<T>) + Sync),
     ) -> StepReport {
-        let look = self.look(fill);
-        let applied = look.is_finite();
+        let view = self.gradient(fill);
+        let applied = view.is_finite();
         if applied {
-            self.apply(lr, &look);
+            self.apply(lr, &view);
         }
-        StepReport { sums: look.sums, grad_norm: look.grad_norm, applied }
+        StepReport { sums: view.sums, grad_norm: view.grad_norm, applied }
     }
 
     /// The first half of a step: weights and moments stay as they are. What has a finite
-    /// look is worth keeping as a checkpoint.
-    pub fn look(&mut self, fill: &(impl Fn(usize, usize, &mut Batch<T>) + Sync)) -> Look {
+    /// view is worth keeping as a checkpoint.
+    pub fn gradient(
+        &mut self,
+        fill: &(impl Fn(usize, usize, &mut Batch<T>) + Sync),
+    ) -> GradientView {
         let sums = self.gradients(fill);
         let grad_norm = self.reduce();
-        Look { sums, grad_norm }
+        GradientView { sums, grad_norm }
     }
 
-    /// The second half: moves the weights by the gradient of the last look.
-    pub fn apply(&mut self, lr: f64, look: &Look) {
+    /// The second half: moves the weights by the gradient that [`Learner::gradient`] left.
+    pub fn apply(&mut self, lr: f64, view: &GradientView) {
         self.count += 1;
-        self.update(lr, look.grad_norm);
+        self.update(lr, view.grad_norm);
         self.panels.refresh(&self.net, self.threads);
     }
 
     fn update(&mut self, lr: f64, norm: f64) {
         let adam = self.adam;
         let clip = if norm > adam.clip { adam.clip / (norm + 1e-6) } else { 1.0 };
-        let Learner { net, first, second, lanes, threads, count, .. } = self;
-        let Some(lane) = lanes.first() else { return };
-        let (mut w, mut g) = (&mut net.weights[..], &lane.grads[..]);
+        let Learner { net, first, second, accumulators, threads, count, .. } = self;
+        let Some(part) = accumulators.first() else { return };
+        let (mut w, mut g) = (&mut net.weights[..], &part.grads[..]);
         let (mut m, mut v) = (&mut first[..], &mut second[..]);
         let mut jobs = Vec::with_capacity(net.layout.tensors.len());
         let mut at = 0;

@@ -111,8 +111,8 @@ pub struct TokenConfig {
     #[serde(default)]
     pub ridge_friction: bool,
     /// Whether a frame's token holds what the actions before it say of the plant, up to the
-    /// current frame: how far the last one was from the linear answer, and by what factor the
-    /// linear answer was off in all of the past.
+    /// current frame: how far the last one was from the linear prediction, and by what factor the
+    /// linear prediction was off in all of the past.
     #[serde(default)]
     pub previous_action: bool,
 }
@@ -247,7 +247,7 @@ impl Tokeniser {
         8 * self.stops.len() + 2 * (self.hinges.len() + self.sums.len())
     }
 
-    /// Features in a token that positions tell: without actions and the linear answer.
+    /// Features in a token that positions tell: without actions and the linear prediction.
     pub fn inputs(&self) -> usize {
         let s = self.state();
         let joint = self.cfg.granularity == MaskGranularity::Joint;

@@ -15,7 +15,7 @@ use crate::plot::palette;
 use crate::robot::Robot;
 
 /// The command in a legend: as its ghost looks, which is lit.
-const COMMAND: palette::Rgb = [56, 152, 226];
+const COMMAND_COLOR: palette::Rgb = [56, 152, 226];
 /// Frames ahead that a goal is shown: what the policy itself can see.
 const SIGHT_FRAMES: usize = 20;
 /// Frames that are looked at to find a camera that holds them all.
@@ -532,7 +532,7 @@ impl Shot {
                 (false, true) => "command, small error",
                 (false, false) => "command",
             };
-            add(Swatch::Ghost, COMMAND, text);
+            add(Swatch::Ghost, COMMAND_COLOR, text);
             if o.error && !next {
                 add(Swatch::Ghost, tint(1.0), "command, large error");
             }
@@ -545,7 +545,7 @@ impl Shot {
             add(Swatch::Line, color.map(|c| (c.clamp(0.0, 1.0) * 255.0).round() as u8), "path");
         }
         if o.trail && !self.marks.is_empty() {
-            add(Swatch::Cross, COMMAND, "keyframe");
+            add(Swatch::Cross, COMMAND_COLOR, "keyframe");
         }
         if o.axes {
             add(Swatch::Line, AXIS, "joint axis");
@@ -757,7 +757,7 @@ mod tests {
         let error = keys("caption,error", 1);
         let (small, large) = (&error[1], &error[2]);
         assert!(small.2.contains("small error") && large.2.contains("large error"));
-        assert_eq!((small.1, large.1), (COMMAND, palette::VERMILION));
+        assert_eq!((small.1, large.1), (COMMAND_COLOR, palette::VERMILION));
         assert_eq!(texts("caption,trail"), ["achieved", "path", "keyframe"]);
         let signs = keys("caption,axes,contacts", 1);
         assert_eq!(

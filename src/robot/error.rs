@@ -80,7 +80,7 @@ pub enum Error {
     /// The profile is not valid TOML or breaks its schema.
     #[error("{place}: {message}", place = place(path, *line, *column))]
     Profile {
-        /// What is wrong and how to mend it.
+        /// What is wrong and how to fix it.
         message: String,
         /// Line, from 1.
         line: u32,
@@ -92,7 +92,7 @@ pub enum Error {
     /// The profile contradicts its model.
     #[error("{path}: {message}", path = path.display())]
     Mismatch {
-        /// What differs and how to mend it.
+        /// What differs and how to fix it.
         message: String,
         /// The profile.
         path: PathBuf,
@@ -100,7 +100,7 @@ pub enum Error {
     /// A foreign file is refused before any simulator sees it.
     #[error("{place}: {message}", place = place(path, *line, *column))]
     Refused {
-        /// What is wrong and how to mend it.
+        /// What is wrong and how to fix it.
         message: String,
         /// Line, from 1; 0 where it concerns the whole file.
         line: u32,

@@ -20,8 +20,8 @@ use std::sync::Arc;
 use nalgebra::{DMatrix, DVector};
 
 use super::actuation::Actuation;
-use super::belief::Belief;
 use super::error::Error;
+use super::nominal_model::NominalModel;
 use super::policy::{Policy, View};
 use crate::mujoco::Data;
 use crate::robot::{Response, Robot};
@@ -38,7 +38,7 @@ const FOLLOW_POSE: usize = 10;
 /// Inverse dynamics with the model as the robot's file says.
 #[derive(Debug)]
 pub(super) struct ComputedTorque {
-    belief: Belief,
+    nominal: NominalModel,
     actuation: Actuation,
     law: Law,
     mass: Vec<f64>,
@@ -95,15 +95,15 @@ impl ComputedTorque {
     /// # Errors
     /// [`Error::Setup`], [`Error::Timestep`].
     pub(super) fn new(robot: &Arc<Robot>) -> Result<ComputedTorque, Error> {
-        let mut belief = Belief::without_contacts(robot)?;
-        robot.write_state(&mut belief.data, &robot.home())?;
-        let actuation = Actuation::new(robot, &mut belief.data)?;
+        let mut nominal = NominalModel::without_contacts(robot)?;
+        robot.write_state(&mut nominal.data, &robot.home())?;
+        let actuation = Actuation::new(robot, &mut nominal.data)?;
         let nv = robot.model().nv();
         let mut mass = vec![0.0; nv * nv];
-        belief.data.forward()?;
+        nominal.data.forward()?;
         let zero = Law { way: DMatrix::zeros(nv, nv), speed: DMatrix::zeros(nv, nv) };
-        let law = law_here(&mut belief.data, &mut mass, belief.substeps)?.unwrap_or(zero);
-        Ok(ComputedTorque { belief, actuation, law, mass, torque: vec![0.0; nv] })
+        let law = law_here(&mut nominal.data, &mut mass, nominal.substeps)?.unwrap_or(zero);
+        Ok(ComputedTorque { nominal, actuation, law, mass, torque: vec![0.0; nv] })
     }
 }
 
@@ -127,16 +127,16 @@ impl Policy for ComputedTorque {
 
     fn act(&mut self, view: &View<'_>, action: &mut [f64]) -> Result<(), Error> {
         let nv = self.torque.len();
-        let data = &mut self.belief.data;
+        let data = &mut self.nominal.data;
         data.restore(view.state)?;
         if nv <= FOLLOW_POSE {
             data.forward()?;
-            if let Some(law) = law_here(data, &mut self.mass, self.belief.substeps)? {
+            if let Some(law) = law_here(data, &mut self.mass, self.nominal.substeps)? {
                 self.law = law;
             }
         }
         let mut way = DVector::zeros(nv);
-        for (k, joint) in self.belief.robot.joints().iter().enumerate() {
+        for (k, joint) in self.nominal.robot.joints().iter().enumerate() {
             way[joint.dofadr] = view.window.next_target(k) - view.window.current[k];
         }
         let speed = DVector::from_row_slice(&view.state.qvel);

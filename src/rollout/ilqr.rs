@@ -16,8 +16,8 @@ use std::sync::Arc;
 
 use nalgebra::{DMatrix, DVector};
 
-use super::belief::Belief;
 use super::error::Error;
+use super::nominal_model::NominalModel;
 use super::pd::Pd;
 use super::policy::{Policy, View};
 use super::window::{COMMAND, Window};
@@ -73,7 +73,7 @@ impl IlqrConfig {
 #[derive(Debug)]
 pub struct Ilqr {
     config: IlqrConfig,
-    belief: Belief,
+    nominal: NominalModel,
     rival: Pd,
     /// Actions of the horizon; (H, A).
     plan: Vec<f64>,
@@ -104,9 +104,9 @@ impl Ilqr {
     /// # Errors
     /// [`Error::Setup`], [`Error::Timestep`].
     pub fn new(robot: &Arc<Robot>, config: &IlqrConfig) -> Result<Ilqr, Error> {
-        let belief = Belief::new(robot)?;
+        let nominal = NominalModel::new(robot)?;
         let horizon = config.horizon.clamp(1, COMMAND);
-        let snapshot = belief.data.snapshot();
+        let snapshot = nominal.data.snapshot();
         let actions = robot.action_dim();
         Ok(Ilqr {
             plan: vec![0.0; horizon * actions],
@@ -118,12 +118,12 @@ impl Ilqr {
             last_action: vec![0.0; actions],
             rival: Pd::new(robot)?,
             config: IlqrConfig { horizon, ..config.clone() },
-            belief,
+            nominal,
         })
     }
 
     fn actions(&self) -> usize {
-        self.belief.robot.action_dim()
+        self.nominal.robot.action_dim()
     }
 
     /// Weight of joint `j` at command index `i`.
@@ -144,17 +144,17 @@ impl Ilqr {
     ) -> Result<(Vec<f64>, f64), Error> {
         let actions = self.actions();
         let mut plan = vec![0.0; self.plan.len()];
-        self.belief.data.restore(view.state)?;
+        self.nominal.data.restore(view.state)?;
         for (i, u) in plan.chunks_exact_mut(actions).enumerate() {
-            self.belief.data.snapshot_into(&mut self.trial_states[i]);
+            self.nominal.data.snapshot_into(&mut self.trial_states[i]);
             choose(self, i, u);
-            self.belief.robot.apply_action(&mut self.belief.data, u)?;
-            if self.belief.data.step(self.belief.substeps).is_err() {
+            self.nominal.robot.apply_action(&mut self.nominal.data, u)?;
+            if self.nominal.data.step(self.nominal.substeps).is_err() {
                 return Ok((plan, f64::INFINITY));
             }
         }
         if let Some(last) = self.trial_states.last_mut() {
-            self.belief.data.snapshot_into(last);
+            self.nominal.data.snapshot_into(last);
         }
         let cost = self.cost(view, &plan, &self.trial_states);
         Ok((plan, cost))
@@ -174,9 +174,9 @@ impl Ilqr {
         let dim = view.window.dim();
         let mut current = vec![0.0; dim];
         self.simulate(view, |s, i, u| {
-            s.belief.robot.read_state(&s.belief.data, &mut current);
+            s.nominal.robot.read_state(&s.nominal.data, &mut current);
             let target = &s.goals.command[i * dim..(i + 1) * dim];
-            s.rival.drive(&current, target, s.belief.data.qvel(), u);
+            s.rival.drive(&current, target, s.nominal.data.qvel(), u);
         })
     }
 
@@ -192,7 +192,7 @@ impl Ilqr {
         let mut cost = 0.0;
         let mut before = self.last_action.as_slice();
         for (i, u) in plan.chunks_exact(actions).enumerate() {
-            for (j, joint) in self.belief.robot.joints().iter().enumerate() {
+            for (j, joint) in self.nominal.robot.joints().iter().enumerate() {
                 let e = states[i + 1].qpos[joint.qposadr] - self.goals.command[i * dim + j];
                 cost += 0.5 * self.weight(view, i, j) * e * e;
             }
@@ -208,8 +208,8 @@ impl Ilqr {
     /// Local dynamics of frame `i` of the current plan, in (dq, dv) and scaled actions.
     fn linearise(&mut self, i: usize) -> Result<Step, Error> {
         let actions = self.actions();
-        let robot = Arc::clone(&self.belief.robot);
-        let data = &mut self.belief.data;
+        let robot = Arc::clone(&self.nominal.robot);
+        let data = &mut self.nominal.data;
         let model = Arc::clone(data.model());
         let n = 2 * model.nv() + model.na();
         let (mut a, mut b) = (vec![0.0; n * n], vec![0.0; n * model.nu()]);
@@ -223,7 +223,7 @@ impl Ilqr {
             b_sub.column_mut(k).scale_mut(0.5 * (hi - lo));
         }
         let (mut a, mut b) = (a_sub.clone(), b_sub.clone());
-        for _ in 1..self.belief.substeps {
+        for _ in 1..self.nominal.substeps {
             b = &a_sub * b + &b_sub;
             a = &a_sub * a;
         }
@@ -242,7 +242,7 @@ impl Ilqr {
         let mut expected = 0.0;
         for i in (0..horizon).rev() {
             // Cost of the state that this frame reaches.
-            for (j, joint) in self.belief.robot.joints().iter().enumerate() {
+            for (j, joint) in self.nominal.robot.joints().iter().enumerate() {
                 let w = self.weight(view, i, j);
                 let e = self.states[i + 1].qpos[joint.qposadr] - self.goals.command[i * dim + j];
                 vx[joint.dofadr] += w * e;
@@ -286,9 +286,9 @@ impl Ilqr {
         gains: &[Gain],
         alpha: f64,
     ) -> Result<(Vec<f64>, f64), Error> {
-        let nv = self.belief.robot.model().nv();
+        let nv = self.nominal.robot.model().nv();
         self.simulate(view, |s, i, u| {
-            let (gain, data) = (&gains[i], &s.belief.data);
+            let (gain, data) = (&gains[i], &s.nominal.data);
             let mut dx = DVector::zeros(gain.feedback.ncols());
             for k in 0..nv {
                 // Hinges and slides only: coordinates are the tangent.

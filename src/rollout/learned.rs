@@ -1,4 +1,4 @@
-//! The learned policies: `robert`, a trained network, and `ridge`, the linear answer inside
+//! The learned policies: `robert`, a trained network, and `ridge`, the linear prediction inside
 //! its model file. Both see the window and nothing else.
 
 use std::path::{Path, PathBuf};
@@ -77,7 +77,7 @@ impl Frames {
 /// A trained network.
 #[derive(Clone, Debug)]
 pub struct Learned {
-    policy: net::Policy,
+    policy: net::NetPolicy,
     frames: Frames,
     card: Option<String>,
 }
@@ -87,10 +87,14 @@ impl Learned {
     ///
     /// # Errors
     /// [`Error::Model`].
-    pub fn new(model: Model, options: net::PolicyConfig) -> Result<Self, Error> {
+    pub fn new(model: Model, options: net::NetPolicyConfig) -> Result<Self, Error> {
         let frames = Frames::new(&model.encoder);
         let card = serde_json::to_string_pretty(&model.card).ok();
-        Ok(Learned { policy: net::Policy::new(model.net, model.encoder, options)?, frames, card })
+        Ok(Learned {
+            policy: net::NetPolicy::new(model.net, model.encoder, options)?,
+            frames,
+            card,
+        })
     }
 }
 
@@ -133,7 +137,7 @@ impl Policy for Learned {
     }
 }
 
-/// The linear answer alone: no network, fitted in seconds.
+/// The linear prediction alone: no network, fitted in seconds.
 #[derive(Clone, Debug)]
 pub struct Linear {
     encoder: Arc<Encoder>,
@@ -145,7 +149,7 @@ pub struct Linear {
 }
 
 impl Linear {
-    /// The linear answer inside a model.
+    /// The linear prediction inside a model.
     ///
     /// # Errors
     /// [`Error::Needs`] when the model has none.
@@ -219,7 +223,7 @@ mod tests {
     };
     use crate::rollout::{Rollout, RolloutConfig, Start};
 
-    /// A gated network around a linear answer of constant actions, for the puck.
+    /// A gated network around a linear prediction of constant actions, for the puck.
     fn model(robot: &Robot, granularity: MaskGranularity) -> Model {
         let s = robot.state_dim();
         let joints = vec![JointFacts { hinge: false, range: None }; s];
@@ -279,7 +283,7 @@ mod tests {
                 r.run(&crate::progress::Cancel::default()).unwrap();
                 r.actions().to_vec()
             };
-            let robert = Learned::new(model.clone(), net::PolicyConfig::default()).unwrap();
+            let robert = Learned::new(model.clone(), net::NetPolicyConfig::default()).unwrap();
             let (a, b) =
                 (run(Box::new(robert)), run(Box::new(Linear::new(model.encoder).unwrap())));
             assert!(a.iter().any(|x| x.abs() > 0.01), "it does something");
@@ -291,7 +295,7 @@ mod tests {
     fn ensembles_resume_where_they_were() {
         let robot = Arc::new(Robot::builtin("pointmass").unwrap());
         let model = model(&robot, MaskGranularity::State);
-        let options = net::PolicyConfig { ensemble: 4, ..Default::default() };
+        let options = net::NetPolicyConfig { ensemble: 4, ..Default::default() };
         let policy = Box::new(Learned::new(model, options).unwrap());
         let start = Start::Pose;
         let mut r = Rollout::new(&robot, policy, &command(&robot), start, RolloutConfig::default())

@@ -10,15 +10,15 @@
 //! which sees 20 frames ahead and no more.
 
 mod actuation;
-mod belief;
 mod computed_torque;
-mod cut;
 mod error;
+mod extracted_tasks;
 mod fitted;
 mod ilqr;
 mod inverse;
 mod learned;
 mod nearest;
+mod nominal_model;
 mod pd;
 mod policy;
 mod precision;
@@ -33,14 +33,14 @@ pub mod tasks;
 mod window;
 mod zero;
 
-pub use belief::Belief;
-pub use cut::{CUT_FRAMES, Masking, cut, test_suites};
 pub use error::Error;
+pub use extracted_tasks::{EXTRACTED_FRAMES, Masking, extract_task, test_suites};
 pub use fitted::{FitCard, FitKind, card_of, facts, normaliser};
 pub use ilqr::{Ilqr, IlqrConfig};
 pub use inverse::{Inverse, InverseSettings};
 pub use learned::{Learned, Linear, load, model_path, robot_card};
 pub use nearest::{FRAMES as NEAREST_FRAMES, Nearest, NearestSettings};
+pub use nominal_model::NominalModel;
 pub use policy::{Policy, View};
 pub use precision::{HoldError, Precision, hidden_error};
 pub use registry::{Guide, Inference, Offer, PolicyConfig, PolicyName, case, offers};

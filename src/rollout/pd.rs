@@ -4,8 +4,8 @@
 use std::sync::Arc;
 
 use super::actuation::Actuation;
-use super::belief::Belief;
 use super::error::Error;
+use super::nominal_model::NominalModel;
 use super::policy::{Policy, View};
 use crate::robot::{Robot, Servo};
 
@@ -25,9 +25,9 @@ impl Pd {
     /// # Errors
     /// [`Error::Setup`].
     pub(super) fn new(robot: &Arc<Robot>) -> Result<Pd, Error> {
-        let mut belief = Belief::new(robot)?;
-        robot.write_state(&mut belief.data, &robot.home())?;
-        let actuation = Actuation::new(robot, &mut belief.data)?;
+        let mut nominal = NominalModel::new(robot)?;
+        robot.write_state(&mut nominal.data, &robot.home())?;
+        let actuation = Actuation::new(robot, &mut nominal.data)?;
         Ok(Pd {
             robot: Arc::clone(robot),
             actuation,

@@ -39,7 +39,7 @@ pub enum PolicyName {
     PredictiveSampling,
     /// A trained network.
     Robert,
-    /// The linear answer inside a model file.
+    /// The linear prediction inside a model file.
     Ridge,
     /// What was done in the recorded moments most like this one.
     Nearest,
@@ -58,7 +58,12 @@ const NAMES: [(PolicyName, &str, &str, &str); 9] = {
         (P::Ilqr, "ilqr", "", "receding-horizon optimal control on the model"),
         (P::PredictiveSampling, "predictive-sampling", "", "random search about pd, on the model"),
         (P::Robert, "robert", "[:MODEL]", "a trained network: file, run directory or shipped name"),
-        (P::Ridge, "ridge", "[:MODEL]", "the linear answer of such a model, or of a robert fit"),
+        (
+            P::Ridge,
+            "ridge",
+            "[:MODEL]",
+            "the linear prediction of such a model, or of a robert fit",
+        ),
         (P::Nearest, "nearest", ":PATH", "the recorded moments most like this one: data or fit"),
         (P::MlpInverse, "mlp-inverse", ":PATH", "a small inverse model, made by robert fit"),
     ]
@@ -167,12 +172,12 @@ pub fn offers(robot: &Robot) -> Vec<Offer> {
         match shipped::get(robot, shipped::DEFAULT) {
             Ok(Some(model)) => {
                 let masks = model.card.mask_granularity;
-                // A network's file need not hold the linear answer.
+                // A network's file need not hold the linear prediction.
                 let lacks = name == PolicyName::Ridge && model.encoder.ridge.is_none();
                 let needs = match name {
                     PolicyName::Nearest => Some("recorded motion: name its folder"),
                     PolicyName::MlpInverse => Some("a fit: name its file"),
-                    _ => lacks.then_some("a model with a linear answer in it"),
+                    _ => lacks.then_some("a model with a linear prediction in it"),
                 };
                 let needs = needs.map(str::to_owned);
                 let (suits, guide) = match name {
@@ -211,7 +216,7 @@ pub fn case(card: &Card) -> (&'static str, Guide) {
         let suits = "a payload, damping or motor that may differ from the file; with the guide";
         (suits, Guide::Linear)
     } else if card.net.skip == SkipKind::Off {
-        ("a look at the network as published, without the linear answer", Guide::None)
+        ("a look at the network as published, without the linear prediction", Guide::None)
     } else {
         (PolicyName::Robert.suits(), Guide::None)
     }
@@ -419,11 +424,11 @@ impl PolicyConfig {
             PolicyName::Robert => {
                 let model = Arc::unwrap_or_clone(self.model(robot)?);
                 let Inference { ensemble, sample, threads } = self.inference;
-                let options = crate::net::PolicyConfig {
+                let options = crate::net::NetPolicyConfig {
                     ensemble,
                     sample_bins: sample,
                     threads,
-                    ..crate::net::PolicyConfig::default()
+                    ..crate::net::NetPolicyConfig::default()
                 };
                 Box::new(Learned::new(model, options)?)
             }

@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
-use super::belief::substeps;
 use super::error::Error;
+use super::nominal_model::substeps;
 use super::policy::{Policy, View};
 use super::precision::Precision;
 use super::registry::Guide;

@@ -14,8 +14,8 @@
 
 use std::sync::Arc;
 
-use super::belief::Belief;
 use super::error::Error;
+use super::nominal_model::NominalModel;
 use super::pd::Pd;
 use super::policy::{Policy, View};
 use super::window::{COMMAND, Window};
@@ -64,7 +64,7 @@ impl SamplingConfig {
 #[derive(Debug)]
 pub struct PredictiveSampling {
     config: SamplingConfig,
-    belief: Belief,
+    nominal: NominalModel,
     servos: Pd,
     /// What is added to the servos' action; (knots, A).
     spline: Vec<f64>,
@@ -87,8 +87,8 @@ impl PredictiveSampling {
         };
         let spline = vec![0.0; config.knots * robot.action_dim()];
         let goals = Window::new(robot.state_dim());
-        let (belief, servos) = (Belief::new(robot)?, Pd::new(robot)?);
-        Ok(PredictiveSampling { belief, servos, config, spline, seed: 0, goals })
+        let (nominal, servos) = (NominalModel::new(robot)?, Pd::new(robot)?);
+        Ok(PredictiveSampling { nominal, servos, config, spline, seed: 0, goals })
     }
 
     /// Cost of a plan, simulated from the state of the view, and its first action. It is
@@ -105,11 +105,11 @@ impl PredictiveSampling {
         let mut added = vec![0.0; actions];
         let mut current = vec![0.0; dim];
         let mut cost = 0.0;
-        let data = &mut self.belief.data;
+        let data = &mut self.nominal.data;
         data.restore(view.state)?;
         for i in 0..self.config.horizon {
             let target = &self.goals.command[i * dim..(i + 1) * dim];
-            self.belief.robot.read_state(data, &mut current);
+            self.nominal.robot.read_state(data, &mut current);
             self.servos.drive(&current, target, data.qvel(), &mut u);
             evaluate(spline, actions, self.config.horizon, i as f64, &mut added);
             for (u, added) in u.iter_mut().zip(&added) {
@@ -119,11 +119,11 @@ impl PredictiveSampling {
             if i == 0 {
                 first.copy_from_slice(&u);
             }
-            self.belief.robot.apply_action(data, &u)?;
-            if data.step(self.belief.substeps).is_err() {
+            self.nominal.robot.apply_action(data, &u)?;
+            if data.step(self.nominal.substeps).is_err() {
                 return Ok(f64::INFINITY);
             }
-            for (j, joint) in self.belief.robot.joints().iter().enumerate() {
+            for (j, joint) in self.nominal.robot.joints().iter().enumerate() {
                 let e = data.qpos()[joint.qposadr] - target[j];
                 let seen = view.window.visible[i * dim + j];
                 cost += if seen { 1.0 } else { self.config.guide_weight } * e * e;

@@ -117,7 +117,7 @@ struct Job {
 /// suite and policy, in that order; they do not depend on the number of threads.
 ///
 /// # Errors
-/// The first error that is the user's to mend (a policy that cannot be built, a clip for
+/// The first error that the user can fix (a policy that cannot be built, a clip for
 /// another robot), and [`Error::Cancelled`]. A rollout that diverges is a result, with its
 /// reason in the row.
 pub fn evaluate(

@@ -3,11 +3,7 @@
 
 use crate::clip::Command;
 
-/// Frames of reached history, 1.5 s.
-pub const HISTORY: usize = 30;
-
-/// Frames of command, 1 s.
-pub const COMMAND: usize = 20;
+pub use crate::net::{COMMAND, HISTORY};
 
 /// A compiled command with what no single frame shows: the value that stands in when a
 /// whole window would be masked, and the held end.
@@ -276,7 +272,7 @@ mod tests {
         assert!((window(&g, 45, 0.9).command[19] - 0.9).abs() < 1e-6);
     }
 
-    /// The timeline draws the virtual keyframe and the insert-a-key mend stores the line:
+    /// The timeline draws the virtual keyframe and the insert-a-key fix stores the line:
     /// both must be what the policy is given, also before the first key.
     #[test]
     fn the_line_through_a_gap_is_the_clips() {

@@ -174,7 +174,7 @@ impl Take {
             robot: Model<'a>,
             #[serde(skip_serializing_if = "Option::is_none")]
             clip: Option<Model<'a>>,
-            policy: Policy<'a>,
+            policy: PolicyHeader<'a>,
             rollout: Rollout,
         }
         #[derive(Serialize)]
@@ -183,7 +183,7 @@ impl Take {
             sha256: String,
         }
         #[derive(Serialize)]
-        struct Policy<'a> {
+        struct PolicyHeader<'a> {
             name: &'a str,
             #[serde(skip_serializing_if = "Option::is_none")]
             file: Option<&'a str>,
@@ -206,7 +206,7 @@ impl Take {
             program: &p.program,
             robot: Model { id: &self.robot.id, sha256: self.robot.model_sha256.clone() },
             clip: self.clip_sha256().map(|sha256| Model { id: "clip.json", sha256 }),
-            policy: Policy {
+            policy: PolicyHeader {
                 name: &p.policy,
                 file: p.policy_file.as_deref(),
                 sha256: p.policy_sha256.as_deref(),

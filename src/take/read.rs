@@ -15,7 +15,7 @@ use super::error::{Damage, Error};
 use super::header::{CLIP_JSON, Header, MODEL_CARD, TAKE_JSON};
 use super::proto::{FrameTransforms, Metrics};
 use super::records::{Channel, Fields, MAGIC, Message, Record, Records, attachment, op, unpack};
-use super::scene::COMMAND;
+use super::scene::COMMAND_PREFIX;
 use super::write::{frame_at, topic};
 use crate::clip::Command;
 use crate::fsio;
@@ -319,7 +319,7 @@ impl Scan {
                 }
                 let mut seen = Vec::with_capacity(n);
                 for _ in 0..n {
-                    let joint = r.text()?.strip_prefix(COMMAND)?;
+                    let joint = r.text()?.strip_prefix(COMMAND_PREFIX)?;
                     seen.push(header.robot.joints.iter().position(|j| j == joint)?);
                 }
                 let mut values = Vec::with_capacity(n);
@@ -339,7 +339,7 @@ impl Scan {
                 Some(())
             }
             Topic::CommandTf => {
-                let poses = poses(message.data, &header.robot.bodies, COMMAND)?;
+                let poses = poses(message.data, &header.robot.bodies, COMMAND_PREFIX)?;
                 *self.ghost.get_mut(frame)? = Some(poses);
                 Some(())
             }

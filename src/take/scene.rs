@@ -16,7 +16,7 @@ use crate::robot::Robot;
 /// Frame that everything hangs on.
 pub(super) const WORLD: &str = "world";
 /// Prefix of what was commanded: viewers merge joints of one name over all topics.
-pub(super) const COMMAND: &str = "cmd/";
+pub(super) const COMMAND_PREFIX: &str = "cmd/";
 /// sRGB and opacity of the commanded robot: the same blue in every picture of ours.
 pub(super) const GHOST: [f32; 4] = [0.27, 0.51, 0.96, 0.3];
 
@@ -42,7 +42,12 @@ impl Take {
             }
             entities.push(entity(&solids, of_body(), name, None));
             if b > 0 {
-                entities.push(entity(&solids, of_body(), &format!("{COMMAND}{name}"), Some(GHOST)));
+                entities.push(entity(
+                    &solids,
+                    of_body(),
+                    &format!("{COMMAND_PREFIX}{name}"),
+                    Some(GHOST),
+                ));
             }
         }
         Ok(Scene { entities })

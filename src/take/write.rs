@@ -18,7 +18,7 @@ use super::header::{CLIP_JSON, CONFIG_TOML, FORMAT, Header, MODEL_CARD, TAKE_JSO
 use super::proto::{
     self, FrameTransform, FrameTransforms, JointError, Log, Metrics, Quaternion, Vector3,
 };
-use super::scene::{COMMAND, Scene, WORLD};
+use super::scene::{COMMAND_PREFIX, Scene, WORLD};
 use crate::clip::Sight;
 use crate::units::FPS;
 
@@ -84,7 +84,7 @@ impl Take {
         self.front(&mut out)?;
         let channels = Channels::new(&mut out)?;
         let names: Vec<String> =
-            self.robot.joints.iter().map(|j| format!("{COMMAND}{j}")).collect();
+            self.robot.joints.iter().map(|j| format!("{COMMAND_PREFIX}{j}")).collect();
         out.put(channels.command_trajectory, 0, &self.trajectory())?;
         if let Some(scene) = scene {
             out.put(channels.scene, 0, &scene.update(nanos(0)).encode_to_vec())?;
@@ -162,7 +162,7 @@ impl Take {
                 out.put(channels.command_joint_states, f, &cdr)?;
             }
             if let Some(Some(ghost)) = self.ghost.get(f) {
-                out.put(channels.command_tf, f, &self.transforms(time, ghost, COMMAND))?;
+                out.put(channels.command_tf, f, &self.transforms(time, ghost, COMMAND_PREFIX))?;
             }
         }
         if f >= self.frames() {

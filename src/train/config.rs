@@ -42,7 +42,7 @@ pub struct TrainConfig {
     pub previous_action: bool,
     /// What a mask hides.
     pub mask_granularity: MaskGranularity,
-    /// The linear answer beside the network.
+    /// The linear prediction beside the network.
     pub skip: SkipKind,
     /// Back differences in the linear fit; 0 leaves the choice to the robot.
     pub ridge_history: usize,
@@ -91,7 +91,7 @@ pub enum ContactTarget {
     /// The action that was applied.
     #[default]
     Action,
-    /// The linear answer, so that it leaves that answer alone where nothing can be learned;
+    /// The linear prediction, so that it leaves that prediction alone where nothing can be learned;
     /// without a skip as `Action`.
     Linear,
 }
@@ -135,7 +135,7 @@ impl Default for TrainConfig {
 
 /// Presets with a line for help.
 pub const PRESETS: [(&str, &str); 9] = [
-    ("instant", "no training: the linear answer alone, fitted in seconds"),
+    ("instant", "no training: the linear prediction alone, fitted in seconds"),
     ("quick", "4 layers of 128, goal tokens, gated skip: about five minutes on two cores"),
     ("pm-tiny", "2 layers of 64, 256 x 10k: Pointmass, ablations"),
     ("pm-plus", "3 layers of 96, 256 x 10k: Pointmass"),

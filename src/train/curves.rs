@@ -75,7 +75,7 @@ fn precision(record: &Record) -> Option<Panel> {
         let linear = record.linear.as_ref().and_then(|l| l.suites.get(suite));
         if let Some(&y) = linear {
             let end = record.config.steps.max(1) as f64;
-            let name = format!("{suite}, linear answer");
+            let name = format!("{suite}, linear prediction");
             layers.push(line(&name, vec![(0.0, y), (end, y)], color, Dash::Dotted));
         }
     }

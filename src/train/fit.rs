@@ -24,7 +24,7 @@ const REPORT_EVERY: u64 = 100;
 /// A fitted policy.
 #[derive(Debug)]
 pub enum Fitted {
-    /// The linear answer.
+    /// The linear prediction.
     Ridge(Box<Linear>),
     /// Retrieval.
     Nearest(Box<Nearest>),

@@ -13,13 +13,15 @@ use crate::dataset::{
     Dataset, Episode, EpisodeMeta, Manifest, Part, Shard, ShardBuilder, Verify, Windows,
 };
 use crate::net::step::{next_of, on_threads};
-use crate::net::{Model, PolicyConfig};
+use crate::net::{Model, NetPolicyConfig};
 use crate::progress::Cancel;
 use crate::robot::{Robot, StateJoint};
-use crate::rollout::{CUT_FRAMES, HISTORY, Learned, Masking, Rollout, RolloutConfig, cut};
+use crate::rollout::{
+    EXTRACTED_FRAMES, HISTORY, Learned, Masking, Rollout, RolloutConfig, extract_task,
+};
 
 /// States of a task: history, present, commands.
-pub(super) const STATES: usize = HISTORY + 1 + CUT_FRAMES;
+pub(super) const STATES: usize = HISTORY + 1 + EXTRACTED_FRAMES;
 /// Joint angle or distance beyond which a rollout is no example of anything.
 const IMPLAUSIBLE: f64 = 100.0;
 
@@ -84,7 +86,8 @@ impl Perform for Simulated {
     ) -> Result<bool, String> {
         let Round { round, tasks, seed, dir } = *job;
         let text = |e: &dyn std::fmt::Display| e.to_string();
-        let policy = Learned::new(model.clone(), PolicyConfig::default()).map_err(|e| text(&e))?;
+        let policy =
+            Learned::new(model.clone(), NetPolicyConfig::default()).map_err(|e| text(&e))?;
         let policy = Mutex::new(policy);
         let windows = Windows::new(data, STATES, Part::Train, seed).map_err(|e| text(&e))?;
         let mut found: Vec<Result<Option<Achieved>, String>> = Vec::new();
@@ -158,7 +161,9 @@ fn one(
     let (Some(q), Some(v)) = (qpos.get(rows.clone()), qvel.get(rows)) else { return Ok(None) };
     let masking = Masking::ALL[index as usize % Masking::ALL.len()];
     let joints = &data.manifest().robot.joints;
-    let Some(case) = cut(joints, "self", q, v, masking, seed, index) else { return Ok(None) };
+    let Some(case) = extract_task(joints, "self", q, v, masking, seed, index) else {
+        return Ok(None);
+    };
     let config = RolloutConfig { seed: index, ..RolloutConfig::default() };
     let mut rollout =
         Rollout::new(robot, Box::new(policy), &case.command, case.start.clone(), config)
@@ -178,20 +183,20 @@ fn one(
         return Ok(None);
     }
     // The state after the last action has no action of its own.
-    let n = HISTORY + CUT_FRAMES;
+    let n = HISTORY + EXTRACTED_FRAMES;
     let mut out = Achieved {
         qpos: q[..HISTORY * s].to_vec(),
         qvel: v[..HISTORY * s].to_vec(),
         ctrl: ctrl[at.start * a..(at.start + HISTORY) * a].to_vec(),
         contact,
     };
-    out.qpos.extend(reached[..CUT_FRAMES * s].iter().map(|&x| x as f32));
-    for frame in 0..CUT_FRAMES {
+    out.qpos.extend(reached[..EXTRACTED_FRAMES * s].iter().map(|&x| x as f32));
+    for frame in 0..EXTRACTED_FRAMES {
         let qvel = rollout.snapshot(frame).map_or(&[][..], |state| &state.qvel);
         let of = |j: &StateJoint| qvel.get(j.dofadr).copied().unwrap_or(0.0) as f32;
         out.qvel.extend(robot.joints().iter().map(of));
     }
-    out.ctrl.extend(rollout.actions()[..CUT_FRAMES * a].iter().map(|&x| x as f32));
+    out.ctrl.extend(rollout.actions()[..EXTRACTED_FRAMES * a].iter().map(|&x| x as f32));
     debug_assert_eq!((out.qpos.len(), out.ctrl.len(), out.contact.len()), (n * s, n * a, n));
     Ok(Some(out))
 }
@@ -220,7 +225,7 @@ mod tests {
         let (mut before, mut after) = (0, 0);
         for e in reached.episodes() {
             let flags = reached.self_contact(e);
-            assert_eq!(flags.len(), HISTORY + CUT_FRAMES);
+            assert_eq!(flags.len(), HISTORY + EXTRACTED_FRAMES);
             // The history is recorded motion, and so are its flags.
             let at = windows.draw(0, (1 << 32) + e.seed);
             let source = data.self_contact(&data.episodes()[at.episode]);

@@ -7,9 +7,9 @@
 pub mod config;
 pub mod curves;
 mod error;
+pub mod evaluator;
 pub mod fit;
 pub mod hindsight;
-pub mod judge;
 pub mod prepare;
 pub mod record;
 pub mod run;

@@ -55,7 +55,7 @@ pub struct Record {
     pub secs: f64,
     /// Closed-loop evaluations by step.
     pub evaluations: Vec<(u64, Evaluation)>,
-    /// The linear answer alone, on the same tasks.
+    /// The linear prediction alone, on the same tasks.
     pub linear: Option<Evaluation>,
     /// Held-out action errors by step.
     pub held_out: Vec<(u64, HeldOut)>,
@@ -119,7 +119,7 @@ impl Record {
         }
     }
 
-    /// The evaluation with the lowest Precision: the checkpoint `best`. The linear answer is
+    /// The evaluation with the lowest Precision: the checkpoint `best`. The linear prediction is
     /// the untrained network, step 0.
     pub fn best(&self) -> Option<(u64, &Evaluation)> {
         let start = self.linear.iter().map(|e| (0, e));
@@ -150,7 +150,7 @@ impl Record {
         names.into_iter().map(|(_, n)| n.clone()).collect()
     }
 
-    /// Whether training made the policy worse than the linear answer it started from.
+    /// Whether training made the policy worse than the linear prediction it started from.
     pub fn worse_than_linear(&self) -> bool {
         match (&self.linear, self.last()) {
             (Some(linear), Some((_, last))) => last.precision > linear.precision,

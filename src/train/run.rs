@@ -14,14 +14,14 @@ use serde::{Deserialize, Serialize};
 use super::hindsight::{self, Perform, Round};
 use super::prepare::{normaliser, prepare};
 use super::record::{Line, Record, began_with_tiles, read_metrics};
-use super::source::{Mix, Source};
+use super::source::{BatchSampler, Source};
 use super::{Error, TrainConfig, curves};
 use crate::dataset::{Dataset, Part, Windows};
 use crate::fsio;
 use crate::net::checkpoint::{self, OptimiserState};
 use crate::net::head::{GAPS, Sums};
 use crate::net::mat::tiled;
-use crate::net::step::Look;
+use crate::net::step::GradientView;
 use crate::net::{Batch, Card, Encoder, Learner, Model, Net, SkipKind, WINDOW};
 use crate::progress::{Cancel, Progress};
 
@@ -34,9 +34,9 @@ const MEASURED: usize = 1_280;
 const MEASURED_AT_END: usize = 5_120;
 /// Lines of training metrics in a run.
 const LINES: u64 = 400;
-/// Keys of metrics that hold an [`Evaluation`]: of the network, of the linear answer that it
+/// Keys of metrics that hold an [`Evaluation`]: of the network, of the linear prediction that it
 /// starts from.
-const JUDGED: [&str; 2] = ["evaluation", "linear"];
+const EVALUATED: [&str; 2] = ["evaluation", "linear"];
 
 /// What a closed-loop evaluation found.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -47,7 +47,7 @@ pub struct Evaluation {
     pub suites: BTreeMap<String, f64>,
 }
 
-/// Judges a network by what it does, not by its loss.
+/// Evaluates a network by what it does, not by its loss.
 pub trait Evaluate {
     /// Rolls the network out; `None` when a stop was asked for meanwhile.
     ///
@@ -55,8 +55,8 @@ pub trait Evaluate {
     /// A message; the run stops with it.
     fn evaluate(&mut self, model: &Model, cancel: &Cancel) -> Result<Option<Evaluation>, String>;
 
-    /// The same for the linear answer alone, which is what an untrained network with a skip
-    /// gives: a judge may leave the network out.
+    /// The same for the linear prediction alone, which is what an untrained network with a skip
+    /// gives: an evaluator may leave the network out.
     ///
     /// # Errors
     /// As [`Evaluate::evaluate`].
@@ -83,8 +83,8 @@ pub struct Options<'a> {
     pub progress: &'a dyn Progress,
     /// Asks for a stop.
     pub cancel: &'a Cancel,
-    /// Closed-loop judge; without one only the last model is kept.
-    pub judge: Option<&'a mut dyn Evaluate>,
+    /// Closed-loop evaluator; without one only the last model is kept.
+    pub evaluator: Option<&'a mut dyn Evaluate>,
     /// Performs tasks for self-correction; needed when the settings ask for it.
     pub perform: Option<&'a mut dyn Perform>,
     /// What else to put into meta.json (version, host, command line).
@@ -108,9 +108,9 @@ pub struct Finished {
     pub interrupted: bool,
     /// Steps skipped because something was not finite, all sessions.
     pub skipped: u64,
-    /// Best step and its Precision; step 0 is the linear answer that a skip starts from.
+    /// Best step and its Precision; step 0 is the linear prediction that a skip starts from.
     pub best: Option<(u64, f64)>,
-    /// Precision of that linear answer.
+    /// Precision of that linear prediction.
     pub linear: Option<f64>,
     /// Held-out error, last measured.
     pub held_out: Option<HeldOut>,
@@ -203,7 +203,7 @@ pub fn train(data: &Dataset, cfg: &TrainConfig, mut opts: Options<'_>) -> Result
     let mut run = Run::open(data, cfg, &opts)?;
     let mut stopped = false;
     if run.step == 0 {
-        stopped = !run.judge_linear(&mut opts)?;
+        stopped = !run.evaluate_linear(&mut opts)?;
         // From the first step on there is something good to fall back on.
         run.save(&opts.dir)?;
     }
@@ -229,8 +229,8 @@ pub fn train(data: &Dataset, cfg: &TrainConfig, mut opts: Options<'_>) -> Result
             break;
         }
         let reached = hindsight::open(&opts.dir, round)?;
-        let mix = Mix::new(&source, &windows, &reached);
-        session.stretch(&mut run, &mix, end, &mut opts)?;
+        let sampler = BatchSampler::new(&source, &windows, &reached);
+        session.stretch(&mut run, &sampler, end, &mut opts)?;
     }
     let Session { begin, first, mut finished, .. } = session;
     finished.step = run.step;
@@ -287,7 +287,7 @@ impl<'a> Session<'a> {
     fn stretch(
         &mut self,
         run: &mut Run<'_>,
-        mix: &Mix<'_>,
+        sampler: &BatchSampler<'_>,
         end: u64,
         opts: &mut Options<'_>,
     ) -> Result<(), Error> {
@@ -299,8 +299,8 @@ impl<'a> Session<'a> {
         while run.step < end {
             let step = run.step;
             let lr = cfg.lr * cfg.schedule.factor(step as f64 / cfg.steps as f64);
-            let look = run.look(mix);
-            if look.is_finite() {
+            let view = run.gradient(sampler);
+            if view.is_finite() {
                 // Only weights from which a step is known to be possible are kept.
                 let stop = opts.cancel.is_cancelled();
                 if stop || self.saved.0.elapsed().as_secs_f64() >= opts.checkpoint_secs {
@@ -310,12 +310,12 @@ impl<'a> Session<'a> {
                     self.finished.interrupted = true;
                     return Ok(());
                 }
-                run.learner.apply(lr, &look);
+                run.learner.apply(lr, &view);
                 run.step += 1;
                 run.average(cfg.average);
-                self.recent.add(&look.sums);
+                self.recent.add(&view.sums);
                 self.recent_steps += 1;
-                self.grad_norm = look.grad_norm;
+                self.grad_norm = view.grad_norm;
             } else {
                 run.step += 1;
                 self.skip(run, step, opts)?;
@@ -323,9 +323,9 @@ impl<'a> Session<'a> {
             if run.step.is_multiple_of(line_every) || run.step == cfg.steps {
                 self.line(run, lr, opts.progress);
             }
-            self.evaluate(run, mix.source, opts)?;
+            self.evaluate(run, sampler.source, opts)?;
         }
-        if run.step > self.saved.1 && !run.look(mix).is_finite() {
+        if run.step > self.saved.1 && !run.gradient(sampler).is_finite() {
             return Err(self.diverged(run, opts));
         }
         self.save(run, opts)
@@ -337,7 +337,7 @@ impl<'a> Session<'a> {
         Ok(())
     }
 
-    /// Measures and judges, where that is due and not done yet; a stop cuts it short.
+    /// Measures and evaluates, where that is due and not done yet; a stop cuts it short.
     fn evaluate(
         &mut self,
         run: &mut Run<'_>,
@@ -364,9 +364,9 @@ impl<'a> Session<'a> {
             run.metrics.push(line);
             self.finished.held_out = Some(found);
         }
-        if let Some(judge) = opts.judge.as_deref_mut()
+        if let Some(evaluator) = opts.evaluator.as_deref_mut()
             && !run.has("evaluation")
-            && !run.judge(judge, &opts.dir, opts.progress, opts.cancel)?
+            && !run.evaluate(evaluator, &opts.dir, opts.progress, opts.cancel)?
         {
             self.finished.interrupted = true;
         }
@@ -442,7 +442,7 @@ struct Run<'a> {
     step: u64,
     best: Option<(u64, f64)>,
     /// Step at which the card's Precision was measured.
-    judged: Option<u64>,
+    evaluated: Option<u64>,
     /// Seconds spent in earlier sessions.
     spent: f64,
 }
@@ -453,7 +453,7 @@ impl<'a> Run<'a> {
         let (_, power) = normaliser(data, cfg.seed);
         let (dir, last) = (&opts.dir, paths::last(&opts.dir));
         if !last.exists() {
-            opts.progress.log("fitting normaliser, linear answer and action centres");
+            opts.progress.log("fitting normaliser, linear prediction and action centres");
             let (card, net, encoder) = prepare(data, cfg, opts.threads)?;
             let text = toml::to_string(cfg)
                 .map_err(|e| Error::Run { why: e.to_string(), path: paths::config(dir) })?;
@@ -480,7 +480,7 @@ impl<'a> Run<'a> {
                 power,
                 step: 0,
                 best: None,
-                judged: None,
+                evaluated: None,
                 spent: 0.0,
             });
         }
@@ -518,8 +518,8 @@ impl<'a> Run<'a> {
         let best = best_of(&metrics);
         let spent = |l: &serde_json::Value| l.get("secs").and_then(serde_json::Value::as_f64);
         let spent = metrics.iter().rev().find_map(spent).unwrap_or(0.0);
-        let judged = metrics.iter().filter(|l| JUDGED.iter().any(|key| l.get(key).is_some()));
-        let judged = judged.filter_map(|l| l.get("step")?.as_u64()).max();
+        let evaluated = metrics.iter().filter(|l| EVALUATED.iter().any(|key| l.get(key).is_some()));
+        let evaluated = evaluated.filter_map(|l| l.get("step")?.as_u64()).max();
         opts.progress.log(&format!("going on from step {step}"));
         Ok(Run {
             cfg,
@@ -531,7 +531,7 @@ impl<'a> Run<'a> {
             power,
             step,
             best,
-            judged,
+            evaluated,
             spent,
         })
     }
@@ -564,10 +564,11 @@ impl<'a> Run<'a> {
     }
 
     /// Loss and gradient of the next step.
-    fn look(&mut self, mix: &Mix<'_>) -> Look {
+    fn gradient(&mut self, sampler: &BatchSampler<'_>) -> GradientView {
         let step = self.step;
-        let fill = |w: usize, slot: usize, batch: &mut Batch<f32>| mix.train(step, w, slot, batch);
-        self.learner.look(&fill)
+        let fill =
+            |w: usize, slot: usize, batch: &mut Batch<f32>| sampler.train(step, w, slot, batch);
+        self.learner.gradient(&fill)
     }
 
     /// Whether the metrics have this of the step of the moment.
@@ -648,27 +649,27 @@ impl<'a> Run<'a> {
         })
     }
 
-    /// The linear answer alone on the judge's tasks: what the training has to beat, and the
+    /// The linear prediction alone on the evaluator's tasks: what the training has to beat, and the
     /// first candidate for `best`, since an untrained skip network is that answer. False when
     /// a stop was asked for meanwhile.
-    fn judge_linear(&mut self, opts: &mut Options<'_>) -> Result<bool, Error> {
-        let Some(judge) = opts.judge.as_deref_mut() else { return Ok(true) };
+    fn evaluate_linear(&mut self, opts: &mut Options<'_>) -> Result<bool, Error> {
+        let Some(evaluator) = opts.evaluator.as_deref_mut() else { return Ok(true) };
         if self.cfg.skip == SkipKind::Off || opts.evaluations == 0 || self.has("linear") {
             return Ok(true);
         }
-        let found = judge.evaluate_linear(&self.model(), opts.cancel);
+        let found = evaluator.evaluate_linear(&self.model(), opts.cancel);
         let found = found.map_err(|why| Error::Evaluation { step: self.step, why })?;
         let Some(found) = found else { return Ok(false) };
-        opts.progress.log(&format!("linear answer: Precision {:.5}", found.precision));
+        opts.progress.log(&format!("linear prediction: Precision {:.5}", found.precision));
         self.metrics.push(serde_json::json!({"step": 0, "linear": found}));
-        self.note_judged(found, &opts.dir)?;
+        self.note_evaluated(found, &opts.dir)?;
         Ok(true)
     }
 
     /// Figures into the card, and a file where none was better.
-    fn note_judged(&mut self, found: Evaluation, dir: &Path) -> Result<(), Error> {
+    fn note_evaluated(&mut self, found: Evaluation, dir: &Path) -> Result<(), Error> {
         self.card.training.precision = found.suites;
-        self.judged = Some(self.step);
+        self.evaluated = Some(self.step);
         if self.best.is_none_or(|(_, best)| found.precision < best) {
             self.best = Some((self.step, found.precision));
             let Model { card, net, encoder, .. } = self.model();
@@ -690,21 +691,21 @@ impl<'a> Run<'a> {
     }
 
     /// False when a stop was asked for meanwhile.
-    fn judge(
+    fn evaluate(
         &mut self,
-        judge: &mut dyn Evaluate,
+        evaluator: &mut dyn Evaluate,
         dir: &Path,
         progress: &dyn Progress,
         cancel: &Cancel,
     ) -> Result<bool, Error> {
-        let found = judge.evaluate(&self.model(), cancel);
+        let found = evaluator.evaluate(&self.model(), cancel);
         let found = found.map_err(|why| Error::Evaluation { step: self.step, why })?;
         let Some(found) = found else { return Ok(false) };
         let line = serde_json::json!({"step": self.step, "evaluation": found});
         progress.figures(&line);
         self.metrics.push(line);
         progress.log(&format!("step {}: Precision {:.5}", self.step, found.precision));
-        self.note_judged(found, dir)?;
+        self.note_evaluated(found, dir)?;
         Ok(true)
     }
 
@@ -719,7 +720,7 @@ impl<'a> Run<'a> {
         self.save_metrics(dir)?;
         self.card.training.step = self.step;
         // Figures of an earlier step are none of these weights.
-        if self.judged != Some(self.step) {
+        if self.evaluated != Some(self.step) {
             self.card.training.precision.clear();
         }
         let ridge = self.encoder.ridge.as_ref();
@@ -751,7 +752,7 @@ fn note(sums: &Sums, steps: u32, rate: f64) -> String {
 
 fn best_of(metrics: &[serde_json::Value]) -> Option<(u64, f64)> {
     let found = metrics.iter().filter_map(|l| {
-        let found = JUDGED.iter().find_map(|key| l.get(key))?;
+        let found = EVALUATED.iter().find_map(|key| l.get(key))?;
         Some((l.get("step")?.as_u64()?, found.get("precision")?.as_f64()?))
     });
     found.min_by(|a, b| a.1.total_cmp(&b.1))

@@ -30,14 +30,14 @@ pub(super) struct Source<'a> {
 
 /// The data of a run and what it reached itself in earlier rounds.
 #[derive(Debug)]
-pub(super) struct Mix<'a> {
+pub(super) struct BatchSampler<'a> {
     /// The data.
     pub(super) source: &'a Source<'a>,
     windows: &'a Windows<'a>,
     reached: Vec<(Source<'a>, Windows<'a>)>,
 }
 
-impl<'a> Mix<'a> {
+impl<'a> BatchSampler<'a> {
     /// Rounds too short for a window are left out.
     pub(super) fn new(
         source: &'a Source<'a>,
@@ -49,7 +49,7 @@ impl<'a> Mix<'a> {
             let windows = Windows::of(data, WINDOW, &all)?;
             Some((Source::new(data, source.encoder, source.cfg), windows))
         };
-        Mix { source, windows, reached: reached.iter().filter_map(of).collect() }
+        BatchSampler { source, windows, reached: reached.iter().filter_map(of).collect() }
     }
 
     /// Window `w` of step `step` into a slot.

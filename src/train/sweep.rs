@@ -1,4 +1,4 @@
-//! A grid of settings, every point with several seeds: trained, judged, put in one table.
+//! A grid of settings, every point with several seeds: trained, evaluated, put in one table.
 //!
 //! A point is a run directory of its own, so a sweep that was stopped goes on where it was,
 //! and each point can be looked at like any run. Settings of the data (`shrink`, `corrupt`)
@@ -345,7 +345,7 @@ pub struct Swept {
     pub data_sha256: String,
 }
 
-/// Trains and judges what is not done yet.
+/// Trains and evaluates what is not done yet.
 ///
 /// # Errors
 /// Those of training and of the files; points done before stay.
@@ -388,7 +388,7 @@ pub fn sweep(sweep: &Sweep, robot: &Arc<Robot>, work: &Work<'_>) -> Result<Swept
                 None => suites.insert(suites_of(sweep, robot, &data)?),
             };
             let found_suites = match perform(robot, &dir, suites, work) {
-                // Cut short: the next call judges the point.
+                // Cut short: the next call evaluates the point.
                 Err(_) if work.cancel.is_cancelled() => {
                     complete = false;
                     break 'all;
@@ -437,11 +437,11 @@ fn options<'a>(dir: &Path, work: &'a Work<'_>, perform: &'a mut Simulated) -> Op
         dir: dir.to_owned(),
         threads: work.threads,
         checkpoint_secs: 120.0,
-        // The judge would take longer than small points; what counts is measured at the end.
+        // An evaluator would take longer than small points; what counts is measured at the end.
         evaluations: 4,
         progress: &Silent,
         cancel: work.cancel,
-        judge: None,
+        evaluator: None,
         perform: Some(perform),
         meta: work.meta.clone(),
     }

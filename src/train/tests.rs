@@ -19,7 +19,7 @@ use crate::units::Unit;
 use run::paths;
 
 /// A robot of the program, 3,000 transitions of noise in `folder`, and a network that knows
-/// no more than their linear answer.
+/// no more than their linear prediction.
 pub(super) fn untrained(robot: &str, seed: u64, folder: &Path) -> (Arc<Built>, Dataset, Model) {
     let robot = Arc::new(Built::builtin(robot).unwrap());
     let config = CollectConfig { transitions: 3000, seed, ..CollectConfig::new(&robot) };
@@ -108,7 +108,7 @@ fn options<'a>(
         evaluations: 0,
         progress,
         cancel,
-        judge: None,
+        evaluator: None,
         perform: None,
         meta: serde_json::Value::Null,
     }
@@ -138,7 +138,7 @@ fn learns_and_beats_its_linear_answer() {
     assert!(by_hidden(&end).len() == 20 && by_hidden(&end)[0] < 0.1, "{end:?}");
     // Nothing in this data touches itself: that is no error of zero.
     assert_eq!((end.nmse_contact, end.shares[2]), (None, 0.0));
-    // An untrained network is the linear answer: no step at all shows what it leaves.
+    // An untrained network is the linear prediction: no step at all shows what it leaves.
     let (none, straight) = (dir.path().join("none"), TrainConfig { lr: 1e-30, ..small(40) });
     let once = Options { evaluations: 1, ..options(&none, 2, &cancel, &Silent) };
     let linear = train(&data, &straight, once).unwrap().held_out.unwrap();
@@ -178,7 +178,7 @@ fn in_contact_the_linear_answer_can_be_what_is_learned() {
         let mut batch = Batch::zeros(&net.cfg, 2);
         let windows = Windows::new(&data, WINDOW, Part::Train, cfg.seed).unwrap();
         let source = source::Source::new(&data, &encoder, &cfg);
-        source::Mix::new(&source, &windows, &[]).train(3, 0, 1, &mut batch);
+        source::BatchSampler::new(&source, &windows, &[]).train(3, 0, 1, &mut batch);
         (windows.draw(cfg.seed, 3 * cfg.batch as u64).start, batch)
     };
     let (start, applied) = filled(ContactTarget::Action);
@@ -307,10 +307,10 @@ fn a_finished_run_still_has_its_figures() {
     assert_eq!(model, std::fs::read(paths::model(&run)).unwrap());
 }
 
-/// Judges by a list, and is stopped at the entry that is missing.
-struct Judge(Vec<Option<f64>>, Cancel);
+/// Evaluates by a list, and is stopped at the entry that is missing.
+struct Listed(Vec<Option<f64>>, Cancel);
 
-impl Evaluate for Judge {
+impl Evaluate for Listed {
     fn evaluate(&mut self, model: &Model, cancel: &Cancel) -> Result<Option<Evaluation>, String> {
         assert!(model.net.weights.iter().all(|w| w.is_finite()));
         let Some(precision) = self.0.remove(0) else {
@@ -335,12 +335,13 @@ fn a_stop_cuts_an_evaluation_short_and_resuming_makes_up_for_it() {
     let run = dir.path().join("run");
     let session = |list: &[Option<f64>]| {
         let cancel = Cancel::default();
-        let mut judge = Judge(list.to_vec(), cancel.clone());
-        let judge: &mut dyn Evaluate = &mut judge;
+        let mut evaluator = Listed(list.to_vec(), cancel.clone());
+        let evaluator: &mut dyn Evaluate = &mut evaluator;
         let two = options(&run, 1, &cancel, &Silent);
-        train(&data, &small(8), Options { evaluations: 2, judge: Some(judge), ..two }).unwrap()
+        train(&data, &small(8), Options { evaluations: 2, evaluator: Some(evaluator), ..two })
+            .unwrap()
     };
-    // Stopped while the linear answer is judged, at step 4, at the end; then let alone.
+    // Stopped while the linear prediction is evaluated, at step 4, at the end; then let alone.
     for (list, step) in
         [(&[None][..], 0), (&[Some(0.5), None], 4), (&[Some(0.4), None], 8), (&[None], 8)]
     {
@@ -356,9 +357,10 @@ fn a_stop_cuts_an_evaluation_short_and_resuming_makes_up_for_it() {
     assert_eq!(figures(&run, "evaluation"), [(4, 0.4), (8, 0.3)]);
     let whole = dir.path().join("whole");
     let cancel = Cancel::default();
-    let mut judge = Judge(vec![Some(0.5), Some(0.4), Some(0.3)], cancel.clone());
+    let mut evaluator = Listed(vec![Some(0.5), Some(0.4), Some(0.3)], cancel.clone());
     let two = options(&whole, 1, &cancel, &Silent);
-    train(&data, &small(8), Options { evaluations: 2, judge: Some(&mut judge), ..two }).unwrap();
+    train(&data, &small(8), Options { evaluations: 2, evaluator: Some(&mut evaluator), ..two })
+        .unwrap();
     let model = |dir: &Path| std::fs::read(paths::model(dir)).unwrap();
     assert!(model(&run) == model(&whole), "to the byte that of a run nobody stopped");
 }
@@ -409,14 +411,14 @@ fn steps_that_are_not_finite_are_skipped_counted_and_end_the_run() {
 fn the_best_by_precision_is_kept() {
     let dir = tempfile::tempdir().unwrap();
     let data = dataset(&dir.path().join("data"));
-    // The linear answer is judged first: an untrained network, and the one to keep where no
+    // The linear prediction is evaluated first: an untrained network, and the one to keep where no
     // step was better.
     for (linear, want) in [(0.15, (4, 0.1)), (0.05, (0, 0.05))] {
         let (cancel, run) = (Cancel::default(), dir.path().join(format!("run-{linear}")));
         let list = [linear, 0.3, 0.1, 0.2, 0.4].map(Some).to_vec();
-        let mut judge = Judge(list, cancel.clone());
+        let mut evaluator = Listed(list, cancel.clone());
         let four = options(&run, 1, &cancel, &Silent);
-        let four = Options { evaluations: 4, judge: Some(&mut judge), ..four };
+        let four = Options { evaluations: 4, evaluator: Some(&mut evaluator), ..four };
         let done = train(&data, &small(8), four).unwrap();
         assert_eq!((done.best, done.linear), (Some(want), Some(linear)));
         let record = super::record::Record::read(&run).unwrap();

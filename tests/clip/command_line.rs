@@ -28,7 +28,7 @@ fn new_clip_is_formatted_checked_and_not_overwritten() {
 }
 
 #[test]
-fn check_has_places_levels_and_mends() {
+fn check_has_places_levels_and_fixes() {
     let ran = new_arm();
     let ops = r#"[
         {"op": "keys.add", "args": {"keys": [{"frame": 10, "q": [9, 0, 0, 0, 0]}]}},
@@ -45,14 +45,14 @@ fn check_has_places_levels_and_mends() {
     let text = fs::read_to_string(ran.path("a.clip.json")).unwrap();
     let line = 1 + text.lines().position(|l| l.contains("\"frame\": 10,")).unwrap();
     assert!(out.contains(&format!("a.clip.json:{line}:25: error[joint-limit]: ")), "{out}");
-    assert!(out.contains("mend: Clamp to the limits"), "{out}");
+    assert!(out.contains("fix: Clamp to the limits"), "{out}");
     let (_, out, _) = again(&ran, &["clip", "check", "--json", "a.clip.json"]);
     let report: serde_json::Value = serde_json::from_str(&out).unwrap();
     let lint = &report["files"][0]["lints"][0];
     assert_eq!((&lint["rule"], &lint["line"]), (&"joint-limit".into(), &line.into()));
-    // A script can carry a mend out by itself.
-    fs::write(ran.path("mend.json"), lint["mends"][0]["op"].to_string()).unwrap();
-    assert_eq!(again(&ran, &["clip", "apply", "a.clip.json", "mend.json", "-i"]).0, 0);
+    // A script can carry a fix out by itself.
+    fs::write(ran.path("fix.json"), lint["mends"][0]["op"].to_string()).unwrap();
+    assert_eq!(again(&ran, &["clip", "apply", "a.clip.json", "fix.json", "-i"]).0, 0);
     assert_eq!(again(&ran, &["clip", "check", "a.clip.json"]).0, 0, "warnings only");
     assert_eq!(again(&ran, &["clip", "check", "--strict", "a.clip.json"]).0, 4);
     assert_eq!(again(&ran, &["clip", "check", "--strict", "--fix", "a.clip.json"]).0, 0);

@@ -100,8 +100,8 @@ fn exercise(bytes: Vec<u8>) -> bool {
     assert!(command.q().iter().all(|v| v.is_finite()));
     for found in lint(&clip, &command, &generate::table(&clip), None) {
         parsed.line_col(&found.pointer);
-        for mend in found.mends {
-            edited(&clip, &mend.op, None).expect("mends apply");
+        for fix in found.fixes {
+            edited(&clip, &fix.op, None).expect("fixes apply");
         }
     }
     if clip.length < 2000 {

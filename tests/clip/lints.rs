@@ -1,4 +1,4 @@
-//! Findings: what is found, where, and that the mend mends it.
+//! Findings: what is found, where, and that the fix fixes it.
 
 use robert::clip::*;
 use robert::units::Unit;
@@ -47,16 +47,16 @@ fn rules(clip: &Clip) -> Vec<Rule> {
     rules
 }
 
-/// Every mend of this rule makes the number of its findings smaller.
-fn mends(clip: &Clip, rule: Rule) -> Vec<Lint> {
+/// Every fix of this rule makes the number of its findings smaller.
+fn fixes(clip: &Clip, rule: Rule) -> Vec<Lint> {
     let of_rule = |c: &Clip| found(c).into_iter().filter(|l| l.rule == rule).collect::<Vec<_>>();
     let lints = of_rule(clip);
     assert!(!lints.is_empty(), "{rule:?} not found");
     for lint in &lints {
-        assert!(!lint.mends.is_empty(), "{lint:?}");
-        for mend in &lint.mends {
-            let next = edited(clip, &mend.op, Some(&table())).unwrap();
-            assert!(of_rule(&next).len() < lints.len(), "{} does not mend {lint:?}", mend.title);
+        assert!(!lint.fixes.is_empty(), "{lint:?}");
+        for fix in &lint.fixes {
+            let next = edited(clip, &fix.op, Some(&table())).unwrap();
+            assert!(of_rule(&next).len() < lints.len(), "{} does not fix {lint:?}", fix.title);
         }
     }
     lints
@@ -75,7 +75,7 @@ fn nothing_to_say_about_a_good_clip() {
 #[test]
 fn limits_speeds_and_couplings() {
     let keys = vec![Key::new(0, &[0.0; 3]).held(20), Key::new(40, &[0.5, 0.5, 2.5]).held(20)];
-    let lints = mends(&clip(keys), Rule::JointLimit);
+    let lints = fixes(&clip(keys), Rule::JointLimit);
     assert_eq!((lints[0].level, lints[0].pointer.as_str()), (Level::Error, "/keys/1/q/2"));
     assert_eq!((lints[0].frames, &lints[0].joints[..]), (Some([40, 41]), &["J3".to_owned()][..]));
 
@@ -83,38 +83,38 @@ fn limits_speeds_and_couplings() {
         let mut c =
             clip(vec![Key::new(0, &[0.0; 3]).held(20), Key::new(25, &[0.0, 0.0, 1.5]).held(35)]);
         c.fill = fill;
-        let lints = mends(&c, Rule::JointSpeed);
+        let lints = fixes(&c, Rule::JointSpeed);
         assert_eq!(lints[0].joints, ["J3"], "{fill:?}");
     }
-    mends(&clip(dense(20, 0.15)), Rule::JointSpeed);
+    fixes(&clip(dense(20, 0.15)), Rule::JointSpeed);
 
-    let lints = mends(&clip(vec![Key::new(0, &[0.5, 0.0, 0.0]).held(60)]), Rule::Coupled);
+    let lints = fixes(&clip(vec![Key::new(0, &[0.5, 0.0, 0.0]).held(60)]), Rule::Coupled);
     assert_eq!(lints[0].joints, ["J1", "J2"]);
 }
 
 #[test]
-fn blind_spans_are_found_and_mended() {
+fn blind_spans_are_found_and_fixed() {
     let c = clip(vec![Key::new(0, &[0.0; 3]), Key::new(21, &[0.1; 3]).held(39)]);
-    let lints = mends(&c, Rule::BlindSpan);
+    let lints = fixes(&c, Rule::BlindSpan);
     assert_eq!((lints.len(), lints[0].frames), (1, Some([1, 21])));
-    assert_eq!(lints[0].mends.len(), 2);
+    assert_eq!(lints[0].fixes.len(), 2);
     let c = clip(vec![Key::new(0, &[0.0; 3]), Key::new(20, &[0.1; 3]).held(40)]);
     assert_eq!(rules(&c), [], "20 frames apart is in sight");
     let mut c = clip(dense(60, 0.0));
     c.masks = vec![Mask { from: 10, to: 40, joints: None }];
-    let blind = mends(&c, Rule::BlindSpan);
-    assert_eq!(blind[0].mends[0].title, "Unmask frames 10 to 39");
+    let blind = fixes(&c, Rule::BlindSpan);
+    assert_eq!(blind[0].fixes[0].title, "Unmask frames 10 to 39");
     let tail = clip(vec![Key::new(0, &[0.0; 3])]);
-    mends(&tail, Rule::BlindSpan);
+    fixes(&tail, Rule::BlindSpan);
     let late = clip(vec![Key::new(59, &[0.1; 3])]);
-    mends(&late, Rule::BlindSpan);
+    fixes(&late, Rule::BlindSpan);
 }
 
 #[test]
 fn joints_left_open_need_a_policy_that_knows_them() {
     let mut c = clip(vec![Key::new(0, &[0.0; 3]).held(60)]);
     c.masks = vec![Mask { from: 5, to: 9, joints: Some(vec!["J3".into()]) }];
-    let lints = mends(&c, Rule::PartialMask);
+    let lints = fixes(&c, Rule::PartialMask);
     assert_eq!((lints[0].frames, &lints[0].joints[..]), (Some([5, 9]), &["J3".to_owned()][..]));
     let able = JointTable { granularity: Granularity::Joint, ..table() };
     assert_eq!(lint(&c, &compile(&c).unwrap(), &able, None), []);
@@ -134,10 +134,10 @@ fn other_robots_and_hidden_keys() {
     assert_eq!(found(&c).len(), 2, "one too many and one too few");
     let mut c = clip(vec![Key::new(0, &[0.0; 3]).held(60), Key::new(9, &[0.0; 3]).held(51)]);
     assert_eq!(found(&c)[0].pointer, "/keys/0/hold");
-    mends(&c, Rule::Hidden);
+    fixes(&c, Rule::Hidden);
     c.keys[0].hold = 9;
     c.masks = vec![Mask { from: 0, to: 9, joints: None }];
-    mends(&c, Rule::Hidden);
+    fixes(&c, Rule::Hidden);
 }
 
 struct Wall;
@@ -164,7 +164,7 @@ fn poses_are_judged_by_the_checker() {
         assert!(rules.contains(&e), "{rules:?}");
     }
     for found in lints {
-        c = edited(&c, &found.mends[0].op, None).unwrap();
+        c = edited(&c, &found.fixes[0].op, None).unwrap();
     }
     assert_eq!(lint(&c, &compile(&c).unwrap(), &table(), Some(&mut Wall)), []);
 }

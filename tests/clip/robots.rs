@@ -1,5 +1,5 @@
 //! `robert clip check` on every robot in the program: each rule fires where it should, names
-//! a line of the file, and its mend mends it.
+//! a line of the file, and its fix fixes it.
 
 use std::fs;
 
@@ -52,8 +52,8 @@ impl Bench {
     }
 
     /// The rule finds something on the line with `on` in it, and carrying out the first
-    /// mend, again and again, ends it.
-    fn fires_and_is_mended(&self, rule: &str, on: &str, more: &[&str]) {
+    /// fix, again and again, ends it.
+    fn fires_and_is_fixed(&self, rule: &str, on: &str, more: &[&str]) {
         let id = self.robot.id();
         let mut found = self.of(rule, more);
         assert!(!found.is_empty(), "{id}: {rule} was not found");
@@ -65,14 +65,14 @@ impl Bench {
         assert!(col >= 1 && col <= said.chars().count(), "{id} {rule}: column {col} of {said}");
         for _ in 0..20 {
             let Some(first) = found.first() else { return };
-            let mend = &first["mends"][0]["op"];
-            assert!(mend.is_object(), "{id} {rule}: no mend: {first}");
-            fs::write(self.dir.path().join("mend.json"), mend.to_string()).unwrap();
-            let (code, _, err) = self.robert(&["clip", "apply", "a.clip.json", "mend.json", "-i"]);
+            let fix = &first["mends"][0]["op"];
+            assert!(fix.is_object(), "{id} {rule}: no fix: {first}");
+            fs::write(self.dir.path().join("fix.json"), fix.to_string()).unwrap();
+            let (code, _, err) = self.robert(&["clip", "apply", "a.clip.json", "fix.json", "-i"]);
             assert_eq!(code, 0, "{id} {rule}: {err}");
             found = self.of(rule, more);
         }
-        panic!("{id} {rule}: still there after twenty mends: {}", found[0]);
+        panic!("{id} {rule}: still there after twenty fixes: {}", found[0]);
     }
 }
 
@@ -94,12 +94,12 @@ fn speeds_limits_and_blind_spans_on_every_robot() {
         let joint = &b.robot.joints()[k];
         // Across in a tenth of a second.
         b.write(40, &[(0, 10, b.pose(&[])), (11, 29, b.pose(&[(k, far)]))]);
-        b.fires_and_is_mended("joint-speed", "\"frame\": 11", &[]);
+        b.fires_and_is_fixed("joint-speed", "\"frame\": 11", &[]);
         b.write(61, &[(0, 1, b.pose(&[])), (60, 1, b.pose(&[]))]);
-        b.fires_and_is_mended("blind-span", "\"frame\": 60", &[]);
+        b.fires_and_is_fixed("blind-span", "\"frame\": 60", &[]);
         if !joint.unbounded {
             b.write(20, &[(0, 20, b.pose(&[(k, joint.range[1] + 0.2)]))]);
-            b.fires_and_is_mended("joint-limit", "\"frame\": 0", &[]);
+            b.fires_and_is_fixed("joint-limit", "\"frame\": 0", &[]);
             assert_eq!(b.robert(&["clip", "check", "a.clip.json"]).0, 0);
         }
     }
@@ -112,30 +112,30 @@ fn poses_are_judged_in_simulation_on_every_robot() {
     // One tendon bends both outer joints.
     let bent = hand.pose(&[(at("FFJ2"), 1.2)]);
     hand.write(20, &[(0, 20, bent.clone())]);
-    hand.fires_and_is_mended("coupled", "\"frame\": 0", &[]);
+    hand.fires_and_is_fixed("coupled", "\"frame\": 0", &[]);
     hand.write(20, &[(0, 20, bent)]);
-    hand.fires_and_is_mended("unreachable", "\"frame\": 0", &["--simulate"]);
+    hand.fires_and_is_fixed("unreachable", "\"frame\": 0", &["--simulate"]);
     // The thumb through the curled index finger.
     let mut fist = hand.robot.pose("rock").unwrap();
     for (name, v) in [("THJ5", 0.6), ("THJ4", 1.1), ("THJ2", 0.5), ("THJ1", 0.9)] {
         fist[at(name)] = v;
     }
     hand.write(20, &[(0, 20, fist)]);
-    hand.fires_and_is_mended("self-collision", "\"frame\": 0", &["--simulate"]);
+    hand.fires_and_is_fixed("self-collision", "\"frame\": 0", &["--simulate"]);
 
     for id in ["ur5e", "ur5e_light"] {
         let arm = Bench::new(id);
         // Folded back onto itself.
         arm.write(20, &[(0, 20, arm.pose(&[(2, 3.1), (3, 1.5)]))]);
-        arm.fires_and_is_mended("self-collision", "\"frame\": 0", &["--simulate"]);
+        arm.fires_and_is_fixed("self-collision", "\"frame\": 0", &["--simulate"]);
         arm.write(20, &[(0, 20, arm.pose(&[(2, 3.1), (3, 1.5)]))]);
-        arm.fires_and_is_mended("unreachable", "\"frame\": 0", &["--simulate"]);
+        arm.fires_and_is_fixed("unreachable", "\"frame\": 0", &["--simulate"]);
     }
 
     // A puck that is asked to be a kilometre away.
     let puck = Bench::new("pointmass");
     puck.write(20, &[(0, 20, puck.pose(&[(0, 1000.0)]))]);
-    puck.fires_and_is_mended("unreachable", "\"frame\": 0", &["--simulate"]);
+    puck.fires_and_is_fixed("unreachable", "\"frame\": 0", &["--simulate"]);
 }
 
 #[test]

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use crate::cli::bar::Bar;
 use crate::cli::failure::Outcome;
 use crate::cli::{interrupt, out};
-use crate::explore::{AgentKind, AgentSummary, Preset, survey};
+use crate::explore::{AgentKind, AgentSummary, Preset, learning_curves};
 use crate::plot::{Axis, Curve, Figure, curves};
 use crate::robot::Robot;
 
@@ -50,7 +50,7 @@ pub(super) fn run(args: &Args) -> Outcome {
     let threads = crate::cli::threads(None);
     let cancel = interrupt::cancel_on_ctrl_c();
     let bar = Bar::new("explore", "steps", args.json);
-    let done = survey(&robot, &args.agent, &preset, args.seed, threads, &bar, &cancel);
+    let done = learning_curves(&robot, &args.agent, &preset, args.seed, threads, &bar, &cancel);
     bar.finish();
     let done = done?;
     if let Some(path) = &args.plot {

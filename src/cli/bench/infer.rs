@@ -9,8 +9,8 @@ use crate::cli::failure::{Failure, Outcome};
 use crate::cli::out;
 use crate::net::token::RIDGE_HEADS;
 use crate::net::{
-    CURRENT, Encoder, Facts, JointFacts, Net, NetConfig, Normaliser, Policy, PolicyConfig, Ridge,
-    SkipKind, Threads, TokenConfig, Tokeniser, WINDOW,
+    CURRENT, Encoder, Facts, JointFacts, Net, NetConfig, NetPolicy, NetPolicyConfig, Normaliser,
+    Ridge, SkipKind, Threads, TokenConfig, Tokeniser, WINDOW,
 };
 
 #[derive(clap::Args, Debug)]
@@ -46,7 +46,7 @@ struct Row {
     cpu_ms: f64,
     /// Median processor time of one action on one thread.
     one_thread_ms: f64,
-    /// Of that, features and linear answer.
+    /// Of that, features and linear prediction.
     encode_ms: f64,
     /// Rate and share of the peak on one thread.
     gflops: f64,
@@ -105,9 +105,9 @@ fn measure(size: Size, threads: usize, secs: f64, peak: f64) -> Outcome<Row> {
     let mut batch = crate::net::Batch::<f32>::zeros(&cfg, 1);
     let net = Net::init(cfg, None, 1)?;
     let of = if threads > 1 { Threads::Two } else { Threads::One };
-    let shared = PolicyConfig { threads: of, ..PolicyConfig::default() };
-    let mut shared = Policy::new(net.clone(), encoder.clone(), shared)?;
-    let mut policy = Policy::new(net, encoder, PolicyConfig::default())?;
+    let shared = NetPolicyConfig { threads: of, ..NetPolicyConfig::default() };
+    let mut shared = NetPolicy::new(net.clone(), encoder.clone(), shared)?;
+    let mut policy = NetPolicy::new(net, encoder, NetPolicyConfig::default())?;
 
     let q: Vec<f32> = (0..WINDOW * actions).map(|i| (i as f32 * 0.01).sin()).collect();
     let mut visible = vec![true; q.len()];

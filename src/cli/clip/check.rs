@@ -1,4 +1,4 @@
-//! `robert clip check`: what is wrong with a clip, where, and how to mend it.
+//! `robert clip check`: what is wrong with a clip, where, and how to fix it.
 
 use std::path::{Path, PathBuf};
 
@@ -12,8 +12,8 @@ use crate::clip::{
 use crate::exit::Exit;
 use crate::robot::{Robot, Settler};
 
-/// How many mends `--fix` tries: each removes a finding, some uncover another.
-const MENDS: usize = 1000;
+/// How many fixes `--fix` tries: each removes a finding, some uncover another.
+const FIXES: usize = 1000;
 
 /// Check clips: format, limits, speeds, blind spans, coupled joints.
 ///
@@ -21,7 +21,7 @@ const MENDS: usize = 1000;
 /// Exit code 4 when errors remain (with --strict, warnings too), 3 when a file is no clip.
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  robert clip check wave.clip.json\n  robert clip check --simulate fist.clip.json    also settles every pose in simulation\n  robert clip check --fix --strict *.clip.json   mend what can be mended, then insist\n  robert clip check --json wave.clip.json | jq '.files[].lints[].rule'"
+    after_help = "Examples:\n  robert clip check wave.clip.json\n  robert clip check --simulate fist.clip.json    also settles every pose in simulation\n  robert clip check --fix --strict *.clip.json   fix what can be fixed, then fail on warnings\n  robert clip check --json wave.clip.json | jq '.files[].lints[].rule'"
 )]
 #[allow(clippy::struct_excessive_bools)] // switches of a command line
 pub(super) struct Check {
@@ -37,13 +37,13 @@ pub(super) struct Check {
     /// Settle every pose in simulation: self-collision, poses out of reach.
     #[arg(long)]
     simulate: bool,
-    /// Carry out the first mend of each finding and write the file.
+    /// Apply the first fix of each finding and write the file.
     #[arg(long)]
     fix: bool,
     /// Warnings count like errors.
     #[arg(long)]
     strict: bool,
-    /// One JSON document with all findings and their mends.
+    /// One JSON document with all findings and their fixes.
     #[arg(long)]
     json: bool,
 }
@@ -68,7 +68,9 @@ struct FileReport {
     path: PathBuf,
     robot: String,
     robot_known: bool,
-    mended: usize,
+    // Scripts know the old name.
+    #[serde(rename = "mended")]
+    fixed: usize,
     lints: Vec<PlacedLint>,
 }
 
@@ -132,15 +134,15 @@ fn file(a: &Check, path: &Path) -> Result<FileReport, Failure> {
         table.granularity = Granularity::Joint;
     }
     let mut lints = find(a, &parsed.clip, &table, robot.as_ref())?;
-    let mut mended = 0;
+    let mut fixed = 0;
     if a.fix {
         let mut clip = parsed.clip.clone();
-        while mended < MENDS {
-            let Some(next) = mend(a, &clip, &lints, &table, robot.as_ref())? else { break };
+        while fixed < FIXES {
+            let Some(next) = fix(a, &clip, &lints, &table, robot.as_ref())? else { break };
             (clip, lints) = next;
-            mended += 1;
+            fixed += 1;
         }
-        if mended > 0 {
+        if fixed > 0 {
             clip.save(path)?;
             parsed = Parsed::of(&clip);
         }
@@ -153,7 +155,7 @@ fn file(a: &Check, path: &Path) -> Result<FileReport, Failure> {
         path: path.to_owned(),
         robot: table.robot.clone(),
         robot_known: robot.is_some(),
-        mended,
+        fixed,
         lints: placed.collect(),
     })
 }
@@ -173,8 +175,8 @@ fn find(
     Ok(lint(clip, &command, table, checker))
 }
 
-/// The clip after the first mend that leaves less to complain about.
-fn mend(
+/// The clip after the first fix that leaves less to complain about.
+fn fix(
     a: &Check,
     clip: &Clip,
     lints: &[Lint],
@@ -182,7 +184,7 @@ fn mend(
     robot: Option<&Robot>,
 ) -> Result<Option<(Clip, Vec<Lint>)>, Failure> {
     // Too fast weighs more than blind: stretching time may open a blind span, which then
-    // gets keys; the other way round two mends would undo each other for ever.
+    // gets keys; the other way round two fixes would undo each other for ever.
     let weight = |lints: &[Lint]| {
         let count = |is: &dyn Fn(&Lint) -> bool| lints.iter().filter(|l| is(l)).count();
         (
@@ -192,8 +194,8 @@ fn mend(
         )
     };
     let bad = lints.iter().filter(|l| l.level > Level::Info);
-    for mend in bad.flat_map(|l| &l.mends) {
-        let Ok(next) = edited(clip, &mend.op, Some(table)) else { continue };
+    for fix in bad.flat_map(|l| &l.fixes) {
+        let Ok(next) = edited(clip, &fix.op, Some(table)) else { continue };
         let found = find(a, &next, table, robot)?;
         if weight(&found) < weight(lints) {
             return Ok(Some((next, found)));
@@ -204,8 +206,8 @@ fn mend(
 
 fn print(report: &FileReport) -> Outcome {
     let path = report.path.display();
-    if report.mended > 0 {
-        out::line(&format!("{path}: mended {}", report.mended))?;
+    if report.fixed > 0 {
+        out::line(&format!("{path}: fixed {}", report.fixed))?;
     }
     if !report.robot_known {
         let robot = &report.robot;
@@ -217,13 +219,13 @@ fn print(report: &FileReport) -> Outcome {
         let PlacedLint { line, col, lint } = placed;
         let (level, rule) = (word(&lint.level), word(&lint.rule));
         out::line(&format!("{path}:{line}:{col}: {level}[{rule}]: {}", lint.message))?;
-        for mend in &lint.mends {
-            out::line(&format!("    mend: {}", mend.title))?;
+        for fix in &lint.fixes {
+            out::line(&format!("    fix: {}", fix.title))?;
         }
         if lint.rule == Rule::OtherRobot {
             let robot = &report.robot;
             out::line(&format!(
-                "    mend: robert clip convert {path} NEW.clip.json --robot {robot}   (where the joints have the same names)"
+                "    fix: robert clip convert {path} NEW.clip.json --robot {robot}   (where the joints have the same names)"
             ))?;
         }
     }

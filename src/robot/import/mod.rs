@@ -1,7 +1,7 @@
 //! Makes a robot's folder out of a foreign URDF or MJCF.
 //!
 //! The order is: read under caps ([`super::preparse`]), draft an MJCF with plain file names,
-//! compile it in a child process, then mend what a torque-driven simulation needs (motors,
+//! compile it in a child process, then fix what a torque-driven simulation needs (motors,
 //! contact excludes, our time step), compile again, derive the profile, and only then show
 //! the folder. Every figure that was not in the source is in the report.
 //!
@@ -11,7 +11,7 @@
 
 mod contacts;
 mod draft;
-mod mend;
+mod fix;
 mod mjcf;
 mod urdf;
 
@@ -140,7 +140,7 @@ pub fn import(config: &ImportConfig) -> Result<Report, Error> {
     Ok(report)
 }
 
-/// Compiles the draft, mends it, and compiles until nothing is left to mend.
+/// Compiles the draft, fixes it, and compiles until nothing is left to fix.
 fn settle_draft(
     draft: &mut Draft,
     project: &preparse::Project,
@@ -152,11 +152,11 @@ fn settle_draft(
     write_model(dir, &draft.xml, &draft.assets)?;
     check::compile(&dir.join(MODEL_FILE), &config.checker, 0).map_err(say)?;
     let mut first = compile(&draft.xml, &draft.assets).map_err(say)?;
-    if mend::joints(draft, &first, project, config)? {
+    if fix::joints(draft, &first, project, config)? {
         first = compile(&draft.xml, &draft.assets).map_err(say)?;
-        mend::joints(draft, &first, project, config)?;
+        fix::joints(draft, &first, project, config)?;
     }
-    mend::actuators(draft, &first, config)?;
+    fix::actuators(draft, &first, config)?;
     let second = compile(&draft.xml, &draft.assets).map_err(say)?;
     contacts::exclude(draft, &second, project)?;
     let last = Arc::new(compile(&draft.xml, &draft.assets).map_err(say)?);
@@ -211,7 +211,7 @@ fn describe(
             j.speed_limit = *v;
         }
     }
-    p.physics.discard_visual = mend::weightless_visuals(&draft.xml, &draft.assets, model);
+    p.physics.discard_visual = fix::weightless_visuals(&draft.xml, &draft.assets, model);
     let text = p.to_toml()?;
     Ok(format!(
         "# Made by robert import. Whatever the model implies may be left out again.\n{text}"

@@ -9,7 +9,7 @@ use std::sync::Arc;
 
 use super::env::{Env, Step};
 use super::error::Error;
-use super::policy::{Mind, Policy, Scratch};
+use super::policy::{ActorState, ExplorePolicy, Scratch};
 use crate::dataset::{EpisodeMeta, Robot as Described, SHORTEST, ShardBuilder, ShardEntry};
 use crate::net::WINDOW;
 use crate::progress::Cancel;
@@ -18,7 +18,7 @@ use crate::robot::{PlantRange, Robot, StateJoint};
 
 /// Episodes side by side: the policy's products get enough rows, the simulations' work
 /// spaces still fit the cache.
-const WAVE: usize = 8;
+const ENVS: usize = 8;
 /// Frames of a training window; shorter trajectories are of no use.
 pub(crate) const MIN_FRAMES: usize = SHORTEST;
 const _: () = assert!(SHORTEST == WINDOW, "a window of the network has other frames");
@@ -48,15 +48,15 @@ pub(crate) struct Plan {
 
 /// Simulations of one thread, reused from shard to shard.
 #[derive(Debug)]
-pub(crate) struct Wave {
+pub(crate) struct EnvBatch {
     robot: Arc<Robot>,
     described: Described,
-    lanes: Vec<Lane>,
+    slots: Vec<EpisodeSlot>,
     scratch: Scratch,
 }
 
 #[derive(Debug)]
-struct Lane {
+struct EpisodeSlot {
     env: Env,
     qpos: Vec<f32>,
     qvel: Vec<f32>,
@@ -84,21 +84,21 @@ enum End {
     Broken,
 }
 
-impl Wave {
+impl EnvBatch {
     /// Simulations of this robot; with `plants`, of another plant in each episode.
     ///
     /// # Errors
     /// [`Error::Simulator`].
     pub(crate) fn new(robot: &Arc<Robot>, plants: Option<PlantRange>) -> Result<Self, Error> {
-        let lane = || {
+        let slot = || {
             let env = Env::varied(robot, plants)?;
             let (qpos, qvel, ctrl) = (Vec::new(), Vec::new(), Vec::new());
-            Ok(Lane { env, qpos, qvel, ctrl, contact: Vec::new() })
+            Ok(EpisodeSlot { env, qpos, qvel, ctrl, contact: Vec::new() })
         };
-        Ok(Wave {
+        Ok(EnvBatch {
             robot: Arc::clone(robot),
             described: describe(robot),
-            lanes: (0..WAVE).map(|_| lane()).collect::<Result<_, Error>>()?,
+            slots: (0..ENVS).map(|_| slot()).collect::<Result<_, Error>>()?,
             scratch: Scratch::default(),
         })
     }
@@ -112,7 +112,7 @@ impl Wave {
     pub(crate) fn make(
         &mut self,
         plan: &Plan,
-        policy: &Policy,
+        policy: &ExplorePolicy,
         (dir, file): (&Path, &Path),
         cancel: &Cancel,
         tick: &dyn Fn(&Made<'_>),
@@ -127,8 +127,8 @@ impl Wave {
             // Episodes that were cut may leave less than a window, but whoever asks for frames
             // gets them.
             let mut left = (plan.frames - shard.frames()).max(MIN_FRAMES);
-            let mut lengths = Vec::with_capacity(WAVE);
-            while lengths.len() < WAVE && left >= MIN_FRAMES {
+            let mut lengths = Vec::with_capacity(ENVS);
+            while lengths.len() < ENVS && left >= MIN_FRAMES {
                 let rest = left.saturating_sub(plan.episode_frames);
                 // A remainder too short for a window is joined to the episode before it.
                 let n = if rest < MIN_FRAMES { left } else { plan.episode_frames };
@@ -139,12 +139,12 @@ impl Wave {
                 (tried..tried + lengths.len() as u64).map(|e| episode_seed(plan, e)).collect();
             tried += lengths.len() as u64;
             let ends = self.run(policy, &seeds, &lengths, plan.pinned_frames)?;
-            for ((lane, end), seed) in self.lanes.iter().zip(ends).zip(seeds) {
+            for ((slot, end), seed) in self.slots.iter().zip(ends).zip(seeds) {
                 if end == End::Broken {
                     broken += 1;
                     shard.drop_broken();
                     tick(&Made { broken: true, ..Made::default() });
-                } else if lane.contact.len() < MIN_FRAMES {
+                } else if slot.contact.len() < MIN_FRAMES {
                     short += 1;
                     shard.drop_short();
                 } else {
@@ -153,9 +153,9 @@ impl Wave {
                         snapshot_step: plan.snapshot_step,
                         seed,
                     };
-                    shard.push(&meta, &lane.qpos, &lane.qvel, &lane.ctrl, &lane.contact)?;
-                    let near_limit = near_limits(&self.described, &lane.qpos);
-                    let frames = lane.contact.len() as u64;
+                    shard.push(&meta, &slot.qpos, &slot.qvel, &slot.ctrl, &slot.contact)?;
+                    let near_limit = near_limits(&self.described, &slot.qpos);
+                    let frames = slot.contact.len() as u64;
                     tick(&Made { frames, near_limit: &near_limit, broken: false });
                 }
             }
@@ -172,10 +172,10 @@ impl Wave {
         Ok(shard.write(dir, file)?)
     }
 
-    /// Runs one episode per seed, side by side; frames are left in the lanes.
+    /// Runs one episode per seed, side by side; frames are left in the slots.
     fn run(
         &mut self,
-        policy: &Policy,
+        policy: &ExplorePolicy,
         seeds: &[u64],
         lengths: &[usize],
         pinned_frames: u64,
@@ -183,40 +183,40 @@ impl Wave {
         let (s, a, k) = (self.robot.state_dim(), self.robot.action_dim(), policy.skill());
         let n = seeds.len();
         let mut skills = vec![0.0; n * k];
-        let mut minds: Vec<Mind> = Vec::with_capacity(n);
-        for (i, (&seed, lane)) in seeds.iter().zip(&mut self.lanes).enumerate() {
-            minds.push(policy.begin(seed, &mut skills[i * k..(i + 1) * k]));
-            for v in [&mut lane.qpos, &mut lane.qvel, &mut lane.ctrl] {
+        let mut actors: Vec<ActorState> = Vec::with_capacity(n);
+        for (i, (&seed, slot)) in seeds.iter().zip(&mut self.slots).enumerate() {
+            actors.push(policy.begin(seed, &mut skills[i * k..(i + 1) * k]));
+            for v in [&mut slot.qpos, &mut slot.qvel, &mut slot.ctrl] {
                 v.clear();
             }
-            lane.contact.clear();
-            lane.env.reset(&mut Rng::new(seed, Stream::Reset, 0))?;
+            slot.contact.clear();
+            slot.env.reset(&mut Rng::new(seed, Stream::Reset, 0))?;
         }
         let mut ends = vec![End::Running; n];
         let mut obs = vec![0.0; n * 2 * s];
         let mut action = vec![0.0; a];
         while ends.contains(&End::Running) {
-            for (lane, o) in self.lanes.iter().zip(obs.chunks_exact_mut(2 * s)) {
+            for (slot, o) in self.slots.iter().zip(obs.chunks_exact_mut(2 * s)) {
                 let (q, v) = o.split_at_mut(s);
-                lane.env.observe(q, v);
+                slot.env.observe(q, v);
             }
             let means = policy.think(&obs, &skills, n, &mut self.scratch);
-            for (i, (lane, mind)) in self.lanes.iter_mut().zip(&mut minds).enumerate() {
+            for (i, (slot, actor)) in self.slots.iter_mut().zip(&mut actors).enumerate() {
                 if ends[i] != End::Running {
                     continue;
                 }
                 let o = &obs[i * 2 * s..(i + 1) * 2 * s];
-                mind.act(o, means.get(i * a..(i + 1) * a).unwrap_or_default(), &mut action);
-                match lane.env.step(&action) {
+                actor.act(o, means.get(i * a..(i + 1) * a).unwrap_or_default(), &mut action);
+                match slot.env.step(&action) {
                     Step::Ok => {
-                        lane.qpos.extend_from_slice(&o[..s]);
-                        lane.qvel.extend_from_slice(&o[s..]);
-                        lane.ctrl.extend_from_slice(&action);
+                        slot.qpos.extend_from_slice(&o[..s]);
+                        slot.qvel.extend_from_slice(&o[s..]);
+                        slot.ctrl.extend_from_slice(&action);
                         // Of the end of the frame, as seen by its last simulator step.
-                        lane.contact.push(u8::from(lane.env.self_contact()));
-                        if lane.contact.len() == lengths[i] {
+                        slot.contact.push(u8::from(slot.env.self_contact()));
+                        if slot.contact.len() == lengths[i] {
                             ends[i] = End::Whole;
-                        } else if pinned_frames > 0 && lane.env.pinned_frames() >= pinned_frames {
+                        } else if pinned_frames > 0 && slot.env.pinned_frames() >= pinned_frames {
                             ends[i] = End::Cut;
                         }
                     }
@@ -273,10 +273,10 @@ pub fn describe(robot: &Robot) -> Described {
 
 #[cfg(test)]
 mod tests {
+    use super::super::action_noise::NoiseBounds;
     use super::super::ddpg::Ddpg;
     use super::super::noise::NoiseRule;
     use super::super::policy::{Actor, Snapshot, SnapshotHeader};
-    use super::super::wander::Spread;
     use super::*;
     use crate::dataset::Shard;
 
@@ -297,16 +297,16 @@ mod tests {
     fn a_shard_is_the_same_alone_and_after_others() {
         let dir = tempfile::tempdir().unwrap();
         let robot = Arc::new(Robot::builtin("ur5e").unwrap());
-        let policy = Policy::Noise(NoiseRule::of(&robot));
+        let policy = ExplorePolicy::Noise(NoiseRule::of(&robot));
         let never = Cancel::default();
-        let make = |wave: &mut Wave, plan: &Plan, name: &str| {
-            wave.make(plan, &policy, (dir.path(), Path::new(name)), &never, &|_| ()).unwrap()
+        let make = |batch: &mut EnvBatch, plan: &Plan, name: &str| {
+            batch.make(plan, &policy, (dir.path(), Path::new(name)), &never, &|_| ()).unwrap()
         };
-        let mut wave = Wave::new(&robot, None).unwrap();
-        let first = make(&mut wave, &plan(1234), "a");
-        make(&mut wave, &Plan { index: 3, ..plan(300) }, "b");
-        let again = make(&mut wave, &plan(1234), "c");
-        let alone = make(&mut Wave::new(&robot, None).unwrap(), &plan(1234), "d");
+        let mut batch = EnvBatch::new(&robot, None).unwrap();
+        let first = make(&mut batch, &plan(1234), "a");
+        make(&mut batch, &Plan { index: 3, ..plan(300) }, "b");
+        let again = make(&mut batch, &plan(1234), "c");
+        let alone = make(&mut EnvBatch::new(&robot, None).unwrap(), &plan(1234), "d");
         assert_eq!(first.sha256, again.sha256);
         assert_eq!(first.sha256, alone.sha256);
         assert_eq!(first.frames, 1234);
@@ -316,9 +316,9 @@ mod tests {
     fn cut_episodes_end_neither_the_shard_nor_its_frames() {
         let dir = tempfile::tempdir().unwrap();
         let robot = Arc::new(Robot::builtin("ur5e_light").unwrap());
-        let mut wave = Wave::new(&robot, None).unwrap();
+        let mut batch = EnvBatch::new(&robot, None).unwrap();
         let file = (dir.path(), Path::new("a"));
-        let policy = Policy::Noise(NoiseRule::of(&robot));
+        let policy = ExplorePolicy::Noise(NoiseRule::of(&robot));
         let seen = std::cell::RefCell::new((0, vec![0; robot.state_dim()]));
         let tick = |made: &Made<'_>| {
             let (frames, near) = &mut *seen.borrow_mut();
@@ -328,14 +328,14 @@ mod tests {
         // Most episodes reach a stop long before their 1000 frames: many more are needed than
         // whole ones would be.
         let cut = Plan { episode_frames: 1000, pinned_frames: 5, ..plan(8000) };
-        let made = wave.make(&cut, &policy, file, &Cancel::default(), &tick).unwrap();
+        let made = batch.make(&cut, &policy, file, &Cancel::default(), &tick).unwrap();
         assert!((8000..8051).contains(&made.frames), "{made:?}");
         assert!(made.episodes > 16, "{made:?}");
         let (frames, near) = seen.into_inner();
         assert_eq!(frames, made.frames);
         let s = robot.state_dim();
         let shard = Shard::open(&dir.path().join("a"), s, robot.action_dim(), None).unwrap();
-        assert_eq!(near, near_limits(&wave.described, shard.qpos()));
+        assert_eq!(near, near_limits(&batch.described, shard.qpos()));
         assert!(near.iter().any(|&n| n > 0));
     }
 
@@ -351,11 +351,11 @@ mod tests {
         let (mean, inv) = (vec![0.0; obs], vec![1.0; obs]);
         let header = SnapshotHeader::new(&robot, "rnd", 0, 4);
         let snapshot = Snapshot { header, actor, mean, inv };
-        let policy = Policy::Actor(Box::new(Actor::new(&snapshot)), Spread::WHITE);
-        let mut wave = Wave::new(&robot, None).unwrap();
+        let policy = ExplorePolicy::Actor(Box::new(Actor::new(&snapshot)), NoiseBounds::WHITE);
+        let mut batch = EnvBatch::new(&robot, None).unwrap();
         let file = (dir.path(), Path::new("a"));
         let short = Plan { pinned_frames: 1, ..plan(51) };
-        let e = wave.make(&short, &policy, file, &Cancel::default(), &|_| ()).unwrap_err();
+        let e = batch.make(&short, &policy, file, &Cancel::default(), &|_| ()).unwrap_err();
         assert!(matches!(e, Error::TooShort { short, tried, .. } if short == tried), "{e}");
         assert!(e.to_string().contains("raise pinned_frames"), "{e}");
         assert!(!dir.path().join("a").exists());
@@ -367,11 +367,13 @@ mod tests {
         let robot = Arc::new(Robot::builtin("pointmass").unwrap());
         let never = Cancel::default();
         let speeds = |plants: Option<PlantRange>, name: &str| {
-            let mut wave = Wave::new(&robot, plants).unwrap();
+            let mut batch = EnvBatch::new(&robot, plants).unwrap();
             let file = (dir.path(), Path::new(name));
-            let made = wave.make(&plan(800), &Policy::Uniform, file, &never, &|_| ()).unwrap();
-            let mut again = Wave::new(&robot, plants).unwrap();
-            let same = again.make(&plan(800), &Policy::Uniform, file, &never, &|_| ()).unwrap();
+            let made =
+                batch.make(&plan(800), &ExplorePolicy::Uniform, file, &never, &|_| ()).unwrap();
+            let mut again = EnvBatch::new(&robot, plants).unwrap();
+            let same =
+                again.make(&plan(800), &ExplorePolicy::Uniform, file, &never, &|_| ()).unwrap();
             assert_eq!(made.sha256, same.sha256);
             let shard = Shard::open(&dir.path().join(name), 2, 2, None).unwrap();
             // The change of speed a unit of torque makes, from rest: gear over mass.
@@ -396,9 +398,9 @@ mod tests {
     fn recorded_actions_lead_to_recorded_states() {
         let dir = tempfile::tempdir().unwrap();
         let robot = Arc::new(Robot::builtin("pointmass").unwrap());
-        let mut wave = Wave::new(&robot, None).unwrap();
+        let mut batch = EnvBatch::new(&robot, None).unwrap();
         let file = (dir.path(), Path::new("a"));
-        wave.make(&plan(200), &Policy::Uniform, file, &Cancel::default(), &|_| ()).unwrap();
+        batch.make(&plan(200), &ExplorePolicy::Uniform, file, &Cancel::default(), &|_| ()).unwrap();
         let shard = Shard::open(&dir.path().join("a"), 2, 2, None).unwrap();
         let mut env = Env::new(&robot).unwrap();
         for (start, n, meta) in shard.episodes() {

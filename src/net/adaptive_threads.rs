@@ -16,7 +16,7 @@ const SELDOM: [u64; 2] = [32, 1024];
 /// Clones of a policy share one, so that it learns from all of them. Relaxed throughout: a
 /// time lost in a race is a time lost.
 #[derive(Debug)]
-pub(super) struct Pace {
+pub(super) struct AdaptiveThreads {
     uses: AtomicU64,
     /// Uses left before the slower way is tried again, and the number it starts from.
     left: AtomicU64,
@@ -26,9 +26,9 @@ pub(super) struct Pace {
     counts: [AtomicU64; 2],
 }
 
-impl Default for Pace {
+impl Default for AdaptiveThreads {
     fn default() -> Self {
-        Pace {
+        AdaptiveThreads {
             uses: AtomicU64::new(0),
             left: AtomicU64::new(SELDOM[0]),
             seldom: AtomicU64::new(SELDOM[0]),
@@ -38,7 +38,7 @@ impl Default for Pace {
     }
 }
 
-impl Pace {
+impl AdaptiveThreads {
     /// The way to take now, 0 or 1.
     pub(super) fn choose(&self) -> usize {
         let get = |x: &AtomicU64| x.load(Ordering::Relaxed);
@@ -89,22 +89,22 @@ mod tests {
     use super::*;
 
     /// Share of the second way in `n` uses when the ways take these times.
-    fn share(pace: &Pace, times: [u64; 2], n: u64) -> f64 {
+    fn share(threads: &AdaptiveThreads, times: [u64; 2], n: u64) -> f64 {
         let mut second = 0;
         for _ in 0..n {
-            let way = pace.choose();
+            let way = threads.choose();
             second += way as u64;
-            pace.took(way, Duration::from_nanos(times[way]));
+            threads.took(way, Duration::from_nanos(times[way]));
         }
         second as f64 / n as f64
     }
 
     #[test]
     fn takes_the_faster_way_and_notices_a_change() {
-        let pace = Pace::default();
-        assert!(share(&pace, [100, 60], 1000) > 0.9);
-        assert!(share(&pace, [100, 400], 2000) < 0.05);
-        assert!(share(&pace, [100, 400], 4000) < 0.02, "tried ever more seldom");
-        assert!(share(&pace, [100, 60], 4000) > 0.7, "and found again");
+        let threads = AdaptiveThreads::default();
+        assert!(share(&threads, [100, 60], 1000) > 0.9);
+        assert!(share(&threads, [100, 400], 2000) < 0.05);
+        assert!(share(&threads, [100, 400], 4000) < 0.02, "tried ever more seldom");
+        assert!(share(&threads, [100, 60], 4000) > 0.7, "and found again");
     }
 }

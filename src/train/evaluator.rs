@@ -9,7 +9,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use super::run::{Evaluate, Evaluation};
 use crate::clip::{self, Command};
 use crate::net::step::{next_of, on_threads};
-use crate::net::{Model, PolicyConfig};
+use crate::net::{Model, NetPolicyConfig};
 use crate::progress::Cancel;
 use crate::robot::Robot;
 use crate::rollout::{Learned, Linear, Policy, Rollout, RolloutConfig, Start, tasks};
@@ -19,8 +19,8 @@ const SUITES: [&str; 2] = ["manual", "extra"];
 /// Error that stands for a rollout that broke, rad or m.
 const BROKEN: f64 = 10.0;
 
-/// Judges by shipped tasks.
-pub struct SuiteJudge {
+/// Evaluates on shipped tasks.
+pub struct SuiteEvaluator {
     robot: Arc<Robot>,
     cases: Vec<Case>,
     threads: usize,
@@ -33,13 +33,13 @@ struct Case {
     command: Command,
 }
 
-impl std::fmt::Debug for SuiteJudge {
+impl std::fmt::Debug for SuiteEvaluator {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "SuiteJudge({}, {} tasks)", self.robot.id(), self.cases.len())
+        write!(f, "SuiteEvaluator({}, {} tasks)", self.robot.id(), self.cases.len())
     }
 }
 
-impl SuiteJudge {
+impl SuiteEvaluator {
     /// The tasks shipped for this robot, else the trial clips that its profile gives.
     ///
     /// # Errors
@@ -54,20 +54,20 @@ impl SuiteJudge {
             }
         }
         if cases.is_empty() {
-            // A robot without tasks of its own is judged on what its profile gives.
+            // A robot without tasks of its own is evaluated on what its profile gives.
             for task in tasks::trial(&robot, 0).map_err(|e| e.to_string())? {
                 let command =
                     clip::compile(&task.clip).map_err(|e| format!("{}: {e}", task.name))?;
                 cases.push(Case { suite: task.suite, name: task.name.to_owned(), command });
             }
         }
-        Ok((!cases.is_empty()).then_some(SuiteJudge { robot, cases, threads }))
+        Ok((!cases.is_empty()).then_some(SuiteEvaluator { robot, cases, threads }))
     }
 }
 
-impl Evaluate for SuiteJudge {
+impl Evaluate for SuiteEvaluator {
     fn evaluate(&mut self, model: &Model, cancel: &Cancel) -> Result<Option<Evaluation>, String> {
-        let policy = Learned::new(model.clone(), PolicyConfig::default());
+        let policy = Learned::new(model.clone(), NetPolicyConfig::default());
         self.all(policy.map_err(|e| e.to_string())?, cancel)
     }
 
@@ -81,7 +81,7 @@ impl Evaluate for SuiteJudge {
     }
 }
 
-impl SuiteJudge {
+impl SuiteEvaluator {
     /// All tasks; `None` when a stop was asked for meanwhile.
     fn all<P: Policy + Clone + 'static>(
         &self,
@@ -142,16 +142,16 @@ mod tests {
     use crate::train::tests::untrained;
 
     #[test]
-    fn an_untrained_network_is_judged_as_its_linear_answer() {
+    fn an_untrained_network_does_as_well_as_its_linear_prediction() {
         let dir = tempfile::tempdir().unwrap();
         let (robot, _, model) = untrained("pointmass", 0, dir.path());
         let cancel = Cancel::default();
-        let mut judge = SuiteJudge::new(robot, 2).unwrap().unwrap();
-        let linear = judge.evaluate_linear(&model, &cancel).unwrap().unwrap();
+        let mut evaluator = SuiteEvaluator::new(robot, 2).unwrap().unwrap();
+        let linear = evaluator.evaluate_linear(&model, &cancel).unwrap().unwrap();
         assert!(linear.precision < BROKEN && linear.suites.len() > 2, "{linear:?}");
-        let network = judge.evaluate(&model, &cancel).unwrap().unwrap();
+        let network = evaluator.evaluate(&model, &cancel).unwrap().unwrap();
         assert!((network.precision - linear.precision).abs() < 1e-6, "{network:?} {linear:?}");
         cancel.cancel();
-        assert_eq!(judge.evaluate(&model, &cancel), Ok(None));
+        assert_eq!(evaluator.evaluate(&model, &cancel), Ok(None));
     }
 }

@@ -14,10 +14,10 @@ use crate::rng::{Rng, Stream};
 use crate::robot::Robot;
 
 /// Commands of a task.
-pub const CUT_FRAMES: usize = 80;
+pub const EXTRACTED_FRAMES: usize = 80;
 
 /// States that a task takes.
-const STATES: usize = HISTORY + 1 + CUT_FRAMES;
+const STATES: usize = HISTORY + 1 + EXTRACTED_FRAMES;
 
 /// How much of a task is hidden.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -43,12 +43,12 @@ impl Masking {
         }
     }
 
-    /// Hidden commands of [`CUT_FRAMES`].
+    /// Hidden commands of [`EXTRACTED_FRAMES`].
     fn hidden(self) -> usize {
         match self {
             Masking::None => 0,
-            Masking::Low => CUT_FRAMES / 4,
-            Masking::High => CUT_FRAMES / 2,
+            Masking::Low => EXTRACTED_FRAMES / 4,
+            Masking::High => EXTRACTED_FRAMES / 2,
         }
     }
 }
@@ -56,7 +56,7 @@ impl Masking {
 /// One task from 111 consecutive states: `qpos` and `qvel` are (111, S) in the order of
 /// `joints`. Which commands are hidden is a function of (seed, index); the last never is.
 /// `None` when the lengths disagree.
-pub fn cut(
+pub fn extract_task(
     joints: &[String],
     name: &str,
     qpos: &[f32],
@@ -73,7 +73,7 @@ pub fn cut(
     let (history, rest) = qpos.split_at(HISTORY * dim);
     let velocity = qvel.get(HISTORY * dim..(HISTORY + 1) * dim)?;
     let mut visible = vec![true; rest.len()];
-    let hidden = Rng::new(seed, Stream::Mask, index).subset(masking.hidden(), CUT_FRAMES - 1);
+    let hidden = Rng::new(seed, Stream::Mask, index).subset(masking.hidden(), EXTRACTED_FRAMES - 1);
     for command in hidden {
         visible.get_mut((command + 1) * dim..(command + 2) * dim)?.fill(false);
     }
@@ -126,7 +126,7 @@ pub fn test_suites(
                 continue;
             };
             let name = format!("{}_{i:02}", masking.suite());
-            cases.extend(cut(joints, &name, qpos, qvel, masking, seed, index));
+            cases.extend(extract_task(joints, &name, qpos, qvel, masking, seed, index));
         }
         suites.push(Suite { name: masking.suite().to_owned(), cases });
     }
@@ -165,16 +165,16 @@ mod tests {
         let (joints, q, v) = recording(&robot);
         let mut last = Vec::new();
         for (masking, hidden) in Masking::ALL.into_iter().zip([0, 20, 40]) {
-            let case = cut(&joints, "x", &q, &v, masking, 3, 7).unwrap();
-            let again = cut(&joints, "x", &q, &v, masking, 3, 7).unwrap();
+            let case = extract_task(&joints, "x", &q, &v, masking, 3, 7).unwrap();
+            let again = extract_task(&joints, "x", &q, &v, masking, 3, 7).unwrap();
             assert!(case.command == again.command && case.start == again.start);
             let masked = (1..=80).filter(|f| !case.command.sees(*f, 0)).count();
             assert_eq!((masked, case.command.frames()), (hidden, 81));
             assert!(case.command.sees(80, 0), "the last command is always visible");
             last.push(case);
         }
-        assert!(cut(&joints, "x", &q[5..], &v, Masking::Low, 3, 7).is_none());
-        let other = cut(&joints, "x", &q, &v, Masking::High, 3, 8).unwrap();
+        assert!(extract_task(&joints, "x", &q[5..], &v, Masking::Low, 3, 7).is_none());
+        let other = extract_task(&joints, "x", &q, &v, Masking::High, 3, 8).unwrap();
         assert!(other.command != last[2].command, "another index hides other frames");
 
         // The rollout begins in motion: without torque it must not stand still.

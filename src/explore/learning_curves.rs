@@ -9,12 +9,12 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use super::agent::{Agent, AgentKind, Sums};
 use super::babble::BabbleRule;
 use super::collect::AgentSummary;
-use super::crew::spread;
 use super::env::{Env, Step};
+use super::env_batch::describe;
 use super::error::Error;
-use super::fill::describe;
 use super::noise::NoiseRule;
-use super::policy::Policy;
+use super::parallel::for_each;
+use super::policy::ExplorePolicy;
 use super::preset::Preset;
 use crate::dataset::Coverage;
 use crate::progress::{Cancel, Progress};
@@ -29,7 +29,7 @@ const EPISODE_FRAMES: u64 = 350;
 ///
 /// # Errors
 /// [`Error::Simulator`], [`Error::Cancelled`].
-pub fn survey(
+pub fn learning_curves(
     robot: &Arc<Robot>,
     kinds: &[AgentKind],
     preset: &Preset,
@@ -61,7 +61,7 @@ pub fn survey(
             mine.push((i, summary));
         }
     };
-    let mut all = spread(threads.min(kinds.len()), work)?;
+    let mut all = for_each(threads.min(kinds.len()), work)?;
     all.sort_by_key(|(i, _)| *i);
     Ok(all.into_iter().map(|(_, s)| s).collect())
 }
@@ -108,9 +108,9 @@ fn baseline(
 ) -> Result<AgentSummary, Error> {
     let described = describe(robot);
     let policy = match kind {
-        AgentKind::Noise => Policy::Noise(NoiseRule::of(robot)),
-        AgentKind::Babble => Policy::Babble(BabbleRule::of(robot)?),
-        _ => Policy::Uniform,
+        AgentKind::Noise => ExplorePolicy::Noise(NoiseRule::of(robot)),
+        AgentKind::Babble => ExplorePolicy::Babble(BabbleRule::of(robot)?),
+        _ => ExplorePolicy::Uniform,
     };
     let (s, a) = (robot.state_dim(), robot.action_dim());
     let mut env = Env::new(robot)?;
@@ -128,11 +128,11 @@ fn baseline(
         let own = draw(seed ^ kind as u64, Stream::Reset, episode);
         episode += 1;
         env.reset(&mut Rng::new(own, Stream::Reset, 0))?;
-        let mut mind = policy.begin(own, &mut []);
+        let mut actor = policy.begin(own, &mut []);
         env.observe(&mut obs[..s], &mut v);
         obs[s..].copy_from_slice(&v);
         for _ in 0..EPISODE_FRAMES {
-            mind.act(&obs, &[], &mut action);
+            actor.act(&obs, &[], &mut action);
             match env.step(&action) {
                 Step::Ok => {}
                 Step::Implausible => break,

@@ -1,4 +1,5 @@
-//! The plant that a planner believes in: the robot as its file says.
+//! The nominal model: a planner simulates the robot as its file describes it, whatever plant the
+//! rollout runs on.
 
 use std::sync::Arc;
 
@@ -8,7 +9,7 @@ use crate::robot::Robot;
 
 /// A planner's own simulation of the robot as its file says.
 #[derive(Debug)]
-pub struct Belief {
+pub struct NominalModel {
     /// The robot.
     pub robot: Arc<Robot>,
     /// Work space on the robot's own model.
@@ -17,29 +18,29 @@ pub struct Belief {
     pub substeps: usize,
 }
 
-impl Belief {
+impl NominalModel {
     /// A planner's simulation.
     ///
     /// # Errors
     /// [`Error::Setup`], [`Error::Timestep`].
-    pub fn new(robot: &Arc<Robot>) -> Result<Belief, Error> {
-        Belief::on(robot, robot.model())
+    pub fn new(robot: &Arc<Robot>) -> Result<NominalModel, Error> {
+        NominalModel::on(robot, robot.model())
     }
 
     /// The same robot touching nothing.
     ///
     /// # Errors
-    /// As [`Belief::new`].
-    pub fn without_contacts(robot: &Arc<Robot>) -> Result<Belief, Error> {
+    /// As [`NominalModel::new`].
+    pub fn without_contacts(robot: &Arc<Robot>) -> Result<NominalModel, Error> {
         let mut model = robot.model().duplicate()?;
         model.set_contacts(false);
-        Belief::on(robot, &Arc::new(model))
+        NominalModel::on(robot, &Arc::new(model))
     }
 
-    fn on(robot: &Arc<Robot>, model: &Arc<Model>) -> Result<Belief, Error> {
+    fn on(robot: &Arc<Robot>, model: &Arc<Model>) -> Result<NominalModel, Error> {
         let data = Data::new(model)?;
         let substeps = substeps(robot.model())?;
-        Ok(Belief { robot: Arc::clone(robot), data, substeps })
+        Ok(NominalModel { robot: Arc::clone(robot), data, substeps })
     }
 }
 

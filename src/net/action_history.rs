@@ -1,12 +1,12 @@
-//! What the actions of the past say of the plant: how far each was from the linear answer,
-//! and by what factor the linear answer was off.
+//! What the actions of the past say of the plant: how far each was from the linear prediction,
+//! and by what factor the linear prediction was off.
 //!
-//! A plant that is heavier, more damped or weaker than those that the linear answer was
+//! A plant that is heavier, more damped or weaker than those that the linear prediction was
 //! fitted to needs other torque for the same motion. The ratio of what was applied to what
-//! the linear answer says led there, summed over the past, is known per actuator; the gate
+//! the linear prediction says led there, summed over the past, is known per actuator; the gate
 //! of the skip can use it as it is.
 
-/// Squared linear answer, summed over the past, from which on the ratio counts for more than
+/// Squared linear prediction, summed over the past, from which on the ratio counts for more than
 /// the guess that the plant is the usual one. Actions are in [-1, 1].
 const DOUBT: f32 = 0.1;
 /// Ratios beyond these are contact or stops, not the plant.
@@ -14,18 +14,23 @@ const RATIO: (f32, f32) = (0.2, 5.0);
 
 /// Sums over the frames seen, per actuator.
 #[derive(Clone, Debug)]
-pub(super) struct Past {
+pub(super) struct ActionHistory {
     both: Vec<f32>,
     square: Vec<f32>,
     residual: Vec<f32>,
     gain: Vec<f32>,
 }
 
-impl Past {
+impl ActionHistory {
     /// For so many actuators.
     pub(super) fn new(actions: usize) -> Self {
         let zero = vec![0.0; actions];
-        Past { both: zero.clone(), square: zero.clone(), residual: zero.clone(), gain: zero }
+        ActionHistory {
+            both: zero.clone(),
+            square: zero.clone(),
+            residual: zero.clone(),
+            gain: zero,
+        }
     }
 
     /// Forgets.
@@ -35,7 +40,7 @@ impl Past {
         }
     }
 
-    /// The next frame: the action applied before it, and the linear answer for the same.
+    /// The next frame: the action applied before it, and the linear prediction for the same.
     pub(super) fn see(&mut self, applied: &[f32], linear: &[f32]) {
         for (j, (&u, &l)) in applied.iter().zip(linear).enumerate() {
             self.residual[j] = u - l;
@@ -68,7 +73,7 @@ mod tests {
 
     #[test]
     fn the_ratio_of_a_plant_is_found_per_actuator_and_held_back_without_motion() {
-        let mut past = Past::new(3);
+        let mut past = ActionHistory::new(3);
         for t in 0..30_u8 {
             let x = 0.3 * f32::from(t).sin();
             // Half as strong, twice as strong, hardly moved.
@@ -89,7 +94,7 @@ mod tests {
 
     #[test]
     fn what_no_plant_explains_is_cut() {
-        let mut past = Past::new(2);
+        let mut past = ActionHistory::new(2);
         (0..30).for_each(|_| past.see(&[1.0, -1.0], &[0.1, 0.1]));
         assert_eq!(past.gain(), [RATIO.1 - 1.0, RATIO.0 - 1.0]);
     }

@@ -5,7 +5,7 @@ use super::error::Error;
 /// Runs `work` on `threads` threads, this one among them, and joins what they return, in no
 /// particular order. The first error wins; a cancellation that it caused elsewhere does not
 /// hide it.
-pub(super) fn spread<T: Send>(
+pub(super) fn for_each<T: Send>(
     threads: usize,
     work: impl Fn() -> Result<Vec<T>, Error> + Sync,
 ) -> Result<Vec<T>, Error> {

@@ -59,20 +59,20 @@ impl Signals {
 
 /// The thread; it ends when this is dropped.
 #[derive(Debug)]
-pub(super) struct Second {
+pub(super) struct HelperThread {
     signals: Arc<Signals>,
     thread: Option<JoinHandle<()>>,
 }
 
-impl Second {
+impl HelperThread {
     /// Starts it; `work` is done once for each call.
     ///
     /// # Errors
     /// When the system gives no thread.
-    pub(super) fn start(work: impl Fn() + Send + 'static) -> io::Result<Second> {
+    pub(super) fn start(work: impl Fn() + Send + 'static) -> io::Result<HelperThread> {
         let signals = Arc::new(Signals::default());
         let own = Arc::clone(&signals);
-        let thread = thread::Builder::new().name("second".into()).spawn(move || {
+        let thread = thread::Builder::new().name("helper".into()).spawn(move || {
             let mut done = 0;
             loop {
                 own.wait(done);
@@ -84,7 +84,7 @@ impl Second {
                 catch_unwind(AssertUnwindSafe(&work)).ok();
             }
         })?;
-        Ok(Second { signals, thread: Some(thread) })
+        Ok(HelperThread { signals, thread: Some(thread) })
     }
 
     /// Lets it do its work once, after what it was called for before.
@@ -96,7 +96,7 @@ impl Second {
     }
 }
 
-impl Drop for Second {
+impl Drop for HelperThread {
     fn drop(&mut self) {
         self.signals.over.store(true, Ordering::SeqCst);
         if let Some(thread) = self.thread.take() {
@@ -115,18 +115,18 @@ mod tests {
     fn works_once_a_call_awake_and_asleep() {
         let count = Arc::new(AtomicU64::new(0));
         let seen = Arc::clone(&count);
-        let second = Second::start(move || {
+        let helper = HelperThread::start(move || {
             seen.fetch_add(1, Ordering::SeqCst);
         })
         .unwrap();
         for turn in 1..=200 {
-            second.call();
+            helper.call();
             until(|| count.load(Ordering::SeqCst) == turn);
             if turn % 50 == 0 {
-                until(|| second.signals.asleep.load(Ordering::SeqCst));
+                until(|| helper.signals.asleep.load(Ordering::SeqCst));
             }
         }
-        drop(second);
+        drop(helper);
         assert_eq!(count.load(Ordering::SeqCst), 200);
         assert_eq!(Arc::strong_count(&count), 1, "the thread has ended");
     }
@@ -135,12 +135,12 @@ mod tests {
     fn goes_on_after_a_panic() {
         let count = Arc::new(AtomicU64::new(0));
         let seen = Arc::clone(&count);
-        let second = Second::start(move || {
+        let helper = HelperThread::start(move || {
             assert!(seen.fetch_add(1, Ordering::SeqCst) > 0, "the first work panics");
         })
         .unwrap();
-        second.call();
-        second.call();
+        helper.call();
+        helper.call();
         until(|| count.load(Ordering::SeqCst) == 2);
     }
 }

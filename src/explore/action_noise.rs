@@ -23,21 +23,21 @@ use crate::units::CTRL_DT;
 /// Bounds from which each episode draws its noise.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Spread {
+pub struct NoiseBounds {
     /// Least and largest standard deviation of an action.
     pub sigma: [f64; 2],
     /// Least and largest correlation time, seconds; 0 for white noise.
     pub tau_secs: [f64; 2],
 }
 
-impl Spread {
+impl NoiseBounds {
     /// As published: white, .2.
-    pub const WHITE: Spread = Spread { sigma: [SIGMA; 2], tau_secs: [0.0; 2] };
+    pub const WHITE: NoiseBounds = NoiseBounds { sigma: [SIGMA; 2], tau_secs: [0.0; 2] };
 }
 
 /// The noise of one episode.
 #[derive(Clone, Debug)]
-pub(crate) struct Wander {
+pub(crate) struct ActionNoise {
     rng: Rng,
     sigma: f64,
     keep: f64,
@@ -46,9 +46,9 @@ pub(crate) struct Wander {
     x: Vec<f64>,
 }
 
-impl Wander {
+impl ActionNoise {
     /// Draws an episode's noise for `act` actuators.
-    pub(crate) fn new(spread: &Spread, act: usize, mut rng: Rng) -> Self {
+    pub(crate) fn new(spread: &NoiseBounds, act: usize, mut rng: Rng) -> Self {
         let log_uniform = |rng: &mut Rng, [lo, hi]: [f64; 2]| {
             if hi > lo && lo > 0.0 { lo * (hi / lo).powf(rng.uniform()) } else { lo }
         };
@@ -56,7 +56,7 @@ impl Wander {
         let tau = log_uniform(&mut rng, spread.tau_secs);
         let keep = if tau > 0.0 { (-CTRL_DT / tau).exp() } else { 0.0 };
         let x = (0..act).map(|_| rng.normal()).collect();
-        Wander { rng, sigma, keep, fresh: (1.0 - keep * keep).sqrt(), x }
+        ActionNoise { rng, sigma, keep, fresh: (1.0 - keep * keep).sqrt(), x }
     }
 
     /// The next action around this mean (A), inside +-1.
@@ -81,10 +81,10 @@ mod tests {
     use crate::rng::Stream;
 
     /// Deviation and lag-one correlation over many episodes.
-    fn moments(spread: &Spread) -> (f64, f64) {
+    fn moments(spread: &NoiseBounds) -> (f64, f64) {
         let (mut square, mut lag, mut n) = (0.0, 0.0, 0.0);
         for episode in 0..400 {
-            let mut w = Wander::new(spread, 1, Rng::new(4, Stream::Test, episode));
+            let mut w = ActionNoise::new(spread, 1, Rng::new(4, Stream::Test, episode));
             let (mut a, mut last) = ([0.0_f32], None);
             for _ in 0..100 {
                 w.act(&[0.0], &mut a);
@@ -99,18 +99,18 @@ mod tests {
     }
 
     #[test]
-    fn published_noise_is_white_and_wandering_noise_lasts() {
-        let (sd, lag) = moments(&Spread::WHITE);
+    fn published_noise_is_white_and_correlated_noise_lasts() {
+        let (sd, lag) = moments(&NoiseBounds::WHITE);
         assert!((sd - 0.2).abs() < 0.005 && lag.abs() < 0.02, "{sd} {lag}");
-        let (sd, lag) = moments(&Spread { sigma: [0.2; 2], tau_secs: [0.5; 2] });
+        let (sd, lag) = moments(&NoiseBounds { sigma: [0.2; 2], tau_secs: [0.5; 2] });
         assert!((sd - 0.2).abs() < 0.02, "{sd}");
         assert!((lag - (-CTRL_DT / 0.5).exp()).abs() < 0.03, "{lag}");
     }
 
     #[test]
     fn episodes_differ_in_deviation_within_the_bounds() {
-        let spread = Spread { sigma: [0.1, 0.8], tau_secs: [0.06, 4.0] };
-        let of = |i| Wander::new(&spread, 2, Rng::new(4, Stream::Test, i));
+        let spread = NoiseBounds { sigma: [0.1, 0.8], tau_secs: [0.06, 4.0] };
+        let of = |i| ActionNoise::new(&spread, 2, Rng::new(4, Stream::Test, i));
         let sigmas: Vec<f64> = (0..200).map(|i| of(i).sigma).collect();
         assert!(sigmas.iter().all(|s| (0.1..=0.8).contains(s)));
         let low = sigmas.iter().filter(|s| **s < (0.1 * 0.8_f64).sqrt()).count();
