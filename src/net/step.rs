@@ -281,7 +281,7 @@ impl<T: Real> Learner<T> {
         lr: f64,
         fill: &(impl Fn(usize, usize, &mut Batch<T>) + Sync),
     ) -> StepReport {
-        let view = self.gradient(fill);
+        let view = self.compute_gradient(fill);
         let applied = view.is_finite();
         if applied {
             self.apply(lr, &view);
@@ -291,7 +291,7 @@ impl<T: Real> Learner<T> {
 
     /// The first half of a step: weights and moments stay as they are. What has a finite
     /// view is worth keeping as a checkpoint.
-    pub fn gradient(
+    pub fn compute_gradient(
         &mut self,
         fill: &(impl Fn(usize, usize, &mut Batch<T>) + Sync),
     ) -> GradientView {
@@ -300,7 +300,7 @@ impl<T: Real> Learner<T> {
         GradientView { sums, grad_norm }
     }
 
-    /// The second half: moves the weights by the gradient that [`Learner::gradient`] left.
+    /// The second half: moves the weights by the gradient that [`Learner::compute_gradient`] left.
     pub fn apply(&mut self, lr: f64, view: &GradientView) {
         self.count += 1;
         self.update(lr, view.grad_norm);

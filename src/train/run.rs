@@ -568,7 +568,7 @@ impl<'a> Run<'a> {
         let step = self.step;
         let fill =
             |w: usize, slot: usize, batch: &mut Batch<f32>| sampler.train(step, w, slot, batch);
-        self.learner.gradient(&fill)
+        self.learner.compute_gradient(&fill)
     }
 
     /// Whether the metrics have this of the step of the moment.
