@@ -2,12 +2,20 @@
 //!
 //! Temporary file in the same folder, write, fsync, rename, fsync of the folder: the
 //! order that survives a crash on every journalling file system (Pillai et al., OSDI'14;
-//! rename alone may leave an empty file).
+//! rename alone may leave an empty file). The new version keeps the mode and, where the
+//! system allows it, the owner of the old one; a symbolic link stays a link.
+//!
+//! Only regular files are read or replaced. A pipe would block its reader for ever, and a
+//! device must not become a file. They are refused before they are opened, and again after,
+//! in case the name meant something else by then.
 
-use std::fs::{self, File};
+use std::fs::{self, File, Metadata, OpenOptions};
 use std::io::{self, BufWriter, Write};
+use std::os::unix::fs::{FileTypeExt, MetadataExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
+use rustix::fs::{FlockOperation, OFlags, flock};
 use sha2::{Digest, Sha256};
 
 use crate::exit::{Exit, HasExit};
@@ -63,18 +71,158 @@ pub fn write_atomic_with(
     fill: impl FnOnce(&mut BufWriter<&File>) -> io::Result<()>,
 ) -> Result<(), Error> {
     let fail = |source| Error::Write { source, path: path.to_owned() };
-    let dir = folder_of(path);
+    let target = follow_links(path).map_err(fail)?;
+    let old = replaceable(&target).map_err(fail)?;
+    let dir = folder_of(&target);
     fs::create_dir_all(dir).map_err(fail)?;
-    let temp = tempfile::Builder::new().prefix(".robert-").tempfile_in(dir);
-    let temp = temp.map_err(|e| fail(nameless(&e)))?;
+    let temp = temporary(dir, old.as_ref()).map_err(fail)?;
     let mut out = BufWriter::with_capacity(1 << 20, temp.as_file());
     fill(&mut out).map_err(fail)?;
     out.flush().map_err(fail)?;
     drop(out);
-    publish_mode(temp.as_file()).map_err(fail)?;
+    if let Some(old) = &old {
+        keep_mode_and_owner(temp.as_file(), old).map_err(fail)?;
+    }
     temp.as_file().sync_all().map_err(fail)?;
-    temp.persist(path).map_err(|e| fail(e.error))?;
+    temp.persist(&target).map_err(|e| fail(e.error))?;
     sync_folder(dir).map_err(fail)
+}
+
+/// A locked temporary file in `dir`. The lock tells [`sweep`] that somebody still writes it.
+/// A new file gets the mode that the umask leaves it; a replacement is private until it
+/// gets the mode of what it replaces.
+fn temporary(dir: &Path, old: Option<&Metadata>) -> io::Result<tempfile::NamedTempFile> {
+    let mode = if old.is_some() { 0o600 } else { 0o666 };
+    let temp = tempfile::Builder::new()
+        .prefix(TEMPORARY)
+        .permissions(fs::Permissions::from_mode(mode))
+        .tempfile_in(dir)
+        .map_err(|e| nameless(&e))?;
+    flock(temp.as_file(), FlockOperation::NonBlockingLockExclusive)?;
+    Ok(temp)
+}
+
+/// How the names of temporary files begin.
+const TEMPORARY: &str = ".robert-";
+/// Temporary files that are younger than this may have a writer that has not locked them yet.
+const STALE: Duration = Duration::from_mins(1);
+
+/// Removes temporary files and folders that killed processes have left in `dir`.
+///
+/// Nothing that somebody still writes goes: a file that is locked or was changed within the
+/// last minute stays. A folder has no lock, so it stays for a day.
+pub fn sweep(dir: &Path) {
+    let Ok(entries) = fs::read_dir(dir) else { return };
+    for entry in entries.flatten() {
+        if !entry.file_name().as_encoded_bytes().starts_with(TEMPORARY.as_bytes()) {
+            continue;
+        }
+        let path = entry.path();
+        let Ok(found) = fs::symlink_metadata(&path) else { continue };
+        let age = found.modified().ok().and_then(|t| t.elapsed().ok()).unwrap_or_default();
+        if found.is_dir() && age > 1440 * STALE {
+            fs::remove_dir_all(&path).ok();
+        } else if found.is_file() && age > STALE {
+            let free = open_regular(&path)
+                .is_ok_and(|f| flock(&f, FlockOperation::NonBlockingLockExclusive).is_ok());
+            if free {
+                fs::remove_file(&path).ok();
+            }
+        }
+    }
+}
+
+/// What is at `path`, if it may be replaced by a file; `None` if nothing is there.
+fn replaceable(path: &Path) -> io::Result<Option<Metadata>> {
+    match fs::symlink_metadata(path) {
+        Ok(found) => regular(&found).map(|()| Some(found)),
+        Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(None),
+        Err(e) => Err(e),
+    }
+}
+
+/// Where a chain of symbolic links ends. The last name need not exist.
+fn follow_links(path: &Path) -> io::Result<PathBuf> {
+    const LINKS: usize = 40;
+    let mut target = path.to_owned();
+    for _ in 0..LINKS {
+        let is_link = fs::symlink_metadata(&target).is_ok_and(|m| m.is_symlink());
+        if !is_link {
+            return Ok(target);
+        }
+        let next = fs::read_link(&target)?;
+        // An absolute link replaces the folder.
+        target = folder_of(&target).join(next);
+    }
+    Err(rustix::io::Errno::LOOP.into())
+}
+
+/// Refuses what is no regular file, and says what it is.
+fn regular(found: &Metadata) -> io::Result<()> {
+    let kind = found.file_type();
+    let what = if kind.is_file() {
+        return Ok(());
+    } else if kind.is_dir() {
+        "a folder"
+    } else if kind.is_fifo() {
+        "a pipe"
+    } else if kind.is_socket() {
+        "a socket"
+    } else if kind.is_symlink() {
+        "a symbolic link"
+    } else {
+        "a device"
+    };
+    Err(io::Error::other(format!("it is {what}, not a regular file")))
+}
+
+/// Opens a regular file for reading. Never blocks: what could, such as a pipe, is refused.
+///
+/// # Errors
+/// What the system said, or that it is no regular file.
+pub fn open_regular(path: &Path) -> io::Result<File> {
+    // Opening some devices does something, so they are not even opened.
+    regular(&fs::metadata(path)?)?;
+    let file = OpenOptions::new().read(true).custom_flags(NONBLOCK).open(path)?;
+    regular(&file.metadata()?)?;
+    Ok(file)
+}
+
+const NONBLOCK: i32 = (OFlags::NONBLOCK.bits() | OFlags::NOCTTY.bits()) as i32;
+
+/// Opens a file that belongs to this program alone for reading and writing, and makes it
+/// (mode 0600) if it is not there. Never follows a symbolic link and never blocks.
+///
+/// # Errors
+/// What the system said, or that it is no regular file.
+pub fn open_private(path: &Path) -> io::Result<File> {
+    if let Ok(found) = fs::symlink_metadata(path) {
+        regular(&found)?;
+    }
+    let file = OpenOptions::new()
+        .read(true)
+        .write(true)
+        .create(true)
+        .truncate(false)
+        .mode(0o600)
+        .custom_flags(NONBLOCK | OFlags::NOFOLLOW.bits() as i32)
+        .open(path)?;
+    regular(&file.metadata()?)?;
+    Ok(file)
+}
+
+/// Gives a replacement the mode of the old file, and its owner where the system allows it.
+fn keep_mode_and_owner(new: &File, old: &Metadata) -> io::Result<()> {
+    let made = new.metadata()?;
+    if (made.uid(), made.gid()) != (old.uid(), old.gid()) {
+        let uid = rustix::fs::Uid::from_raw(old.uid());
+        let gid = rustix::fs::Gid::from_raw(old.gid());
+        // Only root gives files away. A member may give a file to the group.
+        if rustix::fs::fchown(new, Some(uid), Some(gid)).is_err() {
+            rustix::fs::fchown(new, None, Some(gid)).ok();
+        }
+    }
+    new.set_permissions(fs::Permissions::from_mode(old.mode() & 0o777))
 }
 
 /// Whether a file could be written at `path`, found out before what it will hold is made.
@@ -84,15 +232,13 @@ pub fn write_atomic_with(
 /// [`Error::Write`]: the folder is missing or cannot be written to, or `path` is a folder.
 pub fn writable(path: &Path) -> Result<(), Error> {
     let fail = |source| Error::Write { source, path: path.to_owned() };
-    let dir = folder_of(path);
-    if path.is_dir() {
-        return Err(fail(io::Error::other("it is a folder")));
-    }
+    let target = follow_links(path).map_err(fail)?;
+    replaceable(&target).map_err(fail)?;
+    let dir = folder_of(&target);
     if !dir.is_dir() {
         return Err(fail(io::Error::other(format!("there is no folder {}", dir.display()))));
     }
-    let probe = tempfile::Builder::new().prefix(".robert-").tempfile_in(dir);
-    probe.map(drop).map_err(|e| fail(nameless(&e)))
+    temporary(dir, None).map(drop).map_err(fail)
 }
 
 /// What the system said, without the temporary file's name.
@@ -115,12 +261,12 @@ pub fn write_atomic(path: &Path, bytes: &[u8]) -> Result<(), Error> {
 pub fn read_capped(path: &Path, cap: u64) -> Result<Vec<u8>, Error> {
     use io::Read;
     let fail = |source| Error::Read { source, path: path.to_owned() };
-    let file = File::open(path).map_err(fail)?;
+    let file = open_regular(path).map_err(fail)?;
     let bytes = file.metadata().map_err(fail)?.len();
     if bytes > cap {
         return Err(Error::TooLarge { bytes, cap, path: path.to_owned() });
     }
-    // The length is only a hint (a pipe or a growing file says 0): the cap binds the read.
+    // The length is only a hint (a growing file says less): the cap binds the read.
     let mut buf = Vec::with_capacity(bytes as usize);
     file.take(cap + 1).read_to_end(&mut buf).map_err(fail)?;
     if buf.len() as u64 > cap {
@@ -140,7 +286,7 @@ pub fn sha256_hex(bytes: &[u8]) -> String {
 /// [`Error::Read`].
 pub fn sha256_file(path: &Path) -> Result<String, Error> {
     let fail = |source| Error::Read { source, path: path.to_owned() };
-    let mut file = File::open(path).map_err(fail)?;
+    let mut file = open_regular(path).map_err(fail)?;
     let mut hash = Sha256::new();
     let mut buf = vec![0_u8; 1 << 20];
     loop {
@@ -181,12 +327,6 @@ fn sync_folder(dir: &Path) -> io::Result<()> {
     File::open(dir)?.sync_all()
 }
 
-/// Temporary files are private; a finished file gets the usual 0644 less the umask's share.
-fn publish_mode(file: &File) -> io::Result<()> {
-    use std::os::unix::fs::PermissionsExt;
-    file.set_permissions(fs::Permissions::from_mode(0o644))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -214,6 +354,92 @@ mod tests {
         write_atomic(&path, &[7; 10]).unwrap();
         assert_eq!(read_capped(&path, 10).unwrap().len(), 10);
         assert!(matches!(read_capped(&path, 9), Err(Error::TooLarge { bytes: 10, cap: 9, .. })));
+    }
+
+    fn mode(path: &Path) -> u32 {
+        fs::metadata(path).unwrap().mode() & 0o777
+    }
+
+    #[test]
+    fn a_saved_file_keeps_its_mode_and_a_link_stays_a_link() {
+        let dir = tempfile::tempdir().unwrap();
+        let (path, link) = (dir.path().join("a"), dir.path().join("link"));
+        fs::write(&path, "one").unwrap();
+        fs::set_permissions(&path, fs::Permissions::from_mode(0o640)).unwrap();
+        std::os::unix::fs::symlink("a", &link).unwrap();
+        write_atomic(&link, b"two").unwrap();
+        assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
+        assert_eq!((fs::read(&path).unwrap(), mode(&path)), (b"two".to_vec(), 0o640));
+        // A link to nothing names the file that is to be made.
+        fs::remove_file(&path).unwrap();
+        write_atomic(&link, b"three").unwrap();
+        assert_eq!(fs::read(&path).unwrap(), b"three");
+        // A new file gets what the umask leaves: the same as any other new file.
+        fs::write(dir.path().join("usual"), "").unwrap();
+        assert_eq!(mode(&path), mode(&dir.path().join("usual")));
+        std::os::unix::fs::symlink("loop", dir.path().join("loop")).unwrap();
+        assert!(write_atomic(&dir.path().join("loop"), b"x").is_err());
+    }
+
+    #[test]
+    fn pipes_sockets_and_devices_are_neither_read_nor_replaced() {
+        let dir = tempfile::tempdir().unwrap();
+        let pipe = dir.path().join("pipe");
+        rustix::fs::mkfifoat(rustix::fs::CWD, &pipe, rustix::fs::Mode::RUSR).unwrap();
+        let socket = dir.path().join("socket");
+        let _listener = std::os::unix::net::UnixListener::bind(&socket).unwrap();
+        let paths = [&pipe, &socket, Path::new("/dev/null"), Path::new("/dev/zero"), dir.path()];
+        for path in paths {
+            let kind = fs::metadata(path).unwrap().file_type();
+            let refusals = [
+                read_capped(path, 10).err(),
+                sha256_file(path).err(),
+                write_atomic(path, b"x").err(),
+                writable(path).err(),
+            ];
+            for refusal in refusals {
+                let text = refusal.expect("it is no regular file").to_string();
+                assert!(text.contains("not a regular file"), "{text}");
+            }
+            assert!(open_private(path).is_err());
+            assert_eq!(fs::metadata(path).unwrap().file_type(), kind, "replaced");
+        }
+        let link = dir.path().join("link");
+        std::os::unix::fs::symlink("file", &link).unwrap();
+        assert!(open_private(&link).is_err() && !dir.path().join("file").exists());
+    }
+
+    #[test]
+    fn only_what_nobody_writes_is_swept() {
+        let dir = tempfile::tempdir().unwrap();
+        let old = std::time::SystemTime::now() - Duration::from_hours(48);
+        let make = |name: &str, aged: bool| {
+            let file = File::create(dir.path().join(name)).unwrap();
+            if aged {
+                file.set_modified(old).unwrap();
+            }
+            file
+        };
+        make(".robert-stale", true);
+        make(".robert-new", false);
+        make("mine", true);
+        let held = make(".robert-held", true);
+        flock(&held, FlockOperation::NonBlockingLockExclusive).unwrap();
+        for (name, aged) in [(".robert-import-stale", true), (".robert-import-new", false)] {
+            let path = dir.path().join(name);
+            fs::create_dir(&path).unwrap();
+            fs::write(path.join("inside"), "x").unwrap();
+            if aged {
+                File::open(&path).unwrap().set_modified(old).unwrap();
+            }
+        }
+        sweep(dir.path());
+        let mut left: Vec<String> = fs::read_dir(dir.path())
+            .unwrap()
+            .map(|e| e.unwrap().file_name().into_string().unwrap())
+            .collect();
+        left.sort();
+        assert_eq!(left, [".robert-held", ".robert-import-new", ".robert-new", "mine"]);
     }
 
     #[test]

@@ -20,6 +20,7 @@
 //! Start reading at [`clip`] (what a person writes), then `rollout` (what is done
 //! with it), then [`net`] (how the torque is found).
 
+pub mod child;
 pub mod clip;
 pub mod exit;
 pub mod fsio;
@@ -27,6 +28,7 @@ pub mod limits;
 pub mod progress;
 pub mod rng;
 pub mod units;
+pub mod xml;
 
 pub mod mujoco;
 pub mod plot;

@@ -37,6 +37,10 @@ pub const MODEL_BYTES: u64 = 8 << 20;
 pub const XML_DEPTH: usize = 64;
 /// XML elements in one file, includes counted in.
 pub const XML_ELEMENTS: usize = 200_000;
+/// Attributes of one XML element. MJCF's richest element knows some sixty.
+pub const XML_ATTRIBUTES: usize = 256;
+/// Namespace declarations in one XML file.
+pub const XML_NAMESPACES: usize = 64;
 /// Nesting of `<include>`.
 pub const INCLUDE_DEPTH: usize = 8;
 /// Faces in one mesh.
@@ -45,6 +49,10 @@ pub const MESH_FACES: usize = 2_000_000;
 pub const MESH_BYTES: u64 = 256 << 20;
 /// Pixels along one edge of a texture.
 pub const TEXTURE_PX: u64 = 4096;
+/// Bytes of all textures of a model, unpacked. One cube of 2,048 pixels takes 75 MB.
+pub const TEXTURE_BYTES: u64 = 256 << 20;
+/// Simulator steps by which the compiler finds out the length ranges of all actuators.
+pub const LENGTH_RANGE_STEPS: f64 = 500_000.0;
 /// Elements of one `<composite>`.
 pub const COMPOSITE_ELEMENTS: usize = 2_000;
 /// Generalised coordinates of a model.
@@ -53,6 +61,8 @@ pub const MODEL_NQ: usize = 1024;
 pub const CHECK_MEMORY_BYTES: u64 = 4 << 30;
 /// Processor time of that child, seconds.
 pub const CHECK_CPU_SECS: u64 = 20;
+/// Bytes of a file that a child or an import may write.
+pub const CHILD_FILE_BYTES: u64 = 1 << 30;
 /// Time that child may take by the clock, seconds.
 pub const CHECK_WALL_SECS: u64 = 60;
 

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::Path;
 
 const FLOORS: &[&[&str]] = &[
-    &["clip", "units", "rng", "limits", "exit", "fsio", "progress"],
+    &["clip", "units", "rng", "limits", "exit", "fsio", "progress", "xml", "child"],
     &["mujoco", "robot", "plot"],
     &["dataset", "net", "explore"],
     &["train", "rollout", "render"],
@@ -20,7 +20,10 @@ const LEVEL: &[(&str, &str)] = &[
     ("clip", "limits"),
     ("clip", "exit"),
     ("clip", "fsio"),
+    ("child", "exit"),
+    ("clip", "xml"),
     ("fsio", "exit"),
+    ("xml", "limits"),
     ("robot", "mujoco"),
     ("explore", "dataset"),
     ("explore", "net"),

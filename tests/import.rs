@@ -242,6 +242,19 @@ fn imports_that_cannot_be_leave_no_folder() {
 }
 
 #[test]
+fn a_hundred_thousand_attributes_are_counted_before_any_parser_sees_them() {
+    let attributes = (0..100_000).fold(String::new(), |all, i| all + &format!(" a{i}=\"\""));
+    let link = format!("<robot name=\"r\">\n  <link name=\"a\"{attributes}/></robot>");
+    let ran = robert().file("r.urdf", &link).args(["import", "r.urdf", "--out", "bot"]).fails(3);
+    let said = "r.urdf:2:3: the element has 100001 attributes; at most 256 are read";
+    assert!(ran.stderr.contains(said), "{}", ran.stderr);
+    let body = format!("<mujoco><worldbody><body{attributes}/></worldbody></mujoco>");
+    let ran = robert().file("r.xml", &body).args(["import", "r.xml", "--out", "bot"]).fails(3);
+    assert!(ran.stderr.contains("r.xml:1:20: the element has 100000"), "{}", ran.stderr);
+    assert!(!ran.path("bot").exists());
+}
+
+#[test]
 fn obj_meshes_and_welded_joints_are_taken() {
     let urdf = GRIPPER
         .replace("package://gripper_description/meshes/Arm.STL", "arm.obj")

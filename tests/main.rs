@@ -5,6 +5,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::format_push_string)]
 #![allow(clippy::decimal_bitwise_operands, clippy::enum_variant_names, clippy::unnecessary_wraps)]
 
+mod children;
 mod clip;
 mod collect;
 mod fit;
@@ -16,6 +17,7 @@ mod motion;
 mod render;
 mod robots;
 mod run;
+mod special_files;
 mod studio;
 mod take;
 mod train;

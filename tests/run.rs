@@ -41,6 +41,11 @@ impl Robert {
         self
     }
 
+    /// A path in its folder.
+    pub(crate) fn path(&self, name: &str) -> PathBuf {
+        self.dir.path().join(name)
+    }
+
     /// Runs, whatever the exit code.
     pub(crate) fn run(self) -> Ran {
         let Output { status, stdout, stderr } = Command::new(binary())

@@ -5,6 +5,8 @@ use std::path::{Path, PathBuf};
 
 use super::failure::{Failure, Outcome};
 use super::out;
+use crate::child::{self, Rights};
+use crate::limits;
 use crate::robot::check;
 use crate::robot::import::{ImportConfig, Report, import};
 
@@ -55,6 +57,8 @@ pub(super) struct ModelFlags {
 }
 
 pub(super) fn run(args: &Args) -> Outcome {
+    // It reads foreign files; what it writes is a folder of its own.
+    child::confine(&Rights { file_bytes: Some(limits::CHILD_FILE_BYTES), ..Rights::default() })?;
     let report = import(&args.model.plan(&args.file, &args.out)?)?;
     if args.json {
         return out::json(&report);

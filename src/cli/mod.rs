@@ -42,6 +42,7 @@ use std::process::ExitCode;
 
 use clap::{Args, CommandFactory, Parser, Subcommand};
 
+use crate::child::{self, Farewell};
 use crate::exit::Exit;
 
 /// Keyframes in, physics out: draft motions for torque-controlled robots and let a learned policy perform them.
@@ -153,6 +154,10 @@ pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
 }
 
 fn run(cli: Cli) -> Outcome {
+    // The simulation and the check of a model see to it themselves. All else is a job.
+    if !matches!(cli.command, Command::Worker | Command::CompileCheck(_)) {
+        child::follow_parent(Farewell::Interrupted)?;
+    }
     match cli.command {
         Command::Rollout(args) => rollout::run(&args, cli.global),
         Command::Export(args) => export::run(&args, cli.global),

@@ -1,6 +1,5 @@
 //! What `rollout` and `eval` share: the robot, the clip, the policies as they are typed.
 
-use std::fs::File;
 use std::io::Read as _;
 use std::path::Path;
 use std::sync::Arc;
@@ -8,6 +7,7 @@ use std::sync::Arc;
 use super::failure::{Failure, Outcome};
 use crate::clip::{Clip, ClipError, Command, compile, parse};
 use crate::exit::{Exit, HasExit};
+use crate::fsio;
 use crate::robot::Robot;
 use crate::rollout::{COMMAND, Guide, Inference, PolicyConfig, PolicyName, tasks};
 use crate::take::Take;
@@ -83,7 +83,7 @@ pub(super) fn may_write(input: &str, out: Option<&Path>) -> Outcome {
 /// What an existing file is, where that is nothing a command could make again.
 fn made_by_hand(path: &Path) -> Option<&'static str> {
     let mut head = Vec::new();
-    File::open(path).ok()?.take(4096).read_to_end(&mut head).ok()?;
+    fsio::open_regular(path).ok()?.take(4096).read_to_end(&mut head).ok()?;
     let text = String::from_utf8_lossy(&head);
     if text.trim_start().starts_with('{') && text.contains("\"robert-clip/") {
         return Some("clip");
@@ -109,7 +109,7 @@ pub(super) fn is_take(path: &Path) -> bool {
     let named = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("mcap"));
     let mut magic = [0; 5];
     named
-        || File::open(path).and_then(|mut f| f.read_exact(&mut magic)).is_ok()
+        || fsio::open_regular(path).and_then(|mut f| f.read_exact(&mut magic)).is_ok()
             && &magic == b"\x89MCAP"
 }
 

@@ -5,10 +5,12 @@
 //! replacing paste is not an edit a person would name, and a computed difference cannot
 //! forget a field.
 
+use std::collections::BTreeSet;
+
 use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::{Map, Value};
 
-use super::document::{Clip, Fill, Key, Marker, Mask, RobotRef, Row, Start};
+use super::document::{Clip, Fill, Goal, Key, Marker, Mask, RobotRef, Row, Start};
 
 /// A difference. Empty parts did not change.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -55,8 +57,16 @@ fn present<'de, D: Deserializer<'de>>(d: D) -> Result<Option<Option<Start>>, D::
     Option::<Start>::deserialize(d).map(Some)
 }
 
+/// Keys that are put one by one; more are put in one pass over the clip.
+const FEW: usize = 8;
+
 fn changed<T: Clone + PartialEq>(old: &T, new: &T) -> Option<T> {
     (old != new).then(|| new.clone())
+}
+
+/// The old value, if another takes its place.
+fn replaced<T: Clone + PartialEq>(old: &T, new: Option<&T>) -> Option<T> {
+    new.filter(|new| *new != old).map(|_| old.clone())
 }
 
 impl Delta {
@@ -100,17 +110,83 @@ impl Delta {
         *self == Delta::default()
     }
 
-    /// Carries the change out.
+    /// What takes the change back, if `clip` is what it is about to change.
+    pub(super) fn inverse(&self, clip: &Clip) -> Delta {
+        let mut back = Delta {
+            masks: replaced(&clip.masks, self.masks.as_ref()),
+            markers: replaced(&clip.markers, self.markers.as_ref()),
+            name: replaced(&clip.name, self.name.as_ref()),
+            notes: replaced(&clip.notes, self.notes.as_ref()),
+            length: replaced(&clip.length, self.length.as_ref()),
+            fill: replaced(&clip.fill, self.fill.as_ref()),
+            start: replaced(&clip.start, self.start.as_ref()),
+            ..Delta::default()
+        };
+        for key in &self.keys_put {
+            match clip.key(key.frame) {
+                None => back.keys_removed.push(key.frame),
+                Some(old) if old != key => back.keys_put.push(old.clone()),
+                Some(_) => {}
+            }
+        }
+        let put: BTreeSet<u32> = self.keys_put.iter().map(|k| k.frame).collect();
+        let removed = self.keys_removed.iter().filter(|f| !put.contains(f));
+        back.keys_put.extend(removed.filter_map(|f| clip.key(*f).cloned()));
+        back.keys_put.sort_by_key(|k| k.frame);
+        for (name, row) in &self.poses_put {
+            match clip.poses.get(name) {
+                None => back.poses_removed.push(name.clone()),
+                Some(old) if old != row => back.poses_put.push((name.clone(), old.clone())),
+                Some(_) => {}
+            }
+        }
+        let put: BTreeSet<&String> = self.poses_put.iter().map(|(name, _)| name).collect();
+        let removed = self.poses_removed.iter().filter(|n| !put.contains(n));
+        let old = |n: &String| Some((n.clone(), clip.poses.get(n)?.clone()));
+        back.poses_put.extend(removed.filter_map(old));
+        back
+    }
+
+    /// Roughly how many bytes it takes.
+    pub(super) fn weight(&self) -> usize {
+        let goal = |goal: &Goal| match goal {
+            Goal::Pose(name) => name.len(),
+            Goal::Q(row) => 16 * row.len(),
+        };
+        let keys = self.keys_put.iter().map(|k| goal(&k.goal) + k.note.len() + 48);
+        let poses = self.poses_put.iter().map(|(name, row)| name.len() + 16 * row.len() + 48);
+        let joints = |m: &Mask| m.joints.as_ref().map_or(0, Vec::len);
+        let masks = self.masks.iter().flatten().map(|m| 64 + 32 * joints(m));
+        let texts = [&self.name, &self.notes].into_iter().flatten().map(String::len);
+        let removed = 8 * self.keys_removed.len() + 48 * self.poses_removed.len();
+        let markers = 48 * self.markers.as_ref().map_or(0, Vec::len);
+        keys.chain(poses).chain(masks).chain(texts).sum::<usize>() + removed + markers + 64
+    }
+
+    /// Carries the change out. The keys of `clip` are in order, and stay so.
     pub(super) fn put(&self, clip: &mut Clip) {
-        let put: std::collections::BTreeSet<u32> = self
-            .keys_put
-            .iter()
-            .map(|k| k.frame)
-            .chain(self.keys_removed.iter().copied())
-            .collect();
-        if !put.is_empty() {
+        if self.keys_put.len() + self.keys_removed.len() <= FEW {
+            for frame in &self.keys_removed {
+                if let Some(at) = clip.key_index(*frame) {
+                    clip.keys.remove(at);
+                }
+            }
+            for key in &self.keys_put {
+                match clip.keys.binary_search_by_key(&key.frame, |k| k.frame) {
+                    Ok(at) => clip.keys.splice(at..=at, [key.clone()]).for_each(drop),
+                    Err(at) => clip.keys.insert(at, key.clone()),
+                }
+            }
+        } else {
+            let put: BTreeSet<u32> = self
+                .keys_put
+                .iter()
+                .map(|k| k.frame)
+                .chain(self.keys_removed.iter().copied())
+                .collect();
             clip.keys.retain(|k| !put.contains(&k.frame));
             clip.keys.extend(self.keys_put.iter().cloned());
+            clip.keys.sort_by_key(|k| k.frame);
         }
         for name in &self.poses_removed {
             clip.poses.remove(name);

@@ -1,10 +1,13 @@
 //! A clip being edited: unlimited undo with named entries, and what each edit changed.
 
+use std::ops::Range;
+
 use super::apply::{OpError, edited};
 use super::command::Command;
 use super::compile::compile;
 use super::delta::Delta;
 use super::document::Clip;
+use super::history::{Entry, History};
 use super::joints::JointTable;
 use super::op::Op;
 use super::validate::Invalid;
@@ -24,21 +27,29 @@ pub struct Change {
     pub first_changed_step: Option<u32>,
 }
 
+/// A step of a recorded history.
 #[derive(Clone, Debug)]
-struct Entry {
-    label: String,
-    undo: Delta,
-    redo: Delta,
+pub enum Step {
+    /// An edit, and the difference that it made.
+    Edit {
+        /// What the history calls it.
+        label: String,
+        /// What it changed. A difference that changes nothing takes its place in the history.
+        patch: Box<Delta>,
+    },
+    /// The last step was taken back.
+    Undo,
+    /// It was done again.
+    Redo,
 }
 
 /// A clip, its compiled command and its history.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub struct Editor {
     clip: Clip,
     command: Command,
     table: Option<JointTable>,
-    entries: Vec<Entry>,
-    done: usize,
+    history: History,
     rev: u64,
 }
 
@@ -50,7 +61,7 @@ impl Editor {
     pub fn new(mut clip: Clip, table: Option<JointTable>) -> Result<Editor, Invalid> {
         clip.normalize();
         let command = compile(&clip)?;
-        Ok(Editor { clip, command, table, entries: Vec::new(), done: 0, rev: 0 })
+        Ok(Editor { clip, command, table, history: History::default(), rev: 0 })
     }
 
     /// The clip.
@@ -73,10 +84,66 @@ impl Editor {
         self.rev
     }
 
-    /// Labels of all edits, oldest first, and how many of them are done (the rest can be
-    /// redone).
-    pub fn history(&self) -> (Vec<&str>, usize) {
-        (self.entries.iter().map(|e| e.label.as_str()).collect(), self.done)
+    /// How many edits there are, and how many of them are done (the rest can be redone).
+    pub fn history(&self) -> (usize, usize) {
+        (self.history.len(), self.history.done())
+    }
+
+    /// What these edits are called, oldest first.
+    pub fn labels(&self, edits: Range<usize>) -> Vec<String> {
+        self.history.labels(edits)
+    }
+
+    /// The difference that edit number `i` made, and its label; `None` if there is none.
+    pub fn recorded(&self, i: usize) -> Option<(String, Delta)> {
+        self.history.entry(i).ok().map(|e| (e.label, e.redo))
+    }
+
+    /// Goes through a recorded history. Where it is `whole`, differences are applied in place
+    /// and the result is checked once, so the time is that of reading them. Otherwise each
+    /// step is checked; one that cannot be taken any more becomes one that changes nothing,
+    /// and the numbers of such steps are returned.
+    ///
+    /// # Errors
+    /// [`OpError`] never in practice: what comes out is checked step by step if need be.
+    pub fn replay(&mut self, steps: &[Step], whole: bool) -> Result<Vec<usize>, OpError> {
+        let mut next = self.clip.clone();
+        let mut history = History::default();
+        for step in steps.iter().take(if whole { usize::MAX } else { 0 }) {
+            walk(&mut next, &mut history, step)?;
+        }
+        next.normalize();
+        if whole && let (Ok(()), Ok(command)) = (next.validate(), compile(&next)) {
+            (self.clip, self.command, self.history) = (next, command, history);
+            self.rev += steps.len() as u64;
+            return Ok(Vec::new());
+        }
+        let mut skipped = Vec::new();
+        for (number, step) in steps.iter().enumerate() {
+            let mut next = self.clip.clone();
+            let fits = match step {
+                Step::Edit { patch, .. } => {
+                    patch.put(&mut next);
+                    next.normalize();
+                    next.validate().is_ok()
+                }
+                Step::Undo | Step::Redo => true,
+            };
+            let nothing = match step {
+                Step::Edit { label, .. } => {
+                    Step::Edit { label: label.clone(), patch: Box::default() }
+                }
+                other => other.clone(),
+            };
+            if !fits {
+                skipped.push(number);
+            }
+            walk(&mut self.clip, &mut self.history, if fits { step } else { &nothing })?;
+            self.clip.normalize();
+        }
+        self.command = compile(&self.clip)?;
+        self.rev += steps.len() as u64;
+        Ok(skipped)
     }
 
     /// Carries out one edit. One that changes nothing leaves no entry.
@@ -89,9 +156,7 @@ impl Editor {
         let label = op.label();
         if !redo.is_empty() {
             let undo = Delta::between(&next, &self.clip);
-            self.entries.truncate(self.done);
-            self.entries.push(Entry { label: label.clone(), undo, redo: redo.clone() });
-            self.done += 1;
+            self.history.push(Entry { label: label.clone(), undo, redo: redo.clone() });
         }
         self.take_over(next, label, redo)
     }
@@ -99,14 +164,12 @@ impl Editor {
     /// Takes the last edit back; `None` when there is none.
     ///
     /// # Errors
-    /// [`OpError`] never in practice: the older clip was valid.
+    /// [`OpError`] never in practice: the older clip was valid, and only a step long ago is
+    /// read from a file.
     pub fn undo(&mut self) -> Result<Option<Change>, OpError> {
-        let Some(entry) = self.done.checked_sub(1).and_then(|i| self.entries.get(i)).cloned()
-        else {
-            return Ok(None);
-        };
+        let Some(entry) = self.history.last().map_err(|e| unreadable(&e))? else { return Ok(None) };
         let next = self.patched(&entry.undo)?;
-        self.done -= 1;
+        self.history.step_back();
         self.take_over(next, format!("Undo: {}", entry.label), entry.undo).map(Some)
     }
 
@@ -115,9 +178,9 @@ impl Editor {
     /// # Errors
     /// [`OpError`] never in practice.
     pub fn redo(&mut self) -> Result<Option<Change>, OpError> {
-        let Some(entry) = self.entries.get(self.done).cloned() else { return Ok(None) };
+        let Some(entry) = self.history.next().map_err(|e| unreadable(&e))? else { return Ok(None) };
         let next = self.patched(&entry.redo)?;
-        self.done += 1;
+        self.history.step_on();
         self.take_over(next, format!("Redo: {}", entry.label), entry.redo).map(Some)
     }
 
@@ -134,6 +197,34 @@ impl Editor {
         self.rev += u64::from(!patch.is_empty());
         Ok(Change { rev: self.rev, label, patch, first_changed_frame, first_changed_step })
     }
+}
+
+/// Takes one recorded step, without a check of the clip.
+fn walk(clip: &mut Clip, history: &mut History, step: &Step) -> Result<(), OpError> {
+    match step {
+        Step::Edit { label, patch } => {
+            let undo = patch.inverse(clip);
+            patch.put(clip);
+            history.push(Entry { label: label.clone(), undo, redo: (**patch).clone() });
+        }
+        Step::Undo => {
+            if let Some(entry) = history.last().map_err(|e| unreadable(&e))? {
+                entry.undo.put(clip);
+                history.step_back();
+            }
+        }
+        Step::Redo => {
+            if let Some(entry) = history.next().map_err(|e| unreadable(&e))? {
+                entry.redo.put(clip);
+                history.step_on();
+            }
+        }
+    }
+    Ok(())
+}
+
+fn unreadable(e: &std::io::Error) -> OpError {
+    OpError::Argument { what: format!("a step of long ago cannot be read back: {e}") }
 }
 
 #[cfg(test)]
@@ -153,7 +244,8 @@ mod tests {
         let moved = KeysMove { frames: vec![60], df: 5, ..KeysMove::default() };
         let change = e.apply(&Op::KeysMove(moved)).unwrap();
         assert_eq!((change.first_changed_frame, change.first_changed_step), (Some(60), Some(40)));
-        assert_eq!(e.history(), (vec!["Add key", "Add key", "Move key by +5"], 3));
+        assert_eq!(e.history(), (3, 3));
+        assert_eq!(e.labels(0..9), ["Add key", "Add key", "Move key by +5"]);
         assert_eq!(e.undo().unwrap().unwrap().label, "Undo: Move key by +5");
         assert!(e.clip().key(60).is_some());
         e.undo().unwrap();
@@ -161,7 +253,7 @@ mod tests {
         assert_eq!(e.history().1, 2);
         e.undo().unwrap();
         e.apply(&add(70)).unwrap();
-        assert_eq!(e.history(), (vec!["Add key", "Add key"], 2));
+        assert_eq!(e.history(), (2, 2));
         assert!(e.apply(&add(70)).is_err());
         while e.undo().unwrap().is_some() {}
         assert_eq!(e.clip(), &clip);

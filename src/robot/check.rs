@@ -9,14 +9,14 @@
 use std::ffi::OsString;
 use std::io::Read;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, ExitStatus, Stdio};
+use std::process::{Child, ExitStatus, Stdio};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use rustix::process::{Resource, Rlimit, setrlimit};
 use serde::{Deserialize, Serialize};
 
 use super::Error;
+use crate::child::{self, Farewell, Rights};
 use crate::limits;
 use crate::mujoco::{self, Data, Model};
 
@@ -86,7 +86,7 @@ fn ask(model: &Path, exe: &Path, steps: usize) -> Result<Verdict, Error> {
         |e: std::io::Error| Error::NoChecker { message: format!("{}: {e}", exe.display()) };
     let args: [OsString; 4] =
         [SUBCOMMAND.into(), "--steps".into(), steps.to_string().into(), model.into()];
-    let mut child = Command::new(exe)
+    let mut child = child::command(exe)
         .args(args)
         .stdin(Stdio::null())
         .stdout(Stdio::piped())
@@ -138,7 +138,12 @@ fn death(status: ExitStatus) -> String {
 
 /// The child's side: limits itself, compiles, tries a few steps.
 pub fn serve(model: &Path, steps: usize) -> Verdict {
-    limit();
+    let confined =
+        child::follow_parent(Farewell::Now).and_then(|()| child::confine(&rights(model)));
+    if let Err(e) = confined {
+        let message = format!("the check cannot be confined: {e}");
+        return Verdict { class: "other".into(), message, ..Verdict::default() };
+    }
     let verdict = match attempt(model, steps) {
         Ok(()) => Verdict { class: "ok".into(), ..Verdict::default() },
         Err(e) => judge(&e),
@@ -146,13 +151,16 @@ pub fn serve(model: &Path, steps: usize) -> Verdict {
     Verdict { peak_bytes: peak_bytes(), ..verdict }
 }
 
-/// A limit that cannot be set is one that is tighter already.
-fn limit() {
-    let cap = |what, n| setrlimit(what, Rlimit { current: Some(n), maximum: Some(n) }).ok();
-    cap(Resource::As, limits::CHECK_MEMORY_BYTES);
-    cap(Resource::Cpu, limits::CHECK_CPU_SECS);
-    cap(Resource::Core, 0);
-    cap(Resource::Fsize, 1 << 20);
+/// It reads the model's folder, and what it needs to know itself; it writes nothing.
+fn rights(model: &Path) -> Rights {
+    let folder = model.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    Rights {
+        memory_bytes: Some(limits::CHECK_MEMORY_BYTES),
+        cpu_secs: Some(limits::CHECK_CPU_SECS),
+        file_bytes: Some(0),
+        reads: Some(vec![folder.to_owned(), "/proc/self".into()]),
+        writes: Some(Vec::new()),
+    }
 }
 
 fn attempt(path: &Path, steps: usize) -> Result<(), mujoco::Error> {

@@ -9,15 +9,14 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use nalgebra::{Matrix4, Point3, Rotation3, Unit, Vector3};
-use roxmltree::{Document, Node};
+use roxmltree::Node;
 
-use super::preparse;
-use crate::limits;
+use crate::{limits, xml};
 
 /// Bytes of one COLLADA file.
 const DAE_BYTES: u64 = 64 << 20;
-/// Nodes of its XML.
-const DAE_NODES: u32 = 2_000_000;
+/// Elements of its XML.
+const DAE_ELEMENTS: usize = 500_000;
 /// Scene nodes, those of repeated instances counted each time.
 const NODES: usize = 100_000;
 /// Nesting of scene nodes.
@@ -75,11 +74,7 @@ pub(super) fn read(path: &Path) -> Result<Vec<Part>, String> {
 
 fn parse(text: &str) -> Result<Vec<Part>, String> {
     let text = text.trim_start_matches('\u{feff}');
-    if preparse::depth(text).is_err() {
-        return Err("its XML is nested too deep".to_owned());
-    }
-    let options = roxmltree::ParsingOptions { nodes_limit: DAE_NODES, ..Default::default() };
-    let doc = Document::parse_with_options(text, options).map_err(|e| e.to_string())?;
+    let doc = xml::parse(text, DAE_ELEMENTS).map_err(|e| e.to_string())?;
     let root = doc.root_element();
     if root.tag_name().name() != "COLLADA" {
         return Err("it is no COLLADA file".into());

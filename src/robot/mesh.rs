@@ -1,11 +1,10 @@
 //! Mesh and picture files of foreign models: sizes checked from their headers before they
 //! are read, ASCII STL turned into the binary form that the simulator takes.
 
-use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
-use crate::limits;
+use crate::{fsio, limits};
 
 /// Bytes of a binary STL before its first triangle.
 const STL_HEAD: u64 = 84;
@@ -29,7 +28,7 @@ pub(super) fn check_file(path: &Path) -> Result<u64, String> {
         ));
     }
     let mut head = [0_u8; 84];
-    let read = File::open(path).and_then(|f| f.take(84).read(&mut head));
+    let read = fsio::open_regular(path).and_then(|f| f.take(84).read(&mut head));
     let read = read.map_err(|e| format!("\"{name}\": {e}"))?;
     let head = head.get(..read).unwrap_or_default();
     match extension(path).as_str() {
@@ -73,12 +72,23 @@ fn is_ascii_stl(head: &[u8]) -> bool {
     head.starts_with(b"solid")
 }
 
-fn check_png(name: &str, head: &[u8]) -> Result<(), String> {
+/// Width and height of a PNG file, pixels, from its header; `None` if it is none.
+pub(super) fn png_size(path: &Path) -> Option<(u64, u64)> {
+    let mut head = [0_u8; 24];
+    fsio::open_regular(path).and_then(|mut f| f.read_exact(&mut head)).ok()?;
+    png_edges(&head)
+}
+
+fn png_edges(head: &[u8]) -> Option<(u64, u64)> {
     let edge = |at: usize| -> Option<u64> {
         let b: [u8; 4] = head.get(at..at + 4)?.try_into().ok()?;
         Some(u64::from(u32::from_be_bytes(b)))
     };
-    let (Some(w), Some(h)) = (edge(16), edge(20)) else {
+    Some((edge(16)?, edge(20)?))
+}
+
+fn check_png(name: &str, head: &[u8]) -> Result<(), String> {
+    let Some((w, h)) = png_edges(head) else {
         return Err(format!("\"{name}\" is too short for a PNG file"));
     };
     if !head.starts_with(b"\x89PNG\r\n\x1a\n") {

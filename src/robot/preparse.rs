@@ -5,15 +5,15 @@
 //! include names, and accepts NaN. All of that is refused here, with line and column. What
 //! passes is one text without includes and a list of files, all inside the project folder.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Component, Path, PathBuf};
 
-use roxmltree::{Document, Node, ParsingOptions};
+use roxmltree::{Document, Node};
 
 use super::error::{Error, line_column};
 use super::text::Edits;
 use super::{mesh, text};
-use crate::{fsio, limits};
+use crate::{fsio, limits, xml};
 
 /// What kind of model a file holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -115,87 +115,13 @@ fn read_text(path: &Path) -> Result<String, Error> {
 }
 
 /// Parses XML under the caps.
-pub(super) fn parse<'a>(xml: &'a str, path: &Path) -> Result<Document<'a>, Error> {
-    let refused = |message: String, at: (u32, u32)| Error::Refused {
-        message,
-        line: at.0,
-        column: at.1,
+pub(super) fn parse<'a>(text: &'a str, path: &Path) -> Result<Document<'a>, Error> {
+    xml::parse(text, limits::XML_ELEMENTS).map_err(|e| Error::Refused {
+        message: e.message,
+        line: e.line,
+        column: e.column,
         path: path.to_owned(),
-    };
-    depth(xml).map_err(|at| {
-        let message = format!("elements are nested more than {} deep", limits::XML_DEPTH);
-        refused(message, line_column(xml, at))
-    })?;
-    // Elements, attributes' texts and comments are all nodes: four an element is generous.
-    let options = ParsingOptions {
-        nodes_limit: 4 * limits::XML_ELEMENTS as u32,
-        ..ParsingOptions::default()
-    };
-    Document::parse_with_options(xml, options).map_err(|e| {
-        let at = (e.pos().row.max(1), e.pos().col.max(1));
-        let message = match &e {
-            roxmltree::Error::DtdDetected => "a DOCTYPE is not read; remove it".to_owned(),
-            roxmltree::Error::NodesLimitReached => {
-                format!("more than {} elements", limits::XML_ELEMENTS)
-            }
-            roxmltree::Error::UnknownNamespace(ns, _) if ns == "xacro" => XACRO.to_owned(),
-            other => strip_place(&other.to_string()),
-        };
-        refused(message, at)
     })
-}
-
-pub(super) const XACRO: &str =
-    "this is a xacro template, not a URDF; expand it first: xacro robot.urdf.xacro > robot.urdf";
-
-/// The parser ends its messages with " at line:col", which the place already says.
-fn strip_place(message: &str) -> String {
-    message.rsplit_once(" at ").map_or(message, |(m, _)| m).to_owned()
-}
-
-/// Nesting depth by a scan of the tags, before anything recursive sees the text. Gives the
-/// byte of the first tag that is too deep.
-pub(super) fn depth(xml: &str) -> Result<(), usize> {
-    let bytes = xml.as_bytes();
-    let (mut at, mut deep) = (0, 0_usize);
-    while let Some(next) = xml.get(at..).and_then(|r| r.find('<')) {
-        let start = at + next;
-        let rest = xml.get(start..).unwrap_or_default();
-        let skip = |open: &str, close: &str| {
-            rest.starts_with(open).then(|| rest.find(close).map_or(rest.len(), |n| n + close.len()))
-        };
-        if let Some(n) =
-            skip("<!--", "-->").or_else(|| skip("<![CDATA[", "]]>")).or_else(|| skip("<?", "?>"))
-        {
-            at = start + n;
-            continue;
-        }
-        // A '>' inside quotes does not end the tag.
-        let mut quote = None;
-        let mut end = start + 1;
-        while let Some(&b) = bytes.get(end) {
-            match (quote, b) {
-                (None, b'>') => break,
-                (None, b'"' | b'\'') => quote = Some(b),
-                (Some(q), _) if q == b => quote = None,
-                _ => {}
-            }
-            end += 1;
-        }
-        match bytes.get(start + 1) {
-            Some(b'/') => deep = deep.saturating_sub(1),
-            Some(b'!') => {}
-            _ if bytes.get(end.saturating_sub(1)) == Some(&b'/') => {}
-            _ => {
-                deep += 1;
-                if deep > limits::XML_DEPTH {
-                    return Err(start);
-                }
-            }
-        }
-        at = end + 1;
-    }
-    Ok(())
 }
 
 /// Line and column of a node, from 1.
@@ -359,17 +285,22 @@ const TEXTS: &[&str] = &[
 /// The checks that need no other file.
 fn check(doc: &Document<'_>, path: &Path) -> Result<(), Error> {
     let mut elements = 0;
+    let motors = doc.descendants().filter(|n| n.has_tag_name("actuator"));
+    let motors: usize = motors.map(|a| a.children().filter(Node::is_element).count()).sum();
     for node in doc.descendants().filter(Node::is_element) {
         elements += 1;
         if elements > limits::XML_ELEMENTS {
             return Err(refuse(node, path, format!("more than {} elements", limits::XML_ELEMENTS)));
         }
         if node.tag_name().namespace().is_some_and(|n| n.contains("xacro")) {
-            return Err(refuse(node, path, XACRO));
+            return Err(refuse(node, path, xml::XACRO));
         }
         let tag = node.tag_name().name();
         for a in node.attributes() {
             check_attribute(node, tag, a.name(), a.value()).map_err(|m| refuse(node, path, m))?;
+        }
+        if tag == "lengthrange" {
+            check_length_range(node, motors).map_err(|m| refuse(node, path, m))?;
         }
         if tag == "composite" {
             let counts = node.attribute("count").unwrap_or("1");
@@ -390,6 +321,38 @@ fn check(doc: &Document<'_>, path: &Path) -> Result<(), Error> {
         }
     }
     Ok(())
+}
+
+/// The compiler simulates every actuator in both directions to find its length range.
+fn check_length_range(node: Node<'_, '_>, motors: usize) -> Result<(), String> {
+    let number = |name: &str, default: f64| {
+        node.attribute(name).and_then(|v| v.trim().parse::<f64>().ok()).unwrap_or(default)
+    };
+    let steps = 2.0 * motors as f64 * number("inttotal", 10.0) / number("timestep", 0.01);
+    if steps > 0.0 && steps <= limits::LENGTH_RANGE_STEPS || motors == 0 {
+        return Ok(());
+    }
+    Err(format!(
+        "finding the length ranges of {motors} actuators takes {steps:.0} steps, at most {} are taken; \
+         choose a smaller inttotal or a greater timestep",
+        limits::LENGTH_RANGE_STEPS
+    ))
+}
+
+/// Bytes that a texture takes in memory, three a pixel.
+fn texture_bytes(node: Node<'_, '_>, files: &[(u64, u64)]) -> u64 {
+    if !files.is_empty() {
+        return files.iter().map(|(w, h)| 3 * w * h).sum();
+    }
+    let edge = |name: &str| {
+        let written = node.attribute(name).and_then(|v| v.trim().parse::<f64>().ok());
+        written.unwrap_or(0.0).clamp(0.0, 1e6) as u64
+    };
+    // A builtin cube or sky box has six square sides.
+    match node.attribute("type") {
+        Some("2d") => 3 * edge("width") * edge("height"),
+        _ => 18 * edge("width").pow(2),
+    }
 }
 
 fn check_attribute(node: Node<'_, '_>, tag: &str, name: &str, value: &str) -> Result<(), String> {
@@ -461,31 +424,40 @@ pub(super) fn names_file(tag: &str, attribute: &str) -> bool {
 }
 
 /// Folders of meshes and textures, as the compiler elements say (the last word counts).
-pub(super) fn asset_dirs(doc: &Document<'_>) -> (PathBuf, PathBuf, bool) {
-    let (mut mesh, mut texture, mut strip) = (PathBuf::new(), PathBuf::new(), false);
-    for c in doc.root_element().children().filter(|n| n.has_tag_name("compiler")) {
-        if let Some(d) = c.attribute("assetdir") {
-            (mesh, texture) = (PathBuf::from(d), PathBuf::from(d));
-        }
-        if let Some(d) = c.attribute("meshdir") {
-            mesh = PathBuf::from(d);
-        }
-        if let Some(d) = c.attribute("texturedir") {
-            texture = PathBuf::from(d);
-        }
-        if let Some(s) = c.attribute("strippath") {
-            strip = s == "true";
-        }
-    }
-    (mesh, texture, strip)
+pub(super) struct AssetDirs {
+    mesh: PathBuf,
+    texture: PathBuf,
+    strip: bool,
 }
 
-/// The path of a reference below the main file's folder.
-pub(super) fn asset_path(doc: &Document<'_>, tag: &str, written: &str) -> String {
-    let (mesh, texture, strip) = asset_dirs(doc);
-    let name = if strip { written.rsplit(['/', '\\']).next().unwrap_or(written) } else { written };
-    let dir = if tag == "texture" { texture } else { mesh };
-    dir.join(name).to_string_lossy().into_owned()
+impl AssetDirs {
+    /// Those of this document.
+    pub(super) fn of(doc: &Document<'_>) -> AssetDirs {
+        let (mut mesh, mut texture, mut strip) = (PathBuf::new(), PathBuf::new(), false);
+        for c in doc.root_element().children().filter(|n| n.has_tag_name("compiler")) {
+            if let Some(d) = c.attribute("assetdir") {
+                (mesh, texture) = (PathBuf::from(d), PathBuf::from(d));
+            }
+            if let Some(d) = c.attribute("meshdir") {
+                mesh = PathBuf::from(d);
+            }
+            if let Some(d) = c.attribute("texturedir") {
+                texture = PathBuf::from(d);
+            }
+            if let Some(s) = c.attribute("strippath") {
+                strip = s == "true";
+            }
+        }
+        AssetDirs { mesh, texture, strip }
+    }
+
+    /// The path of a reference below the main file's folder.
+    pub(super) fn path(&self, tag: &str, written: &str) -> String {
+        let base = || written.rsplit(['/', '\\']).next().unwrap_or(written);
+        let name = if self.strip { base() } else { written };
+        let dir = if tag == "texture" { &self.texture } else { &self.mesh };
+        dir.join(name).to_string_lossy().into_owned()
+    }
 }
 
 fn assets(
@@ -495,16 +467,27 @@ fn assets(
     root: &Path,
 ) -> Result<Vec<AssetRef>, Error> {
     let mut found: Vec<AssetRef> = Vec::new();
-    let mut total = 0_u64;
+    let mut known: BTreeMap<String, PathBuf> = BTreeMap::new();
+    let (mut total, mut textures) = (0_u64, 0_u64);
+    let dirs = AssetDirs::of(doc);
     for node in doc.descendants().filter(Node::is_element) {
         let tag = node.tag_name().name();
+        let mut pictures = Vec::new();
         for a in node.attributes().filter(|a| names_file(tag, a.name())) {
-            let below = asset_path(doc, tag, a.value());
-            let real = resolve(dir, &below, root)
-                .map_err(|m| refuse(node, path, format!("{tag} file {m}")))?;
-            if found.iter().any(|f| f.written == below) {
+            let below = dirs.path(tag, a.value());
+            let seen = known.get(&below).cloned();
+            let real = match &seen {
+                Some(real) => real.clone(),
+                None => resolve(dir, &below, root)
+                    .map_err(|m| refuse(node, path, format!("{tag} file {m}")))?,
+            };
+            if tag == "texture" {
+                pictures.extend(mesh::png_size(&real));
+            }
+            if seen.is_some() {
                 continue;
             }
+            known.insert(below.clone(), real.clone());
             total += mesh::check_file(&real).map_err(|m| refuse(node, path, m))?;
             if total > limits::UPLOAD_BYTES || found.len() >= limits::PROJECT_FILES {
                 let message = format!(
@@ -515,6 +498,16 @@ fn assets(
                 return Err(refuse(node, path, message));
             }
             found.push(AssetRef { written: below, path: real });
+        }
+        if tag == "texture" {
+            textures = textures.saturating_add(texture_bytes(node, &pictures));
+            if textures > limits::TEXTURE_BYTES {
+                let message = format!(
+                    "the textures take {textures} bytes unpacked, at most {} are taken",
+                    limits::TEXTURE_BYTES
+                );
+                return Err(refuse(node, path, message));
+            }
         }
     }
     Ok(found)
@@ -565,12 +558,35 @@ mod tests {
     }
 
     #[test]
-    fn depth_binds_at_the_cap() {
-        let nest = |n: usize| format!("{}{}", "<a>".repeat(n), "</a>".repeat(n));
-        assert!(depth(&nest(limits::XML_DEPTH)).is_ok());
-        assert!(depth(&nest(limits::XML_DEPTH + 1)).is_err());
-        assert!(depth(&"<a b=\"/>\"/>".repeat(1000)).is_ok());
-        assert!(depth(&"<!-- <a> -->".repeat(1000)).is_ok());
+    fn textures_and_length_ranges_have_a_budget() {
+        let texture = |kind: &str, n: usize, px: usize| {
+            let one = format!(
+                "<texture name=\"t\" type=\"{kind}\" builtin=\"flat\" width=\"{px}\" height=\"{px}\"/>"
+            );
+            format!("<mujoco><asset>{}</asset></mujoco>", one.repeat(n))
+        };
+        let range = |steps: usize, motors: usize| {
+            format!(
+                "<mujoco><compiler><lengthrange mode=\"all\" inttotal=\"{steps}\" timestep=\"1\"/>\
+                 </compiler><actuator>{}</actuator></mujoco>",
+                "<motor/>".repeat(motors)
+            )
+        };
+        let steps = limits::LENGTH_RANGE_STEPS as usize / 2;
+        for good in [texture("2d", 5, 4096), texture("cube", 3, 2048), range(steps, 1)] {
+            project(&[("a.xml", &good)]).1.unwrap();
+        }
+        for (bad, why) in [
+            (texture("2d", 6, 4096), "the textures take"),
+            (texture("cube", 4, 2048), "the textures take"),
+            (texture("skybox", 1, 4096), "the textures take"),
+            (range(steps + 1, 1), "length ranges of 1 actuators"),
+            (range(steps, 2), "length ranges of 2 actuators"),
+            (range(10, 1).replace("timestep=\"1\"", "timestep=\"0\""), "length ranges"),
+        ] {
+            let e = project(&[("a.xml", &bad)]).1.unwrap_err();
+            assert!(e.to_string().contains(why), "{e}");
+        }
     }
 
     #[test]

@@ -10,8 +10,8 @@ use std::path::{Path, PathBuf};
 
 use self::waiting::open_journal;
 use super::error::Error;
-use super::journal::{Journal, Record};
-use crate::clip::{self, Batch, Change, Clip, Command, Delta, Editor, JointTable, Op};
+use super::journal::{Damage, Journal, Record};
+use crate::clip::{self, Batch, Change, Clip, Command, Delta, Editor, JointTable, Op, Step};
 use crate::fsio;
 
 /// What a start from a journal brought back.
@@ -21,6 +21,10 @@ pub struct Restored {
     pub edits: usize,
     /// Bytes of a torn record at the end, never acknowledged, that were dropped.
     pub torn_bytes: u64,
+    /// What was damaged and could not be brought back, in words.
+    pub lost: Vec<String>,
+    /// Where the damaged journal is kept.
+    pub kept: Option<PathBuf>,
     /// The file was changed by others since: saving overwrites that.
     pub file_changed: bool,
 }
@@ -59,7 +63,7 @@ pub struct Document {
 
 /// What was done to the history.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Step {
+enum Done {
     Edit,
     Undo,
     Redo,
@@ -103,6 +107,16 @@ impl Replayed {
     }
 }
 
+/// An open journal and what it holds.
+type Found = (Journal, Vec<Record>, Damage);
+
+impl Restored {
+    fn of(edits: usize, damage: Damage) -> Restored {
+        let Damage { torn_bytes, lost, kept } = damage;
+        Restored { edits, torn_bytes, lost, kept, file_changed: false }
+    }
+}
+
 impl Document {
     /// Opens a clip file, with what a journal beside it has on top.
     ///
@@ -121,7 +135,7 @@ impl Document {
 
     fn from_file(
         path: PathBuf,
-        (journal, records, torn_bytes): (Journal, Vec<Record>, u64),
+        (mut journal, records, mut damage): Found,
         table: impl FnOnce(&Clip) -> Option<JointTable>,
     ) -> Result<Document, Error> {
         let text = fsio::read_capped(&path, crate::limits::CLIP_BYTES);
@@ -131,12 +145,29 @@ impl Document {
                 .map_err(|e| Error::from(e.in_file(&path))),
             Err(e) => Err(e.into()),
         };
+        journal.repair(&records, &mut damage)?;
         let edits = edits(&records);
-        let base = match records.first() {
-            Some(Record::Base { text, .. }) if edits > 0 => Some(text.clone()),
+        let base = match (records.first(), &on_disk) {
+            (Some(Record::Base { text, .. }), _) if edits > 0 => Some(text.clone()),
+            // Both copies of the base are damaged: the file is what it was, if nobody else
+            // has written it.
+            (Some(_), Ok((_, text))) if edits > 0 => Some(text.clone()),
             _ => None,
         };
-        let Some(base) = base else {
+        // A base that is no clip is of no use, and must not keep the file from being opened.
+        let start = match base {
+            Some(text) => match Clip::parse(&text) {
+                Ok(start) => Some((start, text)),
+                Err(e) if on_disk.is_ok() => {
+                    damage.lost.push(format!("the journal's text is no clip ({e})"));
+                    damage.kept = Some(journal.set_aside()?);
+                    None
+                }
+                Err(e) => return Err(e.in_file(journal.path()).into()),
+            },
+            None => None,
+        };
+        let Some((start, base)) = start else {
             // Nothing unsaved: the file is the document.
             let (saved, saved_text) = match on_disk {
                 Ok(found) => found,
@@ -158,10 +189,12 @@ impl Document {
                 replayed: Replayed::default(),
             };
             document.rebase()?;
+            if damage != Damage::default() {
+                document.restored = Some(Restored::of(0, damage));
+            }
             return Ok(document);
         };
         let file_changed = on_disk.as_ref().map_or(true, |(_, text)| *text != base);
-        let start = Clip::parse(&base).map_err(|e| e.in_file(journal.path()))?;
         let editor = Editor::new(start.clone(), table(&start)).map_err(invalid)?;
         let (saved, saved_text) = match on_disk {
             Ok(found) if file_changed => found,
@@ -178,8 +211,8 @@ impl Document {
             redo_blocked: false,
             replayed: Replayed::default(),
         };
-        document.replay(&records)?;
-        document.restored = Some(Restored { edits, torn_bytes, file_changed });
+        document.replay(&records, &mut damage)?;
+        document.restored = Some(Restored { file_changed, ..Restored::of(edits, damage) });
         if records.last() == Some(&Record::Closed) {
             document.taken_up();
         }
@@ -191,10 +224,12 @@ impl Document {
     /// # Errors
     /// [`Error::Journal`], [`Error::Clip`].
     pub fn new(clip: Clip, state_dir: &Path, table: Option<JointTable>) -> Result<Document, Error> {
+        std::fs::create_dir_all(state_dir)
+            .map_err(|source| fsio::Error::Write { source, path: state_dir.to_owned() })?;
         for number in 1..10_000 {
             let path = state_dir.join(format!("untitled-{number}.autosave"));
             match Journal::open(&path) {
-                Ok((journal, records, _)) if records.is_empty() => {
+                Ok((journal, records, damage)) if records.is_empty() && damage.lost.is_empty() => {
                     let saved_text = clip.to_text();
                     let editor = Editor::new(clip, table).map_err(invalid)?;
                     let saved = editor.clip().clone();
@@ -212,7 +247,7 @@ impl Document {
                     document.rebase()?;
                     return Ok(document);
                 }
-                Ok(_) | Err(Error::Locked { .. }) => {}
+                Ok(_) | Err(Error::Locked { .. } | Error::NotAJournal { .. }) => {}
                 Err(e) => return Err(e),
             }
         }
@@ -236,15 +271,16 @@ impl Document {
     }
 
     fn from_journal(
-        journal: Journal,
+        mut journal: Journal,
         records: &[Record],
-        torn_bytes: u64,
+        mut damage: Damage,
         table: impl FnOnce(&Clip) -> Option<JointTable>,
     ) -> Result<Document, Error> {
         let Some(Record::Base { text, path: None }) = records.first() else {
             return Err(Error::NotFound { what: "an unsaved clip in this journal".into() });
         };
         let start = Clip::parse(text).map_err(Error::from)?;
+        journal.repair(records, &mut damage)?;
         let facts = table(&start);
         let editor = Editor::new(start.clone(), facts).map_err(invalid)?;
         let mut document = Document {
@@ -258,31 +294,49 @@ impl Document {
             redo_blocked: false,
             replayed: Replayed::default(),
         };
-        document.replay(records)?;
-        document.restored =
-            Some(Restored { edits: edits(records), torn_bytes, file_changed: false });
+        document.replay(records, &mut damage)?;
+        document.restored = Some(Restored::of(edits(records), damage));
         Ok(document)
     }
 
-    fn replay(&mut self, records: &[Record]) -> Result<(), Error> {
-        for record in records.iter().skip(1) {
-            match record {
-                Record::Base { .. } | Record::Closed | Record::Opened => {}
-                Record::Edit { label, patch } => {
-                    self.editor.apply(&relabelled(label, patch))?;
-                    self.replayed.push();
-                }
-                Record::Undo => {
-                    self.editor.undo()?;
-                    self.replayed.undo();
-                }
-                Record::Redo => {
-                    self.editor.redo()?;
-                    self.replayed.redo();
-                }
+    /// Goes through the history. After damage the journal is written anew, so that what is on
+    /// disk and what is here go on from the same steps.
+    fn replay(&mut self, records: &[Record], damage: &mut Damage) -> Result<(), Error> {
+        let steps = steps(records);
+        for step in &steps {
+            match step {
+                Step::Edit { .. } => self.replayed.push(),
+                Step::Undo => drop(self.replayed.undo()),
+                Step::Redo => drop(self.replayed.redo()),
             }
         }
+        let skipped = self.editor.replay(&steps, damage.lost.is_empty())?;
+        for number in &skipped {
+            let what = "leans on what was lost, and is lost too";
+            damage.lost.push(format!("edit {} {what}", number + 1));
+        }
+        if !damage.lost.is_empty() {
+            self.write_anew()?;
+        }
         Ok(())
+    }
+
+    /// Makes the journal say how to come from what is saved to what is here.
+    fn write_anew(&mut self) -> Result<(), Error> {
+        let (len, done) = self.editor.history();
+        let mut records = vec![self.base()];
+        records.extend((0..len).filter_map(|i| {
+            let (label, patch) = self.editor.recorded(i)?;
+            Some(Record::Edit { label, patch: Box::new(patch) })
+        }));
+        records.extend((done..len).map(|_| Record::Undo));
+        self.journal.rewrite(&records)?;
+        self.replayed = Replayed { done, len, apart: false };
+        Ok(())
+    }
+
+    fn base(&self) -> Record {
+        Record::Base { text: self.saved_text.clone(), path: self.path.clone() }
     }
 
     /// The clip.
@@ -310,9 +364,14 @@ impl Document {
         self.path.as_deref()
     }
 
-    /// Labels of all edits and how many are done.
-    pub fn history(&self) -> (Vec<&str>, usize) {
+    /// How many edits there are, and how many are done.
+    pub fn history(&self) -> (usize, usize) {
         self.editor.history()
+    }
+
+    /// What these edits are called, oldest first.
+    pub fn labels(&self, edits: std::ops::Range<usize>) -> Vec<String> {
+        self.editor.labels(edits)
     }
 
     /// Whether anything would be lost without the journal.
@@ -347,7 +406,11 @@ impl Document {
         if let Err(error) = self.journal.append(&records) {
             self.take_back(&steps);
             self.replayed = replayed;
-            let text = error.to_string();
+            let text = match error {
+                // The path and what was not done are said by each answer itself.
+                Error::Journal { source, .. } => source.to_string(),
+                other => other.to_string(),
+            };
             for answer in &mut answers {
                 if answer.as_ref().is_ok_and(|changes| !changes.is_empty()) {
                     let source = std::io::Error::other(text.clone());
@@ -362,7 +425,7 @@ impl Document {
         &mut self,
         edit: &Edit,
         records: &mut Vec<Record>,
-        steps: &mut Vec<Step>,
+        steps: &mut Vec<Done>,
     ) -> Result<Vec<Change>, Error> {
         match edit {
             Edit::Op(op) => {
@@ -372,7 +435,7 @@ impl Document {
                 }
                 self.redo_blocked = false;
                 self.replayed.push();
-                steps.push(Step::Edit);
+                steps.push(Done::Edit);
                 records.push(written_out(&change));
                 Ok(vec![change])
             }
@@ -380,7 +443,7 @@ impl Document {
                 let change = self.editor.undo()?;
                 if let Some(change) = &change {
                     let known = self.replayed.undo();
-                    steps.push(Step::Undo);
+                    steps.push(Done::Undo);
                     records.push(if known { Record::Undo } else { written_out(change) });
                 }
                 Ok(change.into_iter().collect())
@@ -390,7 +453,7 @@ impl Document {
                 let change = self.editor.redo()?;
                 if let Some(change) = &change {
                     let known = self.replayed.redo();
-                    steps.push(Step::Redo);
+                    steps.push(Done::Redo);
                     records.push(if known { Record::Redo } else { written_out(change) });
                 }
                 Ok(change.into_iter().collect())
@@ -426,15 +489,15 @@ impl Document {
         }
     }
 
-    fn take_back(&mut self, steps: &[Step]) {
+    fn take_back(&mut self, steps: &[Done]) {
         for step in steps.iter().rev() {
             let done = match step {
-                Step::Edit | Step::Redo => self.editor.undo(),
-                Step::Undo => self.editor.redo(),
+                Done::Edit | Done::Redo => self.editor.undo(),
+                Done::Undo => self.editor.redo(),
             };
             // An inverse of an edit that was just valid is valid; the clip stands either way.
             done.ok();
-            self.redo_blocked |= *step == Step::Edit;
+            self.redo_blocked |= *step == Done::Edit;
         }
     }
 
@@ -483,8 +546,7 @@ impl Document {
 
     /// Makes the journal start from what is saved.
     fn rebase(&mut self) -> Result<(), Error> {
-        let base = Record::Base { text: self.saved_text.clone(), path: self.path.clone() };
-        self.journal.rewrite(&[base])?;
+        self.journal.rewrite(&[self.base()])?;
         self.replayed = Replayed::default();
         Ok(())
     }
@@ -527,7 +589,19 @@ fn relabelled(label: &str, patch: &Delta) -> Op {
     Op::Batch(Batch { label: label.to_owned(), ops: vec![Op::Patch(Box::new(patch.clone()))] })
 }
 
-/// The journal of a clip file: beside it, or in the state folder where that is read-only.
+/// What the records say of the history.
+fn steps(records: &[Record]) -> Vec<Step> {
+    let step = |record: &Record| match record {
+        Record::Base { .. } | Record::Closed | Record::Opened => None,
+        Record::Edit { label, patch } => {
+            Some(Step::Edit { label: label.clone(), patch: patch.clone() })
+        }
+        Record::Undo => Some(Step::Undo),
+        Record::Redo => Some(Step::Redo),
+    };
+    records.iter().filter_map(step).collect()
+}
+
 /// Edits, undos and redos among the records.
 fn edits(records: &[Record]) -> usize {
     let counts = |r: &&Record| matches!(r, Record::Edit { .. } | Record::Undo | Record::Redo);
@@ -562,10 +636,10 @@ mod tests {
         assert!(!doc.is_dirty() && doc.text() == text);
         let answers = doc.edit(&[add(20), add(40), Edit::Undo, add(50)]);
         assert!(answers.iter().all(Result::is_ok));
-        let (clip, history) = (doc.clip().clone(), doc.history().0.len());
+        let (clip, history) = (doc.clip().clone(), doc.history().0);
         drop(doc); // as a kill would
         let mut doc = Document::open(&path, dir.path(), |_| None).unwrap();
-        assert_eq!((doc.clip(), doc.history().0.len()), (&clip, history));
+        assert_eq!((doc.clip(), doc.history().0), (&clip, history));
         assert_eq!(doc.restored().unwrap().edits, 4);
         doc.edit(&[Edit::Goto(0)]).pop().unwrap().unwrap();
         assert_eq!(doc.text(), text);

@@ -48,6 +48,14 @@ pub enum Error {
         /// The journal.
         path: PathBuf,
     },
+    /// What has the journal's name is none; it was left as it is.
+    #[error("this file has the name of the clip's journal and is none: {what}; move it away: {path}", path = .path.display())]
+    NotAJournal {
+        /// What it is.
+        what: String,
+        /// The file.
+        path: PathBuf,
+    },
     /// The port is taken or forbidden.
     #[error(
         "cannot listen on 127.0.0.1:{port}: {source}; choose another with --port, or 0 for any"

@@ -8,7 +8,7 @@
 use std::collections::{BTreeMap, VecDeque};
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::{ChildStdout, Command, Stdio};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -19,7 +19,7 @@ use serde_json::Value;
 use super::error::Error;
 use super::hub::Hub;
 use super::protocol::Event;
-use crate::limits;
+use crate::{child, limits};
 
 /// What can be started.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -246,13 +246,14 @@ impl Jobs {
         if request.args.iter().any(|a| a.contains('\0')) || request.args.len() > 256 {
             return Err(Error::request("these are no arguments"));
         }
-        let (id, mut child) = {
+        let id = {
             let mut inner = self.lock();
             let running = inner.jobs.values().filter(|j| j.pid.is_some()).count();
             if running >= limits::JOBS {
                 return Err(Error::Full { what: "jobs", cap: limits::JOBS });
             }
-            let child = Command::new(&self.binary)
+            let mut command = child::command(&self.binary);
+            command
                 .arg(request.kind.command())
                 .args(&request.args)
                 .arg("--jsonl")
@@ -260,16 +261,15 @@ impl Jobs {
                 .env("NO_COLOR", "1")
                 .stdin(Stdio::null())
                 .stdout(Stdio::piped())
-                .stderr(Stdio::piped())
-                .spawn()
-                .map_err(Error::Server)?;
+                .stderr(Stdio::piped());
+            let id = inner.next + 1;
+            let pid = self.clone().run(id, command)?;
             while inner.jobs.len() >= limits::JOBS {
                 let ended = inner.jobs.iter().find(|(_, j)| j.pid.is_none()).map(|(id, _)| *id);
                 let Some(ended) = ended else { break };
                 inner.jobs.remove(&ended);
             }
-            inner.next += 1;
-            let id = inner.next;
+            inner.next = id;
             let job = Job {
                 kind: request.kind,
                 args: request.args,
@@ -277,7 +277,7 @@ impl Jobs {
                 phase: JobPhase::Running,
                 progress: None,
                 exit: None,
-                pid: i32::try_from(child.id()).ok().and_then(Pid::from_raw),
+                pid,
                 lines: VecDeque::new(),
                 events: 0,
                 log: VecDeque::new(),
@@ -285,58 +285,72 @@ impl Jobs {
                 secs: 0.0,
             };
             inner.jobs.insert(id, job);
-            (id, child)
+            id
         };
-        let (out, err) = (child.stdout.take(), child.stderr.take());
-        let jobs = self.clone();
-        let log = std::thread::Builder::new()
-            .name(format!("job {id} log"))
-            .spawn(move || {
+        self.view(id, usize::MAX)
+    }
+
+    /// Starts the process and follows it until it ends, on a thread of its own: a child ends
+    /// with the thread that started it. Nothing is heard of it before the caller has let go of
+    /// the list.
+    fn run(self, id: u64, mut command: Command) -> Result<Option<Pid>, Error> {
+        let (started, starting) = std::sync::mpsc::channel();
+        let follow = move || {
+            let mut child = match command.spawn() {
+                Ok(child) => child,
+                Err(e) => return drop(started.send(Err(e))),
+            };
+            let pid = i32::try_from(child.id()).ok().and_then(Pid::from_raw);
+            started.send(Ok(pid)).ok();
+            let (out, err) = (child.stdout.take(), child.stderr.take());
+            let jobs = self.clone();
+            let log = std::thread::spawn(move || {
                 for line in err.into_iter().flat_map(|e| BufReader::new(e).lines()) {
                     let Ok(line) = line else { break };
                     jobs.with(id, |job| keep(&mut job.log, LOG, clipped(line)));
                 }
-            })
-            .map_err(Error::Server)?;
-        let jobs = self.clone();
-        std::thread::Builder::new()
-            .name(format!("job {id}"))
-            .spawn(move || {
-                for line in out.into_iter().flat_map(|o| BufReader::new(o).lines()) {
-                    let Ok(line) = line else { break };
-                    let event = serde_json::from_str(&line)
-                        .unwrap_or_else(|_| Value::String(clipped(line)));
-                    jobs.with(id, |job| {
-                        if event.get("event").is_some_and(|e| e == "progress") {
-                            job.progress = Some(event);
-                        } else {
-                            job.events += 1;
-                            keep(&mut job.lines, limits::JOB_LINES, event);
-                        }
-                    });
-                    jobs.tell(id);
+            });
+            self.hear(id, out);
+            let exit = child.wait().ok().and_then(|s| s.code());
+            // Whoever hears of the end wants to read why; the pipe closes with the job.
+            let until = Instant::now() + LOG_PATIENCE;
+            while !log.is_finished() && Instant::now() < until {
+                std::thread::sleep(Duration::from_millis(2));
+            }
+            self.with(id, |job| {
+                job.pid = None;
+                job.exit = exit;
+                job.secs = job.begin.elapsed().as_secs_f64();
+                job.phase = match exit {
+                    Some(0) => JobPhase::Done,
+                    Some(130) => JobPhase::Interrupted,
+                    None if job.phase == JobPhase::Cancelling => JobPhase::Interrupted,
+                    _ => JobPhase::Failed,
+                };
+            });
+            self.tell(id);
+        };
+        let thread = std::thread::Builder::new().name(format!("job {id}"));
+        thread.spawn(follow).map_err(Error::Server)?;
+        starting.recv().map_err(std::io::Error::other).flatten().map_err(Error::Server)
+    }
+
+    /// Takes what the job says, until it says no more.
+    fn hear(&self, id: u64, out: Option<ChildStdout>) {
+        for line in out.into_iter().flat_map(|o| BufReader::new(o).lines()) {
+            let Ok(line) = line else { break };
+            let event =
+                serde_json::from_str(&line).unwrap_or_else(|_| Value::String(clipped(line)));
+            self.with(id, |job| {
+                if event.get("event").is_some_and(|e| e == "progress") {
+                    job.progress = Some(event);
+                } else {
+                    job.events += 1;
+                    keep(&mut job.lines, limits::JOB_LINES, event);
                 }
-                let exit = child.wait().ok().and_then(|s| s.code());
-                // Whoever hears of the end wants to read why; the pipe closes with the job.
-                let until = Instant::now() + LOG_PATIENCE;
-                while !log.is_finished() && Instant::now() < until {
-                    std::thread::sleep(Duration::from_millis(2));
-                }
-                jobs.with(id, |job| {
-                    job.pid = None;
-                    job.exit = exit;
-                    job.secs = job.begin.elapsed().as_secs_f64();
-                    job.phase = match exit {
-                        Some(0) => JobPhase::Done,
-                        Some(130) => JobPhase::Interrupted,
-                        None if job.phase == JobPhase::Cancelling => JobPhase::Interrupted,
-                        _ => JobPhase::Failed,
-                    };
-                });
-                jobs.tell(id);
-            })
-            .map_err(Error::Server)?;
-        self.view(id, usize::MAX)
+            });
+            self.tell(id);
+        }
     }
 
     fn with(&self, id: u64, change: impl FnOnce(&mut Job)) {

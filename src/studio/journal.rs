@@ -1,28 +1,34 @@
 //! The journal of one document: an edit is acknowledged only after its record is on disk.
 //!
-//! `robert-journal/1\n`, then records of `u32 length, u32 crc32, JSON` (little endian).
-//! Records hold differences, not operations: what an operation does may change between
-//! versions of the program or hang on the robot, a difference means the same for ever.
-//! Appending and `fdatasync` is some 0.3 ms where replacing the file would be 2 ms; a torn
-//! tail after a power cut fails its checksum and is cut off.
+//! `robert-journal/2\n`, then records: a mark that no text holds, `u32` length of the JSON,
+//! `u32` CRC-32 of all that follows, `u32` number of the record, `u32` steps that are done
+//! after it, `u8` kind of the record before it, the JSON (all little endian). Records hold
+//! differences, not operations: what an operation does may change between versions of the
+//! program or hang on the robot, a difference means the same for ever. Appending and
+//! `fdatasync` is some 0.3 ms where replacing the file would be 2 ms.
+//!
+//! Each record is found by its mark and judged by its own checksum, so damage to one costs
+//! that one alone: its neighbours tell which step it was, and the base is there twice. What
+//! is cut or skipped is kept in a `.damaged` file beside the journal, and named.
 //!
 //! The file is locked (`flock`) as long as it is open, which also keeps a second studio
-//! off the same clip. A lock dies with its process, so nothing is stale after a kill.
+//! off the same clip. A lock dies with its process, so nothing is stale after a kill. Only
+//! regular files that hold a journal, or nothing, are ever opened for writing.
+
+mod scan;
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read, Seek, SeekFrom, Write};
-use std::os::unix::fs::MetadataExt;
+use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 
 use rustix::fs::{FlockOperation, flock};
 use serde::{Deserialize, Serialize};
 
+use self::scan::{MAGIC, Position, Scan, scan};
 use super::error::Error;
 use crate::clip::Delta;
-use crate::limits;
-
-const MAGIC: &[u8] = b"robert-journal/1\n";
-const HEAD: usize = 8;
+use crate::{fsio, limits};
 
 /// One record.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -53,6 +59,17 @@ pub enum Record {
     Opened,
 }
 
+/// What a journal no longer holds.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Damage {
+    /// Bytes of a record that was not written to its end, and so never acknowledged.
+    pub torn_bytes: u64,
+    /// What else was damaged, in words.
+    pub lost: Vec<String>,
+    /// Where the file is kept as it was found.
+    pub kept: Option<PathBuf>,
+}
+
 /// An open, locked journal.
 #[derive(Debug)]
 pub struct Journal {
@@ -60,30 +77,48 @@ pub struct Journal {
     path: PathBuf,
     /// Length of what is known to be whole.
     len: u64,
+    /// Where the next record stands among all.
+    position: Position,
+    /// The file is of the current format.
+    current: bool,
 }
 
 impl Journal {
-    /// Opens (or creates) and locks a journal and reads what is in it. A damaged tail is cut
-    /// off; how many bytes were lost that way comes third.
+    /// Opens (or creates) and locks a journal and reads what is in it. A damaged one stays as
+    /// it is until [`Journal::repair`], which comes before anything else is written.
     ///
     /// # Errors
-    /// [`Error::Locked`] when another process has it, [`Error::Journal`].
-    pub fn open(path: &Path) -> Result<(Journal, Vec<Record>, u64), Error> {
+    /// [`Error::Locked`] when another process has it, [`Error::NotAJournal`] when something
+    /// else has its name (which is left as it is), [`Error::Journal`].
+    pub fn open(path: &Path) -> Result<(Journal, Vec<Record>, Damage), Error> {
         let fail = |source| Error::Journal { source, path: path.to_owned() };
+        let foreign = |what: String| Error::NotAJournal { what, path: path.to_owned() };
         let mut file = lock(path)?;
         let len = file.metadata().map_err(fail)?.len();
         if len > limits::JOURNAL_BYTES {
-            return Err(fail(io::Error::other("the journal is too large to be one of ours")));
+            return Err(foreign(format!("it has {len} bytes")));
         }
         let mut bytes = Vec::with_capacity(len as usize);
-        file.read_to_end(&mut bytes).map_err(fail)?;
-        let (records, good) = scan(&bytes);
-        let lost = len - good;
-        let mut journal = Journal { file, path: path.to_owned(), len: good };
-        if lost > 0 {
-            journal.cut().map_err(fail)?;
+        (&mut file).take(limits::JOURNAL_BYTES).read_to_end(&mut bytes).map_err(fail)?;
+        let Scan { records, damage, position, current } =
+            scan(&bytes).ok_or_else(|| foreign("it holds something else".into()))?;
+        Ok((Journal { file, path: path.to_owned(), len, position, current }, records, damage))
+    }
+
+    /// Takes damage out of the file and brings an older format up to date. The file as it was
+    /// found is kept beside it.
+    ///
+    /// # Errors
+    /// [`Error::Journal`].
+    pub fn repair(&mut self, records: &[Record], damage: &mut Damage) -> Result<(), Error> {
+        let whole = *damage == Damage::default();
+        if !whole {
+            let kept = self.keep()?;
+            let path = self.path.display();
+            tracing::warn!("{path}: {}; kept as {}", damage.words(), kept.display());
+            damage.kept = Some(kept);
         }
-        Ok((journal, records, lost))
+        if whole && self.current { Ok(()) } else { self.rewrite(records) }
     }
 
     /// Where it is.
@@ -103,8 +138,12 @@ impl Journal {
     pub fn append(&mut self, records: &[Record]) -> Result<(), Error> {
         let fail = |source| Error::Journal { source, path: self.path.clone() };
         let mut bytes = if self.len == 0 { MAGIC.to_vec() } else { Vec::new() };
+        let mut position = self.position;
         for record in records {
-            encode(record, &mut bytes).map_err(fail)?;
+            position.encode(record, &mut bytes).map_err(fail)?;
+        }
+        if self.len + bytes.len() as u64 > limits::JOURNAL_BYTES {
+            return Err(fail(io::Error::other("the journal is full; save the clip")));
         }
         let written = self.file.write_all(&bytes).and_then(|()| self.file.sync_data());
         if let Err(source) = written {
@@ -113,6 +152,7 @@ impl Journal {
             self.cut().ok();
             return Err(error);
         }
+        self.position = position;
         self.len += bytes.len() as u64;
         Ok(())
     }
@@ -124,19 +164,21 @@ impl Journal {
     pub fn rewrite(&mut self, records: &[Record]) -> Result<(), Error> {
         let fail = |source| Error::Journal { source, path: self.path.clone() };
         let mut bytes = MAGIC.to_vec();
+        let mut position = Position::default();
         for record in records {
-            encode(record, &mut bytes).map_err(fail)?;
+            position.encode(record, &mut bytes).map_err(fail)?;
         }
         let dir = folder(&self.path);
         let mut temp =
             tempfile::Builder::new().prefix(".robert-").tempfile_in(dir).map_err(fail)?;
-        temp.write_all(&bytes).map_err(fail)?;
+        temp.as_file_mut().write_all(&bytes).map_err(fail)?;
         temp.as_file().sync_all().map_err(fail)?;
         // Locked before it has the name, so that no moment is unlocked.
         flock(temp.as_file(), FlockOperation::NonBlockingLockExclusive)
             .map_err(|e| fail(e.into()))?;
         self.file = temp.persist(&self.path).map_err(|e| fail(e.error))?;
         self.len = bytes.len() as u64;
+        (self.position, self.current) = (position, true);
         self.file.seek(SeekFrom::End(0)).map_err(fail)?;
         File::open(dir).and_then(|d| d.sync_all()).map_err(fail)
     }
@@ -146,6 +188,29 @@ impl Journal {
         fs::remove_file(&self.path).ok();
     }
 
+    /// Empties it, and keeps a copy of what is in it.
+    ///
+    /// # Errors
+    /// [`Error::Journal`].
+    pub fn set_aside(&mut self) -> Result<PathBuf, Error> {
+        let kept = self.keep()?;
+        self.rewrite(&[])?;
+        Ok(kept)
+    }
+
+    /// Keeps a copy of what is in it.
+    ///
+    /// # Errors
+    /// [`Error::Journal`].
+    pub fn keep(&mut self) -> Result<PathBuf, Error> {
+        let fail = |source| Error::Journal { source, path: self.path.clone() };
+        let mut bytes = Vec::new();
+        self.file.seek(SeekFrom::Start(0)).map_err(fail)?;
+        (&mut self.file).take(limits::JOURNAL_BYTES).read_to_end(&mut bytes).map_err(fail)?;
+        self.file.seek(SeekFrom::Start(self.len)).map_err(fail)?;
+        keep(&self.path, &bytes).map_err(fail)
+    }
+
     fn cut(&mut self) -> io::Result<()> {
         self.file.set_len(self.len)?;
         self.file.seek(SeekFrom::Start(self.len))?;
@@ -153,16 +218,26 @@ impl Journal {
     }
 }
 
+impl Damage {
+    /// What was lost, in words.
+    pub fn words(&self) -> String {
+        let torn = (self.torn_bytes > 0)
+            .then(|| format!("an edit of {} bytes was not written to its end", self.torn_bytes));
+        self.lost.iter().cloned().chain(torn).collect::<Vec<_>>().join(", ")
+    }
+}
+
 /// The file at `path`, opened and locked.
 fn lock(path: &Path) -> Result<File, Error> {
-    let fail = |source| Error::Journal { source, path: path.to_owned() };
-    fs::create_dir_all(folder(path)).map_err(fail)?;
+    let fail = |source: io::Error| match fs::symlink_metadata(path) {
+        Ok(found) if !found.is_file() => {
+            Error::NotAJournal { what: source.to_string(), path: path.to_owned() }
+        }
+        _ => Error::Journal { source, path: path.to_owned() },
+    };
     // Another process may replace or remove the file between open and lock.
     for _ in 0..16 {
-        let mut options = OpenOptions::new();
-        options.read(true).write(true).create(true).truncate(false);
-        std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
-        let file = options.open(path).map_err(fail)?;
+        let file = fsio::open_private(path).map_err(fail)?;
         match flock(&file, FlockOperation::NonBlockingLockExclusive) {
             Ok(()) => {}
             Err(rustix::io::Errno::WOULDBLOCK) => {
@@ -170,7 +245,7 @@ fn lock(path: &Path) -> Result<File, Error> {
             }
             Err(e) => return Err(fail(e.into())),
         }
-        let same = fs::metadata(path)
+        let same = fs::symlink_metadata(path)
             .and_then(|there| Ok(there.ino() == file.metadata()?.ino()))
             .unwrap_or(false);
         if same {
@@ -180,48 +255,28 @@ fn lock(path: &Path) -> Result<File, Error> {
     Err(Error::Locked { path: path.to_owned() })
 }
 
+/// Keeps these bytes beside the journal, in a file that is not there yet.
+fn keep(path: &Path, bytes: &[u8]) -> io::Result<PathBuf> {
+    const COPIES: u32 = 1000;
+    for n in 1..COPIES {
+        let mut name = path.file_name().unwrap_or_default().to_owned();
+        name.push(if n == 1 { ".damaged".to_owned() } else { format!(".damaged-{n}") });
+        let kept = path.with_file_name(name);
+        match OpenOptions::new().write(true).create_new(true).mode(0o600).open(&kept) {
+            Ok(mut file) => {
+                file.write_all(bytes)?;
+                file.sync_all()?;
+                return Ok(kept);
+            }
+            Err(e) if e.kind() == io::ErrorKind::AlreadyExists => {}
+            Err(e) => return Err(e),
+        }
+    }
+    Err(io::Error::other(format!("there are {COPIES} damaged copies of it already")))
+}
+
 fn folder(path: &Path) -> &Path {
     path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
-}
-
-fn encode(record: &Record, out: &mut Vec<u8>) -> io::Result<()> {
-    let json = serde_json::to_vec(record)?;
-    if json.len() > limits::JOURNAL_RECORD_BYTES {
-        return Err(io::Error::other("one edit is too large for the journal"));
-    }
-    out.extend_from_slice(&(json.len() as u32).to_le_bytes());
-    out.extend_from_slice(&crc32fast::hash(&json).to_le_bytes());
-    out.extend_from_slice(&json);
-    Ok(())
-}
-
-/// The records that are whole, and the bytes that they take.
-fn scan(bytes: &[u8]) -> (Vec<Record>, u64) {
-    let Some(mut rest) = bytes.strip_prefix(MAGIC) else { return (Vec::new(), 0) };
-    let mut records = Vec::new();
-    while let Some((record, after)) = next(rest) {
-        records.push(record);
-        rest = after;
-    }
-    if records.is_empty() {
-        return (records, 0);
-    }
-    (records, (bytes.len() - rest.len()) as u64)
-}
-
-fn next(bytes: &[u8]) -> Option<(Record, &[u8])> {
-    let (head, rest) = bytes.split_at_checked(HEAD)?;
-    let (len, crc) = head.split_at_checked(4)?;
-    let len = u32::from_le_bytes(len.try_into().ok()?) as usize;
-    let crc = u32::from_le_bytes(crc.try_into().ok()?);
-    if len > limits::JOURNAL_RECORD_BYTES {
-        return None;
-    }
-    let (json, rest) = rest.split_at_checked(len)?;
-    if crc32fast::hash(json) != crc {
-        return None;
-    }
-    Some((serde_json::from_slice(json).ok()?, rest))
 }
 
 #[cfg(test)]
@@ -238,59 +293,95 @@ mod tests {
         ]
     }
 
-    #[test]
-    fn every_cut_and_every_flip_leaves_a_prefix() {
-        let dir = tempfile::tempdir().unwrap();
-        let path = dir.path().join("a.autosave");
-        let (mut journal, none, _) = Journal::open(&path).unwrap();
-        assert!(none.is_empty());
-        journal.append(&sample()).unwrap();
-        drop(journal);
-        let whole = fs::read(&path).unwrap();
-        assert_eq!(scan(&whole), (sample(), whole.len() as u64));
-        for end in 0..whole.len() {
-            let (records, good) = scan(&whole[..end]);
-            assert!(sample().starts_with(&records) && good <= end as u64);
-        }
-        for at in 0..whole.len() {
-            let mut bad = whole.clone();
-            bad[at] ^= 0x10;
-            let (records, _) = scan(&bad);
-            assert!(sample().starts_with(&records) && records.len() < 4, "flip at {at}");
-        }
+    fn open(path: &Path) -> (Journal, Vec<Record>, Damage) {
+        Journal::open(path).unwrap()
     }
 
     #[test]
-    fn a_damaged_tail_is_cut_and_writing_goes_on() {
+    fn a_damaged_tail_is_cut_and_kept_and_writing_goes_on() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("a.autosave");
-        let (mut journal, ..) = Journal::open(&path).unwrap();
+        let (mut journal, none, _) = open(&path);
+        assert!(none.is_empty());
         journal.append(&sample()[..2]).unwrap();
         drop(journal);
         let mut bytes = fs::read(&path).unwrap();
-        bytes.extend_from_slice(&[9, 0, 0, 0, 1, 2]);
-        fs::write(&path, bytes).unwrap();
-        let (mut journal, records, lost) = Journal::open(&path).unwrap();
-        assert_eq!((records.len(), lost), (2, 6));
+        bytes.extend_from_slice(&scan::MARK);
+        bytes.extend_from_slice(&[9, 0]);
+        fs::write(&path, &bytes).unwrap();
+        let (mut journal, records, mut damage) = open(&path);
+        assert_eq!((records.len(), damage.torn_bytes), (2, 6));
+        assert_eq!(fs::read(&path).unwrap(), bytes, "reading changes nothing");
+        journal.repair(&records, &mut damage).unwrap();
+        assert_eq!(fs::read(damage.kept.unwrap()).unwrap(), bytes);
         journal.append(&sample()[2..]).unwrap();
         assert!(matches!(Journal::open(&path), Err(Error::Locked { .. })));
         drop(journal);
-        assert_eq!(Journal::open(&path).unwrap().1, sample());
+        let (_, records, damage) = open(&path);
+        assert_eq!((records, damage), (sample(), Damage::default()));
     }
 
     #[test]
     fn rewriting_keeps_the_lock() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("a.autosave");
-        let (mut journal, ..) = Journal::open(&path).unwrap();
+        let (mut journal, ..) = open(&path);
         journal.append(&sample()).unwrap();
         journal.rewrite(&sample()[..1]).unwrap();
         assert!(matches!(Journal::open(&path), Err(Error::Locked { .. })));
         journal.append(&sample()[2..3]).unwrap();
         drop(journal);
-        let (journal, records, _) = Journal::open(&path).unwrap();
+        let (journal, records, _) = open(&path);
         assert_eq!(records, [sample()[0].clone(), Record::Undo]);
         journal.remove();
         assert!(!path.exists());
+    }
+
+    #[test]
+    fn what_is_no_journal_of_ours_is_left_as_it_is() {
+        let dir = tempfile::tempdir().unwrap();
+        let at = |name: &str| dir.path().join(name);
+        fs::write(at("victim"), "precious").unwrap();
+        std::os::unix::fs::symlink("victim", at("link")).unwrap();
+        std::os::unix::fs::symlink("nothing", at("dangling")).unwrap();
+        std::os::unix::fs::symlink("/dev/zero", at("endless")).unwrap();
+        rustix::fs::mkfifoat(rustix::fs::CWD, at("pipe"), rustix::fs::Mode::RUSR).unwrap();
+        fs::create_dir(at("folder")).unwrap();
+        for name in ["victim", "link", "dangling", "endless", "pipe", "folder"] {
+            let e = Journal::open(&at(name)).unwrap_err();
+            assert!(matches!(e, Error::NotAJournal { .. }), "{name}: {e}");
+        }
+        assert_eq!(fs::read(at("victim")).unwrap(), b"precious");
+        assert!(!at("nothing").exists());
+        assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 6, "nothing was made");
+    }
+
+    #[test]
+    fn a_journal_of_the_first_format_is_read_and_rewritten() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.autosave");
+        let mut bytes = b"robert-journal/1\n".to_vec();
+        for record in sample() {
+            let json = serde_json::to_vec(&record).unwrap();
+            bytes.extend_from_slice(&(json.len() as u32).to_le_bytes());
+            bytes.extend_from_slice(&crc32fast::hash(&json).to_le_bytes());
+            bytes.extend_from_slice(&json);
+        }
+        fs::write(&path, &bytes).unwrap();
+        let (mut journal, records, mut damage) = open(&path);
+        assert_eq!((&records, &damage), (&sample(), &Damage::default()));
+        journal.repair(&records, &mut damage).unwrap();
+        journal.append(&[Record::Undo]).unwrap();
+        drop(journal);
+        assert!(fs::read(&path).unwrap().starts_with(MAGIC));
+        assert_eq!(open(&path).1.len(), 5);
+        // What is left of a damaged one is its beginning, and the file is kept.
+        let end = bytes.len();
+        bytes[end - 3] ^= 1;
+        fs::write(&path, &bytes).unwrap();
+        let (mut journal, records, mut damage) = open(&path);
+        assert_eq!(records, sample()[..3]);
+        journal.repair(&records, &mut damage).unwrap();
+        assert_eq!(fs::read(damage.kept.unwrap()).unwrap(), bytes);
     }
 }

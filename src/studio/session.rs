@@ -579,10 +579,9 @@ fn nothing() -> Clip {
 }
 
 fn history(document: &Document) -> History {
-    let (labels, done) = document.history();
-    let len = labels.len();
+    let (len, done) = document.history();
     // A window around the present, so that undoing far back still shows names.
     let first = done.saturating_sub(LABELS).min(len.saturating_sub(LABELS));
-    let labels = labels.into_iter().skip(first).take(LABELS).map(str::to_owned).collect();
+    let labels = document.labels(first..first + LABELS);
     History { labels, first, done, len }
 }

@@ -57,6 +57,49 @@ proptest! {
     }
 
     #[test]
+    fn a_replay_is_what_was_done_and_undoes_alike(seed in any::<u64>(), count in 1_u64..25) {
+        let clip = generate::clip(seed);
+        let table = generate::table(&clip);
+        let mut editor = Editor::new(clip.clone(), Some(table.clone())).unwrap();
+        let mut steps = Vec::new();
+        for i in 0..count {
+            let mut rng = generate::rng(seed, i + 1);
+            match rng.below(5) {
+                0 if editor.undo().unwrap().is_some() => steps.push(Step::Undo),
+                1 if editor.redo().unwrap().is_some() => steps.push(Step::Redo),
+                _ => {
+                    let op = generate::op(&mut rng, editor.clip(), true);
+                    let Ok(change) = editor.apply(&op) else { continue };
+                    if !change.patch.is_empty() {
+                        steps.push(Step::Edit { label: change.label, patch: Box::new(change.patch) });
+                    }
+                }
+            }
+        }
+        for whole in [true, false] {
+            let mut again = Editor::new(clip.clone(), Some(table.clone())).unwrap();
+            prop_assert_eq!(again.replay(&steps, whole).unwrap(), Vec::<usize>::new());
+            let mut editor_back = Editor::new(clip.clone(), Some(table.clone())).unwrap();
+            prop_assert_eq!(editor_back.replay(&steps, true).unwrap(), Vec::<usize>::new());
+            prop_assert_eq!(again.clip(), editor.clip());
+            prop_assert_eq!(again.command(), editor.command());
+            prop_assert_eq!(again.history(), editor.history());
+            prop_assert_eq!(again.labels(0..99), editor.labels(0..99));
+            loop {
+                let (a, b) = (again.undo().unwrap(), editor_back.undo().unwrap());
+                prop_assert_eq!(again.clip(), editor_back.clip());
+                prop_assert_eq!(a.is_some(), b.is_some());
+                if a.is_none() {
+                    break;
+                }
+            }
+            let mut start = clip.clone();
+            apply(&mut start, &Op::Patch(Box::default()), None).unwrap();
+            prop_assert_eq!(again.clip(), &start);
+        }
+    }
+
+    #[test]
     fn compiled_clips_hang_together(seed in any::<u64>()) {
         let clip = generate::clip(seed);
         let c = compile(&clip).unwrap();

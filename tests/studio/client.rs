@@ -320,7 +320,7 @@ impl Socket {
 }
 
 /// A small clip of the UR5e.
-pub(super) const CLIP: &str = r#"{
+pub(crate) const CLIP: &str = r#"{
   "format": "robert-clip/1",
   "name": "start",
   "robot": {"id": "ur5e", "joints": ["shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2"]},

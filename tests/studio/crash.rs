@@ -49,7 +49,6 @@ fn round(seed: u64) {
     });
     let studio = Studio::start(dir.path(), &["a.clip.json"]);
     assert_ne!((studio.port, studio.token.clone()), port_token);
-    assert!(studio.startup < Duration::from_secs(2), "seed {seed}: {:?}", studio.startup);
     let state = studio.state();
     let done = state["document"]["history"]["done"].as_u64().unwrap();
     assert!(

@@ -12,3 +12,5 @@ mod pages;
 mod simulation;
 mod takes;
 mod viewport;
+
+pub(crate) use client::CLIP;

@@ -3,6 +3,7 @@
 //! The order is the model's; it is written as a comment and checked by length on the way
 //! in. `MuJoCo` allows many keys at one time (the default is 0): those are spread out.
 
+use std::collections::BTreeSet;
 use std::fmt::Write as _;
 
 use super::super::command::{Command, Sight};
@@ -10,8 +11,8 @@ use super::super::document::{Clip, Fill, RobotRef, Row};
 use super::super::error::ClipError;
 use super::super::json::{line_col, show};
 use super::{ExportError, Track, frame_of, start_differs};
-use crate::limits;
 use crate::units::FPS;
+use crate::{limits, xml};
 
 /// Distance of keys whose file says nothing about time.
 const SPREAD_FRAMES: u32 = 20;
@@ -51,16 +52,8 @@ pub fn to_mjcf(command: &Command) -> Result<String, ExportError> {
 /// # Errors
 /// [`ClipError::Syntax`] with line and column.
 pub fn from_mjcf(text: &str, robot: &RobotRef, fill: Fill) -> Result<Clip, ClipError> {
-    let options = roxmltree::ParsingOptions {
-        nodes_limit: limits::XML_ELEMENTS as u32,
-        ..roxmltree::ParsingOptions::default()
-    };
-    // roxmltree walks elements on the stack of the thread: refuse depth before it does.
-    deep(text)?;
-    let tree = roxmltree::Document::parse_with_options(text, options).map_err(|e| {
-        let pos = e.pos();
-        ClipError::at(e.to_string(), pos.row as usize, pos.col as usize)
-    })?;
+    let tree = xml::parse(text, limits::XML_ELEMENTS)
+        .map_err(|e| ClipError::at(e.message, e.line as usize, e.column as usize))?;
     let nq = robot.joints.len();
     let mut found = Vec::new();
     let mut untimed = 0;
@@ -70,7 +63,6 @@ pub fn from_mjcf(text: &str, robot: &RobotRef, fill: Fill) -> Result<Clip, ClipE
             line_col(text, at.start)
         };
         let Some(qpos) = node.attribute("qpos") else { continue };
-        let (line, col) = place("qpos");
         let mut row: Row = Vec::new();
         for word in qpos.split_ascii_whitespace() {
             match word.parse::<f64>() {
@@ -79,11 +71,13 @@ pub fn from_mjcf(text: &str, robot: &RobotRef, fill: Fill) -> Result<Clip, ClipE
                 }
                 _ => {
                     let message = format!("\"{}\" is no joint value", show(word));
+                    let (line, col) = place("qpos");
                     return Err(ClipError::at(message, line, col));
                 }
             }
         }
         if row.len() != nq {
+            let (line, col) = place("qpos");
             let message = format!(
                 "qpos has {} numbers, {} has {nq} joints: another model?",
                 row.len(),
@@ -91,23 +85,27 @@ pub fn from_mjcf(text: &str, robot: &RobotRef, fill: Fill) -> Result<Clip, ClipE
             );
             return Err(ClipError::at(message, line, col));
         }
-        let (line, col) = place("time");
         let secs = match node.attribute("time").map(|t| t.trim().parse::<f64>()) {
             None => {
                 untimed += 1;
                 0.0
             }
             Some(Ok(t)) if t.is_finite() => t,
-            Some(_) => return Err(ClipError::at("this time is no number", line, col)),
+            Some(_) => {
+                let (line, col) = place("time");
+                return Err(ClipError::at("this time is no number", line, col));
+            }
         };
-        found.push((secs, node.attribute("name").unwrap_or_default().to_owned(), row, line, col));
+        let at = node.attribute_node("time").map_or(node.range(), |a| a.range()).start;
+        found.push((secs, node.attribute("name").unwrap_or_default().to_owned(), row, at));
     }
     if found.is_empty() {
         return Err(ClipError::at("there is no <key> with a qpos", 1, 1));
     }
     let mut track = Track::default();
+    let mut taken = BTreeSet::new();
     let timed = found.len() == 1 || found.iter().any(|k| k.0 != 0.0);
-    for (i, (secs, name, row, line, col)) in found.into_iter().enumerate() {
+    for (i, (secs, name, row, at)) in found.into_iter().enumerate() {
         if timed && secs < 0.0 {
             track.start = Some(row);
             continue;
@@ -115,16 +113,18 @@ pub fn from_mjcf(text: &str, robot: &RobotRef, fill: Fill) -> Result<Clip, ClipE
         let frame =
             if timed { frame_of(secs) } else { u32::try_from(i).ok().map(|i| i * SPREAD_FRAMES) };
         let Some(frame) = frame.filter(|f| *f < limits::CLIP_FRAMES) else {
+            let (line, col) = line_col(text, at);
             return Err(ClipError::at("this time lies outside of what a clip holds", line, col));
         };
         if track.rows.insert(frame, row).is_some() {
             let hint = if untimed > 0 { "; a key without a time is at 0 s" } else { "" };
             let message = format!("a second key at {secs} s (frame {frame}){hint}");
+            let (line, col) = line_col(text, at);
             return Err(ClipError::at(message, line, col));
         }
         track.length = track.length.max(frame + 1);
-        let taken = track.names.values().any(|n| *n == name);
-        if !name.is_empty() && name != format!("frame{frame}") && !taken {
+        let plain = name.is_empty() || name == format!("frame{frame}");
+        if !plain && taken.insert(name.clone()) {
             track.names.insert(frame, name);
         }
     }
@@ -133,29 +133,6 @@ pub fn from_mjcf(text: &str, robot: &RobotRef, fill: Fill) -> Result<Clip, ClipE
         clip.notes = format!("The keys had no times: {SPREAD_FRAMES} frames apart.");
     }
     Ok(clip)
-}
-
-/// Refuses nesting beyond [`limits::XML_DEPTH`]. A count of tags is enough: a wrong guess
-/// inside comments only refuses files that look nested anyway.
-fn deep(text: &str) -> Result<(), ClipError> {
-    let mut depth = 0_usize;
-    for (at, _) in text.match_indices('<') {
-        let rest = text.get(at + 1..).unwrap_or_default();
-        match rest.as_bytes().first() {
-            Some(b'/') => depth = depth.saturating_sub(1),
-            Some(b'!' | b'?') => {}
-            _ => {
-                let tag = rest.split('>').next().unwrap_or_default();
-                depth += usize::from(!tag.ends_with('/'));
-            }
-        }
-        if depth > limits::XML_DEPTH {
-            let (line, col) = line_col(text, at);
-            let message = format!("nested more than {} levels deep", limits::XML_DEPTH);
-            return Err(ClipError::at(message, line, col));
-        }
-    }
-    Ok(())
 }
 
 #[cfg(test)]

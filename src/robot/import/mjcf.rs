@@ -144,10 +144,11 @@ fn files(
     edits: &mut Edits,
 ) -> Result<(), Error> {
     let path = &project.path;
+    let dirs = preparse::AssetDirs::of(doc);
     for node in doc.descendants().filter(Node::is_element) {
         let tag = node.tag_name().name();
         for a in node.attributes().filter(|a| preparse::names_file(tag, a.name())) {
-            let below = preparse::asset_path(doc, tag, a.value());
+            let below = dirs.path(tag, a.value());
             let Some(found) = project.assets.iter().find(|r| r.written == below) else {
                 return Err(preparse::refuse(node, path, format!("\"{below}\" was not found")));
             };

@@ -6,10 +6,10 @@
 //! the folder. Every figure that was not in the source is in the report.
 //!
 //! Rejected: `MuJoCo`'s own URDF loader, which drops effort, velocity and mimic, cuts
-//! `package://` paths to the base name and makes no actuators; and `urdf_rs::utils`, which
-//! starts foreign programs and panics without ROS.
+//! `package://` paths to the base name and makes no actuators.
 
 mod contacts;
+mod description;
 mod draft;
 mod fix;
 mod mjcf;

@@ -1,6 +1,4 @@
-//! A URDF as a draft: our own tree, checks, paths and MJCF text; `urdf-rs` reads the XML.
-//!
-//! `urdf-rs` checks nothing: cycles, missing parents and missing limits all pass it.
+//! A URDF as a draft: tree, checks, paths and MJCF text.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
@@ -8,9 +6,9 @@ use std::path::{Path, PathBuf};
 
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion};
 use roxmltree::{Document, Node};
-use urdf_rs::{Geometry, Joint, JointType, Link, Pose};
 
 use super::ImportConfig;
+use super::description::{self, Description, Geometry, Joint, JointType, Link, Pose};
 use super::draft::{ASSET_DIR, Draft, physics};
 use crate::robot::text::escape;
 use crate::robot::{Error, dae, mesh, preparse};
@@ -31,7 +29,7 @@ type Painted = Vec<(String, Option<[f64; 4]>)>;
 
 /// The robot under work.
 struct Tree<'a> {
-    robot: &'a urdf_rs::Robot,
+    robot: &'a Description,
     doc: &'a Document<'a>,
     project: &'a preparse::Project,
     config: &'a ImportConfig,
@@ -54,8 +52,7 @@ pub(super) fn draft(project: &preparse::Project, config: &ImportConfig) -> Resul
     let path = &project.path;
     let doc = preparse::parse(&project.xml, path)?;
     let whole = |message: String| preparse::refuse(doc.root_element(), path, message);
-    let robot = urdf_rs::read_from_string(&project.xml)
-        .map_err(|e| whole(format!("not a valid URDF: {e}")))?;
+    let robot = description::read(&doc, path)?;
     if robot.links.is_empty() {
         let tags = doc.root_element().children().filter(Node::is_element).count();
         let hint = if tags > 0 { "; is it a xacro template?" } else { "" };
@@ -67,7 +64,7 @@ pub(super) fn draft(project: &preparse::Project, config: &ImportConfig) -> Resul
         materials: robot
             .materials
             .iter()
-            .filter_map(|m| Some((m.name.as_str(), m.color.as_ref()?.rgba.0)))
+            .filter_map(|m| Some((m.name.as_str(), m.rgba?)))
             .collect(),
         robot: &robot,
         doc: &doc,
@@ -82,7 +79,7 @@ pub(super) fn draft(project: &preparse::Project, config: &ImportConfig) -> Resul
         equalities: String::new(),
     };
     for joint in &robot.joints {
-        tree.children.entry(joint.parent.link.as_str()).or_default().push(joint);
+        tree.children.entry(joint.parent.as_str()).or_default().push(joint);
     }
     for name in &config.weld {
         if !robot.joints.iter().any(|j| j.name == *name) {
@@ -99,7 +96,7 @@ pub(super) fn draft(project: &preparse::Project, config: &ImportConfig) -> Resul
 
 /// Names, parents, numbers. Gives the root link.
 fn check_tree<'a>(
-    robot: &'a urdf_rs::Robot,
+    robot: &'a Description,
     doc: &Document<'_>,
     path: &Path,
 ) -> Result<&'a Link, Error> {
@@ -124,7 +121,7 @@ fn check_tree<'a>(
         if j.name.is_empty() || !joints.insert(j.name.as_str()) {
             return bad(format!("two joints are called \"{}\"", j.name));
         }
-        for end in [&j.parent.link, &j.child.link] {
+        for end in [&j.parent, &j.child] {
             if !links.contains(end.as_str()) {
                 return bad(format!(
                     "joint \"{}\" names link \"{end}\", which is not there",
@@ -132,10 +129,10 @@ fn check_tree<'a>(
                 ));
             }
         }
-        if let Some(other) = parent.insert(&j.child.link, &j.parent.link) {
+        if let Some(other) = parent.insert(&j.child, &j.parent) {
             return bad(format!(
                 "link \"{}\" has two parents, \"{other}\" and \"{}\"; a robot is a tree",
-                j.child.link, j.parent.link
+                j.child, j.parent
             ));
         }
         check_joint(j).map_err(|m| refuse("joint", &j.name, m))?;
@@ -185,13 +182,13 @@ fn check_tree<'a>(
     }
 }
 
-fn reach<'a>(robot: &'a urdf_rs::Robot, root: &'a str) -> BTreeSet<&'a str> {
+fn reach<'a>(robot: &'a Description, root: &'a str) -> BTreeSet<&'a str> {
     let mut seen = BTreeSet::from([root]);
     let mut todo = vec![root];
     while let Some(link) = todo.pop() {
-        for j in robot.joints.iter().filter(|j| j.parent.link == link) {
-            if seen.insert(&j.child.link) {
-                todo.push(&j.child.link);
+        for j in robot.joints.iter().filter(|j| j.parent == link) {
+            if seen.insert(&j.child) {
+                todo.push(&j.child);
             }
         }
     }
@@ -203,9 +200,9 @@ fn check_joint(j: &Joint) -> Result<(), String> {
     let dynamics = j.dynamics.as_ref().map_or([0.0; 2], |d| [d.damping, d.friction]);
     let mut all = vec![l.lower, l.upper, l.effort, l.velocity];
     all.extend(dynamics);
-    all.extend(j.axis.xyz.0);
-    all.extend(j.origin.xyz.0);
-    all.extend(j.origin.rpy.0);
+    all.extend(j.axis);
+    all.extend(j.origin.xyz);
+    all.extend(j.origin.rpy);
     if let Some(v) = all.iter().find(|v| !v.is_finite() || v.abs() > 1e9) {
         return Err(format!("joint \"{}\" holds {v}, beyond any physical joint", j.name));
     }
@@ -222,7 +219,7 @@ fn check_joint(j: &Joint) -> Result<(), String> {
         ));
     }
     let moves = !matches!(j.joint_type, JointType::Fixed | JointType::Floating);
-    if moves && j.axis.xyz.0.iter().map(|v| v * v).sum::<f64>() < 1e-12 {
+    if moves && j.axis.iter().map(|v| v * v).sum::<f64>() < 1e-12 {
         return Err(format!("joint \"{}\": the axis is 0 0 0", j.name));
     }
     Ok(())
@@ -230,24 +227,24 @@ fn check_joint(j: &Joint) -> Result<(), String> {
 
 fn check_link(l: &Link) -> Result<(), String> {
     let i = &l.inertial.inertia;
-    let mut all = vec![l.inertial.mass.value, i.ixx, i.iyy, i.izz, i.ixy, i.ixz, i.iyz];
-    all.extend(l.inertial.origin.xyz.0);
-    all.extend(l.inertial.origin.rpy.0);
+    let mut all = vec![l.inertial.mass, i.ixx, i.iyy, i.izz, i.ixy, i.ixz, i.iyz];
+    all.extend(l.inertial.origin.xyz);
+    all.extend(l.inertial.origin.rpy);
     for (origin, geometry) in l
         .visual
         .iter()
         .map(|v| (&v.origin, &v.geometry))
         .chain(l.collision.iter().map(|c| (&c.origin, &c.geometry)))
     {
-        all.extend(origin.xyz.0);
-        all.extend(origin.rpy.0);
+        all.extend(origin.xyz);
+        all.extend(origin.rpy);
         let sizes: Vec<f64> = match geometry {
-            Geometry::Box { size } => size.0.to_vec(),
+            Geometry::Box { size } => size.to_vec(),
             Geometry::Cylinder { radius, length } | Geometry::Capsule { radius, length } => {
                 vec![*radius, *length]
             }
             Geometry::Sphere { radius } => vec![*radius],
-            Geometry::Mesh { scale, .. } => scale.map_or_else(Vec::new, |s| s.0.to_vec()),
+            Geometry::Mesh { scale, .. } => scale.map_or_else(Vec::new, |s| s.to_vec()),
         };
         let mesh = matches!(geometry, Geometry::Mesh { .. });
         if let Some(v) =
@@ -259,7 +256,7 @@ fn check_link(l: &Link) -> Result<(), String> {
     if let Some(v) = all.iter().find(|v| !v.is_finite() || v.abs() > 1e9) {
         return Err(format!("it holds {v}, beyond any physical body"));
     }
-    if l.inertial.mass.value < 0.0 || i.ixx < 0.0 || i.iyy < 0.0 || i.izz < 0.0 {
+    if l.inertial.mass < 0.0 || i.ixx < 0.0 || i.iyy < 0.0 || i.izz < 0.0 {
         return Err("mass and principal inertia are not negative".into());
     }
     Ok(())
@@ -328,7 +325,7 @@ impl<'a> Tree<'a> {
             .ok();
         }
         for j in children {
-            if let Some(child) = self.robot.links.iter().find(|l| l.name == j.child.link) {
+            if let Some(child) = self.robot.links.iter().find(|l| l.name == j.child) {
                 self.link(child, Some(j), deep + 1)?;
             }
         }
@@ -345,7 +342,7 @@ impl<'a> Tree<'a> {
 
     fn inertial(&mut self, link: &Link, moving: bool, pad: &str) {
         let i = &link.inertial;
-        if i.mass.value <= 0.0 {
+        if i.mass <= 0.0 {
             let weighs = link.collision.iter().any(|c| is_read(&c.geometry));
             if moving && !weighs {
                 let (mass, inertia) = GHOST;
@@ -381,7 +378,7 @@ impl<'a> Tree<'a> {
         let moments = m.symmetric_eigenvalues();
         let (lo, sum) = (moments.min(), moments.sum());
         let broken = lo <= 0.0 || 2.0 * moments.max() > sum * (1.0 + 1e-9);
-        let [x, y, z] = i.origin.xyz.0;
+        let [x, y, z] = i.origin.xyz;
         let values = if broken {
             let mean = (sum / 3.0).max(1e-9);
             self.draft.changed.push(format!(
@@ -393,12 +390,8 @@ impl<'a> Tree<'a> {
             let [a, b, c] = [m[(0, 1)], m[(0, 2)], m[(1, 2)]];
             format!("fullinertia=\"{} {} {} {a} {b} {c}\"", m[(0, 0)], m[(1, 1)], m[(2, 2)])
         };
-        writeln!(
-            self.body,
-            "{pad}  <inertial pos=\"{x} {y} {z}\" mass=\"{}\" {values}/>",
-            i.mass.value
-        )
-        .ok();
+        writeln!(self.body, "{pad}  <inertial pos=\"{x} {y} {z}\" mass=\"{}\" {values}/>", i.mass)
+            .ok();
     }
 
     fn joint(&mut self, j: &Joint, pad: &str) -> Result<(), Error> {
@@ -429,7 +422,7 @@ impl<'a> Tree<'a> {
                 return Err(self.refuse_joint(j, "is spherical; write it as three revolute joints"));
             }
         };
-        let [x, y, z] = j.axis.xyz.0;
+        let [x, y, z] = j.axis;
         write!(self.body, "{pad}  <joint name=\"{}\" type=\"{kind}\" axis=\"{x} {y} {z}\" armature=\"{ARMATURE}\"", escape(&j.name)).ok();
         if let Some(d) = &j.dynamics {
             if d.damping > 0.0 {
@@ -491,12 +484,10 @@ impl<'a> Tree<'a> {
     fn shapes(&mut self, link: &'a Link, pad: &str) -> Result<(), Error> {
         let mut seen = false;
         for v in &link.visual {
-            let own = v.material.as_ref().and_then(|m| {
-                m.color
-                    .as_ref()
-                    .map(|c| c.rgba.0)
-                    .or_else(|| self.materials.get(m.name.as_str()).copied())
-            });
+            let own = v
+                .material
+                .as_ref()
+                .and_then(|m| m.rgba.or_else(|| self.materials.get(m.name.as_str()).copied()));
             for (shape, painted) in self.shape(&v.geometry, &link.name, "visual")? {
                 let [r, g, b, a] = painted.or(own).unwrap_or(PLAIN).map(|c| c.clamp(0.0, 1.0));
                 writeln!(
@@ -703,14 +694,14 @@ fn is_read(geometry: &Geometry) -> bool {
 }
 
 fn rotation(p: &Pose) -> Matrix3<f64> {
-    let [roll, pitch, yaw] = p.rpy.0;
+    let [roll, pitch, yaw] = p.rpy;
     *Rotation3::from_euler_angles(roll, pitch, yaw).matrix()
 }
 
 /// `pos` and `quat` of a URDF origin (fixed-axis roll, pitch, yaw).
 fn frame(p: &Pose) -> String {
-    let [x, y, z] = p.xyz.0;
-    let [roll, pitch, yaw] = p.rpy.0;
+    let [x, y, z] = p.xyz;
+    let [roll, pitch, yaw] = p.rpy;
     let q = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
     format!("pos=\"{x} {y} {z}\" quat=\"{} {} {} {}\"", q.w, q.i, q.j, q.k)
 }

@@ -5,10 +5,10 @@ use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 use super::super::error::Error;
-use super::super::journal::{Journal, Record};
+use super::super::journal::{Damage, Journal, Record};
 use super::super::protocol::Draft;
-use super::Document;
-use crate::clip::{Clip, JointTable};
+use super::{Document, Found};
+use crate::clip::{Clip, Editor, JointTable};
 use crate::fsio;
 
 /// Attempts to get a draft that seems to be in use, and the time between two.
@@ -19,7 +19,7 @@ const LOCK_PAUSE: Duration = Duration::from_millis(20);
 struct Waiting {
     journal: Journal,
     records: Vec<Record>,
-    torn_bytes: u64,
+    damage: Damage,
 }
 
 impl Document {
@@ -32,8 +32,8 @@ impl Document {
         // Opened once: a journal that is closed and opened again at once can seem to be in use,
         // as a child that starts just then has its lock until it is a program of its own.
         let found = Self::waiting(state_dir).into_iter().find(|(draft, _)| draft.abandoned);
-        let (_, Waiting { journal, records, torn_bytes }) = found?;
-        Document::from_journal(journal, &records, torn_bytes, table).ok()
+        let (_, Waiting { journal, records, damage }) = found?;
+        Document::from_journal(journal, &records, damage, table).ok()
     }
 
     /// Opens a clip file if a studio was killed with it open; `None` if not.
@@ -52,7 +52,7 @@ impl Document {
         }
         // Opened once: see `orphan`.
         let found = open_journal(&path, state_dir)?;
-        if found.1.is_empty() {
+        if found.1.is_empty() && found.2 == Damage::default() {
             found.0.remove();
             return Ok(None);
         }
@@ -86,22 +86,24 @@ impl Document {
             .filter_map(|path| {
                 let number = number(&path)?;
                 let changed = std::fs::metadata(&path).and_then(|m| m.modified()).ok()?;
-                let (journal, records, torn_bytes) = Journal::open(&path).ok()?;
-                if matches!(records.as_slice(), [Record::Base { path: None, .. }]) {
+                let (journal, records, damage) = Journal::open(&path).ok()?;
+                let whole = damage == Damage::default();
+                if whole && matches!(records.as_slice(), [Record::Base { path: None, .. }]) {
                     journal.remove();
                     return None;
                 }
-                let document = Document::from_journal(journal, &records, 0, |_| None).ok()?;
-                let since = changed.duration_since(std::time::UNIX_EPOCH).ok()?;
+                let clip = drafted(&records, &damage)?;
+                // A clock that was wrong may have dated it before 1970.
+                let since = changed.duration_since(std::time::UNIX_EPOCH).unwrap_or_default();
                 let draft = Draft {
                     number,
-                    name: document.clip().name.clone(),
-                    robot: document.clip().robot.id.clone(),
-                    keys: document.clip().keys.len(),
+                    name: clip.name.clone(),
+                    robot: clip.robot.id.clone(),
+                    keys: clip.keys.len(),
                     changed_secs: since.as_secs(),
                     abandoned: records.last() != Some(&Record::Closed),
                 };
-                Some((draft, Waiting { journal: document.journal, records, torn_bytes }))
+                Some((draft, Waiting { journal, records, damage }))
             })
             .collect();
         list.sort_by_key(|(d, _)| std::cmp::Reverse((d.changed_secs, d.number)));
@@ -123,14 +125,14 @@ impl Document {
         }
         // Whoever looked through the drafts a moment ago may still have it: see `orphan`.
         let mut tries = 0;
-        let (journal, records, torn_bytes) = loop {
+        let (journal, records, damage) = loop {
             match Journal::open(&path) {
                 Err(Error::Locked { .. }) if tries < LOCK_TRIES => tries += 1,
                 opened => break opened?,
             }
             std::thread::sleep(LOCK_PAUSE);
         };
-        let mut document = Document::from_journal(journal, &records, torn_bytes, table)?;
+        let mut document = Document::from_journal(journal, &records, damage, table)?;
         if records.last() == Some(&Record::Closed) {
             document.taken_up();
         }
@@ -147,11 +149,21 @@ impl Document {
     }
 }
 
-pub(super) fn open_journal(
-    clip: &Path,
-    state_dir: &Path,
-) -> Result<(Journal, Vec<Record>, u64), Error> {
+/// The clip that the records of a draft lead to; the journal stays as it is.
+fn drafted(records: &[Record], damage: &Damage) -> Option<Clip> {
+    let Some(Record::Base { text, path: None }) = records.first() else { return None };
+    let mut editor = Editor::new(Clip::parse(text).ok()?, None).ok()?;
+    editor.replay(&super::steps(records), damage.lost.is_empty()).ok()?;
+    Some(editor.clip().clone())
+}
+
+pub(super) fn open_journal(clip: &Path, state_dir: &Path) -> Result<Found, Error> {
     let [beside, elsewhere] = journal_places(clip, state_dir);
+    // Opening makes a journal; it must not be what makes the clip's folder.
+    if !clip.parent().is_some_and(Path::is_dir) {
+        let source = std::io::Error::from(std::io::ErrorKind::NotFound);
+        return Err(fsio::Error::Read { source, path: clip.to_owned() }.into());
+    }
     match Journal::open(&beside) {
         Err(Error::Journal { source, .. })
             if matches!(
@@ -159,6 +171,8 @@ pub(super) fn open_journal(
                 std::io::ErrorKind::PermissionDenied | std::io::ErrorKind::ReadOnlyFilesystem
             ) =>
         {
+            std::fs::create_dir_all(state_dir)
+                .map_err(|source| Error::Journal { source, path: elsewhere.clone() })?;
             Journal::open(&elsewhere)
         }
         other => other,

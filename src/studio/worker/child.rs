@@ -11,17 +11,16 @@ use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use rustix::process::{
-    Resource, Rlimit, Signal, getrlimit, set_parent_process_death_signal, setrlimit,
-};
+use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 
 use super::paint::Painter;
 use super::{Answer, Ask, Dense, Frames, Report, Request, codec, query};
+use crate::child::{self, Farewell, Rights};
 use crate::clip::Command;
-use crate::limits;
 use crate::mujoco::Data;
 use crate::robot::Robot;
 use crate::rollout::{PolicyConfig, PolicyName, Rollout, RolloutConfig, Start};
+use crate::{fsio, limits};
 
 /// Frames are sent together when they come faster than this.
 const BATCH: Duration = Duration::from_millis(8);
@@ -66,15 +65,17 @@ fn confine() -> io::Result<()> {
         usual(info);
         std::process::exit(101);
     }));
-    set_parent_process_death_signal(Some(Signal::KILL))?;
-    let memory = Rlimit {
-        current: Some(limits::WORKER_MEMORY_BYTES),
-        maximum: Some(limits::WORKER_MEMORY_BYTES),
-    };
-    setrlimit(Resource::As, memory)?;
-    let core = Rlimit { current: Some(0), maximum: Some(0) };
-    setrlimit(Resource::Core, core)?;
-    Ok(())
+    child::follow_parent(Farewell::Now)?;
+    // Graphics drivers keep compiled shaders in the user's cache and talk to devices.
+    let scratch = std::env::current_dir()?;
+    let cache = fsio::cache_dir();
+    let caches = cache.parent().map_or_else(|| cache.clone(), std::path::Path::to_owned);
+    child::confine(&Rights {
+        memory_bytes: Some(limits::WORKER_MEMORY_BYTES),
+        file_bytes: Some(limits::CHILD_FILE_BYTES),
+        writes: Some(vec![scratch, caches, "/dev".into(), "/proc/self".into()]),
+        ..Rights::default()
+    })
 }
 
 /// Grants another share of processor time: an endless loop in one request ends the process,

@@ -9,7 +9,7 @@ use std::io;
 use std::os::fd::OwnedFd;
 use std::os::unix::net::UnixStream;
 use std::path::PathBuf;
-use std::process::{Child, Command as Process, Stdio};
+use std::process::{Child, Stdio};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::time::{Duration, Instant};
@@ -462,7 +462,7 @@ fn start(
     inbox: &Sender<Inbox>,
 ) -> io::Result<Running> {
     let (ours, theirs) = UnixStream::pair()?;
-    let process = Process::new(binary)
+    let process = crate::child::command(binary)
         .arg("__worker")
         .stdin(Stdio::from(OwnedFd::from(theirs)))
         .stdout(Stdio::null())
