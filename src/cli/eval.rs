@@ -32,7 +32,8 @@ pub(super) struct Args {
     /// The robot; with clip files it may be left out.
     #[arg(long, value_name = "ID|DIR")]
     robot: Option<String>,
-    /// Shipped suites (manual, extra, heldout), clip files, folders of clips; trial: five
+    /// Shipped suites (manual, extra, validation; drawn, fast, touch; their other halves
+    /// drawn-final, fast-final, touch-final, together final), clip files, folders of clips; trial: five
     /// clips that follow from any robot's limits and --data-seed; or test: cut
     /// from the held-out part of --data, unmasked, a quarter and half of the frames hidden.
     #[arg(long, required = true, num_args = 1.., value_delimiter = ',')]
@@ -197,7 +198,11 @@ fn suites(args: &Args) -> Outcome<(Arc<Robot>, Vec<Suite>)> {
         } else if text == "test" {
             named.push((text.clone(), Source::Data));
         } else {
-            named.push((text.clone(), Source::Shipped));
+            let name = match tasks::expand(text)[..] {
+                [one] => one,
+                _ => text,
+            };
+            named.push((name.to_owned(), Source::Shipped));
         }
     }
     if !files.is_empty() {

@@ -1,6 +1,5 @@
 //! `robert tasks`: the task clips in the program.
 
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
@@ -9,7 +8,7 @@ use super::failure::{Failure, Outcome};
 use super::{motion, out};
 use crate::fsio;
 use crate::robot::Robot;
-use crate::rollout::tasks::{self, MANIFEST, RobotTasks, SUITES};
+use crate::rollout::tasks::{self, MANIFEST, SUITES};
 
 #[derive(clap::Subcommand, Debug)]
 #[command(
@@ -52,7 +51,7 @@ pub(super) enum Args {
         #[arg(long, default_value_t = 0)]
         seed: u64,
     },
-    /// Write all task clips anew from their formulas.
+    /// Write the task clips that have formulas anew; typed ones stay as they are.
     #[command(hide = true)]
     Author {
         /// The folder.
@@ -124,10 +123,11 @@ fn trial(robot: &str, dir: &Path, seed: u64) -> Outcome {
 
 /// The clips of every robot, and the list of suites.
 fn author(dir: &Path) -> Outcome {
-    let mut manifest: BTreeMap<String, RobotTasks> = BTreeMap::new();
+    let mut manifest = tasks::manifest()?;
     for id in Robot::builtin_ids() {
         let robot = motion::robot(id)?;
         let entry = manifest.entry(id.to_owned()).or_default();
+        (entry.manual, entry.extra, entry.validation) = Default::default();
         if id == "ur5e_light" {
             entry.like = Some("ur5e".to_owned());
             continue;
@@ -140,12 +140,13 @@ fn author(dir: &Path) -> Outcome {
             let list = match task.suite {
                 "manual" => &mut entry.manual,
                 "extra" => &mut entry.extra,
-                _ => &mut entry.heldout,
+                _ => &mut entry.validation,
             };
             list.push(task.name.to_owned());
         }
     }
-    let head = "# Suites of task clips by robot, in the order of tables; written by `robert tasks author`.\n\n";
+    let head = "# Suites of task clips by robot, in the order of tables. `robert tasks author` writes manual,\n\
+        # extra and validation from formulas; the clips of the others were typed.\n\n";
     let body = toml::to_string_pretty(&manifest).map_err(std::io::Error::other)?;
     fsio::write_atomic(&dir.join(MANIFEST), format!("{head}{body}").as_bytes())?;
     Ok(())

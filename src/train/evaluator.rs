@@ -14,7 +14,7 @@ use crate::progress::Cancel;
 use crate::robot::Robot;
 use crate::rollout::{Learned, Linear, Policy, Rollout, RolloutConfig, Start, tasks};
 
-/// Suites that count, headline and sparse tasks alike; the held-out one is for the report.
+/// Suites that count, headline and sparse tasks alike; the others are for the report.
 const SUITES: [&str; 2] = ["manual", "extra"];
 /// Error that stands for a rollout that broke, rad or m.
 const BROKEN: f64 = 10.0;

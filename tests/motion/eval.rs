@@ -127,7 +127,7 @@ fn mistakes_are_named() {
         }
     };
     says(&["manual"], 2, &["--robot"]);
-    says(&["hard", "--robot", "ur5e"], 2, &["hard", "manual, extra, heldout"]);
+    says(&["hard", "--robot", "ur5e"], 2, &["hard", "manual, extra, validation"]);
     says(&["empty"], 3, &["empty", ".clip.json"]);
     says(&["test", "--robot", "ur5e"], 2, &["--data"]);
     says(&["manual", "--robot", "ur5e", "--max-precision", "nan"], 2, &["--max-precision"]);

@@ -326,8 +326,8 @@ export function Runs() {
         </Step>
         <Step n={3} title="Evaluate" about="A table of how near each policy comes on the task clips.">
           <div class="fields">
-            <label title="manual, extra, heldout (of the program's robots), trial, or paths of clips; commas between them">suite <input type="text" list="suites" value={suites} onInput={(e) => (suite.value = e.currentTarget.value)} data-testid="suite" /></label>
-            <datalist id="suites">{(isBuiltin(id, store.robots.value) ? ["manual", "extra", "heldout", "trial"] : ["trial"]).map((s) => <option key={s} value={s} />)}</datalist>
+            <label title="manual, extra, validation, drawn, fast, touch (of the program's robots), trial, or paths of clips; commas between them">suite <input type="text" list="suites" value={suites} onInput={(e) => (suite.value = e.currentTarget.value)} data-testid="suite" /></label>
+            <datalist id="suites">{(isBuiltin(id, store.robots.value) ? ["manual", "extra", "validation", "drawn", "fast", "touch", "trial"] : ["trial"]).map((s) => <option key={s} value={s} />)}</datalist>
             <button class="quiet" disabled={!open?.path} title={open?.path ?? (open ? "save the clip first" : `no clip of ${id} is open`)} onClick={() => { const p = open?.path; if (p && !suites.split(",").includes(p)) suite.value = suites ? `${suites},${p}` : p; }} data-testid="this-clip">+ this clip</button>
             <label>policies <input type="text" value={compared} onInput={(e) => (policies.value = e.currentTarget.value)} /></label>
             {[...models.filter((m) => m !== "robert"), ...trained.map((r) => r.path)].map((m) => <button key={m} class="quiet" disabled={compared.split(",").includes(`robert:${m}`)} onClick={() => (policies.value = compared ? `${compared},robert:${m}` : `robert:${m}`)} title="Add this model to the table">+ {m}</button>)}

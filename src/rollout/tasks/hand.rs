@@ -332,26 +332,30 @@ pub(super) fn tasks(robot: &Robot) -> Result<Vec<Authored>, Error> {
     let count = ["one", "two", "three", "four", "five", "fist"].map(|n| (n, 15, 20));
     add("extra", "count_up", p.keyed("count up", "One to five and a fist.", "fist", &count)?);
 
-    held_out(p, &mut add)?;
+    validation(p, &mut add)?;
     Ok(tasks)
 }
 
-/// Motions that nothing was tuned on.
-fn held_out(
+/// Other motions: the suite that compares models.
+fn validation(
     p: &mut Poses<'_>,
     add: &mut impl FnMut(&'static str, &'static str, Clip),
 ) -> Result<(), Error> {
     let steps = [("call_me", 14, 26), ("fist", 14, 26)].repeat(2);
     add(
-        "heldout",
+        "validation",
         "call_me",
         p.keyed("call me", "Thumb and little finger out, in turn with a fist.", "fist", &steps)?,
     );
     let steps = [("rock_on", 18, 22), ("open", 18, 22)].repeat(2);
-    add("heldout", "rock_on", p.keyed("rock on", "Index and little finger up.", "open", &steps)?);
+    add(
+        "validation",
+        "rock_on",
+        p.keyed("rock on", "Index and little finger up.", "open", &steps)?,
+    );
     let steps = [("pinch_middle", 16, 18), ("open", 16, 18)].repeat(2);
     add(
-        "heldout",
+        "validation",
         "pinch_middle",
         p.keyed(
             "pinch, middle finger",
@@ -362,19 +366,19 @@ fn held_out(
     );
     let steps = [("vulcan", 10, 20), ("open", 10, 20)].repeat(3);
     add(
-        "heldout",
+        "validation",
         "vulcan",
         p.keyed("two and two", "The fingers part in the middle.", "open", &steps)?,
     );
     let steps = [("half_fist", 12, 16), ("claw", 12, 16), ("open", 12, 16)].repeat(2);
     add(
-        "heldout",
+        "validation",
         "half_fist",
         p.keyed("half fist and claw", "Two half-closed hands.", "open", &steps)?,
     );
     let steps = [("snip_open", 6, 6), ("snip_shut", 6, 6)].repeat(7);
     add(
-        "heldout",
+        "validation",
         "snip",
         p.keyed("snip", "Index and middle finger cut, fast.", "snip_shut", &steps)?,
     );
@@ -395,7 +399,7 @@ fn held_out(
         "open",
     ];
     add(
-        "heldout",
+        "validation",
         "ripple",
         p.smooth("ripple", "A bend runs through the fingers and back.", 14, &order)?,
     );
@@ -407,6 +411,10 @@ fn held_out(
         ("spread", 12, 15),
         ("gun", 16, 10),
     ];
-    add("heldout", "medley", p.keyed("medley", "Six gestures at uneven times.", "open", &steps)?);
+    add(
+        "validation",
+        "medley",
+        p.keyed("medley", "Six gestures at uneven times.", "open", &steps)?,
+    );
     Ok(())
 }

@@ -165,17 +165,17 @@ pub(super) fn tasks(robot: &Robot) -> Vec<Authored> {
     corners.fill = Fill::Mask;
     add("extra", "star_corners", corners);
 
-    held_out(robot, &mut add);
+    validation(robot, &mut add);
     tasks
 }
 
-/// Motions that nothing was tuned on.
-fn held_out(robot: &Robot, add: &mut impl FnMut(&'static str, &'static str, Clip)) {
+/// Other motions: the suite that compares models.
+fn validation(robot: &Robot, add: &mut impl FnMut(&'static str, &'static str, Clip)) {
     let curve = |title: &str, notes: &str, q: fn(f64) -> Point| {
         dense(robot, title, notes, FRAMES, |t| q(t).to_vec())
     };
     add(
-        "heldout",
+        "validation",
         "lissajous",
         curve("Lissajous", "Two to three, 16 s a turn.", |t| {
             let w = TAU * t / 16.0;
@@ -183,7 +183,7 @@ fn held_out(robot: &Robot, add: &mut impl FnMut(&'static str, &'static str, Clip
         }),
     );
     add(
-        "heldout",
+        "validation",
         "cardioid",
         curve("cardioid", "9 s a turn.", |t| {
             let w = TAU * t / 9.0;
@@ -192,7 +192,7 @@ fn held_out(robot: &Robot, add: &mut impl FnMut(&'static str, &'static str, Clip
         }),
     );
     add(
-        "heldout",
+        "validation",
         "astroid",
         curve("astroid", "Four cusps, 10 s a turn.", |t| {
             let w = TAU * t / 10.0;
@@ -200,21 +200,21 @@ fn held_out(robot: &Robot, add: &mut impl FnMut(&'static str, &'static str, Clip
         }),
     );
     add(
-        "heldout",
+        "validation",
         "hexagon",
         looped(robot, "hexagon", "Radius 0.5 m, 7.5 s a turn.", &ring(6, 0.5, 1), 25),
     );
     let n = [[-0.3, -0.5], [-0.3, 0.5], [0.3, -0.5], [0.3, 0.5]];
-    add("heldout", "letter_n", polyline(robot, "letter N", "Drawn in one stroke.", &n, FRAMES));
+    add("validation", "letter_n", polyline(robot, "letter N", "Drawn in one stroke.", &n, FRAMES));
     let w = [[-0.6, 0.4], [-0.3, -0.4], [0.0, 0.2], [0.3, -0.4], [0.6, 0.4]];
-    add("heldout", "letter_w", polyline(robot, "letter W", "Drawn in one stroke.", &w, FRAMES));
+    add("validation", "letter_w", polyline(robot, "letter W", "Drawn in one stroke.", &w, FRAMES));
     let six: Vec<(String, Point)> =
         ring(6, 0.4, 1).into_iter().zip('a'..).map(|(p, n)| (n.to_string(), p)).collect();
     let named: Vec<(&str, Point)> = six.iter().map(|(n, p)| (n.as_str(), *p)).collect();
     let round: Vec<(&str, u32, u32)> =
         named.iter().cycle().skip(1).take(8).map(|(n, _)| (*n, 15, 10)).collect();
     add(
-        "heldout",
+        "validation",
         "hexagon_goals",
         posed(
             robot,
@@ -225,7 +225,7 @@ fn held_out(robot: &Robot, add: &mut impl FnMut(&'static str, &'static str, Clip
         ),
     );
     add(
-        "heldout",
+        "validation",
         "scatter",
         posed(
             robot,

@@ -102,14 +102,14 @@ pub(super) fn tasks(robot: &Robot) -> Vec<Authored> {
         ),
     );
 
-    held_out(robot, &mut add);
+    validation(robot, &mut add);
     tasks
 }
 
-/// Motions that nothing was tuned on.
-fn held_out(robot: &Robot, add: &mut impl FnMut(&'static str, &'static str, Clip)) {
+/// Other motions: the suite that compares models.
+fn validation(robot: &Robot, add: &mut impl FnMut(&'static str, &'static str, Clip)) {
     add(
-        "heldout",
+        "validation",
         "ellipse_air",
         dense(
             robot,
@@ -129,7 +129,7 @@ fn held_out(robot: &Robot, add: &mut impl FnMut(&'static str, &'static str, Clip
         ),
     );
     add(
-        "heldout",
+        "validation",
         "wrist_wave",
         dense(
             robot,
@@ -148,7 +148,7 @@ fn held_out(robot: &Robot, add: &mut impl FnMut(&'static str, &'static str, Clip
         ),
     );
     add(
-        "heldout",
+        "validation",
         "drift",
         dense(
             robot,
@@ -182,7 +182,7 @@ fn held_out(robot: &Robot, add: &mut impl FnMut(&'static str, &'static str, Clip
         ("above_b", 14, 6),
     ];
     add(
-        "heldout",
+        "validation",
         "pick_place",
         keyed(
             robot,
@@ -199,7 +199,7 @@ fn held_out(robot: &Robot, add: &mut impl FnMut(&'static str, &'static str, Clip
     let named: Vec<(&str, Pose)> = steps.iter().map(|(n, q)| (n.as_str(), *q)).collect();
     let climb: Vec<(&str, u32, u32)> = named.iter().skip(1).map(|(n, _)| (*n, 10, 12)).collect();
     add(
-        "heldout",
+        "validation",
         "stairs",
         keyed(
             robot,
@@ -211,7 +211,7 @@ fn held_out(robot: &Robot, add: &mut impl FnMut(&'static str, &'static str, Clip
         ),
     );
     add(
-        "heldout",
+        "validation",
         "salute",
         keyed(
             robot,
