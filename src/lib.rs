@@ -11,7 +11,7 @@
 //! | floor | modules | what lives there |
 //! |---|---|---|
 //! | 0 | [`clip`], [`units`], [`rng`], [`limits`], [`exit`], [`fsio`], [`progress`] | documents, numbers, files: no simulator |
-//! | 1 | [`mujoco`], [`robot`], [`plot`] | the simulator layer, the robots, charts |
+//! | 1 | [`mujoco`], [`robot`], [`linalg`], [`plot`] | the simulator layer, the robots, matrices, charts |
 //! | 2 | [`dataset`], [`net`], [`explore`] | trajectories, the network, the curious agents |
 //! | 3 | [`train`], `rollout`, [`render`] | learning, acting, seeing |
 //! | 4 | [`take`] | recorded rollouts and exports |
@@ -30,6 +30,7 @@ pub mod rng;
 pub mod units;
 pub mod xml;
 
+pub mod linalg;
 pub mod mujoco;
 pub mod plot;
 pub mod robot;

@@ -153,7 +153,7 @@ fn processor() -> Check {
     let name = field("/proc/cpuinfo", "model name").unwrap_or_else(|| "unknown processor".into());
     #[cfg(target_arch = "x86_64")]
     let features: Vec<&str> = [
-        ("amx", crate::net::mat::tiled()),
+        ("amx", crate::linalg::tiled()),
         ("avx512f", std::arch::is_x86_feature_detected!("avx512f")),
         ("avx2", std::arch::is_x86_feature_detected!("avx2")),
         ("fma", std::arch::is_x86_feature_detected!("fma")),

@@ -13,8 +13,7 @@ use super::batch::Batch;
 use super::mlp::{Adam, Layer, Mlp, Tape};
 use super::particle::{Neighbours, Pbe, Rms};
 use super::state::{Field, Keep};
-use crate::net::real::Real;
-use crate::net::simd;
+use crate::linalg::{Real, simd};
 use crate::rng::Rng;
 
 /// Length of skills and features.

@@ -1,7 +1,6 @@
 //! What one update sees.
 
-use crate::net::real::Real;
-use crate::net::simd;
+use crate::linalg::{Real, simd};
 
 /// Transitions over n steps: state s, action a, state s' three steps later, and the skill
 /// vector that acted (empty unless the agent has skills).

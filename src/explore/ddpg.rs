@@ -19,8 +19,7 @@ use super::aps::SKILL;
 use super::batch::{Batch, beside, right};
 use super::mlp::{Adam, Layer, Mlp, Tape};
 use super::state::{Field, Keep};
-use crate::net::real::Real;
-use crate::net::simd;
+use crate::linalg::{Real, simd};
 use crate::rng::{Rng, Stream};
 
 /// Steps between s and s'.

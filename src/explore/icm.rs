@@ -9,7 +9,7 @@
 use super::batch::{Batch, beside, norm_loss};
 use super::mlp::{Adam, Layer, Mlp, Tape};
 use super::state::{Field, Keep};
-use crate::net::real::Real;
+use crate::linalg::Real;
 
 /// Forward and inverse model.
 #[derive(Clone, Debug)]

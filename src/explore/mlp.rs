@@ -1,13 +1,14 @@
 //! Small feed-forward networks of the agents: forward, backward, Adam, moving average.
 //!
 //! Layers are those that the published agents are made of. Every product goes through
-//! [`crate::net::mat`]. Everything is generic over f32 (training) and f64 (finite-difference
+//! [`crate::linalg`]. Everything is generic over f32 (training) and f64 (finite-difference
 //! checks of each agent's loss). One network is one flat parameter vector, so that copying,
 //! averaging and saving are one line each.
 
-use crate::net::mat::{Init, Mat, MatMut, gemm};
-use crate::net::real::Real;
-use crate::net::simd::{self, AdamStep};
+use crate::linalg::{
+    Init, Mat, MatMut, Real, gemm,
+    simd::{self, AdamStep},
+};
 use crate::rng::{Rng, Stream};
 
 /// One layer; sizes are input and output columns.

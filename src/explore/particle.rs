@@ -8,9 +8,7 @@
 
 use pulp::Arch;
 
-use crate::net::mat::{Init, Mat, MatMut, gemm};
-use crate::net::real::Real;
-use crate::net::simd;
+use crate::linalg::{Init, Mat, MatMut, Real, gemm, simd};
 
 /// Numbers that are compared side by side.
 const BLOCK: usize = 32;

@@ -14,8 +14,7 @@ use super::aps;
 use super::babble::{Babble, BabbleRule};
 use super::error::Error;
 use super::noise::{Noise, NoiseRule};
-use crate::net::mat::{Init, Mat, MatMut, Packed, gemm_packed};
-use crate::net::simd;
+use crate::linalg::{Init, Mat, MatMut, Packed, gemm_packed, simd};
 use crate::rng::{Rng, Stream};
 use crate::{fsio, limits};
 

@@ -17,9 +17,7 @@ use super::batch::Batch;
 use super::mlp::{Adam, Layer, Mlp, Tape};
 use super::particle::Neighbours;
 use super::state::{Field, Keep};
-use crate::net::mat::{Init, Mat, MatMut, gemm};
-use crate::net::real::Real;
-use crate::net::simd;
+use crate::linalg::{Init, Mat, MatMut, Real, gemm, simd};
 use crate::rng::{Rng, Stream};
 
 /// Width of the representation.

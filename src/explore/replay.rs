@@ -5,7 +5,7 @@
 
 use super::batch::Batch;
 use super::ddpg::N_STEP;
-use crate::net::real::Real;
+use crate::linalg::Real;
 use crate::rng::{Rng, Stream};
 
 /// One episode: n steps and n + 1 observations.

@@ -11,8 +11,7 @@ use super::batch::Batch;
 use super::mlp::{Adam, Layer, Mlp, Tape};
 use super::particle::Rms;
 use super::state::{Field, Keep};
-use crate::net::real::Real;
-use crate::net::simd;
+use crate::linalg::{Real, simd};
 
 /// Outputs of both networks.
 const OUTPUTS: usize = 512;

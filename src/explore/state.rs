@@ -1,6 +1,6 @@
 //! What a training run must keep to go on after a kill as if nothing had happened.
 
-use crate::net::real::Real;
+use crate::linalg::Real;
 
 /// One piece of state, lent to a visitor that either saves or restores it.
 #[derive(Debug)]

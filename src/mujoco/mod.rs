@@ -1,5 +1,5 @@
 //! The simulator layer over Debian's libmujoco 2.2.2, and the only place with `unsafe` beside
-//! the tile unit (`net::amx`).
+//! the tile unit (`linalg::amx`).
 //!
 //! Why our own binding: the published crates bind `MuJoCo` 3.x or 2.1, and none catches
 //! `mju_error`, whose default action waits for a key press. Here every call goes through a

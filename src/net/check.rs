@@ -4,7 +4,7 @@
 use super::config::{Mixing, NetConfig, SkipKind, WINDOW};
 use super::model::{Batch, Net};
 use super::step::{AdamConfig, Learner};
-use crate::net::real::Real;
+use crate::linalg::Real;
 use crate::rng::{Rng, Stream};
 
 fn config(bins: usize, skip: SkipKind, mask_replaces: bool) -> NetConfig {

@@ -367,7 +367,7 @@ pub fn parse(bytes: &[u8], path: &Path, robot: Option<&RobotCard>) -> Result<Mod
     }
     let mut known: BTreeSet<&str> = layout.tensors.iter().map(|t| t.name.as_str()).collect();
     known.insert("centres");
-    let mut weights = super::real::Aligned::<f32>::zeros(layout.len);
+    let mut weights = crate::linalg::Aligned::<f32>::zeros(layout.len);
     for t in &layout.tensors {
         let from = numbers(&file, &t.name, &t.shape).map_err(damaged)?;
         weights[t.range.clone()].copy_from_slice(&from);

@@ -3,10 +3,10 @@
 use super::action_history::ActionHistory;
 use super::config::{CURRENT, WINDOW};
 use super::model::Batch;
-use super::real::Real;
 use super::ridge::Ridge;
 use super::token::{Scratch, Tokeniser};
 use super::{Error, NetConfig, SkipKind};
+use crate::linalg::Real;
 
 /// Turns frames into network inputs. Threads share it, each with an [`EncodeScratch`].
 #[derive(Clone, Debug)]

@@ -7,10 +7,10 @@ use std::path::Path;
 
 use super::config::{Mixing, NetConfig, SkipKind, WINDOW};
 use super::model::{Batch, Net};
-use super::real::Real;
 use super::step::{AdamConfig, Learner};
 use super::tensors::{self, Out};
 use super::{Error, mask::MaskKind, mask::past_is_visible};
+use crate::linalg::Real;
 use crate::rng::{Rng, Stream};
 
 /// Windows in the example.

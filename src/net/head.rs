@@ -6,7 +6,7 @@
 
 use super::config::{CURRENT, NetConfig, SkipKind, WINDOW};
 use super::model::Batch;
-use super::real::Real;
+use crate::linalg::Real;
 
 /// Hidden command frames right after the current one, 0 to 20.
 pub const GAPS: usize = 21;

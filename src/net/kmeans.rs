@@ -3,8 +3,7 @@
 
 use std::sync::Mutex;
 
-use super::mat::{Init, Mat, MatMut, gemm};
-use super::step::{next_of, on_threads};
+use crate::linalg::{Init, Mat, MatMut, gemm, next_of, on_threads};
 use crate::rng::{Rng, Stream};
 
 /// Rounds of Lloyd's algorithm.

@@ -2,15 +2,10 @@
 //!
 //! A window of 51 frames goes in, the action of each frame comes out. [`model`] is the
 //! transformer itself, [`head`] its action head, [`step`] one optimiser step on all cores;
-//! everything stands on [`mat`], which multiplies matrices (some of them on tiles), and [`simd`], the
-//! elementwise rest. The module knows nothing of clips, takes or simulators.
+//! everything stands on [`crate::linalg`]. The module knows nothing of clips, takes or simulators.
 
 mod action_history;
 mod adaptive_threads;
-#[cfg(target_arch = "x86_64")]
-mod amx;
-#[cfg(target_arch = "x86_64")]
-mod bf16x3;
 #[cfg(test)]
 mod check;
 pub mod checkpoint;
@@ -23,12 +18,9 @@ mod helper_thread;
 pub mod infer;
 pub mod kmeans;
 pub mod mask;
-pub mod mat;
 pub mod model;
 pub mod params;
-pub mod real;
 pub mod ridge;
-pub mod simd;
 mod single;
 pub mod step;
 pub mod tensors;

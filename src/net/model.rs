@@ -9,10 +9,11 @@
 
 use super::config::{Mixing, NetConfig, WINDOW};
 use super::head::{self, Place, Sums};
-use super::mat::{Init, Mat, MatMut, Packed, gemm, gemm_packed, gemm_tiled};
 use super::params::Layout;
-use super::real::{Aligned, Real};
-use super::simd::{self, PAD};
+use crate::linalg::{
+    Aligned, Init, Mat, MatMut, Packed, Real, gemm, gemm_packed, gemm_tiled, next_of, on_threads,
+    simd::{self, PAD},
+};
 
 /// A network: sizes and weights.
 #[derive(Clone, Debug)]
@@ -156,8 +157,8 @@ impl<T: Real> Panels<T> {
             return;
         }
         let queue = std::sync::Mutex::new(jobs);
-        super::step::on_threads(threads, |_| {
-            while let Some(job) = super::step::next_of(&queue) {
+        on_threads(threads, |_| {
+            while let Some(job) = next_of(&queue) {
                 pack(job);
             }
         });

@@ -6,7 +6,7 @@
 use std::ops::Range;
 
 use super::config::{Mixing, NetConfig, SkipKind, WINDOW};
-use super::real::{Aligned, Real};
+use crate::linalg::{Aligned, Real};
 use crate::rng::{Rng, Stream};
 
 /// One tensor inside the flat buffer.

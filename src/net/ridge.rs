@@ -11,10 +11,8 @@ use std::sync::Mutex;
 use super::Error;
 use super::config::{CURRENT, MaskGranularity, WINDOW};
 use super::mask::MaskKind;
-use super::mat::{Init, Mat, MatMut, Packed, gemm, gemm_packed};
-use super::real::Real;
-use super::step::{next_of, on_threads};
 use super::token::{RIDGE_HEADS, Scratch, Tokeniser};
+use crate::linalg::{Init, Mat, MatMut, Packed, Real, gemm, gemm_packed, next_of, on_threads};
 use crate::rng::{Rng, Stream};
 
 /// Recorded motion: what training reads. Frames are 1/20 s apart.

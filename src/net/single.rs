@@ -12,11 +12,12 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use super::config::{CURRENT, Mixing, NetConfig, WINDOW};
 use super::helper_thread::{HelperThread, until};
-use super::mat::{Init, Mat, MatMut, Packed, gemm, gemm_packed};
 use super::model::{Batch, Net, place};
 use super::params::LayerAt;
-use super::real::Aligned;
-use super::simd::{self, PAD};
+use crate::linalg::{
+    Aligned, Init, Mat, MatMut, Packed, gemm, gemm_packed,
+    simd::{self, PAD},
+};
 
 /// Frames of the first of two threads: whole tiles of rows, and the second one, which also
 /// finishes the last layer, has all the frames of the command.

@@ -10,8 +10,10 @@ use std::sync::{Mutex, PoisonError};
 
 use super::head::Sums;
 use super::model::{Arena, Batch, Net, Panels, backward, forward, score};
-use super::real::{Aligned, Real};
-use super::simd::{self, AdamStep};
+use crate::linalg::{
+    Aligned, Real, next_of, on_threads,
+    simd::{self, AdamStep},
+};
 
 /// Accumulators at most; more cores than this do not speed up one step.
 pub const ACCUMULATORS: usize = 8;
@@ -19,22 +21,6 @@ pub const ACCUMULATORS: usize = 8;
 const MICRO: usize = 16;
 /// Weights in one piece of the update.
 const PIECE: usize = 1 << 16;
-
-/// Runs `work(thread)` on this many threads, the caller's included.
-pub fn on_threads(threads: usize, work: impl Fn(usize) + Sync) {
-    std::thread::scope(|scope| {
-        for t in 1..threads {
-            let work = &work;
-            scope.spawn(move || work(t));
-        }
-        work(0);
-    });
-}
-
-/// The next job of a shared queue.
-pub fn next_of<I: Iterator>(queue: &Mutex<I>) -> Option<I::Item> {
-    queue.lock().unwrap_or_else(PoisonError::into_inner).next()
-}
 
 /// `AdamW` as used for Behaviour Transformers.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]

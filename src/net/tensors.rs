@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 
 use serde_json::{Map, Value, json};
 
-use super::real::Real;
+use crate::linalg::Real;
 
 /// A tensor on its way into a file.
 #[derive(Clone, Debug)]

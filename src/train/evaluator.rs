@@ -8,7 +8,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use super::run::{Evaluate, Evaluation};
 use crate::clip::{self, Command};
-use crate::net::step::{next_of, on_threads};
+use crate::linalg::{next_of, on_threads};
 use crate::net::{Model, NetPolicyConfig};
 use crate::progress::Cancel;
 use crate::robot::Robot;

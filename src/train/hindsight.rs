@@ -12,7 +12,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use crate::dataset::{
     Dataset, Episode, EpisodeMeta, Manifest, Part, Shard, ShardBuilder, Verify, Windows,
 };
-use crate::net::step::{next_of, on_threads};
+use crate::linalg::{next_of, on_threads};
 use crate::net::{Model, NetPolicyConfig};
 use crate::progress::Cancel;
 use crate::robot::{Robot, StateJoint};

@@ -2,9 +2,7 @@
 
 use super::clock::process_cpu;
 use crate::cli::failure::{Failure, Outcome};
-use crate::net::mat::{Init, Mat, MatMut, gemm};
-use crate::net::real::Aligned;
-use crate::net::step::on_threads;
+use crate::linalg::{Aligned, Init, Mat, MatMut, gemm, on_threads};
 use crate::net::{Mixing, NetConfig, SkipKind, WINDOW};
 
 /// Features of a token in the benchmark.

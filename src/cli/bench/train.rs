@@ -72,7 +72,7 @@ pub(super) fn run(args: &Args) -> Outcome {
     }
     let report = Report {
         peak_gflops: median(&mut peaks) / 1e9,
-        tiles: crate::net::mat::tiled(),
+        tiles: crate::linalg::tiled(),
         sizes: rows,
     };
     if args.json {

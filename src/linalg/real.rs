@@ -17,9 +17,7 @@ use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 use bytemuck::Pod;
 use pulp::Simd;
 
-#[cfg(target_arch = "x86_64")]
-use super::mat::Factor;
-use super::mat::{Init, Mat, MatMut, Packed};
+use super::aligned::Aligned;
 
 /// f32 or f64, with the vector operations that the kernels use.
 pub trait Real:
@@ -78,14 +76,13 @@ pub trait Real:
     /// e^a; inputs below −87 give about e^−87 (f32).
     fn exp<S: Simd>(s: S, a: Self::V<S>) -> Self::V<S>;
     /// Lends the packing buffer of this thread: products allocate only while shapes grow.
-    fn with_scratch<R>(f: impl FnOnce(&mut Packed<Self>) -> R) -> R;
+    fn with_scratch<R>(f: impl FnOnce(&mut Aligned<Self>) -> R) -> R;
     /// Lends the buffer for the rows of a left factor.
     fn with_left<R>(f: impl FnOnce(&mut Aligned<Self>) -> R) -> R;
-    /// The same matrix, where these are numbers that the tile unit takes.
-    fn single(x: Mat<'_, Self>) -> Option<Mat<'_, f32>>;
-    /// out = init + a b on the tile unit, of numbers that it takes.
-    #[cfg(target_arch = "x86_64")]
-    fn product(out: MatMut<'_, Self>, init: Init<'_, Self>, a: Mat<'_, Self>, b: Factor<'_, Self>);
+    /// The same numbers, where they are of single precision, which the tile unit takes.
+    fn singles(x: &[Self]) -> Option<&[f32]>;
+    /// The same for writing.
+    fn singles_mut(x: &mut [Self]) -> Option<&mut [f32]>;
     /// Exact GELU x Φ(x) and its derivative Φ(x) + x φ(x).
     fn gelu<S: Simd>(s: S, a: Self::V<S>) -> (Self::V<S>, Self::V<S>);
 }
@@ -96,9 +93,9 @@ macro_rules! vector_ops {
      $sqrt:ident, $sum:ident, $top:ident) => {
         type V<S: Simd> = S::$vs;
 
-        fn with_scratch<R>(f: impl FnOnce(&mut Packed<Self>) -> R) -> R {
+        fn with_scratch<R>(f: impl FnOnce(&mut Aligned<Self>) -> R) -> R {
             thread_local! {
-                static SCRATCH: RefCell<Packed<$t>> = RefCell::default();
+                static SCRATCH: RefCell<Aligned<$t>> = RefCell::default();
             }
             SCRATCH.with_borrow_mut(f)
         }
@@ -239,18 +236,12 @@ impl Real for f32 {
         reduce_max_f32s
     );
 
-    fn single(x: Mat<'_, Self>) -> Option<Mat<'_, f32>> {
+    fn singles(x: &[Self]) -> Option<&[f32]> {
         Some(x)
     }
 
-    #[cfg(target_arch = "x86_64")]
-    fn product(
-        mut out: MatMut<'_, Self>,
-        init: Init<'_, Self>,
-        a: Mat<'_, Self>,
-        b: Factor<'_, Self>,
-    ) {
-        super::bf16x3::product(&mut out, init, a, b);
+    fn singles_mut(x: &mut [Self]) -> Option<&mut [f32]> {
+        Some(x)
     }
 
     /// Range reduction by Cody and Waite: x = n ln 2 + r, e^x = 2^n e^r.
@@ -309,13 +300,12 @@ impl Real for f64 {
         reduce_max_f64s
     );
 
-    fn single(_: Mat<'_, Self>) -> Option<Mat<'_, f32>> {
+    fn singles(_: &[Self]) -> Option<&[f32]> {
         None
     }
 
-    #[cfg(target_arch = "x86_64")]
-    fn product(_: MatMut<'_, Self>, _: Init<'_, Self>, _: Mat<'_, Self>, _: Factor<'_, Self>) {
-        unreachable!("double precision is never packed for the tile unit");
+    fn singles_mut(_: &mut [Self]) -> Option<&mut [f32]> {
+        None
     }
 
     #[inline(always)]
@@ -361,67 +351,6 @@ pub fn erf(x: f64) -> f64 {
         1.0 - (-z * z).exp() / fraction * 0.5 * std::f64::consts::FRAC_2_SQRT_PI
     };
     y.copysign(x)
-}
-
-/// Numbers at a 64-byte boundary: a register that straddles two cache lines loads at half
-/// the speed.
-#[derive(Clone)]
-pub struct Aligned<T> {
-    lines: Vec<Line>,
-    len: usize,
-    kind: std::marker::PhantomData<T>,
-}
-
-#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
-#[repr(C, align(64))]
-struct Line([u8; 64]);
-
-impl<T: Real> Aligned<T> {
-    /// `len` zeros.
-    pub fn zeros(len: usize) -> Self {
-        let lines = (len * size_of::<T>()).div_ceil(64);
-        Aligned { lines: vec![Line([0; 64]); lines], len, kind: std::marker::PhantomData }
-    }
-
-    /// Makes room for `len` numbers; what was inside is unspecified afterwards.
-    pub fn reserve(&mut self, len: usize) {
-        if len > self.len {
-            *self = Self::zeros(len);
-        }
-    }
-}
-
-impl<T: Real> Default for Aligned<T> {
-    fn default() -> Self {
-        Self::zeros(0)
-    }
-}
-
-impl<T: Real> From<&[T]> for Aligned<T> {
-    fn from(x: &[T]) -> Self {
-        let mut y = Self::zeros(x.len());
-        y.copy_from_slice(x);
-        y
-    }
-}
-
-impl<T: Real> std::ops::Deref for Aligned<T> {
-    type Target = [T];
-    fn deref(&self) -> &[T] {
-        bytemuck::cast_slice(&self.lines).split_at(self.len).0
-    }
-}
-
-impl<T: Real> std::ops::DerefMut for Aligned<T> {
-    fn deref_mut(&mut self) -> &mut [T] {
-        bytemuck::cast_slice_mut(&mut self.lines).split_at_mut(self.len).0
-    }
-}
-
-impl<T: Real> Debug for Aligned<T> {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "Aligned({} numbers)", self.len)
-    }
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! The elementwise half of every network, the transformer's and the agents': normalisation,
 //! activation, softmax, optimiser.
 //!
-//! Lengths are any. Those of the transformer are whole registers ([`super::config`] demands
+//! Lengths are any. Those of the transformer are whole registers (its width is
 //! a multiple of 16), attention scores are padded to [`PAD`]; what is left over elsewhere is
 //! a partial register or a few scalars. Reductions run in a fixed order, so bits depend on
 //! the processor's register width and nothing else.

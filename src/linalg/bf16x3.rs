@@ -26,9 +26,9 @@ use std::cell::RefCell;
 use pulp::x86::V4;
 use pulp::{NullaryFnOnce, Simd, f32x16, u32x16};
 
+use super::aligned::Aligned;
 use super::amx::{BLOCK, SIDE, TERMS, TILE, Tiles};
-use super::mat::{Factor, Init, Mat, MatMut, Place, finish};
-use super::real::Aligned;
+use super::mat::{Init, Mat, MatMut, Place, finish};
 
 /// Inner blocks of one pass: a longer product is cut, so that rows stay in the cache.
 const PASS: usize = 16;
@@ -50,6 +50,15 @@ pub struct Terms {
     data: Aligned<f32>,
     k: usize,
     n: usize,
+}
+
+/// A right factor: split before, or to be split.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Factor<'a> {
+    /// Split before.
+    Terms(&'a Terms),
+    /// To be split.
+    Mat(Mat<'a, f32>),
 }
 
 /// Memory of a thread: parts of both factors, and sums of a column of blocks.
@@ -111,7 +120,7 @@ pub(super) fn product(
     out: &mut MatMut<'_, f32>,
     init: Init<'_, f32>,
     a: Mat<'_, f32>,
-    b: Factor<'_, f32>,
+    b: Factor<'_>,
 ) {
     let (k, n) = match b {
         Factor::Terms(b) => (b.k, b.n),
@@ -134,7 +143,7 @@ struct Product<'a, 'b, 'c> {
     out: &'a mut MatMut<'c, f32>,
     init: Init<'b, f32>,
     a: Mat<'b, f32>,
-    b: Factor<'b, f32>,
+    b: Factor<'b>,
     scratch: &'a mut Scratch,
 }
 
@@ -405,7 +414,7 @@ fn transpose(v4: V4, x: &[f32x16; 16]) -> [f32x16; 16] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::net::mat::{Packed, gemm, gemm_packed, gemm_tiled};
+    use crate::linalg::{Packed, gemm, gemm_packed, gemm_tiled};
     use crate::rng::{Rng, Stream};
 
     fn random(n: usize, index: u64) -> Vec<f32> {

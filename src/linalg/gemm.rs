@@ -24,17 +24,11 @@
 
 use pulp::{Arch, Simd, WithSimd};
 
-use super::real::{Aligned, Real};
-
-/// Repeats a block with a constant index.
-macro_rules! unrolled {
-    ($n:ident, [$($i:literal)*], |$v:ident| $body:block) => {
-        $(if $i < $n {
-            const $v: usize = $i;
-            $body
-        })*
-    };
-}
+use super::aligned::Aligned;
+#[cfg(target_arch = "x86_64")]
+use super::bf16x3::{self, Factor, Terms};
+use super::mat::{Init, Mat, MatMut, Place, finish, unrolled};
+use super::real::Real;
 
 /// Registers in the width of a panel.
 const NV: usize = 3;
@@ -42,108 +36,6 @@ const NV: usize = 3;
 const KC: usize = 768;
 /// Rows of a transposed left factor that are copied at once: they stay in the cache.
 const MC: usize = 64;
-
-/// A matrix that someone else owns: row-major with a stride, or the transpose of one.
-#[derive(Clone, Copy, Debug)]
-pub struct Mat<'a, T> {
-    data: &'a [T],
-    rows: usize,
-    cols: usize,
-    stride: usize,
-    transposed: bool,
-}
-
-impl<'a, T: Real> Mat<'a, T> {
-    /// Dense row-major (rows, cols).
-    ///
-    /// # Panics
-    /// When `data` is too short.
-    pub fn new(data: &'a [T], rows: usize, cols: usize) -> Self {
-        Self::strided(data, rows, cols, cols)
-    }
-
-    /// Row-major, row i starting at `i * stride`.
-    ///
-    /// # Panics
-    /// When `data` is too short.
-    pub fn strided(data: &'a [T], rows: usize, cols: usize, stride: usize) -> Self {
-        assert!(fits(data.len(), rows, cols, stride), "matrix {rows}x{cols} does not fit");
-        Mat { data, rows, cols, stride, transposed: false }
-    }
-
-    #[cfg(target_arch = "x86_64")]
-    /// (rows, columns).
-    pub(super) fn shape(&self) -> (usize, usize) {
-        (self.rows, self.cols)
-    }
-
-    #[cfg(target_arch = "x86_64")]
-    /// Where the numbers lie: data, stride, and whether they lie column by column.
-    pub(super) fn lines(&self) -> (&'a [T], usize, bool) {
-        (self.data, self.stride, self.transposed)
-    }
-
-    /// The transpose, without moving anything.
-    #[must_use]
-    pub fn t(self) -> Self {
-        Mat { rows: self.cols, cols: self.rows, transposed: !self.transposed, ..self }
-    }
-}
-
-/// A row-major matrix to write.
-#[derive(Debug)]
-pub struct MatMut<'a, T> {
-    data: &'a mut [T],
-    rows: usize,
-    cols: usize,
-    stride: usize,
-}
-
-impl<'a, T: Real> MatMut<'a, T> {
-    /// Dense row-major (rows, cols).
-    ///
-    /// # Panics
-    /// When `data` is too short.
-    pub fn new(data: &'a mut [T], rows: usize, cols: usize) -> Self {
-        Self::strided(data, rows, cols, cols)
-    }
-
-    /// Row-major, row i starting at `i * stride`.
-    ///
-    /// # Panics
-    /// When `data` is too short.
-    pub fn strided(data: &'a mut [T], rows: usize, cols: usize, stride: usize) -> Self {
-        assert!(fits(data.len(), rows, cols, stride), "matrix {rows}x{cols} does not fit");
-        MatMut { data, rows, cols, stride }
-    }
-
-    #[cfg(target_arch = "x86_64")]
-    /// (rows, columns).
-    pub(super) fn shape(&self) -> (usize, usize) {
-        (self.rows, self.cols)
-    }
-}
-
-fn fits(len: usize, rows: usize, cols: usize, stride: usize) -> bool {
-    rows == 0 || cols == 0 || (cols <= stride && (rows - 1) * stride + cols <= len)
-}
-
-/// What a product is added to.
-#[derive(Clone, Copy, Debug)]
-pub enum Init<'a, T> {
-    /// out = a b.
-    Zero,
-    /// out += a b.
-    Add,
-    /// out = a b + bias, one number a column.
-    Bias(&'a [T]),
-    /// out += a b + bias.
-    AddBias(&'a [T]),
-    /// out = a b + bias + residual; the residual is laid out as `out`.
-    Residual(&'a [T], &'a [T]),
-    /// out = (a b) ∘ factor, element by element; the factor is laid out as `out`.
-    Times(&'a [T]),
-}
 
 /// A right factor (k, n) in panels, or in terms for the tile unit.
 #[derive(Clone, Debug, Default)]
@@ -153,7 +45,7 @@ pub struct Packed<T: Real> {
     n: usize,
     lanes: usize,
     #[cfg(target_arch = "x86_64")]
-    terms: super::bf16x3::Terms,
+    terms: Terms,
     #[cfg(target_arch = "x86_64")]
     /// Whether it is the terms that hold the factor.
     tiled: bool,
@@ -172,8 +64,8 @@ impl<T: Real> Packed<T> {
     /// Packs `b` for products of many rows, which the tile unit does where there is one.
     pub fn pack_tiled(&mut self, b: Mat<'_, T>) {
         #[cfg(target_arch = "x86_64")]
-        if super::bf16x3::suits(b.rows, b.cols)
-            && let Some(b) = T::single(b)
+        if bf16x3::suits(b.rows, b.cols)
+            && let Some(b) = b.single()
         {
             self.terms.pack(b);
             (self.k, self.n, self.tiled) = (b.shape().0, b.shape().1, true);
@@ -198,7 +90,7 @@ impl<T: Real> Packed<T> {
 /// Whether products of many rows in single precision run on a tile unit here (Intel AMX).
 pub fn tiled() -> bool {
     #[cfg(target_arch = "x86_64")]
-    return super::bf16x3::usable();
+    return bf16x3::usable();
     #[cfg(not(target_arch = "x86_64"))]
     false
 }
@@ -258,7 +150,7 @@ pub fn gemm_packed<T: Real>(out: MatMut<'_, T>, init: Init<'_, T>, a: Mat<'_, T>
     assert!(a.cols == b.k && out.rows == a.rows && out.cols == b.n, "shapes of a product disagree");
     #[cfg(target_arch = "x86_64")]
     if b.tiled {
-        T::product(out, init, a, Factor::Terms(&b.terms));
+        product_on_tiles(out, init, a, Factor::Terms(&b.terms));
         return;
     }
     T::with_left(|left| Arch::new().dispatch(Gemm { out, init, a, b, left }));
@@ -270,8 +162,10 @@ pub fn gemm_packed<T: Real>(out: MatMut<'_, T>, init: Init<'_, T>, a: Mat<'_, T>
 /// When the shapes disagree.
 pub fn gemm<T: Real>(out: MatMut<'_, T>, init: Init<'_, T>, a: Mat<'_, T>, b: Mat<'_, T>) {
     T::with_scratch(|scratch| {
-        scratch.pack(b);
-        gemm_packed(out, init, a, scratch);
+        let mut packed = Packed { data: std::mem::take(scratch), ..Packed::default() };
+        packed.pack(b);
+        gemm_packed(out, init, a, &packed);
+        *scratch = packed.data;
     });
 }
 
@@ -281,22 +175,22 @@ pub fn gemm<T: Real>(out: MatMut<'_, T>, init: Init<'_, T>, a: Mat<'_, T>, b: Ma
 /// When the shapes disagree.
 pub fn gemm_tiled<T: Real>(out: MatMut<'_, T>, init: Init<'_, T>, a: Mat<'_, T>, b: Mat<'_, T>) {
     #[cfg(target_arch = "x86_64")]
-    if super::bf16x3::suits(b.rows, b.cols) && T::single(b).is_some() {
-        assert!(a.cols == b.rows, "shapes of a product disagree");
-        T::product(out, init, a, Factor::Mat(b));
+    if bf16x3::suits(b.rows, b.cols)
+        && let Some(b) = b.single()
+    {
+        product_on_tiles(out, init, a, Factor::Mat(b));
         return;
     }
     gemm(out, init, a, b);
 }
 
-/// A right factor of the tile unit: split before, or to be split.
+/// out = init + a b on the tile unit.
 #[cfg(target_arch = "x86_64")]
-#[derive(Clone, Copy, Debug)]
-pub enum Factor<'a, T: Real> {
-    /// Split before.
-    Terms(&'a super::bf16x3::Terms),
-    /// To be split.
-    Mat(Mat<'a, T>),
+fn product_on_tiles<T: Real>(out: MatMut<'_, T>, init: Init<'_, T>, a: Mat<'_, T>, b: Factor<'_>) {
+    let (Some(mut out), Some(init), Some(a)) = (out.single(), init.single(), a.single()) else {
+        unreachable!("double precision is never packed for the tile unit")
+    };
+    bf16x3::product(&mut out, init, a, b);
 }
 
 struct Gemm<'a, 'b, T: Real> {
@@ -450,66 +344,6 @@ impl<T: Real> Gemm<'_, '_, T> {
     }
 }
 
-/// A row's share of columns, and which pass over the inner dimension made its sums.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Place {
-    /// Row of the result.
-    pub(super) row: usize,
-    /// First column.
-    pub(super) col: usize,
-    /// Columns.
-    pub(super) cols: usize,
-    /// No pass before this one.
-    pub(super) first: bool,
-    /// No pass after this one.
-    pub(super) last: bool,
-}
-
-/// Writes N registers of sums, with what they are added to.
-#[inline(always)]
-pub(super) fn finish<T: Real, S: Simd, const N: usize>(
-    s: S,
-    out: &mut MatMut<'_, T>,
-    init: Init<'_, T>,
-    acc: [T::V<S>; N],
-    place: &Place,
-) {
-    let Place { row, col, cols, first, last } = *place;
-    // A later pass adds to the earlier ones; a factor waits for the whole sum.
-    let init = match init {
-        Init::Times(_) if first && !last => Init::Zero,
-        Init::Times(factor) if last => Init::Times(factor),
-        init if first => init,
-        _ => Init::Add,
-    };
-    let at = row * out.stride + col;
-    let out = &mut out.data[at..][..cols];
-    let sum = match init {
-        Init::Zero => acc,
-        Init::Add => plus::<T, S, N>(s, acc, out),
-        Init::Bias(bias) => plus::<T, S, N>(s, acc, &bias[col..][..cols]),
-        Init::AddBias(bias) => {
-            let sum = plus::<T, S, N>(s, acc, &bias[col..][..cols]);
-            plus::<T, S, N>(s, sum, out)
-        }
-        Init::Times(factor) => {
-            let sum = if first { acc } else { plus::<T, S, N>(s, acc, out) };
-            zipped::<T, S, N>(
-                s,
-                sum,
-                &factor[at..][..cols],
-                #[inline(always)]
-                |a, b| T::vmul(s, a, b),
-            )
-        }
-        Init::Residual(bias, residual) => {
-            let sum = plus::<T, S, N>(s, acc, &bias[col..][..cols]);
-            plus::<T, S, N>(s, sum, &residual[at..][..cols])
-        }
-    };
-    put::<T, S, N>(s, out, sum);
-}
-
 #[inline(always)]
 fn gather<T: Real, const M: usize>(from: &[T], stride: usize, to: &mut [T]) {
     let (to, _) = to.as_chunks_mut::<M>();
@@ -580,47 +414,6 @@ fn along_columns<T: Real, S: Simd, const M: usize, const N: usize>(
         );
     }
     acc
-}
-
-/// acc + x; `x` may be shorter than the N registers.
-#[inline(always)]
-fn plus<T: Real, S: Simd, const N: usize>(s: S, acc: [T::V<S>; N], x: &[T]) -> [T::V<S>; N] {
-    zipped::<T, S, N>(
-        s,
-        acc,
-        x,
-        #[inline(always)]
-        |a, b| T::vadd(s, a, b),
-    )
-}
-
-/// f(acc, x), register by register; `x` may be shorter than the N registers.
-#[inline(always)]
-fn zipped<T: Real, S: Simd, const N: usize>(
-    s: S,
-    acc: [T::V<S>; N],
-    x: &[T],
-    f: impl Fn(T::V<S>, T::V<S>) -> T::V<S>,
-) -> [T::V<S>; N] {
-    let mut acc = acc;
-    let (whole, rest) = T::vectors::<S>(x);
-    unrolled!(N, [0 1 2], |J| {
-        let x = if J < whole.len() { whole[J] } else { T::load(s, rest) };
-        acc[J] = f(acc[J], x);
-    });
-    acc
-}
-
-#[inline(always)]
-fn put<T: Real, S: Simd, const N: usize>(s: S, out: &mut [T], sum: [T::V<S>; N]) {
-    let (whole, rest) = T::vectors_mut::<S>(out);
-    unrolled!(N, [0 1 2], |J| {
-        if J < whole.len() {
-            whole[J] = sum[J];
-        } else {
-            T::store(s, rest, sum[J]);
-        }
-    });
 }
 
 #[cfg(test)]

@@ -1,0 +1,22 @@
+//! Dense linear algebra on the processor at hand: products, elementwise kernels, threads.
+//!
+//! [`gemm`](mod@gemm) multiplies matrices (some of them on tiles, [`bf16x3`]), [`simd`] is the
+//! elementwise rest, and [`Real`] lets both be written once for single and double precision.
+//! The network ([`crate::net`]) and the exploration agents ([`crate::explore`]) stand on it.
+
+mod aligned;
+#[cfg(target_arch = "x86_64")]
+mod amx;
+#[cfg(target_arch = "x86_64")]
+mod bf16x3;
+mod gemm;
+mod mat;
+mod real;
+pub mod simd;
+mod threads;
+
+pub use aligned::Aligned;
+pub use gemm::{Packed, gemm, gemm_packed, gemm_tiled, tiled};
+pub use mat::{Init, Mat, MatMut};
+pub use real::Real;
+pub use threads::{next_of, on_threads};
