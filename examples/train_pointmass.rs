@@ -11,7 +11,7 @@ use robert::mujoco::Data;
 use robert::net::{COMMAND, CURRENT, NetPolicy, NetPolicyConfig, WINDOW, checkpoint};
 use robert::progress::{Cancel, Silent};
 use robert::robot::Robot;
-use robert::train::{Options, TrainConfig, run::paths, train};
+use robert::train::{Options, TrainConfig, paths, train};
 use robert::units::SUBSTEPS;
 
 type Failure = Box<dyn std::error::Error>;

@@ -26,7 +26,6 @@ const LEVEL: &[(&str, &str)] = &[
     ("xml", "limits"),
     ("robot", "mujoco"),
     ("explore", "dataset"),
-    ("explore", "net"),
     ("train", "rollout"),
     ("cli", "studio"),
 ];
@@ -88,7 +87,7 @@ fn ident(text: &str) -> Option<String> {
     (!name.is_empty()).then_some(name)
 }
 
-fn walk(dir: &Path) -> Vec<std::path::PathBuf> {
+pub(super) fn walk(dir: &Path) -> Vec<std::path::PathBuf> {
     let mut found = Vec::new();
     for entry in fs::read_dir(dir).unwrap() {
         let path = entry.unwrap().path();

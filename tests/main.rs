@@ -6,6 +6,7 @@
 #![allow(clippy::decimal_bitwise_operands, clippy::enum_variant_names, clippy::unnecessary_wraps)]
 
 mod children;
+mod circles;
 mod clip;
 mod collect;
 mod fit;

@@ -5,7 +5,8 @@ use std::sync::Arc;
 
 use super::bar::Bar;
 use super::failure::Outcome;
-use super::{Global, dataset, dataset_plot, interrupt, out};
+use super::global::Global;
+use super::{dataset, dataset_plot, interrupt, out};
 use crate::explore::{AgentKind, CollectConfig, Collected, Preset, begun, collect};
 use crate::plot::Theme;
 use crate::robot::{PlantRange, Robot};
@@ -75,7 +76,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let robot = Arc::new(Robot::load(&args.robot)?);
     let config = config(args, &robot)?;
     dataset::refuse_file(&args.out)?;
-    let threads = args.threads.unwrap_or_else(|| super::threads(None));
+    let threads = args.threads.unwrap_or_else(|| super::global::threads(None));
     let cancel = interrupt::cancel_on_ctrl_c();
     let bar = Bar::new("collect", "steps", global.quiet || args.json);
     let done = collect(&robot, &config, &args.out, args.resume, threads, &bar, &cancel);

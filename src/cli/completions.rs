@@ -13,8 +13,8 @@ pub(super) struct Args {
     shell: Shell,
 }
 
-pub(super) fn run(args: &Args) -> Outcome {
+pub(super) fn run(args: &Args, mut command: clap::Command) -> Outcome {
     let mut script = Vec::new();
-    clap_complete::generate(args.shell, &mut super::command(), "robert", &mut script);
+    clap_complete::generate(args.shell, &mut command, "robert", &mut script);
     super::out::line(String::from_utf8_lossy(&script).trim_end())
 }

@@ -149,7 +149,7 @@ fn graphics() -> Check {
 }
 
 fn processor() -> Check {
-    let cores = super::threads(None);
+    let cores = super::global::threads(None);
     let name = field("/proc/cpuinfo", "model name").unwrap_or_else(|| "unknown processor".into());
     #[cfg(target_arch = "x86_64")]
     let features: Vec<&str> = [

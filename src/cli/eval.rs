@@ -10,10 +10,11 @@ use serde::Serialize;
 
 use super::bar::Bar;
 use super::failure::{Failure, Outcome};
+use super::global::Global;
 use super::interrupt::cancel_on_ctrl_c;
 use super::motion::{self, CLIP_SUFFIX};
 use super::perform::{Conditions, who};
-use super::{Global, out, plot};
+use super::{out, plot};
 use crate::clip::{Clip, Sight};
 use crate::dataset::{Dataset, Verify};
 use crate::exit::Exit;
@@ -125,7 +126,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
         fsio::writable(path)?;
     }
     let (robot, suites) = suites(args)?;
-    let threads = super::threads(args.threads);
+    let threads = super::global::threads(args.threads);
     let config = EvalConfig { policies, plant, seeds: args.seeds, threads };
 
     let cancel = cancel_on_ctrl_c();

@@ -7,8 +7,9 @@ use clap::ValueEnum;
 use serde_json::json;
 
 use super::failure::{Failure, Outcome};
+use super::global::Global;
 use super::perform::{PerformArgs, perform};
-use super::{Global, motion, out};
+use super::{motion, out};
 use crate::exit::HasExit as _;
 use crate::robot::Robot;
 use crate::take::viser::Recording;

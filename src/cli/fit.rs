@@ -7,8 +7,9 @@ use serde::Serialize;
 
 use super::bar::Bar;
 use super::failure::Outcome;
+use super::global::Global;
 use super::interrupt::cancel_on_ctrl_c;
-use super::{Global, motion, out};
+use super::{motion, out};
 use crate::dataset::{Dataset, Verify};
 use crate::rollout::{InverseSettings, NEAREST_FRAMES};
 use crate::train::fit::{self, HIDDEN};
@@ -92,7 +93,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let name = args.policy.as_str();
     let beside = data.path().with_file_name(format!("{name}.safetensors"));
     let path = args.out.clone().unwrap_or(beside);
-    let threads = super::threads(args.threads);
+    let threads = super::global::threads(args.threads);
     let bar = Bar::new("fit", "steps", global.quiet || args.json);
     let cancel = cancel_on_ctrl_c();
     let begin = Instant::now();

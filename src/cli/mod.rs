@@ -17,6 +17,7 @@ mod eval;
 mod export;
 mod failure;
 mod fit;
+mod global;
 mod import;
 mod interrupt;
 mod log;
@@ -40,10 +41,11 @@ pub use failure::{Failure, Outcome};
 use std::ffi::OsString;
 use std::process::ExitCode;
 
-use clap::{Args, CommandFactory, Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 
 use crate::child::{self, Farewell};
 use crate::exit::Exit;
+use global::Global;
 
 /// Keyframes in, physics out: draft motions for torque-controlled robots and let a learned policy perform them.
 #[derive(Debug, Parser)]
@@ -56,20 +58,6 @@ pub struct Cli {
     global: Global,
     #[command(subcommand)]
     command: Command,
-}
-
-/// Options that every command understands.
-#[derive(Args, Clone, Copy, Debug)]
-pub struct Global {
-    /// Say less: errors only.
-    #[arg(short, long, global = true, conflicts_with = "verbose")]
-    quiet: bool,
-    /// As --json, and progress as JSON lines on stdout before it: for other programs.
-    #[arg(long, global = true)]
-    jsonl: bool,
-    /// Say more; twice for debugging.
-    #[arg(short, long, global = true, action = clap::ArgAction::Count)]
-    verbose: u8,
 }
 
 #[derive(Debug, Subcommand)]
@@ -178,7 +166,7 @@ fn run(cli: Cli) -> Outcome {
         Command::Clip(args) => clip::run(&args),
         Command::Render(args) => render::run(&args, cli.global),
         Command::Plot(args) => plot::run(&args),
-        Command::Completions(args) => completions::run(&args),
+        Command::Completions(args) => completions::run(&args, Cli::command()),
         Command::Robots(args) => robots::run(&args),
         Command::Import(args) => import::run(&args),
         Command::CompileCheck(args) => check::run(&args),
@@ -191,18 +179,11 @@ fn usage(e: &clap::Error) -> ExitCode {
     ExitCode::from(if e.use_stderr() { Exit::Usage.code() } else { Exit::Ok.code() })
 }
 
-/// Threads to work with: as many as were asked for, else one a core.
-fn threads(asked: Option<u16>) -> usize {
-    asked.map_or_else(|| std::thread::available_parallelism().map_or(1, usize::from), usize::from)
-}
-
-fn command() -> clap::Command {
-    Cli::command()
-}
-
 #[cfg(test)]
 mod tests {
-    use super::command;
+    use clap::CommandFactory as _;
+
+    use super::Cli;
     use crate::rollout::PolicyName;
 
     /// Every command that does something, hidden ones aside, with the words that call it.
@@ -220,7 +201,7 @@ mod tests {
     #[test]
     fn every_command_has_examples_of_itself() {
         let mut found = Vec::new();
-        leaves(&command(), "robert", &mut found);
+        leaves(&Cli::command(), "robert", &mut found);
         assert!(found.len() > 50, "{}", found.len());
         for (path, mut c) in found {
             let help = c.render_long_help().to_string();
@@ -231,7 +212,7 @@ mod tests {
 
     #[test]
     fn help_names_every_policy() {
-        let root = command();
+        let root = Cli::command();
         for name in ["rollout", "eval", "export", "render"] {
             let mut c = root.find_subcommand(name).unwrap().clone();
             let help = c.render_long_help().to_string();

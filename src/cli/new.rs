@@ -13,9 +13,10 @@ use serde_json::{Value, json};
 
 use super::bar::Bar;
 use super::failure::{Failure, Outcome};
+use super::global::Global;
 use super::import::ModelFlags;
 use super::interrupt::cancel_on_ctrl_c;
-use super::{Global, motion, out};
+use super::{motion, out};
 use crate::clip::compile;
 use crate::dataset::{Dataset, Verify};
 use crate::explore::{CollectConfig, collect};
@@ -28,7 +29,7 @@ use crate::rollout::{
     shipped, tasks,
 };
 use crate::train::evaluator::SuiteEvaluator;
-use crate::train::run::read_config;
+use crate::train::read_config;
 use crate::train::{ContactTarget, Evaluate, Finished, Options, TrainConfig, train};
 
 /// Steps of the run that measures the speed of this machine.
@@ -96,7 +97,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let begin = Instant::now();
     let since = || begin.elapsed().as_secs_f64();
     let cancel = cancel_on_ctrl_c();
-    let threads = super::threads(None);
+    let threads = super::global::threads(None);
     let say = |text: &str| {
         if !global.quiet {
             eprintln!("{text}");

@@ -6,8 +6,9 @@ use std::time::Instant;
 
 use super::bar::Bar;
 use super::failure::{Failure, Outcome};
+use super::global::Global;
 use super::interrupt::cancel_on_ctrl_c;
-use super::{Global, motion};
+use super::motion;
 use crate::clip::{self, Clip};
 use crate::progress::Progress as _;
 use crate::robot::{self, PlantConfig, Robot};

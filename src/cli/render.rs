@@ -9,9 +9,10 @@ use std::sync::Arc;
 
 use super::bar::Bar;
 use super::failure::{Failure, Outcome};
+use super::global::Global;
 use super::interrupt::cancel_on_ctrl_c;
 use super::perform::{PerformArgs, perform};
-use super::{Global, motion, out};
+use super::{motion, out};
 use crate::clip::{Clip, Command};
 use crate::exit::Exit;
 use crate::fsio;

@@ -6,8 +6,9 @@ use std::path::{Path, PathBuf};
 use serde_json::{Value, json};
 
 use super::failure::{Failure, Outcome};
+use super::global::Global;
 use super::perform::{PerformArgs, Performed, perform};
-use super::{Global, motion, out};
+use super::{motion, out};
 use crate::exit::HasExit as _;
 use crate::fsio;
 use crate::rollout::{Precision, Rollout};

@@ -8,8 +8,8 @@ use serde_json::{Value, json};
 use super::failure::{Failure, Outcome};
 use super::out;
 use crate::plot::{self, Axis};
+use crate::train::Evaluation;
 use crate::train::record::{Record, runs_in};
-use crate::train::run::Evaluation;
 use crate::train::{TrainConfig, curves};
 
 #[derive(clap::Subcommand, Debug)]

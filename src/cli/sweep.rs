@@ -6,8 +6,9 @@ use std::sync::Arc;
 
 use super::bar::Bar;
 use super::failure::{Failure, Outcome};
+use super::global::Global;
 use super::interrupt::cancel_on_ctrl_c;
-use super::{Global, motion, out};
+use super::{motion, out};
 use crate::exit::Exit;
 use crate::fsio;
 use crate::rollout::Interval;
@@ -49,7 +50,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let work = Work {
         data: data.clone(),
         out: args.out.clone(),
-        threads: super::threads(args.threads),
+        threads: super::global::threads(args.threads),
         progress: &bar,
         cancel: &cancel,
         meta: serde_json::json!({

@@ -6,13 +6,14 @@ use std::sync::Arc;
 
 use super::bar::Bar;
 use super::failure::{Failure, Outcome};
+use super::global::Global;
 use super::interrupt::cancel_on_ctrl_c;
-use super::{Global, motion, out};
+use super::{motion, out};
 use crate::dataset::{Dataset, Verify};
 use crate::exit::Exit;
 use crate::train::evaluator::SuiteEvaluator;
 use crate::train::hindsight::Simulated;
-use crate::train::run::read_config;
+use crate::train::read_config;
 use crate::train::{Evaluate, Finished, Options, PRESETS, TrainConfig, train};
 
 #[derive(clap::Args, Debug)]
@@ -61,7 +62,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let robot = motion::robot(&args.robot)?;
     let data = Dataset::open(&args.data, Verify::Full)?;
     data.must_be_of(&robot)?;
-    let threads = super::threads(args.threads);
+    let threads = super::global::threads(args.threads);
     let mut evaluator =
         SuiteEvaluator::new(Arc::clone(&robot), threads).map_err(Failure::invalid)?;
     let mut perform = Simulated { robot: Arc::clone(&robot), threads };

@@ -6,7 +6,7 @@
 //! share of cells visited. It is 0 for a robot at rest, rises with every new combination
 //! and stays comparable between agents and over time.
 
-use super::manifest::Robot;
+use super::robot::Robot;
 
 /// Cells along one edge of a plane.
 const CELLS: usize = 20;

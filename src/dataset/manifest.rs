@@ -11,37 +11,15 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use super::error::Error;
-use super::shard::Shard;
-use super::stats::Statistics;
-use crate::units::{FPS, SIM_DT, SUBSTEPS, Unit};
+use super::robot::Robot;
+use super::statistics::Statistics;
+use crate::units::{FPS, SIM_DT, SUBSTEPS};
 use crate::{fsio, limits};
 
 /// Format name of this version.
 pub const FORMAT: &str = "robert-dataset/1";
 /// File name inside a dataset folder.
 const FILE: &str = "manifest.json";
-
-/// The robot whose motion is recorded.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Robot {
-    /// Profile id.
-    pub id: String,
-    /// Sha-256 of the robot's MJCF.
-    pub model_sha256: String,
-    /// State joints, in the column order of `qpos` and `qvel`.
-    pub joints: Vec<String>,
-    /// Unit of each joint.
-    pub units: Vec<Unit>,
-    /// Stops of each joint in its unit; none for unlimited joints.
-    pub ranges: Vec<Option<[f64; 2]>>,
-    /// A joint nearer than this to a stop counts as pinned, in its unit; (S).
-    pub near_limit: Vec<f64>,
-    /// Actuators, in the column order of `ctrl`.
-    pub actuators: Vec<String>,
-    /// Control of each actuator at actions -1 and +1.
-    pub ctrlranges: Vec<[f64; 2]>,
-}
 
 /// The clock of the simulation.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -257,21 +235,6 @@ impl Manifest {
         Ok(fsio::write_atomic(&dir.join(FILE), self.text().as_bytes())?)
     }
 
-    /// Adds a shard with all of its trajectories.
-    pub fn add(&mut self, entry: ShardEntry, shard: &Shard) {
-        let at = self.shards.len();
-        self.episodes.extend(shard.episodes().map(|(start, length, meta)| Episode {
-            shard: at,
-            start,
-            length,
-            agent: meta.agent,
-            snapshot_step: meta.snapshot_step,
-            seed: meta.seed,
-            part: None,
-        }));
-        self.shards.push(entry);
-    }
-
     /// Recomputes [`Manifest::totals`] from the lists. Dropped counts are those of the
     /// shards still referred to.
     pub fn count(&mut self) {
@@ -411,6 +374,7 @@ fn strip_position(message: &str) -> String {
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
+    use crate::units::Unit;
 
     /// A two-joint robot for tests.
     pub(crate) fn robot() -> Robot {

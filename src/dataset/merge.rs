@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use super::error::Error;
 use super::manifest::{Episode, Manifest, ShardEntry, View};
 use super::open::{Dataset, Verify};
-use super::stats::Statistics;
+use super::statistics::Statistics;
 use super::view::{TEST_SHARE, drop_unused_shards, rebase, split};
 use crate::fsio;
 

@@ -7,7 +7,6 @@ use std::path::{Path, PathBuf};
 use super::error::Error;
 use super::manifest::{Episode, Manifest, Part};
 use super::shard::Shard;
-use super::stats::Statistics;
 use crate::fsio;
 use crate::robot::Robot;
 
@@ -195,11 +194,6 @@ impl Dataset {
     /// obeyed; otherwise 5 % are held out by `seed` (see [`super::split`]).
     pub fn part(&self, part: Part, seed: u64) -> Vec<usize> {
         super::view::part(&self.manifest, part, seed)
-    }
-
-    /// Hygiene and spread of all listed frames.
-    pub fn statistics(&self) -> Statistics {
-        Statistics::compute(self)
     }
 }
 

@@ -35,7 +35,8 @@ use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use serde::{Deserialize, Serialize};
 
 use super::error::Error;
-use super::manifest::{Episode, ShardEntry};
+use super::manifest::{Episode, Manifest, ShardEntry};
+use super::robot::Robot;
 use crate::{fsio, limits};
 
 /// Format name of this version.
@@ -76,6 +77,23 @@ pub struct EpisodeMeta {
     pub seed: u64,
 }
 
+impl Manifest {
+    /// Adds a shard with all of its trajectories.
+    pub fn add(&mut self, entry: ShardEntry, shard: &Shard) {
+        let at = self.shards.len();
+        self.episodes.extend(shard.episodes().map(|(start, length, meta)| Episode {
+            shard: at,
+            start,
+            length,
+            agent: meta.agent,
+            snapshot_step: meta.snapshot_step,
+            seed: meta.seed,
+            part: None,
+        }));
+        self.shards.push(entry);
+    }
+}
+
 /// Collects trajectories and writes them as one file.
 #[derive(Clone, Debug)]
 pub struct ShardBuilder {
@@ -93,7 +111,7 @@ pub struct ShardBuilder {
 
 impl ShardBuilder {
     /// An empty shard `index` of the spec with this hash.
-    pub fn new(robot: &super::Robot, spec_sha256: &str, index: u64) -> Self {
+    pub fn new(robot: &Robot, spec_sha256: &str, index: u64) -> Self {
         ShardBuilder {
             header: ShardHeader {
                 format: FORMAT.to_owned(),

@@ -3,13 +3,11 @@
 //! All sums run in f64 in trajectory order on one thread, so the bits do not depend on the
 //! machine. At 3 M frames of 22 joints that is a fraction of a second.
 
-use std::collections::BTreeMap;
-
 use serde::{Deserialize, Serialize};
 
 use super::coverage::Coverage;
-use super::manifest::Robot;
 use super::open::Dataset;
+use super::statistics::Statistics;
 use crate::units::CTRL_DT;
 
 /// An action beyond this share of its range counts as saturated.
@@ -150,35 +148,11 @@ fn usual_of<'a, I: Iterator<Item = &'a [f32]>>(s: usize, all: &dyn Fn() -> I) ->
     each.map(|(p, v)| [at(p, 0.01), at(p, 0.99), at(v, 0.99)]).collect()
 }
 
-/// Hygiene and spread of the frames that a manifest lists.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Statistics {
-    /// Share of frames with this joint near a stop, (S). There the torque cannot be read
-    /// from positions: the main poison of inverse-dynamics data.
-    pub near_limit: Vec<f64>,
-    /// Share of frames with any joint near a stop.
-    pub near_limit_any: f64,
-    /// Share of frames with this action saturated, (A).
-    pub saturated: Vec<f64>,
-    /// Share of frames in which the robot touches itself.
-    pub self_contact: f64,
-    /// Mean of each joint, (S).
-    pub qpos_mean: Vec<f64>,
-    /// Standard deviation, (S).
-    pub qpos_std: Vec<f64>,
-    /// Smallest, (S).
-    pub qpos_min: Vec<f64>,
-    /// Largest, (S).
-    pub qpos_max: Vec<f64>,
-    /// Standard deviation of velocity, (S).
-    pub qvel_std: Vec<f64>,
-    /// Mean share of coarse cells visited ([`Coverage`]).
-    pub coverage: f64,
-    /// Frames by agent.
-    pub agents: BTreeMap<String, u64>,
-    /// Trajectories by snapshot step.
-    pub snapshots: BTreeMap<u64, u64>,
+impl Dataset {
+    /// Hygiene and spread of all listed frames.
+    pub fn statistics(&self) -> Statistics {
+        Statistics::compute(self)
+    }
 }
 
 impl Statistics {
@@ -240,22 +214,6 @@ impl Statistics {
         out.qvel_std = velocity.moments().std;
         out.coverage = coverage.share();
         out
-    }
-}
-
-impl Robot {
-    /// Whether joint `j` at `x` is within its threshold of a stop.
-    pub fn is_near_limit(&self, j: usize, x: f64) -> bool {
-        match (self.ranges.get(j), self.near_limit.get(j)) {
-            (Some(Some([lo, hi])), Some(near)) => x < lo + near || x > hi - near,
-            _ => false,
-        }
-    }
-
-    /// Joints of one frame (S) that are near a stop.
-    pub fn near_limits(&self, qpos: &[f32]) -> impl Iterator<Item = usize> {
-        let near = |(j, x): (usize, &f32)| self.is_near_limit(j, f64::from(*x)).then_some(j);
-        qpos.iter().enumerate().filter_map(near)
     }
 }
 

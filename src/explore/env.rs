@@ -6,7 +6,7 @@
 
 use std::sync::Arc;
 
-use super::env_batch::describe;
+use super::describe::describe;
 use super::error::Error;
 use crate::dataset::Robot as Described;
 use crate::mujoco::Data;

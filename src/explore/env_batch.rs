@@ -1,27 +1,24 @@
 //! Roll-outs into shards: the phase that makes the data.
 //!
 //! A shard is a function of its plan: which agent at which snapshot, how many frames, which
-//! seed. Episodes run in waves, side by side in as many simulations, so that one product of
+//! seed. Episodes run in batches, side by side in as many simulations, so that one product of
 //! the policy network serves all of them; each episode depends on its own seed only.
 
 use std::path::Path;
 use std::sync::Arc;
 
+use super::describe::describe;
 use super::env::{Env, Step};
 use super::error::Error;
 use super::policy::{ActorState, ExplorePolicy, Scratch};
 use crate::dataset::{EpisodeMeta, Robot as Described, SHORTEST, ShardBuilder, ShardEntry};
-use crate::net::WINDOW;
 use crate::progress::Cancel;
 use crate::rng::{Rng, Stream, draw};
-use crate::robot::{PlantRange, Robot, StateJoint};
+use crate::robot::{PlantRange, Robot};
 
 /// Episodes side by side: the policy's products get enough rows, the simulations' work
 /// spaces still fit the cache.
 const ENVS: usize = 8;
-/// Frames of a training window; shorter trajectories are of no use.
-pub(crate) const MIN_FRAMES: usize = SHORTEST;
-const _: () = assert!(SHORTEST == WINDOW, "a window of the network has other frames");
 /// Bits of the shard index in an episode's draw index.
 const EPISODE_BITS: u32 = 24;
 
@@ -119,19 +116,19 @@ impl EnvBatch {
     ) -> Result<ShardEntry, Error> {
         let mut shard = ShardBuilder::new(&self.described, &plan.spec_sha256, plan.index);
         let (mut tried, mut broken, mut short) = (0_u64, 0_u64, 0_u64);
-        let most = 8 * plan.frames.div_ceil(MIN_FRAMES) as u64 + 64;
+        let most = 8 * plan.frames.div_ceil(SHORTEST) as u64 + 64;
         while shard.frames() < plan.frames {
             if cancel.is_cancelled() {
                 return Err(Error::Cancelled { path: dir.to_owned() });
             }
             // Episodes that were cut may leave less than a window, but whoever asks for frames
             // gets them.
-            let mut left = (plan.frames - shard.frames()).max(MIN_FRAMES);
+            let mut left = (plan.frames - shard.frames()).max(SHORTEST);
             let mut lengths = Vec::with_capacity(ENVS);
-            while lengths.len() < ENVS && left >= MIN_FRAMES {
+            while lengths.len() < ENVS && left >= SHORTEST {
                 let rest = left.saturating_sub(plan.episode_frames);
                 // A remainder too short for a window is joined to the episode before it.
-                let n = if rest < MIN_FRAMES { left } else { plan.episode_frames };
+                let n = if rest < SHORTEST { left } else { plan.episode_frames };
                 lengths.push(n);
                 left -= n;
             }
@@ -144,7 +141,7 @@ impl EnvBatch {
                     broken += 1;
                     shard.drop_broken();
                     tick(&Made { broken: true, ..Made::default() });
-                } else if slot.contact.len() < MIN_FRAMES {
+                } else if slot.contact.len() < SHORTEST {
                     short += 1;
                     shard.drop_short();
                 } else {
@@ -236,14 +233,6 @@ fn episode_seed(plan: &Plan, episode: u64) -> u64 {
     draw(plan.seed ^ code, Stream::Reset, (plan.index << EPISODE_BITS) + episode) >> 11
 }
 
-/// Distance to a stop below which a joint counts as pinned: the profile's, but at most 2 %
-/// of the joint's range. At .1 rad a hand's spreading joint would be pinned over a third of
-/// its range, where nothing touches.
-fn near_limit(robot: &Robot, joint: &StateJoint) -> f64 {
-    let range = if joint.unbounded { f64::INFINITY } else { joint.range[1] - joint.range[0] };
-    robot.profile().near_limit.min(0.02 * range)
-}
-
 /// Frames of `qpos` (n, S) in which each joint is near a stop, (S).
 fn near_limits(robot: &Described, qpos: &[f32]) -> Vec<u64> {
     let mut counts = vec![0; robot.joints.len()];
@@ -255,20 +244,6 @@ fn near_limits(robot: &Described, qpos: &[f32]) -> Vec<u64> {
         }
     }
     counts
-}
-
-/// The manifest's words for a robot.
-pub fn describe(robot: &Robot) -> Described {
-    Described {
-        id: robot.id().to_owned(),
-        model_sha256: robot.model_sha256().to_owned(),
-        joints: robot.joints().iter().map(|j| j.name.clone()).collect(),
-        units: robot.joints().iter().map(|j| j.unit).collect(),
-        ranges: robot.joints().iter().map(|j| (!j.unbounded).then_some(j.range)).collect(),
-        near_limit: robot.joints().iter().map(|j| near_limit(robot, j)).collect(),
-        actuators: robot.actuators().iter().map(|a| a.name.clone()).collect(),
-        ctrlranges: robot.actuators().iter().map(|a| a.ctrlrange).collect(),
-    }
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use super::env_batch::MIN_FRAMES;
+use crate::dataset::SHORTEST;
 use crate::exit::{Exit, HasExit};
 use crate::{dataset, fsio, mujoco, robot};
 
@@ -65,7 +65,7 @@ pub enum Error {
     /// Too many trajectories end before they are of use.
     #[error(
         "{short} of {tried} trajectories of {agent} ended before {least} frames; {cure}",
-        least = MIN_FRAMES,
+        least = SHORTEST,
         cure = cure(*pinned_frames, robot)
     )]
     TooShort {

@@ -7,9 +7,9 @@ use serde::{Deserialize, Serialize};
 
 use super::agent::AgentKind;
 use super::babble::BabbleRule;
-use super::env_batch::MIN_FRAMES;
 use super::error::Error;
 use super::preset::Preset;
+use crate::dataset::SHORTEST;
 use crate::robot::{PlantRange, Robot};
 use crate::{fsio, limits};
 
@@ -85,7 +85,7 @@ impl CollectConfig {
             let names: Vec<&str> = self.agents.iter().map(|a| a.name()).collect();
             return bad("agents", "named once each", names.join(", "));
         }
-        if !(MIN_FRAMES as u64..=100_000).contains(&self.episode_frames) {
+        if !(SHORTEST as u64..=100_000).contains(&self.episode_frames) {
             return bad("episode frames", "51 to 100000", self.episode_frames.to_string());
         }
         if !(self.snapshots_until > 0.0 && self.snapshots_until <= 1.0) {
@@ -104,7 +104,7 @@ impl CollectConfig {
             return bad("snapshot_every", &must, self.preset.snapshot_every.to_string());
         }
         let least = self.agents.iter().map(|&a| self.used_snapshots(a).len().max(1)).max();
-        let least = (least.unwrap_or(1) * self.agents.len() * MIN_FRAMES) as u64;
+        let least = (least.unwrap_or(1) * self.agents.len() * SHORTEST) as u64;
         if self.transitions < least {
             return bad(
                 "transitions",
@@ -114,7 +114,7 @@ impl CollectConfig {
         }
         // What could not be read back must not be begun.
         let pinned = learns && self.preset.pinned_frames > 0;
-        let shortest = if pinned { MIN_FRAMES as u64 } else { self.episode_frames };
+        let shortest = if pinned { SHORTEST as u64 } else { self.episode_frames };
         let episodes = (limits::EPISODES as u64).min(limits::MANIFEST_BYTES / EPISODE_BYTES);
         let most = (episodes * shortest).min((limits::SHARDS / 2 * SHARD_FRAMES) as u64);
         if self.transitions > most || self.shards() > limits::SHARDS as u64 {

@@ -46,7 +46,7 @@ const _: () = assert!(PASS * ROWS <= STAY);
 /// A right factor (k, n), split and in blocks; those of 32 columns follow each other. Each word
 /// of its data is a pair of bfloat16, not a number.
 #[derive(Clone, Debug, Default)]
-pub struct Terms {
+pub(super) struct Terms {
     data: Aligned<f32>,
     k: usize,
     n: usize,

@@ -333,7 +333,7 @@ impl Real for f64 {
 
 /// erf to about 1e-16: its all-positive series (Abramowitz and Stegun 7.1.6) below 3, the
 /// continued fraction of erfc (7.1.14) above.
-pub fn erf(x: f64) -> f64 {
+fn erf(x: f64) -> f64 {
     let z = x.abs();
     let y = if z < 3.0 {
         let (mut term, mut sum, mut n) = (z, z, 1.0);

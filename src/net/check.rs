@@ -1,8 +1,9 @@
 //! Gradients against finite differences in f64, every kind of parameter, every variant;
 //! sameness of bits over thread counts.
 
+use super::batch::Batch;
 use super::config::{Mixing, NetConfig, SkipKind, WINDOW};
-use super::model::{Batch, Net};
+use super::model::Net;
 use super::step::{AdamConfig, Learner};
 use crate::linalg::Real;
 use crate::rng::{Rng, Stream};

@@ -3,7 +3,6 @@
 use serde::{Deserialize, Serialize};
 
 use super::Error;
-use super::params::Layout;
 
 /// Learned numbers of a network at most: a checkpoint holds each four times (weight, two
 /// moments, average) and must stay below [`crate::limits::TENSOR_FILE_BYTES`].
@@ -115,11 +114,11 @@ impl NetConfig {
         self.bins * (1 + self.actions) + if self.skip == SkipKind::Gated { self.actions } else { 0 }
     }
 
-    /// Refuses sizes that make no network.
+    /// Refuses sizes that make no network, however large; [`NetConfig::check`] does the rest.
     ///
     /// # Errors
     /// [`Error::Config`] naming the field.
-    pub fn check(&self) -> Result<(), Error> {
+    pub(super) fn check_sizes(&self) -> Result<(), Error> {
         let refuse = |field, why: String| Err(Error::Config { field, why });
         let within = |field, x: usize, max: usize| {
             if (1..=max).contains(&x) {
@@ -150,15 +149,6 @@ impl NetConfig {
         }
         if !(self.offset_weight.is_finite() && self.offset_weight > 0.0) {
             return refuse("offset_weight", format!("{} is not positive", self.offset_weight));
-        }
-        // The bounds above keep the sum far inside 64 bits.
-        let count = Layout::new(self).count();
-        if count > MOST_WEIGHTS {
-            let (layers, width) = (self.layers, self.width);
-            let why = format!(
-                "{width} with {layers} layers makes {count} weights, more than {MOST_WEIGHTS}"
-            );
-            return refuse("width", why);
         }
         Ok(())
     }

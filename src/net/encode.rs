@@ -1,8 +1,8 @@
 //! One window into one slot of a batch: tokens, masks, linear predictions, actions.
 
 use super::action_history::ActionHistory;
+use super::batch::Batch;
 use super::config::{CURRENT, WINDOW};
-use super::model::Batch;
 use super::ridge::Ridge;
 use super::token::{Scratch, Tokeniser};
 use super::{Error, NetConfig, SkipKind};

@@ -5,8 +5,9 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use super::batch::Batch;
 use super::config::{Mixing, NetConfig, SkipKind, WINDOW};
-use super::model::{Batch, Net};
+use super::model::Net;
 use super::step::{AdamConfig, Learner};
 use super::tensors::{self, Out};
 use super::{Error, mask::MaskKind, mask::past_is_visible};

@@ -4,31 +4,12 @@
 //!
 //! Output of one token: K logits, K × A offsets, and A gates when the linear skip is gated.
 
+use super::batch::{Batch, Place};
 use super::config::{CURRENT, NetConfig, SkipKind, WINDOW};
-use super::model::Batch;
 use crate::linalg::Real;
 
 /// Hidden command frames right after the current one, 0 to 20.
 pub const GAPS: usize = 21;
-
-/// Where a robot is: at stops and in contact forces act that positions do not tell of.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Place {
-    /// Away from stops and from itself.
-    #[default]
-    Clear,
-    /// A joint near a stop.
-    Stop,
-    /// In self-contact, no joint near a stop.
-    Contact,
-    /// Anywhere, but the next token tells the action: no error counts here.
-    Told,
-}
-
-impl Place {
-    /// Where errors count, in the order of [`Sums::place_square`].
-    pub const ALL: [Place; 3] = [Place::Clear, Place::Stop, Place::Contact];
-}
 
 /// Oldest frame that counts in [`Sums::place_square`]: 16 frames of history settle what
 /// positions tell of a velocity.

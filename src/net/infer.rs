@@ -7,10 +7,11 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use super::adaptive_threads::AdaptiveThreads;
+use super::batch::Batch;
 use super::config::{COMMAND, CURRENT, NetConfig};
 use super::encode::EncodeScratch;
 use super::head::{self, Choice};
-use super::model::{Batch, Net};
+use super::model::Net;
 use super::single::{Panels, Single};
 use super::{Encoder, Error};
 use crate::rng::{Rng, Stream};

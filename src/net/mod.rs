@@ -6,6 +6,7 @@
 
 mod action_history;
 mod adaptive_threads;
+pub mod batch;
 #[cfg(test)]
 mod check;
 pub mod checkpoint;
@@ -26,6 +27,7 @@ pub mod step;
 pub mod tensors;
 pub mod token;
 
+pub use batch::{Batch, Place};
 pub use checkpoint::{Card, Model, RobotCard};
 pub use config::{
     COMMAND, CURRENT, HISTORY, MaskGranularity, Mixing, NetConfig, SkipKind, TokenKind, WINDOW,
@@ -33,7 +35,7 @@ pub use config::{
 pub use encode::Encoder;
 pub use error::Error;
 pub use infer::{NetPolicy, NetPolicyConfig, Threads};
-pub use model::{Batch, Net};
+pub use model::Net;
 pub use ridge::{Episodes, Ridge};
 pub use step::{AdamConfig, Learner};
 pub use token::{Facts, JointFacts, Normaliser, TokenConfig, Tokeniser};

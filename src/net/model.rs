@@ -7,8 +7,9 @@
 //! Block by block this is the pre-norm encoder of Xiong et al. 2020 with the head of
 //! Behaviour Transformers (Shafiullah et al. 2022).
 
+use super::batch::Batch;
 use super::config::{Mixing, NetConfig, WINDOW};
-use super::head::{self, Place, Sums};
+use super::head::{self, Sums};
 use super::params::Layout;
 use crate::linalg::{
     Aligned, Init, Mat, MatMut, Packed, Real, gemm, gemm_packed, gemm_tiled, next_of, on_threads,
@@ -43,42 +44,6 @@ impl<T: Real> Net<T> {
             return Err(super::Error::Shape { what: "centres", want, got: centres.len() });
         }
         Ok(Net { cfg, layout, weights, centres })
-    }
-}
-
-/// Windows as the network takes them, (B, 51, ·) row-major.
-#[derive(Clone, Debug)]
-pub struct Batch<T: Real> {
-    /// Windows B.
-    pub count: usize,
-    /// Token features, (B, 51, inputs).
-    pub tokens: Aligned<T>,
-    /// Whether a token is hidden, (B, 51).
-    pub masked: Vec<bool>,
-    /// The linear prediction, (B, 51, A); empty without a skip.
-    pub linear: Vec<T>,
-    /// Actions to infer, (B, 51, A).
-    pub actions: Vec<T>,
-    /// Weight of each token in the loss, (B, 51).
-    pub weight: Vec<T>,
-    /// Where the robot is at a frame, (B, 51); for the log only.
-    pub place: Vec<Place>,
-}
-
-impl<T: Real> Batch<T> {
-    /// `count` windows of zeros with weight 1.
-    pub fn zeros(cfg: &NetConfig, count: usize) -> Self {
-        let rows = count * WINDOW;
-        let skip = cfg.skip != super::config::SkipKind::Off;
-        Batch {
-            count,
-            tokens: Aligned::zeros(rows * cfg.inputs),
-            masked: vec![false; rows],
-            linear: vec![T::default(); if skip { rows * cfg.actions } else { 0 }],
-            actions: vec![T::default(); rows * cfg.actions],
-            weight: vec![T::of(1.0); rows],
-            place: vec![Place::Clear; rows],
-        }
     }
 }
 

@@ -5,7 +5,8 @@
 
 use std::ops::Range;
 
-use super::config::{Mixing, NetConfig, SkipKind, WINDOW};
+use super::Error;
+use super::config::{MOST_WEIGHTS, Mixing, NetConfig, SkipKind, WINDOW};
 use crate::linalg::{Aligned, Real};
 use crate::rng::{Rng, Stream};
 
@@ -145,6 +146,26 @@ impl Layout {
             }
         }
         w
+    }
+}
+
+impl NetConfig {
+    /// Refuses sizes that make no network.
+    ///
+    /// # Errors
+    /// [`Error::Config`] naming the field.
+    pub fn check(&self) -> Result<(), Error> {
+        self.check_sizes()?;
+        // Sizes that pass keep the sum far inside 64 bits.
+        let count = Layout::new(self).count();
+        if count > MOST_WEIGHTS {
+            let (layers, width) = (self.layers, self.width);
+            let why = format!(
+                "{width} with {layers} layers makes {count} weights, more than {MOST_WEIGHTS}"
+            );
+            return Err(Error::Config { field: "width", why });
+        }
+        Ok(())
     }
 }
 

@@ -10,9 +10,10 @@ use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
+use super::batch::Batch;
 use super::config::{CURRENT, Mixing, NetConfig, WINDOW};
 use super::helper_thread::{HelperThread, until};
-use super::model::{Batch, Net, place};
+use super::model::{Net, place};
 use super::params::LayerAt;
 use crate::linalg::{
     Aligned, Init, Mat, MatMut, Packed, gemm, gemm_packed,

@@ -8,8 +8,9 @@
 
 use std::sync::{Mutex, PoisonError};
 
+use super::batch::Batch;
 use super::head::Sums;
-use super::model::{Arena, Batch, Net, Panels, backward, forward, score};
+use super::model::{Arena, Net, Panels, backward, forward, score};
 use crate::linalg::{
     Aligned, Real, next_of, on_threads,
     simd::{self, AdamStep},

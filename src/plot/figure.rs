@@ -1,10 +1,7 @@
 //! What a chart shows, as plain data: a figure of panels, a panel of layers.
 
-use std::path::Path;
-
 use super::axis::Axis;
 use super::palette::Theme;
-use super::{Error, draw};
 
 /// Pattern of a line: it names the kind, as colour names the joint or method.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -197,48 +194,6 @@ impl Figure {
     pub fn panel_size(mut self, width: u32, height: u32) -> Figure {
         self.panel = (width, height);
         self
-    }
-
-    /// As a PNG at two pixels a point.
-    ///
-    /// # Errors
-    /// [`Error::Empty`], [`Error::Large`], [`Error::Draw`].
-    pub fn png(&self) -> Result<Vec<u8>, Error> {
-        draw::png(self)
-    }
-
-    /// As an SVG.
-    ///
-    /// # Errors
-    /// [`Error::Empty`], [`Error::Large`], [`Error::Draw`].
-    pub fn svg(&self) -> Result<String, Error> {
-        draw::svg(self)
-    }
-
-    /// Whether the ending of a path names a format, asked before there are figures to draw.
-    ///
-    /// # Errors
-    /// [`Error::Format`].
-    pub fn may_save(path: &Path) -> Result<(), Error> {
-        let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase());
-        match ending.as_deref() {
-            Some("png" | "svg") => Ok(()),
-            _ => Err(Error::Format { path: path.to_owned() }),
-        }
-    }
-
-    /// Writes a file; the ending (png or svg) names the format.
-    ///
-    /// # Errors
-    /// As above; [`Error::Format`], [`Error::File`].
-    pub fn save(&self, path: &Path) -> Result<(), Error> {
-        let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase());
-        let bytes = match ending.as_deref() {
-            Some("png") => self.png()?,
-            Some("svg") => self.svg()?.into_bytes(),
-            _ => return Err(Error::Format { path: path.to_owned() }),
-        };
-        Ok(crate::fsio::write_atomic(path, &bytes)?)
     }
 }
 

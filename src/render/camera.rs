@@ -7,6 +7,43 @@
 use glam::camera::rh;
 use glam::{Mat4, Vec2, Vec3};
 
+/// Which camera looks at a motion.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub enum CameraChoice {
+    /// The profile's direction, as near as the whole motion allows.
+    #[default]
+    Fit,
+    /// The profile's camera as it stands.
+    Fixed,
+    /// Straight down, parallel.
+    Top,
+    /// As `Fit`, once around in the course of the motion.
+    Orbit,
+    /// As `Fit` for one frame, moving along with this body.
+    Follow(String),
+    /// A camera of the model.
+    Named(String),
+}
+
+impl CameraChoice {
+    /// The words there are for any model.
+    pub const NAMES: [&str; 5] = ["fit", "fixed", "top", "orbit", "follow:BODY"];
+
+    /// From the word typed; anything else is a camera of the model.
+    pub fn parse(text: &str) -> CameraChoice {
+        match text {
+            "fit" => CameraChoice::Fit,
+            "fixed" => CameraChoice::Fixed,
+            "top" => CameraChoice::Top,
+            "orbit" => CameraChoice::Orbit,
+            _ => match text.strip_prefix("follow:") {
+                Some(body) => CameraChoice::Follow(body.to_owned()),
+                None => CameraChoice::Named(text.to_owned()),
+            },
+        }
+    }
+}
+
 /// How depth maps to the picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Lens {

@@ -11,7 +11,6 @@ use super::camera::{Camera, Lens};
 use super::frame::{FrameInput, Ghost, GhostKind, Glyph, Mark, SUN, Trail};
 use super::gpu::{Instance, Segment};
 use super::prims::Prim;
-use super::renderer::linear;
 use super::scene::{Geom, Pose, Scene, Shape};
 use crate::plot::palette;
 
@@ -454,6 +453,11 @@ pub fn tint(error: f64) -> palette::Rgb {
     } else {
         palette::mix(middle, far, 2.0 * error - 1.0)
     }
+}
+
+/// sRGB to linear.
+pub(super) fn linear(c: [f32; 3]) -> [f32; 3] {
+    c.map(|x| if x <= 0.04045 { x / 12.92 } else { ((x + 0.055) / 1.055).powf(2.4) })
 }
 
 fn solid_color(c: palette::Rgb) -> [f32; 4] {

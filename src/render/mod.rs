@@ -33,7 +33,7 @@ mod shot;
 
 pub mod encode;
 
-pub use camera::{Camera, Lens, View};
+pub use camera::{Camera, CameraChoice, Lens, View};
 pub use caption::{Caption, Key, Swatch};
 pub use error::Error;
 pub use frame::{FrameInput, Ghost, GhostKind, Glyph, Mark, SUN, Trail, sun_for};
@@ -44,4 +44,4 @@ pub use model::{Stage, poses};
 pub use picture::{Picture, Strip};
 pub use renderer::{Quality, RenderConfig, Renderer};
 pub use scene::{Floor, GEOMS, Geom, Pose, Scene, Shape};
-pub use shot::{CameraChoice, Motion, Overlay, Shot};
+pub use shot::{Motion, Overlay, Shot};

@@ -13,7 +13,7 @@ use wgpu::util::DeviceExt;
 use super::caption::Captioner;
 use super::frame::{FrameInput, SUN};
 use super::gpu::{COLOR, DEPTH, Globals, Gpu, Instance, Pipelines, Segment};
-use super::instances::{Batch, Drawn, Key};
+use super::instances::{Batch, Drawn, Key, linear};
 use super::prims::{Prim, Triangles};
 use super::{Backend, Error, Picture, Scene};
 
@@ -528,11 +528,6 @@ impl Renderer {
             ],
         }
     }
-}
-
-/// sRGB to linear.
-pub(super) fn linear(c: [f32; 3]) -> [f32; 3] {
-    c.map(|x| if x <= 0.04045 { x / 12.92 } else { ((x + 0.055) / 1.055).powf(2.4) })
 }
 
 /// The nearest of 1, 2, 5 times a power of ten, not below `wish`.

@@ -10,7 +10,9 @@ use glam::{Vec2, Vec3};
 
 use super::frame::{FrameInput, Ghost, Glyph, Mark, Trail, sun_for};
 use super::instances::{AXIS, CONTACT, FUTURE, PAST, tint};
-use super::{Camera, Caption, Error, Key, Picture, Pose, Renderer, Stage, Swatch, View, pick};
+use super::{
+    Camera, CameraChoice, Caption, Error, Key, Picture, Pose, Renderer, Stage, Swatch, View, pick,
+};
 use crate::plot::palette;
 use crate::robot::Robot;
 
@@ -180,28 +182,7 @@ impl Overlay {
     }
 }
 
-/// Where the eye is.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub enum CameraChoice {
-    /// The profile's direction, as near as the whole motion allows.
-    #[default]
-    Fit,
-    /// The profile's camera as it stands.
-    Fixed,
-    /// Straight down, parallel.
-    Top,
-    /// As `Fit`, once around in the course of the motion.
-    Orbit,
-    /// As `Fit` for one frame, moving along with this body.
-    Follow(String),
-    /// A camera of the model.
-    Named(String),
-}
-
 impl CameraChoice {
-    /// The words there are for any model.
-    pub const NAMES: [&str; 5] = ["fit", "fixed", "top", "orbit", "follow:BODY"];
-
     /// Refuses a body or camera that the robot has not, before anything is performed.
     ///
     /// # Errors
@@ -211,20 +192,6 @@ impl CameraChoice {
             CameraChoice::Named(name) => Stage::new(robot)?.model_camera(name).map(drop),
             CameraChoice::Follow(body) => Stage::new(robot)?.scene().body(body).map(drop),
             _ => Ok(()),
-        }
-    }
-
-    /// From the word typed; anything else is a camera of the model.
-    pub fn parse(text: &str) -> CameraChoice {
-        match text {
-            "fit" => CameraChoice::Fit,
-            "fixed" => CameraChoice::Fixed,
-            "top" => CameraChoice::Top,
-            "orbit" => CameraChoice::Orbit,
-            _ => match text.strip_prefix("follow:") {
-                Some(body) => CameraChoice::Follow(body.to_owned()),
-                None => CameraChoice::Named(text.to_owned()),
-            },
         }
     }
 }

@@ -10,7 +10,7 @@ use super::protocol::RobotCard;
 use crate::net::checkpoint;
 use crate::robot::{self, MODEL_FILE, Robot};
 use crate::rollout::{model_path, shipped};
-use crate::train::run::read_config;
+use crate::train::read_config;
 use crate::{explore, fsio, limits};
 
 /// Folders that are looked at for one list.

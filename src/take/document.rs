@@ -1,10 +1,7 @@
 //! The take as a value.
 
-use std::path::Path;
-
 use serde::{Deserialize, Serialize};
 
-use super::error::Error;
 use crate::clip::Command;
 use crate::fsio;
 use crate::robot::{PlantConfig, Robot};
@@ -233,16 +230,6 @@ impl Take {
         }
         let goal = f64::from(*self.command.row(at).get(joint)?);
         Some((self.state(frame).get(joint)? - goal).abs())
-    }
-
-    /// Writes the take as MCAP, whole or not at all.
-    ///
-    /// `scene` is what viewers draw ([`Take::scene`]); without it they have only frames.
-    ///
-    /// # Errors
-    /// [`Error::File`], [`Error::Encode`].
-    pub fn write(&self, path: &Path, scene: Option<&super::scene::Scene>) -> Result<(), Error> {
-        Ok(fsio::write_atomic(path, &self.to_mcap(scene)?)?)
     }
 }
 

@@ -6,6 +6,7 @@
 
 use std::collections::BTreeMap;
 use std::io::Cursor;
+use std::path::Path;
 
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{Attachment, Compression, WriteOptions, Writer};
@@ -20,6 +21,7 @@ use super::proto::{
 };
 use super::scene::{COMMAND_PREFIX, Scene, WORLD};
 use crate::clip::Sight;
+use crate::fsio;
 use crate::units::FPS;
 
 /// Seconds since 1970 at frame 0 of every take: 2026-01-01. A constant, so that equal
@@ -64,6 +66,16 @@ pub(super) fn frame_at(nanos: u64) -> Option<usize> {
 }
 
 impl Take {
+    /// Writes the take as MCAP, whole or not at all.
+    ///
+    /// `scene` is what viewers draw ([`Take::scene`]); without it they have only frames.
+    ///
+    /// # Errors
+    /// [`Error::File`], [`Error::Encode`].
+    pub fn write(&self, path: &Path, scene: Option<&Scene>) -> Result<(), Error> {
+        Ok(fsio::write_atomic(path, &self.to_mcap(scene)?)?)
+    }
+
     /// The take as MCAP.
     ///
     /// # Errors

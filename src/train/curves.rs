@@ -1,5 +1,6 @@
 //! Training curves as one picture, written into the run directory while it trains.
 
+use super::metrics::{Evaluation, HeldOut, Line};
 use super::record::Record;
 use crate::plot::{Axis, Curve, Dash, Figure, INK, Layer, Mark, Panel};
 
@@ -65,7 +66,7 @@ fn precision(record: &Record) -> Option<Panel> {
     let suites: Vec<String> = record.tasks().into_iter().filter(|t| !t.contains('/')).collect();
     let mut layers = Vec::new();
     for (color, suite) in suites.iter().enumerate() {
-        let at = |(s, e): &(u64, super::run::Evaluation)| Some((*s as f64, *e.suites.get(suite)?));
+        let at = |(s, e): &(u64, Evaluation)| Some((*s as f64, *e.suites.get(suite)?));
         layers.push(line(
             suite,
             record.evaluations.iter().filter_map(at).collect(),
@@ -95,7 +96,7 @@ fn precision(record: &Record) -> Option<Panel> {
 }
 
 fn action_error(record: &Record) -> Option<Panel> {
-    let of = |f: fn(&super::record::Line) -> f64| -> Vec<(f64, f64)> {
+    let of = |f: fn(&Line) -> f64| -> Vec<(f64, f64)> {
         let points = record.lines.iter().map(|l| (l.step as f64, f(l)));
         points.filter(|p| p.1 > 0.0).collect()
     };
@@ -116,7 +117,7 @@ fn action_error(record: &Record) -> Option<Panel> {
 }
 
 fn held_out(record: &Record) -> Option<Panel> {
-    let of = |f: &dyn Fn(&super::run::HeldOut) -> Option<f64>| -> Vec<(f64, f64)> {
+    let of = |f: &dyn Fn(&HeldOut) -> Option<f64>| -> Vec<(f64, f64)> {
         let points = record.held_out.iter().filter_map(|(s, h)| Some((*s as f64, f(h)?)));
         points.filter(|p| p.1 > 0.0).collect()
     };
@@ -161,6 +162,7 @@ fn by_hidden(record: &Record) -> Option<Panel> {
 mod tests {
     use super::*;
     use crate::train::TrainConfig;
+    use crate::train::metrics::Metric;
 
     #[test]
     fn only_what_was_measured_is_listed() {
@@ -172,7 +174,8 @@ mod tests {
             serde_json::json!({"step": 5, "held_out": held_out}),
             serde_json::json!({"step": 10, "held_out": held_out}),
         ];
-        let record = Record::of("a".into(), TrainConfig::default(), &metrics);
+        let metrics = metrics.map(|m| serde_json::from_value::<Metric>(m).unwrap()).to_vec();
+        let record = Record::of("a".into(), TrainConfig::default(), &metrics.into());
         let figure = figure(&record).unwrap();
         assert_eq!(figure.panels.len(), 2, "no training line, no evaluation");
         let svg = figure.svg().unwrap();

@@ -6,7 +6,7 @@
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use super::run::{Evaluate, Evaluation};
+use super::{Evaluate, Evaluation};
 use crate::clip::{self, Command};
 use crate::linalg::{next_of, on_threads};
 use crate::net::{Model, NetPolicyConfig};

@@ -1,23 +1,32 @@
 //! Training: settings, preparation of data and linear fit, the loop, resuming.
 //!
 //! [`config`] is what a person chooses, [`prepare`] what follows from the data,
-//! [`run`] the loop, [`record`] what a run directory tells, [`sweep`] grids of runs. A run is a function of the data and the settings: thread count, kills
-//! and resumes change nothing in its weights.
+//! [`run`] the loop, [`metrics`] what it measures, [`record`] what a run directory tells,
+//! [`sweep`] grids of runs. A run is a function of the data and the settings: thread count,
+//! kills and resumes change nothing in its weights.
 
 pub mod config;
 pub mod curves;
 mod error;
+mod evaluation;
 pub mod evaluator;
 pub mod fit;
 pub mod hindsight;
+pub mod metrics;
+mod options;
+pub mod paths;
 pub mod prepare;
 pub mod record;
 pub mod run;
 mod source;
+mod state;
 pub mod sweep;
 #[cfg(test)]
 mod tests;
 
 pub use config::{ContactTarget, PRESETS, TrainConfig};
 pub use error::Error;
-pub use run::{Evaluate, Evaluation, Finished, HeldOut, Options, train};
+pub use metrics::{Evaluation, HeldOut};
+pub use options::{Evaluate, Finished, Options};
+pub use paths::read_config;
+pub use run::train;

@@ -4,39 +4,15 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 use serde_json::Value;
 
-use super::run::{Evaluation, HeldOut, paths, read_config};
-use super::{Error, TrainConfig};
+use super::metrics::{Evaluation, HeldOut, Line, Metric, Metrics};
+use super::{Error, TrainConfig, paths};
 use crate::fsio;
 
-/// Bytes of a metrics file.
-const METRICS_BYTES: u64 = 256 << 20;
 /// Bytes of a meta file.
 const META_BYTES: u64 = 1 << 20;
-
-/// A line about training steps.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Line {
-    /// Last step that it covers.
-    pub step: u64,
-    /// Mean loss since the line before.
-    pub loss: f64,
-    /// Root mean square error of the actions of visible frames.
-    pub action_rms_visible: f64,
-    /// Of masked frames.
-    pub action_rms_masked: f64,
-    /// Learning rate.
-    pub lr: f64,
-    /// Norm of the gradient before clipping.
-    pub grad_norm: f64,
-    /// Windows a second of the session.
-    pub windows_per_sec: f64,
-    /// Seconds spent in the run up to here, all sessions.
-    #[serde(default)]
-    pub secs: f64,
-}
 
 /// A whole run.
 #[derive(Clone, Debug, Serialize)]
@@ -74,8 +50,8 @@ impl Record {
             let why = "no run directory (no config.toml)".to_owned();
             return Err(Error::Run { why, path: dir.to_owned() });
         }
-        let config = read_config(dir)?;
-        let metrics = read_metrics(&paths::metrics(dir), u64::MAX)?;
+        let config = paths::read_config(dir)?;
+        let metrics = Metrics::read(&paths::metrics(dir), u64::MAX)?;
         let whole = dir.canonicalize().unwrap_or_else(|_| dir.to_owned());
         let name = whole.file_name().unwrap_or_default().to_string_lossy().into_owned();
         let mut record = Self::of(name, config, &metrics);
@@ -85,24 +61,16 @@ impl Record {
     }
 
     /// From settings and metrics alone.
-    pub fn of(name: String, config: TrainConfig, metrics: &[Value]) -> Self {
+    pub fn of(name: String, config: TrainConfig, metrics: &Metrics) -> Self {
         let (mut lines, mut evaluations, mut held_out) = (Vec::new(), Vec::new(), Vec::new());
-        let mut linear = None;
-        for value in metrics {
-            let step = step_of(value).unwrap_or(0);
-            if let Ok(line) = Line::deserialize(value) {
-                lines.push(line);
-            }
-            if let Some(found) =
-                value.get("evaluation").and_then(|e| Evaluation::deserialize(e).ok())
-            {
-                evaluations.push((step, found));
-            }
-            if let Some(found) = value.get("held_out").and_then(|h| HeldOut::deserialize(h).ok()) {
-                held_out.push((step, found));
-            }
-            if let Some(found) = value.get("linear").and_then(|e| Evaluation::deserialize(e).ok()) {
-                linear = Some(found);
+        for metric in metrics.iter() {
+            match metric {
+                Metric::Line(line) => lines.push(*line),
+                Metric::Evaluation { step, evaluation } => {
+                    evaluations.push((*step, evaluation.clone()));
+                }
+                Metric::HeldOut { step, held_out: found } => held_out.push((*step, found.clone())),
+                Metric::Linear { .. } | Metric::Skipped { .. } | Metric::Other(_) => {}
             }
         }
         Record {
@@ -110,10 +78,10 @@ impl Record {
             dir: PathBuf::new(),
             robot: String::new(),
             config,
-            step: metrics.iter().filter_map(step_of).max().unwrap_or(0),
-            secs: lines.last().map_or(0.0, |l: &Line| l.secs),
+            step: metrics.iter().filter_map(Metric::step).max().unwrap_or(0),
+            secs: metrics.secs(),
             evaluations,
-            linear,
+            linear: metrics.linear().cloned(),
             held_out,
             lines,
         }
@@ -187,23 +155,8 @@ pub(super) fn began_with_tiles(dir: &Path) -> Option<bool> {
 }
 
 fn meta(dir: &Path) -> Value {
-    let bytes = fsio::read_capped(&dir.join("meta.json"), META_BYTES).unwrap_or_default();
+    let bytes = fsio::read_capped(&paths::meta(dir), META_BYTES).unwrap_or_default();
     serde_json::from_slice(&bytes).unwrap_or_default()
-}
-
-fn step_of(line: &Value) -> Option<u64> {
-    line.get("step").and_then(Value::as_u64)
-}
-
-/// Lines of a run up to a step; a torn last line is dropped.
-pub(super) fn read_metrics(path: &Path, step: u64) -> Result<Vec<Value>, Error> {
-    if !path.exists() {
-        return Ok(Vec::new());
-    }
-    let bytes = fsio::read_capped(path, METRICS_BYTES)?;
-    let text = String::from_utf8_lossy(&bytes);
-    let lines = text.lines().filter_map(|l| serde_json::from_str::<Value>(l).ok());
-    Ok(lines.filter(|l| step_of(l).is_some_and(|s| s <= step)).collect())
 }
 
 #[cfg(test)]
@@ -222,7 +175,7 @@ mod tests {
                 "lr": 1e-3, "grad_norm": 0.5, "windows_per_sec": 700.0, "secs": 2.0 * step as f64,
             })
         };
-        let metrics = [
+        let lines = [
             serde_json::json!({"step": 0, "linear": evaluation(0.3)}),
             line(5),
             serde_json::json!({"step": 5, "evaluation": evaluation(0.2)}),
@@ -230,7 +183,11 @@ mod tests {
             serde_json::json!({"step": 10, "evaluation": evaluation(0.4)}),
             serde_json::json!({"torn": true}),
         ];
-        let r = Record::of("a".into(), TrainConfig::default(), &metrics);
+        let metrics = |lines: &[Value]| {
+            let of = |l: &Value| serde_json::from_value::<Metric>(l.clone()).unwrap();
+            Metrics::from(lines.iter().map(of).collect::<Vec<_>>())
+        };
+        let r = Record::of("a".into(), TrainConfig::default(), &metrics(&lines));
         assert_eq!((r.step, r.secs, r.lines.len()), (10, 20.0, 2));
         assert_eq!(r.best().map(|(s, e)| (s, e.precision)), Some((5, 0.2)));
         assert_eq!(r.last().map(|(s, e)| (s, e.precision)), Some((10, 0.4)));
@@ -239,10 +196,10 @@ mod tests {
         let worse = Record::of(
             "b".into(),
             TrainConfig::default(),
-            &[
+            &metrics(&[
                 serde_json::json!({"step": 0, "linear": evaluation(0.3)}),
                 serde_json::json!({"step": 5, "evaluation": evaluation(0.31)}),
-            ],
+            ]),
         );
         assert_eq!(worse.best().map(|(s, e)| (s, e.precision)), Some((0, 0.3)));
         assert_eq!(r.tasks(), ["manual", "manual/a"]);

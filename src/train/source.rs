@@ -5,11 +5,13 @@ use std::sync::{Mutex, PoisonError};
 
 use super::TrainConfig;
 use super::config::ContactTarget;
-use crate::dataset::{Dataset, Window, Windows};
+use crate::dataset::{Dataset, SHORTEST, Window, Windows};
+use crate::net::Place;
 use crate::net::encode::EncodeScratch;
-use crate::net::head::Place;
 use crate::net::{Batch, CURRENT, Encoder, WINDOW};
 use crate::rng::{Rng, Stream};
+
+const _: () = assert!(SHORTEST == WINDOW, "datasets keep trajectories that fill a window");
 
 /// Added to the seed for windows that are only measured.
 const MEASURE: u64 = 0x5EED;

@@ -12,8 +12,9 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use super::hindsight::Simulated;
-use super::run::{Options, paths, read_config, train};
-use super::{Error, TrainConfig};
+use super::options::Options;
+use super::run::train;
+use super::{Error, TrainConfig, paths, read_config};
 use crate::clip;
 use crate::dataset::{self, Corruption, Dataset, Manifest, Verify};
 use crate::fsio;

@@ -16,7 +16,6 @@ use crate::progress::{Cancel, Progress, Silent};
 use crate::rng::{Rng, Stream};
 use crate::robot::Robot as Built;
 use crate::units::Unit;
-use run::paths;
 
 /// A robot of the program, 3,000 transitions of noise in `folder`, and a network that knows
 /// no more than their linear prediction.
@@ -152,7 +151,7 @@ fn learns_and_beats_its_linear_answer() {
     let model = checkpoint::load(&paths::model(&run), None).unwrap();
     assert!(model.optimiser.is_none());
     assert_ne!(model.net.weights[..], weights(&run).net.weights[..], "the average is kept");
-    assert_eq!(run::read_config(&run).unwrap(), cfg);
+    assert_eq!(read_config(&run).unwrap(), cfg);
 }
 
 /// Stops a run after some steps.
@@ -240,7 +239,7 @@ fn a_run_goes_on_only_with_its_own_settings_and_data() {
     // A file edited by hand would put wrong settings on record.
     let text = std::fs::read_to_string(paths::config(&run)).unwrap();
     std::fs::write(paths::config(&run), text.replace("lr = 0.003", "lr = 0.004")).unwrap();
-    let edited = run::read_config(&run).unwrap();
+    let edited = read_config(&run).unwrap();
     assert_eq!(edited.lr, 0.004);
     let e = train(&data, &edited, options(&run, 1, &cancel, &Silent)).unwrap_err();
     assert!(e.to_string().contains("no longer the one"), "{e}");

@@ -127,9 +127,9 @@ pub(super) fn run(a: &Check) -> Outcome {
 }
 
 fn file(a: &Check, path: &Path) -> Result<FileReport, Failure> {
-    let mut parsed = super::load(path)?;
-    let robot = super::robot_of(&parsed.clip, a.robot.as_deref())?;
-    let mut table = super::joint_table(&parsed.clip, robot.as_ref());
+    let mut parsed = super::files::load(path)?;
+    let robot = super::files::robot_of(&parsed.clip, a.robot.as_deref())?;
+    let mut table = super::files::joint_table(&parsed.clip, robot.as_ref());
     if a.joint_masks {
         table.granularity = Granularity::Joint;
     }

@@ -37,7 +37,7 @@ pub(super) struct Convert {
     #[arg(long, value_name = "CLIP", conflicts_with = "robot")]
     like: Option<PathBuf>,
     /// What stands between imported keys: mask, linear, cubic or hold.
-    #[arg(long, default_value = "mask", value_parser = super::fill_word)]
+    #[arg(long, default_value = "mask", value_parser = super::files::fill_word)]
     fill: Fill,
     /// Format of the input, when its name does not tell.
     #[arg(long)]
@@ -105,7 +105,7 @@ pub(super) fn run(a: &Convert) -> Outcome {
             a.output.display()
         )));
     }
-    let robot = super::reference(a.robot.as_deref(), a.like.as_ref())?;
+    let robot = super::files::reference(a.robot.as_deref(), a.like.as_ref())?;
     let clip = read(a, from, robot.as_ref())?;
     write(&clip, to, &a.output)?;
     out::line(&format!(
@@ -119,7 +119,7 @@ pub(super) fn run(a: &Convert) -> Outcome {
 
 fn read(a: &Convert, from: Format, robot: Option<&RobotRef>) -> Result<Clip, Failure> {
     if from == Format::Clip {
-        let clip = super::load(&a.input)?.clip;
+        let clip = super::files::load(&a.input)?.clip;
         return match robot {
             Some(robot) => adopted(clip, robot, &a.input),
             None => Ok(clip),

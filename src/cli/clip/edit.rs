@@ -26,7 +26,7 @@ pub(super) struct New {
     #[arg(long, conflicts_with = "length", value_name = "SECONDS", allow_negative_numbers = true)]
     secs: Option<f64>,
     /// What stands between keys: mask, linear, cubic or hold.
-    #[arg(long, default_value = "mask", value_parser = super::fill_word)]
+    #[arg(long, default_value = "mask", value_parser = super::files::fill_word)]
     fill: Fill,
     /// Pose of the first key; the robot's home pose when absent.
     #[arg(long)]
@@ -43,7 +43,7 @@ pub(super) struct New {
 }
 
 pub(super) fn new(a: &New) -> Outcome {
-    let robot = super::robot(&a.robot)?;
+    let robot = super::files::robot(&a.robot)?;
     let length = match a.secs {
         None => a.length,
         Some(s) if s > 0.0 && s * 20.0 <= f64::from(limits::CLIP_FRAMES) => {
@@ -70,7 +70,7 @@ pub(super) fn new(a: &New) -> Outcome {
         }
         None => clip.keys.push(Key::new(0, &robot.home())),
     }
-    super::deliver(&clip, a.out.as_deref(), a.force)
+    super::files::deliver(&clip, a.out.as_deref(), a.force)
 }
 
 /// Rewrite clips in the one canonical form: a key a line, sorted, rounded to 1e-6.
@@ -93,7 +93,7 @@ pub(super) fn fmt(a: &Fmt) -> Outcome {
     let mut stale = 0;
     for path in &a.files {
         if path == Path::new("-") {
-            let clip = super::load(path)?.clip;
+            let clip = super::files::load(path)?.clip;
             out::line(clip.to_text().trim_end())?;
             continue;
         }
@@ -157,9 +157,9 @@ struct Applied {
 }
 
 pub(super) fn apply_ops(a: &Apply) -> Outcome {
-    let clip = super::load(&a.clip)?.clip;
+    let clip = super::files::load(&a.clip)?.clip;
     let ops = read_ops(&a.ops)?;
-    let robot = super::robot_of(&clip, a.robot.as_deref())?;
+    let robot = super::files::robot_of(&clip, a.robot.as_deref())?;
     let table = robot.as_ref().map(crate::robot::Robot::joint_table);
     let mut editor = Editor::new(clip.clone(), table).map_err(Failure::invalid)?;
     let before = editor.command().clone();
@@ -170,7 +170,7 @@ pub(super) fn apply_ops(a: &Apply) -> Outcome {
     }
     let out = if a.in_place { Some(a.clip.as_path()) } else { a.out.as_deref() };
     if out.is_some() || !a.json {
-        super::deliver(editor.clip(), out, a.force || a.in_place)?;
+        super::files::deliver(editor.clip(), out, a.force || a.in_place)?;
     }
     if !a.json {
         return Ok(());
@@ -214,7 +214,7 @@ pub(super) struct Upgrade {
 
 pub(super) fn upgrade(a: &Upgrade) -> Outcome {
     for path in &a.files {
-        let clip = super::load(path)?.clip;
+        let clip = super::files::load(path)?.clip;
         let old = fsio::read_capped(path, limits::CLIP_BYTES).map_err(ClipError::from)?;
         let text = clip.to_text();
         let word = if text.as_bytes() == old { "is up to date" } else { "rewritten" };

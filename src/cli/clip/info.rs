@@ -47,7 +47,7 @@ struct Facts {
 }
 
 pub(super) fn info(a: &Info) -> Outcome {
-    let clip = super::load(&a.clip)?.clip;
+    let clip = super::files::load(&a.clip)?.clip;
     let command = compile(&clip).map_err(Failure::invalid)?;
     let full = command.full_frames();
     let partial = (0..command.frames()).filter(|t| command.sight(*t) == Sight::Partial).count();
@@ -119,7 +119,7 @@ pub(super) struct Diff {
 }
 
 pub(super) fn diff(a: &Diff) -> Outcome {
-    let (old, new) = (super::load(&a.old)?.clip, super::load(&a.new)?.clip);
+    let (old, new) = (super::files::load(&a.old)?.clip, super::files::load(&a.new)?.clip);
     let (was, is) =
         (compile(&old).map_err(Failure::invalid)?, compile(&new).map_err(Failure::invalid)?);
     let patch = Delta::between(&old, &new);

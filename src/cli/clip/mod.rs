@@ -3,15 +3,12 @@
 mod check;
 mod convert;
 mod edit;
+mod files;
 mod info;
-
-use std::path::{Path, PathBuf};
 
 use clap::Subcommand;
 
-use super::failure::{Failure, Outcome};
-use crate::clip::{Clip, Fill, JointTable, Parsed, RobotRef};
-use crate::robot::Robot;
+use super::failure::Outcome;
 
 #[derive(clap::Args, Debug)]
 #[command(
@@ -54,80 +51,5 @@ pub(super) fn run(args: &Args) -> Outcome {
         Command::Convert(a) => convert::run(a),
         Command::Schema(_) => super::out::json(&crate::clip::schema()),
         Command::Upgrade(a) => edit::upgrade(a),
-    }
-}
-
-/// Reads a clip; `-` is stdin.
-fn load(path: &Path) -> Result<Parsed, Failure> {
-    if path == Path::new("-") {
-        return Ok(crate::clip::parse_bytes(stdin()?).map_err(|e| e.in_file(Path::new("stdin")))?);
-    }
-    Ok(crate::clip::load(path)?)
-}
-
-fn stdin() -> Result<Vec<u8>, Failure> {
-    use std::io::Read as _;
-    let mut bytes = Vec::new();
-    let cap = crate::limits::CLIP_BYTES;
-    std::io::stdin().lock().take(cap + 1).read_to_end(&mut bytes)?;
-    if bytes.len() as u64 > cap {
-        return Err(Failure::invalid(format!("stdin: more than {cap} bytes")));
-    }
-    Ok(bytes)
-}
-
-/// The one place that asks for a robot: an id, or a folder.
-fn robot(id: &str) -> Result<Robot, Failure> {
-    Ok(Robot::load(id)?)
-}
-
-/// The robot named on the command line, else the clip's own where it is known here.
-fn robot_of(clip: &Clip, asked: Option<&str>) -> Result<Option<Robot>, Failure> {
-    match asked {
-        Some(id) => robot(id).map(Some),
-        None if Robot::builtin_ids().any(|id| id == clip.robot.id) => {
-            robot(&clip.robot.id).map(Some)
-        }
-        None => Ok(None),
-    }
-}
-
-/// What is known about a clip's robot: everything, or only what the clip says.
-fn joint_table(clip: &Clip, robot: Option<&Robot>) -> JointTable {
-    robot.map_or_else(|| JointTable::from_clip(clip), Robot::joint_table)
-}
-
-/// Robot and joint order for a file that has none of its own.
-fn reference(robot_id: Option<&str>, like: Option<&PathBuf>) -> Result<Option<RobotRef>, Failure> {
-    match (robot_id, like) {
-        (Some(id), _) => Ok(Some(robot(id)?.clip_ref())),
-        (None, Some(path)) => Ok(Some(load(path)?.clip.robot)),
-        (None, None) => Ok(None),
-    }
-}
-
-/// Writes a clip to a file, or its text to stdout.
-fn deliver(clip: &Clip, out: Option<&Path>, force: bool) -> Outcome {
-    let Some(path) = out else { return super::out::line(clip.to_text().trim_end()) };
-    if !force && path.exists() {
-        let path = path.display();
-        return Err(Failure::usage(format!("{path} exists; say --force to overwrite it")));
-    }
-    clip.save(path)?;
-    Ok(())
-}
-
-fn fill_word(word: &str) -> Result<Fill, String> {
-    Fill::from_word(word).ok_or_else(|| "one of mask, linear, cubic, hold".to_owned())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn fills_are_words_of_the_format() {
-        assert_eq!(fill_word("cubic"), Ok(Fill::Cubic));
-        assert!(fill_word("spline").is_err());
     }
 }

@@ -20,6 +20,12 @@ use crate::plot::{Error, INK, Letterer};
 
 /// The family's name as it stands in an SVG: the viewer takes the first that it has.
 const FAMILY: &str = "Noto Sans, DejaVu Sans, Helvetica, Arial, sans-serif";
+/// Height of a panel's title, points.
+pub(super) const HEAD: f64 = 12.5;
+/// Height of names and legends, points.
+pub(super) const LABEL: f64 = 11.5;
+/// Height of numbers along an axis, points.
+pub(super) const TICK: f64 = 10.5;
 /// Drawn units a point.
 pub(super) const UNITS: u32 = 4;
 /// Units averaged into one pixel.

@@ -4,8 +4,7 @@
 use plotters::prelude::DrawingBackend;
 use plotters::style::text_anchor::{HPos, VPos};
 
-use super::LABEL;
-use super::canvas::{Canvas, Rect, text_width};
+use super::canvas::{Canvas, LABEL, Rect, text_width};
 use crate::plot::figure::{Dash, Layer, Mark, Panel};
 use crate::plot::{Error, INK, Letterer};
 

@@ -9,12 +9,13 @@ mod legend;
 mod panel;
 
 use std::cell::RefCell;
+use std::path::Path;
 
 use plotters::backend::{BitMapBackend, SVGBackend};
 use plotters::prelude::{DrawingBackend, IntoDrawingArea};
 use plotters::style::text_anchor::{HPos, VPos};
 
-use self::canvas::{Area, Canvas, Lettering, Rect, SMOOTH, UNITS, rgb};
+use self::canvas::{Area, Canvas, LABEL, Lettering, Rect, SMOOTH, UNITS, rgb};
 use self::legend::Entry;
 use self::panel::Room;
 use super::figure::{Figure, Panel};
@@ -24,13 +25,54 @@ use super::{Error, Letterer};
 const POINTS: u32 = 6000;
 
 const TITLE: f64 = 16.0;
-const HEAD: f64 = 12.5;
-const LABEL: f64 = 11.5;
-const TICK: f64 = 10.5;
 const MARGIN: f64 = 16.0;
 
+impl Figure {
+    /// As a PNG at two pixels a point.
+    ///
+    /// # Errors
+    /// [`Error::Empty`], [`Error::Large`], [`Error::Draw`].
+    pub fn png(&self) -> Result<Vec<u8>, Error> {
+        png(self)
+    }
+
+    /// As an SVG.
+    ///
+    /// # Errors
+    /// [`Error::Empty`], [`Error::Large`], [`Error::Draw`].
+    pub fn svg(&self) -> Result<String, Error> {
+        svg(self)
+    }
+
+    /// Whether the ending of a path names a format, asked before there are figures to draw.
+    ///
+    /// # Errors
+    /// [`Error::Format`].
+    pub fn may_save(path: &Path) -> Result<(), Error> {
+        let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase());
+        match ending.as_deref() {
+            Some("png" | "svg") => Ok(()),
+            _ => Err(Error::Format { path: path.to_owned() }),
+        }
+    }
+
+    /// Writes a file; the ending (png or svg) names the format.
+    ///
+    /// # Errors
+    /// As above; [`Error::Format`], [`Error::File`].
+    pub fn save(&self, path: &Path) -> Result<(), Error> {
+        let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase());
+        let bytes = match ending.as_deref() {
+            Some("png") => self.png()?,
+            Some("svg") => self.svg()?.into_bytes(),
+            _ => return Err(Error::Format { path: path.to_owned() }),
+        };
+        Ok(crate::fsio::write_atomic(path, &bytes)?)
+    }
+}
+
 /// A figure as PNG bytes.
-pub(super) fn png(figure: &Figure) -> Result<Vec<u8>, Error> {
+fn png(figure: &Figure) -> Result<Vec<u8>, Error> {
     let letterer = Letterer::default();
     let size = layout(figure, &letterer)?;
     let (w, h) = ((size.width * UNITS) as usize, (size.height * UNITS) as usize);
@@ -70,7 +112,7 @@ pub(super) fn png(figure: &Figure) -> Result<Vec<u8>, Error> {
 }
 
 /// A figure as SVG text.
-pub(super) fn svg(figure: &Figure) -> Result<String, Error> {
+fn svg(figure: &Figure) -> Result<String, Error> {
     let letterer = Letterer::default();
     let size = layout(figure, &letterer)?;
     let (w, h) = (size.width * UNITS, size.height * UNITS);

@@ -3,10 +3,9 @@
 use plotters::prelude::DrawingBackend;
 use plotters::style::text_anchor::{HPos, VPos};
 
-use super::canvas::{Canvas, Rect, text_width};
+use super::canvas::{Canvas, HEAD, LABEL, Rect, TICK, text_width};
 use super::frame::{Frame, drawable};
 use super::legend::{Entry, LINE, rows};
-use super::{HEAD, LABEL, TICK};
 use crate::plot::Error;
 use crate::plot::axis::Axis;
 use crate::plot::figure::{Dash, Layer, Mark, Panel};

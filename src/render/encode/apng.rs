@@ -1,6 +1,6 @@
 //! APNG: lossless; each frame holds only the rectangle that changed.
 
-use super::video::{Encode, Film};
+use super::film::{Encode, Film};
 use super::{changed, fail};
 use crate::render::{Error, Picture};
 

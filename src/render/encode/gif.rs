@@ -7,7 +7,7 @@
 use color_quant::NeuQuant;
 
 use super::fail;
-use super::video::{Encode, Film};
+use super::film::{Encode, Film};
 use crate::render::{Error, Picture};
 
 /// Colours; one index is kept for "as before".

@@ -7,11 +7,13 @@
 //! a C library that no other part needs; APNG and MP4 cover what animated WebP would.
 
 mod apng;
+mod film;
 mod gif;
 mod mp4;
 mod video;
 
-pub use video::{Film, FilmFormat, VideoWriter, Written};
+pub use film::{Film, FilmFormat};
+pub use video::{VideoWriter, Written};
 
 use std::path::Path;
 

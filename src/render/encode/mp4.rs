@@ -24,7 +24,7 @@ use shiguredo_mp4::mux::{
 };
 
 use super::fail;
-use super::video::{Encode, Film};
+use super::film::{Encode, Film};
 use crate::render::{Error, Picture};
 
 /// Quantiser: clean to the eye on these pictures at 2 kB a frame.

@@ -4,34 +4,14 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc::{SyncSender, sync_channel};
 use std::thread::JoinHandle;
 
-use super::{ENDINGS, apng, ending, gif, mp4};
+use super::film::{Encode, Film, FilmFormat};
+use super::{ENDINGS, apng, gif, mp4};
 use crate::render::{Error, Picture};
 
 /// Frames that wait for the encoder at most.
 const WAITING: usize = 4;
 
-/// The format of a film.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum FilmFormat {
-    /// H.264 in MP4: small, plays everywhere.
-    Mp4,
-    /// 256 colours: plays where nothing else does.
-    Gif,
-    /// Lossless.
-    Apng,
-}
-
 impl FilmFormat {
-    /// From the ending of a path; a `.png` is a still and gives none.
-    pub fn of(path: &Path) -> Option<FilmFormat> {
-        match ending(path).as_str() {
-            "mp4" => Some(FilmFormat::Mp4),
-            "gif" => Some(FilmFormat::Gif),
-            "apng" => Some(FilmFormat::Apng),
-            _ => None,
-        }
-    }
-
     /// Whether a film of these pixels can be written.
     ///
     /// # Errors
@@ -44,21 +24,6 @@ impl FilmFormat {
     }
 }
 
-/// What a film is made of.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Film {
-    /// The format.
-    pub format: FilmFormat,
-    /// Frames a second.
-    pub fps: u32,
-    /// Pixels a row.
-    pub width: u32,
-    /// Rows.
-    pub height: u32,
-    /// Frames there will be.
-    pub frames: u32,
-}
-
 /// A finished film.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Written {
@@ -68,12 +33,6 @@ pub struct Written {
     pub bytes: u64,
     /// Where it is.
     pub path: PathBuf,
-}
-
-/// Turns pictures into the bytes of a file.
-pub(super) trait Encode {
-    fn push(&mut self, picture: &Picture) -> Result<(), Error>;
-    fn finish(self: Box<Self>) -> Result<Vec<u8>, Error>;
 }
 
 /// Encodes a film on its own thread and writes it, whole or not at all.

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use roxmltree::Node;
 
-use super::ImportConfig;
+use super::config::ImportConfig;
 use super::draft::Draft;
 use crate::mujoco::{Joint, Kind, Model, Transmission};
 use crate::robot::derive::{ctrlrange, is_motor, state_joints};

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 
 use roxmltree::{Document, Node};
 
-use super::ImportConfig;
+use super::config::ImportConfig;
 use super::draft::{ASSET_DIR, Draft, physics};
 use crate::robot::text::Edits;
 use crate::robot::{Error, mesh, preparse, text};

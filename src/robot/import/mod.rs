@@ -8,6 +8,7 @@
 //! Rejected: `MuJoCo`'s own URDF loader, which drops effort, velocity and mimic, cuts
 //! `package://` paths to the base name and makes no actuators.
 
+mod config;
 mod contacts;
 mod description;
 mod draft;
@@ -15,70 +16,15 @@ mod fix;
 mod mjcf;
 mod urdf;
 
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use serde::Serialize;
+pub use config::{ImportConfig, Report};
 
 use super::{Assets, Error, MODEL_FILE, PROFILE_FILE, Robot, check, preparse, profile};
 use crate::fsio;
 use crate::mujoco::Model;
 use draft::Draft;
-
-/// What to import, and how.
-#[derive(Clone, Debug)]
-pub struct ImportConfig {
-    /// The URDF or MJCF file.
-    pub source: PathBuf,
-    /// The folder to make; it must not exist, or be empty.
-    pub out: PathBuf,
-    /// The folder that includes and meshes may not leave; the source's own without one.
-    pub root: Option<PathBuf>,
-    /// Folders of ROS packages by name, for `package://NAME/…`.
-    pub packages: BTreeMap<String, PathBuf>,
-    /// The robot's id; the folder's name without one.
-    pub id: Option<String>,
-    /// Hold a floating base still.
-    pub fixed_base: bool,
-    /// Height of a URDF's root above the floor, m.
-    pub base_height_m: f64,
-    /// Force limit of joints whose source names none, N m or N.
-    pub effort: f64,
-    /// Joints to weld where they are.
-    pub weld: Vec<String>,
-    /// Leave servos as they are instead of turning them into motors.
-    pub keep_servos: bool,
-    /// The binary that checks models; see [`check::executable`].
-    pub checker: PathBuf,
-}
-
-/// What was made, and what had to be dropped, assumed or changed on the way.
-#[derive(Clone, Debug, Default, Serialize)]
-pub struct Report {
-    /// The robot's id.
-    pub id: String,
-    /// The folder.
-    pub folder: PathBuf,
-    /// `urdf` or `mjcf`.
-    pub format: String,
-    /// Numbers in a state.
-    pub state_dim: usize,
-    /// Numbers in an action.
-    pub action_dim: usize,
-    /// Bodies, the world not counted.
-    pub bodies: usize,
-    /// Mesh and texture files taken over.
-    pub files: usize,
-    /// Total mass, kg.
-    pub mass_kg: f64,
-    /// Parts of the source that are not in the result.
-    pub dropped: Vec<String>,
-    /// Figures that the source did not give.
-    pub assumed: Vec<String>,
-    /// Parts of the source that are in the result in another form.
-    pub changed: Vec<String>,
-}
 
 /// Imports a model.
 ///

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion};
 use roxmltree::{Document, Node};
 
-use super::ImportConfig;
+use super::config::ImportConfig;
 use super::description::{self, Description, Geometry, Joint, JointType, Link, Pose};
 use super::draft::{ASSET_DIR, Draft, physics};
 use crate::robot::text::escape;

@@ -1,8 +1,7 @@
 //! Writes the task clips: formulas and pose tables in, documents out.
 
-use super::{hand, pointmass, ur5e};
 use crate::clip::{Clip, Fill, Key, RobotRef};
-use crate::robot::{Error, Robot};
+use crate::robot::Robot;
 use crate::units::CTRL_DT;
 
 /// A task clip with its name and suite.
@@ -14,19 +13,6 @@ pub struct Authored {
     pub suite: &'static str,
     /// The document.
     pub clip: Clip,
-}
-
-/// Every task of a robot, in the order of tables; none for a robot without tasks.
-///
-/// # Errors
-/// Hand poses are settled in simulation first, which may fail.
-pub fn author(robot: &Robot) -> Result<Vec<Authored>, Error> {
-    match robot.id() {
-        "pointmass" => Ok(pointmass::tasks(robot)),
-        "ur5e" => Ok(ur5e::tasks(robot)),
-        "shadow_hand" => hand::tasks(robot),
-        _ => Ok(Vec::new()),
-    }
 }
 
 /// An empty clip for this robot; `frames` counts the commands after frame 0.

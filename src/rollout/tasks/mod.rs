@@ -22,11 +22,12 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-pub use author::{Authored, author};
+pub use author::Authored;
 pub use trial::trial;
 
 use crate::clip::{Clip, ClipError};
 use crate::exit::{Exit, HasExit};
+use crate::robot::{self, Robot};
 
 #[derive(rust_embed::RustEmbed)]
 #[folder = "assets/clips/"]
@@ -65,6 +66,19 @@ pub fn expand(name: &str) -> Vec<&str> {
 
 /// Name of the list of suites beside the clips.
 pub const MANIFEST: &str = "suites.toml";
+
+/// Every task of a robot, in the order of tables; none for a robot without tasks.
+///
+/// # Errors
+/// Hand poses are settled in simulation first, which may fail.
+pub fn author(robot: &Robot) -> Result<Vec<Authored>, robot::Error> {
+    match robot.id() {
+        "pointmass" => Ok(pointmass::tasks(robot)),
+        "ur5e" => Ok(ur5e::tasks(robot)),
+        "shadow_hand" => hand::tasks(robot),
+        _ => Ok(Vec::new()),
+    }
+}
 
 /// A task that is not there, or not readable.
 #[derive(Debug, thiserror::Error)]

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::encode::Buffer;
+use super::buffer::Buffer;
 
 /// R, G, B, 0 to 255.
 pub type Rgb = [u8; 3];

@@ -11,11 +11,13 @@
 //! * Arrays travel beside the msgpack, see [`Buffer`].
 
 mod apart;
+mod buffer;
 mod encode;
 mod messages;
 mod record;
 
 pub use apart::Apart;
-pub use encode::{Buffer, SUBPROTOCOL, VERSION, frame};
+pub use buffer::Buffer;
+pub use encode::{SUBPROTOCOL, VERSION, frame};
 pub use messages::*;
 pub use record::{Recording, node_name};

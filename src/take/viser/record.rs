@@ -10,7 +10,8 @@ use super::super::scene::GHOST;
 use glam::{DQuat, DVec3};
 
 use super::apart::Apart;
-use super::encode::{Buffer, file};
+use super::buffer::Buffer;
+use super::encode::file;
 use super::messages::{
     AmbientLightProps, DirectionalLightProps, FrameProps, GridProps, MeshProps, Message,
 };

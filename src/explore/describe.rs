@@ -1,0 +1,26 @@
+//! A robot in the words of a dataset.
+
+use crate::dataset::Robot as Described;
+use crate::robot::{Robot, StateJoint};
+
+/// Distance to a stop below which a joint counts as pinned: the profile's, but at most 2 %
+/// of the joint's range. At .1 rad a hand's spreading joint would be pinned over a third of
+/// its range, where nothing touches.
+fn near_limit(robot: &Robot, joint: &StateJoint) -> f64 {
+    let range = if joint.unbounded { f64::INFINITY } else { joint.range[1] - joint.range[0] };
+    robot.profile().near_limit.min(0.02 * range)
+}
+
+/// The manifest's words for a robot.
+pub fn describe(robot: &Robot) -> Described {
+    Described {
+        id: robot.id().to_owned(),
+        model_sha256: robot.model_sha256().to_owned(),
+        joints: robot.joints().iter().map(|j| j.name.clone()).collect(),
+        units: robot.joints().iter().map(|j| j.unit).collect(),
+        ranges: robot.joints().iter().map(|j| (!j.unbounded).then_some(j.range)).collect(),
+        near_limit: robot.joints().iter().map(|j| near_limit(robot, j)).collect(),
+        actuators: robot.actuators().iter().map(|a| a.name.clone()).collect(),
+        ctrlranges: robot.actuators().iter().map(|a| a.ctrlrange).collect(),
+    }
+}

@@ -1,0 +1,59 @@
+//! Windows as the network takes them.
+
+use super::config::{NetConfig, SkipKind, WINDOW};
+use crate::linalg::{Aligned, Real};
+
+/// Where a robot is: at stops and in contact forces act that positions do not tell of.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Place {
+    /// Away from stops and from itself.
+    #[default]
+    Clear,
+    /// A joint near a stop.
+    Stop,
+    /// In self-contact, no joint near a stop.
+    Contact,
+    /// Anywhere, but the next token tells the action: no error counts here.
+    Told,
+}
+
+impl Place {
+    /// Where errors count, in the order of [`super::head::Sums::place_square`].
+    pub const ALL: [Place; 3] = [Place::Clear, Place::Stop, Place::Contact];
+}
+
+/// Windows as the network takes them, (B, 51, ·) row-major.
+#[derive(Clone, Debug)]
+pub struct Batch<T: Real> {
+    /// Windows B.
+    pub count: usize,
+    /// Token features, (B, 51, inputs).
+    pub tokens: Aligned<T>,
+    /// Whether a token is hidden, (B, 51).
+    pub masked: Vec<bool>,
+    /// The linear prediction, (B, 51, A); empty without a skip.
+    pub linear: Vec<T>,
+    /// Actions to infer, (B, 51, A).
+    pub actions: Vec<T>,
+    /// Weight of each token in the loss, (B, 51).
+    pub weight: Vec<T>,
+    /// Where the robot is at a frame, (B, 51); for the log only.
+    pub place: Vec<Place>,
+}
+
+impl<T: Real> Batch<T> {
+    /// `count` windows of zeros with weight 1.
+    pub fn zeros(cfg: &NetConfig, count: usize) -> Self {
+        let rows = count * WINDOW;
+        let skip = cfg.skip != SkipKind::Off;
+        Batch {
+            count,
+            tokens: Aligned::zeros(rows * cfg.inputs),
+            masked: vec![false; rows],
+            linear: vec![T::default(); if skip { rows * cfg.actions } else { 0 }],
+            actions: vec![T::default(); rows * cfg.actions],
+            weight: vec![T::of(1.0); rows],
+            place: vec![Place::Clear; rows],
+        }
+    }
+}

@@ -1,0 +1,156 @@
+//! What a network is worth while it trains: error on held-out trajectories, and Precision of
+//! what it does.
+
+use super::metrics::{Evaluation, HeldOut, Metric};
+use super::options::Options;
+use super::source::Source;
+use super::state::RunState;
+use super::{Error, curves, paths, record::Record};
+use crate::dataset::Windows;
+use crate::net::head::{GAPS, Sums};
+use crate::net::{Batch, SkipKind};
+use crate::progress::Cancel;
+
+/// Windows that held-out error is measured on during a run; a twentieth for each number of
+/// hidden frames.
+const MEASURED: usize = 1_280;
+/// Windows that it is measured on at the end: actions at stops are heavy-tailed.
+const MEASURED_AT_END: usize = 5_120;
+
+/// Whether an evaluation falls on the end of this step.
+fn due(step: u64, steps: u64, evaluations: u64) -> bool {
+    let count = |s: u64| u128::from(s) * u128::from(evaluations) / u128::from(steps.max(1));
+    evaluations > 0 && count(step) > count(step - 1)
+}
+
+impl RunState<'_> {
+    /// Measures and evaluates, where that is due and not done yet. False when a stop was asked
+    /// for meanwhile: the rest is made up for when the run goes on.
+    pub(super) fn evaluate_if_due(
+        &mut self,
+        source: &Source<'_>,
+        held_out: Option<&Windows<'_>>,
+        opts: &mut Options<'_>,
+    ) -> Result<bool, Error> {
+        let cfg = self.cfg;
+        if self.step == 0 || !due(self.step, cfg.steps, opts.evaluations) {
+            return Ok(true);
+        }
+        let known = self.metrics.len();
+        if let Some(held_out) = held_out
+            && !self.metrics.has(self.step, |m| matches!(m, Metric::HeldOut { .. }))
+        {
+            let count = if self.step == cfg.steps { MEASURED_AT_END } else { MEASURED };
+            // A small run is not worth a long measurement.
+            let seen = self.step as usize * cfg.batch;
+            let Some(found) = self.measure(source, held_out, count.min(seen), opts.cancel) else {
+                return Ok(false);
+            };
+            let metric = Metric::HeldOut { step: self.step, held_out: found };
+            opts.progress.figures(&metric.to_json());
+            self.metrics.push(metric);
+        }
+        let mut whole = true;
+        if !self.metrics.has(self.step, |m| matches!(m, Metric::Evaluation { .. })) {
+            whole = self.evaluate(opts)?;
+        }
+        if self.metrics.len() > known {
+            self.draw(opts);
+        }
+        Ok(whole)
+    }
+
+    /// The linear prediction alone on the evaluator's tasks: what the training has to beat, and
+    /// the first candidate for `best`, since an untrained skip network is that prediction. False
+    /// when a stop was asked for meanwhile.
+    pub(super) fn evaluate_linear(&mut self, opts: &mut Options<'_>) -> Result<bool, Error> {
+        let Some(evaluator) = opts.evaluator.as_deref_mut() else { return Ok(true) };
+        let known = self.metrics.has(self.step, |m| matches!(m, Metric::Linear { .. }));
+        if self.cfg.skip == SkipKind::Off || opts.evaluations == 0 || known {
+            return Ok(true);
+        }
+        let found = evaluator.evaluate_linear(&self.model(), opts.cancel);
+        let found = found.map_err(|why| Error::Evaluation { step: self.step, why })?;
+        let Some(found) = found else { return Ok(false) };
+        opts.progress.log(&format!("linear prediction: Precision {:.5}", found.precision));
+        self.metrics.push(Metric::Linear { step: 0, linear: found.clone() });
+        self.note_evaluation(found, &opts.dir)?;
+        Ok(true)
+    }
+
+    /// The network on the evaluator's tasks, where there is one. False when a stop was asked for
+    /// meanwhile.
+    fn evaluate(&mut self, opts: &mut Options<'_>) -> Result<bool, Error> {
+        let Some(evaluator) = opts.evaluator.as_deref_mut() else { return Ok(true) };
+        let found: Result<Option<Evaluation>, String> =
+            evaluator.evaluate(&self.model(), opts.cancel);
+        let found = found.map_err(|why| Error::Evaluation { step: self.step, why })?;
+        let Some(found) = found else { return Ok(false) };
+        let metric = Metric::Evaluation { step: self.step, evaluation: found.clone() };
+        opts.progress.figures(&metric.to_json());
+        self.metrics.push(metric);
+        opts.progress.log(&format!("step {}: Precision {:.5}", self.step, found.precision));
+        self.note_evaluation(found, &opts.dir)?;
+        Ok(true)
+    }
+
+    /// Held-out error; `None` when a stop was asked for meanwhile.
+    fn measure(
+        &mut self,
+        source: &Source<'_>,
+        held_out: &Windows<'_>,
+        windows: usize,
+        cancel: &Cancel,
+    ) -> Option<HeldOut> {
+        let batch = self.cfg.batch;
+        // The average, where there is one, is what will be used: measure that.
+        let kept = self.averaged.clone().map(|average| {
+            let kept = self.learner.net.weights.to_vec();
+            self.learner.net.weights.copy_from_slice(&average);
+            self.learner.weights_changed();
+            kept
+        });
+        let mut sums = Sums::default();
+        let rounds = windows.div_ceil(batch);
+        let mut done = 0;
+        while done < rounds && !cancel.is_cancelled() {
+            let round = done;
+            let fill = |w: usize, slot: usize, to: &mut Batch<f32>| {
+                source.measure(held_out, (round * batch + w) as u64, slot, to);
+            };
+            sums.add(&self.learner.errors(&fill));
+            done += 1;
+        }
+        if let Some(kept) = kept {
+            self.learner.net.weights.copy_from_slice(&kept);
+            self.learner.weights_changed();
+        }
+        if done < rounds {
+            return None;
+        }
+        let power = self.power.max(1e-12);
+        let nmse = |square: f64, count: f64| (count > 0.0).then(|| square / count / power);
+        let gaps = sums.gap_square.iter().zip(&sums.gap_windows).take(GAPS - 1);
+        let place = |p: usize| nmse(sums.place_square[p], sums.place_tokens[p]);
+        let tokens: f64 = sums.place_tokens.iter().sum();
+        Some(HeldOut {
+            nmse_by_hidden: gaps.map(|(&s, &n)| nmse(s, n)).collect(),
+            nmse_clear: place(0),
+            nmse_stop: place(1),
+            nmse_contact: place(2),
+            shares: sums.place_tokens.map(|n| n / tokens.max(1.0)),
+        })
+    }
+
+    /// Curves into the run directory. A picture that fails is no reason to stop.
+    fn draw(&self, opts: &Options<'_>) {
+        let whole = opts.dir.canonicalize().unwrap_or_else(|_| opts.dir.clone());
+        let name = whole.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let mut record = Record::of(name, self.cfg.clone(), &self.metrics);
+        record.robot.clone_from(&self.card.robot.id);
+        let Some(figure) = curves::figure(&record) else { return };
+        if let Err(e) = figure.save(&paths::curves(&opts.dir)) {
+            opts.progress.log(&format!("no picture of the curves: {e}"));
+        }
+    }
+}

@@ -1,0 +1,85 @@
+//! How a run is carried out, who evaluates it, and how it ended.
+
+use std::path::PathBuf;
+
+use serde::Serialize;
+
+use super::hindsight::Perform;
+use super::metrics::{Evaluation, HeldOut};
+use crate::net::Model;
+use crate::progress::{Cancel, Progress};
+
+/// Evaluates a network by what it does, not by its loss.
+pub trait Evaluate {
+    /// Rolls the network out; `None` when a stop was asked for meanwhile.
+    ///
+    /// # Errors
+    /// A message; the run stops with it.
+    fn evaluate(&mut self, model: &Model, cancel: &Cancel) -> Result<Option<Evaluation>, String>;
+
+    /// The same for the linear prediction alone, which is what an untrained network with a skip
+    /// gives: an evaluator may leave the network out.
+    ///
+    /// # Errors
+    /// As [`Evaluate::evaluate`].
+    fn evaluate_linear(
+        &mut self,
+        model: &Model,
+        cancel: &Cancel,
+    ) -> Result<Option<Evaluation>, String> {
+        self.evaluate(model, cancel)
+    }
+}
+
+/// How a run is carried out; nothing here changes its bits.
+pub struct Options<'a> {
+    /// Run directory.
+    pub dir: PathBuf,
+    /// Threads.
+    pub threads: usize,
+    /// Seconds between checkpoints.
+    pub checkpoint_secs: f64,
+    /// Evaluations in a run, spread evenly; the last is at the end.
+    pub evaluations: u64,
+    /// Who hears of it.
+    pub progress: &'a dyn Progress,
+    /// Asks for a stop.
+    pub cancel: &'a Cancel,
+    /// Closed-loop evaluator; without one only the last model is kept.
+    pub evaluator: Option<&'a mut dyn Evaluate>,
+    /// Performs tasks for self-correction; needed when the settings ask for it.
+    pub perform: Option<&'a mut dyn Perform>,
+    /// What else to put into meta.json (version, host, command line).
+    pub meta: serde_json::Value,
+}
+
+impl std::fmt::Debug for Options<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Options").field("dir", &self.dir).finish_non_exhaustive()
+    }
+}
+
+/// How a run ended.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Finished {
+    /// Steps done, of all.
+    pub step: u64,
+    /// Steps in all.
+    pub steps: u64,
+    /// Whether a stop was asked for before the end.
+    pub interrupted: bool,
+    /// Steps skipped because something was not finite, all sessions.
+    pub skipped: u64,
+    /// Best step and its Precision; step 0 is the linear prediction that a skip starts from.
+    pub best: Option<(u64, f64)>,
+    /// Precision of that linear prediction.
+    pub linear: Option<f64>,
+    /// Held-out error, last measured.
+    pub held_out: Option<HeldOut>,
+    /// Seconds of this session.
+    pub secs: f64,
+    /// Training windows a second of this session.
+    pub windows_per_sec: f64,
+    /// The model to use.
+    pub model: PathBuf,
+}

@@ -1,0 +1,49 @@
+//! Paths inside a run directory, and the settings that it holds.
+
+use std::path::{Path, PathBuf};
+
+use super::{Error, TrainConfig};
+use crate::fsio;
+
+/// Settings.
+pub fn config(dir: &Path) -> PathBuf {
+    dir.join("config.toml")
+}
+/// Latest state, to resume from.
+pub fn last(dir: &Path) -> PathBuf {
+    dir.join("ckpt/last.safetensors")
+}
+/// Best model by Precision.
+pub fn best(dir: &Path) -> PathBuf {
+    dir.join("ckpt/best.safetensors")
+}
+/// Latest model, without optimiser state.
+pub fn model(dir: &Path) -> PathBuf {
+    dir.join("model.safetensors")
+}
+/// Training curves.
+pub fn curves(dir: &Path) -> PathBuf {
+    dir.join("curves.png")
+}
+/// One JSON object a line.
+pub fn metrics(dir: &Path) -> PathBuf {
+    dir.join("metrics.jsonl")
+}
+/// What the run was made of: robot, data, machine.
+pub fn meta(dir: &Path) -> PathBuf {
+    dir.join("meta.json")
+}
+
+/// Reads the settings of a run directory.
+///
+/// # Errors
+/// [`Error::Files`], [`Error::Run`].
+pub fn read_config(dir: &Path) -> Result<TrainConfig, Error> {
+    let path = config(dir);
+    let bytes = fsio::read_capped(&path, 1 << 20)?;
+    let text = String::from_utf8_lossy(&bytes);
+    let cfg: TrainConfig = toml::from_str(&text)
+        .map_err(|e| Error::Run { why: e.message().replace('\n', " "), path: path.clone() })?;
+    cfg.check()?;
+    Ok(cfg)
+}
