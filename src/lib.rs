@@ -13,11 +13,14 @@
 //! | 0 | [`clip`], [`units`], [`rng`], [`limits`], [`exit`], [`fsio`], [`progress`] | documents, numbers, files: no simulator |
 //! | 1 | [`mujoco`], [`robot`], [`linalg`], [`plot`] | the simulator layer, the robots, matrices, charts |
 //! | 2 | [`dataset`], [`net`], [`explore`] | trajectories, the network, the curious agents |
-//! | 3 | [`train`], `rollout`, [`render`] | learning, acting, seeing |
+//! | 3 | [`train`], [`rollout`], [`render`] | learning, acting, seeing |
 //! | 4 | [`take`] | recorded rollouts and exports |
 //! | 5 | [`studio`], [`cli`] | what people touch |
 //!
-//! Start reading at [`clip`] (what a person writes), then `rollout` (what is done
+//! Foreign data is answered with an error that names its place; an index of our own that must
+//! exist is indexed, so that a mistake of ours panics instead of becoming a plausible number.
+//!
+//! Start reading at [`clip`] (what a person writes), then [`rollout`] (what is done
 //! with it), then [`net`] (how the torque is found).
 
 pub mod child;

@@ -214,13 +214,12 @@ fn settle(robot: &str, pose: Option<&str>, set: &[String], json: bool) -> Outcom
     }
     let mut t = out::table(&["joint", "asked", "reached", "residual"]);
     for (i, j) in robot.joints().iter().enumerate() {
-        let at = |v: &[f64]| v.get(i).copied().unwrap_or(0.0);
-        let residual = at(&s.residual);
+        let residual = s.residual[i];
         let mark = if residual > tolerance { "  not reached" } else { "" };
         t.add_row([
             j.name.clone(),
-            fixed(at(&s.target), 4),
-            fixed(at(&s.reached), 4),
+            fixed(s.target[i], 4),
+            fixed(s.reached[i], 4),
             format!("{}{mark}", fixed(residual, 4)),
         ]);
     }

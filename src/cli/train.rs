@@ -156,7 +156,7 @@ fn summary(dir: &Path, done: &Finished) -> String {
     if let Some(held) = &done.held_out {
         let at = |k: usize| out::number(held.nmse_by_hidden.get(k).copied().flatten(), 3);
         let place = |x: Option<f64>| out::number(x, 4);
-        let share = |i: usize| 100.0 * held.shares.get(i).copied().unwrap_or(0.0);
+        let share = |i: usize| 100.0 * held.shares[i];
         write!(
             text,
             "\nheld-out action error, share of variance, next frame known: {} clear ({:.0} % of frames), {} at a stop ({:.0} %), {} in contact ({:.0} %); 4 / 16 frames hidden: {} / {}",

@@ -275,9 +275,7 @@ impl Sums {
         self.contacts += f64::from(u8::from(contact));
         self.near_limit.resize(qpos.len(), 0.0);
         for j in robot.near_limits(qpos) {
-            if let Some(n) = self.near_limit.get_mut(j) {
-                *n += 1.0;
-            }
+            self.near_limit[j] += 1.0;
         }
     }
 

@@ -88,7 +88,7 @@ impl BabbleRule {
             let (middle, half) = (0.5 * (lo + hi), 0.5 * (hi - lo));
             motors.push(match &a.drive {
                 Drive::Joint(name) => {
-                    let gear = gear.get(6 * k).copied().unwrap_or(1.0);
+                    let gear = gear[6 * k];
                     let pulls = vec![(robot.joint_index(name)?, 1.0)];
                     Motor { pulls, middle: gear * middle, half: gear * half }
                 }
@@ -131,10 +131,10 @@ fn shares(robot: &Robot, actuator: usize) -> Result<Vec<(usize, f64)>, Error> {
     robot.write_state(&mut data, &robot.home())?;
     data.forward().map_err(robot::Error::from)?;
     let nv = robot.model().nv();
-    let arms = data.actuator_moment().get(actuator * nv..(actuator + 1) * nv).unwrap_or_default();
+    let arms = &data.actuator_moment()[actuator * nv..(actuator + 1) * nv];
     let square: f64 = arms.iter().map(|a| a * a).sum();
     let joints = robot.joints().iter().enumerate();
-    let arm = joints.filter_map(|(k, j)| Some((k, *arms.get(j.dofadr)?)));
+    let arm = joints.map(|(k, j)| (k, arms[j.dofadr]));
     Ok(arm.filter(|(_, a)| *a != 0.0).map(|(k, a)| (k, a / square)).collect())
 }
 
@@ -217,8 +217,7 @@ impl Babble {
         let first = !std::mem::replace(&mut self.begun, true);
         for (k, (reference, joint)) in self.references.iter_mut().zip(&self.rule.joints).enumerate()
         {
-            let q = qpos.get(k).map_or(0.0, |&x| f64::from(x));
-            let v = qvel.get(k).map_or(0.0, |&x| f64::from(x));
+            let (q, v) = (f64::from(qpos[k]), f64::from(qvel[k]));
             if first {
                 (reference.value, reference.goal) = (q, q);
             }
@@ -239,8 +238,8 @@ impl Babble {
                     + full_speed * noise);
         }
         for (a, motor) in action.iter_mut().zip(&self.rule.motors) {
-            let pull = |&(joint, weight): &(usize, f64)| self.torque.get(joint).map(|t| weight * t);
-            let force: f64 = motor.pulls.iter().filter_map(pull).sum();
+            let pull = |&(joint, weight): &(usize, f64)| weight * self.torque[joint];
+            let force: f64 = motor.pulls.iter().map(pull).sum();
             *a = ((force - motor.middle) / motor.half).clamp(-1.0, 1.0) as f32;
         }
     }

@@ -154,8 +154,7 @@ impl Env {
     fn count_pinned(&mut self) {
         let qpos = self.data.qpos();
         for ((j, joint), pinned) in self.robot.joints().iter().enumerate().zip(&mut self.pinned) {
-            let q = qpos.get(joint.qposadr).copied().unwrap_or(0.0);
-            let near = self.described.is_near_limit(j, q);
+            let near = self.described.is_near_limit(j, qpos[joint.qposadr]);
             *pinned = if near { pinned.map(|n| n + 1) } else { Some(0) };
         }
     }
@@ -209,7 +208,7 @@ impl Env {
                             .groups
                             .iter()
                             .position(|g| g.joints.contains(&joints[j].name));
-                        let finger = group.and_then(|g| curls.get(g)).copied().unwrap_or(0.0);
+                        let finger = group.map_or(0.0, |g| curls[g]);
                         let share = match kind {
                             0 => 0.0,
                             1 => 1.0,

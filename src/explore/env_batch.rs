@@ -238,9 +238,7 @@ fn near_limits(robot: &Described, qpos: &[f32]) -> Vec<u64> {
     let mut counts = vec![0; robot.joints.len()];
     for row in qpos.chunks_exact(counts.len().max(1)) {
         for j in robot.near_limits(row) {
-            if let Some(n) = counts.get_mut(j) {
-                *n += 1;
-            }
+            counts[j] += 1;
         }
     }
     counts

@@ -72,11 +72,12 @@ pub fn loss<T: Real>(
     current_only: bool,
 ) -> Sums {
     let (a, bins) = (cfg.actions, cfg.bins);
+    let (skips, gated) = (cfg.skip != SkipKind::Off, cfg.skip == SkipKind::Gated);
     let mut sums = Sums::default();
     let rows = out.chunks_exact_mut(cfg.outputs()).zip(batch.actions.chunks_exact(a));
     for (row, (y, action)) in rows.enumerate() {
-        let weight = batch.weight.get(row).map_or(0.0, |w| w.f64());
-        let masked = batch.masked.get(row).copied().unwrap_or_default();
+        let weight = batch.weight[row].f64();
+        let masked = batch.masked[row];
         let i = row % WINDOW;
         let counts = !current_only || i == CURRENT;
         let factor = if counts { scale * weight } else { 0.0 };
@@ -84,30 +85,28 @@ pub fn loss<T: Real>(
 
         let (logits, rest) = y.split_at_mut(bins);
         let (offsets, gates) = rest.split_at_mut(bins * a);
-        let linear = batch.linear.get(row * a..(row + 1) * a).unwrap_or_default();
-        let centre = centres.get(bin * a..(bin + 1) * a).unwrap_or_default();
+        let linear = if skips { &batch.linear[row * a..(row + 1) * a] } else { &[] };
+        let centre = &centres[bin * a..(bin + 1) * a];
         let mut square = 0.0;
         let lambda = if bins > 1 { cfg.offset_weight } else { 1.0 };
         for (j, &want) in action.iter().enumerate() {
-            let offset = offsets.get(bin * a + j).map_or(0.0, |o| o.f64());
-            let base = centre.get(j).map_or(0.0, |c| c.f64());
-            let gate = gates.get(j).map_or(0.0, |g| g.f64());
-            let line = linear.get(j).map_or(0.0, |l| l.f64());
+            let offset = offsets[bin * a + j].f64();
+            let base = centre[j].f64();
+            let gate = if gated { gates[j].f64() } else { 0.0 };
+            let line = if skips { linear[j].f64() } else { 0.0 };
             let error = base + (1.0 + gate) * line + offset - want.f64();
             square += error * error;
             let slope = 2.0 * lambda * error / a as f64 * factor;
             for (k, o) in offsets.chunks_exact_mut(a).enumerate() {
-                if let Some(o) = o.get_mut(j) {
-                    *o = if k == bin { T::of(slope) } else { T::default() };
-                }
+                o[j] = if k == bin { T::of(slope) } else { T::default() };
             }
-            if let Some(g) = gates.get_mut(j) {
-                *g = T::of(slope * line);
+            if gated {
+                gates[j] = T::of(slope * line);
             }
         }
         square /= a as f64;
         sums.loss += factor * (lambda * square + focal(logits, bin, factor));
-        let place = batch.place.get(row).copied().unwrap_or_default();
+        let place = batch.place[row];
         if place == Place::Told {
             continue;
         }
@@ -115,13 +114,12 @@ pub fn loss<T: Real>(
         sums.square[side] += square;
         sums.tokens[side] += 1.0;
         if i == CURRENT {
-            let after = batch.masked.get(row + 1..row + WINDOW - CURRENT).unwrap_or_default();
+            let after = &batch.masked[row + 1..row + WINDOW - CURRENT];
             let gap = after.iter().take_while(|&&m| m).count().min(GAPS - 1);
             sums.gap_square[gap] += square;
             sums.gap_windows[gap] += 1.0;
         }
-        let next_hidden = batch.masked.get(row + 1).copied().unwrap_or_default();
-        if (SETTLED..=CURRENT).contains(&i) && !next_hidden {
+        if (SETTLED..=CURRENT).contains(&i) && !batch.masked[row + 1] {
             sums.place_square[place as usize] += square;
             sums.place_tokens[place as usize] += 1.0;
         }
@@ -137,7 +135,7 @@ fn focal<T: Real>(logits: &mut [T], bin: usize, factor: f64) -> f64 {
     }
     let top = logits.iter().fold(f64::NEG_INFINITY, |m, l| m.max(l.f64()));
     let total: f64 = logits.iter().map(|l| (l.f64() - top).exp()).sum();
-    let log_p = logits.get(bin).map_or(0.0, |l| l.f64()) - top - total.ln();
+    let log_p = logits[bin].f64() - top - total.ln();
     let p = log_p.exp();
     let common = 2.0 * (1.0 - p) * p * log_p - (1.0 - p).powi(2);
     for (k, l) in logits.iter_mut().enumerate() {
@@ -173,7 +171,8 @@ pub fn decode<T: Real>(
     action: &mut [T],
 ) {
     let (a, bins) = (cfg.actions, cfg.bins);
-    let (logits, rest) = out.split_at(bins.min(out.len()));
+    let (skips, gated) = (cfg.skip != SkipKind::Off, cfg.skip == SkipKind::Gated);
+    let (logits, rest) = out.split_at(bins);
     let bin = match choice {
         Choice::Argmax => {
             (0..logits.len()).fold(0, |m, k| if logits[k] > logits[m] { k } else { m })
@@ -189,15 +188,12 @@ pub fn decode<T: Real>(
             hit.unwrap_or(bins - 1)
         }
     };
-    let gates = rest.get(bins * a..).unwrap_or_default();
+    let gates = &rest[bins * a..];
     for (j, to) in action.iter_mut().enumerate() {
-        let gate = match cfg.skip {
-            SkipKind::Gated => gates.get(j).map_or(0.0, |g| g.f64()),
-            _ => 0.0,
-        };
-        let base = centres.get(bin * a + j).map_or(0.0, |c| c.f64());
-        let offset = rest.get(bin * a + j).map_or(0.0, |o| o.f64());
-        let line = linear.get(j).map_or(0.0, |l| l.f64());
+        let gate = if gated { gates[j].f64() } else { 0.0 };
+        let base = centres[bin * a + j].f64();
+        let offset = rest[bin * a + j].f64();
+        let line = if skips { linear[j].f64() } else { 0.0 };
         let found = match cfg.dead_zone {
             0.0 => base + (1.0 + gate) * line + offset,
             zone => line + calm(base + gate * line + offset, zone),

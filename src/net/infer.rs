@@ -165,7 +165,7 @@ impl NetPolicy {
         let applied = &self.applied;
         self.encoder.encode(q, visible, applied, &mut self.scratch, &mut self.batch, 0);
         let which = if self.single.len() > 1 { self.adaptive.choose() } else { 0 };
-        let Some(single) = self.single.get_mut(which) else { return &self.action };
+        let single = &mut self.single[which];
         let begin = Instant::now();
         let out = single.run(&self.batch);
         if self.cfg.threads == Threads::Faster {
@@ -185,7 +185,7 @@ impl NetPolicy {
                 &self.net.cfg,
                 &self.net.centres,
                 &out[j * k..(j + 1) * k],
-                self.batch.linear.get(row..row + a).unwrap_or_default(),
+                if self.batch.linear.is_empty() { &[] } else { &self.batch.linear[row..row + a] },
                 choice,
                 &mut self.past[j * a..(j + 1) * a],
             );

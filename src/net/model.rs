@@ -203,7 +203,8 @@ pub fn forward<T: Real>(net: &Net<T>, panels: &Panels<T>, batch: &Batch<T>, aren
     let (d, rows) = (cfg.width, batch.count * WINDOW);
     let part = |r: &std::ops::Range<usize>| &w[r.clone()];
 
-    let Some(first) = arena.stream.first_mut() else { return };
+    debug_assert_eq!(arena.layers.len(), at.layers.len(), "the arena of another network");
+    let first = &mut arena.stream[0];
     gemm_packed(
         MatMut::new(first, rows, d),
         Init::Bias(part(&at.embed_bias)),
@@ -215,9 +216,7 @@ pub fn forward<T: Real>(net: &Net<T>, panels: &Panels<T>, batch: &Batch<T>, aren
     for (l, ((at, panels), a)) in
         at.layers.iter().zip(&panels.layers).zip(&mut arena.layers).enumerate()
     {
-        let (before, after) = arena.stream.split_at_mut(2 * l + 1);
-        let [x1, ..] = &mut before[2 * l..] else { return };
-        let [x2, x3, ..] = after else { return };
+        let [x1, x2, x3] = &mut arena.stream[2 * l..2 * l + 3] else { unreachable!() };
         let n = rows * d;
 
         if cfg.mixing == Mixing::Attention {
@@ -255,7 +254,7 @@ pub fn forward<T: Real>(net: &Net<T>, panels: &Panels<T>, batch: &Batch<T>, aren
         );
     }
 
-    let Some(last) = arena.stream.last() else { return };
+    let last = &arena.stream[2 * at.layers.len()];
     normalise(last, &mut arena.last, part(&at.norm_weight), part(&at.norm_bias), rows * d);
     gemm_packed(
         MatMut::new(&mut arena.out, rows, cfg.outputs()),

@@ -190,7 +190,7 @@ impl Starts {
     /// Uniform episode, then uniform start in it: the paper's sampling.
     pub fn draw(&self, rng: &mut Rng) -> (usize, usize) {
         let i = rng.below(self.episodes.len() as u64) as usize;
-        let (episode, windows) = self.episodes.get(i).copied().unwrap_or_default();
+        let (episode, windows) = self.episodes[i];
         (episode, rng.below(windows as u64) as usize)
     }
 }

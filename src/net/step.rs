@@ -177,8 +177,7 @@ impl<T: Real> Learner<T> {
         let workers: Vec<_> = workers.iter_mut().map(Mutex::new).collect();
         let queue = Mutex::new(accumulators.iter_mut().enumerate());
         on_threads(*threads, |t| {
-            let Some(worker) = workers.get(t) else { return };
-            let mut worker = worker.lock().unwrap_or_else(PoisonError::into_inner);
+            let mut worker = workers[t].lock().unwrap_or_else(PoisonError::into_inner);
             let Worker { arena, batch: windows } = &mut **worker;
             while let Some((index, part)) = next_of(&queue) {
                 if gradients && !(clean && index > 0) {
@@ -211,7 +210,7 @@ impl<T: Real> Learner<T> {
     /// accumulators are left at zero for the next step.
     fn reduce(&mut self) -> f64 {
         let (accumulators, threads) = (&mut self.accumulators, self.threads);
-        let pieces = accumulators.first().map_or(0, |part| part.grads.len().div_ceil(PIECE));
+        let pieces = accumulators[0].grads.len().div_ceil(PIECE);
         let mut jobs: Vec<(Vec<&mut [T]>, f64)> =
             (0..pieces).map(|_| (Vec::with_capacity(accumulators.len()), 0.0)).collect();
         for part in accumulators.iter_mut() {
@@ -227,8 +226,8 @@ impl<T: Real> Learner<T> {
                     for i in (0..parts.len()).step_by(2 * gap) {
                         let middle = (i + gap).min(parts.len());
                         let (low, high) = parts.split_at_mut(middle);
-                        if let (Some(a), Some(b)) = (low.get_mut(i), high.first()) {
-                            simd::add(a, b);
+                        if let Some(b) = high.first() {
+                            simd::add(low[i], b);
                         }
                     }
                     gap *= 2;
@@ -246,7 +245,7 @@ impl<T: Real> Learner<T> {
 
     /// Gradient of the last step, laid out as the weights.
     pub fn gradient(&self) -> &[T] {
-        self.accumulators.first().map_or(&[], |part| &part.grads)
+        &self.accumulators[0].grads
     }
 
     /// Loss and its whole gradient, without touching the weights.
@@ -298,8 +297,7 @@ impl<T: Real> Learner<T> {
         let adam = self.adam;
         let clip = if norm > adam.clip { adam.clip / (norm + 1e-6) } else { 1.0 };
         let Learner { net, first, second, accumulators, threads, count, .. } = self;
-        let Some(part) = accumulators.first() else { return };
-        let (mut w, mut g) = (&mut net.weights[..], &part.grads[..]);
+        let (mut w, mut g) = (&mut net.weights[..], &accumulators[0].grads[..]);
         let (mut m, mut v) = (&mut first[..], &mut second[..]);
         let mut jobs = Vec::with_capacity(net.layout.tensors.len());
         let mut at = 0;

@@ -58,9 +58,7 @@ impl Normaliser {
     pub fn measure<'a>(state: usize, episodes: impl Iterator<Item = &'a [f32]>) -> Self {
         let mut moments = vec![[[0.0_f64; 3]; 3]; state]; // [order][n, mean, m2]
         let mut see = |j: usize, order: usize, x: f64| {
-            let Some([n, mean, m2]) = moments.get_mut(j).and_then(|m| m.get_mut(order)) else {
-                return;
-            };
+            let [n, mean, m2] = &mut moments[j][order];
             *n += 1.0;
             let d = x - *mean;
             *mean += d / *n;

@@ -110,8 +110,7 @@ impl Stage {
     /// [`Error::Robot`].
     pub fn site(&mut self, state: &[f64], site: usize) -> Result<Vec3, Error> {
         self.place(state)?;
-        let at = |k: usize| self.data.site_xpos().get(3 * site + k).copied().unwrap_or(0.0) as f32;
-        Ok(Vec3::new(at(0), at(1), at(2)))
+        Ok(vec3(self.data.site_xpos(), site))
     }
 
     /// Position of a body at a state, metres.
@@ -120,8 +119,7 @@ impl Stage {
     /// [`Error::Robot`].
     pub fn body(&mut self, state: &[f64], body: usize) -> Result<Vec3, Error> {
         self.place(state)?;
-        let at = |k: usize| self.data.xpos().get(3 * body + k).copied().unwrap_or(0.0) as f32;
-        Ok(Vec3::new(at(0), at(1), at(2)))
+        Ok(vec3(self.data.xpos(), body))
     }
 
     /// Corners of what a picture of this robot is about: links that can move, and the parts
@@ -209,11 +207,11 @@ impl Stage {
                 known: known.join(", "),
             });
         };
-        let at = |a: &[f64], k: usize| a.get(k).copied().unwrap_or(0.0) as f32;
-        let eye = Vec3::from_array([0, 1, 2].map(|k| at(self.data.cam_xpos(), 3 * id + k)));
+        let eye = vec3(self.data.cam_xpos(), id);
         // The camera looks along its -z: the third column of a row-major matrix.
-        let back = Vec3::from_array([2, 5, 8].map(|k| at(self.data.cam_xmat(), 9 * id + k)));
-        let fov_y_rad = at(model.cam_fovy(), id).to_radians();
+        let turn = self.data.cam_xmat();
+        let back = Vec3::from_array([2, 5, 8].map(|k| turn[9 * id + k] as f32));
+        let fov_y_rad = (model.cam_fovy()[id] as f32).to_radians();
         Ok(Camera { eye, target: eye - back, lens: Lens::Perspective { fov_y_rad } })
     }
 
@@ -275,8 +273,13 @@ fn shown_groups(model: &Model) -> impl Fn(i32) -> bool {
     move |group| !any || group < COLLISION_GROUP
 }
 
+/// Position `i` in a list of positions, metres.
+fn vec3(positions: &[f64], i: usize) -> Vec3 {
+    Vec3::from_array(positions.as_chunks::<3>().0[i].map(|x| x as f32))
+}
+
 fn geom(model: &Model, i: usize, fields: usize) -> Geom {
-    let size = |k: usize| model.geom_size().get(3 * i + k).copied().unwrap_or(0.0) as f32;
+    let size = |k: usize| model.geom_size()[3 * i + k] as f32;
     let data =
         || model.geom_dataid().get(i).and_then(|d| usize::try_from(*d).ok()).unwrap_or(usize::MAX);
     let shape = match model.geom_kind(i) {
@@ -349,13 +352,13 @@ fn field(model: &Model, i: usize) -> Result<Mesh, Error> {
         .hfield_data()
         .get(from..from + rows * columns)
         .ok_or_else(|| fail("its samples are missing".to_owned()))?;
-    let size = |k: usize| model.hfield_size().get(4 * i + k).copied().unwrap_or(0.0) as f32;
+    let size = |k: usize| model.hfield_size()[4 * i + k] as f32;
     let place =
         |k: usize, count: usize, half: f32| half * (2.0 * k as f32 / (count - 1) as f32 - 1.0);
     let mut vertices = Vec::with_capacity(rows * columns);
     for r in 0..rows {
         for c in 0..columns {
-            let z = heights.get(r * columns + c).copied().unwrap_or(0.0) * size(2);
+            let z = heights[r * columns + c] * size(2);
             vertices.push([place(c, columns, size(0)), place(r, rows, size(1)), z]);
         }
     }

@@ -227,16 +227,15 @@ fn joint(model: &Model, id: usize) -> JointSpec {
 /// Force of the motors that reach a joint, over its damping: the speed at which the motor
 /// holds no torque back. Gravity is left out.
 fn speed_limit(model: &Model, joint: usize) -> f64 {
-    let dof = model.jnt_dofadr().get(joint).and_then(|d| usize::try_from(*d).ok()).unwrap_or(0);
-    let damping = model.dof_damping().get(dof).copied().unwrap_or(0.0);
+    let damping = model.dof_damping()[model.jnt_dofadr()[joint] as usize];
     let mut force = 0.0_f64;
     for a in 0..model.nu() {
         if !is_motor(model, a) {
             continue;
         }
         let limit = ctrlrange(model, a).map_or(0.0, |[lo, hi]| lo.abs().max(hi.abs()));
-        let gear = model.actuator_gear().get(6 * a).copied().unwrap_or(1.0).abs();
-        let gain = model.actuator_gainprm().get(10 * a).copied().unwrap_or(1.0).abs();
+        let gear = model.actuator_gear()[6 * a].abs();
+        let gain = model.actuator_gainprm()[10 * a].abs();
         let lever = match model.transmission(a) {
             Some(Transmission::Joint(j)) if j == joint => 1.0,
             Some(Transmission::Tendon(t)) => tendon_joints(model, t)
@@ -459,9 +458,9 @@ fn camera(model: &Model) -> Camera {
 
 fn settle(model: &Model) -> SettleSpec {
     let (mut kp, mut kd) = (Vec::new(), Vec::new());
-    for dof in model.jnt_dofadr().iter().map(|d| usize::try_from(*d).unwrap_or(0)) {
-        let inertia = model.dof_M0().get(dof).copied().unwrap_or(1.0);
-        let damping = model.dof_damping().get(dof).copied().unwrap_or(0.0);
+    for dof in model.jnt_dofadr().iter().map(|d| *d as usize) {
+        let inertia = model.dof_M0()[dof];
+        let damping = model.dof_damping()[dof];
         let stiff = (SETTLE_RATE * SETTLE_RATE * inertia).max(damping / SETTLE_TAU_SECS);
         let own = (2.0 * (stiff * inertia).sqrt() - damping).max(0.0);
         kp.push(four_digits(stiff));

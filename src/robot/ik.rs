@@ -127,10 +127,8 @@ impl Robot {
                 let step = self.ik_step(&jacobian, &error, &state, &free, damping, config);
                 let mut next = state.clone();
                 for (k, &i) in free.iter().enumerate() {
-                    if let (Some(q), Some(j)) = (next.get_mut(i), self.joints().get(i)) {
-                        *q = (*q + step.get(k).copied().unwrap_or(0.0))
-                            .clamp(j.range[0], j.range[1]);
-                    }
+                    let [lo, hi] = self.joints()[i].range;
+                    next[i] = (next[i] + step[k]).clamp(lo, hi);
                 }
                 self.follow(&mut next, &free);
                 let next_error = self.ik_error(data, &next, &pulls, config)?;
@@ -261,16 +259,12 @@ impl Robot {
                 let mut columns = vec![(i, 1.0)];
                 columns.extend(mimics.iter().filter(|m| m.1 == i).map(|m| (m.0, m.3)));
                 for (joint, factor) in columns {
-                    let Some(dof) = self.joints().get(joint).map(|j| j.dofadr) else { continue };
+                    let dof = self.joints()[joint].dofadr;
                     for r in 0..3 {
-                        let at = |j: &[f64]| j.get(r * nv + dof).copied().unwrap_or(0.0) * factor;
-                        if let Some(x) = out.get_mut((top + r, k)) {
-                            *x += at(&jp);
-                        }
-                        if p.quat.is_some()
-                            && let Some(x) = out.get_mut((top + 3 + r, k))
-                        {
-                            *x += at(&jr) * config.rad_in_m;
+                        let at = r * nv + dof;
+                        out[(top + r, k)] += jp[at] * factor;
+                        if p.quat.is_some() {
+                            out[(top + 3 + r, k)] += jr[at] * factor * config.rad_in_m;
                         }
                     }
                 }
@@ -295,13 +289,13 @@ impl Robot {
         let mut step: DVector<f64> = DVector::zeros(n);
         let mut held = vec![false; n];
         for _ in 0..=n {
-            let open: Vec<usize> = (0..n).filter(|k| held.get(*k) == Some(&false)).collect();
+            let open: Vec<usize> = (0..n).filter(|k| !held[*k]).collect();
             if open.is_empty() {
                 break;
             }
             let mut left = error.clone();
-            for k in (0..n).filter(|k| held.get(*k) == Some(&true)) {
-                left -= jacobian.column(k) * step.get(k).copied().unwrap_or(0.0);
+            for k in (0..n).filter(|k| held[*k]) {
+                left -= jacobian.column(k) * step[k];
             }
             let j = jacobian.select_columns(&open);
             let normal = j.transpose() * &j + DMatrix::identity(open.len(), open.len()) * damping;
@@ -312,20 +306,15 @@ impl Robot {
             let scale = if biggest > config.step_limit { config.step_limit / biggest } else { 1.0 };
             let mut newly = false;
             for (o, &k) in open.iter().enumerate() {
-                let change = solved.get(o).copied().unwrap_or(0.0) * scale;
-                let place = free.get(k).copied().unwrap_or(usize::MAX);
-                let (Some(joint), Some(q)) = (self.joints().get(place), state.get(place)) else {
-                    continue;
-                };
+                let change = solved[o] * scale;
+                let (joint, q) = (&self.joints()[free[k]], state[free[k]]);
                 let room = [joint.range[0] - q, joint.range[1] - q];
                 let fits = change >= room[0] && change <= room[1];
-                if !fits && let Some(h) = held.get_mut(k) {
-                    *h = true;
+                if !fits {
+                    held[k] = true;
                     newly = true;
                 }
-                if let Some(s) = step.get_mut(k) {
-                    *s = change.clamp(room[0].min(0.0), room[1].max(0.0));
-                }
+                step[k] = change.clamp(room[0].min(0.0), room[1].max(0.0));
             }
             if !newly {
                 break;
@@ -337,20 +326,14 @@ impl Robot {
 
 /// World position and orientation (row-major) of a point.
 fn place(data: &Data, id: &PointId) -> ([f64; 3], [f64; 9]) {
-    let three = |v: &[f64], i: usize| -> [f64; 3] {
-        v.get(3 * i..3 * i + 3).and_then(|s| s.try_into().ok()).unwrap_or_default()
-    };
-    let nine = |v: &[f64], i: usize| -> [f64; 9] {
-        v.get(9 * i..9 * i + 9).and_then(|s| s.try_into().ok()).unwrap_or_default()
-    };
+    let three = |v: &[f64], i: usize| v.as_chunks::<3>().0[i];
+    let nine = |v: &[f64], i: usize| v.as_chunks::<9>().0[i];
     match id {
         PointId::Site(s) => (three(data.site_xpos(), *s), nine(data.site_xmat(), *s)),
         PointId::Body(b, offset) => {
             let (pos, m) = (three(data.xpos(), *b), nine(data.xmat(), *b));
             let [x, y, z] = offset;
-            let along = |r: usize| {
-                m.get(3 * r..3 * r + 3).map_or(0.0, |row| row[0] * x + row[1] * y + row[2] * z)
-            };
+            let along = |r: usize| m[3 * r] * x + m[3 * r + 1] * y + m[3 * r + 2] * z;
             ([pos[0] + along(0), pos[1] + along(1), pos[2] + along(2)], m)
         }
     }
@@ -374,9 +357,7 @@ fn unit(q: [f64; 4]) -> [f64; 4] {
 
 /// Greatest distance, m, and greatest angle, rad, in stacked errors.
 fn measure(pulls: &[Pull], error: &DVector<f64>, config: &IkConfig) -> (f64, f64) {
-    let norm = |at: usize| {
-        (at..at + 3).map(|r| error.get(r).copied().unwrap_or(0.0).powi(2)).sum::<f64>().sqrt()
-    };
+    let norm = |at: usize| (at..at + 3).map(|r| error[r].powi(2)).sum::<f64>().sqrt();
     let (mut distance, mut angle, mut top) = (0.0_f64, 0.0_f64, 0);
     for p in pulls {
         distance = distance.max(norm(top));

@@ -33,18 +33,13 @@ impl Robot {
         let mut out = pose.to_vec();
         for row in &self.profile().mirror.table {
             let (target, source) = (self.joint_index(&row.target)?, self.joint_index(&row.source)?);
-            let (Some(joint), Some(value)) = (self.joints().get(target), pose.get(source)) else {
-                continue;
-            };
-            let image = row.offset + row.sign * value;
-            let reference = near.and_then(|n| n.get(target)).copied().unwrap_or(0.0);
-            let image = match joint.unit {
+            let joint = &self.joints()[target];
+            let image = row.offset + row.sign * pose[source];
+            let reference = near.map_or(0.0, |n| n[target]);
+            out[target] = match joint.unit {
                 Unit::Rad => nearest_turn(image, reference, joint.range),
                 Unit::M => image.clamp(joint.range[0], joint.range[1]),
             };
-            if let Some(o) = out.get_mut(target) {
-                *o = image;
-            }
         }
         Ok(out)
     }

@@ -113,7 +113,7 @@ impl Robot {
 
     fn state_damping(&self) -> Vec<f64> {
         let damping = self.model().dof_damping();
-        self.joints().iter().map(|j| damping.get(j.dofadr).copied().unwrap_or(0.0)).collect()
+        self.joints().iter().map(|j| damping[j.dofadr]).collect()
     }
 
     /// Pose `k` of a set that fills the ranges evenly (additive recurrence of the golden

@@ -92,13 +92,7 @@ impl Drive {
             .actuators()
             .iter()
             .enumerate()
-            .map(|(i, a)| {
-                if a.is_motor {
-                    model.actuator_gainprm().get(10 * i).copied().unwrap_or(1.0)
-                } else {
-                    0.0
-                }
-            })
+            .map(|(i, a)| if a.is_motor { model.actuator_gainprm()[10 * i] } else { 0.0 })
             .collect();
         let limit = robot.actuators().iter().map(|a| a.ctrlrange).collect();
         Drive { target: target.to_vec(), gain, limit }
@@ -113,13 +107,9 @@ impl Drive {
         let mut wanted = DVector::from_column_slice(data.qfrc_bias());
         let mut error = DVector::zeros(nv);
         for (i, joint) in robot.joints().iter().enumerate() {
-            let at = |v: &[f64], k: usize| v.get(k).copied().unwrap_or(0.0);
-            let e = at(&self.target, i) - at(data.qpos(), joint.qposadr);
-            if let (Some(w), Some(x)) = (wanted.get_mut(joint.dofadr), error.get_mut(joint.dofadr))
-            {
-                *x = e;
-                *w += at(&settle.kp, i) * e - at(&settle.kd, i) * at(data.qvel(), joint.dofadr);
-            }
+            let e = self.target[i] - data.qpos()[joint.qposadr];
+            error[joint.dofadr] = e;
+            wanted[joint.dofadr] += settle.kp[i] * e - settle.kd[i] * data.qvel()[joint.dofadr];
         }
         let moment = DMatrix::from_row_slice(nu, nv, data.actuator_moment());
         let gram = &moment * moment.transpose() + DMatrix::identity(nu, nu) * 1e-12;
@@ -127,14 +117,14 @@ impl Drive {
         let length = &moment * &error;
         (0..nu)
             .map(|a| {
-                let at = |v: &[f64]| v.get(a).copied().unwrap_or(0.0);
-                let gain = at(&self.gain);
+                let gain = self.gain[a];
                 let raw = if gain == 0.0 {
-                    at(data.actuator_length()) + length.get(a).copied().unwrap_or(0.0)
+                    data.actuator_length()[a] + length[a]
                 } else {
-                    force.as_ref().and_then(|f| f.get(a)).copied().unwrap_or(0.0) / gain
+                    // Without a factor (moments that are not finite) no force is asked for.
+                    force.as_ref().map_or(0.0, |f| f[a]) / gain
                 };
-                let [lo, hi] = self.limit.get(a).copied().unwrap_or([0.0, 0.0]);
+                let [lo, hi] = self.limit[a];
                 raw.clamp(lo, hi)
             })
             .collect()

@@ -24,11 +24,8 @@ const T975: [f64; 30] = [
 /// samples.
 pub fn mean_ci95(samples: &[f64]) -> Option<Interval> {
     let n = samples.len();
-    if n == 0 {
-        return None;
-    }
     // Relative to the first, so that equal samples have exactly no spread.
-    let first = samples.first().copied().unwrap_or(0.0);
+    let first = *samples.first()?;
     let mean = first + samples.iter().map(|s| s - first).sum::<f64>() / n as f64;
     let ci95 = (n > 1).then(|| {
         let var = samples.iter().map(|s| (s - mean) * (s - mean)).sum::<f64>() / (n - 1) as f64;

@@ -28,9 +28,10 @@ impl Take {
         let dim = robot.state_dim();
         let mut velocity = Vec::with_capacity(frames * dim);
         for f in 0..frames {
-            let qvel = rollout.snapshot(f).map_or(&[][..], |s| &s.qvel);
-            velocity
-                .extend(robot.joints().iter().map(|j| qvel.get(j.dofadr).copied().unwrap_or(0.0)));
+            let Some(state) = rollout.snapshot(f) else {
+                unreachable!("a rollout keeps the state of every frame that it reached")
+            };
+            velocity.extend(robot.joints().iter().map(|j| state.qvel[j.dofadr]));
         }
         let actions = rollout.actions().to_vec();
         let mut ctrl = Vec::with_capacity(actions.len());
@@ -161,8 +162,8 @@ fn effort(robot: &Arc<Robot>, ctrl: &[f64]) -> Result<Vec<f64>, Error> {
         for joint in robot.joints() {
             let mut sum = 0.0;
             for (a, (actuator, u)) in robot.actuators().iter().zip(row).enumerate() {
-                let gain = model.actuator_gainprm().get(10 * a).copied().unwrap_or(0.0);
-                let arm = moment.get(a * nv + joint.dofadr).copied().unwrap_or(0.0);
+                let gain = model.actuator_gainprm()[10 * a];
+                let arm = moment[a * nv + joint.dofadr];
                 if actuator.is_motor {
                     sum += arm * gain * u;
                 }

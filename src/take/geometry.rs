@@ -82,8 +82,8 @@ impl Solids {
 }
 
 fn place(model: &Model, geom: usize) -> (Vec3, Quat) {
-    let p = |k: usize| model.geom_pos().get(3 * geom + k).copied().unwrap_or(0.0) as f32;
-    let q = |k: usize| model.geom_quat().get(4 * geom + k).copied().unwrap_or(0.0) as f32;
+    let p = |k: usize| model.geom_pos()[3 * geom + k] as f32;
+    let q = |k: usize| model.geom_quat()[4 * geom + k] as f32;
     let rot = Quat::from_xyzw(q(1), q(2), q(3), q(0));
     (Vec3::new(p(0), p(1), p(2)), if rot.length() > 0.5 { rot.normalize() } else { Quat::IDENTITY })
 }

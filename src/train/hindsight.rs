@@ -192,8 +192,10 @@ fn one(
     };
     out.qpos.extend(reached[..EXTRACTED_FRAMES * s].iter().map(|&x| x as f32));
     for frame in 0..EXTRACTED_FRAMES {
-        let qvel = rollout.snapshot(frame).map_or(&[][..], |state| &state.qvel);
-        let of = |j: &StateJoint| qvel.get(j.dofadr).copied().unwrap_or(0.0) as f32;
+        let Some(state) = rollout.snapshot(frame) else {
+            unreachable!("a rollout keeps the state of every frame that it reached")
+        };
+        let of = |j: &StateJoint| state.qvel[j.dofadr] as f32;
         out.qvel.extend(robot.joints().iter().map(of));
     }
     out.ctrl.extend(rollout.actions()[..EXTRACTED_FRAMES * a].iter().map(|&x| x as f32));

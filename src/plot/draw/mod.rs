@@ -196,23 +196,20 @@ fn render<DB: DrawingBackend>(
     let mut placed = Vec::with_capacity(figure.panels.len());
     for (i, panel) in figure.panels.iter().enumerate() {
         let (column, row) = (i % columns, i / columns);
-        if let Some(foot) = feet.get_mut(row) {
-            *foot |= lowest(i, panel);
-        }
+        feet[row] |= lowest(i, panel);
         let outer = Rect { x: MARGIN + w * column as f64, y: size.top + h * row as f64, w, h };
         let own = figure.own_legends.then(|| legend::entries(std::slice::from_ref(panel)));
         placed.push((panel, outer, own.unwrap_or_default()));
     }
     // Panels of a column begin at one line, panels of a row end at one.
-    let room = |i: usize, legend| Room { foot: feet.get(i / columns) == Some(&true), legend };
+    let room = |i: usize, legend| Room { foot: feet[i / columns], legend };
     let mut labels = vec![0.0_f64; columns];
     for (i, (panel, outer, legend)) in placed.iter().enumerate() {
-        if let Some(widest) = labels.get_mut(i % columns) {
-            *widest = widest.max(canvas.labels(panel, *outer, room(i, legend)));
-        }
+        let widest = &mut labels[i % columns];
+        *widest = widest.max(canvas.labels(panel, *outer, room(i, legend)));
     }
     for (i, (panel, outer, legend)) in placed.iter().enumerate() {
-        let labels = labels.get(i % columns).copied().unwrap_or(0.0);
+        let labels = labels[i % columns];
         canvas.panel(panel, *outer, lowest(i, panel), room(i, legend), labels)?;
     }
     area.present().map_err(Error::draw)
