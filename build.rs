@@ -9,6 +9,11 @@ fn main() {
     println!("cargo::rerun-if-changed=src/mujoco/shim.cc");
     println!("cargo::rerun-if-changed=src/mujoco/shim.h");
     println!("cargo::rerun-if-env-changed=MUJOCO_INCLUDE_DIR");
+    // docs.rs builds the documentation without MuJoCo; nothing is linked there.
+    println!("cargo::rerun-if-env-changed=DOCS_RS");
+    if std::env::var_os("DOCS_RS").is_some() {
+        return;
+    }
     let include = std::env::var_os("MUJOCO_INCLUDE_DIR");
     if include.is_none() && !Path::new(HEADER).exists() {
         println!(

@@ -1,7 +1,7 @@
 //! Curious agents: motion without reward, label or demonstration.
 //!
-//! Five agents learn on an intrinsic reward alone ([`rnd`], [`icm`], [`apt`], [`aps`],
-//! [`proto`]: one file each, over one [`ddpg`] backbone); smooth [`noise`] needs no learning
+//! Five agents learn on an intrinsic reward alone (`rnd`, `icm`, `apt`, `aps`,
+//! `proto`: one file each, over one `ddpg` backbone); smooth `noise` needs no learning
 //! and is what they are judged against. [`collect`] is the procedure: train, keep snapshots,
 //! roll the snapshots out, merge in equal parts.
 //!

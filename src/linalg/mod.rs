@@ -1,6 +1,6 @@
 //! Dense linear algebra on the processor at hand: products, elementwise kernels, threads.
 //!
-//! [`gemm`](mod@gemm) multiplies matrices (some of them on tiles, [`bf16x3`]), [`simd`] is the
+//! [`gemm()`] multiplies matrices (some of them on tiles: `bf16x3.rs`), [`simd`] is the
 //! elementwise rest, and [`Real`] lets both be written once for single and double precision.
 //! The network ([`crate::net`]) and the exploration agents ([`crate::explore`]) stand on it.
 

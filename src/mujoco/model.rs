@@ -39,13 +39,13 @@ pub enum Geom {
     Plane,
     /// Height field.
     HField,
-    /// Sphere of radius size[0].
+    /// Sphere of radius `size[0]`.
     Sphere,
-    /// Capsule along z: radius size[0], half length size[1].
+    /// Capsule along z: radius `size[0]`, half length `size[1]`.
     Capsule,
     /// Ellipsoid with radii size.
     Ellipsoid,
-    /// Cylinder along z: radius size[0], half length size[1].
+    /// Cylinder along z: radius `size[0]`, half length `size[1]`.
     Cylinder,
     /// Box with half sizes.
     Box,

@@ -27,7 +27,7 @@ pub struct Precision {
     pub worst: Option<(usize, f64)>,
     /// Mean error in the last frame of each hold.
     pub hold_end: Option<f64>,
-    /// Mean frames from the start of a hold until all joints are within [`REACHED`].
+    /// Mean frames from the start of a hold until all joints are within 0.05 rad or m.
     pub frames_late: Option<f64>,
     /// Mean |a_t - a_(t-1)| in actions: the paper's "shaking".
     pub mean_abs_du: f64,
@@ -50,7 +50,7 @@ pub struct HoldError {
     pub length: usize,
     /// Mean error in its last frame, rad or m.
     pub end_error: f64,
-    /// Frames until all joints were within [`REACHED`]; `None` when never.
+    /// Frames until all joints were within 0.05 rad or m; `None` when never.
     pub late_frames: Option<usize>,
 }
 

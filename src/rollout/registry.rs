@@ -291,7 +291,7 @@ impl PolicyConfig {
     }
 
     /// The name that tables show: `pd`, `pd+guide`, `robert:adaptive+ensemble=3+refine`. A file
-    /// or a folder is not named: see [`labels`].
+    /// or a folder is not named: see `labels`.
     pub fn label(&self) -> String {
         self.labelled(self.model_name())
     }

@@ -1,6 +1,6 @@
 //! Clips from and to other programs' files.
 //!
-//! Every importer ends in [`Track`]: frames with rows, no keys. Runs of equal rows become
+//! Every importer ends in `Track`: frames with rows, no keys. Runs of equal rows become
 //! one key with a hold, so that a dense export read back is a clip that a person can edit,
 //! with the same compiled command bit for bit.
 
