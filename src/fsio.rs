@@ -9,10 +9,12 @@
 //! device must not become a file. They are refused before they are opened, and again after,
 //! in case the name meant something else by then.
 
+use std::collections::BTreeSet;
 use std::fs::{self, File, Metadata, OpenOptions};
 use std::io::{self, BufWriter, Write};
 use std::os::unix::fs::{FileTypeExt, MetadataExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 use rustix::fs::{FlockOperation, OFlags, flock};
@@ -75,6 +77,7 @@ pub fn write_atomic_with(
     let old = replaceable(&target).map_err(fail)?;
     let dir = folder_of(&target);
     fs::create_dir_all(dir).map_err(fail)?;
+    sweep_once(dir);
     let temp = temporary(dir, old.as_ref()).map_err(fail)?;
     let mut out = BufWriter::with_capacity(1 << 20, temp.as_file());
     fill(&mut out).map_err(fail)?;
@@ -129,6 +132,14 @@ pub fn sweep(dir: &Path) {
                 fs::remove_file(&path).ok();
             }
         }
+    }
+}
+
+/// Sweeps a folder when this process first writes there.
+fn sweep_once(dir: &Path) {
+    static SWEPT: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
+    if SWEPT.lock().unwrap_or_else(PoisonError::into_inner).insert(dir.to_owned()) {
+        sweep(dir);
     }
 }
 

@@ -11,6 +11,7 @@ mod clip;
 mod collect;
 mod fit;
 mod floors;
+mod full_disk;
 mod golden;
 mod import;
 mod malformed;

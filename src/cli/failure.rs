@@ -37,7 +37,7 @@ impl Failure {
 
     /// Prints `error: …` and its causes to stderr.
     pub(super) fn report(&self) {
-        eprintln!("error: {}", self.sentence());
+        eprintln!("error: {}", plain(&self.sentence()));
     }
 
     /// What went wrong, then why, on one line; a cause that a message already tells is not
@@ -55,6 +55,25 @@ impl Failure {
     }
 }
 
+/// The text with every character spelled out that would do something to a terminal:
+/// control characters, and those that turn the direction of writing. Names in foreign files
+/// end up in messages.
+fn plain(text: &str) -> String {
+    let acts = |c: char| {
+        (c.is_control() && c != '\n' && c != '\t')
+            || matches!(c, '\u{61c}' | '\u{200e}' | '\u{200f}')
+            || matches!(c, '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
+    };
+    text.chars().fold(String::with_capacity(text.len()), |mut out, c| {
+        if acts(c) {
+            out.extend(c.escape_unicode());
+        } else {
+            out.push(c);
+        }
+        out
+    })
+}
+
 impl<E: HasExit> From<E> for Failure {
     fn from(error: E) -> Self {
         Failure { exit: error.exit(), error: anyhow::Error::new(error) }
@@ -64,6 +83,12 @@ impl<E: HasExit> From<E> for Failure {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn nothing_in_a_message_acts_on_the_terminal() {
+        let said = Failure::invalid("joint \"a\u{202e}b\u{1b}[2Jc\u{9b}\" é 日本\n").sentence();
+        assert_eq!(plain(&said), "joint \"a\\u{202e}b\\u{1b}[2Jc\\u{9b}\" é 日本\n");
+    }
 
     #[test]
     fn causes_are_told_once() {

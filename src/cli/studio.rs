@@ -56,10 +56,10 @@ pub(super) fn run(args: Args) -> Outcome {
         folder,
     };
     let (no_open, app) = (args.no_open, args.app);
-    studio::run(config, |url| {
+    studio::run(config, |url, once| {
         // The one line that scripts wait for. A closed stdout must not end the studio.
         super::out::line(url).ok();
-        if !no_open && !open(url, app) {
+        if !no_open && !open(once, app) {
             tracing::info!("no browser could be started; open the address above yourself");
         }
     })
@@ -74,8 +74,8 @@ fn absolute_robot(robot: String) -> std::io::Result<String> {
     Ok(robot)
 }
 
-/// Starts a browser; the token is in its arguments, which on this machine only the same
-/// user and root may read in full.
+/// Starts a browser. Everybody on this machine can read its arguments, so `url` holds a code
+/// that is good for one use.
 fn open(url: &str, app: bool) -> bool {
     let start = |program: &str, argument: &str| {
         Command::new(program)

@@ -12,11 +12,15 @@
 //!    gives for it, or `?token=` on a socket (401). Only the start page and its bundle
 //!    are open, as the browser has no token yet; they hold no secret.
 //!
+//! A browser that we start gets a one-time code instead of the token, since the arguments of a
+//! program can be read by all.
+//!
 //! Rejected: "no Origin means no browser, so let it in" (Jupyter's hole) and CORS lists (they
 //! guard reads, not writes). There is no `Access-Control-Allow-Origin` at all.
 
 use std::io::Read;
-use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use axum::extract::{Request, State};
 use axum::http::request::Parts;
@@ -79,7 +83,10 @@ pub enum Refusal {
 pub struct Guard {
     hosts: [String; 3],
     token: Secret,
-    session: Secret,
+    /// Stands for the token once; see [`Guard::spend_code`].
+    code: Secret,
+    code_uses: AtomicU32,
+    session: Mutex<Secret>,
     cookie: String,
 }
 
@@ -103,7 +110,9 @@ impl Guard {
         Ok(Guard {
             hosts: ["127.0.0.1", "localhost", "[::1]"].map(|h| format!("{h}:{port}")),
             token: Secret::draw()?,
-            session: Secret::draw()?,
+            code: Secret::draw()?,
+            code_uses: AtomicU32::new(0),
+            session: Mutex::new(Secret::draw()?),
             // Cookies know no ports: two studios at once must not overwrite each other's.
             cookie: format!("robert_{port}"),
         })
@@ -114,9 +123,33 @@ impl Guard {
         &self.token
     }
 
+    /// What the browser that we start gets in the place of the token: everybody on the machine
+    /// can read the arguments of a program. It opens `POST /api/session` once.
+    pub fn code(&self) -> &Secret {
+        &self.code
+    }
+
+    /// Takes the one-time code. Whoever comes second with it has read it from the browser's
+    /// arguments, or came first and the browser is the second: so a second use is refused and
+    /// ends the sessions that cookies have opened. The token is not concerned.
+    fn spend_code(&self) -> bool {
+        if self.code_uses.fetch_add(1, Ordering::SeqCst) == 0 {
+            return true;
+        }
+        tracing::error!(
+            "the browser's one-time code was used twice; its page has lost its access. \
+             Open the address that `robert studio` printed"
+        );
+        if let Ok(fresh) = Secret::draw() {
+            *self.session.lock().unwrap_or_else(PoisonError::into_inner) = fresh;
+        }
+        false
+    }
+
     /// The cookie that stands for the token in a browser.
     pub fn set_cookie(&self) -> String {
-        format!("{}={}; HttpOnly; SameSite=Strict; Path=/", self.cookie, self.session.reveal())
+        let session = self.session.lock().unwrap_or_else(PoisonError::into_inner);
+        format!("{}={}; HttpOnly; SameSite=Strict; Path=/", self.cookie, session.reveal())
     }
 
     /// All three checks.
@@ -168,7 +201,11 @@ impl Guard {
     fn credential(&self, head: &Parts, upgrade: bool) -> Credential {
         if let Some(value) = head.headers.get(header::AUTHORIZATION) {
             let bearer = value.to_str().ok().and_then(|v| v.strip_prefix("Bearer "));
-            let right = bearer.is_some_and(|t| self.token.matches(t.trim()));
+            let exchange = head.method == Method::POST && head.uri.path() == "/api/session";
+            let right = bearer.is_some_and(|t| {
+                self.token.matches(t.trim())
+                    || (exchange && self.code.matches(t.trim()) && self.spend_code())
+            });
             return if right { Credential::Token } else { Credential::None };
         }
         if upgrade && let Some(token) = query_token(head.uri.query().unwrap_or_default()) {
@@ -185,7 +222,13 @@ impl Guard {
             .filter_map(|v| v.to_str().ok())
             .flat_map(|v| v.split(';'))
             .filter_map(|pair| pair.trim().split_once('='))
-            .any(|(name, value)| name == self.cookie && self.session.matches(value))
+            .any(|(name, value)| name == self.cookie && self.is_session(value))
+    }
+}
+
+impl Guard {
+    fn is_session(&self, value: &str) -> bool {
+        self.session.lock().unwrap_or_else(PoisonError::into_inner).matches(value)
     }
 }
 
@@ -284,6 +327,28 @@ mod tests {
         assert!(!a.matches("") && !a.matches(&a.reveal()[..63]));
         assert!(!a.matches(&format!("{}0", a.reveal())));
         assert!(!format!("{a:?}").contains(&a.reveal()[..8]));
+    }
+
+    #[test]
+    fn the_code_opens_one_session_and_a_second_use_ends_it() {
+        let guard = Guard::new(4000).unwrap();
+        let exchange = |path: &str, secret: &Secret| {
+            let bearer = format!("Bearer {}", secret.reveal());
+            let mut parts = head(&[("host", "127.0.0.1:4000"), ("authorization", &bearer)]);
+            (parts.method, parts.uri) = (Method::POST, path.parse().unwrap());
+            guard.check(&parts)
+        };
+        let (code, token) = (guard.code().clone(), guard.token().clone());
+        assert!(!token.matches(code.reveal()));
+        assert_eq!(exchange("/api/save", &code), Err(Refusal::Token), "good for a session only");
+        assert_eq!(exchange("/api/session", &code), Ok(()));
+        let cookie = guard.set_cookie();
+        let cookie = cookie.split(';').next().unwrap();
+        let look = || guard.check(&head(&[("host", "127.0.0.1:4000"), ("cookie", cookie)]));
+        assert_eq!(look(), Ok(()));
+        assert_eq!(exchange("/api/session", &code), Err(Refusal::Token));
+        assert_eq!(look(), Err(Refusal::Token), "whoever it was has no access any more");
+        assert_eq!(exchange("/api/session", &token), Ok(()));
     }
 
     #[test]

@@ -89,12 +89,13 @@ pub struct StudioConfig {
 /// Time for clients and jobs to hear of the end.
 const FAREWELL: Duration = Duration::from_millis(300);
 
-/// Runs the studio until SIGINT or SIGTERM. `ready` gets the address, token included, as
-/// soon as connections are accepted.
+/// Runs the studio until SIGINT or SIGTERM. As soon as connections are accepted, `ready` gets
+/// the address, token included, and the address for a browser that it starts, with a code that
+/// is good for one use.
 ///
 /// # Errors
 /// [`Error::Bind`], [`Error::Clip`], [`Error::Locked`], [`Error::Server`].
-pub fn run(config: StudioConfig, ready: impl FnOnce(&str)) -> Result<(), Error> {
+pub fn run(config: StudioConfig, ready: impl FnOnce(&str, &str)) -> Result<(), Error> {
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .worker_threads(2)
         .enable_all()
@@ -105,7 +106,7 @@ pub fn run(config: StudioConfig, ready: impl FnOnce(&str)) -> Result<(), Error> 
     result
 }
 
-async fn serve(config: StudioConfig, ready: impl FnOnce(&str)) -> Result<(), Error> {
+async fn serve(config: StudioConfig, ready: impl FnOnce(&str, &str)) -> Result<(), Error> {
     let (end, ending) = watch::channel(false);
     let (listener, port) = server::bind(config.port).await?;
     let guard = Arc::new(Guard::new(port).map_err(Error::Server)?);
@@ -149,7 +150,9 @@ async fn serve(config: StudioConfig, ready: impl FnOnce(&str)) -> Result<(), Err
         Ok(()) => {
             let router = server::router(Arc::clone(&app));
             let serving = tokio::spawn(server::serve(listener, router, ending));
-            ready(&format!("http://127.0.0.1:{port}/#token={}", guard.token().reveal()));
+            let address =
+                |s: &guard::Secret| format!("http://127.0.0.1:{port}/#token={}", s.reveal());
+            ready(&address(guard.token()), &address(guard.code()));
             tokio::select! {
                 _ = terminate.recv() => {}
                 _ = interrupt.recv() => {}

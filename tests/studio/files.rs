@@ -153,7 +153,11 @@ fn app_opens_a_window_of_its_own_and_falls_back_to_the_browser() {
         };
         child.kill().unwrap();
         child.wait().unwrap();
-        assert_eq!(called.trim(), wanted.replace("URL", line.trim()), "{browsers:?} {args:?}");
+        let (address, token) = line.trim().split_once("#token=").unwrap();
+        let (start, code) = called.trim().split_once("#token=").unwrap();
+        assert_eq!(format!("{start}#"), wanted.replace("URL", &format!("{address}#")));
+        assert!(!called.contains(token), "everybody can read it: {browsers:?} {args:?}");
+        assert_eq!(code.len(), token.len());
     }
     // Without a browser to open there is no window to be had.
     let (code, _, err) = call(std::env::temp_dir().as_path(), &["studio", "--app", "--no-open"]);

@@ -59,6 +59,7 @@ pub fn import(config: &ImportConfig) -> Result<Report, Error> {
     let write =
         |e: std::io::Error| Error::File(fsio::Error::Write { source: e, path: out.clone() });
     std::fs::create_dir_all(&parent).map_err(write)?;
+    fsio::sweep(&parent);
     let temp =
         tempfile::Builder::new().prefix(".robert-import-").tempdir_in(&parent).map_err(write)?;
     let (model, xml) = settle_draft(&mut draft, &project, config, temp.path())?;
