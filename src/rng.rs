@@ -69,6 +69,16 @@ pub fn draw(seed: u64, stream: Stream, index: u64) -> u64 {
 }
 
 /// A short sequence of draws that starts at (seed, stream, index).
+///
+/// ```
+/// use robert::rng::{Rng, Stream};
+///
+/// // Draws are functions: the same three numbers give the same sequence, on any thread.
+/// let draw = |index| Rng::new(7, Stream::Noise, index).uniform();
+/// assert_eq!(draw(3), draw(3));
+/// assert_ne!(draw(3), draw(4));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct Rng {
     key: u64,

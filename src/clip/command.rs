@@ -78,6 +78,16 @@ pub struct VirtualKey {
 }
 
 /// Commanded joint positions and their masks.
+///
+/// ```
+/// use robert::clip::compile;
+/// use robert::rollout::tasks;
+///
+/// let command = compile(&tasks::find("ur5e/reacher", None)?)?;
+/// assert_eq!(command.dim(), 5);
+/// assert_eq!(command.filled().len(), command.frames() as usize * command.dim());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Command {
     joints: Vec<String>,

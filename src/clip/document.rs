@@ -198,6 +198,17 @@ pub struct Marker {
 }
 
 /// An animation document, `robert-clip/1`.
+///
+/// ```
+/// use robert::clip::{Clip, Key, compile};
+/// use robert::robot::Robot;
+///
+/// let mut clip = Clip::new(Robot::builtin("pointmass")?.clip_ref(), 41);
+/// clip.keys = vec![Key::new(0, &[0.0, 0.0]), Key::new(40, &[0.3, -0.1])];
+/// // Between the two keys lie 39 masked frames, more than a policy looks ahead.
+/// assert!(!compile(&clip)?.blind_spans().is_empty());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Clip {
     /// A title.

@@ -44,6 +44,20 @@ pub enum Step {
 }
 
 /// A clip, its compiled command and its history.
+///
+/// ```
+/// use robert::clip::{Clip, Editor, Key, KeysMove, Op};
+/// use robert::robot::Robot;
+///
+/// let mut clip = Clip::new(Robot::builtin("pointmass")?.clip_ref(), 41);
+/// clip.keys = vec![Key::new(0, &[0.0, 0.0]), Key::new(20, &[0.3, -0.1])];
+/// let mut editor = Editor::new(clip, None)?;
+/// editor.apply(&Op::KeysMove(KeysMove { frames: vec![20], df: 5, ..KeysMove::default() }))?;
+/// assert_eq!(editor.clip().keys[1].frame, 25);
+/// editor.undo()?;
+/// assert_eq!(editor.clip().keys[1].frame, 20);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug)]
 pub struct Editor {
     clip: Clip,

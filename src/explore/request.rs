@@ -21,6 +21,21 @@ const EPISODE_BYTES: u64 = 144;
 const SNAPSHOTS: u64 = 2000;
 
 /// What to collect.
+///
+/// ```
+/// use robert::dataset::{Dataset, Verify};
+/// use robert::explore::{CollectConfig, collect};
+/// use robert::progress::{Cancel, Silent};
+/// use robert::robot::Robot;
+///
+/// let robot = std::sync::Arc::new(Robot::builtin("pointmass")?);
+/// let config = CollectConfig { transitions: 500, ..CollectConfig::new(&robot) };
+/// let folder = tempfile::tempdir()?;
+/// collect(&robot, &config, folder.path(), false, 1, &Silent, &Cancel::default())?;
+/// let data = Dataset::open(folder.path(), Verify::Structure)?;
+/// assert!(data.manifest().totals.frames >= 500);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CollectConfig {

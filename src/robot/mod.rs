@@ -91,6 +91,17 @@ pub struct Actuator {
 pub(crate) type Assets = Vec<(String, Vec<u8>)>;
 
 /// A robot ready to be simulated; immutable, shared by reference between threads.
+///
+/// ```
+/// use robert::robot::Robot;
+///
+/// let arm = Robot::builtin("ur5e")?;
+/// assert_eq!((arm.state_dim(), arm.action_dim()), (5, 5));
+/// // The pose that the arm settles at when it is asked to stand at home.
+/// let settled = arm.settle(&arm.home())?;
+/// assert_eq!(settled.reached.len(), arm.state_dim());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug)]
 pub struct Robot {
     profile: Profile,

@@ -11,6 +11,14 @@ use crate::mujoco::Model;
 use crate::rng::{Rng, Stream};
 
 /// How the simulated plant differs from the robot's file; factors, 1 is no change.
+///
+/// ```
+/// use robert::robot::PlantConfig;
+///
+/// let heavier: PlantConfig = "mass=1.25,damping=1.5".parse()?;
+/// assert_ne!(heavier, PlantConfig::default());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct PlantConfig {
     /// Factor on every mass and inertia.

@@ -262,6 +262,18 @@ pub(super) fn labels(policies: &[PolicyConfig]) -> Vec<String> {
 }
 
 /// A policy as asked for on the command line.
+///
+/// ```
+/// use std::sync::Arc;
+///
+/// use robert::robot::Robot;
+/// use robert::rollout::{PolicyConfig, PolicyName};
+///
+/// let robot = Arc::new(Robot::builtin("ur5e")?);
+/// let refined = PolicyConfig { refine: true, ..PolicyConfig::new(PolicyName::Pd) };
+/// assert_eq!(refined.build(&robot)?.name(), "pd+refine");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct PolicyConfig {
     /// Which.

@@ -55,6 +55,24 @@ pub struct Frame<'a> {
 }
 
 /// A clip being performed by a policy.
+///
+/// ```
+/// use std::sync::Arc;
+///
+/// use robert::clip::compile;
+/// use robert::progress::Cancel;
+/// use robert::robot::Robot;
+/// use robert::rollout::{PolicyConfig, PolicyName, Rollout, RolloutConfig, Start, tasks};
+///
+/// let clip = tasks::find("pointmass/circle", None)?;
+/// let (robot, command) = (Arc::new(Robot::builtin(&clip.robot.id)?), compile(&clip)?);
+/// let policy = PolicyConfig::new(PolicyName::Pd).build(&robot)?;
+/// let config = RolloutConfig::default();
+/// let mut rollout = Rollout::new(&robot, policy, &command, Start::Pose, config)?;
+/// rollout.run(&Cancel::default())?;
+/// assert!(rollout.precision().precision.is_some_and(|error_m| error_m < 0.1));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub struct Rollout {
     robot: Arc<Robot>,
     policy: Box<dyn Policy>,
@@ -355,7 +373,8 @@ impl Rollout {
     /// Simulated time minus clip time at the reached frame, seconds: 0 but for rounding.
     pub fn clock_error_secs(&self) -> f64 {
         let clip = self.frame() as f64 * CTRL_DT;
-        self.snapshots.last().map_or(0.0, |s| s.time_secs - clip)
+        let Some(last) = self.snapshots.last() else { unreachable!("the start is kept") };
+        last.time_secs - clip
     }
 }
 

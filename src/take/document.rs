@@ -91,6 +91,26 @@ pub enum What {
 }
 
 /// A recorded rollout. Rows are frames of 1/20 s, frame 0 is the start.
+///
+/// ```
+/// use std::sync::Arc;
+///
+/// use robert::clip::compile;
+/// use robert::progress::Cancel;
+/// use robert::robot::Robot;
+/// use robert::rollout::{PolicyConfig, PolicyName, Rollout, RolloutConfig, Start, tasks};
+/// use robert::take::{Provenance, Take};
+///
+/// let clip = tasks::find("pointmass/circle", None)?;
+/// let (robot, command) = (Arc::new(Robot::builtin(&clip.robot.id)?), compile(&clip)?);
+/// let (policy, config) = (PolicyConfig::new(PolicyName::Pd), RolloutConfig::default());
+/// let made_by = Provenance::new(&robot, &policy, &config)?;
+/// let mut rollout = Rollout::new(&robot, policy.build(&robot)?, &command, Start::Pose, config)?;
+/// rollout.run(&Cancel::default())?;
+/// let take = Take::record(&rollout, &command, Some(&clip), made_by)?;
+/// assert_eq!(take.frames(), rollout.frame() + 1);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Take {
     /// The robot.

@@ -14,6 +14,15 @@ use crate::net::{
 const MOST_STEPS: u64 = 1_000_000_000_000;
 
 /// Everything that decides a training run, besides the data.
+///
+/// ```
+/// use robert::train::TrainConfig;
+///
+/// let mut config = TrainConfig::preset("instant")?;
+/// config.set("lr=1e-4")?;
+/// assert_eq!(config.lr, 1e-4);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TrainConfig {

@@ -1,8 +1,10 @@
 //! `robert bench collect`: the roll-out phase against bare simulation of the same episodes,
 //! the time of one update of each agent, and reading windows back.
 
+use std::panic::resume_unwind;
 use std::path::PathBuf;
 use std::sync::{Arc, Barrier};
+use std::thread::ScopedJoinHandle;
 use std::time::Instant;
 
 use serde::Serialize;
@@ -216,7 +218,8 @@ fn read(args: &Args, path: &std::path::Path) -> Outcome {
                 })
             })
             .collect();
-        handles.into_iter().map(|h| h.join().unwrap_or(0.0)).collect()
+        let rate = |h: ScopedJoinHandle<'_, f64>| h.join().unwrap_or_else(|e| resume_unwind(e));
+        handles.into_iter().map(rate).collect()
     });
     let reading = Reading {
         windows: BATCH,
