@@ -784,4 +784,106 @@ mod tests {
         assert!(answers[0].is_err() && answers[1].as_ref().unwrap().is_empty());
         assert_eq!(doc.journal.bytes(), before);
     }
+
+    #[test]
+    fn one_damaged_record_costs_one_edit_and_is_named() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.clip.json");
+        let journal = dir.path().join("a.clip.json.autosave");
+        std::fs::write(&path, blank().to_text()).unwrap();
+        let open = || Document::open(&path, dir.path(), |_| None).unwrap();
+        let mut doc = open();
+        for frame in 10..60 {
+            doc.edit(&[add(frame)]);
+        }
+        doc.edit(&[Edit::Undo]);
+        let whole = doc.clip().clone();
+        drop(doc);
+        let good = std::fs::read(&journal).unwrap();
+        // A byte in each record, and in the base: hundreds of positions from end to end.
+        for at in (0..good.len()).step_by(61) {
+            let mut bad = good.clone();
+            bad[at] ^= 0x20;
+            std::fs::write(&journal, &bad).unwrap();
+            let mut doc = open();
+            let missing = whole.keys.iter().filter(|k| doc.clip().key(k.frame) != Some(*k)).count();
+            let extra = doc.clip().keys.len() + missing - whole.keys.len();
+            assert!(missing + extra <= 1, "byte {at}: {missing} missing, {extra} extra");
+            let told = doc.restored().unwrap().clone();
+            assert!(!told.lost.is_empty() || told.torn_bytes > 0, "byte {at}");
+            assert_eq!(std::fs::read(told.kept.unwrap()).unwrap(), bad, "byte {at}");
+            // It goes on from there, and comes back once more without a word.
+            doc.edit(&[add(90)]);
+            let clip = doc.clip().clone();
+            drop(doc);
+            let mut doc = open();
+            assert_eq!(doc.clip(), &clip, "byte {at}");
+            assert!(doc.restored().unwrap().lost.is_empty());
+            while !doc.edit(&[Edit::Undo])[0].as_ref().unwrap().is_empty() {}
+            assert_eq!(doc.clip(), &blank(), "byte {at}");
+            drop(doc);
+            for kept in std::fs::read_dir(dir.path()).unwrap() {
+                let kept = kept.unwrap().path();
+                if kept.to_string_lossy().contains(".damaged") {
+                    std::fs::remove_file(kept).unwrap();
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_damaged_draft_is_neither_emptied_nor_lost() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut doc = Document::new(blank(), dir.path(), None).unwrap();
+        doc.edit(&[add(20), add(40)]);
+        drop(doc);
+        let path = dir.path().join("untitled-1.autosave");
+        let good = std::fs::read(&path).unwrap();
+        let mut bad = good.clone();
+        bad[60] ^= 1;
+        std::fs::write(&path, &bad).unwrap();
+        assert_eq!(Document::drafts(dir.path()).len(), 1);
+        assert_eq!(std::fs::read(&path).unwrap(), bad, "a look changes nothing");
+        let doc = Document::draft(dir.path(), 1, |_| None).unwrap();
+        assert_eq!(doc.clip().keys.len(), 3);
+        assert_eq!(doc.restored().unwrap().lost.len(), 1);
+        drop(doc);
+        // With both copies of the base gone there is no clip, yet the file stays.
+        let mut bad = good.clone();
+        let second = bad.len() / 2;
+        bad[60..second].fill(b'x');
+        std::fs::write(&path, &bad).unwrap();
+        let other = Document::new(blank(), dir.path(), None).unwrap();
+        assert_eq!(std::fs::read(&path).unwrap(), bad);
+        drop(other);
+    }
+
+    #[test]
+    fn a_journal_that_makes_no_sense_does_not_lock_the_clip_up() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.clip.json");
+        let at = dir.path().join("a.clip.json.autosave");
+        std::fs::write(&path, blank().to_text()).unwrap();
+        let edit = Record::Edit { label: "x".into(), patch: Box::default() };
+        let (mut journal, ..) = Journal::open(&at).unwrap();
+        journal.append(&[Record::Base { text: "{".into(), path: None }, edit]).unwrap();
+        drop(journal);
+        let doc = Document::open(&path, dir.path(), |_| None).unwrap();
+        assert_eq!(doc.clip(), &blank());
+        let told = doc.restored().unwrap();
+        assert!(told.lost[0].contains("is no clip") && told.kept.is_some(), "{told:?}");
+    }
+
+    #[test]
+    fn a_draft_from_before_1970_is_found() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut doc = Document::new(blank(), dir.path(), None).unwrap();
+        doc.edit(&[add(20)]);
+        doc.close();
+        let file =
+            std::fs::File::options().write(true).open(dir.path().join("untitled-1.autosave"));
+        let long_ago = std::time::UNIX_EPOCH - std::time::Duration::from_hours(24);
+        file.unwrap().set_modified(long_ago).unwrap();
+        assert_eq!(Document::drafts(dir.path()).len(), 1);
+    }
 }
