@@ -20,7 +20,7 @@ fn a_pipe_is_refused_wherever_a_file_is_read() {
         &["import", "pipe", "--out", "bot"],
         &["robots", "show", "bot"],
         &["rollout", "--policy", "robert:pipe", "a.clip.json"],
-        &["clip", "convert", "pipe", "a.csv"],
+        &["clip", "convert", "--from", "clip", "pipe", "a.csv"],
         &["studio", "--no-open", "pipe"],
     ] {
         let call = robert().file("a.clip.json", CLIP).file("bot/readme", "").args(args);
