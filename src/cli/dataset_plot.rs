@@ -146,11 +146,8 @@ pub(super) fn draw(
         s.near_limit_any * 100.0,
         s.self_contact * 100.0,
     );
-    Figure::grid(&format!("{}: where the data lie", m.robot.id), panels, columns)
-        .note(&note)
-        .theme(theme)
-        .save(path)?;
-    Ok(())
+    let figure = Figure::grid(&format!("{}: where the data lie", m.robot.id), panels, columns);
+    super::plot::save(&figure.note(&note).theme(theme), path)
 }
 
 fn sample(data: &Dataset) -> Sample {

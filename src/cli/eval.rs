@@ -14,20 +14,21 @@ use super::global::Global;
 use super::interrupt::cancel_on_ctrl_c;
 use super::motion::{self, CLIP_SUFFIX};
 use super::perform::{Conditions, who};
-use super::{out, plot};
+use super::{input, out, plot};
 use crate::clip::{Clip, Sight};
 use crate::dataset::{Dataset, Verify};
 use crate::exit::Exit;
 use crate::fsio;
-use crate::plot::Figure;
+use crate::progress::Cancel;
 use crate::robot::{PlantRange, Robot};
 use crate::rollout::{
-    Case, EvalConfig, Evaluation, PolicyConfig, Start, Suite, evaluate, tasks, test_suites,
+    self, Case, CaseResult, EvalConfig, Evaluation, PolicyConfig, Start, Suite, evaluate, floor,
+    mean_ci95, tasks, test_suites,
 };
 
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  robert eval --robot ur5e --suite manual --policy zero,pd,computed-torque,ilqr\n  robert eval --robot ur5e --suite manual --policy pd,pd+guide --plant mass=1.25,damping=1.5,gear=0.85\n  robert eval --robot ur5e --policy robert+guide,robert:adaptive+guide --plant mass=0.7..1.4 --seeds 8\n  robert eval --suite my-clips/ --policy ilqr --max-precision 0.005 --json\n  robert eval --robot ur5e --suite manual --policy pd,ilqr --seeds 4 --plant gear=0.8..1.2 --plot bars.png"
+    after_help = "Examples:\n  robert eval --robot ur5e --suite manual --policy zero,pd,computed-torque,ilqr\n  robert eval --robot ur5e --suite manual -p pd,pd+guide --plant mass=1.25,damping=1.5,gear=0.85\n  robert eval --robot ur5e --suite manual -p robert:adaptive+guide --plant mass=0.7..1.4 --seeds 8\n  robert eval --suite my-clips/ --policy ilqr --max-precision 0.005 --json\n  robert eval --robot ur5e --suite manual -p pd,ilqr --seeds 4 --plant gear=0.8..1.2 --plot bars.png"
 )]
 pub(super) struct Args {
     /// The robot; with clip files it may be left out.
@@ -62,13 +63,17 @@ pub(super) struct Args {
     /// Exit 4 when a policy's mean Precision over a suite is larger (rad or m).
     #[arg(long, value_name = "X")]
     max_precision: Option<f64>,
-    /// Write one row a task and policy.
+    /// Do not compare with iLQR, which knows the model: its floor is known for shipped clips
+    /// and takes up to seconds a clip for others.
+    #[arg(long)]
+    no_floor: bool,
+    /// Write one row a task and policy; - is stdout.
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
     /// Write results.json, results.csv and errors.csv (the error by frame) here.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Draw the Precisions as bars with 95 % intervals, .png or .svg.
+    /// Draw the Precisions as bars with 95 % intervals, .png or .svg; - is stdout, as SVG.
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
     /// Print JSON.
@@ -114,7 +119,17 @@ impl SuiteFacts {
     }
 }
 
+impl Args {
+    /// Whether a file that was asked for goes to stdout.
+    fn takes_stdout(&self) -> bool {
+        [&self.csv, &self.plot].into_iter().flatten().any(|p| input::is_standard(p))
+    }
+}
+
 pub(super) fn run(args: &Args, global: Global) -> Outcome {
+    if args.json && args.takes_stdout() {
+        return Err(Failure::usage("--json prints on stdout: --csv and --plot need a file"));
+    }
     let policies: Vec<PolicyConfig> =
         args.policy.iter().map(|p| args.conditions.policy(p)).collect::<Outcome<_>>()?;
     let plant = args.conditions.plant()?;
@@ -122,14 +137,18 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
         return Err(Failure::usage(format!("--max-precision {x} is no distance")));
     }
     if let Some(path) = &args.plot {
-        Figure::may_save(path)?;
-        fsio::writable(path)?;
+        plot::may_save(path)?;
     }
-    let (robot, suites) = suites(args)?;
+    let (robot, mut suites) = suites(args)?;
     let threads = super::global::threads(args.threads);
     let config = EvalConfig { policies, plant, seeds: args.seeds, threads };
 
     let cancel = cancel_on_ctrl_c();
+    // Another plant has other floors, and where iLQR takes part its own figures are the floor.
+    let wanted = !args.no_floor && plant == PlantRange::default();
+    if wanted && !config.policies.contains(&PolicyConfig::floor()) {
+        floors(&robot, &mut suites, threads, global, &cancel)?;
+    }
     let bar = Bar::new("eval", "rollouts", global.quiet);
     let begin = Instant::now();
     let results = evaluate(&robot, &suites, &config, &bar, &cancel);
@@ -147,7 +166,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
         results: &results,
     };
     if let Some(path) = &args.csv {
-        fsio::write_atomic(path, &rows_csv(&results)?)?;
+        input::write(path, &rows_csv(&results)?)?;
     }
     if let Some(dir) = &args.out {
         let json = serde_json::to_vec_pretty(&report).map_err(io::Error::other)?;
@@ -158,18 +177,41 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     if let Some(path) = &args.plot {
         let value = serde_json::to_value(&report).map_err(io::Error::other)?;
         let title = format!("{}: Precision, lower is better", robot.id());
-        plot::of_evaluation(&title, value)?.save(path)?;
+        plot::save(&plot::of_evaluation(&title, value)?, path)?;
     }
     if args.json {
         out::json(&report)?;
     } else {
         let tables: Vec<String> =
             suites.iter().map(|s| table(&robot, &s.name, plant, &results)).collect();
-        out::line(&tables.join("\n\n"))?;
+        input::say(args.takes_stdout(), &tables.join("\n\n"))?;
     }
     match args.max_precision {
         Some(limit) => check(&results, limit, report.unit),
         None => Ok(()),
+    }
+}
+
+/// Gives every clip its floor. A robot that iLQR cannot drive does without.
+fn floors(
+    robot: &Arc<Robot>,
+    suites: &mut [Suite],
+    threads: usize,
+    global: Global,
+    cancel: &Cancel,
+) -> Outcome {
+    let bar = Bar::new("floor", "clips", global.quiet);
+    // Recorded motion is judged by what was recorded.
+    let clips = suites.iter_mut().flat_map(|s| &mut s.cases).filter(|c| c.truth.is_none());
+    let filled = floor::fill(robot, clips, threads, &bar, cancel);
+    bar.finish();
+    match filled {
+        Err(e @ rollout::Error::Cancelled { .. }) => Err(e.into()),
+        Err(e) => {
+            tracing::warn!("no floors to compare with: {e}");
+            Ok(())
+        }
+        Ok(()) => Ok(()),
     }
 }
 
@@ -192,7 +234,7 @@ fn suites(args: &Args) -> Outcome<(Arc<Robot>, Vec<Suite>)> {
         let path = Path::new(text);
         if path.is_dir() {
             named.push((text.trim_end_matches('/').to_owned(), Source::Clips(folder(path)?)));
-        } else if path.exists() || path.extension().is_some_and(|e| e == "json") {
+        } else if input::exists(path) || path.extension().is_some_and(|e| e == "json") {
             files.push((stem(path), motion::clip(text, None)?));
         } else if text == "trial" {
             named.push((text.clone(), Source::Trial));
@@ -279,7 +321,7 @@ fn stem(path: &Path) -> String {
 
 fn case(robot: &Robot, (name, clip): (String, Clip)) -> Outcome<Case> {
     let command = motion::command(&clip, robot, &name)?;
-    Ok(Case { name, command, start: Start::Pose, truth: None })
+    Ok(Case { name, command, start: Start::Pose, truth: None, floor: None })
 }
 
 /// Exit 4 where a mean is over the limit, or is none.
@@ -307,6 +349,10 @@ fn table(robot: &Robot, suite: &str, plant: PlantRange, results: &[Evaluation]) 
     header.extend(
         columns.iter().map(|c| format!("{}{}", c.policy, if c.uses_model { " (m)" } else { "" })),
     );
+    let floors: Vec<Option<f64>> =
+        columns.first().map(|c| c.tasks.iter().map(|t| t.floor).collect()).unwrap_or_default();
+    let has_floor = floors.iter().any(Option::is_some);
+    header.extend(has_floor.then(|| "floor".to_owned()));
     let mut t = out::table(&header.iter().map(String::as_str).collect::<Vec<_>>());
     let rows = columns.first().map_or(0, |c| c.tasks.len());
     for row in 0..rows {
@@ -315,11 +361,19 @@ fn table(robot: &Robot, suite: &str, plant: PlantRange, results: &[Evaluation]) 
         let cis: Vec<Option<f64>> =
             columns.iter().map(|c| c.tasks.get(row).and_then(|t| t.ci95)).collect();
         let name = columns.first().and_then(|c| c.tasks.get(row)).map_or("", |t| t.name.as_str());
-        t.add_row(cells(name, &values, &cis));
+        let floor = has_floor.then(|| floors.get(row).copied().flatten().map_or("-".into(), short));
+        t.add_row(cells(name, &values, &cis).into_iter().chain(floor));
     }
     let means: Vec<Option<f64>> = columns.iter().map(|c| c.precision_mean).collect();
     let cis: Vec<Option<f64>> = columns.iter().map(|c| c.ci95).collect();
     t.add_row(cells("mean", &means, &cis));
+    for (name, figure) in FIGURES {
+        let cells: Vec<Option<String>> = columns.iter().map(|c| figure(c)).collect();
+        if cells.iter().any(Option::is_some) {
+            let cells = cells.into_iter().map(|c| c.unwrap_or_else(|| "-".to_owned()));
+            t.add_row(std::iter::once(name.to_owned()).chain(cells));
+        }
+    }
     t.add_row(
         std::iter::once("mean |du|".to_owned())
             .chain(columns.iter().map(|c| average(c, |t| t.mean_abs_du))),
@@ -339,6 +393,14 @@ fn table(robot: &Robot, suite: &str, plant: PlantRange, results: &[Evaluation]) 
     if columns.iter().any(|c| c.uses_model) {
         text.push_str("; (m) uses a model of the robot");
     }
+    if has_floor {
+        text.push_str("; floor: iLQR, which knows the model");
+    }
+    if columns.iter().any(|c| c.tasks.iter().any(|t| t.gap.is_some())) {
+        text.push_str(
+            "\ngaps: mean (worst); path over the straight line, jerk over the least, overshoot beyond its allowance",
+        );
+    }
     for c in &columns {
         for task in &c.tasks {
             if let Some(e) = &task.error {
@@ -347,6 +409,50 @@ fn table(robot: &Robot, suite: &str, plant: PlantRange, results: &[Evaluation]) 
         }
     }
     text
+}
+
+/// What a table says about a policy below its Precisions; nothing where it was not measured.
+type PolicyFigure = fn(&Evaluation) -> Option<String>;
+
+const FIGURES: [(&str, PolicyFigure); 7] = [
+    ("over the floor", |e| e.excess_mean.map(|x| format!("{:+.0} %", 100.0 * x))),
+    ("moving", |e| mean_of(e, |t| t.moving).map(short)),
+    ("gap path", |e| {
+        let worst = worst_of(e, |t| t.gap.as_ref()?.path_worst.map(|w| w.value));
+        spread(mean_of(e, |t| t.gap.as_ref()?.path), worst)
+    }),
+    ("gap overshoot", |e| {
+        e.tasks.iter().any(|t| t.gap.is_some()).then(|| {
+            let over = |t: &CaseResult| Some(t.gap.as_ref()?.overshoot.as_ref()?.value);
+            worst_of(e, over).map_or_else(|| "none".to_owned(), |o| format!("{o:.3}"))
+        })
+    }),
+    ("gap jerk", |e| {
+        let worst = worst_of(e, |t| t.gap.as_ref()?.jerk_worst.map(|w| w.value));
+        spread(mean_of(e, |t| t.gap.as_ref()?.jerk), worst)
+    }),
+    ("gap error / a cubic's", |e| {
+        mean_of(e, |t| t.gap.as_ref()?.to_cubic).map(|x| format!("{x:.2}"))
+    }),
+    ("jams", |e| {
+        let jams: Vec<usize> =
+            e.tasks.iter().filter_map(|t| Some(t.jams.as_ref()?.len())).collect();
+        (!jams.is_empty()).then(|| jams.iter().sum::<usize>().to_string())
+    }),
+];
+
+/// Mean over the tasks that have it.
+fn mean_of(e: &Evaluation, f: impl Fn(&CaseResult) -> Option<f64>) -> Option<f64> {
+    let values: Vec<f64> = e.tasks.iter().filter_map(f).collect();
+    mean_ci95(&values).map(|i| i.mean)
+}
+
+fn worst_of(e: &Evaluation, f: impl Fn(&CaseResult) -> Option<f64>) -> Option<f64> {
+    e.tasks.iter().filter_map(f).max_by(f64::total_cmp)
+}
+
+fn spread(mean: Option<f64>, worst: Option<f64>) -> Option<String> {
+    Some(format!("{:.2} ({:.2})", mean?, worst?))
 }
 
 /// A row of Precisions, the best marked.
@@ -385,6 +491,13 @@ fn rows_csv(results: &[Evaluation]) -> Outcome<Vec<u8>> {
         "plant",
         "precision",
         "ci95",
+        "floor",
+        "excess",
+        "moving",
+        "gap_path",
+        "gap_overshoot",
+        "gap_jerk",
+        "jams",
         "masked_mae",
         "p95",
         "hold_end",
@@ -406,6 +519,13 @@ fn rows_csv(results: &[Evaluation]) -> Outcome<Vec<u8>> {
                 r.plant.clone().unwrap_or_default(),
                 cell(t.precision),
                 cell(t.ci95),
+                cell(t.floor),
+                cell(t.excess),
+                cell(t.moving),
+                cell(t.gap.as_ref().and_then(|g| g.path)),
+                cell(t.gap.as_ref().and_then(|g| Some(g.overshoot.as_ref()?.value))),
+                cell(t.gap.as_ref().and_then(|g| g.jerk)),
+                t.jams.as_ref().map_or_else(String::new, |j| j.len().to_string()),
                 cell(t.masked_mae),
                 cell(t.p95),
                 cell(t.hold_end),

@@ -9,7 +9,7 @@ use serde_json::json;
 use super::failure::{Failure, Outcome};
 use super::global::Global;
 use super::perform::{PerformArgs, perform};
-use super::{motion, out};
+use super::{input, motion, out};
 use crate::exit::HasExit as _;
 use crate::robot::Robot;
 use crate::take::viser::Recording;
@@ -22,10 +22,10 @@ use crate::{fsio, limits};
 /// take the input's name by default.
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  robert export wave.mcap --to csv -o wave.csv\n  robert export wave.mcap --to ros --what command > plan.yaml\n  robert export ur5e/reacher --policy computed-torque --to mcap -o reacher.mcap\n  robert export wave.mcap --to html -o wave.html    a page that plays the take, offline"
+    after_help = "Examples:\n  robert export wave.mcap --to csv -o wave.csv\n  robert export wave.mcap --to ros --what command > plan.yaml\n  robert export wave.mcap --to mjcf --with-model -o wave.xml    keyframes that load by themselves\n  robert export ur5e/reacher --policy computed-torque --to mcap -o reacher.mcap\n  robert export wave.mcap --to html -o wave.html    a page that plays the take, offline"
 )]
 pub(super) struct Args {
-    /// A take (.mcap), a clip file, or the name of a shipped task.
+    /// A take (.mcap) or clip file (- is stdin), or the name of a shipped task.
     input: String,
     /// The format.
     #[arg(long, value_enum)]
@@ -36,6 +36,9 @@ pub(super) struct Args {
     /// The reached motion, or the command; for csv, json, mjcf and ros.
     #[arg(long, value_enum, default_value_t = WhatArg::Achieved)]
     what: WhatArg,
+    /// Of MJCF keyframes, write the robot's model, too: a file that loads by itself.
+    #[arg(long)]
+    with_model: bool,
     /// Of a damaged take, export the frames before the damage.
     #[arg(long)]
     recover: bool,
@@ -57,7 +60,7 @@ enum Format {
     Json,
     /// The take itself, for Foxglove, Lichtblick, Rerun.
     Mcap,
-    /// A `<keyframe>` block: full states of the simulator.
+    /// A `<keyframe>` block: full states of the simulator; see --with-model.
     Mjcf,
     /// ROS 2 `trajectory_msgs/JointTrajectory`, YAML.
     Ros,
@@ -102,6 +105,9 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     if what == What::Command && !args.to.is_text() {
         return Err(Failure::usage("--what command is for csv, json, mjcf and ros"));
     }
+    if args.with_model && args.to != Format::Mjcf {
+        return Err(Failure::usage("--with-model is for --to mjcf"));
+    }
     let stdout = args.out.as_deref() == Some(Path::new("-"));
     if args.json && (stdout || (args.out.is_none() && args.to.is_text())) {
         return Err(Failure::usage("--json prints a report on stdout: name a file with -o"));
@@ -117,6 +123,9 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let bytes = match args.to {
         Format::Csv => take.to_csv(what).into_bytes(),
         Format::Json => take.to_json(what).into_bytes(),
+        Format::Mjcf if args.with_model => {
+            motion::with_model(robot?.as_ref(), &take.to_mjcf(what)?)?.into_bytes()
+        }
         Format::Mjcf => take.to_mjcf(what)?.into_bytes(),
         Format::Ros => take.to_ros(what)?.into_bytes(),
         Format::Mcap => {
@@ -172,13 +181,14 @@ fn input(args: &Args, global: Global) -> Outcome<(Take, Outcome<Arc<Robot>>)> {
     }
     args.perform.must_be_absent(&args.input)?;
     let take = if args.recover {
-        let found = Take::recover(path)?;
+        let bytes = input::read(path, limits::TAKE_BYTES)?;
+        let found = Take::recover_mcap(&bytes).map_err(|e| e.in_file(&input::place(path)))?;
         if let Some(damage) = found.damage {
             tracing::warn!("{}: {damage}; {} frames recovered", args.input, found.take.frames());
         }
         found.take
     } else {
-        Take::read(path)?
+        input::take(path)?
     };
     let robot = motion::robot_for(args.perform.robot.as_deref(), &take.robot.id);
     // A robot that was named must be there; the take's own may be unknown on this machine.

@@ -16,7 +16,7 @@ use crate::train::fit::{self, HIDDEN};
 
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  robert fit ridge --data data/ur5e\n  robert fit nearest --data data/ur5e --frames 100000 --out near.safetensors\n  robert fit mlp-inverse --data data/ur5e --json\n  robert eval --robot ur5e --suite manual --policy ridge:data/ur5e,nearest:data/ur5e,mlp-inverse:data/ur5e\n\nWithout --out the fit is written beside the data, where the name of the data's folder finds\nit. Only the train part of the data is used; the error is measured on the rest."
+    after_help = "Examples:\n  robert fit ridge --data data/ur5e\n  robert fit nearest --data data/ur5e --frames 100000 --out near.safetensors\n  robert fit mlp-inverse --data data/ur5e --json\n  robert eval --robot ur5e --suite manual -p ridge:data/ur5e,nearest:data/ur5e\n\nWithout --out the fit is written beside the data, where the name of the data's folder finds\nit. Only the train part of the data is used; the error is measured on the rest."
 )]
 pub(super) struct Args {
     /// Which policy.

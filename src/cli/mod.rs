@@ -19,6 +19,7 @@ mod failure;
 mod fit;
 mod global;
 mod import;
+mod input;
 mod interrupt;
 mod log;
 mod models;
@@ -150,7 +151,7 @@ fn run(cli: Cli) -> Outcome {
         Command::Rollout(args) => rollout::run(&args, cli.global),
         Command::Export(args) => export::run(&args, cli.global),
         Command::Eval(args) => eval::run(&args, cli.global),
-        Command::Tasks(args) => tasks::run(&args),
+        Command::Tasks(args) => tasks::run(&args, cli.global),
         Command::Doctor(args) => doctor::run(&args),
         Command::Bench(args) => bench::run(args),
         Command::Collect(args) => collect::run(&args, cli.global),
@@ -163,7 +164,7 @@ fn run(cli: Cli) -> Outcome {
         Command::Sweep(args) => sweep::run(&args, cli.global),
         Command::Runs(args) => runs::run(&args),
         Command::Fit(args) => fit::run(&args, cli.global),
-        Command::Clip(args) => clip::run(&args),
+        Command::Clip(args) => clip::run(&args, cli.global),
         Command::Render(args) => render::run(&args, cli.global),
         Command::Plot(args) => plot::run(&args),
         Command::Completions(args) => completions::run(&args, Cli::command()),
@@ -208,6 +209,64 @@ mod tests {
             let examples = help.split("\nExamples:\n").nth(1);
             assert!(examples.is_some_and(|e| e.contains(&path)), "{path}: {help}");
         }
+    }
+
+    /// The words of an example, up to a pipe, a redirection or the remark behind it.
+    fn words(example: &str) -> Vec<String> {
+        let (mut words, mut word, mut quote) = (Vec::new(), String::new(), None);
+        let (mut spaces, mut any) = (0, false);
+        for c in example.trim().chars() {
+            if quote == Some(c) {
+                quote = None;
+            } else if quote.is_some() {
+                word.push(c);
+            } else if c == '"' || c == '\'' {
+                (quote, any) = (Some(c), true);
+            } else if c == ' ' {
+                spaces += 1;
+                if spaces == 3 {
+                    break;
+                }
+                if any || !word.is_empty() {
+                    words.push(std::mem::take(&mut word));
+                }
+                any = false;
+                continue;
+            } else if ['|', '>', '<', '&'].contains(&c) {
+                break;
+            } else {
+                word.push(c);
+            }
+            spaces = 0;
+        }
+        words.extend((any || !word.is_empty()).then_some(word));
+        words
+    }
+
+    #[test]
+    fn every_example_parses() {
+        let mut found = Vec::new();
+        leaves(&Cli::command(), "robert", &mut found);
+        let groups = Cli::command();
+        found.extend(groups.get_subcommands().map(|c| (c.get_name().to_owned(), c.clone())));
+        found.push(("robert".to_owned(), groups.clone()));
+        let mut parsed = 0;
+        for (path, c) in found {
+            let help = c.get_after_help().map(ToString::to_string).unwrap_or_default();
+            let Some(examples) = help.split("Examples:\n").nth(1) else { continue };
+            for line in examples.lines().take_while(|l| l.starts_with("  ")) {
+                // A longer line is broken, and cannot be copied from the screen.
+                assert!(line.chars().count() <= 100, "{path}: {line}");
+                let words = words(line);
+                if words.first().is_none_or(|w| w != "robert") || line.contains("CLIP") {
+                    continue;
+                }
+                let tried = Cli::command().try_get_matches_from(&words);
+                assert!(tried.is_ok(), "{path}: {line}: {}", tried.unwrap_err());
+                parsed += 1;
+            }
+        }
+        assert!(parsed > 120, "{parsed}");
     }
 
     #[test]

@@ -1,13 +1,13 @@
 //! `robert models`: the trained policies in the program, and files made to be shipped.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
-use super::failure::Outcome;
+use super::failure::{Failure, Outcome};
 use super::out;
 use crate::net::{Card, checkpoint};
-use crate::rollout::{PolicyConfig, PolicyName, case, model_path, shipped};
+use crate::rollout::{PolicyConfig, PolicyName, case, model_path, runs_near, shipped};
 
 #[derive(clap::Subcommand, Debug)]
 #[command(
@@ -112,9 +112,19 @@ fn asked_as(name: &str, card: &Card) -> String {
 }
 
 fn show(model: &str, json: bool) -> Outcome {
-    let inside = shipped::all()?.into_iter().find(|m| format!("{}/{}", m.robot, m.name) == model);
+    let all = shipped::all()?;
+    let called = |m: &shipped::ShippedModel| format!("{}/{}", m.robot, m.name);
+    let inside = all.iter().find(|m| called(m) == model);
     let card = match inside {
-        Some(m) => m.card,
+        Some(m) => m.card.clone(),
+        None if !Path::new(model).exists() => {
+            let known: Vec<String> =
+                all.iter().map(called).chain(runs_near(model.as_ref())).collect();
+            return Err(Failure::usage(format!(
+                "no model {model}: there are {}; or give a model file",
+                known.join(", ")
+            )));
+        }
         None => checkpoint::read_card(&model_path(model.as_ref()))?,
     };
     if json {

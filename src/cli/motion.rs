@@ -5,7 +5,8 @@ use std::path::Path;
 use std::sync::Arc;
 
 use super::failure::{Failure, Outcome};
-use crate::clip::{Clip, ClipError, Command, compile, parse};
+use super::input;
+use crate::clip::{Clip, Command, compile, parse};
 use crate::exit::{Exit, HasExit};
 use crate::fsio;
 use crate::robot::Robot;
@@ -39,10 +40,10 @@ const WINDOWS: usize = COMMAND + 1;
 pub(super) fn clip(text: &str, robot: Option<&str>) -> Outcome<Clip> {
     let path = Path::new(text);
     if is_take(path) {
-        return clip_of(&Take::read(path)?, text);
+        return clip_of(&input::take(path)?, text);
     }
-    if path.exists() || path.extension().is_some_and(|e| e == "json") {
-        return Clip::load(path).map_err(|e: ClipError| Failure::from(e));
+    if input::exists(path) || path.extension().is_some_and(|e| e == "json") {
+        return Ok(input::clip(path)?.clip);
     }
     tasks::find(text, robot).map_err(|e| {
         let exit = e.exit();
@@ -59,6 +60,16 @@ pub(super) fn command(clip: &Clip, robot: &Robot, text: &str) -> Outcome<Command
     }
     let names: Vec<String> = robot.joints().iter().map(|j| j.name.clone()).collect();
     Ok(command.reordered(&names).unwrap_or(command))
+}
+
+/// An export of MJCF keyframes inside the robot's model.
+pub(super) fn with_model(robot: &Robot, keys: &str) -> Outcome<String> {
+    if robot.has_assets() {
+        let folder = robot.folder().map_or_else(String::new, |f| format!(" ({})", f.display()));
+        tracing::warn!("the model has meshes: keep the file in the robot's folder{folder}");
+    }
+    let text = robot.mjcf_with_keys(keys);
+    text.ok_or_else(|| Failure::invalid(format!("the model of {} is not closed", robot.id())))
 }
 
 /// Refuses to write a result over what it was made from, or over something that a person
@@ -107,10 +118,7 @@ pub(super) fn clip_of(take: &Take, text: &str) -> Outcome<Clip> {
 /// A take by its name or its first bytes; everything else is taken for a clip.
 pub(super) fn is_take(path: &Path) -> bool {
     let named = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("mcap"));
-    let mut magic = [0; 5];
-    named
-        || fsio::open_regular(path).and_then(|mut f| f.read_exact(&mut magic)).is_ok()
-            && &magic == b"\x89MCAP"
+    named || input::head(path, 5) == b"\x89MCAP"
 }
 
 /// `pd`, `pd+guide`, `zero+guide+refine`, `robert:runs/a+ensemble=3+sample+guide`; the flags

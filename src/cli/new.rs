@@ -31,6 +31,7 @@ use crate::rollout::{
 use crate::train::evaluator::SuiteEvaluator;
 use crate::train::read_config;
 use crate::train::{ContactTarget, Evaluate, Finished, Options, TrainConfig, train};
+use crate::units::count;
 
 /// Steps of the run that measures the speed of this machine.
 const PROBE_STEPS: u64 = 12;
@@ -40,6 +41,15 @@ const PLANNED: f64 = 0.85;
 const CHOOSE: u64 = 0;
 /// Seed of the trial clips of the report.
 const REPORT: u64 = 1;
+
+/// As many frames as a fit needs.
+fn transitions(text: &str) -> Result<u64, String> {
+    const LEAST: u64 = 10_000;
+    match count(text)? {
+        n if n < LEAST => Err(format!("{n} is too few; at least {LEAST}")),
+        n => Ok(n),
+    }
+}
 
 #[derive(clap::Args, Debug)]
 #[command(
@@ -53,8 +63,8 @@ pub(super) struct Args {
     out: PathBuf,
     #[command(flatten)]
     model: ModelFlags,
-    /// Frames of random motion to collect.
-    #[arg(long, default_value_t = 200_000, value_parser = clap::value_parser!(u64).range(10_000..))]
+    /// Frames of random motion to collect, at least 10k; 400k and 2.5M are numbers, too.
+    #[arg(long, default_value = "200k", value_parser = transitions)]
     transitions: u64,
     /// Minutes of training on this machine; 0 stops at the instant policy.
     #[arg(long, default_value_t = 8.0)]
@@ -258,7 +268,13 @@ fn compare(
         .into_iter()
         .map(|task| {
             let command = compile(&task.clip).map_err(Failure::invalid)?;
-            Ok(Case { name: task.name.to_owned(), command, start: Start::Pose, truth: None })
+            Ok(Case {
+                name: task.name.to_owned(),
+                command,
+                start: Start::Pose,
+                truth: None,
+                floor: None,
+            })
         })
         .collect::<Outcome<Vec<_>>>()?;
     let suite = Suite { name: "trial".to_owned(), cases };

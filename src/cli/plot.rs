@@ -4,18 +4,18 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use super::failure::{Failure, Outcome};
-use super::{motion, out};
+use super::{input, motion, out};
 use crate::fsio;
 use crate::plot::{
     self, Axis, Curve, Figure, JointTrack, Panel, Theme, bars, coverage, curves, histogram, joints,
     xy,
 };
-use crate::take::{Take, What as Asked};
+use crate::take::What as Asked;
 use crate::units::FPS;
 
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  robert plot joints achieved.csv --command command.csv -o joints.png\n  robert plot xy achieved.csv --command command.csv -o star.svg\n  robert plot precision pd=a.csv ilqr=b.csv --command command.csv -o precision.png\n  robert plot curves runs/a/metrics.jsonl runs/b/metrics.jsonl --y loss --log -o loss.png\n  robert plot coverage achieved.csv -o coverage.png\n  robert plot precision pd=pd.mcap ilqr=ilqr.mcap -o precision.png   takes hold their command\n  robert eval --robot ur5e --suite manual -p pd,ilqr --json > eval.json && robert plot bars eval.json -o bars.png\n\nMotions are takes (.mcap) or CSV files: these have the columns frame, time, mask, then one a joint; an empty cell is masked."
+    after_help = "Examples:\n  robert plot joints achieved.csv --command command.csv -o joints.png\n  robert plot xy achieved.csv --command command.csv -o star.svg\n  robert plot precision pd=a.csv ilqr=b.csv --command command.csv -o precision.png\n  robert plot curves runs/a/metrics.jsonl runs/b/metrics.jsonl --y loss --log -o loss.png\n  robert plot coverage achieved.csv -o coverage.png\n  robert plot precision pd=pd.mcap ilqr=ilqr.mcap -o precision.png   takes hold their command\n  robert eval --robot ur5e --suite manual -p pd,ilqr --json > eval.json\n  robert plot bars eval.json -o bars.png\n\nMotions are takes (.mcap) or CSV files: these have the columns frame, time, mask, then one a joint; an empty cell is masked."
 )]
 pub(super) struct Args {
     #[command(subcommand)]
@@ -24,7 +24,7 @@ pub(super) struct Args {
 
 #[derive(clap::Args, Debug)]
 struct Common {
-    /// Where to: .png or .svg.
+    /// Where to: .png or .svg; - is stdout, as SVG.
     #[arg(short, long, global = false)]
     output: PathBuf,
     /// Above the chart.
@@ -126,7 +126,7 @@ enum What {
     /// Bars with 95 % intervals from the JSON of `robert eval`, or from `{"unit": "rad", "groups":
     /// [..], "sets": [{"name": .., "mean": [..], "ci95": [..]}]}`.
     #[command(
-        after_help = "Examples:\n  robert eval --robot ur5e --suite manual -p pd,ilqr --json > eval.json && robert plot bars eval.json -o bars.png"
+        after_help = "Examples:\n  robert eval --robot ur5e --suite manual -p pd,ilqr --json > eval.json\n  robert plot bars eval.json -o bars.png"
     )]
     Bars {
         /// The file.
@@ -256,8 +256,28 @@ pub(super) fn run(args: &Args) -> Outcome {
         }
     };
     let theme = if common.dark { Theme::Dark } else { Theme::Light };
-    figure.theme(theme).save(&common.output)?;
+    save(&figure.theme(theme), &common.output)?;
+    if input::is_standard(&common.output) {
+        return Ok(());
+    }
     out::line(&common.output.display().to_string())
+}
+
+/// Writes a figure; on stdout it is SVG.
+pub(super) fn save(figure: &Figure, path: &Path) -> Outcome {
+    if input::is_standard(path) {
+        return out::bytes(figure.svg()?.as_bytes());
+    }
+    Ok(figure.save(path)?)
+}
+
+/// Whether a figure could be written there, found out before it is made.
+pub(super) fn may_save(path: &Path) -> Outcome {
+    if !input::is_standard(path) {
+        Figure::may_save(path)?;
+        fsio::writable(path)?;
+    }
+    Ok(())
 }
 
 /// `name=file`, or a file named by its folder (`metrics.jsonl`) or its stem. A file that is
@@ -314,13 +334,13 @@ impl Columns {
 
     fn of_file(path: &Path, what: Asked) -> Outcome<Columns> {
         if motion::is_take(path) {
-            let take = Take::read(path)?;
+            let take = input::take(path)?;
             let mut columns = Columns::parse(path, take.to_csv(what).as_bytes())?;
             let joints = take.robot.joints.into_iter();
             columns.units = joints.zip(take.robot.units.iter().map(|u| u.symbol())).collect();
             return Ok(columns);
         }
-        Columns::parse(path, &fsio::read_capped(path, BYTES)?)
+        Columns::parse(path, &input::read(path, BYTES)?)
     }
 
     fn parse(path: &Path, bytes: &[u8]) -> Outcome<Columns> {
@@ -462,7 +482,7 @@ impl Columns {
 
 /// The pairs of two fields in a file of JSON lines; lines without them are other events.
 fn series(path: &Path, x: &str, y: &str) -> Outcome<Vec<(f64, f64)>> {
-    let bytes = fsio::read_capped(path, BYTES)?;
+    let bytes = input::read(path, BYTES)?;
     let text = String::from_utf8_lossy(&bytes);
     let mut points = Vec::new();
     for (i, line) in text.lines().enumerate().filter(|(_, l)| !l.trim().is_empty()) {
@@ -571,7 +591,7 @@ impl EvalFile {
 }
 
 fn bar_chart(path: &Path, suite: Option<&str>, title: &str) -> Outcome<Figure> {
-    let bytes = fsio::read_capped(path, BYTES)?;
+    let bytes = input::read(path, BYTES)?;
     let bad = |e: serde_json::Error| {
         Failure::invalid(format!("{}:{}:{}: {e}", path.display(), e.line(), e.column()))
     };

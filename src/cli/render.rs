@@ -12,7 +12,7 @@ use super::failure::{Failure, Outcome};
 use super::global::Global;
 use super::interrupt::cancel_on_ctrl_c;
 use super::perform::{PerformArgs, perform};
-use super::{motion, out};
+use super::{input, motion, out};
 use crate::clip::{Clip, Command};
 use crate::exit::Exit;
 use crate::fsio;
@@ -23,7 +23,6 @@ use crate::render::{
     Backend, CameraChoice, Motion, Overlay, Picture, Quality, RenderConfig, Renderer, Shot, Strip,
 };
 use crate::robot::Robot;
-use crate::take::Take;
 use crate::units::FPS;
 
 #[derive(clap::Args, Debug)]
@@ -365,7 +364,7 @@ fn shown(
 
 /// A take, as it was performed.
 fn recorded(input: &str, args: &Args) -> Outcome<(Arc<Robot>, Motion)> {
-    let take = Take::read(Path::new(input))?;
+    let take = input::take(Path::new(input))?;
     let robot = motion::robot_for(args.perform.robot.as_deref(), &take.robot.id)?;
     take.check_robot(&robot)?;
     let clip = match &take.clip_text {

@@ -1,6 +1,6 @@
 //! `robert rollout CLIP`: a policy performs a clip.
 
-use std::io::Write as _;
+use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
@@ -8,9 +8,8 @@ use serde_json::{Value, json};
 use super::failure::{Failure, Outcome};
 use super::global::Global;
 use super::perform::{PerformArgs, Performed, perform};
-use super::{motion, out};
+use super::{input, motion, out};
 use crate::exit::HasExit as _;
-use crate::fsio;
 use crate::rollout::{Precision, Rollout};
 use crate::units::{CTRL_DT, short_unit, significant};
 
@@ -19,14 +18,14 @@ use crate::units::{CTRL_DT, short_unit, significant};
     after_help = "Examples:\n  robert rollout wave.clip.json --policy ilqr --out wave.mcap\n  robert rollout ur5e/reacher --policy pd --guide linear\n  robert rollout fire --policy computed-torque --plant mass=1.25,damping=1.5,gear=0.85 --json"
 )]
 pub(super) struct Args {
-    /// A clip file, or the name of a shipped task (robert tasks ls).
+    /// A clip file (- is stdin), or the name of a shipped task (robert tasks ls).
     clip: String,
     #[command(flatten)]
     perform: PerformArgs,
-    /// Write the take: an MCAP file for Foxglove, Lichtblick, Rerun and robert export.
+    /// Write the take: an MCAP file for Foxglove, Lichtblick, Rerun and robert export; - is stdout.
     #[arg(short, long, value_name = "FILE")]
     out: Option<PathBuf>,
-    /// Write the reached motion: frame, time, mask, one column a joint.
+    /// Write the reached motion: frame, time, mask, one column a joint; - is stdout.
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
     /// Print JSON.
@@ -39,6 +38,16 @@ const NOTHING_ASKED: &str =
     "none: the clip asks for nothing after frame 0 (add a key, or unmask one)";
 
 pub(super) fn run(args: &Args, global: Global) -> Outcome {
+    let standard = [&args.out, &args.csv].into_iter().flatten().filter(|p| input::is_standard(p));
+    let taken = match standard.count() + usize::from(args.json) {
+        0 | 1 => {
+            !args.json
+                && [&args.out, &args.csv].into_iter().flatten().any(|p| input::is_standard(p))
+        }
+        _ => {
+            return Err(Failure::usage("only one of --out, --csv and --json can go to stdout"));
+        }
+    };
     motion::may_write(&args.clip, args.out.as_deref())?;
     motion::may_write(&args.clip, args.csv.as_deref())?;
     let mut done = perform(&args.clip, &args.perform, global)?;
@@ -48,7 +57,11 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     }
     if let Some(path) = &args.out {
         let take = done.take()?;
-        take.write(path, Some(&take.scene(&done.robot)?))?;
+        let scene = take.scene(&done.robot)?;
+        match input::is_standard(path) {
+            true => out::bytes(&take.to_mcap(Some(&scene))?)?,
+            false => take.write(path, Some(&scene))?,
+        }
     }
     if let Some(e) = done.broke.take() {
         let exit = e.exit();
@@ -62,7 +75,8 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
         return out::json(&report(args, &done, &precision));
     }
     let unit = motion::unit(&done.robot);
-    out::line(&summary(&done.rollout, &precision, &done.policy.label(), unit, done.wall_secs))
+    let text = summary(&done.rollout, &precision, &done.policy.label(), unit, done.wall_secs);
+    input::say(taken, &text)
 }
 
 fn report(args: &Args, done: &Performed, p: &Precision) -> Value {
@@ -142,21 +156,18 @@ fn summary(rollout: &Rollout, p: &Precision, policy: &str, unit: &str, wall_secs
 
 /// Reached states; `mask` is 1 where nothing was commanded.
 fn write_csv(path: &Path, rollout: &Rollout) -> Outcome {
-    fsio::write_atomic_with(path, |file| {
-        write!(file, "frame,time,mask")?;
-        for joint in rollout.robot().joints() {
-            write!(file, ",{}", joint.name)?;
+    let mut text = "frame,time,mask".to_owned();
+    for joint in rollout.robot().joints() {
+        write!(text, ",{}", joint.name).ok();
+    }
+    text.push('\n');
+    for frame in rollout.frames_reached() {
+        let masked = u8::from(!rollout.goals().any_visible(frame.frame));
+        write!(text, "{},{},{masked}", frame.frame, frame.frame as f64 / 20.0).ok();
+        for q in frame.reached {
+            write!(text, ",{q}").ok();
         }
-        writeln!(file)?;
-        for frame in rollout.frames_reached() {
-            let masked = u8::from(!rollout.goals().any_visible(frame.frame));
-            write!(file, "{},{},{masked}", frame.frame, frame.frame as f64 / 20.0)?;
-            for q in frame.reached {
-                write!(file, ",{q}")?;
-            }
-            writeln!(file)?;
-        }
-        Ok(())
-    })?;
-    Ok(())
+        text.push('\n');
+    }
+    input::write(path, text.as_bytes())
 }

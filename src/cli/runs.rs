@@ -121,7 +121,7 @@ fn show(dir: &Path, output: Option<&Path>, json: bool) -> Outcome {
     if let Some(path) = output {
         let figure = curves::figure(&r);
         let none = || Failure::invalid(format!("no metrics to draw yet: {}", dir.display()));
-        figure.ok_or_else(none)?.save(path)?;
+        super::plot::save(&figure.ok_or_else(none)?, path)?;
     }
     if json {
         let mut value = brief(&r);
@@ -217,7 +217,7 @@ fn compare(dirs: &[PathBuf], output: Option<&Path>, json: bool) -> Outcome {
         let lines: Vec<_> = runs.iter().map(curves::precision_curve).collect();
         let title = "closed-loop Precision over training";
         let y = Axis::new("Precision", "rad or m").log();
-        plot::curves(title, &lines, Axis::new("step", ""), y).save(path)?;
+        super::plot::save(&plot::curves(title, &lines, Axis::new("step", ""), y), path)?;
     }
     if json {
         let settings: BTreeMap<&String, Vec<Option<&String>>> =

@@ -4,11 +4,15 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
+use super::bar::Bar;
 use super::failure::{Failure, Outcome};
+use super::global::Global;
+use super::interrupt::cancel_on_ctrl_c;
 use super::{motion, out};
 use crate::fsio;
 use crate::robot::Robot;
 use crate::rollout::tasks::{self, MANIFEST, SUITES};
+use crate::rollout::{Case, Start, floor};
 
 #[derive(clap::Subcommand, Debug)]
 #[command(
@@ -58,9 +62,20 @@ pub(super) enum Args {
         #[arg(long)]
         out: PathBuf,
     },
+    /// Measure how near iLQR comes on every task clip, and write that down: what the excess of
+    /// robert eval is relative to.
+    #[command(hide = true)]
+    Floors {
+        /// The folder.
+        #[arg(long)]
+        out: PathBuf,
+        /// Of this robot only.
+        #[arg(long)]
+        robot: Option<String>,
+    },
 }
 
-pub(super) fn run(args: &Args) -> Outcome {
+pub(super) fn run(args: &Args, global: Global) -> Outcome {
     match args {
         Args::Ls { robot, json } => ls(robot.as_deref(), *json),
         Args::Show { task } => {
@@ -69,6 +84,7 @@ pub(super) fn run(args: &Args) -> Outcome {
         }
         Args::Trial { robot, out, seed } => trial(robot, out, *seed),
         Args::Author { out } => author(out),
+        Args::Floors { out, robot } => floors(out, robot.as_deref(), global),
     }
 }
 
@@ -116,6 +132,29 @@ fn trial(robot: &str, dir: &Path, seed: u64) -> Outcome {
     for task in tasks::trial(&robot, seed)? {
         let path = dir.join(format!("{}{}", task.name, motion::CLIP_SUFFIX));
         fsio::write_atomic(&path, task.clip.to_text().as_bytes())?;
+        out::line(&path.display().to_string())?;
+    }
+    Ok(())
+}
+
+/// The floors of every robot's clips.
+fn floors(dir: &Path, only: Option<&str>, global: Global) -> Outcome {
+    let cancel = cancel_on_ctrl_c();
+    for (id, _) in tasks::manifest()?.iter().filter(|(id, _)| only.is_none_or(|o| o == *id)) {
+        let robot = motion::robot(id)?;
+        let mut cases = Vec::new();
+        for suite in SUITES {
+            for (name, clip) in tasks::suite(id, suite)? {
+                let command = motion::command(&clip, &robot, &name)?;
+                cases.push(Case { name, command, start: Start::Pose, truth: None, floor: None });
+            }
+        }
+        let bar = Bar::new(id, "clips", global.quiet);
+        let table =
+            floor::measure_table(&robot, cases, super::global::threads(None), &bar, &cancel);
+        bar.finish();
+        let path = dir.join(format!("{id}.json"));
+        fsio::write_atomic(&path, table?.to_text().as_bytes())?;
         out::line(&path.display().to_string())?;
     }
     Ok(())

@@ -18,7 +18,7 @@ use crate::train::{Evaluate, Finished, Options, PRESETS, TrainConfig, train};
 
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  robert train --robot ur5e --data data/ur5e --out runs/first\n  robert train --robot ur5e --data data/ur5e --preset instant --out runs/linear\n  robert train --robot ur5e --data data/ur5e --preset ur-small --set lr=5e-4 --set seed=1 --out runs/b\n  robert train --robot ur5e --data data/ur5e --resume runs/b"
+    after_help = "Examples:\n  robert train --robot ur5e --data data/ur5e --out runs/first\n  robert train --robot ur5e --data data/ur5e --preset instant --out runs/linear\n  robert train --robot ur5e --data data/ur5e --preset ur-small --set lr=5e-4 --out runs/b\n  robert train --robot ur5e --data data/ur5e --resume runs/b"
 )]
 pub(super) struct Args {
     /// The robot that the data is of.

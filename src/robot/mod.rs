@@ -22,6 +22,7 @@ mod folder;
 mod ik;
 pub mod import;
 mod joint_table;
+mod keys;
 mod mesh;
 mod mirror;
 mod plant;

@@ -35,6 +35,14 @@ pub enum Error {
         /// What it gave.
         value: f64,
     },
+    /// The table of floors in the program does not read.
+    #[error("assets/floors/{path}: {message}")]
+    Floors {
+        /// What is wrong.
+        message: String,
+        /// The file inside the folder.
+        path: String,
+    },
     /// The clip is for another robot, or has another number of joints.
     #[error("the clip has {got} joints, robot {robot} has {want}: {hint}")]
     Joints {
@@ -83,6 +91,16 @@ pub enum Error {
         /// What to name, and what makes it.
         needs: String,
     },
+    /// No file, run or model of this name.
+    #[error("no model {name} for {robot}: there are {known}; or give a model file")]
+    UnknownModel {
+        /// The robot.
+        robot: String,
+        /// What was asked for.
+        name: String,
+        /// What there is.
+        known: String,
+    },
     /// A model file, or the network in it.
     #[error(transparent)]
     Model(#[from] crate::net::Error),
@@ -97,12 +115,16 @@ pub enum Error {
 impl HasExit for Error {
     fn exit(&self) -> Exit {
         match self {
-            Error::Simulation { .. } | Error::BadAction { .. } => Exit::Failed,
+            Error::Simulation { .. } | Error::BadAction { .. } | Error::Floors { .. } => {
+                Exit::Failed
+            }
             Error::Setup(e) => e.exit(),
             Error::Robot(e) => e.exit(),
             Error::Model(e) => e.exit(),
             Error::Dataset(e) => e.exit(),
-            Error::UnknownPolicy { .. } | Error::Unnamed { .. } => Exit::Usage,
+            Error::UnknownPolicy { .. } | Error::Unnamed { .. } | Error::UnknownModel { .. } => {
+                Exit::Usage
+            }
             Error::Needs { .. } => Exit::Missing,
             Error::Cancelled { .. } => Exit::Interrupted,
             _ => Exit::Invalid,

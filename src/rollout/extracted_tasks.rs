@@ -87,6 +87,7 @@ pub fn extract_task(
             velocity: wide(velocity),
         },
         truth: Some(wide(rest)),
+        floor: None,
     })
 }
 

@@ -30,6 +30,26 @@ pub fn model_path(path: &Path) -> PathBuf {
     inside.into_iter().find(|p| p.exists()).unwrap_or_else(|| path.to_owned())
 }
 
+/// Run directories beside a path that is none, for messages: those in its folder and in
+/// `runs`, as they would be typed.
+pub fn runs_near(path: &Path) -> Vec<String> {
+    let mut folders = vec![path.parent().map_or_else(PathBuf::new, Path::to_path_buf)];
+    if folders[0] != Path::new("runs") {
+        folders.push(PathBuf::from("runs"));
+    }
+    let mut found = Vec::new();
+    for folder in folders {
+        let here = if folder.as_os_str().is_empty() { Path::new(".") } else { &folder };
+        for entry in here.read_dir().ok().into_iter().flatten().flatten() {
+            if entry.path().join("config.toml").is_file() {
+                found.push(folder.join(entry.file_name()).display().to_string());
+            }
+        }
+    }
+    found.sort();
+    found
+}
+
 /// Loads the model that a path means and checks that it is for this robot.
 ///
 /// # Errors

@@ -11,12 +11,19 @@ use super::window::Goals;
 /// Error below which a hold counts as reached, rad or m.
 pub(super) const REACHED: f64 = 0.05;
 
+/// Goals nearer to each other than this are one, rad or m: the grid of the documents.
+const SAME: f64 = 1e-6;
+
 /// How a rollout did. Errors in rad or m.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Precision {
     /// Mean absolute error over unmasked frames and joints: the paper's Precision. `None`
     /// when nothing was commanded.
     pub precision: Option<f64>,
+    /// The same over the visible frames at which the command moves: some joint's goal is
+    /// another than its last one. Holds after their first frame are left out.
+    #[serde(default)]
+    pub moving: Option<f64>,
     /// The same over masked frames: against the hidden motion where that is known (tasks
     /// cut from data, see [`hidden_error`]), else against the straight line through the
     /// gap, which says how direct the way was and no more.
@@ -71,17 +78,28 @@ impl Precision {
         let mut joints = vec![Mean::default(); dim];
         let mut per_frame = vec![None; frames];
         let mut worst: Option<(usize, f64)> = None;
+        let mut moving = Mean::default();
+        let mut last: Vec<f64> = match reached.get(..dim) {
+            Some(start) if frames > 0 => start.to_vec(),
+            _ => vec![0.0; dim],
+        };
         for f in 1..frames {
             let mut frame = Mean::default();
+            let mut moves = false;
             for j in 0..dim {
                 let e = (reached[f * dim + j] - goals.row(f)[j]).abs();
                 if goals.is_visible(f, j) {
                     frame.add(e);
                     joints[j].add(e);
                     all.push(e);
+                    moves |= (goals.row(f)[j] - last[j]).abs() > SAME;
+                    last[j] = goals.row(f)[j];
                 } else {
                     masked.add(e);
                 }
+            }
+            if moves {
+                moving.merge(&frame);
             }
             per_frame[f] = frame.get();
             if let Some(e) = frame.get().filter(|&e| worst.is_none_or(|(_, w)| e > w)) {
@@ -98,6 +116,7 @@ impl Precision {
         }
         Precision {
             precision,
+            moving: moving.get(),
             masked_mae: masked.get(),
             p95: percentile(&mut all, 0.95),
             worst,
@@ -139,6 +158,11 @@ impl Mean {
         self.n += 1;
     }
 
+    fn merge(&mut self, other: &Mean) {
+        self.sum += other.sum;
+        self.n += other.n;
+    }
+
     fn get(&self) -> Option<f64> {
         (self.n > 0).then(|| self.sum / self.n as f64)
     }
@@ -164,7 +188,7 @@ fn holds(goals: &Goals, reached: &[f64], frames: usize) -> Vec<HoldError> {
     let dim = goals.dim();
     let whole = |f: usize| (0..dim).all(|j| goals.is_visible(f, j));
     let same = |a: usize, b: usize| {
-        goals.row(a).iter().zip(goals.row(b)).all(|(x, y)| (x - y).abs() < 1e-6)
+        goals.row(a).iter().zip(goals.row(b)).all(|(x, y)| (x - y).abs() < SAME)
     };
     let mut holds = Vec::new();
     let mut f = 1;
@@ -236,6 +260,17 @@ mod tests {
         assert_eq!(hidden_error(&goals(&[Some(0.0), Some(0.0)]), &[0.0; 2], &[1.0; 2]), None);
         let all = goals(&[Some(0.0), None, None]);
         assert_eq!(Precision::measure(&all, &[0.0; 3], &[0.0; 2], 1).precision, None);
+    }
+
+    /// Arrivals count, the rest of a hold does not; frame 0 is what the first goal differs from.
+    #[test]
+    fn moving_frames_are_those_at_which_a_goal_changes() {
+        let rows = [Some(0.0), Some(0.0), None, Some(1.0), Some(1.0), Some(1.0), Some(2.0), None];
+        let g = goals(&rows);
+        let reached = [0.0, 0.4, 0.0, 0.7, 0.9, 1.0, 1.5, 0.0];
+        let p = Precision::measure(&g, &reached, &[0.0; 7], 1);
+        assert!(near(p.moving, (0.3 + 0.5) / 2.0), "{p:?}");
+        assert_eq!(Precision::measure(&goals(&[Some(0.0); 4]), &[0.0; 4], &[], 1).moving, None);
     }
 
     #[test]

@@ -261,6 +261,20 @@ pub(super) fn labels(policies: &[PolicyConfig]) -> Vec<String> {
     each.map(|(p, label)| if twice(label) { long(p) } else { label.clone() }).collect()
 }
 
+/// No file, run or model of this name: what there is instead.
+fn unknown(robot: &Robot, path: &Path) -> Error {
+    let listed = |what: &str, names: &[String]| match names {
+        [] => format!("no {what}"),
+        names => format!("the {what} {}", names.join(", ")),
+    };
+    let (models, runs) = (shipped::of(robot), learned::runs_near(path));
+    Error::UnknownModel {
+        robot: robot.id().to_owned(),
+        name: path.display().to_string(),
+        known: format!("{} and {}", listed("models", &models), listed("runs", &runs)),
+    }
+}
+
 /// A policy as asked for on the command line.
 ///
 /// ```
@@ -300,6 +314,11 @@ impl PolicyConfig {
             model_path: None,
             inference: Inference::default(),
         }
+    }
+
+    /// What the floor of a clip is measured with; see [`super::floor`].
+    pub fn floor() -> PolicyConfig {
+        PolicyConfig::new(PolicyName::Ilqr)
     }
 
     /// The name that tables show: `pd`, `pd+guide`, `robert:adaptive+ensemble=3+refine`. A file
@@ -342,7 +361,8 @@ impl PolicyConfig {
         };
         match self.model_name().map(|name| shipped::get(robot, name)).transpose()?.flatten() {
             Some(model) => Ok(model),
-            None => Ok(Arc::new(learned::load(robot, Path::new(path))?)),
+            None if !path.exists() => Err(unknown(robot, path)),
+            None => Ok(Arc::new(learned::load(robot, path)?)),
         }
     }
 

@@ -330,6 +330,11 @@ impl Rollout {
         &self.reached[HISTORY * self.robot.state_dim()..]
     }
 
+    /// The 30 frames before frame 0, then frames 0..=t; (30 + t + 1, S).
+    pub fn states(&self) -> &[f64] {
+        &self.reached
+    }
+
     /// Actions of frames 0..t; (t, A).
     pub fn actions(&self) -> &[f64] {
         &self.actions

@@ -6,6 +6,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 use serde::Serialize;
 
 use super::error::Error;
+use super::gaps::{GapFigures, cubic_error};
+use super::jam::{self, Off};
 use super::policy::Policy;
 use super::precision::{Precision, hidden_error};
 use super::registry::{Guide, PolicyConfig, labels};
@@ -14,6 +16,15 @@ use super::stats::{Interval, mean_ci95};
 use crate::clip::Command;
 use crate::progress::{Cancel, Progress};
 use crate::robot::{PlantConfig, PlantRange, Robot};
+
+/// What iLQR does on a clip.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Floor {
+    /// Its Precision, rad or m.
+    pub precision: f64,
+    /// Where it is too far off to tell a jam; see [`jam`].
+    pub off: Vec<Off>,
+}
 
 /// One task of a suite.
 #[derive(Clone, Debug)]
@@ -26,6 +37,8 @@ pub struct Case {
     pub start: Start,
     /// The whole motion, where masks hide a known one; (frames, S), frame 0 first.
     pub truth: Option<Vec<f64>>,
+    /// What iLQR does on it, where that is known beforehand; see [`super::floor`].
+    pub floor: Option<Floor>,
 }
 
 /// Tasks that are reported together.
@@ -59,6 +72,16 @@ pub struct CaseResult {
     pub precision: Option<f64>,
     /// Half width of the 95 % interval over seeds.
     pub ci95: Option<f64>,
+    /// Precision of iLQR on the same clip and the nominal plant; `None` where nobody knows.
+    pub floor: Option<f64>,
+    /// (Precision - floor) / floor; `None` also where the floor is below a millionth.
+    pub excess: Option<f64>,
+    /// Error over the frames at which the command moves.
+    pub moving: Option<f64>,
+    /// How the motion inside the gaps looks, first seed; `None` where nothing is masked.
+    pub gap: Option<GapFigures>,
+    /// Joints that stay far from goals in reach, first seed; `None` where the floor is unknown.
+    pub jams: Option<Vec<Jam>>,
     /// Error on masked frames.
     pub masked_mae: Option<f64>,
     /// 95th percentile of the error.
@@ -79,6 +102,44 @@ pub struct CaseResult {
     /// Mean error by frame of the first seed.
     #[serde(skip)]
     pub per_frame: Vec<Option<f64>>,
+    /// Where joints are too far off to be called there ([`jam::NEAR`]), first seed.
+    #[serde(skip)]
+    off: Vec<Off>,
+    /// Where they are far off ([`jam::FAR`]), first seed.
+    #[serde(skip)]
+    far: Vec<Off>,
+}
+
+/// A joint that is far from a goal in reach for a second and longer; see [`jam`].
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Jam {
+    /// The joint.
+    pub joint: String,
+    /// First frame.
+    pub from: usize,
+    /// First frame after.
+    pub to: usize,
+}
+
+impl CaseResult {
+    /// This result as the floor of others.
+    pub(super) fn as_floor(&self) -> Option<Floor> {
+        Some(Floor { precision: self.precision?, off: self.off.clone() })
+    }
+
+    fn compare(&mut self, robot: &Robot, floor: Option<&Floor>) {
+        let Some(floor) = floor else { return };
+        self.floor = Some(floor.precision);
+        self.excess = excess(self.precision, floor.precision);
+        let named =
+            |o: Off| Jam { joint: robot.joints()[o.joint].name.clone(), from: o.from, to: o.to };
+        self.jams = Some(jam::jams(&self.far, &floor.off).into_iter().map(named).collect());
+    }
+}
+
+/// How much of the floor comes on top of it; `None` where the floor is as good as none.
+fn excess(precision: Option<f64>, floor: f64) -> Option<f64> {
+    precision.filter(|_| floor > 1e-6).map(|p| (p - floor) / floor)
 }
 
 /// One policy over a suite.
@@ -97,6 +158,8 @@ pub struct Evaluation {
     pub precision_mean: Option<f64>,
     /// Half width of its 95 % interval over seeds.
     pub ci95: Option<f64>,
+    /// Excess of the mean over the mean of the floors; `None` when one of them is unknown.
+    pub excess_mean: Option<f64>,
     /// One row a task.
     pub tasks: Vec<CaseResult>,
 }
@@ -145,8 +208,11 @@ pub fn evaluate(
     let found = all(robot, suites, config, &templates, &labels, &jobs, progress, cancel)?;
     let mut outcomes = found.into_iter();
 
+    let nominal = config.plant == PlantRange::default();
+    let ilqr = config.policies.iter().position(|p| nominal && *p == PolicyConfig::floor());
     let mut results = Vec::new();
     for suite in suites {
+        let first = results.len();
         for (policy, &uses_model) in labels.iter().zip(&uses_model) {
             let by_case: Vec<Vec<Outcome>> = suite
                 .cases
@@ -158,14 +224,37 @@ pub fn evaluate(
                 policy: policy.clone(),
                 uses_model,
                 suite: suite.name.clone(),
-                plant: (config.plant != PlantRange::default()).then(|| config.plant.to_string()),
+                plant: (!nominal).then(|| config.plant.to_string()),
                 precision_mean: interval.map(|i| i.mean),
                 ci95: interval.and_then(|i| i.ci95),
+                excess_mean: None,
                 tasks: suite.cases.iter().zip(&by_case).map(|(c, o)| summarise(c, o)).collect(),
             });
         }
+        let of_suite = results.get_mut(first..).unwrap_or_default();
+        if nominal {
+            against_floors(robot, suite, ilqr, of_suite);
+        }
     }
     Ok(results)
+}
+
+/// Sets what is said relative to the floors: those of this very run where iLQR is one of the
+/// policies, else those that the cases come with. Another plant than the nominal one has other
+/// floors, which nobody knows.
+fn against_floors(robot: &Robot, suite: &Suite, ilqr: Option<usize>, results: &mut [Evaluation]) {
+    let floors: Vec<Option<Floor>> = match ilqr.and_then(|i| results.get(i)) {
+        Some(own) => own.tasks.iter().map(CaseResult::as_floor).collect(),
+        None => suite.cases.iter().map(|c| c.floor.clone()).collect(),
+    };
+    let each: Option<Vec<f64>> = floors.iter().map(|f| Some(f.as_ref()?.precision)).collect();
+    let mean = each.and_then(|f| mean_ci95(&f)).map(|i| i.mean);
+    for result in results {
+        for (task, floor) in result.tasks.iter_mut().zip(&floors) {
+            task.compare(robot, floor.as_ref());
+        }
+        result.excess_mean = mean.and_then(|m| excess(result.precision_mean, m));
+    }
 }
 
 /// The outcomes of the jobs, in their order.
@@ -251,9 +340,12 @@ fn over_seeds(by_case: &[Vec<Outcome>], seeds: usize) -> Option<Interval> {
     mean_ci95(&by_seed?)
 }
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 struct Outcome {
     precision: Option<Precision>,
+    gap: Option<GapFigures>,
+    off: Vec<Off>,
+    far: Vec<Off>,
     error: Option<String>,
     wall_secs: f64,
     frames: usize,
@@ -281,20 +373,35 @@ fn one(
         }
     };
     let wall_secs = begin.elapsed().as_secs_f64();
-    let frames = rollout.frame();
+    let mut outcome = Outcome { wall_secs, frames: rollout.frame(), ..Outcome::default() };
     match result {
         Ok(()) => {
-            let mut precision = rollout.precision();
-            if let Some(truth) = &case.truth {
-                precision.masked_mae = hidden_error(rollout.goals(), rollout.reached(), truth);
-            }
-            Ok(Outcome { precision: Some(precision), error: None, wall_secs, frames })
+            measure(&rollout, case, &mut outcome);
+            Ok(outcome)
         }
         Err(e @ (Error::Simulation { .. } | Error::BadAction { .. })) => {
-            Ok(Outcome { precision: None, error: Some(e.to_string()), wall_secs, frames })
+            outcome.error = Some(e.to_string());
+            Ok(outcome)
         }
         Err(e) => Err(e),
     }
+}
+
+fn measure(rollout: &Rollout, case: &Case, outcome: &mut Outcome) {
+    let (goals, reached) = (rollout.goals(), rollout.reached());
+    let names: Vec<String> = rollout.robot().joints().iter().map(|j| j.name.clone()).collect();
+    let mut precision = rollout.precision();
+    outcome.gap = GapFigures::measure(goals, rollout.states(), &names);
+    if let (Some(truth), Start::Recorded { history, .. }) = (&case.truth, &case.start) {
+        precision.masked_mae = hidden_error(goals, reached, truth);
+        let cubic = cubic_error(goals, history, truth).filter(|c| *c > 0.0);
+        if let Some(gap) = &mut outcome.gap {
+            gap.to_cubic = precision.masked_mae.zip(cubic).map(|(error, cubic)| error / cubic);
+        }
+    }
+    outcome.precision = Some(precision);
+    outcome.off = jam::off(goals, reached, jam::NEAR);
+    outcome.far = jam::off(goals, reached, jam::FAR);
 }
 
 fn summarise(case: &Case, outcomes: &[Outcome]) -> CaseResult {
@@ -313,6 +420,11 @@ fn summarise(case: &Case, outcomes: &[Outcome]) -> CaseResult {
         name: case.name.clone(),
         precision: precision.map(|i| i.mean),
         ci95: precision.and_then(|i| i.ci95),
+        floor: None,
+        excess: None,
+        moving: mean(&|p| p.moving).map(|i| i.mean),
+        gap: outcomes.first().and_then(|o| o.gap.clone()),
+        jams: None,
         masked_mae: mean(&|p| p.masked_mae).map(|i| i.mean),
         p95: mean(&|p| p.p95).map(|i| i.mean),
         hold_end: mean(&|p| p.hold_end).map(|i| i.mean),
@@ -322,5 +434,7 @@ fn summarise(case: &Case, outcomes: &[Outcome]) -> CaseResult {
         frames: outcomes.first().map_or(0, |o| o.frames),
         error: failed,
         per_frame: done.first().map(|p| p.per_frame.clone()).unwrap_or_default(),
+        off: outcomes.first().map(|o| o.off.clone()).unwrap_or_default(),
+        far: outcomes.first().map(|o| o.far.clone()).unwrap_or_default(),
     }
 }

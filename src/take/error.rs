@@ -106,7 +106,7 @@ pub enum Error {
 impl Error {
     /// The same error, said of this file.
     #[must_use]
-    pub(super) fn in_file(mut self, file: &Path) -> Error {
+    pub fn in_file(mut self, file: &Path) -> Error {
         match &mut self {
             Error::Damaged { path, .. } | Error::Foreign { path, .. } => {
                 *path = Some(file.to_owned());

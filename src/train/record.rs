@@ -10,6 +10,7 @@ use serde_json::Value;
 use super::metrics::{Evaluation, HeldOut, Line, Metric, Metrics};
 use super::{Error, TrainConfig, paths};
 use crate::fsio;
+use crate::rollout::runs_near;
 
 /// Bytes of a meta file.
 const META_BYTES: u64 = 1 << 20;
@@ -47,7 +48,12 @@ impl Record {
     /// [`Error::Run`] when it is none, [`Error::Files`].
     pub fn read(dir: &Path) -> Result<Self, Error> {
         if !paths::config(dir).exists() {
-            let why = "no run directory (no config.toml)".to_owned();
+            let near = runs_near(dir);
+            let known = match near.as_slice() {
+                [] => String::new(),
+                near => format!("; there are {}", near.join(", ")),
+            };
+            let why = format!("no run directory (no config.toml){known}");
             return Err(Error::Run { why, path: dir.to_owned() });
         }
         let config = paths::read_config(dir)?;

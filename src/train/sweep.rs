@@ -481,7 +481,7 @@ fn suites_of(sweep: &Sweep, robot: &Arc<Robot>, data: &Dataset) -> Result<Vec<Su
         let mut cases = Vec::new();
         for (name, clip) in clips {
             let command = clip::compile(&clip).map_err(|e| fail(format!("{name}: {e}")))?;
-            cases.push(Case { name, command, start: Start::Pose, truth: None });
+            cases.push(Case { name, command, start: Start::Pose, truth: None, floor: None });
         }
         suites.push(Suite { name: name.clone(), cases });
     }

@@ -133,3 +133,80 @@ fn mistakes_are_named() {
     says(&["manual", "--robot", "ur5e", "--max-precision", "nan"], 2, &["--max-precision"]);
     says(&["test", "--robot", "ur5e", "--data", "nowhere"], 3, &["nowhere"]);
 }
+
+#[test]
+fn tasks_tell_their_excess_their_gaps_and_their_jams() {
+    let ran = robert()
+        .args(["eval", "--robot", "pointmass", "--suite", "drawn,touch", "-q", "--json"])
+        .args(["--policy", "zero,pd"])
+        .succeeds();
+    let report = ran.json();
+    let results = report["results"].as_array().unwrap();
+    assert_eq!(results.len(), 4);
+    for result in results {
+        let (mut sum, mut floors) = (0.0, 0.0);
+        for t in result["tasks"].as_array().unwrap() {
+            let (p, floor) = (t["precision"].as_f64().unwrap(), t["floor"].as_f64().unwrap());
+            let excess = t["excess"].as_f64().unwrap();
+            assert!((excess - (p - floor) / floor).abs() < 1e-9 * excess.abs().max(1.0), "{t}");
+            assert!(t["moving"].is_number() && t["jams"].is_array(), "{t}");
+            sum += p;
+            floors += floor;
+        }
+        let mean = result["excess_mean"].as_f64().unwrap();
+        assert!((mean - (sum - floors) / floors).abs() < 1e-6 * mean.abs().max(1.0), "{result}");
+    }
+    let task = |policy: &str, name: &str| {
+        let tasks = result(&report, policy)["tasks"].as_array().unwrap();
+        tasks.iter().find(|t| t["name"] == name).unwrap().clone()
+    };
+    // Who does not move stays where nobody wants it to be, and has no way to measure.
+    let (still, pd) = (task("zero", "park"), task("pd", "park"));
+    assert!(!still["jams"].as_array().unwrap().is_empty(), "{still}");
+    assert!(still["gap"]["path"].is_null() && still["gap"]["gaps"].as_u64() > Some(3), "{still}");
+    assert_eq!(pd["jams"].as_array().unwrap().len(), 0);
+    let path = pd["gap"]["path"].as_f64().unwrap();
+    assert!((1.0..1.3).contains(&path), "{pd}");
+    assert!(pd["gap"]["jerk_worst"]["value"].as_f64() < Some(3.0), "{pd}");
+}
+
+#[test]
+fn floors_of_other_clips_are_measured_and_left_out_on_request() {
+    let eval = |more: &[&str]| {
+        let args = ["eval", "--suite", "hop.clip.json", "-q", "--json", "--policy"];
+        robert().file("hop.clip.json", HOP).args(args).args(more).succeeds().json()
+    };
+    let floor = |report: &Value, i: usize| report["results"][i]["tasks"][0]["floor"].clone();
+    let alone = eval(&["pd"]);
+    let measured = floor(&alone, 0).as_f64().unwrap();
+    assert!(measured > 0.0 && alone["results"][0]["tasks"][0]["excess"].as_f64() > Some(0.0));
+    // The same figure as that of iLQR in the table.
+    let both = eval(&["pd,ilqr"]);
+    assert_eq!(floor(&both, 0), result(&both, "ilqr")["precision_mean"]);
+    assert!((floor(&both, 0).as_f64().unwrap() - measured).abs() < 1e-12);
+    assert_eq!(result(&both, "ilqr")["tasks"][0]["excess"].as_f64(), Some(0.0));
+    for without in [&["pd", "--no-floor"][..], &["pd", "--plant", "mass=1.2"]] {
+        let report = eval(without);
+        assert!(floor(&report, 0).is_null() && report["results"][0]["excess_mean"].is_null());
+        assert!(report["results"][0]["tasks"][0]["jams"].is_null());
+    }
+}
+
+#[test]
+fn suites_have_other_names_and_final_is_the_other_halves() {
+    let report = |suite: &str| {
+        let args = ["eval", "--robot", "pointmass", "--policy", "zero", "-q", "--json", "--suite"];
+        robert().args(args).args([suite]).succeeds().json()
+    };
+    let names = |report: &Value| -> Vec<String> {
+        let tasks = report["results"].as_array().unwrap().iter();
+        let tasks = tasks.flat_map(|r| r["tasks"].as_array().unwrap());
+        tasks.map(|t| t["name"].as_str().unwrap().to_owned()).collect()
+    };
+    let all = report("final");
+    assert_eq!(all["results"][0]["suite"], "final");
+    let halves = report("drawn-final,fast-final,touch-final");
+    assert_eq!(names(&all), names(&halves));
+    assert!(names(&all).iter().all(|n| !names(&report("drawn,fast,touch")).contains(n)));
+    assert_eq!(report("heldout")["results"][0]["suite"], "validation");
+}

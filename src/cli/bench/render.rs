@@ -22,7 +22,7 @@ const TICKS: f64 = 100.0;
 #[allow(clippy::struct_excessive_bools)]
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  robert bench render --json --robot shadow_hand\n  python benches/peers/render.py --robert target/release/robert   (in turns with MuJoCo's own renderer)"
+    after_help = "Examples:\n  robert bench render --json --robot shadow_hand\n  python benches/peers/render.py --robert target/release/robert   (in turns with MuJoCo's)"
 )]
 pub(super) struct Args {
     /// Robot: an id, or a folder with robot.xml.

@@ -4,16 +4,16 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
+use super::super::bar::Bar;
 use super::super::failure::{Failure, Outcome};
-use super::super::out;
-use crate::clip::{
-    Clip, Granularity, JointTable, Level, Lint, Parsed, PoseChecker, Rule, compile, edited, lint,
-};
+use super::super::global::{Global, threads};
+use super::super::interrupt::cancel_on_ctrl_c;
+use super::super::{input, out};
+use super::fix::{Finder, Fixed};
+use super::simulate::Simulation;
+use crate::clip::{Clip, Granularity, Level, Lint, Parsed, Rule};
 use crate::exit::Exit;
-use crate::robot::{Robot, Settler};
-
-/// How many fixes `--fix` tries: each removes a finding, some uncover another.
-const FIXES: usize = 1000;
+use crate::progress::Cancel;
 
 /// Check clips: format, limits, speeds, blind spans, coupled joints.
 ///
@@ -25,7 +25,7 @@ const FIXES: usize = 1000;
 )]
 #[allow(clippy::struct_excessive_bools)] // switches of a command line
 pub(super) struct Check {
-    /// Clips; - reads stdin.
+    /// Clips; - reads stdin, and with --fix the fixed clip goes to stdout.
     #[arg(required = true, value_name = "CLIP")]
     files: Vec<PathBuf>,
     /// Check for this robot; the clip's own when absent.
@@ -37,9 +37,13 @@ pub(super) struct Check {
     /// Settle every pose in simulation: self-collision, poses out of reach.
     #[arg(long)]
     simulate: bool,
-    /// Apply the first fix of each finding and write the file.
+    /// Apply the first fix of each finding, write the file and say what was done. A fix may
+    /// make the clip longer or mask goals; both are said.
     #[arg(long)]
     fix: bool,
+    /// List every finding, also where many are of one kind.
+    #[arg(long)]
+    all: bool,
     /// Warnings count like errors.
     #[arg(long)]
     strict: bool,
@@ -68,10 +72,15 @@ struct FileReport {
     path: PathBuf,
     robot: String,
     robot_known: bool,
-    // Scripts know the old name.
-    #[serde(rename = "mended")]
-    fixed: usize,
+    /// How many fixes were applied; scripts know it by this name.
+    mended: usize,
+    /// What they were and what they changed; with `--fix` only.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    fixed: Option<Fixed>,
     lints: Vec<PlacedLint>,
+    /// The fixed clip, where it came from stdin.
+    #[serde(skip)]
+    clip: Option<Clip>,
 }
 
 #[derive(Serialize)]
@@ -82,18 +91,18 @@ struct PlacedLint {
     lint: Lint,
 }
 
-pub(super) fn run(a: &Check) -> Outcome {
+pub(super) fn run(a: &Check, global: Global) -> Outcome {
     let mut report = Report { files: Vec::new(), unreadable: Vec::new(), errors: 0, warnings: 0 };
     let mut invalid: Option<Failure> = None;
+    let cancel = cancel_on_ctrl_c();
+    let bar = Bar::new("settle", "poses", global.quiet);
     for path in &a.files {
-        match file(a, path) {
+        match file(a, path, &bar, &cancel) {
             Ok(one) => {
                 let count = |level| one.lints.iter().filter(|l| l.lint.level == level).count();
                 report.errors += count(Level::Error);
                 report.warnings += count(Level::Warning);
-                if !a.json {
-                    print(&one)?;
-                }
+                deliver(a, &one)?;
                 report.files.push(one);
             }
             // The other files are still checked; the last broken one decides the exit code.
@@ -107,6 +116,7 @@ pub(super) fn run(a: &Check) -> Outcome {
             }
         }
     }
+    bar.finish();
     if a.json {
         out::json(&report)?;
     }
@@ -126,26 +136,43 @@ pub(super) fn run(a: &Check) -> Outcome {
     Ok(())
 }
 
-fn file(a: &Check, path: &Path) -> Result<FileReport, Failure> {
+/// Prints what was found; a clip that came from stdin goes to stdout, and the findings beside
+/// it to stderr.
+fn deliver(a: &Check, report: &FileReport) -> Outcome {
+    let lines = lines(report, a.all);
+    match &report.clip {
+        Some(clip) if !a.json => {
+            lines.iter().for_each(|line| eprintln!("{line}"));
+            out::line(clip.to_text().trim_end())
+        }
+        _ if a.json => Ok(()),
+        _ => lines.iter().try_for_each(|line| out::line(line)),
+    }
+}
+
+fn file(a: &Check, path: &Path, bar: &Bar, cancel: &Cancel) -> Result<FileReport, Failure> {
     let mut parsed = super::files::load(path)?;
     let robot = super::files::robot_of(&parsed.clip, a.robot.as_deref())?;
     let mut table = super::files::joint_table(&parsed.clip, robot.as_ref());
     if a.joint_masks {
         table.granularity = Granularity::Joint;
     }
-    let mut lints = find(a, &parsed.clip, &table, robot.as_ref())?;
-    let mut fixed = 0;
+    let threads = threads(None);
+    let asked = robot.as_ref().filter(|_| a.simulate);
+    let simulation = asked.map(|robot| Simulation::new(robot, threads, bar, cancel));
+    let mut finder = Finder { table: &table, simulation };
+    let mut lints = finder.find(&parsed.clip)?;
+    let mut fixed = None;
     if a.fix {
-        let mut clip = parsed.clip.clone();
-        while fixed < FIXES {
-            let Some(next) = fix(a, &clip, &lints, &table, robot.as_ref())? else { break };
-            (clip, lints) = next;
-            fixed += 1;
-        }
-        if fixed > 0 {
+        let (clip, left, done) = finder.fix(&parsed.clip, lints)?;
+        lints = left;
+        if input::is_standard(path) {
+            parsed = Parsed::of(&clip);
+        } else if done.count() > 0 {
             clip.save(path)?;
             parsed = Parsed::of(&clip);
         }
+        fixed = Some(done);
     }
     let placed = lints.into_iter().map(|lint| {
         let (line, col) = parsed.line_col(&lint.pointer);
@@ -155,84 +182,71 @@ fn file(a: &Check, path: &Path) -> Result<FileReport, Failure> {
         path: path.to_owned(),
         robot: table.robot.clone(),
         robot_known: robot.is_some(),
+        mended: fixed.as_ref().map_or(0, Fixed::count),
         fixed,
         lints: placed.collect(),
+        clip: (a.fix && input::is_standard(path)).then_some(parsed.clip),
     })
 }
 
-fn find(
-    a: &Check,
-    clip: &Clip,
-    table: &JointTable,
-    robot: Option<&Robot>,
-) -> Result<Vec<Lint>, Failure> {
-    let command = compile(clip).map_err(Failure::invalid)?;
-    let mut settler = match robot {
-        Some(robot) if a.simulate => Some(Settler::new(robot)?),
-        _ => None,
-    };
-    let checker = settler.as_mut().map(|s| s as &mut dyn PoseChecker);
-    Ok(lint(clip, &command, table, checker))
-}
+/// Findings of one rule from which on they are one line.
+const GROUP: usize = 4;
 
-/// The clip after the first fix that leaves less to complain about.
-fn fix(
-    a: &Check,
-    clip: &Clip,
-    lints: &[Lint],
-    table: &JointTable,
-    robot: Option<&Robot>,
-) -> Result<Option<(Clip, Vec<Lint>)>, Failure> {
-    // Too fast weighs more than blind: stretching time may open a blind span, which then
-    // gets keys; the other way round two fixes would undo each other for ever.
-    let weight = |lints: &[Lint]| {
-        let count = |is: &dyn Fn(&Lint) -> bool| lints.iter().filter(|l| is(l)).count();
-        (
-            count(&|l| l.level == Level::Error),
-            count(&|l| l.rule == Rule::JointSpeed),
-            count(&|l| l.level == Level::Warning),
-        )
-    };
-    let bad = lints.iter().filter(|l| l.level > Level::Info);
-    for fix in bad.flat_map(|l| &l.fixes) {
-        let Ok(next) = edited(clip, &fix.op, Some(table)) else { continue };
-        let found = find(a, &next, table, robot)?;
-        if weight(&found) < weight(lints) {
-            return Ok(Some((next, found)));
-        }
-    }
-    Ok(None)
-}
-
-fn print(report: &FileReport) -> Outcome {
-    let path = report.path.display();
-    if report.fixed > 0 {
-        out::line(&format!("{path}: fixed {}", report.fixed))?;
+/// What is to be said about a file, a line each.
+fn lines(report: &FileReport, all: bool) -> Vec<String> {
+    let place = input::place(&report.path);
+    let path = place.display();
+    let mut lines = Vec::new();
+    if let Some(fixed) = report.fixed.as_ref().filter(|f| f.count() > 0) {
+        let said = fixed.lines().into_iter().enumerate();
+        lines.extend(said.map(|(i, l)| if i == 0 { format!("{path}: {l}") } else { l }));
     }
     if !report.robot_known {
         let robot = &report.robot;
-        out::line(&format!(
+        lines.push(format!(
             "{path}: robot {robot} is not known here: limits and speeds are not checked"
-        ))?;
+        ));
     }
+    let mut said: Vec<(Level, Rule)> = Vec::new();
     for placed in &report.lints {
         let PlacedLint { line, col, lint } = placed;
-        let (level, rule) = (word(&lint.level), word(&lint.rule));
-        out::line(&format!("{path}:{line}:{col}: {level}[{rule}]: {}", lint.message))?;
-        for fix in &lint.fixes {
-            out::line(&format!("    fix: {}", fix.title))?;
+        let kind = (lint.level, lint.rule);
+        let like = || report.lints.iter().filter(|p| (p.lint.level, p.lint.rule) == kind);
+        let count = like().count();
+        if !all && count >= GROUP {
+            if said.contains(&kind) {
+                continue;
+            }
+            said.push(kind);
         }
+        let (level, rule) = (word(&lint.level), word(&lint.rule));
+        let more = match count {
+            n if all || n < GROUP => String::new(),
+            n => format!("; {} more of this kind, at {} (--all lists them)", n - 1, frames(like())),
+        };
+        lines.push(format!("{path}:{line}:{col}: {level}[{rule}]: {}{more}", lint.message));
+        lines.extend(lint.fixes.iter().map(|fix| format!("    fix: {}", fix.title)));
         if lint.rule == Rule::OtherRobot {
             let robot = &report.robot;
-            out::line(&format!(
+            lines.push(format!(
                 "    fix: robert clip convert {path} NEW.clip.json --robot {robot}   (where the joints have the same names)"
-            ))?;
+            ));
         }
     }
     if report.lints.is_empty() {
-        out::line(&format!("{path}: ok"))?;
+        lines.push(format!("{path}: ok"));
     }
-    Ok(())
+    lines
+}
+
+/// Where findings stand: the first and last frame.
+fn frames<'a>(lints: impl Iterator<Item = &'a PlacedLint>) -> String {
+    let at: Vec<u32> = lints.filter_map(|p| Some(p.lint.frames?[0])).collect();
+    match (at.iter().min(), at.iter().max()) {
+        (Some(first), Some(last)) if first != last => format!("frames {first} to {last}"),
+        (Some(only), _) => format!("frame {only}"),
+        _ => "the clip as a whole".to_owned(),
+    }
 }
 
 /// The word that JSON has for it.

@@ -6,13 +6,12 @@ use clap::ValueEnum;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 
 use super::super::failure::{Failure, Outcome};
-use super::super::{motion, out};
+use super::super::{input, motion, out};
 use crate::clip::formats::{
     from_command_json, from_csv, from_mjcf, from_ros, to_command_json, to_csv, to_mjcf, to_ros,
 };
 use crate::clip::{Clip, ClipError, Fill, RobotRef, compile};
-use crate::take::Take;
-use crate::{fsio, limits};
+use crate::limits;
 
 /// Convert clips from and to other formats.
 ///
@@ -22,12 +21,12 @@ use crate::{fsio, limits};
 /// command, bit for bit.
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  robert clip convert wave.clip.json wave.csv\n  robert clip convert log.csv log.clip.json --robot ur5e\n  robert clip convert plan.yaml plan.clip.json --robot ur5e --fill linear\n  robert clip convert scene.xml poses.clip.json --like wave.clip.json\n  robert clip convert wave.clip.json light.clip.json --robot ur5e_light   the same joints, another plant\n  robert clip convert wave.mcap again.clip.json            the clip that a take was made from"
+    after_help = "Examples:\n  robert clip convert wave.clip.json wave.csv\n  robert clip convert log.csv log.clip.json --robot ur5e\n  robert clip convert plan.yaml plan.clip.json --robot ur5e --fill linear\n  robert clip convert scene.xml poses.clip.json --like wave.clip.json\n  robert clip convert wave.clip.json wave.xml --with-model       a model that loads by itself\n  robert clip convert wave.clip.json light.clip.json --robot ur5e_light   another plant\n  robert clip convert wave.mcap again.clip.json            the clip that a take was made from"
 )]
 pub(super) struct Convert {
-    /// The file to read.
+    /// The file to read; - is stdin (with --from, unless it is a clip).
     input: PathBuf,
-    /// The file to write.
+    /// The file to write; - is stdout (with --to, unless it is a clip).
     output: PathBuf,
     /// Robot of the input, where the input does not say; of a clip, the robot that takes
     /// it over (its joints must have the same names).
@@ -45,6 +44,9 @@ pub(super) struct Convert {
     /// Format of the output, when its name does not tell.
     #[arg(long, value_parser = writable())]
     to: Option<Format>,
+    /// Of MJCF keyframes, write the robot's model, too: a file that loads by itself.
+    #[arg(long)]
+    with_model: bool,
     /// Overwrite an existing file.
     #[arg(long)]
     force: bool,
@@ -76,7 +78,7 @@ impl Format {
         let name = path.file_name().map(|n| n.to_string_lossy().to_lowercase()).unwrap_or_default();
         let ends = |end: &str| name.ends_with(end);
         Ok(match () {
-            () if ends(".clip.json") => Format::Clip,
+            () if ends(".clip.json") || input::is_standard(path) => Format::Clip,
             () if ends(".csv") => Format::Csv,
             () if ends(".xml") || ends(".mjcf") => Format::Mjcf,
             () if ends(".yaml") || ends(".yml") => Format::Ros,
@@ -94,7 +96,8 @@ impl Format {
 
 pub(super) fn run(a: &Convert) -> Outcome {
     let (from, to) = (Format::of(&a.input, a.from)?, Format::of(&a.output, a.to)?);
-    if !a.force && a.output.exists() {
+    let to_stdout = input::is_standard(&a.output);
+    if !a.force && !to_stdout && a.output.exists() {
         let path = a.output.display();
         return Err(Failure::usage(format!("{path} exists; say --force to overwrite it")));
     }
@@ -107,7 +110,14 @@ pub(super) fn run(a: &Convert) -> Outcome {
     }
     let robot = super::files::reference(a.robot.as_deref(), a.like.as_ref())?;
     let clip = read(a, from, robot.as_ref())?;
-    write(&clip, to, &a.output)?;
+    if a.with_model && to != Format::Mjcf {
+        return Err(Failure::usage("--with-model is for MJCF: --to mjcf"));
+    }
+    let text = text(&clip, to, a)?;
+    input::write(&a.output, text.as_bytes())?;
+    if to_stdout {
+        return Ok(());
+    }
     out::line(&format!(
         "{}: {} frames, {} keys, {} joints",
         a.output.display(),
@@ -118,6 +128,7 @@ pub(super) fn run(a: &Convert) -> Outcome {
 }
 
 fn read(a: &Convert, from: Format, robot: Option<&RobotRef>) -> Result<Clip, Failure> {
+    let place = input::place(&a.input);
     if from == Format::Clip {
         let clip = super::files::load(&a.input)?.clip;
         return match robot {
@@ -126,25 +137,25 @@ fn read(a: &Convert, from: Format, robot: Option<&RobotRef>) -> Result<Clip, Fai
         };
     }
     if from == Format::Mcap {
-        let take = Take::read(&a.input)?;
-        return motion::clip_of(&take, &a.input.display().to_string());
+        let take = input::take(&a.input)?;
+        return motion::clip_of(&take, &place.display().to_string());
     }
     let cap = limits::PROJECT_BYTES;
-    let bytes = fsio::read_capped(&a.input, cap)?;
+    let bytes = input::read(&a.input, cap)?;
     let text = || {
         String::from_utf8(bytes.clone())
-            .map_err(|e| Failure::invalid(format!("{}: {e}", a.input.display())))
+            .map_err(|e| Failure::invalid(format!("{}: {e}", place.display())))
     };
     let whose = || {
         Failure::usage(format!(
             "{} does not say which robot it is for; say --robot ID or --like CLIP",
-            a.input.display()
+            place.display()
         ))
     };
     if from == Format::Json
         && let Some(clip) = inside_take(&text()?)
     {
-        return Ok(clip.map_err(|e| e.in_file(&a.input))?);
+        return Ok(clip.map_err(|e| e.in_file(&place))?);
     }
     let robot_ref = robot.ok_or_else(whose);
     let clip: Result<Clip, ClipError> = match from {
@@ -153,7 +164,7 @@ fn read(a: &Convert, from: Format, robot: Option<&RobotRef>) -> Result<Clip, Fai
         Format::Ros => from_ros(&text()?, Some(robot_ref?), a.fill),
         Format::Json | Format::Clip | Format::Mcap => from_command_json(&text()?, robot, a.fill),
     };
-    Ok(clip.map_err(|e| e.in_file(&a.input))?)
+    Ok(clip.map_err(|e| e.in_file(&place))?)
 }
 
 /// The same clip for another robot, or another version of its model. The clip keeps its
@@ -204,15 +215,18 @@ fn inside_take(text: &str) -> Option<Result<Clip, ClipError>> {
     outer.clip.map(|clip| Clip::parse(clip.get()))
 }
 
-fn write(clip: &Clip, to: Format, path: &Path) -> Outcome {
+fn text(clip: &Clip, to: Format, a: &Convert) -> Outcome<String> {
     let command = compile(clip).map_err(Failure::invalid)?;
-    let text = match to {
+    Ok(match to {
         Format::Clip => clip.to_text(),
         Format::Csv => to_csv(&command),
+        Format::Mjcf if a.with_model => {
+            let robot = motion::robot_for(a.robot.as_deref(), &clip.robot.id)?;
+            let place = input::place(&a.input).display().to_string();
+            motion::with_model(&robot, &to_mjcf(&motion::command(clip, &robot, &place)?)?)?
+        }
         Format::Mjcf => to_mjcf(&command)?,
         Format::Ros => to_ros(&command)?,
         Format::Json | Format::Mcap => to_command_json(&command, &clip.robot.id),
-    };
-    fsio::write_atomic(path, text.as_bytes())?;
-    Ok(())
+    })
 }

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 
 use super::super::failure::{Failure, Outcome};
-use super::super::out;
-use crate::clip::{Clip, ClipError, Delta, Editor, Fill, Key, Op};
+use super::super::{input, out};
+use crate::clip::{Clip, Delta, Editor, Fill, Key, Op};
 use crate::exit::Exit;
 use crate::{fsio, limits};
 
@@ -122,12 +122,12 @@ pub(super) fn fmt(a: &Fmt) -> Outcome {
 /// OPS is one operation, an array of them, or a batch; all are done or none.
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  echo '{\"op\": \"keys.move\", \"args\": {\"frames\": [20], \"df\": 5}}' > ops.json\n  robert clip apply wave.clip.json ops.json            print the edited clip\n  robert clip apply wave.clip.json ops.json -i         edit the file\n  robert clip apply wave.clip.json ops.json -i --json  and print what changed and how to undo it"
+    after_help = "Examples:\n  echo '{\"op\": \"keys.hold\", \"args\": {\"frames\": [0], \"hold\": 20}}' > ops.json\n  robert clip apply wave.clip.json ops.json            print the edited clip\n  robert clip apply wave.clip.json ops.json -i         edit the file\n  robert clip apply wave.clip.json ops.json -i --json   print what changed and how to undo it\n  robert clip apply - ops.json < wave.clip.json        from stdin to stdout"
 )]
 pub(super) struct Apply {
-    /// The clip.
+    /// The clip; - reads stdin.
     clip: PathBuf,
-    /// The operations, JSON.
+    /// The operations, JSON; - reads stdin.
     ops: PathBuf,
     /// Edit the clip's own file.
     #[arg(long, short, conflicts_with = "out")]
@@ -157,6 +157,9 @@ struct Applied {
 }
 
 pub(super) fn apply_ops(a: &Apply) -> Outcome {
+    if input::is_standard(&a.clip) && input::is_standard(&a.ops) {
+        return Err(Failure::usage("the clip and the operations cannot both come from stdin"));
+    }
     let clip = super::files::load(&a.clip)?.clip;
     let ops = read_ops(&a.ops)?;
     let robot = super::files::robot_of(&clip, a.robot.as_deref())?;
@@ -185,7 +188,7 @@ pub(super) fn apply_ops(a: &Apply) -> Outcome {
 }
 
 fn read_ops(path: &Path) -> Result<Vec<Op>, Failure> {
-    let bytes = fsio::read_capped(path, limits::CLIP_BYTES)?;
+    let bytes = input::read(path, limits::CLIP_BYTES)?;
     let start = bytes.iter().find(|b| !b.is_ascii_whitespace());
     let read = if start == Some(&b'[') {
         serde_json::from_slice::<Vec<Op>>(&bytes)
@@ -196,6 +199,7 @@ fn read_ops(path: &Path) -> Result<Vec<Op>, Failure> {
         // serde_json appends the place; it goes to the front like everywhere else.
         let text = e.to_string();
         let what = text.rsplit_once(" at line ").map_or(text.as_str(), |(what, _)| what);
+        let path = input::place(path);
         Failure::invalid(format!("{}:{}:{}: {what}", path.display(), e.line(), e.column()))
     })
 }
@@ -207,7 +211,7 @@ fn read_ops(path: &Path) -> Result<Vec<Op>, Failure> {
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  robert clip upgrade *.clip.json")]
 pub(super) struct Upgrade {
-    /// Clips.
+    /// Clips; - reads stdin and writes stdout.
     #[arg(required = true, value_name = "CLIP")]
     files: Vec<PathBuf>,
 }
@@ -215,7 +219,11 @@ pub(super) struct Upgrade {
 pub(super) fn upgrade(a: &Upgrade) -> Outcome {
     for path in &a.files {
         let clip = super::files::load(path)?.clip;
-        let old = fsio::read_capped(path, limits::CLIP_BYTES).map_err(ClipError::from)?;
+        if input::is_standard(path) {
+            input::write_clip(path, &clip)?;
+            continue;
+        }
+        let old = input::read(path, limits::CLIP_BYTES)?;
         let text = clip.to_text();
         let word = if text.as_bytes() == old { "is up to date" } else { "rewritten" };
         if word == "rewritten" {

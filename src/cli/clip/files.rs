@@ -3,27 +3,13 @@
 use std::path::{Path, PathBuf};
 
 use crate::cli::failure::{Failure, Outcome};
-use crate::cli::out;
+use crate::cli::{input, out};
 use crate::clip::{Clip, Fill, JointTable, Parsed, RobotRef};
 use crate::robot::Robot;
 
 /// Reads a clip; `-` is stdin.
 pub(super) fn load(path: &Path) -> Result<Parsed, Failure> {
-    if path == Path::new("-") {
-        return Ok(crate::clip::parse_bytes(stdin()?).map_err(|e| e.in_file(Path::new("stdin")))?);
-    }
-    Ok(crate::clip::load(path)?)
-}
-
-pub(super) fn stdin() -> Result<Vec<u8>, Failure> {
-    use std::io::Read as _;
-    let mut bytes = Vec::new();
-    let cap = crate::limits::CLIP_BYTES;
-    std::io::stdin().lock().take(cap + 1).read_to_end(&mut bytes)?;
-    if bytes.len() as u64 > cap {
-        return Err(Failure::invalid(format!("stdin: more than {cap} bytes")));
-    }
-    Ok(bytes)
+    input::clip(path)
 }
 
 /// The one place that asks for a robot: an id, or a folder.
@@ -62,12 +48,11 @@ pub(super) fn reference(
 /// Writes a clip to a file, or its text to stdout.
 pub(super) fn deliver(clip: &Clip, out: Option<&Path>, force: bool) -> Outcome {
     let Some(path) = out else { return out::line(clip.to_text().trim_end()) };
-    if !force && path.exists() {
+    if !force && !input::is_standard(path) && path.exists() {
         let path = path.display();
         return Err(Failure::usage(format!("{path} exists; say --force to overwrite it")));
     }
-    clip.save(path)?;
-    Ok(())
+    input::write_clip(path, clip)
 }
 
 pub(super) fn fill_word(word: &str) -> Result<Fill, String> {

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use serde::Serialize;
 
 use super::super::failure::{Failure, Outcome};
-use super::super::out;
+use super::super::{input, out};
 use crate::clip::{
     Blind, Clip, Delta, Fill, Foreign, Goal, Key, Op, Row, Sight, compile, start_row,
 };
@@ -106,9 +106,9 @@ fn names<'a>(names: impl Iterator<Item = &'a String>) -> String {
     after_help = "Examples:\n  robert clip diff old.clip.json new.clip.json\n  robert clip diff --exit-code a.clip.json b.clip.json   exit 4 when they differ\n  robert clip diff --json a.clip.json b.clip.json > a_to_b.json\n  robert clip apply a.clip.json a_to_b.json               and that gives b"
 )]
 pub(super) struct Diff {
-    /// The older clip.
+    /// The older clip; - reads stdin.
     old: PathBuf,
-    /// The newer clip.
+    /// The newer clip; - reads stdin.
     new: PathBuf,
     /// The difference as an edit, JSON: what `robert clip apply` takes.
     #[arg(long)]
@@ -119,6 +119,9 @@ pub(super) struct Diff {
 }
 
 pub(super) fn diff(a: &Diff) -> Outcome {
+    if input::is_standard(&a.old) && input::is_standard(&a.new) {
+        return Err(Failure::usage("both clips cannot come from stdin"));
+    }
     let (old, new) = (super::files::load(&a.old)?.clip, super::files::load(&a.new)?.clip);
     let (was, is) =
         (compile(&old).map_err(Failure::invalid)?, compile(&new).map_err(Failure::invalid)?);

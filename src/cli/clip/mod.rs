@@ -4,11 +4,14 @@ mod check;
 mod convert;
 mod edit;
 mod files;
+mod fix;
 mod info;
+mod simulate;
 
 use clap::Subcommand;
 
 use super::failure::Outcome;
+use super::global::Global;
 
 #[derive(clap::Args, Debug)]
 #[command(
@@ -40,10 +43,10 @@ enum Command {
 #[command(after_help = "Examples:\n  robert clip schema > robert-clip-1.schema.json")]
 struct Schema {}
 
-pub(super) fn run(args: &Args) -> Outcome {
+pub(super) fn run(args: &Args, global: Global) -> Outcome {
     match &args.command {
         Command::New(a) => edit::new(a),
-        Command::Check(a) => check::run(a),
+        Command::Check(a) => check::run(a, global),
         Command::Fmt(a) => edit::fmt(a),
         Command::Info(a) => info::info(a),
         Command::Apply(a) => edit::apply_ops(a),

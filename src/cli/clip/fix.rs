@@ -1,0 +1,146 @@
+//! `robert clip check --fix`: applies the first fix of each finding and says what it did.
+
+use serde::Serialize;
+
+use super::super::failure::{Failure, Outcome};
+use super::simulate::Simulation;
+use crate::clip::{Clip, Command, JointTable, Level, Lint, Rule, compile, edited, lint};
+
+/// How many fixes are applied: each removes a finding, some uncover another.
+const FIXES: usize = 1000;
+
+/// Kinds of fixes that are named one by one.
+const SAID: usize = 12;
+
+/// What was done to a clip.
+#[derive(Debug, Default, Serialize)]
+pub(super) struct Fixed {
+    /// Titles of the fixes in the order of their first use, and how often each was applied.
+    pub fixes: Vec<(String, usize)>,
+    /// Frames before and after.
+    pub length: [u32; 2],
+    /// Goals (a joint at a frame), before and after.
+    pub goals: [usize; 2],
+}
+
+impl Fixed {
+    pub(super) fn count(&self) -> usize {
+        self.fixes.iter().map(|f| f.1).sum()
+    }
+
+    /// A sentence for each thing that a person should know.
+    pub(super) fn lines(&self) -> Vec<String> {
+        let mut lines = vec![format!("fixed {}", self.count())];
+        lines.extend(self.fixes.iter().take(SAID).map(|(title, n)| match n {
+            1 => format!("    {title}"),
+            n => format!("    {title} ({n} times)"),
+        }));
+        if let Some(more @ 1..) = self.fixes.len().checked_sub(SAID) {
+            lines.push(format!("    and {more} others"));
+        }
+        let secs = |frames: u32| f64::from(frames) / f64::from(crate::units::FPS);
+        let [before, after] = self.length;
+        if before != after {
+            lines.push(format!(
+                "    the clip now lasts {} frames ({:.2} s), before {before} ({:.2} s)",
+                after,
+                secs(after),
+                secs(before)
+            ));
+        }
+        if self.goals[1] < self.goals[0] {
+            lines.push(format!(
+                "    {} of {} goals (a joint at a frame) are gone",
+                self.goals[0] - self.goals[1],
+                self.goals[0]
+            ));
+        }
+        lines
+    }
+}
+
+/// Finds what is wrong with clips, with or without simulation.
+pub(super) struct Finder<'a> {
+    pub table: &'a JointTable,
+    pub simulation: Option<Simulation<'a>>,
+}
+
+impl Finder<'_> {
+    pub(super) fn find(&mut self, clip: &Clip) -> Outcome<Vec<Lint>> {
+        let command = compile(clip).map_err(Failure::invalid)?;
+        match &mut self.simulation {
+            Some(simulation) => simulation.lint(clip, &command, self.table),
+            None => Ok(lint(clip, &command, self.table, None)),
+        }
+    }
+
+    /// Applies fixes as long as each leaves less to complain about.
+    pub(super) fn fix(
+        &mut self,
+        clip: &Clip,
+        lints: Vec<Lint>,
+    ) -> Outcome<(Clip, Vec<Lint>, Fixed)> {
+        let before = compile(clip).map_err(Failure::invalid)?;
+        let (mut clip, mut lints) = (clip.clone(), lints);
+        self.prepare(&clip, &lints)?;
+        let mut titles: Vec<(String, usize)> = Vec::new();
+        for _ in 0..FIXES {
+            let Some((title, next, found)) = self.step(&clip, &lints)? else { break };
+            match titles.iter_mut().find(|t| t.0 == title) {
+                Some(t) => t.1 += 1,
+                None => titles.push((title, 1)),
+            }
+            (clip, lints) = (next, found);
+        }
+        let after = compile(&clip).map_err(Failure::invalid)?;
+        let fixed = Fixed {
+            fixes: titles,
+            length: [before.frames(), after.frames()],
+            goals: [goals(&before), goals(&after)],
+        };
+        Ok((clip, lints, fixed))
+    }
+
+    /// Judges the poses that the fixes would make, all at once.
+    fn prepare(&mut self, clip: &Clip, lints: &[Lint]) -> Outcome {
+        let Some(simulation) = &mut self.simulation else { return Ok(()) };
+        let bad = lints.iter().filter(|l| l.level > Level::Info);
+        let firsts = bad.filter_map(|l| l.fixes.first());
+        let mut clips = Vec::new();
+        for next in firsts.filter_map(|fix| edited(clip, &fix.op, Some(self.table)).ok()) {
+            let command = compile(&next).map_err(Failure::invalid)?;
+            clips.push((next, command));
+        }
+        simulation.prepare(&clips, self.table)
+    }
+
+    /// The clip after the first fix that leaves less to complain about.
+    fn step(&mut self, clip: &Clip, lints: &[Lint]) -> Outcome<Option<(String, Clip, Vec<Lint>)>> {
+        let bad = lints.iter().filter(|l| l.level > Level::Info);
+        for fix in bad.flat_map(|l| &l.fixes) {
+            let Ok(next) = edited(clip, &fix.op, Some(self.table)) else { continue };
+            let found = self.find(&next)?;
+            if weight(&found) < weight(lints) {
+                return Ok(Some((fix.title.clone(), next, found)));
+            }
+        }
+        Ok(None)
+    }
+}
+
+/// What is to become less: first errors, then what is too fast, then the other warnings. Too
+/// fast weighs more than blind: stretching time may open a blind span, which then gets keys;
+/// the other way round two fixes would undo each other for ever.
+fn weight(lints: &[Lint]) -> (usize, usize, usize) {
+    let count = |is: &dyn Fn(&Lint) -> bool| lints.iter().filter(|l| is(l)).count();
+    (
+        count(&|l| l.level == Level::Error),
+        count(&|l| l.rule == Rule::JointSpeed),
+        count(&|l| l.level == Level::Warning),
+    )
+}
+
+fn goals(command: &Command) -> usize {
+    let frame = |f| (0..command.dim()).filter(|&j| command.sees(f, j)).count();
+    (0..command.frames()).map(frame).sum()
+}

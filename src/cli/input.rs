@@ -1,0 +1,125 @@
+//! What a command reads and writes: files, pipes (`<(…)`), and `-` for stdin and stdout.
+//!
+//! A pipe can be read once, and a command looks at its input several times (is it a take, a
+//! clip, a table?), so what came through one is kept.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::Read as _;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
+
+use super::failure::{Failure, Outcome};
+use super::out;
+use crate::clip::{Clip, Parsed, parse_bytes};
+use crate::take::Take;
+use crate::{fsio, limits};
+
+/// Stdin where it is read, stdout where it is written.
+pub(super) const STANDARD: &str = "-";
+
+/// Whether this stands for stdin or stdout.
+pub(super) fn is_standard(path: &Path) -> bool {
+    path == Path::new(STANDARD)
+}
+
+/// Whether there is something to read.
+pub(super) fn exists(path: &Path) -> bool {
+    is_standard(path) || path.exists()
+}
+
+/// What messages call it.
+pub(super) fn place(path: &Path) -> PathBuf {
+    if is_standard(path) { PathBuf::from("stdin") } else { path.to_owned() }
+}
+
+/// All of it, at most `cap` bytes.
+pub(super) fn read(path: &Path, cap: u64) -> Outcome<Vec<u8>> {
+    static KEPT: Mutex<BTreeMap<PathBuf, Vec<u8>>> = Mutex::new(BTreeMap::new());
+    if !is_standard(path) && !is_pipe(path) {
+        return Ok(fsio::read_capped(path, cap)?);
+    }
+    let mut kept = KEPT.lock().unwrap_or_else(PoisonError::into_inner);
+    if let Some(bytes) = kept.get(path) {
+        return Ok(bytes.clone());
+    }
+    let bytes = if is_standard(path) {
+        all(std::io::stdin().lock(), path)?
+    } else {
+        let fail = |source| fsio::Error::Read { source, path: path.to_owned() };
+        all(File::open(path).map_err(fail)?, path)?
+    };
+    if bytes.len() as u64 > cap {
+        return Err(Failure::invalid(format!("{}: more than {cap} bytes", place(path).display())));
+    }
+    kept.insert(path.to_owned(), bytes.clone());
+    Ok(bytes)
+}
+
+/// The largest of what any command reads.
+const MOST: u64 = limits::TAKE_BYTES;
+
+fn all(from: impl std::io::Read, path: &Path) -> Outcome<Vec<u8>> {
+    let mut bytes = Vec::new();
+    let fail = |source| fsio::Error::Read { source, path: place(path) };
+    from.take(MOST + 1).read_to_end(&mut bytes).map_err(fail)?;
+    Ok(bytes)
+}
+
+/// Whether it is a pipe that the shell made for this command. Pipes with a name of their own
+/// are refused like all that is no regular file: nobody may ever write to them.
+fn is_pipe(path: &Path) -> bool {
+    let from_shell = ["/dev/fd", "/proc/self/fd", "/dev/stdin", "/dev/stdout"];
+    from_shell.iter().any(|p| path.starts_with(p)) && path.metadata().is_ok_and(|m| !m.is_file())
+}
+
+/// The first bytes of it; nothing where it cannot be read.
+pub(super) fn head(path: &Path, length: usize) -> Vec<u8> {
+    let mut head = Vec::new();
+    if is_standard(path) || is_pipe(path) {
+        head = read(path, MOST).unwrap_or_default();
+        head.truncate(length);
+    } else if let Ok(file) = fsio::open_regular(path) {
+        file.take(length as u64).read_to_end(&mut head).ok();
+    }
+    head
+}
+
+/// A clip with the places of its values.
+pub(super) fn clip(path: &Path) -> Outcome<Parsed> {
+    let bytes = read(path, limits::CLIP_BYTES)?;
+    Ok(parse_bytes(bytes).map_err(|e| e.in_file(&place(path)))?)
+}
+
+/// A whole take.
+pub(super) fn take(path: &Path) -> Outcome<Take> {
+    let bytes = read(path, limits::TAKE_BYTES)?;
+    Ok(Take::from_mcap(&bytes).map_err(|e| e.in_file(&place(path)))?)
+}
+
+/// Writes a file atomically, into a pipe or device that is there, or to stdout.
+pub(super) fn write(path: &Path, bytes: &[u8]) -> Outcome {
+    if is_standard(path) {
+        return out::bytes(bytes);
+    }
+    // A pipe cannot be replaced by a finished file.
+    if is_pipe(path) {
+        let fail = |source| fsio::Error::Write { source, path: path.to_owned() };
+        return Ok(std::fs::write(path, bytes).map_err(fail)?);
+    }
+    Ok(fsio::write_atomic(path, bytes)?)
+}
+
+/// Writes a clip to a file, or to stdout.
+pub(super) fn write_clip(path: &Path, clip: &Clip) -> Outcome {
+    write(path, clip.to_text().as_bytes())
+}
+
+/// Says what was done: on stdout, unless the result itself goes there.
+pub(super) fn say(stdout_taken: bool, text: &str) -> Outcome {
+    if stdout_taken {
+        eprintln!("{text}");
+        return Ok(());
+    }
+    out::line(text)
+}

@@ -1,0 +1,376 @@
+//! How the motion inside gaps looks: nothing was asked there, so Precision says nothing,
+//! but a person sees a detour, a swing past the key or a jolt at once.
+//!
+//! A gap is a run of frames without any goal between two frames with one (frame 0 counts as
+//! one: the start). It concerns the joints that have a goal at both ends. Its figures
+//! compare the reached motion with the plainest one between the same ends:
+//!
+//! - *path*: length of the way in joint space over the straight line between the states
+//!   reached at the two ends;
+//! - *overshoot*: how far a joint leaves the interval of its two goals and of what was
+//!   reached at them, beyond the allowance of [`ALLOWANCE`] and [`ALLOWED_SHARE`] of the step
+//!   between the goals. What was reached counts, since two joints of one tendon cannot be set
+//!   apart: to stay where they were is no overshoot;
+//! - *jerk*: root mean square of the third differences of the motion, from the frame before
+//!   the gap to the one after it, over those of the minimum-jerk motion from rest to rest
+//!   (`10 s^3 - 15 s^4 + 6 s^5`) over the same straight line in the same time. Starting and
+//!   stopping themselves are outside: the least jerk falls with the cube of the time, so that
+//!   even speed, with a jolt at either end, would count as 7 over one second and as 35 over three.
+//!
+//! Path and jerk are measured where the two ends are at least [`MOVES`] apart: over a shorter
+//! way both are noise.
+
+use serde::{Deserialize, Serialize};
+
+use super::spline;
+use super::window::{Goals, HISTORY};
+
+/// Straight line from which on path and jerk are measured, rad or m.
+pub(super) const MOVES: f64 = 0.1;
+
+/// Overshoot that is none, rad or m.
+pub(super) const ALLOWANCE: f64 = 0.02;
+
+/// The same as a share of the step between the two goals.
+pub(super) const ALLOWED_SHARE: f64 = 0.05;
+
+/// A figure and where it was found.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Worst {
+    /// The figure.
+    pub value: f64,
+    /// Last frame with a goal before the gap.
+    pub frame: usize,
+}
+
+/// The farthest that a joint went beyond its two goals.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Overshoot {
+    /// How far beyond the allowance, rad or m.
+    pub value: f64,
+    /// The joint.
+    pub joint: String,
+    /// The frame.
+    pub frame: usize,
+}
+
+/// The motion inside the gaps of one rollout.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct GapFigures {
+    /// Gaps.
+    pub gaps: usize,
+    /// Gaps whose ends are at least [`MOVES`] apart.
+    pub moves: usize,
+    /// Mean path over these, at least 1.
+    pub path: Option<f64>,
+    /// The longest.
+    pub path_worst: Option<Worst>,
+    /// The farthest overshoot; `None` where no joint left its allowance.
+    pub overshoot: Option<Overshoot>,
+    /// Mean jerk over the gaps that move; 1 is the minimum-jerk motion from rest to rest.
+    pub jerk: Option<f64>,
+    /// The largest.
+    pub jerk_worst: Option<Worst>,
+    /// On recorded motion: error on masked frames over that of a cubic spline through the
+    /// visible ones; below 1 is nearer to what was hidden.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub to_cubic: Option<f64>,
+}
+
+/// One gap: frames `from` and `to` have goals, those between have none.
+struct Gap {
+    from: usize,
+    to: usize,
+    joints: Vec<usize>,
+}
+
+/// States by frame: 30 of history, then frame 0 and what was reached.
+struct Motion<'a> {
+    states: &'a [f64],
+    dim: usize,
+}
+
+impl Motion<'_> {
+    fn frames(&self) -> usize {
+        (self.states.len() / self.dim).saturating_sub(HISTORY)
+    }
+
+    /// A joint at a frame that may lie in the history.
+    fn at(&self, frame: isize, joint: usize) -> f64 {
+        self.states[(HISTORY as isize + frame) as usize * self.dim + joint]
+    }
+
+    fn distance(&self, a: usize, b: usize, joints: &[usize]) -> f64 {
+        let step = |&j: &usize| self.at(b as isize, j) - self.at(a as isize, j);
+        joints.iter().map(|j| step(j).powi(2)).sum::<f64>().sqrt()
+    }
+}
+
+impl GapFigures {
+    /// Measures `states` (30 of history, then frames 0..=t; (30 + t + 1, S)); `joints` are the
+    /// names of the state. `None` where nothing is masked.
+    pub fn measure(goals: &Goals, states: &[f64], joints: &[String]) -> Option<GapFigures> {
+        let motion = Motion { states, dim: goals.dim() };
+        let gaps = gaps(goals, motion.frames().min(goals.frames()));
+        let mut found = GapFigures { gaps: gaps.len(), ..GapFigures::default() };
+        let (mut paths, mut jerks) = (Vec::new(), Vec::new());
+        for gap in &gaps {
+            for (value, frame, joint) in overshoots(&motion, goals, gap) {
+                if found.overshoot.as_ref().is_none_or(|o| value > o.value) {
+                    let joint = joints[joint].clone();
+                    found.overshoot = Some(Overshoot { value, joint, frame });
+                }
+            }
+            let straight = motion.distance(gap.from, gap.to, &gap.joints);
+            if straight < MOVES {
+                continue;
+            }
+            let way: f64 = (gap.from..gap.to).map(|f| motion.distance(f, f + 1, &gap.joints)).sum();
+            paths.push(Worst { value: way / straight, frame: gap.from });
+            if !differences(gap).is_empty() {
+                let value = jerk(&motion, gap) / least_jerk(gap, straight);
+                jerks.push(Worst { value, frame: gap.from });
+            }
+        }
+        found.moves = paths.len();
+        (found.path, found.path_worst) = mean_and_worst(&paths);
+        (found.jerk, found.jerk_worst) = mean_and_worst(&jerks);
+        (!gaps.is_empty()).then_some(found)
+    }
+}
+
+fn mean_and_worst(values: &[Worst]) -> (Option<f64>, Option<Worst>) {
+    let worst = values.iter().copied().max_by(|a, b| a.value.total_cmp(&b.value));
+    let mean = values.iter().map(|v| v.value).sum::<f64>() / values.len().max(1) as f64;
+    (worst.map(|_| mean), worst)
+}
+
+/// The gaps within the first `frames` frames.
+fn gaps(goals: &Goals, frames: usize) -> Vec<Gap> {
+    let has = |f: usize, j: usize| f == 0 || goals.is_visible(f, j);
+    let mut found = Vec::new();
+    let mut from = 0;
+    for to in 1..frames {
+        if !goals.any_visible(to) {
+            continue;
+        }
+        let joints: Vec<usize> = (0..goals.dim()).filter(|&j| has(from, j) && has(to, j)).collect();
+        if to > from + 1 && !joints.is_empty() {
+            found.push(Gap { from, to, joints });
+        }
+        from = to;
+    }
+    found
+}
+
+/// (beyond the allowance, frame, joint) of every joint that leaves it, at its farthest.
+fn overshoots(motion: &Motion, goals: &Goals, gap: &Gap) -> Vec<(f64, usize, usize)> {
+    let goal = |f: usize, j: usize| match goals.is_visible(f, j) {
+        true => goals.row(f)[j],
+        false => motion.at(f as isize, j),
+    };
+    let mut found = Vec::new();
+    for &j in &gap.joints {
+        let (a, b) = (goal(gap.from, j), goal(gap.to, j));
+        let ends = [a, b, motion.at(gap.from as isize, j), motion.at(gap.to as isize, j)];
+        let (lo, hi) = (
+            ends.into_iter().fold(f64::INFINITY, f64::min),
+            ends.into_iter().fold(f64::NEG_INFINITY, f64::max),
+        );
+        let beyond = |f: usize| {
+            let q = motion.at(f as isize, j);
+            (lo - q).max(q - hi)
+        };
+        let farthest = (gap.from + 1..gap.to).max_by(|&f, &g| beyond(f).total_cmp(&beyond(g)));
+        if let Some(frame) = farthest {
+            let value = beyond(frame) - ALLOWANCE - ALLOWED_SHARE * (b - a).abs();
+            if value > 0.0 {
+                found.push((value, frame, j));
+            }
+        }
+    }
+    found
+}
+
+/// The first of the four frames of every third difference inside the gap and its two ends;
+/// none where it is shorter than three steps.
+fn differences(gap: &Gap) -> std::ops::Range<isize> {
+    gap.from as isize..gap.to as isize - 2
+}
+
+fn third(x: impl Fn(isize) -> f64, i: isize) -> f64 {
+    x(i + 3) - 3.0 * x(i + 2) + 3.0 * x(i + 1) - x(i)
+}
+
+fn jerk(motion: &Motion, gap: &Gap) -> f64 {
+    let square = |i, j: &usize| third(|f| motion.at(f, *j), i).powi(2);
+    differences(gap)
+        .map(|i| gap.joints.iter().map(|j| square(i, j)).sum::<f64>())
+        .sum::<f64>()
+        .sqrt()
+}
+
+/// The same sum for the minimum-jerk motion from rest to rest.
+fn least_jerk(gap: &Gap, straight: f64) -> f64 {
+    let frames = (gap.to - gap.from) as f64;
+    let along = |f: isize| {
+        let s = ((f - gap.from as isize) as f64 / frames).clamp(0.0, 1.0);
+        straight * s.powi(3) * (10.0 + s * (6.0 * s - 15.0))
+    };
+    differences(gap).map(|i| third(along, i).powi(2)).sum::<f64>().sqrt()
+}
+
+/// Mean absolute error on masked frames of a cubic spline through the visible ones, frame 0
+/// and the two before it; `truth` is (frames, S), `history` (30, S). `None` when nothing
+/// is masked.
+pub(super) fn cubic_error(goals: &Goals, history: &[f64], truth: &[f64]) -> Option<f64> {
+    let dim = goals.dim();
+    let frames = (truth.len() / dim).min(goals.frames());
+    let (mut sum, mut n) = (0.0, 0_usize);
+    for j in 0..dim {
+        let before = [HISTORY - 2, HISTORY - 1];
+        let mut knots: Vec<(f64, f64)> =
+            before.iter().map(|&h| (h as f64 - HISTORY as f64, history[h * dim + j])).collect();
+        let seen = (0..frames).filter(|&f| f == 0 || goals.is_visible(f, j));
+        knots.extend(seen.map(|f| (f as f64, truth[f * dim + j])));
+        let cubic = spline::natural(&knots);
+        for f in (1..frames).filter(|&f| !goals.is_visible(f, j)) {
+            sum += (cubic.at(f as f64) - truth[f * dim + j]).abs();
+            n += 1;
+        }
+    }
+    (n > 0).then(|| sum / n as f64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::clip::Command;
+
+    /// Goals of `dim` joints at the frames given, all else masked.
+    fn goals(dim: usize, frames: usize, keys: &[(usize, &[Option<f64>])]) -> Goals {
+        let (mut q, mut visible) = (vec![0.0; frames * dim], vec![false; frames * dim]);
+        for (f, row) in keys {
+            for (j, v) in row.iter().enumerate() {
+                q[f * dim + j] = v.unwrap_or(0.0) as f32;
+                visible[f * dim + j] = v.is_some();
+            }
+        }
+        let names = (0..dim).map(|j| j.to_string()).collect();
+        Goals::new(&Command::from_dense(names, vec![0.0; dim], q, visible).unwrap())
+    }
+
+    /// States of one joint at rest before frame 0.
+    fn states(path: &[f64]) -> Vec<f64> {
+        let mut all = vec![path[0]; HISTORY];
+        all.extend_from_slice(path);
+        all
+    }
+
+    fn measure(goals: &Goals, path: &[f64]) -> GapFigures {
+        let names: Vec<String> = (0..goals.dim()).map(|j| format!("j{j}")).collect();
+        GapFigures::measure(goals, &states(path), &names).unwrap()
+    }
+
+    fn there_and_held() -> Goals {
+        let held: Vec<(usize, &[Option<f64>])> =
+            (20..30).map(|f| (f, &[Some(1.0)][..])).chain([(0, &[Some(0.0)][..])]).collect();
+        goals(1, 30, &held)
+    }
+
+    fn least(s: f64) -> f64 {
+        s.powi(3) * (10.0 + s * (6.0 * s - 15.0))
+    }
+
+    #[test]
+    fn the_plainest_motion_has_path_and_jerk_of_one() {
+        let path: Vec<f64> = (0..30).map(|f| least((f as f64 / 20.0).min(1.0))).collect();
+        let found = measure(&there_and_held(), &path);
+        assert_eq!((found.gaps, found.moves), (1, 1));
+        assert!((found.path.unwrap() - 1.0).abs() < 1e-9, "{found:?}");
+        assert!((found.jerk.unwrap() - 1.0).abs() < 1e-9, "{found:?}");
+        assert_eq!(found.overshoot, None);
+    }
+
+    #[test]
+    fn a_jolt_on_the_way_counts_and_so_does_a_wobble() {
+        // At even speed nothing jolts on the way.
+        let ramp: Vec<f64> = (0..30).map(|f| (f as f64 / 20.0).min(1.0)).collect();
+        assert!(measure(&there_and_held(), &ramp).jerk.unwrap() < 1e-9);
+        // Rest for ten frames, then twice the speed: by hand, two third differences (v, -v) of
+        // the step of .1 over those of the minimum-jerk motion.
+        let late: Vec<f64> = (0..30).map(|f| ((f as f64 - 10.0) / 10.0).clamp(0.0, 1.0)).collect();
+        let found = measure(&there_and_held(), &late);
+        let plain: f64 =
+            (0..18).map(|i| third(|f| least(f as f64 / 20.0), i).powi(2)).sum::<f64>().sqrt();
+        let by_hand = 0.1 * 2.0_f64.sqrt() / plain;
+        assert!((found.jerk.unwrap() - by_hand).abs() < 1e-9, "{found:?} {by_hand}");
+        let wobble: Vec<f64> =
+            (0..30).map(|f| least((f as f64 / 20.0).min(1.0)) + 0.02 * f64::from(f % 2)).collect();
+        assert!(measure(&there_and_held(), &wobble).jerk.unwrap() > 20.0);
+    }
+
+    #[test]
+    fn swings_past_the_keys_are_measured_beyond_the_allowance() {
+        let mut path: Vec<f64> = (0..30).map(|f| (f as f64 / 20.0).min(1.0)).collect();
+        path[15] = 1.3;
+        path[5] = -0.05;
+        let found = measure(&there_and_held(), &path);
+        let over = found.overshoot.unwrap();
+        assert_eq!((over.frame, over.joint.as_str()), (15, "j0"));
+        assert!((over.value - (0.3 - 0.02 - 0.05)).abs() < 1e-9);
+        // There and back: .05 + .30 + ... by hand.
+        let by_hand: f64 = path.windows(2).take(20).map(|w| (w[1] - w[0]).abs()).sum();
+        assert!((found.path.unwrap() - by_hand).abs() < 1e-9);
+        assert_eq!(found.path_worst.unwrap().frame, 0);
+    }
+
+    #[test]
+    fn what_is_not_reached_at_the_keys_is_no_overshoot() {
+        // The goal is 1, what it reaches and stays at is 1.2.
+        let path: Vec<f64> = (0..30).map(|f| 1.2 * (f as f64 / 20.0).min(1.0)).collect();
+        assert_eq!(measure(&there_and_held(), &path).overshoot, None);
+    }
+
+    #[test]
+    fn a_gap_concerns_the_joints_with_a_goal_at_both_ends() {
+        let keys: [(usize, &[Option<f64>]); 3] =
+            [(0, &[Some(0.0), Some(0.0)]), (10, &[Some(1.0), None]), (20, &[None, Some(1.0)])];
+        let g = goals(2, 21, &keys);
+        let mut path = Vec::new();
+        for f in 0..21 {
+            // The second joint swings wildly where nothing is asked of it.
+            path.extend([f64::from(f) / 10.0, if f % 2 == 0 { 0.0 } else { 5.0 }]);
+        }
+        let mut all = vec![0.0; 2 * HISTORY];
+        all.extend(path);
+        let names = ["a".to_owned(), "b".to_owned()];
+        let found = GapFigures::measure(&g, &all, &names).unwrap();
+        // The second gap has no joint with goals at both ends.
+        assert_eq!((found.gaps, found.moves, found.overshoot), (1, 1, None));
+        assert!((found.path.unwrap() - 1.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn nothing_masked_is_nothing_measured() {
+        let g = goals(1, 2, &[(0, &[Some(0.0)]), (1, &[Some(0.0)])]);
+        assert_eq!(GapFigures::measure(&g, &states(&[0.0, 0.0]), &["a".into()]), None);
+    }
+
+    #[test]
+    fn the_cubic_passes_smooth_motion_and_misses_a_corner() {
+        let frames = 41;
+        let keys: Vec<(usize, Vec<Option<f64>>)> =
+            (0..frames).step_by(4).map(|f| (f, vec![Some(0.0)])).collect();
+        let rows: Vec<(usize, &[Option<f64>])> =
+            keys.iter().map(|(f, r)| (*f, r.as_slice())).collect();
+        let g = goals(1, frames, &rows);
+        let wave = |f: isize| (0.1 * f as f64).sin();
+        let history: Vec<f64> = (-30..0).map(wave).collect();
+        let truth: Vec<f64> = (0..frames as isize).map(wave).collect();
+        assert!(cubic_error(&g, &history, &truth).unwrap() < 1e-3);
+        let corner: Vec<f64> = truth.iter().map(|v| v.max(0.5)).collect();
+        assert!(cubic_error(&g, &[0.5; 30], &corner).unwrap() > 2e-3);
+        assert_eq!(cubic_error(&goals(1, 2, &[(1, &[Some(0.0)])]), &[0.0; 30], &[0.0; 2]), None);
+    }
+}

@@ -1,0 +1,94 @@
+//! `-` and the shell's pipes stand where files do.
+
+use std::process::Command;
+
+use super::motion::HOP;
+use super::run::{binary, robert};
+
+/// Runs a line of bash in a folder with a clip.
+fn bash(line: &str) -> (Option<i32>, String, String) {
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::write(dir.path().join("hop.clip.json"), HOP).unwrap();
+    let path = format!("{}:{}", binary().parent().unwrap().display(), env!("PATH"));
+    let out = Command::new("bash")
+        .args(["-c", line])
+        .env("PATH", path)
+        .current_dir(dir.path())
+        .output()
+        .unwrap();
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    // Nothing is ever written to a file of that name.
+    assert!(!dir.path().join("-").exists(), "{line}");
+    (out.status.code(), text(&out.stdout), text(&out.stderr))
+}
+
+fn succeeds(line: &str) -> String {
+    let (code, out, err) = bash(line);
+    assert_eq!(code, Some(0), "{line}: {err}");
+    out
+}
+
+#[test]
+fn clips_and_takes_come_from_stdin_and_pipes() {
+    let plain = succeeds("robert rollout hop.clip.json --policy pd --csv -");
+    for line in [
+        "robert rollout - --policy pd --csv - < hop.clip.json",
+        "robert rollout <(cat hop.clip.json) --policy pd --csv -",
+        "robert clip fmt - < hop.clip.json | robert rollout - --policy pd --csv -",
+    ] {
+        assert_eq!(succeeds(line), plain, "{line}");
+    }
+    let performed = succeeds("robert export hop.clip.json --policy pd --to csv");
+    for line in [
+        "robert rollout hop.clip.json --policy pd --out - | robert export - --to csv",
+        "robert export <(robert rollout hop.clip.json --policy pd --out -) --to csv -o -",
+    ] {
+        assert_eq!(succeeds(line), performed, "{line}");
+    }
+    let eval = "robert eval --suite <(cat hop.clip.json) --policy pd --no-floor --csv -";
+    assert!(succeeds(eval).starts_with("suite,task,policy"));
+}
+
+#[test]
+fn edits_and_conversions_go_through_pipes() {
+    let ops = r#"'{"op": "keys.hold", "args": {"frames": [12], "hold": 4}}'"#;
+    let out = succeeds(&format!("robert clip apply hop.clip.json <(echo {ops})"));
+    assert!(out.contains(r#""hold": 4"#), "{out}");
+    assert_eq!(succeeds(&format!("echo {ops} | robert clip apply hop.clip.json - -o -")), out);
+    assert_eq!(succeeds(&format!("robert clip apply - <(echo {ops}) < hop.clip.json")), out);
+    let csv = succeeds("robert clip convert hop.clip.json - --to csv");
+    assert!(csv.starts_with("frame,"), "{csv}");
+    assert_eq!(succeeds("robert clip convert - - --to csv < hop.clip.json"), csv);
+    let back = succeeds(
+        "robert clip convert hop.clip.json - --to csv | robert clip convert - - --from csv --robot pointmass",
+    );
+    assert!(back.contains("robert-clip/1"), "{back}");
+    succeeds("robert clip diff <(cat hop.clip.json) - --exit-code < hop.clip.json");
+    succeeds("robert clip check - < hop.clip.json && robert clip info - < hop.clip.json");
+    let plot =
+        succeeds("robert rollout hop.clip.json --policy pd --out - | robert plot joints - -o -");
+    assert!(plot.contains("<svg"), "{plot}");
+}
+
+#[test]
+fn a_fixed_clip_from_stdin_goes_to_stdout() {
+    let far = HOP.replace("0.2, -0.1", "3, -0.1");
+    let line = format!("robert clip check --fix - <<'END'\n{far}\nEND");
+    let (code, out, err) = bash(&line);
+    assert_eq!(code, Some(0), "{err}");
+    assert!(out.starts_with('{') && out.contains("robert-clip/1"), "{out}");
+    assert!(err.contains("stdin: fixed") && err.contains("the clip now lasts"), "{err}");
+}
+
+#[test]
+fn stdin_holds_one_thing_and_stdout_too() {
+    let twice = "robert clip apply - - < hop.clip.json";
+    assert_eq!(bash(twice).0, Some(2));
+    let two = "robert rollout hop.clip.json --policy pd --csv - --json";
+    assert_eq!(bash(two).0, Some(2));
+    // What is no clip says where it came from.
+    let (code, _, err) = bash("echo '{' | robert clip check -");
+    assert!(code == Some(3) && err.contains("stdin:"), "{err}");
+    let gone = robert().args(["clip", "check", "gone.clip.json"]).fails(3);
+    assert!(gone.stderr.contains("gone.clip.json"), "{}", gone.stderr);
+}
