@@ -12,7 +12,7 @@
 use super::window::{COMMAND, Window};
 
 /// Share of a joint's fastest speed that a curve may ask for before it straightens.
-const BRISK: f64 = 1.0;
+const BRISK: f64 = 0.8;
 /// Speed at an end, in mean speeds of the piece, beyond which a cubic overshoots.
 const STEEPEST: f64 = 3.0;
 
