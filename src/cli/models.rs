@@ -6,8 +6,10 @@ use serde_json::{Value, json};
 
 use super::failure::{Failure, Outcome};
 use super::out;
+use crate::dataset::{Dataset, Verify};
 use crate::net::{Card, checkpoint};
 use crate::rollout::{PolicyConfig, PolicyName, case, model_path, runs_near, shipped};
+use crate::train::fit;
 
 #[derive(clap::Subcommand, Debug)]
 #[command(
@@ -43,12 +45,16 @@ pub(super) enum Args {
         #[arg(short, long)]
         output: PathBuf,
         /// What a reader should know: data, commands, seeds, limits.
-        #[arg(long, default_value = "")]
-        notes: String,
+        #[arg(long)]
+        notes: Option<String>,
         /// Corrections of the linear prediction up to this size count for nothing (action units,
         /// 0 to 0.5): on a robot that is nearly linear they are the network's own noise.
-        #[arg(long, default_value_t = 0.0)]
-        dead_zone: f64,
+        #[arg(long)]
+        dead_zone: Option<f64>,
+        /// Learn anew from this dataset what actions move, for a model that lacks it or has it
+        /// from other data.
+        #[arg(long, value_name = "DATA")]
+        reach: Option<PathBuf>,
     },
 }
 
@@ -56,11 +62,19 @@ pub(super) fn run(args: &Args) -> Outcome {
     match args {
         Args::Ls { json } => ls(*json),
         Args::Show { model, json } => show(model, *json),
-        Args::Pack { run, output, notes, dead_zone } => {
+        Args::Pack { run, output, notes, dead_zone, reach } => {
             let mut model = checkpoint::load(&model_path(run), None)?;
-            model.card.net.dead_zone = *dead_zone;
-            model.card.net.check()?;
-            model.card.training.notes.clone_from(notes);
+            if let Some(dead_zone) = dead_zone {
+                model.card.net.dead_zone = *dead_zone;
+                model.card.net.check()?;
+            }
+            if let Some(notes) = notes {
+                model.card.training.notes.clone_from(notes);
+            }
+            if let Some(data) = reach {
+                let data = Dataset::open(data, Verify::Full)?;
+                model.card.reach = Some(fit::reach(&data, &model.card)?);
+            }
             checkpoint::save_half(output, &model)?;
             let bytes = std::fs::metadata(output).map_or(0, |m| m.len());
             out::line(&format!("{}: {:.2} MB", output.display(), bytes as f64 / 1e6))

@@ -15,6 +15,7 @@ use serde::{Deserialize, Serialize};
 use super::config::{COMMAND, HISTORY};
 use super::model::Net;
 use super::params::Layout;
+use super::reach::Reach;
 use super::ridge::Ridge;
 use super::step::Learner;
 use super::tensors::{self, Out};
@@ -127,6 +128,9 @@ pub struct Card {
     /// Where each joint usually was in the training split; empty in files of older programs.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub usual: Vec<Usual>,
+    /// What actions move, and how fast; a policy without it takes goals as they are.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reach: Option<Reach>,
     /// Meaning of the actions.
     pub action: String,
     /// Training record.
@@ -163,6 +167,7 @@ impl Card {
             facts: tokens.facts().clone(),
             normaliser,
             usual: Vec::new(),
+            reach: None,
             action: "[-1, 1] scaled to ctrlrange".into(),
             training,
         }
@@ -356,6 +361,9 @@ pub fn parse(bytes: &[u8], path: &Path, robot: Option<&RobotCard>) -> Result<Mod
     check_card(&card).map_err(damaged)?;
     card.net.check()?;
     let file = SafeTensors::deserialize(bytes).map_err(|e| damaged(e.to_string()))?;
+    if let Some(reach) = &card.reach {
+        reach.check(&card.facts)?;
+    }
     let tokens = Tokeniser::new(card.tokens.clone(), card.facts.clone(), &card.normaliser)?;
 
     let layout = Layout::new(&card.net);

@@ -21,6 +21,7 @@ pub mod kmeans;
 pub mod mask;
 pub mod model;
 pub mod params;
+pub mod reach;
 pub mod ridge;
 mod single;
 pub mod step;

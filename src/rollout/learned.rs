@@ -6,7 +6,9 @@ use std::sync::Arc;
 
 use super::error::Error;
 use super::policy::{Policy, View};
+use super::reachable::Reachable;
 use super::window::Window;
+use crate::net::reach::Reach;
 use crate::net::{
     self, CURRENT, Encoder, HISTORY, MaskGranularity, Model, RobotCard, WINDOW, checkpoint,
 };
@@ -62,15 +64,17 @@ pub fn load(robot: &Robot, path: &Path) -> Result<Model, Error> {
 #[derive(Clone, Debug)]
 struct Frames {
     granularity: MaskGranularity,
+    reachable: Option<Arc<Reachable>>,
     q: Vec<f32>,        // (51, S)
     visible: Vec<bool>, // (51, S)
 }
 
 impl Frames {
-    fn new(encoder: &Encoder) -> Self {
+    fn new(encoder: &Encoder, reach: Option<&Reach>) -> Self {
         let n = WINDOW * encoder.tokens.state();
         let granularity = encoder.tokens.config().granularity;
-        Frames { granularity, q: vec![0.0; n], visible: vec![true; n] }
+        let reachable = reach.map(|r| Arc::new(Reachable::new(r)));
+        Frames { granularity, reachable, q: vec![0.0; n], visible: vec![true; n] }
     }
 
     fn fill(&mut self, window: &Window) {
@@ -83,7 +87,11 @@ impl Frames {
             let command = &mut self.visible[(CURRENT + 1) * s..];
             command.copy_from_slice(&window.visible);
         };
-        if self.granularity == MaskGranularity::State {
+        if let Some(reachable) = self.reachable.clone() {
+            let mut reached = window.clone();
+            reachable.apply(&mut reached);
+            put(&reached);
+        } else if self.granularity == MaskGranularity::State {
             // This network knows whole frames only.
             let mut whole = window.clone();
             whole.complete_partial_frames();
@@ -108,7 +116,7 @@ impl Learned {
     /// # Errors
     /// [`Error::Model`].
     pub fn new(model: Model, options: net::NetPolicyConfig) -> Result<Self, Error> {
-        let frames = Frames::new(&model.encoder);
+        let frames = Frames::new(&model.encoder, model.card.reach.as_ref());
         let card = serde_json::to_string_pretty(&model.card).ok();
         Ok(Learned {
             policy: net::NetPolicy::new(model.net, model.encoder, options)?,
@@ -181,7 +189,7 @@ impl Linear {
             });
         }
         Ok(Linear {
-            frames: Frames::new(&encoder),
+            frames: Frames::new(&encoder, None),
             scratch: encoder.tokens.scratch(),
             features: Vec::new(),
             answer: vec![0.0; encoder.tokens.facts().actions],
@@ -193,7 +201,8 @@ impl Linear {
     /// With the card of the model that it is inside of.
     #[must_use]
     pub fn with_card(self, card: &net::Card) -> Self {
-        Linear { card: serde_json::to_string_pretty(card).ok(), ..self }
+        let frames = Frames::new(&self.encoder, card.reach.as_ref());
+        Linear { card: serde_json::to_string_pretty(card).ok(), frames, ..self }
     }
 
     /// The action for this window, (A).

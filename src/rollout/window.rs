@@ -20,8 +20,10 @@ pub struct Goals {
     q: Vec<f64>,
     /// (frames, dim).
     visible: Vec<bool>,
-    /// Whether the virtual value of a masked frame can ever be used; (frames).
+    /// Whether the line through a mask can ever be used at this frame, and whether the joint
+    /// has no goal after it; (frames, dim).
     in_gap: Vec<bool>,
+    last: Vec<bool>,
     /// What is held past the end; (dim).
     end: Vec<f64>,
 }
@@ -35,7 +37,8 @@ impl Goals {
             dim,
             q: vec![0.0; frames * dim],
             visible: vec![false; frames * dim],
-            in_gap: vec![false; frames],
+            in_gap: vec![false; frames * dim],
+            last: vec![true; frames * dim],
             end: vec![0.0; dim],
         };
         // The line through the masks is the clip's, bit for bit: what the timeline draws as
@@ -43,14 +46,18 @@ impl Goals {
         for (to, q) in goals.q.iter_mut().zip(command.filled()) {
             *to = f64::from(q);
         }
-        let mut run = 0;
+        let mut run = vec![0; dim];
         for f in 0..frames {
-            for j in 0..dim {
-                goals.visible[f * dim + j] = command.sees(f as u32, j);
+            for (j, run) in run.iter_mut().enumerate() {
+                let sees = command.sees(f as u32, j);
+                goals.visible[f * dim + j] = sees;
+                *run = if sees { 0 } else { *run + 1 };
+                // Frame f is the last of a window that shows nothing else of this joint.
+                goals.in_gap[f * dim + j] = *run >= COMMAND;
             }
-            run = if goals.any_visible(f) { 0 } else { run + 1 };
-            // Frame f is the last of a window that shows nothing else.
-            goals.in_gap[f] = run >= COMMAND;
+        }
+        for i in (0..frames.saturating_sub(1) * dim).rev() {
+            goals.last[i] = goals.last[i + dim] && !goals.visible[i + dim];
         }
         for (to, q) in goals.end.iter_mut().zip(command.held_end()) {
             *to = f64::from(q);
@@ -90,11 +97,11 @@ impl Goals {
         for f in 0..common {
             let rows = f * self.dim..(f + 1) * self.dim;
             let masks_differ = self.visible[rows.clone()] != other.visible[rows.clone()];
-            let gap_differs = self.in_gap[f] != other.in_gap[f];
-            let shown = self.in_gap[f] || other.in_gap[f];
-            let values_differ = (0..self.dim).any(|j| {
-                let i = f * self.dim + j;
+            let gap_differs = self.in_gap[rows.clone()] != other.in_gap[rows.clone()];
+            let values_differ = rows.clone().any(|i| {
+                let shown = self.in_gap[i] || other.in_gap[i];
                 (self.visible[i] || shown) && self.q[i].to_bits() != other.q[i].to_bits()
+                    || shown && self.last[i] != other.last[i]
             });
             if masks_differ || gap_differs || values_differ {
                 return Some(f);
@@ -107,7 +114,7 @@ impl Goals {
     /// Overwrites a goal that no policy may read; visible and virtual ones are left alone.
     #[cfg(test)]
     pub(super) fn poison_hidden(&mut self, i: usize, value: f64) {
-        if !self.visible[i] && !self.in_gap[i / self.dim] {
+        if !self.visible[i] && !self.in_gap[i] {
             self.q[i] = value;
         }
     }
@@ -116,8 +123,19 @@ impl Goals {
     ///
     /// Past the end the last value is held, visible: to stay there is what a person means
     /// by the end of a clip (masking it instead measured the same).
-    fn show(&self, t: usize, q: &mut [f64], visible: &mut [bool]) {
+    fn show(&self, t: usize, window: &mut Window) {
         let last = self.frames.saturating_sub(1);
+        let Window { command: q, visible, end, free, passing, .. } = window;
+        match t + COMMAND {
+            f if f > last => {
+                end.copy_from_slice(&self.end);
+                free.fill(false);
+            }
+            f => {
+                end.copy_from_slice(self.row(f));
+                free.copy_from_slice(&self.last[f * self.dim..(f + 1) * self.dim]);
+            }
+        }
         for i in 0..COMMAND {
             let f = t + 1 + i;
             let rows = i * self.dim..(i + 1) * self.dim;
@@ -128,6 +146,10 @@ impl Goals {
                 q[rows.clone()].copy_from_slice(self.row(f));
                 visible[rows].copy_from_slice(&self.visible[f * self.dim..(f + 1) * self.dim]);
             }
+        }
+        for (j, (free, passing)) in free.iter_mut().zip(passing).enumerate() {
+            let hidden = (0..COMMAND).all(|i| !visible[i * self.dim + j]);
+            (*free, *passing) = (*free && hidden, !*free && hidden);
         }
         if !visible.iter().any(|&v| v) {
             visible[(COMMAND - 1) * self.dim..].fill(true);
@@ -147,6 +169,13 @@ pub struct Window {
     pub command: Vec<f64>,
     /// Whether each goal counts; (20, dim).
     pub visible: Vec<bool>,
+    /// What lies at the window's end for a joint that has no goal inside: the line to its next
+    /// goal, or the last one held; (dim).
+    pub end: Vec<f64>,
+    /// Joints without a goal in the window or after it; (dim).
+    pub free: Vec<bool>,
+    /// Joints without a goal in the window that have one after it; (dim).
+    pub passing: Vec<bool>,
 }
 
 impl Window {
@@ -158,12 +187,20 @@ impl Window {
             current: vec![0.0; dim],
             command: vec![0.0; COMMAND * dim],
             visible: vec![false; COMMAND * dim],
+            end: vec![0.0; dim],
+            free: vec![false; dim],
+            passing: vec![false; dim],
         }
     }
 
     /// State dimensions.
     pub fn dim(&self) -> usize {
         self.dim
+    }
+
+    /// State of joint `j` one frame ago.
+    pub fn before(&self, j: usize) -> f64 {
+        self.history[(HISTORY - 1) * self.dim + j]
     }
 
     /// Fills the window of frame `t` from all `reached` states (pre-roll of 30 first, then
@@ -173,7 +210,7 @@ impl Window {
         let d = self.dim;
         self.history.copy_from_slice(&reached[t * d..(t + HISTORY) * d]);
         self.current.copy_from_slice(&reached[(t + HISTORY) * d..(t + HISTORY + 1) * d]);
-        goals.show(t, &mut self.command, &mut self.visible);
+        goals.show(t, self);
     }
 
     /// First visible command index for joint `j` (0 is frame t+1), with its goal.

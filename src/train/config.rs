@@ -89,6 +89,10 @@ pub struct TrainConfig {
     /// What the network learns there.
     #[serde(default)]
     pub contact_target: ContactTarget,
+    /// Whether the model learns what actions move, fills gaps itself and leaves directions that
+    /// nothing drives alone; without it the network sees masks and goals as they are.
+    #[serde(default)]
+    pub reach: bool,
     /// Names all draws: weights, batches, masks, split.
     pub seed: u64,
 }
@@ -137,6 +141,7 @@ impl Default for TrainConfig {
             stop_weight: 0.1,
             contact_weight: 0.05,
             contact_target: ContactTarget::Action,
+            reach: true,
             seed: 0,
         }
     }
@@ -178,6 +183,7 @@ impl TrainConfig {
             tokens: TokenKind::Pos,
             profile: false,
             skip: SkipKind::Off,
+            reach: false,
             mask: MaskKind::Cl,
             batch: 512,
             steps,

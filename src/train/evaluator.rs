@@ -76,8 +76,8 @@ impl Evaluate for SuiteEvaluator {
         model: &Model,
         cancel: &Cancel,
     ) -> Result<Option<Evaluation>, String> {
-        let policy = Linear::new(model.encoder.clone());
-        self.all(policy.map_err(|e| e.to_string())?, cancel)
+        let policy = Linear::new(model.encoder.clone()).map_err(|e| e.to_string())?;
+        self.all(policy.with_card(&model.card), cancel)
     }
 }
 

@@ -5,11 +5,12 @@
 
 use std::path::Path;
 
-use super::prepare::{Side, normaliser, prepare};
+use super::prepare::{Side, normaliser, prepare, robot_card};
 use super::{Error, TrainConfig};
 use crate::dataset::{Dataset, Part, Windows};
 use crate::explore::{Adam, Tape};
-use crate::net::{COMMAND, CURRENT, Episodes as _, WINDOW, checkpoint};
+use crate::net::reach::Reach;
+use crate::net::{COMMAND, CURRENT, Card, Episodes as _, WINDOW, checkpoint};
 use crate::progress::{Cancel, Progress};
 use crate::rng::{Rng, Stream};
 use crate::rollout::{FitCard, FitKind, Inverse, InverseSettings, Linear, Nearest, Window};
@@ -54,6 +55,16 @@ pub fn ridge(data: &Dataset, seed: u64, threads: usize, out: &Path) -> Result<Fi
     let linear = Linear::new(encoder)
         .map_err(|e| Error::Setting { setting: "skip".to_owned(), why: e.to_string() })?;
     Ok(Fitted::Ridge(Box::new(linear)))
+}
+
+/// Learns what actions move from the train split of a dataset, for a model of the same robot.
+///
+/// # Errors
+/// [`Error::Net`] when the dataset is of another robot or too short.
+pub fn reach(data: &Dataset, card: &Card) -> Result<Reach, Error> {
+    checkpoint::same_robot(&robot_card(&data.manifest().robot), &card.robot, data.path())?;
+    let seed = card.training.seed;
+    Ok(Reach::fit(&card.facts, &Side::new(data, Part::Train, seed), seed)?)
 }
 
 /// Copies recorded frames, at most `frames` of them: whole trajectories, evenly spread.

@@ -5,6 +5,7 @@ use super::{Error, TrainConfig};
 use crate::dataset::{Dataset, Part};
 use crate::net::checkpoint::{TrainingCard, Usual};
 use crate::net::kmeans::kmeans;
+use crate::net::reach::Reach;
 use crate::net::ridge::RidgeConfig;
 use crate::net::{Card, Encoder, Episodes, Net, Ridge, SkipKind, Tokeniser};
 pub use crate::rollout::{card_of as robot_card, facts, normaliser};
@@ -100,5 +101,8 @@ pub fn prepare(
     let mut card = Card::new(robot_card(robot), net_cfg, &encoder.tokens, norm, training);
     let usual = crate::dataset::usual(data, &data.part(Part::Train, cfg.seed));
     card.usual = usual.into_iter().map(|[low, high, speed]| Usual { low, high, speed }).collect();
+    if cfg.reach {
+        card.reach = Some(Reach::fit(&card.facts, &train, cfg.seed)?);
+    }
     Ok((card, net, encoder))
 }

@@ -1,0 +1,279 @@
+//! Which way the robot can move at all, learned from recorded motion.
+//!
+//! A pose that a person types is seldom one that the robot can take: two joints on one tendon
+//! are set apart, and no motor moves their difference. An inverse that is asked for such a
+//! difference answers with torque that disturbs everything else. So goals are brought to
+//! what actions can move before a policy sees them (`rollout::reachable`). What actions can
+//! move is a property of the data, not of a model: the change of state is regressed on the
+//! last actions and the changes before, and the map from the last action is kept.
+
+use serde::{Deserialize, Serialize};
+
+use super::Error;
+use super::ridge::{Episodes, cholesky, solve};
+use super::token::Facts;
+use crate::rng::{Rng, Stream};
+
+/// Frames that the regression sees at most.
+const SAMPLES: u64 = 60_000;
+/// Draws for each frame wanted, after which frames in self-contact are taken too.
+const PICKY: u64 = 10;
+/// Changes of state before the current frame that the regression knows.
+const PAST: usize = 3;
+/// A joint nearer than this to a stop tells the stop, not the motor; rad or m.
+const STOP: f64 = 0.03;
+/// Ridge penalty for each sample.
+const PENALTY: f64 = 1e-6;
+/// Share of recorded frames that are slower than the speed that counts as a joint's fastest.
+const FASTEST: f64 = 0.9999;
+
+/// What actions move, and how fast.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Reach {
+    /// Change of each state joint in one frame for a full action of each actuator, rad or m;
+    /// S rows of A.
+    pub effect: Vec<Vec<f64>>,
+    /// Greatest change of each state joint in one frame that the data hold (but for one frame
+    /// in ten thousand), rad or m; (S).
+    pub speed: Vec<f64>,
+}
+
+impl Reach {
+    /// Fits both to recorded motion.
+    ///
+    /// # Errors
+    /// [`Error::Shape`] when no episode is long enough, [`Error::Singular`].
+    pub fn fit(facts: &Facts, episodes: &impl Episodes, seed: u64) -> Result<Self, Error> {
+        let (s, a) = (facts.joints.len(), facts.actions);
+        let lengths: Vec<(usize, u64)> = (0..episodes.count())
+            .map(|e| (e, (episodes.states(e).len() / s.max(1)) as u64))
+            .filter(|(_, n)| *n > PAST as u64 + 1)
+            .collect();
+        if lengths.is_empty() {
+            let want = PAST + 2;
+            return Err(Error::Shape { what: "frames of the longest episode", want, got: 0 });
+        }
+        let inputs = 2 * a + PAST * s + 1;
+        let mut sums = vec![Sums::new(inputs); s];
+        let mut x = vec![0.0; inputs];
+        let mut taken = 0;
+        let mut index = 0;
+        while taken < SAMPLES && index < PICKY * SAMPLES {
+            let mut rng = Rng::new(seed, Stream::Fit, index);
+            index += 1;
+            let (e, n) = lengths[rng.below(lengths.len() as u64) as usize];
+            let t = PAST + rng.below(n - PAST as u64 - 1) as usize;
+            if index < PICKY * SAMPLES / 2 && (t - 1..=t + 1).any(|f| episodes.in_contact(e, f)) {
+                continue;
+            }
+            let q = |t: usize, j: usize| f64::from(episodes.states(e)[t * s + j]);
+            let u = |t: usize, i: usize| f64::from(episodes.actions(e)[t * a + i]);
+            for i in 0..a {
+                x[i] = u(t, i);
+                x[a + i] = u(t - 1, i);
+            }
+            for back in 0..PAST {
+                for j in 0..s {
+                    x[2 * a + back * s + j] = q(t - back, j) - q(t - back - 1, j);
+                }
+            }
+            x[inputs - 1] = 1.0;
+            for (j, (sum, joint)) in sums.iter_mut().zip(&facts.joints).enumerate() {
+                let free = joint.range.is_none_or(|[lo, hi]| {
+                    [q(t, j), q(t + 1, j)].iter().all(|&q| q > lo + STOP && q < hi - STOP)
+                });
+                if free {
+                    sum.add(&x, q(t + 1, j) - q(t, j));
+                }
+            }
+            taken += 1;
+        }
+        let effect = sums
+            .into_iter()
+            .enumerate()
+            .map(|(j, sum)| {
+                let all = sum.solve().map_err(|row| Error::Singular {
+                    what: format!("the effect of actions on joint {j}"),
+                    row,
+                })?;
+                Ok(all[..a].to_vec())
+            })
+            .collect::<Result<_, Error>>()?;
+        Ok(Reach { effect, speed: speeds(s, episodes, &lengths) })
+    }
+
+    /// Refuses numbers that belong to another robot or are none.
+    ///
+    /// # Errors
+    /// [`Error::Shape`], [`Error::Config`].
+    pub fn check(&self, facts: &Facts) -> Result<(), Error> {
+        let (s, a) = (facts.joints.len(), facts.actions);
+        for (what, want, got) in
+            [("rows of reach.effect", s, self.effect.len()), ("reach.speed", s, self.speed.len())]
+        {
+            if got != want {
+                return Err(Error::Shape { what, want, got });
+            }
+        }
+        if let Some(row) = self.effect.iter().find(|row| row.len() != a) {
+            let (what, got) = ("columns of reach.effect", row.len());
+            return Err(Error::Shape { what, want: a, got });
+        }
+        let finite = self.effect.iter().flatten().chain(&self.speed).all(|x| x.is_finite());
+        if !finite || self.speed.iter().any(|x| *x < 0.0) {
+            let why = "holds a number that is not finite, or a speed below zero".to_owned();
+            return Err(Error::Config { field: "reach", why });
+        }
+        Ok(())
+    }
+}
+
+/// Normal equations of one joint.
+#[derive(Clone)]
+struct Sums {
+    xx: Vec<f64>,
+    xy: Vec<f64>,
+    count: f64,
+}
+
+impl Sums {
+    fn new(inputs: usize) -> Self {
+        Sums { xx: vec![0.0; inputs * inputs], xy: vec![0.0; inputs], count: 0.0 }
+    }
+
+    fn add(&mut self, x: &[f64], y: f64) {
+        let n = x.len();
+        for (i, &xi) in x.iter().enumerate() {
+            // The lower triangle is all that the factorisation reads.
+            for (to, &xj) in self.xx[i * n..=i * n + i].iter_mut().zip(x) {
+                *to += xi * xj;
+            }
+            self.xy[i] += xi * y;
+        }
+        self.count += 1.0;
+    }
+
+    /// Weights, or the row that could not be solved for.
+    fn solve(mut self) -> Result<Vec<f64>, usize> {
+        let n = self.xy.len();
+        let penalty = PENALTY * self.count.max(1.0);
+        self.xx.iter_mut().step_by(n + 1).for_each(|d| *d += penalty);
+        cholesky(&mut self.xx, n)?;
+        solve(&self.xx, n, &mut self.xy, 1);
+        Ok(self.xy)
+    }
+}
+
+/// Greatest change of each joint in a frame, but for one frame in ten thousand.
+fn speeds(s: usize, episodes: &impl Episodes, lengths: &[(usize, u64)]) -> Vec<f64> {
+    let mut moves: Vec<f32> = Vec::new();
+    (0..s)
+        .map(|j| {
+            moves.clear();
+            for &(e, n) in lengths {
+                let q = episodes.states(e);
+                moves.extend((1..n as usize).map(|t| (q[t * s + j] - q[(t - 1) * s + j]).abs()));
+            }
+            let rank = ((moves.len() - 1) as f64 * FASTEST) as usize;
+            let (_, at, _) = moves.select_nth_unstable_by(rank, f32::total_cmp);
+            f64::from(*at)
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::net::JointFacts;
+
+    /// Two joints on one motor, one joint on its own: first-order plants.
+    struct Tendon {
+        q: Vec<f32>,
+        u: Vec<f32>,
+    }
+
+    impl Tendon {
+        fn new() -> Self {
+            let n = 4000;
+            let (mut q, mut u) = (vec![0.0_f32; 3 * n], vec![0.0_f32; 2 * n]);
+            for t in 0..n {
+                let mut rng = Rng::new(3, Stream::Test, t as u64);
+                for i in 0..2 {
+                    u[2 * t + i] = rng.range(-1.0, 1.0) as f32;
+                }
+                if t + 1 < n {
+                    let pull = [0.05 * u[2 * t], 0.05 * u[2 * t], 0.1 * u[2 * t + 1]];
+                    for (j, pull) in pull.into_iter().enumerate() {
+                        q[3 * t + 3 + j] = 0.98 * q[3 * t + j] + pull + 1e-4 * rng.normal() as f32;
+                    }
+                }
+            }
+            Tendon { q, u }
+        }
+    }
+
+    impl Episodes for Tendon {
+        fn count(&self) -> usize {
+            1
+        }
+        fn states(&self, _: usize) -> &[f32] {
+            &self.q
+        }
+        fn actions(&self, _: usize) -> &[f32] {
+            &self.u
+        }
+    }
+
+    fn facts() -> Facts {
+        Facts { joints: vec![JointFacts { hinge: true, range: None }; 3], actions: 2 }
+    }
+
+    #[test]
+    fn the_effect_of_actions_is_found() {
+        let reach = Reach::fit(&facts(), &Tendon::new(), 0).unwrap();
+        reach.check(&facts()).unwrap();
+        let want = [[0.05, 0.0], [0.05, 0.0], [0.0, 0.1]];
+        for (row, want) in reach.effect.iter().zip(want) {
+            for (x, want) in row.iter().zip(want) {
+                assert!((x - want).abs() < 2e-3, "{reach:?}");
+            }
+        }
+        assert!(reach.speed[2] > 0.08 && reach.speed[2] < 0.12, "{:?}", reach.speed);
+    }
+
+    #[test]
+    fn numbers_of_another_robot_are_refused() {
+        let good = Reach { effect: vec![vec![0.0; 2]; 3], speed: vec![1.0; 3] };
+        good.check(&facts()).unwrap();
+        let mut bad = good.clone();
+        bad.effect.pop();
+        assert!(bad.check(&facts()).is_err());
+        let mut bad = good.clone();
+        bad.effect[1].pop();
+        assert!(bad.check(&facts()).is_err());
+        let mut bad = good.clone();
+        bad.speed[0] = f64::NAN;
+        assert!(bad.check(&facts()).is_err());
+        let mut bad = good;
+        bad.speed[0] = -1.0;
+        assert!(bad.check(&facts()).is_err());
+    }
+
+    #[test]
+    fn too_little_motion_is_refused() {
+        struct Nothing;
+        impl Episodes for Nothing {
+            fn count(&self) -> usize {
+                1
+            }
+            fn states(&self, _: usize) -> &[f32] {
+                &[0.0; 9]
+            }
+            fn actions(&self, _: usize) -> &[f32] {
+                &[0.0; 6]
+            }
+        }
+        assert!(Reach::fit(&facts(), &Nothing, 0).is_err());
+    }
+}

@@ -1,0 +1,195 @@
+//! The way through a gap: smooth motion from the reached state to the next goals.
+//!
+//! A cubic for each joint starts at the speed that the joint has and arrives at the speed of
+//! what follows: at rest before a hold, in passing where the goals go on in the same
+//! direction (weights of Fritsch and Butland 1984, so that no goal is overshot). It is drawn
+//! anew at every frame, so it never asks for what was missed. Where the way is too long for
+//! a soft start the curve straightens, up to the line at constant speed.
+//!
+//! Rejected: the straight line everywhere (its jerk is four times that of minimum-jerk
+//! motion, and the hand is late at every hold), and a curve that rests at each goal.
+
+use super::window::{COMMAND, Window};
+
+/// Share of a joint's fastest speed that a curve may ask for before it straightens.
+const BRISK: f64 = 0.8;
+/// Speed at an end, in mean speeds of the piece, beyond which a cubic overshoots.
+const STEEPEST: f64 = 3.0;
+
+/// One goal of a joint: frames from now, value.
+type Goal = (usize, f64);
+
+/// Fills every hidden goal of the window and marks it as visible. `speed` is the fastest
+/// change of each joint in a frame, rad or m; (S).
+pub(super) fn infill(window: &mut Window, speed: &[f64]) {
+    let d = window.dim();
+    let mut goals: Vec<Goal> = Vec::with_capacity(COMMAND + 1);
+    for j in 0..d {
+        let shown = (0..COMMAND).filter(|i| window.visible[i * d + j]).count();
+        if shown == COMMAND {
+            continue;
+        }
+        let (here, before) = (window.current[j], window.before(j));
+        goals.clear();
+        goals.push((0, here));
+        if window.passing[j] {
+            goals.push((COMMAND, window.end[j]));
+        } else if !window.free[j] {
+            let seen = (0..COMMAND).filter(|i| window.visible[i * d + j]);
+            goals.extend(seen.map(|i| (i + 1, window.command[i * d + j])));
+        }
+        let mut speed_here = here - before;
+        for k in 1..goals.len() {
+            let (from, to) = (goals[k - 1], goals[k]);
+            let mean = mean_speed(from, to);
+            let arrival = match goals.get(k + 1) {
+                Some(&next) => passing_speed(from, to, next),
+                // The goal at the far end of a long gap is only a point on the way.
+                None if window.passing[j] => mean,
+                None => 0.0,
+            };
+            let piece = Piece::new(from, to, speed_here, arrival, BRISK * speed[j]);
+            for frame in from.0 + 1..to.0 {
+                window.command[(frame - 1) * d + j] = piece.at(frame);
+            }
+            speed_here = arrival;
+        }
+        // After its last goal a joint stays there; one of which nothing more is asked stays
+        // where it was asked to be last.
+        let (end, rest) = match goals[..] {
+            [_, .., last] => last,
+            _ => (0, window.end[j]),
+        };
+        for i in end..COMMAND {
+            window.command[i * d + j] = rest;
+        }
+    }
+    window.visible.fill(true);
+}
+
+fn mean_speed(from: Goal, to: Goal) -> f64 {
+    (to.1 - from.1) / (to.0 - from.0) as f64
+}
+
+/// Speed at the middle one of three goals.
+fn passing_speed(before: Goal, at: Goal, after: Goal) -> f64 {
+    let (a, b) = (mean_speed(before, at), mean_speed(at, after));
+    let (wide_a, wide_b) = ((at.0 - before.0) as f64, (after.0 - at.0) as f64);
+    if after.0 - at.0 == 1 {
+        return b;
+    }
+    if at.0 - before.0 == 1 {
+        return a;
+    }
+    if a * b <= 0.0 {
+        return 0.0;
+    }
+    let (w1, w2) = (2.0 * wide_b + wide_a, wide_b + 2.0 * wide_a);
+    (w1 + w2) / (w1 / a + w2 / b)
+}
+
+/// A cubic between two goals.
+struct Piece {
+    from: Goal,
+    to: Goal,
+    departure: f64,
+    arrival: f64,
+}
+
+impl Piece {
+    /// `limit` is the speed that the curve should stay below, where the way allows it.
+    fn new(from: Goal, to: Goal, departure: f64, arrival: f64, limit: f64) -> Piece {
+        let mean = mean_speed(from, to);
+        // A cubic between two speeds v is at 1.5 mean - .5 v in its middle.
+        let least = (3.0 * mean.abs() - 2.0 * limit).clamp(0.0, mean.abs());
+        let keep = |v: f64| v.signum() * v.abs().clamp(0.0, STEEPEST * mean.abs());
+        let faster = |v: f64| if v * mean.signum() < least { least * mean.signum() } else { v };
+        // A joint that moves the other way takes time to turn; an arrival against the way
+        // would overshoot.
+        let departure = if departure * mean > 0.0 { keep(departure) } else { departure };
+        let arrival = if arrival * mean > 0.0 { keep(arrival) } else { 0.0 };
+        Piece { from, to, departure: faster(departure), arrival: faster(arrival) }
+    }
+
+    fn at(&self, frame: usize) -> f64 {
+        let h = (self.to.0 - self.from.0) as f64;
+        let u = (frame - self.from.0) as f64 / h;
+        let (u2, u3) = (u * u, u * u * u);
+        (2.0 * u3 - 3.0 * u2 + 1.0) * self.from.1
+            + (u3 - 2.0 * u2 + u) * h * self.departure
+            + (3.0 * u2 - 2.0 * u3) * self.to.1
+            + (u3 - u2) * h * self.arrival
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::clip::Command;
+    use crate::rollout::window::{Goals, HISTORY};
+
+    /// The window at frame `t` of one joint that stood at `reached` all the time.
+    fn window(rows: &[Option<f32>], t: usize, reached: f64) -> Window {
+        let q = rows.iter().map(|v| v.unwrap_or(0.0)).collect();
+        let visible = rows.iter().map(Option::is_some).collect();
+        let start = rows[0].unwrap_or(0.0);
+        let command = Command::from_dense(vec!["a".into()], vec![start], q, visible).unwrap();
+        let mut window = Window::new(1);
+        window.fill(t, &vec![reached; HISTORY + t + 1], &Goals::new(&command));
+        window
+    }
+
+    fn keys(frames: usize, keys: &[(usize, f32)]) -> Vec<Option<f32>> {
+        let mut rows = vec![None; frames];
+        for &(f, q) in keys {
+            rows[f] = Some(q);
+        }
+        rows
+    }
+
+    fn filled(rows: &[Option<f32>], t: usize, reached: f64, speed: f64) -> Vec<f64> {
+        let mut window = window(rows, t, reached);
+        infill(&mut window, &[speed]);
+        assert!(window.visible.iter().all(|&v| v));
+        window.command
+    }
+
+    #[test]
+    fn goals_stay_and_the_way_between_is_soft_and_never_beyond_them() {
+        let way = filled(&keys(60, &[(0, 0.0), (10, 1.0), (18, 0.4)]), 0, 0.0, 1.0);
+        assert_eq!((way[9], way[17]), (1.0, 0.4_f32.into()));
+        assert!(way[0] < 0.05, "it starts softly: {way:?}");
+        assert!(way.iter().all(|&q| (0.0..=1.0).contains(&q)), "{way:?}");
+        assert!(way[..10].windows(2).all(|w| w[1] >= w[0]), "{way:?}");
+        assert_eq!(way[19], way[17], "the last goal is held");
+    }
+
+    #[test]
+    fn goals_in_one_direction_are_passed_at_speed() {
+        let way = filled(&keys(60, &[(0, 0.0), (6, 0.5), (12, 1.0), (18, 1.5)]), 0, 0.0, 1.0);
+        let at = way[6] - way[5];
+        assert!((at - 0.5 / 6.0).abs() < 0.02, "{at}");
+    }
+
+    #[test]
+    fn a_way_that_is_too_fast_for_a_soft_start_is_straight() {
+        let way = filled(&keys(40, &[(0, 0.0), (5, 1.0)]), 0, 0.0, 0.15);
+        for (i, q) in way[..5].iter().enumerate() {
+            assert!((q - 0.2 * (i + 1) as f64).abs() < 1e-6, "{way:?}");
+        }
+    }
+
+    #[test]
+    fn a_long_gap_is_crossed_on_the_clips_line() {
+        let rows = keys(100, &[(0, 0.0), (60, 0.6)]);
+        let way = filled(&rows, 0, 0.0, 1.0);
+        assert!((way[19] - 0.2).abs() < 1e-6, "{way:?}");
+        assert!((way[19] - way[18] - 0.01).abs() < 1e-3, "it arrives in passing: {way:?}");
+    }
+
+    #[test]
+    fn a_joint_of_which_nothing_more_is_asked_stays() {
+        let way = filled(&keys(100, &[(0, 0.3), (5, 0.5)]), 10, 0.4, 1.0);
+        assert!(way.iter().all(|&q| (q - 0.5).abs() < 1e-6), "{way:?}");
+    }
+}
