@@ -9,7 +9,7 @@ use crate::studio::{self, StudioConfig};
 /// Options of `robert studio`.
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  robert studio                       the examples\n  robert studio fire                  one of them\n  robert studio wave.clip.json        a file\n  robert studio --robot my_arm        an empty clip for a robot of your own\n  robert studio --no-open --port 8080 on a machine that you reach through a tunnel"
+    after_help = "Examples:\n  robert studio                       the examples\n  robert studio fire                  one of them\n  robert studio wave.clip.json        a file\n  robert studio --robot my_arm        an empty clip for a robot of your own\n  robert studio --no-open --port 8080   on a machine that you reach through a tunnel"
 )]
 pub(super) struct Args {
     /// Clip to open: a file, or the name of a shipped task (`fire`); without one the studio
