@@ -122,9 +122,7 @@ impl HasExit for Error {
             Error::Robot(e) => e.exit(),
             Error::Model(e) => e.exit(),
             Error::Dataset(e) => e.exit(),
-            Error::UnknownPolicy { .. } | Error::Unnamed { .. } | Error::UnknownModel { .. } => {
-                Exit::Usage
-            }
+            Error::UnknownPolicy { .. } | Error::Unnamed { .. } => Exit::Usage,
             Error::Needs { .. } => Exit::Missing,
             Error::Cancelled { .. } => Exit::Interrupted,
             _ => Exit::Invalid,
