@@ -378,5 +378,5 @@ fn options_of_a_network_are_refused_elsewhere() {
     assert!(eval("robert:x+ensemble=40").fails(2).stderr.contains("1 to 21"));
     assert!(eval("pd+sampel").fails(2).stderr.contains("+sample"));
     assert!(eval("robert:x+foo").fails(2).stderr.contains("+sample"));
-    assert!(eval("robert:x+sample+ensemble=3+guide").fails(3).stderr.contains("cannot read"));
+    assert!(eval("robert:x+sample+ensemble=3+guide").fails(3).stderr.contains("no model x"));
 }

@@ -58,9 +58,10 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     if let Some(path) = &args.out {
         let take = done.take()?;
         let scene = take.scene(&done.robot)?;
-        match input::is_standard(path) {
-            true => out::bytes(&take.to_mcap(Some(&scene))?)?,
-            false => take.write(path, Some(&scene))?,
+        if input::is_standard(path) {
+            out::bytes(&take.to_mcap(Some(&scene))?)?;
+        } else {
+            take.write(path, Some(&scene))?;
         }
     }
     if let Some(e) = done.broke.take() {

@@ -165,9 +165,8 @@ fn gaps(goals: &Goals, frames: usize) -> Vec<Gap> {
 
 /// (beyond the allowance, frame, joint) of every joint that leaves it, at its farthest.
 fn overshoots(motion: &Motion, goals: &Goals, gap: &Gap) -> Vec<(f64, usize, usize)> {
-    let goal = |f: usize, j: usize| match goals.is_visible(f, j) {
-        true => goals.row(f)[j],
-        false => motion.at(f as isize, j),
+    let goal = |f: usize, j: usize| {
+        if goals.is_visible(f, j) { goals.row(f)[j] } else { motion.at(f as isize, j) }
     };
     let mut found = Vec::new();
     for &j in &gap.joints {

@@ -24,7 +24,7 @@ type Goal = (usize, f64);
 pub(super) fn infill(window: &mut Window, speed: &[f64]) {
     let d = window.dim();
     let mut goals: Vec<Goal> = Vec::with_capacity(COMMAND + 1);
-    for j in 0..d {
+    for (j, &fastest) in speed.iter().enumerate() {
         let shown = (0..COMMAND).filter(|i| window.visible[i * d + j]).count();
         if shown == COMMAND {
             continue;
@@ -48,7 +48,7 @@ pub(super) fn infill(window: &mut Window, speed: &[f64]) {
                 None if window.passing[j] => mean,
                 None => 0.0,
             };
-            let piece = Piece::new(from, to, speed_here, arrival, BRISK * speed[j]);
+            let piece = Piece::new(from, to, speed_here, arrival, BRISK * fastest);
             for frame in from.0 + 1..to.0 {
                 window.command[(frame - 1) * d + j] = piece.at(frame);
             }

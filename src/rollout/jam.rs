@@ -102,7 +102,7 @@ mod tests {
 
     #[test]
     fn only_what_is_commanded_for_a_second_can_jam() {
-        let g = goals(60, |f| f < 15 || f > 30);
+        let g = goals(60, |f| !(15..=30).contains(&f));
         let far = off(&g, &[0.5; 60], FAR);
         assert_eq!(far, [Off { joint: 0, from: 31, to: 60 }]);
     }

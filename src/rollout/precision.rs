@@ -269,7 +269,7 @@ mod tests {
         let g = goals(&rows);
         let reached = [0.0, 0.4, 0.0, 0.7, 0.9, 1.0, 1.5, 0.0];
         let p = Precision::measure(&g, &reached, &[0.0; 7], 1);
-        assert!(near(p.moving, (0.3 + 0.5) / 2.0), "{p:?}");
+        assert!(near(p.moving, f64::midpoint(0.3, 0.5)), "{p:?}");
         assert_eq!(Precision::measure(&goals(&[Some(0.0); 4]), &[0.0; 4], &[], 1).moving, None);
     }
 
