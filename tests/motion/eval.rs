@@ -168,6 +168,7 @@ fn tasks_tell_their_excess_their_gaps_and_their_jams() {
     let path = pd["gap"]["path"].as_f64().unwrap();
     assert!((1.0..1.3).contains(&path), "{pd}");
     assert!(pd["gap"]["jerk"].as_f64() < Some(3.0), "{pd}");
+    assert!(pd["gap"]["jerk_worst"]["value"].as_f64() < Some(4.0), "{pd}");
 }
 
 #[test]
