@@ -6,6 +6,52 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+/// One line that a command writes with `--jsonl`, for whoever started it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "event", rename_all = "lowercase")]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub enum JobEvent {
+    /// How far the job is.
+    Progress(JobProgress),
+    /// Figures for curves, with the `step` that they belong to.
+    Figures {
+        /// Values by name.
+        #[cfg_attr(test, schemars(with = "serde_json::Map<String, Value>"))]
+        figures: Value,
+    },
+    /// A line worth keeping.
+    Log {
+        /// The line.
+        line: String,
+    },
+    /// What the command prints with `--json`; the last event.
+    Result {
+        /// The document.
+        result: Value,
+    },
+}
+
+/// How far a job is.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct JobProgress {
+    /// The part of the job that runs.
+    pub what: String,
+    /// What is counted.
+    pub unit: String,
+    /// Units finished.
+    pub done: u64,
+    /// Units in this part.
+    pub total: u64,
+    /// Seconds since this part began.
+    pub secs: f64,
+    /// Figures of the moment.
+    pub note: String,
+}
+
 /// Receives the state of a long job. Called often; must be cheap.
 pub trait Progress: Send + Sync {
     /// `done` of `total` units are finished; `note` holds the figures of the moment.
@@ -18,7 +64,7 @@ pub trait Progress: Send + Sync {
     fn log(&self, line: &str);
 
     /// Figures for curves: an object with a `step`. Most listeners draw none.
-    fn figures(&self, _point: &serde_json::Value) {}
+    fn figures(&self, _point: &Value) {}
 }
 
 /// Nobody listens.

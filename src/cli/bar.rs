@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-use crate::progress::Progress;
+use crate::progress::{JobEvent, JobProgress, Progress};
 
 const LINE_EVERY: Duration = Duration::from_secs(10);
 /// Between two events of `--jsonl`.
@@ -104,11 +104,8 @@ impl Bar {
         times.last = Instant::now();
         let secs = times.start.elapsed().as_secs_f64();
         let (what, unit) = self.named();
-        let event = serde_json::json!({
-            "event": "progress", "what": what, "unit": unit,
-            "done": done, "total": total, "secs": secs, "note": note,
-        });
-        super::out::event(&event).ok();
+        let progress = JobProgress { what, unit, done, total, secs, note: note.to_owned() };
+        super::out::event(&JobEvent::Progress(progress)).ok();
     }
 
     /// Removes the bar.
@@ -164,14 +161,14 @@ impl Progress for Bar {
 
     fn log(&self, line: &str) {
         if self.events.is_some() {
-            super::out::event(&serde_json::json!({"event": "log", "line": line})).ok();
+            super::out::event(&JobEvent::Log { line: line.to_owned() }).ok();
         }
         self.bar.suspend(|| eprintln!("{line}"));
     }
 
     fn figures(&self, point: &serde_json::Value) {
         if self.events.is_some() {
-            super::out::event(&serde_json::json!({"event": "figures", "figures": point})).ok();
+            super::out::event(&JobEvent::Figures { figures: point.clone() }).ok();
         }
     }
 }

@@ -7,6 +7,7 @@ use comfy_table::{CellAlignment, ContentArrangement, LineStyle, Table, TableStyl
 use serde::Serialize;
 
 use super::failure::Outcome;
+use crate::progress::JobEvent;
 
 /// Whether stdout takes JSON lines (`--jsonl`). Set once, before any command runs.
 static LINES: AtomicBool = AtomicBool::new(false);
@@ -22,15 +23,16 @@ pub(super) fn is_in_lines() -> bool {
 }
 
 /// Prints one event of `--jsonl`.
-pub(super) fn event(value: &serde_json::Value) -> Outcome {
-    line(&value.to_string())
+pub(super) fn event(event: &JobEvent) -> Outcome {
+    // Through a value, so that the members of every event are sorted by name.
+    line(&serde_json::to_value(event).map_err(io::Error::other)?.to_string())
 }
 
 /// Prints one pretty JSON document; with `--jsonl` as the event `result`.
 pub(super) fn json(value: &impl Serialize) -> Outcome {
     if is_in_lines() {
         let result = serde_json::to_value(value).map_err(io::Error::other)?;
-        return event(&serde_json::json!({"event": "result", "result": result}));
+        return event(&JobEvent::Result { result });
     }
     let text = serde_json::to_string_pretty(value).map_err(io::Error::other)?;
     line(&text)

@@ -28,6 +28,7 @@ pub enum Sight {
 /// Why a run of frames is what it is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub enum SpanKind {
     /// A key and its hold.
     Key,
@@ -45,6 +46,7 @@ pub enum SpanKind {
 
 /// A run of frames of one kind: `[from, to)`. The spans of a command tile the clip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Span {
     /// First frame.
     pub from: u32,
@@ -57,6 +59,7 @@ pub struct Span {
 /// A run of steps at which the policy sees no goal: commands `after` and `before` are
 /// visible (or the ends of the clip) and none between them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Blind {
     /// Last visible frame before; `None` at the start of the clip.
     pub after: Option<u32>,

@@ -15,6 +15,7 @@ use super::document::{Clip, Fill, Goal, Key, Marker, Mask, RobotRef, Row, Start}
 /// A difference. Empty parts did not change.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Delta {
     /// Frames whose key goes.
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -47,8 +48,9 @@ pub struct Delta {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub fill: Option<Fill>,
     #[allow(clippy::option_option)]
-    /// Start; `Some(None)` removes it.
+    /// Start; null removes it.
     #[serde(skip_serializing_if = "Option::is_none", deserialize_with = "present")]
+    #[cfg_attr(test, schemars(extend("x-null" = true)))]
     pub start: Option<Option<Start>>,
 }
 

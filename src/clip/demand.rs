@@ -8,6 +8,7 @@ use crate::units::{CTRL_DT, Unit};
 
 /// The joint that an edit asks most of.
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Demand {
     /// It.
     pub joint: String,

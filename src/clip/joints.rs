@@ -11,6 +11,7 @@ use crate::units::Unit;
 /// What a policy can leave open.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub enum Granularity {
     /// Whole frames only, as in the paper.
     #[default]
@@ -21,6 +22,7 @@ pub enum Granularity {
 
 /// One joint coordinate.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct JointFacts {
     /// Its name.
     pub name: String,
@@ -40,6 +42,7 @@ pub struct JointFacts {
 
 /// One row of a mirror table: `mirrored[target] = sign * q[source] + offset`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct MirrorRow {
     /// The joint that is set.
     pub target: String,
@@ -54,6 +57,7 @@ pub struct MirrorRow {
 /// How a pose is mirrored, or why it cannot be.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub enum Mirror {
     /// Row by row; joints without a row keep their value.
     Table(Vec<MirrorRow>),
@@ -63,6 +67,7 @@ pub enum Mirror {
 
 /// One member of a coupling: `q = coef * shared + offset`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct CouplingMember {
     /// The joint.
     pub joint: String,
@@ -75,6 +80,7 @@ pub struct CouplingMember {
 /// Joints that one actuator moves together: a tendon, or a mimic joint and its leader.
 /// They agree when (q - offset) / coef is the same for all.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Coupling {
     /// Tendon or leader name.
     pub name: String,
@@ -86,6 +92,7 @@ pub struct Coupling {
 
 /// A robot as clips see it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct JointTable {
     /// Robot id.
     pub robot: String,

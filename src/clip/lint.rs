@@ -25,6 +25,7 @@ const MOST: usize = 1000;
 /// How bad it is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "lowercase")]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub enum Level {
     /// Worth knowing.
     Info,
@@ -38,6 +39,7 @@ pub enum Level {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub enum Rule {
     /// Made for another robot, or another version of its model.
     OtherRobot,
@@ -67,6 +69,7 @@ pub enum Rule {
 
 /// An edit that removes a finding.
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Fix {
     /// What the button says.
     pub title: String,
@@ -76,6 +79,7 @@ pub struct Fix {
 
 /// A finding.
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Lint {
     /// How bad.
     pub level: Level,

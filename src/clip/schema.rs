@@ -61,7 +61,7 @@ fn not_null(property: &mut Value) {
 #[derive(Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[allow(dead_code)] // only its shape is used
-struct Clip {
+pub(crate) struct Clip {
     /// Name and major version of this format.
     format: Format,
     /// A title.
@@ -97,6 +97,27 @@ struct Clip {
     /// Extensions of other programs; kept, never read.
     x: Option<BTreeMap<String, Value>>,
 }
+
+/// In JSON the parts of a document have these shapes, wherever they are sent.
+#[cfg(test)]
+macro_rules! shaped {
+    ($($part:ident),*) => {$(
+        impl JsonSchema for super::document::$part {
+            fn schema_name() -> std::borrow::Cow<'static, str> {
+                <$part as JsonSchema>::schema_name()
+            }
+            fn schema_id() -> std::borrow::Cow<'static, str> {
+                <$part as JsonSchema>::schema_id()
+            }
+            fn json_schema(generator: &mut SchemaGenerator) -> Schema {
+                <$part as JsonSchema>::json_schema(generator)
+            }
+        }
+    )*};
+}
+
+#[cfg(test)]
+shaped!(Key, Mask, Marker, Start);
 
 #[derive(Deserialize, JsonSchema)]
 #[allow(dead_code)]

@@ -38,6 +38,7 @@ pub enum TokenKind {
 /// What a mask hides.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub enum MaskGranularity {
     /// Whole frames, as in the paper.
     #[default]

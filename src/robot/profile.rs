@@ -64,6 +64,7 @@ pub struct ActuatorSpec {
 /// Joints that belong together: a finger, a limb, all knuckles.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Group {
     /// Short name.
     pub name: String,
@@ -133,6 +134,7 @@ pub struct MirrorSpec {
 /// Where to look from, as in `MuJoCo`'s free camera.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Camera {
     /// The point that is looked at, m.
     pub lookat: [f64; 3],

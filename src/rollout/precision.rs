@@ -16,6 +16,7 @@ const SAME: f64 = 1e-6;
 
 /// How a rollout did. Errors in rad or m.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Precision {
     /// Mean absolute error over unmasked frames and joints: the paper's Precision. `None`
     /// when nothing was commanded.
@@ -50,6 +51,7 @@ pub struct Precision {
 
 /// How one hold did.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct HoldError {
     /// First commanded frame of the hold.
     pub frame: usize,

@@ -26,6 +26,7 @@ use crate::robot::Robot;
     Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, serde::Serialize, serde::Deserialize,
 )]
 #[serde(rename_all = "kebab-case")]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub enum PolicyName {
     /// No torque.
     Zero,
@@ -123,6 +124,7 @@ impl FromStr for PolicyName {
 
 /// A policy as a robot can have it.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Offer {
     /// Which.
     pub name: PolicyName,
@@ -225,6 +227,7 @@ pub fn case(card: &Card) -> (&'static str, Guide) {
 /// What fills masked frames before a policy sees them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub enum Guide {
     /// Nothing: the policy sees the mask.
     #[default]

@@ -21,8 +21,8 @@ pub(super) use work::*;
 use super::document::{Document, Edit};
 use super::error::Error;
 use super::protocol::{
-    Code, DocumentView, Draft, Edited, ErrorBody, GalleryItem, IkRequest, OpsRequest, RecentFile,
-    RobotCard, RolloutView, Saved, StudioOp,
+    Code, DocumentView, Draft, Edited, ErrorBody, GalleryItem, IkRequest, OpsRequest, Outcome,
+    RecentFile, RobotCard, RolloutView, Saved, StudioOp,
 };
 use super::server::App;
 use super::session::{Ask, Author};
@@ -135,6 +135,7 @@ pub(super) async fn discard(State(app): Shared) -> Answer<Edited> {
 /// Body with a path.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub(super) struct PathBody {
     path: String,
 }
@@ -158,6 +159,7 @@ pub(super) async fn open(State(app): Shared, Json(body): Json<PathBody>) -> Answ
 /// Body of `POST /api/new`.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub(super) struct NewBody {
     #[serde(default)]
     robot: Option<String>,
@@ -191,6 +193,7 @@ pub(super) async fn new(State(app): Shared, Json(body): Json<NewBody>) -> Answer
 /// Body of `POST /api/save`.
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub(super) struct SaveBody {
     path: Option<String>,
     /// Whether another file of that name is to be replaced.
@@ -300,6 +303,7 @@ fn odd() -> Refused {
 /// Body of `POST /api/kinematics`.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub(super) struct Poses {
     q: Vec<Vec<f64>>,
 }
@@ -359,6 +363,7 @@ pub(super) async fn ik(State(app): Shared, Json(body): Json<IkRequest>) -> Answe
 /// Body of `POST /api/settle`.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub(super) struct Pose {
     q: Vec<f64>,
 }
@@ -392,6 +397,7 @@ pub(super) async fn take(State(app): Shared, UrlPath(id): UrlPath<u64>) -> Answe
 /// Query of `GET /api/export`.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub(super) struct ExportQuery {
     format: String,
 }
@@ -410,13 +416,12 @@ pub(super) async fn export(
 ///
 /// # Errors
 /// Whatever it says.
-pub(super) async fn studio_op(app: &App, op: StudioOp) -> Result<serde_json::Value, Error> {
-    let nothing = serde_json::Value::Null;
+pub(super) async fn studio_op(app: &App, op: StudioOp) -> Result<Outcome, Error> {
     match op {
         StudioOp::Undo {} | StudioOp::Redo {} | StudioOp::HistoryGoto { .. } => {}
         StudioOp::Preview { op } => {
             let demand = app.session.ask(|r| Ask::Preview(op, r)).await?;
-            return Ok(serde_json::json!({"demand": demand}));
+            return Ok(Outcome::Previewed { demand });
         }
         StudioOp::PreviewEnd {} => app.session.ask(Ask::PreviewEnd).await?,
         StudioOp::RolloutSet(settings) => app.session.ask(|r| Ask::Settings(settings, r)).await?,
@@ -429,5 +434,5 @@ pub(super) async fn studio_op(app: &App, op: StudioOp) -> Result<serde_json::Val
         StudioOp::TakeRemove { id } => app.live.change_takes(|t| t.remove(id))?,
         view => super::viser::view_op(app, view)?,
     }
-    Ok(nothing)
+    Ok(Outcome::Done)
 }

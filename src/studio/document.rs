@@ -16,6 +16,7 @@ use crate::fsio;
 
 /// What a start from a journal brought back.
 #[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Restored {
     /// Edits that had not been saved.
     pub edits: usize,

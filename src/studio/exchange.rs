@@ -19,6 +19,7 @@ use crate::rollout::Guide;
 /// Body of `POST /api/exports`.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub(super) struct ExportRequest {
     /// mp4, gif, apng, png, strip; mcap, csv, json, mjcf, ros, viser, html.
     format: String,
@@ -49,6 +50,7 @@ pub(super) struct ExportRequest {
 /// What stands beside the clip in a picture or film.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(rename_all = "snake_case")]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub(super) enum Beside {
     /// A take, performed once more: the same clip, policy and seed give the same bits.
     Take(u64),

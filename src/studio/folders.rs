@@ -17,6 +17,8 @@ use crate::{fsio, limits};
 /// What a file could be.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[cfg_attr(test, schemars(rename = "FileKind"))]
 pub(super) enum Kind {
     /// `robert-clip/1`.
     Clip,
@@ -45,6 +47,7 @@ impl Kind {
 
 /// What a clip file says of itself.
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub(super) struct Peek {
     /// Title.
     pub(super) name: String,
@@ -58,6 +61,7 @@ pub(super) struct Peek {
 
 /// A file that can be opened.
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub(super) struct FileCard {
     /// Its name.
     pub(super) name: String,
@@ -77,6 +81,7 @@ pub(super) struct FileCard {
 
 /// A folder as the Open dialog shows it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub(super) struct Listing {
     /// What was named, in full.
     pub(super) root: String,

@@ -20,6 +20,7 @@ use crate::{fsio, limits};
 /// Query of `GET /api/files`.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub(super) struct FilesQuery {
     /// A folder that the user typed; the studio's without it.
     #[serde(default)]
@@ -39,6 +40,7 @@ pub(super) async fn files(State(app): Shared, Query(query): Query<FilesQuery>) -
 /// Query of `POST /api/clips`.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub(super) struct ClipQuery {
     /// The file that is in the body; its ending tells the format.
     #[serde(default)]

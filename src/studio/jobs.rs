@@ -14,16 +14,17 @@ use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal, kill_process};
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
 
 use super::error::Error;
 use super::hub::Hub;
 use super::protocol::Event;
+use crate::progress::{JobEvent, JobProgress};
 use crate::{child, limits};
 
 /// What can be started.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub enum JobKind {
     /// Gather motion without reward.
     Collect,
@@ -105,6 +106,7 @@ fn without(args: &[String], names: &[&str]) -> Vec<String> {
 /// `POST /api/jobs`.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct JobRequest {
     /// What.
     pub kind: JobKind,
@@ -115,6 +117,7 @@ pub struct JobRequest {
 /// How a job is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub enum JobPhase {
     /// It runs.
     Running,
@@ -130,6 +133,7 @@ pub enum JobPhase {
 
 /// A job as the page sees it.
 #[derive(Clone, Debug, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct JobView {
     /// Number.
     pub id: u64,
@@ -144,9 +148,9 @@ pub struct JobView {
     /// Exit code, when it has ended.
     pub exit: Option<i32>,
     /// How far it is: the newest `progress` event.
-    pub progress: Option<Value>,
+    pub progress: Option<JobProgress>,
     /// The newest other event.
-    pub last: Option<Value>,
+    pub last: Option<JobEvent>,
     /// Name of the file that it makes for `GET /api/jobs/{id}/file`; it is there when the job
     /// is done.
     pub file: Option<String>,
@@ -155,7 +159,7 @@ pub struct JobView {
     /// Number of the first event in `lines`.
     pub first: usize,
     /// Events, in `GET /api/jobs/{id}` only.
-    pub lines: Vec<Value>,
+    pub lines: Vec<JobEvent>,
     /// The last lines of its log.
     pub log: Vec<String>,
     /// Seconds it has run.
@@ -167,10 +171,10 @@ struct Job {
     args: Vec<String>,
     extra: Extra,
     phase: JobPhase,
-    progress: Option<Value>,
+    progress: Option<JobProgress>,
     exit: Option<i32>,
     pid: Option<Pid>,
-    lines: VecDeque<Value>,
+    lines: VecDeque<JobEvent>,
     events: usize,
     log: VecDeque<String>,
     begin: Instant,
@@ -339,12 +343,11 @@ impl Jobs {
     fn hear(&self, id: u64, out: Option<ChildStdout>) {
         for line in out.into_iter().flat_map(|o| BufReader::new(o).lines()) {
             let Ok(line) = line else { break };
-            let event =
-                serde_json::from_str(&line).unwrap_or_else(|_| Value::String(clipped(line)));
-            self.with(id, |job| {
-                if event.get("event").is_some_and(|e| e == "progress") {
-                    job.progress = Some(event);
-                } else {
+            let event = serde_json::from_str(&line)
+                .unwrap_or_else(|_| JobEvent::Log { line: clipped(line) });
+            self.with(id, |job| match event {
+                JobEvent::Progress(progress) => job.progress = Some(progress),
+                event => {
                     job.events += 1;
                     keep(&mut job.lines, limits::JOB_LINES, event);
                 }

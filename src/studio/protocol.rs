@@ -95,11 +95,13 @@
 mod event;
 mod refusal;
 mod request;
+#[cfg(test)]
+mod typescript;
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-pub use event::Event;
+pub use event::{Event, Outcome};
 pub use refusal::{Code, ErrorBody, Place};
 pub use request::{IkRequest, OpsRequest, STUDIO_OPS, Selection, StudioOp, ViewShow};
 
@@ -111,6 +113,7 @@ use crate::rollout::{Guide, Offer, PolicyConfig, PolicyName};
 
 /// What an edit did.
 #[derive(Clone, Debug, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Edited {
     /// Version afterwards.
     pub rev: u64,
@@ -126,6 +129,7 @@ pub struct Edited {
 
 /// The named history.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct History {
     /// The last labels, oldest first (at most 100).
     pub labels: Vec<String>,
@@ -139,6 +143,7 @@ pub struct History {
 
 /// The open document.
 #[derive(Clone, Debug, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct DocumentView {
     /// Rises with every document that is opened: what a page chose in one (range, selection,
     /// takes) means nothing in the next.
@@ -146,6 +151,7 @@ pub struct DocumentView {
     /// Version.
     pub rev: u64,
     /// `robert-clip/1` as a JSON value.
+    #[cfg_attr(test, schemars(with = "crate::clip::ClipShape"))]
     pub clip: Value,
     /// Its file.
     pub path: Option<String>,
@@ -165,6 +171,7 @@ pub struct DocumentView {
 
 /// Problems and the compiled timeline.
 #[derive(Clone, Debug, Default, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Findings {
     /// The version they are about.
     pub rev: u64,
@@ -182,6 +189,7 @@ pub struct Findings {
 
 /// Everything a fresh page needs.
 #[derive(Clone, Debug, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct State {
     /// Version of the program.
     pub version: &'static str,
@@ -207,9 +215,10 @@ pub struct State {
 
 /// A policy to choose.
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct PolicyCard {
     /// Name, as on the command line.
-    pub name: &'static str,
+    pub name: PolicyName,
     /// Name of the model, where it is not the robot's default one: `model_path` of
     /// [`RolloutSettings`].
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -236,7 +245,7 @@ pub struct PolicyCard {
 /// Every policy as this robot can have it.
 pub fn policies(offers: &[Offer]) -> Vec<PolicyCard> {
     let card = |o: &Offer| PolicyCard {
-        name: o.name.as_str(),
+        name: o.name,
         model: o.model.clone(),
         suits: o.suits.clone(),
         guide: o.guide,
@@ -253,6 +262,7 @@ pub fn policies(offers: &[Offer]) -> Vec<PolicyCard> {
 /// How the live rollout is made.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct RolloutSettings {
     /// The policy.
     pub policy: PolicyName,
@@ -300,6 +310,7 @@ impl Default for RolloutSettings {
 
 /// `GET /api/rollout`.
 #[derive(Clone, Debug, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct RolloutView {
     /// State.
     pub state: RolloutState,
@@ -308,11 +319,13 @@ pub struct RolloutView {
     /// Mean absolute error by frame, null where masked.
     pub error: Vec<Option<f64>>,
     /// Full figures, when done.
+    #[cfg_attr(test, schemars(with = "Option<crate::rollout::Precision>"))]
     pub precision: Option<Value>,
 }
 
 /// How far the rollout is.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct RolloutState {
     /// Number of the rollout; rises with every restart.
     #[serde(rename = "gen")]
@@ -341,6 +354,7 @@ pub struct RolloutState {
 /// What a rollout is doing.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub enum Phase {
     /// There is none.
     #[default]
@@ -357,6 +371,7 @@ pub enum Phase {
 
 /// `POST /api/save`.
 #[derive(Clone, Debug, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Saved {
     /// The file.
     pub path: String,
@@ -366,6 +381,7 @@ pub struct Saved {
 
 /// One example.
 #[derive(Clone, Debug, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct GalleryItem {
     /// For `POST /api/gallery/{id}`.
     pub id: String,
@@ -383,6 +399,7 @@ pub struct GalleryItem {
 
 /// A clip that was never saved.
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Draft {
     /// For `POST /api/drafts/{number}`.
     pub number: u32,
@@ -400,6 +417,7 @@ pub struct Draft {
 
 /// One recent file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct RecentFile {
     /// Path.
     pub path: String,
@@ -416,6 +434,7 @@ pub struct RecentFile {
 
 /// One robot, in short.
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct RobotCard {
     /// Identifier.
     pub id: String,

@@ -26,7 +26,7 @@ use super::protocol::{
 use super::recent::Recent;
 use super::worker::{Checked, Report, RobotFacts, WorkerHandle};
 use crate::clip::{
-    self, Batch, Change, Clip, Command, Delta, Demand, Granularity, JointTable, Op, RobotRef,
+    self, Batch, Change, Clip, Command, Delta, Demand, Granularity, JointTable, Level, Op, RobotRef,
 };
 use crate::net::MaskGranularity;
 use crate::net::checkpoint::read_card;
@@ -489,7 +489,7 @@ impl Desk {
         let view = self.view();
         self.hub.send(&Event::Document { document: Some(Box::new(view.clone())) });
         if let Some(e) = refusal {
-            self.hub.send(&Event::Notice { level: "error", message: e.to_string() });
+            self.hub.send(&Event::Notice { level: Level::Error, message: e.to_string() });
         }
         self.perform();
         self.tell_findings();

@@ -1,6 +1,7 @@
 //! What lies in the studio's folder: robots, collected data, training runs. Read on demand;
 //! nothing here is kept.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
@@ -22,6 +23,7 @@ const POINTS: usize = 400;
 
 /// A training run on disk.
 #[derive(Clone, Debug, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct RunCard {
     /// Folder, relative to the studio's.
     pub path: String,
@@ -34,7 +36,7 @@ pub struct RunCard {
     /// Steps wanted.
     pub steps: u64,
     /// Best Precision by suite, where it was measured.
-    pub precision: Value,
+    pub precision: Option<BTreeMap<String, f64>>,
     /// The model to perform with, once there is one.
     pub model: Option<String>,
     /// The data that it learns from, once there is a model.
@@ -45,6 +47,7 @@ pub struct RunCard {
 
 /// Collected data on disk.
 #[derive(Clone, Debug, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct DataCard {
     /// Folder, relative to the studio's.
     pub path: String,
@@ -60,6 +63,7 @@ pub struct DataCard {
 
 /// A collection that was begun and is not there yet.
 #[derive(Clone, Debug, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct BegunCard {
     /// Folder, relative to the studio's.
     pub path: String,
@@ -73,6 +77,7 @@ pub struct BegunCard {
 
 /// What `GET /api/shelf` shows.
 #[derive(Clone, Debug, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Shelf {
     /// Runs, the newest first.
     pub runs: Vec<RunCard>,
@@ -215,10 +220,7 @@ fn run(folder: &Path, dir: &Path) -> Option<RunCard> {
         preset: config.preset.clone(),
         step: last.or(card.as_ref().map(|c| c.training.step)).unwrap_or(0),
         steps: config.steps,
-        precision: card
-            .as_ref()
-            .and_then(|c| serde_json::to_value(&c.training.precision).ok())
-            .unwrap_or(Value::Null),
+        precision: card.as_ref().map(|c| c.training.precision.clone()),
         dataset_sha256: card.as_ref().map(|c| c.training.dataset_sha256.clone()),
         model: card.map(|_| relative(folder, &model)),
         changed_secs,

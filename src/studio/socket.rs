@@ -12,7 +12,6 @@ use axum::extract::State;
 use axum::extract::ws::{Message, Utf8Bytes, WebSocket, WebSocketUpgrade};
 use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
-use serde_json::Value;
 use serde_json::value::RawValue;
 use tokio::sync::broadcast::error::RecvError;
 
@@ -20,7 +19,7 @@ use super::api::{self, Refused};
 use super::document::Edit;
 use super::error::Error;
 use super::hub;
-use super::protocol::{ErrorBody, Event, STUDIO_OPS, StudioOp};
+use super::protocol::{ErrorBody, Event, Outcome, STUDIO_OPS, StudioOp};
 use super::server::{App, ended};
 use super::session::{Ask, Author};
 use crate::clip::Op;
@@ -162,7 +161,7 @@ impl Client {
         let document = api::current_view(&self.app).await;
         self.send(&Event::Document { document }).await?;
         for (id, rev) in std::mem::take(&mut self.unacked) {
-            let result = Some(serde_json::json!({"rev": rev}));
+            let result = Some(Outcome::Unchanged { rev });
             self.send(&Event::Reply { id, result, error: None }).await?;
         }
         Ok(())
@@ -219,7 +218,7 @@ impl Client {
     }
 
     /// `None`: the answer is in the stream of events.
-    async fn carry_out(&mut self, wire: &Wire<'_>) -> Result<Option<Value>, Error> {
+    async fn carry_out(&mut self, wire: &Wire<'_>) -> Result<Option<Outcome>, Error> {
         let author = Author { client: self.number, id: Some(wire.id) };
         let edit = if STUDIO_OPS.contains(&wire.op.as_str()) {
             match studio_op(wire)? {
@@ -235,7 +234,7 @@ impl Client {
         };
         let edited = self.app.session.ask(|reply| Ask::Edit(author, edit, reply)).await?;
         if edited.patches.is_empty() {
-            return Ok(Some(serde_json::json!({"rev": edited.rev})));
+            return Ok(Some(Outcome::Unchanged { rev: edited.rev }));
         }
         self.unacked.push((wire.id, edited.rev));
         Ok(None)

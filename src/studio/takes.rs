@@ -16,6 +16,7 @@ use crate::limits;
 
 /// A take, in short.
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct TakeCard {
     /// Number, for `GET /api/takes/{id}` and the operations on it.
     pub id: u64,
@@ -41,6 +42,7 @@ pub struct TakeCard {
 
 /// All that a client draws of takes.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct TakesView {
     /// Of the open robot, the newest first.
     pub takes: Vec<TakeCard>,
@@ -50,6 +52,7 @@ pub struct TakesView {
 
 /// The motion of a take.
 #[derive(Clone, Debug, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct TakeFrames {
     /// Achieved states by frame; (frames, S).
     pub q: Vec<Vec<f32>>,

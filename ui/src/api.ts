@@ -5,7 +5,7 @@ import { batch } from "@preact/signals";
 import { changedBy, keyAt, values, type Clip } from "./clip";
 import { within } from "./span";
 import {
-  patched, type Demand, type DocumentView, type ErrorBody, type Event, type JobEvent, type JobKind, type JobView, type RobotFacts,
+  patched, type Demand, type DocumentView, type Event, type Failure, type JobEvent, type JobKind, type JobView, type RobotFacts,
   type State, type WorkerState,
 } from "./protocol";
 import { dragCancelled, dragged } from "./hand";
@@ -20,7 +20,7 @@ const waiting = new Map<number, { resolve: (r: Reply) => void; sent: number }>()
 export interface Reply {
   ok: boolean;
   result?: unknown;
-  error?: ErrorBody;
+  error?: Failure;
 }
 
 /** Time from sending an edit to its acknowledgement, milliseconds; the last 500. */
@@ -28,7 +28,7 @@ export const ackTimes: number[] = [];
 
 export class Refusal extends Error {
   constructor(
-    readonly body: ErrorBody,
+    readonly body: Failure,
     readonly status: number,
   ) {
     super(body.message);
@@ -49,9 +49,9 @@ export async function http<T>(method: string, path: string, body?: unknown): Pro
   const answer = await fetch(path, init);
   const text = await answer.text();
   if (!answer.ok) {
-    let refusal: ErrorBody = { code: "failed", message: text || answer.statusText };
+    let refusal: Failure = { code: "failed", message: text || answer.statusText };
     try {
-      refusal = JSON.parse(text) as ErrorBody;
+      refusal = JSON.parse(text) as Failure;
     } catch {
       // Not every refusal comes from a handler.
     }

@@ -1,43 +1,9 @@
 // The document as the server sends it, and the few questions that drawing asks of it. All
 // edits are made by the server; nothing here changes a clip.
 
-export type Fill = "mask" | "linear" | "cubic" | "hold";
+import type { Clip, Fill, Key } from "./protocol";
 
-export interface Key {
-  frame: number;
-  pose?: string;
-  q?: (number | null)[];
-  hold?: number;
-  fill?: Fill;
-  note?: string;
-}
-
-export interface Mask {
-  from: number;
-  to: number;
-  joints?: string[];
-}
-
-export interface Marker {
-  frame: number;
-  name: string;
-}
-
-export interface Clip {
-  format: string;
-  name?: string;
-  notes?: string;
-  robot: { id: string; joints: string[]; units?: ("rad" | "m")[] };
-  fps: number;
-  length: number;
-  fill?: Fill;
-  poses?: Record<string, (number | null)[]>;
-  keys: Key[];
-  masks?: Mask[];
-  markers?: Marker[];
-  /** The state before frame 0; without one the first key's. */
-  start?: { pose: string } | { q: number[] } | null;
-}
+export type { Clip, Fill, Key, Marker, Mask } from "./protocol";
 
 /** Frames that a key commands: its own and its hold. */
 export function keyEnd(key: Key): number {

@@ -9,9 +9,6 @@ import * as store from "./store";
 
 const ROBOTS: Record<string, string> = { pointmass: "Pointmass", ur5e: "UR5e arm", ur5e_light: "UR5e arm, light damping", shadow_hand: "Shadow Hand" };
 
-/** What a newcomer should see first; the rest is a click away. */
-const FEATURED = ["shadow_hand/fire", "shadow_hand/rsp", "shadow_hand/six", "ur5e/hang", "ur5e/front_back", "pointmass/star"];
-
 function Card({ item }: { item: GalleryItem }) {
   const error = useSignal("");
   // Known as soon as the picture is: both are of one performance.
@@ -47,8 +44,8 @@ export function Gallery() {
     void refreshGallery();
   }, [store.link.value]);
   const all = store.gallery.value;
-  const featured = FEATURED.flatMap((id) => all.find((g) => g.id === id) ?? []);
-  const more = all.filter((g) => !FEATURED.includes(g.id));
+  const featured = all.filter((g) => g.featured);
+  const more = all.filter((g) => !g.featured);
   return (
     <div class="gallery" data-testid="gallery">
       <h1>Start from an example</h1>

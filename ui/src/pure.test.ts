@@ -134,7 +134,7 @@ test("the timeline follows the playhead and the row of the keys", () => {
 test("a patch can change where the clip starts, and take that back", () => {
   const started = patched(clip, { start: { q: [1, 2, 3] } });
   assert.deepEqual(started.start, { q: [1, 2, 3] });
-  assert.equal(patched(started, { start: null }).start, null);
+  assert.equal(patched(started, { start: null }).start, undefined);
 });
 
 test("only keys in sight are laid out, with the one whose bar reaches in", () => {
@@ -234,7 +234,7 @@ test("an imported robot is measured on its clip or on clips of its limits: it ha
 });
 
 test("a policy brings the guide that it wants and takes it away again; between others one set by hand stays", () => {
-  const card = (name: string, more: Partial<PolicyCard> = {}): PolicyCard => ({ name, suits: "", guide: "none", knows_model: false, slow: false, available: true, learned: true, default: false, ...more });
+  const card = (name: PolicyCard["name"], more: Partial<PolicyCard> = {}): PolicyCard => ({ name, suits: "", guide: "none", knows_model: false, slow: false, available: true, learned: true, default: false, ...more });
   const [pd, robert, adaptive] = [card("pd"), card("robert"), card("robert", { model: "adaptive", guide: "linear" })];
   const model = card("computed-torque", { knows_model: true });
   const cards = [pd, robert, adaptive, model];

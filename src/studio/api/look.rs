@@ -17,6 +17,7 @@ use crate::studio::worker::MeanError;
 /// Query of `GET /api/still.jpg`.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub(in crate::studio) struct StillQuery {
     #[serde(default)]
     frame: usize,
@@ -87,6 +88,7 @@ fn on_picture(x: f64, y: f64) -> Result<(), Error> {
 /// Query of `GET /api/still-body`.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub(in crate::studio) struct StillBodyQuery {
     frame: usize,
     w: u32,
@@ -109,6 +111,7 @@ pub(in crate::studio) async fn still_body(
 /// Query of `GET /api/hover`.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub(in crate::studio) struct HoverQuery {
     tab: String,
     x: f64,
@@ -127,6 +130,7 @@ pub(in crate::studio) async fn hover(
 /// Query of `GET /api/pose.jpg`.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub(in crate::studio) struct PoseQuery {
     pose: String,
     /// Not read: see [`StillQuery`].
@@ -163,6 +167,7 @@ pub(in crate::studio) async fn pose_picture(
 /// Query of `GET /api/gallery-picture.jpg` and `/api/gallery-error`.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub(in crate::studio) struct ExampleQuery {
     id: String,
 }

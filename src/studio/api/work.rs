@@ -71,6 +71,7 @@ pub(in crate::studio) async fn curves(
 /// Query of `PUT /api/upload`.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub(in crate::studio) struct UploadQuery {
     path: String,
     #[serde(default)]
@@ -93,6 +94,7 @@ pub(in crate::studio) async fn upload(
 /// Body of `POST /api/import`.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub(in crate::studio) struct ImportBody {
     /// The URDF or MJCF: among the uploaded files, or on this machine.
     file: String,
@@ -156,6 +158,7 @@ pub(in crate::studio) async fn start_job(
 /// Query of `GET /api/jobs/{id}`.
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub(in crate::studio) struct LinesFrom {
     from: usize,
 }

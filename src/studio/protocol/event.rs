@@ -3,20 +3,39 @@
 use std::collections::BTreeMap;
 
 use serde::Serialize;
-use serde_json::Value;
 
 use super::{
     DocumentView, ErrorBody, Findings, History, RolloutSettings, RolloutState, Selection, State,
 };
-use crate::clip::Delta;
+use crate::clip::{Delta, Demand, Level};
 use crate::studio::jobs::JobView;
 use crate::studio::takes::TakesView;
 use crate::studio::worker::WorkerState;
+
+/// What came of a request that changed nothing.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(untagged)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub enum Outcome {
+    /// It was done; there is nothing to tell.
+    Done,
+    /// The document is as it was.
+    Unchanged {
+        /// Its version.
+        rev: u64,
+    },
+    /// An edit is previewed.
+    Previewed {
+        /// What the edit asks of the joints, where that is known.
+        demand: Option<Demand>,
+    },
+}
 
 /// Server → client on the socket.
 #[derive(Clone, Debug, Serialize)]
 #[serde(tag = "event")]
 #[allow(clippy::large_enum_variant)] // built, written out as JSON, dropped
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub enum Event {
     /// First of all.
     #[serde(rename = "hello")]
@@ -56,7 +75,7 @@ pub enum Event {
         id: u64,
         /// Its result.
         #[serde(skip_serializing_if = "Option::is_none")]
-        result: Option<Value>,
+        result: Option<Outcome>,
         /// Why not.
         #[serde(skip_serializing_if = "Option::is_none")]
         error: Option<ErrorBody>,
@@ -137,8 +156,8 @@ pub enum Event {
     /// A sentence for a banner.
     #[serde(rename = "notice")]
     Notice {
-        /// `info`, `warning` or `error`.
-        level: &'static str,
+        /// How much it matters.
+        level: Level,
         /// It.
         message: String,
     },

@@ -9,6 +9,7 @@ use crate::studio::error::Error;
 /// What kind of refusal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub enum Code {
     /// A file, a value or an edit is wrong.
     Invalid,
@@ -38,6 +39,7 @@ pub enum Code {
 
 /// Where in a file.
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Place {
     /// Line, from 1.
     pub line: usize,
@@ -47,6 +49,7 @@ pub struct Place {
 
 /// A refusal.
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct ErrorBody {
     /// Its kind.
     pub code: Code,

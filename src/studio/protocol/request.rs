@@ -8,6 +8,7 @@ use crate::clip::Op;
 /// Body of `POST /api/ops`.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct OpsRequest {
     /// The edits, in order; they count as one for undo.
     pub ops: Vec<Op>,
@@ -19,6 +20,7 @@ pub struct OpsRequest {
 /// Requests on the socket that are no clip edits.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(tag = "op", content = "args", deny_unknown_fields)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub enum StudioOp {
     /// Takes the last edit back.
     #[serde(rename = "undo")]
@@ -124,6 +126,7 @@ pub enum StudioOp {
     #[serde(rename = "view.pose")]
     ViewPose {
         /// One value per state joint.
+        #[cfg_attr(test, schemars(extend("x-null" = true)))]
         q: Option<Vec<f64>>,
     },
 }
@@ -131,6 +134,7 @@ pub enum StudioOp {
 /// Parts of the viewport.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct ViewShow {
     /// The achieved motion, solid.
     #[serde(default)]
@@ -149,6 +153,7 @@ pub struct ViewShow {
 /// What is selected; shared by all clients.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Selection {
     /// A state joint.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -164,6 +169,7 @@ pub struct Selection {
 /// Body of `POST /api/ik`.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct IkRequest {
     /// Where to start, one value per state joint.
     pub q: Vec<f64>,

@@ -7,6 +7,7 @@ use super::incoming::{Incoming, Phase};
 use super::look::Lens;
 use super::space::{self, Place, V3};
 use super::stage::{GIZMO, Say, Stage};
+use crate::clip::Level;
 use crate::studio::error::Error;
 use crate::studio::protocol::{Event, IkRequest, Selection};
 use crate::studio::worker::{Report, Request, RobotFacts};
@@ -191,7 +192,7 @@ impl Stage {
         let held = joint.and_then(|j| self.hold(j, grab));
         if held.is_none() && self.moving_joint(&facts, body, false).is_some() {
             let message = "this link's joints are locked (Alt+L unlocks)".to_owned();
-            self.hub.send(&Event::Notice { level: "info", message });
+            self.hub.send(&Event::Notice { level: Level::Info, message });
         }
         if let Some(joint) = joint.and_then(|j| facts.table.joints.get(j)) {
             let body = self.selection.body.clone();

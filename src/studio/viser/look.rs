@@ -35,6 +35,7 @@ impl Lens {
 
 /// What is under a pointer.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Hovered {
     /// The body.
     pub body: String,

@@ -18,6 +18,7 @@ use super::incoming::Incoming;
 use super::look::{Hovered, Lens};
 use super::scene::{self, Actor, Cast};
 use super::space::{self, Place, V3};
+use crate::clip::Level;
 use crate::studio::error::Error;
 use crate::studio::hub::Hub;
 use crate::studio::live::Live;
@@ -214,7 +215,7 @@ impl Stage {
             }
             Say::Ik(number, answer) => self.pulled(number, answer),
             Say::Geometry(_, Err(e)) => {
-                self.hub.send(&Event::Notice { level: "warning", message: e.to_string() });
+                self.hub.send(&Event::Notice { level: Level::Warning, message: e.to_string() });
             }
             Say::Geometry(..) | Say::Floating(..) => {}
         }

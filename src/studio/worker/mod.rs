@@ -268,6 +268,7 @@ pub enum Report {
 
 /// How near a performance came.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct MeanError {
     /// Mean absolute error over unmasked frames and joints.
     pub value: f64,
@@ -298,6 +299,7 @@ pub struct Frames {
 
 /// What inverse kinematics found.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct IkAnswer {
     /// One value per state joint, inside the limits.
     pub q: Vec<f64>,
@@ -309,6 +311,7 @@ pub struct IkAnswer {
 
 /// Where a pose comes to rest when the robot is driven there.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct SettleAnswer {
     /// One value per state joint.
     pub q: Vec<f64>,
@@ -333,6 +336,7 @@ pub struct Checked {
 
 /// A named pose of a robot.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct PoseFacts {
     /// Its name.
     pub name: String,
@@ -342,6 +346,7 @@ pub struct PoseFacts {
 
 /// A body of a robot.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct BodyFacts {
     /// Its name.
     pub name: String,
@@ -353,6 +358,7 @@ pub struct BodyFacts {
 
 /// Where a joint acts.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct AxisFacts {
     /// The body that it moves.
     pub body: usize,
@@ -364,6 +370,7 @@ pub struct AxisFacts {
 
 /// A point that can be pulled.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct SiteFacts {
     /// Its name.
     pub name: String,
@@ -375,6 +382,7 @@ pub struct SiteFacts {
 
 /// What a page needs to know about a robot.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct RobotFacts {
     /// Identifier.
     pub id: String,
@@ -410,6 +418,7 @@ pub struct RobotFacts {
 
 /// All that is seen of one body in one colour.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct MeshFacts {
     /// Its body, 0 = the world.
     pub body: usize,
@@ -423,6 +432,7 @@ pub struct MeshFacts {
 
 /// What a robot looks like.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Geometry {
     /// The robot.
     pub robot: String,
@@ -436,6 +446,7 @@ pub struct Geometry {
 
 /// The simulation as a banner shows it.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct WorkerState {
     /// `starting`, `ready`, `restarting`, `stopped`.
     pub phase: WorkerPhase,
@@ -450,6 +461,7 @@ pub struct WorkerState {
 /// Phases of the worker.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub enum WorkerPhase {
     /// Not up yet, or not needed at the moment.
     #[default]

@@ -1,0 +1,1811 @@
+// Generated from the server's types by `ROBERT_BLESS=1 cargo test --lib protocol`; do not edit.
+// Values are rad, m, s and frames of 1/20 s.
+
+/** Any JSON. */
+export type Json = null | boolean | number | string | Json[] | { [name: string]: Json };
+
+/** Where a joint acts. */
+export interface AxisFacts {
+  /** Direction, in the body's frame. */
+  axis: [number, number, number];
+  /** The body that it moves. */
+  body: number;
+  /** A point on the axis, in the body's frame, m. */
+  pos: [number, number, number];
+}
+
+/** Arguments of `batch`. */
+export interface Batch {
+  /** What the history calls it. */
+  label?: string;
+  /** The edits, in order. */
+  ops: Op[];
+}
+
+/** A collection that was begun and is not there yet. */
+export interface BegunCard {
+  /** Who collects. */
+  agents: string[];
+  /** Folder, relative to the studio's. */
+  path: string;
+  /** Robot. */
+  robot: string;
+  /** Frames that are wanted. */
+  transitions: number;
+}
+
+/** What stands beside the clip in a picture or film. */
+export type Beside =
+  /** A take, performed once more: the same clip, policy and seed give the same bits. */
+  | { take: number }
+  /**
+   * Another clip, performed by the same policy, or a take in a file; relative to the
+   * studio's folder.
+   */
+  | { file: string };
+
+/**
+ * A run of steps at which the policy sees no goal: commands `after` and `before` are
+ * visible (or the ends of the clip) and none between them.
+ */
+export interface Blind {
+  /** Last visible frame before; null at the start of the clip. */
+  after: number | null;
+  /** First visible frame after; null when the clip ends masked. */
+  before: number | null;
+  /** First blind step. */
+  from: number;
+  /** Step after the last blind one. */
+  to: number;
+}
+
+/** A body of a robot. */
+export interface BodyFacts {
+  /** State joints that move it against its parent. */
+  joints: number[];
+  /** Its name. */
+  name: string;
+  /** Its parent; 0 is the world. */
+  parent: number;
+}
+
+/** Where to look from, as in `MuJoCo`'s free camera. */
+export interface Camera {
+  /** Direction of view about z from +x, rad. */
+  azimuth_rad: number;
+  /** Distance from it, m. */
+  distance: number;
+  /** Direction of view against the horizon, rad; negative looks down. */
+  elevation_rad: number;
+  /** Vertical field of view, rad. */
+  fovy_rad: number;
+  /** The point that is looked at, m. */
+  lookat: [number, number, number];
+}
+
+/**
+ * A keyframe animation for a torque-controlled robot: what it shall reach and when, and
+ * which frames are left to the policy.
+ */
+export interface Clip {
+  /** What stands between keys that do not say otherwise: mask (nothing), linear, cubic or hold. */
+  fill?: Fill;
+  /** Name and major version of this format. */
+  format: Format;
+  /** Frames a second; always 20. */
+  fps: number;
+  /** Keyframes, at most one a frame. */
+  keys: Key[];
+  /** Number of frames. */
+  length: number;
+  /** Named moments, at most one a frame. */
+  markers?: Marker[];
+  /** Spans without a goal, over any key or fill. */
+  masks?: Mask[];
+  /** A title. */
+  name?: string;
+  /** Remarks. */
+  notes?: string;
+  /** Named poses: one value per joint, null leaves a joint open. */
+  poses?: Record<string, (number | null)[]>;
+  /** The robot that the clip was made for. */
+  robot: Robot;
+  /** The state before frame 0; without it, the values of the first key. */
+  start?: Start;
+  /** Extensions of other programs; kept, never read. */
+  x?: Record<string, Json>;
+}
+
+/** Arguments of `clip.length`. */
+export interface ClipLength {
+  /** Drop keys and markers beyond the new end; else they refuse it. */
+  cut?: boolean;
+  /** Frames. */
+  length: number;
+}
+
+/** Arguments of `clip.notes`. */
+export interface ClipNotes {
+  /** The remarks. */
+  notes: string;
+}
+
+/** Query of `POST /api/clips`. */
+export interface ClipQuery {
+  /** The file that is in the body; its ending tells the format. */
+  name?: string;
+  /** A file of this machine instead of a body. */
+  path?: string;
+  /** Robot, for formats that do not name theirs; that of the open document without it. */
+  robot?: string;
+}
+
+/** Arguments of `clip.rename`. */
+export interface ClipRename {
+  /** The title. */
+  name: string;
+}
+
+/** Arguments of `clip.start`. */
+export interface ClipStart {
+  /** The start; null = the first key's values. */
+  start?: Start | null;
+}
+
+/** What kind of refusal. */
+export type Code =
+  /** A file, a value or an edit is wrong. */
+  | "invalid"
+  /** A request is malformed. */
+  | "request"
+  /** No token. */
+  | "unauthorized"
+  /** Not from here. */
+  | "forbidden"
+  /** There is no such thing. */
+  | "not_found"
+  /** No clip is open. */
+  | "no_document"
+  /** The clip needs a file name first. */
+  | "untitled"
+  /** A file of that name is there already. */
+  | "exists"
+  /** Another studio has it. */
+  | "locked"
+  /** The simulation is down. */
+  | "worker"
+  /** A cap was reached. */
+  | "full"
+  /** It was tried and failed. */
+  | "failed";
+
+/**
+ * Joints that one actuator moves together: a tendon, or a mimic joint and its leader.
+ * They agree when (q - offset) / coef is the same for all.
+ */
+export interface Coupling {
+  /** The joints. */
+  members: CouplingMember[];
+  /** Tendon or leader name. */
+  name: string;
+  /** How far members may disagree, rad or m: contact and limits part them a little. */
+  tolerance: number;
+}
+
+/** One member of a coupling: `q = coef * shared + offset`. */
+export interface CouplingMember {
+  /** Its share. */
+  coef: number;
+  /** The joint. */
+  joint: string;
+  /** Added to it, rad or m. */
+  offset: number;
+}
+
+/** Collected data on disk. */
+export interface DataCard {
+  /** Trajectories. */
+  episodes: number;
+  /** Transitions. */
+  frames: number;
+  /** Folder, relative to the studio's. */
+  path: string;
+  /** Robot. */
+  robot: string;
+  /** What model cards call it. */
+  sha256: string;
+}
+
+/** A difference. Empty parts did not change. */
+export interface Delta {
+  /** Default fill. */
+  fill?: Fill;
+  /** Keys that come or change. */
+  keys_put?: Key[];
+  /** Frames whose key goes. */
+  keys_removed?: number[];
+  /** Length. */
+  length?: number;
+  /** All markers. */
+  markers?: Marker[];
+  /** All mask spans. */
+  masks?: Mask[];
+  /** Title. */
+  name?: string;
+  /** Remarks. */
+  notes?: string;
+  /** Poses that come or change. */
+  poses_put?: ([string, (number | null)[]])[];
+  /** Poses that go. */
+  poses_removed?: string[];
+  /** Start; null removes it. */
+  start?: Start | null;
+}
+
+/** The joint that an edit asks most of. */
+export interface Demand {
+  /** The goals between which it must go so fast, by frame. */
+  frames: [number, number];
+  /** It. */
+  joint: string;
+  /** What the plant can hold, rad/s or m/s, where known. */
+  max: number | null;
+  /** Mean speed between them, rad/s or m/s. */
+  needed: number;
+  /** Its unit. */
+  unit: Unit;
+  /** What 99 of 100 frames of the policy's data stay below, rad/s or m/s, where known. */
+  usual: number | null;
+}
+
+/** The open document. */
+export interface DocumentView {
+  /** `robert-clip/1` as a JSON value. */
+  clip: Clip;
+  /** Unsaved edits exist. */
+  dirty: boolean;
+  /** Problems and timeline. */
+  findings: Findings;
+  /** History. */
+  history: History;
+  /**
+   * Rises with every document that is opened: what a page chose in one (range, selection,
+   * takes) means nothing in the next.
+   */
+  opened: number;
+  /** Its file. */
+  path: string | null;
+  /** Policies as its robot can have them. */
+  policies: PolicyCard[];
+  /** Unsaved edits that a start brought back: show the banner. */
+  restored: Restored | null;
+  /** Version. */
+  rev: number;
+  /** Facts about its robot that the timeline needs. */
+  table: JointTable;
+}
+
+/** A clip that was never saved. */
+export interface Draft {
+  /** The studio was killed with it open, and nobody has looked at it since. */
+  abandoned: boolean;
+  /** Seconds since 1970 of its last edit. */
+  changed_secs: number;
+  /** Keys. */
+  keys: number;
+  /** Title of the clip. */
+  name: string;
+  /** For `POST /api/drafts/{number}`. */
+  number: number;
+  /** Robot. */
+  robot: string;
+}
+
+/** What an edit did. */
+export interface Edited {
+  /** Unsaved edits exist. */
+  dirty: boolean;
+  /** Labels and position. */
+  history: History;
+  /** Problems as far as they are known without simulation. */
+  lints: Lint[];
+  /** What changed, step by step; empty when nothing did. */
+  patches: Delta[];
+  /** Version afterwards. */
+  rev: number;
+}
+
+/** A refusal. */
+export interface ErrorBody {
+  /** Its kind. */
+  code: Code;
+  /** What to do about it, where that is not in the message. */
+  mend?: string;
+  /** The sentence that the command line prints after `error: `. */
+  message: string;
+  /** Where, for files. */
+  place?: Place;
+}
+
+/** Server → client on the socket. */
+export type Event =
+  /** First of all. */
+  | { event: "hello"; client: number; state: State }
+  /** A change of the document. */
+  | { event: "edit"; by: number; dirty: boolean; first_changed_frame: number | null; first_changed_step: number | null; history: History; id?: number; label: string; patch: Delta; rev: number }
+  /** Answer to a request that is no edit, or that was refused. */
+  | { event: "reply"; error?: ErrorBody; id: number; result?: Outcome }
+  /** Another document, or this one afresh. */
+  | { event: "document"; document: DocumentView | null }
+  /** Saved. */
+  | { event: "saved"; path: string; rev: number }
+  /** Problems and timeline. */
+  | ({ event: "findings" } & Findings)
+  /** Rollout settings changed. */
+  | { event: "rollout.settings"; auto: boolean; guide: Guide; model_path?: string; policy: PolicyName; refine: boolean; seed: number }
+  /** New frames. */
+  | { event: "rollout.frames"; error: (number | null)[]; from: number; gen: number; q: number[][] }
+  /** How far it is. */
+  | ({ event: "rollout.state" } & RolloutState)
+  /** Takes, and which are compared. */
+  | ({ event: "takes" } & TakesView)
+  /** State of the simulation. */
+  | ({ event: "worker" } & WorkerState)
+  /** State of a job. */
+  | ({ event: "job" } & JobView)
+  /** Something was selected. */
+  | { event: "select"; body?: string; joint?: string; site?: string }
+  /** A joint moves under the mouse in the viewport. `done` = released: make it an edit. */
+  | { event: "joint"; done: boolean; tab?: string; values: Record<string, number> }
+  /** The drag in the viewport was given up: nothing is to be edited. */
+  | { event: "joint.cancelled"; tab?: string }
+  /** Joints that no hand moves. */
+  | { event: "locked"; joints: string[] }
+  /** A sentence for a banner. */
+  | { event: "notice"; level: Level; message: string };
+
+/** Query of `GET /api/gallery-picture.jpg` and `/api/gallery-error`. */
+export interface ExampleQuery {
+  id: string;
+}
+
+/** Query of `GET /api/export`. */
+export interface ExportQuery {
+  format: string;
+}
+
+/** Body of `POST /api/exports`. */
+export interface ExportRequest {
+  /** fit, fixed, top, orbit, or a camera of the model. */
+  camera?: string;
+  /** What is drawn beside it. */
+  compare?: Beside;
+  /** mp4, gif, apng, png, strip; mcap, csv, json, mjcf, ros, viser, html. */
+  format: string;
+  /** Frames `[from, to)`, for films; the frame `from`, for a picture. */
+  frames?: [number, number];
+  /** Moments of a strip. */
+  moments?: number;
+  /** What is laid over. */
+  overlay?: string;
+  /**
+   * The file to write, relative to the studio's folder; without it the result is fetched
+   * from the job.
+   */
+  path?: string;
+  /** Pixels, for pictures and films. */
+  size?: [number, number];
+}
+
+/** A file that can be opened. */
+export interface FileCard {
+  /** Bytes. */
+  bytes: number;
+  /** Seconds since 1970 of its last change. */
+  changed_secs: number;
+  /** What it says of itself; for clips of a moderate size. */
+  clip?: Peek;
+  /** What it could be. */
+  kind: FileKind;
+  /** Its name. */
+  name: string;
+  /** Why it cannot be opened. */
+  why?: string;
+}
+
+/** What a file could be. */
+export type FileKind =
+  /** `robert-clip/1`. */
+  | "clip"
+  /** Frames and joints as a table. */
+  | "csv"
+  /** Keys of an MJCF. */
+  | "mjcf"
+  /** A ROS 2 JointTrajectory. */
+  | "ros";
+
+/** Query of `GET /api/files`. */
+export interface FilesQuery {
+  /** Below it. */
+  dir?: string;
+  /** A folder that the user typed; the studio's without it. */
+  root?: string;
+}
+
+/** What is commanded between two keys. */
+export type Fill =
+  /** Nothing: the policy finds the way. The paper's keyframe mode. */
+  | "mask"
+  /** The straight line to the next key. */
+  | "linear"
+  /** Monotone cubic to the next key (no overshoot, zero slope at holds and ends). */
+  | "cubic"
+  /** This key's value until the next key. */
+  | "hold";
+
+/** Arguments of `fill.set`. */
+export interface FillSet {
+  /** What; null = as the clip's default (`mask` for the default itself). */
+  fill?: Fill | null;
+  /** After which keys; absent = the clip's default. */
+  frames?: number[];
+}
+
+/** Problems and the compiled timeline. */
+export interface Findings {
+  /** Runs of steps without any goal in sight. */
+  blind: Blind[];
+  /** What the policy in use can leave open. */
+  granularity: Granularity;
+  /** Problems, worst first, each with its mends (ready-made `op`s). */
+  lints: Lint[];
+  /** The version they are about. */
+  rev: number;
+  /** Whether simulation has judged every pose. */
+  simulated: boolean;
+  /** What the frames are; tiles the clip. */
+  spans: Span[];
+}
+
+/** An edit that removes a finding. */
+export interface Fix {
+  /** What it does. */
+  op: Op;
+  /** What the button says. */
+  title: string;
+}
+
+export type Format = "robert-clip/1";
+
+/** One example. */
+export interface GalleryItem {
+  /** One of the few that the start page shows large. */
+  featured: boolean;
+  /** For `POST /api/gallery/{id}`. */
+  id: string;
+  /** Keys. */
+  keys: number;
+  /** Frames. */
+  length: number;
+  /** Title. */
+  name: string;
+  /** Robot. */
+  robot: string;
+}
+
+/** What a robot looks like. */
+export interface Geometry {
+  /** Body names, the world first. */
+  bodies: string[];
+  /** Body transforms in the home pose; (nbody, 7) position and quaternion w x y z. */
+  home: number[];
+  /** Meshes, in order of bodies. */
+  meshes: MeshFacts[];
+  /** The robot. */
+  robot: string;
+}
+
+/** What a policy can leave open. */
+export type Granularity =
+  /** Whole frames only, as in the paper. */
+  | "state"
+  /** Single joints of a frame. */
+  | "joint";
+
+/** Joints that belong together: a finger, a limb, all knuckles. */
+export interface Group {
+  /** Members in state order. */
+  joints: string[];
+  /** Short name. */
+  name: string;
+  /** Name for people. */
+  title: string;
+}
+
+/** What fills masked frames before a policy sees them. */
+export type Guide =
+  /** Nothing: the policy sees the mask. */
+  | "none"
+  /** The straight line from the reached state to the next goal. */
+  | "linear";
+
+/** The named history. */
+export interface History {
+  /** How many edits are done; the rest can be redone. */
+  done: number;
+  /** Number of the first label, from 0. */
+  first: number;
+  /** The last labels, oldest first (at most 100). */
+  labels: string[];
+  /** How many there are. */
+  len: number;
+}
+
+/** How one hold did. */
+export interface HoldError {
+  /** Mean error in its last frame, rad or m. */
+  end_error: number;
+  /** First commanded frame of the hold. */
+  frame: number;
+  /** Frames until all joints were within 0.05 rad or m; null when never. */
+  late_frames: number | null;
+  /** Its length in frames. */
+  length: number;
+}
+
+/** Query of `GET /api/hover`. */
+export interface HoverQuery {
+  tab: string;
+  x: number;
+  y: number;
+}
+
+/** What is under a pointer. */
+export interface Hovered {
+  /** The body. */
+  body: string;
+  /** The joint that moves it, if one does. */
+  joint: string | null;
+}
+
+/** What inverse kinematics found. */
+export interface IkAnswer {
+  /** Distance left, m. */
+  distance_m: number;
+  /** One value per state joint, inside the limits. */
+  q: number[];
+  /** Whether the target was reached. */
+  reached: boolean;
+}
+
+/** Body of `POST /api/ik`. */
+export interface IkRequest {
+  /** In its place: a body by name, and a point in its frame, m. */
+  body?: [string, [number, number, number]];
+  /** Joints that must stay. */
+  locked?: string[];
+  /** Where to, world, m. */
+  pos: [number, number, number];
+  /** Where to start, one value per state joint. */
+  q: number[];
+  /** Orientation, w x y z; absent = free. */
+  quat?: [number, number, number, number];
+  /** The site that is pulled. */
+  site?: string;
+}
+
+/** Body of `POST /api/import`. */
+export interface ImportBody {
+  /** The URDF or MJCF: among the uploaded files, or on this machine. */
+  file: string;
+  fixed_base?: boolean;
+  id: string;
+  uploaded?: boolean;
+}
+
+/** One line that a command writes with `--jsonl`, for whoever started it. */
+export type JobEvent =
+  /** How far the job is. */
+  | ({ event: "progress" } & JobProgress)
+  /** Figures for curves, with the `step` that they belong to. */
+  | { event: "figures"; figures: Record<string, Json> }
+  /** A line worth keeping. */
+  | { event: "log"; line: string }
+  /** What the command prints with `--json`; the last event. */
+  | { event: "result"; result: Json };
+
+/** What can be started. */
+export type JobKind =
+  /** Gather motion without reward. */
+  | "collect"
+  /** Train a network. */
+  | "train"
+  /** Measure policies. */
+  | "eval"
+  /** Render a picture or a film. */
+  | "render"
+  /** Write a take in another format. */
+  | "export"
+  /** Make a robot's folder out of a model file. */
+  | "import";
+
+/** How a job is. */
+export type JobPhase =
+  /** It runs. */
+  | "running"
+  /** It was asked to stop. */
+  | "cancelling"
+  /** It ended well. */
+  | "done"
+  /** It ended after being asked to stop, with a checkpoint. */
+  | "interrupted"
+  /** It ended badly. */
+  | "failed";
+
+/** How far a job is. */
+export interface JobProgress {
+  /** Units finished. */
+  done: number;
+  /** Figures of the moment. */
+  note: string;
+  /** Seconds since this part began. */
+  secs: number;
+  /** Units in this part. */
+  total: number;
+  /** What is counted. */
+  unit: string;
+  /** The part of the job that runs. */
+  what: string;
+}
+
+/** `POST /api/jobs`. */
+export interface JobRequest {
+  /** Arguments as on the command line, without `--jsonl`. */
+  args: string[];
+  /** What. */
+  kind: JobKind;
+}
+
+/** A job as the page sees it. */
+export interface JobView {
+  /** Its arguments. */
+  args: string[];
+  /** Other events so far. */
+  events: number;
+  /** Exit code, when it has ended. */
+  exit: number | null;
+  /**
+   * Name of the file that it makes for `GET /api/jobs/{id}/file`; it is there when the job
+   * is done.
+   */
+  file: string | null;
+  /** Number of the first event in `lines`. */
+  first: number;
+  /** Number. */
+  id: number;
+  /** What. */
+  kind: JobKind;
+  /** The newest other event. */
+  last: JobEvent | null;
+  /** Events, in `GET /api/jobs/{id}` only. */
+  lines: JobEvent[];
+  /** The last lines of its log. */
+  log: string[];
+  /** How it is. */
+  phase: JobPhase;
+  /** How far it is: the newest `progress` event. */
+  progress: JobProgress | null;
+  /** Seconds it has run. */
+  secs: number;
+  /** What it is for, in words. */
+  title: string;
+}
+
+/** One joint coordinate. */
+export interface JointFacts {
+  /** Where 98 of 100 frames of the data that the robot's policy learned from lie, rad or m. */
+  band: [number, number] | null;
+  /** Its name. */
+  name: string;
+  /** Lowest and highest position, rad or m; null = unbounded. */
+  range: [number, number] | null;
+  /** Highest speed that the plant can hold, rad/s or m/s, where known. */
+  speed_max: number | null;
+  /** Speed that 99 of 100 of those frames stay below, rad/s or m/s. */
+  speed_usual: number | null;
+  /** Its unit. */
+  unit: Unit;
+}
+
+/** A robot as clips see it. */
+export interface JointTable {
+  /** Couplings. */
+  couplings: Coupling[];
+  /** What the policy in use can leave open. */
+  granularity: Granularity;
+  /** Joints in state order. */
+  joints: JointFacts[];
+  /** Mirror table or reason. */
+  mirror: Mirror;
+  /** Sha-256 of its model, 64 hex digits, where known. */
+  model_sha256: string | null;
+  /** The rest pose, in state order. */
+  rest: number[];
+  /** Robot id. */
+  robot: string;
+}
+
+/** A keyframe: exactly one of a named pose and values. */
+export interface Key {
+  /** What follows until the next key; the clip's `fill` when absent. */
+  fill?: Fill;
+  /** When, from 0, in frames. */
+  frame: number;
+  /** For how many frames the value is commanded; 1 when absent. */
+  hold?: number;
+  /** A remark. */
+  note?: string;
+  /** A named pose of this clip. */
+  pose?: string;
+  /** Values, one per joint. */
+  q?: (number | null)[];
+}
+
+/** Arguments of `keys.add`. */
+export interface KeysAdd {
+  /** The keys. */
+  keys: Key[];
+  /** Take the place of keys that are there. */
+  replace?: boolean;
+}
+
+/** Keys or markers by frame. */
+export interface KeysFrames {
+  /** Their frames. */
+  frames: number[];
+}
+
+/** Arguments of `keys.hold`. */
+export interface KeysHold {
+  /** Which keys. */
+  frames: number[];
+  /** For how many frames, at least 1. */
+  hold: number;
+}
+
+/** Arguments of `keys.move`. */
+export interface KeysMove {
+  /** Leave the originals. */
+  copy?: boolean;
+  /** By how many frames. */
+  df: number;
+  /** Which keys. */
+  frames: number[];
+  /** Take the place of keys that are there. */
+  replace?: boolean;
+  /** Later keys move along; keeps distances. The clip grows if it must. */
+  ripple?: boolean;
+}
+
+/** Arguments of `keys.paste`. */
+export interface KeysPaste {
+  /** Where the first key goes. */
+  at: number;
+  /** Only these joints, absent = all; the others stay as they are commanded there. */
+  joints?: string[];
+  /** The keys; only their distances matter. */
+  keys: Key[];
+  /** Paste their mirror images. */
+  mirrored?: boolean;
+  /** Take the place of keys that are there. */
+  replace?: boolean;
+}
+
+/** Arguments of `keys.scale`. */
+export interface KeysScale {
+  /** New distance over old, above 0. Frames are rounded, holds scale along. */
+  factor: number;
+  /** Which keys. */
+  frames: number[];
+  /** The frame that stays. */
+  pivot: number;
+  /** Take the place of keys that are there. */
+  replace?: boolean;
+}
+
+/** Arguments of `keys.set`: absent parts stay. */
+export interface KeysSet {
+  /** Fill; null = the clip's. */
+  fill?: Fill | null;
+  /** Which key. */
+  frame: number;
+  /** Hold, frames. */
+  hold?: number;
+  /** Remark. */
+  note?: string;
+  /** A named pose instead of values. */
+  pose?: string;
+  /** All values. */
+  q?: (number | null)[];
+  /** Single joints by name; null leaves a joint open. */
+  values?: Record<string, number | null>;
+}
+
+/** Arguments of `keys.sparsify`. */
+export interface KeysSparsify {
+  /**
+   * Which keys may go. The ends of each unbroken run of them stay, and so do keys with a hold,
+   * a remark or a named pose.
+   */
+  frames: number[];
+  /** How far a joint of a dropped key may lie from the line, rad or m. */
+  tolerance: number;
+}
+
+/** How bad it is. */
+export type Level =
+  /** Worth knowing. */
+  | "info"
+  /** The motion will differ from what is drawn. */
+  | "warning"
+  /** The command cannot be performed by this robot or policy. */
+  | "error";
+
+/** Query of `GET /api/jobs/{id}`. */
+export interface LinesFrom {
+  from?: number;
+}
+
+/** A finding. */
+export interface Lint {
+  /** The frames concerned, `[from, to)`; null = the clip as a whole. */
+  frames: [number, number] | null;
+  /** The joints concerned. */
+  joints: string[];
+  /** How bad. */
+  level: Level;
+  /** Ways out, best first; `mends` in JSON, as scripts know it. */
+  mends: Fix[];
+  /** What is the matter, with figures and units. */
+  message: string;
+  /** JSON pointer of the value to look at. */
+  pointer: string;
+  /** Which rule. */
+  rule: Rule;
+}
+
+/** A folder as the Open dialog shows it. */
+export interface Listing {
+  /** The folder below it; empty for itself. */
+  dir: string;
+  /** Files in it, by name. */
+  files: FileCard[];
+  /** Folders in it. */
+  folders: string[];
+  /** Entries with hidden or odd names, links that lead outside, other kinds of files. */
+  left_out: number;
+  /** There are more than are listed. */
+  more: boolean;
+  /** What was named, in full. */
+  root: string;
+}
+
+/** A named moment. */
+export interface Marker {
+  /** When. */
+  frame: number;
+  /** Its name. */
+  name: string;
+}
+
+/** Arguments of `markers.move`. */
+export interface MarkersMove {
+  /** Which marker. */
+  frame: number;
+  /** Its new frame. */
+  to: number;
+}
+
+/** Frames from..to (to excluded) without a goal. */
+export interface Mask {
+  /** First masked frame. */
+  from: number;
+  /** Only these joints; all when absent. */
+  joints?: string[];
+  /** First frame after it. */
+  to: number;
+}
+
+/** What a mask hides. */
+export type MaskGranularity =
+  /** Whole frames, as in the paper. */
+  | "state"
+  /** Single joints: the token carries one flag a joint. */
+  | "joint";
+
+/** Arguments of `mask.set`. */
+export interface MaskSet {
+  /** First frame. */
+  from: number;
+  /** Which joints; absent = all. */
+  joints?: string[];
+  /** Hide (true) or show (false). */
+  masked: boolean;
+  /** Frame after the last. */
+  to: number;
+}
+
+/** How near a performance came. */
+export interface MeanError {
+  /** rad or m. */
+  unit: Unit;
+  /** Mean absolute error over unmasked frames and joints. */
+  value: number;
+}
+
+/** All that is seen of one body in one colour. */
+export interface MeshFacts {
+  /** Its body, 0 = the world. */
+  body: number;
+  /** Three indices each, counter-clockwise from outside. */
+  faces: number[];
+  /** sRGB and opacity, 0 to 1. */
+  rgba: [number, number, number, number];
+  /** Corners in the body's frame, x y z each, m. */
+  vertices: number[];
+}
+
+/** How a pose is mirrored, or why it cannot be. */
+export type Mirror =
+  /** Row by row; joints without a row keep their value. */
+  | { table: MirrorRow[] }
+  /** The reason, for a greyed-out button. */
+  | { none: string };
+
+/** One row of a mirror table: `mirrored[target] = sign * q[source] + offset`. */
+export interface MirrorRow {
+  /** Added afterwards, rad or m. */
+  offset: number;
+  /** 1 or -1. */
+  sign: number;
+  /** The joint whose value it takes. */
+  source: string;
+  /** The joint that is set. */
+  target: string;
+}
+
+/** Body of `POST /api/new`. */
+export interface NewBody {
+  length?: number;
+  name?: string;
+  robot?: string;
+  text?: string;
+}
+
+/** A policy as a robot can have it. */
+export interface Offer {
+  /** Who performs unless another one is chosen. */
+  default: boolean;
+  /** What should fill masked frames for it. */
+  guide: Guide;
+  /** Whether it has the robot's own model to compute with. */
+  knows_model: boolean;
+  /**
+   * What a mask may hide from it: from one that learned, what it was trained with; from
+   * everyone else any goal.
+   */
+  masks: MaskGranularity;
+  /** Name of the model, where it is not the robot's default one. */
+  model: string | null;
+  /** Which. */
+  name: PolicyName;
+  /** What it needs before it can be chosen; null when it needs nothing. */
+  needs: string | null;
+  /** Whether it plans so long that a clip takes seconds. */
+  slow: boolean;
+  /** The case that it is best for, in a few words. */
+  suits: string;
+}
+
+/** An edit. */
+export type Op =
+  /** Adds keys. */
+  | { op: "keys.add"; args: KeysAdd }
+  /** Changes parts of one key. */
+  | { op: "keys.set"; args: KeysSet }
+  /** Shifts keys in time, or copies them there. */
+  | { op: "keys.move"; args: KeysMove }
+  /** Scales the times of keys about a pivot. */
+  | { op: "keys.scale"; args: KeysScale }
+  /** Removes keys. */
+  | { op: "keys.delete"; args: KeysFrames }
+  /** Inserts keys from a clipboard, the first of them at `at`. */
+  | { op: "keys.paste"; args: KeysPaste }
+  /** Replaces keys by their mirror images. */
+  | { op: "keys.mirror"; args: KeysFrames }
+  /** Sets how long keys are held. */
+  | { op: "keys.hold"; args: KeysHold }
+  /** Drops keys that the straight line between the others says as well. */
+  | { op: "keys.sparsify"; args: KeysSparsify }
+  /** Masks or unmasks a span. */
+  | { op: "mask.set"; args: MaskSet }
+  /** Sets what follows keys, or the clip's default. */
+  | { op: "fill.set"; args: FillSet }
+  /** Inserts empty frames and shifts what follows. */
+  | { op: "time.insert"; args: TimeInsert }
+  /** Removes frames with all that stands on them and closes the gap. */
+  | { op: "time.delete"; args: TimeDelete }
+  /** Stores a named pose. */
+  | { op: "pose.save"; args: PoseSave }
+  /** Puts a pose onto frames. */
+  | { op: "pose.apply"; args: PoseApply }
+  /** Renames a pose everywhere. */
+  | { op: "pose.rename"; args: PoseRename }
+  /** Forgets a pose; keys that used it keep its values. */
+  | { op: "pose.delete"; args: PoseDelete }
+  /** Adds a marker. */
+  | { op: "markers.add"; args: Marker }
+  /** Renames the marker at a frame. */
+  | { op: "markers.set"; args: Marker }
+  /** Moves a marker. */
+  | { op: "markers.move"; args: MarkersMove }
+  /** Removes markers. */
+  | { op: "markers.delete"; args: KeysFrames }
+  /** Sets the title. */
+  | { op: "clip.rename"; args: ClipRename }
+  /** Sets the remarks. */
+  | { op: "clip.notes"; args: ClipNotes }
+  /** Sets the length. */
+  | { op: "clip.length"; args: ClipLength }
+  /** Sets the state before frame 0. */
+  | { op: "clip.start"; args: ClipStart }
+  /** Several edits that count as one: all or none. */
+  | { op: "batch"; args: Batch }
+  /** A difference between two versions; what undo is made of. */
+  | { op: "patch"; args: Delta };
+
+/** Body of `POST /api/ops`. */
+export interface OpsRequest {
+  /** What the history calls them; the first edit's own words when empty. */
+  label?: string;
+  /** The edits, in order; they count as one for undo. */
+  ops: Op[];
+}
+
+/** What came of a request that changed nothing. */
+export type Outcome =
+  /** It was done; there is nothing to tell. */
+  | null
+  /** The document is as it was. */
+  | { rev: number }
+  /** An edit is previewed. */
+  | { demand: Demand | null };
+
+/** Body with a path. */
+export interface PathBody {
+  path: string;
+}
+
+/** What a clip file says of itself. */
+export interface Peek {
+  /** Keys. */
+  keys: number;
+  /** Frames. */
+  length: number;
+  /** Title. */
+  name: string;
+  /** Robot. */
+  robot: string;
+}
+
+/** What a rollout is doing. */
+export type Phase =
+  /** There is none. */
+  | "off"
+  /** Asked for, no frame yet. */
+  | "waiting"
+  /** Frames come. */
+  | "running"
+  /** All frames are there. */
+  | "done"
+  /** It broke; frames before stand. */
+  | "failed";
+
+/** Where in a file. */
+export interface Place {
+  /** Column in characters, from 1. */
+  col: number;
+  /** Line, from 1. */
+  line: number;
+}
+
+/** A policy to choose. */
+export interface PolicyCard {
+  /** Whether it can be chosen for this robot without a model file of one's own. */
+  available: boolean;
+  /** Who performs unless one is chosen. */
+  default: boolean;
+  /** What should fill masked frames for it. */
+  guide: Guide;
+  /** Whether it has the robot's own model to compute with. */
+  knows_model: boolean;
+  /** Whether it learned something, and so can have a model file of one's own. */
+  learned: boolean;
+  /**
+   * Name of the model, where it is not the robot's default one: `model_path` of
+   * `RolloutSettings`.
+   */
+  model?: string;
+  /** Name, as on the command line. */
+  name: PolicyName;
+  /** Whether it plans so long that a clip takes seconds. */
+  slow: boolean;
+  /** The case that it is best for. */
+  suits: string;
+  /** What it needs, when it cannot. */
+  why?: string;
+}
+
+/** Every policy there is. */
+export type PolicyName =
+  /** No torque. */
+  | "zero"
+  /** Proportional-derivative, gains from the mass matrix. */
+  | "pd"
+  /** Inverse dynamics of the true model. */
+  | "computed-torque"
+  /** Receding-horizon iLQR on the true model. */
+  | "ilqr"
+  /** Predictive sampling on the true model. */
+  | "predictive-sampling"
+  /** A trained network. */
+  | "robert"
+  /** The linear prediction inside a model file. */
+  | "ridge"
+  /** What was done in the recorded moments most like this one. */
+  | "nearest"
+  /** A small network of three frames. */
+  | "mlp-inverse";
+
+/** Body of `POST /api/settle`. */
+export interface Pose {
+  q: number[];
+}
+
+/** Arguments of `pose.apply`. */
+export interface PoseApply {
+  /** 0 = what is there, 1 = the pose. */
+  blend?: number;
+  /** Onto which frames; a frame without a key gets one. */
+  frames: number[];
+  /** Only these joints; absent = all. */
+  joints?: string[];
+  /** The pose's mirror image. */
+  mirrored?: boolean;
+  /** Which pose. */
+  name: string;
+}
+
+/** Arguments of `pose.delete`. */
+export interface PoseDelete {
+  /** Its name. */
+  name: string;
+}
+
+/** A named pose of a robot. */
+export interface PoseFacts {
+  /** Its name. */
+  name: string;
+  /** One value per state joint. */
+  q: number[];
+}
+
+/** Query of `GET /api/pose.jpg`. */
+export interface PoseQuery {
+  pose: string;
+  /** Not read: see `StillQuery`. */
+  v?: string;
+}
+
+/** Arguments of `pose.rename`. */
+export interface PoseRename {
+  /** Its name. */
+  name: string;
+  /** Its new name. */
+  to: string;
+}
+
+/** Arguments of `pose.save`. */
+export interface PoseSave {
+  /** Its name. */
+  name: string;
+  /** Its values. */
+  q: (number | null)[];
+  /** Overwrite one of that name. */
+  replace?: boolean;
+}
+
+/** Body of `POST /api/kinematics`. */
+export interface Poses {
+  q: number[][];
+}
+
+/** How a rollout did. Errors in rad or m. */
+export interface Precision {
+  /** Mean frames from the start of a hold until all joints are within 0.05 rad or m. */
+  frames_late: number | null;
+  /** Mean error in the last frame of each hold. */
+  hold_end: number | null;
+  /** Each hold: a run of three or more visible frames with one goal. */
+  holds: HoldError[];
+  /**
+   * The same over masked frames: against the hidden motion where that is known (tasks
+   * cut from data, see `hidden_error`), else against the straight line through the
+   * gap, which says how direct the way was and no more.
+   */
+  masked_mae: number | null;
+  /** Mean |a_t - a_(t-1)| in actions: the paper's "shaking". */
+  mean_abs_du: number;
+  /**
+   * The same over the visible frames at which the command moves: some joint's goal is
+   * another than its last one. Holds after their first frame are left out.
+   */
+  moving: number | null;
+  /** 95th percentile over unmasked frames and joints. */
+  p95: number | null;
+  /** Mean error by frame; null where masked. Frame 0 is the start. */
+  per_frame: (number | null)[];
+  /** Mean error by joint over unmasked frames. */
+  per_joint: (number | null)[];
+  /**
+   * Mean absolute error over unmasked frames and joints: the paper's Precision. null
+   * when nothing was commanded.
+   */
+  precision: number | null;
+  /** Share of actions at their bound. */
+  saturation: number;
+  /** Largest frame mean, with its frame. */
+  worst: [number, number] | null;
+}
+
+/** One recent file. */
+export interface RecentFile {
+  /** Whether it is still there. */
+  exists: boolean;
+  /** Title of the clip. */
+  name: string;
+  /** Seconds since 1970 when it was last open here. */
+  opened_secs: number;
+  /** Path. */
+  path: string;
+  /** Robot. */
+  robot: string;
+}
+
+/** What a start from a journal brought back. */
+export interface Restored {
+  /** Edits that had not been saved. */
+  edits: number;
+  /** The file was changed by others since: saving overwrites that. */
+  file_changed: boolean;
+  /** Where the damaged journal is kept. */
+  kept: string | null;
+  /** What was damaged and could not be brought back, in words. */
+  lost: string[];
+  /** Bytes of a torn record at the end, never acknowledged, that were dropped. */
+  torn_bytes: number;
+}
+
+/** The robot that a clip was made for. */
+export interface Robot {
+  /** Its id, such as ur5e. */
+  id: string;
+  /** Joint names; all rows follow this order. */
+  joints: string[];
+  /** Where its model was. */
+  model?: string;
+  /** Sha-256 of that model. */
+  model_sha256?: string;
+  /** Units of the joints. */
+  units?: Unit[];
+}
+
+/** One robot, in short. */
+export interface RobotCard {
+  /** Whether it comes with the program. */
+  builtin: boolean;
+  /** Identifier. */
+  id: string;
+  /** Names of the trained models that it has. */
+  models: string[];
+  /** What it is loaded by: its id, or its folder. */
+  source: string;
+}
+
+/** What a page needs to know about a robot. */
+export interface RobotFacts {
+  /** A sentence or two. */
+  about: string;
+  /** Actuator names. */
+  actuators: string[];
+  /** Axes of the state joints. */
+  axes: AxisFacts[];
+  /** Bodies, the world first. */
+  bodies: BodyFacts[];
+  /** Default view. */
+  camera: Camera;
+  /** Fingers, limbs. */
+  groups: Group[];
+  /** Identifier. */
+  id: string;
+  /** Sites that can be dragged by inverse kinematics. */
+  ik_sites: SiteFacts[];
+  /** Origin and terms. */
+  licence: string;
+  /** Policies that can perform it. */
+  offers: Offer[];
+  /** Named poses, the home pose first. */
+  poses: PoseFacts[];
+  /** Residual above which a pose counts as not reached, rad or m. */
+  settle_tolerance: number;
+  /** What it is loaded by: its id, or its folder. */
+  source: string;
+  /** Joints, limits, mirror, couplings: what clips need. */
+  table: JointTable;
+  /** Name for people. */
+  title: string;
+}
+
+/** How the live rollout is made. */
+export interface RolloutSettings {
+  /** Roll out after every edit. */
+  auto: boolean;
+  /** Virtual commands through masks. */
+  guide: Guide;
+  /** Model or fit file, for policies that learned something. */
+  model_path?: string;
+  /** The policy. */
+  policy: PolicyName;
+  /** Improve each action on the model. */
+  refine: boolean;
+  /** Seed. */
+  seed: number;
+}
+
+/** How far the rollout is. */
+export interface RolloutState {
+  /** Frames `0..cached_to` are valid. */
+  cached_to: number;
+  /** Why it failed. */
+  error?: string;
+  /** Frames of the clip. */
+  frames: number;
+  /** Number of the rollout; rises with every restart. */
+  gen: number;
+  /** Mean absolute error so far, rad or m. */
+  mae: number | null;
+  /** Time a simulated frame takes, milliseconds. */
+  ms_per_frame: number | null;
+  /** What it is doing. */
+  phase: Phase;
+  /** Who performs it, such as `pd+refine`. */
+  policy: string;
+  /** The frame it was resumed from. */
+  resumed_at: number;
+  /** Version of the document that it performs; 0 for a preview. */
+  rev: number;
+}
+
+/** `GET /api/rollout`. */
+export interface RolloutView {
+  /** Mean absolute error by frame, null where masked. */
+  error: (number | null)[];
+  /** Full figures, when done. */
+  precision: Precision | null;
+  /** Achieved states; `q[f]` is frame f. */
+  q: number[][];
+  /** State. */
+  state: RolloutState;
+}
+
+/** Kinds of findings; the words are stable, scripts may filter by them. */
+export type Rule =
+  /** Made for another robot, or another version of its model. */
+  | "other-robot"
+  /** A joint the robot does not have, or one that the clip lacks. */
+  | "unknown-joint"
+  /** A unit that differs from the robot's. */
+  | "unit"
+  /** A value outside the joint's range. */
+  | "joint-limit"
+  /** A joint would have to move faster than it can. */
+  | "joint-speed"
+  /** The policy sees no goal. */
+  | "blind-span"
+  /** Joints of one actuator that cannot be set apart. */
+  | "coupled"
+  /** Single joints left open, for a policy that knows whole frames only. */
+  | "partial-mask"
+  /** Links that touch. */
+  | "self-collision"
+  /** A pose that the robot does not reach. */
+  | "unreachable"
+  /** A key that a mask hides, or a hold that is cut short. */
+  | "hidden"
+  /** No key at all. */
+  | "empty";
+
+/** A training run on disk. */
+export interface RunCard {
+  /** Seconds since 1970 of the last change. */
+  changed_secs: number;
+  /** The data that it learns from, once there is a model. */
+  dataset_sha256: string | null;
+  /** The model to perform with, once there is one. */
+  model: string | null;
+  /** Folder, relative to the studio's. */
+  path: string;
+  /** Best Precision by suite, where it was measured. */
+  precision: Record<string, number> | null;
+  /** Preset it began with. */
+  preset: string;
+  /** Robot, once there is a model. */
+  robot: string | null;
+  /** Steps done. */
+  step: number;
+  /** Steps wanted. */
+  steps: number;
+}
+
+/** Body of `POST /api/save`. */
+export interface SaveBody {
+  path?: string;
+  /** Whether another file of that name is to be replaced. */
+  replace?: boolean;
+}
+
+/** `POST /api/save`. */
+export interface Saved {
+  /** The file. */
+  path: string;
+  /** Version that it holds. */
+  rev: number;
+}
+
+/** What is selected; shared by all clients. */
+export interface Selection {
+  /** A body. */
+  body?: string;
+  /** A state joint. */
+  joint?: string;
+  /** A site to drag by inverse kinematics. */
+  site?: string;
+}
+
+/** Where a pose comes to rest when the robot is driven there. */
+export interface SettleAnswer {
+  /** One value per state joint. */
+  q: number[];
+  /** Distance from what was asked for, by joint. */
+  residual: number[];
+  /** Whether all are within the robot's tolerance. */
+  within: boolean;
+  /** The greatest, and its joint. */
+  worst: number;
+  /** Index of the joint that has it. */
+  worst_joint: number;
+}
+
+/** What `GET /api/shelf` shows. */
+export interface Shelf {
+  /** Data that is not whole yet, by path. */
+  begun: BegunCard[];
+  /** Data, by path. */
+  data: DataCard[];
+  /** Presets of training, each with a sentence. */
+  presets: [string, string][];
+  /** Runs, the newest first. */
+  runs: RunCard[];
+}
+
+/** A point that can be pulled. */
+export interface SiteFacts {
+  /** Its body. */
+  body: number;
+  /** Its name. */
+  name: string;
+  /** Position in the body's frame, m. */
+  pos: [number, number, number];
+}
+
+/** A run of frames of one kind: `[from, to)`. The spans of a command tile the clip. */
+export interface Span {
+  /** First frame. */
+  from: number;
+  /** Its kind. */
+  kind: SpanKind;
+  /** Frame after the last. */
+  to: number;
+}
+
+/** Why a run of frames is what it is. */
+export type SpanKind =
+  /** A key and its hold. */
+  | "key"
+  /** A straight line between keys. */
+  | "linear"
+  /** A cubic between keys. */
+  | "cubic"
+  /** A key's value kept to the next key. */
+  | "hold"
+  /** No goal, because nothing fills it. */
+  | "open"
+  /** No goal (for all joints), because a mask span hides it. */
+  | "masked";
+
+/** Exactly one of a named pose and values. */
+export interface Start {
+  /** A named pose of this clip. */
+  pose?: string;
+  /** One value per joint. */
+  q?: number[];
+}
+
+/** Everything a fresh page needs. */
+export interface State {
+  /** Editor clients connected. */
+  clients: number;
+  /** The document, if one is open. */
+  document: DocumentView | null;
+  /** Where relative paths start. */
+  folder: string;
+  /** Joints that no hand moves. */
+  locked: string[];
+  /** Policies that can be chosen. */
+  policies: PolicyCard[];
+  /** Rollout settings. */
+  rollout: RolloutSettings;
+  /** Takes of the open robot. */
+  takes: TakesView;
+  /** Version of the program. */
+  version: string;
+  /** Whether the 3D client is there; otherwise the viewport is made of stills. */
+  viser: boolean;
+  /** The simulation. */
+  worker: WorkerState;
+}
+
+/** Query of `GET /api/still-body`. */
+export interface StillBodyQuery {
+  frame: number;
+  h: number;
+  w: number;
+  /** From the left edge, 0 to 1. */
+  x: number;
+  /** From the top edge, 0 to 1. */
+  y: number;
+}
+
+/** Query of `GET /api/still.jpg`. */
+export interface StillQuery {
+  achieved?: boolean;
+  command?: boolean;
+  draft?: boolean;
+  frame?: number;
+  ghosts?: boolean;
+  h?: number;
+  /** Numbers with commas between them: a pose in the place of what was achieved. */
+  pose?: string;
+  /** Not read: makes the address of a newer picture another one. */
+  v?: string;
+  w?: number;
+}
+
+/** Requests on the socket that are no clip edits. */
+export type StudioOp =
+  /** Takes the last edit back. */
+  | { op: "undo"; args: Record<string, never> }
+  /** Does it again. */
+  | { op: "redo"; args: Record<string, never> }
+  /** Undoes or redoes until `done` edits are done. */
+  | { op: "history.goto"; args: { done: number } }
+  /**
+   * Rolls out as if this edit were made; nothing is stored. Send while dragging; the
+   * newest wins. The reply's `demand` is the `crate::clip::Demand` of the edit, or null.
+   */
+  | { op: "preview"; args: { op: Op } }
+  /** Back to the document. */
+  | { op: "preview.end"; args: Record<string, never> }
+  /** Changes how rollouts are made; absent fields get their defaults. */
+  | { op: "rollout.set"; args: RolloutSettings }
+  /** Rolls out now (when `auto` is off). */
+  | { op: "rollout.run"; args: Record<string, never> }
+  /** Stops it; frames so far stay. */
+  | { op: "rollout.cancel"; args: Record<string, never> }
+  /** Starts the simulation again after it gave up. */
+  | { op: "worker.restart"; args: Record<string, never> }
+  /** Keeps a take for good, or no longer. */
+  | { op: "take.pin"; args: { id: number; pinned: boolean } }
+  /** Names a take and pins it. */
+  | { op: "take.name"; args: { id: number; name: string } }
+  /** Draws these takes beside what is performed now; the last one also in the viewport. */
+  | { op: "take.compare"; args: { ids: number[] } }
+  /** Forgets a take. */
+  | { op: "take.remove"; args: { id: number } }
+  /** Shows this frame in the viewport (also while scrubbing). */
+  | { op: "view.frame"; args: { frame: number } }
+  /** Plays in the viewport; the page's own clock follows `frame` at `speed`. */
+  | { op: "view.play"; args: { frame: number; range?: [number, number]; speed: number } }
+  /** What the viewport shows; absent fields stay. */
+  | { op: "view.show"; args: ViewShow }
+  /** Selects a joint or a body, or nothing. */
+  | { op: "view.select"; args: Selection }
+  /** Joints that no hand in the viewport moves: neither a drag nor inverse kinematics. */
+  | { op: "view.lock"; args: { joints: string[] } }
+  /** Gives up the drag that is under way in the viewport. */
+  | { op: "view.cancel"; args: Record<string, never> }
+  /** Frames the camera: `home`, `fit`, `front`, `side`, `top`, `selection`. */
+  | { op: "view.camera"; args: { preset: string } }
+  /** Shows a pose that is not in the clip (a floating pose); null ends it. */
+  | { op: "view.pose"; args: { q?: number[] | null } };
+
+/** A take, in short. */
+export interface TakeCard {
+  /** Title of its clip. */
+  clip: string;
+  /** Frames. */
+  frames: number;
+  /** Number, for `GET /api/takes/{id}` and the operations on it. */
+  id: number;
+  /** Mean absolute error over all goals, rad or m. */
+  mae: number | null;
+  /** What it is called. */
+  name: string;
+  /** Kept until it is removed. */
+  pinned: boolean;
+  /** Policy as tables show it. */
+  policy: string;
+  /** Version of the document that it is of, as long as that is open. */
+  rev: number;
+  /** Its goals are those of the document as it is performed now: the errors can be compared. */
+  same_goals: boolean;
+  /** Seed of the policy's draws. */
+  seed: number;
+}
+
+/** The motion of a take. */
+export interface TakeFrames {
+  /** Mean absolute error by frame, null where masked. */
+  error: (number | null)[];
+  /** Achieved states by frame; (frames, S). */
+  q: number[][];
+}
+
+/** All that a client draws of takes. */
+export interface TakesView {
+  /** Drawn beside what is performed now, in this order; the last one also in the viewport. */
+  compared: number[];
+  /** Of the open robot, the newest first. */
+  takes: TakeCard[];
+}
+
+/** Arguments of `time.delete`. */
+export interface TimeDelete {
+  /** First frame. */
+  from: number;
+  /** Frame after the last. */
+  to: number;
+}
+
+/** Arguments of `time.insert`. */
+export interface TimeInsert {
+  /** Before which frame; the clip's length appends. */
+  at: number;
+  /** How many. */
+  frames: number;
+}
+
+/** The unit of one joint coordinate. */
+export type Unit =
+  /** Hinge joints. */
+  | "rad"
+  /** Slide joints, metres. */
+  | "m";
+
+/** Query of `PUT /api/upload`. */
+export interface UploadQuery {
+  first?: boolean;
+  path: string;
+}
+
+/** Parts of the viewport. */
+export interface ViewShow {
+  /** The achieved motion, solid. */
+  achieved?: boolean;
+  /** The command, translucent. */
+  command?: boolean;
+  /** Dark background. */
+  dark?: boolean;
+  /** Poses of the neighbouring keys. */
+  ghosts?: boolean;
+}
+
+/** Phases of the worker. */
+export type WorkerPhase =
+  /** Not up yet, or not needed at the moment. */
+  | "starting"
+  /** Up. */
+  | "ready"
+  /** It died; a new one comes. */
+  | "restarting"
+  /** It died too often; someone must ask for another. */
+  | "stopped";
+
+/** The simulation as a banner shows it. */
+export interface WorkerState {
+  /** Times that it died in this run. */
+  deaths: number;
+  /** `starting`, `ready`, `restarting`, `stopped`. */
+  phase: WorkerPhase;
+  /** Its process. */
+  pid: number | null;
+  /** Why it died last. */
+  reason: string | null;
+}
+
+/** Requests over HTTP: what each takes and what comes back. */
+export interface Routes {
+  "POST /api/session": { answer: void };
+  "GET /api/state": { answer: State };
+  "GET /api/clip": { answer: Clip };
+  "PUT /api/clip": { body: string | Blob; answer: Edited };
+  "POST /api/ops": { body: OpsRequest; answer: Edited };
+  "POST /api/undo": { answer: Edited };
+  "POST /api/redo": { answer: Edited };
+  "POST /api/discard": { answer: Edited };
+  "POST /api/open": { body: PathBody; answer: DocumentView };
+  "POST /api/new": { body: NewBody; answer: DocumentView };
+  "POST /api/save": { body: SaveBody; answer: Saved };
+  "POST /api/close": { answer: void };
+  "GET /api/files": { query: FilesQuery; answer: Listing };
+  "POST /api/clips": { query: ClipQuery; body: string | Blob; answer: DocumentView };
+  "GET /api/gallery": { answer: GalleryItem[] };
+  "POST /api/gallery/{id}": { answer: DocumentView };
+  "GET /api/recent": { answer: RecentFile[] };
+  "GET /api/drafts": { answer: Draft[] };
+  "POST /api/drafts/{number}": { answer: DocumentView };
+  "POST /api/drafts/{number}/discard": { answer: void };
+  "GET /api/robots": { answer: RobotCard[] };
+  "GET /api/robot/{id}": { answer: RobotFacts };
+  "GET /api/robot/{id}/geometry": { answer: Geometry };
+  "POST /api/kinematics": { body: Poses; answer: number[][] };
+  "POST /api/ik": { body: IkRequest; answer: IkAnswer };
+  "POST /api/settle": { body: Pose; answer: SettleAnswer };
+  "GET /api/rollout": { answer: RolloutView };
+  "GET /api/takes": { answer: TakesView };
+  "GET /api/takes/{id}": { answer: TakeFrames };
+  "GET /api/export": { query: ExportQuery; answer: Blob };
+  "POST /api/exports": { body: ExportRequest; answer: JobView };
+  "GET /api/shelf": { answer: Shelf };
+  "GET /api/curves": { query: PathBody; answer: Record<string, Json>[] };
+  "PUT /api/upload": { query: UploadQuery; body: string | Blob; answer: void };
+  "POST /api/import": { body: ImportBody; answer: JobView };
+  "GET /api/jobs": { answer: JobView[] };
+  "POST /api/jobs": { body: JobRequest; answer: JobView };
+  "GET /api/jobs/{id}": { query: LinesFrom; answer: JobView };
+  "GET /api/jobs/{id}/file": { answer: Blob };
+  "POST /api/jobs/{id}/cancel": { answer: JobView };
+  "POST /api/jobs/{id}/resume": { answer: JobView };
+  "GET /api/still.jpg": { query: StillQuery; answer: Blob };
+  "GET /api/hover": { query: HoverQuery; answer: Hovered | null };
+  "GET /api/still-body": { query: StillBodyQuery; answer: string | null };
+  "GET /api/pose.jpg": { query: PoseQuery; answer: Blob };
+  "GET /api/gallery-picture.jpg": { query: ExampleQuery; answer: Blob };
+  "GET /api/gallery-error": { query: ExampleQuery; answer: MeanError | null };
+}
+
+/** What the page sends on the socket, beside an `id`. */
+export type Request = Op | StudioOp;
+
+/** The arguments of the operation of this name. */
+export type Args<Name extends Request["op"]> = Extract<Request, { op: Name }>["args"];
