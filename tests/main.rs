@@ -5,6 +5,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::format_push_string)]
 #![allow(clippy::decimal_bitwise_operands, clippy::enum_variant_names, clippy::unnecessary_wraps)]
 
+mod bootstrap;
 mod children;
 mod circles;
 mod clip;
