@@ -709,6 +709,25 @@ mod tests {
     }
 
     #[test]
+    fn the_newest_draft_is_first_within_one_second_too() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut docs = [(); 2].map(|()| Document::new(blank(), dir.path(), None).unwrap());
+        for doc in &mut docs {
+            doc.edit(&[add(20)]);
+        }
+        drop(docs);
+        let mut numbers: Vec<u32> = Document::drafts(dir.path()).iter().map(|d| d.number).collect();
+        numbers.sort_unstable();
+        let second = std::time::SystemTime::UNIX_EPOCH + std::time::Duration::from_secs(1 << 30);
+        for (number, millis) in numbers.iter().zip([900, 100]) {
+            let journal = dir.path().join(format!("untitled-{number}.autosave"));
+            let file = std::fs::File::options().append(true).open(journal).unwrap();
+            file.set_modified(second + std::time::Duration::from_millis(millis)).unwrap();
+        }
+        assert_eq!(Document::drafts(dir.path())[0].number, numbers[0]);
+    }
+
+    #[test]
     fn what_was_put_away_is_a_draft_and_what_was_killed_comes_back() {
         let dir = tempfile::tempdir().unwrap();
         let mut doc = Document::new(blank(), dir.path(), None).unwrap();

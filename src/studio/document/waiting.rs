@@ -81,7 +81,7 @@ impl Document {
                 .parse()
                 .ok()
         };
-        let mut list: Vec<(Draft, Waiting)> = found
+        let mut list: Vec<(Duration, (Draft, Waiting))> = found
             .filter_map(|e| e.ok().map(|e| e.path()))
             .filter_map(|path| {
                 let number = number(&path)?;
@@ -103,11 +103,12 @@ impl Document {
                     changed_secs: since.as_secs(),
                     abandoned: records.last() != Some(&Record::Closed),
                 };
-                Some((draft, Waiting { journal, records, damage }))
+                Some((since, (draft, Waiting { journal, records, damage })))
             })
             .collect();
-        list.sort_by_key(|(d, _)| std::cmp::Reverse((d.changed_secs, d.number)));
-        list
+        // Finer than the seconds that people see: numbers are used again.
+        list.sort_by_key(|(since, (d, _))| std::cmp::Reverse((*since, d.number)));
+        list.into_iter().map(|(_, draft)| draft).collect()
     }
 
     /// Takes an unsaved clip up again.
