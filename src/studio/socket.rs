@@ -48,8 +48,9 @@ pub(super) async fn editor(State(app): State<Arc<App>>, upgrade: WebSocketUpgrad
         .max_write_buffer_size(limits::WS_WRITE_BYTES)
         .on_upgrade(move |socket| async move {
             let number = app.next_client.fetch_add(1, Ordering::SeqCst) as u64 + 1;
-            let mut client = Client { app, socket, number, unacked: Vec::new() };
+            let mut client = Client { app, socket, number, unacked: Vec::new(), previewing: false };
             client.serve().await;
+            client.leave().await;
             drop(seat);
         })
 }
@@ -69,6 +70,8 @@ struct Client {
     number: u64,
     /// Requests whose edit has been made but not yet been sent to this client.
     unacked: Vec<(u64, u64)>,
+    /// Everybody sees what this client is dragging.
+    previewing: bool,
 }
 
 /// The socket is closed or stuck.
@@ -156,6 +159,15 @@ impl Client {
         }
     }
 
+    /// A drag ends with the page that makes it.
+    async fn leave(&mut self) {
+        if self.previewing
+            && let Err(e) = api::studio_op(&self.app, StudioOp::PreviewEnd {}).await
+        {
+            tracing::warn!("a preview was not ended: {e}");
+        }
+    }
+
     /// Too far behind: the document as it is, and the acknowledgements that were missed.
     async fn start_afresh(&mut self) -> Result<(), Gone> {
         let document = api::current_view(&self.app).await;
@@ -226,6 +238,11 @@ impl Client {
                 StudioOp::Redo {} => Edit::Redo,
                 StudioOp::HistoryGoto { done } => Edit::Goto(done),
                 other => {
+                    match other {
+                        StudioOp::Preview { .. } => self.previewing = true,
+                        StudioOp::PreviewEnd {} => self.previewing = false,
+                        _ => {}
+                    }
                     return Ok(Some(api::studio_op(&self.app, other).await?));
                 }
             }
