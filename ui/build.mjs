@@ -1,8 +1,9 @@
 // Bundles src/ into dist/: one script, one style sheet, one page. Nothing is fetched at run
 // time; the Rust binary embeds dist/.
-import { build, context } from "esbuild";
+
 import { copyFile, mkdir, readFile } from "node:fs/promises";
 import { gzipSync } from "node:zlib";
+import { build, context } from "esbuild";
 
 const options = {
   entryPoints: { app: "src/main.tsx" },

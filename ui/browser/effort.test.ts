@@ -1,19 +1,20 @@
 // How much a person has to do, counted in clicks and keys as the tests make them.
 
 import assert from "node:assert/strict";
-import { after, before, describe, test } from "node:test";
-import { armTab, endBrowsers, Studio, tab, type Tab } from "./harness";
+import { after, armTab, before, describe, Studio, type Tab, tab, test } from "./harness";
 
 describe("editing effort", () => {
   let studio: Studio;
   before(async () => void (studio = await Studio.start()));
-  after(async () => {
-    await endBrowsers();
-    await studio.end();
-  });
+  after(() => studio.end());
 
   /** Types into a field: one click, one key a letter, Enter. */
-  const type = async (t: Tab, effort: { clicks: number; keys: number }, id: string, text: string): Promise<void> => {
+  const type = async (
+    t: Tab,
+    effort: { clicks: number; keys: number },
+    id: string,
+    text: string,
+  ): Promise<void> => {
     effort.clicks++;
     effort.keys += text.length + 1;
     const field = id === "frame" ? t.byId("frame") : t.byId(id).locator("input[type=text]");
@@ -31,17 +32,27 @@ describe("editing effort", () => {
     await t.byId("policy").selectOption("computed-torque"); // not part of the task
     // A new clip begins with its first key: where the robot rests.
     await t.until_keys([0]);
-    for (const [at, value] of [["20", "60"], ["40", "120"]] as const) {
+    for (const [at, value] of [
+      ["20", "60"],
+      ["40", "120"],
+    ] as const) {
       await type(t, effort, "frame", at);
       await t.until((s) => s.playhead === Number(at), at);
       await type(t, effort, "joint-2", value);
     }
     await t.until_keys([0, 20, 40]);
     const s = await t.state();
-    assert.deepEqual(s.clip?.keys.map((k) => Math.round(((k.q?.[2] ?? 0) * 180) / Math.PI)).slice(1), [60, 120]);
+    assert.deepEqual(
+      s.clip?.keys.map((k) => Math.round(((k.q?.[2] ?? 0) * 180) / Math.PI)).slice(1),
+      [60, 120],
+    );
     console.log(`three keys: ${effort.clicks} clicks and ${effort.keys} keys`);
     assert.ok(effort.clicks <= 12 && effort.keys <= 40, JSON.stringify(effort));
-    assert.equal(await t.page.locator('.right [data-testid^="joint-"]').count(), s.clip?.robot.joints.length, "a control for every joint");
+    assert.equal(
+      await t.page.locator('.right [data-testid^="joint-"]').count(),
+      s.clip?.robot.joints.length,
+      "a control for every joint",
+    );
     await t.context.close();
   });
 
@@ -85,7 +96,14 @@ describe("editing effort", () => {
     const t = await tab(studio);
     const s = await t.until((x) => x.page === "editor" && x.robot === "ur5e", "open");
     const why = await t.page.getByRole("button", { name: "Mirror", exact: true }).getAttribute("title");
-    await studio.api("POST", "/api/ops", { ops: [{ op: "keys.add", args: { keys: [{ frame: 0, q: s.clip?.robot.joints.map((_, j) => 0.1 * (j + 1)) }], replace: true } }] });
+    await studio.api("POST", "/api/ops", {
+      ops: [
+        {
+          op: "keys.add",
+          args: { keys: [{ frame: 0, q: s.clip?.robot.joints.map((_, j) => 0.1 * (j + 1)) }], replace: true },
+        },
+      ],
+    });
     await t.until_keys([0]);
     t.actions = 0;
     await t.clickKey(0);
@@ -103,7 +121,11 @@ describe("editing effort", () => {
 
   test("panels take at most 30 % of the width, at three sizes", async () => {
     const t = await armTab(studio);
-    for (const [width, height] of [[1100, 700], [1280, 720], [1600, 900]] as const) {
+    for (const [width, height] of [
+      [1100, 700],
+      [1280, 720],
+      [1600, 900],
+    ] as const) {
       await t.page.setViewportSize({ width, height });
       const view = await t.byId("viewport").boundingBox();
       assert.ok(view && view.width >= 0.7 * width - 1, `${view?.width} of ${width}`);

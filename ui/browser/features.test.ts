@@ -2,8 +2,7 @@
 // browser can check. The viewport is made of stills here: no WebGL, the same everything else.
 
 import assert from "node:assert/strict";
-import { after, before, describe, test } from "node:test";
-import { armTab, endBrowsers, Studio, tab, type Tab } from "./harness";
+import { after, armTab, before, describe, Studio, type Tab, tab, test } from "./harness";
 
 describe("features", () => {
   let studio: Studio;
@@ -13,10 +12,7 @@ describe("features", () => {
     studio = await Studio.start();
     t = await armTab(studio);
   });
-  after(async () => {
-    await endBrowsers();
-    await studio.end();
-  });
+  after(() => studio.end());
   /** The arm as it was, by the named history. */
   const afresh = async (): Promise<void> => {
     await t.afresh();
@@ -51,14 +47,19 @@ describe("features", () => {
   test("typed time is a whole frame", async () => {
     await afresh();
     const field = t.byId("frame");
-    for (const [text, frame] of [["2:15", 55], ["30f", 30], ["1.25s", 25], ["7", 7]] as const) {
+    for (const [text, frame] of [
+      ["2:15", 55],
+      ["30f", 30],
+      ["1.25s", 25],
+      ["7", 7],
+    ] as const) {
       await field.fill(text);
       await field.press("Enter");
       await t.until((s) => s.playhead === frame, text);
     }
     await field.fill("later");
     await field.press("Enter");
-    await t.page.getByText('"later" is no time').first().waitFor();
+    await t.page.getByText('"later" is not a time').first().waitFor();
   });
 
   test("box, Ctrl, Shift and all", async () => {
@@ -77,7 +78,10 @@ describe("features", () => {
     await t.page.mouse.down();
     await t.page.mouse.move(b.x, b.y + 5, { steps: 4 });
     await t.page.mouse.up();
-    await t.until((s) => JSON.stringify([...s.selection].sort((x, y) => x - y)) === "[30,60]", "two by the box");
+    await t.until(
+      (s) => JSON.stringify([...s.selection].sort((x, y) => x - y)) === "[30,60]",
+      "two by the box",
+    );
     await t.page.keyboard.press("Control+a");
     await t.until((s) => s.selection.length === 3, "all");
   });
@@ -162,7 +166,12 @@ describe("features", () => {
       const p = await t.at(30);
       await t.page.mouse.click(p.x, p.y, { button: "right" });
       await t.page.getByRole("menuitem").first().waitFor();
-      const item = { mask: "Leave to the policy until the next key", linear: "Straight line to the next key", cubic: "Smooth curve to the next key", hold: "" }[fill];
+      const item = {
+        mask: "Leave to the policy until the next key",
+        linear: "Straight line to the next key",
+        cubic: "Smooth curve to the next key",
+        hold: "",
+      }[fill];
       if (item) await t.page.getByRole("menuitem", { name: item }).click();
       else {
         await t.page.keyboard.press("Escape");
@@ -184,18 +193,25 @@ describe("features", () => {
     await afresh();
     await t.goTo(30);
     /** Mean colour of a piece of the canvas, 8 frames wide, below the rows. */
-    const colour = (frame: number): Promise<number[]> => t.page.evaluate((f) => {
-      const canvas = document.querySelector(".sheet canvas") as HTMLCanvasElement;
-      const hook = (window as unknown as { __studio: { frameToX: (f: number) => number; rowToY: (r: string) => number } }).__studio;
-      const k = devicePixelRatio;
-      const x = hook.frameToX(f) * k;
-      const data = canvas.getContext("2d")?.getImageData(x, (hook.rowToY("wrist_2") + 14) * k, hook.frameToX(f + 8) * k - x, 16 * k).data ?? [];
-      const sum = [0, 0, 0];
-      data.forEach((v, i) => { if (i % 4 < 3) sum[i % 4] = (sum[i % 4] ?? 0) + v; });
-      return sum.map((v) => v / (data.length / 4));
-    }, frame);
+    const colour = (frame: number): Promise<number[]> =>
+      t.page.evaluate((f) => {
+        const canvas = document.querySelector(".sheet canvas") as HTMLCanvasElement;
+        const hook = window.__studio;
+        hook.redraw();
+        const k = devicePixelRatio;
+        const x = hook.frameToX(f) * k;
+        const data =
+          canvas
+            .getContext("2d")
+            ?.getImageData(x, ((hook.rowToY("wrist_2") ?? 0) + 14) * k, hook.frameToX(f + 8) * k - x, 16 * k)
+            .data ?? [];
+        const sum = [0, 0, 0];
+        data.forEach((v, i) => {
+          if (i % 4 < 3) sum[i % 4] = (sum[i % 4] ?? 0) + v;
+        });
+        return sum.map((v) => v / (data.length / 4));
+      }, frame);
     const far = (a: number[], b: number[]): number => Math.max(...a.map((v, i) => Math.abs(v - (b[i] ?? 0))));
-    await t.page.waitForTimeout(100);
     const plain = await colour(65);
     assert.ok(far(await colour(66), plain) < 0.5, "the same ground");
     assert.ok(far(await colour(36), plain) > 4, "20 frames from the playhead are marked");
@@ -203,7 +219,6 @@ describe("features", () => {
     await studio.api("POST", "/api/ops", { ops: [{ op: "fill.set", args: { frames: [30], fill: "mask" } }] });
     await t.until((s) => (s.findings?.blind ?? []).length === 1, "a blind span");
     await t.goTo(70);
-    await t.page.waitForTimeout(100);
     assert.ok(far(await colour(31), await colour(12)) > 2, "where the policy sees no goal");
   });
 
@@ -214,11 +229,17 @@ describe("features", () => {
     const number = joint.locator("input[type=text]");
     await number.fill("60");
     await number.press("Enter");
-    await t.until((s) => Math.abs((s.clip?.keys.find((k) => k.frame === 30)?.q?.[2] ?? 0) - Math.PI / 3) < 1e-3, "60 degrees");
+    await t.until(
+      (s) => Math.abs((s.clip?.keys.find((k) => k.frame === 30)?.q?.[2] ?? 0) - Math.PI / 3) < 1e-3,
+      "60 degrees",
+    );
     const slider = joint.locator("input[type=range]");
     await slider.focus();
     await t.page.keyboard.press("ArrowRight");
-    await t.until((s) => (s.clip?.keys.find((k) => k.frame === 30)?.q?.[2] ?? 0) > Math.PI / 3, "one step of the slider");
+    await t.until(
+      (s) => (s.clip?.keys.find((k) => k.frame === 30)?.q?.[2] ?? 0) > Math.PI / 3,
+      "one step of the slider",
+    );
     await number.fill("9999");
     await number.press("Enter");
     await t.page.getByText("elbow goes from").first().waitFor();
@@ -231,11 +252,36 @@ describe("features", () => {
     await t.goTo(50);
     await t.byId("joint-0").locator("input[type=text]").fill("-70");
     await t.byId("joint-0").locator("input[type=text]").press("Enter");
-    await t.page.getByText("This pose is no key yet").waitFor();
+    await t.page.getByText("This pose is not a key yet").waitFor();
     assert.deepEqual(await t.keys(), [0, 30, 45, 60]);
-    await t.page.getByRole("button", { name: "Key it (K)" }).click();
+    await t.page.getByRole("button", { name: "Make it a key (K)" }).click();
     await t.until_keys([0, 30, 45, 50, 60]);
     await t.page.getByRole("button", { name: "Auto-key" }).click();
+  });
+
+  test("what is not a number moves no joint, and is named", async () => {
+    await afresh();
+    await t.goTo(30);
+    const number = t.byId("joint-2").locator("input[type=text]");
+    const shown = await number.inputValue();
+    for (const text of ["banana", "NaN", "", " ", "2+3", "1e999", "deg"]) {
+      await number.fill(text);
+      await number.press("Enter");
+      await t.page.getByText(`"${text}" is not a number of degrees`).last().waitFor();
+      assert.equal(await number.inputValue(), shown, `the field shows the joint again after "${text}"`);
+    }
+    assert.equal((await t.state()).rev, 0, "nothing was edited");
+    await number.fill("1 rad");
+    await number.press("Enter");
+    await t.until(
+      (s) => Math.abs((s.clip?.keys.find((k) => k.frame === 30)?.q?.[2] ?? 0) - 1) < 1e-3,
+      "a unit may stand behind it",
+    );
+    await t.clickKey(30);
+    await t.press("h");
+    await t.page.getByLabel("Frames, or a time such as 0.5s").fill("0.5s");
+    await t.page.keyboard.press("Enter");
+    await t.until((s) => s.clip?.keys.find((k) => k.frame === 30)?.hold === 10, "held for half a second");
   });
 
   test("undo and redo, one entry a drag, history by name", async () => {
@@ -285,13 +331,17 @@ describe("features", () => {
     await t.press("]");
     await t.until((s) => s.range?.from === 20 && s.range.to === 27, "a loop");
     await t.press("-", "Space");
-    const seen = new Set<number>();
-    for (let i = 0; i < 40; i++) {
-      seen.add((await t.state()).playhead);
-      await t.page.waitForTimeout(20);
-    }
+    const seen: number[] = [];
+    await t.until((s) => {
+      seen.push(s.playhead);
+      return new Set(seen).size > 2 && seen.some((f, i) => i > 0 && f < (seen[i - 1] ?? 0));
+    }, "going round in the loop");
     await t.press("Space", "0");
-    assert.ok([...seen].every((f) => f >= 20 && f <= 26) && seen.size > 2, [...seen].join());
+    // The first may be from before it began.
+    assert.ok(
+      seen.slice(1).every((f) => f >= 20 && f <= 26),
+      seen.join(),
+    );
     await t.press("ArrowUp");
     await t.press("ArrowDown");
     await t.until((s) => s.playhead === 30, "to the next key");
@@ -313,10 +363,16 @@ describe("features", () => {
     await afresh();
     const before = (await t.rolledOut()).rollout?.gen ?? 0;
     let during = 0;
-    await t.drag(30, 45, { steps: 15, before: async () => {
-      await t.until((s) => (s.rollout?.gen ?? 0) >= before + 2 && s.rollout?.rev === 0, "rolled out while dragging");
-      during = (await t.state()).rollout?.gen ?? 0;
-    } });
+    await t.drag(30, 45, {
+      steps: 15,
+      before: async () => {
+        await t.until(
+          (s) => (s.rollout?.gen ?? 0) >= before + 2 && s.rollout?.rev === 0,
+          "rolled out while dragging",
+        );
+        during = (await t.state()).rollout?.gen ?? 0;
+      },
+    });
     await t.until_keys([0, 45, 60]);
     const done = await t.rolledOut();
     assert.ok(during > before && (done.rollout?.gen ?? 0) > during);
@@ -339,11 +395,16 @@ describe("features", () => {
 
   test("problems are listed, found by N, and explained", async () => {
     await afresh();
-    await studio.api("POST", "/api/ops", { ops: [{ op: "keys.add", args: { keys: [{ frame: 32, q: [2.5, -1.5, 1.5, -1.5, -1.5] }] } }] });
+    await studio.api("POST", "/api/ops", {
+      ops: [{ op: "keys.add", args: { keys: [{ frame: 32, q: [2.5, -1.5, 1.5, -1.5, -1.5] }] } }],
+    });
     const s = await t.until((x) => (x.findings?.lints ?? []).some((l) => l.level !== "info"), "a problem");
     await t.goTo(0);
     await t.press("n");
-    const first = (s.findings?.lints ?? []).flatMap((l) => (l.frames ? [l.frames[0]] : [])).sort((a, b) => a - b).find((f) => f > 0);
+    const first = (s.findings?.lints ?? [])
+      .flatMap((l) => (l.frames ? [l.frames[0]] : []))
+      .sort((a, b) => a - b)
+      .find((f) => f > 0);
     await t.until((x) => x.playhead === first, "at the problem");
     assert.match(await t.byId("problems").innerText(), /rad\/s|deg|faster|speed/i);
   });
@@ -352,23 +413,28 @@ describe("features", () => {
     await afresh();
     await t.goTo(30);
     await t.press("p");
-    await t.page.getByLabel("Name").fill("reach");
+    await t.page.getByLabel("Name", { exact: true }).fill("reach");
     await t.page.keyboard.press("Enter");
     const saved = await t.until((s) => "reach" in (s.clip?.poses ?? {}), "saved");
-    await t.byId("pose-reach").locator("img").evaluate(async (img: HTMLImageElement) => img.decode());
+    await t
+      .byId("pose-reach")
+      .locator("img")
+      .evaluate(async (img: HTMLImageElement) => img.decode());
     await t.goTo(45);
     await t.byId("pose-reach").click();
     await t.until_keys([0, 30, 45, 60]);
     // 40 % of the pose, 60 % of the key that is there.
-    const pose = saved.clip?.poses?.["reach"] ?? [];
+    const pose = saved.clip?.poses?.reach ?? [];
     const was = saved.clip?.keys.find((k) => k.frame === 60)?.q ?? [];
     await t.page.getByLabel("blend").fill("40");
     await t.goTo(60);
     await t.byId("pose-reach").click();
     const mixed = await t.until((s) => s.clip?.keys.find((k) => k.frame === 60)?.q?.[0] !== was[0], "mixed");
-    mixed.clip?.keys.find((k) => k.frame === 60)?.q?.forEach((v, j) => {
-      assert.ok(Math.abs((v ?? 9) - (0.6 * (was[j] ?? 0) + 0.4 * (pose[j] ?? 0))) < 2e-6, `joint ${j}`);
-    });
+    mixed.clip?.keys
+      .find((k) => k.frame === 60)
+      ?.q?.forEach((v, j) => {
+        assert.ok(Math.abs((v ?? 9) - (0.6 * (was[j] ?? 0) + 0.4 * (pose[j] ?? 0))) < 2e-6, `joint ${j}`);
+      });
     await t.page.getByLabel("blend").fill("100");
   });
 
@@ -379,13 +445,23 @@ describe("features", () => {
     assert.ok("table" in mirror, "it has a mirror image");
     const q = [0.1, 0.05];
     assert.equal(joints.length, q.length);
-    await studio.api("POST", "/api/ops", { ops: [{ op: "keys.add", args: { keys: [{ frame: 10, q }] } }, { op: "pose.save", args: { name: "aside", q } }] });
+    await studio.api("POST", "/api/ops", {
+      ops: [
+        { op: "keys.add", args: { keys: [{ frame: 10, q }] } },
+        { op: "pose.save", args: { name: "aside", q } },
+      ],
+    });
     await t.until_keys([0, 10]);
     // The server's own mirror image, by another road.
     await studio.api("POST", "/api/ops", { ops: [{ op: "keys.mirror", args: { frames: [10] } }] });
-    const image = (await t.until((s) => s.rev === 2, "mirrored")).clip?.keys.find((k) => k.frame === 10)?.q ?? [];
+    const image =
+      (await t.until((s) => s.rev === 2, "mirrored")).clip?.keys.find((k) => k.frame === 10)?.q ?? [];
     assert.notDeepEqual(image, q);
-    assert.deepEqual(image.map((v) => Math.abs(v ?? 9)).sort(), q.map(Math.abs).sort(), "up to sign and order");
+    assert.deepEqual(
+      image.map((v) => Math.abs(v ?? 9)).sort(),
+      q.map(Math.abs).sort(),
+      "up to sign and order",
+    );
     await studio.api("POST", "/api/undo", {});
     await t.until((s) => s.clip?.keys.find((k) => k.frame === 10)?.q?.[0] === q[0], "as before");
     await t.clickKey(10);
@@ -404,7 +480,9 @@ describe("features", () => {
     // A hand has none, and says so.
     await studio.api("POST", "/api/new", { robot: "shadow_hand" });
     await t.until((s) => s.robot === "shadow_hand", "the hand");
-    const { none } = (await studio.api("GET", "/api/robot/shadow_hand")).json().table.mirror as { none: string };
+    const { none } = (await studio.api("GET", "/api/robot/shadow_hand")).json().table.mirror as {
+      none: string;
+    };
     const box = t.page.getByLabel("mirrored");
     assert.ok(await box.isDisabled());
     assert.equal(await box.locator("xpath=..").getAttribute("title"), none);
@@ -414,12 +492,13 @@ describe("features", () => {
 
   test("a policy is chosen, and another, and refined, whatever was opened meanwhile", async () => {
     await afresh();
-    // What an earlier test was told stands for fifteen seconds.
-    const told = await t.page.getByRole("alert").allInnerTexts();
     for (const policy of ["pd", "computed-torque", "zero", "computed-torque"]) {
       await t.byId("policy").selectOption(policy);
       await t.until((s) => s.settings.policy === policy, `${policy} chosen`);
-      const s = await t.until((x) => x.rollout?.policy === policy && x.rollout.phase === "done", `${policy} performs`);
+      const s = await t.until(
+        (x) => x.rollout?.policy === policy && x.rollout.phase === "done",
+        `${policy} performs`,
+      );
       assert.equal(s.frames, s.clip?.length);
     }
     const refine = t.page.getByLabel("refine");
@@ -427,8 +506,7 @@ describe("features", () => {
     await t.until((s) => s.settings.refine && s.rollout?.phase === "done", "refined");
     await refine.uncheck();
     await t.until((s) => !s.settings.refine, "plain again");
-    const since = (await t.page.getByRole("alert").allInnerTexts()).filter((text) => !told.includes(text));
-    assert.deepEqual(since, [], "nothing was refused");
+    assert.deepEqual(await t.page.getByRole("alert").allInnerTexts(), [], "nothing was refused");
   });
 
   test("every policy is tried on the clip, and the nearest of its kind proposed", async () => {
@@ -437,12 +515,22 @@ describe("features", () => {
     await t.until((s) => s.rollout?.policy === "pd" && s.rollout.phase === "done", "pd performs");
     await t.byId("try-all").click();
     const use = t.byId("tries").getByRole("button", { name: "Use it" });
-    await use.waitFor({ timeout: 60_000 });
+    await use.waitFor();
     const names = await t.byId("tries").locator(".take button").allInnerTexts();
-    for (const name of ["pd", "ridge", "robert"]) assert.ok(names.some((n) => n.startsWith(name)), `${name} was tried`);
+    for (const name of ["pd", "ridge", "robert"])
+      assert.ok(
+        names.some((n) => n.startsWith(name)),
+        `${name} was tried`,
+      );
     await use.click();
-    const s = await t.until((x) => x.settings.policy !== "pd" && x.rollout?.phase === "done", "the proposal performs");
-    assert.ok(["robert", "ridge"].includes(s.settings.policy), `${s.settings.policy} knows no model, as pd does not`);
+    const s = await t.until(
+      (x) => x.settings.policy !== "pd" && x.rollout?.phase === "done",
+      "the proposal performs",
+    );
+    assert.ok(
+      ["robert", "ridge"].includes(s.settings.policy),
+      `${s.settings.policy} knows no model, as pd does not`,
+    );
     assert.equal(await use.count(), 0, "nothing nearer is left to propose");
   });
 
@@ -450,7 +538,7 @@ describe("features", () => {
     await afresh();
     await t.goTo(25);
     await t.press("Shift+M");
-    await t.page.getByLabel("Name").fill("shot");
+    await t.page.getByLabel("Name", { exact: true }).fill("shot");
     await t.page.keyboard.press("Enter");
     await t.until((s) => s.clip?.markers?.[0]?.name === "shot", "marked");
     assert.match((await studio.api("GET", "/api/clip")).bytes.toString(), /"shot"/);
@@ -467,6 +555,24 @@ describe("features", () => {
     await other.context.close();
   });
 
+  test("a drag ends with the page that makes it", async () => {
+    await afresh();
+    await t.drag(30, 34);
+    await t.until_keys([0, 34, 60]);
+    const before = await t.rolledOut();
+    const other = await tab(studio);
+    await other.until((s) => s.clip?.name === "arm", "the same clip");
+    const [from, to] = [await other.at(34), await other.at(45)];
+    await other.page.mouse.move(from.x, from.y);
+    await other.page.mouse.down();
+    await other.page.mouse.move(to.x, to.y, { steps: 4 });
+    await t.until((s) => s.rollout?.rev === 0 && s.rollout.phase === "done", "everybody sees the drag");
+    await other.context.close();
+    const after = await t.rolledOut();
+    assert.equal(after.rev, before.rev, "nothing was edited");
+    assert.deepEqual(after.q, before.q, "the motion is that of the clip again");
+  });
+
   test("an unsaved clip waits under Examples until it is opened or discarded", async () => {
     await afresh();
     await t.goTo(10);
@@ -476,7 +582,9 @@ describe("features", () => {
     await t.byId("example-pointmass/star").click();
     await t.until((s) => s.page === "editor" && s.robot === "pointmass", "another clip");
     await t.click("page-gallery");
-    const row = t.page.locator('[data-testid^="draft-"]').first();
+    // Other tests have left unsaved clips, too: the newest is on top.
+    const [newest] = (await studio.api("GET", "/api/drafts")).json() as { number: number }[];
+    const row = t.byId(`draft-${newest?.number}`);
     assert.match(await row.innerText(), /arm/);
     await row.getByRole("button", { name: "arm", exact: true }).click();
     const back = await t.until((s) => s.page === "editor" && s.clip?.name === "arm", "back");
@@ -487,17 +595,26 @@ describe("features", () => {
     await t.click("page-gallery");
     // The page asks for the list when it is opened.
     const count = ((await studio.api("GET", "/api/drafts")).json() as unknown[]).length;
-    await t.page.waitForFunction((n) => document.querySelectorAll('[data-testid^="draft-"]').length === n, count);
+    await t.page.waitForFunction(
+      (n) => document.querySelectorAll('[data-testid^="draft-"]').length === n,
+      count,
+    );
     await t.page.getByRole("button", { name: "Discard arm" }).first().click();
-    await t.page.waitForFunction((n) => document.querySelectorAll('[data-testid^="draft-"]').length === n - 1, count);
+    await t.page.waitForFunction(
+      (n) => document.querySelectorAll('[data-testid^="draft-"]').length === n - 1,
+      count,
+    );
   });
 
   test("a bad file is a banner with its place, as on the command line", async () => {
     studio.file("bad.clip.json", '{\n  "format": "robert-clip/1",\n  "robot": 7\n}\n');
     await t.press("Control+o");
-    await t.page.getByLabel("File").fill("bad.clip.json");
+    await t.page.getByLabel("File", { exact: true }).fill("bad.clip.json");
     await t.page.keyboard.press("Enter");
-    await t.page.getByText(/bad\.clip\.json:3:\d+/).first().waitFor();
+    await t.page
+      .getByText(/bad\.clip\.json:3:\d+/)
+      .first()
+      .waitFor();
   });
 
   test("the still viewport and the rendered panel show the playhead; a film plays", async () => {
@@ -505,43 +622,52 @@ describe("features", () => {
     await t.byId("still-view").waitFor();
     await t.byId("tab-rendered").click();
     await t.byId("still").waitFor();
-    const source = (): Promise<string | null> => t.byId("still").getAttribute("src");
-    const first = await source();
+    const first = await t.byId("still").getAttribute("src");
     await t.goTo(60);
-    for (let i = 0; i < 200 && (await source()) === first; i++) await t.page.waitForTimeout(50);
-    assert.notEqual(await source(), first, "another frame, another picture");
+    await t.page.waitForFunction(
+      (src) => document.querySelector('[data-testid="still"]')?.getAttribute("src") !== src,
+      first,
+    );
     await t.picture("rendered");
     // A shorter one, for the film.
-    await studio.api("POST", "/api/ops", { ops: [{ op: "keys.delete", args: { frames: [30, 60] } }, { op: "clip.length", args: { length: 20 } }] });
+    await studio.api("POST", "/api/ops", {
+      ops: [
+        { op: "keys.delete", args: { frames: [30, 60] } },
+        { op: "clip.length", args: { length: 20 } },
+      ],
+    });
     await t.rolledOut();
     // Who asked for less motion starts the film by hand.
     await t.page.emulateMedia({ reducedMotion: "reduce" });
     await t.byId("play-film").click();
     await t.byId("film").waitFor();
-    const film0 = await t.byId("film").evaluate((v: HTMLVideoElement) => ({ auto: v.autoplay, paused: v.paused }));
+    const film0 = await t
+      .byId("film")
+      .evaluate((v: HTMLVideoElement) => ({ auto: v.autoplay, paused: v.paused }));
     assert.deepEqual(film0, { auto: false, paused: true });
     await t.page.emulateMedia({ reducedMotion: null });
     const film = await t.byId("film").evaluate(async (v: HTMLVideoElement) => {
-      if (!(v.duration > 0)) await new Promise((resolve) => v.addEventListener("loadedmetadata", resolve, { once: true }));
-      // Slowly, so that a busy machine drops no frame.
-      Object.assign(v, { muted: true, loop: false, playbackRate: 0.25 });
-      // It may have begun by itself: what it showed before does not count.
+      if (!(v.duration > 0))
+        await new Promise((resolve) => v.addEventListener("loadedmetadata", resolve, { once: true }));
+      Object.assign(v, { muted: true, loop: false });
+      // It may have begun by itself.
       v.pause();
-      v.currentTime = 0;
-      await new Promise((resolve) => v.addEventListener("seeked", resolve, { once: true }));
+      // Every frame, one after the other: a busy machine leaves some out while it plays.
       const shown = new Set<number>();
-      const count = (_: number, frame: { mediaTime: number }): void => {
-        shown.add(Math.round(frame.mediaTime * 1000));
-        v.requestVideoFrameCallback(count);
-      };
-      v.requestVideoFrameCallback(count);
+      for (let frame = 19; frame >= 0; frame--) {
+        const drawn = new Promise<number>((resolve) =>
+          v.requestVideoFrameCallback((_, at) => resolve(at.mediaTime)),
+        );
+        v.currentTime = (frame + 0.5) / 20;
+        shown.add(Math.round((await drawn) * 1000));
+      }
       const ended = new Promise((resolve) => v.addEventListener("ended", resolve, { once: true }));
       await v.play();
       await ended;
       return { secs: v.duration, width: v.videoWidth, height: v.videoHeight, frames: shown.size };
     });
     assert.deepEqual([film.width, film.height], [640, 400]);
-    assert.ok(film.frames >= 19 && film.frames <= 21, `${film.frames} frames were shown`);
+    assert.equal(film.frames, 20, "each frame is another moment of the film");
     const secs = film.secs;
     assert.ok(Math.abs(secs - 1) < 0.06, `${secs} s`);
     await t.byId("tab-curves").click();
@@ -553,12 +679,15 @@ describe("features", () => {
     assert.ok(view);
     const [w, h] = [Math.round(view.width), Math.round(view.height)];
     const at = async (x: number, y: number): Promise<string | null> =>
-      (await studio.api("GET", `/api/still-body?frame=0&w=${w}&h=${h}&x=${x}&y=${y}`)).json() as string | null;
+      (await studio.api("GET", `/api/still-body?frame=0&w=${w}&h=${h}&x=${x}&y=${y}`)).json() as
+        | string
+        | null;
     const found: { x: number; y: number }[] = [];
-    for (let i = 0; i < 24; i++) for (let j = 0; j < 18; j++) {
-      const p = { x: (i + 0.5) / 24, y: (j + 0.5) / 18 };
-      if (/forearm/.test((await at(p.x, p.y)) ?? "")) found.push(p);
-    }
+    for (let i = 0; i < 24; i++)
+      for (let j = 0; j < 18; j++) {
+        const p = { x: (i + 0.5) / 24, y: (j + 0.5) / 18 };
+        if (/forearm/.test((await at(p.x, p.y)) ?? "")) found.push(p);
+      }
     const middle = found[Math.floor(found.length / 2)];
     assert.ok(middle, "the forearm is in the picture");
     await t.page.mouse.click(view.x + middle.x * view.width, view.y + middle.y * view.height);
@@ -594,7 +723,7 @@ describe("features", () => {
     assert.ok(Math.abs((await width()) - before) < 2, "as it was");
     for (const of of ["right", "curves", "sheet"]) {
       const box = await t.byId(`splitter-${of}`).boundingBox();
-      assert.ok(box && (box.width >= 5 && box.height >= 5), of);
+      assert.ok(box && box.width >= 5 && box.height >= 5, of);
     }
   });
 
@@ -602,7 +731,7 @@ describe("features", () => {
     await afresh();
     const pid = (await studio.api("GET", "/api/state")).json().worker.pid as number;
     process.kill(pid, "SIGKILL");
-    await t.page.getByText("The simulation died").first().waitFor();
+    await t.page.getByText("The simulation stopped unexpectedly").first().waitFor();
     await t.drag(30, 33);
     await t.until_keys([0, 33, 60]);
     const s = await t.rolledOut();
@@ -614,12 +743,16 @@ describe("features", () => {
     await t.page.setViewportSize({ width: 1100, height: 640 });
     for (const scheme of ["light", "dark"] as const) {
       await t.page.emulateMedia({ colorScheme: scheme, reducedMotion: "reduce" });
-      await t.page.waitForTimeout(150);
+      await t.painted();
       await t.picture(`small-${scheme}`);
-      const over = await t.page.evaluate(() => [...document.querySelectorAll(".editor > *, .side > *, .transport > *, .bar > *")].filter((e) => {
-        const r = e.getBoundingClientRect();
-        return r.width > 0 && (r.right > innerWidth + 1 || r.bottom > innerHeight + 1 || r.left < -1);
-      }).map((e) => `${e.className} ${e.textContent?.slice(0, 20)}`));
+      const over = await t.page.evaluate(() =>
+        [...document.querySelectorAll(".editor > *, .side > *, .transport > *, .bar > *")]
+          .filter((e) => {
+            const r = e.getBoundingClientRect();
+            return r.width > 0 && (r.right > innerWidth + 1 || r.bottom > innerHeight + 1 || r.left < -1);
+          })
+          .map((e) => `${e.className} ${e.textContent?.slice(0, 20)}`),
+      );
       assert.deepEqual(over, [], "nothing sticks out");
     }
     await t.page.setViewportSize({ width: 1280, height: 720 });

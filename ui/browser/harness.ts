@@ -1,52 +1,35 @@
-// A real server, a real browser, and the few gestures that all tests share.
+// A real server, a real browser, and the few gestures that all tests share. Tests wait for
+// what they expect, never for a time, so that they pass on any machine.
 
 import assert from "node:assert/strict";
-import { spawn, type ChildProcess } from "node:child_process";
+import { type ChildProcess, spawn } from "node:child_process";
 import { existsSync, mkdirSync, mkdtempSync, readFileSync, rmSync, writeFileSync } from "node:fs";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
-import { chromium, type Browser, type BrowserContext, type Page } from "playwright-core";
-import type { Clip } from "../src/clip";
-import type { Findings, History, RolloutSettings, RolloutState, TakeCard } from "../src/protocol";
+import { type Browser, type BrowserContext, chromium, type Page, test as plain } from "@playwright/test";
+import type {} from "../src/clock";
+import type { Snapshot } from "../src/testing";
 
-/** What the page publishes for tests, see src/main.tsx. */
-export interface Snapshot {
-  page: string;
-  link: string;
-  /** Number of the open document. */
-  opened?: number;
-  rev?: number;
-  clip?: Clip;
-  dirty?: boolean;
-  playhead: number;
-  selection: number[];
-  rollout?: RolloutState;
-  frames: number;
-  joint?: number;
-  site?: string;
-  locked: string[];
-  moving?: Record<string, number>;
-  demand?: { joint: string; needed: number; usual: number | null; max: number | null };
-  floating?: number[];
-  playing: boolean;
-  history?: History;
-  findings?: Findings;
-  settings: RolloutSettings;
-  takes: TakeCard[];
-  compared: number[];
-  takeFrames: number[];
-  robot?: string;
-  range?: { from: number; to: number };
-  view: { zoom: number; left: number };
-  error: (number | null)[];
-  q: number[][];
-}
+let still: Browser | undefined;
 
-const root = process.env["ROBERT_ROOT"] ?? join(process.cwd(), "..");
+/** A test with assertions of node; the browser of its worker is closed when the worker ends. */
+export const test = plain.extend<object, { browsers: undefined }>({
+  browsers: [
+    async ({}, use) => {
+      await use(undefined);
+      await still?.close();
+      still = undefined;
+    },
+    { scope: "worker", auto: true },
+  ],
+});
+export const { describe, beforeAll: before, afterAll: after } = test;
+
+const root = process.env.ROBERT_ROOT ?? join(process.cwd(), "..");
 
 /** The program under test: ROBERT_BIN, else what cargo has built last. */
 export function binary(): string {
-  const named = process.env["ROBERT_BIN"];
+  const named = process.env.ROBERT_BIN;
   if (named) return named;
   const built = ["debug", "release"].map((p) => join(root, "target", p, "robert")).find(existsSync);
   assert.ok(built, "no robert is built: cargo build");
@@ -54,23 +37,34 @@ export function binary(): string {
 }
 
 function browserPath(): string {
-  const named = process.env["CHROMIUM"];
-  const known = ["/usr/bin/chromium", "/usr/bin/chromium-browser", "/usr/bin/google-chrome", "/usr/bin/google-chrome-stable"];
+  const named = process.env.CHROMIUM;
+  const known = [
+    "/usr/bin/chromium",
+    "/usr/bin/chromium-browser",
+    "/usr/bin/google-chrome",
+    "/usr/bin/google-chrome-stable",
+  ];
   const found = named ?? known.find(existsSync);
   assert.ok(found, "no Chromium is installed: script/bootstrap --test, or name one in CHROMIUM");
   return found;
 }
 
 /** Where pictures of what was seen go, for people to look at. */
-const PICTURES = process.env["ROBERT_SCREENSHOTS"];
+const PICTURES = process.env.ROBERT_SCREENSHOTS;
 
 export class Studio {
   private child: ChildProcess | undefined;
   url = "";
 
-  private constructor(readonly dir: string, private readonly args: string[]) {}
+  private constructor(
+    readonly dir: string,
+    private readonly args: string[],
+  ) {}
 
-  static async start(args: string[] = [], dir = mkdtempSync(join(tmpdir(), "robert-browser-"))): Promise<Studio> {
+  static async start(
+    args: string[] = [],
+    dir = mkdtempSync(join(tmpdir(), "robert-browser-")),
+  ): Promise<Studio> {
     const studio = new Studio(dir, args);
     await studio.run();
     return studio;
@@ -78,7 +72,9 @@ export class Studio {
 
   async run(port = 0): Promise<void> {
     const child = spawn(binary(), ["studio", "--no-open", "--port", String(port), ...this.args], {
-      cwd: this.dir, env: { ...process.env, ROBERT_STATE_DIR: join(this.dir, "state"), NO_COLOR: "1" }, stdio: ["ignore", "pipe", "inherit"],
+      cwd: this.dir,
+      env: { ...process.env, ROBERT_STATE_DIR: join(this.dir, "state"), NO_COLOR: "1" },
+      stdio: ["ignore", "pipe", "inherit"],
     });
     this.child = child;
     this.url = await new Promise<string>((resolve, reject) => {
@@ -96,9 +92,14 @@ export class Studio {
   }
 
   /** A request beside the browser, as a script makes it. */
-  async api(method: string, path: string, body?: unknown): Promise<{ status: number; json: () => any; bytes: Buffer }> {
+  async api(
+    method: string,
+    path: string,
+    body?: unknown,
+  ): Promise<{ status: number; json: () => any; bytes: Buffer }> {
     const answer = await fetch(new URL(path, this.url), {
-      method, headers: { authorization: `Bearer ${this.token}`, "content-type": "application/json" },
+      method,
+      headers: { authorization: `Bearer ${this.token}`, "content-type": "application/json" },
       ...(body === undefined ? {} : { body: JSON.stringify(body) }),
     });
     const bytes = Buffer.from(await answer.arrayBuffer());
@@ -134,7 +135,18 @@ export class Studio {
 }
 
 /** How long a condition may take on a crowded machine before it counts as never. */
-const PATIENCE_MS = Number(process.env["ROBERT_PATIENCE_MS"] ?? 150_000);
+const PATIENCE_MS = Number(process.env.ROBERT_PATIENCE_MS ?? 150_000);
+
+/** Asks until there is an answer. */
+export async function eventually<T>(ask: () => Promise<T | undefined | false>, what: string): Promise<T> {
+  const end = Date.now() + PATIENCE_MS;
+  for (;;) {
+    const found = await ask().catch(() => undefined);
+    if (found) return found;
+    assert.ok(Date.now() < end, `never: ${what}`);
+    await new Promise((resolve) => setTimeout(resolve, 50));
+  }
+}
 
 /** A page with what tests do on it. */
 export class Tab {
@@ -143,14 +155,22 @@ export class Tab {
   readonly errors: string[] = [];
   actions = 0;
 
-  constructor(readonly page: Page, readonly context: BrowserContext, readonly studio: Studio) {
+  constructor(
+    readonly page: Page,
+    readonly context: BrowserContext,
+    readonly studio: Studio,
+  ) {
     // Two cores draw, simulate and serve at once; what never comes is found by the test's end.
     page.setDefaultTimeout(PATIENCE_MS);
     // Viser's sorter of splats, which we have none of, asks for eval and is refused.
-    page.on("pageerror", (e) => /Evaluating a string as JavaScript/.test(e.message) || this.errors.push(e.message));
+    page.on(
+      "pageerror",
+      (e) => /Evaluating a string as JavaScript/.test(e.message) || this.errors.push(e.message),
+    );
     page.on("request", (r) => {
       const url = r.url();
-      if (!url.startsWith(new URL(studio.url).origin) && !/^(data|blob|about):/.test(url)) this.foreign.push(url);
+      if (!url.startsWith(new URL(studio.url).origin) && !/^(data|blob|about):/.test(url))
+        this.foreign.push(url);
     });
   }
 
@@ -160,27 +180,49 @@ export class Tab {
     return this;
   }
 
-  state(): Promise<Snapshot> {
-    return this.page.evaluate(() => (window as unknown as { __studio: { state: Snapshot } }).__studio.state);
+  async state(): Promise<Snapshot> {
+    return (await this.news("", PATIENCE_MS)).state;
   }
 
-  /** Waits until the page's state is as it should be. */
+  /** The page's state as soon as it is another than that of this mark. */
+  private async news(mark: string, ms: number): Promise<{ mark: string; state: Snapshot }> {
+    const ask = () => this.page.evaluate(([m, t]) => window.__studio.after(m, t), [mark, ms] as const);
+    try {
+      return await ask();
+    } catch {
+      // The page was being loaded.
+      await this.page.waitForFunction(() => "__studio" in window);
+      return ask();
+    }
+  }
+
+  /** Waits until the page's state is as it should be; looks at it whenever it changes. */
   async until(ok: (s: Snapshot) => boolean, what: string): Promise<Snapshot> {
     const end = Date.now() + PATIENCE_MS;
-    for (;;) {
-      const s = await this.state().catch(() => undefined);
-      if (s && ok(s)) return s;
-      if (Date.now() > end) {
-        const { q: _q, error: _e, findings: _f, clip: _c, ...rest } = s ?? ({} as Snapshot);
+    for (let mark = ""; ; ) {
+      const { mark: now, state } = await this.news(mark, Math.max(0, end - Date.now()));
+      if (ok(state)) return state;
+      if (now === mark || Date.now() > end) {
+        const { q: _q, error: _e, findings: _f, clip: _c, ...rest } = state;
         assert.fail(`not ${what}: ${JSON.stringify(rest)}`);
       }
-      await new Promise((r) => setTimeout(r, 20));
+      mark = now;
     }
+  }
+
+  /** The browser has drawn what the page last asked for. */
+  async painted(): Promise<void> {
+    await this.page.evaluate(
+      () => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done))),
+    );
   }
 
   /** The rollout of what is on the page is done. */
   rolledOut(): Promise<Snapshot> {
-    return this.until((s) => s.rollout?.rev === s.rev && (s.rollout?.phase === "done" || s.rollout?.phase === "failed"), "rolled out");
+    return this.until(
+      (s) => s.rollout?.rev === s.rev && (s.rollout?.phase === "done" || s.rollout?.phase === "failed"),
+      "rolled out",
+    );
   }
 
   byId(id: string) {
@@ -203,12 +245,12 @@ export class Tab {
   async at(frame: number, row = "All joints"): Promise<{ x: number; y: number }> {
     const box = await this.byId("timeline").boundingBox();
     assert.ok(box);
-    const [x, y] = await this.page.evaluate(([f, r]) => {
-      const hook = (window as unknown as { __studio: { frameToX: (f: number) => number; rowToY: (r: string) => number | undefined } }).__studio;
-      return [hook.frameToX(f as number), hook.rowToY(r as string)];
-    }, [frame, row] as [number, string]);
-    assert.ok(x !== undefined && y !== undefined, `row ${row}`);
-    return { x: box.x + (x as number), y: box.y + (y as number) };
+    const [x, y] = await this.page.evaluate(
+      ([f, r]) => [window.__studio.frameToX(f), window.__studio.rowToY(r)] as const,
+      [frame, row] as const,
+    );
+    assert.ok(y !== undefined, `row ${row}`);
+    return { x: box.x + x, y: box.y + y };
   }
 
   async clickKey(frame: number, modifiers: ("Shift" | "Control" | "Alt")[] = []): Promise<void> {
@@ -220,7 +262,11 @@ export class Tab {
   }
 
   /** Presses at one frame, moves in steps, releases at another. */
-  async drag(from: number, to: number, options: { hold?: string; row?: string; steps?: number; before?: () => Promise<void> } = {}): Promise<void> {
+  async drag(
+    from: number,
+    to: number,
+    options: { hold?: string; row?: string; steps?: number; before?: () => Promise<void> } = {},
+  ): Promise<void> {
     const a = await this.at(from, options.row);
     const b = await this.at(to, options.row);
     this.actions++;
@@ -228,15 +274,17 @@ export class Tab {
     await this.page.mouse.move(a.x, a.y);
     await this.page.mouse.down();
     const n = options.steps ?? 6;
-    for (let i = 1; i <= n; i++) await this.page.mouse.move(a.x + ((b.x - a.x) * i) / n, a.y + ((b.y - a.y) * i) / n);
+    for (let i = 1; i <= n; i++)
+      await this.page.mouse.move(a.x + ((b.x - a.x) * i) / n, a.y + ((b.y - a.y) * i) / n);
     await options.before?.();
     await this.page.mouse.up();
     if (options.hold) await this.page.keyboard.up(options.hold);
   }
 
-  /** Another document, as like the last one as may be; nothing has the focus. */
+  /** Another document, as like the last one as may be; nothing has the focus, nothing is said. */
   async afresh(text = ARM): Promise<void> {
     await this.page.keyboard.press("Escape");
+    await this.page.evaluate(() => window.__studio.dismissAll());
     const opened = (await this.studio.api("POST", "/api/new", { text })).json().opened as number;
     await this.until((s) => s.opened === opened, `document ${opened} is open`);
     // A slider that has the focus would take Home for itself.
@@ -256,7 +304,10 @@ export class Tab {
   }
 
   async until_keys(frames: number[]): Promise<void> {
-    await this.until((s) => JSON.stringify(s.clip?.keys.map((k) => k.frame)) === JSON.stringify(frames), `keys at ${frames.join(", ")}`);
+    await this.until(
+      (s) => JSON.stringify(s.clip?.keys.map((k) => k.frame)) === JSON.stringify(frames),
+      `keys at ${frames.join(", ")}`,
+    );
   }
 
   async picture(name: string): Promise<void> {
@@ -264,41 +315,67 @@ export class Tab {
   }
 }
 
-let still: Browser | undefined;
-
 /** One browser without WebGL for all tests that need no 3D view: the viewport is stills. */
 export async function stillBrowser(): Promise<Browser> {
   still ??= await chromium.launch({
-    executablePath: browserPath(), args: ["--no-sandbox", "--disable-background-networking", "--disable-gpu", "--disable-3d-apis"],
+    executablePath: browserPath(),
+    args: ["--no-sandbox", "--disable-background-networking", "--disable-gpu", "--disable-3d-apis"],
   });
   return still;
 }
 
-export async function endBrowsers(): Promise<void> {
-  await still?.close();
-  still = undefined;
-}
-
-export async function tab(studio: Studio, size = { width: 1280, height: 720 }): Promise<Tab> {
-  const context = await (await stillBrowser()).newContext({ viewport: size, acceptDownloads: true, permissions: ["clipboard-read", "clipboard-write"] });
+/** A page whose clock stands: messages stay until they are dismissed. */
+async function opened(context: BrowserContext, studio: Studio): Promise<Tab> {
+  await context.addInitScript(() => void (window.__timers = []));
   return new Tab(await context.newPage(), context, studio).open();
 }
 
+export async function tab(studio: Studio, size = { width: 1280, height: 720 }): Promise<Tab> {
+  const context = await (await stillBrowser()).newContext({
+    viewport: size,
+    acceptDownloads: true,
+    permissions: ["clipboard-read", "clipboard-write"],
+  });
+  return opened(context, studio);
+}
+
 /** A fresh browser with WebGL in software: a second page in one may wait for its frames. */
-export async function webgl(studio: Studio, size = { width: 1280, height: 720 }): Promise<{ tab: Tab; close: () => Promise<void> }> {
+export async function webgl(
+  studio: Studio,
+  size = { width: 1280, height: 720 },
+): Promise<{ tab: Tab; close: () => Promise<void> }> {
   const browser = await chromium.launch({
-    executablePath: browserPath(), args: ["--no-sandbox", "--disable-background-networking", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"],
+    executablePath: browserPath(),
+    args: [
+      "--no-sandbox",
+      "--disable-background-networking",
+      "--use-angle=swiftshader",
+      "--enable-unsafe-swiftshader",
+    ],
   });
   const context = await browser.newContext({ viewport: size });
-  const made = await new Tab(await context.newPage(), context, studio).open();
+  const made = await opened(context, studio);
   return { tab: made, close: () => browser.close() };
+}
+
+/** Waits until the 3D view has drawn three more pictures: two may have been under way. */
+export async function drawn(t: Tab): Promise<void> {
+  const frame = t.page.frames().find((f) => f.url().includes("/viser/"));
+  assert.ok(frame, "the 3D view is there");
+  const count = (): Promise<number> =>
+    frame.evaluate(() => (window as any).__viserTestpoints?.rendererInfo?.render?.frame ?? 0);
+  const from = await count();
+  await eventually(async () => (await count()) >= from + 3, "the 3D view draws");
 }
 
 /** Three keys of the arm, the rest masked. */
 export const ARM = JSON.stringify({
-  format: "robert-clip/1", name: "arm",
+  format: "robert-clip/1",
+  name: "arm",
   robot: { id: "ur5e", joints: ["shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2"] },
-  fps: 20, length: 80, fill: "linear",
+  fps: 20,
+  length: 80,
+  fill: "linear",
   keys: [
     { frame: 0, q: [-1.57, -1.57, 1.57, -1.57, -1.57] },
     { frame: 30, q: [-1.2, -1.4, 1.4, -1.5, -1.5] },

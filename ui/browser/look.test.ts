@@ -1,8 +1,7 @@
 // What is seen: nothing covered, nothing out of reach, words that say what is the case.
 
 import assert from "node:assert/strict";
-import { after, before, describe, test } from "node:test";
-import { armTab, endBrowsers, Studio, type Tab } from "./harness";
+import { after, armTab, before, describe, eventually, Studio, type Tab, test } from "./harness";
 
 describe("look", () => {
   let studio: Studio;
@@ -12,15 +11,16 @@ describe("look", () => {
     studio = await Studio.start();
     t = await armTab(studio);
   });
-  after(async () => {
-    await endBrowsers();
-    await studio.end();
-  });
+  after(() => studio.end());
   const afresh = (text?: string): Promise<void> => t.afresh(text);
 
   test("no message lies over a button, at three sizes", async () => {
     await afresh();
-    for (const [width, height] of [[1100, 640], [1280, 720], [1600, 900]] as const) {
+    for (const [width, height] of [
+      [1100, 640],
+      [1280, 720],
+      [1600, 900],
+    ] as const) {
       await t.page.setViewportSize({ width, height });
       for (const text of ["nothing", "whatever"]) {
         await t.byId("frame").fill(`a time that is none, ${text}, and a message of some length about it`);
@@ -30,14 +30,22 @@ describe("look", () => {
       const covered = await t.page.evaluate(() => {
         const toasts = [...document.querySelectorAll(".toast")].map((e) => e.getBoundingClientRect());
         const own = document.querySelector(".toasts");
-        return [...document.querySelectorAll("button, input, select, canvas, [role=separator]")].filter((e) => !own?.contains(e)).filter((e) => {
-          const r = e.getBoundingClientRect();
-          return r.width > 0 && toasts.some((b) => r.left < b.right && r.right > b.left && r.top < b.bottom && r.bottom > b.top);
-        }).map((e) => e.outerHTML.slice(0, 90));
+        return [...document.querySelectorAll("button, input, select, canvas, [role=separator]")]
+          .filter((e) => !own?.contains(e))
+          .filter((e) => {
+            const r = e.getBoundingClientRect();
+            return (
+              r.width > 0 &&
+              toasts.some((b) => r.left < b.right && r.right > b.left && r.top < b.bottom && r.bottom > b.top)
+            );
+          })
+          .map((e) => e.outerHTML.slice(0, 90));
       });
       assert.deepEqual(covered, [], `${width} x ${height}`);
       await t.picture(`toasts-${width}`);
-      await t.page.evaluate(() => document.querySelectorAll<HTMLElement>(".toast [aria-label=Dismiss]").forEach((b) => b.click()));
+      await t.page.evaluate(() =>
+        document.querySelectorAll<HTMLElement>(".toast [aria-label=Dismiss]").forEach((b) => b.click()),
+      );
       await t.page.waitForFunction(() => document.querySelectorAll(".toast").length === 0);
     }
     await t.page.setViewportSize({ width: 1280, height: 720 });
@@ -47,13 +55,17 @@ describe("look", () => {
     await studio.api("POST", `/api/gallery/${encodeURIComponent("shadow_hand/fire")}`);
     await t.until((s) => s.robot === "shadow_hand", "the hand");
     await t.page.setViewportSize({ width: 1100, height: 700 });
-    const seen = (what: string, within: string): Promise<number> => t.page.evaluate(([w, i]) => {
-      const box = document.querySelector(i as string)?.getBoundingClientRect();
-      return [...document.querySelectorAll(w as string)].filter((e) => {
-        const r = e.getBoundingClientRect();
-        return box && r.height > 0 && r.top >= box.top - 1 && r.bottom <= box.bottom + 1;
-      }).length;
-    }, [what, within]);
+    const seen = (what: string, within: string): Promise<number> =>
+      t.page.evaluate(
+        ([w, i]) => {
+          const box = document.querySelector(i as string)?.getBoundingClientRect();
+          return [...document.querySelectorAll(w as string)].filter((e) => {
+            const r = e.getBoundingClientRect();
+            return box && r.height > 0 && r.top >= box.top - 1 && r.bottom <= box.bottom + 1;
+          }).length;
+        },
+        [what, within],
+      );
     const poses = await seen(".pose", "[data-testid=poses] .scroll");
     const joints = await seen(".joint", "[data-testid=inspector] .scroll");
     assert.ok(poses >= 2, `${poses} poses`);
@@ -66,8 +78,17 @@ describe("look", () => {
     await afresh();
     // 1600 x 900 at 200 % is 800 x 450 for the page.
     await t.page.setViewportSize({ width: 800, height: 450 });
-    for (const area of [".bar", ".transport", ".legend", "[data-testid=inspector]", "[data-testid=takes]", ".tabs"]) {
-      for (const b of await t.page.locator(`${area} button:enabled, ${area} input:enabled, ${area} select:enabled`).all()) {
+    for (const area of [
+      ".bar",
+      ".transport",
+      ".legend",
+      "[data-testid=inspector]",
+      "[data-testid=takes]",
+      ".tabs",
+    ]) {
+      for (const b of await t.page
+        .locator(`${area} button:enabled, ${area} input:enabled, ${area} select:enabled`)
+        .all()) {
         await b.click({ trial: true, timeout: 20_000 });
       }
     }
@@ -76,30 +97,101 @@ describe("look", () => {
     await t.page.setViewportSize({ width: 1280, height: 720 });
   });
 
+  test("at 820 px and at 200 % zoom nothing lies beyond the right edge", async () => {
+    await afresh();
+    for (const [width, height] of [
+      [1099, 700],
+      [820, 700],
+      [800, 450],
+    ] as const) {
+      await t.page.setViewportSize({ width, height });
+      await t.painted();
+      await t.picture(`narrow-${width}`);
+      const beyond = await t.page.evaluate(() =>
+        [...document.querySelectorAll(".editor button, .editor input, .editor select")]
+          .filter((e) => {
+            const r = e.getBoundingClientRect();
+            return r.width > 0 && (r.right > innerWidth + 1 || r.left < -1);
+          })
+          .map((e) => e.outerHTML.slice(0, 90)),
+      );
+      assert.deepEqual(beyond, [], `${width} x ${height}`);
+      for (const control of [
+        t.byId("save"),
+        t.page.getByRole("button", { name: "Export" }),
+        t.byId("joint-0"),
+      ])
+        await control.click({ trial: true });
+    }
+    await t.page.setViewportSize({ width: 1280, height: 720 });
+  });
+
+  test("at 1440 x 900 two rows of poses and the newest take stay in sight, also after Try all", async () => {
+    await studio.api("POST", `/api/gallery/${encodeURIComponent("shadow_hand/fire")}`);
+    await t.until((s) => s.robot === "shadow_hand", "the hand");
+    await t.page.setViewportSize({ width: 1440, height: 900 });
+    await t.byId("policy").selectOption("computed-torque");
+    await t.until((s) => s.rollout?.policy === "computed-torque" && s.rollout.phase === "done", "rolled out");
+    const inSight = (): Promise<{ rows: number; takes: number }> =>
+      t.page.evaluate(() => {
+        const left = document.querySelector(".left")?.getBoundingClientRect();
+        const whole = (what: string, within: string): DOMRect[] => {
+          const box = document.querySelector(within)?.getBoundingClientRect();
+          return [...document.querySelectorAll(what)]
+            .map((e) => e.getBoundingClientRect())
+            .filter(
+              (r) => box && left && r.top >= box.top - 1 && r.bottom <= Math.min(box.bottom, left.bottom) + 1,
+            );
+        };
+        return {
+          rows: new Set(whole(".pose", "[data-testid=poses] .scroll").map((r) => r.top)).size,
+          takes: whole(".takes li", ".takes").length,
+        };
+      });
+    await t.picture("left-1440-before");
+    const before = await inSight();
+    assert.ok(before.rows >= 2 && before.takes >= 1, JSON.stringify(before));
+    await t.byId("try-all").click();
+    await t.byId("tries").waitFor();
+    await t.picture("left-1440");
+    const after = await inSight();
+    assert.ok(after.rows >= 1 && after.takes >= 1, JSON.stringify(after));
+    await t.page.setViewportSize({ width: 1280, height: 720 });
+  });
+
   test("a key of one frame is a cross in the curves", async () => {
     await afresh();
     await t.rolledOut();
     await t.byId("joint-2").locator("input[type=range]").focus();
-    await t.page.waitForTimeout(200);
+    await t.until((s) => s.joint === 2, "chosen");
     /** Pixels of the curve's colour near a key, off the line of what was reached. */
-    const ink = (frame: number): Promise<number> => t.page.evaluate((f) => {
-      const u = document.querySelector(".plots .uplot canvas") as HTMLCanvasElement;
-      const over = document.querySelector(".plots .u-over") as HTMLElement;
-      const k = devicePixelRatio;
-      const [c, o] = [u.getBoundingClientRect(), over.getBoundingClientRect()];
-      const x = (o.left - c.left) + (f / 79) * o.width;
-      const [r, g, b] = (getComputedStyle(document.documentElement).getPropertyValue("--series").trim().split(/\s+/)[2] ?? "#000000").match(/\w\w/g)!.map((h) => parseInt(h, 16)) as [number, number, number];
-      const data = u.getContext("2d")!.getImageData((x - 6) * k, (o.top - c.top) * k, 12 * k, o.height * k).data;
-      let count = 0;
-      for (let i = 0; i < data.length; i += 4) if (Math.abs(data[i]! - r) + Math.abs(data[i + 1]! - g) + Math.abs(data[i + 2]! - b) < 60) count++;
-      return count;
-    }, frame);
+    const ink = (frame: number): Promise<number> =>
+      t.page.evaluate((f) => {
+        const u = document.querySelector(".plots .uplot canvas") as HTMLCanvasElement;
+        const over = document.querySelector(".plots .u-over") as HTMLElement;
+        const k = devicePixelRatio;
+        const [c, o] = [u.getBoundingClientRect(), over.getBoundingClientRect()];
+        const x = o.left - c.left + (f / 79) * o.width;
+        const [r, g, b] = (
+          getComputedStyle(document.documentElement).getPropertyValue("--series").trim().split(/\s+/)[2] ??
+          "#000000"
+        )
+          .match(/\w\w/g)!
+          .map((h) => parseInt(h, 16)) as [number, number, number];
+        const data = u
+          .getContext("2d")!
+          .getImageData((x - 6) * k, (o.top - c.top) * k, 12 * k, o.height * k).data;
+        let count = 0;
+        for (let i = 0; i < data.length; i += 4)
+          if (Math.abs(data[i]! - r) + Math.abs(data[i + 1]! - g) + Math.abs(data[i + 2]! - b) < 60) count++;
+        return count;
+      }, frame);
     await t.goTo(79);
-    await t.page.waitForTimeout(200);
-    const [key, between] = [await ink(30), await ink(45)];
-    assert.ok(key > between + 8, `${key} at the key, ${between} beside it`);
+    await eventually(async () => (await ink(30)) > (await ink(45)) + 8, "more ink at the key than beside it");
     assert.equal(await t.page.locator(".curve-legend li").count(), 2);
-    const marks = await t.page.locator(".curve-legend path").evaluateAll((all) => all.map((p) => p.getAttribute("d")));
+    const marks = await t.page
+      .locator(".curve-legend path")
+      .evaluateAll((all) => all.map((p) => p.getAttribute("d")));
     assert.equal(new Set(marks).size, 2, "the shapes differ, not the colour alone");
   });
 
@@ -107,9 +199,9 @@ describe("look", () => {
     await afresh();
     const port = Number(new URL(studio.url).port);
     await studio.kill();
-    await t.page.getByText("The studio is gone").waitFor();
+    await t.page.getByText("The studio has stopped").waitFor();
     await studio.run(port);
-    await t.page.getByText("Another studio runs here now").waitFor();
+    await t.page.getByText("Another studio is running").waitFor();
     await t.page.goto(studio.url);
     await t.page.reload();
     await t.until((s) => s.link === "open", "in again by the new address");

@@ -2,8 +2,7 @@
 // the next, every gesture has a key. Still pictures for a viewport.
 
 import assert from "node:assert/strict";
-import { after, before, describe, test } from "node:test";
-import { ARM, armTab, endBrowsers, Studio, type Tab } from "./harness";
+import { ARM, after, armTab, before, describe, eventually, Studio, type Tab, test } from "./harness";
 
 describe("timeline", () => {
   let studio: Studio;
@@ -13,10 +12,7 @@ describe("timeline", () => {
     studio = await Studio.start();
     t = await armTab(studio);
   });
-  after(async () => {
-    await endBrowsers();
-    await studio.end();
-  });
+  after(() => studio.end());
   const afresh = async (text = ARM): Promise<void> => {
     await t.afresh(text);
     await t.press("Shift+F");
@@ -35,14 +31,17 @@ describe("timeline", () => {
     await t.goTo(30);
     await t.press("k");
     const s = await t.until((x) => sorted(x.selection) === "[30]", "selected");
-    assert.deepEqual(s.clip?.keys.find((k) => k.frame === 30), rich);
+    assert.deepEqual(
+      s.clip?.keys.find((k) => k.frame === 30),
+      rich,
+    );
     assert.equal(s.rev, 1, "no edit");
     // A pose that floats, taken to the key: its values change, the rest stays.
     await t.page.getByRole("button", { name: "Auto-key" }).click();
     await t.goTo(45);
     await t.byId("joint-0").locator("input[type=text]").fill("-80");
     await t.byId("joint-0").locator("input[type=text]").press("Enter");
-    await t.page.getByText("This pose is no key yet").waitFor();
+    await t.page.getByText("This pose is not a key yet").waitFor();
     await t.goTo(30);
     await t.press("k");
     await t.until((x) => x.rev === 2, "keyed");
@@ -77,7 +76,11 @@ describe("timeline", () => {
     await t.clickKey(30);
     await t.drag(30, 40, { hold: "Alt" });
     await t.until_keys([0, 30, 40, 60]);
-    assert.equal(await t.page.locator(".toast", { hasText: "replaced" }).count(), 0, "nothing was in the way: nothing is said");
+    assert.equal(
+      await t.page.locator(".toast", { hasText: "replaced" }).count(),
+      0,
+      "nothing was in the way: nothing is said",
+    );
   });
 
   test("a refused drop leaves selection and playhead; with Alt, Shift does not count", async () => {
@@ -140,16 +143,16 @@ describe("timeline", () => {
         if (m.op === "view.play") sent.push(m.args);
         send.call(this, data);
       };
-      (window as any).__played = sent;
+      Object.assign(window, { __played: sent });
     });
-    const last = async (): Promise<{ frame: number; speed: number; range?: [number, number] }> => t.page.evaluate(() => (window as any).__played.at(-1));
-    const plays = async (ok: (a: Awaited<ReturnType<typeof last>>) => boolean, what: string): Promise<void> => {
-      for (let i = 0; i < 400; i++) {
+    type Played = { frame: number; speed: number; range?: [number, number] };
+    const last = (): Promise<Played | undefined> =>
+      t.page.evaluate(() => (window as unknown as { __played: Played[] }).__played.at(-1));
+    const plays = async (ok: (a: Played) => boolean, what: string): Promise<void> => {
+      await eventually(async () => {
         const a = await last();
-        if (a && ok(a)) return;
-        await t.page.waitForTimeout(10);
-      }
-      assert.fail(`${what}: ${JSON.stringify(await last())}`);
+        return a && ok(a);
+      }, what);
     };
     await t.goTo(20);
     await t.press("[");
@@ -157,7 +160,10 @@ describe("timeline", () => {
     await t.press("]");
     await t.goTo(50);
     await t.press("Space");
-    await plays((a) => a.frame === 20 && a.speed === 1 && a.range?.[0] === 20 && a.range[1] === 30, "from the start of the loop");
+    await plays(
+      (a) => a.frame === 20 && a.speed === 1 && a.range?.[0] === 20 && a.range[1] === 30,
+      "from the start of the loop",
+    );
     await t.press("-");
     await plays((a) => a.speed === 0.5 && a.frame >= 20 && a.frame < 30, "half as fast, from where it is");
     await t.press("l");
@@ -185,13 +191,16 @@ describe("timeline", () => {
     await t.goTo(45);
     await t.byId("joint-0").locator("input[type=text]").fill("-80");
     await t.byId("joint-0").locator("input[type=text]").press("Enter");
-    await t.page.getByText("This pose is no key yet").waitFor();
+    await t.page.getByText("This pose is not a key yet").waitFor();
     // A document of the same name, without a file, with no edit: as like as can be.
     await afresh();
     const s = await t.state();
     // Takes stay until the studio ends; none of them is compared with another document's.
-    assert.deepEqual([s.range, s.selection, s.playhead, s.joint, s.compared, s.locked], [undefined, [], 0, undefined, [], []]);
-    assert.equal(await t.page.getByText("This pose is no key yet").count(), 0, "nothing floats");
+    assert.deepEqual(
+      [s.range, s.selection, s.playhead, s.joint, s.compared, s.locked],
+      [undefined, [], 0, undefined, [], []],
+    );
+    assert.equal(await t.page.getByText("This pose is not a key yet").count(), 0, "nothing floats");
     await t.page.getByRole("button", { name: "Auto-key" }).click();
     await t.goTo(30);
     await t.press("[");
@@ -237,8 +246,15 @@ describe("timeline", () => {
     const start = s.clip?.start;
     assert.ok(start && "q" in start && start.q.every((v, j) => Math.abs(v - (rest[j] ?? 0)) < 1e-6));
     const done = await t.rolledOut();
-    assert.ok(done.q[0]?.every((v, j) => Math.abs(v - (rest[j] ?? 0)) < 1e-3), "and the motion begins there");
-    assert.match(await t.byId("badge").innerText(), /starts .* away/, "the first frame's error is said, which the mean leaves out");
+    assert.ok(
+      done.q[0]?.every((v, j) => Math.abs(v - (rest[j] ?? 0)) < 1e-3),
+      "and the motion begins there",
+    );
+    assert.match(
+      await t.byId("badge").innerText(),
+      /starts .* away/,
+      "the first frame's error is said, which the mean leaves out",
+    );
     await t.press("Control+z");
     await t.until((x) => x.clip?.start == null, "as before");
   });
@@ -264,7 +280,10 @@ describe("timeline", () => {
     await t.page.getByRole("menuitem", { name: "Rename" }).click();
     await t.page.getByLabel("Name", { exact: true }).fill("far");
     await t.page.keyboard.press("Enter");
-    await t.until((s) => "far" in (s.clip?.poses ?? {}) && s.clip?.keys.find((k) => k.frame === 45)?.pose === "far", "its key follows");
+    await t.until(
+      (s) => "far" in (s.clip?.poses ?? {}) && s.clip?.keys.find((k) => k.frame === 45)?.pose === "far",
+      "its key follows",
+    );
     // By keys: the menu of what has the focus.
     await t.byId("pose-far").focus();
     await t.press("Shift+F10", "d", "Enter");
@@ -287,22 +306,32 @@ describe("timeline", () => {
     await afresh();
     const take = (await t.rolledOut()).q;
     await t.press("Shift+T");
-    await t.page.getByLabel("A key every so many frames").fill("2");
+    await t.page.getByLabel("Frames from key to key").fill("2");
     await t.page.keyboard.press("Enter");
     const dense = await t.until((s) => s.clip?.keys.length === 40, "a key at every second frame");
-    for (const k of dense.clip?.keys ?? []) k.q?.forEach((v, j) => assert.ok(Math.abs((v ?? 9) - (take[k.frame]?.[j] ?? 0)) < 2e-6, `${k.frame}`));
+    for (const k of dense.clip?.keys ?? [])
+      k.q?.forEach((v, j) => assert.ok(Math.abs((v ?? 9) - (take[k.frame]?.[j] ?? 0)) < 2e-6, `${k.frame}`));
     await t.press("Escape", "t");
-    await t.page.getByLabel(/How far a key may lie/).fill("3");
+    await t.page.getByLabel(/Remove keys nearer than/).fill("3");
     await t.page.keyboard.press("Enter");
     const thin = await t.until((s) => (s.clip?.keys.length ?? 99) < 30, "thinned out");
     const stays = thin.clip?.keys ?? [];
-    assert.ok(stays.length >= 3 && stays[0]?.frame === 0 && stays.at(-1)?.frame === 78, stays.map((k) => k.frame).join());
+    assert.ok(
+      stays.length >= 3 && stays[0]?.frame === 0 && stays.at(-1)?.frame === 78,
+      stays.map((k) => k.frame).join(),
+    );
     for (const old of dense.clip?.keys ?? []) {
       const b = stays.findIndex((k) => k.frame >= old.frame);
       const [p, n] = [stays[Math.max(0, b - 1)], stays[b]];
       assert.ok(p && n);
       const share = n.frame === p.frame ? 0 : (old.frame - p.frame) / (n.frame - p.frame);
-      old.q?.forEach((v, j) => assert.ok(Math.abs((p.q?.[j] ?? 0) + share * ((n.q?.[j] ?? 0) - (p.q?.[j] ?? 0)) - (v ?? 0)) <= (3 * Math.PI) / 180 + 1e-6, `frame ${old.frame}, joint ${j}`));
+      old.q?.forEach((v, j) =>
+        assert.ok(
+          Math.abs((p.q?.[j] ?? 0) + share * ((n.q?.[j] ?? 0) - (p.q?.[j] ?? 0)) - (v ?? 0)) <=
+            (3 * Math.PI) / 180 + 1e-6,
+          `frame ${old.frame}, joint ${j}`,
+        ),
+      );
     }
     await t.press("Control+z", "Control+z");
     await t.until_keys([0, 30, 60]);
@@ -313,7 +342,11 @@ describe("timeline", () => {
     const mouse = t.page.mouse as unknown as Record<string, unknown>;
     const used: string[] = [];
     const kept = { ...mouse };
-    for (const name of ["click", "move", "down", "up", "wheel", "dblclick"]) mouse[name] = () => { used.push(name); throw new Error("the mouse was used"); };
+    for (const name of ["click", "move", "down", "up", "wheel", "dblclick"])
+      mouse[name] = () => {
+        used.push(name);
+        throw new Error("the mouse was used");
+      };
     try {
       // Select: one key, another beside it, on to the next, all, none.
       await t.press("ArrowDown", "k");
@@ -328,7 +361,16 @@ describe("timeline", () => {
       await t.until((s) => sorted(s.selection) === "[0,30]", "back by one");
       await t.press("Escape");
       // Move and ripple.
-      await t.press("Home", "ArrowDown", "k", "Alt+ArrowRight", "Alt+ArrowRight", "Alt+ArrowRight", "Alt+ArrowLeft", "Alt+ArrowLeft");
+      await t.press(
+        "Home",
+        "ArrowDown",
+        "k",
+        "Alt+ArrowRight",
+        "Alt+ArrowRight",
+        "Alt+ArrowRight",
+        "Alt+ArrowLeft",
+        "Alt+ArrowLeft",
+      );
       await t.until_keys([0, 31, 60]);
       await t.press("Alt+Shift+ArrowRight");
       await t.until_keys([0, 32, 61]);
@@ -364,7 +406,7 @@ describe("timeline", () => {
       await t.press("Escape");
       // Markers.
       await t.press("Shift+M");
-      await t.page.getByLabel("Name").fill("shot");
+      await t.page.getByLabel("Name", { exact: true }).fill("shot");
       await t.page.keyboard.press("Enter");
       const marked = await t.until((s) => s.clip?.markers?.[0]?.name === "shot", "marked");
       const at = marked.clip?.markers?.[0]?.frame ?? 0;
@@ -382,7 +424,10 @@ describe("timeline", () => {
       await t.press("PageUp", "End");
       const far = await t.state();
       const width = await t.page.locator(".sheet").evaluate((e) => e.clientWidth);
-      assert.ok(far.view.left <= far.playhead && far.view.left + (width - 168) / far.view.zoom >= far.playhead, "the end is in sight");
+      assert.ok(
+        far.view.left <= far.playhead && far.view.left + (width - 168) / far.view.zoom >= far.playhead,
+        "the end is in sight",
+      );
       await t.press("Shift+Z");
       await t.until((s) => s.view.zoom < far.view.zoom, "zoomed out");
       await t.press("Shift+F");
@@ -408,7 +453,15 @@ describe("timeline", () => {
     await t.press("?");
     const sheet = t.page.getByRole("dialog", { name: "Shortcuts" });
     const text = await sheet.innerText();
-    for (const k of ["Ctrl+ArrowDown", "Enter", "Ctrl+Space", "Ctrl+Shift+ArrowRight", "Shift+F10", "PageDown"]) assert.ok(text.includes(k), k);
+    for (const k of [
+      "Ctrl+ArrowDown",
+      "Enter",
+      "Ctrl+Space",
+      "Ctrl+Shift+ArrowRight",
+      "Shift+F10",
+      "PageDown",
+    ])
+      assert.ok(text.includes(k), k);
     await t.press("Escape", "Control+k");
     const field = t.page.getByLabel("Command", { exact: true });
     const count = await t.page.getByRole("option").count();

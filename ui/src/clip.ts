@@ -24,18 +24,22 @@ export function values(clip: Clip, key: Key): (number | null)[] {
 /** Joints of a key that a pose would change. Those that the key leaves open stay open. */
 export function changedBy(clip: Clip, key: Key, pose: number[]): Record<string, number> {
   const held = values(clip, key);
-  return Object.fromEntries(clip.robot.joints.flatMap((name, j) => {
-    const [was, now] = [held[j], pose[j]];
-    // Values live on a grid of 1e-6.
-    return typeof was === "number" && now !== undefined && Math.abs(now - was) > 5e-7 ? [[name, now]] : [];
-  }));
+  return Object.fromEntries(
+    clip.robot.joints.flatMap((name, j) => {
+      const [was, now] = [held[j], pose[j]];
+      // Values live on a grid of 1e-6.
+      return typeof was === "number" && now !== undefined && Math.abs(now - was) > 5e-7 ? [[name, now]] : [];
+    }),
+  );
 }
 
 /** Mean distance of the robot from a key at frame 0 when the motion begins; undefined without one. */
 export function startsAway(clip: Clip, first: number[] | undefined): number | undefined {
   const key = keyAt(clip, 0);
   if (!key || !first || clip.masks?.some((m) => m.from === 0 && !m.joints)) return undefined;
-  const off = values(clip, key).flatMap((v, j) => (typeof v === "number" ? [Math.abs(v - (first[j] ?? v))] : []));
+  const off = values(clip, key).flatMap((v, j) =>
+    typeof v === "number" ? [Math.abs(v - (first[j] ?? v))] : [],
+  );
   return off.length ? off.reduce((a, b) => a + b, 0) / off.length : undefined;
 }
 

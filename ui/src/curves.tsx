@@ -7,7 +7,7 @@ import uPlot from "uplot";
 import "uplot/dist/uPlot.min.css";
 import { keyEnd, values } from "./clip";
 import * as store from "./store";
-import { colors, hue } from "./theme";
+import { colors, hue, palette } from "./theme";
 
 /** Goals of one joint by frame; null where masked. Fills between keys are left to the line. */
 function goals(joint: number): (number | null)[] {
@@ -71,7 +71,9 @@ function stems(u: uPlot): void {
   ctx.save();
   u.series.slice(1).forEach((series, i) => {
     const row = u.data[i + 1] ?? [];
-    ctx.fillStyle = ctx.strokeStyle = String(typeof series.stroke === "function" ? series.stroke(u, i + 1) : series.stroke);
+    ctx.fillStyle = ctx.strokeStyle = String(
+      typeof series.stroke === "function" ? series.stroke(u, i + 1) : series.stroke,
+    );
     ctx.lineWidth = 1.4 * devicePixelRatio;
     // As the legend has it: dashes are takes.
     ctx.setLineDash(i === 0 ? [] : [5 * devicePixelRatio, 4 * devicePixelRatio]);
@@ -92,7 +94,11 @@ function stems(u: uPlot): void {
 
 /** The takes that are drawn beside, each with its colour. */
 function compared(): { id: number; name: string; color: string }[] {
-  return store.compared.value.map((id, i) => ({ id, name: store.takes.value.find((t) => t.id === id)?.name ?? `take ${id}`, color: store.takeColor(i) }));
+  return store.compared.value.map((id, i) => ({
+    id,
+    name: store.takes.value.find((t) => t.id === id)?.name ?? `take ${id}`,
+    color: store.takeColor(i),
+  }));
 }
 
 export function Curves() {
@@ -108,7 +114,12 @@ export function Curves() {
       const width = Math.max(200, parent.clientWidth - 4);
       // Both charts in sight: what the panel has, less titles and legend.
       const room = Math.max(120, parent.clientHeight - 44);
-      const axis = { stroke: c.dim, grid: { stroke: c.faint, width: 1 }, ticks: { stroke: c.rule }, font: "11px system-ui" };
+      const axis = {
+        stroke: c.dim,
+        grid: { stroke: c.faint, width: 1 },
+        ticks: { stroke: c.rule },
+        font: "11px system-ui",
+      };
       const cursor = {
         sync: { key: "curves" },
         drag: { x: false, y: false },
@@ -123,14 +134,20 @@ export function Curves() {
           },
         },
       };
-      const line = { hooks: { draw: [(u: uPlot) => {
-        const x = u.valToPos(store.playhead.value / store.fps.value, "x", true);
-        u.ctx.strokeStyle = c.playhead;
-        u.ctx.beginPath();
-        u.ctx.moveTo(x, u.bbox.top);
-        u.ctx.lineTo(x, u.bbox.top + u.bbox.height);
-        u.ctx.stroke();
-      }] } };
+      const line = {
+        hooks: {
+          draw: [
+            (u: uPlot) => {
+              const x = u.valToPos(store.playhead.value / store.fps.value, "x", true);
+              u.ctx.strokeStyle = c.playhead;
+              u.ctx.beginPath();
+              u.ctx.moveTo(x, u.bbox.top);
+              u.ctx.lineTo(x, u.bbox.top + u.bbox.height);
+              u.ctx.stroke();
+            },
+          ],
+        },
+      };
       const joint = store.joint.value ?? 0;
       const color = hue(joint);
       // The legend's, too, in every theme.
@@ -146,35 +163,74 @@ export function Curves() {
         return at.map((v) => v.toFixed(Math.min(6, Math.max(0, Math.ceil(-Math.log10(step) - 1e-9)))));
       };
       // As wide as its longest number.
-      const wide = (_: uPlot, ticks: string[] | null): number => 18 + 6.4 * Math.max(3, ...(ticks ?? []).map((v) => v.length));
+      const wide = (_: uPlot, ticks: string[] | null): number =>
+        18 + 6.4 * Math.max(3, ...(ticks ?? []).map((v) => v.length));
       const upright = { ...axis, size: wide, space: 18, values: ticksOf };
       /** What is smaller than anybody sees is no mountain. */
-      const atLeast = (least: number) => (_: uPlot, lo: number | null, hi: number | null): [number, number] => {
-        const [a, b] = [lo ?? 0, hi ?? 0];
-        const room = Math.max(0.06 * (b - a), (least - (b - a)) / 2);
-        return [a - room, b + room];
-      };
+      const atLeast =
+        (least: number) =>
+        (_: uPlot, lo: number | null, hi: number | null): [number, number] => {
+          const [a, b] = [lo ?? 0, hi ?? 0];
+          const room = Math.max(0.06 * (b - a), (least - (b - a)) / 2);
+          return [a - room, b + room];
+        };
       // Room for "100.5 s" beside its neighbour.
-      const across = { ...axis, size: 26, gap: 3, space: 58, ticks: { ...axis.ticks, size: 5 }, values: (_: uPlot, at: number[]) => at.map((v) => `${v} s`) };
-      const common = { width, legend: { show: false }, cursor: cursor as unknown as uPlot.Cursor, padding: [6, 20, 0, 0] as [number, number, number, number] };
+      const across = {
+        ...axis,
+        size: 26,
+        gap: 3,
+        space: 58,
+        ticks: { ...axis.ticks, size: 5 },
+        values: (_: uPlot, at: number[]) => at.map((v) => `${v} s`),
+      };
+      const common = {
+        width,
+        legend: { show: false },
+        cursor: cursor as unknown as uPlot.Cursor,
+        padding: [6, 20, 0, 0] as [number, number, number, number],
+      };
       const others = compared().map((t) => ({ label: t.name, stroke: t.color, width: 1.4, dash: [5, 4] }));
       plots = [
-        new uPlot({
-          ...common, height: Math.round(room * 0.58), title: `${title}, ${axisUnit}`, plugins: [line as unknown as uPlot.Plugin, { hooks: { draw: (u) => crosses(u, joint, color, turned) } }],
-          scales: { x: { time: false }, y: { range: atLeast(unit === "m" ? 0.004 : deg ? 0.4 : 0.007) } },
-          axes: [across, upright],
-          series: [{}, 
-            // Drawn by `crosses`; here for the scale.
-            { label: "commanded", stroke: color, paths: () => null, points: { show: false } },
-            { label: "achieved", stroke: color, width: 1.6 },
-            ...others],
-        }, [[0], [null], [null], ...others.map(() => [null])], parent),
-        new uPlot({
-          ...common, height: Math.round(room * 0.42), title: `mean error, ${store.unit.value === "m" ? "mm" : "deg"}`, plugins: [line as unknown as uPlot.Plugin, { hooks: { draw: stems } }],
-          scales: { x: { time: false }, y: { range: (_, __, hi) => [0, Math.max(1.06 * (hi ?? 0), store.unit.value === "m" ? 0.5 : 0.05)] } },
-          axes: [across, upright],
-          series: [{}, { label: "error", stroke: c.error, width: 1.4, fill: c.error + "33" }, ...others],
-        }, [[0], [null], ...others.map(() => [null])], parent),
+        new uPlot(
+          {
+            ...common,
+            height: Math.round(room * 0.58),
+            title: `${title}, ${axisUnit}`,
+            plugins: [
+              line as unknown as uPlot.Plugin,
+              { hooks: { draw: (u) => crosses(u, joint, color, turned) } },
+            ],
+            scales: { x: { time: false }, y: { range: atLeast(unit === "m" ? 0.004 : deg ? 0.4 : 0.007) } },
+            axes: [across, upright],
+            series: [
+              {},
+              // Drawn by `crosses`; here for the scale.
+              { label: "commanded", stroke: color, paths: () => null, points: { show: false } },
+              { label: "achieved", stroke: color, width: 1.6 },
+              ...others,
+            ],
+          },
+          [[0], [null], [null], ...others.map(() => [null])],
+          parent,
+        ),
+        new uPlot(
+          {
+            ...common,
+            height: Math.round(room * 0.42),
+            title: `mean error, ${store.unit.value === "m" ? "mm" : "deg"}`,
+            plugins: [line as unknown as uPlot.Plugin, { hooks: { draw: stems } }],
+            scales: {
+              x: { time: false },
+              y: {
+                range: (_, __, hi) => [0, Math.max(1.06 * (hi ?? 0), store.unit.value === "m" ? 0.5 : 0.05)],
+              },
+            },
+            axes: [across, upright],
+            series: [{}, { label: "error", stroke: c.error, width: 1.4, fill: `${c.error}33` }, ...others],
+          },
+          [[0], [null], ...others.map(() => [null])],
+          parent,
+        ),
       ];
     };
     let queued = false;
@@ -192,11 +248,18 @@ export function Curves() {
       const xs = Array.from({ length: n }, (_, f) => f / d.clip.fps);
       const others = compared().map((t) => store.takeFrames.value.get(t.id) ?? { q: [], error: [] });
       const scale = store.unit.value === "m" ? 1000 : 180 / Math.PI;
-      const errors = (e: (number | null)[]): (number | null)[] => xs.map((_, f) => (e[f] === null || e[f] === undefined ? null : e[f] * scale));
+      const errors = (e: (number | null)[]): (number | null)[] =>
+        xs.map((_, f) => (e[f] === null || e[f] === undefined ? null : e[f] * scale));
       // In the unit that is read, so that ticks stand at round numbers.
       const turn = d.table.joints[joint]?.unit === "rad" && store.degrees.value ? 180 / Math.PI : 1;
-      const turned = (column: (number | null)[]): (number | null)[] => column.map((v) => (v === null ? null : v * turn));
-      plots[0]?.setData([xs, turned(goals(joint)), turned(column(store.frames.value.q, joint, n)), ...others.map((o) => turned(column(o.q, joint, n)))]);
+      const turned = (column: (number | null)[]): (number | null)[] =>
+        column.map((v) => (v === null ? null : v * turn));
+      plots[0]?.setData([
+        xs,
+        turned(goals(joint)),
+        turned(column(store.frames.value.q, joint, n)),
+        ...others.map((o) => turned(column(o.q, joint, n))),
+      ]);
       plots[1]?.setData([xs, errors(store.frames.value.error), ...others.map((o) => errors(o.error))]);
     };
     const observer = new ResizeObserver(() => ask());
@@ -207,17 +270,22 @@ export function Curves() {
       }
     };
     observer.observe(parent);
-    const scheme = matchMedia("(prefers-color-scheme: light)");
-    scheme.addEventListener("change", ask);
-    document.addEventListener("robert-theme", ask);
     const dispose = effect(() => {
-      void [store.doc.value, store.frames.value, store.joint.value, store.degrees.value, store.compared.value, store.takes.value, store.takeFrames.value, store.playhead.value];
+      void [
+        store.doc.value,
+        store.frames.value,
+        store.joint.value,
+        store.degrees.value,
+        store.compared.value,
+        store.takes.value,
+        store.takeFrames.value,
+        store.playhead.value,
+        palette.value,
+      ];
       ask();
     });
     return () => {
       dispose();
-      scheme.removeEventListener("change", ask);
-      document.removeEventListener("robert-theme", ask);
       observer.disconnect();
       plots.forEach((p) => p.destroy());
     };
@@ -227,9 +295,26 @@ export function Curves() {
     <section class="curves" aria-label="Curves" data-testid="curves">
       <div ref={host} class="plots" />
       <ul class="curve-legend" aria-label="Legend">
-        <li><svg width="12" height="12" viewBox="0 0 12 12" aria-hidden="true"><path d="M2 2l8 8M10 2l-8 8" stroke="var(--ink)" stroke-width="1.8" /></svg>commanded</li>
-        <li><svg width="20" height="12" viewBox="0 0 20 12" aria-hidden="true"><path d="M0 6h20" stroke="var(--ink)" stroke-width="2" /></svg>achieved</li>
-        {compared().map((t) => <li key={t.id}><svg width="20" height="12" viewBox="0 0 20 12" aria-hidden="true"><path d="M0 6h20" stroke={t.color} stroke-width="1.5" stroke-dasharray="5 4" /></svg>{t.name}</li>)}
+        <li>
+          <svg width="12" height="12" viewBox="0 0 12 12" aria-hidden="true">
+            <path d="M2 2l8 8M10 2l-8 8" stroke="var(--ink)" stroke-width="1.8" />
+          </svg>
+          commanded
+        </li>
+        <li>
+          <svg width="20" height="12" viewBox="0 0 20 12" aria-hidden="true">
+            <path d="M0 6h20" stroke="var(--ink)" stroke-width="2" />
+          </svg>
+          achieved
+        </li>
+        {compared().map((t) => (
+          <li key={t.id}>
+            <svg width="20" height="12" viewBox="0 0 20 12" aria-hidden="true">
+              <path d="M0 6h20" stroke={t.color} stroke-width="1.5" stroke-dasharray="5 4" />
+            </svg>
+            {t.name}
+          </li>
+        ))}
       </ul>
     </section>
   );

@@ -1,10 +1,11 @@
 // The export dialog: one list of formats, where the file goes, how far it is.
 
 import { signal, useSignal } from "@preact/signals";
-import { startExport } from "./api";
-import { Dialog } from "./dialogs";
-import { ended, fetchFile, isRunning, JobBar, saveUrl } from "./jobs";
+import { Dialog } from "./dialog";
+import { JobBar } from "./job_bar";
+import { ended, fetchFile, isRunning, saveUrl, startExport } from "./jobs";
 import * as store from "./store";
+import { http } from "./wire";
 
 interface Format {
   format: string;
@@ -16,30 +17,63 @@ interface Format {
 }
 
 const FORMATS: Format[] = [
-  { format: "mp4", title: "Film", about: "MP4, H.264: command and achieved motion with captions", ending: "mp4" },
+  {
+    format: "mp4",
+    title: "Film",
+    about: "MP4, H.264: command and achieved motion with captions",
+    ending: "mp4",
+  },
   { format: "apng", title: "Sharp film", about: "APNG: every pixel as rendered, larger", ending: "apng" },
   { format: "gif", title: "Animated picture", about: "GIF for pages and chats", ending: "gif" },
   { format: "strip", title: "Film strip", about: "moments in one PNG", ending: "png" },
   { format: "png", title: "Picture", about: "the playhead as a PNG", ending: "png" },
   { format: "mcap", title: "Take", about: "MCAP for Foxglove, Lichtblick, Rerun", ending: "mcap" },
   { format: "html", title: "Page", about: "one HTML file that plays the take anywhere", ending: "html" },
-  { format: "csv", title: "Achieved motion", about: "CSV: frame, time, mask, a column a joint", ending: "csv" },
-  { format: "command", title: "Command table", about: "CSV of what is asked for, masked cells empty", ending: "command.csv", clip: true },
-  { format: "json", title: "Clip", about: "the keyframes, robert-clip/1", ending: "clip.json", clip: true },
+  {
+    format: "csv",
+    title: "Achieved motion",
+    about: "CSV: frame, time, mask and one column for each joint",
+    ending: "csv",
+  },
+  {
+    format: "command",
+    title: "Command table",
+    about: "CSV of the commanded motion, masked cells empty",
+    ending: "command.csv",
+    clip: true,
+  },
+  {
+    format: "json",
+    title: "Clip",
+    about: "keyframes in the format robert-clip/1",
+    ending: "clip.json",
+    clip: true,
+  },
   { format: "mjcf", title: "MuJoCo keys", about: "MJCF <keyframe> of the achieved motion", ending: "xml" },
   { format: "ros", title: "ROS 2 trajectory", about: "JointTrajectory, YAML", ending: "yaml" },
 ];
 
-const SIZES: [string, [number, number]][] = [["640×480", [640, 480]], ["1280×720", [1280, 720]], ["1920×1080", [1920, 1080]]];
+const SIZES: [[string, [number, number]], ...[string, [number, number]][]] = [
+  ["640×480", [640, 480]],
+  ["1280×720", [1280, 720]],
+  ["1920×1080", [1920, 1080]],
+];
 const FILMS = new Set(["mp4", "apng", "gif"]);
 const PICTURES = new Set([...FILMS, "strip", "png"]);
 const OVERLAYS: [string, string, boolean][] = [
-  ["ghost", "the command, translucent", true], ["error", "links that are off, tinted", true], ["trail", "the way of the end effector or fingertips", true],
-  ["caption", "title, time, error", true], ["onion", "the keys before and after", false], ["axes", "frames of the bodies", false], ["contacts", "where it touches", false],
+  ["ghost", "the command, translucent", true],
+  ["error", "links tinted by their error", true],
+  ["trail", "path of the end effector or fingertips", true],
+  ["caption", "title, time, error", true],
+  ["onion", "the keys before and after", false],
+  ["axes", "coordinate axes of the bodies", false],
+  ["contacts", "contact points", false],
 ];
 const CAMERAS = ["fit", "fixed", "top", "orbit"];
 /** What may be laid over, as it was chosen last. */
-const overlays = signal<ReadonlySet<string>>(new Set(OVERLAYS.filter(([, , on]) => on).map(([name]) => name)));
+const overlays = signal<ReadonlySet<string>>(
+  new Set(OVERLAYS.filter(([, , on]) => on).map(([name]) => name)),
+);
 const cameraChosen = signal("fit");
 const momentsTyped = signal("6");
 /** Beside: nothing, a take (its number), a file. */
@@ -53,7 +87,8 @@ export function Export({ onClose }: { onClose: () => void }) {
   const typed = useSignal<string | undefined>(undefined);
   const job = useSignal<number | undefined>(undefined);
   const said = useSignal("");
-  if (typeof beside.value === "number" && !store.takes.value.some((t) => t.id === beside.value)) beside.value = "";
+  if (typeof beside.value === "number" && !store.takes.value.some((t) => t.id === beside.value))
+    beside.value = "";
   const f = FORMATS[chosen.value] ?? FORMATS[0];
   const d = store.doc.value;
   if (!f || !d) return null;
@@ -64,33 +99,46 @@ export function Export({ onClose }: { onClose: () => void }) {
   const range = store.range.value;
 
   const clipFile = async (): Promise<string> => {
-    const answer = await fetch(`/api/export?format=${f.format === "command" ? "csv" : f.format}`, { credentials: "same-origin" });
-    if (!answer.ok) throw new Error(((await answer.json().catch(() => ({}))) as { message?: string }).message ?? answer.statusText);
-    return URL.createObjectURL(await answer.blob());
+    const format = f.format === "command" ? "csv" : f.format;
+    return URL.createObjectURL(await http("GET /api/export", { query: { format } }));
   };
   const run = async (toFolder: boolean): Promise<void> => {
     said.value = "";
     try {
       if (f.clip) return saveUrl(await clipFile(), `${stem}.${f.ending}`);
       const moments = Math.round(Number(momentsTyped.value));
-      if (f.format === "strip" && !(moments >= 1 && moments <= 64)) return void (said.value = "a strip has 1 to 64 moments");
-      const compare = beside.value === "file" ? besideFile.value.trim() && { file: besideFile.value.trim() } : beside.value === "" ? undefined : { take: beside.value };
+      if (f.format === "strip" && !(moments >= 1 && moments <= 64))
+        return void (said.value = "a strip has 1 to 64 moments");
+      const compare =
+        beside.value === "file"
+          ? besideFile.value.trim() && { file: besideFile.value.trim() }
+          : beside.value === ""
+            ? undefined
+            : { take: beside.value };
       const at = store.playhead.value;
-      const frames = f.format === "png" ? [at, at + 1] : !whole.value && range ? [range.from, range.to] : undefined;
+      const frames: [number, number] | undefined =
+        f.format === "png" ? [at, at + 1] : !whole.value && range ? [range.from, range.to] : undefined;
       const started = await startExport({
         format: f.format,
         ...(toFolder ? { path } : {}),
-        ...(PICTURES.has(f.format) ? { size: SIZES[size.value]?.[1] } : {}),
+        ...(PICTURES.has(f.format) ? { size: (SIZES[size.value] ?? SIZES[0])[1] } : {}),
         ...(frames && PICTURES.has(f.format) && f.format !== "strip" ? { frames } : {}),
-        ...(PICTURES.has(f.format) ? { overlay: [...overlays.value].join(",") || "none", camera: cameraChosen.value.trim() || "fit", ...(compare ? { compare } : {}) } : {}),
+        ...(PICTURES.has(f.format)
+          ? {
+              overlay: [...overlays.value].join(",") || "none",
+              camera: cameraChosen.value.trim() || "fit",
+              ...(compare ? { compare } : {}),
+            }
+          : {}),
         ...(f.format === "strip" ? { moments } : {}),
       });
       if (!started) return;
       job.value = started.id;
       const done = await ended(started.id);
-      if (done.phase === "failed") said.value = done.log.filter((l) => l.startsWith("error")).at(-1) ?? "it failed";
-      else if (done.phase === "interrupted") said.value = "cancelled; nothing was written";
-      else if (toFolder) said.value = `written: ${store.folder.value}/${path}`;
+      if (done.phase === "failed")
+        said.value = done.log.filter((l) => l.startsWith("error")).at(-1) ?? "the export failed";
+      else if (done.phase === "interrupted") said.value = "cancelled; nothing was saved";
+      else if (toFolder) said.value = `saved: ${store.folder.value}/${path}`;
       else saveUrl(await fetchFile(done), done.file ?? `${stem}.${f.ending}`);
     } catch (e) {
       store.toast(e instanceof Error ? e.message : String(e), "error");
@@ -101,53 +149,165 @@ export function Export({ onClose }: { onClose: () => void }) {
       <div class="formats" role="radiogroup" aria-label="Format">
         {FORMATS.map((x, i) => (
           <label key={x.format} class={i === chosen.value ? "on" : ""}>
-            <input type="radio" name="format" checked={i === chosen.value} onChange={() => { chosen.value = i; typed.value = undefined; said.value = ""; }} data-testid={`format-${x.format}`} />
-            <b>{x.title}</b><span>{x.about}</span>
+            <input
+              type="radio"
+              name="format"
+              checked={i === chosen.value}
+              onChange={() => {
+                chosen.value = i;
+                typed.value = undefined;
+                said.value = "";
+              }}
+              data-testid={`format-${x.format}`}
+            />
+            <b>{x.title}</b>
+            <span>{x.about}</span>
           </label>
         ))}
       </div>
       <div class="row" style="margin-top: 10px">
         {PICTURES.has(f.format) ? (
-          <select aria-label="Size" value={String(size.value)} onChange={(e) => (size.value = Number(e.currentTarget.value))}>
-            {SIZES.map(([title], i) => <option key={title} value={String(i)}>{title}</option>)}
+          <select
+            aria-label="Size"
+            value={String(size.value)}
+            onChange={(e) => (size.value = Number(e.currentTarget.value))}
+          >
+            {SIZES.map(([title], i) => (
+              <option key={title} value={String(i)}>
+                {title}
+              </option>
+            ))}
           </select>
         ) : null}
         {FILMS.has(f.format) ? (
-          <label title={range ? "" : "set in and out with [ and ]"}><input type="checkbox" disabled={!range} checked={!whole.value && !!range} onChange={(e) => (whole.value = !e.currentTarget.checked)} /> in/out range only</label>
+          <label title={range ? "" : "set the loop range with [ and ]"}>
+            <input
+              type="checkbox"
+              disabled={!range}
+              checked={!whole.value && !!range}
+              onChange={(e) => (whole.value = !e.currentTarget.checked)}
+            />{" "}
+            loop range only
+          </label>
         ) : null}
-        <span style="color: var(--dim)">performed by {store.settings.value.policy}{store.settings.value.refine ? " with refine" : ""}, as you see it</span>
+        <span style="color: var(--dim)">
+          motion of {store.settings.value.policy}
+          {store.settings.value.refine ? " with refine" : ""}, as shown
+        </span>
       </div>
       {PICTURES.has(f.format) ? (
         <div class="pictured" data-testid="pictured">
-          <fieldset><legend>Laid over</legend>
+          <fieldset>
+            <legend>Overlays</legend>
             {OVERLAYS.map(([name, about]) => (
-              <label key={name} title={about}><input type="checkbox" checked={overlays.value.has(name)} onChange={() => { const next = new Set(overlays.value); if (!next.delete(name)) next.add(name); overlays.value = next; }} data-testid={`overlay-${name}`} /> {name}</label>
+              <label key={name} title={about}>
+                <input
+                  type="checkbox"
+                  checked={overlays.value.has(name)}
+                  onChange={() => {
+                    const next = new Set(overlays.value);
+                    if (!next.delete(name)) next.add(name);
+                    overlays.value = next;
+                  }}
+                  data-testid={`overlay-${name}`}
+                />{" "}
+                {name}
+              </label>
             ))}
           </fieldset>
           <div class="row">
-            <label title="Or follow:BODY, or a camera of the model">Camera <input type="text" list="cameras" style="width: 110px" value={cameraChosen.value} onInput={(e) => (cameraChosen.value = e.currentTarget.value)} data-testid="export-camera" /></label>
-            <datalist id="cameras">{CAMERAS.map((c) => <option key={c} value={c} />)}</datalist>
-            {f.format === "strip" ? <label>Moments <input type="number" min={1} max={64} style="width: 64px" value={momentsTyped.value} onInput={(e) => (momentsTyped.value = e.currentTarget.value)} data-testid="export-moments" /></label> : null}
-            <label title="Two pictures in one, by one camera">Beside it <select value={String(beside.value)} onChange={(e) => { const v = e.currentTarget.value; beside.value = v === "" || v === "file" ? v : Number(v); }} data-testid="export-beside">
-              <option value="">nothing</option>
-              {store.takes.value.map((t) => <option key={t.id} value={String(t.id)}>{t.name}: {t.policy}{t.mae === null ? "" : `, ${store.shownError(t.mae, store.unit.value)}`}</option>)}
-              <option value="file">another clip or take…</option>
-            </select></label>
-            {beside.value === "file" ? <input type="text" aria-label="Clip beside it" placeholder={`in ${store.folder.value}`} value={besideFile.value} onInput={(e) => (besideFile.value = e.currentTarget.value)} data-testid="export-beside-file" /> : null}
+            <label title="fit, fixed, top, orbit, follow:BODY or the name of a camera of the model">
+              Camera{" "}
+              <input
+                type="text"
+                list="cameras"
+                style="width: 110px"
+                value={cameraChosen.value}
+                onInput={(e) => (cameraChosen.value = e.currentTarget.value)}
+                data-testid="export-camera"
+              />
+            </label>
+            <datalist id="cameras">
+              {CAMERAS.map((c) => (
+                <option key={c} value={c} />
+              ))}
+            </datalist>
+            {f.format === "strip" ? (
+              <label>
+                Moments{" "}
+                <input
+                  type="number"
+                  min={1}
+                  max={64}
+                  style="width: 64px"
+                  value={momentsTyped.value}
+                  onInput={(e) => (momentsTyped.value = e.currentTarget.value)}
+                  data-testid="export-moments"
+                />
+              </label>
+            ) : null}
+            <label title="Two motions side by side, seen by the same camera">
+              Side by side with{" "}
+              <select
+                value={String(beside.value)}
+                onChange={(e) => {
+                  const v = e.currentTarget.value;
+                  beside.value = v === "" || v === "file" ? v : Number(v);
+                }}
+                data-testid="export-beside"
+              >
+                <option value="">nothing</option>
+                {store.takes.value.map((t) => (
+                  <option key={t.id} value={String(t.id)}>
+                    {t.name}: {t.policy}
+                    {t.mae === null ? "" : `, ${store.shownError(t.mae, store.unit.value)}`}
+                  </option>
+                ))}
+                <option value="file">another clip or take…</option>
+              </select>
+            </label>
+            {beside.value === "file" ? (
+              <input
+                type="text"
+                aria-label="Clip or take to show beside it"
+                placeholder={`in ${store.folder.value}`}
+                value={besideFile.value}
+                onInput={(e) => (besideFile.value = e.currentTarget.value)}
+                data-testid="export-beside-file"
+              />
+            ) : null}
           </div>
         </div>
       ) : null}
       {f.clip ? null : (
-        <label style="display: block; margin-top: 10px">File, relative to {store.folder.value}<br />
-          <input type="text" style="width: 100%; padding: 6px 8px" value={path} onInput={(e) => (typed.value = e.currentTarget.value)} data-testid="export-path" />
+        <label style="display: block; margin-top: 10px">
+          File, relative to {store.folder.value}
+          <br />
+          <input
+            type="text"
+            style="width: 100%; padding: 6px 8px"
+            value={path}
+            onInput={(e) => (typed.value = e.currentTarget.value)}
+            data-testid="export-path"
+          />
         </label>
       )}
       {current && busy ? <JobBar job={current} /> : null}
-      {said.value ? <p role="status" data-testid="export-said">{said.value}</p> : null}
+      {said.value ? (
+        <p role="status" data-testid="export-said">
+          {said.value}
+        </p>
+      ) : null}
       <div class="row" style="margin-top: 12px; justify-content: flex-end">
         <button onClick={onClose}>Close</button>
-        {f.clip ? null : <button disabled={busy} onClick={() => void run(true)} data-testid="export-folder">Write there</button>}
-        <button class="main" disabled={busy} onClick={() => void run(false)} data-testid="export-download">Download</button>
+        {f.clip ? null : (
+          <button disabled={busy} onClick={() => void run(true)} data-testid="export-folder">
+            Save to folder
+          </button>
+        )}
+        <button class="main" disabled={busy} onClick={() => void run(false)} data-testid="export-download">
+          Download
+        </button>
       </div>
     </Dialog>
   );

@@ -2,9 +2,10 @@
 
 import { useSignal } from "@preact/signals";
 import { useLayoutEffect, useRef } from "preact/hooks";
-import { ACTIONS, act } from "./actions";
-import { openWith, refreshGallery } from "./api";
+import { ACTIONS, act } from "./actions/index";
+import { opening, refreshGallery } from "./documents";
 import * as store from "./store";
+import { http } from "./wire";
 
 const ITEMS: (string | null)[] = ["new", "open", "pick", null, "save", "save-as", "export", null, "gallery"];
 /** Recent files that are a click away. */
@@ -18,7 +19,9 @@ export function FileMenu() {
     open.value = on;
     if (on) void refreshGallery();
   };
-  const items = (): HTMLButtonElement[] => [...(menu.current?.querySelectorAll<HTMLButtonElement>("button:enabled") ?? [])];
+  const items = (): HTMLButtonElement[] => [
+    ...(menu.current?.querySelectorAll<HTMLButtonElement>("button:enabled") ?? []),
+  ];
   const close = (back: boolean): void => {
     open.value = false;
     if (back) button.current?.focus();
@@ -27,7 +30,12 @@ export function FileMenu() {
     if (!open.value) return;
     items()[0]?.focus();
     const away = (e: Event): void => {
-      if (e.target instanceof Node && !menu.current?.contains(e.target) && !button.current?.contains(e.target)) close(false);
+      if (
+        e.target instanceof Node &&
+        !menu.current?.contains(e.target) &&
+        !button.current?.contains(e.target)
+      )
+        close(false);
     };
     // A click into the 3D view is told to its own window only.
     const blurred = (): void => close(false);
@@ -56,18 +64,60 @@ export function FileMenu() {
   const recent = store.recent.value.filter((r) => r.exists && r.path !== path).slice(0, RECENT);
   return (
     <span class="filemenu">
-      <button class="quiet" ref={button} aria-haspopup="menu" aria-expanded={open.value} onClick={() => show(!open.value)}
-        onKeyDown={(e) => { if (e.key === "ArrowDown" && !open.value) { e.preventDefault(); show(true); } }} data-testid="file-menu">File</button>
+      <button
+        class="quiet"
+        ref={button}
+        aria-haspopup="menu"
+        aria-expanded={open.value}
+        onClick={() => show(!open.value)}
+        onKeyDown={(e) => {
+          if (e.key === "ArrowDown" && !open.value) {
+            e.preventDefault();
+            show(true);
+          }
+        }}
+        data-testid="file-menu"
+      >
+        File
+      </button>
       {open.value ? (
         <div class="menu" role="menu" aria-label="Clips" ref={menu} onKeyDown={onKey}>
           {ITEMS.map((id, i) => {
             const a = ACTIONS.find((x) => x.id === id);
             if (!a) return <hr key={i} />;
             const why = a.not?.();
-            return <button key={a.id} role="menuitem" disabled={!!why} title={why ?? ""} onClick={() => { close(true); act(a.id); }} data-testid={`menu-${a.id}`}>{a.title}<span style="color: var(--dim)">{a.keys?.[0] ?? ""}</span></button>;
+            return (
+              <button
+                key={a.id}
+                role="menuitem"
+                disabled={!!why}
+                title={why ?? ""}
+                onClick={() => {
+                  close(true);
+                  act(a.id);
+                }}
+                data-testid={`menu-${a.id}`}
+              >
+                {a.title}
+                <span style="color: var(--dim)">{a.keys?.[0] ?? ""}</span>
+              </button>
+            );
           })}
           {recent.length ? <p class="sub">Recent</p> : null}
-          {recent.map((r) => <button key={r.path} role="menuitem" title={r.path} onClick={() => { close(true); void openWith("POST", "/api/open", { path: r.path }); }}>{r.name || r.path.split("/").at(-1)}<span style="color: var(--dim)">{r.robot}</span></button>)}
+          {recent.map((r) => (
+            <button
+              key={r.path}
+              role="menuitem"
+              title={r.path}
+              onClick={() => {
+                close(true);
+                void opening(http("POST /api/open", { body: { path: r.path } }));
+              }}
+            >
+              {r.name || r.path.split("/").at(-1)}
+              <span style="color: var(--dim)">{r.robot}</span>
+            </button>
+          ))}
         </div>
       ) : null}
     </span>

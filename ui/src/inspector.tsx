@@ -1,11 +1,14 @@
 // Joint sliders: the pose at the playhead, with limits, error and coupled joints.
 
 import { useSignal } from "@preact/signals";
-import { complain, http, jointMoved, poseAt, tell } from "./api";
-import { act } from "./actions";
+import { act } from "./actions/index";
 import { keyAt } from "./clip";
-import { isLocked, Reach } from "./hand";
+import { isLocked } from "./locks";
+import { ANGLES, LENGTHS, parseNumber } from "./numbers";
+import { jointMoved, poseAt } from "./posing";
+import { Reach } from "./reach";
 import * as store from "./store";
+import { complain, http, tell } from "./wire";
 
 /** All joints that move with this one, with their values when it is at `value`. */
 function together(name: string, value: number): Record<string, number> {
@@ -21,7 +24,11 @@ function together(name: string, value: number): Record<string, number> {
 }
 
 function Padlock() {
-  return <svg width="9" height="11" viewBox="0 0 9 11" aria-label="locked"><path d="M1 5h7v6H1z M2.5 5V3.2a2 2 0 0 1 4 0V5" fill="none" stroke="currentColor" stroke-width="1.4" /></svg>;
+  return (
+    <svg width="9" height="11" viewBox="0 0 9 11" aria-label="locked">
+      <path d="M1 5h7v6H1z M2.5 5V3.2a2 2 0 0 1 4 0V5" fill="none" stroke="currentColor" stroke-width="1.4" />
+    </svg>
+  );
 }
 
 /** A joint may stand in several groups; `again` tells its later controls apart. */
@@ -57,11 +64,16 @@ function Joint({ index, again = "" }: { index: number; again?: string }) {
     const t = text.value;
     text.value = undefined;
     if (t === undefined) return;
-    const v = Number(t.replace(",", ".").replace(/[°a-z ]+$/i, ""));
-    if (!Number.isFinite(v)) return store.toast(`"${t}" is no number`, "error");
-    const inner = v / scale;
+    const inner = parseNumber(t, unit === "rad" ? ANGLES : LENGTHS, 1 / scale);
+    if (inner === undefined)
+      return store.toast(
+        `"${t}" is not a number of ${unit === "m" ? "metres" : store.degrees.value ? "degrees" : "radians"}`,
+        "error",
+      );
     if (fact.range && (inner < fact.range[0] || inner > fact.range[1])) {
-      store.toast(`${title} goes from ${store.shown(fact.range[0], unit)} to ${store.shown(fact.range[1], unit)}`);
+      store.toast(
+        `${title} goes from ${store.shown(fact.range[0], unit)} to ${store.shown(fact.range[1], unit)}`,
+      );
     }
     set(inner, true);
   };
@@ -70,41 +82,81 @@ function Joint({ index, again = "" }: { index: number; again?: string }) {
   // Where the data of the robot's policy are, as a tint behind the slider.
   const share = (v: number): number => Math.min(1, Math.max(0, (v - lo) / (hi - lo)));
   const band = fact.band ? { from: share(fact.band[0]), to: share(fact.band[1]) } : undefined;
-  const usual = fact.band ? `; 98 of 100 frames of the policy's data lie within ${store.shown(fact.band[0], unit)} to ${store.shown(fact.band[1], unit)}` : "";
+  const usual = fact.band
+    ? `; 98 % of the policy's training data lie within ${store.shown(fact.band[0], unit)} to ${store.shown(fact.band[1], unit)}`
+    : "";
   return (
-    <div class={`joint ${store.joint.value === index ? "on" : ""} ${locked ? "locked" : ""}`} data-testid={id} onPointerEnter={() => undefined}>
-      <label for={id} title={`${name}${coupled.length ? `; moves with ${coupled.join(", ")}` : ""}${usual}`} onClick={() => select(index)}>
-        {title}{coupled.length ? <span aria-hidden="true" style="color: var(--marker)"> &</span> : null}
-        {locked ? <span class="lock" title="Locked: Alt+L frees it"><Padlock /></span> : null}
+    <div
+      class={`joint ${store.joint.value === index ? "on" : ""} ${locked ? "locked" : ""}`}
+      data-testid={id}
+    >
+      <label
+        for={id}
+        title={`${name}${coupled.length ? `; moves with ${coupled.join(", ")}` : ""}${usual}`}
+        onClick={() => select(index)}
+      >
+        {title}
+        {coupled.length ? (
+          <span aria-hidden="true" style="color: var(--marker)">
+            {" "}
+            &
+          </span>
+        ) : null}
+        {locked ? (
+          <span class="lock" title="Locked; Alt+L unlocks it">
+            <Padlock />
+          </span>
+        ) : null}
       </label>
       <span class="slider">
-      {band ? <i class="band" style={`left: calc(8px + ${band.from} * (100% - 16px)); width: calc(${band.to - band.from} * (100% - 16px))`} /> : null}
-      <input
-        id={id} type="range" disabled={locked} data-band={band ? `${band.from.toFixed(3)} ${band.to.toFixed(3)}` : undefined} min={lo} max={hi} step={(hi - lo) / 2000} value={value}
-        aria-valuetext={store.shown(value, unit)}
-        onFocus={() => select(index)}
-        onPointerDown={() => (held.value = middle)}
-        onPointerUp={() => (held.value = undefined)}
-        onPointerCancel={() => (held.value = undefined)}
-        onInput={(e) => set(Number(e.currentTarget.value), false)}
-        onChange={(e) => set(Number(e.currentTarget.value), true)}
-      />
+        {band ? (
+          <i
+            class="band"
+            style={`left: calc(8px + ${band.from} * (100% - 16px)); width: calc(${band.to - band.from} * (100% - 16px))`}
+          />
+        ) : null}
+        <input
+          id={id}
+          type="range"
+          disabled={locked}
+          data-band={band ? `${band.from.toFixed(3)} ${band.to.toFixed(3)}` : undefined}
+          min={lo}
+          max={hi}
+          step={(hi - lo) / 2000}
+          value={value}
+          aria-valuetext={store.shown(value, unit)}
+          onFocus={() => select(index)}
+          onPointerDown={() => (held.value = middle)}
+          onPointerUp={() => (held.value = undefined)}
+          onPointerCancel={() => (held.value = undefined)}
+          onInput={(e) => set(Number(e.currentTarget.value), false)}
+          onChange={(e) => set(Number(e.currentTarget.value), true)}
+        />
       </span>
       <input
-        type="text" disabled={locked} aria-label={`${title}, value`} inputMode="decimal" value={text.value ?? (value * scale).toFixed(unit === "m" ? 3 : store.degrees.value ? 1 : 3)}
+        type="text"
+        disabled={locked}
+        aria-label={`${title}, value`}
+        inputMode="decimal"
+        value={text.value ?? (value * scale).toFixed(unit === "m" ? 3 : store.degrees.value ? 1 : 3)}
         onInput={(e) => (text.value = e.currentTarget.value)}
         onBlur={typed}
         onKeyDown={(e) => {
           if (e.key === "Enter") typed();
           if (e.key === "Escape") text.value = undefined;
           if (e.key === "ArrowUp" || e.key === "ArrowDown") {
-            const step = ((e.shiftKey ? 0.1 : 1) * (unit === "m" ? 0.01 : Math.PI / 180)) * (e.key === "ArrowUp" ? 1 : -1);
+            const step =
+              (e.shiftKey ? 0.1 : 1) * (unit === "m" ? 0.01 : Math.PI / 180) * (e.key === "ArrowUp" ? 1 : -1);
             set(value + step, true);
             e.preventDefault();
           }
         }}
       />
-      {off !== undefined && off > 0.002 ? <span class="err">reached {store.shown(achieved ?? 0, unit)}, off by {store.shownError(off, unit)}</span> : null}
+      {off !== undefined && off > 0.002 ? (
+        <span class="err">
+          reached {store.shown(achieved ?? 0, unit)}, off by {store.shownError(off, unit)}
+        </span>
+      ) : null}
     </div>
   );
 }
@@ -120,11 +172,15 @@ async function settle(): Promise<void> {
   const d = store.doc.value;
   if (!d) return;
   try {
-    const answer = await http<{ q: number[]; residual?: number[] }>("POST", "/api/settle", { q: poseAt(d.clip, store.playhead.value) });
-    const changes = Object.fromEntries(d.clip.robot.joints.flatMap((n, j) => (isLocked(n) ? [] : [[n, answer.q[j] ?? 0]])));
-    const worst = Math.max(0, ...(answer.residual ?? []).map(Math.abs));
+    const answer = await http("POST /api/settle", { body: { q: poseAt(d.clip, store.playhead.value) } });
+    const changes = Object.fromEntries(
+      d.clip.robot.joints.flatMap((n, j) => (isLocked(n) ? [] : [[n, answer.q[j] ?? 0]])),
+    );
+    const worst = Math.max(0, ...answer.residual.map(Math.abs));
     void jointMoved(changes, true);
-    store.toast(`settled: the simulated robot ends up ${store.shownError(worst, store.unit.value)} away at most`);
+    store.toast(
+      `settled: the simulated robot ends within ${store.shownError(worst, store.unit.value)} of the pose`,
+    );
   } catch (e) {
     complain(e);
   }
@@ -140,27 +196,53 @@ export function Inspector() {
   return (
     <section class="panel fill" aria-label="Inspector" data-testid="inspector">
       <h2>
-        {key ? `Key at ${frame}` : `Frame ${frame}`}{key?.pose ? ` · ${key.pose}` : ""}
+        {key ? `Key at ${frame}` : `Frame ${frame}`}
+        {key?.pose ? ` · ${key.pose}` : ""}
         <span class="grow" />
         {store.unit.value === "rad" ? (
-          <button class="quiet" onClick={() => act("unit")} aria-label="Switch between degrees and radians">{store.degrees.value ? "deg" : "rad"}</button>
+          <button class="quiet" onClick={() => act("unit")} aria-label="Switch between degrees and radians">
+            {store.degrees.value ? "deg" : "rad"}
+          </button>
         ) : null}
       </h2>
       <Reach />
       <div class="scroll">
-        {rest.map((j) => <Joint key={j} index={j} />)}
+        {rest.map((j) => (
+          <Joint key={j} index={j} />
+        ))}
         {store.groups.value.map((g) => (
           <details class="group" key={g.name} open={!store.closed.value.has(g.name)}>
             <summary>{g.title}</summary>
-            {g.joints.map((j) => <Joint key={j} index={j} again={store.groups.value.find((first) => first.joints.includes(j)) === g ? "" : g.name} />)}
+            {g.joints.map((j) => (
+              <Joint
+                key={j}
+                index={j}
+                again={store.groups.value.find((first) => first.joints.includes(j)) === g ? "" : g.name}
+              />
+            ))}
           </details>
         ))}
       </div>
       <div class="tools-row">
-        <button onClick={() => act("key")} disabled={!!key && !store.floating.value} title="K">Key</button>
-        <button onClick={() => void settle()} title="Drive the pose in simulation and keep what is reached">Settle</button>
-        <button onClick={() => act("mirror")} disabled={store.noMirror.value !== null || store.selection.value.size === 0} title={store.noMirror.value ?? "Mirror the selected keys"}>Mirror</button>
-        <button onClick={() => act("save-pose")} title="P">Save pose</button>
+        <button onClick={() => act("key")} disabled={!!key && !store.floating.value} title="K">
+          Key
+        </button>
+        <button
+          onClick={() => void settle()}
+          title="Simulate holding this pose and keep the pose that the robot reaches"
+        >
+          Settle
+        </button>
+        <button
+          onClick={() => act("mirror")}
+          disabled={store.noMirror.value !== null || store.selection.value.size === 0}
+          title={store.noMirror.value ?? "Mirror the selected keys"}
+        >
+          Mirror
+        </button>
+        <button onClick={() => act("save-pose")} title="P">
+          Save pose
+        </button>
       </div>
     </section>
   );

@@ -1,40 +1,63 @@
-// The shell: which page, the editor's grid, banners, menus; and the hooks of browser tests.
+// The shell: which page, the editor's grid, banners, menus.
 
+import { useSignal } from "@preact/signals";
 import { render } from "preact";
 import { useEffect, useRef } from "preact/hooks";
-import { useSignal } from "@preact/signals";
-import "./app.css";
-import { act, span } from "./actions";
-import { ackTimes, connect, edit, http, tell } from "./api";
+import "./styles/base.css";
+import "./styles/editor.css";
+import "./styles/training.css";
+import "./styles/panels.css";
+import "./styles/dialogs.css";
+import "./styles/controls.css";
+import "./styles/sizes.css";
+import { act } from "./actions/index";
+import { span } from "./actions/masks";
+import { DropZone } from "./clip_import";
 import { Curves } from "./curves";
 import { Dialogs } from "./dialogs";
+import { receive } from "./events";
 import { FileMenu } from "./filemenu";
 import { Gallery } from "./gallery";
-import { overLink } from "./hand";
+import { overLink } from "./hover";
 import { Inspector } from "./inspector";
 import { Menu } from "./menu";
-import { DropZone } from "./intake";
 import { Poses, Problems, Takes } from "./panels";
-import { install } from "./shortcuts";
 import type { Demand as DemandOf } from "./protocol";
-import * as store from "./store";
-import { setTheme } from "./theme";
-import { Timeline, measured, testPoints } from "./timeline/timeline";
-import { Transport } from "./transport";
 import { Rendered } from "./rendered";
-import { Runs } from "./runs";
+import { install } from "./shortcuts";
 import { restorePanels, Splitter } from "./splitter";
+import * as store from "./store";
+import { publish } from "./testing";
+import { setTheme } from "./theme";
+import { Timeline } from "./timeline/timeline";
+import { Runs } from "./training_page";
+import { Transport } from "./transport";
 import { Viewport } from "./viewport";
+import { connect, edit, http, tell } from "./wire";
 
-const PAGES: [store.Page, string][] = [["gallery", "Examples"], ["editor", "Editor"], ["runs", "Training"]];
+const PAGES: [store.Page, string][] = [
+  ["gallery", "Examples"],
+  ["editor", "Editor"],
+  ["runs", "Training"],
+];
 
 function Pages() {
-  const running = [...store.jobs.value.values()].filter((j) => (j.kind === "collect" || j.kind === "train" || j.kind === "eval") && j.phase === "running").length;
+  const running = [...store.jobs.value.values()].filter(
+    (j) => (j.kind === "collect" || j.kind === "train" || j.kind === "eval") && j.phase === "running",
+  ).length;
   return (
     <nav class="pages" aria-label="Pages">
       {PAGES.map(([page, title]) => (
-        <button key={page} class="quiet" aria-current={store.page.value === page ? "page" : undefined} disabled={page === "editor" && !store.doc.value} onClick={() => (store.page.value = page)} data-testid={`page-${page}`}>
-          {title}{page === "runs" && running ? ` (${running})` : ""}
+        <button
+          key={page}
+          class="quiet"
+          aria-current={store.page.value === page ? "page" : undefined}
+          disabled={page === "editor" && !store.doc.value}
+          onClick={() => (store.page.value = page)}
+          data-testid={`page-${page}`}
+        >
+          {title}
+          {page === "runs" && running ? ` (${running})` : ""}
         </button>
       ))}
     </nav>
@@ -42,40 +65,60 @@ function Pages() {
 }
 
 function Brand() {
-  return <span class="brand"><img src="/ui/icon.svg" width="18" height="18" alt="" /> RoBERT Studio</span>;
+  return (
+    <span class="brand">
+      <img src="/ui/icon.svg" width="18" height="18" alt="" /> RoBERT Studio
+    </span>
+  );
 }
 
 /** The clip's name, to be typed over, and its file. */
 function Title() {
-  const text = useSignal<string | undefined>(undefined);
   const field = useRef<HTMLInputElement>(null);
   const d = store.doc.value;
-  useEffect(() => {
-    const begin = (): void => {
-      text.value = store.doc.value?.clip.name ?? "";
-    };
-    document.addEventListener("robert-rename", begin);
-    return () => document.removeEventListener("robert-rename", begin);
-  }, []);
-  const typing = text.value !== undefined;
+  const typing = store.renaming.value;
   useEffect(() => {
     if (typing) field.current?.select();
   }, [typing]);
   if (!d) return null;
   const done = (keep: boolean): void => {
-    const name = text.value?.trim();
-    text.value = undefined;
+    const name = field.current?.value.trim();
+    // Leaving the field by Enter leaves it a second time when it goes.
+    if (!store.renaming.value) return;
+    store.renaming.value = false;
     if (keep && name !== undefined && name !== (d.clip.name ?? "")) void edit("clip.rename", { name });
   };
   const file = d.path?.split("/").at(-1);
   return typing ? (
-    <input type="text" class="title" ref={field} aria-label="Name of the clip" data-testid="name" value={text.value}
-      onInput={(e) => (text.value = e.currentTarget.value)} onBlur={() => done(true)}
-      onKeyDown={(e) => { if (e.key === "Enter") done(true); if (e.key === "Escape") done(false); }} />
+    <input
+      type="text"
+      class="title"
+      ref={field}
+      aria-label="Name of the clip"
+      data-testid="name"
+      defaultValue={d.clip.name ?? ""}
+      onBlur={() => done(true)}
+      onKeyDown={(e) => {
+        if (e.key === "Enter") done(true);
+        if (e.key === "Escape") done(false);
+      }}
+    />
   ) : (
     <>
-      <button class="quiet name" data-testid="title" title="Rename the clip (F2)" onClick={() => act("rename")}>{d.clip.name || "untitled"}{d.dirty ? " •" : ""}</button>
-      {file ? <span class="of" title={d.path ?? ""}>{file}</span> : null}
+      <button
+        class="quiet name"
+        data-testid="title"
+        title="Rename the clip (F2)"
+        onClick={() => act("rename")}
+      >
+        {d.clip.name || "untitled"}
+        {d.dirty ? " •" : ""}
+      </button>
+      {file ? (
+        <span class="of" title={d.path ?? ""}>
+          {file}
+        </span>
+      ) : null}
     </>
   );
 }
@@ -91,23 +134,71 @@ function Bar() {
       <Title />
       <span class="of">{store.robot.value?.title}</span>
       <span class="grow" />
-      <button class="quiet" onClick={() => act("undo")} disabled={!h || h.done === 0} title={h && h.done > 0 ? `Undo: ${h.labels[h.done - h.first - 1] ?? ""} (Ctrl+Z)` : "Nothing to undo"} data-testid="undo">Undo</button>
-      <button class="quiet" onClick={() => act("redo")} disabled={!h || h.done >= h.len} title={h && h.done < h.len ? `Redo: ${h.labels[h.done - h.first] ?? ""} (Ctrl+Shift+Z)` : "Nothing to redo"}>Redo</button>
-      <button class="quiet" onClick={() => act("history")} disabled={!h || h.len === 0} title="Every edit by name">History</button>
-      <button class="quiet" onClick={() => act("palette")} title="Ctrl+K">Commands</button>
-      <button onClick={() => act("save")} disabled={!d?.dirty && !!d?.path} title="Ctrl+S" data-testid="save">Save</button>
-      <button class="quiet" onClick={() => act("help")} title="Shortcuts (?)" aria-label="Shortcuts">?</button>
+      <button
+        class="quiet"
+        onClick={() => act("undo")}
+        disabled={!h || h.done === 0}
+        title={h && h.done > 0 ? `Undo: ${h.labels[h.done - h.first - 1] ?? ""} (Ctrl+Z)` : "Nothing to undo"}
+        data-testid="undo"
+      >
+        Undo
+      </button>
+      <button
+        class="quiet"
+        onClick={() => act("redo")}
+        disabled={!h || h.done >= h.len}
+        title={
+          h && h.done < h.len ? `Redo: ${h.labels[h.done - h.first] ?? ""} (Ctrl+Shift+Z)` : "Nothing to redo"
+        }
+      >
+        Redo
+      </button>
+      <button
+        class="quiet"
+        onClick={() => act("history")}
+        disabled={!h || h.len === 0}
+        title="List of all edits"
+      >
+        History
+      </button>
+      <button class="quiet" onClick={() => act("palette")} title="Ctrl+K">
+        Commands
+      </button>
+      <button onClick={() => act("save")} disabled={!d?.dirty && !!d?.path} title="Ctrl+S" data-testid="save">
+        Save
+      </button>
+      <button class="quiet" onClick={() => act("help")} title="Shortcuts (?)" aria-label="Shortcuts">
+        ?
+      </button>
     </header>
   );
 }
 
 /** While the pointer is over a link. */
-const LINK_HINTS: [string, string][] = [["drag", "turn its joint"], ["Alt", "reach"], ["Shift", "fine"], ["Esc", "give up"], ["click", "select"], ["F", "frame"], ["G", "next tip"], ["?", "all"]];
+const LINK_HINTS: [string, string][] = [
+  ["drag", "turn its joint"],
+  ["Alt", "reach"],
+  ["Shift", "small steps"],
+  ["Esc", "cancel"],
+  ["click", "select"],
+  ["F", "show it"],
+  ["G", "next fingertip"],
+  ["?", "all shortcuts"],
+];
 /** What keys and the mouse do now; M says which frames it means. */
 function hints(): [string, string][] {
   const s = span();
   const mask = s ? `mask ${s.to - s.from === 1 ? s.from : `${s.from} to ${s.to - 1}`} (${s.why})` : "mask";
-  return [["drag", "move"], ["Alt", "copy"], ["Shift", "ripple"], ["S", "retime"], ["K", "key"], ["Space", "play"], ["?", "all"], ["M", mask]];
+  return [
+    ["drag", "move"],
+    ["Alt", "copy"],
+    ["Shift", "move later keys too"],
+    ["S", "retime"],
+    ["K", "key"],
+    ["Space", "play"],
+    ["?", "all shortcuts"],
+    ["M", mask],
+  ];
 }
 
 /** What the edit under the hand asks of the joints: red above what the policy's data hold. */
@@ -116,16 +207,33 @@ function Demand({ of }: { of: DemandOf }) {
   const limit = Math.min(of.usual ?? Infinity, of.max ?? Infinity);
   const above = of.needed > limit;
   const unit = of.unit === "m" ? "m/s" : store.degrees.value ? "°/s" : "rad/s";
-  const speed = (v: number): string => (of.unit === "rad" && store.degrees.value ? (v * 180 / Math.PI).toFixed(0) : v.toFixed(2));
-  const what = of.max !== null && of.needed > of.max ? `the joint can do ${speed(of.max)}` : `the policy knows up to ${speed(of.usual ?? of.max ?? 0)}`;
-  return <b class={`demand ${above ? "above" : ""}`} data-testid="demand">{above ? "too fast: " : ""}{store.titles.value[index] ?? of.joint} needs {speed(of.needed)} {unit}, {what}</b>;
+  const speed = (v: number): string =>
+    of.unit === "rad" && store.degrees.value ? ((v * 180) / Math.PI).toFixed(0) : v.toFixed(2);
+  const what =
+    of.max !== null && of.needed > of.max
+      ? `the limit of the joint is ${speed(of.max)}`
+      : `the policy was trained up to ${speed(of.usual ?? of.max ?? 0)}`;
+  return (
+    <b class={`demand ${above ? "above" : ""}`} data-testid="demand">
+      {above ? "too fast: " : ""}
+      {store.titles.value[index] ?? of.joint} needs {speed(of.needed)} {unit}, {what}
+    </b>
+  );
 }
 
 function Hint({ text }: { text: string }) {
   const held = useSignal("");
   useEffect(() => {
     const on = (e: KeyboardEvent): void => {
-      held.value = [e.ctrlKey || e.metaKey ? "Ctrl: add to the selection" : "", e.altKey ? "Alt: drag copies a key, pulls a fingertip" : "", e.shiftKey ? "Shift: drag ripples keys, turns links finely, arrows step 10" : ""].filter(Boolean).join(" · ");
+      held.value = [
+        e.ctrlKey || e.metaKey ? "Ctrl: add to the selection" : "",
+        e.altKey ? "Alt: drag to copy a key or to pull a fingertip" : "",
+        e.shiftKey
+          ? "Shift: drag to move all later keys too or to turn a link in small steps; arrow keys step 10 frames"
+          : "",
+      ]
+        .filter(Boolean)
+        .join(" · ");
     };
     window.addEventListener("keydown", on);
     window.addEventListener("keyup", on);
@@ -138,10 +246,26 @@ function Hint({ text }: { text: string }) {
   return (
     <footer class="hint">
       {store.demand.value ? <Demand of={store.demand.value} /> : null}
-      {text || held.value ? <b>{text || held.value}</b> : (overLink.value && !store.stills.value ? LINK_HINTS : hints()).map(([k, t]) => <span key={k}><kbd>{k}</kbd> {t}</span>)}
+      {text || held.value ? (
+        <b>{text || held.value}</b>
+      ) : (
+        (overLink.value && !store.stills.value ? LINK_HINTS : hints()).map(([k, t]) => (
+          <span key={k}>
+            <kbd>{k}</kbd> {t}
+          </span>
+        ))
+      )}
       <span class="grow" />
       <span>{store.selection.value.size ? `${store.selection.value.size} selected` : ""}</span>
-      <span>{!d ? "" : d.dirty ? "every edit is journalled; not saved to the file yet" : d.path ? "saved" : "not in a file yet"}</span>
+      <span>
+        {!d
+          ? ""
+          : d.dirty
+            ? "every edit is backed up; not saved to the file yet"
+            : d.path
+              ? "saved"
+              : "not saved to a file yet"}
+      </span>
       <span>{store.link.value === "open" ? "connected" : store.link.value}</span>
     </footer>
   );
@@ -154,25 +278,45 @@ function Side() {
     <aside class="side" aria-label="Curves and picture">
       <Splitter of="curves" />
       <div class="tabs" role="tablist">
-        <button role="tab" aria-selected={!rendered} onClick={() => (store.side.value = "curves")} data-testid="tab-curves">Curves</button>
-        <button role="tab" aria-selected={rendered} onClick={() => (store.side.value = "rendered")} data-testid="tab-rendered">Rendered</button>
+        <button
+          role="tab"
+          aria-selected={!rendered}
+          onClick={() => (store.side.value = "curves")}
+          data-testid="tab-curves"
+        >
+          Curves
+        </button>
+        <button
+          role="tab"
+          aria-selected={rendered}
+          onClick={() => (store.side.value = "rendered")}
+          data-testid="tab-rendered"
+        >
+          Rendered
+        </button>
       </div>
       {rendered ? <Rendered /> : <Curves />}
     </aside>
   );
 }
 
-function Editor(props: { openKey: (frame: number) => void }) {
+function Editor() {
   const hint = useSignal("");
   return (
     <div class="editor" data-testid="editor">
       <Bar />
-      <aside class="left"><Poses /><Takes /></aside>
+      <aside class="left">
+        <Poses />
+        <Takes />
+      </aside>
       <Viewport />
-      <aside class="right"><Inspector /><Problems /></aside>
+      <aside class="right">
+        <Inspector />
+        <Problems />
+      </aside>
       <Transport />
       <div class="below">
-        <Timeline onOpenKey={props.openKey} onHint={(t) => (hint.value = t)} />
+        <Timeline onHint={(t) => (hint.value = t)} />
         <Side />
       </div>
       <Hint text={hint.value} />
@@ -181,46 +325,66 @@ function Editor(props: { openKey: (frame: number) => void }) {
 }
 
 function App() {
-  const dialog = useSignal<string | undefined>(undefined);
-  const keyFrame = useSignal<number | undefined>(undefined);
   const dismissed = useSignal(false);
-  useEffect(() => {
-    // `name:about`, where a dialog is about one thing.
-    const open = (e: Event): void => void (dialog.value = (e as CustomEvent<string>).detail);
-    const saveAs = (): void => void (dialog.value = "save-as");
-    document.addEventListener("robert-dialog", open);
-    document.addEventListener("robert-save-as", saveAs);
-    return () => {
-      document.removeEventListener("robert-dialog", open);
-      document.removeEventListener("robert-save-as", saveAs);
-    };
-  }, []);
   const d = store.doc.value;
   return (
     <>
       {store.link.value === "refused" ? (
-        <div class="banner" role="alert">This page has no access. Open the address that <code>robert studio</code> printed last, with its token.</div>
+        <div class="banner" role="alert">
+          This page has no access. Open the address that <code>robert studio</code> printed last, with its
+          token.
+        </div>
       ) : store.link.value === "moved" ? (
-        <div class="banner" role="alert" data-testid="moved">Another studio runs here now: this page has no access to it. Nothing is lost, every acknowledged edit is on disk. Open the address that <code>robert studio</code> printed last, with its token.</div>
+        <div class="banner" role="alert" data-testid="moved">
+          Another studio is running at this address, and this page has no access to it. Nothing is lost: every
+          confirmed edit is on disk. Open the address that <code>robert studio</code> printed last, with its
+          token.
+        </div>
       ) : store.link.value === "lost" || store.link.value === "gone" ? (
-        <div class="banner" role="alert" data-testid="gone">The studio is gone. Nothing is lost: every acknowledged edit is on disk. {store.link.value === "lost" ? "Reconnecting…" : <>Nobody answers here any more: start <code>robert studio</code> again and open the address that it prints.</>}</div>
+        <div class="banner" role="alert" data-testid="gone">
+          The studio has stopped. Nothing is lost: every confirmed edit is on disk.{" "}
+          {store.link.value === "lost" ? (
+            "Reconnecting…"
+          ) : (
+            <>
+              Nothing answers at this address: start <code>robert studio</code> again and open the address
+              that it prints.
+            </>
+          )}
+        </div>
       ) : store.worker.value?.phase === "stopped" ? (
-        <div class="banner" role="alert" data-testid="worker-stopped">The simulation stopped: {store.worker.value.reason}. Editing goes on, nothing is lost.
-          <button class="main" onClick={() => tell("worker.restart")}>Start it again</button>
+        <div class="banner" role="alert" data-testid="worker-stopped">
+          The simulation stopped: {store.worker.value.reason}. You can go on editing; nothing is lost.
+          <button class="main" onClick={() => tell("worker.restart")}>
+            Start it again
+          </button>
         </div>
       ) : d && d.restored > 0 && !dismissed.value && store.page.value === "editor" ? (
-        <div class="banner" role="status" data-testid="restored">Restored {d.restored} unsaved edit{d.restored === 1 ? "" : "s"}.
+        <div class="banner" role="status" data-testid="restored">
+          Restored {d.restored} unsaved edit{d.restored === 1 ? "" : "s"}.
           <button onClick={() => (dismissed.value = true)}>Keep</button>
-          <button onClick={() => void http("POST", "/api/discard").then(() => (dismissed.value = true))}>{d.path ? "Back to the saved file" : "Back to how it began"}</button>
+          <button onClick={() => void http("POST /api/discard").then(() => (dismissed.value = true))}>
+            {d.path ? "Return to the saved file" : "Discard them"}
+          </button>
         </div>
       ) : null}
-      {store.page.value === "editor" && d ? <Editor openKey={(f) => (keyFrame.value = f)} /> : (
+      {store.page.value === "editor" && d ? (
+        <Editor />
+      ) : (
         <div class="front">
-          <header class="bar"><Brand /><Pages /><span class="grow" /><button class="quiet" onClick={() => act("theme")}>Theme</button><span style="color: var(--dim)">{store.version.value}</span></header>
+          <header class="bar">
+            <Brand />
+            <Pages />
+            <span class="grow" />
+            <button class="quiet" onClick={() => act("theme")}>
+              Theme
+            </button>
+            <span style="color: var(--dim)">{store.version.value}</span>
+          </header>
           {store.page.value === "runs" ? <Runs /> : <Gallery />}
         </div>
       )}
-      <Dialogs name={dialog.value?.split(":")[0]} about={dialog.value?.split(":").slice(1).join(":")} frame={keyFrame.value} onClose={() => { dialog.value = undefined; keyFrame.value = undefined; }} />
+      <Dialogs />
       <Menu />
       <DropZone />
       <div class="toasts">
@@ -228,11 +392,15 @@ function App() {
           <div class={`toast ${t.kind}`} key={t.id} role={t.kind === "error" ? "alert" : "status"}>
             <span>{t.text}</span>
             {t.undo ? <button onClick={() => act("undo")}>Undo</button> : null}
-            <button class="quiet" aria-label="Dismiss" onClick={() => store.dismiss(t.id)}>×</button>
+            <button class="quiet" aria-label="Dismiss" onClick={() => store.dismiss(t.id)}>
+              ×
+            </button>
           </div>
         ))}
       </div>
-      <div class="offscreen" aria-live="polite">{store.announcement.value}</div>
+      <div class="offscreen" aria-live="polite">
+        {store.announcement.value}
+      </div>
     </>
   );
 }
@@ -243,33 +411,5 @@ install(window);
 restorePanels();
 const root = document.getElementById("app");
 if (root) render(<App />, root);
-void connect();
-
-/** For browser tests: a snapshot, a promise of quiet, and where things are on the canvas. */
-Object.assign(window, {
-  __studio: {
-    get state() {
-      return {
-        page: store.page.value, link: store.link.value, opened: store.doc.value?.opened, rev: store.doc.value?.rev, clip: store.doc.value?.clip,
-        dirty: store.doc.value?.dirty, playhead: store.playhead.value, selection: [...store.selection.value], site: store.site.value, locked: [...store.locked.value], moving: store.moving.value, demand: store.demand.value, floating: store.floating.value,
-        rollout: store.rollout.value, frames: store.frames.value.q.length, joint: store.joint.value, playing: store.playing.value,
-        history: store.doc.value?.history, findings: store.doc.value?.findings, settings: store.settings.value, view: store.view.value,
-        robot: store.robot.value?.id, worker: store.worker.value, range: store.range.value, takes: store.takes.value, compared: store.compared.value, takeFrames: [...store.takeFrames.value.keys()],
-        error: store.frames.value.error, q: store.frames.value.q,
-      };
-    },
-    idle: async () => {
-      for (let i = 0; i < 600; i++) {
-        const r = store.rollout.value;
-        const d = store.doc.value;
-        if (!d || !store.settings.value.auto || (r && r.rev === d.rev && (r.phase === "done" || r.phase === "failed"))) return true;
-        await new Promise((resolve) => setTimeout(resolve, 25));
-      }
-      return false;
-    },
-    ackTimes,
-    redraw: () => measured.paint(),
-    frameToX: (f: number) => testPoints().frameToX(f),
-    rowToY: (name: string) => testPoints().rowToY(name),
-  },
-});
+publish();
+void connect(receive);

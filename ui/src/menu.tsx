@@ -4,6 +4,7 @@
 import { signal } from "@preact/signals";
 import { useLayoutEffect, useRef } from "preact/hooks";
 import * as store from "./store";
+import { timeline } from "./timeline/handle";
 
 export interface Item {
   title: string;
@@ -29,9 +30,16 @@ export function openMenu(label: string, at: { x: number; y: number }, items: Ite
 /** The menu of what has the focus, else of the place where the playhead is. */
 export function menuByKey(): void {
   const own = document.activeElement?.closest<HTMLElement>("[data-menu]");
-  if (!own) return void document.dispatchEvent(new Event("robert-menu"));
+  if (!own) return timeline.value?.menu();
   const r = own.getBoundingClientRect();
-  own.dispatchEvent(new MouseEvent("contextmenu", { bubbles: true, cancelable: true, clientX: r.left + r.width / 2, clientY: r.top + r.height / 2 }));
+  own.dispatchEvent(
+    new MouseEvent("contextmenu", {
+      bubbles: true,
+      cancelable: true,
+      clientX: r.left + r.width / 2,
+      clientY: r.top + r.height / 2,
+    }),
+  );
 }
 
 export function Menu() {
@@ -44,7 +52,8 @@ function Shown({ menu }: { menu: Open }) {
   const before = useRef(document.activeElement).current;
   /** The focus goes back first: what is chosen may open a dialog, which gives it back in turn. */
   const close = (): void => {
-    if (box.current?.contains(document.activeElement) && before instanceof HTMLElement) before.focus({ preventScroll: true });
+    if (box.current?.contains(document.activeElement) && before instanceof HTMLElement)
+      before.focus({ preventScroll: true });
     shown.value = undefined;
   };
   // Before it is seen: the next key may come at once.
@@ -60,7 +69,7 @@ function Shown({ menu }: { menu: Open }) {
     };
     const key = (e: KeyboardEvent): void => {
       const items = all();
-      const at = items.findIndex((i) => i === document.activeElement);
+      const at = items.indexOf(document.activeElement as HTMLElement);
       const go = (i: number): void => items[(i + items.length) % items.length]?.focus();
       if (e.key === "Escape" || e.key === "Tab") close();
       else if (e.key === "ArrowDown") go(at + 1);
@@ -90,10 +99,24 @@ function Shown({ menu }: { menu: Open }) {
     else item.run();
   };
   return (
-    <div class="menu" role="menu" aria-label={menu.label} ref={box} style={`left: ${menu.x}px; top: ${menu.y}px`}>
+    <div
+      class="menu"
+      role="menu"
+      aria-label={menu.label}
+      ref={box}
+      style={`left: ${menu.x}px; top: ${menu.y}px`}
+    >
       {menu.items.map((item) => (
-        <button key={item.title} role="menuitem" tabIndex={-1} aria-disabled={item.why ? "true" : undefined} title={item.why ?? ""} onClick={() => chosen(item)}>
-          {item.title}<span class="of">{item.keys}</span>
+        <button
+          key={item.title}
+          role="menuitem"
+          tabIndex={-1}
+          aria-disabled={item.why ? "true" : undefined}
+          title={item.why ?? ""}
+          onClick={() => chosen(item)}
+        >
+          {item.title}
+          <span class="of">{item.keys}</span>
         </button>
       ))}
     </div>

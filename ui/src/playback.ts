@@ -2,10 +2,10 @@
 // speed, loop, range, length) is told there at once, with the place where it stands.
 
 import { effect } from "@preact/signals";
-import { keepInView } from "./actions";
-import { tell } from "./api";
+import { keepInView } from "./actions/playback";
 import { ahead, type Span } from "./span";
 import * as store from "./store";
+import { tell } from "./wire";
 
 /** Runs until the returned function is called. */
 export function startPlayback(): () => void {

@@ -1,6 +1,6 @@
 // Policies side by side: their names, what settings ask for one, and which of those tried is nearest.
 
-import type { Guide, PolicyCard, RolloutSettings } from "./protocol";
+import type { Guide, PolicyCard, RolloutSettings, RunCard } from "./protocol";
 
 /** Nearer by less than this share is not worth a change. */
 const WORTH = 0.1;
@@ -11,11 +11,14 @@ export interface Tried {
   mae: number;
 }
 
-export const policyId = (p: { name: string; model?: string }): string => (p.model ? `${p.name}:${p.model}` : p.name);
+export const policyId = (p: { name: string; model?: string }): string =>
+  p.model ? `${p.name}:${p.model}` : p.name;
 /** The policy that settings name, as `policyId` does. */
-const idOf = (s: RolloutSettings): string => policyId({ name: s.policy, ...(s.model_path ? { model: s.model_path } : {}) });
+const idOf = (s: RolloutSettings): string =>
+  policyId({ name: s.policy, ...(s.model_path ? { model: s.model_path } : {}) });
 /** What was tried, as tables show it. */
-export const variant = (card: PolicyCard, guide: Guide): string => policyId(card) + (guide === "linear" ? "+guide" : "");
+export const variant = (card: PolicyCard, guide: Guide): string =>
+  policyId(card) + (guide === "linear" ? "+guide" : "");
 
 /** Settings without a model, and without the guide where the policy in use wanted it. */
 export function leaving(settings: RolloutSettings, cards: PolicyCard[]): RolloutSettings {
@@ -25,10 +28,24 @@ export function leaving(settings: RolloutSettings, cards: PolicyCard[]): Rollout
 }
 
 /** Settings with this policy and the guide it wants, and all else as it is. */
-export function withPolicy(settings: RolloutSettings, card: PolicyCard, cards: PolicyCard[]): RolloutSettings {
+export function withPolicy(
+  settings: RolloutSettings,
+  card: PolicyCard,
+  cards: PolicyCard[],
+): RolloutSettings {
   const rest = leaving(settings, cards);
   const guide = card.guide === "linear" ? card.guide : rest.guide;
   return { ...rest, guide, policy: card.name, ...(card.model ? { model_path: card.model } : {}) };
+}
+
+/** Settings with the policy that a run of this folder has trained. */
+export function withRun(settings: RolloutSettings, run: RunCard, cards: PolicyCard[]): RolloutSettings {
+  return { ...leaving(settings, cards), policy: "robert", ...(run.model ? { model_path: run.model } : {}) };
+}
+
+/** Runs that can perform with this robot. */
+export function trainedFor(robot: string | undefined, runs: RunCard[]): RunCard[] {
+  return runs.filter((r) => r.model !== null && r.robot === robot);
 }
 
 /** The best of each policy, nearest first, and the one in use. */
@@ -37,7 +54,8 @@ export function shown(rows: Tried[], settings: RolloutSettings): Tried[] {
   return rows.filter((t) => first(t) || inUse(t, settings));
 }
 
-const inUse = (t: Tried, settings: RolloutSettings): boolean => policyId(t.card) === idOf(settings) && t.guide === settings.guide;
+const inUse = (t: Tried, settings: RolloutSettings): boolean =>
+  policyId(t.card) === idOf(settings) && t.guide === settings.guide;
 
 /** The nearest of those that know as much as the one in use, where the change is worth it; nothing where that one was not tried. */
 export function nearest(rows: Tried[], settings: RolloutSettings): Tried | undefined {

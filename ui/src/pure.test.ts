@@ -1,17 +1,43 @@
 import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { test } from "node:test";
-import { changedBy, clock, keyEnd, parseTime, replaced, startsAway, type Clip, type Key } from "./clip";
-import { nearest, shown, variant, withPolicy, type Tried } from "./policy";
-import { patched, type PolicyCard, type RobotCard, type RolloutSettings, type RunCard, type Shelf } from "./protocol";
-import { resumeArgs, usualPolicies, usualSuite } from "./shelf";
-import { bars, diamonds, marks, ofRow } from "./timeline/marks";
+import { type Clip, changedBy, clock, type Key, keyEnd, parseTime, replaced, startsAway } from "./clip";
+import { ANGLES, LENGTHS, parseNumber } from "./numbers";
+import { patched } from "./patch";
+import { nearest, shown, type Tried, variant, withPolicy } from "./policy";
+import type { PolicyCard, RobotCard, RolloutSettings, RunCard, Shelf } from "./protocol";
 import { acted, ahead, within } from "./span";
-import { fit, frameToX, rowsOf, tick, xToFrame, yToRow, rowToY, zoomAt, withFrame, withRow, LABELS, MARKERS, PRE_ROLL, ROW, RULER, STRIP } from "./timeline/layout";
+import {
+  fit,
+  frameToX,
+  LABELS,
+  MARKERS,
+  PRE_ROLL,
+  ROW,
+  RULER,
+  rowsOf,
+  rowToY,
+  STRIP,
+  tick,
+  withFrame,
+  withRow,
+  xToFrame,
+  yToRow,
+  zoomAt,
+} from "./timeline/layout";
+import { bars, diamonds, marks, ofRow } from "./timeline/marks";
+import { resumeArgs, usualPolicies, usualSuite } from "./training";
 
 const clip: Clip = {
-  format: "robert-clip/1", robot: { id: "r", joints: ["a", "b", "c"] }, fps: 20, length: 100,
-  keys: [{ frame: 0, q: [0, 0, 0] }, { frame: 20, q: [1, 2, 3], hold: 5 }, { frame: 40, q: [0, 0, 0] }],
+  format: "robert-clip/1",
+  robot: { id: "r", joints: ["a", "b", "c"] },
+  fps: 20,
+  length: 100,
+  keys: [
+    { frame: 0, q: [0, 0, 0] },
+    { frame: 20, q: [1, 2, 3], hold: 5 },
+    { frame: 40, q: [0, 0, 0] },
+  ],
 };
 
 test("typed time is always a whole frame", () => {
@@ -34,9 +60,15 @@ test("frames and pixels are inverse, and zoom keeps the frame under the pointer"
 test("rows fold with their group and can be hit", () => {
   const groups = [{ name: "g", title: "G", joints: [0, 1] }];
   const open = rowsOf(clip, groups, new Set());
-  assert.deepEqual(open.map((r) => r.kind), ["all", "group", "joint", "joint", "joint"]);
+  assert.deepEqual(
+    open.map((r) => r.kind),
+    ["all", "group", "joint", "joint", "joint"],
+  );
   const shut = rowsOf(clip, groups, new Set(["g"]));
-  assert.deepEqual(shut.map((r) => r.kind), ["all", "group", "joint"]);
+  assert.deepEqual(
+    shut.map((r) => r.kind),
+    ["all", "group", "joint"],
+  );
   const view = fit(100, { width: 900, height: 200 });
   assert.equal(yToRow(view, rowToY(view, 3) + ROW / 2, open.length), 3);
   assert.equal(yToRow(view, 3, open.length), undefined);
@@ -47,8 +79,18 @@ test("ruler labels never touch", () => {
 });
 
 test("a patch replaces, removes and keeps order", () => {
-  const next = patched(clip, { keys_removed: [40], keys_put: [{ frame: 10, q: [9, 9, 9] }, { frame: 20, q: [5, 5, 5] }], length: 120 });
-  assert.deepEqual(next.keys.map((k) => k.frame), [0, 10, 20]);
+  const next = patched(clip, {
+    keys_removed: [40],
+    keys_put: [
+      { frame: 10, q: [9, 9, 9] },
+      { frame: 20, q: [5, 5, 5] },
+    ],
+    length: 120,
+  });
+  assert.deepEqual(
+    next.keys.map((k) => k.frame),
+    [0, 10, 20],
+  );
   assert.deepEqual(next.keys[2]?.q, [5, 5, 5]);
   assert.equal(next.length, 120);
   assert.equal(clip.length, 100, "the old document is untouched");
@@ -82,9 +124,30 @@ test("M and U mean the selection, then the loop, then the interval", () => {
   assert.deepEqual(at([], range, 70), [3, 90], "the loop");
   assert.deepEqual(at([], undefined, 10), [1, 20], "the interval");
   assert.deepEqual(at([], undefined, 70), [41, 100], "to the end of the clip");
-  const close = { ...clip, keys: [{ frame: 4, q: [0, 0, 0] }, { frame: 5, q: [0, 0, 0] }] };
+  const close = {
+    ...clip,
+    keys: [
+      { frame: 4, q: [0, 0, 0] },
+      { frame: 5, q: [0, 0, 0] },
+    ],
+  };
   assert.equal(acted(close, new Set([4, 5]), undefined, 4), undefined, "nothing between neighbours");
-  assert.equal(acted({ ...clip, keys: [{ frame: 4, hold: 2, q: [] }, { frame: 6, q: [] }] }, new Set(), undefined, 4), undefined, "no frames between");
+  assert.equal(
+    acted(
+      {
+        ...clip,
+        keys: [
+          { frame: 4, hold: 2, q: [] },
+          { frame: 6, q: [] },
+        ],
+      },
+      new Set(),
+      undefined,
+      4,
+    ),
+    undefined,
+    "no frames between",
+  );
 });
 
 test("a loop lasts as many frames as it has, on the page as in the 3D view", () => {
@@ -95,7 +158,11 @@ test("a loop lasts as many frames as it has, on the page as in the 3D view", () 
     shown.push(Math.floor(at));
     at = ahead(at, 1, span, true);
   }
-  assert.deepEqual(shown.slice(0, 11), [20, 21, 22, 23, 24, 25, 26, 27, 28, 29, 20], "the last frame stands, too");
+  assert.deepEqual(
+    shown.slice(0, 11),
+    [20, 21, 22, 23, 24, 25, 26, 27, 28, 29, 20],
+    "the last frame stands, too",
+  );
   // The rule of the server: from + (at - from) mod (to - from).
   for (let n = 0; n < 300; n += 0.37) {
     let stepped: number | undefined = 22.5;
@@ -138,21 +205,47 @@ test("a patch can change where the clip starts, and take that back", () => {
 });
 
 test("only keys in sight are laid out, with the one whose bar reaches in", () => {
-  const many: Clip = { ...clip, length: 2000, keys: Array.from({ length: 2000 }, (_, f) => ({ frame: f, q: [f, 0, 0] })) };
+  const many: Clip = {
+    ...clip,
+    length: 2000,
+    keys: Array.from({ length: 2000 }, (_, f) => ({ frame: f, q: [f, 0, 0] })),
+  };
   const box = { width: 900, height: 200 };
   const none = new Map<number, number>();
   const near = { zoom: 20, left: 1000, top: 0 };
   const shown = marks(many, near, box, none, new Set()).map((m) => m.frame);
-  assert.ok(shown.length < 45 && shown.includes(999) && shown.includes(1000) && shown.includes(1036), shown.join());
-  const sparse: Clip = { ...clip, length: 2000, fill: "linear", keys: [{ frame: 0, q: [0, 0, 0] }, { frame: 1999, q: [0, 0, 0] }] };
-  assert.deepEqual(marks(sparse, near, box, none, new Set()).map((m) => m.frame), [0], "its line crosses what is in sight");
+  assert.ok(
+    shown.length < 45 && shown.includes(999) && shown.includes(1000) && shown.includes(1036),
+    shown.join(),
+  );
+  const sparse: Clip = {
+    ...clip,
+    length: 2000,
+    fill: "linear",
+    keys: [
+      { frame: 0, q: [0, 0, 0] },
+      { frame: 1999, q: [0, 0, 0] },
+    ],
+  };
+  assert.deepEqual(
+    marks(sparse, near, box, none, new Set()).map((m) => m.frame),
+    [0],
+    "its line crosses what is in sight",
+  );
   assert.equal(bars(marks(sparse, near, box, none, new Set())).length, 1);
   const dragged = marks(many, near, box, new Map([[5, 1010]]), new Set([5]));
-  assert.ok(dragged.some((m) => m.frame === 5 && m.selected), "a key dragged into sight");
+  assert.ok(
+    dragged.some((m) => m.frame === 5 && m.selected),
+    "a key dragged into sight",
+  );
 });
 
 test("keys closer than the eye parts them are one diamond, but a selected one shows", () => {
-  const many: Clip = { ...clip, length: 2000, keys: Array.from({ length: 2000 }, (_, f) => ({ frame: f, q: [f, 0, 0] })) };
+  const many: Clip = {
+    ...clip,
+    length: 2000,
+    keys: Array.from({ length: 2000 }, (_, f) => ({ frame: f, q: [f, 0, 0] })),
+  };
   const box = { width: 1168, height: 200 };
   const list = marks(many, fit(2000, box), box, new Map(), new Set([777]));
   assert.equal(list.length, 2000);
@@ -160,19 +253,49 @@ test("keys closer than the eye parts them are one diamond, but a selected one sh
   assert.ok(drawn.length < 1000, `${drawn.length}`);
   assert.equal(drawn.filter((d) => d.ink === "selected").length, 1);
   const gaps = drawn.filter((d) => d.ink === "whole").map((d) => d.x);
-  assert.ok(gaps.every((x, i) => i === 0 || x - (gaps[i - 1] ?? 0) < 3), "no gap in the row of diamonds");
+  assert.ok(
+    gaps.every((x, i) => i === 0 || x - (gaps[i - 1] ?? 0) < 3),
+    "no gap in the row of diamonds",
+  );
 });
 
 test("a joint without a goal has no diamond in its row and half a one in its group's", () => {
-  const open: Clip = { ...clip, keys: [{ frame: 10, q: [1, null, 3] }, { frame: 20, q: [1, 2, 3], hold: 4 }] };
-  const list = marks(open, fit(100, { width: 900, height: 200 }), { width: 900, height: 200 }, new Map(), new Set());
+  const open: Clip = {
+    ...clip,
+    keys: [
+      { frame: 10, q: [1, null, 3] },
+      { frame: 20, q: [1, 2, 3], hold: 4 },
+    ],
+  };
+  const list = marks(
+    open,
+    fit(100, { width: 900, height: 200 }),
+    { width: 900, height: 200 },
+    new Map(),
+    new Set(),
+  );
   const part = list.filter((m) => !m.full);
-  assert.deepEqual(part.map((m) => m.frame), [10]);
+  assert.deepEqual(
+    part.map((m) => m.frame),
+    [10],
+  );
   assert.deepEqual(ofRow(part, [1]), []);
-  assert.deepEqual(diamonds(ofRow(part, [0])).map((d) => d.ink), ["whole"]);
-  assert.deepEqual(diamonds(ofRow(part, [0, 1])).map((d) => d.ink), ["part"]);
-  assert.deepEqual(diamonds(ofRow(part, undefined)).map((d) => d.ink), ["part"]);
-  assert.deepEqual(bars(list).map((b) => b.ink), ["masked", "hold"]);
+  assert.deepEqual(
+    diamonds(ofRow(part, [0])).map((d) => d.ink),
+    ["whole"],
+  );
+  assert.deepEqual(
+    diamonds(ofRow(part, [0, 1])).map((d) => d.ink),
+    ["part"],
+  );
+  assert.deepEqual(
+    diamonds(ofRow(part, undefined)).map((d) => d.ink),
+    ["part"],
+  );
+  assert.deepEqual(
+    bars(list).map((b) => b.ink),
+    ["masked", "hold"],
+  );
 });
 
 /** Contrast of two colours, WCAG 2.2. */
@@ -190,8 +313,15 @@ function contrast(a: string, b: string): number {
 
 test("words have a contrast of 4.5 to 1, shapes and curves of 3 to 1, dark and light", () => {
   assert.ok(Math.abs(contrast("#000000", "#ffffff") - 21) < 1e-6);
-  const css = readFileSync("src/app.css", "utf8");
-  const themes = [...css.matchAll(/:root[^{]*\{([^{}]*--back:[^{}]*)\}/g)].map((m) => new Map([...(m[1] ?? "").matchAll(/--([\w-]+):\s*([^;]+);/g)].map((v) => [v[1] ?? "", (v[2] ?? "").trim()] as const)));
+  const css = readFileSync("src/styles/base.css", "utf8");
+  const themes = [...css.matchAll(/:root[^{]*\{([^{}]*--back:[^{}]*)\}/g)].map(
+    (m) =>
+      new Map(
+        [...(m[1] ?? "").matchAll(/--([\w-]+):\s*([^;]+);/g)].map(
+          (v) => [v[1] ?? "", (v[2] ?? "").trim()] as const,
+        ),
+      ),
+  );
   assert.equal(themes.length, 3, "dark, light as the system says, light as chosen");
   assert.deepEqual([...themes[1]!], [...themes[2]!], "one light theme");
   for (const theme of themes.slice(0, 2)) {
@@ -206,9 +336,11 @@ test("words have a contrast of 4.5 to 1, shapes and curves of 3 to 1, dark and l
         assert.ok(c >= ratio, `${name} on ${b}: ${c.toFixed(2)}`);
       }
     };
-    for (const word of ["text", "dim", "ok", "warn", "bad", "accent", "marker"]) least(word, ["back", "panel", "raise"], 4.5);
+    for (const word of ["text", "dim", "ok", "warn", "bad", "accent", "marker"])
+      least(word, ["back", "panel", "raise"], 4.5);
     least("accent-text", ["accent"], 4.5);
-    for (const shape of ["key", "selected", "playhead", "look", "error", "cached", "focus", "blind", "fill"]) least(shape, ["back", "panel"], 3);
+    for (const shape of ["key", "selected", "playhead", "look", "error", "cached", "focus", "blind", "fill"])
+      least(shape, ["back", "panel"], 3);
     const series = (theme.get("series") ?? "").split(" ");
     assert.equal(new Set(series).size, 8);
     for (const c of series) least(c, ["panel"], 3, `curve ${c}`);
@@ -220,10 +352,17 @@ test("how far the robot begins from the first key is said of the joints that hav
   assert.equal(startsAway(c, [0.5, 9, 3.5]), 0.5);
   assert.equal(startsAway(c, undefined), undefined);
   assert.equal(startsAway({ ...c, masks: [{ from: 0, to: 5 }] }, [0, 0, 0]), undefined);
-  assert.equal(startsAway({ ...c, keys: [{ frame: 3, q: [1, 2, 3] }] }, [0, 0, 0]), undefined, "no goal at frame 0");
+  assert.equal(
+    startsAway({ ...c, keys: [{ frame: 3, q: [1, 2, 3] }] }, [0, 0, 0]),
+    undefined,
+    "no goal at frame 0",
+  );
 });
 
-const robots: RobotCard[] = [{ id: "ur5e", source: "ur5e", builtin: true, models: ["adaptive", "robert"] }, { id: "mine", source: "/w/robots/mine", builtin: false, models: [] }];
+const robots: RobotCard[] = [
+  { id: "ur5e", source: "ur5e", builtin: true, models: ["adaptive", "robert"] },
+  { id: "mine", source: "/w/robots/mine", builtin: false, models: [] },
+];
 
 test("an imported robot is measured on its clip or on clips of its limits: it has no tasks", () => {
   assert.equal(usualSuite("ur5e", robots, "/w/a.clip.json"), "manual");
@@ -234,8 +373,22 @@ test("an imported robot is measured on its clip or on clips of its limits: it ha
 });
 
 test("a policy brings the guide that it wants and takes it away again; between others one set by hand stays", () => {
-  const card = (name: PolicyCard["name"], more: Partial<PolicyCard> = {}): PolicyCard => ({ name, suits: "", guide: "none", knows_model: false, slow: false, available: true, learned: true, default: false, ...more });
-  const [pd, robert, adaptive] = [card("pd"), card("robert"), card("robert", { model: "adaptive", guide: "linear" })];
+  const card = (name: PolicyCard["name"], more: Partial<PolicyCard> = {}): PolicyCard => ({
+    name,
+    suits: "",
+    guide: "none",
+    knows_model: false,
+    slow: false,
+    available: true,
+    learned: true,
+    default: false,
+    ...more,
+  });
+  const [pd, robert, adaptive] = [
+    card("pd"),
+    card("robert"),
+    card("robert", { model: "adaptive", guide: "linear" }),
+  ];
   const model = card("computed-torque", { knows_model: true });
   const cards = [pd, robert, adaptive, model];
   const plain: RolloutSettings = { policy: "pd", refine: false, guide: "none", seed: 0, auto: true };
@@ -246,19 +399,85 @@ test("a policy brings the guide that it wants and takes it away again; between o
   assert.equal(withPolicy({ ...guided, guide: "none" }, adaptive, cards).guide, "linear");
 
   const tried = (card: PolicyCard, guide: "none" | "linear", mae: number): Tried => ({ card, guide, mae });
-  const rows = [tried(model, "none", 1), tried(adaptive, "linear", 2), tried(adaptive, "none", 3), tried(robert, "none", 4), tried(pd, "linear", 5), tried(pd, "none", 6)];
-  assert.deepEqual(shown(rows, plain).map((t) => variant(t.card, t.guide)), ["computed-torque", "robert:adaptive+guide", "robert", "pd+guide", "pd"]);
+  const rows = [
+    tried(model, "none", 1),
+    tried(adaptive, "linear", 2),
+    tried(adaptive, "none", 3),
+    tried(robert, "none", 4),
+    tried(pd, "linear", 5),
+    tried(pd, "none", 6),
+  ];
+  assert.deepEqual(
+    shown(rows, plain).map((t) => variant(t.card, t.guide)),
+    ["computed-torque", "robert:adaptive+guide", "robert", "pd+guide", "pd"],
+  );
   assert.equal(nearest(rows, plain), rows[1], "the nearest that knows as little of the model");
   assert.equal(nearest(rows, guided), undefined, "nothing is nearer than the one in use");
   assert.equal(nearest(rows, { ...guided, guide: "none" }), rows[1]);
-  assert.equal(nearest(rows, { ...plain, guide: "linear", policy: "ilqr" }), undefined, "the one in use was not tried");
-  assert.equal(nearest([tried(robert, "none", 0.95), tried(pd, "none", 1)], plain), undefined, "not worth the change");
+  assert.equal(
+    nearest(rows, { ...plain, guide: "linear", policy: "ilqr" }),
+    undefined,
+    "the one in use was not tried",
+  );
+  assert.equal(
+    nearest([tried(robert, "none", 0.95), tried(pd, "none", 1)], plain),
+    undefined,
+    "not worth the change",
+  );
 });
 
 test("a run goes on with its own data, not with the first of its robot", () => {
   const data = (path: string, sha256: string) => ({ path, robot: "mine", frames: 1, episodes: 1, sha256 });
-  const shelf: Shelf = { runs: [], begun: [], presets: [], data: [data("data/a", "aa"), data("data/b", "bb")] };
-  const run: RunCard = { path: "runs/r", robot: "mine", preset: "quick", step: 1, steps: 2, precision: null, model: "runs/r/m", dataset_sha256: "bb", changed_secs: 0 };
-  assert.deepEqual(resumeArgs(run, shelf, robots), ["--robot", "/w/robots/mine", "--data", "data/b", "--resume", "runs/r"]);
+  const shelf: Shelf = {
+    runs: [],
+    begun: [],
+    presets: [],
+    data: [data("data/a", "aa"), data("data/b", "bb")],
+  };
+  const run: RunCard = {
+    path: "runs/r",
+    robot: "mine",
+    preset: "quick",
+    step: 1,
+    steps: 2,
+    precision: null,
+    model: "runs/r/m",
+    dataset_sha256: "bb",
+    changed_secs: 0,
+  };
+  assert.deepEqual(resumeArgs(run, shelf, robots), [
+    "--robot",
+    "/w/robots/mine",
+    "--data",
+    "data/b",
+    "--resume",
+    "runs/r",
+  ]);
   assert.equal(resumeArgs({ ...run, dataset_sha256: "cc" }, shelf, robots), undefined);
+});
+
+test("numbers are read with commas and units; what is none is no zero", () => {
+  assert.equal(parseNumber("60"), 60);
+  assert.equal(parseNumber(" -1,5 "), -1.5);
+  assert.equal(parseNumber(".5e1"), 5);
+  assert.equal(parseNumber("180", ANGLES, Math.PI / 180), Math.PI);
+  assert.equal(parseNumber("180°", ANGLES), Math.PI);
+  assert.equal(parseNumber("1.5 rad", ANGLES, Math.PI / 180), 1.5);
+  assert.equal(parseNumber("20 mm", LENGTHS), 0.02);
+  for (const none of [
+    "",
+    " ",
+    "banana",
+    "NaN",
+    "Infinity",
+    "2+3",
+    "1e999",
+    "--1",
+    "1 2",
+    "5 apples",
+    "0x10",
+    "m",
+  ]) {
+    assert.equal(parseNumber(none, LENGTHS), undefined, none);
+  }
 });

@@ -2,17 +2,25 @@
 
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
-import { startExport } from "./api";
-import { act } from "./actions";
-import { ended, fetchFile, isRunning, JobBar, saveUrl } from "./jobs";
+import { act } from "./actions/index";
+import { JobBar } from "./job_bar";
+import { ended, fetchFile, isRunning, saveUrl, startExport } from "./jobs";
 import * as store from "./store";
-
-const parts = (shown: object | undefined): string => Object.entries(shown ?? {}).map(([name, value]) => `&${name}=${encodeURIComponent(String(value))}`).join("");
+import { addressOf, http } from "./wire";
 
 /** Asks for stills one at a time, the newest wanted last. */
-export function useStill(size: () => { w: number; h: number; draft: boolean; shown?: { achieved: boolean; command: boolean; ghosts: boolean; pose?: number[] } }) {
+export function useStill(
+  size: () => {
+    w: number;
+    h: number;
+    draft: boolean;
+    shown?: { achieved: boolean; command: boolean; ghosts: boolean; pose?: string };
+  },
+) {
   const url = useSignal("");
   const error = useSignal("");
+  /** The picture is of what was the case a moment ago: another one is on its way. */
+  const waiting = useSignal(true);
   const state = useRef({ busy: false, again: false, timer: 0, shown: "", alive: true });
   useEffect(() => {
     const s = state.current;
@@ -28,13 +36,12 @@ export function useStill(size: () => { w: number; h: number; draft: boolean; sho
       const r = store.rollout.value;
       const frame = Math.round(store.playhead.value);
       const version = `${r?.gen ?? 0}.${r?.cached_to ?? 0}.${r?.phase ?? ""}`;
-      const address = `/api/still.jpg?frame=${frame}&w=${w}&h=${h}&draft=${draft}&v=${version}${parts(shown)}`;
-      if (address === s.shown) return;
+      const query = { frame, w, h, draft, v: version, ...shown };
+      const address = addressOf("GET /api/still.jpg", { query });
+      if (address === s.shown) return void (waiting.value = false);
       s.busy = true;
       try {
-        const answer = await fetch(address, { credentials: "same-origin" });
-        if (!answer.ok) throw new Error(((await answer.json().catch(() => ({}))) as { message?: string }).message ?? answer.statusText);
-        const next = URL.createObjectURL(await answer.blob());
+        const next = URL.createObjectURL(await http("GET /api/still.jpg", { query }));
         if (url.value) URL.revokeObjectURL(url.value);
         url.value = next;
         error.value = "";
@@ -46,25 +53,43 @@ export function useStill(size: () => { w: number; h: number; draft: boolean; sho
       if (s.again) {
         s.again = false;
         ask();
-      }
+      } else waiting.value = s.timer !== 0;
     };
     const ask = (): void => {
       // While a rollout runs every batch would be a picture: wait until it rests for a moment.
       const phase = store.rollout.value?.phase;
       clearTimeout(s.timer);
-      s.timer = window.setTimeout(() => void load(), phase === "running" || phase === "waiting" ? 120 : 0);
+      waiting.value = true;
+      s.timer = window.setTimeout(
+        () => {
+          s.timer = 0;
+          void load();
+        },
+        phase === "running" || phase === "waiting" ? 120 : 0,
+      );
     };
-    const stops = [store.playhead.subscribe(ask), store.rollout.subscribe(ask), store.doc.subscribe(ask), store.show.subscribe(ask), store.floating.subscribe(ask)];
+    const stops = [
+      store.playhead.subscribe(ask),
+      store.rollout.subscribe(ask),
+      store.doc.subscribe(ask),
+      store.show.subscribe(ask),
+      store.floating.subscribe(ask),
+    ];
     return () => {
       s.alive = false;
       clearTimeout(s.timer);
       stops.forEach((stop) => stop());
     };
   }, []);
-  return { url, error };
+  return { url, error, waiting };
 }
 
-const FORMATS: [string, string][] = [["mp4", "MP4"], ["gif", "GIF"], ["strip", "Strip"], ["png", "Picture"]];
+const FORMATS: [string, string][] = [
+  ["mp4", "MP4"],
+  ["gif", "GIF"],
+  ["strip", "Strip"],
+  ["png", "Picture"],
+];
 
 export function Rendered() {
   const { url, error } = useStill(() => ({ w: 640, h: 400, draft: false }));
@@ -78,7 +103,11 @@ export function Rendered() {
   const make = async (format: string, keep: boolean): Promise<void> => {
     const of = version;
     const frame = store.playhead.value;
-    const started = await startExport({ format, size: [640, 400], ...(format === "png" ? { frames: [frame, frame + 1] } : {}) });
+    const started = await startExport({
+      format,
+      size: [640, 400],
+      ...(format === "png" ? { frames: [frame, frame + 1] } : {}),
+    });
     if (!started) return;
     job.value = started.id;
     const done = await ended(started.id);
@@ -102,17 +131,45 @@ export function Rendered() {
       {film.value && !stale ? (
         <video src={film.value.url} controls autoplay={!still} loop data-testid="film" />
       ) : error.value ? (
-        <p class="problem error" role="alert" data-testid="still-error">{error.value}</p>
+        <p class="problem error" role="alert" data-testid="still-error">
+          {error.value}
+        </p>
       ) : url.value ? (
-        <img src={url.value} alt={`The robot at frame ${store.playhead.value}, as it is exported`} data-testid="still" />
-      ) : <p class="empty">painting…</p>}
+        <img
+          src={url.value}
+          alt={`The robot at frame ${store.playhead.value}, as it is exported`}
+          data-testid="still"
+        />
+      ) : (
+        <p class="empty">rendering…</p>
+      )}
       <div class="row tools">
-        {film.value && !stale ? <button onClick={() => (film.value = undefined)}>Playhead</button>
-          : <button class="main" disabled={busy} onClick={() => void make("mp4", false)} data-testid="play-film">Play the take</button>}
+        {film.value && !stale ? (
+          <button onClick={() => (film.value = undefined)}>Playhead</button>
+        ) : (
+          <button
+            class="main"
+            disabled={busy}
+            onClick={() => void make("mp4", false)}
+            data-testid="play-film"
+          >
+            Play the take
+          </button>
+        )}
         {FORMATS.map(([format, title]) => (
-          <button key={format} disabled={busy} onClick={() => void make(format, true)} title={`Save as ${title}`} data-testid={`save-${format}`}>{title}</button>
+          <button
+            key={format}
+            disabled={busy}
+            onClick={() => void make(format, true)}
+            title={`Save as ${title}`}
+            data-testid={`save-${format}`}
+          >
+            {title}
+          </button>
         ))}
-        <button class="quiet" onClick={() => act("export")}>More…</button>
+        <button class="quiet" onClick={() => act("export")}>
+          More…
+        </button>
       </div>
       {current && busy ? <JobBar job={current} /> : null}
     </section>

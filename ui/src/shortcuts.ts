@@ -1,6 +1,6 @@
 // Keyboard: one table (actions.ts), one listener, also installed inside the viewport's frame.
 
-import { ACTIONS, act } from "./actions";
+import { ACTIONS, act } from "./actions/index";
 import { retimeByHand } from "./timeline/gestures";
 
 /** `Ctrl+Shift+V` for an event; Cmd counts as Ctrl. */
@@ -15,7 +15,11 @@ export function chord(e: KeyboardEvent): string {
   return [...parts, name].join("+");
 }
 
-const byKey = new Map(ACTIONS.flatMap((a) => (a.keys ?? []).map((k) => [k.replace(/\b([a-z])$/, (c) => c.toUpperCase()), a.id] as const)));
+const byKey = new Map(
+  ACTIONS.flatMap((a) =>
+    (a.keys ?? []).map((k) => [k.replace(/\b([a-z])$/, (c) => c.toUpperCase()), a.id] as const),
+  ),
+);
 
 function typing(target: EventTarget | null): boolean {
   if (!(target instanceof HTMLElement)) return false;
@@ -29,7 +33,8 @@ export function onKeyDown(e: KeyboardEvent): void {
   if (typing(e.target) && !/^(Ctrl\+[SKOE]|Ctrl\+Shift\+[SO]|F1)$/.test(keys)) return;
   const focus = e.target instanceof HTMLElement ? e.target : undefined;
   // A focused button or heading keeps Space and Enter, a slider or an edge of a panel its arrows.
-  if ((focus?.tagName === "BUTTON" || focus?.tagName === "SUMMARY") && (keys === "Space" || keys === "Enter")) return;
+  if ((focus?.tagName === "BUTTON" || focus?.tagName === "SUMMARY") && (keys === "Space" || keys === "Enter"))
+    return;
   if (focus instanceof HTMLInputElement && focus.type === "range" && /Arrow|Home|End/.test(keys)) return;
   if (focus?.getAttribute("role") === "separator" && /Arrow/.test(keys)) return;
   // A menu's button opens it.

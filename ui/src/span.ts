@@ -1,6 +1,6 @@
 // Spans of frames: what the loop plays, what M and U act on. Pure.
 
-import { keyAt, keyEnd, nextKey, prevKey, type Clip } from "./clip";
+import { type Clip, keyAt, keyEnd, nextKey, prevKey } from "./clip";
 
 /** Frames from `from` up to, not with, `to`. */
 export interface Span {
@@ -14,20 +14,31 @@ export function within(span: Span | undefined, length: number): Span | undefined
   return span.from < length - 1 ? { from: span.from, to: length } : undefined;
 }
 
-export type Why = "the selected keys" | "after the selected key" | "the loop range" | "the interval at the playhead";
+export type Why =
+  | "the selected keys"
+  | "after the selected key"
+  | "the loop range"
+  | "the interval at the playhead";
 
 /** The frames that M and U act on: the nearest thing that a person has pointed out. */
-export function acted(clip: Clip, selected: ReadonlySet<number>, range: Span | undefined, at: number): (Span & { why: Why }) | undefined {
+export function acted(
+  clip: Clip,
+  selected: ReadonlySet<number>,
+  range: Span | undefined,
+  at: number,
+): (Span & { why: Why }) | undefined {
   const frames = clip.keys.map((k) => k.frame).filter((f) => selected.has(f));
   const [first, last] = [frames[0], frames.at(-1)];
   let span: Span & { why: Why };
-  if (first !== undefined && last !== undefined && first !== last) span = { from: first + 1, to: last, why: "the selected keys" };
+  if (first !== undefined && last !== undefined && first !== last)
+    span = { from: first + 1, to: last, why: "the selected keys" };
   else {
     if (first === undefined && range) return { ...range, why: "the loop range" };
     const before = first !== undefined ? keyAt(clip, first) : (keyAt(clip, at) ?? prevKey(clip, at));
     const after = nextKey(clip, first ?? at);
     span = {
-      from: before ? keyEnd(before) : 0, to: after?.frame ?? clip.length,
+      from: before ? keyEnd(before) : 0,
+      to: after?.frame ?? clip.length,
       why: first !== undefined ? "after the selected key" : "the interval at the playhead",
     };
   }
@@ -40,6 +51,7 @@ export function acted(clip: Clip, selected: ReadonlySet<number>, range: Span | u
  */
 export function ahead(at: number, frames: number, span: Span, loop: boolean): number | undefined {
   const next = at + frames;
-  if (loop) return next < span.to ? next : span.from + ((next - span.from) % Math.max(1, span.to - span.from));
+  if (loop)
+    return next < span.to ? next : span.from + ((next - span.from) % Math.max(1, span.to - span.from));
   return next < span.to - 1 ? next : undefined;
 }

@@ -6,11 +6,35 @@ import { useRef } from "preact/hooks";
 export type Panel = "left" | "right" | "curves" | "sheet";
 
 /** Which way the panel grows, and between which sizes, shares of the window. */
-const PANELS: Record<Panel, { title: string; across: boolean; sign: 1 | -1; least: number; most: number; element: string }> = {
-  left: { title: "Width of the left panel", across: true, sign: 1, least: 0.08, most: 0.25, element: ".left" },
-  right: { title: "Width of the right panel", across: true, sign: -1, least: 0.12, most: 0.4, element: ".right" },
+const PANELS: Record<
+  Panel,
+  { title: string; across: boolean; sign: 1 | -1; least: number; most: number; element: string }
+> = {
+  left: {
+    title: "Width of the left panel",
+    across: true,
+    sign: 1,
+    least: 0.08,
+    most: 0.25,
+    element: ".left",
+  },
+  right: {
+    title: "Width of the right panel",
+    across: true,
+    sign: -1,
+    least: 0.12,
+    most: 0.4,
+    element: ".right",
+  },
   curves: { title: "Width of the curves", across: true, sign: -1, least: 0.12, most: 0.6, element: ".side" },
-  sheet: { title: "Height of the timeline", across: false, sign: -1, least: 0.18, most: 0.6, element: ".below" },
+  sheet: {
+    title: "Height of the timeline",
+    across: false,
+    sign: -1,
+    least: 0.18,
+    most: 0.6,
+    element: ".below",
+  },
 };
 
 const key = (of: Panel): string => `panel-${of}`;
@@ -25,6 +49,7 @@ function put(of: Panel, share: number | undefined): void {
     return;
   }
   const sane = Math.min(p.most, Math.max(p.least, share));
+  document.querySelector(`.splitter.of-${of}`)?.setAttribute("aria-valuenow", String(Math.round(100 * sane)));
   style.setProperty(`--${of}`, `${(100 * sane).toFixed(2)}${p.across ? "vw" : "vh"}`);
   localStorage.setItem(key(of), sane.toFixed(4));
 }
@@ -58,16 +83,28 @@ export function Splitter({ of }: { of: Panel }) {
   };
   return (
     <div
-      ref={bar} class={`splitter of-${of}`} role="separator" tabIndex={0} aria-label={p.title} data-testid={`splitter-${of}`}
-      aria-orientation={p.across ? "vertical" : "horizontal"} title={`${p.title}: drag, arrow keys; double click: as it was`}
+      ref={bar}
+      class={`splitter of-${of}`}
+      role="separator"
+      tabIndex={0}
+      aria-label={p.title}
+      aria-valuenow={Math.round(100 * share())}
+      data-testid={`splitter-${of}`}
+      aria-orientation={p.across ? "vertical" : "horizontal"}
+      title={`${p.title}: drag or use arrow keys; double-click to reset`}
       onPointerDown={(e) => {
         e.preventDefault();
         bar.current?.setPointerCapture(e.pointerId);
         bar.current?.classList.add("held");
         held.current = { at: place(e), share: share() };
       }}
-      onPointerMove={(e) => held.current && put(of, held.current.share + (place(e) - held.current.at) * p.sign)}
-      onPointerUp={release} onPointerCancel={release} onDblClick={() => put(of, undefined)} onKeyDownCapture={onKey}
+      onPointerMove={(e) =>
+        held.current && put(of, held.current.share + (place(e) - held.current.at) * p.sign)
+      }
+      onPointerUp={release}
+      onPointerCancel={release}
+      onDblClick={() => put(of, undefined)}
+      onKeyDownCapture={onKey}
       onClick={(e) => e.stopPropagation()}
     />
   );

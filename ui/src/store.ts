@@ -2,9 +2,25 @@
 
 import { computed, signal } from "@preact/signals";
 import type { Clip } from "./clip";
+import { afterMs } from "./clock";
 import type {
-  Demand, Findings, GalleryItem, History, JobView, JointTable, PolicyCard, RecentFile, RobotCard, RobotFacts, RolloutSettings,
-  RolloutState, Shelf, TakeCard, WorkerState, Draft } from "./protocol";
+  Demand,
+  Draft,
+  Findings,
+  GalleryItem,
+  History,
+  JobView,
+  JointTable,
+  PolicyCard,
+  RecentFile,
+  RobotCard,
+  RobotFacts,
+  RolloutSettings,
+  RolloutState,
+  Shelf,
+  TakeCard,
+  WorkerState,
+} from "./protocol";
 import type { Box, Group, View } from "./timeline/layout";
 import { fit } from "./timeline/layout";
 
@@ -41,14 +57,21 @@ export const doc = signal<Document | undefined>(undefined);
 export const gallery = signal<GalleryItem[]>([]);
 export const recent = signal<RecentFile[]>([]);
 export const drafts = signal<Draft[]>([]);
-export const settings = signal<RolloutSettings>({ policy: "computed-torque", refine: false, guide: "none", seed: 0, auto: true });
+export const settings = signal<RolloutSettings>({
+  policy: "computed-torque",
+  refine: false,
+  guide: "none",
+  seed: 0,
+  auto: true,
+});
 export const policies = signal<PolicyCard[]>([]);
 export const rollout = signal<RolloutState | undefined>(undefined);
 export const frames = signal<Frames>({ q: [], error: [] });
 export const worker = signal<WorkerState | undefined>(undefined);
 /** Jobs by number, as the last event told. */
 export const jobs = signal<ReadonlyMap<number, JobView>>(new Map());
-export const shelf = signal<Shelf>({ runs: [], data: [], begun: [], presets: [] });
+/** Runs, data and presets in the folder. */
+export const workspace = signal<Shelf>({ runs: [], data: [], begun: [], presets: [] });
 export const robots = signal<RobotCard[]>([]);
 /** Kept by the studio, for all pages; the newest first. */
 export const takes = signal<TakeCard[]>([]);
@@ -75,11 +98,16 @@ export const selection = signal<ReadonlySet<number>>(new Set());
 export const joint = signal<number | undefined>(undefined);
 export const site = signal<string | undefined>(undefined);
 /** Names this page to the server: its 3D view says it, too, so that drags there are its own. */
-export const TAB = [...crypto.getRandomValues(new Uint8Array(8))].map((b) => b.toString(16).padStart(2, "0")).join("");
+export const TAB = [...crypto.getRandomValues(new Uint8Array(8))]
+  .map((b) => b.toString(16).padStart(2, "0"))
+  .join("");
 /** Joints under a hand in the viewport, with their values, until it lets go. */
 export const moving = signal<Record<string, number> | undefined>(undefined);
 /** What the edit that is previewed asks of the joints. */
 export const demand = signal<Demand | undefined>(undefined);
+/** The name of the clip is being typed. */
+export const renaming = signal(false);
+/** Groups of joints that are folded. */
 export const closed = signal<ReadonlySet<string>>(new Set());
 /** Names of joints that no hand moves. */
 export const locked = signal<ReadonlySet<string>>(new Set());
@@ -105,13 +133,17 @@ export interface Toast {
 export const toasts = signal<Toast[]>([]);
 export const announcement = signal("");
 
+/** How long a message stays when nobody dismisses it. */
+const MESSAGE_STAYS_MS = 5_000;
+const ERROR_STAYS_MS = 15_000;
+
 let nextToast = 1;
 
 export function toast(text: string, kind: Toast["kind"] = "info", undo = false): void {
   const id = nextToast++;
   toasts.value = [...toasts.value.slice(-3), { id, text, kind, undo }];
   announcement.value = text;
-  setTimeout(() => dismiss(id), kind === "error" ? 15_000 : 5_000);
+  afterMs(kind === "error" ? ERROR_STAYS_MS : MESSAGE_STAYS_MS, () => dismiss(id));
 }
 
 export function dismiss(id: number): void {
@@ -125,7 +157,11 @@ export const fps = computed(() => doc.value?.clip.fps ?? 20);
 export const groups = computed<Group[]>(() => {
   const names = doc.value?.clip.robot.joints ?? [];
   return (robot.value?.groups ?? [])
-    .map((g) => ({ name: g.name, title: g.title, joints: g.joints.map((j) => names.indexOf(j)).filter((j) => j >= 0) }))
+    .map((g) => ({
+      name: g.name,
+      title: g.title,
+      joints: g.joints.map((j) => names.indexOf(j)).filter((j) => j >= 0),
+    }))
     .filter((g) => g.joints.length > 0 && g.joints.length < names.length);
 });
 
@@ -151,7 +187,14 @@ export function shown(value: number, unit: "rad" | "m"): string {
 
 /** An error: two figures that count, however small it is. */
 export function shownError(value: number, unit: "rad" | "m"): string {
-  const figures = (v: number): string => (Math.abs(v) >= 10 ? v.toFixed(1) : Math.abs(v) >= 1e-4 ? v.toPrecision(2) : v === 0 ? "0" : v.toExponential(0));
+  const figures = (v: number): string =>
+    Math.abs(v) >= 10
+      ? v.toFixed(1)
+      : Math.abs(v) >= 1e-4
+        ? v.toPrecision(2)
+        : v === 0
+          ? "0"
+          : v.toExponential(0);
   if (unit === "m") return `${figures(value * 1000)} mm`;
   return degrees.value ? `${figures((value * 180) / Math.PI)}°` : `${figures(value)} rad`;
 }

@@ -2,9 +2,9 @@
 // take beside what is performed now, in the viewport, in the curves and over the error strip.
 
 import { useSignal } from "@preact/signals";
-import { complain, http, tell } from "./api";
 import type { TakeCard, TakesView } from "./protocol";
 import * as store from "./store";
+import { complain, http, tell } from "./wire";
 
 /** What the studio says of its takes; the motions that are drawn are fetched once. */
 export function heardOfTakes(view: TakesView): void {
@@ -17,8 +17,9 @@ export function heardOfTakes(view: TakesView): void {
 
 async function load(id: number): Promise<void> {
   try {
-    const frames = await http<store.Frames>("GET", `/api/takes/${id}`);
-    if (store.compared.value.includes(id)) store.takeFrames.value = new Map(store.takeFrames.value).set(id, frames);
+    const frames = await http("GET /api/takes/{id}", { at: { id } });
+    if (store.compared.value.includes(id))
+      store.takeFrames.value = new Map(store.takeFrames.value).set(id, frames);
   } catch (e) {
     complain(e);
   }
@@ -27,12 +28,14 @@ async function load(id: number): Promise<void> {
 /** The take that the rollout on the page is, once it is done. */
 export function takeOfNow(): TakeCard | undefined {
   const r = store.rollout.value;
-  return r?.phase === "done" ? store.takes.value.find((t) => t.rev === r.rev && t.same_goals && t.policy === r.policy) : undefined;
+  return r?.phase === "done"
+    ? store.takes.value.find((t) => t.rev === r.rev && t.same_goals && t.policy === r.policy)
+    : undefined;
 }
 
 export function pinTake(): void {
   const now = takeOfNow();
-  if (!now) return store.toast("the rollout is not done yet");
+  if (!now) return store.toast("the rollout has not finished yet");
   tell("take.pin", { id: now.id, pinned: !now.pinned });
   store.toast(now.pinned ? `${now.name} is no longer pinned` : `${now.name} is pinned`);
 }
@@ -48,8 +51,10 @@ function compare(id: number, add: boolean): void {
 export function compareBefore(): void {
   if (store.compared.value.length) return tell("take.compare", { ids: [] });
   const now = takeOfNow();
-  const other = store.takes.value.find((t) => t.pinned && t.id !== now?.id) ?? store.takes.value.find((t) => t.id !== now?.id);
-  if (!other) return store.toast("there is no other take yet: edit the clip, or choose another policy");
+  const other =
+    store.takes.value.find((t) => t.pinned && t.id !== now?.id) ??
+    store.takes.value.find((t) => t.id !== now?.id);
+  if (!other) return store.toast("there is no other take yet: edit the clip, or select another policy");
   tell("take.compare", { ids: [other.id] });
   store.toast(`compared with ${other.name}, ${other.policy}`);
 }
@@ -62,28 +67,82 @@ function Row({ take }: { take: TakeCard }) {
     naming.value = false;
     if (text.trim() && text.trim() !== take.name) tell("take.name", { id: take.id, name: text });
   };
-  const about = `${take.policy}, ${take.frames} frames${take.seed ? `, seed ${take.seed}` : ""}${take.clip ? `, of "${take.clip}"` : ""}${take.same_goals ? "" : "; its goals are not those of now, so the errors do not compare"}`;
+  const about = `${take.policy}, ${take.frames} frames${take.seed ? `, seed ${take.seed}` : ""}${take.clip ? `, of "${take.clip}"` : ""}${take.same_goals ? "" : "; it was measured against other goals, so its error cannot be compared"}`;
   return (
     <li class={`take${take.same_goals ? "" : " stale"}`} title={about} data-testid={`take-${take.id}`}>
-      <span class="mark" style={on >= 0 ? `color: ${store.takeColor(on)}` : ""} aria-label={now ? "performed now" : on >= 0 ? "compared" : undefined}>{now ? "●" : on >= 0 ? "◆" : "○"}</span>
+      <span
+        class="mark"
+        role="img"
+        style={on >= 0 ? `color: ${store.takeColor(on)}` : ""}
+        aria-label={now ? "current" : on >= 0 ? "compared" : "kept"}
+      >
+        {now ? "●" : on >= 0 ? "◆" : "○"}
+      </span>
       {naming.value ? (
-        <input type="text" class="grow" aria-label={`Title of ${take.name}`} value={take.name}
-          ref={(e) => { if (e && document.activeElement !== e) { e.focus(); e.select(); } }}
+        <input
+          type="text"
+          class="grow"
+          aria-label={`Name of ${take.name}`}
+          value={take.name}
+          ref={(e) => {
+            if (e && document.activeElement !== e) {
+              e.focus();
+              e.select();
+            }
+          }}
           onBlur={(e) => done(e.currentTarget.value)}
           onKeyDown={(e) => {
             e.stopPropagation();
             if (e.key === "Enter") e.currentTarget.blur();
-            if (e.key === "Escape") { e.currentTarget.value = take.name; e.currentTarget.blur(); }
-          }} />
+            if (e.key === "Escape") {
+              e.currentTarget.value = take.name;
+              e.currentTarget.blur();
+            }
+          }}
+        />
       ) : (
-        <button class="quiet grow" aria-label={`Retitle ${take.name}`} title={`${about}. Click to rename`} onClick={() => (naming.value = true)}>{take.name}</button>
+        <button
+          class="quiet grow"
+          aria-label={`Rename ${take.name}`}
+          title={`${about}. Click to rename`}
+          onClick={() => (naming.value = true)}
+        >
+          {take.name}
+        </button>
       )}
       <span class="num">{take.mae === null ? "" : store.shownError(take.mae, store.unit.value)}</span>
       <span class="second">
-      <span class="grow">{take.policy}</span>
-      <button class="quiet" aria-label={`A/B ${take.name}`} aria-pressed={on >= 0} onClick={(e) => compare(take.id, e.ctrlKey || e.metaKey || e.shiftKey)} title="Draw it beside what is performed now (B); with Ctrl, beside the others too">A/B</button>
-      <button class="quiet" aria-label={`Pin ${take.name}`} aria-pressed={take.pinned} title={take.pinned ? "Kept; click to let it go with the others" : "Keep it: the others go when twenty newer ones are there"} onClick={() => tell("take.pin", { id: take.id, pinned: !take.pinned })}>{take.pinned ? "★" : "☆"}</button>
-      <button class="quiet" aria-label={`Remove ${take.name}`} title="Remove" onClick={() => tell("take.remove", { id: take.id })}>×</button>
+        <span class="grow">{take.policy}</span>
+        <button
+          class="quiet"
+          aria-label={`A/B ${take.name}`}
+          aria-pressed={on >= 0}
+          onClick={(e) => compare(take.id, e.ctrlKey || e.metaKey || e.shiftKey)}
+          title="Compare it with the current take (B); Ctrl adds it to the comparison"
+        >
+          A/B
+        </button>
+        <button
+          class="quiet"
+          aria-label={`Pin ${take.name}`}
+          aria-pressed={take.pinned}
+          title={
+            take.pinned
+              ? "Pinned; click to unpin"
+              : "Pin it: a take that is not pinned is removed once there are twenty newer ones"
+          }
+          onClick={() => tell("take.pin", { id: take.id, pinned: !take.pinned })}
+        >
+          {take.pinned ? "★" : "☆"}
+        </button>
+        <button
+          class="quiet"
+          aria-label={`Remove ${take.name}`}
+          title="Remove"
+          onClick={() => tell("take.remove", { id: take.id })}
+        >
+          ×
+        </button>
       </span>
     </li>
   );
@@ -97,13 +156,43 @@ export function TakeList() {
   const sorted = [...takes.filter((t) => t.pinned), ...takes.filter((t) => !t.pinned)];
   return (
     <>
-      <h2>Takes <span class="grow" />
-        <button class="quiet" onClick={pinTake} disabled={!now} aria-pressed={now?.pinned ?? false} title="Keep what is performed now (Shift+B)" data-testid="pin">Pin</button>
+      <h2>
+        Takes <span class="grow" />
+        <button
+          class="quiet"
+          onClick={pinTake}
+          disabled={!now}
+          aria-pressed={now?.pinned ?? false}
+          title="Pin the current take (Shift+B)"
+          data-testid="pin"
+        >
+          Pin
+        </button>
       </h2>
       <div class="scroll takes">
-        {r && !now ? <div class="take"><b class="grow" title={r.policy}>now · {r.policy}</b><span class="num">{r.mae === null ? "…" : store.shownError(r.mae, store.unit.value)}</span></div> : null}
-        {store.compared.value.length ? <button class="quiet" style="width: 100%" title="Draw no take beside (B)" onClick={() => tell("take.compare", { ids: [] })}>No A/B</button> : null}
-        <ul aria-label="Takes kept">{sorted.map((t) => <Row key={t.id} take={t} />)}</ul>
+        {r && !now ? (
+          <div class="take">
+            <b class="grow" title={r.policy}>
+              current · {r.policy}
+            </b>
+            <span class="num">{r.mae === null ? "…" : store.shownError(r.mae, store.unit.value)}</span>
+          </div>
+        ) : null}
+        {store.compared.value.length ? (
+          <button
+            class="quiet"
+            style="width: 100%"
+            title="Stop comparing (B)"
+            onClick={() => tell("take.compare", { ids: [] })}
+          >
+            Stop comparing
+          </button>
+        ) : null}
+        <ul aria-label="Takes kept">
+          {sorted.map((t) => (
+            <Row key={t.id} take={t} />
+          ))}
+        </ul>
       </div>
     </>
   );

@@ -1,13 +1,14 @@
 // Play, step, time, loop, speed, and the switches that decide what an edit does.
 
-import { useEffect } from "preact/hooks";
 import { useSignal } from "@preact/signals";
-import { act, seek } from "./actions";
-import { edit } from "./api";
+import { useEffect } from "preact/hooks";
+import { act } from "./actions/index";
+import { seek } from "./actions/playback";
 import { clock, parseTime } from "./clip";
 import { startPlayback } from "./playback";
 import { Splitter } from "./splitter";
 import * as store from "./store";
+import { edit } from "./wire";
 
 /** Drawn, because no font is sure to have these signs. */
 const SHAPES: Record<string, string> = {
@@ -20,7 +21,11 @@ const SHAPES: Record<string, string> = {
 };
 
 function Icon({ name }: { name: keyof typeof SHAPES }) {
-  return <svg width="15" height="14" viewBox="0 0 15 14" aria-hidden="true" style="display: block"><path d={SHAPES[name]} fill="currentColor" /></svg>;
+  return (
+    <svg width="15" height="14" viewBox="0 0 15 14" aria-hidden="true" style="display: block">
+      <path d={SHAPES[name]} fill="currentColor" />
+    </svg>
+  );
 }
 
 /** A rollout that takes longer than a moment. */
@@ -41,7 +46,7 @@ export function Transport() {
     long.value = undefined;
     if (t === undefined) return;
     const length = parseTime(t, store.fps.value);
-    if (length === undefined) store.toast(`"${t}" is no length; write 100, 5:00 or 5s`, "error");
+    if (length === undefined) store.toast(`"${t}" is not a length: type 100, 5:00 or 5s`, "error");
     else if (length !== store.length.value) void edit("clip.length", { length });
   };
   const commit = (): void => {
@@ -49,39 +54,121 @@ export function Transport() {
     text.value = undefined;
     if (t === undefined) return;
     const f = parseTime(t, store.fps.value);
-    if (f === undefined) store.toast(`"${t}" is no time; write 55, 55f, 2:15 or 2.75s`, "error");
+    if (f === undefined) store.toast(`"${t}" is not a time: type 55, 55f, 2:15 or 2.75s`, "error");
     else seek(f);
   };
   return (
     <div class="transport" role="toolbar" aria-label="Playback">
       <Splitter of="sheet" />
-      <button onClick={() => act("home")} aria-label="To the start" title="Home"><Icon name="start" /></button>
-      <button onClick={() => act("prev-frame")} aria-label="Previous frame" title="Left"><Icon name="back" /></button>
-      <button class="main" onClick={() => act("play")} aria-label={store.playing.value ? "Pause" : "Play"} title="Space" data-testid="play"><Icon name={store.playing.value ? "pause" : "play"} /></button>
-      <button onClick={() => act("next-frame")} aria-label="Next frame" title="Right"><Icon name="forward" /></button>
-      <button onClick={() => act("end")} aria-label="To the end" title="End"><Icon name="end" /></button>
-      <button aria-pressed={store.loop.value} onClick={() => act("loop")} title="L">Loop</button>
-      <select aria-label="Speed" value={String(store.speed.value)} onChange={(e) => (store.speed.value = Number(e.currentTarget.value))}>
-        {[0.1, 0.25, 0.5, 1, 2, 4].map((s) => <option key={s} value={String(s)}>{s}×</option>)}
+      <button onClick={() => act("home")} aria-label="To the start" title="Home">
+        <Icon name="start" />
+      </button>
+      <button onClick={() => act("prev-frame")} aria-label="Previous frame" title="Left">
+        <Icon name="back" />
+      </button>
+      <button
+        class="main"
+        onClick={() => act("play")}
+        aria-label={store.playing.value ? "Pause" : "Play"}
+        title="Space"
+        data-testid="play"
+      >
+        <Icon name={store.playing.value ? "pause" : "play"} />
+      </button>
+      <button onClick={() => act("next-frame")} aria-label="Next frame" title="Right">
+        <Icon name="forward" />
+      </button>
+      <button onClick={() => act("end")} aria-label="To the end" title="End">
+        <Icon name="end" />
+      </button>
+      <button aria-pressed={store.loop.value} onClick={() => act("loop")} title="L">
+        Loop
+      </button>
+      <select
+        aria-label="Speed"
+        value={String(store.speed.value)}
+        onChange={(e) => (store.speed.value = Number(e.currentTarget.value))}
+      >
+        {[0.1, 0.25, 0.5, 1, 2, 4].map((s) => (
+          <option key={s} value={String(s)}>
+            {s}×
+          </option>
+        ))}
       </select>
-      <label>frame{" "}
-        <input class="time" type="text" aria-label="Frame or time" data-testid="frame" value={text.value ?? String(frame)}
+      <label>
+        frame{" "}
+        <input
+          class="time"
+          type="text"
+          aria-label="Frame or time"
+          data-testid="frame"
+          value={text.value ?? String(frame)}
           onFocus={(e) => e.currentTarget.select()}
-          onInput={(e) => (text.value = e.currentTarget.value)} onBlur={commit}
-          onKeyDown={(e) => { if (e.key === "Enter") { commit(); e.currentTarget.blur(); } }} />
+          onInput={(e) => (text.value = e.currentTarget.value)}
+          onBlur={commit}
+          onKeyDown={(e) => {
+            if (e.key === "Enter") {
+              commit();
+              e.currentTarget.blur();
+            }
+          }}
+        />
       </label>
-      <span class="num" style="color: var(--dim)">{clock(frame, store.fps.value)} of</span>
-      <input class="time length" type="text" aria-label="Length of the clip in frames or time" title={`Length: ${clock(store.length.value, store.fps.value)}; type frames, or 5s`} data-testid="length" value={long.value ?? String(store.length.value)}
+      <span class="num" style="color: var(--dim)">
+        {clock(frame, store.fps.value)} of
+      </span>
+      <input
+        class="time length"
+        type="text"
+        aria-label="Length of the clip in frames or time"
+        title={`Length: ${clock(store.length.value, store.fps.value)}; type frames, or 5s`}
+        data-testid="length"
+        value={long.value ?? String(store.length.value)}
         onFocus={(e) => e.currentTarget.select()}
-        onInput={(e) => (long.value = e.currentTarget.value)} onBlur={stretch}
-        onKeyDown={(e) => { if (e.key === "Escape") long.value = undefined; if (e.key === "Enter" || e.key === "Escape") { stretch(); e.currentTarget.blur(); } }} />
-      <span class="num" style="color: var(--dim)">{clock(store.length.value, store.fps.value)}</span>
+        onInput={(e) => (long.value = e.currentTarget.value)}
+        onBlur={stretch}
+        onKeyDown={(e) => {
+          if (e.key === "Escape") long.value = undefined;
+          if (e.key === "Enter" || e.key === "Escape") {
+            stretch();
+            e.currentTarget.blur();
+          }
+        }}
+      />
+      <span class="num" style="color: var(--dim)">
+        {clock(store.length.value, store.fps.value)}
+      </span>
       <span class="grow" />
-      <button aria-pressed={store.autoKey.value} onClick={() => act("auto-key")} title="A moved joint becomes a key at once">Auto-key</button>
-      <button aria-pressed={store.settings.value.auto} onClick={() => act("auto")} title="Roll out after every edit (Shift+R)">Auto-rollout</button>
-      {stoppable() ? <button onClick={() => act("stop-rollout")} title="Frames so far stay (Shift+Esc)" data-testid="stop-rollout">Stop</button>
-        : <button onClick={() => act("rollout")} title="R">Roll out</button>}
-      <button class="main" onClick={() => act("export")} title="Ctrl+E">Export</button>
+      <button
+        aria-pressed={store.autoKey.value}
+        onClick={() => act("auto-key")}
+        title="Moving a joint makes a key at the playhead"
+      >
+        Auto-key
+      </button>
+      <button
+        aria-pressed={store.settings.value.auto}
+        onClick={() => act("auto")}
+        title="Roll out after every edit (Shift+R)"
+      >
+        Auto-rollout
+      </button>
+      {stoppable() ? (
+        <button
+          onClick={() => act("stop-rollout")}
+          title="Stop and keep the frames so far (Shift+Esc)"
+          data-testid="stop-rollout"
+        >
+          Stop
+        </button>
+      ) : (
+        <button onClick={() => act("rollout")} title="R">
+          Roll out
+        </button>
+      )}
+      <button class="main" onClick={() => act("export")} title="Ctrl+E">
+        Export
+      </button>
     </div>
   );
 }

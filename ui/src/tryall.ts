@@ -1,10 +1,10 @@
 // Every policy that answers at once performs the clip as it stands, and the nearest is proposed.
 
 import { effect, signal } from "@preact/signals";
-import { tell } from "./api";
-import { variant, withPolicy, type Tried } from "./policy";
+import { type Tried, variant, withPolicy } from "./policy";
 import type { Guide, PolicyCard, RolloutSettings } from "./protocol";
 import * as store from "./store";
+import { tell } from "./wire";
 
 export const trying = signal<string | undefined>(undefined);
 export const tried = signal<{ rev: number; rows: Tried[] } | undefined>(undefined);
@@ -39,7 +39,8 @@ export async function tryAll(): Promise<void> {
   const cards = store.policies.value.filter((p) => p.available && p.name !== "zero" && !p.slow);
   const masked = store.doc.value?.findings.spans.some((s) => s.kind === "masked" || s.kind === "open");
   // Where every frame is commanded there is nothing for a guide to fill, and who computes goes along that line anyway.
-  const guides = (card: PolicyCard): Guide[] => (masked && card.learned ? ["none", "linear"] : [withPolicy(own, card, cards).guide]);
+  const guides = (card: PolicyCard): Guide[] =>
+    masked && card.learned ? ["none", "linear"] : [withPolicy(own, card, cards).guide];
   for (const card of cards) {
     for (const guide of guides(card)) {
       if (store.doc.value?.rev !== rev) break;
@@ -50,7 +51,7 @@ export async function tryAll(): Promise<void> {
   }
   trying.value = undefined;
   tell("rollout.set", { ...own });
-  if (store.doc.value?.rev !== rev) return store.toast("the clip changed: try again when it rests");
+  if (store.doc.value?.rev !== rev) return store.toast("the clip was changed: try again");
   rows.sort((a, b) => a.mae - b.mae);
   tried.value = { rev, rows };
 }

@@ -2,18 +2,22 @@
 // without WebGL, pictures rendered by the server, with the same selection and sliders.
 
 import { useEffect, useRef } from "preact/hooks";
-import { complain, http, tell } from "./api";
-import { act, toggleShow } from "./actions";
-import { hover, hoverEnds, inRobotOrder, Tip } from "./hand";
+import { act } from "./actions/index";
+import { toggleShow } from "./actions/view";
+import { startsAway } from "./clip";
+import { hover, hoverEnds, Tip } from "./hover";
+import { dropFloating, keyFloating } from "./posing";
+import { inRobotOrder } from "./reach";
 import { useStill } from "./rendered";
 import { install } from "./shortcuts";
 import { Splitter } from "./splitter";
 import * as store from "./store";
-import { isDark } from "./theme";
-import { startsAway } from "./clip";
+import { isDark, palette } from "./theme";
+import { complain, http, tell } from "./wire";
 
 /** Viser's own panel and notices would cover the robot; the shell has its own. */
-const HIDE = "[data-floating-window],[data-testid='floating-panel'],.mantine-Notifications-root{display:none!important}";
+const HIDE =
+  "[data-floating-window],[data-testid='floating-panel'],.mantine-Notifications-root{display:none!important}";
 
 /** Asked once: every probe holds a context, and a page has only sixteen. */
 const WEBGL = ((): boolean => {
@@ -43,11 +47,10 @@ export function Viewport() {
       clearTimeout(timer);
       timer = window.setTimeout(() => tell("view.frame", { frame: f }), 12);
     });
-    const themed = (): void => tell("view.show", { dark: isDark() });
-    document.addEventListener("robert-theme", themed);
+    const themed = palette.subscribe(() => tell("view.show", { dark: isDark() }));
     return () => {
       dispose();
-      document.removeEventListener("robert-theme", themed);
+      themed();
     };
   }, []);
 
@@ -64,7 +67,11 @@ export function Viewport() {
       const [x, y] = [e.clientX / w, e.clientY / h];
       // A hand that holds something keeps its name and value beside it; one that turns the camera needs none.
       if (e.buttons && !store.moving.value) return hoverEnds();
-      hover(e.clientX, e.clientY, async () => store.moving.value ? "" : (await http<{ body: string } | null>("GET", `/api/hover?tab=${store.TAB}&x=${x}&y=${y}`))?.body ?? null);
+      hover(e.clientX, e.clientY, async () =>
+        store.moving.value
+          ? ""
+          : ((await http("GET /api/hover", { query: { tab: store.TAB, x, y } }))?.body ?? null),
+      );
     });
     page.addEventListener("pointerleave", hoverEnds);
     tell("view.show", { ...store.show.value, dark: isDark() });
@@ -77,41 +84,106 @@ export function Viewport() {
   const clip = store.doc.value?.clip;
   const off = clip && startsAway(clip, store.frames.value.q[0]);
   const apart = off !== undefined && off > 0.005 ? off : undefined;
-  const phase = !r || r.phase === "off" ? "not simulated"
-    : r.phase === "failed" ? "failed"
-    : r.phase === "done" ? "" : `rollout ${r.cached_to}/${r.frames}`;
+  const phase =
+    !r || r.phase === "off"
+      ? "not simulated"
+      : r.phase === "failed"
+        ? "failed"
+        : r.phase === "done"
+          ? ""
+          : `rollout ${r.cached_to}/${r.frames}`;
   return (
     <main class="viewport" aria-label="Viewport" data-testid="viewport">
-      {stills ? <Stills /> : (
+      {stills ? (
+        <Stills />
+      ) : (
         <iframe
-          ref={frame} title="3D view" onLoad={loaded}
+          ref={frame}
+          title="3D view"
+          onLoad={loaded}
           src={`/viser/?websocket=${encodeURIComponent(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/viser?tab=${store.TAB}`)}${dark ? "&darkMode" : ""}`}
         />
       )}
       <div class="legend" role="group" aria-label="Shown">
-        <button aria-pressed={store.show.value.command} onClick={() => toggleShow("command")} title="What is commanded, translucent; its links turn from blue to red with their error (1)"><i class="is-command" />Command</button>
-        <button aria-pressed={store.show.value.achieved} onClick={() => toggleShow("achieved")} title="What the policy reached, solid (2)"><i class="is-achieved" />Achieved</button>
-        <button aria-pressed={store.show.value.ghosts} onClick={() => toggleShow("ghosts")} title="Poses of the neighbouring keys: green before, amber after (4)"><i class="is-ghosts" />Ghosts</button>
-        <select aria-label="View" data-testid="view" value="" disabled={stills} title={stills ? "Still pictures are seen from where the whole motion fits" : "F frames the selected link"}
-          onChange={(e) => { act(e.currentTarget.value); e.currentTarget.value = ""; }}>
+        <button
+          aria-pressed={store.show.value.command}
+          onClick={() => toggleShow("command")}
+          title="The commanded motion, translucent; links turn from blue to red as their error grows (1)"
+        >
+          <i class="is-command" />
+          Command
+        </button>
+        <button
+          aria-pressed={store.show.value.achieved}
+          onClick={() => toggleShow("achieved")}
+          title="The motion that the policy reached, solid (2)"
+        >
+          <i class="is-achieved" />
+          Achieved
+        </button>
+        <button
+          aria-pressed={store.show.value.ghosts}
+          onClick={() => toggleShow("ghosts")}
+          title="Poses of the neighbouring keys: green before, amber after (4)"
+        >
+          <i class="is-ghosts" />
+          Ghosts
+        </button>
+        <select
+          aria-label="View"
+          data-testid="view"
+          value=""
+          disabled={stills}
+          title={stills ? "Still pictures have one view only" : "F shows the selected link"}
+          onChange={(e) => {
+            act(e.currentTarget.value);
+            e.currentTarget.value = "";
+          }}
+        >
           <option value="">View</option>
-          {[["view-home", "Whole motion"], ["view-front", "Front"], ["view-side", "Side"], ["view-top", "Top"], ["frame", "Selected link"]].map(([id, title]) => <option key={id} value={id}>{title}</option>)}
+          {[
+            ["view-home", "Whole motion"],
+            ["view-front", "Front"],
+            ["view-side", "Side"],
+            ["view-top", "Top"],
+            ["frame", "Selected link"],
+          ].map(([id, title]) => (
+            <option key={id} value={id}>
+              {title}
+            </option>
+          ))}
         </select>
       </div>
       <Tip />
       {store.floating.value ? (
         <div class="banner" style="position: absolute; top: 46px">
-          This pose is no key yet.
-          <button class="main" onClick={() => void import("./api").then((a) => a.keyFloating())}>Key it (K)</button>
-          <button onClick={() => void import("./api").then((a) => a.dropFloating())}>Discard</button>
+          This pose is not a key yet.
+          <button class="main" onClick={() => void keyFloating()}>
+            Make it a key (K)
+          </button>
+          <button onClick={() => dropFloating()}>Discard</button>
         </div>
       ) : null}
       <div class="badge" aria-live="off" data-testid="badge">
         {phase ? <span>{phase} </span> : null}
         {r?.error ? <span style="color: var(--bad)">{r.error} </span> : null}
-        {r?.mae !== null && r?.mae !== undefined ? <span><b>{store.shownError(r.mae, store.unit.value)}</b> mean error</span> : null}
-        {apart !== undefined ? <span title="How far the robot is from the first key when the motion begins: the mean leaves this frame out, which no policy can mend"> · starts <b>{store.shownError(apart, store.unit.value)}</b> away</span> : null}
-        {r?.ms_per_frame ? <span class="num">{r.mae === null ? "" : " · "}{r.ms_per_frame.toFixed(1)} ms a frame</span> : null}
+        {r?.mae !== null && r?.mae !== undefined ? (
+          <span>
+            <b>{store.shownError(r.mae, store.unit.value)}</b> mean error
+          </span>
+        ) : null}
+        {apart !== undefined ? (
+          <span title="Distance from the first key when the motion starts. No policy can change it, so the mean error leaves this frame out">
+            {" "}
+            · starts <b>{store.shownError(apart, store.unit.value)}</b> away
+          </span>
+        ) : null}
+        {r?.ms_per_frame ? (
+          <span class="num">
+            {r.mae === null ? "" : " · "}
+            {r.ms_per_frame.toFixed(1)} ms a frame
+          </span>
+        ) : null}
       </div>
       <Splitter of="left" />
       <Splitter of="right" />
@@ -127,13 +199,21 @@ function Stills() {
     const shrink = Math.min(1, 960 / Math.max(w, h));
     return { w: Math.max(64, Math.round(w * shrink)), h: Math.max(64, Math.round(h * shrink)) };
   };
-  const { url, error } = useStill(() => ({ ...size(), draft: true, shown: { ...store.show.value, ...(store.floating.value ? { pose: inRobotOrder(store.floating.value) } : {}) } }));
+  const { url, error, waiting } = useStill(() => ({
+    ...size(),
+    draft: true,
+    shown: {
+      ...store.show.value,
+      ...(store.floating.value ? { pose: inRobotOrder(store.floating.value).join() } : {}),
+    },
+  }));
   const bodyAt = async (e: { clientX: number; clientY: number }): Promise<string | null> => {
     const box = host.current?.getBoundingClientRect();
     if (!box) return null;
     const { w, h } = size();
     const [x, y] = [(e.clientX - box.left) / box.width, (e.clientY - box.top) / box.height];
-    return http<string | null>("GET", `/api/still-body?frame=${Math.round(store.playhead.value)}&w=${w}&h=${h}&x=${x}&y=${y}`);
+    const frame = Math.round(store.playhead.value);
+    return http("GET /api/still-body", { query: { frame, w, h, x, y } });
   };
   const over = (e: PointerEvent): void => {
     const box = host.current?.getBoundingClientRect();
@@ -150,10 +230,24 @@ function Stills() {
     }
   };
   return (
-    <div ref={host} class="stills" onClick={(e) => void pick(e)} onPointerMove={over} onPointerLeave={hoverEnds}>
-      {url.value ? <img src={url.value} alt="The robot at the playhead" data-testid="still-view" /> : null}
+    <div
+      ref={host}
+      class="stills"
+      onClick={(e) => void pick(e)}
+      onPointerMove={over}
+      onPointerLeave={hoverEnds}
+    >
+      {url.value ? (
+        <img
+          src={url.value}
+          alt="The robot at the playhead"
+          aria-busy={waiting.value}
+          data-testid="still-view"
+        />
+      ) : null}
       <p>
-        {error.value || `Still pictures: ${store.viser.value ? "this browser has no WebGL" : "the 3D client is not in this build; script/bootstrap fetches it"}`}
+        {error.value ||
+          `Still pictures: ${store.viser.value ? "this browser has no WebGL" : "this build has no 3D client; script/bootstrap fetches it"}`}
       </p>
     </div>
   );

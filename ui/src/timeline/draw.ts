@@ -2,15 +2,45 @@
 
 import type { Clip } from "../clip";
 import {
-  LABELS, LOOK_AHEAD, MARKERS, PRE_ROLL, ROW, RULER, STRIP, SWITCH, SWITCHES, frameToX, jointsOf, rowToY, tick, xToFrame,
-  type Box, type RowKind, type View,
+  type Box,
+  frameToX,
+  jointsOf,
+  LABELS,
+  LOOK_AHEAD,
+  MARKERS,
+  PRE_ROLL,
+  ROW,
+  type RowKind,
+  RULER,
+  rowToY,
+  STRIP,
+  SWITCH,
+  SWITCHES,
+  tick,
+  type View,
+  xToFrame,
 } from "./layout";
-import { bars, diamonds, marks, ofRow, type Diamond, type Mark } from "./marks";
+import { bars, type Diamond, diamonds, type Mark, marks, ofRow } from "./marks";
 
 export interface Theme {
-  back: string; panel: string; rule: string; faint: string; text: string; dim: string;
-  key: string; keyEdge: string; selected: string; fill: string; hatch: string; blind: string;
-  playhead: string; look: string; error: string; marker: string; cached: string; focus: string;
+  back: string;
+  panel: string;
+  rule: string;
+  faint: string;
+  text: string;
+  dim: string;
+  key: string;
+  keyEdge: string;
+  selected: string;
+  fill: string;
+  hatch: string;
+  blind: string;
+  playhead: string;
+  look: string;
+  error: string;
+  marker: string;
+  cached: string;
+  focus: string;
 }
 
 export interface Span {
@@ -98,7 +128,11 @@ export function draw(ctx: Ctx, s: Scene): void {
   // Nearly every key has a goal for every joint: those are drawn once for all rows.
   const list = marks(s.clip, view, box, s.dragged, s.selection);
   const ratio = ctx.getTransform().a || 1;
-  const common = ready(s, list.filter((m) => m.full), ratio);
+  const common = ready(
+    s,
+    list.filter((m) => m.full),
+    ratio,
+  );
   const open = list.filter((m) => !m.full);
   s.rows.forEach((row, i) => {
     const y = rowToY(view, i);
@@ -112,7 +146,7 @@ export function draw(ctx: Ctx, s: Scene): void {
   if (s.boxSelect) {
     const b = s.boxSelect;
     ctx.strokeStyle = theme.selected;
-    ctx.fillStyle = theme.selected + "22";
+    ctx.fillStyle = `${theme.selected}22`;
     ctx.fillRect(b.x0, b.y0, b.x1 - b.x0, b.y1 - b.y0);
     ctx.strokeRect(b.x0 + 0.5, b.y0 + 0.5, b.x1 - b.x0, b.y1 - b.y0);
   }
@@ -136,14 +170,14 @@ function backdrop(ctx: Ctx, s: Scene): void {
     ctx.fillRect(x, RULER + MARKERS, frameToX(view, b.to) - x, box.height - RULER - MARKERS - STRIP);
   }
   if (s.loop) {
-    ctx.fillStyle = theme.focus + "18";
+    ctx.fillStyle = `${theme.focus}18`;
     const x = frameToX(view, s.loop.from);
     ctx.fillRect(x, 0, frameToX(view, s.loop.to) - x, box.height);
   }
   // What the policy sees from the playhead.
   const ahead = frameToX(view, s.playhead + 1);
   const width = LOOK_AHEAD * view.zoom;
-  ctx.fillStyle = theme.look + "1c";
+  ctx.fillStyle = `${theme.look}1c`;
   ctx.fillRect(ahead, RULER, width, box.height - RULER);
   ctx.strokeStyle = theme.look;
   ctx.lineWidth = 1;
@@ -199,7 +233,7 @@ function ink(ctx: Ctx, theme: Theme, list: Mark[], mid: number, ratio: number): 
       ctx.fillStyle = theme.fill;
       ctx.fillRect(b.from, mid - 4, width, 8);
     } else if (b.ink === "held") {
-      ctx.fillStyle = theme.fill + "88";
+      ctx.fillStyle = `${theme.fill}88`;
       ctx.fillRect(b.from, mid - 2, width, 4);
     } else {
       ctx.strokeStyle = theme.fill;
@@ -217,7 +251,9 @@ function ink(ctx: Ctx, theme: Theme, list: Mark[], mid: number, ratio: number): 
   const all = diamonds(list);
   for (const what of ["part", "whole", "selected"] as const) {
     const picture = sprite(theme, what, ratio);
-    for (const d of all) if (d.ink === what) ctx.drawImage(picture, snap(d.x - SPRITE / 2), snap(mid - SPRITE / 2), SPRITE, SPRITE);
+    for (const d of all)
+      if (d.ink === what)
+        ctx.drawImage(picture, snap(d.x - SPRITE / 2), snap(mid - SPRITE / 2), SPRITE, SPRITE);
   }
 }
 
@@ -238,18 +274,26 @@ function ready(s: Scene, list: Mark[], ratio: number): HTMLCanvasElement | undef
 }
 
 /** The keys, holds, fills and masks of one row. What is the same in all rows comes ready made. */
-function bar(ctx: Ctx, s: Scene, row: RowKind, y: number, common: HTMLCanvasElement | undefined, open: Mark[], ratio: number): void {
+function bar(
+  ctx: Ctx,
+  s: Scene,
+  row: RowKind,
+  y: number,
+  common: HTMLCanvasElement | undefined,
+  open: Mark[],
+  ratio: number,
+): void {
   const { clip, view, theme } = s;
   if (row.kind !== "joint") {
-    ctx.fillStyle = theme.rule + "55";
+    ctx.fillStyle = `${theme.rule}55`;
     ctx.fillRect(LABELS, y, s.box.width, ROW - 1);
   } else if (row.joint === s.selectedJoint) {
-    ctx.fillStyle = theme.selected + "1a";
+    ctx.fillStyle = `${theme.selected}1a`;
     ctx.fillRect(LABELS, y, s.box.width, ROW - 1);
   }
-  const joints =
-    row.kind === "joint" ? [row.joint] : row.kind === "group" ? row.group.joints : undefined;
-  if (common) ctx.drawImage(common, 0, Math.round(y * ratio) / ratio, common.width / ratio, common.height / ratio);
+  const joints = row.kind === "joint" ? [row.joint] : row.kind === "group" ? row.group.joints : undefined;
+  if (common)
+    ctx.drawImage(common, 0, Math.round(y * ratio) / ratio, common.width / ratio, common.height / ratio);
   if (open.length) ink(ctx, theme, ofRow(open, joints), y + ROW / 2, ratio);
   for (const mask of clip.masks ?? []) {
     const all = !mask.joints;
@@ -258,7 +302,7 @@ function bar(ctx: Ctx, s: Scene, row: RowKind, y: number, common: HTMLCanvasElem
     const x = frameToX(view, mask.from);
     const w = frameToX(view, mask.to) - x;
     if (x > s.box.width || x + w < LABELS) continue;
-    ctx.fillStyle = theme.back + "b0";
+    ctx.fillStyle = `${theme.back}b0`;
     ctx.fillRect(x, y + 2, w, ROW - 5);
     ctx.fillStyle = hatch(ctx, theme.hatch);
     ctx.fillRect(x, y + 2, w, ROW - 5);
@@ -452,15 +496,22 @@ function labels(ctx: Ctx, s: Scene): void {
     const bold = row.kind !== "joint";
     ctx.font = `${bold ? "600 " : ""}12px system-ui, sans-serif`;
     if (row.kind === "joint" && row.joint === s.selectedJoint) {
-      ctx.fillStyle = theme.selected + "33";
+      ctx.fillStyle = `${theme.selected}33`;
       ctx.fillRect(0, y, LABELS, ROW - 1);
     }
     ctx.fillStyle = bold ? theme.text : theme.dim;
     const text =
-      row.kind === "all" ? "All joints"
-      : row.kind === "group" ? `${row.open ? "▾" : "▸"} ${row.group.title}`
-      : s.names(row.joint);
-    ctx.fillText(text, row.kind === "joint" ? 26 : 10, mid, row.kind === "all" ? LABELS - 34 : SWITCHES.lock - 30);
+      row.kind === "all"
+        ? "All joints"
+        : row.kind === "group"
+          ? `${row.open ? "▾" : "▸"} ${row.group.title}`
+          : s.names(row.joint);
+    ctx.fillText(
+      text,
+      row.kind === "joint" ? 26 : 10,
+      mid,
+      row.kind === "all" ? LABELS - 34 : SWITCHES.lock - 30,
+    );
     switches(ctx, s, row, y);
     if (s.focused && i === s.focusRow) {
       ctx.strokeStyle = theme.focus;

@@ -1,10 +1,24 @@
 // Pointer gestures of the dope sheet as one small state machine. A gesture previews locally
 // and sends one edit when it ends, so that a drag is one entry in the history. Esc cancels.
 
-import { replaced, type Clip } from "../clip";
+import { type Clip, replaced } from "../clip";
+import type { Op } from "../protocol";
 import {
-  LABELS, MARKERS, ROW, RULER, STRIP, frameToX, jointsOf, rowToY, switchAt, xToFrame, yToRow, zoomAt,
-  type Box, type RowKind, type View,
+  type Box,
+  frameToX,
+  jointsOf,
+  LABELS,
+  MARKERS,
+  ROW,
+  type RowKind,
+  RULER,
+  rowToY,
+  STRIP,
+  switchAt,
+  type View,
+  xToFrame,
+  yToRow,
+  zoomAt,
 } from "./layout";
 
 export interface Sheet {
@@ -24,13 +38,13 @@ export interface Sheet {
   toggleMask(joints: number[]): void;
   preview(dragged: ReadonlyMap<number, number>, box: BoxSelect | undefined): void;
   /** Resolves when it is made (true) or refused. */
-  edit(op: string, args: object): Promise<boolean>;
+  edit(op: Op): Promise<boolean>;
   /** Keys that stood where others have landed are gone. */
   overwrote(count: number): void;
   /** The end of the clip as a drag would leave it. */
   previewEnd(length: number | undefined): void;
   /** The rollout follows a drag; without an operation it goes back to the document. */
-  follow(op?: string, args?: object): void;
+  follow(op?: Op): void;
   openKey(frame: number): void;
   menu(target: Target, x: number, y: number): void;
   hint(text: string): void;
@@ -39,7 +53,11 @@ export interface Sheet {
 }
 
 /** What a menu is about; `frames` and `past` at the playhead. */
-export type Target = { kind: "key"; frame: number } | { kind: "marker"; frame: number } | { kind: "frames" } | { kind: "past" };
+export type Target =
+  | { kind: "key"; frame: number }
+  | { kind: "marker"; frame: number }
+  | { kind: "frames" }
+  | { kind: "past" };
 
 export interface BoxSelect {
   x0: number;
@@ -88,7 +106,9 @@ function markerAt(sheet: Sheet, x: number, y: number): number | undefined {
 /** Whether the end of the clip is under a pixel of the ruler. */
 function endAt(sheet: Sheet, x: number, y: number): boolean {
   const clip = sheet.clip();
-  return clip !== undefined && y < RULER && x >= LABELS && Math.abs(frameToX(sheet.view(), clip.length) - x) < 6;
+  return (
+    clip !== undefined && y < RULER && x >= LABELS && Math.abs(frameToX(sheet.view(), clip.length) - x) < 6
+  );
 }
 
 export class Gestures {
@@ -144,7 +164,13 @@ export class Gestures {
     this.canvas.setPointerCapture(e.pointerId);
     const begin = (kind: Press["kind"], at = frame): void => {
       this.press = {
-        kind, x, y, frame: at, moved: false, base: sheet.selection(), retime: this.retimeKey,
+        kind,
+        x,
+        y,
+        frame: at,
+        moved: false,
+        base: sheet.selection(),
+        retime: this.retimeKey,
       };
     };
     if (e.button === 1) return begin("pan");
@@ -168,7 +194,14 @@ export class Gestures {
       sheet.setSelection(next);
     } else if (e.shiftKey && selected.size > 0 && !selected.has(key)) {
       const [lo, hi] = [Math.min(key, ...selected), Math.max(key, ...selected)];
-      sheet.setSelection(new Set(sheet.clip()?.keys.map((k) => k.frame).filter((f) => f >= lo && f <= hi)));
+      sheet.setSelection(
+        new Set(
+          sheet
+            .clip()
+            ?.keys.map((k) => k.frame)
+            .filter((f) => f >= lo && f <= hi),
+        ),
+      );
     } else if (!selected.has(key)) {
       sheet.setSelection(new Set([key]));
     }
@@ -181,7 +214,8 @@ export class Gestures {
     const row = rows[yToRow(this.sheet.view(), y, rows.length) ?? -1];
     const which = switchAt(x);
     const joints = jointsOf(row);
-    if (which && joints.length > 0) return which === "lock" ? this.sheet.toggleLock(joints) : this.sheet.toggleMask(joints);
+    if (which && joints.length > 0)
+      return which === "lock" ? this.sheet.toggleLock(joints) : this.sheet.toggleMask(joints);
     if (row?.kind === "group") this.sheet.toggleGroup(row.group.name);
     if (row?.kind === "joint") this.sheet.setJoint(row.joint);
     if (row?.kind === "all") {
@@ -202,7 +236,11 @@ export class Gestures {
   /** The length that a drag of the clip's end asks for: no key and no marker falls out of it. */
   private lengthAt(x: number): number {
     const clip = this.sheet.clip();
-    const last = Math.max(1, ...(clip?.keys ?? []).map((k) => k.frame), ...(clip?.markers ?? []).map((m) => m.frame));
+    const last = Math.max(
+      1,
+      ...(clip?.keys ?? []).map((k) => k.frame),
+      ...(clip?.markers ?? []).map((m) => m.frame),
+    );
     return Math.max(last + 1, Math.round(xToFrame(this.sheet.view(), x)));
   }
 
@@ -235,13 +273,28 @@ export class Gestures {
     if (!press) {
       const key = hit(sheet, x, y);
       const strip = y > sheet.box().height - STRIP;
-      const which = x < LABELS && jointsOf(sheet.rows()[yToRow(sheet.view(), y, sheet.rows().length) ?? -1]).length > 0 ? switchAt(x) : undefined;
-      sheet.hint(which === "lock" ? "L: lock, so that no slider, drag, reach, pose or paste moves it (Alt+L)"
-        : which === "mask" ? "M: leave it to the policy between the keys about the playhead, or between those selected (Alt+M, Alt+U)"
-        : x < LABELS || y < RULER || key !== undefined ? ""
-        : strip ? "error by frame: mean over the joints that have a goal there"
-        : sheet.about(Math.round(xToFrame(sheet.view(), x))));
-      this.canvas.style.cursor = endAt(sheet, x, y) ? "col-resize" : key === undefined ? (y < RULER ? "ew-resize" : "default") : "grab";
+      const which =
+        x < LABELS && jointsOf(sheet.rows()[yToRow(sheet.view(), y, sheet.rows().length) ?? -1]).length > 0
+          ? switchAt(x)
+          : undefined;
+      sheet.hint(
+        which === "lock"
+          ? "L: lock, so that no slider, drag, reach, pose or paste moves it (Alt+L)"
+          : which === "mask"
+            ? "M: leave it to the policy between the keys about the playhead, or between those selected (Alt+M, Alt+U)"
+            : x < LABELS || y < RULER || key !== undefined
+              ? ""
+              : strip
+                ? "error of each frame: mean over the joints that have a goal"
+                : sheet.about(Math.round(xToFrame(sheet.view(), x))),
+      );
+      this.canvas.style.cursor = endAt(sheet, x, y)
+        ? "col-resize"
+        : key === undefined
+          ? y < RULER
+            ? "ew-resize"
+            : "default"
+          : "grab";
       return;
     }
     if (!press.moved && Math.hypot(x - press.x, y - press.y) < 3) return;
@@ -252,10 +305,19 @@ export class Gestures {
       sheet.setView({ ...v, left: v.left - e.movementX / v.zoom, top: Math.max(0, v.top - e.movementY) });
     }
     if (press.kind === "box") {
-      const box = { x0: Math.min(x, press.x), y0: Math.min(y, press.y), x1: Math.max(x, press.x), y1: Math.max(y, press.y) };
+      const box = {
+        x0: Math.min(x, press.x),
+        y0: Math.min(y, press.y),
+        x1: Math.max(x, press.x),
+        y1: Math.max(y, press.y),
+      };
       sheet.preview(new Map(), box);
       const [from, to] = [xToFrame(sheet.view(), box.x0), xToFrame(sheet.view(), box.x1)];
-      const inside = sheet.clip()?.keys.map((k) => k.frame).filter((f) => f >= from && f <= to) ?? [];
+      const inside =
+        sheet
+          .clip()
+          ?.keys.map((k) => k.frame)
+          .filter((f) => f >= from && f <= to) ?? [];
       sheet.setSelection(new Set(e.ctrlKey || e.metaKey || e.shiftKey ? [...press.base, ...inside] : inside));
     }
     if (press.kind === "keys") {
@@ -263,10 +325,10 @@ export class Gestures {
       sheet.preview(to, undefined);
       const what = press.retime ? `retime × ${factor.toFixed(2)}` : `${df >= 0 ? "+" : ""}${df} frames`;
       const { copy, ripple } = this.manner(e);
-      sheet.hint(`${what}${copy ? ", copy" : ""}${ripple ? ", ripple" : ""}`);
+      sheet.hint(`${what}${copy ? ", copy" : ""}${ripple ? ", later keys too" : ""}`);
       const frames = [...sheet.selection()].sort((a, b) => a - b);
-      if (press.retime) sheet.follow("keys.scale", { frames, pivot: sheet.playhead(), factor });
-      else if (df !== 0) sheet.follow("keys.move", { frames, df, copy, ripple, replace: true });
+      if (press.retime) sheet.follow({ op: "keys.scale", args: { frames, pivot: sheet.playhead(), factor } });
+      else if (df !== 0) sheet.follow({ op: "keys.move", args: { frames, df, copy, ripple, replace: true } });
       else sheet.follow();
     }
     if (press.kind === "end") {
@@ -274,7 +336,8 @@ export class Gestures {
       sheet.previewEnd(length);
       sheet.hint(`length ${length} frames, ${(length / (sheet.clip()?.fps ?? 20)).toFixed(2)} s`);
     }
-    if (press.kind === "marker") sheet.hint(`marker to frame ${Math.max(0, Math.round(xToFrame(sheet.view(), x)))}`);
+    if (press.kind === "marker")
+      sheet.hint(`marker to frame ${Math.max(0, Math.round(xToFrame(sheet.view(), x)))}`);
   }
 
   private up(e: PointerEvent): void {
@@ -292,12 +355,13 @@ export class Gestures {
     if (press.kind === "keys" && press.moved) void this.drop(press, e, x);
     if (press.kind === "end") {
       const length = this.lengthAt(x);
-      if (press.moved && length !== sheet.clip()?.length) void sheet.edit("clip.length", { length });
+      if (press.moved && length !== sheet.clip()?.length)
+        void sheet.edit({ op: "clip.length", args: { length } });
       sheet.previewEnd(undefined);
     }
     if (press.kind === "marker" && press.moved) {
       const to = Math.max(0, Math.round(xToFrame(sheet.view(), x)));
-      if (to !== press.frame) void sheet.edit("markers.move", { frame: press.frame, to });
+      if (to !== press.frame) void sheet.edit({ op: "markers.move", args: { frame: press.frame, to } });
     }
     if (press.kind === "marker" && !press.moved) sheet.setPlayhead(press.frame);
   }
@@ -314,9 +378,11 @@ export class Gestures {
     const still = press.retime ? factor === 1 : df === 0;
     const clip = sheet.clip();
     const lost = clip && !press.retime ? replaced(clip, to.values(), copy ? [] : to.keys()) : 0;
-    const done = still ? false
-      : press.retime ? await sheet.edit("keys.scale", { frames, pivot, factor })
-      : await sheet.edit("keys.move", { frames, df, copy, ripple, replace: true });
+    const done = still
+      ? false
+      : press.retime
+        ? await sheet.edit({ op: "keys.scale", args: { frames, pivot, factor } })
+        : await sheet.edit({ op: "keys.move", args: { frames, df, copy, ripple, replace: true } });
     // By now another one may have begun.
     if (!this.press) sheet.preview(new Map(), undefined);
     if (!done) return sheet.follow();
@@ -355,7 +421,8 @@ export class Gestures {
     if (marker !== undefined) return this.sheet.menu({ kind: "marker", frame: marker }, e.clientX, e.clientY);
     if (key === undefined) {
       if (y < RULER + MARKERS || y > this.sheet.box().height - STRIP) return;
-      if (x >= LABELS && xToFrame(this.sheet.view(), x) < -0.5) return this.sheet.menu({ kind: "past" }, e.clientX, e.clientY);
+      if (x >= LABELS && xToFrame(this.sheet.view(), x) < -0.5)
+        return this.sheet.menu({ kind: "past" }, e.clientX, e.clientY);
       if (x >= LABELS) this.scrub(x);
       return this.sheet.menu({ kind: "frames" }, e.clientX, e.clientY);
     }
@@ -375,7 +442,8 @@ export class Gestures {
       const room = sheet.box().height - RULER - MARKERS - STRIP;
       return sheet.setView({ ...v, top: Math.max(0, Math.min(v.top + e.deltaY, height - room)) });
     }
-    if (Math.abs(e.deltaX) > Math.abs(e.deltaY)) return sheet.setView({ ...v, left: v.left + e.deltaX / v.zoom });
+    if (Math.abs(e.deltaX) > Math.abs(e.deltaY))
+      return sheet.setView({ ...v, left: v.left + e.deltaX / v.zoom });
     const step = e.ctrlKey ? 0.0006 : 0.0018;
     sheet.setView(zoomAt(v, x, Math.exp(-e.deltaY * step)));
   }

@@ -3,8 +3,8 @@
 // A clip may have thousands of keys on two dozen rows. Only what is in sight is laid out; where
 // keys stand closer than the eye parts them, one diamond stands for several.
 
-import { fillAfter, keyEnd, values, type Clip, type Fill } from "../clip";
-import { LABELS, frameToX, type Box, type View } from "./layout";
+import { type Clip, type Fill, fillAfter, keyEnd, values } from "../clip";
+import { type Box, frameToX, LABELS, type View } from "./layout";
 
 /** How a shape is drawn. */
 export type Ink = "masked" | "held" | "linear" | "cubic" | "hold" | "part" | "whole" | "selected";
@@ -31,7 +31,13 @@ export interface Mark {
 const APART = 1.25;
 
 /** The keys that are in sight, or whose bars are. */
-export function marks(clip: Clip, view: View, box: Box, dragged: ReadonlyMap<number, number>, selection: ReadonlySet<number>): Mark[] {
+export function marks(
+  clip: Clip,
+  view: View,
+  box: Box,
+  dragged: ReadonlyMap<number, number>,
+  selection: ReadonlySet<number>,
+): Mark[] {
   const list: Mark[] = [];
   const { keys } = clip;
   const place = (frame: number): number => dragged.get(frame) ?? frame;
@@ -53,7 +59,18 @@ export function marks(clip: Clip, view: View, box: Box, dragged: ReadonlyMap<num
     if (Math.max(x + 8, hold, until ?? 0) < LABELS) continue;
     const row = values(clip, key);
     const full = row.length > 0 && !row.includes(null);
-    list.push({ frame: key.frame, x, hold, until, fill: fillAfter(clip, key), held: (key.hold ?? 1) > 1, selected: selection.has(key.frame), full, row, whole: full });
+    list.push({
+      frame: key.frame,
+      x,
+      hold,
+      until,
+      fill: fillAfter(clip, key),
+      held: (key.hold ?? 1) > 1,
+      selected: selection.has(key.frame),
+      full,
+      row,
+      whole: full,
+    });
   }
   return list;
 }

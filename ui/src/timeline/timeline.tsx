@@ -2,16 +2,21 @@
 
 import { effect, useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
-import { act, markerItems, noJointMask, startItems, setFill, chosenJoint, tellReplaced, toggleMask } from "../actions";
-import { edit, endPreview, previewEdit, tell } from "../api";
-import { isLocked, toggleLock } from "../hand";
+import { act, markerItems, startItems } from "../actions/index";
+import { tellReplaced } from "../actions/keys";
+import { chosenJoint, noJointMask, setFill, toggleMask } from "../actions/masks";
 import { fillAfter, keyAt, nextKey, prevKey, values } from "../clip";
+import { openDialog } from "../dialog";
+import { isLocked, toggleLock } from "../locks";
+import { type Item, openMenu } from "../menu";
+import { endPreview, preview } from "../posing";
 import * as store from "../store";
-import { colors } from "../theme";
+import { colors, palette } from "../theme";
+import { applyOp, tell } from "../wire";
 import { draw, forgetHatches, type Scene } from "./draw";
-import { openMenu, type Item } from "../menu";
-import { Gestures, type BoxSelect, type Sheet, type Target } from "./gestures";
-import { fit, frameToX, rowToY, rowsOf, withRow, ROW, type RowKind, type View } from "./layout";
+import { type BoxSelect, Gestures, type Sheet, type Target } from "./gestures";
+import { timeline } from "./handle";
+import { fit, frameToX, ROW, type RowKind, rowsOf, rowToY, type View, withRow } from "./layout";
 
 /** Error that fills the strip: what a person sees as off, rad or m. */
 const ERROR_TOP = 0.1;
@@ -23,7 +28,9 @@ function beside(): Scene["beside"] {
   return frames && { errors: frames.error, color: store.takeColor(place) };
 }
 
-export function Timeline(props: { onOpenKey: (frame: number) => void; onHint: (text: string) => void }) {
+const openKey = (frame: number): void => openDialog({ name: "key", frame });
+
+export function Timeline(props: { onHint: (text: string) => void }) {
   const host = useRef<HTMLDivElement>(null);
   const canvas = useRef<HTMLCanvasElement>(null);
   const focused = useSignal(false);
@@ -72,29 +79,32 @@ export function Timeline(props: { onOpenKey: (frame: number) => void; onHint: (t
         box.value = b;
       },
       previewEnd: (length) => (end.value = length),
-      edit: (op, args) => {
+      edit: (op) => {
         endPreview();
-        return edit(op, args);
+        return applyOp(op);
       },
       overwrote: tellReplaced,
-      follow: (op, args) => {
-        if (op && args) previewEdit(op, args);
+      follow: (op) => {
+        if (op) preview(op);
         else {
           endPreview();
           tell("preview.end");
         }
       },
-      openKey: props.onOpenKey,
-      menu: (target, x, y) => openMenu("Timeline", { x, y }, menuOf(target, props.onOpenKey)),
+      openKey,
+      menu: (target, x, y) => openMenu("Timeline", { x, y }, menuOf(target, openKey)),
       about: (frame) => {
         const d = store.doc.value;
         const at = store.playhead.value;
         if (!d || frame >= d.clip.length) return "";
-        if (frame < 0) return "before the clip: the past that the policy is told";
+        if (frame < 0) return "before the clip: the history that the policy is given";
         const within = (s: { from: number; to: number }): boolean => s.from <= frame && frame < s.to;
-        if (d.findings.blind.some(within)) return "red hatching: blind, no goal within the 20 frames that the policy sees";
-        if (d.findings.spans.some((s) => (s.kind === "masked" || s.kind === "open") && within(s))) return "hatching: no goal here, the policy finds its way";
-        if (frame > at && frame <= at + 20) return "green: the 20 frames after the playhead that the policy sees";
+        if (d.findings.blind.some(within))
+          return "red hatching: blind span, no goal within the 20 frames ahead that the policy sees";
+        if (d.findings.spans.some((s) => (s.kind === "masked" || s.kind === "open") && within(s)))
+          return "hatching: masked, the policy decides the motion";
+        if (frame > at && frame <= at + 20)
+          return "green: the 20 frames ahead of the playhead that the policy sees";
         return "";
       },
       hint: (text) => {
@@ -105,13 +115,11 @@ export function Timeline(props: { onOpenKey: (frame: number) => void; onHint: (t
     };
     const stop = new Gestures(element, sheet).attach();
     let queued = false;
-    const scheme = matchMedia("(prefers-color-scheme: light)");
     const repaint = (): void => {
       forgetHatches();
       paint();
     };
-    scheme.addEventListener("change", repaint);
-    const refit = (): void => {
+    const fitAll = (): void => {
       fitted = "";
       paint();
     };
@@ -124,37 +132,34 @@ export function Timeline(props: { onOpenKey: (frame: number) => void; onHint: (t
       if (key && !store.selection.value.has(at)) store.selection.value = new Set([at]);
       const r = element.getBoundingClientRect();
       const x = r.left + Math.min(size.value.width - 20, Math.max(40, frameToX(store.view.value, at)));
-      const y = r.top + Math.min(size.value.height - 20, Math.max(20, rowToY(store.view.value, row.value) + ROW));
+      const y =
+        r.top + Math.min(size.value.height - 20, Math.max(20, rowToY(store.view.value, row.value) + ROW));
       const marker = d.clip.markers?.some((m) => m.frame === at);
       openMenu("Timeline", { x, y }, [
-        ...menuOf(key ? { kind: "key", frame: at } : { kind: "frames" }, props.onOpenKey),
-        ...(marker ? menuOf({ kind: "marker", frame: at }, props.onOpenKey) : []),
-        ...(at === 0 ? menuOf({ kind: "past" }, props.onOpenKey) : []),
+        ...menuOf(key ? { kind: "key", frame: at } : { kind: "frames" }, openKey),
+        ...(marker ? menuOf({ kind: "marker", frame: at }, openKey) : []),
+        ...(at === 0 ? menuOf({ kind: "past" }, openKey) : []),
       ]);
     };
-    const step = (e: Event): void => {
+    const step = (by: 1 | -1): void => {
       const d = store.doc.value;
       const list = rows();
       if (!d) return;
-      const by = (e as CustomEvent<number>).detail;
       row.value = Math.min(list.length - 1, Math.max(0, row.value + by));
       const now = list[row.value];
       if (now?.kind === "joint") store.joint.value = now.joint;
       store.view.value = withRow(store.view.value, size.value, row.value);
-      store.announcement.value = describe(d, now, store.playhead.value);
+      store.announcement.value = cellText(d, now, store.playhead.value);
     };
     /** Enter: a group opens or folds, a key shows its values. */
     const enter = (): void => {
       const now = document.activeElement === parent ? rows()[row.value] : undefined;
       if (now?.kind === "group") toggleGroup(now.group.name);
-      else if (keyAt(store.doc.value?.clip ?? { keys: [] }, store.playhead.value)) props.onOpenKey(store.playhead.value);
+      else if (keyAt(store.doc.value?.clip ?? { keys: [] }, store.playhead.value))
+        openKey(store.playhead.value);
       else store.toast("there is no key at the playhead");
     };
-    document.addEventListener("robert-fit", refit);
-    document.addEventListener("robert-menu", menu);
-    document.addEventListener("robert-row", step);
-    document.addEventListener("robert-enter", enter);
-    document.addEventListener("robert-theme", repaint);
+    timeline.value = { fit: fitAll, menu, step, enter };
     const paint = (): void => {
       queued = false;
       const d = store.doc.value;
@@ -198,7 +203,9 @@ export function Timeline(props: { onOpenKey: (frame: number) => void; onHint: (t
         selection: store.selection.value,
         selectedJoint: store.joint.value,
         blind: d.findings.blind,
-        lints: d.findings.lints.flatMap((l) => (l.frames && l.level !== "info" ? [{ frame: l.frames[0], level: l.level }] : [])),
+        lints: d.findings.lints.flatMap((l) =>
+          l.frames && l.level !== "info" ? [{ frame: l.frames[0], level: l.level }] : [],
+        ),
         errors: store.frames.value.error,
         beside: beside(),
         errorTop: ERROR_TOP,
@@ -215,11 +222,31 @@ export function Timeline(props: { onOpenKey: (frame: number) => void; onHint: (t
         focused: focused.value,
       };
     };
+    const themed = palette.subscribe(repaint);
     // Any signal that the scene reads asks for a new frame; one frame serves them all.
     const dispose = effect(() => {
-      void [store.doc.value, store.rollout.value, store.frames.value, store.groups.value, store.view.value, store.playhead.value,
-        store.selection.value, store.joint.value, store.closed.value, store.range.value, store.locked.value, store.compared.value, store.takeFrames.value,
-        size.value, dragged.value, end.value, box.value, focused.value, row.value, store.robot.value];
+      void [
+        store.doc.value,
+        store.rollout.value,
+        store.frames.value,
+        store.groups.value,
+        store.view.value,
+        store.playhead.value,
+        store.selection.value,
+        store.joint.value,
+        store.closed.value,
+        store.range.value,
+        store.locked.value,
+        store.compared.value,
+        store.takeFrames.value,
+        size.value,
+        dragged.value,
+        end.value,
+        box.value,
+        focused.value,
+        row.value,
+        store.robot.value,
+      ];
       if (!queued) {
         queued = true;
         requestAnimationFrame(paint);
@@ -229,12 +256,8 @@ export function Timeline(props: { onOpenKey: (frame: number) => void; onHint: (t
       stop();
       dispose();
       observer.disconnect();
-      scheme.removeEventListener("change", repaint);
-      document.removeEventListener("robert-fit", refit);
-      document.removeEventListener("robert-menu", menu);
-      document.removeEventListener("robert-row", step);
-      document.removeEventListener("robert-enter", enter);
-      document.removeEventListener("robert-theme", repaint);
+      themed();
+      timeline.value = undefined;
     };
   }, []);
 
@@ -243,19 +266,32 @@ export function Timeline(props: { onOpenKey: (frame: number) => void; onHint: (t
   const at = store.playhead.value;
   return (
     <div
-      class="sheet" ref={host} tabIndex={0} role="grid" data-testid="timeline"
-      aria-label="Timeline" aria-rowcount={list.length} aria-colcount={store.length.value}
+      class="sheet"
+      ref={host}
+      tabIndex={0}
+      role="grid"
+      data-testid="timeline"
+      aria-label="Timeline"
+      aria-rowcount={list.length}
+      aria-colcount={store.length.value}
       aria-activedescendant="sheet-cell"
-      onFocus={() => (focused.value = true)} onBlur={() => (focused.value = false)}
+      onFocus={() => (focused.value = true)}
+      onBlur={() => (focused.value = false)}
     >
+      {/* biome-ignore lint/a11y/noAriaHiddenOnFocusable: it takes no focus, and the grid below says what it shows */}
       <canvas ref={canvas} aria-hidden="true" />
       <div class="offscreen">
         {list.map((r, i) => (
           <div role="row" aria-rowindex={i + 1} key={i}>
             <span role="rowheader">{rowName(r)}</span>
             {i === row.value && d ? (
-              <span role="gridcell" id="sheet-cell" aria-colindex={at + 1} aria-selected={store.selection.value.has(at)}>
-                {describe(d, r, at)}
+              <span
+                role="gridcell"
+                id="sheet-cell"
+                aria-colindex={at + 1}
+                aria-selected={store.selection.value.has(at)}
+              >
+                {cellText(d, r, at)}
               </span>
             ) : null}
           </div>
@@ -282,22 +318,33 @@ function toggleGroup(name: string): void {
 
 /** What can be done with a thing on the timeline. */
 function menuOf(target: Target, openKey: (frame: number) => void): Item[] {
-  const item = (title: string, keys: string, run: () => void, why?: string | null | undefined): Item => ({ title, keys, run, why });
+  const item = (title: string, keys: string, run: () => void, why?: string | null | undefined): Item => ({
+    title,
+    keys,
+    run,
+    why,
+  });
   const joint = chosenJoint();
-  const one = joint ? null : "choose a joint first: click its name on the timeline";
+  const one = joint ? null : "select a joint first: click its name on the timeline";
   if (target.kind === "marker") return markerItems(target.frame);
   if (target.kind === "past") return startItems();
-  if (target.kind === "frames") return [
-    item("Key here", "K", () => act("key")),
-    item("Mask: no goal here", "M", () => act("mask")),
-    item(`Mask ${joint ?? "one joint"} only`, "Alt+M", () => act("mask-joint"), one ?? noJointMask()),
-    item("Unmask", "U", () => act("unmask")),
-    item(`Unmask ${joint ?? "one joint"} only`, "Alt+U", () => act("unmask-joint"), one),
-    item(joint && store.locked.value.has(joint) ? `Free ${joint}` : `Lock ${joint ?? "one joint"}`, "Alt+L", () => act("lock-joint"), one),
-    item("Paste", "Ctrl+V", () => act("paste")),
-    item("Insert or remove time…", "E", () => act("ripple-right")),
-    item("Marker here…", "Shift+M", () => act("marker")),
-  ];
+  if (target.kind === "frames")
+    return [
+      item("Key here", "K", () => act("key")),
+      item("Mask: leave these frames to the policy", "M", () => act("mask")),
+      item(`Mask ${joint ?? "one joint"} only`, "Alt+M", () => act("mask-joint"), one ?? noJointMask()),
+      item("Unmask", "U", () => act("unmask")),
+      item(`Unmask ${joint ?? "one joint"} only`, "Alt+U", () => act("unmask-joint"), one),
+      item(
+        joint && store.locked.value.has(joint) ? `Unlock ${joint}` : `Lock ${joint ?? "one joint"}`,
+        "Alt+L",
+        () => act("lock-joint"),
+        one,
+      ),
+      item("Paste", "Ctrl+V", () => act("paste")),
+      item("Insert or remove time…", "E", () => act("ripple-right")),
+      item("Marker here…", "Shift+M", () => act("marker")),
+    ];
   const { frame } = target;
   return [
     item("Type values…", "Enter", () => openKey(frame)),
@@ -307,8 +354,14 @@ function menuOf(target: Target, openKey: (frame: number) => void): Item[] {
     item("Smooth curve to the next key", "", () => setFill("cubic")),
     item("Copy", "Ctrl+C", () => act("copy")),
     item("Mirror", "", () => act("mirror"), store.noMirror.value),
-    item("Save as pose…", "P", () => { store.playhead.value = frame; act("save-pose"); }),
-    item("Marker here…", "Shift+M", () => { store.playhead.value = frame; act("marker"); }),
+    item("Save as pose…", "P", () => {
+      store.playhead.value = frame;
+      act("save-pose");
+    }),
+    item("Marker here…", "Shift+M", () => {
+      store.playhead.value = frame;
+      act("marker");
+    }),
     item("Delete", "X", () => act("delete")),
   ];
 }
@@ -321,14 +374,19 @@ function rowName(row: RowKind | undefined): string {
 }
 
 /** "Index J3, frame 55, key, 12.3°": what is at a cell, in words. */
-export function describe(d: store.Document, row: RowKind | undefined, frame: number): string {
+export function cellText(d: store.Document, row: RowKind | undefined, frame: number): string {
   const locked = row?.kind === "joint" && isLocked(d.clip.robot.joints[row.joint] ?? "") ? ", locked" : "";
   const name = rowName(row) + locked;
   const key = keyAt(d.clip, frame);
   const unit = row?.kind === "joint" ? (store.doc.value?.table.joints[row.joint]?.unit ?? "rad") : undefined;
   if (key) {
     const value = row?.kind === "joint" ? values(d.clip, key)[row.joint] : undefined;
-    const says = row?.kind !== "joint" ? (key.pose ?? "") : value === null || value === undefined ? "no goal" : store.shown(value, unit ?? "rad");
+    const says =
+      row?.kind !== "joint"
+        ? (key.pose ?? "")
+        : value === null || value === undefined
+          ? "no goal"
+          : store.shown(value, unit ?? "rad");
     const hold = (key.hold ?? 1) > 1 ? `, held ${key.hold} frames` : "";
     return `${name}, frame ${frame}, key, ${says}${hold}`;
   }
@@ -348,7 +406,10 @@ export function testPoints() {
     frameToX: (frame: number) => frameToX(store.view.value, frame),
     rowToY: (name: string) => {
       const list = rows();
-      const i = list.findIndex((r) => rowName(r) === name || (r.kind === "joint" && store.doc.value?.clip.robot.joints[r.joint] === name));
+      const i = list.findIndex(
+        (r) =>
+          rowName(r) === name || (r.kind === "joint" && store.doc.value?.clip.robot.joints[r.joint] === name),
+      );
       return i < 0 ? undefined : rowToY(store.view.value, i) + 10;
     },
   };

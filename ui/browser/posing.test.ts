@@ -4,8 +4,20 @@
 import assert from "node:assert/strict";
 import { spawnSync } from "node:child_process";
 import { createHash } from "node:crypto";
-import { after, before, describe, test } from "node:test";
-import { ARM, armTab, binary, endBrowsers, Studio, tab, webgl, type Tab } from "./harness";
+import {
+  ARM,
+  after,
+  armTab,
+  before,
+  binary,
+  describe,
+  drawn,
+  eventually,
+  Studio,
+  type Tab,
+  test,
+  webgl,
+} from "./harness";
 
 const LEG = `<mujoco><worldbody><body name="hip" pos="0 0 2"><joint name="swing" axis="0 1 0" range="-60 60" limited="true"/>
   <geom type="capsule" fromto="0 0 0 0 0 -.8" size=".06"/><body name="shin" pos="0 0 -.8"><joint name="knee" axis="0 1 0" range="0 120" limited="true"/>
@@ -15,7 +27,10 @@ const CART = `<mujoco><worldbody><body name="cart" pos="5 -3 .05"><joint name="x
 
 function importRobot(studio: Studio, id: string, xml: string): void {
   studio.file(`${id}.xml`, xml);
-  const ran = spawnSync(binary(), ["import", `${id}.xml`, "--out", `robots/${id}`, "--id", id], { cwd: studio.dir, encoding: "utf8" });
+  const ran = spawnSync(binary(), ["import", `${id}.xml`, "--out", `robots/${id}`, "--id", id], {
+    cwd: studio.dir,
+    encoding: "utf8",
+  });
   assert.equal(ran.status, 0, ran.stderr);
 }
 
@@ -27,10 +42,7 @@ describe("a hand, with still pictures", () => {
     studio = await Studio.start();
     t = await armTab(studio);
   });
-  after(async () => {
-    await endBrowsers();
-    await studio.end();
-  });
+  after(() => studio.end());
   const afresh = async (): Promise<void> => {
     await t.afresh();
     await t.until((s) => s.locked.length === 0, "nothing locked");
@@ -38,51 +50,60 @@ describe("a hand, with still pictures", () => {
     await t.rolledOut();
   };
   /** Of the picture that is on the page. */
-  const picture = (): Promise<string> => t.byId("still-view").evaluate(async (img: HTMLImageElement) => {
-    await img.decode();
-    const canvas = Object.assign(document.createElement("canvas"), { width: img.naturalWidth, height: img.naturalHeight });
-    canvas.getContext("2d")?.drawImage(img, 0, 0);
-    return canvas.toDataURL();
-  }).then((pixels) => createHash("sha1").update(pixels).digest("hex"));
+  const picture = (): Promise<string> =>
+    t
+      .byId("still-view")
+      .evaluate(async (img: HTMLImageElement) => {
+        await img.decode();
+        const canvas = Object.assign(document.createElement("canvas"), {
+          width: img.naturalWidth,
+          height: img.naturalHeight,
+        });
+        canvas.getContext("2d")?.drawImage(img, 0, 0);
+        return canvas.toDataURL();
+      })
+      .then((pixels) => createHash("sha1").update(pixels).digest("hex"));
   /** When nothing newer is on its way. */
   const settled = async (): Promise<string> => {
-    let [last, same] = ["", 0];
-    while (same < 5) {
-      const now = await picture().catch(() => "");
-      same = now !== "" && now === last ? same + 1 : 0;
-      last = now;
-      await t.page.waitForTimeout(200);
-    }
-    return last;
+    await t.page.locator('[data-testid="still-view"][aria-busy="false"]').waitFor();
+    return picture();
   };
-  const another = async (than: string, what: string): Promise<string> => {
-    for (let i = 0; i < 400; i++) {
-      const now = await picture().catch(() => than);
-      if (now !== than) return settled();
-      await t.page.waitForTimeout(50);
-    }
-    assert.fail(`the picture stays the same: ${what}`);
-  };
-  const tip = async (): Promise<number[]> => Promise.all(["x", "y", "z"].map(async (a) => Number(await t.byId(`reach-${a}`).inputValue())));
+  const another = (than: string, what: string): Promise<string> =>
+    eventually(async () => {
+      const now = await settled();
+      return now !== than && now;
+    }, `another picture: ${what}`);
+  const tip = async (): Promise<number[]> =>
+    Promise.all(["x", "y", "z"].map(async (a) => Number(await t.byId(`reach-${a}`).inputValue())));
 
   test("the end effector is chosen by key or button, and arrow keys pull it", async () => {
     await afresh();
     await t.goTo(15);
     await t.press("g");
     await t.until((s) => s.site === "end_effector", "chosen by G");
-    await t.page.waitForFunction(() => Number((document.querySelector('[data-testid="reach-z"]') as HTMLInputElement).value) !== 0);
     const [x0, y0, z0] = await tip();
     const key = (await t.state()).clip?.keys.length ?? 0;
     for (let i = 0; i < 4; i++) await t.byId("reach-z").press("ArrowUp");
     await t.byId("reach-y").press("Shift+ArrowDown");
     const s = await t.until((q) => (q.clip?.keys.length ?? 0) === key + 1, "a key where there was none");
     assert.ok(s.clip?.keys.some((k) => k.frame === 15));
-    await t.page.waitForFunction((z) => Math.abs(Number((document.querySelector('[data-testid="reach-z"]') as HTMLInputElement).value) - z) < 0.0015, (z0 ?? 0) + 0.02);
+    await t.page.waitForFunction(
+      (z) =>
+        Math.abs(Number((document.querySelector('[data-testid="reach-z"]') as HTMLInputElement).value) - z) <
+        0.0015,
+      (z0 ?? 0) + 0.02,
+    );
     const [x1, y1] = await tip();
-    assert.ok(Math.abs((x1 ?? 9) - (x0 ?? 0)) < 0.002 && Math.abs((y1 ?? 9) - ((y0 ?? 0) - 0.001)) < 0.002, "only as far as it was told");
+    assert.ok(
+      Math.abs((x1 ?? 9) - (x0 ?? 0)) < 0.002 && Math.abs((y1 ?? 9) - ((y0 ?? 0) - 0.001)) < 0.002,
+      "only as far as it was told",
+    );
     await t.byId("reach-z").fill("9");
     await t.byId("reach-z").press("Enter");
-    await t.page.getByText(/stops \d+ mm short/).first().waitFor();
+    await t.page
+      .getByText(/stops \d+ mm short/)
+      .first()
+      .waitFor();
     await t.picture("reach");
     await t.byId("site-end_effector").click();
     await t.until((q) => q.site === undefined, "given back");
@@ -90,7 +111,8 @@ describe("a hand, with still pictures", () => {
 
   test("a locked joint is moved by no slider, reach, pose or paste", async () => {
     await afresh();
-    const elbow = async (frame: number): Promise<number | null | undefined> => (await t.state()).clip?.keys.find((k) => k.frame === frame)?.q?.[2];
+    const elbow = async (frame: number): Promise<number | null | undefined> =>
+      (await t.state()).clip?.keys.find((k) => k.frame === frame)?.q?.[2];
     const p = await t.at(0, "elbow");
     const box = await t.byId("timeline").boundingBox();
     assert.ok(box);
@@ -104,7 +126,6 @@ describe("a hand, with still pictures", () => {
     const held = await elbow(30);
     await t.byId("site-end_effector").click();
     await t.until((s) => s.site === "end_effector", "chosen");
-    await t.page.waitForFunction(() => !(document.querySelector('[data-testid="reach-z"]') as HTMLInputElement).disabled);
     await t.byId("reach-z").press("ArrowUp");
     await t.until((s) => s.rev === 1, "reached");
     assert.equal(await elbow(30), held);
@@ -138,7 +159,10 @@ describe("a hand, with still pictures", () => {
     await t.byId("policy").selectOption("robert");
     await t.until((s) => s.findings?.granularity === "state", "a policy that was trained on whole frames");
     await t.page.mouse.click(box.x + 168 - 14, p.y);
-    await t.page.getByText(/whole frames left open/).first().waitFor();
+    await t.page
+      .getByText(/whole frames masked/)
+      .first()
+      .waitFor();
     await t.page.locator('label[for="joint-2"]').click();
     await t.press("Alt+m");
     assert.deepEqual((await t.state()).clip?.masks ?? [], []);
@@ -150,23 +174,36 @@ describe("a hand, with still pictures", () => {
   test("sliders show where the policy's data lie, drags of keys how fast joints must go", async () => {
     await afresh();
     for (let j = 0; j < 5; j++) {
-      const [from = 0, to = 0] = ((await t.page.locator(`#joint-${j}`).getAttribute("data-band")) ?? "").split(" ").map(Number);
+      const [from = 0, to = 0] = ((await t.page.locator(`#joint-${j}`).getAttribute("data-band")) ?? "")
+        .split(" ")
+        .map(Number);
       assert.ok(from >= 0 && to <= 1 && to - from > 0.02, `joint ${j}: ${from} to ${to}`);
     }
     let slow = "";
     let fast = "";
-    await t.drag(30, 40, { before: async () => {
-      await t.byId("demand").waitFor();
-      await t.until((s) => s.demand !== undefined && s.demand.needed < (s.demand.usual ?? 0), "slow enough");
-      slow = await t.byId("demand").innerText();
-    } });
+    await t.drag(30, 40, {
+      before: async () => {
+        await t.byId("demand").waitFor();
+        await t.until(
+          (s) => s.demand !== undefined && s.demand.needed < (s.demand.usual ?? 0),
+          "slow enough",
+        );
+        slow = await t.byId("demand").innerText();
+      },
+    });
     await t.until_keys([0, 40, 60]);
-    await t.drag(40, 59, { steps: 12, before: async () => {
-      await t.page.getByText(/too fast:/).first().waitFor();
-      fast = await t.byId("demand").innerText();
-      await t.picture("demand");
-    } });
-    assert.match(slow, /needs \d+ °\/s, the policy knows up to \d+/);
+    await t.drag(40, 59, {
+      steps: 12,
+      before: async () => {
+        await t.page
+          .getByText(/too fast:/)
+          .first()
+          .waitFor();
+        fast = await t.byId("demand").innerText();
+        await t.picture("demand");
+      },
+    });
+    assert.match(slow, /needs \d+ °\/s, the policy was trained up to \d+/);
     assert.match(fast, /^too fast: /);
     await t.until((s) => s.demand === undefined, "gone with the drag");
   });
@@ -206,16 +243,22 @@ describe("a hand, with still pictures", () => {
     const view = await t.byId("still-view").boundingBox();
     assert.ok(view);
     const [w, h] = [Math.round(view.width), Math.round(view.height)];
-    for (let j = 2; j < 16; j++) for (let i = 4; i < 20; i++) {
-      const [x, y] = [(i + 0.5) / 24, (j + 0.5) / 18];
-      const body = (await studio.api("GET", `/api/still-body?frame=0&w=${w}&h=${h}&x=${x}&y=${y}`)).json() as string | null;
-      if (!/forearm/.test(body ?? "")) continue;
-      await t.page.mouse.move(view.x + x * view.width, view.y + y * view.height);
-      await t.byId("tip").filter({ hasText: /elbow 9\d\.\d°/ }).waitFor();
-      await t.page.mouse.move(view.x + 4, view.y + view.height - 4);
-      await t.byId("tip").waitFor({ state: "detached" });
-      return;
-    }
+    for (let j = 2; j < 16; j++)
+      for (let i = 4; i < 20; i++) {
+        const [x, y] = [(i + 0.5) / 24, (j + 0.5) / 18];
+        const body = (
+          await studio.api("GET", `/api/still-body?frame=0&w=${w}&h=${h}&x=${x}&y=${y}`)
+        ).json() as string | null;
+        if (!/forearm/.test(body ?? "")) continue;
+        await t.page.mouse.move(view.x + x * view.width, view.y + y * view.height);
+        await t
+          .byId("tip")
+          .filter({ hasText: /elbow 9\d\.\d°/ })
+          .waitFor();
+        await t.page.mouse.move(view.x + 4, view.y + view.height - 4);
+        await t.byId("tip").waitFor({ state: "detached" });
+        return;
+      }
     assert.fail("no forearm in the picture");
   });
 
@@ -243,13 +286,21 @@ describe("a hand, with still pictures", () => {
     await t.until((s) => s.robot === "leg", "the leg");
     await t.byId("no-model").waitFor();
     await t.picture("no-model");
-    await t.byId("no-model").getByRole("button", { name: /kinematically/ }).click();
+    await t
+      .byId("no-model")
+      .getByRole("button", { name: /kinematically/ })
+      .click();
     await t.until((s) => !s.settings.auto, "nothing is simulated");
-    await t.byId("no-model").getByRole("button", { name: /kinematically/ }).click();
+    await t
+      .byId("no-model")
+      .getByRole("button", { name: /kinematically/ })
+      .click();
     await t.until((s) => s.settings.auto, "and again");
     await t.byId("no-model").getByRole("button", { name: "Train a small one" }).click();
     await t.byId("runs-robot").waitFor();
-    await t.page.waitForFunction(() => /leg/.test((document.querySelector('[data-testid="runs-robot"]') as HTMLSelectElement).value));
+    await t.page.waitForFunction(() =>
+      /leg/.test((document.querySelector('[data-testid="runs-robot"]') as HTMLSelectElement).value),
+    );
     await t.click("page-editor");
     await afresh();
     assert.equal(await t.byId("no-model").count(), 0, "the arm has one");
@@ -265,30 +316,29 @@ async function viser<T>(t: Tab, ask: (viser: any, arg: string) => T, arg = ""): 
   return frame.evaluate(`(${ask.toString()})(window.__viserMutable, ${JSON.stringify(arg)})`) as Promise<T>;
 }
 
-async function eventually<T>(ask: () => Promise<T | undefined | false>, what: string): Promise<T> {
-  const end = Date.now() + 120_000;
-  for (;;) {
-    const found = await ask().catch(() => undefined);
-    if (found) return found;
-    assert.ok(Date.now() < end, `never: ${what}`);
-    await new Promise((resolve) => setTimeout(resolve, 100));
-  }
-}
-
 /** The middle of a body's mesh on the page. */
 function bodyAt(t: Tab, node: string): Promise<{ x: number; y: number }> {
   return eventually(async () => {
-    const p = await viser(t, (v, name) => {
-      let mesh: any;
-      v.nodeRefFromName[name]?.traverse((o: any) => { if (!mesh && o.isMesh && o.geometry?.attributes?.position?.count > 8) mesh = o; });
-      if (!mesh) return undefined;
-      mesh.geometry.computeBoundingSphere();
-      mesh.updateWorldMatrix(true, false);
-      v.camera.updateMatrixWorld();
-      const at = mesh.geometry.boundingSphere.center.clone().applyMatrix4(mesh.matrixWorld).project(v.camera);
-      const r = v.canvas.getBoundingClientRect();
-      return { x: r.left + ((at.x + 1) / 2) * r.width, y: r.top + ((1 - at.y) / 2) * r.height };
-    }, node);
+    const p = await viser(
+      t,
+      (v, name) => {
+        let mesh: any;
+        v.nodeRefFromName[name]?.traverse((o: any) => {
+          if (!mesh && o.isMesh && o.geometry?.attributes?.position?.count > 8) mesh = o;
+        });
+        if (!mesh) return undefined;
+        mesh.geometry.computeBoundingSphere();
+        mesh.updateWorldMatrix(true, false);
+        v.camera.updateMatrixWorld();
+        const at = mesh.geometry.boundingSphere.center
+          .clone()
+          .applyMatrix4(mesh.matrixWorld)
+          .project(v.camera);
+        const r = v.canvas.getBoundingClientRect();
+        return { x: r.left + ((at.x + 1) / 2) * r.width, y: r.top + ((1 - at.y) / 2) * r.height };
+      },
+      node,
+    );
     const box = await t.page.locator("iframe").boundingBox();
     return p && box ? { x: box.x + p.x, y: box.y + p.y } : undefined;
   }, node);
@@ -309,7 +359,10 @@ const bounds = (v: any): { x0: number; x1: number; y0: number; y1: number; meshe
     const step = Math.max(1, Math.floor(at.count / 400));
     for (let i = 0; i < at.count; i += step) {
       p.fromBufferAttribute(at, i).applyMatrix4(o.matrixWorld).project(v.camera);
-      b.x0 = Math.min(b.x0, p.x); b.x1 = Math.max(b.x1, p.x); b.y0 = Math.min(b.y0, p.y); b.y1 = Math.max(b.y1, p.y);
+      b.x0 = Math.min(b.x0, p.x);
+      b.x1 = Math.max(b.x1, p.x);
+      b.y0 = Math.min(b.y0, p.y);
+      b.y1 = Math.max(b.y1, p.y);
     }
   });
   return b;
@@ -343,24 +396,29 @@ describe("a hand, in the 3D view", () => {
     assert.ok(name);
     return `/robot/${name}`;
   };
-  /** The place of a body when the view stands still. */
-  const steady = async (node: string): Promise<{ x: number; y: number }> => {
+  /** The place of a body when the view stands still, with the pointer on it. */
+  const under = async (node: string): Promise<{ x: number; y: number }> => {
     let p = await bodyAt(g, node);
-    for (let same = 0; same < 4;) {
-      await g.page.waitForTimeout(250);
+    for (;;) {
+      await g.page.mouse.move(p.x - 3, p.y);
+      await g.page.mouse.move(p.x, p.y);
+      // What is under the pointer is found when a frame is drawn.
+      await drawn(g);
       const now = await bodyAt(g, node);
-      same = Math.hypot(now.x - p.x, now.y - p.y) < 0.5 ? same + 1 : 0;
+      if (Math.hypot(now.x - p.x, now.y - p.y) < 0.5) break;
       p = now;
     }
+    await g.byId("tip").waitFor();
     return p;
   };
 
   test("the pointer names the link; views and F move the camera; the selected link is outlined", async () => {
     const node = await forearm();
-    const p = await steady(node);
-    await g.page.mouse.move(p.x - 2, p.y, { steps: 2 });
-    await g.page.mouse.move(p.x, p.y, { steps: 2 });
-    await g.byId("tip").filter({ hasText: /elbow \d+\.\d°/ }).waitFor();
+    await under(node);
+    await g
+      .byId("tip")
+      .filter({ hasText: /elbow \d+\.\d°/ })
+      .waitFor();
     await g.picture("hover");
     const home = await camera();
     await g.byId("view").selectOption("view-top");
@@ -371,43 +429,44 @@ describe("a hand, in the 3D view", () => {
     await g.page.locator("#joint-2").focus();
     await eventually(() => viser(g, (v) => !!v.nodeRefFromName["/selected/shell"]), "outlined");
     await g.page.locator("body").press("f");
-    await eventually(async () => Math.hypot(...(await camera()).map((v, k) => v - (above[k] ?? 0))) > 0.1, "F frames the link");
+    await eventually(
+      async () => Math.hypot(...(await camera()).map((v, k) => v - (above[k] ?? 0))) > 0.1,
+      "F frames the link",
+    );
     await g.picture("selected");
     await g.page.locator("body").press("Alt+0");
-    await eventually(async () => Math.hypot(...(await camera()).map((v, k) => v - (home[k] ?? 0))) < 0.05, "the whole motion again");
+    await eventually(
+      async () => Math.hypot(...(await camera()).map((v, k) => v - (home[k] ?? 0))) < 0.05,
+      "the whole motion again",
+    );
   });
 
   test("Alt-drag pulls the end effector, Esc gives a drag up", async () => {
     const node = await forearm();
-    const grab = async (): Promise<{ x: number; y: number }> => {
-      const p = await steady(node);
-      await g.page.mouse.move(p.x - 3, p.y, { steps: 2 });
-      await g.page.mouse.move(p.x, p.y, { steps: 3 });
-      await g.byId("tip").waitFor();
-      await g.page.waitForTimeout(700);
-      return p;
-    };
-    let p = await grab();
+    let p = await under(node);
     await g.page.mouse.down();
     for (let i = 1; i <= 5; i++) {
       await g.page.mouse.move(p.x, p.y + 8 * i);
-      await g.page.waitForTimeout(300);
+      await drawn(g);
     }
     await g.until((s) => s.moving !== undefined, "the link follows");
     await g.page.keyboard.press("Escape");
     await g.until((s) => s.moving === undefined, "given up");
     await g.page.mouse.up();
-    await g.page.waitForTimeout(500);
+    await drawn(g);
     assert.equal((await g.state()).rev, 0, "nothing was edited");
 
-    p = await grab();
+    p = await under(node);
     await g.page.keyboard.down("Alt");
     await g.page.mouse.down();
     for (let i = 1; i <= 6; i++) {
       await g.page.mouse.move(p.x, p.y - 7 * i);
-      await g.page.waitForTimeout(300);
+      await drawn(g);
     }
-    await g.until((s) => s.site === "end_effector" && Object.keys(s.moving ?? {}).length >= 2, "several joints follow the end effector");
+    await g.until(
+      (s) => s.site === "end_effector" && Object.keys(s.moving ?? {}).length >= 2,
+      "several joints follow the end effector",
+    );
     await g.picture("alt-drag");
     await g.page.mouse.up();
     await g.page.keyboard.up("Alt");
@@ -419,12 +478,22 @@ describe("a hand, in the 3D view", () => {
     importRobot(studio, "leg", LEG);
     importRobot(studio, "cart", CART);
     const rows: string[] = [];
-    for (const robot of ["pointmass", "ur5e", "shadow_hand", studio.file("robots/leg"), studio.file("robots/cart")]) {
+    for (const robot of [
+      "pointmass",
+      "ur5e",
+      "shadow_hand",
+      studio.file("robots/leg"),
+      studio.file("robots/cart"),
+    ]) {
       const made = await studio.api("POST", "/api/new", { robot, length: 40 });
       assert.equal(made.status, 200, made.bytes.toString());
       const id = robot.split("/").at(-1);
       const s = await g.until((q) => q.robot === id && q.page === "editor", robot);
-      for (const [width, height] of [[1100, 700], [1280, 720], [1600, 900]] as const) {
+      for (const [width, height] of [
+        [1100, 700],
+        [1280, 720],
+        [1600, 900],
+      ] as const) {
         await g.page.setViewportSize({ width, height });
         // The scene comes, the camera is set, the view takes its new shape.
         let last = "";
@@ -434,9 +503,13 @@ describe("a hand, in the 3D view", () => {
           const aspect = await viser(g, (v) => v.camera.aspect as number);
           const box = await g.page.locator("iframe").boundingBox();
           const now = JSON.stringify([b, size]);
-          const still = now === last && b.meshes > 0 && Math.abs((size[0] ?? 0) - (box?.width ?? 0)) < 2 && Math.abs(aspect - (size[0] ?? 1) / (size[1] ?? 1)) < 0.02;
+          const still =
+            now === last &&
+            b.meshes > 0 &&
+            Math.abs((size[0] ?? 0) - (box?.width ?? 0)) < 2 &&
+            Math.abs(aspect - (size[0] ?? 1) / (size[1] ?? 1)) < 0.02;
           last = now;
-          await g.page.waitForTimeout(700);
+          await drawn(g);
           return still && { b, size };
         }, `${robot} at ${width}x${height}`);
         const { b } = seen;
@@ -445,11 +518,23 @@ describe("a hand, in the 3D view", () => {
         assert.ok(b.x0 >= -1 && b.x1 <= 1 && b.y0 >= -1 && b.y1 <= 1, `${rows.at(-1)} ${JSON.stringify(b)}`);
         assert.ok(share >= 0.1, rows.at(-1));
         // A joint that stands in two groups has two, and no two of the same id.
-        const ids = await g.page.locator('.joint input[type="range"]').evaluateAll((all) => all.map((e) => e.id));
+        const ids = await g.page
+          .locator('.joint input[type="range"]')
+          .evaluateAll((all) => all.map((e) => e.id));
         assert.equal(new Set(ids).size, ids.length);
-        assert.equal(ids.filter((i) => /^joint-\d+$/.test(i)).length, s.clip?.robot.joints.length, `${robot}: a control for each joint`);
-        const [left, right] = [await g.page.locator(".left").boundingBox(), await g.page.locator(".right").boundingBox()];
-        assert.ok(((left?.width ?? 0) + (right?.width ?? 0)) / width <= 0.3, `panels take ${((left?.width ?? 0) + (right?.width ?? 0)) / width}`);
+        assert.equal(
+          ids.filter((i) => /^joint-\d+$/.test(i)).length,
+          s.clip?.robot.joints.length,
+          `${robot}: a control for each joint`,
+        );
+        const [left, right] = [
+          await g.page.locator(".left").boundingBox(),
+          await g.page.locator(".right").boundingBox(),
+        ];
+        assert.ok(
+          ((left?.width ?? 0) + (right?.width ?? 0)) / width <= 0.3,
+          `panels take ${((left?.width ?? 0) + (right?.width ?? 0)) / width}`,
+        );
       }
       await g.picture(`in-view-${id}`);
     }

@@ -25,5 +25,7 @@ export function usualPolicies(models: string[]): string {
 /** What makes a run go on: its own data, wherever that lies now; undefined when that is gone. */
 export function resumeArgs(run: RunCard, shelf: Shelf, robots: RobotCard[]): string[] | undefined {
   const data = shelf.data.find((d) => d.sha256 === run.dataset_sha256);
-  return data && run.robot ? ["--robot", sourceOf(run.robot, robots), "--data", data.path, "--resume", run.path] : undefined;
+  return data && run.robot
+    ? ["--robot", sourceOf(run.robot, robots), "--data", data.path, "--resume", run.path]
+    : undefined;
 }

@@ -1,0 +1,41 @@
+// Everything a person can do, once: shortcuts, palette, menus and buttons all come here.
+
+import type { Item } from "../menu";
+import * as store from "../store";
+import type { Action } from "./action";
+import { DOCUMENT, ROLLOUT } from "./clips";
+import { KEYS } from "./keys";
+import { MASKS } from "./masks";
+import { PLAYBACK, seek } from "./playback";
+import { VIEW } from "./view";
+
+export const ACTIONS: Action[] = [...PLAYBACK, ...KEYS, ...MASKS, ...VIEW, ...DOCUMENT, ...ROLLOUT];
+
+export function act(id: string): void {
+  const action = ACTIONS.find((a) => a.id === id);
+  const why = action?.not?.();
+  if (why) store.toast(why);
+  else action?.run();
+}
+
+/** What can be done with the marker at a frame. */
+export function markerItems(frame: number): Item[] {
+  const here = (id: string) => () => {
+    seek(frame);
+    act(id);
+  };
+  return [
+    { title: "Rename marker…", run: here("rename-marker") },
+    { title: "Marker one frame earlier", keys: "<", run: here("marker-earlier") },
+    { title: "Marker one frame later", keys: ">", run: here("marker-later") },
+    { title: "Delete marker", run: here("delete-marker") },
+  ];
+}
+
+/** Where the motion starts: what stands before frame 0. */
+export function startItems(): Item[] {
+  return ["start-key", "start-rest", "start-pose", "start-take"].flatMap((id) => {
+    const a = ACTIONS.find((x) => x.id === id);
+    return a ? [{ title: a.title, run: () => act(id), why: a.not?.() }] : [];
+  });
+}

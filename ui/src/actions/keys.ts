@@ -1,0 +1,407 @@
+// Keys, poses and markers: what is chosen, made, moved, copied.
+
+import { type Key, keyAt, keyEnd, nextKey, prevKey, replaced } from "../clip";
+import { toggleLock, unlockedOnly } from "../locks";
+import { menuByKey } from "../menu";
+import { cancelDrag, dropFloating, keyFloating, poseAt } from "../posing";
+import { nextSite } from "../reach";
+import * as store from "../store";
+import { timeline } from "../timeline/handle";
+import { edit, tell } from "../wire";
+import { type Action, clip, dialog, needsKeys, needsTake, selected } from "./action";
+import { chosenJoint, needsJoint } from "./masks";
+import { needsMarker, seek } from "./playback";
+
+let turn: Promise<void> = Promise.resolve();
+
+/** One after the other: a key that is held down repeats faster than edits are acknowledged. */
+export function inTurn(run: () => Promise<void>): void {
+  turn = turn.then(run, run);
+}
+
+/** The next or previous key from the playhead joins the selection, and the playhead goes there. */
+export function extend(direction: 1 | -1): void {
+  const c = clip();
+  if (!c) return;
+  const at = store.playhead.value;
+  const to = direction === 1 ? nextKey(c, at) : prevKey(c, at);
+  const here = keyAt(c, at);
+  const chosen = new Set(store.selection.value);
+  if (here) chosen.add(at);
+  if (to) {
+    // Back over a selected key takes the last one out again.
+    if (here && chosen.has(to.frame)) chosen.delete(at);
+    chosen.add(to.frame);
+    seek(to.frame);
+  }
+  store.selection.value = chosen;
+  store.announcement.value = `${chosen.size} selected`;
+}
+
+export function toggleSelected(): void {
+  const at = store.playhead.value;
+  const chosen = new Set(store.selection.value);
+  if (!chosen.delete(at)) chosen.add(at);
+  store.selection.value = chosen;
+  store.announcement.value = `key at frame ${at} ${chosen.has(at) ? "selected" : "not selected"}`;
+}
+
+export function moveMarker(df: number): void {
+  inTurn(async () => {
+    const why = needsMarker();
+    if (why) return store.toast(why);
+    const to = store.playhead.value + df;
+    if (to < 0 || to >= store.length.value) return;
+    if (await edit("markers.move", { frame: store.playhead.value, to })) seek(to);
+  });
+}
+
+export function copyKeys(): Key[] {
+  const c = clip();
+  const chosen = c?.keys.filter((k) => store.selection.value.has(k.frame)) ?? [];
+  if (!c || chosen.length === 0) return [];
+  const poses = Object.fromEntries(
+    chosen.flatMap((k) => (k.pose && c.poses?.[k.pose] ? [[k.pose, c.poses[k.pose]]] : [])),
+  );
+  // The clipboard holds a fragment of the clip format, so that it can be pasted anywhere.
+  const fragment = { format: c.format, robot: c.robot, keys: chosen, poses };
+  void navigator.clipboard?.writeText(JSON.stringify(fragment)).catch(() => undefined);
+  clipboard = chosen.map((k) => ({ ...k }));
+  store.toast(`${chosen.length === 1 ? "key" : `${chosen.length} keys`} copied`);
+  return chosen;
+}
+
+let clipboard: Key[] = [];
+
+export async function paste(mirrored: boolean): Promise<void> {
+  let keys = clipboard;
+  try {
+    const text = await navigator.clipboard?.readText();
+    const fragment = text?.startsWith("{")
+      ? (JSON.parse(text) as { format?: string; keys?: Key[] })
+      : undefined;
+    if (fragment?.format?.startsWith("robert-clip/") && fragment.keys?.length) keys = fragment.keys;
+  } catch {
+    // Without permission the page's own clipboard serves.
+  }
+  if (keys.length === 0) return store.toast("nothing to paste");
+  const at = store.playhead.value;
+  const first = Math.min(...keys.map((k) => k.frame));
+  const landing = keys.map((k) => k.frame - first + at);
+  const c = clip();
+  const lost = c ? replaced(c, landing) : 0;
+  if (await edit("keys.paste", { at, keys, replace: true, mirrored, ...unlockedOnly() })) {
+    store.selection.value = new Set(landing);
+    tellReplaced(lost);
+  }
+}
+
+/** What stood where keys have landed is gone: that is said, with the way back. */
+export function tellReplaced(count: number): void {
+  if (count) store.toast(`replaced ${count === 1 ? "a key" : `${count} keys`}`, "info", true);
+}
+
+export function addKey(): void {
+  const c = clip();
+  if (!c) return;
+  if (store.floating.value) return void keyFloating();
+  const frame = store.playhead.value;
+  if (keyAt(c, frame)) {
+    // It keeps all that it has: hold, fill, note, pose, joints left open.
+    store.selection.value = new Set([frame]);
+    store.announcement.value = `key at frame ${frame} selected`;
+    return;
+  }
+  void edit("keys.add", { keys: [{ frame, q: poseAt(c, frame) }] }).then((ok) => {
+    if (ok) store.selection.value = new Set([frame]);
+  });
+}
+
+export function nudge(df: number, ripple: boolean): void {
+  inTurn(async () => {
+    const frames = selected();
+    const first = frames[0];
+    if (first === undefined || first + df < 0) return;
+    if (!(await edit("keys.move", { frames, df, ripple, replace: false }))) return;
+    // The playhead stays on the key that it was on.
+    if (frames.includes(store.playhead.value)) seek(store.playhead.value + df);
+    store.selection.value = new Set(frames.map((f) => f + df));
+  });
+}
+
+export const KEYS: Action[] = [
+  {
+    id: "key",
+    title: "Key the pose at the playhead; a key that is there is selected",
+    group: "Keys",
+    keys: ["K", "I"],
+    run: addKey,
+  },
+  {
+    id: "delete",
+    title: "Delete keys",
+    group: "Keys",
+    keys: ["Delete", "X"],
+    not: needsKeys,
+    run: () =>
+      void edit("keys.delete", { frames: selected() }).then(
+        (ok) => ok && (store.selection.value = new Set()),
+      ),
+  },
+  {
+    id: "copy",
+    title: "Copy keys",
+    group: "Keys",
+    keys: ["Ctrl+C"],
+    not: needsKeys,
+    run: () => void copyKeys(),
+  },
+  {
+    id: "cut",
+    title: "Cut keys",
+    group: "Keys",
+    keys: ["Ctrl+X"],
+    not: needsKeys,
+    run: () => {
+      const k = copyKeys();
+      if (k.length) void edit("keys.delete", { frames: k.map((x) => x.frame) });
+    },
+  },
+  {
+    id: "paste",
+    title: "Paste keys at the playhead",
+    group: "Keys",
+    keys: ["Ctrl+V"],
+    run: () => void paste(false),
+  },
+  {
+    id: "paste-mirrored",
+    title: "Paste mirrored",
+    group: "Keys",
+    keys: ["Ctrl+Shift+V"],
+    not: () => store.noMirror.value ?? undefined,
+    run: () => void paste(true),
+  },
+  {
+    id: "duplicate",
+    title: "Duplicate keys after the last",
+    group: "Keys",
+    keys: ["Ctrl+D"],
+    not: needsKeys,
+    run: () => {
+      const f = selected();
+      const a = f[0] ?? 0;
+      const b = f.at(-1) ?? a;
+      const last = clip()?.keys.find((k) => k.frame === b);
+      const df = (last ? keyEnd(last) : b + 1) - a + 4;
+      const landing = f.map((x) => x + df);
+      const c = clip();
+      const lost = c ? replaced(c, landing) : 0;
+      void edit("keys.move", { frames: f, df, copy: true, replace: true }).then((ok) => {
+        if (ok) {
+          store.selection.value = new Set(landing);
+          tellReplaced(lost);
+        }
+      });
+    },
+  },
+  {
+    id: "mirror",
+    title: "Mirror keys",
+    group: "Keys",
+    not: () => needsKeys() ?? store.noMirror.value ?? undefined,
+    run: () => void edit("keys.mirror", { frames: selected() }),
+  },
+  {
+    id: "select-here",
+    title: "Add the key at the playhead to the selection, or remove it",
+    group: "Keys",
+    keys: ["Ctrl+Space"],
+    not: () =>
+      clip() && keyAt(clip() ?? { keys: [] }, store.playhead.value)
+        ? undefined
+        : "there is no key at the playhead",
+    run: toggleSelected,
+  },
+  {
+    id: "extend-next",
+    title: "Extend the selection to the next key",
+    group: "Keys",
+    keys: ["Ctrl+Shift+ArrowRight"],
+    run: () => extend(1),
+  },
+  {
+    id: "extend-prev",
+    title: "Extend the selection to the previous key",
+    group: "Keys",
+    keys: ["Ctrl+Shift+ArrowLeft"],
+    run: () => extend(-1),
+  },
+  {
+    id: "open-key",
+    title: "Type the values of the key at the playhead",
+    group: "Keys",
+    keys: ["Enter"],
+    run: () => timeline.value?.enter(),
+  },
+  {
+    id: "menu",
+    title: "Menu at the playhead, or of a pose",
+    group: "Keys",
+    keys: ["Shift+F10", "ContextMenu"],
+    run: menuByKey,
+  },
+  {
+    id: "select-all",
+    title: "Select all keys",
+    group: "Keys",
+    keys: ["Ctrl+A"],
+    run: () => (store.selection.value = new Set(clip()?.keys.map((k) => k.frame))),
+  },
+  {
+    id: "clear",
+    title: "Clear selection",
+    group: "Keys",
+    keys: ["Escape"],
+    run: () => {
+      if (cancelDrag()) return;
+      if (store.site.value) tell("view.select", {});
+      if (store.floating.value) dropFloating();
+      store.selection.value = new Set();
+    },
+  },
+  {
+    id: "earlier",
+    title: "Move keys one frame earlier",
+    group: "Keys",
+    keys: ["Alt+ArrowLeft"],
+    not: needsKeys,
+    run: () => nudge(-1, false),
+  },
+  {
+    id: "later",
+    title: "Move keys one frame later",
+    group: "Keys",
+    keys: ["Alt+ArrowRight"],
+    not: needsKeys,
+    run: () => nudge(1, false),
+  },
+  {
+    id: "ripple-earlier",
+    title: "Move keys and all later ones one frame earlier",
+    group: "Keys",
+    keys: ["Alt+Shift+ArrowLeft"],
+    not: needsKeys,
+    run: () => nudge(-1, true),
+  },
+  {
+    id: "ripple-later",
+    title: "Move keys and all later ones one frame later",
+    group: "Keys",
+    keys: ["Alt+Shift+ArrowRight"],
+    not: needsKeys,
+    run: () => nudge(1, true),
+  },
+  {
+    id: "retime",
+    title: "Retime keys about the playhead…",
+    group: "Keys",
+    keys: ["S"],
+    not: needsKeys,
+    run: dialog("retime"),
+  },
+  {
+    id: "ripple-right",
+    title: "Insert or remove time at the playhead…",
+    group: "Keys",
+    keys: ["E"],
+    run: dialog("time"),
+  },
+  { id: "hold", title: "Hold keys…", group: "Keys", keys: ["H"], not: needsKeys, run: dialog("hold") },
+  {
+    id: "sparsify",
+    title: "Thin out keys, keep the extremes…",
+    group: "Keys",
+    keys: ["T"],
+    not: () => ((clip()?.keys.length ?? 0) > 2 ? undefined : "at least three keys are needed"),
+    run: dialog("sparsify"),
+  },
+  {
+    id: "densify",
+    title: "Turn the take into keys…",
+    group: "Keys",
+    keys: ["Shift+T"],
+    not: needsTake,
+    run: dialog("densify"),
+  },
+  {
+    id: "save-pose",
+    title: "Save the pose at the playhead",
+    group: "Keys",
+    keys: ["P"],
+    run: dialog("pose"),
+  },
+  {
+    id: "marker",
+    title: "Add a marker at the playhead",
+    group: "Keys",
+    keys: ["Shift+M"],
+    run: dialog("marker"),
+  },
+  {
+    id: "marker-earlier",
+    title: "Move the marker one frame earlier",
+    group: "Keys",
+    keys: ["<"],
+    run: () => moveMarker(-1),
+  },
+  {
+    id: "marker-later",
+    title: "Move the marker one frame later",
+    group: "Keys",
+    keys: [">"],
+    run: () => moveMarker(1),
+  },
+  {
+    id: "rename-marker",
+    title: "Rename the marker at the playhead…",
+    group: "Keys",
+    not: needsMarker,
+    run: dialog("rename-marker"),
+  },
+  {
+    id: "delete-marker",
+    title: "Delete the marker at the playhead",
+    group: "Keys",
+    not: needsMarker,
+    run: () => void edit("markers.delete", { frames: [store.playhead.value] }),
+  },
+  {
+    id: "reach",
+    title: "Select the next fingertip or end effector",
+    group: "Keys",
+    keys: ["G"],
+    run: nextSite,
+  },
+  {
+    id: "lock-joint",
+    title: "Lock or unlock the selected joint",
+    group: "Keys",
+    keys: ["Alt+L"],
+    not: needsJoint,
+    run: () => toggleLock([chosenJoint() ?? ""]),
+  },
+  {
+    id: "unlock-all",
+    title: "Unlock all joints",
+    group: "Keys",
+    not: () => (store.locked.value.size ? undefined : "no joint is locked"),
+    run: () => toggleLock([...store.locked.value]),
+  },
+  {
+    id: "auto-key",
+    title: "Automatic keys on or off",
+    group: "Keys",
+    run: () => (store.autoKey.value = !store.autoKey.value),
+  },
+];

@@ -1,0 +1,94 @@
+// The open document, and the ways to another one.
+
+import { batch } from "@preact/signals";
+import { openDialog } from "./dialog";
+import { forgetPose } from "./posing";
+import type { DocumentView } from "./protocol";
+import * as store from "./store";
+import { complain, http, Refusal, tell } from "./wire";
+
+/** The server has this document open, or none. */
+export function adopt(d: DocumentView | null): void {
+  const before = store.doc.value;
+  batch(() => {
+    store.doc.value = d ? { ...d, restored: d.restored?.edits ?? 0 } : undefined;
+    if (!d) {
+      store.page.value = "gallery";
+      store.frames.value = { q: [], error: [] };
+      store.rollout.value = undefined;
+      return;
+    }
+    store.policies.value = d.policies;
+    if (store.page.value === "gallery") store.page.value = "editor";
+    // The same one again comes to who has fallen behind or was cut off.
+    if (before?.opened !== d.opened || before.clip.robot.id !== d.clip.robot.id || d.rev < before.rev)
+      forget();
+    if (before && before.opened !== d.opened && store.locked.value.size) {
+      store.locked.value = new Set();
+      tell("view.lock", { joints: [] });
+    }
+  });
+  if (d) void loadRobot(d.clip.robot.id);
+}
+
+/** What was chosen in one document means nothing in the next. */
+function forget(): void {
+  store.renaming.value = false;
+  store.playing.value = false;
+  store.selection.value = new Set();
+  store.playhead.value = 0;
+  store.range.value = undefined;
+  store.joint.value = undefined;
+  store.site.value = undefined;
+  store.frames.value = { q: [], error: [] };
+  store.rollout.value = undefined;
+  forgetPose();
+}
+
+async function loadRobot(id: string): Promise<void> {
+  if (store.robot.value?.id === id) return;
+  try {
+    store.robot.value = await http("GET /api/robot/{id}", { at: { id } });
+  } catch (e) {
+    complain(e);
+  }
+}
+
+/** Shows the document that this request opens; the `document` event does the rest. */
+export async function opening(request: Promise<DocumentView>): Promise<void> {
+  const left = store.doc.value;
+  try {
+    const opened = await request;
+    // The event of it came first, or is about to: it brings what follows from it, too. Another
+    // document may even have been opened since, and stays.
+    if ((store.doc.value?.opened ?? -1) < opened.opened) adopt(opened);
+    store.page.value = "editor";
+    if (left && !left.path && left.history.done > 0)
+      store.toast(`"${left.clip.name || "untitled"}" was never saved; you find it under Examples, Unsaved`);
+  } catch (e) {
+    complain(e);
+  }
+}
+
+export async function save(path?: string, replace = false): Promise<void> {
+  try {
+    await http("POST /api/save", { body: path === undefined ? {} : { path, replace } });
+  } catch (e) {
+    if (e instanceof Refusal && e.body.code === "exists" && path !== undefined) {
+      openDialog({ name: "replace", path });
+      return;
+    }
+    if (e instanceof Refusal && e.body.code === "untitled") openDialog({ name: "save-as" });
+    else complain(e);
+  }
+}
+
+export async function refreshGallery(): Promise<void> {
+  try {
+    store.gallery.value = await http("GET /api/gallery");
+    store.recent.value = await http("GET /api/recent");
+    store.drafts.value = await http("GET /api/drafts");
+  } catch (e) {
+    complain(e);
+  }
+}

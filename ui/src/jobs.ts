@@ -1,0 +1,134 @@
+// Long work in processes of its own: collect, train, evaluate, export, import.
+
+import type { ExportRequest, JobEvent, JobKind, JobView } from "./protocol";
+import * as store from "./store";
+import { complain, http } from "./wire";
+
+/** A job has something new to say. */
+export function heardOfJob(job: JobView): void {
+  const before = store.jobs.value.get(job.id);
+  store.jobs.value = new Map(store.jobs.value).set(job.id, {
+    ...job,
+    lines: [...(before?.lines ?? []), ...newLines(job, before)],
+  });
+  if (
+    before?.phase !== job.phase &&
+    (job.phase === "done" || job.phase === "interrupted" || job.phase === "failed")
+  )
+    jobEnded(job);
+}
+
+/** An event of a job carries its newest line only; a first sight asks for the rest. */
+function newLines(job: JobView, before: JobView | undefined): JobEvent[] {
+  if (!job.last) return [];
+  if (before && job.events === before.events) return [];
+  if (before ? job.events > before.events + 1 : job.events > 1) void loadJob(job.id);
+  return [job.last];
+}
+
+/** All lines of a job, for its curves. */
+export async function loadJob(id: number): Promise<void> {
+  try {
+    const whole = await http("GET /api/jobs/{id}", { at: { id }, query: { from: 0 } });
+    store.jobs.value = new Map(store.jobs.value).set(id, whole);
+  } catch (e) {
+    complain(e);
+  }
+}
+
+function jobEnded(job: JobView): void {
+  const what = job.title || job.kind;
+  if (job.phase === "failed")
+    store.toast(`${what}: ${job.log.filter((l) => l.startsWith("error")).at(-1) ?? "failed"}`, "error");
+  else if (job.kind === "collect" || job.kind === "train" || job.kind === "eval" || job.kind === "import") {
+    store.toast(job.phase === "done" ? `${what} is done` : `${what} stopped; you can resume it`);
+  }
+  if (job.kind !== "render" && job.kind !== "export") void refreshWorkspace();
+}
+
+/** Robots, runs and data in the folder. */
+export async function refreshWorkspace(): Promise<void> {
+  try {
+    store.workspace.value = await http("GET /api/shelf");
+    store.robots.value = await http("GET /api/robots");
+  } catch (e) {
+    complain(e);
+  }
+}
+
+export async function startJob(kind: JobKind, args: string[]): Promise<JobView | undefined> {
+  try {
+    return await http("POST /api/jobs", { body: { kind, args } });
+  } catch (e) {
+    complain(e);
+    return undefined;
+  }
+}
+
+/** Starts an export of the clip as it is performed now. */
+export async function startExport(options: ExportRequest): Promise<JobView | undefined> {
+  try {
+    const job = await http("POST /api/exports", { body: options });
+    store.jobs.value = new Map(store.jobs.value).set(job.id, store.jobs.value.get(job.id) ?? job);
+    return job;
+  } catch (e) {
+    complain(e);
+    return undefined;
+  }
+}
+
+export async function cancelJob(id: number): Promise<void> {
+  try {
+    await http("POST /api/jobs/{id}/cancel", { at: { id } });
+  } catch (e) {
+    complain(e);
+  }
+}
+
+export async function resumeJob(id: number): Promise<void> {
+  try {
+    await http("POST /api/jobs/{id}/resume", { at: { id } });
+  } catch (e) {
+    complain(e);
+  }
+}
+
+export async function refreshJobs(): Promise<void> {
+  try {
+    const all = await http("GET /api/jobs");
+    store.jobs.value = new Map(all.map((j) => [j.id, j]));
+    for (const j of all) if (j.events > 0 && j.kind !== "render" && j.kind !== "export") void loadJob(j.id);
+  } catch (e) {
+    complain(e);
+  }
+}
+
+export function isRunning(job: JobView | undefined): boolean {
+  return job?.phase === "running" || job?.phase === "cancelling";
+}
+
+/** Saves what a finished export made, as the browser saves files. */
+export async function fetchFile(job: JobView): Promise<string> {
+  return URL.createObjectURL(await http("GET /api/jobs/{id}/file", { at: { id: job.id } }));
+}
+
+export function saveUrl(url: string, name: string): void {
+  const link = document.createElement("a");
+  link.href = url;
+  link.download = name;
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(url), 10_000);
+  store.toast(`${name} was saved to your downloads folder`);
+}
+
+/** Resolves when the job has ended. */
+export function ended(id: number): Promise<JobView> {
+  return new Promise((resolve) => {
+    const stop = store.jobs.subscribe((all) => {
+      const job = all.get(id);
+      if (!job || isRunning(job)) return;
+      queueMicrotask(() => stop());
+      resolve(job);
+    });
+  });
+}

@@ -1,0 +1,102 @@
+// The values of one key, typed.
+
+import { useSignal } from "@preact/signals";
+import { keyAt, parseTime } from "./clip";
+import { Dialog } from "./dialog";
+import { ANGLES, LENGTHS, parseNumber } from "./numbers";
+import { poseAt } from "./posing";
+import type { Op } from "./protocol";
+import * as store from "./store";
+import { edit } from "./wire";
+
+/** Frames as typed: `20`, `20f`, `0.5s`. */
+export const wholeFrames = (text: string): number | undefined => parseTime(text, store.fps.value);
+
+export function KeyEditor({ frame, onClose }: { frame: number; onClose: () => void }) {
+  const d = store.doc.value;
+  if (!d) return null;
+  const key = keyAt(d.clip, frame);
+  const q = poseAt(d.clip, frame);
+  const at = useSignal(String(frame));
+  const hold = useSignal(String(key?.hold ?? 1));
+  const scale = (j: number): number =>
+    d.table.joints[j]?.unit === "rad" && store.degrees.value ? 180 / Math.PI : 1;
+  const fields = useSignal(q.map((v, j) => (v * scale(j)).toFixed(scale(j) === 1 ? 4 : 2)));
+  const done = async (): Promise<void> => {
+    const changes: Record<string, number> = {};
+    for (const [j, text] of fields.value.entries()) {
+      const n = parseNumber(text, d.table.joints[j]?.unit === "m" ? LENGTHS : ANGLES, 1 / scale(j));
+      const name = d.clip.robot.joints[j] ?? "";
+      if (n === undefined) return store.toast(`${name}: "${text}" is not a number`, "error");
+      if (Math.abs(n - (q[j] ?? 0)) > 5e-5) changes[name] = n;
+    }
+    const [held, to] = [wholeFrames(hold.value), wholeFrames(at.value)];
+    if (held === undefined || held < 1)
+      return store.toast(`"${hold.value}" is not a number of frames to hold`, "error");
+    if (to === undefined) return store.toast(`"${at.value}" is not a frame`, "error");
+    const ops: Op[] = [];
+    if (Object.keys(changes).length || held !== (key?.hold ?? 1)) {
+      ops.push({
+        op: "keys.set",
+        args: { frame, ...(Object.keys(changes).length ? { values: changes } : {}), hold: held },
+      });
+    }
+    if (to !== frame) ops.push({ op: "keys.move", args: { frames: [frame], df: to - frame } });
+    if (ops.length === 0 || (await edit("batch", { label: `Edit key at ${frame}`, ops }))) onClose();
+  };
+  return (
+    <Dialog title={`Key at frame ${frame}`} onClose={onClose}>
+      <form
+        onSubmit={(e) => {
+          e.preventDefault();
+          void done();
+        }}
+      >
+        <div class="row">
+          <label>
+            frame{" "}
+            <input
+              type="text"
+              style="width: 70px"
+              value={at.value}
+              onInput={(e) => (at.value = e.currentTarget.value)}
+            />
+          </label>
+          <label>
+            hold{" "}
+            <input
+              type="text"
+              style="width: 70px"
+              value={hold.value}
+              onInput={(e) => (hold.value = e.currentTarget.value)}
+            />{" "}
+            frames
+          </label>
+        </div>
+        <div style="display: grid; grid-template-columns: repeat(3, 1fr); gap: 6px 12px; margin: 12px 0">
+          {fields.value.map((t, j) => (
+            <label key={j} style="display: flex; justify-content: space-between; gap: 6px">
+              {store.titles.value[j]}
+              <input
+                type="text"
+                style="width: 84px; text-align: right"
+                value={t}
+                onInput={(e) =>
+                  (fields.value = fields.value.map((x, i) => (i === j ? e.currentTarget.value : x)))
+                }
+              />
+            </label>
+          ))}
+        </div>
+        <div class="row" style="justify-content: flex-end">
+          <button type="button" onClick={onClose}>
+            Cancel
+          </button>
+          <button class="main" type="submit">
+            OK
+          </button>
+        </div>
+      </form>
+    </Dialog>
+  );
+}

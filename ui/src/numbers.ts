@@ -1,0 +1,19 @@
+// Numbers as people type them.
+
+/** What one unit is in the unit that is wanted. */
+export type Units = Readonly<Record<string, number>>;
+
+export const ANGLES: Units = { "°": Math.PI / 180, deg: Math.PI / 180, rad: 1 };
+export const LENGTHS: Units = { mm: 1e-3, cm: 1e-2, m: 1 };
+export const TIMES: Units = { ms: 1e-3, s: 1 };
+
+/**
+ * The number of a text such as `60`, `-1,5` or `60 deg`; without a unit it is of `plain`.
+ * Undefined when it is none: nothing, a word, a sum.
+ */
+export function parseNumber(text: string, units: Units = {}, plain = 1): number | undefined {
+  const parts = /^([+-]?(?:\d+[.,]?\d*|[.,]\d+)(?:e[+-]?\d+)?)\s*(\S*)$/i.exec(text.trim());
+  const scale = parts?.[2] ? units[parts[2]] : plain;
+  const value = Number(parts?.[1]?.replace(",", ".")) * (scale ?? Number.NaN);
+  return Number.isFinite(value) ? value : undefined;
+}

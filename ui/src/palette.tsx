@@ -1,0 +1,164 @@
+// All commands: by a few letters of their name, and as a sheet of shortcuts.
+
+import { useSignal } from "@preact/signals";
+import { ACTIONS, act } from "./actions/index";
+import { Dialog } from "./dialog";
+
+export function Palette({ onClose }: { onClose: () => void }) {
+  const text = useSignal("");
+  const at = useSignal(0);
+  const words = text.value.toLowerCase().split(/\s+/).filter(Boolean);
+  const found = ACTIONS.filter((a) => words.every((w) => `${a.title} ${a.group}`.toLowerCase().includes(w)));
+  const run = (id: string | undefined): void => {
+    onClose();
+    if (id) act(id);
+  };
+  return (
+    <Dialog title="Find a command" onClose={onClose} class="palette">
+      <input
+        type="text"
+        role="combobox"
+        aria-expanded="true"
+        aria-controls="palette-list"
+        aria-activedescendant={found[at.value] ? `palette-${found[at.value]?.id}` : undefined}
+        aria-label="Command"
+        value={text.value}
+        onInput={(e) => {
+          text.value = e.currentTarget.value;
+          at.value = 0;
+        }}
+        onKeyDown={(e) => {
+          if (e.key === "ArrowDown") at.value = Math.min(found.length - 1, at.value + 1);
+          else if (e.key === "ArrowUp") at.value = Math.max(0, at.value - 1);
+          else if (e.key === "Enter") run(found[at.value]?.id);
+          else return;
+          e.preventDefault();
+        }}
+      />
+      <ul id="palette-list" role="listbox">
+        {found.map((a, i) => (
+          <li
+            key={a.id}
+            id={`palette-${a.id}`}
+            role="option"
+            aria-selected={i === at.value}
+            ref={(e) => {
+              if (i === at.value) e?.scrollIntoView({ block: "nearest" });
+            }}
+            onClick={() => run(a.id)}
+            title={a.not?.() ?? ""}
+          >
+            <span style={a.not?.() ? "opacity: .5" : ""}>{a.title}</span>
+            <span>
+              {(a.keys ?? []).slice(0, 1).map((k) => (
+                <kbd key={k}>{k}</kbd>
+              ))}
+            </span>
+          </li>
+        ))}
+        {found.length === 0 ? <li>nothing found</li> : null}
+      </ul>
+    </Dialog>
+  );
+}
+
+export function Shortcuts({ onClose }: { onClose: () => void }) {
+  const groups = [...new Set(ACTIONS.map((a) => a.group))];
+  return (
+    <Dialog title="Shortcuts" onClose={onClose}>
+      {groups.map((g) => (
+        <section key={g}>
+          <h3 style="margin: 10px 0 4px">{g}</h3>
+          <div class="keys">
+            {ACTIONS.filter((a) => a.group === g && a.keys).map((a) => (
+              <div key={a.id}>
+                <span>{a.title}</span>
+                <span>
+                  {a.keys?.map((k) => (
+                    <kbd key={k}>{k}</kbd>
+                  ))}
+                </span>
+              </div>
+            ))}
+          </div>
+        </section>
+      ))}
+      <h3 style="margin: 10px 0 4px">Mouse</h3>
+      <div class="keys">
+        <div>
+          <span>Move keys</span>
+          <kbd>drag</kbd>
+        </div>
+        <div>
+          <span>Copy keys</span>
+          <kbd>Alt+drag</kbd>
+        </div>
+        <div>
+          <span>Move keys and all later ones</span>
+          <kbd>Shift+drag</kbd>
+        </div>
+        <div>
+          <span>Retime about the playhead</span>
+          <kbd>S+drag</kbd>
+        </div>
+        <div>
+          <span>Zoom at the pointer</span>
+          <kbd>wheel</kbd>
+        </div>
+        <div>
+          <span>Pan</span>
+          <kbd>Shift+wheel</kbd>
+        </div>
+        <div>
+          <span>Scroll rows</span>
+          <kbd>Alt+wheel</kbd>
+        </div>
+        <div>
+          <span>Type exact values</span>
+          <kbd>double-click</kbd>
+        </div>
+        <div>
+          <span>Turn a link's joint (3D view)</span>
+          <kbd>drag</kbd>
+        </div>
+        <div>
+          <span>Pull a fingertip or end effector</span>
+          <kbd>Alt+drag</kbd>
+        </div>
+        <div>
+          <span>Turn or pull in small steps</span>
+          <kbd>Shift+drag</kbd>
+        </div>
+        <div>
+          <span>Cancel a drag</span>
+          <kbd>Esc</kbd>
+        </div>
+        <div>
+          <span>Lock or mask a row's joints</span>
+          <kbd>L M</kbd>
+        </div>
+        <div>
+          <span>Length of the clip</span>
+          <kbd>drag its end</kbd>
+        </div>
+        <div>
+          <span>Open the menu</span>
+          <kbd>right-click</kbd>
+        </div>
+        <div>
+          <span>Open a file from this computer</span>
+          <kbd>drop it on the page</kbd>
+        </div>
+        <div>
+          <span>Compare with several takes</span>
+          <kbd>Ctrl+click A/B</kbd>
+        </div>
+      </div>
+      <div class="row" style="margin-top: 12px; justify-content: flex-end">
+        <button class="main" onClick={onClose}>
+          Close
+        </button>
+      </div>
+    </Dialog>
+  );
+}

@@ -1,0 +1,162 @@
+// A pose under a hand: by a slider, a typed value, a drag in the viewport, inverse kinematics.
+// While it moves the rollout follows as a preview; when it is let go there is one edit.
+
+import { type Clip, changedBy, keyAt, values } from "./clip";
+import type { Op } from "./protocol";
+import * as store from "./store";
+import { applyOp, ask, edit, tell } from "./wire";
+
+/** The pose at the playhead: the key there, else what is commanded or achieved. */
+export function poseAt(clip: Clip, frame: number): number[] {
+  const d = store.doc.value;
+  const rest = d?.table.rest ?? [];
+  const key = clip.keys.find((k) => k.frame === frame);
+  const achieved = store.frames.value.q[frame];
+  const before = clip.keys.filter((k) => k.frame <= frame).at(-1) ?? clip.keys[0];
+  const from = key ? values(clip, key) : (achieved ?? (before ? values(clip, before) : rest));
+  return clip.robot.joints.map((_, j) => from[j] ?? achieved?.[j] ?? rest[j] ?? 0);
+}
+
+/** The pose that a drag began from: what its previews reach must not pull the other joints along. */
+let base: { frame: number; rev: number; q: number[] } | undefined;
+
+/** What was under a hand in one document means nothing in the next. */
+export function forgetPose(): void {
+  if (store.floating.value) dropFloating();
+  base = undefined;
+  endPreview();
+}
+
+/** The edit that gives joints these values at the playhead. */
+function poseEdit(changes: Record<string, number>): Op | undefined {
+  const d = store.doc.value;
+  if (!d) return undefined;
+  const frame = store.playhead.value;
+  const key = d.clip.keys.find((k) => k.frame === frame);
+  if (key) return { op: "keys.set", args: { frame, values: changes } };
+  if (base?.frame !== frame || base.rev !== d.rev) base = { frame, rev: d.rev, q: poseAt(d.clip, frame) };
+  const q = [...base.q];
+  d.clip.robot.joints.forEach((name, j) => {
+    const v = changes[name];
+    if (v !== undefined) q[j] = v;
+  });
+  return { op: "keys.add", args: { keys: [{ frame, q }] } };
+}
+
+/**
+ * A joint is being moved by a slider or in the viewport. While it moves the rollout follows as
+ * a preview; when it is let go there is one edit. With auto-key off, and off a key, it is a
+ * floating pose: shown, kept, and no key until the person says so.
+ */
+export async function jointMoved(changes: Record<string, number>, done: boolean): Promise<void> {
+  const d = store.doc.value;
+  if (!d) return;
+  if (done && Object.keys(changes).length === 0) {
+    // Taken and let go again.
+    endPreview();
+    return tell("preview.end");
+  }
+  const onKey = d.clip.keys.some((k) => k.frame === store.playhead.value);
+  if (!onKey && !store.autoKey.value) {
+    const q = store.floating.value ?? poseAt(d.clip, store.playhead.value);
+    store.floating.value = d.clip.robot.joints.map((name, j) => changes[name] ?? q[j] ?? 0);
+    tell("view.pose", { q: store.floating.value });
+    return;
+  }
+  const e = poseEdit(changes);
+  if (!e) return;
+  if (done) {
+    base = undefined;
+    endPreview();
+    await applyOp(e);
+    tell("preview.end");
+  } else preview(e);
+}
+
+let previewing = false;
+let newest: Op | undefined;
+/** Rises when a drag ends: what its previews are answered with is no longer of interest. */
+let asked = 0;
+
+/** Sends previews no faster than they are answered; the newest wins. */
+export function preview(op: Op): void {
+  newest = op;
+  if (previewing) return;
+  previewing = true;
+  const step = (): void => {
+    const next = newest;
+    newest = undefined;
+    if (!next) {
+      previewing = false;
+      return;
+    }
+    const of = asked;
+    void ask("preview", { op: next }).then((r) => {
+      const answer = r.result;
+      if (of === asked) store.demand.value = (answer && "demand" in answer && answer.demand) || undefined;
+      step();
+    });
+  };
+  step();
+}
+
+/** What waits to be previewed is out of date: an edit or its end follows. */
+export function endPreview(): void {
+  newest = undefined;
+  asked++;
+  store.demand.value = undefined;
+}
+
+export async function keyFloating(): Promise<void> {
+  const d = store.doc.value;
+  const q = store.floating.value;
+  if (!d || !q) return;
+  const frame = store.playhead.value;
+  const key = keyAt(d.clip, frame);
+  const changes = key && changedBy(d.clip, key, q);
+  const done = !changes
+    ? await edit("keys.add", { keys: [{ frame, q }] })
+    : Object.keys(changes).length === 0 || (await edit("keys.set", { frame, values: changes }));
+  if (!done) return;
+  dropFloating();
+  store.selection.value = new Set([frame]);
+}
+
+export function dropFloating(): void {
+  store.floating.value = undefined;
+  tell("view.pose", { q: null });
+}
+
+/** Whether a drag in the viewport was under way; it is given up. */
+export function cancelDrag(): boolean {
+  if (!store.moving.value) return false;
+  tell("view.cancel");
+  return true;
+}
+
+/** The floating pose that a drag began with. */
+let before: number[] | undefined;
+
+/** A hand in the 3D view has joints there, or has let go. */
+export function dragged(values: Record<string, number>, done: boolean): void {
+  if (!store.moving.value) before = store.floating.value;
+  store.moving.value = done ? undefined : values;
+}
+
+/** The drag is over and nothing is to be edited. */
+export function dragCancelled(): void {
+  if (store.moving.value) store.floating.value = before;
+  store.moving.value = undefined;
+  endPreview();
+  tell("preview.end");
+  store.announcement.value = "cancelled";
+}
+
+/** The pose that the sliders show. */
+export function shownPose(): number[] | undefined {
+  const d = store.doc.value;
+  if (!d) return undefined;
+  const q = store.floating.value ?? poseAt(d.clip, store.playhead.value);
+  const moving = store.moving.value;
+  return d.clip.robot.joints.map((name, j) => moving?.[name] ?? q[j] ?? 0);
+}
