@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 use robert::rng::{Rng, Stream};
-use robert::robot::import::{ImportConfig, import};
+use robert::robot::import::{Drives, ImportConfig, import};
 use robert::robot::{Error, Robot};
 
 use crate::run::binary;
@@ -339,6 +339,7 @@ fn five_hundred_mutations_kill_nothing() {
                         effort: 10.0,
                         weld: Vec::new(),
                         keep_servos: false,
+                        drives: Drives::Modelled,
                         checker: binary().to_owned(),
                     };
                     match import(&config) {

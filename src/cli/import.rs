@@ -8,7 +8,7 @@ use super::out;
 use crate::child::{self, Rights};
 use crate::limits;
 use crate::robot::check;
-use crate::robot::import::{ImportConfig, Report, import};
+use crate::robot::import::{Drives, ImportConfig, Report, import};
 
 #[derive(clap::Args, Debug)]
 #[command(
@@ -54,6 +54,17 @@ pub(super) struct ModelFlags {
     /// Keep position and velocity servos instead of turning them into motors.
     #[arg(long)]
     keep_servos: bool,
+    /// Joints without a drive of their own: model one (assumed), or as the file says.
+    #[arg(long, value_enum, default_value_t = DriveFlag::Modelled)]
+    drives: DriveFlag,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum DriveFlag {
+    /// A drive in proportion to the torque limit.
+    Modelled,
+    /// Nothing: the file is taken at its word.
+    File,
 }
 
 pub(super) fn run(args: &Args) -> Outcome {
@@ -88,6 +99,10 @@ impl ModelFlags {
             effort: self.effort,
             weld: self.weld.clone(),
             keep_servos: self.keep_servos,
+            drives: match self.drives {
+                DriveFlag::Modelled => Drives::Modelled,
+                DriveFlag::File => Drives::File,
+            },
             checker: check::executable()?,
         })
     }
@@ -104,8 +119,12 @@ fn print(r: &Report) -> Outcome {
         r.mass_kg,
         r.format.to_uppercase()
     ))?;
-    for (what, list) in [("dropped", &r.dropped), ("assumed", &r.assumed), ("changed", &r.changed)]
-    {
+    for (what, list) in [
+        ("dropped", &r.dropped),
+        ("assumed", &r.assumed),
+        ("changed", &r.changed),
+        ("warning", &r.warnings),
+    ] {
         for item in list {
             out::line(&format!("  {what}  {item}"))?;
         }

@@ -120,7 +120,12 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     } else {
         say(&format!("1 import: {} to {}", args.file.display(), args.out.display()));
         let report = import(&args.model.plan(&args.file, &args.out)?)?;
-        for (what, list) in [("dropped", &report.dropped), ("assumed", &report.assumed)] {
+        for (what, list) in [
+            ("dropped", &report.dropped),
+            ("assumed", &report.assumed),
+            ("changed", &report.changed),
+            ("warning", &report.warnings),
+        ] {
             list.iter().for_each(|item| say(&format!("  {what}  {item}")));
         }
     }

@@ -14,11 +14,13 @@
 //! the share log-uniform, so that stiff and soft motion both occur:
 //!
 //! ```text
-//! a   = clamp((kp (r - q) - kd v + disturbance) / full torque, +-1)
+//! a   = clamp((kp (r - q) - kd v + disturbance + weight) / full torque, +-1)
 //! ```
 //!
-//! No task, no reward, no demonstration; of the robot it takes ranges, speeds and the
-//! inertia that any servo is tuned by.
+//! Without the weight, the torque that holds the pose against gravity, soft servos let a
+//! heavy arm hang, and its data lie at the bottom of the range. No task, no reward, no
+//! demonstration; of the robot it takes ranges, speeds, the inertia that any servo is tuned by,
+//! and its weight (of the nominal model).
 
 use super::error::Error;
 use crate::mujoco::Data;
@@ -208,8 +210,9 @@ impl Babble {
         }
     }
 
-    /// The action of the next frame, (A), at these positions and speeds, (S) each.
-    pub(crate) fn next(&mut self, qpos: &[f32], qvel: &[f32], action: &mut [f32]) {
+    /// The action of the next frame, (A), at these positions and speeds, (S) each; `weight` is
+    /// the torque that holds the pose, (S), or empty where nothing pulls at the robot.
+    pub(crate) fn next(&mut self, qpos: &[f32], qvel: &[f32], weight: &[f64], action: &mut [f32]) {
         let (kick, push_kick) = (
             (1.0 - self.keep * self.keep).sqrt(),
             (1.0 - self.disturbance_keep * self.disturbance_keep).sqrt(),
@@ -237,6 +240,7 @@ impl Babble {
                 * (joint.servo.kp * (reference.value - q) - joint.servo.kd * v
                     + full_speed * noise);
         }
+        self.torque.iter_mut().zip(weight).for_each(|(torque, weight)| *torque += weight);
         for (a, motor) in action.iter_mut().zip(&self.rule.motors) {
             let pull = |&(joint, weight): &(usize, f64)| weight * self.torque[joint];
             let force: f64 = motor.pulls.iter().map(pull).sum();
@@ -257,7 +261,7 @@ mod tests {
             let mut actions = Vec::new();
             let mut a = [0.0_f32; 5];
             for _ in 0..50 {
-                babble.next(&[0.1; 5], &[0.0; 5], &mut a);
+                babble.next(&[0.1; 5], &[0.0; 5], &[], &mut a);
                 assert!(a.iter().all(|x| x.abs() <= 1.0));
                 actions.extend(a);
             }
@@ -268,10 +272,10 @@ mod tests {
         // A servo pulls towards its reference.
         let mut babble = Babble::new(&rule, 3);
         let mut a = [0.0_f32; 5];
-        babble.next(&[0.0; 5], &[0.0; 5], &mut a);
+        babble.next(&[0.0; 5], &[0.0; 5], &[], &mut a);
         (babble.disturbance, babble.wanders) = (0.0, false);
         babble.references.iter_mut().for_each(|l| (l.goal, l.value) = (1.0, 1.0));
-        babble.next(&[0.0; 5], &[0.0; 5], &mut a);
+        babble.next(&[0.0; 5], &[0.0; 5], &[], &mut a);
         assert!(a.iter().all(|&x| x > 0.0), "{a:?}");
     }
 
@@ -287,7 +291,7 @@ mod tests {
         let home: Vec<f32> = hand.home().iter().map(|&x| x as f32).collect();
         let still = vec![0.0; home.len()];
         let mut a = vec![0.0; hand.actuators().len()];
-        babble.next(&home, &still, &mut a);
+        babble.next(&home, &still, &[], &mut a);
         (babble.disturbance, babble.wanders) = (0.0, false);
         for (sign, up) in [(0.5, true), (-0.5, false)] {
             for &(j, _) in &rule.motors[k].pulls {
@@ -295,7 +299,7 @@ mod tests {
                 (babble.references[j].goal, babble.references[j].value) = (at, at);
                 babble.rule.joints[j].lo = -9.0;
             }
-            babble.next(&home, &still, &mut a);
+            babble.next(&home, &still, &[], &mut a);
             assert_eq!(a[k] > 0.0, up, "{a:?}");
         }
     }

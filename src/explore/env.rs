@@ -11,7 +11,7 @@ use super::error::Error;
 use crate::dataset::Robot as Described;
 use crate::mujoco::Data;
 use crate::rng::Rng;
-use crate::robot::{Coupling, PlantRange, Robot};
+use crate::robot::{Coupling, Gravity, PlantRange, Robot};
 use crate::units::SUBSTEPS;
 
 /// How far beyond a stop a joint may be pushed before the frame is implausible, in its unit.
@@ -260,6 +260,15 @@ impl Env {
             *to_q = q.get(j.qposadr).map_or(f32::NAN, |&x| x as f32);
             *to_v = v.get(j.dofadr).map_or(f32::NAN, |&x| x as f32);
         }
+    }
+
+    /// Torque that holds the pose against gravity and springs, (S).
+    ///
+    /// # Errors
+    /// [`Error::Robot`].
+    pub(crate) fn weight(&self, gravity: &mut Gravity) -> Result<Vec<f64>, Error> {
+        let force = gravity.at(self.data.qpos())?;
+        Ok(self.robot.joints().iter().map(|j| force[j.dofadr]).collect())
     }
 
     /// All coordinates, (nq).

@@ -192,6 +192,7 @@ impl EnvBatch {
         let mut ends = vec![End::Running; n];
         let mut obs = vec![0.0; n * 2 * s];
         let mut action = vec![0.0; a];
+        let mut gravity = policy.weight(&self.robot)?;
         while ends.contains(&End::Running) {
             for (slot, o) in self.slots.iter().zip(obs.chunks_exact_mut(2 * s)) {
                 let (q, v) = o.split_at_mut(s);
@@ -203,7 +204,12 @@ impl EnvBatch {
                     continue;
                 }
                 let o = &obs[i * 2 * s..(i + 1) * 2 * s];
-                actor.act(o, means.get(i * a..(i + 1) * a).unwrap_or_default(), &mut action);
+                let weight = match &mut gravity {
+                    Some(gravity) => slot.env.weight(gravity)?,
+                    None => Vec::new(),
+                };
+                let mean = means.get(i * a..(i + 1) * a).unwrap_or_default();
+                actor.act(o, &weight, mean, &mut action);
                 match slot.env.step(&action) {
                     Step::Ok => {
                         slot.qpos.extend_from_slice(&o[..s]);

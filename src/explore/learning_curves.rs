@@ -114,6 +114,7 @@ fn baseline(
     };
     let (s, a) = (robot.state_dim(), robot.action_dim());
     let mut env = Env::new(robot)?;
+    let mut gravity = policy.weight(robot)?;
     let mut coverage = Coverage::new(&described);
     let (mut q, mut v, mut action) = (vec![0.0; s], vec![0.0; s], vec![0.0; a]);
     let mut obs = vec![0.0; 2 * s];
@@ -132,7 +133,11 @@ fn baseline(
         env.observe(&mut obs[..s], &mut v);
         obs[s..].copy_from_slice(&v);
         for _ in 0..EPISODE_FRAMES {
-            actor.act(&obs, &[], &mut action);
+            let weight = match &mut gravity {
+                Some(gravity) => env.weight(gravity)?,
+                None => Vec::new(),
+            };
+            actor.act(&obs, &weight, &[], &mut action);
             match env.step(&action) {
                 Step::Ok => {}
                 Step::Implausible => break,

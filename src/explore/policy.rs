@@ -16,6 +16,7 @@ use super::error::Error;
 use super::noise::{Noise, NoiseRule};
 use crate::linalg::{Init, Mat, MatMut, Packed, gemm_packed, simd};
 use crate::rng::{Rng, Stream};
+use crate::robot::{Gravity, Robot};
 use crate::{fsio, limits};
 
 /// Format name of a snapshot.
@@ -263,6 +264,18 @@ pub(crate) enum ActorState {
 }
 
 impl ExplorePolicy {
+    /// What it needs to know of the robot's weight; `None` where nothing pulls or it does
+    /// not ask.
+    ///
+    /// # Errors
+    /// [`Error::Robot`].
+    pub(crate) fn weight(&self, robot: &Robot) -> Result<Option<Gravity>, Error> {
+        match self {
+            ExplorePolicy::Babble(_) => Ok(Gravity::of(robot)?),
+            _ => Ok(None),
+        }
+    }
+
     /// Length of skills.
     pub(crate) fn skill(&self) -> usize {
         match self {
@@ -304,14 +317,14 @@ impl ExplorePolicy {
 }
 
 impl ActorState {
-    /// The action of one episode, given positions and speeds (2 S) and the mean action (A)
-    /// if a network acts.
-    pub(crate) fn act(&mut self, obs: &[f32], mean: &[f32], action: &mut [f32]) {
+    /// The action of one episode, given positions and speeds (2 S), the robot's weight (S) if
+    /// the policy carries it, and the mean action (A) if a network acts.
+    pub(crate) fn act(&mut self, obs: &[f32], weight: &[f64], mean: &[f32], action: &mut [f32]) {
         match self {
             ActorState::Noise(noise) => noise.next(action),
             ActorState::Babble(babble) => {
                 let (q, v) = obs.split_at(obs.len() / 2);
-                babble.next(q, v, action);
+                babble.next(q, v, weight, action);
             }
             ActorState::Uniform(rng) => {
                 for a in action {
@@ -328,7 +341,6 @@ mod tests {
     use super::super::ddpg::Ddpg;
     use super::super::mlp::Tape;
     use super::*;
-    use crate::robot::Robot;
 
     #[test]
     fn packed_actor_is_the_trained_one() {

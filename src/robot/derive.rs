@@ -225,34 +225,48 @@ fn joint(model: &Model, id: usize) -> JointSpec {
 }
 
 /// Force of the motors that reach a joint, over its damping: the speed at which the motor
-/// holds no torque back. Gravity is left out.
+/// holds no torque back. Gravity is left out; an
+/// import measures the speed instead.
 fn speed_limit(model: &Model, joint: usize) -> f64 {
     let damping = model.dof_damping()[model.jnt_dofadr()[joint] as usize];
-    let mut force = 0.0_f64;
+    match torque_limit(model, joint) {
+        Some(force) if damping > 0.0 && force > 0.0 => digits(force / damping, 6),
+        _ => SPEED_DEFAULT,
+    }
+}
+
+/// So many digits: a limit is a figure for people, not a fingerprint.
+pub(super) fn digits(v: f64, n: i32) -> f64 {
+    if v <= 0.0 || !v.is_finite() {
+        return 0.0;
+    }
+    let scale = 10_f64.powi(n - 1 - v.log10().floor() as i32);
+    (v * scale).round() / scale
+}
+
+/// Greatest torque of the motors that reach a joint, N m or N; `None` where none does.
+pub(super) fn torque_limit(model: &Model, joint: usize) -> Option<f64> {
+    let mut force = None;
     for a in 0..model.nu() {
         if !is_motor(model, a) {
             continue;
         }
-        let limit = ctrlrange(model, a).map_or(0.0, |[lo, hi]| lo.abs().max(hi.abs()));
-        let gear = model.actuator_gear()[6 * a].abs();
-        let gain = model.actuator_gainprm()[10 * a].abs();
         let lever = match model.transmission(a) {
             Some(Transmission::Joint(j)) if j == joint => 1.0,
             Some(Transmission::Tendon(t)) => tendon_joints(model, t)
                 .into_iter()
                 .find(|(j, _)| *j == joint)
                 .map_or(0.0, |(_, c)| c.abs()),
-            _ => 0.0,
+            _ => continue,
         };
-        force += limit * gear * gain * lever;
+        let limit = ctrlrange(model, a).map_or(0.0, |[lo, hi]| lo.abs().max(hi.abs()));
+        let gear = model.actuator_gear()[6 * a].abs();
+        let gain = model.actuator_gainprm()[10 * a].abs();
+        if lever > 0.0 {
+            *force.get_or_insert(0.0) += limit * gear * gain * lever;
+        }
     }
-    if damping <= 0.0 || force <= 0.0 {
-        return SPEED_DEFAULT;
-    }
-    // Six digits: a limit is a figure for people, not a fingerprint.
-    let speed = force / damping;
-    let scale = 10_f64.powi(5 - speed.log10().floor() as i32);
-    (speed * scale).round() / scale
+    force
 }
 
 /// Whether an actuator's control is a force: fixed gain, no bias, no dynamics.
@@ -295,7 +309,7 @@ fn tendon_name(model: &Model, t: usize) -> String {
 }
 
 /// Joints and coefficients of a fixed tendon; empty for spatial ones.
-fn tendon_joints(model: &Model, t: usize) -> Vec<(usize, f64)> {
+pub(super) fn tendon_joints(model: &Model, t: usize) -> Vec<(usize, f64)> {
     const WRAP_JOINT: i32 = 1; // mjWRAP_JOINT
     let at = |v: &[i32]| v.get(t).and_then(|n| usize::try_from(*n).ok()).unwrap_or(0);
     let (adr, num) = (at(model.tendon_adr()), at(model.tendon_num()));
@@ -463,18 +477,10 @@ fn settle(model: &Model) -> SettleSpec {
         let damping = model.dof_damping()[dof];
         let stiff = (SETTLE_RATE * SETTLE_RATE * inertia).max(damping / SETTLE_TAU_SECS);
         let own = (2.0 * (stiff * inertia).sqrt() - damping).max(0.0);
-        kp.push(four_digits(stiff));
-        kd.push(four_digits(own));
+        kp.push(digits(stiff, 4));
+        kd.push(digits(own, 4));
     }
     SettleSpec { kp, kd, frames: SETTLE_FRAMES, tolerance: SETTLE_TOLERANCE }
-}
-
-fn four_digits(v: f64) -> f64 {
-    if v <= 0.0 || !v.is_finite() {
-        return 0.0;
-    }
-    let scale = 10_f64.powi(3 - v.log10().floor() as i32);
-    (v * scale).round() / scale
 }
 
 /// The first home key if there is one, else the default pose moved into the limits.

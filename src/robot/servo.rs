@@ -7,6 +7,7 @@
 
 use nalgebra::DMatrix;
 
+use super::golden::spread;
 use super::response::Response;
 use super::{Error, Robot};
 use crate::mujoco::Data;
@@ -116,19 +117,16 @@ impl Robot {
         self.joints().iter().map(|j| damping[j.dofadr]).collect()
     }
 
-    /// Pose `k` of a set that fills the ranges evenly (additive recurrence of the golden
-    /// ratio, another multiple for each joint).
-    fn spread_pose(&self, k: usize) -> Vec<f64> {
-        let golden = 0.618_033_988_749_895;
+    /// Pose `k` of a set that fills the ranges evenly.
+    pub(super) fn spread_pose(&self, k: usize) -> Vec<f64> {
         let joints = self.joints().iter().zip(self.home()).enumerate();
         joints
             .map(|(j, (joint, home))| {
-                let [lo, hi] = match joint.range {
+                let range = match joint.range {
                     _ if joint.unbounded => [home - UNBOUNDED, home + UNBOUNDED],
                     range => range,
                 };
-                let multiple = (golden * (j + 1) as f64).fract();
-                lo + (hi - lo) * (multiple * (k + 1) as f64).fract()
+                spread(j, k, range)
             })
             .collect()
     }

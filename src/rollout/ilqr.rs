@@ -140,14 +140,14 @@ impl Ilqr {
     fn simulate(
         &mut self,
         view: &View<'_>,
-        mut choose: impl FnMut(&mut Self, usize, &mut [f64]),
+        mut choose: impl FnMut(&mut Self, usize, &mut [f64]) -> Result<(), Error>,
     ) -> Result<(Vec<f64>, f64), Error> {
         let actions = self.actions();
         let mut plan = vec![0.0; self.plan.len()];
         self.nominal.data.restore(view.state)?;
         for (i, u) in plan.chunks_exact_mut(actions).enumerate() {
             self.nominal.data.snapshot_into(&mut self.trial_states[i]);
-            choose(self, i, u);
+            choose(self, i, u)?;
             self.nominal.robot.apply_action(&mut self.nominal.data, u)?;
             if self.nominal.data.step(self.nominal.substeps).is_err() {
                 return Ok((plan, f64::INFINITY));
@@ -165,6 +165,7 @@ impl Ilqr {
         self.simulate(view, |s, i, u| {
             let actions = s.actions();
             u.copy_from_slice(&plan[i * actions..(i + 1) * actions]);
+            Ok(())
         })
     }
 
@@ -176,7 +177,8 @@ impl Ilqr {
         self.simulate(view, |s, i, u| {
             s.nominal.robot.read_state(&s.nominal.data, &mut current);
             let target = &s.goals.command[i * dim..(i + 1) * dim];
-            s.rival.drive(&current, target, s.nominal.data.qvel(), u);
+            let data = &s.nominal.data;
+            s.rival.drive((&current, target), data.qpos(), data.qvel(), u)
         })
     }
 
@@ -300,6 +302,7 @@ impl Ilqr {
             for (k, (new, old)) in u.iter_mut().zip(old).enumerate() {
                 *new = (old + du[k]).clamp(-1.0, 1.0);
             }
+            Ok(())
         })
     }
 

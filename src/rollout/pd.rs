@@ -1,5 +1,6 @@
 //! Proportional-derivative control with gains from the mass matrix: what a roboticist
-//! tries first, without planner or data. The gains are those of [`Robot::tracking_servos`].
+//! tries first, without planner or data. The gains are those of [`Robot::tracking_servos`],
+//! and gravity is carried: both are what it knows of the robot's nominal model.
 
 use std::sync::Arc;
 
@@ -7,7 +8,7 @@ use super::actuation::Actuation;
 use super::error::Error;
 use super::nominal_model::NominalModel;
 use super::policy::{Policy, View};
-use crate::robot::{Robot, Servo};
+use crate::robot::{Gravity, Robot, Servo};
 
 /// PD on a straight reference, joint by joint.
 #[derive(Debug)]
@@ -16,6 +17,8 @@ pub(super) struct Pd {
     actuation: Actuation,
     /// By state joint.
     servos: Vec<Servo>,
+    /// None where nothing pulls at the robot.
+    gravity: Option<Gravity>,
     torque: Vec<f64>,
 }
 
@@ -32,25 +35,33 @@ impl Pd {
             robot: Arc::clone(robot),
             actuation,
             servos: robot.tracking_servos()?,
+            gravity: Gravity::of(robot)?,
             torque: vec![0.0; robot.model().nv()],
         })
     }
 
-    /// Writes the action that drives joints at `current`, moving at `qvel` (nv), to `target`;
-    /// both (S).
+    /// Writes the action that drives joints at `current`, of a robot at `qpos` (nq) moving at
+    /// `qvel` (nv), to `target`; both (S).
+    ///
+    /// # Errors
+    /// [`Error::Setup`] from the nominal model.
     pub(super) fn drive(
         &mut self,
-        current: &[f64],
-        target: &[f64],
+        (current, target): (&[f64], &[f64]),
+        qpos: &[f64],
         qvel: &[f64],
         action: &mut [f64],
-    ) {
+    ) -> Result<(), Error> {
         self.torque.fill(0.0);
+        if let Some(gravity) = &mut self.gravity {
+            self.torque.copy_from_slice(gravity.at(qpos)?);
+        }
         let ways = target.iter().zip(current).map(|(r, q)| r - q);
         for ((joint, servo), way) in self.robot.joints().iter().zip(&self.servos).zip(ways) {
-            self.torque[joint.dofadr] = servo.kp * way - servo.kd * qvel[joint.dofadr];
+            self.torque[joint.dofadr] += servo.kp * way - servo.kd * qvel[joint.dofadr];
         }
         self.actuation.action(&self.torque, action);
+        Ok(())
     }
 }
 
@@ -64,7 +75,7 @@ impl Policy for Pd {
     fn act(&mut self, view: &View<'_>, action: &mut [f64]) -> Result<(), Error> {
         let window = view.window;
         let target: Vec<f64> = (0..window.dim()).map(|k| window.next_target(k)).collect();
-        self.drive(&window.current, &target, &view.state.qvel, action);
-        Ok(())
+        let state = view.state;
+        self.drive((&window.current, &target), &state.qpos, &state.qvel, action)
     }
 }

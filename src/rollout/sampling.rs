@@ -110,7 +110,7 @@ impl PredictiveSampling {
         for i in 0..self.config.horizon {
             let target = &self.goals.command[i * dim..(i + 1) * dim];
             self.nominal.robot.read_state(data, &mut current);
-            self.servos.drive(&current, target, data.qvel(), &mut u);
+            self.servos.drive((&current, target), data.qpos(), data.qvel(), &mut u)?;
             evaluate(spline, actions, self.config.horizon, i as f64, &mut added);
             for (u, added) in u.iter_mut().zip(&added) {
                 *u = (*u + added).clamp(-1.0, 1.0);

@@ -28,8 +28,21 @@ pub struct ImportConfig {
     pub weld: Vec<String>,
     /// Leave servos as they are instead of turning them into motors.
     pub keep_servos: bool,
+    /// What joints get whose source leaves out the drive.
+    pub drives: Drives,
     /// The binary that checks models; see [`crate::robot::check::executable`].
     pub checker: PathBuf,
+}
+
+/// What joints get that full torque runs away with, because their source names neither the
+/// inertia nor the damping of a drive.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Drives {
+    /// A drive in proportion to the torque limit.
+    #[default]
+    Modelled,
+    /// Nothing: the file is taken at its word.
+    File,
 }
 
 /// What was made, and what had to be dropped, assumed or changed on the way.
@@ -57,4 +70,6 @@ pub struct Report {
     pub assumed: Vec<String>,
     /// Parts of the source that are in the result in another form.
     pub changed: Vec<String>,
+    /// What is not plausible about the robot.
+    pub warnings: Vec<String>,
 }

@@ -21,9 +21,12 @@ pub(super) struct Draft {
     pub(super) assets: Assets,
     /// Speed limits that the source gives, rad/s or m/s.
     pub(super) speeds: BTreeMap<String, f64>,
+    /// Whether the armature of the joints is ours and not the source's.
+    pub(super) rotors_assumed: bool,
     pub(super) dropped: Vec<String>,
     pub(super) assumed: Vec<String>,
     pub(super) changed: Vec<String>,
+    pub(super) warnings: Vec<String>,
     /// Where each file came from, so that one file is taken once.
     pub(super) sources: BTreeMap<std::path::PathBuf, String>,
     /// Bytes of the files so far.

@@ -12,6 +12,7 @@ mod config;
 mod contacts;
 mod description;
 mod draft;
+mod drives;
 mod fix;
 mod mjcf;
 mod urdf;
@@ -19,12 +20,16 @@ mod urdf;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-pub use config::{ImportConfig, Report};
+pub use config::{Drives, ImportConfig, Report};
 
-use super::{Assets, Error, MODEL_FILE, PROFILE_FILE, Robot, check, preparse, profile};
+use super::pace::{self, Pace};
+use super::{Assets, Error, MODEL_FILE, PROFILE_FILE, Robot, check, derive, preparse, profile};
 use crate::fsio;
 use crate::mujoco::Model;
 use draft::Draft;
+
+/// Speed limit of a joint that its motors do not move, rad/s or m/s.
+const SLOW: f64 = 0.1;
 
 /// Imports a model.
 ///
@@ -63,7 +68,7 @@ pub fn import(config: &ImportConfig) -> Result<Report, Error> {
     let temp =
         tempfile::Builder::new().prefix(".robert-import-").tempdir_in(&parent).map_err(write)?;
     let (model, xml) = settle_draft(&mut draft, &project, config, temp.path())?;
-    let profile = describe(&draft, &model, &id, config)?;
+    let profile = describe(&mut draft, &model, &id, config)?;
     write_files(temp.path(), &xml, &draft.assets, &profile)?;
     // The way every later command will take.
     let robot = Robot::from_folder(temp.path())?;
@@ -79,6 +84,7 @@ pub fn import(config: &ImportConfig) -> Result<Report, Error> {
         dropped: draft.dropped,
         assumed: draft.assumed,
         changed: draft.changed,
+        warnings: draft.warnings,
     };
     let json = serde_json::to_vec_pretty(&report)
         .map_err(|e| unfit(format!("the report cannot be written: {e}"), out))?;
@@ -104,7 +110,10 @@ fn settle_draft(
         fix::joints(draft, &first, project, config)?;
     }
     fix::actuators(draft, &first, config)?;
-    let second = compile(&draft.xml, &draft.assets).map_err(say)?;
+    let mut second = compile(&draft.xml, &draft.assets).map_err(say)?;
+    if drives::model(draft, &second, config)? {
+        second = compile(&draft.xml, &draft.assets).map_err(say)?;
+    }
     contacts::exclude(draft, &second, project)?;
     let last = Arc::new(compile(&draft.xml, &draft.assets).map_err(say)?);
     write_model(dir, &draft.xml, &draft.assets)?;
@@ -141,28 +150,51 @@ fn named(e: Error, drafted: &Path, project: &preparse::Project) -> Error {
 
 /// The profile, in full: what was derived can be read and changed there.
 fn describe(
-    draft: &Draft,
-    model: &Model,
+    draft: &mut Draft,
+    model: &Arc<Model>,
     id: &str,
     config: &ImportConfig,
 ) -> Result<String, Error> {
-    let mut p = super::derive(model, id, &config.source)?;
+    let mut p = derive::derive(model, id, &config.source)?;
     p.title.clone_from(&draft.title);
     p.about = format!(
         "Imported from {}.",
         config.source.file_name().map(|n| n.to_string_lossy()).unwrap_or_default()
     );
     "see the source".clone_into(&mut p.licence);
-    for j in &mut p.joints {
-        if let Some(v) = draft.speeds.get(&j.name) {
-            j.speed_limit = *v;
-        }
-    }
+    speeds(&mut p.joints, draft, model)?;
     p.physics.discard_visual = fix::weightless_visuals(&draft.xml, &draft.assets, model);
     let text = p.to_toml()?;
     Ok(format!(
         "# Made by robert import. Whatever the model implies may be left out again.\n{text}"
     ))
+}
+
+/// Speeds that the motors reach in simulation, none above what the source allows.
+fn speeds(
+    joints: &mut [profile::JointSpec],
+    draft: &mut Draft,
+    model: &Arc<Model>,
+) -> Result<(), Error> {
+    let mut stuck = Vec::new();
+    for (j, pace) in joints.iter_mut().zip(pace::measure(model)?) {
+        let named = draft.speeds.get(&j.name).copied();
+        match pace {
+            Pace::Moves(v) => j.speed_limit = derive::digits(named.map_or(v, |n| n.min(v)), 3),
+            Pace::Stuck => {
+                stuck.push(format!("\"{}\"", j.name));
+                j.speed_limit = named.map_or(SLOW, |n| n.min(SLOW));
+            }
+            Pace::Unknown => j.speed_limit = named.unwrap_or(j.speed_limit),
+        }
+    }
+    if !stuck.is_empty() {
+        draft.warnings.push(format!(
+            "the motors do not move {} in most poses: too weak for the weight, or blocked",
+            stuck.join(", ")
+        ));
+    }
+    Ok(())
 }
 
 fn write_model(dir: &Path, xml: &str, assets: &Assets) -> Result<(), Error> {

@@ -73,7 +73,7 @@ pub(super) fn draft(project: &preparse::Project, config: &ImportConfig) -> Resul
         meshes: BTreeMap::new(),
         painted: BTreeMap::new(),
         unusable: BTreeSet::new(),
-        draft: Draft { title: robot.name.clone(), ..Draft::default() },
+        draft: Draft { title: robot.name.clone(), rotors_assumed: true, ..Draft::default() },
         body: String::new(),
         motors: String::new(),
         equalities: String::new(),
@@ -682,7 +682,7 @@ impl<'a> Tree<'a> {
             section("actuator", &self.motors),
         );
         self.draft.assumed.push("the root link is fixed to the world".into());
-        self.draft.assumed.push(format!("armature {ARMATURE} at every joint"));
+        self.draft.assumed.push(format!("armature {ARMATURE} at every joint without another"));
         Ok(self.draft)
     }
 }

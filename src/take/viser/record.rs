@@ -258,7 +258,7 @@ mod tests {
             assert_eq!(last("SetOrientationMessage", "wxyz"), last_pose[b * 7 + 3..b * 7 + 7]);
         }
         // The ghost is there at keys that were missed, and only then: at the first the arm is
-        // where it should be, in the hold from frame 10 it is on its way.
+        // where it should be, early in the hold from frame 10 it is on its way.
         let shown = |body: &str| -> Vec<(f64, bool)> {
             let name = format!("/command/{body}");
             let of = file.messages.iter().filter(|(_, m)| m["name"] == name.as_str());
@@ -266,7 +266,7 @@ mod tests {
         };
         let wrist = shown("wrist_3_link");
         assert_eq!(wrist[0], (0.0, false));
-        assert!((wrist[1].0 - 0.5).abs() < 1e-9 && wrist[1].1, "{wrist:?}");
+        assert!(wrist[1].0 > 0.499 && wrist[1].0 < 0.7 && wrist[1].1, "{wrist:?}");
         assert!(wrist.windows(2).all(|w| w[0].1 != w[1].1), "only changes are sent: {wrist:?}");
         assert_eq!(shown("base"), [(0.0, false)], "it cannot move");
         let of_base = |root: &str| {

@@ -1,0 +1,227 @@
+//! How fast the motors move each joint, measured in simulation.
+//!
+//! Torque over damping says it only where damping rules. A joint that its file leaves without
+//! any would run 1,300 rad/s by that rule, one that gravity holds down would run at all. So
+//! each joint is driven with all that its motors have, from rest, both ways, at poses over the
+//! range and under gravity; what it reaches within half its range is its speed.
+
+use std::sync::Arc;
+
+use super::Error;
+use super::derive::{ctrlrange, tendon_joints};
+use super::golden::spread;
+use crate::mujoco::{Data, Joint, Model};
+
+/// Poses beside the default one.
+const POSES: usize = 4;
+/// Time that a joint gets to cross half its range, simulator steps (of 5 ms).
+const STEPS: usize = 400;
+/// Steps after which a speed that changes no more counts as reached.
+const STEADY_STEPS: usize = 20;
+/// Relative change over these steps below which it does.
+const STEADY: f64 = 1e-3;
+/// Damping that holds the other joints still, N m s/rad or N s/m.
+const HELD: f64 = 1e8;
+/// Half the room of a joint without end: rad, m.
+const UNBOUNDED: [f64; 2] = [1.5, 0.5];
+/// A joint that is slower than this in most poses is not moved by its motors, rad/s or m/s.
+const STILL: f64 = 1e-3;
+
+/// What the motors make of one joint.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Pace {
+    /// It reaches this speed, rad/s or m/s: the slower direction, the median of the poses.
+    Moves(f64),
+    /// Its motors do not move it in most poses.
+    Stuck,
+    /// No motor pulls at it, or the simulation breaks when one does.
+    Unknown,
+}
+
+/// The pace of every joint of a model with hinges and slides, in order.
+///
+/// # Errors
+/// [`Error::Simulator`] where a simulation cannot be made.
+pub(super) fn measure(model: &Arc<Model>) -> Result<Vec<Pace>, Error> {
+    (0..model.jnt_type().len()).map(|joint| one(model, joint)).collect()
+}
+
+fn one(model: &Arc<Model>, joint: usize) -> Result<Pace, Error> {
+    let dof = model.jnt_dofadr()[joint] as usize;
+    let mut held = model.duplicate()?;
+    held.set_contacts(false);
+    let mut damping = held.dof_damping().to_vec();
+    let together = coupled(model, joint);
+    for (j, adr) in model.jnt_dofadr().iter().enumerate() {
+        if !together.contains(&j) {
+            damping[*adr as usize] = HELD;
+        }
+    }
+    held.set_damping(&damping)?;
+    let mut data = Data::new(&Arc::new(held))?;
+    let mut speeds = Vec::new();
+    for k in 0..=POSES {
+        let mut slower: Option<f64> = None;
+        for up in [true, false] {
+            let Some(qpos) = start(model, joint, k, up) else { return Ok(Pace::Unknown) };
+            data.reset()?;
+            data.set_qpos(&qpos)?;
+            data.forward()?;
+            let Some(ctrl) = full(model, &data, dof, up) else { return Ok(Pace::Unknown) };
+            data.set_ctrl(&ctrl)?;
+            if let Some(v) = run(&mut data, model, joint, up) {
+                slower = Some(slower.map_or(v, |s: f64| s.min(v)));
+            }
+        }
+        speeds.extend(slower);
+    }
+    speeds.sort_by(f64::total_cmp);
+    Ok(match speeds.get(speeds.len() / 2) {
+        None => Pace::Unknown,
+        Some(v) if *v < STILL => Pace::Stuck,
+        Some(v) => Pace::Moves(*v),
+    })
+}
+
+/// The joint, and those that a tendon or an equality ties to it.
+fn coupled(model: &Model, joint: usize) -> Vec<usize> {
+    const EQ_JOINT: i32 = 2; // mjEQ_JOINT
+    let mut ties: Vec<Vec<usize>> = (0..model.ntendon())
+        .map(|t| tendon_joints(model, t).into_iter().map(|(j, _)| j).collect())
+        .collect();
+    for e in (0..model.neq()).filter(|e| model.eq_type()[*e] == EQ_JOINT) {
+        let ends = [model.eq_obj1id()[e], model.eq_obj2id()[e]];
+        ties.push(ends.iter().filter_map(|j| usize::try_from(*j).ok()).collect());
+    }
+    let mut all = vec![joint];
+    let mut next = 0;
+    while let Some(&j) = all.get(next) {
+        next += 1;
+        for tie in ties.iter().filter(|t| t.contains(&j)) {
+            for other in tie {
+                if !all.contains(other) {
+                    all.push(*other);
+                }
+            }
+        }
+    }
+    all
+}
+
+/// Where a joint may go: its range, or the room about its default.
+fn room(model: &Model, joint: usize) -> [f64; 2] {
+    if model.jnt_limited()[joint] != 0 {
+        return [model.jnt_range()[2 * joint], model.jnt_range()[2 * joint + 1]];
+    }
+    let half = UNBOUNDED[usize::from(model.joint_type(joint) == Some(Joint::Slide))];
+    let at = model.qpos0()[model.jnt_qposadr()[joint] as usize];
+    [at - half, at + half]
+}
+
+/// Pose `k`, the default one first, with the joint a quarter of its range from the near stop.
+fn start(model: &Model, joint: usize, k: usize, up: bool) -> Option<Vec<f64>> {
+    let mut qpos = model.qpos0().to_vec();
+    for j in 0..model.jnt_type().len() {
+        let [lo, hi] = room(model, j);
+        let at = model.jnt_qposadr()[j] as usize;
+        if j == joint {
+            let quarter = 0.25 * (hi - lo);
+            qpos[at] = if up { lo + quarter } else { hi - quarter };
+        } else if k > 0 {
+            qpos[at] = spread(j, k - 1, [lo, hi]);
+        } else {
+            qpos[at] = qpos[at].clamp(lo, hi);
+        }
+    }
+    qpos.iter().all(|q| q.is_finite()).then_some(qpos)
+}
+
+/// Controls that push a degree of freedom as hard as its motors can; `None` without a motor.
+fn full(model: &Model, data: &Data, dof: usize, up: bool) -> Option<Vec<f64>> {
+    let nv = model.nv();
+    let mut any = false;
+    let ctrl = (0..model.nu())
+        .map(|a| {
+            let lever = data.actuator_moment()[a * nv + dof] * model.actuator_gainprm()[10 * a];
+            let [lo, hi] = ctrlrange(model, a).unwrap_or([-1.0, 1.0]);
+            if lever == 0.0 {
+                return 0.0_f64.clamp(lo, hi);
+            }
+            any = true;
+            if (lever > 0.0) == up { hi } else { lo }
+        })
+        .collect();
+    any.then_some(ctrl)
+}
+
+/// Greatest speed in the wanted direction within half the range; `None` where the simulation
+/// breaks.
+fn run(data: &mut Data, model: &Model, joint: usize, up: bool) -> Option<f64> {
+    let (at, dof) = (model.jnt_qposadr()[joint] as usize, model.jnt_dofadr()[joint] as usize);
+    let sign = if up { 1.0 } else { -1.0 };
+    let [lo, hi] = room(model, joint);
+    let (half, from) = (0.5 * (hi - lo), data.qpos()[at]);
+    let (mut best, mut before) = (0.0_f64, f64::NEG_INFINITY);
+    for step in 1..=STEPS {
+        data.step(1).ok()?;
+        let (way, v) = (sign * (data.qpos()[at] - from), sign * data.qvel()[dof]);
+        if !(way.is_finite() && v.is_finite()) {
+            return None;
+        }
+        best = best.max(v);
+        // Gravity may win, too: then the joint runs the other way.
+        if way.abs() >= half {
+            break;
+        }
+        if step % STEADY_STEPS == 0 {
+            if (v - before).abs() <= STEADY * v.abs() {
+                break;
+            }
+            before = v;
+        }
+    }
+    Some(best)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn paces(xml: &str) -> Vec<Pace> {
+        measure(&Arc::new(Model::from_xml(xml).unwrap())).unwrap()
+    }
+
+    fn arm(joint: &str, limit: f64) -> String {
+        format!(
+            r#"<mujoco><compiler angle="radian"/><option timestep=".005"/><worldbody><body><joint name="j" axis="0 1 0" range="-2 2" limited="true" {joint}/>
+            <geom type="capsule" fromto="0 0 0 .5 0 0" size=".03" mass="1"/>
+            <body pos=".5 0 0"><joint name="free" axis="0 1 0"/><geom size=".02" mass=".1"/></body></body></worldbody>
+            <actuator><motor joint="j" ctrllimited="true" ctrlrange="-{limit} {limit}"/></actuator></mujoco>"#
+        )
+    }
+
+    #[test]
+    fn a_damped_joint_runs_at_torque_over_damping() {
+        let weightless =
+            arm("damping=\"10\"", 20.0).replace("<option ", "<option gravity=\"0 0 0\" ");
+        let [Pace::Moves(v), Pace::Unknown] = paces(&weightless)[..] else { panic!() };
+        assert!((v / 2.0 - 1.0).abs() < 0.03, "{v}");
+        // Gravity takes its share of the torque.
+        let [Pace::Moves(heavy), _] = paces(&arm("damping=\"10\"", 20.0))[..] else { panic!() };
+        assert!(heavy > 1.4 && heavy < 1.99, "{heavy}");
+    }
+
+    #[test]
+    fn a_free_joint_runs_as_fast_as_half_its_range_lets_it() {
+        let weightless = arm("", 20.0).replace("<option ", "<option gravity=\"0 0 0\" ");
+        let [Pace::Moves(v), _] = paces(&weightless)[..] else { panic!() };
+        // v^2 = 2 a s with 20 N m on .111 kg m^2 (and the other link held), over 2 rad.
+        let want = (2.0_f64 * 20.0 / 0.111 * 2.0).sqrt();
+        assert!((v / want - 1.0).abs() < 0.15, "{v}, {want}");
+    }
+
+    #[test]
+    fn a_joint_that_its_motor_cannot_lift_is_stuck() {
+        assert_eq!(paces(&arm("damping=\"10\"", 0.01))[0], Pace::Stuck);
+    }
+}
