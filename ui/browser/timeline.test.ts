@@ -115,6 +115,22 @@ describe("timeline", () => {
     assert.ok(p.x > 0);
   });
 
+  test("the error strip is a ruler, not a row; poses keep their order when they are used", async () => {
+    await afresh();
+    const box = await t.byId("timeline").boundingBox();
+    assert.ok(box);
+    const p = await t.at(40);
+    await t.page.mouse.click(p.x, box.y + box.height - 10);
+    const s = await t.until((x) => x.playhead === 40, "the playhead goes there");
+    assert.deepEqual([s.joint, s.selection], [undefined, []]);
+    const order = (): Promise<string[]> => t.page.locator(".poses .pose").allInnerTexts();
+    const before = await order();
+    assert.ok(before.length > 3);
+    await t.byId("pose-folded").click();
+    await t.until((x) => "folded" in (x.clip?.poses ?? {}), "the clip has a copy");
+    assert.deepEqual(await order(), before);
+  });
+
   test("M means the selection before the loop, and the hint says which frames", async () => {
     await afresh();
     await t.goTo(5);

@@ -6,6 +6,7 @@ import { useEffect, useRef } from "preact/hooks";
 import uPlot from "uplot";
 import "uplot/dist/uPlot.min.css";
 import { keyEnd, values } from "./clip";
+import { digitsOf, fixed } from "./numbers";
 import * as store from "./store";
 import { colors, hue, palette } from "./theme";
 
@@ -159,8 +160,8 @@ export function Curves() {
       const turned = deg ? 180 / Math.PI : 1;
       // As many digits as tell one tick from the next; ticks near enough that there are two.
       const ticksOf = (_: uPlot, at: number[]): string[] => {
-        const step = Math.abs((at[1] ?? 1) - (at[0] ?? 0));
-        return at.map((v) => v.toFixed(Math.min(6, Math.max(0, Math.ceil(-Math.log10(step) - 1e-9)))));
+        const digits = digitsOf((at[1] ?? 1) - (at[0] ?? 0));
+        return at.map((v) => fixed(v, digits));
       };
       // As wide as its longest number.
       const wide = (_: uPlot, ticks: string[] | null): number =>

@@ -306,7 +306,7 @@ export function Dialogs() {
           label="File"
           value={
             store.doc.value?.path ??
-            `${(store.doc.value?.clip.name ?? "clip").replace(/[^\w-]+/g, "_")}.clip.json`
+            `${(store.doc.value?.clip.name || "untitled").replace(/[^\w-]+/g, "_")}.clip.json`
           }
           hint={`relative to ${store.folder.value}`}
           onClose={onClose}

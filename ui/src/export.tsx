@@ -139,7 +139,7 @@ export function Export({ onClose }: { onClose: () => void }) {
         said.value = done.log.filter((l) => l.startsWith("error")).at(-1) ?? "the export failed";
       else if (done.phase === "interrupted") said.value = "cancelled; nothing was saved";
       else if (toFolder) said.value = `saved: ${store.folder.value}/${path}`;
-      else saveUrl(await fetchFile(done), done.file ?? `${stem}.${f.ending}`);
+      else saveUrl(await fetchFile(done), path.split("/").at(-1) || (done.file ?? `${stem}.${f.ending}`));
     } catch (e) {
       store.toast(e instanceof Error ? e.message : String(e), "error");
     }

@@ -4,7 +4,7 @@ import { useSignal } from "@preact/signals";
 import { act } from "./actions/index";
 import { keyAt } from "./clip";
 import { isLocked } from "./locks";
-import { ANGLES, LENGTHS, parseNumber } from "./numbers";
+import { ANGLES, fixed, LENGTHS, parseNumber } from "./numbers";
 import { jointMoved, poseAt } from "./posing";
 import { Reach } from "./reach";
 import * as store from "./store";
@@ -138,7 +138,7 @@ function Joint({ index, again = "" }: { index: number; again?: string }) {
         disabled={locked}
         aria-label={`${title}, value`}
         inputMode="decimal"
-        value={text.value ?? (value * scale).toFixed(unit === "m" ? 3 : store.degrees.value ? 1 : 3)}
+        value={text.value ?? fixed(value * scale, unit === "m" ? 3 : store.degrees.value ? 1 : 3)}
         onInput={(e) => (text.value = e.currentTarget.value)}
         onBlur={typed}
         onKeyDown={(e) => {

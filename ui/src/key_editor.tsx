@@ -3,7 +3,7 @@
 import { useSignal } from "@preact/signals";
 import { keyAt, parseTime } from "./clip";
 import { Dialog } from "./dialog";
-import { ANGLES, LENGTHS, parseNumber } from "./numbers";
+import { ANGLES, fixed, LENGTHS, parseNumber } from "./numbers";
 import { poseAt } from "./posing";
 import type { Op } from "./protocol";
 import * as store from "./store";
@@ -21,7 +21,7 @@ export function KeyEditor({ frame, onClose }: { frame: number; onClose: () => vo
   const hold = useSignal(String(key?.hold ?? 1));
   const scale = (j: number): number =>
     d.table.joints[j]?.unit === "rad" && store.degrees.value ? 180 / Math.PI : 1;
-  const fields = useSignal(q.map((v, j) => (v * scale(j)).toFixed(scale(j) === 1 ? 4 : 2)));
+  const fields = useSignal(q.map((v, j) => fixed(v * scale(j), scale(j) === 1 ? 4 : 2)));
   const done = async (): Promise<void> => {
     const changes: Record<string, number> = {};
     for (const [j, text] of fields.value.entries()) {

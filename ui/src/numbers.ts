@@ -17,3 +17,18 @@ export function parseNumber(text: string, units: Units = {}, plain = 1): number 
   const value = Number(parts?.[1]?.replace(",", ".")) * (scale ?? Number.NaN);
   return Number.isFinite(value) ? value : undefined;
 }
+
+/** A number with so many digits; what is rounded to zero has no sign. */
+export function fixed(value: number, digits: number): string {
+  const text = value.toFixed(digits);
+  return /^-[0.]*$/.test(text) ? text.slice(1) : text;
+}
+
+/** The fewest digits after the point, up to six, that write multiples of this step exactly. */
+export function digitsOf(step: number): number {
+  for (let digits = 0; digits < 6; digits++) {
+    const scaled = Math.abs(step) * 10 ** digits;
+    if (scaled >= 1 - 1e-9 && Math.abs(scaled - Math.round(scaled)) < 1e-6) return digits;
+  }
+  return 6;
+}

@@ -228,8 +228,11 @@ export function Poses() {
   const d = store.doc.value;
   if (!d) return null;
   const own = Object.keys(d.clip.poses ?? {});
-  const given = (store.robot.value?.poses ?? []).map((p) => p.name).filter((n) => !own.includes(n));
-  const names = [...own, ...given].filter((n) => n.toLowerCase().includes(find.value.toLowerCase()));
+  const given = (store.robot.value?.poses ?? []).map((p) => p.name);
+  // A pose of the robot keeps its place when the clip gets a copy of it.
+  const names = [...own.filter((n) => !given.includes(n)), ...given].filter((n) =>
+    n.toLowerCase().includes(find.value.toLowerCase()),
+  );
   const apply = (name: string): void => {
     const frames = store.selection.value.size ? [...store.selection.value] : [store.playhead.value];
     const ops: Op[] = [];
@@ -267,7 +270,7 @@ export function Poses() {
     <section class="panel fill" aria-label="Poses" data-testid="poses">
       <h2>Poses</h2>
       <div class="scroll">
-        {own.length + given.length > 8 ? (
+        {names.length > 8 || find.value ? (
           <input
             type="text"
             placeholder="find"

@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { test } from "node:test";
 import { type Clip, changedBy, clock, type Key, keyEnd, parseTime, replaced, startsAway } from "./clip";
-import { ANGLES, LENGTHS, parseNumber } from "./numbers";
+import { ANGLES, digitsOf, fixed, LENGTHS, parseNumber } from "./numbers";
 import { patched } from "./patch";
 import { nearest, shown, type Tried, variant, withPolicy } from "./policy";
 import type { PolicyCard, RobotCard, RolloutSettings, RunCard, Shelf } from "./protocol";
@@ -480,4 +480,16 @@ test("numbers are read with commas and units; what is none is no zero", () => {
   ]) {
     assert.equal(parseNumber(none, LENGTHS), undefined, none);
   }
+});
+
+test("numbers are written without a minus zero, ticks with the digits that they need", () => {
+  assert.deepEqual(
+    [fixed(-0.04, 1), fixed(-0.06, 1), fixed(0, 3), fixed(-1e-9, 3)],
+    ["0.0", "-0.1", "0.000", "0.000"],
+  );
+  assert.deepEqual([2.5, 10, 0.5, 0.25, 0.002, 1, 20].map(digitsOf), [1, 0, 1, 2, 3, 0, 0]);
+  assert.deepEqual(
+    [0, 0.1 + 0.2, 0.6].map((v) => fixed(v, digitsOf(0.1 + 0.2))),
+    ["0.0", "0.3", "0.6"],
+  );
 });

@@ -2,7 +2,7 @@
 
 import { effect, signal, useSignal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
-import { LENGTHS, parseNumber } from "./numbers";
+import { fixed, LENGTHS, parseNumber } from "./numbers";
 import { jointMoved, shownPose } from "./posing";
 import * as store from "./store";
 import { complain, http, tell } from "./wire";
@@ -187,7 +187,7 @@ function Coordinate(props: { axis: string; value: number; onChange: (value: numb
         aria-label={`${props.axis} of ${siteTitle(store.site.value ?? "")}, m`}
         data-testid={`reach-${props.axis}`}
         title="Metres in the world. Arrow keys: 5 mm, with Shift 1 mm"
-        value={text.value ?? props.value.toFixed(3)}
+        value={text.value ?? fixed(props.value, 3)}
         onInput={(e) => (text.value = e.currentTarget.value)}
         onBlur={typed}
         onKeyDown={(e) => {

@@ -3,6 +3,7 @@
 import { computed, signal } from "@preact/signals";
 import type { Clip } from "./clip";
 import { afterMs } from "./clock";
+import { fixed } from "./numbers";
 import type {
   Demand,
   Draft,
@@ -181,8 +182,8 @@ export const noMirror = computed<string | null>(() => {
 
 /** A value as people read it. */
 export function shown(value: number, unit: "rad" | "m"): string {
-  if (unit === "m") return `${value.toFixed(3)} m`;
-  return degrees.value ? `${((value * 180) / Math.PI).toFixed(1)}°` : `${value.toFixed(3)} rad`;
+  if (unit === "m") return `${fixed(value, 3)} m`;
+  return degrees.value ? `${fixed((value * 180) / Math.PI, 1)}°` : `${fixed(value, 3)} rad`;
 }
 
 /** An error: two figures that count, however small it is. */

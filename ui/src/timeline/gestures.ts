@@ -177,7 +177,7 @@ export class Gestures {
     if (e.button !== 0) return;
     if (x < LABELS) return this.label(x, y);
     if (endAt(sheet, x, y)) return begin("end");
-    if (y < RULER) {
+    if (y < RULER || y > sheet.box().height - STRIP) {
       begin("scrub");
       return this.scrub(x);
     }
@@ -377,6 +377,11 @@ export class Gestures {
     const pivot = sheet.playhead();
     const still = press.retime ? factor === 1 : df === 0;
     const clip = sheet.clip();
+    if (frames.length === 0) {
+      sheet.preview(new Map(), undefined);
+      sheet.hint("These keys are gone: another page deleted them.");
+      return sheet.follow();
+    }
     const lost = clip && !press.retime ? replaced(clip, to.values(), copy ? [] : to.keys()) : 0;
     const done = still
       ? false
