@@ -347,7 +347,7 @@ describe("the first five minutes", () => {
       const port = Number(new URL(fresh.url).port);
       await fresh.kill();
       await fresh.run(port);
-      await fresh.api("POST", "/api/new", { robot: "pointmass" });
+      await fresh.api("POST", `/api/gallery/${encodeURIComponent("pointmass/star")}`);
       await p.page.goto(fresh.url);
       await p.page.reload();
       await p.until((x) => x.link === "open" && x.robot === "pointmass", "started again");
@@ -356,6 +356,8 @@ describe("the first five minutes", () => {
         (x) => x.settings.model_path?.includes("runs/mine") === true && x.rollout?.phase === "done",
         "it performs",
       );
+      await p.byId("try-all").click();
+      await p.byId("tries").getByText("runs/mine").first().waitFor();
       await p.context.close();
     } finally {
       await fresh.end();

@@ -5,8 +5,11 @@ import type { Guide, PolicyCard, RolloutSettings, RunCard } from "./protocol";
 /** Nearer by less than this share is not worth a change. */
 const WORTH = 0.1;
 
+/** A policy of the program, or one that a run of this folder has trained. */
+export type Candidate = PolicyCard & { run?: string };
+
 export interface Tried {
-  card: PolicyCard;
+  card: Candidate;
   guide: Guide;
   mae: number;
 }
@@ -17,8 +20,8 @@ export const policyId = (p: { name: string; model?: string }): string =>
 const idOf = (s: RolloutSettings): string =>
   policyId({ name: s.policy, ...(s.model_path ? { model: s.model_path } : {}) });
 /** What was tried, as tables show it. */
-export const variant = (card: PolicyCard, guide: Guide): string =>
-  policyId(card) + (guide === "linear" ? "+guide" : "");
+export const variant = (card: Candidate, guide: Guide): string =>
+  (card.run ?? policyId(card)) + (guide === "linear" ? "+guide" : "");
 
 /** Settings without a model, and without the guide where the policy in use wanted it. */
 export function leaving(settings: RolloutSettings, cards: PolicyCard[]): RolloutSettings {
@@ -41,6 +44,22 @@ export function withPolicy(
 /** Settings with the policy that a run of this folder has trained. */
 export function withRun(settings: RolloutSettings, run: RunCard, cards: PolicyCard[]): RolloutSettings {
   return { ...leaving(settings, cards), policy: "robert", ...(run.model ? { model_path: run.model } : {}) };
+}
+
+/** The policy of a run, to be tried beside the others. */
+export function asCandidate(run: RunCard): Candidate {
+  return {
+    name: "robert",
+    ...(run.model ? { model: run.model } : {}),
+    run: run.path,
+    suits: "what it was trained for here",
+    guide: "none",
+    knows_model: false,
+    slow: false,
+    available: true,
+    learned: true,
+    default: false,
+  };
 }
 
 /** Runs that can perform with this robot. */

@@ -1,31 +1,29 @@
 // Every policy that answers at once performs the clip as it stands, and the nearest is proposed.
 
 import { effect, signal } from "@preact/signals";
-import { type Tried, variant, withPolicy } from "./policy";
-import type { Guide, PolicyCard, RolloutSettings } from "./protocol";
+import { asCandidate, type Candidate, type Tried, trainedFor, variant, withPolicy } from "./policy";
+import type { Guide, RolloutSettings } from "./protocol";
 import * as store from "./store";
 import { tell } from "./wire";
 
 export const trying = signal<string | undefined>(undefined);
 export const tried = signal<{ rev: number; rows: Tried[] } | undefined>(undefined);
 
-/** The mean error of the rollout that follows these settings; null when it fails or the clip changes. */
+/** The mean error of the rollout that follows these settings; null when it fails, is stopped, or the clip changes. */
 function performed(settings: RolloutSettings): Promise<number | null> {
   const before = store.rollout.value?.gen ?? -1;
   const rev = store.doc.value?.rev;
   return new Promise((resolve) => {
     let stop = (): void => undefined;
     const end = (mae: number | null): void => {
-      clearTimeout(late);
       queueMicrotask(() => stop());
       resolve(mae);
     };
-    const late = setTimeout(() => end(null), 30_000);
     stop = effect(() => {
       const r = store.rollout.value;
-      if (store.doc.value?.rev !== rev) end(null);
+      if (store.doc.value?.rev !== rev || store.link.value !== "open") end(null);
       else if (r && r.gen > before && r.phase === "done") end(r.mae);
-      else if (r && r.gen > before && r.phase === "failed") end(null);
+      else if (r && r.gen > before && (r.phase === "failed" || r.phase === "off")) end(null);
     });
     tell("rollout.set", { ...settings });
   });
@@ -36,10 +34,14 @@ export async function tryAll(): Promise<void> {
   const own = store.settings.value;
   const rev = store.doc.value?.rev ?? 0;
   const rows: Tried[] = [];
-  const cards = store.policies.value.filter((p) => p.available && p.name !== "zero" && !p.slow);
+  const robot = store.doc.value?.clip.robot.id;
+  const cards: Candidate[] = [
+    ...store.policies.value.filter((p) => p.available && p.name !== "zero" && !p.slow),
+    ...trainedFor(robot, store.workspace.value.runs).map(asCandidate),
+  ];
   const masked = store.doc.value?.findings.spans.some((s) => s.kind === "masked" || s.kind === "open");
   // Where every frame is commanded there is nothing for a guide to fill, and who computes goes along that line anyway.
-  const guides = (card: PolicyCard): Guide[] =>
+  const guides = (card: Candidate): Guide[] =>
     masked && card.learned ? ["none", "linear"] : [withPolicy(own, card, cards).guide];
   for (const card of cards) {
     for (const guide of guides(card)) {
@@ -52,6 +54,8 @@ export async function tryAll(): Promise<void> {
   trying.value = undefined;
   tell("rollout.set", { ...own });
   if (store.doc.value?.rev !== rev) return store.toast("the clip was changed: try again");
+  if (rows.length === 0)
+    store.toast("no policy could be measured: the clip has no goals after its first frame");
   rows.sort((a, b) => a.mae - b.mae);
   tried.value = { rev, rows };
 }
