@@ -89,7 +89,7 @@ describe("look", () => {
       for (const b of await t.page
         .locator(`${area} button:enabled, ${area} input:enabled, ${area} select:enabled`)
         .all()) {
-        await b.click({ trial: true, timeout: 20_000 });
+        await b.click({ trial: true });
       }
     }
     await t.byId("timeline").scrollIntoViewIfNeeded();
