@@ -134,6 +134,8 @@ pub(super) fn policy(text: &str, guide: Guide, refine: bool) -> Outcome<PolicyCo
             (rest, refine) = (shorter, true);
         } else if let Some(shorter) = rest.strip_suffix("+sample") {
             (rest, inference.sample) = (shorter, true);
+        } else if let Some(shorter) = rest.strip_suffix("+masks") {
+            (rest, inference.masks) = (shorter, true);
         } else if let Some((shorter, n)) = rest.rsplit_once("+ensemble=") {
             let n = n.parse().ok().filter(|n| (1..=WINDOWS).contains(n));
             let why = || Failure::usage(format!("policy {text:?}: ensemble takes 1 to {WINDOWS}"));
@@ -146,7 +148,7 @@ pub(super) fn policy(text: &str, guide: Guide, refine: bool) -> Outcome<PolicyCo
     if let (Some((_, other)), None) = (name.split_once('+'), model) {
         return Err(Failure::with(
             Exit::Usage,
-            format!("policy {text:?}: +{other} is not +guide, +refine, +sample or +ensemble=N"),
+            format!("policy {text:?}: +{other} is not +guide, +refine, +sample, +masks or +ensemble=N"),
         ));
     }
     // A path with a plus that is nowhere is a misspelt switch.
@@ -156,12 +158,12 @@ pub(super) fn policy(text: &str, guide: Guide, refine: bool) -> Outcome<PolicyCo
         && !Path::new(path).exists()
     {
         return Err(Failure::usage(format!(
-            "policy {text:?}: there is no {path}, and +{other} is not +guide, +refine, +sample or +ensemble=N"
+            "policy {text:?}: there is no {path}, and +{other} is not +guide, +refine, +sample, +masks or +ensemble=N"
         )));
     }
     let name: PolicyName = name.parse()?;
     if inference != Inference::default() && name != PolicyName::Robert {
-        let why = "+sample and +ensemble=N are for robert, which infers actions of many frames";
+        let why = "+sample, +masks and +ensemble=N are for robert, which infers actions of many frames";
         return Err(Failure::usage(format!("policy {text:?}: {why}")));
     }
     let model_path = model.map(Into::into);

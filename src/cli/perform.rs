@@ -10,17 +10,19 @@ use super::global::Global;
 use super::interrupt::cancel_on_ctrl_c;
 use super::motion;
 use crate::clip::{self, Clip};
-use crate::progress::Progress as _;
+use crate::progress::{Cancel, Progress as _};
 use crate::robot::{self, PlantConfig, Robot};
-use crate::rollout::{Error, Guide, PolicyConfig, PolicyName, Rollout, RolloutConfig, Start};
+use crate::rollout::{
+    Chosen, Contenders, Error, Guide, PolicyConfig, PolicyName, Rollout, RolloutConfig, Start, Trial,
+};
 use crate::take::{Provenance, Take};
 use crate::units::significant;
 
 /// Who performs, on what, from which seed.
 #[derive(clap::Args, Clone, Debug)]
 pub(super) struct PerformArgs {
-    /// Who performs [default: the robot's trained one, else computed-torque]; --help lists all.
-    #[arg(short, long, long_help = who("Who performs [default: the robot's trained one, else computed-torque]:"))]
+    /// Who performs [default: auto, the nearest of several]; --help lists all.
+    #[arg(short, long, long_help = who("Who performs [default: auto]:"))]
     pub(super) policy: Option<String>,
     #[command(flatten)]
     conditions: Conditions,
@@ -37,7 +39,8 @@ pub(super) fn who(head: &str) -> String {
     let rows: Vec<String> =
         PolicyName::usages().map(|(usage, what)| format!("  {usage:<20} {what}")).collect();
     format!(
-        "{head}\n{}\nAfter the name: +guide and +refine are the flags of that name, for this policy alone\n(robert:adaptive is best with +guide); robert takes +ensemble=N (means over N windows, 1 to 21) and +sample (draws the action).",
+        "{head}\n{}\nAfter the name: +guide and +refine are the flags of that name, for this policy alone\n(robert:adaptive is best with +guide); robert takes +ensemble=N (means over N windows, 1 to 21), +sample (draws the action)
+and +masks (the network fills the gaps itself).",
         rows.join("\n")
     )
 }
@@ -87,12 +90,12 @@ impl PerformArgs {
         }
     }
 
-    /// The policy as asked for, or the robot's own.
-    fn policy(&self, robot: &Robot) -> Outcome<PolicyConfig> {
+    /// The policy as asked for, or the nearest.
+    fn policy(&self) -> Outcome<PolicyConfig> {
         Ok(self.named()?.unwrap_or_else(|| PolicyConfig {
             guide: self.conditions.guide.into(),
             refine: self.conditions.refine,
-            ..PolicyConfig::default_for(robot)
+            ..PolicyConfig::new(PolicyName::Auto)
         }))
     }
 
@@ -128,6 +131,8 @@ pub(super) struct Performed {
     pub robot: Arc<Robot>,
     pub rollout: Rollout,
     pub policy: PolicyConfig,
+    /// Everyone who tried, where the policy was chosen so.
+    pub tried: Vec<Trial>,
     pub config: RolloutConfig,
     pub wall_secs: f64,
     /// Why it ended early, if it did. What was reached is worth keeping even then.
@@ -146,18 +151,31 @@ impl Performed {
 pub(super) fn perform(text: &str, args: &PerformArgs, global: Global) -> Outcome<Performed> {
     let clip = motion::clip(text, args.robot.as_deref())?;
     let robot = motion::robot_for(args.robot.as_deref(), &clip.robot.id)?;
-    let policy = args.policy(&robot)?;
+    let asked = args.policy()?;
     let plant: PlantConfig = args.conditions.plant()?;
     let command = motion::command(&clip, &robot, text)?;
-    let config = RolloutConfig { seed: args.seed, guide: policy.guide, plant };
-    let built = policy.build(&robot)?;
-    let mut rollout = Rollout::new(&robot, built, &command, Start::Pose, config.clone())?;
-
     let cancel = cancel_on_ctrl_c();
+    let begin = Instant::now();
+    let (policy, tried, performed) = if asked.name == PolicyName::Auto {
+        let chosen = choose(&robot, &asked, &command, args.seed, &cancel, global)?;
+        // Judged on the nominal plant; another one is performed on anew.
+        let same = plant == PlantConfig::default() && !asked.refine;
+        let policy = PolicyConfig { refine: asked.refine, ..chosen.policy };
+        (policy, chosen.tried, same.then_some(chosen.rollout))
+    } else {
+        (asked, Vec::new(), None)
+    };
+    let config = RolloutConfig { seed: args.seed, guide: policy.guide, plant };
+    let mut rollout = match performed {
+        Some(rollout) => rollout,
+        None => {
+            let built = policy.build(&robot)?;
+            Rollout::new(&robot, built, &command, Start::Pose, config.clone())?
+        }
+    };
     let bar = Bar::new(&policy.label(), "frames", global.quiet);
     let steps = rollout.frames().saturating_sub(1) as u64;
     let unit = motion::unit(&robot);
-    let begin = Instant::now();
     let broke = loop {
         if cancel.is_cancelled() {
             break Some(Error::Cancelled { frame: rollout.frame() });
@@ -175,5 +193,22 @@ pub(super) fn perform(text: &str, args: &PerformArgs, global: Global) -> Outcome
     };
     let wall_secs = begin.elapsed().as_secs_f64();
     bar.finish();
-    Ok(Performed { clip, command, robot, rollout, policy, config, wall_secs, broke })
+    Ok(Performed { clip, command, robot, rollout, policy, tried, config, wall_secs, broke })
+}
+
+/// Lets the contenders perform, with a bar.
+fn choose(
+    robot: &Arc<Robot>,
+    asked: &PolicyConfig,
+    command: &clip::Command,
+    seed: u64,
+    cancel: &Cancel,
+    global: Global,
+) -> Outcome<Chosen> {
+    let contenders = Contenders::new(robot, asked)?;
+    let bar = Bar::new("auto", "frames", global.quiet);
+    let threads = super::global::threads(None);
+    let chosen = contenders.perform(command, &Start::Pose, seed, threads, &bar, cancel);
+    bar.finish();
+    Ok(chosen?)
 }

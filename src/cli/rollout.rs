@@ -10,7 +10,7 @@ use super::global::Global;
 use super::perform::{PerformArgs, Performed, perform};
 use super::{input, motion, out};
 use crate::exit::HasExit as _;
-use crate::rollout::{Precision, Rollout};
+use crate::rollout::{Precision, Rollout, Trial};
 use crate::units::{CTRL_DT, short_unit, significant};
 
 #[derive(clap::Args, Debug)]
@@ -76,7 +76,8 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
         return out::json(&report(args, &done, &precision));
     }
     let unit = motion::unit(&done.robot);
-    let text = summary(&done.rollout, &precision, &done.policy.label(), unit, done.wall_secs);
+    let mut text = summary(&done.rollout, &precision, &done.policy.label(), unit, done.wall_secs);
+    text.push_str(&tried(&done, unit));
     input::say(taken, &text)
 }
 
@@ -88,6 +89,8 @@ fn report(args: &Args, done: &Performed, p: &Precision) -> Value {
         "robot": rollout.robot().id(),
         "unit": motion::unit(rollout.robot()),
         "policy": done.policy.label(),
+        "chosen": (!done.tried.is_empty()).then(|| done.policy.label()),
+        "tried": (!done.tried.is_empty()).then_some(&done.tried),
         "uses_model": rollout.uses_model(),
         "seed": done.config.seed,
         "plant": done.config.plant,
@@ -153,6 +156,28 @@ fn summary(rollout: &Rollout, p: &Precision, policy: &str, unit: &str, wall_secs
         text.push_str(format!("\n  {name:<13} {value:<wide$}  {what}").trim_end());
     }
     text
+}
+
+/// Who else tried, nearest first; nothing where one policy was asked for.
+fn tried(done: &Performed, unit: &str) -> String {
+    let Some(least) = done.tried.iter().filter_map(|t| t.precision).min_by(f64::total_cmp) else {
+        return String::new();
+    };
+    let (factor, unit) = short_unit(unit, least);
+    let mut list: Vec<_> = done.tried.iter().collect();
+    let error = |t: &Trial| t.precision.unwrap_or(f64::INFINITY);
+    list.sort_by(|a, b| error(a).total_cmp(&error(b)));
+    let each = list.iter().map(|t| match t.precision {
+        Some(p) => format!("{} {} {unit}", t.policy, significant(p * factor)),
+        None => format!("{} failed", t.policy),
+    });
+    let each = each.collect::<Vec<_>>().join(", ");
+    let close = if error(list[0]) < done.rollout.precision().precision.unwrap_or(0.0) {
+        "; the nearest swings in the gaps"
+    } else {
+        ""
+    };
+    format!("\n  chosen by simulating {}: {each}{close}", list.len())
 }
 
 /// Reached states; `mask` is 1 where nothing was commanded.

@@ -181,6 +181,12 @@ const SIDE_STD: f64 = 2.0;
 const SPEED_STD: f64 = 2.58;
 
 impl Card {
+    /// What a mask may hide from a policy that is made of this model: single joints, too,
+    /// where gaps are filled before the network looks.
+    pub fn masks(&self) -> MaskGranularity {
+        if self.reach.is_some() { MaskGranularity::Joint } else { self.mask_granularity }
+    }
+
     /// Where each joint usually was in the training split, (S); estimated from mean and spread
     /// where the file does not say.
     pub fn usual(&self) -> Vec<Usual> {

@@ -39,7 +39,7 @@ impl Robot {
             rest: self.home(),
             mirror,
             couplings: profile.couplings.iter().map(coupling).collect(),
-            granularity: clip::Granularity::State,
+            granularity: clip::Granularity::Joint,
         }
     }
 

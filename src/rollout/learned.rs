@@ -65,6 +65,8 @@ pub fn load(robot: &Robot, path: &Path) -> Result<Model, Error> {
 struct Frames {
     granularity: MaskGranularity,
     reachable: Option<Arc<Reachable>>,
+    /// Whether masked frames are left to the network.
+    masks: bool,
     q: Vec<f32>,        // (51, S)
     visible: Vec<bool>, // (51, S)
 }
@@ -74,7 +76,7 @@ impl Frames {
         let n = WINDOW * encoder.tokens.state();
         let granularity = encoder.tokens.config().granularity;
         let reachable = reach.map(|r| Arc::new(Reachable::new(r)));
-        Frames { granularity, reachable, q: vec![0.0; n], visible: vec![true; n] }
+        Frames { granularity, reachable, masks: false, q: vec![0.0; n], visible: vec![true; n] }
     }
 
     fn fill(&mut self, window: &Window) {
@@ -87,18 +89,17 @@ impl Frames {
             let command = &mut self.visible[(CURRENT + 1) * s..];
             command.copy_from_slice(&window.visible);
         };
-        if let Some(reachable) = self.reachable.clone() {
-            let mut reached = window.clone();
-            reachable.apply(&mut reached);
-            put(&reached);
-        } else if self.granularity == MaskGranularity::State {
+        let mut window = window.clone();
+        match &self.reachable {
+            Some(reachable) if !self.masks => reachable.fill(&mut window),
             // This network knows whole frames only.
-            let mut whole = window.clone();
-            whole.complete_partial_frames();
-            put(&whole);
-        } else {
-            put(window);
+            _ if self.granularity == MaskGranularity::State => window.complete_partial_frames(),
+            _ => {}
         }
+        if let Some(reachable) = &self.reachable {
+            reachable.project(&mut window);
+        }
+        put(&window);
     }
 }
 
@@ -123,6 +124,13 @@ impl Learned {
             frames,
             card,
         })
+    }
+
+    /// Leaves masked frames to the network, also where the model says how gaps are filled.
+    #[must_use]
+    pub fn with_masks(mut self, masks: bool) -> Self {
+        self.frames.masks = masks;
+        self
     }
 }
 

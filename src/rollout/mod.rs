@@ -10,6 +10,7 @@
 //! which sees 20 frames ahead and no more.
 
 mod actuation;
+mod auto;
 mod computed_torque;
 mod error;
 mod extracted_tasks;
@@ -39,6 +40,7 @@ pub mod tasks;
 mod window;
 mod zero;
 
+pub use auto::{Chosen, Contenders, Trial};
 pub use error::Error;
 pub use extracted_tasks::{EXTRACTED_FRAMES, Masking, extract_task, test_suites};
 pub use fitted::{FitCard, FitKind, card_of, facts, normaliser};

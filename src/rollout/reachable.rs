@@ -46,10 +46,13 @@ impl Reachable {
         Reachable { speed: reach.speed.clone(), basis, project }
     }
 
-    /// Fills the gaps of a window and brings its goals to what the robot can reach; all of
-    /// them count from then on.
-    pub(super) fn apply(&self, window: &mut Window) {
+    /// Fills the gaps of a window; all goals count from then on.
+    pub(super) fn fill(&self, window: &mut Window) {
         infill(window, &self.speed);
+    }
+
+    /// Brings the goals of a window to what the robot can reach.
+    pub(super) fn project(&self, window: &mut Window) {
         let d = window.dim();
         let Some(basis) = &self.basis else { return };
         let weighted;
@@ -125,7 +128,8 @@ mod tests {
     #[test]
     fn what_no_motor_moves_stays_as_it_is() {
         let mut w = window([0.6, 0.2, 0.3], [0.15, 0.05, 0.0]);
-        hand().apply(&mut w);
+        hand().fill(&mut w);
+        hand().project(&mut w);
         // The mean of the pair is reached, its difference stays.
         assert!(near(&w.command[..3], [0.45, 0.35, 0.3]), "{:?}", &w.command[..3]);
     }
@@ -137,7 +141,8 @@ mod tests {
         for i in 0..COMMAND {
             w.visible[i * 3 + 1] = false;
         }
-        hand().apply(&mut w);
+        hand().fill(&mut w);
+        hand().project(&mut w);
         assert!(near(&w.command[..3], [0.6, 0.6, 0.3]), "{:?}", &w.command[..3]);
     }
 
@@ -150,7 +155,7 @@ mod tests {
         w.visible.fill(true);
         w.command = [0.4, -0.7].repeat(COMMAND);
         let goals = w.command.clone();
-        reachable.apply(&mut w);
+        reachable.project(&mut w);
         assert_eq!(w.command, goals);
     }
 }

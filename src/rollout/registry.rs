@@ -46,13 +46,16 @@ pub enum PolicyName {
     Nearest,
     /// A small network of three frames.
     MlpInverse,
+    /// The nearest of several on the clip at hand; see [`super::Contenders`].
+    Auto,
 }
 
 /// Names as they are typed, in the order of tables; the argument that goes with the name;
 /// what the policy is.
-const NAMES: [(PolicyName, &str, &str, &str); 9] = {
+const NAMES: [(PolicyName, &str, &str, &str); 10] = {
     use PolicyName as P;
     [
+        (P::Auto, "auto", "[:MODEL]", "the nearest of robert, ridge and pd, tried in simulation"),
         (P::Zero, "zero", "", "no torque"),
         (P::Pd, "pd", "", "proportional-derivative control, joint by joint"),
         (P::ComputedTorque, "computed-torque", "", "inverse dynamics of the robot's model"),
@@ -84,6 +87,7 @@ impl PolicyName {
             PolicyName::Ridge => "linear plants, and a new robot after seconds of data",
             PolicyName::Nearest => "comparison: what the recorded motion already holds",
             PolicyName::MlpInverse => "goals in every frame, without trusting the file",
+            PolicyName::Auto => "any clip: the simulator judges who performs it best",
         }
     }
 
@@ -166,14 +170,14 @@ pub fn offers(robot: &Robot) -> Vec<Offer> {
         default: name == chosen,
     };
     let mut list = Vec::new();
-    for name in PolicyName::all() {
+    for name in PolicyName::all().filter(|n| *n != PolicyName::Auto) {
         if !name.needs_model() {
             list.push(offer(name));
             continue;
         }
         match shipped::get(robot, shipped::DEFAULT) {
             Ok(Some(model)) => {
-                let masks = model.card.mask_granularity;
+                let masks = model.card.masks();
                 // A network's file need not hold the linear prediction.
                 let lacks = name == PolicyName::Ridge && model.encoder.ridge.is_none();
                 let needs = match name {
@@ -201,7 +205,7 @@ pub fn offers(robot: &Robot) -> Vec<Offer> {
     }
     for name in shipped::of(robot).into_iter().filter(|n| n != shipped::DEFAULT) {
         let Ok(Some(model)) = shipped::get(robot, &name) else { continue };
-        let masks = model.card.mask_granularity;
+        let masks = model.card.masks();
         let (suits, guide) = case(&model.card);
         let suits = suits.to_owned();
         let named = Offer { model: Some(name), suits, guide, masks, ..offer(PolicyName::Robert) };
@@ -244,13 +248,15 @@ pub struct Inference {
     pub ensemble: usize,
     /// Draw the action bin (the paper's way) instead of taking the likeliest.
     pub sample: bool,
+    /// Leave masked frames to the network, also where its file says how gaps are filled.
+    pub masks: bool,
     /// Threads that share one window; the action is the same to the last bit.
     pub threads: Threads,
 }
 
 impl Default for Inference {
     fn default() -> Self {
-        Inference { ensemble: 1, sample: false, threads: Threads::One }
+        Inference { ensemble: 1, sample: false, masks: false, threads: Threads::One }
     }
 }
 
@@ -339,11 +345,12 @@ impl PolicyConfig {
     fn labelled(&self, model: Option<&str>) -> String {
         let guide = if self.guide == Guide::Linear { "+guide" } else { "" };
         let refine = if self.refine { "+refine" } else { "" };
-        let Inference { ensemble, sample, .. } = self.inference;
+        let Inference { ensemble, sample, masks, .. } = self.inference;
         let sample = if sample { "+sample" } else { "" };
+        let masks = if masks { "+masks" } else { "" };
         let ensemble = if ensemble > 1 { format!("+ensemble={ensemble}") } else { String::new() };
         let model = model.map(|m| format!(":{m}")).unwrap_or_default();
-        format!("{}{model}{sample}{ensemble}{guide}{refine}", self.name.as_str())
+        format!("{}{model}{sample}{masks}{ensemble}{guide}{refine}", self.name.as_str())
     }
 
     /// What performs a robot when nothing else is asked for: its shipped model, else
@@ -354,7 +361,7 @@ impl PolicyConfig {
     }
 
     /// The model that is meant: a file or run directory, else a shipped one by its name.
-    fn model(&self, robot: &Robot) -> Result<Arc<Model>, Error> {
+    pub(super) fn model(&self, robot: &Robot) -> Result<Arc<Model>, Error> {
         let policy = self.name.as_str();
         let Some(path) = &self.model_path else {
             let maker = if self.name == PolicyName::Ridge { "fit ridge" } else { "train" };
@@ -449,6 +456,10 @@ impl PolicyConfig {
     /// Whatever the policy needs and does not find.
     pub fn build(&self, robot: &Arc<Robot>) -> Result<Box<dyn Policy>, Error> {
         let policy: Box<dyn Policy> = match self.name {
+            PolicyName::Auto => {
+                let needs = "a clip on which the policies are tried; here, name one of them".to_owned();
+                return Err(Error::Needs { policy: "auto".to_owned(), needs });
+            }
             PolicyName::Zero => Box::new(Zero),
             PolicyName::Pd => Box::new(Pd::new(robot)?),
             PolicyName::ComputedTorque => Box::new(ComputedTorque::new(robot)?),
@@ -458,14 +469,14 @@ impl PolicyConfig {
             }
             PolicyName::Robert => {
                 let model = Arc::unwrap_or_clone(self.model(robot)?);
-                let Inference { ensemble, sample, threads } = self.inference;
+                let Inference { ensemble, sample, masks, threads } = self.inference;
                 let options = crate::net::NetPolicyConfig {
                     ensemble,
                     sample_bins: sample,
                     threads,
                     ..crate::net::NetPolicyConfig::default()
                 };
-                Box::new(Learned::new(model, options)?)
+                Box::new(Learned::new(model, options)?.with_masks(masks))
             }
             PolicyName::Ridge => {
                 let model = self.model(robot)?;

@@ -5,16 +5,17 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use serde::Serialize;
 
+use super::auto::Contenders;
 use super::error::Error;
 use super::gaps::{GapFigures, cubic_error};
 use super::jam::{self, Off};
 use super::policy::Policy;
 use super::precision::{Precision, hidden_error};
-use super::registry::{Guide, PolicyConfig, labels};
+use super::registry::{Guide, PolicyConfig, PolicyName, labels};
 use super::run::{Rollout, RolloutConfig, Start};
 use super::stats::{Interval, mean_ci95};
 use crate::clip::Command;
-use crate::progress::{Cancel, Progress};
+use crate::progress::{Cancel, Progress, Silent};
 use crate::robot::{PlantConfig, PlantRange, Robot};
 
 /// What iLQR does on a clip.
@@ -164,8 +165,53 @@ pub struct Evaluation {
     pub tasks: Vec<CaseResult>,
 }
 
-/// A policy that rollouts are forked from.
-type Template = Mutex<Box<dyn Policy>>;
+/// What rollouts are forked from.
+enum Template {
+    One(Mutex<Box<dyn Policy>>),
+    /// The nearest of several, clip by clip.
+    Auto(Contenders),
+}
+
+impl Template {
+    fn new(robot: &Arc<Robot>, policy: &PolicyConfig) -> Result<Template, Error> {
+        if policy.name == PolicyName::Auto {
+            return Ok(Template::Auto(Contenders::new(robot, policy)?));
+        }
+        Ok(Template::One(Mutex::new(policy.build(robot)?)))
+    }
+
+    fn uses_model(&self) -> bool {
+        match self {
+            Template::One(policy) => {
+                policy.lock().unwrap_or_else(PoisonError::into_inner).uses_model()
+            }
+            Template::Auto(_) => true,
+        }
+    }
+
+    /// The policy that performs a case, and what guides it.
+    fn policy(
+        &self,
+        robot: &Arc<Robot>,
+        asked: &PolicyConfig,
+        case: &Case,
+        seed: u64,
+        cancel: &Cancel,
+    ) -> Result<(Box<dyn Policy>, Guide), Error> {
+        match self {
+            Template::One(policy) => {
+                let forked = policy.lock().unwrap_or_else(PoisonError::into_inner).fork();
+                Ok((forked.map_or_else(|| asked.build(robot), Ok)?, asked.guide))
+            }
+            Template::Auto(all) => {
+                let (command, start) = (&case.command, &case.start);
+                let chosen = all.perform(command, start, seed, 1, &Silent, cancel)?.policy;
+                let chosen = PolicyConfig { refine: asked.refine, ..chosen };
+                Ok((chosen.build(robot)?, chosen.guide))
+            }
+        }
+    }
+}
 
 /// One rollout of an evaluation.
 #[derive(Clone, Copy, Debug)]
@@ -191,10 +237,9 @@ pub fn evaluate(
     cancel: &Cancel,
 ) -> Result<Vec<Evaluation>, Error> {
     // Built once: a model file is read, checked and packed for all its rollouts together.
-    let templates =
-        config.policies.iter().map(|p| p.build(robot)).collect::<Result<Vec<_>, _>>()?;
-    let uses_model: Vec<bool> = templates.iter().map(|t| t.uses_model()).collect();
-    let templates: Vec<Template> = templates.into_iter().map(Mutex::new).collect();
+    let templates: Vec<Template> =
+        config.policies.iter().map(|p| Template::new(robot, p)).collect::<Result<_, _>>()?;
+    let uses_model: Vec<bool> = templates.iter().map(Template::uses_model).collect();
     let seeds = config.seeds.max(1);
     let mut jobs = Vec::new();
     for (suite, cases) in suites.iter().map(|s| s.cases.len()).enumerate() {
@@ -278,14 +323,9 @@ fn all(
             let Some(job) = jobs.get(at) else { return Ok(mine) };
             let case = &suites[job.suite].cases[job.case];
             let policy = &config.policies[job.policy];
-            let forked = {
-                let template = templates[job.policy].lock();
-                template.unwrap_or_else(PoisonError::into_inner).fork()
-            };
-            let built = forked.map_or_else(|| policy.build(robot), Ok);
+            let built = templates[job.policy].policy(robot, policy, case, job.seed, cancel);
             let outcome = built
-                .and_then(|built| {
-                    let guided = (built, policy.guide);
+                .and_then(|guided| {
                     one(
                         robot,
                         guided,

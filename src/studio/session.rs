@@ -315,7 +315,7 @@ impl Desk {
             (Some(offer), _) => offer.masks,
             (None, Some(path)) if settings.policy.needs_model() => {
                 let card = read_card(&model_path(&self.folder.join(path)));
-                card.map_or(MaskGranularity::Joint, |c| c.mask_granularity)
+                card.map_or(MaskGranularity::Joint, |c| c.masks())
             }
             _ => MaskGranularity::Joint,
         }

@@ -81,7 +81,7 @@ pub(super) fn table(robot: &Robot) -> JointTable {
         rest: robot.home(),
         mirror,
         couplings,
-        granularity: Granularity::State,
+        granularity: Granularity::Joint,
     }
 }
 
