@@ -148,7 +148,9 @@ pub(super) fn policy(text: &str, guide: Guide, refine: bool) -> Outcome<PolicyCo
     if let (Some((_, other)), None) = (name.split_once('+'), model) {
         return Err(Failure::with(
             Exit::Usage,
-            format!("policy {text:?}: +{other} is not +guide, +refine, +sample, +masks or +ensemble=N"),
+            format!(
+                "policy {text:?}: +{other} is not +guide, +refine, +sample, +masks or +ensemble=N"
+            ),
         ));
     }
     // A path with a plus that is nowhere is a misspelt switch.
@@ -163,7 +165,8 @@ pub(super) fn policy(text: &str, guide: Guide, refine: bool) -> Outcome<PolicyCo
     }
     let name: PolicyName = name.parse()?;
     if inference != Inference::default() && name != PolicyName::Robert {
-        let why = "+sample, +masks and +ensemble=N are for robert, which infers actions of many frames";
+        let why =
+            "+sample, +masks and +ensemble=N are for robert, which infers actions of many frames";
         return Err(Failure::usage(format!("policy {text:?}: {why}")));
     }
     let model_path = model.map(Into::into);

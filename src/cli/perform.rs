@@ -13,7 +13,8 @@ use crate::clip::{self, Clip};
 use crate::progress::{Cancel, Progress as _};
 use crate::robot::{self, PlantConfig, Robot};
 use crate::rollout::{
-    Chosen, Contenders, Error, Guide, PolicyConfig, PolicyName, Rollout, RolloutConfig, Start, Trial,
+    Chosen, Contenders, Error, Guide, PolicyConfig, PolicyName, Rollout, RolloutConfig, Start,
+    Trial,
 };
 use crate::take::{Provenance, Take};
 use crate::units::significant;

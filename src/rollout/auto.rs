@@ -218,7 +218,8 @@ fn configs(robot: &Robot, asked: &PolicyConfig) -> Result<Vec<PolicyConfig>, Err
     };
     let mut list = Vec::new();
     if asked.model_path.is_some() || shipped::has_default(robot) {
-        let model: Arc<Model> = PolicyConfig { name: PolicyName::Robert, ..asked.clone() }.model(robot)?;
+        let model: Arc<Model> =
+            PolicyConfig { name: PolicyName::Robert, ..asked.clone() }.model(robot)?;
         list.extend(guides.iter().map(|&g| of(PolicyName::Robert, g)));
         if asked.guide == Guide::None && model.card.reach.is_some() {
             let inference = Inference { masks: true, ..asked.inference };

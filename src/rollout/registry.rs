@@ -457,7 +457,8 @@ impl PolicyConfig {
     pub fn build(&self, robot: &Arc<Robot>) -> Result<Box<dyn Policy>, Error> {
         let policy: Box<dyn Policy> = match self.name {
             PolicyName::Auto => {
-                let needs = "a clip on which the policies are tried; here, name one of them".to_owned();
+                let needs =
+                    "a clip on which the policies are tried; here, name one of them".to_owned();
                 return Err(Error::Needs { policy: "auto".to_owned(), needs });
             }
             PolicyName::Zero => Box::new(Zero),

@@ -19,6 +19,66 @@ fn json_has_what_scripts_read() {
     assert!((mean - precision).abs() < 1e-12, "joints weigh alike: {mean} {precision}");
 }
 
+/// Keys for the index finger alone: the joints of `q` are FFJ4 to FFJ1.
+fn index_finger() -> String {
+    let clip =
+        robert().args(["clip", "new", "--robot", "shadow_hand", "--name", "index"]).succeeds();
+    let mut clip: serde_json::Value = serde_json::from_str(&clip.stdout).unwrap();
+    let others = vec![serde_json::Value::Null; 18];
+    let poses = [[0.2, 0.8, 0.6, 0.6], [0.0, 1.2, 1.0, 1.0], [-0.1, 0.4, 0.3, 0.3]];
+    clip["length"] = 45.into();
+    clip["keys"] = std::iter::once(serde_json::json!({"frame": 0, "q": vec![0.0; 22]}))
+        .chain(poses.iter().enumerate().map(|(i, pose)| {
+            let mut q: Vec<serde_json::Value> = pose.iter().map(|&v| v.into()).collect();
+            q.extend(others.clone());
+            serde_json::json!({"frame": 10 * (i + 1), "q": q, "hold": 3})
+        }))
+        .collect::<Vec<_>>()
+        .into();
+    clip.to_string()
+}
+
+#[test]
+fn unless_told_otherwise_the_nearest_of_several_performs() {
+    let clip = index_finger();
+    let check = robert().file("index.clip.json", &clip).args(["clip", "check", "index.clip.json"]);
+    check.succeeds();
+    let ran = robert()
+        .file("index.clip.json", &clip)
+        .args(["rollout", "index.clip.json", "--json", "-q"])
+        .succeeds();
+    let r = ran.json();
+    let error = r["precision"].as_f64().unwrap();
+    assert!(error < 0.005, "keys for one finger are met where they can be reached: {error}");
+    assert_eq!(r["chosen"], r["policy"]);
+    let tried = r["tried"].as_array().unwrap();
+    let score =
+        |t: &serde_json::Value| t["precision"].as_f64().unwrap() + t["gaps"].as_f64().unwrap();
+    let own = tried.iter().find(|t| t["policy"] == r["chosen"]).unwrap();
+    assert!(tried.iter().all(|t| score(own) <= score(t)), "{tried:?}");
+    for name in ["robert", "robert+guide", "ridge", "pd"] {
+        assert!(tried.iter().any(|t| t["policy"] == name), "{name}: {tried:?}");
+    }
+    // A named one is performed alone, and to the same bits.
+    let chosen = r["chosen"].as_str().unwrap();
+    let again = robert()
+        .file("index.clip.json", &clip)
+        .args(["rollout", "index.clip.json", "--json", "-q", "-p", chosen])
+        .succeeds();
+    assert_eq!(again.json()["precision"], r["precision"]);
+    assert!(again.json()["tried"].is_null());
+}
+
+#[test]
+fn the_choice_is_told_to_people_too() {
+    let ran = robert().file("hop.clip.json", HOP).args(["rollout", "hop.clip.json"]).succeeds();
+    assert!(
+        ran.stdout.contains("chosen by simulating") && ran.stdout.contains("pd "),
+        "{}",
+        ran.stdout
+    );
+}
+
 #[test]
 fn twice_the_same_bytes() {
     for policy in ["predictive-sampling", "ilqr", "pd+guide+refine"] {

@@ -31,8 +31,12 @@ pub(super) struct Check {
     /// Check for this robot; the clip's own when absent.
     #[arg(long)]
     robot: Option<String>,
-    /// The policy understands goals for single joints.
+    /// The policy knows whole frames only, as a published network does: goals for some joints
+    /// are an error.
     #[arg(long)]
+    whole_masks: bool,
+    /// The default since version 0.2; kept so that scripts go on.
+    #[arg(long, hide = true, conflicts_with = "whole_masks")]
     joint_masks: bool,
     /// Settle every pose in simulation: self-collision, poses out of reach.
     #[arg(long)]
@@ -154,8 +158,8 @@ fn file(a: &Check, path: &Path, bar: &Bar, cancel: &Cancel) -> Result<FileReport
     let mut parsed = super::files::load(path)?;
     let robot = super::files::robot_of(&parsed.clip, a.robot.as_deref())?;
     let mut table = super::files::joint_table(&parsed.clip, robot.as_ref());
-    if a.joint_masks {
-        table.granularity = Granularity::Joint;
+    if a.whole_masks {
+        table.granularity = Granularity::State;
     }
     let threads = threads(None);
     let asked = robot.as_ref().filter(|_| a.simulate);
