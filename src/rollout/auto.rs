@@ -23,7 +23,7 @@ use crate::robot::{PlantConfig, Robot};
 
 /// What a gap that does not look natural counts, in rad or m of error: for each rad or m of
 /// overshoot, and for each straight line of way beyond [`LONGEST_PATH`].
-const GAP_WEIGHT: f64 = 0.01;
+const GAP_WEIGHT: f64 = 0.005;
 /// The same for each minimum jerk beyond [`MOST_JERK`].
 const JERK_WEIGHT: f64 = 1e-4;
 /// What still looks natural inside a gap: the way over the straight line, and the jerk over the
