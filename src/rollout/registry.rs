@@ -78,16 +78,16 @@ impl PolicyName {
     /// `docs/baselines.md`.
     pub fn suits(self) -> &'static str {
         match self {
-            PolicyName::Zero => "seeing what gravity does",
+            PolicyName::Zero => "seeing what gravity alone does",
             PolicyName::Pd => "slow motion with a goal in every frame",
-            PolicyName::ComputedTorque => "a robot whose file is right, goals close together",
-            PolicyName::Ilqr => "a robot whose file is right, sparse goals",
-            PolicyName::PredictiveSampling => "a robot whose file is right, contact",
-            PolicyName::Robert => "goals far apart and light damping, without trusting the file",
-            PolicyName::Ridge => "linear plants, and a new robot after seconds of data",
-            PolicyName::Nearest => "comparison: what the recorded motion already holds",
-            PolicyName::MlpInverse => "goals in every frame, without trusting the file",
-            PolicyName::Auto => "any clip: the simulator judges who performs it best",
+            PolicyName::ComputedTorque => "an accurate robot model and goals close together",
+            PolicyName::Ilqr => "an accurate robot model and goals far apart (slow)",
+            PolicyName::PredictiveSampling => "an accurate robot model and contact (slow)",
+            PolicyName::Robert => "goals far apart, little damping, an inaccurate robot model",
+            PolicyName::Ridge => "nearly linear robots, or seconds of recorded motion",
+            PolicyName::Nearest => "comparison: shows what the recorded motion already contains",
+            PolicyName::MlpInverse => "a goal in every frame, an inaccurate robot model",
+            PolicyName::Auto => "any clip: tries robert, ridge and pd and takes the best",
         }
     }
 
@@ -219,10 +219,10 @@ pub fn offers(robot: &Robot) -> Vec<Offer> {
 pub fn case(card: &Card) -> (&'static str, Guide) {
     if card.tokens.previous_action {
         // What tells the plant is the answer to small steps, which the guide makes of wide gaps.
-        let suits = "a payload, damping or motor that may differ from the file; with the guide";
+        let suits = "an unknown payload, damping or motor strength; turns the guide on";
         (suits, Guide::Linear)
     } else if card.net.skip == SkipKind::Off {
-        ("a look at the network as published, without the linear prediction", Guide::None)
+        ("comparison: the network as in the paper, without the linear prediction", Guide::None)
     } else {
         (PolicyName::Robert.suits(), Guide::None)
     }
