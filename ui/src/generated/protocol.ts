@@ -1165,7 +1165,9 @@ export type PolicyName =
   /** What was done in the recorded moments most like this one. */
   | "nearest"
   /** A small network of three frames. */
-  | "mlp-inverse";
+  | "mlp-inverse"
+  /** The nearest of several on the clip at hand; see `super::Contenders`. */
+  | "auto";
 
 /** Body of `POST /api/settle`. */
 export interface Pose {
