@@ -1,10 +1,10 @@
-//! Trial clips for any robot: what a policy of a robot without tasks of its own is judged on.
+//! Trial clips for any robot, to evaluate policies of robots without their own tasks.
 //!
-//! Five clips follow from the robot's limits, speeds and a seed: a dense sway of all joints,
-//! the same with every tenth frame visible, poses with open gaps between, the same with one
-//! visible frame a hold, and one joint after another. Poses are settled in simulation first
-//! and only taken when the motors can hold them; gaps leave time for the speed that the
-//! profile names. Seed 0 is for choosing checkpoints, others are for reports.
+//! Five clips are generated from the robot's limits, speeds and a seed: a dense sway of all joints,
+//! the same with every tenth frame visible, poses with open gaps between, the same with one visible
+//! frame per hold, and one joint after another. Poses are settled in simulation first and used only
+//! if the motors can hold them. Gaps are long enough for the speeds of the profile. Seed 0 is for
+//! choosing checkpoints, others are for reports.
 
 use std::f64::consts::TAU;
 
@@ -14,19 +14,19 @@ use crate::rng::{Rng, Stream};
 use crate::robot::{Error, Robot, StateJoint};
 use crate::units::CTRL_DT;
 
-/// Share of the room to the further stop that motions use.
+/// Share of the distance to the further stop that motions use.
 const REACH: f64 = 0.45;
-/// Room of a joint without end: rad, m.
+/// Range of an unbounded joint: rad, m.
 const UNBOUNDED: [f64; 2] = [1.5, 0.5];
-/// Share of the greatest sustained speed that gaps plan with.
+/// Share of the greatest sustained speed for which gaps are planned.
 const PACE: f64 = 0.45;
-/// Poses tried before the best one is taken although the motors miss it.
+/// Poses to try before the best one is used although the motors do not reach it.
 const TRIES: u64 = 12;
 /// Frames that a pose is held for.
 const HOLD: u32 = 16;
 /// Poses in the gapped clips.
 const POSES: usize = 4;
-/// Joints that take their turn.
+/// The most joints that move in turn.
 const TURNS: usize = 6;
 
 /// The five trial clips of a robot.
@@ -76,7 +76,7 @@ fn held(robot: &Robot, seed: u64, index: u64) -> Result<Vec<f64>, Error> {
             .zip(robot.home())
             .map(|(j, home)| {
                 let way = shrink * room(j, home) * rng.range(0.3, 1.0);
-                // Mostly toward the wider side; both ways where there is no narrow one.
+                // Mostly toward the wider side; both directions if neither is narrow.
                 let back = j.unbounded && rng.uniform() < 0.5;
                 home + if back { -way } else { way }
             })
