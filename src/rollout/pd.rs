@@ -1,6 +1,6 @@
-//! Proportional-derivative control with gains from the mass matrix: what a roboticist
-//! tries first, without planner or data. The gains are those of [`Robot::tracking_servos`],
-//! and gravity is carried: both are what it knows of the robot's nominal model.
+//! Proportional-derivative control with gains from the mass matrix and gravity compensation, the
+//! usual first controller without planner or data. The gains are those of
+//! [`Robot::tracking_servos`]; gains and gravity come from the nominal model.
 
 use std::sync::Arc;
 
