@@ -21,6 +21,7 @@ mod motion;
 mod pipes;
 mod render;
 mod robots;
+mod rooms;
 mod run;
 mod special_files;
 mod studio;

@@ -110,6 +110,22 @@ pub(super) fn write(path: &Path, bytes: &[u8]) -> Outcome {
     Ok(fsio::write_atomic(path, bytes)?)
 }
 
+/// Writes a clip back to the file that it was read from, unless another program has changed that
+/// meanwhile. `before` is what was read.
+pub(super) fn rewrite(path: &Path, before: &[u8], text: &str) -> Outcome {
+    if !is_standard(path)
+        && !is_pipe(path)
+        && fsio::read_capped(path, limits::CLIP_BYTES).is_ok_and(|now| now != before)
+    {
+        return Err(Failure::invalid(format!(
+            "another program has changed this file meanwhile; it was left alone, run the \
+             command again: {}",
+            path.display()
+        )));
+    }
+    write(path, text.as_bytes())
+}
+
 /// Writes a clip to a file, or to stdout.
 pub(super) fn write_clip(path: &Path, clip: &Clip) -> Outcome {
     write(path, clip.to_text().as_bytes())

@@ -157,7 +157,7 @@ fn run(cli: Cli) -> Outcome {
         Command::Bench(args) => bench::run(args),
         Command::Collect(args) => collect::run(&args, cli.global),
         Command::Studio(args) => studio::run(args),
-        Command::Worker => Ok(crate::studio::worker::child::run()?),
+        Command::Worker => Ok(crate::studio::run_worker()?),
         Command::Dataset(args) => dataset::run(args),
         Command::Train(args) => train::run(&args, cli.global),
         Command::Models(args) => models::run(&args),

@@ -1,69 +1,52 @@
 //! The studio: a local web app to author keyframes and watch a policy perform them.
 //!
-//! One process, one loopback port. The parts, from the outside in:
+//! One process, one loopback port. The rooms, from the outside in:
 //!
-//! | module | owns |
+//! | room | owns |
 //! |---|---|
-//! | [`guard`] | who may talk to us: Host, Origin, token |
-//! | [`server`] | port, routes, time limits, the end |
-//! | [`protocol`] | what is said, precisely |
-//! | `api`, `socket`, [`viser`] | requests, the editor channel, the 3D viewport |
-//! | [`session`] | the thread that owns the document |
-//! | [`document`], [`journal`] | clip + history + file; what survives a kill |
-//! | [`live`], `takes` | the rollout's frames, and what each client has yet to see; rollouts kept |
-//! | [`worker`] | the simulation, in a process of its own |
-//! | [`pictures`] | rendered stills, by a second child |
-//! | [`jobs`], `exchange`, `shelf` | collect, train, import, export as child processes; their files |
-//! | `intake`, `folders` | clips that come as files; where they lie |
+//! | `http` | port, routes, guard, the editor's socket, the viewport's socket: thin handlers |
+//! | `state` | the handles that requests need |
+//! | `session` | the thread that owns the document |
+//! | `viewport` | the 3D scene and what a hand in it does |
+//! | `simulation` | the worker process, the rollout's frames, takes |
+//! | `jobs` | collect, train, evaluate, import and export as child processes |
+//! | `workspace` | folders, recent files, examples, imports, exports, pictures |
+//! | `document` | clip, history, file; the journal: what survives a kill |
+//! | [`protocol`] | what is said to clients, precisely |
 //!
 //! Two promises shape it: an edit is acknowledged only when it is on disk, and nothing that
 //! a model or a client does can take the document along.
 
-mod api;
-pub mod document;
-pub mod error;
-pub mod exchange;
-mod export;
-mod folders;
-mod gallery;
-pub mod guard;
-pub mod hub;
-mod intake;
-pub mod jobs;
-pub mod journal;
-pub mod live;
-mod pages;
-pub mod pictures;
+mod document;
+mod http;
+mod jobs;
 pub mod protocol;
-mod recent;
-pub mod server;
-pub mod session;
-pub mod shelf;
-mod socket;
-mod takes;
-pub mod viser;
-pub mod worker;
+mod session;
+mod simulation;
+mod state;
+mod viewport;
+mod workspace;
 
-pub use error::Error;
-pub use pages::{has_page, has_viser};
-pub use recent::state_dir;
+pub use http::{has_page, has_viser};
+pub use protocol::Error;
+pub use simulation::run_worker;
+pub use workspace::state_dir;
 
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::atomic::AtomicUsize;
 use std::time::Duration;
 
 use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::watch;
 
-use guard::Guard;
-use hub::Hub;
-use live::Live;
-use protocol::RolloutSettings;
-use server::App;
-use session::{Ask, Session};
-use viser::Viewport;
-use worker::WorkerHandle;
+use http::Guard;
+use jobs::Jobs;
+use protocol::{Hub, RolloutSettings};
+use session::{Session, SessionCommand};
+use simulation::Simulation;
+use state::{App, Clients};
+use viewport::Viewport;
+use workspace::{Workspace, gallery};
 
 use crate::rollout::PolicyName;
 
@@ -108,38 +91,25 @@ pub fn run(config: StudioConfig, ready: impl FnOnce(&str, &str)) -> Result<(), E
 
 async fn serve(config: StudioConfig, ready: impl FnOnce(&str, &str)) -> Result<(), Error> {
     let (end, ending) = watch::channel(false);
-    let (listener, port) = server::bind(config.port).await?;
+    let (listener, port) = http::bind(config.port).await?;
     let guard = Arc::new(Guard::new(port).map_err(Error::Server)?);
     let hub = Hub::new();
-    let live = Live::new(hub.clone());
-    let sink: Arc<dyn worker::WorkerSink> = Arc::<Live>::clone(&live);
-    let worker = WorkerHandle::start(config.binary.clone(), sink).map_err(Error::Server)?;
-    let recent = Arc::new(recent::Recent::load(&config.state_dir));
-    let session = Session::start(
-        config.state_dir.clone(),
-        config.folder.clone(),
-        hub.clone(),
-        Arc::clone(&live),
-        worker.clone(),
-        Arc::clone(&recent),
-    )
-    .map_err(Error::Server)?;
+    let StudioConfig { folder, binary, state_dir, .. } = config.clone();
+    let simulation = Simulation::start(binary.clone(), folder.clone(), hub.clone());
+    let simulation = simulation.map_err(Error::Server)?;
+    let workspace = Workspace::new(folder, state_dir, binary.clone()).map_err(Error::Server)?;
+    let workspace = Arc::new(workspace);
+    let session = session::start(Arc::clone(&workspace), hub.clone(), simulation.clone());
+    let session = session.map_err(Error::Server)?;
     let app = Arc::new(App {
         guard: Arc::clone(&guard),
         hub: hub.clone(),
-        live: Arc::clone(&live),
-        worker: worker.clone(),
         session: session.clone(),
-        recent,
-        viewport: Viewport::start(Arc::clone(&live), worker.clone(), hub.clone()),
-        jobs: jobs::Jobs::new(hub, config.binary.clone()),
-        pictures: pictures::Pictures::new(config.binary.clone(), &config.state_dir)
-            .map_err(Error::Server)?,
-        uploads: Arc::new(exchange::Uploads::new().map_err(Error::Server)?),
-        state_dir: config.state_dir.clone(),
-        folder: config.folder.clone(),
-        clients: AtomicUsize::new(0),
-        next_client: AtomicUsize::new(0),
+        simulation: simulation.clone(),
+        viewport: Viewport::start(simulation.clone(), hub.clone()),
+        jobs: Jobs::new(hub, binary),
+        workspace,
+        clients: Clients::default(),
         ending: ending.clone(),
     });
     // A clip that cannot be opened is an error of the command line, not of a page.
@@ -148,10 +118,10 @@ async fn serve(config: StudioConfig, ready: impl FnOnce(&str, &str)) -> Result<(
     let mut interrupt = signal(SignalKind::interrupt()).map_err(Error::Server)?;
     let result = match opened {
         Ok(()) => {
-            let router = server::router(Arc::clone(&app));
-            let serving = tokio::spawn(server::serve(listener, router, ending));
+            let router = http::router(Arc::clone(&app));
+            let serving = tokio::spawn(http::serve(listener, router, ending));
             let address =
-                |s: &guard::Secret| format!("http://127.0.0.1:{port}/#token={}", s.reveal());
+                |s: &http::guard::Secret| format!("http://127.0.0.1:{port}/#token={}", s.reveal());
             ready(&address(guard.token()), &address(guard.code()));
             tokio::select! {
                 _ = terminate.recv() => {}
@@ -164,9 +134,9 @@ async fn serve(config: StudioConfig, ready: impl FnOnce(&str, &str)) -> Result<(
         Err(e) => Err(e),
     };
     app.jobs.stop();
-    app.pictures.shutdown();
-    session.ask(Ask::Shutdown).await.ok();
-    worker.shutdown();
+    app.workspace.pictures.shutdown();
+    session.ask(SessionCommand::Shutdown).await.ok();
+    simulation.shutdown();
     tokio::time::sleep(Duration::from_millis(50)).await;
     result
 }
@@ -178,29 +148,29 @@ async fn first_document(config: &StudioConfig, session: &Session) -> Result<(), 
             model_path: Some(path.display().to_string()),
             ..RolloutSettings::default()
         };
-        session.ask(|r| Ask::Settings(settings, r)).await?;
+        session.ask(|r| SessionCommand::Settings(settings, r)).await?;
     }
     if let Some(path) = &config.clip_path {
         if let Some(robot) = config.robot.clone() {
-            session.ask(|r| Ask::Know(robot, r)).await?;
+            session.ask(|r| SessionCommand::Know(robot, r)).await?;
         }
         let named = path.to_str().and_then(|name| gallery::open(name).ok());
         let path = config.folder.join(path);
         match named {
             // As everywhere on the command line, a file goes before a task of that name.
             Some(clip) if !path.exists() => {
-                session.ask(|r| Ask::New(Box::new(clip), r)).await?;
+                session.ask(|r| SessionCommand::New(Box::new(clip), r)).await?;
             }
             _ => {
-                session.ask(|r| Ask::Open(path, r)).await?;
+                session.ask(|r| SessionCommand::Open(path, r)).await?;
             }
         }
     } else if let Some(robot) = config.robot.clone() {
         let (length, name) = (100, String::new());
-        session.ask(|reply| Ask::Blank { robot, length, name, reply }).await?;
+        session.ask(|reply| SessionCommand::Blank { robot, length, name, reply }).await?;
     } else {
         // What a killed studio had open; what was put away waits in the gallery.
-        session.ask(Ask::Recover).await?;
+        session.ask(SessionCommand::Recover).await?;
     }
     Ok(())
 }

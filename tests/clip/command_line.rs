@@ -212,3 +212,31 @@ fn every_command_has_examples() {
         assert!(ran.stdout.contains(&format!("robert clip {command}")), "{command}");
     }
 }
+
+#[test]
+fn a_clip_that_another_program_changes_meanwhile_is_left_alone() {
+    use std::io::Write;
+    use std::process::{Command, Stdio};
+    let ran =
+        robert().args(["clip", "new", "--robot", "pointmass", "-o", "a.clip.json"]).succeeds();
+    let path = ran.path("a.clip.json");
+    let other = std::fs::read_to_string(&path).unwrap().replace("\"length\": ", "\"length\": 1");
+    let mut child = Command::new(crate::run::binary())
+        .args(["clip", "apply", "a.clip.json", "-", "-i"])
+        .current_dir(ran.dir.path())
+        .stdin(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut stdin = child.stdin.take().unwrap();
+    // It has read the clip once it has taken more than a pipe holds.
+    stdin.write_all(" ".repeat(200_000).as_bytes()).unwrap();
+    std::fs::write(&path, &other).unwrap();
+    stdin.write_all(br#"{"op": "clip.rename", "args": {"name": "x"}}"#).unwrap();
+    drop(stdin);
+    let ended = child.wait_with_output().unwrap();
+    let said = String::from_utf8_lossy(&ended.stderr).into_owned();
+    assert_eq!(ended.status.code(), Some(3), "{said}");
+    assert!(said.contains("another program has changed this file"), "{said}");
+    assert_eq!(std::fs::read_to_string(&path).unwrap(), other);
+}

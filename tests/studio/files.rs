@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use serde_json::json;
 
-use super::client::{CLIP, Studio};
+use super::client::{CLIP, Studio, key};
 use crate::run::{binary, call};
 
 #[test]
@@ -105,7 +105,7 @@ fn a_file_of_any_format_becomes_a_clip_with_the_errors_of_the_shell() {
     );
     let mut request = head.into_bytes();
     request.resize(request.len() + (16 << 20) + 1, b'1');
-    assert_eq!(studio.raw(&request).status, 429, "one byte too many");
+    assert_eq!(studio.raw(&request).status, 413, "one byte too many");
 }
 
 /// A `chromium` that notes how it was called.
@@ -162,4 +162,30 @@ fn app_opens_a_window_of_its_own_and_falls_back_to_the_browser() {
     // Without a browser to open there is no window to be had.
     let (code, _, err) = call(std::env::temp_dir().as_path(), &["studio", "--app", "--no-open"]);
     assert_eq!(code, 2, "{err}");
+}
+
+#[test]
+fn a_file_that_another_program_changed_is_not_overwritten_without_a_word() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("wave.clip.json");
+    std::fs::write(&path, CLIP).unwrap();
+    let studio = Studio::start(dir.path(), &["wave.clip.json"]);
+    let mut socket = studio.socket();
+    socket.ask("keys.add", &key(45, 0.3));
+    let other = CLIP.replace("\"start\"", "\"theirs\"");
+    assert_ne!(other, CLIP);
+    std::fs::write(&path, &other).unwrap();
+    let refused = studio.post("/api/save", &json!({}));
+    assert_eq!((refused.status, refused.json()["code"].clone()), (409, json!("changed")));
+    assert_eq!(std::fs::read_to_string(&path).unwrap(), other);
+    assert_eq!(studio.post("/api/reload", &json!({})).status, 200);
+    let state = studio.state();
+    assert_eq!(state["document"]["clip"]["name"], "theirs");
+    assert_eq!(state["document"]["dirty"], false);
+    studio.post("/api/undo", &json!({}));
+    assert_eq!(studio.state()["document"]["clip"]["name"], "start");
+    assert_eq!(studio.post("/api/save", &json!({})).status, 200);
+    std::fs::write(&path, &other).unwrap();
+    assert_eq!(studio.post("/api/save", &json!({"replace": true})).status, 200);
+    assert_ne!(std::fs::read_to_string(&path).unwrap(), other);
 }

@@ -107,3 +107,19 @@ fn whoever_takes_nothing_loses_its_seat() {
     }
     drop(greedy);
 }
+
+#[test]
+fn connections_that_say_nothing_keep_nobody_out() {
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::write(dir.path().join("wave.clip.json"), CLIP).unwrap();
+    let studio = Studio::start(dir.path(), &["wave.clip.json"]);
+    let connect = || TcpStream::connect(("127.0.0.1", studio.port)).unwrap();
+    let silent: Vec<TcpStream> = (0..600).map(|_| connect()).collect();
+    // The head of a request is given 5 s; nobody waits that long for the place of these.
+    for _ in 0..20 {
+        let begin = Instant::now();
+        assert_eq!(studio.get("/api/state").status, 200);
+        assert!(begin.elapsed() < Duration::from_millis(1_500), "{:?}", begin.elapsed());
+    }
+    drop(silent);
+}

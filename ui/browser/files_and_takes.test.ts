@@ -62,6 +62,27 @@ describe("takes and files", () => {
     await t.rolledOut();
   };
 
+  test("a file that another program has changed is overwritten only when that is said", async () => {
+    await afresh();
+    await studio.api("POST", "/api/save", { path: "shared.clip.json", replace: true });
+    await t.until((s) => s.dirty === false, "saved");
+    const theirs = studio.read("shared.clip.json").toString().replace('"length": 80', '"length": 90');
+    studio.file("shared.clip.json", theirs);
+    await studio.api("POST", "/api/ops", { ops: [{ op: "clip.rename", args: { name: "ours" } }] });
+    await t.until((s) => s.clip?.name === "ours" && s.dirty === true, "renamed");
+    await t.press("Ctrl+S");
+    await t.byId("reload").click();
+    await t.until((s) => s.clip?.length === 90 && !s.dirty, "read again");
+    assert.equal(studio.read("shared.clip.json").toString(), theirs);
+    await t.press("Ctrl+Z");
+    await t.until((s) => s.clip?.length === 80 && s.clip.name === "ours", "brought back");
+    studio.file("shared.clip.json", theirs.replace('"length": 90', '"length": 95'));
+    await t.press("Ctrl+S");
+    await t.byId("overwrite").click();
+    await t.until((s) => !s.dirty, "overwritten");
+    assert.match(studio.read("shared.clip.json").toString(), /"length": 80/);
+  });
+
   test("takes: pin, name, compare, by keyboard and in every page", async () => {
     await afresh();
     await t.until(

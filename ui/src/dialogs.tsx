@@ -2,8 +2,8 @@
 
 import { useSignal } from "@preact/signals";
 import { Open, Whose } from "./clip_import";
-import { closeDialog, Dialog, question } from "./dialog";
-import { save } from "./documents";
+import { closeDialog, Dialog, openDialog, question } from "./dialog";
+import { reload, save } from "./documents";
 import { Export } from "./export";
 import { KeyEditor, wholeFrames } from "./key_editor";
 import { parseNumber } from "./numbers";
@@ -331,6 +331,38 @@ export function Dialogs() {
               data-testid="replace"
             >
               Replace
+            </button>
+          </div>
+        </Dialog>
+      );
+    }
+    case "changed": {
+      const then = (run: () => void) => () => {
+        onClose();
+        run();
+      };
+      return (
+        <Dialog title="The file has changed" onClose={onClose}>
+          <p>
+            Another program has changed {store.doc.value?.path} since it was read here. Saving would undo that
+            change; reading the file again replaces your edits, and undo brings them back.
+          </p>
+          <div class="row" style="margin-top: 12px; justify-content: flex-end">
+            <button type="button" onClick={onClose}>
+              Cancel
+            </button>
+            <button
+              type="button"
+              onClick={() => openDialog({ name: "save-as" })}
+              data-testid="save-elsewhere"
+            >
+              Save as…
+            </button>
+            <button type="button" onClick={then(() => void reload())} data-testid="reload">
+              Read it again
+            </button>
+            <button class="main" onClick={then(() => void save(undefined, true))} data-testid="overwrite">
+              Overwrite
             </button>
           </div>
         </Dialog>

@@ -72,14 +72,25 @@ export async function opening(request: Promise<DocumentView>): Promise<void> {
 
 export async function save(path?: string, replace = false): Promise<void> {
   try {
-    await http("POST /api/save", { body: path === undefined ? {} : { path, replace } });
+    await http("POST /api/save", { body: path === undefined ? { replace } : { path, replace } });
   } catch (e) {
     if (e instanceof Refusal && e.body.code === "exists" && path !== undefined) {
       openDialog({ name: "replace", path });
       return;
     }
     if (e instanceof Refusal && e.body.code === "untitled") openDialog({ name: "save-as" });
+    else if (e instanceof Refusal && e.body.code === "changed") openDialog({ name: "changed" });
     else complain(e);
+  }
+}
+
+/** Takes over what the file holds now; undo brings the edits back. */
+export async function reload(): Promise<void> {
+  try {
+    await http("POST /api/reload");
+    store.toast("the file was read again", "info", true);
+  } catch (e) {
+    complain(e);
   }
 }
 

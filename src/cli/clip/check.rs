@@ -13,6 +13,7 @@ use super::fix::{Finder, Fixed};
 use super::simulate::Simulation;
 use crate::clip::{Clip, Granularity, Level, Lint, Parsed, Rule};
 use crate::exit::Exit;
+use crate::limits;
 use crate::progress::Cancel;
 
 /// Check clips for mistakes in format, limits, speeds, blind spans and coupled joints.
@@ -155,7 +156,9 @@ fn deliver(a: &Check, report: &FileReport) -> Outcome {
 }
 
 fn file(a: &Check, path: &Path, bar: &Bar, cancel: &Cancel) -> Result<FileReport, Failure> {
-    let mut parsed = super::files::load(path)?;
+    let bytes = input::read(path, limits::CLIP_BYTES)?;
+    let place = input::place(path);
+    let mut parsed = crate::clip::parse_bytes(bytes.clone()).map_err(|e| e.in_file(&place))?;
     let robot = super::files::robot_of(&parsed.clip, a.robot.as_deref())?;
     let mut table = super::files::joint_table(&parsed.clip, robot.as_ref());
     if a.whole_masks {
@@ -173,7 +176,7 @@ fn file(a: &Check, path: &Path, bar: &Bar, cancel: &Cancel) -> Result<FileReport
         if input::is_standard(path) {
             parsed = Parsed::of(&clip);
         } else if done.count() > 0 {
-            clip.save(path)?;
+            input::rewrite(path, &bytes, &clip.to_text())?;
             parsed = Parsed::of(&clip);
         }
         fixed = Some(done);

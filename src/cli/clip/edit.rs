@@ -109,7 +109,7 @@ pub(super) fn fmt(a: &Fmt) -> Outcome {
         if a.check {
             out::line(&path.display().to_string())?;
         } else {
-            fsio::write_atomic(path, text.as_bytes())?;
+            input::rewrite(path, &bytes, &text)?;
         }
     }
     if a.check && stale > 0 {
@@ -163,7 +163,9 @@ pub(super) fn apply_ops(a: &Apply) -> Outcome {
     if input::is_standard(&a.clip) && input::is_standard(&a.ops) {
         return Err(Failure::usage("the clip and the operations cannot both come from stdin"));
     }
-    let clip = super::files::load(&a.clip)?.clip;
+    let bytes = input::read(&a.clip, limits::CLIP_BYTES)?;
+    let place = input::place(&a.clip);
+    let clip = crate::clip::parse_bytes(bytes.clone()).map_err(|e| e.in_file(&place))?.clip;
     let ops = read_ops(&a.ops)?;
     let robot = super::files::robot_of(&clip, a.robot.as_deref())?;
     let table = robot.as_ref().map(crate::robot::Robot::joint_table);
@@ -175,8 +177,10 @@ pub(super) fn apply_ops(a: &Apply) -> Outcome {
         })?;
     }
     let out = if a.in_place { Some(a.clip.as_path()) } else { a.out.as_deref() };
-    if out.is_some() || !a.json {
-        super::files::deliver(editor.clip(), out, a.force || a.in_place)?;
+    if a.in_place {
+        input::rewrite(&a.clip, &bytes, &editor.clip().to_text())?;
+    } else if out.is_some() || !a.json {
+        super::files::deliver(editor.clip(), out, a.force)?;
     }
     if !a.json {
         return Ok(());
@@ -221,16 +225,17 @@ pub(super) struct Upgrade {
 
 pub(super) fn upgrade(a: &Upgrade) -> Outcome {
     for path in &a.files {
-        let clip = super::files::load(path)?.clip;
+        let old = input::read(path, limits::CLIP_BYTES)?;
+        let place = input::place(path);
+        let clip = crate::clip::parse_bytes(old.clone()).map_err(|e| e.in_file(&place))?.clip;
         if input::is_standard(path) {
             input::write_clip(path, &clip)?;
             continue;
         }
-        let old = input::read(path, limits::CLIP_BYTES)?;
         let text = clip.to_text();
         let word = if text.as_bytes() == old { "is up to date" } else { "rewritten" };
         if word == "rewritten" {
-            fsio::write_atomic(path, text.as_bytes())?;
+            input::rewrite(path, &old, &text)?;
         }
         out::line(&format!("{}: {} {word}", path.display(), crate::clip::FORMAT))?;
     }

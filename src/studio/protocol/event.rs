@@ -4,13 +4,13 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use super::{
-    DocumentView, ErrorBody, Findings, History, RolloutSettings, RolloutState, Selection, State,
-};
+use super::document::{DocumentView, Findings, History};
+use super::job::JobView;
+use super::op::Selection;
+use super::refusal::ErrorBody;
+use super::rollout::{RolloutSettings, RolloutState, TakesView, WorkerState};
+use super::state::State;
 use crate::clip::{Delta, Demand, Level};
-use crate::studio::jobs::JobView;
-use crate::studio::takes::TakesView;
-use crate::studio::worker::WorkerState;
 
 /// What came of a request that changed nothing.
 #[derive(Clone, Debug, PartialEq, Serialize)]

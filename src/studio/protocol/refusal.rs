@@ -2,9 +2,9 @@
 
 use serde::Serialize;
 
+use super::error::Error;
 use crate::clip::ClipError;
 use crate::exit::{Exit, HasExit};
-use crate::studio::error::Error;
 
 /// What kind of refusal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -27,10 +27,14 @@ pub enum Code {
     Untitled,
     /// A file of that name is there already.
     Exists,
+    /// The file was changed by another program meanwhile.
+    Changed,
     /// Another studio has it.
     Locked,
     /// The simulation is down.
     Worker,
+    /// A body is too large.
+    TooLarge,
     /// A cap was reached.
     Full,
     /// It was tried and failed.
@@ -77,7 +81,8 @@ impl ErrorBody {
             Code::Unauthorized => 401,
             Code::Forbidden => 403,
             Code::NotFound | Code::NoDocument => 404,
-            Code::Untitled | Code::Exists | Code::Locked => 409,
+            Code::Untitled | Code::Exists | Code::Changed | Code::Locked => 409,
+            Code::TooLarge => 413,
             Code::Full => 429,
             Code::Worker => 503,
             Code::Failed => 500,
@@ -91,10 +96,12 @@ impl From<&Error> for ErrorBody {
             Error::NoDocument => Code::NoDocument,
             Error::Untitled => Code::Untitled,
             Error::Exists { .. } => Code::Exists,
+            Error::Changed { .. } => Code::Changed,
             Error::Locked { .. } => Code::Locked,
             Error::Worker { .. } => Code::Worker,
             Error::Request { .. } => Code::Request,
             Error::NotFound { .. } => Code::NotFound,
+            Error::TooLarge { .. } => Code::TooLarge,
             Error::Full { .. } => Code::Full,
             other if other.exit() == Exit::Invalid => Code::Invalid,
             _ => Code::Failed,
@@ -107,6 +114,7 @@ impl From<&Error> for ErrorBody {
             Error::Locked { .. } => Some("close the other studio, or save under another name"),
             Error::Untitled => Some("use save as"),
             Error::Exists { .. } => Some("another name, or \"replace\": true"),
+            Error::Changed { .. } => Some("\"replace\": true, /api/reload, or another path"),
             Error::Worker { .. } => Some("press restart; edits are safe meanwhile"),
             _ => None,
         };

@@ -13,22 +13,14 @@ use schemars::{JsonSchema, SchemaGenerator};
 use serde_json::{Map, Value};
 
 use super::{
-    DocumentView, Draft, Edited, Event, GalleryItem, IkRequest, OpsRequest, RecentFile, RobotCard,
-    RolloutView, Saved, State, StudioOp,
+    ClipQuery, DocumentView, Draft, Edited, Event, ExampleQuery, ExportQuery, ExportRequest,
+    FilesQuery, GalleryItem, Geometry, HoverQuery, Hovered, IkAnswer, IkRequest, ImportBody,
+    JobRequest, JobView, LinesFrom, Listing, MeanError, NewBody, OpsRequest, PathBody, Pose,
+    PoseQuery, Poses, RecentFile, RobotCard, RobotFacts, RolloutView, SaveBody, Saved,
+    SettleAnswer, Shelf, State, StillBodyQuery, StillQuery, StudioOp, TakeFrames, TakesView,
+    UploadQuery,
 };
 use crate::clip::{ClipShape, Op};
-use crate::studio::api::{
-    ExampleQuery, ExportQuery, HoverQuery, ImportBody, LinesFrom, NewBody, PathBody, Pose,
-    PoseQuery, Poses, SaveBody, StillBodyQuery, StillQuery, UploadQuery,
-};
-use crate::studio::exchange::ExportRequest;
-use crate::studio::folders::Listing;
-use crate::studio::intake::{ClipQuery, FilesQuery};
-use crate::studio::jobs::{JobRequest, JobView};
-use crate::studio::shelf::Shelf;
-use crate::studio::takes::{TakeFrames, TakesView};
-use crate::studio::viser::Hovered;
-use crate::studio::worker::{Geometry, IkAnswer, MeanError, RobotFacts, SettleAnswer};
 
 /// Where the page imports it from, below the crate's folder.
 const FILE: &str = "ui/src/generated/protocol.ts";
@@ -77,7 +69,7 @@ fn routes_are_those_of_the_router() {
     page.describe();
     let ours: BTreeSet<String> = page.routes.iter().map(|r| r.address.clone()).collect();
     let mut theirs = BTreeSet::new();
-    let router = include_str!("../server.rs");
+    let router = include_str!("../http/router.rs");
     for (at, _) in router.match_indices(".route(\"/api/") {
         let line = router[at..].lines().next().unwrap();
         let path = line.split('"').nth(1).unwrap().replace("{*", "{");
@@ -139,6 +131,7 @@ impl Page {
         self.route("POST /api/undo").gives::<Edited>();
         self.route("POST /api/redo").gives::<Edited>();
         self.route("POST /api/discard").gives::<Edited>();
+        self.route("POST /api/reload").gives::<Edited>();
         self.route("POST /api/open").takes::<PathBody>().gives::<DocumentView>();
         self.route("POST /api/new").takes::<NewBody>().gives::<DocumentView>();
         self.route("POST /api/save").takes::<SaveBody>().gives::<Saved>();

@@ -2,26 +2,34 @@
 
 use std::collections::BTreeMap;
 
-use super::super::error::Error;
-use super::super::protocol::{Event, Findings};
-use super::super::worker::{Checked, Report, Request};
-use super::{Ask, Desk, JUDGED_AT_ONCE, VERDICTS};
-use crate::clip::{self, PoseChecker, PoseReport};
+use super::actor::SessionActor;
+use super::command::SessionCommand;
+use crate::clip;
+use crate::clip::{PoseChecker, PoseReport};
+use crate::studio::protocol::{Error, Event, Findings};
+use crate::studio::simulation::worker::{CheckPoses, Checked};
 
-impl Desk {
+/// Poses whose verdicts are remembered.
+const VERDICTS: usize = 4_000;
+
+/// Poses that are judged in one go, so that a question in between need not wait long.
+const JUDGED_AT_ONCE: usize = 4;
+
+impl SessionActor {
     /// Problems and timeline, and the poses that simulation has not judged yet.
-    pub(super) fn findings(&self) -> (Findings, Vec<Vec<f64>>) {
+    pub(crate) fn findings(&self) -> (Findings, Vec<Vec<f64>>) {
         let Some(document) = &self.document else { return (Findings::default(), Vec::new()) };
         let table = self.table();
         let (clip, command) = (document.clip(), document.command());
+        let robot = self.simulation.robot();
         let mut judge = Judge {
             names: table.names(),
-            tolerance: self.facts.as_ref().map_or(0.05, |f| f.settle_tolerance),
-            verdicts: &self.verdicts,
+            tolerance: robot.as_ref().map_or(0.05, |r| r.settle_tolerance),
+            verdicts: &self.judgement.verdicts,
             unknown: Vec::new(),
         };
         let checker: Option<&mut dyn PoseChecker> =
-            if self.facts.is_some() { Some(&mut judge) } else { None };
+            if robot.is_some() { Some(&mut judge) } else { None };
         let lints = clip::lint(clip, command, &table, checker);
         let findings = Findings {
             rev: document.rev(),
@@ -29,53 +37,50 @@ impl Desk {
             spans: command.spans().to_vec(),
             blind: command.blind_spans(),
             simulated: judge.unknown.is_empty(),
-            granularity: self.granularity,
+            granularity: self.choice.granularity,
         };
         (findings, judge.unknown)
     }
 
     /// Tells everyone the findings and lets the simulation judge what is new.
-    pub(super) fn tell_findings(&mut self) {
+    pub(crate) fn tell_findings(&mut self) {
         if self.document.is_none() {
             return;
         }
         let (findings, mut unknown) = self.findings();
         self.hub.send(&Event::Findings(findings));
-        let Some(facts) = &self.facts else { return };
+        let Some(robot) = self.simulation.robot() else { return };
         unknown.truncate(JUDGED_AT_ONCE);
-        if unknown.is_empty() || self.judging {
+        if unknown.is_empty() || self.judgement.asking {
             return;
         }
-        self.judging = true;
-        let robot = facts.source.clone();
+        self.judgement.asking = true;
+        let robot = robot.source.clone();
         let inbox = self.inbox.clone();
-        let request = Request::Check { robot: robot.clone(), poses: unknown.clone() };
-        self.worker.ask_with(request, move |verdicts| {
-            inbox.send(Ask::Judged { robot, poses: unknown, verdicts }).ok();
+        let question = CheckPoses { robot: robot.clone(), poses: unknown.clone() };
+        self.simulation.ask_with(question, move |verdicts| {
+            inbox.send(SessionCommand::Judged { robot, poses: unknown, verdicts }).ok();
         });
     }
 
-    pub(super) fn judged(
+    pub(crate) fn judged(
         &mut self,
         robot: &str,
         poses: &[Vec<f64>],
-        verdicts: Result<Report, Error>,
+        verdicts: Result<Vec<Checked>, Error>,
     ) {
-        self.judging = false;
-        if self.facts.as_ref().is_none_or(|f| f.source != robot) {
+        self.judgement.asking = false;
+        if self.simulation.robot().is_none_or(|r| r.source != robot) {
             self.tell_findings();
             return;
         }
-        let verdicts = match verdicts {
-            Ok(Report::Checked(verdicts)) => verdicts,
-            // A pose that kills the simulation must not be asked about again and again.
-            _ => vec![Checked::default(); poses.len()],
-        };
-        if self.verdicts.len() > VERDICTS {
-            self.verdicts.clear();
+        // A pose that kills the simulation must not be asked about again and again.
+        let verdicts = verdicts.unwrap_or_else(|_| vec![Checked::default(); poses.len()]);
+        if self.judgement.verdicts.len() > VERDICTS {
+            self.judgement.verdicts.clear();
         }
         for (pose, verdict) in poses.iter().zip(verdicts) {
-            self.verdicts.insert(bits(pose), verdict);
+            self.judgement.verdicts.insert(bits(pose), verdict);
         }
         self.tell_findings();
     }

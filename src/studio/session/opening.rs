@@ -1,47 +1,48 @@
-//! Ways for a document to come to the desk.
+//! Ways for a document to come to the actor.
 
 use std::path::Path;
+use std::time::Duration;
 
-use super::super::document::Document;
-use super::super::error::Error;
-use super::super::protocol::DocumentView;
-use super::super::shelf;
-use super::super::worker::{Report, Request, RobotFacts};
-use super::{Desk, ROBOT_PATIENCE, reference};
-use crate::clip::{self, Clip, JointTable};
+use super::actor::{Asked, SessionActor, reference};
+use crate::clip;
+use crate::clip::{Clip, JointTable};
 use crate::robot::MODEL_FILE;
+use crate::studio::document::Document;
+use crate::studio::protocol::{DocumentView, Error, RobotFacts};
+use crate::studio::simulation::worker::{DescribeRobot, LoadRobot};
+use crate::studio::workspace::robot_folders;
 
-/// What the simulation said of a clip's robot.
-pub(super) type Asked = Result<RobotFacts, Error>;
+/// How long opening waits for the facts of its robot.
+const ROBOT_PATIENCE: Duration = Duration::from_secs(20);
 
 /// What is known of the joints then.
 fn table(asked: &Asked) -> Option<JointTable> {
     asked.as_ref().ok().map(|facts| facts.table.clone())
 }
 
-impl Desk {
-    pub(super) fn open(&mut self, path: &Path) -> Result<DocumentView, Error> {
+impl SessionActor {
+    pub(crate) fn open(&mut self, path: &Path) -> Result<DocumentView, Error> {
         // The same file again: give its lock back first, but keep the document if it fails.
         let again = std::path::absolute(path).ok();
         if self.document.as_ref().is_some_and(|d| d.path() == again.as_deref()) {
             return Ok(self.view());
         }
         let mut asked = None;
-        let document = Document::open(path, &self.state_dir, |clip| {
+        let document = Document::open(path, &self.workspace.state_dir, |clip| {
             table(asked.insert(self.ask_robot(clip)))
         })?;
         Ok(self.take_up(document, asked))
     }
 
-    pub(super) fn recover(&mut self) -> bool {
+    pub(crate) fn recover(&mut self) -> bool {
         let mut asked = None;
         let mut ask = |clip: &Clip| table(asked.insert(self.ask_robot(clip)));
-        let mut found = Document::orphan(&self.state_dir, &mut ask);
-        for file in self.recent.list() {
+        let mut found = Document::orphan(&self.workspace.state_dir, &mut ask);
+        for file in self.workspace.recent.list() {
             if found.is_some() {
                 break;
             }
-            match Document::left_open(file.path.as_ref(), &self.state_dir, &mut ask) {
+            match Document::left_open(file.path.as_ref(), &self.workspace.state_dir, &mut ask) {
                 Ok(document) => found = document,
                 Err(e) => tracing::warn!("{} is not taken up: {e}", file.path),
             }
@@ -56,50 +57,44 @@ impl Desk {
         true
     }
 
-    pub(super) fn take_up_draft(&mut self, number: u32) -> Result<DocumentView, Error> {
+    pub(crate) fn take_up_draft(&mut self, number: u32) -> Result<DocumentView, Error> {
         let mut asked = None;
-        let document = Document::draft(&self.state_dir, number, |clip| {
+        let document = Document::draft(&self.workspace.state_dir, number, |clip| {
             table(asked.insert(self.ask_robot(clip)))
         })?;
         Ok(self.take_up(document, asked))
     }
 
-    pub(super) fn start_from(&mut self, clip: Clip) -> Result<DocumentView, Error> {
+    pub(crate) fn start_from(&mut self, clip: Clip) -> Result<DocumentView, Error> {
         let asked = self.ask_robot(&clip);
-        let document = Document::new(clip, &self.state_dir, table(&asked))?;
+        let document = Document::new(clip, &self.workspace.state_dir, table(&asked))?;
         Ok(self.take_up(document, Some(asked)))
     }
 
     /// Asks about a robot and remembers where it comes from.
-    pub(super) fn know(&mut self, robot: &str) -> Result<RobotFacts, Error> {
-        let request = Request::Facts { robot: robot.to_owned() };
-        match self.worker.ask_blocking(request, ROBOT_PATIENCE)? {
-            Report::Facts(facts) => {
-                self.sources.insert(facts.id.clone(), robot.to_owned());
-                Ok(*facts)
-            }
-            _ => Err(Error::request("the simulation gave no facts")),
-        }
+    pub(crate) fn know(&mut self, robot: &str) -> Result<RobotFacts, Error> {
+        let question = DescribeRobot { robot: robot.to_owned() };
+        let facts = self.simulation.ask_blocking(question, ROBOT_PATIENCE)?;
+        self.sources.insert(facts.id.clone(), robot.to_owned());
+        Ok(facts)
     }
 
     /// Asks the worker to take a clip's robot up: by its id, or from the folder that the
     /// user named, that the clip names, or that an import left beside us.
-    pub(super) fn ask_robot(&self, clip: &Clip) -> Result<RobotFacts, Error> {
+    pub(crate) fn ask_robot(&self, clip: &Clip) -> Result<RobotFacts, Error> {
         let id = &clip.robot.id;
-        let named = clip.robot.model.as_ref().map(|m| self.folder.join(m));
+        let named = clip.robot.model.as_ref().map(|m| self.workspace.folder.join(m));
         let named = named.filter(|dir| dir.join(MODEL_FILE).is_file());
         let robot = match (self.sources.get(id), named) {
             (Some(source), _) => source.clone(),
-            (None, Some(dir)) if !shelf::is_builtin(id) => dir.display().to_string(),
-            _ => shelf::source(id, &self.folder, &self.state_dir).unwrap_or_else(|| id.clone()),
+            (None, Some(dir)) if !robot_folders::is_builtin(id) => dir.display().to_string(),
+            _ => robot_folders::source(id, &self.workspace.folder, &self.workspace.state_dir)
+                .unwrap_or_else(|| id.clone()),
         };
-        match self.worker.ask_blocking(Request::Robot { robot }, ROBOT_PATIENCE)? {
-            Report::Facts(facts) => Ok(*facts),
-            _ => Err(Error::request("the simulation gave no facts")),
-        }
+        self.simulation.ask_blocking(LoadRobot { robot }, ROBOT_PATIENCE)
     }
 
-    pub(super) fn blank(
+    pub(crate) fn blank(
         &mut self,
         robot: &str,
         length: u32,

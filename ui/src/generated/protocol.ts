@@ -170,10 +170,14 @@ export type Code =
   | "untitled"
   /** A file of that name is there already. */
   | "exists"
+  /** The file was changed by another program meanwhile. */
+  | "changed"
   /** Another studio has it. */
   | "locked"
   /** The simulation is down. */
   | "worker"
+  /** A body is too large. */
+  | "too_large"
   /** A cap was reached. */
   | "full"
   /** It was tried and failed. */
@@ -1765,6 +1769,7 @@ export interface Routes {
   "POST /api/undo": { answer: Edited };
   "POST /api/redo": { answer: Edited };
   "POST /api/discard": { answer: Edited };
+  "POST /api/reload": { answer: Edited };
   "POST /api/open": { body: PathBody; answer: DocumentView };
   "POST /api/new": { body: NewBody; answer: DocumentView };
   "POST /api/save": { body: SaveBody; answer: Saved };

@@ -1,0 +1,324 @@
+//! The file of a journal.
+
+use std::fs::{File, OpenOptions};
+use std::io::{Read, Seek, SeekFrom, Write};
+use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
+use std::path::{Path, PathBuf};
+use std::{fs, io};
+
+use rustix::fs::{FlockOperation, flock};
+
+use super::record::{Damage, Record};
+use super::scan::{MAGIC, Position, Scan, scan};
+use crate::studio::protocol::Error;
+use crate::{fsio, limits};
+
+/// An open, locked journal.
+#[derive(Debug)]
+pub(crate) struct Journal {
+    file: File,
+    path: PathBuf,
+    /// Length of what is known to be whole.
+    len: u64,
+    /// Where the next record stands among all.
+    position: Position,
+    /// The file is of the current format.
+    current: bool,
+}
+
+impl Journal {
+    /// Opens (or creates) and locks a journal and reads what is in it. A damaged one stays as
+    /// it is until [`Journal::repair`], which comes before anything else is written.
+    ///
+    /// # Errors
+    /// [`Error::Locked`] when another process has it, [`Error::NotAJournal`] when something
+    /// else has its name (which is left as it is), [`Error::Journal`].
+    pub(crate) fn open(path: &Path) -> Result<(Journal, Vec<Record>, Damage), Error> {
+        let fail = |source| Error::Journal { source, path: path.to_owned() };
+        let foreign = |what: String| Error::NotAJournal { what, path: path.to_owned() };
+        let mut file = lock(path)?;
+        let len = file.metadata().map_err(fail)?.len();
+        if len > limits::JOURNAL_BYTES {
+            return Err(foreign(format!("it has {len} bytes")));
+        }
+        let mut bytes = Vec::with_capacity(len as usize);
+        (&mut file).take(limits::JOURNAL_BYTES).read_to_end(&mut bytes).map_err(fail)?;
+        let Scan { records, damage, position, current } =
+            scan(&bytes).ok_or_else(|| foreign("it holds something else".into()))?;
+        Ok((Journal { file, path: path.to_owned(), len, position, current }, records, damage))
+    }
+
+    /// Takes damage out of the file and brings an older format up to date. The file as it was
+    /// found is kept beside it.
+    ///
+    /// # Errors
+    /// [`Error::Journal`].
+    pub(crate) fn repair(&mut self, records: &[Record], damage: &mut Damage) -> Result<(), Error> {
+        let whole = *damage == Damage::default();
+        if !whole {
+            let kept = self.keep()?;
+            let path = self.path.display();
+            tracing::warn!("{path}: {}; kept as {}", damage.words(), kept.display());
+            damage.kept = Some(kept);
+        }
+        if whole && self.current { Ok(()) } else { self.rewrite(records) }
+    }
+
+    /// Where it is.
+    pub(crate) fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Bytes in it.
+    #[cfg(test)]
+    pub(crate) fn bytes(&self) -> u64 {
+        self.len
+    }
+
+    /// Appends records and returns when they are on disk; all of them or none.
+    ///
+    /// # Errors
+    /// [`Error::Journal`].
+    pub(crate) fn append(&mut self, records: &[Record]) -> Result<(), Error> {
+        let fail = |source| Error::Journal { source, path: self.path.clone() };
+        let mut bytes = if self.len == 0 { MAGIC.to_vec() } else { Vec::new() };
+        let mut position = self.position;
+        for record in records {
+            position.encode(record, &mut bytes).map_err(fail)?;
+        }
+        if self.len + bytes.len() as u64 > limits::JOURNAL_BYTES {
+            return Err(fail(io::Error::other("the journal is full; save the clip")));
+        }
+        let written = self.file.write_all(&bytes).and_then(|()| self.file.sync_data());
+        if let Err(source) = written {
+            // What is half written must not stand before the next record.
+            let error = Error::Journal { source, path: self.path.clone() };
+            self.cut().ok();
+            return Err(error);
+        }
+        self.position = position;
+        self.len += bytes.len() as u64;
+        Ok(())
+    }
+
+    /// Replaces the content by these records, atomically.
+    ///
+    /// # Errors
+    /// [`Error::Journal`]; the old content stands then.
+    pub(crate) fn rewrite(&mut self, records: &[Record]) -> Result<(), Error> {
+        let fail = |source| Error::Journal { source, path: self.path.clone() };
+        let mut bytes = MAGIC.to_vec();
+        let mut position = Position::default();
+        for record in records {
+            position.encode(record, &mut bytes).map_err(fail)?;
+        }
+        let dir = folder(&self.path);
+        let mut temp =
+            tempfile::Builder::new().prefix(".robert-").tempfile_in(dir).map_err(fail)?;
+        temp.as_file_mut().write_all(&bytes).map_err(fail)?;
+        temp.as_file().sync_all().map_err(fail)?;
+        // Locked before it has the name, so that no moment is unlocked.
+        flock(temp.as_file(), FlockOperation::NonBlockingLockExclusive)
+            .map_err(|e| fail(e.into()))?;
+        self.file = temp.persist(&self.path).map_err(|e| fail(e.error))?;
+        self.len = bytes.len() as u64;
+        (self.position, self.current) = (position, true);
+        self.file.seek(SeekFrom::End(0)).map_err(fail)?;
+        File::open(dir).and_then(|d| d.sync_all()).map_err(fail)
+    }
+
+    /// Removes the file: nothing in it is needed any more.
+    pub(crate) fn remove(self) {
+        fs::remove_file(&self.path).ok();
+    }
+
+    /// Empties it, and keeps a copy of what is in it.
+    ///
+    /// # Errors
+    /// [`Error::Journal`].
+    pub(crate) fn set_aside(&mut self) -> Result<PathBuf, Error> {
+        let kept = self.keep()?;
+        self.rewrite(&[])?;
+        Ok(kept)
+    }
+
+    /// Keeps a copy of what is in it.
+    ///
+    /// # Errors
+    /// [`Error::Journal`].
+    pub(crate) fn keep(&mut self) -> Result<PathBuf, Error> {
+        let fail = |source| Error::Journal { source, path: self.path.clone() };
+        let mut bytes = Vec::new();
+        self.file.seek(SeekFrom::Start(0)).map_err(fail)?;
+        (&mut self.file).take(limits::JOURNAL_BYTES).read_to_end(&mut bytes).map_err(fail)?;
+        self.file.seek(SeekFrom::Start(self.len)).map_err(fail)?;
+        keep(&self.path, &bytes).map_err(fail)
+    }
+
+    fn cut(&mut self) -> io::Result<()> {
+        self.file.set_len(self.len)?;
+        self.file.seek(SeekFrom::Start(self.len))?;
+        self.file.sync_data()
+    }
+}
+
+/// The file at `path`, opened and locked.
+fn lock(path: &Path) -> Result<File, Error> {
+    let fail = |source: io::Error| match fs::symlink_metadata(path) {
+        Ok(found) if !found.is_file() => {
+            Error::NotAJournal { what: source.to_string(), path: path.to_owned() }
+        }
+        _ => Error::Journal { source, path: path.to_owned() },
+    };
+    // Another process may replace or remove the file between open and lock.
+    for _ in 0..16 {
+        let file = fsio::open_private(path).map_err(fail)?;
+        match flock(&file, FlockOperation::NonBlockingLockExclusive) {
+            Ok(()) => {}
+            Err(rustix::io::Errno::WOULDBLOCK) => {
+                return Err(Error::Locked { path: path.to_owned() });
+            }
+            Err(e) => return Err(fail(e.into())),
+        }
+        let same = fs::symlink_metadata(path)
+            .and_then(|there| Ok(there.ino() == file.metadata()?.ino()))
+            .unwrap_or(false);
+        if same {
+            return Ok(file);
+        }
+    }
+    Err(Error::Locked { path: path.to_owned() })
+}
+
+/// Keeps these bytes beside the journal, in a file that is not there yet.
+fn keep(path: &Path, bytes: &[u8]) -> io::Result<PathBuf> {
+    const COPIES: u32 = 1000;
+    for n in 1..COPIES {
+        let mut name = path.file_name().unwrap_or_default().to_owned();
+        name.push(if n == 1 { ".damaged".to_owned() } else { format!(".damaged-{n}") });
+        let kept = path.with_file_name(name);
+        match OpenOptions::new().write(true).create_new(true).mode(0o600).open(&kept) {
+            Ok(mut file) => {
+                file.write_all(bytes)?;
+                file.sync_all()?;
+                return Ok(kept);
+            }
+            Err(e) if e.kind() == io::ErrorKind::AlreadyExists => {}
+            Err(e) => return Err(e),
+        }
+    }
+    Err(io::Error::other(format!("there are {COPIES} damaged copies of it already")))
+}
+
+fn folder(path: &Path) -> &Path {
+    path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::scan::MARK;
+    use super::*;
+    use crate::clip::Delta;
+
+    fn sample() -> Vec<Record> {
+        let patch = Delta { name: Some("wave".into()), ..Delta::default() };
+        vec![
+            Record::Base { text: "{}".into(), path: None },
+            Record::Edit { label: "Rename".into(), patch: Box::new(patch) },
+            Record::Undo,
+            Record::Redo,
+        ]
+    }
+
+    fn open(path: &Path) -> (Journal, Vec<Record>, Damage) {
+        Journal::open(path).unwrap()
+    }
+
+    #[test]
+    fn a_damaged_tail_is_cut_and_kept_and_writing_goes_on() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.autosave");
+        let (mut journal, none, _) = open(&path);
+        assert!(none.is_empty());
+        journal.append(&sample()[..2]).unwrap();
+        drop(journal);
+        let mut bytes = fs::read(&path).unwrap();
+        bytes.extend_from_slice(&MARK);
+        bytes.extend_from_slice(&[9, 0]);
+        fs::write(&path, &bytes).unwrap();
+        let (mut journal, records, mut damage) = open(&path);
+        assert_eq!((records.len(), damage.torn_bytes), (2, 6));
+        assert_eq!(fs::read(&path).unwrap(), bytes, "reading changes nothing");
+        journal.repair(&records, &mut damage).unwrap();
+        assert_eq!(fs::read(damage.kept.unwrap()).unwrap(), bytes);
+        journal.append(&sample()[2..]).unwrap();
+        assert!(matches!(Journal::open(&path), Err(Error::Locked { .. })));
+        drop(journal);
+        let (_, records, damage) = open(&path);
+        assert_eq!((records, damage), (sample(), Damage::default()));
+    }
+
+    #[test]
+    fn rewriting_keeps_the_lock() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.autosave");
+        let (mut journal, ..) = open(&path);
+        journal.append(&sample()).unwrap();
+        journal.rewrite(&sample()[..1]).unwrap();
+        assert!(matches!(Journal::open(&path), Err(Error::Locked { .. })));
+        journal.append(&sample()[2..3]).unwrap();
+        drop(journal);
+        let (journal, records, _) = open(&path);
+        assert_eq!(records, [sample()[0].clone(), Record::Undo]);
+        journal.remove();
+        assert!(!path.exists());
+    }
+
+    #[test]
+    fn what_is_no_journal_of_ours_is_left_as_it_is() {
+        let dir = tempfile::tempdir().unwrap();
+        let at = |name: &str| dir.path().join(name);
+        fs::write(at("victim"), "precious").unwrap();
+        std::os::unix::fs::symlink("victim", at("link")).unwrap();
+        std::os::unix::fs::symlink("nothing", at("dangling")).unwrap();
+        std::os::unix::fs::symlink("/dev/zero", at("endless")).unwrap();
+        rustix::fs::mkfifoat(rustix::fs::CWD, at("pipe"), rustix::fs::Mode::RUSR).unwrap();
+        fs::create_dir(at("folder")).unwrap();
+        for name in ["victim", "link", "dangling", "endless", "pipe", "folder"] {
+            let e = Journal::open(&at(name)).unwrap_err();
+            assert!(matches!(e, Error::NotAJournal { .. }), "{name}: {e}");
+        }
+        assert_eq!(fs::read(at("victim")).unwrap(), b"precious");
+        assert!(!at("nothing").exists());
+        assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 6, "nothing was made");
+    }
+
+    #[test]
+    fn a_journal_of_the_first_format_is_read_and_rewritten() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.autosave");
+        let mut bytes = b"robert-journal/1\n".to_vec();
+        for record in sample() {
+            let json = serde_json::to_vec(&record).unwrap();
+            bytes.extend_from_slice(&(json.len() as u32).to_le_bytes());
+            bytes.extend_from_slice(&crc32fast::hash(&json).to_le_bytes());
+            bytes.extend_from_slice(&json);
+        }
+        fs::write(&path, &bytes).unwrap();
+        let (mut journal, records, mut damage) = open(&path);
+        assert_eq!((&records, &damage), (&sample(), &Damage::default()));
+        journal.repair(&records, &mut damage).unwrap();
+        journal.append(&[Record::Undo]).unwrap();
+        drop(journal);
+        assert!(fs::read(&path).unwrap().starts_with(MAGIC));
+        assert_eq!(open(&path).1.len(), 5);
+        // What is left of a damaged one is its beginning, and the file is kept.
+        let end = bytes.len();
+        bytes[end - 3] ^= 1;
+        fs::write(&path, &bytes).unwrap();
+        let (mut journal, records, mut damage) = open(&path);
+        assert_eq!(records, sample()[..3]);
+        journal.repair(&records, &mut damage).unwrap();
+        assert_eq!(fs::read(damage.kept.unwrap()).unwrap(), bytes);
+    }
+}

@@ -1,0 +1,56 @@
+//! What a journal holds, and what it no longer holds.
+
+use std::path::PathBuf;
+
+use serde::{Deserialize, Serialize};
+
+use crate::clip::Delta;
+
+/// One record.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum Record {
+    /// The document that the rest builds upon; always first, and only there.
+    Base {
+        /// Its text.
+        text: String,
+        /// The file it is saved in; `None` for a clip without a name.
+        path: Option<PathBuf>,
+    },
+    /// An edit.
+    Edit {
+        /// What the history calls it.
+        label: String,
+        /// What it changed.
+        patch: Box<Delta>,
+    },
+    /// The last edit was taken back.
+    Undo,
+    /// It was done again.
+    Redo,
+    /// Its studio put it away by itself. Without this at the end the studio was killed with
+    /// that clip open.
+    Closed,
+    /// It was taken up again.
+    Opened,
+}
+
+/// What a journal no longer holds.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Damage {
+    /// Bytes of a record that was not written to its end, and so never acknowledged.
+    pub(crate) torn_bytes: u64,
+    /// What else was damaged, in words.
+    pub(crate) lost: Vec<String>,
+    /// Where the file is kept as it was found.
+    pub(crate) kept: Option<PathBuf>,
+}
+
+impl Damage {
+    /// What was lost, in words.
+    pub(crate) fn words(&self) -> String {
+        let torn = (self.torn_bytes > 0)
+            .then(|| format!("an edit of {} bytes was not written to its end", self.torn_bytes));
+        self.lost.iter().cloned().chain(torn).collect::<Vec<_>>().join(", ")
+    }
+}

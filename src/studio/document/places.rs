@@ -1,0 +1,41 @@
+//! Where the journal of a clip file lies.
+
+use std::path::{Path, PathBuf};
+
+use crate::fsio;
+use crate::studio::document::journal::{Damage, Journal, Record};
+use crate::studio::protocol::Error;
+
+/// An open journal and what it holds.
+pub(super) type Found = (Journal, Vec<Record>, Damage);
+
+pub(crate) fn open_journal(clip: &Path, state_dir: &Path) -> Result<Found, Error> {
+    let [beside, elsewhere] = journal_places(clip, state_dir);
+    // Opening makes a journal; it must not be what makes the clip's folder.
+    if !clip.parent().is_some_and(Path::is_dir) {
+        let source = std::io::Error::from(std::io::ErrorKind::NotFound);
+        return Err(fsio::Error::Read { source, path: clip.to_owned() }.into());
+    }
+    match Journal::open(&beside) {
+        Err(Error::Journal { source, .. })
+            if matches!(
+                source.kind(),
+                std::io::ErrorKind::PermissionDenied | std::io::ErrorKind::ReadOnlyFilesystem
+            ) =>
+        {
+            std::fs::create_dir_all(state_dir)
+                .map_err(|source| Error::Journal { source, path: elsewhere.clone() })?;
+            Journal::open(&elsewhere)
+        }
+        other => other,
+    }
+}
+
+/// Where the journal of a clip file is: beside it, or where its folder takes no files.
+pub(super) fn journal_places(clip: &Path, state_dir: &Path) -> [PathBuf; 2] {
+    let mut name = clip.file_name().unwrap_or_default().to_owned();
+    name.push(".autosave");
+    let hash = fsio::sha256_hex(clip.as_os_str().as_encoded_bytes());
+    let short = hash.get(..16).unwrap_or(&hash);
+    [clip.with_file_name(&name), state_dir.join(format!("{short}.autosave"))]
+}

@@ -1,0 +1,161 @@
+//! Journals of documents that are open nowhere: drafts, and what a killed studio left.
+
+use std::path::Path;
+use std::sync::{Mutex, PoisonError};
+use std::time::Duration;
+
+use super::content::Document;
+use super::opening::steps;
+use super::places::{journal_places, open_journal};
+use crate::clip::{Clip, Editor, JointTable};
+use crate::fsio;
+use crate::studio::document::journal::{Damage, Journal, Record};
+use crate::studio::protocol::{Draft, Error};
+
+/// Attempts to get a draft that seems to be in use, and the time between two.
+const LOCK_TRIES: u32 = 10;
+
+const LOCK_PAUSE: Duration = Duration::from_millis(20);
+
+/// The journal of a clip that is open nowhere.
+struct Waiting {
+    journal: Journal,
+    records: Vec<Record>,
+    damage: Damage,
+}
+
+impl Document {
+    /// The unsaved clip that was open in a studio that was killed, if there is one: the
+    /// newest. What a studio put away by itself waits among the drafts.
+    pub(crate) fn orphan(
+        state_dir: &Path,
+        table: impl FnOnce(&Clip) -> Option<JointTable>,
+    ) -> Option<Document> {
+        // Opened once: a journal that is closed and opened again at once can seem to be in use,
+        // as a child that starts just then has its lock until it is a program of its own.
+        let found = Self::waiting(state_dir).into_iter().find(|(draft, _)| draft.abandoned);
+        let (_, Waiting { journal, records, damage }) = found?;
+        Document::from_journal(journal, &records, damage, table).ok()
+    }
+
+    /// Opens a clip file if a studio was killed with it open; `None` if not.
+    ///
+    /// # Errors
+    /// As [`Document::open`].
+    pub(crate) fn left_open(
+        path: &Path,
+        state_dir: &Path,
+        table: impl FnOnce(&Clip) -> Option<JointTable>,
+    ) -> Result<Option<Document>, Error> {
+        let path = std::path::absolute(path)
+            .map_err(|source| fsio::Error::Read { source, path: path.to_owned() })?;
+        if !path.is_file() || !journal_places(&path, state_dir).iter().any(|j| j.is_file()) {
+            return Ok(None);
+        }
+        // Opened once: see `orphan`.
+        let found = open_journal(&path, state_dir)?;
+        if found.1.is_empty() && found.2 == Damage::default() {
+            found.0.remove();
+            return Ok(None);
+        }
+        if found.1.last() == Some(&Record::Closed) {
+            return Ok(None);
+        }
+        Document::from_file(path, found, table).map(Some)
+    }
+
+    /// Clips that were never saved and are open nowhere, the newest first. Journals without
+    /// an edit go.
+    pub(crate) fn drafts(state_dir: &Path) -> Vec<Draft> {
+        // Who looks holds the journals' locks meanwhile: two at once would miss some.
+        static LOOKING: Mutex<()> = Mutex::new(());
+        let _one = LOOKING.lock().unwrap_or_else(PoisonError::into_inner);
+        Self::waiting(state_dir).into_iter().map(|(draft, _)| draft).collect()
+    }
+
+    fn waiting(state_dir: &Path) -> Vec<(Draft, Waiting)> {
+        let Ok(found) = std::fs::read_dir(state_dir) else { return Vec::new() };
+        let number = |path: &Path| -> Option<u32> {
+            path.file_name()?
+                .to_str()?
+                .strip_prefix("untitled-")?
+                .strip_suffix(".autosave")?
+                .parse()
+                .ok()
+        };
+        let mut list: Vec<(Duration, (Draft, Waiting))> = found
+            .filter_map(|e| e.ok().map(|e| e.path()))
+            .filter_map(|path| {
+                let number = number(&path)?;
+                let changed = std::fs::metadata(&path).and_then(|m| m.modified()).ok()?;
+                let (journal, records, damage) = Journal::open(&path).ok()?;
+                let whole = damage == Damage::default();
+                if whole && matches!(records.as_slice(), [Record::Base { path: None, .. }]) {
+                    journal.remove();
+                    return None;
+                }
+                let clip = drafted(&records, &damage)?;
+                // A clock that was wrong may have dated it before 1970.
+                let since = changed.duration_since(std::time::UNIX_EPOCH).unwrap_or_default();
+                let draft = Draft {
+                    number,
+                    name: clip.name.clone(),
+                    robot: clip.robot.id.clone(),
+                    keys: clip.keys.len(),
+                    changed_secs: since.as_secs(),
+                    abandoned: records.last() != Some(&Record::Closed),
+                };
+                Some((since, (draft, Waiting { journal, records, damage })))
+            })
+            .collect();
+        // Finer than the seconds that people see: numbers are used again.
+        list.sort_by_key(|(since, (d, _))| std::cmp::Reverse((*since, d.number)));
+        list.into_iter().map(|(_, draft)| draft).collect()
+    }
+
+    /// Takes an unsaved clip up again.
+    ///
+    /// # Errors
+    /// [`Error::NotFound`], [`Error::Locked`] when it is open elsewhere, [`Error::Journal`].
+    pub(crate) fn draft(
+        state_dir: &Path,
+        number: u32,
+        table: impl FnOnce(&Clip) -> Option<JointTable>,
+    ) -> Result<Document, Error> {
+        let path = state_dir.join(format!("untitled-{number}.autosave"));
+        if !path.is_file() {
+            return Err(Error::NotFound { what: format!("unsaved clip {number}") });
+        }
+        // Whoever looked through the drafts a moment ago may still have it: see `orphan`.
+        let mut tries = 0;
+        let (journal, records, damage) = loop {
+            match Journal::open(&path) {
+                Err(Error::Locked { .. }) if tries < LOCK_TRIES => tries += 1,
+                opened => break opened?,
+            }
+            std::thread::sleep(LOCK_PAUSE);
+        };
+        let mut document = Document::from_journal(journal, &records, damage, table)?;
+        if records.last() == Some(&Record::Closed) {
+            document.taken_up();
+        }
+        Ok(document)
+    }
+
+    /// Gives an unsaved clip up.
+    ///
+    /// # Errors
+    /// As [`Document::draft`].
+    pub(crate) fn drop_draft(state_dir: &Path, number: u32) -> Result<(), Error> {
+        Document::draft(state_dir, number, |_| None)?.journal.remove();
+        Ok(())
+    }
+}
+
+/// The clip that the records of a draft lead to; the journal stays as it is.
+fn drafted(records: &[Record], damage: &Damage) -> Option<Clip> {
+    let Some(Record::Base { text, path: None }) = records.first() else { return None };
+    let mut editor = Editor::new(Clip::parse(text).ok()?, None).ok()?;
+    editor.replay(&steps(records), damage.lost.is_empty()).ok()?;
+    Some(editor.clip().clone())
+}

@@ -1,0 +1,39 @@
+//! How far a replay of the journal would come.
+
+/// The history that a replay of the journal would have. It is shorter than the true one
+/// after a save, and what it lacks must be written out as an edit.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Replayed {
+    pub(super) done: usize,
+    pub(super) len: usize,
+    /// An undo went back beyond it; from there on the two histories do not match.
+    pub(super) apart: bool,
+}
+
+impl Replayed {
+    pub(super) fn push(&mut self) {
+        self.done += 1;
+        self.len = self.done;
+    }
+
+    pub(super) fn undo(&mut self) -> bool {
+        let known = !self.apart && self.done > 0;
+        if known {
+            self.done -= 1;
+        } else {
+            self.apart = true;
+            self.push();
+        }
+        known
+    }
+
+    pub(super) fn redo(&mut self) -> bool {
+        let known = !self.apart && self.done < self.len;
+        if known {
+            self.done += 1;
+        } else {
+            self.push();
+        }
+        known
+    }
+}

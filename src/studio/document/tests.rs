@@ -1,0 +1,333 @@
+//! What a document keeps, and what comes back.
+
+use super::journal::{Journal, Record};
+use super::{Document, Edit};
+use crate::clip::{Clip, ClipRename, Key, KeysAdd, Op, RobotRef};
+use crate::studio::protocol::Error;
+
+fn blank() -> Clip {
+    let joints = vec!["a".to_owned(), "b".to_owned()];
+    let mut clip = Clip::new(RobotRef { id: "r".into(), joints, ..RobotRef::default() }, 100);
+    clip.keys.push(Key::new(0, &[0.0, 0.0]));
+    clip
+}
+
+fn add(frame: u32) -> Edit {
+    let keys = vec![Key::new(frame, &[0.5, 1.0])];
+    Edit::Op(Box::new(Op::KeysAdd(KeysAdd { keys, replace: true })))
+}
+
+#[test]
+fn comes_back_with_history_and_undoes_to_the_same_bytes() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.clip.json");
+    // Not our layout, yet it must come back as it was.
+    let text = blank().to_text().replace('\n', "\n ").trim_end().to_owned();
+    std::fs::write(&path, &text).unwrap();
+    let mut doc = Document::open(&path, dir.path(), |_| None).unwrap();
+    assert!(!doc.is_dirty() && doc.text() == text);
+    let answers = doc.edit(&[add(20), add(40), Edit::Undo, add(50)]);
+    assert!(answers.iter().all(Result::is_ok));
+    let (clip, history) = (doc.clip().clone(), doc.history().0);
+    drop(doc); // as a kill would
+    let mut doc = Document::open(&path, dir.path(), |_| None).unwrap();
+    assert_eq!((doc.clip(), doc.history().0), (&clip, history));
+    assert_eq!(doc.restored().unwrap().edits, 4);
+    doc.edit(&[Edit::Goto(0)]).pop().unwrap().unwrap();
+    assert_eq!(doc.text(), text);
+    doc.close();
+    assert!(!path.with_file_name("a.clip.json.autosave").exists());
+}
+
+#[test]
+fn saving_compacts_and_moving_takes_the_lock_along() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut doc = Document::new(blank(), dir.path(), None).unwrap();
+    assert!(matches!(doc.save(None, false, dir.path()), Err(Error::Untitled)));
+    doc.edit(&[add(30)]);
+    let path = dir.path().join("b.clip.json");
+    doc.save(Some(&path), false, dir.path()).unwrap();
+    assert!(!doc.is_dirty());
+    assert!(matches!(Document::open(&path, dir.path(), |_| None), Err(Error::Locked { .. })));
+    assert_eq!(std::fs::read_to_string(&path).unwrap(), doc.clip().to_text());
+    // The saved journal does not know this edit any more, and yet its undo is kept.
+    for (edit, there) in [(Edit::Undo, false), (Edit::Redo, true), (Edit::Undo, false)] {
+        doc.edit(&[edit]);
+        let killed = dir.path().join("killed.clip.json");
+        std::fs::copy(&path, &killed).unwrap();
+        std::fs::copy(
+            dir.path().join("b.clip.json.autosave"),
+            dir.path().join("killed.clip.json.autosave"),
+        )
+        .unwrap();
+        let back = Document::open(&killed, dir.path(), |_| None).unwrap();
+        assert_eq!(back.clip().key(30).is_some(), there);
+        assert_eq!(back.clip(), doc.clip());
+    }
+    assert!(Document::orphan(dir.path(), |_| None).is_none());
+}
+
+#[test]
+fn an_unsaved_clip_is_found_again() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut doc = Document::new(blank(), dir.path(), None).unwrap();
+    let rename = ClipRename { name: "wave".into() };
+    doc.edit(&[Edit::Op(Box::new(Op::ClipRename(rename)))]);
+    assert!(Document::orphan(dir.path(), |_| None).is_none(), "it is in use");
+    // Another beside it: both stay within reach.
+    let mut other = Document::new(blank(), dir.path(), None).unwrap();
+    let rename = ClipRename { name: "nod".into() };
+    other.edit(&[Edit::Op(Box::new(Op::ClipRename(rename)))]);
+    let untouched = Document::new(blank(), dir.path(), None).unwrap();
+    drop((doc, other, untouched));
+    let mut names: Vec<String> = Document::drafts(dir.path()).into_iter().map(|d| d.name).collect();
+    names.sort();
+    assert_eq!(names, ["nod", "wave"]);
+    let doc = Document::orphan(dir.path(), |_| None).unwrap();
+    assert_eq!(doc.clip().name, "nod", "the newest");
+    assert!(doc.is_dirty() && doc.path().is_none());
+    let left = Document::drafts(dir.path());
+    assert_eq!(left.len(), 1, "the other one is open: {left:?}");
+    let number = left.first().unwrap().number;
+    assert_eq!(Document::draft(dir.path(), number, |_| None).unwrap().clip().name, "wave");
+    Document::drop_draft(dir.path(), number).unwrap();
+    assert!(Document::drafts(dir.path()).is_empty());
+    assert!(matches!(Document::draft(dir.path(), number, |_| None), Err(Error::NotFound { .. })));
+}
+
+#[test]
+fn the_newest_draft_is_first_within_one_second_too() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut docs = [(); 2].map(|()| Document::new(blank(), dir.path(), None).unwrap());
+    for doc in &mut docs {
+        doc.edit(&[add(20)]);
+    }
+    drop(docs);
+    let mut numbers: Vec<u32> = Document::drafts(dir.path()).iter().map(|d| d.number).collect();
+    numbers.sort_unstable();
+    let second = std::time::SystemTime::UNIX_EPOCH + std::time::Duration::from_secs(1 << 30);
+    for (number, millis) in numbers.iter().zip([900, 100]) {
+        let journal = dir.path().join(format!("untitled-{number}.autosave"));
+        let file = std::fs::File::options().append(true).open(journal).unwrap();
+        file.set_modified(second + std::time::Duration::from_millis(millis)).unwrap();
+    }
+    assert_eq!(Document::drafts(dir.path())[0].number, numbers[0]);
+}
+
+#[test]
+fn what_was_put_away_is_a_draft_and_what_was_killed_comes_back() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut doc = Document::new(blank(), dir.path(), None).unwrap();
+    doc.edit(&[add(20), add(40)]);
+    doc.close();
+    assert!(Document::orphan(dir.path(), |_| None).is_none(), "nothing was killed");
+    let [draft] = &Document::drafts(dir.path())[..] else { panic!("it is kept") };
+    assert!(!draft.abandoned);
+    // Taken up again it is whole, and a kill before any further edit is a kill.
+    let doc = Document::draft(dir.path(), draft.number, |_| None).unwrap();
+    assert_eq!((doc.restored().unwrap().edits, doc.history().1), (2, 2));
+    drop(doc);
+    assert!(Document::drafts(dir.path())[0].abandoned);
+    let doc = Document::orphan(dir.path(), |_| None).unwrap();
+    assert_eq!(doc.clip().keys.len(), 3);
+}
+
+#[test]
+fn a_file_that_was_put_away_is_not_one_that_was_killed() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("wave.clip.json");
+    std::fs::write(&file, blank().to_text()).unwrap();
+    let open = || Document::open(&file, dir.path(), |_| None).unwrap();
+    let left = || Document::left_open(&file, dir.path(), |_| None);
+    assert!(left().unwrap().is_none());
+    let mut doc = open();
+    assert!(matches!(left(), Err(Error::Locked { .. })), "it is in use");
+    doc.edit(&[add(20)]);
+    drop(doc);
+    let doc = left().unwrap().unwrap();
+    assert_eq!(doc.restored().unwrap().edits, 1);
+    doc.close();
+    assert!(left().unwrap().is_none(), "its edits wait, but nothing was killed");
+    let doc = open();
+    assert_eq!(doc.restored().unwrap().edits, 1);
+    drop(doc);
+    let mut doc = left().unwrap().expect("killed before any further edit");
+    assert_eq!((doc.restored().unwrap().edits, doc.history().1), (1, 1));
+    doc.put_aside();
+    drop(doc);
+    assert!(left().unwrap().is_none(), "a start that failed on it is not repeated");
+    let mut doc = open();
+    doc.discard().unwrap();
+    doc.close();
+    assert!(left().unwrap().is_none());
+    assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1, "no journal is left");
+}
+
+#[test]
+fn two_who_look_for_drafts_at_once_both_find_all() {
+    let dir = tempfile::tempdir().unwrap();
+    for _ in 0..4 {
+        let mut doc = Document::new(blank(), dir.path(), None).unwrap();
+        doc.edit(&[add(20)]);
+        doc.close();
+    }
+    std::thread::scope(|scope| {
+        for _ in 0..2 {
+            scope.spawn(|| {
+                for _ in 0..50 {
+                    assert_eq!(Document::drafts(dir.path()).len(), 4);
+                }
+            });
+        }
+    });
+}
+
+#[test]
+fn a_refused_edit_leaves_no_record() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut doc = Document::new(blank(), dir.path(), None).unwrap();
+    let before = doc.journal.bytes();
+    let answers = doc.edit(&[add(5000), Edit::Redo]);
+    assert!(answers[0].is_err() && answers[1].as_ref().unwrap().is_empty());
+    assert_eq!(doc.journal.bytes(), before);
+}
+
+#[test]
+fn one_damaged_record_costs_one_edit_and_is_named() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.clip.json");
+    let journal = dir.path().join("a.clip.json.autosave");
+    std::fs::write(&path, blank().to_text()).unwrap();
+    let open = || Document::open(&path, dir.path(), |_| None).unwrap();
+    let mut doc = open();
+    for frame in 10..60 {
+        doc.edit(&[add(frame)]);
+    }
+    doc.edit(&[Edit::Undo]);
+    let whole = doc.clip().clone();
+    drop(doc);
+    let good = std::fs::read(&journal).unwrap();
+    // A byte in each record, and in the base: hundreds of positions from end to end.
+    for at in (0..good.len()).step_by(61) {
+        let mut bad = good.clone();
+        bad[at] ^= 0x20;
+        std::fs::write(&journal, &bad).unwrap();
+        let mut doc = open();
+        let missing = whole.keys.iter().filter(|k| doc.clip().key(k.frame) != Some(*k)).count();
+        let extra = doc.clip().keys.len() + missing - whole.keys.len();
+        assert!(missing + extra <= 1, "byte {at}: {missing} missing, {extra} extra");
+        let told = doc.restored().unwrap().clone();
+        assert!(!told.lost.is_empty() || told.torn_bytes > 0, "byte {at}");
+        assert_eq!(std::fs::read(told.kept.unwrap()).unwrap(), bad, "byte {at}");
+        // It goes on from there, and comes back once more without a word.
+        doc.edit(&[add(90)]);
+        let clip = doc.clip().clone();
+        drop(doc);
+        let mut doc = open();
+        assert_eq!(doc.clip(), &clip, "byte {at}");
+        assert!(doc.restored().unwrap().lost.is_empty());
+        while !doc.edit(&[Edit::Undo])[0].as_ref().unwrap().is_empty() {}
+        assert_eq!(doc.clip(), &blank(), "byte {at}");
+        drop(doc);
+        for kept in std::fs::read_dir(dir.path()).unwrap() {
+            let kept = kept.unwrap().path();
+            if kept.to_string_lossy().contains(".damaged") {
+                std::fs::remove_file(kept).unwrap();
+            }
+        }
+    }
+}
+
+#[test]
+fn a_damaged_draft_is_neither_emptied_nor_lost() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut doc = Document::new(blank(), dir.path(), None).unwrap();
+    doc.edit(&[add(20), add(40)]);
+    drop(doc);
+    let path = dir.path().join("untitled-1.autosave");
+    let good = std::fs::read(&path).unwrap();
+    let mut bad = good.clone();
+    bad[60] ^= 1;
+    std::fs::write(&path, &bad).unwrap();
+    assert_eq!(Document::drafts(dir.path()).len(), 1);
+    assert_eq!(std::fs::read(&path).unwrap(), bad, "a look changes nothing");
+    let doc = Document::draft(dir.path(), 1, |_| None).unwrap();
+    assert_eq!(doc.clip().keys.len(), 3);
+    assert_eq!(doc.restored().unwrap().lost.len(), 1);
+    drop(doc);
+    // With both copies of the base gone there is no clip, yet the file stays.
+    let mut bad = good.clone();
+    let second = bad.len() / 2;
+    bad[60..second].fill(b'x');
+    std::fs::write(&path, &bad).unwrap();
+    let other = Document::new(blank(), dir.path(), None).unwrap();
+    assert_eq!(std::fs::read(&path).unwrap(), bad);
+    drop(other);
+}
+
+#[test]
+fn a_journal_that_makes_no_sense_does_not_lock_the_clip_up() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.clip.json");
+    let at = dir.path().join("a.clip.json.autosave");
+    std::fs::write(&path, blank().to_text()).unwrap();
+    let edit = Record::Edit { label: "x".into(), patch: Box::default() };
+    let (mut journal, ..) = Journal::open(&at).unwrap();
+    journal.append(&[Record::Base { text: "{".into(), path: None }, edit]).unwrap();
+    drop(journal);
+    let doc = Document::open(&path, dir.path(), |_| None).unwrap();
+    assert_eq!(doc.clip(), &blank());
+    let told = doc.restored().unwrap();
+    assert!(told.lost[0].contains("is no clip") && told.kept.is_some(), "{told:?}");
+}
+
+#[test]
+fn a_draft_from_before_1970_is_found() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut doc = Document::new(blank(), dir.path(), None).unwrap();
+    doc.edit(&[add(20)]);
+    doc.close();
+    let file = std::fs::File::options().write(true).open(dir.path().join("untitled-1.autosave"));
+    let long_ago = std::time::UNIX_EPOCH - std::time::Duration::from_hours(24);
+    file.unwrap().set_modified(long_ago).unwrap();
+    assert_eq!(Document::drafts(dir.path()).len(), 1);
+}
+
+#[test]
+fn what_another_program_wrote_is_neither_overwritten_nor_lost() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.clip.json");
+    std::fs::write(&path, blank().to_text()).unwrap();
+    let mut doc = Document::open(&path, dir.path(), |_| None).unwrap();
+    doc.edit(&[add(20)]);
+    let mut other = blank();
+    other.keys.push(Key::new(70, &[0.1, 0.2]));
+    std::fs::write(&path, other.to_text()).unwrap();
+    assert!(matches!(doc.save(None, false, dir.path()), Err(Error::Changed { .. })));
+    assert_eq!(std::fs::read_to_string(&path).unwrap(), other.to_text());
+    // Under another name nothing is in the way.
+    let copy = dir.path().join("b.clip.json");
+    let mut second = Document::open(&copy, dir.path(), |_| None);
+    assert!(second.is_err());
+    // Read again: what was here can be brought back by undo.
+    assert_eq!(doc.reload().unwrap().len(), 1);
+    assert!(doc.clip() == &other && !doc.is_dirty() && doc.text() == other.to_text());
+    doc.edit(&[Edit::Undo]);
+    assert!(doc.clip().key(20).is_some() && doc.is_dirty());
+    doc.save(None, false, dir.path()).unwrap();
+    // Overwritten when that is said.
+    std::fs::write(&path, other.to_text()).unwrap();
+    doc.save(None, true, dir.path()).unwrap();
+    assert_eq!(std::fs::read_to_string(&path).unwrap(), doc.clip().to_text());
+    // A file that is gone is written again.
+    std::fs::remove_file(&path).unwrap();
+    doc.save(None, false, dir.path()).unwrap();
+    // After a reload a kill loses nothing.
+    std::fs::write(&path, other.to_text()).unwrap();
+    doc.reload().unwrap();
+    doc.edit(&[add(30)]);
+    let clip = doc.clip().clone();
+    drop((doc, second));
+    second = Document::open(&path, dir.path(), |_| None);
+    assert_eq!(second.unwrap().clip(), &clip);
+}

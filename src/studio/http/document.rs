@@ -1,0 +1,129 @@
+//! The open document.
+
+use axum::extract::State;
+use axum::http::{StatusCode, header};
+use axum::response::{IntoResponse, Response};
+
+use super::answer::{Answer, Json, Query, Refused, Shared, apart, download, text_of, whole_body};
+use crate::clip::{Batch, Op};
+use crate::studio::document::Edit;
+use crate::studio::protocol::{
+    DocumentView, Edited, Error, ExportQuery, NewBody, OpsRequest, PathBody, SaveBody, Saved,
+};
+use crate::studio::session::{Author, SessionCommand};
+use crate::studio::state::App;
+use crate::studio::workspace::export;
+use crate::{clip, fsio, limits};
+
+/// `GET /api/clip`.
+pub(crate) async fn clip(State(app): Shared) -> Result<Response, Refused> {
+    let text = app.session.ask(SessionCommand::Text).await?;
+    Ok(([(header::CONTENT_TYPE, "application/json")], text).into_response())
+}
+
+/// `PUT /api/clip`.
+pub(crate) async fn put_clip(
+    State(app): Shared,
+    request: axum::extract::Request,
+) -> Answer<Edited> {
+    let bytes = whole_body(request, limits::CLIP_BYTES as usize).await?;
+    let text = text_of(&bytes)?;
+    let edited = app.session.ask(|r| SessionCommand::Put(Author::default(), text, r)).await?;
+    Ok(Json(edited))
+}
+
+/// `POST /api/ops`.
+pub(crate) async fn ops(State(app): Shared, Json(body): Json<OpsRequest>) -> Answer<Edited> {
+    let mut ops = body.ops;
+    let op = if ops.len() == 1 && body.label.is_empty() {
+        ops.remove(0)
+    } else {
+        let label = if body.label.is_empty() {
+            ops.first().map(Op::label).unwrap_or_default()
+        } else {
+            body.label
+        };
+        Op::Batch(Batch { label, ops })
+    };
+    edit(&app, Edit::Op(Box::new(op))).await
+}
+
+async fn edit(app: &App, edit: Edit) -> Answer<Edited> {
+    Ok(Json(app.session.ask(|r| SessionCommand::Edit(Author::default(), edit, r)).await?))
+}
+
+/// `POST /api/undo`.
+pub(crate) async fn undo(State(app): Shared) -> Answer<Edited> {
+    edit(&app, Edit::Undo).await
+}
+
+/// `POST /api/redo`.
+pub(crate) async fn redo(State(app): Shared) -> Answer<Edited> {
+    edit(&app, Edit::Redo).await
+}
+
+/// `POST /api/discard`.
+pub(crate) async fn discard(State(app): Shared) -> Answer<Edited> {
+    Ok(Json(app.session.ask(|r| SessionCommand::Discard(Author::default(), r)).await?))
+}
+
+/// `POST /api/reload`.
+pub(crate) async fn reload(State(app): Shared) -> Answer<Edited> {
+    Ok(Json(app.session.ask(|r| SessionCommand::Reload(Author::default(), r)).await?))
+}
+
+/// `POST /api/open`.
+pub(crate) async fn open(State(app): Shared, Json(body): Json<PathBody>) -> Answer<DocumentView> {
+    let path = app.workspace.path(&body.path)?;
+    // A folder on another machine that does not answer holds up this request and no other: the
+    // session reads what has just been read.
+    let first = path.clone();
+    let read = move || fsio::read_capped(&first, limits::CLIP_BYTES).is_ok();
+    apart("the file was not read", read).await?;
+    Ok(Json(app.session.ask(|r| SessionCommand::Open(path, r)).await?))
+}
+
+/// Frames of a new clip that says nothing else: 5 s.
+const NEW_LENGTH: u32 = 100;
+
+/// `POST /api/new`.
+pub(crate) async fn new(State(app): Shared, Json(body): Json<NewBody>) -> Answer<DocumentView> {
+    let view = match (body.robot, body.text) {
+        (_, Some(text)) => {
+            let clip = clip::parse(text).map_err(Error::from)?.clip;
+            app.session.ask(|r| SessionCommand::New(Box::new(clip), r)).await?
+        }
+        (Some(robot), None) => {
+            let (length, name) = (body.length.unwrap_or(NEW_LENGTH), body.name);
+            app.session.ask(|reply| SessionCommand::Blank { robot, length, name, reply }).await?
+        }
+        (None, None) => return Err(Error::request("say `robot` or `text`").into()),
+    };
+    Ok(Json(view))
+}
+
+/// `POST /api/save`.
+pub(crate) async fn save(State(app): Shared, Json(body): Json<SaveBody>) -> Answer<Saved> {
+    let path = body.path.map(|p| app.workspace.path(&p)).transpose()?;
+    Ok(Json(
+        app.session
+            .ask(|reply| SessionCommand::Save { path, replace: body.replace, reply })
+            .await?,
+    ))
+}
+
+/// `POST /api/close`.
+pub(crate) async fn close(State(app): Shared) -> Result<StatusCode, Refused> {
+    app.session.ask(SessionCommand::Close).await?;
+    Ok(StatusCode::NO_CONTENT)
+}
+
+/// `GET /api/export`.
+pub(crate) async fn export(
+    State(app): Shared,
+    Query(query): Query<ExportQuery>,
+) -> Result<Response, Refused> {
+    let (clip, command) = app.session.ask(SessionCommand::Content).await?;
+    let file = export::file(&query.format, &clip, &command, &app.simulation.rollout)?;
+    Ok(download(&file.name, file.media_type, file.bytes))
+}

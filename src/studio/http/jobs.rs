@@ -1,0 +1,129 @@
+//! Work that takes a while: exports, imports, training, and what it leaves in the folder.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use axum::extract::{Path as UrlPath, State};
+use axum::http::StatusCode;
+use axum::response::Response;
+
+use super::answer::{Answer, Json, Query, Refused, Shared, apart, download, whole_body};
+use crate::studio::jobs::Extra;
+use crate::studio::protocol::{
+    Beside, Error, ExportRequest, ImportBody, JobKind, JobRequest, JobView, LinesFrom, UploadQuery,
+};
+use crate::studio::session::SessionCommand;
+use crate::studio::workspace::transfer::{Scene, Second};
+use crate::studio::workspace::{export, robot_folders, transfer, upload_path};
+use crate::{fsio, limits};
+
+/// `POST /api/exports`.
+pub(crate) async fn start_export(
+    State(app): Shared,
+    Json(body): Json<ExportRequest>,
+) -> Answer<JobView> {
+    let (clip, _) = app.session.ask(SessionCommand::Content).await?;
+    let robot = app.simulation.robot().ok_or(Error::NoDocument)?;
+    let settings = app.simulation.rollout.settings();
+    let beside = match &body.compare {
+        Some(Beside::Take(id)) => {
+            let missing = || Error::NotFound { what: format!("take {id}") };
+            let (clip, settings) = app.simulation.rollout.take_source(*id).ok_or_else(missing)?;
+            Some(Second::Take(clip, settings))
+        }
+        Some(Beside::File(path)) => Some(Second::File(app.workspace.path(path)?)),
+        None => None,
+    };
+    let scene = Scene { clip: &clip, robot: &robot.source, settings: &settings, beside };
+    let (request, extra) = transfer::job(&body, &scene, &app.workspace.folder)?;
+    Ok(Json(app.jobs.start_with(request, extra, &app.workspace.folder)?))
+}
+
+/// `GET /api/jobs/{id}/file`.
+pub(crate) async fn job_file(
+    State(app): Shared,
+    UrlPath(id): UrlPath<u64>,
+) -> Result<Response, Refused> {
+    let path = app.jobs.file(id)?;
+    let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    let read = move || fsio::read_capped(&path, limits::UPLOAD_BYTES);
+    let bytes = apart("the file was not read", read).await?;
+    let bytes = bytes.map_err(Error::from)?;
+    Ok(download(&name, export::media_type(&name), bytes))
+}
+
+/// `PUT /api/upload`: one file of a robot's folder; the first one empties it.
+pub(crate) async fn upload(
+    State(app): Shared,
+    Query(query): Query<UploadQuery>,
+    request: axum::extract::Request,
+) -> Result<StatusCode, Refused> {
+    let bytes = whole_body(request, limits::PROJECT_BYTES as usize).await?;
+    let workspace = Arc::clone(&app.workspace);
+    let put = move || workspace.uploads.put(&query.path, query.first, &bytes);
+    apart("the file was not kept", put).await??;
+    Ok(StatusCode::NO_CONTENT)
+}
+
+/// `POST /api/import`: a job that makes a robot in the studio's folder.
+pub(crate) async fn import(State(app): Shared, Json(body): Json<ImportBody>) -> Answer<JobView> {
+    if !crate::robot::valid_id(&body.id) {
+        return Err(Error::request(format!(
+            "{:?} cannot be a robot's name: lower-case letters, digits, '_' and '-'",
+            body.id
+        ))
+        .into());
+    }
+    if robot_folders::is_builtin(&body.id) {
+        return Err(Error::request(format!("{} is a robot of the program", body.id)).into());
+    }
+    let file = if body.uploaded {
+        upload_path(app.workspace.uploads.folder(), &body.file)?
+    } else {
+        app.workspace.path(&body.file)?
+    };
+    let out = app.workspace.folder.join("robots").join(&body.id);
+    let mut args: Vec<String> = [file.as_path(), Path::new("--out"), &out, Path::new("--id")]
+        .iter()
+        .map(|p| p.display().to_string())
+        .collect();
+    args.push(body.id.clone());
+    if body.uploaded {
+        args.extend(["--root".to_owned(), app.workspace.uploads.folder().display().to_string()]);
+    }
+    if body.fixed_base {
+        args.push("--fixed-base".into());
+    }
+    let extra = Extra { title: format!("Import {}", body.id), ..Extra::default() };
+    let request = JobRequest { kind: JobKind::Import, args };
+    Ok(Json(app.jobs.start_with(request, extra, &app.workspace.folder)?))
+}
+
+/// `GET /api/jobs`.
+pub(crate) async fn jobs(State(app): Shared) -> Json<Vec<JobView>> {
+    Json(app.jobs.list())
+}
+
+/// `POST /api/jobs`.
+pub(crate) async fn start_job(State(app): Shared, Json(body): Json<JobRequest>) -> Answer<JobView> {
+    Ok(Json(app.jobs.start(body, &app.workspace.folder)?))
+}
+
+/// `GET /api/jobs/{id}`.
+pub(crate) async fn job(
+    State(app): Shared,
+    UrlPath(id): UrlPath<u64>,
+    Query(query): Query<LinesFrom>,
+) -> Answer<JobView> {
+    Ok(Json(app.jobs.view(id, query.from)?))
+}
+
+/// `POST /api/jobs/{id}/cancel`.
+pub(crate) async fn cancel_job(State(app): Shared, UrlPath(id): UrlPath<u64>) -> Answer<JobView> {
+    Ok(Json(app.jobs.cancel(id)?))
+}
+
+/// `POST /api/jobs/{id}/resume`.
+pub(crate) async fn resume_job(State(app): Shared, UrlPath(id): UrlPath<u64>) -> Answer<JobView> {
+    Ok(Json(app.jobs.resume(id, &app.workspace.folder)?))
+}

@@ -1,0 +1,216 @@
+//! Bodies and queries of requests over HTTP.
+
+use serde::Deserialize;
+
+use crate::clip::Op;
+
+/// Body of `POST /api/ops`.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct OpsRequest {
+    /// The edits, in order; they count as one for undo.
+    pub ops: Vec<Op>,
+    /// What the history calls them; the first edit's own words when empty.
+    #[serde(default)]
+    pub label: String,
+}
+
+/// Body with a path.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct PathBody {
+    pub path: String,
+}
+
+/// Body of `POST /api/new`.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct NewBody {
+    #[serde(default)]
+    pub robot: Option<String>,
+    #[serde(default)]
+    pub length: Option<u32>,
+    #[serde(default)]
+    pub name: String,
+    #[serde(default)]
+    pub text: Option<String>,
+}
+
+/// Body of `POST /api/save`.
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct SaveBody {
+    pub path: Option<String>,
+    /// Whether another file of that name is to be replaced.
+    pub replace: bool,
+}
+
+/// Body of `POST /api/kinematics`.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct Poses {
+    pub q: Vec<Vec<f64>>,
+}
+
+/// Body of `POST /api/settle`.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct Pose {
+    pub q: Vec<f64>,
+}
+
+/// Query of `GET /api/export`.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct ExportQuery {
+    pub format: String,
+}
+
+/// Query of `GET /api/files`.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct FilesQuery {
+    /// A folder that the user typed; the studio's without it.
+    #[serde(default)]
+    pub root: String,
+    /// Below it.
+    #[serde(default)]
+    pub dir: String,
+}
+
+/// Query of `POST /api/clips`.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct ClipQuery {
+    /// The file that is in the body; its ending tells the format.
+    #[serde(default)]
+    pub name: String,
+    /// A file of this machine instead of a body.
+    #[serde(default)]
+    pub path: String,
+    /// Robot, for formats that do not name theirs; that of the open document without it.
+    #[serde(default)]
+    pub robot: String,
+}
+
+/// Query of `GET /api/still.jpg`.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct StillQuery {
+    #[serde(default)]
+    pub frame: usize,
+    #[serde(default = "still_width")]
+    pub w: u32,
+    #[serde(default = "still_height")]
+    pub h: u32,
+    #[serde(default)]
+    pub draft: bool,
+    #[serde(default = "yes")]
+    pub achieved: bool,
+    #[serde(default = "yes")]
+    pub command: bool,
+    #[serde(default)]
+    pub ghosts: bool,
+    /// Numbers with commas between them: a pose in the place of what was achieved.
+    pub pose: Option<String>,
+    /// Not read: makes the address of a newer picture another one.
+    #[serde(default, rename = "v")]
+    _version: String,
+}
+
+fn yes() -> bool {
+    true
+}
+
+fn still_width() -> u32 {
+    640
+}
+
+fn still_height() -> u32 {
+    480
+}
+
+/// Query of `GET /api/still-body`.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct StillBodyQuery {
+    pub frame: usize,
+    pub w: u32,
+    pub h: u32,
+    /// From the left edge, 0 to 1.
+    pub x: f32,
+    /// From the top edge, 0 to 1.
+    pub y: f32,
+}
+
+/// Query of `GET /api/hover`.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct HoverQuery {
+    pub tab: String,
+    pub x: f64,
+    pub y: f64,
+}
+
+/// Query of `GET /api/pose.jpg`.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct PoseQuery {
+    pub pose: String,
+    /// Not read: see [`StillQuery`].
+    #[serde(default, rename = "v")]
+    _version: String,
+}
+
+/// Query of `GET /api/gallery-picture.jpg` and `/api/gallery-error`.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct ExampleQuery {
+    pub id: String,
+}
+
+/// Query of `PUT /api/upload`.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct UploadQuery {
+    pub path: String,
+    #[serde(default)]
+    pub first: bool,
+}
+
+/// Body of `POST /api/import`.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct ImportBody {
+    /// The URDF or MJCF: among the uploaded files, or on this machine.
+    pub file: String,
+    #[serde(default)]
+    pub uploaded: bool,
+    pub id: String,
+    #[serde(default)]
+    pub fixed_base: bool,
+}
+
+/// Query of `GET /api/jobs/{id}`.
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct LinesFrom {
+    pub from: usize,
+}

@@ -1,0 +1,129 @@
+//! The open document as clients see it.
+
+use std::path::PathBuf;
+
+use serde::Serialize;
+use serde_json::Value;
+
+use super::policy::PolicyCard;
+use crate::clip::{Blind, Delta, Granularity, JointTable, Lint, Span};
+
+/// What an edit did.
+#[derive(Clone, Debug, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct Edited {
+    /// Version afterwards.
+    pub rev: u64,
+    /// Unsaved edits exist.
+    pub dirty: bool,
+    /// What changed, step by step; empty when nothing did.
+    pub patches: Vec<Delta>,
+    /// Labels and position.
+    pub history: History,
+    /// Problems as far as they are known without simulation.
+    pub lints: Vec<Lint>,
+}
+
+/// The named history.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct History {
+    /// The last labels, oldest first (at most 100).
+    pub labels: Vec<String>,
+    /// Number of the first label, from 0.
+    pub first: usize,
+    /// How many edits are done; the rest can be redone.
+    pub done: usize,
+    /// How many there are.
+    pub len: usize,
+}
+
+/// The open document.
+#[derive(Clone, Debug, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct DocumentView {
+    /// Rises with every document that is opened: what a page chose in one (range, selection,
+    /// takes) means nothing in the next.
+    pub opened: u64,
+    /// Version.
+    pub rev: u64,
+    /// `robert-clip/1` as a JSON value.
+    #[cfg_attr(test, schemars(with = "crate::clip::ClipShape"))]
+    pub clip: Value,
+    /// Its file.
+    pub path: Option<String>,
+    /// Unsaved edits exist.
+    pub dirty: bool,
+    /// History.
+    pub history: History,
+    /// Facts about its robot that the timeline needs.
+    pub table: JointTable,
+    /// Unsaved edits that a start brought back: show the banner.
+    pub restored: Option<Restored>,
+    /// Problems and timeline.
+    pub findings: Findings,
+    /// Policies as its robot can have them.
+    pub policies: Vec<PolicyCard>,
+}
+
+/// Problems and the compiled timeline.
+#[derive(Clone, Debug, Default, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct Findings {
+    /// The version they are about.
+    pub rev: u64,
+    /// Problems, worst first, each with its mends (ready-made `op`s).
+    pub lints: Vec<Lint>,
+    /// What the frames are; tiles the clip.
+    pub spans: Vec<Span>,
+    /// Runs of steps without any goal in sight.
+    pub blind: Vec<Blind>,
+    /// Whether simulation has judged every pose.
+    pub simulated: bool,
+    /// What the policy in use can leave open.
+    pub granularity: Granularity,
+}
+
+/// `POST /api/save`.
+#[derive(Clone, Debug, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct Saved {
+    /// The file.
+    pub path: String,
+    /// Version that it holds.
+    pub rev: u64,
+}
+
+/// A clip that was never saved.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct Draft {
+    /// For `POST /api/drafts/{number}`.
+    pub number: u32,
+    /// Title of the clip.
+    pub name: String,
+    /// Robot.
+    pub robot: String,
+    /// Keys.
+    pub keys: usize,
+    /// Seconds since 1970 of its last edit.
+    pub changed_secs: u64,
+    /// The studio was killed with it open, and nobody has looked at it since.
+    pub abandoned: bool,
+}
+
+/// What a start from a journal brought back.
+#[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct Restored {
+    /// Edits that had not been saved.
+    pub edits: usize,
+    /// Bytes of a torn record at the end, never acknowledged, that were dropped.
+    pub torn_bytes: u64,
+    /// What was damaged and could not be brought back, in words.
+    pub lost: Vec<String>,
+    /// Where the damaged journal is kept.
+    pub kept: Option<PathBuf>,
+    /// The file was changed by others since: saving overwrites that.
+    pub file_changed: bool,
+}

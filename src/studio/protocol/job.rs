@@ -1,0 +1,130 @@
+//! Jobs: the commands that the studio starts as children, as clients see them.
+
+use serde::{Deserialize, Serialize};
+
+use crate::progress::{JobEvent, JobProgress};
+
+/// What can be started.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub enum JobKind {
+    /// Gather motion without reward.
+    Collect,
+    /// Train a network.
+    Train,
+    /// Measure policies.
+    Eval,
+    /// Render a picture or a film.
+    Render,
+    /// Write a take in another format.
+    Export,
+    /// Make a robot's folder out of a model file.
+    Import,
+}
+
+/// `POST /api/jobs`.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct JobRequest {
+    /// What.
+    pub kind: JobKind,
+    /// Arguments as on the command line, without `--jsonl`.
+    pub args: Vec<String>,
+}
+
+/// How a job is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub enum JobPhase {
+    /// It runs.
+    Running,
+    /// It was asked to stop.
+    Cancelling,
+    /// It ended well.
+    Done,
+    /// It ended after being asked to stop, with a checkpoint.
+    Interrupted,
+    /// It ended badly.
+    Failed,
+}
+
+/// A job as the page sees it.
+#[derive(Clone, Debug, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct JobView {
+    /// Number.
+    pub id: u64,
+    /// What.
+    pub kind: JobKind,
+    /// Its arguments.
+    pub args: Vec<String>,
+    /// What it is for, in words.
+    pub title: String,
+    /// How it is.
+    pub phase: JobPhase,
+    /// Exit code, when it has ended.
+    pub exit: Option<i32>,
+    /// How far it is: the newest `progress` event.
+    pub progress: Option<JobProgress>,
+    /// The newest other event.
+    pub last: Option<JobEvent>,
+    /// Name of the file that it makes for `GET /api/jobs/{id}/file`; it is there when the job
+    /// is done.
+    pub file: Option<String>,
+    /// Other events so far.
+    pub events: usize,
+    /// Number of the first event in `lines`.
+    pub first: usize,
+    /// Events, in `GET /api/jobs/{id}` only.
+    pub lines: Vec<JobEvent>,
+    /// The last lines of its log.
+    pub log: Vec<String>,
+    /// Seconds it has run.
+    pub secs: f64,
+}
+
+/// Body of `POST /api/exports`.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct ExportRequest {
+    /// mp4, gif, apng, png, strip; mcap, csv, json, mjcf, ros, viser, html.
+    pub format: String,
+    /// The file to write, relative to the studio's folder; without it the result is fetched
+    /// from the job.
+    #[serde(default)]
+    pub path: Option<String>,
+    /// Pixels, for pictures and films.
+    #[serde(default)]
+    pub size: Option<[u32; 2]>,
+    /// Frames `[from, to)`, for films; the frame `from`, for a picture.
+    #[serde(default)]
+    pub frames: Option<[u32; 2]>,
+    /// What is laid over.
+    #[serde(default)]
+    pub overlay: Option<String>,
+    /// fit, fixed, top, orbit, or a camera of the model.
+    #[serde(default)]
+    pub camera: Option<String>,
+    /// Moments of a strip.
+    #[serde(default)]
+    pub moments: Option<u32>,
+    /// What is drawn beside it.
+    #[serde(default)]
+    pub compare: Option<Beside>,
+}
+
+/// What stands beside the clip in a picture or film.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(rename_all = "snake_case")]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub enum Beside {
+    /// A take, performed once more: the same clip, policy and seed give the same bits.
+    Take(u64),
+    /// Another clip, performed by the same policy, or a take in a file; relative to the
+    /// studio's folder.
+    File(String),
+}

@@ -1,0 +1,181 @@
+//! Requests on the socket that are no clip edits.
+
+use serde::{Deserialize, Serialize};
+
+use super::rollout::RolloutSettings;
+use crate::clip::Op;
+
+/// Requests on the socket that are no clip edits.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(tag = "op", content = "args", deny_unknown_fields)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub enum StudioOp {
+    /// Takes the last edit back.
+    #[serde(rename = "undo")]
+    Undo {},
+    /// Does it again.
+    #[serde(rename = "redo")]
+    Redo {},
+    /// Undoes or redoes until `done` edits are done.
+    #[serde(rename = "history.goto")]
+    HistoryGoto {
+        /// How many.
+        done: usize,
+    },
+    /// Rolls out as if this edit were made; nothing is stored. Send while dragging; the
+    /// newest wins. The reply's `demand` is the [`crate::clip::Demand`] of the edit, or null.
+    #[serde(rename = "preview")]
+    Preview {
+        /// The edit.
+        op: Box<Op>,
+    },
+    /// Back to the document.
+    #[serde(rename = "preview.end")]
+    PreviewEnd {},
+    /// Changes how rollouts are made; absent fields get their defaults.
+    #[serde(rename = "rollout.set")]
+    RolloutSet(RolloutSettings),
+    /// Rolls out now (when `auto` is off).
+    #[serde(rename = "rollout.run")]
+    RolloutRun {},
+    /// Stops it; frames so far stay.
+    #[serde(rename = "rollout.cancel")]
+    RolloutCancel {},
+    /// Starts the simulation again after it gave up.
+    #[serde(rename = "worker.restart")]
+    WorkerRestart {},
+    /// Keeps a take for good, or no longer.
+    #[serde(rename = "take.pin")]
+    TakePin {
+        /// Which.
+        id: u64,
+        /// Whether.
+        pinned: bool,
+    },
+    /// Names a take and pins it.
+    #[serde(rename = "take.name")]
+    TakeName {
+        /// Which.
+        id: u64,
+        /// How.
+        name: String,
+    },
+    /// Draws these takes beside what is performed now; the last one also in the viewport.
+    #[serde(rename = "take.compare")]
+    TakeCompare {
+        /// Which; none ends it.
+        ids: Vec<u64>,
+    },
+    /// Forgets a take.
+    #[serde(rename = "take.remove")]
+    TakeRemove {
+        /// Which.
+        id: u64,
+    },
+    /// Shows this frame in the viewport (also while scrubbing).
+    #[serde(rename = "view.frame")]
+    ViewFrame {
+        /// The frame; fractions are interpolated.
+        frame: f64,
+    },
+    /// Plays in the viewport; the page's own clock follows `frame` at `speed`.
+    #[serde(rename = "view.play")]
+    ViewPlay {
+        /// Where from.
+        frame: f64,
+        /// Frames of the loop, `[from, to)`; absent = the clip, once.
+        #[serde(default)]
+        range: Option<[u32; 2]>,
+        /// Times real time; 0 stops.
+        speed: f64,
+    },
+    /// What the viewport shows; absent fields stay.
+    #[serde(rename = "view.show")]
+    ViewShow(ViewShow),
+    /// Selects a joint or a body, or nothing.
+    #[serde(rename = "view.select")]
+    ViewSelect(Selection),
+    /// Joints that no hand in the viewport moves: neither a drag nor inverse kinematics.
+    #[serde(rename = "view.lock")]
+    ViewLock {
+        /// All of them; an empty list frees every joint.
+        joints: Vec<String>,
+    },
+    /// Gives up the drag that is under way in the viewport.
+    #[serde(rename = "view.cancel")]
+    ViewCancel {},
+    /// Frames the camera: `home`, `fit`, `front`, `side`, `top`, `selection`.
+    #[serde(rename = "view.camera")]
+    ViewCamera {
+        /// Which.
+        preset: String,
+    },
+    /// Shows a pose that is not in the clip (a floating pose); null ends it.
+    #[serde(rename = "view.pose")]
+    ViewPose {
+        /// One value per state joint.
+        #[cfg_attr(test, schemars(extend("x-null" = true)))]
+        q: Option<Vec<f64>>,
+    },
+}
+
+/// The names of [`StudioOp`]; any other is a clip operation.
+pub const STUDIO_OPS: [&str; 22] = [
+    "undo",
+    "redo",
+    "history.goto",
+    "preview",
+    "preview.end",
+    "rollout.set",
+    "rollout.run",
+    "rollout.cancel",
+    "worker.restart",
+    "take.pin",
+    "take.name",
+    "take.compare",
+    "take.remove",
+    "view.frame",
+    "view.play",
+    "view.show",
+    "view.select",
+    "view.lock",
+    "view.cancel",
+    "view.camera",
+    "view.pose",
+    "ping",
+];
+
+/// Parts of the viewport.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct ViewShow {
+    /// The achieved motion, solid.
+    #[serde(default)]
+    pub achieved: Option<bool>,
+    /// The command, translucent.
+    #[serde(default)]
+    pub command: Option<bool>,
+    /// Poses of the neighbouring keys.
+    #[serde(default)]
+    pub ghosts: Option<bool>,
+    /// Dark background.
+    #[serde(default)]
+    pub dark: Option<bool>,
+}
+
+/// What is selected; shared by all clients.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct Selection {
+    /// A state joint.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub joint: Option<String>,
+    /// A body.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub body: Option<String>,
+    /// A site to drag by inverse kinematics.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub site: Option<String>,
+}

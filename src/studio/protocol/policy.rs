@@ -1,0 +1,51 @@
+//! Policies that can be chosen.
+
+use serde::Serialize;
+
+use crate::rollout::{Guide, Offer, PolicyName};
+
+/// A policy to choose.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct PolicyCard {
+    /// Name, as on the command line.
+    pub name: PolicyName,
+    /// Name of the model, where it is not the robot's default one: `model_path` of
+    /// [`RolloutSettings`].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub model: Option<String>,
+    /// The case that it is best for.
+    pub suits: String,
+    /// What should fill masked frames for it.
+    pub guide: Guide,
+    /// Whether it has the robot's own model to compute with.
+    pub knows_model: bool,
+    /// Whether it plans so long that a clip takes seconds.
+    pub slow: bool,
+    /// Whether it can be chosen for this robot without a model file of one's own.
+    pub available: bool,
+    /// What it needs, when it cannot.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub why: Option<String>,
+    /// Whether it learned something, and so can have a model file of one's own.
+    pub learned: bool,
+    /// Who performs unless one is chosen.
+    pub default: bool,
+}
+
+/// Every policy as this robot can have it.
+pub fn policies(offers: &[Offer]) -> Vec<PolicyCard> {
+    let card = |o: &Offer| PolicyCard {
+        name: o.name,
+        model: o.model.clone(),
+        suits: o.suits.clone(),
+        guide: o.guide,
+        knows_model: o.knows_model,
+        slow: o.slow,
+        available: o.needs.is_none(),
+        why: o.needs.clone(),
+        learned: o.name.needs_model(),
+        default: o.default,
+    };
+    offers.iter().map(card).collect()
+}

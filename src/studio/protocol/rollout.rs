@@ -1,0 +1,192 @@
+//! The rollout, takes and the simulation as clients see them.
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use crate::rollout::{Guide, PolicyConfig, PolicyName};
+
+/// How the live rollout is made.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct RolloutSettings {
+    /// The policy.
+    pub policy: PolicyName,
+    /// Improve each action on the model.
+    pub refine: bool,
+    /// Virtual commands through masks.
+    pub guide: Guide,
+    /// Seed.
+    pub seed: u64,
+    /// Roll out after every edit.
+    pub auto: bool,
+    /// Model or fit file, for policies that learned something.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub model_path: Option<String>,
+}
+
+impl RolloutSettings {
+    /// The policy that they ask for, without its model.
+    pub fn config(&self) -> PolicyConfig {
+        let mut config = PolicyConfig::new(self.policy);
+        config.refine = self.refine;
+        config.guide = self.guide;
+        config
+    }
+
+    /// What takes and pictures say who performed.
+    pub fn label(&self) -> String {
+        let model_path = self.model_path.as_ref().map(Into::into);
+        PolicyConfig { model_path, ..self.config() }.label()
+    }
+}
+
+impl Default for RolloutSettings {
+    fn default() -> Self {
+        RolloutSettings {
+            policy: PolicyName::ComputedTorque,
+            refine: false,
+            guide: Guide::None,
+            seed: 0,
+            auto: true,
+            model_path: None,
+        }
+    }
+}
+
+/// `GET /api/rollout`.
+#[derive(Clone, Debug, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct RolloutView {
+    /// State.
+    pub state: RolloutState,
+    /// Achieved states; `q[f]` is frame f.
+    pub q: Vec<Vec<f32>>,
+    /// Mean absolute error by frame, null where masked.
+    pub error: Vec<Option<f64>>,
+    /// Full figures, when done.
+    #[cfg_attr(test, schemars(with = "Option<crate::rollout::Precision>"))]
+    pub precision: Option<Value>,
+}
+
+/// How far the rollout is.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct RolloutState {
+    /// Number of the rollout; rises with every restart.
+    #[serde(rename = "gen")]
+    pub generation: u64,
+    /// Version of the document that it performs; 0 for a preview.
+    pub rev: u64,
+    /// What it is doing.
+    pub phase: Phase,
+    /// Frames `0..cached_to` are valid.
+    pub cached_to: usize,
+    /// Frames of the clip.
+    pub frames: usize,
+    /// The frame it was resumed from.
+    pub resumed_at: usize,
+    /// Mean absolute error so far, rad or m.
+    pub mae: Option<f64>,
+    /// Time a simulated frame takes, milliseconds.
+    pub ms_per_frame: Option<f64>,
+    /// Who performs it, such as `pd+refine`.
+    pub policy: String,
+    /// Why it failed.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub error: Option<String>,
+}
+
+/// What a rollout is doing.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub enum Phase {
+    /// There is none.
+    #[default]
+    Off,
+    /// Asked for, no frame yet.
+    Waiting,
+    /// Frames come.
+    Running,
+    /// All frames are there.
+    Done,
+    /// It broke; frames before stand.
+    Failed,
+}
+
+/// A take, in short.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct TakeCard {
+    /// Number, for `GET /api/takes/{id}` and the operations on it.
+    pub id: u64,
+    /// What it is called.
+    pub name: String,
+    /// Title of its clip.
+    pub clip: String,
+    /// Version of the document that it is of, as long as that is open.
+    pub rev: u64,
+    /// Policy as tables show it.
+    pub policy: String,
+    /// Seed of the policy's draws.
+    pub seed: u64,
+    /// Mean absolute error over all goals, rad or m.
+    pub mae: Option<f64>,
+    /// Frames.
+    pub frames: usize,
+    /// Kept until it is removed.
+    pub pinned: bool,
+    /// Its goals are those of the document as it is performed now: the errors can be compared.
+    pub same_goals: bool,
+}
+
+/// All that a client draws of takes.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct TakesView {
+    /// Of the open robot, the newest first.
+    pub takes: Vec<TakeCard>,
+    /// Drawn beside what is performed now, in this order; the last one also in the viewport.
+    pub compared: Vec<u64>,
+}
+
+/// The motion of a take.
+#[derive(Clone, Debug, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct TakeFrames {
+    /// Achieved states by frame; (frames, S).
+    pub q: Vec<Vec<f32>>,
+    /// Mean absolute error by frame, null where masked.
+    pub error: Vec<Option<f64>>,
+}
+
+/// The simulation as a banner shows it.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct WorkerState {
+    /// `starting`, `ready`, `restarting`, `stopped`.
+    pub phase: WorkerPhase,
+    /// Its process.
+    pub pid: Option<u32>,
+    /// Times that it died in this run.
+    pub deaths: u32,
+    /// Why it died last.
+    pub reason: Option<String>,
+}
+
+/// Phases of the worker.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub enum WorkerPhase {
+    /// Not up yet, or not needed at the moment.
+    #[default]
+    Starting,
+    /// Up.
+    Ready,
+    /// It died; a new one comes.
+    Restarting,
+    /// It died too often; someone must ask for another.
+    Stopped,
+}

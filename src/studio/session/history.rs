@@ -1,0 +1,15 @@
+//! The named history of the document, as clients see it.
+
+use crate::studio::document::Document;
+use crate::studio::protocol::History;
+
+/// Labels of the history that are sent.
+pub(super) const LABELS: usize = 100;
+
+pub(super) fn history(document: &Document) -> History {
+    let (len, done) = document.history();
+    // A window around the present, so that undoing far back still shows names.
+    let first = done.saturating_sub(LABELS).min(len.saturating_sub(LABELS));
+    let labels = document.labels(first..first + LABELS);
+    History { labels, first, done, len }
+}

@@ -1,0 +1,64 @@
+//! How rollouts of the open document are made.
+
+use super::actor::SessionActor;
+use crate::clip::Granularity;
+use crate::net::MaskGranularity;
+use crate::net::checkpoint::read_card;
+use crate::rollout::{Guide, Offer, PolicyName, model_path};
+use crate::studio::protocol::{Event, RolloutSettings};
+
+impl SessionActor {
+    /// Performs so from now on.
+    pub(super) fn settle_on(&mut self, settings: RolloutSettings) {
+        self.choice.granularity = match self.masks(&settings) {
+            MaskGranularity::State => Granularity::State,
+            MaskGranularity::Joint => Granularity::Joint,
+        };
+        self.simulation.set_settings(settings.clone());
+        self.hub.send(&Event::RolloutSettings(settings));
+    }
+
+    pub(super) fn offers(&self) -> Vec<Offer> {
+        self.simulation.robot().map(|r| r.offers.clone()).unwrap_or_default()
+    }
+
+    /// What masks may hide from the policy of these settings. A model that cannot be read
+    /// says so itself when it is to perform.
+    pub(super) fn masks(&self, settings: &RolloutSettings) -> MaskGranularity {
+        let offers = self.offers();
+        let offered =
+            offers.iter().find(|o| o.name == settings.policy && o.model == settings.model_path);
+        match (offered, &settings.model_path) {
+            (Some(offer), _) => offer.masks,
+            (None, Some(path)) if settings.policy.needs_model() => {
+                let card = read_card(&model_path(&self.workspace.folder.join(path)));
+                card.map_or(MaskGranularity::Joint, |c| c.masks())
+            }
+            _ => MaskGranularity::Joint,
+        }
+    }
+
+    /// The settings for the robot of the document that is being opened: what was chosen, as
+    /// far as this robot can have it.
+    pub(super) fn suited(&self, robot: &str) -> RolloutSettings {
+        let mut settings = self.simulation.rollout.settings();
+        let offers = self.offers();
+        if let Some(path) = &settings.model_path {
+            let named = offers.iter().any(|o| o.model.as_ref() == Some(path));
+            let file = model_path(&self.workspace.folder.join(path));
+            // Fits of other kinds have no card; whether they suit shows when they are loaded.
+            let other = || !file.exists() || read_card(&file).is_ok_and(|c| c.robot.id != robot);
+            if !named && other() {
+                settings.model_path = None;
+                settings.guide = Guide::None;
+            }
+        }
+        let known = offers.iter().find(|o| o.name == settings.policy && o.model.is_none());
+        let has = settings.model_path.is_some() || known.is_some_and(|o| o.needs.is_none());
+        if (!self.choice.by_hand && settings.model_path.is_none()) || !has {
+            let default = offers.iter().find(|o| o.default).map(|o| o.name);
+            settings.policy = default.unwrap_or(PolicyName::ComputedTorque);
+        }
+        settings
+    }
+}

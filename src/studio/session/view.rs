@@ -1,0 +1,51 @@
+//! The open document as clients see it.
+
+use super::actor::SessionActor;
+use super::history::history;
+use crate::clip::{Clip, JointTable, RobotRef};
+use crate::studio::protocol::{DocumentView, Findings, History, policies};
+
+impl SessionActor {
+    /// What is known about the robot, with what the policy in use can leave open.
+    pub(super) fn table(&self) -> JointTable {
+        let clip = || self.document.as_ref().map(|d| JointTable::from_clip(d.clip()));
+        let known = self.simulation.robot().map(|r| r.table.clone()).or_else(clip);
+        let mut table = known.unwrap_or_else(|| JointTable::from_clip(&nothing()));
+        table.granularity = self.choice.granularity;
+        table
+    }
+
+    pub(super) fn view(&self) -> DocumentView {
+        let Some(document) = &self.document else {
+            return DocumentView {
+                opened: self.opened,
+                rev: 0,
+                clip: serde_json::Value::Null,
+                path: None,
+                dirty: false,
+                history: History::default(),
+                table: self.table(),
+                restored: None,
+                findings: Findings::default(),
+                policies: Vec::new(),
+            };
+        };
+        DocumentView {
+            opened: self.opened,
+            rev: document.rev(),
+            clip: document.clip().to_json(),
+            path: document.path().map(|p| p.display().to_string()),
+            dirty: document.is_dirty(),
+            history: history(document),
+            table: self.table(),
+            restored: document.restored().cloned(),
+            findings: self.findings().0,
+            policies: policies(&self.offers()),
+        }
+    }
+}
+
+/// A clip of no robot.
+pub(super) fn nothing() -> Clip {
+    Clip::new(RobotRef::default(), 2)
+}

@@ -1,0 +1,103 @@
+//! The robot of the open document: one copy of its facts for whoever asks.
+
+use std::collections::BTreeSet;
+use std::ops::Deref;
+
+use crate::clip::Command;
+use crate::studio::protocol::RobotFacts;
+
+/// A robot's facts, and what follows from them.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct RobotContext(RobotFacts);
+
+impl Deref for RobotContext {
+    type Target = RobotFacts;
+
+    fn deref(&self) -> &RobotFacts {
+        &self.0
+    }
+}
+
+impl RobotContext {
+    /// What the simulation said of a robot.
+    pub(crate) fn new(facts: RobotFacts) -> RobotContext {
+        RobotContext(facts)
+    }
+
+    /// The state joint of this name.
+    pub(crate) fn joint(&self, name: &str) -> Option<usize> {
+        self.table.joints.iter().position(|j| j.name == name)
+    }
+
+    /// The body of this name; 0 is the world.
+    pub(crate) fn body(&self, name: &str) -> Option<usize> {
+        self.bodies.iter().position(|b| b.name == name)
+    }
+
+    /// Whether a body hangs on another one, or is that one.
+    pub(crate) fn hangs_on(&self, mut body: usize, on: usize) -> bool {
+        for _ in 0..self.bodies.len() {
+            if body == on {
+                return true;
+            }
+            match self.bodies.get(body) {
+                Some(fact) if body != 0 => body = fact.parent,
+                _ => return false,
+            }
+        }
+        false
+    }
+
+    /// The joint that moves a body: its own, else that of the nearest body it hangs on; the
+    /// first that is not `locked`.
+    pub(crate) fn moving_joint(&self, body: usize, locked: &BTreeSet<String>) -> Option<usize> {
+        let mut at = body;
+        for _ in 0..self.bodies.len() {
+            let body = self.bodies.get(at)?;
+            let joint = body.joints.iter().rev().find(|j| !self.is_locked(**j, locked));
+            if let Some(joint) = joint {
+                return Some(*joint);
+            }
+            at = body.parent;
+        }
+        None
+    }
+
+    /// Whether a joint must stay, itself or with one that it is bound to.
+    pub(crate) fn is_locked(&self, joint: usize, locked: &BTreeSet<String>) -> bool {
+        let Some(name) = self.table.joints.get(joint).map(|j| &j.name) else { return false };
+        locked.contains(name)
+            || self.table.couplings.iter().any(|c| {
+                c.members.iter().any(|m| &m.joint == name)
+                    && c.members.iter().any(|m| locked.contains(&m.joint))
+            })
+    }
+
+    /// The values that follow when a joint has this one: its own, and those of joints that are
+    /// bound to it.
+    pub(crate) fn bound(&self, joint: usize, value: f64) -> Vec<(usize, f64)> {
+        let Some(fact) = self.table.joints.get(joint) else { return Vec::new() };
+        let mut values = vec![(joint, value)];
+        for coupling in &self.table.couplings {
+            let Some(own) = coupling.members.iter().find(|m| m.joint == fact.name) else {
+                continue;
+            };
+            let shared = (value - own.offset) / own.coef;
+            let of = |m: &crate::clip::CouplingMember| {
+                Some((self.joint(&m.joint)?, crate::clip::round(m.coef * shared + m.offset)))
+            };
+            values.extend(coupling.members.iter().filter_map(of));
+        }
+        values
+    }
+
+    /// The pose of a command at a frame, in state order; masks are bridged by straight lines.
+    pub(crate) fn pose_at(&self, command: &Command, frame: u32) -> Option<Vec<f64>> {
+        let row = command.interpolated(frame.min(command.frames().saturating_sub(1)));
+        let value = |name: &String| {
+            let at = command.joints().iter().position(|n| n == name)?;
+            row.get(at).map(|v| f64::from(*v))
+        };
+        self.table.joints.iter().map(|j| value(&j.name)).collect()
+    }
+}

@@ -1,0 +1,478 @@
+//! The live rollout: frames as they come, and what each client has yet to see of them.
+//!
+//! No queues. Frames stand in one store, each with the stamp of its writing; a client
+//! remembers the newest stamp it has sent and takes what is newer. A slow browser so gets
+//! fewer, larger updates and never falls behind, and a thousand edits while it sleeps cost
+//! nothing but their last state.
+
+use std::sync::{Arc, PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
+
+use serde_json::Value;
+use tokio::sync::watch;
+
+use super::frame_log::FrameLog;
+use super::robot_context::RobotContext;
+use super::takes::{Source, Take, Takes};
+use super::worker::{Frames, MotionRows, SimulationEvent, WorkerSink};
+use crate::clip::{Clip, Command};
+use crate::studio::protocol::{
+    Error, Event, Hub, Phase, RolloutSettings, RolloutState, RolloutView, TakeFrames, TakesView,
+    WorkerState,
+};
+
+/// The store; see the module.
+#[derive(Debug)]
+pub(crate) struct RolloutStore {
+    inner: RwLock<Inner>,
+    changed: watch::Sender<u64>,
+    hub: Hub,
+}
+
+#[derive(Debug, Default)]
+struct Inner {
+    robot: Option<Arc<RobotContext>>,
+    settings: RolloutSettings,
+    performance: Performance,
+    frames: FrameLog,
+    state: RolloutState,
+    state_stamp: u64,
+    /// Rollouts up to this one are of another robot.
+    floor: u64,
+    precision: Option<Value>,
+    takes: Takes,
+    worker: WorkerState,
+}
+
+/// What is performed.
+#[derive(Debug, Default)]
+struct Performance {
+    command: Option<Arc<Command>>,
+    /// The clip and the settings; `None` for a preview, which is no take.
+    source: Option<(Arc<Clip>, RolloutSettings)>,
+    /// Frames of the keys of the last clip, for the ghosts around the playhead.
+    keys: Arc<[u32]>,
+    /// Title of the last clip, for pictures.
+    title: String,
+}
+
+/// What is performed, and the frames of the clip's keys.
+pub(crate) type Performed = (Option<Arc<Command>>, Arc<[u32]>);
+/// Achieved and commanded body transforms; (nbody, 7) each.
+pub(crate) type BodyPair = (Arc<[f32]>, Arc<[f32]>);
+
+/// What one client has yet to see.
+#[derive(Debug, Default)]
+pub(crate) struct ClientUpdate {
+    /// Its stamp from now on.
+    pub(crate) seen: u64,
+    /// Frames, if any are new.
+    pub(crate) frames: Option<Event>,
+    /// State, if it changed.
+    pub(crate) state: Option<Event>,
+}
+
+impl RolloutStore {
+    /// An empty store.
+    pub(crate) fn new(hub: Hub) -> Arc<RolloutStore> {
+        Arc::new(RolloutStore { inner: RwLock::default(), changed: watch::Sender::new(0), hub })
+    }
+
+    fn read(&self) -> RwLockReadGuard<'_, Inner> {
+        self.inner.read().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn write(&self) -> RwLockWriteGuard<'_, Inner> {
+        self.inner.write().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Wakes whenever something has changed.
+    pub(crate) fn watch(&self) -> watch::Receiver<u64> {
+        self.changed.subscribe()
+    }
+
+    fn notify(&self) {
+        self.changed.send_modify(|n| *n += 1);
+    }
+
+    /// The robot of the open document from now on.
+    pub(super) fn set_robot(&self, robot: Option<Arc<RobotContext>>) {
+        {
+            let mut inner = self.write();
+            inner.robot = robot;
+            inner.clear();
+        }
+        self.notify();
+        self.tell_takes();
+    }
+
+    /// The robot of the open document.
+    pub(crate) fn robot(&self) -> Option<Arc<RobotContext>> {
+        self.read().robot.clone()
+    }
+
+    /// How rollouts are made.
+    pub(crate) fn settings(&self) -> RolloutSettings {
+        self.read().settings.clone()
+    }
+
+    /// How rollouts are made from now on.
+    pub(super) fn set_settings(&self, settings: RolloutSettings) {
+        self.write().settings = settings;
+    }
+
+    /// A command is about to be performed; without a clip it is a preview (`rev` 0). Number of
+    /// the rollout.
+    pub(super) fn begin(&self, rev: u64, command: &Command, clip: Option<&Clip>) -> u64 {
+        let generation = {
+            let mut inner = self.write();
+            inner.state_stamp = inner.frames.next_stamp();
+            inner.frames.forget_pace();
+            inner.performance.command = Some(Arc::new(command.clone()));
+            inner.performance.source = clip.map(|c| (Arc::new(c.clone()), inner.settings.clone()));
+            if let Some(clip) = clip {
+                clip.name.clone_into(&mut inner.performance.title);
+                inner.performance.keys = clip.keys.iter().map(|k| k.frame).collect();
+            }
+            inner.state = RolloutState {
+                generation: inner.state.generation + 1,
+                rev,
+                phase: Phase::Waiting,
+                frames: command.frames() as usize,
+                policy: inner.settings.label(),
+                error: None,
+                ..inner.state.clone()
+            };
+            inner.state.generation
+        };
+        self.notify();
+        generation
+    }
+
+    /// Takes of the open robot.
+    pub(crate) fn takes(&self) -> TakesView {
+        let inner = self.read();
+        let robot = inner.robot.as_ref().map(|r| r.source.as_str());
+        inner.takes.view(robot, inner.performance.command.as_deref())
+    }
+
+    /// The motion of a take.
+    pub(crate) fn take_frames(&self, id: u64) -> Option<TakeFrames> {
+        let inner = self.read();
+        let take = inner.takes.get(id)?;
+        Some(TakeFrames { q: take.motion.q.clone(), error: take.motion.error.clone() })
+    }
+
+    /// What a take was performed from, to perform it once more.
+    pub(crate) fn take_source(&self, id: u64) -> Option<(Arc<Clip>, RolloutSettings)> {
+        let inner = self.read();
+        let take = inner.takes.get(id)?;
+        Some((Arc::clone(&take.source.clip), take.source.settings.clone()))
+    }
+
+    /// Changes takes and tells everyone.
+    ///
+    /// # Errors
+    /// The refusal.
+    pub(crate) fn change_takes(
+        &self,
+        change: impl FnOnce(&mut Takes) -> Result<(), Error>,
+    ) -> Result<(), Error> {
+        change(&mut self.write().takes)?;
+        self.notify();
+        self.tell_takes();
+        Ok(())
+    }
+
+    fn tell_takes(&self) {
+        self.hub.send(&Event::Takes(self.takes()));
+    }
+
+    /// Body transforms at a frame of the take that stands beside; beyond its end the last. One
+    /// row of (nbody, 7).
+    pub(crate) fn beside(&self, frame: usize) -> Option<Arc<[f32]>> {
+        let inner = self.read();
+        let bodies = &inner.takes.beside(&inner.robot.as_ref()?.source)?.motion.bodies;
+        bodies.get(frame).or(bodies.last()).cloned()
+    }
+
+    /// The command that is performed, and the frames of the clip's keys.
+    pub(crate) fn command(&self) -> Performed {
+        let inner = self.read();
+        (inner.performance.command.clone(), Arc::clone(&inner.performance.keys))
+    }
+
+    /// Nothing is performed any more.
+    pub(super) fn cancel(&self) {
+        {
+            let mut inner = self.write();
+            if matches!(inner.state.phase, Phase::Waiting | Phase::Running) {
+                inner.set_phase(Phase::Off, None);
+            }
+        }
+        self.notify();
+    }
+
+    /// The simulation as it is.
+    pub(crate) fn worker_state(&self) -> WorkerState {
+        self.read().worker.clone()
+    }
+
+    /// Everything.
+    pub(crate) fn view(&self) -> RolloutView {
+        let inner = self.read();
+        RolloutView {
+            state: inner.state.clone(),
+            q: inner.frames.q.clone(),
+            error: inner.frames.error.clone(),
+            precision: inner.precision.clone(),
+        }
+    }
+
+    /// Whether nothing is being performed.
+    pub(crate) fn rests(&self) -> bool {
+        !matches!(self.read().state.phase, Phase::Waiting | Phase::Running)
+    }
+
+    /// How far it is.
+    pub(crate) fn state(&self) -> RolloutState {
+        self.read().state.clone()
+    }
+
+    /// Achieved and commanded body transforms at a frame; (nbody, 7) each. Beyond what has
+    /// been simulated the last frame there is.
+    pub(crate) fn bodies(&self, frame: usize) -> Option<BodyPair> {
+        let inner = self.read();
+        let frames = &inner.frames;
+        let last = frames.bodies.len().checked_sub(1)?;
+        let at = frame.min(last);
+        Some((Arc::clone(frames.bodies.get(at)?), Arc::clone(frames.goal_bodies.get(at)?)))
+    }
+
+    /// Achieved and commanded body transforms at so many moments, evenly over what has been
+    /// simulated; (nbody, 7) each.
+    pub(crate) fn moments(&self, count: usize) -> Vec<Arc<[f32]>> {
+        let inner = self.read();
+        let step = inner.frames.bodies.len().div_ceil(count.max(1)).max(1);
+        let some = |rows: &[Arc<[f32]>]| rows.iter().step_by(step).cloned().collect::<Vec<_>>();
+        [some(&inner.frames.bodies), some(&inner.frames.goal_bodies)].concat()
+    }
+
+    /// The motion that has this frame, for a picture: a stamp that is its own, where the robot
+    /// is loaded from, and its rows. What is not simulated yet is laid out as commanded, and
+    /// says so. `None` without a robot.
+    pub(crate) fn motion(&self, frame: usize) -> Option<(u64, String, MotionRows)> {
+        let inner = self.read();
+        let robot = inner.robot.as_ref()?;
+        let performance = &inner.performance;
+        let command = performance.command.as_ref()?.reordered(&robot.table.names())?;
+        let simulated = frame < inner.frames.q.len();
+        let commanded = (0..command.frames())
+            .map(|f| {
+                let row = command.row(f).iter().enumerate();
+                row.map(|(j, v)| if command.sees(f, j) { *v } else { f32::NAN }).collect()
+            })
+            .collect();
+        let (achieved, performer) = if simulated {
+            (inner.frames.q.clone(), inner.state.policy.clone())
+        } else {
+            let rows = (0..command.frames()).map(|f| command.interpolated(f)).collect();
+            (rows, "not simulated".to_owned())
+        };
+        let motion = MotionRows {
+            name: performance.title.clone(),
+            performer,
+            commanded,
+            achieved,
+            keys: performance.keys.iter().map(|k| *k as usize).collect(),
+        };
+        // Twice the stamp, so that the two kinds of rows never share one.
+        let stamp = 2 * inner.frames.stamp() + u64::from(simulated);
+        Some((stamp, robot.source.clone(), motion))
+    }
+
+    /// What a client that has seen everything up to a stamp has missed.
+    pub(crate) fn update(&self, seen: u64) -> ClientUpdate {
+        let inner = self.read();
+        let frames = inner.frames.first_after(seen).map(|from| Event::RolloutFrames {
+            generation: inner.state.generation,
+            from,
+            q: inner.frames.q[from..].to_vec(),
+            error: inner.frames.error[from..].to_vec(),
+        });
+        let state = (inner.state_stamp > seen).then(|| Event::RolloutState(inner.state.clone()));
+        ClientUpdate { seen: inner.frames.stamp(), frames, state }
+    }
+}
+
+impl Inner {
+    fn clear(&mut self) {
+        self.truncate(0);
+        self.precision = None;
+        let title = std::mem::take(&mut self.performance.title);
+        self.performance = Performance { title, ..Performance::default() };
+        self.state_stamp = self.frames.next_stamp();
+        // A robot that is gone may still have frames on their way.
+        self.floor = self.state.generation;
+        self.state = RolloutState { generation: self.floor + 1, ..RolloutState::default() };
+    }
+
+    fn truncate(&mut self, frames: usize) {
+        self.frames.truncate(frames);
+        self.state.cached_to = self.frames.q.len();
+    }
+
+    /// Keeps what was just performed, if that was the document and not a preview.
+    fn keep_take(&mut self) -> bool {
+        let (Some(robot), Some(command)) = (&self.robot, &self.performance.command) else {
+            return false;
+        };
+        let Some((clip, settings)) = self.performance.source.clone() else { return false };
+        let whole = self.frames.q.len() == self.state.frames && !self.frames.q.is_empty();
+        if self.state.phase != Phase::Done || !whole {
+            return false;
+        }
+        let source = Source { robot: robot.source.clone(), clip, settings };
+        self.takes.keep(Take {
+            id: 0,
+            name: String::new(),
+            source,
+            command: Arc::clone(command),
+            policy: self.state.policy.clone(),
+            rev: self.state.rev,
+            mae: self.state.mae,
+            motion: self.frames.motion(),
+            pinned: false,
+        });
+        true
+    }
+
+    fn set_phase(&mut self, phase: Phase, error: Option<String>) {
+        self.state_stamp = self.frames.next_stamp();
+        self.state.phase = phase;
+        self.state.error = error;
+    }
+
+    fn take(&mut self, frames: Frames) {
+        let generation = frames.generation;
+        self.frames.extend(frames);
+        self.state.cached_to = self.frames.q.len();
+        self.state.mae = self.frames.mean_error();
+        self.state.ms_per_frame = self.frames.ms_per_frame();
+        if generation == self.state.generation {
+            self.goes_on();
+        }
+    }
+
+    /// It is running, unless it was stopped meanwhile: what was on its way then still counts.
+    fn goes_on(&mut self) {
+        if matches!(self.state.phase, Phase::Waiting | Phase::Running) {
+            self.set_phase(Phase::Running, None);
+        }
+    }
+}
+
+impl WorkerSink for RolloutStore {
+    fn event(&self, event: SimulationEvent) {
+        let mut kept = false;
+        {
+            let mut inner = self.write();
+            let current = inner.state.generation;
+            let floor = inner.floor;
+            match event {
+                // The worker goes on from what it has simulated, whoever asked for that: its
+                // frames count even when a newer rollout has been asked for meanwhile.
+                SimulationEvent::Started { generation, resumed_at } if generation > floor => {
+                    inner.truncate(if resumed_at == 0 { 0 } else { resumed_at + 1 });
+                    inner.precision = None;
+                    if generation == current {
+                        inner.state.resumed_at = resumed_at;
+                        inner.goes_on();
+                    }
+                }
+                SimulationEvent::Frames(frames) if frames.generation > floor => inner.take(frames),
+                SimulationEvent::Ended { generation, precision, error }
+                    if generation == current =>
+                {
+                    inner.precision = precision.as_ref().and_then(|p| serde_json::to_value(p).ok());
+                    if let Some(p) = precision {
+                        inner.state.mae = p.precision;
+                    }
+                    let phase = if error.is_some() { Phase::Failed } else { Phase::Done };
+                    inner.set_phase(phase, error);
+                    kept = inner.keep_take();
+                }
+                _ => return,
+            }
+        }
+        self.notify();
+        if kept {
+            self.tell_takes();
+        }
+    }
+
+    fn state(&self, state: &WorkerState) {
+        self.write().worker = state.clone();
+        self.hub.send(&Event::Worker(state.clone()));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn frames(generation: u64, from: usize, n: usize) -> SimulationEvent {
+        let row = vec![generation as f32];
+        SimulationEvent::Frames(Frames {
+            generation,
+            from,
+            q: vec![row; n],
+            error: vec![Some(0.5); n],
+            bodies: vec![vec![0.0; 7]; n],
+            goal_bodies: vec![vec![0.0; 7]; n],
+            secs: 0.001,
+        })
+    }
+
+    fn from(update: &ClientUpdate) -> Option<(usize, usize)> {
+        match &update.frames {
+            Some(Event::RolloutFrames { from, q, .. }) => Some((*from, q.len())),
+            _ => None,
+        }
+    }
+
+    #[test]
+    fn frames_on_their_way_do_not_start_what_was_stopped() {
+        let store = RolloutStore::new(Hub::new());
+        store.write().state.generation = 1;
+        store.write().state.phase = Phase::Waiting;
+        store.event(SimulationEvent::Started { generation: 1, resumed_at: 0 });
+        store.event(frames(1, 0, 5));
+        assert_eq!(store.state().phase, Phase::Running);
+        store.write().set_phase(Phase::Off, None);
+        store.event(frames(1, 5, 3));
+        store.event(SimulationEvent::Started { generation: 1, resumed_at: 8 });
+        let state = store.state();
+        assert_eq!((state.phase, state.cached_to), (Phase::Off, 8));
+    }
+
+    #[test]
+    fn a_sleeping_client_gets_exactly_what_changed() {
+        let store = RolloutStore::new(Hub::new());
+        store.write().state.generation = 1;
+        store.event(frames(1, 0, 50));
+        let awake = store.update(0);
+        assert_eq!(from(&awake), Some((0, 50)));
+        assert_eq!(from(&store.update(awake.seen)), None);
+        // Two edits while it slept: one went back to 30, the next only to 40.
+        store.write().state.generation = 2;
+        store.event(frames(2, 30, 5));
+        store.write().state.generation = 3;
+        store.event(frames(3, 33, 27));
+        assert_eq!(from(&store.update(awake.seen)), Some((30, 30)));
+        assert_eq!(store.state().cached_to, 60);
+        store.set_robot(None);
+        store.event(frames(3, 0, 9)); // of the robot before
+        assert_eq!(store.state().cached_to, 0);
+        assert!(store.update(store.update(0).seen).state.is_none());
+    }
+}

@@ -1,0 +1,242 @@
+//! Takes: what was performed, kept to be compared.
+//!
+//! A take never changes: it is the clip, the policy's settings and the motion that came of
+//! them. Every finished rollout of the document is one; the same clip performed the same way
+//! is the same take again. The last [`limits::TAKES`] stay, the pinned ones for as long as
+//! the studio runs, whatever is opened meanwhile; they are shown with clips of their robot.
+
+use std::sync::Arc;
+
+use crate::clip::{Clip, Command};
+use crate::limits;
+use crate::studio::protocol::{Error, RolloutSettings, TakeCard, TakesView};
+
+/// What a take was performed from.
+#[derive(Clone, Debug)]
+pub(crate) struct Source {
+    /// Where its robot is loaded from.
+    pub(crate) robot: String,
+    pub(crate) clip: Arc<Clip>,
+    pub(crate) settings: RolloutSettings,
+}
+
+/// What was achieved.
+#[derive(Clone, Debug)]
+pub(crate) struct Motion {
+    /// (frames, S).
+    pub(crate) q: Vec<Vec<f32>>,
+    /// By frame, rad or m; `None` where masked.
+    pub(crate) error: Vec<Option<f64>>,
+    /// Body transforms by frame; (nbody, 7).
+    pub(crate) bodies: Vec<Arc<[f32]>>,
+}
+
+/// A take.
+#[derive(Clone, Debug)]
+pub(crate) struct Take {
+    pub(crate) id: u64,
+    pub(crate) name: String,
+    pub(crate) source: Source,
+    pub(crate) command: Arc<Command>,
+    pub(crate) policy: String,
+    pub(crate) rev: u64,
+    pub(crate) mae: Option<f64>,
+    pub(crate) motion: Motion,
+    pub(crate) pinned: bool,
+}
+
+impl Take {
+    fn bytes(&self) -> usize {
+        let q: usize = self.motion.q.iter().map(|row| 4 * row.len() + 24).sum();
+        let bodies: usize = self.motion.bodies.iter().map(|row| 4 * row.len() + 16).sum();
+        q + bodies + 16 * self.motion.error.len()
+    }
+
+    /// Whether this is the same performance again.
+    fn is(&self, other: &Take) -> bool {
+        let performed = |t: &Take| RolloutSettings { auto: true, ..t.source.settings.clone() };
+        self.source.robot == other.source.robot
+            && performed(self) == performed(other)
+            && self.command == other.command
+            && self.motion.q == other.motion.q
+    }
+}
+
+/// Takes of all robots, the oldest first.
+#[derive(Debug, Default)]
+pub(crate) struct Takes {
+    kept: Vec<Take>,
+    compared: Vec<u64>,
+    last: u64,
+}
+
+impl Takes {
+    /// Keeps a take; the same one again moves to the front. Its number.
+    pub(crate) fn keep(&mut self, mut take: Take) -> u64 {
+        if let Some(at) = self.kept.iter().position(|t| t.is(&take)) {
+            let mut known = self.kept.remove(at);
+            // The title and the version may have changed since; the motion has not.
+            (known.source.clip, known.rev) = (take.source.clip, take.rev);
+            let id = known.id;
+            self.kept.push(known);
+            return id;
+        }
+        self.last += 1;
+        take.id = self.last;
+        take.name = format!("take {}", self.last);
+        self.kept.push(take);
+        loop {
+            let bytes: usize = self.kept.iter().map(Take::bytes).sum();
+            if self.kept.len() <= limits::TAKES && bytes <= limits::TAKES_BYTES {
+                break;
+            }
+            let shown = |t: &Take| t.pinned || self.compared.contains(&t.id);
+            let Some(at) = self.kept.iter().position(|t| !shown(t)) else { break };
+            self.kept.remove(at);
+        }
+        self.last
+    }
+
+    /// What a client of this robot sees; `now` is what is performed.
+    pub(crate) fn view(&self, robot: Option<&str>, now: Option<&Command>) -> TakesView {
+        let mine = || self.kept.iter().filter(|t| robot == Some(t.source.robot.as_str()));
+        let card = |t: &Take| TakeCard {
+            id: t.id,
+            name: t.name.clone(),
+            clip: t.source.clip.name.clone(),
+            rev: t.rev,
+            policy: t.policy.clone(),
+            seed: t.source.settings.seed,
+            mae: t.mae,
+            frames: t.motion.q.len(),
+            pinned: t.pinned,
+            same_goals: now == Some(t.command.as_ref()),
+        };
+        let compared = self.compared.iter().copied().filter(|id| mine().any(|t| t.id == *id));
+        TakesView { takes: mine().rev().map(card).collect(), compared: compared.collect() }
+    }
+
+    pub(crate) fn get(&self, id: u64) -> Option<&Take> {
+        self.kept.iter().find(|t| t.id == id)
+    }
+
+    /// The take that stands in the viewport, of this robot.
+    pub(crate) fn beside(&self, robot: &str) -> Option<&Take> {
+        let of = |id: &u64| self.get(*id).filter(|t| t.source.robot == robot);
+        self.compared.iter().rev().find_map(of)
+    }
+
+    fn take(&mut self, id: u64) -> Result<&mut Take, Error> {
+        let missing = || Error::NotFound { what: format!("take {id}") };
+        self.kept.iter_mut().find(|t| t.id == id).ok_or_else(missing)
+    }
+
+    /// Keeps it for good, or no longer.
+    pub(crate) fn pin(&mut self, id: u64, pinned: bool) -> Result<(), Error> {
+        let others = self.kept.iter().filter(|t| t.pinned && t.id != id).count();
+        // One place stays free for what is performed now.
+        if pinned && others + 1 >= limits::TAKES {
+            return Err(Error::Full { what: "pinned takes", cap: limits::TAKES - 1 });
+        }
+        self.take(id)?.pinned = pinned;
+        Ok(())
+    }
+
+    /// Calls it so, and pins it: what has a name is wanted.
+    pub(crate) fn name(&mut self, id: u64, name: &str) -> Result<(), Error> {
+        let name = name.trim();
+        if name.is_empty() || name.len() > limits::NAME_BYTES || name.contains(char::is_control) {
+            return Err(Error::request("a name has 1 to 256 bytes and no control characters"));
+        }
+        self.take(id)?;
+        self.pin(id, true)?;
+        name.clone_into(&mut self.take(id)?.name);
+        Ok(())
+    }
+
+    /// Draws these beside what is performed now.
+    pub(crate) fn compare(&mut self, ids: &[u64]) -> Result<(), Error> {
+        if ids.len() > limits::TAKES_COMPARED {
+            return Err(Error::Full { what: "takes drawn at once", cap: limits::TAKES_COMPARED });
+        }
+        for id in ids {
+            self.take(*id)?;
+        }
+        self.compared = ids.to_vec();
+        Ok(())
+    }
+
+    /// Forgets it.
+    pub(crate) fn remove(&mut self, id: u64) -> Result<(), Error> {
+        self.take(id)?;
+        self.kept.retain(|t| t.id != id);
+        self.compared.retain(|c| *c != id);
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::clip::{Key, RobotRef, compile};
+
+    fn take(value: f32, bodies: usize) -> Take {
+        let joints = vec!["a".to_owned()];
+        let mut clip = Clip::new(RobotRef { id: "r".into(), joints, ..RobotRef::default() }, 10);
+        clip.keys.push(Key::new(0, &[0.0]));
+        let command = Arc::new(compile(&clip).unwrap());
+        let settings = RolloutSettings::default();
+        Take {
+            id: 0,
+            name: String::new(),
+            source: Source { robot: "r".into(), clip: Arc::new(clip), settings },
+            command,
+            policy: "pd".into(),
+            rev: 1,
+            mae: Some(0.1),
+            motion: Motion {
+                q: vec![vec![value]; 10],
+                error: vec![None; 10],
+                bodies: vec![vec![0.0; bodies].into(); 10],
+            },
+            pinned: false,
+        }
+    }
+
+    #[test]
+    fn the_same_performance_is_one_take_and_the_pinned_outlive_the_rest() {
+        let mut takes = Takes::default();
+        let first = takes.keep(take(0.0, 7));
+        takes.name(first, " before ").unwrap();
+        assert_eq!(takes.keep(take(0.0, 7)), first);
+        for n in 1..100 {
+            takes.keep(take(n as f32, 7));
+        }
+        let view = takes.view(Some("r"), Some(&take(0.0, 7).command));
+        assert_eq!(view.takes.len(), limits::TAKES);
+        assert_eq!(view.takes[0].id, 100, "the newest first");
+        let kept = view.takes.last().unwrap();
+        assert!(kept.pinned && kept.same_goals && kept.name == "before" && kept.id == first);
+        assert!(takes.view(Some("other"), None).takes.is_empty());
+    }
+
+    #[test]
+    fn memory_is_bounded_and_names_are_checked() {
+        let mut takes = Takes::default();
+        let rows = limits::TAKES_BYTES / 4 / 10 / 3;
+        for n in 0..5 {
+            takes.keep(take(n as f32, rows));
+        }
+        let view = takes.view(Some("r"), None);
+        assert!((1..=3).contains(&view.takes.len()), "{}", view.takes.len());
+        let id = view.takes[0].id;
+        for bad in ["", "  ", "a\nb", &"x".repeat(257)] {
+            assert!(takes.name(id, bad).is_err(), "{bad:?}");
+        }
+        assert!(takes.compare(&[id, 999]).is_err());
+        takes.compare(&[id]).unwrap();
+        assert_eq!(takes.beside("r").map(|t| t.id), Some(id));
+        takes.remove(id).unwrap();
+        assert!(takes.beside("r").is_none() && takes.pin(id, true).is_err());
+    }
+}

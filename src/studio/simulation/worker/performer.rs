@@ -1,0 +1,281 @@
+//! The thread that performs: the rollout, and what a hand on the mouse waits for.
+
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, TryRecvError};
+use std::time::{Duration, Instant};
+
+use super::message::{
+    Dense, Envelope, Frames, Kinematics, LoadRobot, Refusal, SetPolicy, SimulationEvent, Stop,
+    WorkerRequest,
+};
+use super::out::{Out, grant_cpu};
+use super::query;
+use crate::clip::Command;
+use crate::mujoco::Data;
+use crate::robot::{self, Robot};
+use crate::rollout::{PolicyConfig, PolicyName, Rollout, RolloutConfig, Start};
+use crate::studio::protocol::{IkRequest, RobotFacts};
+
+/// Frames are sent together when they come faster than this.
+const BATCH: Duration = Duration::from_millis(8);
+
+/// The thread that performs.
+pub(super) struct Performer {
+    out: Out,
+    robot: Option<(Arc<Robot>, Data)>,
+    policy: PolicyConfig,
+    seed: u64,
+    show: Option<Show>,
+}
+
+/// A rollout and what of it has been sent.
+struct Show {
+    rollout: Rollout,
+    command: Command,
+    generation: u64,
+    running: bool,
+    batch: Frames,
+    sent: Instant,
+}
+
+impl Performer {
+    pub(super) fn new(out: Out) -> Performer {
+        Performer {
+            out,
+            robot: None,
+            policy: PolicyConfig::new(PolicyName::ComputedTorque),
+            seed: 0,
+            show: None,
+        }
+    }
+
+    /// Answers and performs until the parent hangs up.
+    pub(super) fn run(mut self, requests: &Receiver<Envelope>) {
+        loop {
+            let running = self.show.as_ref().is_some_and(|s| s.running);
+            let first = if running {
+                match requests.try_recv() {
+                    Ok(ask) => Some(ask),
+                    Err(TryRecvError::Empty) => None,
+                    Err(TryRecvError::Disconnected) => return,
+                }
+            } else {
+                match requests.recv() {
+                    Ok(ask) => Some(ask),
+                    Err(_) => return,
+                }
+            };
+            match first {
+                Some(first) => {
+                    grant_cpu();
+                    // An edit that another one has overtaken is not performed at all.
+                    let mut waiting: Vec<Envelope> = std::iter::once(first).collect();
+                    waiting.extend(requests.try_iter());
+                    let newest = waiting
+                        .iter()
+                        .rposition(|a| matches!(a.request, WorkerRequest::Perform(_)));
+                    for (i, ask) in waiting.into_iter().enumerate() {
+                        let old = matches!(ask.request, WorkerRequest::Perform(_));
+                        if !old || Some(i) == newest {
+                            self.answer(ask);
+                        }
+                    }
+                }
+                None => self.step(),
+            }
+        }
+    }
+
+    fn answer(&mut self, Envelope { id, request }: Envelope) {
+        let out = self.out.clone();
+        match request {
+            WorkerRequest::LoadRobot(q) => out.answer::<LoadRobot>(id, self.load_robot(&q.robot)),
+            WorkerRequest::SetPolicy(q) => {
+                (self.policy, self.seed, self.show) = (q.policy, q.seed, None);
+                out.answer::<SetPolicy>(id, Ok(()));
+            }
+            WorkerRequest::Perform(q) => self.perform(q.generation, q.command),
+            WorkerRequest::Stop(_) => {
+                if let Some(show) = &mut self.show {
+                    show.running = false;
+                }
+                out.answer::<Stop>(id, Ok(()));
+            }
+            WorkerRequest::Kinematics(q) => out.answer::<Kinematics>(
+                id,
+                self.robot().and_then(|(robot, data)| {
+                    let row = |pose: &Vec<f64>| Ok(query::transforms(robot, data, pose)?);
+                    q.poses.iter().map(row).collect()
+                }),
+            ),
+            WorkerRequest::IkRequest(q) => out.answer::<IkRequest>(
+                id,
+                self.robot().and_then(|(robot, data)| Ok(query::ik(robot, data, &q)?)),
+            ),
+            // The others go to the slow thread: see `WorkerRequest::is_slow`.
+            _ => debug_assert!(false, "a slow question among the quick ones"),
+        }
+    }
+
+    fn robot(&mut self) -> Result<(&Robot, &mut Data), Refusal> {
+        match &mut self.robot {
+            Some((robot, data)) => Ok((&**robot, data)),
+            None => Err(Refusal::invalid("no robot is loaded")),
+        }
+    }
+
+    fn load_robot(&mut self, id: &str) -> Result<RobotFacts, Refusal> {
+        let robot = query::resolve(id)?;
+        let data = Data::new(robot.model()).map_err(robot::Error::from)?;
+        let facts = query::facts(&robot, id);
+        self.robot = Some((robot, data));
+        self.show = None;
+        Ok(facts)
+    }
+
+    fn perform(&mut self, generation: u64, dense: Dense) {
+        let ended = |error: String| SimulationEvent::Ended {
+            generation,
+            precision: None,
+            error: Some(error),
+        };
+        let command = Command::from_dense(dense.joints, dense.start, dense.q, dense.visible);
+        let Some((robot, _)) = &self.robot else {
+            return self.out.tell(ended("no robot is loaded".into()));
+        };
+        let names: Vec<String> = robot.joints().iter().map(|j| j.name.clone()).collect();
+        let Some(command) = command.and_then(|c| c.reordered(&names)) else {
+            let message = format!("the clip does not have the joints of robot {}", robot.id());
+            return self.out.tell(ended(message));
+        };
+        match self.take_up(command, generation) {
+            Ok(()) => {}
+            Err(e) => {
+                self.show = None;
+                self.out.tell(ended(e.to_string()));
+            }
+        }
+    }
+
+    /// Goes on with the last rollout where the new command allows it.
+    fn take_up(&mut self, command: Command, generation: u64) -> Result<(), crate::rollout::Error> {
+        let Some((robot, _)) = &self.robot else { return Ok(()) };
+        let mut show = if let Some(mut show) = self.show.take() {
+            show.rollout.set_command(&command)?;
+            show
+        } else {
+            let policy = self.policy.build(robot)?;
+            let config = RolloutConfig {
+                seed: self.seed,
+                guide: self.policy.guide,
+                ..RolloutConfig::default()
+            };
+            Show {
+                rollout: Rollout::new(robot, policy, &command, Start::Pose, config)?,
+                command: command.clone(),
+                generation,
+                running: true,
+                batch: Frames::default(),
+                sent: Instant::now(),
+            }
+        };
+        let resumed_at = show.rollout.frame();
+        // Frames that were simulated but not sent yet are sent now.
+        let unsent = show.batch.from;
+        // The ghost of the command leans toward the next goal: it changes on frames, too,
+        // that need no new simulation.
+        let leans = command.first_changed_step(&show.command).unwrap_or(u32::MAX);
+        let from = resumed_at.min(leans as usize).min(unsent);
+        self.out.tell(SimulationEvent::Started { generation, resumed_at });
+        show.command = command;
+        show.generation = generation;
+        show.running = true;
+        show.batch = Frames { generation, from, ..Frames::default() };
+        show.sent = Instant::now().checked_sub(BATCH).unwrap_or_else(Instant::now);
+        let first = show.rollout.frames_reached().map(Shot::of).skip(from).collect::<Vec<_>>();
+        self.show = Some(show);
+        for shot in first {
+            self.add(&shot, 0.0)?;
+        }
+        if resumed_at == 0 {
+            self.flush();
+        }
+        Ok(())
+    }
+
+    fn step(&mut self) {
+        let Some(show) = &mut self.show else { return };
+        let begin = Instant::now();
+        let shot = match show.rollout.step() {
+            Ok(Some(frame)) => Ok(Some(Shot::of(frame))),
+            Ok(None) => Ok(None),
+            Err(e) => Err(e),
+        };
+        let secs = begin.elapsed().as_secs_f64();
+        let ended = match shot {
+            Ok(Some(shot)) => match self.add(&shot, secs) {
+                Ok(()) => {
+                    let due = self.show.as_ref().is_some_and(|s| s.sent.elapsed() >= BATCH);
+                    if due {
+                        self.flush();
+                    }
+                    return;
+                }
+                Err(e) => Some(e.to_string()),
+            },
+            Ok(None) => None,
+            Err(e) => Some(e.to_string()),
+        };
+        self.flush();
+        let Some(show) = &mut self.show else { return };
+        show.running = false;
+        let generation = show.generation;
+        let precision = ended.is_none().then(|| Box::new(show.rollout.precision()));
+        self.out.tell(SimulationEvent::Ended { generation, precision, error: ended });
+    }
+
+    /// Adds a frame to what is sent next.
+    fn add(&mut self, shot: &Shot, secs: f64) -> Result<(), crate::rollout::Error> {
+        let (Some((robot, data)), Some(show)) = (&mut self.robot, &mut self.show) else {
+            return Ok(());
+        };
+        let bodies = query::transforms(robot, data, &shot.reached)?;
+        let goal: Vec<f64> =
+            show.command.interpolated(shot.frame as u32).into_iter().map(f64::from).collect();
+        let goal_bodies = query::transforms(robot, data, &goal)?;
+        let batch = &mut show.batch;
+        batch.q.push(shot.reached.iter().map(|v| *v as f32).collect());
+        batch.error.push(shot.error);
+        batch.bodies.push(bodies);
+        batch.goal_bodies.push(goal_bodies);
+        batch.secs += secs;
+        Ok(())
+    }
+
+    fn flush(&mut self) {
+        let Some(show) = &mut self.show else { return };
+        if show.batch.q.is_empty() {
+            return;
+        }
+        let next = show.batch.from + show.batch.q.len();
+        let fresh = Frames { generation: show.generation, from: next, ..Frames::default() };
+        let batch = std::mem::replace(&mut show.batch, fresh);
+        show.sent = Instant::now();
+        // Time is for one answer, and these frames are one.
+        grant_cpu();
+        self.out.tell(SimulationEvent::Frames(batch));
+    }
+}
+
+/// A frame, copied out of the rollout.
+struct Shot {
+    frame: usize,
+    reached: Vec<f64>,
+    error: Option<f64>,
+}
+
+impl Shot {
+    fn of(frame: crate::rollout::Frame<'_>) -> Shot {
+        Shot { frame: frame.frame, reached: frame.reached.to_vec(), error: frame.error }
+    }
+}

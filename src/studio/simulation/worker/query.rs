@@ -1,0 +1,249 @@
+//! Questions about a robot that the child answers without a rollout.
+
+use std::sync::Arc;
+
+use super::message::{Checked, Refusal};
+use crate::clip::{CouplingMember, Granularity, JointFacts, JointTable, Mirror};
+use crate::mujoco::{Data, Kind, Model};
+use crate::robot::{Coupling, IkConfig, Point, Robot, Target};
+use crate::studio::protocol::{
+    AxisFacts, BodyFacts, Geometry, IkAnswer, IkRequest, MeshFacts, PoseFacts, RobotFacts,
+    SettleAnswer, SiteFacts,
+};
+use crate::{clip, robot};
+
+/// Disagreement of coupled joints that is no fault, rad or m.
+const COUPLING_TOLERANCE: f64 = 0.02;
+/// Depth of a touch that lints mention, m.
+const TOUCH_M: f64 = 5e-4;
+
+/// A robot by builtin id or folder.
+pub(crate) fn resolve(robot: &str) -> Result<Arc<Robot>, robot::Error> {
+    Robot::load(robot).map(Arc::new)
+}
+
+/// What clips need to know about a robot.
+pub(crate) fn table(robot: &Robot) -> JointTable {
+    let profile = robot.profile();
+    let joints = robot
+        .joints()
+        .iter()
+        .map(|j| JointFacts {
+            name: j.name.clone(),
+            unit: j.unit,
+            range: (!j.unbounded).then_some(j.range),
+            speed_max: j.speed_limit.is_finite().then_some(j.speed_limit),
+            band: None,
+            speed_usual: None,
+        })
+        .collect();
+    let mirror = match robot.mirror_reason() {
+        Some(reason) => Mirror::None(reason.to_owned()),
+        None => Mirror::Table(
+            profile
+                .mirror
+                .table
+                .iter()
+                .map(|r| clip::MirrorRow {
+                    target: r.target.clone(),
+                    source: r.source.clone(),
+                    sign: r.sign,
+                    offset: r.offset,
+                })
+                .collect(),
+        ),
+    };
+    // A tendon shares a force and leaves the difference free; only a mimic binds values.
+    let couplings = profile
+        .couplings
+        .iter()
+        .filter_map(|c| match c {
+            Coupling::Tendon { .. } => None,
+            Coupling::Mimic { follower, leader, offset, multiplier } => Some(clip::Coupling {
+                name: leader.clone(),
+                members: vec![
+                    CouplingMember { joint: leader.clone(), coef: 1.0, offset: 0.0 },
+                    CouplingMember { joint: follower.clone(), coef: *multiplier, offset: *offset },
+                ],
+                tolerance: COUPLING_TOLERANCE,
+            }),
+        })
+        .collect();
+    JointTable {
+        robot: robot.id().to_owned(),
+        model_sha256: Some(robot.model_sha256().to_owned()),
+        joints,
+        rest: robot.home(),
+        mirror,
+        couplings,
+        granularity: Granularity::Joint,
+    }
+}
+
+/// Adds what the data of the robot's own model tell.
+fn learned(mut table: JointTable, robot: &Robot) -> JointTable {
+    use crate::rollout::shipped;
+    let Ok(Some(model)) = shipped::get(robot, shipped::DEFAULT) else { return table };
+    let usual = model.card.usual();
+    for (name, usual) in model.card.robot.joints.iter().zip(usual) {
+        let Some(joint) = table.joints.iter_mut().find(|j| &j.name == name) else { continue };
+        let [low, high] = joint.range.unwrap_or([f64::NEG_INFINITY, f64::INFINITY]);
+        let band = [usual.low.max(low), usual.high.min(high)];
+        joint.band = (band[0] < band[1]).then_some(band);
+        joint.speed_usual = (usual.speed > 0.0).then_some(usual.speed);
+    }
+    table
+}
+
+/// Everything a page needs to know.
+pub(crate) fn facts(robot: &Robot, source: &str) -> RobotFacts {
+    let profile = robot.profile();
+    let model = robot.model();
+    let mut poses: Vec<PoseFacts> = robot
+        .pose_names()
+        .filter_map(|name| Some(PoseFacts { name: name.to_owned(), q: robot.pose(name).ok()? }))
+        .collect();
+    poses.sort_by_key(|p| p.name != profile.home);
+    RobotFacts {
+        id: robot.id().to_owned(),
+        source: source.to_owned(),
+        title: profile.title.clone(),
+        about: profile.about.clone(),
+        licence: profile.licence.clone(),
+        table: learned(table(robot), robot),
+        groups: profile.groups.clone(),
+        actuators: robot.actuators().iter().map(|a| a.name.clone()).collect(),
+        poses,
+        ik_sites: profile.ik_sites.iter().filter_map(|s| site(model, s)).collect(),
+        axes: robot.joints().iter().map(|j| axis(model, j.id)).collect(),
+        camera: profile.camera,
+        bodies: bodies(robot, model),
+        settle_tolerance: profile.settle.tolerance,
+        offers: crate::rollout::offers(robot),
+    }
+}
+
+fn bodies(robot: &Robot, model: &Model) -> Vec<BodyFacts> {
+    (0..model.nbody())
+        .map(|b| BodyFacts {
+            name: body_name(model, b),
+            parent: index(model.body_parentid(), b),
+            joints: robot
+                .joints()
+                .iter()
+                .enumerate()
+                .filter(|(_, j)| index(model.jnt_bodyid(), j.id) == b)
+                .map(|(i, _)| i)
+                .collect(),
+        })
+        .collect()
+}
+
+fn body_name(model: &Model, body: usize) -> String {
+    model.name(Kind::Body, body).map_or_else(|| format!("body {body}"), str::to_owned)
+}
+
+fn index(ids: &[i32], at: usize) -> usize {
+    ids.get(at).and_then(|v| usize::try_from(*v).ok()).unwrap_or(0)
+}
+
+/// What a robot looks like.
+pub(crate) fn geometry(robot: &Arc<Robot>) -> Result<Geometry, Refusal> {
+    let model = robot.model();
+    let meshes = crate::take::body_meshes(robot)?;
+    let mut data = Data::new(model)?;
+    let home = transforms(robot, &mut data, &robot.home())?;
+    Ok(Geometry {
+        robot: robot.id().to_owned(),
+        bodies: (0..model.nbody()).map(|b| body_name(model, b)).collect(),
+        meshes: meshes
+            .into_iter()
+            .map(|m| MeshFacts {
+                body: m.body,
+                rgba: m.rgba,
+                vertices: m.vertices.into_flattened(),
+                faces: m.faces.into_flattened(),
+            })
+            .collect(),
+        home,
+    })
+}
+
+fn axis(model: &Model, joint: usize) -> AxisFacts {
+    let at = |a: &[f64], k: usize| a.get(3 * joint + k).copied().unwrap_or(0.0);
+    AxisFacts {
+        body: index(model.jnt_bodyid(), joint),
+        pos: [0, 1, 2].map(|k| at(model.jnt_pos(), k)),
+        axis: [0, 1, 2].map(|k| at(model.jnt_axis(), k)),
+    }
+}
+
+fn site(model: &Model, name: &str) -> Option<SiteFacts> {
+    let id = model.id(Kind::Site, name)?;
+    let at = |k: usize| model.site_pos().get(3 * id + k).copied().unwrap_or(0.0);
+    let body = index(model.site_bodyid(), id);
+    Some(SiteFacts { name: name.to_owned(), body, pos: [0, 1, 2].map(at) })
+}
+
+/// Body transforms at a state; (nbody, 7).
+pub(crate) fn transforms(
+    robot: &Robot,
+    data: &mut Data,
+    state: &[f64],
+) -> Result<Vec<f32>, robot::Error> {
+    robot.write_state(data, state)?;
+    data.kinematics()?;
+    let mut out = Vec::with_capacity(7 * robot.model().nbody());
+    for (p, q) in data.xpos().chunks_exact(3).zip(data.xquat().chunks_exact(4)) {
+        out.extend(p.iter().chain(q).map(|v| *v as f32));
+    }
+    Ok(out)
+}
+
+/// Inverse kinematics.
+pub(crate) fn ik(
+    robot: &Robot,
+    data: &mut Data,
+    request: &IkRequest,
+) -> Result<IkAnswer, robot::Error> {
+    let locked =
+        request.locked.iter().map(|j| robot.joint_index(j)).collect::<Result<Vec<_>, _>>()?;
+    let point = match request.body.clone() {
+        Some((body, offset)) => Point::Body { body, offset },
+        None => Point::Site(request.site.clone()),
+    };
+    let target = Target { point, pos: request.pos, quat: request.quat };
+    let config = IkConfig { locked, ..IkConfig::default() };
+    let found = robot.ik(data, &request.q, &[target], &config)?;
+    Ok(IkAnswer { q: found.state, distance_m: found.distance_m, reached: found.reached })
+}
+
+/// Where a pose settles.
+pub(crate) fn settle(robot: &Robot, q: &[f64]) -> Result<SettleAnswer, robot::Error> {
+    let settled = robot.settle(q)?;
+    Ok(SettleAnswer {
+        q: settled.reached,
+        residual: settled.residual,
+        worst: settled.worst,
+        worst_joint: settled.worst_joint,
+        within: settled.within,
+    })
+}
+
+/// Contacts and residual of a pose.
+pub(crate) fn check(robot: &Robot, q: &[f64]) -> Result<Checked, robot::Error> {
+    let mut data = Data::new(robot.model())?;
+    robot.write_state(&mut data, q)?;
+    data.forward()?;
+    let model = robot.model();
+    let body = |geom: usize| body_name(model, index(model.geom_bodyid(), geom));
+    let mut contacts: Vec<(String, String, f64)> = data
+        .contacts()
+        .filter(|c| c.dist < -TOUCH_M)
+        .map(|c| (body(c.geoms[0]), body(c.geoms[1]), -c.dist))
+        .collect();
+    contacts.sort_by(|a, b| b.2.total_cmp(&a.2).then_with(|| a.0.cmp(&b.0)));
+    contacts.dedup_by(|a, b| (&a.0, &a.1) == (&b.0, &b.1));
+    let settled = robot.settle(q).ok().map(|s| s.reached);
+    Ok(Checked { contacts, settled })
+}

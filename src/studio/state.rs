@@ -1,0 +1,58 @@
+//! The handles that requests need.
+
+use std::sync::Arc;
+use std::sync::atomic::AtomicUsize;
+
+use tokio::sync::watch;
+
+use crate::studio::http::Guard;
+use crate::studio::jobs::Jobs;
+use crate::studio::protocol::Hub;
+use crate::studio::session::Session;
+use crate::studio::simulation::Simulation;
+use crate::studio::viewport::Viewport;
+use crate::studio::workspace::{Workspace, robot_folders};
+
+/// Everything that requests share.
+#[derive(Debug)]
+pub(crate) struct App {
+    /// The checks.
+    pub(crate) guard: Arc<Guard>,
+    /// The events.
+    pub(crate) hub: Hub,
+    /// The document.
+    pub(crate) session: Session,
+    /// The rollout, and questions about robots.
+    pub(crate) simulation: Simulation,
+    /// The 3D viewport.
+    pub(crate) viewport: Arc<Viewport>,
+    /// Long jobs.
+    pub(crate) jobs: Jobs,
+    /// Files.
+    pub(crate) workspace: Arc<Workspace>,
+    /// Editor clients.
+    pub(crate) clients: Clients,
+    /// Turns true at the end.
+    pub(crate) ending: watch::Receiver<bool>,
+}
+
+/// Editor clients.
+#[derive(Debug, Default)]
+pub(crate) struct Clients {
+    /// How many there are.
+    pub(crate) now: AtomicUsize,
+    /// How many there have been.
+    pub(crate) all: AtomicUsize,
+}
+
+impl App {
+    /// Where a robot is loaded from: as the open document has it, else the program or a
+    /// folder beside us; else as it was said.
+    pub(crate) fn robot_source(&self, id: String) -> String {
+        let Workspace { folder, state_dir, .. } = &*self.workspace;
+        match self.simulation.robot() {
+            Some(robot) if robot.id == id => robot.source.clone(),
+            _ => robot_folders::source(&id, folder, state_dir).unwrap_or(id),
+        }
+    }
+}

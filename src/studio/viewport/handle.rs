@@ -1,0 +1,99 @@
+//! The viewport as its clients and requests reach it.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use tokio::sync::{mpsc, oneshot, watch};
+
+use super::incoming::Incoming;
+use super::message::ViewportMessage;
+use super::run;
+use super::shared::Shared;
+use super::stage::Stage;
+use crate::limits;
+use crate::studio::protocol::{Error, Hovered, Hub, StudioOp};
+use crate::studio::simulation::Simulation;
+use crate::take::viser::Message;
+
+/// Messages that may wait for the stage.
+const INBOX: usize = 256;
+
+/// The viewport, shared by its clients.
+#[derive(Debug)]
+pub(crate) struct Viewport {
+    shared: Arc<Shared>,
+    stage: mpsc::Sender<ViewportMessage>,
+    clients: AtomicUsize,
+}
+
+/// Counts a client as long as it lives.
+#[derive(Debug)]
+pub(crate) struct Seat(Arc<Viewport>);
+
+impl Drop for Seat {
+    fn drop(&mut self) {
+        self.0.clients.fetch_sub(1, Ordering::SeqCst);
+    }
+}
+
+impl Viewport {
+    /// Starts the stage.
+    pub(crate) fn start(simulation: Simulation, hub: Hub) -> Arc<Viewport> {
+        let (tx, rx) = mpsc::channel(INBOX);
+        let shared = Arc::new(Shared::new());
+        let stage = Stage::new(Arc::clone(&shared), simulation, hub, tx.clone());
+        tokio::spawn(run::run(stage, rx));
+        Arc::new(Viewport { shared, stage: tx, clients: AtomicUsize::new(0) })
+    }
+
+    /// A place for one more client.
+    ///
+    /// # Errors
+    /// [`Error::Full`].
+    pub(crate) fn seat(self: &Arc<Viewport>) -> Result<Seat, Error> {
+        let before = self.clients.fetch_add(1, Ordering::SeqCst);
+        let seat = Seat(Arc::clone(self));
+        if before >= limits::CLIENTS {
+            return Err(Error::Full { what: "viewports", cap: limits::CLIENTS });
+        }
+        Ok(seat)
+    }
+
+    /// Wakes whenever the scene has changed.
+    pub(crate) fn watch(&self) -> watch::Receiver<u64> {
+        self.shared.watch()
+    }
+
+    /// What a client that has seen everything up to a stamp has missed, and the stamp from now
+    /// on. From 0: what a new client needs.
+    pub(crate) fn since(&self, seen: u64) -> (Vec<Message>, u64) {
+        self.shared.since(seen)
+    }
+
+    /// Joints that no hand moves.
+    pub(crate) fn locked(&self) -> Vec<String> {
+        self.shared.locked()
+    }
+
+    /// A message of a page's 3D client. A full stage drops moves; the next one holds the newer
+    /// pose.
+    pub(crate) fn hear(&self, tab: Option<String>, said: Incoming) {
+        self.stage.try_send(ViewportMessage::Client(tab, said)).ok();
+    }
+
+    /// A request about what the viewport shows.
+    ///
+    /// # Errors
+    /// [`Error::Full`] in a storm of requests.
+    pub(crate) fn tell(&self, op: StudioOp) -> Result<(), Error> {
+        let full = |_| Error::Full { what: "requests to the viewport", cap: INBOX };
+        self.stage.try_send(ViewportMessage::View(op)).map_err(full)
+    }
+
+    /// What a page's pointer is over; 0 to 1 from the top left corner of its viewport.
+    pub(crate) async fn under(&self, tab: &str, at: [f64; 2]) -> Option<Hovered> {
+        let (reply, answer) = oneshot::channel();
+        self.stage.try_send(ViewportMessage::Hover(tab.to_owned(), at, reply)).ok()?;
+        answer.await.ok().flatten()
+    }
+}

@@ -1,0 +1,131 @@
+//! What the viser client says. It is a browser: nothing in it is believed.
+
+use serde::Deserialize;
+
+use super::page_camera::PageCamera;
+use super::space::unit;
+
+/// A message of the client; unknown ones are ignored, as upstream adds some every month.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(tag = "type")]
+#[allow(missing_docs)]
+pub(crate) enum Incoming {
+    /// A gizmo is taken.
+    TransformControlsDragStartMessage { name: String },
+    /// It moves; pose in its parent's frame.
+    TransformControlsUpdateMessage { name: String, wxyz: [f64; 4], position: [f64; 3] },
+    /// It is let go.
+    TransformControlsDragEndMessage { name: String },
+    /// A node was clicked.
+    SceneNodeClickMessage { name: String },
+    /// A node is dragged.
+    SceneNodeDragMessage {
+        phase: Phase,
+        name: String,
+        start_position: [f64; 3],
+        end_position: [f64; 3],
+        #[serde(default)]
+        modifier: Option<String>,
+    },
+    /// Where the camera stands: OpenCV's axes (x right, y down, z ahead), and the picture's size.
+    ViewerCameraMessage {
+        wxyz: [f64; 4],
+        position: [f64; 3],
+        fov: f64,
+        image_height: f64,
+        image_width: f64,
+    },
+    /// Anything else.
+    #[serde(other)]
+    Unknown,
+}
+
+/// Part of a drag.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum Phase {
+    /// It begins.
+    Start,
+    /// It goes on.
+    Update,
+    /// It ends.
+    End,
+}
+
+impl Incoming {
+    /// Reads a binary frame. `None` for what is no message, or holds numbers that are none.
+    pub(crate) fn read(bytes: &[u8]) -> Option<Incoming> {
+        let message: Incoming = rmp_serde::from_slice(bytes).ok()?;
+        let finite = match &message {
+            Incoming::TransformControlsUpdateMessage { wxyz, position, .. } => {
+                wxyz.iter().chain(position).all(|v| v.is_finite())
+            }
+            Incoming::SceneNodeDragMessage { start_position, end_position, .. } => {
+                start_position.iter().chain(end_position).all(|v| v.is_finite())
+            }
+            Incoming::ViewerCameraMessage { wxyz, position, fov, image_height, image_width } => {
+                let sizes = [fov, image_height, image_width];
+                wxyz.iter().chain(position).chain(sizes).all(|v| v.is_finite())
+                    && sizes.iter().all(|v| **v > 0.0)
+            }
+            _ => true,
+        };
+        finite.then_some(message)
+    }
+
+    /// The camera that it tells of.
+    pub(super) fn camera(&self) -> Option<PageCamera> {
+        match self {
+            Incoming::ViewerCameraMessage { wxyz, position, fov, image_height, image_width } => {
+                Some(PageCamera {
+                    eye: *position,
+                    turn: unit(*wxyz),
+                    slope: (fov.clamp(0.01, 3.0) / 2.0).tan(),
+                    aspect: image_width / image_height,
+                })
+            }
+            _ => None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde::Serialize;
+
+    #[derive(Serialize)]
+    struct Update<'a> {
+        #[serde(rename = "type")]
+        kind: &'a str,
+        name: &'a str,
+        wxyz: [f64; 4],
+        position: (i64, f64, f64),
+        owner: &'a str,
+    }
+
+    #[test]
+    fn numbers_may_be_whole_and_unknown_types_pass() {
+        let mut update = Update {
+            kind: "TransformControlsUpdateMessage",
+            name: "/gizmo",
+            wxyz: [1.0, 0.0, 0.0, 0.0],
+            position: (0, 0.5, 1.0),
+            owner: "",
+        };
+        let read = |u: &Update<'_>| Incoming::read(&rmp_serde::to_vec_named(u).unwrap());
+        assert_eq!(
+            read(&update),
+            Some(Incoming::TransformControlsUpdateMessage {
+                name: "/gizmo".into(),
+                wxyz: [1.0, 0.0, 0.0, 0.0],
+                position: [0.0, 0.5, 1.0]
+            })
+        );
+        update.wxyz[2] = f64::NAN;
+        assert_eq!(read(&update), None);
+        update.kind = "ShareUrlRequest";
+        assert_eq!(read(&update), Some(Incoming::Unknown));
+        assert_eq!(Incoming::read(&[0xc1, 7, 7]), None);
+    }
+}

@@ -1,0 +1,33 @@
+//! What the stage is told.
+
+use std::sync::Arc;
+
+use tokio::sync::oneshot;
+
+use super::incoming::Incoming;
+use crate::studio::protocol::{Error, Geometry, Hovered, IkAnswer, StudioOp};
+use crate::studio::simulation::RobotContext;
+
+/// Body transforms of poses; (nbody, 7) each.
+pub(super) type Bodies = Result<Vec<Vec<f32>>, Error>;
+
+/// What the stage is told.
+#[derive(Debug)]
+pub(super) enum ViewportMessage {
+    /// A request of a page.
+    View(StudioOp),
+    /// A message of a page's 3D client.
+    Client(Option<String>, Incoming),
+    /// What a page's pointer is over; 0 to 1 from the top left corner.
+    Hover(String, [f64; 2], oneshot::Sender<Option<Hovered>>),
+    /// Meshes of a robot.
+    Geometry(Arc<RobotContext>, Result<Geometry, Error>),
+    /// Transforms of a floating pose.
+    Floating(u64, Bodies),
+    /// Transforms of the commanded pose at a frame that is not simulated.
+    Ghost(usize, Bodies),
+    /// Transforms of the keys around the playhead.
+    Onion([Option<u32>; 2], Bodies),
+    /// Inverse kinematics, for a drag.
+    Ik(u64, Result<IkAnswer, Error>),
+}

@@ -1,0 +1,41 @@
+//! The 3D viewport: our side of the viser 1.1.1 protocol.
+//!
+//! | module | owns |
+//! |---|---|
+//! | `handle` | the way in for clients and requests |
+//! | `incoming`, `message` | what the client says, what the stage is told |
+//! | `shared`, `retained` | the scene, and what each client has yet to see of it |
+//! | `stage`, `run` | what is shown; the loop that keeps it up to date |
+//! | `playback`, `overlays`, `refresh` | the frame, the figures beside the robot, and drawing both |
+//! | `drag`, `gestures`, `gizmo` | what a hand holds, does, and is given to hold |
+//! | `figure`, `scene_nodes`, `build`, `shell` | a robot as nodes; the outline of the selected link |
+//! | `page_camera`, `camera`, `framing`, `hit` | where cameras stand, and what a pointer is over |
+//!
+//! The messages and their encoding are in [`crate::take::viser`]. The client checks nothing
+//! and reconnects by itself; every connection gets the whole scene first.
+
+mod build;
+mod camera;
+mod drag;
+mod figure;
+mod framing;
+mod gestures;
+mod gizmo;
+mod handle;
+mod hit;
+mod incoming;
+mod message;
+mod overlays;
+mod page_camera;
+mod playback;
+mod refresh;
+mod retained;
+mod run;
+mod scene_nodes;
+mod shared;
+mod shell;
+mod space;
+mod stage;
+
+pub(crate) use handle::Viewport;
+pub(crate) use incoming::Incoming;

@@ -1,0 +1,42 @@
+//! What is shown beside the robot.
+
+/// Which figures are shown, and poses that were asked for them.
+#[derive(Debug)]
+pub(super) struct Overlays {
+    /// What the page wants to see.
+    pub(super) show: Show,
+    /// The commanded pose at a frame that is not simulated, and the frame.
+    pub(super) ghost: Option<(usize, Vec<f32>)>,
+    /// A question for it is under way.
+    pub(super) ghost_asked: bool,
+    /// The keys around the playhead whose poses are shown.
+    pub(super) onion: [Option<u32>; 2],
+    /// A question for them is under way.
+    pub(super) onion_asked: bool,
+    /// A take stands beside.
+    pub(super) beside: bool,
+}
+
+/// Figures that a page can hide.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Show {
+    /// The achieved motion.
+    pub(super) achieved: bool,
+    /// The command.
+    pub(super) command: bool,
+    /// The neighbouring keys.
+    pub(super) ghosts: bool,
+}
+
+impl Default for Overlays {
+    fn default() -> Self {
+        Overlays {
+            show: Show { achieved: true, command: true, ghosts: false },
+            ghost: None,
+            ghost_asked: false,
+            onion: [None; 2],
+            onion_asked: false,
+            beside: false,
+        }
+    }
+}

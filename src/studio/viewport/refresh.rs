@@ -1,0 +1,139 @@
+//! Draws the figures where they are now.
+
+use super::figure::Figure;
+use super::message::ViewportMessage;
+use super::overlays::Show;
+use super::space::Place;
+use super::stage::Stage;
+use crate::studio::simulation::worker::Kinematics;
+use crate::take::viser::Message;
+
+impl Stage {
+    /// Draws everything anew; what has not moved costs nothing.
+    pub(super) fn refresh(&mut self) {
+        let chosen = self.chosen_body();
+        let errors = self.has_goal();
+        let Some(nodes) = &mut self.nodes else { return };
+        let state = self.simulation.rollout.state();
+        let at = self.playback.frame.floor() as usize;
+        let share = self.playback.frame - at as f64;
+        let now = self.simulation.rollout.bodies(at);
+        let next = self.simulation.rollout.bodies(at + 1);
+        let simulated = at < state.cached_to;
+        let ghost =
+            self.overlays.ghost.as_ref().filter(|(frame, _)| *frame == at).map(|(_, b)| b.clone());
+        let between = |a: &[f32], b: &[f32], body: usize| {
+            Some(Place::between(Place::of(a, body)?, Place::of(b, body)?, share))
+        };
+        let floating = self.hand.floating.bodies.as_deref();
+        let Show { achieved, command, ghosts } = self.overlays.show;
+        let real = |body: usize| match (floating, &now, &next) {
+            (Some(bodies), _, _) => Place::of(bodies, body),
+            (None, Some((a, _)), Some((b, _))) => between(a, b, body),
+            _ => None,
+        };
+        let asked = |body: usize| match (simulated, &now, &next, &ghost) {
+            (true, Some((_, a)), Some((_, b)), _) => between(a, b, body),
+            (_, _, _, Some(bodies)) => Place::of(bodies, body),
+            _ => None,
+        };
+        let other = self.simulation.rollout.beside(at).zip(self.simulation.rollout.beside(at + 1));
+        let beside = |body: usize| other.as_ref().and_then(|(a, b)| between(a, b, body));
+        let seen = achieved || floating.is_some();
+        // An error is one only where there is a goal now, and what was reached is known.
+        let judged = errors && simulated && floating.is_none();
+        let entered = std::mem::replace(&mut self.overlays.beside, other.is_some());
+        self.shared.edit(|scene| {
+            nodes.pose(scene, Figure::Robot, real);
+            nodes.pose(scene, Figure::Command, asked);
+            // Without the solid robot there is nothing that a ghost could agree with.
+            nodes.unveil(scene, Figure::Command, |b| real(b).zip(asked(b)).filter(|_| seen));
+            nodes.tint(scene, |b| real(b).zip(asked(b)).filter(|_| judged));
+            nodes.outline(scene, chosen, |b| if seen { real(b) } else { asked(b) });
+            scene.put(Message::visibility(Figure::Robot.root(), seen));
+            scene.put(Message::visibility(Figure::Command.root(), command));
+            if other.is_some() {
+                if !entered {
+                    nodes.enter(scene, Figure::Beside);
+                }
+                nodes.pose(scene, Figure::Beside, beside);
+                nodes.unveil(scene, Figure::Beside, |b| real(b).zip(beside(b)).filter(|_| seen));
+            } else if entered {
+                scene.remove(Figure::Beside.root());
+            }
+            if !ghosts {
+                scene.put(Message::visibility(Figure::Past.root(), false));
+                scene.put(Message::visibility(Figure::Future.root(), false));
+            }
+        });
+        if !simulated && state.frames > 0 && ghost.is_none() && !self.overlays.ghost_asked {
+            self.ask_ghost(at);
+        }
+        if self.overlays.show.ghosts {
+            self.ask_onion();
+        }
+        if self.hand.drag.as_ref().is_none_or(|g| !g.by_gizmo) {
+            self.place_gizmo();
+        }
+    }
+
+    /// Shows a pose that is not in the clip, or ends that.
+    pub(super) fn float(&mut self, pose: Option<Vec<f64>>) {
+        let fits = |q: &Vec<f64>| {
+            self.robot.as_ref().is_some_and(|f| f.table.joints.len() == q.len())
+                && q.iter().all(|v| v.abs() <= crate::limits::CLIP_VALUE_MAX)
+        };
+        self.hand.floating.pose = pose.filter(fits);
+        self.hand.floating.number += 1;
+        self.hand.released_at = None;
+        if let Some(q) = self.hand.floating.pose.clone() {
+            let number = self.hand.floating.number;
+            self.ask(Kinematics { poses: vec![q] }, move |answer| {
+                ViewportMessage::Floating(number, answer)
+            });
+        } else {
+            self.hand.floating.bodies = None;
+            self.refresh();
+        }
+    }
+
+    pub(super) fn ask_ghost(&mut self, frame: usize) {
+        let Some(pose) = self.goal_pose() else { return };
+        self.overlays.ghost_asked = true;
+        self.ask(Kinematics { poses: vec![pose] }, move |answer| {
+            ViewportMessage::Ghost(frame, answer)
+        });
+    }
+
+    pub(super) fn ask_onion(&mut self) {
+        let (command, keys) = self.simulation.rollout.command();
+        let (Some(command), Some(facts)) = (command, &self.robot) else { return };
+        let at = self.playback.frame.round() as u32;
+        let past = keys.iter().rev().find(|k| **k < at).copied();
+        let future = keys.iter().find(|k| **k > at).copied();
+        let around = [past, future];
+        if around == self.overlays.onion || self.overlays.onion_asked {
+            return;
+        }
+        let poses = around
+            .iter()
+            .map(|k| facts.pose_at(&command, k.unwrap_or(at)))
+            .collect::<Option<Vec<_>>>();
+        let Some(poses) = poses else { return };
+        self.overlays.onion_asked = true;
+        self.ask(Kinematics { poses }, move |answer| ViewportMessage::Onion(around, answer));
+    }
+
+    pub(super) fn show_onion(&mut self, keys: [Option<u32>; 2], bodies: &[Vec<f32>]) {
+        self.overlays.onion = keys;
+        let Some(nodes) = &mut self.nodes else { return };
+        let wanted = self.overlays.show.ghosts;
+        self.shared.edit(|scene| {
+            for ((figure, key), row) in [Figure::Past, Figure::Future].iter().zip(keys).zip(bodies)
+            {
+                nodes.pose(scene, *figure, |b| Place::of(row, b));
+                scene.put(Message::visibility(figure.root(), wanted && key.is_some()));
+            }
+        });
+    }
+}

@@ -1,0 +1,59 @@
+//! What the stage shares with its clients: the scene as it stands.
+
+use std::sync::{Mutex, PoisonError};
+
+use tokio::sync::watch;
+
+use super::retained::Retained;
+use crate::take::viser::Message;
+
+/// The scene, and joints that no hand moves.
+#[derive(Debug)]
+pub(super) struct Shared {
+    scene: Mutex<Retained>,
+    changed: watch::Sender<u64>,
+    locked: Mutex<Vec<String>>,
+}
+
+impl Shared {
+    /// Nothing in it.
+    pub(super) fn new() -> Shared {
+        let changed = watch::Sender::new(0);
+        Shared { scene: Mutex::default(), changed, locked: Mutex::default() }
+    }
+
+    /// Changes the scene; clients hear of it when anything is new.
+    pub(super) fn edit<T>(&self, change: impl FnOnce(&mut Retained) -> T) -> T {
+        let (result, stamp) = {
+            let mut scene = self.scene.lock().unwrap_or_else(PoisonError::into_inner);
+            let result = change(&mut scene);
+            (result, scene.stamp())
+        };
+        self.changed.send_if_modified(|known| {
+            let newer = *known < stamp;
+            *known = stamp;
+            newer
+        });
+        result
+    }
+
+    /// Wakes whenever the scene has changed.
+    pub(super) fn watch(&self) -> watch::Receiver<u64> {
+        self.changed.subscribe()
+    }
+
+    /// What is newer than a stamp, and the stamp from now on.
+    pub(super) fn since(&self, seen: u64) -> (Vec<Message>, u64) {
+        self.scene.lock().unwrap_or_else(PoisonError::into_inner).since(seen)
+    }
+
+    /// Joints that no hand moves.
+    pub(super) fn locked(&self) -> Vec<String> {
+        self.locked.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Joints that no hand moves from now on.
+    pub(super) fn set_locked(&self, joints: Vec<String>) {
+        *self.locked.lock().unwrap_or_else(PoisonError::into_inner) = joints;
+    }
+}

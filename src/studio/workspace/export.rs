@@ -1,0 +1,92 @@
+//! The clip and its rollout as files of other programs, by the functions of the command line.
+
+use crate::clip::{Clip, Command, formats};
+use crate::studio::protocol::Error;
+use crate::studio::simulation::RolloutStore;
+use crate::units::CTRL_DT;
+
+/// A file to download.
+#[derive(Debug)]
+pub(crate) struct Download {
+    /// Its name.
+    pub(crate) name: String,
+    /// Its media type.
+    pub(crate) media_type: &'static str,
+    /// Its content.
+    pub(crate) bytes: Vec<u8>,
+}
+
+const FORMATS: &str = "json, csv, mjcf, ros, command, achieved-csv";
+
+/// Makes a file.
+///
+/// # Errors
+/// [`Error::Request`] for an unknown format, [`Error::NotFound`] when nothing is simulated.
+pub(crate) fn file(
+    format: &str,
+    clip: &Clip,
+    command: &Command,
+    rollout: &RolloutStore,
+) -> Result<Download, Error> {
+    let stem = stem(clip);
+    let made =
+        |end: &str, media_type, bytes| Download { name: format!("{stem}{end}"), media_type, bytes };
+    match format {
+        "json" => Ok(made(".clip.json", "application/json", clip.to_text().into_bytes())),
+        "csv" => Ok(made(".csv", "text/csv", formats::to_csv(command).into_bytes())),
+        "mjcf" => Ok(made(".xml", "application/xml", formats::to_mjcf(command)?.into_bytes())),
+        "ros" => Ok(made(".yaml", "application/yaml", formats::to_ros(command)?.into_bytes())),
+        "command" => {
+            let text = formats::to_command_json(command, &clip.robot.id);
+            Ok(made(".command.json", "application/json", text.into_bytes()))
+        }
+        "achieved-csv" => Ok(made("-achieved.csv", "text/csv", achieved(command, rollout)?)),
+        other => Err(Error::request(format!("no format is called {other:?}; there are {FORMATS}"))),
+    }
+}
+
+/// What a file is, by its ending.
+pub(crate) fn media_type(name: &str) -> &'static str {
+    match name.rsplit('.').next().unwrap_or_default() {
+        "mp4" => "video/mp4",
+        "gif" => "image/gif",
+        "png" | "apng" => "image/png",
+        "csv" => "text/csv",
+        "json" => "application/json",
+        "xml" => "application/xml",
+        "yaml" => "application/yaml",
+        "html" => "text/html; charset=utf-8",
+        _ => "application/octet-stream",
+    }
+}
+
+/// The clip's title as a file name.
+pub(crate) fn stem(clip: &Clip) -> String {
+    let stem: String = clip
+        .name
+        .chars()
+        .map(|c| if c.is_ascii_alphanumeric() || c == '-' { c } else { '_' })
+        .take(60)
+        .collect();
+    if stem.trim_matches('_').is_empty() { "clip".to_owned() } else { stem }
+}
+
+/// `frame,time,mask,<joint>...` of the achieved motion.
+fn achieved(command: &Command, rollout: &RolloutStore) -> Result<Vec<u8>, Error> {
+    use std::fmt::Write as _;
+    let view = rollout.view();
+    if view.q.is_empty() {
+        return Err(Error::NotFound { what: "rollout to export yet".into() });
+    }
+    let joints = rollout.robot().map_or_else(|| command.joints().to_vec(), |f| f.table.names());
+    let mut text = format!("frame,time,mask,{}\n", joints.join(","));
+    for (frame, row) in view.q.iter().enumerate() {
+        let masked = command.sight(frame as u32) == crate::clip::Sight::Masked;
+        write!(text, "{frame},{:.2},{}", frame as f64 * CTRL_DT, u8::from(masked)).ok();
+        for v in row {
+            write!(text, ",{v}").ok();
+        }
+        text.push('\n');
+    }
+    Ok(text.into_bytes())
+}

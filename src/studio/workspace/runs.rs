@@ -1,0 +1,138 @@
+//! What lies in the studio's folder: robots, collected data, training runs. Read on demand;
+//! nothing here is kept.
+
+use std::path::{Path, PathBuf};
+
+use serde_json::Value;
+
+use crate::net::checkpoint;
+use crate::rollout::model_path;
+use crate::studio::protocol::{BegunCard, DataCard, RunCard, Shelf};
+use crate::train::read_config;
+use crate::{explore, fsio, limits};
+
+/// Folders that are looked at for one list.
+const LOOKED_AT: usize = 2_000;
+
+/// How deep data and runs may lie.
+const DEPTH: usize = 3;
+
+/// Points of a run's curves that are sent.
+const POINTS: usize = 400;
+
+/// Runs and data in the studio's folder.
+pub(crate) fn list(folder: &Path) -> Shelf {
+    let mut runs = Vec::new();
+    walk(&folder.join("runs"), DEPTH, &mut LOOKED_AT.clone(), &mut |dir| {
+        dir.join("config.toml").is_file() && {
+            runs.extend(run(folder, dir));
+            true
+        }
+    });
+    runs.sort_by(|a, b| b.changed_secs.cmp(&a.changed_secs).then_with(|| a.path.cmp(&b.path)));
+    let (mut data, mut begun) = (Vec::new(), Vec::new());
+    walk(&folder.join("data"), DEPTH, &mut LOOKED_AT.clone(), &mut |dir| {
+        // Written last: a folder with it is whole.
+        if dir.join("manifest.json").is_file() {
+            data.extend(dataset(folder, dir));
+            return true;
+        }
+        let request = begun_in(folder, dir);
+        let there = request.is_some();
+        begun.extend(request);
+        there
+    });
+    Shelf { runs, data, begun, presets: crate::train::PRESETS.to_vec() }
+}
+
+/// The metrics of a run, thinned to what a chart can show.
+pub(crate) fn curves(dir: &Path) -> Vec<Value> {
+    let Ok(bytes) = fsio::read_capped(&dir.join("metrics.jsonl"), 64 << 20) else {
+        return Vec::new();
+    };
+    let text = String::from_utf8_lossy(&bytes);
+    let all: Vec<Value> = text.lines().filter_map(|l| serde_json::from_str(l).ok()).collect();
+    let (plain, rare): (Vec<Value>, Vec<Value>) =
+        all.into_iter().partition(|l| l.get("loss").is_some());
+    let every = plain.len().div_ceil(POINTS).max(1);
+    let last = plain.len().saturating_sub(1);
+    let thin = plain.into_iter().enumerate().filter(|(i, _)| i % every == 0 || *i == last);
+    thin.map(|(_, l)| l).chain(rare).collect()
+}
+
+pub(super) fn folders(dir: &Path) -> Vec<PathBuf> {
+    let mut found: Vec<PathBuf> = std::fs::read_dir(dir)
+        .into_iter()
+        .flatten()
+        .take(LOOKED_AT)
+        .filter_map(|e| e.ok().map(|e| e.path()))
+        .filter(|p| p.is_dir())
+        .collect();
+    found.sort();
+    found
+}
+
+/// Visits folders; below one that was taken there is nothing to look for.
+fn walk(dir: &Path, depth: usize, left: &mut usize, take: &mut dyn FnMut(&Path) -> bool) {
+    for dir in folders(dir) {
+        if *left == 0 {
+            return;
+        }
+        *left -= 1;
+        if !take(&dir) && depth > 1 {
+            walk(&dir, depth - 1, left, take);
+        }
+    }
+}
+
+fn relative(folder: &Path, dir: &Path) -> String {
+    dir.strip_prefix(folder).unwrap_or(dir).display().to_string()
+}
+
+fn run(folder: &Path, dir: &Path) -> Option<RunCard> {
+    let config = read_config(dir).ok()?;
+    let model = model_path(dir);
+    let card = model.is_file().then(|| checkpoint::read_card(&model).ok()).flatten();
+    let changed = [dir.join("metrics.jsonl"), dir.join("config.toml")];
+    let changed_secs = changed
+        .iter()
+        .find_map(|p| p.metadata().ok()?.modified().ok())
+        .and_then(|t| t.duration_since(std::time::UNIX_EPOCH).ok())
+        .map_or(0, |d| d.as_secs());
+    let last = curves(dir).iter().filter_map(|l| l.get("step")?.as_u64()).max();
+    Some(RunCard {
+        path: relative(folder, dir),
+        robot: card.as_ref().map(|c| c.robot.id.clone()),
+        preset: config.preset.clone(),
+        step: last.or(card.as_ref().map(|c| c.training.step)).unwrap_or(0),
+        steps: config.steps,
+        precision: card.as_ref().map(|c| c.training.precision.clone()),
+        dataset_sha256: card.as_ref().map(|c| c.training.dataset_sha256.clone()),
+        model: card.map(|_| relative(folder, &model)),
+        changed_secs,
+    })
+}
+
+fn dataset(folder: &Path, dir: &Path) -> Option<DataCard> {
+    let bytes = fsio::read_capped(&dir.join("manifest.json"), limits::UPLOAD_BYTES).ok()?;
+    let manifest: Value = serde_json::from_slice(&bytes).ok()?;
+    let total = |name: &str| manifest.pointer(&format!("/totals/{name}")).and_then(Value::as_u64);
+    Some(DataCard {
+        path: relative(folder, dir),
+        robot: manifest.pointer("/robot/id")?.as_str()?.to_owned(),
+        frames: total("frames")?,
+        episodes: total("episodes")?,
+        // It is written as its canonical text, so the file's hash is the manifest's.
+        sha256: fsio::sha256_hex(&bytes),
+    })
+}
+
+fn begun_in(folder: &Path, dir: &Path) -> Option<BegunCard> {
+    let request = explore::begun(dir).ok().flatten()?;
+    Some(BegunCard {
+        path: relative(folder, dir),
+        robot: request.robot,
+        agents: request.config.agents.iter().map(|a| a.name().to_owned()).collect(),
+        transitions: request.config.transitions,
+    })
+}

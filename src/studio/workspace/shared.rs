@@ -1,0 +1,50 @@
+//! What the studio keeps of files, shared by session and requests.
+
+use std::path::{Path, PathBuf};
+
+use super::pictures::Pictures;
+use super::recent::Recent;
+use super::uploads::Uploads;
+use crate::studio::protocol::Error;
+
+/// The folder that the studio works in, and what it keeps elsewhere.
+#[derive(Debug)]
+pub(crate) struct Workspace {
+    /// Where relative paths start.
+    pub(crate) folder: PathBuf,
+    /// Journals of unsaved clips, recent files, kept pictures.
+    pub(crate) state_dir: PathBuf,
+    /// Recent files.
+    pub(crate) recent: Recent,
+    /// Files that a page has sent.
+    pub(crate) uploads: Uploads,
+    /// Pictures.
+    pub(crate) pictures: Pictures,
+}
+
+impl Workspace {
+    /// Starts nothing yet. `binary` is this program.
+    ///
+    /// # Errors
+    /// When the system gives no thread or no temporary folder.
+    pub(crate) fn new(
+        folder: PathBuf,
+        state_dir: PathBuf,
+        binary: PathBuf,
+    ) -> std::io::Result<Workspace> {
+        let recent = Recent::load(&state_dir);
+        let pictures = Pictures::new(binary, &state_dir)?;
+        Ok(Workspace { folder, state_dir, recent, uploads: Uploads::new()?, pictures })
+    }
+
+    /// A path as the user typed it.
+    ///
+    /// # Errors
+    /// [`Error::Request`] for what is none.
+    pub(crate) fn path(&self, typed: &str) -> Result<PathBuf, Error> {
+        if typed.is_empty() || typed.contains('\0') {
+            return Err(Error::request("this is no path"));
+        }
+        Ok(self.folder.join(Path::new(typed)))
+    }
+}

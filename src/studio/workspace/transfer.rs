@@ -1,0 +1,135 @@
+//! Files in and out of the page: exports of the clip as it is performed, models to import.
+//!
+//! An export is a job of the command line (`robert render`, `robert export`) on the clip as it
+//! is now, saved or not: same clip, policy and seed give the same bits, so what is exported is
+//! what was seen, and a film of minutes can be watched and cancelled like any job.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use super::export;
+use crate::clip::Clip;
+use crate::rollout::Guide;
+use crate::studio::jobs::Extra;
+use crate::studio::protocol::{Error, ExportRequest, JobKind, JobRequest, RolloutSettings};
+
+/// What is exported.
+#[derive(Debug)]
+pub(crate) struct Scene<'a> {
+    pub(crate) clip: &'a Clip,
+    /// Where the robot is loaded from.
+    pub(crate) robot: &'a str,
+    pub(crate) settings: &'a RolloutSettings,
+    pub(crate) beside: Option<Second>,
+}
+
+/// [`Beside`], looked up.
+#[derive(Clone, Debug)]
+pub(crate) enum Second {
+    Take(Arc<Clip>, RolloutSettings),
+    File(PathBuf),
+}
+
+const FILMS: [&str; 3] = ["mp4", "gif", "apng"];
+
+const PICTURES: [&str; 2] = ["png", "strip"];
+
+const TAKES: [&str; 7] = ["mcap", "csv", "json", "mjcf", "ros", "viser", "html"];
+
+/// The job that makes an export.
+///
+/// # Errors
+/// [`Error::Request`] for options that make no sense, [`Error::Server`].
+pub(crate) fn job(
+    ask: &ExportRequest,
+    scene: &Scene<'_>,
+    folder: &Path,
+) -> Result<(JobRequest, Extra), Error> {
+    let Scene { clip, robot, settings, beside } = scene;
+    let format = ask.format.as_str();
+    let scratch = Arc::new(tempfile::tempdir().map_err(Error::Server)?);
+    let stem = export::stem(clip);
+    let source = scratch.path().join(format!("{stem}.clip.json"));
+    std::fs::write(&source, clip.to_text()).map_err(Error::Server)?;
+    let ending = match format {
+        "strip" => "png",
+        "mjcf" => "xml",
+        "ros" => "yaml",
+        other => other,
+    };
+    let output = match &ask.path {
+        Some(path) if path.is_empty() || path.contains('\0') => {
+            return Err(Error::request("this is no path"));
+        }
+        Some(path) => folder.join(path),
+        None => scratch.path().join(format!("{stem}.{ending}")),
+    };
+    let drawn = FILMS.contains(&format) || PICTURES.contains(&format);
+    let mut args: Vec<String> = vec![source.display().to_string()];
+    let mut option = |name: &str, value: String| args.extend([name.to_owned(), value]);
+    option("--policy", policy(settings));
+    option("--seed", settings.seed.to_string());
+    option("--robot", (*robot).to_owned());
+    option("-o", output.display().to_string());
+    let kind = if drawn {
+        if let Some([w, h]) = ask.size {
+            option("--size", format!("{w}x{h}"));
+        }
+        if let Some(overlay) = &ask.overlay {
+            option("--overlay", overlay.clone());
+        }
+        if let Some(camera) = &ask.camera {
+            option("--camera", camera.clone());
+        }
+        match beside {
+            None => {}
+            Some(Second::File(path)) => option("--compare", path.display().to_string()),
+            Some(Second::Take(_, with)) if with.seed != settings.seed => {
+                return Err(Error::request(format!(
+                    "that take has seed {}, the clip seed {}: side by side both have one",
+                    with.seed, settings.seed
+                )));
+            }
+            Some(Second::Take(clip, with)) => {
+                let second = scratch.path().join("beside.clip.json");
+                std::fs::write(&second, clip.to_text()).map_err(Error::Server)?;
+                option("--compare", second.display().to_string());
+                option("--compare-policy", policy(with));
+            }
+        }
+        match (format, ask.frames) {
+            ("strip", _) => option("--strip", ask.moments.unwrap_or(6).to_string()),
+            ("png", Some([frame, _])) => option("--frames", frame.to_string()),
+            (_, Some([from, to])) => option("--frames", format!("{from}..{to}")),
+            (_, None) => {}
+        }
+        JobKind::Render
+    } else if TAKES.contains(&format) {
+        option("--to", format.to_owned());
+        JobKind::Export
+    } else {
+        let known = [&FILMS[..], &PICTURES, &TAKES].concat().join(", ");
+        return Err(Error::request(format!("no format is called {format:?}; there are {known}")));
+    };
+    let extra = Extra {
+        title: format!("{} as {format}", clip.name),
+        output: Some(output),
+        scratch: Some(scratch),
+    };
+    Ok((JobRequest { kind, args }, extra))
+}
+
+/// The policy as the command line takes it.
+fn policy(settings: &RolloutSettings) -> String {
+    let mut text = settings.policy.as_str().to_owned();
+    if let Some(path) = &settings.model_path {
+        text = format!("{text}:{path}");
+    }
+    if settings.guide == Guide::Linear {
+        text.push_str("+guide");
+    }
+    if settings.refine {
+        text.push_str("+refine");
+    }
+    text
+}

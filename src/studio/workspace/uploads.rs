@@ -1,0 +1,94 @@
+//! The files of a robot that a page has sent.
+
+use std::path::{Component, Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
+
+use crate::limits;
+use crate::studio::protocol::Error;
+
+/// The files of a robot that a page has sent: one folder, gone with the studio.
+#[derive(Debug)]
+pub(crate) struct Uploads {
+    dir: tempfile::TempDir,
+    held: Mutex<(u64, usize)>,
+}
+
+impl Uploads {
+    /// None yet.
+    ///
+    /// # Errors
+    /// When the system gives no folder.
+    pub(crate) fn new() -> std::io::Result<Uploads> {
+        Ok(Uploads { dir: tempfile::tempdir()?, held: Mutex::default() })
+    }
+
+    /// Where they are.
+    pub(crate) fn folder(&self) -> &Path {
+        self.dir.path()
+    }
+
+    /// Keeps a file; `first` forgets those before.
+    ///
+    /// # Errors
+    /// [`Error::Full`], [`Error::Request`], [`Error::Server`].
+    pub(crate) fn put(&self, name: &str, first: bool, bytes: &[u8]) -> Result<(), Error> {
+        let path = upload_path(self.folder(), name)?;
+        let mut held = self.held.lock().unwrap_or_else(PoisonError::into_inner);
+        if first {
+            *held = (0, 0);
+            for entry in std::fs::read_dir(self.folder()).map_err(Error::Server)?.flatten() {
+                let old = entry.path();
+                let gone = if old.is_dir() {
+                    std::fs::remove_dir_all(old)
+                } else {
+                    std::fs::remove_file(old)
+                };
+                gone.map_err(Error::Server)?;
+            }
+        }
+        held.0 += bytes.len() as u64;
+        held.1 += 1;
+        if held.0 > limits::UPLOAD_BYTES {
+            return Err(Error::Full {
+                what: "bytes in one robot",
+                cap: limits::UPLOAD_BYTES as usize,
+            });
+        }
+        if held.1 > limits::PROJECT_FILES {
+            return Err(Error::Full { what: "files in one robot", cap: limits::PROJECT_FILES });
+        }
+        if let Some(dir) = path.parent() {
+            std::fs::create_dir_all(dir).map_err(Error::Server)?;
+        }
+        std::fs::write(&path, bytes).map_err(Error::Server)
+    }
+}
+
+/// Where an uploaded file of a robot goes: below `root`, whatever it is called.
+///
+/// # Errors
+/// [`Error::Request`] for a name that leaves the folder or is none.
+pub(crate) fn upload_path(root: &Path, name: &str) -> Result<PathBuf, Error> {
+    let path = Path::new(name);
+    let plain = path.components().all(|c| matches!(c, Component::Normal(_)));
+    let odd = name.is_empty() || name.len() > limits::NAME_BYTES || name.contains(['\0', '\\']);
+    if !plain || odd {
+        return Err(Error::request(format!("{name:?} is no file name inside a folder")));
+    }
+    Ok(root.join(path))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn uploads_stay_in_their_folder() {
+        let root = Path::new("/r");
+        assert_eq!(upload_path(root, "a/b.stl").unwrap(), Path::new("/r/a/b.stl"));
+        for bad in ["", "..", "../x", "a/../../x", "/etc/passwd", "a\\b", "a\0", "./.."] {
+            assert!(upload_path(root, bad).is_err(), "{bad:?}");
+        }
+        assert!(upload_path(root, &"x".repeat(300)).is_err());
+    }
+}
