@@ -13,6 +13,8 @@ interface Format {
   ending: string;
   /** Of the clip alone: made at once, without performing anything. */
   clip?: true;
+  /** A folder: it is written on the server's disk and cannot be downloaded. */
+  folder?: true;
 }
 
 const FORMATS: Format[] = [
@@ -27,7 +29,14 @@ const FORMATS: Format[] = [
   { format: "command", title: "Command table", about: "CSV of what is asked for, masked cells empty", ending: "command.csv", clip: true },
   { format: "json", title: "Clip", about: "the keyframes, robert-clip/1", ending: "clip.json", clip: true },
   { format: "mjcf", title: "MuJoCo keys", about: "MJCF <keyframe> of the achieved motion", ending: "xml" },
-  { format: "ros", title: "ROS 2 trajectory", about: "JointTrajectory, YAML", ending: "yaml" },
+  { format: "ros", title: "ROS 2 trajectory", about: "JointTrajectory with velocities, YAML", ending: "yaml" },
+  { format: "bag", title: "ROS 2 bag", about: "a folder for ros2 bag play", ending: "bag", folder: true },
+  { format: "lerobot", title: "LeRobot dataset", about: "a folder with this motion as one episode", ending: "lerobot", folder: true },
+  { format: "glb", title: "3D animation", about: "glTF for Blender, Unreal, three.js, slides", ending: "glb" },
+  { format: "bvh", title: "Motion capture", about: "BVH for Blender, MotionBuilder, Houdini", ending: "bvh" },
+  { format: "usda", title: "USD", about: "for Isaac Sim, Omniverse, usdview", ending: "usda" },
+  { format: "npz", title: "Tracking file", about: "NPZ of BeyondMimic and mjlab, 50 Hz", ending: "npz" },
+  { format: "lafan", title: "LAFAN rows", about: "CSV of base and joints for retargeting tools", ending: "lafan.csv" },
 ];
 
 const SIZES: [string, [number, number]][] = [["640×480", [640, 480]], ["1280×720", [1280, 720]], ["1920×1080", [1920, 1080]]];
@@ -147,7 +156,7 @@ export function Export({ onClose }: { onClose: () => void }) {
       <div class="row" style="margin-top: 12px; justify-content: flex-end">
         <button onClick={onClose}>Close</button>
         {f.clip ? null : <button disabled={busy} onClick={() => void run(true)} data-testid="export-folder">Write there</button>}
-        <button class="main" disabled={busy} onClick={() => void run(false)} data-testid="export-download">Download</button>
+        <button class="main" disabled={busy || f.folder} title={f.folder ? "a folder is written beside the clips" : ""} onClick={() => void run(false)} data-testid="export-download">Download</button>
       </div>
     </Dialog>
   );
