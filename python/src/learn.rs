@@ -7,7 +7,6 @@ use pyo3::prelude::*;
 use robert::clip::compile;
 use robert::dataset::{Dataset, Verify};
 use robert::explore::{self, AgentKind, CollectConfig, Preset};
-use robert::progress::Cancel;
 use robert::robot::PlantRange;
 use robert::rollout::{
     Case, EvalConfig, InverseSettings, NEAREST_FRAMES, Start, Suite, evaluate as judge, floor,
@@ -18,24 +17,9 @@ use robert::train::{Evaluate, Options, TrainConfig, fit as fits, train as teach}
 
 use crate::clip::Clip;
 use crate::error::{InvalidInput, raise, wrong};
-use crate::jobs::Listener;
+use crate::jobs::listened;
 use crate::policy;
 use crate::robot::Robot;
-
-/// Work with a listener, outside of the interpreter's lock.
-fn listened<T: Send, E: robert::exit::HasExit>(
-    py: Python<'_>,
-    progress: Option<Py<PyAny>>,
-    work: impl FnOnce(&Listener, &Cancel) -> Result<T, E> + Send,
-) -> PyResult<T> {
-    let cancel = Cancel::default();
-    let listener = Listener::new(progress, &cancel);
-    let done = py.detach(|| work(&listener, &cancel));
-    match listener.raised() {
-        Some(raised) => Err(raised),
-        None => done.map_err(raise),
-    }
-}
 
 fn json(value: &impl serde::Serialize) -> PyResult<String> {
     serde_json::to_string(value).map_err(|e| wrong(e.to_string()))
@@ -77,7 +61,7 @@ pub(crate) fn evaluate(
             // A robot that iLQR cannot drive does without.
             floor::fill(&robot, suites[0].cases.iter_mut(), threads, listener, cancel).ok();
         }
-        judge(&robot, &suites, &config, listener, cancel)
+        judge(&robot, &suites, &config, listener, cancel).map_err(raise)
     })?;
     json(&found)
 }
@@ -108,7 +92,7 @@ pub(crate) fn collect(
     config.plants = plants.map(str::parse::<PlantRange>).transpose().map_err(raise)?;
     let threads = threads.unwrap_or_else(cores);
     let done = listened(py, progress, |listener, cancel| {
-        explore::collect(&robot, &config, &out, false, threads, listener, cancel)
+        explore::collect(&robot, &config, &out, false, threads, listener, cancel).map_err(raise)
     })?;
     json(
         &serde_json::json!({"out": out, "agents": done.agents, "totals": done.manifest.totals, "manifest_sha256": done.manifest.sha256()}),
@@ -149,8 +133,9 @@ pub(crate) fn fit(
                 let settings = InverseSettings::default();
                 fits::mlp_inverse(&data, seed, &settings, &out, listener, cancel)
             }
-        }?;
-        Ok::<_, robert::train::Error>(fits::held_out(&data, seed, &mut fitted).ok())
+        }
+        .map_err(raise)?;
+        Ok(fits::held_out(&data, seed, &mut fitted).ok())
     })?;
     json(&serde_json::json!({"policy": kind, "out": out, "held_out": held_out}))
 }
@@ -196,7 +181,7 @@ pub(crate) fn train(
             evaluator: evaluator.as_mut().map(|j| j as &mut dyn Evaluate),
             meta: serde_json::json!({"version": env!("CARGO_PKG_VERSION"), "threads": threads}),
         };
-        teach(&data, &config, options)
+        teach(&data, &config, options).map_err(raise)
     })?;
     json(&serde_json::json!({"dir": out, "result": done}))
 }

@@ -2,6 +2,9 @@
 //! to Python flat and get their shapes there; long work runs without the interpreter's lock,
 //! looks for Ctrl-C and reports how far it is.
 
+// Python's keyword arguments are a function's parameters here.
+#![allow(clippy::too_many_arguments)]
+
 mod clip;
 mod error;
 mod export;

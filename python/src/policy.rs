@@ -10,7 +10,7 @@ use robert::rollout::{
     COMMAND, Guide, HISTORY, Inference, Policy as Acting, PolicyConfig, PolicyName, View, Window,
 };
 
-use crate::error::{raise, wrong};
+use crate::error::{RobertError, raise, wrong};
 use crate::robot::Robot;
 
 /// `pd`, `robert+guide`, `ridge:FILE`; nothing is the robot's own.
@@ -71,10 +71,12 @@ impl Policy {
     }
 
     /// Forgets the past; draws come from this seed.
-    fn reset(&self, seed: u64) {
-        let mut turn = self.acting.lock().unwrap_or_else(PoisonError::into_inner);
-        turn.policy.reset(seed);
-        turn.frame = 0;
+    fn reset(&self, py: Python<'_>, seed: u64) {
+        py.detach(|| {
+            let mut turn = self.acting.lock().unwrap_or_else(PoisonError::into_inner);
+            turn.policy.reset(seed);
+            turn.frame = 0;
+        });
     }
 
     /// The action, -1 to 1; (A). `history` (30, S), `current` (S), `goals` and `mask` (20, S).
@@ -96,6 +98,22 @@ impl Policy {
             return Err(wrong(format!("mask has {} values, not {}", seen.len(), COMMAND * dim)));
         }
         let velocity = velocity.as_ref().map(|v| numbers(v, dim, "velocity")).transpose()?;
+        // The lock is taken without the interpreter's: who waits for it must not hold the other.
+        let action = py.detach(|| self.answer(history, current, goals, seen, velocity))?;
+        Ok(action.into_pyarray(py))
+    }
+}
+
+impl Policy {
+    fn answer(
+        &self,
+        history: &[f64],
+        current: &[f64],
+        goals: &[f64],
+        seen: &[bool],
+        velocity: Option<&[f64]>,
+    ) -> PyResult<Vec<f64>> {
+        let dim = self.robot.state_dim();
         let mut turn = self.acting.lock().unwrap_or_else(PoisonError::into_inner);
         let turn = &mut *turn;
         turn.fill(history, current, goals, seen);
@@ -115,11 +133,15 @@ impl Policy {
         let state = turn.data.snapshot();
         let mut action = vec![0.0; self.robot.action_dim()];
         let view = View { frame: turn.frame, window: &turn.window, state: &state };
-        let policy = &mut turn.policy;
-        py.detach(|| policy.act(&view, &mut action)).map_err(raise)?;
-        turn.policy.applied(&action);
+        turn.policy.act(&view, &mut action).map_err(raise)?;
+        if let Some(actuator) = action.iter().position(|a| !a.is_finite()) {
+            return Err(RobertError::new_err(format!(
+                "the action of actuator {actuator} is no number"
+            )));
+        }
+        action.iter_mut().for_each(|a| *a = a.clamp(-1.0, 1.0));
         turn.frame += 1;
-        Ok(action.into_pyarray(py))
+        Ok(action)
     }
 }
 

@@ -7,7 +7,7 @@ use numpy::{IntoPyArray as _, PyArray1};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use robert::clip::{Sight, compile};
-use robert::progress::{Cancel, Progress as _};
+use robert::progress::Progress as _;
 use robert::render::{CameraChoice, Motion, Overlay, RenderConfig, Renderer, Shot};
 use robert::robot::{PlantConfig, Robot as LibRobot};
 use robert::rollout::{Rollout, RolloutConfig, Start};
@@ -17,7 +17,7 @@ use robert::units::{FPS, Unit};
 
 use crate::clip::Clip;
 use crate::error::{InvalidInput, raise, wrong};
-use crate::jobs::Listener;
+use crate::jobs::listened;
 use crate::policy;
 use crate::robot::Robot;
 
@@ -49,9 +49,7 @@ pub(crate) fn rollout(
     let command = command.reordered(&names).unwrap_or(command);
     let config = RolloutConfig { seed, guide: policy.guide, plant, ..RolloutConfig::default() };
     let clip = clip.inner.clone();
-    let cancel = Cancel::default();
-    let listener = Listener::new(progress, &cancel);
-    let made = py.detach(|| -> Result<Option<LibTake>, PyErr> {
+    let take = listened(py, progress, |listener, cancel| {
         let built = policy.build(&robot).map_err(raise)?;
         let mut rollout =
             Rollout::new(&robot, built, &command, Start::Pose, config).map_err(raise)?;
@@ -59,18 +57,13 @@ pub(crate) fn rollout(
         while let Some(frame) = rollout.step().map_err(raise)? {
             listener.tick(frame.frame as u64, total, "");
             if cancel.is_cancelled() {
-                return Ok(None);
+                break;
             }
         }
         let provenance = Provenance::new(&robot, &policy, &config).map_err(raise)?;
-        LibTake::record(&rollout, &command, Some(&clip), provenance).map(Some).map_err(raise)
-    });
-    let stopped = listener.raised();
-    match (made?, stopped) {
-        (_, Some(raised)) => Err(raised),
-        (Some(take), None) => Ok(Take { take, robot }),
-        (None, None) => Err(InvalidInput::new_err("stopped")),
-    }
+        LibTake::record(&rollout, &command, Some(&clip), provenance).map_err(raise)
+    })?;
+    Ok(Take { take, robot })
 }
 
 #[pymethods]

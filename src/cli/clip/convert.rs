@@ -24,7 +24,7 @@ use crate::limits;
 /// (a folder, or .mcap with --from bag).
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  robert clip convert wave.clip.json wave.csv\n  robert clip convert log.csv log.clip.json --robot ur5e\n  robert clip convert plan.yaml plan.clip.json --robot ur5e --fill linear\n  robert clip convert scene.xml poses.clip.json --like wave.clip.json\n  robert clip convert wave.clip.json wave.xml --with-model       a model that loads by itself\n  robert clip convert wave.clip.json light.clip.json --robot ur5e_light   another plant\n  robert clip convert wave.mcap again.clip.json            the clip that a take was made from\n  robert clip convert walk.lafan.csv walk.clip.json --robot arm --fps 30 --thin 0.01\n  robert clip convert pusht walk.clip.json --robot arm --episode 3     a LeRobot folder"
+    after_help = "Examples:\n  robert clip convert wave.clip.json wave.csv\n  robert clip convert log.csv log.clip.json --robot ur5e\n  robert clip convert plan.yaml plan.clip.json --robot ur5e --fill linear\n  robert clip convert scene.xml poses.clip.json --like wave.clip.json\n  robert clip convert wave.clip.json wave.xml --with-model       a model that loads by itself\n  robert clip convert wave.clip.json light.clip.json --robot ur5e_light   another plant\n  robert clip convert wave.mcap again.clip.json            the clip that a take was made from\n  robert clip convert walk.lafan.csv walk.clip.json --robot my_arm --fps 30 --thin 0.01\n  robert clip convert demos walk.clip.json --robot my_arm --episode 3     a LeRobot folder"
 )]
 pub(super) struct Convert {
     /// The file to read; - is stdin (with --from, unless it is a clip).
