@@ -1,6 +1,5 @@
 //! Motion that other programs recorded, on its way to a clip.
 
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
@@ -78,7 +77,7 @@ impl Recorded {
         if !(0.0..=10.0).contains(&self.thin) {
             return Err(Failure::usage(format!("--thin takes 0 to 10, not {}", self.thin)));
         }
-        let rename = self.rename.as_deref().map(names).transpose()?.unwrap_or_default();
+        let rename = self.rename.as_deref().map(input::names).transpose()?.unwrap_or_default();
         let place = input::place(path);
         let samples = self.samples(path, kind, robot, id)?;
         let clip = samples.clip(robot, &rename, self.thin);
@@ -164,11 +163,4 @@ fn recording(dir: &Path) -> Outcome<PathBuf> {
             dir.display()
         ))),
     }
-}
-
-/// A table of names.
-fn names(path: &Path) -> Outcome<BTreeMap<String, String>> {
-    let text = String::from_utf8(fsio::read_capped(path, limits::CLIP_BYTES)?)
-        .map_err(|e| Failure::invalid(format!("{}: {e}", path.display())))?;
-    toml::from_str(&text).map_err(|e| Failure::invalid(format!("{}: {e}", path.display())))
 }

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use serde_json::json;
 
 use super::format::{ActionArg, Format};
+use super::plan::{Plan, say};
 use super::source::Source;
-use super::{Plan, say};
 use crate::cli::bar::Bar;
 use crate::cli::failure::{Failure, Outcome};
 use crate::cli::global::Global;
