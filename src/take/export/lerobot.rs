@@ -8,13 +8,14 @@
 use serde_json::{Map, Value, json};
 
 use super::super::error::Error;
-use super::episode::{Columns, Episode};
+use super::episode::Episode;
 use super::files::{Export, File, Folder};
+use super::lerobot_features::{Feature, features};
 use super::lerobot_layout::{CHUNK_FILES, LeRobotAction, LeRobotOptions, LeRobotVersion, Place};
 use super::stats::Stats;
 use super::table::{Column, Kind, Table};
 use super::video::{Films, KEY};
-use crate::units::{FPS, Unit};
+use crate::units::FPS;
 
 /// Bytes of one file of data before the next begins: the limit of the format.
 const FILE_BYTES: usize = 100 << 20;
@@ -61,57 +62,6 @@ pub fn lerobot(
         .says(format!("{} episodes, 20 frames a second; observation.state is the position ({angle}; m for slides), observation.velocity its rate.", episodes.len()))
         .says(format!("The action of a row is {action}; it is applied after that row's observation."))
         .says(format!("Load it with LeRobotDataset(\"local/robert\", root=\"{}\").", Export::OUT)))
-}
-
-/// A vector of each row.
-struct Feature {
-    key: &'static str,
-    names: Vec<String>,
-    /// (rows, names)
-    values: Vec<f64>,
-}
-
-fn features(e: &Episode, options: &LeRobotOptions) -> Vec<Feature> {
-    let frames = e.frames();
-    let name = |column: &String, end: &str| {
-        let renamed = options.rename.get(column).unwrap_or(column);
-        // A slash would begin another folder of features.
-        format!("{}.{end}", renamed.replace('/', "_"))
-    };
-    let scaled = |columns: &Columns| -> Vec<f64> {
-        let factor = |j: usize| match e.units.get(j) {
-            Some(Unit::Rad) if options.degrees => 1.0_f64.to_degrees(),
-            _ => 1.0,
-        };
-        let rows = columns.rows().flat_map(|r| r.iter().enumerate().map(|(j, v)| v * factor(j)));
-        rows.collect()
-    };
-    let joint = |end: &str| e.position.names.iter().map(|n| name(n, end)).collect::<Vec<_>>();
-    let position = scaled(&e.position);
-    let (names, action) = match options.action {
-        LeRobotAction::Position => {
-            let dim = e.position.names.len();
-            let mut next = position[dim..].to_vec();
-            next.extend_from_slice(&position[position.len() - dim..]);
-            (joint("pos"), next)
-        }
-        LeRobotAction::Torque => {
-            let dim = e.control.names.len();
-            let mut values = e.control.values.clone();
-            let last: Vec<f64> = match values.len().checked_sub(dim) {
-                Some(from) => values[from..].to_vec(),
-                None => vec![0.0; dim],
-            };
-            values.extend(last);
-            values.truncate(frames * dim);
-            (e.control.names.iter().map(|n| name(n, "effort")).collect(), values)
-        }
-    };
-    vec![
-        Feature { key: "observation.state", names: joint("pos"), values: position },
-        Feature { key: "observation.velocity", names: joint("vel"), values: scaled(&e.velocity) },
-        Feature { key: "action", names, values: action },
-    ]
 }
 
 /// Everything that both layouts are made of.

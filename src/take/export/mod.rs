@@ -11,6 +11,7 @@ mod files;
 mod glb;
 mod lafan;
 mod lerobot;
+mod lerobot_features;
 mod lerobot_layout;
 mod minari;
 mod skeleton;
