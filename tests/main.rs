@@ -10,6 +10,7 @@ mod children;
 mod circles;
 mod clip;
 mod collect;
+mod exports;
 mod fit;
 mod floors;
 mod full_disk;

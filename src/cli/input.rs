@@ -97,6 +97,14 @@ pub(super) fn take(path: &Path) -> Outcome<Take> {
     Ok(Take::from_mcap(&bytes).map_err(|e| e.in_file(&place(path)))?)
 }
 
+/// A TOML table of names: other ones of joints.
+pub(super) fn names(path: &Path) -> Outcome<BTreeMap<String, String>> {
+    let wrong =
+        |e: &dyn std::fmt::Display| Failure::invalid(format!("{}: {e}", place(path).display()));
+    let text = String::from_utf8(read(path, limits::CLIP_BYTES)?).map_err(|e| wrong(&e))?;
+    toml::from_str(&text).map_err(|e| wrong(&e))
+}
+
 /// Writes a file atomically, into a pipe or device that is there, or to stdout.
 pub(super) fn write(path: &Path, bytes: &[u8]) -> Outcome {
     if is_standard(path) {

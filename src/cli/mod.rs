@@ -118,8 +118,13 @@ enum Command {
     CompileCheck(check::Args),
 }
 
-/// Parses, runs, reports. The only caller is `main`.
+/// Parses, runs, reports: what `main` does.
 pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
+    ExitCode::from(call(args).code())
+}
+
+/// The same with the exit code as a value, for whoever is a program already (Python).
+pub fn call(args: impl IntoIterator<Item = OsString>) -> Exit {
     crate::mujoco::set_env_at_start("NODEVICE_SELECT", "1");
     let mut args: Vec<OsString> = args.into_iter().collect();
     let given = |args: &[OsString], flag: &str| args.iter().skip(1).any(|a| a == flag);
@@ -135,10 +140,10 @@ pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
     }
     log::init(cli.global.quiet, cli.global.verbose);
     match run(cli) {
-        Ok(()) => ExitCode::SUCCESS,
+        Ok(()) => Exit::Ok,
         Err(failure) => {
             failure.report();
-            ExitCode::from(failure.exit().code())
+            failure.exit()
         }
     }
 }
@@ -176,9 +181,9 @@ fn run(cli: Cli) -> Outcome {
 }
 
 /// Clap prints help and version to stdout with 0, mistakes to stderr with 2.
-fn usage(e: &clap::Error) -> ExitCode {
+fn usage(e: &clap::Error) -> Exit {
     e.print().ok();
-    ExitCode::from(if e.use_stderr() { Exit::Usage.code() } else { Exit::Ok.code() })
+    if e.use_stderr() { Exit::Usage } else { Exit::Ok }
 }
 
 #[cfg(test)]

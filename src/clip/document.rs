@@ -300,7 +300,7 @@ impl Clip {
     }
 
     /// Sorts, and rounds every value to the grid.
-    pub(crate) fn normalize(&mut self) {
+    pub fn normalize(&mut self) {
         let grid = |row: &mut Row| {
             row.iter_mut().flatten().for_each(|v| *v = round(*v));
         };

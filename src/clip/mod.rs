@@ -37,4 +37,5 @@ pub use parse::{Parsed, load, parse, parse_bytes};
 #[cfg(test)]
 pub(crate) use schema::Clip as ClipShape;
 pub use schema::schema;
+pub use sparsify::thin;
 pub use validate::{Flaw, Invalid};

@@ -7,7 +7,7 @@
 
 use std::collections::BTreeSet;
 
-use super::document::{Clip, Goal, Key};
+use super::document::{Clip, Fill, Goal, Key};
 
 /// The frames of chosen keys that can be removed. Each is within `tolerance` (rad or m) of the line
 /// between its remaining neighbours.
@@ -23,6 +23,22 @@ pub(super) fn superfluous(clip: &Clip, chosen: &BTreeSet<u32>, tolerance: f64) -
         divide(run, tolerance, &mut stays);
     }
     clip.keys.iter().map(|k| k.frame).filter(|f| chosen.contains(f) && !stays.contains(f)).collect()
+}
+
+/// Thins a dense clip into keys with straight lines between them, within `tolerance` (rad or
+/// m) of every row that was there.
+pub fn thin(clip: &mut Clip, tolerance: f64) {
+    clip.fill = Fill::Linear;
+    // A frame without a row stays without a goal: the key before it does not reach across.
+    let next: Vec<Option<u32>> =
+        (1..=clip.keys.len()).map(|i| clip.keys.get(i).map(|k| k.frame)).collect();
+    for (key, next) in clip.keys.iter_mut().zip(next) {
+        let gap = next.is_some_and(|n| n > key.frame + key.hold);
+        key.fill = gap.then_some(Fill::Mask);
+    }
+    let chosen = clip.keys.iter().map(|k| k.frame).collect();
+    let gone = superfluous(clip, &chosen, tolerance);
+    clip.keys.retain(|k| !gone.contains(&k.frame));
 }
 
 /// A key that contains only values.
@@ -136,6 +152,21 @@ mod tests {
             }
         }
         assert!(left(&c, 0.02).len() > left(&c, 0.1).len());
+    }
+
+    #[test]
+    fn a_dense_clip_becomes_few_keys_and_keeps_its_holes() {
+        let mut c = clip(Vec::new());
+        let wave = |f: u32| (f64::from(f) / 20.0).sin();
+        c.keys = (0..60).chain(90..150).map(|f| Key::new(f, &[wave(f), 0.0])).collect();
+        let dense = crate::clip::compile(&c).unwrap();
+        thin(&mut c, 0.01);
+        assert!(c.keys.len() < 40, "{} keys", c.keys.len());
+        let thinned = crate::clip::compile(&c).unwrap();
+        for f in 0..150 {
+            assert_eq!(thinned.sight(f), dense.sight(f), "frame {f}");
+            assert!((thinned.row(f)[0] - dense.row(f)[0]).abs() < 0.011, "frame {f}");
+        }
     }
 
     #[test]

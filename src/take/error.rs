@@ -88,6 +88,25 @@ pub enum Error {
     /// The command does not fit the format.
     #[error(transparent)]
     Export(#[from] crate::clip::formats::ExportError),
+    /// The motion or the robot does not fit the format.
+    #[error("{format} cannot hold this motion: {problem}")]
+    Unfit {
+        /// The format.
+        format: &'static str,
+        /// Why.
+        problem: String,
+    },
+    /// The folder holds something else than an earlier export.
+    #[error(
+        "the folder has no {marker}, so no earlier export made what is in it; give an empty or a new one: {}",
+        .path.display()
+    )]
+    Occupied {
+        /// What an export would have left there.
+        marker: &'static str,
+        /// The folder.
+        path: PathBuf,
+    },
     /// The encoder failed.
     #[error("cannot encode {what}: {problem}")]
     Encode {
@@ -130,6 +149,7 @@ impl HasExit for Error {
             Error::Render(e) => e.exit(),
             Error::Export(e) => e.exit(),
             Error::Encode { .. } => Exit::Failed,
+            Error::Occupied { .. } => Exit::Usage,
             Error::NoClient => Exit::Missing,
             _ => Exit::Invalid,
         }

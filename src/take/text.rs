@@ -1,4 +1,4 @@
-//! Text exports of takes: CSV, MJCF keys, ROS trajectories.
+//! Text exports of takes: CSV and MJCF keys.
 //!
 //! Commands use the clip's writers, so that they are read back as the same command. Reached motion
 //! is written in full precision, with velocities, torques or controls if the format has them.
@@ -8,7 +8,7 @@ use std::fmt::Write as _;
 use super::document::{Take, What, row};
 use super::error::Error;
 use crate::clip::formats;
-use crate::units::{CTRL_DT, FPS};
+use crate::units::CTRL_DT;
 
 impl Take {
     /// CSV: `frame,time,mask,<joint>...`, one row per frame.
@@ -71,34 +71,6 @@ impl Take {
         out.push_str("  </keyframe>\n</mujoco>\n");
         Ok(out)
     }
-
-    /// ROS 2 `trajectory_msgs/msg/JointTrajectory` as YAML: one point per frame.
-    ///
-    /// # Errors
-    /// [`Error::Export`] for commands with goals for some joints only, or for none.
-    pub fn to_ros(&self, what: What) -> Result<String, Error> {
-        if what == What::Command {
-            return Ok(formats::to_ros(&self.command)?);
-        }
-        let mut out = String::from("# trajectory_msgs/msg/JointTrajectory\njoint_names:\n");
-        for joint in &self.robot.joints {
-            // A JSON string is a YAML string too.
-            writeln!(out, "- {}", serde_json::Value::from(joint.as_str())).ok();
-        }
-        out.push_str("points:\n");
-        for f in 0..self.frames() {
-            writeln!(out, "- positions: {}", list(self.state(f))).ok();
-            writeln!(out, "  velocities: {}", list(row(&self.velocity, f, self.state_dim()))).ok();
-            let effort = row(&self.effort, f, self.state_dim());
-            if !effort.is_empty() {
-                writeln!(out, "  effort: {}", list(effort)).ok();
-            }
-            let fps = FPS as usize;
-            let (sec, nanosec) = (f / fps, f % fps * 50_000_000);
-            writeln!(out, "  time_from_start: {{sec: {sec}, nanosec: {nanosec}}}").ok();
-        }
-        Ok(out)
-    }
 }
 
 /// Frame times without accumulated rounding of 0.05.
@@ -108,15 +80,6 @@ fn secs(frame: usize) -> f64 {
 
 fn numbers(values: &[f64]) -> String {
     values.iter().map(f64::to_string).collect::<Vec<_>>().join(" ")
-}
-
-/// ROS parsers require floats to look like floats.
-fn list(values: &[f64]) -> String {
-    let decimal = |v: &f64| {
-        let text = v.to_string();
-        if text.contains('.') { text } else { format!("{text}.0") }
-    };
-    format!("[{}]", values.iter().map(decimal).collect::<Vec<_>>().join(", "))
 }
 
 #[cfg(test)]
@@ -138,7 +101,6 @@ mod tests {
         let robot = original(&take).robot;
         let csv = take.to_csv(What::Achieved);
         let mjcf = take.to_mjcf(What::Achieved).unwrap();
-        let ros = take.to_ros(What::Achieved).unwrap();
         let near = |clip: Clip, what: &str| {
             let command = compile(&clip).unwrap();
             assert_eq!(command.frames(), 30, "{what}");
@@ -150,12 +112,9 @@ mod tests {
         };
         near(from_csv(csv.as_bytes(), Some(&robot), Fill::Mask).unwrap(), "csv");
         near(from_mjcf(&mjcf, &robot, Fill::Mask).unwrap(), "mjcf");
-        near(from_ros(&ros, Some(&robot), Fill::Mask).unwrap(), "ros");
         assert_eq!(csv.lines().count(), 31);
         assert_eq!(mjcf.matches(" qvel=").count(), 30);
         assert_eq!(mjcf.matches(" ctrl=").count(), 29);
-        assert_eq!(ros.matches("velocities:").count(), 30);
-        assert_eq!(ros.matches("effort:").count(), 29);
     }
 
     fn precision(take: &Take, id: &str, command: &Command) -> Precision {
@@ -175,7 +134,8 @@ mod tests {
             let robot = original(&take).robot;
             let csv = from_csv(take.to_csv(What::Command).as_bytes(), Some(&robot), Fill::Mask);
             let mjcf = from_mjcf(&take.to_mjcf(What::Command).unwrap(), &robot, Fill::Mask);
-            let ros = from_ros(&take.to_ros(What::Command).unwrap(), Some(&robot), Fill::Mask);
+            let ros = formats::to_ros(&take.command).unwrap();
+            let ros = from_ros(&ros, Some(&robot), Fill::Mask);
             let again = original(&take);
             for (what, clip) in [
                 ("csv", csv.unwrap()),

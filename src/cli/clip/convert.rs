@@ -7,6 +7,7 @@ use clap::builder::{PossibleValuesParser, TypedValueParser};
 
 use super::super::failure::{Failure, Outcome};
 use super::super::{input, motion, out};
+use super::recorded::{Kind, Recorded};
 use crate::clip::formats::{
     from_command_json, from_csv, from_mjcf, from_ros, to_command_json, to_csv, to_mjcf, to_ros,
 };
@@ -18,10 +19,12 @@ use crate::limits;
 /// The file name decides the format: .clip.json, .csv, .xml (MJCF keyframes), .yaml (ROS 2
 /// JointTrajectory) or .json (dense command). A take (.mcap, or .json of robert export) can be read
 /// too; its clip is converted. A dense format that is written and read again gives the same
-/// command, bit for bit.
+/// command, bit for bit. Recorded motion can be read and is thinned into keys: LAFAN rows
+/// (.lafan.csv), motion files of trackers (.npz), .bvh, folders of LeRobot, and ROS bags (a folder,
+/// or .mcap with --from bag).
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  robert clip convert wave.clip.json wave.csv\n  robert clip convert log.csv log.clip.json --robot ur5e\n  robert clip convert plan.yaml plan.clip.json --robot ur5e --fill linear\n  robert clip convert scene.xml poses.clip.json --like wave.clip.json\n  robert clip convert wave.clip.json wave.xml --with-model       a model that loads by itself\n  robert clip convert wave.clip.json light.clip.json --robot ur5e_light   another plant\n  robert clip convert wave.mcap again.clip.json            the clip inside a take"
+    after_help = "Examples:\n  robert clip convert wave.clip.json wave.csv\n  robert clip convert log.csv log.clip.json --robot ur5e\n  robert clip convert plan.yaml plan.clip.json --robot ur5e --fill linear\n  robert clip convert scene.xml poses.clip.json --like wave.clip.json\n  robert clip convert wave.clip.json wave.xml --with-model       a model that loads by itself\n  robert clip convert wave.clip.json light.clip.json --robot ur5e_light   another plant\n  robert clip convert wave.mcap again.clip.json            the clip inside a take\n  robert clip convert walk.lafan.csv walk.clip.json --robot my_arm --fps 30 --thin 0.01\n  robert clip convert demos walk.clip.json --robot my_arm --episode 3     a LeRobot folder"
 )]
 pub(super) struct Convert {
     /// The file to read; - is stdin (with --from, unless it is a clip).
@@ -47,6 +50,8 @@ pub(super) struct Convert {
     /// For MJCF keyframes: also write the robot's model, so that the file loads by itself.
     #[arg(long)]
     with_model: bool,
+    #[command(flatten)]
+    recorded: Recorded,
     /// Overwrite an existing file.
     #[arg(long)]
     force: bool,
@@ -61,11 +66,41 @@ enum Format {
     Json,
     /// A take: the clip that it was made from.
     Mcap,
+    /// Base and joints a row, without header or rate (--fps).
+    Lafan,
+    /// Motion of BeyondMimic and mjlab.
+    Npz,
+    /// Motion capture of a skeleton like the robot's.
+    Bvh,
+    /// /joint_states of a ROS 2 bag.
+    Bag,
+    /// An episode of a LeRobot dataset.
+    Lerobot,
 }
 
-/// All formats except the take, which is a motion that was performed.
+impl Format {
+    /// Motion that was recorded, which can only be read.
+    fn recorded(self) -> Option<Kind> {
+        match self {
+            Format::Lafan => Some(Kind::Lafan),
+            Format::Npz => Some(Kind::Npz),
+            Format::Bvh => Some(Kind::Bvh),
+            Format::Bag => Some(Kind::Bag),
+            Format::Lerobot => Some(Kind::Lerobot),
+            Format::Clip
+            | Format::Csv
+            | Format::Mjcf
+            | Format::Ros
+            | Format::Json
+            | Format::Mcap => None,
+        }
+    }
+}
+
+/// All formats that clips are written in: recorded motion is written by `robert export`.
 fn writable() -> impl TypedValueParser<Value = Format> {
-    let words = Format::value_variants().iter().filter(|f| **f != Format::Mcap);
+    let words =
+        Format::value_variants().iter().filter(|f| **f != Format::Mcap && f.recorded().is_none());
     PossibleValuesParser::new(words.filter_map(ValueEnum::to_possible_value))
         .try_map(|word| Format::from_str(&word, false))
 }
@@ -78,7 +113,12 @@ impl Format {
         let name = path.file_name().map(|n| n.to_string_lossy().to_lowercase()).unwrap_or_default();
         let ends = |end: &str| name.ends_with(end);
         Ok(match () {
+            () if path.join("meta/info.json").is_file() => Format::Lerobot,
+            () if path.join("metadata.yaml").is_file() => Format::Bag,
             () if ends(".clip.json") || input::is_standard(path) => Format::Clip,
+            () if ends(".lafan.csv") => Format::Lafan,
+            () if ends(".npz") => Format::Npz,
+            () if ends(".bvh") => Format::Bvh,
             () if ends(".csv") => Format::Csv,
             () if ends(".xml") || ends(".mjcf") => Format::Mjcf,
             () if ends(".yaml") || ends(".yml") => Format::Ros,
@@ -86,7 +126,7 @@ impl Format {
             () if ends(".mcap") => Format::Mcap,
             () => {
                 return Err(Failure::usage(format!(
-                    "{}: unknown suffix; use .clip.json, .csv, .xml, .yaml, .json or .mcap, or name the format with --from or --to",
+                    "{}: unknown suffix; use .clip.json, .csv, .xml, .yaml, .json, .mcap, .lafan.csv, .npz or .bvh, or name the format with --from or --to",
                     path.display()
                 )));
             }
@@ -100,6 +140,12 @@ pub(super) fn run(a: &Convert) -> Outcome {
     if !a.force && !to_stdout && a.output.exists() {
         let path = a.output.display();
         return Err(Failure::usage(format!("{path} exists; --force overwrites it")));
+    }
+    if to.recorded().is_some() {
+        return Err(Failure::usage(format!(
+            "recorded motion is written by robert export {} --to FORMAT",
+            a.input.display()
+        )));
     }
     if to == Format::Mcap {
         return Err(Failure::usage(format!(
@@ -140,17 +186,20 @@ fn read(a: &Convert, from: Format, robot: Option<&RobotRef>) -> Result<Clip, Fai
         let take = input::take(&a.input)?;
         return motion::clip_of(&take, &place.display().to_string());
     }
-    let cap = limits::PROJECT_BYTES;
-    let bytes = input::read(&a.input, cap)?;
-    let text = || {
-        String::from_utf8(bytes.clone())
-            .map_err(|e| Failure::invalid(format!("{}: {e}", place.display())))
-    };
     let whose = || {
         Failure::usage(format!(
             "{} does not name its robot; give --robot ID or --like CLIP",
             place.display()
         ))
+    };
+    if let Some(kind) = from.recorded() {
+        return a.recorded.clip(&a.input, kind, robot.ok_or_else(whose)?, a.robot.as_deref());
+    }
+    let cap = limits::PROJECT_BYTES;
+    let bytes = input::read(&a.input, cap)?;
+    let text = || {
+        String::from_utf8(bytes.clone())
+            .map_err(|e| Failure::invalid(format!("{}: {e}", place.display())))
     };
     if from == Format::Json
         && let Some(clip) = inside_take(&text()?)
@@ -162,7 +211,7 @@ fn read(a: &Convert, from: Format, robot: Option<&RobotRef>) -> Result<Clip, Fai
         Format::Csv => from_csv(&bytes, Some(robot_ref?), a.fill),
         Format::Mjcf => from_mjcf(&text()?, robot_ref?, a.fill),
         Format::Ros => from_ros(&text()?, Some(robot_ref?), a.fill),
-        Format::Json | Format::Clip | Format::Mcap => from_command_json(&text()?, robot, a.fill),
+        _ => from_command_json(&text()?, robot, a.fill),
     };
     Ok(clip.map_err(|e| e.in_file(&place))?)
 }
@@ -227,6 +276,6 @@ fn text(clip: &Clip, to: Format, a: &Convert) -> Outcome<String> {
         }
         Format::Mjcf => to_mjcf(&command)?,
         Format::Ros => to_ros(&command)?,
-        Format::Json | Format::Mcap => to_command_json(&command, &clip.robot.id),
+        _ => to_command_json(&command, &clip.robot.id),
     })
 }

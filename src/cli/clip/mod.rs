@@ -6,6 +6,7 @@ mod edit;
 mod files;
 mod fix;
 mod info;
+mod recorded;
 mod simulate;
 
 use clap::Subcommand;

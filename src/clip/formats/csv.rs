@@ -11,6 +11,7 @@ use super::super::document::{Clip, Fill, RobotRef, Row};
 use super::super::error::ClipError;
 use super::super::json::show;
 use super::super::parse::utf8;
+use super::samples::resample;
 use super::{Track, frame_of, places, start_differs};
 use crate::limits;
 use crate::units::FPS;
@@ -213,42 +214,6 @@ fn flag(record: &::csv::StringRecord, line: usize, column: usize) -> Result<bool
             Err(ClipError::at(message, line, column + 1))
         }
     }
-}
-
-/// Rows at the frames of the clip, on straight lines between the samples around them.
-fn resample(samples: &[(f64, Row)], track: &mut Track) -> Result<(), ClipError> {
-    let (Some(first), Some(last)) = (samples.first(), samples.last()) else { return Ok(()) };
-    // A log rarely ends on a frame: the last sample within half a frame still counts.
-    let Some(end) = frame_of(last.0 - first.0) else {
-        let message = format!("more than {} frames", limits::CLIP_FRAMES);
-        return Err(ClipError::at(message, 1, 1));
-    };
-    let mut after = 0;
-    for frame in 0..=end {
-        let secs = first.0 + f64::from(frame) / f64::from(FPS);
-        while samples.get(after).is_some_and(|s| s.0 < secs - 1e-9) {
-            after += 1;
-        }
-        let right = samples.get(after).unwrap_or(last);
-        let left = after.checked_sub(1).and_then(|i| samples.get(i)).unwrap_or(right);
-        // Times in files are rounded, so a sample within 1 ms of a frame belongs to it.
-        let near = [right, left].into_iter().find(|s| (s.0 - secs).abs() <= 1e-3);
-        let row = match near {
-            Some(sample) => sample.1.clone(),
-            // After the last sample its value is held.
-            None if after >= samples.len() => last.1.clone(),
-            // A gap of more than a frame is left open.
-            None if right.0 - left.0 > 1.5 / f64::from(FPS) => continue,
-            None => {
-                let s = (secs - left.0) / (right.0 - left.0);
-                let mix = |(a, b): (&Option<f64>, &Option<f64>)| Some((*a)? + s * ((*b)? - (*a)?));
-                left.1.iter().zip(&right.1).map(mix).collect()
-            }
-        };
-        track.rows.insert(frame, row);
-    }
-    track.length = end + 1;
-    Ok(())
 }
 
 fn broken(e: &::csv::Error) -> ClipError {

@@ -4,63 +4,29 @@
 //! points, so a foreign file is best read with `--fill linear`. Our own exports are read with
 //! `mask` and come back exactly.
 
-use std::fmt::Write as _;
-
 use serde::Deserialize;
-use serde_json::Value;
 use serde_saphyr::{Location, MessageFormatter as _, Spanned, UserMessageFormatter};
 
-use super::super::command::{Command, Sight};
+use super::super::command::Command;
 use super::super::document::{Clip, Fill, RobotRef, Row};
 use super::super::error::ClipError;
+use super::trajectory::Trajectory;
 use super::{ExportError, Track, frame_of, places};
 use crate::limits;
 
-/// A command as YAML.
+/// A command as YAML, with the velocities and accelerations that controllers want.
 ///
 /// # Errors
 /// [`ExportError::Partial`], [`ExportError::Empty`].
 pub fn to_ros(command: &Command) -> Result<String, ExportError> {
-    let mut out = String::from("# trajectory_msgs/msg/JointTrajectory\njoint_names:\n");
-    for joint in command.joints() {
-        // A JSON string is a YAML string too.
-        writeln!(out, "- {}", Value::from(joint.as_str())).ok();
-    }
-    out.push_str("points:\n");
-    let mut points = 0;
-    for frame in 0..command.frames() {
-        match command.sight(frame) {
-            Sight::Masked => continue,
-            Sight::Partial => return Err(ExportError::Partial { frame, format: "ros" }),
-            Sight::Full => points += 1,
-        }
-        let q: Vec<String> = command.row(frame).iter().map(|v| decimal(*v)).collect();
-        // 1/20 s is 50 ms: whole nanoseconds.
-        let (sec, nanosec) = (frame / 20, (frame % 20) * 50_000_000);
-        writeln!(
-            out,
-            "- positions: [{}]\n  time_from_start: {{sec: {sec}, nanosec: {nanosec}}}",
-            q.join(", ")
-        )
-        .ok();
-    }
-    if points == 0 {
-        return Err(ExportError::Empty { format: "ros" });
-    }
-    Ok(out)
-}
-
-/// ROS parsers require floats to look like floats.
-fn decimal(v: f32) -> String {
-    let text = v.to_string();
-    if text.contains('.') { text } else { format!("{text}.0") }
+    Ok(Trajectory::of_command(command)?.to_yaml(false))
 }
 
 /// A message, or an action goal that holds one. Not an untagged enum: that would lose the
 /// places that errors need.
 #[derive(Deserialize)]
 struct File {
-    trajectory: Option<Trajectory>,
+    trajectory: Option<Goal>,
     joint_names: Option<JointNames>,
     points: Option<Vec<Spanned<Point>>>,
 }
@@ -68,7 +34,7 @@ struct File {
 type JointNames = Spanned<Vec<Spanned<String>>>;
 
 #[derive(Deserialize)]
-struct Trajectory {
+struct Goal {
     joint_names: JointNames,
     points: Vec<Spanned<Point>>,
 }
@@ -176,6 +142,8 @@ pub fn from_ros(text: &str, robot: Option<&RobotRef>, fill: Fill) -> Result<Clip
 
 #[cfg(test)]
 mod tests {
+    use std::fmt::Write as _;
+
     use super::*;
 
     #[test]

@@ -10,9 +10,11 @@ mod apng;
 mod film;
 mod gif;
 mod mp4;
+mod stream;
 mod video;
 
 pub use film::{Film, FilmFormat};
+pub use stream::FilmStream;
 pub use video::{VideoWriter, Written};
 
 use std::path::Path;

@@ -4,25 +4,13 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc::{SyncSender, sync_channel};
 use std::thread::JoinHandle;
 
-use super::film::{Encode, Film, FilmFormat};
-use super::{ENDINGS, apng, gif, mp4};
+use super::ENDINGS;
+use super::film::{Film, FilmFormat};
+use super::stream::FilmStream;
 use crate::render::{Error, Picture};
 
 /// The most frames that wait for the encoder.
 const WAITING: usize = 4;
-
-impl FilmFormat {
-    /// Whether a film of these pixels can be written.
-    ///
-    /// # Errors
-    /// [`Error::FilmSize`].
-    pub fn check_size(self, width: u32, height: u32) -> Result<(), Error> {
-        match self {
-            FilmFormat::Mp4 => mp4::check_size(width, height),
-            FilmFormat::Gif | FilmFormat::Apng => Ok(()),
-        }
-    }
-}
 
 /// A finished film.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -60,15 +48,11 @@ impl VideoWriter {
         let worker = std::thread::Builder::new()
             .name("encode".into())
             .spawn(move || {
-                let mut encoder: Box<dyn Encode> = match film.format {
-                    FilmFormat::Mp4 => Box::new(mp4::Mp4::new(&film)?),
-                    FilmFormat::Gif => Box::new(gif::Gif::new(&film)?),
-                    FilmFormat::Apng => Box::new(apng::Apng::new(&film)?),
-                };
+                let mut stream = FilmStream::new(&film)?;
                 for picture in receive {
-                    encoder.push(&picture)?;
+                    stream.push(&picture)?;
                 }
-                encoder.finish()
+                stream.finish()
             })
             .map_err(|e| Error::Encode { format: "film", reason: e.to_string() })?;
         Ok(VideoWriter {

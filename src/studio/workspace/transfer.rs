@@ -34,7 +34,10 @@ const FILMS: [&str; 3] = ["mp4", "gif", "apng"];
 
 const PICTURES: [&str; 2] = ["png", "strip"];
 
-const TAKES: [&str; 7] = ["mcap", "csv", "json", "mjcf", "ros", "viser", "html"];
+const TAKES: [&str; 16] = [
+    "mcap", "csv", "json", "mjcf", "ros", "viser", "html", "glb", "bvh", "usda", "lafan", "npz",
+    "ur", "bag", "lerobot", "minari",
+];
 
 /// The job that makes an export.
 ///
@@ -55,6 +58,8 @@ pub(crate) fn job(
         "strip" => "png",
         "mjcf" => "xml",
         "ros" => "yaml",
+        "lafan" => "lafan.csv",
+        "ur" => "script",
         other => other,
     };
     let output = match &ask.path {

@@ -1,0 +1,121 @@
+"""Clips: the document that a person edits."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Optional, Union
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import _native
+from .robot import Robot, as_robot
+
+PathLike = Union[str, os.PathLike[str]]
+
+
+class Clip:
+    """Keyframes on a grid of 1/20 s, masks between them.
+
+    Edits return the clip, so that they can be chained; an edit that would break the clip raises
+    :class:`InvalidInput` and leaves it as it was.
+    """
+
+    def __init__(self, native: _native.Clip, robot: Optional[Robot] = None):
+        self._native = native
+        self._robot = robot
+
+    @classmethod
+    def new(cls, robot: Union[Robot, PathLike], frames: int, name: str = "") -> Clip:
+        """An empty clip of ``frames`` frames."""
+        robot = as_robot(robot)
+        clip = cls(_native.Clip(robot._native, frames), robot)
+        clip.name = name
+        return clip
+
+    @classmethod
+    def load(cls, path: PathLike) -> Clip:
+        """Reads ``*.clip.json``; errors have file, line and column."""
+        return cls(_native.Clip.load(os.fspath(path)))
+
+    @classmethod
+    def task(cls, name: str, robot: Optional[str] = None) -> Clip:
+        """A shipped task: ``fire``, ``ur5e/reacher``."""
+        return cls(_native.Clip.task(name, robot))
+
+    @classmethod
+    def suite(cls, robot: str, suite: str) -> dict[str, Clip]:
+        """The clips of a shipped suite, such as ``manual``, by name."""
+        return {name: cls(native) for name, native in _native.Clip.suite(robot, suite)}
+
+    @classmethod
+    def from_array(cls, robot: Union[Robot, PathLike], q: ArrayLike, tolerance: float = 0.0) -> Clip:
+        """The clip that commands these rows, (T, S), 20 a second; NaN is no goal. A positive ``tolerance`` (rad or m)
+        keeps only the keys from which straight lines come that near."""
+        robot = as_robot(robot)
+        rows = np.asarray(q, dtype=float).tolist()
+        return cls(_native.Clip.dense(robot._native, rows, tolerance), robot)
+
+    @property
+    def name(self) -> str:
+        """Its title."""
+        return self._native.name
+
+    @name.setter
+    def name(self, name: str) -> None:
+        self._native.name = name
+
+    @property
+    def robot(self) -> Robot:
+        """The robot that it is for."""
+        if self._robot is None:
+            self._robot = Robot(self._native.robot)
+        return self._robot
+
+    @property
+    def joints(self) -> list[str]:
+        """Names of the columns."""
+        return self._native.joints
+
+    @property
+    def frames(self) -> int:
+        """Length."""
+        return self._native.frames
+
+    @property
+    def keys(self) -> list[int]:
+        """Frames of the keys."""
+        return self._native.keys
+
+    def key(self, frame: int, q: ArrayLike, hold: int = 1, fill: Optional[str] = None) -> Clip:
+        """Commands ``q`` (S; rad or m; NaN leaves a joint open) at a frame and ``hold`` - 1 after it. ``fill`` says what
+        comes then: mask, linear, cubic or hold."""
+        self._native.key(frame, np.asarray(q, dtype=float).tolist(), hold, fill)
+        return self
+
+    def mask(self, start: int, stop: int, joints: Optional[list[str]] = None) -> Clip:
+        """Takes the goals of frames ``start`` to ``stop`` - 1 away, of all joints or of some."""
+        self._native.mask(start, stop, joints)
+        return self
+
+    def fill(self, fill: str) -> Clip:
+        """What stands between keys that do not say: mask, linear, cubic or hold."""
+        self._native.fill(fill)
+        return self
+
+    def command(self) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+        """What is commanded, (T, S), and where it counts, (T, S)."""
+        q, seen, frames = self._native.command()
+        return q.reshape(frames, -1), seen.reshape(frames, -1)
+
+    def text(self) -> str:
+        """The file's text."""
+        return self._native.text()
+
+    def save(self, path: PathLike) -> None:
+        """Writes it."""
+        Path(path).write_text(self.text(), encoding="utf-8")
+
+    def __repr__(self) -> str:
+        return f"Clip({self.name!r}, {self._native.robot}, {self.frames} frames, {len(self.keys)} keys)"

@@ -1,0 +1,56 @@
+//! `robert export TAKE|CLIP|DATASET`: motion in other formats; a clip is performed first.
+
+mod args;
+mod format;
+mod learn;
+mod plan;
+mod source;
+
+use std::path::{Path, PathBuf};
+
+pub(super) use args::Args;
+
+use self::plan::{Made, Plan, say};
+use self::source::Source;
+use super::failure::{Failure, Outcome};
+use super::global::Global;
+use super::{motion, out};
+use crate::fsio;
+
+pub(super) fn run(args: &Args, global: Global) -> Outcome {
+    args.check()?;
+    for input in &args.inputs {
+        motion::may_write(input, args.out.as_deref())?;
+    }
+    let plan = Plan::new(args)?;
+    if args.to.gathers() {
+        return plan.gather(global);
+    }
+    let many = args.inputs.len() > 1;
+    let mut made = Vec::new();
+    for input in &args.inputs {
+        let source = Source::read(input, args, global)?;
+        let export = plan.export(&source)?;
+        let path = match &args.out {
+            Some(dir) if many => dir.join(plan.file_name(&source)),
+            Some(path) => path.clone(),
+            None if args.to.is_printed() && !many => PathBuf::from("-"),
+            None => PathBuf::from(plan.file_name(&source)),
+        };
+        if path == Path::new("-") {
+            say(&export, None, global);
+            let Some(file) = export.files.first().filter(|_| export.folder.is_none()) else {
+                return Err(Failure::usage("a folder cannot go to stdout: name it with -o"));
+            };
+            return out::bytes(&file.bytes);
+        }
+        if many && let Some(dir) = path.parent() {
+            std::fs::create_dir_all(dir)
+                .map_err(|source| fsio::Error::Write { source, path: dir.to_owned() })?;
+        }
+        let files = export.write(&path)?;
+        say(&export, Some(&path), global);
+        made.push(Made { source, export, path, files });
+    }
+    plan.report(&made)
+}

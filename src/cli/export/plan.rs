@@ -1,0 +1,193 @@
+//! Inputs in the format that was asked for, and what is said about them.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use serde_json::json;
+
+use super::args::Args;
+use super::format::Format;
+use super::source::Source;
+use crate::cli::failure::Outcome;
+use crate::cli::global::Global;
+use crate::cli::{input, motion, out};
+use crate::robot::Robot;
+use crate::take::export::{
+    Export, RosOptions, TRACKING_FPS, bag, bvh, glb, lafan, ros, tracking, ur_script, usda,
+};
+use crate::take::viser::Recording;
+use crate::take::{Take, What, html};
+use crate::units::FPS;
+use crate::{fsio, limits};
+
+/// One input, written.
+pub(super) struct Made {
+    pub source: Source,
+    pub export: Export,
+    pub path: PathBuf,
+    pub files: Vec<PathBuf>,
+}
+
+/// Says what the numbers mean and what opens them.
+pub(super) fn say(export: &Export, path: Option<&Path>, global: Global) {
+    if global.quiet {
+        return;
+    }
+    let place = path.map_or_else(|| "FILE".to_owned(), |p| p.display().to_string());
+    for sentence in &export.meaning {
+        eprintln!("{}", sentence.replace(Export::OUT, &place));
+    }
+    eprintln!("open it:  {}", export.open.replace(Export::OUT, &place));
+}
+
+/// What every input is written with.
+pub(super) struct Plan<'a> {
+    pub(super) args: &'a Args,
+    pub(super) rename: BTreeMap<String, String>,
+    /// The viser client, for a page.
+    client: Option<Vec<u8>>,
+}
+
+impl Plan<'_> {
+    pub(super) fn new(args: &Args) -> Outcome<Plan<'_>> {
+        // Before any work: the page may be missing.
+        let client = match (args.to, &args.viser_client) {
+            (Format::Html, Some(path)) => Some(fsio::read_capped(path, limits::MESH_BYTES)?),
+            (Format::Html, None) => Some(html::client()?),
+            _ => None,
+        };
+        let rename = args.rename.as_deref().map(input::names).transpose()?.unwrap_or_default();
+        Ok(Plan { args, rename, client })
+    }
+
+    pub(super) fn file_name(&self, source: &Source) -> String {
+        format!("{}.{}", source.title, self.args.to.suffix())
+    }
+
+    fn ros_options(&self, robot: Option<&Arc<Robot>>) -> RosOptions {
+        let flags = &self.args.ros;
+        RosOptions {
+            lead_in_secs: flags.lead_in,
+            goal: flags.goal,
+            effort: flags.effort,
+            rename: self.rename.clone(),
+            ranges: robot.map(|r| r.joints().iter().map(|j| j.range).collect()),
+        }
+    }
+
+    /// One input in the format.
+    pub(super) fn export(&self, source: &Source) -> Outcome<Export> {
+        let (args, take) = (self.args, &source.take);
+        let what = What::from(args.what);
+        let known = source.robot.as_ref().ok();
+        Ok(match args.to {
+            Format::Glb => glb(take, source.robot()?, &source.title)?,
+            Format::Bvh => bvh(take, source.robot()?)?,
+            Format::Usda => usda(take, source.robot()?)?,
+            Format::Lafan => lafan(take, source.robot()?, args.fps.unwrap_or(FPS))?,
+            Format::Npz => {
+                let fps = args.fps.unwrap_or(TRACKING_FPS);
+                tracking(take, source.robot()?, fps, args.bodies.into())?
+            }
+            Format::Ros => ros(take, what, &self.ros_options(known))?,
+            Format::Bag => bag(take, what, &self.ros_options(known))?,
+            Format::Ur => ur_script(take, what, args.ur_move.into(), &source.title)?,
+            _ => self.own(source, what)?,
+        })
+    }
+
+    /// The formats that are one file of our own making.
+    fn own(&self, source: &Source, what: What) -> Outcome<Export> {
+        let take = &source.take;
+        let out = Export::OUT;
+        let (bytes, meaning, open) = match self.args.to {
+            Format::Csv => (
+                take.to_csv(what).into_bytes(),
+                "A row a frame: frame, time (s), 1 where masked, joints (rad, or m).",
+                format!("python -c \"import pandas; print(pandas.read_csv('{out}'))\""),
+            ),
+            Format::Json => (
+                take.to_json(what).into_bytes(),
+                "Positions in rad or m, velocities in rad/s or m/s, efforts in N m or N; null is masked.",
+                format!("python -m json.tool {out}"),
+            ),
+            Format::Mjcf => {
+                let keys = take.to_mjcf(what)?;
+                let text = if self.args.with_model {
+                    motion::with_model(source.robot()?, &keys)?
+                } else {
+                    keys
+                };
+                (
+                    text.into_bytes(),
+                    "A key a frame: qpos and qvel of the simulator, controls in N m or N.",
+                    format!("python -m mujoco.viewer --mjcf={out}"),
+                )
+            }
+            Format::Viser => (
+                Recording::of(take, source.robot()?)?.to_bytes()?,
+                "A recording of the scene, for the viser client.",
+                format!(
+                    "python -c \"import viser; print(viser.__version__)\"  # its client plays {out}"
+                ),
+            ),
+            Format::Html => {
+                let recording = Recording::of(take, source.robot()?)?.to_bytes()?;
+                let client = self.client.clone().unwrap_or_default();
+                (
+                    html::page(&client, &source.title, &recording)?,
+                    "A page with the recording inside; it needs no network.",
+                    format!("xdg-open {out}"),
+                )
+            }
+            _ => (
+                self.take_file(take, &source.robot)?,
+                "The take: joint states, transforms and figures, for Foxglove, Lichtblick and Rerun.",
+                format!("rerun {out}"),
+            ),
+        };
+        Ok(Export::single(bytes, take.frames(), open).says(meaning))
+    }
+
+    fn take_file(&self, take: &Take, robot: &Outcome<Arc<Robot>>) -> Outcome<Vec<u8>> {
+        if let Ok(robot) = robot {
+            return Ok(take.to_mcap(Some(&take.scene(robot)?))?);
+        }
+        tracing::warn!(
+            "robot {} is not known here: no geometry in the take; give it with --robot",
+            take.robot.id
+        );
+        Ok(take.to_mcap(None)?)
+    }
+
+    /// The line, or the JSON document, about what was written.
+    pub(super) fn report(&self, made: &[Made]) -> Outcome {
+        if !self.args.json {
+            for m in made {
+                let (frames, bytes) = (m.export.frames, m.export.bytes());
+                out::line(&format!("{}: {frames} frames, {bytes} bytes", m.path.display()))?;
+            }
+            return Ok(());
+        }
+        let frames: usize = made.iter().map(|m| m.export.frames).sum();
+        let bytes: usize = made.iter().map(|m| m.export.bytes()).sum();
+        let files: Vec<&PathBuf> = made.iter().flat_map(|m| &m.files).collect();
+        let mut report = json!({
+            "format": self.args.to.suffix(),
+            "files": files,
+            "frames": frames,
+            "bytes": bytes,
+        });
+        if let [m] = made {
+            let precision = m.source.take.precision();
+            report["out"] = json!(m.path);
+            report["robot"] = json!(m.source.take.robot.id);
+            report["policy"] = json!(m.source.take.provenance.policy);
+            report["precision"] = json!(precision.precision);
+            report["masked_mae"] = json!(precision.masked_mae);
+            report["frames_reached"] = json!(m.source.take.frames());
+        }
+        out::json(&report)
+    }
+}

@@ -1,0 +1,160 @@
+//! What a writer hands back, and how it comes onto the disk.
+
+use std::path::{Path, PathBuf};
+
+use super::super::error::Error;
+use crate::fsio;
+
+/// One file.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct File {
+    /// Path below the output; empty where the output is this one file.
+    pub name: String,
+    /// Its content.
+    pub bytes: Vec<u8>,
+}
+
+/// A folder that an export fills by itself.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Folder {
+    /// Path below the output; empty for the output itself.
+    pub path: String,
+    /// A file that every export of the format has: a folder with it may be replaced.
+    pub marker: &'static str,
+}
+
+/// The files of one format.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Export {
+    /// All of them.
+    pub files: Vec<File>,
+    /// Where they are a folder.
+    pub folder: Option<Folder>,
+    /// Frames (rows, points) in them.
+    pub frames: usize,
+    /// What the numbers mean: units, order, rate, what was lost. One sentence each.
+    pub meaning: Vec<String>,
+    /// The command that opens it; [`Export::OUT`] stands for the path.
+    pub open: String,
+}
+
+impl Export {
+    /// Stands for the path of the output in [`Export::open`].
+    pub const OUT: &str = "{out}";
+
+    /// An export that is one file.
+    pub fn single(bytes: Vec<u8>, frames: usize, open: impl Into<String>) -> Export {
+        let files = vec![File { name: String::new(), bytes }];
+        Export { files, folder: None, frames, meaning: Vec::new(), open: open.into() }
+    }
+
+    /// Adds a sentence to what the numbers mean.
+    #[must_use]
+    pub fn says(mut self, sentence: impl Into<String>) -> Export {
+        self.meaning.push(sentence.into());
+        self
+    }
+
+    /// Bytes of all files.
+    pub fn bytes(&self) -> usize {
+        self.files.iter().map(|f| f.bytes.len()).sum()
+    }
+
+    /// Writes everything below `out`, whole or not at all, and gives the paths. A folder of
+    /// an earlier export is replaced; any other that holds something is left alone.
+    ///
+    /// # Errors
+    /// [`Error::Occupied`], [`Error::File`].
+    pub fn write(&self, out: &Path) -> Result<Vec<PathBuf>, Error> {
+        let Some(folder) = &self.folder else {
+            for file in &self.files {
+                fsio::write_atomic(out, &file.bytes)?;
+            }
+            return Ok(vec![out.to_owned()]);
+        };
+        let target = below(out, &folder.path);
+        let failed = |path: &Path| {
+            let path = path.to_owned();
+            move |source| Error::File(fsio::Error::Write { source, path })
+        };
+        let parent = match target.parent() {
+            Some(p) if !p.as_os_str().is_empty() => p.to_owned(),
+            _ => PathBuf::from("."),
+        };
+        let taken = target.read_dir().is_ok_and(|mut d| d.next().is_some()) || target.is_file();
+        if taken && !target.join(folder.marker).is_file() {
+            return Err(Error::Occupied { marker: folder.marker, path: target });
+        }
+        std::fs::create_dir_all(&parent).map_err(failed(&parent))?;
+        // Beside the target, so that the last step is a rename.
+        let fresh = tempfile::Builder::new()
+            .prefix(".robert-export-")
+            .tempdir_in(&parent)
+            .map_err(failed(&parent))?;
+        let mut paths = Vec::with_capacity(self.files.len());
+        for file in &self.files {
+            let inside = file.name.strip_prefix(&folder.path).map(|n| n.trim_start_matches('/'));
+            let path = match inside {
+                Some(name) => fresh.path().join("new").join(name),
+                // Beside the folder: the marks of a namespace.
+                None => below(out, &file.name),
+            };
+            if let Some(dir) = path.parent() {
+                std::fs::create_dir_all(dir).map_err(failed(dir))?;
+            }
+            fsio::write_atomic(&path, &file.bytes)?;
+            paths.push(below(out, &file.name));
+        }
+        if target.exists() {
+            std::fs::rename(&target, fresh.path().join("old")).map_err(failed(&target))?;
+        }
+        std::fs::rename(fresh.path().join("new"), &target).map_err(failed(&target))?;
+        Ok(paths)
+    }
+}
+
+fn below(out: &Path, name: &str) -> PathBuf {
+    if name.is_empty() { out.to_owned() } else { out.join(name) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn export(path: &str, names: &[&str]) -> Export {
+        let file = |n: &&str| File { name: (*n).to_owned(), bytes: n.as_bytes().to_vec() };
+        let mut made = Export::single(Vec::new(), 1, "");
+        made.files = names.iter().map(file).collect();
+        made.folder = Some(Folder { path: path.to_owned(), marker: "mark" });
+        made
+    }
+
+    #[test]
+    fn a_folder_is_replaced_whole_and_strangers_are_left_alone() {
+        let dir = tempfile::tempdir().unwrap();
+        let out = dir.path().join("set");
+        let paths = export("", &["mark", "a/b"]).write(&out).unwrap();
+        assert_eq!(paths, [out.join("mark"), out.join("a/b")]);
+        export("", &["mark", "c"]).write(&out).unwrap();
+        assert!(out.join("c").is_file() && !out.join("a").exists());
+        let mine = dir.path().join("mine");
+        std::fs::create_dir(&mine).unwrap();
+        std::fs::write(mine.join("thesis"), "x").unwrap();
+        let e = export("", &["mark"]).write(&mine).unwrap_err();
+        assert!(matches!(e, Error::Occupied { .. }) && mine.join("thesis").is_file());
+        // Nothing is left behind.
+        let left: Vec<_> = dir.path().read_dir().unwrap().map(|e| e.unwrap().file_name()).collect();
+        assert_eq!(left.len(), 2, "{left:?}");
+    }
+
+    #[test]
+    fn files_beside_the_folder_stay_where_they_are() {
+        let dir = tempfile::tempdir().unwrap();
+        let made = export("space/set", &["space/meta", "space/set/mark", "space/set/x"]);
+        made.write(dir.path()).unwrap();
+        made.write(dir.path()).unwrap();
+        for name in ["space/meta", "space/set/mark", "space/set/x"] {
+            assert!(dir.path().join(name).is_file(), "{name}");
+        }
+    }
+}

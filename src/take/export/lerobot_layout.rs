@@ -1,0 +1,58 @@
+//! What a LeRobot dataset is asked to look like, and where its files lie.
+
+use std::collections::BTreeMap;
+
+/// Files of one chunk.
+pub(super) const CHUNK_FILES: usize = 1000;
+
+/// Version of the layout.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum LeRobotVersion {
+    /// v3.0: several episodes a file.
+    #[default]
+    V3,
+    /// v2.1: a file an episode.
+    V2,
+}
+
+/// What the action column holds.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum LeRobotAction {
+    /// The position reached one frame later; the last one again.
+    #[default]
+    Position,
+    /// The controls of the simulation, N m or N; the last one again.
+    Torque,
+}
+
+/// How a dataset is written.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct LeRobotOptions {
+    /// Version of the layout.
+    pub version: LeRobotVersion,
+    /// The action.
+    pub action: LeRobotAction,
+    /// Angles in degrees instead of rad.
+    pub degrees: bool,
+    /// Other names for joints and actuators.
+    pub rename: BTreeMap<String, String>,
+}
+
+/// Where a file of version 3 lies.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Place {
+    pub chunk: usize,
+    pub file: usize,
+}
+
+impl Place {
+    /// Of the nth file.
+    pub(super) fn nth(n: usize) -> Place {
+        Place { chunk: n / CHUNK_FILES, file: n % CHUNK_FILES }
+    }
+
+    /// Its path.
+    pub(super) fn path(self, folder: &str, ending: &str) -> String {
+        format!("{folder}/chunk-{:03}/file-{:03}.{ending}", self.chunk, self.file)
+    }
+}

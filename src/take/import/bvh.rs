@@ -1,0 +1,366 @@
+//! BVH of a robot whose bodies the file's joints are named after.
+//!
+//! Each joint's turn since the rest pose is compared with the hinge of the body of that name:
+//! the angle about the hinge is the joint's value, and what turns about other axes is too
+//! much for the robot and is said. The rest pose must be the robot's own (all joints at
+//! zero): a file of another skeleton is refused, not fitted.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use glam::{DQuat, DVec3};
+
+use super::super::error::Error;
+use super::super::export::{Pose, Skeleton};
+use super::samples::{Samples, at_line, foreign, rate};
+use crate::limits;
+use crate::robot::Robot;
+
+/// Nesting of joints.
+const DEPTH: usize = 128;
+/// How far offsets may differ from the robot's, as a share of its size.
+const ALIKE: f64 = 0.01;
+/// Turns about other axes than the hinge's that are still rounding, rad.
+const ROUNDING: f64 = 1e-3;
+
+/// One joint of a file.
+#[derive(Debug)]
+struct Joint {
+    name: String,
+    parent: Option<usize>,
+    offset: DVec3,
+    channels: Vec<Channel>,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Channel {
+    Place(DVec3),
+    Turn(DVec3),
+}
+
+/// Reads a file for a robot.
+///
+/// # Errors
+/// [`Error::Foreign`] with the line, or with the joint that does not fit.
+pub fn from_bvh(text: &str, robot: &Arc<Robot>) -> Result<Samples, Error> {
+    let (joints, fps, frames) = parse(text)?;
+    let mut skeleton = Skeleton::of(robot)?;
+    let rest = skeleton.poses(&vec![0.0; robot.state_dim()])?;
+    let by_name: BTreeMap<&str, usize> =
+        joints.iter().enumerate().map(|(i, j)| (j.name.as_str(), i)).collect();
+    let mut hinges = Vec::new();
+    for j in 0..robot.state_dim() {
+        hinges.push(hinge(&skeleton, &rest, &by_name, j)?);
+    }
+    let scale = same_rest(&skeleton, &rest, &joints, &by_name)?;
+    let mut rows = Vec::with_capacity(frames.len());
+    let mut last = vec![0.0; robot.state_dim()];
+    for (f, frame) in frames.iter().enumerate() {
+        let moved = played(&joints, frame);
+        let mut row = Vec::with_capacity(hinges.len());
+        for (h, last) in hinges.iter().zip(&mut last) {
+            let (place, turn) = moved[h.joint];
+            let value = if h.slides {
+                (z_up(place) * scale - rest[h.body].pos).dot(h.axis)
+            } else {
+                let up = z_up(DVec3::new(turn.x, turn.y, turn.z));
+                let turn = DQuat::from_xyzw(up.x, up.y, up.z, turn.w);
+                let along = up.dot(h.axis);
+                let off = (up - along * h.axis).length();
+                if off > ROUNDING {
+                    return Err(foreign(format!(
+                        "frame {f}: {} turns about other axes than its hinge by {:.3} rad",
+                        joints[h.joint].name,
+                        2.0 * off.min(1.0).asin()
+                    )));
+                }
+                let angle = 2.0 * along.atan2(turn.w);
+                let whole = std::f64::consts::TAU;
+                // The nearest of the equal angles: no jump of a whole turn between frames.
+                angle + whole * ((*last - angle) / whole).round()
+            };
+            *last = value;
+            row.push(value);
+        }
+        rows.push(row);
+    }
+    let names = robot.joints().iter().map(|j| j.name.clone()).collect();
+    Ok(Samples::steady(names, fps, rows))
+}
+
+/// Which joint of the file moves a joint of the robot, and about or along what.
+struct Hinge {
+    joint: usize,
+    body: usize,
+    /// In the world, at rest.
+    axis: DVec3,
+    slides: bool,
+}
+
+fn hinge(
+    skeleton: &Skeleton,
+    rest: &[Pose],
+    by_name: &BTreeMap<&str, usize>,
+    j: usize,
+) -> Result<Hinge, Error> {
+    let robot = skeleton.robot();
+    let id = robot.joints()[j].id;
+    let body = robot.model().jnt_bodyid()[id] as usize - 1;
+    let name = &skeleton.names[body];
+    let hinges = skeleton.joints_of(body).into_iter().filter(|j| !skeleton.slides(*j)).count();
+    if hinges > 1 {
+        return Err(foreign(format!("{name} turns about {hinges} hinges, which is not read")));
+    }
+    let word = name.replace(char::is_whitespace, "_");
+    let Some(&joint) = by_name.get(word.as_str()) else {
+        let has: Vec<&str> = by_name.keys().take(6).copied().collect();
+        return Err(foreign(format!("no joint {word}; the file has {}", has.join(", "))));
+    };
+    let axis = DVec3::from_slice(&robot.model().jnt_axis()[3 * id..3 * id + 3]);
+    let axis = (rest[body].rot * axis).normalize();
+    Ok(Hinge { joint, body, axis, slides: skeleton.slides(j) })
+}
+
+/// Metres of the file's unit; refused where its rest pose is not the robot's.
+fn same_rest(
+    skeleton: &Skeleton,
+    rest: &[Pose],
+    joints: &[Joint],
+    by_name: &BTreeMap<&str, usize>,
+) -> Result<f64, Error> {
+    let anchor = |body: usize| {
+        let hinge = skeleton.joints_of(body).into_iter().find(|j| !skeleton.slides(*j));
+        rest[body].at(hinge.map_or(DVec3::ZERO, |j| skeleton.anchor(j)))
+    };
+    let mut pairs = Vec::new();
+    for (body, parent) in skeleton.parents.iter().enumerate() {
+        let word = |b: usize| skeleton.names[b].replace(char::is_whitespace, "_");
+        let Some(parent) = *parent else { continue };
+        let (Some(&joint), Some(&above)) =
+            (by_name.get(word(body).as_str()), by_name.get(word(parent).as_str()))
+        else {
+            continue;
+        };
+        if joints[joint].parent == Some(above) {
+            pairs.push((body, z_up(joints[joint].offset), anchor(body) - anchor(parent)));
+        }
+    }
+    let ours: f64 = pairs.iter().map(|(_, _, d)| d.length()).sum();
+    let theirs: f64 = pairs.iter().map(|(_, o, _)| o.length()).sum();
+    if theirs <= 0.0 || ours <= 0.0 {
+        // One body alone has no size to compare: the custom is centimetres.
+        return Ok(0.01);
+    }
+    let scale = ours / theirs;
+    for (body, offset, own) in pairs {
+        let off = (offset * scale - own).length();
+        if off > ALIKE * ours {
+            return Err(foreign(format!(
+                "the rest pose is not the robot's: {} stands {off:.3} m elsewhere",
+                skeleton.names[body]
+            )));
+        }
+    }
+    Ok(scale)
+}
+
+/// Y up to Z up.
+fn z_up(v: DVec3) -> DVec3 {
+    DVec3::new(v.x, -v.z, v.y)
+}
+
+/// Place and turn of every joint at a frame, each in its parent.
+fn played(joints: &[Joint], frame: &[f64]) -> Vec<(DVec3, DQuat)> {
+    let mut values = frame.iter();
+    let mut out = Vec::with_capacity(joints.len());
+    for joint in joints {
+        let (mut place, mut turn) = (DVec3::ZERO, DQuat::IDENTITY);
+        for (channel, value) in joint.channels.iter().zip(values.by_ref()) {
+            match channel {
+                Channel::Place(axis) => place += *axis * *value,
+                Channel::Turn(axis) => turn *= DQuat::from_axis_angle(*axis, value.to_radians()),
+            }
+        }
+        out.push((place, turn));
+    }
+    out
+}
+
+type File = (Vec<Joint>, f64, Vec<Vec<f64>>);
+
+/// Words with their lines.
+struct Words<'a> {
+    rest: std::iter::Peekable<Box<dyn Iterator<Item = (usize, &'a str)> + 'a>>,
+    line: usize,
+}
+
+impl<'a> Words<'a> {
+    fn of(text: &'a str) -> Words<'a> {
+        let words = text.lines().enumerate();
+        let words = words.flat_map(|(i, l)| l.split_whitespace().map(move |w| (i + 1, w)));
+        let words: Box<dyn Iterator<Item = (usize, &'a str)> + 'a> = Box::new(words);
+        Words { rest: words.peekable(), line: 1 }
+    }
+
+    fn next(&mut self) -> Result<&'a str, Error> {
+        let (line, word) =
+            self.rest.next().ok_or_else(|| at_line(self.line, "the file ends here"))?;
+        self.line = line;
+        Ok(word)
+    }
+
+    fn wants(&mut self, word: &str) -> Result<(), Error> {
+        let found = self.next()?;
+        if found.eq_ignore_ascii_case(word) {
+            return Ok(());
+        }
+        Err(at_line(self.line, format!("{word} is wanted here, not {found:?}")))
+    }
+
+    fn number(&mut self) -> Result<f64, Error> {
+        let word = self.next()?;
+        let value = word.parse::<f64>().ok().filter(|v| v.is_finite());
+        value.ok_or_else(|| at_line(self.line, format!("{word:?} is no number")))
+    }
+}
+
+fn parse(text: &str) -> Result<File, Error> {
+    let mut words = Words::of(text.trim_start_matches('\u{feff}'));
+    words.wants("HIERARCHY")?;
+    words.wants("ROOT")?;
+    let joints = hierarchy(&mut words)?;
+    words.wants("MOTION")?;
+    words.wants("Frames:")?;
+    let count = words.number()?;
+    if !(1.0..=f64::from(limits::CLIP_FRAMES)).contains(&count) || count.fract() != 0.0 {
+        return Err(at_line(words.line, format!("{count} frames")));
+    }
+    words.wants("Frame")?;
+    words.wants("Time:")?;
+    let fps = rate(1.0 / words.number()?)?;
+    let width: usize = joints.iter().map(|j| j.channels.len()).sum();
+    if count as usize * width > limits::CLIP_VALUES * 4 {
+        return Err(at_line(words.line, format!("{count} frames of {width} channels")));
+    }
+    let mut frames = Vec::new();
+    for _ in 0..count as usize {
+        frames.push((0..width).map(|_| words.number()).collect::<Result<Vec<f64>, _>>()?);
+    }
+    Ok((joints, fps, frames))
+}
+
+/// Joints from the root's name to the brace that closes it.
+fn hierarchy(words: &mut Words<'_>) -> Result<Vec<Joint>, Error> {
+    let mut joints: Vec<Joint> = Vec::new();
+    // Open joints; `None` is an end site.
+    let mut open: Vec<Option<usize>> = Vec::new();
+    let name = words.next()?;
+    let add = |joints: &mut Vec<Joint>, name: &str, parent| {
+        let (offset, channels) = (DVec3::ZERO, Vec::new());
+        joints.push(Joint { name: name.to_owned(), parent, offset, channels });
+        joints.len() - 1
+    };
+    words.wants("{")?;
+    open.push(Some(add(&mut joints, name, None)));
+    while let Some(top) = open.last().copied() {
+        let word = words.next()?;
+        let line = words.line;
+        match (word.to_ascii_uppercase().as_str(), top) {
+            ("OFFSET", _) => {
+                let offset = DVec3::new(words.number()?, words.number()?, words.number()?);
+                if let Some(joint) = top {
+                    joints[joint].offset = offset;
+                }
+            }
+            ("CHANNELS", Some(joint)) => {
+                let count = words.number()?;
+                if !(0.0..=6.0).contains(&count) {
+                    return Err(at_line(line, format!("{count} channels")));
+                }
+                for _ in 0..count as usize {
+                    let word = words.next()?;
+                    let channel = channel(word)
+                        .ok_or_else(|| at_line(words.line, format!("{word:?} is no channel")))?;
+                    joints[joint].channels.push(channel);
+                }
+            }
+            ("JOINT", Some(joint)) => {
+                let name = words.next()?;
+                words.wants("{")?;
+                if joints.len() >= limits::BODIES || open.len() >= DEPTH {
+                    return Err(at_line(line, "too many joints"));
+                }
+                open.push(Some(add(&mut joints, name, Some(joint))));
+            }
+            ("END", Some(_)) => {
+                words.wants("Site")?;
+                words.wants("{")?;
+                open.push(None);
+            }
+            ("}", _) => drop(open.pop()),
+            _ => return Err(at_line(line, format!("{word:?} has no place here"))),
+        }
+    }
+    Ok(joints)
+}
+
+fn channel(word: &str) -> Option<Channel> {
+    let axis = match word.chars().next()?.to_ascii_uppercase() {
+        'X' => DVec3::X,
+        'Y' => DVec3::Y,
+        'Z' => DVec3::Z,
+        _ => return None,
+    };
+    match word.get(1..)?.to_ascii_lowercase().as_str() {
+        "position" => Some(Channel::Place(axis)),
+        "rotation" => Some(Channel::Turn(axis)),
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::super::export::bvh;
+    use super::super::super::sample;
+    use super::*;
+
+    #[test]
+    fn our_own_files_come_back() {
+        for id in ["pointmass", "ur5e", "shadow_hand"] {
+            let (robot, take) = sample::take(id, 40, 40);
+            let text =
+                String::from_utf8(bvh(&take, &robot).unwrap().files.remove(0).bytes).unwrap();
+            let samples = from_bvh(&text, &robot).unwrap();
+            for (f, row) in samples.rows.iter().enumerate() {
+                for (j, (a, b)) in row.iter().zip(take.state(f)).enumerate() {
+                    assert!((a - b).abs() < 1e-6, "{id} frame {f} joint {j}: {a} {b}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn faults_have_a_line_or_a_joint() {
+        let (robot, take) = sample::take("ur5e", 10, 10);
+        let text = String::from_utf8(bvh(&take, &robot).unwrap().files.remove(0).bytes).unwrap();
+        let fault = |text: &str| from_bvh(text, &robot).unwrap_err().to_string();
+        assert!(fault("").contains("line 1: the file ends here"));
+        assert!(
+            fault(&text.replace("JOINT shoulder_link", "JOINT other"))
+                .contains("no joint shoulder_link")
+        );
+        assert!(fault(&text.replace("CHANNELS 3 Z", "CHANNELS 3 W")).contains("is no channel"));
+        let line = text.lines().position(|l| l.starts_with("Frame Time")).unwrap() + 2;
+        let cut: Vec<&str> = text.lines().take(line - 1).collect();
+        assert!(fault(&cut.join("\n")).contains("the file ends here"));
+        let stretched = text.replacen("OFFSET 0 ", "OFFSET 31 ", 3);
+        assert!(
+            fault(&stretched).contains("rest pose is not the robot's"),
+            "{}",
+            fault(&stretched)
+        );
+        for at in 0..text.len() {
+            from_bvh(&text[..at], &robot).ok();
+        }
+    }
+}

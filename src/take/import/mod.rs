@@ -1,0 +1,19 @@
+//! Motion of other programs, read as clips.
+//!
+//! Each reader gives [`Samples`]: joints by name, rows with times. Samples become a clip for a
+//! robot that has these joints; thinning makes keys of it. What the files cannot say (their
+//! rate, their order of joints) is asked for and never guessed.
+
+mod bag;
+mod bvh;
+mod lafan;
+mod lerobot;
+mod samples;
+mod tracking;
+
+pub use bag::from_bag;
+pub use bvh::from_bvh;
+pub use lafan::from_lafan;
+pub use lerobot::{LeRobotSource, from_lerobot};
+pub use samples::Samples;
+pub use tracking::from_tracking;
