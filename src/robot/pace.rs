@@ -8,7 +8,7 @@
 use std::sync::Arc;
 
 use super::Error;
-use super::derive::{ctrlrange, tendon_joints};
+use super::derive::{ctrlrange, tendon_joints, torque_limit};
 use super::golden::spread;
 use crate::mujoco::{Data, Joint, Model};
 
@@ -76,10 +76,15 @@ fn one(model: &Arc<Model>, joint: usize) -> Result<Pace, Error> {
         speeds.extend(slower);
     }
     speeds.sort_by(f64::total_cmp);
+    // On one side of the range gravity helps; but what it adds is not the motor's.
+    let spent = match torque_limit(model, joint) {
+        Some(torque) if model.dof_damping()[dof] > 0.0 => torque / model.dof_damping()[dof],
+        _ => f64::INFINITY,
+    };
     Ok(match speeds.get(speeds.len() / 2) {
         None => Pace::Unknown,
         Some(v) if *v < STILL => Pace::Stuck,
-        Some(v) => Pace::Moves(*v),
+        Some(v) => Pace::Moves(v.min(spent)),
     })
 }
 

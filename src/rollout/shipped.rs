@@ -60,6 +60,12 @@ pub fn path_in(dir: &Path, name: &str) -> PathBuf {
     dir.join("models").join(format!("{name}.safetensors"))
 }
 
+/// Where a robot's folder says which policy is its own, when that is not its model: a name
+/// that `--policy` takes.
+pub fn choice_in(dir: &Path) -> PathBuf {
+    dir.join("models").join("default.txt")
+}
+
 /// Names of the models of a robot in the program; empty when it has none.
 pub fn names(robot: &str) -> Vec<String> {
     let mut names: Vec<String> = Files::iter()

@@ -440,6 +440,7 @@ fn options<'a>(dir: &Path, work: &'a Work<'_>, perform: &'a mut Simulated) -> Op
         checkpoint_secs: 120.0,
         // An evaluator would take longer than small points; what counts is measured at the end.
         evaluations: 4,
+        patience: 0,
         progress: &Silent,
         cancel: work.cancel,
         evaluator: None,
