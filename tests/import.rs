@@ -233,7 +233,7 @@ const SCENE: &str = r#"<mujoco model="scene">
   <compiler angle="radian"/><option integrator="implicitfast"/>
   <default><position kp="30" dampratio="1"/><default class="arm"><joint damping="1" actuatorfrcrange="-9 9"/></default></default>
   <worldbody>
-    <camera name="eye" pos="0 -1 1" resolution="640 480"/>
+    <camera name="eye" pos="0 -1 1" resolution="640 480" mode="targetbody" target="cube"/>
     <frame pos="0 0 .5" childclass="arm">
       <body name="upper"><joint name="a" axis="0 1 0" range="-1 1"/><geom name="beam" type="capsule" fromto="0 0 0 .3 0 0" size=".02" mass="1"/>
         <body name="lower" pos=".3 0 0"><joint name="b" axis="0 1 0" range="-2 2"/><geom type="capsule" fromto="0 0 0 .2 0 0" size=".02" mass=".3"/>
@@ -254,7 +254,7 @@ fn a_scene_of_today_is_taken_in_without_its_loose_things() {
     };
     let refused = import(&[]).fails(3).stderr;
     assert!(
-        refused.contains("s.xml:11:") && refused.contains("--without cube --without ball"),
+        refused.contains("s.xml:11:") && refused.contains("--without cube --without ball;"),
         "{refused}"
     );
     let wrong = import(&["--without", "cup"]).fails(3).stderr;

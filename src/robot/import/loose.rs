@@ -41,11 +41,14 @@ fn without_one(xml: &str, name: &str, path: &Path, draft: &mut Draft) -> Result<
     let doc = preparse::parse(xml, path)?;
     let is = |n: &Node<'_, '_>| n.has_tag_name("body") && n.attribute("name") == Some(name);
     let Some(body) = doc.descendants().find(|n| is(n) && in_world(n)) else {
+        let frame = |n: &Node<'_, '_>| {
+            let name = n.attribute("name").unwrap_or_default();
+            n.has_tag_name("body") && (name.starts_with("frame_") || name.starts_with("replica_"))
+        };
+        let top = |n: &Node<'_, '_>| n.has_tag_name("worldbody") || frame(n);
         let known: Vec<&str> = doc
             .descendants()
-            .filter(|n| {
-                n.has_tag_name("body") && n.parent().is_some_and(|p| p.has_tag_name("worldbody"))
-            })
+            .filter(|n| n.has_tag_name("body") && !frame(n) && n.parent().is_some_and(|p| top(&p)))
             .filter_map(|n| n.attribute("name"))
             .collect();
         let message = format!(
@@ -96,6 +99,14 @@ fn without_one(xml: &str, name: &str, path: &Path, draft: &mut Draft) -> Result<
         }
         if removed.len() == before {
             break;
+        }
+    }
+    // Cameras and lights that follow it.
+    let looks = |n: &Node<'_, '_>| n.has_tag_name("camera") || n.has_tag_name("light");
+    for node in doc.descendants().filter(looks) {
+        let bodies = gone.get("body");
+        if node.attribute("target").is_some_and(|t| bodies.is_some_and(|g| g.contains(t))) {
+            edits.replace(node.range(), blank(xml, node));
         }
     }
     for key in doc.root_element().children().filter(|n| n.has_tag_name("keyframe")) {

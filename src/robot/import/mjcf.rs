@@ -16,6 +16,52 @@ use crate::robot::{Error, mesh, preparse, text};
 /// Attributes of later versions (or of tools) that 2.2.2 does not know and that change
 /// nothing we use: (element, attribute).
 const UNKNOWN: &[(&str, &str)] = &[
+    ("camera", "focal"),
+    ("camera", "focalpixel"),
+    ("camera", "orthographic"),
+    ("camera", "output"),
+    ("camera", "principal"),
+    ("camera", "principalpixel"),
+    ("camera", "projection"),
+    ("camera", "resolution"),
+    ("camera", "sensorsize"),
+    ("light", "bulbradius"),
+    ("light", "intensity"),
+    ("light", "range"),
+    ("light", "texture"),
+    ("light", "type"),
+    ("default", "group"),
+    ("fixed", "actuatorfrclimited"),
+    ("fixed", "actuatorfrcrange"),
+    ("fixed", "armature"),
+    ("spatial", "actuatorfrclimited"),
+    ("spatial", "actuatorfrcrange"),
+    ("spatial", "armature"),
+    ("tendon", "actuatorfrclimited"),
+    ("tendon", "actuatorfrcrange"),
+    ("tendon", "armature"),
+    ("general", "actdim"),
+    ("general", "actearly"),
+    ("general", "delay"),
+    ("general", "interp"),
+    ("general", "nsample"),
+    ("position", "actearly"),
+    ("position", "delay"),
+    ("position", "interp"),
+    ("position", "nsample"),
+    ("position", "timeconst"),
+    ("motor", "delay"),
+    ("motor", "interp"),
+    ("motor", "nsample"),
+    ("velocity", "delay"),
+    ("velocity", "interp"),
+    ("velocity", "nsample"),
+    ("intvelocity", "actearly"),
+    ("joint", "actuatorgravcomp"),
+    ("flag", "invdiscrete"),
+    ("flag", "sleep"),
+    ("option", "sleep_tolerance"),
+    ("compiler", "fitaabb"),
     ("option", "actuatorgroupdisable"),
     ("option", "ccd_iterations"),
     ("option", "ccd_tolerance"),
@@ -82,6 +128,7 @@ pub(super) fn draft(project: &preparse::Project, config: &ImportConfig) -> Resul
         }
     }
     adhesion(&doc, &mut draft, &mut edits);
+    mocap(&doc, &mut draft, &mut edits);
     files(&doc, project, &mut draft, &mut edits)?;
     let loosened = free_base(&doc, path, config, &mut draft, &mut edits)?;
     weld(&doc, path, config, &mut draft, &mut edits)?;
@@ -179,6 +226,27 @@ fn attributes(node: Node<'_, '_>, edits: &mut Edits, removed: &mut BTreeSet<Stri
     }
     if tag == "option" && matches!(node.attribute("integrator"), Some("implicitfast")) {
         edits.unset(node, "integrator");
+    }
+}
+
+/// Welds to mocap bodies hold a robot like a hand that nobody moves here.
+fn mocap(doc: &Document<'_>, draft: &mut Draft, edits: &mut Edits) {
+    let led: BTreeSet<&str> = doc
+        .descendants()
+        .filter(|n| n.has_tag_name("body") && n.attribute("mocap") == Some("true"))
+        .filter_map(|n| n.attribute("name"))
+        .collect();
+    let sections = doc.root_element().children().filter(|n| n.has_tag_name("equality"));
+    let mut count = 0;
+    for tie in sections.flat_map(|s| s.children().filter(Node::is_element)) {
+        let ends = ["body1", "body2"].map(|a| tie.attribute(a));
+        if ends.into_iter().flatten().any(|b| led.contains(b)) {
+            edits.replace(tie.range(), "");
+            count += 1;
+        }
+    }
+    if count > 0 {
+        draft.dropped.push(format!("{count} ties to mocap bodies, which would hold the robot"));
     }
 }
 

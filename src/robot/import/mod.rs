@@ -128,8 +128,7 @@ fn settle_draft(
     Ok((last, draft.xml.clone()))
 }
 
-/// Compiles the draft in a child process; words that the compiler does not know are taken out
-/// one after the other.
+/// Compiles the draft in a child process, healed where that loses nothing.
 fn compile_healed(
     draft: &mut Draft,
     project: &preparse::Project,
@@ -137,14 +136,13 @@ fn compile_healed(
     dir: &Path,
 ) -> Result<(), Error> {
     let path = dir.join(MODEL_FILE);
-    for tried in 0.. {
+    loop {
         write_model(dir, &draft.xml, &draft.assets)?;
-        let Err(error) = check::compile(&path, &config.checker, 0) else { break };
-        if tried == unknown::MOST || !unknown::heal(draft, &error, &project.path)? {
+        let Err(error) = check::compile(&path, &config.checker, 0) else { return Ok(()) };
+        if !unknown::heal(draft, &error, &project.path)? {
             return Err(hinted(named(error, &path, project)));
         }
     }
-    Ok(())
 }
 
 /// The error with the way out, where one is known.

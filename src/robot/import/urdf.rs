@@ -417,13 +417,12 @@ impl<'a> Tree<'a> {
                 return Err(self.refuse_joint(j, "floats freely; the state takes hinge and slide joints only. To hold it still: --fixed-base"));
             }
             JointType::Planar => {
-                return Err(self.refuse_joint(
-                    j,
-                    "is planar; write it as two prismatic joints and a revolute one",
-                ));
+                let how = "is planar; write it as two prismatic joints and a revolute one";
+                return Err(self.refuse_joint(j, &or_weld(how, &j.name)));
             }
             JointType::Spherical => {
-                return Err(self.refuse_joint(j, "is spherical; write it as three revolute joints"));
+                let how = "is spherical; write it as three revolute joints";
+                return Err(self.refuse_joint(j, &or_weld(how, &j.name)));
             }
         };
         let [x, y, z] = j.axis;
@@ -691,6 +690,11 @@ impl<'a> Tree<'a> {
         self.draft.assumed.push(format!("armature {ARMATURE} at every joint without another"));
         Ok(self.draft)
     }
+}
+
+/// The same with the other way out: the joint is held still.
+fn or_weld(how: &str, joint: &str) -> String {
+    format!("{how}, or hold it still: --weld {joint}")
 }
 
 /// Whether a shape can be taken over: all but meshes in formats that are not read.
