@@ -83,7 +83,9 @@ fn mjcf_cases() -> Vec<Case> {
         case("entity.xml", world("<body name=\"&system;\"/>"), "entity.xml:3:"),
         // The schema.
         case("element.xml", with("<robots/>"), "unrecognized element"),
+        case("attribute.xml", body("colour=\"red\"", "", "size=\".1\""), "unrecognized attribute"),
         case("extension.xml", with("<extension><plugin plugin=\"a\"/></extension>"), "Schema violation"),
+        case("keyword.xml", with("<option cone=\"round\"/>"), "invalid keyword"),
         case("numbers.xml", body("pos=\"1 2 3 4\"", "", "size=\".1\""), "attribute 'pos' has too much data"),
         case("few_numbers.xml", body("pos=\"1 2\"", "", "size=\".1\""), "pos"),
         case("word.xml", body("pos=\"a b c\"", "", "size=\".1\""), "pos"),
@@ -114,6 +116,7 @@ fn mjcf_cases() -> Vec<Case> {
         case("ctrlrange.xml", good.replace("-1 1", "1 -1"), "ctrlrange"),
         case("axis.xml", body("", "axis=\"0 0 0\"", "size=\".1\""), "axis"),
         case("class.xml", body("childclass=\"x\"", "", "size=\".1\""), "x"),
+        case("material.xml", body("", "", "size=\".1\" material=\"x\""), "x"),
         case("nested_free.xml", world("<body name=\"a\"><geom size=\".1\"/><body name=\"b\"><freejoint name=\"j\"/><geom size=\".1\"/></body></body>"), "floats freely"),
         case("free.xml", world("<body name=\"b\"><freejoint name=\"j\"/><geom size=\".1\"/></body>"), "--fixed-base"),
         case("ball.xml", body("", "type=\"ball\"", "size=\".1\""), "ball joint"),

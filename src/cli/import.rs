@@ -56,7 +56,7 @@ pub(super) struct ModelFlags {
     without: Vec<String>,
     /// Position and velocity servos: keep them, their control is the action, or make them
     /// torque motors.
-    #[arg(long, value_enum, default_value_t = ServoFlag::Torque)]
+    #[arg(long, value_enum, default_value_t = ServoFlag::Keep)]
     actuators: ServoFlag,
     /// Joints without a drive of their own: model one (assumed), or as the file says.
     #[arg(long, value_enum, default_value_t = DriveFlag::Modelled)]

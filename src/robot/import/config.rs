@@ -40,9 +40,9 @@ pub struct ImportConfig {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Servos {
     /// They stay: the action is their control.
+    #[default]
     Keep,
     /// Motors with the same force limit take their place.
-    #[default]
     Torque,
 }
 

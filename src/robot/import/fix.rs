@@ -1,5 +1,6 @@
 //! What a foreign model lacks for torque control: motors with limits, our kind of joints.
 
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
 use roxmltree::Node;
@@ -12,6 +13,7 @@ use crate::robot::derive::{ctrlrange, is_motor, state_joints};
 use crate::robot::law::Law;
 use crate::robot::text::{Edits, escape};
 use crate::robot::{Assets, Error, preparse, text};
+use crate::units::SIM_DT;
 
 /// Takes away joints that only a default class makes free, if asked to; refuses what the
 /// state cannot hold. Gives whether anything was taken.
@@ -92,7 +94,8 @@ pub(super) fn actuators(
         law.is_some() && ctrlrange(model, a).is_some()
     };
     let told = draft.words.servos.iter().any(|w| *w != Servo::default());
-    let as_it_is = !told && draft.words.torque.is_empty() && (0..model.nu()).all(good);
+    let stiff = keep && (0..model.nu()).any(|a| moved_damping(draft, model, a).is_some());
+    let as_it_is = !told && !stiff && draft.words.torque.is_empty() && (0..model.nu()).all(good);
     if model.nu() > 0 && as_it_is {
         return Ok(());
     }
@@ -129,8 +132,12 @@ pub(super) fn actuators(
         let message = "no joint can be driven: all actuators pull at sites or bodies".to_owned();
         return Err(Error::Unfit { message, path: config.source.clone() });
     }
+    let damping = if keep { move_damping(draft, model) } else { BTreeMap::new() };
     let xml = without_actuators(draft, config)?;
-    draft.xml = xml;
+    draft.xml = text::with_damping(&xml, &damping).map_err(|_unnamed| Error::Unfit {
+        message: "a joint whose servo is damped is not written with its name".to_owned(),
+        path: config.source.clone(),
+    })?;
     let mut section = String::from("<actuator>");
     motors.iter().for_each(|m| m.write(&mut section));
     section.push_str("</actuator>");
@@ -173,6 +180,10 @@ fn motor(draft: &mut Draft, model: &Model, a: usize, config: &ImportConfig) -> O
         && config.servos == Servos::Keep
     {
         let limit = servo_range(draft, model, a, &law, &name);
+        let mut law = law;
+        if moved_damping(draft, model, a).is_some() {
+            law.bias[2] = 0.0;
+        }
         return Some(Motor { name, attribute, target, gear, limit, servo: Some(law), force });
     }
     let limit = match (is_motor(model, a), ctrlrange(model, a), force) {
@@ -231,6 +242,40 @@ fn servo_law(draft: &Draft, model: &Model, a: usize) -> Option<Law> {
         law.bias[2] = -2.0 * ratio * (stiffness * mass).sqrt();
     }
     Some(law)
+}
+
+/// The joint whose damping takes over that of its servo, and the joint's new damping. The
+/// simulator integrates the damping of joints implicitly and that of servos explicitly, which
+/// on a light joint grows from step to step.
+fn moved_damping(draft: &Draft, model: &Model, a: usize) -> Option<(usize, f64)> {
+    /// Share of its speed that a servo may take from a joint in a step.
+    const MOST: f64 = 0.5;
+    let law = servo_law(draft, model, a)?;
+    let Some(Transmission::Joint(joint)) = model.transmission(a) else { return None };
+    let dof = model.jnt_dofadr()[joint] as usize;
+    let gear = model.actuator_gear()[6 * a];
+    let (own, more) = (model.dof_damping()[dof], -gear * gear * law.bias[2]);
+    let resists = model.dof_M0()[dof] + SIM_DT * own;
+    (SIM_DT * more > MOST * resists).then_some((joint, own + more))
+}
+
+/// All of these by name, which are said.
+fn move_damping(draft: &mut Draft, model: &Model) -> BTreeMap<String, f64> {
+    let mut moved = BTreeMap::new();
+    for (joint, damping) in (0..model.nu()).filter_map(|a| moved_damping(draft, model, a)) {
+        if let Some(name) = model.name(Kind::Joint, joint) {
+            moved.insert(name.to_owned(), damping);
+        }
+    }
+    if !moved.is_empty() {
+        let names: Vec<&str> = moved.keys().map(String::as_str).collect();
+        draft.changed.push(format!(
+            "the damping of servos became that of their joints, where steps of 5 ms would not \
+             bear it: {}",
+            names.join(", ")
+        ));
+    }
+    moved
 }
 
 /// The control range of a servo: its own, else the range of its joint or tendon, else a guess.
