@@ -45,6 +45,7 @@ fn teach(data: &Path, run: &Path) -> Result<(), Failure> {
         threads: 2,
         checkpoint_secs: 30.0,
         evaluations: 4,
+        patience: 0,
         progress: &Silent,
         cancel: &cancel,
         evaluator: None,

@@ -192,7 +192,15 @@ fn an_mjcf_with_includes_and_meshes_becomes_a_folder() {
     let refused = import_leg(&[]).fails(3);
     assert!(refused.stderr.contains("--root"), "{}", refused.stderr);
 
-    let ran = import_leg(&["--root", "leg"]).succeeds();
+    let kept = import_leg(&["--root", "leg"]).succeeds();
+    let robot = Robot::from_folder(&kept.path("bot")).unwrap();
+    let servo = &robot.actuators()[0];
+    assert_eq!((servo.ctrlrange, servo.is_motor), ([-1.0, 1.0], false));
+    // 2.2.2 does not know kv; the servo has it all the same.
+    assert_eq!(servo.law.unwrap().bias, [0.0, -50.0, -2.0]);
+    assert_eq!(robot.model().actuator_forcerange(), [-40.0, 40.0]);
+
+    let ran = import_leg(&["--root", "leg", "--actuators", "torque"]).succeeds();
     let v = ran.json();
     assert_eq!(
         (v["state_dim"].as_u64(), v["action_dim"].as_u64(), v["files"].as_u64()),
@@ -218,6 +226,60 @@ fn an_mjcf_with_includes_and_meshes_becomes_a_folder() {
     // The folder stands alone: what it was made of may go.
     std::fs::remove_dir_all(ran.path("leg")).unwrap();
     Robot::from_folder(&ran.path("bot")).unwrap().settle(&[0.2, 0.3]).unwrap();
+}
+
+/// An arm on a table in the words of `MuJoCo` 3, with loose things about.
+const SCENE: &str = r#"<mujoco model="scene">
+  <compiler angle="radian"/><option integrator="implicitfast"/>
+  <default><position kp="30" dampratio="1"/><default class="arm"><joint damping="1" actuatorfrcrange="-9 9"/></default></default>
+  <worldbody>
+    <camera name="eye" pos="0 -1 1" resolution="640 480" mode="targetbody" target="cube"/>
+    <frame pos="0 0 .5" childclass="arm">
+      <body name="upper"><joint name="a" axis="0 1 0" range="-1 1"/><geom name="beam" type="capsule" fromto="0 0 0 .3 0 0" size=".02" mass="1"/>
+        <body name="lower" pos=".3 0 0"><joint name="b" axis="0 1 0" range="-2 2"/><geom type="capsule" fromto="0 0 0 .2 0 0" size=".02" mass=".3"/>
+          <replicate count="3" offset="0 .01 0"><site name="tip" pos=".2 0 0"/></replicate></body></body>
+    </frame>
+    <body name="cube" pos="1 0 .1"><freejoint/><geom name="cube" type="box" size=".02 .02 .02"/></body>
+    <body name="ball" pos="1 1 .1"><joint name="fly" type="free"/><geom size=".02"/></body>
+  </worldbody>
+  <contact><pair geom1="beam" geom2="cube"/></contact>
+  <actuator><position name="a" joint="a" inheritrange="1"/><position name="b" joint="b" kv=".2" forcerange="-5 20"/></actuator>
+  <keyframe><key qpos="0 0 1 0 .1 1 0 0 0 1 1 .1 1 0 0 0"/></keyframe>
+</mujoco>"#;
+
+#[test]
+fn a_scene_of_today_is_taken_in_without_its_loose_things() {
+    let import = |more: &[&str]| {
+        robert().file("s.xml", SCENE).args(["import", "s.xml", "--out", "bot", "--json"]).args(more)
+    };
+    let refused = import(&[]).fails(3).stderr;
+    assert!(
+        refused.contains("s.xml:11:") && refused.contains("--without cube --without ball;"),
+        "{refused}"
+    );
+    let wrong = import(&["--without", "cup"]).fails(3).stderr;
+    assert!(wrong.contains("upper") && wrong.contains("cube"), "{wrong}");
+
+    let ran = import(&["--without", "cube", "--without", "ball"]).succeeds();
+    let v = ran.json();
+    assert_eq!((v["state_dim"].as_u64(), v["action_dim"].as_u64()), (Some(2), Some(2)));
+    let dropped = notes(&v, "dropped");
+    assert!(dropped.contains("camera/resolution") && dropped.contains("\"cube\""), "{dropped}");
+    let robot = Robot::from_folder(&ran.path("bot")).unwrap();
+    let m = robot.model();
+    // Range from the joint, force limit from the joint, damping of a critically damped servo.
+    assert_eq!(robot.actuators()[0].ctrlrange, [-1.0, 1.0]);
+    assert_eq!(m.actuator_forcerange(), [-9.0, 9.0, -5.0, 9.0]);
+    let damping = [0, 1].map(|a| -robot.actuators()[a].law.unwrap().bias[2]);
+    let critical = 2.0 * (30.0 * m.dof_M0()[0]).sqrt();
+    assert!((damping[0] / critical - 1.0).abs() < 1e-6 && damping[1] == 0.2, "{damping:?}");
+    let upper = m.id(Kind::Body, "upper").unwrap();
+    let mut d = Data::new(m).unwrap();
+    d.kinematics().unwrap();
+    assert_eq!(d.xpos()[3 * upper + 2], 0.5);
+    assert!(m.id(Kind::Site, "tip2").is_some());
+    // The servos hold a pose that is asked for.
+    assert!(robot.settle(&[0.3, -0.5]).unwrap().worst < 0.02);
 }
 
 #[test]

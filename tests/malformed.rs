@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 use robert::rng::{Rng, Stream};
-use robert::robot::import::{Drives, ImportConfig, import};
+use robert::robot::import::{Drives, ImportConfig, Servos, import};
 use robert::robot::{Error, Robot};
 
 use crate::run::binary;
@@ -338,7 +338,8 @@ fn five_hundred_mutations_kill_nothing() {
                         base_height_m: 0.0,
                         effort: 10.0,
                         weld: Vec::new(),
-                        keep_servos: false,
+                        without: Vec::new(),
+                        servos: Servos::Torque,
                         drives: Drives::Modelled,
                         checker: binary().to_owned(),
                     };

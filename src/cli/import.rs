@@ -8,7 +8,7 @@ use super::out;
 use crate::child::{self, Rights};
 use crate::limits;
 use crate::robot::check;
-use crate::robot::import::{Drives, ImportConfig, Report, import};
+use crate::robot::import::{Drives, ImportConfig, Report, Servos, import};
 
 #[derive(clap::Args, Debug)]
 #[command(
@@ -51,12 +51,24 @@ pub(super) struct ModelFlags {
     /// Weld a joint at its zero. May be repeated.
     #[arg(long = "weld", value_name = "JOINT")]
     weld: Vec<String>,
-    /// Keep position and velocity servos instead of turning them into motors.
-    #[arg(long)]
-    keep_servos: bool,
+    /// Leave a body out, with everything that speaks of it (MJCF). May be repeated.
+    #[arg(long, value_name = "BODY")]
+    without: Vec<String>,
+    /// Position and velocity servos: keep them, their control is the action, or make them
+    /// torque motors.
+    #[arg(long, value_enum, default_value_t = ServoFlag::Keep)]
+    actuators: ServoFlag,
     /// Joints without a drive of their own: model one (assumed), or as the file says.
     #[arg(long, value_enum, default_value_t = DriveFlag::Modelled)]
     drives: DriveFlag,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum ServoFlag {
+    /// As the file has them.
+    Keep,
+    /// Motors with the same force limit.
+    Torque,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -98,7 +110,11 @@ impl ModelFlags {
             base_height_m: self.base_height,
             effort: self.effort,
             weld: self.weld.clone(),
-            keep_servos: self.keep_servos,
+            without: self.without.clone(),
+            servos: match self.actuators {
+                ServoFlag::Keep => Servos::Keep,
+                ServoFlag::Torque => Servos::Torque,
+            },
             drives: match self.drives {
                 DriveFlag::Modelled => Drives::Modelled,
                 DriveFlag::File => Drives::File,

@@ -73,6 +73,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
         threads,
         checkpoint_secs: 60.0 * args.checkpoint_mins,
         evaluations: args.evaluations,
+        patience: 0,
         progress: &bar,
         cancel: &cancel,
         perform: Some(&mut perform),

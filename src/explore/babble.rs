@@ -25,7 +25,7 @@
 use super::error::Error;
 use crate::mujoco::Data;
 use crate::rng::{Rng, Stream};
-use crate::robot::{self, Drive, Robot, Servo};
+use crate::robot::{self, Drive, PositionServo, Robot, Servo};
 use crate::units::{CTRL_DT, Unit};
 
 /// Share of the distance that a servo covers in a frame.
@@ -66,6 +66,8 @@ struct Motor {
     /// Their sum at action 0, and its change to action 1.
     middle: f64,
     half: f64,
+    /// Where it is a position servo, which is told a place instead.
+    servo: Option<PositionServo>,
 }
 
 #[derive(Clone, Debug, PartialEq)]
@@ -85,16 +87,24 @@ impl BabbleRule {
     pub(crate) fn of(robot: &Robot) -> Result<Self, Error> {
         let gear = robot.model().actuator_gear();
         let mut motors = Vec::new();
-        for (k, a) in robot.actuators().iter().enumerate() {
+        for ((k, a), servo) in robot.actuators().iter().enumerate().zip(robot.position_servos()?) {
             let [lo, hi] = a.ctrlrange;
-            let (middle, half) = (0.5 * (lo + hi), 0.5 * (hi - lo));
+            let Some(law) = a.law else {
+                return Err(Error::Argument {
+                    name: "agent",
+                    must: "noise for this robot: babble needs motors or servos".to_owned(),
+                    got: format!("babble, with actuator {} of another kind", a.name),
+                });
+            };
+            let (middle, half) =
+                (0.5 * law.gain * (lo + hi) + law.bias[0], 0.5 * law.gain * (hi - lo));
             motors.push(match &a.drive {
                 Drive::Joint(name) => {
                     let gear = gear[6 * k];
                     let pulls = vec![(robot.joint_index(name)?, 1.0)];
-                    Motor { pulls, middle: gear * middle, half: gear * half }
+                    Motor { pulls, middle: gear * middle, half: gear * half, servo }
                 }
-                Drive::Tendon(_) => Motor { pulls: shares(robot, k)?, middle, half },
+                Drive::Tendon(_) => Motor { pulls: shares(robot, k)?, middle, half, servo },
                 Drive::Other(_) => {
                     let must =
                         "noise for this robot, because babble needs motors at joints or tendons";
@@ -153,8 +163,11 @@ pub(crate) struct Babble {
     disturbance: f64,
     disturbance_keep: f64,
     references: Vec<JointReference>,
-    /// Torque by joint, scratch.
+    /// By joint, scratch: torque, place, speed and the place to be at a frame later.
     torque: Vec<f64>,
+    place: Vec<f64>,
+    speed: Vec<f64>,
+    wish: Vec<f64>,
     begun: bool,
 }
 
@@ -206,6 +219,9 @@ impl Babble {
             disturbance_keep,
             references,
             torque: vec![0.0; rule.joints.len()],
+            place: vec![0.0; rule.joints.len()],
+            speed: vec![0.0; rule.joints.len()],
+            wish: vec![0.0; rule.joints.len()],
             rule: rule.clone(),
             begun: false,
         }
@@ -240,9 +256,16 @@ impl Babble {
             self.torque[k] = self.share
                 * (joint.servo.kp * (reference.value - q) - joint.servo.kd * v
                     + full_speed * noise);
+            (self.place[k], self.speed[k]) = (q, v);
+            self.wish[k] = reference.value + joint.speed * CTRL_DT * noise;
         }
         self.torque.iter_mut().zip(weight).for_each(|(torque, weight)| *torque += weight);
         for (a, motor) in action.iter_mut().zip(&self.rule.motors) {
+            if let Some(servo) = &motor.servo {
+                let (q, v) = (&self.place, &self.speed);
+                *a = servo.action(self.share, q, v, &self.wish, weight) as f32;
+                continue;
+            }
             let pull = |&(joint, weight): &(usize, f64)| weight * self.torque[joint];
             let force: f64 = motor.pulls.iter().map(pull).sum();
             *a = ((force - motor.middle) / motor.half).clamp(-1.0, 1.0) as f32;

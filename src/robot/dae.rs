@@ -13,6 +13,8 @@ use roxmltree::Node;
 
 use crate::{limits, xml};
 
+/// Faces in one STL file that the simulator takes.
+const STL_FACES: usize = 200_000;
 /// Bytes of one COLLADA file.
 const DAE_BYTES: u64 = 64 << 20;
 /// Elements of its XML.
@@ -47,20 +49,24 @@ impl Part {
         points.chunks_exact(3).map(tetrahedron).sum()
     }
 
-    /// The triangles as binary STL.
-    pub(super) fn to_stl(&self) -> Vec<u8> {
-        let faces = self.corners.len() / 9;
-        let mut out = vec![0_u8; 80];
-        out.extend((faces as u32).to_le_bytes());
-        for face in self.corners.chunks_exact(9) {
-            out.extend([0_u8; 12]);
-            for v in face {
-                out.extend(v.to_le_bytes());
-            }
-            out.extend([0_u8; 2]);
-        }
-        out
+    /// The triangles as binary STL, in files of no more faces than the simulator takes.
+    pub(super) fn to_stl(&self) -> Vec<Vec<u8>> {
+        self.corners.chunks(9 * STL_FACES).map(stl).collect()
     }
+}
+
+fn stl(corners: &[f32]) -> Vec<u8> {
+    let faces = corners.len() / 9;
+    let mut out = vec![0_u8; 80];
+    out.extend((faces as u32).to_le_bytes());
+    for face in corners.chunks_exact(9) {
+        out.extend([0_u8; 12]);
+        for v in face {
+            out.extend(v.to_le_bytes());
+        }
+        out.extend([0_u8; 2]);
+    }
+    out
 }
 
 /// Reads the visual scene of a COLLADA file.
@@ -334,7 +340,7 @@ mod tests {
         for (a, b) in blue.corners.iter().zip(want) {
             assert!((a - b).abs() < 1e-6, "{:?}", blue.corners);
         }
-        assert_eq!(blue.to_stl().len(), 84 + 2 * 50);
+        assert_eq!(blue.to_stl()[0].len(), 84 + 2 * 50);
     }
 
     #[test]

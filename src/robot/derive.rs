@@ -56,8 +56,9 @@ pub(super) fn state_joints(model: &Model, path: &Path) -> Result<Vec<usize>, Err
             _ => {
                 return unfit(format!(
                     "{} is a ball joint; the state takes hinge and slide joints only. \
-                     Replace it by three hinges",
-                    called()
+                     Replace it by three hinges, or hold it still: --weld {}",
+                    called(),
+                    name.unwrap_or("JOINT")
                 ));
             }
         }

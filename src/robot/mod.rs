@@ -16,6 +16,7 @@ mod builtin;
 pub mod check;
 mod dae;
 mod derive;
+mod driven;
 mod error;
 mod folder;
 mod golden;
@@ -24,6 +25,7 @@ mod ik;
 pub mod import;
 mod joint_table;
 mod keys;
+mod law;
 mod mesh;
 mod mirror;
 mod pace;
@@ -41,6 +43,7 @@ pub use error::Error;
 pub use gravity::Gravity;
 pub use ik::{IkConfig, IkResult, Point, Target};
 pub use joint_table::Settler;
+pub use law::{Law, PositionServo};
 pub use plant::{PlantConfig, PlantRange};
 pub use profile::{
     ActuatorSpec, Camera, Coupling, Drive, FORMAT, Group, JointSpec, MODEL_FILE, MirrorRow,
@@ -89,6 +92,8 @@ pub struct Actuator {
     pub ctrlrange: [f64; 2],
     /// Whether its control is a force (and not, say, a target position).
     pub is_motor: bool,
+    /// How it makes force of its control; `None` for muscles and other dynamics.
+    pub law: Option<Law>,
 }
 
 /// Files that a model refers to (meshes, textures): name and content.
@@ -419,6 +424,7 @@ impl Robot {
                 drive: a.drive.clone(),
                 ctrlrange: a.ctrlrange,
                 is_motor: derive::is_motor(&model, i),
+                law: Law::of(&model, i),
             })
             .collect();
         let sha256 = fingerprint(&mjcf, &assets);

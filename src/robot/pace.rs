@@ -8,9 +8,10 @@
 use std::sync::Arc;
 
 use super::Error;
-use super::derive::{ctrlrange, tendon_joints};
+use super::derive::{ctrlrange, tendon_joints, torque_limit};
 use super::golden::spread;
-use crate::mujoco::{Data, Joint, Model};
+use super::law::Law;
+use crate::mujoco::{Data, Joint, Model, Transmission};
 
 /// Poses beside the default one.
 const POSES: usize = 4;
@@ -24,6 +25,11 @@ const STEADY: f64 = 1e-3;
 const HELD: f64 = 1e8;
 /// Half the room of a joint without end: rad, m.
 const UNBOUNDED: [f64; 2] = [1.5, 0.5];
+/// Speed at which a position or velocity servo is paced at most, rad/s, m/s: what it could
+/// reach for a moment, when asked for the far end of its range at once, no task asks for.
+const SERVO_SPEED: [f64; 2] = [3.0, 0.5];
+/// Nor does it cross its range in less, seconds.
+const SERVO_CROSSING_SECS: f64 = 0.5;
 /// A joint that is slower than this in most poses is not moved by its motors, rad/s or m/s.
 const STILL: f64 = 1e-3;
 
@@ -76,11 +82,34 @@ fn one(model: &Arc<Model>, joint: usize) -> Result<Pace, Error> {
         speeds.extend(slower);
     }
     speeds.sort_by(f64::total_cmp);
+    // On one side of the range gravity helps; but what it adds is not the motor's.
+    let spent = match torque_limit(model, joint) {
+        Some(torque) if model.dof_damping()[dof] > 0.0 => torque / model.dof_damping()[dof],
+        _ => f64::INFINITY,
+    };
     Ok(match speeds.get(speeds.len() / 2) {
         None => Pace::Unknown,
         Some(v) if *v < STILL => Pace::Stuck,
-        Some(v) => Pace::Moves(*v),
+        Some(v) => Pace::Moves(v.min(spent).min(servo_limit(model, joint))),
     })
+}
+
+/// Greatest speed that a joint with a servo is paced at; infinite for motors.
+fn servo_limit(model: &Model, joint: usize) -> f64 {
+    let serves = |a: usize| {
+        let here = match model.transmission(a) {
+            Some(Transmission::Joint(j)) => j == joint,
+            Some(Transmission::Tendon(t)) => tendon_joints(model, t).iter().any(|m| m.0 == joint),
+            _ => false,
+        };
+        here && Law::of(model, a).is_some_and(|l| !l.is_motor())
+    };
+    if !(0..model.nu()).any(serves) {
+        return f64::INFINITY;
+    }
+    let [lo, hi] = room(model, joint);
+    let slides = model.joint_type(joint) == Some(Joint::Slide);
+    SERVO_SPEED[usize::from(slides)].min((hi - lo) / SERVO_CROSSING_SECS)
 }
 
 /// The joint, and those that a tendon or an equality ties to it.

@@ -98,7 +98,11 @@ fn read_text(path: &Path) -> Result<String, Error> {
         let (line, column) = line_column(text, at);
         Error::Refused { message, line, column, path: path.to_owned() }
     };
-    let bytes = fsio::read_capped(path, limits::MODEL_BYTES)?;
+    let mut bytes = fsio::read_capped(path, limits::MODEL_BYTES)?;
+    // Some tools end their files with NUL bytes.
+    while bytes.last() == Some(&0) {
+        bytes.pop();
+    }
     let text = String::from_utf8(bytes).map_err(|e| {
         let at = e.utf8_error().valid_up_to();
         let lossy =
@@ -115,7 +119,22 @@ fn read_text(path: &Path) -> Result<String, Error> {
     if text.trim().is_empty() {
         return Err(refused("the file is empty".into(), &text, 0));
     }
-    Ok(text.trim_start_matches('\u{feff}').to_owned())
+    Ok(without_late_declaration(text.trim_start_matches('\u{feff}')))
+}
+
+/// The text with an XML declaration that comes after blank lines blanked out: other programs
+/// read such files.
+fn without_late_declaration(text: &str) -> String {
+    let trimmed = text.trim_start();
+    let blank = text.len() - trimmed.len();
+    match trimmed.find("?>") {
+        Some(end) if blank > 0 && trimmed.starts_with("<?xml") => {
+            let (head, rest) = text.split_at(blank + end + 2);
+            let lines = "\n".repeat(head.matches('\n').count());
+            lines + rest
+        }
+        _ => text.to_owned(),
+    }
 }
 
 /// Parses XML within the limits.

@@ -8,9 +8,10 @@
 use nalgebra::DMatrix;
 
 use super::golden::spread;
+use super::law::PositionServo;
 use super::response::Response;
 use super::{Error, Robot};
-use crate::mujoco::Data;
+use crate::mujoco::{Data, Transmission};
 use crate::units::CTRL_DT;
 
 /// Share of the remaining distance that tracking covers per frame if the joints do not affect each
@@ -112,9 +113,36 @@ impl Robot {
         }))
     }
 
+    /// Damping of the state joints, that of velocity servos at them included; (S).
     fn state_damping(&self) -> Vec<f64> {
-        let damping = self.model().dof_damping();
+        let model = self.model();
+        let mut damping = model.dof_damping().to_vec();
+        for (a, actuator) in self.actuators().iter().enumerate() {
+            if let (Some(law), Some(Transmission::Joint(j))) = (actuator.law, model.transmission(a))
+            {
+                let gear = model.actuator_gear()[6 * a];
+                damping[model.jnt_dofadr()[j] as usize] -= gear * gear * law.bias[2];
+            }
+        }
         self.joints().iter().map(|j| damping[j.dofadr]).collect()
+    }
+
+    /// The position servos among the actuators, at the home pose; (A).
+    ///
+    /// # Errors
+    /// [`Error::Simulator`].
+    pub fn position_servos(&self) -> Result<Vec<Option<PositionServo>>, Error> {
+        if !self.actuators().iter().any(|a| a.law.is_some_and(|l| l.is_position())) {
+            return Ok(vec![None; self.action_dim()]);
+        }
+        let home = self.home();
+        let mut data = Data::new(self.model())?;
+        let mass = self.inertia(&mut data, &home)?;
+        let mass: Vec<f64> = (0..home.len()).map(|k| mass[(k, k)]).collect();
+        let dofs: Vec<usize> = self.joints().iter().map(|j| j.dofadr).collect();
+        Ok((0..self.action_dim())
+            .map(|a| PositionServo::of(&data, a, &home, &dofs, &mass))
+            .collect())
     }
 
     /// Pose `k` of a set that fills the ranges evenly.

@@ -6,7 +6,7 @@
 //! gravity and Coriolis forces at every simulator step. A stiff hold at 20 Hz would ring on the
 //! finger joints, whose time constant is 6 ms.
 
-use super::{Error, Robot};
+use super::{Error, Law, Robot};
 use crate::mujoco::{Data, Model};
 use crate::units::SUBSTEPS;
 
@@ -80,32 +80,28 @@ impl Robot {
 /// The constants of the drive: the joint force of each control.
 struct Drive {
     target: Vec<f64>,
-    /// Actuators whose control is a force, with its factor.
-    gain: Vec<f64>,
+    /// By actuator; what has none is told the length at the target.
+    laws: Vec<Option<Law>>,
     limit: Vec<[f64; 2]>,
 }
 
 impl Drive {
     fn new(robot: &Robot, target: &[f64]) -> Drive {
-        let model = robot.model();
-        let gain = robot
-            .actuators()
-            .iter()
-            .enumerate()
-            .map(|(i, a)| if a.is_motor { model.actuator_gainprm()[10 * i] } else { 0.0 })
-            .collect();
+        let laws = robot.actuators().iter().map(|a| a.law).collect();
         let limit = robot.actuators().iter().map(|a| a.ctrlrange).collect();
-        Drive { target: target.to_vec(), gain, limit }
+        Drive { target: target.to_vec(), laws, limit }
     }
 
-    /// Controls whose joint forces are closest (least squares) to the desired ones. A servo (not a
-    /// motor) gets its length at the target.
+    /// Controls whose joint forces come nearest (least squares) to the wanted ones. A position
+    /// servo is given the length that it has at the target, plus what its load bends it.
     fn ctrl(&mut self, robot: &Robot, data: &Data) -> Vec<f64> {
         let model: &Model = robot.model();
         let (nu, nv) = (model.nu(), model.nv());
         let settle = &robot.profile().settle;
-        let mut wanted = DVector::from_column_slice(data.qfrc_bias());
+        let load = DVector::from_column_slice(data.qfrc_bias());
+        let mut wanted = load.clone();
         let mut error = DVector::zeros(nv);
+        let speed = DVector::from_column_slice(data.qvel());
         for (i, joint) in robot.joints().iter().enumerate() {
             let e = self.target[i] - data.qpos()[joint.qposadr];
             error[joint.dofadr] = e;
@@ -113,16 +109,23 @@ impl Drive {
         }
         let moment = DMatrix::from_row_slice(nu, nv, data.actuator_moment());
         let gram = &moment * moment.transpose() + DMatrix::identity(nu, nu) * 1e-12;
-        let force = gram.cholesky().map(|c| c.solve(&(&moment * &wanted)));
-        let length = &moment * &error;
+        let factor = gram.cholesky();
+        // Without a factor (moments that are not finite) no force is asked for.
+        let forces = |joint: &DVector<f64>| factor.as_ref().map(|c| c.solve(&(&moment * joint)));
+        let (force, carried) = (forces(&wanted), forces(&load));
+        let (length, speed) = (&moment * &error, &moment * &speed);
         (0..nu)
             .map(|a| {
-                let gain = self.gain[a];
-                let raw = if gain == 0.0 {
-                    data.actuator_length()[a] + length[a]
-                } else {
-                    // Without a factor (moments that are not finite) no force is applied.
-                    force.as_ref().map_or(0.0, |f| f[a]) / gain
+                let of = |f: &Option<DVector<f64>>| f.as_ref().map_or(0.0, |f| f[a]);
+                let at = data.actuator_length()[a] + length[a];
+                let raw = match self.laws[a] {
+                    None => at,
+                    Some(Law { gain, bias: [b0, b1, _] }) if b1 < 0.0 => {
+                        (of(&carried) - b1 * at - b0) / gain
+                    }
+                    Some(Law { gain, bias: [b0, _, b2] }) => {
+                        (of(&force) - b0 - b2 * speed[a]) / gain
+                    }
                 };
                 let [lo, hi] = self.limit[a];
                 raw.clamp(lo, hi)

@@ -5,11 +5,11 @@
 
 use std::sync::Arc;
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 
 use super::error::Error;
 use crate::mujoco::Data;
-use crate::robot::Robot;
+use crate::robot::{Law, Robot};
 
 /// The map from joint torques (nv) to actions (A) of a robot whose transmissions are
 /// constant (joints and fixed tendons; ours all are).
@@ -17,21 +17,20 @@ use crate::robot::Robot;
 pub(super) struct Actuation {
     /// (nu, nv).
     inverse: DMatrix<f64>,
+    /// Moment arms; (nu, nv).
+    moment: DMatrix<f64>,
     /// (nu).
     scale: Vec<Scale>,
 }
 
-/// Action -1..1 covers this control range.
+/// Action -1..1 covers this control range, by this law.
 #[derive(Clone, Copy, Debug)]
 struct Scale {
     middle: f64,
     half: f64,
-}
-
-impl Scale {
-    fn of([lo, hi]: [f64; 2]) -> Scale {
-        Scale { middle: 0.5 * (lo + hi), half: 0.5 * (hi - lo) }
-    }
+    law: Law,
+    /// Length where all coordinates are zero.
+    length: f64,
 }
 
 impl Actuation {
@@ -50,17 +49,39 @@ impl Actuation {
         let eps = 1e-9 * moment.amax().max(1e-12);
         let inverse =
             moment.transpose().pseudo_inverse(eps).unwrap_or_else(|_| DMatrix::zeros(nu, nv));
-        let scale = robot.actuators().iter().map(|a| Scale::of(a.ctrlrange)).collect();
-        Ok(Actuation { inverse, scale })
+        let qpos = DVector::from_row_slice(data.qpos());
+        let along = &moment * qpos;
+        let scale = robot
+            .actuators()
+            .iter()
+            .enumerate()
+            .map(|(k, a)| {
+                let [lo, hi] = a.ctrlrange;
+                // What has no law is asked for its control as if that were a force.
+                let law = a.law.unwrap_or(Law { gain: 1.0, bias: [0.0; 3] });
+                let length = data.actuator_length()[k] - along[k];
+                Scale { middle: 0.5 * (lo + hi), half: 0.5 * (hi - lo), law, length }
+            })
+            .collect();
+        Ok(Actuation { inverse, moment, scale })
     }
 
-    /// Writes the action that is closest to these joint torques, clamped to [-1, 1].
-    pub(super) fn action(&self, torque: &[f64], action: &mut [f64]) {
+    /// Writes the action that comes nearest to these joint torques at coordinates `qpos` moving
+    /// at `qvel`, (nv) each, clamped to [-1, 1].
+    pub(super) fn action(&self, torque: &[f64], qpos: &[f64], qvel: &[f64], action: &mut [f64]) {
         let nv = self.inverse.ncols();
         for (i, out) in action.iter_mut().enumerate() {
             let force: f64 = (0..nv).map(|k| self.inverse[(i, k)] * torque[k]).sum();
-            let Scale { middle, half } = self.scale[i];
-            *out = if half > 0.0 { ((force - middle) / half).clamp(-1.0, 1.0) } else { 0.0 };
+            let Scale { middle, half, law: Law { gain, bias }, length } = self.scale[i];
+            let own = if bias == [0.0; 3] {
+                0.0
+            } else {
+                let along =
+                    |x: &[f64]| -> f64 { (0..nv).map(|k| self.moment[(i, k)] * x[k]).sum() };
+                bias[0] + bias[1] * (length + along(qpos)) + bias[2] * along(qvel)
+            };
+            let ctrl = (force - own) / gain;
+            *out = if half > 0.0 { ((ctrl - middle) / half).clamp(-1.0, 1.0) } else { 0.0 };
         }
     }
 }

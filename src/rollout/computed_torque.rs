@@ -142,7 +142,7 @@ impl Policy for ComputedTorque {
         data.set_qacc(qacc.as_slice())?;
         data.inverse()?;
         self.torque.copy_from_slice(data.qfrc_inverse());
-        self.actuation.action(&self.torque, action);
+        self.actuation.action(&self.torque, &view.state.qpos, &view.state.qvel, action);
         Ok(())
     }
 }

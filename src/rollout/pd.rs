@@ -1,6 +1,7 @@
 //! Proportional-derivative control with gains from the mass matrix and gravity compensation, the
 //! usual first controller without planner or data. The gains are those of
-//! [`Robot::tracking_servos`]; gains and gravity come from the nominal model.
+//! [`Robot::tracking_servos`]; gains and gravity come from the nominal model. If the robot has
+//! position servos of its own, the action is the servo target that gives this torque.
 
 use std::sync::Arc;
 
@@ -8,7 +9,10 @@ use super::actuation::Actuation;
 use super::error::Error;
 use super::nominal_model::NominalModel;
 use super::policy::{Policy, View};
-use crate::robot::{Gravity, Robot, Servo};
+use crate::robot::{Gravity, PositionServo, Robot, Servo};
+
+/// Share of the way that position servos are asked for in a frame.
+const SHARE: f64 = 0.9;
 
 /// PD on a straight reference, joint by joint.
 #[derive(Debug)]
@@ -17,9 +21,13 @@ pub(super) struct Pd {
     actuation: Actuation,
     /// By state joint.
     servos: Vec<Servo>,
+    /// By actuator.
+    positions: Vec<Option<PositionServo>>,
     /// None where nothing pulls at the robot.
     gravity: Option<Gravity>,
     torque: Vec<f64>,
+    /// All zero: the damping of velocity servos is in the gains already.
+    still: Vec<f64>,
 }
 
 impl Pd {
@@ -35,7 +43,9 @@ impl Pd {
             robot: Arc::clone(robot),
             actuation,
             servos: robot.tracking_servos()?,
+            positions: robot.position_servos()?,
             gravity: Gravity::of(robot)?,
+            still: vec![0.0; robot.model().nv()],
             torque: vec![0.0; robot.model().nv()],
         })
     }
@@ -56,11 +66,23 @@ impl Pd {
         if let Some(gravity) = &mut self.gravity {
             self.torque.copy_from_slice(gravity.at(qpos)?);
         }
+        let weight: Vec<f64> = match &self.gravity {
+            Some(_) => self.robot.joints().iter().map(|j| self.torque[j.dofadr]).collect(),
+            None => Vec::new(),
+        };
         let ways = target.iter().zip(current).map(|(r, q)| r - q);
         for ((joint, servo), way) in self.robot.joints().iter().zip(&self.servos).zip(ways) {
             self.torque[joint.dofadr] += servo.kp * way - servo.kd * qvel[joint.dofadr];
         }
-        self.actuation.action(&self.torque, action);
+        self.actuation.action(&self.torque, qpos, &self.still, action);
+        if self.positions.iter().any(Option::is_some) {
+            let speed: Vec<f64> = self.robot.joints().iter().map(|j| qvel[j.dofadr]).collect();
+            for (to, servo) in action.iter_mut().zip(&self.positions) {
+                if let Some(servo) = servo {
+                    *to = servo.action(SHARE, current, &speed, target, &weight);
+                }
+            }
+        }
         Ok(())
     }
 }

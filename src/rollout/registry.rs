@@ -360,8 +360,14 @@ impl PolicyConfig {
         format!("{}{model}{sample}{masks}{ensemble}{guide}{refine}", self.name.as_str())
     }
 
-    /// The default policy of a robot: its shipped model, else computed torque, which needs no data.
+    /// The default policy of a robot: the one that its folder names, else its shipped model, else
+    /// computed torque, which needs no data.
     pub fn default_for(robot: &Robot) -> PolicyConfig {
+        let named = robot.folder().map(shipped::choice_in).filter(|p| p.is_file());
+        let named = named.and_then(|p| std::fs::read_to_string(p).ok());
+        if let Some(Ok(name)) = named.map(|text| text.trim().parse::<PolicyName>()) {
+            return PolicyConfig::new(name);
+        }
         let learned = shipped::has_default(robot);
         PolicyConfig::new(if learned { PolicyName::Robert } else { PolicyName::ComputedTorque })
     }

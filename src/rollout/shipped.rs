@@ -60,6 +60,12 @@ pub fn path_in(dir: &Path, name: &str) -> PathBuf {
     dir.join("models").join(format!("{name}.safetensors"))
 }
 
+/// The file in a robot's folder that names its default policy, if that is not its model: a
+/// name that `--policy` takes.
+pub fn choice_in(dir: &Path) -> PathBuf {
+    dir.join("models").join("default.txt")
+}
+
 /// Names of the built-in models of a robot; empty if it has none.
 pub fn names(robot: &str) -> Vec<String> {
     let mut names: Vec<String> = Files::iter()

@@ -211,6 +211,15 @@ impl Metrics {
         found.min_by(|a, b| a.1.total_cmp(&b.1))
     }
 
+    /// How many of the last closed-loop evaluations in a row were much worse than the best.
+    pub fn worse_in_a_row(&self) -> u64 {
+        /// Precision beyond this multiple of the best is no noise of a high learning rate.
+        const MUCH: f64 = 2.0;
+        let Some((_, best)) = self.best() else { return 0 };
+        let found = self.iter().rev().filter_map(Metric::closed_loop);
+        found.take_while(|(_, e)| e.precision > MUCH * best).count() as u64
+    }
+
     /// Step of the last closed-loop evaluation.
     pub fn evaluated(&self) -> Option<u64> {
         self.iter().filter_map(Metric::closed_loop).map(|(step, _)| step).max()

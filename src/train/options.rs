@@ -41,6 +41,9 @@ pub struct Options<'a> {
     pub checkpoint_secs: f64,
     /// Evaluations in a run, spread evenly; the last is at the end.
     pub evaluations: u64,
+    /// A run ends early after this many evaluations in a row that are each much worse than the
+    /// best; 0 for never.
+    pub patience: u64,
     /// Receives the progress.
     pub progress: &'a dyn Progress,
     /// Asks for a stop.
@@ -68,6 +71,8 @@ pub struct Finished {
     pub steps: u64,
     /// Whether a stop was requested before the end.
     pub interrupted: bool,
+    /// Whether it ended early because the closed loop got worse.
+    pub worsened: bool,
     /// Steps skipped because something was not finite, all sessions.
     pub skipped: u64,
     /// Best step and its Precision; step 0 is the linear prediction that a skip starts from.

@@ -29,7 +29,7 @@ const LINES: u64 = 400;
 pub fn train(data: &Dataset, cfg: &TrainConfig, mut opts: Options<'_>) -> Result<Finished, Error> {
     check(data, cfg, &opts)?;
     let mut run = RunState::open(data, cfg, &opts)?;
-    let mut interrupted = false;
+    let (mut interrupted, mut worsened) = (false, false);
     if run.step == 0 {
         interrupted = !run.evaluate_linear(&mut opts)?;
         // There is a valid checkpoint from the first step on.
@@ -88,13 +88,21 @@ pub fn train(data: &Dataset, cfg: &TrainConfig, mut opts: Options<'_>) -> Result
                 session.log(&mut run, lr, opts.progress);
             }
             interrupted |= !run.evaluate_if_due(&source, held_out.as_ref(), &mut opts)?;
+            if opts.patience > 0 && run.metrics.worse_in_a_row() >= opts.patience {
+                let text =
+                    format!("step {}: the closed loop gets worse; the best is kept", run.step);
+                opts.progress.log(&text);
+                worsened = true;
+                session.checkpoint(&mut run, &opts)?;
+                break 'rounds;
+            }
         }
         if run.step > session.saved.1 && !run.gradient(&sampler).is_finite() {
             return Err(session.diverged(&run, &opts));
         }
         session.checkpoint(&mut run, &opts)?;
     }
-    Ok(session.finish(&run, &opts, interrupted))
+    Ok(Finished { worsened, ..session.finish(&run, &opts, interrupted) })
 }
 
 /// Refuses settings that cannot work, before the first step.
@@ -206,6 +214,7 @@ impl Session {
             step: run.step,
             steps: run.cfg.steps,
             interrupted,
+            worsened: false,
             skipped: self.skipped,
             best: run.best,
             linear: run.metrics.linear().map(|l| l.precision),

@@ -438,6 +438,7 @@ fn options<'a>(dir: &Path, work: &'a Work<'_>, perform: &'a mut Simulated) -> Op
         checkpoint_secs: 120.0,
         // An evaluator would take longer than small points, so only the last model is evaluated.
         evaluations: 4,
+        patience: 0,
         progress: &Silent,
         cancel: work.cancel,
         evaluator: None,

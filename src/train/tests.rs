@@ -105,6 +105,7 @@ fn options<'a>(
         threads,
         checkpoint_secs: 1e9,
         evaluations: 0,
+        patience: 0,
         progress,
         cancel,
         evaluator: None,

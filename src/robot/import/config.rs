@@ -26,12 +26,24 @@ pub struct ImportConfig {
     pub effort: f64,
     /// Joints to weld where they are.
     pub weld: Vec<String>,
-    /// Leave servos as they are instead of turning them into motors.
-    pub keep_servos: bool,
+    /// Bodies to leave out, with everything that speaks of them (MJCF).
+    pub without: Vec<String>,
+    /// What becomes of position and velocity servos.
+    pub servos: Servos,
     /// What joints get whose source leaves out the drive.
     pub drives: Drives,
     /// The binary that checks models; see [`crate::robot::check::executable`].
     pub checker: PathBuf,
+}
+
+/// What becomes of position and velocity servos.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Servos {
+    /// They stay: the action is their control.
+    #[default]
+    Keep,
+    /// Motors with the same force limit take their place.
+    Torque,
 }
 
 /// What joints get that full torque runs away with, because their source names neither the

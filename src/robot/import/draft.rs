@@ -1,8 +1,9 @@
 //! An MJCF on its way to a robot, with its files and the remarks about it.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
+use super::words::Words;
 use crate::fsio;
 use crate::robot::{Assets, Error, mesh, preparse, text};
 use crate::{limits, units};
@@ -23,6 +24,10 @@ pub(super) struct Draft {
     pub(super) speeds: BTreeMap<String, f64>,
     /// Whether the armature of the joints is ours and not the source's.
     pub(super) rotors_assumed: bool,
+    /// Attributes that were taken out because 2.2.2 does not know them: element/attribute.
+    pub(super) unknown: BTreeSet<String>,
+    /// What some of them said.
+    pub(super) words: Words,
     pub(super) dropped: Vec<String>,
     pub(super) assumed: Vec<String>,
     pub(super) changed: Vec<String>,

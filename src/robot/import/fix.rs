@@ -1,15 +1,19 @@
 //! What a foreign model lacks for torque control: motors with limits, our kind of joints.
 
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
 use roxmltree::Node;
 
-use super::config::ImportConfig;
+use super::config::{ImportConfig, Servos};
 use super::draft::Draft;
+use super::words::Servo;
 use crate::mujoco::{Joint, Kind, Model, Transmission};
 use crate::robot::derive::{ctrlrange, is_motor, state_joints};
+use crate::robot::law::Law;
 use crate::robot::text::{Edits, escape};
 use crate::robot::{Assets, Error, preparse, text};
+use crate::units::SIM_DT;
 
 /// Takes away joints that only a default class makes free, if asked to; refuses what the
 /// state cannot hold. Gives whether anything was taken.
@@ -42,24 +46,57 @@ pub(super) fn joints(
     Ok(true)
 }
 
-/// A motor to write.
+/// An actuator to write: a motor, or a servo with its law.
 struct Motor {
     name: String,
     attribute: &'static str,
     target: String,
     gear: f64,
+    /// Control range.
     limit: [f64; 2],
+    servo: Option<Law>,
+    /// Force range of a servo.
+    force: Option<[f64; 2]>,
 }
 
-/// Makes every actuator a motor with limits; makes motors where there are none.
+impl Motor {
+    fn write(&self, out: &mut String) {
+        let (name, target) = (escape(&self.name), escape(&self.target));
+        let ([lo, hi], gear) = (self.limit, self.gear);
+        let common = format!(
+            "name=\"{name}\" {}=\"{target}\" gear=\"{gear}\" ctrllimited=\"true\" ctrlrange=\"{lo} {hi}\"",
+            self.attribute
+        );
+        let force = match self.force {
+            Some([lo, hi]) => format!("forcelimited=\"true\" forcerange=\"{lo} {hi}\""),
+            None => "forcelimited=\"false\"".to_owned(),
+        };
+        match self.servo {
+            None => write!(out, "<motor {common} {force}/>").ok(),
+            Some(Law { gain, bias: [a, b, c] }) => write!(
+                out,
+                "<general {common} {force} dyntype=\"none\" gaintype=\"fixed\" gainprm=\"{gain}\" biastype=\"affine\" biasprm=\"{a} {b} {c}\"/>"
+            )
+            .ok(),
+        };
+    }
+}
+
+/// Makes every actuator a motor or servo with limits; makes motors where there are none.
 pub(super) fn actuators(
     draft: &mut Draft,
     model: &Model,
     config: &ImportConfig,
 ) -> Result<(), Error> {
-    let good = |a: usize| is_motor(model, a) && ctrlrange(model, a).is_some();
-    let all_good = (0..model.nu()).all(good);
-    if model.nu() > 0 && (all_good || config.keep_servos) {
+    let keep = config.servos == Servos::Keep;
+    let good = |a: usize| {
+        let law = Law::of(model, a).filter(|l| l.is_motor() || keep);
+        law.is_some() && ctrlrange(model, a).is_some()
+    };
+    let told = draft.words.servos.iter().any(|w| *w != Servo::default());
+    let stiff = keep && (0..model.nu()).any(|a| moved_damping(draft, model, a).is_some());
+    let as_it_is = !told && !stiff && draft.words.torque.is_empty() && (0..model.nu()).all(good);
+    if model.nu() > 0 && as_it_is {
         return Ok(());
     }
     let mut motors = Vec::new();
@@ -75,6 +112,8 @@ pub(super) fn actuators(
                 target: name.to_owned(),
                 gear: 1.0,
                 limit: [-config.effort, config.effort],
+                servo: None,
+                force: None,
             });
         }
         draft.assumed.push(format!(
@@ -93,22 +132,14 @@ pub(super) fn actuators(
         let message = "no joint can be driven: all actuators pull at sites or bodies".to_owned();
         return Err(Error::Unfit { message, path: config.source.clone() });
     }
+    let damping = if keep { move_damping(draft, model) } else { BTreeMap::new() };
     let xml = without_actuators(draft, config)?;
-    draft.xml = xml;
+    draft.xml = text::with_damping(&xml, &damping).map_err(|_unnamed| Error::Unfit {
+        message: "a joint whose servo is damped is not written with its name".to_owned(),
+        path: config.source.clone(),
+    })?;
     let mut section = String::from("<actuator>");
-    for m in &motors {
-        write!(
-            section,
-            "<motor name=\"{}\" {}=\"{}\" gear=\"{}\" ctrllimited=\"true\" ctrlrange=\"{} {}\" forcelimited=\"false\"/>",
-            escape(&m.name),
-            m.attribute,
-            escape(&m.target),
-            m.gear,
-            m.limit[0],
-            m.limit[1]
-        )
-        .ok();
-    }
+    motors.iter().for_each(|m| m.write(&mut section));
     section.push_str("</actuator>");
     draft.append(&section, &config.source)
 }
@@ -144,12 +175,17 @@ fn motor(draft: &mut Draft, model: &Model, a: usize, config: &ImportConfig) -> O
     let name = called.unwrap_or(&target).to_owned();
     let gear = model.actuator_gear().get(6 * a).copied().unwrap_or(1.0);
     let gain = model.actuator_gainprm().get(10 * a).copied().unwrap_or(1.0);
-    let forced = model.actuator_forcelimited().get(a).is_some_and(|l| *l != 0);
-    let force: Option<[f64; 2]> = model
-        .actuator_forcerange()
-        .get(2 * a..2 * a + 2)
-        .filter(|_| forced)
-        .and_then(|r| r.try_into().ok());
+    let force = force_range(draft, model, a, gear);
+    if let Some(law) = servo_law(draft, model, a)
+        && config.servos == Servos::Keep
+    {
+        let limit = servo_range(draft, model, a, &law, &name);
+        let mut law = law;
+        if moved_damping(draft, model, a).is_some() {
+            law.bias[2] = 0.0;
+        }
+        return Some(Motor { name, attribute, target, gear, limit, servo: Some(law), force });
+    }
     let limit = match (is_motor(model, a), ctrlrange(model, a), force) {
         (true, Some([lo, hi]), None) => [lo * gain, hi * gain],
         (true, Some([lo, hi]), Some([f_lo, f_hi])) => {
@@ -169,7 +205,111 @@ fn motor(draft: &mut Draft, model: &Model, a: usize, config: &ImportConfig) -> O
             [-e, e]
         }
     };
-    Some(Motor { name, attribute, target, gear, limit })
+    Some(Motor { name, attribute, target, gear, limit, servo: None, force: None })
+}
+
+/// Limits of an actuator's force: its own, within those of the joint that it pulls at.
+fn force_range(draft: &Draft, model: &Model, a: usize, gear: f64) -> Option<[f64; 2]> {
+    let own = (model.actuator_forcelimited()[a] != 0)
+        .then(|| [model.actuator_forcerange()[2 * a], model.actuator_forcerange()[2 * a + 1]]);
+    let joint = match model.transmission(a) {
+        Some(Transmission::Joint(j)) if gear != 0.0 => {
+            model.name(Kind::Joint, j).and_then(|n| draft.words.torque.get(n))
+        }
+        _ => None,
+    };
+    let joint = joint.map(|[lo, hi]| ordered([lo / gear, hi / gear]));
+    match (own, joint) {
+        (Some([a, b]), Some([lo, hi])) => Some([a.max(lo), b.min(hi)]),
+        (own, joint) => own.or(joint),
+    }
+}
+
+/// The law of a servo, with what later versions say of it; `None` for motors and for
+/// actuators with dynamics.
+fn servo_law(draft: &Draft, model: &Model, a: usize) -> Option<Law> {
+    let mut law = Law::of(model, a).filter(|l| !l.is_motor())?;
+    let words = draft.words.servos.get(a).copied().unwrap_or_default();
+    let stiffness = -law.bias[1];
+    if let Some(kv) = words.kv {
+        law.bias[2] = -kv;
+    } else if let Some(ratio) = words.dampratio
+        && let Some(Transmission::Joint(j)) = model.transmission(a)
+        && stiffness > 0.0
+    {
+        let gear = model.actuator_gear()[6 * a];
+        let mass = model.dof_M0()[model.jnt_dofadr()[j] as usize] / (gear * gear);
+        law.bias[2] = -2.0 * ratio * (stiffness * mass).sqrt();
+    }
+    Some(law)
+}
+
+/// The joint whose damping takes over that of its servo, and the joint's new damping. The
+/// simulator integrates the damping of joints implicitly and that of servos explicitly, which
+/// on a light joint grows from step to step.
+fn moved_damping(draft: &Draft, model: &Model, a: usize) -> Option<(usize, f64)> {
+    /// Share of its speed that a servo may take from a joint in a step.
+    const MOST: f64 = 0.5;
+    let law = servo_law(draft, model, a)?;
+    let Some(Transmission::Joint(joint)) = model.transmission(a) else { return None };
+    let dof = model.jnt_dofadr()[joint] as usize;
+    let gear = model.actuator_gear()[6 * a];
+    let (own, more) = (model.dof_damping()[dof], -gear * gear * law.bias[2]);
+    let resists = model.dof_M0()[dof] + SIM_DT * own;
+    (SIM_DT * more > MOST * resists).then_some((joint, own + more))
+}
+
+/// All of these by name, which are said.
+fn move_damping(draft: &mut Draft, model: &Model) -> BTreeMap<String, f64> {
+    let mut moved = BTreeMap::new();
+    for (joint, damping) in (0..model.nu()).filter_map(|a| moved_damping(draft, model, a)) {
+        if let Some(name) = model.name(Kind::Joint, joint) {
+            moved.insert(name.to_owned(), damping);
+        }
+    }
+    if !moved.is_empty() {
+        let names: Vec<&str> = moved.keys().map(String::as_str).collect();
+        draft.changed.push(format!(
+            "the damping of servos became that of their joints, where steps of 5 ms would not \
+             bear it: {}",
+            names.join(", ")
+        ));
+    }
+    moved
+}
+
+/// The control range of a servo: its own, else the range of its joint or tendon, else a guess.
+fn servo_range(draft: &mut Draft, model: &Model, a: usize, law: &Law, name: &str) -> [f64; 2] {
+    /// Speeds of a velocity servo and room of an endless joint where nothing is said.
+    const SPEED: f64 = 2.0;
+    const ROOM: f64 = std::f64::consts::PI;
+    let inherits = draft.words.servos.get(a).is_some_and(|w| w.inherits);
+    if let Some(range) = ctrlrange(model, a).filter(|_| !inherits) {
+        return range;
+    }
+    if !law.is_position() {
+        draft.assumed.push(format!("velocity servo \"{name}\" has no limits: +-{SPEED}"));
+        return [-SPEED, SPEED];
+    }
+    let gear = model.actuator_gear()[6 * a];
+    match model.transmission(a) {
+        Some(Transmission::Joint(j)) if model.jnt_limited()[j] != 0 => {
+            let range = [model.jnt_range()[2 * j], model.jnt_range()[2 * j + 1]];
+            ordered(range.map(|v| gear * v))
+        }
+        Some(Transmission::Tendon(t)) if model.tendon_limited()[t] != 0 => {
+            let range = [model.tendon_range()[2 * t], model.tendon_range()[2 * t + 1]];
+            ordered(range.map(|v| gear * v))
+        }
+        _ => {
+            draft.assumed.push(format!("position servo \"{name}\" has no limits: +-{ROOM:.4}"));
+            [-ROOM, ROOM]
+        }
+    }
+}
+
+fn ordered([a, b]: [f64; 2]) -> [f64; 2] {
+    [a.min(b), a.max(b)]
 }
 
 /// The model without its actuators, and without the controls in its keyframes.

@@ -7,12 +7,61 @@ use roxmltree::{Document, Node};
 
 use super::config::ImportConfig;
 use super::draft::{ASSET_DIR, Draft, physics};
+use super::loose::{self, blank};
+use super::modern;
+use super::words::Words;
 use crate::robot::text::Edits;
 use crate::robot::{Error, mesh, preparse, text};
 
 /// Attributes of later versions (or of tools) that 2.2.2 does not know and that change
 /// nothing we use: (element, attribute).
 const UNKNOWN: &[(&str, &str)] = &[
+    ("camera", "focal"),
+    ("camera", "focalpixel"),
+    ("camera", "orthographic"),
+    ("camera", "output"),
+    ("camera", "principal"),
+    ("camera", "principalpixel"),
+    ("camera", "projection"),
+    ("camera", "resolution"),
+    ("camera", "sensorsize"),
+    ("light", "bulbradius"),
+    ("light", "intensity"),
+    ("light", "range"),
+    ("light", "texture"),
+    ("light", "type"),
+    ("default", "group"),
+    ("fixed", "actuatorfrclimited"),
+    ("fixed", "actuatorfrcrange"),
+    ("fixed", "armature"),
+    ("spatial", "actuatorfrclimited"),
+    ("spatial", "actuatorfrcrange"),
+    ("spatial", "armature"),
+    ("tendon", "actuatorfrclimited"),
+    ("tendon", "actuatorfrcrange"),
+    ("tendon", "armature"),
+    ("general", "actdim"),
+    ("general", "actearly"),
+    ("general", "delay"),
+    ("general", "interp"),
+    ("general", "nsample"),
+    ("position", "actearly"),
+    ("position", "delay"),
+    ("position", "interp"),
+    ("position", "nsample"),
+    ("position", "timeconst"),
+    ("motor", "delay"),
+    ("motor", "interp"),
+    ("motor", "nsample"),
+    ("velocity", "delay"),
+    ("velocity", "interp"),
+    ("velocity", "nsample"),
+    ("intvelocity", "actearly"),
+    ("joint", "actuatorgravcomp"),
+    ("flag", "invdiscrete"),
+    ("flag", "sleep"),
+    ("option", "sleep_tolerance"),
+    ("compiler", "fitaabb"),
     ("option", "actuatorgroupdisable"),
     ("option", "ccd_iterations"),
     ("option", "ccd_tolerance"),
@@ -40,18 +89,17 @@ const UNKNOWN: &[(&str, &str)] = &[
     ("hfield", "content_type"),
     ("joint", "actuatorfrclimited"),
     ("joint", "actuatorfrcrange"),
-    ("joint", "actuatorgravcomp"),
     ("freejoint", "align"),
     ("body", "gravcomp"),
     ("body", "sleep"),
-    ("general", "actdim"),
-    ("general", "actearly"),
-    ("position", "actearly"),
     ("position", "dampratio"),
     ("position", "inheritrange"),
     ("position", "kv"),
-    ("position", "timeconst"),
 ];
+
+/// Attributes of the list above that [`Words`] keeps, so that nothing is lost.
+const KEPT: &[&str] =
+    &["actuatorfrclimited", "actuatorfrcrange", "gravcomp", "dampratio", "inheritrange", "kv"];
 
 /// Sections that the simulation of a robot does without.
 const UNUSED: &[&str] = &["visual", "sensor", "statistic"];
@@ -63,49 +111,98 @@ pub(super) fn draft(project: &preparse::Project, config: &ImportConfig) -> Resul
         let message = "--base-height is for URDF; an MJCF places its own base".to_owned();
         return Err(Error::Unfit { message, path: path.clone() });
     }
-    let doc = preparse::parse(&project.xml, path)?;
+    let named = plain(project, config, &mut draft)?;
+    let doc = preparse::parse(&named, path)?;
     let mut edits = Edits::default();
-    let mut removed = BTreeSet::new();
+    draft.words = Words::of(&doc);
     for node in doc.descendants().filter(Node::is_element) {
-        attributes(node, &mut edits, &mut removed);
+        attributes(node, &mut edits, &mut draft.unknown);
     }
     for section in doc.root_element().children().filter(Node::is_element) {
         let tag = section.tag_name().name();
         if UNUSED.contains(&tag) {
-            edits.replace(section.range(), blank(&project.xml, section));
+            edits.replace(section.range(), blank(&named, section));
             if tag == "sensor" {
                 draft.dropped.push("sensors: the state is the joint positions".into());
             }
         }
     }
-    if !removed.is_empty() {
-        let list: Vec<String> = removed.into_iter().collect();
-        draft
-            .dropped
-            .push(format!("attributes that MuJoCo 2.2.2 does not know: {}", list.join(", ")));
-    }
+    adhesion(&doc, &mut draft, &mut edits);
+    mocap(&doc, &mut draft, &mut edits);
     files(&doc, project, &mut draft, &mut edits)?;
-    names(&doc, &mut draft, &mut edits);
     let loosened = free_base(&doc, path, config, &mut draft, &mut edits)?;
     weld(&doc, path, config, &mut draft, &mut edits)?;
     if loosened || !config.weld.is_empty() {
         for key in doc.root_element().children().filter(|n| n.has_tag_name("keyframe")) {
-            edits.replace(key.range(), blank(&project.xml, key));
+            edits.replace(key.range(), blank(&named, key));
             draft.dropped.push("keyframes: they count the coordinates that were taken away".into());
         }
     }
     let limits = autolimits(&doc);
-    draft.xml = edits.apply(&project.xml);
+    draft.xml = edits.apply(&named);
     drop(doc);
     draft.changed.push(
         "physics: time step 0.005 s, Euler, pyramidal friction cone, 20 Hz control".to_owned(),
     );
     let dirs = format!(
-        "<compiler meshdir=\"{ASSET_DIR}\" texturedir=\"{ASSET_DIR}\" strippath=\"false\"{limits}/>{}",
-        physics()
+        "<compiler meshdir=\"{ASSET_DIR}\" texturedir=\"{ASSET_DIR}\" strippath=\"false\"{limits}/>{}{}",
+        physics(),
+        weightless(&mut draft)
     );
     draft.append(&dirs, path)?;
     Ok(draft)
+}
+
+/// The text in the words of 2.2.2 with a name on every part, without what is left out.
+fn plain(
+    project: &preparse::Project,
+    config: &ImportConfig,
+    draft: &mut Draft,
+) -> Result<String, Error> {
+    let path = &project.path;
+    let flat = modern::flatten(project.xml.clone(), path, draft)?;
+    let doc = preparse::parse(&flat, path)?;
+    let mut edits = Edits::default();
+    names(&doc, draft, &mut edits);
+    let named = edits.apply(&flat);
+    loose::without(named, &config.without, path, draft)
+}
+
+/// Gravity, where the source compensates it for every moving body: then there is none.
+fn weightless(draft: &mut Draft) -> &'static str {
+    let Words { moving, weightless, .. } = draft.words;
+    if weightless == 0 {
+        return "";
+    }
+    if weightless == moving {
+        draft
+            .changed
+            .push("gravity is off: the source compensates it on every body (gravcomp)".into());
+        return "<option gravity=\"0 0 0\"/>";
+    }
+    draft.dropped.push(format!(
+        "gravcomp: the source compensates the gravity of {weightless} of {moving} moving bodies, \
+         here the motors carry it"
+    ));
+    ""
+}
+
+/// Suction pulls at bodies and not at joints; its elements may lack what 2.2.2 asks for.
+fn adhesion(doc: &Document<'_>, draft: &mut Draft, edits: &mut Edits) {
+    let is = |n: &Node<'_, '_>| {
+        n.has_tag_name("adhesion")
+            && n.parent().is_some_and(|p| p.has_tag_name("actuator") || p.has_tag_name("default"))
+    };
+    let mut count = 0;
+    for node in doc.descendants().filter(is) {
+        edits.replace(node.range(), "");
+        count += usize::from(node.parent().is_some_and(|p| p.has_tag_name("actuator")));
+    }
+    if count > 0 {
+        draft
+            .dropped
+            .push(format!("{count} adhesion actuators: they pull at bodies, not at joints"));
+    }
 }
 
 fn title(project: &preparse::Project) -> String {
@@ -117,22 +214,39 @@ fn title(project: &preparse::Project) -> String {
     })
 }
 
-/// As many line breaks as the node has, so that later lines keep their numbers.
-fn blank(xml: &str, node: Node<'_, '_>) -> String {
-    let lines = xml.get(node.range()).map_or(0, |t| t.matches('\n').count());
-    "\n".repeat(lines)
-}
-
 fn attributes(node: Node<'_, '_>, edits: &mut Edits, removed: &mut BTreeSet<String>) {
     let tag = node.tag_name().name();
     for (element, attribute) in UNKNOWN {
         if *element == tag && node.has_attribute(*attribute) {
             edits.unset(node, attribute);
-            removed.insert(format!("{tag}/{attribute}"));
+            if !KEPT.contains(attribute) {
+                removed.insert(format!("{tag}/{attribute}"));
+            }
         }
     }
     if tag == "option" && matches!(node.attribute("integrator"), Some("implicitfast")) {
         edits.unset(node, "integrator");
+    }
+}
+
+/// Welds to mocap bodies hold a robot like a hand that nobody moves here.
+fn mocap(doc: &Document<'_>, draft: &mut Draft, edits: &mut Edits) {
+    let led: BTreeSet<&str> = doc
+        .descendants()
+        .filter(|n| n.has_tag_name("body") && n.attribute("mocap") == Some("true"))
+        .filter_map(|n| n.attribute("name"))
+        .collect();
+    let sections = doc.root_element().children().filter(|n| n.has_tag_name("equality"));
+    let mut count = 0;
+    for tie in sections.flat_map(|s| s.children().filter(Node::is_element)) {
+        let ends = ["body1", "body2"].map(|a| tie.attribute(a));
+        if ends.into_iter().flatten().any(|b| led.contains(b)) {
+            edits.replace(tie.range(), "");
+            count += 1;
+        }
+    }
+    if count > 0 {
+        draft.dropped.push(format!("{count} ties to mocap bodies, which would hold the robot"));
     }
 }
 
@@ -211,18 +325,14 @@ fn free_base(
     draft: &mut Draft,
     edits: &mut Edits,
 ) -> Result<bool, Error> {
-    let free = |n: &Node<'_, '_>| {
-        let says = n.has_tag_name("freejoint")
-            || (n.has_tag_name("joint") && n.attribute("type") == Some("free"));
-        says && n.parent().is_some_and(|p| p.has_tag_name("body"))
-    };
+    let floating = loose::floating(doc);
+    if let Some(first) = floating.first()
+        && !config.fixed_base
+    {
+        return Err(preparse::refuse(*first, path, loose::ways_out(&floating)));
+    }
     let mut any = false;
-    for node in doc.descendants().filter(free) {
-        if !config.fixed_base {
-            let message = "this body floats freely; the state takes hinge and slide joints only. \
-                           To hold it still where it is: --fixed-base";
-            return Err(preparse::refuse(node, path, message));
-        }
+    for node in floating {
         any = true;
         edits.replace(node.range(), "");
         let body = node.parent().and_then(|p| p.attribute("name")).unwrap_or("a body");

@@ -8,19 +8,25 @@
 //! Rejected: `MuJoCo`'s own URDF loader, which drops effort, velocity and mimic, cuts
 //! `package://` paths to the base name and makes no actuators.
 
+mod classes;
 mod config;
 mod contacts;
 mod description;
 mod draft;
 mod drives;
 mod fix;
+mod loose;
 mod mjcf;
+mod modern;
+mod plausible;
+mod unknown;
 mod urdf;
+mod words;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-pub use config::{Drives, ImportConfig, Report};
+pub use config::{Drives, ImportConfig, Report, Servos};
 
 use super::pace::{self, Pace};
 use super::{Assets, Error, MODEL_FILE, PROFILE_FILE, Robot, check, derive, preparse, profile};
@@ -68,6 +74,7 @@ pub fn import(config: &ImportConfig) -> Result<Report, Error> {
     let temp =
         tempfile::Builder::new().prefix(".robert-import-").tempdir_in(&parent).map_err(write)?;
     let (model, xml) = settle_draft(&mut draft, &project, config, temp.path())?;
+    plausible::check(&mut draft, &model)?;
     let profile = describe(&mut draft, &model, &id, config)?;
     write_files(temp.path(), &xml, &draft.assets, &profile)?;
     // The way every later command will take.
@@ -102,8 +109,8 @@ fn settle_draft(
 ) -> Result<(Arc<Model>, String), Error> {
     // Errors of the draft carry its own path; the user knows another.
     let say = |e: Error| named(e, &dir.join(MODEL_FILE), project);
-    write_model(dir, &draft.xml, &draft.assets)?;
-    check::compile(&dir.join(MODEL_FILE), &config.checker, 0).map_err(say)?;
+    compile_healed(draft, project, config, dir)?;
+    unknown::tell(draft);
     let mut first = compile(&draft.xml, &draft.assets).map_err(say)?;
     if fix::joints(draft, &first, project, config)? {
         first = compile(&draft.xml, &draft.assets).map_err(say)?;
@@ -119,6 +126,37 @@ fn settle_draft(
     write_model(dir, &draft.xml, &draft.assets)?;
     check::compile(&dir.join(MODEL_FILE), &config.checker, check::STEPS).map_err(say)?;
     Ok((last, draft.xml.clone()))
+}
+
+/// Compiles the draft in a child process, healed where that loses nothing.
+fn compile_healed(
+    draft: &mut Draft,
+    project: &preparse::Project,
+    config: &ImportConfig,
+    dir: &Path,
+) -> Result<(), Error> {
+    let path = dir.join(MODEL_FILE);
+    loop {
+        write_model(dir, &draft.xml, &draft.assets)?;
+        let Err(error) = check::compile(&path, &config.checker, 0) else { return Ok(()) };
+        if !unknown::heal(draft, &error, &project.path)? {
+            return Err(hinted(named(error, &path, project)));
+        }
+    }
+}
+
+/// The error with the way out, where one is known.
+fn hinted(e: Error) -> Error {
+    match e {
+        Error::Checked { message, class, path } => {
+            let message = match unknown::hint(&message) {
+                Some(hint) => message + hint,
+                None => message,
+            };
+            Error::Checked { message, class, path }
+        }
+        other => other,
+    }
 }
 
 fn compile(xml: &str, assets: &Assets) -> Result<Model, Error> {

@@ -81,6 +81,10 @@ pub(super) fn draft(project: &preparse::Project, config: &ImportConfig) -> Resul
     for joint in &robot.joints {
         tree.children.entry(joint.parent.as_str()).or_default().push(joint);
     }
+    if let Some(name) = config.without.first() {
+        let message = format!("--without {name}: only bodies of an MJCF are left out");
+        return Err(Error::Unfit { message, path: path.clone() });
+    }
     for name in &config.weld {
         if !robot.joints.iter().any(|j| j.name == *name) {
             let message = format!("--weld {name}: there is no such joint");
@@ -256,8 +260,8 @@ fn check_link(l: &Link) -> Result<(), String> {
     if let Some(v) = all.iter().find(|v| !v.is_finite() || v.abs() > 1e9) {
         return Err(format!("it holds {v}, beyond any physical body"));
     }
-    if l.inertial.mass < 0.0 || i.ixx < 0.0 || i.iyy < 0.0 || i.izz < 0.0 {
-        return Err("mass and principal inertia are not negative".into());
+    if l.inertial.mass < 0.0 {
+        return Err("its mass is negative".into());
     }
     Ok(())
 }
@@ -413,13 +417,12 @@ impl<'a> Tree<'a> {
                 return Err(self.refuse_joint(j, "floats freely; the state takes hinge and slide joints only. To hold it still: --fixed-base"));
             }
             JointType::Planar => {
-                return Err(self.refuse_joint(
-                    j,
-                    "is planar; write it as two prismatic joints and a revolute one",
-                ));
+                let how = "is planar; write it as two prismatic joints and a revolute one";
+                return Err(self.refuse_joint(j, &or_weld(how, &j.name)));
             }
             JointType::Spherical => {
-                return Err(self.refuse_joint(j, "is spherical; write it as three revolute joints"));
+                let how = "is spherical; write it as three revolute joints";
+                return Err(self.refuse_joint(j, &or_weld(how, &j.name)));
             }
         };
         let [x, y, z] = j.axis;
@@ -598,7 +601,9 @@ impl<'a> Tree<'a> {
         };
         let mut files = Painted::new();
         for part in &parts {
-            files.push((self.draft.add(file, "stl", part.to_stl())?, part.rgba));
+            for piece in part.to_stl() {
+                files.push((self.draft.add(file, "stl", piece)?, part.rgba));
+            }
         }
         self.painted.insert(file.to_owned(), files.clone());
         Ok(Ok(files))
@@ -685,6 +690,11 @@ impl<'a> Tree<'a> {
         self.draft.assumed.push(format!("armature {ARMATURE} at every joint without another"));
         Ok(self.draft)
     }
+}
+
+/// The same with the other way out: the joint is held still.
+fn or_weld(how: &str, joint: &str) -> String {
+    format!("{how}, or hold it still: --weld {joint}")
 }
 
 /// Whether a shape can be taken over: all but meshes in formats that are not read.

@@ -3,13 +3,14 @@
 //! Five clips are generated from the robot's limits, speeds and a seed: a dense sway of all joints,
 //! the same with every tenth frame visible, poses with open gaps between, the same with one visible
 //! frame per hold, and one joint after another. Poses are settled in simulation first and used only
-//! if the motors can hold them. Gaps are long enough for the speeds of the profile. Seed 0 is for
+//! if the motors can hold them. Gaps are long enough for the speeds of the profile, and motions are
+//! short enough for the longest gap. Joints that no motor moves are left free. Seed 0 is for
 //! choosing checkpoints, others are for reports.
 
 use std::f64::consts::TAU;
 
 use super::author::{Authored, blank, dense, middles, sequence, thinned};
-use crate::clip::Clip;
+use crate::clip::{Clip, Goal};
 use crate::rng::{Rng, Stream};
 use crate::robot::{Error, Robot, StateJoint};
 use crate::units::CTRL_DT;
@@ -20,6 +21,8 @@ const REACH: f64 = 0.45;
 const UNBOUNDED: [f64; 2] = [1.5, 0.5];
 /// Share of the greatest sustained speed for which gaps are planned.
 const PACE: f64 = 0.45;
+/// Longest gap, frames.
+const LONGEST_GAP: u32 = 60;
 /// Poses to try before the best one is used although the motors do not reach it.
 const TRIES: u64 = 12;
 /// Frames that a pose is held for.
@@ -53,7 +56,11 @@ pub fn trial(robot: &Robot, seed: u64) -> Result<Vec<Authored>, Error> {
         steps.push(robot.settle(&at)?.reached);
     }
     let turns = through(robot, "turns", "One joint after another.", &home, &steps);
-    let made = |name, clip| Authored { name, suite: "trial", clip };
+    let driven = robot.driven()?;
+    let made = |name, mut clip: Clip| {
+        leave_free(&mut clip, &driven, &home);
+        Authored { name, suite: "trial", clip }
+    };
     Ok(vec![
         made("sway", sway),
         made("sway_sparse", thin),
@@ -92,8 +99,33 @@ fn held(robot: &Robot, seed: u64, index: u64) -> Result<Vec<f64>, Error> {
     Ok(best.map_or_else(|| robot.home(), |(_, pose)| pose))
 }
 
-/// How far a joint goes from home, with the sign of the wider side.
+/// Takes the goals of joints that nothing drives out of a clip; they start at home.
+fn leave_free(clip: &mut Clip, driven: &[bool], home: &[f64]) {
+    if driven.iter().all(|d| *d) {
+        return;
+    }
+    let free = |row: &mut Vec<Option<f64>>| {
+        row.iter_mut().zip(driven).filter(|(_, d)| !**d).for_each(|(q, _)| *q = None);
+    };
+    clip.start = Some(crate::clip::Start::Q(home.to_vec()));
+    clip.poses.values_mut().for_each(free);
+    for key in &mut clip.keys {
+        if let Goal::Q(row) = &mut key.goal {
+            free(row);
+        }
+    }
+}
+
+/// How far a joint goes from home, with the sign of the wider side: within what it can go
+/// in the longest gap.
 fn room(j: &StateJoint, home: f64) -> f64 {
+    let most = PACE * j.speed_limit * f64::from(LONGEST_GAP) * CTRL_DT;
+    let room = free_room(j, home);
+    room.clamp(-most, most)
+}
+
+/// The same, however fast the joint is.
+fn free_room(j: &StateJoint, home: f64) -> f64 {
     if j.unbounded {
         let slides = j.unit == crate::units::Unit::M;
         return UNBOUNDED[usize::from(slides)];
@@ -145,7 +177,7 @@ fn gap(robot: &Robot, from: &[f64], to: &[f64]) -> u32 {
     let secs = joints
         .map(|((j, a), b)| (b - a).abs() / (PACE * j.speed_limit.max(1e-3)))
         .fold(0.0, f64::max);
-    ((secs / CTRL_DT).ceil() as u32).clamp(8, 60)
+    ((secs / CTRL_DT).ceil() as u32).clamp(8, LONGEST_GAP)
 }
 
 #[cfg(test)]

@@ -1,0 +1,42 @@
+//! Which joints the actuators move at all.
+
+use super::{Coupling, Error, Robot};
+use crate::mujoco::Data;
+
+impl Robot {
+    /// Whether an actuator pulls at each joint of the state, by itself or through a joint that
+    /// it follows; (S). The others hang, roll or swing as they like.
+    ///
+    /// # Errors
+    /// [`Error::Simulator`].
+    pub fn driven(&self) -> Result<Vec<bool>, Error> {
+        let mut data = Data::new(self.model())?;
+        self.write_state(&mut data, &self.home())?;
+        data.forward()?;
+        let (nu, nv) = (self.model().nu(), self.model().nv());
+        let moment = data.actuator_moment();
+        let pulled = |dof: usize| (0..nu).any(|a| moment[a * nv + dof] != 0.0);
+        let mut driven: Vec<bool> = self.joints().iter().map(|j| pulled(j.dofadr)).collect();
+        // A chain of followers is as long as the robot at most.
+        for _ in 0..driven.len() {
+            for coupling in &self.profile().couplings {
+                let Coupling::Mimic { follower, leader, .. } = coupling else { continue };
+                let (f, l) = (self.joint_index(follower)?, self.joint_index(leader)?);
+                driven[f] = driven[f] || driven[l];
+            }
+        }
+        Ok(driven)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn all_joints_of_the_robots_in_the_program_are_driven() {
+        for id in Robot::builtin_ids() {
+            assert!(Robot::builtin(id).unwrap().driven().unwrap().iter().all(|d| *d), "{id}");
+        }
+    }
+}

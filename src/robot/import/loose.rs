@@ -1,0 +1,172 @@
+//! Bodies that are left out of a model, with everything that speaks of them, and bodies that
+//! float.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+
+use roxmltree::{Document, Node};
+
+use super::draft::Draft;
+use crate::robot::text::Edits;
+use crate::robot::{Error, preparse};
+
+/// Sections whose entries refer to parts of bodies.
+const SECTIONS: &[&str] = &["actuator", "tendon", "equality", "contact", "sensor", "deformable"];
+/// What an attribute refers to, by the element that has the name.
+const REFERENCES: &[(&str, &[&str])] = &[
+    ("body", &["body", "body1", "body2", "bodyname", "target"]),
+    ("joint", &["joint", "joint1", "joint2", "jointinparent"]),
+    ("geom", &["geom", "geom1", "geom2"]),
+    ("site", &["site", "site1", "site2", "refsite", "cranksite", "slidersite", "sidesite"]),
+    ("tendon", &["tendon", "tendon1", "tendon2"]),
+];
+
+/// The text without these bodies.
+///
+/// # Errors
+/// [`Error::Unfit`] for a name that no body has.
+pub(super) fn without(
+    mut xml: String,
+    names: &[String],
+    path: &Path,
+    draft: &mut Draft,
+) -> Result<String, Error> {
+    for name in names {
+        xml = without_one(&xml, name, path, draft)?;
+    }
+    Ok(xml)
+}
+
+fn without_one(xml: &str, name: &str, path: &Path, draft: &mut Draft) -> Result<String, Error> {
+    let doc = preparse::parse(xml, path)?;
+    let is = |n: &Node<'_, '_>| n.has_tag_name("body") && n.attribute("name") == Some(name);
+    let Some(body) = doc.descendants().find(|n| is(n) && in_world(n)) else {
+        let frame = |n: &Node<'_, '_>| {
+            let name = n.attribute("name").unwrap_or_default();
+            n.has_tag_name("body") && (name.starts_with("frame_") || name.starts_with("replica_"))
+        };
+        let top = |n: &Node<'_, '_>| n.has_tag_name("worldbody") || frame(n);
+        let known: Vec<&str> = doc
+            .descendants()
+            .filter(|n| n.has_tag_name("body") && !frame(n) && n.parent().is_some_and(|p| top(&p)))
+            .filter_map(|n| n.attribute("name"))
+            .collect();
+        let message = format!(
+            "--without {name}: there is no such body; in the world are: {}",
+            known.join(", ")
+        );
+        return Err(Error::Unfit { message, path: path.to_owned() });
+    };
+    let mut gone: BTreeMap<&str, BTreeSet<&str>> = BTreeMap::new();
+    for n in body.descendants().filter(Node::is_element) {
+        let kind = match n.tag_name().name() {
+            "body" => "body",
+            "joint" | "freejoint" => "joint",
+            "geom" => "geom",
+            "site" => "site",
+            _ => continue,
+        };
+        if let Some(value) = n.attribute("name") {
+            gone.entry(kind).or_default().insert(value);
+        }
+    }
+    let mut removed: BTreeSet<usize> = BTreeSet::new();
+    let mut edits = Edits::default();
+    edits.replace(body.range(), blank(xml, body));
+    // A tendon that goes takes its motor along.
+    loop {
+        let before = removed.len();
+        for entry in doc.descendants().filter(is_entry) {
+            if removed.contains(&entry.range().start) {
+                continue;
+            }
+            let refers = |n: Node<'_, '_>| {
+                REFERENCES.iter().any(|(kind, attributes)| {
+                    let gone = gone.get(kind);
+                    attributes.iter().any(|a| {
+                        n.attribute(*a).is_some_and(|v| gone.is_some_and(|g| g.contains(v)))
+                    })
+                })
+            };
+            if entry.descendants().filter(Node::is_element).any(refers) {
+                removed.insert(entry.range().start);
+                edits.replace(entry.range(), blank(xml, entry));
+                let tendon = entry.parent().is_some_and(|p| p.has_tag_name("tendon"));
+                if let Some(name) = entry.attribute("name").filter(|_| tendon) {
+                    gone.entry("tendon").or_default().insert(name);
+                }
+            }
+        }
+        if removed.len() == before {
+            break;
+        }
+    }
+    // Cameras and lights that follow it.
+    let looks = |n: &Node<'_, '_>| n.has_tag_name("camera") || n.has_tag_name("light");
+    for node in doc.descendants().filter(looks) {
+        let bodies = gone.get("body");
+        if node.attribute("target").is_some_and(|t| bodies.is_some_and(|g| g.contains(t))) {
+            edits.replace(node.range(), blank(xml, node));
+        }
+    }
+    for key in doc.root_element().children().filter(|n| n.has_tag_name("keyframe")) {
+        edits.replace(key.range(), blank(xml, key));
+    }
+    draft.dropped.push(format!(
+        "body \"{name}\" and {} entries that speak of it; keyframes, which count its coordinates",
+        removed.len()
+    ));
+    Ok(edits.apply(xml))
+}
+
+fn in_world(n: &Node<'_, '_>) -> bool {
+    n.ancestors().any(|a| a.has_tag_name("worldbody"))
+}
+
+fn is_entry(n: &Node<'_, '_>) -> bool {
+    n.is_element()
+        && n.parent().is_some_and(|p| {
+            SECTIONS.iter().any(|s| p.has_tag_name(*s))
+                && p.parent_element().is_some_and(|r| r.has_tag_name("mujoco"))
+        })
+}
+
+/// As many line breaks as the node has, so that later lines keep their numbers.
+pub(super) fn blank(xml: &str, node: Node<'_, '_>) -> String {
+    let lines = xml.get(node.range()).map_or(0, |t| t.matches('\n').count());
+    "\n".repeat(lines)
+}
+
+/// The joints that let a body float, where the file says so itself.
+pub(super) fn floating<'a, 'd>(doc: &'a Document<'d>) -> Vec<Node<'a, 'd>> {
+    let free = |n: &Node<'_, '_>| {
+        let says = n.has_tag_name("freejoint")
+            || (n.has_tag_name("joint") && n.attribute("type") == Some("free"));
+        says && n.parent().is_some_and(|p| p.has_tag_name("body"))
+    };
+    doc.descendants().filter(free).collect()
+}
+
+/// Why a model with floating bodies is refused, and the ways out: loose objects go, a robot's
+/// base is held.
+pub(super) fn ways_out(floating: &[Node<'_, '_>]) -> String {
+    let body =
+        |n: &Node<'_, '_>| n.parent().and_then(|p| p.attribute("name")).unwrap_or("?").to_owned();
+    let jointed = |n: &&Node<'_, '_>| {
+        n.parent().is_some_and(|b| {
+            b.descendants().any(|d| d.has_tag_name("joint") && d.attribute("type") != Some("free"))
+        })
+    };
+    let loose: Vec<String> =
+        floating.iter().filter(|n| !jointed(n)).map(|n| format!("--without {}", body(n))).collect();
+    let bases: Vec<String> =
+        floating.iter().filter(jointed).map(|n| format!("\"{}\"", body(n))).collect();
+    let mut text =
+        "this body floats freely; the state takes hinge and slide joints only".to_owned();
+    if !loose.is_empty() {
+        text.push_str("; loose objects are left out by ");
+        text.push_str(&loose.join(" "));
+    }
+    let held = if bases.is_empty() { "what floats".to_owned() } else { bases.join(" and ") };
+    format!("{text}; to hold {held} still where it is: --fixed-base")
+}

@@ -1,0 +1,249 @@
+//! Elements of `MuJoCo` 3 in the words of 2.2.2: frames, replicas, attached models.
+//!
+//! A `<frame>` becomes a body without joints, which moves, weighs and collides as its parent
+//! does; a `<replicate>` becomes as many of them. Both are flattened from the inside out, on
+//! their lines as far as they can be.
+
+use std::fmt::Write as _;
+
+use nalgebra::{UnitQuaternion, Vector3};
+use roxmltree::Node;
+
+use super::draft::Draft;
+use crate::limits;
+use crate::robot::text::{Edits, before_close, escape};
+use crate::robot::{Error, preparse};
+
+/// Attributes of a `<frame>` that a body has, too.
+const POSE: &[&str] = &["pos", "quat", "axisangle", "xyaxes", "zaxis", "euler", "childclass"];
+/// Elements that this version does not have, with the way out.
+const REFUSED: &[(&str, &str)] = &[
+    (
+        "attach",
+        "<attach> puts another model here, which is MuJoCo 3's own work; write the whole model first: mujoco.MjSpec.from_file(FILE).to_xml()",
+    ),
+    (
+        "flexcomp",
+        "<flexcomp> is a soft body, which MuJoCo 2.2.2 does not have; take the element out",
+    ),
+    ("flex", "<flex> is a soft body, which MuJoCo 2.2.2 does not have; take the element out"),
+    ("plugin", "<plugin> needs a program of its own; take the element out"),
+];
+
+/// Flattens all frames and replicas of a text.
+///
+/// # Errors
+/// [`Error::Refused`] for what has no equal in 2.2.2, and for more replicas than are taken.
+pub(super) fn flatten(
+    mut xml: String,
+    path: &std::path::Path,
+    draft: &mut Draft,
+) -> Result<String, Error> {
+    let (mut frames, mut replicas) = (0, 0);
+    loop {
+        let doc = preparse::parse(&xml, path)?;
+        for (tag, why) in REFUSED {
+            let in_use = |n: &Node<'_, '_>| {
+                n.has_tag_name(*tag) && !n.ancestors().any(|a| a.has_tag_name("extension"))
+            };
+            if let Some(node) = doc.descendants().find(in_use) {
+                return Err(preparse::refuse(node, path, *why));
+            }
+        }
+        let modern = |n: &Node<'_, '_>| n.has_tag_name("frame") || n.has_tag_name("replicate");
+        let innermost =
+            |n: &Node<'_, '_>| modern(n) && !n.descendants().skip(1).any(|d| modern(&d));
+        let mut edits = Edits::default();
+        let mut any = false;
+        for node in doc.descendants().filter(innermost) {
+            // <frame> is a word of other sections, too; in those it has no children of ours.
+            if !node.ancestors().any(|a| a.has_tag_name("worldbody")) {
+                continue;
+            }
+            any = true;
+            if node.has_tag_name("frame") {
+                edits.replace(node.range(), frame(node, &xml, path, frames)?);
+                frames += 1;
+            } else {
+                edits.replace(node.range(), replicate(node, &xml, path, replicas)?);
+                replicas += 1;
+            }
+        }
+        drop(doc);
+        if !any {
+            break;
+        }
+        let next = edits.apply(&xml);
+        if next.len() as u64 > limits::MODEL_BYTES {
+            let message = "with its replicas written out the model is too large".to_owned();
+            return Err(Error::Refused { message, line: 0, column: 0, path: path.to_owned() });
+        }
+        xml = next;
+    }
+    if frames + replicas > 0 {
+        draft.changed.push(format!(
+            "{frames} frames and {replicas} replicas of MuJoCo 3 became bodies without joints"
+        ));
+    }
+    Ok(xml)
+}
+
+fn inner<'x>(node: Node<'_, '_>, xml: &'x str) -> &'x str {
+    match (node.first_child(), before_close(node)) {
+        (Some(first), Some(end)) => xml.get(first.range().start..end).unwrap_or_default(),
+        _ => "",
+    }
+}
+
+/// Joints cannot be children of the body that stands for a frame: they would turn another one.
+fn no_joints(node: Node<'_, '_>, path: &std::path::Path) -> Result<(), Error> {
+    let joint = |n: &Node<'_, '_>| n.has_tag_name("joint") || n.has_tag_name("freejoint");
+    match node.children().find(joint) {
+        Some(joint) => {
+            let tag = node.tag_name().name();
+            let message = format!("a joint inside of a <{tag}>; move it out, into the body itself");
+            Err(preparse::refuse(joint, path, message))
+        }
+        None => Ok(()),
+    }
+}
+
+fn frame(
+    node: Node<'_, '_>,
+    xml: &str,
+    path: &std::path::Path,
+    count: usize,
+) -> Result<String, Error> {
+    no_joints(node, path)?;
+    let mut attributes = String::new();
+    for name in POSE {
+        if let Some(value) = node.attribute(*name) {
+            write!(attributes, " {name}=\"{}\"", escape(value)).ok();
+        }
+    }
+    Ok(format!("<body name=\"frame_{count}\"{attributes}>{}</body>", inner(node, xml)))
+}
+
+/// Copy i stands at the i-th power of the step, and its names end in its number.
+fn replicate(
+    node: Node<'_, '_>,
+    xml: &str,
+    path: &std::path::Path,
+    index: usize,
+) -> Result<String, Error> {
+    no_joints(node, path)?;
+    let count: usize = node
+        .attribute("count")
+        .and_then(|c| c.trim().parse().ok())
+        .ok_or_else(|| preparse::refuse(node, path, "<replicate> has no count"))?;
+    if count > limits::BODIES {
+        let message = format!("count is {count}, at most {} are taken", limits::BODIES);
+        return Err(preparse::refuse(node, path, message));
+    }
+    let three = |name: &str| -> Result<Vector3<f64>, Error> {
+        let Some(text) = node.attribute(name) else { return Ok(Vector3::zeros()) };
+        let all: Vec<f64> = text.split_whitespace().filter_map(|t| t.parse().ok()).collect();
+        match all[..] {
+            [x, y, z] => Ok(Vector3::new(x, y, z)),
+            _ => Err(preparse::refuse(node, path, format!("{name} takes three numbers"))),
+        }
+    };
+    let compiler = |name: &str, value: &str| {
+        let root = node.document().root_element();
+        root.children().any(|n| n.has_tag_name("compiler") && n.attribute(name) == Some(value))
+    };
+    let (offset, mut euler) = (three("offset")?, three("euler")?);
+    if !compiler("angle", "radian") {
+        euler = euler.map(f64::to_radians);
+    }
+    // Intrinsic x, y, z, the default order.
+    let axes = [Vector3::x_axis(), Vector3::y_axis(), Vector3::z_axis()];
+    let step =
+        axes.iter().zip(euler.iter()).fold(UnitQuaternion::identity(), |q, (axis, angle)| {
+            q * UnitQuaternion::from_axis_angle(axis, *angle)
+        });
+    let digits = count.saturating_sub(1).max(1).to_string().len();
+    let separator = node.attribute("sep").unwrap_or("");
+    let (mut at, mut turned) = (Vector3::zeros(), UnitQuaternion::identity());
+    let mut out = String::new();
+    for i in 0..count {
+        let suffix = format!("{separator}{i:0digits$}");
+        let [x, y, z] = [at.x, at.y, at.z];
+        let q = turned.quaternion();
+        write!(
+            out,
+            "<body name=\"replica_{index}_{i}\" pos=\"{x} {y} {z}\" quat=\"{} {} {} {}\">{}</body>",
+            q.w,
+            q.i,
+            q.j,
+            q.k,
+            suffixed(node, xml, &suffix)
+        )
+        .ok();
+        at += turned * offset;
+        turned *= step;
+    }
+    Ok(out)
+}
+
+/// The content with a suffix on every name in it.
+fn suffixed(node: Node<'_, '_>, xml: &str, suffix: &str) -> String {
+    let mut edits = Edits::default();
+    let start = node.first_child().map_or(node.range().start, |c| c.range().start);
+    for d in node.descendants().skip(1).filter(Node::is_element) {
+        if let Some(name) = d.attributes().find(|a| a.name() == "name") {
+            let at = name.range_value();
+            edits.insert(at.end - start, suffix);
+        }
+    }
+    edits.apply(inner(node, xml))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mujoco::{Data, Kind, Model};
+    use std::sync::Arc;
+
+    fn flat(xml: &str) -> Result<String, Error> {
+        flatten(xml.to_owned(), std::path::Path::new("m.xml"), &mut Draft::default())
+    }
+
+    #[test]
+    fn frames_and_replicas_stand_where_they_stood() {
+        let xml = flat(
+            r#"<mujoco><worldbody><frame pos="1 0 0" euler="0 0 90"><geom name="g" size=".1" pos="1 0 0"/></frame>
+            <body name="b"><joint name="j" axis="0 1 0"/><geom size=".1"/>
+              <replicate count="3" offset="0 .5 0" euler="0 0 90" sep="-"><frame pos="0 0 1"><site name="s" pos="1 0 0"/></frame></replicate></body>
+            </worldbody></mujoco>"#,
+        )
+        .unwrap();
+        let model = Arc::new(Model::from_xml(&xml).unwrap());
+        let mut data = Data::new(&model).unwrap();
+        data.kinematics().unwrap();
+        let near = |got: &[f64], want: [f64; 3]| {
+            assert!(got.iter().zip(want).all(|(a, b)| (a - b).abs() < 1e-9), "{got:?} {want:?}");
+        };
+        let geom = model.id(Kind::Geom, "g").unwrap();
+        near(&data.geom_xpos()[3 * geom..3 * geom + 3], [1.0, 1.0, 0.0]);
+        for (i, want) in
+            [[1.0, 0.0, 1.0], [0.0, 1.5, 1.0], [-1.5, 0.5, 1.0]].into_iter().enumerate()
+        {
+            let site = model.id(Kind::Site, &format!("s-{i}")).unwrap();
+            near(&data.site_xpos()[3 * site..3 * site + 3], want);
+        }
+        assert_eq!(model.njnt(), 1);
+    }
+
+    #[test]
+    fn what_has_no_equal_names_line_and_way_out() {
+        let e = flat(
+            "<mujoco><worldbody>\n<body><attach model=\"x\" prefix=\"y\"/></body></worldbody></mujoco>",
+        );
+        let e = e.unwrap_err().to_string();
+        assert!(e.contains("m.xml:2:7") && e.contains("to_xml"), "{e}");
+        let e =
+            flat("<mujoco><worldbody><body><frame>\n<joint/></frame></body></worldbody></mujoco>");
+        assert!(e.unwrap_err().to_string().contains("m.xml:2:1"));
+    }
+}

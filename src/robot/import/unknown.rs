@@ -1,0 +1,66 @@
+//! Attributes of later versions that 2.2.2 does not know: what is said of them, and what the
+//! compiler stumbles over that an import can do without.
+
+use super::draft::Draft;
+use crate::robot::Error;
+
+/// Attributes that change how the robot moves, with what is lost: (attribute, what).
+const PHYSICS: &[(&str, &str)] = &[
+    ("gravcomp", "gravity is not compensated here"),
+    ("actuatorgravcomp", "gravity is not compensated here"),
+    ("actuatorfrcrange", "no limit on the force of tendons"),
+    ("timeconst", "the servo answers without delay"),
+    ("actdim", "actuators have no dynamics of their own"),
+    ("actearly", "controls act a time step later"),
+    ("delay", "controls act without delay"),
+    ("armature", "tendons have no inertia of their own"),
+];
+
+/// Changes the draft so that an error of the compiler goes away, where nothing is lost by it.
+/// Gives whether it did.
+pub(super) fn heal(
+    draft: &mut Draft,
+    error: &Error,
+    path: &std::path::Path,
+) -> Result<bool, Error> {
+    let Error::Checked { message, .. } = error else { return Ok(false) };
+    // Only muscles need the range of their lengths, and they become motors.
+    let none = "<compiler><lengthrange mode=\"none\"/></compiler>";
+    let ranges = message.contains("lengthrange") || message.contains("length range");
+    if !ranges || draft.xml.contains(none) {
+        return Ok(false);
+    }
+    draft.append(none, path)?;
+    Ok(true)
+}
+
+/// The way out of an error of the compiler: words that 2.2.2 does not know.
+pub(super) fn hint(message: &str) -> Option<&'static str> {
+    let words = ["unrecognized attribute", "unrecognized element", "invalid keyword"];
+    words.iter().any(|w| message.contains(w)).then_some(
+        "; MuJoCo 2.2.2 does not know this: a typing error, or a word of a later version; take \
+         it out of the file at this line or write it in older words",
+    )
+}
+
+/// Tells what was taken out, apart by whether it changes how the robot moves.
+pub(super) fn tell(draft: &mut Draft) {
+    let attribute = |word: &str| {
+        let name = word.split_once('/').map_or(word, |(_, a)| a);
+        name.split_once('=').map_or(name, |(a, _)| a).to_owned()
+    };
+    let loss = |word: &str| PHYSICS.iter().find(|(a, _)| *a == attribute(word)).map(|(_, l)| *l);
+    let (physics, rest): (Vec<&String>, Vec<&String>) =
+        draft.unknown.iter().partition(|w| loss(w).is_some());
+    let lost: Vec<String> =
+        physics.iter().map(|w| format!("{w} ({})", loss(w).unwrap_or_default())).collect();
+    let rest: Vec<&str> = rest.into_iter().map(String::as_str).collect();
+    if !rest.is_empty() {
+        draft
+            .dropped
+            .push(format!("attributes that MuJoCo 2.2.2 does not know: {}", rest.join(", ")));
+    }
+    if !lost.is_empty() {
+        draft.dropped.push(format!("attributes that change how it moves: {}", lost.join(", ")));
+    }
+}
