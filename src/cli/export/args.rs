@@ -131,7 +131,7 @@ impl Args {
             ("--task", self.learn.task.is_some(), self.to.gathers(), "lerobot and minari"),
         ];
         if let Some((flag, _, _, of)) = given.iter().find(|(_, asked, fits, _)| *asked && !fits) {
-            return Err(Failure::usage(format!("{flag} is for --to {}", of)));
+            return Err(Failure::usage(format!("{flag} is for --to {of}")));
         }
         let stdout = self.out.as_deref() == Some(Path::new("-"));
         let printed = self.out.is_none() && self.to.is_printed() && self.inputs.len() == 1;

@@ -142,7 +142,7 @@ impl Plan<'_> {
                 )
             }
             _ => (
-                self.take_file(take, &source.robot)?,
+                Self::take_file(take, &source.robot)?,
                 "The take: joint states, transforms and figures, for Foxglove, Lichtblick and Rerun.",
                 format!("rerun {out}"),
             ),
@@ -150,7 +150,7 @@ impl Plan<'_> {
         Ok(Export::single(bytes, take.frames(), open).says(meaning))
     }
 
-    fn take_file(&self, take: &Take, robot: &Outcome<Arc<Robot>>) -> Outcome<Vec<u8>> {
+    fn take_file(take: &Take, robot: &Outcome<Arc<Robot>>) -> Outcome<Vec<u8>> {
         if let Ok(robot) = robot {
             return Ok(take.to_mcap(Some(&take.scene(robot)?))?);
         }

@@ -15,7 +15,8 @@ pub type Sample = (f64, Row);
 /// [`ClipError::Syntax`] for no samples, for too many, and for values that are none.
 pub fn from_samples(samples: &[Sample], robot: &RobotRef, fill: Fill) -> Result<Clip, ClipError> {
     let values = samples.iter().flat_map(|s| &s.1).flatten();
-    if let Some(wrong) = values.into_iter().find(|v| !(v.abs() <= limits::CLIP_VALUE_MAX)) {
+    if let Some(wrong) = values.into_iter().find(|v| v.is_nan() || v.abs() > limits::CLIP_VALUE_MAX)
+    {
         return Err(ClipError::at(format!("{wrong} is no joint value"), 1, 1));
     }
     let mut track = Track::default();

@@ -76,13 +76,13 @@ impl Trajectory {
         let mut velocities = vec![vec![0.0; dim]; self.points.len()];
         for (i, w) in self.points.windows(3).enumerate() {
             let (before, after) = (secs(&w[0], &w[1]), secs(&w[1], &w[2]));
-            for j in 0..dim {
+            for (j, velocity) in velocities[i + 1].iter_mut().enumerate() {
                 let a = (w[1].positions[j] - w[0].positions[j]) / before;
                 let b = (w[2].positions[j] - w[1].positions[j]) / after;
                 if a * b > 0.0 {
                     // The harmonic mean, the nearer side weighing more.
                     let (wa, wb) = (2.0 * after + before, after + 2.0 * before);
-                    velocities[i + 1][j] = (wa + wb) / (wa / a + wb / b);
+                    *velocity = (wa + wb) / (wa / a + wb / b);
                 }
             }
         }

@@ -67,7 +67,7 @@ impl Episode {
             for row in control.chunks_exact_mut(robot.ctrlranges.len().max(1)) {
                 for (u, [low, high]) in row.iter_mut().zip(&robot.ctrlranges) {
                     // Stored is the action, -1 to 1.
-                    *u = low + (*u + 1.0) / 2.0 * (high - low);
+                    *u = low + 0.5 * (*u + 1.0) * (high - low);
                 }
             }
             Episode {

@@ -5,6 +5,8 @@
 //! `send_action`. What is written follows lerobot 0.6.1 and was read by `datasets` and by
 //! `lerobot-doctor` (script/peers).
 
+use std::fmt::Write as _;
+
 use serde_json::{Map, Value, json};
 
 use super::super::error::Error;
@@ -335,17 +337,15 @@ impl<'a> Set<'a> {
             }
             let line =
                 json!({"episode_index": e, "tasks": [episode.task], "length": episode.frames()});
-            list.push_str(&format!("{line}\n"));
+            writeln!(list, "{line}").ok();
             let own = Self::stats_json(&self.stats(e..e + 1, from));
-            stats.push_str(&format!("{}\n", json!({"episode_index": e, "stats": own})));
+            writeln!(stats, "{}", json!({"episode_index": e, "stats": own})).ok();
             from += episode.frames();
         }
-        let tasks: String = self
-            .tasks
-            .iter()
-            .enumerate()
-            .map(|(i, task)| format!("{}\n", json!({"task_index": i, "task": task})))
-            .collect();
+        let mut tasks = String::new();
+        for (i, task) in self.tasks.iter().enumerate() {
+            writeln!(tasks, "{}", json!({"task_index": i, "task": task})).ok();
+        }
         let mut info = self.info();
         let chunks = self.episodes.len().div_ceil(CHUNK_FILES);
         for (key, value) in [

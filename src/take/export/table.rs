@@ -182,6 +182,7 @@ fn field(name: &str, kind: Kind) -> Result<TypePtr, ParquetError> {
     }
 }
 
+#[allow(clippy::needless_pass_by_value)] // it is what map_err hands over
 fn failed(e: ParquetError) -> Error {
     Error::Encode { what: "the parquet file", problem: e.to_string() }
 }

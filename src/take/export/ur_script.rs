@@ -51,7 +51,7 @@ pub fn ur_script(take: &Take, what: What, how: UrMove, title: &str) -> Result<Ex
     };
     let targets = match how {
         UrMove::Servoj => targets,
-        UrMove::Movej => turns(targets),
+        UrMove::Movej => turns(&targets),
     };
     if targets.is_empty() {
         return Err(unfit("no frame has a goal for every joint".to_owned()));
@@ -99,7 +99,7 @@ pub fn ur_script(take: &Take, what: What, how: UrMove, title: &str) -> Result<Ex
 }
 
 /// The first and last frame of each run of equal rows: where keys stand and how long.
-fn turns(targets: Vec<(usize, Vec<f64>)>) -> Vec<(usize, Vec<f64>)> {
+fn turns(targets: &[(usize, Vec<f64>)]) -> Vec<(usize, Vec<f64>)> {
     let same = |a: &(usize, Vec<f64>), b: &(usize, Vec<f64>)| a.0 + 1 == b.0 && a.1 == b.1;
     let mut out: Vec<(usize, Vec<f64>)> = Vec::new();
     for run in targets.chunk_by(same) {

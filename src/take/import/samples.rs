@@ -55,7 +55,7 @@ impl Samples {
         if self.rows.len().saturating_mul(order.len()) > limits::CLIP_VALUES {
             return Err(wrong(format!("{} rows are too many", self.rows.len())));
         }
-        if let Some(row) = self.secs.windows(2).position(|w| !(w[0] < w[1])) {
+        if let Some(row) = self.secs.windows(2).position(|w| w[1].is_nan() || w[1] <= w[0]) {
             return Err(wrong(format!("row {}: its time is not after the one before", row + 1)));
         }
         let samples: Vec<Sample> = self

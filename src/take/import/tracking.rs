@@ -59,10 +59,10 @@ fn array(
         return Err(wrong(&format!("{shape:?} values in {} bytes", raw.len())));
     }
     let values = match npy.dtype().descr().trim_matches('\'') {
-        "<f4" => npy.into_vec::<f32>().map(wide),
+        "<f4" => npy.into_vec::<f32>().map(|v| wide(&v)),
         "<f8" => npy.into_vec::<f64>(),
         "<i8" => npy.into_vec::<i64>().map(|v| v.iter().map(|v| *v as f64).collect()),
-        "<i4" => npy.into_vec::<i32>().map(wide),
+        "<i4" => npy.into_vec::<i32>().map(|v| wide(&v)),
         other => return Err(wrong(&format!("numbers of type {other} are not read"))),
     };
     let values = values.map_err(|e| wrong(&e))?;
@@ -72,7 +72,7 @@ fn array(
     Ok((shape, values))
 }
 
-fn wide<T: Into<f64> + Copy>(values: Vec<T>) -> Vec<f64> {
+fn wide<T: Into<f64> + Copy>(values: &[T]) -> Vec<f64> {
     values.iter().map(|v| (*v).into()).collect()
 }
 
