@@ -1,9 +1,9 @@
-//! Child processes of this program: they end with their parent, and may do no more than
-//! their task needs.
+//! Child processes of this program. They end with their parent, and have only the rights that their
+//! task needs.
 //!
-//! A child is started by [`command`] and calls [`follow_parent`] first. One that reads
-//! foreign models then gives up rights with [`confine`]: what crashes or subverts the
-//! physics library can spend its own memory and time, and no more.
+//! A child is started by [`command`] and calls [`follow_parent`] first. A child that reads foreign
+//! models then gives up rights with [`confine`], so a file that crashes or subverts the physics
+//! library can waste memory and time, but nothing else.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -15,29 +15,29 @@ use landlock::{
 };
 use rustix::process::{Pid, Resource, Rlimit, Signal, getppid, set_parent_process_death_signal};
 
-/// Environment variable by which a child knows whose it is.
+/// Environment variable with the process id of the parent.
 const PARENT: &str = "ROBERT_PARENT";
-/// Time for a job to write what it has after its parent is gone.
+/// Time for a job to save its work after its parent has ended.
 const GRACE: Duration = Duration::from_millis(1500);
-/// Time between two looks at the parent.
+/// Time between two checks of the parent.
 const LOOK: Duration = Duration::from_millis(100);
 
 /// A command that runs this program as a child of this process.
 ///
-/// The system counts the death of the *thread* that starts the child as that of the parent,
-/// so the thread must live as long as the child.
+/// The system treats the end of the *thread* that started the child as the end of the parent, so
+/// that thread must live as long as the child.
 pub fn command(binary: &Path) -> Command {
     let mut command = Command::new(binary);
     command.env(PARENT, std::process::id().to_string());
     command
 }
 
-/// How a child goes when its parent has gone.
+/// How a child ends after its parent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Farewell {
     /// At once.
     Now,
-    /// As after Ctrl-C, with a moment to write a checkpoint.
+    /// As after Ctrl-C, with time to write a checkpoint.
     Interrupted,
 }
 
@@ -45,7 +45,7 @@ pub enum Farewell {
 /// was not started by [`command`].
 ///
 /// # Errors
-/// What the system said.
+/// The error of the operating system.
 pub fn follow_parent(farewell: Farewell) -> io::Result<()> {
     let parent = std::env::var(PARENT).ok().and_then(|p| p.parse().ok()).and_then(Pid::from_raw);
     let Some(parent) = parent else { return Ok(()) };
@@ -53,7 +53,7 @@ pub fn follow_parent(farewell: Farewell) -> io::Result<()> {
     match farewell {
         Farewell::Now => {
             set_parent_process_death_signal(Some(Signal::KILL))?;
-            // It may have ended before the system knew that we care.
+            // The parent may have ended before the request was registered.
             if gone() {
                 std::process::exit(1);
             }
@@ -88,17 +88,17 @@ pub struct Rights {
     pub writes: Option<Vec<PathBuf>>,
 }
 
-/// Gives up every right that is not in `rights`, for this thread and those that it starts:
-/// to be called before there are others. No core file is written, no program that it starts
-/// gains rights. Where the kernel has Landlock (5.13, 2021), files are out of reach as well,
-/// and TCP for those that may not read everything.
+/// Gives up every right that is not in `rights`, for this thread and those that it starts; call it
+/// before there are others. No core file is written, and no program that it starts gains rights. If
+/// the kernel has Landlock (5.13, 2021), access to files is restricted as well, and TCP for
+/// processes that may not read everything.
 ///
 /// # Errors
-/// What the system said. A kernel without Landlock is no error.
+/// The error of the operating system. A kernel without Landlock is not an error.
 pub fn confine(rights: &Rights) -> io::Result<()> {
     rustix::thread::set_no_new_privs(true)?;
     let limit = |what, cap: Option<u64>| {
-        // A limit that cannot be set is one that is tighter already.
+        // If a limit cannot be set, it is already tighter.
         let limit = cap.map(|n| Rlimit { current: Some(n), maximum: Some(n) });
         limit.map(|l| rustix::process::setrlimit(what, l).ok());
     };
@@ -110,7 +110,7 @@ pub fn confine(rights: &Rights) -> io::Result<()> {
 }
 
 fn restrict(rights: &Rights) -> Result<(), landlock::RulesetError> {
-    // What an older kernel does not know is left out: the crate's way of best effort.
+    // Rights that an older kernel does not know are left out, as the crate recommends.
     let abi = ABI::V5;
     let (read, write) = (AccessFs::from_read(abi), AccessFs::from_write(abi));
     let mut rules = Ruleset::default();
@@ -138,8 +138,8 @@ fn restrict(rights: &Rights) -> Result<(), landlock::RulesetError> {
 mod tests {
     use super::*;
 
-    /// Landlock counts for a thread: the other tests of this process keep their rights. The
-    /// limits and `no_new_privs` are tested in processes of their own (`tests/children.rs`).
+    /// Landlock applies to a thread, so the other tests of this process keep their rights. The
+    /// limits and `no_new_privs` are tested in separate processes (`tests/children.rs`).
     #[test]
     fn a_confined_thread_reads_and_writes_only_where_it_may() {
         let dir = tempfile::tempdir().unwrap();
@@ -166,8 +166,8 @@ mod tests {
         assert_eq!(std::fs::read(others.join("a")).unwrap(), b"a");
     }
 
-    /// Whether this kernel has Landlock: its list of security modules says so, where it can
-    /// be read; else its version.
+    /// Whether this kernel has Landlock, by its list of security modules if that can be read, else
+    /// by its version.
     fn landlocked() -> bool {
         let rules = Ruleset::default()
             .handle_access(AccessFs::from_all(ABI::V1))

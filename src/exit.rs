@@ -1,9 +1,9 @@
-//! Exit codes: one place that says what each number means to a script.
+//! Exit codes, with the meaning of each number for scripts.
 //!
 //! Every library error knows its class through [`HasExit`]; the command line only
 //! prints the message and leaves with that code.
 
-/// Why the process ends, as scripts see it.
+/// Why the process ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[repr(u8)]
 pub enum Exit {
@@ -15,7 +15,7 @@ pub enum Exit {
     Usage = 2,
     /// A file or value given by the user is invalid; the message names path:line:col.
     Invalid = 3,
-    /// A threshold asked for was missed (`eval --max-precision`, `clip check`).
+    /// A requested threshold was missed (`eval --max-precision`, `clip check`).
     Threshold = 4,
     /// A library, driver or file that the program needs is missing.
     Missing = 5,

@@ -1,13 +1,13 @@
-//! Files that are either the old or the new version, never something between.
+//! Atomic files: after a crash there is either the old or the new version, never a mixture.
 //!
 //! Temporary file in the same folder, write, fsync, rename, fsync of the folder: the
 //! order that survives a crash on every journalling file system (Pillai et al., OSDI'14;
 //! rename alone may leave an empty file). The new version keeps the mode and, where the
 //! system allows it, the owner of the old one; a symbolic link stays a link.
 //!
-//! Only regular files are read or replaced. A pipe would block its reader for ever, and a
-//! device must not become a file. They are refused before they are opened, and again after,
-//! in case the name meant something else by then.
+//! Only regular files are read or replaced. A pipe would block its reader for ever, and a device
+//! must not become a file. They are refused before they are opened, and again afterwards, in case
+//! the name then refers to something else.
 
 use std::collections::BTreeSet;
 use std::fs::{self, File, Metadata, OpenOptions};
@@ -29,25 +29,25 @@ pub enum Error {
     /// The file could not be read.
     #[error("cannot read {path}: {source}", path = path.display())]
     Read {
-        /// What the system said.
+        /// The error of the operating system.
         source: io::Error,
         /// The file.
         path: PathBuf,
     },
-    /// The file could not be written; what stood there before is untouched.
+    /// The file could not be written; the previous file is unchanged.
     #[error("cannot write {path}: {source}", path = path.display())]
     Write {
-        /// What the system said.
+        /// The error of the operating system.
         source: io::Error,
         /// The file.
         path: PathBuf,
     },
-    /// The file is larger than its cap in [`crate::limits`].
-    #[error("{path} has {bytes} bytes, more than the {cap} that are read", path = path.display())]
+    /// The file is larger than its limit in [`crate::limits`].
+    #[error("{path} has {bytes} bytes; at most {cap} are read", path = path.display())]
     TooLarge {
         /// Its size.
         bytes: u64,
-        /// The cap.
+        /// The limit.
         cap: u64,
         /// The file.
         path: PathBuf,
@@ -91,7 +91,7 @@ pub fn write_atomic_with(
     sync_folder(dir).map_err(fail)
 }
 
-/// A locked temporary file in `dir`. The lock tells [`sweep`] that somebody still writes it.
+/// A locked temporary file in `dir`. The lock shows [`sweep`] that it is still being written.
 /// A new file gets the mode that the umask leaves it; a replacement is private until it
 /// gets the mode of what it replaces.
 fn temporary(dir: &Path, old: Option<&Metadata>) -> io::Result<tempfile::NamedTempFile> {
@@ -112,8 +112,8 @@ const STALE: Duration = Duration::from_mins(1);
 
 /// Removes temporary files and folders that killed processes have left in `dir`.
 ///
-/// Nothing that somebody still writes goes: a file that is locked or was changed within the
-/// last minute stays. A folder has no lock, so it stays for a day.
+/// Files that are still being written are kept: a file stays if it is locked or was changed within
+/// the last minute. A folder has no lock, so it stays for a day.
 pub fn sweep(dir: &Path) {
     let Ok(entries) = fs::read_dir(dir) else { return };
     for entry in entries.flatten() {
@@ -168,7 +168,7 @@ fn follow_links(path: &Path) -> io::Result<PathBuf> {
     Err(rustix::io::Errno::LOOP.into())
 }
 
-/// Refuses what is no regular file, and says what it is.
+/// Refuses everything that is not a regular file, with an error that names its kind.
 fn regular(found: &Metadata) -> io::Result<()> {
     let kind = found.file_type();
     let what = if kind.is_file() {
@@ -187,12 +187,12 @@ fn regular(found: &Metadata) -> io::Result<()> {
     Err(io::Error::other(format!("it is {what}, not a regular file")))
 }
 
-/// Opens a regular file for reading. Never blocks: what could, such as a pipe, is refused.
+/// Opens a regular file for reading. It never blocks, because pipes and devices are refused.
 ///
 /// # Errors
-/// What the system said, or that it is no regular file.
+/// The error of the operating system, or that it is not a regular file.
 pub fn open_regular(path: &Path) -> io::Result<File> {
-    // Opening some devices does something, so they are not even opened.
+    // Opening some devices has an effect, so they are not even opened.
     regular(&fs::metadata(path)?)?;
     let file = OpenOptions::new().read(true).custom_flags(NONBLOCK).open(path)?;
     regular(&file.metadata()?)?;
@@ -201,11 +201,11 @@ pub fn open_regular(path: &Path) -> io::Result<File> {
 
 const NONBLOCK: i32 = (OFlags::NONBLOCK.bits() | OFlags::NOCTTY.bits()) as i32;
 
-/// Opens a file that belongs to this program alone for reading and writing, and makes it
-/// (mode 0600) if it is not there. Never follows a symbolic link and never blocks.
+/// Opens a private file of this program for reading and writing, and creates it (mode 0600) if it
+/// does not exist. It never follows a symbolic link and never blocks.
 ///
 /// # Errors
-/// What the system said, or that it is no regular file.
+/// The error of the operating system, or that it is not a regular file.
 pub fn open_private(path: &Path) -> io::Result<File> {
     if let Ok(found) = fs::symlink_metadata(path) {
         regular(&found)?;
@@ -228,7 +228,7 @@ fn keep_mode_and_owner(new: &File, old: &Metadata) -> io::Result<()> {
     if (made.uid(), made.gid()) != (old.uid(), old.gid()) {
         let uid = rustix::fs::Uid::from_raw(old.uid());
         let gid = rustix::fs::Gid::from_raw(old.gid());
-        // Only root gives files away. A member may give a file to the group.
+        // Only root can change the owner. A member of a group can set the group.
         if rustix::fs::fchown(new, Some(uid), Some(gid)).is_err() {
             rustix::fs::fchown(new, None, Some(gid)).ok();
         }
@@ -236,8 +236,8 @@ fn keep_mode_and_owner(new: &File, old: &Metadata) -> io::Result<()> {
     new.set_permissions(fs::Permissions::from_mode(old.mode() & 0o777))
 }
 
-/// Whether a file could be written at `path`, found out before what it will hold is made.
-/// Nothing is left behind.
+/// Checks whether a file could be written at `path`, before its content is computed. It leaves no
+/// file behind.
 ///
 /// # Errors
 /// [`Error::Write`]: the folder is missing or cannot be written to, or `path` is a folder.
@@ -252,7 +252,7 @@ pub fn writable(path: &Path) -> Result<(), Error> {
     temporary(dir, None).map(drop).map_err(fail)
 }
 
-/// What the system said, without the temporary file's name.
+/// The error of the operating system, without the temporary file's name.
 fn nameless(e: &io::Error) -> io::Error {
     io::Error::from(e.kind())
 }
@@ -277,7 +277,7 @@ pub fn read_capped(path: &Path, cap: u64) -> Result<Vec<u8>, Error> {
     if bytes > cap {
         return Err(Error::TooLarge { bytes, cap, path: path.to_owned() });
     }
-    // The length is only a hint (a growing file says less): the cap binds the read.
+    // The length is only a hint (a file may grow), so the limit applies to the read.
     let mut buf = Vec::with_capacity(bytes as usize);
     file.take(cap + 1).read_to_end(&mut buf).map_err(fail)?;
     if buf.len() as u64 > cap {
@@ -309,8 +309,8 @@ pub fn sha256_file(path: &Path) -> Result<String, Error> {
     }
 }
 
-/// Where this program may keep what it can make again: `$XDG_CACHE_HOME/robert` or
-/// `~/.cache/robert`, a folder under the system's temporary one as a last resort.
+/// The folder for files that this program can make again: `$XDG_CACHE_HOME/robert` or
+/// `~/.cache/robert`, else one in the system's temporary folder.
 pub fn cache_dir() -> PathBuf {
     let set = |name| std::env::var_os(name).filter(|v| !v.is_empty()).map(PathBuf::from);
     set("XDG_CACHE_HOME")
@@ -381,11 +381,11 @@ mod tests {
         write_atomic(&link, b"two").unwrap();
         assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
         assert_eq!((fs::read(&path).unwrap(), mode(&path)), (b"two".to_vec(), 0o640));
-        // A link to nothing names the file that is to be made.
+        // A dangling link names the file to create.
         fs::remove_file(&path).unwrap();
         write_atomic(&link, b"three").unwrap();
         assert_eq!(fs::read(&path).unwrap(), b"three");
-        // A new file gets what the umask leaves: the same as any other new file.
+        // A new file gets the mode that the umask gives any new file.
         fs::write(dir.path().join("usual"), "").unwrap();
         assert_eq!(mode(&path), mode(&dir.path().join("usual")));
         std::os::unix::fs::symlink("loop", dir.path().join("loop")).unwrap();

@@ -1,27 +1,27 @@
-//! `RoBERT` Studio: a few keyframes in, physically simulated motion out.
+//! `RoBERT` Studio turns a few keyframes into physically simulated motion of torque-controlled
+//! robots.
 //!
-//! A bidirectional transformer, trained on motion that curious agents produced
-//! without reward, label or demonstration, reads the last 30 frames, the current
-//! one and the next 20 commanded (or masked) frames at 20 Hz, and answers with the
-//! torque to apply now. Around that policy this crate is the whole tool: robots,
-//! clips, collection, training, rollouts, pictures, takes and the studio.
+//! A bidirectional transformer reads the last 30 frames, the current one and the next 20 commanded
+//! (or masked) frames at 20 Hz, and answers with the torque to apply now. It is trained on recorded
+//! motion without reward, label or demonstration. This crate contains that policy and the tools
+//! around it: robots, clips, collection, training, rollouts, pictures, takes and the studio.
 //!
-//! The crate is a house of floors; imports only go down (`tests/floors.rs`).
+//! The modules are arranged in floors, and imports only go down (`tests/floors.rs`).
 //!
-//! | floor | modules | what lives there |
+//! | floor | modules | content |
 //! |---|---|---|
 //! | 0 | [`clip`], [`units`], [`rng`], [`limits`], [`exit`], [`fsio`], [`progress`] | documents, numbers, files: no simulator |
-//! | 1 | [`mujoco`], [`robot`], [`linalg`], [`plot`] | the simulator layer, the robots, matrices, charts |
-//! | 2 | [`dataset`], [`net`], [`explore`] | trajectories, the network, the curious agents |
-//! | 3 | [`train`], [`rollout`], [`render`] | learning, acting, seeing |
+//! | 1 | [`mujoco`], [`robot`], [`linalg`], [`plot`] | the simulator binding, the robots, matrices, charts |
+//! | 2 | [`dataset`], [`net`], [`explore`] | recorded trajectories, the network, the collectors |
+//! | 3 | [`train`], [`rollout`], [`render`] | training, policies and rollouts, pictures |
 //! | 4 | [`take`] | recorded rollouts and exports |
-//! | 5 | [`studio`], [`cli`] | what people touch |
+//! | 5 | [`studio`], [`cli`] | the two user interfaces |
 //!
-//! Foreign data is answered with an error that names its place; an index of our own that must
-//! exist is indexed, so that a mistake of ours panics instead of becoming a plausible number.
+//! Mistakes in foreign data are errors that name their place. Our own mistakes panic instead of
+//! becoming plausible numbers: an index that must exist is indexed directly.
 //!
-//! Start reading at [`clip`] (what a person writes), then [`rollout`] (what is done
-//! with it), then [`net`] (how the torque is found).
+//! Start reading at [`clip`] (the document that a person edits), then [`rollout`] (how it is
+//! performed), then [`net`] (how the torque is computed).
 
 pub mod child;
 pub mod clip;

@@ -1,5 +1,5 @@
-//! Every cap in one place. Foreign files are hostile until checked; each constant is
-//! tested at the cap and one beyond it.
+//! All limits in one place. Foreign files are treated as hostile until they are checked. Each
+//! constant is tested at the limit and one beyond it.
 
 /// Bytes in one clip file.
 pub const CLIP_BYTES: u64 = 16 << 20;
@@ -13,8 +13,8 @@ pub const JOINTS: usize = 256;
 pub const NAME_BYTES: usize = 256;
 /// Nesting of JSON documents.
 pub const JSON_DEPTH: usize = 64;
-/// Values in all keys and poses of a clip, and frames times joints of its command: what
-/// bounds the memory of a hostile clip (50 000 keys of 256 joints would take 200 MB).
+/// Values in all keys and poses of a clip, and frames times joints of its command. This bounds the
+/// memory of a hostile clip (50 000 keys of 256 joints would take 200 MB).
 pub const CLIP_VALUES: usize = 4 << 20;
 /// Largest joint value in a clip, rad or m: far beyond any robot, far inside `f32`.
 pub const CLIP_VALUE_MAX: f64 = 1e6;
@@ -35,9 +35,9 @@ pub const BATCH_OPS: usize = 10_000;
 pub const MODEL_BYTES: u64 = 8 << 20;
 /// Nesting of XML elements.
 pub const XML_DEPTH: usize = 64;
-/// XML elements in one file, includes counted in.
+/// XML elements in one file, including its includes.
 pub const XML_ELEMENTS: usize = 200_000;
-/// Attributes of one XML element. MJCF's richest element knows some sixty.
+/// Attributes of one XML element. The MJCF element with the most has about sixty.
 pub const XML_ATTRIBUTES: usize = 256;
 /// Namespace declarations in one XML file.
 pub const XML_NAMESPACES: usize = 64;
@@ -51,7 +51,7 @@ pub const MESH_BYTES: u64 = 256 << 20;
 pub const TEXTURE_PX: u64 = 4096;
 /// Bytes of all textures of a model, unpacked. One cube of 2,048 pixels takes 75 MB.
 pub const TEXTURE_BYTES: u64 = 256 << 20;
-/// Simulator steps by which the compiler finds out the length ranges of all actuators.
+/// Simulator steps in which the compiler measures the length ranges of all actuators.
 pub const LENGTH_RANGE_STEPS: f64 = 500_000.0;
 /// Elements of one `<composite>`.
 pub const COMPOSITE_ELEMENTS: usize = 2_000;
@@ -76,7 +76,7 @@ pub const PROJECT_FILES: usize = 1_000;
 pub const WS_MESSAGE_BYTES: usize = 1 << 20;
 /// Bytes of one WebSocket frame (a message may have several).
 pub const WS_FRAME_BYTES: usize = 256 << 10;
-/// Bytes that wait unsent in one WebSocket before its client counts as gone.
+/// Unsent bytes of one WebSocket above which its client is disconnected.
 pub const WS_WRITE_BYTES: usize = 4 << 20;
 /// Studio clients at once, on each of the two sockets.
 pub const CLIENTS: usize = 16;
@@ -98,7 +98,7 @@ pub const JOURNAL_RECORD_BYTES: usize = 64 << 20;
 pub const WORKER_MESSAGE_BYTES: usize = 256 << 20;
 /// Address space of the worker, bytes.
 pub const WORKER_MEMORY_BYTES: u64 = 8 << 30;
-/// Processor time that one request may take the worker, seconds.
+/// Processor time that the worker may spend on one request, seconds.
 pub const WORKER_CPU_SECS: u64 = 120;
 /// Pixels along an edge of a picture that the studio shows.
 pub const STILL_PX: u32 = 2560;
@@ -108,13 +108,13 @@ pub const RECENT: usize = 20;
 pub const TAKES: usize = 20;
 /// Bytes of the motions of all takes.
 pub const TAKES_BYTES: usize = 96 << 20;
-/// Takes drawn beside what is performed now.
+/// Takes drawn beside the current rollout.
 pub const TAKES_COMPARED: usize = 4;
 /// Entries of one folder that the studio lists.
 pub const FOLDER_ENTRIES: usize = 1_000;
-/// Entries of one folder that are looked at.
+/// Entries of one folder that are examined.
 pub const FOLDER_LOOKED_AT: usize = 20_000;
-/// Bytes of clips that are read for one list, to show what they are.
+/// Bytes of clips that are read for one list.
 pub const FOLDER_PEEK_BYTES: u64 = 8 << 20;
 /// Jobs kept in the studio's list, and lines kept of each.
 pub const JOBS: usize = 64;
@@ -139,7 +139,7 @@ pub const MCAP_RECORD_BYTES: usize = 64 << 20;
 pub const TAKE_BYTES: u64 = 256 << 20;
 /// Bytes of all chunks of a take, unpacked.
 pub const TAKE_UNPACKED_BYTES: u64 = 512 << 20;
-/// Bytes of one message of a take: thousands of bodies, and no room to blow up.
+/// Bytes of one message of a take: enough for thousands of bodies.
 pub const TAKE_MESSAGE_BYTES: usize = 1 << 20;
 /// Bodies of a robot in a take.
 pub const BODIES: usize = 1024;

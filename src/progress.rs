@@ -1,7 +1,7 @@
-//! How long work reports that it is alive, and how it is asked to stop.
+//! How long jobs report progress, and how they are asked to stop.
 //!
-//! The library never prints. Whoever starts a job hands it a [`Progress`]; the command
-//! line draws a bar, the studio sends a message, tests pass [`Silent`].
+//! The library never prints. The caller of a job passes a [`Progress`]: the command line draws a
+//! bar, the studio sends a message, tests pass [`Silent`].
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-/// One line that a command writes with `--jsonl`, for whoever started it.
+/// One line that a command writes with `--jsonl`, for the program that started it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "event", rename_all = "lowercase")]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
@@ -48,13 +48,13 @@ pub struct JobProgress {
     pub total: u64,
     /// Seconds since this part began.
     pub secs: f64,
-    /// Figures of the moment.
+    /// Current figures.
     pub note: String,
 }
 
 /// Receives the state of a long job. Called often; must be cheap.
 pub trait Progress: Send + Sync {
-    /// `done` of `total` units are finished; `note` holds the figures of the moment.
+    /// `done` of `total` units are finished; `note` contains the current figures.
     fn tick(&self, done: u64, total: u64, note: &str);
 
     /// From now on `done` and `total` count `unit`s of this part of the job.
@@ -63,11 +63,11 @@ pub trait Progress: Send + Sync {
     /// A line worth keeping (a warning, a checkpoint).
     fn log(&self, line: &str);
 
-    /// Figures for curves: an object with a `step`. Most listeners draw none.
+    /// Figures for curves: an object with a `step`. Most listeners ignore them.
     fn figures(&self, _point: &Value) {}
 }
 
-/// Nobody listens.
+/// Ignores all progress.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Silent;
 

@@ -1,8 +1,8 @@
 //! Counter-based random numbers: every draw is a pure function of (seed, stream, index).
 //!
-//! A stateful generator would make results depend on the order of work, hence on the
-//! number of threads and on where a run was resumed. Here a draw is named by what it is
-//! for, so a batch, a mask or an episode is the same on one machine or a thousand.
+//! With a stateful generator results would depend on the order of work, and so on the number of
+//! threads and on where a run was resumed. Here every draw is identified by its purpose and index,
+//! so a batch, a mask or an episode is the same on one machine or a thousand.
 //!
 //! The mixer is the finaliser of `SplitMix64` (Steele, Lea, Flood 2014) applied to the
 //! three words in turn; [`Rng`] then counts upward from that point.
@@ -35,7 +35,7 @@ pub enum Stream {
     Replay = 10,
     /// Skill vectors and candidate sampling of the collectors.
     Skill = 11,
-    /// Evaluation suites cut from data.
+    /// Evaluation suites extracted from data.
     Suite = 12,
     /// Sampling planners.
     Planner = 13,
@@ -47,7 +47,7 @@ pub enum Stream {
     Dropout = 16,
     /// Poses of trial clips.
     Trial = 17,
-    /// Windows that come from what a network reached itself.
+    /// Windows from motion that a network performed itself.
     Reached = 18,
     /// Tests only.
     Test = 99,

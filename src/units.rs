@@ -1,14 +1,14 @@
-//! Units and the clock. Radians, metres and seconds everywhere below `ui/`; time is
-//! counted in whole frames of 1/20 s so that a clip and its rollout can never drift.
+//! Units and the clock. All Rust code uses radians, metres and seconds. Time is counted in whole
+//! frames of 1/20 s, so that a clip and its rollout never drift apart.
 
 /// Length of one control step (one frame), seconds: 20 Hz as in the paper.
 pub const CTRL_DT: f64 = 0.05;
 
-/// Frames a second.
+/// Frames per second.
 pub const FPS: u32 = 20;
 
-/// Simulator step, seconds. Another substep count is another learning problem, so it
-/// is the same for every robot that we train.
+/// Simulator step, seconds. Another number of substeps is another learning problem, so it is the
+/// same for every robot.
 pub const SIM_DT: f64 = 0.005;
 
 /// Simulator steps in one control step.
@@ -71,7 +71,7 @@ impl Unit {
 /// A count as people type it: `400000`, `400_000`, `400k`, `2.5M`, `4e5`.
 ///
 /// # Errors
-/// A sentence for the command line where the text is no whole number below 2^53.
+/// A sentence for the command line if the text is not a whole number below 2^53.
 pub fn count(text: &str) -> Result<u64, String> {
     let plain = text.trim().replace('_', "");
     if let Ok(n) = plain.parse::<u64>() {
@@ -84,17 +84,17 @@ pub fn count(text: &str) -> Result<u64, String> {
         _ => (plain.as_str(), 1.0),
     };
     let value = digits.parse::<f64>().unwrap_or(f64::NAN) * unit;
-    // 2.3e6 and .0023G are whole numbers that binary fractions miss by a hair.
+    // 2.3e6 and .0023G are whole numbers that binary fractions do not represent exactly.
     let whole = value.round();
     if (0.0..9.007e15).contains(&whole) && (value - whole).abs() <= 1e-9 * whole.max(1.0) {
         return Ok(whole as u64);
     }
-    Err(format!("{text:?} is no whole number; write 400000, 400k, 2.5M or 4e5"))
+    Err(format!("{text:?} is not a whole number; write 400000, 400k, 2.5M or 4e5"))
 }
 
 /// Three significant digits in plain decimals: `0.0312`, `0.000421`, `12.3`.
 ///
-/// What is smaller than 1e-9 of a unit is rounding, and shown as 0.
+/// Values below 1e-9 of a unit are rounding errors and are shown as 0.
 pub fn significant(value: f64) -> String {
     if !value.is_finite() || value.abs() < 1e-9 {
         return if value.is_finite() { "0".to_owned() } else { value.to_string() };
@@ -105,7 +105,7 @@ pub fn significant(value: f64) -> String {
     format!("{value:.*}", usize::try_from(2 - exponent).unwrap_or(0))
 }
 
-/// A fixed number of decimals, without the sign of a value that they round to nothing.
+/// A fixed number of decimals, without the sign of a value that rounds to zero.
 pub fn fixed(value: f64, decimals: usize) -> String {
     let text = format!("{value:.decimals$}");
     match text.strip_prefix('-') {
@@ -114,8 +114,8 @@ pub fn fixed(value: f64, decimals: usize) -> String {
     }
 }
 
-/// The unit in which figures around `typical` are short: factor and symbol. Only `rad` and
-/// `m` have smaller siblings.
+/// The unit in which figures around `typical` are short, as factor and symbol. Only `rad` and `m`
+/// have smaller units.
 pub fn short_unit(unit: &str, typical: f64) -> (f64, String) {
     let known = unit == "rad" || unit == "m";
     match typical.abs() {

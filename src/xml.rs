@@ -1,14 +1,14 @@
-//! XML from strangers: counted before any parser sees it, then read by `roxmltree`.
+//! Reads foreign XML: it is counted before any parser sees it, and then read by `roxmltree`.
 //!
-//! Parsers recurse on nesting, compare every attribute of an element with all others, and
-//! look every name up in all namespaces in scope. A scan of the tags bounds all three in one
-//! pass and without memory; only then is the text parsed.
+//! Parsers recurse on nesting, compare every attribute of an element with all others, and look
+//! every name up in all namespaces in scope. A scan of the tags bounds all three in one pass and
+//! without memory. Only then is the text parsed.
 
 use roxmltree::{Document, ParsingOptions};
 
 use crate::limits;
 
-/// Why a text was not read. Line and column count from 1.
+/// Why a text was refused. Line and column count from 1.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{line}:{column}: {message}")]
 pub struct Error {
@@ -33,18 +33,18 @@ impl Error {
 /// and namespaces.
 ///
 /// # Errors
-/// [`Error`] with the place of what is too much or wrong.
+/// [`Error`] with the place of the mistake.
 pub fn parse(text: &str, elements: usize) -> Result<Document<'_>, Error> {
     count(text)?;
-    // Elements, texts and comments are all nodes: four an element is generous.
+    // Elements, texts and comments are all nodes; four per element is generous.
     let nodes_limit = u32::try_from(elements.saturating_mul(4)).unwrap_or(u32::MAX);
     let options = ParsingOptions { nodes_limit, ..ParsingOptions::default() };
     Document::parse_with_options(text, options).map_err(|e| {
         let message = match &e {
-            roxmltree::Error::DtdDetected => "a DOCTYPE is not read; remove it".to_owned(),
+            roxmltree::Error::DtdDetected => "a DOCTYPE is not supported; remove it".to_owned(),
             roxmltree::Error::NodesLimitReached => format!("more than {elements} elements"),
             roxmltree::Error::UnknownNamespace(ns, _) if ns == "xacro" => XACRO.to_owned(),
-            // The parser ends its messages with " at line:col", which the place already says.
+            // The parser ends its messages with " at line:col", which our place repeats.
             other => {
                 let message = other.to_string();
                 message.rsplit_once(" at ").map_or(message.clone(), |(m, _)| m.to_owned())
@@ -54,7 +54,7 @@ pub fn parse(text: &str, elements: usize) -> Result<Document<'_>, Error> {
     })
 }
 
-/// What is said of a xacro template.
+/// The message for a xacro template.
 pub const XACRO: &str =
     "this is a xacro template, not a URDF; expand it first: xacro robot.urdf.xacro > robot.urdf";
 
@@ -101,7 +101,7 @@ fn count(text: &str) -> Result<(), Error> {
     Ok(())
 }
 
-/// One tag, as far as counting needs it.
+/// One tag, as far as needed for counting.
 struct Tag {
     bytes: usize,
     attributes: usize,
@@ -111,7 +111,7 @@ struct Tag {
 }
 
 impl Tag {
-    /// The tag that `text` begins with. One that never ends takes all of it.
+    /// The tag at the beginning of `text`. An unclosed tag takes the whole text.
     fn scan(text: &str) -> Tag {
         let bytes = text.as_bytes();
         let mut tag = Tag { bytes: 0, attributes: 0, namespaces: 0, empty: false };
@@ -133,14 +133,14 @@ impl Tag {
                     word = at + 1;
                 }
                 (None, b) if b.is_ascii_whitespace() => {
-                    // A name may stand apart from its '='.
+                    // There may be spaces between a name and its '='.
                     if bytes.get(at + 1).is_some_and(|n| !n.is_ascii_whitespace() && *n != b'=') {
                         word = at + 1;
                     }
                 }
                 (Some(q), _) if q == b => {
                     quote = None;
-                    // The next attribute may follow without a space: the parser will say so.
+                    // The next attribute may follow without a space; the parser reports that.
                     word = at + 1;
                 }
                 _ => {}

@@ -100,7 +100,7 @@ fn mjcf_cases() -> Vec<Case> {
         ),
         case("no_joint.xml", good.replace("joint=\"j\"", "joint=\"k\""), "k"),
         case("no_mesh.xml", body("", "", "type=\"mesh\" mesh=\"gone\""), "mesh"),
-        case("no_file.xml", with("<asset><mesh name=\"m\" file=\"gone.stl\"/></asset>"), "\"gone.stl\" is not there"),
+        case("no_file.xml", with("<asset><mesh name=\"m\" file=\"gone.stl\"/></asset>"), "\"gone.stl\" does not exist"),
         case("no_tendon.xml", with("<actuator><motor tendon=\"t\"/></actuator>"), "t"),
         case("empty_tendon.xml", with("<tendon><fixed name=\"t\"/></tendon>"), "tendon"),
         case("tendon_joint.xml", with("<tendon><fixed name=\"t\"><joint joint=\"x\" coef=\"1\"/></fixed></tendon>"), "x"),
@@ -125,7 +125,7 @@ fn mjcf_cases() -> Vec<Case> {
             "muscle.xml",
         ),
         case("texture.xml", with("<asset><texture name=\"t\" type=\"2d\" builtin=\"flat\" width=\"-4\" height=\"4\"/></asset>"), "texture"),
-        case("skin.xml", with("<asset><skin name=\"s\" file=\"gone.skn\"/></asset>"), "is not there"),
+        case("skin.xml", with("<asset><skin name=\"s\" file=\"gone.skn\"/></asset>"), "does not exist"),
         case("mesh_faces.xml", with("<asset><mesh name=\"m\" vertex=\"0 0 0 1 0 0 0 1 0 0 0 1\" face=\"0 1 9\"/></asset>"), "mesh"),
         case("flat_mesh.xml", world(BODY).replace("\n<worldbody>", "<asset><mesh name=\"m\" vertex=\"0 0 0 1 0 0 0 1 0 1 1 0\"/></asset>\n<worldbody><geom type=\"mesh\" mesh=\"m\"/>"), "mesh"),
         // What the compiler takes without a word.
@@ -138,11 +138,11 @@ fn mjcf_cases() -> Vec<Case> {
         case("overflow.xml", body("pos=\"0 1e999 0\"", "", "size=\".1\""), "not a finite number"),
         case("nan_mass.xml", body("", "", "size=\".1\" mass=\"NaN\""), "not a finite number"),
         case("nan_key.xml", with("<keyframe><key qpos=\"nan\"/></keyframe>"), "not a finite number"),
-        case("zero_quat.xml", body("quat=\"0 0 0 0\"", "", "size=\".1\""), "no rotation"),
+        case("zero_quat.xml", body("quat=\"0 0 0 0\"", "", "size=\".1\""), "not a rotation"),
         case("negative_damping.xml", body("", "damping=\"-1\"", "size=\".1\""), "gain energy"),
         case("gear.xml", good.replace("ctrllimited", "gear=\"1e300\" ctrllimited"), "beyond any physical model"),
-        case("user_dynamics.xml", with("<actuator><general joint=\"j\" dyntype=\"user\"/></actuator>"), "program of its own"),
-        case("negative_nstack.xml", with("<size nstack=\"-7\"/>"), "not negative"),
+        case("user_dynamics.xml", with("<actuator><general joint=\"j\" dyntype=\"user\"/></actuator>"), "own program"),
+        case("negative_nstack.xml", with("<size nstack=\"-7\"/>"), "must not be negative"),
         case("long_name.xml", body(&format!("pos=\"0 0 0\" childclass=\"{}\"", "x".repeat(100_000)), "", "size=\".1\""), "100000 bytes"),
         // Meant to exhaust.
         case("deep.xml", nested(97), "nested more than"),
@@ -157,9 +157,9 @@ fn mjcf_cases() -> Vec<Case> {
         case("big_texture.xml", with("<asset><texture name=\"t\" type=\"2d\" builtin=\"flat\" width=\"100000\" height=\"100000\"/></asset>"), "100000, at most 4096"),
         // Out of the folder.
         case("include_self.xml", with("<include file=\"include_self.xml\"/>"), "included twice or by itself"),
-        case("include_gone.xml", with("<include file=\"gone.xml\"/>"), "\"gone.xml\" is not there"),
-        case("include_out.xml", with("<include file=\"/etc/passwd\"/>"), "leaves the project folder"),
-        case("mesh_out.xml", with("<asset><mesh name=\"m\" file=\"../../../../etc/passwd\"/></asset>"), "leaves the project folder"),
+        case("include_gone.xml", with("<include file=\"gone.xml\"/>"), "\"gone.xml\" does not exist"),
+        case("include_out.xml", with("<include file=\"/etc/passwd\"/>"), "outside the project folder"),
+        case("mesh_out.xml", with("<asset><mesh name=\"m\" file=\"../../../../etc/passwd\"/></asset>"), "outside the project folder"),
     ]
 }
 

@@ -96,8 +96,9 @@ fn damage_is_named_and_recovered() {
         .succeeds();
     let whole = robert().file("a.mcap", &mcap).args(["export", "a.mcap", "--to", "csv"]).succeeds();
     assert_eq!(ran.stdout, whole.stdout);
-    let ran = robert().file("a.mcap", "no take").args(["export", "a.mcap", "--to", "csv"]).fails(3);
-    assert!(ran.stderr.contains("no MCAP"), "{}", ran.stderr);
+    let ran =
+        robert().file("a.mcap", "not a take").args(["export", "a.mcap", "--to", "csv"]).fails(3);
+    assert!(ran.stderr.contains("not an MCAP"), "{}", ran.stderr);
     robert().args(["export", "none.mcap", "--to", "csv"]).fails(3);
 }
 

@@ -337,7 +337,7 @@ fn a_sweep_trains_every_point_and_goes_on_where_it_was() {
     assert!(code == 3 && stderr.contains("belongs to other data"), "{stderr}");
     std::fs::remove_file(dir.join("sweep/data/source")).unwrap();
     let (code, _, stderr) = call(dir, &sweep);
-    assert!(code == 3 && stderr.contains("give another --out"), "{stderr}");
+    assert!(code == 3 && stderr.contains("choose another --out"), "{stderr}");
     let results = std::fs::read_to_string(dir.join("sweep/results.json")).unwrap();
     let results: serde_json::Value = serde_json::from_str(&results).unwrap();
     assert_eq!(results["data"], "data");

@@ -13,8 +13,8 @@ const LINE_EVERY: Duration = Duration::from_secs(10);
 /// Between two events of `--jsonl`.
 const EVENT_EVERY: Duration = Duration::from_millis(200);
 
-/// Time left, by the pace since the first tick: what came before it (a fit, an evaluation),
-/// and what an earlier session did, tell nothing of it.
+/// Estimates the time left from the pace since the first tick. Work before that (a fit, an
+/// evaluation, an earlier session) has another pace.
 #[derive(Debug, Default)]
 struct TimeLeft(Mutex<Option<First>>);
 
@@ -30,7 +30,7 @@ impl TimeLeft {
     /// Seconds from `now` to the end; `None` until something was done.
     fn left(&self, done: u64, total: u64, now: Instant) -> Option<f64> {
         let mut first = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        // Work in parts counts anew.
+        // Each part of the work starts its own count.
         let same = |f: &First| f.total == total && f.done <= done;
         let from = first.filter(same).unwrap_or(First { done, total, at: now });
         *first = Some(from);
@@ -40,7 +40,7 @@ impl TimeLeft {
     }
 }
 
-/// 12 s, 3 min 20 s, 5 h 4 min; a dash as long as nobody knows.
+/// 12 s, 3 min 20 s, 5 h 4 min; a dash while the time is unknown.
 fn span(secs: Option<f64>) -> String {
     let Some(secs) = secs else { return "-".to_owned() };
     let s = secs.round() as u64;
@@ -51,15 +51,15 @@ fn span(secs: Option<f64>) -> String {
     }
 }
 
-/// Draws a [`Progress`] for a person.
+/// Shows a [`Progress`] on a terminal.
 #[derive(Debug)]
 pub(super) struct Bar {
     bar: ProgressBar,
     time_left: TimeLeft,
     plain: Option<Mutex<Plain>>,
-    /// With `--jsonl`: when the last event was written.
+    /// When the last event of `--jsonl` was written.
     events: Option<Mutex<Plain>>,
-    /// What is done and in which unit.
+    /// What is done, and in which unit it is counted.
     phase: Mutex<(String, String)>,
 }
 
@@ -96,7 +96,7 @@ impl Bar {
     /// One event of `--jsonl`, unless the last was a moment ago.
     fn tell(&self, done: u64, total: u64, note: &str) {
         let Some(Ok(mut times)) = self.events.as_ref().map(Mutex::lock) else { return };
-        // The first and the last always: a short job must not look as if nothing happened.
+        // The first and the last event are always written, so that a short job shows something.
         let due = times.last == times.start || times.last.elapsed() >= EVENT_EVERY;
         if !due && done < total {
             return;
@@ -148,7 +148,7 @@ impl Progress for Bar {
         *phase = (what.to_owned(), unit.to_owned());
         drop(phase);
         name(&self.bar, what, unit);
-        // What comes is as fast as it is, not as what was.
+        // The estimate follows the current pace.
         self.bar.reset();
         *self.time_left.0.lock().unwrap_or_else(PoisonError::into_inner) = None;
         for times in [&self.plain, &self.events].into_iter().flatten() {

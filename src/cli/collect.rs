@@ -1,4 +1,4 @@
-//! `robert collect`: let curious agents and noise fill a dataset.
+//! `robert collect`: record motion by noise, babbling or exploring agents.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -12,59 +12,59 @@ use crate::plot::Theme;
 use crate::robot::{PlantRange, Robot};
 use crate::units::count;
 
-/// Where the data lie, beside them.
+/// The chart of visited states, a file in the dataset.
 const COVERAGE: &str = "coverage.png";
 
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  robert collect --robot ur5e --agent noise --transitions 400k --out data/ur5e-noise\n  robert collect --robot ur5e --agent rnd,icm,apt,aps,proto --transitions 3M --out data/ur5e\n  robert collect --robot ur5e --agent rnd --agent-steps 2k --transitions 5k --out data/try\n  robert collect --robot ur5e --plants mass=0.7..1.4,damping=0.5..2,gear=0.7..1.3 --out data/many\n  robert collect --robot ur5e --agent rnd --transitions 1M --agents-from data/rnd --out data/rnd1m\n\nThe bits depend on the options only, not on threads, interruptions or order. A stopped\ncollection goes on with --robot, --out and --resume alone, or the same command and --resume."
+    after_help = "Examples:\n  robert collect --robot ur5e --agent noise --transitions 400k --out data/ur5e-noise\n  robert collect --robot ur5e --agent rnd,icm,apt,aps,proto --transitions 3M --out data/ur5e\n  robert collect --robot ur5e --agent rnd --agent-steps 2k --transitions 5k --out data/try\n  robert collect --robot ur5e --plants mass=0.7..1.4,damping=0.5..2,gear=0.7..1.3 --out data/many\n  robert collect --robot ur5e --agent rnd --transitions 1M --agents-from data/rnd --out data/rnd1m\n\nThe data depend on the options only, not on threads, interruptions or order. To continue a stopped\ncollection, repeat the command with --resume; --robot and --out are enough."
 )]
 pub(super) struct Args {
     /// Robot: id, or a folder with robot.xml.
     #[arg(long)]
     robot: String,
-    /// Who collects, equal parts each: rnd, icm, apt, aps, proto, noise, babble, uniform
+    /// The collectors, with equal shares: rnd, icm, apt, aps, proto, noise, babble, uniform
     /// [default: noise].
     #[arg(long, value_delimiter = ',')]
     agent: Vec<AgentKind>,
-    /// Frames to record in all; 400k and 2.5M are numbers, too [default: 400k].
+    /// Frames to record in total, such as 400k or 2.5M [default: 400k].
     #[arg(long, value_name = "N", value_parser = count)]
     transitions: Option<u64>,
     /// Dataset folder.
     #[arg(long)]
     out: PathBuf,
-    /// Environment steps of training for each agent; the preset's if not given.
+    /// Environment steps of training per agent [default: the preset's].
     #[arg(long, value_name = "N", value_parser = count)]
     agent_steps: Option<u64>,
-    /// Sizes and schedule of the agents: url-fast, or urlb as published (days on a CPU)
+    /// Sizes and schedule of the agents: url-fast, or urlb as published, which takes days on a CPU
     /// [default: url-fast].
     #[arg(long)]
     preset: Option<String>,
     /// Change one setting of the preset, as in lr=3e-4; may be repeated.
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Seed of everything [default: 0].
+    /// Seed of all random choices [default: 0].
     #[arg(long)]
     seed: Option<u64>,
-    /// Roll out only the snapshots of this first share of the training [default: .5 for the
-    /// UR5e, whose agents drift to extremes, else 1].
+    /// Roll out only snapshots from this first share of the training [default: .5 for the UR5e,
+    /// whose agents drift to extremes, else 1].
     #[arg(long)]
     snapshots_until: Option<f64>,
-    /// Draw another plant for each recorded episode: factors on mass, damping and force.
+    /// Draw a new plant for each recorded episode: ranges of factors on mass, damping and force.
     #[arg(long, value_name = "RANGES")]
     plants: Option<PlantRange>,
     /// Frames of a recorded episode [default: 250].
     #[arg(long, value_name = "N", value_parser = count)]
     episode_frames: Option<u64>,
-    /// Another collection, whose trained agents are taken if robot, preset, steps and seed are
-    /// the same: for more or fewer transitions. (Of one seed the longer collection begins with
-    /// the motions of the shorter; do not merge them.)
+    /// Use the trained agents of another collection, to record more or fewer transitions. Robot,
+    /// preset, steps and seed must be the same. (With one seed the longer collection begins with
+    /// the motions of the shorter one, so do not merge the two.)
     #[arg(long, value_name = "DIR")]
     agents_from: Option<PathBuf>,
-    /// Go on with what the folder holds; the folder knows what was asked for.
+    /// Continue the collection in the folder with its own options.
     #[arg(long)]
     resume: bool,
-    /// Threads; all cores if not given.
+    /// Threads [default: all cores].
     #[arg(long)]
     threads: Option<usize>,
     /// Print JSON.
@@ -98,7 +98,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     ))
 }
 
-/// What is asked for: by the options, or by the folder that `--resume` names alone.
+/// The request: from the options, or from the folder if only `--resume` is given.
 fn config(args: &Args, robot: &Robot) -> Outcome<CollectConfig> {
     let said = !args.agent.is_empty()
         || !args.set.is_empty()

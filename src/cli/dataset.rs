@@ -1,4 +1,4 @@
-//! `robert dataset`: look at collected trajectories and make views of them.
+//! `robert dataset`: inspect collected trajectories and make views of them.
 
 use std::path::{Path, PathBuf};
 
@@ -11,14 +11,14 @@ use crate::dataset::{self, Corruption, Dataset, Manifest, Statistics, Totals, Vi
 use crate::exit::Exit;
 use crate::plot::Theme;
 
-/// Share of pinned frames above which a joint is worth a warning.
+/// Share of frames at a stop above which a joint gets a warning.
 const PINNED: f64 = 0.3;
-/// Bad files that an error names; the lines before it name all.
+/// The most bad files that an error names; the lines before it name all.
 const NAMED: usize = 5;
 
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  robert dataset info data/ur5e\n  robert dataset merge data/rnd data/icm --equal --out data/all\n  robert dataset shrink 10 data/all --out data/tenth\n\nViews (split, shrink, corrupt, merge) copy no frames: they list trajectories of the same shard files."
+    after_help = "Examples:\n  robert dataset info data/ur5e\n  robert dataset merge data/rnd data/icm --equal --out data/all\n  robert dataset shrink 10 data/all --out data/tenth\n\nViews (split, shrink, corrupt, merge) copy no frames. They list trajectories of the same shard files."
 )]
 pub(super) struct Args {
     #[command(subcommand)]
@@ -27,7 +27,7 @@ pub(super) struct Args {
 
 #[derive(Debug, Subcommand)]
 enum What {
-    /// What is in a dataset, and how clean it is.
+    /// Print what a dataset contains, and how clean it is.
     #[command(
         after_help = "Examples:\n  robert dataset info data/ur5e\n  robert dataset info data/ur5e --json | jq .totals"
     )]
@@ -38,21 +38,21 @@ enum What {
         #[arg(long)]
         json: bool,
     },
-    /// Join datasets of one robot.
+    /// Merge datasets of one robot.
     #[command(
-        after_help = "Examples:\n  robert dataset merge data/rnd data/icm --equal --out data/all\n\nA trajectory that two inputs have is an error. Where some inputs have a fixed split and others\nnone, those get the usual one (5 % by seed 0)."
+        after_help = "Examples:\n  robert dataset merge data/rnd data/icm --equal --out data/all\n\nIt is an error if two inputs have the same trajectory. If only some inputs have a fixed split, the\nothers get the usual one (5 % by seed 0)."
     )]
     Merge {
         /// Dataset folders; their order does not matter.
         #[arg(required = true)]
         data: Vec<PathBuf>,
-        /// Cut every agent to the frames of the smallest one.
+        /// Reduce every agent to the number of frames of the smallest one.
         #[arg(long)]
         equal: bool,
         #[command(flatten)]
         out: Out,
     },
-    /// Fix which trajectories are held out.
+    /// Decide which trajectories are held out.
     #[command(
         after_help = "Examples:\n  robert dataset split data/all --test 0.1 --out data/split"
     )]
@@ -68,14 +68,14 @@ enum What {
         #[command(flatten)]
         out: Out,
     },
-    /// Keep the trajectories of some agents, or evenly as many as a number of frames holds.
+    /// Keep the trajectories of some agents, or a number of frames, evenly spread.
     #[command(
-        after_help = "Examples:\n  robert dataset pick data/all --agent rnd,icm --out data/curious\n  robert dataset pick data/all --frames 100000 --out data/less"
+        after_help = "Examples:\n  robert dataset pick data/all --agent rnd,icm --out data/agents\n  robert dataset pick data/all --frames 100000 --out data/less"
     )]
     Pick {
         /// Dataset folder.
         data: PathBuf,
-        /// Agents to keep; all if not given.
+        /// Agents to keep [default: all].
         #[arg(long, value_delimiter = ',')]
         agent: Vec<String>,
         /// Frames to keep at most.
@@ -84,7 +84,7 @@ enum What {
         #[command(flatten)]
         out: Out,
     },
-    /// Keep every K-th trajectory (of the train part, once a split is fixed).
+    /// Keep every K-th trajectory (of the training part, if the split is fixed).
     #[command(after_help = "Examples:\n  robert dataset shrink 10 data/all --out data/tenth")]
     Shrink {
         /// Keep one trajectory in K.
@@ -94,7 +94,7 @@ enum What {
         #[command(flatten)]
         out: Out,
     },
-    /// Overwrite a share P of the train trajectories by copies of one of them.
+    /// Overwrite a share P of the training trajectories by copies of one of them.
     #[command(
         after_help = "Examples:\n  robert dataset corrupt 0.5 data/all --out data/half_copies"
     )]
@@ -103,7 +103,7 @@ enum What {
         p: f64,
         /// Dataset folder.
         data: PathBuf,
-        /// Pick a fresh trajectory for every slot.
+        /// Draw another trajectory to copy for every slot.
         #[arg(long)]
         per_slot: bool,
         /// Seed of the choice.
@@ -112,7 +112,7 @@ enum What {
         #[command(flatten)]
         out: Out,
     },
-    /// Draw where the data lie: histograms, speeds, planes of joints.
+    /// Draw the visited states: histograms, speeds, planes of joints.
     #[command(
         after_help = "Examples:\n  robert dataset plot data/all --out all.png\n  robert dataset plot data/all --by-agent --out agents.svg"
     )]
@@ -125,15 +125,15 @@ enum What {
         /// Only these joints.
         #[arg(long, value_delimiter = ',')]
         joints: Vec<String>,
-        /// One column of planes an agent instead of histograms and planes of all.
+        /// Draw one column of planes per agent instead of all together.
         #[arg(long)]
         by_agent: bool,
-        /// On a dark ground.
+        /// Use a dark background.
         #[arg(long)]
         dark: bool,
     },
-    /// Verify every shard (sha256, shapes, values, trajectories) and the manifest's sums. Exit
-    /// code 3 names the bad ones.
+    /// Verify every shard (sha256, shapes, values, trajectories) and the sums of the manifest. If
+    /// any is bad, they are named and the exit code is 3.
     #[command(after_help = "Examples:\n  robert dataset check data/all")]
     Check {
         /// Dataset folder.
@@ -219,7 +219,7 @@ fn refuse_same(data: &[PathBuf], out: &Path) -> Outcome {
     refuse_file(out)
 }
 
-/// A folder is asked for and a file is there.
+/// Refuses an output that is a file.
 pub(super) fn refuse_file(out: &Path) -> Outcome {
     if out.exists() && !out.is_dir() {
         let path = out.display();
@@ -228,12 +228,12 @@ pub(super) fn refuse_file(out: &Path) -> Outcome {
     Ok(())
 }
 
-/// Writes the manifest, if anything is left; `shortest` trajectory of where it was made from.
+/// Writes the manifest if anything is left. `shortest` is the shortest trajectory of its source.
 fn publish(m: Manifest, shortest: Option<u64>, out: &Out) -> Outcome {
     if m.episodes.is_empty() {
         return Err(Failure::usage(shortest.map_or_else(
-            || "there is nothing in it: the data have no trajectory".to_owned(),
-            |n| format!("nothing is left; the shortest trajectory has {n} frames"),
+            || "the result would be empty: the data have no trajectory".to_owned(),
+            |n| format!("the result would be empty: the shortest trajectory has {n} frames"),
         )));
     }
     let m = Dataset::publish(m, &out.out)?;
@@ -347,7 +347,7 @@ pub(super) fn info(m: &Manifest, json: bool) -> Outcome {
         .collect();
     if !pinned.is_empty() {
         tracing::warn!(
-            "near a stop, where torque cannot be read from positions, in many frames: {}",
+            "in many frames these joints are near a stop, where torque cannot be inferred from positions: {}",
             pinned.join(", ")
         );
     }

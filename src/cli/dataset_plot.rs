@@ -1,7 +1,8 @@
-//! `robert dataset plot`: where the data lie, in one picture.
+//! `robert dataset plot`: the visited states in one picture.
 //!
-//! Every joint's histogram (one line an agent), the speeds, and planes of neighbouring
-//! joints and of joints against their own speed on a log scale: the rare corners matter.
+//! It shows a histogram per joint (one line per agent), the speeds, and planes of neighbouring
+//! joints and of joints against their own speed. The planes have a log scale, because rare corners
+//! matter.
 
 use std::path::Path;
 
@@ -11,15 +12,15 @@ use crate::dataset::{Dataset, Verify};
 use crate::plot::{Axis, Figure, Layer, Panel, Theme, coverage, one_scale};
 use crate::units::Unit;
 
-/// Frames drawn; more do not change a picture.
+/// The most frames to draw; more would not change the picture.
 const FRAMES: u64 = 200_000;
 /// Bins of a histogram.
 const BINS: usize = 60;
-/// Cells along a plane.
+/// Cells along each side of a plane.
 const CELLS: usize = 60;
-/// Planes drawn at most.
+/// The most planes to draw.
 const PLANES: usize = 8;
-/// Planes of each kind, positions and speeds, where every agent has its own.
+/// Planes of each kind (positions, speeds) if every agent has its own.
 const PLANES_BY_AGENT: usize = 3;
 
 /// Agent, positions, velocities of a frame.
@@ -32,7 +33,7 @@ struct Sample {
 }
 
 impl Sample {
-    /// The axis over what all agents' frames need, so that their panels can be compared.
+    /// An axis that covers the frames of all agents, so that their panels can be compared.
     fn span(&self, axis: Axis, value: impl Fn(&Frame) -> Option<f64>) -> Axis {
         let seen = self.frames.iter().filter_map(value).filter(|v| v.is_finite());
         let (lo, hi) =
@@ -41,7 +42,7 @@ impl Sample {
     }
 }
 
-/// Draws `data` into the picture `path` and says so.
+/// Draws `data` into the picture `path` and reports it.
 pub(super) fn run(
     data: &Path,
     path: &Path,
@@ -53,7 +54,7 @@ pub(super) fn run(
     out::line(&path.display().to_string())
 }
 
-/// Draws `data` into the picture `path` (png or svg), all agents in one or one a column.
+/// Draws `data` into the picture `path` (png or svg), with all agents together or one per column.
 pub(super) fn draw(
     data: &Path,
     path: &Path,
@@ -146,7 +147,7 @@ pub(super) fn draw(
         s.near_limit_any * 100.0,
         s.self_contact * 100.0,
     );
-    let figure = Figure::grid(&format!("{}: where the data lie", m.robot.id), panels, columns);
+    let figure = Figure::grid(&format!("{}: visited states", m.robot.id), panels, columns);
     super::plot::save(&figure.note(&note).theme(theme), path)
 }
 

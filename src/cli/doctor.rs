@@ -1,4 +1,4 @@
-//! `robert doctor`: is everything here that the program needs, and what fixes it?
+//! `robert doctor`: checks what the program needs on this machine, and names the fixes.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -27,11 +27,11 @@ pub(super) struct Args {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 enum State {
-    /// There.
+    /// It is there.
     Ok,
-    /// Missing, and the program works without it.
+    /// It is missing, and the program works without it.
     Warning,
-    /// Missing, and something does not work without it.
+    /// It is missing, and something does not work without it.
     Missing,
 }
 
@@ -40,7 +40,7 @@ struct Check {
     name: &'static str,
     state: State,
     found: String,
-    // Scripts know the old name.
+    // Scripts use the old name.
     #[serde(rename = "mend", skip_serializing_if = "Option::is_none")]
     fix: Option<String>,
 }
@@ -94,7 +94,7 @@ pub(super) fn run(args: &Args) -> Outcome {
     if missing {
         return Err(Failure::with(
             Exit::Missing,
-            "something is missing; each line above says what fixes it",
+            "something is missing; each line above names its fix",
         ));
     }
     Ok(())
@@ -166,7 +166,7 @@ fn processor() -> Check {
     let found = format!("{cores} cores, {name}, {}", features.join(" "));
     if cfg!(target_arch = "x86_64") && !features.contains(&"avx2") {
         let fix =
-            "training works but is several times slower than on a processor of the last ten years";
+            "training works, but is several times slower than on a processor of the last ten years";
         return Check::bad("processor", State::Warning, found, fix);
     }
     Check::ok("processor", found)

@@ -1,4 +1,4 @@
-//! `robert eval`: suites of clips under several policies, one table.
+//! `robert eval`: compares policies on suites of clips, in one table per suite.
 
 use std::fmt::Write as _;
 use std::io;
@@ -31,22 +31,24 @@ use crate::rollout::{
     after_help = "Examples:\n  robert eval --robot ur5e --suite manual --policy zero,pd,computed-torque,ilqr\n  robert eval --robot ur5e --suite manual -p pd,pd+guide --plant mass=1.25,damping=1.5,gear=0.85\n  robert eval --robot ur5e --suite manual -p robert:adaptive+guide --plant mass=0.7..1.4 --seeds 8\n  robert eval --suite my-clips/ --policy ilqr --max-precision 0.005 --json\n  robert eval --robot ur5e --suite manual -p pd,ilqr --seeds 4 --plant gear=0.8..1.2 --plot bars.png"
 )]
 pub(super) struct Args {
-    /// The robot; with clip files it may be left out.
+    /// The robot; clip files name their own.
     #[arg(long, value_name = "ID|DIR")]
     robot: Option<String>,
-    /// Shipped suites (manual, extra, validation; drawn, fast, touch; their other halves
-    /// drawn-final, fast-final, touch-final, together final), clip files, folders of clips; trial: five
-    /// clips that follow from any robot's limits and --data-seed; or test: cut
-    /// from the held-out part of --data, unmasked, a quarter and half of the frames hidden.
+    /// What to perform. Built-in suites: manual, extra, validation; drawn, fast, touch;
+    /// drawn-final, fast-final, touch-final (together: final). Clip files, or folders of clips.
+    /// trial: five clips that are generated from the robot's limits and --data-seed. test: tasks
+    /// extracted from the held-out part of --data, with no frames, a quarter and half of the frames
+    /// hidden.
     #[arg(long, required = true, num_args = 1.., value_delimiter = ',')]
     suite: Vec<String>,
-    /// The dataset that the suite test is cut from.
+    /// The dataset for the suite test.
     #[arg(long, value_name = "DIR")]
     data: Option<PathBuf>,
-    /// Tasks in each suite cut from data; 30 for the arm, 6 for others, as in the paper.
+    /// Tasks per suite extracted from data [default: 30 for the arm, 6 for others, as in the
+    /// paper].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1000))]
     cases: Option<u16>,
-    /// Seed of the pieces, of their masks, and of the split where the dataset fixes none.
+    /// Seed of the extracted tasks, of their masks, and of the split if the dataset fixes none.
     #[arg(long, default_value_t = 0, value_name = "SEED")]
     data_seed: u64,
     /// Policies; --help lists all.
@@ -54,26 +56,27 @@ pub(super) struct Args {
     policy: Vec<String>,
     #[command(flatten)]
     conditions: Conditions,
-    /// Seeds 0..N; the interval is over seeds.
+    /// Use the seeds 0 to N-1; intervals are over seeds.
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=1000))]
     seeds: u64,
-    /// Worker threads; all cores by default. Figures do not depend on it, times do.
+    /// Worker threads [default: all cores]. They change the times, but not the other figures.
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: Option<u16>,
-    /// Exit 4 when a policy's mean Precision over a suite is larger (rad or m).
+    /// Exit with 4 if a policy's mean Precision over a suite is above this (rad or m).
     #[arg(long, value_name = "X")]
     max_precision: Option<f64>,
-    /// Do not compare with iLQR, which knows the model: its floor is known for shipped clips
-    /// and takes up to seconds a clip for others.
+    /// Do not compare with iLQR, which knows the model. Its Precision is stored for built-in clips;
+    /// measuring it for another clip can take seconds.
     #[arg(long)]
     no_floor: bool,
-    /// Write one row a task and policy; - is stdout.
+    /// Write CSV with one row per task and policy; - is stdout.
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
-    /// Write results.json, results.csv and errors.csv (the error by frame) here.
+    /// Write results.json, results.csv and errors.csv (error per frame) to this folder.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Draw the Precisions as bars with 95 % intervals, .png or .svg; - is stdout, as SVG.
+    /// Write a bar chart of the Precisions with 95 % intervals, .png or .svg; - writes SVG to
+    /// stdout.
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
     /// Print JSON.
@@ -94,13 +97,13 @@ struct Report<'a> {
     results: &'a [Evaluation],
 }
 
-/// What a suite asks for.
+/// What the clips of a suite command.
 #[derive(Debug, Serialize)]
 struct SuiteFacts {
     name: String,
     tasks: usize,
-    /// Share of commanded frames with a joint near a limit, where torque cannot be told
-    /// from position.
+    /// Share of commanded frames with a joint near a limit, where torque cannot be inferred from
+    /// positions.
     near_limit_share: f64,
 }
 
@@ -120,7 +123,7 @@ impl SuiteFacts {
 }
 
 impl Args {
-    /// Whether a file that was asked for goes to stdout.
+    /// Whether an output file goes to stdout.
     fn takes_stdout(&self) -> bool {
         [&self.csv, &self.plot].into_iter().flatten().any(|p| input::is_standard(p))
     }
@@ -128,13 +131,13 @@ impl Args {
 
 pub(super) fn run(args: &Args, global: Global) -> Outcome {
     if args.json && args.takes_stdout() {
-        return Err(Failure::usage("--json prints on stdout: --csv and --plot need a file"));
+        return Err(Failure::usage("--json writes to stdout, so --csv and --plot need a file"));
     }
     let policies: Vec<PolicyConfig> =
         args.policy.iter().map(|p| args.conditions.policy(p)).collect::<Outcome<_>>()?;
     let plant = args.conditions.plant()?;
     if let Some(x) = args.max_precision.filter(|x| !(x.is_finite() && *x >= 0.0)) {
-        return Err(Failure::usage(format!("--max-precision {x} is no distance")));
+        return Err(Failure::usage(format!("--max-precision takes a number above 0, not {x}")));
     }
     if let Some(path) = &args.plot {
         plot::may_save(path)?;
@@ -144,7 +147,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let config = EvalConfig { policies, plant, seeds: args.seeds, threads };
 
     let cancel = cancel_on_ctrl_c();
-    // Another plant has other floors, and where iLQR takes part its own figures are the floor.
+    // Another plant has other floors. If iLQR takes part, its own figures are the floor.
     let wanted = !args.no_floor && plant == PlantRange::default();
     if wanted && !config.policies.contains(&PolicyConfig::floor()) {
         floors(&robot, &mut suites, threads, global, &cancel)?;
@@ -192,7 +195,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     }
 }
 
-/// Gives every clip its floor. A robot that iLQR cannot drive does without.
+/// Measures the floor of every clip. A robot that iLQR cannot drive has none.
 fn floors(
     robot: &Arc<Robot>,
     suites: &mut [Suite],
@@ -201,14 +204,14 @@ fn floors(
     cancel: &Cancel,
 ) -> Outcome {
     let bar = Bar::new("floor", "clips", global.quiet);
-    // Recorded motion is judged by what was recorded.
+    // Tasks from recorded motion are compared with the recording instead.
     let clips = suites.iter_mut().flat_map(|s| &mut s.cases).filter(|c| c.truth.is_none());
     let filled = floor::fill(robot, clips, threads, &bar, cancel);
     bar.finish();
     match filled {
         Err(e @ rollout::Error::Cancelled { .. }) => Err(e.into()),
         Err(e) => {
-            tracing::warn!("no floors to compare with: {e}");
+            tracing::warn!("there are no floors to compare with: {e}");
             Ok(())
         }
         Ok(()) => Ok(()),
@@ -260,7 +263,7 @@ fn suites(args: &Args) -> Outcome<(Arc<Robot>, Vec<Suite>)> {
         (None, Some(own)) => motion::robot_for(None, &own)?,
         (None, None) => {
             return Err(Failure::usage(
-                "a shipped suite needs a robot: --robot pointmass, ur5e, ur5e_light or shadow_hand",
+                "a built-in suite needs a robot: --robot pointmass, ur5e, ur5e_light or shadow_hand",
             ));
         }
     };
@@ -284,13 +287,13 @@ fn suites(args: &Args) -> Outcome<(Arc<Robot>, Vec<Suite>)> {
     Ok((robot, suites))
 }
 
-/// The three suites cut from a dataset.
+/// The three suites extracted from a dataset.
 fn cut_suites(args: &Args, robot: &Robot) -> Outcome<Vec<Suite>> {
     let Some(path) = &args.data else {
-        return Err(Failure::usage("the suite test is cut from recorded motion: give --data DIR"));
+        return Err(Failure::usage("the suite test needs recorded motion: give --data DIR"));
     };
     let data = Dataset::open(path, Verify::Structure)?;
-    // As many as the paper used.
+    // The numbers of the paper.
     let arm = robot.id().starts_with("ur5e");
     let count = args.cases.unwrap_or(if arm { 30 } else { 6 });
     Ok(test_suites(robot, &data, usize::from(count), args.data_seed)?)
@@ -324,7 +327,7 @@ fn case(robot: &Robot, (name, clip): (String, Clip)) -> Outcome<Case> {
     Ok(Case { name, command, start: Start::Pose, truth: None, floor: None })
 }
 
-/// Exit 4 where a mean is over the limit, or is none.
+/// Fails with exit code 4 if a mean is above the limit or missing.
 fn check(results: &[Evaluation], limit: f64, unit: &str) -> Outcome {
     let missed: Vec<String> = results
         .iter()
@@ -379,7 +382,7 @@ fn table(robot: &Robot, suite: &str, plant: PlantRange, results: &[Evaluation]) 
             .chain(columns.iter().map(|c| average(c, |t| t.mean_abs_du))),
     );
     t.add_row(
-        std::iter::once("ms a frame".to_owned()).chain(
+        std::iter::once("ms per frame".to_owned()).chain(
             columns.iter().map(|c| average(c, |t| 1e3 * t.wall_secs / t.frames.max(1) as f64)),
         ),
     );
@@ -387,7 +390,7 @@ fn table(robot: &Robot, suite: &str, plant: PlantRange, results: &[Evaluation]) 
     let plant =
         if plant == PlantRange::default() { String::new() } else { format!(", plant {plant}") };
     let mut text = format!(
-        "{} {suite}: Precision in {unit} (mean |error| over unmasked frames; lower is better){plant}\n{t}\n* best of the row",
+        "{} {suite}: Precision in {unit} (mean |error| over unmasked frames; lower is better){plant}\n{t}\n* best in the row",
         robot.id()
     );
     if columns.iter().any(|c| c.uses_model) {
@@ -398,7 +401,7 @@ fn table(robot: &Robot, suite: &str, plant: PlantRange, results: &[Evaluation]) 
     }
     if columns.iter().any(|c| c.tasks.iter().any(|t| t.gap.is_some())) {
         text.push_str(
-            "\ngaps: mean (worst); path over the straight line, jerk over the least, overshoot beyond its allowance",
+            "\ngaps: mean (worst); path relative to the straight line, jerk relative to the minimum, overshoot beyond its allowance",
         );
     }
     for c in &columns {
@@ -411,7 +414,7 @@ fn table(robot: &Robot, suite: &str, plant: PlantRange, results: &[Evaluation]) 
     text
 }
 
-/// What a table says about a policy below its Precisions; nothing where it was not measured.
+/// A figure of a policy below its Precisions in the table; `None` if it was not measured.
 type PolicyFigure = fn(&Evaluation) -> Option<String>;
 
 const FIGURES: [(&str, PolicyFigure); 7] = [
@@ -455,7 +458,7 @@ fn spread(mean: Option<f64>, worst: Option<f64>) -> Option<String> {
     Some(format!("{:.2} ({:.2})", mean?, worst?))
 }
 
-/// A row of Precisions, the best marked.
+/// A row of Precisions with a mark at the best.
 fn cells(name: &str, values: &[Option<f64>], cis: &[Option<f64>]) -> Vec<String> {
     let best = values.iter().flatten().copied().min_by(f64::total_cmp);
     let mut cells = vec![name.to_owned()];
@@ -472,7 +475,7 @@ fn cells(name: &str, values: &[Option<f64>], cis: &[Option<f64>]) -> Vec<String>
     cells
 }
 
-/// Five decimals; an error that they would hide is not shown as none.
+/// Five decimals. An error that would round to zero is shown as `<0.00001`.
 fn short(v: f64) -> String {
     if v > 0.0 && v < 5e-6 { "<0.00001".to_owned() } else { format!("{v:.5}") }
 }

@@ -1,4 +1,4 @@
-//! `robert export TAKE|CLIP`: takes in other formats; a clip is performed first.
+//! `robert export TAKE|CLIP`: writes takes in other formats; a clip is performed first.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -18,14 +18,14 @@ use crate::{fsio, limits};
 
 /// Write a take, or a clip that is performed first, in another format.
 ///
-/// csv, json, mjcf and ros go to stdout unless -o names a file; the others need a file and
-/// take the input's name by default.
+/// csv, json, mjcf and ros go to stdout unless -o names a file. The other formats go to a file with
+/// the input's name, unless -o names another.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  robert export wave.mcap --to csv -o wave.csv\n  robert export wave.mcap --to ros --what command > plan.yaml\n  robert export wave.mcap --to mjcf --with-model -o wave.xml    keyframes that load by themselves\n  robert export ur5e/reacher --policy computed-torque --to mcap -o reacher.mcap\n  robert export wave.mcap --to html -o wave.html    a page that plays the take, offline"
 )]
 pub(super) struct Args {
-    /// A take (.mcap) or clip file (- is stdin), or the name of a shipped task.
+    /// A take (.mcap) or clip file (- is stdin), or the name of a built-in task.
     input: String,
     /// The format.
     #[arg(long, value_enum)]
@@ -33,16 +33,16 @@ pub(super) struct Args {
     /// The file to write; - is stdout.
     #[arg(short, long, value_name = "FILE")]
     out: Option<PathBuf>,
-    /// The reached motion, or the command; for csv, json, mjcf and ros.
+    /// Export the reached motion or the command; for csv, json, mjcf and ros.
     #[arg(long, value_enum, default_value_t = WhatArg::Achieved)]
     what: WhatArg,
-    /// Of MJCF keyframes, write the robot's model, too: a file that loads by itself.
+    /// For MJCF keyframes: also write the robot's model, so that the file loads by itself.
     #[arg(long)]
     with_model: bool,
-    /// Of a damaged take, export the frames before the damage.
+    /// Export the frames of a damaged take that come before the damage.
     #[arg(long)]
     recover: bool,
-    /// The viser client's index.html, where it is not in this program (for html).
+    /// The viser client's index.html, if this build does not contain it (for html).
     #[arg(long, value_name = "FILE")]
     viser_client: Option<PathBuf>,
     /// Print a JSON report (with -o).
@@ -54,9 +54,9 @@ pub(super) struct Args {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Format {
-    /// Rows of joint values: frame, time, mask, one column a joint.
+    /// Rows of joint values: frame, time, mask, one column per joint.
     Csv,
-    /// Everything but body poses, one document.
+    /// One JSON document with everything except body poses.
     Json,
     /// The take itself, for Foxglove, Lichtblick, Rerun.
     Mcap,
@@ -103,17 +103,17 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
         WhatArg::Command => What::Command,
     };
     if what == What::Command && !args.to.is_text() {
-        return Err(Failure::usage("--what command is for csv, json, mjcf and ros"));
+        return Err(Failure::usage("--what command is only for csv, json, mjcf and ros"));
     }
     if args.with_model && args.to != Format::Mjcf {
-        return Err(Failure::usage("--with-model is for --to mjcf"));
+        return Err(Failure::usage("--with-model is only for --to mjcf"));
     }
     let stdout = args.out.as_deref() == Some(Path::new("-"));
     if args.json && (stdout || (args.out.is_none() && args.to.is_text())) {
-        return Err(Failure::usage("--json prints a report on stdout: name a file with -o"));
+        return Err(Failure::usage("--json writes a report to stdout, so -o must name a file"));
     }
     motion::may_write(&args.input, args.out.as_deref())?;
-    // Before any work: the page may be missing.
+    // The page may be missing, so it is read before any work.
     let client = match (args.to, &args.viser_client) {
         (Format::Html, Some(path)) => Some(fsio::read_capped(path, limits::MESH_BYTES)?),
         (Format::Html, None) => Some(html::client()?),
@@ -133,7 +133,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
                 take.to_mcap(Some(&take.scene(robot)?))?
             } else {
                 tracing::warn!(
-                    "robot {} is not known here: no geometry in the take; give it with --robot",
+                    "robot {} is unknown here, so the take has no geometry; name the robot with --robot",
                     take.robot.id
                 );
                 take.to_mcap(None)?
@@ -169,7 +169,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     out::line(&format!("{}: {} frames, {} bytes", path.display(), take.frames(), bytes.len()))
 }
 
-/// The take, and the robot where it is known.
+/// The take, and its robot if that is known.
 fn input(args: &Args, global: Global) -> Outcome<(Take, Outcome<Arc<Robot>>)> {
     let path = Path::new(&args.input);
     if !motion::is_take(path) {
@@ -191,7 +191,7 @@ fn input(args: &Args, global: Global) -> Outcome<(Take, Outcome<Arc<Robot>>)> {
         input::take(path)?
     };
     let robot = motion::robot_for(args.perform.robot.as_deref(), &take.robot.id);
-    // A robot that was named must be there; the take's own may be unknown on this machine.
+    // A robot named on the command line must exist; the take's own may be unknown on this machine.
     match robot {
         Err(e) if args.perform.robot.is_some() => Err(e),
         Ok(robot) => match take.check_robot(&robot) {

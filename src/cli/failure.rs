@@ -15,7 +15,7 @@ pub struct Failure {
 }
 
 impl Failure {
-    /// The command line asks for something that cannot be.
+    /// The command line asks for something impossible.
     pub fn usage(message: impl Display) -> Self {
         Self::with(Exit::Usage, message)
     }
@@ -40,8 +40,7 @@ impl Failure {
         eprintln!("error: {}", plain(&self.sentence()));
     }
 
-    /// What went wrong, then why, on one line; a cause that a message already tells is not
-    /// told again.
+    /// The error and its causes on one line. A cause that a message already contains is left out.
     pub(super) fn sentence(&self) -> String {
         let mut text = String::new();
         for cause in self.error.chain().map(ToString::to_string) {
@@ -55,9 +54,8 @@ impl Failure {
     }
 }
 
-/// The text with every character spelled out that would do something to a terminal:
-/// control characters, and those that turn the direction of writing. Names in foreign files
-/// end up in messages.
+/// Escapes every character that would act on a terminal: control characters, and those that change
+/// the direction of writing. Names from foreign files end up in messages.
 fn plain(text: &str) -> String {
     let acts = |c: char| {
         (c.is_control() && c != '\n' && c != '\t')

@@ -1,4 +1,4 @@
-//! `robert fit`: policies that need no training, from collected motion.
+//! `robert fit`: fits policies that need no training to collected motion.
 
 use std::path::PathBuf;
 use std::time::Instant;
@@ -16,7 +16,7 @@ use crate::train::fit::{self, HIDDEN};
 
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  robert fit ridge --data data/ur5e\n  robert fit nearest --data data/ur5e --frames 100000 --out near.safetensors\n  robert fit mlp-inverse --data data/ur5e --json\n  robert eval --robot ur5e --suite manual -p ridge:data/ur5e,nearest:data/ur5e\n\nWithout --out the fit is written beside the data, where the name of the data's folder finds\nit. Only the train part of the data is used; the error is measured on the rest."
+    after_help = "Examples:\n  robert fit ridge --data data/ur5e\n  robert fit nearest --data data/ur5e --frames 100000 --out near.safetensors\n  robert fit mlp-inverse --data data/ur5e --json\n  robert eval --robot ur5e --suite manual -p ridge:data/ur5e,nearest:data/ur5e\n\nWithout --out the fit is written into the data's folder, and that folder's name then selects it.\nOnly the training part of the data is used; the error is measured on the rest."
 )]
 pub(super) struct Args {
     /// Which policy.
@@ -25,25 +25,25 @@ pub(super) struct Args {
     /// Dataset folder.
     #[arg(long, value_name = "DIR")]
     data: PathBuf,
-    /// File to write; POLICY.safetensors beside the data by default.
+    /// File to write [default: POLICY.safetensors in the data's folder].
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
-    /// Refuse data of another robot than this.
+    /// Refuse data of any other robot.
     #[arg(long, value_name = "ID|DIR")]
     robot: Option<String>,
-    /// Seed of the draws, and of the split where the dataset fixes none.
+    /// Seed of the random choices, and of the split if the dataset fixes none.
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// nearest: frames to search at most, whole trajectories evenly spread.
+    /// nearest: the most frames to search, in whole trajectories, evenly spread.
     #[arg(long, default_value_t = NEAREST_FRAMES as u64, value_parser = clap::value_parser!(u64).range(51..=20_000_000))]
     frames: u64,
     /// mlp-inverse: training steps.
     #[arg(long, default_value_t = InverseSettings::default().steps, value_parser = clap::value_parser!(u64).range(1..=10_000_000))]
     steps: u64,
-    /// mlp-inverse: units of each of the two hidden layers.
+    /// mlp-inverse: units in each of the two hidden layers.
     #[arg(long, default_value_t = InverseSettings::default().width as u64, value_parser = clap::value_parser!(u64).range(1..=4096))]
     width: u64,
-    /// ridge: threads; all cores by default. The bits do not depend on it.
+    /// ridge: threads [default: all cores]. They do not change the result.
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=256))]
     threads: Option<u16>,
     /// Print JSON.
@@ -55,9 +55,9 @@ pub(super) struct Args {
 enum Fit {
     /// One linear map for each number of frames to the next goal.
     Ridge,
-    /// What was done in the recorded moments most like this one.
+    /// The actions of the recorded moments most similar to this one.
     Nearest,
-    /// A small network: where the robot was, is, and shall be one frame from now.
+    /// A small network of three frames: the last, the current and the next command.
     MlpInverse,
 }
 
@@ -112,7 +112,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     bar.finish();
     let mut fitted = fitted?;
     let secs = begin.elapsed().as_secs_f64();
-    // Too little data to hold any out is no reason to withhold the fit.
+    // The fit is useful even if there are too few data to hold any out.
     let held_out = fit::held_out(&data, args.seed, &mut fitted).ok();
     if args.json {
         return out::json(&Report {

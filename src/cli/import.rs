@@ -1,4 +1,4 @@
-//! `robert import FILE --out DIR`: a robot's folder out of a URDF or MJCF.
+//! `robert import FILE --out DIR`: makes a robot folder from a URDF or MJCF.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -33,7 +33,7 @@ pub(super) struct ModelFlags {
     /// The folder that includes and meshes may not leave [default: the file's own].
     #[arg(long, value_name = "DIR")]
     root: Option<PathBuf>,
-    /// Where a ROS package lies, for paths such as `package://NAME/arm.stl`. May be repeated.
+    /// Folder of a ROS package, for paths such as `package://NAME/arm.stl`. May be repeated.
     #[arg(long = "package", value_name = "NAME=DIR")]
     packages: Vec<String>,
     /// The robot's id [default: the folder's name].

@@ -1,7 +1,7 @@
-//! What a command reads and writes: files, pipes (`<(…)`), and `-` for stdin and stdout.
+//! The inputs and outputs of commands: files, pipes (`<(…)`), and `-` for stdin and stdout.
 //!
-//! A pipe can be read once, and a command looks at its input several times (is it a take, a
-//! clip, a table?), so what came through one is kept.
+//! A pipe can be read only once, but a command reads its input several times (is it a take, a clip,
+//! a table?). So the content of a pipe is kept.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -15,7 +15,7 @@ use crate::clip::{Clip, Parsed, parse_bytes};
 use crate::take::Take;
 use crate::{fsio, limits};
 
-/// Stdin where it is read, stdout where it is written.
+/// Stdin as an input, stdout as an output.
 pub(super) const STANDARD: &str = "-";
 
 /// Whether this stands for stdin or stdout.
@@ -28,12 +28,12 @@ pub(super) fn exists(path: &Path) -> bool {
     is_standard(path) || path.exists()
 }
 
-/// What messages call it.
+/// Its name in messages.
 pub(super) fn place(path: &Path) -> PathBuf {
     if is_standard(path) { PathBuf::from("stdin") } else { path.to_owned() }
 }
 
-/// All of it, at most `cap` bytes.
+/// The whole content, at most `cap` bytes.
 pub(super) fn read(path: &Path, cap: u64) -> Outcome<Vec<u8>> {
     static KEPT: Mutex<BTreeMap<PathBuf, Vec<u8>>> = Mutex::new(BTreeMap::new());
     if !is_standard(path) && !is_pipe(path) {
@@ -56,7 +56,7 @@ pub(super) fn read(path: &Path, cap: u64) -> Outcome<Vec<u8>> {
     Ok(bytes)
 }
 
-/// The largest of what any command reads.
+/// The largest input of any command.
 const MOST: u64 = limits::TAKE_BYTES;
 
 fn all(from: impl std::io::Read, path: &Path) -> Outcome<Vec<u8>> {
@@ -66,14 +66,14 @@ fn all(from: impl std::io::Read, path: &Path) -> Outcome<Vec<u8>> {
     Ok(bytes)
 }
 
-/// Whether it is a pipe that the shell made for this command. Pipes with a name of their own
-/// are refused like all that is no regular file: nobody may ever write to them.
+/// Whether it is a pipe that the shell made for this command. Named pipes are refused, like
+/// everything else that is not a regular file, because nobody may ever write to them.
 fn is_pipe(path: &Path) -> bool {
     let from_shell = ["/dev/fd", "/proc/self/fd", "/dev/stdin", "/dev/stdout"];
     from_shell.iter().any(|p| path.starts_with(p)) && path.metadata().is_ok_and(|m| !m.is_file())
 }
 
-/// The first bytes of it; nothing where it cannot be read.
+/// Its first bytes; nothing if it cannot be read.
 pub(super) fn head(path: &Path, length: usize) -> Vec<u8> {
     let mut head = Vec::new();
     if is_standard(path) || is_pipe(path) {
@@ -115,7 +115,7 @@ pub(super) fn write_clip(path: &Path, clip: &Clip) -> Outcome {
     write(path, clip.to_text().as_bytes())
 }
 
-/// Says what was done: on stdout, unless the result itself goes there.
+/// Reports what was done: on stdout, unless the result itself goes there.
 pub(super) fn say(stdout_taken: bool, text: &str) -> Outcome {
     if stdout_taken {
         eprintln!("{text}");

@@ -5,7 +5,7 @@ use std::sync::OnceLock;
 use crate::exit::Exit;
 use crate::progress::Cancel;
 
-/// A flag that Ctrl-C (or SIGTERM) raises; the same one however often it is asked for.
+/// The flag that Ctrl-C (or SIGTERM) raises. There is one for the whole process.
 pub(super) fn cancel_on_ctrl_c() -> Cancel {
     static FLAG: OnceLock<Cancel> = OnceLock::new();
     let flag = FLAG.get_or_init(|| {

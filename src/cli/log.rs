@@ -1,4 +1,5 @@
-//! Log lines on stderr. WARN means something was assumed or dropped, ERROR means lost.
+//! Log lines on stderr. WARN means that something was assumed or dropped, ERROR that something was
+//! lost.
 
 use std::io::IsTerminal;
 

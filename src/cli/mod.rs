@@ -1,8 +1,8 @@
-//! The command line: parse ([`Cli`]), plan (checked values), run (one file a command).
+//! The command line: parse ([`Cli`]), plan (checked values), run (one file per command).
 //!
-//! Results go to stdout, progress and log to stderr. Two phases, as in ripgrep: what clap
-//! parses is only text; each command turns it into a plan whose values are checked before
-//! any work begins, so that a typo never costs an hour.
+//! Results go to stdout, progress and log to stderr. There are two phases, as in ripgrep: clap
+//! parses text, and each command turns it into a plan whose values are checked before any work
+//! begins. So a typo never costs an hour.
 
 mod bar;
 mod bench;
@@ -48,11 +48,12 @@ use crate::child::{self, Farewell};
 use crate::exit::Exit;
 use global::Global;
 
-/// Keyframes in, physics out: draft motions for torque-controlled robots and let a learned policy perform them.
+/// Draft motions for torque-controlled robots from a few keyframes, and let a learned policy
+/// perform them in simulation.
 #[derive(Debug, Parser)]
 #[command(name = "robert", version, max_term_width = 100, arg_required_else_help = true)]
 #[command(
-    after_help = "Examples:\n  robert studio                          draft motions in the browser\n  robert tasks ls                        the example clips\n  robert rollout CLIP --policy ilqr      perform a clip, print how near it came\n  robert render CLIP -o hang.mp4         see it\n  robert doctor                          is everything here that the program needs?\n\nExit codes: 0 ok, 1 job failed, 2 usage, 3 invalid input, 4 threshold missed, 5 missing dependency, 130 interrupted."
+    after_help = "Examples:\n  robert studio                          draft motions in the browser\n  robert tasks ls                        the example clips\n  robert rollout CLIP --policy ilqr      perform a clip and print its error\n  robert render CLIP -o hang.mp4         make a film of it\n  robert doctor                          what is missing on this machine\n\nExit codes: 0 success, 1 failure, 2 wrong usage, 3 invalid input, 4 threshold missed, 5 missing dependency, 130 interrupted."
 )]
 pub struct Cli {
     #[command(flatten)]
@@ -63,56 +64,56 @@ pub struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Author keyframes in the browser and watch a policy perform them.
+    /// Draft keyframes in the browser while a policy performs them.
     Studio(studio::Args),
     /// Create, check, edit and convert clips.
     Clip(clip::Args),
-    /// Let a policy perform a clip, and measure how near it comes.
+    /// Perform a clip with a policy, and measure the error.
     Rollout(rollout::Args),
-    /// Draw a clip: one picture, a film strip or a film.
+    /// Draw a clip or a take as a picture, a film strip or a film.
     Render(Box<render::Args>),
-    /// Write a take, or a clip that is performed first, in another format.
+    /// Write a take in another format; a clip is performed first.
     Export(export::Args),
-    /// Roll out a suite of clips with several policies; one table.
+    /// Compare policies on suites of clips.
     Eval(eval::Args),
-    /// List the task clips in the program, or copy them out to edit.
+    /// List the built-in task clips, or copy them to edit.
     #[command(subcommand)]
     Tasks(tasks::Args),
-    /// Draw files of numbers as charts.
+    /// Draw charts from takes, tables and results.
     Plot(plot::Args),
-    /// Let curious agents and noise fill a dataset.
+    /// Record motion by noise, babbling or exploring agents.
     Collect(collect::Args),
-    /// Look at collected data; split, shrink, corrupt, merge or verify it.
+    /// Inspect collected data; split, shrink, corrupt, merge or verify it.
     Dataset(dataset::Args),
-    /// Train a policy on collected data; stop and go on at any time.
+    /// Train a policy on collected data; it can be stopped and resumed at any time.
     Train(train::Args),
-    /// List the trained policies in the program; look at a model's card; pack one to ship.
+    /// List the built-in trained policies, show a model's card, or pack a model.
     #[command(subcommand)]
     Models(models::Args),
-    /// Train a grid of settings with several seeds; one table and a picture.
+    /// Train a grid of settings with several seeds; writes a table and a chart.
     Sweep(sweep::Args),
     /// List, show and compare training runs.
     #[command(subcommand)]
     Runs(runs::Args),
-    /// Fit a policy that needs no training: ridge, nearest, mlp-inverse.
+    /// Fit a policy that needs no training: ridge, nearest or mlp-inverse.
     Fit(fit::Args),
-    /// List, show and settle robots.
+    /// List and show robots, or settle a pose.
     #[command(subcommand)]
     Robots(robots::Args),
-    /// From a URDF or MJCF to a policy that performs it, in one command.
+    /// Take a robot from its URDF or MJCF to a trained policy, in one command.
     New(Box<new::Args>),
-    /// Make a robot's folder out of a URDF or MJCF.
+    /// Make a robot folder from a URDF or MJCF.
     Import(import::Args),
-    /// Check the machine: libraries, graphics, cores, models, each with its fix.
+    /// Check this machine: libraries, graphics, cores, models; names the fix for what is missing.
     Doctor(doctor::Args),
-    /// Measure speed, against a named peer, in turns.
+    /// Measure speed, in turns with a named peer.
     Bench(bench::Args),
     /// Print a completion script for your shell.
     Completions(completions::Args),
-    /// The simulation process of the studio.
+    /// Run the studio's simulation process.
     #[command(name = "__worker", hide = true)]
     Worker,
-    /// The child's side of the check of a foreign model.
+    /// Check a foreign model in a child process.
     #[command(name = crate::robot::check::SUBCOMMAND, hide = true)]
     CompileCheck(check::Args),
 }
@@ -143,7 +144,7 @@ pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
 }
 
 fn run(cli: Cli) -> Outcome {
-    // The simulation and the check of a model see to it themselves. All else is a job.
+    // The simulation and the check of a model handle this themselves. Everything else is a job.
     if !matches!(cli.command, Command::Worker | Command::CompileCheck(_)) {
         child::follow_parent(Farewell::Interrupted)?;
     }

@@ -1,4 +1,4 @@
-//! `robert models`: the trained policies in the program, and files made to be shipped.
+//! `robert models`: the built-in trained policies, and small model files to give away.
 
 use std::path::{Path, PathBuf};
 
@@ -13,22 +13,22 @@ use crate::train::fit;
 
 #[derive(clap::Subcommand, Debug)]
 #[command(
-    after_help = "Examples:\n  robert models ls\n  robert models show shadow_hand/robert\n  robert models show runs/first --json\n  robert models pack runs/first -o first.safetensors --notes \"400k noise transitions, seed 1\"\n\nA model in the program is used by its name: robert rollout fire --policy robert:faithful"
+    after_help = "Examples:\n  robert models ls\n  robert models show shadow_hand/robert\n  robert models show runs/first --json\n  robert models pack runs/first -o first.safetensors --notes \"400k noise transitions, seed 1\"\n\nSelect a built-in model by its name: robert rollout fire --policy robert:faithful"
 )]
 pub(super) enum Args {
-    /// List the trained policies in the program.
+    /// List the built-in trained policies.
     #[command(after_help = "Examples:\n  robert models ls\n  robert models ls --json")]
     Ls {
         /// Print JSON.
         #[arg(long)]
         json: bool,
     },
-    /// Print a model's card: ROBOT/NAME in the program, a file, or a run directory.
+    /// Print a model's card: what it learned from, its settings and its figures.
     #[command(
         after_help = "Examples:\n  robert models show shadow_hand/robert\n  robert models show runs/first --json"
     )]
     Show {
-        /// Which.
+        /// ROBOT/NAME of a built-in model, a model file, or a run directory.
         model: String,
         /// Print JSON.
         #[arg(long)]
@@ -41,18 +41,18 @@ pub(super) enum Args {
     Pack {
         /// Run directory or model file.
         run: PathBuf,
-        /// Where to.
+        /// File to write.
         #[arg(short, long)]
         output: PathBuf,
-        /// What a reader should know: data, commands, seeds, limits.
+        /// Notes for the card: data, commands, seeds, limits.
         #[arg(long)]
         notes: Option<String>,
-        /// Corrections of the linear prediction up to this size count for nothing (action units,
-        /// 0 to 0.5): on a robot that is nearly linear they are the network's own noise.
+        /// Ignore corrections of the linear prediction up to this size (action units, 0 to 0.5). On
+        /// a nearly linear robot they are the network's own noise.
         #[arg(long)]
         dead_zone: Option<f64>,
-        /// Learn anew from this dataset what actions move, for a model that lacks it or has it
-        /// from other data.
+        /// Learn from this dataset what actions can move, for a model without that information or
+        /// with that of other data.
         #[arg(long, value_name = "DATA")]
         reach: Option<PathBuf>,
     },
@@ -101,7 +101,7 @@ fn ls(json: bool) -> Outcome {
     }
     let mut t = out::table(&["robot", "policy", "for", "size", "Precision by suite"]);
     for m in &found {
-        // Whole suites: their tasks (`manual/fire`) stand in the card.
+        // Whole suites only; the card lists their tasks (`manual/fire`).
         let whole = m.card.training.precision.iter().filter(|(suite, _)| !suite.contains('/'));
         let suites = whole.map(|(s, p)| format!("{s} {p:.5}"));
         t.add_row([
@@ -113,12 +113,12 @@ fn ls(json: bool) -> Outcome {
         ]);
     }
     if found.is_empty() {
-        return out::line("no trained policies in this build; robert train makes one");
+        return out::line("this build contains no trained policies; robert train makes one");
     }
     out::line(&t.to_string())
 }
 
-/// What follows `--policy` to have a model of the program perform as it does best.
+/// The argument of `--policy` that selects a built-in model with its best options.
 fn asked_as(name: &str, card: &Card) -> String {
     let default = PolicyConfig { guide: case(card).1, ..PolicyConfig::new(PolicyName::Robert) };
     let named = name != shipped::DEFAULT;
@@ -135,7 +135,7 @@ fn show(model: &str, json: bool) -> Outcome {
             let known: Vec<String> =
                 all.iter().map(called).chain(runs_near(model.as_ref())).collect();
             return Err(Failure::usage(format!(
-                "no model {model}: there are {}; or give a model file",
+                "no model {model}; the built-in models are {}; a model file also works",
                 known.join(", ")
             )));
         }

@@ -1,4 +1,4 @@
-//! What `rollout` and `eval` share: the robot, the clip, the policies as they are typed.
+//! The parts that `rollout` and `eval` share: the robot, the clip, and policies as they are typed.
 
 use std::io::Read as _;
 use std::path::Path;
@@ -22,17 +22,17 @@ pub(super) fn robot(id: &str) -> Outcome<Arc<Robot>> {
     Ok(Arc::new(Robot::load(id)?))
 }
 
-/// The robot that was asked for (`--robot`), else the one that a clip or take is for.
+/// The robot named by `--robot`, else the one that a clip or take names.
 pub(super) fn robot_for(asked: Option<&str>, own: &str) -> Outcome<Arc<Robot>> {
     match (asked, Robot::load(asked.unwrap_or(own))) {
         (None, Err(crate::robot::Error::Unknown { .. })) => Err(Failure::invalid(format!(
-            "it is for robot \"{own}\", which does not come with the program: give its folder, --robot DIR"
+            "it is for robot \"{own}\", which is not built in: give its folder with --robot DIR"
         ))),
         (_, loaded) => Ok(Arc::new(loaded?)),
     }
 }
 
-/// Windows that look at one frame: as current one, and as each of the commands.
+/// The number of windows that contain a frame: as the current frame, and as each command frame.
 const WINDOWS: usize = COMMAND + 1;
 
 /// A clip from a file, the clip inside a take, or a shipped task by its name (`fire`,
@@ -51,8 +51,8 @@ pub(super) fn clip(text: &str, robot: Option<&str>) -> Outcome<Clip> {
     })
 }
 
-/// The command of a clip, its joints in the robot's order. Other joints than the robot's
-/// are left for the rollout to refuse.
+/// The command of a clip, its joints in the robot's order. The rollout refuses joints that the
+/// robot does not have.
 pub(super) fn command(clip: &Clip, robot: &Robot, text: &str) -> Outcome<Command> {
     let command = compile(clip).map_err(|e| Failure::invalid(format!("{text}: {e}")))?;
     if command.dim() != robot.state_dim() {
@@ -66,32 +66,34 @@ pub(super) fn command(clip: &Clip, robot: &Robot, text: &str) -> Outcome<Command
 pub(super) fn with_model(robot: &Robot, keys: &str) -> Outcome<String> {
     if robot.has_assets() {
         let folder = robot.folder().map_or_else(String::new, |f| format!(" ({})", f.display()));
-        tracing::warn!("the model has meshes: keep the file in the robot's folder{folder}");
+        tracing::warn!(
+            "the model refers to meshes, so keep the file in the robot's folder{folder}"
+        );
     }
     let text = robot.mjcf_with_keys(keys);
     text.ok_or_else(|| Failure::invalid(format!("the model of {} is not closed", robot.id())))
 }
 
-/// Refuses to write a result over what it was made from, or over something that a person
-/// made. A result of an earlier call is replaced: that is what calling again is for.
+/// Refuses to overwrite the input, or something that a person made. A result of an earlier call is
+/// replaced.
 pub(super) fn may_write(input: &str, out: Option<&Path>) -> Outcome {
     let real = |p: &Path| std::fs::canonicalize(p).ok();
     let Some((path, there)) = out.and_then(|p| Some((p, real(p)?))) else { return Ok(()) };
     if real(Path::new(input)).as_ref() == Some(&there) {
         return Err(Failure::usage(format!(
-            "{input} would be overwritten by what is made from it: give another file to write"
+            "{input} is the input and would be overwritten: name another output file"
         )));
     }
     match made_by_hand(&there) {
         Some(what) => Err(Failure::usage(format!(
-            "{} is a {what}, and would be lost: give another file to write, or remove it first",
+            "{} is a {what} and would be lost: name another output file, or remove it first",
             path.display()
         ))),
         None => Ok(()),
     }
 }
 
-/// What an existing file is, where that is nothing a command could make again.
+/// The kind of an existing file, if no command could make it again.
 fn made_by_hand(path: &Path) -> Option<&'static str> {
     let mut head = Vec::new();
     fsio::open_regular(path).ok()?.take(4096).read_to_end(&mut head).ok()?;
@@ -99,7 +101,7 @@ fn made_by_hand(path: &Path) -> Option<&'static str> {
     if text.trim_start().starts_with('{') && text.contains("\"robert-clip/") {
         return Some("clip");
     }
-    // The exports with a `<mujoco>` element of their own hold nothing but keys.
+    // Exports with their own `<mujoco>` element contain only keys.
     let model =
         text.contains("<robot ") || text.contains("<worldbody") || text.contains("<compiler");
     (text.trim_start().starts_with('<') && model).then_some("robot's model")
@@ -108,23 +110,23 @@ fn made_by_hand(path: &Path) -> Option<&'static str> {
 /// The clip that a take was made from.
 pub(super) fn clip_of(take: &Take, text: &str) -> Outcome<Clip> {
     let Some(clip) = &take.clip_text else {
-        return Err(Failure::invalid(format!("{text}: the take holds no clip")));
+        return Err(Failure::invalid(format!("{text}: the take contains no clip")));
     };
     let inside = format!("{text}/clip.json");
     let parsed = parse(clip.clone()).map_err(|e| e.in_file(Path::new(&inside)))?;
     Ok(parsed.clip)
 }
 
-/// A take by its name or its first bytes; everything else is taken for a clip.
+/// Whether it is a take, by its name or its first bytes; everything else is read as a clip.
 pub(super) fn is_take(path: &Path) -> bool {
     let named = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("mcap"));
     named || input::head(path, 5) == b"\x89MCAP"
 }
 
-/// `pd`, `pd+guide`, `zero+guide+refine`, `robert:runs/a+ensemble=3+sample+guide`; the flags
-/// add to every policy.
+/// Parses `pd`, `pd+guide`, `zero+guide+refine`, `robert:runs/a+ensemble=3+sample+guide`. The flags
+/// `guide` and `refine` apply to every policy.
 pub(super) fn policy(text: &str, guide: Guide, refine: bool) -> Outcome<PolicyConfig> {
-    // A path may hold a plus; only these endings are switches.
+    // A path may contain a plus; only these endings are options.
     let (mut rest, mut guide, mut refine) = (text, guide, refine);
     let mut inference = Inference::default();
     loop {
@@ -153,7 +155,7 @@ pub(super) fn policy(text: &str, guide: Guide, refine: bool) -> Outcome<PolicyCo
             ),
         ));
     }
-    // A path with a plus that is nowhere is a misspelt switch.
+    // If there is no such path, the part after the plus is a misspelt option.
     if let Some(path) = model
         && let Some((_, other)) = path.rsplit_once('+')
         && !other.contains('/')

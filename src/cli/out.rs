@@ -43,8 +43,8 @@ pub(super) fn line(text: &str) -> Outcome {
     bytes(format!("{text}\n").as_bytes())
 }
 
-/// Writes to stdout. Whoever closed the pipe (`| head`) has read enough: no error, and the
-/// command still ends with its own exit code.
+/// Writes to stdout. A closed pipe (`| head`) is not an error, and the command still ends with its
+/// own exit code.
 pub(super) fn bytes(bytes: &[u8]) -> Outcome {
     let mut out = io::stdout().lock();
     match out.write_all(bytes).and_then(|()| out.flush()) {
@@ -56,7 +56,7 @@ pub(super) fn bytes(bytes: &[u8]) -> Outcome {
 const STYLE: TableStyle =
     TableStyle::new().header_separator(LineStyle::none().fill('─').junction('─'));
 
-/// A table without walls: header, rule, rows.
+/// A table without vertical lines: header, rule, rows.
 pub(super) fn table(header: &[&str]) -> Table {
     let mut t = Table::new();
     t.load_style(STYLE)
@@ -65,12 +65,12 @@ pub(super) fn table(header: &[&str]) -> Table {
     t
 }
 
-/// A number in a table or a sentence; a dash where nothing was measured.
+/// A number in a table or a sentence; a dash if there is none.
 pub(super) fn number(x: Option<f64>, digits: usize) -> String {
     x.map_or_else(|| "-".to_owned(), |x| format!("{x:.digits$}"))
 }
 
-/// Numbers line up on the right: all columns but the first `texts`.
+/// Aligns all columns except the first `texts` to the right.
 pub(super) fn right(t: &mut Table, texts: usize) {
     for column in t.column_iter_mut().skip(texts) {
         column.set_cell_alignment(CellAlignment::Right);

@@ -1,4 +1,4 @@
-//! What `rollout` and `export` share: the flags of a performance, and performing it.
+//! The parts that `rollout` and `export` share: the options of a rollout, and performing it.
 
 use std::str::FromStr;
 use std::sync::Arc;
@@ -19,7 +19,7 @@ use crate::rollout::{
 use crate::take::{Provenance, Take};
 use crate::units::significant;
 
-/// Who performs, on what, from which seed.
+/// The policy, its conditions, the seed and the robot.
 #[derive(clap::Args, Clone, Debug)]
 pub(super) struct PerformArgs {
     /// Who performs [default: auto, the nearest of several]; --help lists all.
@@ -27,15 +27,15 @@ pub(super) struct PerformArgs {
     pub(super) policy: Option<String>,
     #[command(flatten)]
     conditions: Conditions,
-    /// Seed of the policy's draws.
+    /// Seed of the policy's random choices.
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// The robot, where it is not the clip's own.
+    /// The robot, if it is not the clip's own.
     #[arg(long, value_name = "ID|DIR")]
     pub(super) robot: Option<String>,
 }
 
-/// Every policy with its argument, and the switches that may follow it.
+/// Every policy with its argument, and the options that may follow it.
 pub(super) fn who(head: &str) -> String {
     let rows: Vec<String> =
         PolicyName::usages().map(|(usage, what)| format!("  {usage:<20} {what}")).collect();
@@ -46,17 +46,18 @@ and +masks (the network fills the gaps itself).",
     )
 }
 
-/// What is changed for every policy; shared with `robert eval`.
+/// The conditions for every policy; shared with `robert eval`.
 #[derive(clap::Args, Clone, Debug)]
 pub(super) struct Conditions {
-    /// Virtual commands through masked frames: the straight line from the reached state.
+    /// What fills masked frames before the policy sees them.
     #[arg(long, value_enum, default_value_t = GuideArg::None)]
     guide: GuideArg,
     /// Improve each action on the robot's model before it is applied.
     #[arg(long)]
     refine: bool,
-    /// Simulate another plant than the policy believes in: mass=1.25,damping=1.5,gear=0.85.
-    /// For robert eval, a range is drawn from, one plant a seed: mass=0.7..1.4.
+    /// Simulate another plant than the robot's file: factors such as
+    /// mass=1.25,damping=1.5,gear=0.85. robert eval also accepts ranges such as mass=0.7..1.4 and
+    /// draws one plant per seed.
     #[arg(long, value_name = "FACTORS")]
     plant: Option<String>,
 }
@@ -67,14 +68,14 @@ impl Conditions {
         motion::policy(text, self.guide.into(), self.refine)
     }
 
-    /// The plant that is simulated, or the range of plants.
+    /// The simulated plant, or the range of plants.
     pub(super) fn plant<P: FromStr<Err = robot::Error> + Default>(&self) -> Outcome<P> {
         Ok(self.plant.as_deref().map(str::parse).transpose()?.unwrap_or_default())
     }
 }
 
 impl PerformArgs {
-    /// A take has been performed: asking for another performance is a mistake worth saying.
+    /// Refuses options of a rollout when the input is a take, which has been performed already.
     pub(super) fn must_be_absent(&self, take: &str) -> Outcome {
         let asked = [
             ("--policy", self.policy.is_some()),
@@ -86,7 +87,7 @@ impl PerformArgs {
         match asked.iter().find(|(_, given)| *given) {
             None => Ok(()),
             Some((flag, _)) => Err(Failure::usage(format!(
-                "{take} is a take, it has been performed: {flag} is for clips (robert rollout {take} {flag} ... performs its clip anew)"
+                "{take} is a take, which has been performed already; {flag} is only for clips (robert rollout {take} {flag} ... performs its clip again)"
             ))),
         }
     }
@@ -100,7 +101,8 @@ impl PerformArgs {
         }))
     }
 
-    /// The policy that was named: a typo needs no robot to be seen.
+    /// The policy from the command line. It is parsed before the robot is loaded, so that a typo
+    /// shows at once.
     pub(super) fn named(&self) -> Outcome<Option<PolicyConfig>> {
         self.policy.as_deref().map(|p| self.conditions.policy(p)).transpose()
     }
@@ -136,7 +138,7 @@ pub(super) struct Performed {
     pub tried: Vec<Trial>,
     pub config: RolloutConfig,
     pub wall_secs: f64,
-    /// Why it ended early, if it did. What was reached is worth keeping even then.
+    /// Why it ended early, if it did. The frames before that are kept.
     pub broke: Option<Error>,
 }
 
@@ -148,7 +150,7 @@ impl Performed {
     }
 }
 
-/// Performs a clip (a file, or a shipped task) with a bar on stderr.
+/// Performs a clip (a file, or a built-in task) with a progress bar on stderr.
 pub(super) fn perform(text: &str, args: &PerformArgs, global: Global) -> Outcome<Performed> {
     let clip = motion::clip(text, args.robot.as_deref())?;
     let robot = motion::robot_for(args.robot.as_deref(), &clip.robot.id)?;

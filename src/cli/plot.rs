@@ -1,4 +1,4 @@
-//! `robert plot`: files of numbers as charts in the house style.
+//! `robert plot`: draws charts from takes, tables and results.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -15,7 +15,7 @@ use crate::units::FPS;
 
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  robert plot joints achieved.csv --command command.csv -o joints.png\n  robert plot xy achieved.csv --command command.csv -o star.svg\n  robert plot precision pd=a.csv ilqr=b.csv --command command.csv -o precision.png\n  robert plot curves runs/a/metrics.jsonl runs/b/metrics.jsonl --y loss --log -o loss.png\n  robert plot coverage achieved.csv -o coverage.png\n  robert plot precision pd=pd.mcap ilqr=ilqr.mcap -o precision.png   takes hold their command\n  robert eval --robot ur5e --suite manual -p pd,ilqr --json > eval.json\n  robert plot bars eval.json -o bars.png\n\nMotions are takes (.mcap) or CSV files: these have the columns frame, time, mask, then one a joint; an empty cell is masked."
+    after_help = "Examples:\n  robert plot joints achieved.csv --command command.csv -o joints.png\n  robert plot xy achieved.csv --command command.csv -o star.svg\n  robert plot precision pd=a.csv ilqr=b.csv --command command.csv -o precision.png\n  robert plot curves runs/a/metrics.jsonl runs/b/metrics.jsonl --y loss --log -o loss.png\n  robert plot coverage achieved.csv -o coverage.png\n  robert plot precision pd=pd.mcap ilqr=ilqr.mcap -o precision.png   takes contain their command\n  robert eval --robot ur5e --suite manual -p pd,ilqr --json > eval.json\n  robert plot bars eval.json -o bars.png\n\nA motion is a take (.mcap) or a CSV file with the columns frame, time, mask and one per joint; an empty cell is masked."
 )]
 pub(super) struct Args {
     #[command(subcommand)]
@@ -24,13 +24,13 @@ pub(super) struct Args {
 
 #[derive(clap::Args, Debug)]
 struct Common {
-    /// Where to: .png or .svg; - is stdout, as SVG.
+    /// The file to write, .png or .svg; - writes SVG to stdout.
     #[arg(short, long, global = false)]
     output: PathBuf,
-    /// Above the chart.
+    /// Title of the chart.
     #[arg(long, default_value = "")]
     title: String,
-    /// Light ink on dark paper.
+    /// Use a dark background.
     #[arg(long)]
     dark: bool,
 }
@@ -38,31 +38,31 @@ struct Common {
 /// Which columns of a motion are drawn.
 #[derive(clap::Args, Debug)]
 struct Selection {
-    /// Only these joints.
+    /// Draw only these joints.
     #[arg(long, value_delimiter = ',')]
     only: Vec<String>,
     #[command(flatten)]
     unit: Units,
 }
 
-/// The unit of what a file holds.
+/// The unit of the values in a file.
 #[derive(clap::Args, Debug)]
 struct Units {
-    /// Unit of the joints; a take knows its own, a table is taken for rad.
+    /// Unit of the joints [default: a take's own; rad for a table].
     #[arg(long)]
     unit: Option<String>,
 }
 
 #[derive(clap::Subcommand, Debug)]
 enum What {
-    /// Commanded against achieved, a small chart a joint.
+    /// Command and reached motion, one small chart per joint.
     #[command(
         after_help = "Examples:\n  robert plot joints wave.mcap -o joints.png\n  robert plot joints achieved.csv --command command.csv --only elbow,wrist_1 -o joints.svg"
     )]
     Joints {
         /// Achieved motion: a take or CSV.
         achieved: PathBuf,
-        /// Command, CSV; a take's own when absent.
+        /// Command, CSV [default: the take's own].
         #[arg(long)]
         command: Option<PathBuf>,
         #[command(flatten)]
@@ -77,7 +77,7 @@ enum What {
     Xy {
         /// Achieved motions, takes or CSV; `name=file` names a path.
         achieved: Vec<String>,
-        /// Command, CSV; the first take's own when absent.
+        /// Command, CSV [default: that of the first take].
         #[arg(long)]
         command: Option<PathBuf>,
         #[command(flatten)]
@@ -92,7 +92,7 @@ enum What {
     Precision {
         /// Achieved motions, takes or CSV; `name=file` names a method.
         achieved: Vec<String>,
-        /// Command, CSV; the first take's own when absent.
+        /// Command, CSV [default: that of the first take].
         #[arg(long)]
         command: Option<PathBuf>,
         #[command(flatten)]
@@ -100,13 +100,13 @@ enum What {
         #[command(flatten)]
         common: Common,
     },
-    /// A figure over training steps, from metrics.jsonl files; the same name twice becomes a mean
-    /// with its 95 % interval.
+    /// A figure over training steps, from metrics.jsonl files. Files with the same name become a
+    /// mean with its 95 % interval.
     #[command(
         after_help = "Examples:\n  robert plot curves runs/a/metrics.jsonl runs/b/metrics.jsonl --y loss --log -o loss.png"
     )]
     Curves {
-        /// Metrics, one JSON object a line; `name=file` names a run.
+        /// Metrics, one JSON object per line; `name=file` names a run.
         metrics: Vec<String>,
         /// Field on the x axis.
         #[arg(long, default_value = "step")]
@@ -117,7 +117,7 @@ enum What {
         /// Unit of y.
         #[arg(long, default_value = "")]
         unit: String,
-        /// Powers of ten on the y axis.
+        /// Use a logarithmic y axis.
         #[arg(long)]
         log: bool,
         #[command(flatten)]
@@ -131,13 +131,13 @@ enum What {
     Bars {
         /// The file.
         file: PathBuf,
-        /// Of a report with several suites, this one; the first when absent.
+        /// The suite to draw [default: the first of the report].
         #[arg(long)]
         suite: Option<String>,
         #[command(flatten)]
         common: Common,
     },
-    /// How often joint values occur, and the first two against each other.
+    /// Histograms of joint values, and the first two joints against each other.
     #[command(after_help = "Examples:\n  robert plot coverage achieved.csv -o coverage.png")]
     Coverage {
         /// Motion: a take or CSV.
@@ -185,7 +185,7 @@ pub(super) fn run(args: &Args) -> Outcome {
                 let common = axes.get_or_insert_with(|| own.clone());
                 if *common != own {
                     return Err(Failure::invalid(format!(
-                        "{}: its plane is {}, that of the first file {}",
+                        "{}: its plane is {}, but that of the first file is {}",
                         path.display(),
                         own.each_ref().map(Axis::text).join(", "),
                         common.each_ref().map(Axis::text).join(", ")
@@ -206,7 +206,7 @@ pub(super) fn run(args: &Args) -> Outcome {
             let command = asked(command.as_deref(), files.iter().map(|f| f.1.as_path()))?;
             let Some(command) = command else {
                 return Err(Failure::usage(
-                    "against what? CSV files hold no command: give --command FILE, or a take (.mcap)",
+                    "there is no command to compare with: CSV files contain none; give --command FILE, or a take (.mcap)",
                 ));
             };
             let mut lines = Vec::new();
@@ -271,7 +271,7 @@ pub(super) fn save(figure: &Figure, path: &Path) -> Outcome {
     Ok(figure.save(path)?)
 }
 
-/// Whether a figure could be written there, found out before it is made.
+/// Checks before the work whether a chart can be written to this file.
 pub(super) fn may_save(path: &Path) -> Outcome {
     if !input::is_standard(path) {
         Figure::may_save(path)?;
@@ -280,8 +280,8 @@ pub(super) fn may_save(path: &Path) -> Outcome {
     Ok(())
 }
 
-/// `name=file`, or a file named by its folder (`metrics.jsonl`) or its stem. A file that is
-/// there under the whole text has an equals sign in its own name.
+/// `name=file`, or a file that is named after its folder (`metrics.jsonl`) or its stem. If the
+/// whole text is an existing file, its name contains an equals sign.
 fn named(list: &[String]) -> Outcome<Vec<(String, PathBuf)>> {
     if list.is_empty() {
         return Err(Failure::usage("at least one file is needed"));
@@ -308,13 +308,13 @@ fn named(list: &[String]) -> Outcome<Vec<(String, PathBuf)>> {
 /// The joint columns of a motion CSV.
 struct Columns {
     names: Vec<String>,
-    /// Units by joint, where the file knows them.
+    /// Units by joint, if the file knows them.
     units: BTreeMap<String, &'static str>,
     values: Vec<Vec<f64>>,
     frames: usize,
 }
 
-/// The command of a chart: the file that was named, else what the first take asked for.
+/// The command of a chart: the named file, else that of the first take.
 fn asked<'a>(
     file: Option<&Path>,
     motions: impl IntoIterator<Item = &'a Path>,
@@ -369,7 +369,7 @@ impl Columns {
                     f64::NAN
                 } else {
                     cell.parse()
-                        .map_err(|_e| bad(line, format!("{name}: {cell:?} is no number")))?
+                        .map_err(|_e| bad(line, format!("{name}: {cell:?} is not a number")))?
                 };
                 column.push(value);
             }
@@ -386,7 +386,7 @@ impl Columns {
         self.names.iter().position(|n| n == name).and_then(|i| self.values.get(i))
     }
 
-    /// The unit of a joint: as asked for, else its own, else rad.
+    /// The unit of a joint: from the command line, else its own, else rad.
     fn unit_of(&self, name: &str, asked: &Units) -> String {
         let own = || self.units.get(name).copied().unwrap_or("rad").to_owned();
         asked.unit.clone().unwrap_or_else(own)
@@ -404,14 +404,14 @@ impl Columns {
         self.names.iter().any(|n| other.of(n).is_some())
     }
 
-    /// Says that a motion is not one of this command.
+    /// Refuses a motion that does not belong to this command.
     fn foreign(&self, motion: &Columns, path: &Path) -> Failure {
         let list = |names: &[String]| {
             let first = names.iter().take(4).cloned().collect::<Vec<_>>().join(", ");
             if names.len() > 4 { format!("{first}, ...") } else { first }
         };
         Failure::invalid(format!(
-            "{}: its joints are {}, those of the command {}: not the same robot?",
+            "{}: its joints are {}, but those of the command are {}: is it another robot?",
             path.display(),
             list(&motion.names),
             list(&self.names)
@@ -443,7 +443,7 @@ impl Columns {
         }
     }
 
-    /// Mean absolute error of a frame over the joints with a goal; NaN where there is none.
+    /// Mean absolute error of a frame over the joints with a goal; NaN if there is no goal.
     fn error(&self, reached: &Columns, frame: usize) -> f64 {
         let (mut sum, mut count) = (0.0, 0.0_f64);
         for (name, goal) in self.names.iter().zip(&self.values) {
@@ -499,7 +499,7 @@ fn series(path: &Path, x: &str, y: &str) -> Outcome<Vec<(f64, f64)>> {
     Ok(points)
 }
 
-/// Runs of one name become their mean over common x, with its interval.
+/// Combines runs of one name into their mean over common x, with its interval.
 fn mean(name: String, runs: &[Vec<(f64, f64)>]) -> Curve {
     if let [only] = runs {
         return Curve { name, points: only.clone(), ci95: Vec::new() };
@@ -539,7 +539,7 @@ struct BarSet {
     ci95: Vec<Option<f64>>,
 }
 
-/// What is read of `robert eval --json`.
+/// The part of `robert eval --json` that is read.
 #[derive(serde::Deserialize)]
 struct EvalFile {
     unit: String,
@@ -606,11 +606,11 @@ fn bar_chart(path: &Path, suite: Option<&str>, title: &str) -> Outcome<Figure> {
 }
 
 impl BarFile {
-    /// Refuses what would be drawn as something else than it is.
+    /// Refuses a file whose chart would be misleading.
     fn check(&self, path: &Path) -> Outcome {
         let bad = |why: String| Err(Failure::invalid(format!("{}: {why}", path.display())));
         if self.groups.is_empty() || self.sets.is_empty() {
-            return bad("nothing to draw: it has no groups or no sets".to_owned());
+            return bad("there is nothing to draw: no groups or no sets".to_owned());
         }
         let groups = self.groups.len();
         for s in &self.sets {

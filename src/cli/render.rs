@@ -1,8 +1,7 @@
 //! `robert render`: a clip or a take as a picture, a film strip or a film.
 //!
-//! A clip is performed first (by `--policy`, or not at all with `--kinematic`), a take has
-//! been; what is drawn is a [`Motion`], commanded and achieved states frame by frame, whoever
-//! made it.
+//! A clip is performed first (unless `--kinematic` is given); a take has been performed already. In
+//! both cases a [`Motion`] is drawn: commanded and reached states, frame by frame.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -27,48 +26,48 @@ use crate::units::FPS;
 
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  robert render wave.clip.json -o wave.mp4\n  robert render wave.mcap -o wave.mp4                  a take, as it was performed\n  robert render fire --policy pd -o fire.gif --size 320x240\n  robert render wave.clip.json -o still.png --frames 40 --size 1280x720\n  robert render wave.clip.json -o strip.png --strip 6\n  robert render wave.clip.json -o both.gif --compare other.clip.json --overlay ghost,caption\n  robert render fire --policy robert -o both.mp4 --compare fire --compare-policy pd\n  robert render wave.clip.json -o preview.mp4 --kinematic --camera orbit"
+    after_help = "Examples:\n  robert render wave.clip.json -o wave.mp4\n  robert render wave.mcap -o wave.mp4                  a take\n  robert render fire --policy pd -o fire.gif --size 320x240\n  robert render wave.clip.json -o still.png --frames 40 --size 1280x720\n  robert render wave.clip.json -o strip.png --strip 6\n  robert render wave.clip.json -o both.gif --compare other.clip.json --overlay ghost,caption\n  robert render fire --policy robert -o both.mp4 --compare fire --compare-policy pd\n  robert render wave.clip.json -o preview.mp4 --kinematic --camera orbit"
 )]
 pub(super) struct Args {
-    /// A clip file, a take (.mcap), or the name of a shipped task (`fire`).
+    /// A clip file, a take (.mcap), or the name of a built-in task (`fire`).
     input: String,
-    /// Where to: .png, .jpg (one picture), .mp4, .gif, .apng (a film).
+    /// The file to write: .png or .jpg (one picture), .mp4, .gif or .apng (a film).
     #[arg(short, long)]
     output: PathBuf,
-    /// Which frames: `40`, `0..100` or `10,20,30`. A still takes the last keyframe that differs
-    /// from the start unless told.
+    /// Frames to draw: `40`, `0..100` or `10,20,30` [default: all for a film; for a still, the last
+    /// keyframe that differs from the start].
     #[arg(long)]
     frames: Option<String>,
-    /// Pixels, width x height.
+    /// Width x height in pixels.
     #[arg(long, default_value = "640x480")]
     size: String,
-    /// fit, fixed, top, orbit, follow:BODY, or a camera of the model.
+    /// Camera: fit, fixed, top, orbit, follow:BODY, or the name of a camera of the model.
     #[arg(long, default_value = "fit")]
     camera: String,
-    /// What is laid over: ghost, error, onion, bare, trail, caption, axes, contacts; or none.
+    /// Overlays: ghost, error, onion, bare, trail, caption, axes, contacts; or none.
     #[arg(long, default_value = "ghost,error,trail,caption")]
     overlay: String,
-    /// A second clip or take beside the first.
+    /// Draw a second clip or take beside the first.
     #[arg(long, value_name = "INPUT")]
     compare: Option<String>,
-    /// Policy that performs the second clip, when it is another one.
+    /// Policy for the second clip [default: the same].
     #[arg(long, value_name = "P", requires = "compare")]
     compare_policy: Option<String>,
-    /// One picture of this many moments.
+    /// Draw a strip: one picture with this many moments.
     #[arg(long, value_name = "N")]
     strip: Option<usize>,
-    /// Show the commanded poses without simulating anything.
+    /// Draw the commanded poses without a simulation.
     #[arg(long)]
     kinematic: bool,
     #[command(flatten)]
     perform: PerformArgs,
-    /// preview (fast) or export (4 samples a pixel).
+    /// Quality: preview (fast) or export (4 samples per pixel).
     #[arg(long, default_value = "export")]
     quality: String,
-    /// auto, gpu or cpu.
+    /// Renderer: auto, gpu or cpu.
     #[arg(long, default_value = "auto")]
     renderer: String,
-    /// Print one JSON document about what was written.
+    /// Print a JSON report about the written file.
     #[arg(long)]
     json: bool,
 }
@@ -84,9 +83,9 @@ struct Plan {
     strip: Option<usize>,
 }
 
-/// Moments in a strip at most.
+/// The most moments in a strip.
 const STRIP: usize = 64;
-/// Pixels of one picture at most: 800 MB while it is put together.
+/// The most pixels of one picture: 800 MB while it is assembled.
 const STILL_PX: u64 = 200_000_000;
 /// Pictures in one row of a strip.
 const COLUMNS: usize = 6;
@@ -95,7 +94,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let plan = Plan::new(args)?;
     plan.check_motions(args)?;
     let cancel = cancel_on_ctrl_c();
-    // The device first: a machine without a driver says so before anything is simulated.
+    // The device comes first: a machine without a driver reports it before anything is simulated.
     let mut renderer = Renderer::new(plan.config)?;
     let aspect = plan.config.width as f32 / plan.config.height as f32;
     let mut shots = Vec::new();
@@ -164,13 +163,13 @@ impl Plan {
         let ending = encode::ending(&args.output);
         if film.is_none() && !["png", "jpg", "jpeg"].contains(&ending.as_str()) {
             return Err(Failure::usage(format!(
-                "cannot tell the format of {}: end it in {}",
+                "unknown suffix of {}: use {}",
                 args.output.display(),
                 encode::ENDINGS
             )));
         }
         if film.is_some() && args.strip.is_some() {
-            return Err(Failure::usage("a strip is one picture: end the output in .png or .jpg"));
+            return Err(Failure::usage("a strip is one picture: use the suffix .png or .jpg"));
         }
         if let Some(n) = args.strip
             && !(1..=STRIP).contains(&n)
@@ -182,7 +181,7 @@ impl Plan {
         let cell = Picture::beside_px(width, height, beside);
         if let Some(format) = film {
             format.check_size(cell.0, cell.1).map_err(|e| {
-                Failure::usage(format!("{e}: give another --size, or end the output in .apng"))
+                Failure::usage(format!("{e}: choose another --size, or the suffix .apng"))
             })?;
         }
         fsio::writable(&args.output)?;
@@ -197,7 +196,7 @@ impl Plan {
             "cpu" => Backend::Cpu,
             other => return Err(unknown("renderer", other, "auto, gpu, cpu")),
         };
-        // A typo in the policy must not wait for the pictures of another clip.
+        // A typo in the second policy must show before the first clip is drawn.
         args.perform.named()?;
         args.second().named()?;
         let frames = args.frames.as_deref().map(frames).transpose()?;
@@ -223,24 +222,24 @@ impl Plan {
             self.strip.map_or(listed, |n| self.frames.as_ref().map_or(n, |_| n.min(listed)));
         if count > STRIP {
             return Err(Failure::usage(format!(
-                "{count} frames do not fit one picture (at most {STRIP}): pick some with --strip 6, or end the output in .mp4"
+                "{count} frames do not fit one picture (at most {STRIP}): choose some with --strip 6, or use the suffix .mp4"
             )));
         }
         let (w, h) = Strip::px(count, COLUMNS, cell);
         if u64::from(w) * u64::from(h) > STILL_PX {
             return Err(Failure::usage(format!(
-                "a picture of {w}x{h} px is too large (at most {} million pixels): give a smaller --size or fewer moments",
+                "a picture of {w}x{h} px is too large (at most {} million pixels): choose a smaller --size or fewer moments",
                 STILL_PX / 1_000_000
             )));
         }
         Ok(())
     }
 
-    /// Refuses frames and cameras that are not there, before any clip is performed.
+    /// Refuses frames and cameras that do not exist, before any clip is performed.
     fn check_motions(&self, args: &Args) -> Outcome {
         let robot = args.perform.robot.as_deref();
         let inputs = || std::iter::once(&args.input).chain(&args.compare);
-        // Takes say themselves what they are of, and have been performed.
+        // Takes name their robot and have been performed.
         if inputs().any(|i| motion::is_take(Path::new(i))) {
             return Ok(());
         }
@@ -255,12 +254,12 @@ impl Plan {
         Ok(())
     }
 
-    /// The frames to draw out of `total`; a still that nobody chose is of frame `telling`.
+    /// The frames to draw out of `total`; a still without `--frames` shows frame `telling`.
     fn wanted(&self, total: usize, telling: usize) -> Outcome<Vec<usize>> {
         if let Some(list) = &self.frames {
             if let Some(beyond) = list.iter().find(|f| **f >= total) {
                 return Err(Failure::invalid(format!(
-                    "frame {beyond} is beyond the clip: it has frames 0 to {}",
+                    "frame {beyond} is beyond the end: there are frames 0 to {}",
                     total - 1
                 )));
             }
@@ -311,7 +310,7 @@ fn frames(text: &str) -> Outcome<Vec<usize>> {
     text.split(',').map(number).collect()
 }
 
-/// Ctrl-C between two pictures: nothing half-written stays.
+/// Ctrl-C between two pictures leaves no incomplete file.
 fn stopped(cancel: &Cancel, drawn: usize) -> Outcome {
     if !cancel.is_cancelled() {
         return Ok(());
@@ -322,7 +321,7 @@ fn stopped(cancel: &Cancel, drawn: usize) -> Outcome {
     ))
 }
 
-/// What is drawn of one input, and with which robot.
+/// The motion of one input, and its robot.
 fn shown(
     input: &str,
     args: &Args,
@@ -332,7 +331,9 @@ fn shown(
     if motion::is_take(Path::new(input)) {
         by.must_be_absent(input)?;
         if args.kinematic {
-            return Err(Failure::usage(format!("{input} is a take: --kinematic is for clips")));
+            return Err(Failure::usage(format!(
+                "{input} is a take: --kinematic is only for clips"
+            )));
         }
         return recorded(input, args);
     }

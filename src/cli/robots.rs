@@ -1,4 +1,4 @@
-//! `robert robots ls|show|settle`: what the program knows about robots.
+//! `robert robots ls|show|settle`: information about robots.
 
 use serde_json::{Value, json};
 
@@ -14,7 +14,7 @@ use crate::units::{CTRL_DT, SUBSTEPS, Unit, fixed};
     after_help = "Examples:\n  robert robots ls\n  robert robots show shadow_hand\n  robert robots settle shadow_hand --pose rock\n  robert robots settle ur5e --set elbow=0.7 --set wrist_1=-1"
 )]
 pub(super) enum Args {
-    /// List the robots in the program.
+    /// List the built-in robots.
     #[command(
         after_help = "Examples:\n  robert robots ls\n  robert robots ls --json | jq '.[].id'"
     )]
@@ -23,7 +23,7 @@ pub(super) enum Args {
         #[arg(long)]
         json: bool,
     },
-    /// Show one robot: joints, motors, groups, poses.
+    /// Show a robot: joints, motors, groups, poses.
     #[command(
         after_help = "Examples:\n  robert robots show shadow_hand\n  robert robots show my_arm --toml > my_arm/profile.toml"
     )]
@@ -33,18 +33,18 @@ pub(super) enum Args {
         /// Print JSON.
         #[arg(long)]
         json: bool,
-        /// Print the complete profile as TOML, derived values included.
+        /// Print the complete profile as TOML, including derived values.
         #[arg(long, conflicts_with = "json")]
         toml: bool,
     },
-    /// Drive a pose in simulation; report the pose that is reached and what is missing.
+    /// Drive to a pose in simulation, and report the reached pose and its error.
     #[command(
         after_help = "Examples:\n  robert robots settle shadow_hand --pose rock\n  robert robots settle ur5e --set elbow=0.7 --set wrist_1=-1"
     )]
     Settle {
         /// Id, or a folder with robot.xml.
         robot: String,
-        /// A named pose; the home pose without it.
+        /// A named pose [default: the home pose].
         #[arg(long)]
         pose: Option<String>,
         /// Set a joint, rad or m: JOINT=VALUE. May be repeated.
@@ -54,15 +54,15 @@ pub(super) enum Args {
         #[arg(long)]
         json: bool,
     },
-    /// Masses and forward kinematics at drawn poses, for comparison with other programs.
+    /// Print masses and forward kinematics at random poses, for comparison with other programs.
     #[command(hide = true)]
     Kinematics {
         /// Id, or a folder with robot.xml.
         robot: String,
-        /// How many poses.
+        /// Number of poses.
         #[arg(long, default_value_t = 5)]
         poses: u64,
-        /// Simulate so long at zero control, and say whether that went well.
+        /// Also simulate for so long without control, and report whether that went well.
         #[arg(long, default_value_t = 5.0)]
         secs: f64,
     },
@@ -96,7 +96,7 @@ fn ls(json: bool) -> Outcome {
             .collect();
         return out::json(&list);
     }
-    let mut t = out::table(&["robot", "state", "action", "poses", "what it is"]);
+    let mut t = out::table(&["robot", "state", "action", "poses", "description"]);
     for r in &robots {
         t.add_row([
             r.id().to_owned(),
@@ -188,11 +188,10 @@ fn settle(robot: &str, pose: Option<&str>, set: &[String], json: bool) -> Outcom
         let (name, value) = word
             .split_once('=')
             .ok_or_else(|| Failure::usage(format!("--set {word}: write JOINT=VALUE")))?;
-        let value: f64 = value
-            .parse()
-            .ok()
-            .filter(|v: &f64| v.is_finite())
-            .ok_or_else(|| Failure::usage(format!("--set {word}: \"{value}\" is no number")))?;
+        let value: f64 =
+            value.parse().ok().filter(|v: &f64| v.is_finite()).ok_or_else(|| {
+                Failure::usage(format!("--set {word}: \"{value}\" is not a number"))
+            })?;
         let i = robot.joint_index(name)?;
         let joint = robot.joints().get(i);
         if let Some(j) = joint.filter(|j| value < j.range[0] || value > j.range[1]) {

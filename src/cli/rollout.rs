@@ -1,4 +1,4 @@
-//! `robert rollout CLIP`: a policy performs a clip.
+//! `robert rollout CLIP`: performs a clip with a policy.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -18,14 +18,14 @@ use crate::units::{CTRL_DT, short_unit, significant};
     after_help = "Examples:\n  robert rollout wave.clip.json --policy ilqr --out wave.mcap\n  robert rollout ur5e/reacher --policy pd --guide linear\n  robert rollout fire --policy computed-torque --plant mass=1.25,damping=1.5,gear=0.85 --json"
 )]
 pub(super) struct Args {
-    /// A clip file (- is stdin), or the name of a shipped task (robert tasks ls).
+    /// A clip file (- is stdin), or the name of a built-in task (robert tasks ls).
     clip: String,
     #[command(flatten)]
     perform: PerformArgs,
-    /// Write the take: an MCAP file for Foxglove, Lichtblick, Rerun and robert export; - is stdout.
+    /// Write a take: an MCAP file for Foxglove, Lichtblick, Rerun and robert export; - is stdout.
     #[arg(short, long, value_name = "FILE")]
     out: Option<PathBuf>,
-    /// Write the reached motion: frame, time, mask, one column a joint; - is stdout.
+    /// Write the reached motion as CSV: frame, time, mask, one column per joint; - is stdout.
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
     /// Print JSON.
@@ -34,8 +34,7 @@ pub(super) struct Args {
 }
 
 /// Why there is no Precision.
-const NOTHING_ASKED: &str =
-    "none: the clip asks for nothing after frame 0 (add a key, or unmask one)";
+const NOTHING_ASKED: &str = "none: the clip has no goals after frame 0 (add a key, or unmask one)";
 
 pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let standard = [&args.out, &args.csv].into_iter().flatten().filter(|p| input::is_standard(p));
@@ -51,7 +50,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     motion::may_write(&args.clip, args.out.as_deref())?;
     motion::may_write(&args.clip, args.csv.as_deref())?;
     let mut done = perform(&args.clip, &args.perform, global)?;
-    // What was reached is worth keeping even where the rollout broke off.
+    // The reached motion is kept even if the rollout ended early.
     if let Some(path) = &args.csv {
         write_csv(path, &done.rollout)?;
     }
@@ -68,7 +67,8 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
         let exit = e.exit();
         let kept = [&args.out, &args.csv].into_iter().flatten().map(|p| p.display().to_string());
         let kept = kept.collect::<Vec<_>>().join(" and ");
-        let kept = if kept.is_empty() { kept } else { format!("; the frames before: {kept}") };
+        let kept =
+            if kept.is_empty() { kept } else { format!("; the frames before that are in {kept}") };
         return Err(Failure::with(exit, format!("{e}{kept}")));
     }
     let precision = done.rollout.precision();
@@ -117,7 +117,7 @@ fn report(args: &Args, done: &Performed, p: &Precision) -> Value {
 }
 
 fn summary(rollout: &Rollout, p: &Precision, policy: &str, unit: &str, wall_secs: f64) -> String {
-    // One unit for all rows, or they cannot be compared at a glance.
+    // All rows have one unit, so that they can be compared at a glance.
     let (factor, unit) = short_unit(unit, p.precision.unwrap_or(0.0));
     let figure = |v: f64| format!("{} {unit}", significant(v * factor));
     let value = |v: Option<f64>| v.map_or_else(|| "-".to_owned(), figure);
@@ -129,7 +129,7 @@ fn summary(rollout: &Rollout, p: &Precision, policy: &str, unit: &str, wall_secs
     };
     let mut rows = vec![
         ("Precision", value(p.precision), what),
-        ("p95", value(p.p95), "95th percentile of it"),
+        ("p95", value(p.p95), "95th percentile of |error|"),
     ];
     let worst =
         p.worst.map_or_else(|| "-".to_owned(), |(f, e)| format!("{}, frame {f}", figure(e)));
@@ -138,7 +138,11 @@ fn summary(rollout: &Rollout, p: &Precision, policy: &str, unit: &str, wall_secs
         rows.push(("end of holds", value(p.hold_end), "mean |error| in their last frame"));
         rows.push(("late", late, "from the start of a hold until within 0.05"));
     }
-    rows.push(("mean |du|", format!("{:.4}", p.mean_abs_du), "change of action a frame, of 1"));
+    rows.push((
+        "mean |du|",
+        format!("{:.4}", p.mean_abs_du),
+        "mean change of action per frame, of 1",
+    ));
     let pinned = format!("{:.1} %", 100.0 * p.saturation);
     rows.push(("saturated", pinned, "actions at their bound"));
     let frames = rollout.frame() + 1;
@@ -147,7 +151,7 @@ fn summary(rollout: &Rollout, p: &Precision, policy: &str, unit: &str, wall_secs
     rows.push(("time", time, ""));
     let wide = rows.iter().map(|r| r.1.chars().count()).max().unwrap_or(0);
     let mut text = format!(
-        "{} on {}, {ms:.2} ms a frame{}",
+        "{} on {}, {ms:.2} ms per frame{}",
         policy,
         rollout.robot().id(),
         if rollout.uses_model() { "; uses a model of the robot" } else { "" }

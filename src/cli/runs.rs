@@ -1,4 +1,4 @@
-//! `robert runs`: training runs as tables, side by side, and as one picture.
+//! `robert runs`: training runs as tables, side by side, and as a chart.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -17,37 +17,37 @@ use crate::train::{TrainConfig, curves};
     after_help = "Examples:\n  robert runs ls\n  robert runs show runs/first\n  robert runs show runs/first --json | jq .best\n  robert runs compare runs/a runs/b -o compare.png"
 )]
 pub(super) enum Args {
-    /// One line a run.
+    /// List the runs in a folder.
     #[command(after_help = "Examples:\n  robert runs ls\n  robert runs ls runs/sweep --json")]
     Ls {
-        /// Folder that holds the runs.
+        /// Folder of the runs.
         #[arg(default_value = "runs")]
         dir: PathBuf,
         /// Print JSON.
         #[arg(long)]
         json: bool,
     },
-    /// One run: settings, best and last checkpoint task by task, held-out errors.
+    /// Show a run: settings, best and last checkpoint task by task, held-out errors.
     #[command(
         after_help = "Examples:\n  robert runs show runs/first\n  robert runs show runs/first --json | jq .best"
     )]
     Show {
         /// Run directory.
         run: PathBuf,
-        /// Draw its curves here; the run directory has curves.png of its own.
+        /// Also draw its curves to this file; the run directory has its own curves.png.
         #[arg(short, long, value_name = "FILE")]
         output: Option<PathBuf>,
         /// Print JSON.
         #[arg(long)]
         json: bool,
     },
-    /// Several runs: what differs in their settings, and their best and last side by side.
+    /// Compare runs: the settings that differ, and their best and last checkpoints side by side.
     #[command(after_help = "Examples:\n  robert runs compare runs/a runs/b -o compare.png")]
     Compare {
         /// Run directories.
         #[arg(required = true, num_args = 2..)]
         runs: Vec<PathBuf>,
-        /// Draw Precision over training of all of them.
+        /// Draw the Precision of all runs over training.
         #[arg(short, long, value_name = "FILE")]
         output: Option<PathBuf>,
         /// Print JSON.
@@ -120,7 +120,8 @@ fn show(dir: &Path, output: Option<&Path>, json: bool) -> Outcome {
     let r = Record::read(dir)?;
     if let Some(path) = output {
         let figure = curves::figure(&r);
-        let none = || Failure::invalid(format!("no metrics to draw yet: {}", dir.display()));
+        let none =
+            || Failure::invalid(format!("there are no metrics to draw yet: {}", dir.display()));
         super::plot::save(&figure.ok_or_else(none)?, path)?;
     }
     if json {
@@ -133,7 +134,7 @@ fn show(dir: &Path, output: Option<&Path>, json: bool) -> Outcome {
     out::line(&format!(
         "{}: {} with preset {}, step {} of {}, {:.1} min, {:.0} windows/s",
         r.name,
-        if r.robot.is_empty() { "robot not noted" } else { &r.robot },
+        if r.robot.is_empty() { "unknown robot" } else { &r.robot },
         r.config.preset,
         r.step,
         r.config.steps,
@@ -148,7 +149,7 @@ fn show(dir: &Path, output: Option<&Path>, json: bool) -> Outcome {
         .map(|(k, v)| format!("{k}={v}"))
         .collect();
     if !changed.is_empty() {
-        out::line(&format!("settings that are not the preset's: {}", changed.join(", ")))?;
+        out::line(&format!("settings that differ from the preset: {}", changed.join(", ")))?;
     }
     let (best, last) = (r.best(), r.last());
     if best.is_some() || r.linear.is_some() {
@@ -176,7 +177,7 @@ fn show(dir: &Path, output: Option<&Path>, json: bool) -> Outcome {
         out::right(&mut t, 1);
         out::line(&t.to_string())?;
         out::line(
-            "Precision, rad or m; the best is chosen on these very tasks, which flatters it",
+            "Precision, rad or m; the best checkpoint was chosen on these tasks, so its figures are slightly too good",
         )?;
     }
     if r.worse_than_linear() {

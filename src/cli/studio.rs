@@ -9,25 +9,24 @@ use crate::studio::{self, StudioConfig};
 /// Options of `robert studio`.
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  robert studio                       the examples\n  robert studio fire                  one of them\n  robert studio wave.clip.json        a file\n  robert studio --robot my_arm        an empty clip for a robot of your own\n  robert studio --no-open --port 8080   on a machine that you reach through a tunnel"
+    after_help = "Examples:\n  robert studio                       the examples\n  robert studio fire                  one of them\n  robert studio wave.clip.json        a file\n  robert studio --robot my_arm        an empty clip for your own robot\n  robert studio --no-open --port 8080   on a machine that you reach through a tunnel"
 )]
 pub(super) struct Args {
-    /// Clip to open: a file, or the name of a shipped task (`fire`); without one the studio
-    /// opens on its examples.
+    /// Clip to open: a file, or the name of a built-in task (`fire`) [default: show the examples].
     clip: Option<PathBuf>,
-    /// Robot to start an empty clip for, or that CLIP is for: an id, or a folder.
+    /// Robot of CLIP, or of a new, empty clip: an id, or a folder.
     #[arg(long, value_name = "ID|DIR")]
     robot: Option<String>,
-    /// Model that performs the clip.
+    /// Model of the policy.
     #[arg(long)]
     model: Option<PathBuf>,
-    /// Port on 127.0.0.1; 0 takes a free one.
+    /// Port on 127.0.0.1; 0 chooses a free one.
     #[arg(long, default_value_t = 0)]
     port: u16,
-    /// Print the address, open nothing.
+    /// Print the address without opening a browser.
     #[arg(long)]
     no_open: bool,
-    /// Open in a window of its own (needs a browser of the Chromium family).
+    /// Open in its own window (needs a browser of the Chromium family).
     #[arg(long, conflicts_with = "no_open")]
     app: bool,
 }
@@ -57,7 +56,7 @@ pub(super) fn run(args: Args) -> Outcome {
     };
     let (no_open, app) = (args.no_open, args.app);
     studio::run(config, |url, once| {
-        // The one line that scripts wait for. A closed stdout must not end the studio.
+        // Scripts wait for this line. A closed stdout must not end the studio.
         super::out::line(url).ok();
         if !no_open && !open(once, app) {
             tracing::info!("no browser could be started; open the address above yourself");
@@ -66,7 +65,7 @@ pub(super) fn run(args: Args) -> Outcome {
     .map_err(Failure::from)
 }
 
-/// The simulation runs in a folder of its own: a robot's folder must be said in full.
+/// The simulation runs in its own folder, so a robot's folder must be an absolute path.
 fn absolute_robot(robot: String) -> std::io::Result<String> {
     if std::path::Path::new(&robot).is_dir() {
         return Ok(std::path::absolute(&robot)?.display().to_string());
@@ -74,8 +73,8 @@ fn absolute_robot(robot: String) -> std::io::Result<String> {
     Ok(robot)
 }
 
-/// Starts a browser. Everybody on this machine can read its arguments, so `url` holds a code
-/// that is good for one use.
+/// Starts a browser. Everybody on this machine can read its arguments, so `url` contains a code
+/// that can be used only once.
 fn open(url: &str, app: bool) -> bool {
     let start = |program: &str, argument: &str| {
         Command::new(program)

@@ -1,4 +1,4 @@
-//! `robert sweep FILE`: a grid of trainings, one table and a picture.
+//! `robert sweep FILE`: trains a grid of settings, and writes a table and a chart.
 
 use std::io;
 use std::path::PathBuf;
@@ -17,12 +17,12 @@ use crate::units::Unit;
 
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  robert sweep assets/sweeps/masking.toml --data data/pointmass --out sweeps/masking\n  robert sweep my.toml --data data/ur5e --set steps=500 --out sweeps/my --json\n\nA sweep that was stopped goes on with the same command. Each point is a run directory\nbelow OUT/points: robert runs show works on it."
+    after_help = "Examples:\n  robert sweep assets/sweeps/masking.toml --data data/pointmass --out sweeps/masking\n  robert sweep my.toml --data data/ur5e --set steps=500 --out sweeps/my --json\n\nThe same command continues a stopped sweep. Each point is a run directory below OUT/points,\nwhich robert runs show can read."
 )]
 pub(super) struct Args {
-    /// The grid, its seeds and its suites.
+    /// The file with the grid, its seeds and its suites.
     file: PathBuf,
-    /// Dataset folder, where the file names none or another.
+    /// Dataset folder [default: that of the file].
     #[arg(long, value_name = "DIR")]
     data: Option<PathBuf>,
     /// Folder for points, table.csv, results.json and sweep.png.
@@ -31,7 +31,7 @@ pub(super) struct Args {
     /// Change one setting of all points; may be repeated.
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Threads; all cores by default. The figures do not depend on it.
+    /// Threads [default: all cores]. They do not change the figures.
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=256))]
     threads: Option<u16>,
     /// Print one JSON document.
@@ -81,7 +81,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
         out::line(&table(&file, &rows))?;
     }
     if !complete {
-        let hint = format!("stopped; the same command goes on in {}", args.out.display());
+        let hint = format!("stopped; the same command continues in {}", args.out.display());
         return Err(Failure::with(Exit::Interrupted, hint));
     }
     Ok(())
@@ -107,7 +107,7 @@ fn table(file: &Sweep, rows: &[Row]) -> String {
         let values =
             keys.iter().map(|k| r.values.get(k).map_or_else(String::new, ToString::to_string));
         let found = suites.iter().map(|s| cell(r.suites.get(s).copied().flatten()));
-        // No frame to measure on is no failure.
+        // A run without frames to measure on has not failed.
         let nmse = r.nmse_clear.map_or_else(|| "-".to_owned(), |i| cell(Some(i)));
         let tail = [nmse, r.seeds.to_string()];
         t.add_row(values.chain(found).chain(tail));

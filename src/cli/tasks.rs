@@ -1,4 +1,4 @@
-//! `robert tasks`: the task clips in the program.
+//! `robert tasks`: the built-in task clips.
 
 use std::path::{Path, PathBuf};
 
@@ -24,7 +24,7 @@ pub(super) enum Args {
         after_help = "Examples:\n  robert tasks ls\n  robert tasks ls --robot shadow_hand --json"
     )]
     Ls {
-        /// Of this robot only.
+        /// Only of this robot.
         #[arg(long)]
         robot: Option<String>,
         /// Print JSON.
@@ -39,37 +39,37 @@ pub(super) enum Args {
         /// NAME or ROBOT/NAME.
         task: String,
     },
-    /// Write five clips that follow from a robot's limits and a seed: a start for a robot
-    /// without tasks of its own.
+    /// Write five clips that are generated from a robot's limits and a seed: a start for your own
+    /// robot.
     #[command(
         after_help = "Examples:\n  robert tasks trial --robot my_arm --out my_arm/clips\n  robert tasks trial --robot ur5e --out trial --seed 3"
     )]
     Trial {
-        /// The robot: id, or its folder.
+        /// The robot: an id, or a folder.
         #[arg(long, value_name = "ID|DIR")]
         robot: String,
-        /// Where the clips go.
+        /// Folder for the clips.
         #[arg(long, value_name = "DIR")]
         out: PathBuf,
         /// Seed of the poses.
         #[arg(long, default_value_t = 0)]
         seed: u64,
     },
-    /// Write the task clips that have formulas anew; typed ones stay as they are.
+    /// Write the task clips that have formulas again; typed ones stay as they are.
     #[command(hide = true)]
     Author {
         /// The folder.
         #[arg(long)]
         out: PathBuf,
     },
-    /// Measure how near iLQR comes on every task clip, and write that down: what the excess of
-    /// robert eval is relative to.
+    /// Measure the floors again: the Precision of iLQR on every task clip, to which robert eval
+    /// relates its excess.
     #[command(hide = true)]
     Floors {
         /// The folder.
         #[arg(long)]
         out: PathBuf,
-        /// Of this robot only.
+        /// Only of this robot.
         #[arg(long)]
         robot: Option<String>,
     },
@@ -92,13 +92,13 @@ fn ls(robot: Option<&str>, json: bool) -> Outcome {
     let manifest = tasks::manifest()?;
     let robots: Vec<&str> = match robot {
         Some(robot) => vec![robot],
-        // A robot that takes another's clips would only repeat them.
+        // A robot that uses another robot's clips would only repeat them.
         None => {
             manifest.iter().filter(|(_, t)| t.like.is_none()).map(|(id, _)| id.as_str()).collect()
         }
     };
     let mut rows: Vec<Value> = Vec::new();
-    let mut t = out::table(&["robot", "suite", "task", "frames", "visible", "what it is"]);
+    let mut t = out::table(&["robot", "suite", "task", "frames", "visible", "description"]);
     for robot in robots {
         for suite in SUITES {
             for (name, clip) in tasks::suite(robot, suite)? {

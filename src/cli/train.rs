@@ -1,4 +1,4 @@
-//! `robert train`: a policy from collected motion.
+//! `robert train`: trains a policy on collected motion.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -21,7 +21,7 @@ use crate::train::{Evaluate, Finished, Options, PRESETS, TrainConfig, train};
     after_help = "Examples:\n  robert train --robot ur5e --data data/ur5e --out runs/first\n  robert train --robot ur5e --data data/ur5e --preset instant --out runs/linear\n  robert train --robot ur5e --data data/ur5e --preset ur-small --set lr=5e-4 --out runs/b\n  robert train --robot ur5e --data data/ur5e --resume runs/b"
 )]
 pub(super) struct Args {
-    /// The robot that the data is of.
+    /// The robot of the data.
     #[arg(long, value_name = "ID|DIR")]
     robot: String,
     /// Dataset folder.
@@ -33,23 +33,23 @@ pub(super) struct Args {
     /// Change one setting; may be repeated.
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Rounds of self-correction: perform tasks from its own data, learn from what was
-    /// reached.
+    /// Rounds of self-correction, in which the network performs tasks from its own data and learns
+    /// from the reached motion.
     #[arg(long, value_name = "N")]
     self_correct: Option<u64>,
-    /// Run directory to begin in; by default runs/TIME-ROBOT-PRESET.
+    /// Directory for a new run [default: runs/TIME-ROBOT-PRESET].
     #[arg(long, value_name = "RUN")]
     out: Option<PathBuf>,
-    /// Run directory to go on in, with its own settings.
+    /// Directory of a run to continue, with its own settings.
     #[arg(long, value_name = "RUN", conflicts_with_all = ["out", "set", "preset", "self_correct"])]
     resume: Option<PathBuf>,
-    /// Threads; all cores by default. The weights do not depend on it.
+    /// Threads [default: all cores]. They do not change the weights.
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=256))]
     threads: Option<u16>,
     /// Minutes between checkpoints.
     #[arg(long, default_value_t = 2.0)]
     checkpoint_mins: f64,
-    /// Evaluations by rollout, spread over the run; 0 keeps the last model only.
+    /// Number of evaluations by rollout, spread over the run; 0 keeps the last model only.
     #[arg(long, default_value_t = 20)]
     evaluations: u64,
     /// Print one JSON document at the end.
@@ -93,7 +93,8 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
         out::line(&summary(&dir, &done))?;
     }
     if done.interrupted {
-        let hint = format!("stopped at step {}; go on with --resume {}", done.step, dir.display());
+        let hint =
+            format!("stopped at step {}; continue with --resume {}", done.step, dir.display());
         return Err(Failure::with(Exit::Interrupted, hint));
     }
     Ok(())
@@ -123,7 +124,7 @@ fn plan(args: &Args) -> Outcome<(PathBuf, TrainConfig)> {
     });
     if dir.join("config.toml").exists() {
         return Err(Failure::usage(format!(
-            "there is a run already; give another --out, or --resume it: {}",
+            "there is already a run; choose another --out, or continue it with --resume: {}",
             dir.display()
         )));
     }
@@ -171,11 +172,18 @@ fn summary(dir: &Path, done: &Finished) -> String {
             write!(text, ", the linear prediction that it starts from {linear:.5}").ok();
         }
         if step == 0 && done.steps > 0 {
-            text.push_str(": no evaluation was better, so that is what best.safetensors holds");
+            text.push_str(
+                ": no evaluation was better, so best.safetensors contains the linear prediction",
+            );
         }
     }
     if done.skipped > 0 {
-        write!(text, "\n{} steps were skipped: not finite", done.skipped).ok();
+        write!(
+            text,
+            "\n{} steps were skipped, because their loss or gradient was not finite",
+            done.skipped
+        )
+        .ok();
     }
     write!(text, "\nuse it: robert rollout CLIP --policy robert:{}", dir.display()).ok();
     text

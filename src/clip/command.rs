@@ -1,7 +1,7 @@
-//! The compiled clip: one row per frame, and which of it the policy may see.
+//! The compiled clip: one row per frame, and which of its values the policy may see.
 //!
-//! A command is dense on purpose. The window of a rollout slides over it every frame, and
-//! suites cut from data never were clips; both want rows, not keys.
+//! A command is dense on purpose. The window of a rollout slides over it every frame, and suites
+//! extracted from data never were clips. Both need rows, not keys.
 
 use crate::units::FPS;
 
@@ -25,7 +25,7 @@ pub enum Sight {
     Full,
 }
 
-/// Why a run of frames is what it is.
+/// Where the values of a run of frames come from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
@@ -56,8 +56,8 @@ pub struct Span {
     pub kind: SpanKind,
 }
 
-/// A run of steps at which the policy sees no goal: commands `after` and `before` are
-/// visible (or the ends of the clip) and none between them.
+/// A run of steps at which the policy sees no goal. Commands `after` and `before` are visible (or
+/// are the ends of the clip), and none between them is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Blind {
@@ -71,10 +71,10 @@ pub struct Blind {
     pub to: u32,
 }
 
-/// A goal the program sets because the window would show none.
+/// A goal that the program adds because the window would contain none.
 #[derive(Clone, Debug, PartialEq)]
 pub struct VirtualKey {
-    /// Where it stands: the last frame of the window, index 50 of 51.
+    /// Its frame: the last of the window, index 50 of 51.
     pub frame: u32,
     /// Its value, in joint order.
     pub q: Vec<f32>,
@@ -127,7 +127,7 @@ impl Command {
         Some(Self::assemble(joints, start, q, visible))
     }
 
-    /// The same for lengths that are known to agree.
+    /// The same, for lengths that are known to agree.
     pub(super) fn assemble(
         joints: Vec<String>,
         start: Vec<f32>,
@@ -192,8 +192,8 @@ impl Command {
         self.q.get(at..at + self.dim()).unwrap_or_default()
     }
 
-    /// How much of this frame has a goal. Beyond the end the last command stands:
-    /// see [`Command::held_end`].
+    /// How much of this frame has a goal. Beyond the end the last command is held; see
+    /// [`Command::held_end`].
     pub fn sight(&self, frame: u32) -> Sight {
         self.sight.get(frame as usize).copied().unwrap_or(Sight::Masked)
     }
@@ -221,7 +221,7 @@ impl Command {
         self.next.get(frame as usize).copied().filter(|&f| f != NEVER)
     }
 
-    /// Last frame <= `frame` with a goal; `frame` may lie beyond the end.
+    /// Last frame <= `frame` with a goal; `frame` may be beyond the end.
     pub fn prev_visible(&self, frame: u32) -> Option<u32> {
         let frame = frame.min(self.frames.checked_sub(1)?);
         self.prev.get(frame as usize).copied().filter(|&f| f != NEVER)
@@ -232,7 +232,7 @@ impl Command {
         self.sight.iter().filter(|s| **s == Sight::Full).count() as u32
     }
 
-    /// What stands past the end: per joint its last goal, else its start value. (dim)
+    /// The command beyond the end: per joint its last goal, else its start value. (dim)
     pub fn held_end(&self) -> Vec<f32> {
         self.held_at(self.frames.saturating_sub(1))
     }
@@ -246,7 +246,7 @@ impl Command {
             .collect()
     }
 
-    /// The last goal of a joint at or before a frame: where and what.
+    /// The last goal of a joint at or before a frame: frame and value.
     pub fn last_goal(&self, frame: u32, joint: usize) -> Option<(u32, f32)> {
         let mut at = self.prev_visible(frame)?;
         while !self.sees(at, joint) {
@@ -255,7 +255,7 @@ impl Command {
         self.row(at).get(joint).map(|v| (at, *v))
     }
 
-    /// The next goal of a joint at or after a frame: where and what.
+    /// The next goal of a joint at or after a frame: frame and value.
     pub fn next_goal(&self, frame: u32, joint: usize) -> Option<(u32, f32)> {
         let mut at = self.next_visible(frame)?;
         while !self.sees(at, joint) {
@@ -264,9 +264,8 @@ impl Command {
         self.row(at).get(joint).map(|v| (at, *v))
     }
 
-    /// The straight line between the goals around a frame, (dim): the start pose counts as
-    /// a goal at frame 0, where every rollout begins, and after its last goal a joint is
-    /// held.
+    /// The straight line between the goals around a frame, (dim). The start pose counts as a goal
+    /// at frame 0, where every rollout begins. After its last goal a joint is held.
     pub fn interpolated(&self, frame: u32) -> Vec<f32> {
         self.start
             .iter()
@@ -304,13 +303,13 @@ impl Command {
         q
     }
 
-    /// The virtual key of step `step`, whose window shows commands `step+1..=step+20`:
-    /// present only when none of them has a goal. Frames past the end are visible (the last
-    /// command, held), so near the end there is none.
+    /// The virtual key of step `step`, whose window contains commands `step+1..=step+20`. It exists
+    /// only if none of them has a goal. Frames beyond the end are visible (the last command, held),
+    /// so there is none near the end.
     ///
-    /// Training keeps at least one frame of every window unmasked; a window without any
-    /// goal was never seen. The rule: one frame at the far end of the window, on the line
-    /// from the last goal to the next.
+    /// Training keeps at least one frame of every window unmasked, so no policy has learned from a
+    /// window without a goal. Therefore one frame at the far end of the window gets a goal, on the
+    /// line from the last goal to the next.
     pub fn virtual_key(&self, step: u32) -> Option<VirtualKey> {
         let frame = step.checked_add(LOOKAHEAD_FRAMES)?;
         if frame >= self.frames {
@@ -343,13 +342,13 @@ impl Command {
         Command { spans, ..self }
     }
 
-    /// What the frames are, for the timeline; tiles 0..frames.
+    /// The kinds of all frames, for the timeline; the spans tile 0..frames.
     pub fn spans(&self) -> &[Span] {
         &self.spans
     }
 
-    /// First frame whose goal differs (value, mask, or existence); `Some(0)` when the start
-    /// or the joints do.
+    /// First frame whose goal differs (in value, mask or existence); `Some(0)` if the start or the
+    /// joints differ.
     pub fn first_changed_frame(&self, other: &Command) -> Option<u32> {
         if self.joints != other.joints || bits(&self.start).ne(bits(&other.start)) {
             return Some(0);
@@ -368,16 +367,16 @@ impl Command {
         (self.frames != other.frames).then_some(common)
     }
 
-    /// First step whose action can differ when this command replaces `old`: 20 frames
-    /// before the first changed one, or the start of the blind run that reaches it (its
-    /// virtual keys lean toward the changed goal).
+    /// First step whose action can differ when this command replaces `old`: 20 frames before the
+    /// first changed one, or the start of the blind run that reaches it, because its virtual keys
+    /// depend on the changed goal.
     pub fn first_changed_step(&self, old: &Command) -> Option<u32> {
         let f = self.first_changed_frame(old)?;
         let usual = f.saturating_sub(LOOKAHEAD_FRAMES);
         let before = f.checked_sub(1).and_then(|t| self.prev_visible(t)).unwrap_or(0);
         let mut step = usual.min(before);
         if self.is_partial() || old.is_partial() {
-            // A joint may lean on a goal of its own from further back.
+            // A joint's line may begin at an earlier goal.
             for j in 0..self.dim() {
                 let own = f.checked_sub(1).and_then(|t| self.last_goal(t, j)).map_or(0, |g| g.0);
                 step = step.min(own);
@@ -412,8 +411,8 @@ impl Command {
     }
 }
 
-/// The value at `frame` on the line from one goal to the next, both (frame, value); held
-/// where there is no next.
+/// The value at `frame` on the line from one goal to the next, both (frame, value). Without a next
+/// goal the value is held.
 fn between((a, from): (u32, f32), next: Option<(u32, f32)>, frame: u32) -> f32 {
     match next {
         Some((b, to)) if b > a && frame > a => {
@@ -428,7 +427,7 @@ fn bits(row: &[f32]) -> impl Iterator<Item = u32> + '_ {
     row.iter().map(|v| v.to_bits())
 }
 
-/// For every frame the nearest visible one met so far, in this direction.
+/// For every frame the nearest visible one so far, in this direction.
 fn scan(order: impl ExactSizeIterator<Item = (usize, bool)>) -> Vec<u32> {
     let mut found = vec![NEVER; order.len()];
     let mut last = NEVER;

@@ -1,16 +1,15 @@
 //! [`Clip`] to [`Command`].
 //!
-//! Rules. A key commands its value for `hold` frames; then its fill reaches to the next key.
-//! After the last key there is nothing to go to: `linear`, `cubic` and `hold` keep its
-//! value, `mask` keeps nothing. Before the first key all is masked. A joint that is null at
-//! one end of a linear or cubic fill is masked inside it. Mask spans go over everything.
+//! A key commands its value for `hold` frames. Then its fill applies up to the next key. After the
+//! last key `linear`, `cubic` and `hold` keep its value, and `mask` commands nothing. Before the
+//! first key everything is masked. A joint that is null at one end of a linear or cubic fill is
+//! masked inside it. Mask spans override everything.
 //!
 //! `cubic` is the monotone cubic of Fritsch and Butland (SIAM J. Sci. Stat. Comput. 5,
-//! 1984), slope 0 at a hold, at the end of a cubic run and at an extremum. A natural cubic
-//! was rejected: it overshoots, so that keys inside the joint limits would be joined by a
-//! curve outside of them.
+//! 1984), slope 0 at a hold, at the end of a cubic run and at an extremum. Rejected: a natural
+//! cubic. It overshoots, so the curve between two keys inside the joint limits could leave them.
 //!
-//! Filled values are put on the document's 1e-6 grid before they become `f32`: a command
+//! Filled values are rounded to the document's 1e-6 grid before they become `f32`, so a command
 //! that is exported and imported again has the same bits.
 
 use super::command::{Command, Span, SpanKind, push_span};
@@ -20,7 +19,7 @@ use super::validate::Invalid;
 /// Compiles a clip.
 ///
 /// # Errors
-/// [`Invalid`] when the clip breaks a rule; one that was parsed or edited here does not.
+/// [`Invalid`] when the clip breaks a rule. A clip that was parsed or edited here does not.
 pub fn compile(clip: &Clip) -> Result<Command, Invalid> {
     clip.validate()?;
     if clip.keys.is_sorted_by_key(|k| k.frame) {
@@ -153,8 +152,8 @@ impl<'a> Plan<'a> {
         inner().unwrap_or(0.0)
     }
 
-    /// Applies the mask spans; difference sums, so that many overlapping spans cost no more
-    /// than the frames they cover once.
+    /// Applies the mask spans. Difference sums make many overlapping spans cost no more than the
+    /// frames that they cover.
     fn mask(&mut self) -> Vec<Span> {
         let clip = self.clip;
         let frames = clip.length as usize;
@@ -374,7 +373,7 @@ mod tests {
 
     #[test]
     fn changed_step_is_exact() {
-        // Brute force over what a window shows: values, masks, virtual keys, held end.
+        // Compares all content of a window: values, masks, virtual keys, held end.
         let window = |c: &Command, t: u32| {
             let mut seen = Vec::new();
             for f in t + 1..=t + 20 {

@@ -1,8 +1,8 @@
-//! The difference between two versions of a clip: the inverse of any edit, and the patch
-//! that the other tabs get.
+//! The difference between two versions of a clip. It is the inverse of any edit, and the patch that
+//! other tabs receive.
 //!
-//! One generic inverse instead of one per operation: what undoes `time.delete` or a
-//! replacing paste is not an edit a person would name, and a computed difference cannot
+//! There is one generic inverse instead of one per operation. The inverse of `time.delete` or of a
+//! replacing paste is not an operation that a person would use, and a computed difference cannot
 //! forget a field.
 
 use std::collections::BTreeSet;
@@ -17,16 +17,16 @@ use super::document::{Clip, Fill, Goal, Key, Marker, Mask, RobotRef, Row, Start}
 #[serde(deny_unknown_fields, default)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Delta {
-    /// Frames whose key goes.
+    /// Frames whose key is removed.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub keys_removed: Vec<u32>,
-    /// Keys that come or change.
+    /// Keys that are added or changed.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub keys_put: Vec<Key>,
-    /// Poses that go.
+    /// Poses that are removed.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub poses_removed: Vec<String>,
-    /// Poses that come or change.
+    /// Poses that are added or changed.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub poses_put: Vec<(String, Row)>,
     /// All mask spans.
@@ -59,20 +59,21 @@ fn present<'de, D: Deserializer<'de>>(d: D) -> Result<Option<Option<Start>>, D::
     Option::<Start>::deserialize(d).map(Some)
 }
 
-/// Keys that are put one by one; more are put in one pass over the clip.
+/// Up to this many keys are inserted one by one; more are inserted in one pass over the clip.
 const FEW: usize = 8;
 
 fn changed<T: Clone + PartialEq>(old: &T, new: &T) -> Option<T> {
     (old != new).then(|| new.clone())
 }
 
-/// The old value, if another takes its place.
+/// The old value, if it is replaced.
 fn replaced<T: Clone + PartialEq>(old: &T, new: Option<&T>) -> Option<T> {
     new.filter(|new| *new != old).map(|_| old.clone())
 }
 
 impl Delta {
-    /// What turns `old` into `new`. Robot and extensions are never edited and not compared.
+    /// The difference that turns `old` into `new`. Robot and extensions are never edited and not
+    /// compared.
     pub fn between(old: &Clip, new: &Clip) -> Delta {
         let mut delta = Delta {
             masks: changed(&old.masks, &new.masks),
@@ -112,7 +113,7 @@ impl Delta {
         *self == Delta::default()
     }
 
-    /// What takes the change back, if `clip` is what it is about to change.
+    /// The inverse of the change, if `clip` is the clip before it.
     pub(super) fn inverse(&self, clip: &Clip) -> Delta {
         let mut back = Delta {
             masks: replaced(&clip.masks, self.masks.as_ref()),
@@ -149,7 +150,7 @@ impl Delta {
         back
     }
 
-    /// Roughly how many bytes it takes.
+    /// Its approximate size in bytes.
     pub(super) fn weight(&self) -> usize {
         let goal = |goal: &Goal| match goal {
             Goal::Pose(name) => name.len(),
@@ -165,7 +166,7 @@ impl Delta {
         keys.chain(poses).chain(masks).chain(texts).sum::<usize>() + removed + markers + 64
     }
 
-    /// Carries the change out. The keys of `clip` are in order, and stay so.
+    /// Applies the change. The keys of `clip` stay in order.
     pub(super) fn put(&self, clip: &mut Clip) {
         if self.keys_put.len() + self.keys_removed.len() <= FEW {
             for frame in &self.keys_removed {
@@ -219,7 +220,7 @@ impl Delta {
     }
 }
 
-/// Differences that no edit makes, for `robert clip diff`.
+/// Differences that no edit can make, for `robert clip diff`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Foreign {
     /// The other robot.
@@ -229,7 +230,7 @@ pub struct Foreign {
 }
 
 impl Foreign {
-    /// What [`Delta::between`] leaves out.
+    /// The differences that [`Delta::between`] leaves out.
     pub fn between(old: &Clip, new: &Clip) -> Foreign {
         Foreign { robot: changed(&old.robot, &new.robot), x: changed(&old.x, &new.x) }
     }

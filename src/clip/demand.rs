@@ -1,4 +1,4 @@
-//! How fast an edit makes joints go: the hint while a key is dragged.
+//! How fast joints must move after an edit: the hint while a key is dragged.
 
 use serde::Serialize;
 
@@ -6,21 +6,21 @@ use super::command::Command;
 use super::joints::JointTable;
 use crate::units::{CTRL_DT, Unit};
 
-/// The joint that an edit asks most of.
+/// The joint that an edit demands most of.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Demand {
-    /// It.
+    /// Its name.
     pub joint: String,
     /// Its unit.
     pub unit: Unit,
-    /// The goals between which it must go so fast, by frame.
+    /// The frames of the two goals between which it must move.
     pub frames: [u32; 2],
     /// Mean speed between them, rad/s or m/s.
     pub needed: f64,
-    /// What 99 of 100 frames of the policy's data stay below, rad/s or m/s, where known.
+    /// The speed that 99 of 100 frames of the policy's data stay below, rad/s or m/s, if known.
     pub usual: Option<f64>,
-    /// What the plant can hold, rad/s or m/s, where known.
+    /// The speed that the plant can sustain, rad/s or m/s, if known.
     pub max: Option<f64>,
 }
 
@@ -38,8 +38,8 @@ impl Demand {
     }
 }
 
-/// The hardest way between two goals of one joint, among those that differ from `old`; by its
-/// share of what is usual or can be held. `None` where nothing moves or no limit is known.
+/// The most demanding pair of goals of one joint, among those that differ from `old`, by its speed
+/// relative to the limit. `None` if nothing moves or no limit is known.
 pub fn demand(command: &Command, old: &Command, table: &JointTable) -> Option<Demand> {
     let first = command.first_changed_frame(old)?;
     let last = last_changed(command, old);
@@ -74,7 +74,7 @@ pub fn demand(command: &Command, old: &Command, table: &JointTable) -> Option<De
     worst
 }
 
-/// The last frame that differs, or that the other does not have.
+/// The last frame that differs or exists in only one of the two.
 fn last_changed(command: &Command, old: &Command) -> u32 {
     if command.frames() != old.frames() || command.dim() != old.dim() {
         return command.frames();
@@ -112,7 +112,7 @@ mod tests {
         let found = demand(&new, &old, &table).unwrap();
         assert_eq!((found.joint.as_str(), found.frames), ("a", [0, 10]));
         assert!((found.needed - 2.0).abs() < 1e-6, "1 rad in half a second: {}", found.needed);
-        // Slow for the plant and still fast for what the policy has seen.
+        // This is slow for the plant, but fast for the policy's data.
         table.joints[1].speed_usual = Some(0.01);
         assert_eq!(demand(&new, &old, &table).unwrap().joint, "b");
         assert_eq!(demand(&old, &old, &table), None, "nothing was changed");

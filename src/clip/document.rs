@@ -1,8 +1,8 @@
-//! The clip: what a person draws on the timeline.
+//! The clip: the document that a person draws on the timeline.
 //!
-//! Plain data with public fields, so that a script can author one; [`Clip::validate`] says
-//! whether it holds together. Values live on a grid of 1e-6 (rad or m): what is in memory
-//! is what is in the file, hence a saved clip rolls out exactly as the one on screen.
+//! Plain data with public fields, so that a program can build one; [`Clip::validate`] checks the
+//! rules. Values are on a grid of 1e-6 (rad or m). Memory and file contain the same values, so a
+//! saved clip rolls out exactly as the one on screen.
 
 use std::collections::BTreeMap;
 
@@ -17,13 +17,13 @@ pub const FORMAT: &str = "robert-clip/1";
 /// One value per joint, in the order of [`RobotRef::joints`]; `None` = no goal for it.
 pub type Row = Vec<Option<f64>>;
 
-/// What is commanded between two keys.
+/// The command between two keys.
 #[derive(
     Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, schemars::JsonSchema,
 )]
 #[serde(rename_all = "lowercase")]
 pub enum Fill {
-    /// Nothing: the policy finds the way. The paper's keyframe mode.
+    /// Nothing; the policy decides. The paper's keyframe mode.
     #[default]
     Mask,
     /// The straight line to the next key.
@@ -38,7 +38,7 @@ impl Fill {
     /// All kinds, in the order the studio cycles through them.
     pub const ALL: [Fill; 4] = [Fill::Mask, Fill::Linear, Fill::Cubic, Fill::Hold];
 
-    /// The word in the file.
+    /// Its word in the file.
     pub fn word(self) -> &'static str {
         match self {
             Fill::Mask => "mask",
@@ -48,7 +48,7 @@ impl Fill {
         }
     }
 
-    /// The kind of this word.
+    /// The kind with this word.
     pub fn from_word(word: &str) -> Option<Fill> {
         Fill::ALL.into_iter().find(|f| f.word() == word)
     }
@@ -59,13 +59,13 @@ impl Fill {
 pub struct RobotRef {
     /// Robot id, such as `ur5e`.
     pub id: String,
-    /// Where its model was, for people.
+    /// Path of its model, for people.
     pub model: Option<String>,
     /// Sha-256 of that model, 64 lower-case hex digits.
     pub model_sha256: Option<String>,
     /// Joint names; every row of the clip follows this order.
     pub joints: Vec<String>,
-    /// Units of the joints; empty when the file does not say.
+    /// Units of the joints; empty if the file has none.
     pub units: Vec<Unit>,
 }
 
@@ -82,13 +82,14 @@ pub enum Goal {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "KeyFields", into = "KeyFields")]
 pub struct Key {
-    /// When, in frames of 1/20 s.
+    /// Its frame, in 1/20 s.
     pub frame: u32,
-    /// What.
+    /// Its values.
     pub goal: Goal,
-    /// For how many frames (at least 1). Ends early where the next key or the clip ends it.
+    /// For how many frames it is commanded (at least 1). The next key or the end of the clip ends
+    /// it early.
     pub hold: u32,
-    /// What comes after it, when it differs from [`Clip::fill`].
+    /// The fill after it, if it differs from [`Clip::fill`].
     pub fill: Option<Fill>,
     /// A remark.
     pub note: String,
@@ -123,7 +124,7 @@ impl Key {
     }
 }
 
-/// A key as it stands in JSON.
+/// A key as in JSON.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct KeyFields {
@@ -147,7 +148,7 @@ impl TryFrom<KeyFields> for Key {
         let goal = match (k.pose, k.q) {
             (Some(pose), None) => Goal::Pose(pose),
             (None, Some(q)) => Goal::Q(q),
-            _ => return Err("a key has exactly one of `pose` and `q`"),
+            _ => return Err("a key needs either `pose` or `q`, not both"),
         };
         Ok(Key { frame: k.frame, goal, hold: k.hold.unwrap_or(1), fill: k.fill, note: k.note })
     }
@@ -174,7 +175,7 @@ pub enum Start {
     Q(Vec<f64>),
 }
 
-/// Frames without a goal, whatever keys and fills say: `[from, to)`.
+/// Frames without a goal, regardless of keys and fills: `[from, to)`.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Mask {
@@ -219,19 +220,19 @@ pub struct Clip {
     pub robot: RobotRef,
     /// Frames in the clip: 0..length.
     pub length: u32,
-    /// What stands between keys that say nothing else.
+    /// The fill after keys without their own.
     pub fill: Fill,
     /// The state before frame 0; `None` = the first key's.
     pub start: Option<Start>,
     /// Named poses.
     pub poses: BTreeMap<String, Row>,
-    /// Keyframes, by frame, at most one a frame.
+    /// Keyframes, by frame, at most one per frame.
     pub keys: Vec<Key>,
     /// Mask spans.
     pub masks: Vec<Mask>,
-    /// Markers, by frame, at most one a frame.
+    /// Markers, by frame, at most one per frame.
     pub markers: Vec<Marker>,
-    /// Extensions of others; kept, never read.
+    /// Extensions of other programs; kept, never read.
     pub x: Map<String, Value>,
 }
 
@@ -268,7 +269,7 @@ impl Clip {
         self.robot.joints.iter().position(|j| j == name)
     }
 
-    /// Where in [`Clip::keys`] the key at this frame stands.
+    /// Index in [`Clip::keys`] of the key at this frame.
     pub fn key_index(&self, frame: u32) -> Option<usize> {
         self.keys.binary_search_by_key(&frame, |k| k.frame).ok()
     }
@@ -286,7 +287,7 @@ impl Clip {
         }
     }
 
-    /// What follows this key.
+    /// The fill after this key.
     pub fn fill_after(&self, key: &Key) -> Fill {
         key.fill.unwrap_or(self.fill)
     }

@@ -1,4 +1,4 @@
-//! A clip being edited: unlimited undo with named entries, and what each edit changed.
+//! A clip that is being edited, with unlimited undo, named entries, and the changes of each edit.
 
 use std::ops::Range;
 
@@ -12,12 +12,12 @@ use super::joints::JointTable;
 use super::op::Op;
 use super::validate::Invalid;
 
-/// What an edit, an undo or a redo did.
+/// The result of an edit, an undo or a redo.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Change {
     /// Version of the document afterwards; rises with every change.
     pub rev: u64,
-    /// What was done, in words.
+    /// What was done, as text.
     pub label: String,
     /// The difference, for other views of the document.
     pub patch: Delta,
@@ -32,14 +32,14 @@ pub struct Change {
 pub enum Step {
     /// An edit, and the difference that it made.
     Edit {
-        /// What the history calls it.
+        /// Its label in the history.
         label: String,
-        /// What it changed. A difference that changes nothing takes its place in the history.
+        /// What it changed. A difference without changes also takes a place in the history.
         patch: Box<Delta>,
     },
-    /// The last step was taken back.
+    /// The last step was undone.
     Undo,
-    /// It was done again.
+    /// It was redone.
     Redo,
 }
 
@@ -103,7 +103,7 @@ impl Editor {
         (self.history.len(), self.history.done())
     }
 
-    /// What these edits are called, oldest first.
+    /// The labels of these edits, oldest first.
     pub fn labels(&self, edits: Range<usize>) -> Vec<String> {
         self.history.labels(edits)
     }
@@ -113,13 +113,13 @@ impl Editor {
         self.history.entry(i).ok().map(|e| (e.label, e.redo))
     }
 
-    /// Goes through a recorded history. Where it is `whole`, differences are applied in place
-    /// and the result is checked once, so the time is that of reading them. Otherwise each
-    /// step is checked; one that cannot be taken any more becomes one that changes nothing,
-    /// and the numbers of such steps are returned.
+    /// Replays a recorded history. If it is `whole`, differences are applied in place and the
+    /// result is checked once, so it takes only the time of reading them. Otherwise each step is
+    /// checked. A step that can no longer be applied becomes a step without changes, and the
+    /// numbers of such steps are returned.
     ///
     /// # Errors
-    /// [`OpError`] never in practice: what comes out is checked step by step if need be.
+    /// [`OpError`] never in practice, because the steps are checked one by one if necessary.
     pub fn replay(&mut self, steps: &[Step], whole: bool) -> Result<Vec<usize>, OpError> {
         let mut next = self.clip.clone();
         let mut history = History::default();
@@ -160,10 +160,10 @@ impl Editor {
         Ok(skipped)
     }
 
-    /// Carries out one edit. One that changes nothing leaves no entry.
+    /// Applies one edit. An edit that changes nothing leaves no entry.
     ///
     /// # Errors
-    /// [`OpError`]; nothing has changed then.
+    /// [`OpError`]; the clip is then unchanged.
     pub fn apply(&mut self, op: &Op) -> Result<Change, OpError> {
         let next = edited(&self.clip, op, self.table.as_ref())?;
         let redo = Delta::between(&self.clip, &next);
@@ -175,11 +175,11 @@ impl Editor {
         self.take_over(next, label, redo)
     }
 
-    /// Takes the last edit back; `None` when there is none.
+    /// Undoes the last edit; `None` if there is none.
     ///
     /// # Errors
-    /// [`OpError`] never in practice: the older clip was valid, and only a step long ago is
-    /// read from a file.
+    /// [`OpError`] never in practice: the older clip was valid, and only old steps are read from a
+    /// file.
     pub fn undo(&mut self) -> Result<Option<Change>, OpError> {
         let Some(entry) = self.history.last().map_err(|e| unreadable(&e))? else { return Ok(None) };
         let next = self.patched(&entry.undo)?;
@@ -187,7 +187,7 @@ impl Editor {
         self.take_over(next, format!("Undo: {}", entry.label), entry.undo).map(Some)
     }
 
-    /// Does the next undone edit again; `None` when there is none.
+    /// Redoes the next undone edit; `None` if there is none.
     ///
     /// # Errors
     /// [`OpError`] never in practice.
@@ -213,7 +213,7 @@ impl Editor {
     }
 }
 
-/// Takes one recorded step, without a check of the clip.
+/// Applies one recorded step without checking the clip.
 fn walk(clip: &mut Clip, history: &mut History, step: &Step) -> Result<(), OpError> {
     match step {
         Step::Edit { label, patch } => {
@@ -238,7 +238,7 @@ fn walk(clip: &mut Clip, history: &mut History, step: &Step) -> Result<(), OpErr
 }
 
 fn unreadable(e: &std::io::Error) -> OpError {
-    OpError::Argument { what: format!("a step of long ago cannot be read back: {e}") }
+    OpError::Argument { what: format!("an old step cannot be read from disk: {e}") }
 }
 
 #[cfg(test)]

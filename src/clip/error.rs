@@ -6,7 +6,7 @@ use super::validate::Flaw;
 use crate::exit::{Exit, HasExit};
 use crate::fsio;
 
-/// A clip, or another file that becomes one, that cannot be used.
+/// Why a clip, or a file to import as one, cannot be used.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ClipError {
@@ -22,7 +22,7 @@ pub enum ClipError {
         line: usize,
         /// Column in characters, from 1.
         col: usize,
-        /// The file, where there is one.
+        /// The file, if there is one.
         path: Option<PathBuf>,
     },
     /// The document is well formed but breaks a rule.
@@ -36,18 +36,18 @@ pub enum ClipError {
         line: usize,
         /// Column in characters, from 1.
         col: usize,
-        /// The file, where there is one.
+        /// The file, if there is one.
         path: Option<PathBuf>,
     },
 }
 
 impl ClipError {
-    /// A fault at a place of a text.
+    /// An error at a place in a text.
     pub(crate) fn at(message: impl Into<String>, line: usize, col: usize) -> Self {
         ClipError::Syntax { message: message.into(), line, col, path: None }
     }
 
-    /// The same error, said of this file.
+    /// The same error with the name of the file.
     #[must_use]
     pub fn in_file(mut self, file: &Path) -> Self {
         match &mut self {

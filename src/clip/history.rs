@@ -1,5 +1,5 @@
-//! Undo without end in bounded memory: the newest steps are kept, older ones lie in a file
-//! without a name, which goes with the process.
+//! Unlimited undo in bounded memory. The newest steps are in memory, and older ones are in an
+//! unnamed file that disappears with the process.
 
 use std::collections::VecDeque;
 use std::fs::File;
@@ -33,7 +33,7 @@ pub(super) struct History {
     recent_bytes: usize,
     /// Where the older steps begin in the file.
     offsets: Vec<u64>,
-    /// Length of the file that is in use.
+    /// Length of the used part of the file.
     file_bytes: u64,
     file: Option<File>,
     done: usize,
@@ -50,7 +50,7 @@ impl History {
         self.offsets.len() + self.recent.len()
     }
 
-    /// Adds a step in the place of those that are undone.
+    /// Adds a step and discards the undone ones.
     pub(super) fn push(&mut self, entry: Entry) {
         self.forget_undone();
         let bytes = size(&entry);
@@ -58,7 +58,7 @@ impl History {
         self.recent.push_back((entry, bytes));
         self.done += 1;
         if self.recent.len() > RECENT || self.recent_bytes > RECENT_BYTES {
-            // Half at once, so that most steps touch no file.
+            // Half of them are moved at once, so that most steps need no file access.
             let until = self.recent.len() / 2;
             if let Err(e) = self.put_away(until) {
                 tracing::debug!("older steps stay in memory: {e}");
@@ -66,7 +66,7 @@ impl History {
         }
     }
 
-    /// The step that an undo takes back.
+    /// The step that an undo reverses.
     ///
     /// # Errors
     /// When an older one cannot be read back.
@@ -74,7 +74,7 @@ impl History {
         self.done.checked_sub(1).map_or(Ok(None), |i| self.entry(i).map(Some))
     }
 
-    /// The step that a redo does again.
+    /// The step that a redo repeats.
     ///
     /// # Errors
     /// As [`History::last`].
@@ -94,7 +94,7 @@ impl History {
         self.done += 1;
     }
 
-    /// What these steps are called.
+    /// The labels of these steps.
     pub(super) fn labels(&self, steps: Range<usize>) -> Vec<String> {
         let known = |i| self.entry(i).map_or_else(|_| "?".to_owned(), |e| e.label);
         (steps.start..steps.end.min(self.len())).map(known).collect()
@@ -149,7 +149,7 @@ impl History {
     }
 }
 
-/// What a step weighs: keys and rows, counted cheaply.
+/// Approximate size of a step, by keys and rows.
 fn size(entry: &Entry) -> usize {
     [&entry.undo, &entry.redo].into_iter().map(Delta::weight).sum::<usize>() + entry.label.len()
 }
@@ -185,7 +185,7 @@ mod tests {
             history.step_on();
         }
         assert_eq!(history.labels(18..21), ["step 18", "step 19", "step 20"]);
-        // Another future, from a step that lies in the file.
+        // A new edit replaces the redo steps, beginning at a step in the file.
         for n in 20_000..25_000 {
             history.push(entry(n));
         }

@@ -1,14 +1,14 @@
-//! The facts about a robot that clips need, and nothing of its simulator.
+//! The facts about a robot that clips need, without its simulator.
 //!
-//! A floor-0 struct instead of a trait over the robot profile: lints, mirroring and the
-//! studio want plain data that can be sent as JSON; whoever knows the robot fills it.
+//! This is a floor-0 struct instead of a trait over the robot profile, because lints, mirroring and
+//! the studio need plain data that can be sent as JSON. Code that knows the robot fills it.
 
 use serde::{Deserialize, Serialize};
 
 use super::document::{Clip, Row, round};
 use crate::units::Unit;
 
-/// What a policy can leave open.
+/// What a policy allows to be masked.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
@@ -30,9 +30,9 @@ pub struct JointFacts {
     pub unit: Unit,
     /// Lowest and highest position, rad or m; `None` = unbounded.
     pub range: Option<[f64; 2]>,
-    /// Highest speed that the plant can hold, rad/s or m/s, where known.
+    /// Highest speed that the plant can sustain, rad/s or m/s, if known.
     pub speed_max: Option<f64>,
-    /// Where 98 of 100 frames of the data that the robot's policy learned from lie, rad or m.
+    /// The range of 98 of 100 frames of the data that the robot's policy learned from, rad or m.
     #[serde(default)]
     pub band: Option<[f64; 2]>,
     /// Speed that 99 of 100 of those frames stay below, rad/s or m/s.
@@ -65,7 +65,7 @@ pub enum Mirror {
     None(String),
 }
 
-/// One member of a coupling: `q = coef * shared + offset`.
+/// One joint of a coupling: `q = coef * shared + offset`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct CouplingMember {
@@ -86,7 +86,7 @@ pub struct Coupling {
     pub name: String,
     /// The joints.
     pub members: Vec<CouplingMember>,
-    /// How far members may disagree, rad or m: contact and limits part them a little.
+    /// How far members may disagree, rad or m, because contact and limits separate them a little.
     pub tolerance: f64,
 }
 
@@ -96,7 +96,7 @@ pub struct Coupling {
 pub struct JointTable {
     /// Robot id.
     pub robot: String,
-    /// Sha-256 of its model, 64 hex digits, where known.
+    /// Sha-256 of its model, 64 hex digits, if known.
     pub model_sha256: Option<String>,
     /// Joints in state order.
     pub joints: Vec<JointFacts>,
@@ -106,12 +106,12 @@ pub struct JointTable {
     pub mirror: Mirror,
     /// Couplings.
     pub couplings: Vec<Coupling>,
-    /// What the policy in use can leave open.
+    /// What the current policy allows to be masked.
     pub granularity: Granularity,
 }
 
 impl JointTable {
-    /// What a clip says about its own robot: names and units, no limits.
+    /// The facts that a clip contains about its robot: names and units, no limits.
     pub fn from_clip(clip: &Clip) -> JointTable {
         let unit = |i: usize| clip.robot.units.get(i).copied().unwrap_or(Unit::Rad);
         let fact = |(i, name): (usize, &String)| JointFacts {
@@ -127,7 +127,7 @@ impl JointTable {
             model_sha256: clip.robot.model_sha256.clone(),
             joints: clip.robot.joints.iter().enumerate().map(fact).collect(),
             rest: vec![0.0; clip.dim()],
-            mirror: Mirror::None("nothing is known about this robot".into()),
+            mirror: Mirror::None("this robot is unknown here".into()),
             couplings: Vec::new(),
             granularity: Granularity::Joint,
         }
@@ -145,7 +145,7 @@ impl JointTable {
 
     /// The mirror image of a row whose joints are `names`.
     ///
-    /// An angle that leaves its range is brought back by whole turns where that helps.
+    /// An angle outside its range is moved by whole turns, if that brings it inside.
     ///
     /// # Errors
     /// The reason why this robot has no mirror image.
@@ -193,7 +193,7 @@ impl JointFacts {
     }
 }
 
-/// A limit rounded to the grid, toward the inside where rounding would leave the range.
+/// A limit rounded to the grid, inward if rounding would leave the range.
 fn inward(limit: f64, step: f64) -> f64 {
     let on_grid = round(limit);
     if (on_grid - limit) * step < 0.0 { round(on_grid + step) } else { on_grid }

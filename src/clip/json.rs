@@ -1,10 +1,10 @@
-//! A JSON reader that always knows where it is.
+//! A JSON reader that knows the place of every value.
 //!
-//! `serde_json::Value` has no positions, and `serde`'s own line and column point at the end
-//! of what it was reading; a check across fields ("this key lies beyond `length`") has none
-//! at all. So the clip is read by pulling values from this cursor, each at a known byte,
-//! and later checks name a JSON pointer that [`locate`] finds again in the text. The good
-//! path builds no tree, hence a 16 MiB file of `[0,0,0…` costs what the clip costs.
+//! `serde_json::Value` has no positions, `serde`'s line and column point at the end of the value,
+//! and a check across fields ("this key is beyond `length`") has no position at all. So the clip is
+//! read by pulling values from this cursor, each at a known byte, and later checks name a JSON
+//! pointer that [`locate`] finds again in the text. Reading builds no tree, so a 16 MiB file of
+//! `[0,0,0…` needs only the memory of the clip.
 
 use std::collections::BTreeSet;
 
@@ -21,7 +21,7 @@ pub(crate) struct Fault {
 
 pub(crate) type Read<T> = Result<T, Fault>;
 
-/// The kind of the value under the cursor.
+/// The kind of the value at the cursor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Kind {
     Object,
@@ -110,14 +110,14 @@ impl<'a> Reader<'a> {
         }
         let rest = self.rest();
         for (token, hint) in [
-            ("NaN", "NaN is no value; write null for a joint without a goal"),
-            ("Infinity", "infinity is no value"),
-            ("nan", "nan is no value; write null for a joint without a goal"),
-            ("inf", "infinity is no value"),
+            ("NaN", "NaN is not a value; write null for a joint without a goal"),
+            ("Infinity", "infinity is not a value"),
+            ("nan", "nan is not a value; write null for a joint without a goal"),
+            ("inf", "infinity is not a value"),
             ("//", "JSON has no comments; use `notes` or `note`"),
             ("/*", "JSON has no comments; use `notes` or `note`"),
-            ("'", "strings take double quotes"),
-            ("+", "numbers take no plus sign"),
+            ("'", "strings need double quotes"),
+            ("+", "numbers have no plus sign"),
             (".", "a number needs a digit before the point"),
         ] {
             if rest.starts_with(token) {
@@ -138,7 +138,7 @@ impl<'a> Reader<'a> {
         Ok(())
     }
 
-    /// After an element: `,` goes on (true), `close` ends (false).
+    /// After an element: true for `,`, false for `close`.
     fn more(&mut self, close: u8) -> Read<bool> {
         self.space();
         match self.peek() {
@@ -146,7 +146,7 @@ impl<'a> Reader<'a> {
                 self.at += 1;
                 self.space();
                 if self.peek() == Some(close) {
-                    return self.fault(self.at, "a comma before the end; remove it");
+                    return self.fault(self.at, "remove the comma before the end");
                 }
                 Ok(true)
             }
@@ -163,7 +163,7 @@ impl<'a> Reader<'a> {
     }
 
     /// Reads an object; `each` gets every key with its byte and must take the value.
-    /// A key that comes twice is a fault.
+    /// A key that appears twice is an error.
     pub(crate) fn object(
         &mut self,
         what: &str,
@@ -184,7 +184,7 @@ impl<'a> Reader<'a> {
                 }
                 let key = self.string("a key in double quotes")?;
                 if seen.contains(&key) {
-                    return self.fault(at, format!("`{}` comes twice", show(&key)));
+                    return self.fault(at, format!("`{}` appears twice", show(&key)));
                 }
                 seen.insert(key.clone());
                 self.space();
@@ -282,12 +282,12 @@ impl<'a> Reader<'a> {
         let high = self.hex4(at)?;
         let code = if (0xD800..0xDC00).contains(&high) {
             if !self.rest().starts_with("\\u") {
-                return self.fault(at, "half a surrogate pair in a string");
+                return self.fault(at, "this string contains half a surrogate pair");
             }
             self.at += 2;
             let low = self.hex4(at)?;
             if !(0xDC00..0xE000).contains(&low) {
-                return self.fault(at, "half a surrogate pair in a string");
+                return self.fault(at, "this string contains half a surrogate pair");
             }
             0x1_0000 + ((high - 0xD800) << 10) + (low - 0xDC00)
         } else {
@@ -295,7 +295,7 @@ impl<'a> Reader<'a> {
         };
         match char::from_u32(code) {
             Some(c) => Ok(c),
-            None => self.fault(at, "half a surrogate pair in a string"),
+            None => self.fault(at, "this string contains half a surrogate pair"),
         }
     }
 
@@ -307,7 +307,7 @@ impl<'a> Reader<'a> {
                 self.at += 4;
                 Ok(code)
             }
-            _ => self.fault(at, "\\u takes four hex digits"),
+            _ => self.fault(at, "\\u needs four hex digits"),
         }
     }
 
@@ -323,12 +323,12 @@ impl<'a> Reader<'a> {
         let first = self.at;
         if self.digits() == 0 {
             if self.rest().starts_with("Inf") || self.rest().starts_with("inf") {
-                return self.fault(start, "infinity is no value");
+                return self.fault(start, "infinity is not a value");
             }
-            return self.fault(start, "a minus sign without a number");
+            return self.fault(start, "a number must follow the minus sign");
         }
         if self.at - first > 1 && self.text.as_bytes().get(first) == Some(&b'0') {
-            return self.fault(start, "a number with a leading zero");
+            return self.fault(start, "a number must not begin with a zero");
         }
         let mut whole = true;
         if self.peek() == Some(b'.') {
@@ -374,11 +374,11 @@ impl<'a> Reader<'a> {
         let at = self.here();
         let (text, whole) = self.number_text(what)?;
         if !whole {
-            return self.fault(at, format!("{what} is a whole number, found {}", show(text)));
+            return self.fault(at, format!("{what} must be a whole number, not {}", show(text)));
         }
         match text.parse::<i64>() {
             Ok(v) if v >= i64::from(lo) && v <= i64::from(hi) => Ok(v as u32),
-            _ => self.fault(at, format!("{what} is {lo} to {hi}, found {}", show(text))),
+            _ => self.fault(at, format!("{what} must be {lo} to {hi}, not {}", show(text))),
         }
     }
 
@@ -468,11 +468,11 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// Nothing but white space may follow.
+    /// Only white space may follow.
     pub(crate) fn end(&mut self) -> Read<()> {
         self.space();
         if self.peek().is_some() {
-            return self.fault(self.at, "something follows the end of the document");
+            return self.fault(self.at, "there is text after the end of the document");
         }
         Ok(())
     }
@@ -506,7 +506,7 @@ pub(crate) fn locate(text: &str, pointer: &str) -> usize {
         pointer.split('/').skip(1).map(|s| s.replace("~1", "/").replace("~0", "~")).collect();
     let mut reader = Reader::new(text);
     let mut found = reader.here();
-    // A fault later in the text does not matter: the value was found before it.
+    // An error later in the text does not matter, because the value was found before it.
     walk(&mut reader, &steps, &mut found).ok();
     found
 }

@@ -1,8 +1,8 @@
-//! What is valid but will not do what was meant: each finding with its place and, where
-//! there is one, the edit that fixes it.
+//! Finds content of a clip that is valid but will not do what was meant. Each finding has its place
+//! and, if there is one, an edit that fixes it.
 //!
-//! One list for everything. What needs the simulator (self-collision, poses out of reach)
-//! comes in through [`PoseChecker`], implemented on a higher floor.
+//! All findings are in one list. Checks that need the simulator (self-collision, unreachable poses)
+//! come from a [`PoseChecker`], which is implemented on a higher floor.
 
 use std::collections::BTreeMap;
 
@@ -19,23 +19,23 @@ use super::op::{
 use crate::limits;
 use crate::units::CTRL_DT;
 
-/// Findings of one rule that are listed: a log with 50 000 keys too fast is one problem.
+/// The most findings of one rule that are listed; a log with 50 000 fast keys is one problem.
 const MOST: usize = 1000;
 
-/// How bad it is.
+/// Severity of a finding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "lowercase")]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub enum Level {
     /// Worth knowing.
     Info,
-    /// The motion will differ from what is drawn.
+    /// The motion will differ from the clip.
     Warning,
     /// The command cannot be performed by this robot or policy.
     Error,
 }
 
-/// Kinds of findings; the words are stable, scripts may filter by them.
+/// Kinds of findings. The words are stable, so scripts may filter by them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
@@ -55,7 +55,7 @@ pub enum Rule {
     BlindSpan,
     /// Joints of one actuator that cannot be set apart.
     Coupled,
-    /// Single joints left open, for a policy that knows whole frames only.
+    /// Single joints are masked, but the policy was trained on whole frames.
     PartialMask,
     /// Links that touch.
     SelfCollision,
@@ -71,9 +71,9 @@ pub enum Rule {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Fix {
-    /// What the button says.
+    /// Its text on a button.
     pub title: String,
-    /// What it does.
+    /// The edit.
     pub op: Op,
 }
 
@@ -81,11 +81,11 @@ pub struct Fix {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Lint {
-    /// How bad.
+    /// Its severity.
     pub level: Level,
-    /// Which rule.
+    /// Its rule.
     pub rule: Rule,
-    /// What is the matter, with figures and units.
+    /// The message, with figures and units.
     pub message: String,
     /// The frames concerned, `[from, to)`; `None` = the clip as a whole.
     pub frames: Option<[u32; 2]>,
@@ -93,12 +93,12 @@ pub struct Lint {
     pub joints: Vec<String>,
     /// JSON pointer of the value to look at.
     pub pointer: String,
-    /// Ways out, best first; `mends` in JSON, as scripts know it.
+    /// Fixes, best first; the JSON name is `mends`, which scripts use.
     #[serde(rename = "mends")]
     pub fixes: Vec<Fix>,
 }
 
-/// What the simulator says about one pose.
+/// The result of simulating one pose.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PoseReport {
     /// Pairs of bodies that touch, by name, with the depth in metres.
@@ -108,7 +108,7 @@ pub struct PoseReport {
     pub settled: Option<Vec<f64>>,
 }
 
-/// Judges poses by simulation.
+/// Checks poses by simulation.
 pub trait PoseChecker {
     /// Reports on the pose `q` (rad or m) of these joints.
     fn check(&mut self, joints: &[String], q: &[f64]) -> PoseReport;
@@ -119,7 +119,7 @@ pub trait PoseChecker {
     }
 }
 
-/// Finds everything worth saying about a clip, worst first, then by frame.
+/// All findings about a clip, worst first, then by frame.
 pub fn lint(
     clip: &Clip,
     command: &Command,
@@ -153,7 +153,7 @@ struct Finder<'a> {
     counts: BTreeMap<Rule, usize>,
 }
 
-/// Where a row of the document stands, and the keys that use it.
+/// The place of a row in the document, and the keys that use it.
 struct Place<'a> {
     row: &'a Row,
     pointer: String,
@@ -206,7 +206,7 @@ impl<'a> Finder<'a> {
         }
     }
 
-    /// Whether another finding of this rule would only be counted; then it is.
+    /// Whether another finding of this rule is only counted; if so, counts it.
     fn full(&mut self, rule: Rule) -> bool {
         let count = self.counts.entry(rule).or_default();
         let full = *count >= MOST;
@@ -214,7 +214,7 @@ impl<'a> Finder<'a> {
         full
     }
 
-    /// Says how much was left out.
+    /// Reports how many findings were left out.
     fn rest(&mut self) {
         for (&rule, &count) in &self.counts {
             if count <= MOST {
@@ -271,13 +271,16 @@ impl<'a> Finder<'a> {
             });
         };
         if clip.robot.id != table.robot {
-            let message =
-                format!("made for robot {}, not for {}", show(&clip.robot.id), show(&table.robot));
+            let message = format!(
+                "the clip was made for robot {}, not for {}",
+                show(&clip.robot.id),
+                show(&table.robot)
+            );
             whole(Level::Error, Rule::OtherRobot, message, "/robot/id", vec![]);
         } else if let (Some(a), Some(b)) = (&clip.robot.model_sha256, &table.model_sha256)
             && !a.eq_ignore_ascii_case(b)
         {
-            let message = "made for another version of this robot's model".to_owned();
+            let message = "the clip was made for another version of this robot's model".to_owned();
             whole(Level::Warning, Rule::OtherRobot, message, "/robot/model_sha256", vec![]);
         }
         for (i, name) in clip.robot.joints.iter().enumerate() {
@@ -300,12 +303,11 @@ impl<'a> Finder<'a> {
             .map(|j| j.name.clone())
             .collect();
         if !lacking.is_empty() {
-            let message =
-                format!("joints of the robot are not in the clip: {}", lacking.join(", "));
+            let message = format!("the clip lacks joints of the robot: {}", lacking.join(", "));
             whole(Level::Error, Rule::UnknownJoint, message, "/robot/joints", lacking);
         }
         if clip.keys.is_empty() {
-            let message = "no keys: nothing is asked of the robot".to_owned();
+            let message = "the clip has no keys, so it commands nothing".to_owned();
             whole(Level::Info, Rule::Empty, message, "/keys", vec![]);
         }
     }
@@ -333,7 +335,7 @@ impl<'a> Finder<'a> {
                 if v < lo - 1e-6 || v > hi + 1e-6 {
                     out.push((name.as_str(), j, joint.clamp(v)));
                     let unit = joint.unit.symbol();
-                    words.push(format!("{name} {v} {unit} outside {lo}..{hi}"));
+                    words.push(format!("{name} {v} {unit} is outside {lo}..{hi}"));
                 }
             }
             if out.is_empty() || self.full(Rule::JointLimit) {
@@ -384,12 +386,12 @@ impl<'a> Finder<'a> {
             }
             runs.extend(run);
         }
-        // Joints that are too fast over the same frames are one finding.
+        // Joints that are too fast in the same frames are one finding.
         let mut merged: BTreeMap<(u32, u32), Vec<Run>> = BTreeMap::new();
         for run in runs {
             merged.entry((run.from, run.to)).or_default().push(run);
         }
-        // Slowing everything down is offered once, where it is needed most: it names all keys.
+        // Slowing the whole clip down is offered once, at the place that needs it most.
         let top = |runs: &Vec<Run>| runs.iter().map(|r| r.ratio).fold(0.0, f64::max);
         let worst = merged.values().map(top).fold(0.0, f64::max);
         let mut offered = false;
@@ -416,7 +418,7 @@ impl<'a> Finder<'a> {
             words.push(format!("{name} {:.2} {unit}/s of {max:.2}", max * run.ratio));
             joints.push(name.clone());
         }
-        // The interval between keys around the run: its length scales the speed.
+        // The length of the interval between the keys around the run scales the speed.
         let keys = &self.clip.keys;
         let next = keys.partition_point(|k| k.frame < to);
         let index = keys.partition_point(|k| k.frame <= from).saturating_sub(1);
@@ -439,8 +441,10 @@ impl<'a> Finder<'a> {
             });
             let title = match (&line, &insert) {
                 (None, _) => format!("Allow {frames} more frames before frame {at}"),
-                (Some(_), None) => format!("Go there in a line from frame {begin} to {at}"),
-                (Some(_), Some(_)) => format!("Go there in a line and {frames} more frames"),
+                (Some(_), None) => format!("Interpolate linearly from frame {begin} to {at}"),
+                (Some(_), Some(_)) => {
+                    format!("Interpolate linearly and allow {frames} more frames")
+                }
             };
             let mut ops: Vec<Op> = line.into_iter().chain(insert).collect();
             let op = match (ops.pop(), ops.is_empty()) {
@@ -479,7 +483,7 @@ impl<'a> Finder<'a> {
         shortest.map_or(1.0, |l| 1.0 / (1.0 - 4.0 / 3.0 / f64::from(l * l)).max(2.0 / 3.0))
     }
 
-    /// Everything slower by one factor: the smallest that is enough once frames are rounded.
+    /// Slows everything down by the smallest factor that is enough after rounding to frames.
     fn slow_down(&self, from: u32, to: u32, ratio: f64) -> Option<Fix> {
         let clip = self.clip;
         let scaled = |frames: u32, factor: f64| (f64::from(frames) * factor).round();
@@ -526,7 +530,7 @@ impl<'a> Finder<'a> {
             let to = blind.before.unwrap_or(self.command.frames());
             let steps = blind.to - blind.from;
             let message = format!(
-                "no goal from frame {from} to {}: for {steps} steps the policy sees none and is led along a straight line",
+                "no goal from frame {from} to {}: for {steps} steps the policy sees none, so it follows a straight line",
                 to - 1
             );
             let key = blind
@@ -633,7 +637,7 @@ impl<'a> Finder<'a> {
             level: Level::Warning,
             rule: Rule::Coupled,
             message: format!(
-                "{}: {} share {} and cannot be set {:.3} apart",
+                "{}: {} share {} and cannot be {:.3} apart",
                 place.who(),
                 joints.join(" and "),
                 coupling.name,
@@ -671,7 +675,7 @@ impl<'a> Finder<'a> {
                 level: Level::Error,
                 rule: Rule::PartialMask,
                 message: format!(
-                    "frames {from} to {}: goals for some joints only, but this policy knows whole frames only",
+                    "frames {from} to {} have goals for some joints only, but this policy was trained on whole frames",
                     at - 1
                 ),
                 frames: Some([from, at]),
@@ -758,7 +762,11 @@ impl<'a> Finder<'a> {
             lints.push(Lint {
                 level: Level::Warning,
                 rule: Rule::Unreachable,
-                message: format!("{}: the robot misses {}", place.who(), some_of(&words)),
+                message: format!(
+                    "{}: the robot does not reach the pose: {}",
+                    place.who(),
+                    some_of(&words)
+                ),
                 frames: place.span(),
                 joints: off.iter().map(|(j, _)| (*j).clone()).collect(),
                 pointer: place.pointer.clone(),

@@ -1,8 +1,8 @@
-//! Every edit of a clip as a value.
+//! All edits of a clip, as values.
 //!
-//! `{"op": "keys.move", "args": {"frames": [20], "df": 5}}`: the studio, scripts and
-//! `robert clip apply` speak the same operations, undo is one of them ([`Delta`]).
-//! A key is named by its frame: a clip has one key a frame, so no ids go into the file.
+//! `{"op": "keys.move", "args": {"frames": [20], "df": 5}}`: the studio, scripts and `robert clip
+//! apply` use the same operations, and undo is one of them ([`Delta`]). A key is identified by its
+//! frame. A clip has at most one key per frame, so the file needs no ids.
 
 use std::collections::BTreeMap;
 
@@ -41,31 +41,31 @@ pub enum Op {
     /// Sets how long keys are held.
     #[serde(rename = "keys.hold")]
     KeysHold(KeysHold),
-    /// Drops keys that the straight line between the others says as well.
+    /// Removes keys that lie on the straight line between the others.
     #[serde(rename = "keys.sparsify")]
     KeysSparsify(KeysSparsify),
     /// Masks or unmasks a span.
     #[serde(rename = "mask.set")]
     MaskSet(MaskSet),
-    /// Sets what follows keys, or the clip's default.
+    /// Sets the fill after keys, or the clip's default.
     #[serde(rename = "fill.set")]
     FillSet(FillSet),
     /// Inserts empty frames and shifts what follows.
     #[serde(rename = "time.insert")]
     TimeInsert(TimeInsert),
-    /// Removes frames with all that stands on them and closes the gap.
+    /// Removes frames with their keys and closes the gap.
     #[serde(rename = "time.delete")]
     TimeDelete(TimeDelete),
     /// Stores a named pose.
     #[serde(rename = "pose.save")]
     PoseSave(PoseSave),
-    /// Puts a pose onto frames.
+    /// Applies a pose to frames.
     #[serde(rename = "pose.apply")]
     PoseApply(PoseApply),
     /// Renames a pose everywhere.
     #[serde(rename = "pose.rename")]
     PoseRename(PoseRename),
-    /// Forgets a pose; keys that used it keep its values.
+    /// Deletes a pose; keys that used it keep its values.
     #[serde(rename = "pose.delete")]
     PoseDelete(PoseDelete),
     /// Adds a marker.
@@ -92,10 +92,10 @@ pub enum Op {
     /// Sets the state before frame 0.
     #[serde(rename = "clip.start")]
     ClipStart(ClipStart),
-    /// Several edits that count as one: all or none.
+    /// Several edits that count as one; either all are applied or none.
     #[serde(rename = "batch")]
     Batch(Batch),
-    /// A difference between two versions; what undo is made of.
+    /// A difference between two versions, used for undo.
     #[serde(rename = "patch")]
     Patch(Box<Delta>),
 }
@@ -107,7 +107,7 @@ pub enum Op {
 pub struct KeysAdd {
     /// The keys.
     pub keys: Vec<Key>,
-    /// Take the place of keys that are there.
+    /// Replace existing keys.
     #[serde(default)]
     pub replace: bool,
 }
@@ -150,13 +150,13 @@ pub struct KeysMove {
     pub frames: Vec<u32>,
     /// By how many frames.
     pub df: i64,
-    /// Later keys move along; keeps distances. The clip grows if it must.
+    /// Move later keys along, to keep distances. The clip grows if necessary.
     #[serde(default)]
     pub ripple: bool,
-    /// Take the place of keys that are there.
+    /// Replace existing keys.
     #[serde(default)]
     pub replace: bool,
-    /// Leave the originals.
+    /// Keep the originals.
     #[serde(default)]
     pub copy: bool,
 }
@@ -168,11 +168,11 @@ pub struct KeysMove {
 pub struct KeysScale {
     /// Which keys.
     pub frames: Vec<u32>,
-    /// The frame that stays.
+    /// The frame that does not move.
     pub pivot: u32,
-    /// New distance over old, above 0. Frames are rounded, holds scale along.
+    /// New distance divided by the old one, above 0. Frames are rounded, holds are scaled too.
     pub factor: f64,
-    /// Take the place of keys that are there.
+    /// Replace existing keys.
     #[serde(default)]
     pub replace: bool,
 }
@@ -195,13 +195,13 @@ pub struct KeysPaste {
     pub at: u32,
     /// The keys; only their distances matter.
     pub keys: Vec<Key>,
-    /// Take the place of keys that are there.
+    /// Replace existing keys.
     #[serde(default)]
     pub replace: bool,
     /// Paste their mirror images.
     #[serde(default)]
     pub mirrored: bool,
-    /// Only these joints, absent = all; the others stay as they are commanded there.
+    /// Only these joints; absent = all. The others keep their command there.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub joints: Option<Vec<String>>,
 }
@@ -222,10 +222,10 @@ pub struct KeysHold {
 #[serde(deny_unknown_fields)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct KeysSparsify {
-    /// Which keys may go. The ends of each unbroken run of them stay, and so do keys with a hold,
-    /// a remark or a named pose.
+    /// Which keys may be removed. The ends of each unbroken run of them stay, and so do keys with a
+    /// hold, a remark or a named pose.
     pub frames: Vec<u32>,
-    /// How far a joint of a dropped key may lie from the line, rad or m.
+    /// How far a joint of a removed key may be off the line, rad or m.
     pub tolerance: f64,
 }
 
@@ -253,7 +253,7 @@ pub struct FillSet {
     /// After which keys; absent = the clip's default.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frames: Option<Vec<u32>>,
-    /// What; null = as the clip's default (`mask` for the default itself).
+    /// The fill; null = the clip's default (`mask` for the default itself).
     #[cfg_attr(test, schemars(extend("x-null" = true)))]
     pub fill: Option<Fill>,
 }
@@ -303,7 +303,7 @@ pub struct PoseApply {
     pub name: String,
     /// Onto which frames; a frame without a key gets one.
     pub frames: Vec<u32>,
-    /// 0 = what is there, 1 = the pose.
+    /// 0 = the current values, 1 = the pose.
     #[serde(default = "whole")]
     pub blend: f64,
     /// The pose's mirror image.
@@ -370,7 +370,7 @@ pub struct ClipNotes {
 pub struct ClipLength {
     /// Frames.
     pub length: u32,
-    /// Drop keys and markers beyond the new end; else they refuse it.
+    /// Remove keys and markers beyond the new end; otherwise the edit is refused.
     #[serde(default)]
     pub cut: bool,
 }
@@ -402,7 +402,7 @@ fn whole() -> f64 {
 }
 
 #[allow(clippy::option_option)] // absent, null and a value are three things in an edit
-/// Tells "fill": null from no fill at all.
+/// Distinguishes "fill": null from no fill.
 fn present<'de, D: Deserializer<'de>>(d: D) -> Result<Option<Option<Fill>>, D::Error> {
     Option::<Fill>::deserialize(d).map(Some)
 }

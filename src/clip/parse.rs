@@ -1,4 +1,4 @@
-//! Text to [`Clip`]. Every fault names its line and column; nothing is skipped silently.
+//! Reads a [`Clip`] from text. Every error names its line and column; nothing is skipped silently.
 
 use std::path::Path;
 
@@ -9,7 +9,7 @@ use super::validate::{Invalid, hint};
 use crate::units::{FPS, Unit};
 use crate::{fsio, limits};
 
-/// A clip together with where things stood in its text.
+/// A clip with the places of its values in the text.
 #[derive(Clone, Debug)]
 pub struct Parsed {
     /// The clip, in canonical order.
@@ -96,18 +96,22 @@ pub fn load(path: &Path) -> Result<Parsed, ClipError> {
 pub fn parse_bytes(bytes: Vec<u8>) -> Result<Parsed, ClipError> {
     let text = utf8(bytes)?;
     if text.starts_with('\u{feff}') {
-        return Err(ClipError::at("a byte order mark; save the file as plain UTF-8", 1, 1));
+        return Err(ClipError::at(
+            "the file begins with a byte order mark; save it as plain UTF-8",
+            1,
+            1,
+        ));
     }
     parse(text)
 }
 
-/// Bytes as text, or where they stop being text.
+/// Bytes as text, or the place of the first byte that is not text.
 pub(crate) fn utf8(bytes: Vec<u8>) -> Result<String, ClipError> {
     String::from_utf8(bytes).map_err(|e| {
         let good = e.utf8_error().valid_up_to();
         let head = String::from_utf8_lossy(e.as_bytes().get(..good).unwrap_or_default());
         let (line, col) = line_col(&head, head.len());
-        ClipError::at("this byte is not UTF-8 text", line, col)
+        ClipError::at("this byte is not valid UTF-8", line, col)
     })
 }
 
@@ -140,7 +144,7 @@ fn order<T, K: Ord>(items: &[T], by: impl Fn(&T) -> K) -> Vec<usize> {
     order
 }
 
-/// A key is taken by a table of names; anything else is refused with the nearest name.
+/// Refuses an unknown key and suggests the nearest known name.
 fn unknown<T>(r: &Reader<'_>, at: usize, key: &str, place: &str, known: &[&str]) -> Read<T> {
     let hint = hint(key, known.iter().copied());
     let known = known.join(", ");
@@ -148,7 +152,7 @@ fn unknown<T>(r: &Reader<'_>, at: usize, key: &str, place: &str, known: &[&str])
 }
 
 fn missing<T>(r: &Reader<'_>, at: usize, place: &str, key: &str) -> Read<T> {
-    r.fault(at, format!("{place} lacks `{key}`"))
+    r.fault(at, format!("{place} needs `{key}`"))
 }
 
 fn read(text: &str) -> Read<Clip> {
@@ -221,8 +225,8 @@ fn read(text: &str) -> Read<Clip> {
     Ok(clip)
 }
 
-/// First of all: a newer format may look different everywhere, so say that and not that
-/// one of its keys is unknown.
+/// Checked first: a newer format may differ everywhere, so the error must not be about one of its
+/// unknown keys.
 fn check_format(text: &str) -> Read<()> {
     let at = locate(text, "/format");
     let tail = text.get(at..).unwrap_or_default();
@@ -272,7 +276,7 @@ fn read_robot(r: &mut Reader<'_>) -> Read<RobotRef> {
                     _ => {
                         let word = show(&word);
                         return r
-                            .fault(at, format!("a unit is \"rad\" or \"m\", found \"{word}\""));
+                            .fault(at, format!("a unit must be \"rad\" or \"m\", not \"{word}\""));
                     }
                 });
                 Ok(())
@@ -312,7 +316,7 @@ fn read_fill(r: &mut Reader<'_>) -> Read<Fill> {
     let word = r.string("a fill")?;
     let Some(fill) = Fill::from_word(&word) else {
         let word = show(&word);
-        return r.fault(at, format!("a fill is mask, linear, cubic or hold, found \"{word}\""));
+        return r.fault(at, format!("a fill must be mask, linear, cubic or hold, not \"{word}\""));
     };
     Ok(fill)
 }
@@ -322,7 +326,7 @@ fn read_start(r: &mut Reader<'_>) -> Read<Start> {
     let mut start = None;
     r.object("a start (an object)", |r, key, at| {
         if start.is_some() {
-            return r.fault(at, "a start has exactly one of `pose` and `q`");
+            return r.fault(at, "a start needs either `pose` or `q`, not both");
         }
         start = Some(match key.as_str() {
             "pose" => Start::Pose(r.string("a pose name")?),
@@ -333,7 +337,7 @@ fn read_start(r: &mut Reader<'_>) -> Read<Start> {
                     if i >= limits::JOINTS {
                         return r.fault(at, format!("more than {} values", limits::JOINTS));
                     }
-                    q.push(r.number("a number (the start leaves no joint open)")?);
+                    q.push(r.number("a number (the start needs every joint)")?);
                     Ok(())
                 })?;
                 Start::Q(q)
@@ -362,7 +366,7 @@ fn read_row(r: &mut Reader<'_>, budget: &mut usize) -> Read<Row> {
         row.push(if r.null()? { None } else { Some(r.number("a number or null")?) });
         Ok(())
     })?;
-    // Half a million short rows in vectors grown by doubling would waste as much again.
+    // Half a million short rows in vectors that grow by doubling would waste the same amount again.
     row.shrink_to_fit();
     Ok(row)
 }
@@ -403,7 +407,7 @@ fn read_key(r: &mut Reader<'_>, budget: &mut usize) -> Read<Key> {
     let goal = match (pose, q) {
         (Some(pose), None) => Goal::Pose(pose),
         (None, Some(q)) => Goal::Q(q),
-        _ => return r.fault(at, "a key has exactly one of `pose` and `q`"),
+        _ => return r.fault(at, "a key needs either `pose` or `q`, not both"),
     };
     Ok(Key { frame, goal, hold, fill, note })
 }

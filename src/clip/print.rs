@@ -1,5 +1,5 @@
-//! [`Clip`] to its one canonical text: a key a line, sorted, shortest numbers, so that a
-//! git diff shows one line per changed key.
+//! Writes a [`Clip`] as its canonical text: one key per line, sorted, shortest numbers. A diff
+//! therefore shows one line per changed key.
 
 use std::fmt::Write as _;
 
@@ -93,7 +93,7 @@ fn list(items: impl Iterator<Item = String>) -> String {
     format!("[{}]", items.collect::<Vec<_>>().join(", "))
 }
 
-/// One item a line.
+/// One item per line.
 fn block(open: char, lines: impl Iterator<Item = String>, close: char) -> String {
     let lines: Vec<String> = lines.collect();
     if lines.is_empty() {

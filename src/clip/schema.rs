@@ -1,7 +1,7 @@
 //! The published JSON Schema (2020-12) of `robert-clip/1`.
 //!
-//! Generated from structs that mirror the document, so that an editor gets the same words
-//! as the Rust docs. The reader does not use it: a schema cannot say "inside `length`", and
+//! It is generated from structs that mirror the document, so that an editor shows the same texts as
+//! the Rust docs. The reader does not use it, because a schema cannot express "inside `length`" and
 //! its errors have no line.
 
 use std::collections::BTreeMap;
@@ -23,8 +23,8 @@ pub fn schema() -> Value {
     value
 }
 
-/// Optional means absent: the reader takes no `null` for a missing member, but `Option`
-/// fields are generated as nullable. Array items keep theirs (a joint without a goal).
+/// Optional means absent: the reader does not accept `null` for a missing member, but `Option`
+/// fields are generated as nullable. Array items stay nullable (a joint without a goal).
 fn without_null(schema: &mut Value) {
     match schema {
         Value::Object(map) => {
@@ -56,7 +56,7 @@ fn not_null(property: &mut Value) {
     }
 }
 
-/// A keyframe animation for a torque-controlled robot: what it shall reach and when, and
+/// A keyframe animation for a torque-controlled robot: which poses it should reach and when, and
 /// which frames are left to the policy.
 #[derive(Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -72,26 +72,26 @@ pub(crate) struct Clip {
     notes: Option<String>,
     /// The robot that the clip was made for.
     robot: Robot,
-    /// Frames a second; always 20.
+    /// Frames per second; always 20.
     #[schemars(range(min = 20, max = 20))]
     fps: u32,
     /// Number of frames.
     #[schemars(range(min = 1, max = 100_000))]
     length: u32,
-    /// What stands between keys that do not say otherwise: mask (nothing), linear, cubic or hold.
+    /// The fill after keys without their own: mask (nothing), linear, cubic or hold.
     fill: Option<Fill>,
     /// The state before frame 0; without it, the values of the first key.
     start: Option<Start>,
     /// Named poses: one value per joint, null leaves a joint open.
     #[schemars(extend("propertyNames" = {"minLength": 1, "maxLength": 256}))]
     poses: Option<BTreeMap<String, Row>>,
-    /// Keyframes, at most one a frame.
+    /// Keyframes, at most one per frame.
     #[schemars(length(max = 50_000))]
     keys: Vec<Key>,
-    /// Spans without a goal, over any key or fill.
+    /// Spans without a goal, regardless of keys and fills.
     #[schemars(length(max = 50_000))]
     masks: Option<Vec<Mask>>,
-    /// Named moments, at most one a frame.
+    /// Named moments, at most one per frame.
     #[schemars(length(max = 50_000))]
     markers: Option<Vec<Marker>>,
     /// Extensions of other programs; kept, never read.
@@ -144,7 +144,7 @@ struct Robot {
     /// Its id, such as ur5e.
     #[schemars(length(min = 1, max = 256))]
     id: String,
-    /// Where its model was.
+    /// Path of its model.
     #[schemars(length(min = 1, max = 256))]
     model: Option<String>,
     /// Sha-256 of that model.
@@ -191,7 +191,7 @@ struct Key {
     /// For how many frames the value is commanded; 1 when absent.
     #[schemars(range(min = 1, max = 100_000))]
     hold: Option<u32>,
-    /// What follows until the next key; the clip's `fill` when absent.
+    /// The fill up to the next key; the clip's `fill` when absent.
     fill: Option<Fill>,
     /// A remark.
     #[schemars(length(max = 256))]

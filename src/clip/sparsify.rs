@@ -1,16 +1,16 @@
-//! Which keys say no more than the straight line between their neighbours.
+//! Finds keys that lie on the straight line between their neighbours.
 //!
-//! Ramer's and Douglas and Peucker's division of a curve: of a run of keys the one that is
-//! farthest from the line between the ends stays and divides the run, until none is farther
-//! than the tolerance. What stays are the extremes of the motion; the distance is the largest
-//! over the joints, at the key's own time, so that timing counts, too.
+//! The method is Ramer's and Douglas and Peucker's division of a curve: the key of a run that is
+//! farthest from the line between the ends stays and divides the run, until none is farther than
+//! the tolerance. The extremes of the motion stay. The distance is the largest over the joints, at
+//! the key's own time, so that timing counts too.
 
 use std::collections::BTreeSet;
 
 use super::document::{Clip, Goal, Key};
 
-/// The frames of chosen keys that can go; each then lies within `tolerance` (rad or m) of the
-/// line between the keys that stay beside it.
+/// The frames of chosen keys that can be removed. Each is within `tolerance` (rad or m) of the line
+/// between its remaining neighbours.
 pub(super) fn superfluous(clip: &Clip, chosen: &BTreeSet<u32>, tolerance: f64) -> BTreeSet<u32> {
     let mut stays = BTreeSet::new();
     for run in clip.keys.chunk_by(|a, b| {
@@ -25,7 +25,7 @@ pub(super) fn superfluous(clip: &Clip, chosen: &BTreeSet<u32>, tolerance: f64) -
     clip.keys.iter().map(|k| k.frame).filter(|f| chosen.contains(f) && !stays.contains(f)).collect()
 }
 
-/// A key that says nothing but values.
+/// A key that contains only values.
 fn plain(key: &Key) -> bool {
     key.hold <= 1 && key.note.is_empty() && matches!(key.goal, Goal::Q(_))
 }
@@ -42,7 +42,8 @@ fn alike(a: &Key, b: &Key) -> bool {
 fn divide(run: &[Key], tolerance: f64, stays: &mut BTreeSet<u32>) {
     let (Some(first), Some(last)) = (run.first(), run.last()) else { return };
     stays.extend([first.frame, last.frame]);
-    // An own stack: a hostile clip may have thousands of keys, each dividing the rest.
+    // An explicit stack, because a hostile clip may have thousands of keys that each divide the
+    // rest.
     let mut parts = vec![run];
     while let Some(part) = parts.pop() {
         let farthest = part
@@ -62,7 +63,7 @@ fn divide(run: &[Key], tolerance: f64, stays: &mut BTreeSet<u32>) {
     }
 }
 
-/// How far a key lies from the line between the ends of its part, in its worst joint.
+/// Distance of a key from the line between the ends of its part, in its worst joint.
 fn distance(part: &[Key], key: &Key) -> f64 {
     let (Some(a), Some(b)) = (part.first(), part.last()) else { return 0.0 };
     let (Goal::Q(from), Goal::Q(to), Goal::Q(row)) = (&a.goal, &b.goal, &key.goal) else {

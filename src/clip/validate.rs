@@ -1,4 +1,4 @@
-//! What must hold in every clip, however it came about: read, edited or built in code.
+//! The rules that every clip obeys, whether it was read, edited or built in code.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -10,9 +10,9 @@ use crate::limits;
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("{flaw} (at {pointer})")]
 pub struct Invalid {
-    /// Where, as a JSON pointer into the document.
+    /// The place, as a JSON pointer into the document.
     pub pointer: String,
-    /// What.
+    /// The rule.
     pub flaw: Flaw,
 }
 
@@ -20,7 +20,7 @@ pub struct Invalid {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Flaw {
-    /// A name is empty, too long or holds control characters.
+    /// A name is empty, too long or contains control characters.
     #[error("{what} {reason}: \"{}\"", show(.name))]
     Name {
         /// What is named.
@@ -31,19 +31,19 @@ pub enum Flaw {
         name: String,
     },
     /// Notes beyond [`limits::NOTES_BYTES`].
-    #[error("the notes have {bytes} bytes, more than {}", limits::NOTES_BYTES)]
+    #[error("the notes have {bytes} bytes; at most {} are allowed", limits::NOTES_BYTES)]
     Notes {
         /// Their size.
         bytes: usize,
     },
     /// The list of joints is empty or too long.
-    #[error("a robot has 1 to {} joints, found {count}", limits::JOINTS)]
+    #[error("a robot must have 1 to {} joints, not {count}", limits::JOINTS)]
     Joints {
         /// How many there are.
         count: usize,
     },
-    /// Something is named twice in one list.
-    #[error("{what} \"{}\" comes twice", show(.name))]
+    /// A name appears twice in one list.
+    #[error("{what} \"{}\" appears twice", show(.name))]
     Twice {
         /// What is named.
         what: &'static str,
@@ -59,16 +59,16 @@ pub enum Flaw {
         joints: usize,
     },
     /// `model_sha256` is not a Sha-256.
-    #[error("a SHA-256 has 64 hex digits")]
+    #[error("a SHA-256 must have 64 hex digits")]
     Sha,
     /// A clip of no or too many frames.
-    #[error("a clip has 1 to {} frames, found {frames}", limits::CLIP_FRAMES)]
+    #[error("a clip must have 1 to {} frames, not {frames}", limits::CLIP_FRAMES)]
     Length {
         /// Its length.
         frames: u32,
     },
     /// Too much data in one clip.
-    #[error("{what}: {count} is more than the {cap} that are read")]
+    #[error("{what}: {count}; at most {cap} are read")]
     TooMany {
         /// What there is too much of.
         what: &'static str,
@@ -89,7 +89,7 @@ pub enum Flaw {
     #[error("every joint is null; a goal needs a value (to hide frames, use `masks`)")]
     RowEmpty,
     /// A value that is not finite or beyond [`limits::CLIP_VALUE_MAX`].
-    #[error("{value} is no joint value (at most {:e} rad or m)", limits::CLIP_VALUE_MAX)]
+    #[error("{value} is not a joint value (at most {:e} rad or m)", limits::CLIP_VALUE_MAX)]
     Value {
         /// The value.
         value: f64,
@@ -99,17 +99,17 @@ pub enum Flaw {
     UnknownPose {
         /// Its name.
         name: String,
-        /// The nearest one, as words.
+        /// A hint with the nearest name.
         hint: String,
     },
     /// A start pose with nulls.
-    #[error("the start needs a value for every joint; pose \"{}\" leaves some open", show(.name))]
+    #[error("the start needs a value for every joint, but pose \"{}\" leaves some open", show(.name))]
     StartOpen {
         /// The pose.
         name: String,
     },
     /// A frame outside the clip.
-    #[error("frame {frame} lies outside the clip of {length} frames")]
+    #[error("frame {frame} is outside the clip of {length} frames")]
     Outside {
         /// The frame.
         frame: u32,
@@ -117,7 +117,7 @@ pub enum Flaw {
         length: u32,
     },
     /// Two keys or markers on one frame.
-    #[error("a second {what} at frame {frame}")]
+    #[error("there are two {what}s at frame {frame}")]
     Occupied {
         /// `key` or `marker`.
         what: &'static str,
@@ -125,13 +125,13 @@ pub enum Flaw {
         frame: u32,
     },
     /// A hold of 0 or too many frames.
-    #[error("a hold is 1 to {} frames, found {hold}", limits::CLIP_FRAMES)]
+    #[error("a hold must be 1 to {} frames, not {hold}", limits::CLIP_FRAMES)]
     Hold {
         /// Its length.
         hold: u32,
     },
     /// A mask span that is empty or leaves the clip.
-    #[error("the span {from}..{to} must be rising and inside the clip of {length} frames")]
+    #[error("the span {from}..{to} must be increasing and inside the clip of {length} frames")]
     Span {
         /// First frame.
         from: u32,
@@ -145,7 +145,7 @@ pub enum Flaw {
     UnknownJoint {
         /// Its name.
         name: String,
-        /// The nearest one, as words.
+        /// A hint with the nearest name.
         hint: String,
     },
     /// A mask with an empty joint list.
@@ -155,7 +155,7 @@ pub enum Flaw {
 
 /// `; did you mean "x"?` when something close exists.
 pub(crate) fn hint<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> String {
-    // Distance costs name × known: long names get no hint, and only so many are compared.
+    // The distance costs name × known, so long names get no hint, and only some are compared.
     if name.len() > 64 {
         return String::new();
     }
@@ -354,16 +354,17 @@ fn at_most(pointer: &str, what: &'static str, count: usize, cap: usize) -> Check
     if count > cap { fail(pointer, Flaw::TooMany { what, count, cap }) } else { Ok(()) }
 }
 
-/// Names end up in tables, CSV headers and terminals: no control characters.
+/// Names are shown in tables, CSV headers and terminals, so they must not contain control
+/// characters.
 fn name(pointer: &str, what: &'static str, text: &str, may_be_empty: bool) -> Checked {
     let reason = if text.is_empty() && !may_be_empty {
         "is empty"
     } else if text.len() > limits::NAME_BYTES {
         "is too long"
     } else if text.chars().any(char::is_control) {
-        "holds a control character"
+        "contains a control character"
     } else if !may_be_empty && text.trim() != text {
-        // CSV and people lose such spaces; two names that look the same are none.
+        // CSV files and people lose such spaces, and two names must not look the same.
         "starts or ends with a space"
     } else {
         return Ok(());

@@ -1,10 +1,10 @@
-//! How much of the state space has been visited, on coarse grids.
+//! Coverage of the state space, on coarse grids.
 //!
-//! A grid over all joints at once is useless beyond three of them: with 22 joints every
-//! frame has a cell of its own. So the measure looks at planes: every pair of joints, and
-//! every joint against its own velocity, each cut into 20 x 20 cells; coverage is the mean
-//! share of cells visited. It is 0 for a robot at rest, rises with every new combination
-//! and stays comparable between agents and over time.
+//! A grid over all joints at once is useless beyond three joints: with 22 joints every frame has
+//! its own cell. So the measure uses planes: every pair of joints, and every joint against its own
+//! velocity, each divided into 20 x 20 cells. Coverage is the mean share of visited cells. It is 0
+//! for a robot at rest, rises with every new combination, and is comparable between agents and over
+//! time.
 
 use super::robot::Robot;
 
@@ -14,7 +14,7 @@ const CELLS: usize = 20;
 const WORDS: usize = (CELLS * CELLS).div_ceil(64);
 /// Half-width of the grid for joints without stops, in the joint's unit.
 const UNBOUNDED: f64 = 3.0;
-/// Half-width of the velocity axis: this many ranges (or grid widths) a second.
+/// Half-width of the velocity axis: this many ranges (or grid widths) per second.
 const SPEED_RANGES: f64 = 1.0;
 
 /// Visited cells of all planes.
@@ -38,7 +38,7 @@ impl Axis {
         Axis { lo: (lo as f32).to_bits(), scale: (scale as f32).to_bits() }
     }
 
-    /// Cell of `x`; what lies outside belongs to no cell.
+    /// Cell of `x`; values outside the grid belong to no cell.
     fn cell(self, x: f32) -> Option<usize> {
         let at = (x - f32::from_bits(self.lo)) * f32::from_bits(self.scale);
         (0.0..CELLS as f32).contains(&at).then_some(at as usize)
@@ -78,7 +78,7 @@ impl Coverage {
         }
     }
 
-    /// Adds what another grid of the same robot saw.
+    /// Adds the visited cells of another grid of the same robot.
     pub fn merge(&mut self, other: &Self) {
         for (mine, theirs) in self.bits.iter_mut().zip(&other.bits) {
             for (m, t) in mine.iter_mut().zip(theirs) {
@@ -98,7 +98,7 @@ impl Coverage {
         self.bits.iter().flatten().copied().collect()
     }
 
-    /// Takes visited cells back from a checkpoint of the same robot; others are ignored.
+    /// Restores visited cells from a checkpoint of the same robot; others are ignored.
     pub fn restore(&mut self, words: &[u64]) {
         for (mine, theirs) in self.bits.iter_mut().zip(words.chunks_exact(WORDS)) {
             mine.copy_from_slice(theirs);

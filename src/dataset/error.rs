@@ -1,11 +1,11 @@
-//! What can be wrong with a dataset.
+//! Errors of datasets.
 
 use std::path::PathBuf;
 
 use crate::exit::{Exit, HasExit};
 use crate::fsio;
 
-/// A dataset that cannot be read, written or combined.
+/// Why a dataset cannot be read, written or combined.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
@@ -32,7 +32,7 @@ pub enum Error {
         /// The manifest.
         path: PathBuf,
     },
-    /// A shard is missing, cut short, altered or not what the manifest says.
+    /// A shard is missing, truncated, altered or not the one of the manifest.
     #[error("shard {index} {message}: {path}", path = path.display())]
     Shard {
         /// Its index in the manifest.
@@ -44,7 +44,7 @@ pub enum Error {
     },
     /// Several shards are bad.
     #[error(
-        "{count} of {total} shards are missing or damaged (first: {first}); robert dataset check names all",
+        "{count} of {total} shards are missing or damaged (first: {first}); robert dataset check lists all",
         count = indices.len()
     )]
     Incomplete {
@@ -52,11 +52,11 @@ pub enum Error {
         indices: Vec<usize>,
         /// All shards.
         total: usize,
-        /// The first problem in words.
+        /// The first problem as text.
         first: String,
     },
-    /// The datasets are of different robots, models or physics.
-    #[error("{field} differs: {left} here, {right} there: {path}", path = path.display())]
+    /// The datasets come from different robots, models or physics.
+    #[error("{field} differs: {left} and {right}: {path}", path = path.display())]
     Mismatch {
         /// What differs.
         field: &'static str,
@@ -67,17 +67,17 @@ pub enum Error {
         /// The other manifest.
         path: PathBuf,
     },
-    /// The data is of another robot, or of another version of its model.
+    /// The data come from another robot, or from another version of its model.
     #[error(
-        "the data is of {of} (model {of_model:.12}), not of {robot} (model {model:.12}): {path}",
+        "the data are of {of} (model {of_model:.12}), not of {robot} (model {model:.12}): {path}",
         path = path.display()
     )]
     OtherRobot {
-        /// Whose motion it is.
+        /// The robot of the data.
         of: String,
         /// Sha-256 of that robot's model.
         of_model: String,
-        /// The robot that was asked for.
+        /// The requested robot.
         robot: String,
         /// Sha-256 of its model.
         model: String,
@@ -85,16 +85,16 @@ pub enum Error {
         path: PathBuf,
     },
     /// Nothing is left to read.
-    #[error("no trajectory of at least {frames} frames in the {part} part of {path}", path = path.display())]
+    #[error("there is no trajectory of at least {frames} frames in the {part} part of {path}", path = path.display())]
     Empty {
         /// Frames that a window needs.
         frames: usize,
-        /// Which part was asked for.
+        /// The requested part.
         part: &'static str,
         /// The manifest.
         path: PathBuf,
     },
-    /// A trajectory handed to the shard builder does not fit.
+    /// A trajectory does not fit the shard builder.
     #[error("trajectory does not fit the shard: {0}")]
     Trajectory(String),
     /// An option is outside its range.
@@ -104,7 +104,7 @@ pub enum Error {
         name: &'static str,
         /// What is allowed.
         must: &'static str,
-        /// What was given.
+        /// The given value.
         got: String,
     },
 }

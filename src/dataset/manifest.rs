@@ -1,7 +1,7 @@
-//! `manifest.json`: which robot, which shards, which trajectories.
+//! `manifest.json`: the robot, the shards and the trajectories of a dataset.
 //!
-//! One line per shard and per trajectory, so that a diff of two manifests reads like a
-//! list of what changed. Unknown fields are refused: nothing is silently ignored.
+//! It has one line per shard and per trajectory, so that a diff of two manifests shows the changes.
+//! Unknown fields are refused, so that nothing is ignored silently.
 
 #![warn(clippy::indexing_slicing)]
 
@@ -55,14 +55,14 @@ pub struct ShardEntry {
     pub frames: u64,
     /// Trajectories in it.
     pub episodes: u64,
-    /// Trajectories dropped because the simulator broke and reset itself. Of one that became
-    /// implausible (NaN, far beyond a stop) the frames before are kept.
+    /// Trajectories dropped because the simulation diverged and reset itself. If a trajectory
+    /// became implausible (NaN, far beyond a stop), the frames before that are kept.
     pub dropped_broken: u64,
     /// Trajectories dropped because fewer than 51 frames were left.
     pub dropped_short: u64,
 }
 
-/// Which side of the train/test split a trajectory is on.
+/// The side of the train/test split.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Part {
@@ -82,11 +82,11 @@ pub struct Episode {
     pub start: u64,
     /// Frames.
     pub length: u64,
-    /// Who acted.
+    /// The agent that acted.
     pub agent: String,
-    /// Environment steps that agent had been trained for.
+    /// Environment steps of that agent's training.
     pub snapshot_step: u64,
-    /// Seed of this trajectory's own draws (below 2^53).
+    /// Seed of this trajectory's random choices (below 2^53).
     pub seed: u64,
     /// Side of a fixed split; none until a split is made.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -103,13 +103,13 @@ pub struct Totals {
     pub episodes: u64,
     /// Frames (= transitions).
     pub frames: u64,
-    /// Trajectories that were dropped because the simulator broke.
+    /// Trajectories that were dropped because the simulation diverged.
     pub dropped_broken: u64,
     /// Trajectories that were dropped because they were too short for a window.
     pub dropped_short: u64,
 }
 
-/// What was done to the list of trajectories after collection.
+/// An operation on the list of trajectories after collection.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "op", rename_all = "kebab-case", deny_unknown_fields)]
 pub enum View {
@@ -150,9 +150,9 @@ pub enum View {
     Merge {
         /// How many.
         inputs: u64,
-        /// Whether every agent was cut to an equal number of frames.
+        /// Whether every agent was reduced to the same number of frames.
         equal: bool,
-        /// What was done to inputs before, one list for each to which anything was; sorted.
+        /// Earlier operations on the inputs, one list for each input with any; sorted.
         #[serde(default, skip_serializing_if = "Vec::is_empty")]
         of: Vec<Vec<View>>,
     },
@@ -174,7 +174,7 @@ pub struct Manifest {
     pub ctrl: String,
     /// Collection specs by their sha256, as the collector wrote them.
     pub specs: BTreeMap<String, serde_json::Value>,
-    /// What was done to the list of trajectories, in order.
+    /// The operations on the list of trajectories, in order.
     pub views: Vec<View>,
     /// Sums.
     pub totals: Totals,
@@ -204,7 +204,7 @@ impl Manifest {
         }
     }
 
-    /// Where the manifest of the dataset at `path` lies (a folder or the file itself).
+    /// Path of the manifest of the dataset at `path` (a folder or the file itself).
     pub fn path_of(path: &Path) -> PathBuf {
         if path.is_dir() { path.join(FILE) } else { path.to_owned() }
     }
@@ -235,13 +235,13 @@ impl Manifest {
         Ok(fsio::write_atomic(&dir.join(FILE), self.text().as_bytes())?)
     }
 
-    /// Recomputes [`Manifest::totals`] from the lists. Dropped counts are those of the
-    /// shards still referred to.
+    /// Recomputes [`Manifest::totals`] from the lists. Dropped counts are those of the shards that
+    /// are still used.
     pub fn count(&mut self) {
         self.totals = self.counted();
     }
 
-    /// What [`Manifest::totals`] has to be.
+    /// The correct [`Manifest::totals`].
     pub(super) fn counted(&self) -> Totals {
         Totals {
             shards: self.shards.len() as u64,
@@ -262,7 +262,7 @@ impl Manifest {
         self.robot.actuators.len()
     }
 
-    /// Sha-256 of the canonical text: what a model card records as its data.
+    /// Sha-256 of the canonical text, which a model card records as its data.
     pub fn sha256(&self) -> String {
         fsio::sha256_hex(self.text().as_bytes())
     }
@@ -284,7 +284,10 @@ impl Manifest {
         }
         let (s, a) = (self.qpos_dim(), self.ctrl_dim());
         if s == 0 || s > limits::JOINTS || a == 0 || a > limits::JOINTS {
-            return Err(format!("{s} joints and {a} actuators; 1 to {} allowed", limits::JOINTS));
+            return Err(format!(
+                "{s} joints and {a} actuators; 1 to {} are allowed",
+                limits::JOINTS
+            ));
         }
         let r = &self.robot;
         if [r.units.len(), r.ranges.len(), r.near_limit.len()] != [s; 3] {
@@ -305,7 +308,7 @@ impl Manifest {
         }
         if self.shards.len() > limits::SHARDS || self.episodes.len() > limits::EPISODES {
             return Err(format!(
-                "{} shards and {} trajectories are more than the {} and {} that are read",
+                "{} shards and {} trajectories; at most {} and {} are read",
                 self.shards.len(),
                 self.episodes.len(),
                 limits::SHARDS,
@@ -330,19 +333,19 @@ impl Manifest {
         Ok(())
     }
 
-    /// Ranges that a plot or a share of pinned frames can be computed from, and statistics of
-    /// as many joints as there are (or none yet).
+    /// Checks that ranges are valid and that statistics have the right number of joints (or are
+    /// empty).
     fn check_numbers(&self) -> Result<(), String> {
         let (r, t, most) = (&self.robot, &self.statistics, limits::CLIP_VALUE_MAX);
         let rises = |[lo, hi]: [f64; 2]| lo < hi && lo >= -most && hi <= most;
         if let Some(j) = r.ranges.iter().position(|x| !x.is_none_or(rises)) {
-            return Err(format!("robot.ranges[{j}] must rise, within {most} either way"));
+            return Err(format!("robot.ranges[{j}] must increase and be within -{most} to {most}"));
         }
         if let Some(j) = r.near_limit.iter().position(|x| !(0.0..=most).contains(x)) {
-            return Err(format!("robot.near_limit[{j}] must lie in 0 to {most}"));
+            return Err(format!("robot.near_limit[{j}] must be 0 to {most}"));
         }
         if let Some(k) = r.ctrlranges.iter().position(|[lo, hi]| lo > hi) {
-            return Err(format!("robot.ctrlranges[{k}] must rise"));
+            return Err(format!("robot.ctrlranges[{k}] must increase"));
         }
         let joints =
             [&t.near_limit, &t.qpos_mean, &t.qpos_std, &t.qpos_min, &t.qpos_max, &t.qvel_std];
@@ -354,7 +357,7 @@ impl Manifest {
     }
 }
 
-/// `"name": [ with one compact element a line.
+/// `"name": [ with one compact element per line.
 fn list<T: Serialize>(name: &str, items: &[T]) -> String {
     let lines: Vec<String> = items
         .iter()

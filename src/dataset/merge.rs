@@ -1,4 +1,4 @@
-//! Joining datasets: one list over the shards of several.
+//! Merges datasets: one list over the shards of several.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -12,21 +12,21 @@ use crate::fsio;
 
 /// Seed of the split that [`merge`] fixes for inputs without one.
 const SPLIT_SEED: u64 = 0;
-/// Frames by which trajectories are told apart: no collector keeps shorter ones.
+/// Frames by which trajectories are compared; no collector keeps shorter ones.
 const TELLING: u64 = super::SHORTEST as u64;
-/// Merges of merges whose inputs' views are kept: JSON readers stop at some depth.
+/// Depth to which the views of merged inputs are kept, since JSON readers limit nesting.
 const DEPTH: usize = 16;
 
 /// Order of shards in a merge: spec, index within it, sha256.
 type ShardKey = (String, u64, String);
 
-/// Joins datasets of the same robot; the result does not depend on their order. All shards
-/// are verified first. Where some inputs have a fixed split and others none, those get the
-/// usual one (5 % by seed 0). With `equal`, every agent is cut to the frames of the smallest.
-/// Shard paths of the result are relative to `out`, which is not touched.
+/// Merges datasets of the same robot; the result does not depend on their order. All shards are
+/// verified first. If only some inputs have a fixed split, the others get the usual one (5 % by
+/// seed 0). With `equal`, every agent is reduced to the frames of the smallest. Shard paths of the
+/// result are relative to `out`, which is not written.
 ///
 /// # Errors
-/// [`Error::Mismatch`], [`Error::Incomplete`] or [`Error::Shard`] naming what to make again,
+/// [`Error::Mismatch`], [`Error::Incomplete`] or [`Error::Shard`] with the shards to make again,
 /// [`Error::Manifest`] when two inputs have the same trajectory, listed or recorded twice.
 pub fn merge(inputs: &[PathBuf], out: &Path, equal: bool) -> Result<Manifest, Error> {
     let mut all: Vec<Manifest> = Vec::with_capacity(inputs.len());
@@ -44,7 +44,7 @@ pub fn merge(inputs: &[PathBuf], out: &Path, equal: bool) -> Result<Manifest, Er
                 let shard = data.manifest().shards.get(e.shard).map_or(0, |s| s.index);
                 return Err(Error::Manifest {
                     message: format!(
-                        "the trajectory at frame {} of shard {shard} by {} is in two inputs, also in {other}; merge each dataset once (collections of one seed begin alike)",
+                        "the trajectory at frame {} of shard {shard} by {} is in two inputs (the other is {other}); merge each dataset only once (collections with one seed begin with the same motions)",
                         e.start, e.agent
                     ),
                     path: Manifest::path_of(input),
@@ -94,7 +94,7 @@ pub fn merge(inputs: &[PathBuf], out: &Path, equal: bool) -> Result<Manifest, Er
             list.into_iter().map(move |e| Episode { shard, ..e })
         })
         .collect();
-    // Nobody has measured what comes out.
+    // The result has not been measured yet.
     m.statistics = Statistics::default();
     m.views = vec![View::Merge { inputs: inputs.len() as u64, equal, of }];
     if equal {
@@ -104,8 +104,8 @@ pub fn merge(inputs: &[PathBuf], out: &Path, equal: bool) -> Result<Manifest, Er
     Ok(m)
 }
 
-/// A number for what a trajectory shows at its beginning: it is the same for the same motion
-/// in shards of different length, as two collections of one seed have it.
+/// A hash of the beginning of a trajectory. It is the same for the same motion in shards of
+/// different length, which two collections with one seed contain.
 fn fingerprint(data: &Dataset, e: &Episode) -> u64 {
     let (qpos, _, ctrl) = data.frames(&Episode { length: e.length.min(TELLING), ..e.clone() });
     let shown = [bytemuck::cast_slice::<f32, u8>(qpos), bytemuck::cast_slice(ctrl)].concat();
@@ -113,8 +113,8 @@ fn fingerprint(data: &Dataset, e: &Episode) -> u64 {
     hash.get(..16).and_then(|h| u64::from_str_radix(h, 16).ok()).unwrap_or(0)
 }
 
-/// Takes the views of the inputs of a merge; of a merge with nothing after it, those of its
-/// own inputs, so that a dataset that grows by merging does not nest them.
+/// Collects the views of the inputs of a merge. For an input that is only a merge, the views of its
+/// own inputs are used, so that a dataset that grows by merging does not nest them.
 fn histories(all: &mut [Manifest]) -> Vec<Vec<View>> {
     let mut of = Vec::new();
     for m in all {
@@ -142,8 +142,8 @@ fn forget(views: &mut [View], depth: usize) {
     }
 }
 
-/// Cuts every agent to the frames of the smallest, trajectories spread evenly over what the
-/// agent had (so that early and late snapshots stay).
+/// Reduces every agent to the frames of the smallest. The kept trajectories are spread evenly, so
+/// that early and late snapshots stay.
 fn level(m: &mut Manifest) {
     let mut lists: BTreeMap<&str, Vec<usize>> = BTreeMap::new();
     for (i, e) in m.episodes.iter().enumerate() {
@@ -156,8 +156,8 @@ fn level(m: &mut Manifest) {
         let all: u64 = list.iter().map(length).sum();
         let (mut seen, mut kept) = (0_u64, 0_u64);
         for &i in list {
-            // As Bresenham draws a line: keep a trajectory whenever the kept frames would
-            // otherwise fall behind their share by more than half of it.
+            // As in Bresenham's line algorithm, a trajectory is kept whenever the kept frames would
+            // otherwise be more than half of it behind their share.
             seen += length(&i);
             let want = u128::from(seen) * u128::from(smallest) / u128::from(all.max(1));
             if u128::from(kept + length(&i) / 2) <= want {
@@ -245,7 +245,7 @@ mod tests {
                 assert!(e.contains("two inputs"), "{x} {y}: {e}");
             }
         }
-        // Copies within one input are its own affair.
+        // Copies within one input are allowed.
         let x = merge(&[at("c1"), at("n2")], &at("out"), false).unwrap();
         assert_eq!(x, merge(&[at("n2"), at("c1")], &at("out"), false).unwrap());
         assert_eq!(x.totals.episodes, 40);

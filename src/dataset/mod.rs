@@ -1,17 +1,17 @@
-//! Trajectories on disk: what the collectors fill and what training reads.
+//! Recorded trajectories on disk: collectors write them, training reads them.
 //!
-//! A dataset is a folder with `manifest.json` and safetensors shards. The manifest lists
-//! every trajectory (shard, start, length, who made it); a shard is a pure function of
-//! (spec, index), so completion is judged from files and their sha256, never from a queue
-//! or a log. There is no reward, label or demonstration in it.
+//! A dataset is a folder with `manifest.json` and safetensors shards. The manifest lists every
+//! trajectory (shard, start, length, agent). A shard is a pure function of (spec, index), so
+//! completion is determined by files and their sha256, never by a queue or a log. A dataset
+//! contains no reward, label or demonstration.
 //!
-//! Splitting, shrinking and corrupting a dataset are views: another manifest over the same
-//! shard files. Copying gigabytes to study a tenth of them was the rejected choice.
+//! Splitting, shrinking and corrupting a dataset make views: another manifest over the same shard
+//! files. Rejected: copying gigabytes to study a tenth of them.
 //!
-//! What is stored per frame t: `qpos` (state joints), `qvel` (for exact resets), `ctrl` =
-//! the action in [-1, 1] that was held during frame t and took the state to t+1 (the
-//! simulator got `ctrl * ctrlrange`), and `self_contact`, which is of the end of frame t (the
-//! simulator step before state t+1), as `ctrl` and not `qpos` is.
+//! Each frame t has `qpos` (state joints), `qvel` (for exact resets), `ctrl` (the action in [-1, 1]
+//! that was held during frame t and led to state t+1; the simulator got `ctrl * ctrlrange`), and
+//! `self_contact`, which like `ctrl` belongs to the end of frame t (the simulator step before state
+//! t+1).
 
 mod coverage;
 mod error;

@@ -1,4 +1,4 @@
-//! A dataset, opened: manifest checked against its shards, frames mapped.
+//! An open dataset: the manifest is checked against its shards, and frames are mapped.
 
 #![warn(clippy::indexing_slicing)]
 
@@ -13,7 +13,7 @@ use crate::robot::Robot;
 /// How much is checked before a dataset is used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verify {
-    /// Sizes, shapes, that each trajectory is one of its shard's; the frames are not touched.
+    /// Sizes, shapes, and that each trajectory is in its shard; the frames are not read.
     Structure,
     /// Also the sha256 of every shard, and that every value is finite and in range.
     Full,
@@ -24,7 +24,7 @@ pub enum Verify {
 pub struct Problem {
     /// Its position in the manifest.
     pub shard: usize,
-    /// Index within its spec: what has to be made again.
+    /// Index within its spec, to make it again.
     pub index: u64,
     /// The file.
     pub path: PathBuf,
@@ -50,20 +50,20 @@ impl Dataset {
         Self::of(Manifest::load(path)?, Manifest::path_of(path), verify)
     }
 
-    /// Counts, measures and writes a manifest to the folder `dir` (made if needed), where its
-    /// shards can be reached.
+    /// Computes totals and statistics of a manifest and writes it to the folder `dir` (created if
+    /// needed), from where its shards can be reached.
     ///
     /// # Errors
-    /// Those of [`Dataset::open`] and [`Manifest::save`]; folders that it made are gone then.
+    /// Those of [`Dataset::open`] and [`Manifest::save`]; created folders are then removed again.
     pub fn publish(manifest: Manifest, dir: &Path) -> Result<Manifest, Error> {
         let missing = |d: &&Path| !d.as_os_str().is_empty() && !d.exists();
         let made: Vec<&Path> = dir.ancestors().take_while(missing).collect();
-        // The shards' paths lead through the folder, so it has to be there to check them.
+        // The shards' paths lead through the folder, so it must exist to check them.
         std::fs::create_dir_all(dir)
             .map_err(|source| fsio::Error::Write { source, path: dir.to_owned() })?;
         let published = Self::measure(manifest, dir);
         if published.is_err() {
-            // Only empty folders go; what cannot be removed does no harm.
+            // Only empty folders are removed; a folder that cannot be removed does no harm.
             for d in made {
                 std::fs::remove_dir(d).ok();
             }
@@ -97,12 +97,12 @@ impl Dataset {
         }
     }
 
-    /// Every problem of every shard, fully verified. Where there is none, the manifest's
-    /// totals and statistics are computed again, too.
+    /// Every problem of every shard, fully verified. If there is none, the manifest's totals and
+    /// statistics are recomputed too.
     ///
     /// # Errors
-    /// Those of [`Manifest::load`]; [`Error::Manifest`] when totals or statistics are not what
-    /// the trajectories come to.
+    /// Those of [`Manifest::load`]; [`Error::Manifest`] when totals or statistics do not agree with
+    /// the trajectories.
     pub fn check(path: &Path) -> Result<Vec<Problem>, Error> {
         let manifest = Manifest::load(path)?;
         let path = Manifest::path_of(path);
@@ -114,7 +114,7 @@ impl Dataset {
     }
 
     fn must_add_up(&self) -> Result<(), Error> {
-        // As they are written, so that no field can be forgotten here.
+        // Compared as JSON, so that no field can be forgotten here.
         fn written(x: &impl serde::Serialize) -> serde_json::Value {
             serde_json::to_value(x).unwrap_or_default()
         }
@@ -128,7 +128,7 @@ impl Dataset {
             if let Some((field, _)) = fields.find(|(k, v)| found.get(k) != Some(*v)) {
                 return Err(Error::Manifest {
                     message: format!(
-                        "{name}.{field} is not what the trajectories come to; the manifest was altered"
+                        "{name}.{field} does not agree with the trajectories; the manifest was altered"
                     ),
                     path: self.path.clone(),
                 });
@@ -137,7 +137,7 @@ impl Dataset {
         Ok(())
     }
 
-    /// Refuses data of another robot, or of another version of its model.
+    /// Refuses data from another robot, or from another version of its model.
     ///
     /// # Errors
     /// [`Error::OtherRobot`].
@@ -160,7 +160,7 @@ impl Dataset {
         &self.manifest
     }
 
-    /// Where the manifest lies.
+    /// Path of the manifest.
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -190,8 +190,8 @@ impl Dataset {
         self.shards.get(e.shard).and_then(|s| s.self_contact().get(span)).unwrap_or_default()
     }
 
-    /// Positions in [`Dataset::episodes`] of one part. A split fixed in the manifest is
-    /// obeyed; otherwise 5 % are held out by `seed` (see [`super::split`]).
+    /// Positions in [`Dataset::episodes`] of one part. A split in the manifest is used; otherwise 5
+    /// % are held out by `seed` (see [`super::split`]).
     pub fn part(&self, part: Part, seed: u64) -> Vec<usize> {
         super::view::part(&self.manifest, part, seed)
     }
@@ -264,7 +264,7 @@ fn open_one(m: &Manifest, i: usize, file: &Path, verify: Verify) -> Result<Shard
         || h.index != entry.index
         || h.spec_sha256 != entry.spec_sha256
     {
-        return Err("is another shard than the manifest lists".to_owned());
+        return Err("is not the shard that the manifest lists".to_owned());
     }
     if verify == Verify::Full {
         shard.verify(&entry.sha256)?;
@@ -272,15 +272,15 @@ fn open_one(m: &Manifest, i: usize, file: &Path, verify: Verify) -> Result<Shard
     Ok(shard)
 }
 
-/// A mapped shard keeps its file open (for the lock); the usual soft limit of 1024 open
-/// files is then too low for datasets of the paper's size. The hard limit is left alone.
+/// A mapped shard keeps its file open (for the lock), and the usual soft limit of 1024 open files
+/// is too low for datasets of the paper's size. The hard limit is not changed.
 fn raise_file_limit(shards: usize) {
     use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
     let want = shards as u64 + 256;
     let now = getrlimit(Resource::Nofile);
     if now.current.is_some_and(|c| c < want) {
         let current = Some(now.maximum.map_or(want, |m| m.min(want)));
-        // Failing here shows up as "cannot be mapped (too many open files)", with the shard.
+        // A failure here appears as "cannot be mapped (too many open files)", with the shard.
         setrlimit(Resource::Nofile, Rlimit { current, maximum: now.maximum }).ok();
     }
 }

@@ -1,4 +1,4 @@
-//! The robot whose motion a dataset holds.
+//! The robot whose motion a dataset contains.
 
 use serde::{Deserialize, Serialize};
 
@@ -16,7 +16,7 @@ pub struct Robot {
     pub joints: Vec<String>,
     /// Unit of each joint.
     pub units: Vec<Unit>,
-    /// Stops of each joint in its unit; none for unlimited joints.
+    /// Stops of each joint in its unit; `None` for unlimited joints.
     pub ranges: Vec<Option<[f64; 2]>>,
     /// A joint nearer than this to a stop counts as pinned, in its unit; (S).
     pub near_limit: Vec<f64>,

@@ -10,17 +10,17 @@
 //! | `episode_snapshot` | (E) | i64 | environment steps behind the acting agent |
 //! | `episode_seed` | (E) | i64 | seed of the trajectory's own draws |
 //!
-//! The header's string metadata holds one key, `robert`, with [`ShardHeader`] as JSON: one
-//! key because the file must be the same bytes every time and the writer keeps metadata in
-//! a hash map.
+//! The header's string metadata has one key, `robert`, with [`ShardHeader`] as JSON. There is only
+//! one key because the file must have the same bytes every time, and the writer keeps metadata in a
+//! hash map.
 //!
 //! Reading maps the file. Measured on 512 random windows of 51 frames from the page cache,
 //! one thread: mapping 8-13 GB/s; positioned reads (one system call a window and tensor,
-//! about 0.55 us each) .75 GB/s for 2 columns, 1.7 for 5, 5.2 for 22, so they miss 2 GB/s on
-//! small robots. What mapping costs: a file cut short *by another process while it is
-//! mapped* ends the process with SIGBUS, where a read would return an error. Shards are
-//! written once, published by rename and never changed in place, sizes and hashes are
-//! checked before mapping, and a shared advisory lock is held; that leaves only sabotage.
+//! about 0.55 us each) .75 GB/s for 2 columns, 1.7 for 5, 5.2 for 22, so they miss 2 GB/s on small
+//! robots. Mapping has a price: if another process truncates a file *while it is mapped*, the
+//! process ends with SIGBUS, where a read would return an error. Shards are written once, published
+//! by rename and never changed in place. Sizes and hashes are checked before mapping, and a shared
+//! advisory lock is held. So only deliberate damage has this effect.
 //! `mmap-guard` keeps the one unsafe call (to memmap2) out of this crate; `vmap` was
 //! dormant, `mmap-io` fixed use-after-free in its safe API one release ago.
 
@@ -44,7 +44,7 @@ const FORMAT: &str = "robert-shard/1";
 /// Key of the header's metadata.
 const KEY: &str = "robert";
 
-/// What a shard says about itself.
+/// The header of a shard.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ShardHeader {
@@ -58,22 +58,22 @@ pub struct ShardHeader {
     pub spec_sha256: String,
     /// Index within the spec.
     pub index: u64,
-    /// Who acted, one name a trajectory.
+    /// The agents, one name per trajectory.
     pub agents: Vec<String>,
-    /// Trajectories dropped because the simulator broke.
+    /// Trajectories dropped because the simulation diverged.
     pub dropped_broken: u64,
     /// Trajectories dropped because they were too short.
     pub dropped_short: u64,
 }
 
-/// Who made a trajectory.
+/// The origin of a trajectory.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct EpisodeMeta {
-    /// Who acted.
+    /// The agent that acted.
     pub agent: String,
-    /// Environment steps behind the acting agent.
+    /// Environment steps of the agent's training.
     pub snapshot_step: u64,
-    /// Seed of the trajectory's own draws.
+    /// Seed of the trajectory's random choices.
     pub seed: u64,
 }
 
@@ -140,7 +140,7 @@ impl ShardBuilder {
         self.contact.len()
     }
 
-    /// Counts a trajectory that the simulator broke.
+    /// Counts a trajectory whose simulation diverged.
     pub fn drop_broken(&mut self) {
         self.header.dropped_broken += 1;
     }
@@ -235,11 +235,11 @@ impl ShardBuilder {
 fn bad_value(qpos: &[f32], qvel: &[f32], ctrl: &[f32]) -> Option<String> {
     for (name, values) in [("qpos", qpos), ("qvel", qvel), ("ctrl", ctrl)] {
         if let Some(at) = values.iter().position(|v| !v.is_finite()) {
-            return Some(format!("{name} holds a value that is not finite (at {at})"));
+            return Some(format!("{name} contains a value that is not finite (at {at})"));
         }
     }
     let at = ctrl.iter().position(|v| v.abs() > 1.0)?;
-    Some(format!("ctrl lies outside [-1, 1] (at {at})"))
+    Some(format!("ctrl is outside [-1, 1] (at {at})"))
 }
 
 /// A shard, mapped and checked; frames are read in place.
@@ -265,7 +265,7 @@ impl Shard {
     /// `expect_bytes` is the size that the manifest names, if there is one.
     ///
     /// # Errors
-    /// What is wrong, in words that follow "shard 3 ".
+    /// What is wrong, as text that follows "shard 3 ".
     pub fn open(
         path: &Path,
         qpos_dim: usize,
@@ -292,7 +292,7 @@ impl Shard {
     fn parse(data: FileData, s: usize, a: usize, path: &Path) -> Result<Self, String> {
         let bytes: &[u8] = &data;
         let (header_len, meta) = SafeTensors::read_metadata(bytes)
-            .map_err(|e| format!("is no safetensors file ({e})"))?;
+            .map_err(|e| format!("is not a safetensors file ({e})"))?;
         let json = meta
             .metadata()
             .as_ref()
@@ -361,8 +361,8 @@ impl Shard {
             path: path.to_owned(),
             data,
         };
-        // The writer aligns the body to 8 bytes; a foreign one may not, and then no slice of
-        // f32 can be handed out.
+        // Our writer aligns the body to 8 bytes. A foreign writer may not, and then no slice of f32
+        // can be returned.
         if shard.qpos().is_empty() || shard.ctrl().is_empty() || shard.qvel().is_empty() {
             return Err("has tensors that are empty or not aligned to 4 bytes".to_owned());
         }
@@ -372,7 +372,7 @@ impl Shard {
     /// Checks sha256 and every value: finite, actions in [-1, 1].
     ///
     /// # Errors
-    /// What is wrong, in words.
+    /// What is wrong, as text.
     pub fn verify(&self, sha256: &str) -> Result<(), String> {
         if fsio::sha256_hex(&self.data) != sha256 {
             return Err("differs from its sha256: it was altered or damaged".to_owned());
@@ -383,7 +383,7 @@ impl Shard {
         }
     }
 
-    /// What the shard says about itself.
+    /// The shard's header.
     pub fn header(&self) -> &ShardHeader {
         &self.header
     }
@@ -393,7 +393,7 @@ impl Shard {
         self.frames
     }
 
-    /// Where it lies.
+    /// Its path.
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -433,7 +433,7 @@ impl Shard {
         rows(self.ctrl(), self.ctrl_dim, start, count)
     }
 
-    /// (start, length, who) of each trajectory.
+    /// (start, length, origin) of each trajectory.
     pub fn episodes(&self) -> impl Iterator<Item = (u64, u64, EpisodeMeta)> + '_ {
         let spans = self.offsets.windows(2).filter_map(|w| match w {
             [lo, hi] => Some((*lo, hi - lo)),
@@ -446,7 +446,8 @@ impl Shard {
         )
     }
 
-    /// Whether a manifest's trajectory is one of this shard's, whole and by the same maker.
+    /// Whether a trajectory of a manifest is a complete trajectory of this shard with the same
+    /// origin.
     pub(super) fn holds(&self, e: &Episode) -> bool {
         let Ok(at) = self.offsets.binary_search(&e.start) else { return false };
         let end = self.offsets.get(at + 1);
@@ -466,7 +467,7 @@ fn rows(matrix: &[f32], cols: usize, start: usize, count: usize) -> &[f32] {
     matrix.get(start * cols..(start + count) * cols).unwrap_or_default()
 }
 
-// Files are little-endian; a slice of them is handed out as f32.
+// Files are little-endian; slices of them are returned as f32.
 const _: () = assert!(cfg!(target_endian = "little"));
 
 #[cfg(test)]
@@ -474,7 +475,7 @@ pub(super) mod tests {
     use super::super::manifest::tests::robot;
     use super::*;
 
-    /// A trajectory of `n` frames whose values tell where they come from.
+    /// A trajectory of `n` frames whose values encode their place.
     pub(crate) fn push(b: &mut ShardBuilder, agent: &str, seed: u64, n: usize) {
         let qpos: Vec<f32> = (0..n * 2).map(|i| seed as f32 + i as f32 * 1e-3).collect();
         let ctrl: Vec<f32> = (0..n).map(|i| (i as f32 * 0.1 + seed as f32).sin()).collect();

@@ -1,15 +1,15 @@
-//! Hygiene and spread of a dataset, as its manifest says them.
+//! Quality and spread of a dataset, as stored in its manifest.
 
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-/// Hygiene and spread of the frames that a manifest lists.
+/// Quality and spread of the listed frames.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Statistics {
-    /// Share of frames with this joint near a stop, (S). There the torque cannot be read
-    /// from positions: the main poison of inverse-dynamics data.
+    /// Share of frames with this joint near a stop, (S). Torque cannot be inferred from positions
+    /// there, which is the main problem of inverse-dynamics data.
     pub near_limit: Vec<f64>,
     /// Share of frames with any joint near a stop.
     pub near_limit_any: f64,

@@ -1,7 +1,7 @@
-//! Figures over frames: what a normaliser needs and what tells good data from bad.
+//! Statistics of frames, for the normaliser and to judge data.
 //!
-//! All sums run in f64 in trajectory order on one thread, so the bits do not depend on the
-//! machine. At 3 M frames of 22 joints that is a fraction of a second.
+//! All sums are in f64, in trajectory order, on one thread, so the bits do not depend on the
+//! machine. For 3 M frames of 22 joints that takes a fraction of a second.
 
 use serde::{Deserialize, Serialize};
 
@@ -37,7 +37,7 @@ impl Sums {
         Sums { count: 0, shift: vec![0.0; dim], sum: vec![0.0; dim], square: vec![0.0; dim] }
     }
 
-    /// Adds a row. Sums are taken about the first row: E[x^2] - E[x]^2 would cancel for a
+    /// Adds a row. Sums are relative to the first row, because E[x^2] - E[x]^2 would cancel for a
     /// column that hardly moves.
     fn add(&mut self, row: impl Iterator<Item = f64>) {
         if self.count == 0 {
@@ -61,7 +61,7 @@ impl Sums {
     }
 }
 
-/// What a network needs to see numbers of order one.
+/// Moments that scale the inputs of a network to order one.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Normaliser {
@@ -106,9 +106,9 @@ impl Normaliser {
 /// Frames that quantiles are taken from.
 const QUANTILE_FRAMES: usize = 40_000;
 
-/// Where each joint usually is in these trajectories, (S), from frames evenly over all: below
-/// the first and above the second number (rad or m) lies one frame of 100 each, and one of 100
-/// is faster than the third (rad/s or m/s).
+/// The usual range of each joint in these trajectories, (S), from evenly spread frames: one frame
+/// of 100 is below the first number, one above the second (rad or m), and one is faster than the
+/// third (rad/s or m/s).
 pub fn usual(data: &Dataset, episodes: &[usize]) -> Vec<[f64; 3]> {
     let rows = || {
         let episodes = episodes.iter().filter_map(|&i| data.episodes().get(i));
@@ -117,7 +117,7 @@ pub fn usual(data: &Dataset, episodes: &[usize]) -> Vec<[f64; 3]> {
     usual_of(data.manifest().qpos_dim(), &rows)
 }
 
-/// [`usual`] of trajectories as they are, each (frames, S).
+/// [`usual`] of given trajectories, each (frames, S).
 fn usual_of<'a, I: Iterator<Item = &'a [f32]>>(s: usize, all: &dyn Fn() -> I) -> Vec<[f64; 3]> {
     let total: usize = all().map(|rows| rows.len() / s.max(1)).sum();
     let stride = total.div_ceil(QUANTILE_FRAMES).max(1);
@@ -149,7 +149,7 @@ fn usual_of<'a, I: Iterator<Item = &'a [f32]>>(s: usize, all: &dyn Fn() -> I) ->
 }
 
 impl Dataset {
-    /// Hygiene and spread of all listed frames.
+    /// Quality and spread of all listed frames.
     pub fn statistics(&self) -> Statistics {
         Statistics::compute(self)
     }
@@ -229,8 +229,8 @@ mod tests {
 
     #[test]
     fn what_is_usual_leaves_the_rare_out() {
-        // Two trajectories; a jump between them is no speed. One joint rises, one stands but
-        // for a single frame.
+        // There are two trajectories, and the jump between them is not a speed. One joint rises,
+        // the other stands still except for a single frame.
         let rising: Vec<f32> = (0..=1000).flat_map(|k| [k as f32 / 1000.0, 0.5]).collect();
         let mut again = rising.clone();
         again[1000] = 77.0;

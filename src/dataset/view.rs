@@ -1,9 +1,9 @@
 //! Views: other lists of trajectories over the same shard files.
 //!
-//! A trajectory keeps its identity (shard hash, first frame) through every view, and the
-//! split is a ranking of those identities. So copies made by [`corrupt`] stay on their
-//! original's side, and nothing held out leaks into training; [`super::merge`] refuses a
-//! trajectory that comes from two inputs, where it could be on both sides.
+//! A trajectory keeps its identity (shard hash, first frame) through every view, and the split is a
+//! ranking of those identities. So copies made by [`corrupt`] stay on their original's side, and
+//! nothing held out leaks into training. [`super::merge`] refuses a trajectory that comes from two
+//! inputs, because it could be on both sides.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Component, Path, PathBuf};
@@ -13,7 +13,7 @@ use super::manifest::{Episode, Manifest, Part, View};
 use crate::fsio;
 use crate::rng::{Rng, Stream, draw};
 
-/// Share held out when nothing else is asked for (the paper's 95/5).
+/// Default share that is held out (the paper's 95/5).
 pub(super) const TEST_SHARE: f64 = 0.05;
 
 /// Identity of a trajectory: shard sha256 and first frame.
@@ -58,7 +58,7 @@ fn held_out(m: &Manifest, seed: u64, test_share: f64) -> BTreeSet<Identity> {
     let mut ranked: Vec<(u64, Identity)> = distinct
         .into_iter()
         .map(|id| {
-            // The first 16 hex digits of the shard's hash stand for the shard.
+            // The first 16 hex digits of its hash identify the shard.
             let shard = id.0.get(..16).and_then(|h| u64::from_str_radix(h, 16).ok()).unwrap_or(0);
             (draw(seed ^ shard, Stream::Split, id.1), id)
         })
@@ -67,7 +67,7 @@ fn held_out(m: &Manifest, seed: u64, test_share: f64) -> BTreeSet<Identity> {
     ranked.into_iter().take(count).map(|(_, id)| id).collect()
 }
 
-/// Positions of the trajectories of one part; a fixed split wins over `seed`.
+/// Positions of the trajectories of one part; a fixed split takes precedence over `seed`.
 pub(super) fn part(m: &Manifest, part: Part, seed: u64) -> Vec<usize> {
     let test = if m.episodes.iter().any(|e| e.part.is_some()) {
         None
@@ -82,8 +82,8 @@ pub(super) fn part(m: &Manifest, part: Part, seed: u64) -> Vec<usize> {
     m.episodes.iter().enumerate().filter(|(_, e)| side(e) == part).map(|(i, _)| i).collect()
 }
 
-/// Keeps every k-th trajectory (the first of each k). Once a split is fixed, only the train
-/// part shrinks, so that all sizes are judged on the same held-out trajectories.
+/// Keeps every k-th trajectory (the first of each k). If a split is fixed, only the training part
+/// shrinks, so that all sizes are measured on the same held-out trajectories.
 ///
 /// # Errors
 /// [`Error::Argument`] for k = 0.
@@ -104,8 +104,8 @@ pub fn shrink(m: &mut Manifest, k: u64) -> Result<(), Error> {
     Ok(())
 }
 
-/// Keeps the trajectories of these agents (all when none is named), of them evenly as many
-/// as `frames` holds. So datasets of different agents can be judged at equal size.
+/// Keeps the trajectories of these agents (all if none is named), evenly thinned to `frames`. So
+/// datasets of different agents can be compared at equal size.
 ///
 /// # Errors
 /// [`Error::Argument`] for an agent that has no trajectory here.
@@ -122,7 +122,7 @@ pub fn pick(m: &mut Manifest, agents: &[String], frames: Option<u64>) -> Result<
         let (mut seen, mut kept) = (0_u64, 0_u64);
         m.episodes.retain(|e| {
             seen += e.length;
-            // As many frames as this far into the list are due.
+            // The number of frames that should be kept up to this point of the list.
             let due = u128::from(seen) * u128::from(most) / u128::from(all.max(1));
             let keep = all <= most || u128::from(kept + e.length) <= due;
             kept += if keep { e.length } else { 0 };
@@ -139,14 +139,14 @@ pub fn pick(m: &mut Manifest, agents: &[String], frames: Option<u64>) -> Result<
 pub struct Corruption {
     /// Share of the train trajectories to overwrite, 0 to 1.
     pub share: f64,
-    /// Pick a fresh source for every slot (the paper's wording allows both readings).
+    /// Draw another source for every slot (the paper's wording allows both readings).
     pub per_slot: bool,
     /// Seed of the choice, and of the split if none is fixed yet.
     pub seed: u64,
 }
 
-/// Replaces a share of the train trajectories by copies of one randomly picked train
-/// trajectory. The split is fixed first if it was not.
+/// Replaces a share of the training trajectories by copies of one randomly drawn training
+/// trajectory. The split is fixed first if necessary.
 ///
 /// # Errors
 /// [`Error::Argument`] unless 0 <= share <= 1.
@@ -182,8 +182,8 @@ pub fn corrupt(m: &mut Manifest, how: Corruption) -> Result<(), Error> {
     Ok(())
 }
 
-/// Rewrites shard paths so that they are relative to the folder `out` (which need not be there
-/// yet) instead of the folder of the manifest `from`.
+/// Rewrites shard paths so that they are relative to the folder `out` (which need not exist yet)
+/// instead of the folder of the manifest `from`.
 ///
 /// # Errors
 /// [`Error::File`] when a folder cannot be resolved.
@@ -198,7 +198,7 @@ pub fn rebase(m: &mut Manifest, from: &Path, out: &Path) -> Result<(), Error> {
     Ok(())
 }
 
-/// What a folder is called by the system, or will be once it is made.
+/// The canonical path of a folder, also if it does not exist yet.
 fn resolve(path: &Path) -> std::io::Result<PathBuf> {
     let path = if path.as_os_str().is_empty() { Path::new(".") } else { path };
     let path = std::path::absolute(path)?;
@@ -207,7 +207,7 @@ fn resolve(path: &Path) -> std::io::Result<PathBuf> {
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => continue,
             found => found?,
         };
-        // Nothing of the rest is there, so no link hides behind its "..".
+        // The rest does not exist, so its ".." cannot lead through a link.
         for c in path.strip_prefix(there).into_iter().flat_map(Path::components) {
             match c {
                 Component::ParentDir => {
@@ -221,7 +221,7 @@ fn resolve(path: &Path) -> std::io::Result<PathBuf> {
     Ok(path)
 }
 
-/// `path` as seen from `base`; both absolute.
+/// `path` relative to `base`; both absolute.
 fn relative(path: &Path, base: &Path) -> PathBuf {
     let mut clean = PathBuf::new();
     for c in path.components() {
@@ -240,7 +240,7 @@ fn relative(path: &Path, base: &Path) -> PathBuf {
     out
 }
 
-/// Drops shards that no trajectory refers to and recounts.
+/// Drops shards without trajectories and recounts.
 pub(super) fn drop_unused_shards(m: &mut Manifest) {
     let used: BTreeSet<usize> = m.episodes.iter().map(|e| e.shard).collect();
     let new: BTreeMap<usize, usize> = used.iter().copied().zip(0..).collect();

@@ -1,4 +1,4 @@
-//! Windows of 51 consecutive frames, drawn and copied out for training.
+//! Draws windows of 51 consecutive frames and copies them for training.
 //!
 //! Window `i` of step `t` is a function of (seed, t * B + i) alone: a uniform trajectory,
 //! then a uniform start in it. Any thread may fill any part of a batch.
@@ -8,7 +8,7 @@ use super::manifest::Part;
 use super::open::Dataset;
 use crate::rng::{Rng, Stream};
 
-/// Where a window lies.
+/// The place of a window.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Window {
     /// Position in [`Dataset::episodes`].
@@ -49,7 +49,7 @@ impl<'a> Windows<'a> {
         })
     }
 
-    /// As [`Windows::new`] for a list of trajectories; none if all are too short.
+    /// As [`Windows::new`] for a list of trajectories; `None` if all are too short.
     pub fn of(data: &'a Dataset, length: usize, episodes: &[usize]) -> Option<Self> {
         let spans: Vec<_> = episodes
             .iter()
@@ -62,12 +62,12 @@ impl<'a> Windows<'a> {
         (!spans.is_empty()).then_some(Windows { data, length, spans })
     }
 
-    /// Trajectories that windows come from.
+    /// The trajectories of the windows.
     pub fn trajectories(&self) -> usize {
         self.spans.len()
     }
 
-    /// All distinct windows.
+    /// Number of distinct windows.
     pub fn total(&self) -> u64 {
         self.spans.iter().map(|s| s.3).sum()
     }
@@ -83,8 +83,8 @@ impl<'a> Windows<'a> {
         Window { episode, start }
     }
 
-    /// Copies the windows of draws `first ..` into `qpos` (B, 51, S) and `ctrl` (B, 51, A);
-    /// B is as many as both hold.
+    /// Copies the windows of draws `first ..` into `qpos` (B, 51, S) and `ctrl` (B, 51, A); the
+    /// lengths of both give B.
     pub fn fill(&self, seed: u64, first: u64, qpos: &mut [f32], ctrl: &mut [f32]) {
         let m = self.data.manifest();
         let (q, u) = (self.length * m.qpos_dim(), self.length * m.ctrl_dim());

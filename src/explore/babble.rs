@@ -106,11 +106,12 @@ impl BabbleRule {
                 }
                 Drive::Tendon(_) => Motor { pulls: shares(robot, k)?, middle, half, servo },
                 Drive::Other(_) => {
-                    let must = "noise for this robot: babble needs motors at joints or tendons";
+                    let must =
+                        "noise for this robot, because babble needs motors at joints or tendons";
                     return Err(Error::Argument {
                         name: "agent",
                         must: must.to_owned(),
-                        got: format!("babble, with motor {} at something else", a.name),
+                        got: format!("babble, but motor {} acts on something else", a.name),
                     });
                 }
             });

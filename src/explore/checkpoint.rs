@@ -96,7 +96,7 @@ pub(super) fn load(agent: &mut Agent, dir: &Path) -> Result<bool, Error> {
     match agent.ledger.remembered {
         Some(n) => {
             if !agent.replay.keep_youngest(n) {
-                return bad("names more episodes than the replay files beside it have", &path);
+                return bad("lists more episodes than the replay files beside it contain", &path);
             }
         }
         None => agent.replay.trim(),
@@ -230,7 +230,7 @@ fn replay_episodes(bytes: &[u8]) -> Result<Vec<Steps>, String> {
             let end = at.saturating_add(n as usize);
             let piece = from.get(*at..end).map(<[f32]>::to_vec);
             *at = end;
-            piece.ok_or_else(|| "lengths go beyond the data".to_owned())
+            piece.ok_or_else(|| "lengths exceed the data".to_owned())
         };
         let &[no, na, nk] = l else { continue };
         episodes.push(Steps {

@@ -204,8 +204,11 @@ impl Run<'_> {
             return Ok(AgentSummary::of(kind, &done));
         }
         if dir.join("curve.json").exists() {
-            let text =
-                format!("{}: files are damaged; {} is trained again", dir.display(), kind.name());
+            let text = format!(
+                "{}: files are damaged, so {} is trained again",
+                dir.display(),
+                kind.name()
+            );
             self.progress.log(&text);
         }
         checkpoint::load(&mut agent, &dir).map_err(|e| checkpoint::curable(e, &dir))?;
@@ -246,8 +249,11 @@ impl Run<'_> {
         let Some(from) = &self.config.agents_from else { return Ok(None) };
         let dir = from.join("agents").join(kind.name());
         let Some(ledger) = finished(&dir, used) else {
-            let text =
-                format!("{}: not trained as far; {} is trained here", dir.display(), kind.name());
+            let text = format!(
+                "{}: not trained far enough, so {} is trained here",
+                dir.display(),
+                kind.name()
+            );
             self.progress.log(&text);
             return Ok(None);
         };

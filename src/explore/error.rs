@@ -81,7 +81,7 @@ pub enum Error {
         pinned_frames: u64,
     },
     /// Stopped by the user; `--resume` goes on.
-    #[error("stopped; go on with --resume: {path}", path = path.display())]
+    #[error("stopped; continue with --resume: {path}", path = path.display())]
     Cancelled {
         /// The folder.
         path: PathBuf,
@@ -91,7 +91,7 @@ pub enum Error {
 fn cure(pinned_frames: u64, robot: &str) -> String {
     match pinned_frames {
         0 => format!(
-            "{robot} soon leaves what is plausible: check its masses, limits and control ranges"
+            "{robot} soon reaches implausible states: check its masses, limits and control ranges"
         ),
         n => format!("raise pinned_frames (now {n}) or set it to 0"),
     }

@@ -94,16 +94,16 @@ impl Snapshot {
             let t = tensors.tensor(name).map_err(|e| e.to_string())?;
             let values: Vec<f32> = bytemuck::pod_collect_to_vec(t.data());
             if t.dtype() != Dtype::F32 || values.len() != len {
-                return Err(format!("tensor \"{name}\" has not {len} f32 values"));
+                return Err(format!("tensor \"{name}\" does not have {len} f32 values"));
             }
             if values.iter().any(|v| !v.is_finite()) {
-                return Err(format!("tensor \"{name}\" holds values that are not finite"));
+                return Err(format!("tensor \"{name}\" contains values that are not finite"));
             }
             Ok(values)
         };
         let sizes = [header.obs, header.act, header.skill, header.hidden];
         if sizes.iter().any(|&n| n > 1 << 14) {
-            return Err("sizes are beyond reason".to_owned());
+            return Err("the sizes are implausible".to_owned());
         }
         Ok(Snapshot {
             actor: read("actor", header.params())?,

@@ -98,7 +98,7 @@ impl CollectConfig {
         sorted.dedup();
         if sorted.len() != self.agents.len() {
             let names: Vec<&str> = self.agents.iter().map(|a| a.name()).collect();
-            return bad("agents", "named once each", names.join(", "));
+            return bad("agents", "different from each other", names.join(", "));
         }
         if !(SHORTEST as u64..=100_000).contains(&self.episode_frames) {
             return bad("episode frames", "51 to 100000", self.episode_frames.to_string());
@@ -155,7 +155,7 @@ impl CollectConfig {
         });
         let Some((what, want, have)) = differs else { return Ok(()) };
         let message = format!(
-            "its agents were trained with {what} {have}, now {want} is asked for; train new ones without --agents-from"
+            "its agents were trained with {what} {have}, but the request is for {want}; train new ones without --agents-from"
         );
         Err(Error::Folder { message, path: from.clone() })
     }
@@ -256,7 +256,7 @@ pub(super) fn claim(
     if path.exists() {
         if !resume {
             return folder(
-                "the folder holds a collection; go on with --resume or name another".to_owned(),
+                "the folder already holds a collection; continue it with --resume, or choose another folder".to_owned(),
             );
         }
         let found = read_request(&path)?;
@@ -264,13 +264,13 @@ pub(super) fn claim(
         return match difference("", &wanted, &found) {
             None => Ok(()),
             Some((what, want, have)) => folder(format!(
-                "the folder was begun with {what} {have}, now {want} is asked for; use the same options, or another --out (with --agents-from, if only the agents are to stay)"
+                "the folder was begun with {what} {have}, but the request is for {want}; use the same options, or another --out (with --agents-from to keep the agents)"
             )),
         };
     }
     let foreign = out.join("manifest.json").exists() || out.join("shards").exists();
     if foreign {
-        return folder("the folder holds data that this command did not begin".to_owned());
+        return folder("the folder contains data that this command did not begin".to_owned());
     }
     let text = serde_json::to_string_pretty(&request).unwrap_or_default() + "\n";
     Ok(fsio::write_atomic(&path, text.as_bytes())?)

@@ -1,11 +1,10 @@
-//! Memory for numbers that vector instructions read.
+//! Aligned memory for vector instructions.
 
 use std::fmt::Debug;
 
 use bytemuck::Pod;
 
-/// Numbers at a 64-byte boundary: a register that straddles two cache lines loads at half
-/// the speed.
+/// Numbers at a 64-byte boundary, because a load across two cache lines has half the speed.
 #[derive(Clone)]
 pub struct Aligned<T> {
     lines: Vec<Line>,
@@ -24,7 +23,7 @@ impl<T: Pod> Aligned<T> {
         Aligned { lines: vec![Line([0; 64]); lines], len, kind: std::marker::PhantomData }
     }
 
-    /// Makes room for `len` numbers; what was inside is unspecified afterwards.
+    /// Resizes to `len` numbers; the content is unspecified afterwards.
     pub fn reserve(&mut self, len: usize) {
         if len > self.len {
             *self = Self::zeros(len);

@@ -1,11 +1,11 @@
 //! The tile unit of server processors from Sapphire Rapids on (Intel AMX, Intel 64 and IA-32
 //! Architectures Software Developer's Manual, volume 1, chapter 18).
 //!
-//! Eight registers of sixteen rows of 64 bytes; one instruction multiplies two of them as
-//! matrices of bfloat16 and adds to a third in single precision, at sixteen times the rate of
-//! vector instructions of single precision. Rust has no safe way to it: beside `src/mujoco` this
-//! is the only place with `unsafe`, and it holds four blocks of instructions. What is done with
-//! them is in [`super::bf16x3`].
+//! It has eight registers of sixteen rows of 64 bytes. One instruction multiplies two of them as
+//! matrices of bfloat16 and adds the product to a third in single precision, at sixteen times the
+//! rate of vector instructions of single precision. Rust has no safe access to it, so this is the
+//! only place with `unsafe` besides `src/mujoco`; it contains four blocks of instructions.
+//! [`super::bf16x3`] uses them.
 
 #![allow(unsafe_code)]
 
@@ -14,7 +14,7 @@ use std::cell::Cell;
 use std::marker::PhantomData;
 use std::sync::OnceLock;
 
-/// Rows, columns and inner steps of what one block of [`Tiles::multiply`] takes.
+/// Rows, columns and inner steps of a block of [`Tiles::multiply`].
 pub(super) const SIDE: usize = 32;
 /// Terms that each number of a factor is split into.
 pub(super) const TERMS: usize = 3;
@@ -28,7 +28,8 @@ thread_local! {
     static LIVE: Cell<bool> = const { Cell::new(false) };
 }
 
-/// The tile registers of this thread, set up; given back on drop. One at a time.
+/// The configured tile registers of this thread, released on drop. There is at most one value per
+/// thread.
 #[derive(Debug)]
 pub(super) struct Tiles {
     /// Registers belong to a thread.
@@ -40,10 +41,10 @@ pub(super) struct Tiles {
 struct Shape([u8; 64]);
 
 impl Tiles {
-    /// Whether this machine has the unit and lets the process use it. `ROBERT_AMX=off` says no.
+    /// Whether this machine has the unit and lets the process use it. `ROBERT_AMX=off` disables it.
     ///
-    /// Linux refuses, too, while a thread has a stack for signals that is too small for tiles; what
-    /// is found at the first call stays.
+    /// Linux also refuses while a thread's signal stack is too small for tiles. The result of the
+    /// first call is kept.
     pub(super) fn usable() -> bool {
         static USABLE: OnceLock<bool> = OnceLock::new();
         *USABLE.get_or_init(|| {
@@ -53,10 +54,10 @@ impl Tiles {
         })
     }
 
-    /// Sets the registers of this thread up; none where they cannot be used.
+    /// Configures the registers of this thread; `None` if they cannot be used.
     ///
     /// # Panics
-    /// When this thread has them already.
+    /// When this thread has configured them already.
     pub(super) fn start() -> Option<Self> {
         if !Self::usable() {
             return None;
@@ -85,12 +86,12 @@ impl Tiles {
     /// `out` (32 × 32 row-major) = or += a b, the inner dimension being 32 for each block of
     /// `a` and `b`.
     ///
-    /// Of the nine products of three terms the six largest count: what is left out is below
-    /// 2⁻²⁴ of the product of two numbers, half a unit in the last place of single precision,
-    /// and usually far below.
+    /// Of the nine products of three terms the six largest are computed. The rest is below 2⁻²⁴ of
+    /// the product of two numbers, half a unit in the last place of single precision, and usually
+    /// far below.
     ///
     /// # Panics
-    /// When the factors are not as many whole blocks.
+    /// When the factors are not the same number of whole blocks.
     #[allow(clippy::unused_self)] // whoever has one has set the registers up
     pub(super) fn multiply(&self, a: &[f32], b: &[f32], out: &mut [f32; SIDE * SIDE], add: bool) {
         assert!(a.len() == b.len() && a.len().is_multiple_of(BLOCK), "factors differ in length");
@@ -193,7 +194,7 @@ impl Tiles {
 }
 
 impl Drop for Tiles {
-    /// Empty registers cost a context switch nothing.
+    /// Released registers need not be saved at a context switch.
     fn drop(&mut self) {
         // SAFETY: the unit is present and permitted, or there would be no value to drop.
         unsafe {
@@ -214,7 +215,7 @@ fn present() -> bool {
     most >= 7 && std::arch::x86_64::__cpuid_count(7, 0).edx >> 22 & 0b101 == 0b101
 }
 
-/// Asks Linux for the registers, which it saves for nobody who did not ask (5.16 and later).
+/// Asks Linux for the registers; it saves them only for processes that asked (5.16 and later).
 fn permitted() -> bool {
     const ARCH_PRCTL: isize = 158;
     const ARCH_REQ_XCOMP_PERM: usize = 0x1023;

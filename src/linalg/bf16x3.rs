@@ -2,20 +2,19 @@
 //!
 //! A number of 24 significant bits is the sum of three of 8: x = x₀ + x₁ + x₂, each the
 //! nearest bfloat16 of what is left. The product of two such sums is the sum of nine
-//! products, of which [`Tiles::multiply`] adds the six that single precision can tell
+//! products, of which [`Tiles::multiply`] adds the six that matter in single precision
 //! (Henry, Tang, Heinecke 2019, "Leveraging the bfloat16 Artificial Intelligence Datatype
-//! for Higher-Precision Computations", section III). The result is as near as that of a chain
-//! of fused multiply-adds (see the test). On data in the cache one core of a Sapphire Rapids
-//! made 420 GFLOP/s so, against 148 by vector instructions; a whole training step is 1.3 to
-//! 1.4 times as fast.
+//! for Higher-Precision Computations", section III). The result is as accurate as a chain of fused
+//! multiply-adds (see the test). On data in the cache one core of a Sapphire Rapids reached 420
+//! GFLOP/s, against 148 by vector instructions; a whole training step is 1.3 to 1.4 times as fast.
 //!
-//! The unit takes numbers below 2⁻¹²⁶ for zero, so that third terms vanish below about 1e-31, and
-//! numbers within 2⁻⁹ of the largest round to infinity. What is not finite in a factor is not
-//! finite in the result; it may be NaN where vector instructions gave an infinity.
+//! The unit treats numbers below 2⁻¹²⁶ as zero, so third terms vanish below about 1e-31, and
+//! numbers within 2⁻⁹ of the largest round to infinity. A factor that is not finite gives a result
+//! that is not finite; it may be NaN where vector instructions give an infinity.
 //!
-//! Factors are cut into blocks of 32 × 32. An inner step of the unit takes pairs of numbers;
-//! since the order of a sum is free, a pair here is steps j and j + 16 of a block, which lie
-//! in two registers that are loaded anyway.
+//! Factors are divided into blocks of 32 × 32. An inner step of the unit takes pairs of numbers.
+//! Since the order of a sum is free, a pair here consists of steps j and j + 16 of a block, which
+//! are in two registers that are loaded anyway.
 
 // Vector code must be inlined into the function that pulp compiles for the processor found.
 #![allow(clippy::inline_always)]
@@ -30,21 +29,21 @@ use super::aligned::Aligned;
 use super::amx::{BLOCK, SIDE, TERMS, TILE, Tiles};
 use super::mat::{Init, Mat, MatMut, Place, finish};
 
-/// Inner blocks of one pass: a longer product is cut, so that rows stay in the cache.
+/// Inner blocks of one pass; a longer product is divided so that rows stay in the cache.
 const PASS: usize = 16;
-/// Blocks of a factor in the second cache at once, where the other one passes by.
+/// Blocks of one factor in the second cache at once, while the other one streams past.
 const STAY: usize = 128;
-/// Blocks of what passes by.
+/// Blocks of the streamed factor.
 const PASSING: usize = 64;
-/// Rows of blocks at once at most.
+/// The most rows of blocks at once.
 const ROWS: usize = 8;
 /// Inner blocks for which the right factor stays in the first cache.
 const CHUNK: usize = 4;
 
 const _: () = assert!(PASS * ROWS <= STAY);
 
-/// A right factor (k, n), split and in blocks; those of 32 columns follow each other. Each word
-/// of its data is a pair of bfloat16, not a number.
+/// A right factor (k, n), split and in blocks; blocks of the same 32 columns are contiguous. Each
+/// word of its data is a pair of bfloat16, not a number.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Terms {
     data: Aligned<f32>,
@@ -61,7 +60,7 @@ pub(super) enum Factor<'a> {
     Mat(Mat<'a, f32>),
 }
 
-/// Memory of a thread: parts of both factors, and sums of a column of blocks.
+/// Buffers of a thread: parts of both factors, and sums of a column of blocks.
 #[derive(Default)]
 struct Scratch {
     left: Aligned<f32>,
@@ -73,18 +72,18 @@ thread_local! {
     static SCRATCH: RefCell<Scratch> = RefCell::default();
 }
 
-/// Whether this machine can multiply here.
+/// Whether this machine has the tile unit.
 pub(super) fn usable() -> bool {
     Tiles::usable() && V4::is_available()
 }
 
-/// Whether a right factor of this shape is better multiplied here.
+/// Whether a right factor of this shape is multiplied faster on tiles.
 pub(super) fn suits(k: usize, n: usize) -> bool {
     k >= SIDE && n >= SIDE && usable()
 }
 
 impl Terms {
-    /// Splits `b`; memory is reused when it is large enough.
+    /// Splits `b` and reuses memory if it is large enough.
     pub(super) fn pack(&mut self, b: Mat<'_, f32>) {
         let Some(v4) = V4::try_new() else { unreachable!("nothing suits without AVX-512") };
         let (k, n) = b.shape();
@@ -164,7 +163,7 @@ impl NullaryFnOnce for Product<'_, '_, '_> {
         while start < deep {
             let depth = pass.min(deep - start);
             let many = ROWS.min(tall);
-            // The smaller factor stays where both have to be split.
+            // If both factors must be split, the smaller one stays in the cache.
             let strip = match b {
                 Factor::Terms(_) => wide,
                 Factor::Mat(_) if many == tall => (PASSING / depth).clamp(1, wide),
@@ -219,7 +218,7 @@ impl NullaryFnOnce for Product<'_, '_, '_> {
     }
 }
 
-/// Adds what is to be added and writes a block of sums where it lies in the result.
+/// Adds the initial values and writes a block of sums to its place in the result.
 #[inline(always)]
 fn store(
     v4: V4,
@@ -240,7 +239,7 @@ fn store(
     }
 }
 
-/// Blocks of rows, those of 32 rows following each other; `[first inner block, how many]`.
+/// Blocks of rows; blocks of the same 32 rows are contiguous; `[first inner block, how many]`.
 #[inline(always)]
 fn split_left(v4: V4, a: Mat<'_, f32>, row: usize, [start, depth]: [usize; 2], to: &mut [f32]) {
     let (rows, k) = a.shape();
@@ -265,8 +264,8 @@ fn split_left(v4: V4, a: Mat<'_, f32>, row: usize, [start, depth]: [usize; 2], t
     }
 }
 
-/// Blocks of columns, those of 32 columns following each other. Rows are read as far as the
-/// strip goes, since memory comes faster in a row.
+/// Blocks of columns; blocks of the same 32 columns are contiguous. Rows are read over the whole
+/// strip, because sequential reads are faster.
 #[inline(always)]
 fn split_right(v4: V4, b: Mat<'_, f32>, col: usize, [start, depth]: [usize; 2], to: &mut [f32]) {
     let (k, n) = b.shape();
@@ -456,7 +455,7 @@ mod tests {
         }
     }
 
-    /// A matrix whose place (i, j) is known, stored either way.
+    /// A matrix with known values, stored by rows or by columns.
     fn stored(x: &[f32], rows: usize, cols: usize, turned: bool) -> Vec<f32> {
         let at = |i: usize| if turned { (i % rows) * cols + i / rows } else { i };
         (0..rows * cols).map(|i| x[at(i)]).collect()
@@ -466,8 +465,8 @@ mod tests {
         if turned { Mat::new(x, cols, rows).t() } else { Mat::new(x, rows, cols) }
     }
 
-    /// As near to the product in double precision as the vector units' is, in every way that a
-    /// product can be asked for, and for shapes of several passes, groups and strips.
+    /// The product is as close to double precision as that of the vector units, for every kind of
+    /// product and for shapes of several passes, groups and strips.
     #[test]
     fn products_are_of_single_precision() {
         if !usable() {

@@ -1,23 +1,20 @@
-//! The place that multiplies matrices; [`super::bf16x3`] does some of it on tiles.
+//! Matrix products; [`super::bf16x3`] computes some of them on tiles.
 //!
-//! A register-blocked product after Goto and van de Geijn (2008): the right factor is
-//! packed in panels three registers wide, a tile of 8 or 9 rows (4 with 16 registers) stays in
-//! registers while the inner dimension runs. A left factor that lies row by row is read
-//! where it lies; of one that lies column by column (gradients of weights), a block of rows
-//! is copied first: read in place, each step of a tile is on another page, and products of
-//! activations that left the cache ran at .7 of what they do now. Weights are packed once a
-//! step (or once a model, at inference) for all products that use them. Safe code: the
-//! bounds are proved by slicing before the inner loop. Rejected: the `gemm` crate, whose
-//! entry point is unsafe and which packs the right factor again at every call.
+//! A register-blocked product after Goto and van de Geijn (2008). The right factor is packed in
+//! panels three registers wide, and a tile of 8 or 9 rows (4 with 16 registers) stays in registers
+//! while the inner dimension runs. A row-major left factor is read in place. Of a column-major one
+//! (gradients of weights), a block of rows is copied first: read in place, each step of a tile is
+//! on another page, and products of activations outside the cache had .7 of the current speed.
+//! Weights are packed once per step (or once per model, at inference) for all products that use
+//! them. The code is safe: slicing before the inner loop proves the bounds. Rejected: the `gemm`
+//! crate, whose entry point is unsafe and which packs the right factor again at every call.
 //!
-//! Weights and their gradients go to the tile unit of processors that have one
-//! ([`gemm_tiled`], [`Packed::pack_tiled`]); all else, and everything on other processors, is
-//! done here.
+//! On processors with a tile unit, weights and their gradients are multiplied there
+//! ([`gemm_tiled`], [`Packed::pack_tiled`]). Everything else is computed here.
 //!
-//! Bits: for given shapes each output is added up in a fixed order (one chain of fused multiply-adds
-//! here, a fixed number of chains on tiles),
-//! so results never depend on threads. They do depend on the kind of processor: how wide its
-//! registers are, and whether it has tiles.
+//! For given shapes each output is summed in a fixed order (one chain of fused multiply-adds here,
+//! a fixed number of chains on tiles), so results never depend on threads. They do depend on the
+//! kind of processor: the width of its registers, and whether it has tiles.
 
 // Vector code must be inlined into the function that pulp compiles for the processor found.
 #![allow(clippy::inline_always)]
@@ -32,9 +29,9 @@ use super::real::Real;
 
 /// Registers in the width of a panel.
 const NV: usize = 3;
-/// Inner dimension of one pass; a longer one is cut so that a panel stays in the cache.
+/// Inner dimension of one pass; a longer one is divided so that a panel stays in the cache.
 const KC: usize = 768;
-/// Rows of a transposed left factor that are copied at once: they stay in the cache.
+/// Rows of a transposed left factor that are copied at once; they stay in the cache.
 const MC: usize = 64;
 
 /// A right factor (k, n) in panels, or in terms for the tile unit.
@@ -47,12 +44,12 @@ pub struct Packed<T: Real> {
     #[cfg(target_arch = "x86_64")]
     terms: Terms,
     #[cfg(target_arch = "x86_64")]
-    /// Whether it is the terms that hold the factor.
+    /// Whether the factor is stored as terms.
     tiled: bool,
 }
 
 impl<T: Real> Packed<T> {
-    /// Packs `b`; memory is reused when it is large enough.
+    /// Packs `b` and reuses memory if it is large enough.
     pub fn pack(&mut self, b: Mat<'_, T>) {
         #[cfg(target_arch = "x86_64")]
         {
@@ -61,7 +58,7 @@ impl<T: Real> Packed<T> {
         Arch::new().dispatch(Pack { out: self, b });
     }
 
-    /// Packs `b` for products of many rows, which the tile unit does where there is one.
+    /// Packs `b` for products of many rows, for the tile unit if there is one.
     pub fn pack_tiled(&mut self, b: Mat<'_, T>) {
         #[cfg(target_arch = "x86_64")]
         if bf16x3::suits(b.rows, b.cols)
@@ -74,7 +71,7 @@ impl<T: Real> Packed<T> {
         self.pack(b);
     }
 
-    /// Rows of what is packed.
+    /// Rows of the packed factor.
     pub fn rows(&self) -> usize {
         self.k
     }
@@ -117,7 +114,7 @@ impl<T: Real> WithSimd for Pack<'_, '_, T> {
             let (panel, after) = std::mem::take(&mut rest).split_at_mut(k * wide);
             rest = after;
             if self.b.transposed {
-                // Column j of b is contiguous: row first + j of what is stored.
+                // Column j of b is contiguous: it is row first + j in memory.
                 for j in 0..used {
                     let column = &self.b.data[(first + j) * self.b.stride..][..k];
                     for (row, &x) in panel.chunks_exact_mut(wide).zip(column) {
@@ -169,7 +166,7 @@ pub fn gemm<T: Real>(out: MatMut<'_, T>, init: Init<'_, T>, a: Mat<'_, T>, b: Ma
     });
 }
 
-/// out = init + a b for factors of some size, by the tile unit where there is one.
+/// out = init + a b for larger factors, by the tile unit if there is one.
 ///
 /// # Panics
 /// When the shapes disagree.
@@ -198,7 +195,7 @@ struct Gemm<'a, 'b, T: Real> {
     init: Init<'b, T>,
     a: Mat<'b, T>,
     b: &'b Packed<T>,
-    /// Room for a copy of some rows of a left factor that lies column by column.
+    /// Buffer for a copy of some rows of a column-major left factor.
     left: &'a mut Aligned<T>,
 }
 
@@ -292,8 +289,8 @@ impl<T: Real> Gemm<'_, '_, T> {
         let mut i = block.first;
         // 24 or 27 accumulators where there are 32 registers, 12 where there are 16.
         if S::REGISTER_COUNT >= 32 {
-            // 51 frames, and the 27 of a second thread, are tiles of 9 and 8: no rows are left
-            // over, for which the registers would not be enough to hide how long a sum takes.
+            // 51 frames, and the 27 of a second thread, divide into tiles of 9 and 8. Remaining
+            // rows would need too few registers to hide the latency of a sum.
             let over = (m - i) % 8;
             if !self.a.transposed && 9 * over <= m - i {
                 for _ in 0..over {
@@ -352,9 +349,9 @@ fn gather<T: Real, const M: usize>(from: &[T], stride: usize, to: &mut [T]) {
     }
 }
 
-// The two inner loops return their accumulators by value and touch them by constant
-// indices only (loops over them are unrolled too late in the compiler, and the numbers then
-// live on the stack): the difference is a factor of three.
+// The two inner loops return their accumulators by value and use constant indices only. Otherwise
+// the compiler unrolls loops over them too late and keeps the numbers on the stack, which is three
+// times slower.
 
 #[inline(always)]
 fn step<T: Real, S: Simd, const M: usize, const N: usize>(

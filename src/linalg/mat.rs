@@ -1,4 +1,4 @@
-//! Matrices that someone else owns, what a product is added to, and how its sums are written.
+//! Borrowed matrices, the values that a product is added to, and how its sums are written.
 
 // Vector code must be inlined into the function that pulp compiles for the processor found.
 #![allow(clippy::inline_always)]
@@ -19,7 +19,7 @@ macro_rules! unrolled {
 
 pub(super) use unrolled;
 
-/// A matrix that someone else owns: row-major with a stride, or the transpose of one.
+/// A borrowed matrix: row-major with a stride, or the transpose of one.
 #[derive(Clone, Copy, Debug)]
 pub struct Mat<'a, T> {
     pub(super) data: &'a [T],
@@ -54,12 +54,12 @@ impl<'a, T: Real> Mat<'a, T> {
     }
 
     #[cfg(target_arch = "x86_64")]
-    /// Where the numbers lie: data, stride, and whether they lie column by column.
+    /// The layout: data, stride, and whether it is column-major.
     pub(super) fn lines(&self) -> (&'a [T], usize, bool) {
         (self.data, self.stride, self.transposed)
     }
 
-    /// The same matrix, where these are numbers in single precision.
+    /// The same matrix, if it is in single precision.
     #[cfg(target_arch = "x86_64")]
     pub(super) fn single(self) -> Option<Mat<'a, f32>> {
         let Mat { data, rows, cols, stride, transposed } = self;
@@ -100,7 +100,7 @@ impl<'a, T: Real> MatMut<'a, T> {
         MatMut { data, rows, cols, stride }
     }
 
-    /// The same matrix, where these are numbers in single precision.
+    /// The same matrix, if it is in single precision.
     #[cfg(target_arch = "x86_64")]
     pub(super) fn single(self) -> Option<MatMut<'a, f32>> {
         let MatMut { data, rows, cols, stride } = self;
@@ -118,14 +118,14 @@ fn fits(len: usize, rows: usize, cols: usize, stride: usize) -> bool {
     rows == 0 || cols == 0 || (cols <= stride && (rows - 1) * stride + cols <= len)
 }
 
-/// What a product is added to.
+/// The values that a product is added to.
 #[derive(Clone, Copy, Debug)]
 pub enum Init<'a, T> {
     /// out = a b.
     Zero,
     /// out += a b.
     Add,
-    /// out = a b + bias, one number a column.
+    /// out = a b + bias, one number per column.
     Bias(&'a [T]),
     /// out += a b + bias.
     AddBias(&'a [T]),
@@ -137,7 +137,7 @@ pub enum Init<'a, T> {
 
 #[cfg(target_arch = "x86_64")]
 impl<'a, T: Real> Init<'a, T> {
-    /// The same, where these are numbers in single precision.
+    /// The same, if it is in single precision.
     pub(super) fn single(self) -> Option<Init<'a, f32>> {
         Some(match self {
             Init::Zero => Init::Zero,
@@ -150,7 +150,7 @@ impl<'a, T: Real> Init<'a, T> {
     }
 }
 
-/// A row's share of columns, and which pass over the inner dimension made its sums.
+/// Some columns of a row, and the pass over the inner dimension that computed their sums.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Place {
     /// Row of the result.
@@ -159,13 +159,13 @@ pub(super) struct Place {
     pub(super) col: usize,
     /// Columns.
     pub(super) cols: usize,
-    /// No pass before this one.
+    /// Whether this is the first pass.
     pub(super) first: bool,
-    /// No pass after this one.
+    /// Whether this is the last pass.
     pub(super) last: bool,
 }
 
-/// Writes N registers of sums, with what they are added to.
+/// Writes N registers of sums, plus the values that they are added to.
 #[inline(always)]
 pub(super) fn finish<T: Real, S: Simd, const N: usize>(
     s: S,
@@ -175,7 +175,7 @@ pub(super) fn finish<T: Real, S: Simd, const N: usize>(
     place: &Place,
 ) {
     let Place { row, col, cols, first, last } = *place;
-    // A later pass adds to the earlier ones; a factor waits for the whole sum.
+    // A later pass adds to the earlier ones; a factor is applied to the complete sum.
     let init = match init {
         Init::Times(_) if first && !last => Init::Zero,
         Init::Times(factor) if last => Init::Times(factor),

@@ -1,8 +1,8 @@
-//! Dense linear algebra on the processor at hand: products, elementwise kernels, threads.
+//! Dense linear algebra: products, elementwise kernels, threads.
 //!
-//! [`gemm()`] multiplies matrices (some of them on tiles: `bf16x3.rs`), [`simd`] is the
-//! elementwise rest, and [`Real`] lets both be written once for single and double precision.
-//! The network ([`crate::net`]) and the exploration agents ([`crate::explore`]) stand on it.
+//! [`gemm()`] multiplies matrices (some of them on tiles: `bf16x3.rs`), [`simd`] contains the
+//! elementwise functions, and [`Real`] lets both be written once for single and double precision.
+//! The network ([`crate::net`]) and the exploration agents ([`crate::explore`]) use it.
 
 mod aligned;
 #[cfg(target_arch = "x86_64")]

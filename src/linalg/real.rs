@@ -1,10 +1,10 @@
-//! One numeric trait, two widths: every kernel is written once and runs in f32 (training)
-//! and f64 (gradient checks, closed-form fits).
+//! A numeric trait for f32 and f64: every kernel is written once and runs in f32 (training) and f64
+//! (gradient checks, closed-form fits).
 //!
-//! Vectors come from `pulp`, whose dispatch picks SSE, AVX2, AVX-512 or NEON at run time
-//! behind a safe interface. Rejected: `target-cpu=native` (a released binary would be slow
-//! or not start elsewhere) and the `gemm` crate's `unsafe fn` (this crate keeps unsafe code
-//! in the simulator layer and the tile unit).
+//! Vector instructions come from `pulp`, which selects SSE, AVX2, AVX-512 or NEON at run time
+//! behind a safe interface. Rejected: `target-cpu=native` (a released binary would be slow or not
+//! start elsewhere) and the `gemm` crate's `unsafe fn` (this crate keeps unsafe code in the
+//! simulator binding and the tile unit).
 
 // Vector code must be inlined into the function that pulp compiles for the processor found.
 #![allow(clippy::inline_always)]
@@ -65,7 +65,7 @@ pub trait Real:
     fn vdiv<S: Simd>(s: S, a: Self::V<S>, b: Self::V<S>) -> Self::V<S>;
     /// a · b + c.
     fn fma<S: Simd>(s: S, a: Self::V<S>, b: Self::V<S>, c: Self::V<S>) -> Self::V<S>;
-    /// Larger of each lane.
+    /// The larger number in each lane.
     fn vmax<S: Simd>(s: S, a: Self::V<S>, b: Self::V<S>) -> Self::V<S>;
     /// Square root.
     fn vsqrt<S: Simd>(s: S, a: Self::V<S>) -> Self::V<S>;
@@ -75,11 +75,11 @@ pub trait Real:
     fn top<S: Simd>(s: S, a: Self::V<S>) -> Self;
     /// e^a; inputs below −87 give about e^−87 (f32).
     fn exp<S: Simd>(s: S, a: Self::V<S>) -> Self::V<S>;
-    /// Lends the packing buffer of this thread: products allocate only while shapes grow.
+    /// Lends the packing buffer of this thread, so that products allocate only while shapes grow.
     fn with_scratch<R>(f: impl FnOnce(&mut Aligned<Self>) -> R) -> R;
     /// Lends the buffer for the rows of a left factor.
     fn with_left<R>(f: impl FnOnce(&mut Aligned<Self>) -> R) -> R;
-    /// The same numbers, where they are of single precision, which the tile unit takes.
+    /// The same numbers, if they are in single precision, for the tile unit.
     fn singles(x: &[Self]) -> Option<&[f32]>;
     /// The same for writing.
     fn singles_mut(x: &mut [Self]) -> Option<&mut [f32]>;

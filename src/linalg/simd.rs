@@ -1,10 +1,9 @@
-//! The elementwise half of every network, the transformer's and the agents': normalisation,
-//! activation, softmax, optimiser.
+//! The elementwise functions of all networks: normalisation, activation, softmax, optimiser.
 //!
-//! Lengths are any. Those of the transformer are whole registers (its width is
-//! a multiple of 16), attention scores are padded to [`PAD`]; what is left over elsewhere is
-//! a partial register or a few scalars. Reductions run in a fixed order, so bits depend on
-//! the processor's register width and nothing else.
+//! Any length is allowed. Those of the transformer are whole registers (its width is a multiple of
+//! 16), and attention scores are padded to [`PAD`]. Elsewhere the rest is a partial register or a
+//! few scalars. Reductions run in a fixed order, so bits depend only on the processor's register
+//! width.
 
 // Vector code must be inlined into the function that pulp compiles for the processor found.
 #![allow(clippy::inline_always)]
@@ -356,7 +355,7 @@ kernel! {
     }
 }
 
-/// The figures of one optimiser step.
+/// The parameters of one optimiser step.
 #[derive(Clone, Copy, Debug)]
 pub struct AdamStep {
     /// Learning rate of this step.
@@ -433,7 +432,7 @@ mod tests {
 
     #[test]
     fn any_width_is_normalised_alike() {
-        // 16 numbers are whole registers everywhere; 21 leave five over on every processor.
+        // 16 numbers are whole registers on every processor; 21 leave five over.
         for width in [3, 16, 21, 37] {
             let x: Vec<f64> = (0..2 * width).map(|i| (i as f64 * 1.7).sin() + 0.3).collect();
             let gamma: Vec<f64> = (0..width).map(|i| 1.0 + 0.1 * i as f64).collect();

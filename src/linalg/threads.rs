@@ -1,4 +1,4 @@
-//! Work shared among threads: each takes the next job of a queue.
+//! Distributes work over threads; each takes the next job of a queue.
 
 use std::sync::{Mutex, PoisonError};
 

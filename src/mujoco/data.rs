@@ -9,7 +9,8 @@ use super::model::Model;
 use super::raw::{call, size, slice, slice_mut};
 use super::snapshot::Snapshot;
 
-/// The state and work space of one simulation. Moves between threads, is used by one.
+/// The state and work space of one simulation. It can move between threads, but only one may use
+/// it.
 pub struct Data {
     model: Arc<Model>,
     raw: NonNull<mj::mjData>,
@@ -23,9 +24,9 @@ unsafe impl Send for Data {}
 /// Counters of the engine's warnings since the last reset.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Warnings {
-    /// Contacts that found no room (`nconmax`).
+    /// Contacts beyond `nconmax`.
     pub contact_full: u32,
-    /// Constraints that found no room (`njmax`).
+    /// Constraints beyond `njmax`.
     pub constraint_full: u32,
     /// Resets because of bad qpos.
     pub bad_qpos: u32,
@@ -48,7 +49,7 @@ pub struct Contact {
     pub normal: [f64; 3],
 }
 
-/// The yardstick of [`Data::bare_loop`].
+/// The work of [`Data::bare_loop`].
 #[derive(Clone, Copy, Debug)]
 pub struct BareLoop {
     /// Control steps to take.
@@ -91,7 +92,7 @@ views! {
     qfrc_actuator: nv, 1;
     /// Forces of contacts, limits, dry friction and equalities; (nv).
     qfrc_constraint: nv, 1;
-    /// Forces that [`Data::inverse`] found; (nv).
+    /// Forces computed by [`Data::inverse`]; (nv).
     qfrc_inverse: nv, 1;
     /// Actuator lengths; (nu).
     actuator_length: nu, 1;
@@ -136,7 +137,7 @@ impl Data {
         Ok(Data { model: Arc::clone(model), raw, poisoned: false })
     }
 
-    /// The model that is simulated.
+    /// The simulated model.
     pub fn model(&self) -> &Arc<Model> {
         &self.model
     }
@@ -146,7 +147,7 @@ impl Data {
         unsafe { self.raw.as_ref() }
     }
 
-    /// Runs a guarded engine call and remembers whether it broke the data.
+    /// Runs a guarded engine call and records whether it corrupted the data.
     fn engine(
         &mut self,
         doing: &'static str,
@@ -161,7 +162,7 @@ impl Data {
         result
     }
 
-    /// Back to the default pose at rest; heals poisoned data and clears the counters.
+    /// Resets to the default pose at rest. It repairs poisoned data and clears the counters.
     ///
     /// # Errors
     /// [`Error::Engine`].
@@ -185,7 +186,7 @@ impl Data {
     /// Sets the coordinates; (nq).
     ///
     /// # Errors
-    /// [`Error::Length`], [`Error::NotFinite`]; nothing is changed then.
+    /// [`Error::Length`], [`Error::NotFinite`]; the state is then unchanged.
     pub fn set_qpos(&mut self, qpos: &[f64]) -> Result<(), Error> {
         let ptr = self.get().qpos;
         self.write("qpos", ptr, self.model.nq(), qpos)
@@ -249,7 +250,7 @@ impl Data {
     /// Takes `substeps` simulator steps with the control held: one control step, one call.
     ///
     /// # Errors
-    /// [`Error::Diverged`] when the engine met NaN and reset the state behind our back,
+    /// [`Error::Diverged`] when the engine met NaN and silently reset the state,
     /// [`Error::Engine`] and [`Error::Poisoned`].
     pub fn step(&mut self, substeps: usize) -> Result<(), Error> {
         let before = self.get().time;
@@ -323,8 +324,8 @@ impl Data {
         self.engine("inverse dynamics", |m, d, msg| unsafe { mj::rb_inverse(m, d, msg) })
     }
 
-    /// Finite-difference transition matrices of one simulator step: `a` is
-    /// (2nv+na, 2nv+na), `b` is (2nv+na, nu), row-major. The state is left as it was.
+    /// Finite-difference transition matrices of one simulator step: `a` is (2nv+na, 2nv+na), `b` is
+    /// (2nv+na, nu), row-major. The state is unchanged afterwards.
     ///
     /// # Errors
     /// [`Error::Length`], [`Error::Engine`], [`Error::Poisoned`].
@@ -429,7 +430,7 @@ impl Data {
         self.contacts().any(|c| c.dist < 0.0 && c.geoms.into_iter().all(own))
     }
 
-    /// The state, to come back to.
+    /// A snapshot of the state.
     pub fn snapshot(&self) -> Snapshot {
         let mut s = Snapshot {
             time_secs: 0.0,
@@ -446,7 +447,7 @@ impl Data {
         s
     }
 
-    /// The state, into a snapshot that is reused.
+    /// Writes the state into an existing snapshot.
     pub fn snapshot_into(&self, s: &mut Snapshot) {
         let (d, m) = (self.get(), &self.model);
         s.time_secs = d.time;
@@ -465,7 +466,7 @@ impl Data {
         copy(&mut s.mocap_quat, d.mocap_quat, 4 * m.nmocap());
     }
 
-    /// Back to a snapshot; heals poisoned data. Poses are stale until the next step,
+    /// Restores a snapshot and repairs poisoned data. Poses are stale until the next step,
     /// [`Data::forward`] or [`Data::kinematics`].
     ///
     /// # Errors
@@ -499,8 +500,8 @@ impl Data {
         Ok(())
     }
 
-    /// Steps in the plainest C loop over the same library: the yardstick for the overhead
-    /// of this layer. `ctrl` is (`reset_every`, nu).
+    /// Steps in a plain C loop over the same library, to measure the overhead of this binding.
+    /// `ctrl` is (`reset_every`, nu).
     ///
     /// # Errors
     /// [`Error::Length`], [`Error::Engine`].
@@ -585,7 +586,7 @@ mod tests {
         let first = run(&mut d);
         d.restore(&s).unwrap();
         assert_eq!(first, run(&mut d));
-        // A second simulation that never lived the first 60 steps replays it as well.
+        // A second simulation without the first 60 steps replays it as well.
         let mut other = Data::new(d.model()).unwrap();
         other.restore(&s).unwrap();
         assert_eq!(first, run(&mut other));

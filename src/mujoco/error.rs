@@ -1,4 +1,4 @@
-//! What the simulator can answer instead of a result.
+//! Errors of the simulator.
 
 use std::path::PathBuf;
 
@@ -11,27 +11,27 @@ pub enum Error {
     /// The XML is malformed or breaks the schema.
     #[error("{place}: {message}", place = place(path.as_ref(), *line))]
     Parse {
-        /// What the parser said.
+        /// The parser's message.
         message: String,
-        /// Line in the file, where known (the library knows no columns).
+        /// Line in the file, if known (the library has no columns).
         line: Option<u32>,
-        /// The file, where there is one.
+        /// The file, if there is one.
         path: Option<PathBuf>,
     },
-    /// The XML is well formed but describes no valid model.
+    /// The XML is well formed but does not describe a valid model.
     #[error("{place}: {message}", place = place(path.as_ref(), *line))]
     Compile {
-        /// What the compiler said.
+        /// The compiler's message.
         message: String,
-        /// Line in the file, where known.
+        /// Line in the file, if known.
         line: Option<u32>,
-        /// The file, where there is one.
+        /// The file, if there is one.
         path: Option<PathBuf>,
     },
     /// `mju_error` was raised; the data is poisoned until it is reset.
     #[error("the physics engine failed: {message}")]
     Engine {
-        /// What the engine said.
+        /// The engine's message.
         message: String,
     },
     /// The data was poisoned by an earlier engine error.
@@ -46,10 +46,10 @@ pub enum Error {
     /// A C++ exception other than the two above.
     #[error("unexpected exception in the physics library: {message}")]
     Cxx {
-        /// What it carried.
+        /// Its message.
         message: String,
     },
-    /// The engine met NaN or a diverging state and reset it (it does so silently).
+    /// The engine met NaN or a diverging state and silently reset it.
     #[error("the simulation diverged at {time_secs:.3} s: the engine reset the state ({what})")]
     Diverged {
         /// Simulated time before the step, seconds.
@@ -57,7 +57,7 @@ pub enum Error {
         /// Which check failed: bad qpos, qvel or qacc.
         what: &'static str,
     },
-    /// A value handed in is not finite.
+    /// A given value is not finite.
     #[error("{what}[{index}] is {value}, not a finite number")]
     NotFinite {
         /// Which vector.
@@ -68,7 +68,7 @@ pub enum Error {
         value: f64,
     },
     /// A vector has the wrong length.
-    #[error("{what} has {got} values, the model takes {want}")]
+    #[error("{what} has {got} values, but the model needs {want}")]
     Length {
         /// Which vector.
         what: &'static str,
@@ -77,22 +77,22 @@ pub enum Error {
         /// The length of the model.
         want: usize,
     },
-    /// The model compiles but cannot be simulated as it is.
+    /// The model compiles but cannot be simulated.
     #[error("{place}: {message}", place = place(path.as_ref(), None))]
     Invalid {
         /// What is wrong with it.
         message: String,
-        /// The file, where there is one.
+        /// The file, if there is one.
         path: Option<PathBuf>,
     },
-    /// The installed library is not the one that this program was built for.
+    /// The installed library does not have the version that this program was built for.
     #[error(
         "libmujoco {want} is needed, {got} is installed; fix: sudo apt-get install libmujoco2.2.2"
     )]
     Version {
-        /// What is installed.
+        /// The installed version.
         got: i32,
-        /// What is needed.
+        /// The required version.
         want: i32,
     },
 }
@@ -112,7 +112,7 @@ impl HasExit for Error {
 }
 
 impl Error {
-    /// The same error, said of this file.
+    /// The same error with the name of the file.
     #[must_use]
     pub fn at(self, file: &std::path::Path) -> Self {
         let path = Some(file.to_owned());
@@ -125,7 +125,7 @@ impl Error {
     }
 }
 
-/// `path:line:col`; the library knows no columns, so a known line gets column 1.
+/// `path:line:col`; the library has no columns, so a known line gets column 1.
 fn place(path: Option<&PathBuf>, line: Option<u32>) -> String {
     let file = path.map_or_else(|| "model".to_owned(), |p| p.display().to_string());
     match line {
@@ -134,7 +134,7 @@ fn place(path: Option<&PathBuf>, line: Option<u32>) -> String {
     }
 }
 
-/// Sorts a refusal of `mj_loadXML` by its three message formats and finds the line.
+/// Classifies an error of `mj_loadXML` by its three message formats and finds the line.
 pub(super) fn refusal(text: &str) -> Error {
     // "… Line number=N" is the XML parser, "… Element 'x', line N" the schema,
     // "… line = N, column = -1" the compiler.

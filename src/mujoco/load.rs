@@ -1,4 +1,4 @@
-//! Compiling models: from a file, or from bytes in memory.
+//! Compiles models from a file or from bytes in memory.
 
 use std::ffi::CString;
 use std::os::unix::ffi::OsStrExt;
@@ -15,7 +15,7 @@ use crate::limits;
 /// One model is compiled at a time: the library keeps a global "last XML".
 static COMPILER: Mutex<()> = Mutex::new(());
 
-/// Checks once that the installed library is the one that the layouts were made for.
+/// Checks once that the installed library has the version of our layouts.
 ///
 /// # Errors
 /// [`Error::Version`].
@@ -37,17 +37,17 @@ impl Model {
 
     /// Compiles the file called `root` among these in-memory files.
     ///
-    /// Names are compared without folder and without case. Files that are not among them
-    /// are looked for on disk: this is no sandbox.
+    /// Names are compared without folder and without case. Files that are not among them are read
+    /// from disk, so this is not a sandbox.
     ///
     /// # Errors
     /// As [`Model::from_xml`].
     pub fn from_assets(root: &str, files: &[(&str, &[u8])]) -> Result<Model, Error> {
         let bad = |what: &str| Error::Invalid { message: what.to_owned(), path: None };
-        let root_c = CString::new(root).or(Err(bad("a file name holds a NUL byte")))?;
+        let root_c = CString::new(root).or(Err(bad("a file name contains a NUL byte")))?;
         let names = files
             .iter()
-            .map(|(n, _)| CString::new(*n).or(Err(bad("a file name holds a NUL byte"))))
+            .map(|(n, _)| CString::new(*n).or(Err(bad("a file name contains a NUL byte"))))
             .collect::<Result<Vec<_>, _>>()?;
         let assets = names
             .iter()
@@ -72,8 +72,10 @@ impl Model {
     /// # Errors
     /// As [`Model::from_xml`], with the path.
     pub fn from_path(path: &Path) -> Result<Model, Error> {
-        let name = CString::new(path.as_os_str().as_bytes())
-            .or(Err(Error::Invalid { message: "the path holds a NUL byte".into(), path: None }))?;
+        let name = CString::new(path.as_os_str().as_bytes()).or(Err(Error::Invalid {
+            message: "the path contains a NUL byte".into(),
+            path: None,
+        }))?;
         // SAFETY: the path outlives the call.
         compile(|out, msg| unsafe { mj::rb_load_path(name.as_ptr(), out, msg) })
             .map_err(|e| e.at(path))
@@ -97,7 +99,7 @@ fn compile(
     Ok(model)
 }
 
-/// What the compiler lets through although no simulation can come of it.
+/// Checks for models that the compiler accepts although they cannot be simulated.
 fn validate(m: &Model) -> Result<(), Error> {
     let invalid = |message: String| Err(Error::Invalid { message, path: None });
     let dt = m.timestep();
@@ -105,7 +107,11 @@ fn validate(m: &Model) -> Result<(), Error> {
         return invalid(format!("timestep is {dt} s, not within 0.00001 to 0.1 s"));
     }
     if m.nq() > limits::MODEL_NQ {
-        return invalid(format!("{} coordinates, at most {} are taken", m.nq(), limits::MODEL_NQ));
+        return invalid(format!(
+            "{} coordinates; at most {} are supported",
+            m.nq(),
+            limits::MODEL_NQ
+        ));
     }
     let vectors: [(&str, &[f64]); 14] = [
         ("qpos0", m.qpos0()),

@@ -1,14 +1,14 @@
-//! The simulator layer over Debian's libmujoco 2.2.2, and the only place with `unsafe` beside
-//! the tile unit (`linalg::amx`).
+//! The binding to Debian's libmujoco 2.2.2, and the only place with `unsafe` besides the tile unit
+//! (`linalg::amx`).
 //!
-//! Why our own binding: the published crates bind `MuJoCo` 3.x or 2.1, and none catches
-//! `mju_error`, whose default action waits for a key press. Here every call goes through a
-//! guard in `shim.cc` that turns engine errors and C++ exceptions into [`Error`].
+//! Rejected: the published crates. They bind `MuJoCo` 3.x or 2.1, and none catches `mju_error`,
+//! whose default action waits for a key press. Here every call goes through a guard in `shim.cc`
+//! that turns engine errors and C++ exceptions into [`Error`].
 //!
 //! Invariants:
 //! 1. every call that can reach `mju_error` goes through the guard, on the calling thread;
-//! 2. slices from raw pointers have lengths out of the model and borrow from it;
-//! 3. qpos, qvel and ctrl come in finite and of the right length;
+//! 2. slices from raw pointers have lengths from the model and borrow from it;
+//! 3. qpos, qvel and ctrl are checked to be finite and of the right length;
 //! 4. library version and struct sizes are checked before the first load;
 //! 5. compiling a model holds one mutex (the library keeps a global "last XML");
 //! 6. no binary `.mjb` models: three of 300 flipped bytes crash the library's loader;
@@ -48,5 +48,5 @@ pub use model::{Geom, Joint, Model, Transmission};
 pub use names::Kind;
 pub use snapshot::Snapshot;
 
-/// The version that this layer is written for, as `mj_version` gives it.
+/// The required version, as `mj_version` returns it.
 pub const VERSION: i32 = 222;

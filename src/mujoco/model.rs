@@ -1,4 +1,4 @@
-//! A compiled model: immutable once shared, so that any number of threads may step it.
+//! A compiled model. It is immutable once shared, so any number of threads may step it.
 
 use std::ffi::{CStr, CString};
 use std::ptr::NonNull;
@@ -8,8 +8,8 @@ use super::error::Error;
 use super::names::Kind;
 use super::raw::{call, size, slice, slice_mut};
 
-/// A compiled model. Change it (mass, damping, gear) before it goes into an `Arc`; from
-/// then on only shared references exist, which read.
+/// A compiled model. Change it (mass, damping, gear) before it goes into an `Arc`; shared
+/// references can only read it.
 pub struct Model {
     raw: NonNull<mj::mjModel>,
 }
@@ -53,7 +53,7 @@ pub enum Geom {
     Mesh,
 }
 
-/// What an actuator pulls at.
+/// What an actuator acts on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Transmission {
     /// This joint.
@@ -100,7 +100,7 @@ sizes! {
     nu;
     /// Activation states.
     na;
-    /// Bodies, the world included.
+    /// Bodies, including the world.
     nbody;
     /// Joints.
     njnt;
@@ -209,7 +209,7 @@ arrays! {
     geom_pos: f64, ngeom, 3;
     /// Orientation in the body frame, w x y z; (ngeom, 4).
     geom_quat: f64, ngeom, 4;
-    /// Colour where no material is set; (ngeom, 4).
+    /// Colour if no material is set; (ngeom, 4).
     geom_rgba: f32, ngeom, 4;
     /// Body of the site; (nsite).
     site_bodyid: i32, nsite, 1;
@@ -327,7 +327,7 @@ impl Model {
         unsafe { self.raw.as_mut() }
     }
 
-    /// An independent copy, for a plant that differs.
+    /// An independent copy, to simulate another plant.
     ///
     /// # Errors
     /// [`Error::Memory`].
@@ -394,10 +394,10 @@ impl Model {
         unsafe { slice(m.key_qpos, size(m.nkey) * size(m.nq)) }
     }
 
-    /// Scales every mass and inertia, for a plant that weighs more or less.
+    /// Scales every mass and inertia, for a heavier or lighter plant.
     ///
     /// # Errors
-    /// [`Error::Engine`], [`Error::Memory`] from recomputing what depends on them.
+    /// [`Error::Engine`], [`Error::Memory`] from recomputing derived values.
     pub fn scale_mass(&mut self, factor: f64) -> Result<(), Error> {
         let m = self.get_mut();
         let n = size(m.nbody);
@@ -431,7 +431,7 @@ impl Model {
         Ok(())
     }
 
-    /// Scales the force that every actuator makes of its control.
+    /// Scales the force per control of every actuator.
     pub fn scale_gear(&mut self, factor: f64) {
         let m = self.get_mut();
         // SAFETY: allocated at this size; `&mut self` is exclusive.
@@ -439,14 +439,14 @@ impl Model {
         gear.iter_mut().for_each(|v| *v *= factor);
     }
 
-    /// Recomputes what the compiler derived from masses and frames.
+    /// Recomputes the values that the compiler derived from masses and frames.
     fn set_const(&mut self) -> Result<(), Error> {
         let raw = self.raw.as_ptr();
         // SAFETY: exclusive through `&mut self`.
         call("updating the model", |msg| unsafe { mj::rb_set_const(raw, msg) }).map(drop)
     }
 
-    /// Name of an object; `None` where it has none or there is no such id.
+    /// Name of an object; `None` if it has no name or does not exist.
     pub fn name(&self, kind: Kind, id: usize) -> Option<&str> {
         let id = i32::try_from(id).ok()?;
         // SAFETY: the library checks the id; names live as long as the model.
@@ -493,7 +493,7 @@ impl Model {
         })
     }
 
-    /// Colour of a geom: its material's where it has one; linear RGBA as in the file.
+    /// Colour of a geom (that of its material if it has one); linear RGBA as in the file.
     pub fn geom_color(&self, geom: usize) -> Option<[f32; 4]> {
         let row = |a: &[f32], i: usize| a.get(4 * i..4 * i + 4).and_then(|s| s.try_into().ok());
         match usize::try_from(self.geom_matid().get(geom).copied()?) {
@@ -502,7 +502,7 @@ impl Model {
         }
     }
 
-    /// What an actuator pulls at.
+    /// What an actuator acts on.
     pub fn transmission(&self, actuator: usize) -> Option<Transmission> {
         let kind = self.actuator_trntype().get(actuator).copied()? as u32;
         let id = usize::try_from(self.actuator_trnid().get(2 * actuator).copied()?).ok()?;

@@ -1,8 +1,8 @@
-//! Object kinds whose names a model holds.
+//! The kinds of named objects in a model.
 
 use super::bindings as mj;
 
-/// What a name or id refers to (`mjtObj`).
+/// The kind of object that a name or id refers to (`mjtObj`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// A body.

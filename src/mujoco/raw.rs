@@ -1,4 +1,4 @@
-//! Small bridges between the C side and the rest of this module.
+//! Helpers between the C side and the rest of this module.
 
 use std::ffi::{CStr, c_char};
 
@@ -7,8 +7,8 @@ use super::error::Error;
 
 /// Runs one guarded entry point and turns its code and message into a result.
 ///
-/// `call` gets the message buffer. The text is returned on success as well: a load that
-/// succeeds may leave a warning there.
+/// `call` gets the message buffer. The text is returned on success too, because a successful load
+/// may leave a warning there.
 pub(super) fn call(
     doing: &'static str,
     call: impl FnOnce(*mut c_char) -> i32,
@@ -28,7 +28,7 @@ pub(super) fn call(
     }
 }
 
-/// A slice over `len` values at `ptr`; empty where the model has none (null pointer).
+/// A slice over `len` values at `ptr`; empty for a null pointer.
 ///
 /// # Safety
 /// `ptr` must be null or point to `len` initialised values that live for `'a`.

@@ -1,7 +1,8 @@
-//! The whole state of a simulation, small enough to keep one a frame.
+//! The whole state of a simulation, small enough to keep one per frame.
 
-/// Everything that the next step depends on. Replaying from a snapshot gives the same bits
-/// as going on: without `qacc_warmstart` it would drift as soon as contacts are active.
+/// Everything that the next step depends on. Continuing from a snapshot gives the same bits as an
+/// uninterrupted simulation. Without `qacc_warmstart` the two would differ as soon as contacts are
+/// active.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Snapshot {
     /// Simulated time, seconds.

@@ -1,18 +1,17 @@
-//! What the actions of the past say of the plant: how far each was from the linear prediction,
-//! and by what factor the linear prediction was off.
+//! What past actions reveal about the plant: how far each was from the linear prediction, and the
+//! ratio of the two.
 //!
-//! A plant that is heavier, more damped or weaker than those that the linear prediction was
-//! fitted to needs other torque for the same motion. The ratio of what was applied to what
-//! the linear prediction says led there, summed over the past, is known per actuator; the gate
-//! of the skip can use it as it is.
+//! A plant that is heavier, more damped or weaker than those of the fit needs another torque for
+//! the same motion. The ratio of the applied action to the linear prediction, summed over the past,
+//! is known per actuator, and the gate of the skip can use it directly.
 
-/// Squared linear prediction, summed over the past, from which on the ratio counts for more than
-/// the guess that the plant is the usual one. Actions are in [-1, 1].
+/// Sum of squared linear predictions above which the measured ratio weighs more than the assumption
+/// of a usual plant. Actions are in [-1, 1].
 const DOUBT: f32 = 0.1;
-/// Ratios beyond these are contact or stops, not the plant.
+/// Ratios beyond these come from contact or stops, not from the plant.
 const RATIO: (f32, f32) = (0.2, 5.0);
 
-/// Sums over the frames seen, per actuator.
+/// Sums over the frames so far, per actuator.
 #[derive(Clone, Debug)]
 pub(super) struct ActionHistory {
     both: Vec<f32>,
@@ -22,7 +21,7 @@ pub(super) struct ActionHistory {
 }
 
 impl ActionHistory {
-    /// For so many actuators.
+    /// For this number of actuators.
     pub(super) fn new(actions: usize) -> Self {
         let zero = vec![0.0; actions];
         ActionHistory {
@@ -33,7 +32,7 @@ impl ActionHistory {
         }
     }
 
-    /// Forgets.
+    /// Clears the sums.
     pub(super) fn clear(&mut self) {
         for x in [&mut self.both, &mut self.square, &mut self.residual, &mut self.gain] {
             x.fill(0.0);
@@ -51,17 +50,17 @@ impl ActionHistory {
         }
     }
 
-    /// A frame before which nobody knows the action.
+    /// A frame whose previous action is unknown.
     pub(super) fn miss(&mut self) {
         self.residual.fill(0.0);
     }
 
-    /// Applied less linear, of the action before this frame, (A).
+    /// Applied minus linear, for the action before this frame, (A).
     pub(super) fn residual(&self) -> &[f32] {
         &self.residual
     }
 
-    /// Ratio of applied to linear over the past, less 1, (A).
+    /// Ratio of applied to linear over the past, minus 1, (A).
     pub(super) fn gain(&self) -> &[f32] {
         &self.gain
     }

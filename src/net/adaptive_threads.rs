@@ -1,27 +1,27 @@
-//! Which of two ways to do the same has been faster lately.
+//! Chooses the method that has recently been faster of two equivalent ones.
 //!
-//! Whether a second thread helps depends on what else the machine does, which changes while a
-//! policy runs. So both are timed: the slower one is tried now and then, ever more seldom
-//! while it keeps losing, and the smallest of its last few times counts, since a single one
-//! says more of the scheduler than of the way.
+//! Whether a second thread helps depends on the other load of the machine, which changes while a
+//! policy runs. So both are timed. The slower one is tried now and then, less often the longer it
+//! stays slower. The smallest of its last few times counts, since a single time depends mostly on
+//! the scheduler.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-/// Times kept of each way.
+/// Number of times kept per method.
 const KEPT: u64 = 4;
-/// Uses between tries of the slower way: first, and at most.
+/// Uses between trials of the slower method: at first, and at most.
 const SELDOM: [u64; 2] = [32, 1024];
 
-/// Clones of a policy share one, so that it learns from all of them. Relaxed throughout: a
-/// time lost in a race is a time lost.
+/// Clones of a policy share one, so that it learns from all of them. Relaxed ordering is enough,
+/// since losing a time in a race does no harm.
 #[derive(Debug)]
 pub(super) struct AdaptiveThreads {
     uses: AtomicU64,
-    /// Uses left before the slower way is tried again, and the number it starts from.
+    /// Uses left before the next trial of the slower method, and the number that it starts from.
     left: AtomicU64,
     seldom: AtomicU64,
-    /// The last times of each way, ns, and how many there have been.
+    /// The last times of each method, ns, and their total number.
     times: [[AtomicU64; KEPT as usize]; 2],
     counts: [AtomicU64; 2],
 }
@@ -39,7 +39,7 @@ impl Default for AdaptiveThreads {
 }
 
 impl AdaptiveThreads {
-    /// The way to take now, 0 or 1.
+    /// The method to use now, 0 or 1.
     pub(super) fn choose(&self) -> usize {
         let get = |x: &AtomicU64| x.load(Ordering::Relaxed);
         let uses = self.uses.fetch_add(1, Ordering::Relaxed);
@@ -48,7 +48,7 @@ impl AdaptiveThreads {
         }
         let faster = self.faster();
         let left = get(&self.left);
-        // The last uses of a period are the tries.
+        // The last uses of a period are the trials.
         if left <= KEPT {
             if left <= 1 {
                 self.left.store(get(&self.seldom), Ordering::Relaxed);
@@ -63,14 +63,14 @@ impl AdaptiveThreads {
         faster
     }
 
-    /// Notes the time of one use.
+    /// Records the time of one use.
     pub(super) fn took(&self, way: usize, time: Duration) {
         let before = self.faster();
         let at = self.counts[way].fetch_add(1, Ordering::Relaxed) % KEPT;
         let ns = u64::try_from(time.as_nanos()).unwrap_or(u64::MAX);
         self.times[way][at as usize].store(ns, Ordering::Relaxed);
         if self.faster() != before {
-            // Things have changed: look more often again.
+            // Conditions have changed, so try more often again.
             self.seldom.store(SELDOM[0], Ordering::Relaxed);
             self.left.store(SELDOM[0], Ordering::Relaxed);
         }

@@ -1,28 +1,28 @@
-//! Windows as the network takes them.
+//! A batch of windows, the input of the network.
 
 use super::config::{NetConfig, SkipKind, WINDOW};
 use crate::linalg::{Aligned, Real};
 
-/// Where a robot is: at stops and in contact forces act that positions do not tell of.
+/// Where a robot is. At stops and in contact there are forces that positions do not show.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Place {
-    /// Away from stops and from itself.
+    /// Away from stops and self-contact.
     #[default]
     Clear,
     /// A joint near a stop.
     Stop,
     /// In self-contact, no joint near a stop.
     Contact,
-    /// Anywhere, but the next token tells the action: no error counts here.
+    /// Anywhere, but the next token reveals the action, so no error counts here.
     Told,
 }
 
 impl Place {
-    /// Where errors count, in the order of [`super::head::Sums::place_square`].
+    /// The places where errors count, in the order of [`super::head::Sums::place_square`].
     pub const ALL: [Place; 3] = [Place::Clear, Place::Stop, Place::Contact];
 }
 
-/// Windows as the network takes them, (B, 51, ·) row-major.
+/// A batch of windows, (B, 51, ·) row-major.
 #[derive(Clone, Debug)]
 pub struct Batch<T: Real> {
     /// Windows B.

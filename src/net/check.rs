@@ -1,5 +1,5 @@
-//! Gradients against finite differences in f64, every kind of parameter, every variant;
-//! sameness of bits over thread counts.
+//! Tests: gradients against finite differences in f64 for every kind of parameter and every
+//! variant, and equal bits for all thread counts.
 
 use super::batch::Batch;
 use super::config::{Mixing, NetConfig, SkipKind, WINDOW};

@@ -1,9 +1,9 @@
-//! The model file: one safetensors file whose header carries a JSON model card.
+//! The model file: one safetensors file with a JSON model card in its header.
 //!
-//! safetensors because its loader cannot be made to run code or to read past the file, and
-//! every framework opens it. Foreign files are checked before a number is used: header
-//! size, overlaps and holes, names, shapes, types, finite weights, and that robot, joints
-//! and sizes are the ones asked for.
+//! A safetensors loader cannot be made to run code or to read past the file, and every framework
+//! opens the format. Foreign files are checked before a number is used: header size, overlaps and
+//! holes, names, shapes, types, finite weights, and that robot, joints and sizes are the expected
+//! ones.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::path::Path;
@@ -23,11 +23,11 @@ use super::token::{Facts, Normaliser, RIDGE_HEADS, TokenConfig, Tokeniser};
 use super::{Encoder, Error, MaskGranularity, NetConfig, SkipKind};
 use crate::{fsio, limits};
 
-/// What stands in `format`.
+/// Value of `format`.
 pub const FORMAT: &str = "robert-model/1";
 /// Key of the card in the header's metadata.
 const CARD: &str = "robert";
-/// What stands before the names of the optimiser's tensors.
+/// Prefix of the names of the optimiser's tensors.
 const STATE: [&str; 3] = ["adam.first.", "adam.second.", "average."];
 
 /// Which robot a model drives.
@@ -54,7 +54,7 @@ pub struct WindowCard {
     pub current: usize,
     /// Commanded frames.
     pub command: usize,
-    /// Frames a second.
+    /// Frames per second.
     pub rate_hz: u32,
 }
 
@@ -72,13 +72,13 @@ pub struct PhysicsCard {
     pub cone: String,
 }
 
-/// Where a joint usually was, and how fast.
+/// The usual range and speed of a joint.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Usual {
-    /// 1 of 100 frames lies below, rad or m.
+    /// 1 of 100 frames is below, rad or m.
     pub low: f64,
-    /// 1 of 100 frames lies above, rad or m.
+    /// 1 of 100 frames is above, rad or m.
     pub high: f64,
     /// 1 of 100 frames is faster, rad/s or m/s.
     pub speed: f64,
@@ -96,14 +96,14 @@ pub struct TrainingCard {
     pub seed: u64,
     /// Steps taken.
     pub step: u64,
-    /// Precision by suite, where it was measured.
+    /// Precision by suite, if it was measured.
     pub precision: BTreeMap<String, f64>,
-    /// What a reader should know beyond the numbers: data, commands, limits.
+    /// Notes for people: data, commands, limits.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub notes: String,
 }
 
-/// Everything about a model but its numbers.
+/// Everything about a model except its numbers.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Card {
@@ -119,16 +119,16 @@ pub struct Card {
     pub net: NetConfig,
     /// Features.
     pub tokens: TokenConfig,
-    /// What a mask may hide; the studio offers per-joint masks by this.
+    /// What a mask may hide; the studio offers per-joint masks accordingly.
     pub mask_granularity: MaskGranularity,
-    /// What the features know of the robot.
+    /// The facts about the robot that the features use.
     pub facts: Facts,
     /// Normaliser of the training split.
     pub normaliser: Normaliser,
-    /// Where each joint usually was in the training split; empty in files of older programs.
+    /// The usual range of each joint in the training split; empty in files of older programs.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub usual: Vec<Usual>,
-    /// What actions move, and how fast; a policy without it takes goals as they are.
+    /// The effect of actions, and the usual speeds; a policy without it uses goals unchanged.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reach: Option<Reach>,
     /// Meaning of the actions.
@@ -138,7 +138,7 @@ pub struct Card {
 }
 
 impl Card {
-    /// A card for a network of this process; window, physics and action are the product's.
+    /// A card for a network of this process, with the standard window, physics and action.
     pub fn new(
         robot: RobotCard,
         net: NetConfig,
@@ -174,10 +174,10 @@ impl Card {
     }
 }
 
-/// Standard deviations on each side of the mean that stand for 98 of 100 frames, where only
-/// those are known: joints stay inside their limits, so their tails are short.
+/// Number of standard deviations on each side of the mean that covers 98 of 100 frames, for files
+/// with only these. Joints stay inside their limits, so their tails are short.
 const SIDE_STD: f64 = 2.0;
-/// Standard deviations of speed that 99 of 100 frames stay below.
+/// Number of standard deviations of speed that 99 of 100 frames stay below.
 const SPEED_STD: f64 = 2.58;
 
 impl Card {
@@ -204,15 +204,15 @@ impl Card {
     }
 }
 
-/// Moments and step of the optimiser: what resuming needs beyond the weights. Random
-/// numbers and the data cursor are functions of seed and step.
+/// Moments and step of the optimiser, which resuming needs besides the weights. Random numbers and
+/// the data cursor are functions of seed and step.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OptimiserState {
     /// First moment, laid out as the weights.
     pub first: Vec<f32>,
     /// Second moment.
     pub second: Vec<f32>,
-    /// Running average of the weights, where one is kept.
+    /// Running average of the weights, if there is one.
     pub average: Option<Vec<f32>>,
     /// Steps applied.
     pub count: u64,
@@ -266,7 +266,7 @@ pub fn save(
     Ok(fsio::write_atomic(path, &bytes)?)
 }
 
-/// Reads the card alone, without looking at the numbers.
+/// Reads the card alone, without the numbers.
 ///
 /// # Errors
 /// As [`load`].
@@ -290,8 +290,8 @@ pub fn card(bytes: &[u8], path: &Path) -> Result<Card, Error> {
     parse_card(bytes).map(|(card, _)| card).map_err(damaged)
 }
 
-/// Writes a model to be shipped: weights of the network in half precision, the linear
-/// answer and the centres in full (their rounding would be seen in every action).
+/// Writes a small model file: weights of the network in half precision, the linear prediction and
+/// the centres in full precision (their rounding would show in every action).
 ///
 /// # Errors
 /// [`Error::Files`], [`Error::File`].
@@ -310,7 +310,7 @@ pub fn save_half(path: &Path, model: &Model) -> Result<(), Error> {
     Ok(fsio::write_atomic(path, &bytes)?)
 }
 
-/// What is no weight of the network: bin centres and the linear prediction.
+/// The tensors that are not weights of the network: bin centres and the linear prediction.
 fn add_fixed<'a>(
     all: &mut BTreeMap<String, Out<'a>>,
     card: &Card,
@@ -373,7 +373,8 @@ pub fn parse(bytes: &[u8], path: &Path, robot: Option<&RobotCard>) -> Result<Mod
     let tokens = Tokeniser::new(card.tokens.clone(), card.facts.clone(), &card.normaliser)?;
 
     let layout = Layout::new(&card.net);
-    // Memory for the weights is taken only where the file can hold them, at half precision.
+    // Memory for the weights is allocated only if the file is large enough for them in half
+    // precision.
     let count = layout.count();
     if count > bytes.len() / 2 {
         let why = format!("{} bytes are too few for the {count} weights of its card", bytes.len());
@@ -410,7 +411,7 @@ pub fn parse(bytes: &[u8], path: &Path, robot: Option<&RobotCard>) -> Result<Mod
     Ok(Model { card, net, encoder, optimiser })
 }
 
-/// Refuses a file that was made for another robot, saying what differs.
+/// Refuses a file that was made for another robot, and names the difference.
 pub(crate) fn same_robot(trained: &RobotCard, given: &RobotCard, path: &Path) -> Result<(), Error> {
     let refuse = |trained: String, given: String| {
         Err(Error::Robot { trained, given, path: path.to_owned() })
@@ -444,10 +445,10 @@ fn check_card(card: &Card) -> Result<(), String> {
         return Err(format!("{} frames a second instead of {}", window.rate_hz, crate::units::FPS));
     }
     if card.robot.joints.len() != card.facts.joints.len() {
-        return Err("joint names and joint facts that disagree in number".into());
+        return Err("joint names and joint facts of different numbers".into());
     }
     if card.robot.actuators.len() != card.facts.actions || card.net.actions != card.facts.actions {
-        return Err("actuator names and action sizes that disagree in number".into());
+        return Err("actuator names and action sizes of different numbers".into());
     }
     if card.facts.joints.len() > limits::JOINTS {
         return Err(format!("{} joints, more than {}", card.facts.joints.len(), limits::JOINTS));
@@ -477,7 +478,7 @@ pub(crate) fn numbers(
         other => return Err(format!("tensor {name:?} of type {other:?} instead of F32 or F16")),
     };
     match x.iter().position(|x| !x.is_finite()) {
-        Some(i) => Err(format!("tensor {name:?} holding {} at {i}", x[i])),
+        Some(i) => Err(format!("tensor {name:?} with the value {} at {i}", x[i])),
         None => Ok(x),
     }
 }
@@ -517,7 +518,7 @@ impl OptimiserState {
         }
     }
 
-    /// Puts the state into a learner whose network came from the same file.
+    /// Restores the state of a learner whose network came from the same file.
     ///
     /// # Errors
     /// [`Error::Shape`].
@@ -678,7 +679,7 @@ mod tests {
             h["__metadata__"]["robert"] = card.replace("\"layers\":1", "\"layers\":9000000").into();
         });
         assert!(refusal(&absurd).contains("layers"));
-        // Sizes that a network may have, but not in a file this small.
+        // These sizes are valid, but not in a file this small.
         let hollow = with_header(&good, |h| {
             let card = h["__metadata__"]["robert"].as_str().unwrap();
             let card = card.replace("\"width\":16", "\"width\":4096");

@@ -1,10 +1,10 @@
-//! What defines a network: sizes, token variant, head. Saved in every checkpoint.
+//! The settings of a network: sizes, token variant, head. They are saved in every checkpoint.
 
 use serde::{Deserialize, Serialize};
 
 use super::Error;
 
-/// Learned numbers of a network at most: a checkpoint holds each four times (weight, two
+/// The most learned numbers of a network. A checkpoint contains each four times (weight, two
 /// moments, average) and must stay below [`crate::limits::TENSOR_FILE_BYTES`].
 pub const MOST_WEIGHTS: usize = 250_000_000;
 
@@ -43,7 +43,7 @@ pub enum MaskGranularity {
     /// Whole frames, as in the paper.
     #[default]
     State,
-    /// Single joints: the token carries one flag a joint.
+    /// Single joints; the token has one flag per joint.
     Joint,
 }
 
@@ -60,15 +60,15 @@ pub enum SkipKind {
     Gated,
 }
 
-/// How frames hear of each other.
+/// How information passes between frames.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Mixing {
     /// Softmax attention over the window: the transformer.
     #[default]
     Attention,
-    /// Not at all: the same feed-forward layers on each frame's token alone. What attention
-    /// is worth is the difference.
+    /// Not at all: the same feed-forward layers for each frame alone. The difference shows the
+    /// value of attention.
     None,
 }
 
@@ -94,12 +94,12 @@ pub struct NetConfig {
     pub mask_replaces: bool,
     /// The linear prediction beside the network; needs K = 1.
     pub skip: SkipKind,
-    /// How frames hear of each other.
+    /// How information passes between frames.
     #[serde(default)]
     pub mixing: Mixing,
-    /// Size z of a correction c of the linear prediction that counts for nothing when actions are
-    /// given: c max(0, 1 - (z/c)^2), the garrote of Breiman (1995), leaves large ones as they
-    /// are. Training does not know it. 0 without a skip.
+    /// Corrections c of the linear prediction up to this size z are ignored at inference: c max(0,
+    /// 1 - (z/c)^2), the garrote of Breiman (1995), which leaves large corrections nearly
+    /// unchanged. Training does not use it. 0 without a skip.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub dead_zone: f64,
 }
@@ -110,12 +110,12 @@ fn is_zero(x: &f64) -> bool {
 }
 
 impl NetConfig {
-    /// Numbers that the head puts out for each token: K logits, K offsets of A, gates.
+    /// Outputs of the head per token: K logits, K offsets of A, gates.
     pub fn outputs(&self) -> usize {
         self.bins * (1 + self.actions) + if self.skip == SkipKind::Gated { self.actions } else { 0 }
     }
 
-    /// Refuses sizes that make no network, however large; [`NetConfig::check`] does the rest.
+    /// Refuses invalid sizes, regardless of the total; [`NetConfig::check`] does the rest.
     ///
     /// # Errors
     /// [`Error::Config`] naming the field.

@@ -1,4 +1,4 @@
-//! One window into one slot of a batch: tokens, masks, linear predictions, actions.
+//! Encodes a window into a slot of a batch: tokens, masks, linear predictions, actions.
 
 use super::action_history::ActionHistory;
 use super::batch::Batch;
@@ -48,13 +48,13 @@ impl Encoder {
 
     /// Inputs of a network behind this encoder.
     pub fn inputs(&self) -> usize {
-        // The linear prediction; how far the last action was from it, and the ratio of both.
+        // The linear prediction, the distance of the last action from it, and the ratio of both.
         let per_action =
             usize::from(self.ridge.is_some()) + if self.sees_actions() { 2 } else { 0 };
         self.tokens.inputs() + per_action * self.tokens.facts().actions
     }
 
-    /// Whether tokens hold what the actions applied before say of the plant.
+    /// Whether tokens contain the action history.
     pub fn sees_actions(&self) -> bool {
         self.tokens.config().previous_action
     }
@@ -93,11 +93,11 @@ impl Encoder {
     }
 
     /// Encodes positions `q` (51, S), visible where `visible` (51, S) says, into `slot`.
-    /// Actions and weights of the slot are the caller's.
+    /// The caller fills actions and weights of the slot.
     ///
-    /// `applied` holds the last actions before the current frame, oldest first, (n, A) with
-    /// n up to 30; only networks that see actions read it. Of frames before those the linear
-    /// answer counts as right: at the begin of a rollout nobody knows better.
+    /// `applied` contains the last actions before the current frame, oldest first, (n, A) with n up
+    /// to 30; only networks with an action history read it. For earlier frames the linear
+    /// prediction counts as right, since at the beginning of a rollout nothing else is known.
     pub fn encode<T: Real>(
         &self,
         q: &[f32],
@@ -131,7 +131,7 @@ impl Encoder {
                 (residual, line) = line.split_at_mut(a);
                 (gain, line) = line.split_at_mut(a);
                 let EncodeScratch { history, linear, .. } = &mut *scratch;
-                // Frames from here to the current one; the action before this one led here.
+                // Frames from here to the current one; the previous action led to this frame.
                 let left = CURRENT.checked_sub(i).filter(|_| i > 0);
                 match left.and_then(|left| (applied.len() / a).checked_sub(left + 1)) {
                     Some(n) => history.see(&applied[n * a..][..a], &linear[(i - 1) * a..]),

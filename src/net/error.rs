@@ -1,29 +1,29 @@
-//! What can be wrong with a network, its file or its data.
+//! Errors of networks, their files and their data.
 
 use std::path::PathBuf;
 
 use crate::exit::{Exit, HasExit};
 
-/// Refusals of this module.
+/// An error of this module.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// A size or switch makes no network.
+    /// A size or switch is invalid.
     #[error("network setting {field}: {why}")]
     Config {
         /// Name of the field.
         field: &'static str,
-        /// What is wrong and what would be right.
+        /// What is wrong, and what would be right.
         why: String,
     },
-    /// Numbers handed in have the wrong length.
+    /// A list of numbers has the wrong length.
     #[error("{what}: {got} numbers instead of {want}")]
     Shape {
         /// Which numbers.
         what: &'static str,
-        /// How many there should be.
+        /// The expected length.
         want: usize,
-        /// How many there are.
+        /// The actual length.
         got: usize,
     },
     /// The normal equations of a fit have no stable solution.
@@ -47,9 +47,9 @@ pub enum Error {
     /// A model file was trained for another robot.
     #[error("model was trained for {trained}, this is {given}: {path}", path = path.display())]
     Robot {
-        /// What the card says.
+        /// The robot of the card.
         trained: String,
-        /// What was asked for.
+        /// The requested robot.
         given: String,
         /// The file.
         path: PathBuf,

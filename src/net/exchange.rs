@@ -1,6 +1,6 @@
-//! A worked example for other implementations: weights, a batch, the loss and every
-//! gradient in f64, one file for each variant of the network. `benches/peers/reference.py`
-//! computes the same in `PyTorch`.
+//! Worked examples for other implementations: weights, a batch, the loss and every gradient in f64,
+//! in one file per variant of the network. `benches/peers/reference.py` computes the same in
+//! `PyTorch`.
 
 use std::collections::BTreeMap;
 use std::path::Path;

@@ -11,8 +11,8 @@ use crate::linalg::Real;
 /// Hidden command frames right after the current one, 0 to 20.
 pub const GAPS: usize = 21;
 
-/// Oldest frame that counts in [`Sums::place_square`]: 16 frames of history settle what
-/// positions tell of a velocity.
+/// Oldest frame that counts in [`Sums::place_square`]: after 16 frames of history, more positions
+/// do not improve the estimate of a velocity.
 const SETTLED: usize = 16;
 
 /// Sums over the tokens of a batch, for the log.
@@ -149,7 +149,7 @@ fn focal<T: Real>(logits: &mut [T], bin: usize, factor: f64) -> f64 {
 /// How a bin is chosen at inference.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Choice {
-    /// The likeliest bin.
+    /// The most likely bin.
     Argmax,
     /// Drawn from the softmax with this uniform number (the paper's way).
     Sample(f64),

@@ -1,8 +1,8 @@
 //! A second thread that waits for work.
 //!
-//! A window takes half a millisecond and comes after as much simulation. To start a thread for each
-//! takes a twelfth of that; so this one goes on looking for a while, giving way to whoever wants
-//! its core, before it sleeps.
+//! A window takes half a millisecond and follows the same time of simulation. Starting a thread for
+//! each window costs a twelfth of that. So this thread waits actively for a while before it sleeps,
+//! and yields its core on demand.
 
 use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -11,12 +11,12 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
-/// Rounds of waiting before a waiting thread lets someone else run.
+/// Rounds of waiting before the thread yields its core.
 const SPINS: u32 = 500;
-/// How long it looks before it sleeps: longer than a frame is simulated.
+/// How long it waits actively before it sleeps: longer than the simulation of a frame.
 const PATIENCE: Duration = Duration::from_millis(2);
 
-/// Waits until `ready`, first at full speed, then giving way.
+/// Waits until `ready`, first at full speed, then yielding.
 pub(super) fn until(ready: impl Fn() -> bool) {
     let mut spins = 0;
     while !ready() {
@@ -29,14 +29,14 @@ pub(super) fn until(ready: impl Fn() -> bool) {
     }
 }
 
-/// What the thread is told.
+/// The state that the thread shares with its caller.
 #[derive(Debug, Default)]
 struct Signals {
-    /// Times it was called.
+    /// Number of calls.
     calls: AtomicU64,
-    /// It sleeps, or is about to.
+    /// Whether it sleeps, or is about to.
     asleep: AtomicBool,
-    /// It shall end.
+    /// Whether it should end.
     over: AtomicBool,
 }
 
@@ -65,10 +65,10 @@ pub(super) struct HelperThread {
 }
 
 impl HelperThread {
-    /// Starts it; `work` is done once for each call.
+    /// Starts the thread; `work` runs once per call.
     ///
     /// # Errors
-    /// When the system gives no thread.
+    /// When the system cannot start a thread.
     pub(super) fn start(work: impl Fn() + Send + 'static) -> io::Result<HelperThread> {
         let signals = Arc::new(Signals::default());
         let own = Arc::clone(&signals);
@@ -80,14 +80,15 @@ impl HelperThread {
                     return;
                 }
                 done += 1;
-                // The message has been printed; whoever waits for the work learns of it there.
+                // The panic message has been printed; the caller that waits for the work sees the
+                // failure there.
                 catch_unwind(AssertUnwindSafe(&work)).ok();
             }
         })?;
         Ok(HelperThread { signals, thread: Some(thread) })
     }
 
-    /// Lets it do its work once, after what it was called for before.
+    /// Lets the thread do its work once, after all earlier calls.
     pub(super) fn call(&self) {
         self.signals.calls.fetch_add(1, Ordering::SeqCst);
         if let (true, Some(thread)) = (self.signals.asleep.load(Ordering::SeqCst), &self.thread) {

@@ -1,7 +1,7 @@
-//! One action now: the network in a control loop.
+//! Inference in a control loop: one action per window.
 //!
-//! Averaging what successive windows predict for the same frame (temporal ensembling, as in
-//! ACT by Zhao et al. 2023) is an option, and so is a second thread.
+//! There are two options: averaging the predictions of successive windows for the same frame
+//! (temporal ensembling, as in ACT by Zhao et al. 2023), and a second thread.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -23,17 +23,17 @@ pub enum Threads {
     /// One.
     #[default]
     One,
-    /// Two, which meet in every layer: faster where a second core is free, several times
-    /// slower where it is not.
+    /// Two, which synchronise in every layer: faster if a second core is free, several times slower
+    /// if not.
     Two,
-    /// Whichever of the two has been faster lately.
+    /// Whichever of the two has been faster recently.
     Faster,
 }
 
 /// How a policy turns the head's output into an action.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NetPolicyConfig {
-    /// Draw the action bin (the paper's way) instead of taking the likeliest.
+    /// Draw the action bin (as in the paper) instead of using the most likely one.
     pub sample_bins: bool,
     /// Seed of those draws.
     pub seed: u64,
@@ -68,18 +68,18 @@ pub struct NetPolicy {
     batch: Batch<f32>,
     /// Buffers for each number of threads that may be used, fewest first.
     single: Vec<Single>,
-    /// Which of them to use.
+    /// Chooses between them.
     adaptive: Arc<AdaptiveThreads>,
     action: Vec<f32>,
     /// Predictions of past windows, newest first: (ensemble, ensemble, A).
     past: Vec<f32>,
     windows: usize,
-    /// Actions given before, oldest first, up to (30, A); empty unless the network sees them.
+    /// Earlier actions, oldest first, up to (30, A); empty unless the network uses them.
     applied: Vec<f32>,
 }
 
 impl NetPolicy {
-    /// Packs the weights for use.
+    /// Packs the weights for inference.
     ///
     /// # Errors
     /// [`Error::Config`] when network and encoder disagree or the ensemble is too large.
@@ -122,15 +122,15 @@ impl NetPolicy {
         &self.encoder
     }
 
-    /// Forgets past windows: a new rollout begins, its draws named by `seed`.
+    /// Begins a new rollout: past windows are cleared, and random choices depend on `seed`.
     pub fn reset(&mut self, seed: u64) {
         self.windows = 0;
         self.applied.clear();
         self.cfg.seed = seed;
     }
 
-    /// What it carries from step to step: predictions of past windows where they are
-    /// averaged, actions given where the network sees them; empty for most.
+    /// The state that is kept from step to step: predictions of past windows if they are averaged,
+    /// and earlier actions if the network uses them. It is empty for most policies.
     pub fn memory(&self) -> Vec<f64> {
         if self.cfg.ensemble == 1 && !self.encoder.sees_actions() {
             return Vec::new();
@@ -139,7 +139,7 @@ impl NetPolicy {
         std::iter::once(self.windows as f64).chain(all).collect()
     }
 
-    /// Back to a memory taken earlier.
+    /// Restores an earlier state.
     pub fn recall(&mut self, memory: &[f64]) {
         let Some((&windows, past)) = memory.split_first() else { return };
         self.windows = (windows as usize).min(self.cfg.ensemble);
@@ -151,7 +151,8 @@ impl NetPolicy {
         self.applied.extend(applied.iter().map(|&x| x as f32));
     }
 
-    /// What was applied in the last frame instead of the action that [`NetPolicy::act`] gave, (A).
+    /// The action that was applied in the last frame instead of the result of [`NetPolicy::act`],
+    /// (A).
     pub fn applied(&mut self, action: &[f64]) {
         let last = self.applied.len().saturating_sub(action.len());
         for (to, &x) in self.applied[last..].iter_mut().zip(action) {
@@ -194,7 +195,8 @@ impl NetPolicy {
         let mut total = 0.0;
         self.action.fill(0.0);
         for age in 0..self.windows {
-            // What the window `age` steps ago said about the frame `age` after its current.
+            // The prediction of the window `age` steps ago for the frame `age` after its current
+            // frame.
             let weight = (-self.cfg.ensemble_decay * age as f64).exp() as f32;
             total += weight;
             let said = &self.past[(age * e + age) * a..][..a];
@@ -262,7 +264,7 @@ mod tests {
         (q, visible)
     }
 
-    /// The action of frame 30 + ahead, the long way.
+    /// The action of frame 30 + ahead, computed with the training code.
     fn slow(net: &Net<f32>, encoder: &Encoder, index: u64, ahead: usize) -> Vec<f32> {
         let (q, visible) = window(index);
         let mut batch = Batch::zeros(&net.cfg, 1);

@@ -1,5 +1,5 @@
-//! Action bins: Lloyd's k-means over whole action vectors (joint bins, not one set a
-//! dimension: the published parameter count excludes the latter).
+//! Action bins: Lloyd's k-means over whole action vectors. Rejected: one set of bins per dimension,
+//! which the published parameter count excludes.
 
 use std::sync::Mutex;
 
@@ -11,8 +11,8 @@ pub const ROUNDS: usize = 50;
 /// Points in one piece; its sums are added in order, whatever the threads.
 const PIECE: usize = 8192;
 
-/// `k` centres of `points`, (n, dim) row-major; dead centres move to a random point.
-/// K = 1 is the mean. Empty input gives zeros.
+/// `k` centres of `points`, (n, dim) row-major. Centres without points move to a random point. K =
+/// 1 is the mean. Empty input gives zeros.
 pub fn kmeans(points: &[f32], dim: usize, k: usize, seed: u64, threads: usize) -> Vec<f32> {
     let dim = dim.max(1);
     let n = points.len() / dim;

@@ -1,9 +1,8 @@
-//! Which command frames are hidden while training, and how that and the learning rate
-//! change over it.
+//! The masks of training and the schedules of masks and learning rate.
 //!
-//! The paper hides round(19 r) of 20 frames, r rising from 0 to 1 between 2 % and 62 % of
-//! the steps; dense commands are then never seen again for the last third of the training.
-//! Drawing the number anew for each window, up to that limit, keeps them: the default.
+//! The paper hides round(19 r) of 20 frames, with r rising from 0 to 1 between 2 % and 62 % of the
+//! steps, so the last third of the training contains no dense commands. The default draws the
+//! number for each window up to that limit, which keeps dense commands.
 
 use serde::{Deserialize, Serialize};
 
@@ -29,11 +28,11 @@ pub enum MaskKind {
     /// A number for each window, uniform up to the curriculum's.
     #[default]
     ClUniform,
-    /// That many frames in one piece, the last frame visible.
+    /// That many frames in one block, the last frame visible.
     ClBlock,
 }
 
-/// Most frames that are hidden: one stays, or there would be no command.
+/// The most hidden frames; one stays visible, or there would be no command.
 pub const MOST_HIDDEN: usize = COMMAND - 1;
 
 /// Hidden frames by the curriculum at this share of the training.
@@ -58,7 +57,7 @@ impl MaskKind {
         }
     }
 
-    /// Marks what is visible of a window: `visible` is (51, S).
+    /// Writes which values of a window are visible: `visible` is (51, S).
     pub fn draw(
         self,
         progress: f64,
@@ -68,7 +67,7 @@ impl MaskKind {
         visible: &mut [bool],
     ) {
         visible.fill(true);
-        // Partial poses: in every second window each joint hides frames of its own.
+        // Partial poses: in every second window each joint has its own hidden frames.
         let single = granularity == MaskGranularity::Joint && rng.below(2) == 1;
         for group in 0..if single { state } else { 1 } {
             let hidden = self.count(progress, rng).min(COMMAND);
@@ -118,7 +117,7 @@ impl Schedule {
     }
 }
 
-/// True where every joint of history and current frame is visible: what a window must be.
+/// Whether every joint of history and current frame is visible, which every window requires.
 pub fn past_is_visible(visible: &[bool], state: usize) -> bool {
     visible.len() == WINDOW * state && visible[..(CURRENT + 1) * state].iter().all(|&v| v)
 }

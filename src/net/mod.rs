@@ -1,8 +1,8 @@
 //! The network: masked action-inverse inference.
 //!
-//! A window of 51 frames goes in, the action of each frame comes out. [`model`] is the
-//! transformer itself, [`head`] its action head, [`step`] one optimiser step on all cores;
-//! everything stands on [`crate::linalg`]. The module knows nothing of clips, takes or simulators.
+//! Its input is a window of 51 frames, its output the action of each frame. [`model`] is the
+//! transformer, [`head`] its action head, [`step`] one optimiser step on all cores. Everything uses
+//! [`crate::linalg`]. The module does not depend on clips, takes or simulators.
 
 mod action_history;
 mod adaptive_threads;

@@ -1,10 +1,10 @@
 //! The transformer: pre-norm encoder over 51 tokens, exact GELU, learned positions and mask
 //! vector, forward and backward by hand.
 //!
-//! By hand because the two passes are short, run at the speed of the products in them, and
-//! let memory be laid out once (an [`Arena`] per thread; a step allocates nothing). The
-//! frameworks tried were 1.5 to 2.4 times slower on a CPU or lost gradients silently.
-//! Block by block this is the pre-norm encoder of Xiong et al. 2020 with the head of
+//! The passes are written by hand because they are short, run at the speed of their matrix
+//! products, and need memory only once (an [`Arena`] per thread; a step allocates nothing).
+//! Rejected: the frameworks that were tried, which were 1.5 to 2.4 times slower on a CPU or lost
+//! gradients silently. The model is the pre-norm encoder of Xiong et al. 2020 with the head of
 //! Behaviour Transformers (Shafiullah et al. 2022).
 
 use super::batch::Batch;
@@ -21,7 +21,7 @@ use crate::linalg::{
 pub struct Net<T: Real> {
     /// Sizes.
     pub cfg: NetConfig,
-    /// Where each tensor lies in `weights`.
+    /// The place of each tensor in `weights`.
     pub layout: Layout,
     /// All weights.
     pub weights: Aligned<T>,
@@ -47,7 +47,7 @@ impl<T: Real> Net<T> {
     }
 }
 
-/// Weights in the panels that products read, forward and transposed for backward.
+/// Weights packed for products, forward and transposed for backward.
 #[derive(Clone, Debug)]
 pub struct Panels<T: Real> {
     embed: Packed<T>,
@@ -91,7 +91,7 @@ impl<T: Real> Panels<T> {
         panels
     }
 
-    /// Packs anew after the weights changed, on this many threads.
+    /// Packs again after the weights changed, on this many threads.
     pub fn refresh(&mut self, net: &Net<T>, threads: usize) {
         let (cfg, at, w) = (&net.cfg, &net.layout, &net.weights);
         let (d, k) = (cfg.width, cfg.outputs());
@@ -130,7 +130,7 @@ impl<T: Real> Panels<T> {
     }
 }
 
-/// Activations of one micro-batch, kept for the backward pass. Sized once.
+/// Activations of one micro-batch, kept for the backward pass. Allocated once.
 #[derive(Clone, Debug)]
 pub struct Arena<T: Real> {
     count: usize,
@@ -193,7 +193,7 @@ impl<T: Real> Arena<T> {
     }
 }
 
-/// Runs the network; the head's raw output ends in the arena, (B, 51, outputs).
+/// Runs the network; the head's raw output is in the arena afterwards, (B, 51, outputs).
 ///
 /// # Panics
 /// When the batch is larger than the arena.
@@ -264,7 +264,7 @@ pub fn forward<T: Real>(net: &Net<T>, panels: &Panels<T>, batch: &Batch<T>, aren
     );
 }
 
-/// Mask vector and positions onto the embedded frames.
+/// Adds mask vector and positions to the embedded frames.
 pub(super) fn place<T: Real>(
     cfg: &NetConfig,
     x: &mut [T],

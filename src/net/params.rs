@@ -1,7 +1,7 @@
 //! All weights in one flat buffer, with named views; the names are those of the checkpoint.
 //!
-//! Weights of a linear map lie as (inputs, outputs), row-major, since every product is
-//! `x · W`; `PyTorch` keeps the transpose.
+//! Weights of a linear map are stored as (inputs, outputs), row-major, since every product is `x ·
+//! W`; `PyTorch` stores the transpose.
 
 use std::ops::Range;
 
@@ -23,7 +23,7 @@ pub struct Tensor {
     pub decays: bool,
 }
 
-/// Places of one layer's tensors; those of attention are empty where there is none.
+/// Places of one layer's tensors; those of attention are empty without attention.
 #[derive(Clone, Debug)]
 #[allow(missing_docs)]
 pub struct LayerAt {
@@ -41,7 +41,7 @@ pub struct LayerAt {
     pub down_bias: Range<usize>,
 }
 
-/// Where everything lies.
+/// The layout of all weights.
 #[derive(Clone, Debug)]
 #[allow(missing_docs)]
 pub struct Layout {
@@ -121,13 +121,13 @@ impl Layout {
         }
     }
 
-    /// Learned numbers, padding left out.
+    /// Number of learned numbers, without padding.
     pub fn count(&self) -> usize {
         self.tensors.iter().map(|t| t.range.len()).sum()
     }
 
-    /// Fresh weights: N(0, 0.02), zero biases, unit norms; a skip starts from the linear
-    /// answer alone, so its head starts at zero.
+    /// Initial weights: N(0, 0.02), zero biases, unit norms. A network with a skip starts from the
+    /// linear prediction alone, so its head starts at zero.
     pub fn init<T: Real>(&self, cfg: &NetConfig, seed: u64) -> Aligned<T> {
         let mut w = Aligned::zeros(self.len);
         for (index, tensor) in self.tensors.iter().enumerate() {
@@ -150,13 +150,13 @@ impl Layout {
 }
 
 impl NetConfig {
-    /// Refuses sizes that make no network.
+    /// Refuses invalid sizes.
     ///
     /// # Errors
     /// [`Error::Config`] naming the field.
     pub fn check(&self) -> Result<(), Error> {
         self.check_sizes()?;
-        // Sizes that pass keep the sum far inside 64 bits.
+        // Valid sizes keep the sum far below 64 bits.
         let count = Layout::new(self).count();
         if count > MOST_WEIGHTS {
             let (layers, width) = (self.layers, self.width);

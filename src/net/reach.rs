@@ -1,11 +1,11 @@
-//! Which way the robot can move at all, learned from recorded motion.
+//! The directions in which the robot can move, learned from recorded motion.
 //!
-//! A pose that a person types is seldom one that the robot can take: two joints on one tendon
-//! are set apart, and no motor moves their difference. An inverse that is asked for such a
-//! difference answers with torque that disturbs everything else. So goals are brought to
-//! what actions can move before a policy sees them (`rollout::reachable`). What actions can
-//! move is a property of the data, not of a model: the change of state is regressed on the
-//! last actions and the changes before, and the map from the last action is kept.
+//! A typed pose is often unreachable: for example, two joints on one tendon differ, and no motor
+//! moves their difference. For such a difference an inverse model gives torque that disturbs
+//! everything else. So goals are projected onto what actions can move before a policy sees them
+//! (`rollout::reachable`). The effect of actions is estimated from data, not from a model: the
+//! change of state is regressed on the last actions and earlier changes, and the map from the last
+//! action is kept.
 
 use serde::{Deserialize, Serialize};
 
@@ -14,28 +14,28 @@ use super::ridge::{Episodes, cholesky, solve};
 use super::token::Facts;
 use crate::rng::{Rng, Stream};
 
-/// Frames that the regression sees at most.
+/// The most frames of the regression.
 const SAMPLES: u64 = 60_000;
-/// Draws for each frame wanted, after which frames in self-contact are taken too.
+/// Draws per wanted frame after which frames in self-contact are accepted too.
 const PICKY: u64 = 10;
-/// Changes of state before the current frame that the regression knows.
+/// Earlier changes of state in the regression.
 const PAST: usize = 3;
-/// A joint nearer than this to a stop tells the stop, not the motor; rad or m.
+/// A joint closer than this to a stop shows the effect of the stop, not of the motor; rad or m.
 const STOP: f64 = 0.03;
 /// Ridge penalty for each sample.
 const PENALTY: f64 = 1e-6;
-/// Share of recorded frames that are slower than the speed that counts as a joint's fastest.
+/// The fastest speed of a joint is that which this share of recorded frames stays below.
 const FASTEST: f64 = 0.9999;
 
-/// What actions move, and how fast.
+/// The effect of actions, and the fastest recorded motion.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Reach {
     /// Change of each state joint in one frame for a full action of each actuator, rad or m;
     /// S rows of A.
     pub effect: Vec<Vec<f64>>,
-    /// Greatest change of each state joint in one frame that the data hold (but for one frame
-    /// in ten thousand), rad or m; (S).
+    /// Greatest recorded change of each state joint in one frame (except one frame in ten
+    /// thousand), rad or m; (S).
     pub speed: Vec<f64>,
 }
 
@@ -103,7 +103,7 @@ impl Reach {
         Ok(Reach { effect, speed: speeds(s, episodes, &lengths) })
     }
 
-    /// Refuses numbers that belong to another robot or are none.
+    /// Refuses numbers of another robot, and numbers that are not finite.
     ///
     /// # Errors
     /// [`Error::Shape`], [`Error::Config`].
@@ -122,7 +122,7 @@ impl Reach {
         }
         let finite = self.effect.iter().flatten().chain(&self.speed).all(|x| x.is_finite());
         if !finite || self.speed.iter().any(|x| *x < 0.0) {
-            let why = "holds a number that is not finite, or a speed below zero".to_owned();
+            let why = "contains a number that is not finite, or a negative speed".to_owned();
             return Err(Error::Config { field: "reach", why });
         }
         Ok(())
@@ -145,7 +145,7 @@ impl Sums {
     fn add(&mut self, x: &[f64], y: f64) {
         let n = x.len();
         for (i, &xi) in x.iter().enumerate() {
-            // The lower triangle is all that the factorisation reads.
+            // The factorisation reads only the lower triangle.
             for (to, &xj) in self.xx[i * n..=i * n + i].iter_mut().zip(x) {
                 *to += xi * xj;
             }
@@ -154,7 +154,7 @@ impl Sums {
         self.count += 1.0;
     }
 
-    /// Weights, or the row that could not be solved for.
+    /// The weights, or the row that could not be solved.
     fn solve(mut self) -> Result<Vec<f64>, usize> {
         let n = self.xy.len();
         let penalty = PENALTY * self.count.max(1.0);
@@ -165,7 +165,7 @@ impl Sums {
     }
 }
 
-/// Greatest change of each joint in a frame, but for one frame in ten thousand.
+/// Greatest change of each joint in a frame, except one frame in ten thousand.
 fn speeds(s: usize, episodes: &impl Episodes, lengths: &[(usize, u64)]) -> Vec<f64> {
     let mut moves: Vec<f32> = Vec::new();
     (0..s)

@@ -1,10 +1,10 @@
 //! `ridge`, masked action-inverse inference in closed form: one linear map per number of
 //! frames to the next visible one.
 //!
-//! It is the baseline a network must beat, the instant policy of a new robot and, as the
-//! skip, the first guess of the network. No plant model, gains or planner: each map is the
-//! mean action given "here now, there in k frames". Samples are drawn for each k directly,
-//! because windows with random masks hold too few long gaps.
+//! It is the baseline of every network, the first policy of a new robot, and, as the skip, the
+//! linear prediction inside a network. It needs no plant model, gains or planner: each map is the
+//! mean action given "here now, there in k frames". Samples are drawn for each k directly, because
+//! windows with random masks contain too few long gaps.
 
 use std::sync::Mutex;
 
@@ -15,7 +15,7 @@ use super::token::{RIDGE_HEADS, Scratch, Tokeniser};
 use crate::linalg::{Init, Mat, MatMut, Packed, Real, gemm, gemm_packed, next_of, on_threads};
 use crate::rng::{Rng, Stream};
 
-/// Recorded motion: what training reads. Frames are 1/20 s apart.
+/// Recorded motion, as training reads it. Frames are 1/20 s apart.
 pub trait Episodes: Sync {
     /// Number of episodes.
     fn count(&self) -> usize;
@@ -23,8 +23,8 @@ pub trait Episodes: Sync {
     fn states(&self, episode: usize) -> &[f32];
     /// Actions of one, (frames, A) row-major: action t takes state t to state t + 1.
     fn actions(&self, episode: usize) -> &[f32];
-    /// Whether the robot touched itself at this frame: there torque holds against a link
-    /// instead of moving it, and cannot be told from positions.
+    /// Whether the robot touched itself at this frame. Torque there presses against a link instead
+    /// of moving it, and cannot be inferred from positions.
     fn in_contact(&self, _episode: usize, _frame: usize) -> bool {
         false
     }
@@ -40,7 +40,7 @@ pub struct RidgeConfig {
     pub lambda: f64,
     /// Penalty per sample on top, for robots with many features.
     pub lambda_per_sample: f64,
-    /// Names the samples.
+    /// Seed of the samples.
     pub seed: u64,
 }
 
@@ -145,7 +145,7 @@ impl Ridge {
         let mut frame = range.start;
         let a = self.actions;
         while frame < range.end {
-            // Neighbours that share a head share a product; the history is one such run.
+            // Neighbours with the same head share a product; the history is one such run.
             let head = tokens.ridge_head(scratch, frame);
             let mut end = frame;
             while end < range.end && tokens.ridge_head(scratch, end) == head {
@@ -167,12 +167,12 @@ impl Ridge {
     }
 }
 
-/// Places where a whole window fits.
+/// The places of all complete windows.
 #[derive(Clone, Debug)]
 pub struct Starts {
     /// Episodes with at least one window, and the number of windows in each.
     pub episodes: Vec<(usize, usize)>,
-    /// Windows in all.
+    /// Total number of windows.
     pub total: usize,
 }
 
@@ -196,8 +196,8 @@ impl Starts {
 }
 
 /// Hides frames so that one of them belongs to `head`; returns that frame.
-/// Frames before `past` have no whole history in the window: their missing differences read
-/// as rest, and a fit to them would mistrust the history of all.
+/// Frames before `past` have no complete history in the window. Their missing differences look like
+/// rest, and a fit to them would underrate the history of all frames.
 fn pose_window(
     head: usize,
     past: usize,
@@ -241,7 +241,7 @@ fn pose_window(
     }
 }
 
-/// Draws for each sample wanted, after which frames in self-contact are taken too.
+/// Draws per wanted sample after which frames in self-contact are accepted too.
 const FREE_TRIES: u64 = 10;
 
 fn fit_head(
@@ -260,7 +260,7 @@ fn fit_head(
     let (mut x, mut y) = (vec![0.0_f64; CHUNK * f], vec![0.0_f64; CHUNK * a]);
     let (mut xx, mut xy) = (vec![0.0_f64; f * f], vec![0.0_f64; f * a]);
     let (mut filled, mut drawn, mut index) = (0, 0, 0_u64);
-    // Hidden frames have their own heads; a window may hold none of the wanted kind.
+    // Hidden frames have their own heads; a window may contain none of the wanted kind.
     while drawn < cfg.samples && index < 20 * cfg.samples as u64 {
         let mut rng = Rng::new(cfg.seed ^ ((head as u64) << 32), Stream::Fit, index);
         index += 1;
@@ -321,7 +321,7 @@ fn accumulate(
     gemm(MatMut::new(xy, f, a), Init::Add, m.t(), Mat::new(y, rows, a));
 }
 
-/// Lower Cholesky factor in place, row-major; the upper part is left as it was. Returns the
+/// Computes the lower Cholesky factor in place, row-major; the upper part is unchanged. Returns the
 /// row whose pivot is not positive.
 pub fn cholesky<T: Real>(m: &mut [T], n: usize) -> Result<(), usize> {
     for i in 0..n {
@@ -365,8 +365,8 @@ pub fn solve<T: Real>(l: &[T], n: usize, b: &mut [T], columns: usize) {
     }
 }
 
-/// A plant for tests: damped unit masses pushed by smooth random forces, ten steps of 5 ms
-/// a frame, joint 0 with gravity like a pendulum.
+/// A plant for tests: damped unit masses pushed by smooth random forces, ten steps of 5 ms per
+/// frame, joint 0 with gravity like a pendulum.
 #[cfg(test)]
 pub(crate) mod toy {
     use super::{Episodes, Rng, Stream};
@@ -483,8 +483,8 @@ mod tests {
         assert!(nmse[2] < 1.05, "ten hidden: {nmse:?}");
     }
 
-    /// Sliders with dry friction and hardly any damping: what a whole history and the sign
-    /// of the goal velocity are for.
+    /// Sliders with dry friction and hardly any damping, which need a complete history and the sign
+    /// of the goal velocity.
     #[derive(Debug)]
     struct Dry(Vec<(Vec<f32>, Vec<f32>)>);
 
@@ -499,7 +499,7 @@ mod tests {
                     states.push(q as f32);
                     actions.push(a as f32);
                     for _ in 0..10 {
-                        // Friction takes away speed, at most all of it.
+                        // Friction reduces speed, at most to zero.
                         let free = v + 0.005 * (5.0 * a - damping * v);
                         v = free - free.clamp(-0.005 * friction, 0.005 * friction);
                         q += 0.005 * v;
@@ -510,8 +510,8 @@ mod tests {
             Dry((0..40).map(run).collect())
         }
 
-        /// Share of the actions' variance that a fit with these features leaves open when
-        /// the next frame is known, of frames that move slower than `slow` a frame.
+        /// Unexplained share of the actions' variance with these features when the next frame is
+        /// known, for frames slower than `slow` per frame.
         fn left_open(&self, cfg: &TokenConfig, slow: f32) -> f64 {
             self.left_open_by(cfg, slow, RidgeConfig::default().lambda)
         }
@@ -562,11 +562,11 @@ mod tests {
 
     #[test]
     fn a_long_history_tells_the_action_of_a_sliding_puck() {
-        // Hardly any damping: speeds grow, and second differences, which tell the force, are
-        // small beside them. The usual penalty would hide them (.05 left open at any length).
+        // With hardly any damping speeds grow, and second differences, which reveal the force, are
+        // small beside them. The usual penalty would suppress them (.05 unexplained at any length).
         let free = Dry::new(0.0, 0.1);
         let open = [2, 8, 20].map(|n| free.left_open_by(&history(n, false), f32::INFINITY, 1e-5));
-        // Frames at the window's begin have no whole history; fitted to such, it failed.
+        // Frames at the window's beginning have no complete history; a fit to them failed.
         assert!(open[2] < 1e-4, "{open:?}");
         assert!(open[0] > 10.0 * open[1] && open[1] > 3.0 * open[2], "{open:?}");
         // The point mass: a time constant of a tenth of a second, the usual penalty.
@@ -581,7 +581,7 @@ mod tests {
         assert!(open[1] < 0.7 * open[0], "{open:?}");
     }
 
-    /// A plant whose recordings are spoiled wherever it touches itself.
+    /// A plant whose recordings are useless wherever it touches itself.
     #[derive(Debug)]
     struct Touching(Toy, fn(usize) -> bool);
 
@@ -621,7 +621,7 @@ mod tests {
         assert_eq!(fit(&spoil(third)), want, "what is left out cannot matter");
         let blind = Touching(spoil(third).0, |_| false);
         assert_ne!(fit(&blind), want);
-        // A robot that always touches itself is fitted all the same.
+        // A robot that always touches itself is fitted nevertheless.
         assert!(fit(&Touching(Toy::new(2, 20, 200, 1), |_| true)).iter().any(|w| *w != 0.0));
     }
 

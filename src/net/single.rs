@@ -1,10 +1,10 @@
-//! One window through the network: batch 1, as short as it can be.
+//! Inference of one window, with minimal latency.
 //!
-//! Only the tokens whose actions are used pass through the last layer's queries, outputs
-//! and feed-forward part; the others give keys and values. Weights are packed once, and no
-//! buffer is made in a step. With two threads each takes some of the frames: all but
-//! attention goes frame by frame, so they meet once a layer, to hand over keys and values.
-//! Every number is the same chain of operations either way, and so are its bits.
+//! Only the tokens whose actions are used pass through the last layer's queries, outputs and
+//! feed-forward part; the others give keys and values. Weights are packed once, and a step
+//! allocates no buffer. With two threads each takes some of the frames. Everything except attention
+//! is computed frame by frame, so they meet once per layer to exchange keys and values. Every
+//! number is computed by the same operations either way, so the bits are equal.
 
 use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -20,11 +20,11 @@ use crate::linalg::{
     simd::{self, PAD},
 };
 
-/// Frames of the first of two threads: whole tiles of rows, and the second one, which also
-/// finishes the last layer, has all the frames of the command.
+/// Frames of the first of two threads: whole tiles of rows. The second thread, which also finishes
+/// the last layer, has all frames of the command.
 const FIRST: usize = 24;
 
-/// More meetings than any network has layers.
+/// More than the layers of any network.
 const BROKEN: usize = usize::MAX / 2;
 
 /// Weights packed for products.
@@ -61,7 +61,7 @@ pub(super) struct Single {
 struct Other {
     share: Arc<Mutex<Share>>,
     meeting: Arc<Meeting>,
-    /// Started when it is first needed: most copies of a policy never ask for it.
+    /// Started when it is first needed, since most copies of a policy never need it.
     thread: Option<HelperThread>,
 }
 
@@ -102,7 +102,7 @@ impl Single {
         threads: usize,
     ) -> Single {
         let cfg = &net.cfg;
-        // Without attention the threads have nothing to hand over, and so would never meet.
+        // Without attention the threads have nothing to exchange and would never meet.
         if threads < 2 || cfg.mixing == Mixing::None {
             return Single { own: Share::new(cfg, 0..WINDOW, used), other: None, net, panels };
         }
@@ -119,7 +119,7 @@ impl Single {
         if let Some(other) = &mut self.other
             && let Err(e) = other.ready(&self.net, &self.panels)
         {
-            tracing::warn!("no second thread: {e}");
+            tracing::warn!("cannot start a second thread: {e}");
             let (net, panels) = (Arc::clone(&self.net), Arc::clone(&self.panels));
             *self = Single::new(net, panels, self.own.used, 1);
         }
@@ -138,7 +138,7 @@ impl Single {
 }
 
 impl Other {
-    /// Starts the thread, if it does not run yet.
+    /// Starts the thread if it does not run yet.
     fn ready(&mut self, net: &Arc<Net<f32>>, panels: &Arc<Panels>) -> std::io::Result<()> {
         if self.thread.is_none() {
             let (net, panels) = (Arc::clone(net), Arc::clone(panels));
@@ -152,11 +152,11 @@ impl Other {
     }
 }
 
-/// Where the two threads of a window meet.
+/// The meeting point of the two threads of a window.
 #[derive(Debug)]
 struct Meeting {
-    /// Keys and values that each hands to the other, for layers of even and odd number:
-    /// nobody overwrites what the other may still be reading.
+    /// Keys and values that the threads exchange, for even and odd layers separately, so that
+    /// neither overwrites values that the other still reads.
     handed: [[Mutex<Aligned<f32>>; 2]; 2],
     met: AtomicUsize,
 }
@@ -168,7 +168,7 @@ impl Meeting {
         Meeting { handed: [side(), side()], met: AtomicUsize::new(0) }
     }
 
-    /// Before the two begin with a window.
+    /// Resets it before a window.
     fn begin(&self) {
         self.met.store(0, Ordering::Release);
     }
@@ -178,7 +178,7 @@ impl Meeting {
         self.met.load(Ordering::Acquire) >= BROKEN
     }
 
-    /// Hands over the keys and values of `share` and takes those of the other.
+    /// Gives the keys and values of `share` to the other thread and takes its own.
     fn exchange(&self, layer: usize, share: &mut Share, width: usize) {
         let [first, second] = &self.handed[layer % 2];
         let lock = |m| Mutex::lock(m).unwrap_or_else(PoisonError::into_inner);
@@ -194,7 +194,7 @@ impl Meeting {
     }
 }
 
-/// Lets nobody wait for a thread that panicked.
+/// Wakes the other thread when this one panics.
 struct Present<'a>(Option<&'a Meeting>);
 
 impl Drop for Present<'_> {
@@ -227,7 +227,7 @@ impl Share {
         }
     }
 
-    /// Takes its frames of a window.
+    /// Reads its frames of a window.
     fn take(&mut self, cfg: &NetConfig, batch: &Batch<f32>) {
         let Range { start, end } = self.rows;
         self.tokens.copy_from_slice(&batch.tokens[start * cfg.inputs..end * cfg.inputs]);
@@ -248,7 +248,7 @@ impl Share {
         let position = &part(&at.position)[rows.start * d..];
         place(cfg, &mut self.x, &self.masked, part(&at.mask), position);
         for (l, (at, p)) in at.layers.iter().zip(&panels.layers).enumerate() {
-            // In the last layer only the tokens used ask, and only they go on.
+            // In the last layer only the used tokens have queries and continue.
             let last = l + 1 == panels.layers.len();
             let (first, count) =
                 if last { (CURRENT.max(rows.start) - rows.start, self.used) } else { (0, n) };

@@ -1,10 +1,10 @@
-//! One optimiser step on all cores, with bits that do not depend on how many there are.
+//! One optimiser step on all cores, with bits that do not depend on their number.
 //!
-//! A batch is cut into micro-batches (which stay in the cache) and these are dealt to a
-//! fixed number of gradient accumulators; threads only take accumulators from a
-//! queue. Accumulators are summed pairwise in a fixed tree. So one thread or eight add the same
-//! numbers in the same order. Rejected: one gradient per micro-batch (16 × 19 MB at 4.7 M
-//! parameters, for nothing) and one per thread (bits would follow the machine).
+//! A batch is divided into micro-batches (which stay in the cache), and these are distributed over
+//! a fixed number of gradient accumulators. Threads take accumulators from a queue. Accumulators
+//! are summed pairwise in a fixed tree. So one thread or eight add the same numbers in the same
+//! order. Rejected: one gradient per micro-batch (16 × 19 MB at 4.7 M parameters, without benefit)
+//! and one per thread (bits would depend on the machine).
 
 use std::sync::{Mutex, PoisonError};
 
@@ -16,14 +16,14 @@ use crate::linalg::{
     simd::{self, AdamStep},
 };
 
-/// Accumulators at most; more cores than this do not speed up one step.
+/// The most accumulators; more cores than this do not speed up one step.
 pub const ACCUMULATORS: usize = 8;
-/// Windows in a micro-batch at most.
+/// The most windows in a micro-batch.
 const MICRO: usize = 16;
-/// Weights in one piece of the update.
+/// Weights per piece of the update.
 const PIECE: usize = 1 << 16;
 
-/// `AdamW` as used for Behaviour Transformers.
+/// The settings of `AdamW` from Behaviour Transformers.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct AdamConfig {
@@ -45,7 +45,7 @@ impl Default for AdamConfig {
     }
 }
 
-/// Loss and gradient of a batch, before anything is changed.
+/// Loss and gradient of a batch, before the update.
 #[derive(Clone, Copy, Debug)]
 pub struct GradientView {
     /// Loss and errors over the batch.
@@ -61,14 +61,14 @@ impl GradientView {
     }
 }
 
-/// What one step did.
+/// The result of one step.
 #[derive(Clone, Copy, Debug)]
 pub struct StepReport {
     /// Loss and errors over the batch.
     pub sums: Sums,
     /// Norm of the gradient before clipping.
     pub grad_norm: f64,
-    /// False when loss or gradient was not finite: the weights are untouched.
+    /// False if loss or gradient was not finite; the weights are then unchanged.
     pub applied: bool,
 }
 
@@ -205,9 +205,9 @@ impl<T: Real> Learner<T> {
         sums
     }
 
-    /// Sums the accumulators into the first one and returns the norm of the result. Piece by piece
-    /// all the way up the tree, so that a gradient passes through the cache once; the other
-    /// accumulators are left at zero for the next step.
+    /// Sums the accumulators into the first one and returns the norm of the result. It goes through
+    /// the whole tree piece by piece, so that a gradient passes through the cache once. The other
+    /// accumulators are zero afterwards.
     fn reduce(&mut self) -> f64 {
         let (accumulators, threads) = (&mut self.accumulators, self.threads);
         let pieces = accumulators[0].grads.len().div_ceil(PIECE);
@@ -248,20 +248,20 @@ impl<T: Real> Learner<T> {
         &self.accumulators[0].grads
     }
 
-    /// Loss and its whole gradient, without touching the weights.
+    /// Loss and its whole gradient; the weights are unchanged.
     pub fn evaluate(&mut self, fill: &(impl Fn(usize, usize, &mut Batch<T>) + Sync)) -> Sums {
         let sums = self.gradients(fill);
         self.reduce();
         sums
     }
 
-    /// Errors of one batch, without gradients: what a held-out measurement needs.
+    /// Errors of one batch without gradients, for held-out data.
     pub fn errors(&mut self, fill: &(impl Fn(usize, usize, &mut Batch<T>) + Sync)) -> Sums {
         self.pass(fill, false)
     }
 
-    /// One step at this learning rate. A loss or gradient that is not finite leaves
-    /// weights and moments untouched.
+    /// One step at this learning rate. If loss or gradient is not finite, weights and moments are
+    /// unchanged.
     pub fn step(
         &mut self,
         lr: f64,
@@ -275,8 +275,8 @@ impl<T: Real> Learner<T> {
         StepReport { sums: view.sums, grad_norm: view.grad_norm, applied }
     }
 
-    /// The first half of a step: weights and moments stay as they are. What has a finite
-    /// view is worth keeping as a checkpoint.
+    /// The first half of a step; weights and moments are unchanged. Weights with a finite result
+    /// are worth keeping as a checkpoint.
     pub fn compute_gradient(
         &mut self,
         fill: &(impl Fn(usize, usize, &mut Batch<T>) + Sync),
@@ -286,7 +286,7 @@ impl<T: Real> Learner<T> {
         GradientView { sums, grad_norm }
     }
 
-    /// The second half: moves the weights by the gradient that [`Learner::compute_gradient`] left.
+    /// The second half: updates the weights by the gradient of [`Learner::compute_gradient`].
     pub fn apply(&mut self, lr: f64, view: &GradientView) {
         self.count += 1;
         self.update(lr, view.grad_norm);
@@ -338,7 +338,7 @@ impl<T: Real> Learner<T> {
     }
 }
 
-/// The next `take` numbers after `skip`, and what follows them.
+/// The next `take` numbers after `skip`, and the rest.
 fn cut<T>(x: &mut [T], skip: usize, take: usize) -> (&mut [T], &mut [T]) {
     let (_, rest) = x.split_at_mut(skip);
     rest.split_at_mut(take)

@@ -9,7 +9,7 @@ use serde_json::{Map, Value, json};
 
 use crate::linalg::Real;
 
-/// A tensor on its way into a file.
+/// A tensor to write.
 #[derive(Clone, Debug)]
 pub struct Out<'a> {
     shape: Vec<usize>,
@@ -34,7 +34,7 @@ impl<'a> Out<'a> {
 /// The file's bytes.
 ///
 /// # Errors
-/// When the header is no JSON, which does not happen.
+/// When the header cannot be serialised, which does not happen.
 pub fn serialise(
     tensors: &BTreeMap<String, Out<'_>>,
     metadata: &BTreeMap<String, String>,
@@ -59,7 +59,7 @@ pub fn serialise(
     Ok(bytes)
 }
 
-/// The file with its header changed, and the numbers as they were: damage for tests.
+/// The file with a changed header and the same numbers, for tests of damaged files.
 #[cfg(test)]
 pub(crate) fn with_header(bytes: &[u8], change: impl FnOnce(&mut Value)) -> Vec<u8> {
     let n = u64::from_le_bytes(bytes[..8].try_into().unwrap()) as usize;

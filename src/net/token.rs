@@ -1,17 +1,17 @@
-//! From frames to numbers: what the network and the linear skip see of a window.
+//! Features: what the network and the linear skip see of a window.
 //!
-//! With the mask vector alone a network continues the past action as soon as the next frame
-//! is hidden and arrives late. What cures that is the *goal velocity*: the way to the next
-//! visible frame divided by the frames left. It, the filled sequence and what the robot file
-//! tells of joint stops and hinge angles are computed here from visible frames only; the
-//! tests overwrite hidden ones and demand the same bits.
+//! With the mask vector alone a network repeats the last action as soon as the next frame is
+//! hidden, and arrives late. The *goal velocity* corrects that: the distance to the next visible
+//! frame divided by the remaining frames. It, the filled sequence, and features of joint stops and
+//! hinge angles are computed here from visible frames only. The tests overwrite hidden frames and
+//! require the same bits.
 
 use serde::{Deserialize, Serialize};
 
 use super::Error;
 use super::config::{CURRENT, MaskGranularity, TokenKind, WINDOW};
 
-/// What the features need to know of a robot.
+/// The facts about a robot that the features need.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Facts {
@@ -25,15 +25,15 @@ pub struct Facts {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct JointFacts {
-    /// Turns rather than slides.
+    /// Whether it turns instead of sliding.
     pub hinge: bool,
-    /// Stops in rad or m; none for a joint without.
+    /// Stops in rad or m; `None` for a joint without stops.
     pub range: Option<[f64; 2]>,
 }
 
 impl JointFacts {
-    /// A slide without stops: where it is says nothing, and absolute features would only
-    /// tie the network to the places seen.
+    /// A slide without stops. Its position has no effect, and absolute features would only tie the
+    /// network to the recorded places.
     fn floats(self) -> bool {
         !self.hinge && self.range.is_none()
     }
@@ -108,16 +108,16 @@ pub struct TokenConfig {
     /// overcomes dry friction.
     #[serde(default)]
     pub ridge_friction: bool,
-    /// Whether a frame's token holds what the actions before it say of the plant, up to the
-    /// current frame: how far the last one was from the linear prediction, and by what factor the
-    /// linear prediction was off in all of the past.
+    /// Whether the token of a frame, up to the current one, contains the action history: how far
+    /// the last action was from the linear prediction, and the ratio of applied to predicted
+    /// actions over the past.
     #[serde(default)]
     pub previous_action: bool,
 }
 
 impl TokenConfig {
-    /// The product's defaults for this robot: `goal` tokens with profile features; sixteen
-    /// differences where a joint slides freely, two elsewhere.
+    /// The defaults for this robot: `goal` tokens with profile features, and sixteen differences if
+    /// a joint slides freely, else two.
     pub fn for_robot(facts: &Facts) -> Self {
         let floats = facts.joints.iter().any(|j| j.floats());
         TokenConfig {
@@ -131,14 +131,14 @@ impl TokenConfig {
     }
 }
 
-/// Up to this many hinges, sines of all pairwise angle sums are features: they hold the
-/// gravity terms of a chain. 22 hinges would have 231 sums, most of them meaningless.
+/// Up to this many hinges, sines of all pairwise angle sums are features; they describe the gravity
+/// of a chain. 22 hinges would have 231 sums, most of them meaningless.
 const SUMMED_HINGES: usize = 8;
-/// Distance to a stop from which a joint feels it, rad or m.
+/// Distance at which a stop affects a joint, rad or m.
 const STOP_ZONE: f32 = 0.1;
-/// Goal velocity at which friction counts as half overcome, rad or m a frame.
+/// Goal velocity at which friction counts as half overcome, rad or m per frame.
 const CREEP: f32 = 0.002;
-/// Stop distances are small; this brings them to the size of other features.
+/// Scales the small stop distances to the size of other features.
 const STOP_SCALE: f32 = 10.0;
 
 /// Linear heads: 0 visible without a next visible frame; 1..=20 by frames to it; 21 and 22
@@ -184,7 +184,7 @@ impl Tokeniser {
     ///
     /// # Errors
     /// [`Error::Shape`] when the normaliser has another number of joints,
-    /// [`Error::Config`] when it holds what is not positive and finite.
+    /// [`Error::Config`] when it contains values that are not positive and finite.
     pub fn new(cfg: TokenConfig, facts: Facts, norm: &Normaliser) -> Result<Self, Error> {
         let want = facts.joints.len();
         for (what, x) in [
@@ -231,12 +231,12 @@ impl Tokeniser {
         self.facts.joints.len()
     }
 
-    /// What the robot is.
+    /// The facts about the robot.
     pub fn facts(&self) -> &Facts {
         &self.facts
     }
 
-    /// Which features.
+    /// The choice of features.
     pub fn config(&self) -> &TokenConfig {
         &self.cfg
     }
@@ -245,7 +245,8 @@ impl Tokeniser {
         8 * self.stops.len() + 2 * (self.hinges.len() + self.sums.len())
     }
 
-    /// Features in a token that positions tell: without actions and the linear prediction.
+    /// Features in a token that depend on positions only, without actions and the linear
+    /// prediction.
     pub fn inputs(&self) -> usize {
         let s = self.state();
         let joint = self.cfg.granularity == MaskGranularity::Joint;
@@ -320,13 +321,13 @@ impl Tokeniser {
                 (Some((n, a)), Some((m, b))) => (b - a) / (m - n) as f32,
                 _ => 0.0,
             };
-            // For now the value aimed at; the division follows when the frame is filled.
+            // Stores the goal for now; the division follows when the frame is filled.
             goal[at] = near.map_or(0.0, |(_, x)| x);
             if visible[at] {
                 (far, near) = (near, Some((i, q[at])));
             }
         }
-        // Forwards: hidden frames lie on the line to the goal, or stay.
+        // Forwards: hidden frames are on the line to the goal, or keep the last value.
         let mut last = near.map_or(0.0, |(_, x)| x);
         for i in 0..WINDOW {
             let at = i * s + j;
@@ -418,8 +419,8 @@ impl Tokeniser {
         }
     }
 
-    /// Token features of one frame; `to` has [`Tokeniser::inputs`] places. `visible` is what
-    /// was read.
+    /// Token features of one frame; `to` has [`Tokeniser::inputs`] places. `visible` is that of the
+    /// window read.
     pub fn token(&self, scratch: &Scratch, visible: &[bool], frame: usize, to: &mut [f32]) {
         let s = self.state();
         let joint = self.cfg.granularity == MaskGranularity::Joint;
@@ -431,7 +432,7 @@ impl Tokeniser {
             let centred = here - filled(CURRENT, j);
             let floats = self.facts.joints[j].floats();
             let absolute = (here - self.mean[j]) * self.scale[j];
-            // Ten frames of typical motion are the unit of "away from now".
+            // The unit of the distance from the current frame is ten frames of typical motion.
             let centred_unit = centred * self.scale_d1[j] * 0.1;
             let known = !hide || seen(frame, j);
             let back = if frame > 0 { here - filled(frame - 1, j) } else { 0.0 };
@@ -575,7 +576,7 @@ mod tests {
                 let clean = everything(&t, &q, &visible);
                 q.iter_mut().zip(&visible).filter(|(_, v)| !**v).for_each(|(q, _)| *q = 99.0);
                 assert_eq!(clean, everything(&t, &q, &visible), "{cfg:?}");
-                // And the test can fail: a visible frame does change the features.
+                // The test can fail: a visible frame does change the features.
                 q[(CURRENT - 1) * 4] += 0.01;
                 assert_ne!(clean, everything(&t, &q, &visible));
             }

@@ -36,7 +36,7 @@ use crate::exit::{Exit, HasExit};
 #[non_exhaustive]
 pub enum Error {
     /// A figure without panels.
-    #[error("nothing to plot: no data was given")]
+    #[error("there is nothing to plot: no data were given")]
     Empty,
     /// Too many panels for one file.
     #[error(
@@ -54,7 +54,7 @@ pub enum Error {
     #[error("cannot draw the chart: {0}")]
     Draw(String),
     /// The file name ends in neither.
-    #[error("cannot tell the format of {path}: end it in .png or .svg", path = path.display())]
+    #[error("unknown suffix of {path}: use .png or .svg", path = path.display())]
     Format {
         /// The file.
         path: PathBuf,

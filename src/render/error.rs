@@ -18,7 +18,7 @@ pub enum Error {
     },
     /// No graphics card answers, and nothing else was to be taken.
     #[error(
-        "no graphics card found ({reason}): use --renderer auto, which takes the processor instead"
+        "no graphics card found ({reason}): use --renderer auto, which draws on the processor instead"
     )]
     NoGpu {
         /// What the search said.
@@ -53,7 +53,7 @@ pub enum Error {
         geoms: usize,
     },
     /// A pose, camera or trail holds NaN or infinity.
-    #[error("{what} holds a number that is not finite: the simulation has probably diverged")]
+    #[error("{what} contains a number that is not finite: the simulation has probably diverged")]
     NotFinite {
         /// Which value, with the geom's name where it is a pose.
         what: String,
@@ -67,7 +67,7 @@ pub enum Error {
         reason: String,
     },
     /// More geoms than are drawn.
-    #[error("the scene has {geoms} geoms, more than the {cap} that are drawn")]
+    #[error("the scene has {geoms} geoms; at most {cap} can be drawn")]
     Geoms {
         /// Geoms of the scene.
         geoms: usize,
@@ -91,7 +91,7 @@ pub enum Error {
     #[error(transparent)]
     Simulator(Box<crate::mujoco::Error>),
     /// Pictures of different size in one film.
-    #[error("frame {frame} has {got_width}x{got_height} px, the film {width}x{height}")]
+    #[error("frame {frame} has {got_width}x{got_height} px, but the film has {width}x{height}")]
     FrameSize {
         /// Index of the frame.
         frame: u64,
@@ -106,7 +106,7 @@ pub enum Error {
     },
     /// A film that its format cannot hold.
     #[error(
-        "an .mp4 of {width}x{height} px cannot be encoded: edges go from {least} to {long} px, the shorter one to {short}"
+        "an .mp4 of {width}x{height} px cannot be encoded: edges must be {least} to {long} px, the shorter one at most {short}"
     )]
     FilmSize {
         /// Width of the film.
@@ -124,7 +124,7 @@ pub enum Error {
     #[error("a film needs at least one frame")]
     NoFrames,
     /// The file name ends in nothing that can be written.
-    #[error("cannot tell the format of {path}: end it in {known}", path = path.display())]
+    #[error("unknown suffix of {path}: use {known}", path = path.display())]
     Format {
         /// The endings there are.
         known: &'static str,

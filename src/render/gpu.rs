@@ -99,7 +99,7 @@ impl Gpu {
             .map_err(|e| none(e.to_string()))?;
         let info = adapter.get_info();
         if backend == Backend::Gpu && info.device_type == wgpu::DeviceType::Cpu {
-            return Err(none(format!("only the software driver {} answers", info.name)));
+            return Err(none(format!("there is only the software driver {}", info.name)));
         }
         let limits = wgpu::Limits::default().using_resolution(adapter.limits());
         let max_px = limits.max_texture_dimension_2d.min(crate::limits::PICTURE_PX);

@@ -35,7 +35,7 @@ impl Mesh {
         let fail = |reason: String| Error::Mesh { mesh: name.to_owned(), reason };
         if faces.len() > limits::MESH_FACES {
             return Err(fail(format!(
-                "{} faces, more than the {} that are drawn; decimate it first",
+                "{} faces; at most {} can be drawn; decimate it first",
                 faces.len(),
                 limits::MESH_FACES
             )));
@@ -48,7 +48,7 @@ impl Mesh {
         }
         let count = vertices.len();
         if let Some(bad) = faces.iter().position(|f| f.iter().any(|&i| i as usize >= count)) {
-            return Err(fail(format!("face {bad} names a vertex beyond the {count} there are")));
+            return Err(fail(format!("face {bad} refers to a vertex beyond the {count} vertices")));
         }
         let (low, high) = bounds(vertices);
         Ok(Mesh { name: name.to_owned(), triangles: smooth(vertices, faces), low, high })

@@ -345,7 +345,9 @@ fn field(model: &Model, i: usize) -> Result<Mesh, Error> {
     let (rows, columns) = (at(model.hfield_nrow()), at(model.hfield_ncol()));
     let fail = |reason: String| Error::Mesh { mesh: name.clone(), reason };
     if rows < 2 || columns < 2 || rows > FIELD_CELLS || columns > FIELD_CELLS {
-        return Err(fail(format!("{rows}x{columns} samples; 2 to {FIELD_CELLS} a side are drawn")));
+        return Err(fail(format!(
+            "{rows}x{columns} samples; each side must have 2 to {FIELD_CELLS}"
+        )));
     }
     let from = at(model.hfield_adr());
     let heights = model

@@ -1,10 +1,10 @@
-//! The robots that the binary carries: own primitive-geometry models, see `assets/robots`.
+//! The built-in robots: our own models of primitive geometry, in `assets/robots`.
 
-/// A robot in the binary.
+/// A built-in robot.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Builtin {
     pub(super) id: &'static str,
-    /// `None` where the profile names another robot's model.
+    /// `None` if the profile names another robot's model.
     pub(super) model: Option<&'static str>,
     pub(super) profile: &'static str,
 }

@@ -1,10 +1,10 @@
-//! Compiles a foreign model in a child process first: a crash, an endless loop or a memory
-//! bomb in the library then costs a message, not the program.
+//! Compiles a foreign model in a child process first, so that a crash, an endless loop or excessive
+//! memory in the library costs an error message and not the program.
 //!
-//! The child is this same binary (`robert __compile-check FILE`). It limits its own address
-//! space and processor time before it opens anything, so no shell or wrapper is needed; the
-//! parent adds a limit by the clock. Rejected: `fork` without `exec` (undefined with threads)
-//! and catching signals in-process (a segmentation fault leaves the library in any state).
+//! The child is the same binary (`robert __compile-check FILE`). It limits its own address space
+//! and processor time before it opens anything, so no shell or wrapper is needed. The parent adds a
+//! wall-clock limit. Rejected: `fork` without `exec` (undefined with threads) and catching signals
+//! in-process (after a segmentation fault the state of the library is undefined).
 
 use std::ffi::OsString;
 use std::io::Read;
@@ -25,14 +25,14 @@ pub const SUBCOMMAND: &str = "__compile-check";
 /// Simulator steps that a model must survive at rest: a tenth of a second.
 pub const STEPS: usize = 20;
 
-/// What the child found.
+/// The result of the child.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Verdict {
     /// `ok`, `parse`, `compile`, `invalid`, `engine`, `memory`, `diverged` or `other`.
     pub class: String,
-    /// What is wrong; empty if nothing is.
+    /// What is wrong; empty if the model is fine.
     pub message: String,
-    /// Line in the model, where known.
+    /// Line in the model, if known.
     pub line: Option<u32>,
     /// Greatest resident size of the child, bytes.
     pub peak_bytes: u64,
@@ -58,15 +58,15 @@ pub fn compile(model: &Path, exe: &Path, steps: usize) -> Result<Verdict, Error>
     })
 }
 
-/// The binary to start for a check: this program, or the one that was built beside a test.
+/// The binary to start for a check: this program, or the one built beside a test.
 ///
 /// # Errors
 /// [`Error::NoChecker`].
 pub fn executable() -> Result<PathBuf, Error> {
     let own = std::env::current_exe().map_err(|e| Error::NoChecker { message: e.to_string() })?;
-    // Test binaries (robert-HASH, too) live in target/PROFILE/deps, examples in
-    // target/PROFILE/examples. The program may have a version in its name; what is called
-    // otherwise is somebody's own, which cannot check.
+    // Test binaries (robert-HASH too) are in target/PROFILE/deps, examples in
+    // target/PROFILE/examples. The program may have a version in its name. A binary with another
+    // name is someone else's program, which cannot check models.
     let folder = own.parent().and_then(Path::file_name);
     let named = own.file_stem().and_then(|s| s.to_str()).is_some_and(|s| s.starts_with("robert"));
     if named && folder.is_none_or(|f| f != "deps" && f != "examples") {
@@ -76,7 +76,7 @@ pub fn executable() -> Result<PathBuf, Error> {
     match beside.filter(|p| p.is_file()) {
         Some(p) => Ok(p),
         None => Err(Error::NoChecker {
-            message: format!("the robert command is not beside {}; build it first", own.display()),
+            message: format!("the robert program is not beside {}; build it first", own.display()),
         }),
     }
 }
@@ -108,11 +108,11 @@ fn ask(model: &Path, exe: &Path, steps: usize) -> Result<Verdict, Error> {
     }
 }
 
-/// Waits under the clock; `None` when the child had to be killed.
+/// Waits with a time limit; `None` if the child had to be killed.
 fn wait(child: &mut Child) -> std::io::Result<Option<ExitStatus>> {
     let end = Instant::now() + Duration::from_secs(limits::CHECK_WALL_SECS);
     let mut pause = Duration::from_millis(1);
-    // The verdict fits the pipe's buffer, so the child never blocks on us.
+    // The result fits into the pipe's buffer, so the child never blocks.
     while Instant::now() < end {
         if let Some(status) = child.try_wait()? {
             return Ok(Some(status));
@@ -132,7 +132,7 @@ fn death(status: ExitStatus) -> String {
     match status.signal() {
         Some(SIGXCPU | SIGKILL) => format!("took more than {} s", limits::CHECK_CPU_SECS),
         Some(n) => format!("crashed the physics library (signal {n})"),
-        None => format!("ended without a verdict ({status})"),
+        None => format!("ended without a result ({status})"),
     }
 }
 
@@ -151,7 +151,7 @@ pub fn serve(model: &Path, steps: usize) -> Verdict {
     Verdict { peak_bytes: peak_bytes(), ..verdict }
 }
 
-/// It reads the model's folder, and what it needs to know itself; it writes nothing.
+/// The child may read the model's folder and its own status, and write nothing.
 fn rights(model: &Path) -> Rights {
     let folder = model.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     Rights {
@@ -180,7 +180,7 @@ fn judge(e: &mujoco::Error) -> Verdict {
         E::Memory { .. } => ("memory", "compiling it takes too much memory".to_owned(), None),
         E::Diverged { .. } => (
             "diverged",
-            format!("{e} within its first 0.1 s at rest; parts may overlap or weigh too little"),
+            format!("{e} within its first 0.1 s at rest; parts may overlap or be too light"),
             None,
         ),
         _ => ("other", e.to_string(), None),

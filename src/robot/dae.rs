@@ -1,9 +1,9 @@
-//! COLLADA meshes, turned into triangles by colour: most visual meshes of ROS packages are
-//! `.dae`, which the simulator does not read.
+//! Converts COLLADA meshes into triangles by colour. Most visual meshes of ROS packages are `.dae`,
+//! which the simulator does not read.
 //!
-//! Taken: triangles, polylists and polygons (as fans) of the visual scene, node transforms,
-//! the unit, the up axis, diffuse colours. Left out: textures, skins, animation. Rejected:
-//! a converter from outside (assimp), one more C library to trust with hostile files.
+//! Supported: triangles, polylists and polygons (as fans) of the visual scene, node transforms, the
+//! unit, the up axis, diffuse colours. Left out: textures, skins, animation. Rejected: an external
+//! converter (assimp), another C library to trust with hostile files.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -19,7 +19,7 @@ const STL_FACES: usize = 200_000;
 const DAE_BYTES: u64 = 64 << 20;
 /// Elements of its XML.
 const DAE_ELEMENTS: usize = 500_000;
-/// Scene nodes, those of repeated instances counted each time.
+/// Scene nodes; those of repeated instances count each time.
 const NODES: usize = 100_000;
 /// Nesting of scene nodes.
 const DEPTH: usize = 64;
@@ -27,9 +27,9 @@ const DEPTH: usize = 64;
 /// The triangles of one colour, m.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Part {
-    /// Diffuse colour; `None` where the file names none.
+    /// Diffuse colour; `None` if the file has none.
     pub(super) rgba: Option<[f64; 4]>,
-    /// Corner positions, nine numbers a triangle.
+    /// Corner positions, nine numbers per triangle.
     pub(super) corners: Vec<f32>,
 }
 
@@ -83,7 +83,7 @@ fn parse(text: &str) -> Result<Vec<Part>, String> {
     let doc = xml::parse(text, DAE_ELEMENTS).map_err(|e| e.to_string())?;
     let root = doc.root_element();
     if root.tag_name().name() != "COLLADA" {
-        return Err("it is no COLLADA file".into());
+        return Err("it is not a COLLADA file".into());
     }
     let mut reader = Reader {
         ids: doc.descendants().filter_map(|n| Some((n.attribute("id")?, n))).collect(),
@@ -111,11 +111,12 @@ fn parse(text: &str) -> Result<Vec<Part>, String> {
         }
     }
     let parts: Vec<Part> = reader.parts.into_values().collect();
-    solid(parts).ok_or_else(|| "it holds no solid of triangles".into())
+    solid(parts).ok_or_else(|| "it contains no solid of triangles".into())
 }
 
-/// The parts, flat ones joined to the largest: the simulator refuses a mesh without volume,
-/// and a logo may lose its colour rather than the robot its shape. `None` if all are flat.
+/// The parts, with flat ones merged into the largest. The simulator refuses a mesh without volume,
+/// and it is better to lose the colour of a logo than the shape of the robot. `None` if all are
+/// flat.
 fn solid(parts: Vec<Part>) -> Option<Vec<Part>> {
     let (mut thick, flat): (Vec<Part>, Vec<Part>) =
         parts.into_iter().partition(|p| p.volume() > 1e-12);
@@ -144,7 +145,7 @@ fn floats(node: Node<'_, '_>) -> Vec<f64> {
 
 struct Reader<'a> {
     ids: BTreeMap<&'a str, Node<'a, 'a>>,
-    /// Triangles by colour, in bits so that it can be a key.
+    /// Triangles by colour; the colour is stored as bits so that it can be a key.
     parts: BTreeMap<Option<[u64; 4]>, Part>,
     faces: usize,
     nodes: usize,
@@ -163,7 +164,7 @@ impl<'a> Reader<'a> {
     ) -> Result<(), String> {
         self.nodes += 1;
         if deep > DEPTH || self.nodes > NODES {
-            return Err("its scene is nested too deep, or refers to itself".into());
+            return Err("its scene is nested too deeply, or refers to itself".into());
         }
         let mut frame = *above;
         for part in node.children().filter(Node::is_element) {
@@ -246,7 +247,7 @@ impl<'a> Reader<'a> {
             .and_then(|p| self.target(p, "source"))
             .and_then(|s| child(s, "float_array"))
             .map(floats)
-            .ok_or("a mesh names no positions")?;
+            .ok_or("a mesh has no positions")?;
         let at = offset(vertex);
         let indices = |p: Node<'_, '_>| -> Vec<usize> {
             p.text().unwrap_or_default().split_whitespace().filter_map(|w| w.parse().ok()).collect()

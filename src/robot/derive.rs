@@ -1,8 +1,8 @@
-//! What a compiled model implies about its robot.
+//! Derives facts about a robot from its compiled model.
 //!
-//! Order of state and action is the model's. Speed limits are the terminal speeds of the
-//! motors against the joints' damping. Groups are the branches of the body tree. Settling
-//! gains come from the inertia at the default pose.
+//! State and action have the model's order. Speed limits are the terminal speeds of the motors
+//! against the joints' damping. Groups are the branches of the body tree. Settling gains come from
+//! the inertia at the default pose.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -16,7 +16,7 @@ use crate::limits;
 use crate::mujoco::{Joint, Kind, Model, Transmission};
 use crate::units::Unit;
 
-/// Speed limit of a joint whose model says nothing about it, rad/s or m/s.
+/// Speed limit of a joint without one in the model, rad/s or m/s.
 const SPEED_DEFAULT: f64 = 10.0;
 /// Control steps to settle: three seconds.
 const SETTLE_FRAMES: u32 = 60;
@@ -24,21 +24,22 @@ const SETTLE_FRAMES: u32 = 60;
 const SETTLE_TOLERANCE: f64 = 0.05;
 /// Bandwidth of the settling drive, rad/s: well below the 5 ms step, well above 1/3 s.
 const SETTLE_RATE: f64 = 10.0;
-/// Time constant of the settling drive on joints that damping rules, seconds.
+/// Time constant of the settling drive on joints with dominant damping, seconds.
 const SETTLE_TAU_SECS: f64 = 0.05;
 
 /// Ids of the joints of the state.
 ///
 /// # Errors
-/// [`Error::Unfit`] for free and ball joints, nameless or doubly named joints, none at all.
+/// [`Error::Unfit`] for free and ball joints, joints without a name or with the same name, or no
+/// joints.
 pub(super) fn state_joints(model: &Model, path: &Path) -> Result<Vec<usize>, Error> {
     let unfit = |message: String| Err(Error::Unfit { message, path: path.to_owned() });
     let n = model.jnt_type().len();
     if n == 0 {
-        return unfit("the model has no joint: nothing can move".into());
+        return unfit("the model has no joints, so nothing can move".into());
     }
     if n > limits::JOINTS {
-        return unfit(format!("{n} joints, at most {} are taken", limits::JOINTS));
+        return unfit(format!("{n} joints; at most {} are supported", limits::JOINTS));
     }
     for id in 0..n {
         let name = model.name(Kind::Joint, id);
@@ -70,7 +71,7 @@ pub(super) fn state_joints(model: &Model, path: &Path) -> Result<Vec<usize>, Err
     Ok((0..n).collect())
 }
 
-/// Completes what was written with what the model implies, and checks one against the other.
+/// Completes the written profile with derived values, and checks one against the other.
 pub(super) fn complete(
     written: Written,
     model: &Model,
@@ -105,7 +106,7 @@ pub(super) fn complete(
     for g in &groups {
         if let Some(j) = g.joints.iter().find(|j| !known(j)) {
             return Err(mismatch(format!(
-                "group \"{}\" names joint \"{j}\", which the model does not have",
+                "group \"{}\" contains joint \"{j}\", which the model does not have",
                 g.name
             )));
         }
@@ -114,7 +115,7 @@ pub(super) fn complete(
     check_mirror(&mirror, &known).map_err(mismatch)?;
     let ik_sites = written.ik_sites.unwrap_or(derived.ik_sites);
     if let Some(s) = ik_sites.iter().find(|s| model.id(Kind::Site, s).is_none()) {
-        return Err(mismatch(format!("ik_sites names \"{s}\", which the model does not have")));
+        return Err(mismatch(format!("ik_sites contains \"{s}\", which the model does not have")));
     }
     let mut poses = derived.poses;
     let own_home = written.home.is_some() || written.poses.contains_key(&derived.home);
@@ -143,9 +144,9 @@ pub(super) fn complete(
             )));
         }
         match list.iter().find(|v| !(v.is_finite() && **v >= 0.0)) {
-            Some(v) => {
-                Err(mismatch(format!("settle.{what} holds {v}; gains are finite and not negative")))
-            }
+            Some(v) => Err(mismatch(format!(
+                "settle.{what} contains {v}; gains must be finite and not negative"
+            ))),
             None => Ok(list),
         }
     };
@@ -278,7 +279,7 @@ pub(super) fn is_motor(model: &Model, actuator: usize) -> bool {
         && zero(model.actuator_dyntype())
 }
 
-/// The control range of an actuator; `None` where the model sets no limit.
+/// The control range of an actuator; `None` if the model sets no limit.
 pub(super) fn ctrlrange(model: &Model, actuator: usize) -> Option<[f64; 2]> {
     let limited = model.actuator_ctrllimited().get(actuator).is_some_and(|l| *l != 0);
     let range = model.actuator_ctrlrange().get(2 * actuator..2 * actuator + 2)?;
@@ -365,8 +366,8 @@ fn couplings(model: &Model) -> Vec<Coupling> {
     found
 }
 
-/// Branches of the body tree: a body from which two or more moving branches leave ends one
-/// group and starts others.
+/// Branches of the body tree. A body with two or more moving branches ends one group and starts
+/// others.
 fn groups(model: &Model, joints: &[JointSpec]) -> Vec<Group> {
     let n = model.nbody();
     let parent =
@@ -418,7 +419,7 @@ fn groups(model: &Model, joints: &[JointSpec]) -> Vec<Group> {
     groups
 }
 
-/// The part that all names share, cut before a trailing "J", separator or digit.
+/// The common prefix of all names, without a trailing "J", separator or digit.
 fn common_prefix(names: &[String]) -> String {
     let Some(first) = names.first() else { return String::new() };
     if names.len() == 1 {
@@ -505,7 +506,7 @@ fn join_joints(
 ) -> Result<Vec<JointSpec>, String> {
     if written.len() != derived.len() {
         return Err(format!(
-            "the profile lists {} joints, the model has {}",
+            "the profile lists {} joints, but the model has {}",
             written.len(),
             derived.len()
         ));
@@ -516,7 +517,7 @@ fn join_joints(
         .map(|(w, d)| {
             if w.name != d.name {
                 return Err(format!(
-                    "joint \"{}\" stands where the model has \"{}\"",
+                    "joint \"{}\" is listed where the model has \"{}\"",
                     w.name, d.name
                 ));
             }
@@ -570,7 +571,7 @@ fn first_difference(a: &[ActuatorSpec], b: &[ActuatorSpec]) -> String {
 
 fn check_mirror(mirror: &MirrorSpec, known: &dyn Fn(&str) -> bool) -> Result<(), String> {
     match (mirror.table.is_empty(), mirror.none.is_empty()) {
-        (true, true) => return Err("mirror needs a table, or the reason in \"none\"".into()),
+        (true, true) => return Err("mirror needs a table, or a reason in \"none\"".into()),
         (false, false) => return Err("mirror has both a table and a reason for none".into()),
         _ => {}
     }
@@ -588,7 +589,7 @@ fn check_mirror(mirror: &MirrorSpec, known: &dyn Fn(&str) -> bool) -> Result<(),
         }
         if row.sign.abs() != 1.0 || !row.offset.is_finite() {
             return Err(format!(
-                "mirror row of \"{}\": sign is 1 or -1, offset finite",
+                "mirror row of \"{}\": sign must be 1 or -1, and offset must be finite",
                 row.target
             ));
         }
@@ -605,13 +606,13 @@ fn check_poses(poses: &BTreeMap<String, PoseSpec>, joints: &[JointSpec]) -> Resu
                 ));
             };
             if !value.is_finite() {
-                return Err(format!("pose \"{pose}\" holds {value} for joint \"{name}\""));
+                return Err(format!("pose \"{pose}\" has {value} for joint \"{name}\""));
             }
             if let Some([lo, hi]) = j.range
                 && !(lo - 1e-9..=hi + 1e-9).contains(value)
             {
                 return Err(format!(
-                    "pose \"{pose}\" puts joint \"{name}\" at {value}, outside of {lo} to {hi}"
+                    "pose \"{pose}\" has joint \"{name}\" at {value}, outside {lo} to {hi}"
                 ));
             }
         }
@@ -625,7 +626,7 @@ fn check_camera(c: &Camera) -> Result<(), String> {
         && (1e-3..=1e4).contains(&c.distance)
         && (0.02..=3.0).contains(&c.fovy_rad);
     good.then_some(()).ok_or_else(|| {
-        "camera: finite angles, distance 0.001 to 10000 m, fovy_rad 0.02 to 3".to_owned()
+        "camera: angles must be finite, distance 0.001 to 10000 m, fovy_rad 0.02 to 3".to_owned()
     })
 }
 

@@ -1,4 +1,4 @@
-//! What can be wrong with a robot, its profile or a foreign model.
+//! Errors of robots, profiles and foreign models.
 
 use std::path::PathBuf;
 
@@ -9,22 +9,22 @@ use crate::{fsio, mujoco};
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// Neither a robot of that name nor a folder.
-    #[error("no robot called \"{name}\"{hint}; known: {known}, or a folder that holds robot.xml")]
+    /// There is neither a robot nor a folder of that name.
+    #[error("there is no robot \"{name}\"{hint}; use {known}, or a folder that contains robot.xml")]
     Unknown {
-        /// What was asked for.
+        /// The requested name.
         name: String,
-        /// " (did you mean …?)" or nothing.
+        /// " (did you mean …?)" or empty.
         hint: String,
-        /// The robots that the program knows.
+        /// The known robots.
         known: String,
     },
-    /// A pose that the profile does not name.
+    /// A pose that the profile does not have.
     #[error("{robot} has no pose \"{pose}\"; it has: {known}")]
     UnknownPose {
         /// The robot.
         robot: String,
-        /// What was asked for.
+        /// The requested name.
         pose: String,
         /// The poses that it has.
         known: String,
@@ -34,7 +34,7 @@ pub enum Error {
     UnknownJoint {
         /// The robot.
         robot: String,
-        /// What was asked for.
+        /// The requested name.
         joint: String,
         /// The joints that it has.
         known: String,
@@ -44,7 +44,7 @@ pub enum Error {
     UnknownPoint {
         /// The robot.
         robot: String,
-        /// What was asked for.
+        /// The requested name.
         name: String,
         /// The names that it has.
         known: String,
@@ -58,15 +58,15 @@ pub enum Error {
         reason: String,
     },
     /// A plant description is wrong.
-    #[error("plant {text:?}: {problem}; write for instance mass=1.25,damping=0.5..2,gear=0.85")]
+    #[error("plant {text:?}: {problem}; an example is mass=1.25,damping=0.5..2,gear=0.85")]
     Plant {
-        /// What was given.
+        /// The given text.
         text: String,
         /// What is wrong with it.
         problem: String,
     },
     /// A value that should be a number is not, or a vector has the wrong length.
-    #[error("{what} has {got} values, {robot} takes {want}")]
+    #[error("{what} has {got} values, but {robot} needs {want}")]
     Length {
         /// The robot.
         robot: String,
@@ -97,22 +97,22 @@ pub enum Error {
         /// The profile.
         path: PathBuf,
     },
-    /// A foreign file is refused before any simulator sees it.
+    /// A foreign file was refused before the simulator read it.
     #[error("{place}: {message}", place = place(path, *line, *column))]
     Refused {
         /// What is wrong and how to fix it.
         message: String,
-        /// Line, from 1; 0 where it concerns the whole file.
+        /// Line, from 1; 0 for the whole file.
         line: u32,
         /// Column, from 1.
         column: u32,
         /// The file.
         path: PathBuf,
     },
-    /// The model is sound but not one that can be driven: the reason is given.
+    /// The model is valid but cannot be driven.
     #[error("{path}: {message}", path = path.display())]
     Unfit {
-        /// Why, and what would help.
+        /// The reason, and what would help.
         message: String,
         /// The file.
         path: PathBuf,
@@ -125,7 +125,7 @@ pub enum Error {
         /// The model.
         path: PathBuf,
     },
-    /// The child process said no, with the simulator's own words.
+    /// The child process refused the model, with the simulator's message.
     #[error("{message}")]
     Checked {
         /// Message with place.
@@ -141,7 +141,7 @@ pub enum Error {
         /// Why.
         message: String,
     },
-    /// The simulator refused.
+    /// An error of the simulator.
     #[error(transparent)]
     Simulator(#[from] mujoco::Error),
     /// A file could not be read or written.

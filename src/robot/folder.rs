@@ -1,4 +1,4 @@
-//! Loading a robot from a folder: the result of an import, or one made by hand.
+//! Loads a robot from a folder that was imported or made by hand.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -12,14 +12,14 @@ use crate::fsio;
 const PROFILE_BYTES: u64 = 4 << 20;
 
 impl Robot {
-    /// A robot by its id, or from a folder that holds `robot.xml` (and, unless all of it is to
-    /// be derived, `profile.toml`).
+    /// A robot by its id, or from a folder that contains `robot.xml` and, optionally,
+    /// `profile.toml`.
     ///
-    /// A folder is foreign: it is read under caps, compiled in a child process first, and may
-    /// refer to nothing outside of itself.
+    /// A folder is foreign data: it is read within limits, compiled in a child process first, and
+    /// must not refer to files outside it.
     ///
     /// # Errors
-    /// Every variant of [`Error`] that speaks of a file.
+    /// Every variant of [`Error`] with a file.
     pub fn load(id_or_dir: &str) -> Result<Robot, Error> {
         if builtin::find(id_or_dir).is_some() {
             return Robot::builtin(id_or_dir);
@@ -30,7 +30,7 @@ impl Robot {
         }
         if path.is_file() {
             let message = format!(
-                "this is a file, not a robot's folder; make one of it: robert import {id_or_dir} --out DIR"
+                "this is a file, not a robot folder; make a folder from it: robert import {id_or_dir} --out DIR"
             );
             return Err(Error::Unfit { message, path: path.to_owned() });
         }
@@ -63,7 +63,7 @@ impl Robot {
         let project = preparse::read(&path, Some(dir))?;
         if project.format == preparse::Format::Urdf {
             let message = format!(
-                "this is a URDF; make a robot of it: robert import {} --out DIR",
+                "this is a URDF; make a robot from it: robert import {} --out DIR",
                 path.display()
             );
             return Err(Error::Unfit { message, path });
@@ -80,7 +80,7 @@ impl Robot {
     }
 }
 
-/// Simulator errors of the in-memory model said of its file.
+/// Adds the file name to simulator errors of the in-memory model.
 fn located(e: Error, path: &Path) -> Error {
     match e {
         Error::Simulator(e) => Error::Simulator(e.at(path)),
@@ -95,7 +95,7 @@ pub(super) fn read_assets(project: &preparse::Project) -> Result<Assets, Error> 
         let name = file_name(&a.path);
         if assets.iter().any(|(n, _)| n.eq_ignore_ascii_case(&name)) {
             let message = format!(
-                "two files are called \"{name}\" (case and folders do not count); rename one, or use robert import"
+                "two files have the name \"{name}\" (ignoring case and folders); rename one, or use robert import"
             );
             return Err(Error::Unfit { message, path: project.path.clone() });
         }
@@ -108,7 +108,7 @@ fn file_name(path: &Path) -> String {
     path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default()
 }
 
-/// An id out of a folder's name.
+/// An id made from a folder's name.
 pub(super) fn id_of(dir: &Path) -> String {
     let full: PathBuf = dir.canonicalize().unwrap_or_else(|_| dir.to_owned());
     let name = file_name(&full).to_lowercase();

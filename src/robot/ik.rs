@@ -1,17 +1,17 @@
-//! Inverse kinematics: joint values that bring sites or body points to where they are pulled.
+//! Inverse kinematics: joint values that bring sites or body points to their targets.
 //!
 //! Damped least squares (Wampler 1986; Nakamura and Hanafusa 1986) on the Jacobians of the
-//! simulator, all targets stacked. A joint that a step would push past its limit is held at
-//! the limit and the step is solved again without it, so that the others take over; merely
-//! clipping the step stalls short of reachable targets. The damping grows when a step does
-//! not help and shrinks when it does (Levenberg-Marquardt).
+//! simulator, with all targets stacked. A joint that a step would move past its limit is held at
+//! the limit, and the step is solved again without it, so that the others take over. Rejected:
+//! clipping the step, which stalls before reachable targets. The damping grows when a step does not
+//! help and shrinks when it does (Levenberg-Marquardt).
 
 use nalgebra::{DMatrix, DVector};
 
 use super::{Error, Robot};
 use crate::mujoco::{Data, Kind};
 
-/// What is pulled.
+/// The point that is moved.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Point {
     /// A site, by name.
@@ -25,10 +25,10 @@ pub enum Point {
     },
 }
 
-/// Where it is pulled to.
+/// A point and its goal.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Target {
-    /// What is pulled.
+    /// The point that is moved.
     pub point: Point,
     /// Goal in the world, m.
     pub pos: [f64; 3],
@@ -36,12 +36,13 @@ pub struct Target {
     pub quat: Option<[f64; 4]>,
 }
 
-/// How to search.
+/// Options of the search.
 #[derive(Clone, Debug, PartialEq)]
 pub struct IkConfig {
-    /// State indices of joints that may move; `None` for all that no motor-less coupling binds.
+    /// State indices of joints that may move; `None` for all joints that do not follow another one
+    /// without a motor.
     pub joints: Option<Vec<usize>>,
-    /// State indices of joints that must stay, taken out of the above.
+    /// State indices of joints that must not move; they override the above.
     pub locked: Vec<usize>,
     /// Greatest number of iterations.
     pub iterations: u32,
@@ -66,14 +67,14 @@ impl Default for IkConfig {
     }
 }
 
-/// What the search found.
+/// Result of the search.
 #[derive(Clone, Debug, PartialEq)]
 pub struct IkResult {
     /// Joint values, inside all limits; (`state_dim`).
     pub state: Vec<f64>,
     /// Greatest distance of a point from its goal, m.
     pub distance_m: f64,
-    /// Greatest orientation error, rad; 0 where none was asked for.
+    /// Greatest orientation error, rad; 0 if no orientation was requested.
     pub angle_rad: f64,
     /// Whether every target was reached.
     pub reached: bool,
@@ -94,8 +95,8 @@ enum PointId {
 }
 
 impl Robot {
-    /// Moves joints so that the targets are met as well as limits and locks allow, starting
-    /// (and staying near) `start`. `data` is work space of this robot's model.
+    /// Moves joints so that the targets are met as well as limits and locks allow. It begins at
+    /// `start` and stays near it. `data` is work space of this robot's model.
     ///
     /// # Errors
     /// [`Error::UnknownPoint`], [`Error::Length`], [`Error::Simulator`].
@@ -144,7 +145,7 @@ impl Robot {
                 break;
             }
         }
-        // The work space was left at the last trial: bring it to what is returned.
+        // The work space is at the last trial; set it to the result.
         error = self.ik_error(data, &state, &pulls, config)?;
         let (distance_m, angle_rad) = measure(&pulls, &error, config);
         Ok(IkResult {
@@ -212,7 +213,7 @@ impl Robot {
         }
     }
 
-    /// Stacked errors, metres: three rows a position, three more an orientation.
+    /// Stacked errors, metres: three rows per position, three more per orientation.
     fn ik_error(
         &self,
         data: &mut Data,
@@ -274,8 +275,8 @@ impl Robot {
         Ok(out)
     }
 
-    /// One damped step over the free joints; joints that would leave their range are taken
-    /// to the limit and the others are solved again with what is left.
+    /// One damped step over the free joints. Joints that would leave their range move to the limit,
+    /// and the others are solved again for the rest.
     fn ik_step(
         &self,
         jacobian: &DMatrix<f64>,
@@ -484,7 +485,7 @@ mod tests {
         let far =
             Target { point: Point::Site("end_effector".into()), pos: [0.0, 5.0, 1.6], quat: None };
         let r = robot.ik(&mut data, &start, &[far], &IkConfig::default()).unwrap();
-        // Stretched out: the reach is 0.957 m, less what the base is off.
+        // Stretched out: the reach is 0.957 m minus the offset of the base.
         assert!(!r.reached && r.distance_m < 5.0 - 0.9, "{r:?}");
         let nobody = Target { point: Point::Site("nose".into()), pos: [0.0; 3], quat: None };
         assert!(robot.ik(&mut data, &start, &[nobody], &IkConfig::default()).is_err());

@@ -1,17 +1,18 @@
-//! What the clip floor wants to know about a robot, and the simulator's word on a pose.
+//! The facts about a robot for the clip floor, and checks of poses by simulation.
 
 use super::{Coupling, Robot};
 use crate::clip;
 use crate::mujoco::{Data, Kind};
 
-/// Geoms this deep in each other are drawn through each other, not touching, m.
+/// Geoms that overlap by more than this count as a collision, m.
 const OVERLAP: f64 = 0.002;
 
-/// How far coupled joints may differ in a pose: a settled fist parts them by this much.
+/// How far coupled joints may differ in a pose; contact separates them by this much in a settled
+/// fist.
 const COUPLING_TOLERANCE: f64 = 0.1;
 
 impl Robot {
-    /// The facts that clips are checked, mirrored and drawn with.
+    /// The facts needed to check, mirror and draw clips.
     pub fn joint_table(&self) -> clip::JointTable {
         let profile = self.profile();
         let joints = self.joints().iter().map(|j| clip::JointFacts {
@@ -43,7 +44,7 @@ impl Robot {
         }
     }
 
-    /// What a new clip for this robot says about it.
+    /// The reference to this robot in a new clip.
     pub fn clip_ref(&self) -> clip::RobotRef {
         clip::RobotRef {
             id: self.id().to_owned(),
@@ -72,7 +73,7 @@ fn coupling(coupling: &Coupling) -> clip::Coupling {
     }
 }
 
-/// Judges poses by settling them in simulation.
+/// Checks poses by settling them in simulation.
 #[derive(Debug)]
 pub struct Settler<'a> {
     robot: &'a Robot,
@@ -116,7 +117,8 @@ impl clip::PoseChecker for Settler<'_> {
         let mut state = self.robot.home();
         let mut places = Vec::new();
         for (name, value) in joints.iter().zip(q) {
-            // An unknown joint is a finding of its own; here it only cannot be simulated.
+            // An unknown joint is a separate finding; here it only means that the pose cannot be
+            // simulated.
             let Ok(at) = self.robot.joint_index(name) else { return clip::PoseReport::default() };
             if let Some(slot) = state.get_mut(at) {
                 *slot = *value;

@@ -1,12 +1,12 @@
-//! A robot's model with keyframes inside: a file that simulators load by itself.
+//! A robot's model that contains keyframes, so that simulators can load the file alone.
 
 use super::Robot;
 
 impl Robot {
-    /// The MJCF with the `<keyframe>` block of `keys` (an export that holds nothing else) before
-    /// its end. `None` where either is not closed as it should be.
+    /// The MJCF with the `<keyframe>` block of `keys` (an export that contains nothing else) before
+    /// its end. `None` if either is not closed properly.
     ///
-    /// Meshes stay files beside the model: such a text is to be kept in the robot's folder, see
+    /// Meshes stay separate files, so such a text belongs in the robot's folder; see
     /// [`Robot::has_assets`].
     pub fn mjcf_with_keys(&self, keys: &str) -> Option<String> {
         let from = keys.find("<keyframe>")?;
@@ -42,7 +42,7 @@ mod tests {
             assert_eq!(model.nq(), robot.state_dim(), "{id}");
             assert_eq!(text.matches("<key ").count(), 1, "{id}");
             assert!(!robot.has_assets());
-            // The export alone is no model of this robot.
+            // The export alone is not a model of this robot.
             let alone: [(&str, &[u8]); 1] = [("keys.xml", keys.as_bytes())];
             assert!(Model::from_assets("keys.xml", &alone).is_err(), "{id}");
         }

@@ -1,5 +1,5 @@
-//! Mesh and picture files of foreign models: sizes checked from their headers before they
-//! are read, ASCII STL turned into the binary form that the simulator takes.
+//! Mesh and picture files of foreign models. Sizes are checked from the headers before the files
+//! are read, and ASCII STL is converted into binary STL for the simulator.
 
 use std::io::Read;
 use std::path::Path;
@@ -11,7 +11,7 @@ const STL_HEAD: u64 = 84;
 /// Bytes of a triangle in a binary STL.
 const STL_FACE: u64 = 50;
 
-/// Checks a file that a model refers to. Gives its size in bytes.
+/// Checks a file that a model refers to, and returns its size in bytes.
 ///
 /// # Errors
 /// What is wrong with it, as a sentence.
@@ -23,7 +23,7 @@ pub(super) fn check_file(path: &Path) -> Result<u64, String> {
     }
     if bytes > limits::MESH_BYTES {
         return Err(format!(
-            "\"{name}\" has {bytes} bytes, at most {} are read",
+            "\"{name}\" has {bytes} bytes; at most {} are read",
             limits::MESH_BYTES
         ));
     }
@@ -53,12 +53,12 @@ fn check_stl(name: &str, head: &[u8], bytes: u64) -> Result<(), String> {
     };
     if faces > limits::MESH_FACES as u64 {
         return Err(format!(
-            "\"{name}\" claims {faces} faces, at most {} are taken",
+            "\"{name}\" claims {faces} faces; at most {} are supported",
             limits::MESH_FACES
         ));
     }
     if STL_HEAD + STL_FACE * faces > bytes {
-        return Err(format!("\"{name}\" claims {faces} faces but holds only {bytes} bytes"));
+        return Err(format!("\"{name}\" claims {faces} faces but has only {bytes} bytes"));
     }
     Ok(())
 }
@@ -72,7 +72,7 @@ fn is_ascii_stl(head: &[u8]) -> bool {
     head.starts_with(b"solid")
 }
 
-/// Width and height of a PNG file, pixels, from its header; `None` if it is none.
+/// Width and height of a PNG file, pixels, from its header; `None` if it is not a PNG file.
 pub(super) fn png_size(path: &Path) -> Option<(u64, u64)> {
     let mut head = [0_u8; 24];
     fsio::open_regular(path).and_then(|mut f| f.read_exact(&mut head)).ok()?;
@@ -96,14 +96,14 @@ fn check_png(name: &str, head: &[u8]) -> Result<(), String> {
     }
     if w == 0 || h == 0 || w > limits::TEXTURE_PX || h > limits::TEXTURE_PX {
         return Err(format!(
-            "\"{name}\" is {w} x {h} pixels, at most {} on an edge",
+            "\"{name}\" has {w} x {h} pixels; an edge may have at most {}",
             limits::TEXTURE_PX
         ));
     }
     Ok(())
 }
 
-/// The mesh as the simulator wants it: ASCII STL becomes binary, all else stays.
+/// The mesh for the simulator: ASCII STL becomes binary, other formats stay.
 ///
 /// # Errors
 /// What is wrong with it, as a sentence.
@@ -123,12 +123,12 @@ pub(super) fn normalised(name: &str, bytes: Vec<u8>) -> Result<Vec<u8>, String> 
         let before = numbers.len();
         numbers.extend(words.filter_map(|w| w.parse::<f32>().ok()).filter(|v| v.is_finite()));
         if numbers.len() != before + 3 {
-            return Err(format!("\"{name}\" holds a vertex that is not three numbers: {line}"));
+            return Err(format!("\"{name}\" contains a vertex that is not three numbers: {line}"));
         }
     }
     let faces = numbers.len() / 9;
     if faces == 0 || !numbers.len().is_multiple_of(9) || faces > limits::MESH_FACES {
-        return Err(format!("\"{name}\" holds {} vertices, not three a face", numbers.len() / 3));
+        return Err(format!("\"{name}\" has {} vertices, not three per face", numbers.len() / 3));
     }
     let mut out = vec![0_u8; 80];
     out.extend((faces as u32).to_le_bytes());

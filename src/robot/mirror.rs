@@ -1,8 +1,8 @@
 //! A pose and its mirror image.
 //!
-//! A table says for every joint which joint's value it takes, with sign and offset. On hinges
-//! the image is unique only up to full turns: the turn nearest to a reference is taken, so
-//! that a mirrored motion does not jump.
+//! A table gives for every joint the joint whose value it takes, with sign and offset. On hinges
+//! the image is unique only up to full turns. The turn nearest to a reference is used, so that a
+//! mirrored motion does not jump.
 
 use std::f64::consts::TAU;
 
@@ -10,14 +10,14 @@ use super::{Error, Robot};
 use crate::units::Unit;
 
 impl Robot {
-    /// Why the robot has no mirror image; `None` where it has one.
+    /// Why the robot has no mirror image; `None` if it has one.
     pub fn mirror_reason(&self) -> Option<&str> {
         let mirror = &self.profile().mirror;
         mirror.table.is_empty().then_some(mirror.none.as_str())
     }
 
-    /// The mirror image of a pose; (`state_dim`). `near` picks the turn of joints that can
-    /// make more than one: the frame before, or the home pose.
+    /// The mirror image of a pose; (`state_dim`). `near` (the frame before, or the home pose)
+    /// selects the turn of joints that can make more than one.
     ///
     /// # Errors
     /// [`Error::NoMirror`], [`Error::Length`].
@@ -58,8 +58,8 @@ impl Robot {
     }
 }
 
-/// The angle equal to `angle` up to full turns that is nearest to `reference` among those
-/// inside the range; clamped where no turn fits.
+/// The angle equal to `angle` up to full turns that is inside the range and nearest to `reference`;
+/// clamped if no turn fits.
 fn nearest_turn(angle: f64, reference: f64, [lo, hi]: [f64; 2]) -> f64 {
     let nearest = angle - TAU * ((angle - reference) / TAU).round();
     let fits = |v: f64| v >= lo - 1e-9 && v <= hi + 1e-9;

@@ -1,17 +1,16 @@
 //! Robots: model, profile, import, inverse kinematics.
 //!
-//! A [`Robot`] is an MJCF model plus a [`Profile`] (a TOML file beside it) that says what a
-//! person knows beyond the physics: groups, named poses, mirror, camera. Three robots, one of
-//! them twice, are built in; [`mod@import`] makes a folder of the same kind from a foreign URDF
-//! or MJCF.
+//! A [`Robot`] is an MJCF model plus a [`Profile`] (a TOML file beside it) with knowledge beyond
+//! the physics: groups, named poses, mirror, camera. Three robots, one of them twice, are built in.
+//! [`mod@import`] makes a folder of the same kind from a foreign URDF or MJCF.
 //!
-//! The state is the coordinates of all joints in model order; the action is one number in
-//! -1..1 a motor, scaled to its control range. Two models are compiled from one text: the
-//! simulator's without the geoms that are only looked at (stepping the arm is twice as
-//! fast so), and the scene's with all of them.
+//! The state consists of the coordinates of all joints in model order. The action is one number in
+//! -1..1 per motor, scaled to its control range. Two models are compiled from one text: the
+//! simulated one without purely visual geoms (which makes stepping the arm twice as fast), and the
+//! drawn one with all geoms.
 //!
-//! Rejected: describing robots in Rust (nobody could bring their own) and deriving the
-//! profile only (a mirror table or the name of a pose is not in any model).
+//! Rejected: describing robots in Rust (users could not add their own), and only deriving the
+//! profile (a mirror table or the name of a pose is not in any model).
 
 mod builtin;
 pub mod check;
@@ -68,7 +67,7 @@ pub struct StateJoint {
     pub name: String,
     /// Radians or metres.
     pub unit: Unit,
-    /// Limits; the whole line for an unbounded joint.
+    /// Limits; infinite for an unbounded joint.
     pub range: [f64; 2],
     /// Whether it turns or slides without end.
     pub unbounded: bool,
@@ -87,7 +86,7 @@ pub struct StateJoint {
 pub struct Actuator {
     /// Name, as in the model.
     pub name: String,
-    /// What it pulls at.
+    /// What it acts on.
     pub drive: Drive,
     /// Control range, N m or N.
     pub ctrlrange: [f64; 2],
@@ -107,7 +106,7 @@ pub(crate) type Assets = Vec<(String, Vec<u8>)>;
 ///
 /// let arm = Robot::builtin("ur5e")?;
 /// assert_eq!((arm.state_dim(), arm.action_dim()), (5, 5));
-/// // The pose that the arm settles at when it is asked to stand at home.
+/// // The pose in which the arm settles when it is commanded to its home pose.
 /// let settled = arm.settle(&arm.home())?;
 /// assert_eq!(settled.reached.len(), arm.state_dim());
 /// # Ok::<(), Box<dyn std::error::Error>>(())
@@ -127,12 +126,12 @@ pub struct Robot {
 }
 
 impl Robot {
-    /// Ids of the robots in the binary.
+    /// Ids of the built-in robots.
     pub fn builtin_ids() -> impl Iterator<Item = &'static str> {
         builtin::BUILTIN.iter().map(|b| b.id)
     }
 
-    /// A robot in the binary.
+    /// A built-in robot.
     ///
     /// # Errors
     /// [`Error::Unknown`].
@@ -153,7 +152,7 @@ impl Robot {
         &self.profile.id
     }
 
-    /// Everything the profile says.
+    /// The complete profile.
     pub fn profile(&self) -> &Profile {
         &self.profile
     }
@@ -178,7 +177,7 @@ impl Robot {
         &self.actuators
     }
 
-    /// The model to simulate. It has no geoms that are only looked at.
+    /// The model to simulate. It has no purely visual geoms.
     pub fn model(&self) -> &Arc<Model> {
         &self.model
     }
@@ -204,13 +203,13 @@ impl Robot {
         &self.mjcf
     }
 
-    /// The folder that the robot was loaded from; `None` for those in the binary.
+    /// The folder that the robot was loaded from; `None` for built-in robots.
     pub fn folder(&self) -> Option<&Path> {
         self.folder.as_deref()
     }
 
-    /// Sha-256 of the MJCF text (and of the meshes, where there are any): two robots with
-    /// the same value are the same plant.
+    /// Sha-256 of the MJCF text (and of the meshes, if there are any). Two robots with the same
+    /// value are the same plant.
     pub fn model_sha256(&self) -> &str {
         &self.sha256
     }
@@ -237,7 +236,7 @@ impl Robot {
         self.joints.iter().map(|j| qvel.get(j.dofadr).copied().unwrap_or(f64::NAN)).collect()
     }
 
-    /// Puts a simulation at a state; velocities stay as they are.
+    /// Sets the state of a simulation; velocities are unchanged.
     ///
     /// # Errors
     /// [`Error::Length`]; [`Error::Simulator`] for values that are not finite.
@@ -263,7 +262,7 @@ impl Robot {
     /// Controls of an action, N m or N; (`action_dim`).
     ///
     /// # Errors
-    /// [`Error::Length`]. A value that is not finite stays so, for [`Data::set_ctrl`] to refuse.
+    /// [`Error::Length`]. A value that is not finite is passed on; [`Data::set_ctrl`] refuses it.
     pub fn ctrl_of(&self, action: &[f64]) -> Result<Vec<f64>, Error> {
         self.check_len("action", action.len(), self.actuators.len())?;
         Ok(self
@@ -376,7 +375,7 @@ impl Robot {
         Err(Error::Length { robot: self.id().to_owned(), what, got, want })
     }
 
-    /// Compiles and completes; every way to a robot ends here.
+    /// Compiles the model and completes the profile. All constructors end here.
     fn assemble(
         written: profile::Written,
         xml: &str,
@@ -389,7 +388,7 @@ impl Robot {
         let mjcf = text::with_damping(xml, &written.physics.damping).map_err(|e| match e {
             text::DampingError::Xml(e) => mismatch(format!("the model does not parse: {e}")),
             text::DampingError::NoJoint(name) => mismatch(format!(
-                "physics.damping names joint \"{name}\", which the model does not have"
+                "physics.damping contains joint \"{name}\", which the model does not have"
             )),
         })?;
         let stepped = if written.physics.discard_visual {
@@ -455,7 +454,7 @@ fn fingerprint(mjcf: &str, assets: &Assets) -> String {
 fn builtin_model(reference: &str, path: &Path) -> Result<&'static str, Error> {
     let id = reference.strip_prefix("builtin:").unwrap_or_default();
     builtin::find(id).and_then(|b| b.model).ok_or_else(|| Error::Mismatch {
-        message: format!("model is \"{reference}\"; no robot in the program has such a model"),
+        message: format!("model is \"{reference}\", which is not a built-in robot"),
         path: path.to_owned(),
     })
 }

@@ -1,8 +1,8 @@
-//! The plant that is simulated, which may differ from the robot's file.
+//! The simulated plant, which may differ from the robot's file.
 //!
-//! A comparison in which a planner owns the exact simulator flatters it, and a policy that has
-//! seen one plant only cannot tell another from its motion. [`PlantConfig`] is one plant;
-//! [`PlantRange`] is where plants are drawn from, for collection and for evaluation.
+//! A planner that owns the exact simulator looks too good in a comparison, and a policy that
+//! learned from one plant cannot recognise another by its motion. [`PlantConfig`] is one plant;
+//! [`PlantRange`] is a range from which plants are drawn, for collection and for evaluation.
 
 use std::sync::Arc;
 
@@ -10,7 +10,7 @@ use super::{Error, Robot};
 use crate::mujoco::Model;
 use crate::rng::{Rng, Stream};
 
-/// How the simulated plant differs from the robot's file; factors, 1 is no change.
+/// The simulated plant relative to the robot's file, as factors; 1 is no change.
 ///
 /// ```
 /// use robert::robot::PlantConfig;
@@ -36,12 +36,12 @@ impl Default for PlantConfig {
 }
 
 impl PlantConfig {
-    /// Whether this is the robot as its file says.
+    /// Whether this is the robot of the file.
     pub fn is_nominal(&self) -> bool {
         *self == PlantConfig::default()
     }
 
-    /// The model of this plant: the robot's own when nothing differs.
+    /// The model of this plant; the robot's own if nothing differs.
     ///
     /// # Errors
     /// [`Error::Simulator`].
@@ -67,7 +67,7 @@ impl std::str::FromStr for PlantConfig {
         let range: PlantRange = text.parse()?;
         range.single().ok_or_else(|| Error::Plant {
             text: text.to_owned(),
-            problem: "one plant is wanted here, not a range".to_owned(),
+            problem: "expected one plant, not a range".to_owned(),
         })
     }
 }
@@ -78,7 +78,7 @@ impl std::fmt::Display for PlantConfig {
     }
 }
 
-/// Where plants are drawn from: least and greatest factor, log-uniform between them.
+/// A range of plants: least and greatest factor, log-uniform between them.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PlantRange {
@@ -118,7 +118,7 @@ impl PlantRange {
         let mut rng = Rng::new(seed, Stream::Plant, 0);
         let mut factor = |[lo, hi]: [f64; 2]| {
             let share = rng.uniform();
-            // Exact where there is nothing to draw: a fixed plant must not move by rounding.
+            // A fixed plant is returned exactly, without rounding.
             if lo == hi { lo } else { lo * (hi / lo).powf(share) }
         };
         PlantConfig {
@@ -137,11 +137,11 @@ impl std::str::FromStr for PlantRange {
         let fail = |problem: String| Error::Plant { text: text.to_owned(), problem };
         let number = |value: &str| {
             let factor: f64 =
-                value.trim().parse().or(Err(fail(format!("{value:?} is no number"))))?;
+                value.trim().parse().or(Err(fail(format!("{value:?} is not a number"))))?;
             if (0.01..=100.0).contains(&factor) {
                 Ok(factor)
             } else {
-                Err(fail(format!("{factor} is not within 0.01 to 100")))
+                Err(fail(format!("{factor} is not in 0.01 to 100")))
             }
         };
         let mut plant = PlantRange::default();
@@ -152,7 +152,7 @@ impl std::str::FromStr for PlantRange {
             let (lo, hi) = value.split_once("..").unwrap_or((value, value));
             let range = [number(lo)?, number(hi)?];
             if range[0] > range[1] {
-                return Err(fail(format!("{value:?} runs backwards")));
+                return Err(fail(format!("{value:?} is a decreasing range")));
             }
             match key.trim() {
                 "mass" => plant.mass = range,

@@ -1,9 +1,9 @@
-//! Reads a foreign model before any simulator does: caps, confinement, plain mistakes.
+//! Reads a foreign model before the simulator does, and checks limits, paths and simple mistakes.
 //!
-//! The compiler of `MuJoCo` 2.2.2 takes minutes or all memory for a few numbers (a composite
-//! of 1000^3, a height field of 1e5 x 1e5, `nuser_body` of 2e9), opens whatever path an
-//! include names, and accepts NaN. All of that is refused here, with line and column. What
-//! passes is one text without includes and a list of files, all inside the project folder.
+//! The compiler of `MuJoCo` 2.2.2 needs minutes or all memory for some numbers (a composite of
+//! 1000^3, a height field of 1e5 x 1e5, `nuser_body` of 2e9), opens any path that an include names,
+//! and accepts NaN. All of that is refused here, with line and column. The result is one text
+//! without includes and a list of files, all inside the project folder.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Component, Path, PathBuf};
@@ -15,7 +15,7 @@ use super::text::Edits;
 use super::{mesh, text};
 use crate::{fsio, limits, xml};
 
-/// What kind of model a file holds.
+/// The format of a model file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
     /// `MuJoCo`'s own.
@@ -29,11 +29,11 @@ pub enum Format {
 pub struct AssetRef {
     /// As written.
     pub written: String,
-    /// Where it is, links resolved, inside the project.
+    /// Its path inside the project, with links resolved.
     pub path: PathBuf,
 }
 
-/// A foreign model that passed.
+/// A foreign model that was accepted.
 #[derive(Clone, Debug)]
 pub struct Project {
     /// MJCF or URDF.
@@ -42,17 +42,17 @@ pub struct Project {
     pub xml: String,
     /// The main file.
     pub path: PathBuf,
-    /// The folder that nothing may leave, links resolved.
+    /// The folder that contains everything, with links resolved.
     pub root: PathBuf,
     /// Meshes, textures and height fields in order of appearance (MJCF only; those of a URDF
     /// need package folders).
     pub assets: Vec<AssetRef>,
-    /// How many files were read for the text.
+    /// Number of files that were read for the text.
     pub parts: usize,
 }
 
-/// Reads and checks a model file. `root` is the folder that its includes and meshes may not
-/// leave; without one, the file's own folder.
+/// Reads and checks a model file. `root` is the folder that must contain its includes and meshes;
+/// the default is the file's own folder.
 ///
 /// # Errors
 /// [`Error::Refused`], [`Error::File`].
@@ -72,7 +72,7 @@ pub fn read(path: &Path, root: Option<&Path>) -> Result<Project, Error> {
         other => {
             let (line, column) = place(doc.root_element());
             let message = format!(
-                "the root element is <{other}>; a model starts with <mujoco> (MJCF) or <robot> (URDF)"
+                "the root element is <{other}>; a model must start with <mujoco> (MJCF) or <robot> (URDF)"
             );
             return Err(Error::Refused { message, line, column, path: path.to_owned() });
         }
@@ -85,14 +85,14 @@ pub fn read(path: &Path, root: Option<&Path>) -> Result<Project, Error> {
         Splice { dir: dir.to_owned(), root: &root, seen: BTreeSet::new(), elements: 0, bytes: 0 };
     let xml = splice.expand(&xml, path, 0)?;
     let parts = splice.seen.len() + 1;
-    // The places of the assembled text are those of the file unless something was included.
+    // Places in the assembled text are those of the file unless something was included.
     let doc = parse(&xml, path)?;
     let assets = assets(&doc, path, dir, &root)?;
     drop(doc);
     Ok(Project { format, xml, path: path.into(), root, assets, parts })
 }
 
-/// Reads a text file under the cap, as UTF-8 without NUL.
+/// Reads a text file within the size limit, as UTF-8 without NUL.
 fn read_text(path: &Path) -> Result<String, Error> {
     let refused = |message: String, text: &str, at: usize| {
         let (line, column) = line_column(text, at);
@@ -107,10 +107,14 @@ fn read_text(path: &Path) -> Result<String, Error> {
         let at = e.utf8_error().valid_up_to();
         let lossy =
             String::from_utf8_lossy(e.as_bytes().get(..at).unwrap_or_default()).into_owned();
-        refused("not UTF-8 text; save the file as UTF-8".into(), &lossy, at)
+        refused("this is not UTF-8 text; save the file as UTF-8".into(), &lossy, at)
     })?;
     if let Some(at) = text.find('\0') {
-        return Err(refused("the file holds a NUL byte; it is not a text file".into(), &text, at));
+        return Err(refused(
+            "the file contains a NUL byte, so it is not a text file".into(),
+            &text,
+            at,
+        ));
     }
     if text.trim().is_empty() {
         return Err(refused("the file is empty".into(), &text, 0));
@@ -133,7 +137,7 @@ fn without_late_declaration(text: &str) -> String {
     }
 }
 
-/// Parses XML under the caps.
+/// Parses XML within the limits.
 pub(super) fn parse<'a>(text: &'a str, path: &Path) -> Result<Document<'a>, Error> {
     xml::parse(text, limits::XML_ELEMENTS).map_err(|e| Error::Refused {
         message: e.message,
@@ -162,7 +166,7 @@ fn folder(path: &Path) -> &Path {
     }
 }
 
-/// Replaces includes by what they include.
+/// Replaces includes by their content.
 struct Splice<'a> {
     /// Includes are relative to the main file, as in `MuJoCo`.
     dir: PathBuf,
@@ -180,7 +184,7 @@ impl Splice<'_> {
         self.bytes += xml.len() as u64;
         if self.elements > limits::XML_ELEMENTS || self.bytes > limits::MODEL_BYTES {
             let message = format!(
-                "the model and its includes hold {} elements in {} bytes; at most {} and {} are read",
+                "the model and its includes have {} elements in {} bytes; at most {} and {} are read",
                 self.elements,
                 self.bytes,
                 limits::XML_ELEMENTS,
@@ -229,12 +233,12 @@ pub(super) fn resolve(dir: &Path, written: &str, root: &Path) -> Result<PathBuf,
     let plain = written.replace('\\', "/");
     let wide = || {
         format!(
-            "\"{written}\" leaves the project folder {}; name a folder that holds everything with --root DIR",
+            "\"{written}\" is outside the project folder {}; use --root DIR to name a folder that contains everything",
             root.display()
         )
     };
     let path = dir.join(&plain);
-    // Judged before the disk is asked, so that what lies outside cannot be probed.
+    // Checked before the disk is accessed, so that files outside cannot be probed.
     let dir_abs = dir.canonicalize().unwrap_or_else(|_| dir.to_owned());
     let mut lexical = if Path::new(&plain).is_absolute() { PathBuf::new() } else { dir_abs };
     for part in Path::new(&plain).components() {
@@ -252,7 +256,7 @@ pub(super) fn resolve(dir: &Path, written: &str, root: &Path) -> Result<PathBuf,
         return Err(wide());
     }
     let real = path.canonicalize().map_err(|e| match e.kind() {
-        std::io::ErrorKind::NotFound => format!("\"{written}\" is not there"),
+        std::io::ErrorKind::NotFound => format!("\"{written}\" does not exist"),
         _ => format!("\"{written}\" cannot be opened: {e}"),
     })?;
     if !real.starts_with(root) {
@@ -264,7 +268,7 @@ pub(super) fn resolve(dir: &Path, written: &str, root: &Path) -> Result<PathBuf,
     Ok(real)
 }
 
-/// Attributes that size something, with their caps.
+/// Attributes that set a size, with their limits.
 const SIZES: &[(&str, &str, u64)] = &[
     ("size", "nstack", 20_000_000),
     ("size", "njmax", 100_000),
@@ -283,7 +287,7 @@ const SIZES: &[(&str, &str, u64)] = &[
     ("hfield", "ncol", 4_096),
 ];
 
-/// Attributes that hold text, where "nan" or "inf" may well be a name.
+/// Attributes with text, in which "nan" or "inf" may be a name.
 const TEXTS: &[&str] = &[
     "name",
     "file",
@@ -332,7 +336,7 @@ fn check(doc: &Document<'_>, path: &Path) -> Result<(), Error> {
                     node,
                     path,
                     format!(
-                        "the composite has {total:.0} elements, at most {} are taken",
+                        "the composite has {total:.0} elements; at most {} are supported",
                         limits::COMPOSITE_ELEMENTS
                     ),
                 ));
@@ -358,7 +362,7 @@ fn check_length_range(node: Node<'_, '_>, motors: usize) -> Result<(), String> {
     ))
 }
 
-/// Bytes that a texture takes in memory, three a pixel.
+/// Bytes of a texture in memory, three per pixel.
 fn texture_bytes(node: Node<'_, '_>, files: &[(u64, u64)]) -> u64 {
     if !files.is_empty() {
         return files.iter().map(|(w, h)| 3 * w * h).sum();
@@ -378,7 +382,7 @@ fn check_attribute(node: Node<'_, '_>, tag: &str, name: &str, value: &str) -> Re
     if TEXTS.contains(&name) {
         let cap = if matches!(name, "file" | "filename") { 4096 } else { limits::NAME_BYTES };
         if value.len() > cap {
-            return Err(format!("{name} has {} bytes, at most {cap} are taken", value.len()));
+            return Err(format!("{name} has {} bytes; at most {cap} are supported", value.len()));
         }
         return Ok(());
     }
@@ -389,41 +393,43 @@ fn check_attribute(node: Node<'_, '_>, tag: &str, name: &str, value: &str) -> Re
         }
         return match (name, value) {
             ("dyntype" | "gaintype" | "biastype", "user") => {
-                Err(format!("{name}=\"user\" needs a program of its own; it cannot be simulated"))
+                Err(format!("{name}=\"user\" needs its own program and cannot be simulated"))
             }
             _ => Ok(()),
         };
     };
     if let Some(v) = numbers.iter().find(|v| !v.is_finite()) {
-        return Err(format!("{name} holds {v}, which is not a finite number"));
+        return Err(format!("{name} contains {v}, which is not a finite number"));
     }
     let first = numbers.first().copied().unwrap_or(0.0);
     if name == "quat" && numbers.len() == 4 && numbers.iter().all(|v| *v == 0.0) {
-        return Err("quat is 0 0 0 0, which is no rotation; the neutral one is 1 0 0 0".into());
+        return Err(
+            "quat is 0 0 0 0, which is not a rotation; the neutral rotation is 1 0 0 0".into()
+        );
     }
     if tag == "option" && name == "timestep" && !(1e-5..=0.1).contains(&first) {
         return Err(format!("timestep is {first} s, not within 0.00001 to 0.1 s"));
     }
     if let Some((_, _, cap)) = SIZES.iter().find(|(t, n, _)| *t == tag && *n == name) {
         if first > *cap as f64 {
-            return Err(format!("{name} is {first}, at most {cap} is taken"));
+            return Err(format!("{name} is {first}; at most {cap} is supported"));
         }
-        // -1 is MuJoCo's word for "choose yourself".
+        // -1 tells MuJoCo to choose the value.
         if first < -1.0 {
-            return Err(format!("{name} is {first}; a size is not negative"));
+            return Err(format!("{name} is {first}; a size must not be negative"));
         }
     }
     if node.tag_name().name() == "texture" && name == "height" && first > limits::TEXTURE_PX as f64
     {
         let kind = node.attribute("type").unwrap_or("cube");
         if kind == "2d" {
-            return Err(format!("height is {first}, at most {} is taken", limits::TEXTURE_PX));
+            return Err(format!("height is {first}; at most {} is supported", limits::TEXTURE_PX));
         }
     }
     Ok(())
 }
 
-/// Attributes by which an MJCF names files.
+/// Attributes with which an MJCF refers to files.
 const FILES: &[(&str, &str)] = &[
     ("mesh", "file"),
     ("hfield", "file"),
@@ -437,12 +443,12 @@ const FILES: &[(&str, &str)] = &[
     ("texture", "fileback"),
 ];
 
-/// Whether this attribute of this MJCF element names a file.
+/// Whether this attribute of this MJCF element is a file name.
 pub(super) fn names_file(tag: &str, attribute: &str) -> bool {
     FILES.contains(&(tag, attribute))
 }
 
-/// Folders of meshes and textures, as the compiler elements say (the last word counts).
+/// Folders of meshes and textures from the compiler elements (the last one counts).
 pub(super) struct AssetDirs {
     mesh: PathBuf,
     texture: PathBuf,
@@ -522,7 +528,7 @@ fn assets(
             textures = textures.saturating_add(texture_bytes(node, &pictures));
             if textures > limits::TEXTURE_BYTES {
                 let message = format!(
-                    "the textures take {textures} bytes unpacked, at most {} are taken",
+                    "the textures need {textures} bytes unpacked; at most {} are supported",
                     limits::TEXTURE_BYTES
                 );
                 return Err(refuse(node, path, message));
@@ -566,14 +572,14 @@ mod tests {
             let (_d, r) = project(&[("a.xml", &text)]);
             let e = r.unwrap_err();
             assert!(matches!(e, Error::Refused { line: 2, column: 3, .. }), "{e}");
-            assert!(e.to_string().contains("leaves the project folder"), "{e}");
+            assert!(e.to_string().contains("outside the project folder"), "{e}");
         }
         let dir = tempfile::tempdir().unwrap();
         std::os::unix::fs::symlink("/etc/passwd", dir.path().join("link.xml")).unwrap();
         std::fs::write(dir.path().join("a.xml"), "<mujoco><include file=\"link.xml\"/></mujoco>")
             .unwrap();
         let e = read(&dir.path().join("a.xml"), None).unwrap_err();
-        assert!(e.to_string().contains("leaves the project folder"), "{e}");
+        assert!(e.to_string().contains("outside the project folder"), "{e}");
     }
 
     #[test]
@@ -596,9 +602,9 @@ mod tests {
             project(&[("a.xml", &good)]).1.unwrap();
         }
         for (bad, why) in [
-            (texture("2d", 6, 4096), "the textures take"),
-            (texture("cube", 4, 2048), "the textures take"),
-            (texture("skybox", 1, 4096), "the textures take"),
+            (texture("2d", 6, 4096), "the textures need"),
+            (texture("cube", 4, 2048), "the textures need"),
+            (texture("skybox", 1, 4096), "the textures need"),
             (range(steps + 1, 1), "length ranges of 1 actuators"),
             (range(steps, 2), "length ranges of 2 actuators"),
             (range(10, 1).replace("timestep=\"1\"", "timestep=\"0\""), "length ranges"),

@@ -1,8 +1,8 @@
-//! What a person knows about a robot beyond its MJCF: names, groups, poses, mirror, speed.
+//! Knowledge about a robot beyond its MJCF: names, groups, poses, mirror, speed.
 //!
-//! A profile is a TOML file beside the model. Every field may be left out: what the model
-//! implies is derived ([`super::derive`]), what it cannot imply has a plain default. What
-//! is written down and contradicts the model is an error, never silently overruled.
+//! A profile is a TOML file beside the model. Every field may be left out: it is derived from the
+//! model if possible ([`super::derive`]), and has a simple default otherwise. A written value that
+//! contradicts the model is an error and is never overruled silently.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -17,7 +17,7 @@ use crate::units::Unit;
 pub const FORMAT: &str = "robert-robot/1";
 /// Name of the profile in a robot's folder.
 pub const PROFILE_FILE: &str = "profile.toml";
-/// Name of the model in a robot's folder, unless the profile says otherwise.
+/// Name of the model in a robot's folder, unless the profile names another.
 pub const MODEL_FILE: &str = "robot.xml";
 /// Distance to a joint's limit that counts as near, rad or m.
 pub const NEAR_LIMIT: f64 = 0.1;
@@ -37,7 +37,7 @@ pub struct JointSpec {
     pub speed_limit: f64,
 }
 
-/// What an actuator pulls at, by name.
+/// What an actuator acts on, by name.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Drive {
@@ -45,7 +45,7 @@ pub enum Drive {
     Joint(String),
     /// A tendon: the coupled joints of that name.
     Tendon(String),
-    /// Something else (a site, a body): known to the simulator only.
+    /// Something else (a site, a body) that only the simulator knows.
     Other(String),
 }
 
@@ -61,7 +61,7 @@ pub struct ActuatorSpec {
     pub ctrlrange: [f64; 2],
 }
 
-/// Joints that belong together: a finger, a limb, all knuckles.
+/// A group of joints: a finger, a limb, all knuckles.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
@@ -79,7 +79,7 @@ pub struct Group {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "lowercase", deny_unknown_fields)]
 pub enum Coupling {
-    /// One cord pulls several joints: they share a force, their differences are free.
+    /// One cord pulls several joints: they share a force, and their differences are free.
     Tendon {
         /// Name of the tendon.
         name: String,
@@ -123,20 +123,20 @@ pub struct MirrorRow {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MirrorSpec {
-    /// The table; joints that it leaves out keep their value.
+    /// The table; joints without a row keep their value.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub table: Vec<MirrorRow>,
-    /// Why there is none.
+    /// Why there is no table.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub none: String,
 }
 
-/// Where to look from, as in `MuJoCo`'s free camera.
+/// The default view, as in `MuJoCo`'s free camera.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Camera {
-    /// The point that is looked at, m.
+    /// The point at the centre of the view, m.
     pub lookat: [f64; 3],
     /// Distance from it, m.
     pub distance: f64,
@@ -148,7 +148,7 @@ pub struct Camera {
     pub fovy_rad: f64,
 }
 
-/// Gains and patience of the drive that settles a pose.
+/// Gains and duration of the drive that settles a pose.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SettleSpec {
@@ -166,16 +166,16 @@ pub struct SettleSpec {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Physics {
-    /// Simulate without the geoms that do not collide. They must weigh nothing.
+    /// Simulate without the geoms that do not collide. They must have no mass.
     #[serde(default)]
     pub discard_visual: bool,
-    /// Joint damping in place of the model's, N m s/rad or N s/m.
+    /// Joint damping that replaces the model's, N m s/rad or N s/m.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub damping: BTreeMap<String, f64>,
 }
 
-/// A pose: values of the joints that it names; the others are as in the home pose, and
-/// zero (or the nearest allowed value) where that is silent too.
+/// A pose: values of the joints that it names. The others have the value of the home pose, or else
+/// zero (or the nearest allowed value).
 pub type PoseSpec = BTreeMap<String, f64>;
 
 /// A complete profile; see the module.
@@ -190,7 +190,7 @@ pub struct Profile {
     pub title: String,
     /// A sentence or two.
     pub about: String,
-    /// Where figures and meshes come from, and under which terms.
+    /// Source and licence of figures and meshes.
     pub licence: String,
     /// The model: a file of the folder, or `builtin:ID`.
     pub model: String,
@@ -210,7 +210,7 @@ pub struct Profile {
     pub couplings: Vec<Coupling>,
     /// The mirror table.
     pub mirror: MirrorSpec,
-    /// Sites that inverse kinematics can pull at.
+    /// Sites that inverse kinematics can move.
     pub ik_sites: Vec<String>,
     /// The default view.
     pub camera: Camera,
@@ -244,7 +244,7 @@ pub(super) struct Written {
     pub(super) poses: BTreeMap<String, PoseSpec>,
 }
 
-/// A joint as written: the name orders, the rest may be left to the model.
+/// A joint as written: only the name is required.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct WrittenJoint {
@@ -254,7 +254,7 @@ pub(super) struct WrittenJoint {
     pub(super) speed_limit: Option<f64>,
 }
 
-/// Settle values as written: one number for all joints, or one a joint.
+/// Settle values as written: one number for all joints, or one per joint.
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct WrittenSettle {
@@ -264,7 +264,7 @@ pub(super) struct WrittenSettle {
     pub(super) tolerance: Option<f64>,
 }
 
-/// One number for all joints, or one a joint.
+/// One number for all joints, or one per joint.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(untagged)]
 pub(super) enum OneOrMany {
@@ -292,7 +292,7 @@ impl Written {
                     byte,
                 ));
             }
-            None => return Err(at(format!("format is missing; write format = \"{FORMAT}\""), 0)),
+            None => return Err(at(format!("format is missing; add format = \"{FORMAT}\""), 0)),
         }
         if let Some(id) = &written.id
             && !valid_id(id)
@@ -307,7 +307,7 @@ impl Written {
     }
 }
 
-/// Whether a text can name a robot in paths and on command lines.
+/// Whether a text is a valid robot id in paths and on command lines.
 pub fn valid_id(id: &str) -> bool {
     !id.is_empty()
         && id.len() <= 64.min(limits::NAME_BYTES)

@@ -1,4 +1,4 @@
-//! What a joint-space torque does in one frame, bias forces aside.
+//! The effect of a joint-space torque in one frame, without bias forces.
 //!
 //! The torque is held for n substeps of semi-implicit Euler with implicit damping, as `MuJoCo`
 //! integrates: v+ = (M + h D)^-1 (M v + h u), q+ = q + h v+. A frame of T = n h is then
@@ -7,25 +7,25 @@
 //! q(T) = q + G v + H u,    v(T) = P v + S u
 //! ```
 //!
-//! with matrices that hold for as long as the pose, and so the inertia, is about the same.
+//! with matrices that are valid while the pose, and so the inertia, is about the same.
 
 use nalgebra::{DMatrix, DVector};
 
 /// The four matrices of a frame; each (nv, nv).
 #[derive(Clone, Debug)]
 pub struct Response {
-    /// G: the way that speed alone goes.
+    /// G: displacement per speed.
     pub coast: DMatrix<f64>,
-    /// H: the way per torque.
+    /// H: displacement per torque.
     pub way: DMatrix<f64>,
-    /// P: the speed that is left.
+    /// P: remaining speed per speed.
     pub keep: DMatrix<f64>,
-    /// S: the speed per torque.
+    /// S: speed per torque.
     pub speed: DMatrix<f64>,
 }
 
 impl Response {
-    /// From the inertia (nv, nv) and the damping of the joints; `None` where it is singular.
+    /// From the inertia (nv, nv) and the damping of the joints; `None` if it is singular.
     pub fn new(mass: &DMatrix<f64>, damping: &[f64], h: f64, n: usize) -> Option<Response> {
         let nv = damping.len();
         let damping = DMatrix::from_diagonal(&DVector::from_row_slice(damping));
@@ -43,9 +43,8 @@ impl Response {
         Some(Response { coast, way, keep, speed })
     }
 
-    /// What is left of a disturbance after a frame, as a factor, when each joint is driven by
-    /// u = -kp q - kd v; over many frames, for the one that lasts longest. Infinite where
-    /// it grows beyond all numbers.
+    /// The factor by which the slowest disturbance decays per frame when each joint is driven by u
+    /// = -kp q - kd v. Infinite if it grows without bound.
     pub fn lasting(&self, kp: &[f64], kd: &[f64]) -> f64 {
         let nv = kp.len();
         let (kp, kd) = (DVector::from_row_slice(kp), DVector::from_row_slice(kd));
@@ -58,8 +57,8 @@ impl Response {
         put(0, nv, &self.coast - &self.way * &kd);
         put(nv, 0, -(&self.speed * &kp));
         put(nv, nv, &self.keep - &self.speed * &kd);
-        // Powers 256 and 512 by squaring: from one to the other only the mode that lasts
-        // longest, or grows most, still changes. Sizes are kept as logarithms.
+        // Powers 256 and 512 by squaring: between them only the slowest or fastest-growing mode
+        // still changes. Sizes are kept as logarithms.
         let (mut before, mut log) = (0.0, 0.0);
         for _ in 0..9 {
             frame = &frame * &frame;

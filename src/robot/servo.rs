@@ -1,9 +1,9 @@
 //! Gains of a servo for each joint, from inertia, damping and the length of a frame.
 //!
-//! A torque u held for one frame T moves a joint at speed v by g v + b u, so
-//! u = share (r - q - g v)/b would reach the target r in one frame at share = 1. What b and
-//! g are depends on what the other joints do meanwhile: [`Robot::servos`] holds them still,
-//! [`Robot::tracking_servos`] lets them go, as they do when all are driven at once.
+//! A torque u held for one frame T moves a joint at speed v by g v + b u, so u = share (r - q - g
+//! v)/b would reach the target r in one frame at share = 1. The values of b and g depend on the
+//! other joints: [`Robot::servos`] assumes that they stand still, [`Robot::tracking_servos`] that
+//! they move freely, as when all are driven at once.
 
 use nalgebra::DMatrix;
 
@@ -14,14 +14,14 @@ use super::{Error, Robot};
 use crate::mujoco::{Data, Transmission};
 use crate::units::CTRL_DT;
 
-/// Share of the remaining way that tracking aims at where the joints leave each other alone.
-/// Full deadbeat (1) alternates between two torques on an undamped joint.
+/// Share of the remaining distance that tracking covers per frame if the joints do not affect each
+/// other. Full deadbeat (1) alternates between two torques on an undamped joint.
 const SHARE: f64 = 0.97;
-/// What may be left of a disturbance after a frame.
+/// The largest allowed factor of a disturbance after a frame.
 const LASTING: f64 = 1.0;
-/// Poses beside home at which that is asked for.
+/// Number of poses besides home at which this is required.
 const POSES: usize = 16;
-/// Room of a joint without end: rad or m to either side of home.
+/// Range of an unbounded joint: rad or m to either side of home.
 const UNBOUNDED: f64 = 1.5;
 /// Shares are tried from [`SHARE`] down in these steps, to no less than a hundredth.
 const SOFTER: f64 = 0.97;
@@ -37,8 +37,8 @@ pub struct Servo {
 }
 
 impl Servo {
-    /// The servo of a joint that is alone with its inertia and damping: with tau = M/c,
-    /// g = tau (1 - e^(-T/tau)) and b = (T - g)/c; undamped, b = T^2/(2M) and g = T.
+    /// The servo of a joint with its own inertia and damping only: with tau = M/c, g = tau (1 -
+    /// e^(-T/tau)) and b = (T - g)/c; undamped, b = T^2/(2M) and g = T.
     pub fn tuned(inertia: f64, damping: f64, share: f64) -> Servo {
         let (b, g) = if damping * CTRL_DT < 1e-6 * inertia {
             (CTRL_DT * CTRL_DT / (2.0 * inertia), CTRL_DT)
@@ -56,7 +56,7 @@ impl Servo {
 }
 
 impl Robot {
-    /// A servo for each state joint, tuned at the home pose as if the others stood still; (S).
+    /// A servo for each state joint, tuned at the home pose with the others fixed; (S).
     ///
     /// # Errors
     /// [`Error::Simulator`].
@@ -66,11 +66,11 @@ impl Robot {
         Ok(joints.map(|(k, c)| Servo::tuned(mass[(k, k)], c, share)).collect())
     }
 
-    /// Servos that drive all state joints at once, as stiff as the coupling of the joints
-    /// allows; (S). Light links behind heavy ones answer a torque several times as strongly
-    /// as they would alone, and gains that ignore it chatter between full torques. So the
-    /// share is lowered until a frame, with inertia, damping and the held torque as they are
-    /// at home and at some poses spread over the ranges, lets every disturbance shrink.
+    /// Servos that drive all state joints at once, as stiff as the coupling of the joints allows;
+    /// (S). A torque moves light links behind heavy ones several times as far as it would move them
+    /// alone, and gains that ignore this chatter between full torques. So the share is lowered
+    /// until every disturbance shrinks within a frame, at home and at some poses spread over the
+    /// ranges.
     ///
     /// # Errors
     /// [`Error::Simulator`].
@@ -98,7 +98,7 @@ impl Robot {
         Ok(servos(share))
     }
 
-    /// Inertia of the state joints at a pose, (S, S); other joints are held.
+    /// Inertia of the state joints at a pose, (S, S); other joints are fixed.
     fn inertia(&self, data: &mut Data, pose: &[f64]) -> Result<DMatrix<f64>, Error> {
         self.write_state(data, pose)?;
         data.forward()?;
@@ -160,7 +160,7 @@ impl Robot {
     }
 }
 
-/// What is left of a disturbance after a frame at the worst of these poses.
+/// The factor of a disturbance after a frame at the worst of these poses.
 fn lasting(responses: &[Response], servos: &[Servo]) -> f64 {
     let (kp, kd): (Vec<f64>, Vec<f64>) = servos.iter().map(|s| (s.kp, s.kd)).unzip();
     responses.iter().map(|r| r.lasting(&kp, &kd)).fold(0.0, f64::max)
@@ -185,8 +185,8 @@ mod tests {
         }
     }
 
-    /// Joint by joint, the light arm's gains end between full torques; taken together every
-    /// disturbance dies away, and where joints hardly touch each other nothing is given up.
+    /// Tuned joint by joint, the light arm chatters between full torques. Tuned together, every
+    /// disturbance decays, and weakly coupled joints lose no stiffness.
     #[test]
     fn tracking_servos_come_to_rest() {
         for id in Robot::builtin_ids() {
@@ -202,7 +202,7 @@ mod tests {
             let home = robot.home();
             assert_eq!(lasts(&home, &alone) > 1.5, rings, "{id}: {}", lasts(&home, &alone));
             for k in 0..2 * POSES {
-                // Half of them are others than those of the tuning.
+                // Half of these poses were not used for the tuning.
                 let worst = lasts(&robot.spread_pose(k), &all);
                 assert!(worst < 1.1, "{id}, pose {k}: {worst}");
             }

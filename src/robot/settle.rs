@@ -1,10 +1,10 @@
-//! Drives a pose in simulation and reports where the robot really comes to rest.
+//! Drives to a pose in simulation and reports where the robot comes to rest.
 //!
-//! A pose that a person drew may be out of reach: fingers touch the palm, tendons couple
-//! joints. Commands should hold the *settled* pose, so that the error of a policy is not the
-//! error of the drawing. The drive is proportional with damping, in joint space, with the
-//! model's own gravity and Coriolis forces compensated, at every simulator step: a stiff
-//! hold at 20 Hz would ring on the finger joints, whose time constant is 6 ms.
+//! A drawn pose may be unreachable: fingers touch the palm, and tendons couple joints. Commands
+//! should contain the *settled* pose, so that the error of a policy is not the error of the
+//! drawing. The drive is proportional with damping, in joint space, and compensates the model's
+//! gravity and Coriolis forces at every simulator step. A stiff hold at 20 Hz would ring on the
+//! finger joints, whose time constant is 6 ms.
 
 use super::{Error, Law, Robot};
 use crate::mujoco::{Data, Model};
@@ -15,9 +15,9 @@ use nalgebra::{DMatrix, DVector};
 /// Where a pose settled.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settled {
-    /// What was asked for; (`state_dim`).
+    /// The commanded pose; (`state_dim`).
     pub target: Vec<f64>,
-    /// What was reached; (`state_dim`).
+    /// The reached pose; (`state_dim`).
     pub reached: Vec<f64>,
     /// Distance between the two by joint; (`state_dim`).
     pub residual: Vec<f64>,
@@ -27,7 +27,7 @@ pub struct Settled {
     pub worst_joint: usize,
     /// Whether every residual is within the profile's tolerance.
     pub within: bool,
-    /// Greatest joint speed at the end, rad/s or m/s: still moving if not small.
+    /// Greatest joint speed at the end, rad/s or m/s; if it is not small, the robot still moves.
     pub speed: f64,
 }
 
@@ -35,7 +35,7 @@ impl Robot {
     /// Drives from the home pose to `target` for the profile's time.
     ///
     /// # Errors
-    /// [`Error::Length`]; [`Error::Simulator`] where the simulation diverges.
+    /// [`Error::Length`]; [`Error::Simulator`] if the simulation diverges.
     pub fn settle(&self, target: &[f64]) -> Result<Settled, Error> {
         self.settle_from(&self.home(), target)
     }
@@ -77,7 +77,7 @@ impl Robot {
     }
 }
 
-/// The drive's constants: which control makes which joint force.
+/// The constants of the drive: the joint force of each control.
 struct Drive {
     target: Vec<f64>,
     /// By actuator; what has none is told the length at the target.
@@ -154,7 +154,7 @@ mod tests {
     #[test]
     fn a_pose_out_of_reach_says_so() {
         let robot = Robot::builtin("shadow_hand").unwrap();
-        // One tendon bends both outer joints: 1.2 and 0 cannot both be had.
+        // One tendon bends both outer joints, so 1.2 and 0 cannot both be reached.
         let mut target = robot.home();
         let i = robot.joint_index("FFJ2").unwrap();
         target[i] = 1.2;

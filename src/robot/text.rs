@@ -1,8 +1,8 @@
-//! Small edits of MJCF text that keep every other byte as it was.
+//! Small edits of MJCF text that leave all other bytes unchanged.
 //!
-//! Rejected: writing the model back with `mj_saveLastXML`, which rounds numbers to six
-//! digits; and setting fields of the compiled model, after which text and model differ and
-//! the sha-256 in a data set would not tell two plants apart.
+//! Rejected: writing the model with `mj_saveLastXML`, which rounds numbers to six digits, and
+//! setting fields of the compiled model, after which text and model differ and the sha-256 in a
+//! dataset would not distinguish two plants.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -25,7 +25,7 @@ impl Edits {
         self.list.push((at, at, text.into()));
     }
 
-    /// Sets an attribute of an element, adding it where it is missing.
+    /// Sets an attribute of an element; adds it if it is missing.
     pub(super) fn set(&mut self, node: roxmltree::Node<'_, '_>, name: &str, value: &str) {
         let value = escape(value);
         match node.attributes().find(|a| a.name() == name) {
@@ -41,7 +41,7 @@ impl Edits {
         }
     }
 
-    /// The text with all edits done; edits inside a replaced range are dropped with it.
+    /// The text with all edits applied; edits inside a replaced range are dropped.
     pub(super) fn apply(mut self, text: &str) -> String {
         self.list.sort_by_key(|(start, end, _)| (*start, std::cmp::Reverse(*end)));
         let mut out = String::with_capacity(text.len() + 1024);
@@ -81,9 +81,9 @@ pub(super) fn escape(value: &str) -> String {
     value.replace('&', "&amp;").replace('<', "&lt;").replace('"', "&quot;")
 }
 
-/// The model without geoms that neither collide nor weigh: twice as fast to step.
+/// The model without geoms that neither collide nor have mass; it steps twice as fast.
 ///
-/// The caller answers for their weightlessness ([`super::Physics::discard_visual`]).
+/// The caller must make sure that they have no mass ([`super::Physics::discard_visual`]).
 pub(super) fn discard_visual(xml: &str) -> Result<String, roxmltree::Error> {
     let doc = roxmltree::Document::parse(xml)?;
     let mut edits = Edits::default();
@@ -105,8 +105,7 @@ pub(super) fn insert_first(edits: &mut Edits, root: roxmltree::Node<'_, '_>, ele
     }
 }
 
-/// The same model with other joint damping, by joint name. Names that the model does not
-/// have come back as the error.
+/// The same model with other joint damping, by joint name. Unknown names are returned as the error.
 pub(super) fn with_damping(
     xml: &str,
     damping: &BTreeMap<String, f64>,

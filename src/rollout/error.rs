@@ -44,7 +44,7 @@ pub enum Error {
         path: String,
     },
     /// The clip is for another robot, or has another number of joints.
-    #[error("the clip has {got} joints, robot {robot} has {want}: {hint}")]
+    #[error("the clip has {got} joints, but robot {robot} has {want}: {hint}")]
     Joints {
         /// The robot.
         robot: String,
@@ -62,13 +62,13 @@ pub enum Error {
         frames: usize,
     },
     /// The timestep of the model does not divide the control step.
-    #[error("timestep {timestep_secs} s does not divide a control step of 0.05 s into whole steps")]
+    #[error("a control step of 0.05 s is not a multiple of the timestep {timestep_secs} s")]
     Timestep {
         /// The timestep, seconds.
         timestep_secs: f64,
     },
     /// No such policy.
-    #[error("no policy is called {name:?}; there are {known}")]
+    #[error("there is no policy {name:?}; use {known}")]
     UnknownPolicy {
         /// What was asked for.
         name: String,
@@ -92,7 +92,7 @@ pub enum Error {
         needs: String,
     },
     /// No file, run or model of this name.
-    #[error("no model {name} for {robot}: there are {known}; or give a model file")]
+    #[error("there is no model {name} for {robot}; there are {known}; a model file also works")]
     UnknownModel {
         /// The robot.
         robot: String,

@@ -138,7 +138,7 @@ impl<T: Serialize + DeserializeOwned> FitCard<T> {
             return Err(format!("{s} joints and {a} actuators"));
         }
         if self.joints.len() != s {
-            return Err("joint names and joint facts that disagree in number".to_owned());
+            return Err("joint names and joint facts of different numbers".to_owned());
         }
         let n = &self.normaliser;
         let columns = [("mean", &n.mean), ("std", &n.std), ("d1", &n.std_d1), ("d2", &n.std_d2)];

@@ -95,7 +95,10 @@ impl Nearest {
             .iter()
             .try_fold(0_usize, |n, &l| n.checked_add(l).filter(|&n| l > 0 && n <= MOST_FRAMES));
         let Some(frames) = frames.filter(|&n| n > 0) else {
-            return refuse("lengths", "hold one or more trajectories, 20 million frames in all");
+            return refuse(
+                "lengths",
+                "must be one or more trajectories with at most 20 million frames in total",
+            );
         };
         for (what, per, got) in
             [("qpos", card.state(), qpos.len()), ("ctrl", card.actions(), ctrl.len())]

@@ -61,15 +61,25 @@ const NAMES: [(PolicyName, &str, &str, &str); 10] = {
         (P::ComputedTorque, "computed-torque", "", "inverse dynamics of the robot's model"),
         (P::Ilqr, "ilqr", "", "receding-horizon optimal control on the model"),
         (P::PredictiveSampling, "predictive-sampling", "", "random search about pd, on the model"),
-        (P::Robert, "robert", "[:MODEL]", "a trained network: file, run directory or shipped name"),
+        (
+            P::Robert,
+            "robert",
+            "[:MODEL]",
+            "a trained network: file, run directory or built-in name",
+        ),
         (
             P::Ridge,
             "ridge",
             "[:MODEL]",
-            "the linear prediction of such a model, or of a robert fit",
+            "the linear prediction inside such a model, or a robert fit",
         ),
-        (P::Nearest, "nearest", ":PATH", "the recorded moments most like this one: data or fit"),
-        (P::MlpInverse, "mlp-inverse", ":PATH", "a small inverse model, made by robert fit"),
+        (
+            P::Nearest,
+            "nearest",
+            ":PATH",
+            "the actions of the most similar recorded moments: data or fit",
+        ),
+        (P::MlpInverse, "mlp-inverse", ":PATH", "a small inverse model that robert fit makes"),
     ]
 };
 
@@ -181,8 +191,8 @@ pub fn offers(robot: &Robot) -> Vec<Offer> {
                 // A network's file need not hold the linear prediction.
                 let lacks = name == PolicyName::Ridge && model.encoder.ridge.is_none();
                 let needs = match name {
-                    PolicyName::Nearest => Some("recorded motion: name its folder"),
-                    PolicyName::MlpInverse => Some("a fit: name its file"),
+                    PolicyName::Nearest => Some("recorded motion: name the dataset"),
+                    PolicyName::MlpInverse => Some("a fit: name its file or dataset"),
                     _ => lacks.then_some("a model with a linear prediction in it"),
                 };
                 let needs = needs.map(str::to_owned);
@@ -195,7 +205,7 @@ pub fn offers(robot: &Robot) -> Vec<Offer> {
             }
             Ok(None) => {
                 let needs = Some(format!(
-                    "no model for {} comes with the program: train one, or name its file",
+                    "there is no built-in model for {}: train one, or name its file",
                     robot.id()
                 ));
                 list.push(Offer { needs, ..offer(name) });

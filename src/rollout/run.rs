@@ -411,7 +411,7 @@ fn check_joints(robot: &Robot, command: &Command) -> Result<(), Error> {
         robot: robot.id().to_owned(),
         got: command.dim(),
         want: robot.state_dim(),
-        hint: "the names or their order differ; choose the clip's own robot with --robot",
+        hint: "the names or their order differ; name the clip's own robot with --robot",
     })
 }
 

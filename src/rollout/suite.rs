@@ -453,7 +453,7 @@ fn summarise(case: &Case, outcomes: &[Outcome]) -> CaseResult {
     };
     let precision = if failed.is_some() { None } else { mean(&|p| p.precision) };
     let failed = failed.or_else(|| {
-        let why = "nothing to measure: the clip asks for nothing after frame 0";
+        let why = "there is nothing to measure: the clip has no goals after frame 0";
         precision.is_none().then(|| why.to_owned())
     });
     CaseResult {

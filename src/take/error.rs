@@ -54,7 +54,7 @@ pub enum Error {
     },
     /// The take was made with another robot model than the one given.
     #[error(
-        "the take is of robot {take_robot} (model {take_sha256:.12}), not of {robot} (model {sha256:.12}); give its own with --robot"
+        "the take is from robot {take_robot} (model {take_sha256:.12}), not from {robot} (model {sha256:.12}); name its own with --robot"
     )]
     OtherRobot {
         /// Robot of the take.
@@ -67,7 +67,7 @@ pub enum Error {
         sha256: String,
     },
     /// The robot has more bodies than a take holds.
-    #[error("robot {robot} has {bodies} bodies; a take holds at most {cap}")]
+    #[error("robot {robot} has {bodies} bodies; a take can contain at most {cap}")]
     Bodies {
         /// The robot.
         robot: String,
@@ -98,7 +98,7 @@ pub enum Error {
     },
     /// The page that plays recordings is not in this program.
     #[error(
-        "the viser client is not in this program; run script/bootstrap (it fetches the client), then build again"
+        "this build does not contain the viser client; script/bootstrap fetches it; then build again"
     )]
     NoClient,
 }
@@ -143,7 +143,7 @@ fn prefix(path: Option<&Path>) -> String {
 fn whole(frames: usize) -> String {
     match frames {
         0 => "nothing can be recovered".to_owned(),
-        1 => "1 frame before it is whole (recover it with --recover)".to_owned(),
-        n => format!("{n} frames before it are whole (recover them with --recover)"),
+        1 => "1 frame before it is intact (--recover saves it)".to_owned(),
+        n => format!("{n} frames before it are intact (--recover saves them)"),
     }
 }

@@ -108,7 +108,7 @@ impl Header {
             ));
         }
         if self.start.iter().any(|v| !v.is_finite()) {
-            return Err("a start value is no number".to_owned());
+            return Err("a start value is not a number".to_owned());
         }
         if robot.actuators.len() > limits::JOINTS || robot.bodies.len() > limits::BODIES {
             let (a, b) = (robot.actuators.len(), robot.bodies.len());
@@ -124,7 +124,7 @@ impl Header {
         }
         for (i, joint) in robot.joints.iter().enumerate() {
             if robot.joints.iter().take(i).any(|j| j == joint) {
-                return Err(format!("joint {joint:?} comes twice"));
+                return Err(format!("joint {joint:?} appears twice"));
             }
         }
         Ok(())

@@ -114,7 +114,7 @@ struct Scan {
 fn scan(bytes: &[u8]) -> Result<(Scan, Option<Damage>), Error> {
     let mut scan = Scan::default();
     if !bytes.starts_with(MAGIC) {
-        let empty = if bytes.is_empty() { "the file is empty" } else { "this is no MCAP file" };
+        let empty = if bytes.is_empty() { "the file is empty" } else { "this is not an MCAP file" };
         // A file cut within its first bytes is damaged, not foreign.
         if !bytes.is_empty() && MAGIC.starts_with(bytes) {
             return Ok((scan, Some(Damage::at(0, "the file ends inside its first bytes"))));
@@ -209,17 +209,17 @@ impl Scan {
             }
             CLIP_JSON if self.clip_text.is_none() => {
                 let text = std::str::from_utf8(data)
-                    .or(Err(Damage::at(record.offset, "clip.json is no UTF-8")))?;
+                    .or(Err(Damage::at(record.offset, "clip.json is not UTF-8")))?;
                 let sha = fsio::sha256_hex(data);
                 if self.header.as_ref().is_some_and(|h| h.clip_sha256.as_ref() != Some(&sha)) {
-                    let problem = "clip.json is not the clip that take.json names";
+                    let problem = "clip.json is not the clip that take.json refers to";
                     return Err(Damage::at(record.offset, problem).into());
                 }
                 self.clip_text = Some(text.to_owned());
             }
             MODEL_CARD if self.policy_card.is_none() => {
                 let text = std::str::from_utf8(data)
-                    .or(Err(Damage::at(record.offset, "model_card.json is no UTF-8")))?;
+                    .or(Err(Damage::at(record.offset, "model_card.json is not UTF-8")))?;
                 self.policy_card = Some(text.to_owned());
             }
             _ => {}
@@ -248,7 +248,8 @@ impl Scan {
                     Message::parse(record.body).ok_or_else(|| broken("a message cut short"))?;
                 let Some(&topic) = self.channels.get(&message.channel) else { return Ok(()) };
                 if self.header.is_none() {
-                    let problem = format!("there is no {TAKE_JSON}: no take of this program");
+                    let problem =
+                        format!("there is no {TAKE_JSON}, so this is not a take of this program");
                     return Err(Stop::Foreign(Error::foreign(problem)));
                 }
                 if message.data.len() > limits::TAKE_MESSAGE_BYTES {
@@ -354,16 +355,16 @@ impl Scan {
     fn take(self, whole: bool) -> Result<Take, Error> {
         let Some(header) = self.header else {
             return Err(Error::foreign(format!(
-                "there is no {TAKE_JSON}: no take of this program"
+                "there is no {TAKE_JSON}, so this is not a take of this program"
             )));
         };
         let (dim, actuators) = (header.robot.joints.len(), header.robot.actuators.len());
         let n = self.frames;
         if n == 0 || (whole && n < header.frames) {
-            return Err(Error::foreign(format!("{n} of {} frames are there", header.frames)));
+            return Err(Error::foreign(format!("only {n} of {} frames are there", header.frames)));
         }
         if whole && header.clip_sha256.is_some() != self.clip_text.is_some() {
-            return Err(Error::foreign(format!("{CLIP_JSON} is not there")));
+            return Err(Error::foreign(format!("{CLIP_JSON} is missing")));
         }
         // Past the damage nothing is known of the command either.
         let asked = if whole { header.command_frames as usize } else { n };
@@ -378,7 +379,7 @@ impl Scan {
         ghost.truncate(asked);
         let joints = header.robot.joints.clone();
         let command = Command::from_dense(joints, header.start, goals, visible)
-            .ok_or_else(|| Error::foreign("the command has another size than it says"))?;
+            .ok_or_else(|| Error::foreign("the command does not have the size that it states"))?;
         let bodies = header.robot.bodies.len();
         Ok(Take {
             clip_text: self.clip_text,
@@ -624,7 +625,7 @@ mod tests {
     #[test]
     fn foreign_files_say_so() {
         let message = |bytes: &[u8]| Take::from_mcap(bytes).unwrap_err().to_string();
-        assert!(message(b"hello, this is a text").contains("no MCAP"), "{}", message(b"hello"));
+        assert!(message(b"hello, this is a text").contains("not an MCAP"), "{}", message(b"hello"));
         let mut writer =
             mcap::WriteOptions::new().create(std::io::Cursor::new(Vec::new())).unwrap();
         let none = BTreeMap::new();

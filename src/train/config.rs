@@ -149,7 +149,7 @@ impl Default for TrainConfig {
 
 /// Presets with a line for help.
 pub const PRESETS: [(&str, &str); 9] = [
-    ("instant", "no training: the linear prediction alone, fitted in seconds"),
+    ("instant", "the linear prediction alone, fitted in seconds without training"),
     ("quick", "4 layers of 128, goal tokens, gated skip: about five minutes on two cores"),
     ("pm-tiny", "2 layers of 64, 256 x 10k: Pointmass, ablations"),
     ("pm-plus", "3 layers of 96, 256 x 10k: Pointmass"),
@@ -225,7 +225,7 @@ impl TrainConfig {
             assignment.split_once('=').ok_or_else(|| fail("expected key=value".into()))?;
         let (key, value) = (key.trim(), value.trim());
         if key == "preset" {
-            return Err(fail("is no single setting: choose it with --preset, or in a sweep file with preset = above [set]".into()));
+            return Err(fail("is not a single setting: choose it with --preset, or in a sweep file with preset = above [set]".into()));
         }
         let mut table = toml::Table::try_from(&*self).map_err(|e| fail(e.to_string()))?;
         let Some(old) = table.get(key) else {
@@ -242,7 +242,7 @@ impl TrainConfig {
             _ => Some(toml::Value::String(value.to_owned())),
         };
         let kind = old.type_str();
-        let parsed = parsed.ok_or_else(|| fail(format!("{value:?} is no {kind}")))?;
+        let parsed = parsed.ok_or_else(|| fail(format!("{value:?} is not a {kind}")))?;
         table.insert(key.to_owned(), parsed);
         let next: TrainConfig = table
             .try_into()

@@ -28,7 +28,7 @@ pub fn figure(record: &Record) -> Option<Figure> {
     let c = &record.config;
     let note = format!(
         "{}, {} x {}, {} tokens, skip {}, {} of {} steps of {}, {:.1} min",
-        if record.robot.is_empty() { "robot not noted" } else { &record.robot },
+        if record.robot.is_empty() { "unknown robot" } else { &record.robot },
         c.layers,
         c.width,
         word(&c.tokens),

@@ -10,7 +10,7 @@ use crate::{dataset, fsio, net};
 #[non_exhaustive]
 pub enum Error {
     /// No such preset.
-    #[error("no preset {name:?}; there are {known}")]
+    #[error("there is no preset {name:?}; use {known}")]
     Preset {
         /// What was asked for.
         name: String,
@@ -43,7 +43,7 @@ pub enum Error {
     },
     /// Too many steps whose loss or gradient was not finite, or nothing finite at the end.
     #[error(
-        "training diverged by step {step}: loss or gradient not finite, {skipped} steps skipped. The last good checkpoint is kept, {path}; a run keeps its settings, so begin a new one with a smaller lr: --set lr=... and another --out",
+        "training diverged by step {step}: loss or gradient was not finite, and {skipped} steps were skipped. The last good checkpoint is {path}. A run keeps its settings, so begin a new one with a smaller lr: --set lr=... and another --out",
         path = path.display()
     )]
     Diverged {

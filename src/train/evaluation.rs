@@ -150,7 +150,7 @@ impl RunState<'_> {
         record.robot.clone_from(&self.card.robot.id);
         let Some(figure) = curves::figure(&record) else { return };
         if let Err(e) = figure.save(&paths::curves(&opts.dir)) {
-            opts.progress.log(&format!("no picture of the curves: {e}"));
+            opts.progress.log(&format!("cannot draw the curves: {e}"));
         }
     }
 }

@@ -53,7 +53,7 @@ impl Record {
                 [] => String::new(),
                 near => format!("; there are {}", near.join(", ")),
             };
-            let why = format!("no run directory (no config.toml){known}");
+            let why = format!("not a run directory (no config.toml){known}");
             return Err(Error::Run { why, path: dir.to_owned() });
         }
         let config = paths::read_config(dir)?;

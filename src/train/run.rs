@@ -113,7 +113,7 @@ fn check(data: &Dataset, cfg: &TrainConfig, opts: &Options<'_>) -> Result<(), Er
         if opts.perform.is_none() {
             return Err(Error::Setting {
                 setting: "self_correct".into(),
-                why: "nobody here performs the tasks".into(),
+                why: "there is no evaluator for the tasks".into(),
             });
         }
         // The first round comes late: say now when no trajectory is long enough for a task.
@@ -163,7 +163,7 @@ impl Session {
         self.skipped += 1;
         run.metrics.push(Metric::Skipped { step: run.step, skipped: self.skipped });
         let step = run.step - 1;
-        opts.progress.log(&format!("step {step}: loss or gradient not finite, skipped"));
+        opts.progress.log(&format!("step {step} was skipped: loss or gradient is not finite"));
         if self.skipped < MOST_SKIPPED {
             return Ok(());
         }
@@ -173,7 +173,7 @@ impl Session {
     fn diverged(&self, run: &RunState<'_>, opts: &Options<'_>) -> Error {
         // For whoever looks at the run; resuming cuts off what lies after the checkpoint.
         if let Err(e) = run.save_metrics(&opts.dir) {
-            opts.progress.log(&format!("metrics not written: {e}"));
+            opts.progress.log(&format!("cannot write the metrics: {e}"));
         }
         Error::Diverged { skipped: self.skipped, step: run.step, path: paths::last(&opts.dir) }
     }

@@ -78,7 +78,7 @@ impl<'a> RunState<'a> {
         let refuse = |why: String| Err(Error::Run { why, path: last.clone() });
         let found = paths::read_config(dir)?;
         if found != *cfg {
-            return refuse("the run has other settings than these; give another directory".into());
+            return refuse("the run has other settings; choose another directory".into());
         }
         let robot = robot_card(&data.manifest().robot);
         let Model { card, net, encoder, optimiser } = checkpoint::load(&last, Some(&robot))?;
@@ -86,20 +86,21 @@ impl<'a> RunState<'a> {
             return refuse("the run was started on other data".into());
         }
         let Some(state) = optimiser else {
-            return refuse("no optimiser state to go on from".into());
+            return refuse("there is no optimiser state to continue from".into());
         };
         if began_with_tiles(dir).is_some_and(|tiles| tiles != tiled()) {
             let with = if tiled() {
-                "without a tile unit, and goes on with"
+                "without a tile unit and continues with"
             } else {
-                "with a tile unit, and goes on without"
+                "with a tile unit and continues without"
             };
-            opts.progress.log(&format!("this run began {with} one: as good, but its last bits are no longer those of an undisturbed run"));
+            opts.progress.log(&format!("this run began {with} one: the result is as good, but its last bits differ from those of an undisturbed run"));
         }
         // The checkpoint knows what it was trained with; the file beside it can be edited.
         let own = serde_json::from_value::<TrainConfig>(card.training.config.clone());
         if own.ok().as_ref() != Some(cfg) {
-            let why = "config.toml is no longer the one that the run was started with: put it back, or begin a new run";
+            let why =
+                "config.toml was changed since the run started: restore it, or begin a new run";
             return Err(Error::Run { why: why.into(), path: paths::config(dir) });
         }
         let step = card.training.step;
@@ -107,7 +108,7 @@ impl<'a> RunState<'a> {
         state.restore(&mut learner)?;
         let metrics = Metrics::read(&paths::metrics(dir), step)?;
         let (best, evaluated, spent) = (metrics.best(), metrics.evaluated(), metrics.secs());
-        opts.progress.log(&format!("going on from step {step}"));
+        opts.progress.log(&format!("continuing from step {step}"));
         Ok(RunState {
             cfg,
             card,

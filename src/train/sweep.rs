@@ -198,21 +198,21 @@ impl Sweep {
         }
         for key in VIEWS {
             if sweep.set.contains_key(key) {
-                return Err(fail(format!("{key} belongs into [grid]; one value is enough there")));
+                return Err(fail(format!("{key} belongs in [grid]; one value is enough there")));
             }
         }
         if sweep.set.contains_key("seed") || sweep.grid.contains_key("seed") {
-            return Err(fail("seed is no setting here: list them in seeds = [...]".into()));
+            return Err(fail("seed is not a setting here: list the seeds in seeds = [...]".into()));
         }
         let mut distinct = sweep.seeds.clone();
         distinct.sort_unstable();
         distinct.dedup();
         if distinct.len() < sweep.seeds.len() {
-            return Err(fail("a seed stands twice".into()));
+            return Err(fail("a seed appears twice".into()));
         }
         let count = sweep.grid.values().map(Vec::len).product::<usize>() * sweep.seeds.len();
         if count > MOST_POINTS {
-            return Err(fail(format!("{count} points, more than {MOST_POINTS}")));
+            return Err(fail(format!("{count} points; at most {MOST_POINTS} are allowed")));
         }
         for values in sweep.combinations() {
             sweep.config(&values, 0)?;
@@ -423,12 +423,12 @@ fn claim(out: &Path, sha256: &str) -> Result<(), Error> {
         if String::from_utf8_lossy(&found).trim() == sha256 {
             return Ok(());
         }
-        return refuse("the folder belongs to other data; give another --out");
+        return refuse("the folder belongs to other data; choose another --out");
     }
     // A temporary of a write that was cut short is no view.
     let named = |e: std::fs::DirEntry| !e.file_name().to_string_lossy().starts_with('.');
     if std::fs::read_dir(&folder).is_ok_and(|all| all.flatten().any(named)) {
-        return refuse("the folder does not tell which data it is of; give another --out");
+        return refuse("the folder does not record its data; choose another --out");
     }
     Ok(fsio::write_atomic(&path, format!("{sha256}\n").as_bytes())?)
 }
@@ -458,13 +458,13 @@ fn finished(dir: &Path, cfg: &TrainConfig, sha: &str) -> Result<Option<Reached>,
     let refuse = |why: &str| Err(Error::Sweep { why: why.to_owned(), path: path.clone() });
     let bytes = fsio::read_capped(&path, FILE_BYTES)?;
     let Ok(reached) = serde_json::from_slice::<Reached>(&bytes) else {
-        return refuse("a damaged result; remove it to measure the point again");
+        return refuse("the result is damaged; remove it to measure the point again");
     };
     if read_config(dir)? != *cfg {
-        return refuse("the point was trained with other settings; give another --out");
+        return refuse("the point was trained with other settings; choose another --out");
     }
     if reached.dataset_sha256 != sha {
-        return refuse("the point was trained on other data; give another --out");
+        return refuse("the point was trained on other data; choose another --out");
     }
     Ok(Some(reached))
 }

@@ -243,7 +243,7 @@ fn a_run_goes_on_only_with_its_own_settings_and_data() {
     let edited = read_config(&run).unwrap();
     assert_eq!(edited.lr, 0.004);
     let e = train(&data, &edited, options(&run, 1, &cancel, &Silent)).unwrap_err();
-    assert!(e.to_string().contains("no longer the one"), "{e}");
+    assert!(e.to_string().contains("was changed since"), "{e}");
     std::fs::write(paths::config(&run), text).unwrap();
     train(&data, &small(3), options(&run, 1, &cancel, &Silent)).unwrap();
 }

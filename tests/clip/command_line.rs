@@ -200,7 +200,7 @@ fn a_take_is_no_format_to_convert_to() {
 #[test]
 fn a_length_below_zero_is_named() {
     let ran = robert().args(["clip", "new", "--robot", "ur5e", "--secs", "-1"]).fails(2);
-    assert!(ran.stderr.contains("--secs lies above 0"), "{}", ran.stderr);
+    assert!(ran.stderr.contains("--secs takes a number above 0"), "{}", ran.stderr);
 }
 
 #[test]

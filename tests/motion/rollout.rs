@@ -170,7 +170,7 @@ fn a_clip_that_asks_for_nothing_says_so() {
         .replace("[0, 0]},", "[0, 0]}");
     let run = |args: &[&str]| robert().file("hop.clip.json", &empty).args(args).succeeds();
     let ran = run(&["rollout", "hop.clip.json", "-p", "pd"]);
-    assert!(ran.stdout.contains("asks for nothing after frame 0"), "{}", ran.stdout);
+    assert!(ran.stdout.contains("no goals after frame 0"), "{}", ran.stdout);
     let ran = run(&["rollout", "hop.clip.json", "-p", "pd", "--json"]).json();
     assert!(ran["precision"].is_null() && ran["why_none"].is_string(), "{ran}");
     let ran = run(&["eval", "--suite", "hop.clip.json", "-p", "pd"]);

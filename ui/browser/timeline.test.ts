@@ -104,7 +104,7 @@ describe("timeline", () => {
     await t.until_keys([0, 30, 31]);
     await t.clickKey(30);
     await t.press("Alt+ArrowRight");
-    const told = t.page.locator(".toast", { hasText: "would land on another key" }).last();
+    const told = t.page.locator(".toast", { hasText: "would overwrite another key" }).last();
     await told.waitFor();
     assert.doesNotMatch(await told.innerText(), /replace/);
     assert.equal(sorted((await t.state()).selection), "[30]");

@@ -1,8 +1,8 @@
-//! Processor time: what a busy machine cannot inflate.
+//! Processor time, which other programs on a busy machine do not inflate.
 //!
-//! Asked of the clock itself. `/proc/thread-self/schedstat` and `/proc/self/stat` are only
-//! brought up to date at a tick (4 to 10 ms) or when the thread sleeps: a turn that ends in
-//! fsync was charged the tick of the turn before it.
+//! It is read from the clock. `/proc/thread-self/schedstat` and `/proc/self/stat` are updated only
+//! at a tick (4 to 10 ms) or when the thread sleeps, so a turn that ends in fsync was charged the
+//! tick of the turn before it.
 
 use std::time::Duration;
 
@@ -22,7 +22,7 @@ fn read(clock: ClockId) -> Duration {
     Duration::try_from(clock_gettime(clock)).unwrap_or_default()
 }
 
-/// The middle value; 0 for none.
+/// The median; 0 for an empty slice.
 pub(super) fn median(values: &mut [f64]) -> f64 {
     values.sort_by(f64::total_cmp);
     let n = values.len();

@@ -25,25 +25,25 @@ const BATCH: usize = 512;
     after_help = "Examples:\n  robert bench collect --robot ur5e --json\n  robert bench collect --data data/ur5e"
 )]
 pub(super) struct Args {
-    /// Robots; the three of the paper by default.
+    /// Robots [default: the three of the paper].
     #[arg(long, value_delimiter = ',', default_value = "pointmass,ur5e,shadow_hand")]
     robot: Vec<String>,
-    /// Threads that roll out.
+    /// Threads for the roll-outs.
     #[arg(long, default_value_t = 2)]
     threads: usize,
-    /// Turns; the median counts.
+    /// Turns; the report gives the median.
     #[arg(long, default_value_t = 5)]
     turns: usize,
-    /// Frames of one roll-out turn and thread.
+    /// Frames per roll-out turn and thread.
     #[arg(long, default_value_t = 4000, value_name = "N", value_parser = crate::units::count)]
     frames: u64,
-    /// Updates of one turn.
+    /// Updates per turn.
     #[arg(long, default_value_t = 20)]
     updates: usize,
     /// Sizes of the agents.
     #[arg(long, default_value = "url-fast")]
     preset: String,
-    /// Measure reading windows from this dataset instead.
+    /// Measure how fast windows of this dataset are read instead.
     #[arg(long)]
     data: Option<PathBuf>,
     /// Print one JSON document.
@@ -150,7 +150,7 @@ fn turns(
 ) -> Outcome<(f64, f64, f64)> {
     let dir = tempfile::tempdir()?;
     let bench = RolloutBench::new(robot, hidden, index);
-    // Everyone waits, also for one that failed: a barrier has no way to hear of errors.
+    // All threads wait, also for one that failed, because a barrier cannot report errors.
     barrier.wait();
     let mut bench = bench?;
     let (mut ours, mut bare, mut ratios) = (Vec::new(), Vec::new(), Vec::new());

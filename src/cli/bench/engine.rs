@@ -78,7 +78,7 @@ impl Size {
     }
 }
 
-/// Refuses thread counts that cannot be meant.
+/// Refuses thread counts outside 1 to 256.
 pub(super) fn check_threads(threads: usize) -> Outcome {
     if (1..=256).contains(&threads) {
         return Ok(());

@@ -24,7 +24,7 @@ pub(super) struct Args {
     /// Collectors.
     #[arg(long, value_delimiter = ',', default_value = "rnd,icm,apt,aps,proto,noise,uniform")]
     agent: Vec<AgentKind>,
-    /// Environment steps of each.
+    /// Environment steps per collector.
     #[arg(long, default_value_t = 200_000, value_name = "N", value_parser = crate::units::count)]
     steps: u64,
     /// Change one setting of url-fast, as in lr=3e-4; may be repeated.
@@ -33,7 +33,7 @@ pub(super) struct Args {
     /// Seed.
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Draw coverage over steps into this picture (png or svg).
+    /// Write a chart of coverage over steps (png or svg).
     #[arg(long)]
     plot: Option<PathBuf>,
     /// Print one JSON document.

@@ -18,7 +18,7 @@ use crate::net::{
 pub(super) struct Args {
     #[command(flatten)]
     sizes: Sizes,
-    /// Seconds for each size.
+    /// Seconds per size.
     #[arg(long, default_value_t = 4.0)]
     secs: f64,
     /// Threads that share one action, 1 or 2.

@@ -1,4 +1,5 @@
-//! `robert bench`: speed, always as a ratio to a named peer, measured in turns in one run.
+//! `robert bench`: speed, given as a ratio to a named peer that is measured in turns in the same
+//! run.
 
 mod clock;
 mod collect;
@@ -17,7 +18,7 @@ use super::failure::Outcome;
 
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  robert bench sim              control steps a second, against a bare C loop\n  robert bench sim --json --secs 4 --robot ur5e\n  robert bench train            training throughput and its share of the machine's peak\n  robert bench infer            one action at batch 1"
+    after_help = "Examples:\n  robert bench sim              control steps per second, against a bare C loop\n  robert bench sim --json --secs 4 --robot ur5e\n  robert bench train            training throughput and its share of the machine's peak\n  robert bench infer            one action at batch 1"
 )]
 pub(super) struct Args {
     #[command(subcommand)]
@@ -26,11 +27,11 @@ pub(super) struct Args {
 
 #[derive(Debug, Subcommand)]
 enum What {
-    /// Control steps a second through the simulator layer, against a bare C loop.
+    /// Control steps per second through the simulator binding, against a bare C loop.
     Sim(sim::Args),
-    /// Processor time of a picture.
+    /// Processor time per picture.
     Render(render::Args),
-    /// Policies, against the bare simulation of the frames that they act in.
+    /// Processor time of policies, against bare simulation of the same frames.
     Rollout(rollout::Args),
     /// Training throughput of the network, and its share of the machine's peak.
     Train(train::Args),
@@ -38,7 +39,7 @@ enum What {
     Infer(infer::Args),
     /// Write worked examples (weights, batch, loss, gradients) for other implementations.
     Reference(reference::Args),
-    /// Collection: roll-outs against bare simulation, updates of each agent, reading windows.
+    /// Collecting: roll-outs against bare simulation, updates of each agent, reading of windows.
     Collect(collect::Args),
     /// Reward and coverage of every collector over steps.
     Explore(explore::Args),

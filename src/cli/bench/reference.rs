@@ -14,7 +14,7 @@ pub(super) struct Args {
     /// Folder for the files, one for each variant of the network.
     #[arg(long)]
     out: PathBuf,
-    /// Names the numbers.
+    /// Seed of the numbers.
     #[arg(long, default_value_t = 1)]
     seed: u64,
 }

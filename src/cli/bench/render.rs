@@ -28,22 +28,22 @@ pub(super) struct Args {
     /// Robot: an id, or a folder with robot.xml.
     #[arg(long, default_value = "shadow_hand")]
     robot: String,
-    /// Frames that count.
+    /// Frames to measure.
     #[arg(long, default_value_t = 30)]
     frames: usize,
-    /// Pixels a row.
+    /// Width of the picture, pixels.
     #[arg(long, default_value_t = 640)]
     width: u32,
-    /// Rows.
+    /// Height of the picture, pixels.
     #[arg(long, default_value_t = 480)]
     height: u32,
-    /// Preview quality: 1 sample a pixel, 1024 shadow.
+    /// Preview quality: 1 sample per pixel, shadow map of 1024.
     #[arg(long)]
     preview: bool,
-    /// With a commanded ghost.
+    /// Also draw the ghost of the command.
     #[arg(long)]
     ghost: bool,
-    /// Only the software driver.
+    /// Use the software driver only.
     #[arg(long)]
     cpu: bool,
     /// Print one JSON document.

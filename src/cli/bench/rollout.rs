@@ -1,5 +1,4 @@
-//! `robert bench rollout`: what a policy costs, against the bare simulation of the very
-//! same frames.
+//! `robert bench rollout`: processor time of a policy, against bare simulation of the same frames.
 
 use std::sync::Arc;
 
@@ -20,7 +19,7 @@ use crate::units::SUBSTEPS;
     after_help = "Examples:\n  robert bench rollout --clip fire,ur5e/reacher --policy computed-torque,ilqr --json"
 )]
 pub(super) struct Args {
-    /// Clips or shipped tasks.
+    /// Clip files or built-in tasks.
     #[arg(long, value_delimiter = ',', default_values = ["pointmass/circle", "ur5e/reacher", "shadow_hand/fire"])]
     clip: Vec<String>,
     /// Policies, with suffixes +guide and +refine.

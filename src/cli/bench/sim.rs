@@ -20,13 +20,13 @@ const EPISODE: usize = 200;
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  robert bench sim --json")]
 pub(super) struct Args {
-    /// Robots; all built-in ones by default.
+    /// Robots [default: all built-in ones].
     #[arg(long, value_delimiter = ',')]
     robot: Vec<String>,
     /// Thread counts.
     #[arg(long, value_delimiter = ',', default_values_t = [1, 2])]
     threads: Vec<usize>,
-    /// Seconds for each robot and thread count.
+    /// Seconds per robot and thread count.
     #[arg(long, default_value_t = 3.0)]
     secs: f64,
     /// Print one JSON document.

@@ -18,13 +18,13 @@ use crate::net::{AdamConfig, Batch, Learner, Net, WINDOW};
 pub(super) struct Args {
     #[command(flatten)]
     sizes: Sizes,
-    /// Windows in a step; 256, or 16 at L.
+    /// Windows per step [default: 256, or 16 at size L].
     #[arg(long)]
     batch: Option<usize>,
     /// Threads.
     #[arg(long, default_value_t = 2)]
     threads: usize,
-    /// Seconds for each size.
+    /// Seconds per size.
     #[arg(long, default_value_t = 10.0)]
     secs: f64,
     /// Print one JSON document.

@@ -1,4 +1,4 @@
-//! `robert clip check`: what is wrong with a clip, where, and how to fix it.
+//! `robert clip check`: finds mistakes in clips, with their place and their fixes.
 
 use std::path::{Path, PathBuf};
 
@@ -15,20 +15,21 @@ use crate::clip::{Clip, Granularity, Level, Lint, Parsed, Rule};
 use crate::exit::Exit;
 use crate::progress::Cancel;
 
-/// Check clips: format, limits, speeds, blind spans, coupled joints.
+/// Check clips for mistakes in format, limits, speeds, blind spans and coupled joints.
 ///
-/// Findings have a level: an error cannot be performed, a warning will not go as drawn.
-/// Exit code 4 when errors remain (with --strict, warnings too), 3 when a file is no clip.
+/// An error means that the clip cannot be performed; a warning means that the motion will differ
+/// from the clip. The exit code is 4 if errors remain (with --strict also if warnings remain), and
+/// 3 if a file is not a clip.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  robert clip check wave.clip.json\n  robert clip check --simulate fist.clip.json    also settles every pose in simulation\n  robert clip check --fix --strict *.clip.json   fix what can be fixed, then fail on warnings\n  robert clip check --json wave.clip.json | jq '.files[].lints[].rule'"
 )]
 #[allow(clippy::struct_excessive_bools)] // switches of a command line
 pub(super) struct Check {
-    /// Clips; - reads stdin, and with --fix the fixed clip goes to stdout.
+    /// Clip files; - reads stdin, and with --fix writes the fixed clip to stdout.
     #[arg(required = true, value_name = "CLIP")]
     files: Vec<PathBuf>,
-    /// Check for this robot; the clip's own when absent.
+    /// Check against this robot [default: the clip's own].
     #[arg(long)]
     robot: Option<String>,
     /// The policy knows whole frames only, as a published network does: goals for some joints
@@ -38,20 +39,20 @@ pub(super) struct Check {
     /// The default since version 0.2; kept so that scripts go on.
     #[arg(long, hide = true, conflicts_with = "whole_masks")]
     joint_masks: bool,
-    /// Settle every pose in simulation: self-collision, poses out of reach.
+    /// Also settle every pose in simulation, to find self-collisions and unreachable poses.
     #[arg(long)]
     simulate: bool,
-    /// Apply the first fix of each finding, write the file and say what was done. A fix may
-    /// make the clip longer or mask goals; both are said.
+    /// Apply the first fix of each finding, write the file, and report what changed. A fix may make
+    /// the clip longer or remove goals; the report says so.
     #[arg(long)]
     fix: bool,
-    /// List every finding, also where many are of one kind.
+    /// List every finding, instead of one line for many of the same kind.
     #[arg(long)]
     all: bool,
-    /// Warnings count like errors.
+    /// Treat warnings as errors.
     #[arg(long)]
     strict: bool,
-    /// One JSON document with all findings and their fixes.
+    /// Print JSON with all findings and their fixes.
     #[arg(long)]
     json: bool,
 }
@@ -59,7 +60,7 @@ pub(super) struct Check {
 #[derive(Serialize)]
 struct Report {
     files: Vec<FileReport>,
-    /// Files that are no clip; each counts as an error.
+    /// Files that are not clips; each counts as an error.
     unreadable: Vec<Unreadable>,
     errors: usize,
     warnings: usize,
@@ -76,9 +77,9 @@ struct FileReport {
     path: PathBuf,
     robot: String,
     robot_known: bool,
-    /// How many fixes were applied; scripts know it by this name.
+    /// How many fixes were applied.
     mended: usize,
-    /// What they were and what they changed; with `--fix` only.
+    /// Which fixes, and what they changed; with `--fix` only.
     #[serde(skip_serializing_if = "Option::is_none")]
     fixed: Option<Fixed>,
     lints: Vec<PlacedLint>,
@@ -140,8 +141,7 @@ pub(super) fn run(a: &Check, global: Global) -> Outcome {
     Ok(())
 }
 
-/// Prints what was found; a clip that came from stdin goes to stdout, and the findings beside
-/// it to stderr.
+/// Prints the findings. If the clip came from stdin, it goes to stdout and the findings to stderr.
 fn deliver(a: &Check, report: &FileReport) -> Outcome {
     let lines = lines(report, a.all);
     match &report.clip {
@@ -193,10 +193,10 @@ fn file(a: &Check, path: &Path, bar: &Bar, cancel: &Cancel) -> Result<FileReport
     })
 }
 
-/// Findings of one rule from which on they are one line.
+/// From this number on, findings of one rule are summed up in one line.
 const GROUP: usize = 4;
 
-/// What is to be said about a file, a line each.
+/// The lines to print about a file.
 fn lines(report: &FileReport, all: bool) -> Vec<String> {
     let place = input::place(&report.path);
     let path = place.display();
@@ -208,7 +208,7 @@ fn lines(report: &FileReport, all: bool) -> Vec<String> {
     if !report.robot_known {
         let robot = &report.robot;
         lines.push(format!(
-            "{path}: robot {robot} is not known here: limits and speeds are not checked"
+            "{path}: robot {robot} is unknown here, so limits and speeds were not checked"
         ));
     }
     let mut said: Vec<(Level, Rule)> = Vec::new();
@@ -233,7 +233,7 @@ fn lines(report: &FileReport, all: bool) -> Vec<String> {
         if lint.rule == Rule::OtherRobot {
             let robot = &report.robot;
             lines.push(format!(
-                "    fix: robert clip convert {path} NEW.clip.json --robot {robot}   (where the joints have the same names)"
+                "    fix: robert clip convert {path} NEW.clip.json --robot {robot}   (if the joints have the same names)"
             ));
         }
     }
@@ -243,7 +243,7 @@ fn lines(report: &FileReport, all: bool) -> Vec<String> {
     lines
 }
 
-/// Where findings stand: the first and last frame.
+/// The place of findings: their first and last frame.
 fn frames<'a>(lints: impl Iterator<Item = &'a PlacedLint>) -> String {
     let at: Vec<u32> = lints.filter_map(|p| Some(p.lint.frames?[0])).collect();
     match (at.iter().min(), at.iter().max()) {
@@ -253,7 +253,7 @@ fn frames<'a>(lints: impl Iterator<Item = &'a PlacedLint>) -> String {
     }
 }
 
-/// The word that JSON has for it.
+/// The word that the JSON output uses.
 fn word(value: &impl Serialize) -> String {
     match serde_json::to_value(value) {
         Ok(serde_json::Value::String(word)) => word,

@@ -15,36 +15,36 @@ use crate::limits;
 
 /// Convert clips from and to other formats.
 ///
-/// Formats go by the file name: .clip.json, .csv, .xml (MJCF keyframes), .yaml (ROS 2
-/// JointTrajectory), .json (dense command); the clip inside a take (.mcap, or .json of
-/// robert export) is read, too. Writing a dense format and reading it back gives the same
+/// The file name decides the format: .clip.json, .csv, .xml (MJCF keyframes), .yaml (ROS 2
+/// JointTrajectory) or .json (dense command). A take (.mcap, or .json of robert export) can be read
+/// too; its clip is converted. A dense format that is written and read again gives the same
 /// command, bit for bit.
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  robert clip convert wave.clip.json wave.csv\n  robert clip convert log.csv log.clip.json --robot ur5e\n  robert clip convert plan.yaml plan.clip.json --robot ur5e --fill linear\n  robert clip convert scene.xml poses.clip.json --like wave.clip.json\n  robert clip convert wave.clip.json wave.xml --with-model       a model that loads by itself\n  robert clip convert wave.clip.json light.clip.json --robot ur5e_light   another plant\n  robert clip convert wave.mcap again.clip.json            the clip that a take was made from"
+    after_help = "Examples:\n  robert clip convert wave.clip.json wave.csv\n  robert clip convert log.csv log.clip.json --robot ur5e\n  robert clip convert plan.yaml plan.clip.json --robot ur5e --fill linear\n  robert clip convert scene.xml poses.clip.json --like wave.clip.json\n  robert clip convert wave.clip.json wave.xml --with-model       a model that loads by itself\n  robert clip convert wave.clip.json light.clip.json --robot ur5e_light   another plant\n  robert clip convert wave.mcap again.clip.json            the clip inside a take"
 )]
 pub(super) struct Convert {
     /// The file to read; - is stdin (with --from, unless it is a clip).
     input: PathBuf,
     /// The file to write; - is stdout (with --to, unless it is a clip).
     output: PathBuf,
-    /// Robot of the input, where the input does not say; of a clip, the robot that takes
-    /// it over (its joints must have the same names).
+    /// The robot of an input that does not name one. If the input is a clip, the robot to convert
+    /// it for; its joints must have the same names.
     #[arg(long)]
     robot: Option<String>,
-    /// Take robot and joint order from this clip.
+    /// Use the robot and joint order of this clip.
     #[arg(long, value_name = "CLIP", conflicts_with = "robot")]
     like: Option<PathBuf>,
-    /// What stands between imported keys: mask, linear, cubic or hold.
+    /// How to fill the frames between imported keys: mask, linear, cubic or hold.
     #[arg(long, default_value = "mask", value_parser = super::files::fill_word)]
     fill: Fill,
-    /// Format of the input, when its name does not tell.
+    /// Format of the input, if its name does not show it.
     #[arg(long)]
     from: Option<Format>,
-    /// Format of the output, when its name does not tell.
+    /// Format of the output, if its name does not show it.
     #[arg(long, value_parser = writable())]
     to: Option<Format>,
-    /// Of MJCF keyframes, write the robot's model, too: a file that loads by itself.
+    /// For MJCF keyframes: also write the robot's model, so that the file loads by itself.
     #[arg(long)]
     with_model: bool,
     /// Overwrite an existing file.
@@ -63,7 +63,7 @@ enum Format {
     Mcap,
 }
 
-/// All formats but the take: a take is a motion that was performed.
+/// All formats except the take, which is a motion that was performed.
 fn writable() -> impl TypedValueParser<Value = Format> {
     let words = Format::value_variants().iter().filter(|f| **f != Format::Mcap);
     PossibleValuesParser::new(words.filter_map(ValueEnum::to_possible_value))
@@ -86,7 +86,7 @@ impl Format {
             () if ends(".mcap") => Format::Mcap,
             () => {
                 return Err(Failure::usage(format!(
-                    "{}: the name ends in none of .clip.json .csv .xml .yaml .json .mcap; say --from or --to",
+                    "{}: unknown suffix; use .clip.json, .csv, .xml, .yaml, .json or .mcap, or name the format with --from or --to",
                     path.display()
                 )));
             }
@@ -99,7 +99,7 @@ pub(super) fn run(a: &Convert) -> Outcome {
     let to_stdout = input::is_standard(&a.output);
     if !a.force && !to_stdout && a.output.exists() {
         let path = a.output.display();
-        return Err(Failure::usage(format!("{path} exists; say --force to overwrite it")));
+        return Err(Failure::usage(format!("{path} exists; --force overwrites it")));
     }
     if to == Format::Mcap {
         return Err(Failure::usage(format!(
@@ -111,7 +111,7 @@ pub(super) fn run(a: &Convert) -> Outcome {
     let robot = super::files::reference(a.robot.as_deref(), a.like.as_ref())?;
     let clip = read(a, from, robot.as_ref())?;
     if a.with_model && to != Format::Mjcf {
-        return Err(Failure::usage("--with-model is for MJCF: --to mjcf"));
+        return Err(Failure::usage("--with-model is only for MJCF (--to mjcf)"));
     }
     let text = text(&clip, to, a)?;
     input::write(&a.output, text.as_bytes())?;
@@ -148,7 +148,7 @@ fn read(a: &Convert, from: Format, robot: Option<&RobotRef>) -> Result<Clip, Fai
     };
     let whose = || {
         Failure::usage(format!(
-            "{} does not say which robot it is for; say --robot ID or --like CLIP",
+            "{} does not name its robot; give --robot ID or --like CLIP",
             place.display()
         ))
     };
@@ -182,7 +182,7 @@ fn adopted(mut clip: Clip, robot: &RobotRef, path: &Path) -> Result<Clip, Failur
     if !more.is_empty() || !less.is_empty() {
         let dash = |s: String| if s.is_empty() { "none".to_owned() } else { s };
         return Err(Failure::invalid(format!(
-            "{}: the joints are not those of {}: too many: {}; lacking: {}",
+            "{}: the joints differ from those of {}: unknown: {}; missing: {}",
             path.display(),
             robot.id,
             dash(more),

@@ -22,19 +22,19 @@ pub(super) struct New {
     /// Length in frames of 1/20 s.
     #[arg(long, default_value_t = 200, value_parser = clap::value_parser!(u32).range(1..=i64::from(limits::CLIP_FRAMES)))]
     length: u32,
-    /// Length in seconds instead.
+    /// Length in seconds.
     #[arg(long, conflicts_with = "length", value_name = "SECONDS", allow_negative_numbers = true)]
     secs: Option<f64>,
-    /// What stands between keys: mask, linear, cubic or hold.
+    /// How to fill the frames between keys: mask, linear, cubic or hold.
     #[arg(long, default_value = "mask", value_parser = super::files::fill_word)]
     fill: Fill,
-    /// Pose of the first key; the robot's home pose when absent.
+    /// Pose of the first key [default: the robot's home pose].
     #[arg(long)]
     pose: Option<String>,
-    /// A title.
+    /// Title of the clip.
     #[arg(long, default_value = "")]
     name: String,
-    /// Write here instead of stdout.
+    /// Write to this file instead of stdout.
     #[arg(long, short, value_name = "FILE")]
     out: Option<PathBuf>,
     /// Overwrite an existing file.
@@ -51,7 +51,9 @@ pub(super) fn new(a: &New) -> Outcome {
         }
         Some(s) => {
             let most = f64::from(limits::CLIP_FRAMES) / 20.0;
-            return Err(Failure::usage(format!("--secs lies above 0 and up to {most}, found {s}")));
+            return Err(Failure::usage(format!(
+                "--secs takes a number above 0 and up to {most}, not {s}"
+            )));
         }
     };
     let mut clip = Clip::new(robot.clip_ref(), length);
@@ -73,15 +75,15 @@ pub(super) fn new(a: &New) -> Outcome {
     super::files::deliver(&clip, a.out.as_deref(), a.force)
 }
 
-/// Rewrite clips in the one canonical form: a key a line, sorted, rounded to 1e-6.
+/// Rewrite clips in canonical form: one key per line, sorted, rounded to 1e-6.
 ///
-/// Formatting twice changes nothing, so a git diff shows one line per changed key.
+/// A diff of formatted clips shows one line per changed key.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  robert clip fmt *.clip.json\n  robert clip fmt --check assets/clips/*/*.clip.json    exit 4 if one is not canonical\n  robert clip fmt - < wave.clip.json                    from stdin to stdout"
 )]
 pub(super) struct Fmt {
-    /// Clips; - reads stdin and writes stdout.
+    /// Clip files; - reads stdin and writes stdout.
     #[arg(required = true, value_name = "CLIP")]
     files: Vec<PathBuf>,
     /// Write nothing; exit 4 if a file would change.
@@ -117,9 +119,10 @@ pub(super) fn fmt(a: &Fmt) -> Outcome {
     Ok(())
 }
 
-/// Carry out edits from a file: the same operations that the studio sends.
+/// Apply edits from a file. The operations are those of the studio.
 ///
-/// OPS is one operation, an array of them, or a batch; all are done or none.
+/// OPS is one operation, an array of operations, or a batch. Either all of them are applied or
+/// none.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  echo '{\"op\": \"keys.hold\", \"args\": {\"frames\": [0], \"hold\": 20}}' > ops.json\n  robert clip apply wave.clip.json ops.json            print the edited clip\n  robert clip apply wave.clip.json ops.json -i         edit the file\n  robert clip apply wave.clip.json ops.json -i --json   print what changed and how to undo it\n  robert clip apply - ops.json < wave.clip.json        from stdin to stdout"
@@ -127,18 +130,18 @@ pub(super) fn fmt(a: &Fmt) -> Outcome {
 pub(super) struct Apply {
     /// The clip; - reads stdin.
     clip: PathBuf,
-    /// The operations, JSON; - reads stdin.
+    /// The operations as JSON; - reads stdin.
     ops: PathBuf,
-    /// Edit the clip's own file.
+    /// Write the edited clip back to its own file.
     #[arg(long, short, conflicts_with = "out")]
     in_place: bool,
-    /// Write the edited clip here.
+    /// Write the edited clip to this file.
     #[arg(long, short, value_name = "FILE")]
     out: Option<PathBuf>,
     /// Overwrite an existing file.
     #[arg(long)]
     force: bool,
-    /// The robot, to mirror with; the clip's own when absent.
+    /// The robot whose mirror table is used [default: the clip's own].
     #[arg(long)]
     robot: Option<String>,
     /// Print what changed as JSON.
@@ -196,7 +199,7 @@ fn read_ops(path: &Path) -> Result<Vec<Op>, Failure> {
         serde_json::from_slice::<Op>(&bytes).map(|op| vec![op])
     };
     read.map_err(|e| {
-        // serde_json appends the place; it goes to the front like everywhere else.
+        // serde_json appends the place; our messages begin with it.
         let text = e.to_string();
         let what = text.rsplit_once(" at line ").map_or(text.as_str(), |(what, _)| what);
         let path = input::place(path);
@@ -206,12 +209,12 @@ fn read_ops(path: &Path) -> Result<Vec<Op>, Failure> {
 
 /// Bring clips to the newest format version.
 ///
-/// There is one version so far, robert-clip/1: files of it are only brought into canonical
-/// form, files of a newer version are refused.
+/// There is only one version so far, robert-clip/1. Its files are brought into canonical form, and
+/// files of a newer version are refused.
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  robert clip upgrade *.clip.json")]
 pub(super) struct Upgrade {
-    /// Clips; - reads stdin and writes stdout.
+    /// Clip files; - reads stdin and writes stdout.
     #[arg(required = true, value_name = "CLIP")]
     files: Vec<PathBuf>,
 }

@@ -12,12 +12,12 @@ pub(super) fn load(path: &Path) -> Result<Parsed, Failure> {
     input::clip(path)
 }
 
-/// The one place that asks for a robot: an id, or a folder.
+/// Loads a robot by its id or its folder.
 pub(super) fn robot(id: &str) -> Result<Robot, Failure> {
     Ok(Robot::load(id)?)
 }
 
-/// The robot named on the command line, else the clip's own where it is known here.
+/// The robot named on the command line, else the clip's own if it is known here.
 pub(super) fn robot_of(clip: &Clip, asked: Option<&str>) -> Result<Option<Robot>, Failure> {
     match asked {
         Some(id) => robot(id).map(Some),
@@ -28,7 +28,7 @@ pub(super) fn robot_of(clip: &Clip, asked: Option<&str>) -> Result<Option<Robot>
     }
 }
 
-/// What is known about a clip's robot: everything, or only what the clip says.
+/// What is known about a clip's robot: everything, or only what the clip contains.
 pub(super) fn joint_table(clip: &Clip, robot: Option<&Robot>) -> JointTable {
     robot.map_or_else(|| JointTable::from_clip(clip), Robot::joint_table)
 }
@@ -50,7 +50,7 @@ pub(super) fn deliver(clip: &Clip, out: Option<&Path>, force: bool) -> Outcome {
     let Some(path) = out else { return out::line(clip.to_text().trim_end()) };
     if !force && !input::is_standard(path) && path.exists() {
         let path = path.display();
-        return Err(Failure::usage(format!("{path} exists; say --force to overwrite it")));
+        return Err(Failure::usage(format!("{path} exists; --force overwrites it")));
     }
     input::write_clip(path, clip)
 }

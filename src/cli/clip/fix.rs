@@ -1,4 +1,4 @@
-//! `robert clip check --fix`: applies the first fix of each finding and says what it did.
+//! `robert clip check --fix`: applies the first fix of each finding and reports the changes.
 
 use serde::Serialize;
 
@@ -6,10 +6,10 @@ use super::super::failure::{Failure, Outcome};
 use super::simulate::Simulation;
 use crate::clip::{Clip, Command, JointTable, Level, Lint, Rule, compile, edited, lint};
 
-/// How many fixes are applied: each removes a finding, some uncover another.
+/// The most fixes to apply: each removes a finding, and some uncover another.
 const FIXES: usize = 1000;
 
-/// Kinds of fixes that are named one by one.
+/// The most kinds of fixes that the report names one by one.
 const SAID: usize = 12;
 
 /// What was done to a clip.
@@ -28,7 +28,7 @@ impl Fixed {
         self.fixes.iter().map(|f| f.1).sum()
     }
 
-    /// A sentence for each thing that a person should know.
+    /// The lines to print about the fixes.
     pub(super) fn lines(&self) -> Vec<String> {
         let mut lines = vec![format!("fixed {}", self.count())];
         lines.extend(self.fixes.iter().take(SAID).map(|(title, n)| match n {
@@ -50,7 +50,7 @@ impl Fixed {
         }
         if self.goals[1] < self.goals[0] {
             lines.push(format!(
-                "    {} of {} goals (a joint at a frame) are gone",
+                "    {} of {} goals (a joint at a frame) were removed",
                 self.goals[0] - self.goals[1],
                 self.goals[0]
             ));
@@ -74,7 +74,7 @@ impl Finder<'_> {
         }
     }
 
-    /// Applies fixes as long as each leaves less to complain about.
+    /// Applies fixes as long as each makes the findings fewer.
     pub(super) fn fix(
         &mut self,
         clip: &Clip,
@@ -101,7 +101,7 @@ impl Finder<'_> {
         Ok((clip, lints, fixed))
     }
 
-    /// Judges the poses that the fixes would make, all at once.
+    /// Simulates the poses that the fixes would make, all at once.
     fn prepare(&mut self, clip: &Clip, lints: &[Lint]) -> Outcome {
         let Some(simulation) = &mut self.simulation else { return Ok(()) };
         let bad = lints.iter().filter(|l| l.level > Level::Info);
@@ -114,7 +114,7 @@ impl Finder<'_> {
         simulation.prepare(&clips, self.table)
     }
 
-    /// The clip after the first fix that leaves less to complain about.
+    /// The clip after the first fix that makes the findings fewer.
     fn step(&mut self, clip: &Clip, lints: &[Lint]) -> Outcome<Option<(String, Clip, Vec<Lint>)>> {
         let bad = lints.iter().filter(|l| l.level > Level::Info);
         for fix in bad.flat_map(|l| &l.fixes) {
@@ -128,9 +128,9 @@ impl Finder<'_> {
     }
 }
 
-/// What is to become less: first errors, then what is too fast, then the other warnings. Too
-/// fast weighs more than blind: stretching time may open a blind span, which then gets keys;
-/// the other way round two fixes would undo each other for ever.
+/// The order in which findings count: first errors, then speeds, then the other warnings. Speed
+/// counts more than blindness, because stretching time may open a blind span, which then gets keys.
+/// With the opposite order two fixes would undo each other for ever.
 fn weight(lints: &[Lint]) -> (usize, usize, usize) {
     let count = |is: &dyn Fn(&Lint) -> bool| lints.iter().filter(|l| is(l)).count();
     (

@@ -12,7 +12,7 @@ use crate::clip::{
 use crate::exit::Exit;
 use crate::fsio;
 
-/// Say what a clip holds.
+/// Print what a clip contains.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  robert clip info wave.clip.json\n  robert clip info --json wave.clip.json | jq .blind"
@@ -20,7 +20,7 @@ use crate::fsio;
 pub(super) struct Info {
     /// The clip; - reads stdin.
     clip: PathBuf,
-    /// One JSON document.
+    /// Print JSON.
     #[arg(long)]
     json: bool,
 }
@@ -100,20 +100,20 @@ fn names<'a>(names: impl Iterator<Item = &'a String>) -> String {
     if all.is_empty() { "none".to_owned() } else { all.join(", ") }
 }
 
-/// Say what changed between two clips, in terms of keys, masks and frames.
+/// Print what changed between two clips, by keys, masks and frames.
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  robert clip diff old.clip.json new.clip.json\n  robert clip diff --exit-code a.clip.json b.clip.json   exit 4 when they differ\n  robert clip diff --json a.clip.json b.clip.json > a_to_b.json\n  robert clip apply a.clip.json a_to_b.json               and that gives b"
+    after_help = "Examples:\n  robert clip diff old.clip.json new.clip.json\n  robert clip diff --exit-code a.clip.json b.clip.json   exit 4 if they differ\n  robert clip diff --json a.clip.json b.clip.json > a_to_b.json\n  robert clip apply a.clip.json a_to_b.json               the result equals b"
 )]
 pub(super) struct Diff {
     /// The older clip; - reads stdin.
     old: PathBuf,
     /// The newer clip; - reads stdin.
     new: PathBuf,
-    /// The difference as an edit, JSON: what `robert clip apply` takes.
+    /// Print the difference as an edit in JSON, which `robert clip apply` accepts.
     #[arg(long)]
     json: bool,
-    /// Exit 4 when they differ.
+    /// Exit with 4 if they differ.
     #[arg(long)]
     exit_code: bool,
 }
@@ -133,7 +133,7 @@ pub(super) fn diff(a: &Diff) -> Outcome {
         for (what, differs) in [("robot", foreign.robot.is_some()), ("x", foreign.x.is_some())] {
             if differs {
                 tracing::warn!(
-                    "{what} differs, too, and no edit changes that: it is not in the patch"
+                    "{what} differs too; no edit can change it, so it is not in the patch"
                 );
             }
         }

@@ -1,4 +1,4 @@
-//! `robert clip …`: the same operations as in the studio, without it.
+//! `robert clip …`: the operations of the studio on the command line.
 
 mod check;
 mod convert;
@@ -37,8 +37,8 @@ enum Command {
 
 /// Print the JSON Schema (2020-12) of clip files.
 ///
-/// Editors use it to complete and check clips: save it and refer to it in your editor's
-/// settings for *.clip.json.
+/// Editors use it to complete and check clips. Save it, and refer to it in your editor's settings
+/// for *.clip.json.
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  robert clip schema > robert-clip-1.schema.json")]
 struct Schema {}

@@ -1,4 +1,4 @@
-//! Poses judged by simulation: each once however often a clip is checked, on all cores.
+//! Checks poses by simulation, on all cores; each pose once, however often its clip is checked.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -10,7 +10,7 @@ use crate::exit::Exit;
 use crate::progress::{Cancel, Progress as _};
 use crate::robot::{Robot, Settler};
 
-/// What simulation said of the poses of one clip so far.
+/// The results for the poses of one clip so far.
 pub(super) struct Simulation<'a> {
     robot: &'a Robot,
     threads: usize,
@@ -19,7 +19,7 @@ pub(super) struct Simulation<'a> {
     known: BTreeMap<Vec<u64>, PoseReport>,
 }
 
-/// Answers from what is known and notes what is not.
+/// Answers from known results, and notes the poses without one.
 struct Asking<'a> {
     known: &'a BTreeMap<Vec<u64>, PoseReport>,
     unknown: BTreeMap<Vec<u64>, Vec<f64>>,
@@ -67,7 +67,7 @@ impl<'a> Simulation<'a> {
         }
     }
 
-    /// Judges the poses of all these clips together, so that no core waits.
+    /// Simulates the poses of all these clips together, so that no core is idle.
     pub(super) fn prepare(&mut self, clips: &[(Clip, Command)], table: &JointTable) -> Outcome {
         let mut unknown = BTreeMap::new();
         for (clip, command) in clips {
@@ -91,7 +91,7 @@ impl<'a> Simulation<'a> {
         (lints, asking.unknown)
     }
 
-    /// Settles poses that were never asked about.
+    /// Settles the poses without a result.
     fn learn(&mut self, joints: &[String], poses: BTreeMap<Vec<u64>, Vec<f64>>) -> Outcome {
         let poses: Vec<(Vec<u64>, Vec<f64>)> = poses.into_iter().collect();
         let (done, total) = (self.known.len() as u64, (self.known.len() + poses.len()) as u64);

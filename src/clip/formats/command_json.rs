@@ -46,13 +46,13 @@ pub fn to_command_json(command: &Command, robot: &str) -> String {
     };
     // Plain numbers and strings: serialising cannot fail.
     let mut text = serde_json::to_string(&document).unwrap_or_default();
-    // A frame a line.
+    // One frame per line.
     text = text.replace("],[", "],\n[").replace("],null", "],\nnull").replace("null,[", "null,\n[");
     text.push('\n');
     text
 }
 
-/// Reads such a document. Without a robot its own names are taken.
+/// Reads such a document. Without a robot the names of the document are used.
 ///
 /// # Errors
 /// [`ClipError::Syntax`] with line and column.

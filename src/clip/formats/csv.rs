@@ -1,8 +1,8 @@
 //! CSV: `frame,time,mask,<joint>...`, one row per frame, empty cell = masked.
 //!
-//! Reading is wider: any of the three leading columns may be missing. Without `frame`, time
-//! counts from the first row; rows off the 20 Hz grid are brought onto it by straight lines
-//! (a log at 100 Hz comes in as it moved, not thinned to the nearest row).
+//! Any of the three leading columns may be missing when a file is read. Without `frame`, time
+//! counts from the first row, and rows between frames of the 20 Hz grid are interpolated linearly
+//! (a log at 100 Hz keeps its motion instead of being reduced to the nearest rows).
 
 use std::fmt::Write as _;
 
@@ -15,7 +15,7 @@ use super::{Track, frame_of, places, start_differs};
 use crate::limits;
 use crate::units::FPS;
 
-/// A command as CSV. A row with frame -1 holds the start where it is not the first goal.
+/// A command as CSV. A row with frame -1 holds the start if it differs from the first goal.
 pub fn to_csv(command: &Command) -> String {
     let mut out = String::from("frame,time,mask");
     for joint in command.joints() {
@@ -40,7 +40,7 @@ pub fn to_csv(command: &Command) -> String {
     out
 }
 
-/// A cell that cannot be taken for two, nor for a formula by a spreadsheet that opens it.
+/// A cell that is not mistaken for two cells, or for a formula by a spreadsheet.
 fn quoted(text: &str) -> String {
     if text.contains([',', '"', '\n', '\r']) {
         format!("\"{}\"", text.replace('"', "\"\""))
@@ -101,14 +101,18 @@ pub fn from_csv(bytes: &[u8], robot: Option<&RobotRef>, fill: Fill) -> Result<Cl
             }
             let frame = at.filter(|f| f.fract() == 0.0).and_then(|f| frame_of(f / f64::from(FPS)));
             let Some(frame) = frame else {
-                return Err(ClipError::at("a frame is a whole number from 0", line, column + 1));
+                return Err(ClipError::at(
+                    "a frame must be a whole number from 0",
+                    line,
+                    column + 1,
+                ));
             };
             if hidden {
                 row.fill(None);
             }
             track.length = track.length.max(frame + 1);
             if track.rows.insert(frame, row).is_some() {
-                let message = format!("a second row for frame {frame}");
+                let message = format!("there are two rows for frame {frame}");
                 return Err(ClipError::at(message, line, column + 1));
             }
             continue;
@@ -117,12 +121,12 @@ pub fn from_csv(bytes: &[u8], robot: Option<&RobotRef>, fill: Fill) -> Result<Cl
             None => samples.len() as f64 / f64::from(FPS),
             Some(column) => match number(column)? {
                 Some(t) => t,
-                None => return Err(ClipError::at("a row without a time", line, column + 1)),
+                None => return Err(ClipError::at("this row has no time", line, column + 1)),
             },
         };
         if samples.last().is_some_and(|s| s.0 >= secs) {
             let column = head.time.unwrap_or(0) + 1;
-            return Err(ClipError::at("times must rise from row to row", line, column));
+            return Err(ClipError::at("times must increase from row to row", line, column));
         }
         if hidden {
             row.fill(None);
@@ -133,7 +137,7 @@ pub fn from_csv(bytes: &[u8], robot: Option<&RobotRef>, fill: Fill) -> Result<Cl
         resample(&samples, &mut track)?;
     }
     if track.length == 0 {
-        return Err(ClipError::at("no rows below the header", 1, 1));
+        return Err(ClipError::at("there are no rows below the header", 1, 1));
     }
     track.clip(robot, fill)
 }
@@ -146,7 +150,7 @@ fn head(
     let mut joints = Vec::new();
     let mut columns = Vec::new();
     for (i, name) in names.iter().enumerate() {
-        // A joint may be called "time": the first such column is ours, the next the joint's.
+        // A joint may be called "time": the first such column is the time, the next the joint.
         let is_joint = || robot.is_some_and(|r| r.joints.iter().any(|j| j == name));
         let slot = match name {
             "frame" => Some(&mut head.frame),
@@ -161,7 +165,7 @@ fn head(
                 continue;
             }
             Some(_) if !is_joint() => {
-                return Err(ClipError::at(format!("column \"{name}\" comes twice"), 1, i + 1));
+                return Err(ClipError::at(format!("column \"{name}\" appears twice"), 1, i + 1));
             }
             _ => {}
         }
@@ -196,7 +200,7 @@ fn number(
     }
     match cell.parse::<f64>() {
         Ok(v) if v.abs() <= limits::CLIP_VALUE_MAX.max(1e12) => Ok(Some(v)),
-        _ => Err(ClipError::at(format!("\"{}\" is no number", show(cell)), line, column + 1)),
+        _ => Err(ClipError::at(format!("\"{}\" is not a number", show(cell)), line, column + 1)),
     }
 }
 
@@ -205,7 +209,7 @@ fn flag(record: &::csv::StringRecord, line: usize, column: usize) -> Result<bool
         "" | "0" | "false" => Ok(false),
         "1" | "true" => Ok(true),
         other => {
-            let message = format!("a mask is 0 or 1, found \"{}\"", show(other));
+            let message = format!("a mask must be 0 or 1, not \"{}\"", show(other));
             Err(ClipError::at(message, line, column + 1))
         }
     }
@@ -227,13 +231,13 @@ fn resample(samples: &[(f64, Row)], track: &mut Track) -> Result<(), ClipError> 
         }
         let right = samples.get(after).unwrap_or(last);
         let left = after.checked_sub(1).and_then(|i| samples.get(i)).unwrap_or(right);
-        // Within 1 ms a sample is the frame's own: times in files are rounded.
+        // Times in files are rounded, so a sample within 1 ms of a frame belongs to it.
         let near = [right, left].into_iter().find(|s| (s.0 - secs).abs() <= 1e-3);
         let row = match near {
             Some(sample) => sample.1.clone(),
-            // Past the last sample: stay there.
+            // After the last sample its value is held.
             None if after >= samples.len() => last.1.clone(),
-            // A hole of more than a frame is not data: leave the frame open.
+            // A gap of more than a frame is left open.
             None if right.0 - left.0 > 1.5 / f64::from(FPS) => continue,
             None => {
                 let s = (secs - left.0) / (right.0 - left.0);

@@ -1,7 +1,7 @@
 //! MJCF `<key>`: a snapshot of qpos without joint names.
 //!
-//! The order is the model's; it is written as a comment and checked by length on the way
-//! in. `MuJoCo` allows many keys at one time (the default is 0): those are spread out.
+//! The order is that of the model. It is written as a comment, and its length is checked when a
+//! file is read. `MuJoCo` allows many keys at one time (the default is 0); those are spread out.
 
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
@@ -14,17 +14,17 @@ use super::{ExportError, Track, frame_of, start_differs};
 use crate::units::FPS;
 use crate::{limits, xml};
 
-/// Distance of keys whose file says nothing about time.
+/// Distance between keys without times, in frames.
 const SPREAD_FRAMES: u32 = 20;
 
-/// A command as a `<keyframe>` block: one key per frame that has a goal. A key with time
-/// -0.05 holds the start where it is not the first goal.
+/// A command as a `<keyframe>` block: one key per frame that has a goal. A key with time -0.05
+/// holds the start if it differs from the first goal.
 ///
 /// # Errors
-/// [`ExportError::Partial`]: qpos has no way to leave a joint open.
+/// [`ExportError::Partial`], because qpos cannot leave a joint open.
 pub fn to_mjcf(command: &Command) -> Result<String, ExportError> {
     let mut out = String::from("<mujoco>\n  <!-- qpos: ");
-    // A comment may not hold two dashes.
+    // A comment must not contain two dashes.
     let names: Vec<String> = command.joints().iter().map(|j| j.replace("--", "- -")).collect();
     writeln!(out, "{} -->\n  <keyframe>", names.join(" ")).ok();
     let mut key = |name: &str, frame: i64, row: &[f32]| {
@@ -70,7 +70,7 @@ pub fn from_mjcf(text: &str, robot: &RobotRef, fill: Fill) -> Result<Clip, ClipE
                     row.push(Some(v));
                 }
                 _ => {
-                    let message = format!("\"{}\" is no joint value", show(word));
+                    let message = format!("\"{}\" is not a joint value", show(word));
                     let (line, col) = place("qpos");
                     return Err(ClipError::at(message, line, col));
                 }
@@ -79,7 +79,7 @@ pub fn from_mjcf(text: &str, robot: &RobotRef, fill: Fill) -> Result<Clip, ClipE
         if row.len() != nq {
             let (line, col) = place("qpos");
             let message = format!(
-                "qpos has {} numbers, {} has {nq} joints: another model?",
+                "qpos has {} numbers, but {} has {nq} joints; is it another model?",
                 row.len(),
                 show(&robot.id)
             );
@@ -93,7 +93,7 @@ pub fn from_mjcf(text: &str, robot: &RobotRef, fill: Fill) -> Result<Clip, ClipE
             Some(Ok(t)) if t.is_finite() => t,
             Some(_) => {
                 let (line, col) = place("time");
-                return Err(ClipError::at("this time is no number", line, col));
+                return Err(ClipError::at("this time is not a number", line, col));
             }
         };
         let at = node.attribute_node("time").map_or(node.range(), |a| a.range()).start;
@@ -114,11 +114,11 @@ pub fn from_mjcf(text: &str, robot: &RobotRef, fill: Fill) -> Result<Clip, ClipE
             if timed { frame_of(secs) } else { u32::try_from(i).ok().map(|i| i * SPREAD_FRAMES) };
         let Some(frame) = frame.filter(|f| *f < limits::CLIP_FRAMES) else {
             let (line, col) = line_col(text, at);
-            return Err(ClipError::at("this time lies outside of what a clip holds", line, col));
+            return Err(ClipError::at("this time is beyond the longest clip", line, col));
         };
         if track.rows.insert(frame, row).is_some() {
             let hint = if untimed > 0 { "; a key without a time is at 0 s" } else { "" };
-            let message = format!("a second key at {secs} s (frame {frame}){hint}");
+            let message = format!("there are two keys at {secs} s (frame {frame}){hint}");
             let (line, col) = line_col(text, at);
             return Err(ClipError::at(message, line, col));
         }
@@ -130,7 +130,8 @@ pub fn from_mjcf(text: &str, robot: &RobotRef, fill: Fill) -> Result<Clip, ClipE
     }
     let mut clip = track.clip(robot.clone(), fill)?;
     if !timed {
-        clip.notes = format!("The keys had no times: {SPREAD_FRAMES} frames apart.");
+        clip.notes =
+            format!("The keys had no times, so they were placed {SPREAD_FRAMES} frames apart.");
     }
     Ok(clip)
 }
@@ -161,7 +162,7 @@ mod tests {
         let text = "<mujoco><keyframe><key qpos='0 0'/>\n<key time='.5' qpos='1 1'/>\
                     \n<key qpos='2 2'/></keyframe></mujoco>";
         let e = from_mjcf(text, &robot(), Fill::Mask).unwrap_err().to_string();
-        assert!(e.starts_with("3:1: a second key at 0 s"), "{e}");
+        assert!(e.starts_with("3:1: there are two keys at 0 s"), "{e}");
         assert!(e.contains("without a time"), "{e}");
         let two = text.replace("<key qpos='2 2'/>", "");
         let clip = from_mjcf(&two, &robot(), Fill::Mask).unwrap();

@@ -1,8 +1,8 @@
 //! Clips from and to other programs' files.
 //!
-//! Every importer ends in `Track`: frames with rows, no keys. Runs of equal rows become
-//! one key with a hold, so that a dense export read back is a clip that a person can edit,
-//! with the same compiled command bit for bit.
+//! Every importer produces a `Track`: frames with rows, without keys. Runs of equal rows become one
+//! key with a hold, so a dense export that is read back is a clip that a person can edit, with the
+//! same compiled command bit for bit.
 
 mod command_json;
 mod csv;
@@ -31,7 +31,7 @@ use crate::units::FPS;
 pub enum ExportError {
     /// The format lists all joints in every row.
     #[error(
-        "frame {frame} has goals for some joints only, which {format} cannot say; mask the frame or use csv"
+        "frame {frame} has goals for some joints only, which {format} cannot express; mask the frame or use csv"
     )]
     Partial {
         /// The first such frame.
@@ -98,19 +98,20 @@ impl Track {
             clip.start = Some(Start::Q(start));
         }
         clip.normalize();
-        // Places are gone by now; what is left to fail (a pose name, a limit) is of the whole.
+        // Places are no longer known here; the remaining errors (a pose name, a limit) concern the
+        // whole file.
         clip.validate().map_err(|e| ClipError::at(e.to_string(), 1, 1))?;
         Ok(clip)
     }
 }
 
-/// A start row is worth writing only when it differs from the first full one.
+/// A start row is written only if it differs from the first full one.
 pub(crate) fn start_differs(command: &Command) -> bool {
     let first = command.next_visible(0);
     first.is_none_or(|f| command.row(f) != command.start() || command.sight(f) != Sight::Full)
 }
 
-/// For each column its place in the robot's joint order; every name once.
+/// The index of each column in the robot's joint order; every name may appear once.
 pub(crate) fn places(
     columns: &[String],
     robot: &RobotRef,
@@ -128,7 +129,7 @@ pub(crate) fn places(
         match seen.get_mut(j) {
             Some(taken) if !*taken => *taken = true,
             _ => {
-                let message = format!("joint \"{}\" comes twice", show(name));
+                let message = format!("joint \"{}\" appears twice", show(name));
                 return Err(ClipError::at(message, line, col));
             }
         }
@@ -137,7 +138,7 @@ pub(crate) fn places(
     Ok(order)
 }
 
-/// The frame of a time in seconds; `None` outside of what a clip can hold.
+/// The frame of a time in seconds; `None` beyond the longest clip.
 pub(crate) fn frame_of(secs: f64) -> Option<u32> {
     let frame = (secs * f64::from(FPS)).round();
     (frame >= 0.0 && frame < f64::from(limits::CLIP_FRAMES)).then_some(frame as u32)

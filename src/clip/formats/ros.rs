@@ -1,8 +1,8 @@
 //! ROS 2 `trajectory_msgs/msg/JointTrajectory` as YAML.
 //!
-//! Every point lists all joints; masked frames are absent points. Controllers move in
-//! straight or spline lines between points, so a foreign file is best read with
-//! `--fill linear`; our own exports are read with `mask` and come back exactly.
+//! Every point lists all joints; masked frames have no points. Controllers interpolate between
+//! points, so a foreign file is best read with `--fill linear`. Our own exports are read with
+//! `mask` and come back exactly.
 
 use std::fmt::Write as _;
 
@@ -50,7 +50,7 @@ pub fn to_ros(command: &Command) -> Result<String, ExportError> {
     Ok(out)
 }
 
-/// ROS parsers want floats to look like floats.
+/// ROS parsers require floats to look like floats.
 fn decimal(v: f32) -> String {
     let text = v.to_string();
     if text.contains('.') { text } else { format!("{text}.0") }
@@ -92,13 +92,13 @@ fn fault(message: impl Into<String>, at: Location) -> ClipError {
     ClipError::at(message, (at.line() as usize).max(1), (at.column() as usize).max(1))
 }
 
-/// What the YAML reader says, in the words of the file's format.
+/// The message of the YAML reader in the terms of this format.
 fn unreadable(e: &serde_saphyr::Error) -> ClipError {
     let mut text = UserMessageFormatter.format_message(e.without_snippet()).into_owned();
     for (internal, word) in [
-        ("invalid floating point", "a number is wanted here"),
-        ("invalid i64", "a whole number is wanted here"),
-        ("invalid u32", "a whole number from 0 is wanted here"),
+        ("invalid floating point", "expected a number"),
+        ("invalid i64", "expected a whole number"),
+        ("invalid u32", "expected a whole number from 0"),
         ("f64", "a number"),
         ("i64", "a whole number"),
         ("u32", "a whole number from 0"),
@@ -111,13 +111,13 @@ fn unreadable(e: &serde_saphyr::Error) -> ClipError {
     fault(format!("not a JointTrajectory: {text}"), e.location().unwrap_or(Location::UNKNOWN))
 }
 
-/// Reads a JointTrajectory (bare, or inside an action goal's `trajectory`). Without a robot
-/// its own joint names are taken. Velocities and efforts are left out: a clip has none.
+/// Reads a JointTrajectory (bare, or inside an action goal's `trajectory`). Without a robot the
+/// joint names of the file are used. Velocities and efforts are left out, because a clip has none.
 ///
 /// # Errors
 /// [`ClipError::Syntax`] with line and column.
 pub fn from_ros(text: &str, robot: Option<&RobotRef>, fill: Fill) -> Result<Clip, ClipError> {
-    // A stream of documents, or ROS' trailing separator: take the first.
+    // In a stream of documents, or with ROS' trailing separator, only the first is read.
     let text = text.trim_start_matches('\u{feff}');
     let file: File = serde_saphyr::from_str(text).map_err(|e| unreadable(&e))?;
     let (names, points) = match (file.trajectory, file.joint_names, file.points) {
@@ -125,7 +125,7 @@ pub fn from_ros(text: &str, robot: Option<&RobotRef>, fill: Fill) -> Result<Clip
         (None, Some(names), Some(points)) => (names, points),
         (None, names, _) => {
             let lacks = if names.is_none() { "joint_names" } else { "points" };
-            return Err(ClipError::at(format!("not a JointTrajectory: no {lacks}"), 1, 1));
+            return Err(ClipError::at(format!("not a JointTrajectory: {lacks} is missing"), 1, 1));
         }
     };
     let dim = names.value.len();
@@ -151,25 +151,25 @@ pub fn from_ros(text: &str, robot: Option<&RobotRef>, fill: Fill) -> Result<Clip
         }
         let Spanned { value: time, referenced: place, .. } = &point.time_from_start;
         let secs = time.sec as f64 + f64::from(time.nanosec) * 1e-9;
-        let frame =
-            frame_of(secs).ok_or_else(|| fault(format!("{secs} s is outside a clip"), *place))?;
+        let frame = frame_of(secs)
+            .ok_or_else(|| fault(format!("{secs} s is beyond the longest clip"), *place))?;
         let mut row: Row = vec![None; robot.joints.len()];
         for (&j, Spanned { value, referenced, .. }) in order.iter().zip(&point.positions) {
             if !value.is_finite() || value.abs() > limits::CLIP_VALUE_MAX {
-                return Err(fault(format!("{value} is no joint value"), *referenced));
+                return Err(fault(format!("{value} is not a joint value"), *referenced));
             }
             if let Some(slot) = row.get_mut(j) {
                 *slot = Some(*value);
             }
         }
         if track.rows.insert(frame, row).is_some() {
-            let what = format!("a second point within frame {frame} (20 a second)");
+            let what = format!("two points are in frame {frame} (20 frames per second)");
             return Err(fault(what, *place));
         }
         track.length = track.length.max(frame + 1);
     }
     if track.rows.is_empty() {
-        return Err(fault("no points", names.referenced));
+        return Err(fault("there are no points", names.referenced));
     }
     track.clip(robot, fill)
 }
@@ -202,10 +202,10 @@ mod tests {
         for (text, place, word) in [
             ("joint_names: [a, c]\npoints: []\n".to_owned(), "1:18: ", "has no joint \"c\""),
             (point("[1]", time), "3:3: ", "1 positions for 2 joints"),
-            (point("[1, .nan]", time), "3:18: ", "no joint value"),
+            (point("[1, .nan]", time), "3:18: ", "not a joint value"),
             (point("[1, x]", time), "3:18: ", "a number"),
             (point("[1, 2]", "{sec: x}"), "4:26: ", "a whole number"),
-            (point("[1, 2]", "{sec: -1}"), "4:20: ", "outside a clip"),
+            (point("[1, 2]", "{sec: -1}"), "4:20: ", "beyond the longest clip"),
             (point("3", time), "3:14: ", "not a JointTrajectory"),
             ("points: []\n".to_owned(), "1:1: ", "no joint_names"),
             ("joint_names: [a]\n".to_owned(), "1:1: ", "no points"),

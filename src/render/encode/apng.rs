@@ -49,7 +49,7 @@ impl Encode for Apng {
     fn push(&mut self, picture: &Picture) -> Result<(), Error> {
         let Some(writer) = self.writer.as_mut() else { return Err(Error::NoFrames) };
         if self.left == 0 {
-            let reason = "more frames than were announced".to_owned();
+            let reason = "there are more frames than announced".to_owned();
             return Err(Error::Encode { format: "apng", reason });
         }
         // An unchanged frame still needs a pixel to carry its delay.

@@ -85,7 +85,7 @@ pub fn author(robot: &Robot) -> Result<Vec<Authored>, robot::Error> {
 #[non_exhaustive]
 pub enum TaskError {
     /// No such task.
-    #[error("no task is called {name:?}{hint}; see robert tasks ls")]
+    #[error("there is no task {name:?}{hint}; robert tasks ls lists them")]
     UnknownTask {
         /// What was asked for.
         name: String,
@@ -93,7 +93,7 @@ pub enum TaskError {
         hint: String,
     },
     /// No such suite.
-    #[error("no suite is called {name:?}; there are {known}, or give clip files")]
+    #[error("there is no suite {name:?}; use {known}, or clip files")]
     UnknownSuite {
         /// What was asked for.
         name: String,
@@ -101,7 +101,7 @@ pub enum TaskError {
         known: String,
     },
     /// A robot without tasks of its own.
-    #[error("there are no tasks for robot {robot}; there are for {known}; give clip files")]
+    #[error("robot {robot} has no built-in tasks; {known} have some; name clip files")]
     NoTasks {
         /// The robot.
         robot: String,
