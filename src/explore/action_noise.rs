@@ -1,18 +1,18 @@
 //! Exploration noise around a policy's mean action.
 //!
-//! URLB samples white noise of deviation .2. A damped joint integrates torque over many
-//! frames, and white torque averages out long before the joint has moved: noise explores an
-//! arm only when it keeps its direction for a while. So, per episode,
+//! URLB samples white noise of deviation .2. A damped joint integrates torque over many frames, and
+//! white torque averages out long before the joint has moved. Noise explores an arm only if it
+//! keeps its direction for a while. So, per episode,
 //!
 //! ```text
 //! x' = x e^(-dt/tau) + sqrt(1 - e^(-2 dt/tau)) n      n standard normal
 //! a  = clamp(mu + sigma x, +-(1 - 1e-6))
 //! ```
 //!
-//! with sigma and tau log-uniform in the preset's bounds. Many time constants side by side
-//! are close to the pink noise of Eberhard et al. (ICLR 2023), many deviations side by side
-//! are the mixed exploration of parallel Q-learning (Li et al. 2023, arXiv 2307.12983,
-//! section 3.3). Bounds that coincide, and a tau of 0, are the published white noise.
+//! with sigma and tau log-uniform in the preset's bounds. The mixture of time constants is similar
+//! to the pink noise of Eberhard et al. (ICLR 2023), the mixture of deviations to the mixed
+//! exploration of parallel Q-learning (Li et al. 2023, arXiv 2307.12983, section 3.3). Equal bounds
+//! and a tau of 0 give the published white noise.
 
 use serde::{Deserialize, Serialize};
 

@@ -1,9 +1,8 @@
-//! Training of one curious agent: environments, replay, curiosity, DDPG, checkpoints.
+//! Training of one exploring agent: environments, replay, intrinsic reward, DDPG, checkpoints.
 //!
-//! One iteration steps all environments once, then takes the updates that are due. Nothing
-//! in it depends on how many threads step the environments. At every snapshot all episodes
-//! end, so a checkpoint needs no simulator state: going on from it and never having stopped
-//! are the same run.
+//! One iteration steps all environments once, then takes the updates that are due. Nothing depends
+//! on the number of threads that step the environments. All episodes end at every snapshot, so a
+//! checkpoint needs no simulator state, and a resumed run equals an uninterrupted one.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -36,7 +35,7 @@ const EPISODE_FRAMES: [u64; 2] = [200, 500];
 /// An action of the policy beyond this counts as saturated.
 const SATURATED: f64 = 0.95;
 
-/// Who collects.
+/// The kind of a collector.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum AgentKind {
@@ -59,7 +58,7 @@ pub enum AgentKind {
 }
 
 impl AgentKind {
-    /// All, in the order in which they are listed everywhere.
+    /// All kinds, in the order of lists.
     pub const ALL: [AgentKind; 8] = [
         AgentKind::Rnd,
         AgentKind::Icm,
@@ -174,7 +173,7 @@ impl Curiosity {
     }
 }
 
-/// One update as it stands alone, for benchmarks.
+/// A single update, for benchmarks.
 #[derive(Debug)]
 pub struct UpdateBench {
     ddpg: Ddpg<f32>,
@@ -185,7 +184,7 @@ pub struct UpdateBench {
 }
 
 impl UpdateBench {
-    /// Networks of a preset for these sizes and a batch of random transitions; none for
+    /// Networks of a preset for these sizes and a batch of random transitions; `None` for
     /// collectors that do not learn.
     pub fn new(kind: AgentKind, preset: &Preset, state_dim: usize, act: usize) -> Option<Self> {
         let obs = 2 * state_dim;
@@ -238,11 +237,11 @@ pub struct Point {
     pub near_limit: Vec<f64>,
     /// Share of frames since then in which the robot touched itself.
     pub self_contact: f64,
-    /// Trajectories that the simulator broke so far.
+    /// Trajectories whose simulation diverged so far.
     pub broken: u64,
 }
 
-/// What a point of the curve is made of.
+/// The sums behind a point of the curve.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Sums {
     reward: f64,
@@ -297,7 +296,7 @@ impl Sums {
     }
 }
 
-/// Counters and curve: what a checkpoint holds beside numbers.
+/// Counters and curve: the part of a checkpoint besides the numbers.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Ledger {
     pub(crate) step: u64,
@@ -306,7 +305,7 @@ pub(crate) struct Ledger {
     pub(crate) broken: u64,
     /// Replay files written so far.
     pub(crate) chunks: u64,
-    /// Youngest episodes of them that the replay memory held.
+    /// Number of their newest episodes in the replay memory.
     #[serde(default)]
     pub(crate) remembered: Option<usize>,
     /// Sha-256 of each snapshot's file, by its step.
@@ -324,7 +323,7 @@ struct EnvSlot {
     skill: Vec<f32>,
     /// Exploration noise of the running episode.
     noise: ActionNoise,
-    /// Handle in the replay memory; none before the first reset.
+    /// Handle in the replay memory; `None` before the first reset.
     episode: Option<usize>,
     age: u64,
     length: u64,
@@ -356,7 +355,7 @@ pub(crate) struct Agent {
 }
 
 impl Agent {
-    /// An untrained agent; none for kinds that do not learn.
+    /// An untrained agent; `None` for kinds that do not learn.
     ///
     /// # Errors
     /// [`Error::Simulator`].
@@ -368,7 +367,7 @@ impl Agent {
     ) -> Result<Option<Self>, Error> {
         let (s, a) = (robot.state_dim(), robot.action_dim());
         let skill = if kind == AgentKind::Aps { SKILL } else { 0 };
-        // The five agents of one collection must not share their draws.
+        // The five agents of one collection must not share random numbers.
         let seed = draw(seed, Stream::Init, kind as u64);
         let Some(curiosity) = Curiosity::new(kind, 2 * s, a, preset.hidden, seed) else {
             return Ok(None);
@@ -536,10 +535,11 @@ impl Agent {
         for slot in &mut self.slots {
             slot.episode = None;
         }
-        // A restore has the episodes of this moment; going on has to begin with the same.
+        // A restored agent has the episodes of this moment, so an uninterrupted one must continue
+        // with the same.
         self.replay.trim();
         self.ledger.remembered = Some(self.replay.remembered());
-        // What a restore computes from the running sums must be what is in use here.
+        // The values in use must be those that a restore computes from the running sums.
         self.restored();
         let point = self.sums.point(nominal, self.coverage.share(), self.ledger.broken);
         self.ledger.curve.push(point);
@@ -553,14 +553,14 @@ impl Agent {
         }
     }
 
-    /// Walks through all numbers that a checkpoint keeps.
+    /// Visits all numbers of a checkpoint.
     pub(crate) fn keep(&mut self, visit: &mut dyn FnMut(&str, Field<'_, f32>)) {
         self.ddpg.keep(visit);
         self.curiosity.keep(visit);
         visit("scale", Field::Doubles(&mut self.scale.state));
     }
 
-    /// Puts derived numbers right after a restore.
+    /// Recomputes derived numbers after a restore.
     pub(crate) fn restored(&mut self) {
         if self.ledger.updates > 0 {
             self.scale.refresh();
@@ -573,8 +573,7 @@ impl Agent {
     }
 }
 
-/// Steps all slots; each slot is a function of itself, so the split over threads shows
-/// nowhere.
+/// Steps all slots. Slots are independent, so the result does not depend on the threads.
 fn step_all(slots: &mut [EnvSlot], threads: usize) {
     let work = |slots: &mut [EnvSlot]| {
         for slot in slots {

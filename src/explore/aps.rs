@@ -1,6 +1,6 @@
 //! APS: active pre-training with successor features (Liu and Abbeel 2021, arXiv
-//! 2108.13956; as in URLB). Skills are directions w in a learned feature space; the agent is
-//! asked to go along w and, everywhere, to where few have been.
+//! 2108.13956; as in URLB). Skills are directions w in a learned feature space. The agent is
+//! rewarded for moving along w and for reaching rarely visited places.
 //!
 //! ```text
 //! phi(s) = net(s) / |net(s)|, 10 wide;   w uniform on the unit sphere

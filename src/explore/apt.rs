@@ -1,5 +1,5 @@
 //! APT: active pre-training (Liu and Abbeel 2021, arXiv 2103.04551; ICM features as in
-//! URLB). Go where the representation of the state has few neighbours.
+//! URLB). It rewards states whose representation has few neighbours.
 //!
 //! ```text
 //! rep  = tanh(norm(s W + b)), 512 wide, shared by both models below
@@ -92,7 +92,7 @@ impl<T: Real> Apt<T> {
         beside(here.output(), n, &b.action, a, &mut self.x);
         let guess = self.forward.forward(&self.x, b.rows, forward);
         let mut loss = norm_loss(guess, there.output(), n, &mut self.norms, &mut self.d);
-        // The target moves too: its gradient is the opposite of the guess's.
+        // The target depends on parameters too; its gradient is the opposite of the prediction's.
         self.dnext.clear();
         self.dnext.extend(self.d.iter().map(|&d| -d));
         self.forward.backward(forward, &mut self.d, Some(&mut forward_adam.grads), true);

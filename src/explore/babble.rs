@@ -1,17 +1,17 @@
 //! Babbling collector: random references, followed by weak servos, under random torque.
 //!
-//! Free torque noise throws a light arm with strong motors against its stops, where torque
-//! cannot be read from positions, and lets it lie there. Living things explore otherwise:
-//! they reach for random places and hold them (motor babbling; Demiris and Dearden 2005,
-//! Rolf et al. 2010). Per episode and joint a reference either wanders about a place
+//! Free torque noise pushes a light arm with strong motors against its stops, where torque cannot
+//! be inferred from positions, and leaves it there. Living beings reach for random places and hold
+//! them instead (motor babbling; Demiris and Dearden 2005, Rolf et al. 2010). Per episode and joint
+//! a reference either moves randomly around a place
 //!
 //! ```text
 //! x'  = x e^(-dt/tau) + sqrt(1 - e^(-2 dt/tau)) n        tau log-uniform .2-3 s
 //! r   = centre + amplitude x
 //! ```
 //!
-//! or dashes to another place and rests there. A servo covers a share of the way each frame,
-//! the share log-uniform, so that stiff and soft motion both occur:
+//! or moves quickly to another place and rests there. A servo covers a share of the distance per
+//! frame. The share is log-uniform, so that stiff and soft motion both occur:
 //!
 //! ```text
 //! a   = clamp((kp (r - q) - kd v + disturbance + weight) / full torque, +-1)
@@ -28,14 +28,14 @@ use crate::rng::{Rng, Stream};
 use crate::robot::{self, Drive, PositionServo, Robot, Servo};
 use crate::units::{CTRL_DT, Unit};
 
-/// Share of the way that a servo covers in a frame.
+/// Share of the distance that a servo covers in a frame.
 const SHARE: [f64; 2] = [0.03, 0.5];
 /// Correlation time of a wandering reference and of the disturbance, seconds.
 const TAU_SECS: [f64; 2] = [0.2, 3.0];
 const DISTURBANCE_SECS: [f64; 2] = [0.06, 1.0];
 /// Largest disturbance, in the torque that the servo needs for a frame at full speed.
 const DISTURBANCE: f64 = 0.5;
-/// Its white part.
+/// Its white component.
 const WHITE: f64 = 0.05;
 /// Amplitude of a wandering reference, in half ranges.
 const AMPLITUDE: [f64; 2] = [0.05, 0.6];
@@ -43,14 +43,14 @@ const AMPLITUDE: [f64; 2] = [0.05, 0.6];
 const DASH: [f64; 2] = [0.05, 0.8];
 /// Mean rest after a dash, seconds.
 const REST_SECS: f64 = 0.8;
-/// Pace of references, in greatest sustained speeds.
+/// Speed of references, relative to the greatest sustained speed.
 const PACE: [f64; 2] = [0.1, 1.0];
 /// References keep this share of the range away from stops.
 const MARGIN: f64 = 0.03;
-/// Range of a joint without end about home: rad, m.
+/// Range of an unbounded joint around home: rad, m.
 const UNBOUNDED: [f64; 2] = [1.5, 0.5];
 
-/// What the babbling of a robot is made of.
+/// The settings of the babbling of a robot.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct BabbleRule {
     joints: Vec<Joint>,
@@ -58,7 +58,7 @@ pub(crate) struct BabbleRule {
     motors: Vec<Motor>,
 }
 
-/// What an actuator is asked for: weighted torques of the joints that it pulls at.
+/// The command of an actuator: weighted torques of its joints.
 #[derive(Clone, Debug, PartialEq)]
 struct Motor {
     /// Joint and weight.
@@ -80,7 +80,7 @@ struct Joint {
 }
 
 impl BabbleRule {
-    /// The rule of a robot with motors at joints or at tendons that couple some.
+    /// The settings for a robot with motors at joints or at tendons that couple joints.
     ///
     /// # Errors
     /// [`Error::Argument`] for other transmissions; [`Error::Robot`].
@@ -137,8 +137,8 @@ impl BabbleRule {
     }
 }
 
-/// The force of a tendon's motor that comes nearest to torques of the joints it couples, as
-/// weights of these: moment arms over the sum of their squares.
+/// The force of a tendon's motor that is closest to given torques of its joints, as weights of the
+/// torques: moment arms divided by the sum of their squares.
 fn shares(robot: &Robot, actuator: usize) -> Result<Vec<(usize, f64)>, Error> {
     let mut data = Data::new(robot.model()).map_err(robot::Error::from)?;
     robot.write_state(&mut data, &robot.home())?;
@@ -179,7 +179,7 @@ struct JointReference {
     x: f64,
     goal: f64,
     value: f64,
-    /// Largest move of the reference in a frame.
+    /// Largest change of the reference in a frame.
     pace: f64,
     dash: f64,
     push: f64,

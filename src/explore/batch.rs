@@ -1,4 +1,4 @@
-//! What one update sees.
+//! The input of one update.
 
 use crate::linalg::{Real, simd};
 
@@ -8,7 +8,7 @@ use crate::linalg::{Real, simd};
 pub(crate) struct Batch<T> {
     /// Transitions B.
     pub(crate) rows: usize,
-    /// s, (B, o), scaled as the networks want it.
+    /// s, (B, o), scaled for the networks.
     pub(crate) obs: Vec<T>,
     /// a in [-1, 1], (B, A).
     pub(crate) action: Vec<T>,

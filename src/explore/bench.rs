@@ -1,4 +1,4 @@
-//! What `robert bench collect` measures: the roll-out phase against nothing but simulation.
+//! The measurement of `robert bench collect`: the roll-out phase against bare simulation.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -33,7 +33,7 @@ pub struct RolloutBench {
 }
 
 impl RolloutBench {
-    /// With an untrained actor of hidden width `h`; `index` parts the threads' episodes.
+    /// With an untrained actor of hidden width `h`; `index` separates the episodes of the threads.
     ///
     /// # Errors
     /// [`Error::Simulator`].
@@ -83,7 +83,7 @@ impl RolloutBench {
         Ok(entry.frames)
     }
 
-    /// Reads back what [`RolloutBench::roll_out`] did last; not to be timed.
+    /// Reads the episodes of the last [`RolloutBench::roll_out`]; not to be timed.
     ///
     /// # Errors
     /// As collecting.
@@ -107,7 +107,7 @@ impl RolloutBench {
         Ok(())
     }
 
-    /// The same episodes again: start state, then nothing but control and simulation.
+    /// The same episodes again, with only controls and simulation.
     /// Returns the frames.
     ///
     /// # Errors

@@ -1,9 +1,9 @@
-//! Checkpoints of an agent in training: one state file, and replay files that are written
-//! once and never again.
+//! Checkpoints of an agent in training: one state file, and replay files that are written only
+//! once.
 //!
-//! Order of writing: new replay episodes, the snapshot, then the state file that names
-//! them. A kill between any two leaves the previous state file, and the run takes the same
-//! steps again, to the same bytes.
+//! New replay episodes are written first, then the snapshot, then the state file that names them.
+//! After a kill between any two, the previous state file is there, and the run repeats the same
+//! steps with the same bytes.
 
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
@@ -20,7 +20,7 @@ use crate::{fsio, limits};
 /// Key of the header's metadata.
 const KEY: &str = "robert";
 
-/// Writes what is new; `nominal` is the snapshot's step.
+/// Writes the new files; `nominal` is the snapshot's step.
 ///
 /// # Errors
 /// [`Error::File`], [`Error::Checkpoint`].
@@ -44,7 +44,7 @@ pub(super) fn save(agent: &mut Agent, dir: &Path, nominal: u64) -> Result<(), Er
     Ok(fsio::write_atomic(&path, &bytes)?)
 }
 
-/// Whether the snapshot of this step is in `dir` as it was written.
+/// Whether the unchanged snapshot of this step is in `dir`.
 pub(super) fn is_whole(ledger: &Ledger, dir: &Path, step: u64) -> bool {
     let path = Agent::snapshot_file(dir, step);
     match ledger.snapshots.get(&step) {
@@ -53,7 +53,7 @@ pub(super) fn is_whole(ledger: &Ledger, dir: &Path, step: u64) -> bool {
     }
 }
 
-/// Adds to what is wrong with an agent's file in `dir` how to go on without it.
+/// Adds a remedy to an error about an agent's file in `dir`.
 pub(super) fn curable(e: Error, dir: &Path) -> Error {
     let (message, path) = match e {
         Error::Checkpoint { message, path } => (message, path),
@@ -105,10 +105,10 @@ pub(super) fn load(agent: &mut Agent, dir: &Path) -> Result<bool, Error> {
     Ok(true)
 }
 
-/// Removes what only going on would need.
+/// Removes the files that are needed only to continue training.
 pub(super) fn clean(dir: &Path, chunks: u64) {
     for chunk in 0..chunks {
-        // What cannot be removed does no harm.
+        // A file that cannot be removed does no harm.
         std::fs::remove_file(replay_file(dir, chunk)).ok();
     }
     std::fs::remove_file(state_file(dir)).ok();
@@ -299,8 +299,8 @@ mod tests {
     #[test]
     fn a_memory_that_forgets_goes_on_alike() {
         let robot = Arc::new(Robot::builtin("pointmass").unwrap());
-        // Between updates the memory grows beyond its capacity; some episodes are forgotten
-        // before a checkpoint ever sees them.
+        // Between updates the memory grows beyond its capacity, so some episodes are dropped before
+        // any checkpoint contains them.
         let small = Preset { capacity: 500, update_every: 450, ..preset() };
         let make = || Agent::new(&robot, AgentKind::Rnd, &small, 4).unwrap().unwrap();
         let (a, b) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());

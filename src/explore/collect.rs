@@ -1,18 +1,18 @@
-//! The whole procedure: train each agent on its own reward, keep snapshots, roll all of them
-//! out, merge in equal parts.
+//! The whole procedure: train each agent on its own reward, keep snapshots, roll them out, and
+//! merge the results in equal parts.
 //!
-//! The replay memory is not the dataset: what is recorded is what the snapshots do, from
-//! early clumsiness to late habits. Folder:
+//! The replay memory is not the dataset. The dataset contains the motion of the snapshots, from
+//! early to late ones. The folder:
 //!
 //! ```text
-//! OUT/collect.json                        what was asked for
+//! OUT/collect.json                        the request
 //! OUT/agents/rnd/snapshot-*.safetensors   actors; curve.json: reward and coverage over steps
 //! OUT/shards/rnd-00000.safetensors        trajectories
 //! OUT/manifest.json                       written last: a folder with it is complete
 //! ```
 //!
-//! Progress is judged by files: a finished shard has its entry beside it, and counts when
-//! its sha256 is the entry's. A kill costs the shards and the snapshot interval in progress.
+//! Files show the progress: a finished shard has an entry beside it, and counts if its sha256 is
+//! that of the entry. A kill costs only the shards and the snapshot interval in progress.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -40,7 +40,7 @@ use crate::{fsio, limits};
 /// Iterations between progress reports.
 const REPORT_EVERY: u64 = 16;
 
-/// How one agent did.
+/// The training of one agent.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct AgentSummary {
     /// Name.
@@ -51,11 +51,11 @@ pub struct AgentSummary {
     pub steps: u64,
     /// Updates taken.
     pub updates: u64,
-    /// Trajectories broken in training.
+    /// Trajectories that diverged in training.
     pub broken: u64,
 }
 
-/// What a collection came to.
+/// The result of a collection.
 #[derive(Clone, Debug, Serialize)]
 pub struct Collected {
     /// The manifest written.
@@ -67,12 +67,12 @@ pub struct Collected {
     pub train_secs: f64,
     /// Wall-clock time of the roll-outs in this run, seconds.
     pub rollout_secs: f64,
-    /// Frames recorded in this run, without those found finished.
+    /// Frames recorded in this run, without shards that were already finished.
     pub rollout_frames: u64,
 }
 
 /// Collects into the folder `out`, on `threads` threads; the bits do not depend on them.
-/// With `resume`, goes on with what the folder holds.
+/// With `resume`, continues the collection in the folder.
 ///
 /// # Errors
 /// [`Error`]: bad configuration, a folder in use, an unstable robot, cancellation.
@@ -182,8 +182,8 @@ impl Run<'_> {
         Ok(all.into_iter().map(|(_, s)| s).collect())
     }
 
-    /// Trains one agent to the end of its preset, from its newest checkpoint. `threads` says
-    /// how many threads may step environments now, 0 to stop.
+    /// Trains one agent to the end of its preset, from its newest checkpoint. `threads` returns how
+    /// many threads may step environments now, 0 to stop.
     fn train(
         &self,
         kind: AgentKind,
@@ -213,7 +213,7 @@ impl Run<'_> {
         }
         checkpoint::load(&mut agent, &dir).map_err(|e| checkpoint::curable(e, &dir))?;
         report(kind, &agent, 0);
-        // What comes after the last snapshot that is rolled out would be trained for nothing.
+        // Training after the last used snapshot would be useless.
         for nominal in used {
             let mut reported = agent.ledger.step;
             let mut since = 0;
@@ -244,7 +244,7 @@ impl Run<'_> {
         Ok(AgentSummary::of(kind, &agent.ledger))
     }
 
-    /// The agent of another collection, copied, if it is this one and trained as far.
+    /// A copy of the agent of another collection, if it is the same and trained far enough.
     fn taken(&self, kind: AgentKind, used: &[u64]) -> Result<Option<Ledger>, Error> {
         let Some(from) = &self.config.agents_from else { return Ok(None) };
         let dir = from.join("agents").join(kind.name());
@@ -259,7 +259,7 @@ impl Run<'_> {
         };
         let to = self.agent_dir(kind);
         let files = used.iter().map(|&step| Agent::snapshot_file(Path::new(""), step));
-        // The curve is what makes it finished, so it comes last.
+        // The curve marks the agent as finished, so it is written last.
         for file in files.chain([PathBuf::from("curve.json")]) {
             let bytes = fsio::read_capped(&dir.join(&file), limits::TENSOR_HEADER_BYTES)?;
             fsio::write_atomic(&to.join(&file), &bytes)?;
@@ -267,8 +267,8 @@ impl Run<'_> {
         Ok(Some(ledger))
     }
 
-    /// All shards, from finished ones and new ones; also the specs by their sha256 and the
-    /// frames made in this run.
+    /// All shards, finished and new; also the specs by their sha256 and the frames recorded in this
+    /// run.
     fn roll_out(&self) -> Result<(Vec<ShardEntry>, Specs, u64), Error> {
         let (jobs, specs) = self.plan()?;
         let total: u64 = jobs.iter().map(|j| j.plan.frames as u64).sum();
@@ -330,7 +330,7 @@ impl Run<'_> {
         self.out.join(&job.file).with_extension("json")
     }
 
-    /// The entry of a shard that is on disk and whole.
+    /// The entry of a shard that is on disk and intact.
     fn finished_shard(&self, job: &Job) -> Option<ShardEntry> {
         let bytes = fsio::read_capped(&self.entry_path(job), limits::CLIP_BYTES).ok()?;
         let entry: ShardEntry = serde_json::from_slice(&bytes).ok()?;
@@ -341,7 +341,7 @@ impl Run<'_> {
         (ours && whole().as_deref() == Some(entry.sha256.as_str())).then_some(entry)
     }
 
-    /// Shards of all agents: equal frames for each agent, within it for each snapshot.
+    /// Shards of all agents, with equal frames per agent and per snapshot.
     fn plan(&self) -> Result<(Vec<Job>, Specs), Error> {
         let agents = &self.config.agents;
         let mut jobs = Vec::new();
@@ -397,7 +397,7 @@ impl Run<'_> {
         Ok((jobs, specs))
     }
 
-    /// Who acts, by snapshot step, and what the spec says of them.
+    /// The actors by snapshot step, and their descriptions in the spec.
     fn policies(&self, kind: AgentKind) -> Result<(Policies, Vec<serde_json::Value>), Error> {
         let plain = |policy| (vec![(0, Arc::new(policy))], Vec::new());
         match kind {
@@ -455,8 +455,8 @@ impl AgentSummary {
     }
 }
 
-/// The ledger of an agent whose training is over; none while it is not, or where the ledger or
-/// a snapshot that is needed has been damaged since.
+/// The ledger of an agent whose training is complete; `None` if it is not, or if the ledger or a
+/// needed snapshot was damaged.
 fn finished(dir: &Path, used: &[u64]) -> Option<Ledger> {
     let bytes = fsio::read_capped(&dir.join("curve.json"), limits::CLIP_BYTES).ok()?;
     let ledger: Ledger = serde_json::from_slice(&bytes).ok()?;
@@ -507,7 +507,7 @@ mod tests {
         c.seed = 4;
         let e = go(&c, true).unwrap_err().to_string();
         assert!(e.contains("seed 3, now 4"), "{e}");
-        // Another robot is what matters, not what it changes.
+        // The error names the other robot, not the settings that follow from it.
         let other = Arc::new(Robot::builtin("ur5e").unwrap());
         c.snapshots_until = 0.5;
         let e = collect(&other, &c, dir.path(), true, 1, &Silent, &Cancel::default()).unwrap_err();
@@ -552,7 +552,7 @@ mod tests {
         let large = CollectConfig { transitions: 6000, ..small.clone() };
         let alone = go(&large, "alone").unwrap();
         let taking = CollectConfig { agents_from: Some(at("first")), ..large };
-        // A mark that no training writes: these are the files that were taken.
+        // A mark that no training writes, to recognise the copied files.
         let curve = at("first/agents/rnd/curve.json");
         let text =
             std::fs::read_to_string(&curve).unwrap().replace("\"broken\": 0", "\"broken\": 7");
@@ -561,7 +561,7 @@ mod tests {
         assert_eq!(taken.manifest, alone.manifest);
         assert_eq!(taken.agents[0].broken, 7);
         assert_eq!(first.agents[0].broken, 0);
-        // Of the same kind only; and what is not there is trained.
+        // Only agents of the same kind are copied; missing ones are trained.
         let other = CollectConfig { seed: 4, ..taking.clone() };
         let e = go(&other, "other").unwrap_err().to_string();
         assert!(e.contains("seed 3, now 4") && e.contains("first"), "{e}");

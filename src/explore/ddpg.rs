@@ -12,8 +12,8 @@
 //! actor loss   -mean min(Q1, Q2)(s, clamp(actor(s) + clip(sigma n, +-.3)))
 //! ```
 //!
-//! The clamp lets gradients pass straight through. The intrinsic reward is computed on
-//! (s, a, s') three steps apart and stands for the whole n-step sum, as in the reference.
+//! Gradients pass straight through the clamp. The intrinsic reward is computed on (s, a, s') three
+//! steps apart and replaces the n-step sum, as in the reference.
 
 use super::aps::SKILL;
 use super::batch::{Batch, beside, right};
@@ -344,7 +344,7 @@ mod tests {
     fn target_by_hand() {
         let (b, r) = (batch(0), vec![0.5; 7]);
         let mut agent = Ddpg::<f64>::new(4, 2, 0, 8, 3);
-        // Target heads that always say 2 and 3, online heads that always say 0.
+        // Target heads always give 2 and 3, online heads always 0.
         for (i, head) in agent.target.heads.iter_mut().enumerate() {
             head.params.fill(0.0);
             *head.params.last_mut().unwrap() = 2.0 + i as f64;

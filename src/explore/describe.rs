@@ -1,17 +1,17 @@
-//! A robot in the words of a dataset.
+//! The description of a robot in a dataset.
 
 use crate::dataset::Robot as Described;
 use crate::robot::{Robot, StateJoint};
 
-/// Distance to a stop below which a joint counts as pinned: the profile's, but at most 2 %
-/// of the joint's range. At .1 rad a hand's spreading joint would be pinned over a third of
-/// its range, where nothing touches.
+/// Distance to a stop below which a joint counts as pinned: that of the profile, but at most 2 % of
+/// the joint's range. With .1 rad, a hand's spreading joint would be pinned over a third of its
+/// range without touching anything.
 fn near_limit(robot: &Robot, joint: &StateJoint) -> f64 {
     let range = if joint.unbounded { f64::INFINITY } else { joint.range[1] - joint.range[0] };
     robot.profile().near_limit.min(0.02 * range)
 }
 
-/// The manifest's words for a robot.
+/// The manifest's description of a robot.
 pub fn describe(robot: &Robot) -> Described {
     Described {
         id: robot.id().to_owned(),

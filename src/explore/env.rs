@@ -1,8 +1,8 @@
-//! One simulated robot as an agent sees it: reset, act, observe.
+//! One simulated robot as an environment: reset, act, observe.
 //!
-//! What an episode does is a function of its seed and its actions alone; which simulation it
-//! ran in, and what ran there before, leaves no trace. Where plants vary, each episode has its
-//! own: only what moved before tells a policy which one.
+//! An episode is a function of its seed and its actions alone. It does not depend on the simulation
+//! that it runs in, or on earlier episodes there. If plants vary, each episode has its own, and a
+//! policy can recognise it only by past motion.
 
 use std::sync::Arc;
 
@@ -21,12 +21,12 @@ const WILD: f64 = 50.0;
 const WILD_SPEED: f64 = 200.0;
 /// Depth of self-contact that a start pose may have, m.
 const PENETRATION: f64 = 0.002;
-/// Frames without torque that a start pose gets to push links apart.
+/// Frames without torque in which contact may separate the links of a start pose.
 const PASSIVE_FRAMES: usize = 3;
-/// Start poses tried before the last one is taken as it is.
+/// Number of start poses to try; the last one is used in any case.
 const TRIES: usize = 20;
 
-/// Where episodes start.
+/// The distribution of start poses.
 #[derive(Clone, Debug)]
 enum Start {
     /// Centre plus or minus a half width, joint by joint.
@@ -37,14 +37,14 @@ enum Start {
     Hand,
 }
 
-/// What a step came to.
+/// The result of a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Step {
-    /// Fine.
+    /// The step succeeded.
     Ok,
-    /// Beyond what a real joint would do: the episode ends before this frame.
+    /// The state is implausible for a real joint; the episode ends before this frame.
     Implausible,
-    /// The simulator broke and reset itself: nothing of the episode may be kept.
+    /// The simulation diverged and reset itself; the whole episode is discarded.
     Broken,
 }
 
@@ -53,7 +53,7 @@ pub(crate) enum Step {
 pub(crate) struct Env {
     robot: Arc<Robot>,
     data: Data,
-    /// Where the plant of each episode is drawn from; the robot's own if none.
+    /// The range of the plants of episodes; `None` for the robot's own.
     plants: Option<PlantRange>,
     start: Start,
     home: Vec<f64>,
@@ -62,14 +62,14 @@ pub(crate) struct Env {
     ctrl: Vec<f64>,
     /// Geoms that belong to the robot (not to the world).
     own: Vec<bool>,
-    /// Frames for which each joint has stood at a stop; none while it has been there from
-    /// the start.
+    /// Frames for which each joint has stood at a stop; `None` while it has been there from the
+    /// start.
     pinned: Vec<Option<u64>>,
     described: Described,
 }
 
 impl Env {
-    /// A simulation of this robot as its file says.
+    /// A simulation of the robot of the file.
     ///
     /// # Errors
     /// [`Error::Simulator`].
@@ -77,7 +77,7 @@ impl Env {
         Env::varied(robot, None)
     }
 
-    /// The same with a plant of its own for each episode.
+    /// The same with another plant for each episode.
     ///
     /// # Errors
     /// [`Error::Simulator`].
@@ -109,8 +109,8 @@ impl Env {
         self.robot.state_dim()
     }
 
-    /// Puts the robot at rest in a start pose drawn from `rng`. Poses whose links overlap get
-    /// a few frames to push themselves apart, or are drawn again.
+    /// Puts the robot at rest in a start pose drawn from `rng`. If links overlap, contact gets a
+    /// few frames to separate them, or the pose is drawn again.
     ///
     /// # Errors
     /// [`Error::Simulator`], [`Error::Robot`].
@@ -171,7 +171,7 @@ impl Env {
                 .get(j)
                 .map_or(q, |s| if s.unbounded { q } else { q.clamp(s.range[0], s.range[1]) })
         };
-        // Range of a joint; 1 rad or m about home for one without stops.
+        // Range of a joint; 1 rad or m around home if it has no stops.
         let range = |j: usize| {
             let s = &joints[j];
             if s.unbounded { [self.home[j] - 1.0, self.home[j] + 1.0] } else { s.range }
@@ -248,7 +248,7 @@ impl Env {
             let q = qpos.get(j.qposadr).copied().unwrap_or(f64::NAN);
             let v = qvel.get(j.dofadr).copied().unwrap_or(f64::NAN);
             let beyond = !j.unbounded && (q < j.range[0] - OVERSHOOT || q > j.range[1] + OVERSHOOT);
-            // Written so that NaN counts as wild.
+            // Written so that NaN counts as implausible.
             beyond || !(q.abs() <= WILD && v.abs() <= WILD_SPEED)
         })
     }
@@ -292,8 +292,8 @@ impl Env {
     }
 }
 
-/// Where this robot's episodes start: the tried rules for the built-in robots, else what the
-/// profile suggests.
+/// The start poses of this robot: tested rules for the built-in robots, else derived from the
+/// profile.
 fn start_of(robot: &Robot) -> Start {
     match robot.id() {
         "pointmass" => Start::Around(vec![0.0; 2], vec![1.0; 2]),

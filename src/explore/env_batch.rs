@@ -1,8 +1,8 @@
-//! Roll-outs into shards: the phase that makes the data.
+//! Roll-outs that are written to shards: the phase that records the data.
 //!
-//! A shard is a function of its plan: which agent at which snapshot, how many frames, which
-//! seed. Episodes run in batches, side by side in as many simulations, so that one product of
-//! the policy network serves all of them; each episode depends on its own seed only.
+//! A shard is a function of its plan: agent, snapshot, number of frames and seed. Episodes run in
+//! batches, side by side in as many simulations, so that one product of the policy network serves
+//! all of them. Each episode depends only on its own seed.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -16,22 +16,22 @@ use crate::progress::Cancel;
 use crate::rng::{Rng, Stream, draw};
 use crate::robot::{PlantRange, Robot};
 
-/// Episodes side by side: the policy's products get enough rows, the simulations' work
-/// spaces still fit the cache.
+/// Episodes side by side: enough rows for the policy's products, while the simulations' work spaces
+/// still fit into the cache.
 const ENVS: usize = 8;
 /// Bits of the shard index in an episode's draw index.
 const EPISODE_BITS: u32 = 24;
 
-/// What one shard holds.
+/// The plan of one shard.
 #[derive(Clone, Debug)]
 pub(crate) struct Plan {
-    /// Who acts.
+    /// The actor.
     pub(crate) agent: String,
-    /// Environment steps behind it.
+    /// Environment steps of its training.
     pub(crate) snapshot_step: u64,
     /// Index of the shard within its spec.
     pub(crate) index: u64,
-    /// Frames wanted; what is stored is this, or after cut episodes up to a window more.
+    /// Requested frames; if episodes end early, up to a window more is stored.
     pub(crate) frames: usize,
     /// Frames of an episode.
     pub(crate) episode_frames: usize,
@@ -61,14 +61,14 @@ struct EpisodeSlot {
     contact: Vec<u8>,
 }
 
-/// What one trajectory came to, for whoever watches.
+/// The result of one trajectory, for progress reports.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Made<'a> {
     /// Frames recorded.
     pub(crate) frames: u64,
-    /// Of them, with each joint near a stop, (S); empty where nothing was recorded.
+    /// Frames with each joint near a stop, (S); empty if nothing was recorded.
     pub(crate) near_limit: &'a [u64],
-    /// Whether the simulator broke.
+    /// Whether the simulation diverged.
     pub(crate) broken: bool,
 }
 
@@ -100,11 +100,11 @@ impl EnvBatch {
         })
     }
 
-    /// Makes the shard of this plan and writes it to `dir/file`. `tick` hears of each
+    /// Makes the shard of this plan and writes it to `dir/file`. `tick` is called for each
     /// trajectory.
     ///
     /// # Errors
-    /// [`Error::Unstable`] when most trajectories break, [`Error::TooShort`] when most end
+    /// [`Error::Unstable`] when most trajectories diverge, [`Error::TooShort`] when most end
     /// before a window's frames; [`Error::Cancelled`]; [`Error::Simulator`], [`Error::Dataset`].
     pub(crate) fn make(
         &mut self,
@@ -121,13 +121,13 @@ impl EnvBatch {
             if cancel.is_cancelled() {
                 return Err(Error::Cancelled { path: dir.to_owned() });
             }
-            // Episodes that were cut may leave less than a window, but whoever asks for frames
-            // gets them.
+            // Episodes that ended early may leave less than a window, but the requested frames are
+            // always delivered.
             let mut left = (plan.frames - shard.frames()).max(SHORTEST);
             let mut lengths = Vec::with_capacity(ENVS);
             while lengths.len() < ENVS && left >= SHORTEST {
                 let rest = left.saturating_sub(plan.episode_frames);
-                // A remainder too short for a window is joined to the episode before it.
+                // A remainder shorter than a window is added to the episode before it.
                 let n = if rest < SHORTEST { left } else { plan.episode_frames };
                 lengths.push(n);
                 left -= n;
@@ -160,7 +160,7 @@ impl EnvBatch {
             if broken > 64 + 3 * (tried - broken) {
                 return Err(Error::Unstable { robot, agent, broken, tried });
             }
-            // Each of the others brought a window at least, so most were of no use.
+            // Each of the others has at least a window, so most were useless.
             if tried > most {
                 let pinned_frames = plan.pinned_frames;
                 return Err(Error::TooShort { robot, agent, short, tried, pinned_frames });
@@ -215,7 +215,7 @@ impl EnvBatch {
                         slot.qpos.extend_from_slice(&o[..s]);
                         slot.qvel.extend_from_slice(&o[s..]);
                         slot.ctrl.extend_from_slice(&action);
-                        // Of the end of the frame, as seen by its last simulator step.
+                        // At the end of the frame, from its last simulator step.
                         slot.contact.push(u8::from(slot.env.self_contact()));
                         if slot.contact.len() == lengths[i] {
                             ends[i] = End::Whole;
@@ -232,7 +232,7 @@ impl EnvBatch {
     }
 }
 
-/// Seed of an episode's own draws: below 2^53, so that every JSON reader keeps it exact.
+/// Seed of an episode's random choices, below 2^53 so that every JSON reader keeps it exact.
 fn episode_seed(plan: &Plan, episode: u64) -> u64 {
     let name = crate::fsio::sha256_hex(plan.agent.as_bytes());
     let code = u64::from_str_radix(name.get(..16).unwrap_or("0"), 16).unwrap_or(0);
@@ -304,8 +304,8 @@ mod tests {
             *frames += made.frames;
             near.iter_mut().zip(made.near_limit).for_each(|(n, m)| *n += m);
         };
-        // Most episodes reach a stop long before their 1000 frames: many more are needed than
-        // whole ones would be.
+        // Most episodes reach a stop long before 1000 frames, so many more are needed than complete
+        // ones.
         let cut = Plan { episode_frames: 1000, pinned_frames: 5, ..plan(8000) };
         let made = batch.make(&cut, &policy, file, &Cancel::default(), &tick).unwrap();
         assert!((8000..8051).contains(&made.frames), "{made:?}");

@@ -1,4 +1,4 @@
-//! What can go wrong while collecting.
+//! Errors of collecting.
 
 use std::path::PathBuf;
 
@@ -6,7 +6,7 @@ use crate::dataset::SHORTEST;
 use crate::exit::{Exit, HasExit};
 use crate::{dataset, fsio, mujoco, robot};
 
-/// A collection that cannot start or go on.
+/// Why a collection cannot start or continue.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
@@ -29,13 +29,13 @@ pub enum Error {
         name: &'static str,
         /// What is allowed.
         must: String,
-        /// What was given.
+        /// The given value.
         got: String,
     },
-    /// The folder holds another collection, or one that was not asked to go on.
+    /// The folder contains another collection, or one that may only continue with `--resume`.
     #[error("{message}: {path}", path = path.display())]
     Folder {
-        /// What is there and how to fix it.
+        /// The content of the folder, and the fix.
         message: String,
         /// The folder.
         path: PathBuf,
@@ -48,21 +48,21 @@ pub enum Error {
         /// The file.
         path: PathBuf,
     },
-    /// The robot hardly survives: too many trajectories break.
+    /// The robot is unstable: too many trajectories diverge.
     #[error(
         "{broken} of {tried} trajectories of {agent} broke the simulation; check masses, limits and control ranges of {robot}"
     )]
     Unstable {
         /// The robot.
         robot: String,
-        /// Who acted.
+        /// The agent.
         agent: String,
-        /// Broken trajectories.
+        /// Trajectories that diverged.
         broken: u64,
-        /// All that were tried.
+        /// All trajectories that were tried.
         tried: u64,
     },
-    /// Too many trajectories end before they are of use.
+    /// Too many trajectories end before they are long enough.
     #[error(
         "{short} of {tried} trajectories of {agent} ended before {least} frames; {cure}",
         least = SHORTEST,
@@ -71,16 +71,16 @@ pub enum Error {
     TooShort {
         /// The robot.
         robot: String,
-        /// Who acted.
+        /// The agent.
         agent: String,
         /// Trajectories that were too short.
         short: u64,
-        /// All that were tried.
+        /// All trajectories that were tried.
         tried: u64,
         /// Frames at a stop that end a trajectory; 0 for never.
         pinned_frames: u64,
     },
-    /// Stopped by the user; `--resume` goes on.
+    /// Stopped by the user; `--resume` continues.
     #[error("stopped; continue with --resume: {path}", path = path.display())]
     Cancelled {
         /// The folder.

@@ -1,5 +1,5 @@
 //! ICM: intrinsic curiosity module (Pathak et al. 2017, arXiv 1705.05363; state-based form
-//! of URLB). What its forward model cannot predict is interesting.
+//! of URLB). The reward is the prediction error of its forward model.
 //!
 //! ```text
 //! loss = mean |s' - f(s, a)| + mean |a - g(s, s')|     norms, not their squares

@@ -1,5 +1,5 @@
-//! Do the collectors do their work? Reward and coverage over steps, for learners and for the
-//! two that do not learn, on the same robot with as many steps.
+//! Learning curves of agents and baselines: reward and coverage over steps, on the same robot with
+//! the same number of steps.
 
 use std::sync::Arc;
 use std::sync::Mutex;
@@ -24,8 +24,8 @@ use crate::robot::Robot;
 /// Frames of a baseline's episode: the mean of the agents' training episodes.
 const EPISODE_FRAMES: u64 = 350;
 
-/// Trains each agent of `kinds` (nothing is written), runs the others as long, and returns
-/// all curves in the order asked for.
+/// Trains each agent of `kinds` without writing files, runs the baselines for as many steps, and
+/// returns all curves in the order of `kinds`.
 ///
 /// # Errors
 /// [`Error::Simulator`], [`Error::Cancelled`].

@@ -1,9 +1,8 @@
 //! Small feed-forward networks of the agents: forward, backward, Adam, moving average.
 //!
-//! Layers are those that the published agents are made of. Every product goes through
-//! [`crate::linalg`]. Everything is generic over f32 (training) and f64 (finite-difference
-//! checks of each agent's loss). One network is one flat parameter vector, so that copying,
-//! averaging and saving are one line each.
+//! The layers are those of the published agents. Every product uses [`crate::linalg`]. Everything
+//! is generic over f32 (training) and f64 (finite-difference checks of each agent's loss). A
+//! network is one flat parameter vector, so that copying, averaging and saving are one line each.
 
 use crate::linalg::{
     Init, Mat, MatMut, Real, gemm,
@@ -48,7 +47,7 @@ pub(crate) struct Mlp<T> {
     pub(crate) params: Vec<T>,
 }
 
-/// What a forward pass leaves for the backward pass; reused from update to update.
+/// Values that the backward pass needs from the forward pass; reused from update to update.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Tape<T> {
     rows: usize,
@@ -182,7 +181,7 @@ impl<T: Real> Mlp<T> {
                     d.truncate(rows * m);
                 }
                 Layer::NormTanh(n) => {
-                    // Gradients of frozen networks are computed and thrown away: 2 n numbers.
+                    // Gradients of frozen networks are computed and discarded: 2 n numbers.
                     let mut waste = Vec::new();
                     let g = if let Some(g) = mine {
                         g

@@ -1,12 +1,11 @@
-//! Curious agents: motion without reward, label or demonstration.
+//! Collectors: they record motion without task reward, label or demonstration.
 //!
-//! Five agents learn on an intrinsic reward alone (`rnd`, `icm`, `apt`, `aps`,
-//! `proto`: one file each, over one `ddpg` backbone); smooth `noise` needs no learning
-//! and is what they are judged against. [`collect`] is the procedure: train, keep snapshots,
-//! roll the snapshots out, merge in equal parts.
+//! Five agents learn from an intrinsic reward alone (`rnd`, `icm`, `apt`, `aps`, `proto`: one file
+//! each, with a common `ddpg` backbone). Smooth `noise` and `babble` need no learning. [`collect`]
+//! is the procedure: train, keep snapshots, roll the snapshots out, merge in equal parts.
 //!
-//! Everything is a function of the options and one seed: environments, updates and shards
-//! come out the same on one thread or many, and after any number of kills.
+//! Everything is a function of the options and one seed: environments, updates and shards are the
+//! same on one thread or many, and after any number of kills.
 //!
 //! Sources: URLB (Laskin et al. 2021) for sizes and losses; the papers named in each file.
 

@@ -1,4 +1,4 @@
-//! Noise collector: smooth random torque, no learning. The yardstick for the curious agents.
+//! Noise collector: smooth random torque without learning, the baseline of the exploring agents.
 //!
 //! Per episode an Ornstein-Uhlenbeck process drives each actuator:
 //!
@@ -7,12 +7,12 @@
 //! a   = clamp(gate (amplitude x + bias) + .03 n, +-1)
 //! ```
 //!
-//! What matters is that joints are rarely pinned at their stops, where torque cannot be read
-//! from positions. So amplitudes follow the plant: spread widely where damping and gravity
-//! keep joints apart (arm, puck), or chosen for an expected travel of .05-1 rad per
-//! correlation time where nothing does (hand). Three times that drives fingers into each
-//! other and their stops, and teaches little about holding still. Hands also get gates (rest
-//! at any pose), bias drawn anew now and then, and fingers whose joints move together.
+//! Joints should rarely be pinned at their stops, where torque cannot be inferred from positions.
+//! So amplitudes depend on the plant: they are spread widely where damping and gravity keep joints
+//! off their stops (arm, puck), and chosen for an expected travel of .05-1 rad per correlation time
+//! where nothing does (hand). Three times that pushes fingers into each other and into their stops,
+//! and teaches little about holding still. Hands also get gates (rest at any pose), a bias that is
+//! redrawn now and then, and fingers whose joints move together.
 
 use super::env::has_tendons;
 use crate::rng::{Rng, Stream};
@@ -21,7 +21,7 @@ use crate::units::CTRL_DT;
 
 /// Correlation time, seconds.
 const TAU_SECS: [f64; 2] = [0.06, 4.0];
-/// Standard deviation of the white part.
+/// Standard deviation of the white component.
 const WHITE: f64 = 0.03;
 /// Expected travel per correlation time, rad, for a joint of 90 degrees range.
 const TRAVEL: [f64; 2] = [0.05, 1.0];
@@ -32,7 +32,7 @@ const GATED: f64 = 0.9;
 /// Mean time between new biases, seconds.
 const BIAS_SECS: f64 = 2.0;
 
-/// How large torques are.
+/// The size of torques.
 #[derive(Clone, Debug, PartialEq)]
 enum Amplitude {
     /// Uniform in these bounds, times a uniform factor from the third number to 1 by joint.
@@ -41,7 +41,7 @@ enum Amplitude {
     Travel(Vec<(f64, f64)>),
 }
 
-/// What the noise of a robot is made of.
+/// The settings of the noise of a robot.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct NoiseRule {
     amplitude: Amplitude,
@@ -55,8 +55,8 @@ pub(crate) struct NoiseRule {
 }
 
 impl NoiseRule {
-    /// The tried rule for a built-in robot, else one derived from the profile: travel-based
-    /// where gravity is off and joints have stops, spread otherwise.
+    /// Tested settings for a built-in robot, else derived from the profile: travel-based if gravity
+    /// is off and joints have stops, spread otherwise.
     pub(crate) fn of(robot: &Robot) -> Self {
         let n = robot.action_dim();
         let plain = |amplitude, bias| NoiseRule {
@@ -69,7 +69,7 @@ impl NoiseRule {
         match robot.id() {
             "pointmass" => plain(Amplitude::Spread(0.05, 1.2, 1.0), vec![0.1; n]),
             "ur5e" => plain(Amplitude::Spread(0.05, 1.0, 0.4), vec![0.09, 0.3, 0.3, 0.09, 0.09]),
-            // A tenth of the damping: the same torques would spin it from stop to stop.
+            // With a tenth of the damping the same torques would move it from stop to stop.
             "ur5e_light" => {
                 plain(Amplitude::Spread(0.02, 0.4, 0.4), vec![0.036, 0.12, 0.12, 0.036, 0.036])
             }
@@ -92,7 +92,7 @@ impl NoiseRule {
     }
 }
 
-/// (range in right angles, speed at full torque) of what an actuator moves.
+/// (range in right angles, speed at full torque) of the joint of an actuator.
 fn reach(robot: &Robot, k: usize) -> (f64, f64) {
     let joint = member(robot, k).and_then(|name| robot.joints().iter().find(|j| j.name == name));
     joint.map_or((1.0, 4.0), |j| {
@@ -176,7 +176,8 @@ impl Noise {
         };
         let level = rng.uniform();
         let relative = matches!(rule.amplitude, Amplitude::Travel(_));
-        // Where travel is the measure, a bias as strong as allowed would drive joints home.
+        // With travel-based amplitudes, the strongest allowed bias would push joints to their
+        // stops.
         let bias_sd: Vec<f64> = rule
             .bias
             .iter()

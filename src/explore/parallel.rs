@@ -1,10 +1,10 @@
-//! Several threads at one kind of work.
+//! Runs one kind of work on several threads.
 
 use super::error::Error;
 
-/// Runs `work` on `threads` threads, this one among them, and joins what they return, in no
-/// particular order. The first error wins; a cancellation that it caused elsewhere does not
-/// hide it.
+/// Runs `work` on `threads` threads, including this one, and concatenates their results in no
+/// particular order. The first error is returned, and is not hidden by a cancellation that it
+/// caused elsewhere.
 pub(super) fn for_each<T: Send>(
     threads: usize,
     work: impl Fn() -> Result<Vec<T>, Error> + Sync,

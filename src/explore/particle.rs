@@ -32,7 +32,7 @@ impl Default for Rms {
 }
 
 impl Rms {
-    /// Takes in a batch of two or more values.
+    /// Adds a batch of two or more values.
     pub(crate) fn add<T: Real>(&mut self, x: &[T]) {
         let b = x.len() as f64;
         if b < 2.0 {
@@ -99,7 +99,7 @@ impl Pbe {
 pub(crate) struct Neighbours<T> {
     products: Vec<T>,
     norms: Vec<T>,
-    /// The nearest so far, by the short form, and their indices.
+    /// The nearest so far, by the approximate distance, and their indices.
     row: Vec<(T, usize)>,
     found: Vec<T>,
 }
@@ -141,12 +141,13 @@ impl<T: Real> Neighbours<T> {
 
 /// The `k` least of norm - 2 product with their indices, ascending; equal ones by index.
 ///
-/// Read in blocks: one that holds nothing less than the worst of the k is passed over by a
-/// few vector operations, and soon nearly all are. A selection would move every number.
+/// The numbers are read in blocks. A block without a number below the worst of the k is skipped by
+/// a few vector operations, and soon nearly all blocks are. Rejected: a selection algorithm, which
+/// would move every number.
 fn least<T: Real>(products: &[T], norms: &[T], k: usize, best: &mut Vec<(T, usize)>) {
     let two = T::of(2.0);
     best.clear();
-    // The first k stand in for whatever comes, so that k are found among any numbers.
+    // The first k are the initial result, so that k are found among any numbers.
     best.extend(norms.iter().zip(products).take(k).map(|(&n, &p)| n - two * p).zip(0..));
     best.sort_by(|l, r| l.0.partial_cmp(&r.0).unwrap_or(std::cmp::Ordering::Equal));
     Arch::new().dispatch(
@@ -224,7 +225,7 @@ mod tests {
                 x.chunks_exact(37).map(|b| simd::distance2(a, b).sqrt()).collect();
             d.sort_by(f32::total_cmp);
             assert_eq!(got[i * 12], 0.0);
-            // The choice is made on rounded figures; what is chosen is measured exactly.
+            // The choice is made on rounded distances; the chosen ones are measured exactly.
             assert!((got[i * 12 + 11] / d[11] - 1.0).abs() < 0.2);
         }
     }

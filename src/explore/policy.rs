@@ -1,4 +1,4 @@
-//! Who acts during a roll-out, and the snapshot file of a trained agent.
+//! The actors of roll-outs, and the snapshot file of a trained agent.
 //!
 //! A snapshot is one safetensors file with the actor and the scaling of its observations,
 //! small and read-only; its weights are packed once for all products of a roll-out.
@@ -24,7 +24,7 @@ const FORMAT: &str = "robert-agent/1";
 /// Key of its header.
 const KEY: &str = "robert";
 
-/// What a snapshot says about itself.
+/// The header of a snapshot.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct SnapshotHeader {
@@ -36,7 +36,7 @@ pub(crate) struct SnapshotHeader {
     pub(crate) model_sha256: String,
     /// Agent name.
     pub(crate) agent: String,
-    /// Environment steps behind it.
+    /// Environment steps of its training.
     pub(crate) step: u64,
     /// Observations o.
     pub(crate) obs: usize,
@@ -241,7 +241,7 @@ impl Actor {
     }
 }
 
-/// Who acts.
+/// An actor.
 #[derive(Debug)]
 pub(crate) enum ExplorePolicy {
     /// Smooth noise.
@@ -254,7 +254,7 @@ pub(crate) enum ExplorePolicy {
     Actor(Box<Actor>, NoiseBounds),
 }
 
-/// What one episode carries from frame to frame.
+/// The state of an actor during one episode.
 #[derive(Debug)]
 pub(crate) enum ActorState {
     Noise(Box<Noise>),

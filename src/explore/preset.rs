@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::action_noise::NoiseBounds;
 use super::error::Error;
 
-/// Environment steps that no training reaches.
+/// More environment steps than any training has.
 const LONG: u64 = 1_000_000_000;
 
 /// How an agent is built and trained.
@@ -64,8 +64,8 @@ impl Preset {
 
     /// For a CPU: many environments, few updates, small networks (the direction of parallel
     /// Q-learning, arXiv 2307.12983). One update of RND at the published size costs 54
-    /// GFLOP; here .4. Observations are scaled: an arm's velocities of +-10 beside angles of
-    /// +-6 upset every distance that ICM and APT measure.
+    /// GFLOP; here .4. Observations are scaled, because an arm's velocities of +-10 beside angles
+    /// of +-6 distort the distances of ICM and APT.
     pub fn url_fast() -> Self {
         Preset {
             name: "url-fast".to_owned(),
@@ -114,7 +114,8 @@ impl Preset {
         };
         *place = serde_json::from_str(text).map_err(|e| fail(format!("a value ({e})")))?;
         let next: Preset = serde_json::from_value(all).map_err(|e| fail(e.to_string()))?;
-        // A wider network has snapshots that are not read back; the others eat all memory.
+        // The snapshots of a wider network could not be read back; the others would need all
+        // memory.
         let bounds = [
             ("hidden", next.hidden as u64, 1, 4096),
             ("batch", next.batch as u64, 1, 1 << 16),

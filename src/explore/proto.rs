@@ -1,6 +1,6 @@
 //! Proto: prototypical representations (Yarats et al. 2021, arXiv 2102.11271; state-based
-//! form of URLB). Prototypes spread over the states seen; what lies far from the candidates
-//! they pick is new.
+//! form of URLB). Prototypes spread over the visited states, and states far from the candidates
+//! that they select are rewarded.
 //!
 //! ```text
 //! u    = C normalize(proj(pred(s))) / 0.1          online scores over 512 prototypes
@@ -181,7 +181,7 @@ impl<T: Real> Proto<T> {
     pub(crate) fn reward(&mut self, batch: &Batch<T>, seed: u64, index: u64, out: &mut Vec<T>) {
         let Sizes { rep, protos: count, queue, .. } = self.sizes;
         let rows = batch.rows;
-        // The step of an update has left them a little off, and their lengths would weigh.
+        // The update changed their lengths slightly, which must not affect the scores.
         normalise_rows(&mut self.protos, rep);
         self.unit.clear();
         self.unit.extend_from_slice(self.predictor.forward(&batch.next, rows, &mut self.tapes[0]));

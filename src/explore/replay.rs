@@ -1,7 +1,6 @@
 //! Replay memory: finished and running episodes, sampled uniformly by episode, then index.
 //!
-//! The memory only ever grows or forgets its oldest episodes, so a checkpoint writes what is
-//! new and nothing twice.
+//! The memory only grows or drops its oldest episodes, so a checkpoint writes every episode once.
 
 use super::batch::Batch;
 use super::ddpg::N_STEP;
@@ -69,7 +68,7 @@ impl Replay {
         }
     }
 
-    /// Forgets an episode that the simulator broke.
+    /// Drops an episode whose simulation diverged.
     pub(crate) fn void(&mut self, episode: usize) {
         let Some(at) = episode.checked_sub(self.forgotten) else { return };
         if let Some(e) = self.episodes.get_mut(at) {
@@ -79,8 +78,8 @@ impl Replay {
         }
     }
 
-    /// Forgets whole episodes until the capacity is kept. Called between updates; running
-    /// episodes are the youngest and stay.
+    /// Drops whole episodes down to the capacity. Called between updates; running episodes are the
+    /// newest and stay.
     pub(crate) fn trim(&mut self) {
         let mut drop = 0;
         while self.steps > self.capacity && drop + 1 < self.episodes.len() {
@@ -90,7 +89,7 @@ impl Replay {
         self.forget(drop);
     }
 
-    /// Keeps the youngest `n` episodes, as a checkpoint says; false if there are fewer.
+    /// Keeps the newest `n` episodes, as a checkpoint records; false if there are fewer.
     pub(crate) fn keep_youngest(&mut self, n: usize) -> bool {
         let Some(drop) = self.episodes.len().checked_sub(n) else { return false };
         let steps: usize = self.episodes.iter().take(drop).map(|e| e.action.len()).sum();
@@ -119,7 +118,7 @@ impl Replay {
         !self.ready.is_empty()
     }
 
-    /// Episodes begun so far, forgotten ones included.
+    /// Episodes begun so far, including dropped ones.
     pub(crate) fn begun(&self) -> usize {
         self.forgotten + self.episodes.len()
     }
@@ -129,7 +128,7 @@ impl Replay {
         self.episodes.get(first.saturating_sub(self.forgotten)..).unwrap_or_default()
     }
 
-    /// Takes back an episode from a checkpoint.
+    /// Restores an episode from a checkpoint.
     pub(crate) fn restore(&mut self, e: Steps) {
         let n = e.action.len() / self.act;
         if n >= N_STEP {
@@ -189,7 +188,7 @@ impl Scale {
         Scale { on, state: vec![0.0; 1 + 2 * obs], mean: vec![0.0; obs], inv: vec![1.0; obs] }
     }
 
-    /// Takes in one observation (Welford 1962).
+    /// Adds one observation (Welford 1962).
     pub(crate) fn add(&mut self, obs: &[f32]) {
         let o = self.mean.len();
         self.state[0] += 1.0;
@@ -202,7 +201,7 @@ impl Scale {
         }
     }
 
-    /// Makes what was added count; called at fixed points, so that a batch is scaled alike.
+    /// Applies the added observations; called at fixed points, so that a batch has one scaling.
     pub(crate) fn refresh(&mut self) {
         if !self.on || self.state[0] < 2.0 {
             return;

@@ -1,5 +1,4 @@
-//! What is asked of a collection, whether it can be done, and the file in its folder that
-//! remembers it.
+//! The request of a collection, its validation, and the file that stores it.
 
 use std::path::{Path, PathBuf};
 
@@ -13,11 +12,11 @@ use crate::dataset::SHORTEST;
 use crate::robot::{PlantRange, Robot};
 use crate::{fsio, limits};
 
-/// Frames of the largest shard: what a kill can cost stays within half a minute.
+/// Frames of the largest shard, so that a kill costs at most half a minute.
 pub(super) const SHARD_FRAMES: usize = 50_000;
-/// Bytes of the manifest that a trajectory takes at most.
+/// The most bytes of a trajectory in the manifest.
 const EPISODE_BYTES: u64 = 144;
-/// Snapshots of an agent at most: all of them are in memory during the roll-outs.
+/// The most snapshots of an agent; all of them are in memory during the roll-outs.
 const SNAPSHOTS: u64 = 2000;
 
 /// What to collect.
@@ -39,31 +38,31 @@ const SNAPSHOTS: u64 = 2000;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CollectConfig {
-    /// Who collects; each contributes an equal part.
+    /// The collectors; each contributes an equal part.
     pub agents: Vec<AgentKind>,
-    /// How agents are trained.
+    /// Settings of the agents.
     pub preset: Preset,
-    /// Frames to record in all.
+    /// Total frames to record.
     pub transitions: u64,
-    /// Seed of everything.
+    /// Seed of all random choices.
     pub seed: u64,
     /// Frames of a recorded episode.
     pub episode_frames: u64,
     /// Only snapshots up to this share of the training are rolled out: agents that drift to
     /// extremes (`UR5e`) are stopped early.
     pub snapshots_until: f64,
-    /// Each recorded episode draws its plant from here; the robot's own if none. Agents are
-    /// trained on the robot's own.
+    /// The range of the plants of recorded episodes; `None` for the robot's own. Agents are trained
+    /// on the robot's own.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub plants: Option<PlantRange>,
-    /// Another collection's folder, whose trained agents are taken where they are the same:
-    /// robot, preset and seed. It changes no bit, only the time.
+    /// The folder of another collection, whose trained agents are used if robot, preset and seed
+    /// are the same. It changes only the time.
     #[serde(skip)]
     pub agents_from: Option<PathBuf>,
 }
 
-/// The collector that needs no training and no tuning on this robot: the tried noise of a
-/// built-in one, babbling where motors sit at joints, else noise.
+/// The collector that needs no training and no tuning for this robot: tested noise for a built-in
+/// robot, babbling if motors act on joints, else noise.
 fn unlearned(robot: &Robot) -> AgentKind {
     let tried = Robot::builtin_ids().any(|id| id == robot.id());
     if !tried && BabbleRule::of(robot).is_ok() { AgentKind::Babble } else { AgentKind::Noise }
@@ -127,7 +126,7 @@ impl CollectConfig {
                 self.transitions.to_string(),
             );
         }
-        // What could not be read back must not be begun.
+        // A collection that could not be read back must not begin.
         let pinned = learns && self.preset.pinned_frames > 0;
         let shortest = if pinned { SHORTEST as u64 } else { self.episode_frames };
         let episodes = (limits::EPISODES as u64).min(limits::MANIFEST_BYTES / EPISODE_BYTES);
@@ -138,7 +137,7 @@ impl CollectConfig {
         Ok(())
     }
 
-    /// Refuses agents that another training would make.
+    /// Refuses agents of another training.
     pub(super) fn check_agents_from(&self, robot: &Robot) -> Result<(), Error> {
         let Some(from) =
             self.agents_from.as_ref().filter(|_| self.agents.iter().any(|a| a.learns()))
@@ -186,7 +185,7 @@ impl CollectConfig {
     }
 }
 
-/// What stands in `collect.json`.
+/// The content of `collect.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Request {
@@ -197,7 +196,7 @@ struct Request {
     config: Flat,
 }
 
-/// `flatten` and `deny_unknown_fields` exclude each other on one level; a newtype parts them.
+/// `flatten` and `deny_unknown_fields` exclude each other on one level; a newtype separates them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Flat {
     config: CollectConfig,
@@ -220,7 +219,7 @@ fn read_request(path: &Path) -> Result<serde_json::Value, Error> {
         .map_err(|e| Error::Checkpoint { message: e.to_string(), path: path.to_owned() })
 }
 
-/// A collection as it was asked for.
+/// The stored request of a collection.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Begun {
     /// Its robot.
@@ -229,7 +228,7 @@ pub struct Begun {
     pub config: CollectConfig,
 }
 
-/// What a folder was begun with, complete or not; `None` where it is no collection.
+/// The request of the collection in a folder, complete or not; `None` if there is none.
 ///
 /// # Errors
 /// [`Error::File`], [`Error::Checkpoint`] for a request that cannot be read.
@@ -243,7 +242,7 @@ pub fn begun(out: &Path) -> Result<Option<Begun>, Error> {
     Ok(Some(Begun { robot: request.robot, config: request.config.config }))
 }
 
-/// Makes the folder ours, or finds that it is.
+/// Begins a collection in the folder, or checks that it is ours.
 pub(super) fn claim(
     robot: &Robot,
     config: &CollectConfig,
@@ -276,8 +275,8 @@ pub(super) fn claim(
     Ok(fsio::write_atomic(&path, text.as_bytes())?)
 }
 
-/// First place where two documents differ: its name and both values. Another robot explains
-/// more than what it is the reason for.
+/// First place where two documents differ: its name and both values. A different robot is reported
+/// before the settings that follow from it.
 fn difference(
     at: &str,
     a: &serde_json::Value,
@@ -301,7 +300,7 @@ pub(super) fn share(total: u64, n: u64, i: u64) -> u64 {
     upto(i + 1) - upto(i)
 }
 
-/// Shards that so many frames of one snapshot are cut into.
+/// Number of shards for this many frames of one snapshot.
 pub(super) fn pieces(frames: u64) -> u64 {
     frames.div_ceil(SHARD_FRAMES as u64).max(1)
 }

@@ -1,5 +1,6 @@
 //! RND: random network distillation (Burda et al. 2018, arXiv 1810.12894; state-based form
-//! of URLB). A predictor f chases a frozen random network f*; where it fails, it is new.
+//! of URLB). A predictor f learns to match a frozen random network f*; its error is the reward,
+//! large in new states.
 //!
 //! ```text
 //! x    = clip(batch-normalised s, +-5)             no learned gain or bias
@@ -78,8 +79,8 @@ impl<T: Real> Rnd<T> {
         simd::distance2(f, goal).f64() / (rows * OUTPUTS) as f64
     }
 
-    /// Reward of each transition, after the step on the same batch: the normalised input and
-    /// the frozen network's answer are still there.
+    /// Reward of each transition, after the step on the same batch; it reuses the normalised input
+    /// and the frozen network's output.
     pub(crate) fn reward(&mut self, batch: &Batch<T>, out: &mut Vec<T>) {
         let f = self.predictor.forward(&self.x, batch.rows, &mut self.tape);
         out.clear();
@@ -175,7 +176,7 @@ mod tests {
         }
         let last = rnd.update(&old, 1e-3);
         assert!(last < 0.2 * first, "{first} {last}");
-        // In one batch, states never seen pay more than states seen 300 times.
+        // In one batch, new states get a larger reward than states seen 300 times.
         let mut both = old.clone();
         both.obs[..32 * 4].copy_from_slice(&noise(32 * 4, 9));
         normalise(&both.obs, 4, &mut rnd.x);

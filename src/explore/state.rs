@@ -1,8 +1,8 @@
-//! What a training run must keep to go on after a kill as if nothing had happened.
+//! The state that a training run must keep to continue after a kill with the same result.
 
 use crate::linalg::Real;
 
-/// One piece of state, lent to a visitor that either saves or restores it.
+/// One piece of state, passed to a visitor that either saves or restores it.
 #[derive(Debug)]
 pub(crate) enum Field<'a, T> {
     /// Network-precision numbers.
@@ -13,8 +13,8 @@ pub(crate) enum Field<'a, T> {
     Count(&'a mut u64),
 }
 
-/// State that can be walked through. One walk serves saving and restoring, so that the two
-/// cannot drift apart.
+/// State that can be visited. The same visit serves saving and restoring, so that the two always
+/// agree.
 pub(crate) trait Keep<T: Real> {
     /// Calls `visit` with the name and place of each piece.
     fn keep(&mut self, visit: &mut dyn FnMut(&str, Field<'_, T>));

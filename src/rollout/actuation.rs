@@ -1,7 +1,7 @@
 //! From joint torques to actions: u = pinv(moment^T) tau, scaled to the control range.
 //!
-//! Tendons that pull several joints make this a least-squares answer: a torque that would
-//! set two coupled joints apart has no actuator and is lost.
+//! With tendons that pull several joints this is a least-squares solution: a torque that would move
+//! two coupled joints apart has no actuator and is lost.
 
 use std::sync::Arc;
 
@@ -44,7 +44,8 @@ impl Actuation {
         let (nu, nv) = (model.nu(), model.nv());
         // actuator_moment already holds the gear.
         let moment = DMatrix::from_row_slice(nu, nv, data.actuator_moment());
-        // A tolerance relative to the largest moment arm: anything below is no transmission.
+        // The tolerance is relative to the largest moment arm; smaller values are not a
+        // transmission.
         let eps = 1e-9 * moment.amax().max(1e-12);
         let inverse =
             moment.transpose().pseudo_inverse(eps).unwrap_or_else(|_| DMatrix::zeros(nu, nv));

@@ -1,19 +1,17 @@
 //! Computed torque: inverse dynamics of the true model on one-frame targets.
 //!
-//! The torque is held for a frame of n substeps, during which a damped arm does not keep
-//! the acceleration that it starts with; the textbook law qacc = ((r - q)/T - v)/T arrives
-//! half a frame late on our arm. With the bias forces cancelled by the inverse dynamics the
-//! frame is linear ([`Response`]): q(T) = q + G v + H u, v(T) = P v + S u, and u solves
-//! q(T) = r exactly, couplings included. The velocity
-//! left over alternates with the sampling zeros of the plant; where these hardly decay
-//! (light damping) the law solves v(T) = (r - q)/T instead, which never rings.
+//! The torque is held for a frame of n substeps, during which a damped arm does not keep its
+//! initial acceleration. The textbook law qacc = ((r - q)/T - v)/T is half a frame late on our arm.
+//! With the bias forces cancelled by the inverse dynamics the frame is linear ([`Response`]): q(T)
+//! = q + G v + H u, v(T) = P v + S u, and u solves q(T) = r exactly, including couplings. The
+//! remaining velocity alternates with the sampling zeros of the plant. If these hardly decay (light
+//! damping), the law solves v(T) = (r - q)/T instead, which never rings.
 //!
-//! Touches are left out of the inverse dynamics: a law that cancels them takes each for a
-//! known push and answers with full torque, finger through palm (0.14 rad on
-//! rock-scissor-paper, 0.06 without). Dry friction and stops stay in.
+//! Contacts are left out of the inverse dynamics. A law that cancels contact forces answers with
+//! full torque and pushes a finger through the palm (0.14 rad on rock-scissor-paper, 0.06 without).
+//! Dry friction and stops are included.
 //!
-//! Diagonal gains joint by joint were tried first: on the arm the coupling through M drives
-//! them into a limit cycle of 0.03 rad.
+//! Rejected: diagonal gains. On the arm the coupling through M leads to a limit cycle of 0.03 rad.
 
 use std::sync::Arc;
 
@@ -31,11 +29,11 @@ use crate::units::CTRL_DT;
 /// time; ten substeps are milder (pointmass: 0.85 here, 0.69 in the simulator).
 const RINGING: f64 = 0.9;
 
-/// Up to this many joints the law follows the pose frame by frame; beyond, where it would
-/// cost as much as the simulation, it is that of the home pose.
+/// Up to this many joints the law is computed for the current pose in every frame. Beyond that it
+/// would cost as much as the simulation, and the law of the home pose is used.
 const FOLLOW_POSE: usize = 10;
 
-/// Inverse dynamics with the model as the robot's file says.
+/// Inverse dynamics with the robot's nominal model.
 #[derive(Debug)]
 pub(super) struct ComputedTorque {
     nominal: NominalModel,
@@ -53,7 +51,7 @@ struct Law {
 }
 
 impl Law {
-    /// The law at a joint-space inertia; `None` where it is singular.
+    /// The law for a joint-space inertia; `None` if it is singular.
     fn new(mass: &[f64], damping: &[f64], h: f64, n: usize) -> Option<Law> {
         let nv = damping.len();
         let m = DMatrix::from_row_slice(nv, nv, mass);

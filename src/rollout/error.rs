@@ -1,4 +1,4 @@
-//! What can go wrong between a clip and its motion.
+//! Errors of rollouts.
 
 use crate::exit::{Exit, HasExit};
 
@@ -6,15 +6,15 @@ use crate::exit::{Exit, HasExit};
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// The simulator failed or diverged; the frame tells where.
+    /// The simulator failed or diverged at this frame.
     #[error("frame {frame}: {source}")]
     Simulation {
         /// The frame whose action was applied.
         frame: usize,
-        /// What the simulator said.
+        /// The simulator's error.
         source: crate::mujoco::Error,
     },
-    /// The simulator refused before the first frame.
+    /// The simulator failed before the first frame.
     #[error(transparent)]
     Setup(#[from] crate::mujoco::Error),
     /// The robot could not be read or changed.
@@ -23,7 +23,7 @@ pub enum Error {
     /// A dataset could not be read, or has no trajectory that is long enough.
     #[error(transparent)]
     Dataset(#[from] crate::dataset::Error),
-    /// A policy gave something that is no number.
+    /// A policy returned a value that is not a number.
     #[error("frame {frame}: policy {policy} gave {value} for actuator {actuator}")]
     BadAction {
         /// The frame.
@@ -32,15 +32,15 @@ pub enum Error {
         policy: String,
         /// The actuator.
         actuator: usize,
-        /// What it gave.
+        /// The value.
         value: f64,
     },
-    /// The table of floors in the program does not read.
+    /// The built-in table of floors is damaged.
     #[error("assets/floors/{path}: {message}")]
     Floors {
         /// What is wrong.
         message: String,
-        /// The file inside the folder.
+        /// The file.
         path: String,
     },
     /// The clip is for another robot, or has another number of joints.
@@ -52,10 +52,10 @@ pub enum Error {
         got: usize,
         /// Joints of the robot.
         want: usize,
-        /// How to mend it.
+        /// How to fix it.
         hint: &'static str,
     },
-    /// The clip has no frame to roll out.
+    /// The clip has no frames to roll out.
     #[error("the clip has {frames} frames; a rollout needs at least 2")]
     TooShort {
         /// Its length.
@@ -70,25 +70,25 @@ pub enum Error {
     /// No such policy.
     #[error("there is no policy {name:?}; use {known}")]
     UnknownPolicy {
-        /// What was asked for.
+        /// The requested name.
         name: String,
-        /// What there is.
+        /// The existing names.
         known: String,
     },
-    /// The policy needs something that was not given (a model file, a fit, a dataset).
+    /// The policy needs a model file, a fit or a dataset.
     #[error("policy {policy} needs {needs}")]
     Needs {
         /// The policy.
         policy: String,
-        /// What is missing and where it comes from.
+        /// What is missing, and how to get it.
         needs: String,
     },
-    /// The policy takes a file, and none was named.
+    /// The policy needs a file, and none was named.
     #[error("policy {policy} needs {needs}")]
     Unnamed {
         /// The policy.
         policy: String,
-        /// What to name, and what makes it.
+        /// The kind of file, and the command that makes it.
         needs: String,
     },
     /// No file, run or model of this name.
@@ -96,9 +96,9 @@ pub enum Error {
     UnknownModel {
         /// The robot.
         robot: String,
-        /// What was asked for.
+        /// The requested name.
         name: String,
-        /// What there is.
+        /// The existing names.
         known: String,
     },
     /// A model file, or the network in it.

@@ -1,8 +1,8 @@
-//! Tasks cut from recorded motion: the test suites.
+//! Tasks extracted from recorded motion: the `test` suites.
 //!
-//! A piece of a held-out trajectory is 111 states: 30 of history, the state where the
-//! rollout begins (with its true velocity), and 80 commands. Such a task is feasible by
-//! construction, and the motion behind its masks is known.
+//! A task consists of 111 states of a held-out trajectory: 30 of history, the state where the
+//! rollout begins (with its true velocity), and 80 commands. It is feasible by construction, and
+//! the motion behind its masks is known.
 
 use super::error::Error;
 use super::run::Start;
@@ -16,7 +16,7 @@ use crate::robot::Robot;
 /// Commands of a task.
 pub const EXTRACTED_FRAMES: usize = 80;
 
-/// States that a task takes.
+/// States of a task.
 const STATES: usize = HISTORY + 1 + EXTRACTED_FRAMES;
 
 /// How much of a task is hidden.
@@ -34,7 +34,7 @@ impl Masking {
     /// All, in the order of tables.
     pub const ALL: [Masking; 3] = [Masking::None, Masking::Low, Masking::High];
 
-    /// Suite that this makes.
+    /// The suite with this masking.
     pub fn suite(self) -> &'static str {
         match self {
             Masking::None => "test",
@@ -91,11 +91,11 @@ pub fn extract_task(
     })
 }
 
-/// `count` tasks for each masking from the held-out trajectories of a dataset. A function
-/// of (dataset, count, seed); the three suites are cut from different places.
+/// `count` tasks for each masking from the held-out trajectories of a dataset. The result is a
+/// function of (dataset, count, seed); the three suites come from different places.
 ///
 /// # Errors
-/// [`Error::Joints`] for another robot's data, [`Error::Dataset`] where no held-out
+/// [`Error::Joints`] for another robot's data, [`Error::Dataset`] if no held-out
 /// trajectory has 111 frames.
 pub fn test_suites(
     robot: &Robot,
@@ -178,7 +178,7 @@ mod tests {
         let other = extract_task(&joints, "x", &q, &v, Masking::High, 3, 8).unwrap();
         assert!(other.command != last[2].command, "another index hides other frames");
 
-        // The rollout begins in motion: without torque it must not stand still.
+        // The rollout begins in motion, so without torque it must not stand still.
         let policy = PolicyConfig::new(PolicyName::ComputedTorque);
         let suite = Suite { name: "t".into(), cases: last.clone() };
         let config = EvalConfig {

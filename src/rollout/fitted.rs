@@ -1,8 +1,8 @@
 //! Files of the policies that are fitted without a network: `nearest` and `mlp-inverse`.
 //!
-//! A safetensors file whose header carries a JSON card, as a model has; what the card may
-//! say and which tensors must stand beside it is the business of each policy. Everything is
-//! checked before a number is used, since such files come from other people.
+//! A safetensors file with a JSON card in its header, like a model. Each policy defines the content
+//! of the card and its tensors. Everything is checked before a number is used, since such files are
+//! foreign data.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -17,23 +17,23 @@ use crate::net::{self, Facts, JointFacts, Normaliser, RobotCard, checkpoint};
 use crate::units::Unit;
 use crate::{fsio, limits};
 
-/// What stands in `format`.
+/// Value of `format`.
 const FORMAT: &str = "robert-fit/1";
 /// Key of the card in the header's metadata.
 const CARD: &str = "robert-fit";
 
-/// Which fit a file holds.
+/// The kind of a fit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum FitKind {
-    /// Recorded frames to look up.
+    /// Recorded frames for retrieval.
     Nearest,
     /// A small network of three frames.
     MlpInverse,
 }
 
 impl FitKind {
-    /// As it is typed.
+    /// Its name on the command line.
     pub fn as_str(self) -> &'static str {
         match self {
             FitKind::Nearest => "nearest",
@@ -41,7 +41,7 @@ impl FitKind {
         }
     }
 
-    /// Name of the file that a fit is written to beside the data, if no other is given.
+    /// Default name of its file in the data's folder.
     pub fn file(self) -> &'static str {
         match self {
             FitKind::Nearest => "nearest.safetensors",
@@ -50,15 +50,15 @@ impl FitKind {
     }
 }
 
-/// Everything about a fit but its numbers; `T` is what the kind adds.
+/// Everything about a fit except its numbers; `T` contains the settings of its kind.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FitCard<T> {
     /// The format and its version.
     pub format: String,
-    /// Which fit.
+    /// The kind of the fit.
     pub kind: FitKind,
-    /// Robot that the data are of.
+    /// Robot of the data.
     pub robot: RobotCard,
     /// Whether a joint turns, and its stops.
     pub joints: Vec<JointFacts>,
@@ -73,7 +73,7 @@ pub struct FitCard<T> {
 }
 
 impl<T: Serialize + DeserializeOwned> FitCard<T> {
-    /// The card of a fit to the train part of a dataset.
+    /// The card of a fit to the training part of a dataset.
     pub fn of(kind: FitKind, data: &Dataset, seed: u64, settings: T) -> Self {
         let robot = &data.manifest().robot;
         FitCard {
@@ -174,7 +174,7 @@ fn read<T: DeserializeOwned>(bytes: &[u8], kind: FitKind) -> Result<FitCard<T>, 
     serde_json::from_value(json).map_err(|e| format!("a bad card: {e}"))
 }
 
-/// What the features need to know of the robot in a dataset.
+/// The facts about the robot of a dataset that the features need.
 pub fn facts(robot: &dataset::Robot) -> Facts {
     let joints = robot.units.iter().zip(&robot.ranges);
     Facts {
@@ -195,11 +195,11 @@ pub fn card_of(robot: &dataset::Robot) -> RobotCard {
     }
 }
 
-/// The normaliser of the train split in the network's words, and the variance of actions.
+/// The network's normaliser for the training split, and the variance of actions.
 pub fn normaliser(data: &Dataset, seed: u64) -> (Normaliser, f64) {
     let n = dataset::Normaliser::fit(data, &data.part(Part::Train, seed));
     let floor = |x: &[f64], least: f64| x.iter().map(|x| x.max(least)).collect();
-    // A joint that never moves in the data must not blow up when it moves later.
+    // A joint that never moves in the data must not get a huge scale.
     let norm = Normaliser {
         mean: n.qpos.mean,
         std: floor(&n.qpos.std, 1e-3),
@@ -235,9 +235,9 @@ pub(super) fn file_error(why: String, path: &Path) -> net::Error {
 pub(super) struct Scales {
     /// Mean position, (S).
     pub(super) mean: Vec<f32>,
-    /// 1 / spread of positions; 0 for a joint whose place says nothing, (S).
+    /// 1 / spread of positions; 0 for a joint whose position has no effect, (S).
     pub(super) place: Vec<f32>,
-    /// 1 / spread of the way in one frame, (S).
+    /// 1 / spread of the change in one frame, (S).
     pub(super) way: Vec<f32>,
 }
 

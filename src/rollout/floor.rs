@@ -1,12 +1,13 @@
-//! The floor of a clip: how near iLQR comes, which knows the robot's model.
+//! The floor of a clip: the Precision of iLQR, which knows the robot's model.
 //!
-//! Some goals cannot be reached at all (two joints of one tendon set apart, fingers drawn
-//! through each other), so the Precision of a policy says little by itself: what it could have
-//! done better is the excess over this floor.
+//! Some goals cannot be reached (different values for two joints of one tendon, fingers through
+//! each other), so the Precision of a policy alone says little. The excess over this floor is what
+//! the policy could have gained.
 //!
-//! iLQR takes the hand seconds a clip, so the floors of the shipped clips are in the program:
-//! `assets/floors/ROBOT.json`, written by `robert tasks floors`. An entry counts only for the
-//! same robot and the same command, which hashes tell; other clips are measured when asked.
+//! iLQR needs seconds per clip of the hand, so the floors of the shipped clips are part of the
+//! program: `assets/floors/ROBOT.json`, written by `robert tasks floors`. An entry is valid only
+//! for the same robot and the same command, which are compared by hashes. Other clips are measured
+//! on demand.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, OnceLock};
@@ -33,12 +34,12 @@ struct Files;
 pub struct FloorTable {
     /// [`robot_hash`] of the robot.
     pub robot: String,
-    /// By the name of the clip, for those who read the file.
+    /// By the name of the clip, for readers of the file.
     pub clips: BTreeMap<String, Entry>,
 }
 
 impl FloorTable {
-    /// As it stands in the file: a clip a line.
+    /// The text of the file: one clip per line.
     pub fn to_text(&self) -> String {
         let line = |(name, entry)| format!("    {}: {}", json!(name), json!(entry));
         let clips: Vec<String> = self.clips.iter().map(line).collect();
@@ -55,7 +56,7 @@ pub struct Entry {
     pub command: String,
     /// Precision of iLQR, rad or m.
     pub precision: f64,
-    /// By joint, frames `[from, to)` where iLQR is too far off to tell a jam.
+    /// By joint, frames `[from, to)` where iLQR is too far off to recognise a jam.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub off: BTreeMap<String, Vec<[usize; 2]>>,
 }
@@ -66,7 +67,7 @@ impl Entry {
         for o in &floor.off {
             off.entry(robot.joints()[o.joint].name.clone()).or_default().push([o.from, o.to]);
         }
-        // To a millionth of a millionth: the last bits would only make differences to read.
+        // Rounded to 1e-12, since the last bits would only cause differences in the file.
         let precision = (floor.precision * 1e12).round() / 1e12;
         Entry { command: command_hash(command), precision, off }
     }
@@ -81,28 +82,28 @@ impl Entry {
     }
 }
 
-/// What the simulation depends on: the model, and what the profile changes in it.
+/// Hash of what the simulation depends on: the model and the profile's changes to it.
 pub fn robot_hash(robot: &Robot) -> String {
     let profile = robot.profile();
     let text = json!([robot.model_sha256(), profile.physics, profile.actuators]);
     fsio::sha256_hex(text.to_string().as_bytes())
 }
 
-/// What the robot is asked for: joints, start and every goal; titles and notes do not count.
+/// Hash of the command: joints, start and every goal, without titles and notes.
 pub fn command_hash(command: &Command) -> String {
     let mut bytes = command.joints().join("\n").into_bytes();
     let mut put = |v: f32| bytes.extend(v.to_le_bytes());
     command.start().iter().for_each(|v| put(*v));
     for f in 0..command.frames() {
         for (j, v) in command.row(f).iter().enumerate() {
-            // No goal is a value that no goal has.
+            // A missing goal is encoded by a value that no goal has.
             put(if command.sees(f, j) { *v } else { f32::NAN });
         }
     }
     fsio::sha256_hex(&bytes)
 }
 
-/// The floors that the program holds of a robot; `None` where it has none.
+/// The built-in floors of a robot; `None` if there are none.
 ///
 /// # Errors
 /// [`Error::Floors`] when the file is damaged.
@@ -124,7 +125,7 @@ pub fn table(id: &str) -> Result<Option<&'static FloorTable>, Error> {
     }
 }
 
-/// The floor of this command, where the program holds it.
+/// The built-in floor of this command, if there is one.
 ///
 /// # Errors
 /// [`Error::Floors`].
@@ -136,8 +137,8 @@ pub fn known(robot: &Robot, command: &Command) -> Result<Option<Floor>, Error> {
     Ok(table.clips.values().find(|e| e.command == hash).map(|e| e.floor(robot)))
 }
 
-/// Gives every case that `wants` one a floor: from the program, else by a rollout of iLQR on
-/// the nominal plant. A case that iLQR cannot perform stays without.
+/// Gives every case that `wants` one a floor: the built-in one, else that of a rollout of iLQR on
+/// the nominal plant. A case that iLQR cannot perform has none.
 ///
 /// # Errors
 /// As [`evaluate`], and [`Error::Floors`].
@@ -181,7 +182,7 @@ fn measure(
     Ok(results.into_iter().flat_map(|r| r.tasks).map(|t| t.as_floor()).collect())
 }
 
-/// The table of these clips of a robot, every floor measured anew.
+/// The table of these clips of a robot, with every floor measured again.
 ///
 /// # Errors
 /// As [`evaluate`].
@@ -213,7 +214,7 @@ mod tests {
         Case { name: name.to_owned(), command, start: Start::Pose, truth: None, floor: None }
     }
 
-    /// A changed clip or robot makes its entry stale: `robert tasks floors` writes them anew.
+    /// A changed clip or robot makes its entry stale; `robert tasks floors` writes them again.
     #[test]
     fn every_shipped_clip_has_its_floor() {
         for (id, entry) in tasks::manifest().unwrap() {
@@ -237,7 +238,7 @@ mod tests {
         }
     }
 
-    /// Two short clips again: a change to iLQR or to the simulation shows here.
+    /// Measures two short clips again, so that a change to iLQR or to the simulation is noticed.
     #[test]
     fn floors_are_what_ilqr_does() {
         for (id, name) in
@@ -249,7 +250,7 @@ mod tests {
             let cancel = Cancel::default();
             let table = measure_table(&robot, vec![case], 1, &Silent, &cancel).unwrap();
             let anew = table.clips[name].precision;
-            // Other processors round otherwise, and contact makes much of it.
+            // Other processors round differently, and contact amplifies that.
             assert!(
                 (anew - stored.precision).abs() < 0.02 * anew,
                 "{id}/{name}: {anew} {stored:?}"

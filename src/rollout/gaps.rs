@@ -1,34 +1,34 @@
-//! How the motion inside gaps looks: nothing was asked there, so Precision says nothing,
-//! but a person sees a detour, a swing past the key or a jolt at once.
+//! The quality of the motion inside gaps. There are no goals there, so Precision does not measure
+//! it, but a person sees a detour, an overshoot or a jolt at once.
 //!
-//! A gap is a run of frames without any goal between two frames with one (frame 0 counts as
-//! one: the start). It concerns the joints that have a goal at both ends. Its figures
-//! compare the reached motion with the plainest one between the same ends:
+//! A gap is a run of frames without any goal between two frames with one (frame 0, the start,
+//! counts as one). It concerns the joints that have a goal at both ends. Its figures compare the
+//! reached motion with the simplest one between the same ends:
 //!
-//! - *path*: length of the way in joint space over the straight line between the states
+//! - *path*: length of the path in joint space divided by the straight line between the states
 //!   reached at the two ends;
-//! - *overshoot*: how far a joint leaves the interval of its two goals and of what was
-//!   reached at them, beyond the allowance of [`ALLOWANCE`] and [`ALLOWED_SHARE`] of the step
-//!   between the goals. What was reached counts, since two joints of one tendon cannot be set
-//!   apart: to stay where they were is no overshoot;
-//! - *jerk*: root mean square of the third differences of the motion, from the frame before
-//!   the gap to the one after it, over those of the minimum-jerk motion from rest to rest
-//!   (`10 s^3 - 15 s^4 + 6 s^5`) over the same straight line in the same time. Starting and
-//!   stopping themselves are outside: the least jerk falls with the cube of the time, so that
-//!   even speed, with a jolt at either end, would count as 7 over one second and as 35 over three.
+//! - *overshoot*: how far a joint leaves the interval of its two goals and the states reached at
+//!   them, beyond the allowance of [`ALLOWANCE`] plus [`ALLOWED_SHARE`] of the step between the
+//!   goals. The reached states count because two joints of one tendon cannot be set apart, and
+//!   staying where they were is not an overshoot;
+//! - *jerk*: root mean square of the third differences of the motion, from the frame before the gap
+//!   to the one after it, divided by those of the minimum-jerk motion from rest to rest (`10 s^3 -
+//!   15 s^4 + 6 s^5`) over the same straight line in the same time. Start and stop are left out:
+//!   the minimum jerk falls with the cube of the time, so constant speed, with a jolt at either
+//!   end, would count as 7 over one second and as 35 over three.
 //!
-//! Path and jerk are measured where the two ends are at least [`MOVES`] apart: over a shorter
-//! way both are noise.
+//! Path and jerk are measured only if the two ends are at least [`MOVES`] apart; below that both
+//! are noise.
 
 use serde::{Deserialize, Serialize};
 
 use super::spline;
 use super::window::{Goals, HISTORY};
 
-/// Straight line from which on path and jerk are measured, rad or m.
+/// Shortest straight line for which path and jerk are measured, rad or m.
 pub(super) const MOVES: f64 = 0.1;
 
-/// Overshoot that is none, rad or m.
+/// Overshoot that is allowed, rad or m.
 pub(super) const ALLOWANCE: f64 = 0.02;
 
 /// The same as a share of the step between the two goals.
@@ -43,7 +43,7 @@ pub struct Worst {
     pub frame: usize,
 }
 
-/// The farthest that a joint went beyond its two goals.
+/// The largest overshoot of a joint.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Overshoot {
     /// How far beyond the allowance, rad or m.
@@ -63,16 +63,16 @@ pub struct GapFigures {
     pub moves: usize,
     /// Mean path over these, at least 1.
     pub path: Option<f64>,
-    /// The longest.
+    /// The worst.
     pub path_worst: Option<Worst>,
-    /// The farthest overshoot; `None` where no joint left its allowance.
+    /// The largest overshoot; `None` if no joint exceeded its allowance.
     pub overshoot: Option<Overshoot>,
     /// Mean jerk over the gaps that move; 1 is the minimum-jerk motion from rest to rest.
     pub jerk: Option<f64>,
-    /// The largest.
+    /// The worst.
     pub jerk_worst: Option<Worst>,
-    /// On recorded motion: error on masked frames over that of a cubic spline through the
-    /// visible ones; below 1 is nearer to what was hidden.
+    /// For recorded motion: error on masked frames divided by that of a cubic spline through the
+    /// visible ones; below 1 is closer to the hidden motion.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub to_cubic: Option<f64>,
 }
@@ -84,7 +84,7 @@ struct Gap {
     joints: Vec<usize>,
 }
 
-/// States by frame: 30 of history, then frame 0 and what was reached.
+/// States by frame: 30 of history, then frame 0 and the reached states.
 struct Motion<'a> {
     states: &'a [f64],
     dim: usize,
@@ -95,7 +95,7 @@ impl Motion<'_> {
         (self.states.len() / self.dim).saturating_sub(HISTORY)
     }
 
-    /// A joint at a frame that may lie in the history.
+    /// A joint at a frame that may be in the history.
     fn at(&self, frame: isize, joint: usize) -> f64 {
         self.states[(HISTORY as isize + frame) as usize * self.dim + joint]
     }
@@ -108,7 +108,7 @@ impl Motion<'_> {
 
 impl GapFigures {
     /// Measures `states` (30 of history, then frames 0..=t; (30 + t + 1, S)); `joints` are the
-    /// names of the state. `None` where nothing is masked.
+    /// names of the state. `None` if nothing is masked.
     pub fn measure(goals: &Goals, states: &[f64], joints: &[String]) -> Option<GapFigures> {
         let motion = Motion { states, dim: goals.dim() };
         let gaps = gaps(goals, motion.frames().min(goals.frames()));
@@ -163,7 +163,7 @@ fn gaps(goals: &Goals, frames: usize) -> Vec<Gap> {
     found
 }
 
-/// (beyond the allowance, frame, joint) of every joint that leaves it, at its farthest.
+/// (excess over the allowance, frame, joint) of every joint that exceeds it, at its maximum.
 fn overshoots(motion: &Motion, goals: &Goals, gap: &Gap) -> Vec<(f64, usize, usize)> {
     let goal = |f: usize, j: usize| {
         if goals.is_visible(f, j) { goals.row(f)[j] } else { motion.at(f as isize, j) }
@@ -192,7 +192,7 @@ fn overshoots(motion: &Motion, goals: &Goals, gap: &Gap) -> Vec<(f64, usize, usi
 }
 
 /// The first of the four frames of every third difference inside the gap and its two ends;
-/// none where it is shorter than three steps.
+/// none if it is shorter than three steps.
 fn differences(gap: &Gap) -> std::ops::Range<isize> {
     gap.from as isize..gap.to as isize - 2
 }
@@ -293,7 +293,7 @@ mod tests {
 
     #[test]
     fn a_jolt_on_the_way_counts_and_so_does_a_wobble() {
-        // At even speed nothing jolts on the way.
+        // At constant speed there is no jerk inside.
         let ramp: Vec<f64> = (0..30).map(|f| (f as f64 / 20.0).min(1.0)).collect();
         assert!(measure(&there_and_held(), &ramp).jerk.unwrap() < 1e-9);
         // Rest for ten frames, then twice the speed: by hand, two third differences (v, -v) of
@@ -326,7 +326,7 @@ mod tests {
 
     #[test]
     fn what_is_not_reached_at_the_keys_is_no_overshoot() {
-        // The goal is 1, what it reaches and stays at is 1.2.
+        // The goal is 1, and the joint reaches and stays at 1.2.
         let path: Vec<f64> = (0..30).map(|f| 1.2 * (f as f64 / 20.0).min(1.0)).collect();
         assert_eq!(measure(&there_and_held(), &path).overshoot, None);
     }
@@ -338,7 +338,7 @@ mod tests {
         let g = goals(2, 21, &keys);
         let mut path = Vec::new();
         for f in 0..21 {
-            // The second joint swings wildly where nothing is asked of it.
+            // The second joint swings wildly where it has no goals.
             path.extend([f64::from(f) / 10.0, if f % 2 == 0 { 0.0 } else { 5.0 }]);
         }
         let mut all = vec![0.0; 2 * HISTORY];

@@ -1,7 +1,7 @@
-//! Receding-horizon iLQR with the true model: the ceiling of what physics allows.
+//! Receding-horizon iLQR with the true model: close to the best that physics allows.
 //!
 //! Tassa, Mansard, Todorov, "Control-limited differential dynamic programming" (ICRA 2014),
-//! without second derivatives of the dynamics. One iteration a frame, warm-started with the
+//! without second derivatives of the dynamics. One iteration per frame, warm-started with the
 //! shifted plan of the frame before, is enough because the problem moves by one frame.
 //!
 //! The transition of a control step is taken from one simulator step at its start, raised
@@ -9,8 +9,8 @@
 //! than differentiating every substep; the line search runs the true simulation, so the
 //! approximation costs convergence at contacts, never correctness.
 //!
-//! At contacts it may find nothing better than a bad plan and keep it, so the plan of the
-//! frame before has a rival in every frame: the one that proportional control would make.
+//! In contact it may not improve a bad plan. So in every frame the shifted plan is compared with
+//! the one that proportional control would make, and the better one is used.
 
 use std::sync::Arc;
 
@@ -24,10 +24,10 @@ use super::window::{COMMAND, Window};
 use crate::mujoco::Snapshot;
 use crate::robot::Robot;
 
-/// Step lengths of the line search: each is a simulation of the whole horizon.
+/// Step lengths of the line search; each needs a simulation of the whole horizon.
 const ALPHAS: [f64; 3] = [1.0, 0.4, 0.1];
 
-/// Dampings tried before the plan stays as it is.
+/// Dampings to try before the plan is kept unchanged.
 const DAMPINGS: usize = 3;
 
 /// Share of the cost below which an expected drop is not worth simulating.
@@ -38,7 +38,7 @@ const CONVERGED: f64 = 1e-4;
 pub struct IlqrConfig {
     /// Frames planned ahead, at most 20.
     pub horizon: usize,
-    /// Iterations a frame once warm.
+    /// Iterations per frame with a warm start.
     pub iterations: usize,
     /// Iterations at the first frame.
     pub first_iterations: usize,
@@ -53,8 +53,8 @@ pub struct IlqrConfig {
 }
 
 impl IlqrConfig {
-    /// Settings for a robot: arms look the whole window ahead and need no guide, hands
-    /// (22 joints, contacts) only as far as a frame's time allows.
+    /// Settings for a robot. Arms plan over the whole window and need no guide; hands (22 joints,
+    /// contacts) plan only as far as the time of a frame allows.
     pub fn for_robot(robot: &Robot) -> IlqrConfig {
         let small = robot.model().nv() <= 10;
         IlqrConfig {
@@ -135,8 +135,8 @@ impl Ilqr {
         }
     }
 
-    /// Simulates the plan that `choose` makes, frame by frame, into the trial states; the plan
-    /// and its cost, infinite where the simulation diverges.
+    /// Simulates the plan that `choose` makes, frame by frame, into the trial states. Returns the
+    /// plan and its cost, which is infinite if the simulation diverges.
     fn simulate(
         &mut self,
         view: &View<'_>,
@@ -160,7 +160,7 @@ impl Ilqr {
         Ok((plan, cost))
     }
 
-    /// [`Ilqr::simulate`] of a plan that is there already.
+    /// [`Ilqr::simulate`] of an existing plan.
     fn replay(&mut self, view: &View<'_>, plan: &[f64]) -> Result<(Vec<f64>, f64), Error> {
         self.simulate(view, |s, i, u| {
             let actions = s.actions();
@@ -169,8 +169,8 @@ impl Ilqr {
         })
     }
 
-    /// The plan of proportional control on the guided goals, simulated into the trial states;
-    /// its cost.
+    /// Simulates the plan of proportional control on the guided goals into the trial states, and
+    /// returns its cost.
     fn track(&mut self, view: &View<'_>) -> Result<(Vec<f64>, f64), Error> {
         let dim = view.window.dim();
         let mut current = vec![0.0; dim];
@@ -232,8 +232,8 @@ impl Ilqr {
         Ok(Step { a, b })
     }
 
-    /// Backward pass: feedback, and the drop of cost that it expects. `None` when a Hessian is
-    /// not positive at this damping.
+    /// Backward pass: feedback, and the expected decrease of the cost. `None` if a Hessian is not
+    /// positive at this damping.
     fn backward(&self, view: &View<'_>, steps: &[Step]) -> Option<(Vec<Gain>, f64)> {
         let (dim, actions) = (view.window.dim(), self.actions());
         let n = steps.first()?.a.nrows();
@@ -243,7 +243,7 @@ impl Ilqr {
         let mut gains = Vec::with_capacity(horizon);
         let mut expected = 0.0;
         for i in (0..horizon).rev() {
-            // Cost of the state that this frame reaches.
+            // Cost of the state that this frame leads to.
             for (j, joint) in self.nominal.robot.joints().iter().enumerate() {
                 let w = self.weight(view, i, j);
                 let e = self.states[i + 1].qpos[joint.qposadr] - self.goals.command[i * dim + j];
@@ -281,7 +281,7 @@ impl Ilqr {
         Some((gains, expected))
     }
 
-    /// The plan that the gains give when simulated at step length `alpha`.
+    /// The plan of the gains at step length `alpha`.
     fn forward(
         &mut self,
         view: &View<'_>,
@@ -429,8 +429,8 @@ impl Policy for Ilqr {
 }
 
 impl Ilqr {
-    /// One frame of planning. A `hint` is another policy's action: the plan that begins
-    /// with it is taken as the start where it is the better one.
+    /// Plans one frame. A `hint` is another policy's action: the plan that begins with it becomes
+    /// the start if it is better.
     ///
     /// # Errors
     /// As [`Policy::act`].
@@ -465,7 +465,7 @@ impl Ilqr {
             cost = trial;
         }
         if !cost.is_finite() {
-            // The plan leads into a divergence: begin again from rest.
+            // The plan diverges, so begin again with zero actions.
             let rest = vec![0.0; self.plan.len()];
             let (plan, trial) = self.replay(view, &rest)?;
             self.take(plan);

@@ -1,19 +1,19 @@
-//! The way through a gap: smooth motion from the reached state to the next goals.
+//! Fills a gap with smooth motion from the reached state to the next goals.
 //!
-//! A cubic for each joint starts at the speed that the joint has and arrives at the speed of
-//! what follows: at rest before a hold, in passing where the goals go on in the same
-//! direction (weights of Fritsch and Butland 1984, so that no goal is overshot). It is drawn
-//! anew at every frame, so it never asks for what was missed. Where the way is too long for
-//! a soft start the curve straightens, up to the line at constant speed.
+//! A cubic for each joint starts at the joint's current speed and ends at the speed of the motion
+//! that follows: at rest before a hold, moving if the goals continue in the same direction (weights
+//! of Fritsch and Butland 1984, so that no goal is overshot). It is computed again in every frame,
+//! so it never demands motion that was missed. If the distance is too long for a soft start, the
+//! curve becomes straighter, up to the line at constant speed.
 //!
 //! Rejected: the straight line everywhere (its jerk is four times that of minimum-jerk
 //! motion, and the hand is late at every hold), and a curve that rests at each goal.
 
 use super::window::{COMMAND, Window};
 
-/// Share of a joint's fastest speed that a curve may ask for before it straightens.
+/// Share of a joint's fastest speed above which a curve becomes straighter.
 const BRISK: f64 = 0.8;
-/// Speed at an end, in mean speeds of the piece, beyond which a cubic overshoots.
+/// Speed at an end, relative to the mean speed of the piece, beyond which a cubic overshoots.
 const STEEPEST: f64 = 3.0;
 
 /// One goal of a joint: frames from now, value.
@@ -44,7 +44,7 @@ pub(super) fn infill(window: &mut Window, speed: &[f64]) {
             let mean = mean_speed(from, to);
             let arrival = match goals.get(k + 1) {
                 Some(&next) => passing_speed(from, to, next),
-                // The goal at the far end of a long gap is only a point on the way.
+                // The virtual goal at the far end of a long gap is only an intermediate point.
                 None if window.passing[j] => mean,
                 None => 0.0,
             };
@@ -54,8 +54,7 @@ pub(super) fn infill(window: &mut Window, speed: &[f64]) {
             }
             speed_here = arrival;
         }
-        // After its last goal a joint stays there; one of which nothing more is asked stays
-        // where it was asked to be last.
+        // After its last goal a joint stays there.
         let (end, rest) = match goals[..] {
             [_, .., last] => last,
             _ => (0, window.end[j]),
@@ -97,15 +96,15 @@ struct Piece {
 }
 
 impl Piece {
-    /// `limit` is the speed that the curve should stay below, where the way allows it.
+    /// `limit` is the speed that the curve should stay below, if the distance allows it.
     fn new(from: Goal, to: Goal, departure: f64, arrival: f64, limit: f64) -> Piece {
         let mean = mean_speed(from, to);
         // A cubic between two speeds v is at 1.5 mean - .5 v in its middle.
         let least = (3.0 * mean.abs() - 2.0 * limit).clamp(0.0, mean.abs());
         let keep = |v: f64| v.signum() * v.abs().clamp(0.0, STEEPEST * mean.abs());
         let faster = |v: f64| if v * mean.signum() < least { least * mean.signum() } else { v };
-        // A joint that moves the other way takes time to turn; an arrival against the way
-        // would overshoot.
+        // A joint that moves in the opposite direction needs time to turn, and ending against the
+        // direction of motion would overshoot.
         let departure = if departure * mean > 0.0 { keep(departure) } else { departure };
         let arrival = if arrival * mean > 0.0 { keep(arrival) } else { 0.0 };
         Piece { from, to, departure: faster(departure), arrival: faster(arrival) }
@@ -128,7 +127,7 @@ mod tests {
     use crate::clip::Command;
     use crate::rollout::window::{Goals, HISTORY};
 
-    /// The window at frame `t` of one joint that stood at `reached` all the time.
+    /// The window at frame `t` of one joint that was at `reached` all the time.
     fn window(rows: &[Option<f32>], t: usize, reached: f64) -> Window {
         let q = rows.iter().map(|v| v.unwrap_or(0.0)).collect();
         let visible = rows.iter().map(Option::is_some).collect();

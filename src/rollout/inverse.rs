@@ -1,8 +1,8 @@
-//! `mlp-inverse`: inverse dynamics as one learns them first. A small network is given where
-//! the robot was, is, and shall be one frame from now, and answers with the action.
+//! `mlp-inverse`: the simplest learned inverse dynamics. The input of a small network is the last
+//! state, the current state and the state one frame ahead; its output is the action.
 //!
-//! It knows nothing of gaps: through masks it aims at the point one frame ahead on the
-//! straight line to the next visible goal.
+//! It has no notion of gaps: through masks its goal is the point one frame ahead on the straight
+//! line to the next visible goal.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -29,7 +29,7 @@ pub struct InverseSettings {
     pub width: usize,
     /// Training steps.
     pub steps: u64,
-    /// Frames in a step.
+    /// Frames per step.
     pub batch: usize,
     /// Greatest learning rate; it falls to nothing along a half cosine.
     pub lr: f64,
@@ -70,12 +70,12 @@ impl Inverse {
         })
     }
 
-    /// What it was made with.
+    /// Its settings.
     pub fn card(&self) -> &FitCard<InverseSettings> {
         &self.card
     }
 
-    /// Inputs of one frame, (3 S): place, the way behind and the way ahead.
+    /// Inputs of one frame, (3 S): position, last change and next change.
     pub(crate) fn encode(&self, before: &[f32], now: &[f32], next: &[f32], to: &mut [f32]) {
         let s = self.card.state();
         let (place, ways) = to.split_at_mut(s);

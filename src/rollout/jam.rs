@@ -1,7 +1,7 @@
-//! Jams: a joint that stays far from its goal where the goal can be reached.
+//! Jams: joints that stay far from goals that can be reached.
 //!
-//! Far is [`FAR`] for [`LEAST_FRAMES`] and longer; that it can be reached shows by iLQR,
-//! which knows the model, being within [`NEAR`] over the same frames.
+//! A joint jams if its error exceeds [`FAR`] for at least [`LEAST_FRAMES`] frames while iLQR, which
+//! knows the model, is within [`NEAR`] over the same frames.
 
 use serde::{Deserialize, Serialize};
 
@@ -13,7 +13,7 @@ pub(super) const FAR: f64 = 0.05;
 /// Error below which the goal counts as reached by iLQR, rad or m.
 pub(super) const NEAR: f64 = 0.02;
 
-/// Frames that a joint is off for before it is called a jam.
+/// Least number of frames of a jam.
 pub(super) const LEAST_FRAMES: usize = 20;
 
 /// Frames `[from, to)` over which a joint is off its goals.
@@ -27,8 +27,9 @@ pub struct Off {
     pub to: usize,
 }
 
-/// Where joints are more than `limit` off, among the frames that could be part of a jam: runs
-/// of at least [`LEAST_FRAMES`] frames in which the joint has a goal. `reached` is (frames, S).
+/// Frames at which joints are more than `limit` off, among the frames that could be part of a jam:
+/// runs of at least [`LEAST_FRAMES`] frames in which the joint has a goal. `reached` is (frames,
+/// S).
 pub(super) fn off(goals: &Goals, reached: &[f64], limit: f64) -> Vec<Off> {
     let dim = goals.dim();
     let frames = (reached.len() / dim).min(goals.frames());
@@ -45,7 +46,7 @@ pub(super) fn off(goals: &Goals, reached: &[f64], limit: f64) -> Vec<Off> {
     found
 }
 
-/// The jams: runs of `far` (off by [`FAR`]) without what `floor` (iLQR off by [`NEAR`]) covers.
+/// The jams: runs of `far` (off by [`FAR`]) without the frames of `floor` (iLQR off by [`NEAR`]).
 pub(super) fn jams(far: &[Off], floor: &[Off]) -> Vec<Off> {
     let mut found = Vec::new();
     for run in far {
@@ -94,7 +95,7 @@ mod tests {
         assert_eq!(far, [Off { joint: 0, from: 10, to: 40 }, Off { joint: 0, from: 50, to: 69 }]);
         // The second is a frame too short.
         assert_eq!(jams(&far, &[]), [Off { joint: 0, from: 10, to: 40 }]);
-        // Where iLQR is off, too, it cannot be told; what is left is a frame too short.
+        // Where iLQR is off too, a jam cannot be recognised; the rest is one frame too short.
         assert_eq!(jams(&far, &[Off { joint: 0, from: 10, to: 21 }]), []);
         assert_eq!(jams(&far, &[Off { joint: 0, from: 15, to: 20 }]).len(), 1);
         assert_eq!(jams(&far, &[Off { joint: 1, from: 0, to: 80 }]).len(), 1);

@@ -1,5 +1,5 @@
 //! The learned policies: `robert`, a trained network, and `ridge`, the linear prediction inside
-//! its model file. Both see the window and nothing else.
+//! its model file. Both see only the window.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -14,7 +14,7 @@ use crate::net::{
 };
 use crate::robot::Robot;
 
-/// The robot as model cards name it.
+/// The robot in the form of a model card.
 pub fn robot_card(robot: &Robot) -> RobotCard {
     RobotCard {
         id: robot.id().to_owned(),
@@ -24,16 +24,16 @@ pub fn robot_card(robot: &Robot) -> RobotCard {
     }
 }
 
-/// The model file meant by a path: itself, or the best, else the last, of a run directory,
-/// or the fit beside a dataset.
+/// The model file of a path: the file itself, the best or else the last model of a run directory,
+/// or the fit in a dataset's folder.
 pub fn model_path(path: &Path) -> PathBuf {
     let inside = ["ckpt/best.safetensors", "model.safetensors", "ridge.safetensors"];
     let inside = inside.map(|name| path.join(name));
     inside.into_iter().find(|p| p.exists()).unwrap_or_else(|| path.to_owned())
 }
 
-/// Run directories beside a path that is none, for messages: those in its folder and in
-/// `runs`, as they would be typed.
+/// Run directories near a path, for error messages: those in its folder and in `runs`, as they
+/// would be typed.
 pub fn runs_near(path: &Path) -> Vec<String> {
     let mut folders = vec![path.parent().map_or_else(PathBuf::new, Path::to_path_buf)];
     if folders[0] != Path::new("runs") {
@@ -52,7 +52,7 @@ pub fn runs_near(path: &Path) -> Vec<String> {
     found
 }
 
-/// Loads the model that a path means and checks that it is for this robot.
+/// Loads the model of a path and checks that it is for this robot.
 ///
 /// # Errors
 /// [`Error::Model`].
@@ -60,7 +60,7 @@ pub fn load(robot: &Robot, path: &Path) -> Result<Model, Error> {
     Ok(checkpoint::load(&model_path(path), Some(&robot_card(robot)))?)
 }
 
-/// Window of a rollout as the network takes it.
+/// Converts a window of a rollout for the network.
 #[derive(Clone, Debug)]
 struct Frames {
     granularity: MaskGranularity,
@@ -173,7 +173,7 @@ impl Policy for Learned {
     }
 }
 
-/// The linear prediction alone: no network, fitted in seconds.
+/// The linear prediction alone, without a network; fitted in seconds.
 #[derive(Clone, Debug)]
 pub struct Linear {
     encoder: Arc<Encoder>,
@@ -206,7 +206,7 @@ impl Linear {
         })
     }
 
-    /// With the card of the model that it is inside of.
+    /// Adds the card of its model.
     #[must_use]
     pub fn with_card(self, card: &net::Card) -> Self {
         let frames = Frames::new(&self.encoder, card.reach.as_ref());
@@ -340,7 +340,8 @@ mod tests {
         let cancel = crate::progress::Cancel::default();
         r.run(&cancel).unwrap();
         let whole = r.actions().to_vec();
-        // A goal changed near the end and changed back: frames are simulated again from there.
+        // A goal near the end is changed and changed back, so frames are simulated again from
+        // there.
         let joints: Vec<String> = robot.joints().iter().map(|j| j.name.clone()).collect();
         let s = robot.state_dim();
         let rest = crate::clip::Command::from_dense(

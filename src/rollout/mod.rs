@@ -1,13 +1,12 @@
 //! From a clip to a simulated motion: windows, policies, the rollout, its precision.
 //!
-//! The loop is closed in state and open in time: every frame the policy sees the reached
-//! past and the commanded next second, gives one torque, and the command clock moves on
-//! whatever was reached. Everything that a frame depends on is kept in a snapshot, so an
-//! edited clip is simulated again only from the first frame that can differ.
+//! The loop is closed in state and open in time: in every frame the policy sees the reached past
+//! and the commanded next second and gives one torque, and the command advances by a frame whatever
+//! was reached. Everything that a frame depends on is kept in a snapshot, so an edited clip is
+//! simulated again only from the first frame that can differ.
 //!
-//! Rejected: policies as free functions over the whole clip. A planner that may look at
-//! all frames would break that rule and could not be compared with the learned policy,
-//! which sees 20 frames ahead and no more.
+//! Rejected: policies as functions of the whole clip. A planner that sees all frames would break
+//! that rule and could not be compared with the learned policy, which sees only 20 frames ahead.
 
 mod actuation;
 mod auto;

@@ -1,9 +1,9 @@
-//! `nearest`: does what was done in the recorded moments most like this one.
+//! `nearest`: repeats the actions of the most similar recorded moments.
 //!
-//! Nothing is learned. A moment is alike when the robot stood in nearly the same pose, had
-//! come there the same way, and was k frames later where the next visible goal is k frames
-//! ahead. The search looks at every frame, so the answer is exact; frames are read joint by
-//! joint in blocks, and most blocks are dropped after their first few joints.
+//! Nothing is learned. Moments are similar if the robot had nearly the same pose, had moved the
+//! same way, and was k frames later at the next visible goal k frames ahead. The search compares
+//! every frame, so the result is exact. Frames are read joint by joint in blocks, and most blocks
+//! are dropped after their first few joints.
 
 // Vector code must be inlined into the function that pulp compiles for the processor found.
 #![allow(clippy::inline_always)]
@@ -23,43 +23,43 @@ use crate::net::tensors::Out;
 use crate::net::{self, RobotCard, checkpoint};
 use crate::{fsio, limits};
 
-/// Frames that are enough, and that can be searched at 20 Hz.
+/// Default number of frames, which can be searched at 20 Hz.
 pub const FRAMES: usize = 400_000;
-/// Frames a fit may hold.
+/// The most frames of a fit.
 const MOST_FRAMES: usize = 20_000_000;
 /// Frames that are compared side by side.
 const BLOCK: usize = 32;
-/// Joints after which a block that is too far already is dropped.
+/// Joints after which a block that is already too far is dropped.
 const LOOK_EVERY: usize = 4;
 
 /// Settings and sizes of a fit.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct NearestSettings {
-    /// Moments whose actions are averaged, the nearer the more.
+    /// Moments whose actions are averaged, weighted by closeness.
     pub neighbours: usize,
-    /// Weight of a distance in pose, spreads of the pose as the unit.
+    /// Weight of the distance in pose, in units of the pose's spread.
     pub place: f32,
-    /// Weight of a distance in the way of the last frame, in typical ways of a frame; that of
-    /// the way to the goal counts 1.
+    /// Weight of the distance in the last change, in units of a typical change per frame; the
+    /// change toward the goal has weight 1.
     pub past: f32,
     /// Frames of each trajectory, in order.
     pub lengths: Vec<usize>,
 }
 
 impl NearestSettings {
-    /// The settings that did best; see `docs/results.md`.
+    /// The best settings; see `docs/results.md`.
     pub fn new(lengths: Vec<usize>) -> Self {
         NearestSettings { neighbours: 8, place: 0.5, past: 0.3, lengths }
     }
 }
 
-/// Recorded moments, and how to look them up.
+/// Recorded moments, for retrieval.
 #[derive(Clone, Debug)]
 pub struct Nearest {
     card: FitCard<NearestSettings>,
-    /// (S, stride): one row a joint, trajectories one after the other, then room for the
-    /// last block.
+    /// (S, stride): one row per joint, trajectories one after the other, then padding for the last
+    /// block.
     qpos: Vec<f32>,
     stride: usize,
     /// (N, A).
@@ -126,7 +126,7 @@ impl Nearest {
         })
     }
 
-    /// The train part of a dataset, at most `frames` of it: whole trajectories, evenly spread
+    /// The training part of a dataset, at most `frames` of it: whole trajectories, evenly spread
     /// over the list, so that every collector and snapshot keeps its share.
     ///
     /// # Errors
@@ -154,7 +154,7 @@ impl Nearest {
         Self::new(FitCard::of(FitKind::Nearest, data, seed, settings), &qpos, ctrl)
     }
 
-    /// Opens what a path means: a file of `robert fit nearest`, or a dataset.
+    /// Opens a file of `robert fit nearest`, or a dataset.
     ///
     /// # Errors
     /// As [`Nearest::load`], and [`Error::Dataset`].
@@ -171,7 +171,7 @@ impl Nearest {
         Ok(Self::of(&data, 0, FRAMES)?)
     }
 
-    /// What it was made with.
+    /// Its settings.
     pub fn card(&self) -> &FitCard<NearestSettings> {
         &self.card
     }
@@ -216,7 +216,7 @@ impl Nearest {
         Self::new(card, &qpos, ctrl).map_err(|e| file_error(e.to_string(), path))
     }
 
-    /// The moments most like this one, the nearest first: squared distance and frame.
+    /// The most similar moments, nearest first: squared distance and frame.
     fn look(&mut self, query: &Query) {
         let mut best = std::mem::take(&mut self.best);
         best.clear();
@@ -234,7 +234,7 @@ impl Nearest {
         let share = 1.0 / *k as f32;
         let mut first = 0;
         for &length in &self.card.settings.lengths {
-            // A frame needs one before it and the goal's after it.
+            // A frame needs a frame before it and the frame of the goal after it.
             let (begin, end) = (first + 1, (first + length).saturating_sub(*k));
             first += length;
             for t in (begin..end).step_by(BLOCK) {
@@ -257,7 +257,7 @@ impl Nearest {
                     apart(&mut d, here, &[now[j]; BLOCK], 1.0, 0.0, self.place[j]);
                     apart(&mut d, here, block(q, t - 1), 1.0, past[j], self.past[j]);
                 }
-                // What lies beyond the trajectory was compared for nothing.
+                // Frames beyond the trajectory do not count.
                 for (i, &d) in d.iter().enumerate().take(end - t) {
                     let worst = best.get(keep - 1).map_or(f32::INFINITY, |b| b.0);
                     if d < worst {
@@ -276,7 +276,7 @@ impl Nearest {
         let now = single(&window.current);
         let before = single(&window.history[(HISTORY - 1) * s..]);
         let past: Vec<f32> = now.iter().zip(&before).map(|(a, b)| a - b).collect();
-        // The first frame that shows any joint; joints that it hides lie on their own line.
+        // The first frame with a visible joint; its hidden joints are on their own lines.
         let seen = window.visible.chunks_exact(s).position(|row| row.iter().any(|&v| v));
         let k = seen.map_or(1, |i| i + 1);
         let goal: Vec<f32> =
@@ -285,7 +285,7 @@ impl Nearest {
         action.fill(0.0);
         let a = self.card.actions();
         let mut all = 0.0;
-        // Weights fall with the distance; the nearest moment alone decides if it is the same.
+        // Weights fall with the distance; an identical moment counts alone.
         for &(d, t) in &self.best {
             let weight = 1.0 / (f64::from(d) + 1e-9);
             all += weight;
@@ -299,8 +299,7 @@ impl Nearest {
     }
 }
 
-/// A moment to look for: pose, way of the last frame, way a frame to the goal, (S) each, and
-/// frames to the goal.
+/// A query: pose, last change, change per frame toward the goal, (S) each, and frames to the goal.
 #[derive(Debug)]
 struct Query {
     now: Vec<f32>,
@@ -315,8 +314,8 @@ fn block(q: &[f32], t: usize) -> &[f32; BLOCK] {
     q[t..].first_chunk().unwrap_or(&[0.0; BLOCK])
 }
 
-/// Adds, frame by frame, the squared distance between the way from `from` to `to`, times
-/// `share`, and `way`, in units of 1 / `scale`.
+/// Adds, frame by frame, the squared distance between `share` times the change from `from` to `to`,
+/// and `way`, in units of 1 / `scale`.
 #[inline(always)]
 fn apart(
     d: &mut [f32; BLOCK],
@@ -362,7 +361,7 @@ mod tests {
     use crate::rng::{Rng, Stream};
     use crate::rollout::COMMAND;
 
-    /// Smooth motion of two joints; every action is told by its frame.
+    /// Smooth motion of two joints; every action encodes its frame.
     fn recorded(neighbours: usize) -> (Nearest, Vec<f32>) {
         let lengths = vec![80, 90];
         let mut rng = Rng::new(2, Stream::Test, 0);
@@ -402,8 +401,7 @@ mod tests {
         (Nearest::new(card, &qpos, ctrl).unwrap(), qpos)
     }
 
-    /// What the policy sees at frame `t` of the recording when the next `hidden` frames are
-    /// masked.
+    /// The window at frame `t` of the recording when the next `hidden` frames are masked.
     fn window(qpos: &[f32], t: usize, hidden: usize) -> Window {
         let mut w = Window::new(2);
         let wide = |f: usize| [f64::from(qpos[f * 2]), f64::from(qpos[f * 2 + 1])];

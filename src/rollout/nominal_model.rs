@@ -1,5 +1,5 @@
-//! The nominal model: a planner simulates the robot as its file describes it, whatever plant the
-//! rollout runs on.
+//! The nominal model: a planner simulates the robot of the file, whatever plant the rollout runs
+//! on.
 
 use std::sync::Arc;
 
@@ -7,7 +7,7 @@ use super::error::Error;
 use crate::mujoco::{Data, Model};
 use crate::robot::Robot;
 
-/// A planner's own simulation of the robot as its file says.
+/// A planner's own simulation of the robot of the file.
 #[derive(Debug)]
 pub struct NominalModel {
     /// The robot.
@@ -27,7 +27,7 @@ impl NominalModel {
         NominalModel::on(robot, robot.model())
     }
 
-    /// The same robot touching nothing.
+    /// The same robot without contacts.
     ///
     /// # Errors
     /// As [`NominalModel::new`].
@@ -47,7 +47,7 @@ impl NominalModel {
 /// Simulator steps that make up one control step exactly.
 ///
 /// # Errors
-/// [`Error::Timestep`] when 0.05 s is no whole number of them: the clock of the rollout
+/// [`Error::Timestep`] when 0.05 s is not a whole number of them, since the clock of the rollout
 /// would drift against the clip.
 pub(super) fn substeps(model: &Model) -> Result<usize, Error> {
     let dt = model.timestep();

@@ -1,15 +1,15 @@
-//! The one interface behind which every policy stands.
+//! The interface of all policies.
 
 use super::error::Error;
 use super::window::Window;
 use crate::mujoco::Snapshot;
 
-/// What a policy may look at when it acts.
+/// The inputs of a policy.
 #[derive(Debug)]
 pub struct View<'a> {
     /// Frame t of the rollout.
     pub frame: usize,
-    /// The 30 + 1 + 20 window: all that a learned policy sees.
+    /// The window of 30 + 1 + 20 frames; a learned policy sees nothing else.
     pub window: &'a Window,
     /// The full simulator state, for policies that own a model of the robot. A learned
     /// policy must not read it.
@@ -18,45 +18,45 @@ pub struct View<'a> {
 
 /// Turns a view into an action.
 ///
-/// A policy is a function of the view, its seed and its own [`Policy::memory`], of nothing
-/// else: only then can a rollout be resumed in the middle, bit for bit.
+/// A policy must be a function of the view, its seed and its own [`Policy::memory`] only, so that a
+/// rollout can be resumed at any frame, bit for bit.
 pub trait Policy: Send {
     /// The name that tables show.
     fn name(&self) -> String;
 
-    /// Whether it uses a model of the robot (shown apart from those that only saw data).
+    /// Whether it uses a model of the robot; tables mark such policies.
     fn uses_model(&self) -> bool {
         false
     }
 
-    /// What a learned policy knows of its own making: its model card, JSON.
+    /// The model card of a learned policy, JSON.
     fn card(&self) -> Option<String> {
         None
     }
 
-    /// Forgets everything; draws of this episode come from `seed`.
+    /// Clears all memory; random choices of this episode depend on `seed`.
     fn reset(&mut self, seed: u64);
 
     /// Writes the action of this frame, in [-1, 1] per actuator; (A).
     ///
     /// # Errors
-    /// Whatever keeps the policy from answering; the rollout stops there.
+    /// Any error of the policy; the rollout stops there.
     fn act(&mut self, view: &View<'_>, action: &mut [f64]) -> Result<(), Error>;
 
-    /// What was applied in the last frame instead of the action that [`Policy::act`] gave.
+    /// The action that was applied in the last frame instead of the result of [`Policy::act`].
     fn applied(&mut self, _action: &[f64]) {}
 
-    /// A copy that shares what is costly to build (the weights of a network), for the next
-    /// rollout; `None` where building anew is as cheap.
+    /// A copy for the next rollout that shares expensive parts (the weights of a network); `None`
+    /// if building a new policy is as cheap.
     fn fork(&self) -> Option<Box<dyn Policy>> {
         None
     }
 
-    /// What it carries from frame to frame (a warm start, an ensemble); empty for most.
+    /// The state that it keeps from frame to frame (a warm start, an ensemble); empty for most.
     fn memory(&self) -> Vec<f64> {
         Vec::new()
     }
 
-    /// Back to a memory taken earlier.
+    /// Restores an earlier memory.
     fn recall(&mut self, _memory: &[f64]) {}
 }

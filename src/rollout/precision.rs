@@ -1,8 +1,8 @@
-//! Precision: how near the reached motion came to the commanded one.
+//! Precision: the error between command and reached motion.
 //!
 //! The paper's figure is the mean absolute error over all unmasked frames and state
-//! dimensions, the state reached after action t against command t+1, strictly aligned:
-//! no time-warping, lower is better. One number hides much, so it comes with company.
+//! dimensions. The state reached after action t is compared with command t+1, without time-warping;
+//! lower is better. Other figures complement this single number.
 
 use serde::{Deserialize, Serialize};
 
@@ -11,23 +11,23 @@ use super::window::Goals;
 /// Error below which a hold counts as reached, rad or m.
 pub(super) const REACHED: f64 = 0.05;
 
-/// Goals nearer to each other than this are one, rad or m: the grid of the documents.
+/// Goals closer to each other than this are equal, rad or m: the grid of the documents.
 const SAME: f64 = 1e-6;
 
-/// How a rollout did. Errors in rad or m.
+/// The figures of a rollout. Errors in rad or m.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Precision {
     /// Mean absolute error over unmasked frames and joints: the paper's Precision. `None`
     /// when nothing was commanded.
     pub precision: Option<f64>,
-    /// The same over the visible frames at which the command moves: some joint's goal is
-    /// another than its last one. Holds after their first frame are left out.
+    /// The same over the visible frames at which the command moves, that is, some joint has another
+    /// goal than before. Holds after their first frame are left out.
     #[serde(default)]
     pub moving: Option<f64>,
-    /// The same over masked frames: against the hidden motion where that is known (tasks
-    /// cut from data, see [`hidden_error`]), else against the straight line through the
-    /// gap, which says how direct the way was and no more.
+    /// The same over masked frames: against the hidden motion if that is known (tasks extracted
+    /// from data, see [`hidden_error`]), else against the straight line through the gap, which only
+    /// shows how direct the motion was.
     pub masked_mae: Option<f64>,
     /// 95th percentile over unmasked frames and joints.
     pub p95: Option<f64>,
@@ -49,7 +49,7 @@ pub struct Precision {
     pub holds: Vec<HoldError>,
 }
 
-/// How one hold did.
+/// The figures of one hold.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct HoldError {
@@ -170,7 +170,7 @@ impl Mean {
     }
 }
 
-/// Smallest value that at least a share `p` does not exceed.
+/// The smallest value that at least a share `p` of the values do not exceed.
 fn percentile(values: &mut [f64], p: f64) -> Option<f64> {
     values.sort_by(f64::total_cmp);
     let rank = (p * values.len() as f64).ceil() as usize;
@@ -185,7 +185,7 @@ fn mean_abs_du(actions: &[f64], dim: usize) -> f64 {
     actions.iter().zip(&actions[dim..]).map(|(a, b)| (b - a).abs()).sum::<f64>() / changes as f64
 }
 
-/// Runs of at least three visible frames that ask for one pose.
+/// Runs of at least three visible frames that command one pose.
 fn holds(goals: &Goals, reached: &[f64], frames: usize) -> Vec<HoldError> {
     let dim = goals.dim();
     let whole = |f: usize| (0..dim).all(|j| goals.is_visible(f, j));
@@ -203,7 +203,7 @@ fn holds(goals: &Goals, reached: &[f64], frames: usize) -> Vec<HoldError> {
         while f < frames && whole(f) && same(start, f) {
             f += 1;
         }
-        // A pose held from the very start is no transition that could be late.
+        // A pose that is held from the start is not a transition that could be late.
         let from_start = start == 1 && whole(0) && same(0, 1);
         if f - start < 3 || from_start {
             continue;
@@ -239,12 +239,12 @@ mod tests {
     #[test]
     fn frames_are_strictly_aligned_and_frame_0_does_not_count() {
         let g = goals(&[Some(9.0), Some(1.0), Some(2.0), Some(3.0)]);
-        // The right path one frame late: time-warping would call it perfect.
+        // The right path one frame late, which time-warping would call perfect.
         let p = Precision::measure(&g, &[0.0, 0.0, 1.0, 2.0], &[0.0; 3], 1);
         assert!(near(p.precision, 1.0), "{p:?}");
         assert_eq!(p.per_frame, [None, Some(1.0), Some(1.0), Some(1.0)]);
         assert!(near(Precision::measure(&g, &[0.0, 1.0, 2.0, 3.0], &[], 1).precision, 0.0));
-        // A rollout that still runs is measured over what it has.
+        // A rollout that still runs is measured over its frames so far.
         assert!(near(Precision::measure(&g, &[0.0, 1.5], &[], 1).precision, 0.5));
     }
 
@@ -264,7 +264,7 @@ mod tests {
         assert_eq!(Precision::measure(&all, &[0.0; 3], &[0.0; 2], 1).precision, None);
     }
 
-    /// Arrivals count, the rest of a hold does not; frame 0 is what the first goal differs from.
+    /// Arrivals count, the rest of a hold does not; the first goal is compared with frame 0.
     #[test]
     fn moving_frames_are_those_at_which_a_goal_changes() {
         let rows = [Some(0.0), Some(0.0), None, Some(1.0), Some(1.0), Some(1.0), Some(2.0), None];

@@ -1,15 +1,15 @@
-//! Goals as the robot can take them: gaps filled, directions that no motor moves left alone.
+//! Makes goals reachable: fills gaps, and keeps the state in directions that no motor moves.
 //!
-//! What is asked in a direction that actions do not move is replaced by what is there now,
+//! In directions that actions do not move, the goal is replaced by the current state,
 //!
 //! ```text
 //! goal' = s + P (goal - s)        P projects onto what actions move (net::reach)
 //! ```
 //!
-//! since such a direction stays where it is: on the hand, the difference of two joints on one
-//! tendon. A joint without any goal left counts next to nothing, so that a goal for its
-//! neighbour on the tendon is met exactly. Everything here is read from the data of the model
-//! file; the simulator's model of the robot is not asked.
+//! because actions cannot change it: on the hand, the difference of two joints on one tendon. A
+//! joint without any remaining goal has almost no weight, so that a goal for its neighbour on the
+//! tendon is met exactly. Everything here comes from the data in the model file; the simulator's
+//! model of the robot is not used.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -17,26 +17,25 @@ use super::infill::infill;
 use super::window::{COMMAND, Window};
 use crate::net::reach::Reach;
 
-/// Singular values of the effect of actions, in the largest, below which a direction counts
-/// as not driven. With 60,000 frames the hand's noise stands at 3e-4, its least driven
-/// direction at .24.
+/// Singular values of the effect of actions, relative to the largest, below which a direction
+/// counts as not driven. With 60,000 frames the hand's noise is at 3e-4, its least driven direction
+/// at .24.
 const DRIVEN: f64 = 5e-3;
-/// What a joint without a goal counts beside one with a goal.
+/// Weight of a joint without a goal relative to one with a goal.
 const FREE: f64 = 1e-3;
 
 /// The map from goals to reachable goals, for one robot.
 #[derive(Clone, Debug)]
 pub(super) struct Reachable {
     speed: Vec<f64>,
-    /// Orthonormal columns that span what actions move, (S, r); `None` where that is
-    /// everything.
+    /// Orthonormal columns that span what actions move, (S, r); `None` if that is everything.
     basis: Option<DMatrix<f64>>,
     /// Projection for a window whose joints all have goals, (S, S).
     project: Option<DMatrix<f64>>,
 }
 
 impl Reachable {
-    /// From what was learned; the numbers have been checked.
+    /// From the learned effect of actions, which has been checked.
     pub(super) fn new(reach: &Reach) -> Reachable {
         let s = reach.speed.len();
         let actions = reach.effect.first().map_or(0, Vec::len);
@@ -77,7 +76,7 @@ impl Reachable {
     }
 }
 
-/// What actions move; `None` where they move everything.
+/// What actions move; `None` if they move everything.
 fn driven(effect: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     let s = effect.nrows();
     let svd = effect.clone().svd(true, false);
@@ -92,7 +91,7 @@ fn driven(effect: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     Some(DMatrix::from_fn(s, kept.len(), |r, c| u[(r, kept[c])]))
 }
 
-/// The projection when some joints count next to nothing: Q (Qᵀ W Q)⁻¹ Qᵀ W.
+/// The projection when some joints have almost no weight: Q (Qᵀ W Q)⁻¹ Qᵀ W.
 fn weigh(basis: &DMatrix<f64>, free: &[bool]) -> Option<DMatrix<f64>> {
     let weighted = DMatrix::from_fn(basis.nrows(), basis.ncols(), |r, c| {
         basis[(r, c)] * if free[r] { FREE } else { 1.0 }

@@ -1,7 +1,7 @@
-//! Simulator in the loop: one iLQR iteration a frame, warm-started by another policy.
+//! Simulator in the loop: one iLQR iteration per frame, warm-started by another policy.
 //!
-//! It uses the model, so it is a policy of its own in every table: the figure that it
-//! reaches belongs to the model, the warm start only makes it cheap.
+//! It uses the model, so it is a separate policy in every table: its figure measures the model, and
+//! the warm start only makes it cheap.
 
 use std::sync::Arc;
 
@@ -60,7 +60,7 @@ impl Policy for Refined {
     }
 
     fn recall(&mut self, memory: &[f64]) {
-        // What the inner policy carries may grow with the rollout; what the planner does, not.
+        // The memory of the inner policy may grow with the rollout; that of the planner does not.
         let inner = memory.len().saturating_sub(self.planner.memory().len());
         let (inner, planner) = memory.split_at(inner);
         self.inner.recall(inner);

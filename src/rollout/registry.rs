@@ -21,7 +21,7 @@ use crate::fsio;
 use crate::net::{Card, MaskGranularity, Model, SkipKind, Threads};
 use crate::robot::Robot;
 
-/// Every policy there is.
+/// All policies.
 #[derive(
     Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, serde::Serialize, serde::Deserialize,
 )]
@@ -42,7 +42,7 @@ pub enum PolicyName {
     Robert,
     /// The linear prediction inside a model file.
     Ridge,
-    /// What was done in the recorded moments most like this one.
+    /// The actions of the most similar recorded moments.
     Nearest,
     /// A small network of three frames.
     MlpInverse,
@@ -84,8 +84,7 @@ const NAMES: [(PolicyName, &str, &str, &str); 10] = {
 };
 
 impl PolicyName {
-    /// The case that it is best for, in a few words; measured in `docs/models.md` and
-    /// `docs/baselines.md`.
+    /// What it is best for, in a few words; measured in `docs/models.md` and `docs/baselines.md`.
     pub fn suits(self) -> &'static str {
         match self {
             PolicyName::Zero => "seeing what gravity alone does",
@@ -106,7 +105,7 @@ impl PolicyName {
         NAMES.iter().find(|n| n.0 == self).map_or("", |n| n.1)
     }
 
-    /// Whether it learned something, and needs the file that holds it.
+    /// Whether it needs a file with what it learned.
     pub fn needs_model(self) -> bool {
         matches!(
             self,
@@ -119,7 +118,7 @@ impl PolicyName {
         NAMES.iter().map(|n| n.0)
     }
 
-    /// How each is asked for, and what it is: for help texts.
+    /// The usage and description of each policy, for help texts.
     pub fn usages() -> impl Iterator<Item = (String, &'static str)> {
         NAMES.iter().map(|(_, name, argument, what)| (format!("{name}{argument}"), *what))
     }
@@ -136,33 +135,32 @@ impl FromStr for PolicyName {
     }
 }
 
-/// A policy as a robot can have it.
+/// A policy that is available for a robot.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Offer {
     /// Which.
     pub name: PolicyName,
-    /// Name of the model, where it is not the robot's default one.
+    /// Name of the model, if it is not the robot's default one.
     pub model: Option<String>,
-    /// The case that it is best for, in a few words.
+    /// What it is best for, in a few words.
     pub suits: String,
     /// What should fill masked frames for it.
     pub guide: Guide,
     /// What it needs before it can be chosen; `None` when it needs nothing.
     pub needs: Option<String>,
-    /// Whether it has the robot's own model to compute with.
+    /// Whether it computes with the robot's model.
     pub knows_model: bool,
-    /// Whether it plans so long that a clip takes seconds.
+    /// Whether it needs seconds for a clip.
     pub slow: bool,
-    /// What a mask may hide from it: from one that learned, what it was trained with; from
-    /// everyone else any goal.
+    /// What a mask may hide: for a learned policy, what it was trained with; for all others any
+    /// goal.
     pub masks: MaskGranularity,
-    /// Who performs unless another one is chosen.
+    /// Whether it is the robot's default.
     pub default: bool,
 }
 
-/// Every policy that there is for a robot, models included. The one list that pages and
-/// tables are made from.
+/// All policies for a robot, including models. All pages and tables use this list.
 pub fn offers(robot: &Robot) -> Vec<Offer> {
     let chosen = PolicyConfig::default_for(robot).name;
     let offer = |name: PolicyName| Offer {
@@ -224,8 +222,8 @@ pub fn offers(robot: &Robot) -> Vec<Offer> {
     list
 }
 
-/// The case that a trained network is best for, and what should fill masked frames for it;
-/// measured in `docs/models.md`.
+/// What a trained network is best for, and what should fill masked frames for it; measured in
+/// `docs/models.md`.
 pub fn case(card: &Card) -> (&'static str, Guide) {
     if card.tokens.previous_action {
         // What tells the plant is the answer to small steps, which the guide makes of wide gaps.
@@ -250,13 +248,13 @@ pub enum Guide {
     Linear,
 }
 
-/// How a trained network becomes an action; other policies have no use for it.
+/// How a trained network is used; other policies ignore it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Inference {
     /// Windows whose predictions for the current frame are averaged; 1 is off, 21 at most.
     pub ensemble: usize,
-    /// Draw the action bin (the paper's way) instead of taking the likeliest.
+    /// Draw the action bin (as in the paper) instead of using the most likely one.
     pub sample: bool,
     /// Leave masked frames to the network, also where its file says how gaps are filled.
     pub masks: bool,
@@ -270,8 +268,7 @@ impl Default for Inference {
     }
 }
 
-/// Names for policies side by side: where two would be the same, the files that they were
-/// learned in tell them apart.
+/// Labels for policies in one table. If two would be equal, their files distinguish them.
 pub(super) fn labels(policies: &[PolicyConfig]) -> Vec<String> {
     let short: Vec<String> = policies.iter().map(PolicyConfig::label).collect();
     let twice = |label: &String| short.iter().filter(|l| *l == label).count() > 1;
@@ -280,7 +277,7 @@ pub(super) fn labels(policies: &[PolicyConfig]) -> Vec<String> {
     each.map(|(p, label)| if twice(label) { long(p) } else { label.clone() }).collect()
 }
 
-/// No file, run or model of this name: what there is instead.
+/// The error for an unknown file, run or model, with the existing names.
 fn unknown(robot: &Robot, path: &Path) -> Error {
     let listed = |what: &str, names: &[String]| match names {
         [] => format!("no {what}"),
@@ -294,7 +291,7 @@ fn unknown(robot: &Robot, path: &Path) -> Error {
     }
 }
 
-/// A policy as asked for on the command line.
+/// A policy as named on the command line.
 ///
 /// ```
 /// use std::sync::Arc;
@@ -311,14 +308,14 @@ fn unknown(robot: &Robot, path: &Path) -> Error {
 pub struct PolicyConfig {
     /// Which.
     pub name: PolicyName,
-    /// Virtual commands through masks.
+    /// What fills masked frames.
     pub guide: Guide,
     /// Improve each action on the model.
     pub refine: bool,
-    /// Model or fit file, or the name of a shipped model, for policies that learned
-    /// something; nothing is the robot's shipped default.
+    /// Model or fit file, or the name of a shipped model, for learned policies; `None` is the
+    /// robot's shipped default.
     pub model_path: Option<PathBuf>,
-    /// How a trained network becomes an action.
+    /// How a trained network is used.
     #[serde(default)]
     pub inference: Inference,
 }
@@ -335,18 +332,18 @@ impl PolicyConfig {
         }
     }
 
-    /// What the floor of a clip is measured with; see [`super::floor`].
+    /// The policy that measures floors; see [`super::floor`].
     pub fn floor() -> PolicyConfig {
         PolicyConfig::new(PolicyName::Ilqr)
     }
 
-    /// The name that tables show: `pd`, `pd+guide`, `robert:adaptive+ensemble=3+refine`. A file
-    /// or a folder is not named: see `labels`.
+    /// The label in tables: `pd`, `pd+guide`, `robert:adaptive+ensemble=3+refine`. It does not
+    /// contain files or folders; see `labels`.
     pub fn label(&self) -> String {
         self.labelled(self.model_name())
     }
 
-    /// The model's name, if it is asked for by one: a file or folder that is there is a path.
+    /// The model's name, if it was given by name; an existing file or folder is a path.
     fn model_name(&self) -> Option<&str> {
         let path = self.model_path.as_deref()?;
         path.to_str().filter(|name| !name.contains('/') && !path.exists())
@@ -392,7 +389,7 @@ impl PolicyConfig {
     }
 
     /// Name, without its folder, and sha-256 of the model file that [`PolicyConfig::build`]
-    /// reads; `None` for policies that learned nothing.
+    /// reads; `None` for policies without a model.
     ///
     /// # Errors
     /// [`Error::Model`] when it cannot be read.
@@ -415,8 +412,7 @@ impl PolicyConfig {
         Ok(Some((name, sha256)))
     }
 
-    /// The settings that [`PolicyConfig::build`] uses for this robot; null where there are
-    /// none.
+    /// The settings that [`PolicyConfig::build`] uses for this robot; null if there are none.
     pub fn settings(&self, robot: &Robot) -> serde_json::Value {
         // Structs of numbers: serialising cannot fail.
         let ilqr = || serde_json::to_value(IlqrConfig::for_robot(robot)).unwrap_or_default();
@@ -450,8 +446,8 @@ impl PolicyConfig {
         })
     }
 
-    /// The file that [`PolicyConfig::model_path`] means: of a folder the one inside that is
-    /// read. `None` for policies that learned nothing, and for shipped models.
+    /// The file of [`PolicyConfig::model_path`]; for a folder, the file inside that is read. `None`
+    /// for policies without a model, and for shipped models.
     pub fn file(&self) -> Option<PathBuf> {
         let path = self.model_path.as_deref()?;
         let inside = |name: &str| Some(path.join(name)).filter(|p| p.exists());
@@ -468,7 +464,7 @@ impl PolicyConfig {
     /// Builds it for this robot.
     ///
     /// # Errors
-    /// Whatever the policy needs and does not find.
+    /// Anything that the policy needs and does not find.
     pub fn build(&self, robot: &Arc<Robot>) -> Result<Box<dyn Policy>, Error> {
         let policy: Box<dyn Policy> = match self.name {
             PolicyName::Auto => {

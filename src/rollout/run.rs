@@ -1,4 +1,4 @@
-//! The rollout: one control step a frame, every frame kept, resumable anywhere.
+//! The rollout: one control step per frame. Every frame is kept, so it can be resumed anywhere.
 
 use std::sync::Arc;
 
@@ -14,7 +14,7 @@ use crate::progress::Cancel;
 use crate::robot::{PlantConfig, Robot};
 use crate::units::CTRL_DT;
 
-/// Where a rollout begins.
+/// The start of a rollout.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Start {
     /// At the clip's start pose, at rest, as if it had been held for 30 frames.
@@ -33,24 +33,24 @@ pub enum Start {
 /// Settings of a rollout.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RolloutConfig {
-    /// Seed of the policy's draws.
+    /// Seed of the policy's random choices.
     pub seed: u64,
-    /// Virtual commands through masks.
+    /// What fills masked frames.
     pub guide: Guide,
-    /// The plant that is simulated.
+    /// The simulated plant.
     pub plant: PlantConfig,
 }
 
 /// One simulated frame.
 #[derive(Clone, Copy, Debug)]
 pub struct Frame<'a> {
-    /// Its number; the first that is simulated is 1.
+    /// Its number; the first simulated frame is 1.
     pub frame: usize,
     /// State reached; (S).
     pub reached: &'a [f64],
     /// Action that led here, applied during the frame before; (A).
     pub action: &'a [f64],
-    /// Mean absolute error over its goals; `None` where masked.
+    /// Mean absolute error over its goals; `None` if it is masked.
     pub error: Option<f64>,
 }
 
@@ -89,7 +89,7 @@ pub struct Rollout {
     actions: Vec<f64>,
     /// State at each frame 0..=t.
     snapshots: Vec<Snapshot>,
-    /// What the policy remembered before acting at each frame 0..=t.
+    /// The policy's memory before acting at each frame 0..=t.
     memories: Vec<Vec<f64>>,
     simulated: usize,
 }
@@ -134,7 +134,7 @@ impl Rollout {
         Ok(rollout)
     }
 
-    /// Back to frame 0.
+    /// Resets to frame 0.
     fn rewind(&mut self) -> Result<(), Error> {
         let dim = self.robot.state_dim();
         self.plant.reset()?;
@@ -174,7 +174,7 @@ impl Rollout {
         Ok(())
     }
 
-    /// Frame that has been reached; 0 before the first step.
+    /// The last simulated frame; 0 before the first step.
     pub fn frame(&self) -> usize {
         self.snapshots.len().saturating_sub(1)
     }
@@ -194,7 +194,7 @@ impl Rollout {
         self.frame() + 1 >= self.frames()
     }
 
-    /// Control steps simulated in the life of this value, over all commands.
+    /// Control steps that this value has simulated, over all commands.
     pub fn simulated(&self) -> usize {
         self.simulated
     }
@@ -203,7 +203,7 @@ impl Rollout {
     ///
     /// # Errors
     /// [`Error::Simulation`] with the frame when the plant diverges, [`Error::BadAction`]
-    /// when the policy gives no number. The frames before stay valid.
+    /// when the policy returns a value that is not a number. The frames before stay valid.
     pub fn step(&mut self) -> Result<Option<Frame<'_>>, Error> {
         if self.is_done() {
             return Ok(None);
@@ -252,13 +252,13 @@ impl Rollout {
         Ok(())
     }
 
-    /// Takes an edited clip and keeps every frame that it cannot change: an action sees 20
-    /// frames ahead, so a command that first differs at f leaves actions before f - 20 as
-    /// they were. Returns the frame from which it goes on; the result has the same bits as
-    /// a rollout from the start.
+    /// Replaces the command and keeps every frame that the change cannot affect. An action depends
+    /// on 20 frames ahead, so a command that first differs at f leaves the actions before f - 20
+    /// unchanged. Returns the frame from which the rollout continues; the result has the same bits
+    /// as a rollout from the start.
     ///
     /// # Errors
-    /// As [`Rollout::new`]; the old rollout stands then.
+    /// As [`Rollout::new`]; the rollout is then unchanged.
     pub fn set_command(&mut self, command: &Command) -> Result<usize, Error> {
         check_joints(&self.robot, command)?;
         let goals = Goals::new(command);
@@ -281,7 +281,7 @@ impl Rollout {
         Ok(self.frame())
     }
 
-    /// Forgets the frames after `t`.
+    /// Drops the frames after `t`.
     fn back_to(&mut self, t: usize) -> Result<(), Error> {
         if t >= self.frame() {
             return Ok(());
@@ -370,12 +370,12 @@ impl Rollout {
         self.policy.uses_model()
     }
 
-    /// How near it came, over the frames so far.
+    /// The figures over the frames so far.
     pub fn precision(&self) -> Precision {
         Precision::measure(&self.goals, self.reached(), &self.actions, self.robot.action_dim())
     }
 
-    /// Simulated time minus clip time at the reached frame, seconds: 0 but for rounding.
+    /// Simulated time minus clip time at the reached frame, seconds: 0 except for rounding.
     pub fn clock_error_secs(&self) -> f64 {
         let clip = self.frame() as f64 * CTRL_DT;
         let Some(last) = self.snapshots.last() else { unreachable!("the start is kept") };
@@ -452,8 +452,8 @@ mod tests {
         r.reached().iter().chain(r.actions()).map(|v| v.to_bits()).collect()
     }
 
-    /// After each of 200 random edits a robot: the same bits as a rollout from the start, and
-    /// no frame simulated that the edit cannot have changed.
+    /// After each of 200 random edits per robot the rollout has the same bits as a rollout from the
+    /// start, and no frame was simulated that the edit cannot have changed.
     #[test]
     fn an_edit_resimulates_only_what_it_can_change() {
         let cases = [
@@ -486,8 +486,9 @@ mod tests {
                 let command = command(&robot, frames, &keys);
                 let simulated = live.simulated();
                 let from = live.set_command(&command).unwrap();
-                // The clip's own word on what changed; where a goal is always in sight no
-                // virtual keyframe leans on a later one, and 20 frames before it is exact.
+                // The first changed step according to the clip. If a goal is always in the window,
+                // no virtual keyframe depends on a later one, and 20 frames before the change is
+                // exact.
                 let changed = command.first_changed_frame(&before);
                 let step = command.first_changed_step(&before);
                 assert!(from >= step.map_or(frames - 1, |s| s as usize).min(frames - 1));

@@ -1,16 +1,15 @@
 //! Predictive sampling (Howell et al. 2022, "Predictive Sampling: Real-time Behaviour
 //! Synthesis with MuJoCo", algorithm 1): perturb the best spline, keep the best rollout.
-//! The simplest planner that works, and a yardstick for how much search alone buys.
+//! The simplest planner that works; it shows how much search alone achieves.
 //!
-//! The published planner samples targets of position servos. Our actuators are motors, and a
-//! spline of torque leaves every error to the next guess; so the servos of `pd` close the
-//! loop inside each candidate, and what is sampled is what is added to their action. The plan
-//! of zeros is `pd`.
+//! The published planner samples targets of position servos. Our actuators are motors, and a spline
+//! of torque would leave every error to the next sample. So the servos of `pd` close the loop
+//! inside each candidate, and the samples are added to their action. The plan of zeros is `pd`.
 //!
-//! Two things differ from the published algorithm, since candidates are tried one after
-//! another here: each perturbs the best so far instead of the plan of the frame before, and
-//! they come in pairs of opposite sign and in several widths, coarse ones to find a way and
-//! fine ones to follow it.
+//! Candidates are tried one after another here, so two things differ from the published algorithm.
+//! Each candidate perturbs the best one so far instead of the plan of the frame before. And they
+//! come in pairs of opposite sign and in several widths: coarse ones to find a plan, and fine ones
+//! to improve it.
 
 use std::sync::Arc;
 
@@ -28,7 +27,7 @@ const NARROWER: f64 = 0.35;
 /// Settings of [`PredictiveSampling`].
 #[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
 pub struct SamplingConfig {
-    /// Candidate plans a frame, the unchanged one included.
+    /// Candidate plans per frame, including the unchanged one.
     pub trajectories: usize,
     /// Standard deviation of the widest perturbation of a knot, in actions.
     pub noise: f64,
@@ -45,7 +44,7 @@ pub struct SamplingConfig {
 }
 
 impl SamplingConfig {
-    /// Settings for a robot: few joints are searched further ahead.
+    /// Settings for a robot; with few joints the horizon is longer.
     pub fn for_robot(robot: &Robot) -> SamplingConfig {
         let small = robot.model().nv() <= 10;
         SamplingConfig {
@@ -66,7 +65,7 @@ pub struct PredictiveSampling {
     config: SamplingConfig,
     nominal: NominalModel,
     servos: Pd,
-    /// What is added to the servos' action; (knots, A).
+    /// The correction that is added to the servos' action; (knots, A).
     spline: Vec<f64>,
     seed: u64,
     goals: Window,
@@ -91,8 +90,8 @@ impl PredictiveSampling {
         Ok(PredictiveSampling { nominal, servos, config, spline, seed: 0, goals })
     }
 
-    /// Cost of a plan, simulated from the state of the view, and its first action. It is
-    /// given up where it costs more than `bound`: every term adds.
+    /// Cost of a plan, simulated from the state of the view, and its first action. The simulation
+    /// stops when the cost exceeds `bound`, since every term is positive.
     fn cost(
         &mut self,
         view: &View<'_>,
@@ -136,8 +135,8 @@ impl PredictiveSampling {
     }
 }
 
-/// Cubic Catmull-Rom value of the spline at frame `at` of `horizon`, within the two units that
-/// take an action from one bound to the other.
+/// Cubic Catmull-Rom value of the spline at frame `at` of `horizon`, clamped to the two units
+/// between the bounds of an action.
 fn evaluate(spline: &[f64], actions: usize, horizon: usize, at: f64, out: &mut [f64]) {
     let knots = spline.len() / actions;
     let x = (at / horizon as f64 * (knots - 1) as f64).clamp(0.0, (knots - 1) as f64);
@@ -182,7 +181,7 @@ impl Policy for PredictiveSampling {
         let mut first = vec![0.0; actions];
         let SamplingConfig { trajectories, noise, widths, .. } = self.config;
         for n in 1..trajectories {
-            // Pairs share a draw, in opposite directions.
+            // The two candidates of a pair use the same random numbers with opposite signs.
             let (pair, sign) = ((n - 1) / 2, if n % 2 == 0 { -1.0 } else { 1.0 });
             let index = (view.frame * trajectories + pair) as u64;
             let mut rng = Rng::new(self.seed, Stream::Planner, index);

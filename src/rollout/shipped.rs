@@ -1,9 +1,9 @@
-//! The trained policies in the program, `assets/models/ROBOT/NAME.safetensors`, and those
-//! in a robot's own folder, `DIR/models/NAME.safetensors`, which come first.
+//! The built-in trained policies, `assets/models/ROBOT/NAME.safetensors`, and those in a robot's
+//! own folder, `DIR/models/NAME.safetensors`, which take precedence.
 //!
-//! A robot's default is the model called [`DEFAULT`]; others beside it answer other
-//! questions (the network as published, one for plants that differ). What each was trained
-//! on and how well it does stands in its card.
+//! A robot's default is the model called [`DEFAULT`]. Other models serve other purposes (the
+//! network as published, a model for unknown plants). The card of each contains its training data
+//! and its figures.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -19,10 +19,10 @@ use crate::robot::Robot;
 #[folder = "assets/models/"]
 struct Files;
 
-/// Name of the model that a robot is performed with when nothing else is asked for.
+/// Name of a robot's default model.
 pub const DEFAULT: &str = "robert";
 
-/// A model in the program.
+/// A built-in model.
 #[derive(Clone, Debug)]
 pub struct ShippedModel {
     /// Robot that it drives.
@@ -35,7 +35,7 @@ pub struct ShippedModel {
     pub card: Card,
 }
 
-/// Every model in the program, by robot and name.
+/// All built-in models, by robot and name.
 ///
 /// # Errors
 /// [`Error::Model`] when a file is damaged.
@@ -55,7 +55,7 @@ pub fn all() -> Result<Vec<ShippedModel>, Error> {
     Ok(found)
 }
 
-/// Where a robot's folder keeps a model.
+/// Path of a model in a robot's folder.
 pub fn path_in(dir: &Path, name: &str) -> PathBuf {
     dir.join("models").join(format!("{name}.safetensors"))
 }
@@ -75,7 +75,7 @@ pub fn names(robot: &str) -> Vec<String> {
     names
 }
 
-/// Names of the models that this robot can be performed with: its folder's and the program's.
+/// Names of all models for this robot: those in its folder and the built-in ones.
 pub fn of(robot: &Robot) -> Vec<String> {
     let mut found = names(robot.id());
     found.extend(robot.folder().map(names_in).unwrap_or_default());
@@ -84,7 +84,7 @@ pub fn of(robot: &Robot) -> Vec<String> {
     found
 }
 
-/// Names of the models that lie in a robot's folder.
+/// Names of the models in a robot's folder.
 pub fn names_in(dir: &Path) -> Vec<String> {
     let mut found = Vec::new();
     for entry in dir.join("models").read_dir().ok().into_iter().flatten().flatten() {
@@ -99,8 +99,8 @@ pub fn names_in(dir: &Path) -> Vec<String> {
     found
 }
 
-/// A model of this robot by name, or nothing when there is no such model. Those in the
-/// program are parsed once a process.
+/// A model of this robot by name; `None` if there is none. Built-in models are parsed once per
+/// process.
 ///
 /// # Errors
 /// [`Error::Model`]: damaged, or trained for another version of the robot.
@@ -111,7 +111,7 @@ pub fn get(robot: &Robot, name: &str) -> Result<Option<Arc<Model>>, Error> {
         return Ok(Some(Arc::new(checkpoint::load(&own, Some(&robot_card(robot)))?)));
     }
     let path = format!("{}/{name}.safetensors", robot.id());
-    // The robot is part of the key: a folder of the user's may bear a shipped robot's name.
+    // The robot is part of the key, since a user's folder may have the name of a built-in robot.
     let key = (path.clone(), robot.model_sha256().to_owned());
     let parsed = PARSED.get_or_init(Mutex::default);
     if let Some(model) = parsed.lock().unwrap_or_else(PoisonError::into_inner).get(&key) {
@@ -124,7 +124,7 @@ pub fn get(robot: &Robot, name: &str) -> Result<Option<Arc<Model>>, Error> {
     Ok(Some(model))
 }
 
-/// Sha-256 of the file that [`get`] would take; `None` when there is no such model.
+/// Sha-256 of the file that [`get`] would use; `None` if there is no such model.
 ///
 /// # Errors
 /// [`Error::Model`].
@@ -136,7 +136,7 @@ pub fn sha256(robot: &Robot, name: &str) -> Result<Option<String>, Error> {
     Ok(file.map(|f| fsio::sha256_hex(&f.data)))
 }
 
-/// Whether the robot can be performed by a shipped model.
+/// Whether there is a default model for this robot.
 pub fn has_default(robot: &Robot) -> bool {
     matches!(get(robot, DEFAULT), Ok(Some(_)))
 }

@@ -1,5 +1,5 @@
-//! The natural cubic spline through points: what a person would draw through visible frames
-//! without knowing the robot.
+//! The natural cubic spline through points: a simple interpolation of visible frames without
+//! knowledge of the robot.
 
 /// Values and second derivatives at the knots.
 pub(super) struct Spline {
@@ -7,7 +7,7 @@ pub(super) struct Spline {
     curve: Vec<f64>,
 }
 
-/// The twice differentiable cubic through `knots` (position, value; positions rising) with no
+/// The twice differentiable cubic through `knots` (position, value; positions increasing) with no
 /// curvature at the ends. A line through two of them, constant through one.
 pub(super) fn natural(knots: &[(f64, f64)]) -> Spline {
     let n = knots.len();
@@ -29,7 +29,7 @@ pub(super) fn natural(knots: &[(f64, f64)]) -> Spline {
 }
 
 impl Spline {
-    /// Its value; the first and last cubic go on beyond the ends.
+    /// Its value; the first and last cubic continue beyond the ends.
     pub(super) fn at(&self, x: f64) -> f64 {
         let last = self.knots.len().saturating_sub(2);
         let i = self.knots.partition_point(|k| k.0 <= x).saturating_sub(1).min(last);

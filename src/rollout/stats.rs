@@ -1,4 +1,4 @@
-//! Means with an honest interval.
+//! Means with confidence intervals.
 
 use serde::{Deserialize, Serialize};
 
@@ -24,7 +24,7 @@ const T975: [f64; 30] = [
 /// samples.
 pub fn mean_ci95(samples: &[f64]) -> Option<Interval> {
     let n = samples.len();
-    // Relative to the first, so that equal samples have exactly no spread.
+    // Relative to the first sample, so that equal samples have a spread of exactly zero.
     let first = *samples.first()?;
     let mean = first + samples.iter().map(|s| s - first).sum::<f64>() / n as f64;
     let ci95 = (n > 1).then(|| {

@@ -1,4 +1,4 @@
-//! Many clips, many policies, all cores: the table that claims stand on.
+//! Evaluates many clips with many policies on all cores.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -18,12 +18,12 @@ use crate::clip::Command;
 use crate::progress::{Cancel, Progress, Silent};
 use crate::robot::{PlantConfig, PlantRange, Robot};
 
-/// What iLQR does on a clip.
+/// The result of iLQR on a clip.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Floor {
     /// Its Precision, rad or m.
     pub precision: f64,
-    /// Where it is too far off to tell a jam; see [`jam`].
+    /// The frames where it is too far off to recognise a jam; see [`jam`].
     pub off: Vec<Off>,
 }
 
@@ -32,33 +32,33 @@ pub struct Floor {
 pub struct Case {
     /// Its name.
     pub name: String,
-    /// What is commanded.
+    /// Its command.
     pub command: Command,
-    /// Where it begins.
+    /// Its start.
     pub start: Start,
-    /// The whole motion, where masks hide a known one; (frames, S), frame 0 first.
+    /// The complete motion, if masks hide a known one; (frames, S), frame 0 first.
     pub truth: Option<Vec<f64>>,
-    /// What iLQR does on it, where that is known beforehand; see [`super::floor`].
+    /// The result of iLQR, if it is known beforehand; see [`super::floor`].
     pub floor: Option<Floor>,
 }
 
 /// Tasks that are reported together.
 #[derive(Clone, Debug)]
 pub struct Suite {
-    /// Its name, for the result.
+    /// Its name.
     pub name: String,
     /// The tasks, in the order of the table.
     pub cases: Vec<Case>,
 }
 
-/// What to evaluate.
+/// The settings of an evaluation.
 #[derive(Clone, Debug)]
 pub struct EvalConfig {
     /// The policies.
     pub policies: Vec<PolicyConfig>,
-    /// Where the plant of each seed is drawn from.
+    /// The range of plants; each seed draws one.
     pub plant: PlantRange,
-    /// Seeds 0..n.
+    /// Number of seeds; they are 0..n.
     pub seeds: u64,
     /// Worker threads.
     pub threads: usize,
@@ -73,15 +73,15 @@ pub struct CaseResult {
     pub precision: Option<f64>,
     /// Half width of the 95 % interval over seeds.
     pub ci95: Option<f64>,
-    /// Precision of iLQR on the same clip and the nominal plant; `None` where nobody knows.
+    /// Precision of iLQR on the same clip and the nominal plant; `None` if unknown.
     pub floor: Option<f64>,
-    /// (Precision - floor) / floor; `None` also where the floor is below a millionth.
+    /// (Precision - floor) / floor; `None` also if the floor is below a millionth.
     pub excess: Option<f64>,
     /// Error over the frames at which the command moves.
     pub moving: Option<f64>,
-    /// How the motion inside the gaps looks, first seed; `None` where nothing is masked.
+    /// The quality of the motion inside gaps, first seed; `None` if nothing is masked.
     pub gap: Option<GapFigures>,
-    /// Joints that stay far from goals in reach, first seed; `None` where the floor is unknown.
+    /// Joints that stay far from reachable goals, first seed; `None` if the floor is unknown.
     pub jams: Option<Vec<Jam>>,
     /// Error on masked frames.
     pub masked_mae: Option<f64>,
@@ -91,27 +91,27 @@ pub struct CaseResult {
     pub hold_end: Option<f64>,
     /// Frames until a hold is reached.
     pub frames_late: Option<f64>,
-    /// Mean change of action a frame.
+    /// Mean change of action per frame.
     pub mean_abs_du: f64,
     /// Wall time of one rollout, seconds.
     pub wall_secs: f64,
     /// Control steps of one rollout.
     pub frames: usize,
-    /// Why it failed, where it did.
+    /// Why it failed, if it did.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub error: Option<String>,
     /// Mean error by frame of the first seed.
     #[serde(skip)]
     pub per_frame: Vec<Option<f64>>,
-    /// Where joints are too far off to be called there ([`jam::NEAR`]), first seed.
+    /// Frames where joints have not reached their goals ([`jam::NEAR`]), first seed.
     #[serde(skip)]
     off: Vec<Off>,
-    /// Where they are far off ([`jam::FAR`]), first seed.
+    /// Frames where they are far off ([`jam::FAR`]), first seed.
     #[serde(skip)]
     far: Vec<Off>,
 }
 
-/// A joint that is far from a goal in reach for a second and longer; see [`jam`].
+/// A joint that is far from a reachable goal for a second or longer; see [`jam`].
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Jam {
     /// The joint.
@@ -138,7 +138,7 @@ impl CaseResult {
     }
 }
 
-/// How much of the floor comes on top of it; `None` where the floor is as good as none.
+/// The excess relative to the floor; `None` if the floor is almost zero.
 fn excess(precision: Option<f64>, floor: f64) -> Option<f64> {
     precision.filter(|_| floor > 1e-6).map(|p| (p - floor) / floor)
 }
@@ -152,7 +152,7 @@ pub struct Evaluation {
     pub uses_model: bool,
     /// Suite.
     pub suite: String,
-    /// Plant or range of plants, where it is not nominal.
+    /// Plant or range of plants, if it is not nominal.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub plant: Option<String>,
     /// Mean Precision over tasks; `None` when any task failed.
@@ -161,7 +161,7 @@ pub struct Evaluation {
     pub ci95: Option<f64>,
     /// Excess of the mean over the mean of the floors; `None` when one of them is unknown.
     pub excess_mean: Option<f64>,
-    /// One row a task.
+    /// One row per task.
     pub tasks: Vec<CaseResult>,
 }
 
@@ -222,8 +222,8 @@ struct Job {
     seed: u64,
 }
 
-/// Rolls every case out under every policy and seed, on all cores. One result for each
-/// suite and policy, in that order; they do not depend on the number of threads.
+/// Rolls out every case with every policy and seed, on all cores. There is one result per suite and
+/// policy, in that order. The results do not depend on the number of threads.
 ///
 /// # Errors
 /// The first error that the user can fix (a policy that cannot be built, a clip for
@@ -284,9 +284,8 @@ pub fn evaluate(
     Ok(results)
 }
 
-/// Sets what is said relative to the floors: those of this very run where iLQR is one of the
-/// policies, else those that the cases come with. Another plant than the nominal one has other
-/// floors, which nobody knows.
+/// Sets the figures relative to the floors: those of this run if iLQR is one of the policies, else
+/// those of the cases. A plant other than the nominal one has unknown floors.
 fn against_floors(robot: &Robot, suite: &Suite, ilqr: Option<usize>, results: &mut [Evaluation]) {
     let floors: Vec<Option<Floor>> = match ilqr.and_then(|i| results.get(i)) {
         Some(own) => own.tasks.iter().map(CaseResult::as_floor).collect(),
@@ -314,7 +313,7 @@ fn all(
     cancel: &Cancel,
 ) -> Result<Vec<Outcome>, Error> {
     let (next, done) = (AtomicUsize::new(0), AtomicUsize::new(0));
-    // An error on one thread ends the others at their next frame.
+    // An error on one thread stops the others at their next frame.
     let stop = Cancel::default();
     let work = || -> Result<Vec<(usize, Outcome)>, Error> {
         let mut mine = Vec::new();
@@ -355,7 +354,7 @@ fn all(
     for part in finished {
         match part {
             Ok(part) => outcomes.extend(part),
-            // The cause, not the threads that it stopped.
+            // Returns the cause, not the cancellations that it led to.
             Err(e) if matches!(error, None | Some(Error::Cancelled { .. })) => error = Some(e),
             Err(_) => {}
         }

@@ -1,17 +1,16 @@
-//! What the policy sees at one frame: 30 frames of reached past, the current one and the
-//! next 20 commanded or masked frames (51 in all, indices 0..50 of the paper).
+//! What the policy sees at one frame: 30 past frames, the current one and the next 20 commanded or
+//! masked frames (51 in total, indices 0..50 of the paper).
 
 use crate::clip::Command;
 
 pub use crate::net::{COMMAND, HISTORY};
 
-/// A compiled command with what no single frame shows: the value that stands in when a
-/// whole window would be masked, and the held end.
+/// A compiled command with virtual keyframes and the held end.
 ///
-/// Training always leaves one command frame visible, so an all-masked window would be
-/// outside of what the network knows. Where 20 or more masked frames follow each other the
-/// last window frame gets a *virtual keyframe*: the straight line between the visible
-/// frames around the gap, or the last visible value after the final one.
+/// Training always leaves one command frame visible, so a completely masked window would be outside
+/// the training data. If 20 or more masked frames follow each other, the last window frame gets a
+/// *virtual keyframe*: the straight line between the visible frames around the gap, or the last
+/// visible value after the final one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Goals {
     frames: usize,
@@ -24,7 +23,7 @@ pub struct Goals {
     /// has no goal after it; (frames, dim).
     in_gap: Vec<bool>,
     last: Vec<bool>,
-    /// What is held past the end; (dim).
+    /// The command beyond the end; (dim).
     end: Vec<f64>,
 }
 
@@ -41,8 +40,8 @@ impl Goals {
             last: vec![true; frames * dim],
             end: vec![0.0; dim],
         };
-        // The line through the masks is the clip's, bit for bit: what the timeline draws as
-        // the virtual keyframe is what the policy gets.
+        // The line through the masks is that of the clip, bit for bit, so the timeline draws the
+        // same virtual keyframe as the policy gets.
         for (to, q) in goals.q.iter_mut().zip(command.filled()) {
             *to = f64::from(q);
         }
@@ -52,7 +51,7 @@ impl Goals {
                 let sees = command.sees(f as u32, j);
                 goals.visible[f * dim + j] = sees;
                 *run = if sees { 0 } else { *run + 1 };
-                // Frame f is the last of a window that shows nothing else of this joint.
+                // Frame f is the last of a window without any other goal of this joint.
                 goals.in_gap[f * dim + j] = *run >= COMMAND;
             }
         }
@@ -90,8 +89,8 @@ impl Goals {
         &self.q[f * self.dim..(f + 1) * self.dim]
     }
 
-    /// The first frame whose goal differs in anything that a window can show; `None` when
-    /// a rollout of either gives the same motion. Both must be for the same robot.
+    /// The first frame whose goal differs in a way that a window can show; `None` if a rollout of
+    /// either gives the same motion. Both must be for the same robot.
     pub fn first_difference(&self, other: &Goals) -> Option<usize> {
         let common = self.frames.min(other.frames);
         for f in 0..common {
@@ -107,11 +106,11 @@ impl Goals {
                 return Some(f);
             }
         }
-        // One clip ends here and is held; the other goes on.
+        // One clip ends here and is held; the other continues.
         (self.frames != other.frames).then_some(common)
     }
 
-    /// Overwrites a goal that no policy may read; visible and virtual ones are left alone.
+    /// Overwrites a goal that no policy may read; visible and virtual goals are unchanged.
     #[cfg(test)]
     pub(super) fn poison_hidden(&mut self, i: usize, value: f64) {
         if !self.visible[i] && !self.in_gap[i] {
@@ -121,8 +120,8 @@ impl Goals {
 
     /// Writes the command part of the window at frame `t`: goals of t+1 ..= t+20.
     ///
-    /// Past the end the last value is held, visible: to stay there is what a person means
-    /// by the end of a clip (masking it instead measured the same).
+    /// Beyond the end the last value is held and visible, because a person expects the robot to
+    /// stay there (masking it gave the same figures).
     fn show(&self, t: usize, window: &mut Window) {
         let last = self.frames.saturating_sub(1);
         let Window { command: q, visible, end, free, passing, .. } = window;
@@ -169,7 +168,7 @@ pub struct Window {
     pub command: Vec<f64>,
     /// Whether each goal counts; (20, dim).
     pub visible: Vec<bool>,
-    /// What lies at the window's end for a joint that has no goal inside: the line to its next
+    /// The value at the window's end for a joint without a goal inside: on the line to its next
     /// goal, or the last one held; (dim).
     pub end: Vec<f64>,
     /// Joints without a goal in the window or after it; (dim).
@@ -203,9 +202,9 @@ impl Window {
         self.history[(HISTORY - 1) * self.dim + j]
     }
 
-    /// Fills the window of frame `t` from all `reached` states (pre-roll of 30 first, then
-    /// frames 0..=t) and the goals. A hidden goal is NaN-free but arbitrary: no policy may
-    /// read it, which a test checks by overwriting.
+    /// Fills the window of frame `t` from all `reached` states (pre-roll of 30 first, then frames
+    /// 0..=t) and the goals. A hidden goal is finite but arbitrary: no policy may read it, which a
+    /// test checks by overwriting.
     pub fn fill(&mut self, t: usize, reached: &[f64], goals: &Goals) {
         let d = self.dim;
         self.history.copy_from_slice(&reached[t * d..(t + HISTORY) * d]);
@@ -228,8 +227,8 @@ impl Window {
     }
 
     /// The linear guide: every masked goal becomes the straight line from the *reached*
-    /// state to the next visible goal (held after the last), and counts from then on.
-    /// Recomputed each frame, so that it never asks for what was missed.
+    /// state to the next visible goal (held after the last), and counts afterwards. It is
+    /// recomputed in each frame, so that it never demands motion that was missed.
     pub fn guide_linear(&mut self) {
         let d = self.dim;
         for j in 0..d {
@@ -252,8 +251,8 @@ impl Window {
         self.visible.fill(true);
     }
 
-    /// Partly visible frames become wholly visible, the hidden joints filled linearly: for
-    /// policies that mask whole states, as in the paper.
+    /// Partly visible frames become completely visible, with hidden joints filled linearly, for
+    /// policies that mask whole states as in the paper.
     pub fn complete_partial_frames(&mut self) {
         let d = self.dim;
         let partial = |v: &[bool]| v.iter().any(|&x| x) && !v.iter().all(|&x| x);
@@ -309,8 +308,8 @@ mod tests {
         assert!((window(&g, 45, 0.9).command[19] - 0.9).abs() < 1e-6);
     }
 
-    /// The timeline draws the virtual keyframe and the insert-a-key fix stores the line:
-    /// both must be what the policy is given, also before the first key.
+    /// The timeline draws the virtual keyframe, and the fix that inserts a key stores the line.
+    /// Both must agree with the policy's input, also before the first key.
     #[test]
     fn the_line_through_a_gap_is_the_clips() {
         let mut rng = crate::rng::Rng::new(5, crate::rng::Stream::Test, 0);
@@ -361,7 +360,7 @@ mod tests {
         let a = goals(&rows, 0.0);
         assert_eq!(a.first_difference(&a), None);
         rows[45] = Some(0.8);
-        // The line through the blind gap changes from the first frame that can be shown.
+        // The line through the blind gap changes from the first frame that a window can contain.
         assert_eq!(a.first_difference(&goals(&rows, 0.0)), Some(20));
         rows[45] = Some(0.9);
         rows[50] = Some(0.9);

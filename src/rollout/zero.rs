@@ -1,4 +1,4 @@
-//! No torque at all: the floor of every comparison.
+//! No torque at all: the lower bound of every comparison.
 
 use super::error::Error;
 use super::policy::{Policy, View};

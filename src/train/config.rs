@@ -1,4 +1,4 @@
-//! Settings of a training run, presets, `--set key=value`. Saved beside the result.
+//! Settings of a training run, presets, `--set key=value`. They are saved with the result.
 
 use serde::{Deserialize, Serialize};
 
@@ -9,11 +9,10 @@ use crate::net::{
     AdamConfig, COMMAND, Facts, MaskGranularity, Mixing, NetConfig, SkipKind, TokenKind, WINDOW,
 };
 
-/// Steps at most: with the largest batch and all rounds the windows still have numbers of
-/// their own.
+/// The most steps; with the largest batch and all rounds every window still has its own number.
 const MOST_STEPS: u64 = 1_000_000_000_000;
 
-/// Everything that decides a training run, besides the data.
+/// All settings of a training run; together with the data they determine its result.
 ///
 /// ```
 /// use robert::train::TrainConfig;
@@ -34,7 +33,7 @@ pub struct TrainConfig {
     pub width: usize,
     /// Attention heads.
     pub heads: usize,
-    /// How frames hear of each other; `none` leaves a feed-forward network on each frame.
+    /// How information passes between frames; `none` is a feed-forward network for each frame.
     pub mixing: Mixing,
     /// Action bins K; 1 is plain regression.
     pub bins: usize,
@@ -44,26 +43,26 @@ pub struct TrainConfig {
     pub tokens: TokenKind,
     /// Stop distances and hinge angles in a `goal` token.
     pub profile: bool,
-    /// Whether a frame's token holds how far the action that led to it was from the linear
-    /// answer, and the ratio of both over the past, up to the current frame; nothing is learned
-    /// at earlier frames then, whose action the next token tells.
+    /// Whether tokens up to the current frame contain how far the last action was from the linear
+    /// prediction, and the ratio of both over the past. Earlier frames are then not learned from,
+    /// because the next token reveals their action.
     #[serde(default)]
     pub previous_action: bool,
     /// What a mask hides.
     pub mask_granularity: MaskGranularity,
     /// The linear prediction beside the network.
     pub skip: SkipKind,
-    /// Back differences in the linear fit; 0 leaves the choice to the robot.
+    /// Back differences in the linear fit; 0 chooses by robot.
     pub ridge_history: usize,
     /// Which command frames are hidden.
     pub mask: MaskKind,
-    /// Windows in a step.
+    /// Windows per step.
     pub batch: usize,
     /// Steps.
     pub steps: u64,
     /// Greatest learning rate.
     pub lr: f64,
-    /// How it changes.
+    /// Schedule of the learning rate.
     pub schedule: Schedule,
     /// Weight decay, on the weights of linear maps only.
     pub weight_decay: f64,
@@ -75,37 +74,37 @@ pub struct TrainConfig {
     /// Until step 9 d / (1 - d) it spans about the last ninth of the steps so far, so one value
     /// fits short and long runs.
     pub average: f64,
-    /// Rounds of self-correction: the network performs tasks from its own data, and what it
-    /// reached joins the data; 0 is off.
+    /// Rounds of self-correction: the network performs tasks from its own data, and the reached
+    /// motion is added to the data; 0 is off.
     pub self_correct: u64,
     /// Share of windows that come from earlier rounds.
     pub self_share: f64,
-    /// Tasks in a round, of 80 frames each.
+    /// Tasks per round, of 80 frames each.
     pub self_tasks: usize,
-    /// Loss weight of frames with a joint near a stop, where torque cannot be read off.
+    /// Loss weight of frames with a joint near a stop, where torque cannot be inferred.
     pub stop_weight: f64,
     /// Loss weight of frames in self-contact.
     pub contact_weight: f64,
-    /// What the network learns there.
+    /// The target of such frames.
     #[serde(default)]
     pub contact_target: ContactTarget,
-    /// Whether the model learns what actions move, fills gaps itself and leaves directions that
-    /// nothing drives alone; without it the network sees masks and goals as they are.
+    /// Whether the model learns what actions can move, fills gaps itself and ignores goals in
+    /// directions that no actuator moves. Without it the network sees masks and goals unchanged.
     #[serde(default)]
     pub reach: bool,
-    /// Names all draws: weights, batches, masks, split.
+    /// Seed of all random choices: weights, batches, masks, split.
     pub seed: u64,
 }
 
-/// What the network learns of frames in self-contact, whose torque presses instead of moving.
+/// The target of frames in self-contact, where torque presses instead of moving.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ContactTarget {
-    /// The action that was applied.
+    /// The applied action.
     #[default]
     Action,
-    /// The linear prediction, so that it leaves that prediction alone where nothing can be learned;
-    /// without a skip as `Action`.
+    /// The linear prediction, so that the network does not change it where nothing can be learned;
+    /// without a skip the same as `Action`.
     Linear,
 }
 
@@ -147,7 +146,7 @@ impl Default for TrainConfig {
     }
 }
 
-/// Presets with a line for help.
+/// Presets with a line for the help text.
 pub const PRESETS: [(&str, &str); 9] = [
     ("instant", "the linear prediction alone, fitted in seconds without training"),
     ("quick", "4 layers of 128, goal tokens, gated skip: about five minutes on two cores"),
@@ -164,7 +163,7 @@ impl TrainConfig {
     /// The settings of a preset.
     ///
     /// # Errors
-    /// [`Error::Preset`] listing those that exist.
+    /// [`Error::Preset`] with the existing names.
     pub fn preset(name: &str) -> Result<Self, Error> {
         let product = |layers, width, heads, lr| TrainConfig {
             layers,
@@ -252,8 +251,8 @@ impl TrainConfig {
         Ok(())
     }
 
-    /// Refuses values that make no training, each by itself; [`TrainConfig::check_network`]
-    /// sees those that must go together.
+    /// Refuses values that are invalid by themselves; [`TrainConfig::check_network`] checks
+    /// combinations.
     ///
     /// # Errors
     /// [`Error::Setting`].
@@ -285,13 +284,13 @@ impl TrainConfig {
         }
     }
 
-    /// Refuses sizes that make no network for any robot: before data are read. To be called
-    /// when all settings are in place, since some are right only together.
+    /// Refuses sizes that are invalid for every robot, before data are read. Call it when all
+    /// settings are known, since some are valid only together.
     ///
     /// # Errors
     /// [`Error::Setting`].
     pub fn check_network(&self) -> Result<(), Error> {
-        // The least inputs and actions: those of a robot are checked with its data.
+        // Uses the least numbers of inputs and actions; those of a robot are checked with its data.
         self.net_config(1, 1, false).check().map_err(|e| match e {
             crate::net::Error::Config { field, why } => {
                 Error::Setting { setting: field.to_owned(), why }
@@ -300,7 +299,7 @@ impl TrainConfig {
         })
     }
 
-    /// Which features, for this robot.
+    /// The features for this robot.
     pub fn token_config(&self, facts: &Facts) -> TokenConfig {
         let own = TokenConfig::for_robot(facts);
         TokenConfig {
@@ -393,7 +392,7 @@ mod tests {
         for (name, _) in PRESETS {
             TrainConfig::preset(name).unwrap().check_network().unwrap();
         }
-        // The first alone leaves no network behind; both together do.
+        // The first setting alone is invalid; both together are valid.
         let mut cfg = TrainConfig::default();
         cfg.set("heads=6").unwrap();
         assert!(cfg.check_network().is_err());

@@ -1,10 +1,10 @@
-//! Training curves as one picture, written into the run directory while it trains.
+//! Training curves as one chart, written to the run directory during training.
 
 use super::metrics::{Evaluation, HeldOut, Line};
 use super::record::Record;
 use crate::plot::{Axis, Curve, Dash, Figure, INK, Layer, Mark, Panel};
 
-/// Hidden frames whose error over training is drawn.
+/// Numbers of hidden frames whose error is drawn over training.
 const HIDDEN: [usize; 3] = [0, 4, 16];
 
 /// Four panels: closed-loop Precision by suite, action error, held-out error over training
@@ -15,7 +15,7 @@ pub fn figure(record: &Record) -> Option<Figure> {
             .into_iter()
             .flatten()
             .collect();
-    // What was never measured (no contact, no masked frame) needs no name.
+    // Figures that were never measured (no contact, no masked frame) are left out.
     let drawn = |l: &Layer| !matches!(l, Layer::Line { points, .. } if points.is_empty());
     for panel in &mut panels {
         panel.layers.retain(drawn);
@@ -42,7 +42,7 @@ pub fn figure(record: &Record) -> Option<Figure> {
     Some(figure.panel_size(460, 330).note(&note))
 }
 
-/// How a setting is written in files.
+/// The spelling of a setting in files.
 pub(super) fn word(value: &impl serde::Serialize) -> String {
     match serde_json::to_value(value) {
         Ok(serde_json::Value::String(s)) => s,

@@ -1,4 +1,4 @@
-//! What can go wrong in training.
+//! Errors of training.
 
 use std::path::PathBuf;
 
@@ -12,7 +12,7 @@ pub enum Error {
     /// No such preset.
     #[error("there is no preset {name:?}; use {known}")]
     Preset {
-        /// What was asked for.
+        /// The requested name.
         name: String,
         /// All presets.
         known: String,
@@ -22,7 +22,7 @@ pub enum Error {
     Setting {
         /// The setting.
         setting: String,
-        /// What is wrong and what would be right.
+        /// What is wrong, and what would be right.
         why: String,
     },
     /// A run directory that cannot be used.
@@ -49,9 +49,9 @@ pub enum Error {
     Diverged {
         /// Steps skipped.
         skipped: u64,
-        /// Step at which it was given up.
+        /// Step at which training stopped.
         step: u64,
-        /// Checkpoint kept: the step after it is finite.
+        /// The kept checkpoint; the step after it is finite.
         path: PathBuf,
     },
     /// A fit was stopped before its end; nothing was written.
@@ -59,7 +59,7 @@ pub enum Error {
     Stopped {
         /// Steps done.
         step: u64,
-        /// Steps asked for.
+        /// Requested steps.
         steps: u64,
     },
     /// The evaluation failed.

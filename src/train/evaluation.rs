@@ -1,5 +1,4 @@
-//! What a network is worth while it trains: error on held-out trajectories, and Precision of
-//! what it does.
+//! Evaluation during training: error on held-out trajectories, and closed-loop Precision.
 
 use super::metrics::{Evaluation, HeldOut, Metric};
 use super::options::Options;
@@ -11,10 +10,9 @@ use crate::net::head::{GAPS, Sums};
 use crate::net::{Batch, SkipKind};
 use crate::progress::Cancel;
 
-/// Windows that held-out error is measured on during a run; a twentieth for each number of
-/// hidden frames.
+/// Windows for the held-out error during a run; a twentieth for each number of hidden frames.
 const MEASURED: usize = 1_280;
-/// Windows that it is measured on at the end: actions at stops are heavy-tailed.
+/// Windows for the held-out error at the end, since actions at stops are heavy-tailed.
 const MEASURED_AT_END: usize = 5_120;
 
 /// Whether an evaluation falls on the end of this step.
@@ -24,8 +22,8 @@ fn due(step: u64, steps: u64, evaluations: u64) -> bool {
 }
 
 impl RunState<'_> {
-    /// Measures and evaluates, where that is due and not done yet. False when a stop was asked
-    /// for meanwhile: the rest is made up for when the run goes on.
+    /// Measures and evaluates if that is due and not done yet. False if a stop was requested
+    /// meanwhile; the rest is done when the run continues.
     pub(super) fn evaluate_if_due(
         &mut self,
         source: &Source<'_>,
@@ -41,7 +39,7 @@ impl RunState<'_> {
             && !self.metrics.has(self.step, |m| matches!(m, Metric::HeldOut { .. }))
         {
             let count = if self.step == cfg.steps { MEASURED_AT_END } else { MEASURED };
-            // A small run is not worth a long measurement.
+            // A small run gets a short measurement.
             let seen = self.step as usize * cfg.batch;
             let Some(found) = self.measure(source, held_out, count.min(seen), opts.cancel) else {
                 return Ok(false);
@@ -60,9 +58,9 @@ impl RunState<'_> {
         Ok(whole)
     }
 
-    /// The linear prediction alone on the evaluator's tasks: what the training has to beat, and
-    /// the first candidate for `best`, since an untrained skip network is that prediction. False
-    /// when a stop was asked for meanwhile.
+    /// Evaluates the linear prediction alone. It is the baseline and the first candidate for
+    /// `best`, since an untrained network with a skip equals it. False if a stop was requested
+    /// meanwhile.
     pub(super) fn evaluate_linear(&mut self, opts: &mut Options<'_>) -> Result<bool, Error> {
         let Some(evaluator) = opts.evaluator.as_deref_mut() else { return Ok(true) };
         let known = self.metrics.has(self.step, |m| matches!(m, Metric::Linear { .. }));
@@ -78,8 +76,7 @@ impl RunState<'_> {
         Ok(true)
     }
 
-    /// The network on the evaluator's tasks, where there is one. False when a stop was asked for
-    /// meanwhile.
+    /// Evaluates the network, if there is an evaluator. False if a stop was requested meanwhile.
     fn evaluate(&mut self, opts: &mut Options<'_>) -> Result<bool, Error> {
         let Some(evaluator) = opts.evaluator.as_deref_mut() else { return Ok(true) };
         let found: Result<Option<Evaluation>, String> =
@@ -94,7 +91,7 @@ impl RunState<'_> {
         Ok(true)
     }
 
-    /// Held-out error; `None` when a stop was asked for meanwhile.
+    /// Held-out error; `None` if a stop was requested meanwhile.
     fn measure(
         &mut self,
         source: &Source<'_>,
@@ -103,7 +100,7 @@ impl RunState<'_> {
         cancel: &Cancel,
     ) -> Option<HeldOut> {
         let batch = self.cfg.batch;
-        // The average, where there is one, is what will be used: measure that.
+        // If there is an average, it is the model that will be used, so it is measured.
         let kept = self.averaged.clone().map(|average| {
             let kept = self.learner.net.weights.to_vec();
             self.learner.net.weights.copy_from_slice(&average);
@@ -142,7 +139,8 @@ impl RunState<'_> {
         })
     }
 
-    /// Curves into the run directory. A picture that fails is no reason to stop.
+    /// Draws the curves into the run directory. A chart that cannot be written does not stop the
+    /// run.
     fn draw(&self, opts: &Options<'_>) {
         let whole = opts.dir.canonicalize().unwrap_or_else(|_| opts.dir.clone());
         let name = whole.file_name().unwrap_or_default().to_string_lossy().into_owned();

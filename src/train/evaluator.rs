@@ -1,7 +1,7 @@
-//! Selection by what a network does: shipped suites of keyframe tasks, rolled out.
+//! Selects checkpoints by rollouts of shipped suites of keyframe tasks.
 //!
-//! Action loss misleads (a lower loss went with control many times worse when frames are
-//! hidden), so the best checkpoint is the one with the best closed-loop Precision.
+//! The action loss is misleading: with hidden frames, networks with a lower loss were many times
+//! worse in control. So the best checkpoint is the one with the best closed-loop Precision.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -14,9 +14,9 @@ use crate::progress::Cancel;
 use crate::robot::Robot;
 use crate::rollout::{Learned, Linear, Policy, Rollout, RolloutConfig, Start, tasks};
 
-/// Suites that count, headline and sparse tasks alike; the others are for the report.
+/// Suites that count for the selection; the others are for the report.
 const SUITES: [&str; 2] = ["manual", "extra"];
-/// Error that stands for a rollout that broke, rad or m.
+/// Error of a rollout that diverged, rad or m.
 const BROKEN: f64 = 10.0;
 
 /// Evaluates on shipped tasks.
@@ -40,7 +40,7 @@ impl std::fmt::Debug for SuiteEvaluator {
 }
 
 impl SuiteEvaluator {
-    /// The tasks shipped for this robot, else the trial clips that its profile gives.
+    /// The tasks shipped for this robot, else trial clips generated from its profile.
     ///
     /// # Errors
     /// A message, when a shipped task is damaged.
@@ -54,7 +54,7 @@ impl SuiteEvaluator {
             }
         }
         if cases.is_empty() {
-            // A robot without tasks of its own is evaluated on what its profile gives.
+            // A robot without its own tasks is evaluated on trial clips.
             for task in tasks::trial(&robot, 0).map_err(|e| e.to_string())? {
                 let command =
                     clip::compile(&task.clip).map_err(|e| format!("{}: {e}", task.name))?;
@@ -82,7 +82,7 @@ impl Evaluate for SuiteEvaluator {
 }
 
 impl SuiteEvaluator {
-    /// All tasks; `None` when a stop was asked for meanwhile.
+    /// Evaluates all tasks; `None` if a stop was requested meanwhile.
     fn all<P: Policy + Clone + 'static>(
         &self,
         policy: P,
@@ -127,7 +127,7 @@ impl SuiteEvaluator {
         let mut rollout = Rollout::new(&self.robot, Box::new(policy), &case.command, start, config)
             .map_err(text)?;
         while !rollout.is_done() && !cancel.is_cancelled() {
-            // A plant that broke under this policy is a result, not an error of the run.
+            // A simulation that diverges under this policy is a result, not an error of the run.
             if rollout.step().is_err() {
                 return Ok(BROKEN);
             }

@@ -1,7 +1,7 @@
 //! Policies that are fitted in seconds to a minute: `ridge`, `nearest`, `mlp-inverse`.
 //!
-//! They are what a trained network has to beat with the same data, and what a new robot can
-//! be driven with at once.
+//! They are baselines for a trained network with the same data, and the first policies of a new
+//! robot.
 
 use std::path::Path;
 
@@ -15,11 +15,11 @@ use crate::progress::{Cancel, Progress};
 use crate::rng::{Rng, Stream};
 use crate::rollout::{FitCard, FitKind, Inverse, InverseSettings, Linear, Nearest, Window};
 
-/// Windows that the held-out error is measured on, for each number of hidden frames.
+/// Windows for the held-out error, for each number of hidden frames.
 const MEASURED: u64 = 256;
-/// Hidden frames before the next visible one for which it is measured.
+/// Numbers of hidden frames before the next visible one for which it is measured.
 pub const HIDDEN: [usize; 3] = [0, 4, 16];
-/// Steps between looks at the clock and the stop button.
+/// Steps between checks of the time and of the stop request.
 const REPORT_EVERY: u64 = 100;
 
 /// A fitted policy.
@@ -44,7 +44,7 @@ impl Fitted {
     }
 }
 
-/// Fits one head for every gap and writes it as a model without a trained network.
+/// Fits one head for every gap length and writes it as a model without a trained network.
 ///
 /// # Errors
 /// [`Error::Net`].
@@ -57,10 +57,10 @@ pub fn ridge(data: &Dataset, seed: u64, threads: usize, out: &Path) -> Result<Fi
     Ok(Fitted::Ridge(Box::new(linear)))
 }
 
-/// Learns what actions move from the train split of a dataset, for a model of the same robot.
+/// Learns what actions move from the training split of a dataset, for a model of the same robot.
 ///
 /// # Errors
-/// [`Error::Net`] when the dataset is of another robot or too short.
+/// [`Error::Net`] when the dataset is from another robot or too short.
 pub fn reach(data: &Dataset, card: &Card) -> Result<Reach, Error> {
     checkpoint::same_robot(&robot_card(&data.manifest().robot), &card.robot, data.path())?;
     let seed = card.training.seed;

@@ -1,10 +1,11 @@
-//! Hindsight self-correction: what the network reaches is feasible, whatever was asked for.
+//! Hindsight self-correction: motion that the network reached is feasible, whatever the command
+//! was.
 //!
-//! In rounds during the training it performs tasks cut from its own training trajectories,
-//! some frames hidden, and drifts to states that the data did not hold. What it reached
-//! becomes the command, the actions it applied the answer: correct by construction, no
-//! label and no judge. These trajectories join the data for the rest of the run (the idea
-//! of hindsight relabelling, Andrychowicz et al. 2017, with dataset aggregation).
+//! In rounds during training the network performs tasks extracted from its own training
+//! trajectories, with some frames hidden, and reaches states that are not in the data. The reached
+//! motion becomes the command, and the applied actions become the targets, which is correct by
+//! construction. These trajectories are added to the data for the rest of the run (hindsight
+//! relabelling, Andrychowicz et al. 2017, with dataset aggregation).
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -22,7 +23,7 @@ use crate::rollout::{
 
 /// States of a task: history, present, commands.
 pub(super) const STATES: usize = HISTORY + 1 + EXTRACTED_FRAMES;
-/// Joint angle or distance beyond which a rollout is no example of anything.
+/// Joint angle or distance beyond which a rollout is not used.
 const IMPLAUSIBLE: f64 = 100.0;
 
 /// One round of self-correction.
@@ -32,16 +33,16 @@ pub struct Round<'a> {
     pub round: u64,
     /// Tasks to perform.
     pub tasks: usize,
-    /// Names the draws.
+    /// Seed of the random choices.
     pub seed: u64,
-    /// Where what was reached goes.
+    /// Folder for the reached motion.
     pub dir: &'a Path,
 }
 
-/// Performs tasks from recorded motion with the network of the moment.
+/// Performs tasks from recorded motion with the current network.
 pub trait Perform {
-    /// Writes a dataset of achieved trajectories: a function of the model, the data, the
-    /// round and the seed. False when a stop was asked for meanwhile: nothing is written.
+    /// Writes a dataset of reached trajectories, which is a function of the model, the data, the
+    /// round and the seed. False if a stop was requested meanwhile; then nothing is written.
     ///
     /// # Errors
     /// A message; the run stops with it.
@@ -63,12 +64,12 @@ pub struct Simulated {
     pub threads: usize,
 }
 
-/// Where a round's trajectories lie in a run directory.
+/// Folder of a round's trajectories in a run directory.
 pub(super) fn folder(dir: &Path, round: u64) -> PathBuf {
     dir.join("self").join(format!("round-{round}"))
 }
 
-/// One achieved trajectory: n frames.
+/// One reached trajectory: n frames.
 struct Achieved {
     qpos: Vec<f32>,   // (n, S)
     qvel: Vec<f32>,   // (n, S)
@@ -144,7 +145,7 @@ impl Perform for Simulated {
     }
 }
 
-/// One task drawn, masked and performed; `None` when the simulator broke.
+/// Draws, masks and performs one task; `None` if the simulation diverged.
 fn one(
     robot: &Arc<Robot>,
     policy: Learned,
@@ -168,11 +169,11 @@ fn one(
     let mut rollout =
         Rollout::new(robot, Box::new(policy), &case.command, case.start.clone(), config)
             .map_err(|e| e.to_string())?;
-    // As the collector notes it: a frame is in contact when its action ends in contact.
+    // As in collected data, a frame is in contact if its action ends in contact.
     let touched = data.self_contact(episode).get(at.start..at.start + HISTORY);
     let mut contact = touched.unwrap_or(&[0; HISTORY]).to_vec();
     while !rollout.is_done() {
-        // A plant that broke teaches nothing; the frames before it would be too few.
+        // A simulation that diverged is not used; the frames before that would be too few.
         if rollout.step().is_err() {
             return Ok(None);
         }
@@ -182,7 +183,7 @@ fn one(
     if reached.iter().any(|x| !x.is_finite() || x.abs() > IMPLAUSIBLE) {
         return Ok(None);
     }
-    // The state after the last action has no action of its own.
+    // The state after the last action has no action.
     let n = HISTORY + EXTRACTED_FRAMES;
     let mut out = Achieved {
         qpos: q[..HISTORY * s].to_vec(),

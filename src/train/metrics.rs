@@ -1,4 +1,4 @@
-//! `metrics.jsonl`: what a run measured, one JSON object a line.
+//! `metrics.jsonl`: the figures of a run, one JSON object per line.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -12,7 +12,7 @@ use crate::fsio;
 /// Bytes of a metrics file.
 const METRICS_BYTES: u64 = 256 << 20;
 
-/// What a closed-loop evaluation found.
+/// The result of a closed-loop evaluation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Evaluation {
     /// Mean Precision over the suites: lower is better; selects the best checkpoint.
@@ -22,15 +22,14 @@ pub struct Evaluation {
 }
 
 /// Error of inferred actions on held-out trajectories, as a share of the actions' variance;
-/// `None` where no frame was measured.
+/// `None` if no frame was measured.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct HeldOut {
     /// Of the current frame, by number of hidden frames before the next visible one, 0 to 19.
     pub nmse_by_hidden: Vec<Option<f64>>,
     /// Next frame visible, away from stops and contact.
     pub nmse_clear: Option<f64>,
-    /// Next frame visible, a joint near a stop: torque that presses against a stop leaves no
-    /// trace in positions.
+    /// Next frame visible, a joint near a stop, where torque cannot be inferred from positions.
     pub nmse_stop: Option<f64>,
     /// Next frame visible, in self-contact.
     pub nmse_contact: Option<f64>,
@@ -53,9 +52,9 @@ pub struct Line {
     pub lr: f64,
     /// Norm of the gradient before clipping.
     pub grad_norm: f64,
-    /// Windows a second of the session.
+    /// Windows per second in this session.
     pub windows_per_sec: f64,
-    /// Seconds spent in the run up to here, all sessions.
+    /// Seconds spent in the run so far, all sessions.
     #[serde(default)]
     pub secs: f64,
 }
@@ -68,21 +67,21 @@ pub enum Metric {
     Evaluation {
         /// Steps done.
         step: u64,
-        /// What it found.
+        /// The result.
         evaluation: Evaluation,
     },
     /// The linear prediction alone performed them, before the first step.
     Linear {
         /// Steps done.
         step: u64,
-        /// What it found.
+        /// The result.
         linear: Evaluation,
     },
     /// Error on held-out trajectories.
     HeldOut {
         /// Steps done.
         step: u64,
-        /// What was found.
+        /// The result.
         held_out: HeldOut,
     },
     /// A step was skipped because its loss or gradient was not finite.
@@ -94,7 +93,7 @@ pub enum Metric {
     },
     /// Training steps.
     Line(Line),
-    /// A line of another version of the program; it is kept as it is.
+    /// A line of another version of the program; it is kept unchanged.
     Other(Map<String, Value>),
 }
 
@@ -146,7 +145,7 @@ impl Metrics {
         Ok(Metrics(lines.filter(|l| l.step().is_some_and(|s| s <= step)).collect()))
     }
 
-    /// Writes the file, whole or not at all.
+    /// Writes the file atomically.
     ///
     /// # Errors
     /// [`Error::Files`].
@@ -161,12 +160,12 @@ impl Metrics {
         self.0.push(metric);
     }
 
-    /// How many there are.
+    /// Number of lines.
     pub fn len(&self) -> usize {
         self.0.len()
     }
 
-    /// Whether there is none.
+    /// Whether there are no lines.
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
@@ -190,7 +189,7 @@ impl Metrics {
         self.iter().rev().find_map(last).unwrap_or(0)
     }
 
-    /// What the linear prediction alone reached.
+    /// The evaluation of the linear prediction alone.
     pub fn linear(&self) -> Option<&Evaluation> {
         self.iter().rev().find_map(|m| match m {
             Metric::Linear { linear, .. } => Some(linear),
@@ -206,7 +205,7 @@ impl Metrics {
         })
     }
 
-    /// Step and Precision of the best closed-loop evaluation; the first one of equals.
+    /// Step and Precision of the best closed-loop evaluation; the first among equals.
     pub fn best(&self) -> Option<(u64, f64)> {
         let found = self.iter().filter_map(Metric::closed_loop).map(|(s, e)| (s, e.precision));
         found.min_by(|a, b| a.1.total_cmp(&b.1))
@@ -250,7 +249,7 @@ mod tests {
     fn lines_are_read_and_written_byte_for_byte() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("metrics.jsonl");
-        // As versions wrote them that kept lines without a type.
+        // The format of versions that wrote lines without a type.
         let text = concat!(
             r#"{"linear":{"precision":0.0031,"suites":{"manual":0.002,"manual/a":0.0042}},"step":0}"#,
             "\n",

@@ -1,9 +1,9 @@
 //! Training: settings, preparation of data and linear fit, the loop, resuming.
 //!
-//! [`config`] is what a person chooses, [`prepare`] what follows from the data,
-//! [`run`] the loop, [`metrics`] what it measures, [`record`] what a run directory tells,
-//! [`sweep`] grids of runs. A run is a function of the data and the settings: thread count,
-//! kills and resumes change nothing in its weights.
+//! [`config`] contains the settings, [`prepare`] everything derived from the data, [`run`] the
+//! loop, [`metrics`] its figures, [`record`] the reader of run directories, [`sweep`] grids of
+//! runs. A run is a function of the data and the settings; thread count, kills and resumes do not
+//! change its weights.
 
 pub mod config;
 pub mod curves;

@@ -1,4 +1,4 @@
-//! How a run is carried out, who evaluates it, and how it ended.
+//! Options of a run that do not change its result, the evaluator interface, and the outcome.
 
 use std::path::PathBuf;
 
@@ -9,16 +9,16 @@ use super::metrics::{Evaluation, HeldOut};
 use crate::net::Model;
 use crate::progress::{Cancel, Progress};
 
-/// Evaluates a network by what it does, not by its loss.
+/// Evaluates a network by rollouts instead of by its loss.
 pub trait Evaluate {
-    /// Rolls the network out; `None` when a stop was asked for meanwhile.
+    /// Rolls the network out; `None` if a stop was requested meanwhile.
     ///
     /// # Errors
     /// A message; the run stops with it.
     fn evaluate(&mut self, model: &Model, cancel: &Cancel) -> Result<Option<Evaluation>, String>;
 
-    /// The same for the linear prediction alone, which is what an untrained network with a skip
-    /// gives: an evaluator may leave the network out.
+    /// The same for the linear prediction alone, which equals an untrained network with a skip, so
+    /// an evaluator may skip the network.
     ///
     /// # Errors
     /// As [`Evaluate::evaluate`].
@@ -31,7 +31,7 @@ pub trait Evaluate {
     }
 }
 
-/// How a run is carried out; nothing here changes its bits.
+/// Options of a run; none of them changes its bits.
 pub struct Options<'a> {
     /// Run directory.
     pub dir: PathBuf,
@@ -50,9 +50,9 @@ pub struct Options<'a> {
     pub cancel: &'a Cancel,
     /// Closed-loop evaluator; without one only the last model is kept.
     pub evaluator: Option<&'a mut dyn Evaluate>,
-    /// Performs tasks for self-correction; needed when the settings ask for it.
+    /// Performs tasks for self-correction; needed if the settings enable it.
     pub perform: Option<&'a mut dyn Perform>,
-    /// What else to put into meta.json (version, host, command line).
+    /// Further content of meta.json (version, host, command line).
     pub meta: serde_json::Value,
 }
 
@@ -62,14 +62,14 @@ impl std::fmt::Debug for Options<'_> {
     }
 }
 
-/// How a run ended.
+/// The outcome of a run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Finished {
-    /// Steps done, of all.
+    /// Steps done.
     pub step: u64,
     /// Steps in all.
     pub steps: u64,
-    /// Whether a stop was asked for before the end.
+    /// Whether a stop was requested before the end.
     pub interrupted: bool,
     /// Whether it ended early because the closed loop got worse.
     pub worsened: bool,

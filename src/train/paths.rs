@@ -29,7 +29,7 @@ pub fn curves(dir: &Path) -> PathBuf {
 pub fn metrics(dir: &Path) -> PathBuf {
     dir.join("metrics.jsonl")
 }
-/// What the run was made of: robot, data, machine.
+/// Robot, data and machine of the run.
 pub fn meta(dir: &Path) -> PathBuf {
     dir.join("meta.json")
 }

@@ -1,5 +1,5 @@
-//! From a dataset and settings to a network that can be trained: normaliser, linear fit,
-//! action centres, all from the train split alone.
+//! Prepares a network for training from a dataset and settings: normaliser, linear fit and action
+//! centres, all from the training split alone.
 
 use super::{Error, TrainConfig};
 use crate::dataset::{Dataset, Part};
@@ -10,10 +10,10 @@ use crate::net::ridge::RidgeConfig;
 use crate::net::{Card, Encoder, Episodes, Net, Ridge, SkipKind, Tokeniser};
 pub use crate::rollout::{card_of as robot_card, facts, normaliser};
 
-/// Actions that the bins are fitted to, at most.
+/// The most actions to which the bins are fitted.
 const ACTIONS: usize = 400_000;
 
-/// One side of the split, as the fits read it.
+/// One side of the split, as input of the fits.
 #[derive(Debug)]
 pub struct Side<'a> {
     data: &'a Dataset,
@@ -75,7 +75,7 @@ pub fn prepare(
     let actions = encoder.tokens.facts().actions;
     let net_cfg = cfg.net_config(encoder.inputs(), actions, encoder.tokens.mask_replaces());
     net_cfg.check()?;
-    // The skip already holds the mean; without one, bins sit around it.
+    // The skip already contains the mean; without one, the bins are around it.
     let centres = (cfg.skip == SkipKind::Off).then(|| {
         let total: usize = (0..train.count()).map(|e| train.actions(e).len() / actions).sum();
         let stride = total.div_ceil(ACTIONS).max(1);

@@ -1,5 +1,5 @@
-//! A run as its directory tells it: settings, metrics, how it stands against the linear
-//! answer. What `robert runs`, sweeps and the pictures read.
+//! A run as read from its directory: settings, metrics, and the comparison with the linear
+//! prediction. `robert runs`, sweeps and charts use it.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -22,11 +22,11 @@ pub struct Record {
     pub name: String,
     /// Its folder.
     pub dir: PathBuf,
-    /// Robot, where the run wrote it down.
+    /// Robot, if the run recorded it.
     pub robot: String,
     /// Settings.
     pub config: TrainConfig,
-    /// Steps done, as far as the metrics know.
+    /// Steps done, according to the metrics.
     pub step: u64,
     /// Seconds spent, all sessions.
     pub secs: f64,
@@ -116,7 +116,7 @@ impl Record {
         self.lines.last().map_or(0.0, |l| l.windows_per_sec)
     }
 
-    /// Suites, then tasks, that any evaluation names.
+    /// Suites, then tasks, of all evaluations.
     pub fn tasks(&self) -> Vec<String> {
         let all = self.evaluations.iter().map(|(_, e)| e).chain(&self.linear);
         let names: BTreeSet<(bool, &String)> =
@@ -133,7 +133,7 @@ impl Record {
     }
 }
 
-/// All runs inside a folder, by name; what is no run is passed over.
+/// All runs in a folder, by name; other content is skipped.
 ///
 /// # Errors
 /// [`Error::Files`] when the folder cannot be read.
@@ -150,12 +150,12 @@ pub fn runs_in(dir: &Path) -> Result<Vec<Record>, Error> {
     Ok(folders.iter().filter_map(|f| Record::read(f).ok()).collect())
 }
 
-/// The robot's id out of meta.json; empty in runs of before it was kept.
+/// The robot's id from meta.json; empty in older runs.
 fn robot(dir: &Path) -> String {
     meta(dir).get("robot").and_then(Value::as_str).unwrap_or_default().to_owned()
 }
 
-/// Whether a run was begun on a tile unit; none in runs of before that was kept.
+/// Whether a run was begun on a tile unit; `None` in older runs.
 pub(super) fn began_with_tiles(dir: &Path) -> Option<bool> {
     meta(dir).get("tiles").and_then(Value::as_bool)
 }
@@ -198,7 +198,7 @@ mod tests {
         assert_eq!(r.best().map(|(s, e)| (s, e.precision)), Some((5, 0.2)));
         assert_eq!(r.last().map(|(s, e)| (s, e.precision)), Some((10, 0.4)));
         assert!(r.worse_than_linear());
-        // What no step improved on is the best there is.
+        // The linear prediction is the best if no step improved on it.
         let worse = Record::of(
             "b".into(),
             TrainConfig::default(),

@@ -1,9 +1,9 @@
 //! The training loop: sample, step, log, evaluate, checkpoint.
 //!
-//! Nothing random is remembered: batch, masks and schedule are functions of seed and step,
-//! so weights, moments and the step number are the whole state and a run killed anywhere
-//! ends with the bits of one that was not (the two costly bug families of other trainers,
-//! data order and generator state, cannot occur).
+//! There is no generator state: batch, masks and schedule are functions of seed and step, so
+//! weights, moments and the step number are the whole state. A run that is killed anywhere ends
+//! with the same bits as one that is not, and two costly kinds of bugs of other trainers (data
+//! order and generator state) cannot occur.
 
 use std::time::Instant;
 
@@ -17,22 +17,22 @@ use crate::net::WINDOW;
 use crate::net::head::Sums;
 use crate::progress::Progress;
 
-/// Steps with a loss or gradient that is not finite before a run gives up.
+/// Steps with a loss or gradient that is not finite before a run stops.
 const MOST_SKIPPED: u64 = 10;
 /// Lines of training metrics in a run.
 const LINES: u64 = 400;
 
-/// Trains in `opts.dir`: begins there, or goes on from its last checkpoint.
+/// Trains in `opts.dir`: begins there, or continues from its last checkpoint.
 ///
 /// # Errors
-/// Those of [`Error`]; whatever happens, the last checkpoint stays whole.
+/// Those of [`Error`]; the last checkpoint always stays intact.
 pub fn train(data: &Dataset, cfg: &TrainConfig, mut opts: Options<'_>) -> Result<Finished, Error> {
     check(data, cfg, &opts)?;
     let mut run = RunState::open(data, cfg, &opts)?;
     let (mut interrupted, mut worsened) = (false, false);
     if run.step == 0 {
         interrupted = !run.evaluate_linear(&mut opts)?;
-        // From the first step on there is something good to fall back on.
+        // There is a valid checkpoint from the first step on.
         run.save(&opts.dir)?;
     }
     let encoder = run.encoder.clone();
@@ -40,10 +40,10 @@ pub fn train(data: &Dataset, cfg: &TrainConfig, mut opts: Options<'_>) -> Result
     let windows = Windows::new(data, WINDOW, Part::Train, cfg.seed)?;
     let held_out = Windows::new(data, WINDOW, Part::Test, cfg.seed).ok();
     let mut session = Session::new(&run);
-    // An evaluation that a stop cut short is made up for.
+    // An evaluation that was interrupted by a stop is repeated.
     interrupted |= !run.evaluate_if_due(&source, held_out.as_ref(), &mut opts)?;
 
-    // A round of steps learns from the data and from what earlier rounds reached.
+    // A round of steps learns from the data and from the motion of earlier rounds.
     'rounds: for round in 0..=cfg.self_correct {
         let end = cfg.steps * (round + 1) / (cfg.self_correct + 1);
         if interrupted {
@@ -65,7 +65,7 @@ pub fn train(data: &Dataset, cfg: &TrainConfig, mut opts: Options<'_>) -> Result
             let lr = cfg.lr * cfg.schedule.factor(run.step as f64 / cfg.steps as f64);
             let view = run.gradient(&sampler);
             if view.is_finite() {
-                // Only weights from which a step is known to be possible are kept.
+                // Only weights whose next step is known to be finite are kept.
                 let stop = opts.cancel.is_cancelled();
                 if stop || session.saved.0.elapsed().as_secs_f64() >= opts.checkpoint_secs {
                     session.checkpoint(&mut run, &opts)?;
@@ -105,7 +105,7 @@ pub fn train(data: &Dataset, cfg: &TrainConfig, mut opts: Options<'_>) -> Result
     Ok(Finished { worsened, ..session.finish(&run, &opts, interrupted) })
 }
 
-/// Settings that cannot work, said before the first step.
+/// Refuses settings that cannot work, before the first step.
 fn check(data: &Dataset, cfg: &TrainConfig, opts: &Options<'_>) -> Result<(), Error> {
     cfg.check()?;
     cfg.check_network()?;
@@ -116,20 +116,20 @@ fn check(data: &Dataset, cfg: &TrainConfig, opts: &Options<'_>) -> Result<(), Er
                 why: "there is no evaluator for the tasks".into(),
             });
         }
-        // The first round comes late: say now when no trajectory is long enough for a task.
+        // The first round is late, so a dataset without long enough trajectories is refused now.
         Windows::new(data, hindsight::STATES, Part::Train, cfg.seed)?;
     }
     Ok(())
 }
 
-/// What one call of [`train`] counts.
+/// Counters of one call of [`train`].
 struct Session {
     begin: Instant,
     /// Step that it began at.
     first: u64,
     /// Time and step of the last checkpoint.
     saved: (Instant, u64),
-    /// Since the last line of the log.
+    /// Values since the last line of the log.
     recent: Sums,
     recent_steps: u32,
     /// Norm of the last gradient that was applied.
@@ -171,7 +171,7 @@ impl Session {
     }
 
     fn diverged(&self, run: &RunState<'_>, opts: &Options<'_>) -> Error {
-        // For whoever looks at the run; resuming cuts off what lies after the checkpoint.
+        // For people who look at the run; resuming removes the lines after the checkpoint.
         if let Err(e) = run.save_metrics(&opts.dir) {
             opts.progress.log(&format!("cannot write the metrics: {e}"));
         }
@@ -183,7 +183,7 @@ impl Session {
         let rate = self.windows_per_sec(run);
         let (recent, steps) = (&self.recent, self.recent_steps);
         progress.tick(run.step, run.cfg.steps, &note(recent, steps, rate));
-        // All of them skipped: there is nothing to tell.
+        // If all of them were skipped, there is nothing to report.
         if steps == 0 {
             return;
         }

@@ -1,5 +1,5 @@
-//! Batches: window w of step t is a function of the seed, t and w alone, so that any thread
-//! may fill any slot and a resumed run sees what the whole one saw.
+//! Batches: window w of step t is a function of the seed, t and w alone, so any thread may fill any
+//! slot, and a resumed run gets the same windows.
 
 use std::sync::{Mutex, PoisonError};
 
@@ -25,12 +25,12 @@ pub(super) struct Source<'a> {
     encoder: &'a Encoder,
     cfg: &'a TrainConfig,
     ranges: Vec<Option<[f32; 2]>>,
-    /// Nearer than this to a stop counts as at it, by joint; (S).
+    /// Distance to a stop that counts as being at it, by joint; (S).
     near: Vec<f32>,
     pool: Mutex<Vec<Scratch>>,
 }
 
-/// The data of a run and what it reached itself in earlier rounds.
+/// The data of a run and the motion of its earlier rounds.
 #[derive(Debug)]
 pub(super) struct BatchSampler<'a> {
     /// The data.

@@ -1,4 +1,4 @@
-//! A run in progress: weights, moments, average, metrics; how it begins, goes on and is kept.
+//! A run in progress: weights, moments, average, metrics; how it begins, resumes and is saved.
 
 use std::path::Path;
 
@@ -96,7 +96,7 @@ impl<'a> RunState<'a> {
             };
             opts.progress.log(&format!("this run began {with} one: the result is as good, but its last bits differ from those of an undisturbed run"));
         }
-        // The checkpoint knows what it was trained with; the file beside it can be edited.
+        // The checkpoint contains its settings; the file beside it may have been edited.
         let own = serde_json::from_value::<TrainConfig>(card.training.config.clone());
         if own.ok().as_ref() != Some(cfg) {
             let why =
@@ -130,7 +130,7 @@ impl<'a> RunState<'a> {
         learner
     }
 
-    /// Moves the running average; a short memory at first, so that the start is forgotten.
+    /// Updates the running average; its memory is short at first, so that the start is forgotten.
     pub(super) fn average(&mut self, decay: f64) {
         let Some(average) = &mut self.averaged else { return };
         let n = self.learner.count as f64;
@@ -140,7 +140,7 @@ impl<'a> RunState<'a> {
         }
     }
 
-    /// The model to use: averaged weights where an average is kept.
+    /// The model to use: averaged weights if there is an average.
     pub(super) fn model(&self) -> Model {
         let mut net = self.learner.net.clone();
         if let Some(average) = &self.averaged {
@@ -159,9 +159,8 @@ impl<'a> RunState<'a> {
         self.learner.compute_gradient(&fill)
     }
 
-    /// The network of the moment performs tasks from its own data, and what it reached is
-    /// written down; nothing to do where an earlier session did. False when a stop was asked
-    /// for: then nothing is written.
+    /// The current network performs tasks from its own data, and the reached motion is saved,
+    /// unless an earlier session did so. False if a stop was requested; then nothing is written.
     pub(super) fn perform(
         &mut self,
         data: &Dataset,
@@ -181,7 +180,7 @@ impl<'a> RunState<'a> {
             .map_err(|why| Error::Evaluation { step: self.step, why })
     }
 
-    /// Figures into the card, and a file where none was better.
+    /// Writes figures to the card, and saves the model if it is the best.
     pub(super) fn note_evaluation(&mut self, found: Evaluation, dir: &Path) -> Result<(), Error> {
         self.card.training.precision = found.suites;
         self.evaluated = Some(self.step);
@@ -198,11 +197,11 @@ impl<'a> RunState<'a> {
         self.metrics.write(&paths::metrics(dir))
     }
 
-    /// Metrics first: a crash in between leaves lines that resuming cuts off again.
+    /// Metrics are written first; a crash in between leaves lines that resuming removes.
     pub(super) fn save(&mut self, dir: &Path) -> Result<(), Error> {
         self.save_metrics(dir)?;
         self.card.training.step = self.step;
-        // Figures of an earlier step are none of these weights.
+        // Figures of an earlier step do not belong to these weights.
         if self.evaluated != Some(self.step) {
             self.card.training.precision.clear();
         }

@@ -1,9 +1,8 @@
-//! A grid of settings, every point with several seeds: trained, evaluated, put in one table.
+//! Sweeps: a grid of settings, trained and evaluated with several seeds, in one table.
 //!
-//! A point is a run directory of its own, so a sweep that was stopped goes on where it was,
-//! and each point can be looked at like any run. Settings of the data (`shrink`, `corrupt`)
-//! are views of the same shards; the held-out trajectories are fixed first and are the same
-//! for every point.
+//! Each point has its own run directory, so a stopped sweep continues where it was, and each point
+//! can be inspected like any run. Settings of the data (`shrink`, `corrupt`) are views of the same
+//! shards. The held-out trajectories are fixed first and are the same for every point.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -27,7 +26,7 @@ use crate::rollout::{
 };
 use crate::units::Unit;
 
-/// Points of a grid, seeds included, at most.
+/// The most points of a grid, including seeds.
 const MOST_POINTS: usize = 10_000;
 /// Bytes of a sweep file or of a result.
 const FILE_BYTES: u64 = 4 << 20;
@@ -64,7 +63,7 @@ impl std::fmt::Display for Value {
 impl std::str::FromStr for Value {
     type Err = std::convert::Infallible;
 
-    /// What a text most plainly is.
+    /// The type of a text.
     fn from_str(text: &str) -> Result<Self, Self::Err> {
         let number =
             || text.parse().map(Value::Integer).or_else(|_| text.parse().map(Value::Float));
@@ -83,11 +82,11 @@ impl Value {
     }
 }
 
-/// A sweep as its file says.
+/// The content of a sweep file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Sweep {
-    /// Above the table and the pictures.
+    /// Title of the table and the charts.
     pub title: String,
     /// Robot id or folder.
     pub robot: String,
@@ -96,7 +95,7 @@ pub struct Sweep {
     pub data: Option<PathBuf>,
     /// Preset that the points start from.
     pub preset: String,
-    /// Settings of all points, over the preset's.
+    /// Settings of all points, which override the preset.
     #[serde(default)]
     pub set: BTreeMap<String, Value>,
     /// Values by setting; every combination is a point. `shrink` (keep every k-th
@@ -104,13 +103,13 @@ pub struct Sweep {
     pub grid: BTreeMap<String, Vec<Value>>,
     /// Seeds of every point.
     pub seeds: Vec<u64>,
-    /// Setting along the x axis of the pictures; must be in the grid.
+    /// Setting on the x axis of the charts; must be in the grid.
     pub x: String,
-    /// Suites that the last model of each point performs: shipped ones, and `test` (cut from
+    /// Suites that the last model of each point performs: shipped ones, and `test` (extracted from
     /// held-out trajectories: unmasked, a quarter and half of the frames hidden).
     #[serde(default = "default_suites")]
     pub suites: Vec<String>,
-    /// Tasks in each suite cut from data.
+    /// Tasks per suite extracted from data.
     #[serde(default = "default_cases")]
     pub cases: usize,
 }
@@ -129,7 +128,7 @@ const VIEWS: [&str; 2] = ["shrink", "corrupt"];
 /// One combination of values.
 pub type Combination = BTreeMap<String, Value>;
 
-/// What one point reached.
+/// The result of one point.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Reached {
@@ -141,7 +140,7 @@ pub struct Reached {
     pub dataset_sha256: String,
     /// Windows learned from.
     pub windows: u64,
-    /// Mean Precision by suite; `None` where a rollout broke.
+    /// Mean Precision by suite; `None` if a rollout diverged.
     pub suites: BTreeMap<String, Option<f64>>,
     /// Held-out action error, next frame known and away from stops and contact.
     pub nmse_clear: Option<f64>,
@@ -156,15 +155,14 @@ pub struct Row {
     pub values: Combination,
     /// Seeds that are done.
     pub seeds: usize,
-    /// Mean and 95 % interval over seeds by suite; `None` where a rollout broke.
+    /// Mean and 95 % interval over seeds by suite; `None` if a rollout diverged.
     pub suites: BTreeMap<String, Option<Interval>>,
     /// The same of the held-out action error.
     pub nmse_clear: Option<Interval>,
 }
 
 impl Sweep {
-    /// Reads and checks a sweep file; `set` (`key=value`) goes over the settings of all its
-    /// points.
+    /// Reads and checks a sweep file; `set` (`key=value`) overrides settings of all its points.
     ///
     /// # Errors
     /// [`Error::Files`], [`Error::Sweep`], those of the settings.
@@ -254,7 +252,7 @@ impl Sweep {
     }
 }
 
-/// Which view of the data a point learns from.
+/// The view of the data that a point learns from.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct View {
     shrink: u64,
@@ -283,12 +281,12 @@ impl View {
         }
     }
 
-    /// The view in `out/data`, made if need be; opened.
+    /// Opens the view in `out/data`, and makes it if necessary.
     fn open(self, data: &Path, out: &Path, seed: u64) -> Result<Dataset, Error> {
         let dir = out.join("data").join(self.name(seed));
         if !dir.join("manifest.json").exists() {
             let mut m = Manifest::load(data)?;
-            // A split that the data came with stands.
+            // An existing split of the data is kept.
             if m.episodes.iter().all(|e| e.part.is_none()) {
                 dataset::split(&mut m, SPLIT_SEED, TEST_SHARE)?;
             }
@@ -306,26 +304,26 @@ impl View {
     }
 }
 
-/// Characters of values that make no folder names are replaced.
+/// Replaces characters that are not allowed in folder names.
 fn slug(values: &Combination) -> String {
     let text: Vec<String> = values.iter().map(|(k, v)| format!("{k}-{v}")).collect();
     let plain = |c: char| if c.is_ascii_alphanumeric() || "-._+".contains(c) { c } else { '_' };
     text.join("_").chars().map(plain).collect()
 }
 
-/// How a sweep is carried out.
+/// Options of a sweep.
 pub struct Work<'a> {
     /// Dataset folder.
     pub data: PathBuf,
-    /// Where points, table and pictures go.
+    /// Folder for points, table and charts.
     pub out: PathBuf,
     /// Threads.
     pub threads: usize,
-    /// Who hears of it: points done of all.
+    /// Receives the progress, in points.
     pub progress: &'a dyn Progress,
-    /// Asks for a stop; what was done stays.
+    /// Asks for a stop; finished points are kept.
     pub cancel: &'a Cancel,
-    /// What else to put into the meta.json of each run.
+    /// Further content of the meta.json of each run.
     pub meta: serde_json::Value,
 }
 
@@ -335,7 +333,7 @@ impl std::fmt::Debug for Work<'_> {
     }
 }
 
-/// What a call of [`sweep`] leaves.
+/// The result of a call of [`sweep`].
 #[derive(Clone, Debug)]
 pub struct Swept {
     /// The rows so far.
@@ -346,12 +344,12 @@ pub struct Swept {
     pub data_sha256: String,
 }
 
-/// Trains and evaluates what is not done yet.
+/// Trains and evaluates the points that are not done yet.
 ///
 /// # Errors
-/// Those of training and of the files; points done before stay.
+/// Those of training and of the files; finished points are kept.
 pub fn sweep(sweep: &Sweep, robot: &Arc<Robot>, work: &Work<'_>) -> Result<Swept, Error> {
-    // All data verified once; the views refer to the same shards.
+    // All data are verified once; the views use the same shards.
     let whole = Dataset::open(&work.data, Verify::Full)?;
     whole.must_be_of(robot)?;
     let data_sha256 = whole.manifest().sha256();
@@ -375,7 +373,7 @@ pub fn sweep(sweep: &Sweep, robot: &Arc<Robot>, work: &Work<'_>) -> Result<Swept
                 found.push(done);
                 continue;
             }
-            // What earlier calls did is no measure of the time left.
+            // The work of earlier calls says nothing about the time left.
             work.progress.tick(found.len() as u64, total as u64, &format!("{name} seed {seed}"));
             let mut simulated = Simulated { robot: Arc::clone(robot), threads: work.threads };
             let done = train(&data, &cfg, options(&dir, work, &mut simulated))?;
@@ -385,11 +383,11 @@ pub fn sweep(sweep: &Sweep, robot: &Arc<Robot>, work: &Work<'_>) -> Result<Swept
             }
             let suites = match &suites {
                 Some(suites) => suites,
-                // Cut from the held-out part, which is the same in every view.
+                // Extracted from the held-out part, which is the same in every view.
                 None => suites.insert(suites_of(sweep, robot, &data)?),
             };
             let found_suites = match perform(robot, &dir, suites, work) {
-                // Cut short: the next call evaluates the point.
+                // Interrupted; the next call evaluates the point.
                 Err(_) if work.cancel.is_cancelled() => {
                     complete = false;
                     break 'all;
@@ -413,7 +411,7 @@ pub fn sweep(sweep: &Sweep, robot: &Arc<Robot>, work: &Work<'_>) -> Result<Swept
     Ok(Swept { rows: rows(&combinations, &found), complete, data_sha256 })
 }
 
-/// Marks the folder's views as those of this data; refuses a folder that belongs to others.
+/// Records the data of the folder's views; refuses a folder of other data.
 fn claim(out: &Path, sha256: &str) -> Result<(), Error> {
     let folder = out.join("data");
     let path = folder.join("source");
@@ -425,7 +423,7 @@ fn claim(out: &Path, sha256: &str) -> Result<(), Error> {
         }
         return refuse("the folder belongs to other data; choose another --out");
     }
-    // A temporary of a write that was cut short is no view.
+    // A temporary file of an interrupted write is not a view.
     let named = |e: std::fs::DirEntry| !e.file_name().to_string_lossy().starts_with('.');
     if std::fs::read_dir(&folder).is_ok_and(|all| all.flatten().any(named)) {
         return refuse("the folder does not record its data; choose another --out");
@@ -438,7 +436,7 @@ fn options<'a>(dir: &Path, work: &'a Work<'_>, perform: &'a mut Simulated) -> Op
         dir: dir.to_owned(),
         threads: work.threads,
         checkpoint_secs: 120.0,
-        // An evaluator would take longer than small points; what counts is measured at the end.
+        // An evaluator would take longer than small points, so only the last model is evaluated.
         evaluations: 4,
         patience: 0,
         progress: &Silent,
@@ -449,7 +447,7 @@ fn options<'a>(dir: &Path, work: &'a Work<'_>, perform: &'a mut Simulated) -> Op
     }
 }
 
-/// The result of a point that is done; refuses one of other settings or data.
+/// The result of a finished point; refuses one of other settings or data.
 fn finished(dir: &Path, cfg: &TrainConfig, sha: &str) -> Result<Option<Reached>, Error> {
     let path = dir.join("result.json");
     if !path.exists() {
@@ -526,8 +524,8 @@ fn rows(combinations: &[Combination], found: &[Reached]) -> Vec<Row> {
     combinations.iter().map(row).filter(|r| r.seeds > 0).collect()
 }
 
-/// One panel a suite: Precision over the setting `x`, one curve (or colour of bar) for each
-/// combination of the others, bands and whiskers the 95 % interval over seeds.
+/// One panel per suite: Precision over the setting `x`, with one curve (or colour of bar) for each
+/// combination of the others; bands and whiskers are 95 % intervals over seeds.
 pub fn figure(sweep: &Sweep, unit: Unit, rows: &[Row]) -> Option<Figure> {
     let names: Vec<&String> = rows.first()?.suites.keys().collect();
     let xs = sweep.grid.get(&sweep.x)?;
@@ -536,7 +534,7 @@ pub fn figure(sweep: &Sweep, unit: Unit, rows: &[Row]) -> Option<Figure> {
         let others = r.values.iter().filter(|(k, _)| **k != sweep.x);
         others.map(|(k, v)| format!("{k} {v}")).collect::<Vec<_>>().join(", ")
     };
-    // As the grid has them.
+    // In the order of the grid.
     let mut lines: Vec<String> = Vec::new();
     for line in rows.iter().map(label) {
         if !lines.contains(&line) {
@@ -587,7 +585,7 @@ pub fn figure(sweep: &Sweep, unit: Unit, rows: &[Row]) -> Option<Figure> {
         figure.panels.into_iter().next().map(|p| plot::Panel { title: (*suite).clone(), ..p })
     });
     let panels: Vec<_> = panels.flatten().collect();
-    // Four in a row of three would leave one alone.
+    // Four panels in rows of three would leave one alone.
     let columns = if panels.len() == 4 { 2 } else { panels.len().clamp(1, 3) };
     Some(Figure::grid(&sweep.title, panels, columns).panel_size(360, 260).note(&note))
 }

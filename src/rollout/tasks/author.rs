@@ -1,4 +1,4 @@
-//! Writes the task clips: formulas and pose tables in, documents out.
+//! Generates task clips from formulas and pose tables.
 
 use crate::clip::{Clip, Fill, Key, RobotRef};
 use crate::robot::Robot;
@@ -77,7 +77,7 @@ pub(super) fn middles(clip: &Clip, title: &str, notes: &str) -> Clip {
     sparse
 }
 
-/// Straight lines through points at even speed.
+/// Straight lines through points at constant speed.
 pub(super) fn polyline(
     robot: &Robot,
     title: &str,

@@ -1,6 +1,6 @@
-//! Hand gestures. Every pose is settled in simulation first, and what was reached is what
-//! is commanded: fingers meet the palm before they reach the drawn angle, and the error of
-//! a policy should not be the error of the drawing.
+//! Hand gestures. Every pose is settled in simulation first, and the reached pose is commanded.
+//! Fingers touch the palm before they reach the drawn angle, and the error of a policy should not
+//! be the error of the drawing.
 
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
@@ -18,7 +18,7 @@ type Thumb = [f64; 5];
 
 const STRAIGHT: Finger = [0.0; 4];
 const CURLED: Finger = [0.0, 1.4, 1.5, 1.5];
-/// Ring and little finger meet the palm a little earlier.
+/// Ring and little finger touch the palm a little earlier.
 const RING_CURLED: Finger = [0.0, 1.38, 1.5, 1.5];
 const LITTLE_CURLED: Finger = [0.0, 1.34, 1.5, 1.5];
 const HALF: Finger = [0.0, 0.7, 0.8, 0.8];
@@ -122,8 +122,8 @@ impl Poses<'_> {
         Ok(q)
     }
 
-    /// Where the hand comes to rest, to a tenth of a milliradian and within limits (the
-    /// simulator's stops are soft).
+    /// The pose in which the hand comes to rest, rounded to a tenth of a milliradian and clamped to
+    /// the limits (the simulator's stops are soft).
     fn settle(&self, target: &[f64]) -> Result<Vec<f64>, Error> {
         let settled = self.robot.settle(target)?;
         Ok(self
@@ -135,7 +135,7 @@ impl Poses<'_> {
             .collect())
     }
 
-    /// Poses held one after another, the ways between left open: (pose, open, held).
+    /// Poses held one after another with open frames between: (pose, open, held).
     fn keyed(
         &mut self,
         title: &str,
@@ -176,7 +176,7 @@ impl Poses<'_> {
         Ok(clip)
     }
 
-    /// A pose made on the spot: `base` with one finger replaced.
+    /// A pose derived from `base` by replacing one finger.
     fn variant(&mut self, name: &str, base: &str, at: usize, finger: Finger) -> Result<(), Error> {
         let mut target = self.get(base)?;
         target[at..at + 4].copy_from_slice(&finger);
@@ -186,7 +186,7 @@ impl Poses<'_> {
     }
 }
 
-/// Where each finger's J4 stands in the state, the little finger's J5 skipped.
+/// Index of each finger's J4 in the state; the little finger's J5 is skipped.
 const FINGERS: [(&str, usize); 4] = [("index", 0), ("middle", 4), ("ring", 8), ("little", 13)];
 
 pub(super) fn tasks(robot: &Robot) -> Result<Vec<Authored>, Error> {

@@ -1,5 +1,5 @@
-//! Planar shapes, metres, 10 s each. The puck can be pushed to 1 m/s and no faster; from
-//! rest it needs a tenth of a second to get going, which every moving start shows.
+//! Planar shapes, metres, 10 s each. The puck reaches at most 1 m/s. From rest it needs a tenth of
+//! a second to accelerate, which shows at every moving start.
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 

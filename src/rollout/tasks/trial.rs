@@ -1,4 +1,4 @@
-//! Trial clips for any robot: what a policy of a robot without tasks of its own is judged on.
+//! Trial clips for any robot, to evaluate policies of robots without their own tasks.
 //!
 //! Five clips follow from the robot's limits, speeds and a seed: a dense sway of all joints,
 //! the same with every tenth frame visible, poses with open gaps between, the same with one
@@ -15,11 +15,11 @@ use crate::rng::{Rng, Stream};
 use crate::robot::{Error, Robot, StateJoint};
 use crate::units::CTRL_DT;
 
-/// Share of the room to the further stop that motions use.
+/// Share of the distance to the further stop that motions use.
 const REACH: f64 = 0.45;
-/// Room of a joint without end: rad, m.
+/// Range of an unbounded joint: rad, m.
 const UNBOUNDED: [f64; 2] = [1.5, 0.5];
-/// Share of the greatest sustained speed that gaps plan with.
+/// Share of the greatest sustained speed for which gaps are planned.
 const PACE: f64 = 0.45;
 /// Longest gap, frames.
 const LONGEST_GAP: u32 = 60;
@@ -29,7 +29,7 @@ const TRIES: u64 = 12;
 const HOLD: u32 = 16;
 /// Poses in the gapped clips.
 const POSES: usize = 4;
-/// Joints that take their turn.
+/// The most joints that move in turn.
 const TURNS: usize = 6;
 
 /// The five trial clips of a robot.
@@ -83,7 +83,7 @@ fn held(robot: &Robot, seed: u64, index: u64) -> Result<Vec<f64>, Error> {
             .zip(robot.home())
             .map(|(j, home)| {
                 let way = shrink * room(j, home) * rng.range(0.3, 1.0);
-                // Mostly toward the wider side; both ways where there is no narrow one.
+                // Mostly toward the wider side; both directions if neither is narrow.
                 let back = j.unbounded && rng.uniform() < 0.5;
                 home + if back { -way } else { way }
             })

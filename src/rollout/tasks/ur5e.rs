@@ -1,5 +1,5 @@
-//! Arm tasks. The plant can hold 1.5 rad/s at its big joints (less where gravity pulls) and
-//! 2.8 rad/s at the wrists; every motion stays within.
+//! Arm tasks. The plant can sustain 1.5 rad/s at its big joints (less against gravity) and 2.8
+//! rad/s at the wrists; every motion stays within.
 
 use std::f64::consts::TAU;
 
