@@ -1,7 +1,7 @@
 //! Run with: cargo run --example author_and_roll_out
 //!
-//! Authors a clip in code (two poses of the arm, the way between left open), lets a planner
-//! perform it, and says how near it came.
+//! Builds a clip in code (two poses of the arm with open frames between), performs it with a
+//! planner, and prints the error.
 
 use std::sync::Arc;
 

@@ -1,7 +1,7 @@
 //! Run with: cargo run --example compare_policies -- ur5e/front_back
 //!
-//! Two policies on one shipped task: on the plant that they know, and on one that is
-//! heavier, stiffer and weaker than they believe.
+//! Compares two policies on one built-in task: on the robot of the file, and on one that is
+//! heavier, more damped and weaker.
 
 use std::sync::Arc;
 

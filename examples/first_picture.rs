@@ -1,6 +1,6 @@
 //! Run with: cargo run --example `first_picture` -- out.png
 //!
-//! Draws one of each shape with a commanded ghost; no simulator involved.
+//! Draws one of each shape with the ghost of a command, without the simulator.
 
 #![allow(clippy::unwrap_used)]
 

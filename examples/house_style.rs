@@ -1,6 +1,6 @@
 //! Run with: cargo run --example `house_style` -- FOLDER
 //!
-//! Every chart of the house style from made-up numbers.
+//! Draws every kind of chart from made-up numbers.
 
 #![allow(clippy::unwrap_used)]
 

@@ -1,8 +1,8 @@
 //! Run with: cargo run --example studio_client -- "$(address)"
 //!
-//! The address is the line that `robert studio` printed. Opens an example in it, moves its
-//! second key a quarter of a second later, and says what that did to the error. Plain HTTP/1.1
-//! on a socket: the interface needs no library.
+//! The address is the line that `robert studio` printed. Opens an example, moves its second key by
+//! a quarter of a second, and prints the effect on the error. It uses plain HTTP/1.1 on a socket,
+//! because the interface needs no library.
 
 use std::io::{Read, Write};
 use std::net::TcpStream;
@@ -27,7 +27,7 @@ impl Studio {
         Ok(Studio { host, token: token.to_owned() })
     }
 
-    /// One request; a refusal is an error with its sentence.
+    /// Sends one request; a refusal is an error with its message.
     pub fn ask(&self, method: &str, path: &str, body: &Value) -> Result<Value, Failure> {
         let body = body.to_string();
         let (host, token, n) = (&self.host, &self.token, body.len());

@@ -1,8 +1,8 @@
 //! Run with `cargo run --release --example train_pointmass -- data/pointmass`
 //!
 //! Trains a tiny policy on a collected dataset (`robert collect --robot pointmass
-//! --transitions 300000 --out data/pointmass`), then drives the simulated robot with it from
-//! a control loop of its own: read the state, show the network its window, apply the action.
+//! --transitions 300000 --out data/pointmass`), then controls the simulated robot with it in its
+//! own control loop: read the state, give the network its window, apply the action.
 
 use std::path::Path;
 
@@ -16,9 +16,9 @@ use robert::units::SUBSTEPS;
 
 type Failure = Box<dyn std::error::Error>;
 
-/// Frames from one goal to the next: nothing is said about those between.
+/// Frames from one goal to the next; those between have no goals.
 const STRIDE: usize = 20;
-/// Where to be, m.
+/// The goals, m.
 const GOALS: [[f64; 2]; 5] = [[0.1, 0.0], [0.1, 0.1], [0.0, 0.1], [-0.1, 0.0], [0.0, 0.0]];
 
 fn main() -> Result<(), Failure> {
@@ -33,7 +33,7 @@ fn main() -> Result<(), Failure> {
     Ok(())
 }
 
-/// About a minute on two cores; a second start goes on where the first ended.
+/// Takes about a minute on two cores; a second call continues where the first ended.
 fn teach(data: &Path, run: &Path) -> Result<(), Failure> {
     let data = Dataset::open(data, Verify::Full)?;
     let mut cfg = TrainConfig::preset("pm-tiny")?;
@@ -54,7 +54,7 @@ fn teach(data: &Path, run: &Path) -> Result<(), Failure> {
     };
     let done = train(&data, &cfg, options)?;
     if done.windows_per_sec == 0.0 {
-        println!("{} is trained already; remove it to train anew", run.display());
+        println!("{} is already trained; remove it to train again", run.display());
     } else {
         println!("{:.0} windows/s", done.windows_per_sec);
     }
@@ -68,7 +68,7 @@ fn perform(policy: &mut NetPolicy) -> Result<Vec<Vec<f64>>, Failure> {
     let robot = Robot::builtin("pointmass")?;
     let mut plant = Data::new(robot.model())?;
     let s = robot.state_dim();
-    // As if it had stood where it is for the whole history.
+    // The history is filled with the current state.
     let mut past = vec![robot.state(&plant); CURRENT + 1];
     let mut met = Vec::new();
     for frame in 0..STRIDE * GOALS.len() {

@@ -91,9 +91,9 @@ impl Format {
 /// [`What`] as it is typed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum WhatArg {
-    /// What the simulation reached.
+    /// The reached motion.
     Achieved,
-    /// What the clip asked for.
+    /// The command.
     Command,
 }
 

@@ -47,7 +47,7 @@ pub(crate) struct NoiseRule {
     amplitude: Amplitude,
     /// Largest standard deviation of the bias, by actuator.
     bias: Vec<f64>,
-    /// Whether the bias is drawn anew during an episode.
+    /// Whether the bias is redrawn during an episode.
     bias_moves: bool,
     gates: bool,
     /// For each actuator, the one that it may follow.

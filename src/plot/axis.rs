@@ -1,4 +1,4 @@
-//! Axes: range, ticks, and numbers written with no more digits than they need.
+//! Axes: range, ticks, and numbers with as few digits as possible.
 
 /// One axis of a panel.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -7,13 +7,13 @@ pub struct Axis {
     pub label: String,
     /// Its unit; shown in brackets. Empty = a pure number.
     pub unit: String,
-    /// First and last value shown; none = what the data need.
+    /// First and last value; `None` = the range of the data.
     pub range: Option<(f64, f64)>,
-    /// Powers of ten at equal distances.
+    /// Logarithmic scale.
     pub log: bool,
     /// Always show zero (bars, errors).
     pub from_zero: bool,
-    /// At least this much is shown, so that rounding does not fill the panel.
+    /// Least range, so that rounding errors do not fill the panel.
     pub least: f64,
     /// Names instead of numbers at 0, 1, 2, ...
     pub names: Vec<String>,
@@ -46,7 +46,7 @@ impl Axis {
         self
     }
 
-    /// Never less than this from end to end.
+    /// Sets the least range.
     #[must_use]
     pub fn least(mut self, span: f64) -> Axis {
         self.least = span;
@@ -106,7 +106,7 @@ impl Axis {
         (low - open(low), high + open(high))
     }
 
-    /// The ends without air.
+    /// The ends without margins.
     pub(super) fn tight(&self, low: f64, high: f64) -> (f64, f64) {
         let plain = !self.log && self.names.is_empty() && self.range.is_none();
         if plain && high > low { (low, high) } else { self.ends(low, high) }
@@ -162,7 +162,7 @@ fn log_ticks(ends: (f64, f64)) -> Vec<(f64, String)> {
         }
         ticks
     };
-    // The shorter the axis, the finer: one number alone is no scale.
+    // Short axes get finer ticks, since one number alone is not a scale.
     let all: [&[f64]; 3] =
         [&[1.0], &[1.0, 2.0, 5.0], &[1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0]];
     let from = usize::from(ends.1 / ends.0 < 100.0);
@@ -180,7 +180,7 @@ fn even_ticks(ends: (f64, f64), wish: usize) -> Vec<(f64, String)> {
     let last = (ends.1 / step + 1e-9).floor() as i64;
     let digits = digits(step);
     let greatest = ends.0.abs().max(ends.1.abs());
-    // Beyond these, digits are counted instead of read.
+    // Longer numbers are hard to read.
     let large = !(1e-4..1e5).contains(&greatest);
     (first..=last)
         .take(200)

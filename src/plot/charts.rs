@@ -1,4 +1,4 @@
-//! The charts that the tool makes, each from plain numbers.
+//! The charts of this program, made from plain numbers.
 
 use super::INK;
 use super::axis::Axis;
@@ -23,13 +23,13 @@ pub struct JointTrack {
     pub name: String,
     /// `rad` or `m`.
     pub unit: String,
-    /// Commanded value a frame; NaN where masked.
+    /// Commanded value per frame; NaN if masked.
     pub commanded: Vec<f64>,
-    /// Achieved value a frame.
+    /// Reached value per frame.
     pub achieved: Vec<f64>,
 }
 
-/// Curves that share a colour differ by their pattern.
+/// Curves with the same colour differ by their pattern.
 fn pattern(curve: usize) -> Dash {
     match curve / COLORS % 3 {
         0 => Dash::Solid,
@@ -38,7 +38,7 @@ fn pattern(curve: usize) -> Dash {
     }
 }
 
-/// Over an axis with zero, an interval around what cannot be negative ends there.
+/// On an axis with zero, the interval of a figure that cannot be negative ends at zero.
 fn curve_layers(curves: &[Curve], y: &Axis) -> Vec<Layer> {
     let band = |(color, c): (usize, &Curve)| {
         let clipped = y.from_zero && c.points.iter().all(|p| p.1.is_nan() || p.1 >= 0.0);
@@ -57,7 +57,7 @@ fn curve_layers(curves: &[Curve], y: &Axis) -> Vec<Layer> {
     bands.chain(curves.iter().enumerate().map(line)).collect()
 }
 
-/// Precision over time, one curve a method, masked spans hatched; `fps` turns frames into
+/// Precision over time, one curve per method, masked spans hatched; `fps` converts frames into
 /// seconds. `masked` are spans `[from, to)` in frames.
 pub fn precision(
     title: &str,
@@ -78,8 +78,8 @@ pub fn precision(
     Figure::of(title, panel)
 }
 
-/// Commanded against achieved, one small panel a joint. Commands that stand alone (keyframes)
-/// become crosses, those in a row a dashed line.
+/// Command and reached motion, one small panel per joint. Single commands (keyframes) become
+/// crosses, consecutive ones a dashed line.
 pub fn joints(title: &str, tracks: &[JointTrack], fps: f64) -> Figure {
     let panels = tracks.iter().enumerate().map(|(i, t)| joint_panel(i, t, fps)).collect();
     let columns = match tracks.len() {
@@ -109,7 +109,7 @@ fn joint_panel(color: usize, t: &JointTrack, fps: f64) -> Panel {
         match (masked, from) {
             (true, None) => from = Some(f),
             (false, Some(a)) => {
-                // Between two crosses: only long spans are worth a hatch.
+                // Between two crosses only long spans are hatched.
                 if f - a > 1 {
                     layers.push(Layer::Masked { x: (a as f64 / fps, (f - 1) as f64 / fps) });
                 }
@@ -143,14 +143,14 @@ fn joint_panel(color: usize, t: &JointTrack, fps: f64) -> Panel {
     Panel {
         title: t.name.clone(),
         x: Axis::new("time", "s"),
-        // Less than this is rounding: a joint at rest is a straight line.
+        // Smaller ranges are rounding errors: a joint at rest is a straight line.
         y: Axis::new("", &t.unit).least(1e-3),
         layers,
         equal: false,
     }
 }
 
-/// Paths in the plane, lengths true: achieved as lines, commanded points as crosses.
+/// Paths in the plane with equal scales: reached paths as lines, commanded points as crosses.
 pub fn xy(title: &str, paths: &[Curve], commanded: &[(f64, f64)], x: Axis, y: Axis) -> Figure {
     let mut layers = curve_layers(paths, &Axis::default());
     layers.push(Layer::Marks {
@@ -159,7 +159,7 @@ pub fn xy(title: &str, paths: &[Curve], commanded: &[(f64, f64)], x: Axis, y: Ax
         color: INK,
         mark: Mark::Cross,
     });
-    // Less than this is rounding: what stays where it is is a point.
+    // Smaller ranges are rounding errors: a robot at rest is a point.
     let (x, y) = (x.least(1e-3), y.least(1e-3));
     let panel = Panel { x, y, layers, equal: true, ..Panel::default() };
     Figure::of(title, panel).panel_size(520, 520)
@@ -190,7 +190,7 @@ pub fn bars(title: &str, groups: &[String], sets: &[(String, Vec<(f64, f64)>)], 
     Figure::of(title, panel).panel_size(width, 360)
 }
 
-/// How often values fall where, as shares of all.
+/// Histogram of values, as shares of all.
 pub fn histogram(name: &str, values: &[f64], bins: usize, x: Axis) -> Panel {
     let seen: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).collect();
     let (low, high) = x.range.unwrap_or_else(|| {
@@ -219,8 +219,8 @@ pub fn histogram(name: &str, values: &[f64], bins: usize, x: Axis) -> Panel {
     }
 }
 
-/// How often pairs of values fall where (coverage of a plane or of two joints), on a log scale:
-/// the rare corners are what matters.
+/// Two-dimensional histogram of pairs of values (coverage of a plane or of two joints), on a log
+/// scale, because rare corners matter.
 pub fn coverage(name: &str, points: &[(f64, f64)], cells: usize, x: Axis, y: Axis) -> Panel {
     let seen = || points.iter().filter(|p| p.0.is_finite() && p.1.is_finite());
     let ends = |range: Option<(f64, f64)>, pick: fn(&(f64, f64)) -> f64| {
@@ -255,7 +255,7 @@ pub fn coverage(name: &str, points: &[(f64, f64)], cells: usize, x: Axis, y: Axi
     Panel { title: name.to_owned(), x, y, layers, equal: false }
 }
 
-/// Gives the cells of all these panels one scale of colours, so that they can be compared.
+/// Gives all these panels the same colour scale, so that they can be compared.
 pub fn one_scale(panels: &mut [Panel]) {
     let scales = panels.iter().flat_map(|p| &p.layers).filter_map(Layer::scale);
     let all = scales.map(|(_, low, high)| (low, high)).reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)));

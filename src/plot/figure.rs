@@ -1,9 +1,9 @@
-//! What a chart shows, as plain data: a figure of panels, a panel of layers.
+//! The content of a chart as plain data: a figure of panels, a panel of layers.
 
 use super::axis::Axis;
 use super::palette::Theme;
 
-/// Pattern of a line: it names the kind, as colour names the joint or method.
+/// Pattern of a line: it shows the kind, while colour shows the joint or method.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Dash {
     /// Achieved.
@@ -88,9 +88,9 @@ pub enum Layer {
         columns: usize,
         /// Row by row; not finite = empty.
         values: Vec<f64>,
-        /// What the colour means, with its unit.
+        /// The meaning of the colour, with its unit.
         label: String,
-        /// Values of the first and the last colour; none = what the values need.
+        /// Values of the first and the last colour; `None` = the range of the values.
         ends: Option<(f64, f64)>,
     },
     /// A stretch of x without goal (hatched).
@@ -118,7 +118,7 @@ pub struct Panel {
     pub y: Axis,
     /// From back to front.
     pub layers: Vec<Layer>,
-    /// One metre is as long across as up.
+    /// Whether both axes have the same scale.
     pub equal: bool,
 }
 

@@ -1,4 +1,4 @@
-//! Lines of text as pixels: the font of [`super::font`], laid out with kerning.
+//! Draws lines of text as pixels in the font of [`super::font`], with kerning.
 
 use ab_glyph::{Font, FontRef, Glyph, PxScale, ScaleFont, point};
 
@@ -13,7 +13,7 @@ pub struct Letterer {
 
 impl Default for Letterer {
     fn default() -> Self {
-        // Bytes in the binary: the tests see to it that they parse.
+        // Built-in bytes; the tests check that they parse.
         Letterer {
             regular: FontRef::try_from_slice(font::REGULAR).ok(),
             bold: FontRef::try_from_slice(font::BOLD).ok(),

@@ -1,8 +1,8 @@
-//! Charts in one house style, as PNG and SVG: plain data in, a file out.
+//! Charts in a common style, as PNG and SVG, from plain data.
 //!
-//! Everything that the tool measures is drawn here (precision over time, commanded against
-//! achieved, training curves, evaluation bars, coverage of a dataset), so that two charts from
-//! two commands can stand side by side in a paper. No robot types: callers hand over numbers.
+//! All figures of the program are drawn here (precision over time, command and reached motion,
+//! training curves, evaluation bars, coverage of a dataset), so that charts from different commands
+//! fit together in a paper. There are no robot types: callers pass numbers.
 //!
 //! Rules of the style: a unit on every axis; colours that colour-blind readers can tell apart
 //! name the joint or the method; the pattern names the kind (achieved solid, commanded dashed or
@@ -24,7 +24,7 @@ pub use figure::{Dash, Figure, Layer, Mark, Panel};
 pub use lettering::Letterer;
 pub use palette::Theme;
 
-/// Number of the colour that is plain ink.
+/// Number of the text colour.
 pub const INK: usize = usize::MAX;
 
 use std::path::PathBuf;

@@ -22,7 +22,7 @@ pub const YELLOW: Rgb = [240, 228, 66];
 
 /// Colours that differ by more than their shade.
 pub(super) const COLORS: usize = 7;
-/// Lines in the order they are given out.
+/// Colours of lines, in the order of use.
 const LIGHT: [Rgb; COLORS] = [BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, [90, 90, 90]];
 const DARK: [Rgb; COLORS] =
     [SKY, ORANGE, [45, 200, 150], [230, 150, 195], YELLOW, [240, 110, 50], [190, 190, 190]];
@@ -54,7 +54,7 @@ impl Theme {
         }
     }
 
-    /// Second-rank text (ticks, units).
+    /// Secondary text (ticks, units).
     pub fn faint_ink(self) -> Rgb {
         match self {
             Theme::Light => [92, 98, 106],

@@ -1,23 +1,23 @@
-//! Where the eye is: orbit, fit, follow, fixed.
+//! Cameras: orbit, fit, follow, fixed.
 //!
 //! [`Camera::fit`] solves the framing exactly: for a given direction it finds the eye from which
-//! the outermost points touch the frame on two opposite sides, so that any robot fills the
-//! picture without a table of distances.
+//! the outermost points touch two opposite sides of the frame. So any robot fills the picture
+//! without a table of distances.
 
 use glam::camera::rh;
 use glam::{Mat4, Vec2, Vec3};
 
-/// Which camera looks at a motion.
+/// The camera of a motion.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum CameraChoice {
-    /// The profile's direction, as near as the whole motion allows.
+    /// The profile's direction, as close as the whole motion allows.
     #[default]
     Fit,
-    /// The profile's camera as it stands.
+    /// The profile's camera, unchanged.
     Fixed,
-    /// Straight down, parallel.
+    /// Straight down, with parallel rays.
     Top,
-    /// As `Fit`, once around in the course of the motion.
+    /// As `Fit`, turning once around during the motion.
     Orbit,
     /// As `Fit` for one frame, moving along with this body.
     Follow(String),
@@ -26,10 +26,10 @@ pub enum CameraChoice {
 }
 
 impl CameraChoice {
-    /// The words there are for any model.
+    /// The words that are valid for any model.
     pub const NAMES: [&str; 5] = ["fit", "fixed", "top", "orbit", "follow:BODY"];
 
-    /// From the word typed; anything else is a camera of the model.
+    /// From a word; anything else is a camera of the model.
     pub fn parse(text: &str) -> CameraChoice {
         match text {
             "fit" => CameraChoice::Fit,
@@ -70,10 +70,10 @@ pub struct Camera {
     pub lens: Lens,
 }
 
-/// A direction to look from: what a robot's profile fixes, whatever its size.
+/// A viewing direction, as in a robot's profile, independent of the robot's size.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct View {
-    /// Angle about z from +x to where the eye stands, radians.
+    /// Angle about z from +x to the eye, radians.
     pub azimuth_rad: f32,
     /// Angle of the eye above the horizon, radians.
     pub elevation_rad: f32,
@@ -128,8 +128,8 @@ impl Camera {
         Camera { eye: target + view.direction() * distance, target, lens: view.lens }
     }
 
-    /// The nearest eye in the view's direction that holds all `points`; `aspect` is width over
-    /// height. Without points it looks at the origin from one metre.
+    /// The closest eye in the view's direction whose frame contains all `points`; `aspect` is width
+    /// divided by height. Without points it looks at the origin from one metre.
     pub fn fit(points: &[Vec3], view: &View, aspect: f32) -> Camera {
         let back = view.direction();
         let right = right_of(-back);
@@ -261,7 +261,7 @@ impl Camera {
         }
     }
 
-    /// Where a point falls, -1 to 1 in x and y (up); none behind the eye.
+    /// Place of a point in the picture, -1 to 1 in x and y (up); `None` behind the eye.
     pub fn project(&self, point: Vec3, aspect: f32) -> Option<Vec2> {
         let (right, up, forward) = self.axes();
         let d = point - self.eye;
@@ -276,7 +276,7 @@ impl Camera {
     }
 }
 
-/// Straight up or down there is no right; +x is taken.
+/// Straight up or down, +x is used as the right direction.
 fn right_of(forward: Vec3) -> Vec3 {
     let right = forward.cross(Vec3::Z);
     if right.length() < 1e-4 { Vec3::X } else { right.normalize() }

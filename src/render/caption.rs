@@ -1,7 +1,7 @@
-//! Text over a picture: title, caption line, legend; drawn on the CPU after the readback.
+//! Text over a picture: title, caption line and legend, drawn on the CPU after the readback.
 //!
-//! Text is drawn at the final resolution with its own antialiasing, never through the 3-D pass:
-//! that is what keeps it sharp at any sample count.
+//! Text is drawn at the final resolution with its own antialiasing and not in the 3-D pass, so it
+//! is sharp at any sample count.
 
 use super::Picture;
 use crate::plot::Letterer;
@@ -41,7 +41,7 @@ pub struct Caption {
     pub line: String,
     /// Top right.
     pub legend: Vec<Key>,
-    /// Letters half as large again: for pictures that will be shown smaller, as in strips.
+    /// Letters 1.5 times as large, for pictures that are shown smaller, as in strips.
     pub large: bool,
 }
 
@@ -69,7 +69,7 @@ const LINE: f32 = 1.65;
 const STEP: f32 = 1.45;
 /// Letters below this cannot be read.
 const LEAST_PX: f32 = 9.0;
-/// A picture narrower than this has room for the line only.
+/// A picture narrower than this shows only the line.
 const SMALL_PX: f32 = 160.0;
 /// Between the parts of a line.
 const PARTS: &str = " · ";
@@ -110,7 +110,7 @@ impl Captioner {
         }
     }
 
-    /// What has room: nothing reaches over the margin or over anything else.
+    /// The texts that fit without crossing the margin or each other.
     fn plan(&self, width: f32, height: f32, caption: &Caption) -> Plan {
         // 15 px on 480 lines; never below what the font can show legibly.
         let scale = if caption.large { 1.5 } else { 1.0 };
@@ -119,7 +119,7 @@ impl Captioner {
         let room = width - 2.0 * margin;
         let mut plan = Plan { px, ..Plan::default() };
         let mut top = margin;
-        // Thumbnails have room for neither.
+        // Thumbnails are too small for both.
         let small = width < SMALL_PX || height < 0.6 * SMALL_PX;
         if !caption.title.is_empty() && !small {
             let title = self.shortened(&caption.title, px * 1.1, room - 2.0 * PAD * px * 1.1);
@@ -162,7 +162,7 @@ impl Captioner {
         Row { text, bold, px, frame: [x, y, width, px * LINE] }
     }
 
-    /// Cut off with an ellipsis where it is wider.
+    /// Truncates with an ellipsis if the text is wider.
     fn shortened(&self, text: &str, px: f32, room: f32) -> String {
         let fits = |t: &str| self.width(t, true, px) <= room;
         if fits(text) {
@@ -173,8 +173,8 @@ impl Captioner {
         cut.find(|t| fits(t)).unwrap_or_default()
     }
 
-    /// The line at a size at which it fits: a little smaller, else in several rows; none where
-    /// even a part of it is too wide.
+    /// The line at a size that fits: a little smaller, else in several rows; `None` if even a part
+    /// of it is too wide.
     fn wrapped(&self, line: &str, px: f32, room: f32) -> (Vec<String>, f32) {
         let fits = |t: &str, px: f32| self.width(t, false, px) + 2.0 * PAD * px <= room;
         let smaller = [1.0, 0.9, 0.8].map(|k| (px * k).max(LEAST_PX));

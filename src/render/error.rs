@@ -1,4 +1,4 @@
-//! What can go wrong while drawing, and what to do about it.
+//! Errors of drawing, with their remedies.
 
 use std::path::PathBuf;
 
@@ -8,38 +8,38 @@ use crate::exit::{Exit, HasExit};
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// No Vulkan or OpenGL driver answers; the message is the line to run.
+    /// There is no Vulkan or OpenGL driver; the message contains the command that installs one.
     #[error(
         "no Vulkan or OpenGL driver found ({reason}). Debian/Ubuntu: sudo apt install mesa-vulkan-drivers (software) or your GPU driver; check: vulkaninfo --summary"
     )]
     NoAdapter {
-        /// What the search said.
+        /// The reason.
         reason: String,
     },
-    /// No graphics card answers, and nothing else was to be taken.
+    /// There is no graphics card, and the software driver was excluded.
     #[error(
         "no graphics card found ({reason}): use --renderer auto, which draws on the processor instead"
     )]
     NoGpu {
-        /// What the search said.
+        /// The reason.
         reason: String,
     },
-    /// The driver refused or lost the device.
+    /// The driver failed or lost the device.
     #[error("the graphics driver failed ({adapter}): {reason}")]
     Device {
         /// Name of the adapter.
         adapter: String,
-        /// What the driver said.
+        /// The driver's message.
         reason: String,
     },
-    /// A picture without pixels, or with more than the cap.
+    /// A picture without pixels, or with too many.
     #[error("a picture of {width}x{height} px cannot be drawn: each edge must be 1 to {max_px} px")]
     Size {
-        /// Width asked for.
+        /// Requested width.
         width: u32,
-        /// Height asked for.
+        /// Requested height.
         height: u32,
-        /// The longest edge that this machine and the caps allow.
+        /// The longest edge that this machine and our limits allow.
         max_px: u32,
     },
     /// The frame has another number of poses than the scene has geoms.
@@ -52,10 +52,10 @@ pub enum Error {
         /// Geoms of the scene.
         geoms: usize,
     },
-    /// A pose, camera or trail holds NaN or infinity.
+    /// A pose, camera or trail contains NaN or infinity.
     #[error("{what} contains a number that is not finite: the simulation has probably diverged")]
     NotFinite {
-        /// Which value, with the geom's name where it is a pose.
+        /// The value, with the geom's name if it is a pose.
         what: String,
     },
     /// A mesh whose faces do not fit its vertices.
@@ -66,25 +66,25 @@ pub enum Error {
         /// What is wrong.
         reason: String,
     },
-    /// More geoms than are drawn.
+    /// Too many geoms.
     #[error("the scene has {geoms} geoms; at most {cap} can be drawn")]
     Geoms {
         /// Geoms of the scene.
         geoms: usize,
-        /// The cap.
+        /// The limit.
         cap: usize,
     },
-    /// The model names no such camera or body.
+    /// The model has no such camera or body.
     #[error("no {kind} named {name:?}; there are: {known}")]
     Unknown {
         /// `camera` or `body`.
         kind: &'static str,
-        /// The name asked for.
+        /// The requested name.
         name: String,
-        /// The names there are.
+        /// The existing names.
         known: String,
     },
-    /// The robot refused a state, or its drawing model does not compile.
+    /// A state does not fit the robot, or its drawing model does not compile.
     #[error(transparent)]
     Robot(Box<crate::robot::Error>),
     /// The simulator failed.
@@ -104,7 +104,7 @@ pub enum Error {
         /// Height of the film.
         height: u32,
     },
-    /// A film that its format cannot hold.
+    /// The format does not support this film size.
     #[error(
         "an .mp4 of {width}x{height} px cannot be encoded: edges must be {least} to {long} px, the shorter one at most {short}"
     )]
@@ -113,7 +113,7 @@ pub enum Error {
         width: u32,
         /// Height of the film.
         height: u32,
-        /// The shortest edge there can be.
+        /// The shortest allowed edge.
         least: u32,
         /// The longest.
         long: u32,
@@ -123,10 +123,10 @@ pub enum Error {
     /// A film without frames.
     #[error("a film needs at least one frame")]
     NoFrames,
-    /// The file name ends in nothing that can be written.
+    /// The suffix is unknown.
     #[error("unknown suffix of {path}: use {known}", path = path.display())]
     Format {
-        /// The endings there are.
+        /// The supported suffixes.
         known: &'static str,
         /// The file.
         path: PathBuf,
@@ -136,7 +136,7 @@ pub enum Error {
     Encode {
         /// `png`, `mp4`, ...
         format: &'static str,
-        /// What the encoder said.
+        /// The encoder's message.
         reason: String,
     },
     /// The file could not be written.

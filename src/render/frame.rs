@@ -1,4 +1,4 @@
-//! What changes from frame to frame: poses, ghosts, trails, glyphs, camera, caption.
+//! The content that changes from frame to frame: poses, ghosts, trails, glyphs, camera, caption.
 
 use glam::Vec3;
 
@@ -9,7 +9,7 @@ use super::{Camera, Caption, Pose};
 pub struct FrameInput<'a> {
     /// Achieved pose of every geom of the scene, solid.
     pub poses: &'a [Pose],
-    /// Without what moves of it: only ghosts stand on the floor.
+    /// Draw only ghosts, without the moving parts of the solid robot.
     pub bare: bool,
     /// Other poses of the same scene, translucent. The first is the most important: previews on
     /// a software driver draw only the first three.
@@ -22,17 +22,17 @@ pub struct FrameInput<'a> {
     pub glyphs: &'a [Glyph],
     /// The eye.
     pub camera: Camera,
-    /// Direction to the light; none = [`SUN`].
+    /// Direction to the light; `None` = [`SUN`].
     pub sun: Option<Vec3>,
     /// Text over the picture.
     pub caption: Option<&'a Caption>,
 }
 
-/// Direction to the light unless a frame says otherwise: high, from the left of the default view.
+/// Default direction to the light: high, from the left of the default view.
 pub const SUN: Vec3 = Vec3::new(-0.25, -0.60, 1.0);
 
-/// The light for a view: over the left shoulder of whoever looks, so that shadows fall to the
-/// right and away from any azimuth. Constant while a camera orbits, if taken once.
+/// The light for a view: from over the left shoulder of the viewer, so that shadows fall to the
+/// right and away at any azimuth. Compute it once to keep it constant while a camera orbits.
 pub fn sun_for(camera: &Camera) -> Vec3 {
     let (right, _, forward) = camera.axes();
     let back = Vec3::new(-forward.x, -forward.y, 0.0).normalize_or_zero();
@@ -56,7 +56,7 @@ impl<'a> FrameInput<'a> {
     }
 }
 
-/// What a translucent pose stands for; decides its colour.
+/// The meaning of a translucent pose, which decides its colour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum GhostKind {
     /// The commanded pose of this frame: blue, turning vermilion with the error of the link.
@@ -72,9 +72,10 @@ pub enum GhostKind {
 pub struct Ghost<'a> {
     /// Pose of every geom.
     pub poses: &'a [Pose],
-    /// What it stands for.
+    /// Its meaning.
     pub kind: GhostKind,
-    /// Per geom 0 (reached) to 1 (far off): tints [`GhostKind::Command`]. Empty = no tint.
+    /// Per geom 0 (reached) to 1 (far off), for the tint of [`GhostKind::Command`]. Empty = no
+    /// tint.
     pub error: &'a [f32],
     /// Opacity facing the eye, 0 to 1; outlines are denser.
     pub opacity: f32,
@@ -124,7 +125,7 @@ pub struct Mark {
     pub size: f32,
 }
 
-/// A sign of the mechanics.
+/// A symbol for mechanics.
 #[derive(Clone, Copy, Debug)]
 pub enum Glyph {
     /// Axis of a joint with its sense of rotation.
@@ -136,7 +137,7 @@ pub enum Glyph {
         /// Length, metres.
         length: f32,
     },
-    /// A touch: a disc with an arrow along the normal force.
+    /// A contact: a disc with an arrow along the normal force.
     Contact {
         /// Where, metres.
         at: Vec3,

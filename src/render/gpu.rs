@@ -1,4 +1,4 @@
-//! Adapter, device, pipelines: everything that lives as long as the renderer.
+//! Adapter, device and pipelines, which live as long as the renderer.
 
 use std::sync::{Arc, Mutex};
 
@@ -7,10 +7,10 @@ use wgpu::CompareFunction::{Always, Equal, Less, LessEqual};
 use super::Error;
 use super::prims::Vertex;
 
-/// Which adapter to take.
+/// The choice of the adapter.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Backend {
-    /// A GPU where there is one, else the software driver.
+    /// A GPU if there is one, else the software driver.
     #[default]
     Auto,
     /// Only a GPU.
@@ -112,7 +112,7 @@ impl Gpu {
             .map_err(|e| Error::Device { adapter: info.name.clone(), reason: e.to_string() })?;
         let complaint = Arc::new(Mutex::new(None));
         let slot = complaint.clone();
-        // Without a handler wgpu panics; the first complaint becomes the error of the draw.
+        // Without a handler wgpu panics; here the first error becomes that of the draw.
         device.on_uncaptured_error(Arc::new(move |e: wgpu::Error| {
             if let Ok(mut slot) = slot.lock() {
                 slot.get_or_insert_with(|| e.to_string());
@@ -121,12 +121,12 @@ impl Gpu {
         Ok(Gpu { device, queue, info, max_px, complaint })
     }
 
-    /// Whether pixels are drawn by the processor.
+    /// Whether the processor draws the pixels.
     pub(super) fn is_software(&self) -> bool {
         self.info.device_type == wgpu::DeviceType::Cpu
     }
 
-    /// The first complaint of the driver since the last call, as an error.
+    /// The first error of the driver since the last call.
     pub(super) fn check(&self) -> Result<(), Error> {
         let complaint = self.complaint.lock().ok().and_then(|mut c| c.take());
         complaint.map_or(Ok(()), |reason| Err(self.error(&reason)))
@@ -147,7 +147,7 @@ pub(super) struct Pipelines {
     pub ghost: wgpu::RenderPipeline,
     pub glass: wgpu::RenderPipeline,
     pub line: wgpu::RenderPipeline,
-    /// Signs of what happens inside: nothing hides them.
+    /// Symbols that are drawn over everything else.
     pub sign: wgpu::RenderPipeline,
     pub shadow: wgpu::RenderPipeline,
     /// Writes "nothing here" into the shadow map.
@@ -307,8 +307,8 @@ impl Pipelines {
                     depth_write_enabled: Some(p.depth_write),
                     depth_compare: Some(p.compare),
                     stencil: wgpu::StencilState::default(),
-                    // Ghosts stand back a little: where both surfaces nearly coincide the solid
-                    // one wins, instead of both showing in ragged patches.
+                    // Ghosts are moved back a little, so that the solid surface wins where both
+                    // nearly coincide, instead of ragged patches of both.
                     bias: if p.bias {
                         wgpu::DepthBiasState { constant: 4, slope_scale: 1.5, clamp: 0.0 }
                     } else {

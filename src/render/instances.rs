@@ -1,5 +1,5 @@
-//! From poses to draw lists: instances grouped by mesh, lines cut into segments, and what the
-//! passes need to know about them (bounds, the part of the picture they cover).
+//! Converts poses into draw lists: instances grouped by mesh, lines divided into segments, and
+//! their bounds for the passes.
 
 use std::collections::BTreeMap;
 use std::f32::consts::TAU;
@@ -14,7 +14,7 @@ use super::prims::Prim;
 use super::scene::{Geom, Pose, Scene, Shape};
 use crate::plot::palette;
 
-/// What an instance is an instance of.
+/// The shape of an instance.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Key {
     Prim(Prim),
@@ -40,9 +40,9 @@ pub(super) struct Drawn {
     /// Translucent parts of the model.
     pub glass: Vec<Batch>,
     pub ghosts: Vec<Batch>,
-    /// Signs that nothing hides.
+    /// Symbols that are drawn over everything else.
     pub signs: Vec<Batch>,
-    /// Corners of the box around everything that throws a shadow.
+    /// Corners of the box around everything that casts a shadow.
     pub casting: Option<(Vec3, Vec3)>,
     /// Ball around the same.
     pub centre: Vec3,
@@ -51,7 +51,7 @@ pub(super) struct Drawn {
     pub far: f32,
     /// Whether anything reaches below the floor.
     pub below_floor: bool,
-    /// The part of the picture with objects, pixels: x, y, width, height. None = all of it.
+    /// The part of the picture with objects, pixels: x, y, width, height. `None` = all of it.
     pub rect: Option<[u32; 4]>,
     /// The part with objects or their shadows on the floor.
     pub shaded: Option<[u32; 4]>,
@@ -68,8 +68,7 @@ impl Key {
 }
 
 impl Drawn {
-    /// The part of a shadow map of `px` texels along its edges that anything falls into: x, y,
-    /// width, height.
+    /// The used part of a shadow map with edges of `px` texels: x, y, width, height.
     pub(super) fn shadow_rect(&self, light: &Mat4, px: u32) -> [u32; 4] {
         let Some((low, high)) = self.casting else { return [0; 4] };
         let mut r = [1.0_f32, 1.0, -1.0, -1.0];
@@ -81,11 +80,13 @@ impl Drawn {
     }
 }
 
-/// Half edge of a plane without end, in picture heights.
+/// Half edge of an infinite plane, in picture heights.
 const ENDLESS: f32 = 40.0;
-/// Ghosts nearer than this many pixels to the solid pose are not drawn, and full at four times it.
+/// Ghosts closer than this many pixels to the solid pose are not drawn; at four times this they are
+/// fully visible.
 const COINCIDE_PX: f32 = 1.0;
-/// Touches, which lie inside of what touches: unlike every colour of a pose.
+/// Colour of contacts; it differs from every colour of a pose, because contacts are inside other
+/// shapes.
 pub(super) const CONTACT: palette::Rgb = [222, 30, 130];
 /// Joint axes.
 pub(super) const AXIS: palette::Rgb = palette::VERMILION;
@@ -98,7 +99,7 @@ impl List {
         self.0.entry(key).or_default().push(instance);
     }
 
-    /// Front to back: what is hidden is then not shaded. Translucent lists come as they are.
+    /// Sorted front to back, so that hidden parts are not shaded. Translucent lists are not sorted.
     fn flush_sorted(mut self, into: &mut Vec<Instance>, forward: Vec3) -> Vec<Batch> {
         let depth = |i: &Instance| {
             let [x, y, z] = i.rows.map(|r| r[3]);
@@ -121,7 +122,7 @@ impl List {
     }
 }
 
-/// Running bounds of what is seen.
+/// Running bounds of the visible content.
 struct Reach<'a> {
     camera: &'a Camera,
     aspect: f32,
@@ -147,7 +148,7 @@ impl Reach<'_> {
             self.low = self.low.min(at - Vec3::splat(radius));
             self.high = self.high.max(at + Vec3::splat(radius));
         }
-        // A ball seen in perspective is wider than its radius at its centre's depth.
+        // In perspective a sphere appears wider than its radius at its centre's depth.
         let perspective = matches!(self.camera.lens, Lens::Perspective { .. });
         if perspective && depth <= radius * 1.5 {
             self.everywhere |= depth > -radius;
@@ -259,7 +260,8 @@ impl Reach<'_> {
         let far = if self.far.is_finite() { self.far.max(1e-3) * 1.01 } else { scale * 4.0 };
         let near = if self.near.is_finite() { self.near * 0.99 } else { 0.0 };
         let near = match self.camera.lens {
-            // The floor reaches under the eye: it hides what is below only where it is not cut.
+            // The floor reaches under the eye; it hides things below it only where it is not
+            // clipped.
             Lens::Perspective { .. } if self.below => near.min(far * 0.02).max(far * 2e-4),
             Lens::Perspective { .. } => near.max(far * 2e-4),
             Lens::Orthographic { .. } => near,
@@ -290,8 +292,8 @@ impl Reach<'_> {
 }
 
 impl Reach<'_> {
-    /// The rectangle of the objects, widened by where their bounding box throws its shadow on the
-    /// floor; none when that cannot be told (a low sun, a shadow behind the eye).
+    /// The rectangle of the objects, extended by the shadow of their bounding box on the floor;
+    /// `None` if that is unknown (a low sun, a shadow behind the eye).
     fn with_shadow(&self, sun: Vec3) -> Option<[f32; 4]> {
         if !self.floor_z.is_finite() {
             return Some(self.rect);
@@ -316,7 +318,7 @@ fn corners(low: Vec3, high: Vec3) -> [Vec3; 8] {
     })
 }
 
-/// From -1..1 (y up) to whole pixels with a little air: x, y, width, height.
+/// From -1..1 (y up) to whole pixels with a small margin: x, y, width, height.
 fn pixels(r: [f32; 4], width: f32, height: f32) -> [u32; 4] {
     let at = |x: f32, size: f32| ((x * 0.5 + 0.5) * size).clamp(0.0, size);
     let x0 = (at(r[0], width) - 3.0).max(0.0).floor() as u32;
@@ -418,7 +420,7 @@ fn veil(
             let limit = COINCIDE_PX * height_px as f32 / 480.0;
             ((away_px - limit) / (3.0 * limit)).clamp(0.0, 1.0)
         };
-        // Without the solid robot there is nothing that a ghost could agree with.
+        // Without the solid robot a ghost cannot coincide with anything.
         let seen = solid.and_then(|poses| poses.get(i)).map_or(1.0, apart);
         if seen <= 0.0 {
             continue;
@@ -440,12 +442,12 @@ fn veil(
     }
 }
 
-/// Onion skins, as in the studio: neither is a colour between the command's two.
+/// Colours of onion skins, as in the studio; neither is between the two colours of the command.
 pub(super) const PAST: palette::Rgb = palette::GREEN;
 pub(super) const FUTURE: palette::Rgb = palette::ORANGE;
 
 /// The colour of a commanded link by its error, 0 to 1 = 10 % of the robot's size: blue, purple,
-/// vermilion, as the straight way between the ends would lead through grey.
+/// vermilion. A straight line between the ends would go through grey.
 pub fn tint(error: f64) -> palette::Rgb {
     let (near, middle, far) = ([20, 132, 214], [168, 92, 190], palette::VERMILION);
     if error < 0.5 {
@@ -552,7 +554,7 @@ fn cross(mark: &Mark, camera: &Camera, height_px: u32, reach: &mut Reach, out: &
     let px = height_px as f32 / 480.0;
     let metres = camera.metres_a_px(mark.at, height_px) * mark.size * px;
     let (right, up, forward) = camera.axes();
-    // Towards the eye by its own size, so that half of it does not vanish in a surface.
+    // Moved towards the eye by its own size, so that half of it does not disappear in a surface.
     let at = mark.at - forward * metres;
     let c = linear(mark.color);
     reach.ball(mark.at, 2.0 * metres, false);

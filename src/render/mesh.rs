@@ -1,8 +1,8 @@
-//! Triangle meshes: checked, with normals that keep edges sharp.
+//! Triangle meshes that are checked and have normals that keep edges sharp.
 //!
-//! The simulator's own vertex normals average over every face around a vertex, which makes a
-//! machined part look inflated. Here a corner averages only the faces that meet it at less than
-//! a crease angle, so a mesh is split where it has an edge.
+//! The simulator's vertex normals average over all faces around a vertex, which makes a machined
+//! part look inflated. Here a corner averages only faces that meet at less than a crease angle, so
+//! a mesh is split at its edges.
 
 use glam::Vec3;
 
@@ -116,8 +116,8 @@ fn smooth(vertices: &[[f32; 3]], faces: &[[u32; 3]]) -> Triangles {
         for &corner in around {
             let face = corner as usize / 3;
             let mut sum = Vec3::ZERO;
-            // A fan of thousands (the tip of a dense cone) would cost its square; past 64 the
-            // nearest neighbours in file order stand for all.
+            // A fan of thousands (the tip of a dense cone) would need quadratic time; beyond 64 the
+            // nearest neighbours in file order represent all.
             for &other in around.iter().take(64) {
                 let o = other as usize / 3;
                 if unit[o].dot(unit[face]) > CREASE_COS {
@@ -141,8 +141,8 @@ fn smooth(vertices: &[[f32; 3]], faces: &[[u32; 3]]) -> Triangles {
     in_order_of_use(out)
 }
 
-/// Vertices in the order in which the faces ask for them: a driver that keeps the last few does
-/// not compute them again.
+/// Vertices in the order of their use by faces, so that a driver that caches the last few does not
+/// compute them again.
 fn in_order_of_use(t: Triangles) -> Triangles {
     let mut place = vec![u32::MAX; t.vertices.len()];
     let mut vertices = Vec::with_capacity(t.vertices.len());

@@ -1,10 +1,10 @@
-//! Pictures, with or without a screen or GPU: a scene, the poses of a frame, an eye; out comes a
-//! [`Picture`], and [`encode`] makes files of pictures.
+//! Renders pictures, with or without a screen or GPU. A scene, the poses of a frame and a camera
+//! give a [`Picture`]; [`encode`] writes files of pictures.
 //!
-//! An own renderer over wgpu: the engines on offer bring hundreds of packages and another glam,
-//! and none is known for headless work. Software Vulkan (Mesa's lavapipe, one system package) is
-//! the driver where there is no GPU; a rasteriser of our own would only be a second look and a
-//! second set of reference pictures.
+//! It is our own renderer over wgpu. Rejected: existing engines, which need hundreds of packages
+//! and another version of glam, and are rarely used headless; and our own software rasteriser,
+//! which would need a second set of reference pictures. Without a GPU, software Vulkan is used
+//! (Mesa's lavapipe, one system package).
 //!
 //! ```no_run
 //! use robert::render::{Camera, FrameInput, RenderConfig, Renderer, View, encode};

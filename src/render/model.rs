@@ -1,4 +1,4 @@
-//! From a compiled model to a scene, and from joint coordinates to the poses of its geoms.
+//! Converts a compiled model into a scene, and joint coordinates into poses of its geoms.
 
 use std::sync::Arc;
 
@@ -10,15 +10,15 @@ use crate::mujoco::{self, Data, Kind, Model};
 use crate::plot::palette::{self, Theme};
 use crate::robot::{self, Robot};
 
-/// Groups from this one on are for collision: not drawn unless nothing else is there.
+/// Groups from this one on are for collision; they are drawn only if there is nothing else.
 const COLLISION_GROUP: i32 = 3;
 /// Cells along one edge of a height field.
 const FIELD_CELLS: usize = 1024;
 
 impl Scene {
-    /// Everything of a compiled model that is seen. Geom `i` of the scene is geom `i` of the
-    /// model. A level plane without end becomes the floor; a model without one gets a floor
-    /// below its lowest point, or at zero when it stands above that.
+    /// The visible content of a compiled model. Geom `i` of the scene is geom `i` of the model. A
+    /// horizontal infinite plane becomes the floor. A model without one gets a floor below its
+    /// lowest point, or at zero if it is above that.
     ///
     /// # Errors
     /// [`Error::Mesh`], [`Error::Geoms`], [`Error::NotFinite`].
@@ -55,7 +55,7 @@ impl Scene {
     }
 }
 
-/// A robot on a stage: its scene, and a simulation that is only used for kinematics.
+/// A robot with its scene and a simulation that is only used for kinematics.
 #[derive(Debug)]
 pub struct Stage {
     scene: Scene,
@@ -122,8 +122,8 @@ impl Stage {
         Ok(vec3(self.data.xpos(), body))
     }
 
-    /// Corners of what a picture of this robot is about: links that can move, and the parts
-    /// that they are hinged to. A pedestal below stays out of the reckoning.
+    /// Corners of the parts that a picture of this robot should show: links that can move, and the
+    /// parts that they are attached to. A pedestal is left out.
     pub fn moving_corners(&self, poses: &[Pose]) -> Vec<Vec3> {
         let corners = self.scene.corners_of(poses, |g| self.subject.get(g.body) == Some(&true));
         if corners.is_empty() { self.scene.corners(poses) } else { corners }
@@ -137,8 +137,8 @@ impl Stage {
         rows(self.data.xanchor()).into_iter().zip(rows(self.data.xaxis())).collect()
     }
 
-    /// Places and force directions of touches at a state, metres; found by the simulator, so
-    /// they are there only if the drawing model has contacts.
+    /// Places and force directions of contacts at a state, metres. The simulator computes them, so
+    /// they exist only if the drawing model has contacts.
     ///
     /// # Errors
     /// [`Error::Robot`], [`Error::Simulator`].
@@ -149,14 +149,14 @@ impl Stage {
         Ok(self.data.contacts().map(|c| (vec(c.pos), vec(c.normal))).collect())
     }
 
-    /// Where the paths of this robot begin: its end effector or fingertips (sites that its
-    /// profile moves by inverse kinematics), or the origin of its last body.
+    /// The points whose paths are drawn: end effector or fingertips (the sites of the profile's
+    /// inverse kinematics), or the origin of its last body.
     pub fn tips(&self) -> Vec<usize> {
         let profile = self.robot.profile();
         profile.ik_sites.iter().filter_map(|s| self.data.model().id(Kind::Site, s)).collect()
     }
 
-    /// The most vivid colour of the body that carries a site; a house colour for a grey one.
+    /// The most saturated colour of the body of a site; a default colour for a grey body.
     pub fn accent(&self, site: usize, index: usize) -> [f32; 3] {
         let body = self.data.model().site_bodyid().get(site).and_then(|b| usize::try_from(*b).ok());
         let vivid = |c: &[f32; 4]| {
@@ -171,7 +171,7 @@ impl Stage {
         }
     }
 
-    /// Per geom how far off it is, 0 to 1: the distance between both poses, 1 at `full_m`.
+    /// The error per geom, 0 to 1: the distance between both poses, 1 at `full_m`.
     pub fn error(reached: &[Pose], commanded: &[Pose], full_m: f32) -> Vec<f32> {
         reached
             .iter()
@@ -185,7 +185,7 @@ impl Stage {
         View::of(&self.robot.profile().camera)
     }
 
-    /// The profile's camera as it stands.
+    /// The profile's camera, unchanged.
     pub fn fixed_camera(&self) -> Camera {
         let c = &self.robot.profile().camera;
         let target = Vec3::from_array(c.lookat.map(|x| x as f32));
@@ -195,7 +195,7 @@ impl Stage {
     /// A camera of the model, by name.
     ///
     /// # Errors
-    /// [`Error::Unknown`] with the names there are.
+    /// [`Error::Unknown`] with the existing names.
     pub fn model_camera(&self, name: &str) -> Result<Camera, Error> {
         let model = self.data.model();
         let Some(id) = model.id(Kind::Camera, name) else {
@@ -262,7 +262,7 @@ pub fn poses(data: &Data) -> Vec<Pose> {
         .collect()
 }
 
-/// Which visibility groups are drawn: the visual ones; all, where a model has no other.
+/// The drawn visibility groups: the visual ones, or all if a model has no visual ones.
 fn shown_groups(model: &Model) -> impl Fn(i32) -> bool {
     let plane = Some(mujoco::Geom::Plane);
     let any = (0..model.ngeom()).any(|i| {
@@ -304,7 +304,7 @@ fn geom(model: &Model, i: usize, fields: usize) -> Geom {
     }
 }
 
-/// Height of a level plane of the world without end.
+/// Height of a horizontal infinite plane of the world.
 fn floor_height(model: &Model, i: usize, geom: &Geom) -> Option<f32> {
     let Shape::Plane { half_x, half_y } = geom.shape else { return None };
     let quat = model.geom_quat().get(4 * i..4 * i + 4)?;

@@ -1,4 +1,4 @@
-//! What a pixel shows: a ray through the very triangles that are drawn.
+//! Finds the geom at a pixel, by a ray through the drawn triangles.
 
 use glam::{Vec2, Vec3};
 
@@ -6,7 +6,7 @@ use super::camera::Camera;
 use super::prims::{Prim, Triangles};
 use super::scene::{Pose, Scene, Shape};
 
-/// The geom that is seen at `at` (-1 to 1, y up), the nearest; none where the floor or the sky is.
+/// The nearest geom at `at` (-1 to 1, y up); `None` for the floor or the sky.
 pub(super) fn geom_at(
     scene: &Scene,
     poses: &[Pose],
@@ -33,7 +33,7 @@ pub(super) fn geom_at(
                 None => continue,
             },
         };
-        // The ray in the geom's own frame: its length stays, so distances compare.
+        // The ray in the geom's own frame; its length is kept, so distances can be compared.
         let back = pose.rot.transpose();
         let (o, d) = (back * (origin - pose.pos), back * ray);
         if let Some(t) = first_hit(triangles, geom.shape.radii(), half_length, o, d)
@@ -45,7 +45,7 @@ pub(super) fn geom_at(
     nearest.map(|(_, i)| i)
 }
 
-/// Where a ray first meets triangles that are scaled as the shader scales them (Möller and
+/// First intersection of a ray with triangles that are scaled as in the shader (Möller and
 /// Trumbore, 1997).
 fn first_hit(t: &Triangles, size: Vec3, half_length: f32, o: Vec3, d: Vec3) -> Option<f32> {
     let point = |i: u32| {

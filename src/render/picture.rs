@@ -1,19 +1,19 @@
-//! A finished picture in memory, and pictures put together: side by side, film strip.
+//! A picture in memory, and combinations of pictures: side by side, film strip.
 
 use super::Error;
 
 /// 8-bit sRGB with opacity, rows from the top, no padding.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Picture {
-    /// Pixels a row.
+    /// Width, pixels.
     pub width: u32,
-    /// Rows.
+    /// Height, pixels.
     pub height: u32,
     /// `4 * width * height` bytes, R G B A.
     pub rgba: Vec<u8>,
 }
 
-/// Between two pictures put together.
+/// Gap between two combined pictures.
 const GAP_PX: u32 = 6;
 
 impl Picture {
@@ -24,7 +24,7 @@ impl Picture {
         Picture { width, height, rgba: pixel.repeat(count) }
     }
 
-    /// Red, green, blue at a place; black outside.
+    /// Red, green and blue at a pixel; black outside.
     pub fn rgb(&self, x: u32, y: u32) -> [u8; 3] {
         if x >= self.width {
             return [0; 3];
@@ -42,7 +42,7 @@ impl Picture {
         out
     }
 
-    /// Lays `other` over this one with its corner at (x, y); what falls outside is cut.
+    /// Copies `other` onto this one with its corner at (x, y); parts outside are clipped.
     pub fn paste(&mut self, other: &Picture, x: u32, y: u32) {
         if x >= self.width {
             return;
@@ -77,7 +77,7 @@ impl Picture {
         Ok(out)
     }
 
-    /// A film strip: moments in reading order, at most `columns` a row.
+    /// A film strip: moments in reading order, at most `columns` per row.
     ///
     /// # Errors
     /// [`Error::NoFrames`] without pictures.
@@ -97,7 +97,7 @@ impl Picture {
     }
 }
 
-/// A film strip that is filled cell by cell: no more than the strip itself is held.
+/// A film strip that is filled cell by cell, so that only the strip is in memory.
 #[derive(Clone, Debug)]
 pub struct Strip {
     picture: Picture,
@@ -106,7 +106,7 @@ pub struct Strip {
 }
 
 impl Strip {
-    /// Room for `count` cells of `cell` pixels, at most `columns` a row.
+    /// A strip for `count` cells of `cell` pixels, at most `columns` per row.
     pub fn new(count: usize, columns: usize, cell: (u32, u32)) -> Strip {
         let columns = columns.clamp(1, count.max(1));
         let (width, height) = Strip::px(count, columns, cell);

@@ -24,10 +24,10 @@ pub(super) struct Triangles {
     pub indices: Vec<u32>,
 }
 
-/// Which unit shape; the order is the draw order.
+/// The unit shapes, in draw order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(super) enum Prim {
-    /// Few triangles, for shapes of some pixels.
+    /// Few triangles, for shapes of a few pixels.
     BallCoarse,
     Ball,
     BallFine,
@@ -63,7 +63,7 @@ impl Prim {
         }
     }
 
-    /// The ball for a radius on screen: facets stay below about a third of a pixel.
+    /// The sphere for a radius on screen, with facets below about a third of a pixel.
     pub(super) fn ball_for(radius_px: f32) -> Prim {
         if radius_px < 14.0 {
             Prim::BallCoarse

@@ -1,9 +1,10 @@
 //! Draws a frame: shadow, objects (4 samples), composition over the backdrop, readback.
 //!
-//! On a software driver every pixel counts, so nothing is drawn that is there already. The
-//! backdrop (sky and endless floor) has no edges that need multisampling and changes with the
-//! camera only: it is kept, with and without sun, and mixed where a shadow falls. The shadow map
-//! is wiped where something was. Composition covers what objects and their shadows reach.
+//! On a software driver every pixel is expensive, so unchanged content is not drawn again. The
+//! backdrop (sky and endless floor) has no edges that need multisampling and changes only with the
+//! camera. It is kept with and without sun, and the two are mixed where there is a shadow. The
+//! shadow map is cleared only where it was used. Composition covers only the area of objects and
+//! their shadows.
 
 use std::collections::BTreeMap;
 
@@ -17,28 +18,29 @@ use super::instances::{Batch, Drawn, Key, linear};
 use super::prims::{Prim, Triangles};
 use super::{Backend, Error, Picture, Scene};
 
-/// How much is spent on a picture.
+/// The quality of a picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Quality {
-    /// Fast on a software driver: 1 sample, 1024 shadow, at most one ghost. On a GPU as export.
+    /// Fast on a software driver: 1 sample, 1024 shadow, at most one ghost. On a GPU the same as
+    /// export.
     Preview,
     /// 4 samples, 2048 shadow.
     #[default]
     Export,
 }
 
-/// How to set up a renderer.
+/// Settings of a renderer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RenderConfig {
-    /// Pixels a row.
+    /// Width, pixels.
     pub width: u32,
-    /// Rows.
+    /// Height, pixels.
     pub height: u32,
     /// Samples, shadow, ghosts.
     pub quality: Quality,
-    /// Which adapter.
+    /// The adapter.
     pub backend: Backend,
-    /// Whether things throw shadows.
+    /// Whether objects cast shadows.
     pub shadows: bool,
 }
 
@@ -56,9 +58,9 @@ impl Default for RenderConfig {
 
 /// Ghosts of a preview on a software driver: the command, the key before, the key after.
 const CHEAP_GHOSTS: usize = 3;
-/// Seconds that the driver may take for one frame.
+/// Time limit of the driver for one frame, seconds.
 const FRAME_SECS: u64 = 120;
-/// Pixels beyond which four samples a pixel would not fit the memory of small machines.
+/// Pixels beyond which four samples per pixel would not fit into the memory of small machines.
 const SAMPLED_PX: u64 = 4096 * 4096;
 /// x, y, width, height.
 type Rect = [u32; 4];
@@ -89,7 +91,7 @@ struct Targets {
     pitch: u32,
 }
 
-/// An open device with everything on it. Keep it: opening costs some 0.2 s.
+/// An open device with all its resources. Keep it, because opening takes about 0.2 s.
 #[derive(Debug)]
 pub struct Renderer {
     gpu: Gpu,
@@ -101,9 +103,9 @@ pub struct Renderer {
     shadow_group: wgpu::BindGroup,
     shadow_view: wgpu::TextureView,
     shadow_px: u32,
-    /// Where the shadow map holds anything, texels; unknown before the first frame.
+    /// The used part of the shadow map, texels; unknown before the first frame.
     shadow_used: Option<Rect>,
-    /// What the backdrops were drawn for.
+    /// The settings of the current backdrops.
     painted: Option<Globals>,
     instances: wgpu::Buffer,
     segments: wgpu::Buffer,
@@ -196,13 +198,13 @@ impl Renderer {
         Ok(renderer)
     }
 
-    /// Name of the adapter and whether the processor draws.
+    /// Name of the adapter, and whether it is a software driver.
     pub fn adapter(&self) -> (String, bool) {
         let info = &self.gpu.info;
         (format!("{} ({:?})", info.name, info.backend), self.gpu.is_software())
     }
 
-    /// Samples a pixel and texels along the shadow map's edge.
+    /// Samples per pixel, and texels along the shadow map's edge.
     pub fn samples(&self) -> (u32, u32) {
         (self.pipelines.samples, self.shadow_px)
     }
@@ -212,7 +214,7 @@ impl Renderer {
         (self.config.width, self.config.height)
     }
 
-    /// Changes the size of the pictures to come.
+    /// Changes the size of the following pictures.
     ///
     /// # Errors
     /// [`Error::Size`], [`Error::Device`].
@@ -251,7 +253,8 @@ impl Renderer {
         let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         let shadow_used = self.shadow_pass(&mut encoder, scene, &drawn, &globals);
         self.object_pass(&mut encoder, scene, &drawn);
-        // Of the matrices only the sky and the floor's rays matter, and those stand beside them.
+        // The backdrop depends only on the rays of sky and floor, which are stored beside the
+        // matrices.
         let still = Globals {
             view_proj: [[0.0; 4]; 4],
             light_proj: [[0.0; 4]; 4],
@@ -328,7 +331,7 @@ impl Renderer {
         }
     }
 
-    /// Draws the shadow map; says where it now holds anything.
+    /// Draws the shadow map, and returns its used part.
     fn shadow_pass(
         &self,
         encoder: &mut wgpu::CommandEncoder,
@@ -337,7 +340,7 @@ impl Renderer {
         globals: &Globals,
     ) -> Rect {
         let light = Mat4::from_cols_array_2d(&globals.light_proj);
-        // Without shadows the map is still read: it must say "lit everywhere".
+        // Without shadows the map is still read, so it must mean "lit everywhere".
         let used =
             if self.config.shadows { drawn.shadow_rect(&light, self.shadow_px) } else { [0; 4] };
         let mut pass = depth_pass(encoder, &self.shadow_view, self.shadow_used.is_none());
@@ -488,13 +491,13 @@ impl Renderer {
         let half = camera.half_height();
         let ortho = matches!(camera.lens, super::Lens::Orthographic { .. });
         // Height of the picture at the target: the scale of cells and fog. It does not depend on
-        // poses, so the floor keeps still.
+        // poses, so the floor does not move.
         let focus = 2.0 * camera.metres_a_px(camera.target, 2).max(1e-4);
         let cell = cell_size(focus / 5.0);
         let sun = input.sun.unwrap_or(SUN).normalize_or(Vec3::Z);
-        // Finer than the picture a shadow need not be: texels of half a pixel at least. On a
-        // software driver this is worth a fifth of the frame: fewer of them are drawn, and
-        // those that are looked up lie closer in memory.
+        // A shadow need not be finer than the picture, so texels have at least half a pixel. On a
+        // software driver this saves a fifth of the frame: fewer texels are drawn, and lookups are
+        // closer in memory.
         let least = 0.5 * camera.metres_a_px(drawn.centre, self.config.height);
         let reach = drawn.radius.max(0.5 * least * self.shadow_px as f32);
         let (light_proj, texel_m) = light_box(sun, drawn.centre, reach, self.shadow_px);
@@ -530,7 +533,7 @@ impl Renderer {
     }
 }
 
-/// The nearest of 1, 2, 5 times a power of ten, not below `wish`.
+/// The next of 1, 2, 5 times a power of ten, not below `wish`.
 fn cell_size(wish: f32) -> f32 {
     let power = 10_f32.powf(wish.max(1e-6).log10().floor());
     let lead = wish / power;
@@ -546,10 +549,10 @@ fn cell_size(wish: f32) -> f32 {
         }
 }
 
-/// Orthographic light that holds a ball; and the metres of one texel.
+/// Orthographic light that covers a sphere, and the metres of one texel.
 ///
-/// The size grows in steps of a tenth and the centre sits on the texel grid: otherwise the edge
-/// of a shadow would crawl from frame to frame.
+/// The size grows in steps of a tenth, and the centre is on the texel grid; otherwise the edge of a
+/// shadow would flicker from frame to frame.
 fn light_box(sun: Vec3, centre: Vec3, radius: f32, shadow_px: u32) -> (Mat4, f32) {
     let step = 1.1_f32;
     let radius = step.powf((radius.max(1e-4) * 1.03).log(step).ceil());
@@ -605,7 +608,7 @@ fn check_input(scene: &Scene, input: &FrameInput) -> Result<(), Error> {
     Ok(())
 }
 
-/// The smallest rectangle around both; one without extent does not count.
+/// The smallest rectangle around both; an empty one does not count.
 fn union(a: Rect, b: Rect) -> Rect {
     let empty = |r: Rect| r[2] == 0 || r[3] == 0;
     if empty(a) {
@@ -751,7 +754,7 @@ fn put(device: &wgpu::Device, queue: &wgpu::Queue, buffer: &mut wgpu::Buffer, by
     }
 }
 
-/// Kept here so that the sizes in the shader and on the host are named once.
+/// Kept here so that sizes in the shader and on the host are defined once.
 const _: () = assert!(size_of::<Instance>() == 80 && size_of::<Segment>() == 96);
 
 #[cfg(test)]

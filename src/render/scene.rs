@@ -1,4 +1,4 @@
-//! What there is to draw: the geoms of a model, once; poses come with every frame.
+//! The geoms of a model to draw; poses come with every frame.
 //!
 //! A scene can be built from a compiled model or by hand, so that pictures (and their golden
 //! tests) need no simulator.
@@ -9,7 +9,7 @@ use glam::{Mat3, Vec3};
 
 use super::{Error, Mesh};
 
-/// Geoms drawn at most; each costs 80 bytes a frame.
+/// The most geoms to draw; each costs 80 bytes per frame.
 pub const GEOMS: usize = 100_000;
 
 /// World pose of one geom.
@@ -82,7 +82,7 @@ pub enum Shape {
         /// Along x, y, z.
         half: Vec3,
     },
-    /// In z = 0; an edge of 0 means without end.
+    /// In z = 0; an edge of 0 means infinite.
     Plane {
         /// Half edge along x.
         half_x: f32,
@@ -116,7 +116,7 @@ pub struct Floor {
     pub z: f32,
 }
 
-/// Everything of a model that is drawn.
+/// The visible content of a model.
 #[derive(Clone, Debug)]
 pub struct Scene {
     pub(super) id: u64,
@@ -127,11 +127,11 @@ pub struct Scene {
 }
 
 impl Scene {
-    /// A scene from its parts. Shapes without extent are dropped from drawing (they cannot be
-    /// seen), not refused: models use them as markers.
+    /// A scene from its parts. Shapes without extent are not drawn, but they are allowed, because
+    /// models use them as markers.
     ///
     /// # Errors
-    /// [`Error::Geoms`], [`Error::Mesh`] for a geom that names no mesh, [`Error::NotFinite`].
+    /// [`Error::Geoms`], [`Error::Mesh`] for a geom without its mesh, [`Error::NotFinite`].
     pub fn new(geoms: Vec<Geom>, meshes: Vec<Mesh>, floor: Option<Floor>) -> Result<Scene, Error> {
         static NEXT: AtomicU64 = AtomicU64::new(1);
         if geoms.len() > GEOMS {
@@ -162,7 +162,7 @@ impl Scene {
         &self.geoms
     }
 
-    /// The meshes that geoms name.
+    /// The meshes of the geoms.
     pub fn meshes(&self) -> &[Mesh] {
         &self.meshes
     }
@@ -179,7 +179,7 @@ impl Scene {
         self
     }
 
-    /// Name of a body; none for one that has none.
+    /// Name of a body; `None` if it has none.
     pub fn body_name(&self, body: usize) -> Option<&str> {
         self.bodies.get(body).map(String::as_str).filter(|n| !n.is_empty())
     }
@@ -187,7 +187,7 @@ impl Scene {
     /// Number of the body of this name.
     ///
     /// # Errors
-    /// [`Error::Unknown`] with the names there are.
+    /// [`Error::Unknown`] with the existing names.
     pub fn body(&self, name: &str) -> Result<usize, Error> {
         self.bodies.iter().position(|b| b == name).ok_or_else(|| Error::Unknown {
             kind: "body",
@@ -214,7 +214,7 @@ impl Scene {
         }
     }
 
-    /// Centre and half edges of a geom's bounding box in its own frame; none if it has no end.
+    /// Centre and half edges of a geom's bounding box in its own frame; `None` if it is infinite.
     pub(super) fn extent(&self, geom: &Geom) -> Option<(Vec3, Vec3)> {
         match geom.shape {
             Shape::Mesh { mesh } => {
@@ -229,14 +229,13 @@ impl Scene {
         }
     }
 
-    /// The outermost points of all drawn geoms at these poses, corners of bounding boxes or, of
-    /// round ones, points on the surface: what a camera must hold. The ground is left out, it
-    /// has no end.
+    /// The outermost points of all drawn geoms at these poses, for the framing of a camera: corners
+    /// of bounding boxes, or points on the surface of round geoms. The infinite ground is left out.
     pub fn corners(&self, poses: &[Pose]) -> Vec<Vec3> {
         self.corners_of(poses, |_| true)
     }
 
-    /// The same for the geoms that `wanted` picks.
+    /// The same for the geoms that `wanted` selects.
     pub fn corners_of(&self, poses: &[Pose], wanted: impl Fn(&Geom) -> bool) -> Vec<Vec3> {
         let mut out = Vec::new();
         for (g, pose) in self.geoms.iter().zip(poses) {
@@ -270,13 +269,13 @@ impl Scene {
 }
 
 impl Geom {
-    /// Whether it leaves a mark on the picture.
+    /// Whether it is visible.
     pub(super) fn is_visible(&self) -> bool {
         let r = self.shape.radii();
         self.rgba.last().is_some_and(|a| *a > 0.0)
             && match self.shape {
                 Shape::Plane { .. } => true,
-                // One zero edge and it has no inside: models use such as markers.
+                // With one zero edge it has no volume; models use such shapes as markers.
                 _ => r.min_element() > 0.0,
             }
     }

@@ -1,8 +1,8 @@
-//! A motion on film: what is laid over the robot at each frame, and from where it is seen.
+//! A motion as pictures: overlays at each frame, and the camera.
 //!
-//! Commands are rows with NaN where a joint has no goal. Between keyframes there is no command
-//! to show, so the ghost is that of the next goal in sight, the fainter the farther off: it says
-//! where the robot is being asked to go without claiming that it should be there yet.
+//! Commands are rows with NaN for joints without a goal. Between keyframes there is no command to
+//! show, so the ghost shows the next goal in the window, fainter the later it is. It shows the next
+//! goal without suggesting that the robot should be there already.
 
 use std::sync::Arc;
 
@@ -16,29 +16,29 @@ use super::{
 use crate::plot::palette;
 use crate::robot::Robot;
 
-/// The command in a legend: as its ghost looks, which is lit.
+/// Colour of the command in a legend; it looks like the lit ghost.
 const COMMAND_COLOR: palette::Rgb = [56, 152, 226];
-/// Frames ahead that a goal is shown: what the policy itself can see.
+/// Frames ahead for which a goal is shown, as in the policy's window.
 const SIGHT_FRAMES: usize = 20;
-/// Frames that are looked at to find a camera that holds them all.
+/// Frames that are sampled to find a camera for all of them.
 const FIT_FRAMES: usize = 48;
-/// Frames of a trail when there are several (fingertips); a single one is kept whole.
+/// Frames of a trail if there are several (fingertips); a single trail is complete.
 const TRAIL_FRAMES: usize = 30;
 /// Onion skins on each side.
 const ONIONS: usize = 1;
-/// A pose differs to the eye from another by more than this, rad or m.
+/// Poses that differ by more than this are visibly different, rad or m.
 const TELLING: f64 = 0.03;
 /// Pieces between two frames of a path.
 const PIECES: usize = 4;
-/// Crosses drawn at most.
+/// The most crosses to draw.
 const MARKS: usize = 400;
 
-/// A command and what was made of it, frame by frame from 0.
+/// A command and the reached motion, frame by frame from 0.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Motion {
     /// Title of the picture.
     pub name: String,
-    /// Who moved the robot, or that nobody did (`not simulated`).
+    /// The policy, or `not simulated`.
     pub performer: String,
     /// Frames a second.
     pub fps: f64,
@@ -58,7 +58,7 @@ impl Motion {
         self.achieved.len()
     }
 
-    /// Precision of frames 1 to `frame`: mean absolute error over all goals; none before the
+    /// Precision of frames 1 to `frame`: mean absolute error over all goals; `None` before the
     /// first goal.
     pub fn precision(&self, frame: usize) -> Option<f64> {
         let (mut sum, mut count) = (0.0, 0_usize);
@@ -70,8 +70,8 @@ impl Motion {
         (count > 0).then(|| sum / count as f64)
     }
 
-    /// The frame of a still: the last key that differs from where the motion begins (many end
-    /// where they began), or the last frame.
+    /// The frame of a still: the last key that differs from the start (many motions end where they
+    /// began), or the last frame.
     pub fn telling_frame(&self) -> usize {
         let last = self.frames().saturating_sub(1);
         let differs = |k: usize| {
@@ -83,7 +83,7 @@ impl Motion {
         self.keys.iter().rev().copied().find(|k| *k <= last && differs(*k)).unwrap_or(last)
     }
 
-    /// The next frame from `frame` on with a goal in sight.
+    /// The next frame from `frame` on with a goal, within the window.
     fn goal(&self, frame: usize) -> Option<usize> {
         let last = (frame + SIGHT_FRAMES).min(self.commanded.len().checked_sub(1)?);
         (frame..=last).find(|f| self.has_goal(*f))
@@ -101,7 +101,7 @@ impl Motion {
     }
 }
 
-/// What is laid over the robot: each on its own.
+/// The overlays; each can be switched separately.
 #[allow(clippy::struct_excessive_bools)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Overlay {
@@ -119,7 +119,7 @@ pub struct Overlay {
     pub caption: bool,
     /// Joint axes.
     pub axes: bool,
-    /// Touches.
+    /// Contacts.
     pub contacts: bool,
 }
 
@@ -146,7 +146,7 @@ impl Overlay {
     /// From a comma-separated list.
     ///
     /// # Errors
-    /// [`Error::Unknown`] with the names there are.
+    /// [`Error::Unknown`] with the existing names.
     pub fn parse(text: &str) -> Result<Overlay, Error> {
         let mut o = Overlay {
             ghost: false,
@@ -183,7 +183,7 @@ impl Overlay {
 }
 
 impl CameraChoice {
-    /// Refuses a body or camera that the robot has not, before anything is performed.
+    /// Refuses a body or camera that the robot does not have, before anything is performed.
     ///
     /// # Errors
     /// [`Error::Unknown`]; as [`Stage::new`].
@@ -203,21 +203,21 @@ pub struct Shot {
     motion: Motion,
     overlay: Overlay,
     path: CameraPath,
-    /// What a fitted camera holds, and from which side it looks; none where nothing is fitted.
+    /// The points of a fitted camera, and its direction; `None` if nothing is fitted.
     points: Vec<Vec3>,
     fitted: Option<(View, f32)>,
     sun: Vec3,
     /// Path of each tip; (tips, frames).
     tips: Vec<Vec<Vec3>>,
-    /// Colour of each path: that of the tip itself, where it has one.
+    /// Colour of each path: that of the tip itself, if it has one.
     colors: Vec<[f32; 3]>,
     /// Commanded places of the first tips at keyframes: (tip, frame, place).
     marks: Vec<(usize, usize, Vec3)>,
-    /// Of the captions: one for the whole film, chosen by its last figure.
+    /// Unit of the captions: one for the whole film, chosen by its last figure.
     unit: (f64, String),
-    /// Metres at which a link is as red as it gets.
+    /// Error at which a link is completely red, metres.
     full_m: f32,
-    /// Title and legend have been seen.
+    /// Whether title and legend were drawn already.
     brief: bool,
     /// Captions are for a strip.
     large: bool,
@@ -231,7 +231,7 @@ enum CameraPath {
 }
 
 impl Shot {
-    /// Looks through the motion once: paths of the tips, and the camera.
+    /// Processes the motion once, to find the paths of the tips and the camera.
     ///
     /// # Errors
     /// [`Error::Robot`] for states that do not fit the robot, [`Error::Unknown`] for a camera
@@ -288,17 +288,17 @@ impl Shot {
             brief: false,
             large: false,
         };
-        // Taken once: the light stands still while a camera orbits.
+        // Computed once, so that the light does not move while a camera orbits.
         shot.sun = sun_for(&shot.camera(0));
         Ok(shot)
     }
 
-    /// Gives all shots of one robot one camera and one scale of errors: side by side, what is
-    /// as large must look as large.
+    /// Gives all shots of one robot the same camera and the same scale of errors, so that they can
+    /// be compared side by side.
     pub fn share_camera(shots: &mut [Shot]) {
         let ids: Vec<String> = shots.iter().map(|s| s.stage.robot().id().to_owned()).collect();
         for (i, id) in ids.iter().enumerate() {
-            // Once for each robot, and only where there is more than one of it.
+            // Once for each robot with more than one shot.
             if ids.iter().position(|k| k == id) != Some(i)
                 || ids.iter().filter(|k| *k == id).count() < 2
             {
@@ -327,18 +327,19 @@ impl Shot {
         self.sun = sun_for(&self.camera(0));
     }
 
-    /// What is drawn.
+    /// The motion.
     pub fn motion(&self) -> &Motion {
         &self.motion
     }
 
-    /// From now on captions have frame, time and Precision only: title and legend stand on
-    /// another picture of the same strip.
+    /// Reduces the following captions to frame, time and Precision; title and legend are on another
+    /// picture of the same strip.
     pub fn be_brief(&mut self) {
         self.brief = true;
     }
 
-    /// From now on captions have large letters: a strip is shown smaller than it is drawn.
+    /// Gives the following captions large letters, because a strip is shown smaller than it is
+    /// drawn.
     pub fn be_large(&mut self) {
         self.large = true;
     }
@@ -386,7 +387,7 @@ impl Shot {
         }
         let (command, opacity) = self.command_poses(frame)?;
         let error = match &command {
-            // An error is one only where there is a goal now.
+            // There is an error only if there is a goal now.
             Some(c) if self.overlay.error && self.motion.has_goal(frame) => {
                 Stage::error(&poses, c, self.full_m)
             }
@@ -427,8 +428,8 @@ impl Shot {
         renderer.draw(self.stage.scene(), &input)
     }
 
-    /// The body that is seen at a point of a frame's picture (-1 to 1, y up); none where the
-    /// floor or the sky is. Ghosts are looked through.
+    /// The body at a point of a frame's picture (-1 to 1, y up); `None` for the floor or the sky.
+    /// Ghosts are ignored.
     ///
     /// # Errors
     /// [`Error::Robot`].
@@ -524,7 +525,8 @@ impl Shot {
     }
 }
 
-/// What the camera must hold: moving links over the whole motion, and what they are fixed to.
+/// The points that the camera must show: moving links over the whole motion, and the parts that
+/// they are attached to.
 fn points(
     stage: &mut Stage,
     motion: &Motion,
@@ -580,14 +582,14 @@ fn camera_path(
     })
 }
 
-/// Metres at which a link is as red as it gets: a tenth of what the picture is about.
+/// Error at which a link is completely red, metres: a tenth of the size of the shown parts.
 fn full_error(points: &[Vec3]) -> f32 {
     let low = points.iter().fold(Vec3::INFINITY, |a, p| a.min(*p));
     let high = points.iter().fold(Vec3::NEG_INFINITY, |a, p| a.max(*p));
     0.10 * low.distance(high).clamp(0.01, 100.0)
 }
 
-/// A path without corners at its frames: a curve through all of them (Catmull and Rom, 1974).
+/// A smooth curve through all points of a path (Catmull and Rom, 1974).
 fn rounded(path: &[Vec3]) -> Vec<Vec3> {
     let at = |i: usize| path.get(i.min(path.len().saturating_sub(1))).copied().unwrap_or_default();
     let mut out = Vec::with_capacity(path.len() * PIECES);
@@ -607,8 +609,8 @@ fn rounded(path: &[Vec3]) -> Vec<Vec3> {
     out
 }
 
-/// Where each place lies from the first, averaged over half a second on both sides: a camera
-/// that copied every twitch would be worse than none.
+/// Displacement of each place from the first, averaged over half a second on both sides, so that
+/// the camera does not follow every small motion.
 fn smoothed(places: &[Vec3]) -> Vec<Vec3> {
     let half = 10;
     let mean = |i: usize| {

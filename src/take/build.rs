@@ -1,4 +1,4 @@
-//! From a rollout to a take: kinematics of every frame, torques on the joints.
+//! Builds a take from a rollout: kinematics of every frame, torques on the joints.
 
 use std::sync::Arc;
 
@@ -11,8 +11,7 @@ use crate::robot::Robot;
 use crate::rollout::Rollout;
 
 impl Take {
-    /// Records what a rollout reached so far; `command` is what it was given, `clip` where
-    /// that came from.
+    /// Records the frames of a rollout so far; `command` is its command, `clip` the source of that.
     ///
     /// # Errors
     /// [`Error::Bodies`], [`Error::Robot`], [`Error::Simulator`].
@@ -65,7 +64,7 @@ impl Take {
             stage.pose(self.state(f), &mut poses)?;
         }
         self.poses = poses;
-        // A held key is placed once.
+        // A held key is computed once.
         let mut last: Option<(Vec<f32>, Vec<f64>)> = None;
         self.ghost = Vec::with_capacity(self.command.frames() as usize);
         for f in 0..self.command.frames() {
@@ -107,7 +106,7 @@ impl RobotFacts {
         let mut bodies: Vec<String> = Vec::with_capacity(model.nbody());
         for b in 1..model.nbody() {
             let name = model.name(Kind::Body, b).map_or_else(|| format!("body{b}"), str::to_owned);
-            // "world" is the root of all frames; a second of that name would tie a knot.
+            // "world" is the root of all frames; a second frame of that name would make a cycle.
             let taken = name == "world" || bodies.contains(&name);
             bodies.push(if taken { format!("{name}.{b}") } else { name });
         }
@@ -134,7 +133,7 @@ impl Stage {
         Ok(Stage { robot: Arc::clone(robot), data: Data::new(robot.scene_model()?)? })
     }
 
-    /// Appends the world poses of all bodies but the world at a state; (B, 7).
+    /// Appends the world poses of all bodies except the world at a state; (B, 7).
     pub(super) fn pose(&mut self, state: &[f64], out: &mut Vec<f64>) -> Result<(), Error> {
         self.robot.write_state(&mut self.data, state)?;
         self.data.kinematics()?;
@@ -147,9 +146,9 @@ impl Stage {
     }
 }
 
-/// Torques on the joints of these controls: the moment arms of joint and tendon motors do
-/// not depend on the pose, so they are taken once. Actuators that are no motors ask for a
-/// position, not a torque, and add nothing here.
+/// Torques on the joints for these controls. The moment arms of joint and tendon motors do not
+/// depend on the pose, so they are computed once. Actuators that are not motors command a position
+/// instead of a torque and add nothing.
 fn effort(robot: &Arc<Robot>, ctrl: &[f64]) -> Result<Vec<f64>, Error> {
     let model = robot.model();
     let mut data = Data::new(model)?;

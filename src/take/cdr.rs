@@ -1,4 +1,4 @@
-//! CDR, the wire form of ROS 2 messages, little endian: what joint states need, no more.
+//! CDR, the serialisation of ROS 2 messages, little endian; only what joint states need.
 //!
 //! Alignment counts from the byte after the four-byte header; a string carries its NUL.
 
@@ -120,7 +120,7 @@ pub(super) fn joint_state<'a>(
     w.finish()
 }
 
-/// A message being read; every step says `None` where the bytes do not hold it.
+/// A message being read; every step returns `None` if the bytes are too short.
 #[derive(Debug)]
 pub(super) struct Reader<'a> {
     bytes: &'a [u8],
@@ -160,7 +160,7 @@ impl<'a> Reader<'a> {
         std::str::from_utf8(raw.strip_suffix(&[0])?).ok()
     }
 
-    /// Doubles, appended to `out`; how many there were.
+    /// Appends doubles to `out` and returns their number.
     pub(super) fn doubles(&mut self, out: &mut Vec<f64>) -> Option<usize> {
         let n = self.u32()? as usize;
         if n == 0 {

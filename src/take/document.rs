@@ -11,7 +11,7 @@ use crate::units::{CTRL_DT, Unit};
 /// Numbers of one body pose: position in m, then orientation w x y z.
 pub(super) const POSE: usize = 7;
 
-/// The robot of a take, as far as its numbers need it.
+/// The facts about the robot that a take needs.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RobotFacts {
@@ -25,31 +25,30 @@ pub struct RobotFacts {
     pub units: Vec<Unit>,
     /// Names of the action, in order.
     pub actuators: Vec<String>,
-    /// Names of the bodies, the world left out; unique, made up where the model has none.
+    /// Names of the bodies without the world; unique, and generated if the model has none.
     pub bodies: Vec<String>,
 }
 
-/// How a take came about.
+/// The origin of a take.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Provenance {
-    /// The policy as tables show it: `pd`, `pd+guide`, `robert+refine`.
+    /// The label of the policy: `pd`, `pd+guide`, `robert+refine`.
     pub policy: String,
-    /// Name of the policy's model file, where it has one; without its folder, which is
-    /// nobody's business.
+    /// Name of the policy's model file, if it has one; without its folder, which is private.
     #[serde(default)]
     pub policy_file: Option<String>,
     /// Sha-256 of that file.
     pub policy_sha256: Option<String>,
-    /// The settings of the policy, resolved for the robot; null where it has none.
+    /// The settings of the policy for this robot; null if it has none.
     #[serde(default)]
     pub settings: serde_json::Value,
-    /// Seed of the policy's draws.
+    /// Seed of the policy's random choices.
     pub seed: u64,
-    /// Virtual commands through masks.
+    /// What filled masked frames.
     pub guide: Guide,
     /// Whether each action was improved on the model.
     pub refine: bool,
-    /// The plant that was simulated.
+    /// The simulated plant.
     pub plant: PlantConfig,
     /// Program and version.
     pub program: String,
@@ -80,13 +79,13 @@ impl Provenance {
     }
 }
 
-/// Which motion of a take is meant.
+/// One of the two motions of a take.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum What {
-    /// What the simulation reached.
+    /// The reached motion.
     #[default]
     Achieved,
-    /// What the clip asked for.
+    /// The command.
     Command,
 }
 
@@ -117,7 +116,7 @@ pub struct Take {
     pub robot: RobotFacts,
     /// Canonical text of the clip; `None` for motions that never were clips.
     pub clip_text: Option<String>,
-    /// What was commanded; it may be longer than what was reached.
+    /// The command; it may be longer than the reached motion.
     pub command: Command,
     /// Reached state, rad or m; (frames, S).
     pub reached: Vec<f64>,
@@ -126,22 +125,22 @@ pub struct Take {
     /// Torque or force on each joint from the actuators during the frame that begins here,
     /// N m or N; (frames - 1, S).
     pub effort: Vec<f64>,
-    /// Action taken at each frame but the last, -1..1; (frames - 1, A).
+    /// Action at each frame except the last, -1..1; (frames - 1, A).
     pub actions: Vec<f64>,
     /// The same as controls, N m or N; (frames - 1, A).
     pub ctrl: Vec<f64>,
     /// World poses of the bodies, x y z (m) and w x y z; (frames, B, 7).
     pub poses: Vec<f64>,
-    /// The same for the command, where a frame has a goal for every joint; (frames).
+    /// The same for the command, for frames with a goal for every joint; (frames).
     pub ghost: Vec<Option<Vec<f64>>>,
-    /// Where it came from.
+    /// Its origin.
     pub provenance: Provenance,
-    /// The card of a learned policy, JSON: what it was trained on, with what figures.
+    /// The card of a learned policy, JSON: its training data and figures.
     pub policy_card: Option<String>,
 }
 
 impl Take {
-    /// Frames reached, frame 0 included.
+    /// Reached frames, including frame 0.
     pub fn frames(&self) -> usize {
         self.reached.len() / self.state_dim().max(1)
     }
@@ -171,7 +170,7 @@ impl Take {
         row(&self.poses, frame, self.robot.bodies.len() * POSE)
     }
 
-    /// How near it came. Equal, bit for bit, to what the rollout itself reported.
+    /// Its figures, equal bit for bit to those of the rollout.
     pub fn precision(&self) -> Precision {
         let goals = Goals::new(&self.command);
         Precision::measure(&goals, &self.reached, &self.actions, self.action_dim())
@@ -182,8 +181,8 @@ impl Take {
         self.clip_text.as_ref().map(|t| fsio::sha256_hex(t.as_bytes()))
     }
 
-    /// `config.toml`: the resolved configuration, for people and for doing it again. Made
-    /// from robot and provenance, so it is written and never read.
+    /// `config.toml`: the complete configuration, for people and to repeat the rollout. It is
+    /// derived from robot and provenance, so it is written and never read.
     pub fn config_toml(&self) -> String {
         #[derive(Serialize)]
         struct Config<'a> {
@@ -238,7 +237,7 @@ impl Take {
                 plant: p.plant,
             },
         };
-        // Only a seed beyond 2^63 has no place in TOML; then there is no config.toml.
+        // TOML cannot represent a seed beyond 2^63; then there is no config.toml.
         toml::to_string(&config).unwrap_or_default()
     }
 

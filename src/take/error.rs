@@ -1,11 +1,11 @@
-//! What can go wrong with a take.
+//! Errors of takes.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
 
 use crate::exit::{Exit, HasExit};
 
-/// Where a take file stops making sense, and why.
+/// The place where a take file is damaged, and the problem.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Damage {
     /// Byte of the file at which the bad record begins.
@@ -34,22 +34,22 @@ pub enum Error {
     /// The file could not be read or written.
     #[error(transparent)]
     File(#[from] crate::fsio::Error),
-    /// The file is damaged or cut short.
+    /// The file is damaged or truncated.
     #[error("{}{damage}; {}", prefix(.path.as_deref()), whole(*.frames))]
     Damaged {
-        /// Where and what.
+        /// Place and problem.
         damage: Damage,
         /// Frames before the damage that can be recovered.
         frames: usize,
-        /// The file, where there is one.
+        /// The file, if there is one.
         path: Option<PathBuf>,
     },
-    /// The file is well formed, but no take of ours.
+    /// The file is well formed, but not a take of this program.
     #[error("{}{problem}", prefix(.path.as_deref()))]
     Foreign {
         /// What it lacks.
         problem: String,
-        /// The file, where there is one.
+        /// The file, if there is one.
         path: Option<PathBuf>,
     },
     /// The take was made with another robot model than the one given.
@@ -61,25 +61,25 @@ pub enum Error {
         take_robot: String,
         /// Its model.
         take_sha256: String,
-        /// The robot that was given.
+        /// The given robot.
         robot: String,
         /// Its model.
         sha256: String,
     },
-    /// The robot has more bodies than a take holds.
+    /// The robot has more bodies than a take can contain.
     #[error("robot {robot} has {bodies} bodies; a take can contain at most {cap}")]
     Bodies {
         /// The robot.
         robot: String,
         /// Its bodies.
         bodies: usize,
-        /// The cap.
+        /// The limit.
         cap: usize,
     },
     /// The robot could not be read.
     #[error(transparent)]
     Robot(#[from] crate::robot::Error),
-    /// The simulator refused.
+    /// An error of the simulator.
     #[error(transparent)]
     Simulator(#[from] crate::mujoco::Error),
     /// The robot cannot be drawn.
@@ -93,10 +93,10 @@ pub enum Error {
     Encode {
         /// What was encoded.
         what: &'static str,
-        /// What the encoder said.
+        /// The encoder's error.
         problem: String,
     },
-    /// The page that plays recordings is not in this program.
+    /// This build does not contain the page that plays recordings.
     #[error(
         "this build does not contain the viser client; script/bootstrap fetches it; then build again"
     )]
@@ -104,7 +104,7 @@ pub enum Error {
 }
 
 impl Error {
-    /// The same error, said of this file.
+    /// The same error with the name of the file.
     #[must_use]
     pub fn in_file(mut self, file: &Path) -> Error {
         match &mut self {

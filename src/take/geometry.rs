@@ -1,7 +1,7 @@
-//! The robot's geoms as shapes in body frames, for viewers that draw for themselves.
+//! The robot's geoms as shapes in body frames, for other viewers.
 //!
-//! Viewers of scenes have boxes, balls and cylinders but neither capsules nor height fields,
-//! and every node costs them a draw call: a mesh per body and colour holds all of its geoms.
+//! Viewers have boxes, spheres and cylinders, but neither capsules nor height fields, and every
+//! node costs a draw call. So all geoms of a body and colour are one mesh.
 
 use glam::{Quat, Vec3};
 
@@ -15,7 +15,7 @@ const SEGMENTS: usize = 20;
 /// Rings from the equator to a pole.
 const RINGS: usize = 5;
 
-/// One geom that is seen.
+/// One visible geom.
 #[derive(Clone, Debug)]
 pub(super) struct Solid {
     /// Body, 0 = the world.
@@ -72,7 +72,7 @@ impl Solids {
             Shape::Capsule { radius, half_length } => capsule(radius, half_length),
             Shape::Cylinder { radius, half_length } => cylinder(radius, half_length),
             Shape::Box { half } => cuboid(half),
-            // An edge of 0 means without end: a table's worth of it is drawn.
+            // An edge of 0 means infinite; only a part of limited size is drawn.
             Shape::Plane { half_x, half_y } => {
                 let edge = |h: f32| if h > 0.0 { h } else { 2.0 };
                 cuboid(Vec3::new(edge(half_x), edge(half_y), 5e-4))
@@ -117,7 +117,7 @@ pub struct BodyMesh {
     pub faces: Vec<[u32; 3]>,
 }
 
-/// What of a robot is seen, by body and colour, in the order of the bodies.
+/// The visible parts of a robot, by body and colour, in the order of the bodies.
 ///
 /// # Errors
 /// [`Error::Robot`], [`Error::Render`].
@@ -147,8 +147,8 @@ pub fn body_meshes(robot: &Robot) -> Result<Vec<BodyMesh>, Error> {
         .collect())
 }
 
-/// Adds the surface that a profile of (radius, z), from low to high, leaves when it turns
-/// about z. Profiles that meet at an edge are added apart: shared corners shade smoothly.
+/// Adds the surface of revolution of a profile of (radius, z), from low to high, about z. Profiles
+/// that meet at an edge are added separately, because shared corners are shaded smoothly.
 fn lathe(out: &mut Triangles, profile: &[(f32, f32)]) {
     let base = out.vertices.len() as u32;
     let n = SEGMENTS as u32;

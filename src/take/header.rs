@@ -1,5 +1,5 @@
-//! `take.json`, the attachment that stands before all messages: everything about a take
-//! that is not a time series.
+//! `take.json`, the attachment before all messages: everything about a take that is not a time
+//! series.
 
 use serde::{Deserialize, Serialize};
 
@@ -77,7 +77,7 @@ impl Header {
     /// Reads and checks it: sizes, versions, names.
     pub(super) fn parse(bytes: &[u8]) -> Result<Header, Error> {
         let wrong = |problem: String| Error::foreign(format!("{TAKE_JSON}: {problem}"));
-        // The version first: a later one may have other fields.
+        // The version is checked first, since a later one may have other fields.
         let peek: serde_json::Value =
             serde_json::from_slice(bytes).map_err(|e| wrong(e.to_string()))?;
         let format = peek.get("format").and_then(serde_json::Value::as_str).unwrap_or_default();

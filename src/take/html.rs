@@ -1,8 +1,8 @@
-//! A page that plays a take anywhere: the viser client with the recording inside.
+//! A page that plays a take in any browser: the viser client with the recording inside.
 
 use super::error::Error;
 
-/// The client, where script/bootstrap has fetched it.
+/// The client, if script/bootstrap has fetched it.
 #[derive(rust_embed::Embed)]
 #[folder = "vendor/viser"]
 #[allow_missing = true]
@@ -32,7 +32,7 @@ pub fn page(client: &[u8], title: &str, recording: &[u8]) -> Result<Vec<u8>, Err
     out.extend_from_slice(b"<script>window.__VISER_EMBED_DATA__=\"");
     base64(recording, &mut out);
     out.extend_from_slice(b"\";window.__VISER_EMBED_CONFIG__={darkMode:false};");
-    // The client names the page itself once it runs; ours comes after.
+    // The client sets the page's title when it starts, so ours is set later.
     let title = serde_json::Value::from(title).to_string().replace('<', "\\u003c");
     out.extend_from_slice(
         format!("addEventListener(\"load\",()=>{{document.title={title}}});</script>").as_bytes(),

@@ -36,8 +36,8 @@ struct Row<'a> {
 }
 
 impl Take {
-    /// JSON: everything but the body poses; of the command, the dense form that clips are
-    /// read from.
+    /// JSON: everything except the body poses. The command has the dense form that can be read as a
+    /// clip.
     pub fn to_json(&self, what: What) -> String {
         if what == What::Command {
             return formats::to_command_json(&self.command, &self.robot.id);
@@ -69,7 +69,7 @@ impl Take {
         };
         // Numbers and strings only: serialising cannot fail.
         let mut text = serde_json::to_string(&document).unwrap_or_default();
-        // A frame a line.
+        // One frame per line.
         text = text.replace("},{\"frame\":", "},\n{\"frame\":");
         text.push('\n');
         text

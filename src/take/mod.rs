@@ -1,21 +1,21 @@
-//! Takes: recorded rollouts, what they are written as and how they are read back.
+//! Takes: recorded rollouts, their files and exports.
 //!
-//! A [`Take`] is a plain value: what was asked (clip, command), what was done (reached
-//! coordinates, actions, body poses), how near it came (precision) and where it came from.
-//! Its file is MCAP with `sensor_msgs/JointState` and `foxglove.FrameTransforms`, the one
-//! pair of messages that Foxglove, Lichtblick and Rerun all read.
+//! A [`Take`] is a plain value with the clip and command, the reached coordinates, actions and body
+//! poses, the precision and the origin. Its file is MCAP with `sensor_msgs/JointState` and
+//! `foxglove.FrameTransforms`, the only pair of messages that Foxglove, Lichtblick and Rerun all
+//! read.
 //!
-//! Same clip, policy and seed give the same bytes: no wall clock goes into the file, log
-//! times count from a fixed [`EPOCH_SECS`].
+//! The same clip, policy and seed give the same bytes: the file contains no wall-clock time, and
+//! log times count from a fixed [`EPOCH_SECS`].
 //!
-//! Rejected: a format of our own (no viewer would open it), the foxglove SDK (a runtime and
+//! Rejected: our own format (no viewer would open it), the foxglove SDK (a runtime and
 //! dozens of packages for four message types) and the readers of the `mcap` crate: version
 //! 0.26 fixed the endless loop of 0.25, but an uncompressed chunk whose records overrun it
 //! is still subtracted unchecked, a short attachment record is sliced unchecked, and no
 //! error says where in the file it happened. [`records`](self) reads with bounds instead.
 //!
-//! [`viser`] holds the messages of the viser client: recordings are written from here, and
-//! the studio's live scene speaks the same messages.
+//! [`viser`] contains the messages of the viser client. Recordings are written from here, and the
+//! studio's live scene uses the same messages.
 
 mod build;
 mod cdr;

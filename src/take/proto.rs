@@ -1,8 +1,8 @@
 //! The protobuf messages of a take and their descriptors.
 //!
-//! Field numbers are those of the public foxglove schemas; a file must carry its schemas as
-//! a `FileDescriptorSet`, which is built here from one table instead of by a protobuf
-//! compiler at build time.
+//! Field numbers are those of the public foxglove schemas. A file must contain its schemas as a
+//! `FileDescriptorSet`, which is built here from a table instead of by a protobuf compiler at build
+//! time.
 
 use prost::Message as _;
 use prost_types::field_descriptor_proto::{Label, Type};
@@ -168,12 +168,12 @@ pub(super) struct JointError {
     pub error: f64,
 }
 
-/// Our own message: one a frame.
+/// Our own message, one per frame.
 #[derive(Clone, PartialEq, prost::Message)]
 pub(super) struct Metrics {
     #[prost(uint32, tag = "1")]
     pub frame: u32,
-    /// Mean absolute error over the joints with a goal; absent where there is none.
+    /// Mean absolute error over the joints with a goal; absent if there is none.
     #[prost(double, optional, tag = "2")]
     pub frame_mae: Option<f64>,
     #[prost(bool, tag = "3")]
@@ -407,8 +407,8 @@ mod tests {
 
     use super::*;
 
-    /// Walks encoded messages by the published descriptors: every field that the structs
-    /// write must be in the table under the same number, with a type of that wire form.
+    /// Reads encoded messages with the published descriptors: every field that the structs write
+    /// must be in the table with the same number and a matching type.
     #[test]
     fn structs_and_descriptors_agree() {
         let v = Vector3 { x: 1.0, y: 2.0, z: 3.0 };
@@ -475,7 +475,7 @@ mod tests {
         out
     }
 
-    /// Fields met, those of nested messages included.
+    /// Number of fields, including those of nested messages.
     fn walk(types: &BTreeMap<String, DescriptorProto>, name: &str, mut bytes: &[u8]) -> usize {
         let varint = |bytes: &mut &[u8]| prost::encoding::decode_varint(bytes).unwrap();
         let message = types.get(name).unwrap_or_else(|| panic!("{name} is not described"));

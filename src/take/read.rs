@@ -1,7 +1,7 @@
-//! Takes read back, bit for bit; damage is named with its byte.
+//! Reads takes, bit for bit; damage is reported with its byte.
 //!
-//! A file is taken as hostile: sizes are capped, every record is checked, unknown topics and
-//! records are passed over. [`Take::read`] wants the whole file; [`Take::recover`] takes the
+//! Files are treated as hostile: sizes are limited, every record is checked, unknown topics and
+//! records are skipped. [`Take::read`] requires the whole file; [`Take::recover`] returns the
 //! frames before the damage.
 
 use std::collections::BTreeMap;
@@ -21,12 +21,12 @@ use crate::clip::Command;
 use crate::fsio;
 use crate::limits;
 
-/// A take out of a damaged file.
+/// A take from a damaged file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Recovered {
-    /// What there was before the damage.
+    /// The frames before the damage.
     pub take: Take,
-    /// The damage; `None` when the file was whole.
+    /// The damage; `None` if the file was intact.
     pub damage: Option<Damage>,
 }
 
@@ -40,7 +40,7 @@ impl Take {
         Take::from_mcap(&bytes).map_err(|e| e.in_file(path))
     }
 
-    /// Reads what can be read.
+    /// Reads the frames before any damage.
     ///
     /// # Errors
     /// [`Error::File`], [`Error::Foreign`]; [`Error::Damaged`] when not even one frame is
@@ -80,7 +80,7 @@ impl Take {
     }
 }
 
-/// Which of our topics a channel is.
+/// The topic of a channel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Topic {
     JointStates,
@@ -90,7 +90,7 @@ enum Topic {
     Metrics,
 }
 
-/// What a file held.
+/// The content of a file.
 #[derive(Debug, Default)]
 struct Scan {
     header: Option<Header>,
@@ -115,7 +115,7 @@ fn scan(bytes: &[u8]) -> Result<(Scan, Option<Damage>), Error> {
     let mut scan = Scan::default();
     if !bytes.starts_with(MAGIC) {
         let empty = if bytes.is_empty() { "the file is empty" } else { "this is not an MCAP file" };
-        // A file cut within its first bytes is damaged, not foreign.
+        // A file truncated within its first bytes is damaged, not foreign.
         if !bytes.is_empty() && MAGIC.starts_with(bytes) {
             return Ok((scan, Some(Damage::at(0, "the file ends inside its first bytes"))));
         }
@@ -142,7 +142,7 @@ impl From<Damage> for Stop {
 
 fn walk(bytes: &[u8], scan: &mut Scan) -> Result<(), Stop> {
     let mut budget = limits::TAKE_UNPACKED_BYTES;
-    // The closing magic is not a record: leave it out where it is there.
+    // The closing magic is not a record and is left out.
     let end = if bytes.len() >= 2 * MAGIC.len() && bytes.ends_with(MAGIC) {
         bytes.len() - MAGIC.len()
     } else {
@@ -157,7 +157,7 @@ fn walk(bytes: &[u8], scan: &mut Scan) -> Result<(), Stop> {
             return Err(Damage::at(record.offset, "a record after the last one").into());
         }
         if data_end.is_some() {
-            // The summary repeats what was read; only its end matters here.
+            // The summary repeats the content; only its end matters here.
             footer = record.op == op::FOOTER;
             continue;
         }
@@ -166,7 +166,7 @@ fn walk(bytes: &[u8], scan: &mut Scan) -> Result<(), Stop> {
                 let inner = unpack(record, &mut budget)?;
                 let mut inside = Records::new(&inner, 0);
                 while let Some(found) = inside.next() {
-                    // Inside a chunk the file has no other place than the chunk's.
+                    // Inside a chunk, the place in the file is that of the chunk.
                     let at = |d: Damage| Damage { offset: record.offset as u64, ..d };
                     let found = found.map_err(at)?;
                     scan.record(Record { offset: record.offset, ..found })?;
@@ -264,7 +264,7 @@ impl Scan {
         Ok(())
     }
 
-    /// `None` where the message is not what this take must hold next.
+    /// `None` if the message is not the next one of this take.
     fn message(&mut self, topic: Topic, message: Message<'_>) -> Option<()> {
         let header = self.header.as_ref()?;
         let frame = frame_at(message.log_time)?;
@@ -329,7 +329,7 @@ impl Scan {
                 }
                 for (j, v) in seen.into_iter().zip(values) {
                     let at = frame * dim + j;
-                    // Commands are single precision, or they are not ours.
+                    // Our commands are in single precision.
                     let goal = v as f32;
                     if f64::from(goal) != v || !goal.is_finite() {
                         return None;
@@ -351,7 +351,7 @@ impl Scan {
         self.frames
     }
 
-    /// The take; `whole` = every frame that the header names must be there.
+    /// The take; with `whole`, every frame of the header must be there.
     fn take(self, whole: bool) -> Result<Take, Error> {
         let Some(header) = self.header else {
             return Err(Error::foreign(format!(
@@ -366,7 +366,7 @@ impl Scan {
         if whole && header.clip_sha256.is_some() != self.clip_text.is_some() {
             return Err(Error::foreign(format!("{CLIP_JSON} is missing")));
         }
-        // Past the damage nothing is known of the command either.
+        // Beyond the damage the command is unknown too.
         let asked = if whole { header.command_frames as usize } else { n };
         let asked = asked.min(header.command_frames as usize);
         let cut = |mut v: Vec<f64>, len: usize| {
@@ -432,7 +432,7 @@ mod tests {
     use crate::rng::{Rng, Stream};
     use crate::rollout::Goals;
 
-    /// Equal but for what a compiled command knows of its clip (its spans).
+    /// Equal except for the spans of a compiled command, which come from its clip.
     fn assert_same(a: &Take, b: &Take) {
         assert_eq!(a.command.first_changed_frame(&b.command), None);
         assert_eq!(Goals::new(&a.command), Goals::new(&b.command));
@@ -475,8 +475,8 @@ mod tests {
         assert_same(&take, &Take::from_mcap(&bytes).unwrap());
     }
 
-    /// Cut at every byte: an error with a place inside the file, and what can be recovered
-    /// is a beginning of the take.
+    /// A file truncated at any byte gives an error with a place inside the file, and the recovered
+    /// part is a beginning of the take.
     #[test]
     fn every_prefix_is_an_error_or_a_shorter_take() {
         let (_, take) = sample::take("ur5e", 12, 12);
@@ -508,14 +508,14 @@ mod tests {
         (asked.unwrap_or(usual), asked.is_some())
     }
 
-    /// Processor time of this thread: a busy machine is no hang.
+    /// Processor time of this thread, so that a busy machine does not look like a hang.
     fn cpu() -> std::time::Duration {
         let text = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
         let nanos = text.split_whitespace().next().and_then(|n| n.parse().ok()).unwrap_or(0);
         std::time::Duration::from_nanos(nanos)
     }
 
-    /// Peak memory of this process, kB. It only means something where one test runs alone.
+    /// Peak memory of this process, kB. It is meaningful only if one test runs alone.
     fn peak_kb() -> u64 {
         let status = std::fs::read_to_string("/proc/self/status").unwrap();
         let peak = status.lines().find_map(|l| l.strip_prefix("VmHWM:")).unwrap();
@@ -551,7 +551,8 @@ mod tests {
         whole
     }
 
-    /// Seeded damage: an error or a take with sane sizes; no panic, no endless work.
+    /// Random damage gives an error or a take with plausible sizes, without a panic or endless
+    /// work.
     #[test]
     fn mutated_files_never_panic() {
         let (_, take) = sample::take("pointmass", 10, 10);
@@ -590,7 +591,7 @@ mod tests {
         out
     }
 
-    /// The checksums would hide most damage from the code behind them: blank them too.
+    /// The checksums would hide most damage from the code behind them, so they are removed too.
     #[test]
     fn damage_behind_the_checksums_is_refused_or_read() {
         let (_, take) = sample::take("pointmass", 10, 10);

@@ -1,7 +1,7 @@
-//! MCAP records in memory, read with bounds: framing, chunks, the fields we need.
+//! Reads MCAP records in memory with bounds: framing, chunks, the needed fields.
 //!
-//! Nothing here trusts a length: every slice is checked, every chunk is unpacked into a
-//! buffer of its declared size at most, and all chunks together stay below
+//! No length is trusted: every slice is checked, every chunk is unpacked into a buffer of at most
+//! its declared size, and all chunks together stay below
 //! [`limits::TAKE_UNPACKED_BYTES`].
 
 use std::borrow::Cow;
@@ -71,7 +71,7 @@ impl<'a> Records<'a> {
     }
 }
 
-/// Fields of a record, one after the other; `None` where the bytes do not hold one.
+/// Fields of a record, one after the other; `None` if the bytes are too short.
 #[derive(Clone, Debug)]
 pub(super) struct Fields<'a> {
     rest: &'a [u8],
@@ -150,7 +150,7 @@ impl<'a> Message<'a> {
     }
 }
 
-/// A file inside the file, its checksum checked.
+/// A file inside the file, with a verified checksum.
 pub(super) fn attachment(record: Record<'_>) -> Result<(&str, &[u8]), Damage> {
     let fail = |problem: &str| Damage::at(record.offset, problem);
     let parse = || {
@@ -173,7 +173,7 @@ pub(super) fn attachment(record: Record<'_>) -> Result<(&str, &[u8]), Damage> {
     Ok((name, data))
 }
 
-/// The records of a chunk, unpacked and checked. `budget` is what all chunks may still take.
+/// The records of a chunk, unpacked and checked. `budget` is the remaining size for all chunks.
 pub(super) fn unpack<'a>(record: Record<'a>, budget: &mut u64) -> Result<Cow<'a, [u8]>, Damage> {
     let fail = |problem: String| Damage::at(record.offset, problem);
     let parse = || {
@@ -235,8 +235,8 @@ mod tests {
         unpack(record, &mut { budget }).map_or_else(|d| d.to_string(), |_| "fine".to_owned())
     }
 
-    /// A chunk may say that it is as large as the cap, and is then found out; one byte more
-    /// is refused before anything is unpacked. The same for what all chunks may take.
+    /// A chunk may claim the largest size, and is refused when it is unpacked; with one byte more
+    /// it is refused before. The same applies to the total of all chunks.
     #[test]
     fn chunk_sizes_are_capped() {
         let cap = limits::MCAP_RECORD_BYTES as u64;
@@ -246,7 +246,7 @@ mod tests {
         assert!(problem(&chunk(cap + 1, "zstd", &small), far).contains("allowed"));
         assert_eq!(problem(&chunk(5, "zstd", &small), 5), "fine");
         assert!(problem(&chunk(5, "zstd", &small), 4).contains("allowed"));
-        // A bomb: more in it than it says.
+        // A bomb: it contains more than it claims.
         let bomb = zstd::bulk::compress(&vec![0; 1 << 20], 1).unwrap();
         assert!(problem(&chunk(1000, "zstd", &bomb), far).contains("does not unpack"));
         assert_eq!(problem(&chunk(5, "", b"hello"), far), "fine");

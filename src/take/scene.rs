@@ -1,5 +1,5 @@
-//! What Foxglove and Lichtblick draw: the robot's geoms as a `foxglove.SceneUpdate`, locked
-//! to the frames of the body transforms. Once solid, once translucent for the command.
+//! The scene for Foxglove and Lichtblick: the robot's geoms as a `foxglove.SceneUpdate`, attached
+//! to the frames of the body transforms; once solid, once translucent for the command.
 
 use glam::{Quat, Vec3};
 
@@ -13,21 +13,21 @@ use super::proto::{
 use crate::render::Shape;
 use crate::robot::Robot;
 
-/// Frame that everything hangs on.
+/// The root frame.
 pub(super) const WORLD: &str = "world";
-/// Prefix of what was commanded: viewers merge joints of one name over all topics.
+/// Prefix of command names, because viewers merge joints of one name over all topics.
 pub(super) const COMMAND_PREFIX: &str = "cmd/";
 /// sRGB and opacity of the commanded robot: the same blue in every picture of ours.
 pub(super) const GHOST: [f32; 4] = [0.27, 0.51, 0.96, 0.3];
 
-/// A robot as viewers draw it.
+/// A robot in the form for viewers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scene {
     pub(super) entities: Vec<SceneEntity>,
 }
 
 impl Take {
-    /// The robot of this take as viewers draw it.
+    /// The robot of this take in the form for viewers.
     ///
     /// # Errors
     /// [`Error::OtherRobot`], [`Error::Robot`], [`Error::Render`].

@@ -1,8 +1,7 @@
-//! Takes as text for other programs: CSV, MJCF keys, ROS trajectories.
+//! Text exports of takes: CSV, MJCF keys, ROS trajectories.
 //!
-//! Commands go through the clip's own writers, so that they come back as the same command.
-//! Achieved motion is written in full precision with what those formats can say beyond
-//! positions: velocities, torques, controls.
+//! Commands use the clip's writers, so that they are read back as the same command. Reached motion
+//! is written in full precision, with velocities, torques or controls if the format has them.
 
 use std::fmt::Write as _;
 
@@ -12,7 +11,7 @@ use crate::clip::formats;
 use crate::units::{CTRL_DT, FPS};
 
 impl Take {
-    /// CSV: `frame,time,mask,<joint>...`, a row a frame.
+    /// CSV: `frame,time,mask,<joint>...`, one row per frame.
     pub fn to_csv(&self, what: What) -> String {
         if what == What::Command {
             return formats::to_csv(&self.command);
@@ -34,8 +33,8 @@ impl Take {
         out
     }
 
-    /// MJCF: one `<key>` a frame. Achieved keys have velocities and controls as well: each is
-    /// a state that the simulator can start from.
+    /// MJCF: one `<key>` per frame. Keys of the reached motion also have velocities and controls,
+    /// so that the simulator can start from each of them.
     ///
     /// # Errors
     /// [`Error::Export`] for commands with goals for some joints only.
@@ -44,7 +43,7 @@ impl Take {
             return Ok(formats::to_mjcf(&self.command)?);
         }
         let mut out = String::from("<mujoco>\n  <!-- qpos and qvel: ");
-        // A comment may not hold two dashes.
+        // A comment must not contain two dashes.
         let plain = |names: &[String]| names.join(" ").replace("--", "- -");
         writeln!(
             out,
@@ -73,7 +72,7 @@ impl Take {
         Ok(out)
     }
 
-    /// ROS 2 `trajectory_msgs/msg/JointTrajectory` as YAML: a point a frame.
+    /// ROS 2 `trajectory_msgs/msg/JointTrajectory` as YAML: one point per frame.
     ///
     /// # Errors
     /// [`Error::Export`] for commands with goals for some joints only, or for none.
@@ -102,7 +101,7 @@ impl Take {
     }
 }
 
-/// Frame times without the tail of 0.05 summed up.
+/// Frame times without accumulated rounding of 0.05.
 fn secs(frame: usize) -> f64 {
     (frame as f64 * CTRL_DT * 100.0).round() / 100.0
 }
@@ -111,7 +110,7 @@ fn numbers(values: &[f64]) -> String {
     values.iter().map(f64::to_string).collect::<Vec<_>>().join(" ")
 }
 
-/// ROS parsers want floats to look like floats.
+/// ROS parsers require floats to look like floats.
 fn list(values: &[f64]) -> String {
     let decimal = |v: &f64| {
         let text = v.to_string();

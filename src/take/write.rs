@@ -1,8 +1,8 @@
-//! The take as MCAP bytes.
+//! Writes a take as MCAP.
 //!
-//! Attachments and metadata stand first, then the frames in order of time: a file that was
-//! cut still says what it is and gives the frames before the cut. Chunks are small for the
-//! same reason; measured, they cost a few per cent of size.
+//! Attachments and metadata come first, then the frames in order of time, so a truncated file can
+//! still be identified and its frames recovered. Chunks are small for the same reason; they cost a
+//! few per cent of size.
 
 use std::collections::BTreeMap;
 use std::io::Cursor;
@@ -31,7 +31,7 @@ pub const EPOCH_SECS: u64 = 1_767_225_600;
 /// Nanoseconds of a frame.
 const FRAME_NANOS: u64 = 1_000_000_000 / FPS as u64;
 
-/// Bytes of a chunk before it is packed: about two seconds of a hand.
+/// Bytes of a chunk before compression: about two seconds of a hand.
 const CHUNK_BYTES: u64 = 256 << 10;
 
 /// Names of the topics.
@@ -66,9 +66,9 @@ pub(super) fn frame_at(nanos: u64) -> Option<usize> {
 }
 
 impl Take {
-    /// Writes the take as MCAP, whole or not at all.
+    /// Writes the take as MCAP, atomically.
     ///
-    /// `scene` is what viewers draw ([`Take::scene`]); without it they have only frames.
+    /// `scene` is the geometry for viewers ([`Take::scene`]); without it they have only frames.
     ///
     /// # Errors
     /// [`Error::File`], [`Error::Encode`].
@@ -187,7 +187,7 @@ impl Take {
         let cdr = cdr::joint_state(time, joints, self.state(f), velocity, effort);
         out.put(channels.joint_states, f, &cdr)?;
         out.put(channels.tf, f, &self.transforms(time, self.body_poses(f), ""))?;
-        // Last of the frame: whoever has it has the whole frame.
+        // This is the last message of a frame, so a reader that has it has the complete frame.
         out.put(channels.metrics, f, &self.metrics(f).encode_to_vec())
     }
 

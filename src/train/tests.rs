@@ -146,7 +146,7 @@ fn learns_and_beats_its_linear_answer() {
     assert!(clear(&end) < 0.9 * clear(&linear), "{end:?} after {linear:?}");
     let sum = |h: &HeldOut, gaps: usize| by_hidden(h).iter().take(gaps).sum::<f64>();
     assert!(sum(&end, 2) < 0.9 * sum(&linear, 2), "{end:?} after {linear:?}");
-    // Most of what a long gap leaves open nobody can tell; nothing may be lost there.
+    // Most of a long gap cannot be predicted; the network must not be worse there.
     assert!(sum(&end, 20) < 1.1 * sum(&linear, 20), "{end:?} after {linear:?}");
     assert!(by_hidden(&end)[10] > by_hidden(&end)[0], "hidden frames cost something");
     let model = checkpoint::load(&paths::model(&run), None).unwrap();

@@ -1,8 +1,9 @@
 //! Strokes, fills and text in points, on a bitmap or in an SVG.
 //!
-//! Bitmaps are drawn at four times the size and averaged down: plotters smooths thin lines only.
-//! Their text is set afterwards at the final size by [`Letterer`]: plotters ignores side bearings
-//! ("FF J4"), and averaged letters would be soft. An SVG keeps text as text.
+//! Bitmaps are drawn at four times the size and averaged, because plotters antialiases only thin
+//! lines. Their text is drawn afterwards at the final size by [`Letterer`], because plotters
+//! ignores side bearings ("FF J4"), and averaged letters would be blurred. An SVG keeps text as
+//! text.
 
 use std::cell::RefCell;
 
@@ -18,7 +19,7 @@ use crate::plot::figure::Dash;
 use crate::plot::palette::{Rgb, Theme};
 use crate::plot::{Error, INK, Letterer};
 
-/// The family's name as it stands in an SVG: the viewer takes the first that it has.
+/// The font families in an SVG; the viewer uses the first that it has.
 const FAMILY: &str = "Noto Sans, DejaVu Sans, Helvetica, Arial, sans-serif";
 /// Height of a panel's title, points.
 pub(super) const HEAD: f64 = 12.5;
@@ -26,7 +27,7 @@ pub(super) const HEAD: f64 = 12.5;
 pub(super) const LABEL: f64 = 11.5;
 /// Height of numbers along an axis, points.
 pub(super) const TICK: f64 = 10.5;
-/// Drawn units a point.
+/// Drawn units per point.
 pub(super) const UNITS: u32 = 4;
 /// Units averaged into one pixel.
 pub(super) const SMOOTH: u32 = 2;
@@ -51,7 +52,7 @@ pub(super) fn text_width(letterer: &Letterer, text: &str, px: f64, bold: bool) -
     f64::from(letterer.width(text, bold, px as f32))
 }
 
-/// A line of text that waits for the final size.
+/// A line of text that is drawn at the final size.
 pub(super) struct Lettering {
     text: String,
     /// Points.
@@ -96,7 +97,7 @@ impl Lettering {
 pub(super) struct Canvas<'a, DB: DrawingBackend> {
     pub(super) area: &'a Area<'a, DB>,
     pub(super) letterer: &'a Letterer,
-    /// Where the text of a bitmap is kept; none in an SVG.
+    /// The text of a bitmap; `None` for an SVG.
     pub(super) texts: Option<&'a RefCell<Vec<Lettering>>>,
     pub(super) theme: Theme,
 }
@@ -128,8 +129,8 @@ impl<DB: DrawingBackend> Canvas<'_, DB> {
         if self.texts.is_none() || path.len() < 3 {
             return self.area.draw(&PathElement::new(path, style)).map_err(Error::draw);
         }
-        // The bitmap backend fills the outline of a thick path by even and odd: where it crosses
-        // itself a hole would show. Piece by piece, with round joints, it does not.
+        // The bitmap backend fills the outline of a thick path by the even-odd rule, which leaves
+        // holes where the path crosses itself. So it is drawn piece by piece, with round joints.
         let joint = (0.42 * width * f64::from(UNITS)).round() as i32;
         for pair in path.windows(2) {
             self.area.draw(&PathElement::new(pair.to_vec(), style)).map_err(Error::draw)?;
@@ -249,7 +250,7 @@ impl<DB: DrawingBackend> Canvas<'_, DB> {
         Ok(())
     }
 
-    /// The last number means plain ink: a command beside motions of many colours.
+    /// The last number is the text colour, for a command beside motions of many colours.
     pub(super) fn color(&self, i: usize) -> Rgb {
         if i == INK { self.theme.ink() } else { self.theme.line(i) }
     }

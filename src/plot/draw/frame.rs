@@ -1,8 +1,8 @@
-//! From data to points on the paper: scales, and curves cut to the frame.
+//! Maps data to points on the paper: scales, and curves clipped to the frame.
 
 use super::canvas::Rect;
 
-/// From data to points on the paper.
+/// Maps data to points on the paper.
 pub(super) struct Frame {
     pub(super) rect: Rect,
     pub(super) x: (f64, f64),
@@ -10,12 +10,12 @@ pub(super) struct Frame {
     pub(super) log: (bool, bool),
 }
 
-/// Whether a value has a place on any axis: differences of larger ones are not finite.
+/// Whether a value can be on an axis; differences of larger values are not finite.
 pub(super) fn drawable(v: f64) -> bool {
     v.abs() <= 1e300
 }
 
-/// Both ends of what is left of a segment, and whether the second was inside.
+/// Both ends of a clipped segment, and whether the second was inside.
 type Cut = ((f64, f64), (f64, f64), bool);
 
 impl Frame {

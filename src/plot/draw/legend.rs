@@ -1,5 +1,4 @@
-//! What the colours and patterns of a figure mean: one list for all its panels, or one for
-//! each.
+//! The legend of a figure: one list for all panels, or one for each.
 
 use plotters::prelude::DrawingBackend;
 use plotters::style::text_anchor::{HPos, VPos};
@@ -13,7 +12,7 @@ use crate::plot::{Error, INK, Letterer};
 pub(super) struct Entry {
     name: String,
     color: usize,
-    /// Whether panels draw it in different colours: then the pattern is what it explains.
+    /// Whether panels draw it in different colours; then the legend explains the pattern.
     varies: bool,
     sign: Sign,
 }
@@ -26,11 +25,11 @@ pub(super) enum Sign {
     Hatch,
 }
 
-/// What needs explaining, once each, masks last.
+/// The entries, without duplicates, masks last.
 pub(super) fn entries(panels: &[Panel]) -> Vec<Entry> {
     let mut entries: Vec<Entry> = Vec::new();
     let mut add = |name: &str, color: usize, sign: Sign| {
-        // The same name and pattern in several panels is one entry, whatever the colour there.
+        // The same name and pattern in several panels is one entry, regardless of the colour.
         if let Some(e) = entries.iter_mut().find(|e| e.name == name && e.sign == sign) {
             e.varies |= e.color != color;
         } else if !name.is_empty() {

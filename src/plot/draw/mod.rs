@@ -1,7 +1,8 @@
 //! Lays out and draws a figure through plotters' bitmap and SVG backends.
 //!
-//! The axes are ours (plotters' own reserve fixed label areas and cannot hatch, break lines at
-//! masks or share a legend between panels); its backends, shapes and font handling do the work.
+//! We draw the axes ourselves, because those of plotters reserve fixed label areas and cannot
+//! hatch, break lines at masks or share a legend between panels. Its backends, shapes and fonts are
+//! used.
 
 mod canvas;
 mod frame;
@@ -28,7 +29,7 @@ const TITLE: f64 = 16.0;
 const MARGIN: f64 = 16.0;
 
 impl Figure {
-    /// As a PNG at two pixels a point.
+    /// As a PNG with two pixels per point.
     ///
     /// # Errors
     /// [`Error::Empty`], [`Error::Large`], [`Error::Draw`].
@@ -44,7 +45,7 @@ impl Figure {
         svg(self)
     }
 
-    /// Whether the ending of a path names a format, asked before there are figures to draw.
+    /// Checks the suffix of a path before the work.
     ///
     /// # Errors
     /// [`Error::Format`].
@@ -56,7 +57,7 @@ impl Figure {
         }
     }
 
-    /// Writes a file; the ending (png or svg) names the format.
+    /// Writes a file; the suffix (png or svg) decides the format.
     ///
     /// # Errors
     /// As above; [`Error::Format`], [`Error::File`].
@@ -187,7 +188,7 @@ fn render<DB: DrawingBackend>(
     canvas.legend(&size.legend, MARGIN, y, f64::from(size.width) - 2.0 * MARGIN)?;
     let columns = figure.columns.clamp(1, figure.panels.len());
     let (w, h) = (f64::from(figure.panel.0), f64::from(figure.panel.1));
-    // A label serves the whole column as long as the panels below have the same.
+    // A label is drawn once per column if the panels below have the same one.
     let lowest = |i: usize, panel: &Panel| {
         let below = figure.panels.get(i + columns);
         i / columns + 1 == size.rows || below.is_none_or(|b| b.x.text() != panel.x.text())

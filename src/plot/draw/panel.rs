@@ -1,4 +1,4 @@
-//! One pair of axes and what stands in it.
+//! One pair of axes and its content.
 
 use plotters::prelude::DrawingBackend;
 use plotters::style::text_anchor::{HPos, VPos};
@@ -10,12 +10,12 @@ use crate::plot::Error;
 use crate::plot::axis::Axis;
 use crate::plot::figure::{Dash, Layer, Mark, Panel};
 
-/// What a panel keeps free around its axes.
+/// The margins of a panel around its axes.
 #[derive(Clone, Copy)]
 pub(super) struct Room<'a> {
-    /// Whether there is room for the name of the x axis: for all panels of a row, or none.
+    /// Whether the name of the x axis is drawn; the same for all panels of a row.
     pub(super) foot: bool,
-    /// The panel's own list of colours, empty where the figure has one.
+    /// The panel's own legend; empty if the figure has one.
     pub(super) legend: &'a [Entry],
 }
 
@@ -60,7 +60,7 @@ impl<DB: DrawingBackend> Canvas<'_, DB> {
             for l in &panel.layers {
                 if horizontal { l.span(&mut take, |_| {}) } else { l.span(|_| {}, &mut take) }
             }
-            // Lines run from edge to edge; only true lengths and marks need air at the sides.
+            // Lines go from edge to edge; only equal scales and marks need margins at the sides.
             if horizontal && !panel.equal { axis.tight(low, high) } else { axis.ends(low, high) }
         };
         let (mut x, mut y) = (ends(&panel.x, true), ends(&panel.y, false));
@@ -233,7 +233,7 @@ impl<DB: DrawingBackend> Canvas<'_, DB> {
         let t = self.theme;
         match layer {
             Layer::Line { points, color, dash, .. } => {
-                // A line of one point would not be seen.
+                // A line of one point would be invisible.
                 if let [p] = points[..]
                     && p.0.is_finite()
                     && p.1.is_finite()

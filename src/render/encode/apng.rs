@@ -1,4 +1,4 @@
-//! APNG: lossless; each frame holds only the rectangle that changed.
+//! APNG: lossless; each frame contains only the changed rectangle.
 
 use super::film::{Encode, Film};
 use super::{changed, fail};

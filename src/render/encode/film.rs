@@ -1,4 +1,4 @@
-//! What a film is made of, and what every encoder of one does.
+//! The parameters of a film, and the interface of its encoders.
 
 use std::path::Path;
 
@@ -8,16 +8,16 @@ use crate::render::{Error, Picture};
 /// The format of a film.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FilmFormat {
-    /// H.264 in MP4: small, plays everywhere.
+    /// H.264 in MP4: small, and plays everywhere.
     Mp4,
-    /// 256 colours: plays where nothing else does.
+    /// 256 colours, for places that show no films.
     Gif,
     /// Lossless.
     Apng,
 }
 
 impl FilmFormat {
-    /// From the ending of a path; a `.png` is a still and gives none.
+    /// From the suffix of a path; `None` for stills such as `.png`.
     pub fn of(path: &Path) -> Option<FilmFormat> {
         match ending(path).as_str() {
             "mp4" => Some(FilmFormat::Mp4),
@@ -28,18 +28,18 @@ impl FilmFormat {
     }
 }
 
-/// What a film is made of.
+/// The parameters of a film.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Film {
     /// The format.
     pub format: FilmFormat,
     /// Frames a second.
     pub fps: u32,
-    /// Pixels a row.
+    /// Width, pixels.
     pub width: u32,
-    /// Rows.
+    /// Height, pixels.
     pub height: u32,
-    /// Frames there will be.
+    /// Total number of frames.
     pub frames: u32,
 }
 

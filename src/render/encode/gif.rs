@@ -1,7 +1,7 @@
-//! GIF: one palette for as long as it serves, ordered dither, only what changed.
+//! GIF: one palette as long as possible, ordered dither, only the changes.
 //!
-//! A palette a frame (what most encoders do) flickers, and error diffusion makes a still
-//! background crawl so that every frame has to be stored whole. With a fixed dither pattern an
+//! One palette per frame (as in most encoders) flickers, and error diffusion changes a static
+//! background, so that every frame must be stored completely. With a fixed dither pattern an
 //! unchanged pixel keeps its index and costs nothing.
 
 use color_quant::NeuQuant;
@@ -13,9 +13,9 @@ use crate::render::{Error, Picture};
 /// Colours; one index is kept for "as before".
 const COLORS: usize = 255;
 const AS_BEFORE: u8 = 255;
-/// Bits a channel of the lookup table.
+/// Bits per channel of the lookup table.
 const BITS: u32 = 6;
-/// Mean squared error at which the palette no longer serves, and the film gets a new one.
+/// Mean squared error above which the film gets a new palette.
 const WORN_OUT: f64 = 90.0;
 /// Bayer 4x4.
 const PATTERN: [i16; 16] = [0, 8, 2, 10, 12, 4, 14, 6, 3, 11, 1, 9, 15, 7, 13, 5];
@@ -37,7 +37,7 @@ struct Palette {
 
 impl Palette {
     fn of(picture: &Picture) -> Palette {
-        // About 40,000 samples teach the palette; small pictures are looked at again and again.
+        // The palette is fitted to about 40,000 samples; small pictures are sampled repeatedly.
         let pixels = (picture.rgba.len() / 4).max(1);
         let every = (pixels / 40_000).clamp(1, 10) as i32;
         let lessons = picture.rgba.repeat((40_000 / pixels).max(1));

@@ -1,10 +1,10 @@
 //! Files of pictures: stills (PNG, JPEG) and films (MP4, GIF, APNG).
 //!
 //! A [`VideoWriter`] encodes on its own thread, so that the renderer draws the next frame
-//! meanwhile; the channel between them is short, so that neither runs away with memory.
+//! meanwhile. The channel between them is short, to bound memory.
 //!
-//! WebP is left out: the pure-Rust encoder writes lossless stills only, and the other one binds
-//! a C library that no other part needs; APNG and MP4 cover what animated WebP would.
+//! Rejected: WebP. The pure-Rust encoder writes only lossless stills, and the other one binds a C
+//! library that no other part needs. APNG and MP4 replace animated WebP.
 
 mod apng;
 mod film;
@@ -19,7 +19,7 @@ use std::path::Path;
 
 use super::{Error, Picture};
 
-/// Endings that can be written.
+/// Supported suffixes.
 pub const ENDINGS: &str = ".png, .jpg, .mp4, .gif or .apng";
 /// JPEG quality of stills: about 30 kB at 640x480.
 pub const JPEG_QUALITY: u8 = 88;
@@ -72,7 +72,7 @@ pub fn jpeg(picture: &Picture, quality: u8) -> Result<Vec<u8>, Error> {
     Ok(out)
 }
 
-/// Writes one picture in the format that the ending of `path` names (png, jpg).
+/// Writes one picture; the suffix of `path` (png, jpg) decides the format.
 ///
 /// # Errors
 /// [`Error::Format`], [`Error::Encode`], [`Error::File`].
@@ -85,7 +85,7 @@ pub fn save(picture: &Picture, path: &Path) -> Result<(), Error> {
     Ok(crate::fsio::write_atomic(path, &bytes)?)
 }
 
-/// The ending of a path in small letters, without the dot.
+/// The suffix of a path in lower case, without the dot.
 pub fn ending(path: &Path) -> String {
     path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default()
 }

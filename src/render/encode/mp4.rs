@@ -1,9 +1,9 @@
-//! H.264 in MP4, with the index in front so that a browser can start at once.
+//! H.264 in MP4, with the index first so that a browser can start at once.
 //!
 //! Encoder: `OpenH264`, built from source (BSD-2). Muxer: `shiguredo_mp4`, which does no I/O of
-//! its own and also parses the encoder's parameter sets. Weighed against it: muxide (a recording
-//! application first), mp4 (no release for years), mp4-atom (boxes only: the sample tables would
-//! be ours to keep right).
+//! its own and also parses the encoder's parameter sets. Rejected: muxide (mainly a recording
+//! application), mp4 (no release for years), mp4-atom (boxes only; we would have to maintain the
+//! sample tables).
 
 use std::num::NonZeroU32;
 
@@ -27,11 +27,11 @@ use super::fail;
 use super::film::{Encode, Film};
 use crate::render::{Error, Picture};
 
-/// Quantiser: clean to the eye on these pictures at 2 kB a frame.
+/// Quantiser: no visible artefacts on these pictures at 2 kB per frame.
 const QP: u8 = 23;
 /// Frames between points that a player can jump to.
 const KEY_EVERY: u32 = 40;
-/// Edges that the encoder takes, pixels: at least, the longer one, the shorter one (level 5.1).
+/// Limits of the encoder, pixels: least edge, longer edge, shorter edge (level 5.1).
 const LEAST: u32 = 16;
 const LONG: u32 = 3840;
 const SHORT: u32 = 2160;
@@ -54,7 +54,7 @@ struct Planes {
     v: Vec<u8>,
 }
 
-/// Refuses sizes that the encoder would.
+/// Refuses sizes that the encoder does not support.
 pub(super) fn check_size(width: u32, height: u32) -> Result<(), Error> {
     let (short, long) = (width.min(height), width.max(height));
     if (LEAST..=SHORT).contains(&short) && long <= LONG {

@@ -1,4 +1,4 @@
-//! A film that grows frame by frame on a thread of its own.
+//! Encodes a film frame by frame on its own thread.
 
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{SyncSender, sync_channel};
@@ -8,7 +8,7 @@ use super::film::{Encode, Film, FilmFormat};
 use super::{ENDINGS, apng, gif, mp4};
 use crate::render::{Error, Picture};
 
-/// Frames that wait for the encoder at most.
+/// The most frames that wait for the encoder.
 const WAITING: usize = 4;
 
 impl FilmFormat {
@@ -31,11 +31,11 @@ pub struct Written {
     pub frames: u64,
     /// Its size.
     pub bytes: u64,
-    /// Where it is.
+    /// Its path.
     pub path: PathBuf,
 }
 
-/// Encodes a film on its own thread and writes it, whole or not at all.
+/// Encodes a film on its own thread and writes it atomically.
 #[derive(Debug)]
 pub struct VideoWriter {
     pictures: Option<SyncSender<Picture>>,
@@ -49,7 +49,7 @@ impl VideoWriter {
     /// A film at `path`; the format is that of `film`.
     ///
     /// # Errors
-    /// [`Error::Format`] for an ending that no film has; [`Error::FilmSize`],
+    /// [`Error::Format`] for an unknown suffix; [`Error::FilmSize`],
     /// [`Error::Encode`].
     pub fn create(path: &Path, film: Film) -> Result<VideoWriter, Error> {
         if FilmFormat::of(path).is_none() {
@@ -80,10 +80,10 @@ impl VideoWriter {
         })
     }
 
-    /// Hands over the next frame; waits when the encoder is behind.
+    /// Passes the next frame to the encoder; waits if the encoder is behind.
     ///
     /// # Errors
-    /// [`Error::FrameSize`]; what the encoder died of.
+    /// [`Error::FrameSize`], and any error of the encoder.
     pub fn push(&mut self, picture: Picture) -> Result<(), Error> {
         if (picture.width, picture.height) != (self.film.width, self.film.height) {
             return Err(Error::FrameSize {
@@ -169,7 +169,7 @@ mod tests {
         assert!(matches!(made, Err(Error::FilmSize { .. })));
     }
 
-    /// The encoder takes what the check lets through.
+    /// The encoder supports all sizes that the check accepts.
     #[test]
     fn the_outermost_sizes_are_encoded() {
         let dir = tempfile::tempdir().unwrap();

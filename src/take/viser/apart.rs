@@ -1,17 +1,17 @@
-//! Where a ghost is shown: only where it is apart from what it is the ghost of.
+//! Decides where a ghost is shown: only where it differs from the robot.
 //!
-//! Two surfaces in one place are drawn as patches of both, and a ghost that covers what it
-//! agrees with says nothing.
+//! Two surfaces in one place are drawn as patches of both, and a ghost that coincides with the
+//! robot is useless.
 
 use glam::{DQuat, DVec3};
 
-/// Of the robot's size, the least distance of a ghost that is shown.
+/// The least distance of a visible ghost, as a share of the robot's size.
 const SHARE: f64 = 0.003;
 
-/// The bodies of a robot as boxes, to tell how far two poses of one lie apart.
+/// The bodies of a robot as boxes, to measure the distance between two poses.
 #[derive(Clone, Debug)]
 pub struct Apart {
-    /// Corners of each body's bounding box in its own frame, m; none for what is not seen.
+    /// Corners of each body's bounding box in its own frame, m; `None` for invisible bodies.
     boxes: Vec<Option<[DVec3; 8]>>,
     limit_m: f64,
 }
@@ -45,8 +45,7 @@ impl Apart {
         Apart { boxes: ends.into_iter().map(boxed).collect(), limit_m: SHARE * size_m }
     }
 
-    /// Whether a body at one pose (x y z in m, then w x y z) is seen to be elsewhere than at the
-    /// other.
+    /// Whether two poses of a body (x y z in m, then w x y z) differ visibly.
     pub fn seen(&self, body: usize, a: &[f64; 7], b: &[f64; 7]) -> bool {
         let Some(Some(corners)) = self.boxes.get(body) else { return false };
         let place = |p: &[f64; 7]| {

@@ -1,4 +1,4 @@
-//! Arrays that travel beside the msgpack.
+//! Arrays that are sent beside the msgpack.
 
 use std::cell::RefCell;
 use std::sync::Arc;
@@ -8,12 +8,12 @@ use serde::{Serialize, Serializer, ser::SerializeMap};
 use super::super::error::Error;
 
 thread_local! {
-    /// Buffers of the document that is being encoded on this thread. Serde gives a value no
-    /// way to reach the side of its document other than this.
+    /// Buffers of the document that is being encoded on this thread. With serde a value has no
+    /// other way to add data beside its document.
     static BESIDE: RefCell<Option<Vec<Arc<[u8]>>>> = const { RefCell::new(None) };
 }
 
-/// An array that travels beside the msgpack; in it stands only its index and type.
+/// An array that is sent beside the msgpack, which contains only its index and type.
 /// Clones share the bytes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Buffer {

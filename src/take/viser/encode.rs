@@ -1,4 +1,4 @@
-//! Frames and files: msgpack with the arrays beside it.
+//! Encodes frames and files: msgpack with arrays beside it.
 
 use std::sync::Arc;
 
@@ -13,7 +13,7 @@ pub const VERSION: &str = "1.1.1";
 /// The websocket subprotocol that must be echoed.
 pub const SUBPROTOCOL: &str = "viser-v1.1.1";
 
-/// `messages`, encoded one after the other so that the lengths can stand in the same map.
+/// `messages`, encoded one after the other so that the lengths can be in the same map.
 fn document<M: Serialize>(messages: &[M], fields: &[(&str, Field<'_>)]) -> Result<Packed, Error> {
     let (list, beside) = pack(&messages)?;
     let lengths: Vec<usize> = beside.iter().map(|b| b.len()).collect();

@@ -1,4 +1,4 @@
-//! Messages to the client: names and fields are the client's.
+//! Messages to the client, with the client's names and fields.
 
 use serde::Serialize;
 
@@ -32,23 +32,23 @@ macro_rules! messages {
     };
 }
 
-/// A node of the scene being made.
+/// Creates a node of the scene.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Node<P> {
     /// Path, `/a/b`.
     pub name: String,
     /// Empty for nodes of all clients.
     pub owner: String,
-    /// Whether it was only made to be a parent.
+    /// Whether it is only a parent.
     #[serde(rename = "virtual")]
     pub is_virtual: bool,
-    /// What it shows.
+    /// Its content.
     pub props: P,
 }
 
 messages! {
     nodes {
-        /// A coordinate frame; also what other nodes hang on.
+        /// A coordinate frame, also used as a parent of other nodes.
         FrameMessage(FrameProps),
         /// A mesh.
         MeshMessage(MeshProps),
@@ -66,9 +66,9 @@ messages! {
         LineSegmentsMessage(LineSegmentsProps),
         /// A gizmo.
         TransformControlsMessage(TransformControlsProps),
-        /// A light like the sun.
+        /// A directional light.
         DirectionalLightMessage(DirectionalLightProps),
-        /// A light from everywhere.
+        /// An ambient light.
         AmbientLightMessage(AmbientLightProps),
     }
     others {
@@ -80,15 +80,15 @@ messages! {
         SetBonePositionMessage { name: String, bone_index: u32, position: Xyz, owner: String, },
         /// Turns a bone of a skinned mesh.
         SetBoneOrientationMessage { name: String, bone_index: u32, wxyz: Wxyz, owner: String, },
-        /// Shows or hides a node and what hangs on it.
+        /// Shows or hides a node and its children.
         SetSceneNodeVisibilityMessage { name: String, visible: bool, owner: String, },
-        /// Changes what a node shows.
+        /// Changes the content of a node.
         SceneNodeUpdateMessage { name: String, updates: Updates, owner: String, },
         /// Removes a node; its children must be removed one by one.
         RemoveSceneNodeMessage { name: String, owner: String, },
-        /// Says which clicks on a node are reported.
+        /// Sets which clicks on a node are reported.
         SetSceneNodeClickBindingsMessage { name: String, bindings: Vec<Binding>, owner: String, },
-        /// Says which drags on a node are reported.
+        /// Sets which drags on a node are reported.
         SetSceneNodeDragBindingsMessage { name: String, bindings: Vec<Binding>, owner: String, },
         /// Switches the client's own lights.
         EnableLightsMessage { enabled: bool, cast_shadow: bool, },
@@ -103,31 +103,31 @@ messages! {
             environment_intensity: f64,
             environment_wxyz: Wxyz,
         },
-        /// Where the camera stands.
+        /// Position of the camera.
         SetCameraPositionMessage {
             position: Xyz,
-            /// Whether "reset view" comes back to it.
+            /// Whether "reset view" restores it.
             initial: bool,
         },
-        /// What the camera looks at.
+        /// Target of the camera.
         SetCameraLookAtMessage {
             look_at: Xyz,
-            /// Whether "reset view" comes back to it.
+            /// Whether "reset view" restores it.
             initial: bool,
         },
-        /// What is up for the camera.
+        /// Up direction of the camera.
         SetCameraUpDirectionMessage {
             position: Xyz,
-            /// Whether "reset view" comes back to it.
+            /// Whether "reset view" restores it.
             initial: bool,
         },
         /// Vertical field of view, rad.
         SetCameraFovMessage {
             fov: f64,
-            /// Whether "reset view" comes back to it.
+            /// Whether "reset view" restores it.
             initial: bool,
         },
-        /// Look of the page around the scene.
+        /// Theme of the page around the scene.
         ThemeConfigurationMessage {
             titlebar_content: Option<()>,
             control_layout: &'static str,
@@ -173,8 +173,8 @@ impl Message {
         Message::SceneNodeUpdateMessage { name, updates: Updates { color }, owner }
     }
 
-    /// No picture of the surroundings: while the client's own is loading it hides the scene,
-    /// and in a page opened from disk or drawn in software that may take for ever.
+    /// No environment picture: while the client's own is loading it hides the scene, and in a page
+    /// opened from disk or drawn in software it may never load.
     pub fn no_environment() -> Message {
         Message::EnvironmentMapMessage {
             hdri_data: None,

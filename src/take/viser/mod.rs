@@ -1,14 +1,13 @@
-//! The language of the viser client 1.1.1, without any transport.
+//! The messages of the viser client 1.1.1, without any transport.
 //!
-//! Both ends of the program speak it: recordings ([`Recording`], `.viser` files and
-//! stand-alone pages) are written on this floor, and the studio's live scene imports
-//! [`Message`] and [`frame`] from here. What the live scene needs and a recording never
-//! holds (gizmos, clicks) is here as well, so that there is one table of messages.
+//! Recordings ([`Recording`], `.viser` files and stand-alone pages) are written on this floor, and
+//! the studio's live scene imports [`Message`] and [`frame`] from here. Messages that only the live
+//! scene needs (gizmos, clicks) are here as well, so that there is one table of messages.
 //!
-//! * The client checks nothing: a prop that is missing shows as broken rendering. Every
-//!   struct therefore lists all props, and none has optional fields that are left out.
+//! * The client checks nothing: a missing prop breaks the rendering. Every struct therefore lists
+//!   all props, and no optional field is left out.
 //! * Quaternions are w x y z, poses are in the parent's frame, names are `/a/b/c`.
-//! * Arrays travel beside the msgpack, see [`Buffer`].
+//! * Arrays are sent beside the msgpack, see [`Buffer`].
 
 mod apart;
 mod buffer;

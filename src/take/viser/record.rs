@@ -1,7 +1,7 @@
 //! A take as a viser recording: the reached robot solid, the commanded one translucent.
 //!
-//! A body is a node with the world pose of its frame; what is seen of it is one static mesh
-//! per colour below that node. Only what changes is written: a body at rest costs nothing.
+//! A body is a node with the world pose of its frame, with one static mesh per colour below it.
+//! Only changes are written, so a body at rest costs nothing.
 
 use super::super::document::{POSE, Take};
 use super::super::error::Error;
@@ -47,7 +47,7 @@ impl Recording {
         out.put(0.0, Message::create("/command", FrameProps::default()));
         let bodies: Vec<String> = take.robot.bodies.iter().map(|b| node_name(b)).collect();
         out.bodies("/robot", &bodies, &meshes, None);
-        // What cannot move is where it is commanded to be.
+        // Bodies that cannot move are always at their commanded place.
         let weld = robot.scene_model()?.body_weldid();
         let moving: Vec<BodyMesh> =
             meshes.iter().filter(|m| weld.get(m.body).is_some_and(|w| *w != 0)).cloned().collect();
@@ -113,7 +113,8 @@ impl Recording {
         self.put(0.0, Message::position("/floor", [0.0, 0.0, z - 1e-3]));
         let c = &robot.profile().camera;
         let (el, az) = (c.elevation_rad, c.azimuth_rad);
-        // Elevation and azimuth are those of the line of sight, so the eye is behind it.
+        // Elevation and azimuth are those of the line of sight, so the eye is in the opposite
+        // direction.
         let sight = [el.cos() * az.cos(), el.cos() * az.sin(), el.sin()];
         let [x, y, z] = c.lookat;
         let eye = |k: f64, s: f64| k - c.distance * s;
@@ -143,8 +144,8 @@ impl Recording {
                 None => continue,
             };
             self.put(0.0, Message::create(&name, props(mesh, tint)));
-            // When playback starts over, the client hides all nodes and only a message
-            // shows them again.
+            // When playback restarts, the client hides all nodes, and only a message shows them
+            // again.
             self.put(0.0, Message::visibility(&name, true));
         }
     }
@@ -154,7 +155,7 @@ fn pose_of(poses: &[f64], body: usize) -> Option<&[f64; POSE]> {
     poses.get(body * POSE..)?.first_chunk()
 }
 
-/// The diagonal of the box around what moves, at the first frame.
+/// The diagonal of the box around the moving bodies, at the first frame.
 fn size_m(take: &Take, meshes: &[BodyMesh]) -> f64 {
     let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
     for mesh in meshes {
