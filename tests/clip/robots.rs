@@ -159,7 +159,7 @@ fn a_clip_of_another_robot_is_handed_over_where_the_joints_are_the_same() {
                 assert_eq!((code, out.contains("other-robot")), (0, false), "{out}");
             } else {
                 assert_eq!(code, 3, "{id} as {other}: {err}");
-                assert!(err.contains("lacking"), "{err}");
+                assert!(err.contains("missing"), "{err}");
             }
         }
     }
