@@ -17,10 +17,10 @@
 //! a   = clamp((kp (r - q) - kd v + disturbance + weight) / full torque, +-1)
 //! ```
 //!
-//! Without the weight, the torque that holds the pose against gravity, soft servos let a
-//! heavy arm hang, and its data lie at the bottom of the range. No task, no reward, no
-//! demonstration; of the robot it takes ranges, speeds, the inertia that any servo is tuned by,
-//! and its weight (of the nominal model).
+//! The weight is the torque that holds the pose against gravity. Without it, soft servos let a
+//! heavy arm hang down, and all data are at the bottom of the range. There is no task, reward or
+//! demonstration. Of the robot it uses ranges, speeds, and, as any servo tuning does, inertia and
+//! weight (of the nominal model).
 
 use super::error::Error;
 use crate::mujoco::Data;

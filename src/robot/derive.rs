@@ -226,9 +226,8 @@ fn joint(model: &Model, id: usize) -> JointSpec {
     }
 }
 
-/// Force of the motors that reach a joint, over its damping: the speed at which the motor
-/// holds no torque back. Gravity is left out; an
-/// import measures the speed instead.
+/// Force of the motors of a joint divided by its damping: the speed at which the motor has no
+/// torque left. Gravity is left out; an import measures the speed instead.
 fn speed_limit(model: &Model, joint: usize) -> f64 {
     let damping = model.dof_damping()[model.jnt_dofadr()[joint] as usize];
     match torque_limit(model, joint) {
@@ -237,7 +236,7 @@ fn speed_limit(model: &Model, joint: usize) -> f64 {
     }
 }
 
-/// So many digits: a limit is a figure for people, not a fingerprint.
+/// Rounds to `n` digits, which are enough for a limit.
 pub(super) fn digits(v: f64, n: i32) -> f64 {
     if v <= 0.0 || !v.is_finite() {
         return 0.0;
@@ -246,7 +245,7 @@ pub(super) fn digits(v: f64, n: i32) -> f64 {
     (v * scale).round() / scale
 }
 
-/// Greatest torque of the motors that reach a joint, N m or N; `None` where none does.
+/// Greatest torque of the motors of a joint, N m or N; `None` if it has none.
 pub(super) fn torque_limit(model: &Model, joint: usize) -> Option<f64> {
     let mut force = None;
     for a in 0..model.nu() {
