@@ -1,9 +1,8 @@
-//! `auto`: the simulator judges who performs.
+//! `auto`: chooses the policy by simulation.
 //!
-//! The clip is performed by every contender that knows no more than the user's case allows:
-//! the learned policies and proportional control, with and without the guide. The nearest is
-//! taken. No learned policy is best everywhere (contact, poses that the robot cannot take), and
-//! a rollout costs less than a person needs to notice.
+//! Every contender performs the clip: the learned policies and proportional control, with and
+//! without the guide. The best one is used. No learned policy is best everywhere (contact,
+//! unreachable poses), and a rollout takes too little time to be noticed.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -21,25 +20,25 @@ use crate::net::Model;
 use crate::progress::{Cancel, Progress};
 use crate::robot::{PlantConfig, Robot};
 
-/// What a gap that does not look natural counts, in rad or m of error: for each rad or m of
-/// overshoot, and for each straight line of way beyond [`LONGEST_PATH`].
+/// Penalty of unnatural motion in a gap, as rad or m of error: for each rad or m of overshoot, and
+/// for each straight line of path beyond [`LONGEST_PATH`].
 const GAP_WEIGHT: f64 = 0.005;
 /// The same for each minimum jerk beyond [`MOST_JERK`].
 const JERK_WEIGHT: f64 = 1e-4;
-/// What still looks natural inside a gap: the way over the straight line, and the jerk over the
-/// least there is.
+/// Limits of natural motion inside a gap: path relative to the straight line, and jerk relative to
+/// the minimum.
 const LONGEST_PATH: f64 = 1.3;
 const MOST_JERK: f64 = 3.0;
 
-/// How one contender did.
+/// The result of one contender.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Trial {
-    /// Who, as [`PolicyConfig::label`] names it.
+    /// The policy, as in [`PolicyConfig::label`].
     pub policy: String,
     /// Its Precision, rad or m; `None` when it failed, or when nothing was commanded.
     pub precision: Option<f64>,
-    /// What its motion inside gaps counts on top, rad or m: a swing beyond the keys, a long
-    /// way, jolts. 0 where it looks natural.
+    /// Penalty of its motion inside gaps, rad or m: overshoot, long paths, jolts. 0 if it looks
+    /// natural.
     pub gaps: f64,
     /// Why it failed.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -58,20 +57,20 @@ impl std::fmt::Debug for Contenders {
     }
 }
 
-/// A clip that has been performed by all, with the best performance.
+/// A clip that all contenders performed, with the best rollout.
 #[derive(Debug)]
 pub struct Chosen {
-    /// The nearest.
+    /// The best policy.
     pub policy: PolicyConfig,
-    /// Its performance on the nominal plant.
+    /// Its rollout on the nominal plant.
     pub rollout: Rollout,
     /// All of them, in the order in which they were tried.
     pub tried: Vec<Trial>,
 }
 
 impl Contenders {
-    /// Who competes when `asked` (of name `auto`) is asked for: a model and the guide that it
-    /// names hold for all. Refinement is for the chosen one.
+    /// The contenders for `asked` (with the name `auto`). Its model and guide apply to all of them;
+    /// refinement applies to the chosen one.
     ///
     /// # Errors
     /// As [`PolicyConfig::build`].
@@ -83,7 +82,7 @@ impl Contenders {
         Ok(Contenders { robot: Arc::clone(robot), list })
     }
 
-    /// How many there are.
+    /// Their number.
     pub fn count(&self) -> usize {
         self.list.len()
     }
@@ -93,12 +92,12 @@ impl Contenders {
         self.list.iter().map(|(config, _)| config)
     }
 
-    /// Lets all of them perform on the nominal plant, on `threads` threads, and takes the
-    /// nearest. The result does not depend on the number of threads.
+    /// Rolls out all of them on the nominal plant, on `threads` threads, and chooses the best. The
+    /// result does not depend on the number of threads.
     ///
     /// # Errors
-    /// What keeps the first of them from starting (a clip for another robot), the error of
-    /// the first when all fail, and [`Error::Cancelled`].
+    /// An error that keeps the first of them from starting (a clip for another robot), the error of
+    /// the first if all fail, and [`Error::Cancelled`].
     pub fn perform(
         &self,
         command: &Command,
@@ -192,7 +191,7 @@ impl Contenders {
     }
 }
 
-/// The one with the least error and gaps together; the first of equals.
+/// The one with the least sum of error and gap penalty; the first among equals.
 fn best(tried: &[Trial]) -> Option<usize> {
     let scored = tried.iter().enumerate().filter_map(|(at, t)| Some((at, t.precision? + t.gaps)));
     scored.min_by(|(_, a), (_, b)| a.total_cmp(b)).map(|(at, _)| at)
@@ -207,8 +206,9 @@ fn unnatural(rollout: &Rollout) -> f64 {
     GAP_WEIGHT * (swing + detour) + JERK_WEIGHT * jolts
 }
 
-/// Who competes. With a model: the network as it is, with the guide, and filling the gaps
-/// itself; its linear prediction likewise; proportional control. Without one: what needs no data.
+/// The list of contenders. With a model: the network, alone, with the guide, and filling the gaps
+/// itself; its linear prediction likewise; proportional control. Without a model: policies that
+/// need no data.
 fn configs(robot: &Robot, asked: &PolicyConfig) -> Result<Vec<PolicyConfig>, Error> {
     let of = |name, guide| PolicyConfig { name, guide, refine: false, ..asked.clone() };
     let plain = |name| PolicyConfig { model_path: None, ..of(name, asked.guide) };

@@ -92,7 +92,7 @@ impl Frames {
         let mut window = window.clone();
         match &self.reachable {
             Some(reachable) if !self.masks => reachable.fill(&mut window),
-            // This network knows whole frames only.
+            // This network was trained on whole frames.
             _ if self.granularity == MaskGranularity::State => window.complete_partial_frames(),
             _ => {}
         }
@@ -126,7 +126,7 @@ impl Learned {
         })
     }
 
-    /// Leaves masked frames to the network, also where the model says how gaps are filled.
+    /// Leaves masked frames to the network, even if the model contains data to fill gaps.
     #[must_use]
     pub fn with_masks(mut self, masks: bool) -> Self {
         self.frames.masks = masks;

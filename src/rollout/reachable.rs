@@ -45,12 +45,12 @@ impl Reachable {
         Reachable { speed: reach.speed.clone(), basis, project }
     }
 
-    /// Fills the gaps of a window; all goals count from then on.
+    /// Fills the gaps of a window; all goals count afterwards.
     pub(super) fn fill(&self, window: &mut Window) {
         infill(window, &self.speed);
     }
 
-    /// Brings the goals of a window to what the robot can reach.
+    /// Projects the goals of a window onto what the robot can reach.
     pub(super) fn project(&self, window: &mut Window) {
         let d = window.dim();
         let Some(basis) = &self.basis else { return };
