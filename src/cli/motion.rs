@@ -167,8 +167,7 @@ pub(super) fn policy(text: &str, guide: Guide, refine: bool) -> Outcome<PolicyCo
     }
     let name: PolicyName = name.parse()?;
     if inference != Inference::default() && name != PolicyName::Robert {
-        let why =
-            "+sample, +masks and +ensemble=N are for robert, which infers actions of many frames";
+        let why = "+sample, +masks and +ensemble=N are only for robert";
         return Err(Failure::usage(format!("policy {text:?}: {why}")));
     }
     let model_path = model.map(Into::into);

@@ -22,8 +22,8 @@ use crate::units::significant;
 /// The policy, its conditions, the seed and the robot.
 #[derive(clap::Args, Clone, Debug)]
 pub(super) struct PerformArgs {
-    /// Who performs [default: auto, the nearest of several]; --help lists all.
-    #[arg(short, long, long_help = who("Who performs [default: auto]:"))]
+    /// The policy [default: auto, the best of several]; --help lists all.
+    #[arg(short, long, long_help = who("The policy [default: auto]:"))]
     pub(super) policy: Option<String>,
     #[command(flatten)]
     conditions: Conditions,
@@ -40,8 +40,7 @@ pub(super) fn who(head: &str) -> String {
     let rows: Vec<String> =
         PolicyName::usages().map(|(usage, what)| format!("  {usage:<20} {what}")).collect();
     format!(
-        "{head}\n{}\nAfter the name: +guide and +refine are the flags of that name, for this policy alone\n(robert:adaptive is best with +guide); robert takes +ensemble=N (means over N windows, 1 to 21), +sample (draws the action)
-and +masks (the network fills the gaps itself).",
+        "{head}\n{}\nOptions after the name: +guide and +refine do the same as the flags, for this policy alone\n(robert:adaptive is best with +guide). robert also has +ensemble=N (mean over N windows, 1 to 21),\n+sample (draws the action) and +masks (the network fills the gaps itself).",
         rows.join("\n")
     )
 }
@@ -92,7 +91,7 @@ impl PerformArgs {
         }
     }
 
-    /// The policy as asked for, or the nearest.
+    /// The policy from the command line, else auto.
     fn policy(&self) -> Outcome<PolicyConfig> {
         Ok(self.named()?.unwrap_or_else(|| PolicyConfig {
             guide: self.conditions.guide.into(),
@@ -134,7 +133,7 @@ pub(super) struct Performed {
     pub robot: Arc<Robot>,
     pub rollout: Rollout,
     pub policy: PolicyConfig,
-    /// Everyone who tried, where the policy was chosen so.
+    /// All policies that were tried, if auto chose the policy.
     pub tried: Vec<Trial>,
     pub config: RolloutConfig,
     pub wall_secs: f64,
@@ -161,7 +160,8 @@ pub(super) fn perform(text: &str, args: &PerformArgs, global: Global) -> Outcome
     let begin = Instant::now();
     let (policy, tried, performed) = if asked.name == PolicyName::Auto {
         let chosen = choose(&robot, &asked, &command, args.seed, &cancel, global)?;
-        // Judged on the nominal plant; another one is performed on anew.
+        // The policies are compared on the nominal plant; on another plant the clip is performed
+        // again.
         let same = plant == PlantConfig::default() && !asked.refine;
         let policy = PolicyConfig { refine: asked.refine, ..chosen.policy };
         (policy, chosen.tried, same.then_some(chosen.rollout))
@@ -199,7 +199,7 @@ pub(super) fn perform(text: &str, args: &PerformArgs, global: Global) -> Outcome
     Ok(Performed { clip, command, robot, rollout, policy, tried, config, wall_secs, broke })
 }
 
-/// Lets the contenders perform, with a bar.
+/// Tries all contenders, with a progress bar.
 fn choose(
     robot: &Arc<Robot>,
     asked: &PolicyConfig,

@@ -162,7 +162,7 @@ fn summary(rollout: &Rollout, p: &Precision, policy: &str, unit: &str, wall_secs
     text
 }
 
-/// Who else tried, nearest first; nothing where one policy was asked for.
+/// The policies that auto tried, best first; empty if a policy was named.
 fn tried(done: &Performed, unit: &str) -> String {
     let Some(least) = done.tried.iter().filter_map(|t| t.precision).min_by(f64::total_cmp) else {
         return String::new();
@@ -177,7 +177,7 @@ fn tried(done: &Performed, unit: &str) -> String {
     });
     let each = each.collect::<Vec<_>>().join(", ");
     let close = if error(list[0]) < done.rollout.precision().precision.unwrap_or(0.0) {
-        "; the nearest swings in the gaps"
+        "; the one with the least error overshoots in the gaps"
     } else {
         ""
     };

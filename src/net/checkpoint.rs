@@ -181,8 +181,8 @@ const SIDE_STD: f64 = 2.0;
 const SPEED_STD: f64 = 2.58;
 
 impl Card {
-    /// What a mask may hide from a policy that is made of this model: single joints, too,
-    /// where gaps are filled before the network looks.
+    /// What a mask may hide from a policy with this model: also single joints, if gaps are filled
+    /// before the network sees them.
     pub fn masks(&self) -> MaskGranularity {
         if self.reach.is_some() { MaskGranularity::Joint } else { self.mask_granularity }
     }

@@ -46,16 +46,20 @@ pub enum PolicyName {
     Nearest,
     /// A small network of three frames.
     MlpInverse,
-    /// The nearest of several on the clip at hand; see [`super::Contenders`].
+    /// The best of several on the given clip; see [`super::Contenders`].
     Auto,
 }
 
-/// Names as they are typed, in the order of tables; the argument that goes with the name;
-/// what the policy is.
+/// Names as they are typed, in the order of tables, with their argument and a description.
 const NAMES: [(PolicyName, &str, &str, &str); 10] = {
     use PolicyName as P;
     [
-        (P::Auto, "auto", "[:MODEL]", "the nearest of robert, ridge and pd, tried in simulation"),
+        (
+            P::Auto,
+            "auto",
+            "[:MODEL]",
+            "the best of robert, ridge and pd on this clip, by simulation",
+        ),
         (P::Zero, "zero", "", "no torque"),
         (P::Pd, "pd", "", "proportional-derivative control, joint by joint"),
         (P::ComputedTorque, "computed-torque", "", "inverse dynamics of the robot's model"),
@@ -186,7 +190,7 @@ pub fn offers(robot: &Robot) -> Vec<Offer> {
         match shipped::get(robot, shipped::DEFAULT) {
             Ok(Some(model)) => {
                 let masks = model.card.masks();
-                // A network's file need not hold the linear prediction.
+                // A network's file need not contain the linear prediction.
                 let lacks = name == PolicyName::Ridge && model.encoder.ridge.is_none();
                 let needs = match name {
                     PolicyName::Nearest => Some("recorded motion: name the dataset"),
@@ -226,7 +230,7 @@ pub fn offers(robot: &Robot) -> Vec<Offer> {
 /// `docs/models.md`.
 pub fn case(card: &Card) -> (&'static str, Guide) {
     if card.tokens.previous_action {
-        // What tells the plant is the answer to small steps, which the guide makes of wide gaps.
+        // Small steps reveal the plant, and the guide divides wide gaps into small steps.
         let suits = "an unknown payload, damping or motor strength; turns the guide on";
         (suits, Guide::Linear)
     } else if card.net.skip == SkipKind::Off {
@@ -256,7 +260,7 @@ pub struct Inference {
     pub ensemble: usize,
     /// Draw the action bin (as in the paper) instead of using the most likely one.
     pub sample: bool,
-    /// Leave masked frames to the network, also where its file says how gaps are filled.
+    /// Leave masked frames to the network, even if its file contains data to fill gaps.
     pub masks: bool,
     /// Threads that share one window; the action is the same to the last bit.
     pub threads: Threads,

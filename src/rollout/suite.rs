@@ -165,10 +165,10 @@ pub struct Evaluation {
     pub tasks: Vec<CaseResult>,
 }
 
-/// What rollouts are forked from.
+/// The source of the forked policies.
 enum Template {
     One(Mutex<Box<dyn Policy>>),
-    /// The nearest of several, clip by clip.
+    /// The best of several, clip by clip.
     Auto(Contenders),
 }
 
@@ -189,7 +189,7 @@ impl Template {
         }
     }
 
-    /// The policy that performs a case, and what guides it.
+    /// The policy of a case, and its guide.
     fn policy(
         &self,
         robot: &Arc<Robot>,

@@ -33,11 +33,11 @@ pub(super) struct Check {
     /// Check against this robot [default: the clip's own].
     #[arg(long)]
     robot: Option<String>,
-    /// The policy knows whole frames only, as a published network does: goals for some joints
-    /// are an error.
+    /// Assume a policy that was trained on whole frames, such as the published network; goals for
+    /// some joints are then an error.
     #[arg(long)]
     whole_masks: bool,
-    /// The default since version 0.2; kept so that scripts go on.
+    /// The default since version 0.2; kept for existing scripts.
     #[arg(long, hide = true, conflicts_with = "whole_masks")]
     joint_masks: bool,
     /// Also settle every pose in simulation, to find self-collisions and unreachable poses.
