@@ -54,7 +54,7 @@ pub(crate) fn evaluate(
         plant.map_or_else(|| Ok(PlantRange::default()), str::parse).map_err(raise)?;
     let threads = threads.unwrap_or_else(cores);
     let policies =
-        policies.iter().map(|p| policy::config(Some(p), &robot)).collect::<PyResult<_>>()?;
+        policies.iter().map(|p| policy::config(Some(p.as_str()), &robot)).collect::<PyResult<_>>()?;
     let config = EvalConfig { policies, plant, seeds, threads };
     let found = listened(py, progress, |listener, cancel| {
         if floors && config.plant == PlantRange::default() {
@@ -175,6 +175,7 @@ pub(crate) fn train(
             threads,
             checkpoint_secs: 600.0,
             evaluations,
+            patience: 0,
             progress: listener,
             cancel,
             perform: Some(&mut perform),

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use pyo3::prelude::*;
 use robert::robot as lib;
-use robert::robot::import::{ImportConfig, import};
+use robert::robot::import::{Drives, ImportConfig, Servos, import};
 
 use crate::error::{raise, wrong};
 
@@ -90,7 +90,7 @@ impl Robot {
 /// Makes a robot's folder out of a URDF or MJCF; JSON of what was assumed. `checker` is the
 /// command `robert`, in a process of which foreign models are compiled.
 #[pyfunction]
-#[pyo3(signature = (source, out, checker, id=None, root=None, packages=BTreeMap::new(), fixed_base=false, base_height=0.0, effort=10.0))]
+#[pyo3(signature = (source, out, checker, id=None, root=None, packages=BTreeMap::new(), fixed_base=false, base_height=0.0, effort=10.0, torque=false))]
 pub(crate) fn import_robot(
     py: Python<'_>,
     source: PathBuf,
@@ -102,6 +102,7 @@ pub(crate) fn import_robot(
     fixed_base: bool,
     base_height: f64,
     effort: f64,
+    torque: bool,
 ) -> PyResult<String> {
     let config = ImportConfig {
         source,
@@ -113,7 +114,9 @@ pub(crate) fn import_robot(
         base_height_m: base_height,
         effort,
         weld: Vec::new(),
-        keep_servos: false,
+        without: Vec::new(),
+        servos: if torque { Servos::Torque } else { Servos::Keep },
+        drives: Drives::default(),
         checker,
     };
     let report = py.detach(|| import(&config)).map_err(raise)?;

@@ -50,9 +50,10 @@ pub(crate) fn rollout(
     let config = RolloutConfig { seed, guide: policy.guide, plant, ..RolloutConfig::default() };
     let clip = clip.inner.clone();
     let take = listened(py, progress, |listener, cancel| {
+        let provenance = Provenance::new(&robot, &policy, &config).map_err(raise)?;
         let built = policy.build(&robot).map_err(raise)?;
         let mut rollout =
-            Rollout::new(&robot, built, &command, Start::Pose, config).map_err(raise)?;
+            Rollout::new(&robot, built, &command, Start::Pose, config.clone()).map_err(raise)?;
         let total = rollout.frames() as u64;
         while let Some(frame) = rollout.step().map_err(raise)? {
             listener.tick(frame.frame as u64, total, "");
@@ -60,7 +61,6 @@ pub(crate) fn rollout(
                 break;
             }
         }
-        let provenance = Provenance::new(&robot, &policy, &config).map_err(raise)?;
         LibTake::record(&rollout, &command, Some(&clip), provenance).map_err(raise)
     })?;
     Ok(Take { take, robot })

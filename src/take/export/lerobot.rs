@@ -2,8 +2,8 @@
 //!
 //! A row is a frame: what was observed, and the action that was applied after it. Positions
 //! are rad (or degrees), torques N m; the names of the action are the keys of the robot's
-//! `send_action`. What is written follows lerobot 0.6.1 and was read by `datasets` and by
-//! `lerobot-doctor` (script/peers).
+//! `send_action`. The layout is that of lerobot 0.6.1; `script/peers` reads it with `datasets` and
+//! `lerobot-doctor`.
 
 use std::fmt::Write as _;
 
