@@ -53,8 +53,10 @@ pub(crate) fn evaluate(
     let plant: PlantRange =
         plant.map_or_else(|| Ok(PlantRange::default()), str::parse).map_err(raise)?;
     let threads = threads.unwrap_or_else(cores);
-    let policies =
-        policies.iter().map(|p| policy::config(Some(p.as_str()), &robot)).collect::<PyResult<_>>()?;
+    let policies = policies
+        .iter()
+        .map(|p| policy::config(Some(p.as_str()), &robot))
+        .collect::<PyResult<_>>()?;
     let config = EvalConfig { policies, plant, seeds, threads };
     let found = listened(py, progress, |listener, cancel| {
         if floors && config.plant == PlantRange::default() {
