@@ -233,7 +233,7 @@ const SCENE: &str = r#"<mujoco model="scene">
   <compiler angle="radian"/><option integrator="implicitfast"/>
   <default><position kp="30" dampratio="1"/><default class="arm"><joint damping="1" actuatorfrcrange="-9 9"/></default></default>
   <worldbody>
-    <camera name="eye" pos="0 -1 1" resolution="640 480" mode="targetbody" target="cube"/>
+    <camera name="eye" pos="0 -1 1" resolution="640 480" mode="targetbody" target="upper"/>
     <frame pos="0 0 .5" childclass="arm">
       <body name="upper"><joint name="a" axis="0 1 0" range="-1 1"/><geom name="beam" type="capsule" fromto="0 0 0 .3 0 0" size=".02" mass="1"/>
         <body name="lower" pos=".3 0 0"><joint name="b" axis="0 1 0" range="-2 2"/><geom type="capsule" fromto="0 0 0 .2 0 0" size=".02" mass=".3"/>

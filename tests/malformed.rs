@@ -157,7 +157,7 @@ fn mjcf_cases() -> Vec<Case> {
         case("njmax.xml", with("<size njmax=\"2000000000\"/>"), "njmax is 2000000000"),
         case("composite.xml", world(&format!("{BODY}<body name=\"c\"><composite type=\"grid\" count=\"1000 1000 1000\" spacing=\".1\"><geom size=\".01\"/></composite></body>")), "composite has 1000000000 elements"),
         case("hfield.xml", with("<asset><hfield name=\"h\" nrow=\"100000\" ncol=\"100000\" size=\"1 1 1 1\"/></asset>"), "nrow is 100000"),
-        case("big_texture.xml", with("<asset><texture name=\"t\" type=\"2d\" builtin=\"flat\" width=\"100000\" height=\"100000\"/></asset>"), "100000, at most 4096"),
+        case("big_texture.xml", with("<asset><texture name=\"t\" type=\"2d\" builtin=\"flat\" width=\"100000\" height=\"100000\"/></asset>"), "100000; at most 4096"),
         // Out of the folder.
         case("include_self.xml", with("<include file=\"include_self.xml\"/>"), "included twice or by itself"),
         case("include_gone.xml", with("<include file=\"gone.xml\"/>"), "\"gone.xml\" does not exist"),

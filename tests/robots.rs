@@ -294,7 +294,7 @@ fn a_folder_is_a_robot_and_its_mistakes_have_places() {
     wrong("format = \"robert-robot/2\"", "profile.toml:1:1");
     wrong(&format!("{head}speed = 3\n"), "profile.toml:2:1");
     wrong(&format!("{head}joints = [{{ name = \"k\" }}]"), "\"j\"");
-    wrong(&format!("{head}[poses]\nup = {{ j = 4.0 }}"), "outside of -1 to 1");
+    wrong(&format!("{head}[poses]\nup = {{ j = 4.0 }}"), "outside -1 to 1");
     wrong(&format!("{head}home = \"up\""), "no such pose");
     wrong(&format!("{head}model = \"../robot.xml\""), "must be a file of this folder");
     wrong(&format!("{head}[physics.damping]\nk = 1.0"), "\"k\"");

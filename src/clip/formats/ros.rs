@@ -175,9 +175,9 @@ mod tests {
             (point("[1, 2]", "{sec: x}"), "4:26: ", "a whole number"),
             (point("[1, 2]", "{sec: -1}"), "4:20: ", "beyond the longest clip"),
             (point("3", time), "3:14: ", "not a JointTrajectory"),
-            ("points: []\n".to_owned(), "1:1: ", "no joint_names"),
-            ("joint_names: [a]\n".to_owned(), "1:1: ", "no points"),
-            ("joint_names: [a, b]\npoints: []\n".to_owned(), "1:14: ", "no points"),
+            ("points: []\n".to_owned(), "1:1: ", "joint_names is missing"),
+            ("joint_names: [a]\n".to_owned(), "1:1: ", "points is missing"),
+            ("joint_names: [a, b]\npoints: []\n".to_owned(), "1:14: ", "there are no points"),
             ("[".to_owned(), "1:", "not a JointTrajectory"),
         ] {
             let e = from_ros(&text, Some(&robot), Fill::Mask).unwrap_err().to_string();

@@ -209,6 +209,6 @@ mod tests {
             "# control_msgs/action/FollowJointTrajectory\ntrajectory:\n  joint_names:\n  - \"a\"\n"
         ));
         assert!(text.contains("  - positions: [0.2]\n    velocities: [0.0]\n    accelerations: [0.0]\n    time_from_start: {sec: 2, nanosec: 0}\n"), "{text}");
-        assert!(!text.contains("-0.0"));
+        assert!(!text.contains("-0.0,") && !text.contains("-0.0]"), "{text}");
     }
 }

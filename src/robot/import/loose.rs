@@ -113,7 +113,7 @@ fn without_one(xml: &str, name: &str, path: &Path, draft: &mut Draft) -> Result<
         edits.replace(key.range(), blank(xml, key));
     }
     draft.dropped.push(format!(
-        "body \"{name}\" and {} entries that speak of it; keyframes, which count its coordinates",
+        "body \"{name}\", {} entries that refer to it, and all keyframes, because their qpos includes it",
         removed.len()
     ));
     Ok(edits.apply(xml))

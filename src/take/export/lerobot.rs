@@ -441,7 +441,7 @@ mod tests {
         assert_eq!(lerobot(&episodes, None, &LeRobotOptions::default()).unwrap(), export);
         let info: Value = serde_json::from_slice(file(&export, "meta/info.json")).unwrap();
         assert_eq!((&info["total_frames"], &info["total_episodes"]), (&json!(53), &json!(2)));
-        assert_eq!(info["features"]["action"]["names"][0], "shoulder_pan_joint.pos");
+        assert_eq!(info["features"]["action"]["names"][0], "shoulder_pan.pos");
         let rows = rows(file(&export, "data/chunk-000/file-000.parquet"));
         assert_eq!(rows.len(), 53);
         let first = &episodes[0];
@@ -466,12 +466,12 @@ mod tests {
             version: LeRobotVersion::V2,
             action: LeRobotAction::Torque,
             degrees: true,
-            rename: [("elbow_joint".to_owned(), "elbow".to_owned())].into(),
+            rename: [("elbow".to_owned(), "bend".to_owned())].into(),
         };
         let export = lerobot(&episodes, None, &options).unwrap();
         let info: Value = serde_json::from_slice(file(&export, "meta/info.json")).unwrap();
         assert_eq!(info["codebase_version"], "v2.1");
-        assert_eq!(info["features"]["observation.state"]["names"][2], "elbow.pos");
+        assert_eq!(info["features"]["observation.state"]["names"][2], "bend.pos");
         let action = &info["features"]["action"]["names"];
         assert!(action[0].as_str().unwrap().ends_with(".effort"), "{action}");
         let rows = rows(file(&export, "data/chunk-000/episode_000001.parquet"));

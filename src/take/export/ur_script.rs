@@ -10,8 +10,8 @@ use crate::clip::Sight;
 use crate::units::{CTRL_DT, FPS};
 
 /// Joints of the arm in the controller's order; our model welds the sixth at zero.
-const JOINTS: [&str; 5] =
-    ["shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint"];
+/// The ROS driver adds `_joint` to these names, and both spellings are taken.
+const JOINTS: [&str; 5] = ["shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2"];
 /// Greatest joint speed of the UR5e by its data sheet, rad/s: 180 degrees a second.
 const SPEED: f64 = PI;
 
@@ -31,11 +31,13 @@ pub enum UrMove {
 /// [`Error::Unfit`] for another robot, for a joint faster than the arm, and for a command
 /// without goals.
 pub fn ur_script(take: &Take, what: What, how: UrMove, title: &str) -> Result<Export, Error> {
+    let plain = |joint: &str| joint.strip_suffix("_joint").unwrap_or(joint).to_owned();
+    let joints: Vec<String> = take.robot.joints.iter().map(|j| plain(j)).collect();
     let order: Option<Vec<usize>> =
-        JOINTS.iter().map(|n| take.robot.joints.iter().position(|j| j == n)).collect();
+        JOINTS.iter().map(|n| joints.iter().position(|j| j == n)).collect();
     let Some(order) = order.filter(|o| o.len() == take.state_dim()) else {
         let robot = &take.robot.id;
-        return Err(unfit(format!("a UR5e's joints are wanted, {robot} has others")));
+        return Err(unfit(format!("the joints of a UR5e are needed, and {robot} has others")));
     };
     let targets: Vec<(usize, Vec<f64>)> = match what {
         What::Achieved => (0..take.frames())
@@ -172,7 +174,7 @@ mod tests {
         let (_, mut take) = sample::take("ur5e", 40, 40);
         take.reached[5 * 7 + 2] += 0.5;
         let e = ur_script(&take, What::Achieved, UrMove::Servoj, "x").unwrap_err().to_string();
-        assert!(e.contains("frame 7: elbow_joint would turn at"), "{e}");
+        assert!(e.contains("frame 7: elbow would turn at"), "{e}");
     }
 
     #[test]
