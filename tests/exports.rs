@@ -120,7 +120,7 @@ fn what_does_not_fit_is_refused_with_its_reason() {
     fails(&export(&["ros", "--lead-in=-1", "-o", "a.yaml"]), 2, "--lead-in takes 0 to 3600");
     fails(&export(&["lerobot", "-o", "-"]), 2, "a folder cannot go to stdout");
     fails(&export(&["lerobot", "-o", "note"]), 2, "no earlier export");
-    fails(&["export", "pointmass/circle", "-p", "pd", "--to", "ur"], 3, "a UR5e's joints");
+    fails(&["export", "pointmass/circle", "-p", "pd", "--to", "ur"], 3, "the joints of a UR5e");
     let read = |more: &[&'static str]| [&["clip", "convert"][..], more].concat();
     fails(&read(&["x.lafan.csv", "b.clip.json", "--robot", "ur5e"]), 2, "does not say its rate");
     fails(&read(&["a.mcap", "b.bvh"]), 2, "robert export a.mcap");

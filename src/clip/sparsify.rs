@@ -193,7 +193,7 @@ mod tests {
         apply(&mut c, &back, None).unwrap();
         assert_eq!(c, before);
         let refused = apply(&mut c, &op(vec![20, 30], 0.1), None).unwrap_err().to_string();
-        assert!(refused.contains("none of these 2 keys can go"), "{refused}");
+        assert!(refused.contains("none of these 2 keys can be removed"), "{refused}");
         assert!(apply(&mut c, &op(vec![20], f64::NAN), None).is_err());
         assert!(apply(&mut c, &op(vec![25], 0.1), None).is_err(), "no key there");
     }

@@ -506,7 +506,7 @@ mod tests {
         assert_eq!(go(&c, true).unwrap().manifest, first.manifest);
         c.seed = 4;
         let e = go(&c, true).unwrap_err().to_string();
-        assert!(e.contains("seed 3, now 4"), "{e}");
+        assert!(e.contains("seed 3, but the request is for 4"), "{e}");
         // The error names the other robot, not the settings that follow from it.
         let other = Arc::new(Robot::builtin("ur5e").unwrap());
         c.snapshots_until = 0.5;
@@ -564,10 +564,10 @@ mod tests {
         // Only agents of the same kind are copied; missing ones are trained.
         let other = CollectConfig { seed: 4, ..taking.clone() };
         let e = go(&other, "other").unwrap_err().to_string();
-        assert!(e.contains("seed 3, now 4") && e.contains("first"), "{e}");
+        assert!(e.contains("seed 3, but the request is for 4") && e.contains("first"), "{e}");
         let preset = taking.preset.clone().lasting(700);
         let e = go(&CollectConfig { preset, ..taking.clone() }, "less").unwrap_err().to_string();
-        assert!(e.contains("now "), "{e}");
+        assert!(e.contains("but the request is for"), "{e}");
         let more = CollectConfig { agents: vec![AgentKind::Icm, AgentKind::Rnd], ..taking };
         let both = go(&more, "both").unwrap();
         assert_eq!((both.agents[0].agent, both.agents[1].broken), (AgentKind::Icm, 7));

@@ -174,7 +174,7 @@ mod tests {
     fn wrong_size_names_both_numbers() {
         let text = "<mujoco>\n <keyframe>\n  <key qpos='1 2 3'/>\n</keyframe></mujoco>";
         let e = from_mjcf(text, &robot(), Fill::Mask).unwrap_err().to_string();
-        assert!(e.starts_with("3:8: qpos has 3 numbers, r has 2 joints"), "{e}");
+        assert!(e.starts_with("3:8: qpos has 3 numbers, but r has 2 joints"), "{e}");
     }
 
     #[test]

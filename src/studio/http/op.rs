@@ -32,7 +32,7 @@ pub(crate) async fn studio_op(app: &App, op: StudioOp) -> Result<Outcome, Error>
             app.simulation.rollout.change_takes(|t| t.compare(&ids))?;
         }
         StudioOp::TakeRemove { id } => app.simulation.rollout.change_takes(|t| t.remove(id))?,
-        view => app.viewport.tell(view)?,
+        view => app.viewport.tell(view).await?,
     }
     Ok(Outcome::Done)
 }

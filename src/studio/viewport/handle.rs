@@ -81,13 +81,17 @@ impl Viewport {
         self.stage.try_send(ViewportMessage::Client(tab, said)).ok();
     }
 
-    /// A request about what the viewport shows.
+    /// Does what a request asks of the viewport.
     ///
     /// # Errors
     /// [`Error::Full`] in a storm of requests.
-    pub(crate) fn tell(&self, op: StudioOp) -> Result<(), Error> {
+    pub(crate) async fn tell(&self, op: StudioOp) -> Result<(), Error> {
         let full = |_| Error::Full { what: "requests to the viewport", cap: INBOX };
-        self.stage.try_send(ViewportMessage::View(op)).map_err(full)
+        let (done, finished) = oneshot::channel();
+        self.stage.try_send(ViewportMessage::View(op, done)).map_err(full)?;
+        // The stage ends only with the studio; then nobody waits for the answer.
+        finished.await.ok();
+        Ok(())
     }
 
     /// What a page's pointer is over; 0 to 1 from the top left corner of its viewport.

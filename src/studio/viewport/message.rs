@@ -14,8 +14,8 @@ pub(super) type Bodies = Result<Vec<Vec<f32>>, Error>;
 /// What the stage is told.
 #[derive(Debug)]
 pub(super) enum ViewportMessage {
-    /// A request of a page.
-    View(StudioOp),
+    /// A request of a page, and whom to tell when it is done: what is read afterwards must show it.
+    View(StudioOp, oneshot::Sender<()>),
     /// A message of a page's 3D client.
     Client(Option<String>, Incoming),
     /// What a page's pointer is over; 0 to 1 from the top left corner.

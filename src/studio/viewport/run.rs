@@ -52,7 +52,10 @@ pub(super) async fn run(mut stage: Stage, mut inbox: Receiver<ViewportMessage>) 
 impl Stage {
     fn handle(&mut self, message: ViewportMessage) {
         match message {
-            ViewportMessage::View(op) => self.view(op),
+            ViewportMessage::View(op, done) => {
+                self.view(op);
+                done.send(()).ok();
+            }
             ViewportMessage::Client(tab, incoming) => self.touched(tab, incoming),
             ViewportMessage::Hover(tab, at, reply) => {
                 reply.send(self.under(&tab, at)).ok();

@@ -170,7 +170,7 @@ mod tests {
     fn other_robots_and_speeds_beyond_the_arm_are_refused() {
         let (_, take) = sample::take("pointmass", 20, 20);
         let e = ur_script(&take, What::Achieved, UrMove::Servoj, "x").unwrap_err().to_string();
-        assert!(e.contains("a UR5e's joints are wanted"), "{e}");
+        assert!(e.contains("the joints of a UR5e are needed"), "{e}");
         let (_, mut take) = sample::take("ur5e", 40, 40);
         take.reached[5 * 7 + 2] += 0.5;
         let e = ur_script(&take, What::Achieved, UrMove::Servoj, "x").unwrap_err().to_string();

@@ -45,8 +45,8 @@ export type Beside =
   | { file: string };
 
 /**
- * A run of steps at which the policy sees no goal: commands `after` and `before` are
- * visible (or the ends of the clip) and none between them.
+ * A run of steps at which the policy sees no goal. Commands `after` and `before` are visible (or
+ * are the ends of the clip), and none between them is.
  */
 export interface Blind {
   /** Last visible frame before; null at the start of the clip. */
@@ -69,7 +69,7 @@ export interface BodyFacts {
   parent: number;
 }
 
-/** Where to look from, as in `MuJoCo`'s free camera. */
+/** The default view, as in `MuJoCo`'s free camera. */
 export interface Camera {
   /** Direction of view about z from +x, rad. */
   azimuth_rad: number;
@@ -79,28 +79,28 @@ export interface Camera {
   elevation_rad: number;
   /** Vertical field of view, rad. */
   fovy_rad: number;
-  /** The point that is looked at, m. */
+  /** The point at the centre of the view, m. */
   lookat: [number, number, number];
 }
 
 /**
- * A keyframe animation for a torque-controlled robot: what it shall reach and when, and
+ * A keyframe animation for a torque-controlled robot: which poses it should reach and when, and
  * which frames are left to the policy.
  */
 export interface Clip {
-  /** What stands between keys that do not say otherwise: mask (nothing), linear, cubic or hold. */
+  /** The fill after keys without their own: mask (nothing), linear, cubic or hold. */
   fill?: Fill;
   /** Name and major version of this format. */
   format: Format;
-  /** Frames a second; always 20. */
+  /** Frames per second; always 20. */
   fps: number;
-  /** Keyframes, at most one a frame. */
+  /** Keyframes, at most one per frame. */
   keys: Key[];
   /** Number of frames. */
   length: number;
-  /** Named moments, at most one a frame. */
+  /** Named moments, at most one per frame. */
   markers?: Marker[];
-  /** Spans without a goal, over any key or fill. */
+  /** Spans without a goal, regardless of keys and fills. */
   masks?: Mask[];
   /** A title. */
   name?: string;
@@ -118,7 +118,7 @@ export interface Clip {
 
 /** Arguments of `clip.length`. */
 export interface ClipLength {
-  /** Drop keys and markers beyond the new end; else they refuse it. */
+  /** Remove keys and markers beyond the new end; otherwise the edit is refused. */
   cut?: boolean;
   /** Frames. */
   length: number;
@@ -192,11 +192,11 @@ export interface Coupling {
   members: CouplingMember[];
   /** Tendon or leader name. */
   name: string;
-  /** How far members may disagree, rad or m: contact and limits part them a little. */
+  /** How far members may disagree, rad or m, because contact and limits separate them a little. */
   tolerance: number;
 }
 
-/** One member of a coupling: `q = coef * shared + offset`. */
+/** One joint of a coupling: `q = coef * shared + offset`. */
 export interface CouplingMember {
   /** Its share. */
   coef: number;
@@ -224,9 +224,9 @@ export interface DataCard {
 export interface Delta {
   /** Default fill. */
   fill?: Fill;
-  /** Keys that come or change. */
+  /** Keys that are added or changed. */
   keys_put?: Key[];
-  /** Frames whose key goes. */
+  /** Frames whose key is removed. */
   keys_removed?: number[];
   /** Length. */
   length?: number;
@@ -238,27 +238,27 @@ export interface Delta {
   name?: string;
   /** Remarks. */
   notes?: string;
-  /** Poses that come or change. */
+  /** Poses that are added or changed. */
   poses_put?: ([string, (number | null)[]])[];
-  /** Poses that go. */
+  /** Poses that are removed. */
   poses_removed?: string[];
   /** Start; null removes it. */
   start?: Start | null;
 }
 
-/** The joint that an edit asks most of. */
+/** The joint that an edit demands most of. */
 export interface Demand {
-  /** The goals between which it must go so fast, by frame. */
+  /** The frames of the two goals between which it must move. */
   frames: [number, number];
-  /** It. */
+  /** Its name. */
   joint: string;
-  /** What the plant can hold, rad/s or m/s, where known. */
+  /** The speed that the plant can sustain, rad/s or m/s, if known. */
   max: number | null;
   /** Mean speed between them, rad/s or m/s. */
   needed: number;
   /** Its unit. */
   unit: Unit;
-  /** What 99 of 100 frames of the policy's data stay below, rad/s or m/s, where known. */
+  /** The speed that 99 of 100 frames of the policy's data stay below, rad/s or m/s, if known. */
   usual: number | null;
 }
 
@@ -436,9 +436,9 @@ export interface FilesQuery {
   root?: string;
 }
 
-/** What is commanded between two keys. */
+/** The command between two keys. */
 export type Fill =
-  /** Nothing: the policy finds the way. The paper's keyframe mode. */
+  /** Nothing; the policy decides. The paper's keyframe mode. */
   | "mask"
   /** The straight line to the next key. */
   | "linear"
@@ -449,7 +449,7 @@ export type Fill =
 
 /** Arguments of `fill.set`. */
 export interface FillSet {
-  /** What; null = as the clip's default (`mask` for the default itself). */
+  /** The fill; null = the clip's default (`mask` for the default itself). */
   fill?: Fill | null;
   /** After which keys; absent = the clip's default. */
   frames?: number[];
@@ -473,9 +473,9 @@ export interface Findings {
 
 /** An edit that removes a finding. */
 export interface Fix {
-  /** What it does. */
+  /** The edit. */
   op: Op;
-  /** What the button says. */
+  /** Its text on a button. */
   title: string;
 }
 
@@ -509,14 +509,14 @@ export interface Geometry {
   robot: string;
 }
 
-/** What a policy can leave open. */
+/** What a policy allows to be masked. */
 export type Granularity =
   /** Whole frames only, as in the paper. */
   | "state"
   /** Single joints of a frame. */
   | "joint";
 
-/** Joints that belong together: a finger, a limb, all knuckles. */
+/** A group of joints: a finger, a limb, all knuckles. */
 export interface Group {
   /** Members in state order. */
   joints: string[];
@@ -545,7 +545,7 @@ export interface History {
   len: number;
 }
 
-/** How one hold did. */
+/** The figures of one hold. */
 export interface HoldError {
   /** Mean error in its last frame, rad or m. */
   end_error: number;
@@ -607,7 +607,7 @@ export interface ImportBody {
   uploaded?: boolean;
 }
 
-/** One line that a command writes with `--jsonl`, for whoever started it. */
+/** One line that a command writes with `--jsonl`, for the program that started it. */
 export type JobEvent =
   /** How far the job is. */
   | ({ event: "progress" } & JobProgress)
@@ -650,7 +650,7 @@ export type JobPhase =
 export interface JobProgress {
   /** Units finished. */
   done: number;
-  /** Figures of the moment. */
+  /** Current figures. */
   note: string;
   /** Seconds since this part began. */
   secs: number;
@@ -707,13 +707,13 @@ export interface JobView {
 
 /** One joint coordinate. */
 export interface JointFacts {
-  /** Where 98 of 100 frames of the data that the robot's policy learned from lie, rad or m. */
+  /** The range of 98 of 100 frames of the data that the robot's policy learned from, rad or m. */
   band: [number, number] | null;
   /** Its name. */
   name: string;
   /** Lowest and highest position, rad or m; null = unbounded. */
   range: [number, number] | null;
-  /** Highest speed that the plant can hold, rad/s or m/s, where known. */
+  /** Highest speed that the plant can sustain, rad/s or m/s, if known. */
   speed_max: number | null;
   /** Speed that 99 of 100 of those frames stay below, rad/s or m/s. */
   speed_usual: number | null;
@@ -725,13 +725,13 @@ export interface JointFacts {
 export interface JointTable {
   /** Couplings. */
   couplings: Coupling[];
-  /** What the policy in use can leave open. */
+  /** What the current policy allows to be masked. */
   granularity: Granularity;
   /** Joints in state order. */
   joints: JointFacts[];
   /** Mirror table or reason. */
   mirror: Mirror;
-  /** Sha-256 of its model, 64 hex digits, where known. */
+  /** Sha-256 of its model, 64 hex digits, if known. */
   model_sha256: string | null;
   /** The rest pose, in state order. */
   rest: number[];
@@ -741,7 +741,7 @@ export interface JointTable {
 
 /** A keyframe: exactly one of a named pose and values. */
 export interface Key {
-  /** What follows until the next key; the clip's `fill` when absent. */
+  /** The fill up to the next key; the clip's `fill` when absent. */
   fill?: Fill;
   /** When, from 0, in frames. */
   frame: number;
@@ -759,7 +759,7 @@ export interface Key {
 export interface KeysAdd {
   /** The keys. */
   keys: Key[];
-  /** Take the place of keys that are there. */
+  /** Replace existing keys. */
   replace?: boolean;
 }
 
@@ -779,15 +779,15 @@ export interface KeysHold {
 
 /** Arguments of `keys.move`. */
 export interface KeysMove {
-  /** Leave the originals. */
+  /** Keep the originals. */
   copy?: boolean;
   /** By how many frames. */
   df: number;
   /** Which keys. */
   frames: number[];
-  /** Take the place of keys that are there. */
+  /** Replace existing keys. */
   replace?: boolean;
-  /** Later keys move along; keeps distances. The clip grows if it must. */
+  /** Move later keys along, to keep distances. The clip grows if necessary. */
   ripple?: boolean;
 }
 
@@ -795,25 +795,25 @@ export interface KeysMove {
 export interface KeysPaste {
   /** Where the first key goes. */
   at: number;
-  /** Only these joints, absent = all; the others stay as they are commanded there. */
+  /** Only these joints; absent = all. The others keep their command there. */
   joints?: string[];
   /** The keys; only their distances matter. */
   keys: Key[];
   /** Paste their mirror images. */
   mirrored?: boolean;
-  /** Take the place of keys that are there. */
+  /** Replace existing keys. */
   replace?: boolean;
 }
 
 /** Arguments of `keys.scale`. */
 export interface KeysScale {
-  /** New distance over old, above 0. Frames are rounded, holds scale along. */
+  /** New distance divided by the old one, above 0. Frames are rounded, holds are scaled too. */
   factor: number;
   /** Which keys. */
   frames: number[];
-  /** The frame that stays. */
+  /** The frame that does not move. */
   pivot: number;
-  /** Take the place of keys that are there. */
+  /** Replace existing keys. */
   replace?: boolean;
 }
 
@@ -838,19 +838,19 @@ export interface KeysSet {
 /** Arguments of `keys.sparsify`. */
 export interface KeysSparsify {
   /**
-   * Which keys may go. The ends of each unbroken run of them stay, and so do keys with a hold,
-   * a remark or a named pose.
+   * Which keys may be removed. The ends of each unbroken run of them stay, and so do keys with a
+   * hold, a remark or a named pose.
    */
   frames: number[];
-  /** How far a joint of a dropped key may lie from the line, rad or m. */
+  /** How far a joint of a removed key may be off the line, rad or m. */
   tolerance: number;
 }
 
-/** How bad it is. */
+/** Severity of a finding. */
 export type Level =
   /** Worth knowing. */
   | "info"
-  /** The motion will differ from what is drawn. */
+  /** The motion will differ from the clip. */
   | "warning"
   /** The command cannot be performed by this robot or policy. */
   | "error";
@@ -866,15 +866,15 @@ export interface Lint {
   frames: [number, number] | null;
   /** The joints concerned. */
   joints: string[];
-  /** How bad. */
+  /** Its severity. */
   level: Level;
-  /** Ways out, best first; `mends` in JSON, as scripts know it. */
+  /** Fixes, best first; the JSON name is `mends`, which scripts use. */
   mends: Fix[];
-  /** What is the matter, with figures and units. */
+  /** The message, with figures and units. */
   message: string;
   /** JSON pointer of the value to look at. */
   pointer: string;
-  /** Which rule. */
+  /** Its rule. */
   rule: Rule;
 }
 
@@ -924,7 +924,7 @@ export interface Mask {
 export type MaskGranularity =
   /** Whole frames, as in the paper. */
   | "state"
-  /** Single joints: the token carries one flag a joint. */
+  /** Single joints; the token has one flag per joint. */
   | "joint";
 
 /** Arguments of `mask.set`. */
@@ -986,28 +986,28 @@ export interface NewBody {
   text?: string;
 }
 
-/** A policy as a robot can have it. */
+/** A policy that is available for a robot. */
 export interface Offer {
-  /** Who performs unless another one is chosen. */
+  /** Whether it is the robot's default. */
   default: boolean;
   /** What should fill masked frames for it. */
   guide: Guide;
-  /** Whether it has the robot's own model to compute with. */
+  /** Whether it computes with the robot's model. */
   knows_model: boolean;
   /**
-   * What a mask may hide from it: from one that learned, what it was trained with; from
-   * everyone else any goal.
+   * What a mask may hide: for a learned policy, what it was trained with; for all others any
+   * goal.
    */
   masks: MaskGranularity;
-  /** Name of the model, where it is not the robot's default one. */
+  /** Name of the model, if it is not the robot's default one. */
   model: string | null;
   /** Which. */
   name: PolicyName;
   /** What it needs before it can be chosen; null when it needs nothing. */
   needs: string | null;
-  /** Whether it plans so long that a clip takes seconds. */
+  /** Whether it needs seconds for a clip. */
   slow: boolean;
-  /** The case that it is best for, in a few words. */
+  /** What it is best for, in a few words. */
   suits: string;
 }
 
@@ -1029,23 +1029,23 @@ export type Op =
   | { op: "keys.mirror"; args: KeysFrames }
   /** Sets how long keys are held. */
   | { op: "keys.hold"; args: KeysHold }
-  /** Drops keys that the straight line between the others says as well. */
+  /** Removes keys that lie on the straight line between the others. */
   | { op: "keys.sparsify"; args: KeysSparsify }
   /** Masks or unmasks a span. */
   | { op: "mask.set"; args: MaskSet }
-  /** Sets what follows keys, or the clip's default. */
+  /** Sets the fill after keys, or the clip's default. */
   | { op: "fill.set"; args: FillSet }
   /** Inserts empty frames and shifts what follows. */
   | { op: "time.insert"; args: TimeInsert }
-  /** Removes frames with all that stands on them and closes the gap. */
+  /** Removes frames with their keys and closes the gap. */
   | { op: "time.delete"; args: TimeDelete }
   /** Stores a named pose. */
   | { op: "pose.save"; args: PoseSave }
-  /** Puts a pose onto frames. */
+  /** Applies a pose to frames. */
   | { op: "pose.apply"; args: PoseApply }
   /** Renames a pose everywhere. */
   | { op: "pose.rename"; args: PoseRename }
-  /** Forgets a pose; keys that used it keep its values. */
+  /** Deletes a pose; keys that used it keep its values. */
   | { op: "pose.delete"; args: PoseDelete }
   /** Adds a marker. */
   | { op: "markers.add"; args: Marker }
@@ -1063,9 +1063,9 @@ export type Op =
   | { op: "clip.length"; args: ClipLength }
   /** Sets the state before frame 0. */
   | { op: "clip.start"; args: ClipStart }
-  /** Several edits that count as one: all or none. */
+  /** Several edits that count as one; either all are applied or none. */
   | { op: "batch"; args: Batch }
-  /** A difference between two versions; what undo is made of. */
+  /** A difference between two versions, used for undo. */
   | { op: "patch"; args: Delta };
 
 /** Body of `POST /api/ops`. */
@@ -1150,7 +1150,7 @@ export interface PolicyCard {
   why?: string;
 }
 
-/** Every policy there is. */
+/** All policies. */
 export type PolicyName =
   /** No torque. */
   | "zero"
@@ -1166,11 +1166,11 @@ export type PolicyName =
   | "robert"
   /** The linear prediction inside a model file. */
   | "ridge"
-  /** What was done in the recorded moments most like this one. */
+  /** The actions of the most similar recorded moments. */
   | "nearest"
   /** A small network of three frames. */
   | "mlp-inverse"
-  /** The nearest of several on the clip at hand; see `super::Contenders`. */
+  /** The best of several on the given clip; see `super::Contenders`. */
   | "auto";
 
 /** Body of `POST /api/settle`. */
@@ -1180,7 +1180,7 @@ export interface Pose {
 
 /** Arguments of `pose.apply`. */
 export interface PoseApply {
-  /** 0 = what is there, 1 = the pose. */
+  /** 0 = the current values, 1 = the pose. */
   blend?: number;
   /** Onto which frames; a frame without a key gets one. */
   frames: number[];
@@ -1236,7 +1236,7 @@ export interface Poses {
   q: number[][];
 }
 
-/** How a rollout did. Errors in rad or m. */
+/** The figures of a rollout. Errors in rad or m. */
 export interface Precision {
   /** Mean frames from the start of a hold until all joints are within 0.05 rad or m. */
   frames_late: number | null;
@@ -1245,16 +1245,16 @@ export interface Precision {
   /** Each hold: a run of three or more visible frames with one goal. */
   holds: HoldError[];
   /**
-   * The same over masked frames: against the hidden motion where that is known (tasks
-   * cut from data, see `hidden_error`), else against the straight line through the
-   * gap, which says how direct the way was and no more.
+   * The same over masked frames: against the hidden motion if that is known (tasks extracted
+   * from data, see `hidden_error`), else against the straight line through the gap, which only
+   * shows how direct the motion was.
    */
   masked_mae: number | null;
   /** Mean |a_t - a_(t-1)| in actions: the paper's "shaking". */
   mean_abs_du: number;
   /**
-   * The same over the visible frames at which the command moves: some joint's goal is
-   * another than its last one. Holds after their first frame are left out.
+   * The same over the visible frames at which the command moves, that is, some joint has another
+   * goal than before. Holds after their first frame are left out.
    */
   moving: number | null;
   /** 95th percentile over unmasked frames and joints. */
@@ -1308,7 +1308,7 @@ export interface Robot {
   id: string;
   /** Joint names; all rows follow this order. */
   joints: string[];
-  /** Where its model was. */
+  /** Path of its model. */
   model?: string;
   /** Sha-256 of that model. */
   model_sha256?: string;
@@ -1414,7 +1414,7 @@ export interface RolloutView {
   state: RolloutState;
 }
 
-/** Kinds of findings; the words are stable, scripts may filter by them. */
+/** Kinds of findings. The words are stable, so scripts may filter by them. */
 export type Rule =
   /** Made for another robot, or another version of its model. */
   | "other-robot"
@@ -1430,7 +1430,7 @@ export type Rule =
   | "blind-span"
   /** Joints of one actuator that cannot be set apart. */
   | "coupled"
-  /** Single joints left open, for a policy that knows whole frames only. */
+  /** Single joints are masked, but the policy was trained on whole frames. */
   | "partial-mask"
   /** Links that touch. */
   | "self-collision"
@@ -1534,7 +1534,7 @@ export interface Span {
   to: number;
 }
 
-/** Why a run of frames is what it is. */
+/** Where the values of a run of frames come from. */
 export type SpanKind =
   /** A key and its hold. */
   | "key"
