@@ -52,14 +52,35 @@ const FORMATS: Format[] = [
     clip: true,
   },
   { format: "mjcf", title: "MuJoCo keys", about: "MJCF <keyframe> of the achieved motion", ending: "xml" },
-  { format: "ros", title: "ROS 2 trajectory", about: "JointTrajectory with velocities, YAML", ending: "yaml" },
+  {
+    format: "ros",
+    title: "ROS 2 trajectory",
+    about: "JointTrajectory with velocities, YAML",
+    ending: "yaml",
+  },
   { format: "bag", title: "ROS 2 bag", about: "a folder for ros2 bag play", ending: "bag", folder: true },
-  { format: "lerobot", title: "LeRobot dataset", about: "a folder with this motion as one episode", ending: "lerobot", folder: true },
-  { format: "glb", title: "3D animation", about: "glTF for Blender, Unreal, three.js, slides", ending: "glb" },
+  {
+    format: "lerobot",
+    title: "LeRobot dataset",
+    about: "a folder with this motion as one episode",
+    ending: "lerobot",
+    folder: true,
+  },
+  {
+    format: "glb",
+    title: "3D animation",
+    about: "glTF for Blender, Unreal, three.js, slides",
+    ending: "glb",
+  },
   { format: "bvh", title: "Motion capture", about: "BVH for Blender, MotionBuilder, Houdini", ending: "bvh" },
   { format: "usda", title: "USD", about: "for Isaac Sim, Omniverse, usdview", ending: "usda" },
   { format: "npz", title: "Tracking file", about: "NPZ of BeyondMimic and mjlab, 50 Hz", ending: "npz" },
-  { format: "lafan", title: "LAFAN rows", about: "CSV of base and joints for retargeting tools", ending: "lafan.csv" },
+  {
+    format: "lafan",
+    title: "LAFAN rows",
+    about: "CSV of base and joints for retargeting tools",
+    ending: "lafan.csv",
+  },
 ];
 
 const SIZES: [[string, [number, number]], ...[string, [number, number]][]] = [
