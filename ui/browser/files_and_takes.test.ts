@@ -70,14 +70,14 @@ describe("takes and files", () => {
     studio.file("shared.clip.json", theirs);
     await studio.api("POST", "/api/ops", { ops: [{ op: "clip.rename", args: { name: "ours" } }] });
     await t.until((s) => s.clip?.name === "ours" && s.dirty === true, "renamed");
-    await t.press("Ctrl+S");
+    await t.press("Control+s");
     await t.byId("reload").click();
     await t.until((s) => s.clip?.length === 90 && !s.dirty, "read again");
     assert.equal(studio.read("shared.clip.json").toString(), theirs);
-    await t.press("Ctrl+Z");
+    await t.press("Control+z");
     await t.until((s) => s.clip?.length === 80 && s.clip.name === "ours", "brought back");
     studio.file("shared.clip.json", theirs.replace('"length": 90', '"length": 95'));
-    await t.press("Ctrl+S");
+    await t.press("Control+s");
     await t.byId("overwrite").click();
     await t.until((s) => !s.dirty, "overwritten");
     assert.match(studio.read("shared.clip.json").toString(), /"length": 80/);

@@ -156,7 +156,7 @@ describe("a hand, with still pictures", () => {
     await t.until((s) => s.clip?.masks?.[0]?.joints?.join() === "elbow", "masked");
     await t.page.mouse.click(box.x + 168 - 14, p.y);
     await t.until((s) => (s.clip?.masks ?? []).length === 0, "and back");
-    await t.byId("policy").selectOption("robert");
+    await t.byId("policy").selectOption("robert:faithful");
     await t.until((s) => s.findings?.granularity === "state", "a policy that was trained on whole frames");
     await t.page.mouse.click(box.x + 168 - 14, p.y);
     await t.page
