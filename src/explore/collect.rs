@@ -511,7 +511,10 @@ mod tests {
         let other = Arc::new(Robot::builtin("ur5e").unwrap());
         c.snapshots_until = 0.5;
         let e = collect(&other, &c, dir.path(), true, 1, &Silent, &Cancel::default()).unwrap_err();
-        assert!(e.to_string().contains("robot \"pointmass\", but the request is for \"ur5e\""), "{e}");
+        assert!(
+            e.to_string().contains("robot \"pointmass\", but the request is for \"ur5e\""),
+            "{e}"
+        );
     }
 
     #[test]
