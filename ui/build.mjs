@@ -1,5 +1,5 @@
-// Bundles src/ into dist/: one script, one style sheet, one page. Nothing is fetched at run
-// time; the Rust binary embeds dist/.
+// Bundles src/ into dist/: one script, one style sheet, one page, the letters. Nothing is fetched
+// from elsewhere at run time; the Rust binary embeds dist/.
 
 import { copyFile, mkdir, readFile } from "node:fs/promises";
 import { gzipSync } from "node:zlib";
@@ -15,6 +15,8 @@ const options = {
   jsx: "automatic",
   jsxImportSource: "preact",
   outdir: "dist",
+  loader: { ".woff2": "file" },
+  assetNames: "[name]",
   legalComments: "eof",
   logLevel: "warning",
 };
@@ -22,6 +24,9 @@ const options = {
 await mkdir("dist", { recursive: true });
 await copyFile("src/index.html", "dist/index.html");
 await copyFile("src/icon.svg", "dist/icon.svg");
+// What is bundled with its terms: the letters and the signs.
+await copyFile("node_modules/@fontsource-variable/inter/LICENSE", "dist/licence-inter.txt");
+await copyFile("node_modules/lucide/LICENSE", "dist/licence-lucide.txt");
 
 if (process.argv.includes("--watch")) {
   await (await context(options)).watch();

@@ -416,6 +416,7 @@ describe("features", () => {
     await t.page.getByLabel("Name", { exact: true }).fill("reach");
     await t.page.keyboard.press("Enter");
     const saved = await t.until((s) => "reach" in (s.clip?.poses ?? {}), "saved");
+    await t.panel("poses");
     await t
       .byId("pose-reach")
       .locator("img")
@@ -473,6 +474,7 @@ describe("features", () => {
     await t.press("Escape");
     await t.goTo(40);
     await t.page.getByLabel("mirrored").check();
+    await t.panel("poses");
     await t.byId("pose-aside").click();
     const applied = await t.until((s) => s.clip?.keys.some((k) => k.frame === 40) === true, "applied");
     assert.deepEqual(applied.clip?.keys.find((k) => k.frame === 40)?.q, image);
@@ -501,6 +503,7 @@ describe("features", () => {
       );
       assert.equal(s.frames, s.clip?.length);
     }
+    await t.panel("policies");
     const refine = t.page.getByLabel("refine");
     await refine.check();
     await t.until((s) => s.settings.refine && s.rollout?.phase === "done", "refined");
@@ -513,11 +516,12 @@ describe("features", () => {
     await afresh();
     await t.byId("policy").selectOption("pd");
     await t.until((s) => s.rollout?.policy === "pd" && s.rollout.phase === "done", "pd performs");
+    await t.panel("policies");
     await t.byId("try-all").click();
     const use = t.byId("tries").getByRole("button", { name: "Use it" });
     await use.waitFor();
     const names = await t.byId("tries").locator(".take button").allInnerTexts();
-    for (const name of ["pd", "ridge", "robert"])
+    for (const name of ["Spring and damper", "Linear fit", "Learned"])
       assert.ok(
         names.some((n) => n.startsWith(name)),
         `${name} was tried`,

@@ -94,6 +94,7 @@ describe("takes and files", () => {
       (k) => k.pinned,
     );
     assert.ok(pinned);
+    await t.panel("takes");
     await t.page.getByRole("button", { name: `Rename ${pinned.name}` }).click();
     await t.page.getByLabel(`Name of ${pinned.name}`).fill("by the book");
     await t.page.keyboard.press("Enter");
@@ -132,6 +133,7 @@ describe("takes and files", () => {
     const second = await tab(studio, { width: 1100, height: 700 });
     const seen = await second.until((s) => s.compared.length === 2, "the same there");
     assert.deepEqual(seen.takes, (await t.state()).takes);
+    await second.panel("takes");
     await second.page.getByRole("button", { name: "Stop comparing" }).click();
     await t.until((s) => s.compared.length === 0, "heard of it");
     await t.page.reload();

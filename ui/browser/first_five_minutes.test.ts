@@ -255,8 +255,12 @@ describe("the first five minutes", () => {
       .locator(".problem", { hasText: /blind|no goal|sight/i })
       .locator(".mends button");
     await mends.first().click();
-    await t.until((x) => (x.findings?.blind.length ?? 9) < (masked.findings?.blind.length ?? 0), "mended");
+    const mended = await t.until(
+      (x) => (x.findings?.blind.length ?? 9) < (masked.findings?.blind.length ?? 0),
+      "mended",
+    );
     await t.page.locator("body").press("Control+z");
+    await t.until((x) => (x.rev ?? 0) > (mended.rev ?? 0), "as before");
   });
 
   test("4:00 exports, and the command line agrees to 1e-6", async () => {
@@ -356,6 +360,7 @@ describe("the first five minutes", () => {
         (x) => x.settings.model_path?.includes("runs/mine") === true && x.rollout?.phase === "done",
         "it performs",
       );
+      await p.panel("policies");
       await p.byId("try-all").click();
       await p.byId("tries").getByText("runs/mine").first().waitFor();
       await p.context.close();

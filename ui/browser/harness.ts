@@ -241,6 +241,12 @@ export class Tab {
     }
   }
 
+  /** Puts a tab of the left panel in front. */
+  async panel(of: "poses" | "policies" | "takes"): Promise<void> {
+    await this.byId(`tab-${of}`).click();
+    await this.byId(of).waitFor();
+  }
+
   /** A point of the timeline in page coordinates. */
   async at(frame: number, row = "All joints"): Promise<{ x: number; y: number }> {
     const box = await this.byId("timeline").boundingBox();
@@ -326,7 +332,11 @@ export async function stillBrowser(): Promise<Browser> {
 
 /** A page whose clock stands: messages stay until they are dismissed. */
 async function opened(context: BrowserContext, studio: Studio): Promise<Tab> {
-  await context.addInitScript(() => void (window.__timers = []));
+  await context.addInitScript(() => {
+    window.__timers = [];
+    // The tour is shown to newcomers; its own test asks for it.
+    localStorage.setItem("tour", "shown");
+  });
   return new Tab(await context.newPage(), context, studio).open();
 }
 

@@ -66,6 +66,7 @@ describe("look", () => {
         },
         [what, within],
       );
+    await t.panel("poses");
     const poses = await seen(".pose", "[data-testid=poses] .scroll");
     const joints = await seen(".joint", "[data-testid=inspector] .scroll");
     assert.ok(poses >= 2, `${poses} poses`);
@@ -78,16 +79,19 @@ describe("look", () => {
     await afresh();
     // 1600 x 900 at 200 % is 800 x 450 for the page.
     await t.page.setViewportSize({ width: 800, height: 450 });
+    await t.panel("poses");
     for (const area of [
       ".bar",
       ".transport",
       ".legend",
       "[data-testid=inspector]",
-      "[data-testid=takes]",
+      "[data-testid=poses]",
       ".tabs",
     ]) {
       for (const b of await t.page
-        .locator(`${area} button:enabled, ${area} input:enabled, ${area} select:enabled`)
+        .locator(
+          `${area} button:enabled, ${area} input:enabled:not(.slider input), ${area} .slider, ${area} select:enabled`,
+        )
         .all()) {
         await b.click({ trial: true });
       }
@@ -126,36 +130,32 @@ describe("look", () => {
     await t.page.setViewportSize({ width: 1280, height: 720 });
   });
 
-  test("at 1440 x 900 two rows of poses and the newest take stay in sight, also after Try all", async () => {
+  test("at 1440 x 900 poses, policies and takes each have the left side to themselves", async () => {
     await studio.api("POST", `/api/gallery/${encodeURIComponent("shadow_hand/fire")}`);
     await t.until((s) => s.robot === "shadow_hand", "the hand");
     await t.page.setViewportSize({ width: 1440, height: 900 });
     await t.byId("policy").selectOption("computed-torque");
     await t.until((s) => s.rollout?.policy === "computed-torque" && s.rollout.phase === "done", "rolled out");
-    const inSight = (): Promise<{ rows: number; takes: number }> =>
-      t.page.evaluate(() => {
-        const left = document.querySelector(".left")?.getBoundingClientRect();
-        const whole = (what: string, within: string): DOMRect[] => {
-          const box = document.querySelector(within)?.getBoundingClientRect();
-          return [...document.querySelectorAll(what)]
-            .map((e) => e.getBoundingClientRect())
-            .filter(
-              (r) => box && left && r.top >= box.top - 1 && r.bottom <= Math.min(box.bottom, left.bottom) + 1,
-            );
-        };
-        return {
-          rows: new Set(whole(".pose", "[data-testid=poses] .scroll").map((r) => r.top)).size,
-          takes: whole(".takes li", ".takes").length,
-        };
-      });
-    await t.picture("left-1440-before");
-    const before = await inSight();
-    assert.ok(before.rows >= 2 && before.takes >= 1, JSON.stringify(before));
+    const inSight = (what: string): Promise<DOMRect[]> =>
+      t.page.evaluate((w) => {
+        const box = document.querySelector(".left .scroll")?.getBoundingClientRect();
+        return [...document.querySelectorAll(w)]
+          .map((e) => e.getBoundingClientRect())
+          .filter((r) => box && r.height > 0 && r.top >= box.top - 1 && r.bottom <= box.bottom + 1);
+      }, what);
+    const poses = async (): Promise<number> => new Set((await inSight(".pose")).map((r) => r.top)).size;
+    await t.panel("poses");
+    assert.ok((await poses()) >= 3, `${await poses()} rows of poses`);
+    await t.panel("policies");
+    assert.ok((await inSight(".policy")).length >= 4, "policies with their words");
     await t.byId("try-all").click();
     await t.byId("tries").waitFor();
-    await t.picture("left-1440");
-    const after = await inSight();
-    assert.ok(after.rows >= 1 && after.takes >= 1, JSON.stringify(after));
+    await t.picture("left-1440-tried");
+    await t.panel("takes");
+    assert.ok((await inSight(".takes li")).length >= 3, "takes");
+    await t.picture("left-1440-takes");
+    await t.panel("poses");
+    assert.ok((await poses()) >= 3, "what was tried takes no room from the poses");
     await t.page.setViewportSize({ width: 1280, height: 720 });
   });
 

@@ -130,6 +130,7 @@ describe("a hand, with still pictures", () => {
     await t.until((s) => s.rev === 1, "reached");
     assert.equal(await elbow(30), held);
     await t.page.keyboard.press("Escape");
+    await t.panel("poses");
     await t.byId("pose-home").click();
     await t.until((s) => (s.rev ?? 0) >= 2, "the pose applied");
     assert.equal(await elbow(30), held, "the pose leaves it");
@@ -163,7 +164,8 @@ describe("a hand, with still pictures", () => {
       .getByText(/whole frames masked/)
       .first()
       .waitFor();
-    await t.page.locator('label[for="joint-2"]').click();
+    await t.byId("joint-2").locator(".slider").click();
+    assert.equal((await t.state()).rev, 2, "a press alone moves nothing");
     await t.press("Alt+m");
     assert.deepEqual((await t.state()).clip?.masks ?? [], []);
     await t.byId("policy").selectOption("computed-torque");
@@ -264,6 +266,7 @@ describe("a hand, with still pictures", () => {
 
   test("guide and seed are set, a long rollout is stopped", async () => {
     await afresh();
+    await t.panel("policies");
     await t.byId("guide").check();
     await t.until((s) => s.settings.guide === "linear", "guided");
     await t.byId("guide").uncheck();

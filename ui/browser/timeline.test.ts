@@ -126,6 +126,7 @@ describe("timeline", () => {
     const order = (): Promise<string[]> => t.page.locator(".poses .pose").allInnerTexts();
     const before = await order();
     assert.ok(before.length > 3);
+    await t.panel("poses");
     await t.byId("pose-folded").click();
     await t.until((x) => "folded" in (x.clip?.poses ?? {}), "the clip has a copy");
     assert.deepEqual(await order(), before);
@@ -292,6 +293,7 @@ describe("timeline", () => {
       { op: "markers.add", args: { frame: 20, name: "shot" } },
     );
     await t.until_keys([0, 30, 45, 60]);
+    await t.panel("poses");
     await t.byId("pose-reach").click({ button: "right" });
     await t.page.getByRole("menuitem", { name: "Rename" }).click();
     await t.page.getByLabel("Name", { exact: true }).fill("far");

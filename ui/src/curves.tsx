@@ -119,7 +119,7 @@ export function Curves() {
         stroke: c.dim,
         grid: { stroke: c.faint, width: 1 },
         ticks: { stroke: c.rule },
-        font: "11px system-ui",
+        font: `11px ${c.font}`,
       };
       const cursor = {
         sync: { key: "curves" },

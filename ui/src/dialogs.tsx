@@ -11,7 +11,7 @@ import { Palette, Shortcuts } from "./palette";
 import { poseAt } from "./posing";
 import type { Op } from "./protocol";
 import * as store from "./store";
-import { setTheme } from "./theme";
+import { choice, setTheme } from "./theme";
 import { edit, tell } from "./wire";
 
 function Ask(props: {
@@ -376,15 +376,16 @@ export function Dialogs() {
       return (
         <Dialog title="Theme" onClose={onClose}>
           <div class="row">
-            {(["auto", "dark", "light"] as const).map((t) => (
+            {(["dark", "light", "auto"] as const).map((t) => (
               <button
                 key={t}
+                aria-pressed={choice() === t}
                 onClick={() => {
                   setTheme(t);
                   onClose();
                 }}
               >
-                {t}
+                {t === "auto" ? "as the system" : t}
               </button>
             ))}
           </div>

@@ -146,6 +146,6 @@ function rememberKilled(): void {
   if (reminded || !left || !store.doc.value) return;
   reminded = true;
   store.toast(
-    `"${left.name || "untitled"}" was open when the studio was killed; you find it under Examples, Unsaved`,
+    `"${left.name || "untitled"}" was open when the studio was killed; you find it under Examples, Your clips`,
   );
 }

@@ -1,14 +1,17 @@
-// The first page: examples that play at once, recent files, a new clip.
+// The first page: a new clip, one's own files, examples that play at once.
 
 import { useSignal } from "@preact/signals";
+import { Bot, ChevronRight, FolderOpen, Plus } from "lucide";
 import { useEffect } from "preact/hooks";
 import { act } from "./actions/index";
 import { opening, refreshGallery } from "./documents";
+import { Icon } from "./icon";
 import { refreshWorkspace } from "./jobs";
 import { parseNumber, TIMES } from "./numbers";
+import { OwnFiles } from "./own_files";
 import type { GalleryItem } from "./protocol";
 import * as store from "./store";
-import { addressOf, complain, http } from "./wire";
+import { addressOf, http } from "./wire";
 
 const ROBOTS: Record<string, string> = {
   pointmass: "Pointmass",
@@ -103,108 +106,67 @@ export function Gallery() {
   const more = all.filter((g) => !g.featured);
   return (
     <div class="gallery" data-testid="gallery">
-      <h1>Start from an example</h1>
-      <p class="lead">
-        Place a few poses on a timeline. A policy that was trained by unsupervised exploration performs them
-        in simulation, and you see its error while you edit.
-      </p>
-      <Cards items={featured} open />
-      <h2>New clip</h2>
-      <div class="row" style="margin-bottom: 22px">
-        <select
-          aria-label="Robot"
-          value={chosen.value}
-          onChange={(e) => (chosen.value = e.currentTarget.value)}
-        >
-          {store.robots.value.map((r) => (
-            <option key={r.source} value={r.source}>
-              {ROBOTS[r.id] ?? r.id}
-            </option>
-          ))}
-        </select>
-        <input
-          type="text"
-          placeholder="name"
-          aria-label="Name of the new clip"
-          style="width: 150px"
-          value={name.value}
-          onInput={(e) => (name.value = e.currentTarget.value)}
-          onKeyDown={(e) => e.key === "Enter" && create()}
-        />
-        <label>
+      <section class="start" aria-label="New clip">
+        <div>
+          <h1>Place a few poses. A policy performs them.</h1>
+          <p class="lead">
+            It was trained by unsupervised exploration, runs in simulation, and shows its error while you
+            edit.
+          </p>
+        </div>
+        <div class="row">
+          <select
+            aria-label="Robot"
+            value={chosen.value}
+            onChange={(e) => (chosen.value = e.currentTarget.value)}
+          >
+            {store.robots.value.map((r) => (
+              <option key={r.source} value={r.source}>
+                {ROBOTS[r.id] ?? r.id}
+              </option>
+            ))}
+          </select>
           <input
             type="text"
-            inputMode="decimal"
-            aria-label="Length of the new clip, seconds"
-            style="width: 48px; text-align: right"
-            value={secs.value}
-            onInput={(e) => (secs.value = e.currentTarget.value)}
+            placeholder="name"
+            aria-label="Name of the new clip"
+            style="width: 150px"
+            value={name.value}
+            onInput={(e) => (name.value = e.currentTarget.value)}
             onKeyDown={(e) => e.key === "Enter" && create()}
-          />{" "}
-          s
-        </label>
-        <button class="main" onClick={create} data-testid="new-clip">
-          New clip
-        </button>
-        <button onClick={() => act("open")}>Open a file…</button>
-        <button onClick={() => act("runs")}>Import your own robot…</button>
-      </div>
-      <details
-        style="margin-bottom: 22px"
-        open={opened.value}
-        onToggle={(e) => (opened.value = e.currentTarget.open)}
-      >
-        <summary style="cursor: pointer">
-          <b>{more.length} more examples</b>
+          />
+          <label>
+            <input
+              type="text"
+              inputMode="decimal"
+              aria-label="Length of the new clip, seconds"
+              style="width: 48px; text-align: right"
+              value={secs.value}
+              onInput={(e) => (secs.value = e.currentTarget.value)}
+              onKeyDown={(e) => e.key === "Enter" && create()}
+            />{" "}
+            s
+          </label>
+          <button class="main" onClick={create} data-testid="new-clip">
+            <Icon of={Plus} size={14} /> New clip
+          </button>
+          <button onClick={() => act("open")}>
+            <Icon of={FolderOpen} size={14} /> Open a file…
+          </button>
+          <button onClick={() => act("runs")}>
+            <Icon of={Bot} size={14} /> Import your own robot…
+          </button>
+        </div>
+      </section>
+      <OwnFiles titles={ROBOTS} />
+      <h2>Examples</h2>
+      <Cards items={featured} open />
+      <details open={opened.value} onToggle={(e) => (opened.value = e.currentTarget.open)}>
+        <summary>
+          <Icon of={ChevronRight} size={14} /> {more.length} more examples
         </summary>
         <Cards items={more} open={opened.value} />
       </details>
-      {store.drafts.value.length ? <h2>Unsaved</h2> : null}
-      {store.drafts.value.map((d) => (
-        <div class="take" key={d.number} style="max-width: 760px" data-testid={`draft-${d.number}`}>
-          <button
-            class="quiet"
-            onClick={() => void opening(http("POST /api/drafts/{number}", { at: { number: d.number } }))}
-          >
-            <b>{d.name || "untitled"}</b>
-          </button>
-          <span class="grow" style="color: var(--dim)">
-            {d.keys} key{d.keys === 1 ? "" : "s"} · {new Date(d.changed_secs * 1000).toLocaleString()}
-            {d.abandoned ? " · was open when the studio was killed" : ""}
-          </span>
-          <span>{ROBOTS[d.robot] ?? d.robot}</span>
-          <button
-            class="quiet"
-            aria-label={`Discard ${d.name || "untitled"}`}
-            title="Discard"
-            onClick={() =>
-              void http("POST /api/drafts/{number}/discard", { at: { number: d.number } }).then(
-                refreshGallery,
-                complain,
-              )
-            }
-          >
-            ×
-          </button>
-        </div>
-      ))}
-      {store.recent.value.length ? <h2>Recent</h2> : null}
-      {store.recent.value.map((r) => (
-        <div class="take" key={r.path} style="max-width: 760px">
-          <button
-            class="quiet"
-            disabled={!r.exists}
-            onClick={() => void opening(http("POST /api/open", { body: { path: r.path } }))}
-          >
-            <b>{r.name || r.path}</b>
-          </button>
-          <span class="grow" style="color: var(--dim)">
-            {r.path}
-            {r.exists ? "" : " (gone)"}
-          </span>
-          <span>{ROBOTS[r.robot] ?? r.robot}</span>
-        </div>
-      ))}
     </div>
   );
 }

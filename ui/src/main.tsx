@@ -1,8 +1,10 @@
 // The shell: which page, the editor's grid, banners, menus.
 
 import { useSignal } from "@preact/signals";
+import { X } from "lucide";
 import { render } from "preact";
-import { useEffect, useRef } from "preact/hooks";
+import { useEffect } from "preact/hooks";
+import "./styles/palette.css";
 import "./styles/base.css";
 import "./styles/editor.css";
 import "./styles/training.css";
@@ -11,309 +13,68 @@ import "./styles/dialogs.css";
 import "./styles/controls.css";
 import "./styles/sizes.css";
 import { act } from "./actions/index";
-import { span } from "./actions/masks";
+import { Bar, FrontBar } from "./bar";
 import { DropZone } from "./clip_import";
 import { Curves } from "./curves";
 import { Dialogs } from "./dialogs";
 import { receive } from "./events";
-import { FileMenu } from "./filemenu";
+import { startFolds } from "./folds";
 import { Gallery } from "./gallery";
-import { overLink } from "./hover";
+import { Hint } from "./hint_bar";
+import { Icon } from "./icon";
 import { Inspector } from "./inspector";
+import { leftShown, rightShown, startLayout } from "./layout";
+import { Left } from "./left";
 import { Menu } from "./menu";
-import { Poses, Problems, Takes } from "./panels";
-import type { Demand as DemandOf } from "./protocol";
+import { Problems } from "./problems";
 import { Rendered } from "./rendered";
 import { install } from "./shortcuts";
 import { restorePanels, Splitter } from "./splitter";
 import * as store from "./store";
+import { Tabs } from "./tabs";
 import { publish } from "./testing";
-import { setTheme } from "./theme";
+import { startTheme } from "./theme";
 import { Timeline } from "./timeline/timeline";
+import { offerTour, Tour } from "./tour";
 import { Runs } from "./training_page";
 import { Transport } from "./transport";
 import { Viewport } from "./viewport";
-import { connect, edit, http, tell } from "./wire";
-
-const PAGES: [store.Page, string][] = [
-  ["gallery", "Examples"],
-  ["editor", "Editor"],
-  ["runs", "Training"],
-];
-
-function Pages() {
-  const running = [...store.jobs.value.values()].filter(
-    (j) => (j.kind === "collect" || j.kind === "train" || j.kind === "eval") && j.phase === "running",
-  ).length;
-  return (
-    <nav class="pages" aria-label="Pages">
-      {PAGES.map(([page, title]) => (
-        <button
-          key={page}
-          class="quiet"
-          aria-current={store.page.value === page ? "page" : undefined}
-          disabled={page === "editor" && !store.doc.value}
-          onClick={() => (store.page.value = page)}
-          data-testid={`page-${page}`}
-        >
-          {title}
-          {page === "runs" && running ? ` (${running})` : ""}
-        </button>
-      ))}
-    </nav>
-  );
-}
-
-function Brand() {
-  return (
-    <span class="brand">
-      <img src="/ui/icon.svg" width="18" height="18" alt="" /> RoBERT Studio
-    </span>
-  );
-}
-
-/** The clip's name, to be typed over, and its file. */
-function Title() {
-  const field = useRef<HTMLInputElement>(null);
-  const d = store.doc.value;
-  const typing = store.renaming.value;
-  useEffect(() => {
-    if (typing) field.current?.select();
-  }, [typing]);
-  if (!d) return null;
-  const done = (keep: boolean): void => {
-    const name = field.current?.value.trim();
-    // Leaving the field by Enter leaves it a second time when it goes.
-    if (!store.renaming.value) return;
-    store.renaming.value = false;
-    if (keep && name !== undefined && name !== (d.clip.name ?? "")) void edit("clip.rename", { name });
-  };
-  const file = d.path?.split("/").at(-1);
-  return typing ? (
-    <input
-      type="text"
-      class="title"
-      ref={field}
-      aria-label="Name of the clip"
-      data-testid="name"
-      defaultValue={d.clip.name ?? ""}
-      onBlur={() => done(true)}
-      onKeyDown={(e) => {
-        if (e.key === "Enter") done(true);
-        if (e.key === "Escape") done(false);
-      }}
-    />
-  ) : (
-    <>
-      <button
-        class="quiet name"
-        data-testid="title"
-        title="Rename the clip (F2)"
-        onClick={() => act("rename")}
-      >
-        {d.clip.name || "untitled"}
-        {d.dirty ? " •" : ""}
-      </button>
-      {file ? (
-        <span class="of" title={d.path ?? ""}>
-          {file}
-        </span>
-      ) : null}
-    </>
-  );
-}
-
-function Bar() {
-  const d = store.doc.value;
-  const h = d?.history;
-  return (
-    <header class="bar">
-      <Brand />
-      <Pages />
-      <FileMenu />
-      <Title />
-      <span class="of">{store.robot.value?.title}</span>
-      <span class="grow" />
-      <button
-        class="quiet"
-        onClick={() => act("undo")}
-        disabled={!h || h.done === 0}
-        title={h && h.done > 0 ? `Undo: ${h.labels[h.done - h.first - 1] ?? ""} (Ctrl+Z)` : "Nothing to undo"}
-        data-testid="undo"
-      >
-        Undo
-      </button>
-      <button
-        class="quiet"
-        onClick={() => act("redo")}
-        disabled={!h || h.done >= h.len}
-        title={
-          h && h.done < h.len ? `Redo: ${h.labels[h.done - h.first] ?? ""} (Ctrl+Shift+Z)` : "Nothing to redo"
-        }
-      >
-        Redo
-      </button>
-      <button
-        class="quiet"
-        onClick={() => act("history")}
-        disabled={!h || h.len === 0}
-        title="List of all edits"
-      >
-        History
-      </button>
-      <button class="quiet" onClick={() => act("palette")} title="Ctrl+K">
-        Commands
-      </button>
-      <button onClick={() => act("save")} disabled={!d?.dirty && !!d?.path} title="Ctrl+S" data-testid="save">
-        Save
-      </button>
-      <button class="quiet" onClick={() => act("help")} title="Shortcuts (?)" aria-label="Shortcuts">
-        ?
-      </button>
-    </header>
-  );
-}
-
-/** While the pointer is over a link. */
-const LINK_HINTS: [string, string][] = [
-  ["drag", "turn its joint"],
-  ["Alt", "reach"],
-  ["Shift", "small steps"],
-  ["Esc", "cancel"],
-  ["click", "select"],
-  ["F", "show it"],
-  ["G", "next fingertip"],
-  ["?", "all shortcuts"],
-];
-/** What keys and the mouse do now; M says which frames it means. */
-function hints(): [string, string][] {
-  const s = span();
-  const mask = s ? `mask ${s.to - s.from === 1 ? s.from : `${s.from} to ${s.to - 1}`} (${s.why})` : "mask";
-  return [
-    ["drag", "move"],
-    ["Alt", "copy"],
-    ["Shift", "move later keys too"],
-    ["S", "retime"],
-    ["K", "key"],
-    ["Space", "play"],
-    ["?", "all shortcuts"],
-    ["M", mask],
-  ];
-}
-
-/** What the edit under the hand asks of the joints: red above what the policy's data hold. */
-function Demand({ of }: { of: DemandOf }) {
-  const index = store.doc.value?.clip.robot.joints.indexOf(of.joint) ?? -1;
-  const limit = Math.min(of.usual ?? Infinity, of.max ?? Infinity);
-  const above = of.needed > limit;
-  const unit = of.unit === "m" ? "m/s" : store.degrees.value ? "°/s" : "rad/s";
-  const speed = (v: number): string =>
-    of.unit === "rad" && store.degrees.value ? ((v * 180) / Math.PI).toFixed(0) : v.toFixed(2);
-  const what =
-    of.max !== null && of.needed > of.max
-      ? `the limit of the joint is ${speed(of.max)}`
-      : `the policy was trained up to ${speed(of.usual ?? of.max ?? 0)}`;
-  return (
-    <b class={`demand ${above ? "above" : ""}`} data-testid="demand">
-      {above ? "too fast: " : ""}
-      {store.titles.value[index] ?? of.joint} needs {speed(of.needed)} {unit}, {what}
-    </b>
-  );
-}
-
-function Hint({ text }: { text: string }) {
-  const held = useSignal("");
-  useEffect(() => {
-    const on = (e: KeyboardEvent): void => {
-      held.value = [
-        e.ctrlKey || e.metaKey ? "Ctrl: add to the selection" : "",
-        e.altKey ? "Alt: drag to copy a key or to pull a fingertip" : "",
-        e.shiftKey
-          ? "Shift: drag to move all later keys too or to turn a link in small steps; arrow keys step 10 frames"
-          : "",
-      ]
-        .filter(Boolean)
-        .join(" · ");
-    };
-    window.addEventListener("keydown", on);
-    window.addEventListener("keyup", on);
-    return () => {
-      window.removeEventListener("keydown", on);
-      window.removeEventListener("keyup", on);
-    };
-  }, []);
-  const d = store.doc.value;
-  return (
-    <footer class="hint">
-      {store.demand.value ? <Demand of={store.demand.value} /> : null}
-      {text || held.value ? (
-        <b>{text || held.value}</b>
-      ) : (
-        (overLink.value && !store.stills.value ? LINK_HINTS : hints()).map(([k, t]) => (
-          <span key={k}>
-            <kbd>{k}</kbd> {t}
-          </span>
-        ))
-      )}
-      <span class="grow" />
-      <span>{store.selection.value.size ? `${store.selection.value.size} selected` : ""}</span>
-      <span>
-        {!d
-          ? ""
-          : d.dirty
-            ? "every edit is backed up; not saved to the file yet"
-            : d.path
-              ? "saved"
-              : "not saved to a file yet"}
-      </span>
-      <span>{store.link.value === "open" ? "connected" : store.link.value}</span>
-    </footer>
-  );
-}
+import { connect, http, tell } from "./wire";
 
 /** Beside the timeline: curves, or the picture as it is exported. */
 function Side() {
-  const rendered = store.side.value === "rendered";
   return (
     <aside class="side" aria-label="Curves and picture">
       <Splitter of="curves" />
-      <div class="tabs" role="tablist">
-        <button
-          role="tab"
-          aria-selected={!rendered}
-          onClick={() => (store.side.value = "curves")}
-          data-testid="tab-curves"
-        >
-          Curves
-        </button>
-        <button
-          role="tab"
-          aria-selected={rendered}
-          onClick={() => (store.side.value = "rendered")}
-          data-testid="tab-rendered"
-        >
-          Rendered
-        </button>
-      </div>
-      {rendered ? <Rendered /> : <Curves />}
+      <Tabs
+        label="Beside the timeline"
+        tabs={[
+          { id: "curves", title: "Curves" },
+          { id: "rendered", title: "Rendered" },
+        ]}
+        now={store.side.value}
+        onChoose={(id) => (store.side.value = id)}
+      />
+      {store.side.value === "rendered" ? <Rendered /> : <Curves />}
     </aside>
   );
 }
 
 function Editor() {
   const hint = useSignal("");
+  useEffect(offerTour, []);
+  const hidden = `${leftShown.value ? "" : "no-left"} ${rightShown.value ? "" : "no-right"}`;
   return (
-    <div class="editor" data-testid="editor">
+    <div class={`editor ${hidden}`} data-testid="editor">
       <Bar />
-      <aside class="left">
-        <Poses />
-        <Takes />
-      </aside>
+      {leftShown.value ? <Left /> : null}
       <Viewport />
-      <aside class="right">
-        <Inspector />
-        <Problems />
-      </aside>
+      {rightShown.value ? (
+        <aside class="right">
+          <Inspector />
+          <Problems />
+        </aside>
+      ) : null}
       <Transport />
       <div class="below">
         <Timeline onHint={(t) => (hint.value = t)} />
@@ -372,28 +133,21 @@ function App() {
         <Editor />
       ) : (
         <div class="front">
-          <header class="bar">
-            <Brand />
-            <Pages />
-            <span class="grow" />
-            <button class="quiet" onClick={() => act("theme")}>
-              Theme
-            </button>
-            <span style="color: var(--dim)">{store.version.value}</span>
-          </header>
+          <FrontBar />
           {store.page.value === "runs" ? <Runs /> : <Gallery />}
         </div>
       )}
       <Dialogs />
       <Menu />
       <DropZone />
+      <Tour />
       <div class="toasts">
         {store.toasts.value.map((t) => (
           <div class={`toast ${t.kind}`} key={t.id} role={t.kind === "error" ? "alert" : "status"}>
             <span>{t.text}</span>
             {t.undo ? <button onClick={() => act("undo")}>Undo</button> : null}
-            <button class="quiet" aria-label="Dismiss" onClick={() => store.dismiss(t.id)}>
-              ×
+            <button class="icon quiet" aria-label="Dismiss" onClick={() => store.dismiss(t.id)}>
+              <Icon of={X} size={14} />
             </button>
           </div>
         ))}
@@ -405,8 +159,9 @@ function App() {
   );
 }
 
-const theme = localStorage.getItem("theme");
-if (theme === "dark" || theme === "light") setTheme(theme);
+startTheme();
+startLayout();
+startFolds();
 install(window);
 restorePanels();
 const root = document.getElementById("app");

@@ -1,20 +1,24 @@
-// All commands: by a few letters of their name, and as a sheet of shortcuts.
+// The search over all that has a name, and the sheet of shortcuts.
 
 import { useSignal } from "@preact/signals";
-import { ACTIONS, act } from "./actions/index";
+import { useEffect } from "preact/hooks";
+import { ACTIONS } from "./actions/index";
 import { Dialog } from "./dialog";
+import { refreshGallery } from "./documents";
+import { Icon } from "./icon";
+import { type Found, SIGNS, search } from "./search";
 
 export function Palette({ onClose }: { onClose: () => void }) {
   const text = useSignal("");
   const at = useSignal(0);
-  const words = text.value.toLowerCase().split(/\s+/).filter(Boolean);
-  const found = ACTIONS.filter((a) => words.every((w) => `${a.title} ${a.group}`.toLowerCase().includes(w)));
-  const run = (id: string | undefined): void => {
+  useEffect(() => void refreshGallery(), []);
+  const found = search(text.value);
+  const run = (f: Found | undefined): void => {
     onClose();
-    if (id) act(id);
+    f?.run();
   };
   return (
-    <Dialog title="Find a command" onClose={onClose} class="palette">
+    <Dialog title="Search" onClose={onClose} class="palette">
       <input
         type="text"
         role="combobox"
@@ -22,6 +26,7 @@ export function Palette({ onClose }: { onClose: () => void }) {
         aria-controls="palette-list"
         aria-activedescendant={found[at.value] ? `palette-${found[at.value]?.id}` : undefined}
         aria-label="Command"
+        placeholder="Joints, poses, policies, examples, files, commands"
         value={text.value}
         onInput={(e) => {
           text.value = e.currentTarget.value;
@@ -30,33 +35,37 @@ export function Palette({ onClose }: { onClose: () => void }) {
         onKeyDown={(e) => {
           if (e.key === "ArrowDown") at.value = Math.min(found.length - 1, at.value + 1);
           else if (e.key === "ArrowUp") at.value = Math.max(0, at.value - 1);
-          else if (e.key === "Enter") run(found[at.value]?.id);
+          else if (e.key === "Enter") run(found[at.value]);
           else return;
           e.preventDefault();
         }}
       />
       <ul id="palette-list" role="listbox">
-        {found.map((a, i) => (
+        {found.map((f, i) => (
           <li
-            key={a.id}
-            id={`palette-${a.id}`}
+            key={f.id}
+            id={`palette-${f.id}`}
             role="option"
             aria-selected={i === at.value}
+            aria-disabled={f.why ? "true" : undefined}
             ref={(e) => {
               if (i === at.value) e?.scrollIntoView({ block: "nearest" });
             }}
-            onClick={() => run(a.id)}
-            title={a.not?.() ?? ""}
+            onClick={() => run(f)}
+            title={f.why ?? f.kind}
           >
-            <span style={a.not?.() ? "opacity: .5" : ""}>{a.title}</span>
-            <span>
-              {(a.keys ?? []).slice(0, 1).map((k) => (
-                <kbd key={k}>{k}</kbd>
-              ))}
-            </span>
+            <Icon of={SIGNS[f.kind]} size={14} />
+            <span class="grow">{f.title}</span>
+            {f.kind === "Command" ? null : (
+              <span class="of">
+                {f.kind}
+                {f.of ? `, ${f.of}` : ""}
+              </span>
+            )}
+            {f.keys ? <kbd>{f.keys}</kbd> : null}
           </li>
         ))}
-        {found.length === 0 ? <li>nothing found</li> : null}
+        {found.length === 0 ? <li>Nothing has this name.</li> : null}
       </ul>
     </Dialog>
   );

@@ -3,9 +3,10 @@
 import { useSignal } from "@preact/signals";
 import { trainedFor, withRun } from "./policy";
 import * as store from "./store";
+import { trying } from "./tryall";
 import { tell } from "./wire";
 
-/** Guide and seed of the rollout. */
+/** Refinement, guide and seed of the rollout. */
 export function Settings() {
   const s = store.settings.value;
   const text = useSignal<string | undefined>(undefined);
@@ -19,7 +20,16 @@ export function Settings() {
     tell("rollout.set", { ...s, seed: n });
   };
   return (
-    <>
+    <fieldset class="settings" disabled={trying.value !== undefined}>
+      <legend>Settings</legend>
+      <label title="Improves each action of the policy by one planning step on the robot model; slower">
+        <input
+          type="checkbox"
+          checked={s.refine}
+          onChange={(e) => tell("rollout.set", { ...s, refine: e.currentTarget.checked })}
+        />{" "}
+        refine each action
+      </label>
       <label title="In masked frames, gives the policy a straight line from the reached pose to the next goal">
         <input
           type="checkbox"
@@ -27,14 +37,14 @@ export function Settings() {
           checked={s.guide === "linear"}
           onChange={(e) => tell("rollout.set", { ...s, guide: e.currentTarget.checked ? "linear" : "none" })}
         />{" "}
-        guide
+        guide along straight lines
       </label>
       <label title="Policies that use random numbers give the same motion for the same seed">
         seed{" "}
         <input
           type="text"
           inputMode="numeric"
-          style="width: 44px"
+          style="width: 56px"
           data-testid="seed"
           value={text.value ?? String(s.seed)}
           onInput={(e) => (text.value = e.currentTarget.value)}
@@ -44,7 +54,7 @@ export function Settings() {
           }}
         />
       </label>
-    </>
+    </fieldset>
   );
 }
 

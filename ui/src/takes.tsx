@@ -2,6 +2,8 @@
 // take beside what is performed now, in the viewport, in the curves and over the error strip.
 
 import { useSignal } from "@preact/signals";
+import { Circle, CircleDot, Diamond, GitCompare, Pin, X } from "lucide";
+import { Icon } from "./icon";
 import type { TakeCard, TakesView } from "./protocol";
 import * as store from "./store";
 import { complain, http, tell } from "./wire";
@@ -76,7 +78,7 @@ function Row({ take }: { take: TakeCard }) {
         style={on >= 0 ? `color: ${store.takeColor(on)}` : ""}
         aria-label={now ? "current" : on >= 0 ? "compared" : "kept"}
       >
-        {now ? "●" : on >= 0 ? "◆" : "○"}
+        <Icon of={now ? CircleDot : on >= 0 ? Diamond : Circle} size={12} />
       </span>
       {naming.value ? (
         <input
@@ -114,7 +116,7 @@ function Row({ take }: { take: TakeCard }) {
       <span class="second">
         <span class="grow">{take.policy}</span>
         <button
-          class="quiet"
+          class="quiet small"
           aria-label={`A/B ${take.name}`}
           aria-pressed={on >= 0}
           onClick={(e) => compare(take.id, e.ctrlKey || e.metaKey || e.shiftKey)}
@@ -123,7 +125,7 @@ function Row({ take }: { take: TakeCard }) {
           A/B
         </button>
         <button
-          class="quiet"
+          class="icon quiet"
           aria-label={`Pin ${take.name}`}
           aria-pressed={take.pinned}
           title={
@@ -133,15 +135,15 @@ function Row({ take }: { take: TakeCard }) {
           }
           onClick={() => tell("take.pin", { id: take.id, pinned: !take.pinned })}
         >
-          {take.pinned ? "★" : "☆"}
+          <Icon of={Pin} size={13} />
         </button>
         <button
-          class="quiet"
+          class="icon quiet"
           aria-label={`Remove ${take.name}`}
           title="Remove"
           onClick={() => tell("take.remove", { id: take.id })}
         >
-          ×
+          <Icon of={X} size={13} />
         </button>
       </span>
     </li>
@@ -155,20 +157,25 @@ export function TakeList() {
   // Those that somebody wanted stand first.
   const sorted = [...takes.filter((t) => t.pinned), ...takes.filter((t) => !t.pinned)];
   return (
-    <>
-      <h2>
-        Takes <span class="grow" />
+    <section class="panel fill" aria-label="Takes" data-testid="takes">
+      <div class="tools-row">
         <button
-          class="quiet"
           onClick={pinTake}
           disabled={!now}
           aria-pressed={now?.pinned ?? false}
-          title="Pin the current take (Shift+B)"
+          title="Keep the current take until it is removed (Shift+B)"
           data-testid="pin"
         >
-          Pin
+          <Icon of={Pin} size={13} /> Pin
         </button>
-      </h2>
+        <button
+          onClick={compareBefore}
+          aria-pressed={store.compared.value.length > 0}
+          title="Draw another take beside the current one (B)"
+        >
+          <Icon of={GitCompare} size={13} /> Compare
+        </button>
+      </div>
       <div class="scroll takes">
         {r && !now ? (
           <div class="take">
@@ -194,6 +201,6 @@ export function TakeList() {
           ))}
         </ul>
       </div>
-    </>
+    </section>
   );
 }

@@ -1,7 +1,12 @@
-// Colours of the canvas, read from the style sheet so that there is one palette.
+// Which palette is in use, and its colours for canvases, read from the style sheet.
 
 import { signal } from "@preact/signals";
 import type { Theme } from "./timeline/draw";
+
+export type Choice = "dark" | "light" | "auto";
+
+const KEY = "theme";
+const light = matchMedia("(prefers-color-scheme: light)");
 
 let cached: Theme | undefined;
 
@@ -28,6 +33,7 @@ export function colors(): Theme {
     marker: v("marker"),
     cached: v("cached"),
     focus: v("focus"),
+    font: v("font"),
   };
   return cached;
 }
@@ -38,25 +44,35 @@ export function hue(i: number): string {
   return all[i % all.length] || "#56b4e9";
 }
 
-/** Rises when the colours change. */
+/** Rises when the colours or the letters change. */
 export const palette = signal(0);
 
-function changed(): void {
+/** Dark unless something else was chosen. */
+export function choice(): Choice {
+  const kept = localStorage.getItem(KEY);
+  return kept === "light" || kept === "auto" ? kept : "dark";
+}
+
+export function isDark(): boolean {
+  return document.documentElement.dataset.theme !== "light";
+}
+
+function apply(): void {
+  const wanted = choice();
+  const dark = wanted === "auto" ? !light.matches : wanted === "dark";
+  document.documentElement.dataset.theme = dark ? "dark" : "light";
   cached = undefined;
   palette.value++;
 }
 
-matchMedia("(prefers-color-scheme: light)").addEventListener("change", changed);
-
-/** What was chosen, else what the system says. */
-export function isDark(): boolean {
-  const chosen = document.documentElement.dataset.theme;
-  return chosen ? chosen === "dark" : !matchMedia("(prefers-color-scheme: light)").matches;
+export function setTheme(theme: Choice): void {
+  localStorage.setItem(KEY, theme);
+  apply();
 }
 
-export function setTheme(theme: "dark" | "light" | "auto"): void {
-  if (theme === "auto") delete document.documentElement.dataset.theme;
-  else document.documentElement.dataset.theme = theme;
-  localStorage.setItem("theme", theme);
-  changed();
+/** Before anything is drawn. Canvases draw once more when the letters have come. */
+export function startTheme(): void {
+  apply();
+  light.addEventListener("change", apply);
+  void document.fonts.load('13px "Inter Variable"').then(apply, () => undefined);
 }

@@ -92,7 +92,7 @@ export function Charts({
           stroke: c.dim,
           grid: { stroke: c.faint, width: 1 },
           ticks: { stroke: c.rule },
-          font: "11px system-ui",
+          font: `11px ${colors().font}`,
         };
         plots = charts.map(
           (chart) =>

@@ -1,32 +1,16 @@
 // Play, step, time, loop, speed, and the switches that decide what an edit does.
 
 import { useSignal } from "@preact/signals";
+import { Pause, Play, Repeat, SkipBack, SkipForward, StepBack, StepForward } from "lucide";
 import { useEffect } from "preact/hooks";
 import { act } from "./actions/index";
 import { seek } from "./actions/playback";
 import { clock, parseTime } from "./clip";
+import { Icon } from "./icon";
 import { startPlayback } from "./playback";
 import { Splitter } from "./splitter";
 import * as store from "./store";
 import { edit } from "./wire";
-
-/** Drawn, because no font is sure to have these signs. */
-const SHAPES: Record<string, string> = {
-  start: "M3 2h2v10H3z M13 2v10L6 7z",
-  back: "M11 2v10L4 7z",
-  play: "M4 2l9 5-9 5z",
-  pause: "M4 2h3v10H4z M9 2h3v10H9z",
-  forward: "M5 2l7 5-7 5z",
-  end: "M11 2h2v10h-2z M3 2l7 5-7 5z",
-};
-
-function Icon({ name }: { name: keyof typeof SHAPES }) {
-  return (
-    <svg width="15" height="14" viewBox="0 0 15 14" aria-hidden="true" style="display: block">
-      <path d={SHAPES[name]} fill="currentColor" />
-    </svg>
-  );
-}
 
 /** A rollout that takes longer than a moment. */
 function stoppable(): boolean {
@@ -60,11 +44,11 @@ export function Transport() {
   return (
     <div class="transport" role="toolbar" aria-label="Playback">
       <Splitter of="sheet" />
-      <button onClick={() => act("home")} aria-label="To the start" title="Home">
-        <Icon name="start" />
+      <button class="icon quiet" onClick={() => act("home")} aria-label="To the start" title="Home">
+        <Icon of={SkipBack} />
       </button>
-      <button onClick={() => act("prev-frame")} aria-label="Previous frame" title="Left">
-        <Icon name="back" />
+      <button class="icon quiet" onClick={() => act("prev-frame")} aria-label="Previous frame" title="Left">
+        <Icon of={StepBack} />
       </button>
       <button
         class="main"
@@ -73,16 +57,22 @@ export function Transport() {
         title="Space"
         data-testid="play"
       >
-        <Icon name={store.playing.value ? "pause" : "play"} />
+        <Icon of={store.playing.value ? Pause : Play} />
       </button>
-      <button onClick={() => act("next-frame")} aria-label="Next frame" title="Right">
-        <Icon name="forward" />
+      <button class="icon quiet" onClick={() => act("next-frame")} aria-label="Next frame" title="Right">
+        <Icon of={StepForward} />
       </button>
-      <button onClick={() => act("end")} aria-label="To the end" title="End">
-        <Icon name="end" />
+      <button class="icon quiet" onClick={() => act("end")} aria-label="To the end" title="End">
+        <Icon of={SkipForward} />
       </button>
-      <button aria-pressed={store.loop.value} onClick={() => act("loop")} title="L">
-        Loop
+      <button
+        class="icon quiet"
+        aria-label="Loop"
+        aria-pressed={store.loop.value}
+        onClick={() => act("loop")}
+        title="Loop (L)"
+      >
+        <Icon of={Repeat} />
       </button>
       <select
         aria-label="Speed"
@@ -114,9 +104,7 @@ export function Transport() {
           }}
         />
       </label>
-      <span class="num" style="color: var(--dim)">
-        {clock(frame, store.fps.value)} of
-      </span>
+      <span class="of">{clock(frame, store.fps.value)} of</span>
       <input
         class="time length"
         type="text"
@@ -135,9 +123,7 @@ export function Transport() {
           }
         }}
       />
-      <span class="num" style="color: var(--dim)">
-        {clock(store.length.value, store.fps.value)}
-      </span>
+      <span class="of">{clock(store.length.value, store.fps.value)}</span>
       <span class="grow" />
       <button
         aria-pressed={store.autoKey.value}
@@ -166,9 +152,6 @@ export function Transport() {
           Roll out
         </button>
       )}
-      <button class="main" onClick={() => act("export")} title="Ctrl+E">
-        Export
-      </button>
     </div>
   );
 }

@@ -1,10 +1,12 @@
 // What is shown, and from where.
 
+import { leftShown, openLeft, rightShown } from "../layout";
 import * as store from "../store";
 import { timeline } from "../timeline/handle";
 import { frameToX, LABELS, PRE_ROLL, zoomAt } from "../timeline/layout";
+import { startTour } from "../tour";
 import { tell } from "../wire";
-import { type Action, dialog } from "./action";
+import { type Action, dialog, needsClip } from "./action";
 import { seek } from "./playback";
 
 /** Zooms about the playhead, or about the middle where that is out of sight. */
@@ -160,9 +162,33 @@ export const VIEW: Action[] = [
       localStorage.setItem("unit", store.degrees.value ? "deg" : "rad");
     },
   },
+  {
+    id: "panel-left",
+    title: "Show or hide the left panel",
+    group: "View",
+    keys: ["Ctrl+B"],
+    run: () => (leftShown.value = !leftShown.value),
+  },
+  {
+    id: "panel-right",
+    title: "Show or hide the right panel",
+    group: "View",
+    keys: ["Ctrl+Shift+B"],
+    run: () => (rightShown.value = !rightShown.value),
+  },
+  { id: "tab-poses", title: "Panel: poses", group: "View", run: () => openLeft("poses") },
+  { id: "tab-policies", title: "Panel: policies", group: "View", run: () => openLeft("policies") },
+  { id: "tab-takes", title: "Panel: takes", group: "View", run: () => openLeft("takes") },
   { id: "theme", title: "Dark or light", group: "View", run: dialog("theme") },
+  { id: "tour", title: "Take the tour", group: "View", not: needsClip, run: startTour },
   { id: "help", title: "All shortcuts", group: "View", keys: ["?", "F1"], run: dialog("keys") },
-  { id: "palette", title: "Find a command", group: "View", keys: ["Ctrl+K"], run: dialog("palette") },
+  {
+    id: "palette",
+    title: "Search joints, poses, examples, commands",
+    group: "View",
+    keys: ["Ctrl+K"],
+    run: dialog("palette"),
+  },
   {
     id: "rendered",
     title: "Show or hide the picture as it is exported",

@@ -1,6 +1,7 @@
 // Draws the dope sheet. Shape or hatch always repeats what colour says.
 
 import type { Clip } from "../clip";
+import { digitsOf, fixed } from "../numbers";
 import {
   type Box,
   frameToX,
@@ -14,7 +15,6 @@ import {
   RULER,
   rowToY,
   STRIP,
-  SWITCH,
   SWITCHES,
   tick,
   type View,
@@ -41,6 +41,8 @@ export interface Theme {
   marker: string;
   cached: string;
   focus: string;
+  /** Names of the letters' families. */
+  font: string;
 }
 
 export interface Span {
@@ -79,6 +81,8 @@ export interface Scene {
   stale: boolean;
   focusRow: number;
   focused: boolean;
+  /** The row under the pointer: its switches are shown. */
+  hoverRow: number | undefined;
 }
 
 type Ctx = CanvasRenderingContext2D;
@@ -162,12 +166,16 @@ function backdrop(ctx: Ctx, s: Scene): void {
   ctx.fillRect(x0, 0, end - x0, box.height);
   // Pre-roll: the past that the policy is told.
   const pre = frameToX(view, -PRE_ROLL);
-  ctx.fillStyle = hatch(ctx, theme.faint);
+  ctx.fillStyle = `${theme.faint}88`;
   ctx.fillRect(pre, RULER, x0 - pre, box.height - RULER);
+  // A blind span: a tint, and an edge that needs no colour to be seen.
   for (const b of s.blind) {
-    ctx.fillStyle = hatch(ctx, theme.blind);
     const x = frameToX(view, b.from);
-    ctx.fillRect(x, RULER + MARKERS, frameToX(view, b.to) - x, box.height - RULER - MARKERS - STRIP);
+    const w = frameToX(view, b.to) - x;
+    ctx.fillStyle = `${theme.blind}26`;
+    ctx.fillRect(x, RULER + MARKERS, w, box.height - RULER - MARKERS - STRIP);
+    ctx.fillStyle = theme.blind;
+    ctx.fillRect(x, RULER + MARKERS, w, 2);
   }
   if (s.loop) {
     ctx.fillStyle = `${theme.focus}18`;
@@ -227,11 +235,20 @@ function ink(ctx: Ctx, theme: Theme, list: Mark[], mid: number, ratio: number): 
   for (const b of bars(list)) {
     const width = b.to - b.from;
     if (b.ink === "masked") {
-      ctx.fillStyle = hatch(ctx, theme.hatch);
-      ctx.fillRect(b.from, mid - 4, width, 8);
+      // Left to the policy: dots, as little ink as can be seen.
+      ctx.strokeStyle = theme.hatch;
+      ctx.lineWidth = 1.5;
+      ctx.setLineDash([1.5, 4.5]);
+      ctx.beginPath();
+      ctx.moveTo(b.from, mid);
+      ctx.lineTo(b.to, mid);
+      ctx.stroke();
+      ctx.setLineDash([]);
     } else if (b.ink === "hold") {
       ctx.fillStyle = theme.fill;
-      ctx.fillRect(b.from, mid - 4, width, 8);
+      ctx.beginPath();
+      ctx.roundRect(b.from, mid - 4, width, 8, [0, 4, 4, 0]);
+      ctx.fill();
     } else if (b.ink === "held") {
       ctx.fillStyle = `${theme.fill}88`;
       ctx.fillRect(b.from, mid - 2, width, 4);
@@ -285,7 +302,7 @@ function bar(
 ): void {
   const { clip, view, theme } = s;
   if (row.kind !== "joint") {
-    ctx.fillStyle = `${theme.rule}55`;
+    ctx.fillStyle = `${theme.rule}40`;
     ctx.fillRect(LABELS, y, s.box.width, ROW - 1);
   } else if (row.joint === s.selectedJoint) {
     ctx.fillStyle = `${theme.selected}1a`;
@@ -314,10 +331,11 @@ function ruler(ctx: Ctx, s: Scene): void {
   ctx.fillStyle = theme.panel;
   ctx.fillRect(LABELS, 0, box.width - LABELS, RULER);
   const { minor, major } = tick(view.zoom, clip.fps);
+  const digits = digitsOf(major / clip.fps);
   const first = Math.floor(view.left / minor) * minor;
   ctx.strokeStyle = theme.rule;
   ctx.fillStyle = theme.dim;
-  ctx.font = "11px system-ui, sans-serif";
+  ctx.font = `11px ${theme.font}`;
   ctx.textBaseline = "top";
   ctx.textAlign = "left";
   ctx.beginPath();
@@ -326,7 +344,8 @@ function ruler(ctx: Ctx, s: Scene): void {
     const on = f % major === 0;
     ctx.moveTo(x, RULER);
     ctx.lineTo(x, RULER - (on ? 9 : 4));
-    if (on) ctx.fillText(f % clip.fps === 0 ? `${f / clip.fps} s` : `${f}`, x + 3, 3);
+    const text = `${fixed(f / clip.fps, digits)} s`;
+    if (on && f >= 0 && x + 4 + ctx.measureText(text).width < box.width) ctx.fillText(text, x + 4, 3);
   }
   ctx.stroke();
   // The end of the clip: a bracket to drag.
@@ -356,7 +375,7 @@ function markers(ctx: Ctx, s: Scene): void {
   const { theme, view, clip } = s;
   ctx.fillStyle = theme.back;
   ctx.fillRect(LABELS, RULER, s.box.width - LABELS, MARKERS);
-  ctx.font = "11px system-ui, sans-serif";
+  ctx.font = `11px ${theme.font}`;
   ctx.textBaseline = "middle";
   for (const m of clip.markers ?? []) {
     const x = frameToX(view, m.frame);
@@ -452,32 +471,33 @@ function playhead(ctx: Ctx, s: Scene): void {
   ctx.fill();
 }
 
-/** [L] locks the joints of a row, [M] leaves them to the policy; filled when on. */
-function switches(ctx: Ctx, s: Scene, row: RowKind, y: number): void {
+/** A padlock, and an eye that is shut: 16 by 16 pixels. */
+const SIGNS = {
+  lock: "M4 7.5h8v6H4z M5.5 7.5V5.3a2.5 2.5 0 0 1 5 0v2.2",
+  mask: "M1.5 6.5c3.4 4.4 9.6 4.4 13 0 M4 9l-1.2 2 M8 10v2.3 M12 9l1.2 2",
+};
+
+/** The lock of a row's joints, and whether they are left to the policy: shown when on or when the pointer is there. */
+function switches(ctx: Ctx, s: Scene, row: RowKind, y: number, shown: boolean): void {
   const joints = jointsOf(row);
   if (joints.length === 0) return;
   const { theme } = s;
   const names = joints.map((j) => s.clip.robot.joints[j] ?? "");
   const here = (s.clip.masks ?? []).filter((m) => m.from <= s.playhead && s.playhead < m.to);
   const masked = names.every((n) => here.some((m) => !m.joints || m.joints.includes(n)));
-  const box = (x: number, letter: string, on: boolean, color: string, dim: boolean): void => {
+  const sign = (x: number, path: string, on: boolean, color: string, dim: boolean): void => {
+    if (!on && !shown) return;
+    ctx.save();
     ctx.globalAlpha = dim ? 0.35 : 1;
-    ctx.fillStyle = on ? color : theme.panel;
-    ctx.strokeStyle = on ? color : theme.rule;
-    ctx.lineWidth = 1;
-    ctx.beginPath();
-    ctx.roundRect(x + 0.5, y + 2.5, SWITCH - 1, ROW - 6, 3);
-    ctx.fill();
-    ctx.stroke();
-    ctx.fillStyle = on ? theme.panel : theme.dim;
-    ctx.font = `${on ? "700 " : ""}10px system-ui, sans-serif`;
-    ctx.textAlign = "center";
-    ctx.fillText(letter, x + SWITCH / 2, y + ROW / 2);
-    ctx.textAlign = "left";
-    ctx.globalAlpha = 1;
+    ctx.translate(x, y + (ROW - 16) / 2);
+    ctx.strokeStyle = on ? color : theme.dim;
+    ctx.lineWidth = on ? 2 : 1.4;
+    ctx.lineCap = ctx.lineJoin = "round";
+    ctx.stroke(new Path2D(path));
+    ctx.restore();
   };
-  box(SWITCHES.lock, "L", joints.every(s.locked), theme.playhead, false);
-  box(SWITCHES.mask, "M", masked, theme.marker, !s.maskable);
+  sign(SWITCHES.lock, SIGNS.lock, joints.every(s.locked), theme.playhead, false);
+  sign(SWITCHES.mask, SIGNS.mask, masked, theme.marker, !s.maskable);
 }
 
 function labels(ctx: Ctx, s: Scene): void {
@@ -494,25 +514,26 @@ function labels(ctx: Ctx, s: Scene): void {
     if (y < -ROW || y > box.height) return;
     const mid = y + ROW / 2;
     const bold = row.kind !== "joint";
-    ctx.font = `${bold ? "600 " : ""}12px system-ui, sans-serif`;
+    ctx.font = `${bold ? "600 " : ""}${bold ? 12 : 11}px ${theme.font}`;
     if (row.kind === "joint" && row.joint === s.selectedJoint) {
       ctx.fillStyle = `${theme.selected}33`;
       ctx.fillRect(0, y, LABELS, ROW - 1);
     }
     ctx.fillStyle = bold ? theme.text : theme.dim;
     const text =
-      row.kind === "all"
-        ? "All joints"
-        : row.kind === "group"
-          ? `${row.open ? "▾" : "▸"} ${row.group.title}`
-          : s.names(row.joint);
+      row.kind === "all" ? "All joints" : row.kind === "group" ? row.group.title : s.names(row.joint);
+    if (row.kind === "group") {
+      ctx.strokeStyle = theme.dim;
+      ctx.lineWidth = 1.6;
+      ctx.stroke(new Path2D(row.open ? `M8 ${mid - 2}l4 4 4-4` : `M10 ${mid - 4}l4 4-4 4`));
+    }
     ctx.fillText(
       text,
-      row.kind === "joint" ? 26 : 10,
-      mid,
+      row.kind === "joint" ? 30 : row.kind === "group" ? 22 : 10,
+      mid + 0.5,
       row.kind === "all" ? LABELS - 34 : SWITCHES.lock - 30,
     );
-    switches(ctx, s, row, y);
+    switches(ctx, s, row, y, i === s.hoverRow || (s.focused && i === s.focusRow));
     if (s.focused && i === s.focusRow) {
       ctx.strokeStyle = theme.focus;
       ctx.lineWidth = 2;
@@ -520,7 +541,7 @@ function labels(ctx: Ctx, s: Scene): void {
     }
   });
   ctx.restore();
-  ctx.font = "11px system-ui, sans-serif";
+  ctx.font = `11px ${theme.font}`;
   ctx.fillStyle = theme.dim;
   ctx.fillText("error", 10, box.height - STRIP / 2);
   ctx.strokeStyle = theme.rule;

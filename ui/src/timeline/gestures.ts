@@ -48,6 +48,8 @@ export interface Sheet {
   openKey(frame: number): void;
   menu(target: Target, x: number, y: number): void;
   hint(text: string): void;
+  /** The row under the pointer, if any. */
+  over(row: number | undefined): void;
   /** What is drawn at a frame, in words; the empty text where it explains itself. */
   about(frame: number): string;
 }
@@ -142,7 +144,10 @@ export class Gestures {
       on("pointermove", (e) => this.move(e)),
       on("pointerup", (e) => this.up(e)),
       on("pointercancel", () => this.cancel()),
-      on("pointerleave", () => this.press ?? this.sheet.hint("")),
+      on("pointerleave", () => {
+        this.sheet.over(undefined);
+        if (!this.press) this.sheet.hint("");
+      }),
       on("dblclick", (e) => this.double(e)),
       on("contextmenu", (e) => this.context(e)),
       on("wheel", (e) => this.wheel(e), { passive: false }),
@@ -270,6 +275,7 @@ export class Gestures {
   private move(e: PointerEvent): void {
     const { press, sheet } = this;
     const { x, y } = this.at(e);
+    sheet.over(yToRow(sheet.view(), y, sheet.rows().length));
     if (!press) {
       const key = hit(sheet, x, y);
       const strip = y > sheet.box().height - STRIP;
@@ -279,9 +285,9 @@ export class Gestures {
           : undefined;
       sheet.hint(
         which === "lock"
-          ? "L: lock, so that no slider, drag, reach, pose or paste moves it (Alt+L)"
+          ? "Lock, so that no slider, drag, reach, pose or paste moves it (Alt+L)"
           : which === "mask"
-            ? "M: leave it to the policy between the keys about the playhead, or between those selected (Alt+M, Alt+U)"
+            ? "Leave it to the policy between the keys about the playhead, or between those selected (Alt+M, Alt+U)"
             : x < LABELS || y < RULER || key !== undefined
               ? ""
               : strip

@@ -7,9 +7,11 @@ import { tellReplaced } from "../actions/keys";
 import { chosenJoint, noJointMask, setFill, toggleMask } from "../actions/masks";
 import { fillAfter, keyAt, nextKey, prevKey, values } from "../clip";
 import { openDialog } from "../dialog";
+import { toggleGroup } from "../folds";
 import { isLocked, toggleLock } from "../locks";
 import { type Item, openMenu } from "../menu";
 import { endPreview, preview } from "../posing";
+import { begun } from "../problems";
 import * as store from "../store";
 import { colors, palette } from "../theme";
 import { applyOp, tell } from "../wire";
@@ -38,6 +40,7 @@ export function Timeline(props: { onHint: (text: string) => void }) {
   const end = useSignal<number | undefined>(undefined);
   const dragged = useSignal<ReadonlyMap<number, number>>(new Map());
   const box = useSignal<BoxSelect | undefined>(undefined);
+  const over = useSignal<number | undefined>(undefined);
 
   useEffect(() => {
     const element = canvas.current;
@@ -100,13 +103,14 @@ export function Timeline(props: { onHint: (text: string) => void }) {
         if (frame < 0) return "before the clip: the history that the policy is given";
         const within = (s: { from: number; to: number }): boolean => s.from <= frame && frame < s.to;
         if (d.findings.blind.some(within))
-          return "red hatching: blind span, no goal within the 20 frames ahead that the policy sees";
+          return "red: blind span, no goal within the 20 frames ahead that the policy sees";
         if (d.findings.spans.some((s) => (s.kind === "masked" || s.kind === "open") && within(s)))
-          return "hatching: masked, the policy decides the motion";
+          return "dots: masked, the policy decides the motion";
         if (frame > at && frame <= at + 20)
           return "green: the 20 frames ahead of the playhead that the policy sees";
         return "";
       },
+      over: (at) => (over.value = at),
       hint: (text) => {
         if (text === hint) return;
         hint = text;
@@ -202,9 +206,11 @@ export function Timeline(props: { onHint: (text: string) => void }) {
         playhead: store.playhead.value,
         selection: store.selection.value,
         selectedJoint: store.joint.value,
-        blind: d.findings.blind,
+        blind: begun() ? [] : d.findings.blind,
         lints: d.findings.lints.flatMap((l) =>
-          l.frames && l.level !== "info" ? [{ frame: l.frames[0], level: l.level }] : [],
+          l.frames && l.level !== "info" && !(begun() && l.rule === "blind-span")
+            ? [{ frame: l.frames[0], level: l.level }]
+            : [],
         ),
         errors: store.frames.value.error,
         beside: beside(),
@@ -220,6 +226,7 @@ export function Timeline(props: { onHint: (text: string) => void }) {
         stale: take ? take.rev !== d.rev && take.rev !== 0 : false,
         focusRow: row.value,
         focused: focused.value,
+        hoverRow: over.value,
       };
     };
     const themed = palette.subscribe(repaint);
@@ -244,6 +251,7 @@ export function Timeline(props: { onHint: (text: string) => void }) {
         end.value,
         box.value,
         focused.value,
+        over.value,
         row.value,
         store.robot.value,
       ];
@@ -308,12 +316,6 @@ function rows(): RowKind[] {
 
 function named(joints: number[]): string[] {
   return joints.map((j) => store.doc.value?.clip.robot.joints[j] ?? "").filter(Boolean);
-}
-
-function toggleGroup(name: string): void {
-  const next = new Set(store.closed.value);
-  if (!next.delete(name)) next.add(name);
-  store.closed.value = next;
 }
 
 /** What can be done with a thing on the timeline. */
