@@ -1,0 +1,167 @@
+"""A table of results/tables.toml as Markdown.
+
+A cell's address has the fields file, suite, policy, task and figure. Defaults of the table, the
+row and the column each give some of them; `figure` is `precision` where nobody gives one.
+"""
+
+from . import markdown, record
+from .record import Missing
+
+# These simulate the robot or use its complete model, so they are not marked as best.
+KNOW_THE_MODEL = {"computed-torque", "ilqr", "predictive-sampling", "auto"}
+FIELDS = ("file", "suite", "policy", "task", "figure")
+
+
+def render(spec):
+    """The table and the files it was made from."""
+    return KINDS[spec.get("kind", "cells")](spec)
+
+
+def cells(spec):
+    """Figures of evaluations; the best of each row is bold, or of each column (`bold = "down"`)."""
+    rows = list(expand(spec))
+    grid = [[address(spec, row, column) for column in spec["columns"]] for row in rows]
+    shown = [[entry(at, spec) for at in line] for line in grid]
+    if spec.get("bold", "across") == "across":
+        shown = [embolden(line) for line in shown]
+    elif spec["bold"] == "down":
+        shown = transposed([embolden(line) for line in transposed(shown)])
+    head = [spec.get("corner", ""), *(column["label"] for column in spec["columns"])]
+    lines = [[row["label"], *(text for text, _ in line)] for row, line in zip(rows, shown)]
+    return markdown.table(head, lines), [at["file"] for line in grid for at in line]
+
+
+def point(at):
+    """The mean of a suite at a point of a sweep; the point stands in the place of the policy."""
+    for row in record.load(at["file"]).data["rows"]:
+        if ",".join(f"{key}={value}" for key, value in row["values"].items()) == at["policy"]:
+            return (row["suites"][at["suite"]] or {}).get("mean")
+    raise Missing(f"results/{at['file']}.json has no point {at['policy']}")
+
+
+def transposed(lines):
+    return [list(line) for line in zip(*lines)]
+
+
+def entry(at, spec):
+    """A cell's text and the number that it competes with; None where it does not compete."""
+    try:
+        number = value(at)
+    except Missing:
+        if not spec.get("gaps"):
+            raise
+        number = None
+    base, *options = at["policy"].replace(":", "+").split("+")
+    rival = at["figure"] == "precision" and base not in KNOW_THE_MODEL and "refine" not in options
+    return form(number, at["figure"], spec.get("digits", 5)), number if rival else None
+
+
+def embolden(line):
+    """The same cells with the lowest competing number bold, unless all read the same."""
+    rivals = [(number, text) for text, number in line if number is not None]
+    if len({text for _, text in rivals}) < 2:
+        return line
+    best = min(rivals)[1]
+    return [(f"**{t}**" if n is not None and t == best else t, n) for t, n in line]
+
+
+def expand(spec):
+    """The rows; one with `each_task` becomes a row for every task of its suite."""
+    for row in spec["rows"]:
+        if not row.get("each_task"):
+            yield row
+            continue
+        at = address(spec, row, spec["columns"][0])
+        for task in record.load(at["file"]).tasks(at["suite"]):
+            yield {**row, "label": task, "task": task}
+
+
+def address(spec, row, column):
+    found = {"figure": "precision"}
+    for part in (spec, row, column):
+        found.update({field: part[field] for field in FIELDS if field in part})
+    return found
+
+
+def value(at):
+    """The figure at an address; None where the file's task has none."""
+    for field in ("file", "suite", "policy"):
+        if field not in at:
+            raise Missing(f"no {field} in the address {at}")
+    found = record.load(at["file"])
+    return found.figure(at["figure"], at["suite"], at["policy"], at.get("task"))
+
+
+def form(number, figure, digits=5):
+    if number is None:
+        return ""
+    if figure == "jams":
+        return str(int(number))
+    if figure in ("path", "jerk"):
+        return f"{number:.2f}"
+    if figure == "excess":
+        return f"{number:+.0%}".replace("%", " %") if number < 2 else f"{1 + number:.0f} times"
+    return decimals(number, digits)
+
+
+def decimals(number, digits):
+    """`.00012`; a figure that rounds to nothing is said to be smaller than the last digit."""
+    if 0 < number < 0.5 * 10**-digits:
+        return "<." + "0" * (digits - 1) + "1"
+    text = f"{number:.{digits}f}"
+    return text[1:] if text.startswith("0.") else text
+
+
+def noted(spec):
+    """A table that was measured once, as it is in its file."""
+    found = record.load(spec["file"]).data
+    above = f"{found['why']}.\n\n" if spec.get("caption") else ""
+    return above + markdown.table(found["head"], found["rows"]), [spec["file"]]
+
+
+def datasets(spec):
+    """One row for each dataset of a record: frames, and how clean they are."""
+    data = record.load(spec["file"]).data["data"]
+    rows = []
+    for row in spec["rows"]:
+        facts = data[row["path"]]
+        shares = (share(facts[key]) for key in ("at_stop", "self_contact", "cells"))
+        rows.append([row["label"], f"{facts['frames']:,}", *shares, f"`{facts['manifest_sha256'][:8]}`"])
+    head = ["data", "frames", "a joint at a stop", "self-contact", "cells visited", "sha256 of the manifest"]
+    return markdown.table(head, rows), [spec["file"]]
+
+
+def share(number):
+    return f"{100 * number:.0f} %"
+
+
+def sweep(spec):
+    """The last model of every point of a sweep, with 95 % intervals over seeds."""
+    found = record.load(spec["file"]).data["rows"]
+    keys, suites = spec["keys"], spec["suites"]
+    rows = []
+    for point in found:
+        named = [point["values"][key] for key in keys]
+        rows.append([*named, *(interval(point["suites"][s], spec.get("digits", 5)) for s in suites)])
+    return markdown.table([*keys, *suites], rows), [spec["file"]]
+
+
+def interval(found, digits):
+    if found is None:
+        return "diverged"
+    spread = "" if found.get("ci95") is None else f" ± {decimals(found['ci95'], digits)}"
+    return decimals(found["mean"], digits) + spread
+
+
+def index(spec):
+    """All files: what they hold, how to measure them again, and of which commit they are."""
+    rows = []
+    for found in record.every():
+        data = found.data
+        lines = [*data.get("make", []), data["command"]] if "command" in data else data["commands"]
+        shown = "; ".join(f"`{line}`" for line in lines)
+        rows.append([f"[{found.name}]({found.name}.json)", data["why"], shown, f"`{data['commit']}`"])
+    return markdown.table(["file", "what it says", "commands", "commit"], rows), []
+
+
+KINDS = {"cells": cells, "noted": noted, "datasets": datasets, "sweep": sweep, "index": index}

@@ -1,0 +1,70 @@
+"""Random cells of the result files, measured again.
+
+A cell is the Precision of one policy on one task. The same program on the same kind of processor
+gives the same bits. Another processor adds numbers in another order, and a contact that is missed
+by a hair changes the rest of a rollout. A cell agrees when it is within TOLERANCE.
+"""
+
+import random
+import shlex
+
+from . import inputs, measure, plan, record, robert
+
+RELATIVE = 0.05
+ABSOLUTE = 2e-5
+TOLERANCE = f"{RELATIVE:.0%} of the figure or {ABSOLUTE}, whichever is larger".replace("%", " %")
+
+
+def draw(count, seed, wanted=None, needs_data=False):
+    """Cells drawn evenly from all files; those that need data first only if asked for."""
+    cells = [
+        (found, *cell)
+        for found in record.every()
+        if wanted is None or found.name in wanted
+        if needs_data or not found.data.get("make")
+        for cell in found.cells()
+    ]
+    if not cells:
+        raise record.Missing("no file of results/ has cells that can be repeated")
+    return random.Random(seed).sample(cells, min(count, len(cells)))
+
+
+def command(found, suite, policy, task):
+    """The command that measures one cell again."""
+    robot = found.data["robot"]
+    line = ["eval", "--robot", robot, "--policy", policy, "--no-floor"]
+    for option in ("--plant", "--seeds", "--data", "--data-seed", "--cases"):
+        given = plan.option(found.data["command"], option)
+        line += [option, given] if given else []
+    clip = next((c for c in inputs.clips(robot, suite) if c.name == f"{task}.clip.json"), None)
+    # Tasks extracted from data exist only within their suite.
+    return [*line, "--suite", str(clip.relative_to(record.ROOT)) if clip else "test"]
+
+
+def repeat(found, suite, policy, task):
+    """The cell's Precision today."""
+    if found.data.get("make"):
+        measure.prepare(plan.entry(found.name))
+    report = robert.report(command(found, suite, policy, task))
+    for result in report["results"]:
+        for row in result["tasks"]:
+            if row["name"] == task and result["suite"] in (suite, "files"):
+                return row["precision"]
+    raise record.Missing(f"{found.name}: the program reports no {suite}/{task}")
+
+
+def agree(then, now):
+    return abs(now - then) <= max(RELATIVE * abs(then), ABSOLUTE)
+
+
+def run(cells, say=print):
+    """Repeats cells; how many of them disagree."""
+    wrong = 0
+    for found, suite, policy, task, then in cells:
+        now = repeat(found, suite, policy, task)
+        good = agree(then, now)
+        wrong += not good
+        say(f"{'agrees' if good else 'DIFFERS'}: {found.name} {suite}/{task} {policy}: {then:.6f} in the file, {now:.6f} now")
+        if not good:
+            say(f"  robert {shlex.join(command(found, suite, policy, task))}")
+    return wrong
