@@ -64,7 +64,9 @@ export async function opening(request: Promise<DocumentView>): Promise<void> {
     if ((store.doc.value?.opened ?? -1) < opened.opened) adopt(opened);
     store.page.value = "editor";
     if (left && !left.path && left.history.done > 0)
-      store.toast(`"${left.clip.name || "untitled"}" was never saved; you find it under Examples, Your clips`);
+      store.toast(
+        `"${left.clip.name || "untitled"}" was never saved; you find it under Examples, Your clips`,
+      );
   } catch (e) {
     complain(e);
   }

@@ -5,6 +5,7 @@ import { useSignal } from "@preact/signals";
 import { Link2, Lock } from "lucide";
 import { useRef } from "preact/hooks";
 import { keyAt } from "./clip";
+import { together } from "./couplings";
 import { Icon } from "./icon";
 import { rightShown } from "./layout";
 import { isLocked } from "./locks";
@@ -12,19 +13,6 @@ import { ANGLES, fixed, LENGTHS, parseNumber } from "./numbers";
 import { jointMoved, poseAt } from "./posing";
 import * as store from "./store";
 import { tell } from "./wire";
-
-/** All joints that move with this one, with their values when it is at `value`. */
-function together(name: string, value: number): Record<string, number> {
-  const changes: Record<string, number> = { [name]: value };
-  for (const c of store.doc.value?.table.couplings ?? []) {
-    const members = c.members ?? [];
-    const own = members.find((m) => m.joint === name);
-    if (!own) continue;
-    const shared = (value - (own.offset ?? 0)) / (own.coef || 1);
-    for (const m of members) changes[m.joint] = (m.coef ?? 1) * shared + (m.offset ?? 0);
-  }
-  return changes;
-}
 
 /** A joint may stand in several groups; `again` tells its later controls apart. */
 export function Joint({ index, again = "" }: { index: number; again?: string }) {

@@ -5,14 +5,21 @@ import { effect, signal } from "@preact/signals";
 export type LeftTab = "poses" | "policies" | "takes";
 export const LEFT_TABS: LeftTab[] = ["poses", "policies", "takes"];
 
+/** The keys as rows, or as curves. */
+export type SheetTab = "timeline" | "graph";
+
 const kept = localStorage.getItem("left-tab");
 
 export const leftTab = signal<LeftTab>(LEFT_TABS.find((t) => t === kept) ?? "poses");
+export const sheetTab = signal<SheetTab>(
+  localStorage.getItem("sheet-tab") === "graph" ? "graph" : "timeline",
+);
 export const leftShown = signal(localStorage.getItem("left-hidden") === null);
 export const rightShown = signal(localStorage.getItem("right-hidden") === null);
 
 export function startLayout(): void {
   effect(() => localStorage.setItem("left-tab", leftTab.value));
+  effect(() => localStorage.setItem("sheet-tab", sheetTab.value));
   for (const [name, shown] of [
     ["left-hidden", leftShown],
     ["right-hidden", rightShown],

@@ -20,10 +20,11 @@ import { Dialogs } from "./dialogs";
 import { receive } from "./events";
 import { startFolds } from "./folds";
 import { Gallery } from "./gallery";
+import { Graph } from "./graph/graph";
 import { Hint } from "./hint_bar";
 import { Icon } from "./icon";
 import { Inspector } from "./inspector";
-import { leftShown, rightShown, startLayout } from "./layout";
+import { leftShown, rightShown, sheetTab, startLayout } from "./layout";
 import { Left } from "./left";
 import { Menu } from "./menu";
 import { Problems } from "./problems";
@@ -77,7 +78,11 @@ function Editor() {
       ) : null}
       <Transport />
       <div class="below">
-        <Timeline onHint={(t) => (hint.value = t)} />
+        {sheetTab.value === "graph" ? (
+          <Graph onHint={(t) => (hint.value = t)} />
+        ) : (
+          <Timeline onHint={(t) => (hint.value = t)} />
+        )}
         <Side />
       </div>
       <Hint text={hint.value} />

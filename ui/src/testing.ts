@@ -2,6 +2,8 @@
 // the canvas.
 
 import { effect } from "@preact/signals";
+import { chosen, curves } from "./graph/edits";
+import { graphPoints } from "./graph/graph";
 import * as store from "./store";
 import { measured, testPoints } from "./timeline/timeline";
 
@@ -32,6 +34,8 @@ function snapshot() {
     playing: store.playing.value,
     range: store.range.value,
     view: store.view.value,
+    points: [...chosen.value],
+    curves: [...curves.value],
     selection: [...store.selection.value],
     joint: store.joint.value,
     site: store.site.value,
@@ -75,6 +79,7 @@ const hooks = {
   dismissAll: () => void (store.toasts.value = []),
   redraw: () => measured.paint(),
   frameToX: (frame: number) => testPoints().frameToX(frame),
+  graphY: (joint: number, value: number) => graphPoints.yOf(joint, value),
   rowToY: (name: string) => testPoints().rowToY(name),
 };
 

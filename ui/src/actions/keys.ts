@@ -1,6 +1,7 @@
 // Keys, poses and markers: what is chosen, made, moved, copied.
 
 import { type Key, keyAt, keyEnd, nextKey, prevKey, replaced } from "../clip";
+import { needsPoint, nudgeValue } from "../graph/edits";
 import { toggleLock, unlockedOnly } from "../locks";
 import { menuByKey } from "../menu";
 import { cancelDrag, dropFloating, keyFloating, poseAt } from "../posing";
@@ -398,6 +399,23 @@ export const KEYS: Action[] = [
     not: () => (store.locked.value.size ? undefined : "no joint is locked"),
     run: () => toggleLock([...store.locked.value]),
   },
+  ...(
+    [
+      ["value-up", "Raise the selected values by 1° or 1 mm", "Alt+ArrowUp", 1],
+      ["value-down", "Lower the selected values by 1° or 1 mm", "Alt+ArrowDown", -1],
+      ["value-up-fine", "Raise the selected values by a tenth of that", "Alt+Shift+ArrowUp", 0.1],
+      ["value-down-fine", "Lower the selected values by a tenth of that", "Alt+Shift+ArrowDown", -0.1],
+    ] as const
+  ).map(
+    ([id, title, key, share]): Action => ({
+      id,
+      title,
+      group: "Keys",
+      keys: [key],
+      not: needsPoint,
+      run: () => inTurn(() => nudgeValue(share)),
+    }),
+  ),
   {
     id: "auto-key",
     title: "Automatic keys on or off",

@@ -1,6 +1,6 @@
 // What is shown, and from where.
 
-import { leftShown, openLeft, rightShown } from "../layout";
+import { leftShown, openLeft, rightShown, sheetTab } from "../layout";
 import * as store from "../store";
 import { timeline } from "../timeline/handle";
 import { frameToX, LABELS, PRE_ROLL, zoomAt } from "../timeline/layout";
@@ -175,6 +175,13 @@ export const VIEW: Action[] = [
     group: "View",
     keys: ["Ctrl+Shift+B"],
     run: () => (rightShown.value = !rightShown.value),
+  },
+  {
+    id: "graph",
+    title: "Keys as rows or as curves: timeline or graph",
+    group: "View",
+    keys: ["V"],
+    run: () => (sheetTab.value = sheetTab.value === "graph" ? "timeline" : "graph"),
   },
   { id: "tab-poses", title: "Panel: poses", group: "View", run: () => openLeft("poses") },
   { id: "tab-policies", title: "Panel: policies", group: "View", run: () => openLeft("policies") },

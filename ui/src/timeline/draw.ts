@@ -326,7 +326,13 @@ function bar(
   }
 }
 
-function ruler(ctx: Ctx, s: Scene): void {
+/** What the ruler and the playhead are drawn from; the graph has them, too. */
+export type Times = Pick<
+  Scene,
+  "clip" | "view" | "box" | "theme" | "playhead" | "end" | "stale" | "cachedTo" | "loop" | "blind"
+>;
+
+export function ruler(ctx: Ctx, s: Times): void {
   const { box, theme, view, clip } = s;
   ctx.fillStyle = theme.panel;
   ctx.fillRect(LABELS, 0, box.width - LABELS, RULER);
@@ -452,7 +458,7 @@ function besideLine(ctx: Ctx, s: Scene, beside: { errors: (number | null)[]; col
   ctx.restore();
 }
 
-function playhead(ctx: Ctx, s: Scene): void {
+export function playhead(ctx: Ctx, s: Pick<Times, "view" | "box" | "theme" | "playhead">): void {
   const x = Math.round(frameToX(s.view, s.playhead)) + 0.5;
   ctx.strokeStyle = s.theme.playhead;
   ctx.fillStyle = s.theme.playhead;

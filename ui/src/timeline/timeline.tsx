@@ -12,6 +12,7 @@ import { isLocked, toggleLock } from "../locks";
 import { type Item, openMenu } from "../menu";
 import { endPreview, preview } from "../posing";
 import { begun } from "../problems";
+import { SheetTabs } from "../sheet_tabs";
 import * as store from "../store";
 import { colors, palette } from "../theme";
 import { applyOp, tell } from "../wire";
@@ -95,7 +96,7 @@ export function Timeline(props: { onHint: (text: string) => void }) {
         }
       },
       openKey,
-      menu: (target, x, y) => openMenu("Timeline", { x, y }, menuOf(target, openKey)),
+      menu: (target, x, y) => openMenu("Timeline", { x, y }, menuOf(target)),
       about: (frame) => {
         const d = store.doc.value;
         const at = store.playhead.value;
@@ -140,9 +141,9 @@ export function Timeline(props: { onHint: (text: string) => void }) {
         r.top + Math.min(size.value.height - 20, Math.max(20, rowToY(store.view.value, row.value) + ROW));
       const marker = d.clip.markers?.some((m) => m.frame === at);
       openMenu("Timeline", { x, y }, [
-        ...menuOf(key ? { kind: "key", frame: at } : { kind: "frames" }, openKey),
-        ...(marker ? menuOf({ kind: "marker", frame: at }, openKey) : []),
-        ...(at === 0 ? menuOf({ kind: "past" }, openKey) : []),
+        ...menuOf(key ? { kind: "key", frame: at } : { kind: "frames" }),
+        ...(marker ? menuOf({ kind: "marker", frame: at }) : []),
+        ...(at === 0 ? menuOf({ kind: "past" }) : []),
       ]);
     };
     const step = (by: 1 | -1): void => {
@@ -288,6 +289,7 @@ export function Timeline(props: { onHint: (text: string) => void }) {
     >
       {/* biome-ignore lint/a11y/noAriaHiddenOnFocusable: it takes no focus, and the grid below says what it shows */}
       <canvas ref={canvas} aria-hidden="true" />
+      <SheetTabs />
       <div class="offscreen">
         {list.map((r, i) => (
           <div role="row" aria-rowindex={i + 1} key={i}>
@@ -319,7 +321,7 @@ function named(joints: number[]): string[] {
 }
 
 /** What can be done with a thing on the timeline. */
-function menuOf(target: Target, openKey: (frame: number) => void): Item[] {
+export function menuOf(target: Target): Item[] {
   const item = (title: string, keys: string, run: () => void, why?: string | null | undefined): Item => ({
     title,
     keys,
@@ -354,6 +356,7 @@ function menuOf(target: Target, openKey: (frame: number) => void): Item[] {
     item("Leave to the policy until the next key", "", () => setFill("mask")),
     item("Straight line to the next key", "", () => setFill("linear")),
     item("Smooth curve to the next key", "", () => setFill("cubic")),
+    item("Hold until the next key", "", () => setFill("hold")),
     item("Copy", "Ctrl+C", () => act("copy")),
     item("Mirror", "", () => act("mirror"), store.noMirror.value),
     item("Save as pose…", "P", () => {

@@ -1,0 +1,235 @@
+// The graph editor: the curves are those that the clip commands, and their keys are the timeline's.
+
+import assert from "node:assert/strict";
+import { isDeepStrictEqual } from "node:util";
+import type { Clip } from "../src/clip";
+import { commandedAt } from "../src/graph/curve";
+import { after, armTab, before, describe, eventually, Studio, type Tab, test } from "./harness";
+
+/** All fills, a hold, an open joint, and a stretch that is too fast. */
+const SHAPES = JSON.stringify({
+  format: "robert-clip/1",
+  name: "shapes",
+  robot: { id: "ur5e", joints: ["shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2"] },
+  fps: 20,
+  length: 90,
+  fill: "cubic",
+  keys: [
+    { frame: 0, q: [-1.57, -1.57, 1.57, -1.57, -1.57] },
+    { frame: 14, q: [-1.3, -1.45, 1.5, -1.55, -1.5] },
+    { frame: 30, q: [-1.2, -1.4, 1.4, -1.5, -1.5], hold: 6 },
+    { frame: 45, q: [-1.0, -1.2, 1.6, null, -1.8], fill: "linear" },
+    { frame: 60, q: [-1.4, -1.5, 1.2, -1.4, -1.6], fill: "hold" },
+    { frame: 70, q: [-1.2, -1.4, 1.0, -1.4, -1.6], fill: "mask" },
+    { frame: 80, q: [-1.2, -1.4, 1.1, -1.4, -1.6] },
+  ],
+});
+
+describe("graph", () => {
+  let studio: Studio;
+  let t: Tab;
+
+  before(async () => {
+    studio = await Studio.start();
+    t = await armTab(studio);
+  });
+  after(() => studio.end());
+
+  const start = async (text = SHAPES): Promise<void> => {
+    await t.afresh(text);
+    await t.page.getByRole("tab", { name: "Graph" }).click();
+    await t.byId("graph").waitFor();
+    await t.byId("curve-2").click();
+    await t.until((s) => s.curves.join() === "2", "one curve");
+    await t.rolledOut();
+    await t.painted();
+  };
+  /** Where a value stands on the page. */
+  const at = async (frame: number, joint: number, value: number): Promise<{ x: number; y: number }> => {
+    const box = await t.byId("graph").boundingBox();
+    assert.ok(box);
+    const [x, y] = await t.page.evaluate(
+      ([f, j, v]) => [window.__studio.frameToX(f), window.__studio.graphY(j, v)] as const,
+      [frame, joint, value] as const,
+    );
+    return { x: box.x + x, y: box.y + y };
+  };
+  const key = async (frame: number) => (await t.state()).clip?.keys.find((k) => k.frame === frame);
+  const pull = async (
+    from: { x: number; y: number },
+    by: { x: number; y: number },
+    release = true,
+  ): Promise<void> => {
+    await t.page.mouse.move(from.x, from.y);
+    await t.page.mouse.down();
+    for (let i = 1; i <= 6; i++) await t.page.mouse.move(from.x + (by.x * i) / 6, from.y + (by.y * i) / 6);
+    if (release) await t.page.mouse.up();
+  };
+
+  test("curves are what the clip commands, frame by frame", async () => {
+    await start();
+    const csv = (await studio.api("GET", "/api/export?format=csv")).bytes.toString();
+    const [head = "", ...rows] = csv.trim().split("\n");
+    const names = head.split(",");
+    const clip = (await t.state()).clip as Clip;
+    let compared = 0;
+    for (const row of rows) {
+      const cells = row.split(",");
+      const frame = Number(cells[names.indexOf("frame")]);
+      for (const [j, name] of clip.robot.joints.entries()) {
+        const cell = cells[names.indexOf(name)] ?? "";
+        const drawn = commandedAt(clip, j, frame);
+        if (cell === "") {
+          assert.equal(drawn, undefined, `${name} at ${frame}`);
+          continue;
+        }
+        assert.ok(
+          drawn !== undefined && Math.abs(drawn - Number(cell)) < 2e-6,
+          `${name} at ${frame}: ${drawn} drawn, ${cell} commanded`,
+        );
+        compared++;
+      }
+    }
+    assert.ok(compared > 300, `${compared} values`);
+  });
+
+  test("a key is dragged in time and in value; it is one edit, and the rollout follows", async () => {
+    await start();
+    const before = await t.state();
+    const from = await at(45, 2, 1.6);
+    const to = await at(49, 2, 1.3);
+    await pull(from, { x: to.x - from.x, y: to.y - from.y }, false);
+    await t.until((s) => s.demand !== undefined, "a preview of the drag");
+    assert.equal((await t.state()).rev, before.rev, "nothing is edited yet");
+    await t.picture("graph-drag");
+    await t.page.mouse.up();
+    const s = await t.until((x) => x.clip?.keys.some((k) => k.frame === 49) ?? false, "dropped");
+    assert.deepEqual(
+      s.clip?.keys.map((k) => k.frame),
+      [0, 14, 30, 49, 60, 70, 80],
+    );
+    const moved = await key(49);
+    assert.ok(Math.abs((moved?.q?.[2] ?? 0) - 1.3) < 0.02, `${moved?.q?.[2]}`);
+    assert.deepEqual([moved?.q?.[0], moved?.q?.[3]], [-1, null], "the other joints keep their values");
+    assert.equal(s.history?.len, 1, "one entry in the history");
+    assert.deepEqual([s.points, s.selection], [["49:2"], [49]], "and it stays chosen");
+    await t.press("Control+z");
+    await t.until((x) => isDeepStrictEqual(x.clip, before.clip), "as before");
+    // Esc gives a drag up; Shift holds it to one direction.
+    await pull(from, { x: 40, y: 30 }, false);
+    await t.page.keyboard.press("Escape");
+    await t.page.mouse.up();
+    assert.equal((await t.state()).clip?.keys[3]?.frame, 45);
+    await t.page.keyboard.down("Shift");
+    await pull(from, { x: 6, y: 25 });
+    await t.page.keyboard.up("Shift");
+    const raised = await t.until((x) => x.clip?.keys[3]?.q?.[2] !== 1.6, "lowered");
+    assert.equal(raised.clip?.keys[3]?.frame, 45, "in value only");
+    await t.press("Control+z");
+    await t.until((x) => x.clip?.keys[3]?.q?.[2] === 1.6, "as before");
+  });
+
+  test("a box chooses keys of several curves; the timeline has the same keys chosen", async () => {
+    await start();
+    await t.byId("curve-0").click({ modifiers: ["Control"] });
+    await t.until((s) => s.curves.length === 2, "two curves");
+    await t.painted();
+    const [a, b] = [await at(12, 2, 1.75), await at(32, 2, 1.2)];
+    await pull(a, { x: b.x - a.x, y: b.y - a.y });
+    const s = await t.until((x) => x.points.length > 0, "chosen");
+    assert.deepEqual([...s.points].sort(), ["14:2", "30:2"], "only what is inside");
+    await t.page.keyboard.down("Control");
+    const [c, d] = [await at(12, 0, -1.1), await at(16, 0, -1.4)];
+    await pull(c, { x: d.x - c.x, y: d.y - c.y });
+    await t.page.keyboard.up("Control");
+    await t.until((x) => x.points.length === 3 && x.points.includes("14:0"), "one more");
+    await t.picture("graph-box");
+    const before = await t.state();
+    const from = await at(30, 2, 1.4);
+    await pull(from, { x: 0, y: -20 });
+    const up = await t.until((x) => x.rev !== before.rev, "raised together");
+    const rise = (f: number, j: number): number =>
+      (up.clip?.keys.find((k) => k.frame === f)?.q?.[j] ?? 0) -
+      (before.clip?.keys.find((k) => k.frame === f)?.q?.[j] ?? 0);
+    assert.ok(rise(30, 2) > 0.02);
+    assert.ok(Math.abs(rise(14, 2) - rise(30, 2)) < 1e-5 && Math.abs(rise(14, 0) - rise(30, 2)) < 1e-5);
+    assert.equal(rise(30, 0), 0, "what was not chosen stays");
+    assert.equal(up.history?.len, (before.history?.len ?? 0) + 1, "one entry for all of them");
+    await t.page.evaluate(() => (document.activeElement as HTMLElement | null)?.blur());
+    await t.press("v");
+    await t.byId("timeline").waitFor();
+    assert.deepEqual([...(await t.state()).selection].sort(), [14, 30]);
+    await t.clickKey(60);
+    await t.press("v");
+    await t.byId("graph").waitFor();
+    await t.until((x) => [...x.points].sort().join() === "60:0,60:2", "and back");
+  });
+
+  test("a double click makes a key on the curves, keys raise values, locked joints stay", async () => {
+    await start();
+    const before = await t.state();
+    const p = await at(52, 2, 1.45);
+    await t.page.mouse.dblclick(p.x, p.y);
+    await t.until_keys([0, 14, 30, 45, 52, 60, 70, 80]);
+    const made = await key(52);
+    assert.ok(Math.abs((made?.q?.[2] ?? 0) - 1.45) < 0.02, "at the hand's height");
+    const line = commandedAt(before.clip as Clip, 0, 52) ?? 0;
+    assert.ok(Math.abs((made?.q?.[0] ?? 9) - line) < 1e-5, "the other joints on their curves");
+    const was = made?.q?.[2] ?? 0;
+    await t.until((s) => s.points.join() === "52:2", "chosen");
+    await t.press("Alt+ArrowUp", "Alt+ArrowUp", "Alt+Shift+ArrowDown");
+    const wanted = was + (1.9 * Math.PI) / 180;
+    await eventually(
+      async () => Math.abs(((await key(52))?.q?.[2] ?? 0) - wanted) < 1e-5,
+      "two degrees up, a tenth down",
+    );
+    await t.press("Alt+l");
+    await t.until((s) => s.locked.join() === "elbow", "locked");
+    const rev = (await t.state()).rev;
+    await pull(await at(52, 2, wanted), { x: 0, y: 30 });
+    await t.painted();
+    assert.equal((await t.state()).rev, rev);
+    await t.press("Alt+l");
+  });
+
+  test("what is too fast is drawn as such, and where the next key may lie", async () => {
+    const slow = JSON.parse(SHAPES);
+    await start(JSON.stringify({ ...slow, keys: slow.keys.slice(0, 2), fill: "linear" }));
+    /** Pixels like a colour of the palette, or lighter, in the graph. */
+    const ink = (name: string): Promise<number> =>
+      t.page.evaluate((n) => {
+        const canvas = document.querySelector(".graph canvas") as HTMLCanvasElement;
+        const hex = getComputedStyle(document.documentElement).getPropertyValue(`--${n}`);
+        const [r, g, b] = hex.match(/[0-9a-f]{2}/gi)!.map((h) => parseInt(h, 16)) as [number, number, number];
+        const { data } = canvas
+          .getContext("2d")!
+          .getImageData(190, 50, canvas.width - 200, canvas.height - 50);
+        let count = 0;
+        for (let i = 0; i < data.length; i += 4)
+          if (Math.abs(data[i]! - r) + Math.abs(data[i + 1]! - g) + Math.abs(data[i + 2]! - b) < 40) count++;
+        return count;
+      }, name);
+    await t.goTo(60);
+    await t.painted();
+    const calm = await ink("error");
+    const all = (): Promise<string> =>
+      t.page.evaluate(() => (document.querySelector(".graph canvas") as HTMLCanvasElement).toDataURL());
+    const plain = await all();
+    const p = await at(0, 2, 1.57);
+    await t.page.mouse.click(p.x, p.y);
+    await t.until((s) => s.points.join() === "0:2", "chosen");
+    await t.painted();
+    assert.notEqual(await all(), plain, "cones beside the chosen key");
+    await studio.api("POST", "/api/ops", {
+      ops: [{ op: "keys.set", args: { frame: 14, values: { elbow: -1.5 } } }],
+    });
+    await t.goTo(60);
+    await eventually(async () => (await ink("error")) > calm + 60, "a stretch that the joint cannot follow");
+    await t.picture("graph-too-fast");
+  });
+
+  test("nothing left the origin, and no script broke", () => {
+    assert.deepEqual(t.foreign, []);
+    assert.deepEqual(t.errors, []);
+  });
+});

@@ -1,0 +1,105 @@
+// One joint over time as the clip commands it: what `src/clip/compile.rs` makes of keys and fills,
+// for drawing. Masks are left out: a curve shows what would be commanded. Pure.
+
+import { type Clip, fillAfter, keyAt, keyEnd, values } from "../clip";
+
+export interface Stretch {
+  /** What leads from one key to the next. */
+  kind: "masked" | "linear" | "cubic" | "hold" | "key";
+  from: number;
+  /** By frame from `from` on; a masked stretch has its two ends only. */
+  values: number[];
+  /** The last frame. */
+  to: number;
+}
+
+interface Node {
+  frame: number;
+  /** The last frame that it is held. */
+  last: number;
+  value: number;
+  fill: "mask" | "linear" | "cubic" | "hold";
+}
+
+/** The keys that have a goal for this joint, with the neighbours that the compiler would take. */
+function nodes(clip: Clip, joint: number): (Node | undefined)[] {
+  return clip.keys.map((key, i) => {
+    const value = values(clip, key)[joint];
+    const next = clip.keys[i + 1]?.frame ?? clip.length;
+    if (typeof value !== "number") return undefined;
+    return { frame: key.frame, last: Math.min(keyEnd(key), next) - 1, value, fill: fillAfter(clip, key) };
+  });
+}
+
+/** Slope at node `i` per frame: Fritsch and Butland's between two cubics, else none. */
+function slope(all: (Node | undefined)[], i: number): number {
+  const [before, here, after] = [all[i - 1], all[i], all[i + 1]];
+  if (!before || !here || !after) return 0;
+  if (before.fill !== "cubic" || here.fill !== "cubic" || here.last !== here.frame) return 0;
+  const [h0, h1] = [here.frame - before.last, after.frame - here.frame];
+  const [d0, d1] = [(here.value - before.value) / h0, (after.value - here.value) / h1];
+  if (d0 * d1 <= 0) return 0;
+  const [w0, w1] = [2 * h1 + h0, h1 + 2 * h0];
+  return (w0 + w1) / (w0 / d0 + w1 / d1);
+}
+
+function hermite(s: number, a: number, b: number, da: number, db: number): number {
+  const [s2, s3] = [s * s, s * s * s];
+  return (2 * s3 - 3 * s2 + 1) * a + (s3 - 2 * s2 + s) * da + (3 * s2 - 2 * s3) * b + (s3 - s2) * db;
+}
+
+/** The stretches of a joint's curve, in order. */
+export function stretches(clip: Clip, joint: number): Stretch[] {
+  const all = nodes(clip, joint);
+  const made: Stretch[] = [];
+  all.forEach((n, i) => {
+    if (!n) return;
+    if (n.last > n.frame)
+      made.push({
+        kind: "key",
+        from: n.frame,
+        to: n.last,
+        values: new Array(n.last - n.frame + 1).fill(n.value),
+      });
+    const next = all[i + 1];
+    const until = clip.keys[i + 1]?.frame ?? clip.length - 1;
+    if (until <= n.last) return;
+    const width = until - n.last;
+    if (n.fill === "hold" || (!clip.keys[i + 1] && n.fill !== "mask")) {
+      made.push({ kind: "hold", from: n.last, to: until, values: new Array(width + 1).fill(n.value) });
+      return;
+    }
+    if (!next) return;
+    if (n.fill === "mask") {
+      made.push({ kind: "masked", from: n.last, to: until, values: [n.value, next.value] });
+      return;
+    }
+    const [da, db] = n.fill === "cubic" ? [slope(all, i) * width, slope(all, i + 1) * width] : [0, 0];
+    const row = Array.from({ length: width + 1 }, (_, k) => {
+      const s = k / width;
+      return n.fill === "cubic"
+        ? hermite(s, n.value, next.value, da, db)
+        : n.value + s * (next.value - n.value);
+    });
+    made.push({ kind: n.fill, from: n.last, to: until, values: row });
+  });
+  return made;
+}
+
+/** The highest speed that a stretch asks for, units per frame. */
+export function steepest(s: Stretch): number {
+  if (s.kind === "masked") return Math.abs((s.values[1] ?? 0) - (s.values[0] ?? 0)) / (s.to - s.from);
+  let most = 0;
+  for (let i = 1; i < s.values.length; i++)
+    most = Math.max(most, Math.abs((s.values[i] ?? 0) - (s.values[i - 1] ?? 0)));
+  return most;
+}
+
+/** What the clip commands at a frame; undefined where it leaves the joint to the policy. */
+export function commandedAt(clip: Clip, joint: number, frame: number): number | undefined {
+  const key = keyAt(clip, frame);
+  if (key) return values(clip, key)[joint] ?? undefined;
+  for (const s of stretches(clip, joint))
+    if (s.kind !== "masked" && s.from <= frame && frame <= s.to) return s.values[frame - s.from];
+  return undefined;
+}

@@ -1,0 +1,157 @@
+// What is chosen in the graph, and the edits that change it. Points are the keys of the timeline
+// seen joint by joint: both choose the same keys.
+
+import { effect, signal } from "@preact/signals";
+import { keyAt, values } from "../clip";
+import { together } from "../couplings";
+import { isLocked } from "../locks";
+import { endPreview, poseAt, preview } from "../posing";
+import type { Op } from "../protocol";
+import * as store from "../store";
+import { applyOp, edit, tell } from "../wire";
+import { commandedAt } from "./curve";
+import { type Changes, nameOf, type Point, points } from "./space";
+
+/** Joints whose curves are drawn, in the order of the clip. */
+export const curves = signal<ReadonlySet<number>>(new Set());
+/** Chosen points, by name. */
+export const chosen = signal<ReadonlySet<string>>(new Set());
+
+export const shownJoints = (): number[] => [...curves.value].sort((a, b) => a - b);
+
+/** How many curves can still be told apart by their colours. */
+const SEVERAL = 8;
+
+const frameOf = (name: string): number => Number(name.split(":")[0]);
+
+export function choosePoints(names: ReadonlySet<string>): void {
+  chosen.value = names;
+  store.selection.value = new Set([...names].map(frameOf));
+}
+
+/** Follows what is chosen elsewhere; the returned function stops it. */
+export function followSelection(): () => void {
+  const stops = [
+    effect(() => {
+      const frames = store.selection.value;
+      const joints = shownJoints();
+      const clip = store.doc.value?.clip;
+      const now = [...chosen.peek()].filter(
+        (n) => frames.has(frameOf(n)) && joints.includes(Number(n.split(":")[1])),
+      );
+      const covered = new Set(now.map(frameOf));
+      const missing = [...frames].filter((f) => !covered.has(f));
+      if (!clip || (missing.length === 0 && now.length === chosen.peek().size)) return;
+      const more = points(clip, joints).filter((p) => missing.includes(p.frame));
+      chosen.value = new Set([...now, ...more.map(nameOf)]);
+    }),
+    effect(() => {
+      const joint = store.joint.value;
+      const robot = store.doc.value?.clip.robot.joints.length ?? 0;
+      const now = [...curves.peek()].filter((j) => j < robot);
+      if (joint !== undefined && now.includes(joint)) return;
+      const group = store.groups.value.find((g) => g.joints.includes(joint ?? 0))?.joints ?? [];
+      if (joint !== undefined) curves.value = new Set([joint]);
+      else if (now.length === 0 || now.length !== curves.peek().size)
+        curves.value = new Set((group.length ? group : [0]).slice(0, SEVERAL));
+    }),
+  ];
+  return () => stops.forEach((stop) => stop());
+}
+
+/** The edits that give points these values and move their keys by so many frames. */
+function shaping(changes: Changes, frames: number[], df: number): Op | undefined {
+  const clip = store.doc.value?.clip;
+  if (!clip) return undefined;
+  const ops: Op[] = [];
+  for (const [frame, row] of changes) {
+    const key = keyAt(clip, frame);
+    const set: Record<string, number> = {};
+    for (const [j, value] of row) {
+      const name = clip.robot.joints[j];
+      if (!key || name === undefined || isLocked(name) || values(clip, key)[j] === value) continue;
+      for (const [other, v] of Object.entries(together(name, value)))
+        if (!isLocked(other)) set[other] = Math.round(v * 1e6) / 1e6;
+    }
+    if (Object.keys(set).length) ops.push({ op: "keys.set", args: { frame, values: set } });
+  }
+  if (df !== 0 && frames.length) ops.push({ op: "keys.move", args: { frames, df, replace: true } });
+  if (ops.length < 2) return ops[0];
+  return { op: "batch", args: { label: `Shape ${frames.length} key${frames.length === 1 ? "" : "s"}`, ops } };
+}
+
+/** The rollout follows the hand. */
+export function previewShape(changes: Changes, frames: number[], df: number): void {
+  const op = shaping(changes, frames, df);
+  if (op) preview(op);
+}
+
+export function endShape(): void {
+  endPreview();
+  tell("preview.end");
+}
+
+/** One edit, and one entry in the history. True when it was made. */
+export async function shape(changes: Changes, frames: number[], df: number): Promise<boolean> {
+  const op = shaping(changes, frames, df);
+  endPreview();
+  if (!op) {
+    tell("preview.end");
+    return false;
+  }
+  const names = [...chosen.value];
+  const done = await applyOp(op);
+  tell("preview.end");
+  if (done && df !== 0) choosePoints(new Set(names.map((n) => `${frameOf(n) + df}:${n.split(":")[1]}`)));
+  return done;
+}
+
+/** A key at this frame: on the curves, and for this joint at this value. */
+export function addPoint(frame: number, joint: number, value: number): void {
+  const clip = store.doc.value?.clip;
+  const name = clip?.robot.joints[joint];
+  if (!clip || name === undefined || frame < 0 || frame >= clip.length) return;
+  const set = together(name, Math.round(value * 1e6) / 1e6);
+  if (keyAt(clip, frame)) return void edit("keys.set", { frame, values: set });
+  const pose = poseAt(clip, frame);
+  const q = clip.robot.joints.map((n, j) => {
+    const v = set[n] ?? commandedAt(clip, j, frame) ?? pose[j] ?? 0;
+    return Math.round(v * 1e6) / 1e6;
+  });
+  void edit("keys.add", { keys: [{ frame, q }] }).then((ok) => {
+    if (ok) choosePoints(new Set([nameOf({ frame, joint })]));
+  });
+}
+
+/** Points that keys act on: those chosen in the graph, else the chosen joint at the chosen keys. */
+function actedOn(): Point[] {
+  const clip = store.doc.value?.clip;
+  if (!clip) return [];
+  const joint = store.joint.value ?? 0;
+  const frames = store.selection.value.size ? store.selection.value : new Set([store.playhead.value]);
+  const own = points(clip, shownJoints()).filter((p) => chosen.value.has(nameOf(p)));
+  return own.length ? own : points(clip, [joint]).filter((p) => frames.has(p.frame));
+}
+
+/** Why no value can be changed by a key now. */
+export const needsPoint = (): string | undefined =>
+  actedOn().length ? undefined : "select a key and a joint first";
+
+/** Raises the chosen points by a degree or a millimetre, `share` of it. */
+export async function nudgeValue(share: number): Promise<void> {
+  const facts = store.doc.value?.table.joints ?? [];
+  const list = actedOn();
+  const changes: Changes = new Map();
+  for (const p of list) {
+    const fact = facts[p.joint];
+    const wanted = p.value + share * (fact?.unit === "m" ? 0.001 : Math.PI / 180);
+    const value = fact?.range ? Math.min(fact.range[1], Math.max(fact.range[0], wanted)) : wanted;
+    const row = changes.get(p.frame) ?? new Map<number, number>();
+    changes.set(p.frame, row.set(p.joint, Math.round(value * 1e6) / 1e6));
+  }
+  const first = list[0];
+  const value = first && changes.get(first.frame)?.get(first.joint);
+  if (first && value !== undefined)
+    store.announcement.value = `${store.titles.value[first.joint]} ${store.shown(value, facts[first.joint]?.unit ?? "rad")}`;
+  await shape(changes, [...changes.keys()], 0);
+}
