@@ -2,14 +2,14 @@
 
 import math
 
-from . import record, svg, table
+from . import svg, table
 
 LEFT, WIDTH, LINE, TOP = 250, 860, 24, 58
 
 
 def draw(spec):
     """The picture as SVG text."""
-    lines, columns = (points if "keys" in spec else cells)(spec)
+    lines, columns = cells(spec)
     numbers = [n for _, row in lines for n, _ in row if n]
     low = spec.get("lowest_power", math.floor(math.log10(min(numbers))))
     high = math.ceil(math.log10(max(numbers)))
@@ -40,20 +40,9 @@ def draw(spec):
 
 
 def cells(spec):
-    """Lines of (figure, no interval) by row, and the columns' names."""
-    rows = list(table.expand(spec))
-    lines = [
-        (row["label"], [(table.value(table.address(spec, row, c)), None) for c in spec["columns"]])
-        for row in rows
-    ]
-    return lines, [c["label"] for c in spec["columns"]]
-
-
-def points(spec):
-    """Lines of (mean, 95 % interval) by point of a sweep, and the suites' names."""
+    """Lines of (figure, half of its interval over seeds) by row, and the columns' names."""
     lines = []
-    for point in record.load(spec["file"]).data["rows"]:
-        label = ", ".join(f"{key} {point['values'][key]}" for key in spec["keys"])
-        found = [point["suites"][s] or {"mean": None, "ci95": None} for s in spec["suites"]]
-        lines.append((label, [(f["mean"], f["ci95"]) for f in found]))
-    return lines, spec["suites"]
+    for row in table.expand(spec):
+        places = [table.address(spec, row, column) for column in spec["columns"]]
+        lines.append((row["label"], [(table.value(at), table.spread(at)) for at in places]))
+    return lines, [column["label"] for column in spec["columns"]]

@@ -36,14 +36,15 @@ def prepare(entry, say=print):
 def record(name, entry, report, commit):
     """A record of what a command reported."""
     kind = shlex.split(entry["run"])[0]
-    kinds = {"eval": evaluation, "sweep": sweep}
+    if kind != "eval":
+        raise plan.Unknown(f"{name}: `{kind}` is no measurement; it can be a command of `make`")
     head = {
         "name": name, "kind": kind, "why": entry["why"], "commit": commit,
         "version": robert.call("--version").strip(),
         "make": [f"robert {command}" for _, command in entry.get("make", [])],
         "command": f"robert {entry['run']}",
     }
-    return Record({**head, **kinds[kind](entry, report)})
+    return Record({**head, **evaluation(entry, report)})
 
 
 def evaluation(entry, report):
@@ -103,13 +104,6 @@ def figures(task):
     return [short(row[name]) for name in FIGURES]
 
 
-def sweep(entry, report):
-    if not report["complete"]:
-        raise robert.Failed("the sweep was stopped; the same command continues it")
-    data = {report["data"]: report["data_sha256"][:16]}
-    return {"data": data, "sweep": report["sweep"], "rows": _short(report["rows"])}
-
-
 def _short(value):
     """The same with every number rounded."""
     if isinstance(value, dict):
@@ -120,9 +114,9 @@ def _short(value):
 
 
 def origin(path):
-    """Hash of a fit; of a dataset its manifest's hash, and how clean it is."""
+    """Hash of a file; of a dataset its manifest's hash, and how clean it is."""
     if path.is_file():
-        return inputs.digest(path.read_bytes())
+        return {"sha256": inputs.digest(path.read_bytes())}
     found = robert.report(f"dataset info {path.relative_to(ROOT)}")
     facts = found["statistics"]
     return _short({

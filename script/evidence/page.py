@@ -60,21 +60,20 @@ def fill(path, known, used):
 
 
 def inline(text):
-    """One figure: FILE/SUITE/POLICY[/TASK][::FIGURE[.DIGITS]]; of a sweep FILE/SUITE/KEY=VALUE,KEY=VALUE."""
+    """One figure: FILE/SUITE/POLICY[/TASK][::FIGURE[.DIGITS]]."""
     at, _, after = text.rpartition("::")
     at, figure = (at, after) if at else (text, "precision")
     figure, _, digits = figure.partition(".")
     file, suite, rest = (*at.split("/", 2), "", "")[:3]
-    found = record.load(file)
-    where = {"file": file, "suite": suite, "policy": rest, "figure": figure}
-    if found.data["kind"] == "eval":
-        # A policy may be a path, so it is looked up instead of split off.
-        named = [p for p in found.policies(suite) if rest == p or rest.startswith(f"{p}/")]
-        if not named:
-            raise Missing(f"={text}: no such policy in results/{file}.json")
-        where["policy"] = max(named, key=len)
-        where |= {"task": rest[len(where["policy"]) + 1 :]} if rest != where["policy"] else {}
-    number = table.value(where) if found.data["kind"] == "eval" else table.point(where)
+    # A policy may be a path, so it is looked up instead of split off.
+    known = [name for p in record.load(file).policies(suite) for name in (p, table.any_seed(p))]
+    named = [p for p in known if rest == p or rest.startswith(f"{p}/")]
+    if not named:
+        raise Missing(f"={text}: no such policy in results/{file}.json")
+    policy = max(named, key=len)
+    where = {"file": file, "suite": suite, "policy": policy, "figure": figure}
+    where |= {"task": rest[len(policy) + 1 :]} if rest != policy else {}
+    number = table.value(where)
     if number is None:
         raise Missing(f"={text}: the file has no such figure")
     return table.form(number, figure, int(digits or 5))

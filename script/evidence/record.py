@@ -1,7 +1,6 @@
 """A result file: what was measured, by which command, on which data.
 
-A record of kind `eval` holds figures by suite, policy and task, one of kind `sweep` the rows of
-`robert sweep`. `noted` is a table that was measured by the commands it names, at the commit it
+A record of kind `eval` holds figures by suite, policy and task. `noted` is a table that was measured by the commands it names, at the commit it
 names, and that this script cannot measure again.
 """
 

@@ -4,11 +4,16 @@ A cell's address has the fields file, suite, policy, task and figure. Defaults o
 row and the column each give some of them; `figure` is `precision` where nobody gives one.
 """
 
+import re
+import statistics
+
 from . import markdown, record
 from .record import Missing
 
 # These simulate the robot or use its complete model, so they are not marked as best.
 KNOW_THE_MODEL = {"computed-torque", "ilqr", "predictive-sampling", "auto"}
+# 97.5 % quantile of Student's t by the number of seeds.
+STUDENT = {2: 12.706, 3: 4.303, 4: 3.182, 5: 2.776, 8: 2.365}
 FIELDS = ("file", "suite", "policy", "task", "figure")
 
 
@@ -31,14 +36,6 @@ def cells(spec):
     return markdown.table(head, lines), [at["file"] for line in grid for at in line]
 
 
-def point(at):
-    """The mean of a suite at a point of a sweep; the point stands in the place of the policy."""
-    for row in record.load(at["file"]).data["rows"]:
-        if ",".join(f"{key}={value}" for key, value in row["values"].items()) == at["policy"]:
-            return (row["suites"][at["suite"]] or {}).get("mean")
-    raise Missing(f"results/{at['file']}.json has no point {at['policy']}")
-
-
 def transposed(lines):
     return [list(line) for line in zip(*lines)]
 
@@ -53,7 +50,10 @@ def entry(at, spec):
         number = None
     base, *options = at["policy"].replace(":", "+").split("+")
     rival = at["figure"] == "precision" and base not in KNOW_THE_MODEL and "refine" not in options
-    return form(number, at["figure"], spec.get("digits", 5)), number if rival else None
+    text = form(number, at["figure"], spec.get("digits", 5))
+    if number is not None and (far := spread(at)) is not None:
+        return f"{text} ± {form(far, at['figure'], spec.get('digits', 5))}", None
+    return text, number if rival else None
 
 
 def embolden(line):
@@ -84,12 +84,34 @@ def address(spec, row, column):
 
 
 def value(at):
-    """The figure at an address; None where the file's task has none."""
+    """The figure at an address, the mean over seeds for `seed-*`; None where there is none."""
+    found = over_seeds(at)
+    return None if None in found else sum(found) / len(found)
+
+
+def spread(at):
+    """Half of the 95 % interval over seeds (Student's t); None for a single figure."""
+    found = over_seeds(at)
+    if len(found) == 1 or None in found:
+        return None
+    return STUDENT[len(found)] * statistics.stdev(found) / len(found) ** 0.5
+
+
+def over_seeds(at):
+    """The figures of every seed."""
     for field in ("file", "suite", "policy"):
         if field not in at:
             raise Missing(f"no {field} in the address {at}")
     found = record.load(at["file"])
-    return found.figure(at["figure"], at["suite"], at["policy"], at.get("task"))
+    seeds = [p for p in found.policies(at["suite"]) if p == at["policy"] or any_seed(p) == at["policy"]]
+    if not seeds:
+        raise Missing(f"results/{found.name}.json has no {at['policy']} in {at['suite']}")
+    return [found.figure(at["figure"], at["suite"], p, at.get("task")) for p in seeds]
+
+
+def any_seed(policy):
+    """The name that stands for a policy's runs with every seed."""
+    return re.sub(r"seed-\d+", "seed-*", policy)
 
 
 def form(number, figure, digits=5):
@@ -135,24 +157,6 @@ def share(number):
     return f"{100 * number:.0f} %"
 
 
-def sweep(spec):
-    """The last model of every point of a sweep, with 95 % intervals over seeds."""
-    found = record.load(spec["file"]).data["rows"]
-    keys, suites = spec["keys"], spec["suites"]
-    rows = []
-    for point in found:
-        named = [point["values"][key] for key in keys]
-        rows.append([*named, *(interval(point["suites"][s], spec.get("digits", 5)) for s in suites)])
-    return markdown.table([*keys, *suites], rows), [spec["file"]]
-
-
-def interval(found, digits):
-    if found is None:
-        return "diverged"
-    spread = "" if found.get("ci95") is None else f" ± {decimals(found['ci95'], digits)}"
-    return decimals(found["mean"], digits) + spread
-
-
 def index(spec):
     """All files: what they hold, how to measure them again, and of which commit they are."""
     rows = []
@@ -164,4 +168,4 @@ def index(spec):
     return markdown.table(["file", "what it says", "commands", "commit"], rows), []
 
 
-KINDS = {"cells": cells, "noted": noted, "datasets": datasets, "sweep": sweep, "index": index}
+KINDS = {"cells": cells, "noted": noted, "datasets": datasets, "index": index}
