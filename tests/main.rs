@@ -21,6 +21,7 @@ mod malformed;
 mod motion;
 mod pipes;
 mod render;
+mod results;
 mod robots;
 mod rooms;
 mod run;

@@ -29,6 +29,16 @@ def draw(count, seed, wanted=None, needs_data=False):
     return random.Random(seed).sample(cells, min(count, len(cells)))
 
 
+def pick(address):
+    """The cell FILE/SUITE/POLICY/TASK."""
+    name, *rest = address.split("/")
+    found = record.load(name)
+    for cell in found.cells():
+        if "/".join(cell[:3]) == "/".join(rest):
+            return (found, *cell)
+    raise record.Missing(f"there is no cell {address}; it is FILE/SUITE/POLICY/TASK")
+
+
 def command(found, suite, policy, task):
     """The command that measures one cell again."""
     robot = found.data["robot"]
@@ -65,6 +75,5 @@ def run(cells, say=print):
         good = agree(then, now)
         wrong += not good
         say(f"{'agrees' if good else 'DIFFERS'}: {found.name} {suite}/{task} {policy}: {then:.6f} in the file, {now:.6f} now")
-        if not good:
-            say(f"  robert {shlex.join(command(found, suite, policy, task))}")
+        say(f"  robert {shlex.join(command(found, suite, policy, task))}")
     return wrong

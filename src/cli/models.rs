@@ -94,12 +94,17 @@ fn ls(json: bool) -> Outcome {
                     "default": m.name == shipped::DEFAULT,
                     "policy": asked_as(&m.name, &m.card), "suits": case(&m.card).0,
                     "precision": m.card.training.precision,
+                    "data": {
+                        "agents": m.card.training.agents,
+                        "sha256": m.card.training.dataset_sha256,
+                    },
                 })
             })
             .collect();
         return out::json(&rows);
     }
-    let mut t = out::table(&["robot", "policy", "for", "size", "Precision by suite"]);
+    let mut t =
+        out::table(&["robot", "policy", "for", "learned from", "size", "Precision by suite"]);
     for m in &found {
         // Whole suites only; the card lists their tasks (`manual/fire`).
         let whole = m.card.training.precision.iter().filter(|(suite, _)| !suite.contains('/'));
@@ -108,6 +113,7 @@ fn ls(json: bool) -> Outcome {
             m.robot.clone(),
             asked_as(&m.name, &m.card),
             case(&m.card).0.to_owned(),
+            learned_from(&m.card),
             format!("{:.1} MB", m.bytes as f64 / 1e6),
             suites.collect::<Vec<_>>().join(", "),
         ]);
@@ -116,6 +122,14 @@ fn ls(json: bool) -> Outcome {
         return out::line("this build contains no trained policies; robert train makes one");
     }
     out::line(&t.to_string())
+}
+
+/// The transitions that a model learned from, by agent: `0.80 M babble, 0.80 M noise`.
+fn learned_from(card: &Card) -> String {
+    let millions = |n: u64| n as f64 / 1e6;
+    let agents = &card.training.agents;
+    let each = agents.iter().map(|(agent, n)| format!("{:.2} M {agent}", millions(*n)));
+    each.collect::<Vec<_>>().join(", ")
 }
 
 /// The argument of `--policy` that selects a built-in model with its best options.
@@ -156,6 +170,7 @@ fn show(model: &str, json: bool) -> Outcome {
         ("tokens, skip", format!("{:?}, {:?}", card.tokens.kind, net.skip).to_lowercase()),
         ("action bins", net.bins.to_string()),
         ("masks", format!("{:?}", card.mask_granularity).to_lowercase()),
+        ("learned from", learned_from(&card)),
         ("dataset", training.dataset_sha256.clone()),
         ("seed, step", format!("{}, {}", training.seed, training.step)),
         (

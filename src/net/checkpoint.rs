@@ -90,6 +90,9 @@ pub struct Usual {
 pub struct TrainingCard {
     /// Sha-256 of the dataset's manifest.
     pub dataset_sha256: String,
+    /// Transitions of the dataset by the agent that made them; empty in files of older programs.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub agents: BTreeMap<String, u64>,
     /// Resolved settings.
     pub config: serde_json::Value,
     /// Seed.

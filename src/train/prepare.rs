@@ -94,6 +94,7 @@ pub fn prepare(
     let net = Net::init(net_cfg.clone(), centres, cfg.seed)?;
     let training = TrainingCard {
         dataset_sha256: data.manifest().sha256(),
+        agents: data.manifest().statistics.agents.clone(),
         config: serde_json::to_value(cfg).unwrap_or_default(),
         seed: cfg.seed,
         ..TrainingCard::default()
