@@ -529,8 +529,9 @@ impl<'a> Finder<'a> {
             let from = blind.after.map_or(0, |a| a + 1);
             let to = blind.before.unwrap_or(self.command.frames());
             let steps = blind.to - blind.from;
+            let plural = if steps == 1 { "step" } else { "steps" };
             let message = format!(
-                "no goal from frame {from} to {}: for {steps} steps the policy sees none, so it follows a straight line",
+                "no goal from frame {from} to {}: for {steps} {plural} the policy sees none, so it follows a straight line",
                 to - 1
             );
             let key = blind

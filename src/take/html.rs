@@ -2,6 +2,10 @@
 
 use super::error::Error;
 
+/// Of the box with title and caption. It lets the mouse through to the scene.
+const CAPTION_STYLE: &str = "position:fixed;left:12px;bottom:12px;z-index:9;padding:6px 10px;\
+    border-radius:6px;background:#fffc;color:#18202a;font:13px/1.4 sans-serif;pointer-events:none";
+
 /// The client, if script/bootstrap has fetched it.
 #[derive(rust_embed::Embed)]
 #[folder = "vendor/viser"]
@@ -16,11 +20,12 @@ pub fn client() -> Result<Vec<u8>, Error> {
     Ok(Client::get("index.html").ok_or(Error::NoClient)?.data.into_owned())
 }
 
-/// `client` (the page of the viser client) with a recording that plays when it is opened.
+/// `client` (the page of the viser client) with a recording that plays when it is opened, and with
+/// `title` and `caption` at its lower left edge.
 ///
 /// # Errors
 /// [`Error::Encode`] when the page has no head to put it in.
-pub fn page(client: &[u8], title: &str, recording: &[u8]) -> Result<Vec<u8>, Error> {
+pub fn page(client: &[u8], title: &str, caption: &str, recording: &[u8]) -> Result<Vec<u8>, Error> {
     const HEAD: &[u8] = b"</head>";
     let at = client.windows(HEAD.len()).position(|w| w == HEAD).ok_or_else(|| Error::Encode {
         what: "the page",
@@ -33,9 +38,17 @@ pub fn page(client: &[u8], title: &str, recording: &[u8]) -> Result<Vec<u8>, Err
     base64(recording, &mut out);
     out.extend_from_slice(b"\";window.__VISER_EMBED_CONFIG__={darkMode:false};");
     // The client sets the page's title when it starts, so ours is set later.
-    let title = serde_json::Value::from(title).to_string().replace('<', "\\u003c");
+    let text = |s: &str| serde_json::Value::from(s).to_string().replace('<', "\\u003c");
+    let (title, caption) = (text(title), text(caption));
     out.extend_from_slice(
-        format!("addEventListener(\"load\",()=>{{document.title={title}}});</script>").as_bytes(),
+        format!(
+            "addEventListener(\"load\",()=>{{document.title={title};\
+             const box=document.createElement(\"div\"),name=document.createElement(\"b\"),\
+             said=document.createElement(\"div\");\
+             name.textContent={title};said.textContent={caption};box.append(name,said);\
+             box.style.cssText=\"{CAPTION_STYLE}\";document.body.append(box)}});</script>"
+        )
+        .as_bytes(),
     );
     out.extend_from_slice(after);
     Ok(out)
@@ -75,10 +88,13 @@ mod tests {
 
     #[test]
     fn the_recording_stands_in_the_head_and_cannot_leave_it() {
-        let page = page(b"<html><head></head><body></body></html>", "</script>", b"foo").unwrap();
+        let page =
+            page(b"<html><head></head><body></body></html>", "</script>", "0.04\u{b0}", b"foo")
+                .unwrap();
         let text = String::from_utf8(page).unwrap();
         assert!(text.contains("__VISER_EMBED_DATA__=\"Zm9v\""));
         assert_eq!(text.matches("</script>").count(), 1);
-        assert!(matches!(super::page(b"no head", "", b""), Err(Error::Encode { .. })));
+        assert!(text.contains("0.04\u{b0}"), "the caption is in it");
+        assert!(matches!(super::page(b"no head", "", "", b""), Err(Error::Encode { .. })));
     }
 }

@@ -165,6 +165,68 @@ describe("takes and files", () => {
     );
   });
 
+  test("ten edits leave two takes; the table says which is best, and the rest go by one press", async () => {
+    await afresh();
+    await t.byId("policy").selectOption("computed-torque");
+    await t.until(
+      (s) => s.takes.some((k) => k.same_goals && k.policy === "computed-torque" && k.rev === s.rev),
+      "performed",
+    );
+    const first = (await t.state()).takes.length;
+    for (let i = 1; i <= 10; i++) {
+      await studio.api("POST", "/api/ops", {
+        ops: [{ op: "keys.set", args: { frame: 30, values: { elbow: 1.4 + 0.01 * i } } }],
+      });
+      await t.until((s) => s.takes.some((k) => k.rev === i && k.same_goals), `edit ${i} performed`);
+    }
+    const edited = await t.state();
+    assert.equal(edited.takes.length, first + 1, "what was before, and what is now");
+    for (const policy of ["zero", "pd"]) {
+      await t.byId("policy").selectOption(policy);
+      await t.until((s) => s.takes.some((k) => k.policy === policy && k.rev === s.rev), policy);
+    }
+    await t.page.getByRole("tab", { name: "Compare" }).click();
+    const table = t.byId("take-table");
+    const { takes } = await t.state();
+    const alike = takes.filter((k) => k.same_goals);
+    const by = (of: (k: (typeof takes)[number]) => number | null): number[] =>
+      [...alike].sort((a, b) => (of(a) ?? 9) - (of(b) ?? 9)).map((k) => k.id);
+    const order = async (): Promise<number[]> =>
+      (
+        await table
+          .locator("tbody tr:not(.stale)")
+          .evaluateAll((all) => all.map((e) => e.getAttribute("data-testid") ?? ""))
+      ).map((id) => Number(id.slice(4)));
+    assert.ok(alike.length >= 3);
+    assert.deepEqual(
+      await order(),
+      by((k) => k.mae),
+      "by error first",
+    );
+    const jolts = table.getByRole("button", { name: /^Jerk/ });
+    await jolts.click();
+    await eventually(
+      async () => JSON.stringify(await order()) === JSON.stringify(by((k) => k.jerk)),
+      "by smoothness",
+    );
+    const torque = alike.find((k) => k.policy === "computed-torque");
+    const row = t.byId(`row-${torque?.id}`);
+    assert.match(await row.innerText(), new RegExp(torque?.worst_joint ?? "no joint"));
+    assert.equal(await table.locator(".best").count(), 3, "the best of each column");
+    await t.picture("take-table");
+    await row.getByRole("button").click();
+    await t.until((s) => s.compared.join() === String(torque?.id), "drawn beside");
+    await table.getByRole("button", { name: /Remove the others/ }).click();
+    const left = await t.until((s) => s.takes.length < takes.length, "fewer");
+    assert.ok(
+      left.takes.some((k) => k.id === by((x) => x.jerk)[0]) && left.takes.some((k) => k.policy === "pd"),
+      "the best and the current one stay",
+    );
+    await t.page.getByRole("tab", { name: "Curves" }).click();
+    await t.press("b");
+    await t.until((s) => s.compared.length === 0, "nothing beside");
+  });
+
   test("Open walks through folders by keyboard and shows what lies there", async () => {
     studio.file("walks/north/a.clip.json", ARM.replace('"arm"', '"north wind"'));
     studio.file("walks/notes.txt", "nothing");

@@ -165,6 +165,22 @@ describe("graph", () => {
     await t.until((x) => [...x.points].sort().join() === "60:0,60:2", "and back");
   });
 
+  test("what follows the chosen keys is set beside the curves", async () => {
+    await start();
+    const p = await at(45, 2, 1.6);
+    await t.page.mouse.click(p.x, p.y);
+    await t.until((s) => s.points.join() === "45:2", "chosen");
+    assert.equal(await t.byId("fill-linear").getAttribute("aria-pressed"), "true");
+    for (const fill of ["cubic", "hold", "mask", "linear"]) {
+      await t.byId(`fill-${fill}`).click();
+      await t.until(
+        (s) =>
+          s.clip?.keys[3]?.fill === (fill === "cubic" ? undefined : fill) || s.clip?.keys[3]?.fill === fill,
+        fill,
+      );
+    }
+  });
+
   test("a double click makes a key on the curves, keys raise values, locked joints stay", async () => {
     await start();
     const before = await t.state();

@@ -51,6 +51,51 @@ describe("look", () => {
     await t.page.setViewportSize({ width: 1280, height: 720 });
   });
 
+  test("what concerns the whole page stands above it; one matter has one message", async () => {
+    await afresh();
+    for (const [width, height] of [
+      [820, 700],
+      [1280, 720],
+    ] as const) {
+      await t.page.setViewportSize({ width, height });
+      await studio.api("POST", "/api/ops", {
+        ops: [{ op: "keys.set", args: { frame: 30, values: { elbow: 1 + width / 1e5 } } }],
+      });
+      await t.until((s) => s.dirty === true, "edited");
+      await studio.kill();
+      const banner = t.byId("gone");
+      await banner.waitFor();
+      const covered = await banner.evaluate((e) => {
+        const b = e.getBoundingClientRect();
+        return [...document.querySelectorAll(".editor button, .editor input, .editor select")]
+          .map((x) => x.getBoundingClientRect())
+          .filter((r) => r.width > 0 && r.top < b.bottom - 1 && r.bottom > b.top + 1).length;
+      });
+      assert.equal(covered, 0, "no control lies under it");
+      await t.picture(`banner-${width}`);
+      await studio.run();
+      await t.page.goto(studio.url);
+      await t.until((s) => s.link === "open" && s.page === "editor", "again");
+    }
+    await t.byId("restored").waitFor();
+    await t.picture("restored");
+    await t.byId("restored").getByRole("button", { name: "Keep" }).click();
+    for (const text of ["soon", "later", "soon"]) {
+      await t.byId("frame").fill(text);
+      await t.page.keyboard.press("Enter");
+    }
+    await t.page.locator(".toast").filter({ hasText: '"later" is not a time' }).waitFor();
+    assert.equal(await t.page.locator(".toast").filter({ hasText: '"soon"' }).count(), 1);
+    const short = t.page.locator(".toast").filter({ hasText: /stops \d+ mm short/ });
+    for (const axis of ["x", "y", "z"]) {
+      if ((await t.state()).site === undefined) await t.byId("site-end_effector").click();
+      await t.byId(`reach-${axis}`).fill("9");
+      await t.byId(`reach-${axis}`).press("Enter");
+      await short.first().waitFor();
+    }
+    assert.equal(await short.count(), 1, "one message for x, y, z");
+  });
+
   test("at 1100 x 700 several poses and joints are in sight", async () => {
     await studio.api("POST", `/api/gallery/${encodeURIComponent("shadow_hand/fire")}`);
     await t.until((s) => s.robot === "shadow_hand", "the hand");

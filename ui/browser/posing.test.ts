@@ -477,6 +477,46 @@ describe("a hand, in the 3D view", () => {
     assert.ok((s.history?.len ?? 0) >= 1);
   });
 
+  test("ghosts of neighbouring keys show what is elsewhere, and do not tint what stands there", async () => {
+    await g.afresh(
+      JSON.stringify({
+        ...JSON.parse(ARM),
+        keys: [
+          { frame: 0, q: [-1.57, -1.57, 1.57, -1.57, -1.57], hold: 20 },
+          { frame: 40, q: [-1.57, -1.57, 0.9, -1.57, -1.57], hold: 20 },
+        ],
+      }),
+    );
+    const legend = g.page.getByRole("group", { name: "Shown" });
+    await legend.getByRole("button", { name: "Ghosts" }).click();
+    await g.rolledOut();
+    await g.goTo(8);
+    /** Meshes of a figure that are drawn. */
+    const drawnOf = (root: string): Promise<number> =>
+      viser(
+        g,
+        (v, name) => {
+          let count = 0;
+          v.nodeRefFromName[name]?.traverse((o: any) => {
+            if (!o.isMesh) return;
+            for (let up = o; up; up = up.parent) if (!up.visible) return;
+            count++;
+          });
+          return count;
+        },
+        root,
+      );
+    await eventually(async () => (await drawnOf("/future")) > 0, "the next key's forearm is elsewhere");
+    await eventually(
+      async () => (await drawnOf("/past")) === 0,
+      "the last key is where the robot holds it: nothing of it is drawn",
+    );
+    await g.picture("ghosts-held");
+    await g.goTo(30);
+    await eventually(async () => (await drawnOf("/past")) > 0, "on the way both are elsewhere");
+    await legend.getByRole("button", { name: "Ghosts" }).click();
+  });
+
   test("every robot is in view and wholly posable at three window sizes", async () => {
     importRobot(studio, "leg", LEG);
     importRobot(studio, "cart", CART);

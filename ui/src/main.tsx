@@ -13,6 +13,7 @@ import "./styles/dialogs.css";
 import "./styles/controls.css";
 import "./styles/sizes.css";
 import { act } from "./actions/index";
+import { Banner } from "./banner";
 import { Bar, FrontBar } from "./bar";
 import { DropZone } from "./clip_import";
 import { Curves } from "./curves";
@@ -33,6 +34,7 @@ import { install } from "./shortcuts";
 import { restorePanels, Splitter } from "./splitter";
 import * as store from "./store";
 import { Tabs } from "./tabs";
+import { TakeTable } from "./take_table";
 import { publish } from "./testing";
 import { startTheme } from "./theme";
 import { Timeline } from "./timeline/timeline";
@@ -40,7 +42,7 @@ import { offerTour, Tour } from "./tour";
 import { Runs } from "./training_page";
 import { Transport } from "./transport";
 import { Viewport } from "./viewport";
-import { connect, http, tell } from "./wire";
+import { connect } from "./wire";
 
 /** Beside the timeline: curves, or the picture as it is exported. */
 function Side() {
@@ -52,11 +54,18 @@ function Side() {
         tabs={[
           { id: "curves", title: "Curves" },
           { id: "rendered", title: "Rendered" },
+          { id: "compare", title: "Compare" },
         ]}
         now={store.side.value}
         onChoose={(id) => (store.side.value = id)}
       />
-      {store.side.value === "rendered" ? <Rendered /> : <Curves />}
+      {store.side.value === "rendered" ? (
+        <Rendered />
+      ) : store.side.value === "compare" ? (
+        <TakeTable />
+      ) : (
+        <Curves />
+      )}
     </aside>
   );
 }
@@ -91,49 +100,10 @@ function Editor() {
 }
 
 function App() {
-  const dismissed = useSignal(false);
   const d = store.doc.value;
   return (
     <>
-      {store.link.value === "refused" ? (
-        <div class="banner" role="alert">
-          This page has no access. Open the address that <code>robert studio</code> printed last, with its
-          token.
-        </div>
-      ) : store.link.value === "moved" ? (
-        <div class="banner" role="alert" data-testid="moved">
-          Another studio is running at this address, and this page has no access to it. Nothing is lost: every
-          confirmed edit is on disk. Open the address that <code>robert studio</code> printed last, with its
-          token.
-        </div>
-      ) : store.link.value === "lost" || store.link.value === "gone" ? (
-        <div class="banner" role="alert" data-testid="gone">
-          The studio has stopped. Nothing is lost: every confirmed edit is on disk.{" "}
-          {store.link.value === "lost" ? (
-            "Reconnecting…"
-          ) : (
-            <>
-              Nothing answers at this address: start <code>robert studio</code> again and open the address
-              that it prints.
-            </>
-          )}
-        </div>
-      ) : store.worker.value?.phase === "stopped" ? (
-        <div class="banner" role="alert" data-testid="worker-stopped">
-          The simulation stopped: {store.worker.value.reason}. You can go on editing; nothing is lost.
-          <button class="main" onClick={() => tell("worker.restart")}>
-            Start it again
-          </button>
-        </div>
-      ) : d && d.restored > 0 && !dismissed.value && store.page.value === "editor" ? (
-        <div class="banner" role="status" data-testid="restored">
-          Restored {d.restored} unsaved edit{d.restored === 1 ? "" : "s"}.
-          <button onClick={() => (dismissed.value = true)}>Keep</button>
-          <button onClick={() => void http("POST /api/discard").then(() => (dismissed.value = true))}>
-            {d.path ? "Return to the saved file" : "Discard them"}
-          </button>
-        </div>
-      ) : null}
+      <Banner />
       {store.page.value === "editor" && d ? (
         <Editor />
       ) : (

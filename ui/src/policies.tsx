@@ -25,6 +25,12 @@ interface Choice {
   group: string;
 }
 
+/** The default first, then what was learned, and last what does nothing. */
+function byUse(a: PolicyCard, b: PolicyCard): number {
+  const place = (p: PolicyCard): number => (p.default ? 0 : p.name === "zero" ? 3 : p.learned ? 1 : 2);
+  return place(a) - place(b);
+}
+
 /** What can be chosen, what is, and how to change it. */
 export function choices() {
   const settings = store.settings.value;
@@ -54,7 +60,7 @@ export function choices() {
       standard: false,
       group: "Trained here",
     })),
-    ...cards.map((p) => ({
+    ...[...cards].sort(byUse).map((p) => ({
       id: policyId(p),
       ...words(p),
       name: policyId(p),

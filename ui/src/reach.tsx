@@ -120,6 +120,9 @@ export async function pullTo(pos: V3): Promise<void> {
       if (!found.reached && found.distance_m > 1e-3)
         store.toast(
           `${siteTitle(site)} stops ${(found.distance_m * 1000).toFixed(0)} mm short of the target: joint limits or locks prevent more`,
+          "info",
+          false,
+          "reach",
         );
       if (Object.keys(changes).length > 0) await jointMoved(changes, true);
     }

@@ -87,7 +87,7 @@ export function takeColor(place: number): string {
 }
 
 /** What stands beside the timeline. */
-export const side = signal<"curves" | "rendered">("curves");
+export const side = signal<"curves" | "rendered" | "compare">("curves");
 
 export const playhead = signal(0);
 export const playing = signal(false);
@@ -130,6 +130,8 @@ export interface Toast {
   text: string;
   kind: "info" | "error";
   undo: boolean;
+  /** What it is about: a newer message about the same takes its place. */
+  about: string;
 }
 export const toasts = signal<Toast[]>([]);
 export const announcement = signal("");
@@ -140,9 +142,10 @@ const ERROR_STAYS_MS = 15_000;
 
 let nextToast = 1;
 
-export function toast(text: string, kind: Toast["kind"] = "info", undo = false): void {
+export function toast(text: string, kind: Toast["kind"] = "info", undo = false, about = text): void {
   const id = nextToast++;
-  toasts.value = [...toasts.value.slice(-3), { id, text, kind, undo }];
+  const others = toasts.value.filter((t) => t.about !== about);
+  toasts.value = [...others.slice(-3), { id, text, kind, undo, about }];
   announcement.value = text;
   afterMs(kind === "error" ? ERROR_STAYS_MS : MESSAGE_STAYS_MS, () => dismiss(id));
 }

@@ -2,7 +2,7 @@
 // take beside what is performed now, in the viewport, in the curves and over the error strip.
 
 import { useSignal } from "@preact/signals";
-import { Circle, CircleDot, Diamond, GitCompare, Pin, X } from "lucide";
+import { Circle, CircleDot, Diamond, GitCompare, Pin, Table2, X } from "lucide";
 import { Icon } from "./icon";
 import type { TakeCard, TakesView } from "./protocol";
 import * as store from "./store";
@@ -43,7 +43,7 @@ export function pinTake(): void {
 }
 
 /** Alone, or added to those that are drawn already. */
-function compare(id: number, add: boolean): void {
+export function toggleCompared(id: number, add: boolean): void {
   const on = store.compared.value;
   const ids = on.includes(id) ? on.filter((c) => c !== id) : add ? [...on, id] : [id];
   tell("take.compare", { ids });
@@ -119,7 +119,7 @@ function Row({ take }: { take: TakeCard }) {
           class="quiet small"
           aria-label={`A/B ${take.name}`}
           aria-pressed={on >= 0}
-          onClick={(e) => compare(take.id, e.ctrlKey || e.metaKey || e.shiftKey)}
+          onClick={(e) => toggleCompared(take.id, e.ctrlKey || e.metaKey || e.shiftKey)}
           title="Compare it with the current take (B); Ctrl adds it to the comparison"
         >
           A/B
@@ -173,7 +173,14 @@ export function TakeList() {
           aria-pressed={store.compared.value.length > 0}
           title="Draw another take beside the current one (B)"
         >
-          <Icon of={GitCompare} size={13} /> Compare
+          <Icon of={GitCompare} size={13} /> A/B
+        </button>
+        <button
+          onClick={() => (store.side.value = "compare")}
+          aria-pressed={store.side.value === "compare"}
+          title="Error, worst joint and roughness of all takes"
+        >
+          <Icon of={Table2} size={13} /> Table
         </button>
       </div>
       <div class="scroll takes">

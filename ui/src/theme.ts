@@ -1,7 +1,7 @@
 // Which palette is in use, and its colours for canvases, read from the style sheet.
 
 import { signal } from "@preact/signals";
-import type { Theme } from "./timeline/draw";
+import type { Theme } from "./timeline/scene";
 
 export type Choice = "dark" | "light" | "auto";
 

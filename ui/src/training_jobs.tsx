@@ -86,7 +86,7 @@ export function Job({ job }: { job: JobView }) {
       <header class="row">
         <b>{job.title || job.kind}</b>
         <span class={`phase ${job.phase}`}>{job.phase}</span>
-        <span class="num">{minutes(job.secs)}</span>
+        <span class="num">{job.secs < 1 ? "" : minutes(job.secs)}</span>
         <span class="grow" />
         {!isRunning(job) && job.phase !== "done" ? (
           <button onClick={() => void resumeJob(job.id)} data-testid={`resume-${job.id}`}>

@@ -156,7 +156,7 @@ export function Viewport() {
       </div>
       <Tip />
       {store.floating.value ? (
-        <div class="banner" style="position: absolute; top: 46px">
+        <div class="floating">
           This pose is not a key yet.
           <button class="main" onClick={() => void keyFloating()}>
             Make it a key (K)
@@ -178,10 +178,10 @@ export function Viewport() {
             · starts <b>{store.shownError(apart, store.unit.value)}</b> away
           </span>
         ) : null}
-        {r?.ms_per_frame ? (
+        {(r?.ms_per_frame ?? 0) >= 0.05 && r ? (
           <span class="num">
             {r.mae === null ? "" : " · "}
-            {r.ms_per_frame.toFixed(1)} ms a frame
+            {r.ms_per_frame?.toFixed(1)} ms a frame
           </span>
         ) : null}
       </div>

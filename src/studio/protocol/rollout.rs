@@ -135,6 +135,13 @@ pub struct TakeCard {
     pub mae: Option<f64>,
     /// Frames.
     pub frames: usize,
+    /// The joint with the largest mean absolute error over its goals.
+    pub worst_joint: Option<String>,
+    /// That error, rad or m.
+    pub worst: Option<f64>,
+    /// Roughness: root mean square of the motion's third differences over all joints, rad/s³ or
+    /// m/s³. Smoother is lower.
+    pub jerk: Option<f64>,
     /// Kept until it is removed.
     pub pinned: bool,
     /// Its goals are those of the document as it is performed now: the errors can be compared.

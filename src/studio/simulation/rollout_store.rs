@@ -12,7 +12,7 @@ use tokio::sync::watch;
 
 use super::frame_log::FrameLog;
 use super::robot_context::RobotContext;
-use super::takes::{Source, Take, Takes};
+use super::takes::{Quality, Source, Take, Takes};
 use super::worker::{Frames, MotionRows, SimulationEvent, WorkerSink};
 use crate::clip::{Clip, Command};
 use crate::studio::protocol::{
@@ -342,6 +342,7 @@ impl Inner {
             mae: self.state.mae,
             motion: self.frames.motion(),
             pinned: false,
+            quality: Quality::default(),
         });
         true
     }

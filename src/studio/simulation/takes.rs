@@ -2,7 +2,8 @@
 //!
 //! A take never changes: it is the clip, the policy's settings and the motion that came of
 //! them. Every finished rollout of the document is one; the same clip performed the same way
-//! is the same take again. The last [`limits::TAKES`] stay, the pinned ones for as long as
+//! is the same take again. While somebody edits, two of a policy are enough: what was before
+//! these edits, and what is now. The last [`limits::TAKES`] stay, the pinned ones for as long as
 //! the studio runs, whatever is opened meanwhile; they are shown with clips of their robot.
 
 use std::sync::Arc;
@@ -10,6 +11,7 @@ use std::sync::Arc;
 use crate::clip::{Clip, Command};
 use crate::limits;
 use crate::studio::protocol::{Error, RolloutSettings, TakeCard, TakesView};
+use crate::units::CTRL_DT;
 
 /// What a take was performed from.
 #[derive(Clone, Debug)]
@@ -43,6 +45,45 @@ pub(crate) struct Take {
     pub(crate) mae: Option<f64>,
     pub(crate) motion: Motion,
     pub(crate) pinned: bool,
+    pub(crate) quality: Quality,
+}
+
+/// What tables of takes say beside the mean error.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Quality {
+    /// The joint with the largest mean absolute error over its goals, and that error, rad or m.
+    pub(crate) worst: Option<(usize, f64)>,
+    /// Root mean square of the third differences of the motion per step, over all joints,
+    /// rad/s³ or m/s³. `None` for fewer than four frames.
+    pub(crate) jerk: Option<f64>,
+}
+
+impl Quality {
+    fn of(command: &Command, q: &[Vec<f32>]) -> Quality {
+        let mut worst: Option<(usize, f64)> = None;
+        for joint in 0..command.joints().len() {
+            let (mut sum, mut goals) = (0.0, 0_u32);
+            for (frame, row) in (0..command.frames()).zip(q) {
+                if command.sees(frame, joint) {
+                    sum += f64::from((row[joint] - command.row(frame)[joint]).abs());
+                    goals += 1;
+                }
+            }
+            let mean = sum / f64::from(goals.max(1));
+            if goals > 0 && worst.is_none_or(|(_, most)| mean > most) {
+                worst = Some((joint, mean));
+            }
+        }
+        let thirds = q.windows(4).flat_map(|w| {
+            (0..w[0].len()).map(|j| {
+                let at = |k: usize| f64::from(w[k][j]);
+                at(3) - 3.0 * at(2) + 3.0 * at(1) - at(0)
+            })
+        });
+        let (sum, count) = thirds.fold((0.0, 0_u32), |(s, n), d| (s + d * d, n + 1));
+        let jerk = (count > 0).then(|| (sum / f64::from(count)).sqrt() / CTRL_DT.powi(3));
+        Quality { worst, jerk }
+    }
 }
 
 impl Take {
@@ -59,6 +100,16 @@ impl Take {
             && performed(self) == performed(other)
             && self.command == other.command
             && self.motion.q == other.motion.q
+    }
+
+    /// Whether this is of the same document and performed alike, before an edit.
+    fn precedes(&self, other: &Take) -> bool {
+        let performed = |t: &Take| RolloutSettings { auto: true, ..t.source.settings.clone() };
+        self.source.robot == other.source.robot
+            && self.source.clip.name == other.source.clip.name
+            && performed(self) == performed(other)
+            && self.rev < other.rev
+            && self.command != other.command
     }
 }
 
@@ -81,9 +132,19 @@ impl Takes {
             self.kept.push(known);
             return id;
         }
-        self.last += 1;
-        take.id = self.last;
-        take.name = format!("take {}", self.last);
+        take.quality = Quality::of(&take.command, &take.motion.q);
+        let passing = |t: &Take| !t.pinned && !self.compared.contains(&t.id) && t.precedes(&take);
+        let mut before = (0..self.kept.len()).rev().filter(|i| passing(&self.kept[*i]));
+        let (newest, older) = (before.next(), before.next());
+        if let (Some(at), Some(_)) = (newest, older) {
+            let passed = self.kept.remove(at);
+            (take.id, take.name) = (passed.id, passed.name);
+        } else {
+            self.last += 1;
+            take.id = self.last;
+            take.name = format!("take {}", self.last);
+        }
+        let id = take.id;
         self.kept.push(take);
         loop {
             let bytes: usize = self.kept.iter().map(Take::bytes).sum();
@@ -94,7 +155,7 @@ impl Takes {
             let Some(at) = self.kept.iter().position(|t| !shown(t)) else { break };
             self.kept.remove(at);
         }
-        self.last
+        id
     }
 
     /// What a client of this robot sees; `now` is what is performed.
@@ -109,6 +170,9 @@ impl Takes {
             seed: t.source.settings.seed,
             mae: t.mae,
             frames: t.motion.q.len(),
+            worst_joint: t.quality.worst.map(|(j, _)| t.command.joints()[j].clone()),
+            worst: t.quality.worst.map(|(_, error)| error),
+            jerk: t.quality.jerk,
             pinned: t.pinned,
             same_goals: now == Some(t.command.as_ref()),
         };
@@ -200,7 +264,56 @@ mod tests {
                 bodies: vec![vec![0.0; bodies].into(); 10],
             },
             pinned: false,
+            quality: Quality::default(),
         }
+    }
+
+    /// As another edit leaves it.
+    fn edited(rev: u64, goal: f64) -> Take {
+        let mut made = take(rev as f32, 7);
+        let mut clip = made.source.clip.as_ref().clone();
+        clip.keys = vec![Key::new(0, &[goal])];
+        made.command = Arc::new(compile(&clip).unwrap());
+        (made.source.clip, made.rev) = (Arc::new(clip), rev);
+        made
+    }
+
+    #[test]
+    fn editing_keeps_what_was_before_and_what_is_now() {
+        let mut takes = Takes::default();
+        for rev in 1..30 {
+            takes.keep(edited(rev, 0.01 * rev as f64));
+        }
+        let revs = |takes: &Takes| takes.kept.iter().map(|t| t.rev).collect::<Vec<_>>();
+        assert_eq!(revs(&takes), [1, 29], "before the edits, and now");
+        let now = takes.kept[1].id;
+        takes.pin(now, true).unwrap();
+        for rev in 30..40 {
+            takes.keep(edited(rev, 0.01 * rev as f64));
+        }
+        assert_eq!(revs(&takes), [1, 29, 39], "a pinned one is not passed over");
+        let mut other = edited(40, 0.5);
+        other.source.settings.seed = 7;
+        takes.keep(other);
+        assert_eq!(revs(&takes).len(), 4, "another performance is a take of its own");
+    }
+
+    #[test]
+    fn the_worst_joint_and_the_jerk_are_those_of_the_motion() {
+        let joints = vec!["a".to_owned(), "b".to_owned()];
+        let mut clip = Clip::new(RobotRef { id: "r".into(), joints, ..RobotRef::default() }, 6);
+        clip.keys.push(Key::new(0, &[0.0, 0.0]).held(2));
+        let command = compile(&clip).unwrap();
+        // b is off by .2 and .4 at its two goals; both move by t^3, whose third difference is 6.
+        let q: Vec<Vec<f32>> =
+            [0.0_f32, 1.0, 8.0, 27.0, 64.0, 125.0].iter().map(|v| vec![*v * 1e-3; 2]).collect();
+        let mut off = q.clone();
+        (off[0][1], off[1][1]) = (0.2, 0.4);
+        let (joint, error) = Quality::of(&command, &off).worst.unwrap();
+        assert!(joint == 1 && (error - 0.3).abs() < 1e-6, "{joint} {error}");
+        let jerk = Quality::of(&command, &q).jerk.unwrap();
+        assert!((jerk * CTRL_DT.powi(3) - 6e-3).abs() < 1e-7, "{jerk}");
+        assert!(Quality::of(&command, &q[..3]).jerk.is_none());
     }
 
     #[test]

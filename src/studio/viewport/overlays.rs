@@ -11,6 +11,8 @@ pub(super) struct Overlays {
     pub(super) ghost_asked: bool,
     /// The keys around the playhead whose poses are shown.
     pub(super) onion: [Option<u32>; 2],
+    /// Those poses: body transforms; (2, nbody * 7), empty before they are known.
+    pub(super) onion_bodies: Vec<Vec<f32>>,
     /// A question for them is under way.
     pub(super) onion_asked: bool,
     /// A take stands beside.
@@ -35,6 +37,7 @@ impl Default for Overlays {
             ghost: None,
             ghost_asked: false,
             onion: [None; 2],
+            onion_bodies: Vec::new(),
             onion_asked: false,
             beside: false,
         }

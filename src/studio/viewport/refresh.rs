@@ -42,6 +42,7 @@ impl Stage {
         let seen = achieved || floating.is_some();
         // An error is one only where there is a goal now, and what was reached is known.
         let judged = errors && simulated && floating.is_none();
+        let onion = self.overlays.onion_bodies.clone();
         let entered = std::mem::replace(&mut self.overlays.beside, other.is_some());
         self.shared.edit(|scene| {
             nodes.pose(scene, Figure::Robot, real);
@@ -60,6 +61,12 @@ impl Stage {
                 nodes.unveil(scene, Figure::Beside, |b| real(b).zip(beside(b)).filter(|_| seen));
             } else if entered {
                 scene.remove(Figure::Beside.root());
+            }
+            // A neighbouring key where the robot stands would only tint it.
+            for (figure, row) in [Figure::Past, Figure::Future].into_iter().zip(&onion) {
+                nodes.unveil(scene, figure, |b| {
+                    real(b).zip(Place::of(row, b)).filter(|_| seen && ghosts)
+                });
             }
             if !ghosts {
                 scene.put(Message::visibility(Figure::Past.root(), false));
@@ -126,6 +133,7 @@ impl Stage {
 
     pub(super) fn show_onion(&mut self, keys: [Option<u32>; 2], bodies: &[Vec<f32>]) {
         self.overlays.onion = keys;
+        self.overlays.onion_bodies = bodies.to_vec();
         let Some(nodes) = &mut self.nodes else { return };
         let wanted = self.overlays.show.ghosts;
         self.shared.edit(|scene| {
@@ -135,5 +143,6 @@ impl Stage {
                 scene.put(Message::visibility(figure.root(), wanted && key.is_some()));
             }
         });
+        self.refresh();
     }
 }

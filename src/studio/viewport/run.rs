@@ -72,6 +72,7 @@ impl Stage {
                     self.nodes = Some(nodes);
                     self.overlays.beside = false;
                     self.overlays.onion = [None; 2];
+                    self.overlays.onion_bodies.clear();
                     self.refresh();
                 }
             }
@@ -139,6 +140,7 @@ impl Stage {
         self.hand.pull.let_go_next = false;
         self.overlays.ghost = None;
         self.overlays.onion = [None; 2];
+        self.overlays.onion_bodies.clear();
         self.select(Selection::default());
         self.lock(Vec::new());
         self.float(None);

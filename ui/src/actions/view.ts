@@ -177,6 +177,12 @@ export const VIEW: Action[] = [
     run: () => (rightShown.value = !rightShown.value),
   },
   {
+    id: "compare-table",
+    title: "Compare all takes in a table",
+    group: "View",
+    run: () => (store.side.value = "compare"),
+  },
+  {
     id: "graph",
     title: "Keys as rows or as curves: timeline or graph",
     group: "View",

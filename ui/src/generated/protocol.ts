@@ -1663,6 +1663,11 @@ export interface TakeCard {
   frames: number;
   /** Number, for `GET /api/takes/{id}` and the operations on it. */
   id: number;
+  /**
+   * Roughness: root mean square of the motion's third differences over all joints, rad/s³ or
+   * m/s³. Smoother is lower.
+   */
+  jerk: number | null;
   /** Mean absolute error over all goals, rad or m. */
   mae: number | null;
   /** What it is called. */
@@ -1677,6 +1682,10 @@ export interface TakeCard {
   same_goals: boolean;
   /** Seed of the policy's draws. */
   seed: number;
+  /** That error, rad or m. */
+  worst: number | null;
+  /** The joint with the largest mean absolute error over its goals. */
+  worst_joint: string | null;
 }
 
 /** The motion of a take. */

@@ -59,7 +59,7 @@ export function followSelection(): () => void {
   return () => stops.forEach((stop) => stop());
 }
 
-/** The edits that give points these values and move their keys by so many frames. */
+/** The edit that gives points these values and move their keys by so many frames. */
 function shaping(changes: Changes, frames: number[], df: number): Op | undefined {
   const clip = store.doc.value?.clip;
   if (!clip) return undefined;

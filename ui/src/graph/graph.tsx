@@ -1,9 +1,11 @@
 // The graph editor: values of several joints over time, on the same time axis as the timeline.
 
 import { effect, useSignal } from "@preact/signals";
-import { Maximize, Percent } from "lucide";
+import type { IconNode } from "lucide";
+import { CircleDashed, CornerDownRight, Maximize, Percent, Slash, Spline } from "lucide";
 import { useEffect, useRef } from "preact/hooks";
-import { keyAt } from "../clip";
+import { setFill } from "../actions/masks";
+import { type Fill, fillAfter, keyAt, prevKey } from "../clip";
 import { openDialog } from "../dialog";
 import { Icon } from "../icon";
 import { openMenu } from "../menu";
@@ -29,6 +31,13 @@ import {
 import { Hands, type Sheet } from "./hands";
 import { paint } from "./paint";
 import { type Changes, dragged, fitSpan, nameOf, type Space, type Span, valueToY, yToValue } from "./space";
+
+const FILLS: [Fill, IconNode, string][] = [
+  ["cubic", Spline, "Smooth curve that never overshoots"],
+  ["linear", Slash, "Straight line"],
+  ["hold", CornerDownRight, "Hold"],
+  ["mask", CircleDashed, "Leave it to the policy"],
+];
 
 interface Drag {
   changes: Changes;
@@ -236,6 +245,8 @@ export function Graph(props: { onHint: (text: string) => void }) {
       <canvas ref={canvas} aria-hidden="true" />
       <SheetTabs />
       <div class="graph-tools">
+        <Tangents />
+        <span class="rule" />
         <button
           class="small"
           title="Fit the curves (Shift+F); Ctrl+wheel zooms values, Alt+wheel moves them"
@@ -265,6 +276,36 @@ export function Graph(props: { onHint: (text: string) => void }) {
       </div>
       <CurveList />
     </div>
+  );
+}
+
+/** What leads from the chosen keys to the next ones. */
+function Tangents() {
+  const clip = store.doc.value?.clip;
+  if (!clip) return null;
+  const at = store.playhead.value;
+  const here = keyAt(clip, at) ?? prevKey(clip, at);
+  const acted = clip.keys.filter((k) =>
+    store.selection.value.size ? store.selection.value.has(k.frame) : k === here,
+  );
+  const fills = new Set(acted.map((k) => fillAfter(clip, k)));
+  return (
+    <span role="group" aria-label="After the chosen keys">
+      {FILLS.map(([fill, sign, title]) => (
+        <button
+          key={fill}
+          class="small"
+          aria-label={title}
+          aria-pressed={fills.size === 1 && fills.has(fill)}
+          disabled={acted.length === 0}
+          title={`After the chosen keys: ${title.toLowerCase()}`}
+          onClick={() => setFill(fill)}
+          data-testid={`fill-${fill}`}
+        >
+          <Icon of={sign} size={13} />
+        </button>
+      ))}
+    </span>
   );
 }
 

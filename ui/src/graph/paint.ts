@@ -2,8 +2,9 @@
 
 import type { Clip } from "../clip";
 import { digitsOf, fixed } from "../numbers";
-import { playhead, ruler, type Times } from "../timeline/draw";
+import { playhead, ruler } from "../timeline/draw";
 import { frameToX, LABELS, RULER, xToFrame } from "../timeline/layout";
+import type { Times } from "../timeline/scene";
 import { steepest, stretches } from "./curve";
 import { nameOf, type Point, points, type Space, valueToY, yToSeen } from "./space";
 
@@ -26,7 +27,7 @@ export interface Scene extends Times {
 type Ctx = CanvasRenderingContext2D;
 
 export function paint(ctx: Ctx, s: Scene): void {
-  const { box, theme, view, space } = s;
+  const { box, theme, view } = s;
   ctx.fillStyle = theme.back;
   ctx.fillRect(0, 0, box.width, box.height);
   ctx.save();
@@ -62,7 +63,6 @@ export function paint(ctx: Ctx, s: Scene): void {
     ctx.strokeRect(b.x0 + 0.5, b.y0 + 0.5, b.x1 - b.x0, b.y1 - b.y0);
   }
   ctx.restore();
-  void space;
 }
 
 /** Lines at round values, and what they stand for. */
@@ -152,7 +152,7 @@ function cones(ctx: Ctx, s: Scene): void {
         ctx.fill();
       };
       if (fact.speed_max !== null) wedge(fact.speed_max, `${theme.key}16`);
-      if (fact.speed_usual !== null) wedge(fact.speed_usual, `${theme.look}2a`);
+      if (fact.speed_usual !== null) wedge(fact.speed_usual, `${theme.look}22`);
     }
   }
 }

@@ -1,11 +1,9 @@
 // Draws the dope sheet. Shape or hatch always repeats what colour says.
 
-import type { Clip } from "../clip";
 import { digitsOf, fixed } from "../numbers";
+import { labels } from "./labels";
 import {
-  type Box,
   frameToX,
-  jointsOf,
   LABELS,
   LOOK_AHEAD,
   MARKERS,
@@ -15,77 +13,11 @@ import {
   RULER,
   rowToY,
   STRIP,
-  SWITCHES,
   tick,
-  type View,
   xToFrame,
 } from "./layout";
 import { bars, type Diamond, diamonds, type Mark, marks, ofRow } from "./marks";
-
-export interface Theme {
-  back: string;
-  panel: string;
-  rule: string;
-  faint: string;
-  text: string;
-  dim: string;
-  key: string;
-  keyEdge: string;
-  selected: string;
-  fill: string;
-  hatch: string;
-  blind: string;
-  playhead: string;
-  look: string;
-  error: string;
-  marker: string;
-  cached: string;
-  focus: string;
-  /** Names of the letters' families. */
-  font: string;
-}
-
-export interface Span {
-  from: number;
-  to: number;
-}
-
-export interface Scene {
-  clip: Clip;
-  rows: RowKind[];
-  view: View;
-  box: Box;
-  theme: Theme;
-  playhead: number;
-  selection: ReadonlySet<number>;
-  selectedJoint: number | undefined;
-  blind: Span[];
-  lints: { frame: number; level: "error" | "warning" }[];
-  /** Mean error by frame, null where masked. */
-  errors: (number | null)[];
-  /** The same of the take that is compared, and its colour. */
-  beside: { errors: (number | null)[]; color: string } | undefined;
-  /** Error that fills the strip, rad or m. */
-  errorTop: number;
-  cachedTo: number;
-  loop: Span | undefined;
-  /** The length that a drag of the clip's end would give it. */
-  end: number | undefined;
-  /** Keys as a drag in progress would leave them: frame -> frame. */
-  dragged: ReadonlyMap<number, number>;
-  boxSelect: { x0: number; y0: number; x1: number; y1: number } | undefined;
-  names: (joint: number) => string;
-  locked: (joint: number) => boolean;
-  /** Whether the policy can leave single joints open. */
-  maskable: boolean;
-  stale: boolean;
-  focusRow: number;
-  focused: boolean;
-  /** The row under the pointer: its switches are shown. */
-  hoverRow: number | undefined;
-}
-
-type Ctx = CanvasRenderingContext2D;
+import type { Ctx, Scene, Theme, Times } from "./scene";
 
 let hatches = new Map<string, CanvasPattern>();
 
@@ -326,12 +258,6 @@ function bar(
   }
 }
 
-/** What the ruler and the playhead are drawn from; the graph has them, too. */
-export type Times = Pick<
-  Scene,
-  "clip" | "view" | "box" | "theme" | "playhead" | "end" | "stale" | "cachedTo" | "loop" | "blind"
->;
-
 export function ruler(ctx: Ctx, s: Times): void {
   const { box, theme, view, clip } = s;
   ctx.fillStyle = theme.panel;
@@ -475,85 +401,4 @@ export function playhead(ctx: Ctx, s: Pick<Times, "view" | "box" | "theme" | "pl
   ctx.lineTo(x - 6, 6);
   ctx.closePath();
   ctx.fill();
-}
-
-/** A padlock, and an eye that is shut: 16 by 16 pixels. */
-const SIGNS = {
-  lock: "M4 7.5h8v6H4z M5.5 7.5V5.3a2.5 2.5 0 0 1 5 0v2.2",
-  mask: "M1.5 6.5c3.4 4.4 9.6 4.4 13 0 M4 9l-1.2 2 M8 10v2.3 M12 9l1.2 2",
-};
-
-/** The lock of a row's joints, and whether they are left to the policy: shown when on or when the pointer is there. */
-function switches(ctx: Ctx, s: Scene, row: RowKind, y: number, shown: boolean): void {
-  const joints = jointsOf(row);
-  if (joints.length === 0) return;
-  const { theme } = s;
-  const names = joints.map((j) => s.clip.robot.joints[j] ?? "");
-  const here = (s.clip.masks ?? []).filter((m) => m.from <= s.playhead && s.playhead < m.to);
-  const masked = names.every((n) => here.some((m) => !m.joints || m.joints.includes(n)));
-  const sign = (x: number, path: string, on: boolean, color: string, dim: boolean): void => {
-    if (!on && !shown) return;
-    ctx.save();
-    ctx.globalAlpha = dim ? 0.35 : 1;
-    ctx.translate(x, y + (ROW - 16) / 2);
-    ctx.strokeStyle = on ? color : theme.dim;
-    ctx.lineWidth = on ? 2 : 1.4;
-    ctx.lineCap = ctx.lineJoin = "round";
-    ctx.stroke(new Path2D(path));
-    ctx.restore();
-  };
-  sign(SWITCHES.lock, SIGNS.lock, joints.every(s.locked), theme.playhead, false);
-  sign(SWITCHES.mask, SIGNS.mask, masked, theme.marker, !s.maskable);
-}
-
-function labels(ctx: Ctx, s: Scene): void {
-  const { theme, view, box } = s;
-  ctx.fillStyle = theme.panel;
-  ctx.fillRect(0, 0, LABELS, box.height);
-  ctx.save();
-  ctx.beginPath();
-  ctx.rect(0, RULER + MARKERS, LABELS, box.height - RULER - MARKERS - STRIP);
-  ctx.clip();
-  ctx.textBaseline = "middle";
-  s.rows.forEach((row, i) => {
-    const y = rowToY(view, i);
-    if (y < -ROW || y > box.height) return;
-    const mid = y + ROW / 2;
-    const bold = row.kind !== "joint";
-    ctx.font = `${bold ? "600 " : ""}${bold ? 12 : 11}px ${theme.font}`;
-    if (row.kind === "joint" && row.joint === s.selectedJoint) {
-      ctx.fillStyle = `${theme.selected}33`;
-      ctx.fillRect(0, y, LABELS, ROW - 1);
-    }
-    ctx.fillStyle = bold ? theme.text : theme.dim;
-    const text =
-      row.kind === "all" ? "All joints" : row.kind === "group" ? row.group.title : s.names(row.joint);
-    if (row.kind === "group") {
-      ctx.strokeStyle = theme.dim;
-      ctx.lineWidth = 1.6;
-      ctx.stroke(new Path2D(row.open ? `M8 ${mid - 2}l4 4 4-4` : `M10 ${mid - 4}l4 4-4 4`));
-    }
-    ctx.fillText(
-      text,
-      row.kind === "joint" ? 30 : row.kind === "group" ? 22 : 10,
-      mid + 0.5,
-      row.kind === "all" ? LABELS - 34 : SWITCHES.lock - 30,
-    );
-    switches(ctx, s, row, y, i === s.hoverRow || (s.focused && i === s.focusRow));
-    if (s.focused && i === s.focusRow) {
-      ctx.strokeStyle = theme.focus;
-      ctx.lineWidth = 2;
-      ctx.strokeRect(1, y + 1, box.width - 2, ROW - 3);
-    }
-  });
-  ctx.restore();
-  ctx.font = `11px ${theme.font}`;
-  ctx.fillStyle = theme.dim;
-  ctx.fillText("error", 10, box.height - STRIP / 2);
-  ctx.strokeStyle = theme.rule;
-  ctx.lineWidth = 1;
-  ctx.beginPath();
-  ctx.moveTo(LABELS - 0.5, 0);
-  ctx.lineTo(LABELS - 0.5, box.height);
-  ctx.stroke();
 }

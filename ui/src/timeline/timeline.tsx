@@ -16,10 +16,11 @@ import { SheetTabs } from "../sheet_tabs";
 import * as store from "../store";
 import { colors, palette } from "../theme";
 import { applyOp, tell } from "../wire";
-import { draw, forgetHatches, type Scene } from "./draw";
+import { draw, forgetHatches } from "./draw";
 import { type BoxSelect, Gestures, type Sheet, type Target } from "./gestures";
 import { timeline } from "./handle";
 import { fit, frameToX, ROW, type RowKind, rowsOf, rowToY, type View, withRow } from "./layout";
+import type { Scene } from "./scene";
 
 /** Error that fills the strip: what a person sees as off, rad or m. */
 const ERROR_TOP = 0.1;
