@@ -153,7 +153,8 @@ impl Take {
         let page = py.detach(|| {
             let client = html::client().map_err(raise)?;
             let recording = Recording::of(&self.take, &self.robot).map_err(raise)?;
-            html::page(&client, title, &recording.to_bytes().map_err(raise)?).map_err(raise)
+            let recording = recording.to_bytes().map_err(raise)?;
+            html::page(&client, title, &html::caption(&self.take), &recording).map_err(raise)
         })?;
         Ok(PyBytes::new(py, &page))
     }

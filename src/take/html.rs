@@ -1,6 +1,8 @@
 //! A page that plays a take in any browser: the viser client with the recording inside.
 
+use super::document::Take;
 use super::error::Error;
+use crate::units::{Unit, significant};
 
 /// Of the box with title and caption. It lets the mouse through to the scene.
 const CAPTION_STYLE: &str = "position:fixed;left:12px;bottom:12px;z-index:9;padding:6px 10px;\
@@ -52,6 +54,16 @@ pub fn page(client: &[u8], title: &str, caption: &str, recording: &[u8]) -> Resu
     );
     out.extend_from_slice(after);
     Ok(out)
+}
+
+/// What a page says below its title: who performed it, how near it came, what is seen.
+pub fn caption(take: &Take) -> String {
+    let figure = match (take.precision().precision, take.robot.units.first()) {
+        (Some(error), Some(Unit::M)) => format!("mean error {} mm, ", significant(1e3 * error)),
+        (Some(error), _) => format!("mean error {}\u{b0}, ", significant(error.to_degrees())),
+        (None, _) => String::new(),
+    };
+    format!("{}; {figure}solid: reached, translucent: commanded", take.provenance.policy)
 }
 
 /// Standard alphabet, padded.

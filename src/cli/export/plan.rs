@@ -18,7 +18,7 @@ use crate::take::export::{
 };
 use crate::take::viser::Recording;
 use crate::take::{Take, What, html};
-use crate::units::{FPS, Unit, significant};
+use crate::units::FPS;
 use crate::{fsio, limits};
 
 /// One input, written.
@@ -136,7 +136,7 @@ impl Plan<'_> {
                 let recording = Recording::of(take, source.robot()?)?.to_bytes()?;
                 let client = self.client.clone().unwrap_or_default();
                 (
-                    html::page(&client, &source.title, &caption(take), &recording)?,
+                    html::page(&client, &source.title, &html::caption(take), &recording)?,
                     "A page with the recording inside; it needs no network.",
                     format!("xdg-open {out}"),
                 )
@@ -190,13 +190,4 @@ impl Plan<'_> {
         }
         out::json(&report)
     }
-}
-/// What a page says below its title: who performed it, how near it came, what is seen.
-fn caption(take: &Take) -> String {
-    let figure = match (take.precision().precision, take.robot.units.first()) {
-        (Some(error), Some(Unit::M)) => format!("mean error {} mm, ", significant(1e3 * error)),
-        (Some(error), _) => format!("mean error {}\u{b0}, ", significant(error.to_degrees())),
-        (None, _) => String::new(),
-    };
-    format!("{}; {figure}solid: reached, translucent: commanded", take.provenance.policy)
 }
