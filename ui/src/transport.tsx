@@ -86,7 +86,7 @@ export function Transport() {
         ))}
       </select>
       <label>
-        frame{" "}
+        <span class="wide-only">frame</span>{" "}
         <input
           class="time"
           type="text"
@@ -123,7 +123,7 @@ export function Transport() {
           }
         }}
       />
-      <span class="of">{clock(store.length.value, store.fps.value)}</span>
+      <span class="of wide-only">{clock(store.length.value, store.fps.value)}</span>
       <span class="grow" />
       <button
         aria-pressed={store.autoKey.value}
