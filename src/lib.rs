@@ -6,16 +6,20 @@
 //! motion without reward, label or demonstration. This crate contains that policy and the tools
 //! around it: robots, clips, collection, training, rollouts, pictures, takes and the studio.
 //!
-//! The modules are arranged in floors, and imports only go down (`tests/floors.rs`).
+//! Each module is a crate of its own (`robert-clip`, and so on); this one passes them on and adds the
+//! command line. They stand on floors, and imports only go down (`tests/floors.rs`).
 //!
 //! | floor | modules | content |
 //! |---|---|---|
-//! | 0 | [`clip`], [`units`], [`rng`], [`limits`], [`exit`], [`fsio`], [`progress`] | documents, numbers, files: no simulator |
-//! | 1 | [`mujoco`], [`robot`], [`linalg`], [`plot`] | the simulator binding, the robots, matrices, charts |
-//! | 2 | [`dataset`], [`net`], [`explore`] | recorded trajectories, the network, the collectors |
-//! | 3 | [`train`], [`rollout`], [`render`] | training, policies and rollouts, pictures |
-//! | 4 | [`take`] | recorded rollouts and exports |
-//! | 5 | [`studio`], [`cli`] | the two user interfaces |
+//! | 0 | [`units`], [`rng`], [`limits`], [`exit`], [`fsio`], [`progress`], [`xml`], [`child`] | numbers, files, child processes |
+//! | 1 | [`clip`], [`mujoco`], [`linalg`], [`plot`] | the document, the simulator binding, matrices, charts |
+//! | 2 | [`robot`], [`net`] | the robots, the network |
+//! | 3 | [`dataset`], [`render`] | recorded trajectories, pictures |
+//! | 4 | [`explore`] | the collectors |
+//! | 5 | [`rollout`] | policies and rollouts |
+//! | 6 | [`train`], [`take`] | training, recorded rollouts and exports |
+//! | 7 | [`studio`] | the server |
+//! | 8 | [`cli`] | the command line |
 //!
 //! Mistakes in foreign data are errors that name their place. Our own mistakes panic instead of
 //! becoming plausible numbers: an index that must exist is indexed directly.
@@ -23,30 +27,20 @@
 //! Start reading at [`clip`] (the document that a person edits), then [`rollout`] (how it is
 //! performed), then [`net`] (how the torque is computed).
 
-pub mod child;
-pub mod clip;
-pub mod exit;
-pub mod fsio;
-pub mod limits;
-pub mod progress;
-pub mod rng;
-pub mod units;
-pub mod xml;
+pub use robert_base::{child, exit, fsio, limits, progress, rng, units, xml};
 
-pub mod linalg;
-pub mod mujoco;
-pub mod plot;
-pub mod robot;
-
-pub mod dataset;
-pub mod explore;
-pub mod net;
-
-pub mod render;
-pub mod rollout;
-pub mod train;
-
-pub mod take;
+pub use robert_clip as clip;
+pub use robert_dataset as dataset;
+pub use robert_explore as explore;
+pub use robert_linalg as linalg;
+pub use robert_mujoco as mujoco;
+pub use robert_net as net;
+pub use robert_plot as plot;
+pub use robert_render as render;
+pub use robert_robot as robot;
+pub use robert_rollout as rollout;
+pub use robert_studio as studio;
+pub use robert_take as take;
+pub use robert_train as train;
 
 pub mod cli;
-pub mod studio;

@@ -17,8 +17,8 @@ use super::op::{
 };
 use super::sparsify::superfluous;
 use super::validate::{Invalid, hint};
-use crate::exit::{Exit, HasExit};
-use crate::limits;
+use robert_base::exit::{Exit, HasExit};
+use robert_base::limits;
 
 /// Why an edit was refused; the clip is unchanged.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

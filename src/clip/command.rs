@@ -3,7 +3,7 @@
 //! A command is dense on purpose. The window of a rollout slides over it every frame, and suites
 //! extracted from data never were clips. Both need rows, not keys.
 
-use crate::units::FPS;
+use robert_base::units::FPS;
 
 /// Frames of history before frame 0 (the pre-roll): the start pose, held.
 pub const PRE_ROLL_FRAMES: u32 = 30;
@@ -28,7 +28,7 @@ pub enum Sight {
 /// Where the values of a run of frames come from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(schemars::JsonSchema)]
 pub enum SpanKind {
     /// A key and its hold.
     Key,
@@ -45,8 +45,7 @@ pub enum SpanKind {
 }
 
 /// A run of frames of one kind: `[from, to)`. The spans of a command tile the clip.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, schemars::JsonSchema)]
 pub struct Span {
     /// First frame.
     pub from: u32,
@@ -58,8 +57,7 @@ pub struct Span {
 
 /// A run of steps at which the policy sees no goal. Commands `after` and `before` are visible (or
 /// are the ends of the clip), and none between them is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, schemars::JsonSchema)]
 pub struct Blind {
     /// Last visible frame before; `None` at the start of the clip.
     pub after: Option<u32>,
@@ -83,11 +81,14 @@ pub struct VirtualKey {
 /// Commanded joint positions and their masks.
 ///
 /// ```
-/// use robert::clip::compile;
-/// use robert::rollout::tasks;
+/// use robert_clip::{Clip, Key, RobotRef, compile};
 ///
-/// let command = compile(&tasks::find("ur5e/reacher", None)?)?;
-/// assert_eq!(command.dim(), 5);
+/// let joints = vec!["x".to_owned(), "y".to_owned()];
+/// let robot = RobotRef { id: "pointmass".to_owned(), joints, ..RobotRef::default() };
+/// let mut clip = Clip::new(robot, 21);
+/// clip.keys = vec![Key::new(20, &[0.3, -0.1])];
+/// let command = compile(&clip)?;
+/// assert_eq!(command.dim(), 2);
 /// assert_eq!(command.filled().len(), command.frames() as usize * command.dim());
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```

@@ -385,7 +385,7 @@ mod tests {
             }
             (seen, c.virtual_key(t).map(|v| v.q))
         };
-        let mut rng = crate::rng::Rng::new(4, crate::rng::Stream::Test, 1);
+        let mut rng = robert_base::rng::Rng::new(4, robert_base::rng::Stream::Test, 1);
         for round in 0..400 {
             let mut k = clip(90);
             let n = rng.below(6) as usize;

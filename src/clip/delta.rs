@@ -15,7 +15,7 @@ use super::document::{Clip, Fill, Goal, Key, Marker, Mask, RobotRef, Row, Start}
 /// A difference. Empty parts did not change.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(schemars::JsonSchema)]
 pub struct Delta {
     /// Frames whose key is removed.
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -50,7 +50,7 @@ pub struct Delta {
     #[allow(clippy::option_option)]
     /// Start; null removes it.
     #[serde(skip_serializing_if = "Option::is_none", deserialize_with = "present")]
-    #[cfg_attr(test, schemars(extend("x-null" = true)))]
+    #[schemars(extend("x-null" = true))]
     pub start: Option<Option<Start>>,
 }
 

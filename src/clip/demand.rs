@@ -4,11 +4,10 @@ use serde::Serialize;
 
 use super::command::Command;
 use super::joints::JointTable;
-use crate::units::{CTRL_DT, Unit};
+use robert_base::units::{CTRL_DT, Unit};
 
 /// The joint that an edit demands most of.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(Clone, Debug, PartialEq, Serialize, schemars::JsonSchema)]
 pub struct Demand {
     /// Its name.
     pub joint: String,
@@ -91,7 +90,7 @@ fn last_changed(command: &Command, old: &Command) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::clip::{Clip, compile, parse};
+    use crate::{Clip, compile, parse};
 
     fn clip(frame: u32) -> Clip {
         let text = format!(

@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-use crate::units::{FPS, Unit};
+use robert_base::units::{FPS, Unit};
 
 /// The format this program writes.
 pub const FORMAT: &str = "robert-clip/1";
@@ -201,10 +201,11 @@ pub struct Marker {
 /// An animation document, `robert-clip/1`.
 ///
 /// ```
-/// use robert::clip::{Clip, Key, compile};
-/// use robert::robot::Robot;
+/// use robert_clip::{Clip, Key, RobotRef, compile};
 ///
-/// let mut clip = Clip::new(Robot::builtin("pointmass")?.clip_ref(), 41);
+/// let joints = vec!["x".to_owned(), "y".to_owned()];
+/// let robot = RobotRef { id: "pointmass".to_owned(), joints, ..RobotRef::default() };
+/// let mut clip = Clip::new(robot, 41);
 /// clip.keys = vec![Key::new(0, &[0.0, 0.0]), Key::new(40, &[0.3, -0.1])];
 /// // Between the two keys lie 39 masked frames, more than a policy looks ahead.
 /// assert!(!compile(&clip)?.blind_spans().is_empty());

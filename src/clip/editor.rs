@@ -46,10 +46,11 @@ pub enum Step {
 /// A clip, its compiled command and its history.
 ///
 /// ```
-/// use robert::clip::{Clip, Editor, Key, KeysMove, Op};
-/// use robert::robot::Robot;
+/// use robert_clip::{Clip, Editor, Key, KeysMove, Op, RobotRef};
 ///
-/// let mut clip = Clip::new(Robot::builtin("pointmass")?.clip_ref(), 41);
+/// let joints = vec!["x".to_owned(), "y".to_owned()];
+/// let robot = RobotRef { id: "pointmass".to_owned(), joints, ..RobotRef::default() };
+/// let mut clip = Clip::new(robot, 41);
 /// clip.keys = vec![Key::new(0, &[0.0, 0.0]), Key::new(20, &[0.3, -0.1])];
 /// let mut editor = Editor::new(clip, None)?;
 /// editor.apply(&Op::KeysMove(KeysMove { frames: vec![20], df: 5, ..KeysMove::default() }))?;

@@ -3,8 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use super::validate::Flaw;
-use crate::exit::{Exit, HasExit};
-use crate::fsio;
+use robert_base::exit::{Exit, HasExit};
+use robert_base::fsio;
 
 /// Why a clip, or a file to import as one, cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -43,7 +43,7 @@ pub enum ClipError {
 
 impl ClipError {
     /// An error at a place in a text.
-    pub(crate) fn at(message: impl Into<String>, line: usize, col: usize) -> Self {
+    pub fn at(message: impl Into<String>, line: usize, col: usize) -> Self {
         ClipError::Syntax { message: message.into(), line, col, path: None }
     }
 

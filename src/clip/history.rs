@@ -10,7 +10,7 @@ use std::os::unix::fs::FileExt;
 use serde::{Deserialize, Serialize};
 
 use super::delta::Delta;
-use crate::fsio;
+use robert_base::fsio;
 
 /// Steps in memory; a few hundred bytes each, unless they change much at once.
 const RECENT: usize = 1_000;

@@ -6,12 +6,12 @@
 use serde::{Deserialize, Serialize};
 
 use super::document::{Clip, Row, round};
-use crate::units::Unit;
+use robert_base::units::Unit;
 
 /// What a policy allows to be masked.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(schemars::JsonSchema)]
 pub enum Granularity {
     /// Whole frames only, as in the paper.
     #[default]
@@ -21,8 +21,7 @@ pub enum Granularity {
 }
 
 /// One joint coordinate.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 pub struct JointFacts {
     /// Its name.
     pub name: String,
@@ -41,8 +40,7 @@ pub struct JointFacts {
 }
 
 /// One row of a mirror table: `mirrored[target] = sign * q[source] + offset`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 pub struct MirrorRow {
     /// The joint that is set.
     pub target: String,
@@ -57,7 +55,7 @@ pub struct MirrorRow {
 /// How a pose is mirrored, or why it cannot be.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(schemars::JsonSchema)]
 pub enum Mirror {
     /// Row by row; joints without a row keep their value.
     Table(Vec<MirrorRow>),
@@ -66,8 +64,7 @@ pub enum Mirror {
 }
 
 /// One joint of a coupling: `q = coef * shared + offset`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 pub struct CouplingMember {
     /// The joint.
     pub joint: String,
@@ -79,8 +76,7 @@ pub struct CouplingMember {
 
 /// Joints that one actuator moves together: a tendon, or a mimic joint and its leader.
 /// They agree when (q - offset) / coef is the same for all.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 pub struct Coupling {
     /// Tendon or leader name.
     pub name: String,
@@ -91,8 +87,7 @@ pub struct Coupling {
 }
 
 /// A robot as clips see it.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 pub struct JointTable {
     /// Robot id.
     pub robot: String,

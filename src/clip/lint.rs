@@ -16,8 +16,8 @@ use super::op::{
     Batch, ClipLength, FillSet, KeysAdd, KeysHold, KeysScale, KeysSet, MaskSet, Op, PoseSave,
     TimeInsert,
 };
-use crate::limits;
-use crate::units::CTRL_DT;
+use robert_base::limits;
+use robert_base::units::CTRL_DT;
 
 /// The most findings of one rule that are listed; a log with 50 000 fast keys is one problem.
 const MOST: usize = 1000;
@@ -25,7 +25,7 @@ const MOST: usize = 1000;
 /// Severity of a finding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "lowercase")]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(schemars::JsonSchema)]
 pub enum Level {
     /// Worth knowing.
     Info,
@@ -39,7 +39,7 @@ pub enum Level {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(schemars::JsonSchema)]
 pub enum Rule {
     /// Made for another robot, or another version of its model.
     OtherRobot,
@@ -68,8 +68,7 @@ pub enum Rule {
 }
 
 /// An edit that removes a finding.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(Clone, Debug, PartialEq, Serialize, schemars::JsonSchema)]
 pub struct Fix {
     /// Its text on a button.
     pub title: String,
@@ -78,8 +77,7 @@ pub struct Fix {
 }
 
 /// A finding.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(Clone, Debug, PartialEq, Serialize, schemars::JsonSchema)]
 pub struct Lint {
     /// Its severity.
     pub level: Level,

@@ -15,7 +15,7 @@ use super::document::{Fill, Key, Marker, Start};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "op", content = "args", deny_unknown_fields)]
 #[non_exhaustive]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(schemars::JsonSchema)]
 pub enum Op {
     /// Adds keys.
     #[serde(rename = "keys.add")]
@@ -103,7 +103,7 @@ pub enum Op {
 /// Arguments of `keys.add`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(schemars::JsonSchema)]
 pub struct KeysAdd {
     /// The keys.
     pub keys: Vec<Key>,
@@ -115,7 +115,7 @@ pub struct KeysAdd {
 /// Arguments of `keys.set`: absent parts stay.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(schemars::JsonSchema)]
 pub struct KeysSet {
     /// Which key.
     pub frame: u32,
@@ -134,7 +134,7 @@ pub struct KeysSet {
     #[allow(clippy::option_option)]
     /// Fill; null = the clip's.
     #[serde(default, skip_serializing_if = "Option::is_none", deserialize_with = "present")]
-    #[cfg_attr(test, schemars(extend("x-null" = true)))]
+    #[schemars(extend("x-null" = true))]
     pub fill: Option<Option<Fill>>,
     /// Remark.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -144,7 +144,7 @@ pub struct KeysSet {
 /// Arguments of `keys.move`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(schemars::JsonSchema)]
 pub struct KeysMove {
     /// Which keys.
     pub frames: Vec<u32>,
@@ -164,7 +164,7 @@ pub struct KeysMove {
 /// Arguments of `keys.scale`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(schemars::JsonSchema)]
 pub struct KeysScale {
     /// Which keys.
     pub frames: Vec<u32>,
@@ -180,7 +180,7 @@ pub struct KeysScale {
 /// Keys or markers by frame.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(schemars::JsonSchema)]
 pub struct KeysFrames {
     /// Their frames.
     pub frames: Vec<u32>,
@@ -189,7 +189,7 @@ pub struct KeysFrames {
 /// Arguments of `keys.paste`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(schemars::JsonSchema)]
 pub struct KeysPaste {
     /// Where the first key goes.
     pub at: u32,
@@ -209,7 +209,7 @@ pub struct KeysPaste {
 /// Arguments of `keys.hold`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(schemars::JsonSchema)]
 pub struct KeysHold {
     /// Which keys.
     pub frames: Vec<u32>,
@@ -220,7 +220,7 @@ pub struct KeysHold {
 /// Arguments of `keys.sparsify`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(schemars::JsonSchema)]
 pub struct KeysSparsify {
     /// Which keys may be removed. The ends of each unbroken run of them stay, and so do keys with a
     /// hold, a remark or a named pose.
@@ -232,7 +232,7 @@ pub struct KeysSparsify {
 /// Arguments of `mask.set`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(schemars::JsonSchema)]
 pub struct MaskSet {
     /// First frame.
     pub from: u32,
@@ -248,20 +248,20 @@ pub struct MaskSet {
 /// Arguments of `fill.set`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(schemars::JsonSchema)]
 pub struct FillSet {
     /// After which keys; absent = the clip's default.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frames: Option<Vec<u32>>,
     /// The fill; null = the clip's default (`mask` for the default itself).
-    #[cfg_attr(test, schemars(extend("x-null" = true)))]
+    #[schemars(extend("x-null" = true))]
     pub fill: Option<Fill>,
 }
 
 /// Arguments of `time.insert`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(schemars::JsonSchema)]
 pub struct TimeInsert {
     /// Before which frame; the clip's length appends.
     pub at: u32,
@@ -272,7 +272,7 @@ pub struct TimeInsert {
 /// Arguments of `time.delete`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(schemars::JsonSchema)]
 pub struct TimeDelete {
     /// First frame.
     pub from: u32,
@@ -283,7 +283,7 @@ pub struct TimeDelete {
 /// Arguments of `pose.save`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(schemars::JsonSchema)]
 pub struct PoseSave {
     /// Its name.
     pub name: String,
@@ -297,7 +297,7 @@ pub struct PoseSave {
 /// Arguments of `pose.apply`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(schemars::JsonSchema)]
 pub struct PoseApply {
     /// Which pose.
     pub name: String,
@@ -317,7 +317,7 @@ pub struct PoseApply {
 /// Arguments of `pose.rename`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(schemars::JsonSchema)]
 pub struct PoseRename {
     /// Its name.
     pub name: String,
@@ -328,7 +328,7 @@ pub struct PoseRename {
 /// Arguments of `pose.delete`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(schemars::JsonSchema)]
 pub struct PoseDelete {
     /// Its name.
     pub name: String,
@@ -337,7 +337,7 @@ pub struct PoseDelete {
 /// Arguments of `markers.move`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(schemars::JsonSchema)]
 pub struct MarkersMove {
     /// Which marker.
     pub frame: u32,
@@ -348,7 +348,7 @@ pub struct MarkersMove {
 /// Arguments of `clip.rename`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(schemars::JsonSchema)]
 pub struct ClipRename {
     /// The title.
     pub name: String,
@@ -357,7 +357,7 @@ pub struct ClipRename {
 /// Arguments of `clip.notes`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(schemars::JsonSchema)]
 pub struct ClipNotes {
     /// The remarks.
     pub notes: String,
@@ -366,7 +366,7 @@ pub struct ClipNotes {
 /// Arguments of `clip.length`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(schemars::JsonSchema)]
 pub struct ClipLength {
     /// Frames.
     pub length: u32,
@@ -378,17 +378,17 @@ pub struct ClipLength {
 /// Arguments of `clip.start`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(schemars::JsonSchema)]
 pub struct ClipStart {
     /// The start; null = the first key's values.
-    #[cfg_attr(test, schemars(extend("x-null" = true)))]
+    #[schemars(extend("x-null" = true))]
     pub start: Option<Start>,
 }
 
 /// Arguments of `batch`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(schemars::JsonSchema)]
 pub struct Batch {
     /// What the history calls it.
     #[serde(default, skip_serializing_if = "String::is_empty")]

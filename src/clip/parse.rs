@@ -6,8 +6,9 @@ use super::document::{Clip, FORMAT, Fill, Goal, Key, Marker, Mask, RobotRef, Row
 use super::error::ClipError;
 use super::json::{Kind, Read, Reader, line_col, locate, show};
 use super::validate::{Invalid, hint};
-use crate::units::{FPS, Unit};
-use crate::{fsio, limits};
+use robert_base::fsio;
+use robert_base::limits;
+use robert_base::units::{FPS, Unit};
 
 /// A clip with the places of its values in the text.
 #[derive(Clone, Debug)]

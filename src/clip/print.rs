@@ -6,7 +6,7 @@ use std::fmt::Write as _;
 use serde_json::{Map, Value};
 
 use super::document::{Clip, FORMAT, Goal, Key, Mask, Row, Start};
-use crate::units::FPS;
+use robert_base::units::FPS;
 
 impl Clip {
     /// The canonical text, with a trailing newline. Stable: parsing and printing it again

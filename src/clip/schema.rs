@@ -11,7 +11,7 @@ use serde::Deserialize;
 use serde_json::Value;
 
 use super::document::Fill;
-use crate::units::Unit;
+use robert_base::units::Unit;
 
 /// The schema as JSON.
 pub fn schema() -> Value {
@@ -60,8 +60,8 @@ fn not_null(property: &mut Value) {
 /// which frames are left to the policy.
 #[derive(Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[allow(dead_code)] // only its shape is used
-pub(crate) struct Clip {
+#[allow(dead_code, missing_debug_implementations)] // only its shape is used
+pub struct Clip {
     /// Name and major version of this format.
     format: Format,
     /// A title.
@@ -99,7 +99,6 @@ pub(crate) struct Clip {
 }
 
 /// In JSON the parts of a document have these shapes, wherever they are sent.
-#[cfg(test)]
 macro_rules! shaped {
     ($($part:ident),*) => {$(
         impl JsonSchema for super::document::$part {
@@ -116,7 +115,6 @@ macro_rules! shaped {
     )*};
 }
 
-#[cfg(test)]
 shaped!(Key, Mask, Marker, Start);
 
 #[derive(Deserialize, JsonSchema)]

@@ -101,7 +101,7 @@ fn distance(part: &[Key], key: &Key) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::clip::{RobotRef, apply, op::Op};
+    use crate::{RobotRef, apply, op::Op};
 
     fn clip(keys: Vec<Key>) -> Clip {
         let robot = RobotRef {
@@ -159,10 +159,10 @@ mod tests {
         let mut c = clip(Vec::new());
         let wave = |f: u32| (f64::from(f) / 20.0).sin();
         c.keys = (0..60).chain(90..150).map(|f| Key::new(f, &[wave(f), 0.0])).collect();
-        let dense = crate::clip::compile(&c).unwrap();
+        let dense = crate::compile(&c).unwrap();
         thin(&mut c, 0.01);
         assert!(c.keys.len() < 40, "{} keys", c.keys.len());
-        let thinned = crate::clip::compile(&c).unwrap();
+        let thinned = crate::compile(&c).unwrap();
         for f in 0..150 {
             assert_eq!(thinned.sight(f), dense.sight(f), "frame {f}");
             assert!((thinned.row(f)[0] - dense.row(f)[0]).abs() < 0.011, "frame {f}");
@@ -186,7 +186,7 @@ mod tests {
         let mut c = clip((0..10).map(|i| Key::new(10 * i, &[0.0, 0.0])).collect());
         let before = c.clone();
         let op = |frames: Vec<u32>, tolerance: f64| {
-            Op::KeysSparsify(crate::clip::KeysSparsify { frames, tolerance })
+            Op::KeysSparsify(crate::KeysSparsify { frames, tolerance })
         };
         let back = apply(&mut c, &op(vec![20, 30, 40, 50], 0.1), None).unwrap();
         assert_eq!(all(&c).into_iter().collect::<Vec<_>>(), [0, 10, 20, 50, 60, 70, 80, 90]);

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use super::document::{Clip, Goal, Row, Start};
 use super::json::{escape_step, show};
-use crate::limits;
+use robert_base::limits;
 
 /// One broken rule and the JSON pointer of the value that breaks it.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

@@ -63,7 +63,7 @@ impl Coverage {
 
     /// Marks one frame: `qpos` and `qvel` (S).
     pub fn add(&mut self, qpos: &[f32], qvel: &[f32]) {
-        let mut cells = [None; crate::limits::JOINTS];
+        let mut cells = [None; robert_base::limits::JOINTS];
         for ((cell, axis), &x) in cells.iter_mut().zip(&self.position).zip(qpos) {
             *cell = axis.cell(x);
         }

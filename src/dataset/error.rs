@@ -2,8 +2,8 @@
 
 use std::path::PathBuf;
 
-use crate::exit::{Exit, HasExit};
-use crate::fsio;
+use robert_base::exit::{Exit, HasExit};
+use robert_base::fsio;
 
 /// Why a dataset cannot be read, written or combined.
 #[derive(Debug, thiserror::Error)]

@@ -13,8 +13,9 @@ use serde::{Deserialize, Serialize};
 use super::error::Error;
 use super::robot::Robot;
 use super::statistics::Statistics;
-use crate::units::{FPS, SIM_DT, SUBSTEPS};
-use crate::{fsio, limits};
+use robert_base::fsio;
+use robert_base::limits;
+use robert_base::units::{FPS, SIM_DT, SUBSTEPS};
 
 /// Format name of this version.
 pub const FORMAT: &str = "robert-dataset/1";
@@ -377,7 +378,7 @@ fn strip_position(message: &str) -> String {
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
-    use crate::units::Unit;
+    use robert_base::units::Unit;
 
     /// A two-joint robot for tests.
     pub(crate) fn robot() -> Robot {

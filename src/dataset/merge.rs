@@ -8,7 +8,7 @@ use super::manifest::{Episode, Manifest, ShardEntry, View};
 use super::open::{Dataset, Verify};
 use super::statistics::Statistics;
 use super::view::{TEST_SHARE, drop_unused_shards, rebase, split};
-use crate::fsio;
+use robert_base::fsio;
 
 /// Seed of the split that [`merge`] fixes for inputs without one.
 const SPLIT_SEED: u64 = 0;

@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 use super::error::Error;
 use super::manifest::{Episode, Manifest, Part};
 use super::shard::Shard;
-use crate::fsio;
-use crate::robot::Robot;
+use robert_base::fsio;
+use robert_robot::Robot;
 
 /// How much is checked before a dataset is used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

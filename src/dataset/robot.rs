@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::units::Unit;
+use robert_base::units::Unit;
 
 /// The robot whose motion is recorded.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

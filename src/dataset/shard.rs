@@ -37,7 +37,8 @@ use serde::{Deserialize, Serialize};
 use super::error::Error;
 use super::manifest::{Episode, Manifest, ShardEntry};
 use super::robot::Robot;
-use crate::{fsio, limits};
+use robert_base::fsio;
+use robert_base::limits;
 
 /// Format name of this version.
 const FORMAT: &str = "robert-shard/1";

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::coverage::Coverage;
 use super::open::Dataset;
 use super::statistics::Statistics;
-use crate::units::CTRL_DT;
+use robert_base::units::CTRL_DT;
 
 /// An action beyond this share of its range counts as saturated.
 const SATURATED: f32 = 0.999;

@@ -10,8 +10,8 @@ use std::path::{Component, Path, PathBuf};
 
 use super::error::Error;
 use super::manifest::{Episode, Manifest, Part, View};
-use crate::fsio;
-use crate::rng::{Rng, Stream, draw};
+use robert_base::fsio;
+use robert_base::rng::{Rng, Stream, draw};
 
 /// Default share that is held out (the paper's 95/5).
 pub(super) const TEST_SHARE: f64 = 0.05;

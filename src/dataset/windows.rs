@@ -6,7 +6,7 @@
 use super::error::Error;
 use super::manifest::Part;
 use super::open::Dataset;
-use crate::rng::{Rng, Stream};
+use robert_base::rng::{Rng, Stream};
 
 /// The place of a window.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -17,8 +17,8 @@
 use serde::{Deserialize, Serialize};
 
 use super::ddpg::{EDGE, SIGMA};
-use crate::rng::Rng;
-use crate::units::CTRL_DT;
+use robert_base::rng::Rng;
+use robert_base::units::CTRL_DT;
 
 /// Bounds from which each episode draws its noise.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -78,7 +78,7 @@ impl ActionNoise {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rng::Stream;
+    use robert_base::rng::Stream;
 
     /// Deviation and lag-one correlation over many episodes.
     fn moments(spread: &NoiseBounds) -> (f64, f64) {

@@ -26,9 +26,9 @@ use super::proto::Proto;
 use super::replay::{Replay, Scale};
 use super::rnd::Rnd;
 use super::state::{Field, Keep};
-use crate::dataset::{Coverage, Robot as Described};
-use crate::rng::{Rng, Stream, draw};
-use crate::robot::Robot;
+use robert_base::rng::{Rng, Stream, draw};
+use robert_dataset::{Coverage, Robot as Described};
+use robert_robot::Robot;
 
 /// Lengths of training episodes, frames.
 const EPISODE_FRAMES: [u64; 2] = [200, 500];

@@ -13,8 +13,8 @@ use super::batch::Batch;
 use super::mlp::{Adam, Layer, Mlp, Tape};
 use super::particle::{Neighbours, Pbe, Rms};
 use super::state::{Field, Keep};
-use crate::linalg::{Real, simd};
-use crate::rng::Rng;
+use robert_base::rng::Rng;
+use robert_linalg::{Real, simd};
 
 /// Length of skills and features.
 pub(crate) const SKILL: usize = 10;
@@ -123,7 +123,7 @@ impl<T: Real> Keep<T> for Aps<T> {
 mod tests {
     use super::super::mlp::tests::{check_gradient, noise};
     use super::*;
-    use crate::rng::Stream;
+    use robert_base::rng::Stream;
 
     fn batch(rows: usize) -> Batch<f64> {
         let skill = (0..rows as u64).flat_map(|i| skill(&mut Rng::new(1, Stream::Test, i)));

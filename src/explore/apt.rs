@@ -11,7 +11,7 @@ use super::batch::{Batch, beside, left, norm_loss, right};
 use super::mlp::{Adam, Layer, Mlp, Tape};
 use super::particle::{Neighbours, Pbe, Rms};
 use super::state::{Field, Keep};
-use crate::linalg::Real;
+use robert_linalg::Real;
 
 /// Width of the representation.
 const REP: usize = 512;

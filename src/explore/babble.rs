@@ -23,10 +23,10 @@
 //! weight (of the nominal model).
 
 use super::error::Error;
-use crate::mujoco::Data;
-use crate::rng::{Rng, Stream};
-use crate::robot::{self, Drive, PositionServo, Robot, Servo};
-use crate::units::{CTRL_DT, Unit};
+use robert_base::rng::{Rng, Stream};
+use robert_base::units::{CTRL_DT, Unit};
+use robert_mujoco::Data;
+use robert_robot::{self as robot, Drive, PositionServo, Robot, Servo};
 
 /// Share of the distance that a servo covers in a frame.
 const SHARE: [f64; 2] = [0.03, 0.5];

@@ -1,6 +1,6 @@
 //! The input of one update.
 
-use crate::linalg::{Real, simd};
+use robert_linalg::{Real, simd};
 
 /// Transitions over n steps: state s, action a, state s' three steps later, and the skill
 /// vector that acted (empty unless the agent has skills).

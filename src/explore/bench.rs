@@ -9,12 +9,12 @@ use super::env_batch::{EnvBatch, Plan};
 use super::error::Error;
 use super::policy::{Actor, ExplorePolicy, Snapshot, SnapshotHeader};
 use super::preset::Preset;
-use crate::dataset::Shard;
-use crate::mujoco::Data;
-use crate::progress::Cancel;
-use crate::rng::{Rng, Stream};
-use crate::robot::Robot;
-use crate::units::SUBSTEPS;
+use robert_base::progress::Cancel;
+use robert_base::rng::{Rng, Stream};
+use robert_base::units::SUBSTEPS;
+use robert_dataset::Shard;
+use robert_mujoco::Data;
+use robert_robot::Robot;
 
 /// Frames of an episode.
 const EPISODE: usize = 250;
@@ -91,7 +91,7 @@ impl RolloutBench {
         let path = dir.join(format!("{}.safetensors", self.index));
         let (s, a) = (self.robot.state_dim(), self.robot.action_dim());
         let shard = Shard::open(&path, s, a, None).map_err(|message| {
-            Error::Dataset(crate::dataset::Error::Shard { index: 0, message, path: path.clone() })
+            Error::Dataset(robert_dataset::Error::Shard { index: 0, message, path: path.clone() })
         })?;
         self.episodes.clear();
         for (start, length, meta) in shard.episodes() {

@@ -15,7 +15,8 @@ use super::error::Error;
 use super::policy::Snapshot;
 use super::replay::Steps;
 use super::state::Field;
-use crate::{fsio, limits};
+use robert_base::fsio;
+use robert_base::limits;
 
 /// Key of the header's metadata.
 const KEY: &str = "robert";
@@ -247,7 +248,7 @@ mod tests {
     use super::super::agent::AgentKind;
     use super::super::preset::Preset;
     use super::*;
-    use crate::robot::Robot;
+    use robert_robot::Robot;
     use std::sync::Arc;
 
     fn preset() -> Preset {

@@ -32,10 +32,11 @@ use super::noise::NoiseRule;
 use super::parallel::for_each;
 use super::policy::{Actor, ExplorePolicy, Snapshot};
 use super::request::{CollectConfig, SHARD_FRAMES, claim, pieces, share};
-use crate::dataset::{Dataset, Manifest, Shard, ShardEntry};
-use crate::progress::{Cancel, Progress};
-use crate::robot::Robot;
-use crate::{fsio, limits};
+use robert_base::fsio;
+use robert_base::limits;
+use robert_base::progress::{Cancel, Progress};
+use robert_dataset::{Dataset, Manifest, Shard, ShardEntry};
+use robert_robot::Robot;
 
 /// Iterations between progress reports.
 const REPORT_EVERY: u64 = 16;
@@ -433,7 +434,7 @@ impl Run<'_> {
         for (at, entry) in entries.into_iter().enumerate() {
             let path = self.out.join(&entry.file);
             let shard = Shard::open(&path, m.qpos_dim(), m.ctrl_dim(), Some(entry.bytes))
-                .map_err(|message| crate::dataset::Error::Shard { index: at, message, path })?;
+                .map_err(|message| robert_dataset::Error::Shard { index: at, message, path })?;
             m.add(entry, &shard);
         }
         Ok(Dataset::publish(m, self.out)?)
@@ -471,7 +472,7 @@ fn broken_note(broken: u64) -> String {
 mod tests {
     use super::super::request::tests::config;
     use super::*;
-    use crate::progress::Silent;
+    use robert_base::progress::Silent;
 
     #[test]
     fn the_same_bits_on_any_threads() {

@@ -19,8 +19,8 @@ use super::aps::SKILL;
 use super::batch::{Batch, beside, right};
 use super::mlp::{Adam, Layer, Mlp, Tape};
 use super::state::{Field, Keep};
-use crate::linalg::{Real, simd};
-use crate::rng::{Rng, Stream};
+use robert_base::rng::{Rng, Stream};
+use robert_linalg::{Real, simd};
 
 /// Steps between s and s'.
 pub(crate) const N_STEP: usize = 3;

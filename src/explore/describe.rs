@@ -1,7 +1,7 @@
 //! The description of a robot in a dataset.
 
-use crate::dataset::Robot as Described;
-use crate::robot::{Robot, StateJoint};
+use robert_dataset::Robot as Described;
+use robert_robot::{Robot, StateJoint};
 
 /// Distance to a stop below which a joint counts as pinned: that of the profile, but at most 2 % of
 /// the joint's range. With .1 rad, a hand's spreading joint would be pinned over a third of its

@@ -8,11 +8,11 @@ use std::sync::Arc;
 
 use super::describe::describe;
 use super::error::Error;
-use crate::dataset::Robot as Described;
-use crate::mujoco::Data;
-use crate::rng::Rng;
-use crate::robot::{Coupling, Gravity, PlantRange, Robot};
-use crate::units::SUBSTEPS;
+use robert_base::rng::Rng;
+use robert_base::units::SUBSTEPS;
+use robert_dataset::Robot as Described;
+use robert_mujoco::Data;
+use robert_robot::{Coupling, Gravity, PlantRange, Robot};
 
 /// How far beyond a stop a joint may be pushed before the frame is implausible, in its unit.
 const OVERSHOOT: f64 = 0.3;
@@ -314,7 +314,7 @@ pub(super) fn has_tendons(robot: &Robot) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rng::Stream;
+    use robert_base::rng::Stream;
 
     #[test]
     fn an_episode_depends_on_its_seed_only() {

@@ -11,10 +11,10 @@ use super::describe::describe;
 use super::env::{Env, Step};
 use super::error::Error;
 use super::policy::{ActorState, ExplorePolicy, Scratch};
-use crate::dataset::{EpisodeMeta, Robot as Described, SHORTEST, ShardBuilder, ShardEntry};
-use crate::progress::Cancel;
-use crate::rng::{Rng, Stream, draw};
-use crate::robot::{PlantRange, Robot};
+use robert_base::progress::Cancel;
+use robert_base::rng::{Rng, Stream, draw};
+use robert_dataset::{EpisodeMeta, Robot as Described, SHORTEST, ShardBuilder, ShardEntry};
+use robert_robot::{PlantRange, Robot};
 
 /// Episodes side by side: enough rows for the policy's products, while the simulations' work spaces
 /// still fit into the cache.
@@ -234,7 +234,7 @@ impl EnvBatch {
 
 /// Seed of an episode's random choices, below 2^53 so that every JSON reader keeps it exact.
 fn episode_seed(plan: &Plan, episode: u64) -> u64 {
-    let name = crate::fsio::sha256_hex(plan.agent.as_bytes());
+    let name = robert_base::fsio::sha256_hex(plan.agent.as_bytes());
     let code = u64::from_str_radix(name.get(..16).unwrap_or("0"), 16).unwrap_or(0);
     draw(plan.seed ^ code, Stream::Reset, (plan.index << EPISODE_BITS) + episode) >> 11
 }
@@ -257,7 +257,7 @@ mod tests {
     use super::super::noise::NoiseRule;
     use super::super::policy::{Actor, Snapshot, SnapshotHeader};
     use super::*;
-    use crate::dataset::Shard;
+    use robert_dataset::Shard;
 
     fn plan(frames: usize) -> Plan {
         Plan {

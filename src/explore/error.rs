@@ -2,9 +2,12 @@
 
 use std::path::PathBuf;
 
-use crate::dataset::SHORTEST;
-use crate::exit::{Exit, HasExit};
-use crate::{dataset, fsio, mujoco, robot};
+use robert_base::exit::{Exit, HasExit};
+use robert_base::fsio;
+use robert_dataset as dataset;
+use robert_dataset::SHORTEST;
+use robert_mujoco as mujoco;
+use robert_robot as robot;
 
 /// Why a collection cannot start or continue.
 #[derive(Debug, thiserror::Error)]

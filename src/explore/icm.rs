@@ -9,7 +9,7 @@
 use super::batch::{Batch, beside, norm_loss};
 use super::mlp::{Adam, Layer, Mlp, Tape};
 use super::state::{Field, Keep};
-use crate::linalg::Real;
+use robert_linalg::Real;
 
 /// Forward and inverse model.
 #[derive(Clone, Debug)]

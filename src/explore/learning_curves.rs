@@ -16,10 +16,10 @@ use super::noise::NoiseRule;
 use super::parallel::for_each;
 use super::policy::ExplorePolicy;
 use super::preset::Preset;
-use crate::dataset::Coverage;
-use crate::progress::{Cancel, Progress};
-use crate::rng::{Rng, Stream, draw};
-use crate::robot::Robot;
+use robert_base::progress::{Cancel, Progress};
+use robert_base::rng::{Rng, Stream, draw};
+use robert_dataset::Coverage;
+use robert_robot::Robot;
 
 /// Frames of a baseline's episode: the mean of the agents' training episodes.
 const EPISODE_FRAMES: u64 = 350;

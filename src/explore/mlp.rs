@@ -1,18 +1,18 @@
 //! Small feed-forward networks of the agents: forward, backward, Adam, moving average.
 //!
-//! The layers are those of the published agents. Every product uses [`crate::linalg`]. Everything
+//! The layers are those of the published agents. Every product uses [`robert_linalg`]. Everything
 //! is generic over f32 (training) and f64 (finite-difference checks of each agent's loss). A
 //! network is one flat parameter vector, so that copying, averaging and saving are one line each.
 
-use crate::linalg::{
+use robert_base::rng::{Rng, Stream};
+use robert_linalg::{
     Init, Mat, MatMut, Real, gemm,
     simd::{self, AdamStep},
 };
-use crate::rng::{Rng, Stream};
 
 /// One layer; sizes are input and output columns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Layer {
+pub enum Layer {
     /// x W + b.
     Linear(usize, usize),
     /// Layer normalisation with gain and bias, then tanh.
@@ -41,15 +41,15 @@ impl Layer {
 
 /// A network: layers and one flat vector of parameters.
 #[derive(Clone, Debug)]
-pub(crate) struct Mlp<T> {
+pub struct Mlp<T> {
     layers: Vec<Layer>,
     /// Linear: W (inputs, outputs) then b; `NormTanh`: gain then bias.
-    pub(crate) params: Vec<T>,
+    pub params: Vec<T>,
 }
 
 /// Values that the backward pass needs from the forward pass; reused from update to update.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Tape<T> {
+pub struct Tape<T> {
     rows: usize,
     /// Input, then the output of each layer.
     values: Vec<Vec<T>>,
@@ -60,7 +60,7 @@ pub(crate) struct Tape<T> {
 
 impl<T: Real> Tape<T> {
     /// Output of the last forward pass, (rows, outputs).
-    pub(crate) fn output(&self) -> &[T] {
+    pub fn output(&self) -> &[T] {
         self.values.last().map_or(&[], Vec::as_slice)
     }
 }
@@ -68,7 +68,7 @@ impl<T: Real> Tape<T> {
 impl<T: Real> Mlp<T> {
     /// Orthogonal weights of gain 1 (Saxe et al. 2014), zero biases, unit gains: the
     /// initialisation of the reference agents. Layer i draws from (seed, index + i).
-    pub(crate) fn new(layers: &[Layer], seed: u64, index: u64) -> Self {
+    pub fn new(layers: &[Layer], seed: u64, index: u64) -> Self {
         let mut params = Vec::with_capacity(layers.iter().map(|l| l.params()).sum());
         for (i, &layer) in layers.iter().enumerate() {
             match layer {
@@ -88,7 +88,7 @@ impl<T: Real> Mlp<T> {
     }
 
     /// Runs the network on `x` (rows, inputs) and keeps what the backward pass needs.
-    pub(crate) fn forward<'t>(&self, x: &[T], rows: usize, tape: &'t mut Tape<T>) -> &'t [T] {
+    pub fn forward<'t>(&self, x: &[T], rows: usize, tape: &'t mut Tape<T>) -> &'t [T] {
         tape.rows = rows;
         tape.values.resize_with(self.layers.len() + 1, Vec::new);
         tape.stats.resize_with(self.layers.len(), Vec::new);
@@ -136,7 +136,7 @@ impl<T: Real> Mlp<T> {
     /// Takes `d` = gradient by the output (rows, outputs) back to the input: afterwards `d`
     /// holds the gradient by the input (rows, inputs), unless `want_input` is false.
     /// Parameter gradients are added to `grads` when given.
-    pub(crate) fn backward(
+    pub fn backward(
         &self,
         tape: &mut Tape<T>,
         d: &mut Vec<T>,
@@ -243,26 +243,26 @@ fn orthogonal(m: usize, n: usize, rng: &mut Rng) -> Vec<f64> {
 
 /// Adam's state for one parameter vector.
 #[derive(Clone, Debug)]
-pub(crate) struct Adam<T> {
+pub struct Adam<T> {
     /// First moments.
-    pub(crate) m: Vec<T>,
+    pub m: Vec<T>,
     /// Second moments.
-    pub(crate) v: Vec<T>,
+    pub v: Vec<T>,
     /// Steps taken.
-    pub(crate) steps: u64,
+    pub steps: u64,
     /// Gradients of the current step; zeroed after each.
-    pub(crate) grads: Vec<T>,
+    pub grads: Vec<T>,
 }
 
 impl<T: Real> Adam<T> {
     /// For a vector of this length.
-    pub(crate) fn new(len: usize) -> Self {
+    pub fn new(len: usize) -> Self {
         let zero = || vec![T::default(); len];
         Adam { m: zero(), v: zero(), steps: 0, grads: zero() }
     }
 
     /// Takes a step along the collected gradients and clears them.
-    pub(crate) fn step(&mut self, params: &mut [T], lr: f64) {
+    pub fn step(&mut self, params: &mut [T], lr: f64) {
         self.steps += 1;
         let step = AdamStep {
             lr,

@@ -15,9 +15,9 @@
 //! redrawn now and then, and fingers whose joints move together.
 
 use super::env::has_tendons;
-use crate::rng::{Rng, Stream};
-use crate::robot::{Coupling, Drive, Robot};
-use crate::units::CTRL_DT;
+use robert_base::rng::{Rng, Stream};
+use robert_base::units::CTRL_DT;
+use robert_robot::{Coupling, Drive, Robot};
 
 /// Correlation time, seconds.
 const TAU_SECS: [f64; 2] = [0.06, 4.0];

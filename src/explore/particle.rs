@@ -8,7 +8,7 @@
 
 use pulp::Arch;
 
-use crate::linalg::{Init, Mat, MatMut, Real, gemm, simd};
+use robert_linalg::{Init, Mat, MatMut, Real, gemm, simd};
 
 /// Numbers that are compared side by side.
 const BLOCK: usize = 32;

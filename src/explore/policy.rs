@@ -14,10 +14,11 @@ use super::aps;
 use super::babble::{Babble, BabbleRule};
 use super::error::Error;
 use super::noise::{Noise, NoiseRule};
-use crate::linalg::{Init, Mat, MatMut, Packed, gemm_packed, simd};
-use crate::rng::{Rng, Stream};
-use crate::robot::{Gravity, Robot};
-use crate::{fsio, limits};
+use robert_base::fsio;
+use robert_base::limits;
+use robert_base::rng::{Rng, Stream};
+use robert_linalg::{Init, Mat, MatMut, Packed, gemm_packed, simd};
+use robert_robot::{Gravity, Robot};
 
 /// Format name of a snapshot.
 const FORMAT: &str = "robert-agent/1";
@@ -117,7 +118,7 @@ impl Snapshot {
 impl SnapshotHeader {
     /// Header of a new snapshot.
     pub(crate) fn new(
-        robot: &crate::robot::Robot,
+        robot: &robert_robot::Robot,
         agent: &str,
         skill: usize,
         hidden: usize,

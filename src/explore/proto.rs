@@ -17,8 +17,8 @@ use super::batch::Batch;
 use super::mlp::{Adam, Layer, Mlp, Tape};
 use super::particle::Neighbours;
 use super::state::{Field, Keep};
-use crate::linalg::{Init, Mat, MatMut, Real, gemm, simd};
-use crate::rng::{Rng, Stream};
+use robert_base::rng::{Rng, Stream};
+use robert_linalg::{Init, Mat, MatMut, Real, gemm, simd};
 
 /// Width of the representation.
 const REP: usize = 128;

@@ -4,8 +4,8 @@
 
 use super::batch::Batch;
 use super::ddpg::N_STEP;
-use crate::linalg::Real;
-use crate::rng::{Rng, Stream};
+use robert_base::rng::{Rng, Stream};
+use robert_linalg::Real;
 
 /// One episode: n steps and n + 1 observations.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -8,9 +8,10 @@ use super::agent::AgentKind;
 use super::babble::BabbleRule;
 use super::error::Error;
 use super::preset::Preset;
-use crate::dataset::SHORTEST;
-use crate::robot::{PlantRange, Robot};
-use crate::{fsio, limits};
+use robert_base::fsio;
+use robert_base::limits;
+use robert_dataset::SHORTEST;
+use robert_robot::{PlantRange, Robot};
 
 /// Frames of the largest shard, so that a kill costs at most half a minute.
 pub(super) const SHARD_FRAMES: usize = 50_000;
@@ -22,10 +23,10 @@ const SNAPSHOTS: u64 = 2000;
 /// What to collect.
 ///
 /// ```
-/// use robert::dataset::{Dataset, Verify};
-/// use robert::explore::{CollectConfig, collect};
-/// use robert::progress::{Cancel, Silent};
-/// use robert::robot::Robot;
+/// use robert_dataset::{Dataset, Verify};
+/// use robert_explore::{CollectConfig, collect};
+/// use robert_base::progress::{Cancel, Silent};
+/// use robert_robot::Robot;
 ///
 /// let robot = std::sync::Arc::new(Robot::builtin("pointmass")?);
 /// let config = CollectConfig { transitions: 500, ..CollectConfig::new(&robot) };

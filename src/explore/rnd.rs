@@ -12,7 +12,7 @@ use super::batch::Batch;
 use super::mlp::{Adam, Layer, Mlp, Tape};
 use super::particle::Rms;
 use super::state::{Field, Keep};
-use crate::linalg::{Real, simd};
+use robert_linalg::{Real, simd};
 
 /// Outputs of both networks.
 const OUTPUTS: usize = 512;

@@ -1,6 +1,6 @@
 //! The state that a training run must keep to continue after a kill with the same result.
 
-use crate::linalg::Real;
+use robert_linalg::Real;
 
 /// One piece of state, passed to a visitor that either saves or restores it.
 #[derive(Debug)]

@@ -413,8 +413,8 @@ fn transpose(v4: V4, x: &[f32x16; 16]) -> [f32x16; 16] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::linalg::{Packed, gemm, gemm_packed, gemm_tiled};
-    use crate::rng::{Rng, Stream};
+    use crate::{Packed, gemm, gemm_packed, gemm_tiled};
+    use robert_base::rng::{Rng, Stream};
 
     fn random(n: usize, index: u64) -> Vec<f32> {
         let mut rng = Rng::new(1, Stream::Test, index);

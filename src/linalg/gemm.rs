@@ -55,7 +55,7 @@ impl<T: Real> Packed<T> {
         {
             self.tiled = false;
         }
-        Arch::new().dispatch(Pack { out: self, b });
+        T::pack(self, b);
     }
 
     /// Packs `b` for products of many rows, for the tile unit if there is one.
@@ -91,6 +91,32 @@ pub fn tiled() -> bool {
     #[cfg(not(target_arch = "x86_64"))]
     false
 }
+
+/// The packing and the product for one type of number. They are compiled in this crate, once for
+/// f32 and once for f64, instead of in every crate that multiplies.
+pub trait Products<T: Real> {
+    /// Packs `b` in panels.
+    fn pack(out: &mut Packed<T>, b: Mat<'_, T>);
+    /// out = init + a b.
+    fn product(out: MatMut<'_, T>, init: Init<'_, T>, a: Mat<'_, T>, b: &Packed<T>);
+}
+
+macro_rules! products {
+    ($t:ty) => {
+        impl Products<$t> for $t {
+            fn pack(out: &mut Packed<$t>, b: Mat<'_, $t>) {
+                Arch::new().dispatch(Pack { out, b });
+            }
+
+            fn product(out: MatMut<'_, $t>, init: Init<'_, $t>, a: Mat<'_, $t>, b: &Packed<$t>) {
+                <$t>::with_left(|left| Arch::new().dispatch(Gemm { out, init, a, b, left }));
+            }
+        }
+    };
+}
+
+products!(f32);
+products!(f64);
 
 struct Pack<'a, 'b, T: Real> {
     out: &'a mut Packed<T>,
@@ -150,7 +176,7 @@ pub fn gemm_packed<T: Real>(out: MatMut<'_, T>, init: Init<'_, T>, a: Mat<'_, T>
         product_on_tiles(out, init, a, Factor::Terms(&b.terms));
         return;
     }
-    T::with_left(|left| Arch::new().dispatch(Gemm { out, init, a, b, left }));
+    T::product(out, init, a, b);
 }
 
 /// out = init + a b.
@@ -416,7 +442,7 @@ fn along_columns<T: Real, S: Simd, const M: usize, const N: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rng::{Rng, Stream};
+    use robert_base::rng::{Rng, Stream};
 
     fn random<T: Real>(n: usize, index: u64) -> Vec<T> {
         let mut rng = Rng::new(1, Stream::Test, index);

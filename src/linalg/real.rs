@@ -18,6 +18,8 @@ use bytemuck::Pod;
 use pulp::Simd;
 
 use super::aligned::Aligned;
+use super::gemm::Products;
+use super::simd::Kernels;
 
 /// f32 or f64, with the vector operations that the kernels use.
 pub trait Real:
@@ -35,6 +37,8 @@ pub trait Real:
     + AddAssign
     + SubAssign
     + Sum
+    + Kernels<Self>
+    + Products<Self>
 {
     /// A register of [`Real::lanes`] numbers.
     type V<S: Simd>: Pod + Debug + Send + Sync;
@@ -84,7 +88,7 @@ pub trait Real:
     /// The same for writing.
     fn singles_mut(x: &mut [Self]) -> Option<&mut [f32]>;
     /// Exact GELU x Φ(x) and its derivative Φ(x) + x φ(x).
-    fn gelu<S: Simd>(s: S, a: Self::V<S>) -> (Self::V<S>, Self::V<S>);
+    fn vgelu<S: Simd>(s: S, a: Self::V<S>) -> (Self::V<S>, Self::V<S>);
 }
 
 macro_rules! vector_ops {
@@ -260,7 +264,7 @@ impl Real for f32 {
     }
 
     #[inline(always)]
-    fn gelu<S: Simd>(s: S, x: S::f32s) -> (S::f32s, S::f32s) {
+    fn vgelu<S: Simd>(s: S, x: S::f32s) -> (S::f32s, S::f32s) {
         let half = s.splat_f32s(0.5);
         let ax = s.abs_f32s(x);
         let z = s.mul_f32s(ax, s.splat_f32s(std::f32::consts::FRAC_1_SQRT_2));
@@ -317,7 +321,7 @@ impl Real for f64 {
     }
 
     #[inline(always)]
-    fn gelu<S: Simd>(_s: S, mut a: S::f64s) -> (S::f64s, S::f64s) {
+    fn vgelu<S: Simd>(_s: S, mut a: S::f64s) -> (S::f64s, S::f64s) {
         let mut d = a;
         let xs = bytemuck::cast_slice_mut::<S::f64s, f64>(std::slice::from_mut(&mut a));
         let ds = bytemuck::cast_slice_mut::<S::f64s, f64>(std::slice::from_mut(&mut d));
@@ -366,7 +370,7 @@ mod tests {
             for &x in self.0 {
                 let v = s.splat_f32s(x);
                 let lane = |v: S::f32s| bytemuck::cast_slice::<S::f32s, f32>(&[v])[0];
-                let (y, d) = f32::gelu(s, v);
+                let (y, d) = f32::vgelu(s, v);
                 self.1.push([lane(<f32 as Real>::exp(s, v)), lane(y), lane(d)]);
             }
         }

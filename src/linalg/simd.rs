@@ -18,28 +18,65 @@ pub const PAD: usize = 64;
 /// Added to the variance under the root of a layer norm.
 pub const EPS: f64 = 1e-5;
 
-/// Defines a function whose body is compiled for every register width.
-macro_rules! kernel {
+/// Defines functions whose bodies are compiled for every register width.
+///
+/// They are compiled here, once for f32 and once for f64, by way of [`Kernels`]. Left to the crates
+/// that call them, each would compile its own copies, which took longer than all other code.
+macro_rules! kernels {
     (@returns) => { () };
     (@returns $out:ty) => { $out };
-    ($(#[$doc:meta])* pub fn $name:ident<$t:ident, $simd:ident>
-     ($s:ident; $($arg:ident: $ty:ty),* $(,)?) $(-> $out:ty)? $body:block) => {
-        $(#[$doc])*
-        pub fn $name<'k, $t: Real>($($arg: $ty),*) $(-> $out)? {
-            struct Kernel<'k, $t: Real> {
-                $($arg: $ty,)*
-                life: std::marker::PhantomData<&'k $t>,
+    ($t:ident, $simd:ident; $(
+        $(#[$doc:meta])*
+        pub fn $name:ident($s:ident; $($arg:ident: $ty:ty),* $(,)?) $(-> $out:ty)? $body:block
+    )*) => {
+        /// The functions of this module for one type of number.
+        pub trait Kernels<$t> {$(
+            $(#[$doc])*
+            fn $name<'k>($($arg: $ty),*) $(-> $out)?;
+        )*}
+
+        $(
+            $(#[$doc])*
+            pub fn $name<'k, $t: Real>($($arg: $ty),*) $(-> $out)? {
+                <$t as Kernels<$t>>::$name($($arg),*)
             }
-            impl<'k, $t: Real> WithSimd for Kernel<'k, $t> {
-                type Output = kernel!(@returns $($out)?);
+        )*
+
+        /// The bodies, for any number and register.
+        mod body {
+            use super::*;
+            $(
                 #[inline(always)]
-                fn with_simd<$simd: Simd>(self, $s: $simd) -> Self::Output {
-                    let Kernel { $($arg,)* life: _ } = self;
-                    $body
+                pub(super) fn $name<'k, $t: Real>($($arg: $ty),*) $(-> $out)? {
+                    struct Kernel<'k, $t: Real> {
+                        $($arg: $ty,)*
+                        life: std::marker::PhantomData<&'k $t>,
+                    }
+                    impl<'k, $t: Real> WithSimd for Kernel<'k, $t> {
+                        type Output = kernels!(@returns $($out)?);
+                        #[inline(always)]
+                        fn with_simd<$simd: Simd>(self, $s: $simd) -> Self::Output {
+                            let Kernel { $($arg,)* life: _ } = self;
+                            $body
+                        }
+                    }
+                    Arch::new().dispatch(Kernel { $($arg,)* life: std::marker::PhantomData })
                 }
-            }
-            Arch::new().dispatch(Kernel { $($arg,)* life: std::marker::PhantomData })
+            )*
         }
+
+        const _: () = {
+            type $t = f32;
+            impl Kernels<$t> for $t {$(
+                fn $name<'k>($($arg: $ty),*) $(-> $out)? { body::$name::<f32>($($arg),*) }
+            )*}
+        };
+        const _: () = {
+            type $t = f64;
+            impl Kernels<$t> for $t {$(
+                fn $name<'k>($($arg: $ty),*) $(-> $out)? { body::$name::<f64>($($arg),*) }
+            )*}
+        };
     };
 }
 
@@ -76,9 +113,30 @@ fn fold<T: Real, S: Simd>(
     T::vsum(s, acc)
 }
 
-kernel! {
+/// The parameters of one optimiser step.
+#[derive(Clone, Copy, Debug)]
+pub struct AdamStep {
+    /// Learning rate of this step.
+    pub lr: f64,
+    /// Decay of the first moment.
+    pub beta1: f64,
+    /// Decay of the second moment.
+    pub beta2: f64,
+    /// Added to the root of the second moment.
+    pub eps: f64,
+    /// Decoupled weight decay (0 for biases, norms, positions).
+    pub decay: f64,
+    /// Factor on the gradient (clipping).
+    pub clip: f64,
+    /// Number of this step, from 1.
+    pub count: u64,
+}
+
+kernels! {
+    T, S;
+
     /// y = γ (x − mean) / sd + β, row by row; `stats` gets (mean, 1/sd) of each row.
-    pub fn layer_norm<T, S>(s; x: &'k [T], gamma: &'k [T], beta: &'k [T], y: &'k mut [T], stats: &'k mut [[T; 2]]) {
+    pub fn layer_norm(s; x: &'k [T], gamma: &'k [T], beta: &'k [T], y: &'k mut [T], stats: &'k mut [[T; 2]]) {
         let width = gamma.len();
         let ((gamma, gamma_rest), (beta, beta_rest)) = (T::vectors::<S>(gamma), T::vectors::<S>(beta));
         let share = T::of(1.0 / width as f64);
@@ -116,11 +174,9 @@ kernel! {
             }
         }
     }
-}
 
-kernel! {
     /// Backward of [`layer_norm`]: adds to `dx`, `dgamma` and `dbeta`.
-    pub fn layer_norm_back<T, S>(s; dy: &'k [T], x: &'k [T], stats: &'k [[T; 2]], gamma: &'k [T],
+    pub fn layer_norm_back(s; dy: &'k [T], x: &'k [T], stats: &'k [[T; 2]], gamma: &'k [T],
                                  dx: &'k mut [T], dgamma: &'k mut [T], dbeta: &'k mut [T]) {
         let width = gamma.len();
         let (gamma, gamma_rest) = T::vectors::<S>(gamma);
@@ -164,11 +220,9 @@ kernel! {
             }
         }
     }
-}
 
-kernel! {
     /// x ← tanh(x), by one exponential; beyond ±9 (f32) or ±19 (f64) it is 1 to the last bit.
-    pub fn tanh<T, S>(s; x: &'k mut [T]) {
+    pub fn tanh(s; x: &'k mut [T]) {
         let bound = if size_of::<T>() == 4 { 9.0 } else { 19.0 };
         let all = |x: f64| T::splat(s, T::of(x));
         let (low, zero, one, two) = (all(-bound), all(0.0), all(1.0), all(2.0));
@@ -183,11 +237,9 @@ kernel! {
             },
         );
     }
-}
 
-kernel! {
     /// Σ x y.
-    pub fn dot<T, S>(s; x: &'k [T], y: &'k [T]) -> T {
+    pub fn dot(s; x: &'k [T], y: &'k [T]) -> T {
         fold(
             s,
             x,
@@ -196,11 +248,9 @@ kernel! {
             |acc, a, b| T::fma(s, a, b, acc),
         )
     }
-}
 
-kernel! {
     /// Σ (x − y)².
-    pub fn distance2<T, S>(s; x: &'k [T], y: &'k [T]) -> T {
+    pub fn distance2(s; x: &'k [T], y: &'k [T]) -> T {
         fold(
             s,
             x,
@@ -212,11 +262,9 @@ kernel! {
             },
         )
     }
-}
 
-kernel! {
     /// x ← x + share (y − x): the moving average of target networks.
-    pub fn follow<T, S>(s; x: &'k mut [T], y: &'k [T], share: T) {
+    pub fn follow(s; x: &'k mut [T], y: &'k [T], share: T) {
         let share = T::splat(s, share);
         let (x, x_rest) = T::vectors_mut::<S>(x);
         let (y, y_rest) = T::vectors::<S>(y);
@@ -228,11 +276,9 @@ kernel! {
             T::store(s, x_rest, T::fma(s, share, T::vsub(s, b, a), a));
         }
     }
-}
 
-kernel! {
     /// x ← e^(scale (x − shift)); returns the sum.
-    pub fn exp_sum<T, S>(s; x: &'k mut [T], scale: T, shift: T) -> T {
+    pub fn exp_sum(s; x: &'k mut [T], scale: T, shift: T) -> T {
         let (k, c, one) = (T::splat(s, scale), T::splat(s, shift), T::splat(s, T::of(1.0)));
         map(
             s,
@@ -248,20 +294,16 @@ kernel! {
             |acc, a, _| T::fma(s, a, one, acc),
         )
     }
-}
 
-kernel! {
     /// `y` = GELU(u); u becomes the derivative, which is all that the backward pass needs.
-    pub fn gelu<T, S>(s; u: &'k mut [T], y: &'k mut [T]) {
+    pub fn gelu(s; u: &'k mut [T], y: &'k mut [T]) {
         for (u, y) in T::vectors_mut::<S>(u).0.iter_mut().zip(T::vectors_mut::<S>(y).0) {
-            (*y, *u) = T::gelu(s, *u);
+            (*y, *u) = T::vgelu(s, *u);
         }
     }
-}
 
-kernel! {
     /// Rows of [`PAD`] scores become softmax(scale · row) over the first `used`; the rest 0.
-    pub fn softmax<T, S>(s; rows: &'k mut [T], used: usize, scale: T) {
+    pub fn softmax(s; rows: &'k mut [T], used: usize, scale: T) {
         let factor = T::splat(s, scale);
         for row in rows.chunks_exact_mut(PAD) {
             // Far below any score, so that padding vanishes in the exponential.
@@ -286,12 +328,10 @@ kernel! {
             }
         }
     }
-}
 
-kernel! {
     /// Backward of [`softmax`]: `d` holds the gradient of the weights `p` and becomes that
     /// of the scores, scale · p (d − Σ p d).
-    pub fn softmax_back<T, S>(s; p: &'k [T], d: &'k mut [T], scale: T) {
+    pub fn softmax_back(s; p: &'k [T], d: &'k mut [T], scale: T) {
         let factor = T::splat(s, scale);
         for (p, d) in p.chunks_exact(PAD).zip(d.chunks_exact_mut(PAD)) {
             let (p, d) = (T::vectors::<S>(p).0, T::vectors_mut::<S>(d).0);
@@ -305,11 +345,9 @@ kernel! {
             }
         }
     }
-}
 
-kernel! {
     /// `sums` += the columns of `x`, rows of `sums.len()` numbers.
-    pub fn add_columns<T, S>(s; x: &'k [T], sums: &'k mut [T]) {
+    pub fn add_columns(s; x: &'k [T], sums: &'k mut [T]) {
         let width = sums.len();
         if width == 0 {
             return;
@@ -339,11 +377,9 @@ kernel! {
             }
         }
     }
-}
 
-kernel! {
     /// a ← a + b; lengths need not be whole registers.
-    pub fn add<T, S>(s; a: &'k mut [T], b: &'k [T]) {
+    pub fn add(s; a: &'k mut [T], b: &'k [T]) {
         let (a, a_rest) = T::vectors_mut::<S>(a);
         let (b, b_rest) = T::vectors::<S>(b);
         for (a, &b) in a.iter_mut().zip(b) {
@@ -353,30 +389,9 @@ kernel! {
             *a += b;
         }
     }
-}
 
-/// The parameters of one optimiser step.
-#[derive(Clone, Copy, Debug)]
-pub struct AdamStep {
-    /// Learning rate of this step.
-    pub lr: f64,
-    /// Decay of the first moment.
-    pub beta1: f64,
-    /// Decay of the second moment.
-    pub beta2: f64,
-    /// Added to the root of the second moment.
-    pub eps: f64,
-    /// Decoupled weight decay (0 for biases, norms, positions).
-    pub decay: f64,
-    /// Factor on the gradient (clipping).
-    pub clip: f64,
-    /// Number of this step, from 1.
-    pub count: u64,
-}
-
-kernel! {
     /// One `AdamW` step (Loshchilov and Hutter 2019).
-    pub fn adam<T, S>(s; step: &'k AdamStep, w: &'k mut [T], g: &'k [T], m: &'k mut [T], v: &'k mut [T]) {
+    pub fn adam(s; step: &'k AdamStep, w: &'k mut [T], g: &'k [T], m: &'k mut [T], v: &'k mut [T]) {
         let count = i32::try_from(step.count).unwrap_or(i32::MAX);
         let rate = step.lr / (1.0 - step.beta1.powi(count));
         let root = (1.0 - step.beta2.powi(count)).sqrt();

@@ -655,7 +655,7 @@ mod tests {
     fn jacobian_is_the_derivative_of_the_site() {
         let mut d = scene();
         d.kinematics().unwrap();
-        let site = d.model().id(crate::mujoco::Kind::Site, "tip").unwrap();
+        let site = d.model().id(crate::Kind::Site, "tip").unwrap();
         let nv = d.model().nv();
         let (mut jp, mut jr) = (vec![0.0; 3 * nv], vec![0.0; 3 * nv]);
         d.jac_site(site, &mut jp, &mut jr).unwrap();

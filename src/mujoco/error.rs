@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use crate::exit::{Exit, HasExit};
+use robert_base::exit::{Exit, HasExit};
 
 /// A simulator error.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

@@ -10,7 +10,7 @@ use super::bindings as mj;
 use super::error::Error;
 use super::model::Model;
 use super::raw::call;
-use crate::limits;
+use robert_base::limits;
 
 /// One model is compiled at a time: the library keeps a global "last XML".
 static COMPILER: Mutex<()> = Mutex::new(());
@@ -67,7 +67,7 @@ impl Model {
     /// Compiles an MJCF (or URDF) file; includes and meshes are read from disk.
     ///
     /// Foreign files must have passed the pre-parse and the compile check in a child
-    /// process (see [`crate::robot`]): some take the library minutes or all memory.
+    /// process (see the crate `robert-robot`): some take the library minutes or all memory.
     ///
     /// # Errors
     /// As [`Model::from_xml`], with the path.

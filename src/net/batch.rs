@@ -1,7 +1,7 @@
 //! A batch of windows, the input of the network.
 
 use super::config::{NetConfig, SkipKind, WINDOW};
-use crate::linalg::{Aligned, Real};
+use robert_linalg::{Aligned, Real};
 
 /// Where a robot is. At stops and in contact there are forces that positions do not show.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

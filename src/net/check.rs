@@ -5,8 +5,8 @@ use super::batch::Batch;
 use super::config::{Mixing, NetConfig, SkipKind, WINDOW};
 use super::model::Net;
 use super::step::{AdamConfig, Learner};
-use crate::linalg::Real;
-use crate::rng::{Rng, Stream};
+use robert_base::rng::{Rng, Stream};
+use robert_linalg::Real;
 
 fn config(bins: usize, skip: SkipKind, mask_replaces: bool) -> NetConfig {
     NetConfig {

@@ -21,7 +21,8 @@ use super::step::Learner;
 use super::tensors::{self, Out};
 use super::token::{Facts, Normaliser, RIDGE_HEADS, TokenConfig, Tokeniser};
 use super::{Encoder, Error, MaskGranularity, NetConfig, SkipKind};
-use crate::{fsio, limits};
+use robert_base::fsio;
+use robert_base::limits;
 
 /// Value of `format`.
 pub const FORMAT: &str = "robert-model/1";
@@ -156,11 +157,11 @@ impl Card {
                 history: HISTORY,
                 current: 1,
                 command: COMMAND,
-                rate_hz: crate::units::FPS,
+                rate_hz: robert_base::units::FPS,
             },
             physics: PhysicsCard {
-                dt: crate::units::SIM_DT,
-                substeps: crate::units::SUBSTEPS,
+                dt: robert_base::units::SIM_DT,
+                substeps: robert_base::units::SUBSTEPS,
                 integrator: "Euler".into(),
                 cone: "pyramidal".into(),
             },
@@ -201,7 +202,7 @@ impl Card {
         each.map(|((mean, std), step)| Usual {
             low: mean - SIDE_STD * std,
             high: mean + SIDE_STD * std,
-            speed: SPEED_STD * step / crate::units::CTRL_DT,
+            speed: SPEED_STD * step / robert_base::units::CTRL_DT,
         })
         .collect()
     }
@@ -385,7 +386,7 @@ pub fn parse(bytes: &[u8], path: &Path, robot: Option<&RobotCard>) -> Result<Mod
     }
     let mut known: BTreeSet<&str> = layout.tensors.iter().map(|t| t.name.as_str()).collect();
     known.insert("centres");
-    let mut weights = crate::linalg::Aligned::<f32>::zeros(layout.len);
+    let mut weights = robert_linalg::Aligned::<f32>::zeros(layout.len);
     for t in &layout.tensors {
         let from = numbers(&file, &t.name, &t.shape).map_err(damaged)?;
         weights[t.range.clone()].copy_from_slice(&from);
@@ -415,7 +416,7 @@ pub fn parse(bytes: &[u8], path: &Path, robot: Option<&RobotCard>) -> Result<Mod
 }
 
 /// Refuses a file that was made for another robot, and names the difference.
-pub(crate) fn same_robot(trained: &RobotCard, given: &RobotCard, path: &Path) -> Result<(), Error> {
+pub fn same_robot(trained: &RobotCard, given: &RobotCard, path: &Path) -> Result<(), Error> {
     let refuse = |trained: String, given: String| {
         Err(Error::Robot { trained, given, path: path.to_owned() })
     };
@@ -444,8 +445,12 @@ fn check_card(card: &Card) -> Result<(), String> {
             "a window of {h} + {c} + {n} frames instead of {HISTORY} + 1 + {COMMAND}"
         ));
     }
-    if window.rate_hz != crate::units::FPS {
-        return Err(format!("{} frames a second instead of {}", window.rate_hz, crate::units::FPS));
+    if window.rate_hz != robert_base::units::FPS {
+        return Err(format!(
+            "{} frames a second instead of {}",
+            window.rate_hz,
+            robert_base::units::FPS
+        ));
     }
     if card.robot.joints.len() != card.facts.joints.len() {
         return Err("joint names and joint facts of different numbers".into());
@@ -463,11 +468,7 @@ fn check_card(card: &Card) -> Result<(), String> {
 }
 
 /// One tensor, checked: present, f32 or f16, this shape, finite.
-pub(crate) fn numbers(
-    file: &SafeTensors<'_>,
-    name: &str,
-    shape: &[usize],
-) -> Result<Vec<f32>, String> {
+pub fn numbers(file: &SafeTensors<'_>, name: &str, shape: &[usize]) -> Result<Vec<f32>, String> {
     let t = file.tensor(name).map_err(|_e| format!("no tensor {name:?}"))?;
     if t.shape() != shape {
         return Err(format!("tensor {name:?} of shape {:?} instead of {shape:?}", t.shape()));
@@ -540,10 +541,10 @@ impl OptimiserState {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::net::ridge::{RidgeConfig, toy::Toy};
-    use crate::net::tensors::with_header;
-    use crate::net::{AdamConfig, Batch, JointFacts, Mixing};
-    use crate::rng::{Rng, Stream};
+    use crate::ridge::{RidgeConfig, toy::Toy};
+    use crate::tensors::with_header;
+    use crate::{AdamConfig, Batch, JointFacts, Mixing};
+    use robert_base::rng::{Rng, Stream};
 
     fn model() -> (Card, Net<f32>, Encoder) {
         let data = Toy::new(2, 4, 120, 1);
@@ -656,38 +657,45 @@ mod tests {
         assert!(refusal(&huge).contains("header"));
         let overlap = with_header(&good, |h| {
             h["mask"]["data_offsets"] = h["position"]["data_offsets"].clone();
-        });
+        })
+        .unwrap();
         refusal(&overlap);
-        let big = with_header(&good, |h| h["mask"]["shape"] = serde_json::json!([1_u64 << 60]));
+        let big =
+            with_header(&good, |h| h["mask"]["shape"] = serde_json::json!([1_u64 << 60])).unwrap();
         refusal(&big);
         let renamed = with_header(&good, |h| {
             let t = h["mask"].take();
             h.as_object_mut().unwrap().remove("mask");
             h["mark"] = t;
-        });
+        })
+        .unwrap();
         assert!(refusal(&renamed).contains("no tensor \"mask\""));
-        let reshaped = with_header(&good, |h| h["mask"]["shape"] = serde_json::json!([4, 4]));
+        let reshaped =
+            with_header(&good, |h| h["mask"]["shape"] = serde_json::json!([4, 4])).unwrap();
         assert!(refusal(&reshaped).contains("shape"));
-        let retyped = with_header(&good, |h| h["mask"]["dtype"] = "I32".into());
+        let retyped = with_header(&good, |h| h["mask"]["dtype"] = "I32".into()).unwrap();
         assert!(refusal(&retyped).contains("type"));
-        let bare = with_header(&good, |h| h["__metadata__"] = serde_json::json!({}));
+        let bare = with_header(&good, |h| h["__metadata__"] = serde_json::json!({})).unwrap();
         assert!(refusal(&bare).contains("model card"));
         let newer = with_header(&good, |h| {
             let card = h["__metadata__"]["robert"].as_str().unwrap().replace("model/1", "model/2");
             h["__metadata__"]["robert"] = card.into();
-        });
+        })
+        .unwrap();
         assert!(refusal(&newer).contains("robert-model/2"));
         let absurd = with_header(&good, |h| {
             let card = h["__metadata__"]["robert"].as_str().unwrap();
             h["__metadata__"]["robert"] = card.replace("\"layers\":1", "\"layers\":9000000").into();
-        });
+        })
+        .unwrap();
         assert!(refusal(&absurd).contains("layers"));
         // These sizes are valid, but not in a file this small.
         let hollow = with_header(&good, |h| {
             let card = h["__metadata__"]["robert"].as_str().unwrap();
             let card = card.replace("\"width\":16", "\"width\":4096");
             h["__metadata__"]["robert"] = card.into();
-        });
+        })
+        .unwrap();
         assert!(refusal(&hollow).contains("too few for the"), "{}", refusal(&hollow));
     }
 
@@ -729,9 +737,9 @@ mod tests {
         let fill = |step: u64| {
             move |w: usize, slot: usize, batch: &mut Batch<f32>| {
                 let mut rng = Rng::new(step, Stream::Test, w as u64);
-                let n = batch.tokens.len() / batch.masked.len() * crate::net::WINDOW;
+                let n = batch.tokens.len() / batch.masked.len() * crate::WINDOW;
                 batch.tokens[slot * n..(slot + 1) * n].fill_with(|| rng.normal() as f32);
-                let n = 2 * crate::net::WINDOW;
+                let n = 2 * crate::WINDOW;
                 batch.actions[slot * n..(slot + 1) * n].fill_with(|| rng.normal() as f32);
                 batch.linear[slot * n..(slot + 1) * n].fill_with(|| rng.normal() as f32);
             }

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::Error;
 
 /// The most learned numbers of a network. A checkpoint contains each four times (weight, two
-/// moments, average) and must stay below [`crate::limits::TENSOR_FILE_BYTES`].
+/// moments, average) and must stay below [`robert_base::limits::TENSOR_FILE_BYTES`].
 pub const MOST_WEIGHTS: usize = 250_000_000;
 
 /// Frames before the current one that the network sees.
@@ -38,7 +38,7 @@ pub enum TokenKind {
 /// What a mask hides.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(schemars::JsonSchema)]
 pub enum MaskGranularity {
     /// Whole frames, as in the paper.
     #[default]
@@ -131,7 +131,7 @@ impl NetConfig {
         within("width", self.width, 8192)?;
         within("heads", self.heads, self.width)?;
         within("inputs", self.inputs, 16_384)?;
-        within("actions", self.actions, crate::limits::JOINTS)?;
+        within("actions", self.actions, robert_base::limits::JOINTS)?;
         within("bins", self.bins, 96)?;
         if !self.width.is_multiple_of(16) {
             return refuse("width", format!("{} is not a multiple of 16", self.width));
@@ -181,6 +181,6 @@ mod tests {
             let e = e.to_string();
             assert!(e.contains("width") && e.contains(&format!("{layers} layers")), "{e}");
         }
-        const { assert!(16 * (MOST_WEIGHTS as u64) < crate::limits::TENSOR_FILE_BYTES) };
+        const { assert!(16 * (MOST_WEIGHTS as u64) < robert_base::limits::TENSOR_FILE_BYTES) };
     }
 }

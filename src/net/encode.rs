@@ -6,7 +6,7 @@ use super::config::{CURRENT, WINDOW};
 use super::ridge::Ridge;
 use super::token::{Scratch, Tokeniser};
 use super::{Error, NetConfig, SkipKind};
-use crate::linalg::Real;
+use robert_linalg::Real;
 
 /// Turns frames into network inputs. Threads share it, each with an [`EncodeScratch`].
 #[derive(Clone, Debug)]

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use crate::exit::{Exit, HasExit};
+use robert_base::exit::{Exit, HasExit};
 
 /// An error of this module.
 #[derive(Debug, thiserror::Error)]
@@ -66,7 +66,7 @@ pub enum Error {
     },
     /// Reading or writing failed.
     #[error(transparent)]
-    Files(#[from] crate::fsio::Error),
+    Files(#[from] robert_base::fsio::Error),
 }
 
 impl HasExit for Error {

@@ -11,8 +11,8 @@ use super::model::Net;
 use super::step::{AdamConfig, Learner};
 use super::tensors::{self, Out};
 use super::{Error, mask::MaskKind, mask::past_is_visible};
-use crate::linalg::Real;
-use crate::rng::{Rng, Stream};
+use robert_base::rng::{Rng, Stream};
+use robert_linalg::Real;
 
 /// Windows in the example.
 const WINDOWS: usize = 3;
@@ -110,7 +110,7 @@ pub fn write(path: &Path, cfg: &NetConfig, current_only: bool, seed: u64) -> Res
     let settings = serde_json::json!({"net": cfg, "current_only": current_only});
     let metadata = BTreeMap::from([("exchange".to_owned(), settings.to_string())]);
     let bytes = tensors::serialise(&all, &metadata).map_err(failed)?;
-    Ok(crate::fsio::write_atomic(path, &bytes)?)
+    Ok(robert_base::fsio::write_atomic(path, &bytes)?)
 }
 
 /// Copies window `w` of one batch into a slot of another.

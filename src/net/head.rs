@@ -6,7 +6,7 @@
 
 use super::batch::{Batch, Place};
 use super::config::{CURRENT, NetConfig, SkipKind, WINDOW};
-use crate::linalg::Real;
+use robert_linalg::Real;
 
 /// Hidden command frames right after the current one, 0 to 20.
 pub const GAPS: usize = 21;
@@ -205,7 +205,7 @@ pub fn decode<T: Real>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::net::config::Mixing;
+    use crate::config::Mixing;
 
     #[test]
     fn small_corrections_count_for_nothing_and_large_ones_stay() {

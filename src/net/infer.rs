@@ -14,7 +14,7 @@ use super::head::{self, Choice};
 use super::model::Net;
 use super::single::{Panels, Single};
 use super::{Encoder, Error};
-use crate::rng::{Rng, Stream};
+use robert_base::rng::{Rng, Stream};
 
 /// Threads that share one window; the action is the same to the last bit.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -216,12 +216,12 @@ impl NetPolicy {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::net::config::{Mixing, WINDOW};
-    use crate::net::mask::MaskKind;
-    use crate::net::model::{Arena, Panels as TrainPanels, forward};
-    use crate::net::ridge::Ridge;
-    use crate::net::token::{Facts, JointFacts, Normaliser, RIDGE_HEADS, TokenConfig, Tokeniser};
-    use crate::net::{MaskGranularity, SkipKind};
+    use crate::config::{Mixing, WINDOW};
+    use crate::mask::MaskKind;
+    use crate::model::{Arena, Panels as TrainPanels, forward};
+    use crate::ridge::Ridge;
+    use crate::token::{Facts, JointFacts, Normaliser, RIDGE_HEADS, TokenConfig, Tokeniser};
+    use crate::{MaskGranularity, SkipKind};
 
     fn parts(bins: usize, mixing: Mixing) -> (Net<f32>, Encoder) {
         seeing(bins, mixing, false)

@@ -3,8 +3,8 @@
 
 use std::sync::Mutex;
 
-use crate::linalg::{Init, Mat, MatMut, gemm, next_of, on_threads};
-use crate::rng::{Rng, Stream};
+use robert_base::rng::{Rng, Stream};
+use robert_linalg::{Init, Mat, MatMut, gemm, next_of, on_threads};
 
 /// Rounds of Lloyd's algorithm.
 pub const ROUNDS: usize = 50;

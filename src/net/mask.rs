@@ -7,7 +7,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::config::{COMMAND, CURRENT, MaskGranularity, WINDOW};
-use crate::rng::Rng;
+use robert_base::rng::Rng;
 
 /// How many command frames are hidden, and which.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -125,7 +125,7 @@ pub fn past_is_visible(visible: &[bool], state: usize) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rng::Stream;
+    use robert_base::rng::Stream;
 
     fn hidden(kind: MaskKind, progress: f64, index: u64) -> Vec<usize> {
         let mut visible = [true; WINDOW * 2];

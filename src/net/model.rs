@@ -11,7 +11,7 @@ use super::batch::Batch;
 use super::config::{Mixing, NetConfig, WINDOW};
 use super::head::{self, Sums};
 use super::params::Layout;
-use crate::linalg::{
+use robert_linalg::{
     Aligned, Init, Mat, MatMut, Packed, Real, gemm, gemm_packed, gemm_tiled, next_of, on_threads,
     simd::{self, PAD},
 };

@@ -7,8 +7,8 @@ use std::ops::Range;
 
 use super::Error;
 use super::config::{MOST_WEIGHTS, Mixing, NetConfig, SkipKind, WINDOW};
-use crate::linalg::{Aligned, Real};
-use crate::rng::{Rng, Stream};
+use robert_base::rng::{Rng, Stream};
+use robert_linalg::{Aligned, Real};
 
 /// One tensor inside the flat buffer.
 #[derive(Clone, Debug, PartialEq)]

@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use super::Error;
 use super::ridge::{Episodes, cholesky, solve};
 use super::token::Facts;
-use crate::rng::{Rng, Stream};
+use robert_base::rng::{Rng, Stream};
 
 /// The most frames of the regression.
 const SAMPLES: u64 = 60_000;
@@ -185,7 +185,7 @@ fn speeds(s: usize, episodes: &impl Episodes, lengths: &[(usize, u64)]) -> Vec<f
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::net::JointFacts;
+    use crate::JointFacts;
 
     /// Two joints on one motor, one joint on its own: first-order plants.
     struct Tendon {

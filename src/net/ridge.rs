@@ -12,8 +12,8 @@ use super::Error;
 use super::config::{CURRENT, MaskGranularity, WINDOW};
 use super::mask::MaskKind;
 use super::token::{RIDGE_HEADS, Scratch, Tokeniser};
-use crate::linalg::{Init, Mat, MatMut, Packed, Real, gemm, gemm_packed, next_of, on_threads};
-use crate::rng::{Rng, Stream};
+use robert_base::rng::{Rng, Stream};
+use robert_linalg::{Init, Mat, MatMut, Packed, Real, gemm, gemm_packed, next_of, on_threads};
 
 /// Recorded motion, as training reads it. Frames are 1/20 s apart.
 pub trait Episodes: Sync {
@@ -420,7 +420,7 @@ pub(crate) mod toy {
 mod tests {
     use super::toy::Toy;
     use super::*;
-    use crate::net::token::{Facts, JointFacts, Normaliser, TokenConfig};
+    use crate::token::{Facts, JointFacts, Normaliser, TokenConfig};
 
     #[test]
     fn cholesky_solves() {

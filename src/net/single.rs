@@ -15,7 +15,7 @@ use super::config::{CURRENT, Mixing, NetConfig, WINDOW};
 use super::helper_thread::{HelperThread, until};
 use super::model::{Net, place};
 use super::params::LayerAt;
-use crate::linalg::{
+use robert_linalg::{
     Aligned, Init, Mat, MatMut, Packed, gemm, gemm_packed,
     simd::{self, PAD},
 };

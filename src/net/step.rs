@@ -11,7 +11,7 @@ use std::sync::{Mutex, PoisonError};
 use super::batch::Batch;
 use super::head::Sums;
 use super::model::{Arena, Net, Panels, backward, forward, score};
-use crate::linalg::{
+use robert_linalg::{
     Aligned, Real, next_of, on_threads,
     simd::{self, AdamStep},
 };

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 
 use serde_json::{Map, Value, json};
 
-use crate::linalg::Real;
+use robert_linalg::Real;
 
 /// A tensor to write.
 #[derive(Clone, Debug)]
@@ -59,15 +59,17 @@ pub fn serialise(
     Ok(bytes)
 }
 
-/// The file with a changed header and the same numbers, for tests of damaged files.
-#[cfg(test)]
-pub(crate) fn with_header(bytes: &[u8], change: impl FnOnce(&mut Value)) -> Vec<u8> {
-    let n = u64::from_le_bytes(bytes[..8].try_into().unwrap()) as usize;
-    let mut header: Value = serde_json::from_slice(&bytes[8..8 + n]).unwrap();
+/// The file with a changed header and the same numbers, for tests of damaged files here and in the
+/// crates above. `bytes` must be a whole file.
+#[doc(hidden)]
+pub fn with_header(bytes: &[u8], change: impl FnOnce(&mut Value)) -> serde_json::Result<Vec<u8>> {
+    let (size, rest) = bytes.split_at(8);
+    let n = size.iter().rev().fold(0_usize, |n, &byte| n << 8 | usize::from(byte));
+    let mut header: Value = serde_json::from_slice(&rest[..n])?;
     change(&mut header);
-    let text = serde_json::to_vec(&header).unwrap();
+    let text = serde_json::to_vec(&header)?;
     let mut out = (text.len() as u64).to_le_bytes().to_vec();
     out.extend(text);
-    out.extend(&bytes[8 + n..]);
-    out
+    out.extend(&rest[n..]);
+    Ok(out)
 }

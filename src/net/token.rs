@@ -497,8 +497,8 @@ impl Tokeniser {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::net::mask::MaskKind;
-    use crate::rng::{Rng, Stream};
+    use crate::mask::MaskKind;
+    use robert_base::rng::{Rng, Stream};
 
     fn facts() -> Facts {
         let hinge = |lo: f64, hi: f64| JointFacts { hinge: true, range: Some([lo, hi]) };

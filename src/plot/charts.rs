@@ -269,7 +269,7 @@ pub fn one_scale(panels: &mut [Panel]) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plot::Theme;
+    use crate::Theme;
 
     fn wave(name: &str, phase: f64) -> Curve {
         let points: Vec<_> = (0..100)

@@ -4,9 +4,9 @@
 //! is sharp at any sample count.
 
 use super::Picture;
-use crate::plot::Letterer;
-use crate::plot::palette::Rgb;
-use crate::units::significant;
+use robert_base::units::significant;
+use robert_plot::Letterer;
+use robert_plot::palette::Rgb;
 
 /// How a legend entry is shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use crate::exit::{Exit, HasExit};
+use robert_base::exit::{Exit, HasExit};
 
 /// A picture that could not be made.
 #[derive(Debug, thiserror::Error)]
@@ -86,10 +86,10 @@ pub enum Error {
     },
     /// A state does not fit the robot, or its drawing model does not compile.
     #[error(transparent)]
-    Robot(Box<crate::robot::Error>),
+    Robot(Box<robert_robot::Error>),
     /// The simulator failed.
     #[error(transparent)]
-    Simulator(Box<crate::mujoco::Error>),
+    Simulator(Box<robert_mujoco::Error>),
     /// Pictures of different size in one film.
     #[error("frame {frame} has {got_width}x{got_height} px, but the film has {width}x{height}")]
     FrameSize {
@@ -141,16 +141,16 @@ pub enum Error {
     },
     /// The file could not be written.
     #[error(transparent)]
-    File(#[from] crate::fsio::Error),
+    File(#[from] robert_base::fsio::Error),
 }
 
 impl Error {
     // Boxed: these are large and rare.
-    pub(super) fn robot(e: crate::robot::Error) -> Error {
+    pub(super) fn robot(e: robert_robot::Error) -> Error {
         Error::Robot(Box::new(e))
     }
 
-    pub(super) fn simulator(e: crate::mujoco::Error) -> Error {
+    pub(super) fn simulator(e: robert_mujoco::Error) -> Error {
         Error::Simulator(Box::new(e))
     }
 }

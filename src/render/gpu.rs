@@ -102,7 +102,7 @@ impl Gpu {
             return Err(none(format!("there is only the software driver {}", info.name)));
         }
         let limits = wgpu::Limits::default().using_resolution(adapter.limits());
-        let max_px = limits.max_texture_dimension_2d.min(crate::limits::PICTURE_PX);
+        let max_px = limits.max_texture_dimension_2d.min(robert_base::limits::PICTURE_PX);
         let device = wgpu::DeviceDescriptor {
             label: Some("robert"),
             required_limits: limits,

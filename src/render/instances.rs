@@ -12,7 +12,7 @@ use super::frame::{FrameInput, Ghost, GhostKind, Glyph, Mark, SUN, Trail};
 use super::gpu::{Instance, Segment};
 use super::prims::Prim;
 use super::scene::{Geom, Pose, Scene, Shape};
-use crate::plot::palette;
+use robert_plot::palette;
 
 /// The shape of an instance.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]

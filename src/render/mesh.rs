@@ -8,7 +8,7 @@ use glam::Vec3;
 
 use super::Error;
 use super::prims::{Triangles, Vertex};
-use crate::limits;
+use robert_base::limits;
 
 /// Faces that meet at less than this are one smooth surface (cosine of 40 degrees).
 const CREASE_COS: f32 = 0.766;

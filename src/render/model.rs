@@ -6,9 +6,9 @@ use glam::Vec3;
 
 use super::scene::{Floor, Geom, Pose, Scene, Shape};
 use super::{Camera, CameraChoice, Error, Lens, Mesh, View};
-use crate::mujoco::{self, Data, Kind, Model};
-use crate::plot::palette::{self, Theme};
-use crate::robot::{self, Robot};
+use robert_mujoco::{self as mujoco, Data, Kind, Model};
+use robert_plot::palette::{self, Theme};
+use robert_robot::{self as robot, Robot};
 
 /// Groups from this one on are for collision; they are drawn only if there is nothing else.
 const COLLISION_GROUP: i32 = 3;

@@ -73,7 +73,7 @@ fn first_hit(t: &Triangles, size: Vec3, half_length: f32, o: Vec3, d: Vec3) -> O
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::render::{Geom, Lens, View};
+    use crate::{Geom, Lens, View};
 
     #[test]
     fn the_nearest_thing_under_the_pixel_is_found() {

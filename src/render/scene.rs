@@ -317,7 +317,7 @@ fn label(index: usize, name: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::render::{Camera, Lens, View};
+    use crate::{Camera, Lens, View};
 
     fn ball(radius: f32) -> Geom {
         Geom { name: "tip".into(), body: 1, shape: Shape::Sphere { radius }, rgba: [1.0; 4] }

@@ -13,8 +13,8 @@ use super::instances::{AXIS, CONTACT, FUTURE, PAST, tint};
 use super::{
     Camera, CameraChoice, Caption, Error, Key, Picture, Pose, Renderer, Stage, Swatch, View, pick,
 };
-use crate::plot::palette;
-use crate::robot::Robot;
+use robert_plot::palette;
+use robert_robot::Robot;
 
 /// Colour of the command in a legend; it looks like the lit ghost.
 const COMMAND_COLOR: palette::Rgb = [56, 152, 226];
@@ -270,7 +270,7 @@ impl Shot {
         };
         let colors = sites.iter().enumerate().map(|(i, s)| stage.accent(*s, i)).collect();
         let typical = motion.precision(motion.frames()).unwrap_or(0.0);
-        let unit = crate::units::short_unit(&motion.unit, typical);
+        let unit = robert_base::units::short_unit(&motion.unit, typical);
         let sun = Vec3::Z;
         let mut shot = Shot {
             stage,

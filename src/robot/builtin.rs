@@ -13,28 +13,28 @@ pub(super) struct Builtin {
 pub(super) const BUILTIN: [Builtin; 4] = [
     Builtin {
         id: "pointmass",
-        model: Some(include_str!("../../assets/robots/pointmass/robot.xml")),
-        profile: include_str!("../../assets/robots/pointmass/profile.toml"),
+        model: Some(include_str!("assets/pointmass/robot.xml")),
+        profile: include_str!("assets/pointmass/profile.toml"),
     },
     Builtin {
         id: "ur5e",
-        model: Some(include_str!("../../assets/robots/ur5e/robot.xml")),
-        profile: include_str!("../../assets/robots/ur5e/profile.toml"),
+        model: Some(include_str!("assets/ur5e/robot.xml")),
+        profile: include_str!("assets/ur5e/profile.toml"),
     },
     Builtin {
         id: "ur5e_light",
         model: None,
-        profile: include_str!("../../assets/robots/ur5e_light/profile.toml"),
+        profile: include_str!("assets/ur5e_light/profile.toml"),
     },
     Builtin {
         id: "shadow_hand",
-        model: Some(include_str!("../../assets/robots/shadow_hand/robot.xml")),
-        profile: include_str!("../../assets/robots/shadow_hand/profile.toml"),
+        model: Some(include_str!("assets/shadow_hand/robot.xml")),
+        profile: include_str!("assets/shadow_hand/profile.toml"),
     },
 ];
 
 /// Notices of the sources of the figures in those models.
-pub const NOTICE: &str = include_str!("../../assets/robots/NOTICE");
+pub const NOTICE: &str = include_str!("assets/NOTICE");
 
 /// The robot of this id.
 pub(super) fn find(id: &str) -> Option<&'static Builtin> {

@@ -16,9 +16,9 @@ use std::time::{Duration, Instant};
 use serde::{Deserialize, Serialize};
 
 use super::Error;
-use crate::child::{self, Farewell, Rights};
-use crate::limits;
-use crate::mujoco::{self, Data, Model};
+use robert_base::child::{self, Farewell, Rights};
+use robert_base::limits;
+use robert_mujoco::{self as mujoco, Data, Model};
 
 /// The hidden subcommand.
 pub const SUBCOMMAND: &str = "__compile-check";

@@ -11,7 +11,8 @@ use std::path::Path;
 use nalgebra::{Matrix4, Point3, Rotation3, Unit, Vector3};
 use roxmltree::Node;
 
-use crate::{limits, xml};
+use robert_base::limits;
+use robert_base::xml;
 
 /// Faces in one STL file that the simulator takes.
 const STL_FACES: usize = 200_000;
@@ -74,7 +75,7 @@ fn stl(corners: &[f32]) -> Vec<u8> {
 /// # Errors
 /// What is wrong with it, as a sentence.
 pub(super) fn read(path: &Path) -> Result<Vec<Part>, String> {
-    let bytes = crate::fsio::read_capped(path, DAE_BYTES).map_err(|e| e.to_string())?;
+    let bytes = robert_base::fsio::read_capped(path, DAE_BYTES).map_err(|e| e.to_string())?;
     parse(&String::from_utf8_lossy(&bytes))
 }
 

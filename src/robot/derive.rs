@@ -12,9 +12,9 @@ use super::profile::{
     ActuatorSpec, Camera, Coupling, Drive, FORMAT, Group, JointSpec, MODEL_FILE, MirrorSpec,
     NEAR_LIMIT, OneOrMany, PoseSpec, Profile, SettleSpec, Written,
 };
-use crate::limits;
-use crate::mujoco::{Joint, Kind, Model, Transmission};
-use crate::units::Unit;
+use robert_base::limits;
+use robert_base::units::Unit;
+use robert_mujoco::{Joint, Kind, Model, Transmission};
 
 /// Speed limit of a joint without one in the model, rad/s or m/s.
 const SPEED_DEFAULT: f64 = 10.0;

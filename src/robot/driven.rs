@@ -1,7 +1,7 @@
 //! Which joints the actuators move at all.
 
 use super::{Coupling, Error, Robot};
-use crate::mujoco::Data;
+use robert_mujoco::Data;
 
 impl Robot {
     /// Whether an actuator pulls at each joint of the state, by itself or through a joint that

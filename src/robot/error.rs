@@ -2,8 +2,9 @@
 
 use std::path::PathBuf;
 
-use crate::exit::{Exit, HasExit};
-use crate::{fsio, mujoco};
+use robert_base::exit::{Exit, HasExit};
+use robert_base::fsio;
+use robert_mujoco as mujoco;
 
 /// An error of this module.
 #[derive(Debug, thiserror::Error)]
@@ -130,7 +131,7 @@ pub enum Error {
     Checked {
         /// Message with place.
         message: String,
-        /// Class of the refusal, as in [`crate::robot::check::Verdict`].
+        /// Class of the refusal, as in [`crate::check::Verdict`].
         class: String,
         /// The model.
         path: PathBuf,

@@ -6,7 +6,7 @@ use std::sync::{Mutex, PoisonError};
 
 use super::profile::{FORMAT, Written};
 use super::{Assets, Error, MODEL_FILE, PROFILE_FILE, Robot, builtin, check, preparse};
-use crate::fsio;
+use robert_base::fsio;
 
 /// Bytes in one profile.
 const PROFILE_BYTES: u64 = 4 << 20;
@@ -99,7 +99,7 @@ pub(super) fn read_assets(project: &preparse::Project) -> Result<Assets, Error> 
             );
             return Err(Error::Unfit { message, path: project.path.clone() });
         }
-        assets.push((name, fsio::read_capped(&a.path, crate::limits::MESH_BYTES)?));
+        assets.push((name, fsio::read_capped(&a.path, robert_base::limits::MESH_BYTES)?));
     }
     Ok(assets)
 }

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::{Error, Robot};
-use crate::mujoco::Data;
+use robert_mujoco::Data;
 
 /// What a controller that knows the robot's weights adds to its torque.
 #[derive(Debug)]

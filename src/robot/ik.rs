@@ -9,7 +9,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::{Error, Robot};
-use crate::mujoco::{Data, Kind};
+use robert_mujoco::{Data, Kind};
 
 /// The point that is moved.
 #[derive(Clone, Debug, PartialEq)]
@@ -379,7 +379,7 @@ fn reached(pulls: &[Pull], error: &DVector<f64>, config: &IkConfig) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rng::{Rng, Stream};
+    use robert_base::rng::{Rng, Stream};
 
     fn site(robot: &Robot, data: &mut Data, state: &[f64], name: &str) -> [f64; 3] {
         robot.write_state(data, state).unwrap();

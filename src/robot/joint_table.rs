@@ -1,8 +1,8 @@
 //! The facts about a robot for the clip floor, and checks of poses by simulation.
 
 use super::{Coupling, Robot};
-use crate::clip;
-use crate::mujoco::{Data, Kind};
+use robert_clip as clip;
+use robert_mujoco::{Data, Kind};
 
 /// Geoms that overlap by more than this count as a collision, m.
 const OVERLAP: f64 = 0.002;
@@ -142,7 +142,7 @@ impl clip::PoseChecker for Settler<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::clip::PoseChecker;
+    use robert_clip::PoseChecker;
 
     #[test]
     fn tables_say_what_profiles_say() {

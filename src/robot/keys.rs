@@ -25,7 +25,7 @@ impl Robot {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mujoco::Model;
+    use robert_mujoco::Model;
 
     #[test]
     fn every_robot_with_keys_loads_by_itself() {

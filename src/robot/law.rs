@@ -1,8 +1,8 @@
 //! How an actuator makes force of its control: a motor, a position or a velocity servo.
 
 use super::derive::ctrlrange;
-use crate::mujoco::{Data, Model};
-use crate::units::{SIM_DT, SUBSTEPS};
+use robert_base::units::{SIM_DT, SUBSTEPS};
+use robert_mujoco::{Data, Model};
 
 /// force = gain control + bias[0] + bias[1] length + bias[2] speed, of the actuator. Muscles,
 /// filters and the like have no such law.

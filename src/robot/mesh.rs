@@ -4,7 +4,8 @@
 use std::io::Read;
 use std::path::Path;
 
-use crate::{fsio, limits};
+use robert_base::fsio;
+use robert_base::limits;
 
 /// Bytes of a binary STL before its first triangle.
 const STL_HEAD: u64 = 84;

@@ -7,7 +7,7 @@
 use std::f64::consts::TAU;
 
 use super::{Error, Robot};
-use crate::units::Unit;
+use robert_base::units::Unit;
 
 impl Robot {
     /// Why the robot has no mirror image; `None` if it has one.
@@ -74,7 +74,7 @@ fn nearest_turn(angle: f64, reference: f64, [lo, hi]: [f64; 2]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mujoco::{Data, Kind};
+    use robert_mujoco::{Data, Kind};
 
     /// Position and direction of the tool, with the base's x reversed.
     fn tool(robot: &Robot, pose: &[f64]) -> ([f64; 3], [f64; 3]) {

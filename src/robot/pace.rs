@@ -11,7 +11,7 @@ use super::Error;
 use super::derive::{ctrlrange, tendon_joints, torque_limit};
 use super::golden::spread;
 use super::law::Law;
-use crate::mujoco::{Data, Joint, Model, Transmission};
+use robert_mujoco::{Data, Joint, Model, Transmission};
 
 /// Poses beside the default one.
 const POSES: usize = 4;

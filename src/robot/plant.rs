@@ -7,13 +7,13 @@
 use std::sync::Arc;
 
 use super::{Error, Robot};
-use crate::mujoco::Model;
-use crate::rng::{Rng, Stream};
+use robert_base::rng::{Rng, Stream};
+use robert_mujoco::Model;
 
 /// The simulated plant relative to the robot's file, as factors; 1 is no change.
 ///
 /// ```
-/// use robert::robot::PlantConfig;
+/// use robert_robot::PlantConfig;
 ///
 /// let heavier: PlantConfig = "mass=1.25,damping=1.5".parse()?;
 /// assert_ne!(heavier, PlantConfig::default());

@@ -13,7 +13,9 @@ use roxmltree::{Document, Node};
 use super::error::{Error, line_column};
 use super::text::Edits;
 use super::{mesh, text};
-use crate::{fsio, limits, xml};
+use robert_base::fsio;
+use robert_base::limits;
+use robert_base::xml;
 
 /// The format of a model file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -10,8 +10,8 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use super::error::{Error, line_column};
-use crate::limits;
-use crate::units::Unit;
+use robert_base::limits;
+use robert_base::units::Unit;
 
 /// Value of `format` in a profile.
 pub const FORMAT: &str = "robert-robot/1";
@@ -64,7 +64,7 @@ pub struct ActuatorSpec {
 /// A group of joints: a finger, a limb, all knuckles.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(schemars::JsonSchema)]
 pub struct Group {
     /// Short name.
     pub name: String,
@@ -134,7 +134,7 @@ pub struct MirrorSpec {
 /// The default view, as in `MuJoCo`'s free camera.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(schemars::JsonSchema)]
 pub struct Camera {
     /// The point at the centre of the view, m.
     pub lookat: [f64; 3],

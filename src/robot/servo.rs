@@ -11,8 +11,8 @@ use super::golden::spread;
 use super::law::PositionServo;
 use super::response::Response;
 use super::{Error, Robot};
-use crate::mujoco::{Data, Transmission};
-use crate::units::CTRL_DT;
+use robert_base::units::CTRL_DT;
+use robert_mujoco::{Data, Transmission};
 
 /// Share of the remaining distance that tracking covers per frame if the joints do not affect each
 /// other. Full deadbeat (1) alternates between two torques on an undamped joint.
@@ -169,7 +169,7 @@ fn lasting(responses: &[Response], servos: &[Servo]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::units::{SIM_DT, SUBSTEPS};
+    use robert_base::units::{SIM_DT, SUBSTEPS};
 
     #[test]
     fn gains_reach_the_target_of_a_single_joint() {

@@ -7,8 +7,8 @@
 //! finger joints, whose time constant is 6 ms.
 
 use super::{Error, Law, Robot};
-use crate::mujoco::{Data, Model};
-use crate::units::SUBSTEPS;
+use robert_base::units::SUBSTEPS;
+use robert_mujoco::{Data, Model};
 
 use nalgebra::{DMatrix, DVector};
 

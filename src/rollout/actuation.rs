@@ -8,8 +8,8 @@ use std::sync::Arc;
 use nalgebra::{DMatrix, DVector};
 
 use super::error::Error;
-use crate::mujoco::Data;
-use crate::robot::{Law, Robot};
+use robert_mujoco::Data;
+use robert_robot::{Law, Robot};
 
 /// The map from joint torques (nv) to actions (A) of a robot whose transmissions are
 /// constant (joints and fixed tendons; ours all are).

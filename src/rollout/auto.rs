@@ -15,10 +15,10 @@ use super::policy::Policy;
 use super::registry::{Guide, Inference, PolicyConfig, PolicyName};
 use super::run::{Rollout, RolloutConfig, Start};
 use super::shipped;
-use crate::clip::Command;
-use crate::net::Model;
-use crate::progress::{Cancel, Progress};
-use crate::robot::{PlantConfig, Robot};
+use robert_base::progress::{Cancel, Progress};
+use robert_clip::Command;
+use robert_net::Model;
+use robert_robot::{PlantConfig, Robot};
 
 /// Penalty of unnatural motion in a gap, as rad or m of error: for each rad or m of overshoot, and
 /// for each straight line of path beyond [`LONGEST_PATH`].
@@ -240,9 +240,9 @@ fn configs(robot: &Robot, asked: &PolicyConfig) -> Result<Vec<PolicyConfig>, Err
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::clip::compile;
-    use crate::progress::Silent;
-    use crate::rollout::tasks;
+    use crate::tasks;
+    use robert_base::progress::Silent;
+    use robert_clip::compile;
 
     fn trial(precision: f64, gaps: f64) -> Trial {
         Trial { policy: "x".into(), precision: Some(precision), gaps, error: None }

@@ -21,9 +21,9 @@ use super::actuation::Actuation;
 use super::error::Error;
 use super::nominal_model::NominalModel;
 use super::policy::{Policy, View};
-use crate::mujoco::Data;
-use crate::robot::{Response, Robot};
-use crate::units::CTRL_DT;
+use robert_base::units::CTRL_DT;
+use robert_mujoco::Data;
+use robert_robot::{Response, Robot};
 
 /// Sampling zeros beyond this ring visibly before they decay. The formula is that of continuous
 /// time; ten substeps are milder (pointmass: 0.85 here, 0.69 in the simulator).

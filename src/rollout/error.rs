@@ -1,6 +1,6 @@
 //! Errors of rollouts.
 
-use crate::exit::{Exit, HasExit};
+use robert_base::exit::{Exit, HasExit};
 
 /// A rollout error.
 #[derive(Debug, thiserror::Error)]
@@ -12,17 +12,17 @@ pub enum Error {
         /// The frame whose action was applied.
         frame: usize,
         /// The simulator's error.
-        source: crate::mujoco::Error,
+        source: robert_mujoco::Error,
     },
     /// The simulator failed before the first frame.
     #[error(transparent)]
-    Setup(#[from] crate::mujoco::Error),
+    Setup(#[from] robert_mujoco::Error),
     /// The robot could not be read or changed.
     #[error(transparent)]
-    Robot(#[from] crate::robot::Error),
+    Robot(#[from] robert_robot::Error),
     /// A dataset could not be read, or has no trajectory that is long enough.
     #[error(transparent)]
-    Dataset(#[from] crate::dataset::Error),
+    Dataset(#[from] robert_dataset::Error),
     /// A policy returned a value that is not a number.
     #[error("frame {frame}: policy {policy} gave {value} for actuator {actuator}")]
     BadAction {
@@ -103,7 +103,7 @@ pub enum Error {
     },
     /// A model file, or the network in it.
     #[error(transparent)]
-    Model(#[from] crate::net::Error),
+    Model(#[from] robert_net::Error),
     /// Stopped on request.
     #[error("stopped at frame {frame}")]
     Cancelled {

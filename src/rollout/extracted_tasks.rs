@@ -8,10 +8,10 @@ use super::error::Error;
 use super::run::Start;
 use super::suite::{Case, Suite};
 use super::window::HISTORY;
-use crate::clip::Command;
-use crate::dataset::{Dataset, Part, Windows};
-use crate::rng::{Rng, Stream};
-use crate::robot::Robot;
+use robert_base::rng::{Rng, Stream};
+use robert_clip::Command;
+use robert_dataset::{Dataset, Part, Windows};
+use robert_robot::Robot;
 
 /// Commands of a task.
 pub const EXTRACTED_FRAMES: usize = 80;
@@ -139,14 +139,14 @@ mod tests {
     use std::sync::Arc;
 
     use super::*;
-    use crate::progress::{Cancel, Silent};
-    use crate::robot::PlantRange;
-    use crate::rollout::{EvalConfig, PolicyConfig, PolicyName, Rollout, RolloutConfig, evaluate};
+    use crate::{EvalConfig, PolicyConfig, PolicyName, Rollout, RolloutConfig, evaluate};
+    use robert_base::progress::{Cancel, Silent};
+    use robert_robot::PlantRange;
 
     /// A recorded motion of the arm: 111 states and velocities.
     fn recording(robot: &Arc<Robot>) -> (Vec<String>, Vec<f32>, Vec<f32>) {
         let joints: Vec<String> = robot.joints().iter().map(|j| j.name.clone()).collect();
-        let mut data = crate::mujoco::Data::new(robot.model()).unwrap();
+        let mut data = robert_mujoco::Data::new(robot.model()).unwrap();
         robot.write_state(&mut data, &robot.home()).unwrap();
         let (mut q, mut v) = (Vec::new(), Vec::new());
         for t in 0..STATES {

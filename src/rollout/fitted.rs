@@ -11,11 +11,12 @@ use safetensors::tensor::SafeTensors;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use crate::dataset::{self, Dataset, Part};
-use crate::net::tensors::{self, Out};
-use crate::net::{self, Facts, JointFacts, Normaliser, RobotCard, checkpoint};
-use crate::units::Unit;
-use crate::{fsio, limits};
+use robert_base::fsio;
+use robert_base::limits;
+use robert_base::units::Unit;
+use robert_dataset::{self as dataset, Dataset, Part};
+use robert_net::tensors::{self, Out};
+use robert_net::{self as net, Facts, JointFacts, Normaliser, RobotCard, checkpoint};
 
 /// Value of `format`.
 const FORMAT: &str = "robert-fit/1";
@@ -264,8 +265,8 @@ mod tests {
     use super::super::inverse::{Inverse, InverseSettings};
     use super::super::nearest::{Nearest, NearestSettings};
     use super::*;
-    use crate::net::tensors::with_header;
-    use crate::rng::{Rng, Stream};
+    use robert_base::rng::{Rng, Stream};
+    use robert_net::tensors::with_header;
 
     const S: usize = 2;
     const A: usize = 3;
@@ -329,7 +330,7 @@ mod tests {
         let path = dir.path().join("fit.safetensors");
         std::fs::write(&path, bytes).unwrap();
         let e = load(&path, None).unwrap_err();
-        assert_eq!(crate::exit::HasExit::exit(&e), crate::exit::Exit::Invalid, "{e}");
+        assert_eq!(robert_base::exit::HasExit::exit(&e), robert_base::exit::Exit::Invalid, "{e}");
         assert!(e.to_string().contains("fit.safetensors"), "{e}");
         e
     }
@@ -342,6 +343,7 @@ mod tests {
             change(&mut card);
             h["__metadata__"][CARD] = card.to_string().into();
         })
+        .unwrap()
     }
 
     #[test]
@@ -378,17 +380,22 @@ mod tests {
             huge[..8].copy_from_slice(&u64::MAX.to_le_bytes());
             says(&huge, "header");
             says(
-                &with_header(&good, |h| h[tensor]["shape"] = serde_json::json!([1_u64 << 60])),
+                &with_header(&good, |h| h[tensor]["shape"] = serde_json::json!([1_u64 << 60]))
+                    .unwrap(),
                 "",
             );
-            says(&with_header(&good, |h| h[tensor]["dtype"] = "I32".into()), "type");
+            says(&with_header(&good, |h| h[tensor]["dtype"] = "I32".into()).unwrap(), "type");
             let renamed = with_header(&good, |h| {
                 let t = h[tensor].take();
                 h.as_object_mut().unwrap().remove(tensor);
                 h["other"] = t;
-            });
+            })
+            .unwrap();
             says(&renamed, "unknown tensor \"other\"");
-            says(&with_header(&good, |h| h["__metadata__"] = serde_json::json!({})), "no card");
+            says(
+                &with_header(&good, |h| h["__metadata__"] = serde_json::json!({})).unwrap(),
+                "no card",
+            );
             says(&recarded(&good, |c| c["format"] = "robert-fit/9".into()), "robert-fit/9");
             says(&recarded(&good, |c| c["kind"] = "ridge".into()), "ridge");
             says(&recarded(&good, |c| c["extra"] = 1.into()), "extra");

@@ -19,10 +19,10 @@ use super::error::Error;
 use super::jam::Off;
 use super::registry::PolicyConfig;
 use super::suite::{Case, EvalConfig, Floor, Suite, evaluate};
-use crate::clip::Command;
-use crate::fsio;
-use crate::progress::{Cancel, Progress};
-use crate::robot::{PlantRange, Robot};
+use robert_base::fsio;
+use robert_base::progress::{Cancel, Progress};
+use robert_clip::Command;
+use robert_robot::{PlantRange, Robot};
 
 #[derive(rust_embed::RustEmbed)]
 #[folder = "assets/floors/"]
@@ -205,9 +205,9 @@ pub fn measure_table(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::clip::compile;
-    use crate::progress::Silent;
-    use crate::rollout::{Start, tasks};
+    use crate::{Start, tasks};
+    use robert_base::progress::Silent;
+    use robert_clip::compile;
 
     fn case(robot: &str, name: &str) -> Case {
         let command = compile(&tasks::find(name, Some(robot)).unwrap()).unwrap();
@@ -261,7 +261,7 @@ mod tests {
     #[test]
     fn hashes_tell_commands_apart_and_ignore_titles() {
         let clip = tasks::find("peck", Some("ur5e")).unwrap();
-        let hash = |c: &crate::clip::Clip| command_hash(&compile(c).unwrap());
+        let hash = |c: &robert_clip::Clip| command_hash(&compile(c).unwrap());
         let mut other = clip.clone();
         other.name = "another".into();
         other.notes.clear();

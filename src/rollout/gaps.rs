@@ -244,7 +244,7 @@ pub(super) fn cubic_error(goals: &Goals, history: &[f64], truth: &[f64]) -> Opti
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::clip::Command;
+    use robert_clip::Command;
 
     /// Goals of `dim` joints at the frames given, all else masked.
     fn goals(dim: usize, frames: usize, keys: &[(usize, &[Option<f64>])]) -> Goals {

@@ -21,8 +21,8 @@ use super::nominal_model::NominalModel;
 use super::pd::Pd;
 use super::policy::{Policy, View};
 use super::window::{COMMAND, Window};
-use crate::mujoco::Snapshot;
-use crate::robot::Robot;
+use robert_mujoco::Snapshot;
+use robert_robot::Robot;
 
 /// Step lengths of the line search; each needs a simulation of the whole horizon.
 const ALPHAS: [f64; 3] = [1.0, 0.4, 0.1];

@@ -124,8 +124,8 @@ impl Piece {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::clip::Command;
-    use crate::rollout::window::{Goals, HISTORY};
+    use crate::window::{Goals, HISTORY};
+    use robert_clip::Command;
 
     /// The window at frame `t` of one joint that was at `reached` all the time.
     fn window(rows: &[Option<f32>], t: usize, reached: f64) -> Window {

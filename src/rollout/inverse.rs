@@ -13,10 +13,11 @@ use super::error::Error;
 use super::fitted::{FitCard, FitKind, Scales, file_error, tensors_of};
 use super::policy::{Policy, View};
 use super::window::{HISTORY, Window};
-use crate::explore::{Layer, Mlp, Tape};
-use crate::net::tensors::Out;
-use crate::net::{self, RobotCard, checkpoint};
-use crate::{fsio, limits};
+use robert_base::fsio;
+use robert_base::limits;
+use robert_explore::{Layer, Mlp, Tape};
+use robert_net::tensors::Out;
+use robert_net::{self as net, RobotCard, checkpoint};
 
 /// Widest hidden layer.
 const MOST_WIDTH: usize = 4096;
@@ -45,7 +46,7 @@ impl Default for InverseSettings {
 #[derive(Clone, Debug)]
 pub struct Inverse {
     card: FitCard<InverseSettings>,
-    pub(crate) net: Mlp<f32>,
+    pub net: Mlp<f32>,
     scales: Scales,
     tape: Tape<f32>,
     input: Vec<f32>,
@@ -76,7 +77,7 @@ impl Inverse {
     }
 
     /// Inputs of one frame, (3 S): position, last change and next change.
-    pub(crate) fn encode(&self, before: &[f32], now: &[f32], next: &[f32], to: &mut [f32]) {
+    pub fn encode(&self, before: &[f32], now: &[f32], next: &[f32], to: &mut [f32]) {
         let s = self.card.state();
         let (place, ways) = to.split_at_mut(s);
         let (behind, ahead) = ways.split_at_mut(s);

@@ -76,7 +76,7 @@ fn runs(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::clip::Command;
+    use robert_clip::Command;
 
     /// One joint, goal 0, visible at the frames given.
     fn goals(frames: usize, visible: impl Fn(usize) -> bool) -> Goals {

@@ -8,11 +8,11 @@ use super::error::Error;
 use super::policy::{Policy, View};
 use super::reachable::Reachable;
 use super::window::Window;
-use crate::net::reach::Reach;
-use crate::net::{
-    self, CURRENT, Encoder, HISTORY, MaskGranularity, Model, RobotCard, WINDOW, checkpoint,
+use robert_net::reach::Reach;
+use robert_net::{
+    self as net, CURRENT, Encoder, HISTORY, MaskGranularity, Model, RobotCard, WINDOW, checkpoint,
 };
-use crate::robot::Robot;
+use robert_robot::Robot;
 
 /// The robot in the form of a model card.
 pub fn robot_card(robot: &Robot) -> RobotCard {
@@ -252,13 +252,13 @@ impl Policy for Linear {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::net::ridge::Ridge;
-    use crate::net::token::RIDGE_HEADS;
-    use crate::net::{
+    use crate::{Rollout, RolloutConfig, Start};
+    use robert_net::ridge::Ridge;
+    use robert_net::token::RIDGE_HEADS;
+    use robert_net::{
         Card, Facts, JointFacts, Mixing, Net, NetConfig, Normaliser, SkipKind, TokenConfig,
         Tokeniser,
     };
-    use crate::rollout::{Rollout, RolloutConfig, Start};
 
     /// A gated network around a linear prediction of constant actions, for the puck.
     fn model(robot: &Robot, granularity: MaskGranularity) -> Model {
@@ -299,13 +299,13 @@ mod tests {
         Model { card, net, encoder, optimiser: None }
     }
 
-    fn command(robot: &Robot) -> crate::clip::Command {
+    fn command(robot: &Robot) -> robert_clip::Command {
         let joints: Vec<String> = robot.joints().iter().map(|j| j.name.clone()).collect();
         let (n, s) = (60, robot.state_dim());
         let q: Vec<f32> = (0..n * s).map(|i| if i / s >= 30 { 0.2 } else { 0.0 }).collect();
         let visible: Vec<bool> =
             (0..n * s).map(|i| i / s % 15 == 0 || i % s == 0 && i / s > 40).collect();
-        crate::clip::Command::from_dense(joints, vec![0.0; s], q, visible).unwrap()
+        robert_clip::Command::from_dense(joints, vec![0.0; s], q, visible).unwrap()
     }
 
     #[test]
@@ -317,7 +317,7 @@ mod tests {
                 let start = Start::Pose;
                 let config = RolloutConfig::default();
                 let mut r = Rollout::new(&robot, policy, &command(&robot), start, config).unwrap();
-                r.run(&crate::progress::Cancel::default()).unwrap();
+                r.run(&robert_base::progress::Cancel::default()).unwrap();
                 r.actions().to_vec()
             };
             let robert = Learned::new(model.clone(), net::NetPolicyConfig::default()).unwrap();
@@ -337,14 +337,14 @@ mod tests {
         let start = Start::Pose;
         let mut r = Rollout::new(&robot, policy, &command(&robot), start, RolloutConfig::default())
             .unwrap();
-        let cancel = crate::progress::Cancel::default();
+        let cancel = robert_base::progress::Cancel::default();
         r.run(&cancel).unwrap();
         let whole = r.actions().to_vec();
         // A goal near the end is changed and changed back, so frames are simulated again from
         // there.
         let joints: Vec<String> = robot.joints().iter().map(|j| j.name.clone()).collect();
         let s = robot.state_dim();
-        let rest = crate::clip::Command::from_dense(
+        let rest = robert_clip::Command::from_dense(
             joints,
             vec![0.0; s],
             (0..60 * s).map(|i| if i / s >= 45 { 0.4 } else { 0.0 }).collect(),

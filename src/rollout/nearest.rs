@@ -18,10 +18,11 @@ use super::error::Error;
 use super::fitted::{self, FitCard, FitKind, Scales, file_error, tensors_of};
 use super::policy::{Policy, View};
 use super::window::{HISTORY, Window};
-use crate::dataset::{Dataset, Part, Verify};
-use crate::net::tensors::Out;
-use crate::net::{self, RobotCard, checkpoint};
-use crate::{fsio, limits};
+use robert_base::fsio;
+use robert_base::limits;
+use robert_dataset::{Dataset, Part, Verify};
+use robert_net::tensors::Out;
+use robert_net::{self as net, RobotCard, checkpoint};
 
 /// Default number of frames, which can be searched at 20 Hz.
 pub const FRAMES: usize = 400_000;
@@ -357,9 +358,9 @@ impl Policy for Nearest {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::net::{JointFacts, Normaliser};
-    use crate::rng::{Rng, Stream};
-    use crate::rollout::COMMAND;
+    use crate::COMMAND;
+    use robert_base::rng::{Rng, Stream};
+    use robert_net::{JointFacts, Normaliser};
 
     /// Smooth motion of two joints; every action encodes its frame.
     fn recorded(neighbours: usize) -> (Nearest, Vec<f32>) {

@@ -4,8 +4,8 @@
 use std::sync::Arc;
 
 use super::error::Error;
-use crate::mujoco::{Data, Model};
-use crate::robot::Robot;
+use robert_mujoco::{Data, Model};
+use robert_robot::Robot;
 
 /// A planner's own simulation of the robot of the file.
 #[derive(Debug)]
@@ -51,8 +51,8 @@ impl NominalModel {
 /// would drift against the clip.
 pub(super) fn substeps(model: &Model) -> Result<usize, Error> {
     let dt = model.timestep();
-    let n = (crate::units::CTRL_DT / dt).round();
-    if n >= 1.0 && (n * dt - crate::units::CTRL_DT).abs() < 1e-9 {
+    let n = (robert_base::units::CTRL_DT / dt).round();
+    if n >= 1.0 && (n * dt - robert_base::units::CTRL_DT).abs() < 1e-9 {
         Ok(n as usize)
     } else {
         Err(Error::Timestep { timestep_secs: dt })

@@ -9,7 +9,7 @@ use super::actuation::Actuation;
 use super::error::Error;
 use super::nominal_model::NominalModel;
 use super::policy::{Policy, View};
-use crate::robot::{Gravity, PositionServo, Robot, Servo};
+use robert_robot::{Gravity, PositionServo, Robot, Servo};
 
 /// Share of the way that position servos are asked for in a frame.
 const SHARE: f64 = 0.9;

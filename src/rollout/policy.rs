@@ -2,7 +2,7 @@
 
 use super::error::Error;
 use super::window::Window;
-use crate::mujoco::Snapshot;
+use robert_mujoco::Snapshot;
 
 /// The inputs of a policy.
 #[derive(Debug)]

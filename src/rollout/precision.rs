@@ -15,8 +15,7 @@ pub(super) const REACHED: f64 = 0.05;
 const SAME: f64 = 1e-6;
 
 /// The figures of a rollout. Errors in rad or m.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 pub struct Precision {
     /// Mean absolute error over unmasked frames and joints: the paper's Precision. `None`
     /// when nothing was commanded.
@@ -50,8 +49,7 @@ pub struct Precision {
 }
 
 /// The figures of one hold.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 pub struct HoldError {
     /// First commanded frame of the hold.
     pub frame: usize,
@@ -223,7 +221,7 @@ fn holds(goals: &Goals, reached: &[f64], frames: usize) -> Vec<HoldError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::clip::Command;
+    use robert_clip::Command;
 
     /// One joint; `None` is masked.
     fn goals(rows: &[Option<f32>]) -> Goals {

@@ -15,7 +15,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::infill::infill;
 use super::window::{COMMAND, Window};
-use crate::net::reach::Reach;
+use robert_net::reach::Reach;
 
 /// Singular values of the effect of actions, relative to the largest, below which a direction
 /// counts as not driven. With 60,000 frames the hand's noise is at 3e-4, its least driven direction

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use super::error::Error;
 use super::ilqr::{Ilqr, IlqrConfig};
 use super::policy::{Policy, View};
-use crate::robot::Robot;
+use robert_robot::Robot;
 
 /// A policy whose action is improved on the model before it is applied.
 pub(super) struct Refined {

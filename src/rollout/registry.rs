@@ -17,16 +17,16 @@ use super::refine::Refined;
 use super::sampling::{PredictiveSampling, SamplingConfig};
 use super::shipped;
 use super::zero::Zero;
-use crate::fsio;
-use crate::net::{Card, MaskGranularity, Model, SkipKind, Threads};
-use crate::robot::Robot;
+use robert_base::fsio;
+use robert_net::{Card, MaskGranularity, Model, SkipKind, Threads};
+use robert_robot::Robot;
 
 /// All policies.
 #[derive(
     Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, serde::Serialize, serde::Deserialize,
 )]
 #[serde(rename_all = "kebab-case")]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(schemars::JsonSchema)]
 pub enum PolicyName {
     /// No torque.
     Zero,
@@ -140,8 +140,9 @@ impl FromStr for PolicyName {
 }
 
 /// A policy that is available for a robot.
-#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(
+    Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize, schemars::JsonSchema,
+)]
 pub struct Offer {
     /// Which.
     pub name: PolicyName,
@@ -243,7 +244,7 @@ pub fn case(card: &Card) -> (&'static str, Guide) {
 /// What fills masked frames before a policy sees them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(schemars::JsonSchema)]
 pub enum Guide {
     /// Nothing: the policy sees the mask.
     #[default]
@@ -300,8 +301,8 @@ fn unknown(robot: &Robot, path: &Path) -> Error {
 /// ```
 /// use std::sync::Arc;
 ///
-/// use robert::robot::Robot;
-/// use robert::rollout::{PolicyConfig, PolicyName};
+/// use robert_robot::Robot;
+/// use robert_rollout::{PolicyConfig, PolicyName};
 ///
 /// let robot = Arc::new(Robot::builtin("ur5e")?);
 /// let refined = PolicyConfig { refine: true, ..PolicyConfig::new(PolicyName::Pd) };
@@ -412,7 +413,7 @@ impl PolicyConfig {
         }
         let Some(path) = self.file() else { return Ok(None) };
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        let sha256 = fsio::sha256_file(&path).map_err(crate::net::Error::from)?;
+        let sha256 = fsio::sha256_file(&path).map_err(robert_net::Error::from)?;
         Ok(Some((name, sha256)))
     }
 
@@ -486,11 +487,11 @@ impl PolicyConfig {
             PolicyName::Robert => {
                 let model = Arc::unwrap_or_clone(self.model(robot)?);
                 let Inference { ensemble, sample, masks, threads } = self.inference;
-                let options = crate::net::NetPolicyConfig {
+                let options = robert_net::NetPolicyConfig {
                     ensemble,
                     sample_bins: sample,
                     threads,
-                    ..crate::net::NetPolicyConfig::default()
+                    ..robert_net::NetPolicyConfig::default()
                 };
                 Box::new(Learned::new(model, options)?.with_masks(masks))
             }

@@ -8,11 +8,11 @@ use super::policy::{Policy, View};
 use super::precision::Precision;
 use super::registry::Guide;
 use super::window::{COMMAND, Goals, HISTORY, Window};
-use crate::clip::Command;
-use crate::mujoco::{Data, Snapshot};
-use crate::progress::Cancel;
-use crate::robot::{PlantConfig, Robot};
-use crate::units::CTRL_DT;
+use robert_base::progress::Cancel;
+use robert_base::units::CTRL_DT;
+use robert_clip::Command;
+use robert_mujoco::{Data, Snapshot};
+use robert_robot::{PlantConfig, Robot};
 
 /// The start of a rollout.
 #[derive(Clone, Debug, PartialEq)]
@@ -59,10 +59,10 @@ pub struct Frame<'a> {
 /// ```
 /// use std::sync::Arc;
 ///
-/// use robert::clip::compile;
-/// use robert::progress::Cancel;
-/// use robert::robot::Robot;
-/// use robert::rollout::{PolicyConfig, PolicyName, Rollout, RolloutConfig, Start, tasks};
+/// use robert_clip::compile;
+/// use robert_base::progress::Cancel;
+/// use robert_robot::Robot;
+/// use robert_rollout::{PolicyConfig, PolicyName, Rollout, RolloutConfig, Start, tasks};
 ///
 /// let clip = tasks::find("pointmass/circle", None)?;
 /// let (robot, command) = (Arc::new(Robot::builtin(&clip.robot.id)?), compile(&clip)?);
@@ -152,7 +152,7 @@ impl Rollout {
                 for (got, want) in lengths {
                     if got != want {
                         let what = "recorded start";
-                        return Err(crate::mujoco::Error::Length { what, got, want }.into());
+                        return Err(robert_mujoco::Error::Length { what, got, want }.into());
                     }
                 }
                 self.reached.extend_from_slice(history);
@@ -418,8 +418,8 @@ fn check_joints(robot: &Robot, command: &Command) -> Result<(), Error> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rng::{Rng, Stream};
-    use crate::rollout::{PolicyConfig, PolicyName};
+    use crate::{PolicyConfig, PolicyName};
+    use robert_base::rng::{Rng, Stream};
 
     fn robot(id: &str) -> Arc<Robot> {
         Arc::new(Robot::builtin(id).unwrap())

@@ -18,8 +18,8 @@ use super::nominal_model::NominalModel;
 use super::pd::Pd;
 use super::policy::{Policy, View};
 use super::window::{COMMAND, Window};
-use crate::rng::{Rng, Stream};
-use crate::robot::Robot;
+use robert_base::rng::{Rng, Stream};
+use robert_robot::Robot;
 
 /// Each width of the perturbations is this share of the one before.
 const NARROWER: f64 = 0.35;

@@ -11,9 +11,9 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use super::error::Error;
 use super::learned::robot_card;
-use crate::fsio;
-use crate::net::{Card, Model, checkpoint};
-use crate::robot::Robot;
+use robert_base::fsio;
+use robert_net::{Card, Model, checkpoint};
+use robert_robot::Robot;
 
 #[derive(rust_embed::RustEmbed)]
 #[folder = "assets/models/"]
@@ -130,7 +130,7 @@ pub fn get(robot: &Robot, name: &str) -> Result<Option<Arc<Model>>, Error> {
 /// [`Error::Model`].
 pub fn sha256(robot: &Robot, name: &str) -> Result<Option<String>, Error> {
     if let Some(own) = robot.folder().map(|dir| path_in(dir, name)).filter(|p| p.is_file()) {
-        return Ok(Some(fsio::sha256_file(&own).map_err(crate::net::Error::from)?));
+        return Ok(Some(fsio::sha256_file(&own).map_err(robert_net::Error::from)?));
     }
     let file = Files::get(&format!("{}/{name}.safetensors", robot.id()));
     Ok(file.map(|f| fsio::sha256_hex(&f.data)))

@@ -14,9 +14,9 @@ use super::precision::{Precision, hidden_error};
 use super::registry::{Guide, PolicyConfig, PolicyName, labels};
 use super::run::{Rollout, RolloutConfig, Start};
 use super::stats::{Interval, mean_ci95};
-use crate::clip::Command;
-use crate::progress::{Cancel, Progress, Silent};
-use crate::robot::{PlantConfig, PlantRange, Robot};
+use robert_base::progress::{Cancel, Progress, Silent};
+use robert_clip::Command;
+use robert_robot::{PlantConfig, PlantRange, Robot};
 
 /// The result of iLQR on a clip.
 #[derive(Clone, Debug, PartialEq)]

@@ -1,9 +1,9 @@
 //! What the policy sees at one frame: 30 past frames, the current one and the next 20 commanded or
 //! masked frames (51 in total, indices 0..50 of the paper).
 
-use crate::clip::Command;
+use robert_clip::Command;
 
-pub use crate::net::{COMMAND, HISTORY};
+pub use robert_net::{COMMAND, HISTORY};
 
 /// A compiled command with virtual keyframes and the held end.
 ///
@@ -312,7 +312,7 @@ mod tests {
     /// Both must agree with the policy's input, also before the first key.
     #[test]
     fn the_line_through_a_gap_is_the_clips() {
-        let mut rng = crate::rng::Rng::new(5, crate::rng::Stream::Test, 0);
+        let mut rng = robert_base::rng::Rng::new(5, robert_base::rng::Stream::Test, 0);
         let mut virtual_keys = 0;
         for _ in 0..60 {
             let frames = 50 + rng.below(60) as usize;

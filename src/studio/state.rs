@@ -5,13 +5,13 @@ use std::sync::atomic::AtomicUsize;
 
 use tokio::sync::watch;
 
-use crate::studio::http::Guard;
-use crate::studio::jobs::Jobs;
-use crate::studio::protocol::Hub;
-use crate::studio::session::Session;
-use crate::studio::simulation::Simulation;
-use crate::studio::viewport::Viewport;
-use crate::studio::workspace::{Workspace, robot_folders};
+use crate::http::Guard;
+use crate::jobs::Jobs;
+use crate::protocol::Hub;
+use crate::session::Session;
+use crate::simulation::Simulation;
+use crate::viewport::Viewport;
+use crate::workspace::{Workspace, robot_folders};
 
 /// Everything that requests share.
 #[derive(Debug)]

@@ -2,11 +2,11 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::clip::Command;
-use crate::fsio;
-use crate::robot::{PlantConfig, Robot};
-use crate::rollout::{self, Goals, Guide, PolicyConfig, Precision, RolloutConfig};
-use crate::units::{CTRL_DT, Unit};
+use robert_base::fsio;
+use robert_base::units::{CTRL_DT, Unit};
+use robert_clip::Command;
+use robert_robot::{PlantConfig, Robot};
+use robert_rollout::{self as rollout, Goals, Guide, PolicyConfig, Precision, RolloutConfig};
 
 /// Numbers of one body pose: position in m, then orientation w x y z.
 pub(super) const POSE: usize = 7;
@@ -94,11 +94,11 @@ pub enum What {
 /// ```
 /// use std::sync::Arc;
 ///
-/// use robert::clip::compile;
-/// use robert::progress::Cancel;
-/// use robert::robot::Robot;
-/// use robert::rollout::{PolicyConfig, PolicyName, Rollout, RolloutConfig, Start, tasks};
-/// use robert::take::{Provenance, Take};
+/// use robert_clip::compile;
+/// use robert_base::progress::Cancel;
+/// use robert_robot::Robot;
+/// use robert_rollout::{PolicyConfig, PolicyName, Rollout, RolloutConfig, Start, tasks};
+/// use robert_take::{Provenance, Take};
 ///
 /// let clip = tasks::find("pointmass/circle", None)?;
 /// let (robot, command) = (Arc::new(Robot::builtin(&clip.robot.id)?), compile(&clip)?);
@@ -233,7 +233,7 @@ impl Take {
             rollout: Rollout {
                 seed: p.seed,
                 frames: self.frames(),
-                fps: crate::units::FPS,
+                fps: robert_base::units::FPS,
                 plant: p.plant,
             },
         };

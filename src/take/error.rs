@@ -3,7 +3,7 @@
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-use crate::exit::{Exit, HasExit};
+use robert_base::exit::{Exit, HasExit};
 
 /// The place where a take file is damaged, and the problem.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -33,7 +33,7 @@ impl fmt::Display for Damage {
 pub enum Error {
     /// The file could not be read or written.
     #[error(transparent)]
-    File(#[from] crate::fsio::Error),
+    File(#[from] robert_base::fsio::Error),
     /// The file is damaged or truncated.
     #[error("{}{damage}; {}", prefix(.path.as_deref()), whole(*.frames))]
     Damaged {
@@ -78,16 +78,16 @@ pub enum Error {
     },
     /// The robot could not be read.
     #[error(transparent)]
-    Robot(#[from] crate::robot::Error),
+    Robot(#[from] robert_robot::Error),
     /// An error of the simulator.
     #[error(transparent)]
-    Simulator(#[from] crate::mujoco::Error),
+    Simulator(#[from] robert_mujoco::Error),
     /// The robot cannot be drawn.
     #[error(transparent)]
-    Render(#[from] crate::render::Error),
+    Render(#[from] robert_render::Error),
     /// The command does not fit the format.
     #[error(transparent)]
-    Export(#[from] crate::clip::formats::ExportError),
+    Export(#[from] robert_clip::formats::ExportError),
     /// The motion or the robot does not fit the format.
     #[error("{format} cannot hold this motion: {problem}")]
     Unfit {

@@ -6,9 +6,9 @@
 use glam::{Quat, Vec3};
 
 use super::error::Error;
-use crate::mujoco::Model;
-use crate::render::{self, Shape};
-use crate::robot::Robot;
+use robert_mujoco::Model;
+use robert_render::{self as render, Shape};
+use robert_robot::Robot;
 
 /// Corners around a round shape.
 const SEGMENTS: usize = 20;

@@ -5,9 +5,9 @@ use serde::{Deserialize, Serialize};
 
 use super::document::{Provenance, RobotFacts, Take};
 use super::error::Error;
-use crate::limits;
-use crate::rollout::Precision;
-use crate::units::FPS;
+use robert_base::limits;
+use robert_base::units::FPS;
+use robert_rollout::Precision;
 
 /// The format this program writes.
 pub(super) const FORMAT: &str = "robert-take/1";

@@ -2,7 +2,7 @@
 
 use super::document::Take;
 use super::error::Error;
-use crate::units::{Unit, significant};
+use robert_base::units::{Unit, significant};
 
 /// Of the box with title and caption. It lets the mouse through to the scene.
 const CAPTION_STYLE: &str = "position:fixed;left:12px;bottom:12px;z-index:9;padding:6px 10px;\

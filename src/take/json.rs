@@ -4,9 +4,9 @@ use serde::Serialize;
 
 use super::document::{Take, What, row};
 use super::header::Header;
-use crate::clip::formats;
-use crate::rollout::Precision;
-use crate::units::CTRL_DT;
+use robert_base::units::CTRL_DT;
+use robert_clip::formats;
+use robert_rollout::Precision;
 
 #[derive(Serialize)]
 struct Document<'a> {

@@ -17,9 +17,9 @@ use super::proto::{FrameTransforms, Metrics};
 use super::records::{Channel, Fields, MAGIC, Message, Record, Records, attachment, op, unpack};
 use super::scene::COMMAND_PREFIX;
 use super::write::{frame_at, topic};
-use crate::clip::Command;
-use crate::fsio;
-use crate::limits;
+use robert_base::fsio;
+use robert_base::limits;
+use robert_clip::Command;
 
 /// A take from a damaged file.
 #[derive(Clone, Debug, PartialEq)]
@@ -429,8 +429,8 @@ fn poses(data: &[u8], bodies: &[String], prefix: &str) -> Option<Vec<f64>> {
 mod tests {
     use super::super::sample;
     use super::*;
-    use crate::rng::{Rng, Stream};
-    use crate::rollout::Goals;
+    use robert_base::rng::{Rng, Stream};
+    use robert_rollout::Goals;
 
     /// Equal except for the spans of a compiled command, which come from its clip.
     fn assert_same(a: &Take, b: &Take) {
@@ -468,8 +468,8 @@ mod tests {
         let (robot, mut take) = sample::take("ur5e", 30, 30);
         let mut clip = sample::clip(&robot, 30);
         let joints = Some(vec![robot.joints()[1].name.clone()]);
-        clip.masks = vec![crate::clip::Mask { from: 8, to: 13, joints }];
-        take.command = crate::clip::compile(&clip).unwrap();
+        clip.masks = vec![robert_clip::Mask { from: 8, to: 13, joints }];
+        take.command = robert_clip::compile(&clip).unwrap();
         take.ghost = (0..30).map(|_| None).collect();
         let bytes = take.to_mcap(None).unwrap();
         assert_same(&take, &Take::from_mcap(&bytes).unwrap());

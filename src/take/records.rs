@@ -7,19 +7,19 @@
 use std::borrow::Cow;
 
 use super::error::Damage;
-use crate::limits;
+use robert_base::limits;
 
 /// First and last bytes of every MCAP file.
 pub(super) const MAGIC: &[u8; 8] = b"\x89MCAP0\r\n";
 
 pub(super) mod op {
-    pub(in crate::take) const HEADER: u8 = 0x01;
-    pub(in crate::take) const FOOTER: u8 = 0x02;
-    pub(in crate::take) const CHANNEL: u8 = 0x04;
-    pub(in crate::take) const MESSAGE: u8 = 0x05;
-    pub(in crate::take) const CHUNK: u8 = 0x06;
-    pub(in crate::take) const ATTACHMENT: u8 = 0x09;
-    pub(in crate::take) const DATA_END: u8 = 0x0F;
+    pub(crate) const HEADER: u8 = 0x01;
+    pub(crate) const FOOTER: u8 = 0x02;
+    pub(crate) const CHANNEL: u8 = 0x04;
+    pub(crate) const MESSAGE: u8 = 0x05;
+    pub(crate) const CHUNK: u8 = 0x06;
+    pub(crate) const ATTACHMENT: u8 = 0x09;
+    pub(crate) const DATA_END: u8 = 0x0F;
 }
 
 /// One record.

@@ -3,9 +3,9 @@
 use std::sync::Arc;
 
 use super::document::{Provenance, Take};
-use crate::clip::{Clip, Fill, Key, RobotRef, compile};
-use crate::robot::Robot;
-use crate::rollout::{PolicyConfig, PolicyName, Rollout, RolloutConfig, Start};
+use robert_clip::{Clip, Fill, Key, RobotRef, compile};
+use robert_robot::Robot;
+use robert_rollout::{PolicyConfig, PolicyName, Rollout, RolloutConfig, Start};
 
 /// Home, a held pose near it, home again; masked between.
 pub(super) fn clip(robot: &Robot, frames: u32) -> Clip {

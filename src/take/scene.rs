@@ -10,8 +10,8 @@ use super::proto::{
     Color, CubePrimitive, CylinderPrimitive, Pose, Quaternion, SceneEntity, SceneUpdate,
     SpherePrimitive, TriangleListPrimitive, Vector3, timestamp,
 };
-use crate::render::Shape;
-use crate::robot::Robot;
+use robert_render::Shape;
+use robert_robot::Robot;
 
 /// The root frame.
 pub(super) const WORLD: &str = "world";

@@ -7,8 +7,8 @@ use std::fmt::Write as _;
 
 use super::document::{Take, What, row};
 use super::error::Error;
-use crate::clip::formats;
-use crate::units::CTRL_DT;
+use robert_base::units::CTRL_DT;
+use robert_clip::formats;
 
 impl Take {
     /// CSV: `frame,time,mask,<joint>...`, one row per frame.
@@ -86,9 +86,9 @@ fn numbers(values: &[f64]) -> String {
 mod tests {
     use super::super::sample;
     use super::*;
-    use crate::clip::formats::{from_csv, from_mjcf, from_ros};
-    use crate::clip::{Clip, Command, Fill, compile, parse};
-    use crate::rollout::{PolicyConfig, PolicyName, Precision, Rollout, RolloutConfig, Start};
+    use robert_clip::formats::{from_csv, from_mjcf, from_ros};
+    use robert_clip::{Clip, Command, Fill, compile, parse};
+    use robert_rollout::{PolicyConfig, PolicyName, Precision, Rollout, RolloutConfig, Start};
 
     fn original(take: &Take) -> Clip {
         parse(take.clip_text.clone().unwrap()).unwrap().clip
@@ -118,11 +118,11 @@ mod tests {
     }
 
     fn precision(take: &Take, id: &str, command: &Command) -> Precision {
-        let robot = std::sync::Arc::new(crate::robot::Robot::builtin(id).unwrap());
+        let robot = std::sync::Arc::new(robert_robot::Robot::builtin(id).unwrap());
         let policy = PolicyConfig::new(PolicyName::Pd).build(&robot).unwrap();
         let config = RolloutConfig { seed: take.provenance.seed, ..RolloutConfig::default() };
         let mut rollout = Rollout::new(&robot, policy, command, Start::Pose, config).unwrap();
-        rollout.run(&crate::progress::Cancel::default()).unwrap();
+        rollout.run(&robert_base::progress::Cancel::default()).unwrap();
         rollout.precision()
     }
 

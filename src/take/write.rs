@@ -20,9 +20,9 @@ use super::proto::{
     self, FrameTransform, FrameTransforms, JointError, Log, Metrics, Quaternion, Vector3,
 };
 use super::scene::{COMMAND_PREFIX, Scene, WORLD};
-use crate::clip::Sight;
-use crate::fsio;
-use crate::units::FPS;
+use robert_base::fsio;
+use robert_base::units::FPS;
+use robert_clip::Sight;
 
 /// Seconds since 1970 at frame 0 of every take: 2026-01-01. A constant, so that equal
 /// rollouts are equal files; after 1990, so that viewers show times and not durations.

@@ -3,9 +3,9 @@
 use serde::{Deserialize, Serialize};
 
 use super::Error;
-use crate::net::mask::{MaskKind, Schedule};
-use crate::net::token::TokenConfig;
-use crate::net::{
+use robert_net::mask::{MaskKind, Schedule};
+use robert_net::token::TokenConfig;
+use robert_net::{
     AdamConfig, COMMAND, Facts, MaskGranularity, Mixing, NetConfig, SkipKind, TokenKind, WINDOW,
 };
 
@@ -15,7 +15,7 @@ const MOST_STEPS: u64 = 1_000_000_000_000;
 /// All settings of a training run; together with the data they determine its result.
 ///
 /// ```
-/// use robert::train::TrainConfig;
+/// use robert_train::TrainConfig;
 ///
 /// let mut config = TrainConfig::preset("instant")?;
 /// config.set("lr=1e-4")?;
@@ -234,7 +234,8 @@ impl TrainConfig {
         let parsed = match old {
             toml::Value::Float(_) => value.parse().ok().map(toml::Value::Float),
             toml::Value::Integer(_) => {
-                let typed = || crate::units::count(value).ok().and_then(|n| i64::try_from(n).ok());
+                let typed =
+                    || robert_base::units::count(value).ok().and_then(|n| i64::try_from(n).ok());
                 value.parse().ok().or_else(typed).map(toml::Value::Integer)
             }
             toml::Value::Boolean(_) => value.parse().ok().map(toml::Value::Boolean),
@@ -292,7 +293,7 @@ impl TrainConfig {
     pub fn check_network(&self) -> Result<(), Error> {
         // Uses the least numbers of inputs and actions; those of a robot are checked with its data.
         self.net_config(1, 1, false).check().map_err(|e| match e {
-            crate::net::Error::Config { field, why } => {
+            robert_net::Error::Config { field, why } => {
                 Error::Setting { setting: field.to_owned(), why }
             }
             other => other.into(),
@@ -360,7 +361,7 @@ mod tests {
     fn the_papers_settings() {
         let cfg = TrainConfig::preset("paper-ur5e").unwrap();
         let net = cfg.net_config(5, 5, true);
-        assert_eq!(crate::net::params::Layout::new(&net).count(), 42_619_452);
+        assert_eq!(robert_net::params::Layout::new(&net).count(), 42_619_452);
         assert_eq!((cfg.batch, cfg.steps, cfg.lr), (512, 12_000, 7e-5));
         assert_eq!((cfg.average, cfg.self_correct, cfg.skip), (0.0, 0, SkipKind::Off));
     }

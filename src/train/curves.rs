@@ -2,7 +2,7 @@
 
 use super::metrics::{Evaluation, HeldOut, Line};
 use super::record::Record;
-use crate::plot::{Axis, Curve, Dash, Figure, INK, Layer, Mark, Panel};
+use robert_plot::{Axis, Curve, Dash, Figure, INK, Layer, Mark, Panel};
 
 /// Numbers of hidden frames whose error is drawn over training.
 const HIDDEN: [usize; 3] = [0, 4, 16];
@@ -55,7 +55,7 @@ fn line(name: &str, points: Vec<(f64, f64)>, color: usize, dash: Dash) -> Layer 
     Layer::Line { name: name.to_owned(), points, color, dash }
 }
 
-/// Precision over training of several runs, for [`crate::plot::curves`].
+/// Precision over training of several runs, for [`robert_plot::curves`].
 pub fn precision_curve(record: &Record) -> Curve {
     let points = record.evaluations.iter().map(|(s, e)| (*s as f64, e.precision)).collect();
     Curve { name: record.name.clone(), points, ci95: Vec::new() }
@@ -161,8 +161,8 @@ fn by_hidden(record: &Record) -> Option<Panel> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::train::TrainConfig;
-    use crate::train::metrics::Metric;
+    use crate::TrainConfig;
+    use crate::metrics::Metric;
 
     #[test]
     fn only_what_was_measured_is_listed() {

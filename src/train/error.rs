@@ -2,8 +2,10 @@
 
 use std::path::PathBuf;
 
-use crate::exit::{Exit, HasExit};
-use crate::{dataset, fsio, net};
+use robert_base::exit::{Exit, HasExit};
+use robert_base::fsio;
+use robert_dataset as dataset;
+use robert_net as net;
 
 /// Failures of a training run.
 #[derive(Debug, thiserror::Error)]

@@ -5,10 +5,10 @@ use super::options::Options;
 use super::source::Source;
 use super::state::RunState;
 use super::{Error, curves, paths, record::Record};
-use crate::dataset::Windows;
-use crate::net::head::{GAPS, Sums};
-use crate::net::{Batch, SkipKind};
-use crate::progress::Cancel;
+use robert_base::progress::Cancel;
+use robert_dataset::Windows;
+use robert_net::head::{GAPS, Sums};
+use robert_net::{Batch, SkipKind};
 
 /// Windows for the held-out error during a run; a twentieth for each number of hidden frames.
 const MEASURED: usize = 1_280;

@@ -7,12 +7,12 @@ use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::{Evaluate, Evaluation};
-use crate::clip::{self, Command};
-use crate::linalg::{next_of, on_threads};
-use crate::net::{Model, NetPolicyConfig};
-use crate::progress::Cancel;
-use crate::robot::Robot;
-use crate::rollout::{Learned, Linear, Policy, Rollout, RolloutConfig, Start, tasks};
+use robert_base::progress::Cancel;
+use robert_clip::{self as clip, Command};
+use robert_linalg::{next_of, on_threads};
+use robert_net::{Model, NetPolicyConfig};
+use robert_robot::Robot;
+use robert_rollout::{Learned, Linear, Policy, Rollout, RolloutConfig, Start, tasks};
 
 /// Suites that count for the selection; the others are for the report.
 const SUITES: [&str; 2] = ["manual", "extra"];
@@ -121,7 +121,7 @@ impl SuiteEvaluator {
         case: &Case,
         cancel: &Cancel,
     ) -> Result<f64, String> {
-        let text = |e: crate::rollout::Error| format!("{}: {e}", case.name);
+        let text = |e: robert_rollout::Error| format!("{}: {e}", case.name);
         let start = Start::Pose;
         let config = RolloutConfig::default();
         let mut rollout = Rollout::new(&self.robot, Box::new(policy), &case.command, start, config)
@@ -139,7 +139,7 @@ impl SuiteEvaluator {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::train::tests::untrained;
+    use crate::tests::untrained;
 
     #[test]
     fn an_untrained_network_does_as_well_as_its_linear_prediction() {

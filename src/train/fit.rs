@@ -7,13 +7,13 @@ use std::path::Path;
 
 use super::prepare::{Side, normaliser, prepare, robot_card};
 use super::{Error, TrainConfig};
-use crate::dataset::{Dataset, Part, Windows};
-use crate::explore::{Adam, Tape};
-use crate::net::reach::Reach;
-use crate::net::{COMMAND, CURRENT, Card, Episodes as _, WINDOW, checkpoint};
-use crate::progress::{Cancel, Progress};
-use crate::rng::{Rng, Stream};
-use crate::rollout::{FitCard, FitKind, Inverse, InverseSettings, Linear, Nearest, Window};
+use robert_base::progress::{Cancel, Progress};
+use robert_base::rng::{Rng, Stream};
+use robert_dataset::{Dataset, Part, Windows};
+use robert_explore::{Adam, Tape};
+use robert_net::reach::Reach;
+use robert_net::{COMMAND, CURRENT, Card, Episodes as _, WINDOW, checkpoint};
+use robert_rollout::{FitCard, FitKind, Inverse, InverseSettings, Linear, Nearest, Window};
 
 /// Windows for the held-out error, for each number of hidden frames.
 const MEASURED: u64 = 256;
@@ -100,7 +100,7 @@ pub fn mlp_inverse(
         .collect();
     let total: u64 = episodes.iter().map(|(_, n)| n - 2).sum();
     if total == 0 {
-        return Err(Error::Data(crate::dataset::Error::Empty {
+        return Err(Error::Data(robert_dataset::Error::Empty {
             frames: 3,
             part: "train",
             path: data.path().to_owned(),

@@ -10,14 +10,14 @@
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use crate::dataset::{
+use robert_base::progress::Cancel;
+use robert_dataset::{
     Dataset, Episode, EpisodeMeta, Manifest, Part, Shard, ShardBuilder, Verify, Windows,
 };
-use crate::linalg::{next_of, on_threads};
-use crate::net::{Model, NetPolicyConfig};
-use crate::progress::Cancel;
-use crate::robot::{Robot, StateJoint};
-use crate::rollout::{
+use robert_linalg::{next_of, on_threads};
+use robert_net::{Model, NetPolicyConfig};
+use robert_robot::{Robot, StateJoint};
+use robert_rollout::{
     EXTRACTED_FRAMES, HISTORY, Learned, Masking, Rollout, RolloutConfig, extract_task,
 };
 
@@ -110,7 +110,7 @@ impl Perform for Simulated {
         let spec = serde_json::json!({
             "self_correct": {"round": round, "tasks": tasks, "seed": seed, "step": model.card.training.step},
         });
-        let sha = crate::fsio::sha256_hex(spec.to_string().as_bytes());
+        let sha = robert_base::fsio::sha256_hex(spec.to_string().as_bytes());
         let mut shard = ShardBuilder::new(&robot, &sha, 0);
         for (i, found) in found.into_iter().enumerate() {
             let Some(a) = found? else {
@@ -205,14 +205,14 @@ fn one(
 }
 
 /// The rounds' datasets, opened, with the windows of all their trajectories.
-pub(super) fn open(dir: &Path, rounds: u64) -> Result<Vec<Dataset>, crate::dataset::Error> {
+pub(super) fn open(dir: &Path, rounds: u64) -> Result<Vec<Dataset>, robert_dataset::Error> {
     (1..=rounds).map(|r| Dataset::open(&folder(dir, r), Verify::Full)).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::train::tests::untrained;
+    use crate::tests::untrained;
 
     #[test]
     fn what_was_reached_in_contact_is_noted() {

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use super::Error;
-use crate::fsio;
+use robert_base::fsio;
 
 /// Bytes of a metrics file.
 const METRICS_BYTES: u64 = 256 << 20;

@@ -6,8 +6,8 @@ use serde::Serialize;
 
 use super::hindsight::Perform;
 use super::metrics::{Evaluation, HeldOut};
-use crate::net::Model;
-use crate::progress::{Cancel, Progress};
+use robert_base::progress::{Cancel, Progress};
+use robert_net::Model;
 
 /// Evaluates a network by rollouts instead of by its loss.
 pub trait Evaluate {

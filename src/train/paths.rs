@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::{Error, TrainConfig};
-use crate::fsio;
+use robert_base::fsio;
 
 /// Settings.
 pub fn config(dir: &Path) -> PathBuf {

@@ -2,13 +2,13 @@
 //! centres, all from the training split alone.
 
 use super::{Error, TrainConfig};
-use crate::dataset::{Dataset, Part};
-use crate::net::checkpoint::{TrainingCard, Usual};
-use crate::net::kmeans::kmeans;
-use crate::net::reach::Reach;
-use crate::net::ridge::RidgeConfig;
-use crate::net::{Card, Encoder, Episodes, Net, Ridge, SkipKind, Tokeniser};
-pub use crate::rollout::{card_of as robot_card, facts, normaliser};
+use robert_dataset::{Dataset, Part};
+use robert_net::checkpoint::{TrainingCard, Usual};
+use robert_net::kmeans::kmeans;
+use robert_net::reach::Reach;
+use robert_net::ridge::RidgeConfig;
+use robert_net::{Card, Encoder, Episodes, Net, Ridge, SkipKind, Tokeniser};
+pub use robert_rollout::{card_of as robot_card, facts, normaliser};
 
 /// The most actions to which the bins are fitted.
 const ACTIONS: usize = 400_000;
@@ -100,7 +100,7 @@ pub fn prepare(
         ..TrainingCard::default()
     };
     let mut card = Card::new(robot_card(robot), net_cfg, &encoder.tokens, norm, training);
-    let usual = crate::dataset::usual(data, &data.part(Part::Train, cfg.seed));
+    let usual = robert_dataset::usual(data, &data.part(Part::Train, cfg.seed));
     card.usual = usual.into_iter().map(|[low, high, speed]| Usual { low, high, speed }).collect();
     if cfg.reach {
         card.reach = Some(Reach::fit(&card.facts, &train, cfg.seed)?);

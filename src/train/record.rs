@@ -9,8 +9,8 @@ use serde_json::Value;
 
 use super::metrics::{Evaluation, HeldOut, Line, Metric, Metrics};
 use super::{Error, TrainConfig, paths};
-use crate::fsio;
-use crate::rollout::runs_near;
+use robert_base::fsio;
+use robert_rollout::runs_near;
 
 /// Bytes of a meta file.
 const META_BYTES: u64 = 1 << 20;

@@ -12,10 +12,10 @@ use super::options::{Finished, Options};
 use super::source::{BatchSampler, Source};
 use super::state::RunState;
 use super::{Error, TrainConfig, hindsight, paths};
-use crate::dataset::{Dataset, Part, Windows};
-use crate::net::WINDOW;
-use crate::net::head::Sums;
-use crate::progress::Progress;
+use robert_base::progress::Progress;
+use robert_dataset::{Dataset, Part, Windows};
+use robert_net::WINDOW;
+use robert_net::head::Sums;
 
 /// Steps with a loss or gradient that is not finite before a run stops.
 const MOST_SKIPPED: u64 = 10;

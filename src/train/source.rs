@@ -5,11 +5,11 @@ use std::sync::{Mutex, PoisonError};
 
 use super::TrainConfig;
 use super::config::ContactTarget;
-use crate::dataset::{Dataset, SHORTEST, Window, Windows};
-use crate::net::Place;
-use crate::net::encode::EncodeScratch;
-use crate::net::{Batch, CURRENT, Encoder, WINDOW};
-use crate::rng::{Rng, Stream};
+use robert_base::rng::{Rng, Stream};
+use robert_dataset::{Dataset, SHORTEST, Window, Windows};
+use robert_net::Place;
+use robert_net::encode::EncodeScratch;
+use robert_net::{Batch, CURRENT, Encoder, WINDOW};
 
 const _: () = assert!(SHORTEST == WINDOW, "datasets keep trajectories that fill a window");
 

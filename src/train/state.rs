@@ -9,12 +9,12 @@ use super::prepare::{normaliser, prepare, robot_card};
 use super::record::began_with_tiles;
 use super::source::BatchSampler;
 use super::{Error, TrainConfig, paths};
-use crate::dataset::Dataset;
-use crate::fsio;
-use crate::linalg::tiled;
-use crate::net::checkpoint::{self, OptimiserState};
-use crate::net::step::GradientView;
-use crate::net::{Batch, Card, Encoder, Learner, Model, Net};
+use robert_base::fsio;
+use robert_dataset::Dataset;
+use robert_linalg::tiled;
+use robert_net::checkpoint::{self, OptimiserState};
+use robert_net::step::GradientView;
+use robert_net::{Batch, Card, Encoder, Learner, Model, Net};
 
 /// A run in progress.
 pub(super) struct RunState<'a> {

@@ -14,17 +14,17 @@ use super::hindsight::Simulated;
 use super::options::Options;
 use super::run::train;
 use super::{Error, TrainConfig, paths, read_config};
-use crate::clip;
-use crate::dataset::{self, Corruption, Dataset, Manifest, Verify};
-use crate::fsio;
-use crate::plot::{self, Axis, Curve, Figure};
-use crate::progress::{Cancel, Progress, Silent};
-use crate::robot::{PlantRange, Robot};
-use crate::rollout::{
+use robert_base::fsio;
+use robert_base::progress::{Cancel, Progress, Silent};
+use robert_base::units::Unit;
+use robert_clip as clip;
+use robert_dataset::{self as dataset, Corruption, Dataset, Manifest, Verify};
+use robert_plot::{self as plot, Axis, Curve, Figure};
+use robert_robot::{PlantRange, Robot};
+use robert_rollout::{
     Case, EvalConfig, Interval, PolicyConfig, PolicyName, Start, Suite, evaluate, mean_ci95, tasks,
     test_suites,
 };
-use crate::units::Unit;
 
 /// The most points of a grid, including seeds.
 const MOST_POINTS: usize = 10_000;
@@ -624,7 +624,7 @@ mod tests {
         assert_eq!(names[1], "mask-cl_shrink-10");
         let cfg = s.config(&all[3], 2).unwrap();
         assert_eq!((cfg.steps, cfg.seed, cfg.lr), (20, 2, 2e-3));
-        assert_eq!(cfg.mask, crate::net::mask::MaskKind::None);
+        assert_eq!(cfg.mask, robert_net::mask::MaskKind::None);
         assert_eq!(View::of(&all[3]).unwrap(), View { shrink: 10, corrupt: 0.0 });
     }
 
@@ -653,7 +653,7 @@ mod tests {
 
     #[test]
     fn shipped_sweeps_are_in_order() {
-        let dir = Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/sweeps");
+        let dir = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../assets/sweeps");
         let mut names = Vec::new();
         for entry in std::fs::read_dir(dir).unwrap() {
             let path = entry.unwrap().path();

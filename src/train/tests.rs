@@ -4,18 +4,18 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::*;
-use crate::dataset::{
+use robert_base::progress::{Cancel, Progress, Silent};
+use robert_base::rng::{Rng, Stream};
+use robert_base::units::Unit;
+use robert_dataset::{
     Dataset, EpisodeMeta, Manifest, Part, Robot, Shard, ShardBuilder, Verify, Windows,
 };
-use crate::explore::{CollectConfig, collect};
-use crate::net::Model;
-use crate::net::checkpoint;
-use crate::net::mask::MaskKind;
-use crate::net::{Batch, SkipKind, TokenKind, WINDOW};
-use crate::progress::{Cancel, Progress, Silent};
-use crate::rng::{Rng, Stream};
-use crate::robot::Robot as Built;
-use crate::units::Unit;
+use robert_explore::{CollectConfig, collect};
+use robert_net::Model;
+use robert_net::checkpoint;
+use robert_net::mask::MaskKind;
+use robert_net::{Batch, SkipKind, TokenKind, WINDOW};
+use robert_robot::Robot as Built;
 
 /// A robot of the program, 3,000 transitions of noise in `folder`, and a network that knows
 /// no more than their linear prediction.
@@ -433,7 +433,7 @@ fn the_best_by_precision_is_kept() {
 
 fn fit_inverse(data: &Dataset, seed: u64, out: &Path) -> fit::Fitted {
     let settings =
-        crate::rollout::InverseSettings { width: 24, steps: 500, batch: 64, ..Default::default() };
+        robert_rollout::InverseSettings { width: 24, steps: 500, batch: 64, ..Default::default() };
     fit::mlp_inverse(data, seed, &settings, out, &Silent, &Cancel::default()).unwrap()
 }
 
@@ -466,7 +466,7 @@ fn a_fit_is_a_function_of_data_and_seed() {
 
     // A part of the data is whole trajectories, spread over all of it.
     fit::nearest(&data, 0, 900, &path("n")).unwrap();
-    let found = crate::rollout::Nearest::load(&path("n"), None).unwrap();
+    let found = robert_rollout::Nearest::load(&path("n"), None).unwrap();
     let lengths = &found.card().settings.lengths;
     assert_eq!(found.frames(), lengths.iter().sum::<usize>());
     assert!(lengths.iter().all(|&n| n == 150) && lengths.len() == 6, "{lengths:?}");
@@ -479,8 +479,8 @@ fn a_stopped_fit_leaves_no_file() {
     let cancel = Cancel::default();
     cancel.cancel();
     let out = dir.path().join("i");
-    let settings = crate::rollout::InverseSettings { width: 8, batch: 8, ..Default::default() };
+    let settings = robert_rollout::InverseSettings { width: 8, batch: 8, ..Default::default() };
     let e = fit::mlp_inverse(&data, 0, &settings, &out, &Silent, &cancel).unwrap_err();
-    assert_eq!(crate::exit::HasExit::exit(&e), crate::exit::Exit::Interrupted);
+    assert_eq!(robert_base::exit::HasExit::exit(&e), robert_base::exit::Exit::Interrupted);
     assert!(!out.exists());
 }

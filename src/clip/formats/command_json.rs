@@ -7,8 +7,8 @@ use super::super::document::{Clip, Fill, RobotRef, Row, round};
 use super::super::error::ClipError;
 use super::super::json::show;
 use super::{Track, places};
-use crate::limits;
-use crate::units::FPS;
+use robert_base::limits;
+use robert_base::units::FPS;
 
 const FORMAT: &str = "robert-command/1";
 

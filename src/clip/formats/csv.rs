@@ -13,8 +13,8 @@ use super::super::json::show;
 use super::super::parse::utf8;
 use super::samples::resample;
 use super::{Track, frame_of, places, start_differs};
-use crate::limits;
-use crate::units::FPS;
+use robert_base::limits;
+use robert_base::units::FPS;
 
 /// A command as CSV. A row with frame -1 holds the start if it differs from the first goal.
 pub fn to_csv(command: &Command) -> String {

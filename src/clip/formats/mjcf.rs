@@ -11,8 +11,9 @@ use super::super::document::{Clip, Fill, RobotRef, Row};
 use super::super::error::ClipError;
 use super::super::json::{line_col, show};
 use super::{ExportError, Track, frame_of, start_differs};
-use crate::units::FPS;
-use crate::{limits, xml};
+use robert_base::limits;
+use robert_base::units::FPS;
+use robert_base::xml;
 
 /// Distance between keys without times, in frames.
 const SPREAD_FRAMES: u32 = 20;

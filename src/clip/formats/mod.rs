@@ -25,9 +25,9 @@ use super::document::{Clip, Fill, Goal, Key, RobotRef, Row, Start, round};
 use super::error::ClipError;
 use super::json::show;
 use super::validate::hint;
-use crate::exit::{Exit, HasExit};
-use crate::limits;
-use crate::units::FPS;
+use robert_base::exit::{Exit, HasExit};
+use robert_base::limits;
+use robert_base::units::FPS;
 
 /// Why a command does not fit a format.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

@@ -12,7 +12,7 @@ use super::super::document::{Clip, Fill, RobotRef, Row};
 use super::super::error::ClipError;
 use super::trajectory::Trajectory;
 use super::{ExportError, Track, frame_of, places};
-use crate::limits;
+use robert_base::limits;
 
 /// A command as YAML, with the velocities and accelerations that controllers want.
 ///

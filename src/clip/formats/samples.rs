@@ -3,8 +3,8 @@
 use super::super::document::{Clip, Fill, RobotRef, Row};
 use super::super::error::ClipError;
 use super::{Track, frame_of};
-use crate::limits;
-use crate::units::FPS;
+use robert_base::limits;
+use robert_base::units::FPS;
 
 /// A time in seconds and the values at it; `None` where a joint has none.
 pub type Sample = (f64, Row);

@@ -15,9 +15,9 @@ use plotters::prelude::{
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 use plotters::style::{FontDesc, FontFamily, FontStyle, TextStyle};
 
-use crate::plot::figure::Dash;
-use crate::plot::palette::{Rgb, Theme};
-use crate::plot::{Error, INK, Letterer};
+use crate::figure::Dash;
+use crate::palette::{Rgb, Theme};
+use crate::{Error, INK, Letterer};
 
 /// The font families in an SVG; the viewer uses the first that it has.
 const FAMILY: &str = "Noto Sans, DejaVu Sans, Helvetica, Arial, sans-serif";

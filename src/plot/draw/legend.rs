@@ -4,8 +4,8 @@ use plotters::prelude::DrawingBackend;
 use plotters::style::text_anchor::{HPos, VPos};
 
 use super::canvas::{Canvas, LABEL, Rect, text_width};
-use crate::plot::figure::{Dash, Layer, Mark, Panel};
-use crate::plot::{Error, INK, Letterer};
+use crate::figure::{Dash, Layer, Mark, Panel};
+use crate::{Error, INK, Letterer};
 
 /// A legend entry.
 #[derive(Clone, PartialEq)]

@@ -68,7 +68,7 @@ impl Figure {
             Some("svg") => self.svg()?.into_bytes(),
             _ => return Err(Error::Format { path: path.to_owned() }),
         };
-        Ok(crate::fsio::write_atomic(path, &bytes)?)
+        Ok(robert_base::fsio::write_atomic(path, &bytes)?)
     }
 }
 

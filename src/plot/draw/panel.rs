@@ -6,9 +6,9 @@ use plotters::style::text_anchor::{HPos, VPos};
 use super::canvas::{Canvas, HEAD, LABEL, Rect, TICK, text_width};
 use super::frame::{Frame, drawable};
 use super::legend::{Entry, LINE, rows};
-use crate::plot::Error;
-use crate::plot::axis::Axis;
-use crate::plot::figure::{Dash, Layer, Mark, Panel};
+use crate::Error;
+use crate::axis::Axis;
+use crate::figure::{Dash, Layer, Mark, Panel};
 
 /// The margins of a panel around its axes.
 #[derive(Clone, Copy)]

@@ -2,7 +2,7 @@
 
 use super::film::{Encode, Film};
 use super::{changed, fail};
-use crate::render::{Error, Picture};
+use crate::{Error, Picture};
 
 pub(super) struct Apng {
     writer: Option<png::Writer<Sink>>,
@@ -91,8 +91,8 @@ impl Encode for Apng {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::render::encode::FilmFormat;
-    use crate::render::encode::tests::film;
+    use crate::encode::FilmFormat;
+    use crate::encode::tests::film;
 
     #[test]
     fn every_frame_comes_back() {

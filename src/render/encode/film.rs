@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::ending;
-use crate::render::{Error, Picture};
+use crate::{Error, Picture};
 
 /// The format of a film.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

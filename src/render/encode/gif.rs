@@ -8,7 +8,7 @@ use color_quant::NeuQuant;
 
 use super::fail;
 use super::film::{Encode, Film};
-use crate::render::{Error, Picture};
+use crate::{Error, Picture};
 
 /// Colours; one index is kept for "as before".
 const COLORS: usize = 255;
@@ -163,8 +163,8 @@ fn padded(rgb: &[u8]) -> Vec<u8> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::render::encode::FilmFormat;
-    use crate::render::encode::tests::film;
+    use crate::encode::FilmFormat;
+    use crate::encode::tests::film;
 
     #[test]
     fn frames_time_and_colours_come_back() {

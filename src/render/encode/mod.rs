@@ -84,7 +84,7 @@ pub fn save(picture: &Picture, path: &Path) -> Result<(), Error> {
         "jpg" | "jpeg" => jpeg(picture, JPEG_QUALITY)?,
         _ => return Err(Error::Format { known: ".png or .jpg", path: path.to_owned() }),
     };
-    Ok(crate::fsio::write_atomic(path, &bytes)?)
+    Ok(robert_base::fsio::write_atomic(path, &bytes)?)
 }
 
 /// The suffix of a path in lower case, without the dot.
@@ -119,7 +119,7 @@ pub(super) mod tests {
     use super::*;
 
     /// A square that walks over a gradient.
-    pub(in crate::render) fn film(frames: u32, width: u32, height: u32) -> Vec<Picture> {
+    pub(crate) fn film(frames: u32, width: u32, height: u32) -> Vec<Picture> {
         (0..frames)
             .map(|f| {
                 let mut p = Picture::filled(width, height, [0; 3]);

@@ -25,7 +25,7 @@ use shiguredo_mp4::mux::{
 
 use super::fail;
 use super::film::{Encode, Film};
-use crate::render::{Error, Picture};
+use crate::{Error, Picture};
 
 /// Quantiser: no visible artefacts on these pictures at 2 kB per frame.
 const QP: u8 = 23;
@@ -191,8 +191,8 @@ impl Planes {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::render::encode::FilmFormat;
-    use crate::render::encode::tests::film;
+    use crate::encode::FilmFormat;
+    use crate::encode::tests::film;
     use openh264::decoder::Decoder;
     use openh264::formats::YUVSource;
 

@@ -2,7 +2,7 @@
 
 use super::film::{Encode, Film, FilmFormat};
 use super::{apng, gif, mp4};
-use crate::render::{Error, Picture};
+use crate::{Error, Picture};
 
 impl FilmFormat {
     /// Whether a film of these pixels can be written.

@@ -7,7 +7,7 @@ use std::thread::JoinHandle;
 use super::ENDINGS;
 use super::film::{Film, FilmFormat};
 use super::stream::FilmStream;
-use crate::render::{Error, Picture};
+use crate::{Error, Picture};
 
 /// The most frames that wait for the encoder.
 const WAITING: usize = 4;
@@ -97,7 +97,7 @@ impl VideoWriter {
             return Err(Error::NoFrames);
         }
         let bytes = self.join()?;
-        crate::fsio::write_atomic(&self.path, &bytes)?;
+        robert_base::fsio::write_atomic(&self.path, &bytes)?;
         Ok(Written { frames: self.pushed, bytes: bytes.len() as u64, path: self.path.clone() })
     }
 
@@ -122,7 +122,7 @@ impl Drop for VideoWriter {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::render::encode::tests::film;
+    use crate::encode::tests::film;
 
     #[test]
     fn frames_must_fit_and_a_film_needs_one() {

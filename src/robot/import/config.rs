@@ -32,7 +32,7 @@ pub struct ImportConfig {
     pub servos: Servos,
     /// What joints get whose source leaves out the drive.
     pub drives: Drives,
-    /// The binary that checks models; see [`crate::robot::check::executable`].
+    /// The binary that checks models; see [`crate::check::executable`].
     pub checker: PathBuf,
 }
 

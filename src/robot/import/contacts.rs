@@ -10,9 +10,9 @@ use std::fmt::Write as _;
 use std::sync::Arc;
 
 use super::draft::Draft;
-use crate::mujoco::{Data, Geom, Kind, Model};
-use crate::rng::{Rng, Stream};
-use crate::robot::{Error, preparse, text};
+use crate::{Error, preparse, text};
+use robert_base::rng::{Rng, Stream};
+use robert_mujoco::{Data, Geom, Kind, Model};
 
 /// Poses drawn to find pairs that touch in nearly all of them.
 const POSES: u64 = 60;

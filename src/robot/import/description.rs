@@ -10,8 +10,8 @@ use std::str::FromStr;
 use nalgebra::{Quaternion, UnitQuaternion};
 use roxmltree::{Document, Node};
 
-use crate::limits;
-use crate::robot::{Error, preparse};
+use crate::{Error, preparse};
+use robert_base::limits;
 
 /// A robot: links, and the joints between them.
 #[derive(Clone, Debug)]
@@ -402,7 +402,7 @@ mod tests {
     use super::*;
 
     fn parse(text: &str) -> Result<Description, String> {
-        let doc = crate::xml::parse(text, limits::XML_ELEMENTS).unwrap();
+        let doc = robert_base::xml::parse(text, limits::XML_ELEMENTS).unwrap();
         read(&doc, Path::new("a.urdf")).map_err(|e| e.to_string())
     }
 

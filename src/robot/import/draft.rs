@@ -4,9 +4,10 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use super::words::Words;
-use crate::fsio;
-use crate::robot::{Assets, Error, mesh, preparse, text};
-use crate::{limits, units};
+use crate::{Assets, Error, mesh, preparse, text};
+use robert_base::fsio;
+use robert_base::limits;
+use robert_base::units;
 
 /// Folder of meshes and textures inside a robot's folder.
 pub(super) const ASSET_DIR: &str = "assets";

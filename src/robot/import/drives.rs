@@ -15,10 +15,10 @@ use roxmltree::Node;
 
 use super::config::{Drives, ImportConfig};
 use super::draft::Draft;
-use crate::mujoco::{Joint, Kind, Model};
-use crate::robot::derive::{digits, torque_limit};
-use crate::robot::text::Edits;
-use crate::robot::{Error, preparse};
+use crate::derive::{digits, torque_limit};
+use crate::text::Edits;
+use crate::{Error, preparse};
+use robert_mujoco::{Joint, Kind, Model};
 
 /// Speed under full torque, rad/s or m/s, above which a joint has no damping to speak of.
 const FREE_SPEED: f64 = 20.0;

@@ -8,12 +8,12 @@ use roxmltree::Node;
 use super::config::{ImportConfig, Servos};
 use super::draft::Draft;
 use super::words::Servo;
-use crate::mujoco::{Joint, Kind, Model, Transmission};
-use crate::robot::derive::{ctrlrange, is_motor, state_joints};
-use crate::robot::law::Law;
-use crate::robot::text::{Edits, escape};
-use crate::robot::{Assets, Error, preparse, text};
-use crate::units::SIM_DT;
+use crate::derive::{ctrlrange, is_motor, state_joints};
+use crate::law::Law;
+use crate::text::{Edits, escape};
+use crate::{Assets, Error, preparse, text};
+use robert_base::units::SIM_DT;
+use robert_mujoco::{Joint, Kind, Model, Transmission};
 
 /// Takes away joints that only a default class makes free, if asked to; refuses what the
 /// state cannot hold. Gives whether anything was taken.
@@ -333,7 +333,7 @@ fn without_actuators(draft: &mut Draft, config: &ImportConfig) -> Result<String,
 /// Whether the model weighs the same without its visual geoms, body by body, bit by bit.
 pub(super) fn weightless_visuals(xml: &str, assets: &Assets, full: &Model) -> bool {
     let Ok(bare) = text::discard_visual(xml) else { return false };
-    let Ok(bare) = crate::robot::compile(&bare, assets) else { return false };
+    let Ok(bare) = crate::compile(&bare, assets) else { return false };
     bare.nq() == full.nq()
         && bare.nu() == full.nu()
         && bare.body_mass() == full.body_mass()

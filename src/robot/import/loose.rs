@@ -7,8 +7,8 @@ use std::path::Path;
 use roxmltree::{Document, Node};
 
 use super::draft::Draft;
-use crate::robot::text::Edits;
-use crate::robot::{Error, preparse};
+use crate::text::Edits;
+use crate::{Error, preparse};
 
 /// Sections whose entries refer to parts of bodies.
 const SECTIONS: &[&str] = &["actuator", "tendon", "equality", "contact", "sensor", "deformable"];

@@ -10,8 +10,8 @@ use super::draft::{ASSET_DIR, Draft, physics};
 use super::loose::{self, blank};
 use super::modern;
 use super::words::Words;
-use crate::robot::text::Edits;
-use crate::robot::{Error, mesh, preparse, text};
+use crate::text::Edits;
+use crate::{Error, mesh, preparse, text};
 
 /// Attributes of later versions (or of tools) that 2.2.2 does not know and that change
 /// nothing we use: (element, attribute).

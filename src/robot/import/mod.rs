@@ -30,9 +30,9 @@ pub use config::{Drives, ImportConfig, Report, Servos};
 
 use super::pace::{self, Pace};
 use super::{Assets, Error, MODEL_FILE, PROFILE_FILE, Robot, check, derive, preparse, profile};
-use crate::fsio;
-use crate::mujoco::Model;
 use draft::Draft;
+use robert_base::fsio;
+use robert_mujoco::Model;
 
 /// Speed limit of a joint that its motors do not move, rad/s or m/s.
 const SLOW: f64 = 0.1;

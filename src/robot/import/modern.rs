@@ -10,9 +10,9 @@ use nalgebra::{UnitQuaternion, Vector3};
 use roxmltree::Node;
 
 use super::draft::Draft;
-use crate::limits;
-use crate::robot::text::{Edits, before_close, escape};
-use crate::robot::{Error, preparse};
+use crate::text::{Edits, before_close, escape};
+use crate::{Error, preparse};
+use robert_base::limits;
 
 /// Attributes of a `<frame>` that a body has, too.
 const POSE: &[&str] = &["pos", "quat", "axisangle", "xyaxes", "zaxis", "euler", "childclass"];
@@ -202,7 +202,7 @@ fn suffixed(node: Node<'_, '_>, xml: &str, suffix: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mujoco::{Data, Kind, Model};
+    use robert_mujoco::{Data, Kind, Model};
     use std::sync::Arc;
 
     fn flat(xml: &str) -> Result<String, Error> {

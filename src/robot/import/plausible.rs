@@ -3,10 +3,10 @@
 use std::sync::Arc;
 
 use super::draft::Draft;
-use crate::mujoco::{Data, Kind, Model};
-use crate::robot::Error;
-use crate::robot::derive::torque_limit;
-use crate::robot::golden::spread;
+use crate::Error;
+use crate::derive::torque_limit;
+use crate::golden::spread;
+use robert_mujoco::{Data, Kind, Model};
 
 /// Poses beside the default one.
 const POSES: usize = 8;

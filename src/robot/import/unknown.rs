@@ -2,7 +2,7 @@
 //! compiler stumbles over that an import can do without.
 
 use super::draft::Draft;
-use crate::robot::Error;
+use crate::Error;
 
 /// Attributes that change how the robot moves, with what is lost: (attribute, what).
 const PHYSICS: &[(&str, &str)] = &[

@@ -10,8 +10,8 @@ use roxmltree::{Document, Node};
 use super::config::ImportConfig;
 use super::description::{self, Description, Geometry, Joint, JointType, Link, Pose};
 use super::draft::{ASSET_DIR, Draft, physics};
-use crate::robot::text::escape;
-use crate::robot::{Error, dae, mesh, preparse};
+use crate::text::escape;
+use crate::{Error, dae, mesh, preparse};
 
 /// A geom's attributes and the colour that its file gives it.
 type Colored = (String, Option<[f64; 4]>);

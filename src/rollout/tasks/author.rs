@@ -1,8 +1,8 @@
 //! Generates task clips from formulas and pose tables.
 
-use crate::clip::{Clip, Fill, Key, RobotRef};
-use crate::robot::Robot;
-use crate::units::CTRL_DT;
+use robert_base::units::CTRL_DT;
+use robert_clip::{Clip, Fill, Key, RobotRef};
+use robert_robot::Robot;
 
 /// A task clip with its name and suite.
 #[derive(Clone, Debug)]

@@ -6,8 +6,8 @@ use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 
 use super::author::{Authored, blank, dense, middles, sequence};
-use crate::clip::{Clip, Fill, Key};
-use crate::robot::{Error, Robot};
+use robert_clip::{Clip, Fill, Key};
+use robert_robot::{Error, Robot};
 
 /// Spread, knuckle, middle and outer joint of a finger. One tendon bends the last two, so
 /// they are drawn equal.

@@ -24,9 +24,9 @@ use serde::{Deserialize, Serialize};
 pub use author::Authored;
 pub use trial::trial;
 
-use crate::clip::{Clip, ClipError};
-use crate::exit::{Exit, HasExit};
-use crate::robot::{self, Robot};
+use robert_base::exit::{Exit, HasExit};
+use robert_clip::{Clip, ClipError};
+use robert_robot::{self as robot, Robot};
 
 #[derive(rust_embed::RustEmbed)]
 #[folder = "assets/clips/"]
@@ -300,8 +300,8 @@ mod tests {
     use std::collections::BTreeSet;
 
     use super::*;
-    use crate::clip::{Level, Rule, compile, lint};
-    use crate::robot::Robot;
+    use robert_clip::{Level, Rule, compile, lint};
+    use robert_robot::Robot;
 
     fn folders() -> impl Iterator<Item = String> {
         manifest().unwrap().into_iter().filter(|(_, t)| t.like.is_none()).map(|(id, _)| id)

@@ -4,8 +4,8 @@
 use std::f64::consts::{FRAC_PI_2, TAU};
 
 use super::author::{Authored, blank, dense, polyline, sequence, thinned};
-use crate::clip::{Clip, Fill, Key};
-use crate::robot::Robot;
+use robert_clip::{Clip, Fill, Key};
+use robert_robot::Robot;
 
 const FRAMES: u32 = 200;
 

@@ -10,10 +10,10 @@
 use std::f64::consts::TAU;
 
 use super::author::{Authored, blank, dense, middles, sequence, thinned};
-use crate::clip::{Clip, Goal};
-use crate::rng::{Rng, Stream};
-use crate::robot::{Error, Robot, StateJoint};
-use crate::units::CTRL_DT;
+use robert_base::rng::{Rng, Stream};
+use robert_base::units::CTRL_DT;
+use robert_clip::{Clip, Goal};
+use robert_robot::{Error, Robot, StateJoint};
 
 /// Share of the distance to the further stop that motions use.
 const REACH: f64 = 0.45;
@@ -107,7 +107,7 @@ fn leave_free(clip: &mut Clip, driven: &[bool], home: &[f64]) {
     let free = |row: &mut Vec<Option<f64>>| {
         row.iter_mut().zip(driven).filter(|(_, d)| !**d).for_each(|(q, _)| *q = None);
     };
-    clip.start = Some(crate::clip::Start::Q(home.to_vec()));
+    clip.start = Some(robert_clip::Start::Q(home.to_vec()));
     clip.poses.values_mut().for_each(free);
     for key in &mut clip.keys {
         if let Goal::Q(row) = &mut key.goal {
@@ -127,7 +127,7 @@ fn room(j: &StateJoint, home: f64) -> f64 {
 /// The same, however fast the joint is.
 fn free_room(j: &StateJoint, home: f64) -> f64 {
     if j.unbounded {
-        let slides = j.unit == crate::units::Unit::M;
+        let slides = j.unit == robert_base::units::Unit::M;
         return UNBOUNDED[usize::from(slides)];
     }
     let (down, up) = (home - j.range[0], j.range[1] - home);
@@ -183,7 +183,7 @@ fn gap(robot: &Robot, from: &[f64], to: &[f64]) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::clip::{compile, lint};
+    use robert_clip::{compile, lint};
 
     #[test]
     fn clips_are_valid_and_within_reach() {
@@ -196,7 +196,7 @@ mod tests {
                 assert_eq!(again.to_text(), task.clip.to_text());
                 for found in lint(&task.clip, &command, &table, None) {
                     let (level, text) = (found.level, &found.message);
-                    assert!(level < crate::clip::Level::Error, "{id}/{}: {text}", task.name);
+                    assert!(level < robert_clip::Level::Error, "{id}/{}: {text}", task.name);
                 }
                 let moved = (0..command.frames()).any(|f| command.row(f) != command.row(0));
                 assert!(moved, "{id}/{} stands still", task.name);

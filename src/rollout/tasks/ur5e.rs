@@ -4,8 +4,8 @@
 use std::f64::consts::TAU;
 
 use super::author::{Authored, blank, dense, middles, sequence, thinned};
-use crate::clip::Clip;
-use crate::robot::Robot;
+use robert_clip::Clip;
+use robert_robot::Robot;
 
 /// Joint order: pan, lift, elbow, `wrist_1`, `wrist_2`.
 type Pose = [f64; 5];

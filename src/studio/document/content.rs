@@ -8,10 +8,11 @@ use std::path::{Path, PathBuf};
 
 use super::places::open_journal;
 use super::replayed::Replayed;
-use crate::clip::{Batch, Change, Clip, Command, Delta, Editor, JointTable, Op};
-use crate::studio::document::journal::{Journal, Record};
-use crate::studio::protocol::{Error, Restored};
-use crate::{clip, fsio};
+use crate::document::journal::{Journal, Record};
+use crate::protocol::{Error, Restored};
+use robert_base::fsio;
+use robert_clip as clip;
+use robert_clip::{Batch, Change, Clip, Command, Delta, Editor, JointTable, Op};
 
 /// One thing that a client asks of the document.
 #[derive(Clone, Debug)]
@@ -285,7 +286,7 @@ impl Document {
     /// Whether the file holds something else than what was last read or written here. A file
     /// that is gone holds nothing that saving would overwrite.
     fn is_changed_on_disk(&self, path: &Path) -> bool {
-        match fsio::read_capped(path, crate::limits::CLIP_BYTES) {
+        match fsio::read_capped(path, robert_base::limits::CLIP_BYTES) {
             Ok(bytes) => bytes != self.saved_text.as_bytes(),
             Err(fsio::Error::Read { source, .. }) => source.kind() != std::io::ErrorKind::NotFound,
             Err(_) => true,
@@ -299,7 +300,7 @@ impl Document {
     /// is of another robot, and those of [`Document::edit`].
     pub(crate) fn reload(&mut self) -> Result<Vec<Change>, Error> {
         let path = self.path.clone().ok_or(Error::Untitled)?;
-        let bytes = fsio::read_capped(&path, crate::limits::CLIP_BYTES)?;
+        let bytes = fsio::read_capped(&path, robert_base::limits::CLIP_BYTES)?;
         let text = String::from_utf8_lossy(&bytes).into_owned();
         let read = clip::parse_bytes(bytes).map_err(|e| e.in_file(&path))?.clip;
         if read.robot != self.clip().robot || read.x != self.clip().x {

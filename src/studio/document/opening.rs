@@ -5,10 +5,11 @@ use std::path::{Path, PathBuf};
 use super::content::{Document, invalid};
 use super::places::{Found, open_journal};
 use super::replayed::Replayed;
-use crate::clip::{Clip, Editor, JointTable, Step};
-use crate::studio::document::journal::{Damage, Journal, Record};
-use crate::studio::protocol::{Error, Restored};
-use crate::{clip, fsio};
+use crate::document::journal::{Damage, Journal, Record};
+use crate::protocol::{Error, Restored};
+use robert_base::fsio;
+use robert_clip as clip;
+use robert_clip::{Clip, Editor, JointTable, Step};
 
 impl Restored {
     pub(super) fn of(edits: usize, damage: Damage) -> Restored {
@@ -38,7 +39,7 @@ impl Document {
         (mut journal, records, mut damage): Found,
         table: impl FnOnce(&Clip) -> Option<JointTable>,
     ) -> Result<Document, Error> {
-        let text = fsio::read_capped(&path, crate::limits::CLIP_BYTES);
+        let text = fsio::read_capped(&path, robert_base::limits::CLIP_BYTES);
         let on_disk = match text {
             Ok(bytes) => clip::parse_bytes(bytes.clone())
                 .map(|p| (p.clip, String::from_utf8_lossy(&bytes).into_owned()))

@@ -2,9 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::fsio;
-use crate::studio::document::journal::{Damage, Journal, Record};
-use crate::studio::protocol::Error;
+use crate::document::journal::{Damage, Journal, Record};
+use crate::protocol::Error;
+use robert_base::fsio;
 
 /// An open journal and what it holds.
 pub(super) type Found = (Journal, Vec<Record>, Damage);

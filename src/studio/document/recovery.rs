@@ -7,10 +7,10 @@ use std::time::Duration;
 use super::content::Document;
 use super::opening::steps;
 use super::places::{journal_places, open_journal};
-use crate::clip::{Clip, Editor, JointTable};
-use crate::fsio;
-use crate::studio::document::journal::{Damage, Journal, Record};
-use crate::studio::protocol::{Draft, Error};
+use crate::document::journal::{Damage, Journal, Record};
+use crate::protocol::{Draft, Error};
+use robert_base::fsio;
+use robert_clip::{Clip, Editor, JointTable};
 
 /// Attempts to get a draft that seems to be in use, and the time between two.
 const LOCK_TRIES: u32 = 10;

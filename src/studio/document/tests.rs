@@ -2,8 +2,8 @@
 
 use super::journal::{Journal, Record};
 use super::{Document, Edit};
-use crate::clip::{Clip, ClipRename, Key, KeysAdd, Op, RobotRef};
-use crate::studio::protocol::Error;
+use crate::protocol::Error;
+use robert_clip::{Clip, ClipRename, Key, KeysAdd, Op, RobotRef};
 
 fn blank() -> Clip {
     let joints = vec!["a".to_owned(), "b".to_owned()];

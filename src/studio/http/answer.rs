@@ -10,8 +10,8 @@ use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-use crate::studio::protocol::{Code, Error, ErrorBody};
-use crate::studio::state::App;
+use crate::protocol::{Code, Error, ErrorBody};
+use crate::state::App;
 
 /// A refusal as a response.
 #[derive(Debug)]

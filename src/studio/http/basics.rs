@@ -8,10 +8,10 @@ use axum::response::{IntoResponse, Response};
 
 use super::answer::{Json, Refused, Shared};
 use super::pages;
-use crate::studio::protocol;
-use crate::studio::protocol::{Code, DocumentView, Error, ErrorBody};
-use crate::studio::session::SessionCommand;
-use crate::studio::state::App;
+use crate::protocol;
+use crate::protocol::{Code, DocumentView, Error, ErrorBody};
+use crate::session::SessionCommand;
+use crate::state::App;
 
 /// No icon is no error.
 pub(crate) async fn favicon() -> StatusCode {

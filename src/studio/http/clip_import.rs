@@ -6,13 +6,14 @@ use std::sync::Arc;
 use axum::extract::State;
 
 use super::answer::{Answer, Json, Query, Shared, apart, whole_body};
-use crate::clip::{Clip, ClipError, RobotRef};
-use crate::studio::protocol::{ClipQuery, DocumentView, Error, FileKind, FilesQuery, Listing};
-use crate::studio::session::{SessionCommand, reference};
-use crate::studio::simulation::worker::DescribeRobot;
-use crate::studio::state::App;
-use crate::studio::workspace::{clip_import, folders};
-use crate::{fsio, limits};
+use crate::protocol::{ClipQuery, DocumentView, Error, FileKind, FilesQuery, Listing};
+use crate::session::{SessionCommand, reference};
+use crate::simulation::worker::DescribeRobot;
+use crate::state::App;
+use crate::workspace::{clip_import, folders};
+use robert_base::fsio;
+use robert_base::limits;
+use robert_clip::{Clip, ClipError, RobotRef};
 
 /// `GET /api/files`: what could be opened in a folder.
 pub(crate) async fn files(State(app): Shared, Query(query): Query<FilesQuery>) -> Answer<Listing> {

@@ -5,15 +5,17 @@ use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 
 use super::answer::{Answer, Json, Query, Refused, Shared, apart, download, text_of, whole_body};
-use crate::clip::{Batch, Op};
-use crate::studio::document::Edit;
-use crate::studio::protocol::{
+use crate::document::Edit;
+use crate::protocol::{
     DocumentView, Edited, Error, ExportQuery, NewBody, OpsRequest, PathBody, SaveBody, Saved,
 };
-use crate::studio::session::{Author, SessionCommand};
-use crate::studio::state::App;
-use crate::studio::workspace::export;
-use crate::{clip, fsio, limits};
+use crate::session::{Author, SessionCommand};
+use crate::state::App;
+use crate::workspace::export;
+use robert_base::fsio;
+use robert_base::limits;
+use robert_clip as clip;
+use robert_clip::{Batch, Op};
 
 /// `GET /api/clip`.
 pub(crate) async fn clip(State(app): Shared) -> Result<Response, Refused> {

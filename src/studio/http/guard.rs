@@ -28,7 +28,7 @@ use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, header}
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 
-use crate::studio::protocol::{Code, ErrorBody};
+use crate::protocol::{Code, ErrorBody};
 
 /// 256 random bits as 64 hex digits. Never printed by `Debug`.
 #[derive(Clone)]
@@ -48,7 +48,7 @@ impl Secret {
     pub(crate) fn draw() -> std::io::Result<Secret> {
         let mut bytes = [0_u8; 32];
         std::fs::File::open("/dev/urandom")?.read_exact(&mut bytes)?;
-        Ok(Secret(crate::fsio::sha256_hex(&bytes)))
+        Ok(Secret(robert_base::fsio::sha256_hex(&bytes)))
     }
 
     /// The digits, for the one line that hands them to the user.

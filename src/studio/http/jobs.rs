@@ -8,14 +8,15 @@ use axum::http::StatusCode;
 use axum::response::Response;
 
 use super::answer::{Answer, Json, Query, Refused, Shared, apart, download, whole_body};
-use crate::studio::jobs::Extra;
-use crate::studio::protocol::{
+use crate::jobs::Extra;
+use crate::protocol::{
     Beside, Error, ExportRequest, ImportBody, JobKind, JobRequest, JobView, LinesFrom, UploadQuery,
 };
-use crate::studio::session::SessionCommand;
-use crate::studio::workspace::transfer::{Scene, Second};
-use crate::studio::workspace::{export, robot_folders, transfer, upload_path};
-use crate::{fsio, limits};
+use crate::session::SessionCommand;
+use crate::workspace::transfer::{Scene, Second};
+use crate::workspace::{export, robot_folders, transfer, upload_path};
+use robert_base::fsio;
+use robert_base::limits;
 
 /// `POST /api/exports`.
 pub(crate) async fn start_export(
@@ -67,7 +68,7 @@ pub(crate) async fn upload(
 
 /// `POST /api/import`: a job that makes a robot in the studio's folder.
 pub(crate) async fn import(State(app): Shared, Json(body): Json<ImportBody>) -> Answer<JobView> {
-    if !crate::robot::valid_id(&body.id) {
+    if !robert_robot::valid_id(&body.id) {
         return Err(Error::request(format!(
             "{:?} cannot be a robot's name: lower-case letters, digits, '_' and '-'",
             body.id

@@ -1,8 +1,8 @@
 //! Requests on the socket that are no edit.
 
-use crate::studio::protocol::{Error, Outcome, StudioOp};
-use crate::studio::session::SessionCommand;
-use crate::studio::state::App;
+use crate::protocol::{Error, Outcome, StudioOp};
+use crate::session::SessionCommand;
+use crate::state::App;
 
 /// A request on the socket that is no edit; what it is answered with.
 ///

@@ -9,7 +9,7 @@ use axum::response::{Html, IntoResponse, Response};
 use rust_embed::RustEmbed;
 
 #[derive(RustEmbed)]
-#[folder = "ui/dist"]
+#[folder = "page"]
 #[allow_missing = true]
 struct Bundle;
 

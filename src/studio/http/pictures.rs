@@ -7,11 +7,11 @@ use axum::response::{IntoResponse, Response};
 
 use super::answer::{Answer, Json, Query, Refused, Shared};
 use super::robots::check_pose;
-use crate::studio::protocol::{
+use crate::protocol::{
     Error, ExampleQuery, HoverQuery, Hovered, MeanError, PoseQuery, StillBodyQuery, StillQuery,
 };
-use crate::studio::session::SessionCommand;
-use crate::studio::workspace::Shown;
+use crate::session::SessionCommand;
+use crate::workspace::Shown;
 
 fn picture(jpeg: Bytes) -> Response {
     ([(header::CONTENT_TYPE, "image/jpeg")], jpeg).into_response()

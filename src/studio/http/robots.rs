@@ -5,14 +5,14 @@ use std::sync::Arc;
 use axum::extract::{Path as UrlPath, State};
 
 use super::answer::{Answer, Json, Shared};
-use crate::limits;
-use crate::studio::protocol::{
+use crate::protocol::{
     Error, Geometry, IkAnswer, IkRequest, Pose, Poses, RobotCard, RobotFacts, SettleAnswer,
 };
-use crate::studio::simulation::RobotContext;
-use crate::studio::simulation::worker::{DescribeRobot, Kinematics, LookAtRobot, Settle};
-use crate::studio::state::App;
-use crate::studio::workspace::robot_folders;
+use crate::simulation::RobotContext;
+use crate::simulation::worker::{DescribeRobot, Kinematics, LookAtRobot, Settle};
+use crate::state::App;
+use crate::workspace::robot_folders;
+use robert_base::limits;
 
 /// `GET /api/robots`.
 pub(crate) async fn robots(State(app): Shared) -> Json<Vec<RobotCard>> {

@@ -3,7 +3,7 @@
 use axum::extract::{Path as UrlPath, State};
 
 use super::answer::{Answer, Json, Shared};
-use crate::studio::protocol::{Error, RolloutView, TakeFrames, TakesView};
+use crate::protocol::{Error, RolloutView, TakeFrames, TakesView};
 
 /// `GET /api/rollout`.
 pub(crate) async fn rollout(State(app): Shared) -> Json<RolloutView> {

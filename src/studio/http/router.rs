@@ -14,8 +14,8 @@ use super::{
     basics, clip_import, document, guard, jobs, pages, pictures, robots, rollout, socket, viewport,
     workspace,
 };
-use crate::limits;
-use crate::studio::state::App;
+use crate::state::App;
+use robert_base::limits;
 
 /// All routes behind the guard.
 pub(crate) fn router(app: Arc<App>) -> Router {

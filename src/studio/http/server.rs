@@ -15,8 +15,8 @@ use hyper_util::service::TowerToHyperService;
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{Semaphore, oneshot, watch};
 
-use crate::limits;
-use crate::studio::protocol::Error;
+use crate::protocol::Error;
+use robert_base::limits;
 
 /// How long a connection waits for the place of one that was ended for it.
 const ROOM_PATIENCE: Duration = Duration::from_millis(200);

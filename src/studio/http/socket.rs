@@ -19,13 +19,13 @@ use super::answer::Refused;
 use super::basics::{current_state, current_view};
 use super::op;
 use super::server::ended;
-use crate::clip::Op;
-use crate::limits;
-use crate::studio::document::Edit;
-use crate::studio::protocol;
-use crate::studio::protocol::{Error, ErrorBody, Event, Outcome, STUDIO_OPS, StudioOp};
-use crate::studio::session::{Author, SessionCommand};
-use crate::studio::state::App;
+use crate::document::Edit;
+use crate::protocol;
+use crate::protocol::{Error, ErrorBody, Event, Outcome, STUDIO_OPS, StudioOp};
+use crate::session::{Author, SessionCommand};
+use crate::state::App;
+use robert_base::limits;
+use robert_clip::Op;
 
 /// A client that takes nothing for so long is gone.
 const PATIENCE: Duration = Duration::from_secs(10);

@@ -12,10 +12,10 @@ use axum::response::{IntoResponse, Response};
 use super::answer::Refused;
 use super::pages;
 use super::server::ended;
-use crate::limits;
-use crate::studio::state::App;
-use crate::studio::viewport::Incoming;
-use crate::take::viser::{Message, SUBPROTOCOL, frame};
+use crate::state::App;
+use crate::viewport::Incoming;
+use robert_base::limits;
+use robert_take::viser::{Message, SUBPROTOCOL, frame};
 
 /// Between two frames to a client.
 const FLUSH: Duration = Duration::from_micros(16_667);

@@ -4,10 +4,10 @@ use axum::extract::{Path as UrlPath, State};
 use axum::http::StatusCode;
 
 use super::answer::{Answer, Json, Query, Refused, Shared, apart};
-use crate::studio::document::Document;
-use crate::studio::protocol::{DocumentView, Draft, GalleryItem, PathBody, RecentFile, Shelf};
-use crate::studio::session::SessionCommand;
-use crate::studio::workspace::{gallery, runs};
+use crate::document::Document;
+use crate::protocol::{DocumentView, Draft, GalleryItem, PathBody, RecentFile, Shelf};
+use crate::session::SessionCommand;
+use crate::workspace::{gallery, runs};
 
 /// `GET /api/gallery`.
 pub(crate) async fn gallery() -> Json<Vec<GalleryItem>> {

@@ -1,6 +1,6 @@
 //! The arguments of a job, and of one that goes on.
 
-use crate::studio::protocol::{Error, JobKind};
+use crate::protocol::{Error, JobKind};
 
 impl JobKind {
     pub(super) fn command(self) -> &'static str {

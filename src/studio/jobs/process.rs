@@ -9,9 +9,10 @@ use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal, kill_process};
 
-use crate::progress::{JobEvent, JobProgress};
-use crate::studio::protocol::{Error, Event, Hub, JobKind, JobPhase, JobRequest, JobView};
-use crate::{child, limits};
+use crate::protocol::{Error, Event, Hub, JobKind, JobPhase, JobRequest, JobView};
+use robert_base::child;
+use robert_base::limits;
+use robert_base::progress::{JobEvent, JobProgress};
 
 struct Job {
     kind: JobKind,

@@ -2,7 +2,7 @@
 
 use serde::Deserialize;
 
-use crate::clip::Op;
+use robert_clip::Op;
 
 /// Body of `POST /api/ops`.
 #[derive(Clone, Debug, Deserialize)]

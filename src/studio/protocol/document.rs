@@ -6,7 +6,7 @@ use serde::Serialize;
 use serde_json::Value;
 
 use super::policy::PolicyCard;
-use crate::clip::{Blind, Delta, Granularity, JointTable, Lint, Span};
+use robert_clip::{Blind, Delta, Granularity, JointTable, Lint, Span};
 
 /// What an edit did.
 #[derive(Clone, Debug, Serialize)]
@@ -48,7 +48,7 @@ pub struct DocumentView {
     /// Version.
     pub rev: u64,
     /// `robert-clip/1` as a JSON value.
-    #[cfg_attr(test, schemars(with = "crate::clip::ClipShape"))]
+    #[cfg_attr(test, schemars(with = "robert_clip::ClipShape"))]
     pub clip: Value,
     /// Its file.
     pub path: Option<String>,

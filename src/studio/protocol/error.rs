@@ -2,9 +2,9 @@
 
 use std::path::PathBuf;
 
-use crate::clip::{ClipError, OpError};
-use crate::exit::{Exit, HasExit};
-use crate::fsio;
+use robert_base::exit::{Exit, HasExit};
+use robert_base::fsio;
+use robert_clip::{ClipError, OpError};
 
 /// An error of the studio.
 #[derive(Debug, thiserror::Error)]
@@ -18,7 +18,7 @@ pub enum Error {
     Op(#[from] OpError),
     /// The clip cannot be written in this format.
     #[error(transparent)]
-    Export(#[from] crate::clip::formats::ExportError),
+    Export(#[from] robert_clip::formats::ExportError),
     /// A file operation failed.
     #[error(transparent)]
     File(#[from] fsio::Error),

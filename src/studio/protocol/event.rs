@@ -10,7 +10,7 @@ use super::op::Selection;
 use super::refusal::ErrorBody;
 use super::rollout::{RolloutSettings, RolloutState, TakesView, WorkerState};
 use super::state::State;
-use crate::clip::{Delta, Demand, Level};
+use robert_clip::{Delta, Demand, Level};
 
 /// What came of a request that changed nothing.
 #[derive(Clone, Debug, PartialEq, Serialize)]

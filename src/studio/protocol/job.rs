@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::progress::{JobEvent, JobProgress};
+use robert_base::progress::{JobEvent, JobProgress};
 
 /// What can be started.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]

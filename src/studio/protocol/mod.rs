@@ -66,7 +66,7 @@
 //! # Socket `/api/ws`
 //!
 //! Client → server: one JSON text message each, `{"id": N, "op": NAME, "args": {..}}`. NAME is a
-//! clip operation (`keys.add`, ..., see [`crate::clip::Op`]) or one of [`StudioOp`]. `id` is chosen by the
+//! clip operation (`keys.add`, ..., see [`robert_clip::Op`]) or one of [`StudioOp`]. `id` is chosen by the
 //! client and comes back; a client has one request under way at a time, later ones wait in
 //! its own socket.
 //!
@@ -76,7 +76,7 @@
 //!   `rev` is not above that of the document you have.
 //! * `edit`: a change, in order of `rev`, sent to every client *including its author*
 //!   (`by` = author's client number, `id` = its request). It is the acknowledgement: the change is
-//!   on disk. Apply `patch` (see [`crate::clip::Delta`]) to your copy. The journal's
+//!   on disk. Apply `patch` (see [`robert_clip::Delta`]) to your copy. The journal's
 //!   restored or discarded edits have `by` 0.
 //! * `reply`: answers a request that changed nothing or is no edit; `result` or `error`.
 //! * `document`: throw your copy away and take this one (open, new, close, or you were so

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::rollout::RolloutSettings;
-use crate::clip::Op;
+use robert_clip::Op;
 
 /// Requests on the socket that are no clip edits.
 #[derive(Clone, Debug, Deserialize)]
@@ -23,7 +23,7 @@ pub enum StudioOp {
         done: usize,
     },
     /// Rolls out as if this edit were made; nothing is stored. Send while dragging; the
-    /// newest wins. The reply's `demand` is the [`crate::clip::Demand`] of the edit, or null.
+    /// newest wins. The reply's `demand` is the [`robert_clip::Demand`] of the edit, or null.
     #[serde(rename = "preview")]
     Preview {
         /// The edit.

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use crate::rollout::{Guide, Offer, PolicyName};
+use robert_rollout::{Guide, Offer, PolicyName};
 
 /// A policy to choose.
 #[derive(Clone, Debug, PartialEq, Serialize)]

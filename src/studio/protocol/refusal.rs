@@ -3,8 +3,8 @@
 use serde::Serialize;
 
 use super::error::Error;
-use crate::clip::ClipError;
-use crate::exit::{Exit, HasExit};
+use robert_base::exit::{Exit, HasExit};
+use robert_clip::ClipError;
 
 /// What kind of refusal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]

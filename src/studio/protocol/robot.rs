@@ -2,10 +2,10 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::clip::JointTable;
-use crate::robot::{Camera, Group};
-use crate::rollout::Offer;
-use crate::units::Unit;
+use robert_base::units::Unit;
+use robert_clip::JointTable;
+use robert_robot::{Camera, Group};
+use robert_rollout::Offer;
 
 /// One robot, in short.
 #[derive(Clone, Debug, PartialEq, Serialize)]

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use crate::rollout::{Guide, PolicyConfig, PolicyName};
+use robert_rollout::{Guide, PolicyConfig, PolicyName};
 
 /// How the live rollout is made.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -65,7 +65,7 @@ pub struct RolloutView {
     /// Mean absolute error by frame, null where masked.
     pub error: Vec<Option<f64>>,
     /// Full figures, when done.
-    #[cfg_attr(test, schemars(with = "Option<crate::rollout::Precision>"))]
+    #[cfg_attr(test, schemars(with = "Option<robert_rollout::Precision>"))]
     pub precision: Option<Value>,
 }
 

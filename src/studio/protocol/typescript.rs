@@ -20,13 +20,13 @@ use super::{
     SettleAnswer, Shelf, State, StillBodyQuery, StillQuery, StudioOp, TakeFrames, TakesView,
     UploadQuery,
 };
-use crate::clip::{ClipShape, Op};
+use robert_clip::{ClipShape, Op};
 
-/// Where the page imports it from, below the crate's folder.
+/// Where the page imports it from, below the project.
 const FILE: &str = "ui/src/generated/protocol.ts";
 
 const HEAD: &str = "\
-// Generated from the server's types by `ROBERT_BLESS=1 cargo test --lib protocol`; do not edit.
+// Generated from the server's types by `ROBERT_BLESS=1 cargo test -p robert-studio protocol`; do not edit.
 // Values are rad, m, s and frames of 1/20 s.
 
 /** Any JSON. */
@@ -47,7 +47,7 @@ const SENT_WHOLE: [&str; 1] = ["RolloutSettings"];
 #[test]
 fn typescript_is_up_to_date() {
     let text = generated();
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(FILE);
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").join(FILE);
     if std::env::var_os("ROBERT_BLESS").is_some() {
         std::fs::create_dir_all(path.parent().unwrap()).unwrap();
         std::fs::write(&path, &text).unwrap();
@@ -57,7 +57,7 @@ fn typescript_is_up_to_date() {
     assert!(
         there == text,
         "{FILE}:{}: does not say what the server's types say; \
-         ROBERT_BLESS=1 cargo test --lib protocol writes it anew",
+         ROBERT_BLESS=1 cargo test -p robert-studio protocol writes it anew",
         line.map_or(there.lines().count().min(text.lines().count()), |l| l) + 1
     );
 }

@@ -11,15 +11,13 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 
 use super::command::{Author, Reply, Session, SessionCommand};
 use super::history::history;
-use crate::clip;
-use crate::clip::{Batch, Change, Delta, Demand, Granularity, JointTable, Level, Op, RobotRef};
-use crate::studio::document::{Document, Edit};
-use crate::studio::protocol::{
-    DocumentView, Edited, Error, Event, History, Hub, RobotFacts, Saved,
-};
-use crate::studio::simulation::Simulation;
-use crate::studio::simulation::worker::Checked;
-use crate::studio::workspace::Workspace;
+use crate::document::{Document, Edit};
+use crate::protocol::{DocumentView, Edited, Error, Event, History, Hub, RobotFacts, Saved};
+use crate::simulation::Simulation;
+use crate::simulation::worker::Checked;
+use crate::workspace::Workspace;
+use robert_clip as clip;
+use robert_clip::{Batch, Change, Delta, Demand, Granularity, JointTable, Level, Op, RobotRef};
 
 pub(super) struct SessionActor {
     pub(super) document: Option<Document>,

@@ -5,10 +5,10 @@ use std::sync::mpsc::Sender;
 
 use tokio::sync::oneshot;
 
-use crate::clip::{Clip, Command, Demand, Op};
-use crate::studio::document::Edit;
-use crate::studio::protocol::{DocumentView, Edited, Error, RolloutSettings, Saved};
-use crate::studio::simulation::worker::Checked;
+use crate::document::Edit;
+use crate::protocol::{DocumentView, Edited, Error, RolloutSettings, Saved};
+use crate::simulation::worker::Checked;
+use robert_clip::{Clip, Command, Demand, Op};
 
 /// Who asks for an edit.
 #[derive(Clone, Copy, Debug, Default)]

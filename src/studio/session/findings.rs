@@ -4,10 +4,10 @@ use std::collections::BTreeMap;
 
 use super::actor::SessionActor;
 use super::command::SessionCommand;
-use crate::clip;
-use crate::clip::{PoseChecker, PoseReport};
-use crate::studio::protocol::{Error, Event, Findings};
-use crate::studio::simulation::worker::{CheckPoses, Checked};
+use crate::protocol::{Error, Event, Findings};
+use crate::simulation::worker::{CheckPoses, Checked};
+use robert_clip as clip;
+use robert_clip::{PoseChecker, PoseReport};
 
 /// Poses whose verdicts are remembered.
 const VERDICTS: usize = 4_000;

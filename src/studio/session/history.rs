@@ -1,7 +1,7 @@
 //! The named history of the document, as clients see it.
 
-use crate::studio::document::Document;
-use crate::studio::protocol::History;
+use crate::document::Document;
+use crate::protocol::History;
 
 /// Labels of the history that are sent.
 pub(super) const LABELS: usize = 100;

@@ -4,13 +4,13 @@ use std::path::Path;
 use std::time::Duration;
 
 use super::actor::{Asked, SessionActor, reference};
-use crate::clip;
-use crate::clip::{Clip, JointTable};
-use crate::robot::MODEL_FILE;
-use crate::studio::document::Document;
-use crate::studio::protocol::{DocumentView, Error, RobotFacts};
-use crate::studio::simulation::worker::{DescribeRobot, LoadRobot};
-use crate::studio::workspace::robot_folders;
+use crate::document::Document;
+use crate::protocol::{DocumentView, Error, RobotFacts};
+use crate::simulation::worker::{DescribeRobot, LoadRobot};
+use crate::workspace::robot_folders;
+use robert_clip as clip;
+use robert_clip::{Clip, JointTable};
+use robert_robot::MODEL_FILE;
 
 /// How long opening waits for the facts of its robot.
 const ROBOT_PATIENCE: Duration = Duration::from_secs(20);
@@ -102,7 +102,8 @@ impl SessionActor {
     ) -> Result<DocumentView, Error> {
         let facts = self.know(robot)?;
         let table = &facts.table;
-        let mut clip = Clip::new(reference(table), length.clamp(2, crate::limits::CLIP_FRAMES));
+        let mut clip =
+            Clip::new(reference(table), length.clamp(2, robert_base::limits::CLIP_FRAMES));
         clip.name = name;
         // The first key is where the robot starts, until somebody says another start.
         let rest: Vec<f64> = table.rest.iter().map(|v| clip::round(*v)).collect();

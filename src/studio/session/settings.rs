@@ -1,11 +1,11 @@
 //! How rollouts of the open document are made.
 
 use super::actor::SessionActor;
-use crate::clip::Granularity;
-use crate::net::MaskGranularity;
-use crate::net::checkpoint::read_card;
-use crate::rollout::{Guide, Offer, PolicyName, model_path};
-use crate::studio::protocol::{Event, RolloutSettings};
+use crate::protocol::{Event, RolloutSettings};
+use robert_clip::Granularity;
+use robert_net::MaskGranularity;
+use robert_net::checkpoint::read_card;
+use robert_rollout::{Guide, Offer, PolicyName, model_path};
 
 impl SessionActor {
     /// Performs so from now on.

@@ -2,8 +2,8 @@
 
 use super::actor::SessionActor;
 use super::history::history;
-use crate::clip::{Clip, JointTable, RobotRef};
-use crate::studio::protocol::{DocumentView, Findings, History, policies};
+use crate::protocol::{DocumentView, Findings, History, policies};
+use robert_clip::{Clip, JointTable, RobotRef};
 
 impl SessionActor {
     /// What is known about the robot, with what the policy in use can leave open.

@@ -7,9 +7,9 @@ use std::time::Duration;
 use super::robot_context::RobotContext;
 use super::rollout_store::RolloutStore;
 use super::worker::{Dense, Perform, Question, SetPolicy, Stop, WorkerHandle, WorkerSink};
-use crate::clip::{Clip, Command};
-use crate::net::Threads;
-use crate::studio::protocol::{Error, Hub, RobotFacts, RolloutSettings};
+use crate::protocol::{Error, Hub, RobotFacts, RolloutSettings};
+use robert_clip::{Clip, Command};
+use robert_net::Threads;
 
 /// The simulation. Clones share it.
 #[derive(Clone, Debug)]

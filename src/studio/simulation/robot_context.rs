@@ -3,8 +3,8 @@
 use std::collections::BTreeSet;
 use std::ops::Deref;
 
-use crate::clip::Command;
-use crate::studio::protocol::RobotFacts;
+use crate::protocol::RobotFacts;
+use robert_clip::Command;
 
 /// A robot's facts, and what follows from them.
 #[derive(Clone, Debug, PartialEq)]
@@ -83,8 +83,8 @@ impl RobotContext {
                 continue;
             };
             let shared = (value - own.offset) / own.coef;
-            let of = |m: &crate::clip::CouplingMember| {
-                Some((self.joint(&m.joint)?, crate::clip::round(m.coef * shared + m.offset)))
+            let of = |m: &robert_clip::CouplingMember| {
+                Some((self.joint(&m.joint)?, robert_clip::round(m.coef * shared + m.offset)))
             };
             values.extend(coupling.members.iter().filter_map(of));
         }

@@ -14,11 +14,11 @@ use super::frame_log::FrameLog;
 use super::robot_context::RobotContext;
 use super::takes::{Quality, Source, Take, Takes};
 use super::worker::{Frames, MotionRows, SimulationEvent, WorkerSink};
-use crate::clip::{Clip, Command};
-use crate::studio::protocol::{
+use crate::protocol::{
     Error, Event, Hub, Phase, RolloutSettings, RolloutState, RolloutView, TakeFrames, TakesView,
     WorkerState,
 };
+use robert_clip::{Clip, Command};
 
 /// The store; see the module.
 #[derive(Debug)]

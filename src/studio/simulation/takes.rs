@@ -8,10 +8,10 @@
 
 use std::sync::Arc;
 
-use crate::clip::{Clip, Command};
-use crate::limits;
-use crate::studio::protocol::{Error, RolloutSettings, TakeCard, TakesView};
-use crate::units::CTRL_DT;
+use crate::protocol::{Error, RolloutSettings, TakeCard, TakesView};
+use robert_base::limits;
+use robert_base::units::CTRL_DT;
+use robert_clip::{Clip, Command};
 
 /// What a take was performed from.
 #[derive(Clone, Debug)]
@@ -242,7 +242,7 @@ impl Takes {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::clip::{Key, RobotRef, compile};
+    use robert_clip::{Key, RobotRef, compile};
 
     fn take(value: f32, bodies: usize) -> Take {
         let joints = vec!["a".to_owned()];

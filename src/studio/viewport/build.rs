@@ -7,8 +7,8 @@ use super::framing;
 use super::retained::Retained;
 use super::scene_nodes::{OUTLINE, SceneNodes, frames, props, tinted};
 use super::space::{self, Place, V3};
-use crate::studio::protocol::{Geometry, MeshFacts};
-use crate::take::viser::{Apart, Binding, FrameProps, GridProps, Message, node_name};
+use crate::protocol::{Geometry, MeshFacts};
+use robert_take::viser::{Apart, Binding, FrameProps, GridProps, Message, node_name};
 
 /// Puts a robot on stage; what stood there before goes.
 pub(super) fn build(scene: &mut Retained, geometry: Geometry) -> SceneNodes {

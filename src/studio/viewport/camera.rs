@@ -8,10 +8,10 @@ use super::framing;
 use super::retained::Retained;
 use super::scene_nodes::SceneNodes;
 use super::space::Place;
-use crate::render::{self, View};
-use crate::robot;
-use crate::studio::simulation::RobotContext;
-use crate::take::viser::Message;
+use crate::simulation::RobotContext;
+use robert_render::{self as render, View};
+use robert_robot as robot;
+use robert_take::viser::Message;
 
 impl SceneNodes {
     /// The outermost points of a body where it is shown, or of what it carries if nothing of

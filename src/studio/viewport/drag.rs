@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use super::space::{self, Place, V3};
-use crate::studio::protocol::Selection;
+use crate::protocol::Selection;
 
 /// What the hand holds, and what it may hold.
 #[derive(Debug, Default)]

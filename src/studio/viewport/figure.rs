@@ -1,6 +1,6 @@
 //! The figures that stand in the viewport.
 
-use crate::render;
+use robert_render as render;
 
 /// One of the robots that are shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]

@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use crate::render::{Camera, View};
+use robert_render::{Camera, View};
 
 /// Width over height of the narrowest viewport that must hold the robot, and of the widest in
 /// which it must still be large. The page gives the viewport 70 % of its width, so windows of

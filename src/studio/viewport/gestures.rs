@@ -10,10 +10,10 @@ use super::message::ViewportMessage;
 use super::page_camera::PageCamera;
 use super::space::{self, Place, V3};
 use super::stage::Stage;
-use crate::clip::Level;
-use crate::studio::protocol::{Error, Event, IkAnswer, IkRequest, Selection, SiteFacts};
-use crate::studio::simulation::RobotContext;
-use crate::units::Unit;
+use crate::protocol::{Error, Event, IkAnswer, IkRequest, Selection, SiteFacts};
+use crate::simulation::RobotContext;
+use robert_base::units::Unit;
+use robert_clip::Level;
 
 impl Stage {
     pub(super) fn touched(&mut self, tab: Option<String>, incoming: Incoming) {
@@ -244,7 +244,7 @@ impl Stage {
         else {
             return;
         };
-        let value = crate::clip::round(fact.clamp(start + total));
+        let value = robert_clip::round(fact.clamp(start + total));
         let mut values = BTreeMap::new();
         for (joint, value) in facts.bound(*joint, value) {
             if let (Some(fact), Some(q)) = (facts.table.joints.get(joint), drag.pose.get_mut(joint))
@@ -284,7 +284,7 @@ impl Stage {
         if let (Ok(found), Some(drag)) = (answer, &mut self.hand.drag)
             && drag.number == number
         {
-            drag.pose = found.q.iter().map(|v| crate::clip::round(*v)).collect();
+            drag.pose = found.q.iter().map(|v| robert_clip::round(*v)).collect();
             let pose = drag.pose.clone();
             self.tell_pose(false);
             self.float(Some(pose));

@@ -4,9 +4,9 @@ use std::collections::BTreeSet;
 
 use super::space::{self, Place};
 use super::stage::Stage;
-use crate::studio::protocol::{Event, Selection};
-use crate::take::viser::{Message, TransformControlsProps};
-use crate::units::Unit;
+use crate::protocol::{Event, Selection};
+use robert_base::units::Unit;
+use robert_take::viser::{Message, TransformControlsProps};
 
 /// The node of the gizmo.
 pub(super) const GIZMO: &str = "/gizmo";

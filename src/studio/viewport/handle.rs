@@ -10,10 +10,10 @@ use super::message::ViewportMessage;
 use super::run;
 use super::shared::Shared;
 use super::stage::Stage;
-use crate::limits;
-use crate::studio::protocol::{Error, Hovered, Hub, StudioOp};
-use crate::studio::simulation::Simulation;
-use crate::take::viser::Message;
+use crate::protocol::{Error, Hovered, Hub, StudioOp};
+use crate::simulation::Simulation;
+use robert_base::limits;
+use robert_take::viser::Message;
 
 /// Messages that may wait for the stage.
 const INBOX: usize = 256;

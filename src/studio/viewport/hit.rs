@@ -1,7 +1,7 @@
 //! Where a ray meets a mesh.
 
 use super::space::{self, Place, V3};
-use crate::studio::protocol::MeshFacts;
+use crate::protocol::MeshFacts;
 
 /// Distance along a ray to the first triangle of a mesh that stands at a place.
 pub(super) fn hit(mesh: &MeshFacts, place: &Place, eye: V3, ray: V3) -> Option<f64> {

@@ -5,8 +5,8 @@ use std::sync::Arc;
 use tokio::sync::oneshot;
 
 use super::incoming::Incoming;
-use crate::studio::protocol::{Error, Geometry, Hovered, IkAnswer, StudioOp};
-use crate::studio::simulation::RobotContext;
+use crate::protocol::{Error, Geometry, Hovered, IkAnswer, StudioOp};
+use crate::simulation::RobotContext;
 
 /// Body transforms of poses; (nbody, 7) each.
 pub(super) type Bodies = Result<Vec<Vec<f32>>, Error>;

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::space::{self, V3};
-use crate::limits;
+use robert_base::limits;
 
 /// The cameras of all pages.
 #[derive(Debug, Default)]

@@ -2,7 +2,7 @@
 
 use tokio::time::Instant;
 
-use crate::units::FPS;
+use robert_base::units::FPS;
 
 /// The frame that is shown, and how it moves on.
 #[derive(Debug, Default)]

@@ -5,8 +5,8 @@ use super::message::ViewportMessage;
 use super::overlays::Show;
 use super::space::Place;
 use super::stage::Stage;
-use crate::studio::simulation::worker::Kinematics;
-use crate::take::viser::Message;
+use crate::simulation::worker::Kinematics;
+use robert_take::viser::Message;
 
 impl Stage {
     /// Draws everything anew; what has not moved costs nothing.
@@ -88,7 +88,7 @@ impl Stage {
     pub(super) fn float(&mut self, pose: Option<Vec<f64>>) {
         let fits = |q: &Vec<f64>| {
             self.robot.as_ref().is_some_and(|f| f.table.joints.len() == q.len())
-                && q.iter().all(|v| v.abs() <= crate::limits::CLIP_VALUE_MAX)
+                && q.iter().all(|v| v.abs() <= robert_base::limits::CLIP_VALUE_MAX)
         };
         self.hand.floating.pose = pose.filter(fits);
         self.hand.floating.number += 1;

@@ -6,7 +6,7 @@
 
 use std::collections::BTreeMap;
 
-use crate::take::viser::Message;
+use robert_take::viser::Message;
 
 /// Order in which slots are sent: what a slot needs has a lower rank.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -140,7 +140,7 @@ fn key(message: &Message) -> Option<Key> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::take::viser::FrameProps;
+    use robert_take::viser::FrameProps;
 
     #[test]
     fn a_camera_is_where_new_clients_begin_and_where_others_go() {

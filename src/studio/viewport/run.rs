@@ -14,10 +14,10 @@ use super::message::ViewportMessage;
 use super::scene_nodes::{OUTLINE, SceneNodes};
 use super::space::Place;
 use super::stage::Stage;
-use crate::clip::Level;
-use crate::studio::protocol::{Event, Hovered, Phase, Selection, StudioOp};
-use crate::studio::simulation::RobotContext;
-use crate::studio::simulation::worker::LookAtRobot;
+use crate::protocol::{Event, Hovered, Phase, Selection, StudioOp};
+use crate::simulation::RobotContext;
+use crate::simulation::worker::LookAtRobot;
+use robert_clip::Level;
 
 /// Between two pictures while playing.
 const TICK: Duration = Duration::from_micros(16_667);

@@ -7,9 +7,9 @@ use super::hit::hit;
 use super::retained::Retained;
 use super::shell;
 use super::space::{self, Place, V3};
-use crate::render;
-use crate::studio::protocol::MeshFacts;
-use crate::take::viser::{Apart, Buffer, FrameProps, MeshProps, Message};
+use crate::protocol::MeshFacts;
+use robert_render as render;
+use robert_take::viser::{Apart, Buffer, FrameProps, MeshProps, Message};
 
 /// The selected link's outline.
 pub(super) const OUTLINE: &str = "/selected";

@@ -5,7 +5,7 @@ use std::sync::{Mutex, PoisonError};
 use tokio::sync::watch;
 
 use super::retained::Retained;
-use crate::take::viser::Message;
+use robert_take::viser::Message;
 
 /// The scene, and joints that no hand moves.
 #[derive(Debug)]

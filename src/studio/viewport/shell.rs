@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 
 use super::space;
 use super::space::V3;
-use crate::studio::protocol::MeshFacts;
-use crate::take::viser::{Buffer, MeshProps, Rgb};
+use crate::protocol::MeshFacts;
+use robert_take::viser::{Buffer, MeshProps, Rgb};
 
 /// Orange, as the selection is said to be.
 const COLOR: Rgb = [255, 138, 30];

@@ -16,9 +16,9 @@ use super::playback::Playback;
 use super::scene_nodes::SceneNodes;
 use super::shared::Shared;
 use super::space::{self, Place, V3};
-use crate::studio::protocol::{Error, Hub};
-use crate::studio::simulation::worker::Question;
-use crate::studio::simulation::{RobotContext, Simulation};
+use crate::protocol::{Error, Hub};
+use crate::simulation::worker::Question;
+use crate::simulation::{RobotContext, Simulation};
 
 /// The state; see the module.
 pub(super) struct Stage {

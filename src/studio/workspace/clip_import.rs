@@ -4,10 +4,10 @@ use std::path::Path;
 
 use serde::Deserialize;
 
-use crate::clip;
-use crate::clip::formats::{from_command_json, from_csv, from_mjcf, from_ros};
-use crate::clip::{Clip, ClipError, Fill, RobotRef};
-use crate::studio::protocol::FileKind;
+use crate::protocol::FileKind;
+use robert_clip as clip;
+use robert_clip::formats::{from_command_json, from_csv, from_mjcf, from_ros};
+use robert_clip::{Clip, ClipError, Fill, RobotRef};
 
 /// A clip of any format. Between imported keys there is no goal, as with `robert clip convert`.
 ///

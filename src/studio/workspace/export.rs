@@ -1,9 +1,9 @@
 //! The clip and its rollout as files of other programs, by the functions of the command line.
 
-use crate::clip::{Clip, Command, formats};
-use crate::studio::protocol::Error;
-use crate::studio::simulation::RolloutStore;
-use crate::units::CTRL_DT;
+use crate::protocol::Error;
+use crate::simulation::RolloutStore;
+use robert_base::units::CTRL_DT;
+use robert_clip::{Clip, Command, formats};
 
 /// A file to download.
 #[derive(Debug)]
@@ -81,7 +81,7 @@ fn achieved(command: &Command, rollout: &RolloutStore) -> Result<Vec<u8>, Error>
     let joints = rollout.robot().map_or_else(|| command.joints().to_vec(), |f| f.table.names());
     let mut text = format!("frame,time,mask,{}\n", joints.join(","));
     for (frame, row) in view.q.iter().enumerate() {
-        let masked = command.sight(frame as u32) == crate::clip::Sight::Masked;
+        let masked = command.sight(frame as u32) == robert_clip::Sight::Masked;
         write!(text, "{frame},{:.2},{}", frame as f64 * CTRL_DT, u8::from(masked)).ok();
         for v in row {
             write!(text, ",{v}").ok();

@@ -11,8 +11,9 @@ use std::time::UNIX_EPOCH;
 
 use serde::Deserialize;
 
-use crate::studio::protocol::{Error, FileCard, FileKind, Listing, Peek};
-use crate::{fsio, limits};
+use crate::protocol::{Error, FileCard, FileKind, Listing, Peek};
+use robert_base::fsio;
+use robert_base::limits;
 
 impl FileKind {
     /// By the name, as `robert clip convert` does it.

@@ -1,8 +1,8 @@
 //! The examples in the binary: the task clips, the best known ones first.
 
-use crate::clip::Clip;
-use crate::rollout::tasks;
-use crate::studio::protocol::{Error, GalleryItem};
+use crate::protocol::{Error, GalleryItem};
+use robert_clip::Clip;
+use robert_rollout::tasks;
 
 /// What the studio opens on, in this order; the other tasks follow.
 const FIRST: [&str; 6] = [

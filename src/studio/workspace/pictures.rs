@@ -13,15 +13,17 @@ use std::time::Duration;
 use axum::body::Bytes;
 
 use super::gallery;
-use crate::clip::Command;
-use crate::rollout::shipped;
-use crate::studio::protocol::{Error, MeanError, WorkerState};
-use crate::studio::simulation::RolloutStore;
-use crate::studio::simulation::worker::{
+use crate::protocol::{Error, MeanError, WorkerState};
+use crate::simulation::RolloutStore;
+use crate::simulation::worker::{
     Dense, PaintRequest, PickRequest, Picture, Question, SimulationEvent, Subject, WorkerHandle,
     WorkerSink,
 };
-use crate::{clip, fsio, limits};
+use robert_base::fsio;
+use robert_base::limits;
+use robert_clip as clip;
+use robert_clip::Command;
+use robert_rollout::shipped;
 
 /// The painter goes after so long without work.
 const REST: Duration = Duration::from_secs(45);

@@ -4,9 +4,10 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use crate::clip::Clip;
-use crate::studio::protocol::RecentFile;
-use crate::{fsio, limits};
+use crate::protocol::RecentFile;
+use robert_base::fsio;
+use robert_base::limits;
+use robert_clip::Clip;
 
 /// The list; the newest first.
 #[derive(Debug)]
@@ -81,7 +82,7 @@ fn read(path: &Path) -> Option<Vec<RecentFile>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::clip::RobotRef;
+    use robert_clip::RobotRef;
 
     #[test]
     fn newest_first_and_each_once() {

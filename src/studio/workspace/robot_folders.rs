@@ -3,10 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use super::runs::folders;
-use crate::robot;
-use crate::robot::{MODEL_FILE, Robot};
-use crate::rollout::shipped;
-use crate::studio::protocol::RobotCard;
+use crate::protocol::RobotCard;
+use robert_robot as robot;
+use robert_robot::{MODEL_FILE, Robot};
+use robert_rollout::shipped;
 
 /// Robots in the program, then those in the studio's folder and in the state folder.
 pub(crate) fn cards(folder: &Path, state_dir: &Path) -> Vec<RobotCard> {

@@ -5,11 +5,13 @@ use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 
-use crate::net::checkpoint;
-use crate::rollout::model_path;
-use crate::studio::protocol::{BegunCard, DataCard, RunCard, Shelf};
-use crate::train::read_config;
-use crate::{explore, fsio, limits};
+use crate::protocol::{BegunCard, DataCard, RunCard, Shelf};
+use robert_base::fsio;
+use robert_base::limits;
+use robert_explore as explore;
+use robert_net::checkpoint;
+use robert_rollout::model_path;
+use robert_train::read_config;
 
 /// Folders that are looked at for one list.
 const LOOKED_AT: usize = 2_000;
@@ -42,7 +44,7 @@ pub(crate) fn list(folder: &Path) -> Shelf {
         begun.extend(request);
         there
     });
-    Shelf { runs, data, begun, presets: crate::train::PRESETS.to_vec() }
+    Shelf { runs, data, begun, presets: robert_train::PRESETS.to_vec() }
 }
 
 /// The metrics of a run, thinned to what a chart can show.

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use super::pictures::Pictures;
 use super::recent::Recent;
 use super::uploads::Uploads;
-use crate::studio::protocol::Error;
+use crate::protocol::Error;
 
 /// The folder that the studio works in, and what it keeps elsewhere.
 #[derive(Debug)]

@@ -8,10 +8,10 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::export;
-use crate::clip::Clip;
-use crate::rollout::Guide;
-use crate::studio::jobs::Extra;
-use crate::studio::protocol::{Error, ExportRequest, JobKind, JobRequest, RolloutSettings};
+use crate::jobs::Extra;
+use crate::protocol::{Error, ExportRequest, JobKind, JobRequest, RolloutSettings};
+use robert_clip::Clip;
+use robert_rollout::Guide;
 
 /// What is exported.
 #[derive(Debug)]

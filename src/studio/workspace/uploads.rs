@@ -3,8 +3,8 @@
 use std::path::{Component, Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
-use crate::limits;
-use crate::studio::protocol::Error;
+use crate::protocol::Error;
+use robert_base::limits;
 
 /// The files of a robot that a page has sent: one folder, gone with the studio.
 #[derive(Debug)]

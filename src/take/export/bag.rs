@@ -16,7 +16,7 @@ use super::super::error::Error;
 use super::super::write::nanos;
 use super::files::{Export, File, Folder};
 use super::trajectory::{RosOptions, points};
-use crate::clip::formats::Trajectory;
+use robert_clip::formats::Trajectory;
 
 const STATES: &str = "/joint_states";
 const PATH: &str = "/joint_trajectory_controller/joint_trajectory";

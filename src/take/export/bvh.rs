@@ -17,8 +17,8 @@ use super::super::document::Take;
 use super::super::error::Error;
 use super::files::Export;
 use super::skeleton::{Pose, Skeleton, reached};
-use crate::robot::Robot;
-use crate::units::CTRL_DT;
+use robert_base::units::CTRL_DT;
+use robert_robot::Robot;
 
 /// Centimetres of a metre.
 const CM: f64 = 100.0;

@@ -1,7 +1,7 @@
 //! Motion as learning tools store it: states, and the action after each.
 
-use crate::dataset::Dataset;
-use crate::units::Unit;
+use robert_base::units::Unit;
+use robert_dataset::Dataset;
 
 use super::super::document::Take;
 

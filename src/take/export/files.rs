@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::super::error::Error;
-use crate::fsio;
+use robert_base::fsio;
 
 /// One file.
 #[derive(Clone, Debug, PartialEq, Eq)]

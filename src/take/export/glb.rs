@@ -13,8 +13,8 @@ use super::super::error::Error;
 use super::super::geometry::{BodyMesh, body_meshes};
 use super::files::Export;
 use super::skeleton::{Pose, Skeleton, commanded, reached};
-use crate::robot::Robot;
-use crate::units::CTRL_DT;
+use robert_base::units::CTRL_DT;
+use robert_robot::Robot;
 
 /// Movement below which a body counts as welded to its parent, m or 1 - |cos|.
 const STILL: f64 = 1e-12;
@@ -216,7 +216,7 @@ impl Gltf {
                     "provenance": take.provenance,
                     "precision": precision.precision,
                     "masked_mae": precision.masked_mae,
-                    "fps": crate::units::FPS,
+                    "fps": robert_base::units::FPS,
                     "clip": clip,
                 }
             },

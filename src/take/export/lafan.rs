@@ -11,7 +11,7 @@ use super::super::error::Error;
 use super::files::Export;
 use super::skeleton::{Bodies, Pose, Skeleton};
 use super::track::resampled;
-use crate::robot::Robot;
+use robert_robot::Robot;
 
 /// The reached motion as LAFAN CSV at `fps` rows a second.
 ///

@@ -17,7 +17,7 @@ use super::lerobot_layout::{CHUNK_FILES, LeRobotAction, LeRobotOptions, LeRobotV
 use super::stats::Stats;
 use super::table::{Column, Kind, Table};
 use super::video::{Films, KEY};
-use crate::units::FPS;
+use robert_base::units::FPS;
 
 /// Bytes of one file of data before the next begins: the limit of the format.
 const FILE_BYTES: usize = 100 << 20;

@@ -2,7 +2,7 @@
 
 use super::episode::{Columns, Episode};
 use super::lerobot_layout::{LeRobotAction, LeRobotOptions};
-use crate::units::Unit;
+use robert_base::units::Unit;
 
 /// A vector of each row.
 pub(super) struct Feature {

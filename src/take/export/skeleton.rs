@@ -5,11 +5,11 @@ use std::sync::Arc;
 
 use glam::{DQuat, DVec3};
 
-use super::super::build::Stage;
+use super::super::assemble::Stage;
 use super::super::document::{POSE, RobotFacts, Take};
 use super::super::error::Error;
-use crate::mujoco::Joint;
-use crate::robot::Robot;
+use robert_mujoco::Joint;
+use robert_robot::Robot;
 
 /// Place and orientation of a body.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -3,7 +3,7 @@
 use glam::{DQuat, DVec3};
 
 use super::super::document::Take;
-use crate::units::FPS;
+use robert_base::units::FPS;
 
 /// States at `fps` frames a second from the first to the last frame of the take: straight
 /// lines between frames of 1/20 s. (rows)(S)

@@ -12,7 +12,7 @@ use super::super::error::Error;
 use super::files::Export;
 use super::skeleton::{Bodies, Pose, Skeleton};
 use super::track::{angular, gradient, linear, resampled};
-use crate::robot::Robot;
+use robert_robot::Robot;
 
 /// Rows a second that the trackers take: one each control step of 0.02 s.
 pub const TRACKING_FPS: u32 = 50;

@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 use super::super::document::{Take, What, row};
 use super::super::error::Error;
 use super::files::Export;
-use crate::clip::formats::{Trajectory, TrajectoryPoint};
-use crate::units::FPS;
+use robert_base::units::FPS;
+use robert_clip::formats::{Trajectory, TrajectoryPoint};
 
 /// Joint speeds below this count as standing still, rad/s or m/s.
 const STILL: f64 = 1e-3;

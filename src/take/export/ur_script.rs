@@ -6,8 +6,8 @@ use std::fmt::Write as _;
 use super::super::document::{Take, What};
 use super::super::error::Error;
 use super::files::Export;
-use crate::clip::Sight;
-use crate::units::{CTRL_DT, FPS};
+use robert_base::units::{CTRL_DT, FPS};
+use robert_clip::Sight;
 
 /// Joints of the arm in the controller's order; our model welds the sixth at zero.
 /// The ROS driver adds `_joint` to these names, and both spellings are taken.

@@ -8,8 +8,8 @@ use super::super::error::Error;
 use super::super::geometry::{BodyMesh, body_meshes};
 use super::files::Export;
 use super::skeleton::{Pose, Skeleton, reached};
-use crate::robot::Robot;
-use crate::units::FPS;
+use robert_base::units::FPS;
+use robert_robot::Robot;
 
 /// The reached motion as a USD layer.
 ///

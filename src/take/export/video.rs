@@ -6,9 +6,9 @@ use serde_json::{Value, json};
 
 use super::super::error::Error;
 use super::lerobot_layout::LeRobotVersion;
-use crate::render::Picture;
-use crate::render::encode::{Film, FilmFormat, FilmStream};
-use crate::units::FPS;
+use robert_base::units::FPS;
+use robert_render::Picture;
+use robert_render::encode::{Film, FilmFormat, FilmStream};
 
 /// The feature's name.
 pub(super) const KEY: &str = "observation.images.front";
@@ -39,7 +39,7 @@ impl Films {
         (width, height): (u32, u32),
         mut draw: impl FnMut(usize, usize) -> Result<Picture, E>,
     ) -> Result<Films, E> {
-        let encode = |e: crate::render::Error| E::from(Error::Render(e));
+        let encode = |e: robert_render::Error| E::from(Error::Render(e));
         let mut films = Films { size: (width, height), ..Films::default() };
         for group in groups(version, frames) {
             let film = Film {

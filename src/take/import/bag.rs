@@ -6,7 +6,7 @@ use super::super::cdr;
 use super::super::error::{Damage, Error};
 use super::super::records::{Channel, MAGIC, Message, Record, Records, op, unpack};
 use super::samples::{Samples, foreign};
-use crate::limits;
+use robert_base::limits;
 
 /// The topic that is read.
 const TOPIC: &str = "/joint_states";

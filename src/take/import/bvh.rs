@@ -13,8 +13,8 @@ use glam::{DQuat, DVec3};
 use super::super::error::Error;
 use super::super::export::{Pose, Skeleton};
 use super::samples::{Samples, at_line, foreign, rate};
-use crate::limits;
-use crate::robot::Robot;
+use robert_base::limits;
+use robert_robot::Robot;
 
 /// Nesting of joints.
 const DEPTH: usize = 128;

@@ -2,7 +2,7 @@
 
 use super::super::error::Error;
 use super::samples::{Samples, at_line, foreign, rate};
-use crate::limits;
+use robert_base::limits;
 
 /// Columns of the base.
 const BASE: usize = 7;

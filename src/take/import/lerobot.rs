@@ -10,7 +10,8 @@ use serde::Deserialize;
 
 use super::super::error::Error;
 use super::samples::{Samples, foreign, rate};
-use crate::{fsio, limits};
+use robert_base::fsio;
+use robert_base::limits;
 
 /// Bytes of one file of data: what the format itself allows, and some more.
 const FILE_BYTES: u64 = 256 << 20;

@@ -3,9 +3,9 @@
 use std::collections::BTreeMap;
 
 use super::super::error::Error;
-use crate::clip::formats::{Sample, from_samples};
-use crate::clip::{Clip, ClipError, Fill, RobotRef, thin};
-use crate::limits;
+use robert_base::limits;
+use robert_clip::formats::{Sample, from_samples};
+use robert_clip::{Clip, ClipError, Fill, RobotRef, thin};
 
 /// A recording: joint values at rising times.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -6,7 +6,7 @@ use npyz::NpyFile;
 
 use super::super::error::Error;
 use super::samples::{Samples, foreign, rate};
-use crate::limits;
+use robert_base::limits;
 
 /// Reads rows of a robot with these joints, in the order of the file's bodies. `fps`
 /// replaces what the file says.

@@ -15,8 +15,8 @@ use super::encode::file;
 use super::messages::{
     AmbientLightProps, DirectionalLightProps, FrameProps, GridProps, MeshProps, Message,
 };
-use crate::robot::Robot;
-use crate::units::CTRL_DT;
+use robert_base::units::CTRL_DT;
+use robert_robot::Robot;
 
 /// Messages with their times.
 #[derive(Clone, Debug, Default, PartialEq)]

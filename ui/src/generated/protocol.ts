@@ -1,4 +1,4 @@
-// Generated from the server's types by `ROBERT_BLESS=1 cargo test --lib protocol`; do not edit.
+// Generated from the server's types by `ROBERT_BLESS=1 cargo test -p robert-studio protocol`; do not edit.
 // Values are rad, m, s and frames of 1/20 s.
 
 /** Any JSON. */
@@ -1617,7 +1617,7 @@ export type StudioOp =
   | { op: "history.goto"; args: { done: number } }
   /**
    * Rolls out as if this edit were made; nothing is stored. Send while dragging; the
-   * newest wins. The reply's `demand` is the `crate::clip::Demand` of the edit, or null.
+   * newest wins. The reply's `demand` is the `robert_clip::Demand` of the edit, or null.
    */
   | { op: "preview"; args: { op: Op } }
   /** Back to the document. */

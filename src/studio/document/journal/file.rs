@@ -10,8 +10,9 @@ use rustix::fs::{FlockOperation, flock};
 
 use super::record::{Damage, Record};
 use super::scan::{MAGIC, Position, Scan, scan};
-use crate::studio::protocol::Error;
-use crate::{fsio, limits};
+use crate::protocol::Error;
+use robert_base::fsio;
+use robert_base::limits;
 
 /// An open, locked journal.
 #[derive(Debug)]
@@ -218,7 +219,7 @@ fn folder(path: &Path) -> &Path {
 mod tests {
     use super::super::scan::MARK;
     use super::*;
-    use crate::clip::Delta;
+    use robert_clip::Delta;
 
     fn sample() -> Vec<Record> {
         let patch = Delta { name: Some("wave".into()), ..Delta::default() };

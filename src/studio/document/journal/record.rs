@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 
-use crate::clip::Delta;
+use robert_clip::Delta;
 
 /// One record.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

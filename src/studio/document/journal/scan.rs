@@ -3,8 +3,8 @@
 use std::io;
 
 use super::record::{Damage, Record};
-use crate::clip::Delta;
-use crate::limits;
+use robert_base::limits;
+use robert_clip::Delta;
 
 /// First line of a journal.
 pub(crate) const MAGIC: &[u8] = b"robert-journal/2\n";

@@ -14,8 +14,10 @@ use super::message::{Envelope, Ping, WorkerRequest};
 use super::out::Out;
 use super::performer::Performer;
 use super::slow;
-use crate::child::{Farewell, Rights};
-use crate::{child, fsio, limits};
+use robert_base::child;
+use robert_base::child::{Farewell, Rights};
+use robert_base::fsio;
+use robert_base::limits;
 
 /// Serves the parent until it hangs up. Its socket is file descriptor 0: the safe way to
 /// hand one over. Nothing here reads the standard input otherwise.

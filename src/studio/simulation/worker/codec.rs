@@ -7,7 +7,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_bytes::ByteBuf;
 
-use crate::limits;
+use robert_base::limits;
 
 /// Writes one message.
 pub(super) fn write(out: &mut impl Write, message: &impl Serialize) -> io::Result<()> {

@@ -9,7 +9,7 @@ use std::time::Duration;
 use super::codec;
 use super::message::{Question, WorkerRequest};
 use super::supervisor::{self, Inbox, Reply, WorkerSink, gone};
-use crate::studio::protocol::Error;
+use crate::protocol::Error;
 
 /// A way to ask the worker. Clones ask the same one.
 #[derive(Clone, Debug)]

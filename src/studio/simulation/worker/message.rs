@@ -4,10 +4,10 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_bytes::ByteBuf;
 
-use crate::clip::Command;
-use crate::exit::{Exit, HasExit};
-use crate::rollout::{PolicyConfig, Precision};
-use crate::studio::protocol::{Geometry, IkAnswer, IkRequest, MeanError, RobotFacts, SettleAnswer};
+use crate::protocol::{Geometry, IkAnswer, IkRequest, MeanError, RobotFacts, SettleAnswer};
+use robert_base::exit::{Exit, HasExit};
+use robert_clip::Command;
+use robert_rollout::{PolicyConfig, Precision};
 
 /// A question to the worker. Its type says what the answer is.
 pub(crate) trait Question: Into<WorkerRequest> {
@@ -176,7 +176,7 @@ pub(crate) struct PaintRequest {
     pub(crate) width: u32,
     /// Rows.
     pub(crate) height: u32,
-    /// What is laid over, as [`crate::render::Overlay::parse`] reads it.
+    /// What is laid over, as [`robert_render::Overlay::parse`] reads it.
     pub(crate) overlay: String,
     /// Fast and less smooth.
     pub(crate) draft: bool,
@@ -214,7 +214,7 @@ pub(crate) enum Subject {
     },
 }
 
-/// A motion as [`crate::render::Motion`] takes it, rows in state order.
+/// A motion as [`robert_render::Motion`] takes it, rows in state order.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub(crate) struct MotionRows {
     /// Title.

@@ -8,7 +8,7 @@ use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 
 use super::codec;
 use super::message::{Question, Refusal, SimulationEvent, WorkerMessage};
-use crate::limits;
+use robert_base::limits;
 
 /// The socket to the parent. Clones share it.
 #[derive(Clone)]

@@ -6,14 +6,14 @@
 use std::sync::Arc;
 
 use super::message::{Dense, MotionRows, PaintRequest, Picture, Refusal, Subject};
-use crate::clip::Command;
-use crate::render::{
+use crate::protocol::MeanError;
+use robert_base::units::{FPS, Unit};
+use robert_clip::Command;
+use robert_render::{
     CameraChoice, Error, Motion, Overlay, Quality, RenderConfig, Renderer, Shot, encode,
 };
-use crate::robot::Robot;
-use crate::rollout::{PolicyConfig, Rollout, RolloutConfig, Start};
-use crate::studio::protocol::MeanError;
-use crate::units::{FPS, Unit};
+use robert_robot::Robot;
+use robert_rollout::{PolicyConfig, Rollout, RolloutConfig, Start};
 
 /// JPEG quality, percent.
 const JPEG: u8 = 88;

@@ -10,11 +10,11 @@ use super::message::{
 };
 use super::out::{Out, grant_cpu};
 use super::query;
-use crate::clip::Command;
-use crate::mujoco::Data;
-use crate::robot::{self, Robot};
-use crate::rollout::{PolicyConfig, PolicyName, Rollout, RolloutConfig, Start};
-use crate::studio::protocol::{IkRequest, RobotFacts};
+use crate::protocol::{IkRequest, RobotFacts};
+use robert_clip::Command;
+use robert_mujoco::Data;
+use robert_robot::{self as robot, Robot};
+use robert_rollout::{PolicyConfig, PolicyName, Rollout, RolloutConfig, Start};
 
 /// Frames are sent together when they come faster than this.
 const BATCH: Duration = Duration::from_millis(8);
@@ -158,7 +158,7 @@ impl Performer {
     }
 
     /// Goes on with the last rollout where the new command allows it.
-    fn take_up(&mut self, command: Command, generation: u64) -> Result<(), crate::rollout::Error> {
+    fn take_up(&mut self, command: Command, generation: u64) -> Result<(), robert_rollout::Error> {
         let Some((robot, _)) = &self.robot else { return Ok(()) };
         let mut show = if let Some(mut show) = self.show.take() {
             show.rollout.set_command(&command)?;
@@ -235,7 +235,7 @@ impl Performer {
     }
 
     /// Adds a frame to what is sent next.
-    fn add(&mut self, shot: &Shot, secs: f64) -> Result<(), crate::rollout::Error> {
+    fn add(&mut self, shot: &Shot, secs: f64) -> Result<(), robert_rollout::Error> {
         let (Some((robot, data)), Some(show)) = (&mut self.robot, &mut self.show) else {
             return Ok(());
         };
@@ -275,7 +275,7 @@ struct Shot {
 }
 
 impl Shot {
-    fn of(frame: crate::rollout::Frame<'_>) -> Shot {
+    fn of(frame: robert_rollout::Frame<'_>) -> Shot {
         Shot { frame: frame.frame, reached: frame.reached.to_vec(), error: frame.error }
     }
 }

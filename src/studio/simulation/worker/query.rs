@@ -3,14 +3,15 @@
 use std::sync::Arc;
 
 use super::message::{Checked, Refusal};
-use crate::clip::{CouplingMember, Granularity, JointFacts, JointTable, Mirror};
-use crate::mujoco::{Data, Kind, Model};
-use crate::robot::{Coupling, IkConfig, Point, Robot, Target};
-use crate::studio::protocol::{
+use crate::protocol::{
     AxisFacts, BodyFacts, Geometry, IkAnswer, IkRequest, MeshFacts, PoseFacts, RobotFacts,
     SettleAnswer, SiteFacts,
 };
-use crate::{clip, robot};
+use robert_clip as clip;
+use robert_clip::{CouplingMember, Granularity, JointFacts, JointTable, Mirror};
+use robert_mujoco::{Data, Kind, Model};
+use robert_robot as robot;
+use robert_robot::{Coupling, IkConfig, Point, Robot, Target};
 
 /// Disagreement of coupled joints that is no fault, rad or m.
 const COUPLING_TOLERANCE: f64 = 0.02;
@@ -82,7 +83,7 @@ pub(crate) fn table(robot: &Robot) -> JointTable {
 
 /// Adds what the data of the robot's own model tell.
 fn learned(mut table: JointTable, robot: &Robot) -> JointTable {
-    use crate::rollout::shipped;
+    use robert_rollout::shipped;
     let Ok(Some(model)) = shipped::get(robot, shipped::DEFAULT) else { return table };
     let usual = model.card.usual();
     for (name, usual) in model.card.robot.joints.iter().zip(usual) {
@@ -119,7 +120,7 @@ pub(crate) fn facts(robot: &Robot, source: &str) -> RobotFacts {
         camera: profile.camera,
         bodies: bodies(robot, model),
         settle_tolerance: profile.settle.tolerance,
-        offers: crate::rollout::offers(robot),
+        offers: robert_rollout::offers(robot),
     }
 }
 
@@ -150,7 +151,7 @@ fn index(ids: &[i32], at: usize) -> usize {
 /// What a robot looks like.
 pub(crate) fn geometry(robot: &Arc<Robot>) -> Result<Geometry, Refusal> {
     let model = robot.model();
-    let meshes = crate::take::body_meshes(robot)?;
+    let meshes = robert_take::body_meshes(robot)?;
     let mut data = Data::new(model)?;
     let home = transforms(robot, &mut data, &robot.home())?;
     Ok(Geometry {

@@ -10,7 +10,7 @@ use super::message::{
 use super::out::{Out, grant_cpu};
 use super::paint::Painter;
 use super::query;
-use crate::robot::Robot;
+use robert_robot::Robot;
 
 /// Answers until the parent hangs up.
 pub(super) fn run(requests: &Receiver<Envelope>, out: &Out) {

@@ -20,8 +20,8 @@ use super::codec;
 use super::message::{
     Envelope, Perform, Ping, Refusal, SimulationEvent, WorkerMessage, WorkerRequest,
 };
-use crate::exit::Exit;
-use crate::studio::protocol::{Error, WorkerPhase, WorkerState};
+use crate::protocol::{Error, WorkerPhase, WorkerState};
+use robert_base::exit::Exit;
 
 /// A child that was stopped and is silent this long while something is asked of it is dead.
 const SILENCE: Duration = Duration::from_millis(1500);
@@ -417,7 +417,7 @@ fn spawn(
     inbox: &Sender<Inbox>,
 ) -> io::Result<Running> {
     let (ours, theirs) = UnixStream::pair()?;
-    let process = crate::child::command(binary)
+    let process = robert_base::child::command(binary)
         .arg("__worker")
         .stdin(Stdio::from(OwnedFd::from(theirs)))
         .stdout(Stdio::null())

@@ -4,11 +4,11 @@ use std::sync::Arc;
 
 use super::document::{POSE, Provenance, RobotFacts, Take};
 use super::error::Error;
-use crate::clip::{Clip, Command, Sight};
-use crate::limits;
-use crate::mujoco::{Data, Kind};
-use crate::robot::Robot;
-use crate::rollout::Rollout;
+use robert_base::limits;
+use robert_clip::{Clip, Command, Sight};
+use robert_mujoco::{Data, Kind};
+use robert_robot::Robot;
+use robert_rollout::Rollout;
 
 impl Take {
     /// Records the frames of a rollout so far; `command` is its command, `clip` the source of that.

@@ -71,7 +71,7 @@ pub fn draw(seed: u64, stream: Stream, index: u64) -> u64 {
 /// A short sequence of draws that starts at (seed, stream, index).
 ///
 /// ```
-/// use robert::rng::{Rng, Stream};
+/// use robert_base::rng::{Rng, Stream};
 ///
 /// // Draws are functions: the same three numbers give the same sequence, on any thread.
 /// let draw = |index| Rng::new(7, Stream::Noise, index).uniform();

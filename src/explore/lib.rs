@@ -43,6 +43,7 @@ pub use collect::{AgentSummary, Collected, collect};
 pub use describe::describe;
 pub use error::Error;
 pub use learning_curves::learning_curves;
-pub(crate) use mlp::{Adam, Layer, Mlp, Tape};
+pub use mlp::Adam;
+pub use mlp::{Layer, Mlp, Tape};
 pub use preset::Preset;
 pub use request::{Begun, CollectConfig, begun};

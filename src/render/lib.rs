@@ -7,8 +7,8 @@
 //! (Mesa's lavapipe, one system package).
 //!
 //! ```no_run
-//! use robert::render::{Camera, FrameInput, RenderConfig, Renderer, View, encode};
-//! # fn f(scene: &robert::render::Scene, poses: &[robert::render::Pose]) -> Result<(), robert::render::Error> {
+//! use robert_render::{Camera, FrameInput, RenderConfig, Renderer, View, encode};
+//! # fn f(scene: &robert_render::Scene, poses: &[robert_render::Pose]) -> Result<(), robert_render::Error> {
 //! let mut renderer = Renderer::new(RenderConfig::default())?;
 //! let camera = Camera::fit(&scene.corners(poses), &View::default(), 640.0 / 480.0);
 //! let picture = renderer.draw(scene, &FrameInput::new(poses, camera))?;

@@ -17,7 +17,7 @@
 //! [`viser`] contains the messages of the viser client. Recordings are written from here, and the
 //! studio's live scene uses the same messages.
 
-mod build;
+mod assemble;
 mod cdr;
 mod document;
 mod error;

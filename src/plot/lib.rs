@@ -29,7 +29,7 @@ pub const INK: usize = usize::MAX;
 
 use std::path::PathBuf;
 
-use crate::exit::{Exit, HasExit};
+use robert_base::exit::{Exit, HasExit};
 
 /// A chart that could not be drawn.
 #[derive(Debug, thiserror::Error)]
@@ -61,7 +61,7 @@ pub enum Error {
     },
     /// The file could not be written.
     #[error(transparent)]
-    File(#[from] crate::fsio::Error),
+    File(#[from] robert_base::fsio::Error),
 }
 
 impl Error {

@@ -48,7 +48,7 @@ use state::{App, Clients};
 use viewport::Viewport;
 use workspace::{Workspace, gallery};
 
-use crate::rollout::PolicyName;
+use robert_rollout::PolicyName;
 
 /// How the studio is started.
 #[derive(Clone, Debug)]

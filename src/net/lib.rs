@@ -2,7 +2,7 @@
 //!
 //! Its input is a window of 51 frames, its output the action of each frame. [`model`] is the
 //! transformer, [`head`] its action head, [`step`] one optimiser step on all cores. Everything uses
-//! [`crate::linalg`]. The module does not depend on clips, takes or simulators.
+//! [`robert_linalg`]. The module does not depend on clips, takes or simulators.
 
 mod action_history;
 mod adaptive_threads;

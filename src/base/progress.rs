@@ -12,14 +12,14 @@ use serde_json::Value;
 /// One line that a command writes with `--jsonl`, for the program that started it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "event", rename_all = "lowercase")]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(schemars::JsonSchema)]
 pub enum JobEvent {
     /// How far the job is.
     Progress(JobProgress),
     /// Figures for curves, with the `step` that they belong to.
     Figures {
         /// Values by name.
-        #[cfg_attr(test, schemars(with = "serde_json::Map<String, Value>"))]
+        #[schemars(with = "serde_json::Map<String, Value>")]
         figures: Value,
     },
     /// A line worth keeping.
@@ -35,8 +35,7 @@ pub enum JobEvent {
 }
 
 /// How far a job is.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 pub struct JobProgress {
     /// The part of the job that runs.
     pub what: String,

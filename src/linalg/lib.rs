@@ -2,7 +2,7 @@
 //!
 //! [`gemm()`] multiplies matrices (some of them on tiles: `bf16x3.rs`), [`simd`] contains the
 //! elementwise functions, and [`Real`] lets both be written once for single and double precision.
-//! The network ([`crate::net`]) and the exploration agents ([`crate::explore`]) use it.
+//! The network (`robert-net`) and the exploration agents (`robert-explore`) use it.
 
 mod aligned;
 #[cfg(target_arch = "x86_64")]

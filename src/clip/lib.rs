@@ -34,8 +34,7 @@ pub use joints::*;
 pub use lint::{Fix, Level, Lint, PoseChecker, PoseReport, Rule, lint};
 pub use op::*;
 pub use parse::{Parsed, load, parse, parse_bytes};
-#[cfg(test)]
-pub(crate) use schema::Clip as ClipShape;
+pub use schema::Clip as ClipShape;
 pub use schema::schema;
 pub use sparsify::thin;
 pub use validate::{Flaw, Invalid};

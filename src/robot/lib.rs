@@ -56,9 +56,9 @@ pub use settle::Settled;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 
-use crate::fsio;
-use crate::mujoco::{Data, Kind, Model};
-use crate::units::Unit;
+use robert_base::fsio;
+use robert_base::units::Unit;
+use robert_mujoco::{Data, Kind, Model};
 
 /// One coordinate of the state.
 #[derive(Clone, Debug, PartialEq)]
@@ -102,7 +102,7 @@ pub(crate) type Assets = Vec<(String, Vec<u8>)>;
 /// A robot ready to be simulated; immutable, shared by reference between threads.
 ///
 /// ```
-/// use robert::robot::Robot;
+/// use robert_robot::Robot;
 ///
 /// let arm = Robot::builtin("ur5e")?;
 /// assert_eq!((arm.state_dim(), arm.action_dim()), (5, 5));

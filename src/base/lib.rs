@@ -1,0 +1,10 @@
+//! What every floor stands on: exit codes, files, limits, progress, random numbers, units.
+
+pub mod child;
+pub mod exit;
+pub mod fsio;
+pub mod limits;
+pub mod progress;
+pub mod rng;
+pub mod units;
+pub mod xml;
