@@ -83,8 +83,14 @@ pub fn read(path: &Path, root: Option<&Path>) -> Result<Project, Error> {
         check(&doc, path)?;
         return Ok(Project { format, xml, path: path.into(), root, assets: Vec::new(), parts: 1 });
     }
-    let mut splice =
-        Splice { dir: dir.to_owned(), root: &root, seen: BTreeSet::new(), elements: 0, bytes: 0 };
+    let mut splice = Splice {
+        dir: dir.to_owned(),
+        root: &root,
+        seen: BTreeSet::new(),
+        elements: 0,
+        geoms: 0,
+        bytes: 0,
+    };
     let xml = splice.expand(&xml, path, 0)?;
     let parts = splice.seen.len() + 1;
     // Places in the assembled text are those of the file unless something was included.
@@ -175,6 +181,7 @@ struct Splice<'a> {
     root: &'a Path,
     seen: BTreeSet<PathBuf>,
     elements: usize,
+    geoms: usize,
     bytes: u64,
 }
 
@@ -193,6 +200,14 @@ impl Splice<'_> {
                 limits::MODEL_BYTES
             );
             return Err(refuse(doc.root_element(), path, message));
+        }
+        for node in doc.descendants().filter(|n| matches!(n.tag_name().name(), "geom" | "site")) {
+            self.geoms += 1;
+            if self.geoms > limits::MODEL_GEOMS {
+                let message =
+                    format!("more than {} geoms and sites are not supported", limits::MODEL_GEOMS);
+                return Err(refuse(node, path, message));
+            }
         }
         let mut edits = Edits::default();
         for node in doc.descendants().filter(|n| n.has_tag_name("include")) {
@@ -614,6 +629,20 @@ mod tests {
             let e = project(&[("a.xml", &bad)]).1.unwrap_err();
             assert!(e.to_string().contains(why), "{e}");
         }
+    }
+
+    #[test]
+    fn geoms_and_sites_are_counted_over_all_files() {
+        let some = |n: usize| "<geom size=\"1\"/>".repeat(n);
+        let main = |n: usize| {
+            format!("<mujoco><worldbody>{}<include file=\"b.xml\"/></worldbody></mujoco>", some(n))
+        };
+        let other = format!("<mujocoinclude>{}</mujocoinclude>", some(limits::MODEL_GEOMS / 2));
+        let half = limits::MODEL_GEOMS - limits::MODEL_GEOMS / 2;
+        project(&[("a.xml", &main(half)), ("b.xml", &other)]).1.unwrap();
+        let e = project(&[("a.xml", &main(half + 1)), ("b.xml", &other)]).1.unwrap_err();
+        assert!(e.to_string().contains("geoms and sites"), "{e}");
+        assert!(matches!(e, Error::Refused { line: 1, .. }));
     }
 
     #[test]
