@@ -61,6 +61,9 @@ export class Studio {
     private readonly args: string[],
   ) {}
 
+  /** Where it was reached since it began: a page may still ask at the address before a restart. */
+  readonly origins = new Set<string>();
+
   static async start(
     args: string[] = [],
     dir = mkdtempSync(join(tmpdir(), "robert-browser-")),
@@ -85,6 +88,7 @@ export class Studio {
       });
       child.on("exit", (code) => reject(new Error(`the studio ended with ${code}`)));
     });
+    this.origins.add(new URL(this.url).origin);
   }
 
   get token(): string {
@@ -169,8 +173,8 @@ export class Tab {
     );
     page.on("request", (r) => {
       const url = r.url();
-      if (!url.startsWith(new URL(studio.url).origin) && !/^(data|blob|about):/.test(url))
-        this.foreign.push(url);
+      if (/^(data|blob|about):/.test(url)) return;
+      if (!studio.origins.has(new URL(url).origin.replace(/^ws/, "http"))) this.foreign.push(url);
     });
   }
 
