@@ -19,6 +19,27 @@ impl Restored {
 }
 
 impl Document {
+    /// A document before its journal is replayed. Without a path it is untitled.
+    fn at(
+        path: Option<PathBuf>,
+        editor: Editor,
+        journal: Journal,
+        saved: Clip,
+        saved_text: String,
+    ) -> Document {
+        Document {
+            editor,
+            journal,
+            untitled: path.is_none(),
+            path,
+            saved,
+            saved_text,
+            restored: None,
+            redo_blocked: false,
+            replayed: Replayed::default(),
+        }
+    }
+
     /// Opens a clip file, with what a journal beside it has on top.
     ///
     /// # Errors
@@ -78,17 +99,7 @@ impl Document {
                 }
             };
             let editor = Editor::new(saved.clone(), table(&saved)).map_err(invalid)?;
-            let mut document = Document {
-                editor,
-                journal,
-                path: Some(path),
-                saved,
-                saved_text,
-                untitled: false,
-                restored: None,
-                redo_blocked: false,
-                replayed: Replayed::default(),
-            };
+            let mut document = Document::at(Some(path), editor, journal, saved, saved_text);
             document.rebase()?;
             if damage != Damage::default() {
                 document.restored = Some(Restored::of(0, damage));
@@ -101,17 +112,7 @@ impl Document {
             Ok(found) if file_changed => found,
             _ => (start, base),
         };
-        let mut document = Document {
-            editor,
-            journal,
-            path: Some(path),
-            saved,
-            saved_text,
-            untitled: false,
-            restored: None,
-            redo_blocked: false,
-            replayed: Replayed::default(),
-        };
+        let mut document = Document::at(Some(path), editor, journal, saved, saved_text);
         document.replay(&records, &mut damage)?;
         document.restored = Some(Restored { file_changed, ..Restored::of(edits, damage) });
         if records.last() == Some(&Record::Closed) {
@@ -138,17 +139,7 @@ impl Document {
                     let saved_text = clip.to_text();
                     let editor = Editor::new(clip, table).map_err(invalid)?;
                     let saved = editor.clip().clone();
-                    let mut document = Document {
-                        editor,
-                        journal,
-                        path: None,
-                        saved,
-                        saved_text,
-                        untitled: true,
-                        restored: None,
-                        redo_blocked: false,
-                        replayed: Replayed::default(),
-                    };
+                    let mut document = Document::at(None, editor, journal, saved, saved_text);
                     document.rebase()?;
                     return Ok(document);
                 }
@@ -172,17 +163,7 @@ impl Document {
         journal.repair(records, &mut damage)?;
         let facts = table(&start);
         let editor = Editor::new(start.clone(), facts).map_err(invalid)?;
-        let mut document = Document {
-            editor,
-            journal,
-            path: None,
-            saved: start,
-            saved_text: text.clone(),
-            untitled: true,
-            restored: None,
-            redo_blocked: false,
-            replayed: Replayed::default(),
-        };
+        let mut document = Document::at(None, editor, journal, start, text.clone());
         document.replay(records, &mut damage)?;
         document.restored = Some(Restored::of(edits(records), damage));
         Ok(document)
