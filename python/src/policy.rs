@@ -6,9 +6,7 @@ use numpy::{IntoPyArray as _, PyArray1, PyReadonlyArrayDyn};
 use pyo3::prelude::*;
 use robert::mujoco::Data;
 use robert::robot::Robot as LibRobot;
-use robert::rollout::{
-    COMMAND, Guide, HISTORY, Inference, Policy as Acting, PolicyConfig, PolicyName, View, Window,
-};
+use robert::rollout::{COMMAND, HISTORY, Policy as Acting, PolicyConfig, View, Window};
 
 use crate::error::{RobertError, raise, wrong};
 use crate::robot::Robot;
@@ -16,23 +14,7 @@ use crate::robot::Robot;
 /// `pd`, `robert+guide`, `ridge:FILE`; nothing is the robot's own.
 pub(crate) fn config(text: Option<&str>, robot: &LibRobot) -> PyResult<PolicyConfig> {
     let Some(text) = text else { return Ok(PolicyConfig::default_for(robot)) };
-    let (mut rest, mut guide, mut refine) = (text, Guide::None, false);
-    let mut inference = Inference::default();
-    loop {
-        if let Some(shorter) = rest.strip_suffix("+guide") {
-            (rest, guide) = (shorter, Guide::Linear);
-        } else if let Some(shorter) = rest.strip_suffix("+refine") {
-            (rest, refine) = (shorter, true);
-        } else if let Some(shorter) = rest.strip_suffix("+sample") {
-            (rest, inference.sample) = (shorter, true);
-        } else {
-            break;
-        }
-    }
-    let (name, model) = rest.split_once(':').map_or((rest, None), |(n, m)| (n, Some(m)));
-    let name: PolicyName = name.parse().map_err(raise)?;
-    let model_path = model.map(Into::into);
-    Ok(PolicyConfig { guide, refine, inference, model_path, ..PolicyConfig::new(name) })
+    text.parse().map_err(raise)
 }
 
 /// A policy that is asked frame by frame.

@@ -7,10 +7,10 @@ use std::sync::Arc;
 use super::failure::{Failure, Outcome};
 use super::input;
 use crate::clip::{Clip, Command, compile, parse};
-use crate::exit::{Exit, HasExit};
+use crate::exit::HasExit;
 use crate::fsio;
 use crate::robot::Robot;
-use crate::rollout::{COMMAND, Guide, Inference, PolicyConfig, PolicyName, tasks};
+use crate::rollout::{Guide, PolicyConfig, tasks};
 use crate::take::Take;
 use crate::units::Unit;
 
@@ -31,9 +31,6 @@ pub(super) fn robot_for(asked: Option<&str>, own: &str) -> Outcome<Arc<Robot>> {
         (_, loaded) => Ok(Arc::new(loaded?)),
     }
 }
-
-/// The number of windows that contain a frame: as the current frame, and as each command frame.
-const WINDOWS: usize = COMMAND + 1;
 
 /// A clip from a file, the clip inside a take, or a shipped task by its name (`fire`,
 /// `ur5e/reacher`).
@@ -123,55 +120,14 @@ pub(super) fn is_take(path: &Path) -> bool {
     named || input::head(path, 5) == b"\x89MCAP"
 }
 
-/// Parses `pd`, `pd+guide`, `zero+guide+refine`, `robert:runs/a+ensemble=3+sample+guide`. The flags
-/// `guide` and `refine` apply to every policy.
+/// Parses a policy as [`PolicyConfig`] does. The flags `guide` and `refine` apply to every policy.
 pub(super) fn policy(text: &str, guide: Guide, refine: bool) -> Outcome<PolicyConfig> {
-    // A path may contain a plus; only these endings are options.
-    let (mut rest, mut guide, mut refine) = (text, guide, refine);
-    let mut inference = Inference::default();
-    loop {
-        if let Some(shorter) = rest.strip_suffix("+guide") {
-            (rest, guide) = (shorter, Guide::Linear);
-        } else if let Some(shorter) = rest.strip_suffix("+refine") {
-            (rest, refine) = (shorter, true);
-        } else if let Some(shorter) = rest.strip_suffix("+sample") {
-            (rest, inference.sample) = (shorter, true);
-        } else if let Some(shorter) = rest.strip_suffix("+masks") {
-            (rest, inference.masks) = (shorter, true);
-        } else if let Some((shorter, n)) = rest.rsplit_once("+ensemble=") {
-            let n = n.parse().ok().filter(|n| (1..=WINDOWS).contains(n));
-            let why = || Failure::usage(format!("policy {text:?}: ensemble takes 1 to {WINDOWS}"));
-            (rest, inference.ensemble) = (shorter, n.ok_or_else(why)?);
-        } else {
-            break;
-        }
+    let mut config: PolicyConfig = text.parse()?;
+    if config.guide == Guide::None {
+        config.guide = guide;
     }
-    let (name, model) = rest.split_once(':').map_or((rest, None), |(n, p)| (n, Some(p)));
-    if let (Some((_, other)), None) = (name.split_once('+'), model) {
-        return Err(Failure::with(
-            Exit::Usage,
-            format!(
-                "policy {text:?}: +{other} is not +guide, +refine, +sample, +masks or +ensemble=N"
-            ),
-        ));
-    }
-    // If there is no such path, the part after the plus is a misspelt option.
-    if let Some(path) = model
-        && let Some((_, other)) = path.rsplit_once('+')
-        && !other.contains('/')
-        && !Path::new(path).exists()
-    {
-        return Err(Failure::usage(format!(
-            "policy {text:?}: there is no {path}, and +{other} is not +guide, +refine, +sample, +masks or +ensemble=N"
-        )));
-    }
-    let name: PolicyName = name.parse()?;
-    if inference != Inference::default() && name != PolicyName::Robert {
-        let why = "+sample, +masks and +ensemble=N are only for robert";
-        return Err(Failure::usage(format!("policy {text:?}: {why}")));
-    }
-    let model_path = model.map(Into::into);
-    Ok(PolicyConfig { guide, refine, model_path, inference, ..PolicyConfig::new(name) })
+    config.refine |= refine;
+    Ok(config)
 }
 
 /// Unit of a robot's errors, for tables.

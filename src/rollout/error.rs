@@ -75,6 +75,14 @@ pub enum Error {
         /// The existing names.
         known: String,
     },
+    /// A policy with an option that it does not have.
+    #[error("policy {text:?}: {why}")]
+    Notation {
+        /// As it was typed.
+        text: String,
+        /// What is wrong.
+        why: String,
+    },
     /// The policy needs a model file, a fit or a dataset.
     #[error("policy {policy} needs {needs}")]
     Needs {
@@ -122,7 +130,9 @@ impl HasExit for Error {
             Error::Robot(e) => e.exit(),
             Error::Model(e) => e.exit(),
             Error::Dataset(e) => e.exit(),
-            Error::UnknownPolicy { .. } | Error::Unnamed { .. } => Exit::Usage,
+            Error::UnknownPolicy { .. } | Error::Notation { .. } | Error::Unnamed { .. } => {
+                Exit::Usage
+            }
             Error::Needs { .. } => Exit::Missing,
             Error::Cancelled { .. } => Exit::Interrupted,
             _ => Exit::Invalid,

@@ -23,6 +23,7 @@ mod jam;
 mod learned;
 mod nearest;
 mod nominal_model;
+mod notation;
 mod pd;
 mod policy;
 mod precision;

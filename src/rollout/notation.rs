@@ -1,0 +1,60 @@
+//! Policies as people type them.
+
+use std::path::Path;
+use std::str::FromStr;
+
+use crate::error::Error;
+use crate::registry::{Guide, Inference, PolicyConfig, PolicyName};
+use crate::window::COMMAND;
+
+/// The number of windows that contain a frame: as the current frame, and as each command frame.
+const WINDOWS: usize = COMMAND + 1;
+
+const OPTIONS: &str = "+guide, +refine, +sample, +masks or +ensemble=N";
+
+/// Reads `pd`, `pd+guide`, `zero+guide+refine`, `robert:runs/a+ensemble=3+sample+guide`.
+impl FromStr for PolicyConfig {
+    type Err = Error;
+
+    fn from_str(text: &str) -> Result<Self, Error> {
+        let wrong = |why: String| Error::Notation { text: text.to_owned(), why };
+        // A path may contain a plus; only these endings are options.
+        let (mut rest, mut guide, mut refine) = (text, Guide::None, false);
+        let mut inference = Inference::default();
+        loop {
+            if let Some(shorter) = rest.strip_suffix("+guide") {
+                (rest, guide) = (shorter, Guide::Linear);
+            } else if let Some(shorter) = rest.strip_suffix("+refine") {
+                (rest, refine) = (shorter, true);
+            } else if let Some(shorter) = rest.strip_suffix("+sample") {
+                (rest, inference.sample) = (shorter, true);
+            } else if let Some(shorter) = rest.strip_suffix("+masks") {
+                (rest, inference.masks) = (shorter, true);
+            } else if let Some((shorter, n)) = rest.rsplit_once("+ensemble=") {
+                let n = n.parse().ok().filter(|n| (1..=WINDOWS).contains(n));
+                let n = n.ok_or_else(|| wrong(format!("ensemble takes 1 to {WINDOWS}")))?;
+                (rest, inference.ensemble) = (shorter, n);
+            } else {
+                break;
+            }
+        }
+        let (name, model) = rest.split_once(':').map_or((rest, None), |(n, p)| (n, Some(p)));
+        if let (Some((_, other)), None) = (name.split_once('+'), model) {
+            return Err(wrong(format!("+{other} is not {OPTIONS}")));
+        }
+        // If there is no such path, the part after the plus is a misspelt option.
+        if let Some(path) = model
+            && let Some((_, other)) = path.rsplit_once('+')
+            && !other.contains('/')
+            && !Path::new(path).exists()
+        {
+            return Err(wrong(format!("there is no {path}, and +{other} is not {OPTIONS}")));
+        }
+        let name: PolicyName = name.parse()?;
+        if inference != Inference::default() && name != PolicyName::Robert {
+            return Err(wrong("+sample, +masks and +ensemble=N are only for robert".to_owned()));
+        }
+        let model_path = model.map(Into::into);
+        Ok(PolicyConfig { guide, refine, model_path, inference, ..PolicyConfig::new(name) })
+    }
+}
