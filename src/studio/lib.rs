@@ -95,7 +95,7 @@ async fn serve(config: StudioConfig, ready: impl FnOnce(&str, &str)) -> Result<(
     let guard = Arc::new(Guard::new(port).map_err(Error::Server)?);
     let hub = Hub::new();
     let StudioConfig { folder, binary, state_dir, .. } = config.clone();
-    let simulation = Simulation::start(binary.clone(), folder.clone(), hub.clone());
+    let simulation = Simulation::start(binary.clone(), folder.clone(), &state_dir, hub.clone());
     let simulation = simulation.map_err(Error::Server)?;
     let workspace = Workspace::new(folder, state_dir, binary.clone()).map_err(Error::Server)?;
     let workspace = Arc::new(workspace);

@@ -2,6 +2,7 @@
 // exports with all their options, jobs of a robot of one's own, a server that was started anew.
 
 import assert from "node:assert/strict";
+import { existsSync, readdirSync, readFileSync, writeFileSync } from "node:fs";
 import { ARM, after, armTab, before, describe, eventually, Studio, type Tab, tab, test } from "./harness";
 
 /** Colours of the takes that are compared, as src/store.ts has them. */
@@ -409,6 +410,63 @@ describe("takes and files", () => {
     const shelf = (await studio.api("GET", "/api/shelf")).json();
     assert.ok(shelf.begun.length === 0 || shelf.data.length >= 1);
     await t.byId("page-editor").click();
+  });
+
+  test("pinned takes outlive the studio until they are removed; a damaged one is named", async () => {
+    const first = await Studio.start();
+    const p = await armTab(first);
+    const files = (): string[] => {
+      const dir = first.file("state/takes");
+      return existsSync(dir) ? readdirSync(dir).sort() : [];
+    };
+    try {
+      await p.panel("policies");
+      await p.press("Shift+B");
+      await p.until((s) => s.takes.some((k) => k.pinned), "one is pinned");
+      for (const seed of [7, 8]) {
+        const pinned = (await p.state()).takes.filter((k) => k.pinned).length;
+        await p.byId("seed").fill(String(seed));
+        await p.byId("seed").press("Enter");
+        await p.until((s) => s.settings.seed === seed, "another seed");
+        await p.page.evaluate(() => (document.activeElement as HTMLElement | null)?.blur());
+        await p.rolledOut();
+        await p.until((s) => s.takes.some((k) => k.seed === seed), "another take");
+        await p.press("Shift+B");
+        await p.until((s) => s.takes.filter((k) => k.pinned).length > pinned, "and pinned");
+      }
+      const before = (await p.state()).takes.filter((k) => k.pinned);
+      assert.equal(files().length, 3);
+      const motion = (await first.api("GET", `/api/takes/${before[0]?.id}`)).json();
+      // As a power cut would, with one file that the disk has damaged.
+      await first.kill();
+      const [oldest = ""] = files();
+      const damaged = first.file(`state/takes/${oldest}`);
+      const bytes = readFileSync(damaged);
+      bytes[bytes.length >> 1] = (bytes[bytes.length >> 1] ?? 0) ^ 1;
+      writeFileSync(damaged, bytes);
+      await first.run();
+      await first.api("POST", "/api/new", { text: ARM });
+      await p.open();
+      const back = await p.until((s) => s.takes.filter((k) => k.pinned).length === 2, "they are back");
+      await p.page.getByRole("alert").getByText("a pinned take cannot be read and is left out").waitFor();
+      await p.picture("takes-kept");
+      const known = back.takes.find((k) => k.id === before[0]?.id);
+      assert.deepEqual(
+        { ...known, rev: 0, same_goals: true },
+        { ...before[0], rev: 0, same_goals: true },
+        "name, policy, seed and figures are those from before",
+      );
+      assert.deepEqual((await first.api("GET", `/api/takes/${known?.id}`)).json(), motion);
+      assert.ok(existsSync(damaged), "what cannot be read is not thrown away");
+      await p.panel("takes");
+      await p.page.getByRole("button", { name: `Remove ${known?.name}` }).click();
+      await p.until((s) => s.takes.filter((k) => k.pinned).length === 1, "removed");
+      assert.equal(files().length, 2, "its file is gone, too");
+      assert.deepEqual(p.errors, []);
+    } finally {
+      await p.context.close();
+      await first.end();
+    }
   });
 
   test("a studio that was started anew is told from one that is gone", async () => {

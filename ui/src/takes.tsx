@@ -8,8 +8,12 @@ import type { TakeCard, TakesView } from "./protocol";
 import * as store from "./store";
 import { complain, http, tell } from "./wire";
 
+let told = false;
+
 /** What the studio says of its takes; the motions that are drawn are fetched once. */
 export function heardOfTakes(view: TakesView): void {
+  if (!told) for (const sentence of view.skipped) store.toast(sentence, "error");
+  told = true;
   store.takes.value = view.takes;
   store.compared.value = view.compared;
   const wanted = new Map([...store.takeFrames.value].filter(([id]) => view.compared.includes(id)));

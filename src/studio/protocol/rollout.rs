@@ -156,6 +156,8 @@ pub struct TakesView {
     pub takes: Vec<TakeCard>,
     /// Drawn beside what is performed now, in this order; the last one also in the viewport.
     pub compared: Vec<u64>,
+    /// Sentences about pinned takes on disk that could not be read when the studio began.
+    pub skipped: Vec<String>,
 }
 
 /// The motion of a take.

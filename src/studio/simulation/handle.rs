@@ -1,6 +1,6 @@
 //! The way to the simulation.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -22,12 +22,17 @@ pub(crate) struct Simulation {
 }
 
 impl Simulation {
-    /// Starts the worker. `binary` is this program.
+    /// Starts the worker. `binary` is this program; pinned takes are kept in `state_dir`.
     ///
     /// # Errors
     /// When the system gives no thread.
-    pub(crate) fn start(binary: PathBuf, folder: PathBuf, hub: Hub) -> std::io::Result<Simulation> {
-        let rollout = RolloutStore::new(hub);
+    pub(crate) fn start(
+        binary: PathBuf,
+        folder: PathBuf,
+        state_dir: &Path,
+        hub: Hub,
+    ) -> std::io::Result<Simulation> {
+        let rollout = RolloutStore::open(hub, state_dir.join("takes"));
         let sink: Arc<dyn WorkerSink> = Arc::<RolloutStore>::clone(&rollout);
         let worker = WorkerHandle::start(binary, sink)?;
         Ok(Simulation { rollout, worker, folder })

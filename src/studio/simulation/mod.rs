@@ -7,6 +7,7 @@ mod frame_log;
 mod handle;
 mod robot_context;
 mod rollout_store;
+mod take_files;
 mod takes;
 pub(crate) mod worker;
 

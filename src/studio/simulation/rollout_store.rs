@@ -5,13 +5,15 @@
 //! fewer, larger updates and never falls behind, and a thousand edits while it sleeps cost
 //! nothing but their last state.
 
-use std::sync::{Arc, PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
 
 use serde_json::Value;
 use tokio::sync::watch;
 
 use super::frame_log::FrameLog;
 use super::robot_context::RobotContext;
+use super::take_files::TakeFiles;
 use super::takes::{Quality, Source, Take, Takes};
 use super::worker::{Frames, MotionRows, SimulationEvent, WorkerSink};
 use crate::protocol::{
@@ -26,6 +28,9 @@ pub(crate) struct RolloutStore {
     inner: RwLock<Inner>,
     changed: watch::Sender<u64>,
     hub: Hub,
+    files: Mutex<TakeFiles>,
+    /// What was said when they were read.
+    skipped: Vec<String>,
 }
 
 #[derive(Debug, Default)]
@@ -72,9 +77,20 @@ pub(crate) struct ClientUpdate {
 }
 
 impl RolloutStore {
-    /// An empty store.
-    pub(crate) fn new(hub: Hub) -> Arc<RolloutStore> {
-        Arc::new(RolloutStore { inner: RwLock::default(), changed: watch::Sender::new(0), hub })
+    /// A store with the takes that were pinned in this folder.
+    pub(super) fn open(hub: Hub, takes: PathBuf) -> Arc<RolloutStore> {
+        let (files, found) = TakeFiles::open(takes);
+        for said in &found.skipped {
+            tracing::warn!("{said}");
+        }
+        let inner = Inner { takes: Takes::of(found.takes), ..Inner::default() };
+        Arc::new(RolloutStore {
+            inner: RwLock::new(inner),
+            changed: watch::Sender::new(0),
+            hub,
+            files: Mutex::new(files),
+            skipped: found.skipped,
+        })
     }
 
     fn read(&self) -> RwLockReadGuard<'_, Inner> {
@@ -152,7 +168,8 @@ impl RolloutStore {
     pub(crate) fn takes(&self) -> TakesView {
         let inner = self.read();
         let robot = inner.robot.as_ref().map(|r| r.source.as_str());
-        inner.takes.view(robot, inner.performance.command.as_deref())
+        let view = inner.takes.view(robot, inner.performance.command.as_deref());
+        TakesView { skipped: self.skipped.clone(), ..view }
     }
 
     /// The motion of a take.
@@ -169,18 +186,26 @@ impl RolloutStore {
         Some((Arc::clone(&take.source.clip), take.source.settings.clone()))
     }
 
-    /// Changes takes and tells everyone.
+    /// Changes takes, on disk, too, and tells everyone.
     ///
     /// # Errors
-    /// The refusal.
+    /// The refusal, or why a pinned take is not on disk.
     pub(crate) fn change_takes(
         &self,
         change: impl FnOnce(&mut Takes) -> Result<(), Error>,
     ) -> Result<(), Error> {
-        change(&mut self.write().takes)?;
+        // The files are locked first: the last change is also the last that is written.
+        let mut files = self.files.lock().unwrap_or_else(PoisonError::into_inner);
+        let pinned = {
+            let mut inner = self.write();
+            change(&mut inner.takes)?;
+            inner.takes.pinned()
+        };
+        let written = files.keep(&pinned);
+        drop(files);
         self.notify();
         self.tell_takes();
-        Ok(())
+        written
     }
 
     fn tell_takes(&self) {
@@ -340,7 +365,7 @@ impl Inner {
             policy: self.state.policy.clone(),
             rev: self.state.rev,
             mae: self.state.mae,
-            motion: self.frames.motion(),
+            motion: Arc::new(self.frames.motion()),
             pinned: false,
             quality: Quality::default(),
         });
@@ -421,6 +446,10 @@ impl WorkerSink for RolloutStore {
 mod tests {
     use super::*;
 
+    fn store() -> Arc<RolloutStore> {
+        RolloutStore::open(Hub::new(), PathBuf::from("/nowhere"))
+    }
+
     fn frames(generation: u64, from: usize, n: usize) -> SimulationEvent {
         let row = vec![generation as f32];
         SimulationEvent::Frames(Frames {
@@ -443,7 +472,7 @@ mod tests {
 
     #[test]
     fn frames_on_their_way_do_not_start_what_was_stopped() {
-        let store = RolloutStore::new(Hub::new());
+        let store = store();
         store.write().state.generation = 1;
         store.write().state.phase = Phase::Waiting;
         store.event(SimulationEvent::Started { generation: 1, resumed_at: 0 });
@@ -458,7 +487,7 @@ mod tests {
 
     #[test]
     fn a_sleeping_client_gets_exactly_what_changed() {
-        let store = RolloutStore::new(Hub::new());
+        let store = store();
         store.write().state.generation = 1;
         store.event(frames(1, 0, 50));
         let awake = store.update(0);

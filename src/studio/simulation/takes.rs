@@ -3,8 +3,8 @@
 //! A take never changes: it is the clip, the policy's settings and the motion that came of
 //! them. Every finished rollout of the document is one; the same clip performed the same way
 //! is the same take again. While somebody edits, two of a policy are enough: what was before
-//! these edits, and what is now. The last [`limits::TAKES`] stay, the pinned ones for as long as
-//! the studio runs, whatever is opened meanwhile; they are shown with clips of their robot.
+//! these edits, and what is now. The last [`limits::TAKES`] stay, the pinned ones until they are
+//! removed (`take_files`), whatever is opened meanwhile; they are shown with clips of their robot.
 
 use std::sync::Arc;
 
@@ -43,7 +43,7 @@ pub(crate) struct Take {
     pub(crate) policy: String,
     pub(crate) rev: u64,
     pub(crate) mae: Option<f64>,
-    pub(crate) motion: Motion,
+    pub(crate) motion: Arc<Motion>,
     pub(crate) pinned: bool,
     pub(crate) quality: Quality,
 }
@@ -59,7 +59,7 @@ pub(crate) struct Quality {
 }
 
 impl Quality {
-    fn of(command: &Command, q: &[Vec<f32>]) -> Quality {
+    pub(super) fn of(command: &Command, q: &[Vec<f32>]) -> Quality {
         let mut worst: Option<(usize, f64)> = None;
         for joint in 0..command.joints().len() {
             let (mut sum, mut goals) = (0.0, 0_u32);
@@ -122,6 +122,17 @@ pub(crate) struct Takes {
 }
 
 impl Takes {
+    /// Begins with what was kept on disk, the oldest first.
+    pub(super) fn of(kept: Vec<Take>) -> Takes {
+        let last = kept.iter().map(|t| t.id).max().unwrap_or(0);
+        Takes { kept, last, compared: Vec::new() }
+    }
+
+    /// Those that outlive the studio, the oldest first.
+    pub(super) fn pinned(&self) -> Vec<Take> {
+        self.kept.iter().filter(|t| t.pinned).cloned().collect()
+    }
+
     /// Keeps a take; the same one again moves to the front. Its number.
     pub(crate) fn keep(&mut self, mut take: Take) -> u64 {
         if let Some(at) = self.kept.iter().position(|t| t.is(&take)) {
@@ -177,7 +188,11 @@ impl Takes {
             same_goals: now == Some(t.command.as_ref()),
         };
         let compared = self.compared.iter().copied().filter(|id| mine().any(|t| t.id == *id));
-        TakesView { takes: mine().rev().map(card).collect(), compared: compared.collect() }
+        TakesView {
+            takes: mine().rev().map(card).collect(),
+            compared: compared.collect(),
+            skipped: Vec::new(),
+        }
     }
 
     pub(crate) fn get(&self, id: u64) -> Option<&Take> {
@@ -240,11 +255,12 @@ impl Takes {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use robert_clip::{Key, RobotRef, compile};
 
-    fn take(value: f32, bodies: usize) -> Take {
+    /// Ten frames of one joint.
+    pub(in super::super) fn take(value: f32, bodies: usize) -> Take {
         let joints = vec!["a".to_owned()];
         let mut clip = Clip::new(RobotRef { id: "r".into(), joints, ..RobotRef::default() }, 10);
         clip.keys.push(Key::new(0, &[0.0]));
@@ -258,11 +274,11 @@ mod tests {
             policy: "pd".into(),
             rev: 1,
             mae: Some(0.1),
-            motion: Motion {
+            motion: Arc::new(Motion {
                 q: vec![vec![value]; 10],
                 error: vec![None; 10],
                 bodies: vec![vec![0.0; bodies].into(); 10],
-            },
+            }),
             pinned: false,
             quality: Quality::default(),
         }

@@ -1700,6 +1700,8 @@ export interface TakeFrames {
 export interface TakesView {
   /** Drawn beside what is performed now, in this order; the last one also in the viewport. */
   compared: number[];
+  /** Sentences about pinned takes on disk that could not be read when the studio began. */
+  skipped: string[];
   /** Of the open robot, the newest first. */
   takes: TakeCard[];
 }
