@@ -7,7 +7,7 @@
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::error::Error;
 use super::gaps::GapFigures;
@@ -31,7 +31,7 @@ const LONGEST_PATH: f64 = 1.3;
 const MOST_JERK: f64 = 3.0;
 
 /// The result of one contender.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 pub struct Trial {
     /// The policy, as in [`PolicyConfig::label`].
     pub policy: String,
@@ -192,12 +192,12 @@ impl Contenders {
 }
 
 /// The one with the least sum of error and gap penalty; the first among equals.
-fn best(tried: &[Trial]) -> Option<usize> {
+pub(super) fn best(tried: &[Trial]) -> Option<usize> {
     let scored = tried.iter().enumerate().filter_map(|(at, t)| Some((at, t.precision? + t.gaps)));
     scored.min_by(|(_, a), (_, b)| a.total_cmp(b)).map(|(at, _)| at)
 }
 
-fn unnatural(rollout: &Rollout) -> f64 {
+pub(super) fn unnatural(rollout: &Rollout) -> f64 {
     let names: Vec<String> = rollout.robot().joints().iter().map(|j| j.name.clone()).collect();
     let gap = GapFigures::measure(rollout.goals(), rollout.states(), &names).unwrap_or_default();
     let swing = gap.overshoot.map_or(0.0, |o| o.value);
@@ -209,7 +209,7 @@ fn unnatural(rollout: &Rollout) -> f64 {
 /// The list of contenders. With a model: the network, alone, with the guide, and filling the gaps
 /// itself; its linear prediction likewise; proportional control. Without a model: policies that
 /// need no data.
-fn configs(robot: &Robot, asked: &PolicyConfig) -> Result<Vec<PolicyConfig>, Error> {
+pub(super) fn configs(robot: &Robot, asked: &PolicyConfig) -> Result<Vec<PolicyConfig>, Error> {
     let of = |name, guide| PolicyConfig { name, guide, refine: false, ..asked.clone() };
     let plain = |name| PolicyConfig { model_path: None, ..of(name, asked.guide) };
     let guides: &[Guide] = match asked.guide {

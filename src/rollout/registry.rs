@@ -167,7 +167,6 @@ pub struct Offer {
 
 /// All policies for a robot, including models. All pages and tables use this list.
 pub fn offers(robot: &Robot) -> Vec<Offer> {
-    let chosen = PolicyConfig::default_for(robot).name;
     let offer = |name: PolicyName| Offer {
         name,
         model: None,
@@ -180,10 +179,10 @@ pub fn offers(robot: &Robot) -> Vec<Offer> {
         slow: matches!(name, PolicyName::Ilqr | PolicyName::PredictiveSampling),
         needs: None,
         masks: MaskGranularity::Joint,
-        default: name == chosen,
+        default: name == PolicyName::Auto,
     };
     let mut list = Vec::new();
-    for name in PolicyName::all().filter(|n| *n != PolicyName::Auto) {
+    for name in PolicyName::all() {
         if !name.needs_model() {
             list.push(offer(name));
             continue;

@@ -538,6 +538,27 @@ describe("features", () => {
     assert.equal(await use.count(), 0, "nothing nearer is left to propose");
   });
 
+  test("the automatic choice says what it compared, and shows the best", async () => {
+    await afresh();
+    await t.byId("policy").selectOption("auto");
+    const s = await t.until(
+      (x) => x.rollout?.policy.startsWith("auto: ") === true && x.rollout.phase === "done",
+      "auto has chosen",
+    );
+    assert.equal(s.frames, s.clip?.length, "all frames of the chosen one are there");
+    await t.panel("policies");
+    const rows = t.byId("compared").locator(".take");
+    const names = await rows.allInnerTexts();
+    for (const name of ["Learned", "Learned, guided", "Linear fit", "Spring and damper"])
+      assert.ok(
+        names.some((n) => n.startsWith(name)),
+        `${name} was compared: ${names}`,
+      );
+    const first = rows.first().locator(".name");
+    assert.equal(await first.getAttribute("aria-current"), "true", "the best stands first");
+    assert.ok(s.settings.policy === "auto", "the choice is made anew for each clip");
+  });
+
   test("markers are kept in the file", async () => {
     await afresh();
     await t.goTo(25);

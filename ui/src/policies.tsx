@@ -1,11 +1,11 @@
 // Which policy performs: the choice in the bar, and the list with a sentence on each.
 
-import { FlaskConical, X } from "lucide";
+import { Check, FlaskConical, X } from "lucide";
 import { Icon } from "./icon";
 import { leaving, nearest, policyId, shown, trainedFor, variant, withPolicy, withRun } from "./policy";
 import { Settings } from "./policy_settings";
-import { words } from "./policy_words";
-import type { PolicyCard, RunCard } from "./protocol";
+import { labelInWords, words } from "./policy_words";
+import type { PolicyCard, RunCard, Trial } from "./protocol";
 import * as store from "./store";
 import { tried, tryAll, trying } from "./tryall";
 import { tell } from "./wire";
@@ -47,7 +47,7 @@ export function choices() {
     if (run) return tell("rollout.set", withRun(settings, run, cards));
     const card = cards.find((p) => policyId(p) === id);
     if (!card) return;
-    const path = card.learned && !card.available ? own : undefined;
+    const path = card.name === "auto" || (card.learned && !card.available) ? own : undefined;
     tell("rollout.set", { ...withPolicy(settings, card, cards), ...(path ? { model_path: path } : {}) });
   };
   const list: Choice[] = [
@@ -153,6 +153,38 @@ function Tries() {
   );
 }
 
+/** What the automatic choice compared on the clip as it stands, the best first. */
+function Compared() {
+  const r = store.rollout.value;
+  if (r?.phase !== "done" || r.tried.length === 0) return null;
+  const score = (t: Trial): number => (t.precision ?? Number.POSITIVE_INFINITY) + t.gaps;
+  const rows = [...r.tried].sort((a, b) => score(a) - score(b));
+  return (
+    <div class="tries" data-testid="compared">
+      <header>Compared on this clip</header>
+      {rows.map((t, i) => (
+        <div
+          class="take"
+          key={t.policy}
+          title={`${t.policy} on the command line; ${t.error ?? gapsInWords(t)}`}
+        >
+          <span class="grow name" aria-current={i === 0}>
+            {i === 0 ? <Icon of={Check} size={13} /> : null} {labelInWords(t.policy)}
+          </span>
+          <span class="num">
+            {t.precision == null ? "failed" : store.shownError(t.precision, store.unit.value)}
+          </span>
+        </div>
+      ))}
+    </div>
+  );
+}
+
+const gapsInWords = (t: Trial): string =>
+  t.gaps > 0
+    ? `its motion between the goals swings or jerks; that counts as ${store.shownError(t.gaps, store.unit.value)}`
+    : "its motion between the goals is calm";
+
 function Cards({ title, list }: { title: string; list: Choice[] }) {
   const { now, choose } = choices();
   if (list.length === 0) return null;
@@ -197,6 +229,7 @@ export function Policies() {
           <Icon of={FlaskConical} size={14} /> Try all on this clip
         </button>
         <Tries />
+        <Compared />
         {GROUPS.map((g) => (
           <Cards key={g} title={g} list={list.filter((c) => c.group === g)} />
         ))}

@@ -52,3 +52,18 @@ export function words(card: Pick<PolicyCard, "name" | "model" | "suits"> & { run
   if (!card.model) return plain;
   return { title: `${plain.title}: ${card.model}`, about: `Best for ${card.suits}.` };
 }
+
+const OPTIONS: Record<string, string> = {
+  guide: "guided",
+  masks: "fills gaps itself",
+  refine: "refined",
+  sample: "sampled",
+};
+
+/** A label of the command line, such as `robert:adaptive+guide`, in words. */
+export function labelInWords(label: string): string {
+  const [policy = "", ...options] = label.split("+");
+  const [name = "", model] = policy.split(":");
+  const title = (WORDS as Record<string, Words>)[name]?.title ?? name;
+  return [model ? `${title}: ${model}` : title, ...options.map((o) => OPTIONS[o] ?? o)].join(", ");
+}

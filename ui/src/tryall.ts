@@ -36,7 +36,7 @@ export async function tryAll(): Promise<void> {
   const rows: Tried[] = [];
   const robot = store.doc.value?.clip.robot.id;
   const cards: Candidate[] = [
-    ...store.policies.value.filter((p) => p.available && p.name !== "zero" && !p.slow),
+    ...store.policies.value.filter((p) => p.available && p.name !== "zero" && p.name !== "auto" && !p.slow),
     ...trainedFor(robot, store.workspace.value.runs).map(asCandidate),
   ];
   const masked = store.doc.value?.findings.spans.some((s) => s.kind === "masked" || s.kind === "open");

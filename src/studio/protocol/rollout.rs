@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use robert_rollout::{Guide, PolicyConfig, PolicyName};
+use robert_rollout::{Guide, PolicyConfig, PolicyName, Trial};
 
 /// How the live rollout is made.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -90,8 +90,10 @@ pub struct RolloutState {
     pub mae: Option<f64>,
     /// Time a simulated frame takes, milliseconds.
     pub ms_per_frame: Option<f64>,
-    /// Who performs it, such as `pd+refine`.
+    /// The policy, such as `pd+refine`. For `auto` the one that it chose, once it has.
     pub policy: String,
+    /// What `auto` compared, in the order in which it was tried; empty for a named policy.
+    pub tried: Vec<Trial>,
     /// Why it failed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub error: Option<String>,

@@ -64,13 +64,16 @@ impl Simulation {
     /// Performs a version of the document.
     pub(crate) fn perform(&self, rev: u64, clip: &Clip, command: &Command) {
         let generation = self.rollout.begin(rev, command, Some(clip));
-        self.worker.tell(Perform { generation, command: Dense::of(command) });
+        let command = Dense::of(command);
+        self.worker.tell(Perform { generation, compare: true, command });
     }
 
-    /// Performs what an edit would lead to.
+    /// Performs what an edit would lead to. While a key is dragged, `auto` stays with the policy
+    /// that was best before.
     pub(crate) fn preview(&self, command: &Command) {
         let generation = self.rollout.begin(0, command, None);
-        self.worker.tell(Perform { generation, command: Dense::of(command) });
+        let command = Dense::of(command);
+        self.worker.tell(Perform { generation, compare: false, command });
     }
 
     /// Stops performing.

@@ -155,6 +155,7 @@ impl RolloutStore {
                 phase: Phase::Waiting,
                 frames: command.frames() as usize,
                 policy: inner.settings.label(),
+                tried: Vec::new(),
                 error: None,
                 ..inner.state.clone()
             };
@@ -416,12 +417,17 @@ impl WorkerSink for RolloutStore {
                     }
                 }
                 SimulationEvent::Frames(frames) if frames.generation > floor => inner.take(frames),
-                SimulationEvent::Ended { generation, precision, error }
+                SimulationEvent::Ended { generation, precision, choice, error }
                     if generation == current =>
                 {
                     inner.precision = precision.as_ref().and_then(|p| serde_json::to_value(p).ok());
                     if let Some(p) = precision {
                         inner.state.mae = p.precision;
+                    }
+                    if let Some(choice) = choice {
+                        let asked = inner.settings.label();
+                        inner.state.policy = format!("{asked}: {}", choice.policy);
+                        inner.state.tried = choice.tried;
                     }
                     let phase = if error.is_some() { Phase::Failed } else { Phase::Done };
                     inner.set_phase(phase, error);

@@ -1394,12 +1394,14 @@ export interface RolloutState {
   ms_per_frame: number | null;
   /** What it is doing. */
   phase: Phase;
-  /** Who performs it, such as `pd+refine`. */
+  /** The policy, such as `pd+refine`. For `auto` the one that it chose, once it has. */
   policy: string;
   /** The frame it was resumed from. */
   resumed_at: number;
   /** Version of the document that it performs; 0 for a preview. */
   rev: number;
+  /** What `auto` compared, in the order in which it was tried; empty for a named policy. */
+  tried: Trial[];
 }
 
 /** `GET /api/rollout`. */
@@ -1720,6 +1722,21 @@ export interface TimeInsert {
   at: number;
   /** How many. */
   frames: number;
+}
+
+/** The result of one contender. */
+export interface Trial {
+  /** Why it failed. */
+  error?: string;
+  /**
+   * Penalty of its motion inside gaps, rad or m: overshoot, long paths, jolts. 0 if it looks
+   * natural.
+   */
+  gaps: number;
+  /** The policy, as in `PolicyConfig::label`. */
+  policy: string;
+  /** Its Precision, rad or m; null when it failed, or when nothing was commanded. */
+  precision: number | null;
 }
 
 /** The unit of one joint coordinate. */

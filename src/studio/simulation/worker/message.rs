@@ -7,7 +7,7 @@ use serde_bytes::ByteBuf;
 use crate::protocol::{Geometry, IkAnswer, IkRequest, MeanError, RobotFacts, SettleAnswer};
 use robert_base::exit::{Exit, HasExit};
 use robert_clip::Command;
-use robert_rollout::{PolicyConfig, Precision};
+use robert_rollout::{Choice, PolicyConfig, Precision};
 
 /// A question to the worker. Its type says what the answer is.
 pub(crate) trait Question: Into<WorkerRequest> {
@@ -115,6 +115,8 @@ pub(crate) struct SetPolicy {
 pub(crate) struct Perform {
     /// Number of the rollout.
     pub(crate) generation: u64,
+    /// With the policy `auto`: whether all contenders perform. Otherwise the last best one does.
+    pub(crate) compare: bool,
     /// The clip.
     pub(crate) command: Dense,
 }
@@ -308,6 +310,8 @@ pub(crate) enum SimulationEvent {
         generation: u64,
         /// Full figures, when it reached the end.
         precision: Option<Box<Precision>>,
+        /// Which contender is shown, when several were compared.
+        choice: Option<Box<Choice>>,
         /// Why it broke, when it did.
         error: Option<String>,
     },

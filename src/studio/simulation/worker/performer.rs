@@ -14,10 +14,13 @@ use crate::protocol::{IkRequest, RobotFacts};
 use robert_clip::Command;
 use robert_mujoco::Data;
 use robert_robot::{self as robot, Robot};
-use robert_rollout::{PolicyConfig, PolicyName, Rollout, RolloutConfig, Start};
+use robert_rollout::{Choice, LiveRollout, PolicyConfig, PolicyName};
 
 /// Frames are sent together when they come faster than this.
 const BATCH: Duration = Duration::from_millis(8);
+/// While the other contenders perform and nothing is sent, the limit of processor time is renewed
+/// this often.
+const BEAT: Duration = Duration::from_millis(200);
 
 /// The thread that performs.
 pub(super) struct Performer {
@@ -30,9 +33,11 @@ pub(super) struct Performer {
 
 /// A rollout and what of it has been sent.
 struct Show {
-    rollout: Rollout,
+    rollout: LiveRollout,
     command: Command,
     generation: u64,
+    /// Whether all contenders perform, and the best one is shown at the end.
+    compare: bool,
     running: bool,
     batch: Frames,
     sent: Instant,
@@ -94,7 +99,7 @@ impl Performer {
                 (self.policy, self.seed, self.show) = (q.policy, q.seed, None);
                 out.answer::<SetPolicy>(id, Ok(()));
             }
-            WorkerRequest::Perform(q) => self.perform(q.generation, q.command),
+            WorkerRequest::Perform(q) => self.perform(q.generation, q.compare, q.command),
             WorkerRequest::Stop(_) => {
                 if let Some(show) = &mut self.show {
                     show.running = false;
@@ -133,10 +138,11 @@ impl Performer {
         Ok(facts)
     }
 
-    fn perform(&mut self, generation: u64, dense: Dense) {
+    fn perform(&mut self, generation: u64, compare: bool, dense: Dense) {
         let ended = |error: String| SimulationEvent::Ended {
             generation,
             precision: None,
+            choice: None,
             error: Some(error),
         };
         let command = Command::from_dense(dense.joints, dense.start, dense.q, dense.visible);
@@ -148,7 +154,7 @@ impl Performer {
             let message = format!("the clip does not have the joints of robot {}", robot.id());
             return self.out.tell(ended(message));
         };
-        match self.take_up(command, generation) {
+        match self.take_up(command, generation, compare) {
             Ok(()) => {}
             Err(e) => {
                 self.show = None;
@@ -158,28 +164,28 @@ impl Performer {
     }
 
     /// Goes on with the last rollout where the new command allows it.
-    fn take_up(&mut self, command: Command, generation: u64) -> Result<(), robert_rollout::Error> {
+    fn take_up(
+        &mut self,
+        command: Command,
+        generation: u64,
+        compare: bool,
+    ) -> Result<(), robert_rollout::Error> {
         let Some((robot, _)) = &self.robot else { return Ok(()) };
         let mut show = if let Some(mut show) = self.show.take() {
             show.rollout.set_command(&command)?;
             show
         } else {
-            let policy = self.policy.build(robot)?;
-            let config = RolloutConfig {
-                seed: self.seed,
-                guide: self.policy.guide,
-                ..RolloutConfig::default()
-            };
             Show {
-                rollout: Rollout::new(robot, policy, &command, Start::Pose, config)?,
+                rollout: LiveRollout::new(robot, &self.policy, self.seed, &command)?,
                 command: command.clone(),
                 generation,
+                compare,
                 running: true,
                 batch: Frames::default(),
                 sent: Instant::now(),
             }
         };
-        let resumed_at = show.rollout.frame();
+        let resumed_at = show.rollout.shown().frame();
         // Frames that were simulated but not sent yet are sent now.
         let unsent = show.batch.from;
         // The ghost of the command leans toward the next goal: it changes on frames, too,
@@ -188,50 +194,92 @@ impl Performer {
         let from = resumed_at.min(leans as usize).min(unsent);
         self.out.tell(SimulationEvent::Started { generation, resumed_at });
         show.command = command;
-        show.generation = generation;
-        show.running = true;
+        (show.generation, show.compare, show.running) = (generation, compare, true);
         show.batch = Frames { generation, from, ..Frames::default() };
         show.sent = Instant::now().checked_sub(BATCH).unwrap_or_else(Instant::now);
-        let first = show.rollout.frames_reached().map(Shot::of).skip(from).collect::<Vec<_>>();
         self.show = Some(show);
-        for shot in first {
-            self.add(&shot, 0.0)?;
-        }
+        self.add_from(from)?;
         if resumed_at == 0 {
             self.flush();
         }
         Ok(())
     }
 
+    /// Adds what the shown rollout has reached, from this frame on.
+    fn add_from(&mut self, frame: usize) -> Result<(), robert_rollout::Error> {
+        let Some(show) = &self.show else { return Ok(()) };
+        let reached = show.rollout.shown().frames_reached().skip(frame);
+        for shot in reached.map(Shot::of).collect::<Vec<_>>() {
+            self.add(&shot, 0.0)?;
+        }
+        Ok(())
+    }
+
+    /// Simulates one frame: of the shown rollout, then of the other contenders.
     fn step(&mut self) {
-        let Some(show) = &mut self.show else { return };
-        let begin = Instant::now();
-        let shot = match show.rollout.step() {
-            Ok(Some(frame)) => Ok(Some(Shot::of(frame))),
-            Ok(None) => Ok(None),
-            Err(e) => Err(e),
-        };
-        let secs = begin.elapsed().as_secs_f64();
-        let ended = match shot {
-            Ok(Some(shot)) => match self.add(&shot, secs) {
-                Ok(()) => {
-                    let due = self.show.as_ref().is_some_and(|s| s.sent.elapsed() >= BATCH);
-                    if due {
-                        self.flush();
-                    }
-                    return;
+        match self.step_shown() {
+            Ok(true) => {
+                if self.show.as_ref().is_some_and(|s| s.sent.elapsed() >= BATCH) {
+                    self.flush();
                 }
-                Err(e) => Some(e.to_string()),
-            },
-            Ok(None) => None,
-            Err(e) => Some(e.to_string()),
-        };
+            }
+            Ok(false) => self.compare(),
+            Err(_) if self.show.as_ref().is_some_and(|s| s.compare) => self.compare(),
+            Err(e) => self.end(None, Some(e)),
+        }
+    }
+
+    /// Simulates one frame of the shown rollout. False at its end.
+    fn step_shown(&mut self) -> Result<bool, robert_rollout::Error> {
+        let Some(show) = &mut self.show else { return Ok(false) };
+        let begin = Instant::now();
+        let Some(shot) = show.rollout.step()?.map(Shot::of) else { return Ok(false) };
+        self.add(&shot, begin.elapsed().as_secs_f64())?;
+        Ok(true)
+    }
+
+    /// The shown rollout has ended: another contender takes a step, or the best one is shown.
+    fn compare(&mut self) {
+        self.flush();
+        let Some(show) = &mut self.show else { return };
+        if !show.compare {
+            return self.end(None, None);
+        }
+        if show.rollout.step_another() {
+            if show.sent.elapsed() >= BEAT {
+                show.sent = Instant::now();
+                grant_cpu();
+            }
+            return;
+        }
+        match show.rollout.choose() {
+            Ok(choice) => {
+                let shown = if choice.changed { self.show_again() } else { Ok(()) };
+                self.end((choice.tried.len() > 1).then(|| Box::new(choice)), shown.err());
+            }
+            Err(e) => self.end(None, Some(e)),
+        }
+    }
+
+    /// Sends all frames of the rollout that is shown from now on.
+    fn show_again(&mut self) -> Result<(), robert_rollout::Error> {
+        let Some(show) = &mut self.show else { return Ok(()) };
+        let generation = show.generation;
+        show.batch = Frames { generation, ..Frames::default() };
+        self.out.tell(SimulationEvent::Started { generation, resumed_at: 0 });
+        self.add_from(0)?;
+        self.flush();
+        Ok(())
+    }
+
+    fn end(&mut self, choice: Option<Box<Choice>>, error: Option<robert_rollout::Error>) {
         self.flush();
         let Some(show) = &mut self.show else { return };
         show.running = false;
         let generation = show.generation;
-        let precision = ended.is_none().then(|| Box::new(show.rollout.precision()));
-        self.out.tell(SimulationEvent::Ended { generation, precision, error: ended });
+        let precision = error.is_none().then(|| Box::new(show.rollout.shown().precision()));
+        let error = error.map(|e| e.to_string());
+        self.out.tell(SimulationEvent::Ended { generation, precision, choice, error });
     }
 
     /// Adds a frame to what is sent next.

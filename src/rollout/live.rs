@@ -1,0 +1,266 @@
+//! A clip that is performed while it is edited, by one policy or by all contenders of `auto`.
+//!
+//! Each contender keeps its own rollout, so that an edit simulates again only what it can change.
+//! One of them is shown: it performs first, and its frames can be streamed. The others follow, and
+//! the best one is shown from then on.
+
+use std::sync::Arc;
+
+use super::auto::{Trial, best, configs, unnatural};
+use super::error::Error;
+use super::registry::{PolicyConfig, PolicyName};
+use super::run::{Rollout, RolloutConfig, Start};
+use robert_clip::Command;
+use robert_robot::Robot;
+
+/// One policy on the clip.
+struct Contender {
+    policy: PolicyConfig,
+    rollout: Option<Rollout>,
+    /// The edit that its rollout performs.
+    edit: u64,
+    /// Why it cannot perform that edit.
+    failed: Option<Error>,
+}
+
+/// A clip that is performed while it is edited.
+pub struct LiveRollout {
+    robot: Arc<Robot>,
+    contenders: Vec<Contender>,
+    shown: usize,
+    command: Command,
+    edit: u64,
+    seed: u64,
+}
+
+/// The result of comparing the contenders.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Choice {
+    /// The policy that is shown from now on.
+    pub policy: String,
+    /// Whether another one was shown before.
+    pub changed: bool,
+    /// All of them, in the order of [`super::Contenders::policies`].
+    pub tried: Vec<Trial>,
+}
+
+impl LiveRollout {
+    /// Prepares a rollout on the nominal plant; nothing is simulated yet. The first contender is
+    /// shown.
+    ///
+    /// # Errors
+    /// As [`PolicyConfig::build`] and [`Rollout::new`].
+    pub fn new(
+        robot: &Arc<Robot>,
+        asked: &PolicyConfig,
+        seed: u64,
+        command: &Command,
+    ) -> Result<LiveRollout, Error> {
+        let policies = match asked.name {
+            PolicyName::Auto => configs(robot, asked)?,
+            _ => vec![asked.clone()],
+        };
+        let refine = asked.refine;
+        let contender = |policy| Contender { policy, rollout: None, edit: 0, failed: None };
+        let mut live = LiveRollout {
+            robot: Arc::clone(robot),
+            contenders: policies
+                .into_iter()
+                .map(|p| contender(PolicyConfig { refine, ..p }))
+                .collect(),
+            shown: 0,
+            command: command.clone(),
+            edit: 1,
+            seed,
+        };
+        live.take_up(0)?;
+        Ok(live)
+    }
+
+    /// The rollout that is shown.
+    pub fn shown(&self) -> &Rollout {
+        match &self.contenders[self.shown].rollout {
+            Some(rollout) => rollout,
+            None => unreachable!("the shown contender has always a rollout"),
+        }
+    }
+
+    /// The policies that are compared; 1 if one was named.
+    pub fn count(&self) -> usize {
+        self.contenders.len()
+    }
+
+    /// Replaces the command. Returns the frame from which the shown rollout continues, as
+    /// [`Rollout::set_command`] does; the others follow when their turn comes.
+    ///
+    /// # Errors
+    /// As [`Rollout::new`].
+    pub fn set_command(&mut self, command: &Command) -> Result<usize, Error> {
+        self.command = command.clone();
+        self.edit += 1;
+        self.take_up(self.shown)?;
+        Ok(self.shown().frame())
+    }
+
+    /// Brings a contender's rollout up to the present command.
+    fn take_up(&mut self, at: usize) -> Result<(), Error> {
+        let Contender { policy, rollout, edit, failed } = &mut self.contenders[at];
+        if *edit == self.edit {
+            return Ok(());
+        }
+        *failed = None;
+        if let Some(rollout) = rollout {
+            rollout.set_command(&self.command)?;
+        } else {
+            let config =
+                RolloutConfig { seed: self.seed, guide: policy.guide, ..RolloutConfig::default() };
+            let built = policy.build(&self.robot)?;
+            let fresh = Rollout::new(&self.robot, built, &self.command, Start::Pose, config)?;
+            *rollout = Some(fresh);
+        }
+        *edit = self.edit;
+        Ok(())
+    }
+
+    /// Simulates one frame of the shown rollout; `None` at its end.
+    ///
+    /// # Errors
+    /// As [`Rollout::step`].
+    pub fn step(&mut self) -> Result<Option<super::run::Frame<'_>>, Error> {
+        match &mut self.contenders[self.shown].rollout {
+            Some(rollout) => rollout.step(),
+            None => unreachable!("the shown contender has always a rollout"),
+        }
+    }
+
+    /// Simulates one frame of a contender that is behind. False when all have finished; then
+    /// [`LiveRollout::choose`] compares them.
+    pub fn step_another(&mut self) -> bool {
+        let behind = |c: &Contender| {
+            let done = c.rollout.as_ref().is_some_and(Rollout::is_done);
+            c.edit != self.edit || !(done || c.failed.is_some())
+        };
+        let Some(at) = self.contenders.iter().position(behind) else { return false };
+        let result = self.take_up(at).and_then(|()| match &mut self.contenders[at].rollout {
+            Some(rollout) => rollout.step().map(|_| ()),
+            None => unreachable!("it has been taken up"),
+        });
+        if let Err(e) = result {
+            let contender = &mut self.contenders[at];
+            (contender.failed, contender.edit) = (Some(e), self.edit);
+        }
+        true
+    }
+
+    /// Compares the contenders and shows the best one. It is the choice of
+    /// [`super::Contenders::perform`] for the same clip and seed.
+    ///
+    /// # Errors
+    /// The first one's error when all have failed.
+    pub fn choose(&mut self) -> Result<Choice, Error> {
+        let trial = |c: &Contender| {
+            let policy = c.policy.label();
+            match (&c.rollout, &c.failed) {
+                (Some(rollout), None) => Trial {
+                    policy,
+                    precision: rollout.precision().precision,
+                    gaps: unnatural(rollout),
+                    error: None,
+                },
+                (_, failed) => Trial {
+                    policy,
+                    precision: None,
+                    gaps: 0.0,
+                    error: failed.as_ref().map(ToString::to_string),
+                },
+            }
+        };
+        let tried: Vec<Trial> = self.contenders.iter().map(trial).collect();
+        let performed = self.contenders.iter().position(|c| c.failed.is_none());
+        let Some(at) = best(&tried).or(performed) else {
+            let first = self.contenders.iter_mut().find_map(|c| c.failed.take());
+            return Err(first.unwrap_or_else(|| unreachable!("all have failed")));
+        };
+        let changed = std::mem::replace(&mut self.shown, at) != at;
+        Ok(Choice { policy: self.contenders[at].policy.label(), changed, tried })
+    }
+}
+
+impl std::fmt::Debug for LiveRollout {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("LiveRollout")
+            .field("shown", &self.shown())
+            .field("contenders", &self.contenders.len())
+            .finish_non_exhaustive()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Contenders, tasks};
+    use robert_base::progress::{Cancel, Silent};
+    use robert_clip::{Clip, compile};
+
+    fn to_the_end(live: &mut LiveRollout) -> Choice {
+        while live.step().unwrap().is_some() {}
+        while live.step_another() {}
+        live.choose().unwrap()
+    }
+
+    /// After each edit the choice and the shown motion have the same bits as a choice from the
+    /// start.
+    #[test]
+    fn an_edited_clip_has_the_same_choice_as_a_new_one() {
+        let robot = Arc::new(Robot::builtin("pointmass").unwrap());
+        let asked = PolicyConfig::new(PolicyName::Auto);
+        let clips: Vec<Clip> =
+            ["circle", "heart", "hops"].map(|n| tasks::find(n, Some("pointmass")).unwrap()).into();
+        let mut live: Option<LiveRollout> = None;
+        let contenders = Contenders::new(&robot, &asked).unwrap();
+        for clip in [&clips[0], &clips[1], &clips[1], &clips[2]] {
+            let command = compile(clip).unwrap();
+            match &mut live {
+                Some(live) => drop(live.set_command(&command).unwrap()),
+                None => live = Some(LiveRollout::new(&robot, &asked, 3, &command).unwrap()),
+            }
+            let live = live.as_mut().unwrap();
+            let choice = to_the_end(live);
+            let fresh = contenders
+                .perform(&command, &Start::Pose, 3, 1, &Silent, &Cancel::default())
+                .unwrap();
+            assert_eq!(choice.tried, fresh.tried);
+            assert_eq!(choice.policy, fresh.policy.label());
+            assert_eq!(live.shown().actions(), fresh.rollout.actions());
+        }
+        assert!(!to_the_end(live.as_mut().unwrap()).changed, "the same clip, the same choice");
+    }
+
+    #[test]
+    fn an_interrupted_comparison_continues_with_the_newest_clip() {
+        let robot = Arc::new(Robot::builtin("pointmass").unwrap());
+        let asked = PolicyConfig::new(PolicyName::Auto);
+        let command = |n| compile(&tasks::find(n, Some("pointmass")).unwrap()).unwrap();
+        let mut live = LiveRollout::new(&robot, &asked, 0, &command("heart")).unwrap();
+        while live.step().unwrap().is_some() {}
+        for _ in 0..150 {
+            live.step_another();
+        }
+        live.set_command(&command("circle")).unwrap();
+        let choice = to_the_end(&mut live);
+        let mut fresh = LiveRollout::new(&robot, &asked, 0, &command("circle")).unwrap();
+        assert_eq!(choice.tried, to_the_end(&mut fresh).tried);
+        assert_eq!(live.shown().actions(), fresh.shown().actions());
+    }
+
+    #[test]
+    fn a_named_policy_has_nothing_to_compare() {
+        let robot = Arc::new(Robot::builtin("pointmass").unwrap());
+        let command = compile(&tasks::find("pointmass/heart", None).unwrap()).unwrap();
+        let asked = PolicyConfig::new(PolicyName::Pd);
+        let mut live = LiveRollout::new(&robot, &asked, 0, &command).unwrap();
+        while live.step().unwrap().is_some() {}
+        assert!(live.count() == 1 && !live.step_another());
+        assert_eq!(live.choose().unwrap().policy, "pd");
+    }
+}
