@@ -22,6 +22,12 @@ pub const CLIP_VALUE_MAX: f64 = 1e6;
 pub const CLIP_POSES: usize = 10_000;
 /// Mask spans in a clip, and markers.
 pub const CLIP_SPANS: usize = 50_000;
+/// Tangents in all keys of a clip.
+pub const CLIP_TANGENTS: usize = 1 << 18;
+/// End-effector goals in all keys of a clip.
+pub const CLIP_REACHES: usize = 4096;
+/// Frames of a clip at which inverse kinematics is solved.
+pub const CLIP_REACH_FRAMES: usize = 10_000;
 /// Joint names in all mask spans of a clip.
 pub const CLIP_MASK_JOINTS: usize = 1 << 18;
 /// Values under the extension key `x` of a clip.

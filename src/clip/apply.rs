@@ -8,12 +8,13 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use super::compile::compile;
 use super::delta::Delta;
-use super::document::{Clip, Fill, Goal, Key, Marker, Mask, Row, round};
+use super::document::{Clip, Fill, Goal, Key, Marker, Mask, Row};
+use super::grid::round;
 use super::joints::JointTable;
 use super::json::show;
 use super::op::{
     Batch, ClipLength, FillSet, KeysMove, KeysPaste, KeysScale, KeysSet, KeysSparsify, MaskSet, Op,
-    PoseApply, TimeDelete, TimeInsert,
+    PoseApply, TangentSet, TimeDelete, TimeInsert,
 };
 use super::sparsify::superfluous;
 use super::validate::{Invalid, hint};
@@ -173,6 +174,7 @@ impl Edit<'_> {
             Op::KeysSparsify(a) => self.keys_sparsify(a),
             Op::MaskSet(a) => self.mask_set(a),
             Op::FillSet(a) => self.fill_set(a),
+            Op::TangentSet(a) => self.tangent_set(a),
             Op::TimeInsert(a) => self.time_insert(a),
             Op::TimeDelete(a) => self.time_delete(a),
             Op::PoseSave(a) => {
@@ -380,6 +382,10 @@ impl Edit<'_> {
             // The last frame of a hold scales like any other.
             let hold = 1.0 + (f64::from(key.hold.saturating_sub(1)) * a.factor).round();
             key.hold = hold.clamp(1.0, f64::from(limits::CLIP_FRAMES)) as u32;
+            // The curve keeps its shape: slopes are changes per second.
+            for tangent in key.tangents.values_mut() {
+                *tangent = tangent.map(|slope| slope / a.factor);
+            }
         }
         self.place(keys, a.replace)
     }
@@ -422,6 +428,10 @@ impl Edit<'_> {
                 }
             }
             key.goal = Goal::Q(row);
+            let there = self.clip.key(key.frame).map(|old| old.tangents.clone());
+            let is_chosen = |joint: &String| names.contains(joint);
+            key.tangents.retain(|joint, _| is_chosen(joint));
+            key.tangents.extend(there.into_iter().flatten().filter(|(joint, _)| !is_chosen(joint)));
         }
         Ok(())
     }
@@ -430,6 +440,9 @@ impl Edit<'_> {
         for key in keys {
             let row = self.mirrored(&self.row_of(key))?;
             key.goal = Goal::Q(row);
+            if let Some(table) = self.table {
+                key.tangents = table.mirrored_tangents(&key.tangents);
+            }
         }
         Ok(())
     }
@@ -449,6 +462,24 @@ impl Edit<'_> {
             }
             Some(frames) => self.each_key(frames, |k| k.fill = a.fill),
         }
+    }
+
+    fn tangent_set(&mut self, a: &TangentSet) -> Done {
+        let names = match &a.joints {
+            Some(names) => names.clone(),
+            None => self.clip.robot.joints.clone(),
+        };
+        for name in &names {
+            self.joint(name)?;
+        }
+        self.each_key(&a.frames, |key| {
+            for name in &names {
+                match a.tangent {
+                    Some(tangent) => key.tangents.insert(name.clone(), tangent),
+                    None => key.tangents.remove(name),
+                };
+            }
+        })
     }
 
     fn keys_sparsify(&mut self, a: &KeysSparsify) -> Done {

@@ -9,12 +9,18 @@
 //! 1984), slope 0 at a hold, at the end of a cubic run and at an extremum. Rejected: a natural
 //! cubic. It overshoots, so the curve between two keys inside the joint limits could leave them.
 //!
+//! A key may set the slope of a joint instead (`tangents`). The curve then is the cubic Hermite curve
+//! with this slope, and it may overshoot.
+//!
 //! Filled values are rounded to the document's 1e-6 grid before they become `f32`, so a command
 //! that is exported and imported again has the same bits.
 
 use super::command::{Command, Span, SpanKind, push_span};
-use super::document::{Clip, Fill, Row, Start, round};
+use super::document::{Clip, Fill, Row, Start};
+use super::grid::round;
+use super::tangent::Tangent;
 use super::validate::Invalid;
+use robert_base::units::CTRL_DT;
 
 /// Compiles a clip.
 ///
@@ -115,7 +121,9 @@ impl<'a> Plan<'a> {
         let width = f64::from(until - last);
         for j in 0..self.dim {
             let (Some(a), Some(b)) = (self.value(i, j), self.value(i + 1, j)) else { continue };
-            let (da, db) = (self.slope(i, j) * width, self.slope(i + 1, j) * width);
+            let line = (b - a) / width;
+            let da = self.tangent(i, j, Tangent::after, line) * width;
+            let db = self.tangent(i + 1, j, Tangent::before, line) * width;
             for frame in end..until {
                 let s = f64::from(frame - last) / width;
                 self.set(frame, j, shape(s, a, b, da, db));
@@ -128,7 +136,19 @@ impl<'a> Plan<'a> {
         self.clip.row(key)?.get(joint).copied().flatten()
     }
 
-    /// Slope at key `i` per frame; not zero only between two cubic intervals.
+    /// Slope at key `i` per frame, on the side that `side` takes; `line` is the slope of the straight
+    /// line across the interval there, per frame.
+    fn tangent(&self, i: usize, joint: usize, side: fn(Tangent, f64) -> f64, line: f64) -> f64 {
+        let clip = self.clip;
+        let tangents = clip.keys.get(i).map(|key| &key.tangents).filter(|t| !t.is_empty());
+        let set = tangents.zip(clip.robot.joints.get(joint)).and_then(|(t, name)| t.get(name));
+        match set {
+            Some(tangent) => side(*tangent, line / CTRL_DT) * CTRL_DT,
+            None => self.slope(i, joint),
+        }
+    }
+
+    /// Automatic slope at key `i` per frame; not zero only between two cubic intervals.
     fn slope(&self, i: usize, joint: usize) -> f64 {
         let inner = || {
             let clip = self.clip;
@@ -327,6 +347,43 @@ mod tests {
         assert!((c.row(1)[0] - c.row(0)[0]).abs() < 0.03, "starts at rest");
         let (before, after) = (c.row(12)[0] - c.row(11)[0], c.row(13)[0] - c.row(12)[0]);
         assert!(before > 0.01 && after > 0.01 && before / after < 3.0, "smooth through a key");
+    }
+
+    #[test]
+    fn tangents_shape_the_curves_beside_their_key() {
+        let mut k = clip(41);
+        k.fill = Fill::Cubic;
+        k.keys = vec![Key::new(0, &[0.0; 2]), Key::new(20, &[1.0; 2]), Key::new(40, &[2.0; 2])];
+        let automatic = compile(&k).unwrap();
+        let speed = |c: &Command, t: u32| f64::from(c.row(t + 1)[0] - c.row(t)[0]) / CTRL_DT;
+        let with = |frame: u32, tangent: Tangent| {
+            let mut k = k.clone();
+            let key = k.keys.iter_mut().find(|key| key.frame == frame).unwrap();
+            key.tangents.insert("a".into(), tangent);
+            let c = compile(&k).unwrap();
+            assert_eq!(column(&c, 1), column(&automatic, 1), "the other joint keeps its curve");
+            c
+        };
+        let flat = with(20, Tangent::FLAT);
+        assert!(speed(&automatic, 20) > 0.9 && speed(&flat, 20) < 0.2 && speed(&flat, 19) < 0.2);
+        let corner = with(20, Tangent::corner(-3.0, 2.0));
+        assert!((speed(&corner, 19) + 3.0).abs() < 0.8 && (speed(&corner, 20) - 2.0).abs() < 0.3);
+        // The cubic Hermite curve itself, 5 of 20 frames after the key: its slope is 2 rad/s.
+        let slope = |s: f64| 2.0 * (s * s * s - 2.0 * s * s + s);
+        let s = 0.25_f64;
+        let expect = 1.0 + slope(s) + (3.0 * s * s - 2.0 * s * s * s);
+        assert!((f64::from(corner.row(25)[0]) - expect).abs() < 1e-6);
+        let mut k = k.clone();
+        for key in &mut k.keys {
+            key.tangents.insert("a".into(), Tangent::LINEAR);
+        }
+        let mut straight = k.clone();
+        straight.fill = Fill::Linear;
+        let (line, curve) = (compile(&straight).unwrap(), compile(&k).unwrap());
+        for (a, b) in column(&line, 0).iter().zip(column(&curve, 0)) {
+            assert!((a.unwrap() - b.unwrap()).abs() < 2e-6, "both ends linear: a straight line");
+        }
+        assert_eq!(k.to_text(), Clip::parse(&k.to_text()).unwrap().to_text());
     }
 
     #[test]

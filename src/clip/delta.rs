@@ -156,7 +156,8 @@ impl Delta {
             Goal::Pose(name) => name.len(),
             Goal::Q(row) => 16 * row.len(),
         };
-        let keys = self.keys_put.iter().map(|k| goal(&k.goal) + k.note.len() + 48);
+        let keys =
+            self.keys_put.iter().map(|k| goal(&k.goal) + 64 * k.tangents.len() + k.note.len() + 48);
         let poses = self.poses_put.iter().map(|(name, row)| name.len() + 16 * row.len() + 48);
         let joints = |m: &Mask| m.joints.as_ref().map_or(0, Vec::len);
         let masks = self.masks.iter().flatten().map(|m| 64 + 32 * joints(m));

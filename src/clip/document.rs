@@ -9,6 +9,9 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
+use super::grid::round;
+use super::tangent::Tangent;
+
 use robert_base::units::{FPS, Unit};
 
 /// The format this program writes.
@@ -28,7 +31,8 @@ pub enum Fill {
     Mask,
     /// The straight line to the next key.
     Linear,
-    /// Monotone cubic to the next key (no overshoot, zero slope at holds and ends).
+    /// Monotone cubic to the next key (no overshoot, zero slope at holds and ends), unless a key
+    /// has a tangent.
     Cubic,
     /// This key's value until the next key.
     Hold,
@@ -91,6 +95,8 @@ pub struct Key {
     pub hold: u32,
     /// The fill after it, if it differs from [`Clip::fill`].
     pub fill: Option<Fill>,
+    /// Slopes of cubic curves at this key, by joint; the others are automatic.
+    pub tangents: BTreeMap<String, Tangent>,
     /// A remark.
     pub note: String,
 }
@@ -108,7 +114,7 @@ impl Key {
 
     /// A key of this goal.
     pub fn with(frame: u32, goal: Goal) -> Key {
-        Key { frame, goal, hold: 1, fill: None, note: String::new() }
+        Key { frame, goal, hold: 1, fill: None, tangents: BTreeMap::new(), note: String::new() }
     }
 
     /// The same, commanded for this many frames.
@@ -137,6 +143,8 @@ struct KeyFields {
     hold: Option<u32>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     fill: Option<Fill>,
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    tangents: BTreeMap<String, Tangent>,
     #[serde(default, skip_serializing_if = "String::is_empty")]
     note: String,
 }
@@ -150,7 +158,8 @@ impl TryFrom<KeyFields> for Key {
             (None, Some(q)) => Goal::Q(q),
             _ => return Err("a key needs either `pose` or `q`, not both"),
         };
-        Ok(Key { frame: k.frame, goal, hold: k.hold.unwrap_or(1), fill: k.fill, note: k.note })
+        let hold = k.hold.unwrap_or(1);
+        Ok(Key { frame: k.frame, goal, hold, fill: k.fill, tangents: k.tangents, note: k.note })
     }
 }
 
@@ -161,7 +170,8 @@ impl From<Key> for KeyFields {
             Goal::Q(q) => (None, Some(q)),
         };
         let hold = (k.hold != 1).then_some(k.hold);
-        KeyFields { frame: k.frame, pose, q, hold, fill: k.fill, note: k.note }
+        let (fill, tangents, note) = (k.fill, k.tangents, k.note);
+        KeyFields { frame: k.frame, pose, q, hold, fill, tangents, note }
     }
 }
 
@@ -313,6 +323,7 @@ impl Clip {
             if let Goal::Q(row) = &mut key.goal {
                 grid(row);
             }
+            key.tangents.values_mut().for_each(|t| *t = t.normal());
         }
         self.poses.values_mut().for_each(grid);
         if let Some(Start::Q(q)) = &mut self.start {
@@ -324,10 +335,4 @@ impl Clip {
             sha.make_ascii_lowercase();
         }
     }
-}
-
-/// The nearest point of the 1e-6 grid; never -0.
-pub fn round(value: f64) -> f64 {
-    let on_grid = (value * 1e6).round() / 1e6;
-    if on_grid == 0.0 { 0.0 } else { on_grid }
 }

@@ -3,9 +3,13 @@
 //! This is a floor-0 struct instead of a trait over the robot profile, because lints, mirroring and
 //! the studio need plain data that can be sent as JSON. Code that knows the robot fills it.
 
+use std::collections::BTreeMap;
+
 use serde::{Deserialize, Serialize};
 
-use super::document::{Clip, Row, round};
+use super::document::{Clip, Row};
+use super::grid::round;
+use super::tangent::Tangent;
 use robert_base::units::Unit;
 
 /// What a policy allows to be masked.
@@ -158,6 +162,23 @@ impl JointTable {
             Some(round(self.joint(name).map_or(q, |j| j.turned_into_range(q))))
         });
         Ok(image.collect())
+    }
+}
+
+impl JointTable {
+    /// The tangents of the mirror image of a key.
+    pub(super) fn mirrored_tangents(
+        &self,
+        tangents: &BTreeMap<String, Tangent>,
+    ) -> BTreeMap<String, Tangent> {
+        let Mirror::Table(rows) = &self.mirror else { return tangents.clone() };
+        let own = tangents.iter().filter(|(joint, _)| !rows.iter().any(|r| &r.target == *joint));
+        let mut image: BTreeMap<_, _> = own.map(|(joint, t)| (joint.clone(), *t)).collect();
+        image.extend(rows.iter().filter_map(|rule| {
+            let tangent = tangents.get(&rule.source)?;
+            Some((rule.target.clone(), tangent.map(|slope| rule.sign * slope)))
+        }));
+        image
     }
 }
 

@@ -10,6 +10,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 
 use super::delta::Delta;
 use super::document::{Fill, Key, Marker, Start};
+use super::tangent::Tangent;
 
 /// An edit.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -50,6 +51,9 @@ pub enum Op {
     /// Sets the fill after keys, or the clip's default.
     #[serde(rename = "fill.set")]
     FillSet(FillSet),
+    /// Sets the slopes of cubic curves at keys.
+    #[serde(rename = "tangent.set")]
+    TangentSet(TangentSet),
     /// Inserts empty frames and shifts what follows.
     #[serde(rename = "time.insert")]
     TimeInsert(TimeInsert),
@@ -258,6 +262,21 @@ pub struct FillSet {
     pub fill: Option<Fill>,
 }
 
+/// Arguments of `tangent.set`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[derive(schemars::JsonSchema)]
+pub struct TangentSet {
+    /// At which keys.
+    pub frames: Vec<u32>,
+    /// Of which joints; absent = all.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub joints: Option<Vec<String>>,
+    /// The slope; null = automatic.
+    #[schemars(extend("x-null" = true))]
+    pub tangent: Option<Tangent>,
+}
+
 /// Arguments of `time.insert`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -422,6 +441,7 @@ impl Op {
             Op::KeysSparsify(_) => "keys.sparsify",
             Op::MaskSet(_) => "mask.set",
             Op::FillSet(_) => "fill.set",
+            Op::TangentSet(_) => "tangent.set",
             Op::TimeInsert(_) => "time.insert",
             Op::TimeDelete(_) => "time.delete",
             Op::PoseSave(_) => "pose.save",
@@ -458,6 +478,7 @@ impl Op {
             Op::MaskSet(a) if a.masked => format!("Mask {}..{}", a.from, a.to),
             Op::MaskSet(a) => format!("Unmask {}..{}", a.from, a.to),
             Op::FillSet(a) => format!("Fill {}", a.fill.map_or("as the clip", Fill::word)),
+            Op::TangentSet(a) => format!("Shape the curve at {}", keys(a.frames.len())),
             Op::TimeInsert(a) => format!("Insert {} frames at {}", a.frames, a.at),
             Op::TimeDelete(a) => format!("Delete frames {}..{}", a.from, a.to),
             Op::PoseSave(a) => format!("Save pose {}", a.name),

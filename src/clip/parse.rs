@@ -1,10 +1,12 @@
 //! Reads a [`Clip`] from text. Every error names its line and column; nothing is skipped silently.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use super::document::{Clip, FORMAT, Fill, Goal, Key, Marker, Mask, RobotRef, Row, Start};
 use super::error::ClipError;
 use super::json::{Kind, Read, Reader, line_col, locate, show};
+use super::tangent::Tangent;
 use super::validate::{Invalid, hint};
 use robert_base::fsio;
 use robert_base::limits;
@@ -156,6 +158,12 @@ fn missing<T>(r: &Reader<'_>, at: usize, place: &str, key: &str) -> Read<T> {
     r.fault(at, format!("{place} needs `{key}`"))
 }
 
+/// How much more a file may hold.
+struct Budget {
+    values: usize,
+    tangents: usize,
+}
+
 fn read(text: &str) -> Read<Clip> {
     const KNOWN: &[&str] = &[
         "format", "name", "notes", "robot", "fps", "length", "fill", "start", "poses", "keys",
@@ -167,7 +175,7 @@ fn read(text: &str) -> Read<Clip> {
     let mut clip = Clip::new(RobotRef::default(), 0);
     let (mut format, mut robot, mut fps, mut length, mut keys) =
         (false, false, false, false, false);
-    let mut budget = limits::CLIP_VALUES;
+    let mut budget = Budget { values: limits::CLIP_VALUES, tangents: limits::CLIP_TANGENTS };
     r.object("a clip (an object)", |r, key, at| {
         match key.as_str() {
             "format" => {
@@ -195,7 +203,7 @@ fn read(text: &str) -> Read<Clip> {
                     let cap = limits::CLIP_POSES;
                     return r.fault(at, format!("more than {cap} poses"));
                 }
-                clip.poses.insert(name, read_row(r, &mut budget)?);
+                clip.poses.insert(name, read_row(r, &mut budget.values)?);
                 Ok(())
             })?,
             "keys" => {
@@ -372,7 +380,7 @@ fn read_row(r: &mut Reader<'_>, budget: &mut usize) -> Read<Row> {
     Ok(row)
 }
 
-fn read_keys(r: &mut Reader<'_>, budget: &mut usize) -> Read<Vec<Key>> {
+fn read_keys(r: &mut Reader<'_>, budget: &mut Budget) -> Read<Vec<Key>> {
     let mut keys = Vec::new();
     r.array("an array of keys", |r, i| {
         let at = r.here();
@@ -385,20 +393,22 @@ fn read_keys(r: &mut Reader<'_>, budget: &mut usize) -> Read<Vec<Key>> {
     Ok(keys)
 }
 
-fn read_key(r: &mut Reader<'_>, budget: &mut usize) -> Read<Key> {
+fn read_key(r: &mut Reader<'_>, budget: &mut Budget) -> Read<Key> {
     let at = r.here();
     let (mut frame, mut pose, mut q) = (None, None, None);
     let (mut hold, mut fill, mut note) = (1, None, String::new());
+    let mut tangents = BTreeMap::new();
     r.object("a key (an object)", |r, key, at| {
         match key.as_str() {
             "frame" => frame = Some(r.integer("frame", 0, u32::MAX)?),
             "pose" => pose = Some(r.string("a pose name")?),
-            "q" => q = Some(read_row(r, budget)?),
+            "q" => q = Some(read_row(r, &mut budget.values)?),
             "hold" => hold = r.integer("hold", 1, limits::CLIP_FRAMES)?,
             "fill" => fill = Some(read_fill(r)?),
+            "tangents" => tangents = read_tangents(r, &mut budget.tangents)?,
             "note" => note = r.string("a string")?,
             _ => {
-                let known = ["frame", "pose", "q", "hold", "fill", "note"];
+                let known = ["frame", "pose", "q", "hold", "fill", "tangents", "note"];
                 return unknown(r, at, &key, "a key", &known);
             }
         }
@@ -410,7 +420,49 @@ fn read_key(r: &mut Reader<'_>, budget: &mut usize) -> Read<Key> {
         (None, Some(q)) => Goal::Q(q),
         _ => return r.fault(at, "a key needs either `pose` or `q`, not both"),
     };
-    Ok(Key { frame, goal, hold, fill, note })
+    Ok(Key { frame, goal, hold, fill, tangents, note })
+}
+
+fn read_tangents(r: &mut Reader<'_>, budget: &mut usize) -> Read<BTreeMap<String, Tangent>> {
+    let mut tangents = BTreeMap::new();
+    r.object("an object of slopes by joint", |r, joint, at| {
+        *budget = match budget.checked_sub(1) {
+            Some(left) => left,
+            None => return r.fault(at, format!("more than {} tangents", limits::CLIP_TANGENTS)),
+        };
+        tangents.insert(joint, read_tangent(r)?);
+        Ok(())
+    })?;
+    Ok(tangents)
+}
+
+fn read_tangent(r: &mut Reader<'_>) -> Read<Tangent> {
+    const WHAT: &str = "\"flat\", \"linear\", a slope, or an object with the slopes `in` and `out`";
+    let at = r.here();
+    match r.kind() {
+        Kind::String => match r.string(WHAT)?.as_str() {
+            "flat" => Ok(Tangent::FLAT),
+            "linear" => Ok(Tangent::LINEAR),
+            word => r.fault(at, format!("a tangent must be {WHAT}, not \"{}\"", show(word))),
+        },
+        Kind::Object => {
+            let (mut before, mut after) = (None, None);
+            r.object(WHAT, |r, key, at| {
+                match key.as_str() {
+                    "in" => before = Some(r.number("a slope")?),
+                    "out" => after = Some(r.number("a slope")?),
+                    _ => return unknown(r, at, &key, "a tangent", &["in", "out"]),
+                }
+                Ok(())
+            })?;
+            match (before, after) {
+                (Some(before), Some(after)) => Ok(Tangent::corner(before, after)),
+                (None, _) => missing(r, at, "a tangent", "in"),
+                (_, None) => missing(r, at, "a tangent", "out"),
+            }
+        }
+        _ => Ok(Tangent::Slope(r.number(WHAT)?)),
+    }
 }
 
 fn read_masks(r: &mut Reader<'_>) -> Read<Vec<Mask>> {

@@ -114,6 +114,11 @@ fn key_text(key: &Key) -> String {
     if let Some(fill) = key.fill {
         write!(out, ", \"fill\": \"{}\"", fill.word()).ok();
     }
+    if !key.tangents.is_empty() {
+        let slopes = key.tangents.iter().map(|(joint, slope)| member(joint, &slope.text()));
+        let slopes = slopes.collect::<Vec<_>>().join(", ");
+        write!(out, ", \"tangents\": {{{slopes}}}").ok();
+    }
     if !key.note.is_empty() {
         write!(out, ", \"note\": {}", quote(&key.note)).ok();
     }

@@ -11,6 +11,7 @@ use serde::Deserialize;
 use serde_json::Value;
 
 use super::document::Fill;
+use super::tangent::Tangent;
 use robert_base::units::Unit;
 
 /// The schema as JSON.
@@ -191,6 +192,10 @@ struct Key {
     hold: Option<u32>,
     /// The fill up to the next key; the clip's `fill` when absent.
     fill: Option<Fill>,
+    /// Slopes of cubic curves at this key, by joint: "flat", "linear", or rad/s or m/s; automatic
+    /// when absent.
+    #[schemars(extend("propertyNames" = {"minLength": 1, "maxLength": 256}))]
+    tangents: Option<BTreeMap<String, Tangent>>,
     /// A remark.
     #[schemars(length(max = 256))]
     note: Option<String>,

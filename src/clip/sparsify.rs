@@ -43,7 +43,10 @@ pub fn thin(clip: &mut Clip, tolerance: f64) {
 
 /// A key that contains only values.
 fn plain(key: &Key) -> bool {
-    key.hold <= 1 && key.note.is_empty() && matches!(key.goal, Goal::Q(_))
+    key.hold <= 1
+        && key.note.is_empty()
+        && key.tangents.is_empty()
+        && matches!(key.goal, Goal::Q(_))
 }
 
 /// Two keys about the same joints, with the same fill after them.

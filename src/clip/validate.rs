@@ -1,6 +1,6 @@
 //! The rules that every clip obeys, whether it was read, edited or built in code.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 
 use super::document::{Clip, Goal, Row, Start};
 use super::json::{escape_step, show};
@@ -93,6 +93,12 @@ pub enum Flaw {
     Value {
         /// The value.
         value: f64,
+    },
+    /// A slope that is not finite or beyond [`limits::CLIP_VALUE_MAX`].
+    #[error("{slope} is not a slope (at most {:e} rad/s or m/s)", limits::CLIP_VALUE_MAX)]
+    Slope {
+        /// The slope.
+        slope: f64,
     },
     /// A pose that the clip does not have.
     #[error("there is no pose \"{}\"{hint}", show(.name))]
@@ -267,7 +273,7 @@ impl Clip {
         }
         for (j, value) in row.iter().enumerate() {
             if let Some(value) = *value
-                && (!value.is_finite() || value.abs() > limits::CLIP_VALUE_MAX)
+                && !is_value(value)
             {
                 return fail(format!("{pointer}/{j}"), Flaw::Value { value });
             }
@@ -275,9 +281,27 @@ impl Clip {
         Ok(())
     }
 
+    fn joint_names(&self) -> BTreeSet<&str> {
+        self.robot.joints.iter().map(String::as_str).collect()
+    }
+
+    fn validate_joint(
+        &self,
+        pointer: impl Fn() -> String,
+        joint: &str,
+        known: &BTreeSet<&str>,
+    ) -> Checked {
+        if known.contains(joint) {
+            return Ok(());
+        }
+        let hint = hint(joint, self.robot.joints.iter().map(String::as_str));
+        fail(pointer(), Flaw::UnknownJoint { name: joint.to_owned(), hint })
+    }
+
     fn validate_keys(&self) -> Checked {
         at_most("/keys", "keys", self.keys.len(), limits::CLIP_KEYS)?;
         let mut seen = BTreeSet::new();
+        let (index, mut tangents) = (self.joint_names(), 0);
         for (i, key) in self.keys.iter().enumerate() {
             let at = |field: &str| format!("/keys/{i}/{field}");
             let frame = key.frame;
@@ -294,8 +318,18 @@ impl Clip {
             if key.hold == 0 || key.hold > limits::CLIP_FRAMES {
                 return fail(at("hold"), Flaw::Hold { hold: key.hold });
             }
+            for (joint, tangent) in &key.tangents {
+                let pointer = || format!("/keys/{i}/tangents/{}", escape_step(joint));
+                self.validate_joint(pointer, joint, &index)?;
+                let typed = tangent.typed().unwrap_or_default();
+                if let Some(slope) = typed.into_iter().find(|s| !is_value(*s)) {
+                    return fail(pointer(), Flaw::Slope { slope });
+                }
+            }
+            tangents += key.tangents.len();
             name(&at("note"), "a note", &key.note, true)?;
         }
+        at_most("/keys", "tangents", tangents, limits::CLIP_TANGENTS)?;
         let own = |k: &super::Key| if let Goal::Q(q) = &k.goal { q.len() } else { 0 };
         let values = self.keys.iter().map(own).sum::<usize>()
             + self.poses.values().map(Vec::len).sum::<usize>();
@@ -304,8 +338,7 @@ impl Clip {
 
     fn validate_masks(&self) -> Checked {
         at_most("/masks", "mask spans", self.masks.len(), limits::CLIP_SPANS)?;
-        let index: BTreeMap<&str, usize> =
-            self.robot.joints.iter().enumerate().map(|(i, j)| (j.as_str(), i)).collect();
+        let index = self.joint_names();
         let mut names = 0;
         for (i, mask) in self.masks.iter().enumerate() {
             let (from, to, length) = (mask.from, mask.to, self.length);
@@ -320,10 +353,7 @@ impl Clip {
             let mut seen = BTreeSet::new();
             for (j, joint) in joints.iter().enumerate() {
                 let pointer = || format!("/masks/{i}/joints/{j}");
-                if !index.contains_key(joint.as_str()) {
-                    let hint = hint(joint, self.robot.joints.iter().map(String::as_str));
-                    return fail(pointer(), Flaw::UnknownJoint { name: joint.clone(), hint });
-                }
+                self.validate_joint(pointer, joint, &index)?;
                 if !seen.insert(joint.as_str()) {
                     return fail(pointer(), Flaw::Twice { what: "joint", name: joint.clone() });
                 }
@@ -348,6 +378,10 @@ impl Clip {
         }
         Ok(())
     }
+}
+
+fn is_value(v: f64) -> bool {
+    v.is_finite() && v.abs() <= limits::CLIP_VALUE_MAX
 }
 
 fn at_most(pointer: &str, what: &'static str, count: usize, cap: usize) -> Checked {

@@ -180,6 +180,36 @@ fn collisions_ripple_and_time() {
 }
 
 #[test]
+fn tangents_follow_time_and_mirror() {
+    let joints = vec!["a".to_owned(), "b".to_owned()];
+    let mut clip = Clip::new(RobotRef { id: "r".into(), joints, ..RobotRef::default() }, 100);
+    clip.keys = vec![Key::new(10, &[1.0, 0.0]), Key::new(20, &[2.0, 0.0])];
+    let before = clip.clone();
+    let table = generate::table(&clip);
+    let all = |joints: Option<&str>, tangent| {
+        let joints = joints.map(|j| vec![j.to_owned()]);
+        Op::TangentSet(TangentSet { frames: vec![10, 20], joints, tangent })
+    };
+    let undo = apply(&mut clip, &all(None, Some(Tangent::corner(1.0, 2.0))), None).unwrap();
+    apply(&mut clip, &all(Some("b"), None), None).unwrap();
+    let at =
+        |c: &Clip, frame| c.key(frame).unwrap().tangents.clone().into_iter().collect::<Vec<_>>();
+    assert_eq!(at(&clip, 20), [("a".to_owned(), Tangent::corner(1.0, 2.0))]);
+    let scale = KeysScale { frames: vec![10, 20], pivot: 10, factor: 2.0, replace: false };
+    let slow = edited(&clip, &Op::KeysScale(scale), None).unwrap();
+    assert_eq!(at(&slow, 30)[0].1, Tangent::corner(0.5, 1.0), "half as fast");
+    let mirror = Op::KeysMirror(KeysFrames { frames: vec![20] });
+    let image = edited(&clip, &mirror, Some(&table)).unwrap();
+    assert_eq!(at(&image, 20)[0].1, Tangent::corner(-1.0, -2.0), "the first joint turns around");
+    assert!(matches!(edited(&clip, &all(Some("c"), None), None), Err(OpError::NoJoint { .. })));
+    apply(&mut clip, &all(Some("b"), Some(Tangent::FLAT)), None).unwrap();
+    apply(&mut clip, &all(None, None), None).unwrap();
+    assert_eq!(clip, before);
+    apply(&mut clip, &undo, None).unwrap();
+    assert_eq!(clip, before);
+}
+
+#[test]
 fn masks_split_by_joint() {
     let joints = vec!["a".to_owned(), "b".to_owned(), "c".to_owned()];
     let mut clip = Clip::new(RobotRef { id: "r".into(), joints, ..RobotRef::default() }, 50);

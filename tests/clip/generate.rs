@@ -48,7 +48,27 @@ fn goal(r: &mut Rng, clip: &Clip) -> Goal {
 pub(crate) fn key(r: &mut Rng, clip: &Clip, frame: u32) -> Key {
     let note = if r.below(9) == 0 { word(r) } else { String::new() };
     let hold = if r.below(3) == 0 { 1 + r.below(30) as u32 } else { 1 };
-    Key { frame, goal: goal(r, clip), hold, fill: fill(r), note }
+    Key {
+        hold,
+        fill: fill(r),
+        tangents: tangents(r, clip),
+        note,
+        ..Key::with(frame, goal(r, clip))
+    }
+}
+
+fn tangent(r: &mut Rng) -> Tangent {
+    match r.below(4) {
+        0 => Tangent::FLAT,
+        1 => Tangent::LINEAR,
+        2 => Tangent::Slope(value(r)),
+        _ => Tangent::corner(round(r.range(-3.0, 0.0)), round(r.range(0.5, 3.0))),
+    }
+}
+
+fn tangents(r: &mut Rng, clip: &Clip) -> BTreeMap<String, Tangent> {
+    let joints = if r.below(4) == 0 { some_joints(r, clip) } else { None };
+    joints.into_iter().flatten().map(|joint| (joint, tangent(r))).collect()
 }
 
 fn span(r: &mut Rng, length: u32) -> (u32, u32) {
@@ -204,6 +224,11 @@ pub(crate) fn op(r: &mut Rng, clip: &Clip, deep: bool) -> Op {
             let (from, to) = span(r, clip.length);
             Op::MaskSet(MaskSet { from, to, joints: some_joints(r, clip), masked: flag(r) })
         }
+        12 if flag(r) => Op::TangentSet(TangentSet {
+            frames: frames(r),
+            joints: some_joints(r, clip),
+            tangent: flag(r).then(|| tangent(r)),
+        }),
         12 => Op::FillSet(FillSet { frames: flag(r).then(|| frames(r)), fill: fill(r) }),
         13 => Op::TimeInsert(TimeInsert { at: any(r), frames: r.below(40) as u32 }),
         14 => {

@@ -121,6 +121,37 @@ fn joints_left_open_need_a_policy_that_knows_them() {
 }
 
 #[test]
+fn slopes_are_ones_that_joints_can_follow() {
+    let still = |frame: u32, tangent: Option<Tangent>| {
+        let mut key = Key::new(frame, &[0.0; 3]);
+        key.tangents.extend(tangent.map(|t| ("J3".to_owned(), t)));
+        key
+    };
+    let cubic = |tangent: Tangent| {
+        let mut c = clip(vec![still(0, None), still(20, Some(tangent)), still(39, None).held(21)]);
+        c.fill = Fill::Cubic;
+        c
+    };
+    let lints = fixes(&cubic(Tangent::Slope(2.5)), Rule::JointSpeed);
+    let slope = lints.iter().find(|l| l.pointer == "/keys/1/tangents/J3").unwrap();
+    assert!(slope.message.contains("J3 2.50 rad/s of 2.00"), "{}", slope.message);
+    assert_eq!(rules(&cubic(Tangent::Slope(1.9))), []);
+    // In 19 frames a curve that leaves with 19 rad/s rises far above the range of 2 rad.
+    let mut wild = cubic(Tangent::corner(0.0, 19.0));
+    let lints = fixes(&wild, Rule::JointLimit);
+    assert_eq!((lints[0].level, lints[0].frames), (Level::Error, Some([20, 40])));
+    fixes(&wild, Rule::JointSpeed);
+    for _ in 0..4 {
+        let Some(lint) = found(&wild).into_iter().find(|l| l.level > Level::Info) else { break };
+        wild = edited(&wild, &lint.fixes[0].op, None).unwrap();
+    }
+    assert_eq!(rules(&wild), []);
+    let mut unseen = cubic(Tangent::FLAT);
+    unseen.fill = Fill::Linear;
+    assert_eq!(fixes(&unseen, Rule::Hidden)[0].level, Level::Info);
+}
+
+#[test]
 fn other_robots_and_hidden_keys() {
     let mut c = clip(vec![Key::new(0, &[0.0; 3]).held(60)]);
     c.robot.id = "foot".into();

@@ -222,6 +222,9 @@ fn changes(old: &Clip, was: &Key, new: &Clip, is: &Key) -> String {
         let word = |f: Option<Fill>| f.map_or("default", Fill::word);
         words.push(format!("fill {} -> {}", word(was.fill), word(is.fill)));
     }
+    if was.tangents != is.tangents {
+        words.push("tangents".to_owned());
+    }
     if was.note != is.note {
         words.push("note".to_owned());
     }

@@ -3,8 +3,9 @@
 use serde::{Deserialize, Serialize};
 
 use super::super::command::{Command, Sight};
-use super::super::document::{Clip, Fill, RobotRef, Row, round};
+use super::super::document::{Clip, Fill, RobotRef, Row};
 use super::super::error::ClipError;
+use super::super::grid::round;
 use super::super::json::show;
 use super::{Track, places};
 use robert_base::limits;

@@ -21,8 +21,9 @@ pub use trajectory::{Trajectory, TrajectoryPoint};
 use std::collections::BTreeMap;
 
 use super::command::{Command, Sight};
-use super::document::{Clip, Fill, Goal, Key, RobotRef, Row, Start, round};
+use super::document::{Clip, Fill, Goal, Key, RobotRef, Row, Start};
 use super::error::ClipError;
+use super::grid::round;
 use super::json::show;
 use super::validate::hint;
 use robert_base::exit::{Exit, HasExit};

@@ -183,6 +183,14 @@ export type Code =
   /** It was tried and failed. */
   | "failed";
 
+/** The slopes before and after a key. */
+export interface Corner {
+  /** The slope with which the curve arrives, rad/s or m/s. */
+  in: number;
+  /** The slope with which it leaves, rad/s or m/s. */
+  out: number;
+}
+
 /**
  * Joints that one actuator moves together: a tendon, or a mimic joint and its leader.
  * They agree when (q - offset) / coef is the same for all.
@@ -442,7 +450,10 @@ export type Fill =
   | "mask"
   /** The straight line to the next key. */
   | "linear"
-  /** Monotone cubic to the next key (no overshoot, zero slope at holds and ends). */
+  /**
+   * Monotone cubic to the next key (no overshoot, zero slope at holds and ends), unless a key
+   * has a tangent.
+   */
   | "cubic"
   /** This key's value until the next key. */
   | "hold";
@@ -753,6 +764,11 @@ export interface Key {
   pose?: string;
   /** Values, one per joint. */
   q?: (number | null)[];
+  /**
+   * Slopes of cubic curves at this key, by joint: "flat", "linear", or rad/s or m/s; automatic
+   * when absent.
+   */
+  tangents?: Record<string, Tangent>;
 }
 
 /** Arguments of `keys.add`. */
@@ -1035,6 +1051,8 @@ export type Op =
   | { op: "mask.set"; args: MaskSet }
   /** Sets the fill after keys, or the clip's default. */
   | { op: "fill.set"; args: FillSet }
+  /** Sets the slopes of cubic curves at keys. */
+  | { op: "tangent.set"; args: TangentSet }
   /** Inserts empty frames and shifts what follows. */
   | { op: "time.insert"; args: TimeInsert }
   /** Removes frames with their keys and closes the gap. */
@@ -1706,6 +1724,32 @@ export interface TakesView {
   skipped: string[];
   /** Of the open robot, the newest first. */
   takes: TakeCard[];
+}
+
+/** The slope of one joint at one key. A joint without one has the automatic slope. */
+export type Tangent =
+  /** A slope by its name. */
+  | TangentName
+  /** The same slope before and after the key, rad/s or m/s. */
+  | number
+  /** Two slopes, so that the curve has a corner at the key. */
+  | Corner;
+
+/** A slope that needs no number. */
+export type TangentName =
+  /** Slope 0: the joint rests for a moment. */
+  | "flat"
+  /** On each side the slope of the straight line to the neighbouring key. */
+  | "linear";
+
+/** Arguments of `tangent.set`. */
+export interface TangentSet {
+  /** At which keys. */
+  frames: number[];
+  /** Of which joints; absent = all. */
+  joints?: string[];
+  /** The slope; null = automatic. */
+  tangent?: Tangent | null;
 }
 
 /** Arguments of `time.delete`. */

@@ -1,0 +1,88 @@
+//! The policy always has a goal in sight.
+
+use crate::command::{LOOKAHEAD_FRAMES, SpanKind};
+use crate::document::Key;
+use crate::grid::round;
+use crate::lint::finder::Finder;
+use crate::lint::finding::{Fix, Level, Lint, Rule};
+use crate::op::{KeysAdd, KeysHold, MaskSet, Op};
+use robert_base::limits;
+
+impl Finder<'_> {
+    pub(in crate::lint) fn blind(&mut self) {
+        for blind in self.command.blind_spans() {
+            if self.clip.keys.is_empty() {
+                return;
+            }
+            if self.full(Rule::BlindSpan) {
+                continue;
+            }
+            let from = blind.after.map_or(0, |a| a + 1);
+            let to = blind.before.unwrap_or(self.command.frames());
+            let steps = blind.to - blind.from;
+            let plural = if steps == 1 { "step" } else { "steps" };
+            let message = format!(
+                "no goal from frame {from} to {}: for {steps} {plural} the policy sees none, so it follows a straight line",
+                to - 1
+            );
+            let key = blind
+                .before
+                .map_or(self.clip.keys.len(), |b| self.clip.keys.partition_point(|k| k.frame < b));
+            let fixes = self.blind_fixes(blind.after, from, to);
+            self.push(Lint {
+                level: Level::Warning,
+                rule: Rule::BlindSpan,
+                message,
+                frames: Some([from, to]),
+                joints: Vec::new(),
+                pointer: format!("/keys/{}", key.min(self.clip.keys.len().saturating_sub(1))),
+                fixes,
+            });
+        }
+    }
+
+    fn blind_fixes(&self, after: Option<u32>, from: u32, to: u32) -> Vec<Fix> {
+        let clip = self.clip;
+        let spans = self.command.spans();
+        let first = spans.partition_point(|s| s.to <= from);
+        let mut inside = spans.iter().skip(first).take_while(|s| s.from < to);
+        if inside.any(|s| s.kind == SpanKind::Masked) {
+            let set = MaskSet { from, to, joints: None, masked: false };
+            return vec![Fix {
+                title: format!("Unmask frames {from} to {}", to - 1),
+                op: Op::MaskSet(set),
+            }];
+        }
+        let mut fixes = Vec::new();
+        // Hold: the last goal stays until 20 frames before the next one.
+        let holder = after.and_then(|a| {
+            let i = clip.keys.partition_point(|k| k.frame <= a).checked_sub(1)?;
+            clip.keys.get(i).filter(|k| clip.hold_end(i) == a + 1 && k.frame <= a)
+        });
+        if let Some(key) = holder {
+            let hold = to - LOOKAHEAD_FRAMES - key.frame + 1;
+            let op = Op::KeysHold(KeysHold { frames: vec![key.frame], hold });
+            fixes.push(Fix { title: format!("Hold the key at {} longer", key.frame), op });
+        }
+        // A goal every 20 frames on the line to the next.
+        let first = after.unwrap_or(0);
+        let keys: Vec<Key> = (1..)
+            .map(|i| first + i * LOOKAHEAD_FRAMES)
+            .take_while(|f| *f < to)
+            .filter(|f| clip.key(*f).is_none())
+            .take(limits::CLIP_KEYS.saturating_sub(clip.keys.len()))
+            .map(|f| {
+                let q = self.command.interpolated(f);
+                Key::new(f, &q.iter().map(|v| round(f64::from(*v))).collect::<Vec<_>>())
+            })
+            .collect();
+        if !keys.is_empty() {
+            let title = match keys.len() {
+                1 => "Insert a key on the way".to_owned(),
+                n => format!("Insert {n} keys on the way"),
+            };
+            fixes.push(Fix { title, op: Op::KeysAdd(KeysAdd { keys, replace: false }) });
+        }
+        fixes
+    }
+}

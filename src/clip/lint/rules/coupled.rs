@@ -1,0 +1,63 @@
+//! Joints of one actuator agree.
+
+use crate::joints::Coupling;
+use crate::lint::finder::{Finder, Place};
+use crate::lint::finding::{Level, Lint, Rule};
+
+impl Finder<'_> {
+    pub(in crate::lint) fn coupled(&mut self) {
+        let mut lints = Vec::new();
+        for place in self.places() {
+            for coupling in &self.table.couplings {
+                lints.extend(self.coupled_in(&place, coupling));
+            }
+        }
+        for lint in lints {
+            self.push(lint);
+        }
+    }
+
+    fn coupled_in(&self, place: &Place<'_>, coupling: &Coupling) -> Option<Lint> {
+        let mut shared = Vec::new();
+        for member in &coupling.members {
+            let at = self.clip.joint(&member.joint)?;
+            let q = place.row.get(at).copied().flatten();
+            if member.coef != 0.0
+                && let Some(q) = q
+            {
+                shared.push((member, at, (q - member.offset) / member.coef));
+            }
+        }
+        let values = || shared.iter().map(|s| s.2);
+        let (lo, hi) = (values().fold(f64::MAX, f64::min), values().fold(f64::MIN, f64::max));
+        if shared.len() < 2 || hi - lo <= coupling.tolerance {
+            return None;
+        }
+        let mean = values().sum::<f64>() / shared.len() as f64;
+        let even: Vec<(&str, usize, f64)> = shared
+            .iter()
+            .map(|(m, at, _)| {
+                let q = m.coef * mean + m.offset;
+                let q = self.table.joint(&m.joint).map_or(q, |j| j.clamp(q));
+                (m.joint.as_str(), *at, q)
+            })
+            .collect();
+        let joints: Vec<String> = shared.iter().map(|s| s.0.joint.clone()).collect();
+        let first = shared.first().map_or(0, |s| s.1);
+        Some(Lint {
+            level: Level::Warning,
+            rule: Rule::Coupled,
+            message: format!(
+                "{}: {} share {} and cannot be {:.3} apart",
+                place.who(),
+                joints.join(" and "),
+                coupling.name,
+                hi - lo
+            ),
+            frames: place.span(),
+            joints,
+            pointer: format!("{}/{first}", place.pointer),
+            fixes: place.fix("Split evenly", &even),
+        })
+    }
+}

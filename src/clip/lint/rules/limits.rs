@@ -1,0 +1,49 @@
+//! Values are inside the ranges of their joints.
+
+use crate::document::{Row, Start};
+use crate::lint::finder::{Finder, Place, some_of};
+use crate::lint::finding::{Level, Lint, Rule};
+
+impl Finder<'_> {
+    pub(in crate::lint) fn limits(&mut self) {
+        let start: Option<Row> = match &self.clip.start {
+            Some(Start::Q(q)) => Some(q.iter().copied().map(Some).collect()),
+            _ => None,
+        };
+        let start = start.as_ref().map(|row| Place {
+            row,
+            pointer: "/start/q".to_owned(),
+            pose: None,
+            frames: vec![],
+        });
+        let names = &self.clip.robot.joints;
+        let facts: Vec<_> = names.iter().map(|name| (name, self.table.joint(name))).collect();
+        for place in self.places().iter().chain(&start) {
+            let mut out = Vec::new();
+            let mut words = Vec::new();
+            for (j, ((name, joint), value)) in facts.iter().zip(place.row).enumerate() {
+                let Some(joint) = joint else { continue };
+                let (Some(v), Some([lo, hi])) = (*value, joint.range) else { continue };
+                // The grid of the document is 1e-6; a limit of pi/2 must accept 1.570796.
+                if v < lo - 1e-6 || v > hi + 1e-6 {
+                    out.push((name.as_str(), j, joint.clamp(v)));
+                    let unit = joint.unit.symbol();
+                    words.push(format!("{name} {v} {unit} is outside {lo}..{hi}"));
+                }
+            }
+            if out.is_empty() || self.full(Rule::JointLimit) {
+                continue;
+            }
+            let first = out.first().map_or(0, |o| o.1);
+            self.push(Lint {
+                level: Level::Error,
+                rule: Rule::JointLimit,
+                message: format!("{}: {}", place.who(), some_of(&words)),
+                frames: place.span(),
+                joints: out.iter().map(|o| o.0.to_owned()).collect(),
+                pointer: format!("{}/{first}", place.pointer),
+                fixes: place.fix("Clamp to the limits", &out),
+            });
+        }
+    }
+}

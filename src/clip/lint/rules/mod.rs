@@ -1,0 +1,11 @@
+//! One rule a file; each adds its findings to the [`Finder`](super::finder::Finder).
+
+mod blind;
+mod coupled;
+mod hidden;
+mod limits;
+mod partial;
+mod poses;
+mod robot;
+mod speeds;
+mod tangents;

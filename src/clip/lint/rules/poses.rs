@@ -1,0 +1,65 @@
+//! The robot reaches the poses without touching itself.
+
+use crate::lint::finder::{Finder, Place, some_of};
+use crate::lint::finding::{Fix, Level, Lint, PoseChecker, Rule};
+
+impl Finder<'_> {
+    pub(in crate::lint) fn poses(&mut self, checker: &mut dyn PoseChecker) {
+        let joints = &self.clip.robot.joints;
+        let mut lints = Vec::new();
+        for place in self.places() {
+            // Only complete poses can be simulated.
+            let Some(q) = place.row.iter().copied().collect::<Option<Vec<f64>>>() else { continue };
+            let report = checker.check(joints, &q);
+            if !report.contacts.is_empty() {
+                let words: Vec<String> = report
+                    .contacts
+                    .iter()
+                    .map(|(a, b, depth)| format!("{a} and {b} by {:.1} mm", depth * 1e3))
+                    .collect();
+                lints.push(Lint {
+                    level: Level::Warning,
+                    rule: Rule::SelfCollision,
+                    message: format!("{}: {} overlap", place.who(), some_of(&words)),
+                    frames: place.span(),
+                    joints: Vec::new(),
+                    pointer: place.pointer.clone(),
+                    fixes: settled(&place, joints, report.settled.as_deref()),
+                });
+            }
+            let Some(reached) = &report.settled else { continue };
+            let off: Vec<(&String, f64)> = joints
+                .iter()
+                .zip(q.iter().zip(reached).map(|(a, b)| (a - b).abs()))
+                .filter(|(_, residual)| *residual > checker.tolerance())
+                .collect();
+            if off.is_empty() {
+                continue;
+            }
+            let words: Vec<String> = off.iter().map(|(j, r)| format!("{j} by {r:.3}")).collect();
+            lints.push(Lint {
+                level: Level::Warning,
+                rule: Rule::Unreachable,
+                message: format!(
+                    "{}: the robot does not reach the pose: {}",
+                    place.who(),
+                    some_of(&words)
+                ),
+                frames: place.span(),
+                joints: off.iter().map(|(j, _)| (*j).clone()).collect(),
+                pointer: place.pointer.clone(),
+                fixes: settled(&place, joints, Some(reached)),
+            });
+        }
+        for lint in lints {
+            self.push(lint);
+        }
+    }
+}
+
+fn settled(place: &Place<'_>, joints: &[String], reached: Option<&[f64]>) -> Vec<Fix> {
+    let Some(reached) = reached else { return Vec::new() };
+    let values: Vec<(&str, usize, f64)> =
+        joints.iter().zip(reached).enumerate().map(|(i, (j, v))| (j.as_str(), i, *v)).collect();
+    place.fix("Store the pose that is reached", &values)
+}

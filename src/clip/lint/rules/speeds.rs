@@ -1,0 +1,197 @@
+//! Goals are as far apart in time as their joints need.
+
+use std::collections::BTreeMap;
+
+use crate::command::SpanKind;
+use crate::document::{Fill, Key};
+use crate::lint::finder::{Finder, some_of};
+use crate::lint::finding::{Fix, Level, Lint, Rule};
+use crate::op::{Batch, ClipLength, FillSet, KeysScale, Op, TangentSet, TimeInsert};
+use robert_base::limits;
+use robert_base::units::CTRL_DT;
+
+#[derive(Clone, Copy)]
+struct Run {
+    joint: usize,
+    from: u32,
+    to: u32,
+    ratio: f64,
+}
+
+impl Finder<'_> {
+    /// Speeds between neighbouring goals of each joint, runs of offenders joined.
+    pub(in crate::lint) fn speeds(&mut self) {
+        let command = self.command;
+        let mut runs: Vec<Run> = Vec::new();
+        for (j, name) in command.joints().iter().enumerate() {
+            let joint = self.table.joint(name);
+            let Some(speed_max) = joint.and_then(|f| f.speed_max).filter(|s| *s > 0.0) else {
+                continue;
+            };
+            let mut last: Option<(u32, f32)> = None;
+            let mut run: Option<Run> = None;
+            for t in 0..command.frames() {
+                if !command.sees(t, j) {
+                    continue;
+                }
+                let Some(&v) = command.row(t).get(j) else { continue };
+                if let Some((a, from)) = last.replace((t, v)) {
+                    let step = (f64::from(v) - f64::from(from)).abs();
+                    let ratio = step / (f64::from(t - a) * CTRL_DT) / speed_max;
+                    if ratio > 1.0 + 1e-6 {
+                        match &mut run {
+                            Some(r) if r.to == a => {
+                                r.to = t;
+                                r.ratio = r.ratio.max(ratio);
+                            }
+                            _ => runs.extend(run.replace(Run { joint: j, from: a, to: t, ratio })),
+                        }
+                    }
+                }
+            }
+            runs.extend(run);
+        }
+        // Joints that are too fast in the same frames are one finding.
+        let mut merged: BTreeMap<(u32, u32), Vec<Run>> = BTreeMap::new();
+        for run in runs {
+            merged.entry((run.from, run.to)).or_default().push(run);
+        }
+        // Slowing the whole clip down is offered once, at the place that needs it most.
+        let top = |runs: &Vec<Run>| runs.iter().map(|r| r.ratio).fold(0.0, f64::max);
+        let worst = merged.values().map(top).fold(0.0, f64::max);
+        let mut offered = false;
+        for ((from, to), runs) in merged {
+            let slowest = !offered && top(&runs) >= worst;
+            if !slowest && self.full(Rule::JointSpeed) {
+                continue;
+            }
+            offered |= slowest;
+            let lint = self.speed_lint(from, to, &runs, slowest);
+            self.push(lint);
+        }
+    }
+
+    fn speed_lint(&self, from: u32, to: u32, runs: &[Run], slowest: bool) -> Lint {
+        let ratio = runs.iter().map(|r| r.ratio).fold(1.0, f64::max);
+        let mut joints = Vec::new();
+        let mut words = Vec::new();
+        for run in runs {
+            let Some(name) = self.command.joints().get(run.joint) else { continue };
+            let Some(fact) = self.table.joint(name) else { continue };
+            let max = fact.speed_max.unwrap_or_default();
+            let unit = fact.unit.symbol();
+            words.push(format!("{name} {:.2} {unit}/s of {max:.2}", max * run.ratio));
+            joints.push(name.clone());
+        }
+        // The length of the interval between the keys around the run scales the speed.
+        let keys = &self.clip.keys;
+        let next = keys.partition_point(|k| k.frame < to);
+        let index = keys.partition_point(|k| k.frame <= from).saturating_sub(1);
+        let ratio = ratio * self.between_samples(from, to);
+        let mut fixes = Vec::from_iter(self.automatic(index, &joints));
+        // A typed slope stays as steep in a longer interval.
+        if let (Some(key), Some(after), true) = (keys.get(index), keys.get(next), fixes.is_empty())
+            && next == index + 1
+        {
+            let begin = self.clip.hold_end(index).saturating_sub(1).max(key.frame);
+            let have = after.frame - begin;
+            // A held value jumps over one frame; only a line can be slower.
+            let jumps = self.clip.fill_after(key) == Fill::Hold;
+            let need = if jumps { ratio } else { f64::from(have) * ratio }.ceil().min(1e6) as u32;
+            let frames = need.saturating_sub(have).max(u32::from(!jumps));
+            let (at, room) = (after.frame, self.clip.length + frames <= limits::CLIP_FRAMES);
+            let insert = (frames > 0).then_some(Op::TimeInsert(TimeInsert { at, frames }));
+            let line = jumps.then(|| {
+                let frames = Some(vec![key.frame]);
+                Op::FillSet(FillSet { frames, fill: Some(Fill::Linear) })
+            });
+            let title = match (&line, &insert) {
+                (None, _) => format!("Allow {frames} more frames before frame {at}"),
+                (Some(_), None) => format!("Interpolate linearly from frame {begin} to {at}"),
+                (Some(_), Some(_)) => {
+                    format!("Interpolate linearly and allow {frames} more frames")
+                }
+            };
+            let mut ops: Vec<Op> = line.into_iter().chain(insert).collect();
+            let op = match (ops.pop(), ops.is_empty()) {
+                (Some(one), true) => one,
+                (last, _) => {
+                    ops.extend(last);
+                    Op::Batch(Batch { label: title.clone(), ops })
+                }
+            };
+            if room {
+                fixes.push(Fix { title, op });
+            }
+        }
+        if slowest {
+            fixes.extend(self.slow_down(from, to, ratio));
+        }
+        Lint {
+            level: Level::Warning,
+            rule: Rule::JointSpeed,
+            message: format!("too fast: {}", some_of(&words)),
+            frames: Some([from, to + 1]),
+            joints,
+            pointer: format!("/keys/{}", next.min(keys.len().saturating_sub(1))),
+            fixes,
+        }
+    }
+
+    /// Takes typed slopes of these joints back, in the interval after key `index`.
+    fn automatic(&self, index: usize, joints: &[String]) -> Option<Fix> {
+        let ends = self.clip.keys.iter().skip(index).take(2);
+        let typed =
+            |k: &&Key| joints.iter().filter_map(|j| k.tangents.get(j)).any(|t| t.typed().is_some());
+        let frames: Vec<u32> = ends.filter(typed).map(|k| k.frame).collect();
+        let set = TangentSet { frames, joints: Some(joints.to_vec()), tangent: None };
+        let title = "Make these slopes automatic".to_owned();
+        (!set.frames.is_empty()).then_some(Fix { title, op: Op::TangentSet(set) })
+    }
+
+    /// How much faster a cubic may be between its frames than on them: a longer interval
+    /// samples its steepest point better. 1 - (4/3)/L^2 of the peak is seen over L frames.
+    fn between_samples(&self, from: u32, to: u32) -> f64 {
+        let spans = self.command.spans();
+        let first = spans.partition_point(|s| s.to <= from);
+        let near = spans.iter().skip(first).take_while(|s| s.from <= to);
+        let cubic = near.filter(|s| s.kind == SpanKind::Cubic);
+        let shortest = cubic.map(|s| s.to - s.from + 1).min();
+        shortest.map_or(1.0, |l| 1.0 / (1.0 - 4.0 / 3.0 / f64::from(l * l)).max(2.0 / 3.0))
+    }
+
+    /// Slows everything down by the smallest factor that is enough after rounding to frames.
+    fn slow_down(&self, from: u32, to: u32, ratio: f64) -> Option<Fix> {
+        let clip = self.clip;
+        let scaled = |frames: u32, factor: f64| (f64::from(frames) * factor).round();
+        let enough = |factor: &f64| {
+            clip.keys.windows(2).enumerate().all(|(i, pair)| {
+                let [key, next] = pair else { return true };
+                let last = clip.hold_end(i).saturating_sub(1).max(key.frame);
+                if next.frame <= from || last >= to {
+                    return true;
+                }
+                if clip.fill_after(key) == Fill::Hold {
+                    return false; // a jump stays a jump
+                }
+                let held = scaled(key.frame, *factor) + scaled(last - key.frame, *factor);
+                let room = scaled(next.frame, *factor) - held;
+                room >= f64::from(next.frame - last) * ratio - 1e-6
+            })
+        };
+        let fine = (ratio * 100.0).ceil() / 100.0;
+        let tries = [fine, fine * 1.02, fine * 1.05, fine * 1.1, fine.ceil()];
+        let factor = tries.into_iter().map(|f| (f * 100.0).round() / 100.0).find(enough)?;
+        let length = (f64::from(clip.length) * factor).ceil();
+        if length > f64::from(limits::CLIP_FRAMES) || clip.keys.is_empty() {
+            return None;
+        }
+        let frames = clip.keys.iter().map(|k| k.frame).collect();
+        let ops = vec![
+            Op::ClipLength(ClipLength { length: length as u32, cut: false }),
+            Op::KeysScale(KeysScale { frames, pivot: 0, factor, replace: false }),
+        ];
+        let title = format!("Slow the whole clip down by {factor}");
+        Some(Fix { title: title.clone(), op: Op::Batch(Batch { label: title, ops }) })
+    }
+}
