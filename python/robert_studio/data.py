@@ -117,7 +117,7 @@ def train(
     data: PathLike,
     out: PathLike,
     *,
-    preset: str = "S",
+    preset: str = "quick",
     settings: Optional[dict[str, Any]] = None,
     evaluations: int = 10,
     threads: Optional[int] = None,

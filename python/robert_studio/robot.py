@@ -13,6 +13,11 @@ from numpy.typing import NDArray
 
 from . import _native
 
+# Foreign models are compiled in a process of their own, by the command that was installed with this package.
+_program = shutil.which("robert", path=sysconfig.get_path("scripts")) or shutil.which("robert")
+if _program:
+    _native.set_executable(_program)
+
 
 class Robot:
     """A robot: its joints (the state, S of them) and actuators (the action, A of them).
@@ -108,11 +113,7 @@ def import_robot(
     ``packages`` tells where ROS packages lie, ``base_height`` is m above the floor, ``effort`` the limit of motors whose
     source names none (N m). ``torque`` replaces servos by motors. The model is compiled in a process of its own, by the command ``robert`` that was
     installed with this package. Raises :class:`InvalidInput` with file, line and column."""
-    scripts = sysconfig.get_path("scripts")
-    checker = shutil.which("robert", path=scripts) or shutil.which("robert")
-    if checker is None:
-        raise _native.MissingDependency(f"the command robert is not in {scripts}")
     report = _native.import_robot(
-        os.fspath(source), os.fspath(out), checker, id, None, packages or {}, fixed_base, base_height, effort, torque
+        os.fspath(source), os.fspath(out), id, None, packages or {}, fixed_base, base_height, effort, torque
     )
     return json.loads(report)

@@ -42,6 +42,12 @@ mod _native {
         py.detach(|| robert::cli::call(args.into_iter().map(Into::into)).code())
     }
 
+    /// The command `robert`, which compiles foreign models in a process of its own.
+    #[pyfunction]
+    fn set_executable(robert: std::path::PathBuf) {
+        robert::robot::check::set_executable(robert);
+    }
+
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
         module.add("__version__", env!("CARGO_PKG_VERSION"))

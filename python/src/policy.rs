@@ -6,7 +6,7 @@ use numpy::{IntoPyArray as _, PyArray1, PyReadonlyArrayDyn};
 use pyo3::prelude::*;
 use robert::mujoco::Data;
 use robert::robot::Robot as LibRobot;
-use robert::rollout::{COMMAND, HISTORY, Policy as Acting, PolicyConfig, View, Window};
+use robert::rollout::{COMMAND, Guide, HISTORY, Policy as Acting, PolicyConfig, View, Window};
 
 use crate::error::{RobertError, raise, wrong};
 use crate::robot::Robot;

@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use pyo3::prelude::*;
-use robert::robot as lib;
 use robert::robot::import::{Drives, ImportConfig, Servos, import};
+use robert::robot::{self as lib, check};
 
 use crate::error::{raise, wrong};
 
@@ -87,15 +87,13 @@ impl Robot {
     }
 }
 
-/// Makes a robot's folder out of a URDF or MJCF; JSON of what was assumed. `checker` is the
-/// command `robert`, in a process of which foreign models are compiled.
+/// Makes a robot's folder out of a URDF or MJCF; JSON of what was assumed.
 #[pyfunction]
-#[pyo3(signature = (source, out, checker, id=None, root=None, packages=BTreeMap::new(), fixed_base=false, base_height=0.0, effort=10.0, torque=false))]
+#[pyo3(signature = (source, out, id=None, root=None, packages=BTreeMap::new(), fixed_base=false, base_height=0.0, effort=10.0, torque=false))]
 pub(crate) fn import_robot(
     py: Python<'_>,
     source: PathBuf,
     out: PathBuf,
-    checker: PathBuf,
     id: Option<String>,
     root: Option<PathBuf>,
     packages: BTreeMap<String, PathBuf>,
@@ -104,6 +102,7 @@ pub(crate) fn import_robot(
     effort: f64,
     torque: bool,
 ) -> PyResult<String> {
+    let checker = check::executable().map_err(raise)?;
     let config = ImportConfig {
         source,
         out,

@@ -54,9 +54,10 @@ pub(crate) fn rollout(
         let built = policy.build(&robot).map_err(raise)?;
         let mut rollout =
             Rollout::new(&robot, built, &command, Start::Pose, config.clone()).map_err(raise)?;
-        let total = rollout.frames() as u64;
+        // The last frame's number, so that the end is told however fast it comes.
+        let last = rollout.frames().saturating_sub(1) as u64;
         while let Some(frame) = rollout.step().map_err(raise)? {
-            listener.tick(frame.frame as u64, total, "");
+            listener.tick(frame.frame as u64, last, "");
             if cancel.is_cancelled() {
                 break;
             }

@@ -10,7 +10,7 @@ const TOLERANCE = 1e-5; // m
 
 // three.js is a module, which NODE_PATH does not reach: it is looked up beside the validator.
 const beside = createRequire(require.resolve("gltf-validator"));
-const three = (name) => import(path.join(path.dirname(beside.resolve("three/package.json")), name));
+const three = (name) => import(path.join(path.dirname(beside.resolve("three")), "..", name));
 
 async function main() {
   const bytes = new Uint8Array(fs.readFileSync(file));
@@ -22,7 +22,12 @@ async function main() {
   const gltf = await new Promise((done, fail) => new GLTFLoader().parse(bytes.buffer, "", done, fail));
   const wanted = JSON.parse(fs.readFileSync(poses, "utf8"));
   const mixer = new THREE.AnimationMixer(gltf.scene);
-  if (gltf.animations.length) mixer.clipAction(gltf.animations[0]).play();
+  if (gltf.animations.length) {
+    // Repeated, the last frame would be the first one.
+    const action = mixer.clipAction(gltf.animations[0]).setLoop(THREE.LoopOnce);
+    action.clampWhenFinished = true;
+    action.play();
+  }
   let worst = 0;
   let count = 0;
   for (const [frame, places] of Object.entries(wanted.places)) {

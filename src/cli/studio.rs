@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::process::{Command, Stdio};
 
 use super::failure::{Failure, Outcome};
+use crate::robot::check;
 use crate::studio::{self, StudioConfig};
 
 /// Options of `robert studio`.
@@ -42,7 +43,8 @@ const APP_BROWSERS: [&str; 6] = [
 ];
 
 pub(super) fn run(args: Args) -> Outcome {
-    let binary = std::env::current_exe()?;
+    // In Python the running program is no `robert`; the command that was installed with it is.
+    let binary = check::executable().or_else(|_other_name| std::env::current_exe())?;
     let folder = std::env::current_dir()?;
     let model_path = args.model.map(std::path::absolute).transpose()?;
     let config = StudioConfig {

@@ -10,7 +10,7 @@ use std::ffi::OsString;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::{Child, ExitStatus, Stdio};
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
 use serde::{Deserialize, Serialize};
@@ -58,11 +58,24 @@ pub fn compile(model: &Path, exe: &Path, steps: usize) -> Result<Verdict, Error>
     })
 }
 
-/// The binary to start for a check: this program, or the one built beside a test.
+/// What [`set_executable`] was told.
+static EXECUTABLE: OnceLock<PathBuf> = OnceLock::new();
+
+/// Names the binary to start for checks, for programs of another name that use this library, such
+/// as Python. The first call decides.
+pub fn set_executable(robert: PathBuf) {
+    EXECUTABLE.get_or_init(|| robert);
+}
+
+/// The binary to start for a check: the one that was named, this program, or the one built beside
+/// a test.
 ///
 /// # Errors
 /// [`Error::NoChecker`].
 pub fn executable() -> Result<PathBuf, Error> {
+    if let Some(named) = EXECUTABLE.get() {
+        return Ok(named.clone());
+    }
     let own = std::env::current_exe().map_err(|e| Error::NoChecker { message: e.to_string() })?;
     // Test binaries (robert-HASH too) are in target/PROFILE/deps, examples in
     // target/PROFILE/examples. The program may have a version in its name. A binary with another

@@ -59,11 +59,12 @@ impl Layer<'_> {
         writeln!(text, "{pad}def Xform \"{name}\"\n{pad}{{").ok();
         let position = |p: &Pose| format!("({}, {}, {})", p.pos.x, p.pos.y, p.pos.z);
         self.samples("double3 xformOp:translate", body, depth + 1, position, text);
+        // In single precision readers lose 2e-4 rad: they take the arc cosine of w, which is near 1.
         let turn = |p: &Pose| {
-            let q = p.rot.as_quat().normalize();
+            let q = p.rot.normalize();
             format!("({}, {}, {}, {})", q.w, q.x, q.y, q.z)
         };
-        self.samples("quatf xformOp:orient", body, depth + 1, turn, text);
+        self.samples("quatd xformOp:orient", body, depth + 1, turn, text);
         writeln!(
             text,
             "{pad}    uniform token[] xformOpOrder = [\"xformOp:translate\", \"xformOp:orient\"]"
