@@ -336,7 +336,7 @@ fn five_hundred_mutations_kill_nothing() {
                         id: None,
                         fixed_base: false,
                         base_height_m: 0.0,
-                        effort: 10.0,
+                        effort: Some(10.0),
                         weld: Vec::new(),
                         without: Vec::new(),
                         servos: Servos::Torque,

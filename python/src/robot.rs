@@ -89,7 +89,7 @@ impl Robot {
 
 /// Makes a robot's folder out of a URDF or MJCF; JSON of what was assumed.
 #[pyfunction]
-#[pyo3(signature = (source, out, id=None, root=None, packages=BTreeMap::new(), fixed_base=false, base_height=0.0, effort=10.0, torque=false))]
+#[pyo3(signature = (source, out, id=None, root=None, packages=BTreeMap::new(), fixed_base=false, base_height=0.0, effort=None, torque=false))]
 pub(crate) fn import_robot(
     py: Python<'_>,
     source: PathBuf,
@@ -99,7 +99,7 @@ pub(crate) fn import_robot(
     packages: BTreeMap<String, PathBuf>,
     fixed_base: bool,
     base_height: f64,
-    effort: f64,
+    effort: Option<f64>,
     torque: bool,
 ) -> PyResult<String> {
     let checker = check::executable().map_err(raise)?;

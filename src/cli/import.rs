@@ -45,9 +45,9 @@ pub(super) struct ModelFlags {
     /// Height of a URDF's root above the floor, m.
     #[arg(long, value_name = "M", default_value_t = 0.0, allow_negative_numbers = true)]
     base_height: f64,
-    /// Force limit of motors whose source names none, N m or N.
-    #[arg(long, default_value_t = 10.0)]
-    effort: f64,
+    /// Force limit of motors whose source names none, N m or N [default: enough to carry the robot].
+    #[arg(long)]
+    effort: Option<f64>,
     /// Weld a joint at its zero. May be repeated.
     #[arg(long = "weld", value_name = "JOINT")]
     weld: Vec<String>,

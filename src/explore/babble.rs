@@ -45,6 +45,9 @@ const DASH: [f64; 2] = [0.05, 0.8];
 const REST_SECS: f64 = 0.8;
 /// Speed of references, relative to the greatest sustained speed.
 const PACE: [f64; 2] = [0.1, 1.0];
+/// A reference moves no faster than a servo gets a joint in so many times the time constant of
+/// the episode, so that its motors are not at their limits all the time.
+const RISE: f64 = 1.0;
 /// References keep this share of the range away from stops.
 const MARGIN: f64 = 0.03;
 /// Range of an unbounded joint around home: rad, m.
@@ -75,6 +78,7 @@ struct Joint {
     lo: f64,
     hi: f64,
     speed: f64,
+    acceleration: f64,
     /// At share 1.
     servo: Servo,
 }
@@ -130,7 +134,13 @@ impl BabbleRule {
                     j.range
                 };
                 let margin = MARGIN * (hi - lo);
-                Joint { lo: lo + margin, hi: hi - margin, speed: j.speed_limit.max(1e-3), servo }
+                Joint {
+                    lo: lo + margin,
+                    hi: hi - margin,
+                    speed: j.speed_limit.max(1e-3),
+                    acceleration: j.acceleration_limit.max(1e-3),
+                    servo,
+                }
             })
             .collect();
         Ok(BabbleRule { joints, motors })
@@ -205,7 +215,9 @@ impl Babble {
                 x: rng.normal(),
                 goal: 0.0,
                 value: 0.0,
-                pace: pace * j.speed * CTRL_DT * rng.range(0.3, 1.0),
+                pace: (pace * j.speed).min(RISE * j.acceleration * CTRL_DT / share)
+                    * CTRL_DT
+                    * rng.range(0.3, 1.0),
                 dash: (j.hi - j.lo) * rng.range(DASH[0], DASH[1]),
                 push: 0.0,
             })
@@ -251,13 +263,16 @@ impl Babble {
             reference.value +=
                 (reference.goal - reference.value).clamp(-reference.pace, reference.pace);
             reference.push = self.disturbance_keep * reference.push + push_kick * self.rng.normal();
-            let full_speed = joint.servo.kp * joint.speed * CTRL_DT;
+            // A frame at full speed, or what full torque adds in a frame where that is less.
+            let most = (joint.speed * CTRL_DT)
+                .min(0.5 * joint.acceleration * CTRL_DT * CTRL_DT / self.share);
+            let full_speed = joint.servo.kp * most;
             let noise = self.disturbance * reference.push + WHITE * self.rng.normal();
             self.torque[k] = self.share
                 * (joint.servo.kp * (reference.value - q) - joint.servo.kd * v
                     + full_speed * noise);
             (self.place[k], self.speed[k]) = (q, v);
-            self.wish[k] = reference.value + joint.speed * CTRL_DT * noise;
+            self.wish[k] = reference.value + most * noise;
         }
         self.torque.iter_mut().zip(weight).for_each(|(torque, weight)| *torque += weight);
         for (a, motor) in action.iter_mut().zip(&self.rule.motors) {

@@ -223,6 +223,7 @@ fn joint(model: &Model, id: usize) -> JointSpec {
         unit: if model.joint_type(id) == Some(Joint::Slide) { Unit::M } else { Unit::Rad },
         range: range.filter(|_| limited).and_then(|r| r.try_into().ok()),
         speed_limit: speed_limit(model, id),
+        acceleration_limit: None,
     }
 }
 
@@ -537,12 +538,18 @@ fn join_joints(
                     None => format!("joint \"{}\" has no limits in the model", d.name),
                 });
             }
-            match w.speed_limit {
-                Some(v) if !(v.is_finite() && v > 0.0) => {
-                    Err(format!("speed_limit of joint \"{}\" is {v}; it must be positive", d.name))
+            for (what, v) in
+                [("speed_limit", w.speed_limit), ("acceleration_limit", w.acceleration_limit)]
+            {
+                if let Some(v) = v.filter(|v| !(v.is_finite() && *v > 0.0)) {
+                    return Err(format!(
+                        "{what} of joint \"{}\" is {v}; it must be positive",
+                        d.name
+                    ));
                 }
-                v => Ok(JointSpec { speed_limit: v.unwrap_or(d.speed_limit), ..d }),
             }
+            let speed_limit = w.speed_limit.unwrap_or(d.speed_limit);
+            Ok(JointSpec { speed_limit, acceleration_limit: w.acceleration_limit, ..d })
         })
         .collect()
 }

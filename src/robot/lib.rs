@@ -73,6 +73,9 @@ pub struct StateJoint {
     pub unbounded: bool,
     /// Greatest sustained speed, rad/s or m/s.
     pub speed_limit: f64,
+    /// Mean acceleration from rest to nearly this speed at full torque, rad/s² or m/s²; infinite if
+    /// it was not measured.
+    pub acceleration_limit: f64,
     /// Id in the model.
     pub id: usize,
     /// Index in qpos.
@@ -410,6 +413,7 @@ impl Robot {
                 range: j.range.unwrap_or([f64::NEG_INFINITY, f64::INFINITY]),
                 unbounded: j.range.is_none(),
                 speed_limit: j.speed_limit,
+                acceleration_limit: j.acceleration_limit.unwrap_or(f64::INFINITY),
                 id,
                 qposadr: addr(model.jnt_qposadr(), id).unwrap_or(0),
                 dofadr: addr(model.jnt_dofadr(), id).unwrap_or(0),

@@ -1,9 +1,10 @@
-//! How fast the motors move each joint, measured in simulation.
+//! How fast the motors move each joint, and how soon, measured in simulation.
 //!
 //! Torque over damping says it only where damping rules. A joint that its file leaves without
 //! any would run 1,300 rad/s by that rule, one that gravity holds down would run at all. So
 //! each joint is driven with all that its motors have, from rest, both ways, at poses over the
-//! range and under gravity; what it reaches within half its range is its speed.
+//! range and under gravity; what it reaches within half its range is its speed. A joint with much
+//! inertia and little damping needs long for that: its acceleration limits short motions.
 
 use std::sync::Arc;
 
@@ -28,16 +29,26 @@ const UNBOUNDED: [f64; 2] = [1.5, 0.5];
 /// Speed at which a position or velocity servo is paced at most, rad/s, m/s: what it could
 /// reach for a moment, when asked for the far end of its range at once, no task asks for.
 const SERVO_SPEED: [f64; 2] = [3.0, 0.5];
-/// Nor does it cross its range in less, seconds.
-const SERVO_CROSSING_SECS: f64 = 0.5;
+/// The same for a motor. An arm whose file lets one light joint spin at 30 rad/s would be explored
+/// while that joint throws the others about.
+const MOTOR_SPEED: [f64; 2] = [6.0, 1.0];
+/// No joint is paced to cross its range in less, seconds.
+const CROSSING_SECS: f64 = 0.5;
+/// Share of the reached speed up to which acceleration is measured.
+const RISEN: f64 = 0.9;
 /// A joint that is slower than this in most poses is not moved by its motors, rad/s or m/s.
 const STILL: f64 = 1e-3;
 
 /// What the motors make of one joint.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Pace {
-    /// It reaches this speed, rad/s or m/s: the slower direction, the median of the poses.
-    Moves(f64),
+    /// It moves: the slower direction, the median of the poses.
+    Moves {
+        /// Speed that it reaches, rad/s or m/s.
+        speed: f64,
+        /// Mean acceleration up to [`RISEN`] of that speed, rad/s² or m/s².
+        acceleration: f64,
+    },
     /// Its motors do not move it in most poses.
     Stuck,
     /// No motor pulls at it, or the simulation breaks when one does.
@@ -65,9 +76,9 @@ fn one(model: &Arc<Model>, joint: usize) -> Result<Pace, Error> {
     }
     held.set_damping(&damping)?;
     let mut data = Data::new(&Arc::new(held))?;
-    let mut speeds = Vec::new();
+    let (mut speeds, mut accelerations) = (Vec::new(), Vec::new());
     for k in 0..=POSES {
-        let mut slower: Option<f64> = None;
+        let mut slower: Option<Run> = None;
         for up in [true, false] {
             let Some(qpos) = start(model, joint, k, up) else { return Ok(Pace::Unknown) };
             data.reset()?;
@@ -75,27 +86,49 @@ fn one(model: &Arc<Model>, joint: usize) -> Result<Pace, Error> {
             data.forward()?;
             let Some(ctrl) = full(model, &data, dof, up) else { return Ok(Pace::Unknown) };
             data.set_ctrl(&ctrl)?;
-            if let Some(v) = run(&mut data, model, joint, up) {
-                slower = Some(slower.map_or(v, |s: f64| s.min(v)));
+            if let Some(one) = run(&mut data, model, joint, up) {
+                slower = Some(slower.map_or(one, |s| s.slower(one)));
             }
         }
-        speeds.extend(slower);
+        speeds.extend(slower.map(|s| s.speed));
+        accelerations.extend(slower.map(|s| s.acceleration));
     }
-    speeds.sort_by(f64::total_cmp);
+    let median = |all: &mut Vec<f64>| {
+        all.sort_by(f64::total_cmp);
+        all.get(all.len() / 2).copied()
+    };
     // On one side of the range gravity helps; but what it adds is not the motor's.
     let spent = match torque_limit(model, joint) {
         Some(torque) if model.dof_damping()[dof] > 0.0 => torque / model.dof_damping()[dof],
         _ => f64::INFINITY,
     };
-    Ok(match speeds.get(speeds.len() / 2) {
-        None => Pace::Unknown,
-        Some(v) if *v < STILL => Pace::Stuck,
-        Some(v) => Pace::Moves(v.min(spent).min(servo_limit(model, joint))),
+    Ok(match (median(&mut speeds), median(&mut accelerations)) {
+        (Some(v), Some(acceleration)) if v >= STILL => {
+            Pace::Moves { speed: v.min(spent).min(asked_at_most(model, joint)), acceleration }
+        }
+        (Some(_), _) => Pace::Stuck,
+        (None, _) => Pace::Unknown,
     })
 }
 
-/// Greatest speed that a joint with a servo is paced at; infinite for motors.
-fn servo_limit(model: &Model, joint: usize) -> f64 {
+/// What one run at full torque reached.
+#[derive(Clone, Copy, Debug)]
+struct Run {
+    speed: f64,
+    acceleration: f64,
+}
+
+impl Run {
+    fn slower(self, other: Run) -> Run {
+        Run {
+            speed: self.speed.min(other.speed),
+            acceleration: self.acceleration.min(other.acceleration),
+        }
+    }
+}
+
+/// Greatest speed that a task may ask of a joint.
+fn asked_at_most(model: &Model, joint: usize) -> f64 {
     let serves = |a: usize| {
         let here = match model.transmission(a) {
             Some(Transmission::Joint(j)) => j == joint,
@@ -104,12 +137,10 @@ fn servo_limit(model: &Model, joint: usize) -> f64 {
         };
         here && Law::of(model, a).is_some_and(|l| !l.is_motor())
     };
-    if !(0..model.nu()).any(serves) {
-        return f64::INFINITY;
-    }
+    let speeds = if (0..model.nu()).any(serves) { SERVO_SPEED } else { MOTOR_SPEED };
     let [lo, hi] = room(model, joint);
     let slides = model.joint_type(joint) == Some(Joint::Slide);
-    SERVO_SPEED[usize::from(slides)].min((hi - lo) / SERVO_CROSSING_SECS)
+    speeds[usize::from(slides)].min((hi - lo) / CROSSING_SECS)
 }
 
 /// The joint, and those that a tendon or an equality ties to it.
@@ -183,14 +214,15 @@ fn full(model: &Model, data: &Data, dof: usize, up: bool) -> Option<Vec<f64>> {
     any.then_some(ctrl)
 }
 
-/// Greatest speed in the wanted direction within half the range; `None` where the simulation
-/// breaks.
-fn run(data: &mut Data, model: &Model, joint: usize, up: bool) -> Option<f64> {
+/// Greatest speed in the wanted direction within half the range, and how soon it is reached;
+/// `None` where the simulation breaks.
+fn run(data: &mut Data, model: &Model, joint: usize, up: bool) -> Option<Run> {
     let (at, dof) = (model.jnt_qposadr()[joint] as usize, model.jnt_dofadr()[joint] as usize);
     let sign = if up { 1.0 } else { -1.0 };
     let [lo, hi] = room(model, joint);
     let (half, from) = (0.5 * (hi - lo), data.qpos()[at]);
     let (mut best, mut before) = (0.0_f64, f64::NEG_INFINITY);
+    let mut rise = Vec::new();
     for step in 1..=STEPS {
         data.step(1).ok()?;
         let (way, v) = (sign * (data.qpos()[at] - from), sign * data.qvel()[dof]);
@@ -198,6 +230,7 @@ fn run(data: &mut Data, model: &Model, joint: usize, up: bool) -> Option<f64> {
             return None;
         }
         best = best.max(v);
+        rise.push(v);
         // Gravity may win, too: then the joint runs the other way.
         if way.abs() >= half {
             break;
@@ -209,7 +242,8 @@ fn run(data: &mut Data, model: &Model, joint: usize, up: bool) -> Option<f64> {
             before = v;
         }
     }
-    Some(best)
+    let steps = rise.iter().position(|v| *v >= RISEN * best).map_or(rise.len(), |at| at + 1);
+    Some(Run { speed: best, acceleration: RISEN * best / (steps as f64 * model.timestep()) })
 }
 
 #[cfg(test)]
@@ -233,19 +267,30 @@ mod tests {
     fn a_damped_joint_runs_at_torque_over_damping() {
         let weightless =
             arm("damping=\"10\"", 20.0).replace("<option ", "<option gravity=\"0 0 0\" ");
-        let [Pace::Moves(v), Pace::Unknown] = paces(&weightless)[..] else { panic!() };
+        let [Pace::Moves { speed: v, acceleration }, Pace::Unknown] = paces(&weightless)[..] else {
+            panic!()
+        };
         assert!((v / 2.0 - 1.0).abs() < 0.03, "{v}");
+        // Nine tenths of it after 2.3 time constants M/c = 11 ms.
+        assert!((40.0..110.0).contains(&acceleration), "{acceleration}");
         // Gravity takes its share of the torque.
-        let [Pace::Moves(heavy), _] = paces(&arm("damping=\"10\"", 20.0))[..] else { panic!() };
+        let [Pace::Moves { speed: heavy, .. }, _] = paces(&arm("damping=\"10\"", 20.0))[..] else {
+            panic!()
+        };
         assert!(heavy > 1.4 && heavy < 1.99, "{heavy}");
     }
 
     #[test]
     fn a_free_joint_runs_as_fast_as_half_its_range_lets_it() {
         let weightless = arm("", 20.0).replace("<option ", "<option gravity=\"0 0 0\" ");
-        let [Pace::Moves(v), _] = paces(&weightless)[..] else { panic!() };
-        // v^2 = 2 a s with 20 N m on .111 kg m^2 (and the other link held), over 2 rad.
-        let want = (2.0_f64 * 20.0 / 0.111 * 2.0).sqrt();
+        let [Pace::Moves { speed: v, acceleration }, _] = paces(&weightless)[..] else { panic!() };
+        let want = 20.0 / 0.111;
+        assert!((acceleration / want - 1.0).abs() < 0.15, "{acceleration}");
+        assert!(v <= MOTOR_SPEED[0], "{v}: no task asks for more");
+        // v^2 = 2 a s with .5 N m on .111 kg m^2 (and the other link held), over 2 rad.
+        let weak = weightless.replace("\"-20 20\"", "\"-.5 .5\"");
+        let [Pace::Moves { speed: v, .. }, _] = paces(&weak)[..] else { panic!() };
+        let want = (2.0_f64 * 0.5 / 0.111 * 2.0).sqrt();
         assert!((v / want - 1.0).abs() < 0.15, "{v}, {want}");
     }
 

@@ -35,6 +35,10 @@ pub struct JointSpec {
     pub range: Option<[f64; 2]>,
     /// Greatest sustained speed, rad/s or m/s.
     pub speed_limit: f64,
+    /// Mean acceleration from rest to nearly this speed at full torque, rad/s² or m/s²; absent if
+    /// it was not measured.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub acceleration_limit: Option<f64>,
 }
 
 /// What an actuator acts on, by name.
@@ -252,6 +256,7 @@ pub(super) struct WrittenJoint {
     pub(super) unit: Option<Unit>,
     pub(super) range: Option<[f64; 2]>,
     pub(super) speed_limit: Option<f64>,
+    pub(super) acceleration_limit: Option<f64>,
 }
 
 /// Settle values as written: one number for all joints, or one per joint.

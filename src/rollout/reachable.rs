@@ -17,9 +17,10 @@ use super::infill::infill;
 use super::window::{COMMAND, Window};
 use robert_net::reach::Reach;
 
-/// Singular values of the effect of actions, relative to the largest, below which a direction
-/// counts as not driven. With 60,000 frames the hand's noise is at 3e-4, its least driven direction
-/// at .24.
+/// Singular values of the effect of actions, in units of each joint's fastest motion and relative to
+/// the largest, below which a direction counts as not driven. With 60,000 frames the hand's noise is
+/// at 3e-4, its least driven direction at .24. Without these units a slide in metres, or a joint
+/// with much inertia, would count as not driven beside light hinges.
 const DRIVEN: f64 = 5e-3;
 /// Weight of a joint without a goal relative to one with a goal.
 const FREE: f64 = 1e-3;
@@ -40,7 +41,7 @@ impl Reachable {
         let s = reach.speed.len();
         let actions = reach.effect.first().map_or(0, Vec::len);
         let effect = DMatrix::from_fn(s, actions, |r, c| reach.effect[r][c]);
-        let basis = driven(&effect);
+        let basis = driven(&effect, &reach.speed);
         let project = basis.as_ref().map(|q| q * q.transpose());
         Reachable { speed: reach.speed.clone(), basis, project }
     }
@@ -77,18 +78,24 @@ impl Reachable {
 }
 
 /// What actions move; `None` if they move everything.
-fn driven(effect: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+fn driven(effect: &DMatrix<f64>, speed: &[f64]) -> Option<DMatrix<f64>> {
     let s = effect.nrows();
-    let svd = effect.clone().svd(true, false);
-    let largest = svd.singular_values.max();
-    let u = svd.u?;
-    let kept: Vec<usize> = (0..svd.singular_values.len())
-        .filter(|&i| svd.singular_values[i] > DRIVEN * largest)
-        .collect();
-    if kept.len() == s || largest <= 0.0 {
+    let still = speed.iter().any(|v| *v <= 0.0);
+    let scaled = DMatrix::from_fn(s, effect.ncols(), |r, c| {
+        effect[(r, c)] / if still { 1.0 } else { speed[r] }
+    });
+    let shares = scaled.singular_values();
+    let rank = shares.iter().filter(|v| **v > DRIVEN * shares.max()).count();
+    if rank == s || rank == 0 {
         return None;
     }
-    Some(DMatrix::from_fn(s, kept.len(), |r, c| u[(r, kept[c])]))
+    let svd = effect.clone().svd(true, false);
+    let u = svd.u?;
+    let mut order: Vec<usize> = (0..svd.singular_values.len()).collect();
+    order.sort_by(|&a, &b| svd.singular_values[b].total_cmp(&svd.singular_values[a]));
+    order.truncate(rank);
+    order.sort_unstable();
+    Some(DMatrix::from_fn(s, rank, |r, c| u[(r, order[c])]))
 }
 
 /// The projection when some joints have almost no weight: Q (Qᵀ W Q)⁻¹ Qᵀ W.
@@ -147,8 +154,10 @@ mod tests {
 
     #[test]
     fn a_robot_whose_motors_move_everything_keeps_its_goals() {
-        let effect = vec![vec![0.1, 0.02], vec![0.0, 0.001]];
-        let reachable = Reachable::new(&Reach { effect, speed: vec![1.0; 2] });
+        // A light hinge, and a slide that moves a thousandth of that in metres.
+        let effect = vec![vec![0.3, 0.02], vec![0.0, 3e-4]];
+        let speed = vec![1.0, 2e-3];
+        let reachable = Reachable::new(&Reach { effect, speed });
         assert!(reachable.basis.is_none());
         let mut w = Window::new(2);
         w.visible.fill(true);

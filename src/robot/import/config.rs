@@ -22,8 +22,9 @@ pub struct ImportConfig {
     pub fixed_base: bool,
     /// Height of a URDF's root above the floor, m.
     pub base_height_m: f64,
-    /// Force limit of joints whose source names none, N m or N.
-    pub effort: f64,
+    /// Force limit of joints whose source names none, N m or N; `None` sizes it so that the motors
+    /// carry the robot.
+    pub effort: Option<f64>,
     /// Joints to weld where they are.
     pub weld: Vec<String>,
     /// Bodies to leave out, with everything that speaks of them (MJCF).

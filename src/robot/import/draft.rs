@@ -23,6 +23,8 @@ pub(super) struct Draft {
     pub(super) assets: Assets,
     /// Speed limits that the source gives, rad/s or m/s.
     pub(super) speeds: BTreeMap<String, f64>,
+    /// Joints whose source gives no effort; their motors are sized when the model is known.
+    pub(super) effortless: BTreeSet<String>,
     /// Whether the armature of the joints is ours and not the source's.
     pub(super) rotors_assumed: bool,
     /// Attributes that were taken out because 2.2.2 does not know them: element/attribute.

@@ -7,6 +7,7 @@ use roxmltree::Node;
 
 use super::config::{ImportConfig, Servos};
 use super::draft::Draft;
+use super::effort::Efforts;
 use super::words::Servo;
 use crate::derive::{ctrlrange, is_motor, state_joints};
 use crate::law::Law;
@@ -95,10 +96,15 @@ pub(super) fn actuators(
     };
     let told = draft.words.servos.iter().any(|w| *w != Servo::default());
     let stiff = keep && (0..model.nu()).any(|a| moved_damping(draft, model, a).is_some());
-    let as_it_is = !told && !stiff && draft.words.torque.is_empty() && (0..model.nu()).all(good);
+    let as_it_is = !told
+        && !stiff
+        && draft.words.torque.is_empty()
+        && draft.effortless.is_empty()
+        && (0..model.nu()).all(good);
     if model.nu() > 0 && as_it_is {
         return Ok(());
     }
+    let efforts = Efforts::of(model, config)?;
     let mut motors = Vec::new();
     if model.nu() == 0 {
         for j in 0..model.jnt_type().len() {
@@ -111,19 +117,21 @@ pub(super) fn actuators(
                 attribute: "joint",
                 target: name.to_owned(),
                 gear: 1.0,
-                limit: [-config.effort, config.effort],
+                limit: [-efforts.joint(j), efforts.joint(j)],
                 servo: None,
                 force: None,
             });
         }
+        let limits = || motors.iter().map(|m| m.limit[1]);
+        let (lo, hi) = (limits().fold(f64::INFINITY, f64::min), limits().fold(0.0, f64::max));
         draft.assumed.push(format!(
-            "the source has no actuators: {} motors of +-{} (change with --effort)",
+            "the source has no actuators: {} motors of {}",
             motors.len(),
-            config.effort
+            efforts.words(lo, hi)
         ));
     } else {
         for a in 0..model.nu() {
-            if let Some(m) = motor(draft, model, a, config) {
+            if let Some(m) = motor(draft, model, a, config, &efforts) {
                 motors.push(m);
             }
         }
@@ -154,7 +162,13 @@ fn follows(model: &Model, joint: usize) -> bool {
 }
 
 /// The motor in place of an actuator.
-fn motor(draft: &mut Draft, model: &Model, a: usize, config: &ImportConfig) -> Option<Motor> {
+fn motor(
+    draft: &mut Draft,
+    model: &Model,
+    a: usize,
+    config: &ImportConfig,
+    efforts: &Efforts,
+) -> Option<Motor> {
     let called = model.name(Kind::Actuator, a);
     let (attribute, target) = match model.transmission(a) {
         Some(Transmission::Joint(j)) => ("joint", model.name(Kind::Joint, j)?.to_owned()),
@@ -186,6 +200,13 @@ fn motor(draft: &mut Draft, model: &Model, a: usize, config: &ImportConfig) -> O
         }
         return Some(Motor { name, attribute, target, gear, limit, servo: Some(law), force });
     }
+    let effort = efforts.actuator(model, a);
+    if draft.effortless.contains(&target) {
+        let words = efforts.words(effort, effort);
+        draft.assumed.push(format!("joint \"{target}\" gives no effort: a motor of {words}"));
+        let limit = [-effort, effort];
+        return Some(Motor { name, attribute, target, gear, limit, servo: None, force: None });
+    }
     let limit = match (is_motor(model, a), ctrlrange(model, a), force) {
         (true, Some([lo, hi]), None) => [lo * gain, hi * gain],
         (true, Some([lo, hi]), Some([f_lo, f_hi])) => {
@@ -197,12 +218,10 @@ fn motor(draft: &mut Draft, model: &Model, a: usize, config: &ImportConfig) -> O
             f
         }
         (motor, _, None) => {
-            let e = config.effort;
+            let words = efforts.words(effort, effort);
             let what = if motor { "motor without limits" } else { "servo without a force limit" };
-            draft.assumed.push(format!(
-                "\"{name}\" ({what}) became a motor of +-{e} (change with --effort)"
-            ));
-            [-e, e]
+            draft.assumed.push(format!("\"{name}\" ({what}) became a motor of {words}"));
+            [-effort, effort]
         }
     };
     Some(Motor { name, attribute, target, gear, limit, servo: None, force: None })

@@ -14,6 +14,7 @@ mod contacts;
 mod description;
 mod draft;
 mod drives;
+mod effort;
 mod fix;
 mod loose;
 mod mjcf;
@@ -48,7 +49,8 @@ pub fn import(config: &ImportConfig) -> Result<Report, Error> {
     if occupied {
         return Err(unfit("the folder exists and is not empty; name another one".into(), out));
     }
-    if !(config.effort.is_finite() && config.effort > 0.0 && config.base_height_m.is_finite()) {
+    let effort_is_wrong = config.effort.is_some_and(|e| !(e.is_finite() && e > 0.0));
+    if effort_is_wrong || !config.base_height_m.is_finite() {
         return Err(unfit(
             "effort must be positive and the base height finite".into(),
             &config.source,
@@ -208,7 +210,8 @@ fn describe(
     ))
 }
 
-/// Speeds that the motors reach in simulation, none above what the source allows.
+/// Speeds and accelerations that the motors reach in simulation, no speed above what the source
+/// allows.
 fn speeds(
     joints: &mut [profile::JointSpec],
     draft: &mut Draft,
@@ -218,7 +221,10 @@ fn speeds(
     for (j, pace) in joints.iter_mut().zip(pace::measure(model)?) {
         let named = draft.speeds.get(&j.name).copied();
         match pace {
-            Pace::Moves(v) => j.speed_limit = derive::digits(named.map_or(v, |n| n.min(v)), 3),
+            Pace::Moves { speed: v, acceleration } => {
+                j.speed_limit = derive::digits(named.map_or(v, |n| n.min(v)), 3);
+                j.acceleration_limit = Some(derive::digits(acceleration, 3)).filter(|a| *a > 0.0);
+            }
             Pace::Stuck => {
                 stuck.push(format!("\"{}\"", j.name));
                 j.speed_limit = named.map_or(SLOW, |n| n.min(SLOW));

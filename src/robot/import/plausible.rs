@@ -18,27 +18,8 @@ const NAMED: usize = 4;
 /// # Errors
 /// [`Error::Simulator`].
 pub(super) fn check(draft: &mut Draft, model: &Arc<Model>) -> Result<(), Error> {
-    let mut free = model.duplicate()?;
-    free.set_contacts(false);
-    let mut data = Data::new(&Arc::new(free))?;
-    let joints = model.jnt_type().len();
-    let mut asked = vec![Vec::new(); joints];
-    for k in 0..=POSES {
-        let mut qpos = model.qpos0().to_vec();
-        for j in (0..joints).filter(|j| k > 0 && model.jnt_limited()[*j] != 0) {
-            let range = [model.jnt_range()[2 * j], model.jnt_range()[2 * j + 1]];
-            qpos[model.jnt_qposadr()[j] as usize] = spread(j, k - 1, range);
-        }
-        data.reset()?;
-        data.set_qpos(&qpos)?;
-        data.forward()?;
-        for (j, asked) in asked.iter_mut().enumerate() {
-            let dof = model.jnt_dofadr()[j] as usize;
-            asked.push((data.qfrc_bias()[dof] - data.qfrc_passive()[dof]).abs());
-        }
-    }
     let mut weak = Vec::new();
-    for (j, asked) in asked.iter_mut().enumerate() {
+    for (j, mut asked) in weights(model)?.into_iter().enumerate() {
         let Some(limit) = torque_limit(model, j) else { continue };
         asked.sort_by(f64::total_cmp);
         let median = asked[asked.len() / 2];
@@ -67,4 +48,32 @@ pub(super) fn check(draft: &mut Draft, model: &Arc<Model>) -> Result<(), Error> 
         if weak.len() > NAMED { ", …" } else { "" }
     ));
     Ok(())
+}
+
+/// The torque that holds each joint against gravity and springs, at the default pose and at poses
+/// over the range, N m or N: (joints, poses).
+///
+/// # Errors
+/// [`Error::Simulator`].
+pub(super) fn weights(model: &Model) -> Result<Vec<Vec<f64>>, Error> {
+    let mut free = model.duplicate()?;
+    free.set_contacts(false);
+    let mut data = Data::new(&Arc::new(free))?;
+    let joints = model.jnt_type().len();
+    let mut asked = vec![Vec::new(); joints];
+    for k in 0..=POSES {
+        let mut qpos = model.qpos0().to_vec();
+        for j in (0..joints).filter(|j| k > 0 && model.jnt_limited()[*j] != 0) {
+            let range = [model.jnt_range()[2 * j], model.jnt_range()[2 * j + 1]];
+            qpos[model.jnt_qposadr()[j] as usize] = spread(j, k - 1, range);
+        }
+        data.reset()?;
+        data.set_qpos(&qpos)?;
+        data.forward()?;
+        for (j, asked) in asked.iter_mut().enumerate() {
+            let dof = model.jnt_dofadr()[j] as usize;
+            asked.push((data.qfrc_bias()[dof] - data.qfrc_passive()[dof]).abs());
+        }
+    }
+    Ok(asked)
 }

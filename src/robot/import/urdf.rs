@@ -468,12 +468,8 @@ impl<'a> Tree<'a> {
         let effort = if limit.effort > 0.0 {
             limit.effort
         } else {
-            let e = self.config.effort;
-            self.draft.assumed.push(format!(
-                "joint \"{}\" gives no effort: a motor of +-{e} (change with --effort)",
-                j.name
-            ));
-            e
+            self.draft.effortless.insert(j.name.clone());
+            1.0
         };
         writeln!(
             self.motors,

@@ -19,7 +19,7 @@ use robert_robot::{Error, Robot, StateJoint};
 const REACH: f64 = 0.45;
 /// Range of an unbounded joint: rad, m.
 const UNBOUNDED: [f64; 2] = [1.5, 0.5];
-/// Share of the greatest sustained speed for which gaps are planned.
+/// Share of the greatest sustained speed, and of the acceleration, for which motions are planned.
 const PACE: f64 = 0.45;
 /// Longest gap, frames.
 const LONGEST_GAP: u32 = 60;
@@ -38,22 +38,32 @@ const TURNS: usize = 6;
 /// Poses are settled in simulation, which may fail.
 pub fn trial(robot: &Robot, seed: u64) -> Result<Vec<Authored>, Error> {
     let home = robot.home();
-    let mut poses = Vec::new();
+    let mut poses: Vec<Vec<f64>> = Vec::new();
     for index in 0..POSES as u64 {
-        poses.push(held(robot, seed, index)?);
+        let pose = held(robot, seed, index, poses.last().unwrap_or(&home))?;
+        poses.push(pose);
     }
     let sway = sway(robot, &poses[0]);
     let reach = through(robot, "reach", "Poses with open gaps between.", &home, &poses);
     let thin = thinned(&sway, 10, "sway, sparse", "As sway, with every tenth frame visible.");
     let middle = middles(&reach, "reach, high mask", "As reach, with one frame of each hold.");
     // One joint after another leaves home for its part of the second pose and stays there.
-    let mut steps = Vec::new();
+    let mut steps: Vec<Vec<f64>> = Vec::new();
     let mut at = home.clone();
     let stride = home.len().div_ceil(TURNS).max(1);
     for first in (0..home.len()).step_by(stride) {
         let some = first..(first + stride).min(home.len());
         at[some.clone()].copy_from_slice(&poses[1][some]);
-        steps.push(robot.settle(&at)?.reached);
+        let settled = robot.settle_from(steps.last().unwrap_or(&home), &at)?;
+        // A part that the motors cannot move alone stays where it is.
+        if settled.within {
+            steps.push(settled.reached);
+        } else {
+            at.clone_from(steps.last().unwrap_or(&home));
+        }
+    }
+    if steps.is_empty() {
+        steps.push(poses[0].clone());
     }
     let turns = through(robot, "turns", "One joint after another.", &home, &steps);
     let driven = robot.driven()?;
@@ -70,8 +80,9 @@ pub fn trial(robot: &Robot, seed: u64) -> Result<Vec<Authored>, Error> {
     ])
 }
 
-/// A pose that the motors can hold, as it settles.
-fn held(robot: &Robot, seed: u64, index: u64) -> Result<Vec<f64>, Error> {
+/// A pose that the motors can hold, as it settles, and can reach from `from`: a motor that is too
+/// weak to lift a link past the horizontal may still hold it upright.
+fn held(robot: &Robot, seed: u64, index: u64, from: &[f64]) -> Result<Vec<f64>, Error> {
     let mut best: Option<(f64, Vec<f64>)> = None;
     for attempt in 0..TRIES {
         let mut rng = Rng::new(seed, Stream::Trial, index * TRIES + attempt);
@@ -89,7 +100,7 @@ fn held(robot: &Robot, seed: u64, index: u64) -> Result<Vec<f64>, Error> {
             })
             .collect();
         let settled = robot.settle(&target)?;
-        if settled.within {
+        if settled.within && robot.settle_from(from, &settled.reached)?.within {
             return Ok(settled.reached);
         }
         if best.as_ref().is_none_or(|(worst, _)| settled.worst < *worst) {
@@ -119,9 +130,9 @@ fn leave_free(clip: &mut Clip, driven: &[bool], home: &[f64]) {
 /// How far a joint goes from home, with the sign of the wider side: within what it can go
 /// in the longest gap.
 fn room(j: &StateJoint, home: f64) -> f64 {
-    let most = PACE * j.speed_limit * f64::from(LONGEST_GAP) * CTRL_DT;
-    let room = free_room(j, home);
-    room.clamp(-most, most)
+    let secs = f64::from(LONGEST_GAP) * CTRL_DT;
+    let most = (PACE * j.speed_limit * secs).min(PACE * j.acceleration_limit * secs * secs / 4.0);
+    free_room(j, home).clamp(-most, most)
 }
 
 /// The same, however fast the joint is.
@@ -138,9 +149,13 @@ fn free_room(j: &StateJoint, home: f64) -> f64 {
 fn sway(robot: &Robot, far: &[f64]) -> Clip {
     let home = robot.home();
     let joints = robot.joints().iter().zip(&home).zip(far);
-    // A raised cosine of period T is fastest at pi d / T.
+    // A raised cosine of period T has the greatest speed pi d / T and acceleration 2 pi^2 d / T^2.
     let period = joints
-        .map(|((j, h), f)| (f - h).abs() * TAU / 2.0 / (PACE * j.speed_limit.max(1e-3)))
+        .map(|((j, h), f)| {
+            let d = (f - h).abs();
+            let rise = TAU * (d / (2.0 * PACE * j.acceleration_limit.max(1e-3))).sqrt();
+            rise.max(d * TAU / 2.0 / (PACE * j.speed_limit.max(1e-3)))
+        })
         .fold(2.0, f64::max);
     let turns = (8.0 / period).round().max(1.0);
     let frames = (turns * period / CTRL_DT).round() as u32;
@@ -175,7 +190,12 @@ fn through(robot: &Robot, title: &str, notes: &str, home: &[f64], poses: &[Vec<f
 fn gap(robot: &Robot, from: &[f64], to: &[f64]) -> u32 {
     let joints = robot.joints().iter().zip(from).zip(to);
     let secs = joints
-        .map(|((j, a), b)| (b - a).abs() / (PACE * j.speed_limit.max(1e-3)))
+        .map(|((j, a), b)| {
+            let d = (b - a).abs();
+            // Half of the way it accelerates, half of it it brakes.
+            let rise = 2.0 * (d / (PACE * j.acceleration_limit.max(1e-3))).sqrt();
+            rise.max(d / (PACE * j.speed_limit.max(1e-3)))
+        })
         .fold(0.0, f64::max);
     ((secs / CTRL_DT).ceil() as u32).clamp(8, LONGEST_GAP)
 }

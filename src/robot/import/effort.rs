@@ -1,0 +1,64 @@
+//! The force of motors that the source does not name: enough to carry the robot.
+
+use super::config::ImportConfig;
+use super::plausible;
+use crate::Error;
+use robert_mujoco::{Model, Transmission};
+
+/// Force of a motor that carries nothing, N m or N.
+const LEAST: f64 = 10.0;
+/// Force relative to the greatest weight that a motor carries in some pose.
+const RESERVE: f64 = 2.5;
+
+/// Forces for the motors of a model, N m or N.
+pub(super) struct Efforts {
+    /// What the user asked for.
+    asked: Option<f64>,
+    /// By joint.
+    carried: Vec<f64>,
+}
+
+impl Efforts {
+    /// From the weights of the model, unless the user names a force.
+    ///
+    /// # Errors
+    /// [`Error::Simulator`].
+    pub(super) fn of(model: &Model, config: &ImportConfig) -> Result<Efforts, Error> {
+        let carried = match config.effort {
+            Some(_) => Vec::new(),
+            None => plausible::weights(model)?
+                .into_iter()
+                .map(|poses| poses.into_iter().fold(0.0, f64::max))
+                .collect(),
+        };
+        Ok(Efforts { asked: config.effort, carried })
+    }
+
+    /// For a joint, rounded up to a whole number.
+    pub(super) fn joint(&self, joint: usize) -> f64 {
+        match (self.asked, self.carried.get(joint)) {
+            (Some(effort), _) => effort,
+            (None, Some(weight)) if weight.is_finite() => (RESERVE * weight).ceil().max(LEAST),
+            (None, _) => LEAST,
+        }
+    }
+
+    /// For an actuator at a joint or tendon.
+    pub(super) fn actuator(&self, model: &Model, actuator: usize) -> f64 {
+        match model.transmission(actuator) {
+            Some(Transmission::Joint(j)) => self.joint(j),
+            _ => self.asked.unwrap_or(LEAST),
+        }
+    }
+
+    /// In words, for the report.
+    pub(super) fn words(&self, lo: f64, hi: f64) -> String {
+        let sized =
+            if self.asked.is_none() && hi > LEAST { ", sized to carry the robot" } else { "" };
+        if lo < hi {
+            format!("+-{lo} to +-{hi}{sized} (change with --effort)")
+        } else {
+            format!("+-{hi}{sized} (change with --effort)")
+        }
+    }
+}
