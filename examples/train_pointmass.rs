@@ -50,6 +50,7 @@ fn teach(data: &Path, run: &Path) -> Result<(), Failure> {
         cancel: &cancel,
         evaluator: None,
         perform: None,
+        engines: None,
         meta: serde_json::Value::Null,
     };
     let done = train(&data, &cfg, options)?;

@@ -14,7 +14,7 @@
 //! | 0 | [`units`], [`rng`], [`limits`], [`exit`], [`fsio`], [`progress`], [`xml`], [`child`] | numbers, files, child processes |
 //! | 1 | [`clip`], [`mujoco`], [`linalg`], [`plot`] | the document, the simulator binding, matrices, charts |
 //! | 2 | [`robot`], [`net`] | the robots, the network |
-//! | 3 | [`dataset`], [`render`] | recorded trajectories, pictures |
+//! | 3 | [`dataset`], [`render`], [`gpu`] | recorded trajectories, pictures, training on graphics cards |
 //! | 4 | [`explore`] | the collectors |
 //! | 5 | [`rollout`] | policies and rollouts |
 //! | 6 | [`train`], [`take`] | training, recorded rollouts and exports |
@@ -32,6 +32,7 @@ pub use robert_base::{child, exit, fsio, limits, progress, rng, units, xml};
 pub use robert_clip as clip;
 pub use robert_dataset as dataset;
 pub use robert_explore as explore;
+pub use robert_gpu as gpu;
 pub use robert_linalg as linalg;
 pub use robert_mujoco as mujoco;
 pub use robert_net as net;

@@ -9,7 +9,7 @@ const FLOORS: &[&[&str]] = &[
     &["base"],
     &["clip", "mujoco", "linalg", "plot"],
     &["robot", "net"],
-    &["dataset", "render"],
+    &["dataset", "render", "gpu"],
     &["explore"],
     &["rollout"],
     &["train", "take"],

@@ -380,3 +380,82 @@ fn options_of_a_network_are_refused_elsewhere() {
     assert!(eval("robert:x+foo").fails(2).stderr.contains("+sample"));
     assert!(eval("robert:x+sample+ensemble=3+guide").fails(3).stderr.contains("no model x"));
 }
+
+/// A run of a tiny network, with this environment.
+fn on(dir: &Path, environment: [(&str, &str); 2], args: &[&str]) -> (Option<i32>, String, String) {
+    let ran = Command::new(binary())
+        .current_dir(dir)
+        .envs(environment)
+        .args(["train", "--robot", "pointmass", "--data", "data", "--evaluations", "2"])
+        .args(args)
+        .output()
+        .unwrap();
+    let text = |x: &[u8]| String::from_utf8_lossy(x).into_owned();
+    (ran.status.code(), text(&ran.stdout), text(&ran.stderr))
+}
+
+#[test]
+fn a_graphics_card_trains_and_the_processor_goes_on() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = dir.path();
+    collect(at);
+    let set =
+        |steps| ["--set", steps, "--set", "layers=1", "--set", "width=32", "--set", "batch=16"];
+    let software = [("ROBERT_GPU", "software"), ("ROBERT_NOTHING", "")];
+    let both = |out, device| {
+        let head = ["--out", out, "--device", device, "--json"];
+        [&head[..], &set("steps=12")].concat()
+    };
+    let (code, stdout, stderr) = on(at, software, &both("card", "gpu"));
+    assert_eq!(code, Some(0), "{stderr}");
+    let found = robert::gpu::cards(true);
+    let Some(card) = found.first() else {
+        // Without any driver it says so, and trains.
+        assert!(stderr.contains("training on the processor"), "{stderr}");
+        println!("skipped: this machine has no software driver");
+        return;
+    };
+    let report: serde_json::Value = serde_json::from_str(&stdout).unwrap();
+    assert_eq!(report["result"]["device"], card.name.as_str());
+    assert_eq!(report["result"]["step"], 12);
+    assert!(stderr.contains(&card.name) && stderr.contains("MiB"), "{stderr}");
+
+    // The same run on the processor: nearly the same weights.
+    let (code, stdout, stderr) = on(at, software, &both("processor", "cpu"));
+    assert_eq!(code, Some(0), "{stderr}");
+    assert!(
+        serde_json::from_str::<serde_json::Value>(&stdout).unwrap()["result"]["device"].is_null()
+    );
+    let weights = |run: &str| {
+        let path = at.join(run).join("ckpt/last.safetensors");
+        robert::net::checkpoint::load(&path, None).unwrap().net.weights.to_vec()
+    };
+    let (a, b) = (weights("card"), weights("processor"));
+    let norm = |x: &mut dyn Iterator<Item = f32>| x.map(|x| f64::from(x * x)).sum::<f64>().sqrt();
+    let off = norm(&mut a.iter().zip(&b).map(|(a, b)| a - b));
+    assert!(off < 1e-3 * norm(&mut b.iter().copied()), "{off}");
+
+    // Resuming on the other device says that the last bits differ.
+    for (run, device) in [("card", "cpu"), ("processor", "gpu")] {
+        let (code, _, stderr) = on(at, software, &["--resume", run, "--device", device]);
+        assert_eq!(code, Some(0), "{stderr}");
+        assert!(stderr.contains("last bits differ"), "{stderr}");
+    }
+}
+
+#[test]
+fn without_a_graphics_card_the_processor_trains_and_says_why() {
+    let dir = tempfile::tempdir().unwrap();
+    collect(dir.path());
+    // No driver can be loaded.
+    let none = [("VK_ICD_FILENAMES", "/nowhere.json"), ("VK_DRIVER_FILES", "/nowhere.json")];
+    for device in ["auto", "gpu"] {
+        let args = ["--out", device, "--device", device, "--set", "steps=2", "--set", "batch=4"];
+        let (code, _, stderr) = on(dir.path(), none, &args);
+        assert_eq!(code, Some(0), "{stderr}");
+        let lines = stderr.lines().filter(|l| l.contains("training on the processor")).count();
+        assert_eq!(lines, 1, "{stderr}");
+    }
+    let ran = robert().args(["train", "--robot", "pointmass", "--data", "x", "--device", "cuda"]);
+    assert!(ran.fails(2).stderr.contains("gpu:N"));
+}

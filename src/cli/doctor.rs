@@ -8,6 +8,7 @@ use serde::Serialize;
 use super::failure::{Failure, Outcome};
 use super::out;
 use crate::exit::Exit;
+use crate::gpu::{Card, cards};
 use crate::mujoco;
 use crate::render::{RenderConfig, Renderer};
 use crate::robot::Robot;
@@ -66,6 +67,7 @@ pub(super) fn run(args: &Args) -> Outcome {
         simulator(),
         robots(),
         graphics(),
+        training(),
         processor(),
         memory(),
         models(),
@@ -146,6 +148,37 @@ fn graphics() -> Check {
             "sudo apt-get install mesa-vulkan-drivers (software) or your graphics card's driver",
         ),
     }
+}
+
+/// The cards that `robert train --device` can choose.
+fn training() -> Check {
+    const NAME: &str = "training device";
+    let describe = |cards: &[Card]| -> Vec<String> {
+        let one = |(i, c): (usize, &Card)| {
+            format!("gpu:{i} {} ({} MiB in one piece)", c.name, c.binding_bytes >> 20)
+        };
+        cards.iter().enumerate().map(one).collect()
+    };
+    let real = describe(&cards(false));
+    if !real.is_empty() {
+        return Check::ok(NAME, format!("cpu (default), {}", real.join(", ")));
+    }
+    let software = describe(&cards(true));
+    let found = if software.is_empty() {
+        "cpu; no graphics card answers through Vulkan".to_owned()
+    } else {
+        let software = software.join(", ");
+        format!("cpu; no graphics card answers through Vulkan (software: {software})")
+    };
+    let fix = if Path::new("/proc/driver/nvidia/version").exists() {
+        "the NVIDIA driver runs without its Vulkan part: libvulkan1, and the driver's package with \
+         nvidia_icd.json in /usr/share/vulkan/icd.d"
+    } else if Path::new("/dev/dri").exists() {
+        "sudo apt-get install libvulkan1 mesa-vulkan-drivers, or your graphics card's driver"
+    } else {
+        "nothing to do on a machine without a graphics card"
+    };
+    Check::bad(NAME, State::Warning, found, fix)
 }
 
 fn processor() -> Check {

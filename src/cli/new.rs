@@ -306,6 +306,7 @@ fn options<'a>(
         cancel,
         evaluator,
         perform: None,
+        engines: None,
         meta: json!({ "version": env!("CARGO_PKG_VERSION"), "argv": std::env::args().collect::<Vec<_>>() }),
     }
 }

@@ -11,6 +11,7 @@ use super::interrupt::cancel_on_ctrl_c;
 use super::{motion, out};
 use crate::dataset::{Dataset, Verify};
 use crate::exit::Exit;
+use crate::gpu::Choice;
 use crate::train::evaluator::SuiteEvaluator;
 use crate::train::hindsight::Simulated;
 use crate::train::read_config;
@@ -18,7 +19,7 @@ use crate::train::{Evaluate, Finished, Options, PRESETS, TrainConfig, train};
 
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  robert train --robot ur5e --data data/ur5e --out runs/first\n  robert train --robot ur5e --data data/ur5e --preset instant --out runs/linear\n  robert train --robot ur5e --data data/ur5e --preset ur-small --set lr=5e-4 --out runs/b\n  robert train --robot ur5e --data data/ur5e --resume runs/b"
+    after_help = "Examples:\n  robert train --robot ur5e --data data/ur5e --out runs/first\n  robert train --robot ur5e --data data/ur5e --preset instant --out runs/linear\n  robert train --robot ur5e --data data/ur5e --preset ur-small --set lr=5e-4 --out runs/b\n  robert train --robot ur5e --data data/ur5e --resume runs/b\n  robert train --robot ur5e --data data/ur5e --preset paper-ur5e --device gpu"
 )]
 pub(super) struct Args {
     /// The robot of the data.
@@ -46,6 +47,11 @@ pub(super) struct Args {
     /// Threads [default: all cores]. They do not change the weights.
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=256))]
     threads: Option<u16>,
+    /// What computes the steps: the processor, or a graphics card, which rounds otherwise. `auto`
+    /// takes a card if there is one and goes on with the processor if it is lost; `gpu:1` is the
+    /// second card of `robert doctor`. ROBERT_GPU=software admits the software driver.
+    #[arg(long, value_name = "auto|cpu|gpu[:N]", default_value_t = Choice::Cpu)]
+    device: Choice,
     /// Minutes between checkpoints.
     #[arg(long, default_value_t = 2.0)]
     checkpoint_mins: f64,
@@ -62,6 +68,13 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let robot = motion::robot(&args.robot)?;
     let data = Dataset::open(&args.data, Verify::Full)?;
     data.must_be_of(&robot)?;
+    // A number that no card has is a mistake on the command line; a missing card is not.
+    if let Choice::Gpu(Some(number)) = args.device
+        && let Err(e @ crate::gpu::Error::Number { .. }) =
+            crate::gpu::adapter::choose(Some(number), crate::gpu::adapter::software_wanted())
+    {
+        return Err(e.into());
+    }
     let threads = super::global::threads(args.threads);
     let mut evaluator =
         SuiteEvaluator::new(Arc::clone(&robot), threads).map_err(Failure::invalid)?;
@@ -78,6 +91,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
         cancel: &cancel,
         perform: Some(&mut perform),
         evaluator: evaluator.as_mut().map(|j| j as &mut dyn Evaluate),
+        engines: Some(&args.device),
         meta: serde_json::json!({
             "version": env!("CARGO_PKG_VERSION"),
             "argv": std::env::args().collect::<Vec<_>>(),
@@ -151,8 +165,12 @@ fn summary(dir: &Path, done: &Finished) -> String {
         "fitted the linear prediction; no network was trained".to_owned()
     } else {
         format!(
-            "{} of {} steps in {:.0} s, {:.0} windows/s",
-            done.step, done.steps, done.secs, done.windows_per_sec
+            "{} of {} steps in {:.0} s, {:.0} windows/s{}",
+            done.step,
+            done.steps,
+            done.secs,
+            done.windows_per_sec,
+            done.device.as_ref().map(|d| format!(" on {d}")).unwrap_or_default()
         )
     };
     if let Some(held) = &done.held_out {

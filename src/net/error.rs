@@ -64,6 +64,14 @@ pub enum Error {
         /// The folder.
         path: PathBuf,
     },
+    /// The graphics card that was training is gone: reset, out of memory, driver broken.
+    #[error("{device} stopped working: {why}")]
+    Lost {
+        /// Its name.
+        device: String,
+        /// The driver's words.
+        why: String,
+    },
     /// Reading or writing failed.
     #[error(transparent)]
     Files(#[from] robert_base::fsio::Error),
@@ -74,7 +82,7 @@ impl HasExit for Error {
         match self {
             Error::Files(e) => e.exit(),
             Error::NoModel { .. } => Exit::Missing,
-            Error::Shape { .. } | Error::Singular { .. } => Exit::Failed,
+            Error::Shape { .. } | Error::Singular { .. } | Error::Lost { .. } => Exit::Failed,
             _ => Exit::Invalid,
         }
     }

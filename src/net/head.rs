@@ -47,6 +47,28 @@ impl Sums {
         pair(&mut self.place_square, &other.place_square);
         pair(&mut self.place_tokens, &other.place_tokens);
     }
+
+    /// Counts the squared action error of one token of a batch; `masked` and `place` are those of
+    /// the whole batch, (B, 51).
+    pub fn count(&mut self, masked: &[bool], place: &[Place], row: usize, square: f64) {
+        let (i, place) = (row % WINDOW, place[row]);
+        if place == Place::Told {
+            return;
+        }
+        let side = usize::from(masked[row]);
+        self.square[side] += square;
+        self.tokens[side] += 1.0;
+        if i == CURRENT {
+            let after = &masked[row + 1..row + WINDOW - CURRENT];
+            let gap = after.iter().take_while(|&&m| m).count().min(GAPS - 1);
+            self.gap_square[gap] += square;
+            self.gap_windows[gap] += 1.0;
+        }
+        if (SETTLED..=CURRENT).contains(&i) && !masked[row + 1] {
+            self.place_square[place as usize] += square;
+            self.place_tokens[place as usize] += 1.0;
+        }
+    }
 }
 
 /// Index of the centre nearest to this action.
@@ -77,9 +99,7 @@ pub fn loss<T: Real>(
     let rows = out.chunks_exact_mut(cfg.outputs()).zip(batch.actions.chunks_exact(a));
     for (row, (y, action)) in rows.enumerate() {
         let weight = batch.weight[row].f64();
-        let masked = batch.masked[row];
-        let i = row % WINDOW;
-        let counts = !current_only || i == CURRENT;
+        let counts = !current_only || row % WINDOW == CURRENT;
         let factor = if counts { scale * weight } else { 0.0 };
         let bin = nearest(centres, action);
 
@@ -106,23 +126,7 @@ pub fn loss<T: Real>(
         }
         square /= a as f64;
         sums.loss += factor * (lambda * square + focal(logits, bin, factor));
-        let place = batch.place[row];
-        if place == Place::Told {
-            continue;
-        }
-        let side = usize::from(masked);
-        sums.square[side] += square;
-        sums.tokens[side] += 1.0;
-        if i == CURRENT {
-            let after = &batch.masked[row + 1..row + WINDOW - CURRENT];
-            let gap = after.iter().take_while(|&&m| m).count().min(GAPS - 1);
-            sums.gap_square[gap] += square;
-            sums.gap_windows[gap] += 1.0;
-        }
-        if (SETTLED..=CURRENT).contains(&i) && !batch.masked[row + 1] {
-            sums.place_square[place as usize] += square;
-            sums.place_tokens[place as usize] += 1.0;
-        }
+        sums.count(&batch.masked, &batch.place, row, square);
     }
     sums
 }

@@ -12,6 +12,7 @@ mod check;
 pub mod checkpoint;
 pub mod config;
 pub mod encode;
+pub mod engine;
 mod error;
 pub mod exchange;
 pub mod head;
@@ -34,6 +35,7 @@ pub use config::{
     COMMAND, CURRENT, HISTORY, MaskGranularity, Mixing, NetConfig, SkipKind, TokenKind, WINDOW,
 };
 pub use encode::Encoder;
+pub use engine::{CpuEngine, Engine, Engines, Setup};
 pub use error::Error;
 pub use infer::{NetPolicy, NetPolicyConfig, Threads};
 pub use model::Net;

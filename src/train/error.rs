@@ -56,6 +56,14 @@ pub enum Error {
         /// The kept checkpoint; the step after it is finite.
         path: PathBuf,
     },
+    /// The graphics card of a run is gone; the run keeps its last checkpoint.
+    #[error("{why}. Continue from the last checkpoint with --resume, on the processor with --device cpu: {path}", path = path.display())]
+    Lost {
+        /// The card, and the driver's words.
+        why: String,
+        /// The run.
+        path: PathBuf,
+    },
     /// A fit was stopped before its end; nothing was written.
     #[error("stopped at step {step} of {steps}; nothing was written")]
     Stopped {
@@ -88,7 +96,7 @@ impl HasExit for Error {
         match self {
             Error::Preset { .. } | Error::Setting { .. } => Exit::Usage,
             Error::Run { .. } | Error::Sweep { .. } => Exit::Invalid,
-            Error::Diverged { .. } | Error::Evaluation { .. } => Exit::Failed,
+            Error::Diverged { .. } | Error::Lost { .. } | Error::Evaluation { .. } => Exit::Failed,
             Error::Stopped { .. } => Exit::Interrupted,
             Error::Data(e) => e.exit(),
             Error::Net(e) => e.exit(),

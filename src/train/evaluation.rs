@@ -41,7 +41,7 @@ impl RunState<'_> {
             let count = if self.step == cfg.steps { MEASURED_AT_END } else { MEASURED };
             // A small run gets a short measurement.
             let seen = self.step as usize * cfg.batch;
-            let Some(found) = self.measure(source, held_out, count.min(seen), opts.cancel) else {
+            let Some(found) = self.measure(source, held_out, count.min(seen), opts.cancel)? else {
                 return Ok(false);
             };
             let metric = Metric::HeldOut { step: self.step, held_out: found };
@@ -67,7 +67,7 @@ impl RunState<'_> {
         if self.cfg.skip == SkipKind::Off || opts.evaluations == 0 || known {
             return Ok(true);
         }
-        let found = evaluator.evaluate_linear(&self.model(), opts.cancel);
+        let found = evaluator.evaluate_linear(&self.model()?, opts.cancel);
         let found = found.map_err(|why| Error::Evaluation { step: self.step, why })?;
         let Some(found) = found else { return Ok(false) };
         opts.progress.log(&format!("linear prediction: Precision {:.5}", found.precision));
@@ -80,7 +80,7 @@ impl RunState<'_> {
     fn evaluate(&mut self, opts: &mut Options<'_>) -> Result<bool, Error> {
         let Some(evaluator) = opts.evaluator.as_deref_mut() else { return Ok(true) };
         let found: Result<Option<Evaluation>, String> =
-            evaluator.evaluate(&self.model(), opts.cancel);
+            evaluator.evaluate(&self.model()?, opts.cancel);
         let found = found.map_err(|why| Error::Evaluation { step: self.step, why })?;
         let Some(found) = found else { return Ok(false) };
         let metric = Metric::Evaluation { step: self.step, evaluation: found.clone() };
@@ -98,45 +98,36 @@ impl RunState<'_> {
         held_out: &Windows<'_>,
         windows: usize,
         cancel: &Cancel,
-    ) -> Option<HeldOut> {
+    ) -> Result<Option<HeldOut>, Error> {
         let batch = self.cfg.batch;
         // If there is an average, it is the model that will be used, so it is measured.
-        let kept = self.averaged.clone().map(|average| {
-            let kept = self.learner.net.weights.to_vec();
-            self.learner.net.weights.copy_from_slice(&average);
-            self.learner.weights_changed();
-            kept
-        });
+        self.engine.swap_average()?;
         let mut sums = Sums::default();
         let rounds = windows.div_ceil(batch);
         let mut done = 0;
+        let fill = |round: u64, w: usize, slot: usize, to: &mut Batch<f32>| {
+            source.measure(held_out, round * batch as u64 + w as u64, slot, to);
+        };
         while done < rounds && !cancel.is_cancelled() {
-            let round = done;
-            let fill = |w: usize, slot: usize, to: &mut Batch<f32>| {
-                source.measure(held_out, (round * batch + w) as u64, slot, to);
-            };
-            sums.add(&self.learner.errors(&fill));
+            sums.add(&self.engine.errors(&fill, done as u64)?);
             done += 1;
         }
-        if let Some(kept) = kept {
-            self.learner.net.weights.copy_from_slice(&kept);
-            self.learner.weights_changed();
-        }
+        self.engine.swap_average()?;
         if done < rounds {
-            return None;
+            return Ok(None);
         }
         let power = self.power.max(1e-12);
         let nmse = |square: f64, count: f64| (count > 0.0).then(|| square / count / power);
         let gaps = sums.gap_square.iter().zip(&sums.gap_windows).take(GAPS - 1);
         let place = |p: usize| nmse(sums.place_square[p], sums.place_tokens[p]);
         let tokens: f64 = sums.place_tokens.iter().sum();
-        Some(HeldOut {
+        Ok(Some(HeldOut {
             nmse_by_hidden: gaps.map(|(&s, &n)| nmse(s, n)).collect(),
             nmse_clear: place(0),
             nmse_stop: place(1),
             nmse_contact: place(2),
             shares: sums.place_tokens.map(|n| n / tokens.max(1.0)),
-        })
+        }))
     }
 
     /// Draws the curves into the run directory. A chart that cannot be written does not stop the

@@ -7,7 +7,7 @@ use serde::Serialize;
 use super::hindsight::Perform;
 use super::metrics::{Evaluation, HeldOut};
 use robert_base::progress::{Cancel, Progress};
-use robert_net::Model;
+use robert_net::{Engines, Model};
 
 /// Evaluates a network by rollouts instead of by its loss.
 pub trait Evaluate {
@@ -31,7 +31,7 @@ pub trait Evaluate {
     }
 }
 
-/// Options of a run; none of them changes its bits.
+/// Options of a run; none of them changes its bits, except that a graphics card rounds otherwise.
 pub struct Options<'a> {
     /// Run directory.
     pub dir: PathBuf,
@@ -52,6 +52,8 @@ pub struct Options<'a> {
     pub evaluator: Option<&'a mut dyn Evaluate>,
     /// Performs tasks for self-correction; needed if the settings enable it.
     pub perform: Option<&'a mut dyn Perform>,
+    /// Opens what computes the steps; the processor without one.
+    pub engines: Option<&'a dyn Engines>,
     /// Further content of meta.json (version, host, command line).
     pub meta: serde_json::Value,
 }
@@ -85,6 +87,9 @@ pub struct Finished {
     pub secs: f64,
     /// Training windows a second of this session.
     pub windows_per_sec: f64,
+    /// The graphics card, if one computed the steps.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub device: Option<String>,
     /// The model to use.
     pub model: PathBuf,
 }

@@ -160,6 +160,11 @@ pub(super) fn began_with_tiles(dir: &Path) -> Option<bool> {
     meta(dir).get("tiles").and_then(Value::as_bool)
 }
 
+/// The processor or card that a run was begun on; `None` in older runs.
+pub(super) fn began_on(dir: &Path) -> Option<String> {
+    meta(dir).get("device").and_then(Value::as_str).map(str::to_owned)
+}
+
 fn meta(dir: &Path) -> Value {
     let bytes = fsio::read_capped(&paths::meta(dir), META_BYTES).unwrap_or_default();
     serde_json::from_slice(&bytes).unwrap_or_default()

@@ -5,6 +5,7 @@
 //! with the same bits as one that is not, and two costly kinds of bugs of other trainers (data
 //! order and generator state) cannot occur.
 
+use std::fmt::Write as _;
 use std::time::Instant;
 
 use super::metrics::{Line, Metric};
@@ -14,8 +15,8 @@ use super::state::RunState;
 use super::{Error, TrainConfig, hindsight, paths};
 use robert_base::progress::Progress;
 use robert_dataset::{Dataset, Part, Windows};
-use robert_net::WINDOW;
 use robert_net::head::Sums;
+use robert_net::{Engines, WINDOW};
 
 /// Steps with a loss or gradient that is not finite before a run stops.
 const MOST_SKIPPED: u64 = 10;
@@ -28,10 +29,30 @@ const LINES: u64 = 400;
 /// Those of [`Error`]; the last checkpoint always stays intact.
 pub fn train(data: &Dataset, cfg: &TrainConfig, mut opts: Options<'_>) -> Result<Finished, Error> {
     check(data, cfg, &opts)?;
-    let mut run = RunState::open(data, cfg, &opts)?;
+    loop {
+        match session(data, cfg, &mut opts) {
+            // The weights since the last checkpoint were in the card's memory.
+            Err(Error::Net(lost @ robert_net::Error::Lost { .. }))
+                if opts.engines.is_some_and(Engines::survives) =>
+            {
+                opts.progress
+                    .log(&format!("{lost}; the processor goes on from the last checkpoint"));
+                opts.engines = None;
+            }
+            Err(Error::Net(lost @ robert_net::Error::Lost { .. })) => {
+                return Err(Error::Lost { why: lost.to_string(), path: opts.dir });
+            }
+            done => return done,
+        }
+    }
+}
+
+/// Trains until the end, a stop, or an error.
+fn session(data: &Dataset, cfg: &TrainConfig, opts: &mut Options<'_>) -> Result<Finished, Error> {
+    let mut run = RunState::open(data, cfg, opts)?;
     let (mut interrupted, mut worsened) = (false, false);
     if run.step == 0 {
-        interrupted = !run.evaluate_linear(&mut opts)?;
+        interrupted = !run.evaluate_linear(opts)?;
         // There is a valid checkpoint from the first step on.
         run.save(&opts.dir)?;
     }
@@ -41,7 +62,7 @@ pub fn train(data: &Dataset, cfg: &TrainConfig, mut opts: Options<'_>) -> Result
     let held_out = Windows::new(data, WINDOW, Part::Test, cfg.seed).ok();
     let mut session = Session::new(&run);
     // An evaluation that was interrupted by a stop is repeated.
-    interrupted |= !run.evaluate_if_due(&source, held_out.as_ref(), &mut opts)?;
+    interrupted |= !run.evaluate_if_due(&source, held_out.as_ref(), opts)?;
 
     // A round of steps learns from the data and from the motion of earlier rounds.
     'rounds: for round in 0..=cfg.self_correct {
@@ -52,7 +73,7 @@ pub fn train(data: &Dataset, cfg: &TrainConfig, mut opts: Options<'_>) -> Result
         if run.step >= end && round < cfg.self_correct {
             continue;
         }
-        if round > 0 && !run.perform(data, round, &mut opts)? {
+        if round > 0 && !run.perform(data, round, opts)? {
             interrupted = true;
             break;
         }
@@ -63,46 +84,45 @@ pub fn train(data: &Dataset, cfg: &TrainConfig, mut opts: Options<'_>) -> Result
         }
         while run.step < end {
             let lr = cfg.lr * cfg.schedule.factor(run.step as f64 / cfg.steps as f64);
-            let view = run.gradient(&sampler);
+            let view = run.gradient(&sampler, end)?;
             if view.is_finite() {
                 // Only weights whose next step is known to be finite are kept.
                 let stop = opts.cancel.is_cancelled();
                 if stop || session.saved.0.elapsed().as_secs_f64() >= opts.checkpoint_secs {
-                    session.checkpoint(&mut run, &opts)?;
+                    session.checkpoint(&mut run, opts)?;
                 }
                 if stop {
                     interrupted = true;
                     break 'rounds;
                 }
-                run.learner.apply(lr, &view);
+                run.engine.apply(lr, &view, cfg.average)?;
                 run.step += 1;
-                run.average(cfg.average);
                 session.recent.add(&view.sums);
                 session.recent_steps += 1;
                 session.grad_norm = view.grad_norm;
             } else {
                 run.step += 1;
-                session.skip(&mut run, &opts)?;
+                session.skip(&mut run, opts)?;
             }
             if run.step.is_multiple_of((cfg.steps / LINES).max(1)) || run.step == cfg.steps {
                 session.log(&mut run, lr, opts.progress);
             }
-            interrupted |= !run.evaluate_if_due(&source, held_out.as_ref(), &mut opts)?;
+            interrupted |= !run.evaluate_if_due(&source, held_out.as_ref(), opts)?;
             if opts.patience > 0 && run.metrics.worse_in_a_row() >= opts.patience {
                 let text =
                     format!("step {}: the closed loop gets worse; the best is kept", run.step);
                 opts.progress.log(&text);
                 worsened = true;
-                session.checkpoint(&mut run, &opts)?;
+                session.checkpoint(&mut run, opts)?;
                 break 'rounds;
             }
         }
-        if run.step > session.saved.1 && !run.gradient(&sampler).is_finite() {
-            return Err(session.diverged(&run, &opts));
+        if run.step > session.saved.1 && !run.gradient(&sampler, end)?.is_finite() {
+            return Err(session.diverged(&run, opts));
         }
-        session.checkpoint(&mut run, &opts)?;
+        session.checkpoint(&mut run, opts)?;
     }
-    Ok(Finished { worsened, ..session.finish(&run, &opts, interrupted) })
+    Ok(Finished { worsened, ..session.finish(&run, opts, interrupted) })
 }
 
 /// Refuses settings that cannot work, before the first step.
@@ -182,7 +202,11 @@ impl Session {
     fn log(&mut self, run: &mut RunState<'_>, lr: f64, progress: &dyn Progress) {
         let rate = self.windows_per_sec(run);
         let (recent, steps) = (&self.recent, self.recent_steps);
-        progress.tick(run.step, run.cfg.steps, &note(recent, steps, rate));
+        let mut text = note(recent, steps, rate);
+        if let Some(device) = run.engine.device() {
+            write!(text, " on {}, {} MiB", device.name, device.bytes >> 20).ok();
+        }
+        progress.tick(run.step, run.cfg.steps, &text);
         // If all of them were skipped, there is nothing to report.
         if steps == 0 {
             return;
@@ -221,6 +245,7 @@ impl Session {
             held_out: run.metrics.held_out().cloned(),
             secs: self.begin.elapsed().as_secs_f64(),
             windows_per_sec: self.windows_per_sec(run),
+            device: run.engine.device().map(|d| d.name),
             model: paths::model(&opts.dir),
         }
     }
@@ -241,4 +266,111 @@ fn note(sums: &Sums, steps: u32, rate: f64) -> String {
         rms(sums, 0),
         rms(sums, 1),
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tests::{dataset, options, small};
+    use robert_base::exit::{Exit, HasExit};
+    use robert_base::progress::{Cancel, Silent};
+    use robert_net::checkpoint::OptimiserState;
+    use robert_net::engine::{DeviceUse, Fill};
+    use robert_net::step::GradientView;
+    use robert_net::{CpuEngine, Engine, Net, Setup};
+
+    type Answer<T> = Result<T, robert_net::Error>;
+
+    /// The processor as a card that is gone after some gradients.
+    struct Card(CpuEngine, u64);
+
+    impl Engine for Card {
+        fn gradient(
+            &mut self,
+            fill: &Fill<'_>,
+            index: u64,
+            next: Option<u64>,
+        ) -> Answer<GradientView> {
+            if self.1 == 0 {
+                return Err(robert_net::Error::Lost { device: "card".into(), why: "reset".into() });
+            }
+            self.1 -= 1;
+            self.0.gradient(fill, index, next)
+        }
+        fn apply(&mut self, lr: f64, view: &GradientView, decay: f64) -> Answer<()> {
+            self.0.apply(lr, view, decay)
+        }
+        fn errors(&mut self, fill: &Fill<'_>, index: u64) -> Answer<Sums> {
+            self.0.errors(fill, index)
+        }
+        fn infer(&mut self, fill: &Fill<'_>, index: u64) -> Answer<Vec<f32>> {
+            self.0.infer(fill, index)
+        }
+        fn swap_average(&mut self) -> Answer<()> {
+            self.0.swap_average()
+        }
+        fn net(&mut self, averaged: bool) -> Answer<Net<f32>> {
+            self.0.net(averaged)
+        }
+        fn state(&mut self) -> Answer<OptimiserState> {
+            self.0.state()
+        }
+        fn restore(&mut self, state: &OptimiserState) -> Answer<()> {
+            self.0.restore(state)
+        }
+        fn device(&self) -> Option<DeviceUse> {
+            Some(DeviceUse { name: "card".into(), bytes: 1 << 20, windows: 1 })
+        }
+    }
+
+    struct Lose {
+        survives: bool,
+        after: u64,
+    }
+
+    impl Engines for Lose {
+        fn open(&self, setup: Setup, _: &dyn Progress) -> Answer<Box<dyn Engine>> {
+            Ok(Box::new(Card(CpuEngine::new(setup), self.after)))
+        }
+        fn survives(&self) -> bool {
+            self.survives
+        }
+    }
+
+    #[test]
+    fn a_lost_card_costs_the_steps_since_the_checkpoint_and_no_more() {
+        let dir = tempfile::tempdir().unwrap();
+        let data = dataset(&dir.path().join("data"));
+        let cancel = Cancel::default();
+        let whole = dir.path().join("whole");
+        train(&data, &small(8), options(&whole, 1, &cancel, &Silent)).unwrap();
+        let model = |dir: &std::path::Path| std::fs::read(paths::model(dir)).unwrap();
+        for (after, checkpoint_secs) in [(0, 1e9), (5, 1e9), (5, 0.0)] {
+            // The processor goes on if that was asked for.
+            let run = dir.path().join(format!("goes-on-{after}-{checkpoint_secs}"));
+            let engines = Lose { survives: true, after };
+            let opts = Options {
+                engines: Some(&engines),
+                checkpoint_secs,
+                ..options(&run, 1, &cancel, &Silent)
+            };
+            let done = train(&data, &small(8), opts).unwrap();
+            assert_eq!((done.step, done.device), (8, None));
+            assert!(model(&run) == model(&whole), "to the byte that of an undisturbed run");
+
+            // Else the run ends, and can be resumed.
+            let run = dir.path().join(format!("ends-{after}-{checkpoint_secs}"));
+            let engines = Lose { survives: false, after };
+            let opts = Options {
+                engines: Some(&engines),
+                checkpoint_secs,
+                ..options(&run, 1, &cancel, &Silent)
+            };
+            let e = train(&data, &small(8), opts).unwrap_err();
+            assert_eq!(e.exit(), Exit::Failed);
+            assert!(e.to_string().contains("card") && e.to_string().contains("--resume"), "{e}");
+            train(&data, &small(8), options(&run, 1, &cancel, &Silent)).unwrap();
+            assert!(model(&run) == model(&whole));
+        }
+    }
 }

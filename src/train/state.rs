@@ -6,23 +6,23 @@ use super::hindsight::{self, Round};
 use super::metrics::{Evaluation, Metrics};
 use super::options::Options;
 use super::prepare::{normaliser, prepare, robot_card};
-use super::record::began_with_tiles;
+use super::record::{began_on, began_with_tiles};
 use super::source::BatchSampler;
 use super::{Error, TrainConfig, paths};
 use robert_base::fsio;
 use robert_dataset::Dataset;
 use robert_linalg::tiled;
-use robert_net::checkpoint::{self, OptimiserState};
+use robert_net::checkpoint;
+use robert_net::engine::Engine;
 use robert_net::step::GradientView;
-use robert_net::{Batch, Card, Encoder, Learner, Model, Net};
+use robert_net::{Batch, Card, CpuEngine, Encoder, Model, Net, Setup};
 
 /// A run in progress.
 pub(super) struct RunState<'a> {
     pub(super) cfg: &'a TrainConfig,
     pub(super) card: Card,
     pub(super) encoder: Encoder,
-    pub(super) learner: Learner<f32>,
-    pub(super) averaged: Option<Vec<f32>>,
+    pub(super) engine: Box<dyn Engine>,
     pub(super) metrics: Metrics,
     /// Variance of the actions, mean over actuators.
     pub(super) power: f64,
@@ -49,24 +49,23 @@ impl<'a> RunState<'a> {
             let text = toml::to_string(cfg)
                 .map_err(|e| Error::Run { why: e.to_string(), path: paths::config(dir) })?;
             fsio::write_atomic(&paths::config(dir), text.as_bytes())?;
+            let engine = Self::engine(net, cfg, opts)?;
             let meta = serde_json::json!({
                 "robot": card.robot.id,
                 "dataset": data.path(),
                 "dataset_sha256": card.training.dataset_sha256,
                 "seed": cfg.seed,
                 "tiles": tiled(),
+                "device": kind(engine.as_ref()),
                 "run": opts.meta,
             });
             fsio::write_atomic(&paths::meta(dir), format!("{meta:#}\n").as_bytes())?;
-            let averaged = (cfg.average > 0.0).then(|| net.weights.to_vec());
-            let learner = Self::learner(net, cfg, opts);
             let metrics = Metrics::default();
             return Ok(RunState {
                 cfg,
                 card,
                 encoder,
-                learner,
-                averaged,
+                engine,
                 metrics,
                 power,
                 step: 0,
@@ -88,14 +87,6 @@ impl<'a> RunState<'a> {
         let Some(state) = optimiser else {
             return refuse("there is no optimiser state to continue from".into());
         };
-        if began_with_tiles(dir).is_some_and(|tiles| tiles != tiled()) {
-            let with = if tiled() {
-                "without a tile unit and continues with"
-            } else {
-                "with a tile unit and continues without"
-            };
-            opts.progress.log(&format!("this run began {with} one: the result is as good, but its last bits differ from those of an undisturbed run"));
-        }
         // The checkpoint contains its settings; the file beside it may have been edited.
         let own = serde_json::from_value::<TrainConfig>(card.training.config.clone());
         if own.ok().as_ref() != Some(cfg) {
@@ -104,59 +95,56 @@ impl<'a> RunState<'a> {
             return Err(Error::Run { why: why.into(), path: paths::config(dir) });
         }
         let step = card.training.step;
-        let mut learner = Self::learner(net, cfg, opts);
-        state.restore(&mut learner)?;
+        let mut engine = Self::engine(net, cfg, opts)?;
+        engine.restore(&state)?;
+        if let Some(from) = other_numerics(dir, engine.as_ref()) {
+            opts.progress.log(&format!("this run began {from}: the result is as good, but its last bits differ from those of an undisturbed run"));
+        }
         let metrics = Metrics::read(&paths::metrics(dir), step)?;
         let (best, evaluated, spent) = (metrics.best(), metrics.evaluated(), metrics.secs());
         opts.progress.log(&format!("continuing from step {step}"));
-        Ok(RunState {
-            cfg,
-            card,
-            encoder,
-            learner,
-            averaged: state.average,
-            metrics,
-            power,
-            step,
-            best,
-            evaluated,
-            spent,
+        Ok(RunState { cfg, card, encoder, engine, metrics, power, step, best, evaluated, spent })
+    }
+
+    fn engine(
+        net: Net<f32>,
+        cfg: &TrainConfig,
+        opts: &Options<'_>,
+    ) -> Result<Box<dyn Engine>, Error> {
+        let setup = Setup {
+            net,
+            adam: cfg.adam(),
+            batch: cfg.batch,
+            threads: opts.threads,
+            current_only: cfg.current_only,
+            averages: cfg.average > 0.0,
+        };
+        Ok(match opts.engines {
+            // A linear prediction alone needs no card.
+            Some(engines) if cfg.steps > 0 => engines.open(setup, opts.progress)?,
+            _ => Box::new(CpuEngine::new(setup)),
         })
     }
 
-    fn learner(net: Net<f32>, cfg: &TrainConfig, opts: &Options<'_>) -> Learner<f32> {
-        let mut learner = Learner::new(net, cfg.adam(), cfg.batch, opts.threads);
-        learner.current_only = cfg.current_only;
-        learner
-    }
-
-    /// Updates the running average; its memory is short at first, so that the start is forgotten.
-    pub(super) fn average(&mut self, decay: f64) {
-        let Some(average) = &mut self.averaged else { return };
-        let n = self.learner.count as f64;
-        let share = 1.0 - decay.min((1.0 + n) / (10.0 + n)) as f32;
-        for (a, &w) in average.iter_mut().zip(&self.learner.net.weights[..]) {
-            *a += share * (w - *a);
-        }
-    }
-
     /// The model to use: averaged weights if there is an average.
-    pub(super) fn model(&self) -> Model {
-        let mut net = self.learner.net.clone();
-        if let Some(average) = &self.averaged {
-            net.weights.copy_from_slice(average);
-        }
+    pub(super) fn model(&mut self) -> Result<Model, Error> {
+        let net = self.engine.net(true)?;
         let mut card = self.card.clone();
         card.training.step = self.step;
-        Model { card, net, encoder: self.encoder.clone(), optimiser: None }
+        Ok(Model { card, net, encoder: self.encoder.clone(), optimiser: None })
     }
 
-    /// Loss and gradient of the next step.
-    pub(super) fn gradient(&mut self, sampler: &BatchSampler<'_>) -> GradientView {
-        let step = self.step;
-        let fill =
-            |w: usize, slot: usize, batch: &mut Batch<f32>| sampler.train(step, w, slot, batch);
-        self.learner.compute_gradient(&fill)
+    /// Loss and gradient of the next step; steps up to `end` draw from the same data.
+    pub(super) fn gradient(
+        &mut self,
+        sampler: &BatchSampler<'_>,
+        end: u64,
+    ) -> Result<GradientView, Error> {
+        let fill = |step: u64, w: usize, slot: usize, batch: &mut Batch<f32>| {
+            sampler.train(step, w, slot, batch);
+        };
+        let next = Some(self.step + 1).filter(|&next| next < end);
+        Ok(self.engine.gradient(&fill, self.step, next)?)
     }
 
     /// The current network performs tasks from its own data, and the reached motion is saved,
@@ -176,7 +164,7 @@ impl<'a> RunState<'a> {
         opts.progress.log(&format!("step {}: performing {tasks} tasks from its data", self.step));
         let job = Round { round, tasks, seed, dir: &dir };
         perform
-            .perform(&self.model(), data, &job, opts.cancel)
+            .perform(&self.model()?, data, &job, opts.cancel)
             .map_err(|why| Error::Evaluation { step: self.step, why })
     }
 
@@ -186,7 +174,7 @@ impl<'a> RunState<'a> {
         self.evaluated = Some(self.step);
         if self.best.is_none_or(|(_, best)| found.precision < best) {
             self.best = Some((self.step, found.precision));
-            let Model { card, net, encoder, .. } = self.model();
+            let Model { card, net, encoder, .. } = self.model()?;
             checkpoint::save(&paths::best(dir), &card, &net, encoder.ridge.as_ref(), None)?;
         }
         Ok(())
@@ -206,11 +194,33 @@ impl<'a> RunState<'a> {
             self.card.training.precision.clear();
         }
         let ridge = self.encoder.ridge.as_ref();
-        let state = OptimiserState::of(&self.learner, self.averaged.as_deref());
-        let net = &self.learner.net;
-        checkpoint::save(&paths::last(dir), &self.card, net, ridge, Some(&state))?;
-        let model = self.model();
+        let state = self.engine.state()?;
+        let net = self.engine.net(false)?;
+        checkpoint::save(&paths::last(dir), &self.card, &net, ridge, Some(&state))?;
+        drop((net, state));
+        let model = self.model()?;
+        let ridge = model.encoder.ridge.as_ref();
         checkpoint::save(&paths::model(dir), &model.card, &model.net, ridge, None)?;
         Ok(())
     }
+}
+
+/// The processor or the card of an engine, as `meta.json` names it.
+fn kind(engine: &dyn Engine) -> String {
+    engine.device().map_or_else(|| "cpu".to_owned(), |d| d.name)
+}
+
+/// What the run began with, if that computes other last bits than what it continues with.
+fn other_numerics(dir: &Path, engine: &dyn Engine) -> Option<String> {
+    let now = kind(engine);
+    let then = began_on(dir).unwrap_or_else(|| "cpu".to_owned());
+    if then != now {
+        return Some(format!("on {then} and continues on {now}"));
+    }
+    let tiles = began_with_tiles(dir).filter(|&tiles| tiles != tiled() && now == "cpu")?;
+    Some(if tiles {
+        "with a tile unit and continues without one".to_owned()
+    } else {
+        "without a tile unit and continues with one".to_owned()
+    })
 }

@@ -443,6 +443,7 @@ fn options<'a>(dir: &Path, work: &'a Work<'_>, perform: &'a mut Simulated) -> Op
         cancel: work.cancel,
         evaluator: None,
         perform: Some(perform),
+        engines: None,
         meta: work.meta.clone(),
     }
 }

@@ -30,7 +30,7 @@ pub(super) fn untrained(robot: &str, seed: u64, folder: &Path) -> (Arc<Built>, D
 }
 
 /// Two damped joints with springs, pushed by smooth random forces.
-fn dataset(dir: &Path) -> Dataset {
+pub(super) fn dataset(dir: &Path) -> Dataset {
     plant(dir, 0.0)
 }
 
@@ -90,11 +90,11 @@ fn touching(dir: &Path, lever: f64, touches: &[u8]) -> Dataset {
     Dataset::open(dir, Verify::Structure).unwrap()
 }
 
-fn small(steps: u64) -> TrainConfig {
+pub(super) fn small(steps: u64) -> TrainConfig {
     TrainConfig { layers: 2, width: 32, heads: 2, batch: 24, steps, lr: 3e-3, ..Default::default() }
 }
 
-fn options<'a>(
+pub(super) fn options<'a>(
     dir: &Path,
     threads: usize,
     cancel: &'a Cancel,
@@ -110,6 +110,7 @@ fn options<'a>(
         cancel,
         evaluator: None,
         perform: None,
+        engines: None,
         meta: serde_json::Value::Null,
     }
 }

@@ -1,0 +1,172 @@
+//! Pipelines, their dispatches, and a tape of dispatches that is recorded once.
+
+use super::device::{Device, Span};
+
+/// A compiled kernel: parameters at binding 0, buffers from binding 1 on.
+#[derive(Clone, Debug)]
+pub(crate) struct Kernel {
+    pipeline: wgpu::ComputePipeline,
+}
+
+/// One dispatch.
+#[derive(Debug)]
+pub(crate) struct Step {
+    pipeline: wgpu::ComputePipeline,
+    group: wgpu::BindGroup,
+    grid: [u32; 3],
+    /// Floating-point operations, roughly.
+    work: f64,
+}
+
+/// The most operations in one submission: drivers reset a card whose submission takes seconds.
+const WORK: f64 = 2e11;
+
+/// Dispatches in their order.
+#[derive(Debug, Default)]
+pub(crate) struct Tape {
+    steps: Vec<Step>,
+}
+
+impl Kernel {
+    /// Compiles `source` after the functions of single numbers.
+    pub(crate) fn new(gpu: &Device, label: &str, source: &str, constants: &[(&str, f64)]) -> Self {
+        let text = format!("{}\n{source}", include_str!("functions.wgsl"));
+        let module = gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
+            label: Some(label),
+            source: wgpu::ShaderSource::Wgsl(text.into()),
+        });
+        let pipeline = gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+            label: Some(label),
+            layout: None,
+            module: &module,
+            entry_point: None,
+            compilation_options: wgpu::PipelineCompilationOptions {
+                constants,
+                // Each kernel writes workgroup memory before it reads it.
+                zero_initialize_workgroup_memory: false,
+            },
+            cache: None,
+        });
+        Kernel { pipeline }
+    }
+
+    /// A dispatch with these parameters and buffers.
+    pub(crate) fn step(&self, gpu: &Device, params: &[u32], on: &[&Span], grid: [u32; 3]) -> Step {
+        self.step_with(gpu, &gpu.uniform(params), on, grid)
+    }
+
+    /// The same with parameters that change.
+    pub(crate) fn step_with(
+        &self,
+        gpu: &Device,
+        params: &wgpu::Buffer,
+        on: &[&Span],
+        grid: [u32; 3],
+    ) -> Step {
+        let parameters = wgpu::BindGroupEntry { binding: 0, resource: params.as_entire_binding() };
+        let spans = on.iter().enumerate().map(|(i, span)| wgpu::BindGroupEntry {
+            binding: i as u32 + 1,
+            resource: wgpu::BindingResource::Buffer(wgpu::BufferBinding {
+                buffer: &span.buffer,
+                offset: span.offset,
+                size: std::num::NonZero::new(span.bytes),
+            }),
+        });
+        let entries: Vec<_> = std::iter::once(parameters).chain(spans).collect();
+        let group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: None,
+            layout: &self.pipeline.get_bind_group_layout(0),
+            entries: &entries,
+        });
+        Step { pipeline: self.pipeline.clone(), group, grid, work: 0.0 }
+    }
+}
+
+impl Step {
+    pub(crate) fn with_work(self, work: f64) -> Self {
+        Step { work, ..self }
+    }
+}
+
+impl Tape {
+    pub(crate) fn push(&mut self, step: Step) {
+        self.steps.push(step);
+    }
+
+    pub(crate) fn extend(&mut self, steps: impl IntoIterator<Item = Step>) {
+        self.steps.extend(steps);
+    }
+
+    /// Hands the dispatches to the card, in submissions that none is long.
+    pub(crate) fn submit(&self, gpu: &Device) {
+        let mut rest = &self.steps[..];
+        while !rest.is_empty() {
+            let mut work = 0.0;
+            let fits = |step: &&Step| {
+                work += step.work;
+                work <= WORK
+            };
+            let n = rest.iter().take_while(fits).count().max(1);
+            let (now, later) = rest.split_at(n);
+            rest = later;
+            let mut encoder =
+                gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+            {
+                let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
+                for step in now {
+                    let [x, y, z] = step.grid;
+                    pass.set_pipeline(&step.pipeline);
+                    pass.set_bind_group(0, &step.group, &[]);
+                    pass.dispatch_workgroups(x, y, z);
+                }
+            }
+            gpu.queue.submit([encoder.finish()]);
+        }
+    }
+}
+
+/// A grid of at least `n` workgroups; a kernel numbers them row by row.
+pub(crate) fn line(n: usize) -> [u32; 3] {
+    let across = n.clamp(1, 1 << 15);
+    [across as u32, n.div_ceil(across).max(1) as u32, 1]
+}
+
+#[cfg(test)]
+mod tests {
+    /// Needs no card: the kernels are parsed and checked as the driver's front end would.
+    #[test]
+    fn the_kernels_are_valid() {
+        use wgpu::naga;
+        let functions = include_str!("functions.wgsl");
+        for (name, source) in [
+            ("adam", include_str!("adam.wgsl")),
+            ("attend", include_str!("attend.wgsl")),
+            ("attend_back", include_str!("attend_back.wgsl")),
+            ("columns", include_str!("columns.wgsl")),
+            ("fold", include_str!("fold.wgsl")),
+            ("head", include_str!("head.wgsl")),
+            ("norm", include_str!("norm.wgsl")),
+            ("norm_back", include_str!("norm_back.wgsl")),
+            ("place", include_str!("place.wgsl")),
+            ("product", include_str!("product.wgsl")),
+            ("squares", include_str!("squares.wgsl")),
+        ] {
+            let text = format!("{functions}\n{source}");
+            let module = naga::front::wgsl::parse_str(&text)
+                .unwrap_or_else(|e| panic!("{name}: {}", e.emit_to_string(&text)));
+            let flags = naga::valid::ValidationFlags::all();
+            let capabilities = naga::valid::Capabilities::empty();
+            naga::valid::Validator::new(flags, capabilities)
+                .validate(&module)
+                .unwrap_or_else(|e| panic!("{name}: {e:?}"));
+            // WebGPU guarantees that much.
+            let shared: u32 = module
+                .global_variables
+                .iter()
+                .filter(|(_, v)| v.space == naga::AddressSpace::WorkGroup)
+                .map(|(_, v)| module.types[v.ty].inner.size(module.to_ctx()))
+                .sum();
+            assert!(shared <= 16_384, "{name} needs {shared} bytes of workgroup memory");
+        }
+    }
+}

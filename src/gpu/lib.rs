@@ -1,0 +1,31 @@
+//! Training on a graphics card by compute shaders (`wgpu`, WGSL).
+//!
+//! [`GpuEngine`] does on the card what [`robert_net::CpuEngine`] does on the processor: the whole
+//! step from tokens to new weights, in single precision. [`adapter`] lists the cards, `device`
+//! opens one, each kernel has a file beside its WGSL, and `plan` records the dispatches of a step
+//! once. Sums run in fixed trees and there are no float atomics, so that a run has the same bits
+//! on the same adapter.
+
+mod adam;
+pub mod adapter;
+mod attend;
+mod columns;
+mod device;
+mod engine;
+mod error;
+mod head;
+mod host;
+mod kernel;
+mod norm;
+mod place;
+mod plan;
+mod product;
+mod slots;
+mod squares;
+#[cfg(test)]
+mod tests;
+
+pub use adapter::{Card, Choice, cards};
+pub use device::{Device, Room};
+pub use engine::GpuEngine;
+pub use error::Error;

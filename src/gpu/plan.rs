@@ -1,0 +1,375 @@
+//! The dispatches of a step, recorded once for a fixed number of windows.
+
+use super::attend::Attend;
+use super::columns::Columns;
+use super::device::{Device, Span};
+use super::head::{Head, Wanted};
+use super::kernel::Tape;
+use super::norm::Norm;
+use super::place::Place;
+use super::product::{End, Product};
+use super::slots::{Slot, Slots};
+use robert_net::params::LayerAt;
+use robert_net::{Mixing, Net, NetConfig, SkipKind, WINDOW};
+
+/// All kernels of a network.
+#[derive(Debug)]
+pub(crate) struct Kernels {
+    product: Product,
+    norm: Norm,
+    attend: Attend,
+    columns: Columns,
+    place: Place,
+    head: Head,
+}
+
+/// A copy of the weights' layout on the card: weights, gradient, a moment, the average.
+pub(crate) type Segments = Vec<Span>;
+
+/// A step of `windows` windows: what it reads, what it leaves, and its dispatches.
+#[derive(Debug)]
+pub(crate) struct Plan {
+    /// Windows at once.
+    pub(crate) windows: usize,
+    pub(crate) tokens: Span,
+    pub(crate) info: Span,
+    pub(crate) linear: Span,
+    pub(crate) actions: Span,
+    /// Output of the head, (R, stride), after `forward`.
+    pub(crate) out: Span,
+    /// Squared and focal error of each token, after `loss`.
+    pub(crate) errors: Span,
+    pub(crate) forward: Tape,
+    pub(crate) loss: Tape,
+    /// Adds to the gradient.
+    pub(crate) backward: Tape,
+}
+
+/// What the backward pass needs of a layer.
+struct Layer {
+    x1: Span,
+    x2: Span,
+    ln1: Normed,
+    qkv: Span,
+    probs: Span,
+    mixed: Span,
+    ln2: Normed,
+    slope: Span,
+    act: Span,
+}
+
+struct Normed {
+    y: Span,
+    stats: Span,
+}
+
+/// Sizes that the card pads.
+#[derive(Clone, Copy)]
+struct Padded {
+    rows: usize,
+    width: usize,
+    inputs: usize,
+    outputs: usize,
+}
+
+impl Padded {
+    fn new(cfg: &NetConfig, windows: usize) -> Self {
+        Padded {
+            rows: windows * WINDOW,
+            width: cfg.width,
+            inputs: cfg.inputs.next_multiple_of(4),
+            outputs: cfg.outputs().next_multiple_of(4),
+        }
+    }
+}
+
+impl Kernels {
+    pub(crate) fn new(gpu: &Device) -> Self {
+        Kernels {
+            product: Product::new(gpu),
+            norm: Norm::new(gpu),
+            attend: Attend::new(gpu),
+            columns: Columns::new(gpu),
+            place: Place::new(gpu),
+            head: Head::new(gpu),
+        }
+    }
+}
+
+/// Numbers of the activations of one window, and of the largest buffer of them.
+pub(crate) fn per_window(cfg: &NetConfig) -> (usize, usize) {
+    let p = Padded::new(cfg, 1);
+    let (d, rows) = (p.width, p.rows);
+    let attends = cfg.mixing == Mixing::Attention;
+    let probs = if attends { cfg.heads * WINDOW * WINDOW } else { 0 };
+    let layer = rows * (if attends { 16 * d } else { 10 * d }) + probs;
+    let ends = rows * (p.inputs + p.outputs + 2 * cfg.actions + 8 * d + 6);
+    let most = [rows * 4 * d, rows * p.inputs, rows * p.outputs, rows * cfg.actions, probs];
+    (cfg.layers * layer + ends, most.into_iter().max().unwrap_or_default())
+}
+
+/// Numbers for the slices of sums, at most `most` of them.
+pub(crate) fn parts(cfg: &NetConfig, windows: usize, most: usize) -> usize {
+    let p = Padded::new(cfg, windows);
+    let (d, rows) = (p.width, p.rows);
+    let slices = [[p.inputs, d], [d, p.outputs], [d, d], [d, 3 * d], [d, 4 * d], [4 * d, d]]
+        .map(|[k, n]| Product::slices([rows, k, n]) * k * n);
+    let sums = [
+        Columns::parts(rows, 4 * d),
+        Columns::parts(rows, p.outputs),
+        Columns::parts(windows, WINDOW * d),
+    ];
+    let sums = sums.into_iter().max().unwrap_or_default();
+    slices.into_iter().max().unwrap_or_default().min(most).max(sums)
+}
+
+impl Plan {
+    /// Allocates the activations and records the dispatches; `most` numbers fit in a binding.
+    pub(crate) fn new(
+        gpu: &Device,
+        kernels: &Kernels,
+        net: &Net<f32>,
+        slots: &Slots,
+        [weights, grads]: [&Segments; 2],
+        windows: usize,
+        most: usize,
+    ) -> Self {
+        let cfg = &net.cfg;
+        let p = Padded::new(cfg, windows);
+        let (rows, d) = (p.rows, p.width);
+        let numbers = |n: usize| gpu.buffer(4 * n as u64);
+        let skips = cfg.skip != SkipKind::Off;
+        let centres = numbers(net.centres.len());
+        gpu.write(&centres, &net.centres);
+        let mut plan = Plan {
+            windows,
+            tokens: numbers(rows * p.inputs),
+            info: numbers(rows * 4),
+            linear: numbers(if skips { rows * cfg.actions } else { 0 }),
+            actions: numbers(rows * cfg.actions),
+            out: numbers(rows * p.outputs),
+            errors: numbers(rows * 2),
+            forward: Tape::default(),
+            loss: Tape::default(),
+            backward: Tape::default(),
+        };
+        let last = Normed { y: numbers(rows * d), stats: numbers(rows * 2) };
+        let (layers, end) = plan.record_forward(gpu, kernels, net, slots, weights, &last);
+        let wanted = Wanted {
+            actions: &plan.actions,
+            linear: &plan.linear,
+            centres: &centres,
+            info: &plan.info,
+        };
+        let shape = [rows, p.outputs];
+        plan.loss.push(kernels.head.loss(gpu, cfg, shape, wanted, &plan.out, &plan.errors));
+        let back = Backward {
+            gpu,
+            kernels,
+            slots,
+            weights,
+            grads,
+            parts: numbers(parts(cfg, windows, most)),
+            d_stream: numbers(rows * d),
+            d_small: numbers(rows * d),
+            d_wide: numbers(rows * 4 * d),
+            p,
+        };
+        back.record(&mut plan, net, &layers, &last, &end);
+        plan
+    }
+
+    fn record_forward(
+        &mut self,
+        gpu: &Device,
+        kernels: &Kernels,
+        net: &Net<f32>,
+        slots: &Slots,
+        weights: &Segments,
+        last: &Normed,
+    ) -> (Vec<Layer>, Span) {
+        let (cfg, at) = (&net.cfg, &net.layout);
+        let p = Padded::new(cfg, self.windows);
+        let (rows, d) = (p.rows, p.width);
+        let numbers = |n: usize| gpu.buffer(4 * n as u64);
+        let weight = |range: &_| span(weights, slots.of(range));
+        let normed = || Normed { y: numbers(rows * d), stats: numbers(rows * 2) };
+        let Kernels { product, norm, attend, place, .. } = kernels;
+        let tape = &mut self.forward;
+
+        let first = numbers(rows * d);
+        let end = &weight(&at.embed_bias);
+        tape.push(product.forward(
+            gpu,
+            [rows, p.inputs, d],
+            &self.tokens,
+            &weight(&at.embed_weight),
+            End::Bias(end),
+            &first,
+        ));
+        let places = [&weight(&at.mask), &weight(&at.position), &self.info];
+        tape.push(place.forward(gpu, [rows, d], cfg.mask_replaces, places, &first));
+
+        let mut stream = first;
+        let mut layers = Vec::with_capacity(cfg.layers);
+        let attends = cfg.mixing == Mixing::Attention;
+        for at in &at.layers {
+            let x1 = stream;
+            let small = |n: usize| numbers(if attends { n } else { 0 });
+            let layer = Layer {
+                x2: if attends { numbers(rows * d) } else { x1.clone() },
+                ln1: Normed { y: small(rows * d), stats: small(rows * 2) },
+                qkv: small(rows * 3 * d),
+                probs: small(self.windows * cfg.heads * WINDOW * WINDOW),
+                mixed: small(rows * d),
+                ln2: normed(),
+                slope: numbers(rows * 4 * d),
+                act: numbers(rows * 4 * d),
+                x1,
+            };
+            if attends {
+                let ln = [&weight(&at.ln1_weight), &weight(&at.ln1_bias)];
+                let Normed { y, stats } = &layer.ln1;
+                tape.push(norm.forward(gpu, [rows, d], &layer.x1, ln, y, stats));
+                let end = End::Bias(&weight(&at.qkv_bias));
+                let w = &weight(&at.qkv_weight);
+                tape.push(product.forward(gpu, [rows, d, 3 * d], y, w, end, &layer.qkv));
+                let shape = [self.windows, cfg.heads, d];
+                tape.push(attend.forward(gpu, shape, &layer.qkv, &layer.probs, &layer.mixed));
+                let end = End::Residual(&weight(&at.out_bias), &layer.x1);
+                let w = &weight(&at.out_weight);
+                tape.push(product.forward(gpu, [rows, d, d], &layer.mixed, w, end, &layer.x2));
+            }
+            let ln = [&weight(&at.ln2_weight), &weight(&at.ln2_bias)];
+            let Normed { y, stats } = &layer.ln2;
+            tape.push(norm.forward(gpu, [rows, d], &layer.x2, ln, y, stats));
+            let end = End::Gelu(&weight(&at.up_bias), &layer.slope);
+            let w = &weight(&at.up_weight);
+            tape.push(product.forward(gpu, [rows, d, 4 * d], y, w, end, &layer.act));
+            let x3 = numbers(rows * d);
+            let end = End::Residual(&weight(&at.down_bias), &layer.x2);
+            let w = &weight(&at.down_weight);
+            tape.push(product.forward(gpu, [rows, 4 * d, d], &layer.act, w, end, &x3));
+            layers.push(layer);
+            stream = x3;
+        }
+
+        let ln = [&weight(&at.norm_weight), &weight(&at.norm_bias)];
+        tape.push(norm.forward(gpu, [rows, d], &stream, ln, &last.y, &last.stats));
+        let end = End::Bias(&weight(&at.head_bias));
+        let w = &weight(&at.head_weight);
+        tape.push(product.forward(gpu, [rows, d, p.outputs], &last.y, w, end, &self.out));
+        (layers, stream)
+    }
+}
+
+/// The backward pass while it is recorded.
+struct Backward<'a> {
+    gpu: &'a Device,
+    kernels: &'a Kernels,
+    slots: &'a Slots,
+    weights: &'a Segments,
+    grads: &'a Segments,
+    parts: Span,
+    d_stream: Span,
+    d_small: Span,
+    d_wide: Span,
+    p: Padded,
+}
+
+type Range = std::ops::Range<usize>;
+
+impl Backward<'_> {
+    fn record(&self, plan: &mut Plan, net: &Net<f32>, layers: &[Layer], last: &Normed, end: &Span) {
+        let (cfg, at, gpu, k) = (&net.cfg, &net.layout, self.gpu, self.kernels);
+        let Padded { rows, width: d, inputs, outputs } = self.p;
+        let tape = &mut plan.backward;
+
+        self.linear(tape, [d, outputs], [&last.y, &plan.out], [&at.head_weight, &at.head_bias]);
+        let w = &self.weight(&at.head_weight);
+        let shape = [rows, d, outputs];
+        tape.push(k.product.back(gpu, shape, &plan.out, w, End::Store, &self.d_small));
+        self.normed(tape, end, &last.stats, [&at.norm_weight, &at.norm_bias], false);
+
+        for (at, layer) in at.layers.iter().zip(layers).rev() {
+            self.layer(tape, cfg, at, layer, plan.windows);
+        }
+
+        // Embedding: positions and mask vector see the gradient first.
+        let dx = &self.d_stream;
+        let to = &self.grad(&at.position);
+        let shape = [plan.windows, WINDOW * d];
+        tape.extend(k.columns.plain(gpu, &k.product, shape, dx, &self.parts, to));
+        let to = &self.grad(&at.mask);
+        let on = [dx, &plan.info];
+        tape.extend(k.columns.masked(gpu, &k.product, [rows, d], on, &self.parts, to));
+        if cfg.mask_replaces {
+            tape.push(k.place.back(gpu, [rows, d], &plan.info, dx));
+        }
+        self.linear(tape, [inputs, d], [&plan.tokens, dx], [&at.embed_weight, &at.embed_bias]);
+    }
+
+    fn layer(&self, tape: &mut Tape, cfg: &NetConfig, at: &LayerAt, l: &Layer, windows: usize) {
+        let (gpu, product, d) = (self.gpu, &self.kernels.product, self.p.width);
+        let rows = self.p.rows;
+        let Backward { d_stream: dx, d_small: small, d_wide: wide, .. } = self;
+
+        // Feed-forward half: dx is the gradient of its output and of its residual.
+        self.linear(tape, [4 * d, d], [&l.act, dx], [&at.down_weight, &at.down_bias]);
+        let w = &self.weight(&at.down_weight);
+        tape.push(product.back(gpu, [rows, 4 * d, d], dx, w, End::Times(&l.slope), wide));
+        self.linear(tape, [d, 4 * d], [&l.ln2.y, wide], [&at.up_weight, &at.up_bias]);
+        let w = &self.weight(&at.up_weight);
+        tape.push(product.back(gpu, [rows, d, 4 * d], wide, w, End::Store, small));
+        self.normed(tape, &l.x2, &l.ln2.stats, [&at.ln2_weight, &at.ln2_bias], true);
+        if cfg.mixing == Mixing::None {
+            return;
+        }
+
+        // Attention half.
+        self.linear(tape, [d, d], [&l.mixed, dx], [&at.out_weight, &at.out_bias]);
+        let w = &self.weight(&at.out_weight);
+        tape.push(product.back(gpu, [rows, d, d], dx, w, End::Store, small));
+        let d_qkv = &wide.part(0, 4 * (rows * 3 * d) as u64);
+        let shape = [windows, cfg.heads, d];
+        tape.push(self.kernels.attend.back(gpu, shape, [&l.qkv, &l.probs, small], d_qkv));
+        self.linear(tape, [d, 3 * d], [&l.ln1.y, d_qkv], [&at.qkv_weight, &at.qkv_bias]);
+        let w = &self.weight(&at.qkv_weight);
+        tape.push(product.back(gpu, [rows, d, 3 * d], d_qkv, w, End::Store, small));
+        self.normed(tape, &l.x1, &l.ln1.stats, [&at.ln1_weight, &at.ln1_bias], true);
+    }
+
+    /// Gradients of a linear map (k, n) with input x and output gradient dy.
+    fn linear(&self, tape: &mut Tape, [k, n]: [usize; 2], on: [&Span; 2], at: [&Range; 2]) {
+        let Kernels { product, columns, .. } = self.kernels;
+        let ([x, dy], rows) = (on, self.p.rows);
+        let to = &self.grad(at[0]);
+        tape.extend(product.weight(self.gpu, [rows, k, n], x, dy, &self.parts, to));
+        let to = &self.grad(at[1]);
+        tape.extend(columns.plain(self.gpu, product, [rows, n], dy, &self.parts, to));
+    }
+
+    /// A norm whose output has the gradient `d_small`: its weights', and that of its input.
+    fn normed(&self, tape: &mut Tape, x: &Span, stats: &Span, at: [&Range; 2], add: bool) {
+        let Kernels { product, columns, norm, .. } = self.kernels;
+        let shape = [self.p.rows, self.p.width];
+        let to = [&self.grad(at[0]), &self.grad(at[1])];
+        let on = [&self.d_small, x, stats];
+        tape.extend(columns.norm(self.gpu, product, shape, on, &self.parts, to));
+        let on = [&self.d_small, x, stats, &self.weight(at[0])];
+        tape.push(norm.back(self.gpu, shape, on, &self.d_stream, add));
+    }
+
+    fn weight(&self, range: &Range) -> Span {
+        span(self.weights, self.slots.of(range))
+    }
+
+    fn grad(&self, range: &Range) -> Span {
+        span(self.grads, self.slots.of(range))
+    }
+}
+
+/// The part of the segments that holds a tensor.
+fn span(segments: &Segments, slot: &Slot) -> Span {
+    segments[slot.segment].part(4 * slot.offset as u64, 4 * slot.len() as u64)
+}
