@@ -181,6 +181,7 @@ pub(crate) fn train(
             progress: listener,
             cancel,
             perform: Some(&mut perform),
+            engines: None,
             evaluator: evaluator.as_mut().map(|j| j as &mut dyn Evaluate),
             meta: serde_json::json!({"version": env!("CARGO_PKG_VERSION"), "threads": threads}),
         };

@@ -72,6 +72,8 @@ impl Device {
         let note = |slot: &Arc<Mutex<Option<String>>>| {
             let slot = Arc::clone(slot);
             move |why: String| {
+                // The driver's words fill several lines.
+                let why = why.split_whitespace().collect::<Vec<_>>().join(" ");
                 slot.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(why);
             }
         };

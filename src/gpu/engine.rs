@@ -96,7 +96,7 @@ impl GpuEngine {
         let numbers: usize = slots.segments.iter().sum();
         let window = per_window(&net.cfg).0;
         let bytes = 4 * (sets * numbers as u64 + (window * plan.windows) as u64);
-        let mut engine = GpuEngine {
+        let engine = GpuEngine {
             adam: *adam,
             batch: *batch,
             slots,
@@ -127,7 +127,6 @@ impl GpuEngine {
         if let Some(average) = &engine.average {
             engine.load(average, &net.weights);
         }
-        engine.host.index = None;
         engine
     }
 
@@ -154,7 +153,7 @@ impl GpuEngine {
         robert_net::Error::Lost { device: self.gpu.name().to_owned(), why }
     }
 
-    /// Makes `self.host` batch `index`.
+    /// Makes `self.host` batch `index` of the training.
     fn prepare(&mut self, fill: &Fill<'_>, index: u64) {
         if self.ahead.index == Some(index) {
             std::mem::swap(&mut self.host, &mut self.ahead);
@@ -356,17 +355,15 @@ impl Engine for GpuEngine {
     }
 
     fn errors(&mut self, fill: &Fill<'_>, index: u64) -> Result<Sums, robert_net::Error> {
-        self.prepare(fill, index);
-        // It is no batch of the training, whatever its number.
-        self.host.index = None;
+        // It is no batch of the training, even if one that is prepared has the same number.
+        self.filler.fill(&mut self.host, fill, index);
         let plan = &self.plan;
         let found = self.pass::<f32>(&[&plan.forward, &plan.loss], &plan.errors, &[], || ())?;
         Ok(self.host.sums(self.cfg(), &self.tokens(found.iter())))
     }
 
     fn infer(&mut self, fill: &Fill<'_>, index: u64) -> Result<Vec<f32>, robert_net::Error> {
-        self.prepare(fill, index);
-        self.host.index = None;
+        self.filler.fill(&mut self.host, fill, index);
         let found = self.pass::<f32>(&[&self.plan.forward], &self.plan.out, &[], || ())?;
         let outputs = self.cfg().outputs();
         let (stride, rows) = (outputs.next_multiple_of(4), self.plan.windows * WINDOW);

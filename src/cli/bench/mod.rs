@@ -3,6 +3,7 @@
 
 mod clock;
 mod collect;
+mod device;
 mod engine;
 mod explore;
 mod infer;

@@ -9,11 +9,12 @@ use super::clock::{median, process_cpu};
 use super::engine::{Size, Sizes, check_threads, peak};
 use crate::cli::failure::{Failure, Outcome};
 use crate::cli::out;
+use crate::gpu::Choice;
 use crate::net::{AdamConfig, Batch, Learner, Net, WINDOW};
 
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  robert bench train --json\n  ROBERT_AMX=off robert bench train    # without the tile unit of a processor that has one\n\nAgainst PyTorch, in turns: python benches/peers/compare.py"
+    after_help = "Examples:\n  robert bench train --json\n  ROBERT_AMX=off robert bench train    # without the tile unit of a processor that has one\n  robert bench train --device gpu --size L --batch 128\n\nAgainst PyTorch, in turns: python benches/peers/compare.py"
 )]
 pub(super) struct Args {
     #[command(flatten)]
@@ -24,6 +25,9 @@ pub(super) struct Args {
     /// Threads.
     #[arg(long, default_value_t = 2)]
     threads: usize,
+    /// Measures the processor, or a graphics card: gpu or gpu:N.
+    #[arg(long, value_name = "cpu|gpu[:N]", default_value_t = Choice::Cpu)]
+    device: Choice,
     /// Seconds per size.
     #[arg(long, default_value_t = 10.0)]
     secs: f64,
@@ -63,6 +67,15 @@ pub(super) fn run(args: &Args) -> Outcome {
     if args.batch.is_some_and(|b| !(1..=1 << 16).contains(&b)) {
         return Err(Failure::usage("--batch takes 1 to 65536"));
     }
+    let number = match args.device {
+        Choice::Cpu => None,
+        Choice::Auto => return Err(Failure::usage("--device takes cpu, gpu or gpu:N here")),
+        Choice::Gpu(number) => Some(number),
+    };
+    if let Some(number) = number {
+        let Args { sizes, batch, threads, secs, json, .. } = args;
+        return super::device::run(number, sizes, *batch, *threads, *secs, *json);
+    }
     let (mut rows, mut peaks) = (Vec::new(), Vec::new());
     for size in args.sizes.iter() {
         let batch = args.batch.unwrap_or(size.batch());
@@ -100,16 +113,18 @@ pub(super) fn run(args: &Args) -> Outcome {
     out::line(&format!("peak of vector instructions {:.0} GFLOP/s{tiles}", report.peak_gflops))
 }
 
+/// Numbers for window w, that need no time.
+pub(super) fn fill(w: usize, slot: usize, to: &mut Batch<f32>) {
+    let tokens = to.tokens.len() / (to.masked.len() / WINDOW);
+    for (i, x) in to.tokens[slot * tokens..(slot + 1) * tokens].iter_mut().enumerate() {
+        *x = ((w * 7919 + i * 31) % 1000) as f32 * 0.002 - 1.0;
+    }
+}
+
 /// Steps and products in turns, so that a busy or a throttled machine slows both.
 fn measure(size: Size, batch: usize, threads: usize, secs: f64) -> Outcome<(Row, Vec<f64>)> {
     let net = Net::<f32>::init(size.config(), None, 1)?;
     let mut learner = Learner::new(net, AdamConfig::default(), batch, threads);
-    let tokens = WINDOW * size.config().inputs;
-    let fill = |w: usize, slot: usize, to: &mut Batch<f32>| {
-        for (i, x) in to.tokens[slot * tokens..(slot + 1) * tokens].iter_mut().enumerate() {
-            *x = ((w * 7919 + i * 31) % 1000) as f32 * 0.002 - 1.0;
-        }
-    };
     learner.step(1e-4, &fill);
     let begin = Instant::now();
     learner.step(1e-4, &fill);

@@ -77,11 +77,15 @@ fn compare(gpu: Device, setup: &Setup) -> f64 {
         let all = norm(&mut want.iter().map(|&w| f64::from(w)));
         worst = worst.max(if all > 0.0 { off / all } else { 0.0 });
     }
-    // Held-out errors and outputs of another batch, the first of which was prepared ahead.
-    let (a, b) = (cpu.errors(&window, 4).unwrap(), gpu.errors(&window, 4).unwrap());
+    // Held-out errors of a batch with the number of the one that was prepared ahead, which then
+    // is the training's own.
+    let held_out = |_: u64, w: usize, slot: usize, to: &mut _| window(77, w, slot, to);
+    let (a, b) = (cpu.errors(&held_out, 4).unwrap(), gpu.errors(&held_out, 4).unwrap());
     assert!((b.loss / a.loss - 1.0).abs() < 1e-5, "{what}");
     assert_eq!(a.gap_windows, b.gap_windows);
     assert_eq!(a.place_tokens, b.place_tokens);
+    let (a, b) = (cpu.gradient(&window, 4, None), gpu.gradient(&window, 4, None));
+    assert!((b.unwrap().sums.loss / a.unwrap().sums.loss - 1.0).abs() < 1e-5, "{what}");
     close(&gpu.infer(&window, 9).unwrap(), &cpu.infer(&window, 9).unwrap(), 1e-4, &what);
     worst
 }
@@ -234,4 +238,19 @@ fn a_lost_device_is_an_error_and_no_panic() {
     let e = engine.gradient(&window, 2, None).unwrap_err();
     assert!(matches!(e, robert_net::Error::Lost { .. }), "{e}");
     assert!(engine.net(false).is_err() && engine.state().is_err());
+}
+
+#[test]
+fn what_is_not_a_number_shows_in_the_norm() {
+    let setup = setup(&config(1, SkipKind::Off, false), 3, 0.05);
+    let Some(gpu) = device() else { return };
+    let mut engine = GpuEngine::new(gpu, &setup).unwrap();
+    let broken = |index: u64, w: usize, slot: usize, batch: &mut Batch<f32>| {
+        window(index, w, slot, batch);
+        if w == 1 {
+            batch.tokens[slot * WINDOW * 5] = f32::NAN;
+        }
+    };
+    assert!(!engine.gradient(&broken, 0, None).unwrap().is_finite());
+    assert!(engine.gradient(&window, 1, None).unwrap().is_finite());
 }
