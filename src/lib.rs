@@ -11,7 +11,7 @@
 //!
 //! | floor | modules | content |
 //! |---|---|---|
-//! | 0 | [`units`], [`rng`], [`limits`], [`exit`], [`fsio`], [`progress`], [`xml`], [`child`] | numbers, files, child processes |
+//! | 0 | [`units`], [`rng`], [`limits`], [`exit`], [`fsio`], [`progress`], [`xml`], [`child`], [`kinematics`] | numbers, files, child processes, trees of bodies |
 //! | 1 | [`clip`], [`mujoco`], [`linalg`], [`plot`] | the document, the simulator binding, matrices, charts |
 //! | 2 | [`robot`], [`net`] | the robots, the network |
 //! | 3 | [`dataset`], [`render`], [`gpu`] | recorded trajectories, pictures, training on graphics cards |
@@ -33,6 +33,7 @@ pub use robert_clip as clip;
 pub use robert_dataset as dataset;
 pub use robert_explore as explore;
 pub use robert_gpu as gpu;
+pub use robert_kinematics as kinematics;
 pub use robert_linalg as linalg;
 pub use robert_mujoco as mujoco;
 pub use robert_net as net;

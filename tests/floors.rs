@@ -6,7 +6,7 @@ use std::fs;
 use std::path::Path;
 
 const FLOORS: &[&[&str]] = &[
-    &["base"],
+    &["base", "kinematics"],
     &["clip", "mujoco", "linalg", "plot"],
     &["robot", "net"],
     &["dataset", "render", "gpu"],

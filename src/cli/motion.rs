@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use super::failure::{Failure, Outcome};
 use super::input;
-use crate::clip::{Clip, Command, compile, parse};
+use crate::clip::{Clip, Command, parse};
 use crate::exit::HasExit;
 use crate::fsio;
 use crate::robot::Robot;
@@ -51,7 +51,7 @@ pub(super) fn clip(text: &str, robot: Option<&str>) -> Outcome<Clip> {
 /// The command of a clip, its joints in the robot's order. The rollout refuses joints that the
 /// robot does not have.
 pub(super) fn command(clip: &Clip, robot: &Robot, text: &str) -> Outcome<Command> {
-    let command = compile(clip).map_err(|e| Failure::invalid(format!("{text}: {e}")))?;
+    let command = robot.compile(clip).map_err(|e| Failure::invalid(format!("{text}: {e}")))?;
     if command.dim() != robot.state_dim() {
         return Ok(command);
     }

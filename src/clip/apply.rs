@@ -6,7 +6,8 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::compile::compile;
+use super::command::Command;
+use super::compile::compile_for;
 use super::delta::Delta;
 use super::document::{Clip, Fill, Goal, Key, Marker, Mask, Row};
 use super::grid::round;
@@ -171,6 +172,7 @@ impl Edit<'_> {
                 self.place(keys, false)
             }
             Op::KeysHold(a) => self.each_key(&a.frames, |k| k.hold = a.hold),
+            Op::KeysBake(a) => self.keys_bake(&a.frames),
             Op::KeysSparsify(a) => self.keys_sparsify(a),
             Op::MaskSet(a) => self.mask_set(a),
             Op::FillSet(a) => self.fill_set(a),
@@ -306,6 +308,13 @@ impl Edit<'_> {
             (None, Some(pose)) => key.goal = Goal::Pose(pose.clone()),
             (None, None) => {}
         }
+        if let Some(reach) = &a.reach {
+            key.reach.clone_from(reach);
+            // A key must say something: without its end-effector goals, what they led to.
+            if reach.is_empty() && key.goal == Goal::Open {
+                key.goal = Goal::Q(self.commanded(&self.command()?, a.frame));
+            }
+        }
         if !a.values.is_empty() {
             let mut row = self.row_of(&key);
             for (joint, value) in &a.values {
@@ -322,6 +331,37 @@ impl Edit<'_> {
             key.note.clone_from(note);
         }
         self.place(vec![key], true)
+    }
+
+    fn command(&self) -> Result<Command, OpError> {
+        Ok(compile_for(self.clip, self.table)?)
+    }
+
+    /// What is commanded at a frame, for all joints.
+    fn commanded(&self, command: &Command, frame: u32) -> Row {
+        let last = self.clip.length.saturating_sub(1);
+        let row = command.interpolated(frame.min(last));
+        row.iter().map(|v| Some(round(f64::from(*v)))).collect()
+    }
+
+    fn keys_bake(&mut self, frames: &[u32]) -> Done {
+        let command = self.command()?;
+        let goals: Vec<(u32, Row)> =
+            frames.iter().map(|&frame| (frame, self.solved(&command, frame))).collect();
+        self.each_key(frames, |key| {
+            if !key.reach.is_empty()
+                && let Some((_, row)) = goals.iter().find(|g| g.0 == key.frame)
+            {
+                key.goal = Goal::Q(row.clone());
+                key.reach.clear();
+            }
+        })
+    }
+
+    /// The values that a key is compiled to, whatever masks hide of it.
+    fn solved(&self, command: &Command, frame: u32) -> Row {
+        let row = self.clip.key_index(frame).and_then(|i| command.key_row(i)).cloned();
+        row.unwrap_or_else(|| self.commanded(command, frame))
     }
 
     fn joint(&self, name: &str) -> Result<usize, OpError> {
@@ -411,15 +451,16 @@ impl Edit<'_> {
     /// there, else the interpolated command.
     fn keep_others(&self, keys: &mut [Key], names: &[String]) -> Done {
         let chosen = names.iter().map(|n| self.joint(n)).collect::<Result<BTreeSet<_>, _>>()?;
-        let command = compile(self.clip)?;
-        let last = self.clip.length.saturating_sub(1);
+        let command = self.command()?;
         for key in keys {
+            if !key.reach.is_empty() {
+                return argument(
+                    "end-effector goals decide over all joints; make them joint values first (keys.bake)",
+                );
+            }
             let there: Row = match self.clip.key(key.frame) {
-                Some(old) => self.row_of(old),
-                None => {
-                    let row = command.interpolated(key.frame.min(last));
-                    row.iter().map(|v| Some(round(f64::from(*v)))).collect()
-                }
+                Some(old) if old.reach.is_empty() => self.row_of(old),
+                _ => self.commanded(&command, key.frame),
             };
             let mut row = self.row_of(key);
             for (j, (slot, old)) in row.iter_mut().zip(there).enumerate() {
@@ -438,6 +479,11 @@ impl Edit<'_> {
 
     fn mirror(&self, keys: &mut [Key]) -> Done {
         for key in keys {
+            if !key.reach.is_empty() {
+                let reason =
+                    "end-effector goals have no mirror image; make them joint values first";
+                return Err(OpError::Mirror { reason: reason.to_owned() });
+            }
             let row = self.mirrored(&self.row_of(key))?;
             key.goal = Goal::Q(row);
             if let Some(table) = self.table {
@@ -662,7 +708,7 @@ impl Edit<'_> {
         let whole = a.blend == 1.0 && !a.mirrored && a.joints.is_none();
         let frames = distinct(&a.frames)?;
         let bare = frames.iter().any(|&f| self.clip.key(f).is_none());
-        let command = if bare && !whole { Some(compile(self.clip)?) } else { None };
+        let command = if bare && !whole { Some(self.command()?) } else { None };
         let mut keys = Vec::new();
         for frame in frames {
             let old = self.clip.key(frame).cloned();

@@ -3,6 +3,8 @@
 //! A command is dense on purpose. The window of a rollout slides over it every frame, and suites
 //! extracted from data never were clips. Both need rows, not keys.
 
+use super::document::Row;
+use super::reach::Reached;
 use robert_base::units::FPS;
 
 /// Frames of history before frame 0 (the pre-roll): the start pose, held.
@@ -103,6 +105,8 @@ pub struct Command {
     next: Vec<u32>,           // (frames) first frame >= t with any goal
     prev: Vec<u32>,           // (frames) last frame <= t with any goal
     spans: Vec<Span>,
+    reached: Vec<Reached>,
+    keys: Vec<Option<Row>>, // of the clip's keys: values that end-effector goals led to
 }
 
 impl Command {
@@ -159,7 +163,19 @@ impl Command {
             let kind = if seen(s) { SpanKind::Key } else { SpanKind::Open };
             push_span(&mut spans, t, t + 1, kind);
         }
-        Command { joints, frames, q, start, sight, cells, next, prev, spans }
+        Command {
+            joints,
+            frames,
+            q,
+            start,
+            sight,
+            cells,
+            next,
+            prev,
+            spans,
+            reached: Vec::new(),
+            keys: Vec::new(),
+        }
     }
 
     /// Joint names, the order of every row.
@@ -341,6 +357,21 @@ impl Command {
 
     pub(super) fn with_spans(self, spans: Vec<Span>) -> Command {
         Command { spans, ..self }
+    }
+
+    pub(super) fn with_solved(self, keys: Vec<Option<Row>>, reached: Vec<Reached>) -> Command {
+        Command { reached, keys, ..self }
+    }
+
+    /// The joint values of the clip's key `index`, if end-effector goals decide over them.
+    pub fn key_row(&self, index: usize) -> Option<&Row> {
+        self.keys.get(index).and_then(Option::as_ref)
+    }
+
+    /// How near the end-effector goals of the clip come to be met: one entry for each goal of a key,
+    /// and one for the worst frame of a path between keys that is not met.
+    pub fn reached(&self) -> &[Reached] {
+        &self.reached
     }
 
     /// The kinds of all frames, for the timeline; the spans tile 0..frames.

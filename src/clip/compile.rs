@@ -16,8 +16,11 @@
 //! that is exported and imported again has the same bits.
 
 use super::command::{Command, Span, SpanKind, push_span};
+use super::curve::{hermite, smooth_slope};
 use super::document::{Clip, Fill, Row, Start};
 use super::grid::round;
+use super::joints::JointTable;
+use super::solve::{Solved, solve};
 use super::tangent::Tangent;
 use super::validate::Invalid;
 use robert_base::units::CTRL_DT;
@@ -25,15 +28,25 @@ use robert_base::units::CTRL_DT;
 /// Compiles a clip.
 ///
 /// # Errors
-/// [`Invalid`] when the clip breaks a rule. A clip that was parsed or edited here does not.
+/// [`Invalid`] when the clip breaks a rule (one that was parsed or edited here does not), or has
+/// end-effector goals, which need [`compile_for`].
 pub fn compile(clip: &Clip) -> Result<Command, Invalid> {
+    compile_for(clip, None)
+}
+
+/// Compiles a clip whose end-effector goals are solved with what the table knows about the robot.
+///
+/// # Errors
+/// [`Invalid`] when the clip breaks a rule, or when an end-effector goal names a point that the robot
+/// does not have.
+pub fn compile_for(clip: &Clip, table: Option<&JointTable>) -> Result<Command, Invalid> {
     clip.validate()?;
-    if clip.keys.is_sorted_by_key(|k| k.frame) {
-        return Ok(Plan::new(clip).command());
+    let mut sorted = None;
+    if !clip.keys.is_sorted_by_key(|k| k.frame) {
+        sorted.insert(clip.clone()).normalize();
     }
-    let mut sorted = clip.clone();
-    sorted.normalize();
-    Ok(Plan::new(&sorted).command())
+    let clip = sorted.as_ref().unwrap_or(clip);
+    Ok(Plan::new(clip, solve(clip, table)?).command())
 }
 
 struct Plan<'a> {
@@ -42,10 +55,11 @@ struct Plan<'a> {
     q: Vec<f32>,        // (frames, dim)
     visible: Vec<bool>, // (frames, dim)
     spans: Vec<Span>,
+    solved: Solved,
 }
 
 impl<'a> Plan<'a> {
-    fn new(clip: &'a Clip) -> Self {
+    fn new(clip: &'a Clip, solved: Solved) -> Self {
         let cells = clip.length as usize * clip.dim();
         Plan {
             clip,
@@ -53,6 +67,7 @@ impl<'a> Plan<'a> {
             q: vec![0.0; cells],
             visible: vec![false; cells],
             spans: Vec::new(),
+            solved,
         }
     }
 
@@ -81,16 +96,23 @@ impl<'a> Plan<'a> {
         for i in 0..clip.keys.len() {
             self.key(i);
         }
+        for (frame, values) in std::mem::take(&mut self.solved.frames) {
+            for (joint, value) in values {
+                self.set(frame, joint, value);
+            }
+        }
         let spans = self.mask();
-        let start = start_row(clip).into_iter().map(|v| v as f32).collect();
+        let start = self.start().into_iter().map(|v| v as f32).collect();
         let joints = clip.robot.joints.clone();
-        Command::assemble(joints, start, self.q, self.visible).with_spans(spans)
+        let command = Command::assemble(joints, start, self.q, self.visible);
+        command.with_spans(spans).with_solved(self.solved.rows, self.solved.reached)
     }
 
     fn key(&mut self, i: usize) {
         let clip = self.clip;
         let Some(key) = clip.keys.get(i) else { return };
-        let Some(row) = clip.row(key) else { return };
+        let Some(row) = self.row(i).cloned() else { return };
+        let row = &row;
         let end = clip.hold_end(i);
         self.set_row(key.frame, end, row);
         push_span(&mut self.spans, key.frame, end, SpanKind::Key);
@@ -132,8 +154,41 @@ impl<'a> Plan<'a> {
     }
 
     fn value(&self, i: usize, joint: usize) -> Option<f64> {
+        self.row(i)?.get(joint).copied().flatten()
+    }
+
+    /// The values of key `i`: solved ones, or those of the document.
+    fn row(&self, i: usize) -> Option<&Row> {
         let key = self.clip.keys.get(i)?;
-        self.clip.row(key)?.get(joint).copied().flatten()
+        self.solved.rows.get(i).and_then(Option::as_ref).or_else(|| self.clip.row(key))
+    }
+
+    /// The state before frame 0: `start`, else per joint its first key's value, else 0.
+    fn start(&self) -> Vec<f64> {
+        let clip = self.clip;
+        match &clip.start {
+            Some(Start::Q(q)) => q.clone(),
+            Some(Start::Pose(pose)) => {
+                let row = clip.poses.get(pose).cloned().unwrap_or_default();
+                row.into_iter().map(|v| v.unwrap_or(0.0)).collect()
+            }
+            None => {
+                let mut open = clip.dim();
+                let mut start: Row = vec![None; open];
+                for row in (0..clip.keys.len()).filter_map(|i| self.row(i)) {
+                    for (slot, v) in start.iter_mut().zip(row) {
+                        if slot.is_none() && v.is_some() {
+                            *slot = *v;
+                            open -= 1;
+                        }
+                    }
+                    if open == 0 {
+                        break;
+                    }
+                }
+                start.into_iter().map(|v| v.unwrap_or(0.0)).collect()
+            }
+        }
     }
 
     /// Slope at key `i` per frame, on the side that `side` takes; `line` is the slope of the straight
@@ -163,11 +218,7 @@ impl<'a> Plan<'a> {
             let here = self.value(i, joint)?;
             let d0 = (here - self.value(i - 1, joint)?) / h0;
             let d1 = (self.value(i + 1, joint)? - here) / h1;
-            if d0 * d1 <= 0.0 {
-                return None;
-            }
-            let (w0, w1) = (2.0 * h1 + h0, h1 + 2.0 * h0);
-            Some((w0 + w1) / (w0 / d0 + w1 / d1))
+            Some(smooth_slope(h0, h1, d0, d1))
         };
         inner().unwrap_or(0.0)
     }
@@ -233,42 +284,6 @@ impl<'a> Plan<'a> {
 fn bump(counts: &mut [i32], at: usize, step: i32) {
     if let Some(n) = counts.get_mut(at) {
         *n += step;
-    }
-}
-
-fn hermite(s: f64, a: f64, b: f64, da: f64, db: f64) -> f64 {
-    let (s2, s3) = (s * s, s * s * s);
-    a * (2.0 * s3 - 3.0 * s2 + 1.0)
-        + da * (s3 - 2.0 * s2 + s)
-        + b * (3.0 * s2 - 2.0 * s3)
-        + db * (s3 - s2)
-}
-
-/// The state before frame 0: `start`, else per joint its first key's value, else 0.
-pub fn start_row(clip: &Clip) -> Vec<f64> {
-    match &clip.start {
-        Some(Start::Q(q)) => q.clone(),
-        Some(Start::Pose(pose)) => {
-            let row = clip.poses.get(pose).cloned().unwrap_or_default();
-            row.into_iter().map(|v| v.unwrap_or(0.0)).collect()
-        }
-        None => {
-            let mut open = clip.dim();
-            let mut start: Row = vec![None; open];
-            for key in &clip.keys {
-                let Some(row) = clip.row(key) else { continue };
-                for (slot, v) in start.iter_mut().zip(row) {
-                    if slot.is_none() && v.is_some() {
-                        *slot = *v;
-                        open -= 1;
-                    }
-                }
-                if open == 0 {
-                    break;
-                }
-            }
-            start.into_iter().map(|v| v.unwrap_or(0.0)).collect()
-        }
     }
 }
 

@@ -155,9 +155,11 @@ impl Delta {
         let goal = |goal: &Goal| match goal {
             Goal::Pose(name) => name.len(),
             Goal::Q(row) => 16 * row.len(),
+            Goal::Open => 0,
         };
-        let keys =
-            self.keys_put.iter().map(|k| goal(&k.goal) + 64 * k.tangents.len() + k.note.len() + 48);
+        let keys = self.keys_put.iter().map(|k| {
+            goal(&k.goal) + 64 * k.tangents.len() + 128 * k.reach.len() + k.note.len() + 48
+        });
         let poses = self.poses_put.iter().map(|(name, row)| name.len() + 16 * row.len() + 48);
         let joints = |m: &Mask| m.joints.as_ref().map_or(0, Vec::len);
         let masks = self.masks.iter().flatten().map(|m| 64 + 32 * joints(m));

@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use super::grid::round;
+use super::reach::Reach;
 use super::tangent::Tangent;
 
 use robert_base::units::{FPS, Unit};
@@ -80,6 +81,8 @@ pub enum Goal {
     Pose(String),
     /// Values of its own.
     Q(Row),
+    /// None: its end-effector goals decide, near the line between the keys around it.
+    Open,
 }
 
 /// A keyframe: an unmasked command frame.
@@ -90,6 +93,9 @@ pub struct Key {
     pub frame: u32,
     /// Its values.
     pub goal: Goal,
+    /// Where points of the robot shall be; joints that move them get the values that bring them there.
+    /// The compiler finds these near [`Key::goal`].
+    pub reach: Vec<Reach>,
     /// For how many frames it is commanded (at least 1). The next key or the end of the clip ends
     /// it early.
     pub hold: u32,
@@ -112,9 +118,15 @@ impl Key {
         Key::with(frame, Goal::Pose(pose.to_owned()))
     }
 
+    /// A key that says where points shall be.
+    pub fn reaching(frame: u32, reach: Vec<Reach>) -> Key {
+        Key { reach, ..Key::with(frame, Goal::Open) }
+    }
+
     /// A key of this goal.
     pub fn with(frame: u32, goal: Goal) -> Key {
-        Key { frame, goal, hold: 1, fill: None, tangents: BTreeMap::new(), note: String::new() }
+        let (reach, tangents, note) = (Vec::new(), BTreeMap::new(), String::new());
+        Key { frame, goal, reach, hold: 1, fill: None, tangents, note }
     }
 
     /// The same, commanded for this many frames.
@@ -139,6 +151,8 @@ struct KeyFields {
     pose: Option<String>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     q: Option<Row>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    reach: Vec<Reach>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     hold: Option<u32>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -156,10 +170,13 @@ impl TryFrom<KeyFields> for Key {
         let goal = match (k.pose, k.q) {
             (Some(pose), None) => Goal::Pose(pose),
             (None, Some(q)) => Goal::Q(q),
+            (None, None) if !k.reach.is_empty() => Goal::Open,
+            (None, None) => return Err("a key needs `pose`, `q` or `reach`"),
             _ => return Err("a key needs either `pose` or `q`, not both"),
         };
         let hold = k.hold.unwrap_or(1);
-        Ok(Key { frame: k.frame, goal, hold, fill: k.fill, tangents: k.tangents, note: k.note })
+        let (reach, fill, tangents, note) = (k.reach, k.fill, k.tangents, k.note);
+        Ok(Key { frame: k.frame, goal, reach, hold, fill, tangents, note })
     }
 }
 
@@ -168,10 +185,11 @@ impl From<Key> for KeyFields {
         let (pose, q) = match k.goal {
             Goal::Pose(pose) => (Some(pose), None),
             Goal::Q(q) => (None, Some(q)),
+            Goal::Open => (None, None),
         };
         let hold = (k.hold != 1).then_some(k.hold);
-        let (fill, tangents, note) = (k.fill, k.tangents, k.note);
-        KeyFields { frame: k.frame, pose, q, hold, fill, tangents, note }
+        let (reach, fill, tangents, note) = (k.reach, k.fill, k.tangents, k.note);
+        KeyFields { frame: k.frame, pose, q, reach, hold, fill, tangents, note }
     }
 }
 
@@ -290,11 +308,13 @@ impl Clip {
         self.key_index(frame).and_then(|i| self.keys.get(i))
     }
 
-    /// The values of a key: its own, or those of its pose.
+    /// The values of a key in the document: its own, or those of its pose; `None` if only its
+    /// end-effector goals decide.
     pub fn row<'a>(&'a self, key: &'a Key) -> Option<&'a Row> {
         match &key.goal {
             Goal::Q(q) => Some(q),
             Goal::Pose(name) => self.poses.get(name),
+            Goal::Open => None,
         }
     }
 
@@ -323,6 +343,7 @@ impl Clip {
             if let Goal::Q(row) = &mut key.goal {
                 grid(row);
             }
+            key.reach = std::mem::take(&mut key.reach).into_iter().map(Reach::normal).collect();
             key.tangents.values_mut().for_each(|t| *t = t.normal());
         }
         self.poses.values_mut().for_each(grid);

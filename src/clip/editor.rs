@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use super::apply::{OpError, edited};
 use super::command::Command;
-use super::compile::compile;
+use super::compile::compile_for;
 use super::delta::Delta;
 use super::document::Clip;
 use super::history::{Entry, History};
@@ -69,13 +69,13 @@ pub struct Editor {
 }
 
 impl Editor {
-    /// Starts with this clip. The table is needed to mirror.
+    /// Starts with this clip. The table is needed to mirror, and to solve end-effector goals.
     ///
     /// # Errors
     /// [`Invalid`] when the clip breaks a rule.
     pub fn new(mut clip: Clip, table: Option<JointTable>) -> Result<Editor, Invalid> {
         clip.normalize();
-        let command = compile(&clip)?;
+        let command = compile_for(&clip, table.as_ref())?;
         Ok(Editor { clip, command, table, history: History::default(), rev: 0 })
     }
 
@@ -128,7 +128,8 @@ impl Editor {
             walk(&mut next, &mut history, step)?;
         }
         next.normalize();
-        if whole && let (Ok(()), Ok(command)) = (next.validate(), compile(&next)) {
+        if whole && let (Ok(()), Ok(command)) = (next.validate(), compile_for(&next, self.table()))
+        {
             (self.clip, self.command, self.history) = (next, command, history);
             self.rev += steps.len() as u64;
             return Ok(Vec::new());
@@ -156,7 +157,7 @@ impl Editor {
             walk(&mut self.clip, &mut self.history, if fits { step } else { &nothing })?;
             self.clip.normalize();
         }
-        self.command = compile(&self.clip)?;
+        self.command = compile_for(&self.clip, self.table.as_ref())?;
         self.rev += steps.len() as u64;
         Ok(skipped)
     }
@@ -167,13 +168,14 @@ impl Editor {
     /// [`OpError`]; the clip is then unchanged.
     pub fn apply(&mut self, op: &Op) -> Result<Change, OpError> {
         let next = edited(&self.clip, op, self.table.as_ref())?;
+        let command = compile_for(&next, self.table.as_ref())?;
         let redo = Delta::between(&self.clip, &next);
         let label = op.label();
         if !redo.is_empty() {
             let undo = Delta::between(&next, &self.clip);
             self.history.push(Entry { label: label.clone(), undo, redo: redo.clone() });
         }
-        self.take_over(next, label, redo)
+        Ok(self.take_over(next, command, label, redo))
     }
 
     /// Undoes the last edit; `None` if there is none.
@@ -183,9 +185,10 @@ impl Editor {
     /// file.
     pub fn undo(&mut self) -> Result<Option<Change>, OpError> {
         let Some(entry) = self.history.last().map_err(|e| unreadable(&e))? else { return Ok(None) };
-        let next = self.patched(&entry.undo)?;
+        let (next, command) = self.patched(&entry.undo)?;
         self.history.step_back();
-        self.take_over(next, format!("Undo: {}", entry.label), entry.undo).map(Some)
+        let label = format!("Undo: {}", entry.label);
+        Ok(Some(self.take_over(next, command, label, entry.undo)))
     }
 
     /// Redoes the next undone edit; `None` if there is none.
@@ -194,23 +197,25 @@ impl Editor {
     /// [`OpError`] never in practice.
     pub fn redo(&mut self) -> Result<Option<Change>, OpError> {
         let Some(entry) = self.history.next().map_err(|e| unreadable(&e))? else { return Ok(None) };
-        let next = self.patched(&entry.redo)?;
+        let (next, command) = self.patched(&entry.redo)?;
         self.history.step_on();
-        self.take_over(next, format!("Redo: {}", entry.label), entry.redo).map(Some)
+        let label = format!("Redo: {}", entry.label);
+        Ok(Some(self.take_over(next, command, label, entry.redo)))
     }
 
-    fn patched(&self, delta: &Delta) -> Result<Clip, OpError> {
-        edited(&self.clip, &Op::Patch(Box::new(delta.clone())), None)
+    fn patched(&self, delta: &Delta) -> Result<(Clip, Command), OpError> {
+        let next = edited(&self.clip, &Op::Patch(Box::new(delta.clone())), None)?;
+        let command = compile_for(&next, self.table.as_ref())?;
+        Ok((next, command))
     }
 
-    fn take_over(&mut self, next: Clip, label: String, patch: Delta) -> Result<Change, OpError> {
-        let command = compile(&next)?;
+    fn take_over(&mut self, next: Clip, command: Command, label: String, patch: Delta) -> Change {
         let first_changed_frame = command.first_changed_frame(&self.command);
         let first_changed_step = command.first_changed_step(&self.command);
         self.clip = next;
         self.command = command;
         self.rev += u64::from(!patch.is_empty());
-        Ok(Change { rev: self.rev, label, patch, first_changed_frame, first_changed_step })
+        Change { rev: self.rev, label, patch, first_changed_frame, first_changed_step }
     }
 }
 

@@ -11,6 +11,7 @@ use super::document::{Clip, Row};
 use super::grid::round;
 use super::tangent::Tangent;
 use robert_base::units::Unit;
+use robert_kinematics::Kinematics;
 
 /// What a policy allows to be masked.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -107,6 +108,9 @@ pub struct JointTable {
     pub couplings: Vec<Coupling>,
     /// What the current policy allows to be masked.
     pub granularity: Granularity,
+    /// Bodies and joint axes in space, for end-effector goals; `None` if they are not known.
+    #[serde(default)]
+    pub kinematics: Option<Kinematics>,
 }
 
 impl JointTable {
@@ -129,6 +133,7 @@ impl JointTable {
             mirror: Mirror::None("this robot is unknown here".into()),
             couplings: Vec::new(),
             granularity: Granularity::Joint,
+            kinematics: None,
         }
     }
 
@@ -241,6 +246,7 @@ mod tests {
             ]),
             couplings: vec![],
             granularity: Granularity::State,
+            kinematics: None,
         }
     }
 

@@ -3,6 +3,7 @@
 pub mod apply;
 pub mod command;
 pub mod compile;
+mod curve;
 pub mod delta;
 mod demand;
 pub mod document;
@@ -16,8 +17,11 @@ mod json;
 pub mod lint;
 pub mod op;
 mod parse;
+mod path;
 mod print;
+pub mod reach;
 mod schema;
+pub mod solve;
 mod sparsify;
 pub mod tangent;
 pub mod validate;
@@ -26,7 +30,7 @@ pub use apply::{OpError, apply, edited};
 pub use command::{
     Blind, Command, LOOKAHEAD_FRAMES, PRE_ROLL_FRAMES, Sight, Span, SpanKind, VirtualKey,
 };
-pub use compile::{compile, start_row};
+pub use compile::{compile, compile_for};
 pub use delta::{Delta, Foreign};
 pub use demand::{Demand, demand};
 pub use document::*;
@@ -37,6 +41,8 @@ pub use joints::*;
 pub use lint::{Fix, Level, Lint, PoseChecker, PoseReport, Rule, lint};
 pub use op::*;
 pub use parse::{Parsed, load, parse, parse_bytes};
+pub use reach::{Reach, Reached};
+pub use robert_kinematics::Point;
 pub use schema::Clip as ClipShape;
 pub use schema::schema;
 pub use sparsify::thin;

@@ -10,6 +10,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 
 use super::delta::Delta;
 use super::document::{Fill, Key, Marker, Start};
+use super::reach::Reach;
 use super::tangent::Tangent;
 
 /// An edit.
@@ -42,6 +43,9 @@ pub enum Op {
     /// Sets how long keys are held.
     #[serde(rename = "keys.hold")]
     KeysHold(KeysHold),
+    /// Gives keys with end-effector goals the joint values that reach them, in place of the goals.
+    #[serde(rename = "keys.bake")]
+    KeysBake(KeysFrames),
     /// Removes keys that lie on the straight line between the others.
     #[serde(rename = "keys.sparsify")]
     KeysSparsify(KeysSparsify),
@@ -129,6 +133,9 @@ pub struct KeysSet {
     /// A named pose instead of values.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pose: Option<String>,
+    /// All end-effector goals; none of them leaves the joint values alone.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reach: Option<Vec<Reach>>,
     /// Single joints by name; null leaves a joint open.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub values: BTreeMap<String, Option<f64>>,
@@ -438,6 +445,7 @@ impl Op {
             Op::KeysPaste(_) => "keys.paste",
             Op::KeysMirror(_) => "keys.mirror",
             Op::KeysHold(_) => "keys.hold",
+            Op::KeysBake(_) => "keys.bake",
             Op::KeysSparsify(_) => "keys.sparsify",
             Op::MaskSet(_) => "mask.set",
             Op::FillSet(_) => "fill.set",
@@ -474,6 +482,7 @@ impl Op {
             Op::KeysPaste(a) => format!("Paste {} at {}", keys(a.keys.len()), a.at),
             Op::KeysMirror(a) => format!("Mirror {}", keys(a.frames.len())),
             Op::KeysHold(a) => format!("Hold {} for {} frames", keys(a.frames.len()), a.hold),
+            Op::KeysBake(a) => format!("Make {} hold joint values", keys(a.frames.len())),
             Op::KeysSparsify(a) => format!("Thin out {}", keys(a.frames.len())),
             Op::MaskSet(a) if a.masked => format!("Mask {}..{}", a.from, a.to),
             Op::MaskSet(a) => format!("Unmask {}..{}", a.from, a.to),

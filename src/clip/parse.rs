@@ -6,6 +6,7 @@ use std::path::Path;
 use super::document::{Clip, FORMAT, Fill, Goal, Key, Marker, Mask, RobotRef, Row, Start};
 use super::error::ClipError;
 use super::json::{Kind, Read, Reader, line_col, locate, show};
+use super::reach::{Reach, ReachFields};
 use super::tangent::Tangent;
 use super::validate::{Invalid, hint};
 use robert_base::fsio;
@@ -162,6 +163,7 @@ fn missing<T>(r: &Reader<'_>, at: usize, place: &str, key: &str) -> Read<T> {
 struct Budget {
     values: usize,
     tangents: usize,
+    reaches: usize,
 }
 
 fn read(text: &str) -> Read<Clip> {
@@ -175,7 +177,11 @@ fn read(text: &str) -> Read<Clip> {
     let mut clip = Clip::new(RobotRef::default(), 0);
     let (mut format, mut robot, mut fps, mut length, mut keys) =
         (false, false, false, false, false);
-    let mut budget = Budget { values: limits::CLIP_VALUES, tangents: limits::CLIP_TANGENTS };
+    let mut budget = Budget {
+        values: limits::CLIP_VALUES,
+        tangents: limits::CLIP_TANGENTS,
+        reaches: limits::CLIP_REACHES,
+    };
     r.object("a clip (an object)", |r, key, at| {
         match key.as_str() {
             "format" => {
@@ -397,18 +403,19 @@ fn read_key(r: &mut Reader<'_>, budget: &mut Budget) -> Read<Key> {
     let at = r.here();
     let (mut frame, mut pose, mut q) = (None, None, None);
     let (mut hold, mut fill, mut note) = (1, None, String::new());
-    let mut tangents = BTreeMap::new();
+    let (mut reach, mut tangents) = (Vec::new(), BTreeMap::new());
     r.object("a key (an object)", |r, key, at| {
         match key.as_str() {
             "frame" => frame = Some(r.integer("frame", 0, u32::MAX)?),
             "pose" => pose = Some(r.string("a pose name")?),
             "q" => q = Some(read_row(r, &mut budget.values)?),
+            "reach" => reach = read_reaches(r, &mut budget.reaches)?,
             "hold" => hold = r.integer("hold", 1, limits::CLIP_FRAMES)?,
             "fill" => fill = Some(read_fill(r)?),
             "tangents" => tangents = read_tangents(r, &mut budget.tangents)?,
             "note" => note = r.string("a string")?,
             _ => {
-                let known = ["frame", "pose", "q", "hold", "fill", "tangents", "note"];
+                let known = ["frame", "pose", "q", "reach", "hold", "fill", "tangents", "note"];
                 return unknown(r, at, &key, "a key", &known);
             }
         }
@@ -418,9 +425,82 @@ fn read_key(r: &mut Reader<'_>, budget: &mut Budget) -> Read<Key> {
     let goal = match (pose, q) {
         (Some(pose), None) => Goal::Pose(pose),
         (None, Some(q)) => Goal::Q(q),
+        (None, None) if !reach.is_empty() => Goal::Open,
+        (None, None) => return r.fault(at, "a key needs `pose`, `q` or `reach`"),
         _ => return r.fault(at, "a key needs either `pose` or `q`, not both"),
     };
-    Ok(Key { frame, goal, hold, fill, tangents, note })
+    Ok(Key { frame, goal, reach, hold, fill, tangents, note })
+}
+
+fn read_reaches(r: &mut Reader<'_>, budget: &mut usize) -> Read<Vec<Reach>> {
+    let at = r.here();
+    let mut reaches = Vec::new();
+    r.array("an array of end-effector goals", |r, _| {
+        let at = r.here();
+        *budget = match budget.checked_sub(1) {
+            Some(left) => left,
+            None => {
+                let cap = limits::CLIP_REACHES;
+                return r.fault(at, format!("more than {cap} end-effector goals"));
+            }
+        };
+        reaches.push(read_reach(r)?);
+        Ok(())
+    })?;
+    if reaches.is_empty() {
+        return r.fault(at, "an empty `reach` says nothing; leave it out");
+    }
+    Ok(reaches)
+}
+
+fn read_reach(r: &mut Reader<'_>) -> Read<Reach> {
+    let at = r.here();
+    let (mut fields, mut pos) = (ReachFields::default(), false);
+    r.object("an end-effector goal (an object)", |r, key, at| {
+        match key.as_str() {
+            "site" => fields.site = Some(r.string("the name of a site")?),
+            "body" => fields.body = Some(r.string("the name of a body")?),
+            "offset" => fields.offset = Some(read_numbers(r)?),
+            "pos" => {
+                pos = true;
+                fields.pos = read_numbers(r)?;
+            }
+            "quat" => fields.quat = Some(read_numbers(r)?),
+            _ => {
+                let known = ["site", "body", "offset", "pos", "quat"];
+                return unknown(r, at, &key, "an end-effector goal", &known);
+            }
+        }
+        Ok(())
+    })?;
+    if !pos {
+        return missing(r, at, "an end-effector goal", "pos");
+    }
+    match Reach::try_from(fields) {
+        Ok(reach) => Ok(reach),
+        Err(message) => r.fault(at, message),
+    }
+}
+
+/// An array of exactly `N` numbers.
+fn read_numbers<const N: usize>(r: &mut Reader<'_>) -> Read<[f64; N]> {
+    let at = r.here();
+    let mut numbers = Vec::new();
+    r.array(&format!("an array of {N} numbers"), |r, i| {
+        let at = r.here();
+        if i >= N {
+            return r.fault(at, format!("more than {N} numbers"));
+        }
+        numbers.push(r.number("a number")?);
+        Ok(())
+    })?;
+    match numbers.try_into() {
+        Ok(numbers) => Ok(numbers),
+        Err(few) => {
+            let few: Vec<f64> = few;
+            r.fault(at, format!("{} numbers; {N} are needed", few.len()))
+        }
+    }
 }
 
 fn read_tangents(r: &mut Reader<'_>, budget: &mut usize) -> Read<BTreeMap<String, Tangent>> {

@@ -6,6 +6,7 @@ use std::fmt::Write as _;
 use serde_json::{Map, Value};
 
 use super::document::{Clip, FORMAT, Goal, Key, Mask, Row, Start};
+use super::reach::Reach;
 use robert_base::units::FPS;
 
 impl Clip {
@@ -107,7 +108,11 @@ fn key_text(key: &Key) -> String {
     match &key.goal {
         Goal::Pose(pose) => write!(out, ", \"pose\": {}", quote(pose)).ok(),
         Goal::Q(row) => write!(out, ", \"q\": {}", row_text(row)).ok(),
+        Goal::Open => None,
     };
+    if !key.reach.is_empty() {
+        write!(out, ", \"reach\": {}", list(key.reach.iter().map(Reach::text))).ok();
+    }
     if key.hold != 1 {
         write!(out, ", \"hold\": {}", key.hold).ok();
     }

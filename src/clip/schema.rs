@@ -101,8 +101,8 @@ pub struct Clip {
 
 /// In JSON the parts of a document have these shapes, wherever they are sent.
 macro_rules! shaped {
-    ($($part:ident),*) => {$(
-        impl JsonSchema for super::document::$part {
+    ($($room:ident::$part:ident),*) => {$(
+        impl JsonSchema for super::$room::$part {
             fn schema_name() -> std::borrow::Cow<'static, str> {
                 <$part as JsonSchema>::schema_name()
             }
@@ -116,7 +116,7 @@ macro_rules! shaped {
     )*};
 }
 
-shaped!(Key, Mask, Marker, Start);
+shaped!(document::Key, document::Mask, document::Marker, document::Start, reach::Reach);
 
 #[derive(Deserialize, JsonSchema)]
 #[allow(dead_code)]
@@ -174,10 +174,14 @@ struct Start {
     q: Option<Vec<Number>>,
 }
 
-/// A keyframe: exactly one of a named pose and values.
+/// A keyframe: a named pose, values, or where points of the robot shall be. A pose or values beside
+/// `reach` are what the robot stays near.
 #[derive(Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[schemars(extend("oneOf" = [{"required": ["pose"]}, {"required": ["q"]}]))]
+#[schemars(extend(
+    "anyOf" = [{"required": ["pose"]}, {"required": ["q"]}, {"required": ["reach"]}],
+    "not" = {"required": ["pose", "q"]}
+))]
 #[allow(dead_code)]
 struct Key {
     /// When, from 0, in frames.
@@ -187,6 +191,9 @@ struct Key {
     pose: Option<String>,
     /// Values, one per joint.
     q: Option<Row>,
+    /// Where points of the robot shall be.
+    #[schemars(length(min = 1, max = 4096))]
+    reach: Option<Vec<Reach>>,
     /// For how many frames the value is commanded; 1 when absent.
     #[schemars(range(min = 1, max = 100_000))]
     hold: Option<u32>,
@@ -199,6 +206,29 @@ struct Key {
     /// A remark.
     #[schemars(length(max = 256))]
     note: Option<String>,
+}
+
+/// An end-effector goal: where a site, or a point of a body, shall be in the world.
+#[derive(Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(extend(
+    "oneOf" = [{"required": ["site"]}, {"required": ["body"]}],
+    "dependentRequired" = {"offset": ["body"]}
+))]
+#[allow(dead_code)]
+struct Reach {
+    /// The site.
+    #[schemars(length(min = 1, max = 256))]
+    site: Option<String>,
+    /// The body whose point it is.
+    #[schemars(length(min = 1, max = 256))]
+    body: Option<String>,
+    /// The point in the body's frame, m; its origin when absent.
+    offset: Option<[Number; 3]>,
+    /// Position in the world, m.
+    pos: [Number; 3],
+    /// Orientation in the world, w x y z; free when absent.
+    quat: Option<[Number; 4]>,
 }
 
 /// Frames from..to (to excluded) without a goal.

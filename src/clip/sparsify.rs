@@ -46,6 +46,7 @@ fn plain(key: &Key) -> bool {
     key.hold <= 1
         && key.note.is_empty()
         && key.tangents.is_empty()
+        && key.reach.is_empty()
         && matches!(key.goal, Goal::Q(_))
 }
 
@@ -53,7 +54,7 @@ fn plain(key: &Key) -> bool {
 fn alike(a: &Key, b: &Key) -> bool {
     let open = |k: &Key| match &k.goal {
         Goal::Q(row) => row.iter().map(Option::is_some).collect(),
-        Goal::Pose(_) => Vec::new(),
+        Goal::Pose(_) | Goal::Open => Vec::new(),
     };
     a.fill == b.fill && open(a) == open(b)
 }

@@ -4,7 +4,10 @@ use std::collections::BTreeSet;
 
 use super::document::{Clip, Goal, Row, Start};
 use super::json::{escape_step, show};
+use super::path::Path;
+use super::reach::Reach;
 use robert_base::limits;
+use robert_kinematics::Point;
 
 /// One broken rule and the JSON pointer of the value that breaks it.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -99,6 +102,37 @@ pub enum Flaw {
     Slope {
         /// The slope.
         slope: f64,
+    },
+    /// A key that says nothing.
+    #[error("a key needs `pose`, `q` or `reach`")]
+    NoGoal,
+    /// A coordinate that is not finite or beyond [`limits::CLIP_VALUE_MAX`].
+    #[error("{value} is not a coordinate (at most {:e} m)", limits::CLIP_VALUE_MAX)]
+    Place {
+        /// The value.
+        value: f64,
+    },
+    /// A quaternion of length 0, or not finite.
+    #[error("an orientation needs four numbers w x y z that are not all 0")]
+    Quaternion,
+    /// End-effector goals cannot be solved without the robot.
+    #[error(
+        "end-effector goals need the robot, and {} is unknown here; give its folder with --robot",
+        show(.robot)
+    )]
+    NeedsRobot {
+        /// Its id.
+        robot: String,
+    },
+    /// A site or body that the robot does not have.
+    #[error("the robot has no {kind} \"{}\"{hint}", show(.name))]
+    UnknownPoint {
+        /// `site` or `body`.
+        kind: &'static str,
+        /// Its name.
+        name: String,
+        /// A hint with the nearest name.
+        hint: String,
     },
     /// A pose that the clip does not have.
     #[error("there is no pose \"{}\"{hint}", show(.name))]
@@ -301,7 +335,8 @@ impl Clip {
     fn validate_keys(&self) -> Checked {
         at_most("/keys", "keys", self.keys.len(), limits::CLIP_KEYS)?;
         let mut seen = BTreeSet::new();
-        let (index, mut tangents) = (self.joint_names(), 0);
+        let index = self.joint_names();
+        let (mut tangents, mut reaches, mut solved) = (0, 0, 0);
         for (i, key) in self.keys.iter().enumerate() {
             let at = |field: &str| format!("/keys/{i}/{field}");
             let frame = key.frame;
@@ -314,7 +349,17 @@ impl Clip {
             match &key.goal {
                 Goal::Pose(name) => self.validate_pose_name(&at("pose"), name)?,
                 Goal::Q(row) => self.validate_row(&at("q"), row)?,
+                Goal::Open if key.reach.is_empty() => {
+                    return fail(format!("/keys/{i}"), Flaw::NoGoal);
+                }
+                Goal::Open => {}
             }
+            for (n, reach) in key.reach.iter().enumerate() {
+                validate_reach(&format!("/keys/{i}/reach/{n}"), reach)?;
+            }
+            reaches += key.reach.len();
+            solved += usize::from(!key.reach.is_empty());
+            solved += Path::after(self, i).map_or(0, |path| path.frames());
             if key.hold == 0 || key.hold > limits::CLIP_FRAMES {
                 return fail(at("hold"), Flaw::Hold { hold: key.hold });
             }
@@ -330,6 +375,9 @@ impl Clip {
             name(&at("note"), "a note", &key.note, true)?;
         }
         at_most("/keys", "tangents", tangents, limits::CLIP_TANGENTS)?;
+        at_most("/keys", "end-effector goals", reaches, limits::CLIP_REACHES)?;
+        let what = "frames with end-effector goals";
+        at_most("/keys", what, solved, limits::CLIP_REACH_FRAMES)?;
         let own = |k: &super::Key| if let Goal::Q(q) = &k.goal { q.len() } else { 0 };
         let values = self.keys.iter().map(own).sum::<usize>()
             + self.poses.values().map(Vec::len).sum::<usize>();
@@ -378,6 +426,30 @@ impl Clip {
         }
         Ok(())
     }
+}
+
+/// Checks an end-effector goal, but not whether the robot has the point.
+fn validate_reach(pointer: &str, reach: &Reach) -> Checked {
+    let at = |field: &str| format!("{pointer}/{field}");
+    let kind = match &reach.point {
+        Point::Site(_) => "site",
+        Point::Body { offset, .. } => {
+            if let Some(&value) = offset.iter().find(|v| !is_value(**v)) {
+                return fail(at("offset"), Flaw::Place { value });
+            }
+            "body"
+        }
+    };
+    name(&at(kind), "the name of a point", reach.point.name(), false)?;
+    if let Some(&value) = reach.pos.iter().find(|v| !is_value(**v)) {
+        return fail(at("pos"), Flaw::Place { value });
+    }
+    let Some(quat) = reach.quat else { return Ok(()) };
+    let length = quat.iter().map(|v| v * v).sum::<f64>().sqrt();
+    if quat.iter().all(|v| is_value(*v)) && length > 1e-3 {
+        return Ok(());
+    }
+    fail(at("quat"), Flaw::Quaternion)
 }
 
 fn is_value(v: f64) -> bool {

@@ -41,7 +41,20 @@ impl Robot {
             mirror,
             couplings: profile.couplings.iter().map(coupling).collect(),
             granularity: clip::Granularity::Joint,
+            kinematics: Some(self.kinematics().clone()),
         }
+    }
+
+    /// Compiles a clip for this robot, with its end-effector goals solved.
+    ///
+    /// # Errors
+    /// [`clip::Invalid`], as [`clip::compile_for`].
+    pub fn compile(&self, clip: &clip::Clip) -> Result<clip::Command, clip::Invalid> {
+        // Only end-effector goals need to know the robot.
+        if clip.keys.iter().all(|k| k.reach.is_empty()) {
+            return clip::compile(clip);
+        }
+        clip::compile_for(clip, Some(&self.joint_table()))
     }
 
     /// The reference to this robot in a new clip.

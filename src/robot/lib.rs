@@ -25,6 +25,7 @@ mod ik;
 pub mod import;
 mod joint_table;
 mod keys;
+mod kinematics;
 mod law;
 mod mesh;
 mod mirror;
@@ -41,7 +42,6 @@ pub use builtin::NOTICE;
 pub use derive::derive;
 pub use error::Error;
 pub use gravity::Gravity;
-pub use ik::{IkConfig, IkResult, Point, Target};
 pub use joint_table::Settler;
 pub use law::{Law, PositionServo};
 pub use plant::{PlantConfig, PlantRange};
@@ -50,6 +50,7 @@ pub use profile::{
     MirrorSpec, NEAR_LIMIT, PROFILE_FILE, Physics, PoseSpec, Profile, SettleSpec, valid_id,
 };
 pub use response::Response;
+pub use robert_kinematics::{IkConfig, IkResult, Kinematics, Point, Target};
 pub use servo::Servo;
 pub use settle::Settled;
 
@@ -125,6 +126,7 @@ pub struct Robot {
     scene: OnceLock<Arc<Model>>,
     joints: Vec<StateJoint>,
     actuators: Vec<Actuator>,
+    kinematics: OnceLock<Kinematics>,
     folder: Option<PathBuf>,
 }
 
@@ -403,7 +405,7 @@ impl Robot {
         let model = Arc::new(compile(&stepped, &assets)?);
         let profile = derive::complete(written, &model, id, path)?;
         let addr = |v: &[i32], i: usize| v.get(i).and_then(|a| usize::try_from(*a).ok());
-        let joints = profile
+        let joints: Vec<StateJoint> = profile
             .joints
             .iter()
             .enumerate()
@@ -433,7 +435,19 @@ impl Robot {
             .collect();
         let sha256 = fingerprint(&mjcf, &assets);
         let scene = OnceLock::new();
-        Ok(Robot { profile, mjcf, assets, sha256, model, scene, joints, actuators, folder })
+        let kinematics = OnceLock::new();
+        Ok(Robot {
+            profile,
+            mjcf,
+            assets,
+            sha256,
+            model,
+            scene,
+            joints,
+            actuators,
+            kinematics,
+            folder,
+        })
     }
 }
 

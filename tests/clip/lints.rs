@@ -26,6 +26,7 @@ fn table() -> JointTable {
             tolerance: 0.1,
         }],
         granularity: Granularity::State,
+        kinematics: None,
     }
 }
 

@@ -6,6 +6,7 @@ mod fuzz;
 pub(crate) mod generate;
 mod hostile;
 mod lints;
+mod reach;
 mod robots;
 mod schema;
 

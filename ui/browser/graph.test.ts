@@ -6,7 +6,7 @@ import type { Clip } from "../src/clip";
 import { commandedAt } from "../src/graph/curve";
 import { after, armTab, before, describe, eventually, Studio, type Tab, test } from "./harness";
 
-/** All fills, a hold, an open joint, and a stretch that is too fast. */
+/** All fills, tangents, a hold, an open joint, and a stretch that is too fast. */
 const SHAPES = JSON.stringify({
   format: "robert-clip/1",
   name: "shapes",
@@ -16,7 +16,11 @@ const SHAPES = JSON.stringify({
   fill: "cubic",
   keys: [
     { frame: 0, q: [-1.57, -1.57, 1.57, -1.57, -1.57] },
-    { frame: 14, q: [-1.3, -1.45, 1.5, -1.55, -1.5] },
+    {
+      frame: 14,
+      q: [-1.3, -1.45, 1.5, -1.55, -1.5],
+      tangents: { shoulder_pan: "flat", wrist_1: 0.2, wrist_2: { in: 0.1, out: -0.3 } },
+    },
     { frame: 30, q: [-1.2, -1.4, 1.4, -1.5, -1.5], hold: 6 },
     { frame: 45, q: [-1.0, -1.2, 1.6, null, -1.8], fill: "linear" },
     { frame: 60, q: [-1.4, -1.5, 1.2, -1.4, -1.6], fill: "hold" },
@@ -163,6 +167,29 @@ describe("graph", () => {
     await t.press("v");
     await t.byId("graph").waitFor();
     await t.until((x) => [...x.points].sort().join() === "60:0,60:2", "and back");
+  });
+
+  test("a curve's tangent is chosen in the menu of its point", async () => {
+    await start();
+    const choose = async (frame: number, value: number, tangent: string): Promise<void> => {
+      const p = await at(frame, 2, value);
+      await t.page.mouse.click(p.x, p.y, { button: "right" });
+      await t.page.getByRole("menuitem", { name: `Tangent: ${tangent}` }).click();
+    };
+    const elbow = (clip: Clip | undefined, i: number) => clip?.keys[i]?.tangents?.elbow;
+    await choose(14, 1.5, "flat");
+    const flat = await t.until((s) => elbow(s.clip, 1) === "flat", "a flat tangent");
+    assert.equal(flat.clip?.keys[1]?.tangents?.shoulder_pan, "flat", "those of the other joints stay");
+    await t.painted();
+    await t.picture("graph-tangent");
+    await choose(14, 1.5, "automatic");
+    await t.until((s) => elbow(s.clip, 1) === undefined, "automatic again");
+    // Where no curve begins or ends a tangent would change nothing, so the key gets one.
+    await choose(70, 1.0, "along the lines");
+    const bent = await t.until((s) => elbow(s.clip, 5) === "linear", "a tangent along the lines");
+    assert.equal(bent.clip?.keys[5]?.fill, "cubic");
+    await t.press("Control+z");
+    await t.until((s) => elbow(s.clip, 5) === undefined && s.clip?.keys[5]?.fill === "mask", "one edit");
   });
 
   test("what follows the chosen keys is set beside the curves", async () => {

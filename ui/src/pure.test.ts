@@ -2,6 +2,7 @@ import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { test } from "node:test";
 import { type Clip, changedBy, clock, type Key, keyEnd, parseTime, replaced, startsAway } from "./clip";
+import { stretches } from "./graph/curve";
 import { ANGLES, digitsOf, fixed, LENGTHS, parseNumber } from "./numbers";
 import { patched } from "./patch";
 import { nearest, shown, type Tried, variant, withPolicy } from "./policy";
@@ -502,4 +503,26 @@ test("numbers are written without a minus zero, ticks with the digits that they 
     [0, 0.1 + 0.2, 0.6].map((v) => fixed(v, digitsOf(0.1 + 0.2))),
     ["0.0", "0.3", "0.6"],
   );
+});
+
+test("a curve is drawn with the tangents that the compiler takes", () => {
+  const bent: Clip = {
+    ...clip,
+    fill: "cubic",
+    length: 41,
+    keys: [
+      { frame: 0, q: [0, 0, 0] },
+      { frame: 20, q: [1, 1, 1], tangents: { a: "flat", b: { in: -3, out: 2 } } },
+      { frame: 40, q: [2, 2, 2], tangents: { b: "linear" } },
+    ],
+  };
+  const after = (joint: number) => stretches(bent, joint)[1]?.values ?? [];
+  const step = (joint: number) => ((after(joint)[1] ?? 0) - (after(joint)[0] ?? 0)) * bent.fps;
+  assert.ok(step(2) > 0.9, "automatic: through the key");
+  assert.ok(step(0) < 0.2, "flat");
+  assert.ok(Math.abs(step(1) - 2) < 0.3, "leaves with its own slope");
+  // As src/clip/compile.rs: 5 of 20 frames after the key; it arrives with the slope of the line.
+  const [s, rise] = [0.25, 1];
+  const expected = 1 + 2 * (s ** 3 - 2 * s * s + s) + (3 * s * s - 2 * s ** 3) * rise + (s ** 3 - s * s) * 1;
+  assert.ok(Math.abs((after(1)[5] ?? 0) - expected) < 1e-9);
 });

@@ -57,7 +57,7 @@ pub(super) fn run(args: &Args) -> Outcome {
     for name in &args.clip {
         let clip = motion::clip(name, None)?;
         let robot = motion::robot_for(None, &clip.robot.id)?;
-        let command = clip::compile(&clip).map_err(|e| Failure::invalid(format!("{name}: {e}")))?;
+        let command = robot.compile(&clip).map_err(|e| Failure::invalid(format!("{name}: {e}")))?;
         for policy in &policies {
             let row = measure(&robot, policy, &command, usize::from(args.turns))?;
             rows.push(Row { clip: name.clone(), ..row });

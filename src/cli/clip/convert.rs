@@ -11,7 +11,7 @@ use super::recorded::{Kind, Recorded};
 use crate::clip::formats::{
     from_command_json, from_csv, from_mjcf, from_ros, to_command_json, to_csv, to_mjcf, to_ros,
 };
-use crate::clip::{Clip, ClipError, Fill, RobotRef, compile};
+use crate::clip::{Clip, ClipError, Fill, RobotRef};
 use crate::limits;
 
 /// Convert clips from and to other formats.
@@ -265,7 +265,7 @@ fn inside_take(text: &str) -> Option<Result<Clip, ClipError>> {
 }
 
 fn text(clip: &Clip, to: Format, a: &Convert) -> Outcome<String> {
-    let command = compile(clip).map_err(Failure::invalid)?;
+    let command = super::files::compiled(clip, a.robot.as_deref())?;
     Ok(match to {
         Format::Clip => clip.to_text(),
         Format::Csv => to_csv(&command),

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use crate::cli::failure::{Failure, Outcome};
 use crate::cli::{input, out};
-use crate::clip::{Clip, Fill, JointTable, Parsed, RobotRef};
+use crate::clip::{Clip, Command, Fill, JointTable, Parsed, RobotRef, compile_for};
 use crate::robot::Robot;
 
 /// Reads a clip; `-` is stdin.
@@ -31,6 +31,12 @@ pub(super) fn robot_of(clip: &Clip, asked: Option<&str>) -> Result<Option<Robot>
 /// What is known about a clip's robot: everything, or only what the clip contains.
 pub(super) fn joint_table(clip: &Clip, robot: Option<&Robot>) -> JointTable {
     robot.map_or_else(|| JointTable::from_clip(clip), Robot::joint_table)
+}
+
+/// Compiles a clip with the robot asked for, else its own if that is known here.
+pub(super) fn compiled(clip: &Clip, asked: Option<&str>) -> Result<Command, Failure> {
+    let robot = robot_of(clip, asked)?;
+    compile_for(clip, Some(&joint_table(clip, robot.as_ref()))).map_err(Failure::invalid)
 }
 
 /// Robot and joint order for a file that has none of its own.

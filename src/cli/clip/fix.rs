@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use super::super::failure::{Failure, Outcome};
 use super::simulate::Simulation;
-use crate::clip::{Clip, Command, JointTable, Level, Lint, Rule, compile, edited, lint};
+use crate::clip::{Clip, Command, JointTable, Level, Lint, Rule, compile_for, edited, lint};
 
 /// The most fixes to apply: each removes a finding, and some uncover another.
 const FIXES: usize = 1000;
@@ -67,7 +67,7 @@ pub(super) struct Finder<'a> {
 
 impl Finder<'_> {
     pub(super) fn find(&mut self, clip: &Clip) -> Outcome<Vec<Lint>> {
-        let command = compile(clip).map_err(Failure::invalid)?;
+        let command = compile_for(clip, Some(self.table)).map_err(Failure::invalid)?;
         match &mut self.simulation {
             Some(simulation) => simulation.lint(clip, &command, self.table),
             None => Ok(lint(clip, &command, self.table, None)),
@@ -80,7 +80,7 @@ impl Finder<'_> {
         clip: &Clip,
         lints: Vec<Lint>,
     ) -> Outcome<(Clip, Vec<Lint>, Fixed)> {
-        let before = compile(clip).map_err(Failure::invalid)?;
+        let before = compile_for(clip, Some(self.table)).map_err(Failure::invalid)?;
         let (mut clip, mut lints) = (clip.clone(), lints);
         self.prepare(&clip, &lints)?;
         let mut titles: Vec<(String, usize)> = Vec::new();
@@ -92,7 +92,7 @@ impl Finder<'_> {
             }
             (clip, lints) = (next, found);
         }
-        let after = compile(&clip).map_err(Failure::invalid)?;
+        let after = compile_for(&clip, Some(self.table)).map_err(Failure::invalid)?;
         let fixed = Fixed {
             fixes: titles,
             length: [before.frames(), after.frames()],
@@ -108,7 +108,7 @@ impl Finder<'_> {
         let firsts = bad.filter_map(|l| l.fixes.first());
         let mut clips = Vec::new();
         for next in firsts.filter_map(|fix| edited(clip, &fix.op, Some(self.table)).ok()) {
-            let command = compile(&next).map_err(Failure::invalid)?;
+            let command = compile_for(&next, Some(self.table)).map_err(Failure::invalid)?;
             clips.push((next, command));
         }
         simulation.prepare(&clips, self.table)

@@ -6,9 +6,7 @@ use serde::Serialize;
 
 use super::super::failure::{Failure, Outcome};
 use super::super::{input, out};
-use crate::clip::{
-    Blind, Clip, Delta, Fill, Foreign, Goal, Key, Op, Row, Sight, compile, start_row,
-};
+use crate::clip::{Blind, Clip, Delta, Fill, Foreign, Goal, Key, Op, Row, Sight, round};
 use crate::exit::Exit;
 use crate::fsio;
 
@@ -48,7 +46,7 @@ struct Facts {
 
 pub(super) fn info(a: &Info) -> Outcome {
     let clip = super::files::load(&a.clip)?.clip;
-    let command = compile(&clip).map_err(Failure::invalid)?;
+    let command = super::files::compiled(&clip, None)?;
     let full = command.full_frames();
     let partial = (0..command.frames()).filter(|t| command.sight(*t) == Sight::Partial).count();
     let facts = Facts {
@@ -67,7 +65,7 @@ pub(super) fn info(a: &Info) -> Outcome {
         partial_frames: partial as u32,
         mask_ratio: 1.0 - f64::from(full + partial as u32) / f64::from(clip.length),
         blind: command.blind_spans(),
-        start: start_row(&clip),
+        start: command.start().iter().map(|v| round(f64::from(*v))).collect(),
         sha256: fsio::sha256_hex(clip.to_text().as_bytes()),
     };
     if a.json {
@@ -123,8 +121,7 @@ pub(super) fn diff(a: &Diff) -> Outcome {
         return Err(Failure::usage("both clips cannot come from stdin"));
     }
     let (old, new) = (super::files::load(&a.old)?.clip, super::files::load(&a.new)?.clip);
-    let (was, is) =
-        (compile(&old).map_err(Failure::invalid)?, compile(&new).map_err(Failure::invalid)?);
+    let (was, is) = (super::files::compiled(&old, None)?, super::files::compiled(&new, None)?);
     let patch = Delta::between(&old, &new);
     let foreign = Foreign::between(&old, &new);
     let first = is.first_changed_frame(&was);
@@ -214,6 +211,9 @@ fn changes(old: &Clip, was: &Key, new: &Clip, is: &Key) -> String {
                 _ => "values".to_owned(),
             },
         });
+    }
+    if was.reach != is.reach {
+        words.push("end-effector goals".to_owned());
     }
     if was.hold != is.hold {
         words.push(format!("hold {} -> {}", was.hold, is.hold));

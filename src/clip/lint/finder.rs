@@ -27,6 +27,8 @@ pub(super) struct Place<'a> {
     pub(super) pointer: String,
     pub(super) pose: Option<&'a str>,
     pub(super) frames: Vec<u32>,
+    /// Whether end-effector goals led to its values, which then are not in the document.
+    pub(super) is_solved: bool,
 }
 
 impl Place<'_> {
@@ -42,9 +44,10 @@ impl Place<'_> {
         }
     }
 
-    /// The edit that gives this row other values.
+    /// The edit that gives this row other values; none if they were solved.
     pub(super) fn fix(&self, title: &str, values: &[(&str, usize, f64)]) -> Vec<Fix> {
         let op = match (self.pose, self.frames.first()) {
+            _ if self.is_solved => return Vec::new(),
             (Some(pose), _) => {
                 let mut q = self.row.clone();
                 for (_, at, value) in values {
@@ -107,13 +110,20 @@ impl<'a> Finder<'a> {
         let mut used: BTreeMap<&str, Vec<u32>> = BTreeMap::new();
         let mut places = Vec::new();
         for (i, key) in clip.keys.iter().enumerate() {
+            if let Some(row) = self.command.key_row(i) {
+                let (pointer, frames) = (format!("/keys/{i}/reach"), vec![key.frame]);
+                places.push(Place { row, pointer, pose: None, frames, is_solved: true });
+                continue;
+            }
             match &key.goal {
                 Goal::Pose(name) => used.entry(name).or_default().push(key.frame),
+                Goal::Open => {}
                 Goal::Q(row) => places.push(Place {
                     row,
                     pointer: format!("/keys/{i}/q"),
                     pose: None,
                     frames: vec![key.frame],
+                    is_solved: false,
                 }),
             }
         }
@@ -123,6 +133,7 @@ impl<'a> Finder<'a> {
                 pointer: format!("/poses/{}", escape_step(name)),
                 pose: Some(name),
                 frames: used.remove(name.as_str()).unwrap_or_default(),
+                is_solved: false,
             });
         }
         places

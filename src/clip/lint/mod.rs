@@ -26,6 +26,7 @@ pub fn lint(
     found.limits();
     found.speeds();
     found.tangents();
+    found.reach();
     found.blind();
     found.coupled();
     found.partial();

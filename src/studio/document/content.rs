@@ -243,7 +243,7 @@ impl Document {
     /// [`Error::Op`].
     pub(crate) fn preview(&self, op: &Op) -> Result<Command, Error> {
         let next = clip::edited(self.clip(), op, self.table())?;
-        clip::compile(&next).map_err(|e| Error::Op(e.into()))
+        clip::compile_for(&next, self.table()).map_err(|e| Error::Op(e.into()))
     }
 
     /// Writes the file, under a new name where one is given.

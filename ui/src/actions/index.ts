@@ -7,9 +7,18 @@ import { DOCUMENT, ROLLOUT } from "./clips";
 import { KEYS } from "./keys";
 import { MASKS } from "./masks";
 import { PLAYBACK, seek } from "./playback";
+import { TANGENTS } from "./tangents";
 import { VIEW } from "./view";
 
-export const ACTIONS: Action[] = [...PLAYBACK, ...KEYS, ...MASKS, ...VIEW, ...DOCUMENT, ...ROLLOUT];
+export const ACTIONS: Action[] = [
+  ...PLAYBACK,
+  ...KEYS,
+  ...TANGENTS,
+  ...MASKS,
+  ...VIEW,
+  ...DOCUMENT,
+  ...ROLLOUT,
+];
 
 export function act(id: string): void {
   const action = ACTIONS.find((a) => a.id === id);
@@ -30,6 +39,11 @@ export function markerItems(frame: number): Item[] {
     { title: "Marker one frame later", keys: ">", run: here("marker-later") },
     { title: "Delete marker", run: here("delete-marker") },
   ];
+}
+
+/** How curves pass the chosen points of the graph. */
+export function tangentItems(): Item[] {
+  return TANGENTS.map((a) => ({ title: a.title, run: () => act(a.id), why: a.not?.() }));
 }
 
 /** Where the motion starts: what stands before frame 0. */

@@ -490,6 +490,16 @@ export interface Fix {
   title: string;
 }
 
+/** How a joint follows another: q = offset + multiplier * q of the leader. */
+export interface Follow {
+  /** Index of the leader. */
+  leader: number;
+  /** Factor. */
+  multiplier: number;
+  /** Added, rad or m. */
+  offset: number;
+}
+
 export type Format = "robert-clip/1";
 
 /** One example. */
@@ -716,6 +726,22 @@ export interface JobView {
   title: string;
 }
 
+/** A joint of a body. */
+export interface JointAxis {
+  /** The direction of the axis in the body's frame; length 1. */
+  axis: [number, number, number];
+  /** The joint that it follows without a motor of its own. */
+  follows: Follow | null;
+  /** What it does. */
+  motion: JointMotion;
+  /** A point of the axis in the body's frame, m. */
+  pos: [number, number, number];
+  /** Lowest and highest value, rad or m; null = unbounded. */
+  range: [number, number] | null;
+  /** The value at which the body stands as `LinkFrame` says, rad or m. */
+  reference: number;
+}
+
 /** One joint coordinate. */
 export interface JointFacts {
   /** The range of 98 of 100 frames of the data that the robot's policy learned from, rad or m. */
@@ -732,6 +758,13 @@ export interface JointFacts {
   unit: Unit;
 }
 
+/** What a joint does. */
+export type JointMotion =
+  /** Turns its body about the axis. */
+  | "hinge"
+  /** Shifts its body along the axis. */
+  | "slide";
+
 /** A robot as clips see it. */
 export interface JointTable {
   /** Couplings. */
@@ -740,6 +773,8 @@ export interface JointTable {
   granularity: Granularity;
   /** Joints in state order. */
   joints: JointFacts[];
+  /** Bodies and joint axes in space, for end-effector goals; null if they are not known. */
+  kinematics: Kinematics | null;
   /** Mirror table or reason. */
   mirror: Mirror;
   /** Sha-256 of its model, 64 hex digits, if known. */
@@ -750,7 +785,10 @@ export interface JointTable {
   robot: string;
 }
 
-/** A keyframe: exactly one of a named pose and values. */
+/**
+ * A keyframe: a named pose, values, or where points of the robot shall be. A pose or values beside
+ * `reach` are what the robot stays near.
+ */
 export interface Key {
   /** The fill up to the next key; the clip's `fill` when absent. */
   fill?: Fill;
@@ -764,6 +802,8 @@ export interface Key {
   pose?: string;
   /** Values, one per joint. */
   q?: (number | null)[];
+  /** Where points of the robot shall be. */
+  reach?: Reach[];
   /**
    * Slopes of cubic curves at this key, by joint: "flat", "linear", or rad/s or m/s; automatic
    * when absent.
@@ -847,6 +887,8 @@ export interface KeysSet {
   pose?: string;
   /** All values. */
   q?: (number | null)[];
+  /** All end-effector goals; none of them leaves the joint values alone. */
+  reach?: Reach[];
   /** Single joints by name; null leaves a joint open. */
   values?: Record<string, number | null>;
 }
@@ -862,6 +904,16 @@ export interface KeysSparsify {
   tolerance: number;
 }
 
+/** A robot as its geometry: bodies on hinges and slides. */
+export interface Kinematics {
+  /** Joints, in state order. */
+  joints: JointAxis[];
+  /** Bodies, the world first; every body stands behind its parent. */
+  links: LinkFrame[];
+  /** Named points of bodies. */
+  sites: SiteFrame[];
+}
+
 /** Severity of a finding. */
 export type Level =
   /** Worth knowing. */
@@ -874,6 +926,20 @@ export type Level =
 /** Query of `GET /api/jobs/{id}`. */
 export interface LinesFrom {
   from?: number;
+}
+
+/** A body. */
+export interface LinkFrame {
+  /** Its joints in the order in which they act. */
+  joints: number[];
+  /** Its name; may be empty. */
+  name: string;
+  /** Index of its parent; 0 for the world itself. */
+  parent: number;
+  /** Position in its parent's frame with all joints at their reference, m. */
+  pos: [number, number, number];
+  /** Orientation there, w x y z. */
+  quat: [number, number, number, number];
 }
 
 /** A finding. */
@@ -1045,6 +1111,8 @@ export type Op =
   | { op: "keys.mirror"; args: KeysFrames }
   /** Sets how long keys are held. */
   | { op: "keys.hold"; args: KeysHold }
+  /** Gives keys with end-effector goals the joint values that reach them, in place of the goals. */
+  | { op: "keys.bake"; args: KeysFrames }
   /** Removes keys that lie on the straight line between the others. */
   | { op: "keys.sparsify"; args: KeysSparsify }
   /** Masks or unmasks a span. */
@@ -1290,6 +1358,20 @@ export interface Precision {
   saturation: number;
   /** Largest frame mean, with its frame. */
   worst: [number, number] | null;
+}
+
+/** An end-effector goal: where a site, or a point of a body, shall be in the world. */
+export interface Reach {
+  /** The body whose point it is. */
+  body?: string;
+  /** The point in the body's frame, m; its origin when absent. */
+  offset?: [number, number, number];
+  /** Position in the world, m. */
+  pos: [number, number, number];
+  /** Orientation in the world, w x y z; free when absent. */
+  quat?: [number, number, number, number];
+  /** The site. */
+  site?: string;
 }
 
 /** One recent file. */
@@ -1542,6 +1624,18 @@ export interface SiteFacts {
   name: string;
   /** Position in the body's frame, m. */
   pos: [number, number, number];
+}
+
+/** A named point of a body. */
+export interface SiteFrame {
+  /** Index of its body. */
+  link: number;
+  /** Its name. */
+  name: string;
+  /** Position in the body's frame, m. */
+  pos: [number, number, number];
+  /** Orientation in the body's frame, w x y z. */
+  quat: [number, number, number, number];
 }
 
 /** A run of frames of one kind: `[from, to)`. The spans of a command tile the clip. */

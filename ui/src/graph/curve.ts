@@ -31,7 +31,7 @@ function nodes(clip: Clip, joint: number): (Node | undefined)[] {
   });
 }
 
-/** Slope at node `i` per frame: Fritsch and Butland's between two cubics, else none. */
+/** Automatic slope at node `i` per frame: Fritsch and Butland's between two cubics, else none. */
 function slope(all: (Node | undefined)[], i: number): number {
   const [before, here, after] = [all[i - 1], all[i], all[i + 1]];
   if (!before || !here || !after) return 0;
@@ -41,6 +41,23 @@ function slope(all: (Node | undefined)[], i: number): number {
   if (d0 * d1 <= 0) return 0;
   const [w0, w1] = [2 * h1 + h0, h1 + 2 * h0];
   return (w0 + w1) / (w0 / d0 + w1 / d1);
+}
+
+/** Slope per frame on one side of node `i`; `line` is that of the straight line there. */
+function side(
+  clip: Clip,
+  joint: number,
+  all: (Node | undefined)[],
+  i: number,
+  at: "in" | "out",
+  line: number,
+): number {
+  const name = clip.robot.joints[joint];
+  const set = name === undefined ? undefined : clip.keys[i]?.tangents?.[name];
+  if (set === undefined) return slope(all, i);
+  if (set === "flat") return 0;
+  if (set === "linear") return line;
+  return (typeof set === "number" ? set : set[at]) / clip.fps;
 }
 
 function hermite(s: number, a: number, b: number, da: number, db: number): number {
@@ -74,7 +91,12 @@ export function stretches(clip: Clip, joint: number): Stretch[] {
       made.push({ kind: "masked", from: n.last, to: until, values: [n.value, next.value] });
       return;
     }
-    const [da, db] = n.fill === "cubic" ? [slope(all, i) * width, slope(all, i + 1) * width] : [0, 0];
+    const line = (next.value - n.value) / width;
+    const ends = (): [number, number] => [
+      side(clip, joint, all, i, "out", line) * width,
+      side(clip, joint, all, i + 1, "in", line) * width,
+    ];
+    const [da, db] = n.fill === "cubic" ? ends() : [0, 0];
     const row = Array.from({ length: width + 1 }, (_, k) => {
       const s = k / width;
       return n.fill === "cubic"

@@ -2,11 +2,11 @@
 // seen joint by joint: both choose the same keys.
 
 import { effect, signal } from "@preact/signals";
-import { keyAt, values } from "../clip";
+import { fillAfter, keyAt, prevKey, values } from "../clip";
 import { together } from "../couplings";
 import { isLocked } from "../locks";
 import { endPreview, poseAt, preview } from "../posing";
-import type { Op } from "../protocol";
+import type { Op, Tangent } from "../protocol";
 import * as store from "../store";
 import { applyOp, edit, tell } from "../wire";
 import { commandedAt } from "./curve";
@@ -136,6 +136,31 @@ function actedOn(): Point[] {
 /** Why no value can be changed by a key now. */
 export const needsPoint = (): string | undefined =>
   actedOn().length ? undefined : "select a key and a joint first";
+
+/** Sets how curves pass the chosen points; null is automatic. Where no curve begins or ends, one does
+ * then: a tangent of a straight line would change nothing. */
+export async function setTangent(tangent: Tangent | null): Promise<void> {
+  const clip = store.doc.value?.clip;
+  if (!clip) return;
+  const ops: Op[] = [];
+  const acted = actedOn();
+  for (const joint of new Set(acted.map((p) => p.joint))) {
+    const name = clip.robot.joints[joint];
+    if (name === undefined || isLocked(name)) continue;
+    const frames = acted.filter((p) => p.joint === joint).map((p) => p.frame);
+    ops.push({ op: "tangent.set", args: { frames, joints: [name], tangent } });
+  }
+  const curved = (frame: number): boolean =>
+    [keyAt(clip, frame), prevKey(clip, frame)].some((k) => k && fillAfter(clip, k) === "cubic");
+  const at = [...new Set(acted.map((p) => p.frame))];
+  const frames = at.filter((frame) => !curved(frame));
+  if (ops.length && tangent !== null && frames.length)
+    ops.push({ op: "fill.set", args: { frames, fill: "cubic" } });
+  const [first] = ops;
+  if (!first) return store.toast("select points of joints that are not locked first");
+  const label = `Shape the curve at ${at.length} key${at.length === 1 ? "" : "s"}`;
+  await applyOp(ops.length === 1 ? first : { op: "batch", args: { label, ops } });
+}
 
 /** Raises the chosen points by a degree or a millimetre, `share` of it. */
 export async function nudgeValue(share: number): Promise<void> {

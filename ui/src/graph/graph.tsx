@@ -4,6 +4,7 @@ import { effect, useSignal } from "@preact/signals";
 import type { IconNode } from "lucide";
 import { CircleDashed, CornerDownRight, Maximize, Percent, Slash, Spline } from "lucide";
 import { useEffect, useRef } from "preact/hooks";
+import { tangentItems } from "../actions";
 import { setFill } from "../actions/masks";
 import { type Fill, fillAfter, keyAt, prevKey } from "../clip";
 import { openDialog } from "../dialog";
@@ -122,7 +123,9 @@ export function Graph(props: { onHint: (text: string) => void }) {
         openMenu(
           "Graph",
           { x, y },
-          menuOf(frame === undefined ? { kind: "frames" } : { kind: "key", frame }),
+          frame === undefined
+            ? menuOf({ kind: "frames" })
+            : [...tangentItems(), ...menuOf({ kind: "key", frame })],
         ),
       hint: (text) => {
         if (text === hint) return;
@@ -218,7 +221,7 @@ export function Graph(props: { onHint: (text: string) => void }) {
         openMenu(
           "Graph",
           { x: r.left + 200, y: r.top + 40 },
-          menuOf(key ? { kind: "key", frame: at } : { kind: "frames" }),
+          key ? [...tangentItems(), ...menuOf({ kind: "key", frame: at })] : menuOf({ kind: "frames" }),
         );
       },
       step: (by) => {

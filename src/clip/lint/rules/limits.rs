@@ -15,6 +15,7 @@ impl Finder<'_> {
             pointer: "/start/q".to_owned(),
             pose: None,
             frames: vec![],
+            is_solved: false,
         });
         let names = &self.clip.robot.joints;
         let facts: Vec<_> = names.iter().map(|name| (name, self.table.joint(name))).collect();

@@ -6,6 +6,7 @@ mod hidden;
 mod limits;
 mod partial;
 mod poses;
+mod reach;
 mod robot;
 mod speeds;
 mod tangents;

@@ -78,6 +78,7 @@ pub(crate) fn table(robot: &Robot) -> JointTable {
         mirror,
         couplings,
         granularity: Granularity::Joint,
+        kinematics: Some(robot.kinematics().clone()),
     }
 }
 

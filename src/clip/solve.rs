@@ -1,0 +1,282 @@
+//! Joint values for end-effector goals, along a clip.
+//!
+//! Keys are solved in order of time. Each search starts at the values of the key or frame before, so
+//! that the arm does not jump to another solution, and is drawn to a posture: the key's own values if
+//! it has some, else the line between the neighbouring keys with joint values. Between two keys that
+//! say where the same points shall be, a `linear` or `cubic` fill is a path of the points: straight, or
+//! as smooth as the curve of a joint, with the shortest turn between orientations. Every frame of it is
+//! solved. All other fills go from one key's joint values to the next's.
+//!
+//! This needs the robot's [`Kinematics`], not its simulator. Rejected: storing the joint values in the
+//! key. They would be wrong as soon as a neighbour, the posture or the model changes.
+
+use robert_kinematics::{IkConfig, IkResult, Kinematics, Target};
+
+use super::document::{Clip, Key, Row, Start};
+use super::grid::round;
+use super::joints::JointTable;
+use super::path::Path;
+use super::reach::{Reach, Reached};
+use super::validate::{Flaw, Invalid, hint};
+
+/// Distance that counts as reached, m.
+const TOLERANCE_M: f64 = 1e-4;
+
+/// Iterations of a search; each begins near its goal.
+const ITERATIONS: u32 = 40;
+
+/// What the search found.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Solved {
+    /// Values of each key with end-effector goals, by its index; `None` for other keys.
+    pub(super) rows: Vec<Option<Row>>,
+    /// Values of frames on the path of a point: joints by index.
+    pub(super) frames: Vec<(u32, Vec<(usize, f64)>)>,
+    /// How near the points come.
+    pub(super) reached: Vec<Reached>,
+}
+
+/// Solves all end-effector goals of a valid clip; its keys are in order.
+///
+/// # Errors
+/// [`Flaw::NeedsRobot`], [`Flaw::UnknownPoint`].
+pub(super) fn solve(clip: &Clip, table: Option<&JointTable>) -> Result<Solved, Invalid> {
+    let Some(first) = clip.keys.iter().position(|k| !k.reach.is_empty()) else {
+        return Ok(Solved::default());
+    };
+    let Some((table, tree)) = table.and_then(|t| Some((t, t.kinematics.as_ref()?))) else {
+        let flaw = Flaw::NeedsRobot { robot: clip.robot.id.clone() };
+        return Err(Invalid { pointer: format!("/keys/{first}/reach"), flaw });
+    };
+    check_points(clip, tree)?;
+    Ok(Solver::new(clip, table, tree).run())
+}
+
+/// Every point is one that the robot has.
+fn check_points(clip: &Clip, tree: &Kinematics) -> Result<(), Invalid> {
+    for (i, key) in clip.keys.iter().enumerate() {
+        for (n, reach) in key.reach.iter().enumerate() {
+            let Err(unknown) = tree.point(&reach.point) else { continue };
+            let names: Vec<&str> = match unknown.kind {
+                "site" => tree.sites.iter().map(|s| s.name.as_str()).collect(),
+                _ => tree.links.iter().map(|l| l.name.as_str()).collect(),
+            };
+            let (kind, hint) = (unknown.kind, hint(&unknown.name, names));
+            let flaw = Flaw::UnknownPoint { kind, name: unknown.name, hint };
+            return Err(Invalid { pointer: format!("/keys/{i}/reach/{n}/{kind}"), flaw });
+        }
+    }
+    Ok(())
+}
+
+struct Solver<'a> {
+    clip: &'a Clip,
+    tree: &'a Kinematics,
+    /// The joint of the tree of each joint of the clip.
+    to_state: Vec<Option<usize>>,
+    /// Joints of the tree that the clip does not have; they stay.
+    locked: Vec<usize>,
+    /// The state before the clip, and the value of joints that it does not have.
+    rest: Vec<f64>,
+    /// For each joint of the clip the keys with a value of it: first frame, last frame, value.
+    known: Vec<Vec<(u32, u32, f64)>>,
+    found: Solved,
+}
+
+impl<'a> Solver<'a> {
+    fn new(clip: &'a Clip, table: &JointTable, tree: &'a Kinematics) -> Self {
+        let index = |name: &String| table.joints.iter().position(|j| &j.name == name);
+        let to_state: Vec<Option<usize>> = clip.robot.joints.iter().map(index).collect();
+        let locked = (0..tree.joints.len()).filter(|i| !to_state.contains(&Some(*i))).collect();
+        let mut rest = table.rest.clone();
+        rest.resize(tree.joints.len(), 0.0);
+        let start: Row = match &clip.start {
+            Some(Start::Q(q)) => q.iter().copied().map(Some).collect(),
+            Some(Start::Pose(pose)) => clip.poses.get(pose).cloned().unwrap_or_default(),
+            None => Vec::new(),
+        };
+        for (at, value) in to_state.iter().zip(&start) {
+            if let (Some(at), Some(value)) = (at, value) {
+                rest[*at] = *value;
+            }
+        }
+        let mut known = vec![Vec::new(); clip.dim()];
+        for (i, key) in clip.keys.iter().enumerate() {
+            let last = clip.hold_end(i).saturating_sub(1).max(key.frame);
+            for (list, value) in known.iter_mut().zip(clip.row(key).into_iter().flatten()) {
+                list.extend(value.map(|v| (key.frame, last, v)));
+            }
+        }
+        let rows = vec![None; clip.keys.len()];
+        let found = Solved { rows, ..Solved::default() };
+        Solver { clip, tree, to_state, locked, rest, known, found }
+    }
+
+    fn run(mut self) -> Solved {
+        let mut before: Option<Vec<f64>> = None;
+        for (i, key) in self.clip.keys.iter().enumerate() {
+            let posture = self.posture(key.frame);
+            if !key.reach.is_empty() {
+                let path = self.path_to(i).zip(before.clone());
+                let found = if let Some((path, from)) = path {
+                    // The key is the last frame of the way to it.
+                    let last = self.along(&path, i - 1, from);
+                    let near = drawn(&last, &posture);
+                    self.search(&[&last], &near, &targets(&key.reach))
+                } else {
+                    // If the motion so far leads nowhere: the posture, and the start of the clip.
+                    let start = before.as_ref().unwrap_or(&posture);
+                    let starts = [start.as_slice(), &posture, &self.rest];
+                    self.search(&starts, &posture, &targets(&key.reach))
+                };
+                self.note(i, key.frame, &key.reach, &found);
+                self.found.rows[i] = Some(self.row(key, &found.state));
+                before = Some(found.state);
+            } else if let Some(row) = self.clip.row(key) {
+                let mut state = posture;
+                for (at, value) in self.to_state.iter().zip(row) {
+                    if let (Some(at), Some(value)) = (at, value) {
+                        state[*at] = *value;
+                    }
+                }
+                before = Some(state);
+            }
+        }
+        self.found
+    }
+
+    /// The path of the points that leads to key `i`, if one does.
+    fn path_to(&self, i: usize) -> Option<Path<'a>> {
+        Path::after(self.clip, i.checked_sub(1)?)
+    }
+
+    /// Solves the frames between key `i` and the next; the last state.
+    fn along(&mut self, path: &Path<'_>, i: usize, mut state: Vec<f64>) -> Vec<f64> {
+        let points: Vec<_> = path.goals(path.last).into_iter().map(|r| r.point).collect();
+        let movers = self.tree.movers(&points).unwrap_or_default();
+        let moved: Vec<(usize, usize)> = self
+            .to_state
+            .iter()
+            .enumerate()
+            .filter_map(|(j, at)| at.filter(|at| movers.contains(at)).map(|at| (j, at)))
+            .collect();
+        let mut worst: Option<(u32, Vec<Reach>, IkResult)> = None;
+        for frame in path.first..path.last {
+            let goals = path.goals(frame);
+            // On its way a point does not jump to another solution.
+            let near = drawn(&state, &self.posture(frame));
+            let found = self.search(&[&state], &near, &targets(&goals));
+            let values = moved.iter().map(|&(j, at)| (j, found.state[at])).collect();
+            self.found.frames.push((frame, values));
+            state.clone_from(&found.state);
+            let far = |r: &IkResult| r.distance_m + 0.1 * r.angle_rad;
+            if !found.reached && worst.as_ref().is_none_or(|w| far(&found) > far(&w.2)) {
+                worst = Some((frame, goals, found));
+            }
+        }
+        if let Some((frame, goals, found)) = worst {
+            self.note(i, frame, &goals, &found);
+        }
+        state
+    }
+
+    /// Searches from the first of these starts, and from the next as long as none leads there.
+    fn search(&self, starts: &[&[f64]], posture: &[f64], targets: &[Target]) -> IkResult {
+        let config = IkConfig {
+            near: Some(posture.to_vec()),
+            locked: self.locked.clone(),
+            tolerance_m: TOLERANCE_M,
+            iterations: ITERATIONS,
+            ..IkConfig::default()
+        };
+        let mut best: Option<IkResult> = None;
+        for start in starts {
+            // All points were found before the search.
+            let Ok(found) = self.tree.ik(start, targets, &config) else { continue };
+            if found.reached {
+                return found;
+            }
+            let far = |r: &IkResult| r.distance_m + config.rad_in_m * r.angle_rad;
+            // Another start must pay: a jump to a solution that is as far off only disturbs.
+            if best.as_ref().is_none_or(|b| far(&found) < 0.9 * far(b)) {
+                best = Some(found);
+            }
+        }
+        best.unwrap_or_else(|| unreachable!("every point was looked up before"))
+    }
+
+    /// What the robot's joints would have at a frame without end-effector goals: the line between
+    /// the keys around it, the start before the first.
+    fn posture(&self, frame: u32) -> Vec<f64> {
+        let mut state = self.rest.clone();
+        for (known, at) in self.known.iter().zip(&self.to_state) {
+            let Some(at) = *at else { continue };
+            let next = known.partition_point(|k| k.0 <= frame);
+            let (before, after) = (next.checked_sub(1).map(|b| known[b]), known.get(next));
+            state[at] = match (before, after) {
+                (Some((_, last, a)), Some(&(to, _, b))) if frame > last => {
+                    a + (b - a) * f64::from(frame - last) / f64::from(to - last)
+                }
+                (Some((_, _, a)), _) => a,
+                // Before the first key with values there is the start, if the clip has one.
+                (None, Some(&(_, _, b))) if self.clip.start.is_none() => b,
+                (None, Some(&(to, _, b))) if to > 0 => {
+                    let a = state[at];
+                    a + (b - a) * f64::from(frame) / f64::from(to)
+                }
+                (None, _) => state[at],
+            };
+        }
+        state
+    }
+
+    /// The values of a key: all joints if it has none of its own, else its own and the solved ones.
+    fn row(&self, key: &Key, state: &[f64]) -> Row {
+        let points: Vec<_> = key.reach.iter().map(|r| r.point.clone()).collect();
+        let movers = self.tree.movers(&points).unwrap_or_default();
+        let own = self.clip.row(key);
+        let value = |(j, at): (usize, &Option<usize>)| {
+            let held = own.map(|row| row.get(j).copied().flatten());
+            match (held, *at) {
+                (Some(held), Some(at)) if !movers.contains(&at) => held,
+                (_, Some(at)) => Some(round(state[at])),
+                (held, None) => held.flatten(),
+            }
+        };
+        self.to_state.iter().enumerate().map(value).collect()
+    }
+
+    fn note(&mut self, key: usize, frame: u32, goals: &[Reach], found: &IkResult) {
+        for (goal, reach) in goals.iter().enumerate() {
+            let movers = self.tree.movers(std::slice::from_ref(&reach.point)).unwrap_or_default();
+            let names = self.to_state.iter().zip(&self.clip.robot.joints);
+            let joints = names.filter(|(at, _)| at.is_some_and(|at| movers.contains(&at)));
+            let Ok(id) = self.tree.point(&reach.point) else { continue };
+            let place = self.tree.place(&found.state, &id);
+            let quat = reach.quat.map(|_| place.quat);
+            let instead = Reach { point: reach.point.clone(), pos: place.pos, quat }.normal();
+            let (distance_m, angle_rad) = (found.distances_m[goal], found.angles_rad[goal]);
+            self.found.reached.push(Reached {
+                key,
+                frame,
+                goal,
+                distance_m,
+                angle_rad,
+                instead,
+                joints: joints.map(|(_, name)| name.clone()).collect(),
+                reached: distance_m <= TOLERANCE_M && angle_rad * 0.1 <= TOLERANCE_M,
+            });
+        }
+    }
+}
+
+/// On its way the robot stays near the frame before, and is drawn to its posture by and by: the best
+/// solution of one frame may be far from that of the next.
+fn drawn(state: &[f64], posture: &[f64]) -> Vec<f64> {
+    const SHARE: f64 = 0.2;
+    state.iter().zip(posture).map(|(q, p)| q + SHARE * (p - q)).collect()
+}
+
+fn targets(goals: &[Reach]) -> Vec<Target> {
+    goals.iter().map(|r| Target { point: r.point.clone(), pos: r.pos, quat: r.quat }).collect()
+}

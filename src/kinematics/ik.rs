@@ -1,0 +1,431 @@
+//! Inverse kinematics: joint values that bring points to their targets.
+//!
+//! Damped least squares (Wampler 1986; Nakamura and Hanafusa 1986) with all targets stacked. A joint
+//! that a step would move past its limit is held at the limit, and the step is solved again without
+//! it, so that the others take over. Rejected: clipping the step, which stalls before reachable
+//! targets. The damping grows when a step does not help and shrinks when it does
+//! (Levenberg-Marquardt).
+//!
+//! If there is a posture to stay near, a first search weighs it against the targets. A second one
+//! without it then removes the small distance that is left, in the shortest steps. Rejected: one
+//! search in the null space of the targets, which needs a rank that is uncertain near stretched arms.
+
+use nalgebra::{DMatrix, DVector, Isometry3, Quaternion, UnitQuaternion, Vector3};
+
+use super::place::{PointId, UnknownPoint, World};
+use super::tree::{JointMotion, Kinematics, Point};
+
+/// What a radian away from the posture counts in the first search, as metres away from a target.
+const NEAR_WEIGHT: f64 = 0.01;
+
+/// A point and its goal.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Target {
+    /// The point that is moved.
+    pub point: Point,
+    /// Goal in the world, m.
+    pub pos: [f64; 3],
+    /// Goal orientation in the world, w x y z; `None` leaves it free.
+    pub quat: Option<[f64; 4]>,
+}
+
+/// Options of the search.
+#[derive(Clone, Debug, PartialEq)]
+pub struct IkConfig {
+    /// State indices of joints that may move; `None` for all joints that do not follow another one
+    /// without a motor.
+    pub joints: Option<Vec<usize>>,
+    /// State indices of joints that must not move; they override the above.
+    pub locked: Vec<usize>,
+    /// Of all solutions, the one near this posture; `None` = near the start. (joints)
+    pub near: Option<Vec<f64>>,
+    /// Greatest number of iterations.
+    pub iterations: u32,
+    /// Distance that counts as reached, m.
+    pub tolerance_m: f64,
+    /// Weight of a radian of orientation error in metres.
+    pub rad_in_m: f64,
+    /// Greatest change of a joint in one iteration, rad or m.
+    pub step_limit: f64,
+}
+
+impl Default for IkConfig {
+    fn default() -> Self {
+        IkConfig {
+            joints: None,
+            locked: Vec::new(),
+            near: None,
+            iterations: 100,
+            tolerance_m: 1e-4,
+            rad_in_m: 0.1,
+            step_limit: 0.3,
+        }
+    }
+}
+
+/// Result of the search.
+#[derive(Clone, Debug, PartialEq)]
+pub struct IkResult {
+    /// Joint values, inside all limits; (joints).
+    pub state: Vec<f64>,
+    /// Distance of each point from its goal, m; in order of the targets.
+    pub distances_m: Vec<f64>,
+    /// Orientation error of each point, rad; 0 if no orientation was requested.
+    pub angles_rad: Vec<f64>,
+    /// Greatest distance of a point from its goal, m.
+    pub distance_m: f64,
+    /// Greatest orientation error, rad; 0 if no orientation was requested.
+    pub angle_rad: f64,
+    /// Whether every target was reached.
+    pub reached: bool,
+    /// Iterations used.
+    pub iterations: u32,
+}
+
+/// A target with its points looked up.
+struct Pull {
+    id: PointId,
+    goal: Goal,
+}
+
+enum Goal {
+    /// A place in the world, in a certain orientation or not.
+    Place(Isometry3<f64>, bool),
+    /// Another point of the robot, which may move as well.
+    Point(PointId),
+}
+
+impl Kinematics {
+    /// Joints that move one of these points, and that may move themselves; sorted state indices.
+    ///
+    /// # Errors
+    /// [`UnknownPoint`].
+    pub fn movers(&self, points: &[Point]) -> Result<Vec<usize>, UnknownPoint> {
+        let ids = points.iter().map(|p| self.point(p)).collect::<Result<Vec<_>, _>>()?;
+        let free = self.free_joints(&IkConfig::default());
+        let moves = |i: &usize| ids.iter().any(|id| self.reaches(*i, id));
+        Ok(free.into_iter().filter(moves).collect())
+    }
+
+    /// Moves joints so that the targets are met as well as limits and locks allow. It begins at
+    /// `start` (joints) and stays near it, or near a posture.
+    ///
+    /// # Errors
+    /// [`UnknownPoint`].
+    pub fn ik(
+        &self,
+        start: &[f64],
+        targets: &[Target],
+        config: &IkConfig,
+    ) -> Result<IkResult, UnknownPoint> {
+        self.ik_meeting(start, targets, &[], config)
+    }
+
+    /// As [`Kinematics::ik`]; in addition both points of each pair are brought to one place, wherever
+    /// that is. Pairs follow the targets in the result.
+    ///
+    /// # Errors
+    /// [`UnknownPoint`].
+    pub fn ik_meeting(
+        &self,
+        start: &[f64],
+        targets: &[Target],
+        pairs: &[(Point, Point)],
+        config: &IkConfig,
+    ) -> Result<IkResult, UnknownPoint> {
+        let mut pulls = targets.iter().map(|t| self.pull(t)).collect::<Result<Vec<_>, _>>()?;
+        for (a, b) in pairs {
+            let (id, goal) = (self.point(a)?, Goal::Point(self.point(b)?));
+            pulls.push(Pull { id, goal });
+        }
+        let free = self.free_joints(config);
+        let mut state = start.to_vec();
+        for &i in &free {
+            if let Some([lo, hi]) = self.joints[i].range {
+                state[i] = state[i].clamp(lo, hi);
+            }
+        }
+        self.follow(&mut state, &free);
+        let moves = |i: &usize| pulls.iter().any(|p| p.points().any(|id| self.reaches(*i, id)));
+        let free: Vec<usize> = free.into_iter().filter(moves).collect();
+        let columns = free.iter().map(|&i| self.columns(i).collect()).collect();
+        let mut search = Search { tree: self, pulls: &pulls, free, columns, config, near: None };
+        // A step that gains less than this leads nowhere: the goal is out of reach.
+        let stalled = 0.01 * config.tolerance_m;
+        let mut used = 0;
+        if let Some(near) = &config.near {
+            search.near = Some(near);
+            used += search.descend(&mut state, |error, before| {
+                before - error.norm() < stalled || error.norm() < 1e-9
+            });
+            search.near = None;
+        }
+        used += search.descend(&mut state, |error, before| {
+            search.is_reached(error, 0.01) || before - error.norm() < stalled
+        });
+        let error = search.error(&self.world(&state), &state);
+        let (distances_m, angles_rad) = search.measure(&error);
+        let most = |v: &[f64]| v.iter().copied().fold(0.0, f64::max);
+        Ok(IkResult {
+            reached: search.is_reached(&error, 1.0),
+            distance_m: most(&distances_m),
+            angle_rad: most(&angles_rad),
+            state,
+            distances_m,
+            angles_rad,
+            iterations: used,
+        })
+    }
+
+    fn pull(&self, t: &Target) -> Result<Pull, UnknownPoint> {
+        let [w, x, y, z] = t.quat.unwrap_or([1.0, 0.0, 0.0, 0.0]);
+        let turn = UnitQuaternion::try_new(Quaternion::new(w, x, y, z), 1e-9).unwrap_or_default();
+        let goal = Isometry3::from_parts(t.pos.into(), turn);
+        Ok(Pull { id: self.point(&t.point)?, goal: Goal::Place(goal, t.quat.is_some()) })
+    }
+
+    fn free_joints(&self, config: &IkConfig) -> Vec<usize> {
+        let mut free: Vec<usize> = match &config.joints {
+            Some(list) => list.clone(),
+            None => (0..self.joints.len()).collect(),
+        };
+        let moves = |i: usize| self.joints.get(i).is_some_and(|j| j.follows.is_none());
+        free.retain(|i| moves(*i) && !config.locked.contains(i));
+        free.sort_unstable();
+        free.dedup();
+        free
+    }
+
+    /// The joint and its followers, with their factors.
+    fn columns(&self, joint: usize) -> impl Iterator<Item = (usize, f64)> {
+        let followers = self.joints.iter().enumerate().filter_map(move |(i, j)| {
+            j.follows.filter(|f| f.leader == joint).map(|f| (i, f.multiplier))
+        });
+        std::iter::once((joint, 1.0)).chain(followers)
+    }
+
+    fn reaches(&self, joint: usize, id: &PointId) -> bool {
+        self.columns(joint).any(|(i, _)| self.moves(i, id))
+    }
+
+    /// Moves followers along with leaders that may move.
+    fn follow(&self, state: &mut [f64], free: &[usize]) {
+        for (i, joint) in self.joints.iter().enumerate() {
+            if let Some(f) = joint.follows.filter(|f| free.contains(&f.leader)) {
+                state[i] = f.offset + f.multiplier * state[f.leader];
+            }
+        }
+    }
+}
+
+struct Search<'a> {
+    tree: &'a Kinematics,
+    pulls: &'a [Pull],
+    free: Vec<usize>,
+    /// For each free joint itself and its followers, with their factors.
+    columns: Vec<Vec<(usize, f64)>>,
+    config: &'a IkConfig,
+    near: Option<&'a [f64]>,
+}
+
+impl Search<'_> {
+    /// Improves the state until `done` (of the error and of the norm before the last step) or until
+    /// no step helps; the number of iterations.
+    fn descend(&self, state: &mut Vec<f64>, done: impl Fn(&DVector<f64>, f64) -> bool) -> u32 {
+        let mut damping = 1e-4_f64;
+        let mut world = self.tree.world(state);
+        let mut error = self.error(&world, state);
+        let mut before = f64::INFINITY;
+        let mut used = 0;
+        while used < self.config.iterations && !self.free.is_empty() && !done(&error, before) {
+            used += 1;
+            let jacobian = self.jacobian(&world);
+            let mut improved = false;
+            for _ in 0..6 {
+                let step = self.step(&jacobian, &error, state, damping);
+                let mut next = state.clone();
+                for (k, &i) in self.free.iter().enumerate() {
+                    let [lo, hi] = self.range(i);
+                    next[i] = (next[i] + step[k]).clamp(lo, hi);
+                }
+                self.tree.follow(&mut next, &self.free);
+                let next_world = self.tree.world(&next);
+                let next_error = self.error(&next_world, &next);
+                if next_error.norm() < error.norm() * (1.0 - 1e-9) {
+                    before = error.norm();
+                    (*state, world, error) = (next, next_world, next_error);
+                    damping = (damping * 0.3).max(1e-8);
+                    improved = true;
+                    break;
+                }
+                damping = (damping * 8.0).min(1e4);
+            }
+            if !improved {
+                break;
+            }
+        }
+        used
+    }
+
+    /// The range of a joint; infinite if it has none.
+    fn range(&self, joint: usize) -> [f64; 2] {
+        self.tree.joints[joint].range.unwrap_or([f64::NEG_INFINITY, f64::INFINITY])
+    }
+
+    fn target_rows(&self) -> usize {
+        self.pulls.iter().map(Pull::rows).sum()
+    }
+
+    /// Stacked errors, metres: three rows per position, three more per orientation, one per free
+    /// joint if there is a posture.
+    fn error(&self, world: &World, state: &[f64]) -> DVector<f64> {
+        let mut rows = Vec::with_capacity(self.target_rows() + self.free.len());
+        for p in self.pulls {
+            let at = world.point(&p.id);
+            let goal = match &p.goal {
+                Goal::Place(place, _) => *place,
+                Goal::Point(other) => world.point(other),
+            };
+            rows.extend((goal.translation.vector - at.translation.vector).iter());
+            if p.turns() {
+                let turn = (goal.rotation * at.rotation.inverse()).scaled_axis();
+                rows.extend((turn * self.config.rad_in_m).iter());
+            }
+        }
+        if let Some(near) = self.near {
+            rows.extend(self.free.iter().map(|&i| NEAR_WEIGHT * (near[i] - state[i])));
+        }
+        DVector::from_vec(rows)
+    }
+
+    /// Change of the points (and of the posture) with the free joints: (rows of `error`, free).
+    fn jacobian(&self, world: &World) -> DMatrix<f64> {
+        let targets = self.target_rows();
+        let extra = if self.near.is_some() { self.free.len() } else { 0 };
+        let mut out = DMatrix::zeros(targets + extra, self.free.len());
+        let mut top = 0;
+        for p in self.pulls {
+            for (k, columns) in self.columns.iter().enumerate() {
+                for &(joint, factor) in columns {
+                    let (mut along, about) = self.moved(world, joint, &p.id);
+                    if let Goal::Point(other) = &p.goal {
+                        // What counts is how the one moves against the other.
+                        along -= self.moved(world, joint, other).0;
+                    }
+                    for r in 0..3 {
+                        out[(top + r, k)] += along[r] * factor;
+                        if p.turns() {
+                            out[(top + 3 + r, k)] += about[r] * factor * self.config.rad_in_m;
+                        }
+                    }
+                }
+            }
+            top += p.rows();
+        }
+        for k in 0..extra {
+            out[(targets + k, k)] = NEAR_WEIGHT;
+        }
+        out
+    }
+
+    /// How a point shifts and turns with one joint, per rad or m.
+    fn moved(&self, world: &World, joint: usize, id: &PointId) -> (Vector3<f64>, Vector3<f64>) {
+        if !self.tree.moves(joint, id) {
+            return (Vector3::zeros(), Vector3::zeros());
+        }
+        let (anchor, axis) = world.axes[joint];
+        match self.tree.joints[joint].motion {
+            JointMotion::Hinge => {
+                let arm = world.point(id).translation.vector - anchor.coords;
+                (axis.cross(&arm), axis)
+            }
+            JointMotion::Slide => (axis, Vector3::zeros()),
+        }
+    }
+
+    /// One damped step over the free joints. Joints that would leave their range move to the limit,
+    /// and the others are solved again for the rest.
+    fn step(
+        &self,
+        jacobian: &DMatrix<f64>,
+        error: &DVector<f64>,
+        state: &[f64],
+        damping: f64,
+    ) -> DVector<f64> {
+        let n = self.free.len();
+        let mut step: DVector<f64> = DVector::zeros(n);
+        let mut held = vec![false; n];
+        for _ in 0..=n {
+            let open: Vec<usize> = (0..n).filter(|k| !held[*k]).collect();
+            if open.is_empty() {
+                break;
+            }
+            let mut left = error.clone();
+            for k in (0..n).filter(|k| held[*k]) {
+                left -= jacobian.column(k) * step[k];
+            }
+            let j = jacobian.select_columns(&open);
+            let normal = j.transpose() * &j + DMatrix::identity(open.len(), open.len()) * damping;
+            let Some(solved) = normal.cholesky().map(|c| c.solve(&(j.transpose() * left))) else {
+                break;
+            };
+            let biggest = solved.amax();
+            let limit = self.config.step_limit;
+            let scale = if biggest > limit { limit / biggest } else { 1.0 };
+            let mut newly = false;
+            for (o, &k) in open.iter().enumerate() {
+                let change = solved[o] * scale;
+                let (range, q) = (self.range(self.free[k]), state[self.free[k]]);
+                let room = [range[0] - q, range[1] - q];
+                let fits = change >= room[0] && change <= room[1];
+                if !fits {
+                    held[k] = true;
+                    newly = true;
+                }
+                step[k] = change.clamp(room[0].min(0.0), room[1].max(0.0));
+            }
+            if !newly {
+                break;
+            }
+        }
+        step
+    }
+
+    /// Distance, m, and angle, rad, of each target in stacked errors.
+    fn measure(&self, error: &DVector<f64>) -> (Vec<f64>, Vec<f64>) {
+        let norm = |at: usize| error.rows(at, 3).norm();
+        let (mut distances, mut angles, mut top) = (Vec::new(), Vec::new(), 0);
+        for p in self.pulls {
+            distances.push(norm(top));
+            angles.push(if p.turns() { norm(top + 3) / self.config.rad_in_m } else { 0.0 });
+            top += p.rows();
+        }
+        (distances, angles)
+    }
+
+    /// Whether all errors are within this share of the tolerance.
+    fn is_reached(&self, error: &DVector<f64>, share: f64) -> bool {
+        let most = self.config.tolerance_m * share;
+        let (distances, angles) = self.measure(error);
+        distances.iter().all(|d| *d <= most)
+            && angles.iter().all(|a| a * self.config.rad_in_m <= most)
+    }
+}
+
+impl Pull {
+    fn turns(&self) -> bool {
+        matches!(self.goal, Goal::Place(_, true))
+    }
+
+    fn rows(&self) -> usize {
+        if self.turns() { 6 } else { 3 }
+    }
+
+    fn points(&self) -> impl Iterator<Item = &PointId> {
+        let other = match &self.goal {
+            Goal::Point(other) => Some(other),
+            Goal::Place(..) => None,
+        };
+        std::iter::once(&self.id).chain(other)
+    }
+}

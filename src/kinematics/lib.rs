@@ -1,0 +1,16 @@
+//! Where the parts of a robot are, and how its joints bring them somewhere else.
+//!
+//! [`Kinematics`] is a tree of bodies on hinges and slides, as plain data: it can be sent, stored and
+//! compared. Clips with end-effector goals are compiled with it, in processes that never load a
+//! simulator. Rejected: asking the simulator. A clip is compiled again at every step of a drag, and
+//! the compiler would depend on a process, or on MuJoCo, for a few products of matrices.
+//!
+//! `robert-robot` fills the tree from a model, and its tests compare all places with MuJoCo's.
+
+mod ik;
+mod place;
+mod tree;
+
+pub use ik::{IkConfig, IkResult, Target};
+pub use place::{Place, PointId, UnknownPoint, shortest_turn};
+pub use tree::{Follow, JointAxis, JointMotion, Kinematics, LinkFrame, Point, SiteFrame};

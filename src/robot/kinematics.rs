@@ -1,0 +1,76 @@
+//! The robot's tree of bodies as plain data, from the compiled model.
+
+use robert_kinematics::{Follow, JointAxis, JointMotion, Kinematics, LinkFrame, SiteFrame};
+use robert_mujoco::{Joint, Kind, Model};
+
+use super::profile::{Coupling, Profile};
+use super::{Robot, StateJoint};
+
+impl Robot {
+    /// The tree of bodies on joints, for places and inverse kinematics without the simulator.
+    pub fn kinematics(&self) -> &Kinematics {
+        self.kinematics.get_or_init(|| tree(self.model(), self.profile(), self.joints()))
+    }
+}
+
+/// The tree of a model whose joints are the state.
+fn tree(model: &Model, profile: &Profile, joints: &[StateJoint]) -> Kinematics {
+    let link = |body: usize| LinkFrame {
+        name: model.name(Kind::Body, body).unwrap_or_default().to_owned(),
+        parent: index(model.body_parentid()[body]),
+        pos: of(model.body_pos(), body),
+        quat: of(model.body_quat(), body),
+        joints: {
+            // A body without joints has address -1.
+            let count = index(model.body_jntnum()[body]);
+            let first = if count == 0 { 0 } else { index(model.body_jntadr()[body]) };
+            (first..first + count).collect()
+        },
+    };
+    let axis = |joint: &StateJoint| JointAxis {
+        motion: match model.joint_type(joint.id) {
+            Some(Joint::Slide) => JointMotion::Slide,
+            _ => JointMotion::Hinge,
+        },
+        pos: of(model.jnt_pos(), joint.id),
+        axis: of(model.jnt_axis(), joint.id),
+        reference: model.qpos0()[joint.qposadr],
+        range: (!joint.unbounded).then_some(joint.range),
+        follows: follow(&joint.name, profile, joints),
+    };
+    let site = |site: usize| {
+        Some(SiteFrame {
+            name: model.name(Kind::Site, site)?.to_owned(),
+            link: index(model.site_bodyid()[site]),
+            pos: of(model.site_pos(), site),
+            quat: of(model.site_quat(), site),
+        })
+    };
+    Kinematics {
+        links: (0..model.nbody()).map(link).collect(),
+        joints: joints.iter().map(axis).collect(),
+        sites: (0..model.nsite()).filter_map(site).collect(),
+    }
+}
+
+/// The joint that this one follows.
+fn follow(name: &str, profile: &Profile, joints: &[StateJoint]) -> Option<Follow> {
+    profile.couplings.iter().find_map(|coupling| match coupling {
+        Coupling::Mimic { follower, leader, offset, multiplier } if follower == name => {
+            let leader = joints.iter().position(|j| &j.name == leader)?;
+            Some(Follow { leader, offset: *offset, multiplier: *multiplier })
+        }
+        _ => None,
+    })
+}
+
+/// An index of a compiled model, which is never negative.
+fn index(id: i32) -> usize {
+    assert!(id >= 0, "a compiled model has no index {id}");
+    id as usize
+}
+
+/// The `N` numbers of item `i`.
+fn of<const N: usize>(all: &[f64], i: usize) -> [f64; N] {
+    all.as_chunks::<N>().0[i]
+}

@@ -1,0 +1,28 @@
+// How curves pass the chosen points of the graph.
+
+import { needsPoint, setTangent } from "../graph/edits";
+import type { Action } from "./action";
+
+export const TANGENTS: Action[] = [
+  {
+    id: "tangent-auto",
+    title: "Tangent: automatic, never overshoots",
+    group: "Keys",
+    not: needsPoint,
+    run: () => void setTangent(null),
+  },
+  {
+    id: "tangent-flat",
+    title: "Tangent: flat, the joint rests for a moment",
+    group: "Keys",
+    not: needsPoint,
+    run: () => void setTangent("flat"),
+  },
+  {
+    id: "tangent-linear",
+    title: "Tangent: along the lines to the neighbouring keys",
+    group: "Keys",
+    not: needsPoint,
+    run: () => void setTangent("linear"),
+  },
+];
