@@ -105,13 +105,13 @@ def import_robot(
     packages: Optional[dict[str, str]] = None,
     fixed_base: bool = False,
     base_height: float = 0.0,
-    effort: float = 10.0,
+    effort: Optional[float] = None,
     torque: bool = False,
 ) -> dict[str, Any]:
     """Makes the folder ``out`` of a URDF or MJCF and reports what was ``dropped``, ``assumed`` and ``changed``.
 
     ``packages`` tells where ROS packages lie, ``base_height`` is m above the floor, ``effort`` the limit of motors whose
-    source names none (N m). ``torque`` replaces servos by motors. The model is compiled in a process of its own, by the command ``robert`` that was
+    source names none (N m; enough to carry the robot by default). ``torque`` replaces servos by motors. The model is compiled in a process of its own, by the command ``robert`` that was
     installed with this package. Raises :class:`InvalidInput` with file, line and column."""
     report = _native.import_robot(
         os.fspath(source), os.fspath(out), id, None, packages or {}, fixed_base, base_height, effort, torque

@@ -30,8 +30,8 @@ use crate::rollout::{
     shipped, tasks,
 };
 use crate::train::evaluator::SuiteEvaluator;
-use crate::train::read_config;
 use crate::train::{ContactTarget, Evaluate, Finished, Options, TrainConfig, train};
+use crate::train::{penalty, read_config};
 use crate::units::count;
 
 /// Steps of the run that measures the speed of this machine.
@@ -155,7 +155,12 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
 
     say("3 fit: the closed form for every gap");
     if !model_path(&places.instant).is_file() {
-        let cfg = TrainConfig { seed: args.seed, ..TrainConfig::preset("instant")? };
+        let usual = TrainConfig { seed: args.seed, ..TrainConfig::preset("instant")? };
+        let ridge_penalty = match evaluator(&robot, threads)? {
+            Some(mut judge) => penalty::choose(&data, &usual, threads, &mut judge, &cancel)?,
+            None => None,
+        };
+        let cfg = TrainConfig { ridge_penalty, ..usual };
         let options = options(&places.instant, threads, &Silent, &cancel, None);
         train(&data, &cfg, options)?;
     }
@@ -264,6 +269,7 @@ fn teach(
             contact_weight: 1.0,
             contact_target: ContactTarget::Linear,
             seed: args.seed,
+            ridge_penalty: read_config(&places.instant)?.ridge_penalty,
             ..TrainConfig::preset(&args.preset)?
         };
         // How fast is this machine? A few steps tell, and are thrown away.
@@ -274,8 +280,7 @@ fn teach(
         let steps = args.minutes * 60.0 * PLANNED * tried.windows_per_sec / preset.batch as f64;
         TrainConfig { steps: (steps as u64).max(50), ..preset }
     };
-    let mut evaluator =
-        SuiteEvaluator::new(Arc::clone(robot), threads).map_err(Failure::invalid)?;
+    let mut evaluator = evaluator(robot, threads)?;
     let bar = Bar::new("train", "steps", global.quiet);
     let evaluator = evaluator.as_mut().map(|j| j as &mut dyn Evaluate);
     let done = train(data, &cfg, options(&places.run, threads, &bar, cancel, evaluator));
@@ -287,6 +292,11 @@ fn teach(
         return Err(Failure::with(crate::exit::Exit::Interrupted, hint));
     }
     Ok(done)
+}
+
+/// Performs the trial clips that choose.
+fn evaluator(robot: &Arc<Robot>, threads: usize) -> Outcome<Option<SuiteEvaluator>> {
+    SuiteEvaluator::new(Arc::clone(robot), threads).map_err(Failure::invalid)
 }
 
 fn options<'a>(

@@ -104,6 +104,21 @@ impl Ridge {
         cfg: &RidgeConfig,
         threads: usize,
     ) -> Result<Self, Error> {
+        let mut all = Self::fit_each(tokens, episodes, cfg, &[cfg.lambda_per_sample], threads)?;
+        Ok(all.remove(0))
+    }
+
+    /// Fits all heads once for each penalty per sample, to the same samples.
+    ///
+    /// # Errors
+    /// As [`Ridge::fit`].
+    pub fn fit_each(
+        tokens: &Tokeniser,
+        episodes: &impl Episodes,
+        cfg: &RidgeConfig,
+        penalties: &[f64],
+        threads: usize,
+    ) -> Result<Vec<Self>, Error> {
         let starts = Starts::new(tokens.state(), episodes);
         if starts.total == 0 {
             return Err(Error::Shape {
@@ -113,12 +128,14 @@ impl Ridge {
             });
         }
         let (inputs, actions) = (tokens.ridge_inputs(), tokens.facts().actions);
-        let mut weights = vec![0.0_f32; RIDGE_HEADS * inputs * actions];
+        // By head and penalty.
+        let one = inputs * actions;
+        let mut weights = vec![0.0_f32; RIDGE_HEADS * penalties.len() * one];
         let failed = Mutex::new(None);
-        let queue = Mutex::new(weights.chunks_exact_mut(inputs * actions).enumerate());
+        let queue = Mutex::new(weights.chunks_exact_mut(penalties.len() * one).enumerate());
         on_threads(threads.max(1), |_| {
             while let Some((head, to)) = next_of(&queue) {
-                if let Err(e) = fit_head(head, tokens, episodes, &starts, cfg, to) {
+                if let Err(e) = fit_head(head, tokens, episodes, &starts, cfg, penalties, to) {
                     failed
                         .lock()
                         .unwrap_or_else(std::sync::PoisonError::into_inner)
@@ -128,7 +145,12 @@ impl Ridge {
         });
         match failed.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner) {
             Some(e) => Err(e),
-            None => Self::new(inputs, actions, weights),
+            None => (0..penalties.len())
+                .map(|p| {
+                    let heads = weights.chunks_exact(one).skip(p).step_by(penalties.len());
+                    Self::new(inputs, actions, heads.flatten().copied().collect())
+                })
+                .collect(),
         }
     }
 
@@ -250,6 +272,7 @@ fn fit_head(
     episodes: &impl Episodes,
     starts: &Starts,
     cfg: &RidgeConfig,
+    penalties: &[f64],
     to: &mut [f32],
 ) -> Result<(), Error> {
     const CHUNK: usize = 1024;
@@ -298,12 +321,15 @@ fn fit_head(
         }
     }
     accumulate(&mut xx, &mut xy, &x, &y, filled, f, a);
-    let penalty = cfg.lambda + cfg.lambda_per_sample * drawn as f64;
-    xx.iter_mut().step_by(f + 1).for_each(|d| *d += penalty);
-    cholesky(&mut xx, f)
-        .map_err(|row| Error::Singular { what: format!("ridge head {head}"), row })?;
-    solve(&xx, f, &mut xy, a);
-    to.iter_mut().zip(&xy).for_each(|(to, &w)| *to = w as f32);
+    for (per_sample, to) in penalties.iter().zip(to.chunks_exact_mut(f * a)) {
+        let (mut factor, mut weights) = (xx.clone(), xy.clone());
+        let penalty = cfg.lambda + per_sample * drawn as f64;
+        factor.iter_mut().step_by(f + 1).for_each(|d| *d += penalty);
+        cholesky(&mut factor, f)
+            .map_err(|row| Error::Singular { what: format!("ridge head {head}"), row })?;
+        solve(&factor, f, &mut weights, a);
+        to.iter_mut().zip(&weights).for_each(|(to, &w)| *to = w as f32);
+    }
     Ok(())
 }
 

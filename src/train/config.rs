@@ -92,6 +92,10 @@ pub struct TrainConfig {
     /// directions that no actuator moves. Without it the network sees masks and goals unchanged.
     #[serde(default)]
     pub reach: bool,
+    /// Penalty of the linear prediction per sample; absent: by the number of its inputs. See
+    /// [`super::penalty`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ridge_penalty: Option<f64>,
     /// Seed of all random choices: weights, batches, masks, split.
     pub seed: u64,
 }
@@ -141,6 +145,7 @@ impl Default for TrainConfig {
             contact_weight: 0.05,
             contact_target: ContactTarget::Action,
             reach: true,
+            ridge_penalty: None,
             seed: 0,
         }
     }

@@ -15,6 +15,7 @@ pub mod hindsight;
 pub mod metrics;
 mod options;
 pub mod paths;
+pub mod penalty;
 pub mod prepare;
 pub mod record;
 pub mod run;

@@ -51,6 +51,13 @@ impl Episodes for Side<'_> {
     }
 }
 
+/// How the linear prediction is fitted.
+pub(super) fn ridge_config(cfg: &TrainConfig, tokens: &Tokeniser) -> RidgeConfig {
+    let usual = RidgeConfig::for_tokens(tokens);
+    let lambda_per_sample = cfg.ridge_penalty.unwrap_or(usual.lambda_per_sample);
+    RidgeConfig { seed: cfg.seed, lambda_per_sample, ..usual }
+}
+
 /// A fresh network for this data, its features and its card.
 ///
 /// # Errors
@@ -68,8 +75,7 @@ pub fn prepare(
     let ridge = if cfg.skip == SkipKind::Off {
         None
     } else {
-        let fit = RidgeConfig { seed: cfg.seed, ..RidgeConfig::for_tokens(&tokens) };
-        Some(Ridge::fit(&tokens, &train, &fit, threads)?)
+        Some(Ridge::fit(&tokens, &train, &ridge_config(cfg, &tokens), threads)?)
     };
     let encoder = Encoder::new(tokens, ridge)?;
     let actions = encoder.tokens.facts().actions;
