@@ -5,8 +5,7 @@ use std::time::Instant;
 use serde::Serialize;
 
 use super::clock::median;
-use super::engine::{Size, Sizes};
-use super::train::fill;
+use super::engine::{Size, Sizes, fill};
 use crate::cli::failure::Outcome;
 use crate::cli::out;
 use crate::gpu::{Device, GpuEngine, adapter};

@@ -6,11 +6,11 @@ use std::time::Instant;
 use serde::Serialize;
 
 use super::clock::{median, process_cpu};
-use super::engine::{Size, Sizes, check_threads, peak};
+use super::engine::{Size, Sizes, check_threads, fill, peak};
 use crate::cli::failure::{Failure, Outcome};
 use crate::cli::out;
 use crate::gpu::Choice;
-use crate::net::{AdamConfig, Batch, Learner, Net, WINDOW};
+use crate::net::{AdamConfig, Learner, Net};
 
 #[derive(clap::Args, Debug)]
 #[command(
@@ -111,14 +111,6 @@ pub(super) fn run(args: &Args) -> Outcome {
         ""
     };
     out::line(&format!("peak of vector instructions {:.0} GFLOP/s{tiles}", report.peak_gflops))
-}
-
-/// Numbers for window w, that need no time.
-pub(super) fn fill(w: usize, slot: usize, to: &mut Batch<f32>) {
-    let tokens = to.tokens.len() / (to.masked.len() / WINDOW);
-    for (i, x) in to.tokens[slot * tokens..(slot + 1) * tokens].iter_mut().enumerate() {
-        *x = ((w * 7919 + i * 31) % 1000) as f32 * 0.002 - 1.0;
-    }
 }
 
 /// Steps and products in turns, so that a busy or a throttled machine slows both.
