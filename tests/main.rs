@@ -19,6 +19,7 @@ mod help;
 mod import;
 mod malformed;
 mod motion;
+mod parsers;
 mod pipes;
 mod render;
 mod results;

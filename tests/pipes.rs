@@ -92,3 +92,37 @@ fn stdin_holds_one_thing_and_stdout_too() {
     let gone = robert().args(["clip", "check", "gone.clip.json"]).fails(3);
     assert!(gone.stderr.contains("gone.clip.json"), "{}", gone.stderr);
 }
+
+#[test]
+fn messages_that_nobody_can_hear_end_no_work() {
+    let dir = tempfile::tempdir().unwrap();
+    for args in [
+        &["collect", "--robot", "pointmass", "--transitions", "2000", "--out", "data"][..],
+        &["fit", "ridge", "--data", "data", "--out", "fit"],
+        &[
+            "train",
+            "--robot",
+            "pointmass",
+            "--data",
+            "data",
+            "--preset",
+            "instant",
+            "--set",
+            "steps=2",
+            "--out",
+            "run",
+        ],
+        &["rollout", "circle", "-p", "pd", "-o", "circle.mcap"],
+        &["export", "circle.mcap", "--to", "glb", "-o", "circle.glb"],
+    ] {
+        let full = std::fs::File::options().write(true).open("/dev/full").unwrap();
+        let out = std::process::Command::new(crate::run::binary())
+            .args(args)
+            .current_dir(dir.path())
+            .stdin(std::process::Stdio::null())
+            .stderr(full)
+            .output()
+            .unwrap();
+        assert_eq!(out.status.code(), Some(0), "{args:?}");
+    }
+}

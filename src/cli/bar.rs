@@ -140,7 +140,9 @@ impl Progress for Bar {
         plain.last = Instant::now();
         let percent = 100.0 * done as f64 / total.max(1) as f64;
         let (what, unit) = self.named();
-        eprintln!("{what}: {done}/{total} {unit} ({percent:.0}%), {left} left  {note}");
+        super::out::aside(format_args!(
+            "{what}: {done}/{total} {unit} ({percent:.0}%), {left} left  {note}"
+        ));
     }
 
     fn phase(&self, what: &str, unit: &str) {
@@ -163,7 +165,7 @@ impl Progress for Bar {
         if self.events.is_some() {
             super::out::event(&JobEvent::Log { line: line.to_owned() }).ok();
         }
-        self.bar.suspend(|| eprintln!("{line}"));
+        self.bar.suspend(|| super::out::aside(line));
     }
 
     fn figures(&self, point: &serde_json::Value) {

@@ -1,6 +1,7 @@
 //! What a command returns when it does not succeed: a message and an exit code.
 
 use std::fmt::Display;
+use std::io::Write as _;
 
 use crate::exit::{Exit, HasExit};
 
@@ -37,7 +38,8 @@ impl Failure {
 
     /// Prints `error: …` and its causes to stderr.
     pub(super) fn report(&self) {
-        eprintln!("error: {}", plain(&self.sentence()));
+        // Not `eprintln!`, which panics when nobody listens any more.
+        writeln!(std::io::stderr(), "error: {}", plain(&self.sentence())).ok();
     }
 
     /// The error and its causes on one line. A cause that a message already contains is left out.

@@ -142,7 +142,7 @@ pub(super) fn write_clip(path: &Path, clip: &Clip) -> Outcome {
 /// Reports what was done: on stdout, unless the result itself goes there.
 pub(super) fn say(stdout_taken: bool, text: &str) -> Outcome {
     if stdout_taken {
-        eprintln!("{text}");
+        out::aside(text);
         return Ok(());
     }
     out::line(text)

@@ -116,7 +116,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let threads = super::global::threads(None);
     let say = |text: &str| {
         if !global.quiet {
-            eprintln!("{text}");
+            out::aside(text);
         }
     };
     let places = Places::of(&args.out);

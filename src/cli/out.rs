@@ -43,6 +43,12 @@ pub(super) fn line(text: &str) -> Outcome {
     bytes(format!("{text}\n").as_bytes())
 }
 
+/// A line on stderr. Unlike `eprintln!` it does not panic when nobody listens any more or the disk
+/// behind a log is full: what is told on the side must not end the work.
+pub(super) fn aside(line: impl std::fmt::Display) {
+    writeln!(io::stderr(), "{line}").ok();
+}
+
 /// Writes to stdout. A closed pipe (`| head`) is not an error, and the command still ends with its
 /// own exit code.
 pub(super) fn bytes(bytes: &[u8]) -> Outcome {

@@ -71,6 +71,8 @@ pub struct StudioConfig {
 
 /// Time for clients and jobs to hear of the end.
 const FAREWELL: Duration = Duration::from_millis(300);
+/// How long the session may take for its last writes.
+const LAST_WRITES: Duration = Duration::from_millis(1500);
 
 /// Runs the studio until SIGINT or SIGTERM. As soon as connections are accepted, `ready` gets
 /// the address, token included, and the address for a browser that it starts, with a code that
@@ -135,7 +137,8 @@ async fn serve(config: StudioConfig, ready: impl FnOnce(&str, &str)) -> Result<(
     };
     app.jobs.stop();
     app.workspace.pictures.shutdown();
-    session.ask(SessionCommand::Shutdown).await.ok();
+    // A disk that does not answer must not keep the studio; acknowledged edits are in the journal.
+    tokio::time::timeout(LAST_WRITES, session.ask(SessionCommand::Shutdown)).await.ok();
     simulation.shutdown();
     tokio::time::sleep(Duration::from_millis(50)).await;
     result

@@ -11,7 +11,7 @@ mod robots;
 mod schema;
 
 /// Processor time of this thread so far: a busy machine is no hang.
-fn cpu() -> std::time::Duration {
+pub(crate) fn cpu() -> std::time::Duration {
     let text = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
     let nanos = text.split_whitespace().next().and_then(|n| n.parse().ok()).unwrap_or(0);
     std::time::Duration::from_nanos(nanos)

@@ -1,5 +1,6 @@
 //! From clip to motion through the command line: rollout, eval, tasks, examples.
 
+mod diverge;
 mod eval;
 mod examples;
 mod rollout;

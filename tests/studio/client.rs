@@ -93,9 +93,14 @@ impl Studio {
     }
 
     /// SIGTERM; exit code and the time it took.
-    pub(super) fn terminate(mut self) -> (i32, Duration, String) {
+    pub(super) fn terminate(self) -> (i32, Duration, String) {
+        self.end(rustix::process::Signal::TERM)
+    }
+
+    /// The same with this signal.
+    pub(super) fn end(mut self, by: rustix::process::Signal) -> (i32, Duration, String) {
         let begin = Instant::now();
-        signal(self.pid(), rustix::process::Signal::TERM);
+        signal(self.pid(), by);
         let status = self.child.wait().unwrap();
         let mut text = String::new();
         self.stderr.take().unwrap().read_to_string(&mut text).unwrap();

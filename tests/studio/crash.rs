@@ -266,4 +266,13 @@ fn terminates_quickly_and_a_second_one_is_refused() {
     assert!(!log.contains(&token), "the token was logged");
     let studio = Studio::start(dir.path(), &["a.clip.json"]);
     assert_eq!(studio.state()["document"]["clip"]["name"], "unsaved");
+    // Ctrl-C is no other end.
+    studio.socket().ask("clip.rename", &json!({"name": "interrupted"}));
+    let (code, time, _) = studio.end(rustix::process::Signal::INT);
+    assert!(code == 0 && time < Duration::from_secs(2), "{code} after {time:?}");
+    // A killed one leaves its lock to nobody.
+    let mut studio = Studio::start(dir.path(), &["a.clip.json"]);
+    assert_eq!(studio.state()["document"]["clip"]["name"], "interrupted");
+    studio.kill();
+    Studio::start(dir.path(), &["a.clip.json"]);
 }

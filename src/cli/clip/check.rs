@@ -147,7 +147,7 @@ fn deliver(a: &Check, report: &FileReport) -> Outcome {
     let lines = lines(report, a.all);
     match &report.clip {
         Some(clip) if !a.json => {
-            lines.iter().for_each(|line| eprintln!("{line}"));
+            lines.iter().for_each(out::aside);
             out::line(clip.to_text().trim_end())
         }
         _ if a.json => Ok(()),

@@ -36,9 +36,9 @@ pub(super) fn say(export: &Export, path: Option<&Path>, global: Global) {
     }
     let place = path.map_or_else(|| "FILE".to_owned(), |p| p.display().to_string());
     for sentence in &export.meaning {
-        eprintln!("{}", sentence.replace(Export::OUT, &place));
+        out::aside(sentence.replace(Export::OUT, &place));
     }
-    eprintln!("open it:  {}", export.open.replace(Export::OUT, &place));
+    out::aside(format_args!("open it:  {}", export.open.replace(Export::OUT, &place)));
 }
 
 /// What every input is written with.

@@ -10,7 +10,6 @@ use super::answer::{Json, Refused, Shared};
 use super::pages;
 use crate::protocol;
 use crate::protocol::{Code, DocumentView, Error, ErrorBody};
-use crate::session::SessionCommand;
 use crate::state::App;
 
 /// No icon is no error.
@@ -36,7 +35,7 @@ pub(crate) async fn session(State(app): Shared) -> Response {
 
 /// The open document, if any.
 pub(crate) async fn current_view(app: &App) -> Option<Box<DocumentView>> {
-    app.session.ask(SessionCommand::View).await.ok().flatten()
+    app.session.view().await.ok().flatten()
 }
 
 /// Everything that a fresh page needs.

@@ -19,7 +19,7 @@ use robert_clip::{Batch, Op};
 
 /// `GET /api/clip`.
 pub(crate) async fn clip(State(app): Shared) -> Result<Response, Refused> {
-    let text = app.session.ask(SessionCommand::Text).await?;
+    let text = app.session.text().await?;
     Ok(([(header::CONTENT_TYPE, "application/json")], text).into_response())
 }
 
@@ -125,7 +125,7 @@ pub(crate) async fn export(
     State(app): Shared,
     Query(query): Query<ExportQuery>,
 ) -> Result<Response, Refused> {
-    let (clip, command) = app.session.ask(SessionCommand::Content).await?;
+    let (clip, command) = app.session.content().await?;
     let file = export::file(&query.format, &clip, &command, &app.simulation.rollout)?;
     Ok(download(&file.name, file.media_type, file.bytes))
 }

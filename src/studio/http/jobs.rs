@@ -12,7 +12,6 @@ use crate::jobs::Extra;
 use crate::protocol::{
     Beside, Error, ExportRequest, ImportBody, JobKind, JobRequest, JobView, LinesFrom, UploadQuery,
 };
-use crate::session::SessionCommand;
 use crate::workspace::transfer::{Scene, Second};
 use crate::workspace::{export, robot_folders, transfer, upload_path};
 use robert_base::fsio;
@@ -23,7 +22,7 @@ pub(crate) async fn start_export(
     State(app): Shared,
     Json(body): Json<ExportRequest>,
 ) -> Answer<JobView> {
-    let (clip, _) = app.session.ask(SessionCommand::Content).await?;
+    let (clip, _) = app.session.content().await?;
     let robot = app.simulation.robot().ok_or(Error::NoDocument)?;
     let settings = app.simulation.rollout.settings();
     let beside = match &body.compare {

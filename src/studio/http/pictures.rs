@@ -10,7 +10,6 @@ use super::robots::check_pose;
 use crate::protocol::{
     Error, ExampleQuery, HoverQuery, Hovered, MeanError, PoseQuery, StillBodyQuery, StillQuery,
 };
-use crate::session::SessionCommand;
 use crate::workspace::Shown;
 
 fn picture(jpeg: Bytes) -> Response {
@@ -79,7 +78,7 @@ pub(crate) async fn pose_picture(
     State(app): Shared,
     Query(query): Query<PoseQuery>,
 ) -> Result<Response, Refused> {
-    let (clip, _) = app.session.ask(SessionCommand::Content).await?;
+    let (clip, _) = app.session.content().await?;
     let robot = app.simulation.robot().ok_or(Error::NoDocument)?;
     let missing = || Error::NotFound { what: format!("pose {:?}", query.pose) };
     let rest = &robot.table.rest;

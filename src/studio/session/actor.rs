@@ -7,10 +7,11 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 
 use super::command::{Author, Reply, Session, SessionCommand};
 use super::history::history;
+use super::shown::{Shelf, Showing};
 use crate::document::{Document, Edit};
 use crate::protocol::{DocumentView, Edited, Error, Event, History, Hub, RobotFacts, Saved};
 use crate::simulation::Simulation;
@@ -76,22 +77,35 @@ pub(crate) fn start(
         choice: Choice { by_hand: false, granularity: Granularity::Joint },
         inbox: tx.clone(),
     };
+    let shelf = Shelf::default();
+    let showing = Showing::new(Arc::clone(&shelf));
     std::thread::Builder::new().name("session".into()).spawn(move || {
-        let work = std::panic::AssertUnwindSafe(move || actor.run(&rx));
+        let work = std::panic::AssertUnwindSafe(move || actor.run(&rx, showing));
         if std::panic::catch_unwind(work).is_err() {
             tracing::error!("the session broke; every acknowledged edit is in its journal");
             std::process::exit(1);
         }
     })?;
-    Ok(Session::new(tx))
+    Ok(Session::new(tx, shelf))
 }
 
 impl SessionActor {
-    pub(super) fn run(mut self, asks: &Receiver<SessionCommand>) {
-        while let Ok(first) = asks.recv() {
+    pub(super) fn run(mut self, asks: &Receiver<SessionCommand>, mut showing: Showing) {
+        loop {
+            let first = match showing.wait() {
+                Some(time) => asks.recv_timeout(time),
+                None => asks.recv().map_err(RecvTimeoutError::from),
+            };
             let mut edits = Vec::new();
-            let mut next = Some(first);
+            let mut next = match first {
+                Ok(first) => Some(first),
+                Err(RecvTimeoutError::Timeout) => None,
+                Err(RecvTimeoutError::Disconnected) => return,
+            };
             while let Some(ask) = next {
+                if !ask.only_reads() {
+                    showing.changed();
+                }
                 match ask {
                     SessionCommand::Edit(author, edit, reply) => edits.push((author, edit, reply)),
                     SessionCommand::Shutdown(reply) => {
@@ -110,6 +124,7 @@ impl SessionActor {
                 next = asks.try_recv().ok();
             }
             self.edit(edits);
+            showing.renew(|| self.shown());
         }
     }
 

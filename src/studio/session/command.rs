@@ -1,10 +1,13 @@
 //! What the session is asked, and the way to ask it.
 
 use std::path::PathBuf;
+use std::sync::PoisonError;
 use std::sync::mpsc::Sender;
+use std::time::Duration;
 
 use tokio::sync::oneshot;
 
+use super::shown::{Shelf, Shown};
 use crate::document::Edit;
 use crate::protocol::{DocumentView, Edited, Error, RolloutSettings, Saved};
 use crate::simulation::worker::Checked;
@@ -69,14 +72,34 @@ pub(crate) enum SessionCommand {
     Shutdown(Reply<()>),
 }
 
+impl SessionCommand {
+    /// Nothing is another document afterwards.
+    pub(super) fn only_reads(&self) -> bool {
+        matches!(
+            self,
+            SessionCommand::View(_)
+                | SessionCommand::Text(_)
+                | SessionCommand::Content(_)
+                | SessionCommand::Preview(..)
+                | SessionCommand::PreviewEnd(_)
+        )
+    }
+}
+
+/// How long a reader waits for the session before it takes the document as it last was.
+const READER_PATIENCE: Duration = Duration::from_secs(2);
+
 /// A way to ask the session.
 #[derive(Clone, Debug)]
-pub(crate) struct Session(Sender<SessionCommand>);
+pub(crate) struct Session {
+    inbox: Sender<SessionCommand>,
+    shelf: Shelf,
+}
 
 impl Session {
-    /// A way to ask whoever takes from the other end.
-    pub(super) fn new(inbox: Sender<SessionCommand>) -> Session {
-        Session(inbox)
+    /// A way to ask whoever takes from the other end, and what that one shows.
+    pub(super) fn new(inbox: Sender<SessionCommand>, shelf: Shelf) -> Session {
+        Session { inbox, shelf }
     }
 
     /// Asks and waits.
@@ -88,7 +111,67 @@ impl Session {
         ask: impl FnOnce(Reply<T>) -> SessionCommand,
     ) -> Result<T, Error> {
         let (tx, rx) = oneshot::channel();
-        self.0.send(ask(tx)).ok();
+        self.inbox.send(ask(tx)).ok();
         rx.await.unwrap_or_else(|_| Err(Error::request("the studio is shutting down")))
+    }
+
+    /// The document as clients see it.
+    ///
+    /// # Errors
+    /// None but that the studio is shutting down.
+    pub(crate) async fn view(&self) -> Result<Option<Box<DocumentView>>, Error> {
+        self.read(SessionCommand::View, |shown| Ok(shown.view)).await
+    }
+
+    /// The clip's text.
+    ///
+    /// # Errors
+    /// [`Error::NoDocument`].
+    pub(crate) async fn text(&self) -> Result<String, Error> {
+        self.read(SessionCommand::Text, |shown| shown.text.ok_or(Error::NoDocument)).await
+    }
+
+    /// The clip and its command.
+    ///
+    /// # Errors
+    /// [`Error::NoDocument`].
+    pub(crate) async fn content(&self) -> Result<(Clip, Command), Error> {
+        self.read(SessionCommand::Content, |shown| shown.content.ok_or(Error::NoDocument)).await
+    }
+
+    /// Asks, and takes what was shown last if the session waits for a disk.
+    async fn read<T>(
+        &self,
+        ask: impl FnOnce(Reply<T>) -> SessionCommand,
+        shown: impl FnOnce(Shown) -> Result<T, Error>,
+    ) -> Result<T, Error> {
+        match tokio::time::timeout(READER_PATIENCE, self.ask(ask)).await {
+            Ok(answer) => answer,
+            Err(_elapsed) => {
+                shown(self.shelf.lock().unwrap_or_else(PoisonError::into_inner).clone())
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn who_only_reads_does_not_wait_for_a_disk_that_does_not_answer() {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build().unwrap();
+        // The session takes nothing from its queue, as while it writes.
+        let (inbox, _busy) = std::sync::mpsc::channel();
+        let shelf = Shelf::default();
+        let session = Session::new(inbox, shelf.clone());
+        let begin = std::time::Instant::now();
+        runtime.block_on(async {
+            assert!(session.view().await.unwrap().is_none());
+            shelf.lock().unwrap().text = Some("{}".into());
+            assert_eq!(session.text().await.unwrap(), "{}");
+            assert!(matches!(session.content().await, Err(Error::NoDocument)));
+        });
+        assert!(begin.elapsed() < 4 * READER_PATIENCE);
     }
 }

@@ -6,6 +6,7 @@ mod findings;
 mod history;
 mod opening;
 mod settings;
+mod shown;
 mod view;
 
 pub(crate) use actor::{reference, start};

@@ -2,6 +2,8 @@
 
 use super::actor::SessionActor;
 use super::history::history;
+use super::shown::Shown;
+use crate::document::Document;
 use crate::protocol::{DocumentView, Findings, History, policies};
 use robert_clip::{Clip, JointTable, RobotRef};
 
@@ -13,6 +15,16 @@ impl SessionActor {
         let mut table = known.unwrap_or_else(|| JointTable::from_clip(&nothing()));
         table.granularity = self.choice.granularity;
         table
+    }
+
+    /// What readers get while this thread waits for a disk.
+    pub(super) fn shown(&self) -> Shown {
+        let document = self.document.as_ref();
+        Shown {
+            view: document.map(|_| Box::new(self.view())),
+            text: document.map(Document::text),
+            content: document.map(|d| (d.clip().clone(), d.command().clone())),
+        }
     }
 
     pub(super) fn view(&self) -> DocumentView {

@@ -1,6 +1,9 @@
 //! What a writer hands back, and how it comes onto the disk.
 
 use std::path::{Path, PathBuf};
+use std::{fs, io};
+
+use rustix::fs::{CWD, RenameFlags, renameat_with};
 
 use super::super::error::Error;
 use robert_base::fsio;
@@ -85,12 +88,12 @@ impl Export {
         if taken && !target.join(folder.marker).is_file() {
             return Err(Error::Occupied { marker: folder.marker, path: target });
         }
-        std::fs::create_dir_all(&parent).map_err(failed(&parent))?;
+        std::fs::create_dir_all(&parent).map_err(failed(&target))?;
         // Beside the target, so that the last step is a rename.
         let fresh = tempfile::Builder::new()
             .prefix(".robert-export-")
             .tempdir_in(&parent)
-            .map_err(failed(&parent))?;
+            .map_err(failed(&target))?;
         let mut paths = Vec::with_capacity(self.files.len());
         for file in &self.files {
             let inside = file.name.strip_prefix(&folder.path).map(|n| n.trim_start_matches('/'));
@@ -99,18 +102,36 @@ impl Export {
                 // Beside the folder: the marks of a namespace.
                 None => below(out, &file.name),
             };
+            // Messages name the place that the user asked for, not the one of the moment.
+            let place = below(out, &file.name);
             if let Some(dir) = path.parent() {
-                std::fs::create_dir_all(dir).map_err(failed(dir))?;
+                std::fs::create_dir_all(dir).map_err(failed(&place))?;
             }
-            fsio::write_atomic(&path, &file.bytes)?;
-            paths.push(below(out, &file.name));
+            fsio::write_atomic(&path, &file.bytes).map_err(|e| match e {
+                fsio::Error::Write { source, .. } => failed(&place)(source),
+                other => Error::File(other),
+            })?;
+            paths.push(place);
         }
-        if target.exists() {
-            std::fs::rename(&target, fresh.path().join("old")).map_err(failed(&target))?;
-        }
-        std::fs::rename(fresh.path().join("new"), &target).map_err(failed(&target))?;
+        put_in_place(fresh.path(), &target).map_err(failed(&target))?;
         Ok(paths)
     }
+}
+
+/// Gives `fresh/new` the name `target`. What has that name goes with `fresh`, but only once the new
+/// folder has it.
+fn put_in_place(fresh: &Path, target: &Path) -> io::Result<()> {
+    let (new, old) = (fresh.join("new"), fresh.join("old"));
+    if !target.exists() {
+        return fs::rename(new, target);
+    }
+    // Both at once: a kill between two steps would leave neither.
+    if renameat_with(CWD, &new, CWD, target, RenameFlags::EXCHANGE).is_ok() {
+        return Ok(());
+    }
+    // Not every file system can.
+    fs::rename(target, &old)?;
+    fs::rename(new, target).inspect_err(|_| drop(fs::rename(&old, target)))
 }
 
 fn below(out: &Path, name: &str) -> PathBuf {

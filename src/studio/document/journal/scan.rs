@@ -116,7 +116,8 @@ pub(crate) struct Scan {
 ///
 /// One pass: no record reaches beyond the next mark, so each byte is looked at twice at most.
 pub(crate) fn scan(bytes: &[u8]) -> Option<Scan> {
-    let mut reading = Reading::default();
+    let room = u32::try_from(bytes.len() / HEAD).unwrap_or(u32::MAX);
+    let mut reading = Reading { room, ..Reading::default() };
     if bytes.len() < MAGIC.len() && MAGIC.starts_with(bytes) {
         // Just made, or killed while it was being made.
         reading.damage.torn_bytes = bytes.len() as u64;
@@ -232,6 +233,9 @@ struct Reading {
     damage: Damage,
     /// Bytes before the next record that are none.
     skipped: usize,
+    /// Records that may still be missing: no more than the file has bytes for. Without this a
+    /// forged number would ask for four thousand million stand-ins.
+    room: u32,
 }
 
 impl Reading {
@@ -240,9 +244,14 @@ impl Reading {
     }
 
     fn take(&mut self, raw: Raw) {
-        let skipped = std::mem::take(&mut self.skipped);
         let kind = Kind::of(&raw.record);
         let missing = raw.number.saturating_sub(self.position.number.max(1));
+        let Some(room) = self.room.checked_sub(missing) else {
+            self.skipped += raw.bytes;
+            return;
+        };
+        self.room = room;
+        let skipped = std::mem::take(&mut self.skipped);
         if skipped > 0 && missing == 0 {
             self.damage.lost.push(match self.position.number {
                 0 | 1 if self.records.len() == 1 || kind == Kind::Base => COPY.to_owned(),
@@ -429,6 +438,16 @@ mod tests {
     }
 
     #[test]
+    fn a_forged_number_does_not_ask_for_thousands_of_millions_of_records() {
+        let mut bytes = written(&fifty());
+        let mut forged = Position { number: u32::MAX - 1, done: 3, last: Kind::Edit };
+        forged.encode(&Record::Undo, &mut bytes).unwrap();
+        let found = scan(&bytes).unwrap();
+        assert_eq!(found.records, fifty());
+        assert_ne!(found.damage, Damage::default());
+    }
+
+    #[test]
     fn other_files_are_none_of_ours_and_marks_alone_cost_no_time() {
         for text in ["precious, and longer than a line", "{\"format\": \"robert-clip/1\"}", "\0"] {
             assert_eq!(scan(text.as_bytes()), None);
@@ -437,5 +456,45 @@ mod tests {
         let claim = [&MARK[..], &(40_u32 << 20).to_le_bytes(), &[0; 13]].concat();
         let hostile = [MAGIC, &claim.repeat(1 << 20)].concat();
         assert!(scan(&hostile).unwrap().records.is_empty());
+    }
+
+    /// Fifty thousand damaged journals in a normal run, or as many as `ROBERT_FUZZ` says.
+    #[test]
+    fn any_bytes_are_read_or_refused() {
+        use robert_base::rng::{Rng, Stream};
+        let asked = std::env::var("ROBERT_FUZZ").ok().and_then(|n| n.parse::<u64>().ok());
+        let rounds = asked.unwrap_or(50_000);
+        let whole = written(&fifty()[..12]);
+        let begin = std::time::Instant::now();
+        let (mut read, mut records) = (0, 0);
+        for round in 0..rounds {
+            let rng = &mut Rng::new(31, Stream::Test, round);
+            let mut bytes = whole.clone();
+            for _ in 0..=rng.below(5) {
+                let at = rng.below(bytes.len() as u64 + 1) as usize;
+                let end = (at + rng.below(40) as usize).min(bytes.len());
+                match rng.below(6) {
+                    0 if at < bytes.len() => bytes[at] ^= 1 << rng.below(8),
+                    1 if at < bytes.len() => bytes[at] = rng.below(256) as u8,
+                    2 => drop(bytes.drain(at..end)),
+                    3 => drop(bytes.splice(at..at, MARK)),
+                    4 => {
+                        let piece = bytes[at..end].to_vec();
+                        let to = rng.below(bytes.len() as u64 + 1) as usize;
+                        bytes.splice(to..to, piece);
+                    }
+                    _ => bytes[at..end].fill(if rng.below(2) == 0 { 0 } else { 0xff }),
+                }
+            }
+            if let Some(found) = scan(&bytes) {
+                assert!(found.records.len() <= 4 * 12 + bytes.len() / HEAD, "round {round}");
+                read += 1;
+                records += found.records.len();
+            }
+        }
+        assert!(read > rounds / 2 && records as u64 > read, "{read} read, {records} records");
+        if asked.is_some() {
+            println!("{rounds} journals, {read} read, {:.0} s", begin.elapsed().as_secs_f64());
+        }
     }
 }

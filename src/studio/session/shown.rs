@@ -1,0 +1,61 @@
+//! What readers get while the session waits for a disk.
+//!
+//! The session's thread writes journals and files itself, since an edit may not be acknowledged
+//! before its record is on disk. A disk that does not answer (a folder on another machine) holds
+//! up edits and saves; who only reads gets the document as it last was. Rejected: writing on a
+//! thread of its own while the document goes on, because a failed write would have to take back
+//! edits that others have built upon.
+
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+use crate::protocol::DocumentView;
+use robert_clip::{Clip, Command};
+
+/// The document as it was a moment ago.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Shown {
+    pub(super) view: Option<Box<DocumentView>>,
+    pub(super) text: Option<String>,
+    pub(super) content: Option<(Clip, Command)>,
+}
+
+/// Where it is left for readers.
+pub(super) type Shelf = Arc<Mutex<Shown>>;
+
+/// After the first change since the last time, it is shown this much later: a copy costs as much
+/// as an edit, and edits come in floods.
+const AFTER: Duration = Duration::from_millis(100);
+
+/// Renews the shelf now and then.
+pub(super) struct Showing {
+    shelf: Shelf,
+    /// When it is to be renewed.
+    due: Option<Instant>,
+}
+
+impl Showing {
+    pub(super) fn new(shelf: Shelf) -> Showing {
+        Showing { shelf, due: None }
+    }
+
+    /// Time until it is to be renewed; `None` while nothing has changed.
+    pub(super) fn wait(&self) -> Option<Duration> {
+        self.due.map(|at| at.saturating_duration_since(Instant::now()))
+    }
+
+    /// Something may have changed.
+    pub(super) fn changed(&mut self) {
+        self.due.get_or_insert_with(|| Instant::now() + AFTER);
+    }
+
+    /// Renews it, if it is time.
+    pub(super) fn renew(&mut self, shown: impl FnOnce() -> Shown) {
+        if self.due.is_none_or(|at| at > Instant::now()) {
+            return;
+        }
+        self.due = None;
+        let shown = shown();
+        *self.shelf.lock().unwrap_or_else(PoisonError::into_inner) = shown;
+    }
+}
