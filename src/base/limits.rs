@@ -118,6 +118,10 @@ pub const TAKES: usize = 20;
 pub const TAKES_BYTES: usize = 96 << 20;
 /// Takes drawn beside the current rollout.
 pub const TAKES_COMPARED: usize = 4;
+/// Sites that inverse kinematics holds in the studio.
+pub const PINS: usize = 16;
+/// Points of a drawn line.
+pub const DRAWN_POINTS: usize = 4_000;
 /// Entries of one folder that the studio lists.
 pub const FOLDER_ENTRIES: usize = 1_000;
 /// Entries of one folder that are examined.

@@ -382,6 +382,17 @@ export async function drawn(t: Tab): Promise<void> {
   await eventually(async () => (await count()) >= from + 3, "the 3D view draws");
 }
 
+/** What the client of the 3D view knows. */
+export async function viser<T, A = string>(
+  t: Tab,
+  ask: (viser: any, arg: A) => T,
+  arg: A = "" as A,
+): Promise<T> {
+  const frame = t.page.frames().find((f) => f.url().includes("/viser/"));
+  assert.ok(frame, "the 3D view is there");
+  return frame.evaluate(`(${ask.toString()})(window.__viserMutable, ${JSON.stringify(arg)})`) as Promise<T>;
+}
+
 /** Three keys of the arm, the rest masked. */
 export const ARM = JSON.stringify({
   format: "robert-clip/1",

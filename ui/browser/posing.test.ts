@@ -16,6 +16,7 @@ import {
   Studio,
   type Tab,
   test,
+  viser,
   webgl,
 } from "./harness";
 
@@ -311,13 +312,6 @@ describe("a hand, with still pictures", () => {
 
   test("no script broke", () => assert.deepEqual(t.errors, []));
 });
-
-/** What the 3D view's client knows of a node. */
-async function viser<T>(t: Tab, ask: (viser: any, arg: string) => T, arg = ""): Promise<T> {
-  const frame = t.page.frames().find((f) => f.url().includes("/viser/"));
-  assert.ok(frame, "the 3D view is there");
-  return frame.evaluate(`(${ask.toString()})(window.__viserMutable, ${JSON.stringify(arg)})`) as Promise<T>;
-}
 
 /** The middle of a body's mesh on the page. */
 function bodyAt(t: Tab, node: string): Promise<{ x: number; y: number }> {

@@ -4,6 +4,7 @@ import { batch } from "@preact/signals";
 import { adopt, refreshGallery } from "./documents";
 import { heardOfJob, refreshJobs, refreshWorkspace } from "./jobs";
 import { patched } from "./patch";
+import { pathTouched } from "./path";
 import { dragCancelled, dragged, jointMoved } from "./posing";
 import type { Event, State, WorkerState } from "./protocol";
 import { within } from "./span";
@@ -94,6 +95,12 @@ export function receive(e: Event): void {
     case "locked":
       store.locked.value = new Set(e.joints);
       return;
+    case "pinned":
+      store.pins.value = e.pins;
+      return;
+    case "path.point":
+      if (e.tab === undefined || e.tab === store.TAB) pathTouched(e.frame, e.values);
+      return;
     case "notice":
       store.toast(e.message, e.level === "error" ? "error" : "info");
       return;
@@ -129,6 +136,7 @@ function welcome(state: State): void {
     store.policies.value = state.policies;
     store.worker.value = state.worker;
     store.locked.value = new Set(state.locked);
+    store.pins.value = state.pins;
   });
   heardOfTakes(state.takes);
   adopt(state.document);

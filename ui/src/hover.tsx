@@ -3,7 +3,7 @@
 import { computed, signal } from "@preact/signals";
 import { isLocked } from "./locks";
 import { poseAt } from "./posing";
-import { siteTitle } from "./reach";
+import { siteTitle } from "./sites";
 import * as store from "./store";
 
 /** The joint that moves a body of this name: its own, else that of the nearest one it hangs on. */

@@ -3,20 +3,14 @@
 import { effect, signal, useSignal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
 import { fixed, LENGTHS, parseNumber } from "./numbers";
-import { jointMoved, shownPose } from "./posing";
+import { Pins, solve } from "./pins";
+import { shownPose } from "./posing";
+import { sitePlace, siteTitle, type V3 } from "./sites";
 import * as store from "./store";
-import { complain, http, tell } from "./wire";
-
-type V3 = [number, number, number];
+import { complain, tell } from "./wire";
 
 /** Metres that an arrow key moves a target; with Shift a fifth. */
 const NUDGE_M = 0.005;
-
-/** Values in the robot's own order of joints, which a clip need not have. */
-export function inRobotOrder(q: number[]): number[] {
-  const names = store.doc.value?.clip.robot.joints ?? [];
-  return (store.robot.value?.table.joints ?? []).map((j) => q[names.indexOf(j.name)] ?? 0);
-}
 
 export function chooseSite(name: string | undefined): void {
   tell("view.select", name === undefined ? {} : { site: name });
@@ -33,38 +27,8 @@ export function nextSite(): void {
   store.announcement.value = next ? `${siteTitle(next)} selected` : "no end effector selected";
 }
 
-export function siteTitle(name: string): string {
-  const words: Record<string, string> = {
-    fftip: "Index",
-    mftip: "Middle",
-    rftip: "Ring",
-    lftip: "Little",
-    thtip: "Thumb",
-  };
-  return words[name] ?? name.replaceAll("_", " ").replace(/^./, (c) => c.toUpperCase());
-}
-
 /** Where the chosen site is in the pose that is shown, m. */
 const target = signal<V3 | undefined>(undefined);
-
-function rotate([w, x, y, z]: [number, number, number, number], [a, b, c]: V3): V3 {
-  const t: V3 = [2 * (y * c - z * b), 2 * (z * a - x * c), 2 * (x * b - y * a)];
-  return [
-    a + w * t[0] + y * t[2] - z * t[1],
-    b + w * t[1] + z * t[0] - x * t[2],
-    c + w * t[2] + x * t[1] - y * t[0],
-  ];
-}
-
-async function sitePlace(q: number[]): Promise<V3 | undefined> {
-  const site = store.robot.value?.ik_sites.find((s) => s.name === store.site.value);
-  if (!site) return undefined;
-  const [row] = await http("POST /api/kinematics", { body: { q: [inRobotOrder(q)] } });
-  const p = row?.slice(7 * site.body, 7 * site.body + 7) ?? [];
-  const [x = 0, y = 0, z = 0, w = 1, a = 0, b = 0, c = 0] = p;
-  const own = rotate([w, a, b, c], site.pos);
-  return [x + own[0], y + own[1], z + own[2]];
-}
 
 let measuring = 0;
 let timer = 0;
@@ -83,8 +47,8 @@ function measure(): void {
     const q = shownPose();
     if (!q || pulling) return;
     try {
-      const place = await sitePlace(q);
-      if (place && own === measuring) target.value = place;
+      const place = await sitePlace(store.site.value, q);
+      if (place && own === measuring) target.value = place.pos;
     } catch (e) {
       complain(e);
     }
@@ -105,26 +69,15 @@ export async function pullTo(pos: V3): Promise<void> {
     for (let to: V3 | undefined = wanted; to; to = wanted) {
       wanted = undefined;
       const site = store.site.value;
-      const d = store.doc.value;
-      const q = shownPose();
-      if (site === undefined || !d || !q) return;
-      const locked = [...store.locked.value];
-      const found = await http("POST /api/ik", { body: { q: inRobotOrder(q), site, pos: to, locked } });
-      const changes: Record<string, number> = {};
-      (store.robot.value?.table.joints ?? []).forEach((j, i) => {
-        const at = d.clip.robot.joints.indexOf(j.name);
-        const v = found.q[i];
-        if (at >= 0 && v !== undefined && Math.abs(v - (q[at] ?? 0)) > 1e-6)
-          changes[j.name] = Math.round(v * 1e6) / 1e6;
-      });
-      if (!found.reached && found.distance_m > 1e-3)
+      if (site === undefined) return;
+      const found = await solve({ site, pos: to });
+      if (found && found.distance_m > 1e-3)
         store.toast(
-          `${siteTitle(site)} stops ${(found.distance_m * 1000).toFixed(0)} mm short of the target: joint limits or locks prevent more`,
+          `${siteTitle(site)} stops ${(found.distance_m * 1000).toFixed(0)} mm short of the target: joint limits, locks or pins prevent more`,
           "info",
           false,
           "reach",
         );
-      if (Object.keys(changes).length > 0) await jointMoved(changes, true);
     }
   } catch (e) {
     complain(e);
@@ -153,56 +106,59 @@ function Target() {
       forget();
     };
   }, []);
+  /** What is typed and not yet sent, by axis: all three become one edit. */
+  const typed = useSignal<(string | undefined)[]>([]);
   const at = target.value;
   if (!at) return <span class="target" aria-busy="true" />;
+  const send = (): void => {
+    const texts = typed.value;
+    typed.value = [];
+    if (!texts.some((t) => t !== undefined)) return;
+    const values = at.map((v, k) => {
+      const text = texts[k];
+      return text === undefined ? v : parseNumber(text, LENGTHS);
+    });
+    const wrong = values.indexOf(undefined);
+    if (wrong >= 0) store.toast(`"${texts[wrong]}" is not a length in metres`, "error");
+    else void pullTo(values as V3);
+  };
   return (
-    <span class="target">
+    <span
+      class="target"
+      // From one field to the next nothing is sent: x, y and z are one edit.
+      onFocusOut={(e) => {
+        if (!(e.relatedTarget instanceof Node && e.currentTarget.contains(e.relatedTarget))) send();
+      }}
+    >
       {(["x", "y", "z"] as const).map((axis, k) => (
-        <Coordinate
-          key={axis}
-          axis={axis}
-          value={at[k] ?? 0}
-          onChange={(v) => void pullTo(at.with(k, v) as V3)}
-        />
+        <label key={axis}>
+          {axis}
+          <input
+            type="text"
+            inputMode="decimal"
+            aria-label={`${axis} of ${siteTitle(store.site.value ?? "")}, m`}
+            data-testid={`reach-${axis}`}
+            title="Metres in the world; Enter moves all three. Arrow keys: 5 mm, with Shift 1 mm"
+            value={typed.value[k] ?? fixed(at[k] ?? 0, 3)}
+            onInput={(e) => {
+              const texts = [...typed.value];
+              texts[k] = e.currentTarget.value;
+              typed.value = texts;
+            }}
+            onKeyDown={(e) => {
+              if (e.key === "Enter") send();
+              if (e.key === "Escape") typed.value = [];
+              if (e.key !== "ArrowUp" && e.key !== "ArrowDown") return;
+              e.preventDefault();
+              typed.value = [];
+              const by = NUDGE_M * (e.shiftKey ? 0.2 : 1) * (e.key === "ArrowUp" ? 1 : -1);
+              void pullTo(at.with(k, (at[k] ?? 0) + by) as V3);
+            }}
+          />
+        </label>
       ))}
       <span class="unit">m</span>
     </span>
-  );
-}
-
-/** What is typed stays as it is typed until Enter, whatever the robot does meanwhile. */
-function Coordinate(props: { axis: string; value: number; onChange: (value: number) => void }) {
-  const text = useSignal<string | undefined>(undefined);
-  const typed = (): void => {
-    const t = text.value;
-    text.value = undefined;
-    if (t === undefined) return;
-    const value = parseNumber(t, LENGTHS);
-    if (value === undefined) store.toast(`"${t}" is not a length in metres`, "error");
-    else props.onChange(value);
-  };
-  return (
-    <label>
-      {props.axis}
-      <input
-        type="text"
-        inputMode="decimal"
-        aria-label={`${props.axis} of ${siteTitle(store.site.value ?? "")}, m`}
-        data-testid={`reach-${props.axis}`}
-        title="Metres in the world. Arrow keys: 5 mm, with Shift 1 mm"
-        value={text.value ?? fixed(props.value, 3)}
-        onInput={(e) => (text.value = e.currentTarget.value)}
-        onBlur={typed}
-        onKeyDown={(e) => {
-          if (e.key === "Enter") typed();
-          if (e.key === "Escape") text.value = undefined;
-          if (e.key !== "ArrowUp" && e.key !== "ArrowDown") return;
-          e.preventDefault();
-          text.value = undefined;
-          props.onChange(props.value + NUDGE_M * (e.shiftKey ? 0.2 : 1) * (e.key === "ArrowUp" ? 1 : -1));
-        }}
-      />
-    </label>
   );
 }
 
@@ -230,6 +186,7 @@ export function Reach() {
         </button>
       ))}
       {store.site.value === undefined ? null : <Target />}
+      <Pins />
     </div>
   );
 }

@@ -12,6 +12,7 @@ import type {
   History,
   JobView,
   JointTable,
+  Pin,
   PolicyCard,
   RecentFile,
   RobotCard,
@@ -112,6 +113,8 @@ export const renaming = signal(false);
 export const closed = signal<ReadonlySet<string>>(new Set());
 /** Names of joints that no hand moves. */
 export const locked = signal<ReadonlySet<string>>(new Set());
+/** Sites that inverse kinematics holds, for all pages. */
+export const pins = signal<Pin[]>([]);
 /** The row of the timeline that the keys of the grid are about. */
 export const row = signal(0);
 /** Size of the timeline, pixels. */
@@ -123,7 +126,7 @@ export const floating = signal<number[] | undefined>(undefined);
 export const degrees = signal(localStorage.getItem("unit") !== "rad");
 /** The viewport is made of still pictures. */
 export const stills = signal(false);
-export const show = signal({ command: true, achieved: true, ghosts: true });
+export const show = signal({ command: true, achieved: true, ghosts: true, path: true });
 
 export interface Toast {
   id: number;

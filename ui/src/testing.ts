@@ -2,8 +2,10 @@
 // the canvas.
 
 import { effect } from "@preact/signals";
+import { drawing, drawn } from "./draw";
 import { chosen, curves } from "./graph/edits";
 import { graphPoints } from "./graph/graph";
+import { pinsOff, touching } from "./pins";
 import * as store from "./store";
 import { measured, testPoints } from "./timeline/timeline";
 
@@ -40,6 +42,11 @@ function snapshot() {
     joint: store.joint.value,
     site: store.site.value,
     locked: [...store.locked.value],
+    pins: store.pins.value,
+    pinsOff: pinsOff.value,
+    touching: touching.value,
+    drawing: drawing.value,
+    drawn: drawn.value,
     moving: store.moving.value,
     floating: store.floating.value,
     demand: store.demand.value,

@@ -1,15 +1,18 @@
 // The 3D view: viser's client in a same-origin frame, driven by our server. Without it, or
 // without WebGL, pictures rendered by the server, with the same selection and sliders.
 
+import { PencilLine } from "lucide";
 import { useEffect, useRef } from "preact/hooks";
 import { act } from "./actions/index";
 import { toggleShow } from "./actions/view";
 import { startsAway } from "./clip";
+import { Draw, drawing } from "./draw";
 import { hover, hoverEnds, Tip } from "./hover";
+import { Icon } from "./icon";
 import { dropFloating, keyFloating } from "./posing";
-import { inRobotOrder } from "./reach";
 import { useStill } from "./rendered";
 import { install } from "./shortcuts";
+import { inRobotOrder } from "./sites";
 import { Splitter } from "./splitter";
 import * as store from "./store";
 import { isDark, palette } from "./theme";
@@ -129,6 +132,28 @@ export function Viewport() {
           <i class="is-ghosts" />
           Ghosts
         </button>
+        <button
+          aria-pressed={store.show.value.path}
+          disabled={stills}
+          onClick={() => toggleShow("path")}
+          title={
+            stills
+              ? "Still pictures show no paths"
+              : "The path of the selected link or end effector: drag a diamond to move that key, click the line for a new one (5)"
+          }
+        >
+          <i class="is-path" />
+          Path
+        </button>
+        <button
+          aria-pressed={drawing.value}
+          onClick={() => act("draw")}
+          title="Draw a motion with an end effector (D)"
+          data-testid="draw-button"
+        >
+          <Icon of={PencilLine} size={14} />
+          Draw
+        </button>
         <select
           aria-label="View"
           data-testid="view"
@@ -154,6 +179,7 @@ export function Viewport() {
           ))}
         </select>
       </div>
+      <Draw />
       <Tip />
       {store.floating.value ? (
         <div class="floating">

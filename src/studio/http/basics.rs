@@ -50,6 +50,7 @@ pub(crate) async fn current_state(app: &App) -> protocol::State {
         clients: app.clients.now.load(Ordering::SeqCst),
         folder: app.workspace.folder.display().to_string(),
         locked: app.viewport.locked(),
+        pins: app.viewport.pins(),
         takes: app.simulation.rollout.takes(),
     }
 }

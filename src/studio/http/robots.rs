@@ -6,13 +6,15 @@ use axum::extract::{Path as UrlPath, State};
 
 use super::answer::{Answer, Json, Shared};
 use crate::protocol::{
-    Error, Geometry, IkAnswer, IkRequest, Pose, Poses, RobotCard, RobotFacts, SettleAnswer,
+    DrawAnswer, DrawRequest, Error, Geometry, IkAnswer, IkRequest, Pin, Pose, Poses, RobotCard,
+    RobotFacts, SettleAnswer,
 };
 use crate::simulation::RobotContext;
-use crate::simulation::worker::{DescribeRobot, Kinematics, LookAtRobot, Settle};
+use crate::simulation::worker::{DescribeRobot, Kinematics, LookAtRobot, Settle, Trace};
 use crate::state::App;
 use crate::workspace::robot_folders;
 use robert_base::limits;
+use robert_clip::JointFacts;
 
 /// `GET /api/robots`.
 pub(crate) async fn robots(State(app): Shared) -> Json<Vec<RobotCard>> {
@@ -79,8 +81,37 @@ pub(crate) async fn kinematics(
 pub(crate) async fn ik(State(app): Shared, Json(body): Json<IkRequest>) -> Answer<IkAnswer> {
     check_pose(&app, &body.q)?;
     let offset = body.body.iter().flat_map(|(_, offset)| offset);
-    check_numbers(body.pos.iter().chain(body.quat.iter().flatten()).chain(offset))?;
+    let own = body.pos.iter().flatten().chain(body.quat.iter().flatten()).chain(offset);
+    let held = |p: &Pin| -> Vec<f64> {
+        p.pos.iter().flatten().chain(p.quat.iter().flatten()).copied().collect()
+    };
+    let pins: Vec<f64> = body.pins.iter().flat_map(held).collect();
+    check_numbers(own.chain(&pins))?;
+    if body.pins.len() > limits::PINS {
+        return Err(Error::Full { what: "pins", cap: limits::PINS }.into());
+    }
     Ok(Json(app.simulation.ask(body).await?))
+}
+
+/// `POST /api/draw`.
+pub(crate) async fn draw(State(app): Shared, Json(body): Json<DrawRequest>) -> Answer<DrawAnswer> {
+    let facts = check_pose(&app, &body.q)?;
+    check_numbers(body.points.iter().flatten())?;
+    if body.points.len() > limits::DRAWN_POINTS {
+        return Err(Error::Full { what: "points in a line", cap: limits::DRAWN_POINTS }.into());
+    }
+    let positive = |v: f64| v.is_finite() && v > 0.0;
+    if !positive(body.tolerance_m) || !body.secs.is_none_or(|s| positive(s) && s < 600.0) {
+        let what = "a tolerance is above 0 m, and a time above 0 s and below 600 s";
+        return Err(Error::request(what).into());
+    }
+    let line = app.viewport.sketch(&body).await?;
+    // What the policy's data hold, and never more than the joint can do.
+    let speed = |j: &JointFacts| j.speed_usual.into_iter().chain(j.speed_max).reduce(f64::min);
+    let speeds = facts.table.joints.iter().map(speed).collect();
+    let DrawRequest { q, site, secs, tolerance_m, locked, .. } = body;
+    let question = Trace { q, site, line, secs, tolerance_m, speeds, locked };
+    Ok(Json(app.simulation.ask(question).await?))
 }
 
 /// `POST /api/settle`.

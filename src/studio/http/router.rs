@@ -48,6 +48,7 @@ pub(crate) fn router(app: Arc<App>) -> Router {
         .route("/api/robot/{id}/geometry", get(robots::geometry))
         .route("/api/kinematics", post(robots::kinematics))
         .route("/api/ik", post(robots::ik))
+        .route("/api/draw", post(robots::draw))
         .route("/api/settle", post(robots::settle))
         .route("/api/rollout", get(rollout::rollout))
         .route("/api/takes", get(rollout::takes))

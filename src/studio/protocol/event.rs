@@ -8,6 +8,7 @@ use super::document::{DocumentView, Findings, History};
 use super::job::JobView;
 use super::op::Selection;
 use super::refusal::ErrorBody;
+use super::robot::Pin;
 use super::rollout::{RolloutSettings, RolloutState, TakesView, WorkerState};
 use super::state::State;
 use robert_clip::{Delta, Demand, Level};
@@ -152,6 +153,23 @@ pub enum Event {
     Locked {
         /// All of them.
         joints: Vec<String>,
+    },
+    /// Sites that inverse kinematics holds.
+    #[serde(rename = "pinned")]
+    Pinned {
+        /// All of them.
+        pins: Vec<Pin>,
+    },
+    /// A hand touches the path of what is selected: the playhead goes there.
+    #[serde(rename = "path.point")]
+    PathPoint {
+        /// The frame.
+        frame: u32,
+        /// By joint: a key with these values is asked for at that frame. Absent: it has one.
+        values: Option<BTreeMap<String, f64>>,
+        /// See [`Event::Joint`].
+        #[serde(skip_serializing_if = "Option::is_none")]
+        tab: Option<String>,
     },
     /// A sentence for a banner.
     #[serde(rename = "notice")]

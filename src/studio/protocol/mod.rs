@@ -41,6 +41,7 @@
 //! | `GET /api/robot/{id}/geometry` | [`Geometry`] |
 //! | `POST /api/kinematics` `{q: [[..]]}` | body transforms by pose |
 //! | `POST /api/ik` [`IkRequest`] | [`IkAnswer`] |
+//! | `POST /api/draw` [`DrawRequest`] | [`DrawAnswer`]: a line over a page's 3D view as keys |
 //! | `GET /api/hover?tab=T&x=X&y=Y` | body and joint under a point (0 to 1 from the top left) of a page's 3D view, or null; T as in the query of the view's socket |
 //! | `POST /api/settle` `{q}` | [`SettleAnswer`] |
 //! | `GET /api/rollout` | [`RolloutView`] with all frames |
@@ -89,8 +90,9 @@
 //! * `rollout.state`: waiting, running, done, failed, off; `cached_to`, MAE, milliseconds a frame.
 //! * `worker`: the simulation's state, for a banner.
 //! * `job`: a job's new state (latest only).
-//! * `select`, `joint`, `joint.cancelled`, `locked`: what happens in the viewport: a link was
-//!   clicked, a hand turns joints, gives up, or must leave some as they are.
+//! * `select`, `joint`, `joint.cancelled`, `locked`, `pinned`, `path.point`: what happens in the
+//!   viewport: a link was clicked, a hand turns joints, gives up, must leave some as they are or
+//!   hold some sites, touches the path of what is selected.
 //! * `notice`: a sentence for a banner.
 
 mod body;
@@ -123,8 +125,9 @@ pub use op::{STUDIO_OPS, Selection, StudioOp, ViewShow};
 pub use policy::{PolicyCard, policies};
 pub use refusal::{Code, ErrorBody, Place};
 pub use robot::{
-    AxisFacts, BodyFacts, Geometry, Hovered, IkAnswer, IkRequest, MeanError, MeshFacts, PoseFacts,
-    RobotCard, RobotFacts, SettleAnswer, SiteFacts,
+    AxisFacts, BodyFacts, DrawAnswer, DrawRequest, DrawnKey, Geometry, Hovered, IkAnswer,
+    IkRequest, MeanError, MeshFacts, Pin, Plane, PoseFacts, RobotCard, RobotFacts, SettleAnswer,
+    SiteFacts,
 };
 pub use rollout::{
     Phase, RolloutSettings, RolloutState, RolloutView, TakeCard, TakeFrames, TakesView,

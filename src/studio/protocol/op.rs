@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::robot::Pin;
 use super::rollout::RolloutSettings;
 use robert_clip::Op;
 
@@ -101,6 +102,12 @@ pub enum StudioOp {
         /// All of them; an empty list frees every joint.
         joints: Vec<String>,
     },
+    /// Sites that inverse kinematics holds, whoever asks for it.
+    #[serde(rename = "view.pins")]
+    ViewPins {
+        /// All of them; an empty list frees every site.
+        pins: Vec<Pin>,
+    },
     /// Gives up the drag that is under way in the viewport.
     #[serde(rename = "view.cancel")]
     ViewCancel {},
@@ -120,7 +127,7 @@ pub enum StudioOp {
 }
 
 /// The names of [`StudioOp`]; any other is a clip operation.
-pub const STUDIO_OPS: [&str; 22] = [
+pub const STUDIO_OPS: [&str; 23] = [
     "undo",
     "redo",
     "history.goto",
@@ -139,6 +146,7 @@ pub const STUDIO_OPS: [&str; 22] = [
     "view.show",
     "view.select",
     "view.lock",
+    "view.pins",
     "view.cancel",
     "view.camera",
     "view.pose",
@@ -159,6 +167,9 @@ pub struct ViewShow {
     /// Poses of the neighbouring keys.
     #[serde(default)]
     pub ghosts: Option<bool>,
+    /// The path of what is selected.
+    #[serde(default)]
+    pub path: Option<bool>,
     /// Dark background.
     #[serde(default)]
     pub dark: Option<bool>,

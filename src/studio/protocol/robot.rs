@@ -65,6 +65,8 @@ pub struct SiteFacts {
     pub body: usize,
     /// Position in the body's frame, m.
     pub pos: [f64; 3],
+    /// Orientation in the body's frame, w x y z.
+    pub quat: [f64; 4],
 }
 
 /// What a page needs to know about a robot.
@@ -144,14 +146,36 @@ pub struct IkRequest {
     /// In its place: a body by name, and a point in its frame, m.
     #[serde(default)]
     pub body: Option<(String, [f64; 3])>,
-    /// Where to, world, m.
-    pub pos: [f64; 3],
+    /// Where to, world, m; absent = only the pins count.
+    #[serde(default)]
+    pub pos: Option<[f64; 3]>,
     /// Orientation, w x y z; absent = free.
     #[serde(default)]
     pub quat: Option<[f64; 4]>,
     /// Joints that must stay.
     #[serde(default)]
     pub locked: Vec<String>,
+    /// Sites that are held meanwhile.
+    #[serde(default)]
+    pub pins: Vec<Pin>,
+}
+
+/// A site that inverse kinematics holds: at a place, or at another site.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct Pin {
+    /// The site.
+    pub site: String,
+    /// Where it stays, world, m.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pos: Option<[f64; 3]>,
+    /// How it is turned there, w x y z; absent = free.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub quat: Option<[f64; 4]>,
+    /// In the place of both: the site that it touches.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub to: Option<String>,
 }
 
 /// What inverse kinematics found.
@@ -160,10 +184,78 @@ pub struct IkRequest {
 pub struct IkAnswer {
     /// One value per state joint, inside the limits.
     pub q: Vec<f64>,
-    /// Distance left, m.
+    /// Distance left to the target, m; 0 without one.
     pub distance_m: f64,
-    /// Whether the target was reached.
+    /// Whether the target was reached, and every pin holds.
     pub reached: bool,
+    /// Distance left by pin, m.
+    pub pins_m: Vec<f64>,
+    /// Bodies that touch in the pose, and the depth, m; the deepest first.
+    pub contacts: Vec<(String, String, f64)>,
+}
+
+/// Body of `POST /api/draw`: a line that a hand drew over a page's 3D view.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct DrawRequest {
+    /// The page.
+    pub tab: String,
+    /// The pose that it begins from, one value per state joint.
+    pub q: Vec<f64>,
+    /// The site that goes along the line.
+    pub site: String,
+    /// What the line lies on.
+    pub plane: Plane,
+    /// Points of the picture, 0 to 1 from the top left corner, and when the hand was there, s.
+    pub points: Vec<[f64; 3]>,
+    /// Seconds for the whole line, at an even speed; absent = as long as the hand took.
+    #[serde(default)]
+    pub secs: Option<f64>,
+    /// How far the path may be from the line, m.
+    pub tolerance_m: f64,
+    /// Joints that must stay.
+    #[serde(default)]
+    pub locked: Vec<String>,
+}
+
+/// A plane to draw on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub enum Plane {
+    /// The ground, z = 0.
+    Ground,
+    /// Level, through the site.
+    Level,
+    /// Through the site, facing the camera.
+    View,
+}
+
+/// What a drawn line became.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct DrawAnswer {
+    /// Keys, joined by straight lines; frames count from where the line was begun.
+    pub keys: Vec<DrawnKey>,
+    /// Frames until the last key ends.
+    pub frames: u32,
+    /// Farthest that the site stays from the line, because it leaves the robot's reach, m.
+    pub off_m: f64,
+    /// The line in the world, m.
+    pub line: Vec<[f64; 3]>,
+}
+
+/// A key of a drawn line.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct DrawnKey {
+    /// Frames after the line was begun.
+    pub frame: u32,
+    /// Frames that it is held.
+    pub hold: u32,
+    /// One value per state joint.
+    pub q: Vec<f64>,
 }
 
 /// Where a pose comes to rest when the robot is driven there.

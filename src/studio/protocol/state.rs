@@ -2,6 +2,7 @@
 
 use super::document::DocumentView;
 use super::policy::PolicyCard;
+use super::robot::Pin;
 use super::rollout::{RolloutSettings, TakesView, WorkerState};
 use serde::Serialize;
 
@@ -27,6 +28,8 @@ pub struct State {
     pub folder: String,
     /// Joints that no hand moves.
     pub locked: Vec<String>,
+    /// Sites that inverse kinematics holds.
+    pub pins: Vec<Pin>,
     /// Takes of the open robot.
     pub takes: TakesView,
 }

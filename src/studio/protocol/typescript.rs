@@ -13,11 +13,11 @@ use schemars::{JsonSchema, SchemaGenerator};
 use serde_json::{Map, Value};
 
 use super::{
-    ClipQuery, DocumentView, Draft, Edited, Event, ExampleQuery, ExportQuery, ExportRequest,
-    FilesQuery, GalleryItem, Geometry, HoverQuery, Hovered, IkAnswer, IkRequest, ImportBody,
-    JobRequest, JobView, LinesFrom, Listing, MeanError, NewBody, OpsRequest, PathBody, Pose,
-    PoseQuery, Poses, RecentFile, RobotCard, RobotFacts, RolloutView, SaveBody, Saved,
-    SettleAnswer, Shelf, State, StillBodyQuery, StillQuery, StudioOp, TakeFrames, TakesView,
+    ClipQuery, DocumentView, Draft, DrawAnswer, DrawRequest, Edited, Event, ExampleQuery,
+    ExportQuery, ExportRequest, FilesQuery, GalleryItem, Geometry, HoverQuery, Hovered, IkAnswer,
+    IkRequest, ImportBody, JobRequest, JobView, LinesFrom, Listing, MeanError, NewBody, OpsRequest,
+    PathBody, Pose, PoseQuery, Poses, RecentFile, RobotCard, RobotFacts, RolloutView, SaveBody,
+    Saved, SettleAnswer, Shelf, State, StillBodyQuery, StillQuery, StudioOp, TakeFrames, TakesView,
     UploadQuery,
 };
 use robert_clip::{ClipShape, Op};
@@ -149,6 +149,7 @@ impl Page {
         self.route("GET /api/robot/{id}/geometry").gives::<Geometry>();
         self.route("POST /api/kinematics").takes::<Poses>().gives::<Vec<Vec<f32>>>();
         self.route("POST /api/ik").takes::<IkRequest>().gives::<IkAnswer>();
+        self.route("POST /api/draw").takes::<DrawRequest>().gives::<DrawAnswer>();
         self.route("POST /api/settle").takes::<Pose>().gives::<SettleAnswer>();
         self.route("GET /api/rollout").gives::<RolloutView>();
         self.route("GET /api/takes").gives::<TakesView>();

@@ -221,6 +221,17 @@ impl RolloutStore {
         bodies.get(frame).or(bodies.last()).cloned()
     }
 
+    /// Rises with every change of frames and state.
+    pub(crate) fn stamp(&self) -> u64 {
+        self.read().frames.stamp()
+    }
+
+    /// Achieved and commanded body transforms of all frames there are; (nbody, 7) each.
+    pub(crate) fn all_bodies(&self) -> (Vec<Arc<[f32]>>, Vec<Arc<[f32]>>) {
+        let inner = self.read();
+        (inner.frames.bodies.clone(), inner.frames.goal_bodies.clone())
+    }
+
     /// The command that is performed, and the frames of the clip's keys.
     pub(crate) fn command(&self) -> Performed {
         let inner = self.read();

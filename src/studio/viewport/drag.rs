@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use super::space::{self, Place, V3};
-use crate::protocol::Selection;
+use crate::protocol::{Pin, Selection};
 
 /// What the hand holds, and what it may hold.
 #[derive(Debug, Default)]
@@ -12,6 +12,8 @@ pub(super) struct Hand {
     pub(super) selection: Selection,
     /// Joints that no hand moves.
     pub(super) locked: BTreeSet<String>,
+    /// Sites that inverse kinematics holds.
+    pub(super) pins: Vec<Pin>,
     /// What is held.
     pub(super) drag: Option<Drag>,
     /// How often something was taken.
@@ -99,7 +101,7 @@ impl Grab {
 }
 
 /// What inverse kinematics moves.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub(super) enum Pulled {
     Site(String),
     /// A point in a body's frame, for robots without sites.

@@ -7,6 +7,7 @@ use super::drag::{Drag, Grab, Held, Pulled, turn_towards};
 use super::gizmo::GIZMO;
 use super::incoming::{Incoming, Phase};
 use super::message::ViewportMessage;
+use super::motion_path::{PATH, key_of};
 use super::page_camera::PageCamera;
 use super::space::{self, Place, V3};
 use super::stage::Stage;
@@ -18,7 +19,13 @@ use robert_clip::Level;
 impl Stage {
     pub(super) fn touched(&mut self, tab: Option<String>, incoming: Incoming) {
         match incoming {
-            Incoming::SceneNodeClickMessage { name } => {
+            Incoming::SceneNodeClickMessage { name, ray_origin, ray_direction }
+                if name.starts_with(PATH) =>
+            {
+                let ray = ray_origin.zip(ray_direction).map(|(eye, along)| [eye, along]);
+                self.path_clicked(&name, ray, tab);
+            }
+            Incoming::SceneNodeClickMessage { name, .. } => {
                 let body = self.nodes.as_ref().and_then(|c| c.body_of(&name));
                 if let Some(body) = body {
                     self.select_body(body);
@@ -62,7 +69,10 @@ impl Stage {
                         view,
                         fine: held("shift"),
                     };
-                    self.grab(&name, grab, held("alt"), tab);
+                    match key_of(&name) {
+                        Some(frame) => self.grab_key(frame, grab, tab),
+                        None => self.grab(&name, grab, held("alt"), tab),
+                    }
                 }
                 self.drag_to(end_position);
                 if phase == Phase::End {
@@ -274,7 +284,10 @@ impl Stage {
             Pulled::Body(name, offset) => (String::new(), Some((name, offset))),
         };
         let locked = self.hand.locked.iter().cloned().collect();
-        let request = IkRequest { q: pose.clone(), site, body, pos, quat: None, locked };
+        // What is pulled itself is not held.
+        let pins = self.hand.pins.iter().filter(|p| p.site != site).cloned().collect();
+        let (q, pos) = (pose.clone(), Some(pos));
+        let request = IkRequest { q, site, body, pos, quat: None, locked, pins };
         self.hand.pull.busy = true;
         self.ask(request, move |answer| ViewportMessage::Ik(number, answer));
     }

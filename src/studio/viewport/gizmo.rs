@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use super::space::{self, Place};
 use super::stage::Stage;
-use crate::protocol::{Event, Selection};
+use crate::protocol::{Event, Pin, Selection};
 use robert_base::units::Unit;
 use robert_take::viser::{Message, TransformControlsProps};
 
@@ -53,6 +53,27 @@ impl Stage {
         self.hub.send(&Event::Locked { joints: self.hand.locked.iter().cloned().collect() });
         self.shared.edit(|scene| scene.remove(GIZMO));
         self.place_gizmo();
+    }
+
+    /// Sites that inverse kinematics holds from now on; what the robot does not have is left out.
+    pub(super) fn pin(&mut self, pins: Vec<Pin>) {
+        let known = |s: &String| {
+            self.robot.as_ref().is_some_and(|f| f.ik_sites.iter().any(|k| &k.name == s))
+        };
+        let sane = |p: &Pin| {
+            let numbers = p.pos.iter().flatten().chain(p.quat.iter().flatten());
+            known(&p.site)
+                && p.to.as_ref().map_or(p.pos.is_some(), |to| known(to) && *to != p.site)
+                && numbers.into_iter().all(|v| v.abs() <= robert_base::limits::CLIP_VALUE_MAX)
+        };
+        let mut pins: Vec<Pin> = pins.into_iter().filter(sane).collect();
+        pins.truncate(robert_base::limits::PINS);
+        if pins == self.hand.pins {
+            return;
+        }
+        self.hand.pins = pins;
+        self.shared.set_pins(self.hand.pins.clone());
+        self.hub.send(&Event::Pinned { pins: self.hand.pins.clone() });
     }
 
     pub(super) fn place_gizmo(&mut self) {

@@ -10,7 +10,7 @@ use super::message::ViewportMessage;
 use super::run;
 use super::shared::Shared;
 use super::stage::Stage;
-use crate::protocol::{Error, Hovered, Hub, StudioOp};
+use crate::protocol::{DrawRequest, Error, Hovered, Hub, Pin, StudioOp};
 use crate::simulation::Simulation;
 use robert_base::limits;
 use robert_take::viser::Message;
@@ -73,6 +73,24 @@ impl Viewport {
     /// Joints that no hand moves.
     pub(crate) fn locked(&self) -> Vec<String> {
         self.shared.locked()
+    }
+
+    /// Sites that inverse kinematics holds.
+    pub(crate) fn pins(&self) -> Vec<Pin> {
+        self.shared.pins()
+    }
+
+    /// Where a line over a page's picture lies in the world: x, y, z in m, and seconds.
+    ///
+    /// # Errors
+    /// [`Error::Request`] where the plane cannot be seen.
+    pub(crate) async fn sketch(&self, ask: &DrawRequest) -> Result<Vec<[f64; 4]>, Error> {
+        let full = |_| Error::Full { what: "requests to the viewport", cap: INBOX };
+        let (reply, answer) = oneshot::channel();
+        let (tab, points, site) = (ask.tab.clone(), ask.points.clone(), ask.site.clone());
+        let message = ViewportMessage::Sketch(tab, points, ask.plane, site, reply);
+        self.stage.try_send(message).map_err(full)?;
+        answer.await.unwrap_or_else(|_| Err(Error::request("the studio is shutting down")))
     }
 
     /// A message of a page's 3D client. A full stage drops moves; the next one holds the newer

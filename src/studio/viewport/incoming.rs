@@ -17,7 +17,14 @@ pub(crate) enum Incoming {
     /// It is let go.
     TransformControlsDragEndMessage { name: String },
     /// A node was clicked.
-    SceneNodeClickMessage { name: String },
+    SceneNodeClickMessage {
+        name: String,
+        /// Of the click, in the world.
+        #[serde(default)]
+        ray_origin: Option<[f64; 3]>,
+        #[serde(default)]
+        ray_direction: Option<[f64; 3]>,
+    },
     /// A node is dragged.
     SceneNodeDragMessage {
         phase: Phase,
@@ -62,6 +69,9 @@ impl Incoming {
             }
             Incoming::SceneNodeDragMessage { start_position, end_position, .. } => {
                 start_position.iter().chain(end_position).all(|v| v.is_finite())
+            }
+            Incoming::SceneNodeClickMessage { ray_origin, ray_direction, .. } => {
+                ray_origin.iter().chain(ray_direction).flatten().all(|v| v.is_finite())
             }
             Incoming::ViewerCameraMessage { wxyz, position, fov, image_height, image_width } => {
                 let sizes = [fov, image_height, image_width];

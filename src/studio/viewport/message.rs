@@ -5,11 +5,14 @@ use std::sync::Arc;
 use tokio::sync::oneshot;
 
 use super::incoming::Incoming;
-use crate::protocol::{Error, Geometry, Hovered, IkAnswer, StudioOp};
+use crate::protocol::{Error, Geometry, Hovered, IkAnswer, Plane, StudioOp};
 use crate::simulation::RobotContext;
 
 /// Body transforms of poses; (nbody, 7) each.
 pub(super) type Bodies = Result<Vec<Vec<f32>>, Error>;
+
+/// Points of the world with their times: x, y, z in m, and seconds.
+pub(super) type Sketched = Result<Vec<[f64; 4]>, Error>;
 
 /// What the stage is told.
 #[derive(Debug)]
@@ -20,6 +23,8 @@ pub(super) enum ViewportMessage {
     Client(Option<String>, Incoming),
     /// What a page's pointer is over; 0 to 1 from the top left corner.
     Hover(String, [f64; 2], oneshot::Sender<Option<Hovered>>),
+    /// Points of a page's picture with their times, to be put on a plane through a site.
+    Sketch(String, Vec<[f64; 3]>, Plane, String, oneshot::Sender<Sketched>),
     /// Meshes of a robot.
     Geometry(Arc<RobotContext>, Result<Geometry, Error>),
     /// Transforms of a floating pose.

@@ -25,6 +25,7 @@ mod handle;
 mod hit;
 mod incoming;
 mod message;
+mod motion_path;
 mod overlays;
 mod page_camera;
 mod playback;
@@ -34,6 +35,7 @@ mod run;
 mod scene_nodes;
 mod shared;
 mod shell;
+mod sketch;
 mod space;
 mod stage;
 

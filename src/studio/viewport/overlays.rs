@@ -1,5 +1,7 @@
 //! What is shown beside the robot.
 
+use super::motion_path::MotionPath;
+
 /// Which figures are shown, and poses that were asked for them.
 #[derive(Debug)]
 pub(super) struct Overlays {
@@ -17,6 +19,8 @@ pub(super) struct Overlays {
     pub(super) onion_asked: bool,
     /// A take stands beside.
     pub(super) beside: bool,
+    /// The way of what is selected.
+    pub(super) path: MotionPath,
 }
 
 /// Figures that a page can hide.
@@ -40,6 +44,7 @@ impl Default for Overlays {
             onion_bodies: Vec::new(),
             onion_asked: false,
             beside: false,
+            path: MotionPath::default(),
         }
     }
 }

@@ -60,6 +60,9 @@ impl Stage {
             ViewportMessage::Hover(tab, at, reply) => {
                 reply.send(self.under(&tab, at)).ok();
             }
+            ViewportMessage::Sketch(tab, points, plane, site, reply) => {
+                reply.send(self.sketch(&tab, &points, plane, &site)).ok();
+            }
             ViewportMessage::Geometry(facts, Ok(geometry)) => {
                 if self.robot.as_ref().is_some_and(|f| Arc::ptr_eq(f, &facts)) {
                     let home = geometry.home.clone();
@@ -142,7 +145,9 @@ impl Stage {
         self.overlays.onion = [None; 2];
         self.overlays.onion_bodies.clear();
         self.select(Selection::default());
+        self.forget_path();
         self.lock(Vec::new());
+        self.pin(Vec::new());
         self.float(None);
         if known {
             self.refresh();
@@ -179,6 +184,8 @@ impl Stage {
                 now.achieved = show.achieved.unwrap_or(now.achieved);
                 now.command = show.command.unwrap_or(now.command);
                 now.ghosts = show.ghosts.unwrap_or(now.ghosts);
+                let path = &mut self.overlays.path;
+                path.wanted = show.path.unwrap_or(path.wanted);
                 if let Some(dark) = show.dark {
                     self.shared.edit(|scene| build::theme(scene, dark));
                 }
@@ -201,6 +208,7 @@ impl Stage {
                 }
             }
             StudioOp::ViewLock { joints } => self.lock(joints),
+            StudioOp::ViewPins { pins } => self.pin(pins),
             StudioOp::ViewCancel {} => self.cancel_drag(),
             StudioOp::ViewPose { q } => self.float(q),
             _ => {}

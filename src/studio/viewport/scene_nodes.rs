@@ -21,7 +21,7 @@ const SHELL: f64 = 0.008;
 const SHADES: f64 = 16.0;
 
 /// Error of a link that is red, in sizes of the robot: as in exported pictures.
-const FULL_ERROR: f64 = 0.10;
+pub(super) const FULL_ERROR: f64 = 0.10;
 
 /// A robot as nodes of the scene, and what the camera must hold.
 #[derive(Debug)]

@@ -5,21 +5,24 @@ use std::sync::{Mutex, PoisonError};
 use tokio::sync::watch;
 
 use super::retained::Retained;
+use crate::protocol::Pin;
 use robert_take::viser::Message;
 
-/// The scene, and joints that no hand moves.
+/// The scene, joints that no hand moves, and sites that are held.
 #[derive(Debug)]
 pub(super) struct Shared {
     scene: Mutex<Retained>,
     changed: watch::Sender<u64>,
     locked: Mutex<Vec<String>>,
+    pins: Mutex<Vec<Pin>>,
 }
 
 impl Shared {
     /// Nothing in it.
     pub(super) fn new() -> Shared {
         let changed = watch::Sender::new(0);
-        Shared { scene: Mutex::default(), changed, locked: Mutex::default() }
+        let (locked, pins) = (Mutex::default(), Mutex::default());
+        Shared { scene: Mutex::default(), changed, locked, pins }
     }
 
     /// Changes the scene; clients hear of it when anything is new.
@@ -50,6 +53,16 @@ impl Shared {
     /// Joints that no hand moves.
     pub(super) fn locked(&self) -> Vec<String> {
         self.locked.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Sites that inverse kinematics holds.
+    pub(super) fn pins(&self) -> Vec<Pin> {
+        self.pins.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Sites that inverse kinematics holds from now on.
+    pub(super) fn set_pins(&self, pins: Vec<Pin>) {
+        *self.pins.lock().unwrap_or_else(PoisonError::into_inner) = pins;
     }
 
     /// Joints that no hand moves from now on.

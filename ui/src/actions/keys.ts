@@ -1,9 +1,11 @@
 // Keys, poses and markers: what is chosen, made, moved, copied.
 
 import { type Key, keyAt, keyEnd, nextKey, prevKey, replaced } from "../clip";
+import { drawing, needsSpaceAndSite, toggleDrawing } from "../draw";
 import { needsPoint, nudgeValue } from "../graph/edits";
 import { toggleLock, unlockedOnly } from "../locks";
 import { menuByKey } from "../menu";
+import { needsSite, setPins, togglePin } from "../pins";
 import { cancelDrag, dropFloating, keyFloating, poseAt } from "../posing";
 import { nextSite } from "../reach";
 import * as store from "../store";
@@ -266,6 +268,7 @@ export const KEYS: Action[] = [
     keys: ["Escape"],
     run: () => {
       if (cancelDrag()) return;
+      if (drawing.value) return toggleDrawing();
       if (store.site.value) tell("view.select", {});
       if (store.floating.value) dropFloating();
       store.selection.value = new Set();
@@ -383,6 +386,29 @@ export const KEYS: Action[] = [
     group: "Keys",
     keys: ["G"],
     run: nextSite,
+  },
+  {
+    id: "draw",
+    title: "Draw a motion in the 3D view",
+    group: "Keys",
+    keys: ["D"],
+    not: needsSpaceAndSite,
+    run: toggleDrawing,
+  },
+  {
+    id: "pin",
+    title: "Pin or release the selected fingertip or end effector",
+    group: "Keys",
+    keys: ["Shift+G"],
+    not: needsSite,
+    run: () => void togglePin(),
+  },
+  {
+    id: "unpin-all",
+    title: "Release all pins",
+    group: "Keys",
+    not: () => (store.pins.value.length ? undefined : "nothing is pinned"),
+    run: () => setPins([]),
   },
   {
     id: "lock-joint",

@@ -38,7 +38,7 @@ export function problem(direction: 1 | -1): void {
   else seek(next);
 }
 
-export function toggleShow(what: "command" | "achieved" | "ghosts"): void {
+export function toggleShow(what: "command" | "achieved" | "ghosts" | "path"): void {
   store.show.value = { ...store.show.value, [what]: !store.show.value[what] };
   tell("view.show", { [what]: store.show.value[what] });
 }
@@ -79,6 +79,14 @@ export const VIEW: Action[] = [
     group: "View",
     keys: ["4", "O"],
     run: () => toggleShow("ghosts"),
+  },
+  {
+    id: "path",
+    title: "Path of the selected link or end effector",
+    group: "View",
+    keys: ["5"],
+    not: needsSpace,
+    run: () => toggleShow("path"),
   },
   {
     id: "frame",

@@ -313,6 +313,48 @@ export interface Draft {
   robot: string;
 }
 
+/** What a drawn line became. */
+export interface DrawAnswer {
+  /** Frames until the last key ends. */
+  frames: number;
+  /** Keys, joined by straight lines; frames count from where the line was begun. */
+  keys: DrawnKey[];
+  /** The line in the world, m. */
+  line: [number, number, number][];
+  /** Farthest that the site stays from the line, because it leaves the robot's reach, m. */
+  off_m: number;
+}
+
+/** Body of `POST /api/draw`: a line that a hand drew over a page's 3D view. */
+export interface DrawRequest {
+  /** Joints that must stay. */
+  locked?: string[];
+  /** What the line lies on. */
+  plane: Plane;
+  /** Points of the picture, 0 to 1 from the top left corner, and when the hand was there, s. */
+  points: [number, number, number][];
+  /** The pose that it begins from, one value per state joint. */
+  q: number[];
+  /** Seconds for the whole line, at an even speed; absent = as long as the hand took. */
+  secs?: number;
+  /** The site that goes along the line. */
+  site: string;
+  /** The page. */
+  tab: string;
+  /** How far the path may be from the line, m. */
+  tolerance_m: number;
+}
+
+/** A key of a drawn line. */
+export interface DrawnKey {
+  /** Frames after the line was begun. */
+  frame: number;
+  /** Frames that it is held. */
+  hold: number;
+  /** One value per state joint. */
+  q: number[];
+}
+
 /** What an edit did. */
 export interface Edited {
   /** Unsaved edits exist. */
@@ -373,6 +415,10 @@ export type Event =
   | { event: "joint.cancelled"; tab?: string }
   /** Joints that no hand moves. */
   | { event: "locked"; joints: string[] }
+  /** Sites that inverse kinematics holds. */
+  | { event: "pinned"; pins: Pin[] }
+  /** A hand touches the path of what is selected: the playhead goes there. */
+  | { event: "path.point"; frame: number; tab?: string; values: Record<string, number> | null }
   /** A sentence for a banner. */
   | { event: "notice"; level: Level; message: string };
 
@@ -595,11 +641,15 @@ export interface Hovered {
 
 /** What inverse kinematics found. */
 export interface IkAnswer {
-  /** Distance left, m. */
+  /** Bodies that touch in the pose, and the depth, m; the deepest first. */
+  contacts: [string, string, number][];
+  /** Distance left to the target, m; 0 without one. */
   distance_m: number;
+  /** Distance left by pin, m. */
+  pins_m: number[];
   /** One value per state joint, inside the limits. */
   q: number[];
-  /** Whether the target was reached. */
+  /** Whether the target was reached, and every pin holds. */
   reached: boolean;
 }
 
@@ -609,8 +659,10 @@ export interface IkRequest {
   body?: [string, [number, number, number]];
   /** Joints that must stay. */
   locked?: string[];
-  /** Where to, world, m. */
-  pos: [number, number, number];
+  /** Sites that are held meanwhile. */
+  pins?: Pin[];
+  /** Where to, world, m; absent = only the pins count. */
+  pos?: [number, number, number];
   /** Where to start, one value per state joint. */
   q: number[];
   /** Orientation, w x y z; absent = free. */
@@ -1201,6 +1253,18 @@ export type Phase =
   /** It broke; frames before stand. */
   | "failed";
 
+/** A site that inverse kinematics holds: at a place, or at another site. */
+export interface Pin {
+  /** Where it stays, world, m. */
+  pos?: [number, number, number];
+  /** How it is turned there, w x y z; absent = free. */
+  quat?: [number, number, number, number];
+  /** The site. */
+  site: string;
+  /** In the place of both: the site that it touches. */
+  to?: string;
+}
+
 /** Where in a file. */
 export interface Place {
   /** Column in characters, from 1. */
@@ -1208,6 +1272,15 @@ export interface Place {
   /** Line, from 1. */
   line: number;
 }
+
+/** A plane to draw on. */
+export type Plane =
+  /** The ground, z = 0. */
+  | "ground"
+  /** Level, through the site. */
+  | "level"
+  /** Through the site, facing the camera. */
+  | "view";
 
 /** A policy to choose. */
 export interface PolicyCard {
@@ -1624,6 +1697,8 @@ export interface SiteFacts {
   name: string;
   /** Position in the body's frame, m. */
   pos: [number, number, number];
+  /** Orientation in the body's frame, w x y z. */
+  quat: [number, number, number, number];
 }
 
 /** A named point of a body. */
@@ -1681,6 +1756,8 @@ export interface State {
   folder: string;
   /** Joints that no hand moves. */
   locked: string[];
+  /** Sites that inverse kinematics holds. */
+  pins: Pin[];
   /** Policies that can be chosen. */
   policies: PolicyCard[];
   /** Rollout settings. */
@@ -1762,6 +1839,8 @@ export type StudioOp =
   | { op: "view.select"; args: Selection }
   /** Joints that no hand in the viewport moves: neither a drag nor inverse kinematics. */
   | { op: "view.lock"; args: { joints: string[] } }
+  /** Sites that inverse kinematics holds, whoever asks for it. */
+  | { op: "view.pins"; args: { pins: Pin[] } }
   /** Gives up the drag that is under way in the viewport. */
   | { op: "view.cancel"; args: Record<string, never> }
   /** Frames the camera: `home`, `fit`, `front`, `side`, `top`, `selection`. */
@@ -1900,6 +1979,8 @@ export interface ViewShow {
   dark?: boolean;
   /** Poses of the neighbouring keys. */
   ghosts?: boolean;
+  /** The path of what is selected. */
+  path?: boolean;
 }
 
 /** Phases of the worker. */
@@ -1953,6 +2034,7 @@ export interface Routes {
   "GET /api/robot/{id}/geometry": { answer: Geometry };
   "POST /api/kinematics": { body: Poses; answer: number[][] };
   "POST /api/ik": { body: IkRequest; answer: IkAnswer };
+  "POST /api/draw": { body: DrawRequest; answer: DrawAnswer };
   "POST /api/settle": { body: Pose; answer: SettleAnswer };
   "GET /api/rollout": { answer: RolloutView };
   "GET /api/takes": { answer: TakesView };

@@ -4,7 +4,9 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_bytes::ByteBuf;
 
-use crate::protocol::{Geometry, IkAnswer, IkRequest, MeanError, RobotFacts, SettleAnswer};
+use crate::protocol::{
+    DrawAnswer, Geometry, IkAnswer, IkRequest, MeanError, RobotFacts, SettleAnswer,
+};
 use robert_base::exit::{Exit, HasExit};
 use robert_clip::Command;
 use robert_rollout::{Choice, PolicyConfig, Precision};
@@ -60,6 +62,8 @@ requests! {
     Kinematics => Vec<Vec<f32>>;
     /// Inverse kinematics.
     IkRequest => IkAnswer;
+    /// Keys of a drawn line.
+    Trace => DrawAnswer;
     /// Where a pose comes to rest.
     Settle => SettleAnswer;
     /// What lints want to know of poses.
@@ -131,6 +135,25 @@ pub(crate) struct Stop;
 pub(crate) struct Kinematics {
     /// One value per state joint each.
     pub(crate) poses: Vec<Vec<f64>>,
+}
+
+/// A drawn line that a site is to go along.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(crate) struct Trace {
+    /// Where it begins from, one value per state joint.
+    pub(crate) q: Vec<f64>,
+    /// The site.
+    pub(crate) site: String,
+    /// Points of the line: x, y, z in m, and seconds.
+    pub(crate) line: Vec<[f64; 4]>,
+    /// Seconds for the whole line, at an even speed.
+    pub(crate) secs: Option<f64>,
+    /// How far the path may be from the line, m.
+    pub(crate) tolerance_m: f64,
+    /// By state joint: what it can do, rad/s or m/s.
+    pub(crate) speeds: Vec<Option<f64>>,
+    /// Joints that must stay.
+    pub(crate) locked: Vec<String>,
 }
 
 /// Where a pose comes to rest.

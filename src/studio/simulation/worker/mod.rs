@@ -22,12 +22,13 @@ mod performer;
 mod query;
 mod slow;
 mod supervisor;
+mod trace;
 
 pub use child::run;
 pub(crate) use handle::WorkerHandle;
 pub(crate) use message::{
     CheckPoses, Checked, Dense, DescribeRobot, Frames, Kinematics, LoadRobot, LookAtRobot,
     MotionRows, PaintRequest, Perform, PickRequest, Picture, Question, SetPolicy, Settle,
-    SimulationEvent, Stop, Subject,
+    SimulationEvent, Stop, Subject, Trace,
 };
 pub(crate) use supervisor::WorkerSink;

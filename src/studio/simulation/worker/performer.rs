@@ -6,10 +6,10 @@ use std::time::{Duration, Instant};
 
 use super::message::{
     Dense, Envelope, Frames, Kinematics, LoadRobot, Refusal, SetPolicy, SimulationEvent, Stop,
-    WorkerRequest,
+    Trace, WorkerRequest,
 };
 use super::out::{Out, grant_cpu};
-use super::query;
+use super::{query, trace};
 use crate::protocol::{IkRequest, RobotFacts};
 use robert_clip::Command;
 use robert_mujoco::Data;
@@ -116,6 +116,10 @@ impl Performer {
             WorkerRequest::IkRequest(q) => out.answer::<IkRequest>(
                 id,
                 self.robot().and_then(|(robot, data)| Ok(query::ik(robot, data, &q)?)),
+            ),
+            WorkerRequest::Trace(q) => out.answer::<Trace>(
+                id,
+                self.robot().and_then(|(robot, data)| Ok(trace::trace(robot, data, &q)?)),
             ),
             // The others go to the slow thread: see `WorkerRequest::is_slow`.
             _ => debug_assert!(false, "a slow question among the quick ones"),

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use super::message::{Checked, Refusal};
 use crate::protocol::{
-    AxisFacts, BodyFacts, Geometry, IkAnswer, IkRequest, MeshFacts, PoseFacts, RobotFacts,
+    AxisFacts, BodyFacts, Geometry, IkAnswer, IkRequest, MeshFacts, Pin, PoseFacts, RobotFacts,
     SettleAnswer, SiteFacts,
 };
 use robert_clip as clip;
@@ -12,6 +12,9 @@ use robert_clip::{CouplingMember, Granularity, JointFacts, JointTable, Mirror};
 use robert_mujoco::{Data, Kind, Model};
 use robert_robot as robot;
 use robert_robot::{Coupling, IkConfig, Point, Robot, Target};
+
+/// A point in the world, m.
+type V3 = [f64; 3];
 
 /// Disagreement of coupled joints that is no fault, rad or m.
 const COUPLING_TOLERANCE: f64 = 0.02;
@@ -182,9 +185,10 @@ fn axis(model: &Model, joint: usize) -> AxisFacts {
 
 fn site(model: &Model, name: &str) -> Option<SiteFacts> {
     let id = model.id(Kind::Site, name)?;
-    let at = |k: usize| model.site_pos().get(3 * id + k).copied().unwrap_or(0.0);
     let body = index(model.site_bodyid(), id);
-    Some(SiteFacts { name: name.to_owned(), body, pos: [0, 1, 2].map(at) })
+    let pos = model.site_pos().as_chunks::<3>().0[id];
+    let quat = model.site_quat().as_chunks::<4>().0[id];
+    Some(SiteFacts { name: name.to_owned(), body, pos, quat })
 }
 
 /// Body transforms at a state; (nbody, 7).
@@ -214,10 +218,53 @@ pub(crate) fn ik(
         Some((body, offset)) => Point::Body { body, offset },
         None => Point::Site(request.site.clone()),
     };
-    let target = Target { point, pos: request.pos, quat: request.quat };
+    let mut targets: Vec<Target> =
+        request.pos.map(|pos| Target { point, pos, quat: request.quat }).into_iter().collect();
+    let mut pairs = Vec::new();
+    for pin in &request.pins {
+        let point = Point::Site(pin.site.clone());
+        match (&pin.to, pin.pos) {
+            (Some(to), _) => pairs.push((point, Point::Site(to.clone()))),
+            (None, Some(pos)) => targets.push(Target { point, pos, quat: pin.quat }),
+            (None, None) => {}
+        }
+    }
     let config = IkConfig { locked, ..IkConfig::default() };
-    let found = robot.ik(data, &request.q, &[target], &config)?;
-    Ok(IkAnswer { q: found.state, distance_m: found.distance_m, reached: found.reached })
+    let found = robot.ik_meeting(data, &request.q, &targets, &pairs, &config)?;
+    data.forward()?;
+    let at = |name: &str| -> Result<V3, robot::Error> {
+        Ok(data.site_xpos().as_chunks::<3>().0[robot.site(name)?])
+    };
+    let pin = |pin: &Pin| match (&pin.to, pin.pos) {
+        (Some(to), _) => Ok(apart(at(&pin.site)?, at(to)?)),
+        (None, Some(pos)) => Ok(apart(at(&pin.site)?, pos)),
+        (None, None) => Ok(0.0),
+    };
+    let pins_m = request.pins.iter().map(pin).collect::<Result<Vec<f64>, robot::Error>>()?;
+    let distance_m = match (&request.body, request.pos) {
+        (None, Some(pos)) => apart(at(&request.site)?, pos),
+        (Some(_), Some(_)) => found.distance_m,
+        (_, None) => 0.0,
+    };
+    let contacts = touching(robot.model(), data);
+    Ok(IkAnswer { q: found.state, distance_m, reached: found.reached, pins_m, contacts })
+}
+
+fn apart(a: V3, b: V3) -> f64 {
+    a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
+}
+
+/// Bodies that touch, and the depth, m; the deepest first.
+fn touching(model: &Model, data: &Data) -> Vec<(String, String, f64)> {
+    let body = |geom: usize| body_name(model, index(model.geom_bodyid(), geom));
+    let mut contacts: Vec<(String, String, f64)> = data
+        .contacts()
+        .filter(|c| c.dist < -TOUCH_M)
+        .map(|c| (body(c.geoms[0]), body(c.geoms[1]), -c.dist))
+        .collect();
+    contacts.sort_by(|a, b| b.2.total_cmp(&a.2).then_with(|| a.0.cmp(&b.0)));
+    contacts.dedup_by(|a, b| (&a.0, &a.1) == (&b.0, &b.1));
+    contacts
 }
 
 /// Where a pose settles.
@@ -237,15 +284,7 @@ pub(crate) fn check(robot: &Robot, q: &[f64]) -> Result<Checked, robot::Error> {
     let mut data = Data::new(robot.model())?;
     robot.write_state(&mut data, q)?;
     data.forward()?;
-    let model = robot.model();
-    let body = |geom: usize| body_name(model, index(model.geom_bodyid(), geom));
-    let mut contacts: Vec<(String, String, f64)> = data
-        .contacts()
-        .filter(|c| c.dist < -TOUCH_M)
-        .map(|c| (body(c.geoms[0]), body(c.geoms[1]), -c.dist))
-        .collect();
-    contacts.sort_by(|a, b| b.2.total_cmp(&a.2).then_with(|| a.0.cmp(&b.0)));
-    contacts.dedup_by(|a, b| (&a.0, &a.1) == (&b.0, &b.1));
+    let contacts = touching(robot.model(), &data);
     let settled = robot.settle(q).ok().map(|s| s.reached);
     Ok(Checked { contacts, settled })
 }

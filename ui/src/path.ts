@@ -1,0 +1,25 @@
+// The path of what is selected, in the 3D view: what a hand on it does to the clip.
+
+import { keyAt, prevKey } from "./clip";
+import * as store from "./store";
+import { edit } from "./wire";
+
+/**
+ * A diamond was taken or clicked: its key is the one that is edited. With values, the line was
+ * clicked where it has no key: it gets one that leaves the path as it is.
+ */
+export function pathTouched(frame: number, values: Record<string, number> | null): void {
+  const clip = store.doc.value?.clip;
+  if (!clip || frame >= clip.length) return;
+  store.playhead.value = frame;
+  if (!values || keyAt(clip, frame)) {
+    store.selection.value = keyAt(clip, frame) ? new Set([frame]) : new Set();
+    return;
+  }
+  const q = clip.robot.joints.map((name) => values[name] ?? 0);
+  // The way after it goes on as it was.
+  const fill = prevKey(clip, frame)?.fill;
+  void edit("keys.add", { keys: [{ frame, q, ...(fill ? { fill } : {}) }] }).then((ok) => {
+    if (ok) store.selection.value = new Set([frame]);
+  });
+}
