@@ -2,17 +2,15 @@
 // browser can check. The viewport is made of stills here: no WebGL, the same everything else.
 
 import assert from "node:assert/strict";
-import { after, armTab, before, describe, Studio, type Tab, tab, test } from "./harness";
+import { describe, onTheArm, type Studio, type Tab, tab, test } from "./harness";
 
 describe("features", () => {
   let studio: Studio;
   let t: Tab;
 
-  before(async () => {
-    studio = await Studio.start();
-    t = await armTab(studio);
+  onTheArm((with_, page) => {
+    [studio, t] = [with_, page];
   });
-  after(() => studio.end());
   /** The arm as it was, by the named history. */
   const afresh = async (): Promise<void> => {
     await t.afresh();

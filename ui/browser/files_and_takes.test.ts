@@ -3,7 +3,7 @@
 
 import assert from "node:assert/strict";
 import { existsSync, readdirSync, readFileSync, writeFileSync } from "node:fs";
-import { ARM, after, armTab, before, describe, eventually, Studio, type Tab, tab, test } from "./harness";
+import { ARM, armTab, describe, eventually, onTheArm, Studio, type Tab, tab, test } from "./harness";
 
 /** Colours of the takes that are compared, as src/store.ts has them. */
 const MAGENTA = [0xc9, 0x4f, 0xa8] as const;
@@ -53,11 +53,9 @@ describe("takes and files", () => {
   let studio: Studio;
   let t: Tab;
 
-  before(async () => {
-    studio = await Studio.start();
-    t = await armTab(studio);
+  onTheArm((with_, page) => {
+    [studio, t] = [with_, page];
   });
-  after(() => studio.end());
   const afresh = async (): Promise<void> => {
     await t.afresh();
     await t.rolledOut();

@@ -4,7 +4,7 @@ import assert from "node:assert/strict";
 import { isDeepStrictEqual } from "node:util";
 import type { Clip } from "../src/clip";
 import { commandedAt } from "../src/graph/curve";
-import { after, armTab, before, describe, eventually, Studio, type Tab, test } from "./harness";
+import { describe, eventually, onTheArm, type Studio, type Tab, test } from "./harness";
 
 /** All fills, tangents, a hold, an open joint, and a stretch that is too fast. */
 const SHAPES = JSON.stringify({
@@ -33,11 +33,9 @@ describe("graph", () => {
   let studio: Studio;
   let t: Tab;
 
-  before(async () => {
-    studio = await Studio.start();
-    t = await armTab(studio);
+  onTheArm((with_, page) => {
+    [studio, t] = [with_, page];
   });
-  after(() => studio.end());
 
   const start = async (text = SHAPES): Promise<void> => {
     await t.afresh(text);

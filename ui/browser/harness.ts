@@ -418,3 +418,13 @@ export async function armTab(studio: Studio): Promise<Tab> {
   await t.rolledOut();
   return t;
 }
+
+/** For all tests of a group: a studio of their own, and a page with the arm open. */
+export function onTheArm(begin: (studio: Studio, page: Tab) => void): void {
+  let studio: Studio | undefined;
+  before(async () => {
+    studio = await Studio.start();
+    begin(studio, await armTab(studio));
+  });
+  after(() => studio?.end());
+}

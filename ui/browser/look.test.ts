@@ -1,17 +1,15 @@
 // What is seen: nothing covered, nothing out of reach, words that say what is the case.
 
 import assert from "node:assert/strict";
-import { after, armTab, before, describe, eventually, Studio, type Tab, test } from "./harness";
+import { describe, eventually, onTheArm, type Studio, type Tab, test } from "./harness";
 
 describe("look", () => {
   let studio: Studio;
   let t: Tab;
 
-  before(async () => {
-    studio = await Studio.start();
-    t = await armTab(studio);
+  onTheArm((with_, page) => {
+    [studio, t] = [with_, page];
   });
-  after(() => studio.end());
   const afresh = (text?: string): Promise<void> => t.afresh(text);
 
   test("no message lies over a button, at three sizes", async () => {

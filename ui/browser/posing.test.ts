@@ -7,12 +7,12 @@ import { createHash } from "node:crypto";
 import {
   ARM,
   after,
-  armTab,
   before,
   binary,
   describe,
   drawn,
   eventually,
+  onTheArm,
   Studio,
   type Tab,
   test,
@@ -39,11 +39,9 @@ describe("a hand, with still pictures", () => {
   let studio: Studio;
   let t: Tab;
 
-  before(async () => {
-    studio = await Studio.start();
-    t = await armTab(studio);
+  onTheArm((with_, page) => {
+    [studio, t] = [with_, page];
   });
-  after(() => studio.end());
   const afresh = async (): Promise<void> => {
     await t.afresh();
     await t.until((s) => s.locked.length === 0, "nothing locked");

@@ -2,17 +2,15 @@
 // the next, every gesture has a key. Still pictures for a viewport.
 
 import assert from "node:assert/strict";
-import { ARM, after, armTab, before, describe, eventually, Studio, type Tab, test } from "./harness";
+import { ARM, describe, eventually, onTheArm, type Studio, type Tab, test } from "./harness";
 
 describe("timeline", () => {
   let studio: Studio;
   let t: Tab;
 
-  before(async () => {
-    studio = await Studio.start();
-    t = await armTab(studio);
+  onTheArm((with_, page) => {
+    [studio, t] = [with_, page];
   });
-  after(() => studio.end());
   const afresh = async (text = ARM): Promise<void> => {
     await t.afresh(text);
     await t.press("Shift+F");

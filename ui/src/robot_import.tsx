@@ -8,6 +8,9 @@ export function ImportRobot() {
   const file = useSignal("");
   const id = useSignal("");
   const fixed = useSignal(false);
+  const without = useSignal("");
+  const servos = useSignal("keep");
+  const drives = useSignal("modelled");
   const files = useSignal<File[]>([]);
   const busy = useSignal("");
   const models = files.value.filter((f) => /\.(urdf|xml|mjcf)$/i.test(f.name));
@@ -24,7 +27,15 @@ export function ImportRobot() {
         path ||= nameOf(models[0] ?? (files.value[0] as File));
       }
       await http("POST /api/import", {
-        body: { file: path, uploaded, id: id.value, fixed_base: fixed.value },
+        body: {
+          file: path,
+          uploaded,
+          id: id.value,
+          fixed_base: fixed.value,
+          without: without.value.split(/[\s,]+/).filter(Boolean),
+          actuators: servos.value,
+          drives: drives.value,
+        },
       });
     } catch (e) {
       complain(e);
@@ -105,6 +116,38 @@ export function ImportRobot() {
             onChange={(e) => (fixed.value = e.currentTarget.checked)}
           />{" "}
           fix a floating base
+        </label>
+        <label title="Names of bodies with a comma between them; what hangs on them goes, too (MJCF)">
+          Leave out{" "}
+          <input
+            type="text"
+            value={without.value}
+            placeholder="ball, table"
+            onInput={(e) => (without.value = e.currentTarget.value)}
+            data-testid="import-without"
+          />
+        </label>
+        <label title="Position and velocity servos of the file">
+          Servos{" "}
+          <select
+            value={servos.value}
+            onChange={(e) => (servos.value = e.currentTarget.value)}
+            data-testid="import-actuators"
+          >
+            <option value="keep">stay servos</option>
+            <option value="torque">become torque motors</option>
+          </select>
+        </label>
+        <label title="Damping and inertia of the drives of joints that have none in the file">
+          Drives{" "}
+          <select
+            value={drives.value}
+            onChange={(e) => (drives.value = e.currentTarget.value)}
+            data-testid="import-drives"
+          >
+            <option value="modelled">modelled where they are missing</option>
+            <option value="file">as the file says</option>
+          </select>
         </label>
       </div>
       <div class="row">

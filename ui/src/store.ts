@@ -199,7 +199,7 @@ export function shownError(value: number, unit: "rad" | "m"): string {
       ? v.toFixed(1)
       : Math.abs(v) >= 1e-4
         ? v.toPrecision(2)
-        : v === 0
+        : Math.abs(v) < 1e-9
           ? "0"
           : v.toExponential(0);
   if (unit === "m") return `${figures(value * 1000)} mm`;

@@ -229,7 +229,9 @@ function Stills() {
     ...size(),
     draft: true,
     shown: {
-      ...store.show.value,
+      achieved: store.show.value.achieved,
+      command: store.show.value.command,
+      ghosts: store.show.value.ghosts,
       ...(store.floating.value ? { pose: inRobotOrder(store.floating.value).join() } : {}),
     },
   }));

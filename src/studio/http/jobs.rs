@@ -91,6 +91,16 @@ pub(crate) async fn import(State(app): Shared, Json(body): Json<ImportBody>) -> 
     if body.uploaded {
         args.extend(["--root".to_owned(), app.workspace.uploads.folder().display().to_string()]);
     }
+    for body in body.without {
+        // One argument each: a name that begins with a dash is still a name.
+        args.push(format!("--without={body}"));
+    }
+    if let Some(servos) = body.actuators {
+        args.push(format!("--actuators={servos}"));
+    }
+    if let Some(drives) = body.drives {
+        args.push(format!("--drives={drives}"));
+    }
     if body.fixed_base {
         args.push("--fixed-base".into());
     }

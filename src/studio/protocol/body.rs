@@ -205,6 +205,15 @@ pub struct ImportBody {
     pub id: String,
     #[serde(default)]
     pub fixed_base: bool,
+    /// Bodies to leave out, with all that hangs on them.
+    #[serde(default)]
+    pub without: Vec<String>,
+    /// As `robert import --actuators` has it.
+    #[serde(default)]
+    pub actuators: Option<String>,
+    /// As `robert import --drives` has it.
+    #[serde(default)]
+    pub drives: Option<String>,
 }
 
 /// Query of `GET /api/jobs/{id}`.

@@ -55,7 +55,7 @@
 //! | `GET /api/shelf` | [`Shelf`]: runs, data, presets in the studio's folder |
 //! | `GET /api/curves?path=RUN` | metrics of a training run, thinned |
 //! | `PUT /api/upload?path=NAME&first=B` | 204; body = one file of a robot to import |
-//! | `POST /api/import` `{file, uploaded?, id, fixed_base?}` | `JobView`: makes `robots/ID` |
+//! | `POST /api/import` `{file, uploaded?, id, fixed_base?, without?, actuators?, drives?}` | `JobView`: makes `robots/ID` |
 //! | `GET /api/jobs` | list of [`JobView`] |
 //! | `POST /api/jobs` [`JobRequest`] | `JobView` |
 //! | `GET /api/jobs/{id}` | `JobView` with its lines; `?from=N` skips the first N |

@@ -65,6 +65,9 @@ pub(crate) type Performed = (Option<Arc<Command>>, Arc<[u32]>);
 /// Achieved and commanded body transforms; (nbody, 7) each.
 pub(crate) type BodyPair = (Arc<[f32]>, Arc<[f32]>);
 
+/// Body transforms by frame; (nbody, 7) each.
+pub(crate) type BodyRows = Vec<Arc<[f32]>>;
+
 /// What one client has yet to see.
 #[derive(Debug, Default)]
 pub(crate) struct ClientUpdate {
@@ -227,7 +230,7 @@ impl RolloutStore {
     }
 
     /// Achieved and commanded body transforms of all frames there are; (nbody, 7) each.
-    pub(crate) fn all_bodies(&self) -> (Vec<Arc<[f32]>>, Vec<Arc<[f32]>>) {
+    pub(crate) fn all_bodies(&self) -> (BodyRows, BodyRows) {
         let inner = self.read();
         (inner.frames.bodies.clone(), inner.frames.goal_bodies.clone())
     }

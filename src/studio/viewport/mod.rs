@@ -28,6 +28,7 @@ mod message;
 mod motion_path;
 mod overlays;
 mod page_camera;
+mod path_hands;
 mod playback;
 mod refresh;
 mod retained;

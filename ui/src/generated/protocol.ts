@@ -673,11 +673,17 @@ export interface IkRequest {
 
 /** Body of `POST /api/import`. */
 export interface ImportBody {
+  /** As `robert import --actuators` has it. */
+  actuators?: string;
+  /** As `robert import --drives` has it. */
+  drives?: string;
   /** The URDF or MJCF: among the uploaded files, or on this machine. */
   file: string;
   fixed_base?: boolean;
   id: string;
   uploaded?: boolean;
+  /** Bodies to leave out, with all that hangs on them. */
+  without?: string[];
 }
 
 /** One line that a command writes with `--jsonl`, for the program that started it. */

@@ -3,6 +3,7 @@
 import type { Clip } from "../clip";
 import { digitsOf, fixed } from "../numbers";
 import { playhead, ruler } from "../timeline/draw";
+import { ground } from "../timeline/ground";
 import { frameToX, LABELS, RULER, xToFrame } from "../timeline/layout";
 import type { Times } from "../timeline/scene";
 import { steepest, stretches } from "./curve";
@@ -28,12 +29,7 @@ type Ctx = CanvasRenderingContext2D;
 
 export function paint(ctx: Ctx, s: Scene): void {
   const { box, theme, view } = s;
-  ctx.fillStyle = theme.back;
-  ctx.fillRect(0, 0, box.width, box.height);
-  ctx.save();
-  ctx.beginPath();
-  ctx.rect(LABELS, 0, box.width - LABELS, box.height);
-  ctx.clip();
+  ground(ctx, box, theme);
   const x0 = frameToX(view, 0);
   ctx.fillStyle = theme.panel;
   ctx.fillRect(x0, 0, frameToX(view, s.clip.length) - x0, box.height);

@@ -1,6 +1,7 @@
 // Draws the dope sheet. Shape or hatch always repeats what colour says.
 
 import { digitsOf, fixed } from "../numbers";
+import { ground } from "./ground";
 import { labels } from "./labels";
 import {
   frameToX,
@@ -50,12 +51,7 @@ export function forgetHatches(): void {
 
 export function draw(ctx: Ctx, s: Scene): void {
   const { box, theme, view } = s;
-  ctx.fillStyle = theme.back;
-  ctx.fillRect(0, 0, box.width, box.height);
-  ctx.save();
-  ctx.beginPath();
-  ctx.rect(LABELS, 0, box.width - LABELS, box.height);
-  ctx.clip();
+  ground(ctx, box, theme);
   backdrop(ctx, s);
   ctx.save();
   ctx.beginPath();

@@ -1,0 +1,142 @@
+// Pins: several sites are held or brought together while one edit poses the rest.
+
+import assert from "node:assert/strict";
+import { after, before, describe, eventually, Studio, type Tab, tab, test } from "./harness";
+
+type V3 = [number, number, number];
+
+describe("pins", () => {
+  let studio: Studio;
+  let t: Tab;
+
+  before(async () => {
+    studio = await Studio.start(["--robot", "shadow_hand"]);
+    t = await tab(studio, { width: 1440, height: 900 });
+    await t.until((s) => s.page === "editor" && s.robot === "shadow_hand", "the hand open");
+    await t.rolledOut();
+  });
+  after(() => studio.end());
+
+  /** Where sites are in the world, by pose. */
+  const places = async (names: string[], q: number[][]): Promise<V3[][]> => {
+    const facts = (await studio.api("GET", "/api/robot/shadow_hand")).json();
+    const rows = (await studio.api("POST", "/api/kinematics", { q })).json() as number[][];
+    return rows.map((row) =>
+      names.map((name) => {
+        const site = facts.ik_sites.find((s: { name: string }) => s.name === name);
+        const [px = 0, py = 0, pz = 0, w = 1, x = 0, y = 0, z = 0] = row.slice(7 * site.body);
+        const [a, b, c] = site.pos as V3;
+        const u: V3 = [2 * (y * c - z * b), 2 * (z * a - x * c), 2 * (x * b - y * a)];
+        return [
+          px + a + w * u[0] + y * u[2] - z * u[1],
+          py + b + w * u[1] + z * u[0] - x * u[2],
+          pz + c + w * u[2] + x * u[1] - y * u[0],
+        ] as V3;
+      }),
+    );
+  };
+  /** The gap between the surfaces of thumb and index tip; below 0 they press into each other. */
+  const gap = async (q: number[]): Promise<number> => {
+    const facts = (await studio.api("GET", "/api/robot/shadow_hand")).json();
+    const [row] = (await studio.api("POST", "/api/kinematics", { q: [q] })).json() as number[][];
+    // Capsules of assets/robots/shadow_hand/robot.xml: middle, half length, radius, m.
+    const axis = (name: string, middle: number, half: number): V3[] => {
+      const body = facts.bodies.findIndex((b: { name: string }) => b.name === name);
+      const [px = 0, py = 0, pz = 0, w = 1, x = 0, y = 0, z = 0] = row?.slice(7 * body) ?? [];
+      const up: V3 = [2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)];
+      return Array.from({ length: 101 }, (_, k) => {
+        const s = middle + half * (k / 50 - 1);
+        return [px + s * up[0], py + s * up[1], pz + s * up[2]];
+      });
+    };
+    const [index, thumb] = [axis("ffdistal", 0.0125, 0.01), axis("thdistal", 0.014, 0.01)];
+    return Math.min(...index.flatMap((a) => thumb.map((b) => apart(a, b)))) - 0.0085 - 0.01;
+  };
+  const apart = (a: V3, b: V3): number => Math.hypot(...a.map((v, k) => v - (b[k] ?? 0)));
+
+  test("a new user's OK sign: thumb touches index, 2 mm apart in the take, at most 40 actions", async () => {
+    t.actions = 0;
+    await t.goTo(30);
+    t.actions += 2;
+    await t.click("site-thtip");
+    await t.until((s) => s.site === "thtip", "the thumb is selected");
+    await t.byId("touch").selectOption("fftip");
+    t.actions++;
+    const s = await t.until(
+      (x) => x.pins.length === 1 && (x.clip?.keys.some((k) => k.frame === 30) ?? false),
+      "pinned, and the pose is a key",
+    );
+    assert.deepEqual(s.pins, [{ site: "thtip", to: "fftip" }]);
+    assert.equal(s.history?.len, 1, "one edit");
+    await t.until((x) => x.pinsOff.length === 1 && (x.pinsOff[0] ?? 1) < 5e-4, "they meet in the command");
+    const done = await t.rolledOut();
+    const [tips] = await places(["thtip", "fftip"], [done.q[30] ?? []]);
+    assert.ok(tips?.[0] && tips[1]);
+    const between = 1000 * (await gap(done.q[30] ?? []));
+    console.log(
+      `    OK sign: ${t.actions} actions; in the take the tips' surfaces are ${between.toFixed(2)} mm apart, their ends ${(1000 * apart(tips[0], tips[1])).toFixed(2)} mm`,
+    );
+    await t.picture("pins-ok");
+    assert.ok(between <= 2 && between > -2, `${between} mm`);
+    assert.ok(t.actions <= 40);
+  });
+
+  test("several pins are solved together, and one that cannot hold says how far it is off", async () => {
+    // The middle fingertip stays where it is while the ring finger is pulled.
+    await t.click("site-mftip");
+    await t.until((s) => s.site === "mftip", "the middle finger is selected");
+    await t.press("Shift+G");
+    const held = await t.until((s) => s.pins.length === 2, "two pins");
+    const [before] = await places(["mftip"], [held.clip?.keys.find((k) => k.frame === 30)?.q as number[]]);
+    await t.click("site-rftip");
+    await t.byId("reach-x").waitFor();
+    const rev = (await t.state()).rev ?? 0;
+    // x, y and z are one edit.
+    const fields = await Promise.all(
+      ["x", "y", "z"].map(async (a) => Number(await t.byId(`reach-${a}`).inputValue())),
+    );
+    await t.byId("reach-y").fill(String((fields[1] ?? 0) - 0.02));
+    await t.byId("reach-z").fill(String((fields[2] ?? 0) - 0.015));
+    assert.equal((await t.state()).rev, rev, "nothing is sent before Enter");
+    await t.byId("reach-z").press("Enter");
+    const moved = await t.until((s) => s.rev === rev + 1, "one edit");
+    const [after] = await places(["mftip"], [moved.clip?.keys.find((k) => k.frame === 30)?.q as number[]]);
+    assert.ok(before?.[0] && after?.[0] && apart(before[0], after[0]) < 5e-4, "the middle fingertip stays");
+    await t.until((s) => s.pinsOff.length === 2 && Math.max(...s.pinsOff) < 1e-3, "both pins hold");
+    // The index goes where the thumb cannot follow.
+    await t.click("site-fftip");
+    await t.until((s) => s.site === "fftip", "the index is selected");
+    await t.byId("reach-x").waitFor();
+    await t.byId("reach-z").fill("0.6");
+    await t.byId("reach-z").press("Enter");
+    await t.until((s) => (s.pinsOff[0] ?? 0) > 0.005, "too far for the thumb");
+    assert.match(await t.byId("pin-thtip").innerText(), /mm off/);
+    await t.picture("pins-off");
+  });
+
+  test("a pose in which links press into each other says so", async () => {
+    const clip = (await t.state()).clip;
+    const joints = clip?.robot.joints ?? [];
+    const key = clip?.keys.find((k) => k.frame === 30) ?? clip?.keys[0];
+    assert.ok(key?.q);
+    // The index bends across the middle finger.
+    const q = key.q.map((v, j) =>
+      joints[j] === "FFJ4" ? -0.34 : joints[j] === "MFJ4" ? 0.34 : joints[j] === "RFJ4" ? 0.34 : v,
+    );
+    const text = JSON.stringify({ ...clip, keys: [{ frame: 0, q }] });
+    await studio.api("POST", "/api/new", { text });
+    const s = await t.until((x) => x.touching.length > 0, "it is seen that they touch");
+    assert.ok((s.touching[0]?.[2] ?? 0) > 5e-4);
+    await eventually(
+      async () => /presses [\d.]+ mm into/.test(await t.byId("contact").innerText()),
+      "and said how deep",
+    );
+    await t.picture("pins-contact");
+    assert.deepEqual(s.pins, [], "another document has no pins");
+  });
+
+  test("no script broke", () => {
+    assert.deepEqual(t.errors, []);
+    assert.deepEqual(t.foreign, []);
+  });
+});
