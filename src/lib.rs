@@ -18,7 +18,7 @@
 //! | 4 | [`explore`] | the collectors |
 //! | 5 | [`rollout`] | policies and rollouts |
 //! | 6 | [`train`], [`take`] | training, recorded rollouts and exports |
-//! | 7 | [`studio`] | the server |
+//! | 7 | [`studio`], [`shard`] | the server, work in shards |
 //! | 8 | [`cli`] | the command line |
 //!
 //! Mistakes in foreign data are errors that name their place. Our own mistakes panic instead of
@@ -41,6 +41,7 @@ pub use robert_plot as plot;
 pub use robert_render as render;
 pub use robert_robot as robot;
 pub use robert_rollout as rollout;
+pub use robert_shard as shard;
 pub use robert_studio as studio;
 pub use robert_take as take;
 pub use robert_train as train;

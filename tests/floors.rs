@@ -13,7 +13,7 @@ const FLOORS: &[&[&str]] = &[
     &["explore"],
     &["rollout"],
     &["train", "take"],
-    &["studio"],
+    &["studio", "shard"],
     &["cli"],
 ];
 
@@ -60,7 +60,7 @@ pub(super) fn walk_named(dir: &Path, name: &str) -> Vec<std::path::PathBuf> {
 }
 
 /// All files under a folder, in order; links to folders (embedded assets) are not followed.
-fn files(dir: &Path) -> Vec<std::path::PathBuf> {
+pub(super) fn files(dir: &Path) -> Vec<std::path::PathBuf> {
     let mut found = Vec::new();
     for entry in fs::read_dir(dir).unwrap() {
         let entry = entry.unwrap();

@@ -26,6 +26,8 @@ mod results;
 mod robots;
 mod rooms;
 mod run;
+mod shards;
+mod slurm;
 mod special_files;
 mod studio;
 mod take;

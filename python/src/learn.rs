@@ -57,7 +57,7 @@ pub(crate) fn evaluate(
         .iter()
         .map(|p| policy::config(Some(p.as_str()), &robot))
         .collect::<PyResult<_>>()?;
-    let config = EvalConfig { policies, plant, seeds, threads };
+    let config = EvalConfig { policies, plant, seeds: 0..seeds.max(1), threads };
     let found = listened(py, progress, |listener, cancel| {
         if floors && config.plant == PlantRange::default() {
             // A robot that iLQR cannot drive does without.

@@ -144,7 +144,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     }
     let (robot, mut suites) = suites(args)?;
     let threads = super::global::threads(args.threads);
-    let config = EvalConfig { policies, plant, seeds: args.seeds, threads };
+    let config = EvalConfig { policies, plant, seeds: 0..args.seeds, threads };
 
     let cancel = cancel_on_ctrl_c();
     // Another plant has other floors. If iLQR takes part, its own figures are the floor.

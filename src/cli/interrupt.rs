@@ -24,3 +24,32 @@ pub(super) fn cancel_on_ctrl_c() -> Cancel {
     });
     flag.clone()
 }
+
+/// The same flag, raised by SIGUSR1 as well: a queue's warning before the time limit. The second
+/// flag tells that it was the queue.
+pub(super) fn cancel_on_warning() -> (Cancel, Cancel) {
+    let (cancel, warned) = (cancel_on_ctrl_c(), Cancel::default());
+    let (stop, flag) = (cancel.clone(), warned.clone());
+    let listen = move || -> std::io::Result<()> {
+        use tokio::signal::unix::{SignalKind, signal};
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+        runtime.block_on(async {
+            let mut warnings = signal(SignalKind::user_defined1())?;
+            while warnings.recv().await.is_some() {
+                flag.cancel();
+                stop.cancel();
+            }
+            Ok(())
+        })
+    };
+    let thread = std::thread::Builder::new().name("warning".into());
+    let started = thread.spawn(move || {
+        if let Err(e) = listen() {
+            tracing::warn!("a warning of the queue (SIGUSR1) will end the program at once: {e}");
+        }
+    });
+    if let Err(e) = started {
+        tracing::warn!("a warning of the queue (SIGUSR1) will end the program at once: {e}");
+    }
+    (cancel, warned)
+}

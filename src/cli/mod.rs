@@ -32,6 +32,7 @@ mod render;
 mod robots;
 mod rollout;
 mod runs;
+mod shard;
 mod studio;
 mod sweep;
 mod tasks;
@@ -92,6 +93,9 @@ enum Command {
     Models(models::Args),
     /// Train a grid of settings with several seeds; writes a table and a chart.
     Sweep(sweep::Args),
+    /// Divide large work into shards, run them anywhere, and merge the results.
+    #[command(subcommand)]
+    Shard(shard::Args),
     /// List, show and compare training runs.
     #[command(subcommand)]
     Runs(runs::Args),
@@ -168,6 +172,7 @@ fn run(cli: Cli) -> Outcome {
         Command::Models(args) => models::run(&args),
         Command::New(args) => new::run(&args, cli.global),
         Command::Sweep(args) => sweep::run(&args, cli.global),
+        Command::Shard(args) => shard::run(&args, cli.global),
         Command::Runs(args) => runs::run(&args),
         Command::Fit(args) => fit::run(&args, cli.global),
         Command::Clip(args) => clip::run(&args, cli.global),

@@ -51,6 +51,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
         data: data.clone(),
         out: args.out.clone(),
         threads: super::global::threads(args.threads),
+        checkpoint_secs: 120.0,
         progress: &bar,
         cancel: &cancel,
         meta: serde_json::json!({

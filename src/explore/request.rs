@@ -86,7 +86,11 @@ impl CollectConfig {
         }
     }
 
-    pub(super) fn check(&self) -> Result<(), Error> {
+    /// Refuses a request that cannot be fulfilled, before any work.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] with the value and its limits.
+    pub fn check(&self) -> Result<(), Error> {
         let bad = |name, must: &str, got: String| {
             Err(Error::Argument { name, must: must.to_owned(), got })
         };

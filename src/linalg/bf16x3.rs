@@ -74,7 +74,7 @@ thread_local! {
 
 /// Whether this machine has the tile unit.
 pub(super) fn usable() -> bool {
-    Tiles::usable() && V4::is_available()
+    super::numerics::unlimited() && Tiles::usable() && V4::is_available()
 }
 
 /// Whether a right factor of this shape is multiplied faster on tiles.

@@ -19,12 +19,13 @@
 // Vector code must be inlined into the function that pulp compiles for the processor found.
 #![allow(clippy::inline_always)]
 
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 
 use super::aligned::Aligned;
 #[cfg(target_arch = "x86_64")]
 use super::bf16x3::{self, Factor, Terms};
 use super::mat::{Init, Mat, MatMut, Place, finish, unrolled};
+use super::numerics::arch;
 use super::real::Real;
 
 /// Registers in the width of a panel.
@@ -105,11 +106,11 @@ macro_rules! products {
     ($t:ty) => {
         impl Products<$t> for $t {
             fn pack(out: &mut Packed<$t>, b: Mat<'_, $t>) {
-                Arch::new().dispatch(Pack { out, b });
+                arch().dispatch(Pack { out, b });
             }
 
             fn product(out: MatMut<'_, $t>, init: Init<'_, $t>, a: Mat<'_, $t>, b: &Packed<$t>) {
-                <$t>::with_left(|left| Arch::new().dispatch(Gemm { out, init, a, b, left }));
+                <$t>::with_left(|left| arch().dispatch(Gemm { out, init, a, b, left }));
             }
         }
     };

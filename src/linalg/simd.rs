@@ -8,8 +8,9 @@
 // Vector code must be inlined into the function that pulp compiles for the processor found.
 #![allow(clippy::inline_always)]
 
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 
+use super::numerics::arch;
 use super::real::Real;
 
 /// Numbers in a padded row of attention scores: 51 frames rounded up to whole registers.
@@ -60,7 +61,7 @@ macro_rules! kernels {
                             $body
                         }
                     }
-                    Arch::new().dispatch(Kernel { $($arg,)* life: std::marker::PhantomData })
+                    arch().dispatch(Kernel { $($arg,)* life: std::marker::PhantomData })
                 }
             )*
         }

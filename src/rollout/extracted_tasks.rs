@@ -184,7 +184,7 @@ mod tests {
         let config = EvalConfig {
             policies: vec![policy.clone()],
             plant: PlantRange::default(),
-            seeds: 1,
+            seeds: 0..1,
             threads: 2,
         };
         let found = evaluate(&robot, &[suite], &config, &Silent, &Cancel::default()).unwrap();

@@ -177,7 +177,7 @@ fn measure(
     cancel: &Cancel,
 ) -> Result<Vec<Option<Floor>>, Error> {
     let policies = vec![PolicyConfig::floor()];
-    let config = EvalConfig { policies, plant: PlantRange::default(), seeds: 1, threads };
+    let config = EvalConfig { policies, plant: PlantRange::default(), seeds: 0..1, threads };
     let results = evaluate(robot, &[suite], &config, progress, cancel)?;
     Ok(results.into_iter().flat_map(|r| r.tasks).map(|t| t.as_floor()).collect())
 }

@@ -1,5 +1,6 @@
 //! Evaluates many clips with many policies on all cores.
 
+use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -58,8 +59,8 @@ pub struct EvalConfig {
     pub policies: Vec<PolicyConfig>,
     /// The range of plants; each seed draws one.
     pub plant: PlantRange,
-    /// Number of seeds; they are 0..n.
-    pub seeds: u64,
+    /// The seeds.
+    pub seeds: Range<u64>,
     /// Worker threads.
     pub threads: usize,
 }
@@ -240,12 +241,13 @@ pub fn evaluate(
     let templates: Vec<Template> =
         config.policies.iter().map(|p| Template::new(robot, p)).collect::<Result<_, _>>()?;
     let uses_model: Vec<bool> = templates.iter().map(Template::uses_model).collect();
-    let seeds = config.seeds.max(1);
+    let seeds = (config.seeds.end - config.seeds.start) as usize;
+    assert!(seeds > 0, "an evaluation needs a seed");
     let mut jobs = Vec::new();
     for (suite, cases) in suites.iter().map(|s| s.cases.len()).enumerate() {
         for policy in 0..config.policies.len() {
             for case in 0..cases {
-                jobs.extend((0..seeds).map(|seed| Job { suite, policy, case, seed }));
+                jobs.extend(config.seeds.clone().map(|seed| Job { suite, policy, case, seed }));
             }
         }
     }
@@ -259,12 +261,9 @@ pub fn evaluate(
     for suite in suites {
         let first = results.len();
         for (policy, &uses_model) in labels.iter().zip(&uses_model) {
-            let by_case: Vec<Vec<Outcome>> = suite
-                .cases
-                .iter()
-                .map(|_| outcomes.by_ref().take(seeds as usize).collect())
-                .collect();
-            let interval = over_seeds(&by_case, seeds as usize);
+            let by_case: Vec<Vec<Outcome>> =
+                suite.cases.iter().map(|_| outcomes.by_ref().take(seeds).collect()).collect();
+            let interval = over_seeds(&by_case, seeds);
             results.push(Evaluation {
                 policy: policy.clone(),
                 uses_model,

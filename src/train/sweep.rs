@@ -10,8 +10,9 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
+use super::evaluator::SuiteEvaluator;
 use super::hindsight::Simulated;
-use super::options::Options;
+use super::options::{Evaluate, Options};
 use super::run::train;
 use super::{Error, TrainConfig, paths, read_config};
 use robert_base::fsio;
@@ -144,8 +145,10 @@ pub struct Reached {
     pub suites: BTreeMap<String, Option<f64>>,
     /// Held-out action error, next frame known and away from stops and contact.
     pub nmse_clear: Option<f64>,
-    /// Seconds of the last session.
-    pub secs: f64,
+    /// Seconds of the last session; a shard leaves them out, so that its bits do not depend on the
+    /// machine's speed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub secs: Option<f64>,
 }
 
 /// One row of the table: a combination, all seeds.
@@ -180,12 +183,6 @@ impl Sweep {
             let Ok(value) = value.trim().parse();
             sweep.set.insert(key.trim().to_owned(), value);
         }
-        if sweep.seeds.is_empty() {
-            return Err(fail("seeds is empty".into()));
-        }
-        if let Some((key, _)) = sweep.grid.iter().find(|(_, v)| v.is_empty()) {
-            return Err(fail(format!("grid.{key} is empty")));
-        }
         if !sweep.grid.contains_key(&sweep.x) {
             let known: Vec<_> = sweep.grid.keys().map(String::as_str).collect();
             return Err(fail(format!(
@@ -193,6 +190,22 @@ impl Sweep {
                 sweep.x,
                 known.join(", ")
             )));
+        }
+        sweep.check(path)?;
+        Ok(sweep)
+    }
+
+    /// Checks the settings of every point; `path` is the file that they come from.
+    ///
+    /// # Errors
+    /// [`Error::Sweep`], those of the settings.
+    pub fn check(&self, path: &Path) -> Result<(), Error> {
+        let (sweep, fail) = (self, |why: String| Error::Sweep { why, path: path.to_owned() });
+        if sweep.seeds.is_empty() {
+            return Err(fail("seeds is empty".into()));
+        }
+        if let Some((key, _)) = sweep.grid.iter().find(|(_, v)| v.is_empty()) {
+            return Err(fail(format!("grid.{key} is empty")));
         }
         for key in VIEWS {
             if sweep.set.contains_key(key) {
@@ -216,7 +229,7 @@ impl Sweep {
             sweep.config(&values, 0)?;
             View::of(&values).map_err(fail)?;
         }
-        Ok(sweep)
+        Ok(())
     }
 
     /// Every combination of the grid, the last setting turning fastest.
@@ -304,8 +317,8 @@ impl View {
     }
 }
 
-/// Replaces characters that are not allowed in folder names.
-fn slug(values: &Combination) -> String {
+/// The folder name of a combination; other characters are replaced.
+pub fn slug(values: &Combination) -> String {
     let text: Vec<String> = values.iter().map(|(k, v)| format!("{k}-{v}")).collect();
     let plain = |c: char| if c.is_ascii_alphanumeric() || "-._+".contains(c) { c } else { '_' };
     text.join("_").chars().map(plain).collect()
@@ -319,6 +332,8 @@ pub struct Work<'a> {
     pub out: PathBuf,
     /// Threads.
     pub threads: usize,
+    /// Seconds between checkpoints.
+    pub checkpoint_secs: f64,
     /// Receives the progress, in points.
     pub progress: &'a dyn Progress,
     /// Asks for a stop; finished points are kept.
@@ -364,44 +379,23 @@ pub fn sweep(sweep: &Sweep, robot: &Arc<Robot>, work: &Work<'_>) -> Result<Swept
         for values in &combinations {
             let name = slug(values);
             let dir = work.out.join("points").join(&name).join(format!("seed-{seed}"));
-            let cfg = sweep.config(values, seed)?;
-            let view =
-                View::of(values).map_err(|why| Error::Sweep { why, path: work.out.clone() })?;
-            let data = view.open(&work.data, &work.out, seed)?;
+            let data = view(values, seed, &work.data, &work.out)?;
             let sha = data.manifest().sha256();
-            if let Some(done) = finished(&dir, &cfg, &sha)? {
+            if let Some(done) = finished(&dir, &sweep.config(values, seed)?, &sha)? {
                 found.push(done);
                 continue;
             }
             // The work of earlier calls says nothing about the time left.
             work.progress.tick(found.len() as u64, total as u64, &format!("{name} seed {seed}"));
-            let mut simulated = Simulated { robot: Arc::clone(robot), threads: work.threads };
-            let done = train(&data, &cfg, options(&dir, work, &mut simulated))?;
-            if done.interrupted || work.cancel.is_cancelled() {
-                complete = false;
-                break 'all;
-            }
             let suites = match &suites {
                 Some(suites) => suites,
                 // Extracted from the held-out part, which is the same in every view.
                 None => suites.insert(suites_of(sweep, robot, &data)?),
             };
-            let found_suites = match perform(robot, &dir, suites, work) {
-                // Interrupted; the next call evaluates the point.
-                Err(_) if work.cancel.is_cancelled() => {
-                    complete = false;
-                    break 'all;
-                }
-                found => found?,
-            };
-            let reached = Reached {
-                values: values.clone(),
-                seed,
-                dataset_sha256: sha,
-                windows: cfg.steps * cfg.batch as u64,
-                suites: found_suites,
-                nmse_clear: done.held_out.and_then(|h| h.nmse_clear),
-                secs: done.secs,
+            let reached = Point { sweep, robot, values, seed, data: &data, suites, dir: &dir };
+            let Some(reached) = reached.reach(work, 0)? else {
+                complete = false;
+                break 'all;
             };
             let text = serde_json::to_string_pretty(&reached).unwrap_or_default();
             fsio::write_atomic(&dir.join("result.json"), text.as_bytes())?;
@@ -431,20 +425,81 @@ fn claim(out: &Path, sha256: &str) -> Result<(), Error> {
     Ok(fsio::write_atomic(&path, format!("{sha256}\n").as_bytes())?)
 }
 
-fn options<'a>(dir: &Path, work: &'a Work<'_>, perform: &'a mut Simulated) -> Options<'a> {
-    Options {
-        dir: dir.to_owned(),
-        threads: work.threads,
-        checkpoint_secs: 120.0,
-        // An evaluator would take longer than small points, so only the last model is evaluated.
-        evaluations: 4,
-        patience: 0,
-        progress: &Silent,
-        cancel: work.cancel,
-        evaluator: None,
-        perform: Some(perform),
-        engines: None,
-        meta: work.meta.clone(),
+/// The view of the data in `data` that a point learns from, made in `out/data` if it is not there.
+///
+/// # Errors
+/// [`Error::Sweep`] for values that make no view, [`Error::Data`].
+pub fn view(values: &Combination, seed: u64, data: &Path, out: &Path) -> Result<Dataset, Error> {
+    let view = View::of(values).map_err(|why| Error::Sweep { why, path: out.to_owned() })?;
+    view.open(data, out, seed)
+}
+
+/// One point of a sweep: what is trained, on which data, and what the model then performs.
+#[derive(Clone, Copy, Debug)]
+pub struct Point<'a> {
+    /// The sweep.
+    pub sweep: &'a Sweep,
+    /// Its robot.
+    pub robot: &'a Arc<Robot>,
+    /// The values of this point.
+    pub values: &'a Combination,
+    /// Its seed.
+    pub seed: u64,
+    /// Its view of the data; see [`view`].
+    pub data: &'a Dataset,
+    /// The suites that the model performs; see [`suites_of`].
+    pub suites: &'a [Suite],
+    /// Its run directory.
+    pub dir: &'a Path,
+}
+
+impl Point<'_> {
+    /// Trains, or continues, and evaluates; `None` if a stop was requested. With `evaluations`,
+    /// the best model is chosen by so many rollouts during the run; without, only the last model
+    /// is kept, because evaluations would take longer than small points.
+    ///
+    /// # Errors
+    /// Those of training and of the evaluation.
+    pub fn reach(&self, work: &Work<'_>, evaluations: u64) -> Result<Option<Reached>, Error> {
+        let Point { sweep, robot, values, seed, data, suites, dir } = *self;
+        let cfg = sweep.config(values, seed)?;
+        let mut perform = Simulated { robot: Arc::clone(robot), threads: work.threads };
+        let mut evaluator = None;
+        if evaluations > 0 {
+            evaluator = SuiteEvaluator::new(Arc::clone(robot), work.threads)
+                .map_err(|why| Error::Evaluation { step: 0, why })?;
+        }
+        let options = Options {
+            dir: dir.to_owned(),
+            threads: work.threads,
+            checkpoint_secs: work.checkpoint_secs,
+            evaluations: if evaluations > 0 { evaluations } else { 4 },
+            patience: 0,
+            progress: &Silent,
+            cancel: work.cancel,
+            evaluator: evaluator.as_mut().map(|e| e as &mut dyn Evaluate),
+            perform: Some(&mut perform),
+            engines: None,
+            meta: work.meta.clone(),
+        };
+        let done = train(data, &cfg, options)?;
+        if done.interrupted || work.cancel.is_cancelled() {
+            return Ok(None);
+        }
+        let suites = match perform_suites(robot, dir, suites, work) {
+            // Interrupted; the next call evaluates the point.
+            Err(_) if work.cancel.is_cancelled() => return Ok(None),
+            found => found?,
+        };
+        Ok(Some(Reached {
+            values: values.clone(),
+            seed,
+            dataset_sha256: data.manifest().sha256(),
+            windows: cfg.steps * cfg.batch as u64,
+            suites,
+            nmse_clear: done.held_out.and_then(|h| h.nmse_clear),
+            secs: Some(done.secs),
+        }))
     }
 }
 
@@ -468,7 +523,11 @@ fn finished(dir: &Path, cfg: &TrainConfig, sha: &str) -> Result<Option<Reached>,
     Ok(Some(reached))
 }
 
-fn suites_of(sweep: &Sweep, robot: &Arc<Robot>, data: &Dataset) -> Result<Vec<Suite>, Error> {
+/// The suites of a sweep; those called `test` are extracted from the held-out part of the data.
+///
+/// # Errors
+/// [`Error::Evaluation`] for a suite that does not exist or cannot be extracted.
+pub fn suites_of(sweep: &Sweep, robot: &Arc<Robot>, data: &Dataset) -> Result<Vec<Suite>, Error> {
     let fail = |why: String| Error::Evaluation { step: 0, why };
     let mut suites = Vec::new();
     for name in &sweep.suites {
@@ -489,7 +548,7 @@ fn suites_of(sweep: &Sweep, robot: &Arc<Robot>, data: &Dataset) -> Result<Vec<Su
 }
 
 /// The last model of a point on all suites.
-fn perform(
+fn perform_suites(
     robot: &Arc<Robot>,
     dir: &Path,
     suites: &[Suite],
@@ -499,7 +558,7 @@ fn perform(
     let config = EvalConfig {
         policies: vec![PolicyConfig { model_path, ..PolicyConfig::new(PolicyName::Robert) }],
         plant: PlantRange::default(),
-        seeds: 1,
+        seeds: 0..1,
         threads: work.threads,
     };
     let results = evaluate(robot, suites, &config, &Silent, work.cancel)
@@ -507,7 +566,8 @@ fn perform(
     Ok(results.into_iter().map(|r| (r.suite, r.precision_mean)).collect())
 }
 
-fn rows(combinations: &[Combination], found: &[Reached]) -> Vec<Row> {
+/// One row for each combination with a result, in the order of `combinations`.
+pub fn rows(combinations: &[Combination], found: &[Reached]) -> Vec<Row> {
     let row = |values: &Combination| {
         let mine: Vec<&Reached> = found.iter().filter(|r| r.values == *values).collect();
         let names: Vec<&String> = mine.first().map_or_else(Vec::new, |r| r.suites.keys().collect());
@@ -680,7 +740,7 @@ mod tests {
             windows: 1,
             suites: [("manual".to_owned(), p)].into(),
             nmse_clear: Some(0.1),
-            secs: 1.0,
+            secs: Some(1.0),
         };
         let found = [
             reached(&all[0], 0, Some(1.0)),

@@ -1,0 +1,71 @@
+//! `robert shard merge DIR --out OUT`.
+
+use std::path::PathBuf;
+
+use super::super::failure::Outcome;
+use super::super::out;
+use crate::shard::{Error, Plan, merge};
+
+#[derive(clap::Args, Debug)]
+#[command(
+    after_help = "Examples:\n  robert shard merge work/eval --out results/eval\n  robert shard merge work/motion --out data/motion --link\n\nA collection becomes a dataset, an evaluation rows.csv and results.json, a sweep or seeds the models\nand results.json. merged.json lists every file with its sha256 and has equal bytes for equal work.\nIf shards are missing, corrupt or foreign, nothing is written, their indices are printed, one a\nline, and the exit code is 4."
+)]
+pub(in super::super) struct Args {
+    /// Folder of the plan.
+    dir: PathBuf,
+    /// Folder for the results. An earlier merge there is replaced.
+    #[arg(long, value_name = "OUT")]
+    out: PathBuf,
+    /// Use hard links instead of copies, so that large data need no second place.
+    #[arg(long)]
+    link: bool,
+    #[command(flatten)]
+    accept: super::AcceptArgs,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn run(args: &Args) -> Outcome {
+    let plan = Plan::load(&args.dir)?;
+    let merged = match merge(&args.dir, &plan, &args.out, args.accept.accept(), args.link) {
+        Err(Error::Incomplete { missing, corrupt, foreign }) => {
+            if args.json {
+                out::json(&serde_json::json!({
+                    "missing": missing,
+                    "corrupt": corrupt,
+                    "foreign": foreign,
+                }))?;
+            } else {
+                let mut all: Vec<(usize, &str)> = Vec::new();
+                let named = [(&missing, "missing"), (&corrupt, "corrupt"), (&foreign, "foreign")];
+                for (list, what) in named {
+                    all.extend(list.iter().map(|&i| (i, what)));
+                }
+                all.sort_unstable();
+                let lines: String = all.iter().map(|(i, what)| format!("{i} {what}\n")).collect();
+                out::bytes(lines.as_bytes())?;
+            }
+            return Err(Error::Incomplete { missing, corrupt, foreign }.into());
+        }
+        found => found?,
+    };
+    if args.json {
+        return out::json(&serde_json::json!({
+            "out": args.out,
+            "shards": merged.shards,
+            "sha256": merged.sha256(),
+            "lost": merged.lost,
+            "numerics": merged.numerics,
+            "summary": merged.summary,
+        }));
+    }
+    let lost =
+        if merged.lost > 0 { format!(", {} rollouts lost", merged.lost) } else { String::new() };
+    out::line(&format!(
+        "{}: {} shards{lost}, sha256 {}",
+        args.out.display(),
+        merged.shards,
+        merged.sha256()
+    ))
+}

@@ -1,0 +1,158 @@
+//! `robert shard run DIR --index K`: performs shards in this process.
+
+use std::io::BufRead as _;
+use std::path::PathBuf;
+
+use super::super::failure::{Failure, Outcome};
+use super::super::global::{Global, threads};
+use super::super::interrupt::cancel_on_warning;
+use super::super::out;
+use crate::exit::{Exit, HasExit};
+use crate::progress::Cancel;
+use crate::shard::{Answer, Done, Error, Workshop, slurm};
+
+#[derive(clap::Args, Debug)]
+#[command(
+    after_help = "Examples:\n  robert shard run work/eval --index 3\n  robert shard run work/eval --index 20 --count 10     shards 20 to 29\n  robert shard missing work/eval | robert shard run work/eval --stdin\n\nIt may be killed at any time, repeated, and run twice at once. SIGUSR1, SIGTERM and Ctrl-C save a\ncheckpoint of a training shard and end with 130; the same command continues there. With several\nshards the exit code is that of the worst, in the order 3, 5, 4, 1."
+)]
+pub(in super::super) struct Args {
+    /// Folder of the plan.
+    dir: PathBuf,
+    /// The shard, from 0.
+    #[arg(long, value_name = "K", required_unless_present_any = ["task", "stdin"], conflicts_with_all = ["task", "stdin"])]
+    index: Option<usize>,
+    /// Run so many shards from --index on; those beyond the plan do not count.
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    count: u32,
+    /// Run the shards of a line of this file, which submit has written.
+    #[arg(long, value_name = "FILE", requires = "task")]
+    tasks: Option<PathBuf>,
+    /// The line, from 0.
+    #[arg(long, value_name = "T", requires = "tasks")]
+    task: Option<usize>,
+    /// Read indices from stdin, one a line, and answer each with a line of JSON.
+    #[arg(long)]
+    stdin: bool,
+    /// After SIGUSR1, put this job into the queue again.
+    #[arg(long, value_name = "QUEUE", value_parser = ["slurm"])]
+    requeue: Option<String>,
+    /// Threads [default: all cores]. They do not change the results.
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=256))]
+    threads: Option<u16>,
+    /// Minutes between checkpoints of a training shard.
+    #[arg(long, default_value_t = 1.0, value_name = "MINUTES")]
+    checkpoint_mins: f64,
+    #[command(flatten)]
+    accept: super::AcceptArgs,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn run(args: &Args, global: Global) -> Outcome {
+    if !(args.checkpoint_mins.is_finite() && args.checkpoint_mins >= 0.0) {
+        return Err(Failure::usage("--checkpoint-mins takes 0 or more"));
+    }
+    let (cancel, warned) = cancel_on_warning();
+    let accept = args.accept.accept();
+    let secs = 60.0 * args.checkpoint_mins;
+    let shop = Workshop::open(&args.dir, accept, threads(args.threads), secs, &cancel)?;
+    if args.stdin {
+        return serve(&shop);
+    }
+    let indices = match (&args.tasks, args.task, args.index) {
+        (Some(list), Some(task), _) => slurm::task(list, task)?,
+        (_, _, Some(first)) => {
+            shop.plan().cell(first)?;
+            (first..shop.plan().shards().min(first + args.count as usize)).collect()
+        }
+        _ => return Err(Failure::usage("give --index, --task or --stdin")),
+    };
+    let found = perform(&shop, &indices, args.json || global.quiet);
+    match found {
+        Err(e) if e.exit() == Exit::Interrupted && args.requeue.is_some() => {
+            again(&shop, &warned)?;
+            Err(e)
+        }
+        Ok(results) if args.json => out::json(&serde_json::json!({ "shards": results })),
+        found => found.map(drop),
+    }
+}
+
+/// Puts the job into the queue again after the queue's warning. A task that got nowhere in the whole
+/// of its time would do so for ever, so it ends as a failure.
+fn again(shop: &Workshop, warned: &Cancel) -> Outcome {
+    if !warned.is_cancelled() {
+        return Ok(());
+    }
+    if !shop.has_advanced() {
+        return Err(Failure::with(
+            Exit::Failed,
+            "the time limit is too short: nothing was finished and no checkpoint got further. Give the task more time",
+        ));
+    }
+    Ok(slurm::requeue()?)
+}
+
+/// Performs the shards; goes on after a failure that is only that shard's.
+fn perform(
+    shop: &Workshop,
+    indices: &[usize],
+    silent: bool,
+) -> Result<Vec<serde_json::Value>, Failure> {
+    let mut results = Vec::new();
+    let mut worst: Option<Error> = None;
+    for &index in indices {
+        match shop.run(index) {
+            Ok(done) => {
+                let how = if done == Done::Now { "done" } else { "done before" };
+                if !silent {
+                    out::line(&format!("shard {index}: {how}"))?;
+                }
+                results.push(serde_json::json!({ "index": index, "done": how }));
+            }
+            Err(e) if alone(&e) && indices.len() > 1 => {
+                eprintln!("shard {index}: {e}");
+                if worst.as_ref().is_none_or(|w| rank(&e) > rank(w)) {
+                    worst = Some(e);
+                }
+            }
+            Err(e) => return Err(e.into()),
+        }
+    }
+    worst.map_or(Ok(results), |e| Err(e.into()))
+}
+
+/// Whether other shards may do better.
+fn alone(e: &Error) -> bool {
+    matches!(e.exit(), Exit::Failed | Exit::Threshold)
+}
+
+fn rank(e: &Error) -> u8 {
+    u8::from(e.exit() == Exit::Threshold)
+}
+
+/// Reads indices and answers each; ends with the input.
+fn serve(shop: &Workshop) -> Outcome {
+    let mut worst = Ok(());
+    for line in std::io::stdin().lock().lines() {
+        let line = line?;
+        let Ok(index) = line.trim().parse() else {
+            return Err(Failure::usage(format!("stdin: \"{}\" is no index", line.trim())));
+        };
+        let found = shop.run(index);
+        let (exit, error) = match &found {
+            Ok(_) => (Exit::Ok, String::new()),
+            Err(e) => (e.exit(), e.to_string()),
+        };
+        let answer = Answer { index, exit: exit.code(), error };
+        let text = serde_json::to_string(&answer).map_err(std::io::Error::other)?;
+        out::line(&text)?;
+        match found {
+            Ok(_) => {}
+            Err(e) if alone(&e) => worst = Err(e),
+            Err(e) => return Err(e.into()),
+        }
+    }
+    Ok(worst?)
+}

@@ -1,0 +1,126 @@
+//! Collection in shards: shard K records its part of the transitions with the seed `seed + K`, as
+//! `robert collect --seed` would.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use robert_base::fsio;
+use robert_base::progress::{Cancel, Progress, Silent};
+use robert_dataset::{Dataset, SHORTEST};
+use robert_explore::{CollectConfig, collect};
+use robert_robot::Robot;
+
+use super::error::write_error;
+use super::planning::{Draft, fingerprint};
+use super::spec::{Collect, Recording};
+use super::{Cell, Error, Workshop, folder};
+
+/// The dataset in a shard's folder.
+pub(super) const DATA: &str = "data";
+
+/// Part `i` of `n` nearly equal parts of `total`.
+fn share(total: u64, n: u64, i: u64) -> u64 {
+    let upto = |i: u64| (u128::from(total) * u128::from(i) / u128::from(n)) as u64;
+    upto(i + 1) - upto(i)
+}
+
+/// The cells, each of which is checked.
+pub(super) fn draft(spec: &Collect, robot: &Arc<Robot>, place: &str) -> Result<Draft, Error> {
+    if spec.shards == 0 || spec.seed.checked_add(spec.shards as u64).is_none() {
+        let why = format!("shards = {}, seed = {}: too few or too large", spec.shards, spec.seed);
+        return Err(Error::Spec { why, place: place.to_owned() });
+    }
+    let n = spec.shards as u64;
+    let mut draft = Draft::default();
+    for i in 0..n {
+        let (seed, transitions) = (spec.seed + i, share(spec.transitions, n, i));
+        let cell = Cell::Collect { seed, transitions };
+        spec.config(robot, seed, transitions)?.check().map_err(|e| Error::Cell {
+            index: i as usize,
+            what: cell.to_string(),
+            why: e.to_string(),
+        })?;
+        draft.cells.push(cell);
+    }
+    try_out(spec.config(robot, spec.seed, 0)?, robot)?;
+    Ok(draft)
+}
+
+/// Records a moment with the collectors that need no training, so that one that cannot drive the
+/// robot is refused now.
+fn try_out(mut config: CollectConfig, robot: &Arc<Robot>) -> Result<(), Error> {
+    config.agents.retain(|a| !a.learns());
+    if config.agents.is_empty() {
+        return Ok(());
+    }
+    config.transitions = (config.agents.len() * SHORTEST) as u64;
+    config.episode_frames = SHORTEST as u64;
+    let temp = tempfile::tempdir().map_err(write_error(&std::env::temp_dir()))?;
+    collect(robot, &config, temp.path(), false, 1, &Silent, &Cancel::default())?;
+    Ok(())
+}
+
+/// Records a part; returns the number of lost episodes.
+pub(super) fn perform(
+    shop: &Workshop,
+    spec: &Collect,
+    seed: u64,
+    transitions: u64,
+    out: &Path,
+) -> Result<u64, Error> {
+    let config = spec.config(&shop.robot, seed, transitions)?;
+    let data = out.join(DATA);
+    let made = collect(&shop.robot, &config, &data, false, shop.threads, &Silent, &shop.cancel)?;
+    // Trained agents are as large as the motion, and can be trained again from the same seed.
+    let agents = data.join("agents");
+    if agents.exists() {
+        std::fs::remove_dir_all(&agents).map_err(write_error(&agents))?;
+    }
+    Ok(made.manifest.totals.dropped_broken)
+}
+
+/// Records the data of a training plan into the plan's folder, unless they are there.
+pub(super) fn record(
+    spec: &Recording,
+    robot: &Arc<Robot>,
+    out: &Path,
+    progress: &dyn Progress,
+) -> Result<PathBuf, Error> {
+    if let Some(agent) = spec.agents.iter().find(|a| a.learns()) {
+        let why = format!(
+            "[collect] records with collectors that need no training, not {}; plan a collection of its own, or use data = \"DIR\"",
+            agent.name()
+        );
+        return Err(Error::Spec { why, place: "agents".to_owned() });
+    }
+    let config = CollectConfig {
+        agents: spec.agents.clone(),
+        transitions: spec.transitions,
+        seed: spec.seed,
+        episode_frames: spec.episode_frames,
+        ..CollectConfig::new(robot)
+    };
+    let text = serde_json::to_string(spec).unwrap_or_default();
+    let hash = fsio::sha256_hex(format!("{} {text}", fingerprint(robot)?).as_bytes());
+    let dir = out.join("data").join(format!("recorded-{}", hash.get(..12).unwrap_or_default()));
+    let threads = std::thread::available_parallelism().map_or(1, usize::from);
+    collect(robot, &config, &dir, true, threads, progress, &Cancel::default())?;
+    Ok(dir)
+}
+
+/// The parts as one dataset in `out`. `shards` are the folders of the shards, in order.
+pub(super) fn merge(
+    shards: &[PathBuf],
+    out: &Path,
+    link: bool,
+) -> Result<serde_json::Value, Error> {
+    let mut inputs = Vec::with_capacity(shards.len());
+    for (i, shard) in shards.iter().enumerate() {
+        let part = out.join("parts").join(format!("{i:06}"));
+        folder::copy(&shard.join(DATA), &part, link)?;
+        inputs.push(part);
+    }
+    let manifest = robert_dataset::merge(&inputs, out, false)?;
+    let made = Dataset::publish(manifest, out)?;
+    Ok(serde_json::json!({ "totals": made.totals, "dataset_sha256": made.sha256() }))
+}

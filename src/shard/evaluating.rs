@@ -1,0 +1,227 @@
+//! Evaluation in shards: one policy, one seed, some tasks of a suite. The figures are those of
+//! `robert eval` without floors; times are left out, so that equal work gives equal files.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::Arc;
+
+use robert_base::fsio;
+use robert_base::progress::{Progress, Silent};
+use robert_clip::{Clip, compile};
+use robert_robot::Robot;
+use robert_rollout::{
+    Case, Contenders, EvalConfig, PolicyConfig, PolicyName, Rollout, RolloutConfig, Start, Suite,
+    evaluate, tasks,
+};
+use serde_json::Value;
+
+use super::planning::{Draft, whole};
+use super::spec::Eval;
+use super::{Cell, Error, Workshop};
+
+/// The rows of a shard.
+pub(super) const ROWS: &str = "rows.json";
+/// How the names of clip files end.
+const SUFFIX: &str = ".clip.json";
+
+/// A part of an evaluation; see [`Cell::Eval`].
+#[derive(Debug)]
+pub(super) struct Part<'a> {
+    pub(super) suite: &'a str,
+    pub(super) policy: &'a str,
+    pub(super) seed: u64,
+    pub(super) tasks: &'a [String],
+    pub(super) clips_sha256: &'a str,
+}
+
+/// The cells; every clip is given to the robot and every policy is built.
+pub(super) fn draft(
+    spec: &Eval,
+    robot: &Arc<Robot>,
+    place: &str,
+    progress: &dyn Progress,
+) -> Result<Draft, Error> {
+    let fail = |why: &str| Error::Spec { why: why.to_owned(), place: place.to_owned() };
+    if spec.suites.is_empty() || spec.policies.is_empty() {
+        return Err(fail("suites and policies need one entry or more"));
+    }
+    if spec.seeds == 0 || spec.tasks_per_shard == 0 {
+        return Err(fail("seeds and tasks_per_shard take 1 or more"));
+    }
+    spec.plant()?;
+    let mut draft = Draft::default();
+    let mut policies = Vec::new();
+    for text in &spec.policies {
+        let text = whole_policy(text)?;
+        let policy: PolicyConfig = text.parse()?;
+        if policy.name == PolicyName::Auto {
+            Contenders::new(robot, &policy)?;
+        } else {
+            policy.build(robot)?;
+        }
+        if let Some((_, sha256)) = policy.model_file(robot)? {
+            draft.inputs.insert(format!("policy {text}"), sha256);
+        }
+        if policies.contains(&text) {
+            return Err(fail(&format!("policy {text} is listed twice")));
+        }
+        policies.push(text);
+    }
+    for suite in &spec.suites {
+        for suite in tasks::expand(suite) {
+            let suite = whole(suite)?;
+            let clips = clips(robot, &suite)?;
+            progress.log(&format!("checking {} clips of {suite}", clips.len()));
+            for (name, clip) in &clips {
+                check(robot, name, clip)?;
+            }
+            let parts: Vec<(Vec<String>, String)> = clips
+                .chunks(spec.tasks_per_shard)
+                .map(|c| (c.iter().map(|(n, _)| n.clone()).collect(), fingerprint(c)))
+                .collect();
+            for policy in &policies {
+                for seed in 0..spec.seeds {
+                    draft.cells.extend(parts.iter().map(|(tasks, sha)| Cell::Eval {
+                        suite: suite.clone(),
+                        policy: policy.clone(),
+                        seed,
+                        tasks: tasks.clone(),
+                        clips_sha256: sha.clone(),
+                    }));
+                }
+            }
+        }
+    }
+    Ok(draft)
+}
+
+/// A policy as it is typed, with the whole path of its model.
+pub(super) fn whole_policy(text: &str) -> Result<String, Error> {
+    let policy: PolicyConfig = text.parse()?;
+    let Some(path) = policy.model_path.filter(|p| p.exists()) else { return Ok(text.to_owned()) };
+    let real =
+        path.canonicalize().map_err(|source| fsio::Error::Read { source, path: path.clone() })?;
+    Ok(text.replacen(&*path.to_string_lossy(), &real.to_string_lossy(), 1))
+}
+
+/// All clips of a suite, by name.
+fn clips(robot: &Robot, suite: &str) -> Result<Vec<(String, Clip)>, Error> {
+    let dir = Path::new(suite);
+    if !dir.is_dir() {
+        return named(robot, suite);
+    }
+    let unreadable = |source| fsio::Error::Read { source, path: dir.to_owned() };
+    let mut names = Vec::new();
+    for entry in std::fs::read_dir(dir).map_err(unreadable)? {
+        let name = entry.map_err(unreadable)?.file_name().to_string_lossy().into_owned();
+        names.extend(name.strip_suffix(SUFFIX).map(str::to_owned));
+    }
+    names.sort();
+    if names.is_empty() {
+        let why = format!("there is no *{SUFFIX}");
+        return Err(Error::Spec { why, place: suite.to_owned() });
+    }
+    names.into_iter().map(|name| in_folder(dir, name)).collect()
+}
+
+fn in_folder(dir: &Path, name: String) -> Result<(String, Clip), Error> {
+    let clip = Clip::load(&dir.join(format!("{name}{SUFFIX}")))?;
+    Ok((name, clip))
+}
+
+/// A built-in suite, or the trial clips of the robot.
+fn named(robot: &Robot, suite: &str) -> Result<Vec<(String, Clip)>, Error> {
+    if suite == "trial" {
+        let trial = tasks::trial(robot, 0)?;
+        return Ok(trial.into_iter().map(|t| (t.name.to_owned(), t.clip)).collect());
+    }
+    Ok(tasks::suite(robot.id(), suite)?)
+}
+
+/// Sha-256 of the content of clips.
+fn fingerprint(clips: &[(String, Clip)]) -> String {
+    let text: Vec<String> = clips.iter().map(|(n, c)| format!("{n} {}\n", c.to_json())).collect();
+    fsio::sha256_hex(text.concat().as_bytes())
+}
+
+fn case(robot: &Robot, name: &str, clip: &Clip) -> Result<Case, Error> {
+    let command = compile(clip)
+        .map_err(|e| Error::Spec { why: e.to_string(), place: format!("clip {name}") })?;
+    let names: Vec<String> = robot.joints().iter().map(|j| j.name.clone()).collect();
+    let command = match command.dim() == robot.state_dim() {
+        true => command.reordered(&names).unwrap_or(command),
+        false => command,
+    };
+    Ok(Case { name: name.to_owned(), command, start: Start::Pose, truth: None, floor: None })
+}
+
+/// Refuses a clip that the robot cannot perform.
+fn check(robot: &Arc<Robot>, name: &str, clip: &Clip) -> Result<(), Error> {
+    let case = case(robot, name, clip)?;
+    let policy = PolicyConfig::new(PolicyName::Zero).build(robot)?;
+    Rollout::new(robot, policy, &case.command, case.start, RolloutConfig::default())?;
+    Ok(())
+}
+
+/// The clips of a part.
+fn clips_of(shop: &Workshop, part: &Part<'_>) -> Result<Vec<(String, Clip)>, Error> {
+    let dir = Path::new(part.suite);
+    let found: Vec<(String, Clip)> = if dir.is_dir() {
+        let each = part.tasks.iter().map(|name| in_folder(dir, name.clone()));
+        each.collect::<Result<_, _>>()?
+    } else {
+        let mut known = shop.suites.borrow_mut();
+        if !known.contains_key(part.suite) {
+            known.insert(part.suite.to_owned(), named(&shop.robot, part.suite)?);
+        }
+        let all = known.get(part.suite).into_iter().flatten();
+        all.filter(|(name, _)| part.tasks.contains(name)).cloned().collect()
+    };
+    if fingerprint(&found) != part.clips_sha256 {
+        return Err(Error::Input { what: format!("a clip of {}", part.suite) });
+    }
+    Ok(found)
+}
+
+/// Performs a part and writes its rows; returns the number of rollouts that failed.
+pub(super) fn perform(
+    shop: &Workshop,
+    spec: &Eval,
+    part: &Part<'_>,
+    out: &Path,
+) -> Result<u64, Error> {
+    let policy: PolicyConfig = part.policy.parse()?;
+    if !shop.models.borrow().contains(part.policy) {
+        let found = policy.model_file(&shop.robot)?.map(|(_, sha256)| sha256);
+        if found.as_ref() != shop.plan.inputs.get(&format!("policy {}", part.policy)) {
+            return Err(Error::Input { what: format!("the model of {}", part.policy) });
+        }
+        shop.models.borrow_mut().insert(part.policy.to_owned());
+    }
+    let clips = clips_of(shop, part)?;
+    let cases = clips.iter().map(|(name, clip)| case(&shop.robot, name, clip));
+    let suite = Suite { name: part.suite.to_owned(), cases: cases.collect::<Result<Vec<_>, _>>()? };
+    let config = EvalConfig {
+        policies: vec![policy],
+        plant: spec.plant()?,
+        seeds: part.seed..part.seed + 1,
+        threads: shop.threads,
+    };
+    let found = evaluate(&shop.robot, &[suite], &config, &Silent, &shop.cancel)?;
+    let tasks = found.iter().flat_map(|e| &e.tasks);
+    let failed = tasks.clone().filter(|t| t.error.is_some()).count();
+    let rows: Vec<Value> =
+        tasks.map(|t| row(&serde_json::to_value(t).unwrap_or_default())).collect();
+    let text = serde_json::to_string_pretty(&rows).unwrap_or_default() + "\n";
+    let path = out.join(ROWS);
+    std::fs::write(&path, text).map_err(super::error::write_error(&path))?;
+    Ok(failed as u64)
+}
+
+/// A row without times, and without what a single seed does not have.
+fn row(task: &Value) -> Value {
+    let fields = task.as_object().cloned().unwrap_or_default();
+    let kept: BTreeMap<String, Value> =
+        fields.into_iter().filter(|(k, v)| k != "wall_secs" && !v.is_null()).collect();
+    serde_json::to_value(kept).unwrap_or_default()
+}

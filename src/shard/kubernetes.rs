@@ -1,0 +1,81 @@
+//! An Indexed Job of Kubernetes: the same command with `JOB_COMPLETION_INDEX`.
+//!
+//! Exit codes that a repetition cannot change (2 to 5) fail their index at once; others count
+//! against its own limit (`backoffLimitPerIndex`, stable since Kubernetes 1.33). Only this text is
+//! ours; it has been tried on no cluster.
+
+use std::path::Path;
+
+use super::Plan;
+
+/// What the cluster needs to know.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Options {
+    /// Image with the program.
+    pub image: String,
+    /// Claim of the volume that holds the plan.
+    pub claim: String,
+    /// Path of the plan inside the volume.
+    pub dir: String,
+    /// Pods at once.
+    pub limit: usize,
+    /// Processor cores of a pod.
+    pub cpus: usize,
+    /// Memory of a pod, as Kubernetes reads it.
+    pub memory: String,
+    /// Shards in a pod.
+    pub pack: usize,
+}
+
+/// The manifest of the job.
+pub fn job(plan: &Plan, options: &Options) -> String {
+    let Options { image, claim, dir, limit, cpus, memory, pack } = options;
+    let name: String = plan
+        .name
+        .to_ascii_lowercase()
+        .chars()
+        .map(|c| if c.is_ascii_alphanumeric() { c } else { '-' })
+        .collect();
+    let pods = plan.shards().div_ceil((*pack).max(1));
+    let parallel = if *limit == 0 { pods } else { (*limit).min(pods) };
+    let dir = Path::new("/work").join(dir.trim_start_matches('/'));
+    let dir = dir.display();
+    format!(
+        r#"apiVersion: batch/v1
+kind: Job
+metadata:
+  name: robert-{name}
+spec:
+  completionMode: Indexed
+  completions: {pods}
+  parallelism: {parallel}
+  backoffLimitPerIndex: 3
+  podFailurePolicy:
+    rules:
+      - action: FailIndex
+        onExitCodes:
+          operator: In
+          values: [2, 3, 4, 5]
+  template:
+    spec:
+      restartPolicy: Never
+      containers:
+        - name: shard
+          image: {image}
+          command: ["/bin/bash", "-c"]
+          args:
+            - exec robert shard run '{dir}' --index "$((JOB_COMPLETION_INDEX * {pack}))" --count {pack} --threads {cpus}
+          resources:
+            limits:
+              cpu: "{cpus}"
+              memory: {memory}
+          volumeMounts:
+            - name: work
+              mountPath: /work
+      volumes:
+        - name: work
+          persistentVolumeClaim:
+            claimName: {claim}
+"#
+    )
+}

@@ -1,0 +1,130 @@
+//! Makes a plan: reads the spec, checks every cell, and hashes what the cells read.
+//!
+//! A mistake that shows only in the queue costs a day. So every policy is built, every clip is
+//! given to the robot, every setting is checked and the data are verified here.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use robert_base::fsio;
+use robert_base::progress::{Progress, Silent};
+use robert_robot::Robot;
+
+use super::error::write_error;
+use super::plan::{FORMAT, MOST};
+use super::spec::Train;
+use super::{Cell, Error, Machine, Plan, Spec, collecting, evaluating, training};
+
+/// What a plan adds up from: cells, inputs and the data.
+#[derive(Debug, Default)]
+pub(super) struct Draft {
+    pub(super) cells: Vec<Cell>,
+    pub(super) inputs: BTreeMap<String, String>,
+    pub(super) data: Option<PathBuf>,
+}
+
+/// Plans `spec` into the folder `out`. With `numerics` (`avx2`), all machines limit themselves to
+/// that kind of arithmetic.
+///
+/// # Errors
+/// Whatever a cell would fail with later, in its own class; nothing is written then.
+pub fn make(
+    path: &Path,
+    out: &Path,
+    numerics: Option<&str>,
+    progress: &dyn Progress,
+) -> Result<Plan, Error> {
+    let spec = Spec::load(path)?;
+    let place = path.display().to_string();
+    let limited = numerics.is_some();
+    if limited && !robert_linalg::limit_to_avx2() {
+        let why = "this processor lacks AVX2".to_owned();
+        return Err(Error::Queue { why, missing: true });
+    }
+    let machine = Machine::here()?;
+    let robot = Arc::new(Robot::load(spec.robot())?);
+    let mut draft = match &spec {
+        Spec::Collect(collect) => collecting::draft(collect, &robot, &place)?,
+        Spec::Eval(eval) => evaluating::draft(eval, &robot, &place, progress)?,
+        Spec::Sweep(train) | Spec::Train(train) => {
+            train.check(&place)?;
+            // The settings first: recording data takes time.
+            train.sweep().check(path)?;
+            let data = data_of(train, &robot, out)?;
+            training::draft(train, &robot, &data, out)?
+        }
+    };
+    if draft.cells.is_empty() || draft.cells.len() > MOST {
+        let why = format!("{} shards; 1 to {MOST} are allowed", draft.cells.len());
+        return Err(Error::Spec { why, place });
+    }
+    draft.inputs.insert("robot".to_owned(), fingerprint(&robot)?);
+    let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    let plan = Plan {
+        format: FORMAT.to_owned(),
+        name,
+        spec: anchored(spec)?,
+        numerics: machine.numerics,
+        limited,
+        binary_sha256: machine.binary_sha256,
+        data: draft.data,
+        inputs: draft.inputs,
+        cells: draft.cells,
+    };
+    for i in (0..plan.shards()).step_by(1000) {
+        let parent = plan.parent_of(out, i);
+        std::fs::create_dir_all(&parent).map_err(write_error(&parent))?;
+    }
+    plan.save(out)?;
+    Ok(plan)
+}
+
+/// The spec with whole paths, so that it means the same wherever a shard runs.
+fn anchored(mut spec: Spec) -> Result<Spec, Error> {
+    let robot = match &mut spec {
+        Spec::Collect(c) => &mut c.robot,
+        Spec::Eval(e) => &mut e.robot,
+        Spec::Sweep(t) | Spec::Train(t) => &mut t.robot,
+    };
+    *robot = whole(robot)?;
+    if let Spec::Eval(e) = &mut spec {
+        for suite in &mut e.suites {
+            *suite = whole(suite)?;
+        }
+        for policy in &mut e.policies {
+            *policy = evaluating::whole_policy(policy)?;
+        }
+    }
+    Ok(spec)
+}
+
+/// The canonical path of a folder; names of other things stay as they are.
+pub(super) fn whole(text: &str) -> Result<String, Error> {
+    let path = Path::new(text);
+    if Robot::builtin_ids().any(|id| id == text) || !path.is_dir() {
+        return Ok(text.to_owned());
+    }
+    let real = path
+        .canonicalize()
+        .map_err(|source| fsio::Error::Read { source, path: path.to_owned() })?;
+    Ok(real.to_string_lossy().into_owned())
+}
+
+/// Sha-256 of a robot: its model and, for a folder, its profile.
+pub(super) fn fingerprint(robot: &Robot) -> Result<String, Error> {
+    let profile = robot.folder().map(|f| f.join("profile.toml")).filter(|p| p.is_file());
+    let profile = profile.map(|p| fsio::sha256_file(&p)).transpose()?.unwrap_or_default();
+    Ok(fsio::sha256_hex(format!("{} {profile}", robot.model_sha256()).as_bytes()))
+}
+
+/// The dataset of a training plan: the named one, or the recording, which is made once.
+fn data_of(train: &Train, robot: &Arc<Robot>, out: &Path) -> Result<PathBuf, Error> {
+    let Some(recording) = &train.collect else {
+        let data = train.data.clone().unwrap_or_default();
+        return Ok(data
+            .canonicalize()
+            .map_err(|source| fsio::Error::Read { source, path: data.clone() })?);
+    };
+    collecting::record(recording, robot, out, &Silent)
+}

@@ -1,0 +1,40 @@
+//! Lists of indices as people and queues write them.
+
+/// `0-3,7,9-10` of sorted indices.
+pub fn ranges(indices: &[usize]) -> String {
+    let mut parts: Vec<(usize, usize)> = Vec::new();
+    for &i in indices {
+        match parts.last_mut() {
+            Some((_, to)) if *to + 1 == i => *to = i,
+            _ => parts.push((i, i)),
+        }
+    }
+    let text = |(a, b): &(usize, usize)| if a == b { a.to_string() } else { format!("{a}-{b}") };
+    parts.iter().map(text).collect::<Vec<_>>().join(",")
+}
+
+/// The indices of such a text; `None` if it is none.
+pub(super) fn indices(text: &str) -> Option<Vec<usize>> {
+    let mut all = Vec::new();
+    for part in text.trim().split(',') {
+        let (a, b) = part.split_once('-').unwrap_or((part, part));
+        let (a, b): (usize, usize) = (a.parse().ok()?, b.parse().ok()?);
+        all.extend(a..=b);
+    }
+    Some(all)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn neighbours_become_ranges() {
+        for (list, text) in [(&[0, 1, 2, 7, 9, 10][..], "0-2,7,9-10"), (&[5], "5")] {
+            assert_eq!(ranges(list), text);
+            assert_eq!(indices(text).unwrap(), list);
+        }
+        assert_eq!(ranges(&[]), "");
+        assert_eq!(indices("3-x"), None);
+    }
+}

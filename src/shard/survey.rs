@@ -1,0 +1,100 @@
+//! Which shards are done, judged by their files alone.
+
+use std::path::Path;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use super::{Accept, Error, Manifest, Plan, folder};
+
+/// What is in the place of a shard.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum State {
+    /// A whole shard of this plan.
+    Done,
+    /// Nothing.
+    Missing,
+    /// Something damaged, and what is wrong with it.
+    Corrupt(String),
+    /// A whole shard by another kind of processor or another program, and which.
+    Foreign(String),
+}
+
+/// The states of all shards, by index.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Survey {
+    /// One for each shard.
+    pub states: Vec<State>,
+}
+
+/// Reads and hashes the files of every shard.
+///
+/// # Errors
+/// Those of the plan's folder; a damaged shard is a state, not an error.
+pub fn survey(dir: &Path, plan: &Plan, accept: Accept) -> Result<Survey, Error> {
+    let common = plan.common();
+    let next = AtomicUsize::new(0);
+    let work = || {
+        let mut mine = Vec::new();
+        loop {
+            let index = next.fetch_add(1, Ordering::Relaxed);
+            let Some(cell) = plan.cells.get(index) else { return mine };
+            let place = plan.parent_of(dir, index).join(plan.name_of(&common, index, cell));
+            mine.push((index, state(&place, plan, index, accept)));
+        }
+    };
+    let threads = std::thread::available_parallelism().map_or(1, usize::from).min(16);
+    let mut found: Vec<(usize, State)> = std::thread::scope(|scope| {
+        let handles: Vec<_> = (0..threads).map(|_| scope.spawn(work)).collect();
+        let each = handles.into_iter().map(|h| h.join());
+        each.flat_map(|r| r.unwrap_or_else(|panic| std::panic::resume_unwind(panic))).collect()
+    });
+    found.sort_by_key(|(index, _)| *index);
+    Ok(Survey { states: found.into_iter().map(|(_, state)| state).collect() })
+}
+
+fn state(place: &Path, plan: &Plan, index: usize, accept: Accept) -> State {
+    if !place.exists() {
+        return State::Missing;
+    }
+    match folder::whole(place) {
+        Err(why) => State::Corrupt(why),
+        Ok(found) => judge(&found, plan, index, accept),
+    }
+}
+
+fn judge(found: &Manifest, plan: &Plan, index: usize, accept: Accept) -> State {
+    if found.index != index {
+        return State::Corrupt(format!("it is shard {}", found.index));
+    }
+    plan.foreign(found, accept).map_or(State::Done, State::Foreign)
+}
+
+impl Survey {
+    fn of(&self, wanted: impl Fn(&State) -> bool) -> Vec<usize> {
+        self.states.iter().enumerate().filter(|(_, s)| wanted(s)).map(|(i, _)| i).collect()
+    }
+
+    /// Indices of whole shards.
+    pub fn done(&self) -> Vec<usize> {
+        self.of(|s| *s == State::Done)
+    }
+
+    /// Indices without files.
+    pub fn missing(&self) -> Vec<usize> {
+        self.of(|s| *s == State::Missing)
+    }
+
+    /// Indices of damaged shards.
+    pub fn corrupt(&self) -> Vec<usize> {
+        self.of(|s| matches!(s, State::Corrupt(_)))
+    }
+
+    /// Indices of shards by another kind of processor or another program.
+    pub fn foreign(&self) -> Vec<usize> {
+        self.of(|s| matches!(s, State::Foreign(_)))
+    }
+
+    /// Indices to run: everything that is not done.
+    pub fn left(&self) -> Vec<usize> {
+        self.of(|s| *s != State::Done)
+    }
+}

@@ -1,0 +1,184 @@
+//! Training in shards: the points of a sweep, or the seeds of one setting.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant, SystemTime};
+
+use robert_base::fsio;
+use robert_base::progress::Silent;
+use robert_dataset::{Dataset, Part, SHORTEST, Verify, Windows};
+use robert_robot::Robot;
+use robert_train::paths;
+use robert_train::sweep::{Combination, Point, Reached, Sweep, Work, suites_of, view};
+
+use super::checkpoints::Checkpoints;
+use super::error::write_error;
+use super::planning::Draft;
+use super::spec::Train;
+use super::{Cell, Error, Workshop, folder};
+
+/// Result of a training shard.
+pub(super) const RESULT: &str = "result.json";
+/// Time between two looks at a run in progress.
+const LOOK: Duration = Duration::from_millis(100);
+
+/// The folder of the views of these data.
+fn views(dir: &Path, data_sha256: &str) -> PathBuf {
+    dir.join("data").join(format!("views-{}", data_sha256.get(..12).unwrap_or_default()))
+}
+
+/// The cells; the view of each is made and must have windows to learn from.
+pub(super) fn draft(
+    spec: &Train,
+    robot: &Arc<Robot>,
+    data: &Path,
+    out: &Path,
+) -> Result<Draft, Error> {
+    let sweep = spec.sweep();
+    let whole = Dataset::open(data, Verify::Full)?;
+    whole.must_be_of(robot)?;
+    let sha256 = whole.manifest().sha256();
+    let root = views(out, &sha256);
+    let mut draft = Draft::default();
+    for &seed in &sweep.seeds {
+        for values in sweep.combinations() {
+            let view = view(&values, seed, data, &root)?;
+            let cell = Cell::Train { values, seed };
+            let refuse = |why: String| Error::Cell {
+                index: draft.cells.len(),
+                what: cell.to_string(),
+                why,
+            };
+            Windows::new(&view, SHORTEST, Part::Train, seed).map_err(|e| refuse(e.to_string()))?;
+            if draft.cells.is_empty() {
+                suites_of(&sweep, robot, &view).map_err(|e| refuse(e.to_string()))?;
+            }
+            draft.cells.push(cell);
+        }
+    }
+    draft.inputs.insert("data".to_owned(), sha256);
+    // Inside the plan's folder it is found again after that folder was moved or mounted elsewhere.
+    draft.data = Some(data.strip_prefix(out).map_or_else(|_| data.to_owned(), Path::to_owned));
+    Ok(draft)
+}
+
+/// Trains one point in `run`, from the newest checkpoint, and writes its files into `out`; returns
+/// 0, because a run loses no episodes.
+pub(super) fn perform(
+    shop: &Workshop,
+    spec: &Train,
+    values: &Combination,
+    seed: u64,
+    run: &Path,
+    out: &Path,
+    checkpoints: &Checkpoints,
+) -> Result<u64, Error> {
+    let sweep = spec.sweep();
+    let source = shop.data()?;
+    let sha256 = shop.plan.inputs.get("data").map_or("", String::as_str);
+    let data = view(values, seed, source, &views(&shop.dir, sha256))?;
+    let suites = suites_of(&sweep, &shop.robot, &data)?;
+    let work = Work {
+        data: source.to_owned(),
+        out: run.to_owned(),
+        threads: shop.threads,
+        checkpoint_secs: shop.checkpoint_secs,
+        progress: &Silent,
+        cancel: &shop.cancel,
+        meta: serde_json::Value::Null,
+    };
+    let (robot, suites) = (&shop.robot, suites.as_slice());
+    let point = Point { sweep: &sweep, robot, values, seed, data: &data, suites, dir: run };
+    let restored = checkpoints.restore(run)?;
+    let mut reached = reach(shop, &point, &work, spec.evaluations, checkpoints);
+    if restored && reached.is_err() {
+        // A checkpoint that cannot be used must not hold up the shard for ever.
+        std::fs::remove_dir_all(run).map_err(write_error(run))?;
+        checkpoints.clear();
+        reached = reach(shop, &point, &work, spec.evaluations, checkpoints);
+    }
+    let Some(reached) = reached? else {
+        return Err(Error::Stopped { index: 0 });
+    };
+    let mut files = vec![(paths::model(run), "model.safetensors")];
+    files.push((paths::config(run), "config.toml"));
+    files.push((paths::best(run), "best.safetensors"));
+    for (from, name) in files.into_iter().filter(|(from, _)| from.is_file()) {
+        let to = out.join(name);
+        std::fs::copy(&from, &to).map_err(write_error(&to))?;
+    }
+    let text = serde_json::to_string_pretty(&Reached { secs: None, ..reached });
+    let path = out.join(RESULT);
+    std::fs::write(&path, text.unwrap_or_default() + "\n").map_err(write_error(&path))?;
+    Ok(0)
+}
+
+/// Trains while another thread publishes every new checkpoint.
+fn reach(
+    shop: &Workshop,
+    point: &Point<'_>,
+    work: &Work<'_>,
+    evaluations: u64,
+    checkpoints: &Checkpoints,
+) -> Result<Option<Reached>, Error> {
+    let (every, dir) = (shop.checkpoint_secs, point.dir);
+    let ended = AtomicBool::new(false);
+    // Replaced whole at every checkpoint, so a new time is a new checkpoint.
+    let stamp = || std::fs::metadata(paths::last(dir)).and_then(|m| m.modified()).ok();
+    let weights = || fsio::sha256_file(&paths::model(dir)).ok();
+    let (begun, before) = (stamp(), weights());
+    let (found, seen) = std::thread::scope(|scope| {
+        let watch = scope.spawn(|| -> Result<Option<SystemTime>, Error> {
+            let (mut seen, mut since) = (begun, Instant::now());
+            while !ended.load(Ordering::Relaxed) {
+                std::thread::sleep(LOOK);
+                let now = stamp();
+                if since.elapsed().as_secs_f64() >= every && now != seen {
+                    checkpoints.publish(dir)?;
+                    (seen, since) = (now, Instant::now());
+                }
+            }
+            Ok(seen)
+        });
+        let found = point.reach(work, evaluations);
+        ended.store(true, Ordering::Relaxed);
+        let seen = watch.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+        (found, seen)
+    });
+    let (found, seen) = (found?, seen?);
+    if found.is_none() && stamp() != seen {
+        checkpoints.publish(dir)?;
+    }
+    // One and the same step has the same weights, however often it is saved.
+    if weights() != before {
+        shop.advance();
+    }
+    Ok(found)
+}
+
+/// The models and results of all points in `out`, in the order of the cells.
+pub(super) fn merge(
+    sweep: &Sweep,
+    shards: &[PathBuf],
+    out: &Path,
+    link: bool,
+) -> Result<Vec<Reached>, Error> {
+    let mut found = Vec::with_capacity(shards.len());
+    for shard in shards {
+        let path = shard.join(RESULT);
+        let bytes = fsio::read_capped(&path, 4 << 20)?;
+        let reached: Reached = serde_json::from_slice(&bytes)
+            .map_err(|e| Error::Plan { why: e.to_string(), path: path.clone() })?;
+        let mut place = out.join("points");
+        if !sweep.grid.is_empty() {
+            place.push(robert_train::sweep::slug(&reached.values));
+        }
+        place.push(format!("seed-{}", reached.seed));
+        folder::copy(shard, &place, link)?;
+        // It says how the shard was made, not what is in the folder of the merge.
+        std::fs::remove_file(place.join(super::manifest::FILE)).ok();
+        found.push(reached);
+    }
+    Ok(found)
+}
