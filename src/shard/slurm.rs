@@ -56,6 +56,21 @@ pub struct Submission {
     pub merge: Option<Vec<String>>,
 }
 
+impl Submission {
+    /// The commands that send it, as a shell reads them. The ids of the arrays are known only then.
+    pub fn commands(&self) -> Vec<String> {
+        let merge = self.merge.iter().cloned().map(|mut words| {
+            words.insert(0, "--dependency=afterany:IDS".to_owned());
+            words
+        });
+        let line = |words: Vec<String>| {
+            let words: Vec<String> = words.iter().map(|w| quoted(w)).collect();
+            format!("sbatch {}", words.join(" "))
+        };
+        self.arrays.iter().cloned().chain(merge).map(line).collect()
+    }
+}
+
 /// Writes the list of tasks for these indices and composes the script.
 ///
 /// # Errors

@@ -45,11 +45,8 @@ pub(super) fn draft(
         for values in sweep.combinations() {
             let view = view(&values, seed, data, &root)?;
             let cell = Cell::Train { values, seed };
-            let refuse = |why: String| Error::Cell {
-                index: draft.cells.len(),
-                what: cell.to_string(),
-                why,
-            };
+            let refuse =
+                |why: String| Error::Cell { index: draft.cells.len(), what: cell.to_string(), why };
             Windows::new(&view, SHORTEST, Part::Train, seed).map_err(|e| refuse(e.to_string()))?;
             if draft.cells.is_empty() {
                 suites_of(&sweep, robot, &view).map_err(|e| refuse(e.to_string()))?;

@@ -170,12 +170,8 @@ fn cluster(args: &Args, plan: &Plan, left: &[usize]) -> Outcome {
     if args.dry_run {
         let mut text = submission.script.clone();
         text.push_str("# Save this script and send it:\n");
-        let merge = submission.merge.iter().cloned().map(|mut m| {
-            m.insert(0, "--dependency=afterany:IDS".to_owned());
-            m
-        });
-        for command in submission.arrays.iter().cloned().chain(merge) {
-            text.push_str(&format!("#   sbatch {}\n", command.join(" ")));
+        for command in submission.commands() {
+            text.push_str(&format!("#   {command}\n"));
         }
         return out::bytes(text.as_bytes());
     }
