@@ -148,9 +148,10 @@ fn case(robot: &Robot, name: &str, clip: &Clip) -> Result<Case, Error> {
     let command = compile(clip)
         .map_err(|e| Error::Spec { why: e.to_string(), place: format!("clip {name}") })?;
     let names: Vec<String> = robot.joints().iter().map(|j| j.name.clone()).collect();
-    let command = match command.dim() == robot.state_dim() {
-        true => command.reordered(&names).unwrap_or(command),
-        false => command,
+    let command = if command.dim() == robot.state_dim() {
+        command.reordered(&names).unwrap_or(command)
+    } else {
+        command
     };
     Ok(Case { name: name.to_owned(), command, start: Start::Pose, truth: None, floor: None })
 }

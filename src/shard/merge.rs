@@ -103,7 +103,7 @@ pub fn merge(
 /// Writes the results of all shards into `made`.
 fn fill(dir: &Path, plan: &Plan, made: &Path, link: bool) -> Result<Merged, Error> {
     let common = plan.common();
-    let place = |(i, cell)| plan.parent_of(dir, i).join(plan.name_of(&common, i, cell));
+    let place = |(i, cell)| plan.parent_of(dir, i).join(Plan::name_of(&common, i, cell));
     let shards: Vec<PathBuf> = plan.cells.iter().enumerate().map(place).collect();
     let (mut numerics, mut builds, mut lost) = (Vec::new(), Vec::new(), 0);
     let mut manifests = Vec::with_capacity(shards.len());

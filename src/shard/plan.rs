@@ -111,7 +111,7 @@ impl Plan {
 
     /// The name of a shard's folder: the index and a hash of all that decides its content. `common`
     /// is [`Plan::common`].
-    pub(super) fn name_of(&self, common: &str, index: usize, cell: &Cell) -> String {
+    pub(super) fn name_of(common: &str, index: usize, cell: &Cell) -> String {
         let cell = serde_json::to_string(cell).unwrap_or_default();
         let hash = fsio::sha256_hex(format!("{common} {cell}").as_bytes());
         let hash = hash.get(..12).unwrap_or_default();

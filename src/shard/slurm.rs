@@ -137,14 +137,14 @@ fn script(dir: &Path, plan: &Plan, tasks: &Path, array: &str, options: &Options)
         line(&format!("#SBATCH {}", options.sbatch.join(" ")));
     }
     line(&format!("# {} shards of {}, computed with {}.", plan.shards(), plan.name, plan.numerics));
-    let extra: String = options.run.iter().map(|r| format!(" {r}")).collect();
+    let extra: Vec<String> = options.run.iter().map(|r| format!(" {r}")).collect();
     line(&format!(
         "exec {} shard run {} --tasks {} --task \"$((${{1:-0}} + SLURM_ARRAY_TASK_ID))\" \\",
         quoted(&options.binary.to_string_lossy()),
         quoted(&dir.to_string_lossy()),
         quoted(&tasks.to_string_lossy()),
     ));
-    line(&format!("  --threads \"${{SLURM_CPUS_PER_TASK:-1}}\" --requeue slurm{extra}"));
+    line(&format!("  --threads \"${{SLURM_CPUS_PER_TASK:-1}}\" --requeue slurm{}", extra.concat()));
     text
 }
 

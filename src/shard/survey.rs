@@ -37,7 +37,7 @@ pub fn survey(dir: &Path, plan: &Plan, accept: Accept) -> Result<Survey, Error> 
         loop {
             let index = next.fetch_add(1, Ordering::Relaxed);
             let Some(cell) = plan.cells.get(index) else { return mine };
-            let place = plan.parent_of(dir, index).join(plan.name_of(&common, index, cell));
+            let place = plan.parent_of(dir, index).join(Plan::name_of(&common, index, cell));
             mine.push((index, state(&place, plan, index, accept)));
         }
     };

@@ -105,7 +105,7 @@ impl Workshop {
         if self.cancel.is_cancelled() {
             return Err(Error::Stopped { index });
         }
-        let name = self.plan.name_of(&self.common, index, cell);
+        let name = Plan::name_of(&self.common, index, cell);
         let parent = self.plan.parent_of(&self.dir, index);
         let target = parent.join(&name);
         let done = |found: &Manifest| {

@@ -43,8 +43,8 @@ pub(super) fn run(args: &Args) -> Outcome {
                     all.extend(list.iter().map(|&i| (i, what)));
                 }
                 all.sort_unstable();
-                let lines: String = all.iter().map(|(i, what)| format!("{i} {what}\n")).collect();
-                out::bytes(lines.as_bytes())?;
+                let lines = all.iter().map(|(i, what)| format!("{i} {what}\n"));
+                out::bytes(lines.collect::<Vec<_>>().concat().as_bytes())?;
             }
             return Err(Error::Incomplete { missing, corrupt, foreign }.into());
         }

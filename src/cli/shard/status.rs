@@ -68,6 +68,6 @@ pub(super) fn missing(args: &MissingArgs) -> Outcome {
     if args.json {
         return out::json(&left);
     }
-    let lines: String = left.iter().map(|i| format!("{i}\n")).collect();
-    out::bytes(lines.as_bytes())
+    let lines: Vec<String> = left.iter().map(|i| format!("{i}\n")).collect();
+    out::bytes(lines.concat().as_bytes())
 }

@@ -170,9 +170,8 @@ fn cluster(args: &Args, plan: &Plan, left: &[usize]) -> Outcome {
     if args.dry_run {
         let mut text = submission.script.clone();
         text.push_str("# Save this script and send it:\n");
-        for command in submission.commands() {
-            text.push_str(&format!("#   {command}\n"));
-        }
+        let commands = submission.commands().into_iter().map(|c| format!("#   {c}\n"));
+        text.push_str(&commands.collect::<Vec<_>>().concat());
         return out::bytes(text.as_bytes());
     }
     let ids = slurm::send(&submission)?;
