@@ -10,10 +10,11 @@ use robert_dataset::{Dataset, SHORTEST};
 use robert_explore::{CollectConfig, collect};
 use robert_robot::Robot;
 
+use super::bench::Bench;
+use super::draft::{Draft, fingerprint};
 use super::error::write_error;
-use super::planning::{Draft, fingerprint};
 use super::spec::{Collect, Recording};
-use super::{Cell, Error, Workshop, folder};
+use super::{Cell, Error, folder};
 
 /// The dataset in a shard's folder.
 pub(super) const DATA: &str = "data";
@@ -62,15 +63,15 @@ fn try_out(mut config: CollectConfig, robot: &Arc<Robot>) -> Result<(), Error> {
 
 /// Records a part; returns the number of lost episodes.
 pub(super) fn perform(
-    shop: &Workshop,
+    bench: &Bench,
     spec: &Collect,
     seed: u64,
     transitions: u64,
     out: &Path,
 ) -> Result<u64, Error> {
-    let config = spec.config(&shop.robot, seed, transitions)?;
+    let config = spec.config(&bench.robot, seed, transitions)?;
     let data = out.join(DATA);
-    let made = collect(&shop.robot, &config, &data, false, shop.threads, &Silent, &shop.cancel)?;
+    let made = collect(&bench.robot, &config, &data, false, bench.threads, &Silent, &bench.cancel)?;
     // Trained agents are as large as the motion, and can be trained again from the same seed.
     let agents = data.join("agents");
     if agents.exists() {

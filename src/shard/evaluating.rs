@@ -15,9 +15,10 @@ use robert_rollout::{
 };
 use serde_json::Value;
 
-use super::planning::{Draft, whole};
+use super::bench::Bench;
+use super::draft::{Draft, whole};
 use super::spec::Eval;
-use super::{Cell, Error, Workshop};
+use super::{Cell, Error};
 
 /// The rows of a shard.
 pub(super) const ROWS: &str = "rows.json";
@@ -165,15 +166,15 @@ fn check(robot: &Arc<Robot>, name: &str, clip: &Clip) -> Result<(), Error> {
 }
 
 /// The clips of a part.
-fn clips_of(shop: &Workshop, part: &Part<'_>) -> Result<Vec<(String, Clip)>, Error> {
+fn clips_of(bench: &Bench, part: &Part<'_>) -> Result<Vec<(String, Clip)>, Error> {
     let dir = Path::new(part.suite);
     let found: Vec<(String, Clip)> = if dir.is_dir() {
         let each = part.tasks.iter().map(|name| in_folder(dir, name.clone()));
         each.collect::<Result<_, _>>()?
     } else {
-        let mut known = shop.suites.borrow_mut();
+        let mut known = bench.suites.borrow_mut();
         if !known.contains_key(part.suite) {
-            known.insert(part.suite.to_owned(), named(&shop.robot, part.suite)?);
+            known.insert(part.suite.to_owned(), named(&bench.robot, part.suite)?);
         }
         let all = known.get(part.suite).into_iter().flatten();
         all.filter(|(name, _)| part.tasks.contains(name)).cloned().collect()
@@ -186,29 +187,29 @@ fn clips_of(shop: &Workshop, part: &Part<'_>) -> Result<Vec<(String, Clip)>, Err
 
 /// Performs a part and writes its rows; returns the number of rollouts that failed.
 pub(super) fn perform(
-    shop: &Workshop,
+    bench: &Bench,
     spec: &Eval,
     part: &Part<'_>,
     out: &Path,
 ) -> Result<u64, Error> {
     let policy: PolicyConfig = part.policy.parse()?;
-    if !shop.models.borrow().contains(part.policy) {
-        let found = policy.model_file(&shop.robot)?.map(|(_, sha256)| sha256);
-        if found.as_ref() != shop.plan.inputs.get(&format!("policy {}", part.policy)) {
+    if !bench.models.borrow().contains(part.policy) {
+        let found = policy.model_file(&bench.robot)?.map(|(_, sha256)| sha256);
+        if found.as_ref() != bench.plan.inputs.get(&format!("policy {}", part.policy)) {
             return Err(Error::Input { what: format!("the model of {}", part.policy) });
         }
-        shop.models.borrow_mut().insert(part.policy.to_owned());
+        bench.models.borrow_mut().insert(part.policy.to_owned());
     }
-    let clips = clips_of(shop, part)?;
-    let cases = clips.iter().map(|(name, clip)| case(&shop.robot, name, clip));
+    let clips = clips_of(bench, part)?;
+    let cases = clips.iter().map(|(name, clip)| case(&bench.robot, name, clip));
     let suite = Suite { name: part.suite.to_owned(), cases: cases.collect::<Result<Vec<_>, _>>()? };
     let config = EvalConfig {
         policies: vec![policy],
         plant: spec.plant()?,
         seeds: part.seed..part.seed + 1,
-        threads: shop.threads,
+        threads: bench.threads,
     };
-    let found = evaluate(&shop.robot, &[suite], &config, &Silent, &shop.cancel)?;
+    let found = evaluate(&bench.robot, &[suite], &config, &Silent, &bench.cancel)?;
     let tasks = found.iter().flat_map(|e| &e.tasks);
     let failed = tasks.clone().filter(|t| t.error.is_some()).count();
     let rows: Vec<Value> =

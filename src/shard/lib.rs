@@ -18,9 +18,11 @@
 //! | [`Pool`] | performs shards in child processes of this machine |
 //! | [`slurm`], [`kubernetes`] | scripts for clusters |
 
+mod bench;
 mod cell;
 mod checkpoints;
 mod collecting;
+mod draft;
 mod error;
 mod evaluating;
 mod folder;

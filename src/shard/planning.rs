@@ -3,7 +3,6 @@
 //! A mistake that shows only in the queue costs a day. So every policy is built, every clip is
 //! given to the robot, every setting is checked and the data are verified here.
 
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -11,18 +10,11 @@ use robert_base::fsio;
 use robert_base::progress::{Progress, Silent};
 use robert_robot::Robot;
 
+use super::draft::{Draft, fingerprint, whole};
 use super::error::write_error;
 use super::plan::{FORMAT, MOST};
 use super::spec::Train;
-use super::{Cell, Error, Machine, Plan, Spec, collecting, evaluating, training};
-
-/// What a plan adds up from: cells, inputs and the data.
-#[derive(Debug, Default)]
-pub(super) struct Draft {
-    pub(super) cells: Vec<Cell>,
-    pub(super) inputs: BTreeMap<String, String>,
-    pub(super) data: Option<PathBuf>,
-}
+use super::{Error, Machine, Plan, Spec, collecting, evaluating, training};
 
 /// Plans `spec` into the folder `out`. With `numerics` (`avx2`), all machines limit themselves to
 /// that kind of arithmetic.
@@ -44,7 +36,7 @@ pub fn make(
     }
     let machine = Machine::here()?;
     let robot = Arc::new(Robot::load(spec.robot())?);
-    let mut draft = match &spec {
+    let mut draft: Draft = match &spec {
         Spec::Collect(collect) => collecting::draft(collect, &robot, &place)?,
         Spec::Eval(eval) => evaluating::draft(eval, &robot, &place, progress)?,
         Spec::Sweep(train) | Spec::Train(train) => {
@@ -97,25 +89,6 @@ fn anchored(mut spec: Spec) -> Result<Spec, Error> {
         }
     }
     Ok(spec)
-}
-
-/// The canonical path of a folder; names of other things stay as they are.
-pub(super) fn whole(text: &str) -> Result<String, Error> {
-    let path = Path::new(text);
-    if Robot::builtin_ids().any(|id| id == text) || !path.is_dir() {
-        return Ok(text.to_owned());
-    }
-    let real = path
-        .canonicalize()
-        .map_err(|source| fsio::Error::Read { source, path: path.to_owned() })?;
-    Ok(real.to_string_lossy().into_owned())
-}
-
-/// Sha-256 of a robot: its model and, for a folder, its profile.
-pub(super) fn fingerprint(robot: &Robot) -> Result<String, Error> {
-    let profile = robot.folder().map(|f| f.join("profile.toml")).filter(|p| p.is_file());
-    let profile = profile.map(|p| fsio::sha256_file(&p)).transpose()?.unwrap_or_default();
-    Ok(fsio::sha256_hex(format!("{} {profile}", robot.model_sha256()).as_bytes()))
 }
 
 /// The dataset of a training plan: the named one, or the recording, which is made once.

@@ -9,7 +9,9 @@ use std::io::{BufRead, BufReader, Write};
 use std::os::unix::process::CommandExt as _;
 use std::path::PathBuf;
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
+use std::thread::ScopedJoinHandle;
 use std::time::Duration;
 
 use robert_base::child;
@@ -87,12 +89,12 @@ impl Pool {
         });
         progress.tick(0, total, "");
         let jobs = self.jobs.clamp(1, indices.len().max(1));
-        let ended = std::sync::atomic::AtomicBool::new(false);
+        let ended = AtomicBool::new(false);
         std::thread::scope(|scope| {
             let workers: Vec<_> =
                 (0..jobs).map(|_| scope.spawn(|| self.serve(&board, total, progress))).collect();
             let watch = scope.spawn(|| {
-                while !ended.load(std::sync::atomic::Ordering::Relaxed) {
+                while !ended.load(Ordering::Relaxed) {
                     if cancel.is_cancelled() {
                         stop(&board);
                         return;
@@ -100,13 +102,16 @@ impl Pool {
                     std::thread::sleep(LOOK);
                 }
             });
+            // All have ended before anything else happens, so that a panic of one cannot leave the
+            // watch waiting for ever.
+            let served: Vec<_> = workers.into_iter().map(ScopedJoinHandle::join).collect();
+            ended.store(true, Ordering::Relaxed);
+            watch.join().unwrap_or_else(|p| std::panic::resume_unwind(p));
             let mut first = None;
-            for worker in workers {
-                let served = worker.join().unwrap_or_else(|p| std::panic::resume_unwind(p));
+            for served in served {
+                let served = served.unwrap_or_else(|p| std::panic::resume_unwind(p));
                 first = first.or(served.err());
             }
-            ended.store(true, std::sync::atomic::Ordering::Relaxed);
-            watch.join().unwrap_or_else(|p| std::panic::resume_unwind(p));
             first.map_or(Ok(()), Err)
         })?;
         let mut found = board.into_inner().unwrap_or_else(PoisonError::into_inner).found;

@@ -12,11 +12,12 @@ use robert_robot::Robot;
 use robert_train::paths;
 use robert_train::sweep::{Combination, Point, Reached, Sweep, Work, suites_of, view};
 
+use super::bench::Bench;
 use super::checkpoints::Checkpoints;
+use super::draft::Draft;
 use super::error::write_error;
-use super::planning::Draft;
 use super::spec::Train;
-use super::{Cell, Error, Workshop, folder};
+use super::{Cell, Error, folder};
 
 /// Result of a training shard.
 pub(super) const RESULT: &str = "result.json";
@@ -63,7 +64,7 @@ pub(super) fn draft(
 /// Trains one point in `run`, from the newest checkpoint, and writes its files into `out`; returns
 /// 0, because a run loses no episodes.
 pub(super) fn perform(
-    shop: &Workshop,
+    bench: &Bench,
     spec: &Train,
     values: &Combination,
     seed: u64,
@@ -72,28 +73,28 @@ pub(super) fn perform(
     checkpoints: &Checkpoints,
 ) -> Result<u64, Error> {
     let sweep = spec.sweep();
-    let source = shop.data()?;
-    let sha256 = shop.plan.inputs.get("data").map_or("", String::as_str);
-    let data = view(values, seed, source, &views(&shop.dir, sha256))?;
-    let suites = suites_of(&sweep, &shop.robot, &data)?;
+    let source = bench.data()?;
+    let sha256 = bench.plan.inputs.get("data").map_or("", String::as_str);
+    let data = view(values, seed, source, &views(&bench.dir, sha256))?;
+    let suites = suites_of(&sweep, &bench.robot, &data)?;
     let work = Work {
         data: source.to_owned(),
         out: run.to_owned(),
-        threads: shop.threads,
-        checkpoint_secs: shop.checkpoint_secs,
+        threads: bench.threads,
+        checkpoint_secs: bench.checkpoint_secs,
         progress: &Silent,
-        cancel: &shop.cancel,
+        cancel: &bench.cancel,
         meta: serde_json::Value::Null,
     };
-    let (robot, suites) = (&shop.robot, suites.as_slice());
+    let (robot, suites) = (&bench.robot, suites.as_slice());
     let point = Point { sweep: &sweep, robot, values, seed, data: &data, suites, dir: run };
     let restored = checkpoints.restore(run)?;
-    let mut reached = reach(shop, &point, &work, spec.evaluations, checkpoints);
+    let mut reached = reach(bench, &point, &work, spec.evaluations, checkpoints);
     if restored && reached.is_err() {
         // A checkpoint that cannot be used must not hold up the shard for ever.
         std::fs::remove_dir_all(run).map_err(write_error(run))?;
         checkpoints.clear();
-        reached = reach(shop, &point, &work, spec.evaluations, checkpoints);
+        reached = reach(bench, &point, &work, spec.evaluations, checkpoints);
     }
     let Some(reached) = reached? else {
         return Err(Error::Stopped { index: 0 });
@@ -113,13 +114,13 @@ pub(super) fn perform(
 
 /// Trains while another thread publishes every new checkpoint.
 fn reach(
-    shop: &Workshop,
+    bench: &Bench,
     point: &Point<'_>,
     work: &Work<'_>,
     evaluations: u64,
     checkpoints: &Checkpoints,
 ) -> Result<Option<Reached>, Error> {
-    let (every, dir) = (shop.checkpoint_secs, point.dir);
+    let (every, dir) = (bench.checkpoint_secs, point.dir);
     let ended = AtomicBool::new(false);
     // Replaced whole at every checkpoint, so a new time is a new checkpoint.
     let stamp = || std::fs::metadata(paths::last(dir)).and_then(|m| m.modified()).ok();
@@ -149,7 +150,7 @@ fn reach(
     }
     // One and the same step has the same weights, however often it is saved.
     if weights() != before {
-        shop.advance();
+        bench.advance();
     }
     Ok(found)
 }

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use super::super::failure::Outcome;
 use super::super::out;
+use super::accept::AcceptArgs;
 use crate::shard::{Error, Plan, merge};
 
 #[derive(clap::Args, Debug)]
@@ -20,7 +21,7 @@ pub(in super::super) struct Args {
     #[arg(long)]
     link: bool,
     #[command(flatten)]
-    accept: super::AcceptArgs,
+    accept: AcceptArgs,
     /// Print JSON.
     #[arg(long)]
     json: bool,

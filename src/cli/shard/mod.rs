@@ -1,5 +1,6 @@
 //! `robert shard`: large work in parts that any machine can do.
 
+mod accept;
 mod merge;
 mod plan;
 mod run;
@@ -8,7 +9,6 @@ mod submit;
 
 use super::failure::Outcome;
 use super::global::Global;
-use crate::shard::Accept;
 
 #[derive(clap::Subcommand, Debug)]
 #[command(
@@ -37,30 +37,5 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
         Args::Missing(args) => status::missing(args),
         Args::Merge(args) => merge::run(args),
         Args::Submit(args) => submit::run(args, global),
-    }
-}
-
-/// What is accepted in spite of the plan.
-#[derive(clap::Args, Clone, Copy, Debug)]
-pub(super) struct AcceptArgs {
-    /// Accept another kind of processor than that of the plan, whose last bits differ.
-    #[arg(long)]
-    any_processor: bool,
-    /// Accept another build of the program than that of the plan.
-    #[arg(long)]
-    any_build: bool,
-}
-
-impl AcceptArgs {
-    fn accept(self) -> Accept {
-        Accept { any_processor: self.any_processor, any_build: self.any_build }
-    }
-
-    /// The same as words of a command.
-    fn words(self) -> Vec<String> {
-        let mut words = Vec::new();
-        words.extend(self.any_processor.then(|| "--any-processor".to_owned()));
-        words.extend(self.any_build.then(|| "--any-build".to_owned()));
-        words
     }
 }

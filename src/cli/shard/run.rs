@@ -7,6 +7,7 @@ use super::super::failure::{Failure, Outcome};
 use super::super::global::{Global, threads};
 use super::super::interrupt::cancel_on_warning;
 use super::super::out;
+use super::accept::AcceptArgs;
 use crate::exit::{Exit, HasExit};
 use crate::progress::Cancel;
 use crate::shard::{Answer, Done, Error, Workshop, slurm};
@@ -43,7 +44,7 @@ pub(in super::super) struct Args {
     #[arg(long, default_value_t = 1.0, value_name = "MINUTES")]
     checkpoint_mins: f64,
     #[command(flatten)]
-    accept: super::AcceptArgs,
+    accept: AcceptArgs,
     /// Print JSON.
     #[arg(long)]
     json: bool,

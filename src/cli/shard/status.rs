@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use super::super::failure::Outcome;
 use super::super::out;
+use super::accept::AcceptArgs;
 use crate::shard::{Plan, State, ranges, survey};
 
 #[derive(clap::Args, Debug)]
@@ -14,7 +15,7 @@ pub(in super::super) struct StatusArgs {
     /// Folder of the plan.
     dir: PathBuf,
     #[command(flatten)]
-    accept: super::AcceptArgs,
+    accept: AcceptArgs,
     /// Print JSON.
     #[arg(long)]
     json: bool,
@@ -28,7 +29,7 @@ pub(in super::super) struct MissingArgs {
     /// Folder of the plan.
     dir: PathBuf,
     #[command(flatten)]
-    accept: super::AcceptArgs,
+    accept: AcceptArgs,
     /// Print JSON.
     #[arg(long)]
     json: bool,

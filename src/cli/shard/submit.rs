@@ -7,6 +7,7 @@ use super::super::failure::{Failure, Outcome};
 use super::super::global::{Global, threads};
 use super::super::interrupt::cancel_on_ctrl_c;
 use super::super::out;
+use super::accept::AcceptArgs;
 use crate::exit::Exit;
 use crate::shard::{Answer, Plan, Pool, kubernetes, slurm, survey};
 
@@ -61,7 +62,7 @@ pub(in super::super) struct Args {
     #[arg(long)]
     dry_run: bool,
     #[command(flatten)]
-    accept: super::AcceptArgs,
+    accept: AcceptArgs,
     /// Print JSON.
     #[arg(long)]
     json: bool,
