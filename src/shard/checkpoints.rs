@@ -40,15 +40,15 @@ impl Checkpoints {
     }
 
     /// Copies the newest checkpoint into `run`; false if there is none.
-    pub(super) fn restore(&self, run: &Path) -> Result<bool, Error> {
+    pub(super) fn restore(&self, run: &Path) -> bool {
         for (_, path) in self.all().into_iter().rev() {
             if paths::last(&path).is_file() && folder::copy(&path, run, false).is_ok() {
-                return Ok(true);
+                return true;
             }
             // Another process may have removed it meanwhile.
             fs::remove_dir_all(run).ok();
         }
-        Ok(false)
+        false
     }
 
     /// Publishes the state of a run; the run may go on meanwhile, because it replaces whole files.

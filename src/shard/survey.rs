@@ -44,7 +44,7 @@ pub fn survey(dir: &Path, plan: &Plan, accept: Accept) -> Result<Survey, Error> 
     let threads = std::thread::available_parallelism().map_or(1, usize::from).min(16);
     let mut found: Vec<(usize, State)> = std::thread::scope(|scope| {
         let handles: Vec<_> = (0..threads).map(|_| scope.spawn(work)).collect();
-        let each = handles.into_iter().map(|h| h.join());
+        let each = handles.into_iter().map(std::thread::ScopedJoinHandle::join);
         each.flat_map(|r| r.unwrap_or_else(|panic| std::panic::resume_unwind(panic))).collect()
     });
     found.sort_by_key(|(index, _)| *index);

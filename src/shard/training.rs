@@ -88,7 +88,7 @@ pub(super) fn perform(
     };
     let (robot, suites) = (&bench.robot, suites.as_slice());
     let point = Point { sweep: &sweep, robot, values, seed, data: &data, suites, dir: run };
-    let restored = checkpoints.restore(run)?;
+    let restored = checkpoints.restore(run);
     let mut reached = reach(bench, &point, &work, spec.evaluations, checkpoints);
     if restored && reached.is_err() {
         // A checkpoint that cannot be used must not hold up the shard for ever.
