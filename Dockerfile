@@ -3,6 +3,8 @@
 #   docker build -t robert .
 #   docker run --rm -v "$PWD:/work" robert rollout fire --out fire.mcap
 FROM rust:1.95-bookworm AS build
+# The Debian release fixes the versions of these packages.
+# hadolint ignore=DL3008
 RUN apt-get update \
  && apt-get install -y --no-install-recommends g++ libmujoco-dev \
  && rm -rf /var/lib/apt/lists/*
@@ -11,13 +13,14 @@ COPY . .
 RUN cargo build --release --locked && strip target/release/robert
 
 FROM debian:12-slim
+# hadolint ignore=DL3008
 RUN apt-get update \
  && apt-get install -y --no-install-recommends libmujoco2.2.2 mesa-vulkan-drivers \
  && rm -rf /var/lib/apt/lists/* \
- && useradd --create-home robert
+ && useradd --create-home --uid 1000 robert
 COPY --from=build /src/target/release/robert /usr/local/bin/robert
 COPY --from=build /src/LICENSE-MIT /src/LICENSE-APACHE /src/NOTICE /usr/share/doc/robert/
-USER robert
+USER 1000
 WORKDIR /work
 ENTRYPOINT ["robert"]
 CMD ["--help"]

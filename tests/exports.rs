@@ -184,4 +184,7 @@ fn collected_data_becomes_datasets() {
         assert!(files.iter().all(|f| Path::new(&dir.join(f)).is_file()));
         assert_eq!(report["frames"], 2000);
     }
+    let (code, _, err) = call(dir, &["export", "data", "--to", "glb", "-o", "a.glb"]);
+    assert_eq!(code, 2);
+    assert!(err.contains("data is a folder") && err.contains("--to lerobot"), "{err}");
 }

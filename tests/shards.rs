@@ -116,6 +116,26 @@ fn any_order_and_any_number_of_processes_give_the_same_set() {
     assert_eq!(rows.lines().count(), 1 + 2 * 2 * 15);
 }
 
+/// End-effector goals in a folder of clips are solved, with the figures of `robert eval`.
+#[test]
+fn clips_with_end_effector_goals_are_evaluated() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let clip = include_str!("../examples/clips/square.clip.json");
+    std::fs::create_dir(dir.join("mine")).unwrap();
+    std::fs::write(dir.join("mine/square.clip.json"), clip).unwrap();
+    let text = "kind = \"eval\"\nrobot = \"ur5e\"\nsuites = [\"mine\"]\npolicies = [\"pd\"]\n";
+    assert_eq!(plan(dir, text, "work"), 1);
+    ok(dir, &["shard", "run", "work", "--index", "0"]);
+    let merged = ok(dir, &["shard", "merge", "work", "--out", "all", "--json"]);
+    let merged: Value = serde_json::from_str(&merged).unwrap();
+    let eval = ["eval", "--suite", "mine", "--policy", "pd", "--no-floor", "--json"];
+    let eval: Value = serde_json::from_str(&ok(dir, &eval)).unwrap();
+    let (ours, theirs) = (&merged["summary"][0], &eval["results"][0]);
+    assert!(ours["precision_mean"].as_f64().unwrap() > 0.0);
+    assert_eq!(ours["precision_mean"], theirs["precision_mean"]);
+}
+
 #[test]
 fn a_merged_collection_is_a_dataset() {
     let dir = tempfile::tempdir().unwrap();

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import os
 from pathlib import Path
-from typing import Optional, Union
+from typing import Any, Optional, Union
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -35,9 +36,10 @@ class Clip:
         return clip
 
     @classmethod
-    def load(cls, path: PathLike) -> Clip:
-        """Reads ``*.clip.json``; errors have file, line and column."""
-        return cls(_native.Clip.load(os.fspath(path)))
+    def load(cls, path: PathLike, robot: Union[Robot, PathLike, None] = None) -> Clip:
+        """Reads ``*.clip.json``; errors have file, line and column. ``robot`` is needed if the clip's own is not
+        built in."""
+        return cls(_native.Clip.load(os.fspath(path)), None if robot is None else as_robot(robot))
 
     @classmethod
     def task(cls, name: str, robot: Optional[str] = None) -> Clip:
@@ -94,6 +96,38 @@ class Clip:
         self._native.key(frame, np.asarray(q, dtype=float).tolist(), hold, fill)
         return self
 
+    def reach(
+        self,
+        frame: int,
+        site: str,
+        pos: ArrayLike,
+        quat: Optional[ArrayLike] = None,
+        *,
+        hold: int = 1,
+        fill: Optional[str] = None,
+        pose: Optional[str] = None,
+    ) -> Clip:
+        """Commands where a point of the robot shall be: ``pos`` (3; m, world) of a site of its model, and ``quat`` (4;
+        w x y z) if the orientation matters. Joint values are found near the named ``pose``, else near the neighbouring
+        keys. A key at this frame is replaced."""
+        goal: dict[str, Any] = {"site": site, "pos": pos}
+        if quat is not None:
+            goal["quat"] = quat
+        key: dict[str, Any] = {"frame": frame, "reach": [goal], "hold": hold}
+        key.update({name: value for name, value in (("fill", fill), ("pose", pose)) if value is not None})
+        return self.apply("keys.add", keys=[key], replace=True)
+
+    def apply(self, op: str, **args: Any) -> Clip:
+        """One edit of the studio, as in ``robert clip apply``: ``clip.apply("tangent.set", frames=[20],
+        joints=["x"], tangent="flat")``. An unknown operation or argument raises ``ValueError`` with the valid names."""
+        edit = json.dumps({"op": op, "args": args}, default=_plain)
+        try:
+            robot = self.robot._native
+        except _native.RobertError:
+            robot = None  # only end-effector goals and mirroring need it, and say so
+        self._native.apply(edit, robot)
+        return self
+
     def mask(self, start: int, stop: int, joints: Optional[list[str]] = None) -> Clip:
         """Takes the goals of frames ``start`` to ``stop`` - 1 away, of all joints or of some."""
         self._native.mask(start, stop, joints)
@@ -105,8 +139,8 @@ class Clip:
         return self
 
     def command(self) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-        """What is commanded, (T, S), and where it counts, (T, S)."""
-        q, seen, frames = self._native.command()
+        """What is commanded, (T, S; rad or m), and where it counts, (T, S). End-effector goals are solved."""
+        q, seen, frames = self._native.command(self.robot._native if self._native.has_reach else None)
         return q.reshape(frames, -1), seen.reshape(frames, -1)
 
     def text(self) -> str:
@@ -119,3 +153,10 @@ class Clip:
 
     def __repr__(self) -> str:
         return f"Clip({self.name!r}, {self._native.robot}, {self.frames} frames, {len(self.keys)} keys)"
+
+
+def _plain(value: Any) -> Any:
+    """numpy's values for JSON; NaN, which leaves a joint open, is null there."""
+    if not isinstance(value, (np.ndarray, np.generic)):
+        raise TypeError(f"{type(value).__name__} is no value of an edit")
+    return np.where(value != value, None, value.astype(object)).tolist()

@@ -196,8 +196,8 @@ def rollout(
 ) -> Take:
     """Performs a clip in the simulation.
 
-    ``policy`` is a name as on the command line (``pd``, ``computed-torque``, ``robert+guide``, ``ridge:FILE``), the
-    robot's trained one by default; ``plant`` changes the simulated robot (``mass=1.25,damping=0.5``); ``progress``
+    ``policy`` is a name as on the command line (``pd``, ``computed-torque``, ``robert+guide``, ``ridge:FILE``); by
+    default it is ``auto``, which tries several in simulation and keeps the best. ``plant`` changes the simulated robot (``mass=1.25,damping=0.5``); ``progress``
     is called with (done, total, note). Other Python threads run meanwhile. The same clip, policy and seed give
     the same bits as ``robert rollout``."""
     body = clip.robot if robot is None else as_robot(robot)

@@ -4,7 +4,8 @@ use std::path::PathBuf;
 
 use numpy::{IntoPyArray as _, PyArray1};
 use pyo3::prelude::*;
-use robert::clip::{self as lib, Fill, Key, Mask, compile};
+use robert::clip::{self as lib, Editor, Fill, Key, Mask, Op, compile_for};
+use robert::robot::Robot as LibRobot;
 use robert::rollout::tasks;
 
 use crate::error::{InvalidInput, raise, wrong};
@@ -127,9 +128,31 @@ impl Clip {
         Ok(Clip { inner })
     }
 
+    /// Whether only the robot knows what some keys command, since they have end-effector goals.
+    #[getter]
+    fn has_reach(&self) -> bool {
+        self.inner.keys.iter().any(|k| !k.reach.is_empty())
+    }
+
+    /// One edit of `robert clip apply`, as JSON. The robot solves end-effector goals and mirrors.
+    #[pyo3(signature = (edit, robot=None))]
+    fn apply(&mut self, edit: &str, robot: Option<&Robot>) -> PyResult<()> {
+        let op: Op = serde_json::from_str(edit).map_err(|e| wrong(e.to_string()))?;
+        let table = robot.map(|r| r.inner.joint_table());
+        let refused = |e: String| InvalidInput::new_err(format!("{}: {e}", op.name()));
+        let mut editor =
+            Editor::new(self.inner.clone(), table).map_err(|e| refused(e.to_string()))?;
+        editor.apply(&op).map_err(|e| refused(e.to_string()))?;
+        self.inner = editor.clip().clone();
+        Ok(())
+    }
+
     /// What is commanded: values (T * S), whether each counts (T * S), frames T.
-    fn command<'py>(&self, py: Python<'py>) -> PyResult<Compiled<'py>> {
-        let command = compile(&self.inner).map_err(|e| InvalidInput::new_err(e.to_string()))?;
+    #[pyo3(signature = (robot=None))]
+    fn command<'py>(&self, py: Python<'py>, robot: Option<&Robot>) -> PyResult<Compiled<'py>> {
+        let table = robot.map(|r| r.inner.joint_table());
+        let command = compile_for(&self.inner, table.as_ref())
+            .map_err(|e| InvalidInput::new_err(e.to_string()))?;
         let (mut q, mut seen) = (Vec::new(), Vec::new());
         for f in 0..command.frames() {
             q.extend_from_slice(command.row(f));
@@ -140,6 +163,15 @@ impl Clip {
 }
 
 impl Clip {
+    /// Its command for a rollout, as the command line compiles it: end-effector goals solved, joints
+    /// in the robot's order. Joints that the robot does not have are refused by the rollout.
+    pub(crate) fn compiled(&self, robot: &LibRobot) -> PyResult<lib::Command> {
+        let command =
+            robot.compile(&self.inner).map_err(|e| InvalidInput::new_err(e.to_string()))?;
+        let names: Vec<String> = robot.joints().iter().map(|j| j.name.clone()).collect();
+        Ok(command.reordered(&names).unwrap_or(command))
+    }
+
     fn edit(&mut self, change: impl FnOnce(&mut lib::Clip)) -> PyResult<()> {
         let mut changed = self.inner.clone();
         change(&mut changed);

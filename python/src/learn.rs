@@ -4,7 +4,6 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use pyo3::prelude::*;
-use robert::clip::compile;
 use robert::dataset::{Dataset, Verify};
 use robert::explore::{self, AgentKind, CollectConfig, Preset};
 use robert::robot::PlantRange;
@@ -40,12 +39,11 @@ pub(crate) fn evaluate(
     progress: Option<Py<PyAny>>,
 ) -> PyResult<String> {
     let robot = Arc::clone(&robot.inner);
-    let names: Vec<String> = robot.joints().iter().map(|j| j.name.clone()).collect();
     let mut cases = Vec::new();
     for (name, clip) in &clips {
-        let command =
-            compile(&clip.inner).map_err(|e| InvalidInput::new_err(format!("{name}: {e}")))?;
-        let command = command.reordered(&names).unwrap_or(command);
+        let command = clip
+            .compiled(&robot)
+            .map_err(|e| InvalidInput::new_err(format!("{name}: {}", e.value(py))))?;
         let (truth, floor) = (None, None);
         cases.push(Case { name: name.clone(), command, start: Start::Pose, truth, floor });
     }

@@ -6,19 +6,18 @@ use std::sync::Arc;
 use numpy::{IntoPyArray as _, PyArray1};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
-use robert::clip::{Sight, compile};
+use robert::clip::Sight;
 use robert::progress::Progress as _;
 use robert::render::{CameraChoice, Motion, Overlay, RenderConfig, Renderer, Shot};
 use robert::robot::{PlantConfig, Robot as LibRobot};
-use robert::rollout::{Rollout, RolloutConfig, Start};
+use robert::rollout::{Contenders, PolicyConfig, PolicyName, Rollout, RolloutConfig, Start};
 use robert::take::viser::Recording;
 use robert::take::{Provenance, Take as LibTake, html};
 use robert::units::{FPS, Unit};
 
 use crate::clip::Clip;
-use crate::error::{InvalidInput, raise, wrong};
+use crate::error::{raise, wrong};
 use crate::jobs::listened;
-use crate::policy;
 use crate::robot::Robot;
 
 /// A recorded rollout.
@@ -41,19 +40,35 @@ pub(crate) fn rollout(
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Take> {
     let robot = Arc::clone(&robot.inner);
-    let policy = policy::config(policy, &robot)?;
+    let asked = policy.map(str::parse).transpose().map_err(raise)?;
+    let asked: PolicyConfig = asked.unwrap_or_else(|| PolicyConfig::new(PolicyName::Auto));
     let plant: PlantConfig =
         plant.map_or_else(|| Ok(PlantConfig::default()), str::parse).map_err(raise)?;
-    let command = compile(&clip.inner).map_err(|e| InvalidInput::new_err(e.to_string()))?;
-    let names: Vec<String> = robot.joints().iter().map(|j| j.name.clone()).collect();
-    let command = command.reordered(&names).unwrap_or(command);
-    let config = RolloutConfig { seed, guide: policy.guide, plant, ..RolloutConfig::default() };
+    let command = clip.compiled(&robot)?;
     let clip = clip.inner.clone();
     let take = listened(py, progress, |listener, cancel| {
+        let (policy, performed) = if asked.name == PolicyName::Auto {
+            let all = Contenders::new(&robot, &asked).map_err(raise)?;
+            let threads = std::thread::available_parallelism().map_or(1, usize::from);
+            let chosen = all
+                .perform(&command, &Start::Pose, seed, threads, listener, cancel)
+                .map_err(raise)?;
+            // They are compared on the nominal plant; on another one the best performs again.
+            let same = plant == PlantConfig::default() && !asked.refine;
+            let policy = PolicyConfig { refine: asked.refine, ..chosen.policy };
+            (policy, same.then_some(chosen.rollout))
+        } else {
+            (asked, None)
+        };
+        let config = RolloutConfig { seed, guide: policy.guide, plant };
         let provenance = Provenance::new(&robot, &policy, &config).map_err(raise)?;
-        let built = policy.build(&robot).map_err(raise)?;
-        let mut rollout =
-            Rollout::new(&robot, built, &command, Start::Pose, config.clone()).map_err(raise)?;
+        let mut rollout = match performed {
+            Some(rollout) => rollout,
+            None => {
+                let built = policy.build(&robot).map_err(raise)?;
+                Rollout::new(&robot, built, &command, Start::Pose, config).map_err(raise)?
+            }
+        };
         // The last frame's number, so that the end is told however fast it comes.
         let last = rollout.frames().saturating_sub(1) as u64;
         while let Some(frame) = rollout.step().map_err(raise)? {

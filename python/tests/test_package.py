@@ -33,6 +33,15 @@ def binary():
     return found[0]
 
 
+def same_bits(clip, folder, *options, **arguments):
+    """Asserts that the program and the package perform a clip with the same bytes as takes."""
+    clip.save(folder / "same.clip.json")
+    theirs = [binary(), "rollout", folder / "same.clip.json", "--out", folder / "theirs.mcap", "-q", *options]
+    subprocess.run(theirs, check=True, stdout=subprocess.DEVNULL)
+    rs.rollout(clip, **arguments).save(folder / "ours.mcap")
+    assert (folder / "theirs.mcap").read_bytes() == (folder / "ours.mcap").read_bytes()
+
+
 def test_robots_have_shapes_and_names():
     assert "ur5e" in rs.Robot.builtin()
     robot = rs.Robot("shadow_hand")
@@ -58,6 +67,38 @@ def test_a_clip_is_authored_saved_and_read(tmp_path):
     assert clip.text() == before, "a refused edit leaves the clip as it was"
     with pytest.raises(ValueError, match="cubic"):
         clip.fill("wobble")
+
+
+def test_end_effector_goals_are_solved_and_performed_as_by_the_program(tmp_path):
+    square = rs.Clip.load(REPOSITORY / "examples/clips/square.clip.json")
+    goals, seen = square.command()
+    assert seen.all() and np.abs(np.diff(goals, axis=0)).max() > 0.01
+    path = tmp_path / "goals.csv"
+    subprocess.run([binary(), "clip", "convert", REPOSITORY / "examples/clips/square.clip.json", path], check=True)
+    table = np.loadtxt(path, delimiter=",", skiprows=1)
+    assert np.abs(table[:, -5:] - goals).max() < 1e-6
+    same_bits(square, tmp_path, "-p", "pd", policy="pd")
+    assert rs.evaluate({"square": square}, ["pd"], floors=False)[0]["precision"] < 0.05
+    with pytest.raises(rs.InvalidInput, match="end_effector"):
+        rs.Clip.new("pointmass", 9).reach(4, "end_effector", [0, 0, 0])
+
+
+def test_goals_and_slopes_are_authored(tmp_path):
+    clip = rs.Clip.new("ur5e", 61)
+    home = clip.robot.home()
+    clip.key(0, home, fill="cubic").key(20, home + 0.2, fill="cubic").reach(60, "end_effector", np.array([0.42, 0.06, 1.95]))
+    assert clip.keys == [0, 20, 60] and clip.command()[1][60].all()
+    before = clip.command()[0]
+    clip.apply("tangent.set", frames=[20], joints=["elbow"], tangent=0.5)
+    assert np.abs(clip.command()[0] - before).max() > 1e-3
+    assert '"tangents"' in clip.text() and '"reach"' in clip.text()
+    same_bits(clip, tmp_path, "-p", "computed-torque", policy="computed-torque")
+    with pytest.raises(ValueError, match="keys.bake"):
+        clip.apply("keys.wobble")
+    with pytest.raises(rs.InvalidInput, match="no key at frame 7"):
+        clip.apply("keys.set", frame=7, q=home)
+    clip.apply("keys.set", frame=20, q=np.array([0.1, np.nan, 0, 0, 0]))
+    assert not clip.command()[1][20, 1]
 
 
 def test_arrays_become_clips():
@@ -100,6 +141,13 @@ def test_takes_have_the_bits_of_the_program(take, tmp_path):
     assert np.array_equal(rs.Take.load(out).q, take.q)
     version = subprocess.run([binary(), "--version"], check=True, capture_output=True, text=True).stdout
     assert version.split()[-1] == rs.__version__
+
+
+def test_the_choice_among_policies_has_the_bits_of_the_program(tmp_path):
+    clip = rs.Clip.task("pointmass/circle")
+    same_bits(clip, tmp_path)
+    same_bits(clip, tmp_path, "--plant", "mass=1.3", plant="mass=1.3")
+    assert rs.rollout(clip).precision["precision"] <= rs.rollout(clip, "pd").precision["precision"]
 
 
 @pytest.mark.parametrize("to", ["glb", "bvh", "usda", "lafan", "npz", "ros", "bag", "ur", "lerobot", "minari"])

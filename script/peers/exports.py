@@ -18,6 +18,7 @@ import numpy as np
 
 HERE = Path(__file__).resolve().parent
 TOLERANCE = 1e-5  # m
+LEROBOT = os.environ.get("LEROBOT_PYTHON", sys.executable)
 failed = []
 
 
@@ -131,6 +132,26 @@ def lafan(take, name):
     report(f"lafan {name}", rows.shape == (len(take.q), 7 + len(take.joints)) and off < 1e-12, f"{off:.1e} rad, {rows.shape}")
 
 
+def lafan_by_mujoco(take, name):
+    """Body positions by MuJoCo's own Python package: the model with its keys, and the rows as joint values."""
+    import mujoco
+
+    model = mujoco.MjModel.from_xml_path(str(take.export("mjcf", f"{name}.xml", "--with-model")))
+    data = mujoco.MjData(model)
+    rows = np.loadtxt(take.export("lafan", f"{name}.fk.csv"), delimiter=",")
+    at = [model.joint(joint).qposadr[0] for joint in take.joints]
+    # Joints that are no part of the state follow; the key has them all.
+    worst = 0.0
+    for frame in range(0, len(rows), 7):
+        data.qpos[:] = model.key_qpos[frame]
+        key = np.abs(data.qpos[at] - rows[frame, 7:]).max()
+        data.qpos[at] = rows[frame, 7:]
+        mujoco.mj_kinematics(model, data)
+        places = [data.body(body).xpos for body in take.bodies]
+        worst = max(worst, key, np.abs(np.array(places) - take.places[frame]).max())
+    report(f"lafan by mujoco {name}", worst < TOLERANCE, f"{worst:.1e} m, {mujoco.__version__}")
+
+
 def npz(take, name):
     """Against numpy alone: every fifth row is every second frame of the take."""
     data = np.load(take.export("npz", f"{name}.npz"))
@@ -178,6 +199,20 @@ def lerobot(take, name, version):
     sent = [robot.send_action(dict(zip(names, row))) for row in rows["action"]]
     last = np.array([sent[-1][f"{j}.pos"] for j in take.joints])
     report(f"replay {name} {version}", np.abs(last - take.q[-1]).max() < 1e-6, f"{len(sent)} actions")
+
+
+def lerobot_itself(take, name):
+    """lerobot with torch, which may be in another interpreter: LEROBOT_PYTHON."""
+    wanted = take.folder / f"{name}.lerobot.json"
+    for films in ([], ["--video", "96x72"]):
+        root = take.export("lerobot", f"{name}_itself{len(films)}", "--task", "move", *films)
+        document = {"joints": take.joints, "q": take.q.tolist(), "task": "move", "frames": len(take.q)}
+        wanted.write_text(json.dumps(document))
+        done = subprocess.run([LEROBOT, HERE / "lerobot_replay.py", root, wanted], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        printed = done.stdout.decode().strip().splitlines()
+        report(f"lerobot itself {name}{' film' if films else ''}", done.returncode == 0, printed[-1] if printed else "nothing was printed")
+        if done.returncode:
+            print(done.stderr.decode())
 
 
 def minari(take, name):
@@ -228,11 +263,15 @@ def main():
     if not needs("mcap", "mcap_protobuf"):
         sys.exit("these two are needed for all checks: pip install mcap mcap-protobuf-support")
     checks = [
-        (bvh, ["bvh"]), (usd, ["pxr"]), (lafan, []), (npz, []), (minari, ["minari"]), (bag, ["rosbags"]), (glb, []),
+        (bvh, ["bvh"]), (usd, ["pxr"]), (lafan, []), (lafan_by_mujoco, ["mujoco"]), (npz, []), (minari, ["minari"]), (bag, ["rosbags"]), (glb, []),
         (lambda t, n: lerobot(t, n, "3.0"), ["datasets", "lerobot_doctor"]),
         (lambda t, n: lerobot(t, n, "2.1"), ["datasets", "lerobot_doctor"]),
     ]
     checks = [check for check, modules in checks if needs(*modules)]
+    if subprocess.run([LEROBOT, "-c", "import lerobot.datasets"], stderr=subprocess.DEVNULL).returncode:
+        print("left out, no lerobot")
+    else:
+        checks.append(lerobot_itself)
     robert = str(Path(args.robert).resolve()) if "/" in args.robert else args.robert
     with tempfile.TemporaryDirectory() as folder:
         for clip in args.clips:

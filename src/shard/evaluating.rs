@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use robert_base::fsio;
 use robert_base::progress::{Progress, Silent};
-use robert_clip::{Clip, compile};
+use robert_clip::Clip;
 use robert_robot::Robot;
 use robert_rollout::{
     Case, Contenders, EvalConfig, PolicyConfig, PolicyName, Rollout, RolloutConfig, Start, Suite,
@@ -146,7 +146,8 @@ fn fingerprint(clips: &[(String, Clip)]) -> String {
 }
 
 fn case(robot: &Robot, name: &str, clip: &Clip) -> Result<Case, Error> {
-    let command = compile(clip)
+    let command = robot
+        .compile(clip)
         .map_err(|e| Error::Spec { why: e.to_string(), place: format!("clip {name}") })?;
     let names: Vec<String> = robot.joints().iter().map(|j| j.name.clone()).collect();
     let command = if command.dim() == robot.state_dim() {

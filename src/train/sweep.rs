@@ -18,7 +18,6 @@ use super::{Error, TrainConfig, paths, read_config};
 use robert_base::fsio;
 use robert_base::progress::{Cancel, Progress, Silent};
 use robert_base::units::Unit;
-use robert_clip as clip;
 use robert_dataset::{self as dataset, Corruption, Dataset, Manifest, Verify};
 use robert_plot::{self as plot, Axis, Curve, Figure};
 use robert_robot::{PlantRange, Robot};
@@ -539,7 +538,7 @@ pub fn suites_of(sweep: &Sweep, robot: &Arc<Robot>, data: &Dataset) -> Result<Ve
         let clips = tasks::suite(robot.id(), name).map_err(|e| fail(e.to_string()))?;
         let mut cases = Vec::new();
         for (name, clip) in clips {
-            let command = clip::compile(&clip).map_err(|e| fail(format!("{name}: {e}")))?;
+            let command = robot.compile(&clip).map_err(|e| fail(format!("{name}: {e}")))?;
             cases.push(Case { name, command, start: Start::Pose, truth: None, floor: None });
         }
         suites.push(Suite { name: name.clone(), cases });

@@ -26,6 +26,11 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     if args.to.gathers() {
         return plan.gather(global);
     }
+    if let Some(folder) = args.inputs.iter().find(|i| Path::new(i).is_dir()) {
+        return Err(Failure::usage(format!(
+            "{folder} is a folder: of a dataset only --to lerobot and --to minari make something; the other formats take clips and takes"
+        )));
+    }
     let many = args.inputs.len() > 1;
     let mut made = Vec::new();
     for input in &args.inputs {

@@ -2,7 +2,7 @@
 
     pip install ray
     robert shard plan examples/shards/eval.toml --out /shared/eval
-    python examples/shards/ray.py /shared/eval --address auto
+    python examples/shards/ray_cluster.py /shared/eval --address auto
     robert shard merge /shared/eval --out results/eval
 
 Every node needs the program `robert` and the folder of the plan at the same path. Ray decides only
