@@ -32,7 +32,7 @@ pub fn command(binary: &Path) -> Command {
     command
 }
 
-/// How a child ends after its parent.
+/// What happens to a child process when its parent ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Farewell {
     /// At once.
@@ -73,7 +73,7 @@ pub fn follow_parent(farewell: Farewell) -> io::Result<()> {
     Ok(())
 }
 
-/// What a child may do.
+/// The limits of a child process: what it may read, write and use.
 #[derive(Clone, Debug, Default)]
 pub struct Rights {
     /// Address space, bytes.

@@ -105,7 +105,7 @@ fn temporary(dir: &Path, old: Option<&Metadata>) -> io::Result<tempfile::NamedTe
     Ok(temp)
 }
 
-/// How the names of temporary files begin.
+/// The prefix of the names of temporary files.
 const TEMPORARY: &str = ".robert-";
 /// Temporary files that are younger than this may have a writer that has not locked them yet.
 const STALE: Duration = Duration::from_mins(1);
@@ -143,7 +143,7 @@ fn sweep_once(dir: &Path) {
     }
 }
 
-/// What is at `path`, if it may be replaced by a file; `None` if nothing is there.
+/// Metadata of the entry at `path`, if a file may replace it; `None` if nothing is there.
 fn replaceable(path: &Path) -> io::Result<Option<Metadata>> {
     match fs::symlink_metadata(path) {
         Ok(found) => regular(&found).map(|()| Some(found)),
@@ -152,7 +152,7 @@ fn replaceable(path: &Path) -> io::Result<Option<Metadata>> {
     }
 }
 
-/// Where a chain of symbolic links ends. The last name need not exist.
+/// The end of a chain of symbolic links. The last name need not exist.
 fn follow_links(path: &Path) -> io::Result<PathBuf> {
     const LINKS: usize = 40;
     let mut target = path.to_owned();

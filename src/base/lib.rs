@@ -1,4 +1,4 @@
-//! What every floor stands on: exit codes, files, limits, progress, random numbers, units.
+//! The base of all floors: exit codes, files, limits, progress, random numbers, units.
 
 pub mod child;
 pub mod exit;

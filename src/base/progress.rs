@@ -1,4 +1,4 @@
-//! How long jobs report progress, and how they are asked to stop.
+//! Progress reports of jobs, and how a job is asked to stop.
 //!
 //! The library never prints. The caller of a job passes a [`Progress`]: the command line draws a
 //! bar, the studio sends a message, tests pass [`Silent`].
@@ -14,7 +14,7 @@ use serde_json::Value;
 #[serde(tag = "event", rename_all = "lowercase")]
 #[derive(schemars::JsonSchema)]
 pub enum JobEvent {
-    /// How far the job is.
+    /// A report of progress.
     Progress(JobProgress),
     /// Figures for curves, with the `step` that they belong to.
     Figures {
@@ -27,19 +27,19 @@ pub enum JobEvent {
         /// The line.
         line: String,
     },
-    /// What the command prints with `--json`; the last event.
+    /// The last event: the document that the command prints with `--json`.
     Result {
         /// The document.
         result: Value,
     },
 }
 
-/// How far a job is.
+/// The progress of a job.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 pub struct JobProgress {
     /// The part of the job that runs.
     pub what: String,
-    /// What is counted.
+    /// The unit that is counted, such as `steps`.
     pub unit: String,
     /// Units finished.
     pub done: u64,

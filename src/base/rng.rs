@@ -9,15 +9,15 @@
 
 use std::f64::consts::TAU;
 
-/// What a draw is for. The numbers are part of every recorded result: never renumber.
+/// The purpose of a draw. The numbers are part of every recorded result: never renumber.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[repr(u64)]
 pub enum Stream {
-    /// Which windows form a training batch.
+    /// Chooses the windows of a training batch.
     Batch = 1,
-    /// Which command frames are hidden.
+    /// Chooses the hidden command frames.
     Mask = 2,
-    /// Which action bin is sampled at inference.
+    /// Chooses the sampled action bin at inference.
     Bin = 3,
     /// Network initialisation.
     Init = 4,

@@ -12,7 +12,7 @@ use crate::limits;
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{line}:{column}: {message}")]
 pub struct Error {
-    /// What is wrong.
+    /// The problem, in words.
     pub message: String,
     /// The line.
     pub line: u32,

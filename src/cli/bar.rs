@@ -57,9 +57,9 @@ pub(super) struct Bar {
     bar: ProgressBar,
     time_left: TimeLeft,
     plain: Option<Mutex<Plain>>,
-    /// When the last event of `--jsonl` was written.
+    /// The time of the last `--jsonl` event.
     events: Option<Mutex<Plain>>,
-    /// What is done, and in which unit it is counted.
+    /// The current phase of the job, and the unit in which it is counted.
     phase: Mutex<(String, String)>,
 }
 

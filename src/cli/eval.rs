@@ -34,7 +34,7 @@ pub(super) struct Args {
     /// The robot; clip files name their own.
     #[arg(long, value_name = "ID|DIR")]
     robot: Option<String>,
-    /// What to perform. Built-in suites: manual, extra, validation; drawn, fast, touch;
+    /// The tasks to perform. Built-in suites: manual, extra, validation; drawn, fast, touch;
     /// drawn-final, fast-final, touch-final (together: final). Clip files, or folders of clips.
     /// trial: five clips that are generated from the robot's limits and --data-seed. test: tasks
     /// extracted from the held-out part of --data, with no frames, a quarter and half of the frames
@@ -97,7 +97,7 @@ struct Report<'a> {
     results: &'a [Evaluation],
 }
 
-/// What the clips of a suite command.
+/// Counts of what the clips of a suite command.
 #[derive(Debug, Serialize)]
 struct SuiteFacts {
     name: String,
@@ -221,7 +221,7 @@ fn floors(
 /// Clips with their names.
 type Clips = Vec<(String, Clip)>;
 
-/// Where the tasks of a suite come from.
+/// The source of a suite's tasks.
 enum Source {
     Shipped,
     Trial,

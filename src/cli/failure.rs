@@ -1,4 +1,4 @@
-//! What a command returns when it does not succeed: a message and an exit code.
+//! A failed command: a message and an exit code.
 
 use std::fmt::Display;
 use std::io::Write as _;

@@ -19,7 +19,7 @@ use crate::train::fit::{self, HIDDEN};
     after_help = "Examples:\n  robert fit ridge --data data/ur5e\n  robert fit nearest --data data/ur5e --frames 100000 --out near.safetensors\n  robert fit mlp-inverse --data data/ur5e --json\n  robert eval --robot ur5e --suite manual -p ridge:data/ur5e,nearest:data/ur5e\n\nWithout --out the fit is written into the data's folder, and that folder's name then selects it.\nOnly the training part of the data is used; the error is measured on the rest."
 )]
 pub(super) struct Args {
-    /// Which policy.
+    /// The policy to fit.
     #[arg(value_enum)]
     policy: Fit,
     /// Dataset folder.

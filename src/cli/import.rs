@@ -27,7 +27,7 @@ pub(super) struct Args {
     json: bool,
 }
 
-/// How a foreign model is read; shared with `robert new`.
+/// Options for reading a foreign model; shared with `robert new`.
 #[derive(clap::Args, Debug)]
 pub(super) struct ModelFlags {
     /// The folder that includes and meshes may not leave [default: the file's own].

@@ -1,9 +1,10 @@
 //! `robert new`: from a foreign robot's file to a policy that performs it, in one command.
 //!
-//! Import, collect random motion, fit the closed form (the instant policy, usable at once),
-//! train the network, compare both and proportional control on trial clips and keep the
-//! nearest in the robot's folder, where every other command finds it. Each part is the command of that name with
-//! its own defaults; a stopped run goes on where it was.
+//! The steps are: import the file, collect random motion, fit the closed form (the instant policy,
+//! usable at once), and train the network. Then the network, the instant policy and proportional
+//! control perform trial clips, and the one with the smallest error is kept in the robot's folder,
+//! where every other command finds it. Each step is the command of that name with its own defaults.
+//! A stopped run continues at the step where it was.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -219,7 +220,8 @@ fn keep(kept: &str, places: &Places, out: &Path) -> Outcome {
     Ok(())
 }
 
-/// What the data are worth: what was lost, where joints rest, how much of the room was seen.
+/// Sentences about the quality of the data: lost episodes, where joints rest, how much of their
+/// range was visited.
 fn describe(data: &Dataset, robot: &Robot) -> Vec<String> {
     let manifest = data.manifest();
     let (broken, short) = manifest
@@ -272,7 +274,7 @@ fn teach(
             ridge_penalty: read_config(&places.instant)?.ridge_penalty,
             ..TrainConfig::preset(&args.preset)?
         };
-        // How fast is this machine? A few steps tell, and are thrown away.
+        // A few steps, which are thrown away, measure the speed of this machine.
         let scratch =
             tempfile::tempdir().map_err(|e| Failure::with(crate::exit::Exit::Failed, e))?;
         let probe = TrainConfig { steps: PROBE_STEPS, ..preset.clone() };

@@ -48,7 +48,7 @@ pub(super) fn who(head: &str) -> String {
 /// The conditions for every policy; shared with `robert eval`.
 #[derive(clap::Args, Clone, Debug)]
 pub(super) struct Conditions {
-    /// What fills masked frames before the policy sees them.
+    /// The goals that fill masked frames before the policy sees them.
     #[arg(long, value_enum, default_value_t = GuideArg::None)]
     guide: GuideArg,
     /// Improve each action on the robot's model before it is applied.

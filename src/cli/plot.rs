@@ -35,7 +35,7 @@ struct Common {
     dark: bool,
 }
 
-/// Which columns of a motion are drawn.
+/// The columns of a motion that are drawn.
 #[derive(clap::Args, Debug)]
 struct Selection {
     /// Draw only these joints.

@@ -147,7 +147,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
 }
 
 impl Args {
-    /// How the second clip is performed.
+    /// Options for performing the second clip.
     fn second(&self) -> PerformArgs {
         let mut second = self.perform.clone();
         if self.compare_policy.is_some() {

@@ -47,9 +47,10 @@ pub(super) struct Args {
     /// Threads [default: all cores]. They do not change the weights.
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=256))]
     threads: Option<u16>,
-    /// What computes the steps: the processor, or a graphics card, which rounds otherwise. `auto`
-    /// takes a card if there is one and goes on with the processor if it is lost; `gpu:1` is the
-    /// second card of `robert doctor`. ROBERT_GPU=software admits the software driver.
+    /// The device that computes the steps: the processor, or a graphics card, whose rounding
+    /// differs. `auto` takes a card if there is one and goes on with the processor if it is lost;
+    /// `gpu:1` is the second card of `robert doctor`. ROBERT_GPU=software admits the software
+    /// driver.
     #[arg(long, value_name = "auto|cpu|gpu[:N]", default_value_t = Choice::Cpu)]
     device: Choice,
     /// Minutes between checkpoints.

@@ -65,7 +65,7 @@ pub enum OpError {
         "{count} of the keys would overwrite another key (first at frame {frame}); move or delete that key first"
     )]
     Occupied {
-        /// How many.
+        /// The number that was asked for.
         count: usize,
         /// The first such frame.
         frame: u32,
@@ -73,7 +73,7 @@ pub enum OpError {
     /// Keys or markers are beyond a new end.
     #[error("{count} keys and markers are beyond frame {length}; move or delete them first")]
     Beyond {
-        /// How many.
+        /// The number that was asked for.
         count: usize,
         /// The new length.
         length: u32,
@@ -95,7 +95,7 @@ pub enum OpError {
     /// An argument makes no sense.
     #[error("{what}")]
     Argument {
-        /// What and why.
+        /// The name of the value, and why it was refused.
         what: String,
     },
     /// The clip would break a rule.
@@ -104,7 +104,7 @@ pub enum OpError {
     /// One edit of a batch was refused.
     #[error("edit {index} ({name}): {source}")]
     InBatch {
-        /// Which, from 0.
+        /// The index of the operation, from 0.
         index: usize,
         /// Its operation.
         name: &'static str,
@@ -337,7 +337,7 @@ impl Edit<'_> {
         Ok(compile_for(self.clip, self.table)?)
     }
 
-    /// What is commanded at a frame, for all joints.
+    /// The commanded row at a frame, for all joints.
     fn commanded(&self, command: &Command, frame: u32) -> Row {
         let last = self.clip.length.saturating_sub(1);
         let row = command.interpolated(frame.min(last));

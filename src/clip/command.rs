@@ -1,7 +1,7 @@
 //! The compiled clip: one row per frame, and which of its values the policy may see.
 //!
-//! A command is dense on purpose. The window of a rollout slides over it every frame, and suites
-//! extracted from data never were clips. Both need rows, not keys.
+//! A command has a row for every frame on purpose. The window of a rollout slides over it every
+//! frame, and suites that are extracted from data never were clips. Both need rows, not keys.
 
 use super::document::Row;
 use super::reach::Reached;
@@ -15,7 +15,7 @@ pub const LOOKAHEAD_FRAMES: u32 = 20;
 
 const NEVER: u32 = u32::MAX;
 
-/// How much of a frame has a goal.
+/// Whether a frame has goals for all joints, for some, or for none.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Sight {
@@ -27,7 +27,7 @@ pub enum Sight {
     Full,
 }
 
-/// Where the values of a run of frames come from.
+/// The origin of the values of a run of frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 #[derive(schemars::JsonSchema)]
@@ -209,8 +209,8 @@ impl Command {
         self.q.get(at..at + self.dim()).unwrap_or_default()
     }
 
-    /// How much of this frame has a goal. Beyond the end the last command is held; see
-    /// [`Command::held_end`].
+    /// Whether this frame has goals for all joints, for some, or for none. Beyond the end the last
+    /// command is held; see [`Command::held_end`].
     pub fn sight(&self, frame: u32) -> Sight {
         self.sight.get(frame as usize).copied().unwrap_or(Sight::Masked)
     }
@@ -368,8 +368,8 @@ impl Command {
         self.keys.get(index).and_then(Option::as_ref)
     }
 
-    /// How near the end-effector goals of the clip come to be met: one entry for each goal of a key,
-    /// and one for the worst frame of a path between keys that is not met.
+    /// How closely the clip's end-effector goals are met: one entry for each goal of a key, and one
+    /// for the worst frame of a path between keys that is not met.
     pub fn reached(&self) -> &[Reached] {
         &self.reached
     }

@@ -1,4 +1,4 @@
-//! How fast joints must move after an edit: the hint while a key is dragged.
+//! The joint speeds that an edit asks for: the hint while a key is dragged.
 
 use serde::Serialize;
 

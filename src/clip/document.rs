@@ -74,7 +74,7 @@ pub struct RobotRef {
     pub units: Vec<Unit>,
 }
 
-/// Where a key gets its values from.
+/// The source of a key's values.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Goal {
     /// A named pose of this clip.
@@ -93,8 +93,8 @@ pub struct Key {
     pub frame: u32,
     /// Its values.
     pub goal: Goal,
-    /// Where points of the robot shall be; joints that move them get the values that bring them there.
-    /// The compiler finds these near [`Key::goal`].
+    /// Places that points of the robot shall reach; the joints that move these points get the
+    /// values that bring them there. The compiler finds these near [`Key::goal`].
     pub reach: Vec<Reach>,
     /// For how many frames it is commanded (at least 1). The next key or the end of the clip ends
     /// it early.
@@ -220,7 +220,7 @@ pub struct Mask {
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Marker {
-    /// When.
+    /// The frame of the marker.
     pub frame: u32,
     /// Its name.
     pub name: String,

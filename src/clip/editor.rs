@@ -17,7 +17,7 @@ use super::validate::Invalid;
 pub struct Change {
     /// Version of the document afterwards; rises with every change.
     pub rev: u64,
-    /// What was done, as text.
+    /// The edit in words.
     pub label: String,
     /// The difference, for other views of the document.
     pub patch: Delta,
@@ -34,7 +34,8 @@ pub enum Step {
     Edit {
         /// Its label in the history.
         label: String,
-        /// What it changed. A difference without changes also takes a place in the history.
+        /// The difference that it made. A difference without changes also takes a place in the
+        /// history.
         patch: Box<Delta>,
     },
     /// The last step was undone.
@@ -89,7 +90,7 @@ impl Editor {
         &self.command
     }
 
-    /// What is known about the robot.
+    /// The facts about the robot's joints.
     pub fn table(&self) -> Option<&JointTable> {
         self.table.as_ref()
     }
@@ -99,7 +100,7 @@ impl Editor {
         self.rev
     }
 
-    /// How many edits there are, and how many of them are done (the rest can be redone).
+    /// The number of edits, and how many of them are done (the rest can be redone).
     pub fn history(&self) -> (usize, usize) {
         (self.history.len(), self.history.done())
     }

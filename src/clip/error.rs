@@ -1,4 +1,4 @@
-//! What can go wrong with a clip file.
+//! Errors of clip files.
 
 use std::path::{Path, PathBuf};
 
@@ -16,7 +16,7 @@ pub enum ClipError {
     /// The text is not a `robert-clip/1` document.
     #[error("{}{line}:{col}: {message}", prefix(.path.as_deref()))]
     Syntax {
-        /// What is wrong and how to fix it.
+        /// The problem and how to fix it.
         message: String,
         /// Line, from 1.
         line: usize,

@@ -31,7 +31,7 @@ pub(super) struct History {
     /// Steps from number `offsets.len()` on, and the length of each.
     recent: VecDeque<(Entry, usize)>,
     recent_bytes: usize,
-    /// Where the older steps begin in the file.
+    /// Byte offsets of the older steps in the file.
     offsets: Vec<u64>,
     /// Length of the used part of the file.
     file_bytes: u64,
@@ -40,7 +40,7 @@ pub(super) struct History {
 }
 
 impl History {
-    /// How many steps are done; the rest can be redone.
+    /// The number of steps that are done; the rest can be redone.
     pub(super) fn done(&self) -> usize {
         self.done
     }

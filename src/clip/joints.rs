@@ -13,7 +13,7 @@ use super::tangent::Tangent;
 use robert_base::units::Unit;
 use robert_kinematics::Kinematics;
 
-/// What a policy allows to be masked.
+/// The masks that a policy allows: whole frames, or single joints.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 #[derive(schemars::JsonSchema)]
@@ -57,7 +57,7 @@ pub struct MirrorRow {
     pub offset: f64,
 }
 
-/// How a pose is mirrored, or why it cannot be.
+/// The mirror image of a pose as a rule for each joint, or the reason why there is none.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 #[derive(schemars::JsonSchema)]
@@ -87,7 +87,7 @@ pub struct Coupling {
     pub name: String,
     /// The joints.
     pub members: Vec<CouplingMember>,
-    /// How far members may disagree, rad or m, because contact and limits separate them a little.
+    /// Allowed difference between members, rad or m: contact and limits separate them a little.
     pub tolerance: f64,
 }
 
@@ -106,7 +106,7 @@ pub struct JointTable {
     pub mirror: Mirror,
     /// Couplings.
     pub couplings: Vec<Coupling>,
-    /// What the current policy allows to be masked.
+    /// The masks that the current policy allows.
     pub granularity: Granularity,
     /// Bodies and joint axes in space, for end-effector goals; `None` if they are not known.
     #[serde(default)]

@@ -12,7 +12,7 @@ use serde_json::{Map, Number, Value};
 
 use robert_base::limits;
 
-/// What is wrong, and at which byte.
+/// The problem, and its byte offset.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Fault {
     pub(crate) at: usize,

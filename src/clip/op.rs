@@ -125,7 +125,7 @@ pub struct KeysAdd {
 #[serde(deny_unknown_fields)]
 #[derive(schemars::JsonSchema)]
 pub struct KeysSet {
-    /// Which key.
+    /// The key's frame.
     pub frame: u32,
     /// All values.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -157,7 +157,7 @@ pub struct KeysSet {
 #[serde(deny_unknown_fields)]
 #[derive(schemars::JsonSchema)]
 pub struct KeysMove {
-    /// Which keys.
+    /// The frames of the keys.
     pub frames: Vec<u32>,
     /// By how many frames.
     pub df: i64,
@@ -177,7 +177,7 @@ pub struct KeysMove {
 #[serde(deny_unknown_fields)]
 #[derive(schemars::JsonSchema)]
 pub struct KeysScale {
-    /// Which keys.
+    /// The frames of the keys.
     pub frames: Vec<u32>,
     /// The frame that does not move.
     pub pivot: u32,
@@ -202,7 +202,7 @@ pub struct KeysFrames {
 #[serde(deny_unknown_fields)]
 #[derive(schemars::JsonSchema)]
 pub struct KeysPaste {
-    /// Where the first key goes.
+    /// The frame of the first pasted key.
     pub at: u32,
     /// The keys; only their distances matter.
     pub keys: Vec<Key>,
@@ -222,7 +222,7 @@ pub struct KeysPaste {
 #[serde(deny_unknown_fields)]
 #[derive(schemars::JsonSchema)]
 pub struct KeysHold {
-    /// Which keys.
+    /// The frames of the keys.
     pub frames: Vec<u32>,
     /// For how many frames, at least 1.
     pub hold: u32,
@@ -233,10 +233,10 @@ pub struct KeysHold {
 #[serde(deny_unknown_fields)]
 #[derive(schemars::JsonSchema)]
 pub struct KeysSparsify {
-    /// Which keys may be removed. The ends of each unbroken run of them stay, and so do keys with a
-    /// hold, a remark or a named pose.
+    /// The frames of the keys that may be removed. The ends of each unbroken run of them stay, and
+    /// so do keys with a hold, a remark or a named pose.
     pub frames: Vec<u32>,
-    /// How far a joint of a removed key may be off the line, rad or m.
+    /// Allowed distance of a removed key's joint from the line, rad or m.
     pub tolerance: f64,
 }
 
@@ -249,7 +249,7 @@ pub struct MaskSet {
     pub from: u32,
     /// Frame after the last.
     pub to: u32,
-    /// Which joints; absent = all.
+    /// The joints; absent = all.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub joints: Option<Vec<String>>,
     /// Hide (true) or show (false).
@@ -291,7 +291,7 @@ pub struct TangentSet {
 pub struct TimeInsert {
     /// Before which frame; the clip's length appends.
     pub at: u32,
-    /// How many.
+    /// The number of frames.
     pub frames: u32,
 }
 
@@ -325,7 +325,7 @@ pub struct PoseSave {
 #[serde(deny_unknown_fields)]
 #[derive(schemars::JsonSchema)]
 pub struct PoseApply {
-    /// Which pose.
+    /// The pose's name.
     pub name: String,
     /// Onto which frames; a frame without a key gets one.
     pub frames: Vec<u32>,
@@ -365,7 +365,7 @@ pub struct PoseDelete {
 #[serde(deny_unknown_fields)]
 #[derive(schemars::JsonSchema)]
 pub struct MarkersMove {
-    /// Which marker.
+    /// The marker's frame.
     pub frame: u32,
     /// Its new frame.
     pub to: u32,
@@ -416,7 +416,7 @@ pub struct ClipStart {
 #[serde(deny_unknown_fields)]
 #[derive(schemars::JsonSchema)]
 pub struct Batch {
-    /// What the history calls it.
+    /// The name of this edit in the history.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub label: String,
     /// The edits, in order.
@@ -469,7 +469,7 @@ impl Op {
         }
     }
 
-    /// What the history calls it.
+    /// The name of this operation in the history.
     pub fn label(&self) -> String {
         let keys = |n: usize| if n == 1 { "key".to_owned() } else { format!("{n} keys") };
         match self {

@@ -159,7 +159,7 @@ fn missing<T>(r: &Reader<'_>, at: usize, place: &str, key: &str) -> Read<T> {
     r.fault(at, format!("{place} needs `{key}`"))
 }
 
-/// How much more a file may hold.
+/// The remaining size that a file may have.
 struct Budget {
     values: usize,
     tangents: usize,

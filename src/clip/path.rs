@@ -6,7 +6,7 @@ use super::curve::{hermite, smooth_slope};
 use super::document::{Clip, Fill, Key};
 use super::reach::Reach;
 
-/// Where points shall be at the frames between two keys.
+/// The places of points at the frames between two keys.
 pub(super) struct Path<'a> {
     clip: &'a Clip,
     /// Index of the key before it.
@@ -32,7 +32,7 @@ impl<'a> Path<'a> {
         (curved && alike && first < last).then_some(Path { clip, key: i, first, last })
     }
 
-    /// How many frames it has.
+    /// The number of frames between the keys.
     pub(super) fn frames(&self) -> usize {
         (self.last - self.first) as usize
     }

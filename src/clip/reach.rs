@@ -1,7 +1,7 @@
-//! An end-effector goal: where a site or a point of a body shall be at a key.
+//! An end-effector goal: the place that a site or a point of a body shall have at a key.
 //!
-//! The compiler finds the joint values ([`crate::solve`]). The document holds the place alone, so that
-//! it stays what was meant when neighbouring keys, the posture or the robot's model change.
+//! The compiler finds the joint values ([`crate::solve`]). The document stores only the place, so
+//! that the goal keeps its meaning when neighbouring keys, the posture or the robot's model change.
 
 use std::fmt::Write as _;
 
@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use super::grid::round;
 
-/// Where a point shall be, in the world.
+/// An end-effector goal: the place of a point in the world.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "ReachFields", into = "ReachFields")]
 pub struct Reach {
@@ -116,20 +116,20 @@ impl Reach {
     }
 }
 
-/// How near the points of a key come to their goals.
+/// How closely the points of a key meet their goals.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Reached {
     /// Index of the key, or of the key before the frame.
     pub key: usize,
     /// The frame; between keys the one that is farthest off.
     pub frame: u32,
-    /// Which of the key's goals.
+    /// The index of the goal in its key.
     pub goal: usize,
     /// Distance from the goal, m.
     pub distance_m: f64,
     /// Orientation error, rad; 0 if no orientation was requested.
     pub angle_rad: f64,
-    /// Where the point comes to lie instead.
+    /// The place that the point reaches instead.
     pub instead: Reach,
     /// The joints that decide where it is.
     pub joints: Vec<String>,

@@ -184,14 +184,14 @@ struct Start {
 ))]
 #[allow(dead_code)]
 struct Key {
-    /// When, from 0, in frames.
+    /// The frame of the key, from 0.
     #[schemars(range(min = 0, max = 99_999))]
     frame: u32,
     /// A named pose of this clip.
     pose: Option<String>,
     /// Values, one per joint.
     q: Option<Row>,
-    /// Where points of the robot shall be.
+    /// Places that points of the robot shall reach.
     #[schemars(length(min = 1, max = 4096))]
     reach: Option<Vec<Reach>>,
     /// For how many frames the value is commanded; 1 when absent.
@@ -252,7 +252,7 @@ struct Mask {
 #[serde(deny_unknown_fields)]
 #[allow(dead_code)]
 struct Marker {
-    /// When.
+    /// The frame of the marker.
     #[schemars(range(min = 0, max = 99_999))]
     frame: u32,
     /// Its name.

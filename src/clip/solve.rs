@@ -1,14 +1,14 @@
 //! Joint values for end-effector goals, along a clip.
 //!
-//! Keys are solved in order of time. Each search starts at the values of the key or frame before, so
-//! that the arm does not jump to another solution, and is drawn to a posture: the key's own values if
-//! it has some, else the line between the neighbouring keys with joint values. Between two keys that
-//! say where the same points shall be, a `linear` or `cubic` fill is a path of the points: straight, or
-//! as smooth as the curve of a joint, with the shortest turn between orientations. Every frame of it is
-//! solved. All other fills go from one key's joint values to the next's.
+//! Keys are solved in order of time. Each search starts at the values of the key or frame before,
+//! so that the arm does not jump to another solution. It prefers solutions near a posture: the
+//! key's own values if it has some, else the line between the neighbouring keys with joint values.
+//! Between two keys with goals for the same points, a `linear` or `cubic` fill is a path of the
+//! points. The path is straight or smooth, with the shortest rotation between orientations, and
+//! every frame of it is solved. All other fills go from one key's joint values to the next's.
 //!
-//! This needs the robot's [`Kinematics`], not its simulator. Rejected: storing the joint values in the
-//! key. They would be wrong as soon as a neighbour, the posture or the model changes.
+//! This needs the robot's [`Kinematics`], not its simulator. Rejected: storing the joint values in
+//! the key. They would be wrong as soon as a neighbouring key, the posture or the model changes.
 
 use robert_kinematics::{IkConfig, IkResult, Kinematics, Target};
 
@@ -25,14 +25,14 @@ const TOLERANCE_M: f64 = 1e-4;
 /// Iterations of a search; each begins near its goal.
 const ITERATIONS: u32 = 40;
 
-/// What the search found.
+/// The result of the search.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Solved {
     /// Values of each key with end-effector goals, by its index; `None` for other keys.
     pub(super) rows: Vec<Option<Row>>,
     /// Values of frames on the path of a point: joints by index.
     pub(super) frames: Vec<(u32, Vec<(usize, f64)>)>,
-    /// How near the points come.
+    /// How closely the points meet their goals.
     pub(super) reached: Vec<Reached>,
 }
 
@@ -205,8 +205,8 @@ impl<'a> Solver<'a> {
         best.unwrap_or_else(|| unreachable!("every point was looked up before"))
     }
 
-    /// What the robot's joints would have at a frame without end-effector goals: the line between
-    /// the keys around it, the start before the first.
+    /// The joint values at a frame without end-effector goals: the line between the keys around it,
+    /// the start before the first.
     fn posture(&self, frame: u32) -> Vec<f64> {
         let mut state = self.rest.clone();
         for (known, at) in self.known.iter().zip(&self.to_state) {

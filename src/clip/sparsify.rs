@@ -1,9 +1,9 @@
 //! Finds keys that lie on the straight line between their neighbours.
 //!
-//! The method is Ramer's and Douglas and Peucker's division of a curve: the key of a run that is
-//! farthest from the line between the ends stays and divides the run, until none is farther than
-//! the tolerance. The extremes of the motion stay. The distance is the largest over the joints, at
-//! the key's own time, so that timing counts too.
+//! The method divides the curve as Ramer, and Douglas and Peucker do. The key of a run that is
+//! farthest from the line between the ends stays and divides the run, until no key is farther away
+//! than the tolerance. So the extremes of the motion stay. The distance is the largest over the
+//! joints, at the key's own time, so that timing counts too.
 
 use std::collections::BTreeSet;
 

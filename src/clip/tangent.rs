@@ -1,8 +1,9 @@
-//! How a cubic curve passes a key: its slope there, for one joint.
+//! The slope of a cubic curve at a key, for one joint.
 //!
 //! Curves are cubic Hermite curves. A key without a tangent for a joint has the automatic slope of
-//! [`mod@crate::compile`], which never overshoots; a tangent replaces it, on both sides or on each.
-//! Slopes are in rad/s or m/s, so that a curve keeps its shape whatever the distance of its keys.
+//! [`mod@crate::compile`], which never overshoots. A tangent replaces it, either on both sides or
+//! separately on each. Slopes are in rad/s or m/s, so that a curve keeps its shape when its keys
+//! move in time.
 
 use serde::{Deserialize, Serialize};
 

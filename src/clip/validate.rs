@@ -26,9 +26,9 @@ pub enum Flaw {
     /// A name is empty, too long or contains control characters.
     #[error("{what} {reason}: \"{}\"", show(.name))]
     Name {
-        /// What is named.
+        /// The kind of the name.
         what: &'static str,
-        /// What is wrong with it.
+        /// Why the name is refused.
         reason: &'static str,
         /// The name.
         name: String,
@@ -42,13 +42,13 @@ pub enum Flaw {
     /// The list of joints is empty or too long.
     #[error("a robot must have 1 to {} joints, not {count}", limits::JOINTS)]
     Joints {
-        /// How many there are.
+        /// The number of them.
         count: usize,
     },
     /// A name appears twice in one list.
     #[error("{what} \"{}\" appears twice", show(.name))]
     Twice {
-        /// What is named.
+        /// The kind of the name.
         what: &'static str,
         /// The name.
         name: String,
@@ -73,9 +73,9 @@ pub enum Flaw {
     /// Too much data in one clip.
     #[error("{what}: {count}; at most {cap} are read")]
     TooMany {
-        /// What there is too much of.
+        /// The kind of the items.
         what: &'static str,
-        /// How many.
+        /// The number of them.
         count: usize,
         /// The cap.
         cap: usize,

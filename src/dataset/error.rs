@@ -15,7 +15,7 @@ pub enum Error {
     /// The manifest is not JSON of the right form.
     #[error("{path}:{line}:{column}: {message}", path = path.display())]
     ManifestText {
-        /// What is wrong.
+        /// The problem, in words.
         message: String,
         /// Line, from 1.
         line: usize,
@@ -27,7 +27,7 @@ pub enum Error {
     /// The manifest contradicts itself or is of a newer format.
     #[error("{message}: {path}", path = path.display())]
     Manifest {
-        /// What is wrong, and how to fix it.
+        /// The problem, and how to fix it.
         message: String,
         /// The manifest.
         path: PathBuf,
@@ -37,7 +37,7 @@ pub enum Error {
     Shard {
         /// Its index in the manifest.
         index: usize,
-        /// What is wrong with it.
+        /// The problem, in words.
         message: String,
         /// The shard file.
         path: PathBuf,
@@ -58,7 +58,7 @@ pub enum Error {
     /// The datasets come from different robots, models or physics.
     #[error("{field} differs: {left} and {right}: {path}", path = path.display())]
     Mismatch {
-        /// What differs.
+        /// The field that differs.
         field: &'static str,
         /// The first dataset's value.
         left: String,
@@ -102,7 +102,7 @@ pub enum Error {
     Argument {
         /// The option.
         name: &'static str,
-        /// What is allowed.
+        /// The allowed values.
         must: &'static str,
         /// The given value.
         got: String,

@@ -149,7 +149,7 @@ pub enum View {
     },
     /// Several datasets were joined.
     Merge {
-        /// How many.
+        /// The number of inputs.
         inputs: u64,
         /// Whether every agent was reduced to the same number of frames.
         equal: bool,

@@ -10,7 +10,7 @@ use super::shard::Shard;
 use robert_base::fsio;
 use robert_robot::Robot;
 
-/// How much is checked before a dataset is used.
+/// The checks that are made before a dataset is used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verify {
     /// Sizes, shapes, and that each trajectory is in its shard; the frames are not read.
@@ -28,7 +28,7 @@ pub struct Problem {
     pub index: u64,
     /// The file.
     pub path: PathBuf,
-    /// What is wrong.
+    /// The problem, in words.
     pub message: String,
 }
 

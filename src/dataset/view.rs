@@ -134,7 +134,7 @@ pub fn pick(m: &mut Manifest, agents: &[String], frames: Option<u64>) -> Result<
     Ok(())
 }
 
-/// How to corrupt a dataset.
+/// The way in which a dataset is corrupted.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Corruption {
     /// Share of the train trajectories to overwrite, 0 to 1.

@@ -1,9 +1,9 @@
 //! Babbling collector: random references, followed by weak servos, under random torque.
 //!
-//! Free torque noise pushes a light arm with strong motors against its stops, where torque cannot
-//! be inferred from positions, and leaves it there. Living beings reach for random places and hold
-//! them instead (motor babbling; Demiris and Dearden 2005, Rolf et al. 2010). Per episode and joint
-//! a reference either moves randomly around a place
+//! Random torque without servos pushes a light arm with strong motors against its stops, where
+//! torque cannot be inferred from positions, and leaves it there. Infants reach for random places
+//! and hold them instead (motor babbling; Demiris and Dearden 2005, Rolf et al. 2010). In each
+//! episode, the reference of a joint either moves randomly around a place
 //!
 //! ```text
 //! x'  = x e^(-dt/tau) + sqrt(1 - e^(-2 dt/tau)) n        tau log-uniform .2-3 s
@@ -69,7 +69,7 @@ struct Motor {
     /// Their sum at action 0, and its change to action 1.
     middle: f64,
     half: f64,
-    /// Where it is a position servo, which is told a place instead.
+    /// The law of a position servo, which receives a position instead of a torque.
     servo: Option<PositionServo>,
 }
 

@@ -14,7 +14,7 @@ use robert_dataset::Robot as Described;
 use robert_mujoco::Data;
 use robert_robot::{Coupling, Gravity, PlantRange, Robot};
 
-/// How far beyond a stop a joint may be pushed before the frame is implausible, in its unit.
+/// The distance beyond a stop, in the joint's unit, from which a frame is implausible.
 const OVERSHOOT: f64 = 0.3;
 /// Coordinates and speeds beyond this are implausible for any robot.
 const WILD: f64 = 50.0;

@@ -72,7 +72,7 @@ pub(crate) struct Made<'a> {
     pub(crate) broken: bool,
 }
 
-/// How an episode ended.
+/// The end of an episode.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum End {
     Running,

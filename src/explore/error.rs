@@ -30,7 +30,7 @@ pub enum Error {
     Argument {
         /// The option.
         name: &'static str,
-        /// What is allowed.
+        /// The allowed values.
         must: String,
         /// The given value.
         got: String,
@@ -46,7 +46,7 @@ pub enum Error {
     /// A checkpoint or snapshot is damaged.
     #[error("{message}: {path}", path = path.display())]
     Checkpoint {
-        /// What is wrong with it.
+        /// The problem, in words.
         message: String,
         /// The file.
         path: PathBuf,

@@ -143,7 +143,7 @@ pub(crate) struct Noise {
     bias: Vec<f64>,
     x: Vec<f64>,
     open: Vec<bool>,
-    /// How closely followers follow, 0 to 1.
+    /// How closely the followers follow, 0 to 1.
     follow: f64,
     gated: bool,
     bias_moves: bool,

@@ -265,8 +265,8 @@ pub(crate) enum ActorState {
 }
 
 impl ExplorePolicy {
-    /// What it needs to know of the robot's weight; `None` where nothing pulls or it does
-    /// not ask.
+    /// The forces of gravity that this policy compensates; `None` if there are none or it does not
+    /// ask for them.
     ///
     /// # Errors
     /// [`Error::Robot`].

@@ -8,7 +8,7 @@ use super::error::Error;
 /// More environment steps than any training has.
 const LONG: u64 = 1_000_000_000;
 
-/// How an agent is built and trained.
+/// Sizes and schedules of an agent.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Preset {

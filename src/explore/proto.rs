@@ -30,7 +30,7 @@ const PROTOS: usize = 512;
 const QUEUE: usize = 2048;
 /// Temperature of the scores.
 const TAU: f64 = 0.1;
-/// Which neighbour in the queue gives the reward.
+/// The neighbour in the queue that determines the reward: the third nearest.
 const NEIGHBOUR: usize = 3;
 /// Sinkhorn iterations.
 const ITERATIONS: usize = 3;

@@ -20,7 +20,7 @@ const EPISODE_BYTES: u64 = 144;
 /// The most snapshots of an agent; all of them are in memory during the roll-outs.
 const SNAPSHOTS: u64 = 2000;
 
-/// What to collect.
+/// A request to collect data.
 ///
 /// ```
 /// use robert_dataset::{Dataset, Verify};

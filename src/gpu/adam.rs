@@ -10,7 +10,7 @@ pub(crate) struct Adam {
     kernel: Kernel,
 }
 
-/// What changes from step to step.
+/// The values that change from step to step.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Update {
     pub(crate) adam: AdamConfig,

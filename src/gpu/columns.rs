@@ -1,4 +1,4 @@
-//! Sums of columns: gradients of biases, norms, positions and the mask vector.
+//! Column sums: the gradients of biases, norms, positions and the mask vector.
 
 use super::device::{Device, Span};
 use super::kernel::{Kernel, Step};

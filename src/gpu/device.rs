@@ -1,11 +1,11 @@
-//! An open device: buffers, submissions, and what went wrong.
+//! An open device: buffers, submissions, and its errors.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::adapter::Card;
 use super::{Error, adapter};
 
-/// How much of a card a training step may use.
+/// The memory and binding sizes of a card that a training step may use.
 #[derive(Clone, Copy, Debug)]
 pub struct Room {
     /// The most bytes of one buffer that a kernel sees.
@@ -95,7 +95,7 @@ impl Device {
         self.software
     }
 
-    /// What a training step may use of it.
+    /// The memory and binding sizes that a training step may use.
     pub fn room(&self) -> Room {
         self.room
     }

@@ -237,7 +237,7 @@ impl GpuEngine {
     }
 }
 
-/// What is allocated for a number of windows.
+/// The buffers for one number of windows.
 struct Allocated {
     weights: Segments,
     grads: Segments,

@@ -9,7 +9,7 @@ pub enum Error {
     /// There is no card.
     #[error("{why}")]
     Absent {
-        /// What there is instead, and what would help.
+        /// The available adapters, and what would help.
         why: String,
     },
     /// A card was asked for by a number that none has.
@@ -33,7 +33,7 @@ pub enum Error {
     Unfit {
         /// Its name.
         device: String,
-        /// Which limit.
+        /// The limit and why it is too low.
         why: String,
     },
     /// Not even one window fits.

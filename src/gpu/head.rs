@@ -10,7 +10,7 @@ pub(crate) struct Head {
     kernel: Kernel,
 }
 
-/// What the loss of a batch reads.
+/// The inputs of a batch's loss.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Wanted<'a> {
     pub(crate) actions: &'a Span,

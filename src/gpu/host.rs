@@ -1,4 +1,5 @@
-//! A batch in the memory of the processor, as the card reads it and as the errors are counted.
+//! A batch in the processor's memory, in the layout that the card reads, and the weights for
+//! counting errors.
 
 use std::sync::Mutex;
 

@@ -45,7 +45,7 @@ pub(crate) struct Plan {
     pub(crate) backward: Tape,
 }
 
-/// What the backward pass needs of a layer.
+/// The buffers of a layer that the backward pass needs.
 struct Layer {
     x1: Span,
     x2: Span,

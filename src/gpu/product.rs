@@ -1,9 +1,10 @@
-//! Matrix products: c = a b in three transposes, with what follows each in a network.
+//! Matrix products c = a b in three transpositions, each with the operation that follows it in a
+//! network.
 
 use super::device::{Device, Span};
 use super::kernel::{Kernel, Step, line};
 
-/// What follows the sum.
+/// The operation that follows the sum.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum End<'a> {
     /// Nothing.

@@ -1,5 +1,5 @@
-//! Where the weights stand on the card: in segments that a binding can see whole, rows and columns
-//! of matrices padded to multiples of four with zeros, which stay zero.
+//! The layout of the weights on the card: segments that one binding can hold, with rows and columns
+//! of matrices padded to multiples of four by zeros, which stay zero.
 
 use std::ops::Range;
 

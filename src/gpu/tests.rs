@@ -1,5 +1,5 @@
-//! Each kernel and the whole step against the processor, on whatever adapter there is: the software
-//! driver first, so that a machine without a card runs them all.
+//! Tests of each kernel and of the whole step against the processor. They run on the software
+//! driver if there is one, so that a machine without a card runs all of them, else on any adapter.
 
 mod kernels;
 mod steps;

@@ -15,7 +15,7 @@ use nalgebra::{DMatrix, DVector, Isometry3, Quaternion, UnitQuaternion, Vector3}
 use super::place::{PointId, UnknownPoint, World};
 use super::tree::{JointMotion, Kinematics, Point};
 
-/// What a radian away from the posture counts in the first search, as metres away from a target.
+/// The cost of a radian away from the posture in the first search, as metres away from a target.
 const NEAR_WEIGHT: f64 = 0.01;
 
 /// A point and its goal.

@@ -1,4 +1,4 @@
-//! Where the parts of a robot are, and how its joints bring them somewhere else.
+//! The positions of a robot's parts, and inverse kinematics.
 //!
 //! [`Kinematics`] is a tree of bodies on hinges and slides, as plain data: it can be sent, stored and
 //! compared. Clips with end-effector goals are compiled with it, in processes that never load a

@@ -24,7 +24,7 @@ pub struct PointId {
     pub(super) frame: Isometry3<f64>,
 }
 
-/// Where a point is.
+/// The position and orientation of a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Place {
     /// Position in the world, m.
@@ -60,7 +60,7 @@ impl Kinematics {
         }
     }
 
-    /// Where a point is when the joints have these values, rad or m; `state` is (joints).
+    /// The place of a point for these joint values, rad or m; `state` is (joints).
     pub fn place(&self, state: &[f64], id: &PointId) -> Place {
         let at = self.world(state).point(id);
         let q = at.rotation;

@@ -29,7 +29,7 @@ pub struct LinkFrame {
     pub joints: Vec<usize>,
 }
 
-/// What a joint does.
+/// The motion that a joint allows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum JointMotion {
@@ -42,7 +42,7 @@ pub enum JointMotion {
 /// A joint of a body.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct JointAxis {
-    /// What it does.
+    /// The motion that it allows.
     pub motion: JointMotion,
     /// A point of the axis in the body's frame, m.
     pub pos: [f64; 3],
@@ -56,7 +56,7 @@ pub struct JointAxis {
     pub follows: Option<Follow>,
 }
 
-/// How a joint follows another: q = offset + multiplier * q of the leader.
+/// The coupling of a joint to another: q = offset + multiplier * q of the leader.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Follow {
     /// Index of the leader.

@@ -1,7 +1,7 @@
 //! The kind of arithmetic of this process: which vector registers and tiles its products use.
 //!
 //! Results have equal bits only between processes of one kind, because wider registers add in
-//! another order. Whoever compares bits between machines therefore compares kinds first.
+//! another order. A comparison of bits between machines must therefore compare the kinds first.
 
 use std::sync::OnceLock;
 

@@ -54,15 +54,15 @@ pub enum Error {
     Diverged {
         /// Simulated time before the step, seconds.
         time_secs: f64,
-        /// Which check failed: bad qpos, qvel or qacc.
+        /// The check that failed: bad qpos, qvel or qacc.
         what: &'static str,
     },
     /// A given value is not finite.
     #[error("{what}[{index}] is {value}, not a finite number")]
     NotFinite {
-        /// Which vector.
+        /// The name of the vector.
         what: &'static str,
-        /// Which element.
+        /// The index of the element.
         index: usize,
         /// The value.
         value: f64,
@@ -70,7 +70,7 @@ pub enum Error {
     /// A vector has the wrong length.
     #[error("{what} has {got} values, but the model needs {want}")]
     Length {
-        /// Which vector.
+        /// The name of the vector.
         what: &'static str,
         /// Its length.
         got: usize,
@@ -80,7 +80,7 @@ pub enum Error {
     /// The model compiles but cannot be simulated.
     #[error("{place}: {message}", place = place(path.as_ref(), None))]
     Invalid {
-        /// What is wrong with it.
+        /// The problem, in words.
         message: String,
         /// The file, if there is one.
         path: Option<PathBuf>,

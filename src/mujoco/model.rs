@@ -53,7 +53,7 @@ pub enum Geom {
     Mesh,
 }
 
-/// What an actuator acts on.
+/// The target of an actuator.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Transmission {
     /// This joint.
@@ -502,7 +502,7 @@ impl Model {
         }
     }
 
-    /// What an actuator acts on.
+    /// The target of an actuator.
     pub fn transmission(&self, actuator: usize) -> Option<Transmission> {
         let kind = self.actuator_trntype().get(actuator).copied()? as u32;
         let id = usize::try_from(self.actuator_trnid().get(2 * actuator).copied()?).ok()?;

@@ -1,5 +1,5 @@
-//! What past actions reveal about the plant: how far each was from the linear prediction, and the
-//! ratio of the two.
+//! Features of past actions, which reveal the plant: how far each was from the linear prediction,
+//! and the ratio of the two.
 //!
 //! A plant that is heavier, more damped or weaker than those of the fit needs another torque for
 //! the same motion. The ratio of the applied action to the linear prediction, summed over the past,

@@ -3,7 +3,8 @@
 use super::config::{NetConfig, SkipKind, WINDOW};
 use robert_linalg::{Aligned, Real};
 
-/// Where a robot is. At stops and in contact there are forces that positions do not show.
+/// Whether the robot is free, at a stop, or in contact. At stops and in contact there are forces
+/// that positions do not show.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Place {
     /// Away from stops and self-contact.
@@ -37,7 +38,7 @@ pub struct Batch<T: Real> {
     pub actions: Vec<T>,
     /// Weight of each token in the loss, (B, 51).
     pub weight: Vec<T>,
-    /// Where the robot is at a frame, (B, 51); for the log only.
+    /// The robot's [`Place`] at each frame, (B, 51); for the log only.
     pub place: Vec<Place>,
 }
 

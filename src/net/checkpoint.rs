@@ -31,7 +31,7 @@ const CARD: &str = "robert";
 /// Prefix of the names of the optimiser's tensors.
 const STATE: [&str; 3] = ["adam.first.", "adam.second.", "average."];
 
-/// Which robot a model drives.
+/// The robot that a model drives.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RobotCard {
@@ -85,7 +85,7 @@ pub struct Usual {
     pub speed: f64,
 }
 
-/// How it was trained.
+/// The training of a model.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TrainingCard {
@@ -123,7 +123,7 @@ pub struct Card {
     pub net: NetConfig,
     /// Features.
     pub tokens: TokenConfig,
-    /// What a mask may hide; the studio offers per-joint masks accordingly.
+    /// The masks that the model was trained with; the studio offers per-joint masks accordingly.
     pub mask_granularity: MaskGranularity,
     /// The facts about the robot that the features use.
     pub facts: Facts,
@@ -185,14 +185,14 @@ const SIDE_STD: f64 = 2.0;
 const SPEED_STD: f64 = 2.58;
 
 impl Card {
-    /// What a mask may hide from a policy with this model: also single joints, if gaps are filled
+    /// The masks that a policy with this model accepts: also single joints, if gaps are filled
     /// before the network sees them.
     pub fn masks(&self) -> MaskGranularity {
         if self.reach.is_some() { MaskGranularity::Joint } else { self.mask_granularity }
     }
 
-    /// Where each joint usually was in the training split, (S); estimated from mean and spread
-    /// where the file does not say.
+    /// The usual range of each joint in the training split, (S); estimated from mean and spread if
+    /// the file does not say.
     pub fn usual(&self) -> Vec<Usual> {
         let n = &self.normaliser;
         if self.usual.len() == n.mean.len() {

@@ -17,7 +17,7 @@ pub const WINDOW: usize = HISTORY + 1 + COMMAND;
 /// Index of the current frame, whose action is applied.
 pub const CURRENT: usize = HISTORY;
 
-/// How a frame becomes a token (algorithm of `RoBERT`; `pos` is the paper's).
+/// The way in which a frame becomes a token (algorithm of `RoBERT`; `pos` is the paper's).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum TokenKind {
     /// Normalised joint positions; the mask vector replaces a masked frame's embedding.
@@ -35,7 +35,7 @@ pub enum TokenKind {
     Goal,
 }
 
-/// What a mask hides.
+/// Whether a mask hides whole frames or single joints.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 #[derive(schemars::JsonSchema)]
@@ -60,7 +60,7 @@ pub enum SkipKind {
     Gated,
 }
 
-/// How information passes between frames.
+/// The operation that passes information between frames.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Mixing {
@@ -94,7 +94,7 @@ pub struct NetConfig {
     pub mask_replaces: bool,
     /// The linear prediction beside the network; needs K = 1.
     pub skip: SkipKind,
-    /// How information passes between frames.
+    /// The operation that passes information between frames.
     #[serde(default)]
     pub mixing: Mixing,
     /// Corrections c of the linear prediction up to this size z are ignored at inference: c max(0,

@@ -1,4 +1,5 @@
-//! What computes the steps of a training: an interface, and the processor behind it.
+//! The interface of engines, which compute the steps of a training, and the engine that uses the
+//! processor.
 //!
 //! Batches, schedules, checkpoints, metrics and the choice of the best model are the training
 //! loop's. An engine holds weights, moments and their average, and turns a batch into a gradient
@@ -15,7 +16,7 @@ use robert_base::progress::Progress;
 /// Writes window w of batch `index` into a slot: `fill(index, w, slot, batch)`.
 pub type Fill<'a> = dyn Fn(u64, usize, usize, &mut Batch<f32>) + Sync + 'a;
 
-/// What an engine begins with.
+/// The state with which an engine begins.
 #[derive(Clone, Debug)]
 pub struct Setup {
     /// The network with its weights.

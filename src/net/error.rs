@@ -13,13 +13,13 @@ pub enum Error {
     Config {
         /// Name of the field.
         field: &'static str,
-        /// What is wrong, and what would be right.
+        /// The problem, and what would be right.
         why: String,
     },
     /// A list of numbers has the wrong length.
     #[error("{what}: {got} numbers instead of {want}")]
     Shape {
-        /// Which numbers.
+        /// The name of the numbers.
         what: &'static str,
         /// The expected length.
         want: usize,
@@ -31,7 +31,7 @@ pub enum Error {
         "{what}: the fit is singular at row {row}; more varied data or a larger lambda is needed"
     )]
     Singular {
-        /// Which fit.
+        /// The name of the fit.
         what: String,
         /// Pivot that was not positive.
         row: usize,
@@ -39,7 +39,7 @@ pub enum Error {
     /// A model file is damaged or not one.
     #[error("{why} in model file {path}", path = path.display())]
     File {
-        /// What is wrong.
+        /// The problem, in words.
         why: String,
         /// The file.
         path: PathBuf,

@@ -150,7 +150,7 @@ fn focal<T: Real>(logits: &mut [T], bin: usize, factor: f64) -> f64 {
     -(1.0 - p).powi(2) * log_p
 }
 
-/// How a bin is chosen at inference.
+/// The rule that chooses a bin at inference.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Choice {
     /// The most likely bin.

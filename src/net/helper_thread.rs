@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 
 /// Rounds of waiting before the thread yields its core.
 const SPINS: u32 = 500;
-/// How long it waits actively before it sleeps: longer than the simulation of a frame.
+/// The time of active waiting before the thread sleeps: longer than the simulation of a frame.
 const PATIENCE: Duration = Duration::from_millis(2);
 
 /// Waits until `ready`, first at full speed, then yielding.

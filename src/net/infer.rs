@@ -30,7 +30,7 @@ pub enum Threads {
     Faster,
 }
 
-/// How a policy turns the head's output into an action.
+/// The rule that turns the head's output into an action.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NetPolicyConfig {
     /// Draw the action bin (as in the paper) instead of using the most likely one.

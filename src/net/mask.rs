@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use super::config::{COMMAND, CURRENT, MaskGranularity, WINDOW};
 use robert_base::rng::Rng;
 
-/// How many command frames are hidden, and which.
+/// The rule that chooses how many command frames are hidden, and which.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum MaskKind {

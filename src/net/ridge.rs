@@ -1,8 +1,8 @@
 //! `ridge`, masked action-inverse inference in closed form: one linear map per number of
 //! frames to the next visible one.
 //!
-//! It is the baseline of every network, the first policy of a new robot, and, as the skip, the
-//! linear prediction inside a network. It needs no plant model, gains or planner: each map is the
+//! It is the baseline of every network and the first policy of a new robot. Inside a network it is
+//! the linear prediction of the skip. It needs no plant model, gains or planner: each map is the
 //! mean action given "here now, there in k frames". Samples are drawn for each k directly, because
 //! windows with random masks contain too few long gaps.
 

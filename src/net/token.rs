@@ -91,13 +91,13 @@ impl Normaliser {
     }
 }
 
-/// Which features a token has.
+/// The features of a token.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TokenConfig {
     /// Token variant.
     pub kind: TokenKind,
-    /// What a mask hides.
+    /// Whether a mask hides whole frames or single joints.
     pub granularity: MaskGranularity,
     /// Whether stop distances and hinge angles are part of a `goal` token.
     pub profile: bool,

@@ -3,7 +3,7 @@
 /// One axis of a panel.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Axis {
-    /// What is measured.
+    /// The quantity, with its unit.
     pub label: String,
     /// Its unit; shown in brackets. Empty = a pure number.
     pub unit: String,

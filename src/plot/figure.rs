@@ -64,7 +64,7 @@ pub enum Layer {
         values: Vec<(f64, f64)>,
         /// Number of the colour.
         color: usize,
-        /// Which of how many sets, from 0.
+        /// The index of this set, from 0, and the number of sets.
         set: (usize, usize),
     },
     /// Columns between edges.

@@ -44,7 +44,7 @@ impl CameraChoice {
     }
 }
 
-/// How depth maps to the picture.
+/// The projection from depth to the picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Lens {
     /// Vertical field of view, radians.

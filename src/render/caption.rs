@@ -8,7 +8,7 @@ use robert_base::units::significant;
 use robert_plot::Letterer;
 use robert_plot::palette::Rgb;
 
-/// How a legend entry is shown.
+/// The shape of a legend entry.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Swatch {
     /// Solid block: achieved.
@@ -28,7 +28,7 @@ pub struct Key {
     pub swatch: Swatch,
     /// Its colour.
     pub color: Rgb,
-    /// What it means.
+    /// The meaning of the entry.
     pub text: String,
 }
 
@@ -83,7 +83,7 @@ struct Row {
     frame: [f32; 4],
 }
 
-/// Where everything goes.
+/// The layout of all parts.
 #[derive(Debug, Default)]
 struct Plan {
     px: f32,

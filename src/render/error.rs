@@ -45,7 +45,7 @@ pub enum Error {
     /// The frame has another number of poses than the scene has geoms.
     #[error("{what} has {poses} poses, but the scene has {geoms} geoms")]
     PoseCount {
-        /// Which pose list (achieved, ghost 0, ...).
+        /// The name of the pose list (achieved, ghost 0, ...).
         what: String,
         /// Poses given.
         poses: usize,
@@ -63,7 +63,7 @@ pub enum Error {
     Mesh {
         /// Name of the mesh.
         mesh: String,
-        /// What is wrong.
+        /// The problem, in words.
         reason: String,
     },
     /// Too many geoms.

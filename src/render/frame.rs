@@ -117,7 +117,7 @@ impl<'a> Trail<'a> {
 /// A cross at a point, facing the eye.
 #[derive(Clone, Copy, Debug)]
 pub struct Mark {
-    /// Where, metres.
+    /// The position, m.
     pub at: Vec3,
     /// sRGB, 0 to 1.
     pub color: [f32; 3],
@@ -139,7 +139,7 @@ pub enum Glyph {
     },
     /// A contact: a disc with an arrow along the normal force.
     Contact {
-        /// Where, metres.
+        /// The position, m.
         at: Vec3,
         /// Direction of the force.
         normal: Vec3,

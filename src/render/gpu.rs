@@ -163,7 +163,7 @@ pub(super) struct Pipelines {
     pub samples: u32,
 }
 
-/// What distinguishes the pipelines of the object pass: independent switches, not states.
+/// The switches that distinguish the pipelines of the object pass; they are independent.
 #[allow(clippy::struct_excessive_bools)]
 #[derive(Clone, Copy)]
 struct Pass {

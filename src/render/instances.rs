@@ -410,7 +410,7 @@ fn veil(
             continue;
         }
         let (centre, radius) = ball_of(scene, geom, pose);
-        // How far the farthest point of the geom moved, in pixels: shift plus turn times size.
+        // The way of the geom's farthest point in pixels: shift plus turn times size.
         let apart = |real: &Pose| {
             let turn =
                 (pose.rot - real.rot).to_cols_array().iter().map(|x| x * x).sum::<f32>().sqrt();

@@ -85,7 +85,7 @@ impl Stage {
         Ok(Stage { scene, data, robot: Arc::clone(robot), subject })
     }
 
-    /// What is drawn.
+    /// The scene that is drawn.
     pub fn scene(&self) -> &Scene {
         &self.scene
     }

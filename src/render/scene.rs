@@ -91,7 +91,7 @@ pub enum Shape {
     },
     /// Index into [`Scene::meshes`]; height fields are meshes too.
     Mesh {
-        /// Which.
+        /// The index of the mesh.
         mesh: usize,
     },
 }

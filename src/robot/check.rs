@@ -30,7 +30,7 @@ pub const STEPS: usize = 20;
 pub struct Verdict {
     /// `ok`, `parse`, `compile`, `invalid`, `engine`, `memory`, `diverged` or `other`.
     pub class: String,
-    /// What is wrong; empty if the model is fine.
+    /// The problem; empty if the model is fine.
     pub message: String,
     /// Line in the model, if known.
     pub line: Option<u32>,
@@ -58,7 +58,7 @@ pub fn compile(model: &Path, exe: &Path, steps: usize) -> Result<Verdict, Error>
     })
 }
 
-/// What [`set_executable`] was told.
+/// The path that [`set_executable`] was given.
 static EXECUTABLE: OnceLock<PathBuf> = OnceLock::new();
 
 /// Names the binary to start for checks, for programs of another name that use this library, such

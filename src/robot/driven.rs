@@ -1,4 +1,4 @@
-//! Which joints the actuators move at all.
+//! The joints that the actuators can move.
 
 use super::{Coupling, Error, Robot};
 use robert_mujoco::Data;

@@ -63,7 +63,7 @@ pub enum Error {
     Plant {
         /// The given text.
         text: String,
-        /// What is wrong with it.
+        /// The problem, in words.
         problem: String,
     },
     /// A value that should be a number is not, or a vector has the wrong length.
@@ -71,7 +71,7 @@ pub enum Error {
     Length {
         /// The robot.
         robot: String,
-        /// Which vector.
+        /// The name of the vector.
         what: &'static str,
         /// Its length.
         got: usize,
@@ -81,7 +81,7 @@ pub enum Error {
     /// The profile is not valid TOML or breaks its schema.
     #[error("{place}: {message}", place = place(path, *line, *column))]
     Profile {
-        /// What is wrong and how to fix it.
+        /// The problem, and how to fix it.
         message: String,
         /// Line, from 1.
         line: u32,
@@ -93,7 +93,7 @@ pub enum Error {
     /// The profile contradicts its model.
     #[error("{path}: {message}", path = path.display())]
     Mismatch {
-        /// What differs and how to fix it.
+        /// The difference, and how to fix it.
         message: String,
         /// The profile.
         path: PathBuf,
@@ -101,7 +101,7 @@ pub enum Error {
     /// A foreign file was refused before the simulator read it.
     #[error("{place}: {message}", place = place(path, *line, *column))]
     Refused {
-        /// What is wrong and how to fix it.
+        /// The problem, and how to fix it.
         message: String,
         /// Line, from 1; 0 for the whole file.
         line: u32,

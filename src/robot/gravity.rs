@@ -5,7 +5,7 @@ use std::sync::Arc;
 use super::{Error, Robot};
 use robert_mujoco::Data;
 
-/// What a controller that knows the robot's weights adds to its torque.
+/// The torque that compensates the robot's weight.
 #[derive(Debug)]
 pub struct Gravity {
     /// The robot as its file says, touching nothing.

@@ -7,8 +7,8 @@ use robert_mujoco::{Data, Kind};
 /// Geoms that overlap by more than this count as a collision, m.
 const OVERLAP: f64 = 0.002;
 
-/// How far coupled joints may differ in a pose; contact separates them by this much in a settled
-/// fist.
+/// Allowed difference between coupled joints in a pose; contact separates them by this much in a
+/// settled fist.
 const COUPLING_TOLERANCE: f64 = 0.1;
 
 impl Robot {

@@ -1,4 +1,5 @@
-//! How an actuator makes force of its control: a motor, a position or a velocity servo.
+//! The law by which an actuator turns its control into force: a motor, a position or a velocity
+//! servo.
 
 use super::derive::ctrlrange;
 use robert_base::units::{SIM_DT, SUBSTEPS};

@@ -90,13 +90,13 @@ pub struct StateJoint {
 pub struct Actuator {
     /// Name, as in the model.
     pub name: String,
-    /// What it acts on.
+    /// The joint or tendon that it acts on.
     pub drive: Drive,
     /// Control range, N m or N.
     pub ctrlrange: [f64; 2],
     /// Whether its control is a force (and not, say, a target position).
     pub is_motor: bool,
-    /// How it makes force of its control; `None` for muscles and other dynamics.
+    /// The law that turns its control into force; `None` for muscles and other dynamics.
     pub law: Option<Law>,
 }
 

@@ -1,10 +1,11 @@
-//! How fast the motors move each joint, and how soon, measured in simulation.
+//! The speed and acceleration that the motors give each joint, measured in simulation.
 //!
-//! Torque over damping says it only where damping rules. A joint that its file leaves without
-//! any would run 1,300 rad/s by that rule, one that gravity holds down would run at all. So
-//! each joint is driven with all that its motors have, from rest, both ways, at poses over the
-//! range and under gravity; what it reaches within half its range is its speed. A joint with much
-//! inertia and little damping needs long for that: its acceleration limits short motions.
+//! Torque limit divided by damping gives the speed only if damping dominates. A joint without
+//! damping in its file would reach 1,300 rad/s by that rule, and a joint that cannot lift its link
+//! would move at all. So each joint is driven with the full torque of its motors, from rest, in
+//! both directions, at poses over the range and under gravity. Its speed is the highest one within
+//! half its range. A joint with much inertia and little damping needs long to reach it, so its
+//! acceleration limits short motions.
 
 use std::sync::Arc;
 
@@ -39,7 +40,7 @@ const RISEN: f64 = 0.9;
 /// A joint that is slower than this in most poses is not moved by its motors, rad/s or m/s.
 const STILL: f64 = 1e-3;
 
-/// What the motors make of one joint.
+/// The speed and acceleration that the motors give one joint.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Pace {
     /// It moves: the slower direction, the median of the poses.
@@ -111,7 +112,7 @@ fn one(model: &Arc<Model>, joint: usize) -> Result<Pace, Error> {
     })
 }
 
-/// What one run at full torque reached.
+/// The speed and acceleration that one run at full torque reached.
 #[derive(Clone, Copy, Debug)]
 struct Run {
     speed: f64,
@@ -168,7 +169,7 @@ fn coupled(model: &Model, joint: usize) -> Vec<usize> {
     all
 }
 
-/// Where a joint may go: its range, or the room about its default.
+/// The interval in which a joint may move: its range, or the room about its default.
 fn room(model: &Model, joint: usize) -> [f64; 2] {
     if model.jnt_limited()[joint] != 0 {
         return [model.jnt_range()[2 * joint], model.jnt_range()[2 * joint + 1]];

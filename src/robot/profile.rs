@@ -41,7 +41,7 @@ pub struct JointSpec {
     pub acceleration_limit: Option<f64>,
 }
 
-/// What an actuator acts on, by name.
+/// The target of an actuator, by name.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Drive {
@@ -59,7 +59,7 @@ pub enum Drive {
 pub struct ActuatorSpec {
     /// Name, as in the model.
     pub name: String,
-    /// What it pulls at.
+    /// The joint or tendon that it pulls.
     pub drive: Drive,
     /// Control range, N m or N: an action of -1..1 is scaled to it.
     pub ctrlrange: [f64; 2],
@@ -123,7 +123,7 @@ pub struct MirrorRow {
     pub offset: f64,
 }
 
-/// How a pose is mirrored, or why it cannot be.
+/// The rule that mirrors a pose, or the reason why there is none.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MirrorSpec {

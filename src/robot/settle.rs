@@ -12,7 +12,7 @@ use robert_mujoco::{Data, Model};
 
 use nalgebra::{DMatrix, DVector};
 
-/// Where a pose settled.
+/// A pose after settling.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settled {
     /// The commanded pose; (`state_dim`).

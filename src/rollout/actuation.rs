@@ -57,7 +57,7 @@ impl Actuation {
             .enumerate()
             .map(|(k, a)| {
                 let [lo, hi] = a.ctrlrange;
-                // What has no law is asked for its control as if that were a force.
+                // An actuator without a known law gets its control as if that were a force.
                 let law = a.law.unwrap_or(Law { gain: 1.0, bias: [0.0; 3] });
                 let length = data.actuator_length()[k] - along[k];
                 Scale { middle: 0.5 * (lo + hi), half: 0.5 * (hi - lo), law, length }

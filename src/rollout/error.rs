@@ -38,7 +38,7 @@ pub enum Error {
     /// The built-in table of floors is damaged.
     #[error("assets/floors/{path}: {message}")]
     Floors {
-        /// What is wrong.
+        /// The problem, in words.
         message: String,
         /// The file.
         path: String,
@@ -52,7 +52,7 @@ pub enum Error {
         got: usize,
         /// Joints of the robot.
         want: usize,
-        /// How to fix it.
+        /// A way to fix it.
         hint: &'static str,
     },
     /// The clip has no frames to roll out.
@@ -80,7 +80,7 @@ pub enum Error {
     Notation {
         /// As it was typed.
         text: String,
-        /// What is wrong.
+        /// The problem, in words.
         why: String,
     },
     /// The policy needs a model file, a fit or a dataset.
@@ -88,7 +88,7 @@ pub enum Error {
     Needs {
         /// The policy.
         policy: String,
-        /// What is missing, and how to get it.
+        /// The missing part, and how to get it.
         needs: String,
     },
     /// The policy needs a file, and none was named.

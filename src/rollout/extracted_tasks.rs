@@ -19,7 +19,7 @@ pub const EXTRACTED_FRAMES: usize = 80;
 /// States of a task.
 const STATES: usize = HISTORY + 1 + EXTRACTED_FRAMES;
 
-/// How much of a task is hidden.
+/// The hidden part of a task.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Masking {
     /// Nothing.

@@ -1,5 +1,5 @@
-//! The quality of the motion inside gaps. There are no goals there, so Precision does not measure
-//! it, but a person sees a detour, an overshoot or a jolt at once.
+//! The quality of the motion inside gaps. Gaps have no goals, so Precision does not measure them,
+//! but a person sees a detour, an overshoot or a jolt at once.
 //!
 //! A gap is a run of frames without any goal between two frames with one (frame 0, the start,
 //! counts as one). It concerns the joints that have a goal at both ends. Its figures compare the
@@ -46,7 +46,7 @@ pub struct Worst {
 /// The largest overshoot of a joint.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Overshoot {
-    /// How far beyond the allowance, rad or m.
+    /// Distance beyond the allowance, rad or m.
     pub value: f64,
     /// The joint.
     pub joint: String,

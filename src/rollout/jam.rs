@@ -95,7 +95,7 @@ mod tests {
         assert_eq!(far, [Off { joint: 0, from: 10, to: 40 }, Off { joint: 0, from: 50, to: 69 }]);
         // The second is a frame too short.
         assert_eq!(jams(&far, &[]), [Off { joint: 0, from: 10, to: 40 }]);
-        // Where iLQR is off too, a jam cannot be recognised; the rest is one frame too short.
+        // If iLQR is off too, a jam cannot be recognised; the rest is one frame too short.
         assert_eq!(jams(&far, &[Off { joint: 0, from: 10, to: 21 }]), []);
         assert_eq!(jams(&far, &[Off { joint: 0, from: 15, to: 20 }]).len(), 1);
         assert_eq!(jams(&far, &[Off { joint: 1, from: 0, to: 80 }]).len(), 1);

@@ -1,9 +1,9 @@
 //! From a clip to a simulated motion: windows, policies, the rollout, its precision.
 //!
-//! The loop is closed in state and open in time: in every frame the policy sees the reached past
-//! and the commanded next second and gives one torque, and the command advances by a frame whatever
-//! was reached. Everything that a frame depends on is kept in a snapshot, so an edited clip is
-//! simulated again only from the first frame that can differ.
+//! The policy acts in closed loop, but the command advances in open loop. In every frame the policy
+//! sees the reached past and the commanded next second and gives one action. The command advances
+//! by a frame whatever was reached. A snapshot holds everything that a frame depends on, so an
+//! edited clip is simulated again only from the first frame that can differ.
 //!
 //! Rejected: policies as functions of the whole clip. A planner that sees all frames would break
 //! that rule and could not be compared with the learned policy, which sees only 20 frames ahead.

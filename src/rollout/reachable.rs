@@ -77,7 +77,7 @@ impl Reachable {
     }
 }
 
-/// What actions move; `None` if they move everything.
+/// The directions that actions can move; `None` if they move everything.
 fn driven(effect: &DMatrix<f64>, speed: &[f64]) -> Option<DMatrix<f64>> {
     let s = effect.nrows();
     let still = speed.iter().any(|v| *v <= 0.0);

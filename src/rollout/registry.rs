@@ -88,7 +88,8 @@ const NAMES: [(PolicyName, &str, &str, &str); 10] = {
 };
 
 impl PolicyName {
-    /// What it is best for, in a few words; measured in `docs/models.md` and `docs/baselines.md`.
+    /// Cases in which the policy is best, in a few words; measured in `docs/models.md` and
+    /// `docs/baselines.md`.
     pub fn suits(self) -> &'static str {
         match self {
             PolicyName::Zero => "seeing what gravity alone does",
@@ -144,22 +145,22 @@ impl FromStr for PolicyName {
     Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize, schemars::JsonSchema,
 )]
 pub struct Offer {
-    /// Which.
+    /// The policy's name.
     pub name: PolicyName,
     /// Name of the model, if it is not the robot's default one.
     pub model: Option<String>,
-    /// What it is best for, in a few words.
+    /// Cases in which it is best, in a few words.
     pub suits: String,
-    /// What should fill masked frames for it.
+    /// The guide that should fill masked frames for it.
     pub guide: Guide,
-    /// What it needs before it can be chosen; `None` when it needs nothing.
+    /// The missing part that it needs before it can be chosen; `None` when it needs nothing.
     pub needs: Option<String>,
     /// Whether it computes with the robot's model.
     pub knows_model: bool,
     /// Whether it needs seconds for a clip.
     pub slow: bool,
-    /// What a mask may hide: for a learned policy, what it was trained with; for all others any
-    /// goal.
+    /// The masks that it accepts: for a learned policy those it was trained with, for all others
+    /// any.
     pub masks: MaskGranularity,
     /// Whether it is the robot's default.
     pub default: bool,
@@ -226,8 +227,8 @@ pub fn offers(robot: &Robot) -> Vec<Offer> {
     list
 }
 
-/// What a trained network is best for, and what should fill masked frames for it; measured in
-/// `docs/models.md`.
+/// Cases in which a trained network is best, and the guide that should fill masked frames for it;
+/// measured in `docs/models.md`.
 pub fn case(card: &Card) -> (&'static str, Guide) {
     if card.tokens.previous_action {
         // Small steps reveal the plant, and the guide divides wide gaps into small steps.
@@ -240,7 +241,7 @@ pub fn case(card: &Card) -> (&'static str, Guide) {
     }
 }
 
-/// What fills masked frames before a policy sees them.
+/// The rule that fills masked frames before a policy sees them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[derive(schemars::JsonSchema)]
@@ -252,7 +253,7 @@ pub enum Guide {
     Linear,
 }
 
-/// How a trained network is used; other policies ignore it.
+/// The use of a trained network; other policies ignore it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Inference {
@@ -310,16 +311,16 @@ fn unknown(robot: &Robot, path: &Path) -> Error {
 /// ```
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct PolicyConfig {
-    /// Which.
+    /// The policy's name.
     pub name: PolicyName,
-    /// What fills masked frames.
+    /// The rule that fills masked frames.
     pub guide: Guide,
     /// Improve each action on the model.
     pub refine: bool,
     /// Model or fit file, or the name of a shipped model, for learned policies; `None` is the
     /// robot's shipped default.
     pub model_path: Option<PathBuf>,
-    /// How a trained network is used.
+    /// The use of a trained network.
     #[serde(default)]
     pub inference: Inference,
 }

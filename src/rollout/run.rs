@@ -35,7 +35,7 @@ pub enum Start {
 pub struct RolloutConfig {
     /// Seed of the policy's random choices.
     pub seed: u64,
-    /// What fills masked frames.
+    /// The rule that fills masked frames.
     pub guide: Guide,
     /// The simulated plant.
     pub plant: PlantConfig,

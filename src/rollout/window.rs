@@ -1,5 +1,5 @@
-//! What the policy sees at one frame: 30 past frames, the current one and the next 20 commanded or
-//! masked frames (51 in total, indices 0..50 of the paper).
+//! The window that the policy sees at one frame: 30 past frames, the current one and the next 20
+//! commanded or masked frames (51 in total, indices 0..50 of the paper).
 
 use robert_clip::Command;
 

@@ -1,4 +1,4 @@
-//! What the kinds of work share in a process: robot, data, clips.
+//! Shared by all kinds of work in a process: robot, data, clips.
 
 use std::cell::{Cell as Flag, OnceCell, RefCell};
 use std::collections::{BTreeMap, BTreeSet};

@@ -5,7 +5,7 @@ use std::fmt;
 use robert_train::sweep::{Combination, slug};
 use serde::{Deserialize, Serialize};
 
-/// What one shard does; everything else that decides its result is in the plan.
+/// The work of one shard; everything else that decides its result is in the plan.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "work", rename_all = "lowercase", deny_unknown_fields)]
 pub enum Cell {

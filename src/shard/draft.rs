@@ -8,7 +8,7 @@ use robert_robot::Robot;
 
 use super::{Cell, Error};
 
-/// What a plan adds up from: cells, inputs and the data.
+/// The growing parts of a plan: cells, inputs and data.
 #[derive(Debug, Default)]
 pub(super) struct Draft {
     pub(super) cells: Vec<Cell>,

@@ -5,14 +5,14 @@ use std::path::PathBuf;
 use robert_base::exit::{Exit, HasExit};
 use robert_base::fsio;
 
-/// What can go wrong between a spec and its merged results.
+/// Errors between a spec and its merged results.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
     /// A spec that cannot be read or makes no sense.
     #[error("{place}: {why}")]
     Spec {
-        /// What is wrong.
+        /// The problem, in words.
         why: String,
         /// The file, with line and column where they are known.
         place: String,
@@ -22,7 +22,7 @@ pub enum Error {
     Cell {
         /// Index.
         index: usize,
-        /// What it would do.
+        /// The effect that it would have.
         what: String,
         /// The reason.
         why: String,
@@ -30,7 +30,7 @@ pub enum Error {
     /// A plan that is damaged or not there.
     #[error("{why}: {path}", path = path.display())]
     Plan {
-        /// What is wrong.
+        /// The problem, in words.
         why: String,
         /// The plan, or something that it names.
         path: PathBuf,
@@ -108,9 +108,9 @@ pub enum Error {
     Died {
         /// Index.
         index: usize,
-        /// How often.
+        /// The number of attempts.
         times: u32,
-        /// How it ended.
+        /// The exit status of the last attempt.
         status: String,
     },
     /// A program of the queue that is missing or refuses.

@@ -22,7 +22,7 @@ use super::{Cell, Error};
 
 /// The rows of a shard.
 pub(super) const ROWS: &str = "rows.json";
-/// How the names of clip files end.
+/// The suffix of clip files.
 const SUFFIX: &str = ".clip.json";
 
 /// A part of an evaluation; see [`Cell::Eval`].

@@ -13,9 +13,9 @@ use robert_base::fsio;
 use super::error::write_error;
 use super::{Error, Manifest};
 
-/// How the names of temporary folders begin.
+/// The prefix of the names of temporary folders.
 const TEMPORARY: &str = ".tmp-";
-/// How often a place may be taken by others before a publication gives up.
+/// The number of tries to publish into a place that others take first.
 const TRIES: usize = 5;
 
 /// A temporary folder for this index in `parent`, removed on drop.

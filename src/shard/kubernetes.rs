@@ -1,14 +1,14 @@
 //! An Indexed Job of Kubernetes: the same command with `JOB_COMPLETION_INDEX`.
 //!
-//! Exit codes that a repetition cannot change (2 to 5) fail their index at once; others count
-//! against its own limit (`backoffLimitPerIndex`, stable since Kubernetes 1.33). Only this text is
-//! ours; it has been tried on no cluster.
+//! An exit code that a repetition cannot change (2 to 5) fails its index at once. Others count
+//! against the index's own limit (`backoffLimitPerIndex`, stable since Kubernetes 1.33). Only the
+//! text of the job is made here; it has not been tried on a cluster.
 
 use std::path::Path;
 
 use super::Plan;
 
-/// What the cluster needs to know.
+/// Facts about the cluster.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Options {
     /// Image with the program.

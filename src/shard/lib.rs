@@ -2,10 +2,10 @@
 //! merge puts the results together.
 //!
 //! A shard is a pure function of (plan, index). It writes files and a manifest with their sha256 to
-//! a temporary folder, which is renamed when all of it is on disk. So it may be killed, repeated, or
-//! run twice at once, and whoever schedules it needs to know nothing but a command with an index.
-//! Whether a shard is done is judged by its files alone. Queues are never asked: in our tests one
-//! reported jobs that were done as stuck.
+//! a temporary folder, which is renamed when all of it is on disk. So it may be killed, repeated,
+//! or run twice at once, and a scheduler only needs a command with an index. The files alone decide
+//! whether a shard is done. Queues are never asked: in our tests one of them reported finished jobs
+//! as stuck.
 //!
 //! | file | noun |
 //! |---|---|

@@ -1,4 +1,4 @@
-//! What decides the last bits of results: the kind of processor and the program.
+//! The facts that decide the last bits of results: the kind of processor and the program.
 
 use std::sync::OnceLock;
 

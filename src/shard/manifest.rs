@@ -1,7 +1,8 @@
 //! `manifest.json` of a shard: what it did, with which arithmetic, and the sha256 of its files.
 //!
 //! It is the same for every run of the shard, so two runs can be compared by it. Times and hosts
-//! are in the logs. The last line seals it: a flipped byte anywhere in it is found.
+//! are in the logs. The last line is a checksum of the others, which detects a flipped byte
+//! anywhere in the manifest.
 
 use std::path::Path;
 

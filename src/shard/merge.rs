@@ -15,7 +15,7 @@ use super::manifest::{FileEntry, Manifest, list};
 use super::survey::survey;
 use super::{Accept, Error, Plan, Spec, collecting, folder, tables, training};
 
-/// What a merge made, and from what. A folder with it belongs to a merge.
+/// The file that lists what a merge made, and from what. A folder with it belongs to a merge.
 const FILE: &str = "merged.json";
 
 /// The content of `merged.json`: no times and no hosts, so that equal work gives equal bytes.
@@ -33,7 +33,7 @@ pub struct Merged {
     pub binary_sha256: Vec<String>,
     /// Episodes and rollouts that were lost because the simulation diverged.
     pub lost: u64,
-    /// What came out, by kind of work.
+    /// The merged result, by kind of work.
     pub summary: serde_json::Value,
     /// All other files of the folder.
     pub files: Vec<FileEntry>,

@@ -28,7 +28,7 @@ pub struct Plan {
     pub format: String,
     /// Name for people and queues: that of the spec.
     pub name: String,
-    /// What was asked for.
+    /// The request.
     pub spec: Spec,
     /// The kind of arithmetic that all shards use.
     pub numerics: String,
@@ -46,7 +46,7 @@ pub struct Plan {
     pub cells: Vec<Cell>,
 }
 
-/// What a person allows in spite of the plan.
+/// Differences from the plan that a person allows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Accept {
     /// Other kinds of processors.

@@ -1,7 +1,7 @@
 //! Performs shards in child processes of this machine.
 //!
 //! Each child performs one shard after the other: it reads indices from its stdin and answers each
-//! with a line. So a shard costs no start of a program, and one that crashes costs one child. An
+//! with a line. So a shard does not cost the start of a program, and a crash costs one child. An
 //! index whose child died is given to another child, three times at most.
 
 use std::collections::VecDeque;
@@ -22,7 +22,7 @@ use serde::{Deserialize, Serialize};
 use super::Error;
 use super::error::write_error;
 
-/// How often a shard whose process dies is tried.
+/// The number of attempts for a shard whose process dies.
 const TRIES: u32 = 3;
 /// Time between two looks at a request to stop.
 const LOOK: Duration = Duration::from_millis(50);
@@ -38,7 +38,7 @@ pub struct Answer {
     pub error: String,
 }
 
-/// How shards are performed.
+/// Options for performing shards.
 #[derive(Debug)]
 pub struct Pool {
     /// The program.
@@ -49,7 +49,7 @@ pub struct Pool {
     pub jobs: usize,
 }
 
-/// What became of the shards.
+/// The outcome of the shards.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Pooled {
     /// Shards that are done.
@@ -60,10 +60,10 @@ pub struct Pooled {
     pub stopped: bool,
 }
 
-/// What all children share.
+/// The state that all children share.
 struct Board {
     queue: VecDeque<usize>,
-    /// How often the child of an index died.
+    /// The number of times that the child of an index died.
     deaths: std::collections::BTreeMap<usize, u32>,
     found: Pooled,
     pids: Vec<rustix::process::Pid>,

@@ -1,9 +1,9 @@
 //! Slurm job arrays: the batch script, the list of tasks, and how many arrays they need.
 //!
-//! Short shards are packed, several to a task, because starting a task costs about a second and
+//! Several short shards are packed into one task, because starting a task takes about a second and
 //! sites ask for few starts a minute. A task is a line of indices in a file, so that only missing
-//! shards are sent and the command line stays short. One script serves several arrays: it takes the
-//! number of its first line, since an array's indices end at the site's `MaxArraySize`.
+//! shards are sent and the command line stays short. One script serves several arrays: its argument
+//! is the number of its first line, since the indices of an array end at the site's `MaxArraySize`.
 //!
 //! Rejected: Slurm's answer about success. Merges wait with `afterany` and judge by files;
 //! `afterok` waits for ever after one failed task.
@@ -16,7 +16,7 @@ use robert_base::fsio;
 
 use super::{Error, Plan, ranges, ranges::indices};
 
-/// What a site needs to know.
+/// Facts about the site.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Options {
     /// Shards in a task.
@@ -48,7 +48,7 @@ pub struct Options {
 pub struct Submission {
     /// The batch script.
     pub script: String,
-    /// Where it is saved.
+    /// The path of the script.
     pub path: PathBuf,
     /// Arguments of `sbatch` for each array.
     pub arrays: Vec<Vec<String>>,

@@ -1,11 +1,11 @@
-//! Which shards are done, judged by their files alone.
+//! The state of each shard, judged by its files alone.
 
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use super::{Accept, Error, Manifest, Plan, folder};
 
-/// What is in the place of a shard.
+/// The content of a shard's place.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum State {
     /// A whole shard of this plan.

@@ -10,7 +10,7 @@ use super::{
     Accept, Cell, Error, Machine, Manifest, Plan, Spec, collecting, evaluating, folder, training,
 };
 
-/// How a shard came to be done.
+/// How a shard was completed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Done {
     /// By this call.

@@ -1,4 +1,4 @@
-//! Says when the page that goes into the program is older than its source.
+//! Warns if the page that goes into the program is older than its source.
 
 use std::path::Path;
 use std::time::SystemTime;

@@ -1,21 +1,21 @@
 //! The studio: a local web app to author keyframes and watch a policy perform them.
 //!
-//! One process, one loopback port. The rooms, from the outside in:
+//! It is one process with one loopback port. The rooms, from the outside in:
 //!
 //! | room | owns |
 //! |---|---|
 //! | `http` | port, routes, guard, the editor's socket, the viewport's socket: thin handlers |
 //! | `state` | the handles that requests need |
 //! | `session` | the thread that owns the document |
-//! | `viewport` | the 3D scene and what a hand in it does |
+//! | `viewport` | the 3D scene and the gestures in it |
 //! | `simulation` | the worker process, the rollout's frames, takes |
 //! | `jobs` | collect, train, evaluate, import and export as child processes |
 //! | `workspace` | folders, recent files, examples, imports, exports, pictures |
-//! | `document` | clip, history, file; the journal: what survives a kill |
-//! | [`protocol`] | what is said to clients, precisely |
+//! | `document` | clip, history, file, and the journal, which survives a kill |
+//! | [`protocol`] | the messages between studio and clients |
 //!
-//! Two promises shape it: an edit is acknowledged only when it is on disk, and nothing that
-//! a model or a client does can take the document along.
+//! Two guarantees shape it: an edit is acknowledged only when it is on disk, and no failure of a
+//! model or a client can destroy the document.
 
 mod document;
 mod http;
@@ -50,7 +50,7 @@ use workspace::{Workspace, gallery};
 
 use robert_rollout::PolicyName;
 
-/// How the studio is started.
+/// Options for starting the studio.
 #[derive(Clone, Debug)]
 pub struct StudioConfig {
     /// A clip to open.
@@ -65,13 +65,13 @@ pub struct StudioConfig {
     pub binary: PathBuf,
     /// Journals of unsaved clips, recent files.
     pub state_dir: PathBuf,
-    /// Where relative paths start.
+    /// The folder where relative paths start.
     pub folder: PathBuf,
 }
 
 /// Time for clients and jobs to hear of the end.
 const FAREWELL: Duration = Duration::from_millis(300);
-/// How long the session may take for its last writes.
+/// The time that the session has for its last writes.
 const LAST_WRITES: Duration = Duration::from_millis(1500);
 
 /// Runs the studio until SIGINT or SIGTERM. As soon as connections are accepted, `ready` gets
@@ -172,7 +172,8 @@ async fn first_document(config: &StudioConfig, session: &Session) -> Result<(), 
         let (length, name) = (100, String::new());
         session.ask(|reply| SessionCommand::Blank { robot, length, name, reply }).await?;
     } else {
-        // What a killed studio had open; what was put away waits in the gallery.
+        // The document of a killed studio is opened again; documents that were put away wait in the
+        // gallery.
         session.ask(SessionCommand::Recover).await?;
     }
     Ok(())

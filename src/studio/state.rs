@@ -39,15 +39,15 @@ pub(crate) struct App {
 /// Editor clients.
 #[derive(Debug, Default)]
 pub(crate) struct Clients {
-    /// How many there are.
+    /// The number of connections that are open.
     pub(crate) now: AtomicUsize,
-    /// How many there have been.
+    /// The number of connections so far.
     pub(crate) all: AtomicUsize,
 }
 
 impl App {
-    /// Where a robot is loaded from: as the open document has it, else the program or a
-    /// folder beside us; else as it was said.
+    /// The source from which a robot is loaded: the one that the open document uses, else the
+    /// program or a folder beside it, else the given text.
     pub(crate) fn robot_source(&self, id: String) -> String {
         let Workspace { folder, state_dir, .. } = &*self.workspace;
         match self.simulation.robot() {

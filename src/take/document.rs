@@ -44,7 +44,7 @@ pub struct Provenance {
     pub settings: serde_json::Value,
     /// Seed of the policy's random choices.
     pub seed: u64,
-    /// What filled masked frames.
+    /// The rule that filled masked frames.
     pub guide: Guide,
     /// Whether each action was improved on the model.
     pub refine: bool,

@@ -10,7 +10,7 @@ use robert_base::exit::{Exit, HasExit};
 pub struct Damage {
     /// Byte of the file at which the bad record begins.
     pub offset: u64,
-    /// What is wrong with it.
+    /// The problem, in words.
     pub problem: String,
 }
 
@@ -47,7 +47,7 @@ pub enum Error {
     /// The file is well formed, but not a take of this program.
     #[error("{}{problem}", prefix(.path.as_deref()))]
     Foreign {
-        /// What it lacks.
+        /// The missing part.
         problem: String,
         /// The file, if there is one.
         path: Option<PathBuf>,
@@ -102,7 +102,7 @@ pub enum Error {
         .path.display()
     )]
     Occupied {
-        /// What an export would have left there.
+        /// A file that every export leaves there.
         marker: &'static str,
         /// The folder.
         path: PathBuf,
@@ -110,7 +110,7 @@ pub enum Error {
     /// The encoder failed.
     #[error("cannot encode {what}: {problem}")]
     Encode {
-        /// What was encoded.
+        /// The picture or film.
         what: &'static str,
         /// The encoder's error.
         problem: String,

@@ -56,7 +56,7 @@ pub fn page(client: &[u8], title: &str, caption: &str, recording: &[u8]) -> Resu
     Ok(out)
 }
 
-/// What a page says below its title: who performed it, how near it came, what is seen.
+/// The text below a page's title: the performer, the error, and the content of the picture.
 pub fn caption(take: &Take) -> String {
     let figure = match (take.precision().precision, take.robot.units.first()) {
         (Some(error), Some(Unit::M)) => format!("mean error {} mm, ", significant(1e3 * error)),

@@ -8,11 +8,11 @@
 //! The same clip, policy and seed give the same bytes: the file contains no wall-clock time, and
 //! log times count from a fixed [`EPOCH_SECS`].
 //!
-//! Rejected: our own format (no viewer would open it), the foxglove SDK (a runtime and
-//! dozens of packages for four message types) and the readers of the `mcap` crate: version
-//! 0.26 fixed the endless loop of 0.25, but an uncompressed chunk whose records overrun it
-//! is still subtracted unchecked, a short attachment record is sliced unchecked, and no
-//! error says where in the file it happened. [`records`](self) reads with bounds instead.
+//! Rejected: our own format (no viewer would open it), the foxglove SDK (a runtime and dozens of
+//! packages for four message types) and the readers of the `mcap` crate. Version 0.26 fixed the
+//! endless loop of 0.25, but it still subtracts unchecked in an uncompressed chunk whose records
+//! overrun it, slices a short attachment record unchecked, and names no place in its errors.
+//! [`records`](self) reads with bounds instead.
 //!
 //! [`viser`] contains the messages of the viser client. Recordings are written from here, and the
 //! studio's live scene uses the same messages.

@@ -94,7 +94,7 @@ mod tests {
         parse(take.clip_text.clone().unwrap()).unwrap().clip
     }
 
-    /// What each exporter writes of the reached motion is read back to within the clip's grid.
+    /// The reached motion that each exporter writes is read back to within the clip's grid.
     #[test]
     fn achieved_motion_survives_every_format() {
         let (_, take) = sample::take("ur5e", 30, 30);

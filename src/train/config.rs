@@ -33,7 +33,8 @@ pub struct TrainConfig {
     pub width: usize,
     /// Attention heads.
     pub heads: usize,
-    /// How information passes between frames; `none` is a feed-forward network for each frame.
+    /// The operation that passes information between frames; `none` is a feed-forward network for
+    /// each frame.
     pub mixing: Mixing,
     /// Action bins K; 1 is plain regression.
     pub bins: usize,
@@ -48,13 +49,13 @@ pub struct TrainConfig {
     /// because the next token reveals their action.
     #[serde(default)]
     pub previous_action: bool,
-    /// What a mask hides.
+    /// Whether a mask hides whole frames or single joints.
     pub mask_granularity: MaskGranularity,
     /// The linear prediction beside the network.
     pub skip: SkipKind,
     /// Back differences in the linear fit; 0 chooses by robot.
     pub ridge_history: usize,
-    /// Which command frames are hidden.
+    /// The rule that chooses the hidden command frames.
     pub mask: MaskKind,
     /// Windows per step.
     pub batch: usize,

@@ -24,13 +24,13 @@ pub enum Error {
     Setting {
         /// The setting.
         setting: String,
-        /// What is wrong, and what would be right.
+        /// The problem, and what would be right.
         why: String,
     },
     /// A run directory that cannot be used.
     #[error("{why}: {path}", path = path.display())]
     Run {
-        /// What is wrong.
+        /// The problem, in words.
         why: String,
         /// The directory or file.
         path: PathBuf,
@@ -38,7 +38,7 @@ pub enum Error {
     /// A sweep file, or a folder of points, that cannot be used.
     #[error("{why}: {path}", path = path.display())]
     Sweep {
-        /// What is wrong.
+        /// The problem, in words.
         why: String,
         /// The file or folder.
         path: PathBuf,
@@ -77,7 +77,7 @@ pub enum Error {
     Evaluation {
         /// Step of the weights.
         step: u64,
-        /// What went wrong.
+        /// The problem, in words.
         why: String,
     },
     /// Data.

@@ -211,7 +211,7 @@ impl Metrics {
         found.min_by(|a, b| a.1.total_cmp(&b.1))
     }
 
-    /// How many of the last closed-loop evaluations in a row were much worse than the best.
+    /// The number of last closed-loop evaluations in a row that were much worse than the best.
     pub fn worse_in_a_row(&self) -> u64 {
         /// Precision beyond this multiple of the best is no noise of a high learning rate.
         const MUCH: f64 = 2.0;

@@ -51,7 +51,7 @@ impl Episodes for Side<'_> {
     }
 }
 
-/// How the linear prediction is fitted.
+/// The settings of the linear prediction's fit.
 pub(super) fn ridge_config(cfg: &TrainConfig, tokens: &Tokeniser) -> RidgeConfig {
     let usual = RidgeConfig::for_tokens(tokens);
     let lambda_per_sample = cfg.ridge_penalty.unwrap_or(usual.lambda_per_sample);

@@ -210,7 +210,7 @@ fn kind(engine: &dyn Engine) -> String {
     engine.device().map_or_else(|| "cpu".to_owned(), |d| d.name)
 }
 
-/// What the run began with, if that computes other last bits than what it continues with.
+/// The numerics of the run's begin, if it would compute other last bits than the continuing device.
 fn other_numerics(dir: &Path, engine: &dyn Engine) -> Option<String> {
     let now = kind(engine);
     let then = began_on(dir).unwrap_or_else(|| "cpu".to_owned());

@@ -1,4 +1,4 @@
-//! Runs on a small made-up plant: learning, resuming, bits, refusals.
+//! Tests: runs on a small made-up plant (learning, resuming, equal bits, refusals).
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;

@@ -1,4 +1,4 @@
-//! `robert bench train --device gpu`: windows a second on a graphics card.
+//! `robert bench train --device gpu`: windows per second on a graphics card.
 
 use std::time::Instant;
 

@@ -1,4 +1,4 @@
-//! What `bench train` and `bench infer` share: sizes, floating-point work, peak.
+//! Shared by `bench train` and `bench infer`: sizes, floating-point work, peak.
 
 use super::clock::process_cpu;
 use crate::cli::failure::{Failure, Outcome};

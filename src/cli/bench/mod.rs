@@ -1,5 +1,5 @@
-//! `robert bench`: speed, given as a ratio to a named peer that is measured in turns in the same
-//! run.
+//! `robert bench`: speed, given as a ratio to a named reference that is measured alternately in the
+//! same run.
 
 mod clock;
 mod collect;

@@ -160,7 +160,7 @@ fn work(robot: &Arc<Robot>, index: u64, secs: f64, barrier: &Barrier) -> Outcome
         std::hint::black_box(&state);
         Ok(())
     };
-    // How many steps make a turn of about a twelfth of the time.
+    // The number of steps that takes about a twelfth of the time.
     let begin = Instant::now();
     bare(&mut data, EPISODE)?;
     let per_step = begin.elapsed().as_secs_f64() / EPISODE as f64;

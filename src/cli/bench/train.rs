@@ -1,5 +1,5 @@
-//! `robert bench train`: windows a second, and how near that is to the peak of the machine's
-//! vector instructions (with a tile unit it may be above).
+//! `robert bench train`: windows per second, and the ratio to the peak of the machine's vector
+//! instructions (it may be above 1 on a machine with a tile unit).
 
 use std::time::Instant;
 

@@ -78,9 +78,9 @@ struct FileReport {
     path: PathBuf,
     robot: String,
     robot_known: bool,
-    /// How many fixes were applied.
+    /// The number of fixes that were applied.
     mended: usize,
-    /// Which fixes, and what they changed; with `--fix` only.
+    /// The applied fixes and what they changed; with `--fix` only.
     #[serde(skip_serializing_if = "Option::is_none")]
     fixed: Option<Fixed>,
     lints: Vec<PlacedLint>,

@@ -1,4 +1,4 @@
-//! What the clip commands share: files in, robots, files out.
+//! Shared by the clip commands: reading files, finding robots, writing files.
 
 use std::path::{Path, PathBuf};
 
@@ -28,7 +28,8 @@ pub(super) fn robot_of(clip: &Clip, asked: Option<&str>) -> Result<Option<Robot>
     }
 }
 
-/// What is known about a clip's robot: everything, or only what the clip contains.
+/// The joint table of a clip: the robot's, or if the robot is not known, only the facts that the
+/// clip contains.
 pub(super) fn joint_table(clip: &Clip, robot: Option<&Robot>) -> JointTable {
     robot.map_or_else(|| JointTable::from_clip(clip), Robot::joint_table)
 }

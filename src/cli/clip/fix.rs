@@ -12,7 +12,7 @@ const FIXES: usize = 1000;
 /// The most kinds of fixes that the report names one by one.
 const SAID: usize = 12;
 
-/// What was done to a clip.
+/// The changes that were made to a clip.
 #[derive(Debug, Default, Serialize)]
 pub(super) struct Fixed {
     /// Titles of the fixes in the order of their first use, and how often each was applied.

@@ -1,4 +1,4 @@
-//! Motion that other programs recorded, on its way to a clip.
+//! Converts motion that other programs recorded to clips.
 
 use std::path::{Path, PathBuf};
 
@@ -18,14 +18,14 @@ use crate::{fsio, take};
 /// Memory for reading a foreign table, whose pages say themselves how large they unpack.
 const MEMORY_BYTES: u64 = 4 << 30;
 
-/// What is asked about recorded motion.
+/// Options for clips from recorded motion.
 #[derive(clap::Args, Debug)]
 pub(super) struct Recorded {
     /// Rows a second of LAFAN rows, which do not say it (LAFAN1 30, robert export 20); of an
     /// npz file instead of its own.
     #[arg(long, value_name = "HZ")]
     fps: Option<f64>,
-    /// How near keys stay to recorded motion, rad or m; 0 keeps every frame.
+    /// Allowed distance between keys and recorded motion, rad or m; 0 keeps every frame.
     #[arg(long, value_name = "TOLERANCE", default_value_t = 0.005)]
     thin: f64,
     /// The episode of a LeRobot dataset.

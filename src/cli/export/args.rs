@@ -1,4 +1,4 @@
-//! What `robert export` is asked for.
+//! The arguments of `robert export`.
 
 use std::path::{Path, PathBuf};
 
@@ -43,7 +43,7 @@ pub(in crate::cli) struct Args {
     /// Order of bodies and joints in an npz file.
     #[arg(long, value_enum, default_value_t = BodiesArg::Mujoco)]
     pub(super) bodies: BodiesArg,
-    /// How a UR5e's program moves.
+    /// The motion command of a UR5e's program.
     #[arg(long, value_enum, default_value_t = UrArg::Servoj)]
     pub(super) ur_move: UrArg,
     /// Other names of joints: TOML lines such as elbow_joint = "elbow_flex"; for ros, bag
@@ -80,7 +80,7 @@ pub(super) struct RosFlags {
 /// For LeRobot.
 #[derive(clap::Args, Debug)]
 pub(super) struct LearnFlags {
-    /// What the action of a LeRobot dataset is.
+    /// The content of the action column of a LeRobot dataset.
     #[arg(long, value_enum, default_value_t = ActionArg::Position)]
     pub(super) action: ActionArg,
     /// Angles of a LeRobot dataset in degrees.
@@ -92,7 +92,7 @@ pub(super) struct LearnFlags {
     /// Film each episode of a LeRobot dataset at this size: 640x480.
     #[arg(long, value_name = "WxH")]
     pub(super) video: Option<String>,
-    /// What was being done, for lerobot and minari [default: the clip's name].
+    /// The task in words, for lerobot and minari [default: the clip's name].
     #[arg(long, value_name = "TEXT")]
     pub(super) task: Option<String>,
 }

@@ -5,7 +5,7 @@ use clap::ValueEnum;
 use crate::take::What;
 use crate::take::export::{Bodies, LeRobotVersion, UrMove};
 
-/// What is written.
+/// The format to write.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(super) enum Format {
     /// Rows of joint values: frame, time, mask, one column a joint.
@@ -85,9 +85,9 @@ impl Format {
 /// [`What`] as it is typed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(super) enum WhatArg {
-    /// What the simulation reached.
+    /// The motion that the simulation reached.
     Achieved,
-    /// What the clip asked for.
+    /// The command of the clip.
     Command,
 }
 
@@ -136,7 +136,7 @@ impl From<UrArg> for UrMove {
     }
 }
 
-/// What an episode's action column holds.
+/// The content of the action column of an episode.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(super) enum ActionArg {
     /// The position reached one frame later.

@@ -1,4 +1,4 @@
-//! Datasets for learning out of several takes, or out of collected data.
+//! Datasets for learning, made of several takes or of collected data.
 
 use std::path::{Path, PathBuf};
 

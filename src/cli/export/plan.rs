@@ -1,4 +1,4 @@
-//! Inputs in the format that was asked for, and what is said about them.
+//! Writes the inputs of an export in the chosen format, and reports what the files contain.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -41,7 +41,7 @@ pub(super) fn say(export: &Export, path: Option<&Path>, global: Global) {
     out::aside(format_args!("open it:  {}", export.open.replace(Export::OUT, &place)));
 }
 
-/// What every input is written with.
+/// The settings with which every input is written.
 pub(super) struct Plan<'a> {
     pub(super) args: &'a Args,
     pub(super) rename: BTreeMap<String, String>,

@@ -1,4 +1,4 @@
-//! One input of an export: a take, and the robot where it is known.
+//! One input of an export: a take, and its robot if it is known.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -64,7 +64,7 @@ impl Source {
         self.robot.as_ref().map_err(|e| Failure::with(e.exit(), e.sentence()))
     }
 
-    /// What is done in it, in words: the clip's name, else the file's.
+    /// The task in words: the clip's name, else the file's.
     pub(super) fn task(&self) -> String {
         let clip = self.take.clip_text.as_ref().and_then(|t| crate::clip::Clip::parse(t).ok());
         clip.map(|c| c.name).filter(|n| !n.trim().is_empty()).unwrap_or_else(|| self.title.clone())

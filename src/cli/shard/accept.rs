@@ -2,7 +2,7 @@
 
 use crate::shard::Accept;
 
-/// What is accepted in spite of the plan.
+/// Differences from the plan that are accepted.
 #[derive(clap::Args, Clone, Copy, Debug)]
 pub(super) struct AcceptArgs {
     /// Accept another kind of processor than that of the plan, whose last bits differ.

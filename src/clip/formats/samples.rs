@@ -1,4 +1,4 @@
-//! Rows with times, brought onto the frames of a clip.
+//! Rows with times, resampled at the frames of a clip.
 
 use super::super::document::{Clip, Fill, RobotRef, Row};
 use super::super::error::ClipError;

@@ -1,10 +1,10 @@
-//! A joint trajectory as ROS 2 controllers take it: points with positions, velocities and
+//! A joint trajectory as ROS 2 controllers accept it: points with positions, velocities and
 //! accelerations.
 //!
-//! `joint_trajectory_controller` moves in straight lines between points that have positions
-//! only and documents that as discouraged; with velocities it follows cubics, with
-//! accelerations quintics. It refuses a last point that still moves, times that do not
-//! rise, and efforts that no interface claims (ros2_controllers, `validate_trajectory_msg`).
+//! `joint_trajectory_controller` moves in straight lines between points that have positions only,
+//! and its documentation discourages this. With velocities it follows cubics, with accelerations
+//! quintics. It refuses a last point with a velocity, times that do not increase, and efforts that
+//! no interface claims (ros2_controllers, `validate_trajectory_msg`).
 
 use std::fmt::Write as _;
 

@@ -1,4 +1,4 @@
-//! What a finding is, and who checks poses by simulation.
+//! Findings, and the interface that checks poses by simulation.
 
 use serde::Serialize;
 

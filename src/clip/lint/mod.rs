@@ -1,5 +1,5 @@
-//! Finds content of a clip that is valid but will not do what was meant. Each finding has its place
-//! and, if there is one, an edit that fixes it.
+//! Finds content of a clip that is valid but probably not intended. Each finding has its place and,
+//! if there is one, an edit that fixes it.
 //!
 //! All findings are in one list. Checks that need the simulator (self-collision, unreachable poses)
 //! come from a [`PoseChecker`], which is implemented on a higher floor.

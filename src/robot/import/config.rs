@@ -1,11 +1,11 @@
-//! What an import is asked for, and what it reports.
+//! Options of an import, and its report.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use serde::Serialize;
 
-/// What to import, and how.
+/// The source of an import, and its options.
 #[derive(Clone, Debug)]
 pub struct ImportConfig {
     /// The URDF or MJCF file.
@@ -29,15 +29,15 @@ pub struct ImportConfig {
     pub weld: Vec<String>,
     /// Bodies to leave out, with everything that speaks of them (MJCF).
     pub without: Vec<String>,
-    /// What becomes of position and velocity servos.
+    /// The treatment of position and velocity servos.
     pub servos: Servos,
-    /// What joints get whose source leaves out the drive.
+    /// The treatment of joints whose source does not describe the drive.
     pub drives: Drives,
     /// The binary that checks models; see [`crate::check::executable`].
     pub checker: PathBuf,
 }
 
-/// What becomes of position and velocity servos.
+/// The treatment of position and velocity servos.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Servos {
     /// They stay: the action is their control.
@@ -47,8 +47,8 @@ pub enum Servos {
     Torque,
 }
 
-/// What joints get that full torque runs away with, because their source names neither the
-/// inertia nor the damping of a drive.
+/// The treatment of joints that full torque would accelerate without end, because their source
+/// names neither the inertia nor the damping of a drive.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Drives {
     /// A drive in proportion to the torque limit.
@@ -58,7 +58,7 @@ pub enum Drives {
     File,
 }
 
-/// What was made, and what had to be dropped, assumed or changed on the way.
+/// The imported robot, and everything that was dropped, assumed or changed.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Report {
     /// The robot's id.
@@ -83,6 +83,6 @@ pub struct Report {
     pub assumed: Vec<String>,
     /// Parts of the source that are in the result in another form.
     pub changed: Vec<String>,
-    /// What is not plausible about the robot.
+    /// Implausible properties of the robot.
     pub warnings: Vec<String>,
 }

@@ -1,9 +1,9 @@
 //! Pairs of bodies that must not be tested against each other.
 //!
-//! `MuJoCo` leaves out a body and its parent, but not if the parent cannot move: it then
-//! counts as a part of the world. Parts of one arm that overlap by design would push each
-//! other apart until the solver breaks down (seen on the Shadow Hand's fixed palm, within
-//! 0.2 s at rest).
+//! `MuJoCo` never tests a body against its parent, except if the parent cannot move, because it
+//! then counts as a part of the world. Parts of one arm that overlap by design would push each
+//! other apart until the solver diverges (observed on the Shadow Hand's fixed palm, within 0.2 s at
+//! rest).
 
 use std::collections::BTreeSet;
 use std::fmt::Write as _;

@@ -1,4 +1,4 @@
-//! What a URDF says, as plain structures, read from the XML that the pre-parse has bounded.
+//! The content of a URDF as plain structures, read from the XML that the pre-parse has bounded.
 //!
 //! Rejected: `urdf-rs`, which parses the text a second and a third time with libraries that
 //! take quadratic time for many attributes (RUSTSEC-2026-0194, -0195), loses the place of a
@@ -89,7 +89,7 @@ pub(super) struct Pose {
     pub(super) rpy: [f64; 3],
 }
 
-/// What a joint lets move.
+/// The motion that a joint allows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum JointType {
     Revolute,

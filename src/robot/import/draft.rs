@@ -1,4 +1,4 @@
-//! An MJCF on its way to a robot, with its files and the remarks about it.
+//! An MJCF during an import, with its files and the remarks about it.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -29,13 +29,13 @@ pub(super) struct Draft {
     pub(super) rotors_assumed: bool,
     /// Attributes that were taken out because 2.2.2 does not know them: element/attribute.
     pub(super) unknown: BTreeSet<String>,
-    /// What some of them said.
+    /// Attributes that were taken out but are applied later.
     pub(super) words: Words,
     pub(super) dropped: Vec<String>,
     pub(super) assumed: Vec<String>,
     pub(super) changed: Vec<String>,
     pub(super) warnings: Vec<String>,
-    /// Where each file came from, so that one file is taken once.
+    /// The origin of each file, so that one file is copied only once.
     pub(super) sources: BTreeMap<std::path::PathBuf, String>,
     /// Bytes of the files so far.
     pub(super) bytes: u64,

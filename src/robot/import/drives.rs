@@ -1,13 +1,13 @@
-//! The drive that a file leaves out.
+//! Adds inertia and damping of a drive to joints whose file names neither.
 //!
-//! A real arm is geared: its motors reflect the inertia of their rotors, and what they give
-//! falls with speed until all of it is spent. Many files name neither, and their joints run
-//! hundreds of radians a second under full torque. No torque that is held for a frame of 50 ms
-//! can lead such a joint; position feedback, a learned inverse and computed torque all fail
-//! (0.3 to 18 rad on six public arms, 0.0015 to 0.0044 with the drive below and one linear map).
+//! Real arms are geared: the rotors of their motors have inertia, and the available torque falls
+//! with speed until nothing is left. Many files name neither, so their joints reach hundreds of
+//! radians per second under full torque. No torque that is constant for a frame of 50 ms can
+//! control such a joint: position feedback, a learned inverse and computed torque all fail (errors
+//! of 0.3 to 18 rad on six public arms; 0.0015 to 0.0044 with the drive below and one linear map).
 //!
-//! So such joints get the inertia and the damping of a drive in proportion to their torque
-//! limit: damping is torque limit over speed limit, the speed at which the torque is spent.
+//! Such joints therefore get inertia and damping in proportion to their torque limit. The damping
+//! is the torque limit divided by the speed limit, which is the speed at which no torque is left.
 
 use std::collections::BTreeMap;
 

@@ -1,4 +1,4 @@
-//! The force of motors that the source does not name: enough to carry the robot.
+//! The torque limit of motors if the source names none: enough to carry the robot.
 
 use super::config::ImportConfig;
 use super::plausible;
@@ -12,7 +12,7 @@ const RESERVE: f64 = 2.5;
 
 /// Forces for the motors of a model, N m or N.
 pub(super) struct Efforts {
-    /// What the user asked for.
+    /// The effort that the user asked for.
     asked: Option<f64>,
     /// By joint.
     carried: Vec<f64>,

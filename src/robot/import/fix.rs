@@ -1,4 +1,5 @@
-//! What a foreign model lacks for torque control: motors with limits, our kind of joints.
+//! Adds what torque control needs and a foreign model lacks: motors with limits, our kinds of
+//! joints.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;

@@ -1,5 +1,4 @@
-//! Bodies that are left out of a model, with everything that speaks of them, and bodies that
-//! float.
+//! Removes bodies from a model with everything that refers to them, and handles bodies that float.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -12,7 +11,7 @@ use crate::{Error, preparse};
 
 /// Sections whose entries refer to parts of bodies.
 const SECTIONS: &[&str] = &["actuator", "tendon", "equality", "contact", "sensor", "deformable"];
-/// What an attribute refers to, by the element that has the name.
+/// The elements that an attribute can refer to.
 const REFERENCES: &[(&str, &[&str])] = &[
     ("body", &["body", "body1", "body2", "bodyname", "target"]),
     ("joint", &["joint", "joint1", "joint2", "jointinparent"]),

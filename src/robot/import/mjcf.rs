@@ -1,5 +1,5 @@
-//! A foreign MJCF as a draft: files under plain names, every part named, words of later
-//! `MuJoCo` versions taken out where nothing hangs on them.
+//! A foreign MJCF as a draft: files get plain names, every part gets a name, and attributes of
+//! later `MuJoCo` versions are removed if nothing depends on them.
 
 use std::collections::BTreeSet;
 
@@ -360,7 +360,7 @@ fn weld(
         };
         edits.replace(joint.range(), "");
         draft.changed.push(format!("joint \"{name}\" is welded at its zero"));
-        // What drives or ties a joint goes with it.
+        // Actuators and constraints of a removed joint are removed with it.
         for node in doc.descendants().filter(Node::is_element) {
             let parent = node.parent().map_or("", |p| p.tag_name().name());
             let tied = matches!(parent, "actuator" | "equality" | "fixed");

@@ -1,9 +1,9 @@
 //! Makes a robot's folder out of a foreign URDF or MJCF.
 //!
-//! The order is: read under caps ([`super::preparse`]), draft an MJCF with plain file names,
-//! compile it in a child process, then fix what a torque-driven simulation needs (motors,
-//! contact excludes, our time step), compile again, derive the profile, and only then show
-//! the folder. Every figure that was not in the source is in the report.
+//! The order is: read the file under limits ([`super::preparse`]), draft an MJCF with plain file
+//! names, and compile it in a child process. Then add what a torque-driven simulation needs
+//! (motors, contact excludes, our time step), compile again, derive the profile, and only then
+//! publish the folder. Every figure that was not in the source is in the report.
 //!
 //! Rejected: `MuJoCo`'s own URDF loader, which drops effort, velocity and mimic, cuts
 //! `package://` paths to the base name and makes no actuators.

@@ -1,8 +1,8 @@
-//! Elements of `MuJoCo` 3 in the words of 2.2.2: frames, replicas, attached models.
+//! Rewrites elements of `MuJoCo` 3 for version 2.2.2: frames, replicas, attached models.
 //!
-//! A `<frame>` becomes a body without joints, which moves, weighs and collides as its parent
-//! does; a `<replicate>` becomes as many of them. Both are flattened from the inside out, on
-//! their lines as far as they can be.
+//! A `<frame>` becomes a body without joints, which moves, weighs and collides as part of its
+//! parent. A `<replicate>` becomes several of them. Both are rewritten from the inside out, and
+//! stay on their lines as far as possible.
 
 use std::fmt::Write as _;
 

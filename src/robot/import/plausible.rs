@@ -1,4 +1,4 @@
-//! Whether the motors can carry the robot at all.
+//! Checks whether the motors can carry the robot.
 
 use std::sync::Arc;
 

@@ -1,5 +1,5 @@
-//! Attributes of later versions that 2.2.2 does not know: what is said of them, and what the
-//! compiler stumbles over that an import can do without.
+//! Attributes of later versions that MuJoCo 2.2.2 does not know: removes those without which the
+//! model can be imported, and reports them.
 
 use super::draft::Draft;
 use crate::Error;
@@ -43,7 +43,7 @@ pub(super) fn hint(message: &str) -> Option<&'static str> {
     )
 }
 
-/// Tells what was taken out, apart by whether it changes how the robot moves.
+/// Reports the removed elements and attributes; those that change the motion are listed apart.
 pub(super) fn tell(draft: &mut Draft) {
     let attribute = |word: &str| {
         let name = word.split_once('/').map_or(word, |(_, a)| a);

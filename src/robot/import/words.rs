@@ -1,5 +1,5 @@
-//! What attributes of `MuJoCo` 3 say about motors and gravity, kept for when the model is
-//! compiled: 2.2.2 does not know them, but can do what they say.
+//! Attributes of MuJoCo 3 about motors and gravity that MuJoCo 2.2.2 does not read but can
+//! simulate. They are kept and applied after the model is compiled.
 
 use std::collections::BTreeMap;
 

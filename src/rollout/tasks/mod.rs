@@ -110,7 +110,7 @@ pub enum TaskError {
     /// The embedded files are damaged.
     #[error("assets/clips/{path}: {message}")]
     Damaged {
-        /// What is wrong.
+        /// The problem, in words.
         message: String,
         /// The file.
         path: String,

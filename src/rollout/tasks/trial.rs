@@ -127,7 +127,7 @@ fn leave_free(clip: &mut Clip, driven: &[bool], home: &[f64]) {
     }
 }
 
-/// How far a joint goes from home, with the sign of the wider side: within what it can go
+/// The distance that a joint goes from home, with the sign of the wider side: within what it can go
 /// in the longest gap.
 fn room(j: &StateJoint, home: f64) -> f64 {
     let secs = f64::from(LONGEST_GAP) * CTRL_DT;

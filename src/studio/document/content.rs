@@ -1,8 +1,8 @@
 //! The open document: clip, history, journal, file.
 //!
-//! Plain and synchronous; the session's thread is its only owner. Every change goes to the
-//! journal before anyone hears of it. Saving rewrites the journal to the saved text
-//! alone: what is on disk needs no second copy.
+//! It is plain and synchronous, and the session's thread is its only owner. Every change is in the
+//! journal before it is reported to anyone. Saving reduces the journal to the saved text, since
+//! what is in the file needs no second copy.
 
 use std::path::{Path, PathBuf};
 
@@ -33,8 +33,8 @@ pub(crate) struct Document {
     pub(super) editor: Editor,
     pub(super) journal: Journal,
     pub(super) path: Option<PathBuf>,
-    /// What the file holds: content, and its very bytes, so that an undone edit gives the
-    /// same file again even where its author wrote it in another layout.
+    /// The saved file: its content, and its exact bytes, so that an undone edit gives the same file
+    /// again even if its author wrote it in another layout.
     pub(super) saved: Clip,
     pub(super) saved_text: String,
     /// Never saved, and not empty of value: a new clip.
@@ -46,7 +46,7 @@ pub(crate) struct Document {
     pub(super) replayed: Replayed,
 }
 
-/// What was done to the history.
+/// A step of the history.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Done {
     Edit,
@@ -85,7 +85,7 @@ impl Document {
         self.editor.command()
     }
 
-    /// What is known about its robot.
+    /// The facts about the robot's joints.
     pub(crate) fn table(&self) -> Option<&JointTable> {
         self.editor.table()
     }
@@ -100,12 +100,12 @@ impl Document {
         self.path.as_deref()
     }
 
-    /// How many edits there are, and how many are done.
+    /// The number of edits, and how many are done.
     pub(crate) fn history(&self) -> (usize, usize) {
         self.editor.history()
     }
 
-    /// What these edits are called, oldest first.
+    /// The names of these edits, oldest first.
     pub(crate) fn labels(&self, edits: std::ops::Range<usize>) -> Vec<String> {
         self.editor.labels(edits)
     }
@@ -115,7 +115,7 @@ impl Document {
         self.editor.clip() != &self.saved
     }
 
-    /// What the start brought back.
+    /// The edits that the start recovered.
     pub(crate) fn restored(&self) -> Option<&Restored> {
         self.restored.as_ref()
     }

@@ -1,4 +1,4 @@
-//! Ways for a document to come about: from a file, from a journal, anew.
+//! Makes a document: from a file, from a journal, or new.
 
 use std::path::{Path, PathBuf};
 
@@ -206,7 +206,7 @@ impl Document {
     }
 }
 
-/// What the records say of the history.
+/// The steps of the history that the records contain.
 pub(super) fn steps(records: &[Record]) -> Vec<Step> {
     let step = |record: &Record| match record {
         Record::Base { .. } | Record::Closed | Record::Opened => None,

@@ -1,4 +1,4 @@
-//! Where the journal of a clip file lies.
+//! The path of a clip file's journal.
 
 use std::path::{Path, PathBuf};
 
@@ -31,7 +31,8 @@ pub(crate) fn open_journal(clip: &Path, state_dir: &Path) -> Result<Found, Error
     }
 }
 
-/// Where the journal of a clip file is: beside it, or where its folder takes no files.
+/// The possible paths of a clip file's journal: beside it, or in the state folder if its own folder
+/// cannot be written.
 pub(super) fn journal_places(clip: &Path, state_dir: &Path) -> [PathBuf; 2] {
     let mut name = clip.file_name().unwrap_or_default().to_owned();
     name.push(".autosave");

@@ -1,4 +1,4 @@
-//! Journals of documents that are open nowhere: drafts, and what a killed studio left.
+//! Journals of documents that are not open: drafts, and documents of a killed studio.
 
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
@@ -67,7 +67,8 @@ impl Document {
     /// Clips that were never saved and are open nowhere, the newest first. Journals without
     /// an edit go.
     pub(crate) fn drafts(state_dir: &Path) -> Vec<Draft> {
-        // Who looks holds the journals' locks meanwhile: two at once would miss some.
+        // A search holds the journals' locks: of two searches at once, each would miss some
+        // journals.
         static LOOKING: Mutex<()> = Mutex::new(());
         let _one = LOOKING.lock().unwrap_or_else(PoisonError::into_inner);
         Self::waiting(state_dir).into_iter().map(|(draft, _)| draft).collect()

@@ -1,4 +1,4 @@
-//! How far a replay of the journal would come.
+//! The result of replaying a journal, without opening it.
 
 /// The history that a replay of the journal would have. It is shorter than the true one
 /// after a save, and what it lacks must be written out as an edit.

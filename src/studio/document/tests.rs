@@ -1,4 +1,4 @@
-//! What a document keeps, and what comes back.
+//! Tests of what a document keeps, and of what is recovered.
 
 use super::journal::{Journal, Record};
 use super::{Document, Edit};
@@ -333,7 +333,7 @@ fn what_another_program_wrote_is_neither_overwritten_nor_lost() {
     assert_eq!(second.unwrap().clip(), &clip);
 }
 
-/// What is on disk of a clip and its journal.
+/// The files of a clip and its journal on disk.
 #[derive(Clone, PartialEq)]
 struct Disk {
     clip: Vec<u8>,

@@ -1,4 +1,4 @@
-//! What every handler speaks: JSON with our refusals, whole bodies, downloads.
+//! Answers of handlers: JSON with refusals, whole bodies, downloads.
 
 use std::sync::Arc;
 

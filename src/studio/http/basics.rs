@@ -1,4 +1,4 @@
-//! Sessions, the state as a whole, and addresses that are none.
+//! Sessions, the complete state, and the answer to unknown addresses.
 
 use std::sync::atomic::Ordering;
 

@@ -1,4 +1,4 @@
-//! Clips that come as files: from the page's picker or a drop, or from a folder.
+//! Clips from files: uploaded by the page's picker or a drop, or read from a folder.
 
 use std::path::PathBuf;
 use std::sync::Arc;

@@ -1,9 +1,9 @@
-//! Who may talk to the studio: nobody but the person who started it.
+//! The guard admits requests only from the person who started the studio.
 //!
-//! A loopback address is no defence. Any page in the same browser can send requests to it
-//! (simple POSTs and sockets ask no one), a DNS name can be rebound to 127.0.0.1, and
-//! other users of the machine reach the port as well. Hence three checks on every request,
-//! in this order:
+//! A loopback address alone is not safe. Any page in the same browser can send requests to it
+//! (simple POSTs and sockets need no permission), a DNS name can be rebound to 127.0.0.1, and other
+//! users of the machine reach the port as well. Hence there are three checks on every request, in
+//! this order:
 //!
 //! 1. `Host` is exactly one of `127.0.0.1`, `localhost`, `[::1]` with our port, once (403);
 //! 2. `Origin`, where a browser sends one, is `http://` plus that very Host; a request that
@@ -12,11 +12,11 @@
 //!    gives for it, or `?token=` on a socket (401). Only the start page and its bundle
 //!    are open, as the browser has no token yet; they hold no secret.
 //!
-//! A browser that we start gets a one-time code instead of the token, since the arguments of a
-//! program can be read by all.
+//! The started browser gets a one-time code instead of the token, since everybody on the machine
+//! can read the arguments of a program.
 //!
-//! Rejected: "no Origin means no browser, so let it in" (Jupyter's hole) and CORS lists (they
-//! guard reads, not writes). There is no `Access-Control-Allow-Origin` at all.
+//! Rejected: "no Origin means no browser, so let it in" (a former hole in Jupyter), and CORS lists
+//! (they protect reading, not writing). There is no `Access-Control-Allow-Origin` at all.
 
 use std::io::Read;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -123,7 +123,7 @@ impl Guard {
         &self.token
     }
 
-    /// What the browser that we start gets in the place of the token: everybody on the machine
+    /// The code that the started browser gets instead of the token, since everybody on the machine
     /// can read the arguments of a program. It opens `POST /api/session` once.
     pub(crate) fn code(&self) -> &Secret {
         &self.code
@@ -232,7 +232,7 @@ impl Guard {
     }
 }
 
-/// What the browser itself says about the sender. Old browsers and scripts say nothing.
+/// Checks what the browser itself states about the sender. Old browsers and scripts say nothing.
 fn fetch_site(head: &Parts, open: bool) -> Result<(), Refusal> {
     let value = |name: &str| head.headers.get(name).map(HeaderValue::as_bytes);
     match value("sec-fetch-site") {

@@ -1,4 +1,4 @@
-//! Work that takes a while: exports, imports, training, and what it leaves in the folder.
+//! Long work: exports, imports, training, and the results in the folder.
 
 use std::path::Path;
 use std::sync::Arc;

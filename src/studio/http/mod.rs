@@ -1,4 +1,4 @@
-//! What a browser and a script reach: thin handlers behind one guard.
+//! The HTTP interface for browsers and scripts: thin handlers behind one guard.
 
 mod answer;
 mod basics;

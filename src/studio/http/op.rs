@@ -1,4 +1,4 @@
-//! Requests on the socket that are no edit.
+//! Requests on the socket that are not edits.
 
 use crate::protocol::{Error, Outcome, StudioOp};
 use crate::session::SessionCommand;

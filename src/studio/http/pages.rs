@@ -1,8 +1,7 @@
-//! The files that a browser gets: our bundle, and the viser client.
+//! The files for the browser: our page, and the viser client.
 //!
-//! Both are built or fetched by `script/bootstrap` and embedded; neither is in the
-//! repository. Without the bundle a plain page says so, without the client the viewport is
-//! made of stills.
+//! Both are built or fetched by `script/bootstrap` and embedded; neither is in the repository. If
+//! the page is missing, a plain page says so. If the client is missing, the viewport shows stills.
 
 use axum::http::{StatusCode, Uri, header};
 use axum::response::{Html, IntoResponse, Response};

@@ -1,4 +1,4 @@
-//! Pictures of poses, moments and examples, and what is under a point of one.
+//! Pictures of poses, frames and examples, and the body at a point of such a picture.
 
 use axum::body::Bytes;
 use axum::extract::State;

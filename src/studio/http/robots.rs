@@ -106,7 +106,7 @@ pub(crate) async fn draw(State(app): Shared, Json(body): Json<DrawRequest>) -> A
         return Err(Error::request(what).into());
     }
     let line = app.viewport.sketch(&body).await?;
-    // What the policy's data hold, and never more than the joint can do.
+    // The range of the policy's data, and never more than the joint can do.
     let speed = |j: &JointFacts| j.speed_usual.into_iter().chain(j.speed_max).reduce(f64::min);
     let speeds = facts.table.joints.iter().map(speed).collect();
     let DrawRequest { q, site, secs, tolerance_m, locked, .. } = body;

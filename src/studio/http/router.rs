@@ -1,4 +1,4 @@
-//! All addresses, behind the guard.
+//! All routes, behind the guard.
 
 use std::sync::Arc;
 use std::time::Duration;

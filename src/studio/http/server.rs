@@ -1,7 +1,8 @@
-//! The server: one loopback port, a router, an end.
+//! The server: one loopback port, a router, and the shutdown.
 //!
-//! `axum::serve` has no time limit for a request's head, so the accept loop is our own: head
-//! of 16 KiB within 5 s, a bounded number of connections, and the guard before every route.
+//! `axum::serve` has no time limit for a request's head, so the accept loop is our own. It allows a
+//! head of 16 KiB within 5 s and a bounded number of connections, and puts the guard before every
+//! route.
 
 use std::collections::BTreeMap;
 use std::net::{Ipv4Addr, SocketAddr};
@@ -18,7 +19,7 @@ use tokio::sync::{Semaphore, oneshot, watch};
 use crate::protocol::Error;
 use robert_base::limits;
 
-/// How long a connection waits for the place of one that was ended for it.
+/// The time that a connection waits for the place of one that was ended for it.
 const ROOM_PATIENCE: Duration = Duration::from_millis(200);
 
 /// Binds the port; 0 takes any.

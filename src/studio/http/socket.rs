@@ -1,8 +1,8 @@
 //! `/api/ws`: one editor client.
 //!
-//! Requests are done one at a time: a client that floods fills its own socket, not our
-//! queues. What goes out is either in the bounded stream of the hub or taken from the
-//! store when the socket has room; nothing is kept for a client that does not read.
+//! Requests are handled one at a time, so a client that sends too many fills its own socket and not
+//! our queues. Outgoing messages are in the bounded stream of the hub, or are taken from the store
+//! when the socket has room. Nothing is kept for a client that does not read.
 
 use std::sync::Arc;
 use std::sync::atomic::Ordering;

@@ -1,4 +1,4 @@
-//! Examples, recent files, drafts, and what lies in the folder.
+//! Examples, recent files, drafts, and the content of the folder.
 
 use axum::extract::{Path as UrlPath, State};
 use axum::http::StatusCode;

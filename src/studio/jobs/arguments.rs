@@ -1,4 +1,4 @@
-//! The arguments of a job, and of one that goes on.
+//! The arguments of a job, and of a job that is resumed.
 
 use crate::protocol::{Error, JobKind};
 

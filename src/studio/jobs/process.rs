@@ -1,4 +1,4 @@
-//! The processes of jobs, and what they say.
+//! The processes of jobs, and their output.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::io::{BufRead, BufReader};
@@ -26,21 +26,21 @@ struct Job {
     secs: f64,
 }
 
-/// What a job has said.
+/// The output of a job.
 #[derive(Default)]
 struct Said {
     progress: Option<JobProgress>,
     /// The newest events.
     lines: VecDeque<JobEvent>,
-    /// How many events there have been.
+    /// The number of events so far.
     events: usize,
     log: VecDeque<String>,
 }
 
-/// What the studio knows about a job beside its arguments.
+/// Facts about a job beside its arguments.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Extra {
-    /// What it is for.
+    /// The purpose of the job, in words.
     pub(crate) title: String,
     /// The file that it makes, for downloading.
     pub(crate) output: Option<PathBuf>,

@@ -11,7 +11,7 @@ use robert_clip::Op;
 pub struct OpsRequest {
     /// The edits, in order; they count as one for undo.
     pub ops: Vec<Op>,
-    /// What the history calls them; the first edit's own words when empty.
+    /// The name of the edits in the history; if empty, the name of the first edit.
     #[serde(default)]
     pub label: String,
 }

@@ -8,7 +8,7 @@ use serde_json::Value;
 use super::policy::PolicyCard;
 use robert_clip::{Blind, Delta, Granularity, JointTable, Lint, Span};
 
-/// What an edit did.
+/// The effect of an edit.
 #[derive(Clone, Debug, Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Edited {
@@ -16,7 +16,7 @@ pub struct Edited {
     pub rev: u64,
     /// Unsaved edits exist.
     pub dirty: bool,
-    /// What changed, step by step; empty when nothing did.
+    /// The changes, step by step; empty if nothing changed.
     pub patches: Vec<Delta>,
     /// Labels and position.
     pub history: History,
@@ -32,9 +32,9 @@ pub struct History {
     pub labels: Vec<String>,
     /// Number of the first label, from 0.
     pub first: usize,
-    /// How many edits are done; the rest can be redone.
+    /// The number of edits that are done; the rest can be redone.
     pub done: usize,
-    /// How many there are.
+    /// The number of edits.
     pub len: usize,
 }
 
@@ -74,13 +74,13 @@ pub struct Findings {
     pub rev: u64,
     /// Problems, worst first, each with its mends (ready-made `op`s).
     pub lints: Vec<Lint>,
-    /// What the frames are; tiles the clip.
+    /// Spans of frames of one kind, without gaps from the first frame to the last.
     pub spans: Vec<Span>,
     /// Runs of steps without any goal in sight.
     pub blind: Vec<Blind>,
     /// Whether simulation has judged every pose.
     pub simulated: bool,
-    /// What the policy in use can leave open.
+    /// The masks that the policy in use accepts.
     pub granularity: Granularity,
 }
 
@@ -112,7 +112,7 @@ pub struct Draft {
     pub abandoned: bool,
 }
 
-/// What a start from a journal brought back.
+/// The edits that a start recovered from a journal.
 #[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Restored {
@@ -120,9 +120,9 @@ pub struct Restored {
     pub edits: usize,
     /// Bytes of a torn record at the end, never acknowledged, that were dropped.
     pub torn_bytes: u64,
-    /// What was damaged and could not be brought back, in words.
+    /// Damaged parts that could not be recovered, in words.
     pub lost: Vec<String>,
-    /// Where the damaged journal is kept.
+    /// The path where the damaged journal is kept.
     pub kept: Option<PathBuf>,
     /// The file was changed by others since: saving overwrites that.
     pub file_changed: bool,

@@ -1,4 +1,4 @@
-//! What can go wrong in the studio, and how it is told to a browser and to a shell.
+//! Errors of the studio, and their form for browsers and shells.
 
 use std::path::PathBuf;
 
@@ -49,15 +49,15 @@ pub enum Error {
     /// The journal cannot be written; the edit was not taken.
     #[error("the edit was not taken, because its journal cannot be written: {source}: {path}", path = .path.display())]
     Journal {
-        /// What the system said.
+        /// The operating system's error.
         source: std::io::Error,
         /// The journal.
         path: PathBuf,
     },
-    /// What has the journal's name is none; it was left as it is.
+    /// The file with the journal's name is not a journal; it was left as it is.
     #[error("this file has the name of the clip's journal and is none: {what}; move it away: {path}", path = .path.display())]
     NotAJournal {
-        /// What it is.
+        /// The kind of file that it is.
         what: String,
         /// The file.
         path: PathBuf,
@@ -69,7 +69,7 @@ pub enum Error {
     Bind {
         /// The port.
         port: u16,
-        /// What the system said.
+        /// The operating system's error.
         source: std::io::Error,
     },
     /// The server itself failed.
@@ -78,7 +78,7 @@ pub enum Error {
     /// The simulation worker failed at this request, and said why.
     #[error("{message}")]
     Simulation {
-        /// What it said.
+        /// The message of the worker.
         message: String,
         /// Its class.
         exit: Exit,
@@ -92,19 +92,19 @@ pub enum Error {
     /// A request makes no sense.
     #[error("{what}")]
     Request {
-        /// What is wrong with it and what would be right.
+        /// The problem, and what would be right.
         what: String,
     },
     /// There is no such thing.
     #[error("there is no {what}")]
     NotFound {
-        /// What was asked for.
+        /// The thing that was asked for.
         what: String,
     },
     /// A body has too many bytes.
     #[error("the body has more than {cap} bytes")]
     TooLarge {
-        /// How many it may have.
+        /// The allowed number of bytes.
         cap: usize,
     },
     /// A cap was reached.

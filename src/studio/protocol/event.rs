@@ -1,4 +1,4 @@
-//! What the server says on the socket.
+//! Events that the server sends on the socket.
 
 use std::collections::BTreeMap;
 
@@ -13,7 +13,7 @@ use super::rollout::{RolloutSettings, RolloutState, TakesView, WorkerState};
 use super::state::State;
 use robert_clip::{Delta, Demand, Level};
 
-/// What came of a request that changed nothing.
+/// The answer to a request that changed nothing.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
@@ -27,7 +27,7 @@ pub enum Outcome {
     },
     /// An edit is previewed.
     Previewed {
-        /// What the edit asks of the joints, where that is known.
+        /// The joint speeds that the edit asks for, if they are known.
         demand: Option<Demand>,
     },
 }
@@ -104,7 +104,7 @@ pub enum Event {
     /// New frames.
     #[serde(rename = "rollout.frames")]
     RolloutFrames {
-        /// Which rollout.
+        /// The generation of the rollout.
         #[serde(rename = "gen")]
         generation: u64,
         /// First frame here.
@@ -114,7 +114,7 @@ pub enum Event {
         /// Mean absolute error by frame, null where masked.
         error: Vec<Option<f64>>,
     },
-    /// How far it is.
+    /// The progress of the rollout.
     #[serde(rename = "rollout.state")]
     RolloutState(RolloutState),
     /// Takes, and which are compared.
@@ -174,7 +174,7 @@ pub enum Event {
     /// A sentence for a banner.
     #[serde(rename = "notice")]
     Notice {
-        /// How much it matters.
+        /// The importance of the notice.
         level: Level,
         /// It.
         message: String,

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use robert_base::progress::{JobEvent, JobProgress};
 
-/// What can be started.
+/// A kind of job.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
@@ -28,13 +28,13 @@ pub enum JobKind {
 #[serde(deny_unknown_fields)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct JobRequest {
-    /// What.
+    /// The kind of job.
     pub kind: JobKind,
     /// Arguments as on the command line, without `--jsonl`.
     pub args: Vec<String>,
 }
 
-/// How a job is.
+/// The state of a job.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
@@ -57,17 +57,17 @@ pub enum JobPhase {
 pub struct JobView {
     /// Number.
     pub id: u64,
-    /// What.
+    /// The kind of job.
     pub kind: JobKind,
     /// Its arguments.
     pub args: Vec<String>,
-    /// What it is for, in words.
+    /// The purpose of the job, in words.
     pub title: String,
-    /// How it is.
+    /// The state of the job.
     pub phase: JobPhase,
     /// Exit code, when it has ended.
     pub exit: Option<i32>,
-    /// How far it is: the newest `progress` event.
+    /// The progress of the job: the newest `progress` event.
     pub progress: Option<JobProgress>,
     /// The newest other event.
     pub last: Option<JobEvent>,
@@ -103,7 +103,7 @@ pub struct ExportRequest {
     /// Frames `[from, to)`, for films; the frame `from`, for a picture.
     #[serde(default)]
     pub frames: Option<[u32; 2]>,
-    /// What is laid over.
+    /// The robot that is laid over the picture.
     #[serde(default)]
     pub overlay: Option<String>,
     /// fit, fixed, top, orbit, or a camera of the model.
@@ -112,12 +112,12 @@ pub struct ExportRequest {
     /// Moments of a strip.
     #[serde(default)]
     pub moments: Option<u32>,
-    /// What is drawn beside it.
+    /// The chart that is drawn beside it.
     #[serde(default)]
     pub compare: Option<Beside>,
 }
 
-/// What stands beside the clip in a picture or film.
+/// The panels beside the clip in a picture or film.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[cfg_attr(test, derive(schemars::JsonSchema))]

@@ -1,4 +1,4 @@
-//! What the studio and its clients say to each other, precisely.
+//! The protocol between the studio and its clients.
 //!
 //! The browser page, `examples/` scripts and tests all use this one protocol: JSON over HTTP
 //! and over one WebSocket. Values are rad, m, s and frames of 1/20 s. Every struct here

@@ -20,7 +20,7 @@ pub enum StudioOp {
     /// Undoes or redoes until `done` edits are done.
     #[serde(rename = "history.goto")]
     HistoryGoto {
-        /// How many.
+        /// The number of edits that shall be done.
         done: usize,
     },
     /// Rolls out as if this edit were made; nothing is stored. Send while dragging; the
@@ -48,7 +48,7 @@ pub enum StudioOp {
     /// Keeps a take for good, or no longer.
     #[serde(rename = "take.pin")]
     TakePin {
-        /// Which.
+        /// The take's id.
         id: u64,
         /// Whether.
         pinned: bool,
@@ -56,21 +56,21 @@ pub enum StudioOp {
     /// Names a take and pins it.
     #[serde(rename = "take.name")]
     TakeName {
-        /// Which.
+        /// The take's id.
         id: u64,
-        /// How.
+        /// The new name.
         name: String,
     },
     /// Draws these takes beside what is performed now; the last one also in the viewport.
     #[serde(rename = "take.compare")]
     TakeCompare {
-        /// Which; none ends it.
+        /// The ids of the takes to compare; an empty list ends the comparison.
         ids: Vec<u64>,
     },
     /// Forgets a take.
     #[serde(rename = "take.remove")]
     TakeRemove {
-        /// Which.
+        /// The take's id.
         id: u64,
     },
     /// Shows this frame in the viewport (also while scrubbing).
@@ -82,7 +82,7 @@ pub enum StudioOp {
     /// Plays in the viewport; the page's own clock follows `frame` at `speed`.
     #[serde(rename = "view.play")]
     ViewPlay {
-        /// Where from.
+        /// The frame at which playback begins.
         frame: f64,
         /// Frames of the loop, `[from, to)`; absent = the clip, once.
         #[serde(default)]
@@ -90,7 +90,7 @@ pub enum StudioOp {
         /// Times real time; 0 stops.
         speed: f64,
     },
-    /// What the viewport shows; absent fields stay.
+    /// The parts that the viewport shows; absent fields keep their value.
     #[serde(rename = "view.show")]
     ViewShow(ViewShow),
     /// Selects a joint or a body, or nothing.
@@ -114,7 +114,7 @@ pub enum StudioOp {
     /// Frames the camera: `home`, `fit`, `front`, `side`, `top`, `selection`.
     #[serde(rename = "view.camera")]
     ViewCamera {
-        /// Which.
+        /// The name of the preset.
         preset: String,
     },
     /// Shows a pose that is not in the clip (a floating pose); null ends it.
@@ -175,7 +175,7 @@ pub struct ViewShow {
     pub dark: Option<bool>,
 }
 
-/// What is selected; shared by all clients.
+/// The selection; shared by all clients.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]

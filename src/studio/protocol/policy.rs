@@ -16,7 +16,7 @@ pub struct PolicyCard {
     pub model: Option<String>,
     /// The case that it is best for.
     pub suits: String,
-    /// What should fill masked frames for it.
+    /// The guide that should fill masked frames for it.
     pub guide: Guide,
     /// Whether it has the robot's own model to compute with.
     pub knows_model: bool,
@@ -24,12 +24,12 @@ pub struct PolicyCard {
     pub slow: bool,
     /// Whether it can be chosen for this robot without a model file of one's own.
     pub available: bool,
-    /// What it needs, when it cannot.
+    /// The missing part that it needs, if it cannot be chosen.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub why: Option<String>,
-    /// Whether it learned something, and so can have a model file of one's own.
+    /// Whether the policy is learned, so that another model file can be given for it.
     pub learned: bool,
-    /// Who performs unless one is chosen.
+    /// Whether it is the policy that performs unless another is chosen.
     pub default: bool,
 }
 

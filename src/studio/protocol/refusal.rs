@@ -6,7 +6,7 @@ use super::error::Error;
 use robert_base::exit::{Exit, HasExit};
 use robert_clip::ClipError;
 
-/// What kind of refusal.
+/// The kind of a refusal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
@@ -41,7 +41,7 @@ pub enum Code {
     Failed,
 }
 
-/// Where in a file.
+/// A place in a file.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Place {
@@ -59,10 +59,10 @@ pub struct ErrorBody {
     pub code: Code,
     /// The sentence that the command line prints after `error: `.
     pub message: String,
-    /// Where, for files.
+    /// The place, for files.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub place: Option<Place>,
-    /// What to do about it, where that is not in the message.
+    /// A way to solve the problem, if the message does not contain it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mend: Option<String>,
 }

@@ -13,7 +13,7 @@ use robert_rollout::Offer;
 pub struct RobotCard {
     /// Identifier.
     pub id: String,
-    /// What it is loaded by: its id, or its folder.
+    /// The source that it is loaded from: its id, or its folder.
     pub source: String,
     /// Whether it comes with the program.
     pub builtin: bool,
@@ -43,7 +43,7 @@ pub struct BodyFacts {
     pub joints: Vec<usize>,
 }
 
-/// Where a joint acts.
+/// The position and the axis of a joint.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct AxisFacts {
@@ -69,13 +69,13 @@ pub struct SiteFacts {
     pub quat: [f64; 4],
 }
 
-/// What a page needs to know about a robot.
+/// The facts about a robot that a page needs.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct RobotFacts {
     /// Identifier.
     pub id: String,
-    /// What it is loaded by: its id, or its folder.
+    /// The source that it is loaded from: its id, or its folder.
     pub source: String,
     /// Name for people.
     pub title: String,
@@ -119,7 +119,7 @@ pub struct MeshFacts {
     pub faces: Vec<u32>,
 }
 
-/// What a robot looks like.
+/// The shape of a robot.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Geometry {
@@ -138,7 +138,7 @@ pub struct Geometry {
 #[serde(deny_unknown_fields)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct IkRequest {
-    /// Where to start, one value per state joint.
+    /// The pose at which the search starts, one value per state joint.
     pub q: Vec<f64>,
     /// The site that is pulled.
     #[serde(default)]
@@ -146,7 +146,7 @@ pub struct IkRequest {
     /// In its place: a body by name, and a point in its frame, m.
     #[serde(default)]
     pub body: Option<(String, [f64; 3])>,
-    /// Where to, world, m; absent = only the pins count.
+    /// The target of the point in the world, m; if it is absent, only the pins count.
     #[serde(default)]
     pub pos: Option<[f64; 3]>,
     /// Orientation, w x y z; absent = free.
@@ -167,10 +167,10 @@ pub struct IkRequest {
 pub struct Pin {
     /// The site.
     pub site: String,
-    /// Where it stays, world, m.
+    /// The place where the point stays, in the world, m.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pos: Option<[f64; 3]>,
-    /// How it is turned there, w x y z; absent = free.
+    /// The orientation of the point there, w x y z; free if absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub quat: Option<[f64; 4]>,
     /// In the place of both: the site that it touches.
@@ -178,7 +178,7 @@ pub struct Pin {
     pub to: Option<String>,
 }
 
-/// What inverse kinematics found.
+/// The result of inverse kinematics.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct IkAnswer {
@@ -205,14 +205,14 @@ pub struct DrawRequest {
     pub q: Vec<f64>,
     /// The site that goes along the line.
     pub site: String,
-    /// What the line lies on.
+    /// The plane in which the line is drawn.
     pub plane: Plane,
     /// Points of the picture, 0 to 1 from the top left corner, and when the hand was there, s.
     pub points: Vec<[f64; 3]>,
     /// Seconds for the whole line, at an even speed; absent = as long as the hand took.
     #[serde(default)]
     pub secs: Option<f64>,
-    /// How far the path may be from the line, m.
+    /// Allowed distance between path and line, m.
     pub tolerance_m: f64,
     /// Joints that must stay.
     #[serde(default)]
@@ -232,7 +232,7 @@ pub enum Plane {
     View,
 }
 
-/// What a drawn line became.
+/// The path that follows a drawn line.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct DrawAnswer {
@@ -258,7 +258,7 @@ pub struct DrawnKey {
     pub q: Vec<f64>,
 }
 
-/// Where a pose comes to rest when the robot is driven there.
+/// The pose that the robot reaches when it is driven to a pose and comes to rest.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct SettleAnswer {
@@ -274,7 +274,7 @@ pub struct SettleAnswer {
     pub within: bool,
 }
 
-/// How near a performance came.
+/// The errors of a performance.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct MeanError {
@@ -284,7 +284,7 @@ pub struct MeanError {
     pub unit: Unit,
 }
 
-/// What is under a pointer.
+/// The part of the robot that is under a pointer.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Hovered {

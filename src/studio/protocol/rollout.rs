@@ -5,7 +5,7 @@ use serde_json::Value;
 
 use robert_rollout::{Guide, PolicyConfig, PolicyName, Trial};
 
-/// How the live rollout is made.
+/// The settings of the live rollout.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
@@ -34,7 +34,7 @@ impl RolloutSettings {
         config
     }
 
-    /// What takes and pictures say who performed.
+    /// The name of the performer in takes and pictures.
     pub fn label(&self) -> String {
         let model_path = self.model_path.as_ref().map(Into::into);
         PolicyConfig { model_path, ..self.config() }.label()
@@ -69,7 +69,7 @@ pub struct RolloutView {
     pub precision: Option<Value>,
 }
 
-/// How far the rollout is.
+/// The progress of the rollout.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct RolloutState {
@@ -78,7 +78,7 @@ pub struct RolloutState {
     pub generation: u64,
     /// Version of the document that it performs; 0 for a preview.
     pub rev: u64,
-    /// What it is doing.
+    /// The phase in which it is.
     pub phase: Phase,
     /// Frames `0..cached_to` are valid.
     pub cached_to: usize,
@@ -92,14 +92,15 @@ pub struct RolloutState {
     pub ms_per_frame: Option<f64>,
     /// The policy, such as `pd+refine`. For `auto` the one that it chose, once it has.
     pub policy: String,
-    /// What `auto` compared, in the order in which it was tried; empty for a named policy.
+    /// The policies that `auto` compared, in the order in which they were tried; empty for a named
+    /// policy.
     pub tried: Vec<Trial>,
     /// Why it failed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub error: Option<String>,
 }
 
-/// What a rollout is doing.
+/// The phase of a rollout.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
@@ -123,7 +124,7 @@ pub enum Phase {
 pub struct TakeCard {
     /// Number, for `GET /api/takes/{id}` and the operations on it.
     pub id: u64,
-    /// What it is called.
+    /// The name of the policy.
     pub name: String,
     /// Title of its clip.
     pub clip: String,

@@ -1,4 +1,4 @@
-//! What a fresh page needs.
+//! The complete state that a fresh page needs.
 
 use super::document::DocumentView;
 use super::policy::PolicyCard;
@@ -24,7 +24,7 @@ pub struct State {
     pub viser: bool,
     /// Editor clients connected.
     pub clients: usize,
-    /// Where relative paths start.
+    /// The folder where relative paths start.
     pub folder: String,
     /// Joints that no hand moves.
     pub locked: Vec<String>,

@@ -1,8 +1,9 @@
 //! The page's half of the protocol: TypeScript generated from the types that the server uses.
 //!
 //! `schemars` describes each type twice, as serde writes it and as serde reads it, so a field with
-//! a default is optional in what the page sends and certain in what it gets. The few forms that
-//! our types take are turned into TypeScript here. Only tests contain any of this.
+//! a default is optional in what the page sends and always present in what it receives. The few
+//! kinds of schema that our types need are turned into TypeScript here. All of this is compiled for
+//! tests only.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
@@ -22,7 +23,7 @@ use super::{
 };
 use robert_clip::{ClipShape, Op};
 
-/// Where the page imports it from, below the project.
+/// The generated file, relative to the project's folder.
 const FILE: &str = "ui/src/generated/protocol.ts";
 
 const HEAD: &str = "\
@@ -96,11 +97,11 @@ struct Route {
     answer: String,
 }
 
-/// What is generated.
+/// The types to generate.
 struct Page {
-    /// What the page gets, as serde writes it.
+    /// Types that the page receives, as serde writes them.
     got: SchemaGenerator,
-    /// What the page sends, as serde reads it.
+    /// Types that the page sends, as serde reads them.
     sent: SchemaGenerator,
     routes: Vec<Route>,
 }
@@ -262,7 +263,7 @@ impl Declarations {
             }
         }
         let text = text.replace(['\u{1}', '\u{2}'], "");
-        // What turned out to be one name needs no brackets.
+        // A part that turned out to be a single name needs no brackets.
         let mut plain = String::new();
         let mut rest = text.as_str();
         while let Some((before, after)) = rest.split_once('(') {
@@ -370,7 +371,7 @@ fn properties(schema: &Value) -> Vec<(&String, &Value, bool)> {
     all.into_iter().flatten().map(|(n, s)| (n, s, required.contains(n.as_str()))).collect()
 }
 
-/// What need not be there is absent instead of null, except where both mean something.
+/// An optional member is absent instead of null, except if both have a meaning.
 fn member_type(schema: &Value, sure: bool) -> String {
     let text = typed(schema);
     let nullable = schema.get("x-null").is_some();
@@ -438,7 +439,7 @@ fn joined(mut parts: Vec<String>) -> String {
 /// `{ a: X; b?: Y }`.
 fn inline(schema: &Value) -> String {
     let mut all = properties(schema);
-    // What tells the alternatives of a type apart stands first.
+    // The member that distinguishes the alternatives of a type stands first.
     all.sort_by_key(|(name, ..)| !matches!(name.as_str(), "event" | "op"));
     let parts: Vec<String> = all
         .into_iter()

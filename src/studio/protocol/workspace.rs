@@ -1,4 +1,4 @@
-//! What lies in the studio's folder: examples, recent files, clips, runs and data.
+//! The content of the studio's folder: examples, recent files, clips, runs and data.
 
 use std::collections::BTreeMap;
 
@@ -75,11 +75,11 @@ pub struct DataCard {
     pub frames: u64,
     /// Trajectories.
     pub episodes: u64,
-    /// What model cards call it.
+    /// The hash by which model cards name it.
     pub sha256: String,
 }
 
-/// A collection that was begun and is not there yet.
+/// A collection that was begun and is not complete yet.
 #[derive(Clone, Debug, Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct BegunCard {
@@ -87,13 +87,13 @@ pub struct BegunCard {
     pub path: String,
     /// Robot.
     pub robot: String,
-    /// Who collects.
+    /// The agents that collect.
     pub agents: Vec<String>,
     /// Frames that are wanted.
     pub transitions: u64,
 }
 
-/// What `GET /api/shelf` shows.
+/// The answer of `GET /api/shelf`.
 #[derive(Clone, Debug, Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Shelf {
@@ -107,7 +107,7 @@ pub struct Shelf {
     pub presets: Vec<(&'static str, &'static str)>,
 }
 
-/// What a file could be.
+/// The kind of a file, judged by its name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
@@ -122,7 +122,7 @@ pub enum FileKind {
     Ros,
 }
 
-/// What a clip file says of itself.
+/// A summary of a clip file.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Peek {
@@ -142,13 +142,13 @@ pub struct Peek {
 pub struct FileCard {
     /// Its name.
     pub name: String,
-    /// What it could be.
+    /// The kind of the file, judged by its name.
     pub kind: FileKind,
     /// Bytes.
     pub bytes: u64,
     /// Seconds since 1970 of its last change.
     pub changed_secs: u64,
-    /// What it says of itself; for clips of a moderate size.
+    /// A summary; for clips of a moderate size.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub clip: Option<Peek>,
     /// Why it cannot be opened.
@@ -160,7 +160,7 @@ pub struct FileCard {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Listing {
-    /// What was named, in full.
+    /// The full path of the folder.
     pub root: String,
     /// The folder below it; empty for itself.
     pub dir: String,

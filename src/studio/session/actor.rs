@@ -1,8 +1,8 @@
 //! The session: one thread that owns the document.
 //!
-//! Whatever clients ask arrives in one queue and is done in order; edits that wait together
-//! share one `fdatasync`. If this thread panics the process ends: the journal is on disk, and
-//! a half-applied edit must never be built upon.
+//! All requests of clients arrive in one queue and are handled in order. Edits that wait together
+//! share one `fdatasync`. If this thread panics the process ends: the journal is on disk, and no
+//! edit may be based on one that was applied in part.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -22,7 +22,7 @@ use robert_clip::{Batch, Change, Delta, Demand, Granularity, JointTable, Level, 
 
 pub(super) struct SessionActor {
     pub(super) document: Option<Document>,
-    /// How many documents there have been.
+    /// The number of documents so far.
     pub(super) opened: u64,
     pub(super) workspace: Arc<Workspace>,
     pub(super) hub: Hub,
@@ -35,7 +35,7 @@ pub(super) struct SessionActor {
     pub(super) inbox: Sender<SessionCommand>,
 }
 
-/// What simulation has said of poses.
+/// Answers of the simulation about poses.
 #[derive(Default)]
 pub(super) struct Judgement {
     /// By the bits of a pose in state order.
@@ -48,11 +48,11 @@ pub(super) struct Judgement {
 pub(super) struct Choice {
     /// Somebody chose it; until then each robot has its own.
     pub(super) by_hand: bool,
-    /// What masks it can take.
+    /// The masks that the policy accepts.
     pub(super) granularity: Granularity,
 }
 
-/// What the simulation said of a clip's robot.
+/// The simulation's answer about a clip's robot.
 pub(crate) type Asked = Result<RobotFacts, Error>;
 
 /// Starts the thread of the session.
@@ -143,7 +143,7 @@ impl SessionActor {
                 let result = self.open_document().and_then(Document::reload);
                 let result = result.map(|changes| {
                     let edited = self.changed(author, &changes);
-                    // What is saved is another content now, even where nothing has changed here.
+                    // The saved content changed, even if nothing else did.
                     let document = Some(Box::new(self.view()));
                     self.hub.send(&Event::Document { document });
                     edited

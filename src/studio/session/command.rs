@@ -1,4 +1,4 @@
-//! What the session is asked, and the way to ask it.
+//! Commands for the session, and the handle that sends them.
 
 use std::path::PathBuf;
 use std::sync::PoisonError;
@@ -13,7 +13,7 @@ use crate::protocol::{DocumentView, Edited, Error, RolloutSettings, Saved};
 use crate::simulation::worker::Checked;
 use robert_clip::{Clip, Command, Demand, Op};
 
-/// Who asks for an edit.
+/// The client that asks for an edit.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Author {
     /// Client number; 0 over HTTP.
@@ -24,7 +24,7 @@ pub(crate) struct Author {
 
 pub(super) type Reply<T> = oneshot::Sender<Result<T, Error>>;
 
-/// What is asked of the session.
+/// A command for the session.
 #[derive(Debug)]
 pub(crate) enum SessionCommand {
     /// An edit, undo, redo.
@@ -62,7 +62,7 @@ pub(crate) enum SessionCommand {
     Text(Reply<String>),
     /// The clip and its command.
     Content(Reply<(Clip, Command)>),
-    /// How rollouts are made.
+    /// Changes how rollouts are made.
     Settings(RolloutSettings, Reply<()>),
     /// Rolls out now.
     Run(Reply<()>),
@@ -86,7 +86,7 @@ impl SessionCommand {
     }
 }
 
-/// How long a reader waits for the session before it takes the document as it last was.
+/// The time that a reader waits for the session before it takes the document as it last was.
 const READER_PATIENCE: Duration = Duration::from_secs(2);
 
 /// A way to ask the session.

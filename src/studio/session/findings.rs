@@ -1,4 +1,4 @@
-//! Problems of the open clip, and what simulation says of its poses.
+//! Problems of the open clip, and the simulation's findings about its poses.
 
 use std::collections::BTreeMap;
 

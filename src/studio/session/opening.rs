@@ -1,4 +1,4 @@
-//! Ways for a document to come to the actor.
+//! Opens documents in the session.
 
 use std::path::Path;
 use std::time::Duration;
@@ -12,10 +12,10 @@ use robert_clip as clip;
 use robert_clip::{Clip, JointTable};
 use robert_robot::MODEL_FILE;
 
-/// How long opening waits for the facts of its robot.
+/// The time that opening waits for the facts of its robot.
 const ROBOT_PATIENCE: Duration = Duration::from_secs(20);
 
-/// What is known of the joints then.
+/// The joint table of the answer, if there is one.
 fn table(asked: &Asked) -> Option<JointTable> {
     asked.as_ref().ok().map(|facts| facts.table.clone())
 }

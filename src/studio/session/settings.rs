@@ -1,4 +1,4 @@
-//! How rollouts of the open document are made.
+//! The settings for rollouts of the open document.
 
 use super::actor::SessionActor;
 use crate::protocol::{Event, RolloutSettings};
@@ -22,8 +22,8 @@ impl SessionActor {
         self.simulation.robot().map(|r| r.offers.clone()).unwrap_or_default()
     }
 
-    /// What masks may hide from the policy of these settings. A model that cannot be read
-    /// says so itself when it is to perform.
+    /// The masks that the policy of these settings accepts. A model that cannot be read says so
+    /// itself when it is to perform.
     pub(super) fn masks(&self, settings: &RolloutSettings) -> MaskGranularity {
         let offers = self.offers();
         let offered =

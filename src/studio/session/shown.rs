@@ -1,10 +1,10 @@
-//! What readers get while the session waits for a disk.
+//! The document that readers get while the session waits for a disk.
 //!
 //! The session's thread writes journals and files itself, since an edit may not be acknowledged
-//! before its record is on disk. A disk that does not answer (a folder on another machine) holds
-//! up edits and saves; who only reads gets the document as it last was. Rejected: writing on a
-//! thread of its own while the document goes on, because a failed write would have to take back
-//! edits that others have built upon.
+//! before its record is on disk. A disk that does not answer (a folder on another machine) delays
+//! edits and saves; readers get the document as it last was. Rejected: a separate thread for
+//! writing while the document goes on, because a failed write would have to take back edits that
+//! others have built upon.
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -20,7 +20,7 @@ pub(super) struct Shown {
     pub(super) content: Option<(Clip, Command)>,
 }
 
-/// Where it is left for readers.
+/// The place where the session leaves the document for readers.
 pub(super) type Shelf = Arc<Mutex<Shown>>;
 
 /// After the first change since the last time, it is shown this much later: a copy costs as much
@@ -30,7 +30,7 @@ const AFTER: Duration = Duration::from_millis(100);
 /// Renews the shelf now and then.
 pub(super) struct Showing {
     shelf: Shelf,
-    /// When it is to be renewed.
+    /// The time at which it is renewed.
     due: Option<Instant>,
 }
 

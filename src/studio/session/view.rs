@@ -8,7 +8,7 @@ use crate::protocol::{DocumentView, Findings, History, policies};
 use robert_clip::{Clip, JointTable, RobotRef};
 
 impl SessionActor {
-    /// What is known about the robot, with what the policy in use can leave open.
+    /// The robot's joint table, with the masks that the policy in use accepts.
     pub(super) fn table(&self) -> JointTable {
         let clip = || self.document.as_ref().map(|d| JointTable::from_clip(d.clip()));
         let known = self.simulation.robot().map(|r| r.table.clone()).or_else(clip);
@@ -17,7 +17,7 @@ impl SessionActor {
         table
     }
 
-    /// What readers get while this thread waits for a disk.
+    /// The document that readers get while this thread waits for a disk.
     pub(super) fn shown(&self) -> Shown {
         let document = self.document.as_ref();
         Shown {

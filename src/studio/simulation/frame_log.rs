@@ -16,7 +16,7 @@ pub(super) struct FrameLog {
     pub(super) bodies: Vec<Arc<[f32]>>,
     /// Commanded body transforms; (nbody, 7) a frame.
     pub(super) goal_bodies: Vec<Arc<[f32]>>,
-    /// When each frame was written; never falls along the frames.
+    /// The stamp of each frame's last write; never falls along the frames.
     stamps: Vec<u64>,
     stamp: u64,
     /// Seconds that the frames of this rollout took, and how many were timed.

@@ -14,10 +14,10 @@ use robert_net::Threads;
 /// The simulation. Clones share it.
 #[derive(Clone, Debug)]
 pub(crate) struct Simulation {
-    /// What it has simulated; to be read.
+    /// The simulated rollout, for reading.
     pub(crate) rollout: Arc<RolloutStore>,
     worker: WorkerHandle,
-    /// Where a model's relative path starts.
+    /// The folder where a model's relative path starts.
     folder: PathBuf,
 }
 
@@ -48,13 +48,14 @@ impl Simulation {
         self.rollout.set_robot(facts.map(RobotContext::new).map(Arc::new));
     }
 
-    /// How rollouts are made from now on.
+    /// Sets how rollouts are made from now on.
     pub(crate) fn set_settings(&self, settings: RolloutSettings) {
         self.rollout.set_settings(settings.clone());
         let mut policy = settings.config();
         // One rollout at a time, and somebody waits for it.
         policy.inference.threads = Threads::Faster;
-        // What is no file here is the name of a model that comes with the program or the robot.
+        // A text that names no file is the name of a model that comes with the program or the
+        // robot.
         let full =
             |p: String| Some(self.folder.join(&p)).filter(|f| f.exists()).unwrap_or(p.into());
         policy.model_path = settings.model_path.map(full);

@@ -1,4 +1,4 @@
-//! The robot of the open document: one copy of its facts for whoever asks.
+//! The robot of the open document: one copy of its facts for all readers.
 
 use std::collections::BTreeSet;
 use std::ops::Deref;
@@ -19,7 +19,7 @@ impl Deref for RobotContext {
 }
 
 impl RobotContext {
-    /// What the simulation said of a robot.
+    /// The context that follows from the simulation's facts.
     pub(crate) fn new(facts: RobotFacts) -> RobotContext {
         RobotContext(facts)
     }

@@ -1,9 +1,9 @@
-//! The live rollout: frames as they come, and what each client has yet to see of them.
+//! The live rollout: its frames, and which of them each client has not seen yet.
 //!
-//! No queues. Frames stand in one store, each with the stamp of its writing; a client
-//! remembers the newest stamp it has sent and takes what is newer. A slow browser so gets
-//! fewer, larger updates and never falls behind, and a thousand edits while it sleeps cost
-//! nothing but their last state.
+//! There are no queues. One store holds the frames, each with the stamp of its writing. A client
+//! remembers the newest stamp that it has sent and takes what is newer. A slow browser therefore
+//! gets fewer, larger updates and never falls behind, and a thousand edits during its sleep cost it
+//! only their last state.
 
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
@@ -29,7 +29,7 @@ pub(crate) struct RolloutStore {
     changed: watch::Sender<u64>,
     hub: Hub,
     files: Mutex<TakeFiles>,
-    /// What was said when they were read.
+    /// Messages about files that could not be read.
     skipped: Vec<String>,
 }
 
@@ -48,7 +48,7 @@ struct Inner {
     worker: WorkerState,
 }
 
-/// What is performed.
+/// The command that is performed.
 #[derive(Debug, Default)]
 struct Performance {
     command: Option<Arc<Command>>,
@@ -60,7 +60,7 @@ struct Performance {
     title: String,
 }
 
-/// What is performed, and the frames of the clip's keys.
+/// The command that is performed, and the frames of the clip's keys.
 pub(crate) type Performed = (Option<Arc<Command>>, Arc<[u32]>);
 /// Achieved and commanded body transforms; (nbody, 7) each.
 pub(crate) type BodyPair = (Arc<[f32]>, Arc<[f32]>);
@@ -68,7 +68,7 @@ pub(crate) type BodyPair = (Arc<[f32]>, Arc<[f32]>);
 /// Body transforms by frame; (nbody, 7) each.
 pub(crate) type BodyRows = Vec<Arc<[f32]>>;
 
-/// What one client has yet to see.
+/// The changes that one client has not seen yet.
 #[derive(Debug, Default)]
 pub(crate) struct ClientUpdate {
     /// Its stamp from now on.
@@ -129,12 +129,12 @@ impl RolloutStore {
         self.read().robot.clone()
     }
 
-    /// How rollouts are made.
+    /// The settings of rollouts.
     pub(crate) fn settings(&self) -> RolloutSettings {
         self.read().settings.clone()
     }
 
-    /// How rollouts are made from now on.
+    /// Sets how rollouts are made from now on.
     pub(super) fn set_settings(&self, settings: RolloutSettings) {
         self.write().settings = settings;
     }
@@ -183,7 +183,7 @@ impl RolloutStore {
         Some(TakeFrames { q: take.motion.q.clone(), error: take.motion.error.clone() })
     }
 
-    /// What a take was performed from, to perform it once more.
+    /// Clip and settings of a take, to perform it once more.
     pub(crate) fn take_source(&self, id: u64) -> Option<(Arc<Clip>, RolloutSettings)> {
         let inner = self.read();
         let take = inner.takes.get(id)?;
@@ -273,7 +273,7 @@ impl RolloutStore {
         !matches!(self.read().state.phase, Phase::Waiting | Phase::Running)
     }
 
-    /// How far it is.
+    /// The progress of the rollout.
     pub(crate) fn state(&self) -> RolloutState {
         self.read().state.clone()
     }
@@ -330,7 +330,7 @@ impl RolloutStore {
         Some((stamp, robot.source.clone(), motion))
     }
 
-    /// What a client that has seen everything up to a stamp has missed.
+    /// The changes since a stamp.
     pub(crate) fn update(&self, seen: u64) -> ClientUpdate {
         let inner = self.read();
         let frames = inner.frames.first_after(seen).map(|from| Event::RolloutFrames {

@@ -1,9 +1,10 @@
-//! Pinned takes on disk: what is kept until it is removed outlives the studio.
+//! Pinned takes on disk: they outlive the studio until they are removed.
 //!
-//! One file per take in the state folder, with its clip inside, so that it needs nothing that may
-//! be gone. `robert-pinned-take/1\n`, `u32` CRC-32 of all that follows (little endian), one map in
-//! MessagePack. Rejected: an MCAP take. It holds torques and controls, which the studio's process
-//! never sees. A file that cannot be read is left where it is and named.
+//! There is one file per take in the state folder. It contains the clip, so that it depends on no
+//! file that may have been deleted. The format is `robert-pinned-take/1\n`, `u32` CRC-32 of all
+//! that follows (little endian), one map in MessagePack. Rejected: an MCAP take. It contains
+//! torques and controls, which the studio's process never sees. A file that cannot be read is left
+//! where it is and reported.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -20,7 +21,7 @@ const MAGIC: &[u8] = b"robert-pinned-take/1\n";
 /// Ends the name of a file.
 const SUFFIX: &str = ".take";
 
-/// What a file holds.
+/// The content of a file.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Kept {
@@ -44,7 +45,7 @@ pub(super) struct TakeFiles {
     written: BTreeMap<u64, (PathBuf, String)>,
 }
 
-/// What was found in the folder.
+/// The takes found in the folder.
 #[derive(Debug, Default)]
 pub(super) struct Found {
     /// The oldest first.

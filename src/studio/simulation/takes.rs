@@ -1,10 +1,10 @@
-//! Takes: what was performed, kept to be compared.
+//! Takes: performed motion that is kept for comparison.
 //!
-//! A take never changes: it is the clip, the policy's settings and the motion that came of
-//! them. Every finished rollout of the document is one; the same clip performed the same way
-//! is the same take again. While somebody edits, two of a policy are enough: what was before
-//! these edits, and what is now. The last [`limits::TAKES`] stay, the pinned ones until they are
-//! removed (`take_files`), whatever is opened meanwhile; they are shown with clips of their robot.
+//! A take never changes: it is the clip, the policy's settings and the resulting motion. Every
+//! finished rollout of the document is a take; performing the same clip in the same way again adds
+//! none. During editing, two takes of a policy suffice: the one before these edits, and the one
+//! now. The last [`limits::TAKES`] stay, and pinned ones stay until they are removed
+//! (`take_files`), whatever is opened meanwhile. They are shown with clips of their robot.
 
 use std::sync::Arc;
 
@@ -13,16 +13,16 @@ use robert_base::limits;
 use robert_base::units::CTRL_DT;
 use robert_clip::{Clip, Command};
 
-/// What a take was performed from.
+/// The source of a take: clip, robot and settings.
 #[derive(Clone, Debug)]
 pub(crate) struct Source {
-    /// Where its robot is loaded from.
+    /// The source from which its robot is loaded.
     pub(crate) robot: String,
     pub(crate) clip: Arc<Clip>,
     pub(crate) settings: RolloutSettings,
 }
 
-/// What was achieved.
+/// The reached motion.
 #[derive(Clone, Debug)]
 pub(crate) struct Motion {
     /// (frames, S).
@@ -48,7 +48,7 @@ pub(crate) struct Take {
     pub(crate) quality: Quality,
 }
 
-/// What tables of takes say beside the mean error.
+/// The figures of a take beside the mean error.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Quality {
     /// The joint with the largest mean absolute error over its goals, and that error, rad or m.
@@ -169,7 +169,7 @@ impl Takes {
         id
     }
 
-    /// What a client of this robot sees; `now` is what is performed.
+    /// The takes that a client of this robot sees; `now` is the command that is performed.
     pub(crate) fn view(&self, robot: Option<&str>, now: Option<&Command>) -> TakesView {
         let mine = || self.kept.iter().filter(|t| robot == Some(t.source.robot.as_str()));
         let card = |t: &Take| TakeCard {

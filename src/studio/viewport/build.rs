@@ -92,7 +92,7 @@ fn min(a: V3, b: V3, k: usize) -> f64 {
     at(a).min(at(b))
 }
 
-/// What is there before any robot.
+/// The scene before any robot is loaded.
 pub(super) fn empty(scene: &mut Retained, dark: bool) {
     scene.put(Message::z_up());
     scene.put(Message::visibility("/WorldAxes", false));

@@ -1,4 +1,4 @@
-//! Where the camera is put.
+//! The position of the camera.
 
 use std::sync::Arc;
 

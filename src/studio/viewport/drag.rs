@@ -1,22 +1,22 @@
-//! A hand on something in the viewport: a gizmo, a link, a point.
+//! Drags in the viewport: of a gizmo, a link, or a point.
 
 use std::collections::BTreeSet;
 
 use super::space::{self, Place, V3};
 use crate::protocol::{Pin, Selection};
 
-/// What the hand holds, and what it may hold.
+/// The selection, and the drag that is in progress.
 #[derive(Debug, Default)]
 pub(super) struct Hand {
-    /// What is selected.
+    /// The selected joints or body.
     pub(super) selection: Selection,
     /// Joints that no hand moves.
     pub(super) locked: BTreeSet<String>,
     /// Sites that inverse kinematics holds.
     pub(super) pins: Vec<Pin>,
-    /// What is held.
+    /// The drag in progress.
     pub(super) drag: Option<Drag>,
-    /// How often something was taken.
+    /// The number of drags so far.
     pub(super) drags: u64,
     /// A pose that is not in the clip.
     pub(super) floating: Floating,
@@ -42,7 +42,7 @@ pub(super) struct Floating {
 pub(super) struct Pull {
     /// One is under way.
     pub(super) busy: bool,
-    /// Where the point is to go next.
+    /// The next target of the point.
     pub(super) next: Option<V3>,
     /// Let go as soon as the last one is answered.
     pub(super) let_go_next: bool,
@@ -80,27 +80,28 @@ pub(super) enum Held {
     Point { point: Pulled, at: V3, grab: Grab },
 }
 
-/// Where a link was grabbed. The client's own start position moves along with the link.
+/// The place at which a link was grabbed. The client's own start position moves along with the
+/// link.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Grab {
     /// The point of the link, m.
     pub(super) link: V3,
     /// The pointer on the plane of the drag, m.
     pub(super) pointer: V3,
-    /// Where the camera looks; without it distances count in depth, too.
+    /// The direction of the camera; without it distances count in depth, too.
     pub(super) view: Option<V3>,
     /// Shift: a fifth of the way.
     pub(super) fine: bool,
 }
 
 impl Grab {
-    /// How far the pointer has come.
+    /// The pointer's way so far.
     pub(super) fn way(&self, to: V3) -> V3 {
         space::scale(space::sub(to, self.pointer), if self.fine { FINE } else { 1.0 })
     }
 }
 
-/// What inverse kinematics moves.
+/// The point that inverse kinematics moves.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Pulled {
     Site(String),

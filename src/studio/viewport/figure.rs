@@ -1,13 +1,13 @@
-//! The figures that stand in the viewport.
+//! The figures in the viewport: the reached motion, the command, the ghost.
 
 use robert_render as render;
 
 /// One of the robots that are shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Figure {
-    /// What was achieved, solid.
+    /// The reached motion, solid.
     Robot,
-    /// What is commanded, translucent.
+    /// The command, translucent.
     Command,
     /// The key before.
     Past,

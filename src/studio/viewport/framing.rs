@@ -1,4 +1,4 @@
-//! Where the camera stands so that the whole robot is seen, and large.
+//! A camera position from which the whole robot is seen, as large as possible.
 
 use glam::Vec3;
 

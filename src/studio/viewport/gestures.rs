@@ -1,5 +1,5 @@
-//! What a hand does in the viewport: it turns a gizmo, drags a link, pulls a point. Dragging
-//! shows a pose and tells the page; the page makes the edit.
+//! Gestures in the viewport: turning a gizmo, dragging a link, pulling a point. Dragging shows a
+//! pose and tells the page; the page makes the edit.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -156,8 +156,8 @@ impl Stage {
         self.grasp(held, tab, false);
     }
 
-    /// What Alt pulls where this body was grabbed: a site of its own, else the nearest one that
-    /// it carries, else the nearest of all; without any site the grabbed point itself.
+    /// The point that Alt pulls if this body is grabbed: a site of its own, else the nearest one
+    /// that it carries, else the nearest of all; without any site the grabbed point itself.
     pub(super) fn nearest_point(
         &self,
         facts: &RobotContext,
@@ -284,7 +284,7 @@ impl Stage {
             Pulled::Body(name, offset) => (String::new(), Some((name, offset))),
         };
         let locked = self.hand.locked.iter().cloned().collect();
-        // What is pulled itself is not held.
+        // The pulled point itself is not pinned.
         let pins = self.hand.pins.iter().filter(|p| p.site != site).cloned().collect();
         let (q, pos) = (pose.clone(), Some(pos));
         let request = IkRequest { q, site, body, pos, quat: None, locked, pins };

@@ -1,4 +1,4 @@
-//! The viewport as its clients and requests reach it.
+//! The interface of the viewport for clients and requests.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -64,8 +64,8 @@ impl Viewport {
         self.shared.watch()
     }
 
-    /// What a client that has seen everything up to a stamp has missed, and the stamp from now
-    /// on. From 0: what a new client needs.
+    /// The messages that a client has missed since a stamp, and the stamp from now on. From 0: what
+    /// a new client needs.
     pub(crate) fn since(&self, seen: u64) -> (Vec<Message>, u64) {
         self.shared.since(seen)
     }
@@ -80,7 +80,7 @@ impl Viewport {
         self.shared.pins()
     }
 
-    /// Where a line over a page's picture lies in the world: x, y, z in m, and seconds.
+    /// The place in the world of a line over a page's picture: x, y, z in m, and seconds.
     ///
     /// # Errors
     /// [`Error::Request`] where the plane cannot be seen.
@@ -112,7 +112,8 @@ impl Viewport {
         Ok(())
     }
 
-    /// What a page's pointer is over; 0 to 1 from the top left corner of its viewport.
+    /// The part of the robot under a page's pointer; `at` is 0 to 1 from the top left corner of its
+    /// viewport.
     pub(crate) async fn under(&self, tab: &str, at: [f64; 2]) -> Option<Hovered> {
         let (reply, answer) = oneshot::channel();
         self.stage.try_send(ViewportMessage::Hover(tab.to_owned(), at, reply)).ok()?;

@@ -1,4 +1,4 @@
-//! Where a ray meets a mesh.
+//! The point at which a ray meets a mesh.
 
 use super::space::{self, Place, V3};
 use crate::protocol::MeshFacts;

@@ -1,4 +1,4 @@
-//! What the viser client says. It is a browser: nothing in it is believed.
+//! Messages of the viser client. It runs in a browser, so nothing in them is trusted.
 
 use serde::Deserialize;
 
@@ -34,7 +34,8 @@ pub(crate) enum Incoming {
         #[serde(default)]
         modifier: Option<String>,
     },
-    /// Where the camera stands: OpenCV's axes (x right, y down, z ahead), and the picture's size.
+    /// The position of the camera: OpenCV's axes (x right, y down, z ahead), and the picture's
+    /// size.
     ViewerCameraMessage {
         wxyz: [f64; 4],
         position: [f64; 3],

@@ -1,4 +1,4 @@
-//! What the stage is told.
+//! Messages to the stage.
 
 use std::sync::Arc;
 
@@ -14,14 +14,14 @@ pub(super) type Bodies = Result<Vec<Vec<f32>>, Error>;
 /// Points of the world with their times: x, y, z in m, and seconds.
 pub(super) type Sketched = Result<Vec<[f64; 4]>, Error>;
 
-/// What the stage is told.
+/// A message to the stage.
 #[derive(Debug)]
 pub(super) enum ViewportMessage {
     /// A request of a page, and whom to tell when it is done: what is read afterwards must show it.
     View(StudioOp, oneshot::Sender<()>),
     /// A message of a page's 3D client.
     Client(Option<String>, Incoming),
-    /// What a page's pointer is over; 0 to 1 from the top left corner.
+    /// Asks for the part under a page's pointer; 0 to 1 from the top left corner.
     Hover(String, [f64; 2], oneshot::Sender<Option<Hovered>>),
     /// Points of a page's picture with their times, to be put on a plane through a site.
     Sketch(String, Vec<[f64; 3]>, Plane, String, oneshot::Sender<Sketched>),

@@ -11,7 +11,7 @@
 //! | `figure`, `scene_nodes`, `build`, `shell` | a robot as nodes; the outline of the selected link |
 //! | `page_camera`, `camera`, `framing`, `hit` | where cameras stand, and what a pointer is over |
 //!
-//! The messages and their encoding are in [`robert_take::viser`]. The client checks nothing
+//! The messages and their encoding are in [`robert_take::viser`]. The client does not check them
 //! and reconnects by itself; every connection gets the whole scene first.
 
 mod build;

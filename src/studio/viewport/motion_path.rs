@@ -1,7 +1,7 @@
 //! The path of the selected link or end effector, as nodes of the scene.
 //!
-//! The command is a thin line with a diamond at each key and a dot at each frame, what was reached
-//! a thick one that is coloured by its distance from the command.
+//! The command is a thin line with a diamond at each key and a dot at each frame. The reached
+//! motion is a thick line, coloured by its distance from the command.
 
 use std::time::{Duration, Instant};
 
@@ -45,12 +45,12 @@ pub(super) struct MotionPath {
     pub(super) wanted: bool,
     pub(super) of: Option<Traced>,
     pub(super) stamp: u64,
-    /// Where the command has the point, by frame, m.
+    /// The commanded position of the point, by frame, m.
     pub(super) asked: Vec<V3>,
     /// Frames that have a diamond.
     pub(super) keys: Vec<u32>,
     pub(super) drawn: Option<Instant>,
-    /// What sizes are shares of, m.
+    /// The length, m, that all sizes are fractions of.
     pub(super) size: f64,
 }
 

@@ -1,11 +1,11 @@
-//! What is shown beside the robot.
+//! The figures and poses that are shown beside the robot.
 
 use super::motion_path::MotionPath;
 
-/// Which figures are shown, and poses that were asked for them.
+/// The visible figures, and the poses that were requested for them.
 #[derive(Debug)]
 pub(super) struct Overlays {
-    /// What the page wants to see.
+    /// The parts that the page wants to see.
     pub(super) show: Show,
     /// The commanded pose at a frame that is not simulated, and the frame.
     pub(super) ghost: Option<(usize, Vec<f32>)>,

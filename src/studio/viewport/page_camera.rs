@@ -1,4 +1,4 @@
-//! Where the cameras of the pages stand.
+//! The camera positions of the pages.
 
 use std::collections::BTreeMap;
 
@@ -32,7 +32,7 @@ impl PageCameras {
 /// A page's camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct PageCamera {
-    /// Where it stands, m.
+    /// The position, m.
     pub(super) eye: V3,
     /// From its own axes (x right, y down, z ahead) to the world's.
     pub(super) turn: space::Q,
@@ -43,7 +43,7 @@ pub(super) struct PageCamera {
 }
 
 impl PageCamera {
-    /// Where it looks.
+    /// The direction in which it looks.
     pub(super) fn forward(&self) -> V3 {
         space::rotate(self.turn, [0.0, 0.0, 1.0])
     }

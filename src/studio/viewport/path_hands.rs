@@ -1,6 +1,6 @@
-//! The path of the selected link or end effector through the clip: which point it is of, when it is
-//! drawn anew, and what a hand on it does. A diamond can be dragged, which is a pull of that point
-//! at its key; a click on the line asks for a key there.
+//! The path of the selected link or end effector through the clip: its point, when it is drawn
+//! again, and gestures on it. Dragging a diamond moves that point at its key; a click on the line
+//! asks for a key there.
 
 use std::sync::Arc;
 use std::time::Instant;

@@ -9,7 +9,7 @@ use robert_base::units::FPS;
 pub(super) struct Playback {
     /// The frame; fractions lie between two.
     pub(super) frame: f64,
-    /// How it moves; `None` when it stands.
+    /// The motion of the playhead; `None` while it stands.
     pub(super) play: Option<Play>,
 }
 
@@ -40,7 +40,7 @@ impl Playback {
         });
     }
 
-    /// Where it is now; without a range it ends at the last frame.
+    /// Moves the playhead to its place now; without a range it ends at the last frame.
     pub(super) fn advance(&mut self, now: Instant, last: f64) {
         let Some(play) = &self.play else { return };
         let run = now.duration_since(play.since).as_secs_f64() * play.speed * f64::from(FPS);

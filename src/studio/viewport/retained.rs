@@ -1,8 +1,8 @@
-//! The scene as it stands, and what each client has yet to see of it.
+//! The current scene, and which of its messages each client has not received yet.
 //!
-//! One slot per (kind, name) holds the newest message of that kind, with the stamp of its
-//! writing. A late joiner gets every slot, a client with a slow link the newest state of what
-//! changed while it was busy: no queues, hence nothing to overflow.
+//! One slot per (kind, name) holds the newest message of that kind, with the stamp of its writing.
+//! A new client gets every slot. A client with a slow connection gets the newest state of what
+//! changed meanwhile. There are no queues, so nothing can overflow.
 
 use std::collections::BTreeMap;
 

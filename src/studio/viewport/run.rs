@@ -221,7 +221,7 @@ impl Stage {
         self.refresh();
     }
 
-    /// What a page's pointer is over.
+    /// The part of the robot under a page's pointer.
     pub(crate) fn under(&self, tab: &str, at: [f64; 2]) -> Option<Hovered> {
         let (camera, facts) = (self.cameras.of(tab)?, self.robot.as_ref()?);
         let body = self.nodes.as_ref()?.first_hit(camera.eye, camera.ray(at))?;

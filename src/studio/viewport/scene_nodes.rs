@@ -1,4 +1,4 @@
-//! A robot as nodes of the scene: bodies are frames, what is seen of them hangs below.
+//! A robot as nodes of the scene: bodies are frames, and their visible parts are children of these.
 
 use glam::Vec3;
 
@@ -39,7 +39,7 @@ pub(super) struct SceneNodes {
     pub(super) meshes: Vec<MeshFacts>,
     /// Middle and radius of each, in its body's frame, m.
     pub(super) balls: Vec<(V3, f64)>,
-    /// Where the bodies of the solid robot are.
+    /// The places of the solid robot's bodies.
     pub(super) shown: Vec<Option<Place>>,
     /// Shade of each link of the command.
     pub(super) shades: Vec<u8>,
@@ -139,7 +139,7 @@ impl SceneNodes {
         }
     }
 
-    /// Where a body of the solid robot is.
+    /// The place of a body of the solid robot.
     pub(super) fn shown(&self, body: usize) -> Option<Place> {
         self.shown.get(body).copied().flatten()
     }

@@ -1,4 +1,4 @@
-//! What the stage shares with its clients: the scene as it stands.
+//! The scene as it is now, shared between the stage and its clients.
 
 use std::sync::{Mutex, PoisonError};
 
@@ -45,7 +45,7 @@ impl Shared {
         self.changed.subscribe()
     }
 
-    /// What is newer than a stamp, and the stamp from now on.
+    /// The messages since a stamp, and the stamp from now on.
     pub(super) fn since(&self, seen: u64) -> (Vec<Message>, u64) {
         self.scene.lock().unwrap_or_else(PoisonError::into_inner).since(seen)
     }

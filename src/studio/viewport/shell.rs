@@ -1,4 +1,5 @@
-//! The outline of the selected link: its surface once more, a little larger, seen from inside.
+//! The outline of the selected link: its surface again, a little larger, with only the inner side
+//! visible.
 
 use std::collections::BTreeMap;
 

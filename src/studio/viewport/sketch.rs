@@ -1,4 +1,4 @@
-//! A line over a page's picture, put on a plane in the world.
+//! Projects a line that was drawn over a page's picture onto a plane in the world.
 
 use super::space::{self, V3};
 use super::stage::Stage;
@@ -10,8 +10,8 @@ const EDGE_ON: f64 = 0.02;
 const FAR: f64 = 20.0;
 
 impl Stage {
-    /// Where a line lies in the world: x, y, z in m, and seconds. Points of the picture are 0 to 1
-    /// from its top left corner.
+    /// The place of a line in the world: x, y, z in m, and seconds. Points of the picture are 0 to
+    /// 1 from its top left corner.
     pub(super) fn sketch(
         &self,
         tab: &str,

@@ -1,4 +1,4 @@
-//! The little geometry that the viewport needs; quaternions are w x y z.
+//! Geometry for the viewport; quaternions are w x y z.
 
 /// A vector.
 pub(super) type V3 = [f64; 3];

@@ -1,8 +1,8 @@
-//! What the viewport shows, and what a hand in it does.
+//! The stage: the content of the viewport, and the gestures in it.
 //!
-//! One task owns this state. It moves the robots along the rollout (60 times a second while
-//! playing, interpolated, as the client does not interpolate) and places the gizmo; what a hand
-//! does there is in `gestures`. So there is one way into the document: the page's.
+//! One task owns this state. It moves the robots along the rollout (60 times a second during
+//! playback, interpolated, since the client does not interpolate) and places the gizmo; `gestures`
+//! handles what a person does in the scene. A gesture changes the document only through the page.
 
 use std::sync::Arc;
 
@@ -108,7 +108,7 @@ impl Stage {
         self.robot.as_ref()?.table.joints.iter().position(|j| &j.name == name)
     }
 
-    /// Where a site is in the pose that the gizmo stands by.
+    /// The place of a site in the pose at which the gizmo stands.
     pub(super) fn site_place(&self, name: &str) -> Option<V3> {
         let site = self.robot.as_ref()?.ik_sites.iter().find(|s| s.name == name)?;
         Some(Place::of(&self.reference()?, site.body)?.point(site.pos))

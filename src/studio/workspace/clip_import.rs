@@ -1,4 +1,4 @@
-//! Clips of any format that can be read.
+//! Reads clips of any supported format.
 
 use std::path::Path;
 

@@ -1,4 +1,5 @@
-//! The clip and its rollout as files of other programs, by the functions of the command line.
+//! Exports the clip and its rollout to formats of other programs, by the functions of the command
+//! line.
 
 use crate::protocol::Error;
 use crate::simulation::RolloutStore;
@@ -45,7 +46,7 @@ pub(crate) fn file(
     }
 }
 
-/// What a file is, by its ending.
+/// The media type of a file, by its suffix.
 pub(crate) fn media_type(name: &str) -> &'static str {
     match name.rsplit('.').next().unwrap_or_default() {
         "mp4" => "video/mp4",

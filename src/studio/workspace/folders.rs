@@ -1,9 +1,9 @@
 //! Folders of clips, for the Open dialog.
 //!
-//! What can be seen is what the user names: the studio's folder, or another one that was
-//! typed, and what lies below it. Links are followed only as far as they stay inside;
-//! hidden and odd names are counted, not shown; nothing but folders and files that could be
-//! clips is listed, and of those at most [`limits::FOLDER_ENTRIES`].
+//! The dialog shows the studio's folder, or another one that the user has typed, and what lies
+//! below it. Links are followed only as far as they stay inside. Hidden and odd names are counted,
+//! not shown. Only folders and files that could be clips are listed, and of those at most
+//! [`limits::FOLDER_ENTRIES`].
 
 use std::fs;
 use std::path::{Component, Path, PathBuf};
@@ -30,7 +30,7 @@ impl FileKind {
     }
 }
 
-/// What is listed.
+/// The entries of a folder.
 ///
 /// # Errors
 /// [`Error::NotFound`] when it is no folder, [`Error::Request`] when it would leave `root`.

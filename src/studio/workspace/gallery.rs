@@ -4,7 +4,7 @@ use crate::protocol::{Error, GalleryItem};
 use robert_clip::Clip;
 use robert_rollout::tasks;
 
-/// What the studio opens on, in this order; the other tasks follow.
+/// The examples that stand first in the gallery, in this order; the other tasks follow.
 const FIRST: [&str; 6] = [
     "shadow_hand/fire",
     "shadow_hand/rsp",

@@ -1,4 +1,4 @@
-//! The folder that the studio works in, and what goes in and out of it.
+//! The folder that the studio works in, with imports and exports.
 
 pub(crate) mod clip_import;
 pub(crate) mod export;

@@ -1,8 +1,8 @@
-//! Pictures for the page: the playhead, poses, examples; painted by a child of their own.
+//! Pictures for the page: the playhead, poses, examples; a child process draws them.
 //!
-//! The painter starts with the first picture and ends after a while without any. What it
-//! painted is kept in memory within a bound, and the pictures of the examples, which never
-//! change, in the state folder too, so that the second start shows them at once.
+//! The painter starts with the first picture and ends after a while without requests. Its pictures
+//! are kept in memory within a limit. Pictures of examples, which never change, are also kept in
+//! the state folder, so that the second start shows them at once.
 
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
@@ -58,7 +58,7 @@ pub(crate) struct Pictures {
     dir: PathBuf,
 }
 
-/// What a still shows.
+/// The content of a still.
 #[derive(Clone, Debug)]
 pub(crate) struct Shown {
     /// The solid robot.

@@ -17,7 +17,7 @@ pub(crate) struct Recent {
 }
 
 impl Recent {
-    /// What the last runs left. A damaged list is an empty one.
+    /// The list that the last runs left. A damaged list is an empty one.
     pub(crate) fn load(state_dir: &Path) -> Recent {
         let path = state_dir.join("recent.json");
         let files = Mutex::new(read(&path).unwrap_or_default());
@@ -62,8 +62,7 @@ impl Recent {
     }
 }
 
-/// Where the studio keeps what belongs to no clip: `ROBERT_STATE_DIR`, else the desktop's
-/// usual place.
+/// The folder for files that belong to no clip: `ROBERT_STATE_DIR`, else the desktop's usual place.
 pub fn state_dir() -> PathBuf {
     let var = |name: &str| std::env::var_os(name).filter(|v| !v.is_empty()).map(PathBuf::from);
     if let Some(dir) = var("ROBERT_STATE_DIR") {

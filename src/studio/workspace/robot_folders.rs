@@ -33,7 +33,7 @@ pub(crate) fn cards(folder: &Path, state_dir: &Path) -> Vec<RobotCard> {
     cards
 }
 
-/// Where robots of the user's own lie.
+/// The folders that may contain the user's own robots.
 fn homes(folder: &Path, state_dir: &Path) -> [PathBuf; 3] {
     [folder.join("robots"), folder.to_owned(), state_dir.join("robots")]
 }
@@ -43,7 +43,7 @@ pub(crate) fn is_builtin(id: &str) -> bool {
     Robot::builtin_ids().any(|b| b == id)
 }
 
-/// Where a robot of this id is loaded from: the program, or a folder beside us.
+/// The source from which a robot of this id is loaded: the program, or a folder beside us.
 pub(crate) fn source(id: &str, folder: &Path, state_dir: &Path) -> Option<String> {
     if is_builtin(id) {
         return Some(id.to_owned());

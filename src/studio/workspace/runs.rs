@@ -1,5 +1,5 @@
-//! What lies in the studio's folder: robots, collected data, training runs. Read on demand;
-//! nothing here is kept.
+//! The robots, collected data and training runs in the studio's folder. Read on demand; nothing
+//! here is kept.
 
 use std::path::{Path, PathBuf};
 
@@ -16,7 +16,7 @@ use robert_train::read_config;
 /// Folders that are looked at for one list.
 const LOOKED_AT: usize = 2_000;
 
-/// How deep data and runs may lie.
+/// The deepest folder level at which data and runs are found.
 const DEPTH: usize = 3;
 
 /// Points of a run's curves that are sent.

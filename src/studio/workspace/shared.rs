@@ -1,4 +1,4 @@
-//! What the studio keeps of files, shared by session and requests.
+//! The studio's knowledge of files, shared by session and requests.
 
 use std::path::{Path, PathBuf};
 
@@ -10,7 +10,7 @@ use crate::protocol::Error;
 /// The folder that the studio works in, and what it keeps elsewhere.
 #[derive(Debug)]
 pub(crate) struct Workspace {
-    /// Where relative paths start.
+    /// The folder where relative paths start.
     pub(crate) folder: PathBuf,
     /// Journals of unsaved clips, recent files, kept pictures.
     pub(crate) state_dir: PathBuf,

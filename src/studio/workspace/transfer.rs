@@ -1,8 +1,8 @@
-//! Files in and out of the page: exports of the clip as it is performed, models to import.
+//! Exports of the clip, and imports of models, for the page.
 //!
-//! An export is a job of the command line (`robert render`, `robert export`) on the clip as it
-//! is now, saved or not: same clip, policy and seed give the same bits, so what is exported is
-//! what was seen, and a film of minutes can be watched and cancelled like any job.
+//! An export is a job of the command line (`robert render`, `robert export`) on the clip as it is
+//! now, saved or not. The same clip, policy and seed give the same bits, so the export shows
+//! exactly the motion of the studio. A film of minutes can be watched and cancelled like any job.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -13,11 +13,11 @@ use crate::protocol::{Error, ExportRequest, JobKind, JobRequest, RolloutSettings
 use robert_clip::Clip;
 use robert_rollout::Guide;
 
-/// What is exported.
+/// The content of an export.
 #[derive(Debug)]
 pub(crate) struct Scene<'a> {
     pub(crate) clip: &'a Clip,
-    /// Where the robot is loaded from.
+    /// The source from which the robot is loaded.
     pub(crate) robot: &'a str,
     pub(crate) settings: &'a RolloutSettings,
     pub(crate) beside: Option<Second>,

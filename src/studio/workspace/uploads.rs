@@ -22,7 +22,7 @@ impl Uploads {
         Ok(Uploads { dir: tempfile::tempdir()?, held: Mutex::default() })
     }
 
-    /// Where they are.
+    /// The folder of the uploads.
     pub(crate) fn folder(&self) -> &Path {
         self.dir.path()
     }
@@ -64,7 +64,7 @@ impl Uploads {
     }
 }
 
-/// Where an uploaded file of a robot goes: below `root`, whatever it is called.
+/// The path of an uploaded file of a robot: below `root`, whatever its name is.
 ///
 /// # Errors
 /// [`Error::Request`] for a name that leaves the folder or is none.

@@ -1,7 +1,7 @@
 //! A folder for `ros2 bag`: joint states, and the trajectory once.
 //!
-//! The take itself is MCAP, too, but mixes two encodings for its viewers; a bag may hold
-//! ROS 2 messages only, says so in its profile, and has a `metadata.yaml` beside it.
+//! The take itself is MCAP, too, but mixes two encodings for its viewers. A bag may contain ROS 2
+//! messages only, names its profile, and has a `metadata.yaml` beside it.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;

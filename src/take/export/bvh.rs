@@ -1,12 +1,12 @@
 //! BVH, the text format of motion capture.
 //!
-//! The format has offsets but no rest rotations: with all channels at zero the offsets alone
-//! give the rest pose. So the rest pose is that of all joints at zero, every joint frame is
-//! parallel to the world there, and the channels say how each body has turned since then:
-//! with G(t) the world rotation of a body, D = G(t) G(0)^T, and the channel of a joint is
-//! D_parent^T D. A joint stands at the anchor of its hinges, not at the body's frame: only
-//! that point keeps its place in the parent. Axes are turned to Y up, metres to centimetres,
-//! which is the custom (the file cannot say either).
+//! The format has offsets but no rest rotations: with all channels at zero, the offsets alone give
+//! the rest pose. Here the rest pose is the one with all joints at zero. In it every joint frame is
+//! parallel to the world, and the channels contain the rotation of each body since then. With G(t)
+//! the world rotation of a body and D = G(t) G(0)^T, the channel of a joint is D_parent^T D. A
+//! joint is at the anchor of its hinges, not at the body's frame, since only that point keeps its
+//! place in the parent. Axes are converted to Y up and metres to centimetres, as is usual (the file
+//! cannot state either).
 
 use std::fmt::Write as _;
 use std::sync::Arc;
@@ -53,7 +53,7 @@ pub fn bvh(take: &Take, robot: &Arc<Robot>) -> Result<Export, Error> {
         .says("All channels at zero are all joints at zero; torques, the command and the bodies' shapes are lost."))
 }
 
-/// What the file's hierarchy is made of.
+/// The joints of the file's hierarchy.
 struct Tree {
     /// Bodies in the order of the channels; `None` is a root that stands in the world.
     order: Vec<Option<usize>>,

@@ -24,7 +24,7 @@ impl Columns {
 /// One trajectory.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Episode {
-    /// What was being done, in words.
+    /// The task, in words.
     pub task: String,
     /// Robot id.
     pub robot: String,

@@ -1,4 +1,4 @@
-//! What a writer hands back, and how it comes onto the disk.
+//! The result of a writer, and writing it to disk.
 
 use std::path::{Path, PathBuf};
 use std::{fs, io};
@@ -31,11 +31,11 @@ pub struct Folder {
 pub struct Export {
     /// All of them.
     pub files: Vec<File>,
-    /// Where they are a folder.
+    /// The folder that the files form, if they do.
     pub folder: Option<Folder>,
     /// Frames (rows, points) in them.
     pub frames: usize,
-    /// What the numbers mean: units, order, rate, what was lost. One sentence each.
+    /// The meaning of the numbers: units, order, rate, losses. One sentence each.
     pub meaning: Vec<String>,
     /// The command that opens it; [`Export::OUT`] stands for the path.
     pub open: String,

@@ -1,8 +1,8 @@
-//! glTF 2.0, binary: a node a body, its meshes, the reached and the commanded motion as two
+//! glTF 2.0, binary: one node per body, its meshes, and the reached and the commanded motion as two
 //! animations.
 //!
-//! glTF wants Y up, quaternions as x y z w, and times as floats from 0. One node at the root
-//! turns the axes, so that everything below stays in MuJoCo's frames.
+//! glTF needs Y up, quaternions as x y z w, and times as floats from 0. One node at the root
+//! rotates the axes, so that everything below stays in MuJoCo's frames.
 
 use std::sync::Arc;
 
@@ -68,7 +68,7 @@ struct Gltf {
     animations: Vec<Value>,
 }
 
-/// What a buffer view is used for.
+/// The use of a buffer view.
 const VERTICES: u32 = 34962;
 const INDICES: u32 = 34963;
 const FLOAT: u32 = 5126;

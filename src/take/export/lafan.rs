@@ -1,7 +1,8 @@
 //! Rows of the LAFAN1 retargeting sets: `x y z qx qy qz qw` of the base, then the joints.
 //!
-//! No header and no rate are in the file, and other programs write the same shape with the
-//! quaternion as w x y z: the name of the file and the sentences of the export say which.
+//! The file contains neither header nor rate, and other programs write the same columns with the
+//! quaternion as w x y z. Therefore the name of the file and the report of the export state the
+//! order.
 
 use std::fmt::Write as _;
 use std::sync::Arc;
@@ -44,8 +45,8 @@ pub fn lafan(take: &Take, robot: &Arc<Robot>, fps: u32) -> Result<Export, Error>
         )))
 }
 
-/// Where the base stands: the first body, or the world where that body moves by joints. Our
-/// robots do not walk, so it is the same in every row.
+/// The pose of the base: the first body, or the world if that body moves by joints. Our robots do
+/// not walk, so it is the same in every row.
 fn base(skeleton: &mut Skeleton) -> Result<Pose, Error> {
     let home = skeleton.robot().home();
     let poses = skeleton.poses(&home)?;

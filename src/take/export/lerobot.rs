@@ -1,7 +1,7 @@
 //! LeRobot datasets, version 3.0 (several episodes a file) and 2.1 (a file an episode).
 //!
-//! A row is a frame: what was observed, and the action that was applied after it. Positions
-//! are rad (or degrees), torques N m; the names of the action are the keys of the robot's
+//! A row is a frame: the observation, and the action that was applied after it. Positions are in
+//! rad (or degrees), torques in N m; the names of the action are the keys of the robot's
 //! `send_action`. The layout is that of lerobot 0.6.1; `script/peers` reads it with `datasets` and
 //! `lerobot-doctor`.
 
@@ -379,7 +379,7 @@ impl<'a> Set<'a> {
     }
 }
 
-/// Where the frames of the episodes are.
+/// The positions of the episodes' frames.
 #[derive(Default)]
 struct EpisodeRows {
     places: Vec<Place>,

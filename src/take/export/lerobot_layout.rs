@@ -1,4 +1,4 @@
-//! What a LeRobot dataset is asked to look like, and where its files lie.
+//! The layout of a LeRobot dataset: options and paths.
 
 use std::collections::BTreeMap;
 
@@ -15,7 +15,7 @@ pub enum LeRobotVersion {
     V2,
 }
 
-/// What the action column holds.
+/// The content of the action column.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum LeRobotAction {
     /// The position reached one frame later; the last one again.
@@ -25,7 +25,7 @@ pub enum LeRobotAction {
     Torque,
 }
 
-/// How a dataset is written.
+/// Options of a dataset.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LeRobotOptions {
     /// Version of the layout.
@@ -38,7 +38,7 @@ pub struct LeRobotOptions {
     pub rename: BTreeMap<String, String>,
 }
 
-/// Where a file of version 3 lies.
+/// The place of a file of version 3.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Place {
     pub chunk: usize,

@@ -1,8 +1,8 @@
 //! Minari datasets, stored as parquet: motion for offline reinforcement learning.
 //!
-//! A dataset lies at `<root>/<namespace>/<name>-v<N>`, and its id must be that path. The file
-//! of an episode has a row more than there are actions; what stands beside the last
-//! observation is padding that readers cut.
+//! A dataset is in the folder `<root>/<namespace>/<name>-v<N>`, and its id must be that path. An
+//! episode has one more row than actions. The action beside its last observation is padding, which
+//! readers remove.
 
 use serde_json::{Value, json};
 

@@ -1,8 +1,8 @@
 //! Takes and datasets as files of other programs: learning, tracking, animation, robots.
 //!
-//! Every writer is a function from a take (and the robot, where bodies count) to an
-//! [`Export`]: files, what their numbers mean, and the command that opens them. Same take,
-//! same bytes: no wall clock, no order of a hash.
+//! Every writer is a function from a take (and the robot, if its bodies are needed) to an
+//! [`Export`]: files, the meaning of their numbers, and the command that opens them. The same take
+//! gives the same bytes: nothing depends on the wall clock or on the order of a hash map.
 
 mod bag;
 mod bvh;

@@ -1,4 +1,4 @@
-//! The tree of a robot's bodies, and where they are in a state.
+//! The tree of a robot's bodies, and their places in a state.
 
 use std::collections::VecDeque;
 use std::sync::Arc;

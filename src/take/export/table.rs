@@ -1,7 +1,7 @@
 //! Parquet tables, as far as datasets need them.
 //!
-//! The low-level writer of the `parquet` crate, without Arrow: readers take plain lists for
-//! any kind of list, and a third of the packages are not compiled.
+//! It uses the low-level writer of the `parquet` crate, without Arrow. Readers accept plain lists
+//! for any kind of list, and so a third of the packages need not be compiled.
 
 use std::sync::Arc;
 
@@ -17,7 +17,7 @@ use parquet::schema::types::{Type, TypePtr};
 
 use super::super::error::Error;
 
-/// What a column holds.
+/// The content of a column.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Kind {
     Int,

@@ -1,4 +1,4 @@
-//! A take's states brought to another rate, and differences over time.
+//! A take's states resampled at another rate, and their derivatives over time.
 
 use glam::{DQuat, DVec3};
 

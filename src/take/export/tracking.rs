@@ -1,4 +1,4 @@
-//! NPZ of BeyondMimic and mjlab: joints and body poses with velocities, a row a control step.
+//! NPZ of BeyondMimic and mjlab: joints and body poses with velocities, one row per control step.
 
 use std::io::{Cursor, Write as _};
 use std::sync::Arc;

@@ -14,7 +14,7 @@ const STILL: f64 = 1e-3;
 const SETTLE_SECS: f64 = 0.5;
 const NANOS: f64 = 1e9;
 
-/// What stands in the file beside the points.
+/// Options of the file beside the points.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RosOptions {
     /// Time before the first point, s: the way there from where the robot stands.
@@ -182,7 +182,7 @@ mod tests {
         }
     }
 
-    /// What `validate_trajectory_msg` of ros2_controllers checks, with its defaults.
+    /// The checks of `validate_trajectory_msg` of ros2_controllers, with its defaults.
     fn accepted(message: &Message, joints: &[String]) {
         assert!(!message.joint_names.is_empty() && !message.points.is_empty());
         assert_eq!(message.joint_names, joints, "partial goals are not allowed");

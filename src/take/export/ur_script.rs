@@ -1,4 +1,4 @@
-//! A URScript program for the UR5e: the motion as the controller of the arm reads it.
+//! A URScript program for the UR5e: the motion as commands for the arm's controller.
 
 use std::f64::consts::PI;
 use std::fmt::Write as _;
@@ -15,7 +15,7 @@ const JOINTS: [&str; 5] = ["shoulder_pan", "shoulder_lift", "elbow", "wrist_1", 
 /// Greatest joint speed of the UR5e by its data sheet, rad/s: 180 degrees a second.
 const SPEED: f64 = PI;
 
-/// How the program moves.
+/// The motion command of the program.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum UrMove {
     /// A target every 50 ms, followed as it comes.

@@ -1,4 +1,4 @@
-//! USD as text: an `Xform` a body, nested as the bodies are, with time samples.
+//! USD as text: one `Xform` per body, nested as the bodies are, with time samples.
 
 use std::fmt::Write as _;
 use std::sync::Arc;

@@ -1,9 +1,9 @@
-//! BVH of a robot whose bodies the file's joints are named after.
+//! BVH files whose joints have the names of the robot's bodies.
 //!
-//! Each joint's turn since the rest pose is compared with the hinge of the body of that name:
-//! the angle about the hinge is the joint's value, and what turns about other axes is too
-//! much for the robot and is said. The rest pose must be the robot's own (all joints at
-//! zero): a file of another skeleton is refused, not fitted.
+//! The rotation of each joint since the rest pose is compared with the hinge of the body of that
+//! name. The angle about the hinge is the joint's value. Rotation about other axes is more than the
+//! robot can do and is reported. The rest pose must be the robot's own (all joints at zero); a file
+//! of another skeleton is refused.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -18,7 +18,7 @@ use robert_robot::Robot;
 
 /// Nesting of joints.
 const DEPTH: usize = 128;
-/// How far offsets may differ from the robot's, as a share of its size.
+/// Allowed difference between the file's offsets and the robot's, as a share of the robot's size.
 const ALIKE: f64 = 0.01;
 /// Turns about other axes than the hinge's that are still rounding, rad.
 const ROUNDING: f64 = 1e-3;
@@ -88,7 +88,7 @@ pub fn from_bvh(text: &str, robot: &Arc<Robot>) -> Result<Samples, Error> {
     Ok(Samples::steady(names, fps, rows))
 }
 
-/// Which joint of the file moves a joint of the robot, and about or along what.
+/// The joint of the file that moves a joint of the robot, and its axis.
 struct Hinge {
     joint: usize,
     body: usize,

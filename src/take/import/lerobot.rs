@@ -16,7 +16,7 @@ use robert_base::limits;
 /// Bytes of one file of data: what the format itself allows, and some more.
 const FILE_BYTES: u64 = 256 << 20;
 
-/// What is read of a dataset.
+/// The part of a dataset that is read.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LeRobotSource {
     /// The episode.

@@ -1,8 +1,8 @@
 //! Motion of other programs, read as clips.
 //!
 //! Each reader gives [`Samples`]: joints by name, rows with times. Samples become a clip for a
-//! robot that has these joints; thinning makes keys of it. What the files cannot say (their
-//! rate, their order of joints) is asked for and never guessed.
+//! robot that has these joints, and thinning turns rows into keys. Facts that the files do not
+//! contain (their rate, their order of joints) must be given and are never guessed.
 
 mod bag;
 mod bvh;

@@ -1,4 +1,4 @@
-//! Rows with times, on their way to a clip.
+//! Rows with times, on the way from a file to a clip.
 
 use std::collections::BTreeMap;
 

@@ -144,7 +144,7 @@ impl Recording {
                 None => continue,
             };
             self.put(0.0, Message::create(&name, props(mesh, tint)));
-            // When playback restarts, the client hides all nodes, and only a message shows them
+            // At a restart of playback, the client hides all nodes, and only a message shows them
             // again.
             self.put(0.0, Message::visibility(&name, true));
         }

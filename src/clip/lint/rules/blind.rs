@@ -1,4 +1,4 @@
-//! The policy always has a goal in sight.
+//! Rule: the policy always has a goal in its window.
 
 use crate::command::{LOOKAHEAD_FRAMES, SpanKind};
 use crate::document::Key;

@@ -1,4 +1,4 @@
-//! Joints of one actuator agree.
+//! Rule: joints that share an actuator have values that the actuator can reach.
 
 use crate::joints::Coupling;
 use crate::lint::finder::{Finder, Place};

@@ -1,4 +1,4 @@
-//! Keys and holds are seen in full.
+//! Rule: masks and other keys hide no key and cut no hold short.
 
 use crate::command::Sight;
 use crate::lint::finder::Finder;

@@ -1,4 +1,4 @@
-//! Values are inside the ranges of their joints.
+//! Rule: values are inside the ranges of their joints.
 
 use crate::document::{Row, Start};
 use crate::lint::finder::{Finder, Place, some_of};

@@ -1,4 +1,4 @@
-//! Frames have goals for all joints or for none, where the policy needs it.
+//! Rule: frames have goals for all joints or for none, if the policy needs it.
 
 use crate::command::Sight;
 use crate::joints::Granularity;

@@ -1,4 +1,4 @@
-//! The robot reaches the poses without touching itself.
+//! Rule: the robot reaches the poses without touching itself.
 
 use crate::lint::finder::{Finder, Place, some_of};
 use crate::lint::finding::{Fix, Level, Lint, PoseChecker, Rule};

@@ -1,4 +1,4 @@
-//! Points come to be where end-effector goals want them.
+//! Rule: points reach their end-effector goals.
 
 use crate::lint::finder::Finder;
 use crate::lint::finding::{Fix, Level, Lint, Rule};

@@ -1,4 +1,4 @@
-//! The clip and its robot belong together, and there is something to perform.
+//! Rule: the clip was made for this robot and contains something to perform.
 
 use crate::json::show;
 use crate::lint::finder::Finder;

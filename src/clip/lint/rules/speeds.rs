@@ -1,4 +1,4 @@
-//! Goals are as far apart in time as their joints need.
+//! Rule: the time between two goals suffices for the speed of the joints.
 
 use std::collections::BTreeMap;
 
@@ -149,8 +149,8 @@ impl Finder<'_> {
         (!set.frames.is_empty()).then_some(Fix { title, op: Op::TangentSet(set) })
     }
 
-    /// How much faster a cubic may be between its frames than on them: a longer interval
-    /// samples its steepest point better. 1 - (4/3)/L^2 of the peak is seen over L frames.
+    /// The factor by which a cubic may be faster between its frames than on them. 1 - (4/3)/L^2 of
+    /// the peak is seen over L frames.
     fn between_samples(&self, from: u32, to: u32) -> f64 {
         let spans = self.command.spans();
         let first = spans.partition_point(|s| s.to <= from);

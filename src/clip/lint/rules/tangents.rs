@@ -1,4 +1,4 @@
-//! Typed slopes are ones that the joints can follow, and their curves stay inside the ranges.
+//! Rule: joints can follow typed slopes, and the curves stay inside the ranges.
 
 use crate::document::{Fill, Key};
 use crate::joints::JointFacts;

@@ -21,7 +21,7 @@ pub(crate) struct Journal {
     path: PathBuf,
     /// Length of what is known to be whole.
     len: u64,
-    /// Where the next record stands among all.
+    /// The position of the next record among all.
     position: Position,
     /// The file is of the current format.
     current: bool,
@@ -65,7 +65,7 @@ impl Journal {
         if whole && self.current { Ok(()) } else { self.rewrite(records) }
     }
 
-    /// Where it is.
+    /// The path of the journal.
     pub(crate) fn path(&self) -> &Path {
         &self.path
     }
@@ -92,7 +92,7 @@ impl Journal {
         }
         let written = self.file.write_all(&bytes).and_then(|()| self.file.sync_data());
         if let Err(source) = written {
-            // What is half written must not stand before the next record.
+            // A half-written record must not stand before the next one.
             let error = Error::Journal { source, path: self.path.clone() };
             self.cut().ok();
             return Err(error);

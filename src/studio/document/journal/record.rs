@@ -1,4 +1,4 @@
-//! What a journal holds, and what it no longer holds.
+//! The records of a journal, and a report of lost ones.
 
 use std::path::PathBuf;
 
@@ -19,9 +19,9 @@ pub(crate) enum Record {
     },
     /// An edit.
     Edit {
-        /// What the history calls it.
+        /// The name of the edit in the history.
         label: String,
-        /// What it changed.
+        /// The difference that the edit made.
         patch: Box<Delta>,
     },
     /// The last edit was taken back.
@@ -35,19 +35,19 @@ pub(crate) enum Record {
     Opened,
 }
 
-/// What a journal no longer holds.
+/// The damage of a journal.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Damage {
     /// Bytes of a record that was not written to its end, and so never acknowledged.
     pub(crate) torn_bytes: u64,
-    /// What else was damaged, in words.
+    /// Other damage, in words.
     pub(crate) lost: Vec<String>,
-    /// Where the file is kept as it was found.
+    /// The path where the damaged file is kept.
     pub(crate) kept: Option<PathBuf>,
 }
 
 impl Damage {
-    /// What was lost, in words.
+    /// The lost parts, in words.
     pub(crate) fn words(&self) -> String {
         let torn = (self.torn_bytes > 0)
             .then(|| format!("an edit of {} bytes was not written to its end", self.torn_bytes));

@@ -20,10 +20,10 @@ pub(crate) const MARK: [u8; 4] = [0xf5, b'R', b'J', 0xfa];
 /// Mark, length, checksum, number, steps done, kind of the record before.
 const HEAD: usize = 4 + 4 + 4 + 4 + 4 + 1;
 
-/// Where the checksum ends, and with it what it does not cover.
+/// The offset at which the checksum ends; the bytes before it are not covered.
 const COVERED: usize = 12;
 
-/// What a record does to the history.
+/// The effect of a record on the history.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum Kind {
     /// There is no record.
@@ -54,7 +54,7 @@ impl Kind {
     }
 }
 
-/// Where a record stands: what its neighbours know of it.
+/// The position of a record, as its neighbours state it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Position {
     /// Records so far, the base counted once.
@@ -101,12 +101,12 @@ impl Position {
     }
 }
 
-/// What a journal holds.
+/// The content of a journal.
 #[derive(Debug, PartialEq)]
 pub(crate) struct Scan {
     pub(crate) records: Vec<Record>,
     pub(crate) damage: Damage,
-    /// Where the next record will stand.
+    /// The position of the next record.
     pub(crate) position: Position,
     /// The file is of the current format.
     pub(crate) current: bool,

@@ -1,8 +1,8 @@
-//! What runs in the child process: limits first, then two threads.
+//! The child process: it sets its limits, then runs two threads.
 //!
-//! The performer owns the rollout and answers what a hand on the mouse waits for (poses,
-//! inverse kinematics) between two frames. The other thread settles poses and compiles other
-//! robots. The main thread only reads, so that the parent can always ask whether we live.
+//! The performer owns the rollout, and between two frames it answers the questions for which a drag
+//! waits (poses, inverse kinematics). The other thread settles poses and compiles other robots. The
+//! main thread only reads, so that the parent can always ask whether the child is alive.
 
 use std::io;
 use std::os::fd::AsFd;

@@ -29,7 +29,7 @@ pub(super) fn encode(value: &impl Serialize) -> io::Result<ByteBuf> {
     rmp_serde::to_vec_named(value).map(ByteBuf::from).map_err(io::Error::other)
 }
 
-/// What [`encode`] has written.
+/// Reads back the output of [`encode`].
 pub(super) fn decode<T: DeserializeOwned>(bytes: &[u8]) -> io::Result<T> {
     rmp_serde::from_slice(bytes).map_err(io::Error::other)
 }

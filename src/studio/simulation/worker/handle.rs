@@ -1,4 +1,4 @@
-//! The way to the worker: typed questions.
+//! The handle of the worker: typed questions.
 
 use std::io;
 use std::path::PathBuf;

@@ -1,4 +1,4 @@
-//! What parent and child say to each other.
+//! Messages between the studio and its worker process.
 
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -13,7 +13,7 @@ use robert_rollout::{Choice, PolicyConfig, Precision};
 
 /// A question to the worker. Its type says what the answer is.
 pub(crate) trait Question: Into<WorkerRequest> {
-    /// What the worker answers.
+    /// The type of the worker's answer.
     type Answer: Serialize + DeserializeOwned + Send + 'static;
 }
 
@@ -22,14 +22,14 @@ pub(crate) trait Question: Into<WorkerRequest> {
 pub(super) struct Envelope {
     /// Comes back with the answer.
     pub(super) id: u64,
-    /// What.
+    /// The request.
     pub(super) request: WorkerRequest,
 }
 
 /// Declares the requests, and which question each is.
 macro_rules! requests {
     ($($(#[$doc:meta])* $name:ident => $answer:ty;)*) => {
-        /// What the child is asked for.
+        /// A request to the child.
         #[derive(Clone, Debug, Serialize, Deserialize)]
         pub(crate) enum WorkerRequest {
             $($(#[$doc])* $name(Box<$name>),)*
@@ -52,7 +52,7 @@ requests! {
     Ping => ();
     /// The robot of what follows.
     LoadRobot => RobotFacts;
-    /// How to roll out.
+    /// Sets policy, guide and options of rollouts.
     SetPolicy => ();
     /// A rollout.
     Perform => ();
@@ -64,17 +64,17 @@ requests! {
     IkRequest => IkAnswer;
     /// Keys of a drawn line.
     Trace => DrawAnswer;
-    /// Where a pose comes to rest.
+    /// Settles a pose in simulation.
     Settle => SettleAnswer;
-    /// What lints want to know of poses.
+    /// Checks poses for lints.
     CheckPoses => Vec<Checked>;
     /// Facts about any robot.
     DescribeRobot => RobotFacts;
-    /// What any robot looks like.
+    /// The geometry of any robot.
     LookAtRobot => Geometry;
     /// A picture.
     PaintRequest => Picture;
-    /// What a picture would show at a point.
+    /// The body that a picture would show at a point.
     PickRequest => Option<String>;
 }
 
@@ -104,7 +104,7 @@ pub(crate) struct LoadRobot {
     pub(crate) robot: String,
 }
 
-/// How to roll out.
+/// Policy, guide and options of rollouts.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct SetPolicy {
     /// The policy.
@@ -140,7 +140,7 @@ pub(crate) struct Kinematics {
 /// A drawn line that a site is to go along.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct Trace {
-    /// Where it begins from, one value per state joint.
+    /// The pose at which the line begins, one value per state joint.
     pub(crate) q: Vec<f64>,
     /// The site.
     pub(crate) site: String,
@@ -148,7 +148,7 @@ pub(crate) struct Trace {
     pub(crate) line: Vec<[f64; 4]>,
     /// Seconds for the whole line, at an even speed.
     pub(crate) secs: Option<f64>,
-    /// How far the path may be from the line, m.
+    /// Allowed distance between path and line, m.
     pub(crate) tolerance_m: f64,
     /// By state joint: what it can do, rad/s or m/s.
     pub(crate) speeds: Vec<Option<f64>>,
@@ -156,7 +156,7 @@ pub(crate) struct Trace {
     pub(crate) locked: Vec<String>,
 }
 
-/// Where a pose comes to rest.
+/// Asks for the pose that settles from `q`.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct Settle {
     /// Builtin id or folder.
@@ -181,7 +181,7 @@ pub(crate) struct DescribeRobot {
     pub(crate) robot: String,
 }
 
-/// What any robot looks like.
+/// Asks for the geometry of any robot.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct LookAtRobot {
     /// Builtin id or folder.
@@ -193,7 +193,7 @@ pub(crate) struct LookAtRobot {
 pub(crate) struct PaintRequest {
     /// Builtin id or folder.
     pub(crate) robot: String,
-    /// What is seen.
+    /// The motion or pose in the picture.
     pub(crate) subject: Subject,
     /// The frame; the last one when there are fewer.
     pub(crate) frame: usize,
@@ -201,7 +201,7 @@ pub(crate) struct PaintRequest {
     pub(crate) width: u32,
     /// Rows.
     pub(crate) height: u32,
-    /// What is laid over, as [`robert_render::Overlay::parse`] reads it.
+    /// The overlay, as [`robert_render::Overlay::parse`] reads it.
     pub(crate) overlay: String,
     /// Fast and less smooth.
     pub(crate) draft: bool,
@@ -216,7 +216,7 @@ pub(crate) struct PickRequest {
     pub(crate) at: [f32; 2],
 }
 
-/// What a picture shows.
+/// The subject of a picture.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) enum Subject {
     /// A pose; one value per state joint.
@@ -244,7 +244,7 @@ pub(crate) enum Subject {
 pub(crate) struct MotionRows {
     /// Title.
     pub(crate) name: String,
-    /// Who performed it.
+    /// The name of the performer.
     pub(crate) performer: String,
     /// NaN = no goal; (frames, S).
     pub(crate) commanded: Vec<Vec<f32>>,
@@ -289,7 +289,7 @@ pub(super) enum WorkerMessage {
     Answer(u64, ByteBuf),
     /// The request of this number cannot be carried out.
     Refused(u64, Refusal),
-    /// What nobody asked for.
+    /// An event that no request asked for.
     Event(SimulationEvent),
 }
 
@@ -303,7 +303,7 @@ pub(super) struct Refusal {
 }
 
 impl Refusal {
-    /// What was asked for makes no sense.
+    /// A refusal of a request that makes no sense.
     pub(super) fn invalid(message: impl Into<String>) -> Refusal {
         Refusal { message: message.into(), exit: Exit::Invalid.code() }
     }
@@ -315,12 +315,12 @@ impl<E: HasExit> From<E> for Refusal {
     }
 }
 
-/// What the simulation says of a rollout.
+/// Events of a rollout.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) enum SimulationEvent {
     /// A rollout begins.
     Started {
-        /// Which.
+        /// The number of the rollout.
         generation: u64,
         /// Frames up to this one stand.
         resumed_at: usize,
@@ -329,11 +329,11 @@ pub(crate) enum SimulationEvent {
     Frames(Frames),
     /// A rollout ended.
     Ended {
-        /// Which.
+        /// The number of the rollout.
         generation: u64,
         /// Full figures, when it reached the end.
         precision: Option<Box<Precision>>,
-        /// Which contender is shown, when several were compared.
+        /// The chosen policy, if several were compared.
         choice: Option<Box<Choice>>,
         /// Why it broke, when it did.
         error: Option<String>,
@@ -343,7 +343,7 @@ pub(crate) enum SimulationEvent {
 /// A run of simulated frames.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub(crate) struct Frames {
-    /// Which rollout.
+    /// The number of the rollout.
     pub(crate) generation: u64,
     /// First frame.
     pub(crate) from: usize,
@@ -359,12 +359,12 @@ pub(crate) struct Frames {
     pub(crate) secs: f64,
 }
 
-/// What simulation says about a pose.
+/// The simulation's findings about a pose.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Checked {
     /// Bodies that touch, with the depth in metres.
     pub(crate) contacts: Vec<(String, String, f64)>,
-    /// Where it settles; (state).
+    /// The settled pose; (state).
     pub(crate) settled: Option<Vec<f64>>,
 }
 

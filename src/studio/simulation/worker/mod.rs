@@ -1,16 +1,17 @@
 //! The simulation in a process of its own.
 //!
-//! A segmentation fault, an allocation that aborts, an endless loop: none of them can be
-//! caught inside a process, and models are foreign files. So everything that touches the simulator
-//! runs in a child of the same binary (`robert __worker`), under limits that it sets itself.
-//! The parent owns the document and the journal; the child owns nothing that matters.
+//! A segmentation fault, an allocation that aborts, an endless loop: none of them can be caught
+//! inside a process, and models are foreign files. So everything that touches the simulator runs in
+//! a child of the same binary (`robert __worker`), under limits that it sets itself. The parent
+//! owns the document and the journal, so the death of the child loses no data.
 //!
 //! Rejected: threads with `catch_unwind` (catches none of the above) and a crate for
 //! sandboxes (the child is our own code; what it needs is limits, not a jail).
 //!
-//! `message.rs` is the vocabulary, `codec.rs` the framing, `child.rs` what runs in the child,
-//! `supervisor.rs` and `handle.rs` the parent. Pictures are painted in a second child of the same kind
-//! (`paint.rs`), so that neither a graphics driver nor its memory is felt by the simulation.
+//! `message.rs` contains the messages, `codec.rs` the framing, `child.rs` the child's side,
+//! `supervisor.rs` and `handle.rs` the parent's side. Pictures are drawn in a second child of the
+//! same kind (`paint.rs`), so that neither a graphics driver nor its memory disturbs the
+//! simulation.
 
 mod child;
 mod codec;

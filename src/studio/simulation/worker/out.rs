@@ -1,4 +1,4 @@
-//! The child's way to its parent, and its allowance of processor time.
+//! The child's connection to its parent, and its limit of processor time.
 
 use std::io;
 use std::os::unix::net::UnixStream;

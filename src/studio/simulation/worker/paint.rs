@@ -1,7 +1,7 @@
-//! The painter's side of the child: robots on pictures.
+//! The painter: a child process that draws pictures of robots.
 //!
 //! Opening a graphics device takes a fifth of a second, so it stays open as long as the child
-//! lives; so does the last motion that was looked through, for scrubbing.
+//! lives. The last motion also stays loaded, for scrubbing.
 
 use std::sync::Arc;
 
@@ -18,7 +18,7 @@ use robert_rollout::{PolicyConfig, Rollout, RolloutConfig, Start};
 /// JPEG quality, percent.
 const JPEG: u8 = 88;
 
-/// What stays open between two pictures.
+/// The renderer and scene that are kept between two pictures.
 #[derive(Default)]
 pub(crate) struct Painter {
     draft: Option<Renderer>,
@@ -26,7 +26,7 @@ pub(crate) struct Painter {
     shot: Option<(Known, Shot)>,
 }
 
-/// What a shot was made for.
+/// The request that a shot was made for.
 #[derive(PartialEq)]
 struct Known {
     robot: String,

@@ -1,4 +1,4 @@
-//! The thread that performs: the rollout, and what a hand on the mouse waits for.
+//! The thread that performs the rollout and answers questions during a drag.
 
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, TryRecvError};

@@ -26,7 +26,7 @@ pub(crate) fn resolve(robot: &str) -> Result<Arc<Robot>, robot::Error> {
     Robot::load(robot).map(Arc::new)
 }
 
-/// What clips need to know about a robot.
+/// The facts about a robot that clips need.
 pub(crate) fn table(robot: &Robot) -> JointTable {
     let profile = robot.profile();
     let joints = robot
@@ -152,7 +152,7 @@ fn index(ids: &[i32], at: usize) -> usize {
     ids.get(at).and_then(|v| usize::try_from(*v).ok()).unwrap_or(0)
 }
 
-/// What a robot looks like.
+/// The geometry of a robot.
 pub(crate) fn geometry(robot: &Arc<Robot>) -> Result<Geometry, Refusal> {
     let model = robot.model();
     let meshes = robert_take::body_meshes(robot)?;
@@ -267,7 +267,7 @@ fn touching(model: &Model, data: &Data) -> Vec<(String, String, f64)> {
     contacts
 }
 
-/// Where a pose settles.
+/// The pose that settles from `q`.
 pub(crate) fn settle(robot: &Robot, q: &[f64]) -> Result<SettleAnswer, robot::Error> {
     let settled = robot.settle(q)?;
     Ok(SettleAnswer {

@@ -1,4 +1,4 @@
-//! Questions that may take long: poses that settle, other robots, pictures.
+//! Questions that may take long: settling poses, other robots, pictures.
 
 use std::sync::Arc;
 use std::sync::mpsc::Receiver;

@@ -1,8 +1,8 @@
-//! The supervisor: starts the child, passes requests, notices death, starts another.
+//! The supervisor: it starts the child, passes requests on, and replaces a child that died.
 //!
-//! One thread of its own: `PR_SET_PDEATHSIG` counts the death of the *thread* that forked,
-//! so the child must not be started from a pool whose threads come and go. While nothing
-//! is asked it sleeps; an idle studio costs nothing.
+//! It is a thread of its own, because `PR_SET_PDEATHSIG` reacts to the end of the *thread* that
+//! forked: the child must not be started from a pool whose threads come and go. Without requests it
+//! sleeps, so an idle studio needs no processor time.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -38,8 +38,7 @@ const PATIENCE: Duration = Duration::from_mins(1);
 const DEATHS: usize = 3;
 const DEATH_WINDOW: Duration = Duration::from_mins(1);
 
-/// Who hears what the worker says unasked. Called from the supervisor's thread; must be
-/// quick.
+/// Receives the worker's events. Called from the supervisor's thread; must be quick.
 pub(crate) trait WorkerSink: Send + Sync {
     /// A part of a rollout.
     fn event(&self, event: SimulationEvent);
@@ -50,7 +49,7 @@ pub(crate) trait WorkerSink: Send + Sync {
 /// Takes an answer as it came.
 pub(super) type Reply = Box<dyn FnOnce(Result<ByteBuf, Error>) + Send>;
 
-/// What the supervisor is told.
+/// Messages to the supervisor.
 pub(super) enum Inbox {
     Ask { request: WorkerRequest, reply: Option<Reply> },
     Message { child: u64, message: WorkerMessage },
@@ -66,7 +65,7 @@ pub(super) fn gone(reason: &str) -> Error {
 
 struct Pending {
     reply: Option<Reply>,
-    /// When its turn may have begun.
+    /// The earliest time at which the worker can have begun it.
     since: Instant,
     /// It waits behind others of its kind: see [`WorkerRequest::is_slow`].
     slow: bool,
@@ -109,9 +108,9 @@ impl Memory {
     }
 }
 
-/// What is known of the child's life.
+/// Signs of life of the child.
 struct Pulse {
-    /// When it last said something, or was first asked after a rest.
+    /// The time of its last message, or of the first request after a rest.
     heard: Instant,
     /// It was asked whether it lives.
     pinged: bool,
@@ -317,7 +316,7 @@ impl Supervisor {
 
     fn answer(&mut self, id: u64, answer: Result<ByteBuf, Error>) {
         let Some(done) = self.questions.pending.remove(&id) else { return };
-        // Who stood in line behind it has not been waited for yet.
+        // The requests behind it have not waited for their own answers yet.
         for waiting in self.questions.pending.values_mut().filter(|p| p.slow == done.slow) {
             waiting.since = Instant::now();
         }

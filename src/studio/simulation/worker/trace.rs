@@ -1,10 +1,10 @@
-//! A drawn line as keys: where a hand drew, a site of the robot goes.
+//! Turns a drawn line into keys at which a site of the robot follows it.
 //!
-//! The line is simplified in the robot's task space (Ramer 1972; Douglas and Peucker 1973), each
-//! of its corners is reached by inverse kinematics from the pose before, and where the straight
-//! way between two poses leaves the straight line, a pose is put between them. Times are those of
-//! the hand, or even; joints that cannot go so fast make the motion slower. A sharp corner is held
-//! for a moment, since nothing that has a mass turns at once.
+//! The line is simplified in the robot's task space (Ramer 1972; Douglas and Peucker 1973). Inverse
+//! kinematics reaches each of its corners from the pose before. If the site leaves the straight
+//! line on the way between two poses, another pose is put between them. Times are those of the
+//! drawing, or even. If joints cannot move that fast, the motion becomes slower. A sharp corner is
+//! held for a moment, since no mass can change its direction at once.
 
 use super::message::Trace;
 use crate::protocol::{DrawAnswer, DrawnKey};
@@ -18,7 +18,7 @@ type V3 = [f64; 3];
 /// Share of the tolerance that the corners of the line may take; the other part is for the way
 /// between two poses.
 const CORNERS: f64 = 0.5;
-/// How often the way between two corners is halved.
+/// The number of times that the segment between two corners is halved.
 const HALVINGS: u32 = 6;
 /// A turn by more than this is a sharp corner, rad.
 const SHARP: f64 = 0.6;
@@ -28,7 +28,7 @@ const REST: u32 = 4;
 /// A pose on the way.
 struct Spot {
     q: Vec<f64>,
-    /// Where the site is then, m.
+    /// The position of the site then, m.
     at: V3,
     /// Seconds after the line began.
     secs: f64,
@@ -139,7 +139,7 @@ impl Tracer<'_> {
                 (Some(last), Some(key)) => {
                     clock += (spot.secs - last.secs) / CTRL_DT;
                     let soonest = key.frame + key.hold - 1 + self.needed(&last.q, &spot.q).max(1);
-                    // What joints or corners delay, they delay for good.
+                    // A delay by joints or corners is never caught up.
                     clock = clock.max(f64::from(soonest));
                     (clock.round() as u32, if spot.sharp { REST } else { 1 })
                 }
@@ -160,8 +160,8 @@ impl Tracer<'_> {
     }
 }
 
-/// When each point of a line is passed, seconds after its first: as it was drawn, or evenly in
-/// `secs`.
+/// The time at which each point of a line is passed, seconds after its first: as it was drawn, or
+/// evenly in `secs`.
 fn times(line: &[[f64; 4]], secs: Option<f64>) -> Vec<f64> {
     let Some(first) = line.first() else { return Vec::new() };
     let Some(secs) = secs else { return line.iter().map(|p| p[3] - first[3]).collect() };
