@@ -1,5 +1,5 @@
-//! A batch in the processor's memory, in the layout that the card reads, and the weights for
-//! counting errors.
+//! A batch in the processor's memory: in the layout that the card reads, and with the error counts
+//! that follow from the card's output.
 
 use std::sync::Mutex;
 

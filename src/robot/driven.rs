@@ -4,8 +4,8 @@ use super::{Coupling, Error, Robot};
 use robert_mujoco::Data;
 
 impl Robot {
-    /// Whether an actuator pulls at each joint of the state, by itself or through a joint that
-    /// it follows; (S). The others hang, roll or swing as they like.
+    /// Whether an actuator moves each joint of the state, directly or through a joint that it
+    /// follows; (S). All other joints are passive.
     ///
     /// # Errors
     /// [`Error::Simulator`].
@@ -17,7 +17,7 @@ impl Robot {
         let moment = data.actuator_moment();
         let pulled = |dof: usize| (0..nu).any(|a| moment[a * nv + dof] != 0.0);
         let mut driven: Vec<bool> = self.joints().iter().map(|j| pulled(j.dofadr)).collect();
-        // A chain of followers is as long as the robot at most.
+        // A chain of followers is at most as long as the robot.
         for _ in 0..driven.len() {
             for coupling in &self.profile().couplings {
                 let Coupling::Mimic { follower, leader, .. } = coupling else { continue };

@@ -8,13 +8,13 @@ use robert_mujoco::Data;
 /// The torque that compensates the robot's weight.
 #[derive(Debug)]
 pub struct Gravity {
-    /// The robot as its file says, touching nothing.
+    /// The nominal model without contacts.
     data: Data,
     force: Vec<f64>,
 }
 
 impl Gravity {
-    /// The gravity of a robot; `None` where nothing pulls at it.
+    /// The gravity of a robot; `None` if no joint has weight to hold.
     ///
     /// # Errors
     /// [`Error::Simulator`].

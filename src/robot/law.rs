@@ -9,7 +9,7 @@ use robert_mujoco::{Data, Model};
 /// filters and the like have no such law.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Law {
-    /// N or N m for a unit of control.
+    /// Force in N or N m per unit of control.
     pub gain: f64,
     /// Constant, stiffness and damping, the latter two negative.
     pub bias: [f64; 3],
@@ -46,16 +46,19 @@ impl Law {
     }
 }
 
-/// A position servo as a controller sees it: which control brings its length where.
+/// A position servo as a controller sees it: it tells which control moves its length to a target.
+/// With the control held, the length swings towards the servo's rest length as a damped mass does.
+/// One frame later, with x the distance from rest, x' = a x + b v. The rest length e that leaves
+/// the length at l + way is e = l + (way - b v)/(1 - a).
 ///
 /// With the control held, the length swings towards the servo's rest as a damped mass does. A
 /// frame later, with x the distance from rest, x' = a x + b v; the rest e that leaves the length
 /// at l + way is e = l + (way - b v)/(1 - a).
 #[derive(Clone, Debug, PartialEq)]
 pub struct PositionServo {
-    /// Joints of the state that it pulls at, with their moment arms.
+    /// Joints of the state that it moves, with their moment arms.
     pub arms: Vec<(usize, f64)>,
-    /// Length when all these joints are at zero.
+    /// The length when all these joints are at zero.
     offset: f64,
     law: Law,
     middle: f64,
@@ -67,7 +70,7 @@ pub struct PositionServo {
 
 impl PositionServo {
     /// The servo of an actuator; `data` is at a pose whose state is `state` (S), `dofs` are the
-    /// state joints' degrees of freedom. `None` where it is no position servo.
+    /// state joints' degrees of freedom. `None` if it is not a position servo.
     pub(super) fn of(
         data: &Data,
         actuator: usize,
@@ -90,7 +93,7 @@ impl PositionServo {
             return None;
         }
         let along: f64 = arms.iter().map(|(k, a)| a * state[*k]).sum();
-        // As one mass on the length: what resists when its joints share the way.
+        // As one mass on the length: the inertia when its joints share the way.
         let mean = |of: &dyn Fn(usize) -> f64| -> f64 {
             arms.iter().map(|(k, a)| a * a * of(*k)).sum::<f64>() / (square * square)
         };
@@ -124,7 +127,7 @@ impl PositionServo {
     }
 }
 
-/// A servo softer than this hardly moves in a frame; it is asked for no more than it has.
+/// A servo softer than this hardly moves in a frame, so its control is not extrapolated.
 const MOST_KEPT: f64 = 0.98;
 
 /// Distance from rest after a frame.

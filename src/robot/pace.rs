@@ -17,33 +17,34 @@ use robert_mujoco::{Data, Joint, Model, Transmission};
 
 /// Poses beside the default one.
 const POSES: usize = 4;
-/// Time that a joint gets to cross half its range, simulator steps (of 5 ms).
+/// The time in which a joint may cross half its range, in simulator steps of 5 ms.
 const STEPS: usize = 400;
-/// Steps after which a speed that changes no more counts as reached.
+/// The number of steps after which an unchanged speed counts as reached.
 const STEADY_STEPS: usize = 20;
-/// Relative change over these steps below which it does.
+/// The relative change over these steps below which the speed is unchanged.
 const STEADY: f64 = 1e-3;
-/// Damping that holds the other joints still, N m s/rad or N s/m.
+/// The damping that keeps the other joints still, N m s/rad or N s/m.
 const HELD: f64 = 1e8;
-/// Half the room of a joint without end: rad, m.
+/// Half the interval of a joint without limits: rad, m.
 const UNBOUNDED: [f64; 2] = [1.5, 0.5];
-/// Speed at which a position or velocity servo is paced at most, rad/s, m/s: what it could
-/// reach for a moment, when asked for the far end of its range at once, no task asks for.
+/// The highest speed that is measured for a position or velocity servo, rad/s, m/s. It could be
+/// faster for a moment if it were commanded to the far end of its range at once, but no task does
+/// that.
 const SERVO_SPEED: [f64; 2] = [3.0, 0.5];
-/// The same for a motor. An arm whose file lets one light joint spin at 30 rad/s would be explored
-/// while that joint throws the others about.
+/// The same for a motor. If a file lets one light joint spin at 30 rad/s, exploration would use
+/// that speed and throw the other joints about.
 const MOTOR_SPEED: [f64; 2] = [6.0, 1.0];
-/// No joint is paced to cross its range in less, seconds.
+/// No joint gets a speed that crosses its range in less time than this, seconds.
 const CROSSING_SECS: f64 = 0.5;
 /// Share of the reached speed up to which acceleration is measured.
 const RISEN: f64 = 0.9;
-/// A joint that is slower than this in most poses is not moved by its motors, rad/s or m/s.
+/// A joint that is slower than this in most poses counts as not driven by its motors, rad/s or m/s.
 const STILL: f64 = 1e-3;
 
 /// The speed and acceleration that the motors give one joint.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Pace {
-    /// It moves: the slower direction, the median of the poses.
+    /// It moves: the speed of the slower direction, the median over the poses.
     Moves {
         /// Speed that it reaches, rad/s or m/s.
         speed: f64,
@@ -52,11 +53,11 @@ pub(super) enum Pace {
     },
     /// Its motors do not move it in most poses.
     Stuck,
-    /// No motor pulls at it, or the simulation breaks when one does.
+    /// No motor acts on it, or the simulation diverges when one does.
     Unknown,
 }
 
-/// The pace of every joint of a model with hinges and slides, in order.
+/// The speed and acceleration of every joint of a model with hinges and slides, in order.
 ///
 /// # Errors
 /// [`Error::Simulator`] where a simulation cannot be made.
@@ -98,7 +99,7 @@ fn one(model: &Arc<Model>, joint: usize) -> Result<Pace, Error> {
         all.sort_by(f64::total_cmp);
         all.get(all.len() / 2).copied()
     };
-    // On one side of the range gravity helps; but what it adds is not the motor's.
+    // On one side of the range gravity helps, but its contribution is not the motor's.
     let spent = match torque_limit(model, joint) {
         Some(torque) if model.dof_damping()[dof] > 0.0 => torque / model.dof_damping()[dof],
         _ => f64::INFINITY,
@@ -128,7 +129,7 @@ impl Run {
     }
 }
 
-/// Greatest speed that a task may ask of a joint.
+/// The highest speed that a task may require of a joint.
 fn asked_at_most(model: &Model, joint: usize) -> f64 {
     let serves = |a: usize| {
         let here = match model.transmission(a) {
@@ -144,7 +145,7 @@ fn asked_at_most(model: &Model, joint: usize) -> f64 {
     speeds[usize::from(slides)].min((hi - lo) / CROSSING_SECS)
 }
 
-/// The joint, and those that a tendon or an equality ties to it.
+/// The joint, and those coupled to it by a tendon or an equality.
 fn coupled(model: &Model, joint: usize) -> Vec<usize> {
     const EQ_JOINT: i32 = 2; // mjEQ_JOINT
     let mut ties: Vec<Vec<usize>> = (0..model.ntendon())
@@ -179,7 +180,7 @@ fn room(model: &Model, joint: usize) -> [f64; 2] {
     [at - half, at + half]
 }
 
-/// Pose `k`, the default one first, with the joint a quarter of its range from the near stop.
+/// Pose `k`, with the joint a quarter of its range from the near stop; pose 0 is the default one.
 fn start(model: &Model, joint: usize, k: usize, up: bool) -> Option<Vec<f64>> {
     let mut qpos = model.qpos0().to_vec();
     for j in 0..model.jnt_type().len() {
@@ -197,7 +198,8 @@ fn start(model: &Model, joint: usize, k: usize, up: bool) -> Option<Vec<f64>> {
     qpos.iter().all(|q| q.is_finite()).then_some(qpos)
 }
 
-/// Controls that push a degree of freedom as hard as its motors can; `None` without a motor.
+/// Controls that drive a degree of freedom with the full force of its motors; `None` without a
+/// motor.
 fn full(model: &Model, data: &Data, dof: usize, up: bool) -> Option<Vec<f64>> {
     let nv = model.nv();
     let mut any = false;
@@ -215,8 +217,8 @@ fn full(model: &Model, data: &Data, dof: usize, up: bool) -> Option<Vec<f64>> {
     any.then_some(ctrl)
 }
 
-/// Greatest speed in the wanted direction within half the range, and how soon it is reached;
-/// `None` where the simulation breaks.
+/// The highest speed in the wanted direction within half the range, and the time until it is
+/// reached; `None` if the simulation diverges.
 fn run(data: &mut Data, model: &Model, joint: usize, up: bool) -> Option<Run> {
     let (at, dof) = (model.jnt_qposadr()[joint] as usize, model.jnt_dofadr()[joint] as usize);
     let sign = if up { 1.0 } else { -1.0 };
@@ -232,7 +234,7 @@ fn run(data: &mut Data, model: &Model, joint: usize, up: bool) -> Option<Run> {
         }
         best = best.max(v);
         rise.push(v);
-        // Gravity may win, too: then the joint runs the other way.
+        // Gravity may be stronger: then the joint moves the other way.
         if way.abs() >= half {
             break;
         }

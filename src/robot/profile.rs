@@ -30,7 +30,7 @@ pub struct JointSpec {
     pub name: String,
     /// Radians or metres.
     pub unit: Unit,
-    /// Limits; absent for a joint that turns or slides without end.
+    /// Limits; absent for a joint without limits.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub range: Option<[f64; 2]>,
     /// Greatest sustained speed, rad/s or m/s.

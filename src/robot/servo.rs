@@ -113,7 +113,7 @@ impl Robot {
         }))
     }
 
-    /// Damping of the state joints, that of velocity servos at them included; (S).
+    /// Damping of the state joints, including that of velocity servos; (S).
     fn state_damping(&self) -> Vec<f64> {
         let model = self.model();
         let mut damping = model.dof_damping().to_vec();
@@ -145,7 +145,7 @@ impl Robot {
             .collect())
     }
 
-    /// Pose `k` of a set that fills the ranges evenly.
+    /// Pose `k` of a set that covers the ranges evenly.
     pub(super) fn spread_pose(&self, k: usize) -> Vec<f64> {
         let joints = self.joints().iter().zip(self.home()).enumerate();
         joints

@@ -23,7 +23,7 @@ pub(super) struct Bench {
     /// Seconds between published checkpoints of a training shard.
     pub(super) checkpoint_secs: f64,
     pub(super) cancel: Cancel,
-    /// Whether anything was finished or saved, so that a repetition would get further.
+    /// Whether anything was finished or saved, so that another attempt would continue from there.
     pub(super) advanced: Flag<bool>,
     data: OnceCell<PathBuf>,
     /// Clips of built-in suites.

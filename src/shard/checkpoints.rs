@@ -13,7 +13,8 @@ use robert_train::paths;
 use super::error::write_error;
 use super::{Error, folder};
 
-/// Checkpoints that are kept: the newest may be the copy of a process that is being killed.
+/// The number of checkpoints that are kept: the newest may be the incomplete copy of a process that
+/// is being killed.
 const KEPT: usize = 2;
 
 /// The checkpoints of one shard.
@@ -51,8 +52,8 @@ impl Checkpoints {
         false
     }
 
-    /// Publishes the state of a run; the run may go on meanwhile, because it replaces whole files.
-    /// The weights are copied first: metrics and models that are newer are made again.
+    /// Publishes the state of a run. The run may continue meanwhile, because it replaces whole
+    /// files. The weights are copied first; metrics and models newer than them are computed again.
     pub(super) fn publish(&self, run: &Path) -> Result<(), Error> {
         fs::create_dir_all(&self.dir).map_err(write_error(&self.dir))?;
         let all = self.all();

@@ -47,8 +47,8 @@ pub(super) fn draft(spec: &Collect, robot: &Arc<Robot>, place: &str) -> Result<D
     Ok(draft)
 }
 
-/// Records a moment with the collectors that need no training, so that one that cannot drive the
-/// robot is refused now.
+/// Records a moment with the collectors that need no training, so that a collector that cannot
+/// drive the robot is refused now.
 fn try_out(mut config: CollectConfig, robot: &Arc<Robot>) -> Result<(), Error> {
     config.agents.retain(|a| !a.learns());
     if config.agents.is_empty() {

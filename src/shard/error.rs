@@ -27,7 +27,7 @@ pub enum Error {
         /// The reason.
         why: String,
     },
-    /// A plan that is damaged or not there.
+    /// A plan that is damaged or missing.
     #[error("{why}: {path}", path = path.display())]
     Plan {
         /// The problem, in words.
@@ -43,7 +43,7 @@ pub enum Error {
         /// Shards of the plan.
         shards: usize,
     },
-    /// This machine computes other bits than the plan asks for.
+    /// This machine would compute other bits than the plan requires.
     #[error(
         "this machine computes with {here}, the plan was made for {planned}: results would differ in their last bits. Run it on another machine, plan with --numerics avx2, or allow it with --any-processor"
     )]
@@ -63,7 +63,7 @@ pub enum Error {
         /// Sha-256 of the plan's.
         planned: String,
     },
-    /// An input that is not what it was when the plan was made.
+    /// An input that has changed since the plan was made.
     #[error("{what} has changed since the plan was made; plan again")]
     Input {
         /// The input.
@@ -76,7 +76,7 @@ pub enum Error {
         missing: Vec<usize>,
         /// Indices whose files are damaged.
         corrupt: Vec<usize>,
-        /// Indices made by another kind of processor or another program.
+        /// Indices of shards made by another kind of processor or another program.
         foreign: Vec<usize>,
     },
     /// Two runs of one shard on one kind of machine gave different files.
@@ -101,7 +101,7 @@ pub enum Error {
         /// The folder.
         path: PathBuf,
     },
-    /// A child process that died again and again.
+    /// A child process that died repeatedly.
     #[error(
         "the process that ran shard {index} ended {times} times without an answer, last with {status}"
     )]
@@ -113,7 +113,7 @@ pub enum Error {
         /// The exit status of the last attempt.
         status: String,
     },
-    /// A program of the queue that is missing or refuses.
+    /// A program of the queue that is missing or failed.
     #[error("{why}")]
     Queue {
         /// What happened, and what may help.
@@ -147,7 +147,7 @@ pub enum Error {
     Files(#[from] fsio::Error),
 }
 
-/// The most indices in a message; the command `missing` lists all of them.
+/// The largest number of indices in a message; the command `missing` lists all of them.
 const SHOWN: usize = 1000;
 
 fn incomplete(missing: &[usize], corrupt: &[usize], foreign: &[usize]) -> String {

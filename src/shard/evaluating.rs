@@ -35,7 +35,7 @@ pub(super) struct Part<'a> {
     pub(super) clips_sha256: &'a str,
 }
 
-/// The cells; every clip is given to the robot and every policy is built.
+/// Makes the cells; every clip is checked against the robot and every policy is built.
 pub(super) fn draft(
     spec: &Eval,
     robot: &Arc<Robot>,

@@ -47,8 +47,8 @@ pub(super) fn host() -> String {
     name.chars().filter(char::is_ascii_alphanumeric).take(32).collect()
 }
 
-/// Writes a manifest into `made` and moves the folder to `target`. If a whole shard with the same
-/// content is there, that one stays; what is damaged or foreign there is replaced.
+/// Writes a manifest into `made` and renames the folder to `target`. A complete shard with the same
+/// content at `target` stays; a damaged or foreign one is replaced.
 ///
 /// # Errors
 /// [`Error::Differs`] for other content from the same kind of machine, [`Error::Files`].
@@ -67,7 +67,7 @@ pub(super) fn publish(made: &Path, target: &Path, manifest: &Manifest) -> Result
             Err(e) => last = Some(e),
         }
         // Another process was here first, or a network file system repeated a rename that had
-        // succeeded. The files tell.
+        // succeeded. The files show which. The files tell.
         if !target.exists() {
             continue;
         }
@@ -92,7 +92,7 @@ fn same_machine(a: &Manifest, b: &Manifest) -> bool {
     (&a.numerics, &a.binary_sha256) == (&b.numerics, &b.binary_sha256)
 }
 
-/// The manifest of a folder whose files are all as it says.
+/// The manifest of a folder whose files all match it.
 ///
 /// # Errors
 /// What is wrong.
@@ -111,8 +111,8 @@ pub(super) fn whole(dir: &Path) -> Result<Manifest, String> {
     Ok(manifest)
 }
 
-/// Moves a damaged or foreign shard away. If it turns out to be a good one that another process
-/// has just put there, it is put back.
+/// Moves a damaged or foreign shard away. If it turns out to be a good one that another process has
+/// just published, it is moved back.
 fn replace(target: &Path, parent: &Path, manifest: &Manifest) -> Result<(), Error> {
     let moved = match aside(target, parent, "replaced") {
         Ok(moved) => moved,
@@ -126,7 +126,7 @@ fn replace(target: &Path, parent: &Path, manifest: &Manifest) -> Result<(), Erro
     fs::remove_dir_all(&moved).map_err(write_error(&moved))
 }
 
-/// Renames a folder to a name of its own in `parent`.
+/// Renames a folder to a unique name in `parent`.
 fn aside(from: &Path, parent: &Path, why: &str) -> Result<PathBuf, Error> {
     let name = from.file_name().unwrap_or_default().to_string_lossy();
     let name = name.trim_start_matches('.').to_owned();

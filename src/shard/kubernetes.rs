@@ -13,7 +13,7 @@ use super::Plan;
 pub struct Options {
     /// Image with the program.
     pub image: String,
-    /// Claim of the volume that holds the plan.
+    /// The claim for the volume that contains the plan.
     pub claim: String,
     /// Path of the plan inside the volume.
     pub dir: String,

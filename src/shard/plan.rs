@@ -14,8 +14,8 @@ pub(super) const FORMAT: &str = "robert-shard-plan/1";
 const FILE: &str = "plan.json";
 /// Bytes of a plan.
 const BYTES: u64 = 256 << 20;
-/// Shards above which their folders are divided, because parallel file systems are slow with many
-/// entries in one folder.
+/// The number of shards from which their folders are divided into subfolders, because parallel file
+/// systems are slow with many entries in one folder.
 const DIVIDED: usize = 1000;
 /// The most shards of a plan.
 pub(super) const MOST: usize = 100_000;
@@ -26,7 +26,7 @@ pub(super) const MOST: usize = 100_000;
 pub struct Plan {
     /// `robert-shard-plan/1`.
     pub format: String,
-    /// Name for people and queues: that of the spec.
+    /// The name for people and queues, taken from the spec.
     pub name: String,
     /// The request.
     pub spec: Spec,
@@ -40,7 +40,7 @@ pub struct Plan {
     /// Dataset folder; relative to the plan's folder if it is inside.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub data: Option<PathBuf>,
-    /// Sha-256 of robot, data, models and the like, by what they are.
+    /// Sha-256 of robot, data, models and other inputs, by their kind.
     pub inputs: BTreeMap<String, String>,
     /// The work of each shard, by index.
     pub cells: Vec<Cell>,
@@ -109,8 +109,8 @@ impl Plan {
         fsio::sha256_hex(shared.to_string().as_bytes())
     }
 
-    /// The name of a shard's folder: the index and a hash of all that decides its content. `common`
-    /// is [`Plan::common`].
+    /// The name of a shard's folder: the index and a hash of everything that decides its content.
+    /// `common` is [`Plan::common`].
     pub(super) fn name_of(common: &str, index: usize, cell: &Cell) -> String {
         let cell = serde_json::to_string(cell).unwrap_or_default();
         let hash = fsio::sha256_hex(format!("{common} {cell}").as_bytes());
@@ -129,8 +129,8 @@ impl Plan {
         self.data.as_ref().map(|d| dir.join(d))
     }
 
-    /// Limits this process to the arithmetic of the plan if it asks for that, and refuses a machine
-    /// or a program that gives other bits.
+    /// Limits this process to the arithmetic of the plan if the plan requires it. An error for a
+    /// machine or a program that would compute other bits.
     ///
     /// # Errors
     /// [`Error::Processor`], [`Error::Build`].
@@ -151,7 +151,7 @@ impl Plan {
         Ok(here)
     }
 
-    /// Why a finished shard does not belong to this plan's machines; `None` if it does.
+    /// Why a finished shard was not made as this plan requires; `None` if it was.
     pub(super) fn foreign(&self, manifest: &Manifest, accept: Accept) -> Option<String> {
         if !accept.any_processor && manifest.numerics != self.numerics {
             return Some(format!("computed with {}, not {}", manifest.numerics, self.numerics));
@@ -161,7 +161,7 @@ impl Plan {
     }
 }
 
-/// The spec without what only says how the work is cut.
+/// The spec without the fields that only divide the work.
 fn common_spec(spec: &Spec) -> serde_json::Value {
     let mut value = serde_json::to_value(spec).unwrap_or_default();
     if let Some(fields) = value.as_object_mut() {

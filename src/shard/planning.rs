@@ -72,7 +72,7 @@ pub fn make(
     Ok(plan)
 }
 
-/// The spec with whole paths, so that it means the same wherever a shard runs.
+/// The spec with absolute paths, so that it means the same wherever a shard runs.
 fn anchored(mut spec: Spec) -> Result<Spec, Error> {
     let robot = match &mut spec {
         Spec::Collect(c) => &mut c.robot,
@@ -91,7 +91,7 @@ fn anchored(mut spec: Spec) -> Result<Spec, Error> {
     Ok(spec)
 }
 
-/// The dataset of a training plan: the named one, or the recording, which is made once.
+/// The dataset of a training plan: the named one, or one that is recorded now.
 fn data_of(train: &Train, robot: &Arc<Robot>, out: &Path) -> Result<PathBuf, Error> {
     let Some(recording) = &train.collect else {
         let data = train.data.clone().unwrap_or_default();

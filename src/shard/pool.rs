@@ -24,7 +24,7 @@ use super::error::write_error;
 
 /// The number of attempts for a shard whose process dies.
 const TRIES: u32 = 3;
-/// Time between two looks at a request to stop.
+/// The interval between two checks for a request to stop.
 const LOOK: Duration = Duration::from_millis(50);
 
 /// The answer of a child to one index: a line of JSON on its stdout.
@@ -32,9 +32,9 @@ const LOOK: Duration = Duration::from_millis(50);
 pub struct Answer {
     /// The index.
     pub index: usize,
-    /// Exit code that this shard alone would lead to.
+    /// The exit code that this shard alone would cause.
     pub exit: u8,
-    /// Why it failed; empty when it is done.
+    /// The reason of its failure; empty when it is done.
     pub error: String,
 }
 
@@ -56,7 +56,7 @@ pub struct Pooled {
     pub done: usize,
     /// Shards that failed.
     pub failed: Vec<Answer>,
-    /// Whether a stop was requested, or a failure that all shards would share.
+    /// Whether a stop was requested, or a failure occurred that all shards would share.
     pub stopped: bool,
 }
 
@@ -102,8 +102,8 @@ impl Pool {
                     std::thread::sleep(LOOK);
                 }
             });
-            // All have ended before anything else happens, so that a panic of one cannot leave the
-            // watch waiting for ever.
+            // All threads have ended before anything else happens, so a panic of one cannot leave
+            // the watching thread waiting for ever.
             let served: Vec<_> = workers.into_iter().map(ScopedJoinHandle::join).collect();
             ended.store(true, Ordering::Relaxed);
             watch.join().unwrap_or_else(|p| std::panic::resume_unwind(p));
@@ -120,7 +120,7 @@ impl Pool {
         Ok(found)
     }
 
-    /// One child after the other, until no index is left.
+    /// Runs one child after the other, until no index is left.
     fn serve(
         &self,
         board: &Mutex<Board>,
@@ -163,7 +163,7 @@ impl Pool {
                 progress.log(&format!("shard {index}: {}", answer.error));
                 all.found.failed.push(answer.clone());
             }
-            // Only a failure of this one shard lets the others go on.
+            // The others continue only if the failure concerns this shard alone.
             let alone = [Exit::Failed.code(), Exit::Threshold.code()].contains(&answer.exit);
             if !alone {
                 all.queue.clear();
@@ -181,7 +181,7 @@ fn lock(board: &Mutex<Board>) -> std::sync::MutexGuard<'_, Board> {
     board.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// The next index. A function of its own, so that the lock ends before the work begins.
+/// Takes the next index. A function of its own, so that the lock ends before the work begins.
 fn next(board: &Mutex<Board>) -> Option<usize> {
     lock(board).queue.pop_front()
 }

@@ -13,7 +13,7 @@ pub fn ranges(indices: &[usize]) -> String {
     parts.iter().map(text).collect::<Vec<_>>().join(",")
 }
 
-/// The indices of such a text; `None` if it is none.
+/// The indices in such a text; `None` if it is malformed.
 pub(super) fn indices(text: &str) -> Option<Vec<usize>> {
     let mut all = Vec::new();
     for part in text.trim().split(',') {

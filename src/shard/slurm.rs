@@ -29,7 +29,7 @@ pub struct Options {
     pub cpus: usize,
     /// Memory of a task, as Slurm reads it.
     pub memory: String,
-    /// Seconds before the limit at which a task is told to save its work.
+    /// Seconds before the limit at which a task receives the signal to save its work.
     pub warn_secs: u64,
     /// Largest array index of the site plus one.
     pub max_array: usize,
@@ -39,7 +39,7 @@ pub struct Options {
     pub run: Vec<String>,
     /// The program.
     pub binary: PathBuf,
-    /// Folder for the merged results, if the merge is sent as well.
+    /// Folder for the merged results, if the merge is submitted as well.
     pub merge: Option<PathBuf>,
 }
 
@@ -57,7 +57,8 @@ pub struct Submission {
 }
 
 impl Submission {
-    /// The commands that send it, as a shell reads them. The ids of the arrays are known only then.
+    /// The commands that submit it, in the form for a shell. The ids of the arrays are known only
+    /// then.
     pub fn commands(&self) -> Vec<String> {
         let merge = self.merge.iter().cloned().map(|mut words| {
             words.insert(0, "--dependency=afterany:IDS".to_owned());
@@ -87,7 +88,7 @@ pub fn submission(
     let stem = dir.join("submit").join(hash.get(..12).unwrap_or_default());
     let tasks = stem.with_extension("tasks");
     fsio::write_atomic(&tasks, text.as_bytes())?;
-    // Slurm does not make the folder of its logs.
+    // Slurm does not create the folder of its logs.
     let log = dir.join("log");
     std::fs::create_dir_all(&log).map_err(super::error::write_error(&log))?;
     let size = options.max_array.max(1);
@@ -118,7 +119,7 @@ pub fn submission(
     Ok(Submission { script, arrays: arrays.collect(), merge, path })
 }
 
-/// The batch script. `exec` is not style: without it the shell gets the signal and dies of it.
+/// The batch script. `exec` is necessary: without it the shell receives the signal and ends.
 /// `append` keeps the log of a task that is queued again.
 fn script(dir: &Path, plan: &Plan, tasks: &Path, array: &str, options: &Options) -> String {
     let name = plain(&plan.name);
@@ -177,7 +178,7 @@ pub fn task(list: &Path, task: usize) -> Result<Vec<usize>, Error> {
     })
 }
 
-/// Saves the script and sends the arrays and the merge; the job ids, the merge's last.
+/// Saves the script and submits the arrays and the merge; returns the job ids, the merge's last.
 ///
 /// # Errors
 /// [`Error::Queue`] with what `sbatch` said.
@@ -215,15 +216,15 @@ fn sbatch(args: &[String]) -> Result<String, Error> {
     Ok(answer.split(';').next().unwrap_or_default().to_owned())
 }
 
-/// Largest array index plus one, as the site says; `None` without Slurm.
+/// The site's largest array index plus one; `None` without Slurm.
 pub fn max_array() -> Option<usize> {
     let said = call("scontrol", &["show".to_owned(), "config".to_owned()]).ok()?;
     let line = said.lines().find(|l| l.trim_start().starts_with("MaxArraySize"))?;
     line.split('=').nth(1)?.trim().parse().ok()
 }
 
-/// Puts the task of this process into the queue again. The array's id and the task's index are
-/// needed: the plain job id of the first task stands for all of them.
+/// Requeues the task of this process. It needs the array's id and the task's index, because the
+/// plain job id of the first task means all of them.
 ///
 /// # Errors
 /// [`Error::Queue`].

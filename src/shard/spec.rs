@@ -214,7 +214,7 @@ impl Spec {
     }
 }
 
-/// One of the kinds, with line and column of what is wrong.
+/// Reads one of the kinds; an error contains line and column.
 fn read<T: DeserializeOwned>(text: &str, name: &str) -> Result<T, Error> {
     toml::from_str(text).map_err(|e| {
         let at = e.span().map_or(0, |s| s.start.min(text.len()));
@@ -243,7 +243,7 @@ impl<'de> Deserialize<'de> for Spec {
 }
 
 impl Collect {
-    /// The request of a shard, or of the whole.
+    /// The request for one shard, or for the whole.
     pub(super) fn config(
         &self,
         robot: &Robot,

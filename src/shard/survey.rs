@@ -12,9 +12,9 @@ pub enum State {
     Done,
     /// Nothing.
     Missing,
-    /// Something damaged, and what is wrong with it.
+    /// A damaged shard, and the problem.
     Corrupt(String),
-    /// A whole shard by another kind of processor or another program, and which.
+    /// A complete shard made by another kind of processor or another program, and which.
     Foreign(String),
 }
 

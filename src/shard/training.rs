@@ -21,10 +21,10 @@ use super::{Cell, Error, folder};
 
 /// Result of a training shard.
 pub(super) const RESULT: &str = "result.json";
-/// Time between two looks at a run in progress.
+/// The interval between two checks of a run in progress.
 const LOOK: Duration = Duration::from_millis(100);
 
-/// The folder of the views of these data.
+/// The folder for views of these data.
 fn views(dir: &Path, data_sha256: &str) -> PathBuf {
     dir.join("data").join(format!("views-{}", data_sha256.get(..12).unwrap_or_default()))
 }
@@ -56,7 +56,8 @@ pub(super) fn draft(
         }
     }
     draft.inputs.insert("data".to_owned(), sha256);
-    // Inside the plan's folder it is found again after that folder was moved or mounted elsewhere.
+    // With a path inside the plan's folder the data are found again after the folder was moved or
+    // mounted elsewhere.
     draft.data = Some(data.strip_prefix(out).map_or_else(|_| data.to_owned(), Path::to_owned));
     Ok(draft)
 }
@@ -91,7 +92,7 @@ pub(super) fn perform(
     let restored = checkpoints.restore(run);
     let mut reached = reach(bench, &point, &work, spec.evaluations, checkpoints);
     if restored && reached.is_err() {
-        // A checkpoint that cannot be used must not hold up the shard for ever.
+        // A checkpoint that cannot be used must not block the shard for ever.
         std::fs::remove_dir_all(run).map_err(write_error(run))?;
         checkpoints.clear();
         reached = reach(bench, &point, &work, spec.evaluations, checkpoints);
@@ -122,7 +123,7 @@ fn reach(
 ) -> Result<Option<Reached>, Error> {
     let (every, dir) = (bench.checkpoint_secs, point.dir);
     let ended = AtomicBool::new(false);
-    // Replaced whole at every checkpoint, so a new time is a new checkpoint.
+    // The file is replaced at every checkpoint, so a new time means a new checkpoint.
     let stamp = || std::fs::metadata(paths::last(dir)).and_then(|m| m.modified()).ok();
     let weights = || fsio::sha256_file(&paths::model(dir)).ok();
     let (begun, before) = (stamp(), weights());
@@ -174,7 +175,7 @@ pub(super) fn merge(
         }
         place.push(format!("seed-{}", reached.seed));
         folder::copy(shard, &place, link)?;
-        // It says how the shard was made, not what is in the folder of the merge.
+        // This file describes how the shard was made, and is left out of the merge.
         std::fs::remove_file(place.join(super::manifest::FILE)).ok();
         found.push(reached);
     }

@@ -19,7 +19,7 @@ pub enum Done {
     Before,
 }
 
-/// A plan, opened for work on this machine.
+/// An opened plan, for work on this machine.
 #[derive(Debug)]
 pub struct Workshop {
     bench: Bench,

@@ -3,8 +3,8 @@
 use std::path::Path;
 use std::time::SystemTime;
 
-/// The page is bundled by npm and put into the program as it lies there: an old bundle with
-/// new server code is a puzzle for whoever runs it.
+/// npm bundles the page, and the bundle goes into the program as it is. An old bundle with new
+/// server code would behave in ways that nobody can explain.
 fn main() {
     println!("cargo::rerun-if-changed=../../ui/src");
     println!("cargo::rerun-if-changed=../../ui/dist");

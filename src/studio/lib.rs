@@ -55,7 +55,7 @@ use robert_rollout::PolicyName;
 pub struct StudioConfig {
     /// A clip to open.
     pub clip_path: Option<PathBuf>,
-    /// A robot to start an empty clip for.
+    /// A robot for which an empty clip is started.
     pub robot: Option<String>,
     /// Learned model to perform with.
     pub model_path: Option<PathBuf>,
@@ -69,14 +69,14 @@ pub struct StudioConfig {
     pub folder: PathBuf,
 }
 
-/// Time for clients and jobs to hear of the end.
+/// The time in which clients and jobs learn that the studio ends.
 const FAREWELL: Duration = Duration::from_millis(300);
 /// The time that the session has for its last writes.
 const LAST_WRITES: Duration = Duration::from_millis(1500);
 
-/// Runs the studio until SIGINT or SIGTERM. As soon as connections are accepted, `ready` gets
-/// the address, token included, and the address for a browser that it starts, with a code that
-/// is good for one use.
+/// Runs the studio until SIGINT or SIGTERM. As soon as connections are accepted, `ready` gets two
+/// addresses: one with the token, and one for the browser that the studio starts, with a code that
+/// can be used once.
 ///
 /// # Errors
 /// [`Error::Bind`], [`Error::Clip`], [`Error::Locked`], [`Error::Server`].
@@ -114,7 +114,7 @@ async fn serve(config: StudioConfig, ready: impl FnOnce(&str, &str)) -> Result<(
         clients: Clients::default(),
         ending: ending.clone(),
     });
-    // A clip that cannot be opened is an error of the command line, not of a page.
+    // A clip that cannot be opened is reported on the command line, not in the page.
     let opened = first_document(&config, &session).await;
     let mut terminate = signal(SignalKind::terminate()).map_err(Error::Server)?;
     let mut interrupt = signal(SignalKind::interrupt()).map_err(Error::Server)?;
@@ -137,7 +137,7 @@ async fn serve(config: StudioConfig, ready: impl FnOnce(&str, &str)) -> Result<(
     };
     app.jobs.stop();
     app.workspace.pictures.shutdown();
-    // A disk that does not answer must not keep the studio; acknowledged edits are in the journal.
+    // The studio ends even if a disk does not answer; acknowledged edits are in the journal.
     tokio::time::timeout(LAST_WRITES, session.ask(SessionCommand::Shutdown)).await.ok();
     simulation.shutdown();
     tokio::time::sleep(Duration::from_millis(50)).await;
@@ -160,7 +160,7 @@ async fn first_document(config: &StudioConfig, session: &Session) -> Result<(), 
         let named = path.to_str().and_then(|name| gallery::open(name).ok());
         let path = config.folder.join(path);
         match named {
-            // As everywhere on the command line, a file goes before a task of that name.
+            // As everywhere on the command line, a file has precedence over a task of that name.
             Some(clip) if !path.exists() => {
                 session.ask(|r| SessionCommand::New(Box::new(clip), r)).await?;
             }

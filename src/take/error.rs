@@ -96,7 +96,7 @@ pub enum Error {
         /// Why.
         problem: String,
     },
-    /// The folder holds something else than an earlier export.
+    /// The folder contains something other than an earlier export.
     #[error(
         "the folder has no {marker}, so no earlier export made what is in it; give an empty or a new one: {}",
         .path.display()

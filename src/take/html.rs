@@ -22,8 +22,8 @@ pub fn client() -> Result<Vec<u8>, Error> {
     Ok(Client::get("index.html").ok_or(Error::NoClient)?.data.into_owned())
 }
 
-/// `client` (the page of the viser client) with a recording that plays when it is opened, and with
-/// `title` and `caption` at its lower left edge.
+/// `client` (the page of the viser client) with a recording that plays as soon as the page opens,
+/// and with `title` and `caption` at its lower left edge.
 ///
 /// # Errors
 /// [`Error::Encode`] when the page has no head to put it in.

@@ -10,13 +10,13 @@ use serde::Serialize;
 pub struct ImportConfig {
     /// The URDF or MJCF file.
     pub source: PathBuf,
-    /// The folder to make; it must not exist, or be empty.
+    /// The folder to make; it must not exist yet, or be empty.
     pub out: PathBuf,
-    /// The folder that includes and meshes may not leave; the source's own without one.
+    /// The folder that must contain all includes and meshes; by default the source's own.
     pub root: Option<PathBuf>,
     /// Folders of ROS packages by name, for `package://NAME/…`.
     pub packages: BTreeMap<String, PathBuf>,
-    /// The robot's id; the folder's name without one.
+    /// The robot's id; by default the folder's name.
     pub id: Option<String>,
     /// Hold a floating base still.
     pub fixed_base: bool,
@@ -27,7 +27,7 @@ pub struct ImportConfig {
     pub effort: Option<f64>,
     /// Joints to weld where they are.
     pub weld: Vec<String>,
-    /// Bodies to leave out, with everything that speaks of them (MJCF).
+    /// Bodies to leave out, with everything that refers to them (MJCF).
     pub without: Vec<String>,
     /// The treatment of position and velocity servos.
     pub servos: Servos,
@@ -43,7 +43,7 @@ pub enum Servos {
     /// They stay: the action is their control.
     #[default]
     Keep,
-    /// Motors with the same force limit take their place.
+    /// Motors with the same force limit replace them.
     Torque,
 }
 
@@ -51,10 +51,10 @@ pub enum Servos {
 /// names neither the inertia nor the damping of a drive.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Drives {
-    /// A drive in proportion to the torque limit.
+    /// They get inertia and damping in proportion to the torque limit.
     #[default]
     Modelled,
-    /// Nothing: the file is taken at its word.
+    /// They stay as the file describes them.
     File,
 }
 

@@ -18,10 +18,10 @@ use robert_mujoco::{Data, Geom, Kind, Model};
 const POSES: u64 = 60;
 /// Share of those poses in which a pair must touch to be left out.
 const ALWAYS: f64 = 0.95;
-/// Distance of joint anchors below which two joints are one joint of more axes, m.
+/// The distance of joint anchors below which two joints count as one joint with several axes, m.
 const SAME_PLACE: f64 = 1e-3;
 
-/// Adds the excludes that a model needs and says so.
+/// Adds the necessary excludes and reports them.
 pub(super) fn exclude(
     draft: &mut Draft,
     model: &Model,
@@ -88,8 +88,8 @@ fn id(v: &[i32], i: usize) -> usize {
     v.get(i).and_then(|n| usize::try_from(*n).ok()).unwrap_or(0)
 }
 
-/// Moving bodies whose joint sits on a fixed body, with that body; joints at the same place
-/// count as one. The world itself is a floor, not a part of the robot.
+/// Moving bodies whose joint is on a fixed body, with that body; joints at the same place count as
+/// one. The world itself is a floor, not a part of the robot.
 fn static_neighbours(model: &Model) -> Vec<(usize, usize)> {
     let fixed = |b: usize| id(model.body_weldid(), b) == 0;
     let mut pairs = Vec::new();

@@ -31,7 +31,7 @@ pub(super) struct Link {
     pub(super) collision: Vec<Collision>,
 }
 
-/// Mass, kg, and inertia, kg m^2, about the origin. All zero where the file is silent.
+/// Mass, kg, and inertia, kg m^2, about the origin. All are zero if the file does not give them.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Inertial {
     pub(super) origin: Pose,
@@ -75,7 +75,7 @@ pub(super) enum Geometry {
     Mesh { filename: String, scale: Option<[f64; 3]> },
 }
 
-/// A colour by name. Without `rgba` it stands for one that the robot defines.
+/// A colour by name. Without `rgba` it refers to one that the robot defines.
 #[derive(Clone, Debug)]
 pub(super) struct Material {
     pub(super) name: String,
@@ -115,8 +115,8 @@ pub(super) struct Joint {
     pub(super) mimic: Option<Mimic>,
 }
 
-/// Limits of a joint, rad or m, N m or N, rad/s or m/s. Zero where the file is silent, and
-/// infinite from URDF 1.2 on.
+/// Limits of a joint, rad or m, N m or N, rad/s or m/s. If the file does not give them, they are
+/// zero, and from URDF 1.2 on infinite.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Limit {
     pub(super) lower: f64,
@@ -162,7 +162,7 @@ pub(super) fn read(doc: &Document<'_>, path: &Path) -> Result<Description, Error
     })
 }
 
-/// Version of the format; 1.0 where the file names none that is understood.
+/// Version of the format; 1.0 if the file names none that is known.
 fn version(root: Node<'_, '_>) -> (u32, u32) {
     let written = root.attribute("version").and_then(|v| v.trim().split_once('.'));
     written.and_then(|(a, b)| Some((a.parse().ok()?, b.parse().ok()?))).unwrap_or((1, 0))

@@ -23,11 +23,12 @@ pub(super) struct Draft {
     pub(super) assets: Assets,
     /// Speed limits that the source gives, rad/s or m/s.
     pub(super) speeds: BTreeMap<String, f64>,
-    /// Joints whose source gives no effort; their motors are sized when the model is known.
+    /// Joints whose source gives no effort; the torque limits of their motors are chosen once the
+    /// model is compiled.
     pub(super) effortless: BTreeSet<String>,
     /// Whether the armature of the joints is ours and not the source's.
     pub(super) rotors_assumed: bool,
-    /// Attributes that were taken out because 2.2.2 does not know them: element/attribute.
+    /// Attributes that were removed because MuJoCo 2.2.2 does not know them: element/attribute.
     pub(super) unknown: BTreeSet<String>,
     /// Attributes that were taken out but are applied later.
     pub(super) words: Words,
@@ -42,7 +43,7 @@ pub(super) struct Draft {
 }
 
 impl Draft {
-    /// Takes a file over and gives its new name.
+    /// Adds a file and returns its new name.
     pub(super) fn take(&mut self, path: &Path) -> Result<String, Error> {
         if let Some(name) = self.sources.get(path) {
             return Ok(name.clone());
@@ -57,7 +58,7 @@ impl Draft {
         Ok(name)
     }
 
-    /// Adds content that came of a file, under a plain name of its own.
+    /// Adds content made from a file, under a plain name.
     pub(super) fn add(
         &mut self,
         path: &Path,
@@ -89,8 +90,8 @@ impl Draft {
         Ok(name)
     }
 
-    /// Puts sections at the end of the model, on the line of its closing tag, so that all
-    /// earlier lines keep their numbers. In MJCF the last word counts.
+    /// Adds sections at the end of the model, on the line of its closing tag, so that all earlier
+    /// lines keep their numbers. In MJCF the last section has precedence.
     pub(super) fn append(&mut self, sections: &str, path: &Path) -> Result<(), Error> {
         let doc = preparse::parse(&self.xml, path)?;
         let mut edits = text::Edits::default();

@@ -20,22 +20,23 @@ use crate::text::Edits;
 use crate::{Error, preparse};
 use robert_mujoco::{Joint, Kind, Model};
 
-/// Speed under full torque, rad/s or m/s, above which a joint has no damping to speak of.
+/// The speed under full torque, rad/s or m/s, above which a joint counts as undamped.
 const FREE_SPEED: f64 = 20.0;
-/// Acceleration under full torque, rad/s^2 or m/s^2, from which one frame goes too far
-/// (0.05 rad): a robot with such a joint is said to lack its drives.
+/// The acceleration under full torque, rad/s^2 or m/s^2, from which one frame moves the joint too
+/// far (0.05 rad). A robot with such a joint is reported to lack its drives.
 const TOO_FAST: f64 = 40.0;
-/// Armature for each unit of torque limit from which a file names a rotor, s^2.
+/// The armature per unit of torque limit from which a file counts as describing a rotor, s^2.
 const OWN_ROTOR: f64 = 0.001;
-/// Reflected inertia of a drive for each unit of its torque limit, s^2.
+/// The reflected inertia of an added drive per unit of its torque limit, s^2.
 const ROTOR: f64 = 0.003;
-/// Speed limit of a drive whose source names none: of a hinge, rad/s, and of a slide, m/s.
+/// The speed limit of a drive whose source gives none: of a hinge, rad/s, and of a slide, m/s.
 const SPEED: [f64; 2] = [2.0, 0.5];
-/// A drive whose source names no speed does not cross its range in less, seconds.
+/// A drive without a speed limit in its source needs at least this time to cross its range,
+/// seconds.
 const CROSSING_SECS: f64 = 0.5;
-/// A named speed limit above this is a placeholder, rad/s or m/s.
+/// A speed limit above this is considered a placeholder, rad/s or m/s.
 const PLACEHOLDER: f64 = 40.0;
-/// Digits that are kept of what is written.
+/// The number of digits that are written.
 const DIGITS: i32 = 4;
 
 /// The drive of one joint.
@@ -51,8 +52,8 @@ struct Drive {
     acceleration: f64,
 }
 
-/// Gives joints that the file leaves without a drive one, and says so; with `--drives file`
-/// only says so. Gives whether the draft has changed.
+/// Adds drives to joints without one in the file, and reports them; with `--drives file` they are
+/// only reported. Returns whether the draft has changed.
 pub(super) fn model(
     draft: &mut Draft,
     model: &Model,
@@ -93,7 +94,7 @@ pub(super) fn model(
     Ok(true)
 }
 
-/// The drive that a joint lacks; `None` where the file gives one, or no torque is known.
+/// The drive that a joint lacks; `None` if the file describes one, or no torque limit is known.
 fn missing(model: &Model, id: usize, draft: &Draft, named: Option<f64>) -> Option<Drive> {
     let torque = torque_limit(model, id).filter(|t| *t > 0.0)?;
     let dof = usize::try_from(model.jnt_dofadr()[id]).ok()?;

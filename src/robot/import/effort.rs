@@ -5,9 +5,9 @@ use super::plausible;
 use crate::Error;
 use robert_mujoco::{Model, Transmission};
 
-/// Force of a motor that carries nothing, N m or N.
+/// Force limit of a motor that carries nothing, N m or N.
 const LEAST: f64 = 10.0;
-/// Force relative to the greatest weight that a motor carries in some pose.
+/// Force limit relative to the greatest weight that a motor carries in some pose.
 const RESERVE: f64 = 2.5;
 
 /// Forces for the motors of a model, N m or N.
@@ -19,7 +19,7 @@ pub(super) struct Efforts {
 }
 
 impl Efforts {
-    /// From the weights of the model, unless the user names a force.
+    /// Force limits from the weights of the model, unless the user gives one.
     ///
     /// # Errors
     /// [`Error::Simulator`].
@@ -34,7 +34,7 @@ impl Efforts {
         Ok(Efforts { asked: config.effort, carried })
     }
 
-    /// For a joint, rounded up to a whole number.
+    /// The limit of a joint, rounded up to a whole number.
     pub(super) fn joint(&self, joint: usize) -> f64 {
         match (self.asked, self.carried.get(joint)) {
             (Some(effort), _) => effort,
@@ -43,7 +43,7 @@ impl Efforts {
         }
     }
 
-    /// For an actuator at a joint or tendon.
+    /// The limit of an actuator at a joint or tendon.
     pub(super) fn actuator(&self, model: &Model, actuator: usize) -> f64 {
         match model.transmission(actuator) {
             Some(Transmission::Joint(j)) => self.joint(j),

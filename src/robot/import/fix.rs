@@ -17,8 +17,8 @@ use crate::{Assets, Error, preparse, text};
 use robert_base::units::SIM_DT;
 use robert_mujoco::{Joint, Kind, Model, Transmission};
 
-/// Takes away joints that only a default class makes free, if asked to; refuses what the
-/// state cannot hold. Gives whether anything was taken.
+/// Removes joints that are free only because of a default class, if this was requested; an error
+/// for joints that the state cannot represent. Returns whether any was removed.
 pub(super) fn joints(
     draft: &mut Draft,
     model: &Model,
@@ -84,7 +84,7 @@ impl Motor {
     }
 }
 
-/// Makes every actuator a motor or servo with limits; makes motors where there are none.
+/// Makes every actuator a motor or servo with limits; adds motors if there are none.
 pub(super) fn actuators(
     draft: &mut Draft,
     model: &Model,
@@ -228,7 +228,7 @@ fn motor(
     Some(Motor { name, attribute, target, gear, limit, servo: None, force: None })
 }
 
-/// Limits of an actuator's force: its own, within those of the joint that it pulls at.
+/// Limits of an actuator's force: its own, reduced to those of its joint.
 fn force_range(draft: &Draft, model: &Model, a: usize, gear: f64) -> Option<[f64; 2]> {
     let own = (model.actuator_forcelimited()[a] != 0)
         .then(|| [model.actuator_forcerange()[2 * a], model.actuator_forcerange()[2 * a + 1]]);
@@ -245,8 +245,8 @@ fn force_range(draft: &Draft, model: &Model, a: usize, gear: f64) -> Option<[f64
     }
 }
 
-/// The law of a servo, with what later versions say of it; `None` for motors and for
-/// actuators with dynamics.
+/// The law of a servo, including attributes of later versions; `None` for motors and for actuators
+/// with dynamics.
 fn servo_law(draft: &Draft, model: &Model, a: usize) -> Option<Law> {
     let mut law = Law::of(model, a).filter(|l| !l.is_motor())?;
     let words = draft.words.servos.get(a).copied().unwrap_or_default();
@@ -264,11 +264,11 @@ fn servo_law(draft: &Draft, model: &Model, a: usize) -> Option<Law> {
     Some(law)
 }
 
-/// The joint whose damping takes over that of its servo, and the joint's new damping. The
-/// simulator integrates the damping of joints implicitly and that of servos explicitly, which
-/// on a light joint grows from step to step.
+/// The joint that takes over the damping of its servo, and the joint's new damping. The simulator
+/// integrates the damping of joints implicitly but that of servos explicitly, which diverges on a
+/// light joint.
 fn moved_damping(draft: &Draft, model: &Model, a: usize) -> Option<(usize, f64)> {
-    /// Share of its speed that a servo may take from a joint in a step.
+    /// The share of its speed that a servo may remove from a joint in a step.
     const MOST: f64 = 0.5;
     let law = servo_law(draft, model, a)?;
     let Some(Transmission::Joint(joint)) = model.transmission(a) else { return None };
@@ -300,7 +300,7 @@ fn move_damping(draft: &mut Draft, model: &Model) -> BTreeMap<String, f64> {
 
 /// The control range of a servo: its own, else the range of its joint or tendon, else a guess.
 fn servo_range(draft: &mut Draft, model: &Model, a: usize, law: &Law, name: &str) -> [f64; 2] {
-    /// Speeds of a velocity servo and room of an endless joint where nothing is said.
+    /// The range of a velocity servo, and of a joint without limits, if the source gives none.
     const SPEED: f64 = 2.0;
     const ROOM: f64 = std::f64::consts::PI;
     let inherits = draft.words.servos.get(a).is_some_and(|w| w.inherits);

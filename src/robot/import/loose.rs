@@ -72,7 +72,7 @@ fn without_one(xml: &str, name: &str, path: &Path, draft: &mut Draft) -> Result<
     let mut removed: BTreeSet<usize> = BTreeSet::new();
     let mut edits = Edits::default();
     edits.replace(body.range(), blank(xml, body));
-    // A tendon that goes takes its motor along.
+    // A removed tendon's motor is removed with it.
     loop {
         let before = removed.len();
         for entry in doc.descendants().filter(is_entry) {
@@ -136,7 +136,7 @@ pub(super) fn blank(xml: &str, node: Node<'_, '_>) -> String {
     "\n".repeat(lines)
 }
 
-/// The joints that let a body float, where the file says so itself.
+/// The joints that let a body float, if the file names them.
 pub(super) fn floating<'a, 'd>(doc: &'a Document<'d>) -> Vec<Node<'a, 'd>> {
     let free = |n: &Node<'_, '_>| {
         let says = n.has_tag_name("freejoint")
@@ -146,8 +146,8 @@ pub(super) fn floating<'a, 'd>(doc: &'a Document<'d>) -> Vec<Node<'a, 'd>> {
     doc.descendants().filter(free).collect()
 }
 
-/// Why a model with floating bodies is refused, and the ways out: loose objects go, a robot's
-/// base is held.
+/// Why a model with floating bodies is refused, and what can be done: loose objects are removed, a
+/// robot's base is fixed.
 pub(super) fn ways_out(floating: &[Node<'_, '_>]) -> String {
     let body =
         |n: &Node<'_, '_>| n.parent().and_then(|p| p.attribute("name")).unwrap_or("?").to_owned();

@@ -13,8 +13,8 @@ use super::words::Words;
 use crate::text::Edits;
 use crate::{Error, mesh, preparse, text};
 
-/// Attributes of later versions (or of tools) that 2.2.2 does not know and that change
-/// nothing we use: (element, attribute).
+/// Attributes of later versions (or of tools) that 2.2.2 does not know and that have no effect
+/// here: (element, attribute).
 const UNKNOWN: &[(&str, &str)] = &[
     ("camera", "focal"),
     ("camera", "focalpixel"),
@@ -101,7 +101,7 @@ const UNKNOWN: &[(&str, &str)] = &[
 const KEPT: &[&str] =
     &["actuatorfrclimited", "actuatorfrcrange", "gravcomp", "dampratio", "inheritrange", "kv"];
 
-/// Sections that the simulation of a robot does without.
+/// Sections that are not needed for the simulation of a robot.
 const UNUSED: &[&str] = &["visual", "sensor", "statistic"];
 
 pub(super) fn draft(project: &preparse::Project, config: &ImportConfig) -> Result<Draft, Error> {
@@ -153,7 +153,7 @@ pub(super) fn draft(project: &preparse::Project, config: &ImportConfig) -> Resul
     Ok(draft)
 }
 
-/// The text in the words of 2.2.2 with a name on every part, without what is left out.
+/// The text for MuJoCo 2.2.2, with a name on every part, without the removed sections.
 fn plain(
     project: &preparse::Project,
     config: &ImportConfig,
@@ -168,7 +168,7 @@ fn plain(
     loose::without(named, &config.without, path, draft)
 }
 
-/// Gravity, where the source compensates it for every moving body: then there is none.
+/// If the source compensates gravity for every moving body, gravity is switched off.
 fn weightless(draft: &mut Draft) -> &'static str {
     let Words { moving, weightless, .. } = draft.words;
     if weightless == 0 {
@@ -187,7 +187,7 @@ fn weightless(draft: &mut Draft) -> &'static str {
     ""
 }
 
-/// Suction pulls at bodies and not at joints; its elements may lack what 2.2.2 asks for.
+/// Suction acts on bodies and not on joints; its elements may lack attributes that 2.2.2 requires.
 fn adhesion(doc: &Document<'_>, draft: &mut Draft, edits: &mut Edits) {
     let is = |n: &Node<'_, '_>| {
         n.has_tag_name("adhesion")
@@ -229,7 +229,7 @@ fn attributes(node: Node<'_, '_>, edits: &mut Edits, removed: &mut BTreeSet<Stri
     }
 }
 
-/// Welds to mocap bodies hold a robot like a hand that nobody moves here.
+/// Welds to mocap bodies would hold the robot in place, since nothing moves these bodies here.
 fn mocap(doc: &Document<'_>, draft: &mut Draft, edits: &mut Edits) {
     let led: BTreeSet<&str> = doc
         .descendants()
@@ -268,7 +268,7 @@ fn files(
             };
             let name = draft.take(&found.path)?;
             edits.replace(a.range_value(), text::escape(&name));
-            // A mesh without a name is called after its file, and others refer to that.
+            // A mesh without a name gets the name of its file, which other elements use.
             let implied = a.name() == "file" && !node.has_attribute("name");
             if implied && matches!(tag, "mesh" | "hfield" | "texture") {
                 let stem = stem(a.value());
@@ -317,7 +317,8 @@ fn names(doc: &Document<'_>, draft: &mut Draft, edits: &mut Edits) {
     }
 }
 
-/// Takes free joints away if asked to; otherwise refuses them. Gives whether it took any.
+/// Removes free joints if this was requested; otherwise they are an error. Returns whether any was
+/// removed.
 fn free_base(
     doc: &Document<'_>,
     path: &std::path::Path,
@@ -377,8 +378,8 @@ fn weld(
     Ok(())
 }
 
-/// Later versions take a range for a limit; 2.2.2 refuses a range without the word
-/// "limited", so that this changes no model that it accepts.
+/// Later versions infer a limit from a range. 2.2.2 refuses a range without "limited", so adding
+/// the attribute changes no model that it accepts.
 fn autolimits(doc: &Document<'_>) -> &'static str {
     let said =
         doc.descendants().any(|n| n.has_tag_name("compiler") && n.has_attribute("autolimits"));

@@ -109,7 +109,7 @@ fn settle_draft(
     config: &ImportConfig,
     dir: &Path,
 ) -> Result<(Arc<Model>, String), Error> {
-    // Errors of the draft carry its own path; the user knows another.
+    // Errors of the draft contain its own path, but the user knows the source's.
     let say = |e: Error| named(e, &dir.join(MODEL_FILE), project);
     compile_healed(draft, project, config, dir)?;
     unknown::tell(draft);
@@ -130,7 +130,7 @@ fn settle_draft(
     Ok((last, draft.xml.clone()))
 }
 
-/// Compiles the draft in a child process, healed where that loses nothing.
+/// Compiles the draft in a child process, with repairs that lose nothing.
 fn compile_healed(
     draft: &mut Draft,
     project: &preparse::Project,
@@ -147,7 +147,7 @@ fn compile_healed(
     }
 }
 
-/// The error with the way out, where one is known.
+/// The error with a way to solve it, if one is known.
 fn hinted(e: Error) -> Error {
     match e {
         Error::Checked { message, class, path } => {
@@ -165,8 +165,8 @@ fn compile(xml: &str, assets: &Assets) -> Result<Model, Error> {
     super::compile(xml, assets)
 }
 
-/// Errors of the drafted file, said of the file that the user knows. Line numbers are those
-/// of the source where the draft kept its lines.
+/// Errors of the draft, reported for the source file. Line numbers are those of the source if the
+/// draft kept its lines.
 fn named(e: Error, drafted: &Path, project: &preparse::Project) -> Error {
     let source = &project.path;
     let own_lines = project.format == preparse::Format::Mjcf && project.parts == 1;
@@ -188,7 +188,7 @@ fn named(e: Error, drafted: &Path, project: &preparse::Project) -> Error {
     }
 }
 
-/// The profile, in full: what was derived can be read and changed there.
+/// The complete profile, in which derived values can be read and changed.
 fn describe(
     draft: &mut Draft,
     model: &Arc<Model>,
@@ -262,7 +262,7 @@ fn absolute(path: &Path) -> PathBuf {
     std::path::absolute(path).unwrap_or_else(|_| path.to_owned())
 }
 
-/// The finished folder takes its place in one step.
+/// The finished folder gets its name in one step.
 fn publish(temp: tempfile::TempDir, out: &Path) -> std::io::Result<()> {
     use std::os::unix::fs::PermissionsExt;
     std::fs::set_permissions(temp.path(), std::fs::Permissions::from_mode(0o755))?;

@@ -14,9 +14,9 @@ use crate::text::{Edits, before_close, escape};
 use crate::{Error, preparse};
 use robert_base::limits;
 
-/// Attributes of a `<frame>` that a body has, too.
+/// Attributes of a `<frame>` that a body has as well.
 const POSE: &[&str] = &["pos", "quat", "axisangle", "xyaxes", "zaxis", "euler", "childclass"];
-/// Elements that this version does not have, with the way out.
+/// Elements that this version does not have, with an alternative.
 const REFUSED: &[(&str, &str)] = &[
     (
         "attach",
@@ -30,7 +30,7 @@ const REFUSED: &[(&str, &str)] = &[
     ("plugin", "<plugin> needs a program of its own; take the element out"),
 ];
 
-/// Flattens all frames and replicas of a text.
+/// Rewrites all frames and replicas of a text.
 ///
 /// # Errors
 /// [`Error::Refused`] for what has no equal in 2.2.2, and for more replicas than are taken.
@@ -56,7 +56,7 @@ pub(super) fn flatten(
         let mut edits = Edits::default();
         let mut any = false;
         for node in doc.descendants().filter(innermost) {
-            // <frame> is a word of other sections, too; in those it has no children of ours.
+            // Other sections have elements called <frame>, too; they have no such children.
             if !node.ancestors().any(|a| a.has_tag_name("worldbody")) {
                 continue;
             }
@@ -95,7 +95,8 @@ fn inner<'x>(node: Node<'_, '_>, xml: &'x str) -> &'x str {
     }
 }
 
-/// Joints cannot be children of the body that stands for a frame: they would turn another one.
+/// Joints cannot be children of the body that replaces a frame, because they would move another
+/// body.
 fn no_joints(node: Node<'_, '_>, path: &std::path::Path) -> Result<(), Error> {
     let joint = |n: &Node<'_, '_>| n.has_tag_name("joint") || n.has_tag_name("freejoint");
     match node.children().find(joint) {
@@ -124,7 +125,7 @@ fn frame(
     Ok(format!("<body name=\"frame_{count}\"{attributes}>{}</body>", inner(node, xml)))
 }
 
-/// Copy i stands at the i-th power of the step, and its names end in its number.
+/// Copy i is placed by the i-th power of the step, and its names end in its number.
 fn replicate(
     node: Node<'_, '_>,
     xml: &str,

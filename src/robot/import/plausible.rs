@@ -13,7 +13,7 @@ const POSES: usize = 8;
 /// Joints that a warning names.
 const NAMED: usize = 4;
 
-/// Warns of motors that gravity overcomes in most poses.
+/// Warns of motors that are too weak against gravity in most poses.
 ///
 /// # Errors
 /// [`Error::Simulator`].

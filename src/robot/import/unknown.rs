@@ -4,7 +4,7 @@
 use super::draft::Draft;
 use crate::Error;
 
-/// Attributes that change how the robot moves, with what is lost: (attribute, what).
+/// Attributes that change how the robot moves, with the lost effect: (attribute, effect).
 const PHYSICS: &[(&str, &str)] = &[
     ("gravcomp", "gravity is not compensated here"),
     ("actuatorgravcomp", "gravity is not compensated here"),
@@ -16,15 +16,15 @@ const PHYSICS: &[(&str, &str)] = &[
     ("armature", "tendons have no inertia of their own"),
 ];
 
-/// Changes the draft so that an error of the compiler goes away, where nothing is lost by it.
-/// Gives whether it did.
+/// Changes the draft so that an error of the compiler disappears, if nothing is lost by it. Returns
+/// whether it did.
 pub(super) fn heal(
     draft: &mut Draft,
     error: &Error,
     path: &std::path::Path,
 ) -> Result<bool, Error> {
     let Error::Checked { message, .. } = error else { return Ok(false) };
-    // Only muscles need the range of their lengths, and they become motors.
+    // Only muscles need the range of their lengths, and they are replaced by motors.
     let none = "<compiler><lengthrange mode=\"none\"/></compiler>";
     let ranges = message.contains("lengthrange") || message.contains("length range");
     if !ranges || draft.xml.contains(none) {
@@ -34,7 +34,7 @@ pub(super) fn heal(
     Ok(true)
 }
 
-/// The way out of an error of the compiler: words that 2.2.2 does not know.
+/// A way to solve an error of the compiler: attributes that 2.2.2 does not know.
 pub(super) fn hint(message: &str) -> Option<&'static str> {
     let words = ["unrecognized attribute", "unrecognized element", "invalid keyword"];
     words.iter().any(|w| message.contains(w)).then_some(

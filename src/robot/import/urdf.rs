@@ -13,10 +13,10 @@ use super::draft::{ASSET_DIR, Draft, physics};
 use crate::text::escape;
 use crate::{Error, dae, mesh, preparse};
 
-/// A geom's attributes and the colour that its file gives it.
+/// A geom's attributes and the colour in its file.
 type Colored = (String, Option<[f64; 4]>);
 
-/// Rotor inertia where the source gives none, kg m^2 or kg (it never does).
+/// Rotor inertia, kg m^2 or kg, since no URDF gives it.
 const ARMATURE: f64 = 0.01;
 /// Mass and inertia of moving links that have neither inertia nor collision shapes.
 const GHOST: (f64, f64) = (1e-3, 1e-6);
@@ -40,7 +40,7 @@ struct Tree<'a> {
     meshes: BTreeMap<(String, String), String>,
     /// Parts of COLLADA meshes by file.
     painted: BTreeMap<PathBuf, Painted>,
-    /// Files that could not be used, with the reason, each told once.
+    /// Files that could not be used, with the reason; each is reported once.
     unusable: BTreeSet<String>,
     draft: Draft,
     body: String,
@@ -360,7 +360,7 @@ impl<'a> Tree<'a> {
                     link.name
                 ));
             } else if !moving && self.has_inertial(&link.name) {
-                // A massless frame, such as a tool's: nothing for its shapes to weigh.
+                // A massless frame, such as a tool's, has no shapes that could have mass.
                 writeln!(
                     self.body,
                     "{pad}  <inertial pos=\"0 0 0\" mass=\"0\" diaginertia=\"0 0 0\"/>"
@@ -378,7 +378,7 @@ impl<'a> Tree<'a> {
         let own = Matrix3::new(t.ixx, t.ixy, t.ixz, t.ixy, t.iyy, t.iyz, t.ixz, t.iyz, t.izz);
         let r = rotation(&i.origin);
         let m = r * own * r.transpose();
-        // Balanced here and not by the compiler, so that the links are named.
+        // Balanced here and not by the compiler, so that the report can name the links.
         let moments = m.symmetric_eigenvalues();
         let (lo, sum) = (moments.min(), moments.sum());
         let broken = lo <= 0.0 || 2.0 * moments.max() > sum * (1.0 + 1e-9);
@@ -498,7 +498,7 @@ impl<'a> Tree<'a> {
                 seen = true;
             }
         }
-        // Without anything to look at, the collision shapes are shown.
+        // Without visual shapes, the collision shapes are shown.
         let group = if seen { 3 } else { 1 };
         for c in &link.collision {
             for (shape, _) in self.shape(&c.geometry, &link.name, "collision")? {
@@ -513,8 +513,8 @@ impl<'a> Tree<'a> {
         Ok(())
     }
 
-    /// Types and sizes of the geoms of a shape, with colours where its file has some; none
-    /// where the file cannot be used, which is told.
+    /// Types and sizes of the geoms of a shape, with colours if its file has some; none if the file
+    /// cannot be used, which is reported.
     fn shape(
         &mut self,
         geometry: &Geometry,
@@ -577,7 +577,7 @@ impl<'a> Tree<'a> {
             .collect())
     }
 
-    /// Says once that a mesh is not in the result.
+    /// Reports once that a mesh is missing in the result.
     fn leave_out(&mut self, filename: &str, link: &str, what: &str, why: &str) {
         if self.unusable.insert(format!("{filename} {what}")) {
             self.draft
@@ -614,7 +614,7 @@ impl<'a> Tree<'a> {
         preparse::refuse(node, self.path(), message)
     }
 
-    /// The file that a mesh reference means, inside the roots that the user gave.
+    /// The file of a mesh reference, inside the roots that the user gave.
     fn locate(&self, filename: &str) -> Result<PathBuf, Error> {
         let refuse = |m: String| self.refuse_mesh(filename, &m);
         let dir = self
@@ -648,7 +648,7 @@ impl<'a> Tree<'a> {
         preparse::resolve(dir, plain, &self.project.root).map_err(refuse)
     }
 
-    /// A folder of the package's name beside the source or above it: only a hint, never used.
+    /// A folder of the package's name beside the source or above it: only suggested, never used.
     fn guess(&self, package: &str) -> Option<PathBuf> {
         let full = std::path::absolute(self.path()).ok()?;
         full.ancestors().skip(1).take(8).find_map(|dir| {
@@ -688,7 +688,7 @@ impl<'a> Tree<'a> {
     }
 }
 
-/// The same with the other way out: the joint is held still.
+/// The same with the other solution: the joint is fixed.
 fn or_weld(how: &str, joint: &str) -> String {
     format!("{how}, or hold it still: --weld {joint}")
 }

@@ -25,9 +25,9 @@ const ACTUATORS: &[&str] = &[
 pub(super) struct Servo {
     /// Damping of a position servo, N m s/rad or N s/m.
     pub(super) kv: Option<f64>,
-    /// The same as a share of critical damping.
+    /// The same as a ratio to critical damping.
     pub(super) dampratio: Option<f64>,
-    /// Whether the control range is that of the joint.
+    /// Whether the control range is the joint's range.
     pub(super) inherits: bool,
 }
 
@@ -38,7 +38,7 @@ pub(super) struct Words {
     pub(super) servos: Vec<Servo>,
     /// Limits of the torque of all motors at a joint, by joint, N m or N.
     pub(super) torque: BTreeMap<String, [f64; 2]>,
-    /// Moving bodies with mass of their own, and how many of them weigh nothing (`gravcomp`).
+    /// Moving bodies with mass of their own, and how many of them are weightless (`gravcomp`).
     pub(super) moving: usize,
     pub(super) weightless: usize,
 }
@@ -49,7 +49,7 @@ impl Words {
         let mut words = Words::default();
         let sections = doc.root_element().children().filter(|n| n.has_tag_name("actuator"));
         for actuator in sections.flat_map(|s| s.children().filter(Node::is_element)) {
-            // Only where the element is a position servo do the words of its class count.
+            // The attributes of its class count only if the element is a position servo.
             let number = |name: &str| {
                 let tags: &[&str] = if actuator.has_tag_name("position") { ACTUATORS } else { &[] };
                 classes.get(actuator, tags, name).and_then(|v| v.trim().parse::<f64>().ok())

@@ -14,7 +14,7 @@ use robert_base::fsio;
 use robert_clip as clip;
 use robert_clip::{Batch, Change, Clip, Command, Delta, Editor, JointTable, Op};
 
-/// One thing that a client asks of the document.
+/// One request of a client to the document.
 #[derive(Clone, Debug)]
 pub(crate) enum Edit {
     /// A clip operation.
@@ -37,11 +37,11 @@ pub(crate) struct Document {
     /// again even if its author wrote it in another layout.
     pub(super) saved: Clip,
     pub(super) saved_text: String,
-    /// Never saved, and not empty of value: a new clip.
+    /// The clip was never saved and is worth keeping: a new clip.
     pub(super) untitled: bool,
     pub(super) restored: Option<Restored>,
-    /// After a failed journal write the taken-back edit must not be redone: the journal
-    /// does not know it.
+    /// After a failed journal write the edit was taken back and must not be redone, since the
+    /// journal does not contain it.
     pub(super) redo_blocked: bool,
     pub(super) replayed: Replayed,
 }
@@ -55,12 +55,12 @@ pub(super) enum Done {
 }
 
 impl Document {
-    /// From now on a kill is one that the next start does not take up.
+    /// From now on the next start does not reopen this document after a kill.
     pub(crate) fn put_aside(&mut self) {
         self.mark(Record::Closed);
     }
 
-    /// From now on a kill is one with this clip open.
+    /// From now on the next start reopens this document after a kill.
     pub(crate) fn taken_up(&mut self) {
         self.mark(Record::Opened);
     }
@@ -125,9 +125,8 @@ impl Document {
         if self.is_dirty() { self.clip().to_text() } else { self.saved_text.clone() }
     }
 
-    /// Carries out several requests, of different clients perhaps, with one `fdatasync`.
-    /// Each gets its answer; when the journal fails, all that had succeeded are taken back
-    /// and get that error.
+    /// Carries out several requests, perhaps of different clients, with one `fdatasync`. Each gets
+    /// its answer. If the journal fails, all successful ones are taken back and get that error.
     pub(crate) fn edit(&mut self, edits: &[Edit]) -> Vec<Result<Vec<Change>, Error>> {
         let mut records = Vec::new();
         let mut steps = Vec::new();
@@ -213,7 +212,7 @@ impl Document {
                 if steps_made == 1 {
                     return Ok(vec![last]);
                 }
-                // Hundreds of steps are one change to whoever looks on.
+                // To a client, hundreds of steps are one change.
                 Ok(vec![Change {
                     rev: last.rev,
                     label: format!("Go to edit {done}"),
@@ -237,7 +236,8 @@ impl Document {
         }
     }
 
-    /// The clip as an edit would leave it; nothing changes. For previews while dragging.
+    /// The clip as an edit would leave it, without changing the document. It is used for previews
+    /// during a drag.
     ///
     /// # Errors
     /// [`Error::Op`].
@@ -246,7 +246,7 @@ impl Document {
         clip::compile_for(&next, self.table()).map_err(|e| Error::Op(e.into()))
     }
 
-    /// Writes the file, under a new name where one is given.
+    /// Writes the file, under a new name if one is given.
     ///
     /// # Errors
     /// [`Error::Untitled`], [`Error::Exists`] and [`Error::Changed`] unless `replace`, [`Error::File`],
@@ -283,8 +283,8 @@ impl Document {
         self.rebase()
     }
 
-    /// Whether the file holds something else than what was last read or written here. A file
-    /// that is gone holds nothing that saving would overwrite.
+    /// Whether the file differs from what was last read or written here. A deleted file has no
+    /// content that saving would overwrite.
     fn is_changed_on_disk(&self, path: &Path) -> bool {
         match fsio::read_capped(path, robert_base::limits::CLIP_BYTES) {
             Ok(bytes) => bytes != self.saved_text.as_bytes(),
@@ -293,7 +293,7 @@ impl Document {
         }
     }
 
-    /// Takes over what the file holds now, as an edit.
+    /// Replaces the content by that of the file as it is now, as an edit.
     ///
     /// # Errors
     /// [`Error::Untitled`], [`Error::Clip`] with path:line:col, [`Error::Request`] when the file
@@ -320,14 +320,14 @@ impl Document {
         Ok(changes)
     }
 
-    /// Makes the journal start from what is saved.
+    /// Restarts the journal from the saved content.
     pub(super) fn rebase(&mut self) -> Result<(), Error> {
         self.journal.rewrite(&[self.base()])?;
         self.replayed = Replayed::default();
         Ok(())
     }
 
-    /// Gives up unsaved edits of a restored document.
+    /// Discards the unsaved edits of a restored document.
     ///
     /// # Errors
     /// As [`Document::edit`].
@@ -341,8 +341,8 @@ impl Document {
         self.edit(&[Edit::Op(Box::new(op))]).pop().unwrap_or_else(|| Ok(Vec::new()))
     }
 
-    /// Ends it. Unsaved edits stay in the journal, with a mark that this was no kill; without
-    /// any the journal goes.
+    /// Closes the document. Unsaved edits stay in the journal, which records that this was no kill.
+    /// Without unsaved edits the journal is removed.
     pub(crate) fn close(mut self) {
         let keep = if self.untitled { self.editor.history().1 > 0 } else { self.is_dirty() };
         if keep {

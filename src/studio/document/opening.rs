@@ -40,7 +40,7 @@ impl Document {
         }
     }
 
-    /// Opens a clip file, with what a journal beside it has on top.
+    /// Opens a clip file and applies the journal beside it.
     ///
     /// # Errors
     /// [`Error::Clip`] with path:line:col, [`Error::Locked`], [`Error::Journal`].
@@ -71,12 +71,12 @@ impl Document {
         let edits = edits(&records);
         let base = match (records.first(), &on_disk) {
             (Some(Record::Base { text, .. }), _) if edits > 0 => Some(text.clone()),
-            // Both copies of the base are damaged: the file is what it was, if nobody else
-            // has written it.
+            // Both copies of the base are damaged: the content is that of the file, if no other
+            // program has written it.
             (Some(_), Ok((_, text))) if edits > 0 => Some(text.clone()),
             _ => None,
         };
-        // A base that is no clip is of no use, and must not keep the file from being opened.
+        // A base that is not a valid clip is useless, and must not prevent opening the file.
         let start = match base {
             Some(text) => match Clip::parse(&text) {
                 Ok(start) => Some((start, text)),
@@ -169,8 +169,8 @@ impl Document {
         Ok(document)
     }
 
-    /// Goes through the history. After damage the journal is written anew, so that what is on
-    /// disk and what is here go on from the same steps.
+    /// Replays the history. After damage the journal is written again, so that the journal and the
+    /// document continue from the same steps.
     pub(super) fn replay(&mut self, records: &[Record], damage: &mut Damage) -> Result<(), Error> {
         let steps = steps(records);
         for step in &steps {
@@ -191,7 +191,7 @@ impl Document {
         Ok(())
     }
 
-    /// Makes the journal say how to come from what is saved to what is here.
+    /// Writes the steps from the saved content to the current one into the journal.
     pub(super) fn write_anew(&mut self) -> Result<(), Error> {
         let (len, done) = self.editor.history();
         let mut records = vec![self.base()];

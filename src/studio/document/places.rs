@@ -11,7 +11,7 @@ pub(super) type Found = (Journal, Vec<Record>, Damage);
 
 pub(crate) fn open_journal(clip: &Path, state_dir: &Path) -> Result<Found, Error> {
     let [beside, elsewhere] = journal_places(clip, state_dir);
-    // Opening makes a journal; it must not be what makes the clip's folder.
+    // Opening creates a journal, but must not create the clip's folder.
     if !clip.parent().is_some_and(Path::is_dir) {
         let source = std::io::Error::from(std::io::ErrorKind::NotFound);
         return Err(fsio::Error::Read { source, path: clip.to_owned() }.into());

@@ -12,12 +12,12 @@ use crate::protocol::{Draft, Error};
 use robert_base::fsio;
 use robert_clip::{Clip, Editor, JointTable};
 
-/// Attempts to get a draft that seems to be in use, and the time between two.
+/// The number of attempts to open a draft that seems to be in use, and the time between two.
 const LOCK_TRIES: u32 = 10;
 
 const LOCK_PAUSE: Duration = Duration::from_millis(20);
 
-/// The journal of a clip that is open nowhere.
+/// The journal of a clip that is not open anywhere.
 struct Waiting {
     journal: Journal,
     records: Vec<Record>,
@@ -25,14 +25,15 @@ struct Waiting {
 }
 
 impl Document {
-    /// The unsaved clip that was open in a studio that was killed, if there is one: the
-    /// newest. What a studio put away by itself waits among the drafts.
+    /// The newest unsaved clip that was open in a killed studio, if there is one. Clips that a
+    /// studio closed by itself are among the drafts.
     pub(crate) fn orphan(
         state_dir: &Path,
         table: impl FnOnce(&Clip) -> Option<JointTable>,
     ) -> Option<Document> {
-        // Opened once: a journal that is closed and opened again at once can seem to be in use,
-        // as a child that starts just then has its lock until it is a program of its own.
+        // It is opened only once. A journal that is closed and reopened at once can seem to be in
+        // use, because a child process that is starting holds its lock until it has loaded its own
+        // program.
         let found = Self::waiting(state_dir).into_iter().find(|(draft, _)| draft.abandoned);
         let (_, Waiting { journal, records, damage }) = found?;
         Document::from_journal(journal, &records, damage, table).ok()
@@ -64,8 +65,8 @@ impl Document {
         Document::from_file(path, found, table).map(Some)
     }
 
-    /// Clips that were never saved and are open nowhere, the newest first. Journals without
-    /// an edit go.
+    /// Clips that were never saved and are not open anywhere, the newest first. Journals without an
+    /// edit are removed.
     pub(crate) fn drafts(state_dir: &Path) -> Vec<Draft> {
         // A search holds the journals' locks: of two searches at once, each would miss some
         // journals.
@@ -109,12 +110,12 @@ impl Document {
                 Some((since, (draft, Waiting { journal, records, damage })))
             })
             .collect();
-        // Finer than the seconds that people see: numbers are used again.
+        // Finer than the displayed seconds, because numbers are used again.
         list.sort_by_key(|(since, (d, _))| std::cmp::Reverse((*since, d.number)));
         list.into_iter().map(|(_, draft)| draft).collect()
     }
 
-    /// Takes an unsaved clip up again.
+    /// Opens an unsaved clip again.
     ///
     /// # Errors
     /// [`Error::NotFound`], [`Error::Locked`] when it is open elsewhere, [`Error::Journal`].
@@ -127,7 +128,7 @@ impl Document {
         if !path.is_file() {
             return Err(Error::NotFound { what: format!("unsaved clip {number}") });
         }
-        // Whoever looked through the drafts a moment ago may still have it: see `orphan`.
+        // A search for drafts may still hold the lock: see `orphan`.
         let mut tries = 0;
         let (journal, records, damage) = loop {
             match Journal::open(&path) {
@@ -143,7 +144,7 @@ impl Document {
         Ok(document)
     }
 
-    /// Gives an unsaved clip up.
+    /// Discards an unsaved clip.
     ///
     /// # Errors
     /// As [`Document::draft`].
@@ -153,7 +154,7 @@ impl Document {
     }
 }
 
-/// The clip that the records of a draft lead to; the journal stays as it is.
+/// The clip that results from the records of a draft; the journal stays as it is.
 fn drafted(records: &[Record], damage: &Damage) -> Option<Clip> {
     let Some(Record::Base { text, path: None }) = records.first() else { return None };
     let mut editor = Editor::new(Clip::parse(text).ok()?, None).ok()?;

@@ -1,12 +1,12 @@
 //! The result of replaying a journal, without opening it.
 
-/// The history that a replay of the journal would have. It is shorter than the true one
-/// after a save, and what it lacks must be written out as an edit.
+/// The history that a replay of the journal would have. After a save it is shorter than the true
+/// one, and its missing steps must be written out as an edit.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Replayed {
     pub(super) done: usize,
     pub(super) len: usize,
-    /// An undo went back beyond it; from there on the two histories do not match.
+    /// An undo went back beyond it; from then on the two histories differ.
     pub(super) apart: bool,
 }
 

@@ -101,8 +101,8 @@ pub(crate) fn download(name: &str, media_type: &'static str, bytes: Vec<u8>) -> 
     (headers, bytes).into_response()
 }
 
-/// Does work that waits for the disk where it holds up nobody; `what` was not done, should it
-/// panic.
+/// Does work that waits for the disk on a thread where it delays nothing else. `what` names the
+/// work if it panics.
 pub(crate) async fn apart<T: Send + 'static>(
     what: &'static str,
     work: impl FnOnce() -> T + Send + 'static,

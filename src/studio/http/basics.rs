@@ -28,7 +28,7 @@ pub(crate) async fn bad_method() -> Response {
     (StatusCode::METHOD_NOT_ALLOWED, axum::Json(body)).into_response()
 }
 
-/// Token for cookie. The guard has seen the token already.
+/// Exchanges the token for a cookie. The guard has seen the token already.
 pub(crate) async fn session(State(app): Shared) -> Response {
     (StatusCode::NO_CONTENT, [(header::SET_COOKIE, app.guard.set_cookie())]).into_response()
 }

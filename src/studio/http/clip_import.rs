@@ -15,7 +15,7 @@ use robert_base::fsio;
 use robert_base::limits;
 use robert_clip::{Clip, ClipError, RobotRef};
 
-/// `GET /api/files`: what could be opened in a folder.
+/// `GET /api/files`: the clips that can be opened in a folder.
 pub(crate) async fn files(State(app): Shared, Query(query): Query<FilesQuery>) -> Answer<Listing> {
     let root = if query.root.is_empty() {
         app.workspace.folder.clone()
@@ -34,7 +34,7 @@ pub(crate) async fn clips(
 ) -> Answer<DocumentView> {
     let (named, bytes) = if query.path.is_empty() {
         let bytes = whole_body(request, limits::CLIP_BYTES as usize).await?;
-        // Only its last part: it is a name, not a place.
+        // Only the last part of the path is used, since it is a name, not a place.
         let name = query.name.rsplit(['/', '\\']).next().unwrap_or_default();
         (PathBuf::from(name), bytes.to_vec())
     } else {

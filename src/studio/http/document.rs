@@ -77,15 +77,15 @@ pub(crate) async fn reload(State(app): Shared) -> Answer<Edited> {
 /// `POST /api/open`.
 pub(crate) async fn open(State(app): Shared, Json(body): Json<PathBody>) -> Answer<DocumentView> {
     let path = app.workspace.path(&body.path)?;
-    // A folder on another machine that does not answer holds up this request and no other: the
-    // session reads what has just been read.
+    // A folder on another machine that does not answer delays only this request, because the
+    // session reads the text that was read here.
     let first = path.clone();
     let read = move || fsio::read_capped(&first, limits::CLIP_BYTES).is_ok();
     apart("the file was not read", read).await?;
     Ok(Json(app.session.ask(|r| SessionCommand::Open(path, r)).await?))
 }
 
-/// Frames of a new clip that says nothing else: 5 s.
+/// The default length of a new clip, frames: 5 s.
 const NEW_LENGTH: u32 = 100;
 
 /// `POST /api/new`.

@@ -41,7 +41,7 @@ impl std::fmt::Debug for Secret {
 }
 
 impl Secret {
-    /// A fresh one from the system's generator.
+    /// A new secret from the system's generator.
     ///
     /// # Errors
     /// When the system has none.
@@ -51,12 +51,12 @@ impl Secret {
         Ok(Secret(robert_base::fsio::sha256_hex(&bytes)))
     }
 
-    /// The digits, for the one line that hands them to the user.
+    /// The digits, for the one line that shows them to the user.
     pub(crate) fn reveal(&self) -> &str {
         &self.0
     }
 
-    /// Compares in a time that does not tell how much is right.
+    /// Compares in a time that does not reveal how many digits are right.
     pub(crate) fn matches(&self, other: &str) -> bool {
         let (a, b) = (self.0.as_bytes(), other.as_bytes());
         let mut difference = u8::from(a.len() != b.len());
@@ -113,7 +113,7 @@ impl Guard {
             code: Secret::draw()?,
             code_uses: AtomicU32::new(0),
             session: Mutex::new(Secret::draw()?),
-            // Cookies know no ports: two studios at once must not overwrite each other's.
+            // Cookies do not depend on ports: two studios at once must not overwrite each other's.
             cookie: format!("robert_{port}"),
         })
     }
@@ -129,9 +129,9 @@ impl Guard {
         &self.code
     }
 
-    /// Takes the one-time code. Whoever comes second with it has read it from the browser's
-    /// arguments, or came first and the browser is the second: so a second use is refused and
-    /// ends the sessions that cookies have opened. The token is not concerned.
+    /// Takes the one-time code. If it is used a second time, somebody has read it from the
+    /// browser's arguments, either before the browser used it or after. So a second use is refused,
+    /// and the sessions that cookies have opened are ended. The token stays valid.
     fn spend_code(&self) -> bool {
         if self.code_uses.fetch_add(1, Ordering::SeqCst) == 0 {
             return true;
@@ -146,13 +146,13 @@ impl Guard {
         false
     }
 
-    /// The cookie that stands for the token in a browser.
+    /// The cookie that represents the token in a browser.
     pub(crate) fn set_cookie(&self) -> String {
         let session = self.session.lock().unwrap_or_else(PoisonError::into_inner);
         format!("{}={}; HttpOnly; SameSite=Strict; Path=/", self.cookie, session.reveal())
     }
 
-    /// All three checks.
+    /// Makes all three checks.
     ///
     /// # Errors
     /// The first that fails.
@@ -176,8 +176,8 @@ impl Guard {
         }
         match self.credential(head, upgrade) {
             Credential::Token => Ok(()),
-            // A browser names the origin of every socket and every change; a cookie that
-            // comes without one does not come from our page.
+            // A browser sends the origin with every socket and every change; a cookie without an
+            // origin is not from our page.
             Credential::Cookie if own || (head.method.is_safe() && !upgrade) => Ok(()),
             Credential::Cookie => Err(Refusal::Origin),
             Credential::None => Err(Refusal::Token),
@@ -191,7 +191,7 @@ impl Guard {
             return None;
         }
         let known = self.hosts.iter().find(|h| **h == host)?;
-        // `GET http://evil/ HTTP/1.1`: the target wins over Host, so it must agree.
+        // `GET http://evil/ HTTP/1.1`: the target has precedence over Host, so both must agree.
         match head.uri.authority() {
             Some(a) if !a.as_str().eq_ignore_ascii_case(known) => None,
             _ => Some(known),
@@ -259,7 +259,8 @@ fn query_token(query: &str) -> Option<&str> {
     query.split('&').find_map(|pair| pair.strip_prefix("token="))
 }
 
-/// The middleware: refuses, or passes on and sets the security headers on what comes back.
+/// The middleware: refuses a request, or passes it on and adds the security headers to the
+/// response.
 pub(crate) async fn layer(
     State(guard): State<Arc<Guard>>,
     request: Request,

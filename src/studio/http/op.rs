@@ -4,7 +4,7 @@ use crate::protocol::{Error, Outcome, StudioOp};
 use crate::session::SessionCommand;
 use crate::state::App;
 
-/// A request on the socket that is no edit; what it is answered with.
+/// Performs a request on the socket that is not an edit, and returns its answer.
 ///
 /// # Errors
 /// Whatever it says.

@@ -17,7 +17,7 @@ struct Bundle;
 #[allow_missing = true]
 struct Viser;
 
-/// The page without a bundle. No script: there is nothing to run.
+/// The start page if the bundle is missing. No script: there is nothing to run.
 const BARE: &str = r#"<!doctype html>
 <html lang="en"><meta charset="utf-8"><title>RoBERT Studio</title>
 <body><h1>RoBERT Studio</h1>

@@ -64,7 +64,7 @@ pub(crate) async fn still_body(
     ))
 }
 
-/// `GET /api/hover`: what a page's pointer is over in its 3D view.
+/// `GET /api/hover`: the body under a page's pointer in its 3D view.
 pub(crate) async fn hover(
     State(app): Shared,
     Query(q): Query<HoverQuery>,
@@ -83,7 +83,7 @@ pub(crate) async fn pose_picture(
     let missing = || Error::NotFound { what: format!("pose {:?}", query.pose) };
     let rest = &robot.table.rest;
     let q = match clip.poses.get(&query.pose) {
-        // A pose may leave joints open; they are shown at rest.
+        // Joints that a pose leaves open are shown at rest.
         Some(values) => robot
             .table
             .joints

@@ -39,7 +39,7 @@ pub(crate) async fn geometry(
     Ok(Json(app.simulation.ask(LookAtRobot { robot }).await?))
 }
 
-/// A pose of the open robot: as many numbers as joints, and none beyond all reason.
+/// A pose of the open robot: one number per joint, each of a plausible size.
 pub(super) fn check_pose(app: &App, q: &[f64]) -> Result<Arc<RobotContext>, Error> {
     let facts = app.simulation.robot().ok_or(Error::NoDocument)?;
     let joints = facts.table.joints.len();

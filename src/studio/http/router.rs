@@ -68,8 +68,8 @@ pub(crate) fn router(app: Arc<App>) -> Router {
             StatusCode::REQUEST_TIMEOUT,
             Duration::from_secs(limits::BODY_SECS),
         ));
-    // Six examples that are performed and painted for the first time stand in line: who is last
-    // may wait longer than a request's body may take. The painter has a patience of its own.
+    // Six examples may be performed and drawn for the first time at once. The last of them may wait
+    // longer than the time limit of a request's body, and the painter has a time limit of its own.
     let painted = Router::new()
         .route("/api/still.jpg", get(pictures::still))
         .route("/api/hover", get(pictures::hover))

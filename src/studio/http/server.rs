@@ -34,8 +34,8 @@ pub(crate) async fn bind(port: u16) -> Result<(TcpListener, u16), Error> {
     Ok((listener, port))
 }
 
-/// Connections on which no request has come so far, the oldest first. When there is no room for
-/// another one, the oldest of these goes: whoever only connects keeps nobody out.
+/// Connections without a request so far, the oldest first. If there is no room for another
+/// connection, the oldest of these is closed, so clients that only connect cannot keep others out.
 #[derive(Clone, Default)]
 struct Silent(Arc<Mutex<BTreeMap<u64, oneshot::Sender<()>>>>);
 
@@ -50,7 +50,7 @@ impl Silent {
         ended
     }
 
-    /// It is no longer silent, or no longer there.
+    /// The connection has sent a request, or is closed.
     fn remove(&self, number: u64) {
         self.lock().remove(&number);
     }
@@ -76,7 +76,7 @@ pub(crate) async fn serve(
             () = ended(&mut ending) => return,
         };
         let Ok((stream, _)) = accepted else {
-            // Out of file descriptors, say: others will close theirs.
+            // For example, no file descriptors are left; others will be closed.
             tokio::time::sleep(Duration::from_millis(20)).await;
             continue;
         };
@@ -127,7 +127,7 @@ async fn connection(stream: TcpStream, router: Router, silent: Silent, number: u
     let mut serving = std::pin::pin!(serving);
     let result = tokio::select! {
         result = &mut serving => result,
-        // Once it was heard nobody can end it any more, and this arm is off.
+        // After its first request nobody can end it any more, and this branch is disabled.
         Ok(()) = end => return,
     };
     silent.remove(number);

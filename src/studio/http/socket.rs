@@ -27,7 +27,7 @@ use crate::state::App;
 use robert_base::limits;
 use robert_clip::Op;
 
-/// A client that takes nothing for so long is gone.
+/// A client that reads nothing for this long is disconnected.
 const PATIENCE: Duration = Duration::from_secs(10);
 
 /// Time for the last message to a client.
@@ -60,7 +60,7 @@ pub(crate) async fn editor(State(app): State<Arc<App>>, upgrade: WebSocketUpgrad
         })
 }
 
-/// Counts a client as long as it lives.
+/// Counts a client while it is connected.
 struct Seat(Arc<App>);
 
 impl Drop for Seat {
@@ -133,7 +133,8 @@ impl Client {
                     Err(RecvError::Closed) => Err(Gone),
                 },
                 _ = rollout.changed() => {
-                    // Frames that come faster than the screen add up; nobody waits for the end.
+                    // Frames that arrive faster than the screen refreshes are joined; nobody waits
+                    // for the last one.
                     let now = tokio::time::Instant::now();
                     let next = if self.app.simulation.rollout.rests() { now } else { now.max(shown + UPDATE) };
                     due = Some(due.map_or(next, |due| due.min(next)));
@@ -156,15 +157,15 @@ impl Client {
                 () = ended(&mut ending) => Err(Gone),
             };
             if done.is_err() {
-                // Whoever has taken nothing so far takes no farewell either: without a limit
-                // this task, and the client's seat, would stay for ever.
+                // A client that has read nothing so far does not read the last message either.
+                // Without a time limit this task, and the client's place, would stay for ever.
                 tokio::time::timeout(FAREWELL, self.socket.send(Message::Close(None))).await.ok();
                 return;
             }
         }
     }
 
-    /// A drag ends with the page that makes it.
+    /// A drag ends when the page that makes it disconnects.
     async fn leave(&mut self) {
         if self.previewing
             && let Err(e) = op::studio_op(&self.app, StudioOp::PreviewEnd {}).await
@@ -173,7 +174,8 @@ impl Client {
         }
     }
 
-    /// Too far behind: the document as it is, and the acknowledgements that were missed.
+    /// The client is too far behind: it gets the whole document, and the acknowledgements that it
+    /// missed.
     async fn start_afresh(&mut self) -> Result<(), Gone> {
         let document = current_view(&self.app).await;
         self.send(&Event::Document { document }).await?;
@@ -274,7 +276,7 @@ async fn sleep_until(due: Option<tokio::time::Instant>) {
     }
 }
 
-/// `{"op", "args"}` as the typed enums read it.
+/// Converts a request to `{"op", "args"}`, which the typed enums read.
 fn tagged<T: serde::de::DeserializeOwned>(wire: &Wire<'_>) -> Result<T, Error> {
     let args = wire.args.map_or("{}", RawValue::get);
     let op = serde_json::to_string(&wire.op).unwrap_or_default();

@@ -20,16 +20,16 @@ use robert_take::viser::{Message, SUBPROTOCOL, frame};
 /// Between two frames to a client.
 const FLUSH: Duration = Duration::from_micros(16_667);
 
-/// Bytes of arrays in one frame: a big robot comes in parts.
+/// The limit for bytes of arrays in one frame: a large robot is sent in parts.
 const FRAME_BYTES: usize = 4 << 20;
 
 /// Characters of a page's name.
 const TAB: usize = 32;
 
-/// A client that takes nothing for so long is gone.
+/// A client that reads nothing for this long is disconnected.
 const PATIENCE: Duration = Duration::from_secs(30);
 
-/// The client's page, or its socket: it derives the address of one from the other.
+/// The client's page, or its socket: the client derives the address of one from the other.
 pub(crate) async fn route(
     State(app): State<Arc<App>>,
     RawQuery(query): RawQuery,
@@ -52,7 +52,7 @@ pub(crate) async fn route(
         })
 }
 
-/// The page that a client belongs to, as the page has named itself.
+/// The page that a client belongs to, by the name that the page chose.
 fn tab(query: &str) -> Option<String> {
     let name = query.split('&').find_map(|pair| pair.strip_prefix("tab="))?;
     let sane = |c: char| c.is_ascii_alphanumeric();
@@ -107,7 +107,7 @@ async fn serve(app: Arc<App>, mut socket: WebSocket, tab: Option<String>) {
     }
 }
 
-/// Sends messages in frames of bounded size; the first batch ends with the replay's end.
+/// Sends messages in frames of bounded size; the first batch ends with `ReplayDoneMessage`.
 async fn send(
     socket: &mut WebSocket,
     messages: Vec<Message>,

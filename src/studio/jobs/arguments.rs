@@ -14,11 +14,11 @@ impl JobKind {
         }
     }
 
-    /// The arguments that let an ended job go on.
+    /// The arguments that resume an ended job.
     pub(super) fn resumed(self, args: &[String]) -> Result<Vec<String>, Error> {
         let mut next = args.to_vec();
         match self {
-            // A run directory is its own memory of all other settings.
+            // A run directory contains all other settings.
             JobKind::Train => {
                 if value_of(args, "--resume").is_some() {
                     return Ok(next);

@@ -44,12 +44,12 @@ pub(crate) struct Extra {
     pub(crate) title: String,
     /// The file that it makes, for downloading.
     pub(crate) output: Option<PathBuf>,
-    /// Files that it needs, gone with the job.
+    /// Files that the job needs; they are removed with it.
     #[allow(dead_code)] // held, not read
     pub(crate) scratch: Option<Arc<tempfile::TempDir>>,
 }
 
-/// Time for the last lines of a job that has ended; a child of its own may hold them open.
+/// The time for the last lines of a job that has ended; a child of the job may keep the pipe open.
 const LOG_PATIENCE: Duration = Duration::from_secs(1);
 
 /// Log lines kept.
@@ -88,7 +88,7 @@ impl Jobs {
         self.inner.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Starts one.
+    /// Starts a job.
     ///
     /// # Errors
     /// [`Error::Full`], [`Error::Server`] when it cannot be started.
@@ -96,7 +96,7 @@ impl Jobs {
         self.start_with(request, Extra::default(), folder)
     }
 
-    /// Starts one of the studio's own.
+    /// Starts a job with a title and files, on behalf of the studio.
     ///
     /// # Errors
     /// As [`Jobs::start`].
@@ -150,9 +150,9 @@ impl Jobs {
         self.view(id, usize::MAX)
     }
 
-    /// Starts the process and follows it until it ends, on a thread of its own: a child ends
-    /// with the thread that started it. Nothing is heard of it before the caller has let go of
-    /// the list.
+    /// Starts the process and follows it until it ends, on a thread of its own, since a child ends
+    /// with the thread that started it. Events are handled only after the caller has released the
+    /// lock of the list.
     fn run(self, id: u64, mut command: Command) -> Result<Option<Pid>, Error> {
         let (started, starting) = std::sync::mpsc::channel();
         let watch = move || {
@@ -172,7 +172,8 @@ impl Jobs {
             });
             self.follow(id, out);
             let exit = child.wait().ok().and_then(|s| s.code());
-            // Whoever hears of the end wants to read why; the pipe closes with the job.
+            // A client that learns of the end wants to read the reason, so the lines must be
+            // complete; the pipe closes with the job.
             let until = Instant::now() + LOG_PATIENCE;
             while !log.is_finished() && Instant::now() < until {
                 std::thread::sleep(Duration::from_millis(2));
@@ -195,7 +196,7 @@ impl Jobs {
         starting.recv().map_err(std::io::Error::other).flatten().map_err(Error::Server)
     }
 
-    /// Takes what the job says, until it says no more.
+    /// Reads the job's output until it ends.
     fn follow(&self, id: u64, out: Option<ChildStdout>) {
         for line in out.into_iter().flat_map(|o| BufReader::new(o).lines()) {
             let Ok(line) = line else { break };

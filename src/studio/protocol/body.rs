@@ -78,7 +78,7 @@ pub struct ExportQuery {
 #[serde(deny_unknown_fields)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct FilesQuery {
-    /// A folder that the user typed; the studio's without it.
+    /// A folder that the user typed; the studio's folder if it is absent.
     #[serde(default)]
     pub root: String,
     /// Below it.
@@ -91,13 +91,13 @@ pub struct FilesQuery {
 #[serde(deny_unknown_fields)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct ClipQuery {
-    /// The file that is in the body; its ending tells the format.
+    /// The name of the file in the body; its suffix determines the format.
     #[serde(default)]
     pub name: String,
     /// A file of this machine instead of a body.
     #[serde(default)]
     pub path: String,
-    /// Robot, for formats that do not name theirs; that of the open document without it.
+    /// The robot, for formats that do not name theirs; if absent, that of the open document.
     #[serde(default)]
     pub robot: String,
 }
@@ -121,9 +121,9 @@ pub struct StillQuery {
     pub command: bool,
     #[serde(default)]
     pub ghosts: bool,
-    /// Numbers with commas between them: a pose in the place of what was achieved.
+    /// Numbers separated by commas: a pose that is shown instead of the reached one.
     pub pose: Option<String>,
-    /// Not read: makes the address of a newer picture another one.
+    /// Not read; it gives a newer picture another address.
     #[serde(default, rename = "v")]
     _version: String,
 }
@@ -205,7 +205,7 @@ pub struct ImportBody {
     pub id: String,
     #[serde(default)]
     pub fixed_base: bool,
-    /// Bodies to leave out, with all that hangs on them.
+    /// Bodies to leave out, with their children.
     #[serde(default)]
     pub without: Vec<String>,
     /// As `robert import --actuators` has it.

@@ -20,7 +20,7 @@ pub struct Edited {
     pub patches: Vec<Delta>,
     /// Labels and position.
     pub history: History,
-    /// Problems as far as they are known without simulation.
+    /// Problems that are known without simulation.
     pub lints: Vec<Lint>,
 }
 
@@ -28,7 +28,7 @@ pub struct Edited {
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct History {
-    /// The last labels, oldest first (at most 100).
+    /// The names of the last edits, oldest first (at most 100).
     pub labels: Vec<String>,
     /// Number of the first label, from 0.
     pub first: usize,
@@ -42,8 +42,8 @@ pub struct History {
 #[derive(Clone, Debug, Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct DocumentView {
-    /// Rises with every document that is opened: what a page chose in one (range, selection,
-    /// takes) means nothing in the next.
+    /// Increases with every document that is opened. Choices of a page in one document (range,
+    /// selection, takes) have no meaning in the next.
     pub opened: u64,
     /// Version.
     pub rev: u64,
@@ -58,7 +58,7 @@ pub struct DocumentView {
     pub history: History,
     /// Facts about its robot that the timeline needs.
     pub table: JointTable,
-    /// Unsaved edits that a start brought back: show the banner.
+    /// Unsaved edits that a start recovered: show the banner.
     pub restored: Option<Restored>,
     /// Problems and timeline.
     pub findings: Findings,
@@ -72,11 +72,11 @@ pub struct DocumentView {
 pub struct Findings {
     /// The version they are about.
     pub rev: u64,
-    /// Problems, worst first, each with its mends (ready-made `op`s).
+    /// Problems, worst first, each with its fixes (ready-made `op`s).
     pub lints: Vec<Lint>,
     /// Spans of frames of one kind, without gaps from the first frame to the last.
     pub spans: Vec<Span>,
-    /// Runs of steps without any goal in sight.
+    /// Runs of frames without any goal in the window.
     pub blind: Vec<Blind>,
     /// Whether simulation has judged every pose.
     pub simulated: bool,
@@ -108,7 +108,7 @@ pub struct Draft {
     pub keys: usize,
     /// Seconds since 1970 of its last edit.
     pub changed_secs: u64,
-    /// The studio was killed with it open, and nobody has looked at it since.
+    /// Whether the studio was killed with it open, and it has not been opened since.
     pub abandoned: bool,
 }
 
@@ -118,12 +118,12 @@ pub struct Draft {
 pub struct Restored {
     /// Edits that had not been saved.
     pub edits: usize,
-    /// Bytes of a torn record at the end, never acknowledged, that were dropped.
+    /// Bytes of an unfinished record at the end that were dropped; it was never acknowledged.
     pub torn_bytes: u64,
     /// Damaged parts that could not be recovered, in words.
     pub lost: Vec<String>,
     /// The path where the damaged journal is kept.
     pub kept: Option<PathBuf>,
-    /// The file was changed by others since: saving overwrites that.
+    /// Whether another program has changed the file since: saving overwrites that change.
     pub file_changed: bool,
 }

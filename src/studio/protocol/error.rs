@@ -28,13 +28,13 @@ pub enum Error {
     /// The clip has never been saved, so it needs a name.
     #[error("the clip has no file yet; save it under a name")]
     Untitled,
-    /// Saving under this name would put an end to another file.
+    /// Saving under this name would overwrite another file.
     #[error("there is a file of that name already; say that it is to be replaced: {path}", path = .path.display())]
     Exists {
         /// The other file.
         path: PathBuf,
     },
-    /// The clip's file was changed since it was read or written here.
+    /// Another program has changed the clip's file since it was read or written here.
     #[error("another program has changed this file since it was read here; overwrite it, read it again, or save under another name: {path}", path = .path.display())]
     Changed {
         /// The file.
@@ -46,7 +46,7 @@ pub enum Error {
         /// The journal.
         path: PathBuf,
     },
-    /// The journal cannot be written; the edit was not taken.
+    /// The journal cannot be written, so the edit was not made.
     #[error("the edit was not taken, because its journal cannot be written: {source}: {path}", path = .path.display())]
     Journal {
         /// The operating system's error.
@@ -75,7 +75,7 @@ pub enum Error {
     /// The server itself failed.
     #[error("the server failed: {0}")]
     Server(#[source] std::io::Error),
-    /// The simulation worker failed at this request, and said why.
+    /// The simulation worker failed at this request, with this message.
     #[error("{message}")]
     Simulation {
         /// The message of the worker.

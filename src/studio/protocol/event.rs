@@ -18,7 +18,7 @@ use robert_clip::{Delta, Demand, Level};
 #[serde(untagged)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub enum Outcome {
-    /// It was done; there is nothing to tell.
+    /// The request was carried out; there is no result.
     Done,
     /// The document is as it was.
     Unchanged {
@@ -69,7 +69,7 @@ pub enum Event {
         /// First rollout step that can differ.
         first_changed_step: Option<u32>,
     },
-    /// Answer to a request that is no edit, or that was refused.
+    /// The answer to a request that is not an edit, or that was refused.
     #[serde(rename = "reply")]
     Reply {
         /// The request.
@@ -129,19 +129,20 @@ pub enum Event {
     /// Something was selected.
     #[serde(rename = "select")]
     Select(Selection),
-    /// A joint moves under the mouse in the viewport. `done` = released: make it an edit.
+    /// A person turns a joint in the viewport. If `done` is true the mouse was released, and the
+    /// page makes the edit.
     #[serde(rename = "joint")]
     Joint {
         /// New values by joint.
         values: BTreeMap<String, f64>,
         /// Whether the mouse was released.
         done: bool,
-        /// The page whose 3D view it happens in (`tab` in the query of its socket): only that
-        /// one makes the edit. Absent: whoever hears it.
+        /// The page whose 3D view it happens in (`tab` in the query of its socket); only this page
+        /// makes the edit. If it is absent, any page does.
         #[serde(skip_serializing_if = "Option::is_none")]
         tab: Option<String>,
     },
-    /// The drag in the viewport was given up: nothing is to be edited.
+    /// The drag in the viewport was cancelled, so the page makes no edit.
     #[serde(rename = "joint.cancelled")]
     JointCancelled {
         /// See [`Event::Joint`].
@@ -160,12 +161,13 @@ pub enum Event {
         /// All of them.
         pins: Vec<Pin>,
     },
-    /// A hand touches the path of what is selected: the playhead goes there.
+    /// A point of the drawn path was clicked or dragged: the playhead goes to its frame.
     #[serde(rename = "path.point")]
     PathPoint {
         /// The frame.
         frame: u32,
-        /// By joint: a key with these values is asked for at that frame. Absent: it has one.
+        /// Joint values for a key that was requested at that frame; absent if the frame has a key.
+        /// Absent: it has one.
         values: Option<BTreeMap<String, f64>>,
         /// See [`Event::Joint`].
         #[serde(skip_serializing_if = "Option::is_none")]

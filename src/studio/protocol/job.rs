@@ -19,7 +19,7 @@ pub enum JobKind {
     Render,
     /// Write a take in another format.
     Export,
-    /// Make a robot's folder out of a model file.
+    /// Makes a robot's folder from a model file.
     Import,
 }
 
@@ -45,7 +45,7 @@ pub enum JobPhase {
     Cancelling,
     /// It ended well.
     Done,
-    /// It ended after being asked to stop, with a checkpoint.
+    /// The job ended after a request to stop, with a checkpoint.
     Interrupted,
     /// It ended badly.
     Failed,
@@ -71,8 +71,8 @@ pub struct JobView {
     pub progress: Option<JobProgress>,
     /// The newest other event.
     pub last: Option<JobEvent>,
-    /// Name of the file that it makes for `GET /api/jobs/{id}/file`; it is there when the job
-    /// is done.
+    /// The name of the file that it makes, for `GET /api/jobs/{id}/file`; available when the job is
+    /// done.
     pub file: Option<String>,
     /// Other events so far.
     pub events: usize,
@@ -122,7 +122,8 @@ pub struct ExportRequest {
 #[serde(rename_all = "snake_case")]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub enum Beside {
-    /// A take, performed once more: the same clip, policy and seed give the same bits.
+    /// The number of a take, which is performed again: the same clip, policy and seed give the same
+    /// bits.
     Take(u64),
     /// Another clip, performed by the same policy, or a take in a file; relative to the
     /// studio's folder.

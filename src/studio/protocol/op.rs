@@ -6,7 +6,7 @@ use super::robot::Pin;
 use super::rollout::RolloutSettings;
 use robert_clip::Op;
 
-/// Requests on the socket that are no clip edits.
+/// Requests on the socket that are not clip edits.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(tag = "op", content = "args", deny_unknown_fields)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
@@ -23,8 +23,9 @@ pub enum StudioOp {
         /// The number of edits that shall be done.
         done: usize,
     },
-    /// Rolls out as if this edit were made; nothing is stored. Send while dragging; the
-    /// newest wins. The reply's `demand` is the [`robert_clip::Demand`] of the edit, or null.
+    /// Previews an edit: it is rolled out, but not stored. Send it during a drag; the newest one
+    /// replaces the others. The reply's `demand` is the [`robert_clip::Demand`] of the edit, or
+    /// null.
     #[serde(rename = "preview")]
     Preview {
         /// The edit.
@@ -42,10 +43,10 @@ pub enum StudioOp {
     /// Stops it; frames so far stay.
     #[serde(rename = "rollout.cancel")]
     RolloutCancel {},
-    /// Starts the simulation again after it gave up.
+    /// Starts the simulation again after it has failed too often.
     #[serde(rename = "worker.restart")]
     WorkerRestart {},
-    /// Keeps a take for good, or no longer.
+    /// Pins a take, which is then kept until it is removed, or unpins it.
     #[serde(rename = "take.pin")]
     TakePin {
         /// The take's id.
@@ -61,7 +62,7 @@ pub enum StudioOp {
         /// The new name.
         name: String,
     },
-    /// Draws these takes beside what is performed now; the last one also in the viewport.
+    /// Draws these takes beside the current motion; the last one also in the viewport.
     #[serde(rename = "take.compare")]
     TakeCompare {
         /// The ids of the takes to compare; an empty list ends the comparison.
@@ -96,19 +97,19 @@ pub enum StudioOp {
     /// Selects a joint or a body, or nothing.
     #[serde(rename = "view.select")]
     ViewSelect(Selection),
-    /// Joints that no hand in the viewport moves: neither a drag nor inverse kinematics.
+    /// Joints that stay fixed in the viewport, in drags and in inverse kinematics.
     #[serde(rename = "view.lock")]
     ViewLock {
-        /// All of them; an empty list frees every joint.
+        /// All fixed joints; an empty list frees every joint.
         joints: Vec<String>,
     },
-    /// Sites that inverse kinematics holds, whoever asks for it.
+    /// Sites that inverse kinematics keeps in place, in every request.
     #[serde(rename = "view.pins")]
     ViewPins {
-        /// All of them; an empty list frees every site.
+        /// All pinned sites; an empty list frees every site.
         pins: Vec<Pin>,
     },
-    /// Gives up the drag that is under way in the viewport.
+    /// Cancels the current drag in the viewport.
     #[serde(rename = "view.cancel")]
     ViewCancel {},
     /// Frames the camera: `home`, `fit`, `front`, `side`, `top`, `selection`.

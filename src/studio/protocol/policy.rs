@@ -10,7 +10,7 @@ use robert_rollout::{Guide, Offer, PolicyName};
 pub struct PolicyCard {
     /// Name, as on the command line.
     pub name: PolicyName,
-    /// Name of the model, where it is not the robot's default one: `model_path` of
+    /// The name of the model, unless it is the robot's default: `model_path` of
     /// [`RolloutSettings`].
     #[serde(skip_serializing_if = "Option::is_none")]
     pub model: Option<String>,
@@ -18,11 +18,11 @@ pub struct PolicyCard {
     pub suits: String,
     /// The guide that should fill masked frames for it.
     pub guide: Guide,
-    /// Whether it has the robot's own model to compute with.
+    /// Whether it computes with the robot's own model.
     pub knows_model: bool,
-    /// Whether it plans so long that a clip takes seconds.
+    /// Whether it plans for so long that a clip takes seconds.
     pub slow: bool,
-    /// Whether it can be chosen for this robot without a model file of one's own.
+    /// Whether it can be chosen for this robot without a model file given by the user.
     pub available: bool,
     /// The missing part that it needs, if it cannot be chosen.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -33,7 +33,7 @@ pub struct PolicyCard {
     pub default: bool,
 }
 
-/// Every policy as this robot can have it.
+/// All policies, with their availability for this robot.
 pub fn policies(offers: &[Offer]) -> Vec<PolicyCard> {
     let card = |o: &Offer| PolicyCard {
         name: o.name,

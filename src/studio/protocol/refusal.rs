@@ -25,9 +25,9 @@ pub enum Code {
     NoDocument,
     /// The clip needs a file name first.
     Untitled,
-    /// A file of that name is there already.
+    /// A file of that name exists.
     Exists,
-    /// The file was changed by another program meanwhile.
+    /// Another program has changed the file meanwhile.
     Changed,
     /// Another studio has it.
     Locked,

@@ -105,7 +105,7 @@ pub struct RobotFacts {
     pub offers: Vec<Offer>,
 }
 
-/// All that is seen of one body in one colour.
+/// The visible parts of one body in one colour.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct MeshFacts {
@@ -143,7 +143,7 @@ pub struct IkRequest {
     /// The site that is pulled.
     #[serde(default)]
     pub site: String,
-    /// In its place: a body by name, and a point in its frame, m.
+    /// Instead of a site: a body by name, and a point in its frame, m.
     #[serde(default)]
     pub body: Option<(String, [f64; 3])>,
     /// The target of the point in the world, m; if it is absent, only the pins count.
@@ -160,7 +160,7 @@ pub struct IkRequest {
     pub pins: Vec<Pin>,
 }
 
-/// A site that inverse kinematics holds: at a place, or at another site.
+/// A site that inverse kinematics keeps in place, or at another site.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
@@ -173,7 +173,7 @@ pub struct Pin {
     /// The orientation of the point there, w x y z; free if absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub quat: Option<[f64; 4]>,
-    /// In the place of both: the site that it touches.
+    /// Instead of both: the site that it touches.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub to: Option<String>,
 }
@@ -194,7 +194,7 @@ pub struct IkAnswer {
     pub contacts: Vec<(String, String, f64)>,
 }
 
-/// Body of `POST /api/draw`: a line that a hand drew over a page's 3D view.
+/// Body of `POST /api/draw`: a line that a person drew over a page's 3D view.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
@@ -207,9 +207,10 @@ pub struct DrawRequest {
     pub site: String,
     /// The plane in which the line is drawn.
     pub plane: Plane,
-    /// Points of the picture, 0 to 1 from the top left corner, and when the hand was there, s.
+    /// Points of the picture, 0 to 1 from the top left corner, with the time at which each was
+    /// drawn, s.
     pub points: Vec<[f64; 3]>,
-    /// Seconds for the whole line, at an even speed; absent = as long as the hand took.
+    /// The duration of the whole line at constant speed, s; if absent, as long as the drawing took.
     #[serde(default)]
     pub secs: Option<f64>,
     /// Allowed distance between path and line, m.
@@ -236,11 +237,11 @@ pub enum Plane {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct DrawAnswer {
-    /// Keys, joined by straight lines; frames count from where the line was begun.
+    /// Keys, joined by straight lines; frames count from the beginning of the line.
     pub keys: Vec<DrawnKey>,
     /// Frames until the last key ends.
     pub frames: u32,
-    /// Farthest that the site stays from the line, because it leaves the robot's reach, m.
+    /// The largest distance between site and line where the line leaves the robot's reach, m.
     pub off_m: f64,
     /// The line in the world, m.
     pub line: Vec<[f64; 3]>,
@@ -264,7 +265,7 @@ pub struct DrawnKey {
 pub struct SettleAnswer {
     /// One value per state joint.
     pub q: Vec<f64>,
-    /// Distance from what was asked for, by joint.
+    /// The distance from the requested pose, by joint.
     pub residual: Vec<f64>,
     /// The greatest, and its joint.
     pub worst: f64,

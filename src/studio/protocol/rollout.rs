@@ -20,13 +20,13 @@ pub struct RolloutSettings {
     pub seed: u64,
     /// Roll out after every edit.
     pub auto: bool,
-    /// Model or fit file, for policies that learned something.
+    /// Model or fit file, for learned policies.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub model_path: Option<String>,
 }
 
 impl RolloutSettings {
-    /// The policy that they ask for, without its model.
+    /// The chosen policy, without its model.
     pub fn config(&self) -> PolicyConfig {
         let mut config = PolicyConfig::new(self.policy);
         config.refine = self.refine;
@@ -73,7 +73,7 @@ pub struct RolloutView {
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct RolloutState {
-    /// Number of the rollout; rises with every restart.
+    /// The number of the rollout; increases with every restart.
     #[serde(rename = "gen")]
     pub generation: u64,
     /// Version of the document that it performs; 0 for a preview.
@@ -128,7 +128,7 @@ pub struct TakeCard {
     pub name: String,
     /// Title of its clip.
     pub clip: String,
-    /// Version of the document that it is of, as long as that is open.
+    /// The version of the document that it performs, as long as that document is open.
     pub rev: u64,
     /// Policy as tables show it.
     pub policy: String,
@@ -147,7 +147,7 @@ pub struct TakeCard {
     pub jerk: Option<f64>,
     /// Kept until it is removed.
     pub pinned: bool,
-    /// Its goals are those of the document as it is performed now: the errors can be compared.
+    /// Whether its goals equal those of the current command, so that the errors can be compared.
     pub same_goals: bool,
 }
 
@@ -157,7 +157,7 @@ pub struct TakeCard {
 pub struct TakesView {
     /// Of the open robot, the newest first.
     pub takes: Vec<TakeCard>,
-    /// Drawn beside what is performed now, in this order; the last one also in the viewport.
+    /// The takes drawn beside the current motion, in this order; the last one also in the viewport.
     pub compared: Vec<u64>,
     /// Sentences about pinned takes on disk that could not be read when the studio began.
     pub skipped: Vec<String>,
@@ -192,13 +192,13 @@ pub struct WorkerState {
 #[serde(rename_all = "snake_case")]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub enum WorkerPhase {
-    /// Not up yet, or not needed at the moment.
+    /// Not started yet, or not needed at the moment.
     #[default]
     Starting,
     /// Up.
     Ready,
     /// It died; a new one comes.
     Restarting,
-    /// It died too often; someone must ask for another.
+    /// The worker died too often; a request must start a new one.
     Stopped,
 }

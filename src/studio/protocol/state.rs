@@ -20,7 +20,7 @@ pub struct State {
     pub policies: Vec<PolicyCard>,
     /// The simulation.
     pub worker: WorkerState,
-    /// Whether the 3D client is there; otherwise the viewport is made of stills.
+    /// Whether the 3D client is available; if not, the viewport shows stills.
     pub viser: bool,
     /// Editor clients connected.
     pub clients: usize,

@@ -42,7 +42,7 @@ export type Request = Op | StudioOp;
 export type Args<Name extends Request[\"op\"]> = Extract<Request, { op: Name }>[\"args\"];
 ";
 
-/// Types that the page sends as a whole, as it got them, though it could leave fields out.
+/// Types that the page sends back complete, as it received them, although some fields are optional.
 const SENT_WHOLE: [&str; 1] = ["RolloutSettings"];
 
 #[test]
@@ -63,7 +63,7 @@ fn typescript_is_up_to_date() {
     );
 }
 
-/// Every route of the router is described here, and no other.
+/// Every route of the router is described here, and no other route.
 #[test]
 fn routes_are_those_of_the_router() {
     let mut page = Page::new();
@@ -119,7 +119,7 @@ impl Page {
     /// Socket and HTTP.
     fn describe(&mut self) {
         self.got.subschema_for::<Event>();
-        // A clip that comes leaves out what one that is sent may leave out.
+        // A clip that is received leaves out the same fields as a clip that is sent may.
         self.sent.subschema_for::<ClipShape>();
         self.sent.subschema_for::<Op>();
         self.sent.subschema_for::<StudioOp>();
@@ -175,7 +175,7 @@ impl Page {
         self.route("GET /api/gallery-error").asks::<ExampleQuery>().gives::<Option<MeanError>>();
     }
 
-    /// A route that answers with nothing, until something else is said of it.
+    /// A route without an answer, until one is given.
     fn route(&mut self, address: &str) -> &mut Page {
         let (address, answer) = (address.to_owned(), "void".to_owned());
         self.routes.push(Route { address, query: None, body: None, answer });
@@ -219,7 +219,7 @@ impl Page {
         let sent = declarations(&self.sent.take_definitions(false));
         let mut all = sent;
         for (name, text) in got.declared {
-            // A type that goes both ways is as loose as what may be sent.
+            // A type that is sent and received has the optional fields of the sent one.
             if SENT_WHOLE.contains(&name.as_str()) || !all.declared.contains_key(&name) {
                 all.declared.insert(name, text);
             }
@@ -248,12 +248,12 @@ impl Page {
 /// Rendered types by name.
 struct Declarations {
     declared: BTreeMap<String, String>,
-    /// Those that are written out where they are used: names for plain numbers, texts, rows.
+    /// Types that are written out at each use: names for plain numbers, texts, rows.
     inlined: BTreeMap<String, String>,
 }
 
 impl Declarations {
-    /// Writes out what has no declaration of its own; see [`typed`] for the marks.
+    /// Writes out types without a declaration of their own; see [`typed`] for the marks.
     fn resolve(&self, text: &str) -> String {
         let mut text = text.to_owned();
         // A row is of numbers that have a name, too.
@@ -305,7 +305,8 @@ fn declarations(definitions: &Map<String, Value>) -> Declarations {
     found
 }
 
-/// Whether a schema with properties is one of several, not an object whose rules `oneOf` adds to.
+/// Whether a schema with properties is one alternative of several, not an object to which `oneOf`
+/// adds rules.
 fn is_choice(schema: &Value) -> bool {
     let all = |key: &str| {
         schema
@@ -316,7 +317,8 @@ fn is_choice(schema: &Value) -> bool {
     all("oneOf") || all("anyOf")
 }
 
-/// The doc comment of a type or a field; the page's tools know no paths of Rust.
+/// The doc comment of a type or a field, without the paths of Rust, which tools for TypeScript do
+/// not know.
 fn described(schema: &Value, indent: &str) -> String {
     let Some(text) = schema.get("description").and_then(Value::as_str) else {
         return String::new();
@@ -393,8 +395,8 @@ fn alternatives(schema: &Value) -> String {
     lines.collect()
 }
 
-/// A schema as a TypeScript type. A named type stands between two marks, so that it can be
-/// written out later where it has no declaration.
+/// A schema as a TypeScript type. A named type is enclosed in two marks, so that it can be written
+/// out later if it has no declaration.
 fn typed(schema: &Value) -> String {
     let Some(schema) = schema.as_object() else { return "Json".to_owned() };
     let one = |key: &str| schema.get(key);

@@ -18,7 +18,7 @@ pub struct GalleryItem {
     pub length: u32,
     /// Keys.
     pub keys: usize,
-    /// One of the few that the start page shows large.
+    /// Whether it is one of the few that the start page shows large.
     pub featured: bool,
 }
 
@@ -32,7 +32,7 @@ pub struct RecentFile {
     pub name: String,
     /// Robot.
     pub robot: String,
-    /// Seconds since 1970 when it was last open here.
+    /// When it was last open here, seconds since 1970.
     pub opened_secs: u64,
     /// Whether it is still there.
     #[serde(default, skip_deserializing)]
@@ -53,11 +53,11 @@ pub struct RunCard {
     pub step: u64,
     /// Steps wanted.
     pub steps: u64,
-    /// Best Precision by suite, where it was measured.
+    /// Best Precision by suite, if it was measured.
     pub precision: Option<BTreeMap<String, f64>>,
-    /// The model to perform with, once there is one.
+    /// The model of the run, once it exists.
     pub model: Option<String>,
-    /// The data that it learns from, once there is a model.
+    /// The data of the run, once it has a model.
     pub dataset_sha256: Option<String>,
     /// Seconds since 1970 of the last change.
     pub changed_secs: u64,
@@ -101,7 +101,7 @@ pub struct Shelf {
     pub runs: Vec<RunCard>,
     /// Data, by path.
     pub data: Vec<DataCard>,
-    /// Data that is not whole yet, by path.
+    /// Data that is not complete yet, by path.
     pub begun: Vec<BegunCard>,
     /// Presets of training, each with a sentence.
     pub presets: Vec<(&'static str, &'static str)>,

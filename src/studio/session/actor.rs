@@ -46,7 +46,7 @@ pub(super) struct Judgement {
 
 /// The policy in use.
 pub(super) struct Choice {
-    /// Somebody chose it; until then each robot has its own.
+    /// Whether a person chose the policy; until then each robot has its own.
     pub(super) by_hand: bool,
     /// The masks that the policy accepts.
     pub(super) granularity: Granularity,
@@ -55,7 +55,7 @@ pub(super) struct Choice {
 /// The simulation's answer about a clip's robot.
 pub(crate) type Asked = Result<RobotFacts, Error>;
 
-/// Starts the thread of the session.
+/// Starts the session's thread.
 ///
 /// # Errors
 /// When the system gives none.
@@ -257,7 +257,7 @@ impl SessionActor {
         }
     }
 
-    /// Tells everyone about changes; what the author gets back.
+    /// Sends changes to all clients; returns the answer for their author.
     pub(super) fn announce(&self, author: Author, changes: &[Change]) -> Edited {
         let Some(document) = &self.document else {
             return Edited {
@@ -333,7 +333,7 @@ impl SessionActor {
         Ok(asked)
     }
 
-    /// Rolls the document out, if that is wanted.
+    /// Rolls the document out, if rollouts are switched on.
     pub(super) fn perform(&self) {
         if self.simulation.rollout.settings().auto {
             self.perform_now();
@@ -342,13 +342,13 @@ impl SessionActor {
 
     pub(super) fn perform_now(&self) {
         let Some(document) = &self.document else { return };
-        // Without a robot there is nobody to perform; the banner has said so.
+        // Without a robot nothing can be performed; the banner has said so.
         if self.simulation.robot().is_some() {
             self.simulation.perform(document.rev(), document.clip(), document.command());
         }
     }
 
-    /// Puts a document in the place of the open one.
+    /// Replaces the open document by another.
     pub(super) fn take_up(&mut self, document: Document, asked: Option<Asked>) -> DocumentView {
         self.close();
         let (facts, refusal) = match asked {
@@ -401,7 +401,7 @@ impl SessionActor {
     }
 }
 
-/// A robot as a clip of it names it.
+/// The robot by the id that a clip uses.
 pub(crate) fn reference(table: &JointTable) -> RobotRef {
     RobotRef {
         id: table.robot.clone(),

@@ -45,10 +45,10 @@ pub(crate) enum SessionCommand {
     New(Box<Clip>, Reply<DocumentView>),
     /// Starts empty for this robot.
     Blank { robot: String, length: u32, name: String, reply: Reply<DocumentView> },
-    /// Brings back what a killed studio had open, an unsaved clip or the last file; false when
-    /// nothing was.
+    /// Reopens the document of a killed studio, an unsaved clip or the last file; false if there is
+    /// none.
     Recover(Reply<bool>),
-    /// Takes up a clip that was never saved.
+    /// Opens a clip that was never saved.
     Draft(u32, Reply<DocumentView>),
     /// Remembers a robot from a folder, for clips that name its id.
     Know(String, Reply<()>),
@@ -97,12 +97,12 @@ pub(crate) struct Session {
 }
 
 impl Session {
-    /// A way to ask whoever takes from the other end, and what that one shows.
+    /// The handle of the session: it sends commands, and reads the document that the session shows.
     pub(super) fn new(inbox: Sender<SessionCommand>, shelf: Shelf) -> Session {
         Session { inbox, shelf }
     }
 
-    /// Asks and waits.
+    /// Sends a command and waits for the answer.
     ///
     /// # Errors
     /// The session's refusal.
@@ -139,7 +139,8 @@ impl Session {
         self.read(SessionCommand::Content, |shown| shown.content.ok_or(Error::NoDocument)).await
     }
 
-    /// Asks, and takes what was shown last if the session waits for a disk.
+    /// Sends a command; if the session waits for a disk, the answer is the document as it was last
+    /// shown.
     async fn read<T>(
         &self,
         ask: impl FnOnce(Reply<T>) -> SessionCommand,
@@ -161,7 +162,7 @@ mod tests {
     #[test]
     fn who_only_reads_does_not_wait_for_a_disk_that_does_not_answer() {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build().unwrap();
-        // The session takes nothing from its queue, as while it writes.
+        // The session takes nothing from its queue, as it does while it writes.
         let (inbox, _busy) = std::sync::mpsc::channel();
         let shelf = Shelf::default();
         let session = Session::new(inbox, shelf.clone());

@@ -12,11 +12,12 @@ use robert_clip::{PoseChecker, PoseReport};
 /// Poses whose verdicts are remembered.
 const VERDICTS: usize = 4_000;
 
-/// Poses that are judged in one go, so that a question in between need not wait long.
+/// The number of poses that are checked in one request, so that a question in between need not wait
+/// long.
 const JUDGED_AT_ONCE: usize = 4;
 
 impl SessionActor {
-    /// Problems and timeline, and the poses that simulation has not judged yet.
+    /// Problems and timeline, and the poses that the simulation has not checked yet.
     pub(crate) fn findings(&self) -> (Findings, Vec<Vec<f64>>) {
         let Some(document) = &self.document else { return (Findings::default(), Vec::new()) };
         let table = self.table();
@@ -42,7 +43,7 @@ impl SessionActor {
         (findings, judge.unknown)
     }
 
-    /// Tells everyone the findings and lets the simulation judge what is new.
+    /// Sends the findings to all clients and lets the simulation check new poses.
     pub(crate) fn tell_findings(&mut self) {
         if self.document.is_none() {
             return;
@@ -74,7 +75,7 @@ impl SessionActor {
             self.tell_findings();
             return;
         }
-        // A pose that kills the simulation must not be asked about again and again.
+        // A pose that kills the simulation must not be sent to it again and again.
         let verdicts = verdicts.unwrap_or_else(|_| vec![Checked::default(); poses.len()]);
         if self.judgement.verdicts.len() > VERDICTS {
             self.judgement.verdicts.clear();
@@ -90,7 +91,7 @@ fn bits(pose: &[f64]) -> Vec<u64> {
     pose.iter().map(|v| v.to_bits()).collect()
 }
 
-/// Answers lints from what simulation has said so far.
+/// Answers lints from the simulation's findings so far.
 struct Judge<'a> {
     /// Joints in state order.
     names: Vec<String>,

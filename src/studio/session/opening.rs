@@ -22,7 +22,8 @@ fn table(asked: &Asked) -> Option<JointTable> {
 
 impl SessionActor {
     pub(crate) fn open(&mut self, path: &Path) -> Result<DocumentView, Error> {
-        // The same file again: give its lock back first, but keep the document if it fails.
+        // The same file is opened again: its lock is released first, but the document stays open if
+        // opening fails.
         let again = std::path::absolute(path).ok();
         if self.document.as_ref().is_some_and(|d| d.path() == again.as_deref()) {
             return Ok(self.view());
@@ -48,7 +49,7 @@ impl SessionActor {
             }
         }
         let Some(mut document) = found else { return false };
-        // Should it be what ended that studio, the next start does without it.
+        // If this document caused the end of that studio, the next start does not open it.
         document.put_aside();
         self.take_up(document, asked);
         if let Some(document) = &mut self.document {
@@ -71,7 +72,7 @@ impl SessionActor {
         Ok(self.take_up(document, Some(asked)))
     }
 
-    /// Asks about a robot and remembers where it comes from.
+    /// Asks for the facts about a robot and remembers its source.
     pub(crate) fn know(&mut self, robot: &str) -> Result<RobotFacts, Error> {
         let question = DescribeRobot { robot: robot.to_owned() };
         let facts = self.simulation.ask_blocking(question, ROBOT_PATIENCE)?;
@@ -79,8 +80,8 @@ impl SessionActor {
         Ok(facts)
     }
 
-    /// Asks the worker to take a clip's robot up: by its id, or from the folder that the
-    /// user named, that the clip names, or that an import left beside us.
+    /// Asks the worker to load a clip's robot: by its id, or from the folder that the user named,
+    /// that the clip names, or that an import made in the studio's folder.
     pub(crate) fn ask_robot(&self, clip: &Clip) -> Result<RobotFacts, Error> {
         let id = &clip.robot.id;
         let named = clip.robot.model.as_ref().map(|m| self.workspace.folder.join(m));
@@ -105,7 +106,7 @@ impl SessionActor {
         let mut clip =
             Clip::new(reference(table), length.clamp(2, robert_base::limits::CLIP_FRAMES));
         clip.name = name;
-        // The first key is where the robot starts, until somebody says another start.
+        // The robot starts at the first key unless the clip gives another start.
         let rest: Vec<f64> = table.rest.iter().map(|v| clip::round(*v)).collect();
         clip.keys.push(clip::Key::new(0, &rest));
         self.start_from(clip)

@@ -38,15 +38,16 @@ impl SessionActor {
         }
     }
 
-    /// The settings for the robot of the document that is being opened: what was chosen, as
-    /// far as this robot can have it.
+    /// The settings for the robot of the document that is being opened: the chosen ones, as far as
+    /// this robot supports them.
     pub(super) fn suited(&self, robot: &str) -> RolloutSettings {
         let mut settings = self.simulation.rollout.settings();
         let offers = self.offers();
         if let Some(path) = &settings.model_path {
             let named = offers.iter().any(|o| o.model.as_ref() == Some(path));
             let file = model_path(&self.workspace.folder.join(path));
-            // Fits of other kinds have no card; whether they suit shows when they are loaded.
+            // Other kinds of fit have no card; whether they match the robot is found when they are
+            // loaded.
             let other = || !file.exists() || read_card(&file).is_ok_and(|c| c.robot.id != robot);
             if !named && other() {
                 settings.model_path = None;

@@ -23,8 +23,8 @@ pub(super) struct Shown {
 /// The place where the session leaves the document for readers.
 pub(super) type Shelf = Arc<Mutex<Shown>>;
 
-/// After the first change since the last time, it is shown this much later: a copy costs as much
-/// as an edit, and edits come in floods.
+/// The delay between the first change and the next copy for readers. A copy costs as much as an
+/// edit, and edits come in quick succession.
 const AFTER: Duration = Duration::from_millis(100);
 
 /// Renews the shelf now and then.

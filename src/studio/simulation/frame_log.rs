@@ -5,7 +5,7 @@ use std::sync::Arc;
 use super::takes::Motion;
 use super::worker::Frames;
 
-/// Frames as they came; what is simulated anew takes the place of what was there.
+/// Frames in the order of simulation; simulating a frame again replaces it.
 #[derive(Debug, Default)]
 pub(super) struct FrameLog {
     /// Achieved states; (frames, S).
@@ -29,7 +29,7 @@ impl FrameLog {
         self.stamp
     }
 
-    /// A stamp for something that has just changed.
+    /// A new stamp for something that has just changed.
     pub(super) fn next_stamp(&mut self) -> u64 {
         self.stamp += 1;
         self.stamp
@@ -49,7 +49,7 @@ impl FrameLog {
         self.stamps.truncate(frames);
     }
 
-    /// Puts frames in the place of what is there from their first one on.
+    /// Replaces the frames from the first new one on.
     pub(super) fn extend(&mut self, frames: Frames) {
         let stamp = self.next_stamp();
         self.truncate(frames.from);

@@ -43,7 +43,7 @@ impl Simulation {
         self.rollout.robot()
     }
 
-    /// The robot of the open document from now on; what was simulated of another one goes.
+    /// Sets the robot of the open document; rollouts of another robot are removed.
     pub(crate) fn set_robot(&self, facts: Option<RobotFacts>) {
         self.rollout.set_robot(facts.map(RobotContext::new).map(Arc::new));
     }
@@ -52,7 +52,7 @@ impl Simulation {
     pub(crate) fn set_settings(&self, settings: RolloutSettings) {
         self.rollout.set_settings(settings.clone());
         let mut policy = settings.config();
-        // One rollout at a time, and somebody waits for it.
+        // There is one rollout at a time, and a person waits for it.
         policy.inference.threads = Threads::Faster;
         // A text that names no file is the name of a model that comes with the program or the
         // robot.
@@ -69,8 +69,8 @@ impl Simulation {
         self.worker.tell(Perform { generation, compare: true, command });
     }
 
-    /// Performs what an edit would lead to. While a key is dragged, `auto` stays with the policy
-    /// that was best before.
+    /// Performs the result of an edit without storing it. While a key is dragged, `auto` keeps the
+    /// policy that was best before.
     pub(crate) fn preview(&self, command: &Command) {
         let generation = self.rollout.begin(0, command, None);
         let command = Dense::of(command);
@@ -83,7 +83,7 @@ impl Simulation {
         self.rollout.cancel();
     }
 
-    /// Asks and waits.
+    /// Asks a question and waits for the answer.
     ///
     /// # Errors
     /// [`Error::Worker`], [`Error::Simulation`].
@@ -91,7 +91,7 @@ impl Simulation {
         self.worker.ask(question).await
     }
 
-    /// Asks and waits, on a thread that may block.
+    /// Asks a question and waits for the answer, on a thread that may block.
     ///
     /// # Errors
     /// [`Error::Worker`], [`Error::Simulation`].

@@ -6,7 +6,7 @@ use std::ops::Deref;
 use crate::protocol::RobotFacts;
 use robert_clip::Command;
 
-/// A robot's facts, and what follows from them.
+/// A robot's facts, and tables derived from them.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct RobotContext(RobotFacts);
 
@@ -34,7 +34,7 @@ impl RobotContext {
         self.bodies.iter().position(|b| b.name == name)
     }
 
-    /// Whether a body hangs on another one, or is that one.
+    /// Whether a body is a descendant of another one, or is that one.
     pub(crate) fn hangs_on(&self, mut body: usize, on: usize) -> bool {
         for _ in 0..self.bodies.len() {
             if body == on {
@@ -48,8 +48,8 @@ impl RobotContext {
         false
     }
 
-    /// The joint that moves a body: its own, else that of the nearest body it hangs on; the
-    /// first that is not `locked`.
+    /// The joint that moves a body: its own joint, else that of the nearest ancestor with one.
+    /// Joints in `locked` are skipped.
     pub(crate) fn moving_joint(&self, body: usize, locked: &BTreeSet<String>) -> Option<usize> {
         let mut at = body;
         for _ in 0..self.bodies.len() {
@@ -63,7 +63,7 @@ impl RobotContext {
         None
     }
 
-    /// Whether a joint must stay, itself or with one that it is bound to.
+    /// Whether a joint must not move, because it or a joint coupled to it is locked.
     pub(crate) fn is_locked(&self, joint: usize, locked: &BTreeSet<String>) -> bool {
         let Some(name) = self.table.joints.get(joint).map(|j| &j.name) else { return false };
         locked.contains(name)
@@ -73,8 +73,8 @@ impl RobotContext {
             })
     }
 
-    /// The values that follow when a joint has this one: its own, and those of joints that are
-    /// bound to it.
+    /// The values that follow if a joint has this one: its own, and those of the joints coupled to
+    /// it.
     pub(crate) fn bound(&self, joint: usize, value: f64) -> Vec<(usize, f64)> {
         let Some(fact) = self.table.joints.get(joint) else { return Vec::new() };
         let mut values = vec![(joint, value)];

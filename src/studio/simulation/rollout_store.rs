@@ -41,7 +41,7 @@ struct Inner {
     frames: FrameLog,
     state: RolloutState,
     state_stamp: u64,
-    /// Rollouts up to this one are of another robot.
+    /// Rollouts up to this number are of another robot.
     floor: u64,
     precision: Option<Value>,
     takes: Takes,
@@ -80,7 +80,7 @@ pub(crate) struct ClientUpdate {
 }
 
 impl RolloutStore {
-    /// A store with the takes that were pinned in this folder.
+    /// A store with the pinned takes of this folder.
     pub(super) fn open(hub: Hub, takes: PathBuf) -> Arc<RolloutStore> {
         let (files, found) = TakeFiles::open(takes);
         for said in &found.skipped {
@@ -113,7 +113,7 @@ impl RolloutStore {
         self.changed.send_modify(|n| *n += 1);
     }
 
-    /// The robot of the open document from now on.
+    /// Sets the robot of the open document.
     pub(super) fn set_robot(&self, robot: Option<Arc<RobotContext>>) {
         {
             let mut inner = self.write();
@@ -139,8 +139,8 @@ impl RolloutStore {
         self.write().settings = settings;
     }
 
-    /// A command is about to be performed; without a clip it is a preview (`rev` 0). Number of
-    /// the rollout.
+    /// Begins the rollout of a command and returns its number. Without a clip it is a preview
+    /// (`rev` 0).
     pub(super) fn begin(&self, rev: u64, command: &Command, clip: Option<&Clip>) -> u64 {
         let generation = {
             let mut inner = self.write();
@@ -190,7 +190,7 @@ impl RolloutStore {
         Some((Arc::clone(&take.source.clip), take.source.settings.clone()))
     }
 
-    /// Changes takes, on disk, too, and tells everyone.
+    /// Changes takes, also on disk, and reports it to all clients.
     ///
     /// # Errors
     /// The refusal, or why a pinned take is not on disk.
@@ -216,7 +216,7 @@ impl RolloutStore {
         self.hub.send(&Event::Takes(self.takes()));
     }
 
-    /// Body transforms at a frame of the take that stands beside; beyond its end the last. One
+    /// Body transforms of the compared take at a frame; beyond its end those of its last frame. One
     /// row of (nbody, 7).
     pub(crate) fn beside(&self, frame: usize) -> Option<Arc<[f32]>> {
         let inner = self.read();
@@ -224,12 +224,12 @@ impl RolloutStore {
         bodies.get(frame).or(bodies.last()).cloned()
     }
 
-    /// Rises with every change of frames and state.
+    /// Increases with every change of frames and state.
     pub(crate) fn stamp(&self) -> u64 {
         self.read().frames.stamp()
     }
 
-    /// Achieved and commanded body transforms of all frames there are; (nbody, 7) each.
+    /// Achieved and commanded body transforms of all simulated frames; (nbody, 7) each.
     pub(crate) fn all_bodies(&self) -> (BodyRows, BodyRows) {
         let inner = self.read();
         (inner.frames.bodies.clone(), inner.frames.goal_bodies.clone())
@@ -278,8 +278,8 @@ impl RolloutStore {
         self.read().state.clone()
     }
 
-    /// Achieved and commanded body transforms at a frame; (nbody, 7) each. Beyond what has
-    /// been simulated the last frame there is.
+    /// Achieved and commanded body transforms at a frame; (nbody, 7) each. Beyond the simulated
+    /// frames, those of the last one.
     pub(crate) fn bodies(&self, frame: usize) -> Option<BodyPair> {
         let inner = self.read();
         let frames = &inner.frames;
@@ -288,8 +288,8 @@ impl RolloutStore {
         Some((Arc::clone(frames.bodies.get(at)?), Arc::clone(frames.goal_bodies.get(at)?)))
     }
 
-    /// Achieved and commanded body transforms at so many moments, evenly over what has been
-    /// simulated; (nbody, 7) each.
+    /// Achieved and commanded body transforms at this number of times, spread evenly over the
+    /// simulated frames; (nbody, 7) each.
     pub(crate) fn moments(&self, count: usize) -> Vec<Arc<[f32]>> {
         let inner = self.read();
         let step = inner.frames.bodies.len().div_ceil(count.max(1)).max(1);
@@ -297,9 +297,9 @@ impl RolloutStore {
         [some(&inner.frames.bodies), some(&inner.frames.goal_bodies)].concat()
     }
 
-    /// The motion that has this frame, for a picture: a stamp that is its own, where the robot
-    /// is loaded from, and its rows. What is not simulated yet is laid out as commanded, and
-    /// says so. `None` without a robot.
+    /// The motion around this frame, for a picture: a stamp that identifies it, the source of the
+    /// robot, and its rows. Frames that are not simulated yet show the command, and are marked so.
+    /// `None` without a robot.
     pub(crate) fn motion(&self, frame: usize) -> Option<(u64, String, MotionRows)> {
         let inner = self.read();
         let robot = inner.robot.as_ref()?;
@@ -351,7 +351,7 @@ impl Inner {
         let title = std::mem::take(&mut self.performance.title);
         self.performance = Performance { title, ..Performance::default() };
         self.state_stamp = self.frames.next_stamp();
-        // A robot that is gone may still have frames on their way.
+        // Frames of a robot that was replaced may still arrive.
         self.floor = self.state.generation;
         self.state = RolloutState { generation: self.floor + 1, ..RolloutState::default() };
     }
@@ -361,7 +361,7 @@ impl Inner {
         self.state.cached_to = self.frames.q.len();
     }
 
-    /// Keeps what was just performed, if that was the document and not a preview.
+    /// Keeps the finished rollout as a take, if it performed the document and not a preview.
     fn keep_take(&mut self) -> bool {
         let (Some(robot), Some(command)) = (&self.robot, &self.performance.command) else {
             return false;
@@ -404,7 +404,7 @@ impl Inner {
         }
     }
 
-    /// It is running, unless it was stopped meanwhile: what was on its way then still counts.
+    /// It is running, unless it was stopped meanwhile; frames that were already sent still count.
     fn goes_on(&mut self) {
         if matches!(self.state.phase, Phase::Waiting | Phase::Running) {
             self.set_phase(Phase::Running, None);
@@ -420,8 +420,8 @@ impl WorkerSink for RolloutStore {
             let current = inner.state.generation;
             let floor = inner.floor;
             match event {
-                // The worker goes on from what it has simulated, whoever asked for that: its
-                // frames count even when a newer rollout has been asked for meanwhile.
+                // The worker continues from what it has simulated, whichever request led to that.
+                // Its frames count even if a newer rollout has been requested meanwhile.
                 SimulationEvent::Started { generation, resumed_at } if generation > floor => {
                     inner.truncate(if resumed_at == 0 { 0 } else { resumed_at + 1 });
                     inner.precision = None;

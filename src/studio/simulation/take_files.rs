@@ -37,7 +37,7 @@ struct Kept {
     bodies: Vec<Vec<f32>>,   // (frames, nbody * 7)
 }
 
-/// The folder of pinned takes, and what of it is known to be written.
+/// The folder of pinned takes, and the files that are known to be written.
 #[derive(Debug)]
 pub(super) struct TakeFiles {
     dir: PathBuf,
@@ -50,7 +50,7 @@ pub(super) struct TakeFiles {
 pub(super) struct Found {
     /// The oldest first.
     pub(super) takes: Vec<Take>,
-    /// Sentences about files that are none of these.
+    /// Sentences about files that could not be read as takes.
     pub(super) skipped: Vec<String>,
 }
 
@@ -86,7 +86,7 @@ impl TakeFiles {
         (TakeFiles { dir, written }, found)
     }
 
-    /// Makes the folder hold the pinned takes, under their names of now, and no others.
+    /// Writes the pinned takes to the folder under their current names, and removes all others.
     ///
     /// # Errors
     /// [`Error::File`]; what could be done is done.
@@ -144,7 +144,7 @@ fn write(dir: &Path, take: &Take) -> Result<PathBuf, fsio::Error> {
     let mut bytes = MAGIC.to_vec();
     bytes.extend(crc32fast::hash(&body).to_le_bytes());
     bytes.extend(body);
-    // Studios that share the folder count for themselves: the content tells their takes apart.
+    // Studios that share the folder count independently: the content distinguishes their takes.
     let hash = fsio::sha256_hex(&bytes);
     let short = hash.get(..12).unwrap_or(&hash);
     let path = dir.join(format!("{:06}-{short}{SUFFIX}", take.id));
@@ -180,7 +180,8 @@ fn read(path: &Path) -> Result<Take, String> {
         source: Source { robot: kept.robot, clip: Arc::new(clip), settings: kept.settings },
         command: Arc::new(command),
         policy: kept.policy,
-        // Of a document that is no longer open: no version of the open one.
+        // The document of this take is no longer open, so its version says nothing about the open
+        // one.
         rev: 0,
         mae: kept.mae,
         motion: Arc::new(Motion {

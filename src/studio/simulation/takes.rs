@@ -102,7 +102,7 @@ impl Take {
             && self.motion.q == other.motion.q
     }
 
-    /// Whether this is of the same document and performed alike, before an edit.
+    /// Whether this take is of the same document and performed in the same way, before an edit.
     fn precedes(&self, other: &Take) -> bool {
         let performed = |t: &Take| RolloutSettings { auto: true, ..t.source.settings.clone() };
         self.source.robot == other.source.robot
@@ -122,18 +122,18 @@ pub(crate) struct Takes {
 }
 
 impl Takes {
-    /// Begins with what was kept on disk, the oldest first.
+    /// Begins with the takes that were kept on disk, the oldest first.
     pub(super) fn of(kept: Vec<Take>) -> Takes {
         let last = kept.iter().map(|t| t.id).max().unwrap_or(0);
         Takes { kept, last, compared: Vec::new() }
     }
 
-    /// Those that outlive the studio, the oldest first.
+    /// The pinned takes, the oldest first.
     pub(super) fn pinned(&self) -> Vec<Take> {
         self.kept.iter().filter(|t| t.pinned).cloned().collect()
     }
 
-    /// Keeps a take; the same one again moves to the front. Its number.
+    /// Keeps a take and returns its number; the same take again moves to the front.
     pub(crate) fn keep(&mut self, mut take: Take) -> u64 {
         if let Some(at) = self.kept.iter().position(|t| t.is(&take)) {
             let mut known = self.kept.remove(at);
@@ -199,7 +199,7 @@ impl Takes {
         self.kept.iter().find(|t| t.id == id)
     }
 
-    /// The take that stands in the viewport, of this robot.
+    /// The take that is compared in the viewport, if it is of this robot.
     pub(crate) fn beside(&self, robot: &str) -> Option<&Take> {
         let of = |id: &u64| self.get(*id).filter(|t| t.source.robot == robot);
         self.compared.iter().rev().find_map(of)
@@ -213,7 +213,7 @@ impl Takes {
     /// Keeps it for good, or no longer.
     pub(crate) fn pin(&mut self, id: u64, pinned: bool) -> Result<(), Error> {
         let others = self.kept.iter().filter(|t| t.pinned && t.id != id).count();
-        // One place stays free for what is performed now.
+        // One place stays free for the current motion.
         if pinned && others + 1 >= limits::TAKES {
             return Err(Error::Full { what: "pinned takes", cap: limits::TAKES - 1 });
         }
@@ -221,7 +221,7 @@ impl Takes {
         Ok(())
     }
 
-    /// Calls it so, and pins it: what has a name is wanted.
+    /// Names a take and pins it, since a person who names a take wants to keep it.
     pub(crate) fn name(&mut self, id: u64, name: &str) -> Result<(), Error> {
         let name = name.trim();
         if name.is_empty() || name.len() > limits::NAME_BYTES || name.contains(char::is_control) {

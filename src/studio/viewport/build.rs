@@ -10,7 +10,7 @@ use super::space::{self, Place, V3};
 use crate::protocol::{Geometry, MeshFacts};
 use robert_take::viser::{Apart, Binding, FrameProps, GridProps, Message, node_name};
 
-/// Puts a robot on stage; what stood there before goes.
+/// Puts a robot into the scene and removes the one before.
 pub(super) fn build(scene: &mut Retained, geometry: Geometry) -> SceneNodes {
     for root in Figure::ALL.map(Figure::root).into_iter().chain(["/world", "/gizmo", OUTLINE]) {
         scene.remove(root);
@@ -40,7 +40,7 @@ pub(super) fn build(scene: &mut Retained, geometry: Geometry) -> SceneNodes {
                     bindings: bound(&[None]),
                     owner: owner.clone(),
                 });
-                // Alt pulls the fingertip or end effector, Shift is fine.
+                // Alt pulls the fingertip or end effector, Shift moves finely.
                 let bindings = bound(&[None, Some("alt"), Some("shift"), Some("alt+shift")]);
                 scene.put(Message::SetSceneNodeDragBindingsMessage { name, bindings, owner });
             }
@@ -113,7 +113,7 @@ pub(super) fn theme(scene: &mut Retained, dark: bool) {
     });
 }
 
-/// The outermost points of each body that moves, in its own frame.
+/// The outermost points of each moving body, in its own frame.
 fn hulls(geometry: &Geometry) -> Vec<(usize, Vec<Vec3>)> {
     (1..geometry.bodies.len())
         .map(|body| {

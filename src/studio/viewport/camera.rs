@@ -14,8 +14,8 @@ use robert_robot as robot;
 use robert_take::viser::Message;
 
 impl SceneNodes {
-    /// The outermost points of a body where it is shown, or of what it carries if nothing of
-    /// itself is seen.
+    /// The outermost points of a body at its current place, or of its children if the body itself
+    /// is invisible.
     pub(super) fn around(&self, facts: &RobotContext, body: usize) -> Option<Vec<Vec3>> {
         let carried = |b: usize| facts.hangs_on(b, body);
         let points = |of: &dyn Fn(usize) -> bool| -> Vec<Vec3> {
@@ -35,7 +35,7 @@ impl SceneNodes {
         (!found.is_empty()).then_some(found)
     }
 
-    /// Points the camera at some points, from where the robot is usually seen.
+    /// Points the camera at some points, from the usual direction for this robot.
     pub(super) fn look_at(scene: &mut Retained, facts: &RobotContext, points: &[Vec3]) -> bool {
         let fov = facts.camera.fovy_rad.clamp(0.2, 2.0);
         let view = View::of(&robot::Camera { fovy_rad: fov, ..facts.camera });

@@ -20,7 +20,7 @@ pub(super) struct Hand {
     pub(super) drags: u64,
     /// A pose that is not in the clip.
     pub(super) floating: Floating,
-    /// Let go: the next rollout of an edited document ends the floating pose.
+    /// The drag has ended: the next rollout of an edited document ends the floating pose.
     pub(super) released_at: Option<u64>,
     /// A point that is pulled.
     pub(super) pull: Pull,
@@ -33,7 +33,7 @@ pub(super) struct Floating {
     pub(super) pose: Option<Vec<f64>>,
     /// Its body transforms; (nbody, 7).
     pub(super) bodies: Option<Vec<f32>>,
-    /// Rises with every pose: an answer to an older one is not for it.
+    /// Increases with every pose, so that an answer for an older pose is recognised.
     pub(super) number: u64,
 }
 
@@ -44,11 +44,11 @@ pub(super) struct Pull {
     pub(super) busy: bool,
     /// The next target of the point.
     pub(super) next: Option<V3>,
-    /// Let go as soon as the last one is answered.
+    /// The drag ends as soon as the last question is answered.
     pub(super) let_go_next: bool,
 }
 
-/// Share of the hand's way that a fine drag takes.
+/// The share of the pointer's way that a fine drag uses.
 const FINE: f64 = 0.2;
 
 /// Steps of the search for the angle that brings a link under the pointer.
@@ -62,19 +62,19 @@ pub(super) struct Drag {
     pub(super) base: Vec<f64>,
     /// The pose now.
     pub(super) pose: Vec<f64>,
-    /// The page it belongs to: the one that makes the edit.
+    /// The page that it belongs to, which makes the edit.
     pub(super) tab: Option<String>,
     /// The floating pose that was there before.
     pub(super) before: Option<Vec<f64>>,
     /// The client moves the gizmo itself.
     pub(super) by_gizmo: bool,
-    /// Its number: an answer to an older one is not for it.
+    /// Its number, so that an answer for an older drag is recognised.
     pub(super) number: u64,
 }
 
 #[derive(Debug)]
 pub(super) enum Held {
-    /// A joint: where its axis was, and how far it has turned.
+    /// A joint: its axis at the start of the drag, and its rotation since then.
     Joint { joint: usize, anchor: V3, axis: V3, start: Place, total: f64, last: f64, grab: Grab },
     /// A point, and where it was.
     Point { point: Pulled, at: V3, grab: Grab },

@@ -21,7 +21,8 @@ impl Figure {
     /// Everyone.
     pub(super) const ALL: [Figure; 5] =
         [Figure::Robot, Figure::Command, Figure::Past, Figure::Future, Figure::Beside];
-    /// Those who are on stage from the start; the take beside enters when it is called.
+    /// The figures that are in the scene from the start; the compared take is added when it is
+    /// needed.
     pub(super) const FROM_THE_START: [Figure; 4] =
         [Figure::Robot, Figure::Command, Figure::Past, Figure::Future];
 
@@ -36,8 +37,8 @@ impl Figure {
         }
     }
 
-    /// sRGB and opacity in place of its own colours: blue command, green past, amber future,
-    /// magenta take beside.
+    /// sRGB and opacity that replace the robot's own colours: blue for the command, green for past
+    /// keys, amber for future keys, magenta for the compared take.
     pub(super) fn tint(self) -> Option<([u8; 3], f64)> {
         match self {
             Figure::Robot => None,

@@ -4,22 +4,25 @@ use glam::Vec3;
 
 use robert_render::{Camera, View};
 
-/// Width over height of the narrowest viewport that must hold the robot, and of the widest in
-/// which it must still be large. The page gives the viewport 70 % of its width, so windows of
-/// 1100x640 to 1600x900 are well inside.
+/// Width over height of the narrowest viewport that must hold the robot, and of the widest in which
+/// it must still be large. The viewport has 70 % of the page's width, so windows of 1100x640 to
+/// 1600x900 are well inside.
 const NARROWEST: f32 = 4.0 / 3.0;
 const WIDEST: f32 = 2.7;
-/// Share of the widest viewport that the robot's bounds take at least, if its form allows.
+/// The smallest share of the widest viewport that the robot's bounds shall take, if its shape
+/// allows.
 const LEAST: f32 = 0.12;
-/// A robot that would take more gets room to move: the camera steps back, up to so much.
+/// If the robot would take more, the camera steps back up to this share, so that it has room to
+/// move.
 const ROOMY: f32 = 0.18;
 const STEP_BACK: f32 = 1.5;
-/// Free share of the picture on each side.
+/// The free share of the picture on each side.
 const MARGIN: f32 = 0.04;
-/// Directions in which the outermost points of a robot are kept: 1 % of its size between two.
+/// The number of directions in which the outermost points of a robot are kept: 1 % of its size
+/// between two.
 const DIRECTIONS: usize = 160;
 
-/// The points that matter for a framing: the outermost ones.
+/// The points that determine a framing: the outermost ones.
 pub(super) fn outline(points: impl Iterator<Item = Vec3>) -> Vec<Vec3> {
     outermost(points, DIRECTIONS)
 }
@@ -32,7 +35,7 @@ pub(super) fn hull(points: impl Iterator<Item = Vec3>) -> Vec<Vec3> {
 fn outermost(points: impl Iterator<Item = Vec3>, count: usize) -> Vec<Vec3> {
     let directions: Vec<Vec3> = (0..count)
         .map(|k| {
-            // Evenly over the ball: a spiral that turns by the golden angle.
+            // Evenly over the sphere: a spiral that turns by the golden angle.
             let z = 1.0 - (2 * k + 1) as f32 / count as f32;
             let (sin, cos) = (2.399_963_2 * k as f32).sin_cos();
             let r = (1.0 - z * z).sqrt();
@@ -62,9 +65,9 @@ pub(super) fn from(view: &View, points: &[Vec3]) -> Camera {
     camera
 }
 
-/// A camera for these points: from this direction if they are large enough there, else from
-/// the nearest one where they are. A straight leg is a thread from the side; from higher up,
-/// and so nearer, it fills the picture.
+/// A camera for these points: from this direction if they appear large enough, else from the
+/// nearest direction where they do. A straight leg looks thin from the side; from a higher and
+/// nearer point it fills the picture.
 pub(super) fn near(view: &View, points: &[Vec3]) -> Camera {
     let mut turns: Vec<(f32, f32)> = Vec::new();
     for up in 0..=13_u8 {
@@ -89,7 +92,7 @@ pub(super) fn near(view: &View, points: &[Vec3]) -> Camera {
     best.map_or_else(|| from(view, points), |(_, camera)| camera)
 }
 
-/// Share of the widest viewport that the bounds of these points take.
+/// The share of the widest viewport that the bounds of these points take.
 fn share(camera: &Camera, points: &[Vec3]) -> f32 {
     let (mut low, mut high) = (glam::Vec2::INFINITY, glam::Vec2::NEG_INFINITY);
     for p in points.iter().filter_map(|p| camera.project(*p, WIDEST)) {

@@ -47,7 +47,7 @@ impl Stage {
             }
             Incoming::TransformControlsDragEndMessage { name } if name == GIZMO => {
                 self.let_go();
-                // After a cancelled drag it stands where the client has it.
+                // After a cancelled drag the gizmo is placed where the client has it.
                 self.place_gizmo_anew();
             }
             Incoming::SceneNodeDragMessage {
@@ -108,7 +108,7 @@ impl Stage {
         let base = self.hand.floating.pose.clone().or_else(|| self.goal_pose());
         let (Some(what), Some(base)) = (held, base) else { return };
         if self.hand.drag.is_some() {
-            // Of the last one only an answer was still to come.
+            // Only an answer to the previous drag was still missing.
             self.finish();
         }
         self.playback.play = None;
@@ -120,8 +120,8 @@ impl Stage {
             Some(Drag { what, pose: base.clone(), base, tab, before, by_gizmo, number });
     }
 
-    /// A link is taken with the mouse: it turns about its own joint, or with Alt the nearest
-    /// point that can be pulled comes along.
+    /// A link is grabbed with the mouse: it turns about its own joint, or with Alt the nearest
+    /// point that can be pulled follows the mouse.
     pub(super) fn grab(&mut self, node: &str, grab: Grab, pull: bool, tab: Option<String>) {
         let Some(facts) = self.robot.clone() else { return };
         let Some(body) = self.nodes.as_ref().and_then(|c| c.body_of(node)) else { return };
@@ -186,7 +186,7 @@ impl Stage {
             return Some((Pulled::Site(site.name.clone()), at));
         }
         let name = facts.bodies.get(body)?.name.clone();
-        // The solid robot was grabbed; the command's own body has the point, too.
+        // The solid robot was grabbed; the same point is on the command's body.
         let place = self.nodes.as_ref()?.shown(body).or_else(|| Place::of(bodies, body))?;
         let offset = space::rotate(space::conjugate(place.quat), space::sub(at, place.pos));
         Some((Pulled::Body(name, offset), Place::of(bodies, body)?.point(offset)))
@@ -215,7 +215,7 @@ impl Stage {
         }
     }
 
-    /// The pointer of a link's drag is there.
+    /// The pointer of a link's drag has moved to this point.
     pub(super) fn drag_to(&mut self, to: V3) {
         let hinge = self.held_is_hinge();
         let Some(drag) = &mut self.hand.drag else { return };
@@ -246,7 +246,7 @@ impl Stage {
         }
     }
 
-    /// Shows the joint where the hand has it, inside its limits, and tells the pages.
+    /// Shows the joint at the dragged value, inside its limits, and sends it to the pages.
     pub(super) fn move_joint(&mut self) {
         let (Some(facts), Some(drag)) = (&self.robot, &mut self.hand.drag) else { return };
         let Held::Joint { joint, total, .. } = &drag.what else { return };
@@ -268,7 +268,7 @@ impl Stage {
         self.float(Some(pose));
     }
 
-    /// Sends the newest pull, unless one is under way.
+    /// Sends the newest target, unless a question is unanswered.
     pub(super) fn pull(&mut self) {
         if self.hand.pull.busy {
             return;
@@ -308,7 +308,7 @@ impl Stage {
         }
     }
 
-    /// Tells the pages every joint that differs from the pose that was taken.
+    /// Sends the pages every joint that differs from the pose at the start of the drag.
     pub(super) fn tell_pose(&self, done: bool) {
         let (Some(facts), Some(drag)) = (&self.robot, &self.hand.drag) else { return };
         let values: BTreeMap<String, f64> = facts
@@ -327,7 +327,7 @@ impl Stage {
             return;
         }
         if self.hand.pull.busy || self.hand.pull.next.is_some() {
-            // The hand was faster than the answer to its last pull.
+            // The mouse was released before the answer to the last question.
             self.hand.pull.let_go_next = true;
             return;
         }
@@ -343,7 +343,8 @@ impl Stage {
         self.place_gizmo();
     }
 
-    /// Esc: as if nothing had been touched. What the client goes on to say is not heard.
+    /// Esc: restores the pose from before the drag. Later messages of the client about this drag
+    /// are ignored.
     pub(super) fn cancel_drag(&mut self) {
         let Some(drag) = self.hand.drag.take() else { return };
         self.hand.pull.next = None;

@@ -41,7 +41,7 @@ impl Stage {
         self.hub.send(&Event::Select(self.hand.selection.clone()));
     }
 
-    /// Joints that no hand moves from now on.
+    /// Sets the joints that stay fixed.
     pub(super) fn lock(&mut self, joints: Vec<String>) {
         let known = |j: &String| self.robot.as_ref().is_some_and(|f| f.table.joint(j).is_some());
         let locked: BTreeSet<String> = joints.into_iter().filter(known).collect();
@@ -55,7 +55,8 @@ impl Stage {
         self.place_gizmo();
     }
 
-    /// Sites that inverse kinematics holds from now on; what the robot does not have is left out.
+    /// Sets the sites that inverse kinematics keeps in place; sites that the robot does not have
+    /// are left out.
     pub(super) fn pin(&mut self, pins: Vec<Pin>) {
         let known = |s: &String| {
             self.robot.as_ref().is_some_and(|f| f.ik_sites.iter().any(|k| &k.name == s))
@@ -110,7 +111,7 @@ impl Stage {
         self.put_gizmo(props, Place { pos: anchor, quat: space::from_z(axis) });
     }
 
-    /// Also where the server knows of no change: a client's drag may have moved it.
+    /// It is sent even if nothing has changed here, because a client's drag may have moved it.
     pub(super) fn place_gizmo_anew(&mut self) {
         self.shared.edit(|scene| scene.remove(GIZMO));
         self.place_gizmo();

@@ -26,7 +26,7 @@ pub(crate) struct Viewport {
     clients: AtomicUsize,
 }
 
-/// Counts a client as long as it lives.
+/// Counts a client while it is connected.
 #[derive(Debug)]
 pub(crate) struct Seat(Arc<Viewport>);
 
@@ -93,13 +93,13 @@ impl Viewport {
         answer.await.unwrap_or_else(|_| Err(Error::request("the studio is shutting down")))
     }
 
-    /// A message of a page's 3D client. A full stage drops moves; the next one holds the newer
-    /// pose.
+    /// A message of a page's 3D client. If the stage's inbox is full, moves are dropped, since the
+    /// next one contains the newer pose.
     pub(crate) fn hear(&self, tab: Option<String>, said: Incoming) {
         self.stage.try_send(ViewportMessage::Client(tab, said)).ok();
     }
 
-    /// Does what a request asks of the viewport.
+    /// Carries out a request of a page to the viewport.
     ///
     /// # Errors
     /// [`Error::Full`] in a storm of requests.
@@ -107,7 +107,7 @@ impl Viewport {
         let full = |_| Error::Full { what: "requests to the viewport", cap: INBOX };
         let (done, finished) = oneshot::channel();
         self.stage.try_send(ViewportMessage::View(op, done)).map_err(full)?;
-        // The stage ends only with the studio; then nobody waits for the answer.
+        // The stage ends only with the studio, and then nobody waits for the answer.
         finished.await.ok();
         Ok(())
     }

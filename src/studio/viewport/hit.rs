@@ -3,7 +3,7 @@
 use super::space::{self, Place, V3};
 use crate::protocol::MeshFacts;
 
-/// Distance along a ray to the first triangle of a mesh that stands at a place.
+/// The distance along a ray to the first triangle of a mesh with this pose.
 pub(super) fn hit(mesh: &MeshFacts, place: &Place, eye: V3, ray: V3) -> Option<f64> {
     // In the body's frame, where the corners are.
     let back = space::conjugate(place.quat);

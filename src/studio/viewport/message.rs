@@ -17,13 +17,14 @@ pub(super) type Sketched = Result<Vec<[f64; 4]>, Error>;
 /// A message to the stage.
 #[derive(Debug)]
 pub(super) enum ViewportMessage {
-    /// A request of a page, and whom to tell when it is done: what is read afterwards must show it.
+    /// A request of a page, and a channel for its completion: what is read afterwards must show its
+    /// effect.
     View(StudioOp, oneshot::Sender<()>),
     /// A message of a page's 3D client.
     Client(Option<String>, Incoming),
     /// Asks for the part under a page's pointer; 0 to 1 from the top left corner.
     Hover(String, [f64; 2], oneshot::Sender<Option<Hovered>>),
-    /// Points of a page's picture with their times, to be put on a plane through a site.
+    /// Points of a page's picture with their times, to be projected onto a plane through a site.
     Sketch(String, Vec<[f64; 3]>, Plane, String, oneshot::Sender<Sketched>),
     /// Meshes of a robot.
     Geometry(Arc<RobotContext>, Result<Geometry, Error>),

@@ -22,15 +22,16 @@ pub(super) const DOTS: &str = "/path/dots";
 pub(super) const ASKED: &str = "/path/asked";
 pub(super) const REACHED: &str = "/path/reached";
 
-/// Sizes in radii of the robot, or in this share of the path's extent where that is more.
+/// Sizes are fractions of the robot's radius, or of this share of the path's extent if that is
+/// larger.
 pub(super) const SHARE: f64 = 0.4;
 pub(super) const DIAMOND: f64 = 0.032;
 pub(super) const DOT: f64 = 0.009;
-/// More keys than this are no handles: they would hide the line.
+/// With more keys than this there are no handles, because they would hide the line.
 pub(super) const HANDLES: usize = 240;
 /// Between two drawings while frames come.
 pub(super) const PACE: Duration = Duration::from_millis(80);
-/// A click is on the line if it passes by this near; sized as they are.
+/// A click within this distance is on the line; a fraction as the sizes are.
 pub(super) const NEAR: f64 = 0.06;
 
 pub(super) const COMMAND: Rgb = [120, 170, 255];
@@ -90,14 +91,15 @@ pub(super) fn extent(at: &[V3]) -> f64 {
     if at.is_empty() { 0.0 } else { f64::from(low.distance(high)) }
 }
 
-/// Thin; every other frame is left out where nothing is commanded.
+/// The thin line of the command; every other frame is left out where nothing is commanded.
 pub(super) fn command_line(at: &[V3], goal: impl Fn(usize) -> bool) -> LineSegmentsProps {
     let shown = |f: &usize| goal(*f) || goal(*f + 1) || f.is_multiple_of(2);
     let frames = (0..at.len().saturating_sub(1)).filter(shown);
     segments(frames.map(|f| ([at[f], at[f + 1]], COMMAND)), 1.5)
 }
 
-/// Thick; from blue to red as links of the command are, grey where nothing was commanded.
+/// The thick line of the reached motion: blue to red as links of the command, grey where nothing
+/// was commanded.
 pub(super) fn reached_line(
     reached: &[V3],
     asked: &[V3],

@@ -9,14 +9,14 @@ use robert_base::limits;
 #[derive(Debug, Default)]
 pub(super) struct PageCameras {
     by_page: BTreeMap<String, PageCamera>,
-    /// Whether they have been set for the whole motion of the document.
+    /// Whether the cameras have been set for the whole motion of the document.
     pub(super) framed: bool,
 }
 
 impl PageCameras {
     /// A page's camera has moved.
     pub(super) fn moved(&mut self, tab: String, camera: PageCamera) {
-        // Pages come and go; a camera that is missed is told again when it moves.
+        // Pages come and go; the camera of a forgotten page is sent again when it moves.
         if self.by_page.len() >= limits::CLIENTS && !self.by_page.contains_key(&tab) {
             self.by_page.pop_first();
         }

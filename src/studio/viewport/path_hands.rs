@@ -40,7 +40,7 @@ impl Stage {
         Some(Traced { body, offset, point: Pulled::Body(name, offset) })
     }
 
-    /// Draws the path anew where it has changed.
+    /// Draws the path again if it has changed.
     pub(super) fn draw_path(&mut self) {
         let traced = self.traced().filter(|_| self.overlays.path.wanted);
         let rollout = &self.simulation.rollout;
@@ -63,7 +63,7 @@ impl Stage {
             rows.iter().filter_map(at).collect()
         };
         let (reached, asked) = (way(&reached), way(&asked));
-        // A small robot on a large path is seen from far away.
+        // A small robot on a large path is seen from a distance.
         let size = radius.max(SHARE * extent(&asked));
         let (command, keys) = rollout.command();
         let goal = |frame: usize| {
@@ -145,7 +145,7 @@ impl Stage {
         self.hub.send(&Event::PathPoint { frame: frame as u32, values, tab });
     }
 
-    /// A diamond is taken: its point is pulled at its key.
+    /// A diamond is grabbed: its point is dragged at its key.
     pub(super) fn grab_key(&mut self, frame: u32, grab: Grab, tab: Option<String>) {
         let path = &self.overlays.path;
         let (Some(traced), Some(at)) = (path.of.clone(), path.asked.get(frame as usize)) else {

@@ -4,7 +4,7 @@ use tokio::time::Instant;
 
 use robert_base::units::FPS;
 
-/// The frame that is shown, and how it moves on.
+/// The frame that is shown, and its change over time.
 #[derive(Debug, Default)]
 pub(super) struct Playback {
     /// The frame; fractions lie between two.
@@ -29,7 +29,7 @@ impl Playback {
         self.frame = if frame.is_finite() { frame.max(0.0) } else { 0.0 };
     }
 
-    /// Plays from a frame on; speed 0 stands there.
+    /// Plays from a frame on; at speed 0 the playhead stays there.
     pub(super) fn start(&mut self, frame: f64, range: Option<[u32; 2]>, speed: f64) {
         self.stand(frame);
         self.play = (speed > 0.0 && speed.is_finite()).then(|| Play {

@@ -9,7 +9,7 @@ use crate::simulation::worker::Kinematics;
 use robert_take::viser::Message;
 
 impl Stage {
-    /// Draws everything anew; what has not moved costs nothing.
+    /// Draws everything again; parts that have not moved cost nothing.
     pub(super) fn refresh(&mut self) {
         let chosen = self.chosen_body();
         let errors = self.has_goal();
@@ -40,14 +40,14 @@ impl Stage {
         let other = self.simulation.rollout.beside(at).zip(self.simulation.rollout.beside(at + 1));
         let beside = |body: usize| other.as_ref().and_then(|(a, b)| between(a, b, body));
         let seen = achieved || floating.is_some();
-        // An error is one only where there is a goal now, and what was reached is known.
+        // An error is shown only where there is a goal, and where the reached motion is known.
         let judged = errors && simulated && floating.is_none();
         let onion = self.overlays.onion_bodies.clone();
         let entered = std::mem::replace(&mut self.overlays.beside, other.is_some());
         self.shared.edit(|scene| {
             nodes.pose(scene, Figure::Robot, real);
             nodes.pose(scene, Figure::Command, asked);
-            // Without the solid robot there is nothing that a ghost could agree with.
+            // Without the solid robot no ghost can coincide with it.
             nodes.unveil(scene, Figure::Command, |b| real(b).zip(asked(b)).filter(|_| seen));
             nodes.tint(scene, |b| real(b).zip(asked(b)).filter(|_| judged));
             nodes.outline(scene, chosen, |b| if seen { real(b) } else { asked(b) });
@@ -62,7 +62,7 @@ impl Stage {
             } else if entered {
                 scene.remove(Figure::Beside.root());
             }
-            // A neighbouring key where the robot stands would only tint it.
+            // A ghost of a neighbouring key at the robot's own pose would only tint it.
             for (figure, row) in [Figure::Past, Figure::Future].into_iter().zip(&onion) {
                 nodes.unveil(scene, figure, |b| {
                     real(b).zip(Place::of(row, b)).filter(|_| seen && ghosts)
@@ -85,7 +85,7 @@ impl Stage {
         }
     }
 
-    /// Shows a pose that is not in the clip, or ends that.
+    /// Shows a pose that is not in the clip, or stops showing it.
     pub(super) fn float(&mut self, pose: Option<Vec<f64>>) {
         let fits = |q: &Vec<f64>| {
             self.robot.as_ref().is_some_and(|f| f.table.joints.len() == q.len())

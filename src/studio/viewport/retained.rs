@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 
 use robert_take::viser::Message;
 
-/// Order in which slots are sent: what a slot needs has a lower rank.
+/// The order in which slots are sent: a slot that others need has a lower rank.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Rank {
     Global,
@@ -37,7 +37,7 @@ pub(super) struct Retained {
 }
 
 impl Retained {
-    /// Takes a message in; one that changes nothing is dropped.
+    /// Stores a message; one that changes nothing is dropped.
     pub(super) fn put(&mut self, message: Message) {
         let Some(key) = key(&message) else { return };
         if key.rank == Rank::Create {
@@ -69,8 +69,8 @@ impl Retained {
         }
     }
 
-    /// Everything newer than a stamp, in order, and the stamp from now on. From 0: what a
-    /// new client needs.
+    /// All messages since a stamp, in order, and the stamp from now on. From stamp 0 these are all
+    /// messages that a new client needs.
     pub(super) fn since(&self, seen: u64) -> (Vec<Message>, u64) {
         let news = self
             .slots
@@ -87,8 +87,8 @@ impl Retained {
     }
 }
 
-/// A camera message as a client must get it: one that says `initial` is where a new client begins
-/// and "reset view" goes; whoever is there already only moves by one that does not.
+/// A camera message in the form that a client must get. One with `initial` sets where a new client
+/// begins and where "reset view" goes; a connected client moves only at one without it.
 fn moving(mut message: Message, there: bool) -> Message {
     if let Message::SetCameraPositionMessage { initial, .. }
     | Message::SetCameraLookAtMessage { initial, .. }

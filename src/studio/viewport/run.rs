@@ -21,7 +21,7 @@ use robert_clip::Level;
 
 /// Between two pictures while playing.
 const TICK: Duration = Duration::from_micros(16_667);
-/// Moments of a motion that the camera must hold.
+/// The number of times of a motion at which the camera must show the robot.
 const MOMENTS: usize = 16;
 
 /// Runs for the life of the studio.
@@ -106,7 +106,7 @@ impl Stage {
         }
     }
 
-    /// The rollout moved on, or the document is another one.
+    /// The rollout has progressed, or the document was replaced.
     fn follow(&mut self) {
         let facts = self.simulation.robot();
         let same = match (&facts, &self.robot) {

@@ -14,23 +14,23 @@ use robert_take::viser::{Apart, Buffer, FrameProps, MeshProps, Message};
 /// The selected link's outline.
 pub(super) const OUTLINE: &str = "/selected";
 
-/// Thickness of it, in radii of the robot.
+/// Its thickness, in radii of the robot.
 const SHELL: f64 = 0.008;
 
-/// Shades of error: a playing robot must not send a colour for every hair's breadth.
+/// The number of error colours: a playing robot must not send a new colour for every tiny change.
 const SHADES: f64 = 16.0;
 
-/// Error of a link that is red, in sizes of the robot: as in exported pictures.
+/// The error at which a link is red, in sizes of the robot: as in exported pictures.
 pub(super) const FULL_ERROR: f64 = 0.10;
 
-/// A robot as nodes of the scene, and what the camera must hold.
+/// A robot as nodes of the scene, and the points that the camera must show.
 #[derive(Debug)]
 pub(super) struct SceneNodes {
     /// Node names by body, the world first.
     pub(super) names: Vec<String>,
     /// In the home pose.
     pub(super) outline: Vec<Vec3>,
-    /// By body, in its own frame: what to look at where it moves.
+    /// By body, in its own frame: the points at which the camera looks when the body moves.
     pub(super) hulls: Vec<(usize, Vec<Vec3>)>,
     /// Of a ball around it, m.
     pub(super) radius: f64,
@@ -48,7 +48,7 @@ pub(super) struct SceneNodes {
 }
 
 impl SceneNodes {
-    /// Brings an figure on stage that was not there.
+    /// Adds a figure to the scene that was not there.
     pub(super) fn enter(&self, scene: &mut Retained, figure: Figure) {
         frames(scene, figure, &self.names);
         for (k, mesh) in self.meshes.iter().enumerate().filter(|(_, m)| m.body > 0) {
@@ -58,7 +58,7 @@ impl SceneNodes {
         }
     }
 
-    /// Moves an figure.
+    /// Moves a figure.
     pub(super) fn pose(
         &mut self,
         scene: &mut Retained,
@@ -78,8 +78,8 @@ impl SceneNodes {
         }
     }
 
-    /// Shows of an figure what is elsewhere than the solid robot; all of it where either is not
-    /// known.
+    /// Shows the bodies of a figure whose place differs from the solid robot's; all of them if
+    /// either is unknown.
     pub(super) fn unveil(
         &self,
         scene: &mut Retained,
@@ -93,8 +93,8 @@ impl SceneNodes {
         }
     }
 
-    /// Colours each link of the command by how far the solid robot's is from it, as exported
-    /// pictures do; plain where either is not known.
+    /// Colours each link of the command by its distance from the solid robot's, as exported
+    /// pictures do; plain if either is unknown.
     pub(super) fn tint(
         &mut self,
         scene: &mut Retained,
@@ -117,7 +117,7 @@ impl SceneNodes {
         }
     }
 
-    /// Outlines one body where it is, or none.
+    /// Outlines one body at its place, or none.
     pub(super) fn outline(
         &mut self,
         scene: &mut Retained,
@@ -144,7 +144,7 @@ impl SceneNodes {
         self.shown.get(body).copied().flatten()
     }
 
-    /// The body of the solid robot that a ray meets first.
+    /// The first body of the solid robot that a ray hits.
     pub(super) fn first_hit(&self, eye: V3, ray: V3) -> Option<usize> {
         let mut best: Option<(f64, usize)> = None;
         for (mesh, (middle, radius)) in self.meshes.iter().zip(&self.balls) {
@@ -176,7 +176,7 @@ impl SceneNodes {
     }
 }
 
-/// The bodies of an figure, still without anything to see.
+/// The bodies of a figure, without meshes yet.
 pub(super) fn frames(scene: &mut Retained, figure: Figure, names: &[String]) {
     let root = figure.root();
     scene.put(Message::create(root, FrameProps::default()));
@@ -201,7 +201,7 @@ pub(super) fn props(mesh: &MeshFacts) -> MeshProps {
     }
 }
 
-/// The same mesh (and its bytes) in an figure's colour.
+/// The same mesh (and its bytes) in a figure's colour.
 pub(super) fn tinted(props: &MeshProps, tint: Option<([u8; 3], f64)>) -> MeshProps {
     let Some((color, opacity)) = tint else { return props.clone() };
     MeshProps { color, opacity: Some(opacity), side: "front", ..props.clone() }

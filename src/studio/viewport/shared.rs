@@ -8,7 +8,7 @@ use super::retained::Retained;
 use crate::protocol::Pin;
 use robert_take::viser::Message;
 
-/// The scene, joints that no hand moves, and sites that are held.
+/// The scene, the locked joints, and the pinned sites.
 #[derive(Debug)]
 pub(super) struct Shared {
     scene: Mutex<Retained>,
@@ -25,7 +25,7 @@ impl Shared {
         Shared { scene: Mutex::default(), changed, locked, pins }
     }
 
-    /// Changes the scene; clients hear of it when anything is new.
+    /// Changes the scene, and notifies clients if anything is new.
     pub(super) fn edit<T>(&self, change: impl FnOnce(&mut Retained) -> T) -> T {
         let (result, stamp) = {
             let mut scene = self.scene.lock().unwrap_or_else(PoisonError::into_inner);
@@ -60,12 +60,12 @@ impl Shared {
         self.pins.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Sites that inverse kinematics holds from now on.
+    /// Sets the sites that inverse kinematics keeps in place.
     pub(super) fn set_pins(&self, pins: Vec<Pin>) {
         *self.pins.lock().unwrap_or_else(PoisonError::into_inner) = pins;
     }
 
-    /// Joints that no hand moves from now on.
+    /// Sets the joints that stay fixed.
     pub(super) fn set_locked(&self, joints: Vec<String>) {
         *self.locked.lock().unwrap_or_else(PoisonError::into_inner) = joints;
     }

@@ -8,10 +8,10 @@ use super::space::V3;
 use crate::protocol::MeshFacts;
 use robert_take::viser::{Buffer, MeshProps, Rgb};
 
-/// Orange, as the selection is said to be.
+/// Orange, the colour of the selection.
 const COLOR: Rgb = [255, 138, 30];
 
-/// The shell of a body's meshes, so thick (m); `None` where nothing of it is seen.
+/// The shell of a body's meshes with this thickness, m; `None` if the body is invisible.
 pub(super) fn of<'a>(meshes: impl Iterator<Item = &'a MeshFacts>, thick: f64) -> Option<MeshProps> {
     let (mut vertices, mut faces) = (Vec::new(), Vec::new());
     for mesh in meshes {
@@ -40,7 +40,7 @@ fn swollen(mesh: &MeshFacts, thick: f64) -> Vec<f32> {
     let mut normals: BTreeMap<[i64; 3], V3> = BTreeMap::new();
     for [a, b, c] in mesh.faces.as_chunks::<3>().0 {
         let (Some(a), Some(b), Some(c)) = (at(*a), at(*b), at(*c)) else { continue };
-        // Twice the area long: large faces count more.
+        // A normal whose length is twice the area, so that large faces count more.
         let normal = space::cross(space::sub(wide(b), wide(a)), space::sub(wide(c), wide(a)));
         for corner in [a, b, c] {
             let sum = normals.entry(key(corner)).or_insert([0.0; 3]);

@@ -4,9 +4,9 @@ use super::space::{self, V3};
 use super::stage::Stage;
 use crate::protocol::{Error, Plane};
 
-/// A plane that is seen under a smaller angle than this (its sine) is no plane to draw on.
+/// A plane seen under a smaller angle than this (its sine) is too oblique to draw on.
 const EDGE_ON: f64 = 0.02;
-/// Farther from the eye than this many distances of the site nobody draws.
+/// Points farther from the eye than this many distances of the site are refused.
 const FAR: f64 = 20.0;
 
 impl Stage {

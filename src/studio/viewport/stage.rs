@@ -57,14 +57,14 @@ impl Stage {
         }
     }
 
-    /// Asks the simulation; the answer comes as a message.
+    /// Asks the simulation; the answer arrives as a message.
     pub(super) fn ask<Q: Question>(
         &self,
         question: Q,
         then: impl FnOnce(Result<Q::Answer, Error>) -> ViewportMessage + Send + 'static,
     ) {
         let inbox = self.inbox.clone();
-        // A full inbox means a storm of drags: the next one asks again.
+        // The inbox is full during a storm of drags; the next drag asks again.
         self.simulation.ask_with(question, move |answer| {
             inbox.try_send(then(answer)).ok();
         });
@@ -84,7 +84,7 @@ impl Stage {
         command.is_some_and(|c| at < c.frames() && (0..c.dim()).any(|j| c.sees(at, j)))
     }
 
-    /// Transforms that the gizmo stands by: the floating pose, else the command.
+    /// The body transforms at which the gizmo is placed: the floating pose, else the command.
     pub(super) fn reference(&self) -> Option<Vec<f32>> {
         if let Some(bodies) = &self.hand.floating.bodies {
             return Some(bodies.clone());
@@ -114,8 +114,8 @@ impl Stage {
         Some(Place::of(&self.reference()?, site.body)?.point(site.pos))
     }
 
-    /// The body that the selection is about: its own, else the one that its joint moves, else
-    /// the one that its site is on.
+    /// The body of the selection: its own, else the one that its joint moves, else the one of its
+    /// site.
     pub(super) fn chosen_body(&self) -> Option<usize> {
         let facts = self.robot.as_ref()?;
         let named = self.hand.selection.body.as_ref();

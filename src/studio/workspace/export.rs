@@ -19,7 +19,7 @@ pub(crate) struct Download {
 
 const FORMATS: &str = "json, csv, mjcf, ros, command, achieved-csv";
 
-/// Makes a file.
+/// Writes the content of an exported file.
 ///
 /// # Errors
 /// [`Error::Request`] for an unknown format, [`Error::NotFound`] when nothing is simulated.

@@ -58,7 +58,7 @@ pub(crate) fn list(root: &Path, dir: &str) -> Result<Listing, Error> {
         }
         let Ok(entry) = entry else { continue };
         let seen = entry.file_name().to_str().filter(|n| plain(n)).map(str::to_owned);
-        // A link is what it leads to, if that is inside.
+        // A link counts as its target, if that is inside.
         let found = seen.and_then(|name| {
             let path = entry.path().canonicalize().ok().filter(|p| p.starts_with(&root))?;
             Some((name, path.metadata().ok()?))
@@ -82,7 +82,7 @@ pub(crate) fn list(root: &Path, dir: &str) -> Result<Listing, Error> {
     Ok(listing)
 }
 
-/// The folder `dir` below `root`, links resolved, if it is there.
+/// The folder `dir` below `root`, links resolved, if it exists.
 fn inside(root: &Path, dir: &str) -> Result<PathBuf, Error> {
     let named = Path::new(dir);
     let down = named.components().all(|c| matches!(c, Component::Normal(_) | Component::CurDir));
@@ -97,8 +97,8 @@ fn inside(root: &Path, dir: &str) -> Result<PathBuf, Error> {
     if at.is_dir() { Ok(at) } else { Err(missing()) }
 }
 
-/// A name that a page can show as it is: no dot files, no control characters, nothing that
-/// turns the direction of writing.
+/// A name that a page can show as it is: no dot files, no control characters, no characters that
+/// change the writing direction.
 fn plain(name: &str) -> bool {
     let turns = |c| matches!(c, '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}' | '\u{200e}' | '\u{200f}');
     !name.starts_with('.') && !name.chars().any(|c| c.is_control() || turns(c))
@@ -119,7 +119,7 @@ fn card(name: String, kind: FileKind, about: &fs::Metadata) -> FileCard {
     }
 }
 
-/// Reads what clips say of themselves, as long as there is room for more bytes.
+/// Reads the summaries of clips until the limit of bytes is reached.
 fn peek(dir: &Path, files: &mut [FileCard]) {
     let mut left = limits::FOLDER_PEEK_BYTES;
     for file in files.iter_mut().filter(|f| f.kind == FileKind::Clip && f.why.is_none()) {

@@ -25,7 +25,7 @@ use robert_clip as clip;
 use robert_clip::Command;
 use robert_rollout::shipped;
 
-/// The painter goes after so long without work.
+/// The painter ends after this time without work.
 const REST: Duration = Duration::from_secs(45);
 
 /// Bytes of pictures kept in memory.
@@ -37,7 +37,7 @@ const WAITING: usize = 128;
 /// Pixels along an edge, at least.
 const SMALLEST_PX: u32 = 16;
 
-/// Of pictures that stand among words of the page.
+/// The size of pictures within the page's text.
 const CARD_OVERLAY: &str = "ghost,error,trail";
 
 /// Size of an example's picture, pixels.
@@ -46,7 +46,7 @@ const CARD_PX: (u32, u32) = (480, 300);
 /// Size of a pose's picture, pixels.
 const POSE_PX: (u32, u32) = (152, 114);
 
-/// Part of the names of kept files: rises when pictures of the same thing look different.
+/// Part of the names of kept files: increased when pictures of the same content look different.
 const LOOK: u32 = 2;
 
 /// The painter, and what it has painted.
@@ -67,7 +67,7 @@ pub(crate) struct Shown {
     pub(crate) command: bool,
     /// The keys around the frame.
     pub(crate) ghosts: bool,
-    /// In the place of what was achieved: a pose that is no key yet.
+    /// Instead of the reached motion: a pose that is not a key yet.
     pub(crate) pose: Option<Vec<f32>>,
 }
 
@@ -78,7 +78,7 @@ impl Default for Shown {
 }
 
 impl Shown {
-    /// In the painter's words. The still viewport has its captions around it.
+    /// The request for the painter. The still viewport has its captions around it.
     fn overlay(&self, draft: bool) -> String {
         let words = [
             (!(self.achieved || self.pose.is_some()), "bare"),
@@ -99,7 +99,7 @@ struct Kept {
     bytes: usize,
 }
 
-/// Nobody listens to the painter: who asks gets the answer.
+/// Nobody receives the painter's events; a question gets its own answer.
 struct Deaf;
 
 impl WorkerSink for Deaf {
@@ -110,7 +110,7 @@ impl WorkerSink for Deaf {
 }
 
 impl Pictures {
-    /// Starts nothing yet.
+    /// Makes the handle; the painter starts at the first request.
     ///
     /// # Errors
     /// When the system gives no thread.
@@ -155,7 +155,7 @@ impl Pictures {
         Ok((jpeg, error))
     }
 
-    /// Asks the painter about a picture of this size.
+    /// Asks the painter for a picture of this size.
     async fn ask<Q: Question>(
         &self,
         question: Q,
@@ -231,7 +231,7 @@ impl Pictures {
         Ok(self.paint(name, ask).await?.0)
     }
 
-    /// An example, performed.
+    /// The picture of an example that is performed first.
     ///
     /// # Errors
     /// As [`Pictures::still`], [`Error::NotFound`].
@@ -249,7 +249,7 @@ impl Pictures {
         Ok(self.perform(&clip, name).await?.0)
     }
 
-    /// Mean error of an example's performance; `None` where nothing is commanded.
+    /// The mean error of an example's performance; `None` if nothing is commanded.
     ///
     /// # Errors
     /// As [`Pictures::example`].
@@ -286,8 +286,8 @@ impl Pictures {
         };
         let (jpeg, error) = self.paint(name, picture).await?;
         let (kept, text) = (jpeg.clone(), serde_json::json!(error).to_string());
-        // A picture that cannot be kept is painted again next time. Whoever has it asks for its
-        // error next, which must be there by then.
+        // A picture that cannot be kept is drawn again next time. A client that gets the picture
+        // asks for its error next, which must be stored by then.
         let noted = tokio::task::spawn_blocking(move || {
             fsio::write_atomic(&note, text.as_bytes()).ok();
             fsio::write_atomic(&path, &kept).ok();
@@ -297,7 +297,7 @@ impl Pictures {
     }
 }
 
-/// The name of an example's picture: another model is another picture.
+/// The name of an example's picture; another model gives another name.
 fn example_name(clip: &clip::Clip) -> String {
     let models = shipped::all().unwrap_or_default();
     let of_robot = models.iter().filter(|m| m.robot == clip.robot.id);
@@ -312,7 +312,7 @@ fn noted(name: &str) -> String {
     format!("{name}.json")
 }
 
-/// The name of a still and what to ask the painter for.
+/// The name of a still, and the request for the painter.
 fn still(
     rollout: &RolloutStore,
     frame: usize,
@@ -327,7 +327,7 @@ fn still(
             return Err(Error::request(format!("{got} values for the {joints} joints")));
         }
         row.clone_from(q);
-        // Another motion: the painter knows motions by their stamps.
+        // Another motion: the painter distinguishes motions by their stamps.
         let bits: Vec<u8> = q.iter().flat_map(|v| v.to_le_bytes()).collect();
         let hash = fsio::sha256_hex(&[&bits[..], &stamp.to_le_bytes()].concat());
         let short = hash.get(..16).unwrap_or_default();
@@ -339,7 +339,7 @@ fn still(
     Ok((name, PaintRequest { robot, subject, frame, width, height, overlay, draft }))
 }
 
-/// The frame that says most about a clip: where its command is farthest from its start.
+/// The frame that represents a clip: the one whose command is farthest from the start.
 fn telling(clip: &clip::Clip, command: &Command) -> usize {
     let start = command.start();
     let far = |frame: u32| -> f64 {

@@ -13,13 +13,13 @@ use robert_net::checkpoint;
 use robert_rollout::model_path;
 use robert_train::read_config;
 
-/// Folders that are looked at for one list.
+/// The largest number of folders that are read for one list.
 const LOOKED_AT: usize = 2_000;
 
 /// The deepest folder level at which data and runs are found.
 const DEPTH: usize = 3;
 
-/// Points of a run's curves that are sent.
+/// The number of points of a run's curves that are sent.
 const POINTS: usize = 400;
 
 /// Runs and data in the studio's folder.
@@ -34,7 +34,7 @@ pub(crate) fn list(folder: &Path) -> Shelf {
     runs.sort_by(|a, b| b.changed_secs.cmp(&a.changed_secs).then_with(|| a.path.cmp(&b.path)));
     let (mut data, mut begun) = (Vec::new(), Vec::new());
     walk(&folder.join("data"), DEPTH, &mut LOOKED_AT.clone(), &mut |dir| {
-        // Written last: a folder with it is whole.
+        // It is written last, so a folder that contains it is complete.
         if dir.join("manifest.json").is_file() {
             data.extend(dataset(folder, dir));
             return true;
@@ -74,7 +74,7 @@ pub(super) fn folders(dir: &Path) -> Vec<PathBuf> {
     found
 }
 
-/// Visits folders; below one that was taken there is nothing to look for.
+/// Visits folders; folders below a found one are skipped.
 fn walk(dir: &Path, depth: usize, left: &mut usize, take: &mut dyn FnMut(&Path) -> bool) {
     for dir in folders(dir) {
         if *left == 0 {

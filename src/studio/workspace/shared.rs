@@ -7,7 +7,7 @@ use super::recent::Recent;
 use super::uploads::Uploads;
 use crate::protocol::Error;
 
-/// The folder that the studio works in, and what it keeps elsewhere.
+/// The folder that the studio works in, and the paths of its other files.
 #[derive(Debug)]
 pub(crate) struct Workspace {
     /// The folder where relative paths start.
@@ -23,7 +23,7 @@ pub(crate) struct Workspace {
 }
 
 impl Workspace {
-    /// Starts nothing yet. `binary` is this program.
+    /// Makes the handles without starting a process. `binary` is this program.
     ///
     /// # Errors
     /// When the system gives no thread or no temporary folder.

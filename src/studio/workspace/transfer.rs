@@ -124,7 +124,7 @@ pub(crate) fn job(
     Ok((JobRequest { kind, args }, extra))
 }
 
-/// The policy as the command line takes it.
+/// The policy as an argument of the command line.
 fn policy(settings: &RolloutSettings) -> String {
     let mut text = settings.policy.as_str().to_owned();
     if let Some(path) = &settings.model_path {

@@ -6,7 +6,7 @@ use std::sync::{Mutex, PoisonError};
 use crate::protocol::Error;
 use robert_base::limits;
 
-/// The files of a robot that a page has sent: one folder, gone with the studio.
+/// The uploaded files of a robot: one folder, removed when the studio ends.
 #[derive(Debug)]
 pub(crate) struct Uploads {
     dir: tempfile::TempDir,
@@ -14,7 +14,7 @@ pub(crate) struct Uploads {
 }
 
 impl Uploads {
-    /// None yet.
+    /// An empty set of uploads.
     ///
     /// # Errors
     /// When the system gives no folder.
@@ -27,7 +27,7 @@ impl Uploads {
         self.dir.path()
     }
 
-    /// Keeps a file; `first` forgets those before.
+    /// Stores a file; `first` removes those before.
     ///
     /// # Errors
     /// [`Error::Full`], [`Error::Request`], [`Error::Server`].

@@ -104,7 +104,7 @@ fn message(trajectory: &Trajectory) -> Vec<u8> {
     w.finish()
 }
 
-/// `metadata.yaml`, version 5: what Humble and all later releases read.
+/// `metadata.yaml`, version 5, which Humble and all later releases read.
 fn metadata(take: &Take, file: &str) -> String {
     let start = nanos(0);
     let duration = nanos(take.frames() - 1) - start;
@@ -132,7 +132,7 @@ mod tests {
     use super::super::super::sample;
     use super::*;
 
-    /// By the reader of the `mcap` crate, which takes no part in writing messages.
+    /// Uses the reader of the `mcap` crate, which takes no part in writing.
     #[test]
     fn a_bag_has_ros_messages_only() {
         let (_, take) = sample::take("ur5e", 40, 40);

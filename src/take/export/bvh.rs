@@ -22,7 +22,7 @@ use robert_robot::Robot;
 
 /// Centimetres of a metre.
 const CM: f64 = 100.0;
-/// Anchors of one body that lie farther apart than this have no common joint, m.
+/// The distance between two joint anchors of one body from which they are not a common joint, m.
 const ONE_POINT: f64 = 1e-9;
 
 /// The reached motion as BVH.
@@ -55,7 +55,7 @@ pub fn bvh(take: &Take, robot: &Arc<Robot>) -> Result<Export, Error> {
 
 /// The joints of the file's hierarchy.
 struct Tree {
-    /// Bodies in the order of the channels; `None` is a root that stands in the world.
+    /// Bodies in the order of the channels; `None` is a root at the world's origin.
     order: Vec<Option<usize>>,
     /// World poses at zero.
     rest: Vec<Pose>,
@@ -86,7 +86,7 @@ impl Tree {
             }
         }
         let mut order = Vec::new();
-        // A robot of one root is its own; several stand on a root of the world.
+        // A robot with one root needs no other; several roots become children of the world.
         let mut walk: Vec<Option<usize>> = match roots[..] {
             [root] => vec![Some(root)],
             _ => vec![None],
@@ -162,7 +162,7 @@ impl Tree {
             } else {
                 turned(parent).transpose() * turned(*node)
             };
-            // Conjugated: the same turn about axes with Y up.
+            // Conjugated: the same rotation in axes with Y up.
             let up = DMat3::from_cols(y_up(DVec3::X), y_up(DVec3::Y), y_up(DVec3::Z));
             let angles = zyx(up * relative * up.transpose());
             for (now, before) in angles.iter().zip(last.iter_mut()) {
@@ -180,14 +180,14 @@ fn y_up(v: DVec3) -> DVec3 {
     DVec3::new(v.x, v.z, -v.y)
 }
 
-/// Angles of R = Rz Ry Rx in degrees, straight from the matrix.
+/// Angles of R = Rz Ry Rx in degrees, computed from the matrix.
 fn zyx(r: DMat3) -> [f64; 3] {
     let at = |row: usize, col: usize| r.col(col)[row];
     let y = (-at(2, 0)).clamp(-1.0, 1.0).asin();
     let (z, x) = if at(2, 0).abs() < 1.0 - 1e-12 {
         (at(1, 0).atan2(at(0, 0)), at(2, 1).atan2(at(2, 2)))
     } else {
-        // Looking straight up or down, x and z turn about one axis: z takes it all.
+        // At +-90 degrees about y, x and z rotate about one axis, and z gets the whole angle.
         ((-at(0, 1)).atan2(at(1, 1)), 0.0)
     };
     [z, y, x].map(f64::to_degrees)
@@ -216,7 +216,7 @@ mod tests {
     use super::super::super::sample;
     use super::*;
 
-    /// A reader of the format that shares no line with the writer.
+    /// A reader of the format that shares no code with the writer.
     struct Bvh {
         /// Name, parent, offset, number of channels.
         joints: Vec<(String, Option<usize>, DVec3, usize)>,

@@ -11,18 +11,18 @@ use robert_base::fsio;
 /// One file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct File {
-    /// Path below the output; empty where the output is this one file.
+    /// The path below the output; empty if the output is this single file.
     pub name: String,
     /// Its content.
     pub bytes: Vec<u8>,
 }
 
-/// A folder that an export fills by itself.
+/// A folder that belongs to the export alone.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Folder {
     /// Path below the output; empty for the output itself.
     pub path: String,
-    /// A file that every export of the format has: a folder with it may be replaced.
+    /// A file that every export of the format contains: a folder with it may be replaced.
     pub marker: &'static str,
 }
 
@@ -42,7 +42,7 @@ pub struct Export {
 }
 
 impl Export {
-    /// Stands for the path of the output in [`Export::open`].
+    /// Represents the path of the output in [`Export::open`].
     pub const OUT: &str = "{out}";
 
     /// An export that is one file.
@@ -51,7 +51,7 @@ impl Export {
         Export { files, folder: None, frames, meaning: Vec::new(), open: open.into() }
     }
 
-    /// Adds a sentence to what the numbers mean.
+    /// Adds a sentence about the meaning of the numbers.
     #[must_use]
     pub fn says(mut self, sentence: impl Into<String>) -> Export {
         self.meaning.push(sentence.into());
@@ -63,8 +63,8 @@ impl Export {
         self.files.iter().map(|f| f.bytes.len()).sum()
     }
 
-    /// Writes everything below `out`, whole or not at all, and gives the paths. A folder of
-    /// an earlier export is replaced; any other that holds something is left alone.
+    /// Writes everything below `out`, completely or not at all, and returns the paths. A folder of
+    /// an earlier export is replaced; any other folder with content is left alone.
     ///
     /// # Errors
     /// [`Error::Occupied`], [`Error::File`].
@@ -89,7 +89,7 @@ impl Export {
             return Err(Error::Occupied { marker: folder.marker, path: target });
         }
         std::fs::create_dir_all(&parent).map_err(failed(&target))?;
-        // Beside the target, so that the last step is a rename.
+        // It is beside the target, so that the last step is a rename.
         let fresh = tempfile::Builder::new()
             .prefix(".robert-export-")
             .tempdir_in(&parent)
@@ -102,7 +102,7 @@ impl Export {
                 // Beside the folder: the marks of a namespace.
                 None => below(out, &file.name),
             };
-            // Messages name the place that the user asked for, not the one of the moment.
+            // Messages name the path that the user gave, not the temporary one.
             let place = below(out, &file.name);
             if let Some(dir) = path.parent() {
                 std::fs::create_dir_all(dir).map_err(failed(&place))?;
@@ -118,14 +118,14 @@ impl Export {
     }
 }
 
-/// Gives `fresh/new` the name `target`. What has that name goes with `fresh`, but only once the new
-/// folder has it.
+/// Renames `fresh/new` to `target`. An older entry of that name is removed with `fresh`, but only
+/// once the new folder is in place.
 fn put_in_place(fresh: &Path, target: &Path) -> io::Result<()> {
     let (new, old) = (fresh.join("new"), fresh.join("old"));
     if !target.exists() {
         return fs::rename(new, target);
     }
-    // Both at once: a kill between two steps would leave neither.
+    // Both names are exchanged at once: a kill between two renames would leave neither.
     if renameat_with(CWD, &new, CWD, target, RenameFlags::EXCHANGE).is_ok() {
         return Ok(());
     }

@@ -88,7 +88,7 @@ impl Gltf {
         self.views.len() - 1
     }
 
-    /// Adds rows of floats; `bounds` for those that readers need the least and greatest of.
+    /// Adds rows of floats, with `bounds` if readers need the least and greatest values.
     fn floats<const N: usize>(
         &mut self,
         rows: &[[f32; N]],
@@ -111,7 +111,7 @@ impl Gltf {
         self.accessors.len() - 1
     }
 
-    /// Nodes: 0 is the world, then a node for each body, then those of the meshes.
+    /// Nodes: 0 is the world, then one node per body, then those of the meshes.
     fn bodies(&mut self, skeleton: &Skeleton, rest: &[Pose], meshes: &[BodyMesh]) {
         let half = std::f32::consts::FRAC_1_SQRT_2;
         self.nodes.push(json!({"name": "world", "rotation": [-half, 0.0, 0.0, half]}));
@@ -183,7 +183,8 @@ impl Gltf {
             };
             if track().any(|p| p.rot.dot(rest.rot).abs() < 1.0 - STILL) {
                 let mut rows: Vec<[f32; 4]> = track().map(rotation).collect();
-                // Neighbours in one half-space: readers interpolate the shorter way.
+                // Neighbouring quaternions are in one half-space, because readers interpolate the
+                // shorter way.
                 for i in 1..rows.len() {
                     let dot: f32 = rows[i - 1].iter().zip(rows[i]).map(|(a, b)| a * b).sum();
                     if dot < 0.0 {

@@ -14,7 +14,7 @@ use super::skeleton::{Bodies, Pose, Skeleton};
 use super::track::resampled;
 use robert_robot::Robot;
 
-/// The reached motion as LAFAN CSV at `fps` rows a second.
+/// The reached motion as LAFAN CSV at `fps` rows per second.
 ///
 /// # Errors
 /// [`Error::Robot`], [`Error::Simulator`].

@@ -19,10 +19,10 @@ use super::table::{Column, Kind, Table};
 use super::video::{Films, KEY};
 use robert_base::units::FPS;
 
-/// Bytes of one file of data before the next begins: the limit of the format.
+/// Limit of bytes in one data file, after which the next begins: that of the format.
 const FILE_BYTES: usize = 100 << 20;
 
-/// Episodes as a dataset, with their films where there are any.
+/// Episodes as a dataset, with their films if there are any.
 ///
 /// # Errors
 /// [`Error::Unfit`] for no episode, or for episodes of different robots; [`Error::Encode`].
@@ -244,7 +244,7 @@ impl<'a> Set<'a> {
         Ok(files)
     }
 
-    /// A row an episode: where its frames are, and its statistics.
+    /// One row per episode: the place of its frames, and its statistics.
     fn episode_table(&self, rows: &EpisodeRows) -> Result<Vec<u8>, Error> {
         let n = self.episodes.len();
         let mut columns: Vec<(String, Kind)> = Vec::new();
@@ -299,8 +299,8 @@ impl<'a> Set<'a> {
         table.finish()
     }
 
-    /// The tasks. Without the key `pandas` readers would take a running number for the index
-    /// and lose the words.
+    /// The tasks. Without the key `pandas` readers would take a running number for the index and
+    /// lose the words.
     fn task_table(&self) -> Result<Vec<u8>, Error> {
         let column = |name: &str, pandas: &str, numpy: &str| json!({"name": name, "field_name": name, "pandas_type": pandas, "numpy_type": numpy, "metadata": null});
         let pandas = json!({

@@ -12,7 +12,7 @@ pub(super) struct Feature {
     pub values: Vec<f64>,
 }
 
-/// State, velocity and action of an episode, named and scaled as asked for.
+/// State, velocity and action of an episode, with the requested names and units.
 pub(super) fn features(e: &Episode, options: &LeRobotOptions) -> Vec<Feature> {
     let frames = e.frames();
     let name = |column: &String, end: &str| {

@@ -54,7 +54,8 @@ pub fn minari(
     let id = format!("robert/{}/{}-v0", plain(&robot), plain(name));
     let size: usize = files.iter().map(|f| f.bytes.len()).sum();
     let space = |n: usize, low: f64, high: f64, dtype: &str| {
-        // Python's reader takes Infinity, JSON has none: the numbers are words of a string.
+        // Python's reader accepts Infinity, but JSON has no such number: the values are words in a
+        // string.
         let word = |v: f64| {
             if v.is_finite() {
                 format!("{v:?}")

@@ -24,13 +24,13 @@ impl Pose {
     /// The frame of the world.
     pub const WORLD: Pose = Pose { pos: DVec3::ZERO, rot: DQuat::IDENTITY };
 
-    /// From a row of a take: x y z and w x y z.
+    /// From numbers of a take: x y z and w x y z.
     fn of_row(row: &[f64]) -> Pose {
         let pos = DVec3::new(row[0], row[1], row[2]);
         Pose { pos, rot: DQuat::from_xyzw(row[4], row[5], row[6], row[3]).normalize() }
     }
 
-    /// The same pose as seen from its parent; both given in the world.
+    /// This pose relative to its parent; both are given in the world.
     #[must_use]
     pub fn in_parent(self, parent: Pose) -> Pose {
         let back = parent.rot.inverse();
@@ -58,14 +58,14 @@ pub enum Bodies {
 pub struct Skeleton {
     /// Names, unique.
     pub names: Vec<String>,
-    /// Parent of each body; `None` for those that stand in the world.
+    /// Parent of each body; `None` for children of the world.
     pub parents: Vec<Option<usize>>,
     robot: Arc<Robot>,
     stage: Stage,
 }
 
 impl Skeleton {
-    /// Of a robot.
+    /// The skeleton of a robot.
     ///
     /// # Errors
     /// [`Error::Bodies`], [`Error::Robot`], [`Error::Simulator`].
@@ -124,7 +124,7 @@ impl Skeleton {
         order
     }
 
-    /// Indices into the state, in the order in which a file lists the joints of its bodies.
+    /// Indices into the state, in the order in which a file lists its joints.
     pub fn joint_order(&self, bodies: Bodies) -> Vec<usize> {
         let mut order = Vec::with_capacity(self.robot.state_dim());
         for body in self.order(bodies) {

@@ -38,7 +38,7 @@ impl Stats {
         Stats { rows, count }
     }
 
-    /// Of channels of pictures, which are in 0 to 1; each number stands in a (1, 1).
+    /// Statistics of picture channels, in 0 to 1; each number is in a list of shape (1, 1).
     pub(super) fn json(&self, picture: bool) -> Value {
         let mut out = serde_json::Map::new();
         for (name, row) in &self.rows {
@@ -51,7 +51,7 @@ impl Stats {
     }
 }
 
-/// Between the two nearest values, as numpy does by default.
+/// Interpolated between the two nearest values, as numpy does by default.
 fn quantile(sorted: &[f64], q: f64) -> f64 {
     let at = q * (sorted.len() - 1) as f64;
     let (low, share) = (at.floor() as usize, at.fract());

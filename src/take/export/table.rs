@@ -31,7 +31,7 @@ pub(super) enum Kind {
     Texts,
 }
 
-/// Values of one column in one row group. Lists are of a fixed width but for texts.
+/// Values of one column in one row group. All lists except texts have a fixed width.
 #[derive(Clone, Debug)]
 pub(super) enum Column {
     Int(Vec<i64>),
@@ -45,7 +45,7 @@ pub(super) enum Column {
     Texts(Vec<Vec<String>>),
 }
 
-/// A table while it grows, a row group at a time.
+/// A table that is being written, one row group at a time.
 pub(super) struct Table {
     writer: SerializedFileWriter<Vec<u8>>,
 }
@@ -131,8 +131,8 @@ fn plain<T: DataType>(
     Ok(())
 }
 
-/// Lists of at least one element: definition levels are all 1, repetition says where each
-/// begins.
+/// Lists have at least one element: definition levels are all 1, and repetition levels mark the
+/// beginnings.
 fn lists<T: DataType>(
     to: &mut SerializedColumnWriter<'_>,
     values: &[T::T],

@@ -5,8 +5,8 @@ use glam::{DQuat, DVec3};
 use super::super::document::Take;
 use robert_base::units::FPS;
 
-/// States at `fps` frames a second from the first to the last frame of the take: straight
-/// lines between frames of 1/20 s. (rows)(S)
+/// States at `fps` frames per second from the first to the last frame of the take, interpolated
+/// linearly between frames of 1/20 s. (rows)(S)
 pub(super) fn resampled(take: &Take, fps: u32) -> Vec<Vec<f64>> {
     let last = take.frames() - 1;
     let rows = last * fps as usize / FPS as usize + 1;
@@ -22,8 +22,8 @@ pub(super) fn resampled(take: &Take, fps: u32) -> Vec<Vec<f64>> {
         .collect()
 }
 
-/// Rows whose difference is the derivative at row `r`, and the steps between them: central
-/// inside, one-sided at the ends.
+/// Rows whose difference is the derivative at row `r`, and their distance in steps: central inside,
+/// one-sided at the ends.
 fn around(r: usize, rows: usize) -> (usize, usize) {
     (r.saturating_sub(1), (r + 1).min(rows - 1))
 }

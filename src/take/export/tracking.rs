@@ -14,7 +14,7 @@ use super::skeleton::{Bodies, Pose, Skeleton};
 use super::track::{angular, gradient, linear, resampled};
 use robert_robot::Robot;
 
-/// Rows a second that the trackers take: one each control step of 0.02 s.
+/// Rows per second that the trackers expect: one for each control step of 0.02 s.
 pub const TRACKING_FPS: u32 = 50;
 
 /// The reached motion as a motion file of the trackers.

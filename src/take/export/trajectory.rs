@@ -10,22 +10,22 @@ use robert_clip::formats::{Trajectory, TrajectoryPoint};
 
 /// Joint speeds below this count as standing still, rad/s or m/s.
 const STILL: f64 = 1e-3;
-/// Time in which a motion that still moves at its end comes to rest, s.
+/// Duration in which a motion that still moves at its end is brought to rest, s.
 const SETTLE_SECS: f64 = 0.5;
 const NANOS: f64 = 1e9;
 
 /// Options of the file beside the points.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RosOptions {
-    /// Time before the first point, s: the way there from where the robot stands.
+    /// Time before the first point, s, in which the robot moves there.
     pub lead_in_secs: f64,
     /// The goal of an action instead of a message.
     pub goal: bool,
-    /// Torques of the simulation: only for controllers with an effort interface.
+    /// Whether the simulated torques are included: only for controllers with an effort interface.
     pub effort: bool,
     /// Other names for the joints.
     pub rename: BTreeMap<String, String>,
-    /// Limits of the joints, where they are known; (S).
+    /// Limits of the joints, if they are known; (S).
     pub ranges: Option<Vec<[f64; 2]>>,
 }
 
@@ -71,7 +71,7 @@ pub fn ros(take: &Take, what: What, options: &RosOptions) -> Result<Export, Erro
     Ok(export)
 }
 
-/// The trajectory, and how far the longest way to rest at its end is where there is one.
+/// The trajectory, and the longest way of a joint while it is brought to rest, if it is.
 pub(super) fn points(
     take: &Take,
     what: What,
@@ -106,7 +106,7 @@ fn reached(take: &Take, effort: bool) -> Trajectory {
         accelerations: Vec::new(),
         effort: match (effort, row(&take.effort, f, dim)) {
             (false, _) => Vec::new(),
-            // The last frame ends the motion: no torque follows it.
+            // The last frame ends the motion: no torque follows.
             (true, []) => vec![0.0; dim],
             (true, torque) => torque.to_vec(),
         },
@@ -114,8 +114,8 @@ fn reached(take: &Take, effort: bool) -> Trajectory {
     Trajectory { joints: take.robot.joints.clone(), points: points.collect() }
 }
 
-/// Brings the end to rest: in place where it hardly moves, else by a point that an even
-/// deceleration reaches. Gives the longest way of a joint there, rad or m.
+/// Brings the end to rest: in place if it hardly moves, else by a point that constant deceleration
+/// reaches. Returns the longest way of a joint there, rad or m.
 fn settle(trajectory: &mut Trajectory, ranges: Option<&[[f64; 2]]>) -> Option<f64> {
     let last = trajectory.points.last_mut()?;
     if last.velocities.iter().all(|v| v.abs() < STILL) {
@@ -128,7 +128,7 @@ fn settle(trajectory: &mut Trajectory, ranges: Option<&[[f64; 2]]>) -> Option<f6
     for (j, v) in rest.velocities.iter_mut().enumerate() {
         let from = last.positions[j];
         let [low, high] = ranges.map_or([f64::NEG_INFINITY, f64::INFINITY], |r| [r[j][0], r[j][1]]);
-        // A joint that stands beyond its stop, pressed, is not asked to go back.
+        // A joint that is pressed beyond its stop does not have to move back.
         let to = (from + *v * SETTLE_SECS / 2.0).clamp(low.min(from), high.max(from));
         longest = longest.max((to - from).abs());
         rest.positions[j] = to;

@@ -9,19 +9,19 @@ use super::files::Export;
 use robert_base::units::{CTRL_DT, FPS};
 use robert_clip::Sight;
 
-/// Joints of the arm in the controller's order; our model welds the sixth at zero.
-/// The ROS driver adds `_joint` to these names, and both spellings are taken.
+/// Joints of the arm in the controller's order; our model fixes the sixth at zero. The ROS driver
+/// adds `_joint` to these names, and both spellings are accepted.
 const JOINTS: [&str; 5] = ["shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2"];
-/// Greatest joint speed of the UR5e by its data sheet, rad/s: 180 degrees a second.
+/// Greatest joint speed of the UR5e in its data sheet, rad/s: 180 degrees per second.
 const SPEED: f64 = PI;
 
 /// The motion command of the program.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum UrMove {
-    /// A target every 50 ms, followed as it comes.
+    /// One target every 50 ms, which the arm follows continuously.
     #[default]
     Servoj,
-    /// A movement from each commanded key to the next, timed, stopping at each.
+    /// A timed movement from each commanded key to the next, with a stop at each.
     Movej,
 }
 
@@ -81,7 +81,7 @@ pub fn ur_script(take: &Take, what: What, how: UrMove, title: &str) -> Result<Ex
             (_, UrMove::Servoj) => {
                 writeln!(text, "  servoj({pose}, t={secs:.2}, lookahead_time=0.1, gain=300)")
             }
-            // A movement to where the arm stands ends at once.
+            // A movement to the current pose of the arm ends at once.
             (_, UrMove::Movej) if *q == before.1 => writeln!(text, "  sleep({secs:.2})"),
             (_, UrMove::Movej) => writeln!(text, "  movej({pose}, t={secs:.2})"),
         }
@@ -100,7 +100,7 @@ pub fn ur_script(take: &Take, what: What, how: UrMove, title: &str) -> Result<Ex
         )))
 }
 
-/// The first and last frame of each run of equal rows: where keys stand and how long.
+/// The first and last frame of each run of equal rows: the position of keys and their holds.
 fn turns(targets: &[(usize, Vec<f64>)]) -> Vec<(usize, Vec<f64>)> {
     let same = |a: &(usize, Vec<f64>), b: &(usize, Vec<f64>)| a.0 + 1 == b.0 && a.1 == b.1;
     let mut out: Vec<(usize, Vec<f64>)> = Vec::new();
@@ -114,7 +114,7 @@ fn turns(targets: &[(usize, Vec<f64>)]) -> Vec<(usize, Vec<f64>)> {
     out
 }
 
-/// The greatest speed between targets, rad/s; refused where the arm cannot have it.
+/// The greatest speed between targets, rad/s; an error if the arm cannot reach it.
 fn speeds(targets: &[(usize, Vec<f64>)]) -> Result<f64, Error> {
     let mut fastest = 0.0_f64;
     for pair in targets.windows(2) {

@@ -77,7 +77,7 @@ impl Layer<'_> {
         writeln!(text, "{pad}}}").ok();
     }
 
-    /// An attribute: one value where it never changes, else one a frame.
+    /// An attribute: one value if it never changes, else one per frame.
     fn samples(
         &self,
         attribute: &str,

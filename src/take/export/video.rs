@@ -12,9 +12,9 @@ use robert_render::encode::{Film, FilmFormat, FilmStream};
 
 /// The feature's name.
 pub(super) const KEY: &str = "observation.images.front";
-/// Frames of one file: at two kilobytes a frame far below the 200 MB of the format.
+/// Frames in one file: at two kilobytes per frame far below the 200 MB of the format.
 const FILE_FRAMES: usize = 80_000;
-/// Pixels between two that count in the statistics, along each edge.
+/// The distance between two pixels that count in the statistics, along each edge.
 const SAMPLE_PX: usize = 16;
 
 /// Films of all episodes.
@@ -28,8 +28,8 @@ pub struct Films {
 }
 
 impl Films {
-    /// Draws all episodes: `draw` makes the picture of an episode's frame, `frames` are the
-    /// lengths of the episodes. A file holds one of them, or in version 3 as many as fit.
+    /// Draws all episodes: `draw` makes the picture of an episode's frame, `frames` are the lengths
+    /// of the episodes. In version 2.1 a file contains one episode, in version 3 as many as fit.
     ///
     /// # Errors
     /// Those of `draw`; [`Error::Render`].

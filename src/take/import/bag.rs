@@ -11,9 +11,9 @@ use robert_base::limits;
 /// The topic that is read.
 const TOPIC: &str = "/joint_states";
 
-/// Reads the joint states, a row a message. Messages may name the joints in any order, and
-/// some of them may name a part only: a row begins when every joint has been seen once, and
-/// keeps the last value of those that a message leaves out.
+/// Reads the joint states, one row per message. Messages may name the joints in any order, and some
+/// may name only a part of them. Rows begin once every joint has been seen, and a joint that a
+/// message leaves out keeps its last value.
 ///
 /// # Errors
 /// [`Error::Foreign`], [`Error::Damaged`].
@@ -81,7 +81,7 @@ impl Found {
     }
 
     fn samples(mut self) -> Result<Samples, Error> {
-        // Recorders write messages as they come, which may be out of order.
+        // Recorders write messages as they arrive, which may be out of order.
         self.messages.sort_by_key(|m| m.0);
         let mut last: BTreeMap<String, f64> = BTreeMap::new();
         let mut joints: Vec<String> = Vec::new();
@@ -103,7 +103,7 @@ impl Found {
                 samples.joints.iter().map(|j| last.get(j).copied()).collect();
             let Some(row) = row else { continue };
             let secs = (nanos - begin) as f64 * 1e-9;
-            // Two messages of one time: the later holds more.
+            // Of two messages with one time, the later one is more complete.
             if samples.secs.last() == Some(&secs) {
                 samples.secs.pop();
                 samples.rows.pop();

@@ -20,7 +20,7 @@ use robert_robot::Robot;
 const DEPTH: usize = 128;
 /// Allowed difference between the file's offsets and the robot's, as a share of the robot's size.
 const ALIKE: f64 = 0.01;
-/// Turns about other axes than the hinge's that are still rounding, rad.
+/// Rotations about other axes than the hinge's up to this are rounding, rad.
 const ROUNDING: f64 = 1e-3;
 
 /// One joint of a file.
@@ -121,7 +121,7 @@ fn hinge(
     Ok(Hinge { joint, body, axis, slides: skeleton.slides(j) })
 }
 
-/// Metres of the file's unit; refused where its rest pose is not the robot's.
+/// Metres per unit of the file; an error if its rest pose is not the robot's.
 fn same_rest(
     skeleton: &Skeleton,
     rest: &[Pose],
@@ -148,7 +148,7 @@ fn same_rest(
     let ours: f64 = pairs.iter().map(|(_, _, d)| d.length()).sum();
     let theirs: f64 = pairs.iter().map(|(_, o, _)| o.length()).sum();
     if theirs <= 0.0 || ours <= 0.0 {
-        // One body alone has no size to compare: the custom is centimetres.
+        // A single body has no size to compare, so centimetres are assumed, as is usual.
         return Ok(0.01);
     }
     let scale = ours / theirs;
@@ -169,7 +169,7 @@ fn z_up(v: DVec3) -> DVec3 {
     DVec3::new(v.x, -v.z, v.y)
 }
 
-/// Place and turn of every joint at a frame, each in its parent.
+/// Position and rotation of every joint at a frame, each relative to its parent.
 fn played(joints: &[Joint], frame: &[f64]) -> Vec<(DVec3, DQuat)> {
     let mut values = frame.iter();
     let mut out = Vec::with_capacity(joints.len());

@@ -7,7 +7,7 @@ use robert_base::limits;
 /// Columns of the base.
 const BASE: usize = 7;
 
-/// Reads rows of a robot with these joints, in the model's order. The base is passed over:
+/// Reads rows of a robot with these joints, in the model's order. The base is skipped, because
 /// clips have none.
 ///
 /// # Errors

@@ -13,7 +13,7 @@ use super::samples::{Samples, foreign, rate};
 use robert_base::fsio;
 use robert_base::limits;
 
-/// Bytes of one file of data: what the format itself allows, and some more.
+/// The limit of bytes in one data file: the format's own limit and a reserve.
 const FILE_BYTES: u64 = 256 << 20;
 
 /// The part of a dataset that is read.
@@ -131,7 +131,7 @@ fn episode(
     if file.metadata().map_err(failed)?.len() > FILE_BYTES {
         return Err(foreign(format!("more than {FILE_BYTES} bytes")));
     }
-    // Damaged files make the reader panic here and there; what it made of them is dropped.
+    // The reader panics for some damaged files; its results are dropped then.
     let read = catch_unwind(AssertUnwindSafe(|| rows(file, source, width, frames)));
     read.unwrap_or_else(|_panic| Err(foreign("a damaged parquet file")))
 }
@@ -234,7 +234,7 @@ mod tests {
         }
     }
 
-    /// A byte in seven changed: an error or a reading, never a panic.
+    /// One byte in seven is changed: the result is an error or a reading, never a panic.
     #[test]
     fn damaged_files_are_refused() {
         let take = sample::take("pointmass", 8, 8).1;

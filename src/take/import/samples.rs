@@ -25,9 +25,9 @@ impl Samples {
         Samples { joints, secs, rows }
     }
 
-    /// The clip for a robot, whose joints must all be there; columns that it does not have
-    /// are left out. `rename` has the robot's names for the file's. A positive `tolerance`
-    /// (rad or m) thins the rows into keys.
+    /// The clip for a robot. The samples must contain all its joints; other columns are left out.
+    /// `rename` maps names in the file to the robot's names. A positive `tolerance` (rad or m)
+    /// thins the rows into keys.
     ///
     /// # Errors
     /// [`ClipError`] for a joint that is missing, times that do not rise, or values that are

@@ -8,8 +8,8 @@ use super::super::error::Error;
 use super::samples::{Samples, foreign, rate};
 use robert_base::limits;
 
-/// Reads rows of a robot with these joints, in the order of the file's bodies. `fps`
-/// replaces what the file says.
+/// Reads rows of a robot with these joints, in the order of the file's bodies. `fps` replaces the
+/// rate in the file.
 ///
 /// # Errors
 /// [`Error::Foreign`].

@@ -173,8 +173,8 @@ impl Message {
         Message::SceneNodeUpdateMessage { name, updates: Updates { color }, owner }
     }
 
-    /// No environment picture: while the client's own is loading it hides the scene, and in a page
-    /// opened from disk or drawn in software it may never load.
+    /// No environment picture. The client hides the scene while it loads its own, which may never
+    /// succeed in a page that is opened from disk or drawn in software.
     pub fn no_environment() -> Message {
         Message::EnvironmentMapMessage {
             hdri_data: None,

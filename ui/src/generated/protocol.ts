@@ -4,7 +4,7 @@
 /** Any JSON. */
 export type Json = null | boolean | number | string | Json[] | { [name: string]: Json };
 
-/** Where a joint acts. */
+/** The position and the axis of a joint. */
 export interface AxisFacts {
   /** Direction, in the body's frame. */
   axis: [number, number, number];
@@ -16,15 +16,15 @@ export interface AxisFacts {
 
 /** Arguments of `batch`. */
 export interface Batch {
-  /** What the history calls it. */
+  /** The name of this edit in the history. */
   label?: string;
   /** The edits, in order. */
   ops: Op[];
 }
 
-/** A collection that was begun and is not there yet. */
+/** A collection that was begun and is not complete yet. */
 export interface BegunCard {
-  /** Who collects. */
+  /** The agents that collect. */
   agents: string[];
   /** Folder, relative to the studio's. */
   path: string;
@@ -34,7 +34,7 @@ export interface BegunCard {
   transitions: number;
 }
 
-/** What stands beside the clip in a picture or film. */
+/** The panels beside the clip in a picture or film. */
 export type Beside =
   /** A take, performed once more: the same clip, policy and seed give the same bits. */
   | { take: number }
@@ -152,7 +152,7 @@ export interface ClipStart {
   start?: Start | null;
 }
 
-/** What kind of refusal. */
+/** The kind of a refusal. */
 export type Code =
   /** A file, a value or an edit is wrong. */
   | "invalid"
@@ -200,7 +200,7 @@ export interface Coupling {
   members: CouplingMember[];
   /** Tendon or leader name. */
   name: string;
-  /** How far members may disagree, rad or m, because contact and limits separate them a little. */
+  /** Allowed difference between members, rad or m: contact and limits separate them a little. */
   tolerance: number;
 }
 
@@ -224,7 +224,7 @@ export interface DataCard {
   path: string;
   /** Robot. */
   robot: string;
-  /** What model cards call it. */
+  /** The hash by which model cards name it. */
   sha256: string;
 }
 
@@ -313,7 +313,7 @@ export interface Draft {
   robot: string;
 }
 
-/** What a drawn line became. */
+/** The path that follows a drawn line. */
 export interface DrawAnswer {
   /** Frames until the last key ends. */
   frames: number;
@@ -329,7 +329,7 @@ export interface DrawAnswer {
 export interface DrawRequest {
   /** Joints that must stay. */
   locked?: string[];
-  /** What the line lies on. */
+  /** The plane in which the line is drawn. */
   plane: Plane;
   /** Points of the picture, 0 to 1 from the top left corner, and when the hand was there, s. */
   points: [number, number, number][];
@@ -341,7 +341,7 @@ export interface DrawRequest {
   site: string;
   /** The page. */
   tab: string;
-  /** How far the path may be from the line, m. */
+  /** Allowed distance between path and line, m. */
   tolerance_m: number;
 }
 
@@ -355,7 +355,7 @@ export interface DrawnKey {
   q: number[];
 }
 
-/** What an edit did. */
+/** The effect of an edit. */
 export interface Edited {
   /** Unsaved edits exist. */
   dirty: boolean;
@@ -363,7 +363,7 @@ export interface Edited {
   history: History;
   /** Problems as far as they are known without simulation. */
   lints: Lint[];
-  /** What changed, step by step; empty when nothing did. */
+  /** The changes, step by step; empty if nothing changed. */
   patches: Delta[];
   /** Version afterwards. */
   rev: number;
@@ -373,11 +373,11 @@ export interface Edited {
 export interface ErrorBody {
   /** Its kind. */
   code: Code;
-  /** What to do about it, where that is not in the message. */
+  /** A way to solve the problem, if the message does not contain it. */
   mend?: string;
   /** The sentence that the command line prints after `error: `. */
   message: string;
-  /** Where, for files. */
+  /** The place, for files. */
   place?: Place;
 }
 
@@ -399,7 +399,7 @@ export type Event =
   | { event: "rollout.settings"; auto: boolean; guide: Guide; model_path?: string; policy: PolicyName; refine: boolean; seed: number }
   /** New frames. */
   | { event: "rollout.frames"; error: (number | null)[]; from: number; gen: number; q: number[][] }
-  /** How far it is. */
+  /** The progress of the rollout. */
   | ({ event: "rollout.state" } & RolloutState)
   /** Takes, and which are compared. */
   | ({ event: "takes" } & TakesView)
@@ -436,7 +436,7 @@ export interface ExportQuery {
 export interface ExportRequest {
   /** fit, fixed, top, orbit, or a camera of the model. */
   camera?: string;
-  /** What is drawn beside it. */
+  /** The chart that is drawn beside it. */
   compare?: Beside;
   /** mp4, gif, apng, png, strip; mcap, csv, json, mjcf, ros, viser, html. */
   format: string;
@@ -444,7 +444,7 @@ export interface ExportRequest {
   frames?: [number, number];
   /** Moments of a strip. */
   moments?: number;
-  /** What is laid over. */
+  /** The robot that is laid over the picture. */
   overlay?: string;
   /**
    * The file to write, relative to the studio's folder; without it the result is fetched
@@ -461,9 +461,9 @@ export interface FileCard {
   bytes: number;
   /** Seconds since 1970 of its last change. */
   changed_secs: number;
-  /** What it says of itself; for clips of a moderate size. */
+  /** A summary; for clips of a moderate size. */
   clip?: Peek;
-  /** What it could be. */
+  /** The kind of the file, judged by its name. */
   kind: FileKind;
   /** Its name. */
   name: string;
@@ -471,7 +471,7 @@ export interface FileCard {
   why?: string;
 }
 
-/** What a file could be. */
+/** The kind of a file, judged by its name. */
 export type FileKind =
   /** `robert-clip/1`. */
   | "clip"
@@ -516,7 +516,7 @@ export interface FillSet {
 export interface Findings {
   /** Runs of steps without any goal in sight. */
   blind: Blind[];
-  /** What the policy in use can leave open. */
+  /** The masks that the policy in use accepts. */
   granularity: Granularity;
   /** Problems, worst first, each with its mends (ready-made `op`s). */
   lints: Lint[];
@@ -524,7 +524,7 @@ export interface Findings {
   rev: number;
   /** Whether simulation has judged every pose. */
   simulated: boolean;
-  /** What the frames are; tiles the clip. */
+  /** Spans of frames of one kind, without gaps from the first frame to the last. */
   spans: Span[];
 }
 
@@ -536,7 +536,7 @@ export interface Fix {
   title: string;
 }
 
-/** How a joint follows another: q = offset + multiplier * q of the leader. */
+/** The coupling of a joint to another: q = offset + multiplier * q of the leader. */
 export interface Follow {
   /** Index of the leader. */
   leader: number;
@@ -564,7 +564,7 @@ export interface GalleryItem {
   robot: string;
 }
 
-/** What a robot looks like. */
+/** The shape of a robot. */
 export interface Geometry {
   /** Body names, the world first. */
   bodies: string[];
@@ -576,7 +576,7 @@ export interface Geometry {
   robot: string;
 }
 
-/** What a policy allows to be masked. */
+/** The masks that a policy allows: whole frames, or single joints. */
 export type Granularity =
   /** Whole frames only, as in the paper. */
   | "state"
@@ -593,7 +593,7 @@ export interface Group {
   title: string;
 }
 
-/** What fills masked frames before a policy sees them. */
+/** The rule that fills masked frames before a policy sees them. */
 export type Guide =
   /** Nothing: the policy sees the mask. */
   | "none"
@@ -602,13 +602,13 @@ export type Guide =
 
 /** The named history. */
 export interface History {
-  /** How many edits are done; the rest can be redone. */
+  /** The number of edits that are done; the rest can be redone. */
   done: number;
   /** Number of the first label, from 0. */
   first: number;
   /** The last labels, oldest first (at most 100). */
   labels: string[];
-  /** How many there are. */
+  /** The number of edits. */
   len: number;
 }
 
@@ -631,7 +631,7 @@ export interface HoverQuery {
   y: number;
 }
 
-/** What is under a pointer. */
+/** The part of the robot that is under a pointer. */
 export interface Hovered {
   /** The body. */
   body: string;
@@ -639,7 +639,7 @@ export interface Hovered {
   joint: string | null;
 }
 
-/** What inverse kinematics found. */
+/** The result of inverse kinematics. */
 export interface IkAnswer {
   /** Bodies that touch in the pose, and the depth, m; the deepest first. */
   contacts: [string, string, number][];
@@ -661,9 +661,9 @@ export interface IkRequest {
   locked?: string[];
   /** Sites that are held meanwhile. */
   pins?: Pin[];
-  /** Where to, world, m; absent = only the pins count. */
+  /** The target of the point in the world, m; if it is absent, only the pins count. */
   pos?: [number, number, number];
-  /** Where to start, one value per state joint. */
+  /** The pose at which the search starts, one value per state joint. */
   q: number[];
   /** Orientation, w x y z; absent = free. */
   quat?: [number, number, number, number];
@@ -688,16 +688,16 @@ export interface ImportBody {
 
 /** One line that a command writes with `--jsonl`, for the program that started it. */
 export type JobEvent =
-  /** How far the job is. */
+  /** A report of progress. */
   | ({ event: "progress" } & JobProgress)
   /** Figures for curves, with the `step` that they belong to. */
   | { event: "figures"; figures: Record<string, Json> }
   /** A line worth keeping. */
   | { event: "log"; line: string }
-  /** What the command prints with `--json`; the last event. */
+  /** The last event: the document that the command prints with `--json`. */
   | { event: "result"; result: Json };
 
-/** What can be started. */
+/** A kind of job. */
 export type JobKind =
   /** Gather motion without reward. */
   | "collect"
@@ -712,7 +712,7 @@ export type JobKind =
   /** Make a robot's folder out of a model file. */
   | "import";
 
-/** How a job is. */
+/** The state of a job. */
 export type JobPhase =
   /** It runs. */
   | "running"
@@ -725,7 +725,7 @@ export type JobPhase =
   /** It ended badly. */
   | "failed";
 
-/** How far a job is. */
+/** The progress of a job. */
 export interface JobProgress {
   /** Units finished. */
   done: number;
@@ -735,7 +735,7 @@ export interface JobProgress {
   secs: number;
   /** Units in this part. */
   total: number;
-  /** What is counted. */
+  /** The unit that is counted, such as `steps`. */
   unit: string;
   /** The part of the job that runs. */
   what: string;
@@ -745,7 +745,7 @@ export interface JobProgress {
 export interface JobRequest {
   /** Arguments as on the command line, without `--jsonl`. */
   args: string[];
-  /** What. */
+  /** The kind of job. */
   kind: JobKind;
 }
 
@@ -766,7 +766,7 @@ export interface JobView {
   first: number;
   /** Number. */
   id: number;
-  /** What. */
+  /** The kind of job. */
   kind: JobKind;
   /** The newest other event. */
   last: JobEvent | null;
@@ -774,13 +774,13 @@ export interface JobView {
   lines: JobEvent[];
   /** The last lines of its log. */
   log: string[];
-  /** How it is. */
+  /** The state of the job. */
   phase: JobPhase;
-  /** How far it is: the newest `progress` event. */
+  /** The progress of the job: the newest `progress` event. */
   progress: JobProgress | null;
   /** Seconds it has run. */
   secs: number;
-  /** What it is for, in words. */
+  /** The purpose of the job, in words. */
   title: string;
 }
 
@@ -790,7 +790,7 @@ export interface JointAxis {
   axis: [number, number, number];
   /** The joint that it follows without a motor of its own. */
   follows: Follow | null;
-  /** What it does. */
+  /** The motion that it allows. */
   motion: JointMotion;
   /** A point of the axis in the body's frame, m. */
   pos: [number, number, number];
@@ -816,7 +816,7 @@ export interface JointFacts {
   unit: Unit;
 }
 
-/** What a joint does. */
+/** The motion that a joint allows. */
 export type JointMotion =
   /** Turns its body about the axis. */
   | "hinge"
@@ -827,7 +827,7 @@ export type JointMotion =
 export interface JointTable {
   /** Couplings. */
   couplings: Coupling[];
-  /** What the current policy allows to be masked. */
+  /** The masks that the current policy allows. */
   granularity: Granularity;
   /** Joints in state order. */
   joints: JointFacts[];
@@ -850,7 +850,7 @@ export interface JointTable {
 export interface Key {
   /** The fill up to the next key; the clip's `fill` when absent. */
   fill?: Fill;
-  /** When, from 0, in frames. */
+  /** The frame of the key, from 0. */
   frame: number;
   /** For how many frames the value is commanded; 1 when absent. */
   hold?: number;
@@ -860,7 +860,7 @@ export interface Key {
   pose?: string;
   /** Values, one per joint. */
   q?: (number | null)[];
-  /** Where points of the robot shall be. */
+  /** Places that points of the robot shall reach. */
   reach?: Reach[];
   /**
    * Slopes of cubic curves at this key, by joint: "flat", "linear", or rad/s or m/s; automatic
@@ -885,7 +885,7 @@ export interface KeysFrames {
 
 /** Arguments of `keys.hold`. */
 export interface KeysHold {
-  /** Which keys. */
+  /** The frames of the keys. */
   frames: number[];
   /** For how many frames, at least 1. */
   hold: number;
@@ -897,7 +897,7 @@ export interface KeysMove {
   copy?: boolean;
   /** By how many frames. */
   df: number;
-  /** Which keys. */
+  /** The frames of the keys. */
   frames: number[];
   /** Replace existing keys. */
   replace?: boolean;
@@ -907,7 +907,7 @@ export interface KeysMove {
 
 /** Arguments of `keys.paste`. */
 export interface KeysPaste {
-  /** Where the first key goes. */
+  /** The frame of the first pasted key. */
   at: number;
   /** Only these joints; absent = all. The others keep their command there. */
   joints?: string[];
@@ -923,7 +923,7 @@ export interface KeysPaste {
 export interface KeysScale {
   /** New distance divided by the old one, above 0. Frames are rounded, holds are scaled too. */
   factor: number;
-  /** Which keys. */
+  /** The frames of the keys. */
   frames: number[];
   /** The frame that does not move. */
   pivot: number;
@@ -935,7 +935,7 @@ export interface KeysScale {
 export interface KeysSet {
   /** Fill; null = the clip's. */
   fill?: Fill | null;
-  /** Which key. */
+  /** The key's frame. */
   frame: number;
   /** Hold, frames. */
   hold?: number;
@@ -954,11 +954,11 @@ export interface KeysSet {
 /** Arguments of `keys.sparsify`. */
 export interface KeysSparsify {
   /**
-   * Which keys may be removed. The ends of each unbroken run of them stay, and so do keys with a
-   * hold, a remark or a named pose.
+   * The frames of the keys that may be removed. The ends of each unbroken run of them stay, and
+   * so do keys with a hold, a remark or a named pose.
    */
   frames: number[];
-  /** How far a joint of a removed key may be off the line, rad or m. */
+  /** Allowed distance of a removed key's joint from the line, rad or m. */
   tolerance: number;
 }
 
@@ -1030,13 +1030,13 @@ export interface Listing {
   left_out: number;
   /** There are more than are listed. */
   more: boolean;
-  /** What was named, in full. */
+  /** The full path of the folder. */
   root: string;
 }
 
 /** A named moment. */
 export interface Marker {
-  /** When. */
+  /** The frame of the marker. */
   frame: number;
   /** Its name. */
   name: string;
@@ -1044,7 +1044,7 @@ export interface Marker {
 
 /** Arguments of `markers.move`. */
 export interface MarkersMove {
-  /** Which marker. */
+  /** The marker's frame. */
   frame: number;
   /** Its new frame. */
   to: number;
@@ -1060,7 +1060,7 @@ export interface Mask {
   to: number;
 }
 
-/** What a mask hides. */
+/** Whether a mask hides whole frames or single joints. */
 export type MaskGranularity =
   /** Whole frames, as in the paper. */
   | "state"
@@ -1071,7 +1071,7 @@ export type MaskGranularity =
 export interface MaskSet {
   /** First frame. */
   from: number;
-  /** Which joints; absent = all. */
+  /** The joints; absent = all. */
   joints?: string[];
   /** Hide (true) or show (false). */
   masked: boolean;
@@ -1079,7 +1079,7 @@ export interface MaskSet {
   to: number;
 }
 
-/** How near a performance came. */
+/** The errors of a performance. */
 export interface MeanError {
   /** rad or m. */
   unit: Unit;
@@ -1099,7 +1099,7 @@ export interface MeshFacts {
   vertices: number[];
 }
 
-/** How a pose is mirrored, or why it cannot be. */
+/** The mirror image of a pose as a rule for each joint, or the reason why there is none. */
 export type Mirror =
   /** Row by row; joints without a row keep their value. */
   | { table: MirrorRow[] }
@@ -1130,24 +1130,24 @@ export interface NewBody {
 export interface Offer {
   /** Whether it is the robot's default. */
   default: boolean;
-  /** What should fill masked frames for it. */
+  /** The guide that should fill masked frames for it. */
   guide: Guide;
   /** Whether it computes with the robot's model. */
   knows_model: boolean;
   /**
-   * What a mask may hide: for a learned policy, what it was trained with; for all others any
-   * goal.
+   * The masks that it accepts: for a learned policy those it was trained with, for all others
+   * any.
    */
   masks: MaskGranularity;
   /** Name of the model, if it is not the robot's default one. */
   model: string | null;
-  /** Which. */
+  /** The policy's name. */
   name: PolicyName;
-  /** What it needs before it can be chosen; null when it needs nothing. */
+  /** The missing part that it needs before it can be chosen; null when it needs nothing. */
   needs: string | null;
   /** Whether it needs seconds for a clip. */
   slow: boolean;
-  /** What it is best for, in a few words. */
+  /** Cases in which it is best, in a few words. */
   suits: string;
 }
 
@@ -1214,13 +1214,13 @@ export type Op =
 
 /** Body of `POST /api/ops`. */
 export interface OpsRequest {
-  /** What the history calls them; the first edit's own words when empty. */
+  /** The name of the edits in the history; if empty, the name of the first edit. */
   label?: string;
   /** The edits, in order; they count as one for undo. */
   ops: Op[];
 }
 
-/** What came of a request that changed nothing. */
+/** The answer to a request that changed nothing. */
 export type Outcome =
   /** It was done; there is nothing to tell. */
   | null
@@ -1234,7 +1234,7 @@ export interface PathBody {
   path: string;
 }
 
-/** What a clip file says of itself. */
+/** A summary of a clip file. */
 export interface Peek {
   /** Keys. */
   keys: number;
@@ -1246,7 +1246,7 @@ export interface Peek {
   robot: string;
 }
 
-/** What a rollout is doing. */
+/** The phase of a rollout. */
 export type Phase =
   /** There is none. */
   | "off"
@@ -1261,9 +1261,9 @@ export type Phase =
 
 /** A site that inverse kinematics holds: at a place, or at another site. */
 export interface Pin {
-  /** Where it stays, world, m. */
+  /** The place where the point stays, in the world, m. */
   pos?: [number, number, number];
-  /** How it is turned there, w x y z; absent = free. */
+  /** The orientation of the point there, w x y z; free if absent. */
   quat?: [number, number, number, number];
   /** The site. */
   site: string;
@@ -1271,7 +1271,7 @@ export interface Pin {
   to?: string;
 }
 
-/** Where in a file. */
+/** A place in a file. */
 export interface Place {
   /** Column in characters, from 1. */
   col: number;
@@ -1292,13 +1292,13 @@ export type Plane =
 export interface PolicyCard {
   /** Whether it can be chosen for this robot without a model file of one's own. */
   available: boolean;
-  /** Who performs unless one is chosen. */
+  /** Whether it is the policy that performs unless another is chosen. */
   default: boolean;
-  /** What should fill masked frames for it. */
+  /** The guide that should fill masked frames for it. */
   guide: Guide;
   /** Whether it has the robot's own model to compute with. */
   knows_model: boolean;
-  /** Whether it learned something, and so can have a model file of one's own. */
+  /** Whether the policy is learned, so that another model file can be given for it. */
   learned: boolean;
   /**
    * Name of the model, where it is not the robot's default one: `model_path` of
@@ -1311,7 +1311,7 @@ export interface PolicyCard {
   slow: boolean;
   /** The case that it is best for. */
   suits: string;
-  /** What it needs, when it cannot. */
+  /** The missing part that it needs, if it cannot be chosen. */
   why?: string;
 }
 
@@ -1353,7 +1353,7 @@ export interface PoseApply {
   joints?: string[];
   /** The pose's mirror image. */
   mirrored?: boolean;
-  /** Which pose. */
+  /** The pose's name. */
   name: string;
 }
 
@@ -1467,15 +1467,15 @@ export interface RecentFile {
   robot: string;
 }
 
-/** What a start from a journal brought back. */
+/** The edits that a start recovered from a journal. */
 export interface Restored {
   /** Edits that had not been saved. */
   edits: number;
   /** The file was changed by others since: saving overwrites that. */
   file_changed: boolean;
-  /** Where the damaged journal is kept. */
+  /** The path where the damaged journal is kept. */
   kept: string | null;
-  /** What was damaged and could not be brought back, in words. */
+  /** Damaged parts that could not be recovered, in words. */
   lost: string[];
   /** Bytes of a torn record at the end, never acknowledged, that were dropped. */
   torn_bytes: number;
@@ -1503,11 +1503,11 @@ export interface RobotCard {
   id: string;
   /** Names of the trained models that it has. */
   models: string[];
-  /** What it is loaded by: its id, or its folder. */
+  /** The source that it is loaded from: its id, or its folder. */
   source: string;
 }
 
-/** What a page needs to know about a robot. */
+/** The facts about a robot that a page needs. */
 export interface RobotFacts {
   /** A sentence or two. */
   about: string;
@@ -1533,7 +1533,7 @@ export interface RobotFacts {
   poses: PoseFacts[];
   /** Residual above which a pose counts as not reached, rad or m. */
   settle_tolerance: number;
-  /** What it is loaded by: its id, or its folder. */
+  /** The source that it is loaded from: its id, or its folder. */
   source: string;
   /** Joints, limits, mirror, couplings: what clips need. */
   table: JointTable;
@@ -1541,7 +1541,7 @@ export interface RobotFacts {
   title: string;
 }
 
-/** How the live rollout is made. */
+/** The settings of the live rollout. */
 export interface RolloutSettings {
   /** Roll out after every edit. */
   auto: boolean;
@@ -1557,7 +1557,7 @@ export interface RolloutSettings {
   seed: number;
 }
 
-/** How far the rollout is. */
+/** The progress of the rollout. */
 export interface RolloutState {
   /** Frames `0..cached_to` are valid. */
   cached_to: number;
@@ -1571,7 +1571,7 @@ export interface RolloutState {
   mae: number | null;
   /** Time a simulated frame takes, milliseconds. */
   ms_per_frame: number | null;
-  /** What it is doing. */
+  /** The phase in which it is. */
   phase: Phase;
   /** The policy, such as `pd+refine`. For `auto` the one that it chose, once it has. */
   policy: string;
@@ -1579,7 +1579,10 @@ export interface RolloutState {
   resumed_at: number;
   /** Version of the document that it performs; 0 for a preview. */
   rev: number;
-  /** What `auto` compared, in the order in which it was tried; empty for a named policy. */
+  /**
+   * The policies that `auto` compared, in the order in which they were tried; empty for a named
+   * policy.
+   */
   tried: Trial[];
 }
 
@@ -1659,7 +1662,7 @@ export interface Saved {
   rev: number;
 }
 
-/** What is selected; shared by all clients. */
+/** The selection; shared by all clients. */
 export interface Selection {
   /** A body. */
   body?: string;
@@ -1669,7 +1672,7 @@ export interface Selection {
   site?: string;
 }
 
-/** Where a pose comes to rest when the robot is driven there. */
+/** The pose that the robot reaches when it is driven to a pose and comes to rest. */
 export interface SettleAnswer {
   /** One value per state joint. */
   q: number[];
@@ -1683,7 +1686,7 @@ export interface SettleAnswer {
   worst_joint: number;
 }
 
-/** What `GET /api/shelf` shows. */
+/** The answer of `GET /api/shelf`. */
 export interface Shelf {
   /** Data that is not whole yet, by path. */
   begun: BegunCard[];
@@ -1729,7 +1732,7 @@ export interface Span {
   to: number;
 }
 
-/** Where the values of a run of frames come from. */
+/** The origin of the values of a run of frames. */
 export type SpanKind =
   /** A key and its hold. */
   | "key"
@@ -1758,7 +1761,7 @@ export interface State {
   clients: number;
   /** The document, if one is open. */
   document: DocumentView | null;
-  /** Where relative paths start. */
+  /** The folder where relative paths start. */
   folder: string;
   /** Joints that no hand moves. */
   locked: string[];
@@ -1839,7 +1842,7 @@ export type StudioOp =
   | { op: "view.frame"; args: { frame: number } }
   /** Plays in the viewport; the page's own clock follows `frame` at `speed`. */
   | { op: "view.play"; args: { frame: number; range?: [number, number]; speed: number } }
-  /** What the viewport shows; absent fields stay. */
+  /** The parts that the viewport shows; absent fields keep their value. */
   | { op: "view.show"; args: ViewShow }
   /** Selects a joint or a body, or nothing. */
   | { op: "view.select"; args: Selection }
@@ -1869,7 +1872,7 @@ export interface TakeCard {
   jerk: number | null;
   /** Mean absolute error over all goals, rad or m. */
   mae: number | null;
-  /** What it is called. */
+  /** The name of the policy. */
   name: string;
   /** Kept until it is removed. */
   pinned: boolean;
@@ -1943,7 +1946,7 @@ export interface TimeDelete {
 export interface TimeInsert {
   /** Before which frame; the clip's length appends. */
   at: number;
-  /** How many. */
+  /** The number of frames. */
   frames: number;
 }
 

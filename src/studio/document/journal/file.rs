@@ -19,7 +19,7 @@ use robert_base::limits;
 pub(crate) struct Journal {
     file: File,
     path: PathBuf,
-    /// Length of what is known to be whole.
+    /// The length of the part that is known to be complete.
     len: u64,
     /// The position of the next record among all.
     position: Position,
@@ -28,8 +28,8 @@ pub(crate) struct Journal {
 }
 
 impl Journal {
-    /// Opens (or creates) and locks a journal and reads what is in it. A damaged one stays as
-    /// it is until [`Journal::repair`], which comes before anything else is written.
+    /// Opens (or creates) a journal, locks it, and reads its content. A damaged one stays as it is
+    /// until [`Journal::repair`], which must be called before anything else is written.
     ///
     /// # Errors
     /// [`Error::Locked`] when another process has it, [`Error::NotAJournal`] when something
@@ -49,8 +49,8 @@ impl Journal {
         Ok((Journal { file, path: path.to_owned(), len, position, current }, records, damage))
     }
 
-    /// Takes damage out of the file and brings an older format up to date. The file as it was
-    /// found is kept beside it.
+    /// Removes damage from the file and updates an older format. A copy of the file as it was found
+    /// is kept beside it.
     ///
     /// # Errors
     /// [`Error::Journal`].
@@ -76,7 +76,7 @@ impl Journal {
         self.len
     }
 
-    /// Appends records and returns when they are on disk; all of them or none.
+    /// Appends records, all of them or none, and returns when they are on disk.
     ///
     /// # Errors
     /// [`Error::Journal`].
@@ -118,7 +118,7 @@ impl Journal {
             tempfile::Builder::new().prefix(".robert-").tempfile_in(dir).map_err(fail)?;
         temp.as_file_mut().write_all(&bytes).map_err(fail)?;
         temp.as_file().sync_all().map_err(fail)?;
-        // Locked before it has the name, so that no moment is unlocked.
+        // It is locked before it gets its name, so that it is never unlocked under that name.
         flock(temp.as_file(), FlockOperation::NonBlockingLockExclusive)
             .map_err(|e| fail(e.into()))?;
         self.file = temp.persist(&self.path).map_err(|e| fail(e.error))?;
@@ -128,12 +128,12 @@ impl Journal {
         File::open(dir).and_then(|d| d.sync_all()).map_err(fail)
     }
 
-    /// Removes the file: nothing in it is needed any more.
+    /// Removes the file, whose content is no longer needed.
     pub(crate) fn remove(self) {
         fs::remove_file(&self.path).ok();
     }
 
-    /// Empties it, and keeps a copy of what is in it.
+    /// Empties the file, and keeps a copy of its content.
     ///
     /// # Errors
     /// [`Error::Journal`].
@@ -143,7 +143,7 @@ impl Journal {
         Ok(kept)
     }
 
-    /// Keeps a copy of what is in it.
+    /// Keeps a copy of its content.
     ///
     /// # Errors
     /// [`Error::Journal`].
@@ -191,7 +191,7 @@ fn lock(path: &Path) -> Result<File, Error> {
     Err(Error::Locked { path: path.to_owned() })
 }
 
-/// Keeps these bytes beside the journal, in a file that is not there yet.
+/// Keeps these bytes beside the journal, in a new file.
 fn keep(path: &Path, bytes: &[u8]) -> io::Result<PathBuf> {
     const COPIES: u32 = 1000;
     for n in 1..COPIES {

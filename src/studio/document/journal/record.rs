@@ -10,7 +10,7 @@ use robert_clip::Delta;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Record {
-    /// The document that the rest builds upon; always first, and only there.
+    /// The document on which all other records build; always the first record, and only there.
     Base {
         /// Its text.
         text: String,
@@ -28,8 +28,8 @@ pub(crate) enum Record {
     Undo,
     /// It was done again.
     Redo,
-    /// Its studio put it away by itself. Without this at the end the studio was killed with
-    /// that clip open.
+    /// The studio closed the document by itself. If this record is missing at the end, the studio
+    /// was killed with the clip open.
     Closed,
     /// It was taken up again.
     Opened,
@@ -38,7 +38,7 @@ pub(crate) enum Record {
 /// The damage of a journal.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Damage {
-    /// Bytes of a record that was not written to its end, and so never acknowledged.
+    /// Bytes of a record that was not written completely, and so never acknowledged.
     pub(crate) torn_bytes: u64,
     /// Other damage, in words.
     pub(crate) lost: Vec<String>,

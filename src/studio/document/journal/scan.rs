@@ -112,7 +112,7 @@ pub(crate) struct Scan {
     pub(crate) current: bool,
 }
 
-/// Reads the bytes of a journal; `None` if they are none.
+/// Reads the bytes of a journal; `None` if they are not a journal.
 ///
 /// One pass: no record reaches beyond the next mark, so each byte is looked at twice at most.
 pub(crate) fn scan(bytes: &[u8]) -> Option<Scan> {
@@ -145,7 +145,7 @@ pub(crate) fn scan(bytes: &[u8]) -> Option<Scan> {
                 at = end;
             }
             None => {
-                // The rest of the segment may hold a mark that its head hides.
+                // The rest of the segment may contain a mark that its header hides.
                 let next = body.get(at + 1..end).and_then(mark).map_or(end, |n| at + 1 + n);
                 reading.skip(at, next);
                 at = next;
@@ -211,8 +211,8 @@ impl Raw {
         })
     }
 
-    /// Whether these last bytes of a file are shorter than they say: a write that was not
-    /// finished, rather than damage.
+    /// Whether these last bytes of a file are shorter than their header says. That is an unfinished
+    /// write rather than damage.
     fn is_torn(segment: &[u8]) -> bool {
         let len = segment.get(4..8).and_then(|b| b.try_into().ok()).map(u32::from_le_bytes);
         len.is_none_or(|len| {
@@ -225,16 +225,16 @@ const BASE: &str = "the saved text is damaged";
 
 const COPY: &str = "one of the two copies of the saved text is damaged";
 
-/// Records in the order of the file, and what fills their gaps.
+/// Records in the order of the file, and placeholders for missing ones.
 #[derive(Default)]
 struct Reading {
     records: Vec<Record>,
     position: Position,
     damage: Damage,
-    /// Bytes before the next record that are none.
+    /// Bytes before the next record that belong to no record.
     skipped: usize,
-    /// Records that may still be missing: no more than the file has bytes for. Without this a
-    /// forged number would ask for four thousand million stand-ins.
+    /// The number of records that may still be missing: at most as many as the file has bytes for.
+    /// Without this limit a forged number would ask for four thousand million placeholders.
     room: u32,
 }
 
@@ -260,7 +260,7 @@ impl Reading {
             });
         }
         match kind {
-            // The base once more. One copy is enough.
+            // The second copy of the base; one copy suffices. One copy is enough.
             Kind::Base if self.position.number > 0 => return,
             Kind::Base => {}
             _ => self.fill(&raw, kind, missing),
@@ -269,7 +269,7 @@ impl Reading {
         self.records.push(raw.record);
     }
 
-    /// Puts in what is missing before a record, as far as it can be known.
+    /// Adds placeholders for the records missing before this one, as far as they can be known.
     fn fill(&mut self, raw: &Raw, kind: Kind, missing: u32) {
         self.position.number = self.position.number.max(1);
         let before = match kind {

@@ -19,8 +19,8 @@ use robert_base::child::{Farewell, Rights};
 use robert_base::fsio;
 use robert_base::limits;
 
-/// Serves the parent until it hangs up. Its socket is file descriptor 0: the safe way to
-/// hand one over. Nothing here reads the standard input otherwise.
+/// Serves the parent until it hangs up. The socket is file descriptor 0, which is the safe way to
+/// pass one on. Nothing else here reads standard input.
 ///
 /// # Errors
 /// When the socket is none.
@@ -49,10 +49,10 @@ pub fn run() -> io::Result<()> {
     Ok(())
 }
 
-/// Takes away what a broken model could do harm with.
+/// Gives up the rights with which a broken model could do harm.
 fn confine() -> io::Result<()> {
-    // A thread that panics must end the process: the parent starts a fresh one, whereas a
-    // half-dead child would only be silent.
+    // A thread that panics must end the process. Then the parent starts a new one, whereas a child
+    // with one dead thread would only be silent.
     let usual = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |info| {
         usual(info);

@@ -11,14 +11,14 @@ use super::message::{Question, WorkerRequest};
 use super::supervisor::{self, Inbox, Reply, WorkerSink, gone};
 use crate::protocol::Error;
 
-/// A way to ask the worker. Clones ask the same one.
+/// A handle for questions to the worker. Clones use the same worker. Clones ask the same one.
 #[derive(Clone, Debug)]
 pub(crate) struct WorkerHandle {
     inbox: Sender<Inbox>,
 }
 
 impl WorkerHandle {
-    /// Starts the supervisor, and the child with it. `binary` is this program.
+    /// Starts the supervisor, which starts the child. `binary` is this program.
     ///
     /// # Errors
     /// When the system gives no thread.
@@ -26,8 +26,8 @@ impl WorkerHandle {
         Ok(WorkerHandle { inbox: supervisor::start(binary, sink, None)? })
     }
 
-    /// The same with a child that is started when something is asked, and ended again when
-    /// nothing has been asked for `rest`: its memory is needed now and then only.
+    /// The same, but the child is started at the first question and ended after `rest` without one,
+    /// because its memory is needed only now and then.
     ///
     /// # Errors
     /// When the system gives no thread.
@@ -57,7 +57,7 @@ impl WorkerHandle {
         self.inbox.send(Inbox::Ask { request: question.into(), reply: Some(reply) }).ok();
     }
 
-    /// Asks and waits, in an asynchronous context.
+    /// Asks a question and waits for the answer, in an asynchronous context.
     ///
     /// # Errors
     /// [`Error::Worker`], [`Error::Simulation`].
@@ -69,7 +69,7 @@ impl WorkerHandle {
         rx.await.unwrap_or_else(|_| Err(gone("it has been shut down")))
     }
 
-    /// Asks and waits, on a thread that may block.
+    /// Asks a question and waits for the answer, on a thread that may block.
     ///
     /// # Errors
     /// [`Error::Worker`], [`Error::Simulation`].

@@ -11,7 +11,7 @@ use robert_base::exit::{Exit, HasExit};
 use robert_clip::Command;
 use robert_rollout::{Choice, PolicyConfig, Precision};
 
-/// A question to the worker. Its type says what the answer is.
+/// A question to the worker, with the type of its answer. Its type says what the answer is.
 pub(crate) trait Question: Into<WorkerRequest> {
     /// The type of the worker's answer.
     type Answer: Serialize + DeserializeOwned + Send + 'static;
@@ -26,7 +26,7 @@ pub(super) struct Envelope {
     pub(super) request: WorkerRequest,
 }
 
-/// Declares the requests, and which question each is.
+/// Declares the requests, and the question type of each.
 macro_rules! requests {
     ($($(#[$doc:meta])* $name:ident => $answer:ty;)*) => {
         /// A request to the child.
@@ -48,7 +48,7 @@ macro_rules! requests {
 }
 
 requests! {
-    /// Whether the child lives; answered even while it simulates.
+    /// Asks whether the child is alive; answered even during simulation.
     Ping => ();
     /// The robot of what follows.
     LoadRobot => RobotFacts;
@@ -79,7 +79,7 @@ requests! {
 }
 
 impl WorkerRequest {
-    /// Whether it may take long and must not stand in the way of frames.
+    /// Whether it may take long, so that frames must not wait for it.
     pub(super) fn is_slow(&self) -> bool {
         matches!(
             self,
@@ -137,7 +137,7 @@ pub(crate) struct Kinematics {
     pub(crate) poses: Vec<Vec<f64>>,
 }
 
-/// A drawn line that a site is to go along.
+/// A drawn line that a site shall follow.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct Trace {
     /// The pose at which the line begins, one value per state joint.
@@ -146,11 +146,11 @@ pub(crate) struct Trace {
     pub(crate) site: String,
     /// Points of the line: x, y, z in m, and seconds.
     pub(crate) line: Vec<[f64; 4]>,
-    /// Seconds for the whole line, at an even speed.
+    /// The duration of the whole line at constant speed, s.
     pub(crate) secs: Option<f64>,
     /// Allowed distance between path and line, m.
     pub(crate) tolerance_m: f64,
-    /// By state joint: what it can do, rad/s or m/s.
+    /// The highest speed of each state joint, rad/s or m/s.
     pub(crate) speeds: Vec<Option<f64>>,
     /// Joints that must stay.
     pub(crate) locked: Vec<String>,
@@ -221,7 +221,7 @@ pub(crate) struct PickRequest {
 pub(crate) enum Subject {
     /// A pose; one value per state joint.
     Pose(Vec<f64>),
-    /// A motion. What has the same stamp is the same motion, and is not looked through again.
+    /// A motion. Motions with the same stamp are equal, so the camera is not fitted to them again.
     Motion {
         /// See above.
         stamp: u64,
@@ -254,7 +254,7 @@ pub(crate) struct MotionRows {
     pub(crate) keys: Vec<usize>,
 }
 
-/// A compiled clip on its way to the child.
+/// A compiled clip for the child.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct Dense {
     /// Joint names, the order of the rows.
@@ -293,7 +293,7 @@ pub(super) enum WorkerMessage {
     Event(SimulationEvent),
 }
 
-/// Why something cannot be; the robot or the file is at fault.
+/// A refusal: the reason lies in the robot or the file.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct Refusal {
     /// The sentence that the command line prints.
@@ -374,6 +374,6 @@ pub(crate) struct Picture {
     /// The file.
     #[serde(with = "serde_bytes")]
     pub(crate) jpeg: Vec<u8>,
-    /// Mean error of what was performed for it.
+    /// The mean error of the performance.
     pub(crate) error: Option<MeanError>,
 }

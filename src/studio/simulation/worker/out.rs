@@ -36,7 +36,8 @@ impl Out {
         })
     }
 
-    /// The same; a parent that is gone needs no answer, and reading will notice.
+    /// The same, ignoring an error: a parent that is gone needs no answer, and the next read will
+    /// fail.
     pub(super) fn answer<Q: Question>(&self, id: u64, answer: Result<Q::Answer, Refusal>) {
         self.send::<Q>(id, answer).ok();
     }
@@ -47,7 +48,7 @@ impl Out {
     }
 }
 
-/// Grants another share of processor time: an endless loop in one request ends the process,
+/// Grants another share of processor time. So an endless loop in one request ends the process, but
 /// many short requests do not.
 pub(super) fn grant_cpu() {
     let Ok(stat) = std::fs::read_to_string("/proc/self/stat") else { return };

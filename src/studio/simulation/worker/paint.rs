@@ -52,14 +52,14 @@ impl Painter {
         match drawn {
             Ok(jpeg) => Ok(Picture { jpeg, error }),
             Err(e) => {
-                // A device that has been lost must not be asked again.
+                // A device that has been lost must not be used again.
                 *self.slot(ask) = None;
                 Err(e.into())
             }
         }
     }
 
-    /// Says which body a picture would show at a point, or why not.
+    /// The body that a picture would show at a point, or the reason why there is none.
     pub(crate) fn pick(
         &mut self,
         robot: &Arc<Robot>,
@@ -79,8 +79,8 @@ impl Painter {
         }
     }
 
-    /// The motion that is asked for, looked through; the last one is at hand. Also the mean
-    /// error where it was performed for this.
+    /// The requested motion with its camera; the last one is kept. Also the mean error if the
+    /// motion was performed for this picture.
     fn shot(
         &mut self,
         robot: &Arc<Robot>,

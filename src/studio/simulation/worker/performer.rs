@@ -31,7 +31,7 @@ pub(super) struct Performer {
     show: Option<Show>,
 }
 
-/// A rollout and what of it has been sent.
+/// A rollout, and the frames of it that have been sent.
 struct Show {
     rollout: LiveRollout,
     command: Command,
@@ -54,7 +54,7 @@ impl Performer {
         }
     }
 
-    /// Answers and performs until the parent hangs up.
+    /// Answers questions and performs until the parent hangs up.
     pub(super) fn run(mut self, requests: &Receiver<Envelope>) {
         loop {
             let running = self.show.as_ref().is_some_and(|s| s.running);
@@ -73,7 +73,7 @@ impl Performer {
             match first {
                 Some(first) => {
                     grant_cpu();
-                    // An edit that another one has overtaken is not performed at all.
+                    // An edit that a newer one has replaced is not performed at all.
                     let mut waiting: Vec<Envelope> = std::iter::once(first).collect();
                     waiting.extend(requests.try_iter());
                     let newest = waiting
@@ -167,7 +167,7 @@ impl Performer {
         }
     }
 
-    /// Goes on with the last rollout where the new command allows it.
+    /// Continues the last rollout if the new command allows it.
     fn take_up(
         &mut self,
         command: Command,
@@ -192,8 +192,8 @@ impl Performer {
         let resumed_at = show.rollout.shown().frame();
         // Frames that were simulated but not sent yet are sent now.
         let unsent = show.batch.from;
-        // The ghost of the command leans toward the next goal: it changes on frames, too,
-        // that need no new simulation.
+        // The ghost of the command leans toward the next goal, so it also changes in frames that
+        // need no new simulation.
         let leans = command.first_changed_step(&show.command).unwrap_or(u32::MAX);
         let from = resumed_at.min(leans as usize).min(unsent);
         self.out.tell(SimulationEvent::Started { generation, resumed_at });
@@ -209,7 +209,7 @@ impl Performer {
         Ok(())
     }
 
-    /// Adds what the shown rollout has reached, from this frame on.
+    /// Adds the frames that the shown rollout has reached, from this one on.
     fn add_from(&mut self, frame: usize) -> Result<(), robert_rollout::Error> {
         let Some(show) = &self.show else { return Ok(()) };
         let reached = show.rollout.shown().frames_reached().skip(frame);

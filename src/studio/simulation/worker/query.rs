@@ -16,9 +16,9 @@ use robert_robot::{Coupling, IkConfig, Point, Robot, Target};
 /// A point in the world, m.
 type V3 = [f64; 3];
 
-/// Disagreement of coupled joints that is no fault, rad or m.
+/// Differences of coupled joints up to this are not reported, rad or m.
 const COUPLING_TOLERANCE: f64 = 0.02;
-/// Depth of a touch that lints mention, m.
+/// The depth of contact from which lints report it, m.
 const TOUCH_M: f64 = 5e-4;
 
 /// A robot by builtin id or folder.
@@ -57,7 +57,8 @@ pub(crate) fn table(robot: &Robot) -> JointTable {
                 .collect(),
         ),
     };
-    // A tendon shares a force and leaves the difference free; only a mimic binds values.
+    // A tendon shares a force but does not fix the difference; only a mimic joint has a fixed
+    // value.
     let couplings = profile
         .couplings
         .iter()
@@ -85,7 +86,7 @@ pub(crate) fn table(robot: &Robot) -> JointTable {
     }
 }
 
-/// Adds what the data of the robot's own model tell.
+/// Adds facts from the data of the robot's own model.
 fn learned(mut table: JointTable, robot: &Robot) -> JointTable {
     use robert_rollout::shipped;
     let Ok(Some(model)) = shipped::get(robot, shipped::DEFAULT) else { return table };

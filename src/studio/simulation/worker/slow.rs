@@ -52,7 +52,7 @@ pub(super) fn run(requests: &Receiver<Envelope>, out: &Out) {
     }
 }
 
-/// The robot that was asked about last; compiling one takes a while.
+/// The robot of the last question is kept, because compiling one takes a while.
 #[derive(Default)]
 struct LastRobot(Option<(String, Arc<Robot>)>);
 

@@ -23,18 +23,19 @@ use super::message::{
 use crate::protocol::{Error, WorkerPhase, WorkerState};
 use robert_base::exit::Exit;
 
-/// A child that was stopped and is silent this long while something is asked of it is dead.
+/// A stopped child that is silent for this long during a question is considered dead.
 const SILENCE: Duration = Duration::from_millis(1500);
-/// A child that is silent this long is dead in any case. Its reader never computes, so on a
-/// machine that gives it its turn it answers at once; on a crowded one that can take a while.
+/// A child that is silent for this long is considered dead in any case. Its reader thread never
+/// computes, so it answers at once when the machine runs it; on a crowded machine that can take a
+/// while.
 const DEAD_SILENCE: Duration = Duration::from_secs(15);
-/// A child that does not take what is sent to it for so long is dead.
+/// A child that does not read its messages for this long is considered dead.
 const BLOCKED: Duration = Duration::from_secs(4);
-/// A child that is silent this long is asked whether it lives.
+/// After this time without a message the child is asked whether it is alive.
 const ASK_AFTER: Duration = Duration::from_millis(500);
 /// Time for one question (not for a rollout, which may take as long as it moves on).
 const PATIENCE: Duration = Duration::from_mins(1);
-/// Deaths within [`DEATH_WINDOW`] after which it is given up.
+/// The number of deaths within [`DEATH_WINDOW`] after which no new child is started.
 const DEATHS: usize = 3;
 const DEATH_WINDOW: Duration = Duration::from_mins(1);
 
@@ -77,7 +78,7 @@ struct Running {
     number: u64,
 }
 
-/// Requests that a new child must be told first.
+/// Requests that a new child must receive first.
 #[derive(Default)]
 struct Memory {
     robot: Option<WorkerRequest>,
@@ -127,7 +128,7 @@ struct Supervisor {
     pulse: Pulse,
     memory: Memory,
     history: History,
-    /// Started on demand, ended after so long without any.
+    /// The child is started on demand, and ended after this time without demand.
     rest: Option<Duration>,
     /// The simulator writes its log into the current folder.
     scratch: tempfile::TempDir,
@@ -148,7 +149,7 @@ struct History {
     state: WorkerState,
 }
 
-/// Starts the supervisor; what it is told goes into the inbox.
+/// Starts the supervisor; messages to it go into the inbox.
 pub(super) fn start(
     binary: PathBuf,
     sink: Arc<dyn WorkerSink>,
@@ -209,7 +210,7 @@ impl Supervisor {
                     self.history.deaths.clear();
                     self.spawn();
                 }
-                // Nothing new, or from a child that has been buried already.
+                // There is no message, or it is from a child that has been replaced.
                 None | Some(Inbox::Message { .. } | Inbox::Gone { .. } | Inbox::Restart) => {}
                 Some(Inbox::Shutdown) => break,
             }
@@ -347,7 +348,7 @@ impl Supervisor {
         }
     }
 
-    /// Whether a signal or a debugger holds the child.
+    /// Whether the child is stopped by a signal or a debugger.
     fn is_stopped(&self) -> bool {
         let Some(child) = &self.child else { return false };
         let stat = std::fs::read_to_string(format!("/proc/{}/stat", child.process.id()));
@@ -380,10 +381,10 @@ impl Supervisor {
         self.spawn();
     }
 
-    /// Kills and reaps the child; says how it ended.
+    /// Kills and reaps the child; returns how it ended.
     fn bury(&mut self) -> Option<String> {
         let mut running = self.child.take()?;
-        // Give a child that has just hung up the moment it needs to leave its own status.
+        // A child that has just hung up needs a moment to exit with its own status.
         let mut status = None;
         for _ in 0..10 {
             status = running.process.try_wait().ok().flatten();
@@ -422,7 +423,7 @@ fn spawn(
         .stdout(Stdio::null())
         .current_dir(scratch)
         .spawn()?;
-    // A child that was stopped lets the buffer run full: better a death than a wait.
+    // If the child is stopped the buffer fills up: killing it is better than waiting.
     ours.set_write_timeout(Some(BLOCKED))?;
     let mut reading = io::BufReader::new(ours.try_clone()?);
     let inbox = inbox.clone();

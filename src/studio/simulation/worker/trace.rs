@@ -15,8 +15,7 @@ use robert_robot::{self as robot, IkConfig, Point, Robot, Target};
 
 type V3 = [f64; 3];
 
-/// Share of the tolerance that the corners of the line may take; the other part is for the way
-/// between two poses.
+/// The share of the tolerance for simplifying the line; the rest is for the way between two poses.
 const CORNERS: f64 = 0.5;
 /// The number of times that the segment between two corners is halved.
 const HALVINGS: u32 = 6;
@@ -97,7 +96,7 @@ impl Tracer<'_> {
         Ok(self.data.site_xpos().as_chunks::<3>().0[self.site])
     }
 
-    /// Goes on from the last pose straight to a point, with as many poses between as that needs.
+    /// Continues from the last pose straight to a point, with as many poses between as necessary.
     fn go(
         &mut self,
         spots: &mut Vec<Spot>,
@@ -143,7 +142,8 @@ impl Tracer<'_> {
                     clock = clock.max(f64::from(soonest));
                     (clock.round() as u32, if spot.sharp { REST } else { 1 })
                 }
-                // From the pose before to where the line begins, and a moment to come to rest.
+                // The way from the pose before to the beginning of the line, and a moment to come
+                // to rest.
                 _ if self.needed(&self.ask.q, &spot.q) > 0 => {
                     let lead = self.needed(&self.ask.q, &spot.q).max(2);
                     clock = f64::from(lead);
@@ -174,7 +174,7 @@ fn times(line: &[[f64; 4]], secs: Option<f64>) -> Vec<f64> {
     passed.into_iter().map(|p| secs * p / whole).collect()
 }
 
-/// Points of a line that all others are near: Ramer, Douglas and Peucker.
+/// Points of a line such that all others are near them: Ramer, Douglas and Peucker.
 fn simplified(line: &[[f64; 4]], tolerance: f64) -> Vec<usize> {
     let Some(last) = line.len().checked_sub(1) else { return Vec::new() };
     let mut kept = vec![false; line.len()];
