@@ -36,7 +36,10 @@ export interface BegunCard {
 
 /** The panels beside the clip in a picture or film. */
 export type Beside =
-  /** A take, performed once more: the same clip, policy and seed give the same bits. */
+  /**
+   * The number of a take, which is performed again: the same clip, policy and seed give the same
+   * bits.
+   */
   | { take: number }
   /**
    * Another clip, performed by the same policy, or a take in a file; relative to the
@@ -132,11 +135,11 @@ export interface ClipNotes {
 
 /** Query of `POST /api/clips`. */
 export interface ClipQuery {
-  /** The file that is in the body; its ending tells the format. */
+  /** The name of the file in the body; its suffix determines the format. */
   name?: string;
   /** A file of this machine instead of a body. */
   path?: string;
-  /** Robot, for formats that do not name theirs; that of the open document without it. */
+  /** The robot, for formats that do not name theirs; if absent, that of the open document. */
   robot?: string;
 }
 
@@ -168,9 +171,9 @@ export type Code =
   | "no_document"
   /** The clip needs a file name first. */
   | "untitled"
-  /** A file of that name is there already. */
+  /** A file of that name exists. */
   | "exists"
-  /** The file was changed by another program meanwhile. */
+  /** Another program has changed the file meanwhile. */
   | "changed"
   /** Another studio has it. */
   | "locked"
@@ -281,15 +284,15 @@ export interface DocumentView {
   /** History. */
   history: History;
   /**
-   * Rises with every document that is opened: what a page chose in one (range, selection,
-   * takes) means nothing in the next.
+   * Increases with every document that is opened. Choices of a page in one document (range,
+   * selection, takes) have no meaning in the next.
    */
   opened: number;
   /** Its file. */
   path: string | null;
   /** Policies as its robot can have them. */
   policies: PolicyCard[];
-  /** Unsaved edits that a start brought back: show the banner. */
+  /** Unsaved edits that a start recovered: show the banner. */
   restored: Restored | null;
   /** Version. */
   rev: number;
@@ -299,7 +302,7 @@ export interface DocumentView {
 
 /** A clip that was never saved. */
 export interface Draft {
-  /** The studio was killed with it open, and nobody has looked at it since. */
+  /** Whether the studio was killed with it open, and it has not been opened since. */
   abandoned: boolean;
   /** Seconds since 1970 of its last edit. */
   changed_secs: number;
@@ -317,25 +320,28 @@ export interface Draft {
 export interface DrawAnswer {
   /** Frames until the last key ends. */
   frames: number;
-  /** Keys, joined by straight lines; frames count from where the line was begun. */
+  /** Keys, joined by straight lines; frames count from the beginning of the line. */
   keys: DrawnKey[];
   /** The line in the world, m. */
   line: [number, number, number][];
-  /** Farthest that the site stays from the line, because it leaves the robot's reach, m. */
+  /** The largest distance between site and line where the line leaves the robot's reach, m. */
   off_m: number;
 }
 
-/** Body of `POST /api/draw`: a line that a hand drew over a page's 3D view. */
+/** Body of `POST /api/draw`: a line that a person drew over a page's 3D view. */
 export interface DrawRequest {
   /** Joints that must stay. */
   locked?: string[];
   /** The plane in which the line is drawn. */
   plane: Plane;
-  /** Points of the picture, 0 to 1 from the top left corner, and when the hand was there, s. */
+  /**
+   * Points of the picture, 0 to 1 from the top left corner, with the time at which each was
+   * drawn, s.
+   */
   points: [number, number, number][];
   /** The pose that it begins from, one value per state joint. */
   q: number[];
-  /** Seconds for the whole line, at an even speed; absent = as long as the hand took. */
+  /** The duration of the whole line at constant speed, s; if absent, as long as the drawing took. */
   secs?: number;
   /** The site that goes along the line. */
   site: string;
@@ -361,7 +367,7 @@ export interface Edited {
   dirty: boolean;
   /** Labels and position. */
   history: History;
-  /** Problems as far as they are known without simulation. */
+  /** Problems that are known without simulation. */
   lints: Lint[];
   /** The changes, step by step; empty if nothing changed. */
   patches: Delta[];
@@ -387,7 +393,7 @@ export type Event =
   | { event: "hello"; client: number; state: State }
   /** A change of the document. */
   | { event: "edit"; by: number; dirty: boolean; first_changed_frame: number | null; first_changed_step: number | null; history: History; id?: number; label: string; patch: Delta; rev: number }
-  /** Answer to a request that is no edit, or that was refused. */
+  /** The answer to a request that is not an edit, or that was refused. */
   | { event: "reply"; error?: ErrorBody; id: number; result?: Outcome }
   /** Another document, or this one afresh. */
   | { event: "document"; document: DocumentView | null }
@@ -409,15 +415,18 @@ export type Event =
   | ({ event: "job" } & JobView)
   /** Something was selected. */
   | { event: "select"; body?: string; joint?: string; site?: string }
-  /** A joint moves under the mouse in the viewport. `done` = released: make it an edit. */
+  /**
+   * A person turns a joint in the viewport. If `done` is true the mouse was released, and the
+   * page makes the edit.
+   */
   | { event: "joint"; done: boolean; tab?: string; values: Record<string, number> }
-  /** The drag in the viewport was given up: nothing is to be edited. */
+  /** The drag in the viewport was cancelled, so the page makes no edit. */
   | { event: "joint.cancelled"; tab?: string }
   /** Joints that no hand moves. */
   | { event: "locked"; joints: string[] }
   /** Sites that inverse kinematics holds. */
   | { event: "pinned"; pins: Pin[] }
-  /** A hand touches the path of what is selected: the playhead goes there. */
+  /** A point of the drawn path was clicked or dragged: the playhead goes to its frame. */
   | { event: "path.point"; frame: number; tab?: string; values: Record<string, number> | null }
   /** A sentence for a banner. */
   | { event: "notice"; level: Level; message: string };
@@ -486,7 +495,7 @@ export type FileKind =
 export interface FilesQuery {
   /** Below it. */
   dir?: string;
-  /** A folder that the user typed; the studio's without it. */
+  /** A folder that the user typed; the studio's folder if it is absent. */
   root?: string;
 }
 
@@ -514,11 +523,11 @@ export interface FillSet {
 
 /** Problems and the compiled timeline. */
 export interface Findings {
-  /** Runs of steps without any goal in sight. */
+  /** Runs of frames without any goal in the window. */
   blind: Blind[];
   /** The masks that the policy in use accepts. */
   granularity: Granularity;
-  /** Problems, worst first, each with its mends (ready-made `op`s). */
+  /** Problems, worst first, each with its fixes (ready-made `op`s). */
   lints: Lint[];
   /** The version they are about. */
   rev: number;
@@ -550,7 +559,7 @@ export type Format = "robert-clip/1";
 
 /** One example. */
 export interface GalleryItem {
-  /** One of the few that the start page shows large. */
+  /** Whether it is one of the few that the start page shows large. */
   featured: boolean;
   /** For `POST /api/gallery/{id}`. */
   id: string;
@@ -606,7 +615,7 @@ export interface History {
   done: number;
   /** Number of the first label, from 0. */
   first: number;
-  /** The last labels, oldest first (at most 100). */
+  /** The names of the last edits, oldest first (at most 100). */
   labels: string[];
   /** The number of edits. */
   len: number;
@@ -655,7 +664,7 @@ export interface IkAnswer {
 
 /** Body of `POST /api/ik`. */
 export interface IkRequest {
-  /** In its place: a body by name, and a point in its frame, m. */
+  /** Instead of a site: a body by name, and a point in its frame, m. */
   body?: [string, [number, number, number]];
   /** Joints that must stay. */
   locked?: string[];
@@ -682,7 +691,7 @@ export interface ImportBody {
   fixed_base?: boolean;
   id: string;
   uploaded?: boolean;
-  /** Bodies to leave out, with all that hangs on them. */
+  /** Bodies to leave out, with their children. */
   without?: string[];
 }
 
@@ -709,7 +718,7 @@ export type JobKind =
   | "render"
   /** Write a take in another format. */
   | "export"
-  /** Make a robot's folder out of a model file. */
+  /** Makes a robot's folder from a model file. */
   | "import";
 
 /** The state of a job. */
@@ -720,7 +729,7 @@ export type JobPhase =
   | "cancelling"
   /** It ended well. */
   | "done"
-  /** It ended after being asked to stop, with a checkpoint. */
+  /** The job ended after a request to stop, with a checkpoint. */
   | "interrupted"
   /** It ended badly. */
   | "failed";
@@ -758,8 +767,8 @@ export interface JobView {
   /** Exit code, when it has ended. */
   exit: number | null;
   /**
-   * Name of the file that it makes for `GET /api/jobs/{id}/file`; it is there when the job
-   * is done.
+   * The name of the file that it makes, for `GET /api/jobs/{id}/file`; available when the job is
+   * done.
    */
   file: string | null;
   /** Number of the first event in `lines`. */
@@ -1087,7 +1096,7 @@ export interface MeanError {
   value: number;
 }
 
-/** All that is seen of one body in one colour. */
+/** The visible parts of one body in one colour. */
 export interface MeshFacts {
   /** Its body, 0 = the world. */
   body: number;
@@ -1222,7 +1231,7 @@ export interface OpsRequest {
 
 /** The answer to a request that changed nothing. */
 export type Outcome =
-  /** It was done; there is nothing to tell. */
+  /** The request was carried out; there is no result. */
   | null
   /** The document is as it was. */
   | { rev: number }
@@ -1259,7 +1268,7 @@ export type Phase =
   /** It broke; frames before stand. */
   | "failed";
 
-/** A site that inverse kinematics holds: at a place, or at another site. */
+/** A site that inverse kinematics keeps in place, or at another site. */
 export interface Pin {
   /** The place where the point stays, in the world, m. */
   pos?: [number, number, number];
@@ -1267,7 +1276,7 @@ export interface Pin {
   quat?: [number, number, number, number];
   /** The site. */
   site: string;
-  /** In the place of both: the site that it touches. */
+  /** Instead of both: the site that it touches. */
   to?: string;
 }
 
@@ -1290,24 +1299,24 @@ export type Plane =
 
 /** A policy to choose. */
 export interface PolicyCard {
-  /** Whether it can be chosen for this robot without a model file of one's own. */
+  /** Whether it can be chosen for this robot without a model file given by the user. */
   available: boolean;
   /** Whether it is the policy that performs unless another is chosen. */
   default: boolean;
   /** The guide that should fill masked frames for it. */
   guide: Guide;
-  /** Whether it has the robot's own model to compute with. */
+  /** Whether it computes with the robot's own model. */
   knows_model: boolean;
   /** Whether the policy is learned, so that another model file can be given for it. */
   learned: boolean;
   /**
-   * Name of the model, where it is not the robot's default one: `model_path` of
+   * The name of the model, unless it is the robot's default: `model_path` of
    * `RolloutSettings`.
    */
   model?: string;
   /** Name, as on the command line. */
   name: PolicyName;
-  /** Whether it plans so long that a clip takes seconds. */
+  /** Whether it plans for so long that a clip takes seconds. */
   slow: boolean;
   /** The case that it is best for. */
   suits: string;
@@ -1459,7 +1468,7 @@ export interface RecentFile {
   exists: boolean;
   /** Title of the clip. */
   name: string;
-  /** Seconds since 1970 when it was last open here. */
+  /** When it was last open here, seconds since 1970. */
   opened_secs: number;
   /** Path. */
   path: string;
@@ -1471,13 +1480,13 @@ export interface RecentFile {
 export interface Restored {
   /** Edits that had not been saved. */
   edits: number;
-  /** The file was changed by others since: saving overwrites that. */
+  /** Whether another program has changed the file since: saving overwrites that change. */
   file_changed: boolean;
   /** The path where the damaged journal is kept. */
   kept: string | null;
   /** Damaged parts that could not be recovered, in words. */
   lost: string[];
-  /** Bytes of a torn record at the end, never acknowledged, that were dropped. */
+  /** Bytes of an unfinished record at the end that were dropped; it was never acknowledged. */
   torn_bytes: number;
 }
 
@@ -1547,7 +1556,7 @@ export interface RolloutSettings {
   auto: boolean;
   /** Virtual commands through masks. */
   guide: Guide;
-  /** Model or fit file, for policies that learned something. */
+  /** Model or fit file, for learned policies. */
   model_path?: string;
   /** The policy. */
   policy: PolicyName;
@@ -1565,7 +1574,7 @@ export interface RolloutState {
   error?: string;
   /** Frames of the clip. */
   frames: number;
-  /** Number of the rollout; rises with every restart. */
+  /** The number of the rollout; increases with every restart. */
   gen: number;
   /** Mean absolute error so far, rad or m. */
   mae: number | null;
@@ -1629,13 +1638,13 @@ export type Rule =
 export interface RunCard {
   /** Seconds since 1970 of the last change. */
   changed_secs: number;
-  /** The data that it learns from, once there is a model. */
+  /** The data of the run, once it has a model. */
   dataset_sha256: string | null;
-  /** The model to perform with, once there is one. */
+  /** The model of the run, once it exists. */
   model: string | null;
   /** Folder, relative to the studio's. */
   path: string;
-  /** Best Precision by suite, where it was measured. */
+  /** Best Precision by suite, if it was measured. */
   precision: Record<string, number> | null;
   /** Preset it began with. */
   preset: string;
@@ -1676,7 +1685,7 @@ export interface Selection {
 export interface SettleAnswer {
   /** One value per state joint. */
   q: number[];
-  /** Distance from what was asked for, by joint. */
+  /** The distance from the requested pose, by joint. */
   residual: number[];
   /** Whether all are within the robot's tolerance. */
   within: boolean;
@@ -1688,7 +1697,7 @@ export interface SettleAnswer {
 
 /** The answer of `GET /api/shelf`. */
 export interface Shelf {
-  /** Data that is not whole yet, by path. */
+  /** Data that is not complete yet, by path. */
   begun: BegunCard[];
   /** Data, by path. */
   data: DataCard[];
@@ -1775,7 +1784,7 @@ export interface State {
   takes: TakesView;
   /** Version of the program. */
   version: string;
-  /** Whether the 3D client is there; otherwise the viewport is made of stills. */
+  /** Whether the 3D client is available; if not, the viewport shows stills. */
   viser: boolean;
   /** The simulation. */
   worker: WorkerState;
@@ -1800,14 +1809,14 @@ export interface StillQuery {
   frame?: number;
   ghosts?: boolean;
   h?: number;
-  /** Numbers with commas between them: a pose in the place of what was achieved. */
+  /** Numbers separated by commas: a pose that is shown instead of the reached one. */
   pose?: string;
-  /** Not read: makes the address of a newer picture another one. */
+  /** Not read; it gives a newer picture another address. */
   v?: string;
   w?: number;
 }
 
-/** Requests on the socket that are no clip edits. */
+/** Requests on the socket that are not clip edits. */
 export type StudioOp =
   /** Takes the last edit back. */
   | { op: "undo"; args: Record<string, never> }
@@ -1816,8 +1825,9 @@ export type StudioOp =
   /** Undoes or redoes until `done` edits are done. */
   | { op: "history.goto"; args: { done: number } }
   /**
-   * Rolls out as if this edit were made; nothing is stored. Send while dragging; the
-   * newest wins. The reply's `demand` is the `robert_clip::Demand` of the edit, or null.
+   * Previews an edit: it is rolled out, but not stored. Send it during a drag; the newest one
+   * replaces the others. The reply's `demand` is the `robert_clip::Demand` of the edit, or
+   * null.
    */
   | { op: "preview"; args: { op: Op } }
   /** Back to the document. */
@@ -1828,13 +1838,13 @@ export type StudioOp =
   | { op: "rollout.run"; args: Record<string, never> }
   /** Stops it; frames so far stay. */
   | { op: "rollout.cancel"; args: Record<string, never> }
-  /** Starts the simulation again after it gave up. */
+  /** Starts the simulation again after it has failed too often. */
   | { op: "worker.restart"; args: Record<string, never> }
-  /** Keeps a take for good, or no longer. */
+  /** Pins a take, which is then kept until it is removed, or unpins it. */
   | { op: "take.pin"; args: { id: number; pinned: boolean } }
   /** Names a take and pins it. */
   | { op: "take.name"; args: { id: number; name: string } }
-  /** Draws these takes beside what is performed now; the last one also in the viewport. */
+  /** Draws these takes beside the current motion; the last one also in the viewport. */
   | { op: "take.compare"; args: { ids: number[] } }
   /** Forgets a take. */
   | { op: "take.remove"; args: { id: number } }
@@ -1846,11 +1856,11 @@ export type StudioOp =
   | { op: "view.show"; args: ViewShow }
   /** Selects a joint or a body, or nothing. */
   | { op: "view.select"; args: Selection }
-  /** Joints that no hand in the viewport moves: neither a drag nor inverse kinematics. */
+  /** Joints that stay fixed in the viewport, in drags and in inverse kinematics. */
   | { op: "view.lock"; args: { joints: string[] } }
-  /** Sites that inverse kinematics holds, whoever asks for it. */
+  /** Sites that inverse kinematics keeps in place, in every request. */
   | { op: "view.pins"; args: { pins: Pin[] } }
-  /** Gives up the drag that is under way in the viewport. */
+  /** Cancels the current drag in the viewport. */
   | { op: "view.cancel"; args: Record<string, never> }
   /** Frames the camera: `home`, `fit`, `front`, `side`, `top`, `selection`. */
   | { op: "view.camera"; args: { preset: string } }
@@ -1878,9 +1888,9 @@ export interface TakeCard {
   pinned: boolean;
   /** Policy as tables show it. */
   policy: string;
-  /** Version of the document that it is of, as long as that is open. */
+  /** The version of the document that it performs, as long as that document is open. */
   rev: number;
-  /** Its goals are those of the document as it is performed now: the errors can be compared. */
+  /** Whether its goals equal those of the current command, so that the errors can be compared. */
   same_goals: boolean;
   /** Seed of the policy's draws. */
   seed: number;
@@ -1900,7 +1910,7 @@ export interface TakeFrames {
 
 /** All that a client draws of takes. */
 export interface TakesView {
-  /** Drawn beside what is performed now, in this order; the last one also in the viewport. */
+  /** The takes drawn beside the current motion, in this order; the last one also in the viewport. */
   compared: number[];
   /** Sentences about pinned takes on disk that could not be read when the studio began. */
   skipped: string[];
@@ -1994,13 +2004,13 @@ export interface ViewShow {
 
 /** Phases of the worker. */
 export type WorkerPhase =
-  /** Not up yet, or not needed at the moment. */
+  /** Not started yet, or not needed at the moment. */
   | "starting"
   /** Up. */
   | "ready"
   /** It died; a new one comes. */
   | "restarting"
-  /** It died too often; someone must ask for another. */
+  /** The worker died too often; a request must start a new one. */
   | "stopped";
 
 /** The simulation as a banner shows it. */
