@@ -27,7 +27,7 @@ pub(super) struct Args {
 
 #[derive(Debug, Subcommand)]
 enum What {
-    /// Print what a dataset contains, and how clean it is.
+    /// Print the content of a dataset, and its quality.
     #[command(
         after_help = "Examples:\n  robert dataset info data/ur5e\n  robert dataset info data/ur5e --json | jq .totals"
     )]

@@ -4,6 +4,7 @@ use clap::Args;
 
 /// Options of every command.
 #[derive(Args, Clone, Copy, Debug)]
+#[command(next_help_heading = "Global options")]
 pub(super) struct Global {
     /// Print errors only.
     #[arg(short, long, global = true, conflicts_with = "verbose")]

@@ -30,7 +30,7 @@ pub(super) struct Args {
 /// Options for reading a foreign model; shared with `robert new`.
 #[derive(clap::Args, Debug)]
 pub(super) struct ModelFlags {
-    /// The folder that includes and meshes may not leave [default: the file's own].
+    /// The folder that must contain all includes and meshes [default: the file's own].
     #[arg(long, value_name = "DIR")]
     root: Option<PathBuf>,
     /// Folder of a ROS package, for paths such as `package://NAME/arm.stl`. May be repeated.
@@ -39,7 +39,7 @@ pub(super) struct ModelFlags {
     /// The robot's id [default: the folder's name].
     #[arg(long)]
     id: Option<String>,
-    /// Hold a floating base still where it is.
+    /// Fix a floating base in place.
     #[arg(long)]
     fixed_base: bool,
     /// Height of a URDF's root above the floor, m.
@@ -51,21 +51,21 @@ pub(super) struct ModelFlags {
     /// Weld a joint at its zero. May be repeated.
     #[arg(long = "weld", value_name = "JOINT")]
     weld: Vec<String>,
-    /// Leave a body out, with everything that speaks of it (MJCF). May be repeated.
+    /// Leave a body out, with everything that refers to it (MJCF). May be repeated.
     #[arg(long, value_name = "BODY")]
     without: Vec<String>,
-    /// Position and velocity servos: keep them, their control is the action, or make them
-    /// torque motors.
+    /// Whether position and velocity servos are kept, with their control as the action, or replaced
+    /// by torque motors.
     #[arg(long, value_enum, default_value_t = ServoFlag::Keep)]
     actuators: ServoFlag,
-    /// Joints without a drive of their own: model one (assumed), or as the file says.
+    /// Whether joints whose file describes no drive get an assumed one, or stay as in the file.
     #[arg(long, value_enum, default_value_t = DriveFlag::Modelled)]
     drives: DriveFlag,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 enum ServoFlag {
-    /// As the file has them.
+    /// Servos as in the file.
     Keep,
     /// Motors with the same force limit.
     Torque,
@@ -73,9 +73,9 @@ enum ServoFlag {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 enum DriveFlag {
-    /// A drive in proportion to the torque limit.
+    /// Inertia and damping in proportion to the torque limit.
     Modelled,
-    /// Nothing: the file is taken at its word.
+    /// Joints as in the file.
     File,
 }
 

@@ -110,7 +110,7 @@ enum Command {
     Import(import::Args),
     /// Check this machine: libraries, graphics, cores, models; names the fix for what is missing.
     Doctor(doctor::Args),
-    /// Measure speed, in turns with a named peer.
+    /// Measure speed relative to a named reference.
     Bench(bench::Args),
     /// Print a completion script for your shell.
     Completions(completions::Args),

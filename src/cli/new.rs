@@ -65,12 +65,12 @@ fn transitions(text: &str) -> Result<u64, String> {
 pub(super) struct Args {
     /// The model: URDF, MJCF, or a folder that `robert import` made.
     file: PathBuf,
-    /// The robot's folder: made, or gone on with.
+    /// The robot's folder; if it exists, the run in it is continued.
     #[arg(long)]
     out: PathBuf,
     #[command(flatten)]
     model: ModelFlags,
-    /// Frames of random motion to collect, at least 10k; 400k and 2.5M are numbers, too.
+    /// Frames of random motion to collect, at least 10k; written as 200000, 200k or 2.5M.
     #[arg(long, default_value = "200k", value_parser = transitions)]
     transitions: u64,
     /// Minutes of training on this machine; 0 stops at the instant policy.
@@ -79,7 +79,7 @@ pub(super) struct Args {
     /// Preset of the network.
     #[arg(long, default_value = "quick")]
     preset: String,
-    /// Seed of everything.
+    /// Seed of all random choices.
     #[arg(long, default_value_t = 0)]
     seed: u64,
     /// Print one JSON document at the end.

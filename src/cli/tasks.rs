@@ -24,7 +24,7 @@ pub(super) enum Args {
         after_help = "Examples:\n  robert tasks ls\n  robert tasks ls --robot shadow_hand --json"
     )]
     Ls {
-        /// Only of this robot.
+        /// List only the tasks of this robot.
         #[arg(long)]
         robot: Option<String>,
         /// Print JSON.
@@ -55,10 +55,10 @@ pub(super) enum Args {
         #[arg(long, default_value_t = 0)]
         seed: u64,
     },
-    /// Write the task clips that have formulas again; typed ones stay as they are.
+    /// Write the task clips again that are generated from formulas; typed ones stay as they are.
     #[command(hide = true)]
     Author {
-        /// The folder.
+        /// The folder for the clips.
         #[arg(long)]
         out: PathBuf,
     },
@@ -66,10 +66,10 @@ pub(super) enum Args {
     /// relates its excess.
     #[command(hide = true)]
     Floors {
-        /// The folder.
+        /// The folder for the files.
         #[arg(long)]
         out: PathBuf,
-        /// Only of this robot.
+        /// Measure only the tasks of this robot.
         #[arg(long)]
         robot: Option<String>,
     },

@@ -48,8 +48,8 @@ pub(super) struct Args {
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=256))]
     threads: Option<u16>,
     /// The device that computes the steps: the processor, or a graphics card, whose rounding
-    /// differs. `auto` takes a card if there is one and goes on with the processor if it is lost;
-    /// `gpu:1` is the second card of `robert doctor`. ROBERT_GPU=software admits the software
+    /// differs. `auto` uses a card if there is one and continues on the processor if the card is
+    /// lost; `gpu:1` is the second card in `robert doctor`. ROBERT_GPU=software allows the software
     /// driver.
     #[arg(long, value_name = "auto|cpu|gpu[:N]", default_value_t = Choice::Cpu)]
     device: Choice,

@@ -66,13 +66,13 @@ enum Format {
     Json,
     /// A take: the clip that it was made from.
     Mcap,
-    /// Base and joints a row, without header or rate (--fps).
+    /// Rows of base pose and joints, without header or rate (--fps).
     Lafan,
     /// Motion of BeyondMimic and mjlab.
     Npz,
     /// Motion capture of a skeleton like the robot's.
     Bvh,
-    /// /joint_states of a ROS 2 bag.
+    /// The messages on /joint_states of a ROS 2 bag.
     Bag,
     /// An episode of a LeRobot dataset.
     Lerobot,

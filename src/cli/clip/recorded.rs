@@ -21,8 +21,8 @@ const MEMORY_BYTES: u64 = 4 << 30;
 /// Options for clips from recorded motion.
 #[derive(clap::Args, Debug)]
 pub(super) struct Recorded {
-    /// Rows a second of LAFAN rows, which do not say it (LAFAN1 30, robert export 20); of an
-    /// npz file instead of its own.
+    /// Rows per second: required for LAFAN rows, which do not contain it (LAFAN1 30, robert export
+    /// 20); replaces the rate of an npz file.
     #[arg(long, value_name = "HZ")]
     fps: Option<f64>,
     /// Allowed distance between keys and recorded motion, rad or m; 0 keeps every frame.
@@ -40,8 +40,8 @@ pub(super) struct Recorded {
     /// Order of the joints in an npz file.
     #[arg(long, value_enum, default_value_t = Order::Mujoco)]
     bodies: Order,
-    /// The robot's names of joints that the file calls otherwise: TOML lines such as
-    /// elbow_flex = "elbow_joint".
+    /// Rename joints of the file: a file with TOML lines such as elbow_flex = "elbow_joint", the
+    /// robot's name last.
     #[arg(long, value_name = "FILE")]
     rename: Option<PathBuf>,
 }

@@ -18,7 +18,7 @@ use crate::take::What;
     after_help = "Examples:\n  robert export wave.mcap --to csv -o wave.csv\n  robert export wave.mcap --to ros --what command > plan.yaml\n  robert export wave.mcap --to ros --goal --lead-in 2 -o wave.goal.yaml\n  robert export wave.mcap --to mjcf --with-model -o wave.xml    keyframes that load by themselves\n  robert export wave.mcap --to glb -o wave.glb                  Blender, Unreal, three.js\n  robert export ur5e/reacher --policy computed-torque --to mcap -o reacher.mcap\n  robert export ur5e/reacher ur5e/hang --to lerobot -o arm       two episodes\n  robert export wave.mcap --to html -o wave.html    a page that plays the take, offline"
 )]
 pub(in crate::cli) struct Args {
-    /// Takes (.mcap), clip files (- is stdin), names of shipped tasks, or one dataset folder.
+    /// Takes (.mcap), clip files (- is stdin), names of built-in tasks, or one dataset folder.
     #[arg(required = true)]
     pub(super) inputs: Vec<String>,
     /// The format.
@@ -30,14 +30,14 @@ pub(in crate::cli) struct Args {
     /// The reached motion, or the command; for csv, json, mjcf, ros, bag and ur.
     #[arg(long, value_enum, default_value_t = WhatArg::Achieved)]
     pub(super) what: WhatArg,
-    /// Of MJCF keyframes, write the robot's model, too: a file that loads by itself.
+    /// For mjcf, also write the robot's model, so that the file loads by itself.
     #[arg(long)]
     pub(super) with_model: bool,
     #[command(flatten)]
     pub(super) ros: RosFlags,
     #[command(flatten)]
     pub(super) learn: LearnFlags,
-    /// Rows a second of lafan and npz [default: lafan 20, npz 50].
+    /// Rows per second of lafan and npz [default: lafan 20, npz 50].
     #[arg(long, value_name = "HZ", value_parser = clap::value_parser!(u32).range(1..=1000))]
     pub(super) fps: Option<u32>,
     /// Order of bodies and joints in an npz file.
@@ -46,14 +46,14 @@ pub(in crate::cli) struct Args {
     /// The motion command of a UR5e's program.
     #[arg(long, value_enum, default_value_t = UrArg::Servoj)]
     pub(super) ur_move: UrArg,
-    /// Other names of joints: TOML lines such as elbow_joint = "elbow_flex"; for ros, bag
-    /// and lerobot.
+    /// Rename joints: a file with TOML lines such as elbow_joint = "elbow_flex"; for ros, bag and
+    /// lerobot.
     #[arg(long, value_name = "FILE")]
     pub(super) rename: Option<PathBuf>,
-    /// Of a damaged take, export the frames before the damage.
+    /// Export the frames before the damage of a damaged take.
     #[arg(long)]
     pub(super) recover: bool,
-    /// The viser client's index.html, where it is not in this program (for html).
+    /// The viser client's index.html, if this program does not contain it (for html).
     #[arg(long, value_name = "FILE")]
     pub(super) viser_client: Option<PathBuf>,
     /// Print a JSON report (with -o).
@@ -66,13 +66,13 @@ pub(in crate::cli) struct Args {
 /// For robots under ROS 2.
 #[derive(clap::Args, Debug)]
 pub(super) struct RosFlags {
-    /// Time for the way from where the robot stands to the first point, s; for ros and bag.
+    /// Time before the first point, s, in which the robot moves there; for ros and bag.
     #[arg(long, value_name = "SECS", default_value_t = 0.0)]
     pub(super) lead_in: f64,
     /// Write the goal of a FollowJointTrajectory action (for ros).
     #[arg(long)]
     pub(super) goal: bool,
-    /// Torques, too: controllers without an effort interface refuse them; for ros and bag.
+    /// Add torques, which controllers without an effort interface refuse; for ros and bag.
     #[arg(long)]
     pub(super) effort: bool,
 }

@@ -8,9 +8,9 @@ use crate::take::export::{Bodies, LeRobotVersion, UrMove};
 /// The format to write.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(super) enum Format {
-    /// Rows of joint values: frame, time, mask, one column a joint.
+    /// Rows of joint values: frame, time, mask, one column per joint.
     Csv,
-    /// Everything but body poses, one document.
+    /// One document with everything except the body poses.
     Json,
     /// The take itself, for Foxglove, Lichtblick, Rerun.
     Mcap,
@@ -18,7 +18,7 @@ pub(super) enum Format {
     Mjcf,
     /// ROS 2 `trajectory_msgs/JointTrajectory`, YAML; an action's goal with --goal.
     Ros,
-    /// A folder for `ros2 bag play`: /joint_states, and the trajectory once.
+    /// A folder for `ros2 bag play`: /joint_states, and the trajectory as one message.
     Bag,
     /// A recording for the viser client.
     Viser,
