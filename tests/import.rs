@@ -65,6 +65,28 @@ fn import_gripper(more: &[&str]) -> Ran {
         .succeeds()
 }
 
+#[test]
+fn packages_around_the_file_are_found() {
+    let import = |folder: &str, urdf: &str| {
+        robert()
+            .file(&format!("{folder}/urdf/gripper.urdf"), urdf)
+            .file(&format!("{folder}/meshes/Arm.STL"), tetrahedron_stl())
+            .file(&format!("{folder}/meshes/pretty.dxf"), "not a mesh")
+            .args(["import", &format!("{folder}/urdf/gripper.urdf"), "--out", "bot", "--json"])
+    };
+    for folder in ["ws/gripper_description", "ws/called_otherwise"] {
+        let v = import(folder, GRIPPER).succeeds().json();
+        let line = "package \"gripper_description\" is the folder ";
+        let assumed = notes(&v, "assumed");
+        let found = assumed.lines().find(|l| l.starts_with(line)).unwrap();
+        assert!(found.ends_with(folder), "{found}");
+    }
+    // A package cannot point outside itself.
+    let astray = GRIPPER.replace("gripper_description/meshes", "gripper_description/../meshes");
+    let ran = import("ws/gripper_description", &astray).fails(3);
+    assert!(ran.stderr.contains("--package gripper_description="), "{}", ran.stderr);
+}
+
 fn notes(v: &serde_json::Value, key: &str) -> String {
     v[key].as_array().unwrap().iter().map(|s| s.as_str().unwrap()).collect::<Vec<_>>().join("\n")
 }

@@ -288,6 +288,11 @@ fn fit_head(
         let mut rng = Rng::new(cfg.seed ^ ((head as u64) << 32), Stream::Fit, index);
         index += 1;
         let (episode, start) = starts.draw(&mut rng);
+        // Frames in self-contact are left out while there are enough others.
+        let picky = index < FREE_TRIES * cfg.samples as u64;
+        if picky && (start..start + WINDOW).all(|f| episodes.in_contact(episode, f)) {
+            continue;
+        }
         let states = &episodes.states(episode)[start * s..(start + WINDOW) * s];
         let actions = &episodes.actions(episode)[start * a..];
         let posed = pose_window(head, tokens.config().ridge_history + 1, s, &mut rng, &mut visible);
@@ -302,8 +307,6 @@ fn fit_head(
             continue;
         };
         let Some(action) = actions.get(frame * a..(frame + 1) * a) else { continue };
-        // Frames in self-contact are left out while there are enough others.
-        let picky = index < FREE_TRIES * cfg.samples as u64;
         if picky && episodes.in_contact(episode, start + frame) {
             continue;
         }

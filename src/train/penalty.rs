@@ -5,13 +5,13 @@
 //! it within one frame. A larger penalty lowers the gain. Which one is best shows in simulation
 //! only, so the candidates perform the evaluator's clips.
 
-use super::prepare::{Side, prepare, ridge_config};
+use super::prepare::{Side, assemble, ridge_config, tokeniser};
 use super::{Error, Evaluate, TrainConfig};
 use robert_base::progress::Cancel;
 use robert_dataset::{Dataset, Part};
-use robert_net::Model;
 use robert_net::encode::Encoder;
 use robert_net::ridge::Ridge;
+use robert_net::{Model, SkipKind};
 
 /// Penalties per sample beside the usual one.
 const CANDIDATES: [f64; 3] = [1e-3, 1e-2, 5e-2];
@@ -21,7 +21,7 @@ const WORTH: f64 = 0.9;
 /// The best penalty per sample; `None` if the usual one is best, or without a linear prediction.
 ///
 /// # Errors
-/// As [`prepare`]; [`Error::Evaluation`] with the evaluator's message.
+/// [`Error::Net`]; [`Error::Evaluation`] with the evaluator's message.
 pub fn choose(
     data: &Dataset,
     cfg: &TrainConfig,
@@ -29,13 +29,17 @@ pub fn choose(
     evaluator: &mut dyn Evaluate,
     cancel: &Cancel,
 ) -> Result<Option<f64>, Error> {
-    let (card, net, encoder) = prepare(data, cfg, threads)?;
-    if encoder.ridge.is_none() {
+    if cfg.skip == SkipKind::Off {
         return Ok(None);
     }
-    let fit = ridge_config(cfg, &encoder.tokens);
+    let tokens = tokeniser(data, cfg)?;
+    let fit = ridge_config(cfg, &tokens);
     let train = Side::new(data, Part::Train, cfg.seed);
-    let others = Ridge::fit_each(&encoder.tokens, &train, &fit, &CANDIDATES, threads)?;
+    let [a, b, c] = CANDIDATES;
+    let penalties = [fit.lambda_per_sample, a, b, c];
+    let mut ridges = Ridge::fit_each(&tokens, &train, &fit, &penalties, threads)?;
+    let others = ridges.split_off(1);
+    let (card, net, encoder) = assemble(data, cfg, ridges.pop(), threads)?;
     let mut model = Model { card, net, encoder, optimiser: None };
     let mut error = |model: &Model| -> Result<f64, Error> {
         let found = evaluator

@@ -67,16 +67,40 @@ pub fn prepare(
     cfg: &TrainConfig,
     threads: usize,
 ) -> Result<(Card, Net<f32>, Encoder), Error> {
-    let robot = &data.manifest().robot;
-    let facts = facts(robot);
-    let (norm, _) = normaliser(data, cfg.seed);
-    let tokens = Tokeniser::new(cfg.token_config(&facts), facts, &norm)?;
-    let train = Side::new(data, Part::Train, cfg.seed);
     let ridge = if cfg.skip == SkipKind::Off {
         None
     } else {
+        let tokens = tokeniser(data, cfg)?;
+        let train = Side::new(data, Part::Train, cfg.seed);
         Some(Ridge::fit(&tokens, &train, &ridge_config(cfg, &tokens), threads)?)
     };
+    assemble(data, cfg, ridge, threads)
+}
+
+/// The features for this data.
+///
+/// # Errors
+/// [`Error::Net`].
+pub(super) fn tokeniser(data: &Dataset, cfg: &TrainConfig) -> Result<Tokeniser, Error> {
+    let facts = facts(&data.manifest().robot);
+    let (norm, _) = normaliser(data, cfg.seed);
+    Ok(Tokeniser::new(cfg.token_config(&facts), facts, &norm)?)
+}
+
+/// As [`prepare`], with a linear prediction that is fitted already.
+///
+/// # Errors
+/// [`Error::Net`].
+pub(super) fn assemble(
+    data: &Dataset,
+    cfg: &TrainConfig,
+    ridge: Option<Ridge>,
+    threads: usize,
+) -> Result<(Card, Net<f32>, Encoder), Error> {
+    let robot = &data.manifest().robot;
+    let (norm, _) = normaliser(data, cfg.seed);
+    let tokens = tokeniser(data, cfg)?;
+    let train = Side::new(data, Part::Train, cfg.seed);
     let encoder = Encoder::new(tokens, ridge)?;
     let actions = encoder.tokens.facts().actions;
     let net_cfg = cfg.net_config(encoder.inputs(), actions, encoder.tokens.mask_replaces());

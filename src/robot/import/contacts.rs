@@ -14,10 +14,12 @@ use crate::{Error, preparse, text};
 use robert_base::rng::{Rng, Stream};
 use robert_mujoco::{Data, Geom, Kind, Model};
 
-/// Poses drawn to find pairs that touch in nearly all of them.
+/// Poses drawn to find pairs that touch in most of them.
 const POSES: u64 = 60;
-/// Share of those poses in which a pair must touch to be left out.
-const ALWAYS: f64 = 0.95;
+/// Share of those poses in which a pair must touch to be left out. Where two bodies meet so often,
+/// the convex hulls of their meshes do, not their surfaces: the fingers of a gripper, for instance,
+/// whose hulls close the hollow between them (seen at 0.8; fingers of hands stay below 0.2).
+const MOSTLY: f64 = 0.7;
 /// The distance of joint anchors below which two joints count as one joint with several axes, m.
 const SAME_PLACE: f64 = 1e-3;
 
@@ -50,8 +52,8 @@ pub(super) fn exclude(
     for pair in touching(&model, &data) {
         add(pair, "in contact at the default pose");
     }
-    for pair in always_touching(&model, &mut data)? {
-        add(pair, "in contact in nearly every pose");
+    for pair in mostly_touching(&model, &mut data)? {
+        add(pair, "in contact in most poses");
     }
     if found.is_empty() {
         return Ok(());
@@ -133,7 +135,7 @@ fn touching(model: &Model, data: &Data) -> Vec<(usize, usize)> {
     pairs.into_iter().collect()
 }
 
-fn always_touching(model: &Arc<Model>, data: &mut Data) -> Result<Vec<(usize, usize)>, Error> {
+fn mostly_touching(model: &Arc<Model>, data: &mut Data) -> Result<Vec<(usize, usize)>, Error> {
     let mut hits: std::collections::BTreeMap<(usize, usize), u64> =
         std::collections::BTreeMap::new();
     for k in 0..POSES {
@@ -157,6 +159,6 @@ fn always_touching(model: &Arc<Model>, data: &mut Data) -> Result<Vec<(usize, us
             *hits.entry(pair).or_default() += 1;
         }
     }
-    let enough = (ALWAYS * POSES as f64).ceil() as u64;
+    let enough = (MOSTLY * POSES as f64).ceil() as u64;
     Ok(hits.into_iter().filter(|(_, n)| *n >= enough).map(|(p, _)| p).collect())
 }

@@ -19,6 +19,7 @@ mod fix;
 mod loose;
 mod mjcf;
 mod modern;
+mod packages;
 mod plausible;
 mod unknown;
 mod urdf;

@@ -10,6 +10,7 @@ use roxmltree::{Document, Node};
 use super::config::ImportConfig;
 use super::description::{self, Description, Geometry, Joint, JointType, Link, Pose};
 use super::draft::{ASSET_DIR, Draft, physics};
+use super::packages;
 use crate::text::escape;
 use crate::{Error, dae, mesh, preparse};
 
@@ -40,6 +41,8 @@ struct Tree<'a> {
     meshes: BTreeMap<(String, String), String>,
     /// Parts of COLLADA meshes by file.
     painted: BTreeMap<PathBuf, Painted>,
+    /// Folders of packages that the user did not name.
+    found: BTreeMap<String, PathBuf>,
     /// Files that could not be used, with the reason; each is reported once.
     unusable: BTreeSet<String>,
     draft: Draft,
@@ -72,6 +75,7 @@ pub(super) fn draft(project: &preparse::Project, config: &ImportConfig) -> Resul
         config,
         meshes: BTreeMap::new(),
         painted: BTreeMap::new(),
+        found: packages::find(&doc, path, &config.packages),
         unusable: BTreeSet::new(),
         draft: Draft { title: robot.name.clone(), rotors_assumed: true, ..Draft::default() },
         body: String::new(),
@@ -95,6 +99,10 @@ pub(super) fn draft(project: &preparse::Project, config: &ImportConfig) -> Resul
         tree.draft.dropped.push("<transmission> and <gazebo>: not part of the kinematics".into());
     }
     tree.link(root, None, 1)?;
+    for (package, folder) in &tree.found {
+        let line = format!("package \"{package}\" is the folder {}", folder.display());
+        tree.draft.assumed.push(line);
+    }
     tree.finish()
 }
 
@@ -622,16 +630,13 @@ impl<'a> Tree<'a> {
             .parent()
             .filter(|p| !p.as_os_str().is_empty())
             .unwrap_or_else(|| Path::new("."));
-        if let Some(rest) =
-            filename.strip_prefix("package://").or_else(|| filename.strip_prefix("model://"))
-        {
-            let (package, below) = rest.split_once('/').unwrap_or((rest, ""));
-            let Some(root) = self.config.packages.get(package) else {
-                let near =
-                    self.guess(package).map_or_else(String::new, |p| format!("={}", p.display()));
-                let near = if near.is_empty() { "=DIR".to_owned() } else { near };
+        if let Some((package, below)) = packages::split(filename) {
+            let given = self.config.packages.get(package);
+            let Some(root) = given.or_else(|| self.found.get(package)) else {
+                let near = packages::guess(self.path(), package)
+                    .map_or_else(|| "DIR".to_owned(), |p| p.display().to_string());
                 return Err(refuse(format!(
-                    "\"{filename}\" lies in package \"{package}\"; say where that is: --package {package}{near}"
+                    "\"{filename}\" lies in package \"{package}\"; say where that is: --package {package}={near}"
                 )));
             };
             let real = root.canonicalize().map_err(|e| {
@@ -646,15 +651,6 @@ impl<'a> Tree<'a> {
         }
         let plain = filename.strip_prefix("file://").unwrap_or(filename);
         preparse::resolve(dir, plain, &self.project.root).map_err(refuse)
-    }
-
-    /// A folder of the package's name beside the source or above it: only suggested, never used.
-    fn guess(&self, package: &str) -> Option<PathBuf> {
-        let full = std::path::absolute(self.path()).ok()?;
-        full.ancestors().skip(1).take(8).find_map(|dir| {
-            let own = dir.file_name().is_some_and(|n| n == package).then(|| dir.to_owned());
-            own.or_else(|| Some(dir.join(package)).filter(|d| d.is_dir()))
-        })
     }
 
     fn finish(mut self) -> Result<Draft, Error> {
