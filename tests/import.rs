@@ -87,6 +87,44 @@ fn packages_around_the_file_are_found() {
     assert!(ran.stderr.contains("--package gripper_description="), "{}", ran.stderr);
 }
 
+#[test]
+fn motors_without_an_effort_are_sized_for_what_they_carry_and_turn() {
+    // A beam of 40 kg, 2 m long: about a vertical axis it has inertia and no weight, about the
+    // level one both.
+    let beam = r#"<inertial><origin xyz="1 0 0"/><mass value="40"/>
+        <inertia ixx="13" iyy="13" izz="13" ixy="0" ixz="0" iyz="0"/></inertial>"#;
+    let link = |name: &str, inner: &str| format!("<link name=\"{name}\">{inner}</link>");
+    let joint = |name: &str, parent: &str, child: &str, axis: &str| {
+        format!(
+            "<joint name=\"{name}\" type=\"revolute\"><parent link=\"{parent}\"/>\
+             <child link=\"{child}\"/><axis xyz=\"{axis}\"/>\
+             <limit lower=\"-0.1\" upper=\"0.1\" velocity=\"2\"/></joint>"
+        )
+    };
+    let light = r#"<inertial><mass value="1"/>
+        <inertia ixx=".01" iyy=".01" izz=".01" ixy="0" ixz="0" iyz="0"/></inertial>"#;
+    let urdf = ["<robot name=\"crane\">".to_owned()]
+        .into_iter()
+        .chain([link("base", ""), link("column", light), link("boom", beam)])
+        .chain([joint("turn", "base", "column", "0 0 1"), joint("lift", "column", "boom", "0 1 0")])
+        .chain(["</robot>".to_owned()])
+        .collect::<String>();
+    let v = robert()
+        .file("crane.urdf", urdf)
+        .args(["import", "crane.urdf", "--out", "crane", "--json"])
+        .succeeds()
+        .json();
+    let assumed = notes(&v, "assumed");
+    let sized = |name: &str| -> f64 {
+        let line = assumed.lines().find(|l| l.starts_with(&format!("joint \"{name}\""))).unwrap();
+        let number = line.split("+-").nth(1).unwrap().split(',').next().unwrap();
+        number.parse().unwrap()
+    };
+    // 5 rad/s^2 times 13 + 40 kg m^2, and 2.5 times 40 kg at 1 m.
+    assert!((265.0..275.0).contains(&sized("turn")), "{assumed}");
+    assert!((975.0..985.0).contains(&sized("lift")), "{assumed}");
+}
+
 fn notes(v: &serde_json::Value, key: &str) -> String {
     v[key].as_array().unwrap().iter().map(|s| s.as_str().unwrap()).collect::<Vec<_>>().join("\n")
 }
@@ -321,7 +359,7 @@ fn imports_that_cannot_be_leave_no_folder() {
         .file("m.xml", xml)
         .args(["import", "m.xml", "--out", "bot", "--fixed-base", "--json"])
         .succeeds();
-    assert!(notes(&ran.json(), "assumed").contains("no actuators: 1 motors of +-10"));
+    assert!(notes(&ran.json(), "assumed").contains("no actuators: 1 motors of +-22"));
 
     robert()
         .file("m.xml", xml)

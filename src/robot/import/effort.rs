@@ -1,4 +1,4 @@
-//! The torque limit of motors if the source names none: enough to carry the robot.
+//! The torque limit of motors if the source names none: enough to carry and to move the robot.
 
 use super::config::ImportConfig;
 use super::plausible;
@@ -9,36 +9,42 @@ use robert_mujoco::{Model, Transmission};
 const LEAST: f64 = 10.0;
 /// Force limit relative to the greatest weight that a motor carries in some pose.
 const RESERVE: f64 = 2.5;
+/// Acceleration that a motor reaches where it carries no weight, rad/s^2 or m/s^2: the first joint
+/// of an arm turns the whole arm about a vertical axis.
+const ACCELERATION: f64 = 5.0;
 
 /// Forces for the motors of a model, N m or N.
 pub(super) struct Efforts {
     /// The effort that the user asked for.
     asked: Option<f64>,
-    /// By joint.
-    carried: Vec<f64>,
+    /// By joint, not yet rounded, N m or N.
+    needed: Vec<f64>,
 }
 
 impl Efforts {
-    /// Force limits from the weights of the model, unless the user gives one.
+    /// Force limits from the weights and inertias of the model, unless the user gives one.
     ///
     /// # Errors
     /// [`Error::Simulator`].
     pub(super) fn of(model: &Model, config: &ImportConfig) -> Result<Efforts, Error> {
-        let carried = match config.effort {
+        let needed = match config.effort {
             Some(_) => Vec::new(),
-            None => plausible::weights(model)?
+            None => plausible::loads(model)?
                 .into_iter()
-                .map(|poses| poses.into_iter().fold(0.0, f64::max))
+                .map(|load| {
+                    let weight = load.weights.into_iter().fold(0.0, f64::max);
+                    (RESERVE * weight).max(ACCELERATION * load.inertia)
+                })
                 .collect(),
         };
-        Ok(Efforts { asked: config.effort, carried })
+        Ok(Efforts { asked: config.effort, needed })
     }
 
     /// The limit of a joint, rounded up to a whole number.
     pub(super) fn joint(&self, joint: usize) -> f64 {
-        match (self.asked, self.carried.get(joint)) {
+        match (self.asked, self.needed.get(joint)) {
             (Some(effort), _) => effort,
-            (None, Some(weight)) if weight.is_finite() => (RESERVE * weight).ceil().max(LEAST),
+            (None, Some(needed)) if needed.is_finite() => needed.ceil().max(LEAST),
             (None, _) => LEAST,
         }
     }

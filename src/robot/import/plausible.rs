@@ -19,8 +19,9 @@ const NAMED: usize = 4;
 /// [`Error::Simulator`].
 pub(super) fn check(draft: &mut Draft, model: &Arc<Model>) -> Result<(), Error> {
     let mut weak = Vec::new();
-    for (j, mut asked) in weights(model)?.into_iter().enumerate() {
+    for (j, load) in loads(model)?.into_iter().enumerate() {
         let Some(limit) = torque_limit(model, j) else { continue };
+        let mut asked = load.weights;
         asked.sort_by(f64::total_cmp);
         let median = asked[asked.len() / 2];
         if median > limit {
@@ -50,17 +51,26 @@ pub(super) fn check(draft: &mut Draft, model: &Arc<Model>) -> Result<(), Error> 
     Ok(())
 }
 
-/// The torque that holds each joint against gravity and springs, at the default pose and at poses
-/// over the range, N m or N: (joints, poses).
+/// What the motor of one joint has to move.
+#[derive(Clone, Default)]
+pub(super) struct Load {
+    /// The torque that holds the joint against gravity and springs, by pose, N m or N.
+    pub(super) weights: Vec<f64>,
+    /// The greatest inertia about the joint over the poses, kg m^2 or kg.
+    pub(super) inertia: f64,
+}
+
+/// The loads of all joints, at the default pose and at poses over the range.
 ///
 /// # Errors
 /// [`Error::Simulator`].
-pub(super) fn weights(model: &Model) -> Result<Vec<Vec<f64>>, Error> {
+pub(super) fn loads(model: &Model) -> Result<Vec<Load>, Error> {
     let mut free = model.duplicate()?;
     free.set_contacts(false);
     let mut data = Data::new(&Arc::new(free))?;
     let joints = model.jnt_type().len();
-    let mut asked = vec![Vec::new(); joints];
+    let mut loads = vec![Load::default(); joints];
+    let mut mass = vec![0.0; model.nv() * model.nv()];
     for k in 0..=POSES {
         let mut qpos = model.qpos0().to_vec();
         for j in (0..joints).filter(|j| k > 0 && model.jnt_limited()[*j] != 0) {
@@ -70,10 +80,12 @@ pub(super) fn weights(model: &Model) -> Result<Vec<Vec<f64>>, Error> {
         data.reset()?;
         data.set_qpos(&qpos)?;
         data.forward()?;
-        for (j, asked) in asked.iter_mut().enumerate() {
+        data.full_mass(&mut mass)?;
+        for (j, load) in loads.iter_mut().enumerate() {
             let dof = model.jnt_dofadr()[j] as usize;
-            asked.push((data.qfrc_bias()[dof] - data.qfrc_passive()[dof]).abs());
+            load.weights.push((data.qfrc_bias()[dof] - data.qfrc_passive()[dof]).abs());
+            load.inertia = load.inertia.max(mass[dof * model.nv() + dof]);
         }
     }
-    Ok(asked)
+    Ok(loads)
 }
