@@ -145,6 +145,11 @@ fn a_merged_collection_is_a_dataset() {
     ok(dir, &["dataset", "check", "data"]);
     let manifest = robert::dataset::Manifest::load(&dir.join("data")).unwrap();
     assert!(manifest.totals.frames >= 2_040 && manifest.shards.len() == 20);
+    // A shard is what `robert collect` records with its seed.
+    let collect = ["collect", "--robot", "pointmass", "--transitions", "102", "--out", "one"];
+    ok(dir, &[&collect[..], &["--seed", "7"]].concat());
+    let read = |path: PathBuf| std::fs::read_to_string(path.join("manifest.json")).unwrap();
+    assert_eq!(read(shard(dir, "w", 7).join("data")), read(dir.join("one")));
 }
 
 #[test]

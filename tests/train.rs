@@ -307,6 +307,33 @@ fn a_sweep_trains_every_point_and_goes_on_where_it_was() {
     }
     assert!(dir.join("sweep/sweep.png").exists());
     assert_eq!(std::fs::read_to_string(dir.join("sweep/table.csv")).unwrap().lines().count(), 5);
+    // The local pool, and shards of a plan, make the same bits.
+    let (code, stdout, stderr) =
+        call(dir, &["sweep", "s.toml", "--out", "pooled", "--json", "--jobs", "2"]);
+    assert_eq!(code, 0, "{stderr}");
+    let pooled: serde_json::Value = serde_json::from_str(&stdout).unwrap();
+    assert_eq!(pooled["rows"], report["rows"]);
+    let bytes = |path: &str| std::fs::read(dir.join(path)).unwrap();
+    assert_eq!(bytes("pooled/table.csv"), bytes("sweep/table.csv"));
+    std::fs::write(dir.join("plan.toml"), format!("kind = \"sweep\"\n{SWEEP}")).unwrap();
+    for step in [
+        &["shard", "plan", "plan.toml", "--out", "work", "-q"][..],
+        &["shard", "submit", "work", "--backend", "local", "--merge", "merged", "-q"],
+    ] {
+        let (code, _, stderr) = call(dir, step);
+        assert_eq!(code, 0, "{stderr}");
+    }
+    let merged: serde_json::Value = serde_json::from_slice(&bytes("merged/results.json")).unwrap();
+    assert_eq!(merged["rows"], report["rows"]);
+    for seed in ["seed-0", "seed-1"] {
+        let weights = |of: &str| {
+            let path = format!("{of}/points/corrupt-0.5_mask-cl-uniform/{seed}/model.safetensors");
+            let net = robert::net::checkpoint::load(&dir.join(path), None).unwrap().net;
+            net.weights.iter().map(|w| w.to_bits()).collect::<Vec<_>>()
+        };
+        let want = weights("sweep");
+        assert!(weights("pooled") == want && weights("merged") == want, "{seed}");
+    }
     // One point is lost; only that one is measured again, with the same figures.
     let point = dir.join("sweep/points/corrupt-0.5_mask-none");
     let written = |file: &str| std::fs::metadata(point.join(file)).unwrap().modified().unwrap();
@@ -383,15 +410,42 @@ fn options_of_a_network_are_refused_elsewhere() {
 
 /// A run of a tiny network, with this environment.
 fn on(dir: &Path, environment: [(&str, &str); 2], args: &[&str]) -> (Option<i32>, String, String) {
-    let ran = Command::new(binary())
-        .current_dir(dir)
-        .envs(environment)
-        .args(["train", "--robot", "pointmass", "--data", "data", "--evaluations", "2"])
-        .args(args)
-        .output()
-        .unwrap();
+    let train = ["train", "--robot", "pointmass", "--data", "data", "--evaluations", "2"];
+    with(dir, environment, &[&train[..], args].concat())
+}
+
+/// The program with this environment.
+fn with(
+    dir: &Path,
+    environment: [(&str, &str); 2],
+    args: &[&str],
+) -> (Option<i32>, String, String) {
+    let ran =
+        Command::new(binary()).current_dir(dir).envs(environment).args(args).output().unwrap();
     let text = |x: &[u8]| String::from_utf8_lossy(x).into_owned();
     (ran.status.code(), text(&ran.stdout), text(&ran.stderr))
+}
+
+/// Evaluates the best model of a run on a short clip: the report, and what was said.
+fn evaluated(
+    dir: &Path,
+    environment: [(&str, &str); 2],
+    run: &str,
+    more: &[&str],
+) -> (serde_json::Value, String) {
+    let key = |frame, x| format!("{{\"frame\": {frame}, \"q\": [{x}, 0]}}");
+    let clip = format!(
+        "{{\"format\": \"robert-clip/1\", \"robot\": {{\"id\": \"pointmass\", \"joints\": [\"x\", \"y\"], \"units\": [\"m\", \"m\"]}}, \"fps\": 20, \"length\": 31, \"fill\": \"linear\", \"keys\": [{}, {}]}}",
+        key(0, 0.0),
+        key(30, 0.2)
+    );
+    std::fs::write(dir.join("a.clip.json"), clip).unwrap();
+    let policy = format!("robert:{run}");
+    let args =
+        ["eval", "--suite", "a.clip.json", "--policy", &policy, "--seeds", "5", "--no-floor"];
+    let (code, stdout, stderr) = with(dir, environment, &[&args[..], &["--json"], more].concat());
+    assert_eq!(code, Some(0), "{stderr}");
+    (serde_json::from_str(&stdout).unwrap(), stderr)
 }
 
 #[test]
@@ -435,6 +489,20 @@ fn a_graphics_card_trains_and_the_processor_goes_on() {
     let off = norm(&mut a.iter().zip(&b).map(|(a, b)| a - b));
     assert!(off < 1e-3 * norm(&mut b.iter().copied()), "{off}");
 
+    // The rollouts of an evaluation compute together, with nearly the processor's figures.
+    let figure = |report: &serde_json::Value| report["results"][0]["precision_mean"].as_f64();
+    let of = |more: &[&str]| evaluated(at, software, "card/model.safetensors", more).0;
+    let (cpu, gpu, one) =
+        (of(&[]), of(&["--device", "gpu"]), of(&["--device", "gpu", "--threads", "1"]));
+    assert!(cpu["device"].is_null() && gpu["device"] == card.name.as_str());
+    let (a, b) = (figure(&cpu).unwrap(), figure(&gpu).unwrap());
+    assert!(a != b && (a - b).abs() < 1e-4 * a, "{a} {b}");
+    assert_eq!(figure(&gpu), figure(&one), "alone or together");
+    let bad =
+        ["eval", "--robot", "pointmass", "--suite", "manual", "-p", "pd", "--device", "gpu:9"];
+    let (code, _, stderr) = with(at, software, &bad);
+    assert!(code == Some(2) && stderr.contains("gpu:0"), "{stderr}");
+
     // Resuming on the other device says that the last bits differ.
     for (run, device) in [("card", "cpu"), ("processor", "gpu")] {
         let (code, _, stderr) = on(at, software, &["--resume", run, "--device", device]);
@@ -454,6 +522,14 @@ fn without_a_graphics_card_the_processor_trains_and_says_why() {
         let (code, _, stderr) = on(dir.path(), none, &args);
         assert_eq!(code, Some(0), "{stderr}");
         let lines = stderr.lines().filter(|l| l.contains("training on the processor")).count();
+        assert_eq!(lines, 1, "{stderr}");
+        let (with_cpu, _) = evaluated(dir.path(), none, "auto", &[]);
+        let (report, stderr) = evaluated(dir.path(), none, "auto", &["--device", device]);
+        assert_eq!(
+            report["results"][0]["precision_mean"],
+            with_cpu["results"][0]["precision_mean"]
+        );
+        let lines = stderr.lines().filter(|l| l.contains("the processor performs")).count();
         assert_eq!(lines, 1, "{stderr}");
     }
     let ran = robert().args(["train", "--robot", "pointmass", "--data", "x", "--device", "cuda"]);

@@ -4,8 +4,10 @@
     cargo build --example policy_speed                        and the same work in Rust
     target/python/bin/python python/tests/speed.py            five rounds of each in turn
 
-Prints the least and the median time of both and their ratios; exit code 1 when a ratio of the least times is above
-1.2 (act) or 1.05 (rollout). The least times count, because other work on the machine only ever adds.
+Another program may be named, such as target/release/examples/policy_speed for a wheel of the release profile.
+Prints the least and the median seconds of both, by the wall and of the processor, and their ratios; exit code 1
+when a ratio of the medians of processor time is above 1.2 (act) or 1.05 (rollout). Processor time counts, because
+a busy machine lets the one wait longer than the other.
 """
 
 import json
@@ -20,15 +22,17 @@ import robert_studio as rs
 
 RUST = Path(__file__).resolve().parents[2] / "target/debug/examples/policy_speed"
 BOUNDS = {"act_secs": 1.2, "rollout_secs": 1.05}
+CLOCKS = {"wall": time.perf_counter, "processor": time.process_time}
 
 
 def times(work, runs):
-    found = []
+    found = {clock: [] for clock in CLOCKS}
     for _ in range(runs):
-        begin = time.perf_counter()
+        begin = {name: clock() for name, clock in CLOCKS.items()}
         work()
-        found.append(time.perf_counter() - begin)
-    return found
+        for name, clock in CLOCKS.items():
+            found[name].append(clock() - begin[name])
+    return {name: {"least": min(of), "median": float(np.median(of))} for name, of in found.items()}
 
 
 def main(rust=str(RUST), rounds="5"):
@@ -38,25 +42,21 @@ def main(rust=str(RUST), rounds="5"):
     goals, mask = np.tile(robot.home(), (20, 1)), np.ones((20, len(robot.joints)), bool)
     clip = rs.Clip.task("ur5e/reacher")
     times(lambda: policy.act(past, goals, mask), 50)
-    own = {"act_secs": [], "rollout_secs": []}
-    other = {name: [] for name in own}
+    pairs = []
     for _ in range(int(rounds)):
-        own["act_secs"] += times(lambda: policy.act(past, goals, mask), 1000)
-        own["rollout_secs"] += times(lambda: rs.rollout(clip, "robert"), 7)
-        report = json.loads(subprocess.run([rust], capture_output=True, check=True).stdout)
-        for name in other:
-            other[name].append(report[name])
+        own = {
+            "act_secs": times(lambda: policy.act(past, goals, mask), 1000),
+            "rollout_secs": times(lambda: rs.rollout(clip, "robert"), 7),
+        }
+        pairs.append((own, json.loads(subprocess.run([rust], capture_output=True, check=True).stdout)))
     good = True
     for name, bound in BOUNDS.items():
-        least, median = min(own[name]), float(np.median(own[name]))
-        rust_least = min(r["least"] for r in other[name])
-        rust_median = float(np.median([r["median"] for r in other[name]]))
-        good &= least <= bound * rust_least
-        print(
-            f"{name:13} Python {1e3 * least:.4f} ms least, {1e3 * median:.4f} ms median; "
-            f"Rust {1e3 * rust_least:.4f} and {1e3 * rust_median:.4f}; "
-            f"ratios {least / rust_least:.3f} and {median / rust_median:.3f}, at most {bound}"
-        )
+        for clock in CLOCKS:
+            # Of each round the ratio, so that what slows the machine down slows both.
+            ratio = {of: float(np.median([a[name][clock][of] / b[name][clock][of] for a, b in pairs])) for of in ("least", "median")}
+            ours, theirs = (1e3 * float(np.median([pair[i][name][clock]["median"] for pair in pairs])) for i in (0, 1))
+            print(f"{name:13} {clock:9} Python {ours:.4f} ms, Rust {theirs:.4f} ms; ratio of medians {ratio['median']:.3f}, of the least {ratio['least']:.3f}")
+            good &= clock == "wall" or ratio["median"] <= bound
     return 0 if good else 1
 
 

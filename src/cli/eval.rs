@@ -19,12 +19,17 @@ use crate::clip::{Clip, Sight};
 use crate::dataset::{Dataset, Verify};
 use crate::exit::Exit;
 use crate::fsio;
+use crate::gpu::{self, Choice, GpuForwards};
+use crate::net::forward::Forwards;
 use crate::progress::Cancel;
 use crate::robot::{PlantRange, Robot};
 use crate::rollout::{
-    self, Case, CaseResult, EvalConfig, Evaluation, PolicyConfig, Start, Suite, evaluate, floor,
+    self, Case, CaseResult, EvalConfig, Evaluation, PolicyConfig, Start, Suite, evaluate_on, floor,
     mean_ci95, tasks, test_suites,
 };
+
+/// Rollouts at once with a card, unless --threads says otherwise.
+const AT_ONCE: usize = 64;
 
 #[derive(clap::Args, Debug)]
 #[command(
@@ -62,6 +67,12 @@ pub(super) struct Args {
     /// Worker threads [default: all cores]. They change the times, but not the other figures.
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: Option<u16>,
+    /// What computes the networks: the processor, or a graphics card, which rounds otherwise; then 64
+    /// rollouts run at once unless --threads says otherwise. `auto` takes a card if there is one.
+    /// Policies with `auto` or `+refine` stay with the processor. ROBERT_GPU=software admits the
+    /// software driver.
+    #[arg(long, value_name = "auto|cpu|gpu[:N]", default_value_t = Choice::Cpu)]
+    device: Choice,
     /// Exit with 4 if a policy's mean Precision over a suite is above this (rad or m).
     #[arg(long, value_name = "X")]
     max_precision: Option<f64>,
@@ -92,6 +103,9 @@ struct Report<'a> {
     plant: PlantRange,
     seeds: u64,
     threads: usize,
+    /// The graphics card, if one computed the networks.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    device: Option<&'a str>,
     wall_secs: f64,
     suites: Vec<SuiteFacts>,
     results: &'a [Evaluation],
@@ -152,10 +166,15 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     if wanted && !config.policies.contains(&PolicyConfig::floor()) {
         floors(&robot, &mut suites, threads, global, &cancel)?;
     }
+    let (config, device) = on_device(args, config, &suites)?;
     let bar = Bar::new("eval", "rollouts", global.quiet);
     let begin = Instant::now();
-    let results = evaluate(&robot, &suites, &config, &bar, &cancel);
+    let forwards = device.as_ref().map(|d| d as &dyn Forwards);
+    let results = evaluate_on(&robot, &suites, &config, forwards, &bar, &cancel);
     bar.finish();
+    for note in device.as_ref().map(GpuForwards::notes).into_iter().flatten() {
+        tracing::warn!("{note}");
+    }
     let results = results?;
 
     let report = Report {
@@ -163,7 +182,8 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
         unit: motion::unit(&robot),
         plant,
         seeds: args.seeds,
-        threads,
+        threads: config.threads,
+        device: device.as_ref().map(|d| d.gpu().name()),
         wall_secs: begin.elapsed().as_secs_f64(),
         suites: suites.iter().map(|s| SuiteFacts::of(s, &robot)).collect(),
         results: &results,
@@ -192,6 +212,28 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     match args.max_precision {
         Some(limit) => check(&results, limit, report.unit),
         None => Ok(()),
+    }
+}
+
+/// The card that was asked for. With one, enough rollouts run at once to fill it; without, one line
+/// says why, and the processor computes.
+fn on_device(
+    args: &Args,
+    config: EvalConfig,
+    suites: &[Suite],
+) -> Outcome<(EvalConfig, Option<GpuForwards>)> {
+    let cases: usize = suites.iter().map(|s| s.cases.len()).sum();
+    let rollouts = cases * config.policies.len() * args.seeds as usize;
+    let at_once = args.threads.map_or(AT_ONCE, usize::from);
+    match args.device.forwards(at_once.min(rollouts)) {
+        Ok(None) => Ok((config, None)),
+        Ok(device) => Ok((EvalConfig { threads: at_once, ..config }, device)),
+        // A number that no card has is a mistake on the command line; a missing card is not.
+        Err(e @ gpu::Error::Number { .. }) => Err(e.into()),
+        Err(e) => {
+            tracing::warn!("the processor performs: {e}");
+            Ok((config, None))
+        }
     }
 }
 

@@ -28,6 +28,7 @@ mod new;
 mod out;
 mod perform;
 mod plot;
+mod pool;
 mod render;
 mod robots;
 mod rollout;

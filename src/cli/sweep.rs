@@ -8,16 +8,18 @@ use super::bar::Bar;
 use super::failure::{Failure, Outcome};
 use super::global::Global;
 use super::interrupt::cancel_on_ctrl_c;
-use super::{motion, out};
+use super::{motion, out, pool};
 use crate::exit::Exit;
 use crate::fsio;
 use crate::rollout::Interval;
-use crate::train::sweep::{Row, Sweep, Swept, Work, figure, sweep};
+use crate::shard::Pool;
+use crate::train::points::{Points, Swept, sweep};
+use crate::train::sweep::{Row, Sweep, Work, figure};
 use crate::units::Unit;
 
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  robert sweep assets/sweeps/masking.toml --data data/pointmass --out sweeps/masking\n  robert sweep my.toml --data data/ur5e --set steps=500 --out sweeps/my --json\n\nThe same command continues a stopped sweep. Each point is a run directory below OUT/points,\nwhich robert runs show can read."
+    after_help = "Examples:\n  robert sweep assets/sweeps/masking.toml --data data/pointmass --out sweeps/masking\n  robert sweep my.toml --data data/ur5e --set steps=500 --out sweeps/my --json\n  robert sweep my.toml --data data/ur5e --out sweeps/my --jobs 4\n\nThe same command continues a stopped sweep. Each point is a run directory below OUT/points,\nwhich robert runs show can read."
 )]
 pub(super) struct Args {
     /// The file with the grid, its seeds and its suites.
@@ -31,9 +33,15 @@ pub(super) struct Args {
     /// Change one setting of all points; may be repeated.
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Threads [default: all cores]. They do not change the figures.
+    /// Points at once, each in a process of its own. Small networks use the cores better so.
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    jobs: u16,
+    /// Threads of a point [default: all cores, divided by --jobs]. They do not change the figures.
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=256))]
     threads: Option<u16>,
+    /// Read the numbers of points from stdin and answer each with a line of JSON.
+    #[arg(long, hide = true)]
+    stdin: bool,
     /// Print one JSON document.
     #[arg(long)]
     json: bool,
@@ -50,7 +58,10 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let work = Work {
         data: data.clone(),
         out: args.out.clone(),
-        threads: super::global::threads(args.threads),
+        threads: args.threads.map_or_else(
+            || (super::global::threads(None) / usize::from(args.jobs)).max(1),
+            usize::from,
+        ),
         checkpoint_secs: 120.0,
         progress: &bar,
         cancel: &cancel,
@@ -59,6 +70,16 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
             "argv": std::env::args().collect::<Vec<_>>(),
         }),
     };
+    if args.stdin {
+        let points = Points::open(&file, &robot, &work)?;
+        return pool::serve(|index| match points.reach(index)? {
+            None => Err(Failure::with(Exit::Interrupted, "stopped")),
+            Some(_) => Ok(()),
+        });
+    }
+    if args.jobs > 1 {
+        in_pool(args, &Points::open(&file, &robot, &work)?, &work)?;
+    }
     let done = sweep(&file, &Arc::clone(&robot), &work);
     bar.finish();
     let Swept { rows, complete, data_sha256 } = done?;
@@ -86,6 +107,23 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
         return Err(Failure::with(Exit::Interrupted, hint));
     }
     Ok(())
+}
+
+/// Lets the local pool do the points that are not done: children that run this same command.
+fn in_pool(args: &Args, points: &Points<'_>, work: &Work<'_>) -> Outcome {
+    let left = points.left()?;
+    let mut words = vec!["sweep".to_owned(), args.file.display().to_string()];
+    for (name, value) in [("--data", &work.data), ("--out", &work.out)] {
+        words.extend([name.to_owned(), value.display().to_string()]);
+    }
+    for assignment in &args.set {
+        words.extend(["--set".to_owned(), assignment.clone()]);
+    }
+    words.extend(["--threads".to_owned(), work.threads.to_string(), "--stdin".to_owned()]);
+    let workers =
+        Pool { binary: std::env::current_exe()?, args: words, jobs: usize::from(args.jobs) };
+    let found = workers.run(&left, work.progress, work.cancel)?;
+    pool::outcome(&found, left.len(), "points")
 }
 
 fn suites(rows: &[Row]) -> Vec<String> {

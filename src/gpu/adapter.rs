@@ -7,7 +7,7 @@ use super::Error;
 /// The environment variable that admits the software driver: `ROBERT_GPU=software`.
 pub const VARIABLE: &str = "ROBERT_GPU";
 
-/// The processor that trains.
+/// The processor that trains or performs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Choice {
     /// A graphics card if there is one, else the processor.

@@ -1,9 +1,9 @@
-//! Training on a graphics card by compute shaders (`wgpu`, WGSL).
+//! Training and evaluation on a graphics card by compute shaders (`wgpu`, WGSL).
 //!
 //! [`GpuEngine`] does on the card what [`robert_net::CpuEngine`] does on the processor: the whole
 //! step from tokens to new weights, in single precision. [`adapter`] lists the cards, `device`
 //! opens one, each kernel has a file beside its WGSL, and `plan` records the dispatches of a step
-//! once. Sums run in fixed trees and there are no float atomics, so that a run has the same bits
+//! once. [`GpuForwards`] computes the windows of an evaluation's rollouts together. Sums run in fixed trees and there are no float atomics, so that a run has the same bits
 //! on the same adapter.
 
 mod adam;
@@ -13,6 +13,7 @@ mod columns;
 mod device;
 mod engine;
 mod error;
+mod forward;
 mod head;
 mod host;
 mod kernel;
@@ -29,3 +30,4 @@ pub use adapter::{Card, Choice, cards};
 pub use device::{Device, Room};
 pub use engine::GpuEngine;
 pub use error::Error;
+pub use forward::GpuForwards;

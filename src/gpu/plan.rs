@@ -138,21 +138,9 @@ impl Plan {
         let p = Padded::new(cfg, windows);
         let (rows, d) = (p.rows, p.width);
         let numbers = |n: usize| gpu.buffer(4 * n as u64);
-        let skips = cfg.skip != SkipKind::Off;
         let centres = numbers(net.centres.len());
         gpu.write(&centres, &net.centres);
-        let mut plan = Plan {
-            windows,
-            tokens: numbers(rows * p.inputs),
-            info: numbers(rows * 4),
-            linear: numbers(if skips { rows * cfg.actions } else { 0 }),
-            actions: numbers(rows * cfg.actions),
-            out: numbers(rows * p.outputs),
-            errors: numbers(rows * 2),
-            forward: Tape::default(),
-            loss: Tape::default(),
-            backward: Tape::default(),
-        };
+        let mut plan = Plan::empty(gpu, cfg, windows);
         let last = Normed { y: numbers(rows * d), stats: numbers(rows * 2) };
         let (layers, end) = plan.record_forward(gpu, kernels, net, slots, weights, &last);
         let wanted = Wanted {
@@ -177,6 +165,42 @@ impl Plan {
         };
         back.record(&mut plan, net, &layers, &last, &end);
         plan
+    }
+
+    /// The same without loss and gradients, to perform with.
+    pub(crate) fn forward_only(
+        gpu: &Device,
+        kernels: &Kernels,
+        net: &Net<f32>,
+        slots: &Slots,
+        weights: &Segments,
+        windows: usize,
+    ) -> Self {
+        let Padded { rows, width, .. } = Padded::new(&net.cfg, windows);
+        let numbers = |n: usize| gpu.buffer(4 * n as u64);
+        let mut plan = Plan::empty(gpu, &net.cfg, windows);
+        let last = Normed { y: numbers(rows * width), stats: numbers(rows * 2) };
+        plan.record_forward(gpu, kernels, net, slots, weights, &last);
+        plan
+    }
+
+    /// What goes to the card and comes back, without dispatches.
+    fn empty(gpu: &Device, cfg: &NetConfig, windows: usize) -> Self {
+        let p = Padded::new(cfg, windows);
+        let numbers = |n: usize| gpu.buffer(4 * n as u64);
+        let skips = cfg.skip != SkipKind::Off;
+        Plan {
+            windows,
+            tokens: numbers(p.rows * p.inputs),
+            info: numbers(p.rows * 4),
+            linear: numbers(if skips { p.rows * cfg.actions } else { 0 }),
+            actions: numbers(p.rows * cfg.actions),
+            out: numbers(p.rows * p.outputs),
+            errors: numbers(p.rows * 2),
+            forward: Tape::default(),
+            loss: Tape::default(),
+            backward: Tape::default(),
+        }
     }
 
     fn record_forward(

@@ -1,6 +1,7 @@
 //! Tests of each kernel and of the whole step against the processor. They run on the software
 //! driver if there is one, so that a machine without a card runs all of them, else on any adapter.
 
+mod forward;
 mod kernels;
 mod steps;
 

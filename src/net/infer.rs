@@ -10,6 +10,7 @@ use super::adaptive_threads::AdaptiveThreads;
 use super::batch::Batch;
 use super::config::{COMMAND, CURRENT, NetConfig};
 use super::encode::EncodeScratch;
+use super::forward::{Forward, Forwards};
 use super::head::{self, Choice};
 use super::model::Net;
 use super::single::{Panels, Single};
@@ -70,6 +71,8 @@ pub struct NetPolicy {
     single: Vec<Single>,
     /// Chooses between them.
     adaptive: Arc<AdaptiveThreads>,
+    /// Computes instead of them while it can.
+    forward: Option<Arc<dyn Forward>>,
     action: Vec<f32>,
     /// Predictions of past windows, newest first: (ensemble, ensemble, A).
     past: Vec<f32>,
@@ -102,6 +105,7 @@ impl NetPolicy {
                 Threads::Faster => vec![on(1), on(2)],
             },
             adaptive: Arc::default(),
+            forward: None,
             action: vec![0.0; n.actions],
             past: vec![0.0; e * e * n.actions],
             windows: 0,
@@ -120,6 +124,12 @@ impl NetPolicy {
     /// Features and linear prediction.
     pub fn encoder(&self) -> &Encoder {
         &self.encoder
+    }
+
+    /// Lets a device compute, for this policy and its later clones. The last bits of actions depend on
+    /// the device.
+    pub fn on(&mut self, device: &dyn Forwards) {
+        self.forward = device.open(&self.net);
     }
 
     /// Begins a new rollout: past windows are cleared, and random choices depend on `seed`.
@@ -165,14 +175,19 @@ impl NetPolicy {
     pub fn act(&mut self, q: &[f32], visible: &[bool], step: u64) -> &[f32] {
         let applied = &self.applied;
         self.encoder.encode(q, visible, applied, &mut self.scratch, &mut self.batch, 0);
-        let which = if self.single.len() > 1 { self.adaptive.choose() } else { 0 };
-        let single = &mut self.single[which];
-        let begin = Instant::now();
-        let out = single.run(&self.batch);
-        if self.cfg.threads == Threads::Faster {
-            self.adaptive.took(which, begin.elapsed());
-        }
         let (a, e, k) = (self.net.cfg.actions, self.cfg.ensemble, self.net.cfg.outputs());
+        let computed = self.forward.as_ref().and_then(|f| f.run(&self.batch, CURRENT..CURRENT + e));
+        let out = if let Some(computed) = &computed {
+            computed
+        } else {
+            let which = if self.single.len() > 1 { self.adaptive.choose() } else { 0 };
+            let begin = Instant::now();
+            let out = self.single[which].run(&self.batch);
+            if self.cfg.threads == Threads::Faster {
+                self.adaptive.took(which, begin.elapsed());
+            }
+            out
+        };
         self.past.copy_within(..(e - 1) * e * a, e * a);
         for j in 0..e {
             let choice = if self.cfg.sample_bins {

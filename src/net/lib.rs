@@ -15,6 +15,7 @@ pub mod encode;
 pub mod engine;
 mod error;
 pub mod exchange;
+pub mod forward;
 pub mod head;
 mod helper_thread;
 pub mod infer;

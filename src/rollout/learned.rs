@@ -8,6 +8,7 @@ use super::error::Error;
 use super::policy::{Policy, View};
 use super::reachable::Reachable;
 use super::window::Window;
+use robert_net::forward::Forwards;
 use robert_net::reach::Reach;
 use robert_net::{
     self as net, CURRENT, Encoder, HISTORY, MaskGranularity, Model, RobotCard, WINDOW, checkpoint,
@@ -158,6 +159,10 @@ impl Policy for Learned {
 
     fn applied(&mut self, action: &[f64]) {
         self.policy.applied(action);
+    }
+
+    fn on(&mut self, device: &dyn Forwards) {
+        self.policy.on(device);
     }
 
     fn fork(&self) -> Option<Box<dyn Policy>> {

@@ -59,5 +59,7 @@ pub use registry::{Guide, Inference, Offer, PolicyConfig, PolicyName, case, offe
 pub use run::{Frame, Rollout, RolloutConfig, Start};
 pub use sampling::{PredictiveSampling, SamplingConfig};
 pub use stats::{Interval, mean_ci95};
-pub use suite::{Case, CaseResult, EvalConfig, Evaluation, Floor, Jam, Suite, evaluate};
+pub use suite::{
+    Case, CaseResult, EvalConfig, Evaluation, Floor, Jam, Suite, evaluate, evaluate_on,
+};
 pub use window::{COMMAND, Goals, HISTORY, Window};

@@ -3,6 +3,7 @@
 use super::error::Error;
 use super::window::Window;
 use robert_mujoco::Snapshot;
+use robert_net::forward::Forwards;
 
 /// The inputs of a policy.
 #[derive(Debug)]
@@ -51,6 +52,9 @@ pub trait Policy: Send {
     fn fork(&self) -> Option<Box<dyn Policy>> {
         None
     }
+
+    /// Lets a device compute its network, if it has one.
+    fn on(&mut self, _device: &dyn Forwards) {}
 
     /// The state that it keeps from frame to frame (a warm start, an ensemble); empty for most.
     fn memory(&self) -> Vec<f64> {

@@ -17,6 +17,7 @@ use super::run::{Rollout, RolloutConfig, Start};
 use super::stats::{Interval, mean_ci95};
 use robert_base::progress::{Cancel, Progress, Silent};
 use robert_clip::Command;
+use robert_net::forward::Forwards;
 use robert_robot::{PlantConfig, PlantRange, Robot};
 
 /// The result of iLQR on a clip.
@@ -181,6 +182,12 @@ impl Template {
         Ok(Template::One(Mutex::new(policy.build(robot)?)))
     }
 
+    fn on(&self, device: &dyn Forwards) {
+        if let Template::One(policy) = self {
+            policy.lock().unwrap_or_else(PoisonError::into_inner).on(device);
+        }
+    }
+
     fn uses_model(&self) -> bool {
         match self {
             Template::One(policy) => {
@@ -237,9 +244,29 @@ pub fn evaluate(
     progress: &dyn Progress,
     cancel: &Cancel,
 ) -> Result<Vec<Evaluation>, Error> {
+    evaluate_on(robot, suites, config, None, progress, cancel)
+}
+
+/// The same with the networks of trained policies on a device. It computes the windows of all
+/// rollouts that run at once, so more threads than cores are useful. `auto` and refined policies stay
+/// with the processor.
+///
+/// # Errors
+/// As [`evaluate`].
+pub fn evaluate_on(
+    robot: &Arc<Robot>,
+    suites: &[Suite],
+    config: &EvalConfig,
+    device: Option<&dyn Forwards>,
+    progress: &dyn Progress,
+    cancel: &Cancel,
+) -> Result<Vec<Evaluation>, Error> {
     // Built once: a model file is read, checked and packed for all its rollouts together.
     let templates: Vec<Template> =
         config.policies.iter().map(|p| Template::new(robot, p)).collect::<Result<_, _>>()?;
+    if let Some(device) = device {
+        templates.iter().for_each(|t| t.on(device));
+    }
     let uses_model: Vec<bool> = templates.iter().map(Template::uses_model).collect();
     let seeds = (config.seeds.end - config.seeds.start) as usize;
     assert!(seeds > 0, "an evaluation needs a seed");

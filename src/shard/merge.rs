@@ -12,7 +12,7 @@ use serde::Serialize;
 
 use super::error::write_error;
 use super::manifest::{FileEntry, Manifest, list};
-use super::survey::survey;
+use super::survey::inspect;
 use super::{Accept, Error, Plan, Spec, collecting, folder, tables, training};
 
 /// The file that lists what a merge made, and from what. A folder with it belongs to a merge.
@@ -68,7 +68,7 @@ pub fn merge(
     if !earlier && !empty {
         return Err(Error::Occupied { path: out.to_owned() });
     }
-    let found = survey(dir, plan, accept)?;
+    let (found, manifests) = inspect(dir, plan, accept);
     if !found.left().is_empty() {
         return Err(Error::Incomplete {
             missing: found.missing(),
@@ -87,7 +87,8 @@ pub fn merge(
         .map_err(write_error(&parent))?;
     let made = temporary.path().join("out");
     fs::create_dir(&made).map_err(write_error(&made))?;
-    let merged = fill(dir, plan, &made, link)?;
+    let manifests: Vec<Manifest> = manifests.into_iter().flatten().collect();
+    let merged = fill(dir, plan, &manifests, &made, link)?;
     let file = made.join(FILE);
     fs::write(&file, merged.text()).map_err(write_error(&file))?;
     folder::sync(&made).map_err(write_error(&made))?;
@@ -101,27 +102,26 @@ pub fn merge(
 }
 
 /// Writes the results of all shards into `made`.
-fn fill(dir: &Path, plan: &Plan, made: &Path, link: bool) -> Result<Merged, Error> {
+fn fill(
+    dir: &Path,
+    plan: &Plan,
+    manifests: &[Manifest],
+    made: &Path,
+    link: bool,
+) -> Result<Merged, Error> {
     let common = plan.common();
     let place = |(i, cell)| plan.parent_of(dir, i).join(Plan::name_of(&common, i, cell));
     let shards: Vec<PathBuf> = plan.cells.iter().enumerate().map(place).collect();
-    let (mut numerics, mut builds, mut lost) = (Vec::new(), Vec::new(), 0);
-    let mut manifests = Vec::with_capacity(shards.len());
-    for (index, shard) in shards.iter().enumerate() {
-        let gone = |why| Error::Cell { index, what: shard.display().to_string(), why };
-        let manifest = Manifest::read(shard).map_err(gone)?;
-        numerics.push(manifest.numerics.clone());
-        builds.push(manifest.binary_sha256.clone());
-        lost += manifest.lost;
-        manifests.push(manifest);
-    }
+    let mut numerics: Vec<String> = manifests.iter().map(|m| m.numerics.clone()).collect();
+    let mut builds: Vec<String> = manifests.iter().map(|m| m.binary_sha256.clone()).collect();
+    let lost = manifests.iter().map(|m| m.lost).sum();
     for names in [&mut numerics, &mut builds] {
         names.sort();
         names.dedup();
     }
     let summary = match &plan.spec {
         Spec::Collect(_) => collecting::merge(&shards, made, link)?,
-        Spec::Eval(spec) => tables::evaluation(spec, &shards, &manifests, made)?,
+        Spec::Eval(spec) => tables::evaluation(spec, &shards, manifests, made)?,
         Spec::Sweep(spec) | Spec::Train(spec) => {
             let reached = training::merge(&spec.sweep(), &shards, made, link)?;
             tables::training(&spec.sweep(), &reached, made)?

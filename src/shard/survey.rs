@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use super::{Accept, Error, Manifest, Plan, folder};
+use super::{Accept, Manifest, Plan, folder};
 
 /// The content of a shard's place.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -25,11 +25,13 @@ pub struct Survey {
     pub states: Vec<State>,
 }
 
-/// Reads and hashes the files of every shard.
-///
-/// # Errors
-/// Those of the plan's folder; a damaged shard is a state, not an error.
-pub fn survey(dir: &Path, plan: &Plan, accept: Accept) -> Result<Survey, Error> {
+/// Reads and hashes the files of every shard. A damaged one is a state, not an error.
+pub fn survey(dir: &Path, plan: &Plan, accept: Accept) -> Survey {
+    inspect(dir, plan, accept).0
+}
+
+/// The survey, and the manifests of all whole shards by index.
+pub(super) fn inspect(dir: &Path, plan: &Plan, accept: Accept) -> (Survey, Vec<Option<Manifest>>) {
     let common = plan.common();
     let next = AtomicUsize::new(0);
     let work = || {
@@ -42,22 +44,23 @@ pub fn survey(dir: &Path, plan: &Plan, accept: Accept) -> Result<Survey, Error> 
         }
     };
     let threads = std::thread::available_parallelism().map_or(1, usize::from).min(16);
-    let mut found: Vec<(usize, State)> = std::thread::scope(|scope| {
+    let mut found: Vec<(usize, (State, Option<Manifest>))> = std::thread::scope(|scope| {
         let handles: Vec<_> = (0..threads).map(|_| scope.spawn(work)).collect();
         let each = handles.into_iter().map(std::thread::ScopedJoinHandle::join);
         each.flat_map(|r| r.unwrap_or_else(|panic| std::panic::resume_unwind(panic))).collect()
     });
     found.sort_by_key(|(index, _)| *index);
-    Ok(Survey { states: found.into_iter().map(|(_, state)| state).collect() })
+    let (states, manifests) = found.into_iter().map(|(_, each)| each).unzip();
+    (Survey { states }, manifests)
 }
 
-fn state(place: &Path, plan: &Plan, index: usize, accept: Accept) -> State {
+fn state(place: &Path, plan: &Plan, index: usize, accept: Accept) -> (State, Option<Manifest>) {
     if !place.exists() {
-        return State::Missing;
+        return (State::Missing, None);
     }
     match folder::whole(place) {
-        Err(why) => State::Corrupt(why),
-        Ok(found) => judge(&found, plan, index, accept),
+        Err(why) => (State::Corrupt(why), None),
+        Ok(found) => (judge(&found, plan, index, accept), Some(found)),
     }
 }
 

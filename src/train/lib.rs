@@ -16,6 +16,7 @@ pub mod metrics;
 mod options;
 pub mod paths;
 pub mod penalty;
+pub mod points;
 pub mod prepare;
 pub mod record;
 pub mod run;

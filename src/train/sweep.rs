@@ -14,7 +14,7 @@ use super::evaluator::SuiteEvaluator;
 use super::hindsight::Simulated;
 use super::options::{Evaluate, Options};
 use super::run::train;
-use super::{Error, TrainConfig, paths, read_config};
+use super::{Error, TrainConfig, paths};
 use robert_base::fsio;
 use robert_base::progress::{Cancel, Progress, Silent};
 use robert_base::units::Unit;
@@ -347,83 +347,6 @@ impl std::fmt::Debug for Work<'_> {
     }
 }
 
-/// The result of a call of [`sweep`].
-#[derive(Clone, Debug)]
-pub struct Swept {
-    /// The rows so far.
-    pub rows: Vec<Row>,
-    /// Whether all points are done.
-    pub complete: bool,
-    /// Sha-256 of the manifest of the data.
-    pub data_sha256: String,
-}
-
-/// Trains and evaluates the points that are not done yet.
-///
-/// # Errors
-/// Those of training and of the files; finished points are kept.
-pub fn sweep(sweep: &Sweep, robot: &Arc<Robot>, work: &Work<'_>) -> Result<Swept, Error> {
-    // All data are verified once; the views use the same shards.
-    let whole = Dataset::open(&work.data, Verify::Full)?;
-    whole.must_be_of(robot)?;
-    let data_sha256 = whole.manifest().sha256();
-    drop(whole);
-    claim(&work.out, &data_sha256)?;
-    let combinations = sweep.combinations();
-    let total = combinations.len() * sweep.seeds.len();
-    let mut found = Vec::new();
-    let mut suites = None;
-    let mut complete = true;
-    'all: for &seed in &sweep.seeds {
-        for values in &combinations {
-            let name = slug(values);
-            let dir = work.out.join("points").join(&name).join(format!("seed-{seed}"));
-            let data = view(values, seed, &work.data, &work.out)?;
-            let sha = data.manifest().sha256();
-            if let Some(done) = finished(&dir, &sweep.config(values, seed)?, &sha)? {
-                found.push(done);
-                continue;
-            }
-            // The work of earlier calls says nothing about the time left.
-            work.progress.tick(found.len() as u64, total as u64, &format!("{name} seed {seed}"));
-            let suites = match &suites {
-                Some(suites) => suites,
-                // Extracted from the held-out part, which is the same in every view.
-                None => suites.insert(suites_of(sweep, robot, &data)?),
-            };
-            let reached = Point { sweep, robot, values, seed, data: &data, suites, dir: &dir };
-            let Some(reached) = reached.reach(work, 0)? else {
-                complete = false;
-                break 'all;
-            };
-            let text = serde_json::to_string_pretty(&reached).unwrap_or_default();
-            fsio::write_atomic(&dir.join("result.json"), text.as_bytes())?;
-            found.push(reached);
-        }
-    }
-    Ok(Swept { rows: rows(&combinations, &found), complete, data_sha256 })
-}
-
-/// Records the data of the folder's views; refuses a folder of other data.
-fn claim(out: &Path, sha256: &str) -> Result<(), Error> {
-    let folder = out.join("data");
-    let path = folder.join("source");
-    let refuse = |why: &str| Err(Error::Sweep { why: why.to_owned(), path: out.to_owned() });
-    if path.exists() {
-        let found = fsio::read_capped(&path, FILE_BYTES)?;
-        if String::from_utf8_lossy(&found).trim() == sha256 {
-            return Ok(());
-        }
-        return refuse("the folder belongs to other data; choose another --out");
-    }
-    // A temporary file of an interrupted write is not a view.
-    let named = |e: std::fs::DirEntry| !e.file_name().to_string_lossy().starts_with('.');
-    if std::fs::read_dir(&folder).is_ok_and(|all| all.flatten().any(named)) {
-        return refuse("the folder does not record its data; choose another --out");
-    }
-    Ok(fsio::write_atomic(&path, format!("{sha256}\n").as_bytes())?)
-}
-
 /// The view of the data in `data` that a point learns from, made in `out/data` if it is not there.
 ///
 /// # Errors
@@ -500,26 +423,6 @@ impl Point<'_> {
             secs: Some(done.secs),
         }))
     }
-}
-
-/// The result of a finished point; refuses one of other settings or data.
-fn finished(dir: &Path, cfg: &TrainConfig, sha: &str) -> Result<Option<Reached>, Error> {
-    let path = dir.join("result.json");
-    if !path.exists() {
-        return Ok(None);
-    }
-    let refuse = |why: &str| Err(Error::Sweep { why: why.to_owned(), path: path.clone() });
-    let bytes = fsio::read_capped(&path, FILE_BYTES)?;
-    let Ok(reached) = serde_json::from_slice::<Reached>(&bytes) else {
-        return refuse("the result is damaged; remove it to measure the point again");
-    };
-    if read_config(dir)? != *cfg {
-        return refuse("the point was trained with other settings; choose another --out");
-    }
-    if reached.dataset_sha256 != sha {
-        return refuse("the point was trained on other data; choose another --out");
-    }
-    Ok(Some(reached))
 }
 
 /// The suites of a sweep; those called `test` are extracted from the held-out part of the data.

@@ -75,6 +75,8 @@ function Table({ job }: { job: JobView }) {
 
 export function Job({ job }: { job: JobView }) {
   const log = job.log.filter((l) => l.trim() !== "");
+  // The card and its memory, or why there is none.
+  const device = log.find((l) => l.startsWith("training on "));
   const imported =
     job.kind === "import" && job.phase === "done"
       ? (job.lines.find((l) => l.event === "result")?.result as
@@ -96,6 +98,11 @@ export function Job({ job }: { job: JobView }) {
       </header>
       <Line kind={job.kind} args={job.args} />
       {isRunning(job) ? <JobBar job={job} /> : null}
+      {device ? (
+        <p class="note" data-testid={`device-${job.id}`}>
+          {device}
+        </p>
+      ) : null}
       {job.progress?.note ? <p class="note">{job.progress.note}</p> : null}
       <Charts kind={job.kind} points={() => figures(job.id)} />
       {job.kind === "eval" ? <Table job={job} /> : null}

@@ -66,6 +66,7 @@ export function Runs() {
   const data = useSignal("");
   const preset = useSignal("instant");
   const run = useSignal("");
+  const device = useSignal("cpu");
   // Until some are typed it is what this robot has.
   const policies = useSignal<string | undefined>(undefined);
   // Until one is typed it is what this robot has.
@@ -108,6 +109,7 @@ export function Runs() {
     preset.value,
     "--out",
     run.value || `runs/${stamp()}-${id}-${preset.value}`,
+    ...(device.value === "cpu" ? [] : ["--device", device.value]),
   ];
   const open = store.doc.value?.clip.robot.id === id ? store.doc.value : undefined;
   const suites = suite.value ?? usualSuite(id, store.robots.value, open?.path);
@@ -203,6 +205,17 @@ export function Runs() {
               </select>
             </label>
             {text(run, "run", "runs/…")}
+            <label title="A graphics card with a Vulkan driver; without one the processor trains, and the log says why">
+              on{" "}
+              <select
+                value={device.value}
+                onChange={(e) => (device.value = e.currentTarget.value)}
+                data-testid="device"
+              >
+                <option value="cpu">the processor</option>
+                <option value="auto">a graphics card</option>
+              </select>
+            </label>
           </div>
           <p class="about">{shelf.presets.find(([n]) => n === preset.value)?.[1]}</p>
           <Line kind="train" args={train} />

@@ -1,16 +1,15 @@
 //! `robert shard run DIR --index K`: performs shards in this process.
 
-use std::io::BufRead as _;
 use std::path::PathBuf;
 
 use super::super::failure::{Failure, Outcome};
 use super::super::global::{Global, threads};
 use super::super::interrupt::cancel_on_warning;
-use super::super::out;
+use super::super::{out, pool};
 use super::accept::AcceptArgs;
 use crate::exit::{Exit, HasExit};
 use crate::progress::Cancel;
-use crate::shard::{Answer, Done, Error, Workshop, slurm};
+use crate::shard::{Done, Error, Workshop, slurm};
 
 #[derive(clap::Args, Debug)]
 #[command(
@@ -59,7 +58,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let secs = 60.0 * args.checkpoint_mins;
     let shop = Workshop::open(&args.dir, accept, threads(args.threads), secs, &cancel)?;
     if args.stdin {
-        return serve(&shop);
+        return pool::serve(|index| Ok(shop.run(index).map(drop)?));
     }
     let indices = match (&args.tasks, args.task, args.index) {
         (Some(list), Some(task), _) => slurm::task(list, task)?,
@@ -112,7 +111,7 @@ fn perform(
                 }
                 results.push(serde_json::json!({ "index": index, "done": how }));
             }
-            Err(e) if alone(&e) && indices.len() > 1 => {
+            Err(e) if pool::alone(e.exit()) && indices.len() > 1 => {
                 eprintln!("shard {index}: {e}");
                 if worst.as_ref().is_none_or(|w| rank(&e) > rank(w)) {
                     worst = Some(e);
@@ -124,36 +123,6 @@ fn perform(
     worst.map_or(Ok(results), |e| Err(e.into()))
 }
 
-/// Whether other shards may do better.
-fn alone(e: &Error) -> bool {
-    matches!(e.exit(), Exit::Failed | Exit::Threshold)
-}
-
 fn rank(e: &Error) -> u8 {
     u8::from(e.exit() == Exit::Threshold)
-}
-
-/// Reads indices and answers each; ends with the input.
-fn serve(shop: &Workshop) -> Outcome {
-    let mut worst = Ok(());
-    for line in std::io::stdin().lock().lines() {
-        let line = line?;
-        let Ok(index) = line.trim().parse() else {
-            return Err(Failure::usage(format!("stdin: \"{}\" is no index", line.trim())));
-        };
-        let found = shop.run(index);
-        let (exit, error) = match &found {
-            Ok(_) => (Exit::Ok, String::new()),
-            Err(e) => (e.exit(), e.to_string()),
-        };
-        let answer = Answer { index, exit: exit.code(), error };
-        let text = serde_json::to_string(&answer).map_err(std::io::Error::other)?;
-        out::line(&text)?;
-        match found {
-            Ok(_) => {}
-            Err(e) if alone(&e) => worst = Err(e),
-            Err(e) => return Err(e.into()),
-        }
-    }
-    Ok(worst?)
 }

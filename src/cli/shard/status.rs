@@ -37,7 +37,7 @@ pub(in super::super) struct MissingArgs {
 
 pub(super) fn status(args: &StatusArgs) -> Outcome {
     let plan = Plan::load(&args.dir)?;
-    let found = survey(&args.dir, &plan, args.accept.accept())?;
+    let found = survey(&args.dir, &plan, args.accept.accept());
     let (done, missing) = (found.done(), found.missing());
     let (corrupt, foreign) = (found.corrupt(), found.foreign());
     if args.json {
@@ -65,7 +65,7 @@ pub(super) fn status(args: &StatusArgs) -> Outcome {
 
 pub(super) fn missing(args: &MissingArgs) -> Outcome {
     let plan = Plan::load(&args.dir)?;
-    let left = survey(&args.dir, &plan, args.accept.accept())?.left();
+    let left = survey(&args.dir, &plan, args.accept.accept()).left();
     if args.json {
         return out::json(&left);
     }

@@ -3,13 +3,12 @@
 use std::path::{Path, PathBuf};
 
 use super::super::bar::Bar;
-use super::super::failure::{Failure, Outcome};
+use super::super::failure::Outcome;
 use super::super::global::{Global, threads};
 use super::super::interrupt::cancel_on_ctrl_c;
-use super::super::out;
+use super::super::{out, pool};
 use super::accept::AcceptArgs;
-use crate::exit::Exit;
-use crate::shard::{Answer, Plan, Pool, kubernetes, slurm, survey};
+use crate::shard::{Plan, Pool, kubernetes, slurm, survey};
 
 /// `MaxArraySize` of Slurm where the site is not asked.
 const MAX_ARRAY: usize = 1001;
@@ -76,7 +75,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     if args.backend == "kubernetes" {
         return out::bytes(kubernetes::job(&plan, &pods(args)).as_bytes());
     }
-    let left = survey(&args.dir, &plan, args.accept.accept())?.left();
+    let left = survey(&args.dir, &plan, args.accept.accept()).left();
     match args.backend.as_str() {
         "local" => local(args, global, &plan, &left),
         _ => cluster(args, &plan, &left),
@@ -104,27 +103,13 @@ fn local(args: &Args, global: Global, plan: &Plan, left: &[usize]) -> Outcome {
     let mut words = vec!["shard".to_owned(), "run".to_owned(), args.dir.display().to_string()];
     words.extend(["--stdin".to_owned(), "--threads".to_owned(), args.threads.to_string()]);
     words.extend(args.accept.words());
-    let pool = Pool { binary, args: words, jobs };
+    let workers = Pool { binary, args: words, jobs };
     let cancel = cancel_on_ctrl_c();
     let bar = Bar::new("shards", "shards", global.quiet || args.json);
-    let found = pool.run(left, &bar, &cancel);
+    let found = workers.run(left, &bar, &cancel);
     bar.finish();
     let found = found?;
-    if let Some(worst) = worst(&found.failed) {
-        let count = found.failed.len();
-        let message = format!(
-            "{count} of {} shards failed; shard {}: {}",
-            left.len(),
-            worst.index,
-            worst.error
-        );
-        return Err(Failure::with(exit_of(worst.exit), message));
-    }
-    if found.stopped {
-        let hint =
-            format!("{} of {} shards are done; the same command continues", found.done, left.len());
-        return Err(Failure::with(Exit::Interrupted, hint));
-    }
+    pool::outcome(&found, left.len(), "shards")?;
     if let Some(to) = &args.merge {
         crate::shard::merge(&args.dir, plan, to, args.accept.accept(), false)?;
     }
@@ -133,17 +118,6 @@ fn local(args: &Args, global: Global, plan: &Plan, left: &[usize]) -> Outcome {
         return out::json(&serde_json::json!({ "done": found.done, "done_before": before }));
     }
     out::line(&format!("{} shards done, {before} done before", found.done))
-}
-
-/// The failure that decides the exit code, in the order 3, 5, 4, 1.
-fn worst(failed: &[Answer]) -> Option<&Answer> {
-    let rank = |a: &&Answer| [3, 5, 4].iter().position(|e| *e == a.exit).unwrap_or(3);
-    failed.iter().min_by_key(rank)
-}
-
-fn exit_of(code: u8) -> Exit {
-    let all = [Exit::Usage, Exit::Invalid, Exit::Threshold, Exit::Missing];
-    all.into_iter().find(|e| e.code() == code).unwrap_or(Exit::Failed)
 }
 
 fn cluster(args: &Args, plan: &Plan, left: &[usize]) -> Outcome {

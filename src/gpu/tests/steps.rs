@@ -7,7 +7,7 @@ use robert_net::{
     AdamConfig, Batch, CpuEngine, Engine, Mixing, Net, NetConfig, Setup, SkipKind, WINDOW,
 };
 
-fn config(bins: usize, skip: SkipKind, mask_replaces: bool) -> NetConfig {
+pub(super) fn config(bins: usize, skip: SkipKind, mask_replaces: bool) -> NetConfig {
     NetConfig {
         layers: 2,
         width: 32,
@@ -23,7 +23,7 @@ fn config(bins: usize, skip: SkipKind, mask_replaces: bool) -> NetConfig {
     }
 }
 
-fn setup(cfg: &NetConfig, batch: usize, spread: f32) -> Setup {
+pub(super) fn setup(cfg: &NetConfig, batch: usize, spread: f32) -> Setup {
     let centres = random(cfg.bins * cfg.actions, 1).iter().map(|x| 0.4 * x).collect();
     let mut net = Net::<f32>::init(cfg.clone(), Some(centres), 1).unwrap();
     for (i, tensor) in net.layout.tensors.clone().into_iter().enumerate() {
@@ -35,7 +35,7 @@ fn setup(cfg: &NetConfig, batch: usize, spread: f32) -> Setup {
 }
 
 /// Window w of batch `index`: actions are a function of the tokens, so that something is learned.
-fn window(index: u64, w: usize, slot: usize, batch: &mut Batch<f32>) {
+pub(super) fn window(index: u64, w: usize, slot: usize, batch: &mut Batch<f32>) {
     let mut rng = Rng::new(7, Stream::Test, 1000 * index + w as u64);
     let slots = batch.masked.len() / WINDOW;
     let inputs = batch.tokens.len() / slots / WINDOW;
