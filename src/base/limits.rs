@@ -24,6 +24,8 @@ pub const CLIP_POSES: usize = 10_000;
 pub const CLIP_SPANS: usize = 50_000;
 /// Tangents in all keys of a clip.
 pub const CLIP_TANGENTS: usize = 1 << 18;
+/// Values in all offsets of a clip.
+pub const CLIP_OFFSETS: usize = 1 << 18;
 /// End-effector goals in all keys of a clip.
 pub const CLIP_REACHES: usize = 4096;
 /// Frames of a clip at which inverse kinematics is solved.

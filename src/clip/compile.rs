@@ -3,7 +3,7 @@
 //! A key commands its value for `hold` frames. Then its fill applies up to the next key. After the
 //! last key `linear`, `cubic` and `hold` keep its value, and `mask` commands nothing. Before the
 //! first key everything is masked. A joint that is null at one end of a linear or cubic fill is
-//! masked inside it. Mask spans override everything.
+//! masked inside it. Offsets are added to what keys and fills command. Mask spans override everything.
 //!
 //! `cubic` is the monotone cubic of Fritsch and Butland (SIAM J. Sci. Stat. Comput. 5,
 //! 1984), slope 0 at a hold, at the end of a cubic run and at an extremum. Rejected: a natural
@@ -18,11 +18,12 @@
 use super::command::{Command, Span, SpanKind, push_span};
 use super::curve::{hermite, smooth_slope};
 use super::document::{Clip, Fill, Row, Start};
+use super::flaw::Invalid;
 use super::grid::round;
 use super::joints::JointTable;
+use super::offset;
 use super::solve::{Solved, solve};
 use super::tangent::Tangent;
-use super::validate::Invalid;
 use robert_base::units::CTRL_DT;
 
 /// Compiles a clip.
@@ -52,7 +53,7 @@ pub fn compile_for(clip: &Clip, table: Option<&JointTable>) -> Result<Command, I
 struct Plan<'a> {
     clip: &'a Clip,
     dim: usize,
-    q: Vec<f32>,        // (frames, dim)
+    q: Vec<f64>,        // (frames, dim)
     visible: Vec<bool>, // (frames, dim)
     spans: Vec<Span>,
     solved: Solved,
@@ -74,7 +75,7 @@ impl<'a> Plan<'a> {
     fn set(&mut self, frame: u32, joint: usize, value: f64) {
         let at = frame as usize * self.dim + joint;
         if let (Some(q), Some(v)) = (self.q.get_mut(at), self.visible.get_mut(at)) {
-            *q = round(value) as f32;
+            *q = round(value);
             *v = true;
         }
     }
@@ -101,10 +102,17 @@ impl<'a> Plan<'a> {
                 self.set(frame, joint, value);
             }
         }
+        let added = offset::total(&clip.offsets, &clip.robot.joints, clip.length);
+        for ((q, visible), add) in self.q.iter_mut().zip(&self.visible).zip(&added) {
+            if *visible && *add != 0.0 {
+                *q = round(*q + add);
+            }
+        }
         let spans = self.mask();
-        let start = self.start().into_iter().map(|v| v as f32).collect();
+        let start = self.start(&added).into_iter().map(|v| v as f32).collect();
         let joints = clip.robot.joints.clone();
-        let command = Command::assemble(joints, start, self.q, self.visible);
+        let q = self.q.into_iter().map(|v| v as f32).collect();
+        let command = Command::assemble(joints, start, q, self.visible);
         command.with_spans(spans).with_solved(self.solved.rows, self.solved.reached)
     }
 
@@ -163,8 +171,9 @@ impl<'a> Plan<'a> {
         self.solved.rows.get(i).and_then(Option::as_ref).or_else(|| self.clip.row(key))
     }
 
-    /// The state before frame 0: `start`, else per joint its first key's value, else 0.
-    fn start(&self) -> Vec<f64> {
+    /// The state before frame 0: `start`, else per joint its first key's value with what offsets add to
+    /// it, else 0.
+    fn start(&self, added: &[f64]) -> Vec<f64> {
         let clip = self.clip;
         match &clip.start {
             Some(Start::Q(q)) => q.clone(),
@@ -175,10 +184,16 @@ impl<'a> Plan<'a> {
             None => {
                 let mut open = clip.dim();
                 let mut start: Row = vec![None; open];
-                for row in (0..clip.keys.len()).filter_map(|i| self.row(i)) {
-                    for (slot, v) in start.iter_mut().zip(row) {
-                        if slot.is_none() && v.is_some() {
-                            *slot = *v;
+                let rows =
+                    (0..clip.keys.len()).filter_map(|i| Some((clip.keys.get(i)?, self.row(i)?)));
+                for (key, row) in rows {
+                    let added = added.get(key.frame as usize * self.dim..);
+                    for (j, (slot, v)) in start.iter_mut().zip(row).enumerate() {
+                        if slot.is_none()
+                            && let Some(v) = v
+                        {
+                            let more = added.and_then(|a| a.get(j)).copied().unwrap_or_default();
+                            *slot = Some(v + more);
                             open -= 1;
                         }
                     }
@@ -186,7 +201,7 @@ impl<'a> Plan<'a> {
                         break;
                     }
                 }
-                start.into_iter().map(|v| v.unwrap_or(0.0)).collect()
+                start.into_iter().map(|v| v.map_or(0.0, round)).collect()
             }
         }
     }

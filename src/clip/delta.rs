@@ -11,6 +11,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::{Map, Value};
 
 use super::document::{Clip, Fill, Goal, Key, Marker, Mask, RobotRef, Row, Start};
+use super::offset::Offset;
 
 /// A difference. Empty parts did not change.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -29,6 +30,9 @@ pub struct Delta {
     /// Poses that are added or changed.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub poses_put: Vec<(String, Row)>,
+    /// All offsets.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub offsets: Option<Vec<Offset>>,
     /// All mask spans.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub masks: Option<Vec<Mask>>,
@@ -76,6 +80,7 @@ impl Delta {
     /// compared.
     pub fn between(old: &Clip, new: &Clip) -> Delta {
         let mut delta = Delta {
+            offsets: changed(&old.offsets, &new.offsets),
             masks: changed(&old.masks, &new.masks),
             markers: changed(&old.markers, &new.markers),
             name: changed(&old.name, &new.name),
@@ -116,6 +121,7 @@ impl Delta {
     /// The inverse of the change, if `clip` is the clip before it.
     pub(super) fn inverse(&self, clip: &Clip) -> Delta {
         let mut back = Delta {
+            offsets: replaced(&clip.offsets, self.offsets.as_ref()),
             masks: replaced(&clip.masks, self.masks.as_ref()),
             markers: replaced(&clip.markers, self.markers.as_ref()),
             name: replaced(&clip.name, self.name.as_ref()),
@@ -166,7 +172,11 @@ impl Delta {
         let texts = [&self.name, &self.notes].into_iter().flatten().map(String::len);
         let removed = 8 * self.keys_removed.len() + 48 * self.poses_removed.len();
         let markers = 48 * self.markers.as_ref().map_or(0, Vec::len);
-        keys.chain(poses).chain(masks).chain(texts).sum::<usize>() + removed + markers + 64
+        let offsets = self.offsets.iter().flatten().map(|o| 64 + 64 * o.add.len());
+        keys.chain(poses).chain(masks).chain(offsets).chain(texts).sum::<usize>()
+            + removed
+            + markers
+            + 64
     }
 
     /// Applies the change. The keys of `clip` stay in order.
@@ -205,6 +215,9 @@ impl Delta {
         };
         set(&mut clip.name, &self.name);
         set(&mut clip.notes, &self.notes);
+        if let Some(offsets) = &self.offsets {
+            clip.offsets.clone_from(offsets);
+        }
         if let Some(masks) = &self.masks {
             clip.masks.clone_from(masks);
         }

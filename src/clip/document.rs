@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use super::grid::round;
+use super::offset::Offset;
 use super::reach::Reach;
 use super::tangent::Tangent;
 
@@ -216,7 +217,7 @@ pub struct Mask {
     pub joints: Option<Vec<String>>,
 }
 
-/// A named moment.
+/// A named moment, or a named block of frames.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Marker {
@@ -224,6 +225,9 @@ pub struct Marker {
     pub frame: u32,
     /// Its name.
     pub name: String,
+    /// First frame after it; makes it a block, which can be moved and repeated as a whole.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub to: Option<u32>,
 }
 
 /// An animation document, `robert-clip/1`.
@@ -257,6 +261,8 @@ pub struct Clip {
     pub poses: BTreeMap<String, Row>,
     /// Keyframes, by frame, at most one per frame.
     pub keys: Vec<Key>,
+    /// What is added to the command of the keys, by frame, at most one per frame.
+    pub offsets: Vec<Offset>,
     /// Mask spans.
     pub masks: Vec<Mask>,
     /// Markers, by frame, at most one per frame.
@@ -277,6 +283,7 @@ impl Clip {
             start: None,
             poses: BTreeMap::new(),
             keys: Vec::new(),
+            offsets: Vec::new(),
             masks: Vec::new(),
             markers: Vec::new(),
             x: Map::new(),
@@ -336,6 +343,8 @@ impl Clip {
             row.iter_mut().flatten().for_each(|v| *v = round(*v));
         };
         self.keys.sort_by_key(|k| k.frame);
+        self.offsets.sort_by_key(|o| o.frame);
+        self.offsets.iter_mut().for_each(Offset::normal);
         self.masks.sort();
         self.masks.dedup();
         self.markers.sort();

@@ -7,10 +7,10 @@ use super::command::Command;
 use super::compile::compile_for;
 use super::delta::Delta;
 use super::document::Clip;
+use super::flaw::Invalid;
 use super::history::{Entry, History};
 use super::joints::JointTable;
 use super::op::Op;
-use super::validate::Invalid;
 
 /// The result of an edit, an undo or a redo.
 #[derive(Clone, Debug, PartialEq)]

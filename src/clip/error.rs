@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use super::validate::Flaw;
+use super::flaw::Flaw;
 use robert_base::exit::{Exit, HasExit};
 use robert_base::fsio;
 

@@ -10,6 +10,9 @@ use serde::{Deserialize, Deserializer, Serialize};
 
 use super::delta::Delta;
 use super::document::{Fill, Key, Marker, Start};
+pub use super::op_layers::{
+    BlocksDelete, BlocksInsert, BlocksOrder, BlocksRepeat, OffsetsMove, OffsetsSet,
+};
 use super::reach::Reach;
 use super::tangent::Tangent;
 
@@ -58,6 +61,30 @@ pub enum Op {
     /// Sets the slopes of cubic curves at keys.
     #[serde(rename = "tangent.set")]
     TangentSet(TangentSet),
+    /// Makes or changes the offset at a frame.
+    #[serde(rename = "offsets.set")]
+    OffsetsSet(OffsetsSet),
+    /// Shifts offsets in time, or copies them there.
+    #[serde(rename = "offsets.move")]
+    OffsetsMove(OffsetsMove),
+    /// Removes offsets.
+    #[serde(rename = "offsets.delete")]
+    OffsetsDelete(KeysFrames),
+    /// Adds offsets to the keys for good.
+    #[serde(rename = "offsets.bake")]
+    OffsetsBake(KeysFrames),
+    /// Inserts a motion as a block, and blends it with what is around it.
+    #[serde(rename = "blocks.insert")]
+    BlocksInsert(BlocksInsert),
+    /// Puts blocks in another order.
+    #[serde(rename = "blocks.order")]
+    BlocksOrder(BlocksOrder),
+    /// Puts a block once more, after itself.
+    #[serde(rename = "blocks.repeat")]
+    BlocksRepeat(BlocksRepeat),
+    /// Removes a block with its frames.
+    #[serde(rename = "blocks.delete")]
+    BlocksDelete(BlocksDelete),
     /// Inserts empty frames and shifts what follows.
     #[serde(rename = "time.insert")]
     TimeInsert(TimeInsert),
@@ -79,7 +106,7 @@ pub enum Op {
     /// Adds a marker.
     #[serde(rename = "markers.add")]
     MarkersAdd(Marker),
-    /// Renames the marker at a frame.
+    /// Renames the marker at a frame, or sets where its block ends.
     #[serde(rename = "markers.set")]
     MarkersSet(Marker),
     /// Moves a marker.
@@ -450,6 +477,14 @@ impl Op {
             Op::MaskSet(_) => "mask.set",
             Op::FillSet(_) => "fill.set",
             Op::TangentSet(_) => "tangent.set",
+            Op::OffsetsSet(_) => "offsets.set",
+            Op::OffsetsMove(_) => "offsets.move",
+            Op::OffsetsDelete(_) => "offsets.delete",
+            Op::OffsetsBake(_) => "offsets.bake",
+            Op::BlocksInsert(_) => "blocks.insert",
+            Op::BlocksOrder(_) => "blocks.order",
+            Op::BlocksRepeat(_) => "blocks.repeat",
+            Op::BlocksDelete(_) => "blocks.delete",
             Op::TimeInsert(_) => "time.insert",
             Op::TimeDelete(_) => "time.delete",
             Op::PoseSave(_) => "pose.save",
@@ -471,7 +506,12 @@ impl Op {
 
     /// The name of this operation in the history.
     pub fn label(&self) -> String {
-        let keys = |n: usize| if n == 1 { "key".to_owned() } else { format!("{n} keys") };
+        let some = |n: usize, what: &str| match n {
+            1 => what.to_owned(),
+            n => format!("{n} {what}s"),
+        };
+        let keys = |n: usize| some(n, "key");
+        let offsets = |n: usize| some(n, "offset");
         match self {
             Op::KeysAdd(a) => format!("Add {}", keys(a.keys.len())),
             Op::KeysSet(a) => format!("Change key at {}", a.frame),
@@ -488,6 +528,15 @@ impl Op {
             Op::MaskSet(a) => format!("Unmask {}..{}", a.from, a.to),
             Op::FillSet(a) => format!("Fill {}", a.fill.map_or("as the clip", Fill::word)),
             Op::TangentSet(a) => format!("Shape the curve at {}", keys(a.frames.len())),
+            Op::OffsetsSet(a) => format!("Shape the motion around {}", a.frame),
+            Op::OffsetsMove(a) if a.copy => format!("Copy {}", offsets(a.frames.len())),
+            Op::OffsetsMove(a) => format!("Move {} by {:+}", offsets(a.frames.len()), a.df),
+            Op::OffsetsDelete(a) => format!("Delete {}", offsets(a.frames.len())),
+            Op::OffsetsBake(a) => format!("Add {} to the keys", offsets(a.frames.len())),
+            Op::BlocksInsert(a) => format!("Insert {}", a.name),
+            Op::BlocksOrder(_) => "Order the blocks".to_owned(),
+            Op::BlocksRepeat(a) => format!("Repeat the block at {}", a.frame),
+            Op::BlocksDelete(a) => format!("Delete the block at {}", a.frame),
             Op::TimeInsert(a) => format!("Insert {} frames at {}", a.frames, a.at),
             Op::TimeDelete(a) => format!("Delete frames {}..{}", a.from, a.to),
             Op::PoseSave(a) => format!("Save pose {}", a.name),

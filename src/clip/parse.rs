@@ -3,12 +3,12 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use super::document::{Clip, FORMAT, Fill, Goal, Key, Marker, Mask, RobotRef, Row, Start};
+use super::document::{Clip, FORMAT, Key, Marker, Mask, RobotRef, Start};
 use super::error::ClipError;
+use super::flaw::Invalid;
 use super::json::{Kind, Read, Reader, line_col, locate, show};
-use super::reach::{Reach, ReachFields};
-use super::tangent::Tangent;
-use super::validate::{Invalid, hint};
+use super::offset::{FADE_FRAMES, Offset};
+use super::parse_key::{Budget, missing, read_fill, read_key, read_row, unknown};
 use robert_base::fsio;
 use robert_base::limits;
 use robert_base::units::{FPS, Unit};
@@ -18,8 +18,9 @@ use robert_base::units::{FPS, Unit};
 pub struct Parsed {
     /// The clip, in canonical order.
     pub clip: Clip,
-    /// Position in the file of `clip.keys[i]`, likewise of masks and markers.
+    /// Position in the file of `clip.keys[i]`, likewise of the other lists.
     keys: Vec<usize>,
+    offsets: Vec<usize>,
     masks: Vec<usize>,
     markers: Vec<usize>,
     text: String,
@@ -33,6 +34,7 @@ impl Parsed {
         let all = |n: usize| (0..n).collect();
         Parsed {
             keys: all(clip.keys.len()),
+            offsets: all(clip.offsets.len()),
             masks: all(clip.masks.len()),
             markers: all(clip.markers.len()),
             text: clip.to_text(),
@@ -45,6 +47,7 @@ impl Parsed {
         let mut steps: Vec<String> = pointer.split('/').map(str::to_owned).collect();
         let order = match steps.get(1).map(String::as_str) {
             Some("keys") => &self.keys,
+            Some("offsets") => &self.offsets,
             Some("masks") => &self.masks,
             Some("markers") => &self.markers,
             _ => return line_col(&self.text, locate(&self.text, pointer)),
@@ -136,10 +139,11 @@ pub fn parse(text: String) -> Result<Parsed, ClipError> {
         return Err(ClipError::Invalid { flaw, pointer, line, col, path: None });
     }
     let keys = order(&clip.keys, |k| k.frame);
+    let offsets = order(&clip.offsets, |o| o.frame);
     let masks = order(&clip.masks, Clone::clone);
     let markers = order(&clip.markers, |m| m.frame);
     clip.normalize();
-    Ok(Parsed { clip, keys, masks, markers, text })
+    Ok(Parsed { clip, keys, offsets, masks, markers, text })
 }
 
 fn order<T, K: Ord>(items: &[T], by: impl Fn(&T) -> K) -> Vec<usize> {
@@ -148,28 +152,10 @@ fn order<T, K: Ord>(items: &[T], by: impl Fn(&T) -> K) -> Vec<usize> {
     order
 }
 
-/// Refuses an unknown key and suggests the nearest known name.
-fn unknown<T>(r: &Reader<'_>, at: usize, key: &str, place: &str, known: &[&str]) -> Read<T> {
-    let hint = hint(key, known.iter().copied());
-    let known = known.join(", ");
-    r.fault(at, format!("unknown key \"{}\" in {place}{hint} (known: {known})", show(key)))
-}
-
-fn missing<T>(r: &Reader<'_>, at: usize, place: &str, key: &str) -> Read<T> {
-    r.fault(at, format!("{place} needs `{key}`"))
-}
-
-/// The remaining size that a file may have.
-struct Budget {
-    values: usize,
-    tangents: usize,
-    reaches: usize,
-}
-
 fn read(text: &str) -> Read<Clip> {
     const KNOWN: &[&str] = &[
         "format", "name", "notes", "robot", "fps", "length", "fill", "start", "poses", "keys",
-        "masks", "markers", "x",
+        "offsets", "masks", "markers", "x",
     ];
     check_format(text)?;
     let mut r = Reader::new(text);
@@ -216,6 +202,7 @@ fn read(text: &str) -> Read<Clip> {
                 keys = true;
                 clip.keys = read_keys(r, &mut budget)?;
             }
+            "offsets" => clip.offsets = read_offsets(r)?,
             "masks" => clip.masks = read_masks(r)?,
             "markers" => clip.markers = read_markers(r)?,
             "x" => {
@@ -326,16 +313,6 @@ fn read_names(r: &mut Reader<'_>, budget: &mut usize) -> Read<Vec<String>> {
     Ok(names)
 }
 
-fn read_fill(r: &mut Reader<'_>) -> Read<Fill> {
-    let at = r.here();
-    let word = r.string("a fill")?;
-    let Some(fill) = Fill::from_word(&word) else {
-        let word = show(&word);
-        return r.fault(at, format!("a fill must be mask, linear, cubic or hold, not \"{word}\""));
-    };
-    Ok(fill)
-}
-
 fn read_start(r: &mut Reader<'_>) -> Read<Start> {
     let at = r.here();
     let mut start = None;
@@ -367,25 +344,6 @@ fn read_start(r: &mut Reader<'_>) -> Read<Start> {
     }
 }
 
-fn read_row(r: &mut Reader<'_>, budget: &mut usize) -> Read<Row> {
-    let mut row = Vec::new();
-    r.array("an array of numbers and nulls", |r, i| {
-        let at = r.here();
-        if i >= limits::JOINTS {
-            return r.fault(at, format!("more than {} values in a row", limits::JOINTS));
-        }
-        *budget = match budget.checked_sub(1) {
-            Some(left) => left,
-            None => return r.fault(at, format!("more than {} values", limits::CLIP_VALUES)),
-        };
-        row.push(if r.null()? { None } else { Some(r.number("a number or null")?) });
-        Ok(())
-    })?;
-    // Half a million short rows in vectors that grow by doubling would waste the same amount again.
-    row.shrink_to_fit();
-    Ok(row)
-}
-
 fn read_keys(r: &mut Reader<'_>, budget: &mut Budget) -> Read<Vec<Key>> {
     let mut keys = Vec::new();
     r.array("an array of keys", |r, i| {
@@ -397,152 +355,6 @@ fn read_keys(r: &mut Reader<'_>, budget: &mut Budget) -> Read<Vec<Key>> {
         Ok(())
     })?;
     Ok(keys)
-}
-
-fn read_key(r: &mut Reader<'_>, budget: &mut Budget) -> Read<Key> {
-    let at = r.here();
-    let (mut frame, mut pose, mut q) = (None, None, None);
-    let (mut hold, mut fill, mut note) = (1, None, String::new());
-    let (mut reach, mut tangents) = (Vec::new(), BTreeMap::new());
-    r.object("a key (an object)", |r, key, at| {
-        match key.as_str() {
-            "frame" => frame = Some(r.integer("frame", 0, u32::MAX)?),
-            "pose" => pose = Some(r.string("a pose name")?),
-            "q" => q = Some(read_row(r, &mut budget.values)?),
-            "reach" => reach = read_reaches(r, &mut budget.reaches)?,
-            "hold" => hold = r.integer("hold", 1, limits::CLIP_FRAMES)?,
-            "fill" => fill = Some(read_fill(r)?),
-            "tangents" => tangents = read_tangents(r, &mut budget.tangents)?,
-            "note" => note = r.string("a string")?,
-            _ => {
-                let known = ["frame", "pose", "q", "reach", "hold", "fill", "tangents", "note"];
-                return unknown(r, at, &key, "a key", &known);
-            }
-        }
-        Ok(())
-    })?;
-    let Some(frame) = frame else { return missing(r, at, "a key", "frame") };
-    let goal = match (pose, q) {
-        (Some(pose), None) => Goal::Pose(pose),
-        (None, Some(q)) => Goal::Q(q),
-        (None, None) if !reach.is_empty() => Goal::Open,
-        (None, None) => return r.fault(at, "a key needs `pose`, `q` or `reach`"),
-        _ => return r.fault(at, "a key needs either `pose` or `q`, not both"),
-    };
-    Ok(Key { frame, goal, reach, hold, fill, tangents, note })
-}
-
-fn read_reaches(r: &mut Reader<'_>, budget: &mut usize) -> Read<Vec<Reach>> {
-    let at = r.here();
-    let mut reaches = Vec::new();
-    r.array("an array of end-effector goals", |r, _| {
-        let at = r.here();
-        *budget = match budget.checked_sub(1) {
-            Some(left) => left,
-            None => {
-                let cap = limits::CLIP_REACHES;
-                return r.fault(at, format!("more than {cap} end-effector goals"));
-            }
-        };
-        reaches.push(read_reach(r)?);
-        Ok(())
-    })?;
-    if reaches.is_empty() {
-        return r.fault(at, "an empty `reach` says nothing; leave it out");
-    }
-    Ok(reaches)
-}
-
-fn read_reach(r: &mut Reader<'_>) -> Read<Reach> {
-    let at = r.here();
-    let (mut fields, mut pos) = (ReachFields::default(), false);
-    r.object("an end-effector goal (an object)", |r, key, at| {
-        match key.as_str() {
-            "site" => fields.site = Some(r.string("the name of a site")?),
-            "body" => fields.body = Some(r.string("the name of a body")?),
-            "offset" => fields.offset = Some(read_numbers(r)?),
-            "pos" => {
-                pos = true;
-                fields.pos = read_numbers(r)?;
-            }
-            "quat" => fields.quat = Some(read_numbers(r)?),
-            _ => {
-                let known = ["site", "body", "offset", "pos", "quat"];
-                return unknown(r, at, &key, "an end-effector goal", &known);
-            }
-        }
-        Ok(())
-    })?;
-    if !pos {
-        return missing(r, at, "an end-effector goal", "pos");
-    }
-    match Reach::try_from(fields) {
-        Ok(reach) => Ok(reach),
-        Err(message) => r.fault(at, message),
-    }
-}
-
-/// An array of exactly `N` numbers.
-fn read_numbers<const N: usize>(r: &mut Reader<'_>) -> Read<[f64; N]> {
-    let at = r.here();
-    let mut numbers = Vec::new();
-    r.array(&format!("an array of {N} numbers"), |r, i| {
-        let at = r.here();
-        if i >= N {
-            return r.fault(at, format!("more than {N} numbers"));
-        }
-        numbers.push(r.number("a number")?);
-        Ok(())
-    })?;
-    match numbers.try_into() {
-        Ok(numbers) => Ok(numbers),
-        Err(few) => {
-            let few: Vec<f64> = few;
-            r.fault(at, format!("{} numbers; {N} are needed", few.len()))
-        }
-    }
-}
-
-fn read_tangents(r: &mut Reader<'_>, budget: &mut usize) -> Read<BTreeMap<String, Tangent>> {
-    let mut tangents = BTreeMap::new();
-    r.object("an object of slopes by joint", |r, joint, at| {
-        *budget = match budget.checked_sub(1) {
-            Some(left) => left,
-            None => return r.fault(at, format!("more than {} tangents", limits::CLIP_TANGENTS)),
-        };
-        tangents.insert(joint, read_tangent(r)?);
-        Ok(())
-    })?;
-    Ok(tangents)
-}
-
-fn read_tangent(r: &mut Reader<'_>) -> Read<Tangent> {
-    const WHAT: &str = "\"flat\", \"linear\", a slope, or an object with the slopes `in` and `out`";
-    let at = r.here();
-    match r.kind() {
-        Kind::String => match r.string(WHAT)?.as_str() {
-            "flat" => Ok(Tangent::FLAT),
-            "linear" => Ok(Tangent::LINEAR),
-            word => r.fault(at, format!("a tangent must be {WHAT}, not \"{}\"", show(word))),
-        },
-        Kind::Object => {
-            let (mut before, mut after) = (None, None);
-            r.object(WHAT, |r, key, at| {
-                match key.as_str() {
-                    "in" => before = Some(r.number("a slope")?),
-                    "out" => after = Some(r.number("a slope")?),
-                    _ => return unknown(r, at, &key, "a tangent", &["in", "out"]),
-                }
-                Ok(())
-            })?;
-            match (before, after) {
-                (Some(before), Some(after)) => Ok(Tangent::corner(before, after)),
-                (None, _) => missing(r, at, "a tangent", "in"),
-                (_, None) => missing(r, at, "a tangent", "out"),
-            }
-        }
-        _ => Ok(Tangent::Slope(r.number(WHAT)?)),
-    }
 }
 
 fn read_masks(r: &mut Reader<'_>) -> Read<Vec<Mask>> {
@@ -571,6 +383,54 @@ fn read_masks(r: &mut Reader<'_>) -> Read<Vec<Mask>> {
     Ok(masks)
 }
 
+fn read_offsets(r: &mut Reader<'_>) -> Read<Vec<Offset>> {
+    let mut offsets = Vec::new();
+    let mut budget = limits::CLIP_OFFSETS;
+    r.array("an array of offsets", |r, i| {
+        let at = r.here();
+        if i >= limits::CLIP_SPANS {
+            return r.fault(at, format!("more than {} offsets", limits::CLIP_SPANS));
+        }
+        let (mut frame, mut add) = (None, None);
+        let (mut fade_in, mut hold, mut fade_out) = (FADE_FRAMES, 1, FADE_FRAMES);
+        r.object("an offset (an object)", |r, key, at| {
+            match key.as_str() {
+                "frame" => frame = Some(r.integer("frame", 0, u32::MAX)?),
+                "add" => add = Some(read_added(r, &mut budget)?),
+                "in" => fade_in = r.integer("in", 0, limits::CLIP_FRAMES)?,
+                "hold" => hold = r.integer("hold", 1, limits::CLIP_FRAMES)?,
+                "out" => fade_out = r.integer("out", 0, limits::CLIP_FRAMES)?,
+                _ => {
+                    let known = ["frame", "add", "in", "hold", "out"];
+                    return unknown(r, at, &key, "an offset", &known);
+                }
+            }
+            Ok(())
+        })?;
+        let Some(frame) = frame else { return missing(r, at, "an offset", "frame") };
+        let Some(add) = add else { return missing(r, at, "an offset", "add") };
+        offsets.push(Offset { frame, add, fade_in, hold, fade_out });
+        Ok(())
+    })?;
+    Ok(offsets)
+}
+
+fn read_added(r: &mut Reader<'_>, budget: &mut usize) -> Read<BTreeMap<String, f64>> {
+    let mut add = BTreeMap::new();
+    r.object("an object of values by joint", |r, joint, at| {
+        *budget = match budget.checked_sub(1) {
+            Some(left) => left,
+            None => {
+                let cap = limits::CLIP_OFFSETS;
+                return r.fault(at, format!("more than {cap} values in offsets"));
+            }
+        };
+        add.insert(joint, r.number("a number")?);
+        Ok(())
+    })?;
+    Ok(add)
+}
+
 fn read_markers(r: &mut Reader<'_>) -> Read<Vec<Marker>> {
     let mut markers = Vec::new();
     r.array("an array of markers", |r, i| {
@@ -578,18 +438,19 @@ fn read_markers(r: &mut Reader<'_>) -> Read<Vec<Marker>> {
         if i >= limits::CLIP_SPANS {
             return r.fault(at, format!("more than {} markers", limits::CLIP_SPANS));
         }
-        let (mut frame, mut name) = (None, None);
+        let (mut frame, mut to, mut name) = (None, None, None);
         r.object("a marker (an object)", |r, key, at| {
             match key.as_str() {
                 "frame" => frame = Some(r.integer("frame", 0, u32::MAX)?),
+                "to" => to = Some(r.integer("to", 0, u32::MAX)?),
                 "name" => name = Some(r.string("a string")?),
-                _ => return unknown(r, at, &key, "a marker", &["frame", "name"]),
+                _ => return unknown(r, at, &key, "a marker", &["frame", "to", "name"]),
             }
             Ok(())
         })?;
         let Some(frame) = frame else { return missing(r, at, "a marker", "frame") };
         let Some(name) = name else { return missing(r, at, "a marker", "name") };
-        markers.push(Marker { frame, name });
+        markers.push(Marker { frame, name, to });
         Ok(())
     })?;
     Ok(markers)

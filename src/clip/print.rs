@@ -5,7 +5,8 @@ use std::fmt::Write as _;
 
 use serde_json::{Map, Value};
 
-use super::document::{Clip, FORMAT, Goal, Key, Mask, Row, Start};
+use super::document::{Clip, FORMAT, Goal, Key, Marker, Mask, Row, Start};
+use super::offset::Offset;
 use super::reach::Reach;
 use robert_base::units::FPS;
 
@@ -52,14 +53,15 @@ impl Clip {
             members.push(member("poses", &block('{', lines, '}')));
         }
         members.push(member("keys", &block('[', self.keys.iter().map(key_text), ']')));
+        if !self.offsets.is_empty() {
+            let lines = self.offsets.iter().map(Offset::text);
+            members.push(member("offsets", &block('[', lines, ']')));
+        }
         if !self.masks.is_empty() {
             members.push(member("masks", &block('[', self.masks.iter().map(mask_text), ']')));
         }
         if !self.markers.is_empty() {
-            let lines = self
-                .markers
-                .iter()
-                .map(|m| format!("{{\"frame\": {}, \"name\": {}}}", m.frame, quote(&m.name)));
+            let lines = self.markers.iter().map(marker_text);
             members.push(member("markers", &block('[', lines, ']')));
         }
         if !self.x.is_empty() {
@@ -129,6 +131,11 @@ fn key_text(key: &Key) -> String {
     }
     out.push('}');
     out
+}
+
+fn marker_text(marker: &Marker) -> String {
+    let to = marker.to.map(|to| format!(", \"to\": {to}")).unwrap_or_default();
+    format!("{{\"frame\": {}{to}, \"name\": {}}}", marker.frame, quote(&marker.name))
 }
 
 fn mask_text(mask: &Mask) -> String {

@@ -89,10 +89,13 @@ pub struct Clip {
     /// Keyframes, at most one per frame.
     #[schemars(length(max = 50_000))]
     keys: Vec<Key>,
+    /// What is added to the command of the keys, at most one per frame.
+    #[schemars(length(max = 50_000))]
+    offsets: Option<Vec<Offset>>,
     /// Spans without a goal, regardless of keys and fills.
     #[schemars(length(max = 50_000))]
     masks: Option<Vec<Mask>>,
-    /// Named moments, at most one per frame.
+    /// Named moments and blocks, at most one per frame.
     #[schemars(length(max = 50_000))]
     markers: Option<Vec<Marker>>,
     /// Extensions of other programs; kept, never read.
@@ -116,7 +119,14 @@ macro_rules! shaped {
     )*};
 }
 
-shaped!(document::Key, document::Mask, document::Marker, document::Start, reach::Reach);
+shaped!(
+    offset::Offset,
+    document::Key,
+    document::Mask,
+    document::Marker,
+    document::Start,
+    reach::Reach
+);
 
 #[derive(Deserialize, JsonSchema)]
 #[allow(dead_code)]
@@ -231,6 +241,30 @@ struct Reach {
     quat: Option<[Number; 4]>,
 }
 
+/// What is added to the command around one frame: it grows, is held, and fades.
+#[derive(Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[allow(dead_code)]
+struct Offset {
+    /// The frame at which it is first there in full.
+    #[schemars(range(min = 0, max = 99_999))]
+    frame: u32,
+    /// What is added, by joint, rad or m.
+    #[schemars(extend("propertyNames" = {"minLength": 1, "maxLength": 256}, "minProperties" = 1))]
+    add: BTreeMap<String, Number>,
+    /// Over how many frames it grows; 10 when absent, 0 = at once.
+    #[serde(rename = "in")]
+    #[schemars(range(min = 0, max = 100_000))]
+    fade_in: Option<u32>,
+    /// For how many frames it is there in full; 1 when absent.
+    #[schemars(range(min = 1, max = 100_000))]
+    hold: Option<u32>,
+    /// Over how many frames it fades; 10 when absent, 0 = at once.
+    #[serde(rename = "out")]
+    #[schemars(range(min = 0, max = 100_000))]
+    fade_out: Option<u32>,
+}
+
 /// Frames from..to (to excluded) without a goal.
 #[derive(Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -247,7 +281,7 @@ struct Mask {
     joints: Option<Vec<Name>>,
 }
 
-/// A named moment.
+/// A named moment, or with `to` a named block of frames.
 #[derive(Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[allow(dead_code)]
@@ -258,4 +292,7 @@ struct Marker {
     /// Its name.
     #[schemars(length(min = 1, max = 256))]
     name: String,
+    /// First frame after the block; a moment when absent.
+    #[schemars(range(min = 1, max = 100_000))]
+    to: Option<u32>,
 }

@@ -13,11 +13,11 @@
 use robert_kinematics::{IkConfig, IkResult, Kinematics, Target};
 
 use super::document::{Clip, Key, Row, Start};
+use super::flaw::{Flaw, Invalid, hint};
 use super::grid::round;
 use super::joints::JointTable;
 use super::path::Path;
 use super::reach::{Reach, Reached};
-use super::validate::{Flaw, Invalid, hint};
 
 /// Distance that counts as reached, m.
 const TOLERANCE_M: f64 = 1e-4;

@@ -494,14 +494,16 @@ impl Shot {
             add(Swatch::Solid, [208, 212, 218], "achieved");
         }
         if o.ghost {
-            let next = ghost && !m.has_goal(frame);
-            let text = match (next, o.error) {
-                (true, _) => "next goal",
+            // The same for all frames of a film: a legend that changes its size draws the eye.
+            let has_gaps = ghost && (0..m.frames()).any(|f| !m.has_goal(f));
+            let text = match (has_gaps, o.error) {
+                (true, true) => "command or next goal, small error",
+                (true, false) => "command or next goal",
                 (false, true) => "command, small error",
                 (false, false) => "command",
             };
             add(Swatch::Ghost, COMMAND_COLOR, text);
-            if o.error && !next {
+            if o.error {
                 add(Swatch::Ghost, tint(1.0), "command, large error");
             }
         }
@@ -734,6 +736,18 @@ mod tests {
             ["joint axis", "contact"]
         );
         assert!(signs[0].1 != signs[1].1);
+    }
+
+    #[test]
+    fn the_legend_is_the_same_for_all_frames() {
+        let mut shot = shot("pointmass", 0.1, "caption,error");
+        shot.motion.commanded[1] = vec![f64::NAN; 2];
+        assert!(!shot.motion.has_goal(1) && shot.motion.has_goal(0));
+        let texts = |frame| -> Vec<String> {
+            shot.caption(frame, true).legend.into_iter().map(|k| k.text).collect()
+        };
+        assert_eq!(texts(0), texts(1));
+        assert!(texts(0)[1].contains("next goal"));
     }
 
     #[test]

@@ -101,7 +101,7 @@ proptest! {
 
     #[test]
     fn compiled_clips_hang_together(seed in any::<u64>()) {
-        let clip = generate::clip(seed);
+        let clip = Clip { offsets: Vec::new(), ..generate::clip(seed) };
         let c = compile(&clip).unwrap();
         prop_assert_eq!(c.frames(), clip.length);
         let mut at = 0;
@@ -140,7 +140,7 @@ fn collisions_ripple_and_time() {
     let mut clip = Clip::new(robot, 100);
     clip.keys = vec![Key::new(10, &[1.0]).held(5), Key::new(20, &[2.0]), Key::new(30, &[3.0])];
     clip.masks = vec![Mask { from: 22, to: 28, joints: None }];
-    clip.markers = vec![Marker { frame: 25, name: "m".into() }];
+    clip.markers = vec![Marker { frame: 25, name: "m".into(), to: None }];
     let frames = |c: &Clip| c.keys.iter().map(|k| k.frame).collect::<Vec<_>>();
     let with = |op: Op| {
         let mut c = clip.clone();

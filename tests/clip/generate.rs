@@ -83,6 +83,17 @@ fn some_joints(r: &mut Rng, clip: &Clip) -> Option<Vec<String>> {
     })
 }
 
+fn offset(r: &mut Rng, clip: &Clip, frame: u32) -> Offset {
+    let joints = some_joints(r, clip).unwrap_or_else(|| vec![clip.robot.joints[0].clone()]);
+    Offset {
+        frame,
+        add: joints.into_iter().map(|j| (j, value(r))).collect(),
+        fade_in: r.below(30) as u32,
+        hold: 1 + r.below(5) as u32,
+        fade_out: r.below(30) as u32,
+    }
+}
+
 /// A valid clip.
 pub(crate) fn clip(seed: u64) -> Clip {
     let r = &mut rng(seed, 0);
@@ -114,7 +125,14 @@ pub(crate) fn clip(seed: u64) -> Clip {
     }
     let markers = r.below(u64::from(length).min(3) + 1) as usize;
     for frame in r.subset(markers, length as usize) {
-        clip.markers.push(Marker { frame: frame as u32, name: word(r) });
+        let frame = frame as u32;
+        let to = (r.below(3) == 0).then(|| (frame + 1 + r.below(40) as u32).min(length));
+        clip.markers.push(Marker { frame, name: word(r), to });
+    }
+    let offsets = r.below(u64::from(length).min(3) + 1) as usize;
+    for frame in r.subset(offsets, length as usize) {
+        let offset = offset(r, &clip, frame as u32);
+        clip.offsets.push(offset);
     }
     clip.masks.sort();
     clip.masks.dedup();
@@ -168,7 +186,47 @@ pub(crate) fn op(r: &mut Rng, clip: &Clip, deep: bool) -> Op {
         Some(m) => m.frame,
         None => r.below(length) as u32,
     };
-    match r.below(if deep { 26 } else { 24 }) {
+    let offsets = |r: &mut Rng| match clip.offsets.get(r.below(3) as usize) {
+        Some(o) => vec![o.frame],
+        None => vec![r.below(length) as u32],
+    };
+    match r.below(if deep { 32 } else { 30 }) {
+        24 | 25 => Op::OffsetsSet(OffsetsSet {
+            frame: if flag(r) { any(r) } else { offsets(r)[0] },
+            add: offset(r, clip, 0)
+                .add
+                .into_iter()
+                .map(|(j, v)| (j, flag(r).then_some(v)))
+                .collect(),
+            fade_in: flag(r).then(|| r.below(30) as u32),
+            hold: flag(r).then(|| r.below(6) as u32),
+            fade_out: None,
+        }),
+        26 => match r.below(3) {
+            0 => Op::OffsetsDelete(KeysFrames { frames: offsets(r) }),
+            1 => Op::OffsetsBake(KeysFrames { frames: offsets(r) }),
+            _ => Op::OffsetsMove(OffsetsMove {
+                frames: offsets(r),
+                df: r.below(41) as i64 - 20,
+                copy: flag(r),
+            }),
+        },
+        27 => Op::BlocksInsert(BlocksInsert {
+            at: any(r),
+            name: word(r),
+            part: Part::of(&self::clip(r.below(1000))),
+            blend: r.below(12) as u32,
+        }),
+        28 => {
+            let mut frames: Vec<u32> =
+                clip.markers.iter().filter(|m| m.to.is_some()).map(|m| m.frame).collect();
+            frames.reverse();
+            Op::BlocksOrder(BlocksOrder { frames })
+        }
+        29 if flag(r) => {
+            Op::BlocksRepeat(BlocksRepeat { frame: marker(r), blend: r.below(9) as u32 })
+        }
+        29 => Op::BlocksDelete(BlocksDelete { frame: marker(r) }),
         0 | 1 => {
             let keys = (0..=r.below(3)).map(|_| any(r)).collect::<Vec<_>>();
             let keys = keys.into_iter().map(|f| key(r, clip, f)).collect();
@@ -247,11 +305,11 @@ pub(crate) fn op(r: &mut Rng, clip: &Clip, deep: bool) -> Op {
         }),
         18 => Op::PoseRename(PoseRename { name: pose(r), to: word(r) }),
         19 => Op::PoseDelete(PoseDelete { name: pose(r) }),
-        20 => Op::MarkersAdd(Marker { frame: any(r), name: word(r) }),
+        20 => Op::MarkersAdd(Marker { frame: any(r), name: word(r), to: None }),
         21 => Op::MarkersMove(MarkersMove { frame: marker(r), to: any(r) }),
         22 => match r.below(4) {
             0 => Op::MarkersDelete(KeysFrames { frames: vec![marker(r)] }),
-            1 => Op::MarkersSet(Marker { frame: marker(r), name: word(r) }),
+            1 => Op::MarkersSet(Marker { frame: marker(r), name: word(r), to: None }),
             2 => Op::ClipRename(ClipRename { name: word(r) }),
             _ => Op::ClipNotes(ClipNotes { notes: word(r) }),
         },

@@ -267,8 +267,9 @@ fn caps_are_exact() {
     c.poses.insert("more".into(), vec![Some(0.0)]);
     assert!(!ok(&c));
     let mut c = clip(1, CLIP_FRAMES);
-    c.markers = (0..CLIP_SPANS as u32).map(|f| Marker { frame: f, name: "m".into() }).collect();
+    c.markers =
+        (0..CLIP_SPANS as u32).map(|f| Marker { frame: f, name: "m".into(), to: None }).collect();
     assert!(ok(&c));
-    c.markers.push(Marker { frame: CLIP_SPANS as u32, name: "m".into() });
+    c.markers.push(Marker { frame: CLIP_SPANS as u32, name: "m".into(), to: None });
     assert!(!ok(&c));
 }

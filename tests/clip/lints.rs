@@ -135,7 +135,7 @@ fn slopes_are_ones_that_joints_can_follow() {
     };
     let lints = fixes(&cubic(Tangent::Slope(2.5)), Rule::JointSpeed);
     let slope = lints.iter().find(|l| l.pointer == "/keys/1/tangents/J3").unwrap();
-    assert!(slope.message.contains("J3 2.50 rad/s of 2.00"), "{}", slope.message);
+    assert!(slope.message.contains("J3 2.50 of 2.00 rad/s"), "{}", slope.message);
     assert_eq!(rules(&cubic(Tangent::Slope(1.9))), []);
     // In 19 frames a curve that leaves with 19 rad/s rises far above the range of 2 rad.
     let mut wild = cubic(Tangent::corner(0.0, 19.0));

@@ -5,6 +5,7 @@ mod edits;
 mod fuzz;
 pub(crate) mod generate;
 mod hostile;
+mod layers;
 mod lints;
 mod reach;
 mod robots;

@@ -38,8 +38,9 @@ fn good_and_bad_files() {
             "tangents": {"a": "flat", "b": {"in": 1, "out": -0.5}}}, {"frame": 9, "pose": "up", "tangents": {"a": 2.5, "b": "linear"}},
             {"frame": 12, "reach": [{"site": "tip", "pos": [0, 1, 2], "quat": [1, 0, 0, 0]}]},
             {"frame": 14, "q": [0, 0], "reach": [{"body": "b", "offset": [0, 0, 1], "pos": [0, 1, 2]}]}],
+        "offsets": [{"frame": 9, "add": {"a": 0.5}}, {"frame": 12, "add": {"b": -1}, "in": 0, "hold": 3, "out": 4}],
         "masks": [{"from": 1, "to": 3, "joints": ["a"]}],
-        "markers": [{"frame": 9, "name": "m"}],
+        "markers": [{"frame": 9, "name": "m"}, {"frame": 12, "to": 40, "name": "block"}],
         "x": {"anything": [1, {"b": 2}]}
     });
     let reads = |v: &Value| Clip::parse(&v.to_string()).is_ok();
@@ -80,6 +81,15 @@ fn good_and_bad_files() {
         ("/robot/units", json!(["deg", "m"])),
         ("/start", json!({"q": [0, null]})),
         ("/start", json!({})),
+        ("/offsets/0/add", json!({})),
+        ("/offsets/0/add", json!({"a": null})),
+        ("/offsets/0/add/a", json!(2e6)),
+        ("/offsets/0", json!({"add": {"a": 1}})),
+        ("/offsets/0", json!({"frame": 9})),
+        ("/offsets/1/hold", json!(0)),
+        ("/offsets/1/in", json!(-1)),
+        ("/offsets/1/out", json!(100_001)),
+        ("/markers/1/to", json!(0)),
         ("/masks/0/to", json!(0)),
         ("/masks/0/joints", json!([])),
         ("/markers/0/name", json!("")),

@@ -135,6 +135,66 @@ describe("pins", () => {
     assert.deepEqual(s.pins, [], "another document has no pins");
   });
 
+  test("a newcomer counts from one to five and makes the OK sign: at most 40 actions, 4 minutes", async () => {
+    const began = Date.now();
+    await studio.api("POST", "/api/new", { robot: "shadow_hand", length: 180, name: "counting" });
+    await t.until((s) => s.clip?.name === "counting", "a new clip of the hand");
+    await t.rolledOut();
+    await t.press("Escape");
+    await t.panel("poses");
+    t.actions = 1; // New clip
+    // Each number is a click on the timeline and one on its pose; a second's rest after it is typed once.
+    const times = new Map<string, number>();
+    for (const [n, name] of ["one", "two", "three", "four", "five"].entries()) {
+      const frame = 20 + 28 * n;
+      times.set(name, frame);
+      const p = await t.at(frame, "Index finger");
+      await t.page.mouse.click(p.x, p.y);
+      t.actions++;
+      await t.until((s) => Math.abs(s.playhead - frame) <= 1, `at ${frame}`);
+      await t.click(`pose-${name}`);
+      const at = (await t.state()).playhead;
+      times.set(name, at);
+      await t.until((s) => s.clip?.keys.some((k) => k.frame === at) ?? false, `${name} is a key`);
+    }
+    await t.press("Control+a", "h");
+    await t.page.keyboard.type("12");
+    await t.page.keyboard.press("Enter");
+    t.actions += 3;
+    await t.until((s) => s.clip?.keys.every((k) => k.hold === 12) ?? false, "each number is held");
+    const p = await t.at(162, "Index finger");
+    await t.page.mouse.click(p.x, p.y);
+    t.actions++;
+    const ok = (await t.until((s) => Math.abs(s.playhead - 162) <= 1, "near the end")).playhead;
+    await t.click("site-thtip");
+    await t.until((s) => s.site === "thtip", "the thumb is selected");
+    await t.byId("touch").selectOption("fftip");
+    t.actions += 2;
+    await t.until((s) => s.clip?.keys.some((k) => k.frame === ok) ?? false, "the sign is a key");
+    await t.press("h");
+    await t.page.keyboard.type("12");
+    await t.page.keyboard.press("Enter");
+    t.actions += 3;
+    const done = await t.rolledOut();
+    const secs = (Date.now() - began) / 1000;
+    assert.equal(done.rollout?.phase, "done");
+    // In the take, at the end of each hold: the numbers are there, and the tips touch.
+    const joints = done.clip?.robot.joints ?? [];
+    for (const [name, frame] of times) {
+      const want = (done.clip?.poses?.[name] ?? []) as (number | null)[];
+      const q = done.q[frame + 11] ?? [];
+      const worst = Math.max(...want.map((v, j) => Math.abs((v ?? q[j] ?? 0) - (q[j] ?? 0))));
+      assert.ok(worst < 0.1, `${name}: ${worst} rad off in ${joints.length} joints`);
+    }
+    const between = 1000 * (await gap(done.q[Math.min(179, ok + 8)] ?? []));
+    console.log(
+      `    one to five and OK: ${t.actions} actions, ${secs.toFixed(0)} s, tips ${between.toFixed(2)} mm apart`,
+    );
+    await t.picture("counting");
+    assert.ok(Math.abs(between) <= 2, `${between} mm`);
+    assert.ok(t.actions <= 40 && secs < 240, `${t.actions} actions, ${secs} s`);
+  });
+
   test("no script broke", () => {
     assert.deepEqual(t.errors, []);
     assert.deepEqual(t.foreign, []);

@@ -2,6 +2,7 @@
 
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
+import { parseTime } from "./clip";
 import { Dialog, openDialog } from "./dialog";
 import { opening } from "./documents";
 import type { FileCard, Listing } from "./protocol";
@@ -11,12 +12,12 @@ import { complain, http, Refusal } from "./wire";
 /** A file on its way to become a clip: its content, or its place on the studio's machine. */
 export type Incoming = { name: string; body: Blob } | { name: string; path: string };
 
-const ENDINGS = /\.(json|csv|xml|mjcf|ya?ml)$/i;
+const ENDINGS = /\.(json|csv|xml|mjcf|ya?ml|mcap)$/i;
 /** As the studio reads them. */
 const CAP = 16 << 20;
 
 /** Formats that do not say whose joints they are. */
-const nameless = (name: string): boolean => !/\.json$/i.test(name);
+const nameless = (name: string): boolean => !/\.(json|mcap)$/i.test(name);
 
 /** A file that waits for its robot. */
 let waiting: Incoming | undefined;
@@ -25,7 +26,7 @@ let waiting: Incoming | undefined;
 export async function take(file: Incoming, robot?: string): Promise<void> {
   if (!ENDINGS.test(file.name))
     return store.toast(
-      `${file.name}: only .clip.json, .csv, .xml, .yaml and .json files can be opened`,
+      `${file.name}: only .clip.json, .csv, .lafan.csv, .xml, .yaml, .json and .mcap files can be opened`,
       "error",
     );
   if ("body" in file && file.body.size > CAP)
@@ -33,7 +34,7 @@ export async function take(file: Incoming, robot?: string): Promise<void> {
       `${file.name} has ${Math.ceil(file.body.size / 1e6)} MB; the limit is ${CAP >> 20} MB`,
       "error",
     );
-  if ("path" in file && !nameless(file.name))
+  if ("path" in file && /\.json$/i.test(file.name))
     return opening(http("POST /api/open", { body: { path: file.path } }));
   if (nameless(file.name) && !robot && !store.doc.value) {
     waiting = file;
@@ -46,17 +47,31 @@ export async function take(file: Incoming, robot?: string): Promise<void> {
   await opening(http("POST /api/clips", { query, body: "body" in file ? file.body : "" }));
 }
 
+/** A file becomes a block of the clip, where the playhead is. */
+async function insert(file: Incoming, blend: number): Promise<void> {
+  const at = store.playhead.value;
+  // After the last frame is the end: nothing of the clip follows there.
+  const before = at >= store.length.value - 1 ? store.length.value : at;
+  const query = { ...("path" in file ? { path: file.path } : { name: file.name }), at: before, blend };
+  try {
+    await http("POST /api/insert", { query, body: "body" in file ? file.body : "" });
+    store.toast(`inserted ${file.name}`, "info", true);
+  } catch (e) {
+    complain(e);
+  }
+}
+
 /** The browser's own picker. */
-export function pick(): void {
+export function pick(then: (file: Incoming) => Promise<void> = take): void {
   const input = document.createElement("input");
   input.type = "file";
-  input.accept = ".json,.csv,.xml,.mjcf,.yaml,.yml";
+  input.accept = ".json,.csv,.xml,.mjcf,.yaml,.yml,.mcap";
   input.dataset.testid = "picker";
   input.hidden = true;
   input.onchange = () => {
     const file = input.files?.[0];
     input.remove();
-    if (file) void take({ name: file.name, body: file });
+    if (file) void then({ name: file.name, body: file });
   };
   input.oncancel = () => input.remove();
   document.querySelectorAll('[data-testid="picker"]').forEach((old) => old.remove());
@@ -161,6 +176,8 @@ const WHAT: Record<FileCard["kind"], string> = {
   csv: "CSV",
   mjcf: "MJCF keys",
   ros: "ROS trajectory",
+  lafan: "LAFAN motion, 30 rows a second",
+  take: "take: the motion that it reached",
 };
 
 function about(f: FileCard): string {
@@ -179,7 +196,15 @@ interface Entry {
 }
 
 /** Where a clip may lie: a path that is typed, folders that are walked, the browser's picker. */
-export function Open({ onClose }: { onClose: () => void }) {
+export function Open({ onClose, insert: inserts = false }: { onClose: () => void; insert?: boolean }) {
+  const blend = useSignal("0.5s");
+  /** Opens it, or puts it into the open clip. */
+  const bring = async (file: Incoming): Promise<void> => {
+    if (!inserts) return take(file);
+    const frames = parseTime(blend.value, store.fps.value);
+    if (frames === undefined) return store.toast(`"${blend.value}" is not a time: type 0.5s or 10`, "error");
+    return insert(file, frames);
+  };
   const path = useSignal("");
   const root = useSignal("");
   const listing = useSignal<Listing | undefined>(undefined);
@@ -233,7 +258,7 @@ export function Open({ onClose }: { onClose: () => void }) {
       off: !!f.why && f.kind !== "clip",
       go: () => {
         onClose();
-        void take({ name: f.name, path: joined(f.name) });
+        void bring({ name: f.name, path: joined(f.name) });
       },
     })),
   ];
@@ -251,14 +276,14 @@ export function Open({ onClose }: { onClose: () => void }) {
       return void (await look("", text));
     }
     onClose();
-    await take({ name: ENDINGS.test(text) ? (text.split("/").at(-1) ?? text) : `${text}.json`, path: text });
+    await bring({ name: ENDINGS.test(text) ? (text.split("/").at(-1) ?? text) : `${text}.json`, path: text });
   };
   const move = (step: number): void => {
     at.value = Math.max(-1, Math.min(entries.length - 1, at.value + step));
     list.current?.children[at.value]?.scrollIntoView({ block: "nearest" });
   };
   return (
-    <Dialog title="Open" onClose={onClose} class="open">
+    <Dialog title={inserts ? "Insert at the playhead" : "Open"} onClose={onClose} class="open">
       <form
         onSubmit={(e) => {
           e.preventDefault();
@@ -292,8 +317,22 @@ export function Open({ onClose }: { onClose: () => void }) {
               }}
             />
           </label>
+          {inserts ? (
+            <label title="A smooth curve over so long leads to it and from it; both sides keep their speed">
+              Blend
+              <br />
+              <input
+                type="text"
+                class="time"
+                style="padding: 6px 8px"
+                value={blend.value}
+                onInput={(e) => (blend.value = e.currentTarget.value)}
+                data-testid="blend"
+              />
+            </label>
+          ) : null}
           <button class="main" type="submit" style="align-self: flex-end">
-            Open
+            {inserts ? "Insert" : "Open"}
           </button>
         </div>
       </form>
@@ -332,7 +371,7 @@ export function Open({ onClose }: { onClose: () => void }) {
         <button
           onClick={() => {
             onClose();
-            pick();
+            pick(bring);
           }}
           title="Ctrl+Shift+O"
           data-testid="pick"

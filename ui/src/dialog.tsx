@@ -7,7 +7,19 @@ import { useLayoutEffect, useRef } from "preact/hooks";
 /** A question to the person, with what it is about. */
 export type Question =
   | { name: "palette" | "keys" | "history" | "theme" | "export" | "open" | "whose" | "save-as" | "changed" }
-  | { name: "retime" | "time" | "hold" | "sparsify" | "densify" | "pose" | "marker" | "rename-marker" }
+  | {
+      name:
+        | "retime"
+        | "time"
+        | "hold"
+        | "sparsify"
+        | "densify"
+        | "pose"
+        | "marker"
+        | "rename-marker"
+        | "insert"
+        | "offset";
+    }
   | { name: "key"; frame: number }
   | { name: "rename-pose"; pose: string }
   | { name: "replace"; path: string };

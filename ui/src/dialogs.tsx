@@ -7,6 +7,7 @@ import { reload, save } from "./documents";
 import { Export } from "./export";
 import { KeyEditor, wholeFrames } from "./key_editor";
 import { parseNumber } from "./numbers";
+import { OffsetFades } from "./offset_fades";
 import { Palette, Shortcuts } from "./palette";
 import { poseAt } from "./posing";
 import type { Op } from "./protocol";
@@ -105,6 +106,9 @@ function bake(span: { from: number; to: number }, every: number): void {
     keys.push({ frame: f, q: (q[f] ?? []).map((v) => Math.round(v * 1e6) / 1e6) });
   }
   const ops: Op[] = [{ op: "keys.add", args: { keys } }];
+  // What was reached has in it what offsets added.
+  const added = clip.offsets?.map((o) => o.frame).filter((f) => f >= span.from && f < span.to) ?? [];
+  if (added.length) ops.unshift({ op: "offsets.delete", args: { frames: added } });
   if (gone.length) ops.unshift({ op: "keys.delete", args: { frames: gone } });
   void edit("batch", { label: `Take as ${keys.length} keys`, ops }).then((ok) => {
     if (!ok) return;
@@ -370,6 +374,10 @@ export function Dialogs() {
     }
     case "open":
       return <Open onClose={onClose} />;
+    case "insert":
+      return <Open onClose={onClose} insert />;
+    case "offset":
+      return <OffsetFades onClose={onClose} />;
     case "whose":
       return <Whose onClose={onClose} />;
     case "theme":

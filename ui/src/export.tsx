@@ -1,95 +1,22 @@
 // The export dialog: one list of formats, where the file goes, how far it is.
 
 import { signal, useSignal } from "@preact/signals";
+import { useEffect } from "preact/hooks";
 import { Dialog } from "./dialog";
 import { JobBar } from "./job_bar";
 import { ended, fetchFile, isRunning, saveUrl, startExport } from "./jobs";
+import type { ExportFormat } from "./protocol";
 import * as store from "./store";
-import { http } from "./wire";
+import { complain, http } from "./wire";
 
-interface Format {
-  format: string;
-  title: string;
-  about: string;
-  ending: string;
-  /** Of the clip alone: made at once, without performing anything. */
-  clip?: true;
-  /** A folder: it is written on the server's disk and cannot be downloaded. */
-  folder?: true;
-}
-
-const FORMATS: Format[] = [
-  {
-    format: "mp4",
-    title: "Film",
-    about: "MP4, H.264: command and achieved motion with captions",
-    ending: "mp4",
-  },
-  { format: "apng", title: "Sharp film", about: "APNG: every pixel as rendered, larger", ending: "apng" },
-  { format: "gif", title: "Animated picture", about: "GIF for pages and chats", ending: "gif" },
-  { format: "strip", title: "Film strip", about: "moments in one PNG", ending: "png" },
-  { format: "png", title: "Picture", about: "the playhead as a PNG", ending: "png" },
-  { format: "mcap", title: "Take", about: "MCAP for Foxglove, Lichtblick, Rerun", ending: "mcap" },
-  { format: "html", title: "Page", about: "one HTML file that plays the take anywhere", ending: "html" },
-  {
-    format: "csv",
-    title: "Achieved motion",
-    about: "CSV: frame, time, mask and one column for each joint",
-    ending: "csv",
-  },
-  {
-    format: "command",
-    title: "Command table",
-    about: "CSV of the commanded motion, masked cells empty",
-    ending: "command.csv",
-    clip: true,
-  },
-  {
-    format: "json",
-    title: "Clip",
-    about: "keyframes in the format robert-clip/1",
-    ending: "clip.json",
-    clip: true,
-  },
-  { format: "mjcf", title: "MuJoCo keys", about: "MJCF <keyframe> of the achieved motion", ending: "xml" },
-  {
-    format: "ros",
-    title: "ROS 2 trajectory",
-    about: "JointTrajectory with velocities, YAML",
-    ending: "yaml",
-  },
-  { format: "bag", title: "ROS 2 bag", about: "a folder for ros2 bag play", ending: "bag", folder: true },
-  {
-    format: "lerobot",
-    title: "LeRobot dataset",
-    about: "a folder with this motion as one episode",
-    ending: "lerobot",
-    folder: true,
-  },
-  {
-    format: "glb",
-    title: "3D animation",
-    about: "glTF for Blender, Unreal, three.js, slides",
-    ending: "glb",
-  },
-  { format: "bvh", title: "Motion capture", about: "BVH for Blender, MotionBuilder, Houdini", ending: "bvh" },
-  { format: "usda", title: "USD", about: "for Isaac Sim, Omniverse, usdview", ending: "usda" },
-  { format: "npz", title: "Tracking file", about: "NPZ of BeyondMimic and mjlab, 50 Hz", ending: "npz" },
-  {
-    format: "lafan",
-    title: "LAFAN rows",
-    about: "CSV of base and joints for retargeting tools",
-    ending: "lafan.csv",
-  },
-];
+/** What can be made, as the studio lists it; asked for once. */
+const formats = signal<ExportFormat[]>([]);
 
 const SIZES: [[string, [number, number]], ...[string, [number, number]][]] = [
   ["640×480", [640, 480]],
   ["1280×720", [1280, 720]],
   ["1920×1080", [1920, 1080]],
 ];
-const FILMS = new Set(["mp4", "apng", "gif"]);
-const PICTURES = new Set([...FILMS, "strip", "png"]);
 const OVERLAYS: [string, string, boolean][] = [
   ["ghost", "the command, translucent", true],
   ["error", "links tinted by their error", true],
@@ -119,10 +46,18 @@ export function Export({ onClose }: { onClose: () => void }) {
   const said = useSignal("");
   if (typeof beside.value === "number" && !store.takes.value.some((t) => t.id === beside.value))
     beside.value = "";
-  const f = FORMATS[chosen.value] ?? FORMATS[0];
+  useEffect(() => {
+    if (formats.value.length === 0)
+      void http("GET /api/formats").then((list) => (formats.value = list), complain);
+  }, []);
+  const f = formats.value[chosen.value];
   const d = store.doc.value;
   if (!f || !d) return null;
-  const stem = (d.clip.name ?? "clip").replace(/[^\w-]+/g, "_") || "clip";
+  const isFilm = f.kind === "film";
+  const isPictured = isFilm || f.kind === "picture";
+  const isClip = f.kind === "clip";
+  const isFolder = f.kind === "folder";
+  const stem = (d.clip.name ?? "").replace(/[^\w-]+/g, "_") || "untitled";
   const path = typed.value ?? `${stem}.${f.ending}`;
   const current = job.value === undefined ? undefined : store.jobs.value.get(job.value);
   const busy = isRunning(current);
@@ -135,7 +70,7 @@ export function Export({ onClose }: { onClose: () => void }) {
   const run = async (toFolder: boolean): Promise<void> => {
     said.value = "";
     try {
-      if (f.clip) return saveUrl(await clipFile(), `${stem}.${f.ending}`);
+      if (isClip) return saveUrl(await clipFile(), `${stem}.${f.ending}`);
       const moments = Math.round(Number(momentsTyped.value));
       if (f.format === "strip" && !(moments >= 1 && moments <= 64))
         return void (said.value = "a strip has 1 to 64 moments");
@@ -151,9 +86,9 @@ export function Export({ onClose }: { onClose: () => void }) {
       const started = await startExport({
         format: f.format,
         ...(toFolder ? { path } : {}),
-        ...(PICTURES.has(f.format) ? { size: (SIZES[size.value] ?? SIZES[0])[1] } : {}),
-        ...(frames && PICTURES.has(f.format) && f.format !== "strip" ? { frames } : {}),
-        ...(PICTURES.has(f.format)
+        ...(isPictured ? { size: (SIZES[size.value] ?? SIZES[0])[1] } : {}),
+        ...(frames && isPictured && f.format !== "strip" ? { frames } : {}),
+        ...(isPictured
           ? {
               overlay: [...overlays.value].join(",") || "none",
               camera: cameraChosen.value.trim() || "fit",
@@ -177,7 +112,7 @@ export function Export({ onClose }: { onClose: () => void }) {
   return (
     <Dialog title="Export" onClose={onClose}>
       <div class="formats" role="radiogroup" aria-label="Format">
-        {FORMATS.map((x, i) => (
+        {formats.value.map((x, i) => (
           <label key={x.format} class={i === chosen.value ? "on" : ""}>
             <input
               type="radio"
@@ -196,7 +131,7 @@ export function Export({ onClose }: { onClose: () => void }) {
         ))}
       </div>
       <div class="row" style="margin-top: 10px">
-        {PICTURES.has(f.format) ? (
+        {isPictured ? (
           <select
             aria-label="Size"
             value={String(size.value)}
@@ -209,7 +144,7 @@ export function Export({ onClose }: { onClose: () => void }) {
             ))}
           </select>
         ) : null}
-        {FILMS.has(f.format) ? (
+        {isFilm ? (
           <label title={range ? "" : "set the loop range with [ and ]"}>
             <input
               type="checkbox"
@@ -225,7 +160,7 @@ export function Export({ onClose }: { onClose: () => void }) {
           {store.settings.value.refine ? " with refine" : ""}, as shown
         </span>
       </div>
-      {PICTURES.has(f.format) ? (
+      {isPictured ? (
         <div class="pictured" data-testid="pictured">
           <fieldset>
             <legend>Overlays</legend>
@@ -309,7 +244,7 @@ export function Export({ onClose }: { onClose: () => void }) {
           </div>
         </div>
       ) : null}
-      {f.clip ? null : (
+      {isClip ? null : (
         <label style="display: block; margin-top: 10px">
           File, relative to {store.folder.value}
           <br />
@@ -330,15 +265,15 @@ export function Export({ onClose }: { onClose: () => void }) {
       ) : null}
       <div class="row" style="margin-top: 12px; justify-content: flex-end">
         <button onClick={onClose}>Close</button>
-        {f.clip ? null : (
+        {isClip ? null : (
           <button disabled={busy} onClick={() => void run(true)} data-testid="export-folder">
             Save to folder
           </button>
         )}
         <button
           class="main"
-          disabled={busy || f.folder}
-          title={f.folder ? "this format is a folder, which can only be saved" : ""}
+          disabled={busy || isFolder}
+          title={isFolder ? "this format is a folder, which can only be saved" : ""}
           onClick={() => void run(false)}
           data-testid="export-download"
         >

@@ -7,7 +7,18 @@ import { opening, refreshGallery } from "./documents";
 import * as store from "./store";
 import { http } from "./wire";
 
-const ITEMS: (string | null)[] = ["new", "open", "pick", null, "save", "save-as", "export", null, "gallery"];
+const ITEMS: (string | null)[] = [
+  "new",
+  "open",
+  "pick",
+  "insert",
+  null,
+  "save",
+  "save-as",
+  "export",
+  null,
+  "gallery",
+];
 /** Recent files that are a click away. */
 const RECENT = 5;
 

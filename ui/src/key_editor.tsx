@@ -4,7 +4,7 @@ import { useSignal } from "@preact/signals";
 import { keyAt, parseTime } from "./clip";
 import { Dialog } from "./dialog";
 import { ANGLES, fixed, LENGTHS, parseNumber } from "./numbers";
-import { poseAt } from "./posing";
+import { barePose } from "./posing";
 import type { Op } from "./protocol";
 import * as store from "./store";
 import { edit } from "./wire";
@@ -16,7 +16,7 @@ export function KeyEditor({ frame, onClose }: { frame: number; onClose: () => vo
   const d = store.doc.value;
   if (!d) return null;
   const key = keyAt(d.clip, frame);
-  const q = poseAt(d.clip, frame);
+  const q = barePose(d.clip, frame);
   const at = useSignal(String(frame));
   const hold = useSignal(String(key?.hold ?? 1));
   const scale = (j: number): number =>

@@ -28,6 +28,7 @@ import { Inspector } from "./inspector";
 import { leftShown, rightShown, sheetTab, startLayout } from "./layout";
 import { Left } from "./left";
 import { Menu } from "./menu";
+import { followDocument } from "./offsets";
 import { Problems } from "./problems";
 import { Rendered } from "./rendered";
 import { install } from "./shortcuts";
@@ -137,6 +138,7 @@ function App() {
 startTheme();
 startLayout();
 startFolds();
+followDocument();
 install(window);
 restorePanels();
 const root = document.getElementById("app");

@@ -32,3 +32,18 @@ export function digitsOf(step: number): number {
   }
   return 6;
 }
+
+/** A sentence of the program with its angles in degrees, if that is what the page shows: the program's
+ * own unit is the radian. */
+export function inUnits(message: string, degrees: boolean): string {
+  if (!degrees) return message;
+  const angle = (text: string): string => fixed((Number(text) * 180) / Math.PI, 1);
+  return message
+    .replace(
+      /(-?[\d.]+) is outside (-?\d[\d.]*?)\.\.(-?[\d.]+) rad\b/g,
+      (_, v, lo, hi) => `${angle(v)}° is outside ${angle(lo)}..${angle(hi)}°`,
+    )
+    .replace(/(-?[\d.]+) of (-?[\d.]+) rad\/s/g, (_, v, most) => `${angle(v)} of ${angle(most)} °/s`)
+    .replace(/(-?\d[\d.]*) rad\/s/g, (_, v) => `${angle(v)} °/s`)
+    .replace(/(-?\d[\d.]*) rad\b/g, (_, v) => `${angle(v)}°`);
+}

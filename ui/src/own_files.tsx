@@ -4,6 +4,7 @@ import { CircleDashed, FileText, X } from "lucide";
 import { opening, refreshGallery } from "./documents";
 import { Icon } from "./icon";
 import * as store from "./store";
+import { Thumbnail } from "./thumbnail";
 import { complain, http } from "./wire";
 
 export function OwnFiles({ titles }: { titles: Record<string, string> }) {
@@ -53,7 +54,7 @@ export function OwnFiles({ titles }: { titles: Record<string, string> }) {
               disabled={!r.exists}
               onClick={() => void opening(http("POST /api/open", { body: { path: r.path } }))}
             >
-              <Icon of={FileText} size={16} />
+              {r.exists ? <Thumbnail of={{ path: r.path }} /> : <Icon of={FileText} size={16} />}
               <b>{r.name || r.path}</b>
               <span class="of">
                 {r.path}

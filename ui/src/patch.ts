@@ -16,6 +16,7 @@ export function patched(clip: Clip, d: Delta): Clip {
     for (const [name, q] of d.poses_put ?? []) poses[name] = q;
     next.poses = poses;
   }
+  if (d.offsets) next.offsets = d.offsets;
   if (d.masks) next.masks = d.masks;
   if (d.markers) next.markers = d.markers;
   if (d.name !== undefined) next.name = d.name;

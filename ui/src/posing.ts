@@ -2,6 +2,8 @@
 // While it moves the rollout follows as a preview; when it is let go there is one edit.
 
 import { type Clip, changedBy, keyAt, values } from "./clip";
+import { addedAt } from "./layers";
+import { shapingEdit } from "./offsets";
 import type { Op } from "./protocol";
 import * as store from "./store";
 import { applyOp, ask, edit, tell } from "./wire";
@@ -13,8 +15,14 @@ export function poseAt(clip: Clip, frame: number): number[] {
   const key = clip.keys.find((k) => k.frame === frame);
   const achieved = store.frames.value.q[frame];
   const before = clip.keys.filter((k) => k.frame <= frame).at(-1) ?? clip.keys[0];
-  const from = key ? values(clip, key) : (achieved ?? (before ? values(clip, before) : rest));
+  const own = key && values(clip, key).map((v, j) => (v === null ? v : v + addedAt(clip, j, frame)));
+  const from = own ?? achieved ?? (before ? values(clip, before) : rest);
   return clip.robot.joints.map((_, j) => from[j] ?? achieved?.[j] ?? rest[j] ?? 0);
+}
+
+/** The pose that a key there would have. */
+export function barePose(clip: Clip, frame: number): number[] {
+  return poseAt(clip, frame).map((v, j) => v - addedAt(clip, j, frame));
 }
 
 /** The pose that a drag began from: what its previews reach must not pull the other joints along. */
@@ -27,14 +35,26 @@ export function forgetPose(): void {
   endPreview();
 }
 
+/** What the keys must say for joints to have these values: without what offsets add. */
+function bare(clip: Clip, frame: number, changes: Record<string, number>): Record<string, number> {
+  if (!clip.offsets?.length) return changes;
+  const under = ([name, v]: [string, number]): [string, number] => {
+    const added = addedAt(clip, clip.robot.joints.indexOf(name), frame);
+    return [name, added === 0 ? v : Math.round((v - added) * 1e6) / 1e6];
+  };
+  return Object.fromEntries(Object.entries(changes).map(under));
+}
+
 /** The edit that gives joints these values at the playhead. */
-function poseEdit(changes: Record<string, number>): Op | undefined {
+function poseEdit(wanted: Record<string, number>): Op | undefined {
   const d = store.doc.value;
   if (!d) return undefined;
+  if (store.shaping.value) return shapingEdit(wanted);
   const frame = store.playhead.value;
+  const changes = bare(d.clip, frame, wanted);
   const key = d.clip.keys.find((k) => k.frame === frame);
   if (key) return { op: "keys.set", args: { frame, values: changes } };
-  if (base?.frame !== frame || base.rev !== d.rev) base = { frame, rev: d.rev, q: poseAt(d.clip, frame) };
+  if (base?.frame !== frame || base.rev !== d.rev) base = { frame, rev: d.rev, q: barePose(d.clip, frame) };
   const q = [...base.q];
   d.clip.robot.joints.forEach((name, j) => {
     const v = changes[name];
@@ -57,7 +77,7 @@ export async function jointMoved(changes: Record<string, number>, done: boolean)
     return tell("preview.end");
   }
   const onKey = d.clip.keys.some((k) => k.frame === store.playhead.value);
-  if (!onKey && !store.autoKey.value) {
+  if (!onKey && !store.autoKey.value && !store.shaping.value) {
     const q = store.floating.value ?? poseAt(d.clip, store.playhead.value);
     store.floating.value = d.clip.robot.joints.map((name, j) => changes[name] ?? q[j] ?? 0);
     tell("view.pose", { q: store.floating.value });
@@ -113,9 +133,10 @@ export async function keyFloating(): Promise<void> {
   if (!d || !q) return;
   const frame = store.playhead.value;
   const key = keyAt(d.clip, frame);
-  const changes = key && changedBy(d.clip, key, q);
+  const own = q.map((v, j) => v - addedAt(d.clip, j, frame));
+  const changes = key && changedBy(d.clip, key, own);
   const done = !changes
-    ? await edit("keys.add", { keys: [{ frame, q }] })
+    ? await edit("keys.add", { keys: [{ frame, q: own }] })
     : Object.keys(changes).length === 0 || (await edit("keys.set", { frame, values: changes }));
   if (!done) return;
   dropFloating();

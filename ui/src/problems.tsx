@@ -4,6 +4,7 @@ import { CircleCheck, CircleX, Footprints, Info, TriangleAlert } from "lucide";
 import { seek } from "./actions/playback";
 import { clock } from "./clip";
 import { Icon } from "./icon";
+import { inUnits } from "./numbers";
 import * as store from "./store";
 import { applyOp } from "./wire";
 
@@ -40,7 +41,7 @@ export function Problems() {
                     {clock(l.frames[0], store.fps.value)}
                   </button>
                 ) : null}
-                {l.message}
+                {inUnits(l.message, store.degrees.value)}
               </p>
               {l.mends.length ? (
                 <div class="mends">

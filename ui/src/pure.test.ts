@@ -3,7 +3,8 @@ import { readFileSync } from "node:fs";
 import { test } from "node:test";
 import { type Clip, changedBy, clock, type Key, keyEnd, parseTime, replaced, startsAway } from "./clip";
 import { stretches } from "./graph/curve";
-import { ANGLES, digitsOf, fixed, LENGTHS, parseNumber } from "./numbers";
+import { reordered, spanOf, weight } from "./layers";
+import { ANGLES, digitsOf, fixed, inUnits, LENGTHS, parseNumber } from "./numbers";
 import { patched } from "./patch";
 import { nearest, shown, type Tried, variant, withPolicy } from "./policy";
 import type { PolicyCard, RobotCard, RolloutSettings, RunCard, Shelf } from "./protocol";
@@ -525,4 +526,37 @@ test("a curve is drawn with the tangents that the compiler takes", () => {
   const [s, rise] = [0.25, 1];
   const expected = 1 + 2 * (s ** 3 - 2 * s * s + s) + (3 * s * s - 2 * s ** 3) * rise + (s ** 3 - s * s) * 1;
   assert.ok(Math.abs((after(1)[5] ?? 0) - expected) < 1e-9);
+});
+
+test("sentences of the program have the page's unit", () => {
+  const deg = (text: string): string => inUnits(text, true);
+  assert.equal(
+    deg("key at frame 10: J3 2.000000 is outside -1.570796..1.570796 rad"),
+    "key at frame 10: J3 114.6° is outside -90.0..90.0°",
+  );
+  assert.equal(
+    deg("too fast: FFJ4 3.14 of 1.57 rad/s and 2 more"),
+    "too fast: FFJ4 179.9 of 90.0 °/s and 2 more",
+  );
+  assert.equal(
+    deg("offset at frame 5: a goes 0.100 rad beyond its range"),
+    "offset at frame 5: a goes 5.7° beyond its range",
+  );
+  assert.equal(deg("x 0.5 is outside -0.2..0.2 m"), "x 0.5 is outside -0.2..0.2 m");
+  assert.equal(inUnits("a 1 rad", false), "a 1 rad");
+});
+
+test("offsets grow, stay and fade; those that meet lead into each other", () => {
+  const o = { frame: 20, add: { a: 1 }, in: 12, out: 12, hold: 1 };
+  const next = { ...o, frame: 32 };
+  for (let f = 20; f <= 32; f++) assert.ok(Math.abs(weight(o, f) + weight(next, f) - 1) < 1e-12);
+  assert.deepEqual([weight(o, 8), weight(o, 20), weight(o, 32)], [0, 1, 0]);
+  assert.deepEqual(spanOf(o, 100), { from: 9, to: 32 });
+});
+
+test("a block goes to another place among the blocks", () => {
+  const blocks = [0, 50, 90].map((frame) => ({ frame, to: frame + 20, name: "b" }));
+  assert.deepEqual(reordered(blocks, 0, 2), [50, 90, 0]);
+  assert.deepEqual(reordered(blocks, 90, 0), [90, 0, 50]);
+  assert.deepEqual(reordered(blocks, 50, 1), [0, 50, 90]);
 });

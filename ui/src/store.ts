@@ -121,6 +121,12 @@ export const row = signal(0);
 export const sheet = signal<Box>({ width: 800, height: 240 });
 export const view = signal<View>(fit(200, { width: 1200, height: 300 }));
 export const autoKey = signal(true);
+/** Moving a joint adds to the motion around the playhead instead of making keys. */
+export const shaping = signal(false);
+/** Frames over which a new offset grows and fades. */
+export const fade = signal(10);
+/** The frame of the chosen offset. */
+export const chosenOffset = signal<number | undefined>(undefined);
 /** A pose that is edited but is no key yet (auto-key off). */
 export const floating = signal<number[] | undefined>(undefined);
 export const degrees = signal(localStorage.getItem("unit") !== "rad");

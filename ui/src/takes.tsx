@@ -6,6 +6,7 @@ import { Circle, CircleDot, Diamond, GitCompare, Pin, Table2, X } from "lucide";
 import { Icon } from "./icon";
 import type { TakeCard, TakesView } from "./protocol";
 import * as store from "./store";
+import { Thumbnail } from "./thumbnail";
 import { complain, http, tell } from "./wire";
 
 let told = false;
@@ -118,6 +119,7 @@ function Row({ take }: { take: TakeCard }) {
       )}
       <span class="num">{take.mae === null ? "" : store.shownError(take.mae, store.unit.value)}</span>
       <span class="second">
+        <Thumbnail of={{ take: take.id }} />
         <span class="grow">{take.policy}</span>
         <button
           class="quiet small"

@@ -49,6 +49,8 @@ function snapshot() {
     drawn: drawn.value,
     moving: store.moving.value,
     floating: store.floating.value,
+    shaping: store.shaping.value,
+    chosenOffset: store.chosenOffset.value,
     demand: store.demand.value,
   };
 }
@@ -87,6 +89,7 @@ const hooks = {
   redraw: () => measured.paint(),
   frameToX: (frame: number) => testPoints().frameToX(frame),
   graphY: (joint: number, value: number) => graphPoints.yOf(joint, value),
+  graphHandles: () => graphPoints.handles(),
   rowToY: (name: string) => testPoints().rowToY(name),
 };
 

@@ -20,6 +20,39 @@ function stoppable(): boolean {
   return slow || store.settings.value.refine || (r.ms_per_frame ?? 0) * (r.frames - r.cached_to) > 1500;
 }
 
+/** Over how many seconds a new offset grows and fades. */
+function Fade() {
+  const text = useSignal<string | undefined>(undefined);
+  const commit = (): void => {
+    const t = text.value;
+    text.value = undefined;
+    if (t === undefined) return;
+    const frames = parseTime(/^\d*\.\d+$/.test(t.trim()) ? `${t.trim()}s` : t, store.fps.value);
+    if (frames === undefined) store.toast(`"${t}" is not a time: type 0.5s or 10`, "error");
+    else store.fade.value = frames;
+  };
+  return (
+    <label class="of" title="Over how long a new offset grows and fades; type 0.5s, or frames">
+      fade{" "}
+      <input
+        class="time"
+        type="text"
+        aria-label="Fade of new offsets, seconds"
+        data-testid="fade"
+        value={text.value ?? clock(store.fade.value, store.fps.value)}
+        onFocus={(e) => e.currentTarget.select()}
+        onInput={(e) => (text.value = e.currentTarget.value.replace(" s", "s"))}
+        onBlur={commit}
+        onKeyDown={(e) => {
+          if (e.key !== "Enter") return;
+          commit();
+          e.currentTarget.blur();
+        }}
+      />
+    </label>
+  );
+}
+
 export function Transport() {
   useEffect(() => startPlayback(), []);
   const text = useSignal<string | undefined>(undefined);
@@ -125,6 +158,24 @@ export function Transport() {
       />
       <span class="of wide-only">{clock(store.length.value, store.fps.value)}</span>
       <span class="grow" />
+      <span class="segments" role="group" aria-label="What moving a joint does" data-testid="layer">
+        <button
+          aria-pressed={!store.shaping.value}
+          onClick={() => store.shaping.value && act("shaping")}
+          title="Moving a joint makes or changes a key at the playhead (J)"
+        >
+          Keys
+        </button>
+        <button
+          aria-pressed={store.shaping.value}
+          onClick={() => store.shaping.value || act("shaping")}
+          title="Moving a joint adds to the motion around the playhead: it grows and fades (J)"
+          data-testid="shaping"
+        >
+          Offsets
+        </button>
+      </span>
+      {store.shaping.value ? <Fade /> : null}
       <button
         aria-pressed={store.autoKey.value}
         onClick={() => act("auto-key")}

@@ -22,6 +22,11 @@ import { complain, http, tell } from "./wire";
 const HIDE =
   "[data-floating-window],[data-testid='floating-panel'],.mantine-Notifications-root{display:none!important}";
 
+/** What stands behind the robot: light in the middle, darker at the edges. The client's canvas is
+ * transparent where nothing is drawn. */
+const stage = (dark: boolean): string =>
+  `canvas{background:radial-gradient(ellipse at 50% 42%,${dark ? "#343b46,#1d2229 55%,#12151a" : "#ffffff,#eef1f5 55%,#d6dce4"})}`;
+
 /** Asked once: every probe holds a context, and a page has only sixteen. */
 const WEBGL = ((): boolean => {
   try {
@@ -50,7 +55,11 @@ export function Viewport() {
       clearTimeout(timer);
       timer = window.setTimeout(() => tell("view.frame", { frame: f }), 12);
     });
-    const themed = palette.subscribe(() => tell("view.show", { dark: isDark() }));
+    const themed = palette.subscribe(() => {
+      tell("view.show", { dark: isDark() });
+      const own = frame.current?.contentDocument?.querySelector("#stage");
+      if (own) own.textContent = stage(isDark());
+    });
     return () => {
       dispose();
       themed();
@@ -63,7 +72,10 @@ export function Viewport() {
     if (!inner || !page) return;
     const style = page.createElement("style");
     style.textContent = HIDE;
-    page.head.append(style);
+    const behind = page.createElement("style");
+    behind.id = "stage";
+    behind.textContent = stage(isDark());
+    page.head.append(style, behind);
     install(inner as Window);
     inner.addEventListener("pointermove", (e) => {
       const { innerWidth: w, innerHeight: h } = inner;

@@ -33,6 +33,7 @@ struct Facts {
     secs: f64,
     keys: usize,
     poses: usize,
+    offsets: usize,
     masks: usize,
     markers: usize,
     fill: Fill,
@@ -58,6 +59,7 @@ pub(super) fn info(a: &Info) -> Outcome {
         secs: clip.secs(),
         keys: clip.keys.len(),
         poses: clip.poses.len(),
+        offsets: clip.offsets.len(),
         masks: clip.masks.len(),
         markers: clip.markers.len(),
         fill: clip.fill,
@@ -85,6 +87,7 @@ pub(super) fn info(a: &Info) -> Outcome {
         row("partly visible", format!("{partial} frames"));
     }
     row("poses", names(clip.poses.keys()));
+    row("offsets", facts.offsets.to_string());
     row("mask spans", facts.masks.to_string());
     row("markers", names(clip.markers.iter().map(|m| &m.name)));
     let steps: u32 = facts.blind.iter().map(|b| b.to - b.from).sum();
@@ -188,6 +191,9 @@ fn lines(old: &Clip, new: &Clip, patch: &Delta, foreign: &Foreign) -> Vec<String
             None => format!("+ key {}", key.frame),
             Some(was) => format!("~ key {}: {}", key.frame, changes(old, was, new, key)),
         });
+    }
+    if let Some(offsets) = &patch.offsets {
+        lines.push(format!("offsets: {} -> {}", old.offsets.len(), offsets.len()));
     }
     if let Some(masks) = &patch.masks {
         lines.push(format!("mask spans: {} -> {}", old.masks.len(), masks.len()));

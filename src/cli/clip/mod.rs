@@ -6,6 +6,7 @@ mod edit;
 mod files;
 mod fix;
 mod info;
+mod join;
 mod recorded;
 mod simulate;
 
@@ -32,6 +33,7 @@ enum Command {
     Apply(edit::Apply),
     Diff(info::Diff),
     Convert(convert::Convert),
+    Join(join::Join),
     Schema(Schema),
     Upgrade(edit::Upgrade),
 }
@@ -53,6 +55,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
         Command::Apply(a) => edit::apply_ops(a),
         Command::Diff(a) => info::diff(a),
         Command::Convert(a) => convert::run(a),
+        Command::Join(a) => join::run(a),
         Command::Schema(_) => super::out::json(&crate::clip::schema()),
         Command::Upgrade(a) => edit::upgrade(a),
     }

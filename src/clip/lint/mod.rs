@@ -24,6 +24,7 @@ pub fn lint(
     let mut found = Finder::new(clip, command, table);
     found.robot();
     found.limits();
+    found.offsets();
     found.speeds();
     found.tangents();
     found.reach();

@@ -5,15 +5,18 @@ use std::sync::Arc;
 
 use axum::extract::State;
 
-use super::answer::{Answer, Json, Query, Shared, apart, whole_body};
-use crate::protocol::{ClipQuery, DocumentView, Error, FileKind, FilesQuery, Listing};
-use crate::session::{SessionCommand, reference};
+use super::answer::{Answer, Json, Query, Refused, Shared, apart, whole_body};
+use crate::document::Edit;
+use crate::protocol::{
+    ClipQuery, DocumentView, Edited, Error, FileKind, FilesQuery, InsertQuery, Listing,
+};
+use crate::session::{Author, SessionCommand, reference};
 use crate::simulation::worker::DescribeRobot;
 use crate::state::App;
 use crate::workspace::{clip_import, folders};
 use robert_base::fsio;
 use robert_base::limits;
-use robert_clip::{Clip, ClipError, RobotRef};
+use robert_clip::{BlocksInsert, Clip, Op, Part, RobotRef};
 
 /// `GET /api/files`: the clips that can be opened in a folder.
 pub(crate) async fn files(State(app): Shared, Query(query): Query<FilesQuery>) -> Answer<Listing> {
@@ -26,19 +29,53 @@ pub(crate) async fn files(State(app): Shared, Query(query): Query<FilesQuery>) -
     Ok(Json(apart("the folder was not read", list).await??))
 }
 
+/// A file that is read: its name, and its robot if it does not name one.
+struct Incoming {
+    name: String,
+    path: String,
+    robot: String,
+    rate: f64,
+}
+
 /// `POST /api/clips`: starts a clip from a file of any format that can be read.
 pub(crate) async fn clips(
     State(app): Shared,
     Query(query): Query<ClipQuery>,
     request: axum::extract::Request,
 ) -> Answer<DocumentView> {
-    let (named, bytes) = if query.path.is_empty() {
+    let ClipQuery { name, path, robot, rate } = query;
+    let clip = incoming(&app, Incoming { name, path, robot, rate }, request).await?;
+    Ok(Json(app.session.ask(|r| SessionCommand::New(Box::new(clip), r)).await?))
+}
+
+/// `POST /api/insert`: such a file becomes a block of the open clip.
+pub(crate) async fn insert(
+    State(app): Shared,
+    Query(query): Query<InsertQuery>,
+    request: axum::extract::Request,
+) -> Answer<Edited> {
+    let InsertQuery { name, path, rate, at, blend } = query;
+    let file = Incoming { name, path, robot: String::new(), rate };
+    let clip = incoming(&app, file, request).await?;
+    let part = Part::of(&clip);
+    let op = Op::BlocksInsert(BlocksInsert { at, name: clip.name, part, blend });
+    let edit = Edit::Op(Box::new(op));
+    Ok(Json(app.session.ask(|r| SessionCommand::Edit(Author::default(), edit, r)).await?))
+}
+
+/// The clip in a file, with a name.
+async fn incoming(
+    app: &Arc<App>,
+    file: Incoming,
+    request: axum::extract::Request,
+) -> Result<Clip, Refused> {
+    let (named, bytes) = if file.path.is_empty() {
         let bytes = whole_body(request, limits::CLIP_BYTES as usize).await?;
-        // Only the last part of the path is used, since it is a name, not a place.
-        let name = query.name.rsplit(['/', '\\']).next().unwrap_or_default();
+        // Only its last part: it is a name, not a place.
+        let name = file.name.rsplit(['/', '\\']).next().unwrap_or_default();
         (PathBuf::from(name), bytes.to_vec())
     } else {
-        let path = app.workspace.path(&query.path)?;
+        let path = app.workspace.path(&file.path)?;
         let from = path.clone();
         let read = move || fsio::read_capped(&from, limits::CLIP_BYTES);
         let bytes = apart("the file was not read", read).await?;
@@ -46,23 +83,21 @@ pub(crate) async fn clips(
     };
     let name = named.file_name().and_then(|n| n.to_str()).unwrap_or_default().to_owned();
     let kind = FileKind::of(&name).ok_or_else(|| {
-        Error::request(format!("{name:?} ends in none of .clip.json .csv .xml .yaml .json"))
+        let known = ".clip.json .csv .lafan.csv .xml .yaml .json .mcap";
+        Error::request(format!("{name:?} ends in none of {known}"))
     })?;
     let robot = match kind {
-        FileKind::Clip => None,
-        _ => Some(robot(&app, query.robot).await?),
+        FileKind::Clip | FileKind::Take => None,
+        _ => Some(robot(app, file.robot).await?),
     };
     let make = move || {
-        let mut clip =
-            clip_import::read(kind, bytes, robot.as_ref()).map_err(|e| e.in_file(&named))?;
+        let mut clip = clip_import::read(kind, bytes, robot.as_ref(), file.rate, &named)?;
         if clip.name.is_empty() {
             clip.name = clip_import::stem(&named);
         }
-        Ok::<Clip, ClipError>(clip)
+        Ok::<Clip, Error>(clip)
     };
-    let made = apart("the file could not be read", make).await?;
-    let clip = made.map_err(Error::from)?;
-    Ok(Json(app.session.ask(|r| SessionCommand::New(Box::new(clip), r)).await?))
+    Ok(apart("the file could not be read", make).await??)
 }
 
 /// The robot that was named, else the open document's.

@@ -10,8 +10,10 @@ use axum::response::Response;
 use super::answer::{Answer, Json, Query, Refused, Shared, apart, download, whole_body};
 use crate::jobs::Extra;
 use crate::protocol::{
-    Beside, Error, ExportRequest, ImportBody, JobKind, JobRequest, JobView, LinesFrom, UploadQuery,
+    Beside, Error, ExportFormat, ExportRequest, ImportBody, JobKind, JobRequest, JobView,
+    LinesFrom, UploadQuery,
 };
+use crate::workspace::formats::FORMATS;
 use crate::workspace::transfer::{Scene, Second};
 use crate::workspace::{export, robot_folders, transfer, upload_path};
 use robert_base::fsio;
@@ -107,6 +109,11 @@ pub(crate) async fn import(State(app): Shared, Json(body): Json<ImportBody>) -> 
     let extra = Extra { title: format!("Import {}", body.id), ..Extra::default() };
     let request = JobRequest { kind: JobKind::Import, args };
     Ok(Json(app.jobs.start_with(request, extra, &app.workspace.folder)?))
+}
+
+/// `GET /api/formats`.
+pub(crate) async fn formats() -> Json<&'static [ExportFormat]> {
+    Json(FORMATS)
 }
 
 /// `GET /api/jobs`.

@@ -5,12 +5,15 @@ use axum::extract::State;
 use axum::http::header;
 use axum::response::{IntoResponse, Response};
 
-use super::answer::{Answer, Json, Query, Refused, Shared};
+use super::answer::{Answer, Json, Query, Refused, Shared, apart};
 use super::robots::check_pose;
 use crate::protocol::{
     Error, ExampleQuery, HoverQuery, Hovered, MeanError, PoseQuery, StillBodyQuery, StillQuery,
+    ThumbnailQuery,
 };
+use crate::simulation::worker::DescribeRobot;
 use crate::workspace::Shown;
+use robert_clip::{Clip, JointFacts, Key, Row};
 
 fn picture(jpeg: Bytes) -> Response {
     ([(header::CONTENT_TYPE, "image/jpeg")], jpeg).into_response()
@@ -97,6 +100,45 @@ pub(crate) async fn pose_picture(
         None => robot.poses.iter().find(|p| p.name == query.pose).ok_or_else(missing)?.q.clone(),
     };
     Ok(picture(app.workspace.pictures.pose(robot.source.clone(), q).await?))
+}
+
+/// `GET /api/thumbnail.jpg`: the middle of a clip's file, or of a take.
+pub(crate) async fn thumbnail(
+    State(app): Shared,
+    Query(query): Query<ThumbnailQuery>,
+) -> Result<Response, Refused> {
+    let (source, names, row) = match (query.path, query.take) {
+        (Some(path), None) => {
+            let path = app.workspace.path(&path)?;
+            let read = move || Clip::load(&path);
+            let clip = apart("the file was not read", read).await?.map_err(Error::from)?;
+            let row = middle(&clip).ok_or_else(|| Error::request("the clip shows no pose"))?;
+            (app.robot_source(clip.robot.id.clone()), clip.robot.joints, row)
+        }
+        (None, Some(id)) => {
+            let missing = || Error::NotFound { what: format!("take {id}") };
+            let (clip, _) = app.simulation.rollout.take_source(id).ok_or_else(missing)?;
+            let motion = app.simulation.rollout.take_frames(id).ok_or_else(missing)?;
+            let row = motion.q.get(motion.q.len() / 2).ok_or_else(missing)?;
+            let source = app.simulation.robot().ok_or(Error::NoDocument)?.source.clone();
+            let row = row.iter().map(|v| Some(f64::from(*v))).collect();
+            (source, clip.robot.joints.clone(), row)
+        }
+        _ => return Err(Error::request("say `path` or `take`").into()),
+    };
+    let facts = app.simulation.ask(DescribeRobot { robot: source.clone() }).await?;
+    let joints = facts.table.joints.iter().zip(&facts.table.rest);
+    let value = |(joint, rest): (&JointFacts, &f64)| {
+        let at = names.iter().position(|n| *n == joint.name);
+        at.and_then(|i| row.get(i).copied().flatten()).unwrap_or(*rest)
+    };
+    Ok(picture(app.workspace.pictures.pose(source, joints.map(value).collect()).await?))
+}
+
+/// The values of the key in the middle of a clip.
+fn middle(clip: &Clip) -> Option<Row> {
+    let keys: Vec<&Key> = clip.keys.iter().filter(|k| clip.row(k).is_some()).collect();
+    clip.row(keys.get(keys.len() / 2)?).cloned()
 }
 
 /// `GET /api/gallery-picture.jpg`.

@@ -37,6 +37,7 @@ pub(crate) fn router(app: Arc<App>) -> Router {
         .route("/api/close", post(document::close))
         .route("/api/files", get(clip_import::files))
         .route("/api/clips", post(clip_import::clips))
+        .route("/api/insert", post(clip_import::insert))
         .route("/api/gallery", get(workspace::gallery))
         .route("/api/gallery/{*id}", post(workspace::open_example))
         .route("/api/recent", get(workspace::recent))
@@ -54,6 +55,7 @@ pub(crate) fn router(app: Arc<App>) -> Router {
         .route("/api/takes", get(rollout::takes))
         .route("/api/takes/{id}", get(rollout::take))
         .route("/api/export", get(document::export))
+        .route("/api/formats", get(jobs::formats))
         .route("/api/exports", post(jobs::start_export))
         .route("/api/shelf", get(workspace::shelf))
         .route("/api/curves", get(workspace::curves))
@@ -75,6 +77,7 @@ pub(crate) fn router(app: Arc<App>) -> Router {
         .route("/api/hover", get(pictures::hover))
         .route("/api/still-body", get(pictures::still_body))
         .route("/api/pose.jpg", get(pictures::pose_picture))
+        .route("/api/thumbnail.jpg", get(pictures::thumbnail))
         .route("/api/gallery-picture.jpg", get(pictures::example_picture))
         .route("/api/gallery-error", get(pictures::example_error));
     Router::new()

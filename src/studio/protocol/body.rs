@@ -100,6 +100,34 @@ pub struct ClipQuery {
     /// The robot, for formats that do not name theirs; if absent, that of the open document.
     #[serde(default)]
     pub robot: String,
+    /// Rows a second of LAFAN files, which do not say it.
+    #[serde(default = "lafan_rate")]
+    pub rate: f64,
+}
+
+fn lafan_rate() -> f64 {
+    30.0
+}
+
+/// Query of `POST /api/insert`.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct InsertQuery {
+    /// The file that is in the body; its ending tells the format.
+    #[serde(default)]
+    pub name: String,
+    /// A file of this machine instead of a body.
+    #[serde(default)]
+    pub path: String,
+    /// Rows a second of LAFAN files, which do not say it.
+    #[serde(default = "lafan_rate")]
+    pub rate: f64,
+    /// The frame before which it is inserted.
+    pub at: u32,
+    /// Frames of a smooth curve to it and from it.
+    #[serde(default)]
+    pub blend: u32,
 }
 
 /// Query of `GET /api/still.jpg`.
@@ -173,6 +201,19 @@ pub struct PoseQuery {
     /// Not read: see [`StillQuery`].
     #[serde(default, rename = "v")]
     _version: String,
+}
+
+/// Query of `GET /api/thumbnail.jpg`: one of the two.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct ThumbnailQuery {
+    /// A clip's file.
+    #[serde(default)]
+    pub path: Option<String>,
+    /// A take of the open robot.
+    #[serde(default)]
+    pub take: Option<u64>,
 }
 
 /// Query of `GET /api/gallery-picture.jpg` and `/api/gallery-error`.

@@ -86,12 +86,45 @@ pub struct JobView {
     pub secs: f64,
 }
 
+/// What becomes of an export.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub enum ExportKind {
+    /// A film of the performed clip.
+    Film,
+    /// A picture of it.
+    Picture,
+    /// A file of the motion.
+    Take,
+    /// A folder of it: written on the studio's disk, and not downloaded.
+    Folder,
+    /// Of the clip alone: made at once, without performing anything.
+    Clip,
+}
+
+/// A format of `GET /api/formats`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct ExportFormat {
+    /// For [`ExportRequest`].
+    pub format: &'static str,
+    /// What people call it.
+    pub title: &'static str,
+    /// What is in it, and for whom.
+    pub about: &'static str,
+    /// Ending of its file.
+    pub ending: &'static str,
+    /// What becomes of it.
+    pub kind: ExportKind,
+}
+
 /// Body of `POST /api/exports`.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct ExportRequest {
-    /// mp4, gif, apng, png, strip; mcap, csv, json, mjcf, ros, viser, html.
+    /// One of `GET /api/formats`.
     pub format: String,
     /// The file to write, relative to the studio's folder; without it the result is fetched
     /// from the job.

@@ -26,10 +26,13 @@
 //! | `POST /api/new` `{robot, length?, name?, text?}` | [`DocumentView`]; `text` imports a clip without a file |
 //! | `GET /api/files?root=P&dir=D` | [`Listing`]: what could be opened in a folder |
 //! | `POST /api/clips?name=N&robot=R`, or `?path=P` | body = a file of any format that can be read: [`DocumentView`] of a new clip |
+//! | `POST /api/insert?at=F&blend=N&name=N`, or `&path=P` | body = such a file: it becomes a block of the open clip, as one edit; [`Edited`] |
 //! | `POST /api/save` `{path?, replace?}` | [`Saved`]; 409 where another file of that name is, or another program has changed this one, unless `replace` |
 //! | `POST /api/reload` | [`Edited`]: the content of the file as it is now, as an edit |
 //! | `POST /api/close` | 204; unsaved edits stay in the journal |
 //! | `POST /api/discard` | [`Edited`]: back to the saved content, as an edit |
+//! | `GET /api/thumbnail.jpg?path=P`, or `?take=N` | a picture of the middle of a clip's file or a take |
+//! | `GET /api/formats` | list of [`ExportFormat`] |
 //! | `GET /api/gallery` | list of [`GalleryItem`] |
 //! | `POST /api/gallery/{id}` | opens a copy: [`DocumentView`] |
 //! | `GET /api/recent` | list of [`RecentFile`] |
@@ -112,15 +115,17 @@ mod typescript;
 mod workspace;
 
 pub use body::{
-    ClipQuery, ExampleQuery, ExportQuery, FilesQuery, HoverQuery, ImportBody, LinesFrom, NewBody,
-    OpsRequest, PathBody, Pose, PoseQuery, Poses, SaveBody, StillBodyQuery, StillQuery,
-    UploadQuery,
+    ClipQuery, ExampleQuery, ExportQuery, FilesQuery, HoverQuery, ImportBody, InsertQuery,
+    LinesFrom, NewBody, OpsRequest, PathBody, Pose, PoseQuery, Poses, SaveBody, StillBodyQuery,
+    StillQuery, ThumbnailQuery, UploadQuery,
 };
 pub use document::{DocumentView, Draft, Edited, Findings, History, Restored, Saved};
 pub use error::Error;
 pub use event::{Event, Outcome};
 pub use hub::{Hub, Sent, text};
-pub use job::{Beside, ExportRequest, JobKind, JobPhase, JobRequest, JobView};
+pub use job::{
+    Beside, ExportFormat, ExportKind, ExportRequest, JobKind, JobPhase, JobRequest, JobView,
+};
 pub use op::{STUDIO_OPS, Selection, StudioOp, ViewShow};
 pub use policy::{PolicyCard, policies};
 pub use refusal::{Code, ErrorBody, Place};

@@ -15,11 +15,11 @@ use serde_json::{Map, Value};
 
 use super::{
     ClipQuery, DocumentView, Draft, DrawAnswer, DrawRequest, Edited, Event, ExampleQuery,
-    ExportQuery, ExportRequest, FilesQuery, GalleryItem, Geometry, HoverQuery, Hovered, IkAnswer,
-    IkRequest, ImportBody, JobRequest, JobView, LinesFrom, Listing, MeanError, NewBody, OpsRequest,
-    PathBody, Pose, PoseQuery, Poses, RecentFile, RobotCard, RobotFacts, RolloutView, SaveBody,
-    Saved, SettleAnswer, Shelf, State, StillBodyQuery, StillQuery, StudioOp, TakeFrames, TakesView,
-    UploadQuery,
+    ExportFormat, ExportQuery, ExportRequest, FilesQuery, GalleryItem, Geometry, HoverQuery,
+    Hovered, IkAnswer, IkRequest, ImportBody, InsertQuery, JobRequest, JobView, LinesFrom, Listing,
+    MeanError, NewBody, OpsRequest, PathBody, Pose, PoseQuery, Poses, RecentFile, RobotCard,
+    RobotFacts, RolloutView, SaveBody, Saved, SettleAnswer, Shelf, State, StillBodyQuery,
+    StillQuery, StudioOp, TakeFrames, TakesView, ThumbnailQuery, UploadQuery,
 };
 use robert_clip::{ClipShape, Op};
 
@@ -137,8 +137,11 @@ impl Page {
         self.route("POST /api/new").takes::<NewBody>().gives::<DocumentView>();
         self.route("POST /api/save").takes::<SaveBody>().gives::<Saved>();
         self.route("POST /api/close");
+        self.route("GET /api/thumbnail.jpg").asks::<ThumbnailQuery>();
+        self.route("GET /api/formats").gives::<Vec<ExportFormat>>();
         self.route("GET /api/files").asks::<FilesQuery>().gives::<Listing>();
         self.route("POST /api/clips").asks::<ClipQuery>().takes_file().gives::<DocumentView>();
+        self.route("POST /api/insert").asks::<InsertQuery>().takes_file().gives::<Edited>();
         self.route("GET /api/gallery").gives::<Vec<GalleryItem>>();
         self.route("POST /api/gallery/{id}").gives::<DocumentView>();
         self.route("GET /api/recent").gives::<Vec<RecentFile>>();

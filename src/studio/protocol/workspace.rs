@@ -120,6 +120,10 @@ pub enum FileKind {
     Mjcf,
     /// A ROS 2 JointTrajectory.
     Ros,
+    /// LAFAN rows: recorded motion without header or rate.
+    Lafan,
+    /// A take: the motion that it reached.
+    Take,
 }
 
 /// A summary of a clip file.

@@ -5,6 +5,7 @@
 
 mod frame_log;
 mod handle;
+mod kept_takes;
 mod robot_context;
 mod rollout_store;
 mod take_files;

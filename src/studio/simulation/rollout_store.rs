@@ -16,10 +16,7 @@ use super::robot_context::RobotContext;
 use super::take_files::TakeFiles;
 use super::takes::{Quality, Source, Take, Takes};
 use super::worker::{Frames, MotionRows, SimulationEvent, WorkerSink};
-use crate::protocol::{
-    Error, Event, Hub, Phase, RolloutSettings, RolloutState, RolloutView, TakeFrames, TakesView,
-    WorkerState,
-};
+use crate::protocol::{Event, Hub, Phase, RolloutSettings, RolloutState, RolloutView, WorkerState};
 use robert_clip::{Clip, Command};
 
 /// The store; see the module.
@@ -27,31 +24,31 @@ use robert_clip::{Clip, Command};
 pub(crate) struct RolloutStore {
     inner: RwLock<Inner>,
     changed: watch::Sender<u64>,
-    hub: Hub,
-    files: Mutex<TakeFiles>,
-    /// Messages about files that could not be read.
-    skipped: Vec<String>,
+    pub(super) hub: Hub,
+    pub(super) files: Mutex<TakeFiles>,
+    /// What was said when they were read.
+    pub(super) skipped: Vec<String>,
 }
 
 #[derive(Debug, Default)]
-struct Inner {
-    robot: Option<Arc<RobotContext>>,
+pub(super) struct Inner {
+    pub(super) robot: Option<Arc<RobotContext>>,
     settings: RolloutSettings,
-    performance: Performance,
+    pub(super) performance: Performance,
     frames: FrameLog,
     state: RolloutState,
     state_stamp: u64,
     /// Rollouts up to this number are of another robot.
     floor: u64,
     precision: Option<Value>,
-    takes: Takes,
+    pub(super) takes: Takes,
     worker: WorkerState,
 }
 
 /// The command that is performed.
 #[derive(Debug, Default)]
-struct Performance {
-    command: Option<Arc<Command>>,
+pub(super) struct Performance {
+    pub(super) command: Option<Arc<Command>>,
     /// The clip and the settings; `None` for a preview, which is no take.
     source: Option<(Arc<Clip>, RolloutSettings)>,
     /// Frames of the keys of the last clip, for the ghosts around the playhead.
@@ -96,11 +93,11 @@ impl RolloutStore {
         })
     }
 
-    fn read(&self) -> RwLockReadGuard<'_, Inner> {
+    pub(super) fn read(&self) -> RwLockReadGuard<'_, Inner> {
         self.inner.read().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn write(&self) -> RwLockWriteGuard<'_, Inner> {
+    pub(super) fn write(&self) -> RwLockWriteGuard<'_, Inner> {
         self.inner.write().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -109,7 +106,7 @@ impl RolloutStore {
         self.changed.subscribe()
     }
 
-    fn notify(&self) {
+    pub(super) fn notify(&self) {
         self.changed.send_modify(|n| *n += 1);
     }
 
@@ -168,63 +165,7 @@ impl RolloutStore {
         generation
     }
 
-    /// Takes of the open robot.
-    pub(crate) fn takes(&self) -> TakesView {
-        let inner = self.read();
-        let robot = inner.robot.as_ref().map(|r| r.source.as_str());
-        let view = inner.takes.view(robot, inner.performance.command.as_deref());
-        TakesView { skipped: self.skipped.clone(), ..view }
-    }
-
-    /// The motion of a take.
-    pub(crate) fn take_frames(&self, id: u64) -> Option<TakeFrames> {
-        let inner = self.read();
-        let take = inner.takes.get(id)?;
-        Some(TakeFrames { q: take.motion.q.clone(), error: take.motion.error.clone() })
-    }
-
-    /// Clip and settings of a take, to perform it once more.
-    pub(crate) fn take_source(&self, id: u64) -> Option<(Arc<Clip>, RolloutSettings)> {
-        let inner = self.read();
-        let take = inner.takes.get(id)?;
-        Some((Arc::clone(&take.source.clip), take.source.settings.clone()))
-    }
-
-    /// Changes takes, also on disk, and reports it to all clients.
-    ///
-    /// # Errors
-    /// The refusal, or why a pinned take is not on disk.
-    pub(crate) fn change_takes(
-        &self,
-        change: impl FnOnce(&mut Takes) -> Result<(), Error>,
-    ) -> Result<(), Error> {
-        // The files are locked first: the last change is also the last that is written.
-        let mut files = self.files.lock().unwrap_or_else(PoisonError::into_inner);
-        let pinned = {
-            let mut inner = self.write();
-            change(&mut inner.takes)?;
-            inner.takes.pinned()
-        };
-        let written = files.keep(&pinned);
-        drop(files);
-        self.notify();
-        self.tell_takes();
-        written
-    }
-
-    fn tell_takes(&self) {
-        self.hub.send(&Event::Takes(self.takes()));
-    }
-
-    /// Body transforms of the compared take at a frame; beyond its end those of its last frame. One
-    /// row of (nbody, 7).
-    pub(crate) fn beside(&self, frame: usize) -> Option<Arc<[f32]>> {
-        let inner = self.read();
-        let bodies = &inner.takes.beside(&inner.robot.as_ref()?.source)?.motion.bodies;
-        bodies.get(frame).or(bodies.last()).cloned()
-    }
-
-    /// Increases with every change of frames and state.
+    /// Rises with every change of frames and state.
     pub(crate) fn stamp(&self) -> u64 {
         self.read().frames.stamp()
     }

@@ -51,7 +51,7 @@ pub(super) fn build(scene: &mut Retained, geometry: Geometry) -> SceneNodes {
     let high = outline.iter().fold(Vec3::NEG_INFINITY, |a, p| a.max(*p));
     let radius = f64::from(0.5 * low.distance(high)).clamp(1e-3, 1e3);
     let floor = f64::from(low.z).min(0.0);
-    scene.put(Message::create("/floor", GridProps { shadow_opacity: 0.0, ..GridProps::default() }));
+    scene.put(Message::create("/floor", ground(radius)));
     scene.put(Message::position("/floor", [0.0, 0.0, floor - 1e-3]));
     let corners =
         geometry.meshes.iter().filter(|m| m.body > 0).flat_map(|mesh| {
@@ -72,6 +72,26 @@ pub(super) fn build(scene: &mut Retained, geometry: Geometry) -> SceneNodes {
         shown: vec![None; bodies],
         shades: vec![0; bodies],
         outlined: None,
+    }
+}
+
+/// The ground: a grid whose squares suit the robot's size, and which is lost in the background far
+/// from it.
+fn ground(radius: f64) -> GridProps {
+    // The power of ten below the robot's size, and its half where that is nearer.
+    let ten = 10_f64.powf((radius.max(1e-3)).log10().floor());
+    let section = if radius > 5.0 * ten { 5.0 * ten } else { ten };
+    GridProps {
+        cell_color: [118, 128, 140],
+        cell_size: section / 5.0,
+        cell_thickness: 0.35,
+        section_color: [118, 128, 140],
+        section_size: section,
+        section_thickness: 0.8,
+        fade_distance: 16.0 * radius,
+        fade_strength: 2.2,
+        shadow_opacity: 0.0,
+        ..GridProps::default()
     }
 }
 

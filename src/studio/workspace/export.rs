@@ -69,7 +69,7 @@ pub(crate) fn stem(clip: &Clip) -> String {
         .map(|c| if c.is_ascii_alphanumeric() || c == '-' { c } else { '_' })
         .take(60)
         .collect();
-    if stem.trim_matches('_').is_empty() { "clip".to_owned() } else { stem }
+    if stem.trim_matches('_').is_empty() { "untitled".to_owned() } else { stem }
 }
 
 /// `frame,time,mask,<joint>...` of the achieved motion.

@@ -22,7 +22,9 @@ impl FileKind {
         let ends = |end: &str| name.len() > end.len() && name.ends_with(end);
         match () {
             () if ends(".clip.json") || ends(".json") => Some(FileKind::Clip),
+            () if ends(".lafan.csv") => Some(FileKind::Lafan),
             () if ends(".csv") => Some(FileKind::Csv),
+            () if ends(".mcap") => Some(FileKind::Take),
             () if ends(".xml") || ends(".mjcf") => Some(FileKind::Mjcf),
             () if ends(".yaml") || ends(".yml") => Some(FileKind::Ros),
             () => None,

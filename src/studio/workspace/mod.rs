@@ -3,6 +3,7 @@
 pub(crate) mod clip_import;
 pub(crate) mod export;
 pub(crate) mod folders;
+pub(crate) mod formats;
 pub(crate) mod gallery;
 mod pictures;
 mod recent;

@@ -7,9 +7,9 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use super::export;
+use super::{export, formats};
 use crate::jobs::Extra;
-use crate::protocol::{Error, ExportRequest, JobKind, JobRequest, RolloutSettings};
+use crate::protocol::{Error, ExportKind, ExportRequest, JobKind, JobRequest, RolloutSettings};
 use robert_clip::Clip;
 use robert_rollout::Guide;
 
@@ -30,15 +30,6 @@ pub(crate) enum Second {
     File(PathBuf),
 }
 
-const FILMS: [&str; 3] = ["mp4", "gif", "apng"];
-
-const PICTURES: [&str; 2] = ["png", "strip"];
-
-const TAKES: [&str; 16] = [
-    "mcap", "csv", "json", "mjcf", "ros", "viser", "html", "glb", "bvh", "usda", "lafan", "npz",
-    "ur", "bag", "lerobot", "minari",
-];
-
 /// The job that makes an export.
 ///
 /// # Errors
@@ -54,14 +45,13 @@ pub(crate) fn job(
     let stem = export::stem(clip);
     let source = scratch.path().join(format!("{stem}.clip.json"));
     std::fs::write(&source, clip.to_text()).map_err(Error::Server)?;
-    let ending = match format {
-        "strip" => "png",
-        "mjcf" => "xml",
-        "ros" => "yaml",
-        "lafan" => "lafan.csv",
-        "ur" => "script",
-        other => other,
+    let known = formats::named(format).filter(|f| f.kind != ExportKind::Clip || format == "json");
+    let Some(known) = known else {
+        let all: Vec<&str> = formats::FORMATS.iter().map(|f| f.format).collect();
+        let all = all.join(", ");
+        return Err(Error::request(format!("no format is called {format:?}; there are {all}")));
     };
+    let ending = if format == "json" { "json" } else { known.ending };
     let output = match &ask.path {
         Some(path) if path.is_empty() || path.contains('\0') => {
             return Err(Error::request("this is no path"));
@@ -69,7 +59,7 @@ pub(crate) fn job(
         Some(path) => folder.join(path),
         None => scratch.path().join(format!("{stem}.{ending}")),
     };
-    let drawn = FILMS.contains(&format) || PICTURES.contains(&format);
+    let drawn = matches!(known.kind, ExportKind::Film | ExportKind::Picture);
     let mut args: Vec<String> = vec![source.display().to_string()];
     let mut option = |name: &str, value: String| args.extend([name.to_owned(), value]);
     option("--policy", policy(settings));
@@ -109,12 +99,9 @@ pub(crate) fn job(
             (_, None) => {}
         }
         JobKind::Render
-    } else if TAKES.contains(&format) {
+    } else {
         option("--to", format.to_owned());
         JobKind::Export
-    } else {
-        let known = [&FILMS[..], &PICTURES, &TAKES].concat().join(", ");
-        return Err(Error::request(format!("no format is called {format:?}; there are {known}")));
     };
     let extra = Extra {
         title: format!("{} as {format}", clip.name),

@@ -96,7 +96,7 @@ export const DOCUMENT: Action[] = [
     title: "Import from this computer (CSV, MJCF keys, ROS)…",
     group: "Document",
     keys: ["Ctrl+Shift+O"],
-    run: pick,
+    run: () => pick(),
   },
   {
     id: "export",

@@ -1,10 +1,12 @@
 // Everything a person can do, once: shortcuts, palette, menus and buttons all come here.
 
+import { blockAt } from "../layers";
 import type { Item } from "../menu";
 import * as store from "../store";
 import type { Action } from "./action";
 import { DOCUMENT, ROLLOUT } from "./clips";
 import { KEYS } from "./keys";
+import { LAYERS } from "./layers";
 import { MASKS } from "./masks";
 import { PLAYBACK, seek } from "./playback";
 import { TANGENTS } from "./tangents";
@@ -14,6 +16,7 @@ export const ACTIONS: Action[] = [
   ...PLAYBACK,
   ...KEYS,
   ...TANGENTS,
+  ...LAYERS,
   ...MASKS,
   ...VIEW,
   ...DOCUMENT,
@@ -38,6 +41,42 @@ export function markerItems(frame: number): Item[] {
     { title: "Marker one frame earlier", keys: "<", run: here("marker-earlier") },
     { title: "Marker one frame later", keys: ">", run: here("marker-later") },
     { title: "Delete marker", run: here("delete-marker") },
+  ];
+}
+
+const item = (id: string): Item[] => {
+  const a = ACTIONS.find((x) => x.id === id);
+  return a ? [{ title: a.title, keys: a.keys?.[0] ?? "", run: () => act(id), why: a.not?.() }] : [];
+};
+
+/** What can be done with the offset at a frame. */
+export function offsetItems(frame: number): Item[] {
+  store.chosenOffset.value = frame;
+  seek(frame);
+  const ids = ["fade", "wider", "narrower", "earlier", "later", "bake", "delete"];
+  return ids.flatMap((id) => item(`offset-${id}`));
+}
+
+/** What can be done with the block that begins at a frame. */
+export function blockItems(frame: number): Item[] {
+  seek(frame);
+  const select = (): void => {
+    const c = store.doc.value?.clip;
+    const own = c && blockAt(c, frame);
+    if (!own) return;
+    const inside = c.keys.map((k) => k.frame).filter((f) => f >= own.frame && f < own.to);
+    store.selection.value = new Set(inside);
+  };
+  return [
+    { title: "Select its keys", run: select },
+    ...[
+      "block-repeat",
+      "block-earlier",
+      "block-later",
+      "rename-marker",
+      "delete-marker",
+      "block-delete",
+    ].flatMap(item),
   ];
 }
 

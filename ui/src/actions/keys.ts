@@ -5,8 +5,9 @@ import { drawing, needsSpaceAndSite, toggleDrawing } from "../draw";
 import { needsPoint, nudgeValue } from "../graph/edits";
 import { toggleLock, unlockedOnly } from "../locks";
 import { menuByKey } from "../menu";
+import { deleteOffset, needsOffset } from "../offsets";
 import { needsSite, setPins, togglePin } from "../pins";
-import { cancelDrag, dropFloating, keyFloating, poseAt } from "../posing";
+import { barePose, cancelDrag, dropFloating, keyFloating } from "../posing";
 import { nextSite } from "../reach";
 import * as store from "../store";
 import { timeline } from "../timeline/handle";
@@ -107,6 +108,8 @@ export function tellReplaced(count: number): void {
 export function addKey(): void {
   const c = clip();
   if (!c) return;
+  if (store.shaping.value && !store.floating.value)
+    return store.toast("move a joint: it is added to the motion here. J makes keys again");
   if (store.floating.value) return void keyFloating();
   const frame = store.playhead.value;
   if (keyAt(c, frame)) {
@@ -115,7 +118,7 @@ export function addKey(): void {
     store.announcement.value = `key at frame ${frame} selected`;
     return;
   }
-  void edit("keys.add", { keys: [{ frame, q: poseAt(c, frame) }] }).then((ok) => {
+  void edit("keys.add", { keys: [{ frame, q: barePose(c, frame) }] }).then((ok) => {
     if (ok) store.selection.value = new Set([frame]);
   });
 }
@@ -145,11 +148,14 @@ export const KEYS: Action[] = [
     title: "Delete keys",
     group: "Keys",
     keys: ["Delete", "X"],
-    not: needsKeys,
-    run: () =>
+    not: () => (store.selection.value.size ? undefined : needsOffset() && needsKeys()),
+    run: () => {
+      // An offset is chosen when no key is.
+      if (store.selection.value.size === 0) return void deleteOffset();
       void edit("keys.delete", { frames: selected() }).then(
         (ok) => ok && (store.selection.value = new Set()),
-      ),
+      );
+    },
   },
   {
     id: "copy",
@@ -272,6 +278,7 @@ export const KEYS: Action[] = [
       if (store.site.value) tell("view.select", {});
       if (store.floating.value) dropFloating();
       store.selection.value = new Set();
+      store.chosenOffset.value = undefined;
     },
   },
   {

@@ -103,6 +103,8 @@ export interface Clip {
   length: number;
   /** Named moments, at most one per frame. */
   markers?: Marker[];
+  /** What is added to the command of the keys, at most one per frame. */
+  offsets?: Offset[];
   /** Spans without a goal, regardless of keys and fills. */
   masks?: Mask[];
   /** A title. */
@@ -243,6 +245,8 @@ export interface Delta {
   length?: number;
   /** All markers. */
   markers?: Marker[];
+  /** All offsets. */
+  offsets?: Offset[];
   /** All mask spans. */
   masks?: Mask[];
   /** Title. */
@@ -489,7 +493,7 @@ export type FileKind =
   /** Keys of an MJCF. */
   | "mjcf"
   /** A ROS 2 JointTrajectory. */
-  | "ros";
+  | "ros" | "lafan" | "take";
 
 /** Query of `GET /api/files`. */
 export interface FilesQuery {
@@ -1049,7 +1053,16 @@ export interface Marker {
   frame: number;
   /** Its name. */
   name: string;
+  to?: number;
 }
+
+export interface ExportFormat { about: string; ending: string; format: string; kind: "film" | "picture" | "take" | "folder" | "clip"; title: string }
+export interface Offset { add: Record<string, number>; frame: number; hold?: number; in?: number; out?: number }
+export interface OffsetsSet { add?: Record<string, number | null>; frame: number; hold?: number; in?: number; out?: number }
+export interface OffsetsMove { copy?: boolean; df: number; frames: number[] }
+export interface BlocksOrder { frames: number[] }
+export interface BlocksRepeat { blend?: number; frame: number }
+export interface BlocksDelete { frame: number }
 
 /** Arguments of `markers.move`. */
 export interface MarkersMove {
@@ -1180,6 +1193,13 @@ export type Op =
   | { op: "keys.hold"; args: KeysHold }
   /** Gives keys with end-effector goals the joint values that reach them, in place of the goals. */
   | { op: "keys.bake"; args: KeysFrames }
+  | { op: "offsets.set"; args: OffsetsSet }
+  | { op: "offsets.move"; args: OffsetsMove }
+  | { op: "offsets.delete"; args: KeysFrames }
+  | { op: "offsets.bake"; args: KeysFrames }
+  | { op: "blocks.order"; args: BlocksOrder }
+  | { op: "blocks.repeat"; args: BlocksRepeat }
+  | { op: "blocks.delete"; args: BlocksDelete }
   /** Removes keys that lie on the straight line between the others. */
   | { op: "keys.sparsify"; args: KeysSparsify }
   /** Masks or unmasks a span. */
@@ -2040,7 +2060,10 @@ export interface Routes {
   "POST /api/new": { body: NewBody; answer: DocumentView };
   "POST /api/save": { body: SaveBody; answer: Saved };
   "POST /api/close": { answer: void };
+  "GET /api/formats": { answer: ExportFormat[] };
+  "GET /api/thumbnail.jpg": { query: { path?: string | null; take?: number | null }; answer: Blob };
   "GET /api/files": { query: FilesQuery; answer: Listing };
+  "POST /api/insert": { query: { name?: string; path?: string; rate?: number; at: number; blend?: number }; body: string | Blob; answer: Edited };
   "POST /api/clips": { query: ClipQuery; body: string | Blob; answer: DocumentView };
   "GET /api/gallery": { answer: GalleryItem[] };
   "POST /api/gallery/{id}": { answer: DocumentView };

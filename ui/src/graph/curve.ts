@@ -1,7 +1,8 @@
-// One joint over time as the clip commands it: what `src/clip/compile.rs` makes of keys and fills,
-// for drawing. Masks are left out: a curve shows what would be commanded. Pure.
+// One joint over time as the clip commands it: what `src/clip/compile.rs` makes of keys, fills and
+// offsets, for drawing. Masks are left out: a curve shows what would be commanded. Pure.
 
 import { type Clip, fillAfter, keyAt, keyEnd, values } from "../clip";
+import { addedAt } from "../layers";
 
 export interface Stretch {
   /** What leads from one key to the next. */
@@ -65,8 +66,59 @@ function hermite(s: number, a: number, b: number, da: number, db: number): numbe
   return (2 * s3 - 3 * s2 + 1) * a + (s3 - 2 * s2 + s) * da + (3 * s2 - 2 * s3) * b + (s3 - s2) * db;
 }
 
-/** The stretches of a joint's curve, in order. */
+/** How a curve passes a key. */
+interface Passing {
+  /** On the sides where a curve ends or begins: its slope there, units a frame, and its frames. */
+  in?: { slope: number; width: number };
+  out?: { slope: number; width: number };
+  /** The last frame that the key is held. */
+  last: number;
+  set: boolean;
+  smooth: boolean;
+}
+
+/** How curves pass the key at a frame; undefined where it has no goal for the joint. */
+export function passing(clip: Clip, joint: number, frame: number): Passing | undefined {
+  const all = nodes(clip, joint);
+  const i = clip.keys.findIndex((k) => k.frame === frame);
+  const here = all[i];
+  if (!here) return undefined;
+  const name = clip.robot.joints[joint] ?? "";
+  const tangent = clip.keys[i]?.tangents?.[name];
+  const made: Passing = {
+    last: here.last,
+    set: tangent !== undefined,
+    smooth: tangent === undefined || tangent === "flat" || typeof tangent === "number",
+  };
+  const before = all[i - 1];
+  if (before?.fill === "cubic" && here.frame > before.last) {
+    const width = here.frame - before.last;
+    made.in = { width, slope: side(clip, joint, all, i, "in", (here.value - before.value) / width) };
+  }
+  const next = all[i + 1];
+  if (here.fill === "cubic" && next && next.frame > here.last) {
+    const width = next.frame - here.last;
+    made.out = { width, slope: side(clip, joint, all, i, "out", (next.value - here.value) / width) };
+  }
+  return made;
+}
+
+/** The stretches of a joint's curve with what offsets add to it, in order. */
 export function stretches(clip: Clip, joint: number): Stretch[] {
+  const bare = bareStretches(clip, joint);
+  const name = clip.robot.joints[joint] ?? "";
+  if (!clip.offsets?.some((o) => o.add[name])) return bare;
+  return bare.map((s) => ({
+    ...s,
+    values: s.values.map((v, i) => {
+      const frame = s.kind === "masked" ? (i === 0 ? s.from : s.to) : s.from + i;
+      return v + addedAt(clip, joint, frame);
+    }),
+  }));
+}
+
+/** The stretches of the keys alone. */
+export function bareStretches(clip: Clip, joint: number): Stretch[] {
   const all = nodes(clip, joint);
   const made: Stretch[] = [];
   all.forEach((n, i) => {
@@ -120,7 +172,10 @@ export function steepest(s: Stretch): number {
 /** What the clip commands at a frame; undefined where it leaves the joint to the policy. */
 export function commandedAt(clip: Clip, joint: number, frame: number): number | undefined {
   const key = keyAt(clip, frame);
-  if (key) return values(clip, key)[joint] ?? undefined;
+  if (key) {
+    const value = values(clip, key)[joint];
+    return typeof value === "number" ? value + addedAt(clip, joint, frame) : undefined;
+  }
   for (const s of stretches(clip, joint))
     if (s.kind !== "masked" && s.from <= frame && frame <= s.to) return s.values[frame - s.from];
   return undefined;

@@ -2,14 +2,16 @@
 // seen joint by joint: both choose the same keys.
 
 import { effect, signal } from "@preact/signals";
-import { fillAfter, keyAt, prevKey, values } from "../clip";
+import { type Clip, fillAfter, keyAt, prevKey, values } from "../clip";
 import { together } from "../couplings";
+import { addedAt } from "../layers";
 import { isLocked } from "../locks";
-import { endPreview, poseAt, preview } from "../posing";
+import { barePose, endPreview, preview } from "../posing";
 import type { Op, Tangent } from "../protocol";
 import * as store from "../store";
 import { applyOp, edit, tell } from "../wire";
-import { commandedAt } from "./curve";
+import { commandedAt, passing } from "./curve";
+import type { Handle, Top } from "./handles";
 import { type Changes, nameOf, type Point, points } from "./space";
 
 /** Joints whose curves are drawn, in the order of the clip. */
@@ -21,6 +23,9 @@ export const shownJoints = (): number[] => [...curves.value].sort((a, b) => a - 
 
 /** How many curves can still be told apart by their colours. */
 const SEVERAL = 8;
+
+/** Values live on a grid of 1e-6. */
+const grid = (v: number): number => Math.round(v * 1e6) / 1e6;
 
 const frameOf = (name: string): number => Number(name.split(":")[0]);
 
@@ -111,12 +116,12 @@ export function addPoint(frame: number, joint: number, value: number): void {
   const clip = store.doc.value?.clip;
   const name = clip?.robot.joints[joint];
   if (!clip || name === undefined || frame < 0 || frame >= clip.length) return;
-  const set = together(name, Math.round(value * 1e6) / 1e6);
+  const set = together(name, grid(value - addedAt(clip, joint, frame)));
   if (keyAt(clip, frame)) return void edit("keys.set", { frame, values: set });
-  const pose = poseAt(clip, frame);
+  const pose = barePose(clip, frame);
   const q = clip.robot.joints.map((n, j) => {
-    const v = set[n] ?? commandedAt(clip, j, frame) ?? pose[j] ?? 0;
-    return Math.round(v * 1e6) / 1e6;
+    const there = commandedAt(clip, j, frame);
+    return grid(set[n] ?? (there === undefined ? (pose[j] ?? 0) : there - addedAt(clip, j, frame)));
   });
   void edit("keys.add", { keys: [{ frame, q }] }).then((ok) => {
     if (ok) choosePoints(new Set([nameOf({ frame, joint })]));
@@ -160,6 +165,61 @@ export async function setTangent(tangent: Tangent | null): Promise<void> {
   if (!first) return store.toast("select points of joints that are not locked first");
   const label = `Shape the curve at ${at.length} key${at.length === 1 ? "" : "s"}`;
   await applyOp(ops.length === 1 ? first : { op: "batch", args: { label, ops } });
+}
+
+/** What a clip becomes, and the edit that makes it so; undefined for a locked joint. */
+export interface Bent {
+  clip: Clip;
+  op: Op;
+}
+
+/** A tangent with this slope, units a frame, on one side or on both. */
+export function bent(clip: Clip, h: Handle, slope: number, both: boolean): Bent | undefined {
+  const name = clip.robot.joints[h.joint];
+  const own = passing(clip, h.joint, h.frame);
+  if (name === undefined || !own || isLocked(name)) return undefined;
+  const secs = (v: number): number => grid(v * clip.fps);
+  const other = own[h.side === "in" ? "out" : "in"]?.slope ?? slope;
+  const tangent: Tangent = both
+    ? slope === 0
+      ? "flat"
+      : secs(slope)
+    : h.side === "in"
+      ? { in: secs(slope), out: secs(other) }
+      : { in: secs(other), out: secs(slope) };
+  const joints = Object.keys(together(name, 0)).filter((n) => !isLocked(n));
+  const keys = clip.keys.map((k) =>
+    k.frame === h.frame
+      ? { ...k, tangents: { ...k.tangents, ...Object.fromEntries(joints.map((n) => [n, tangent])) } }
+      : k,
+  );
+  return {
+    clip: { ...clip, keys },
+    op: { op: "tangent.set", args: { frames: [h.frame], joints, tangent } },
+  };
+}
+
+/** An offset that adds so much more to a joint, so many frames later. */
+export function lifted(clip: Clip, t: Top, by: number, df: number): Bent | undefined {
+  const name = clip.robot.joints[t.joint];
+  const now = commandedAt(clip, t.joint, t.frame);
+  const old = clip.offsets?.find((o) => o.frame === t.frame);
+  if (name === undefined || now === undefined || !old || isLocked(name)) return undefined;
+  const range = store.doc.value?.table.joints[t.joint]?.range;
+  const room = range ? Math.min(range[1] - now, Math.max(range[0] - now, by)) : by;
+  const to = Math.min(clip.length - 1, t.frame + df);
+  const free = df !== 0 && !clip.offsets?.some((o) => o.frame === to);
+  const add: Record<string, number> = {};
+  for (const n of Object.keys(together(name, 0))) if (!isLocked(n)) add[n] = grid((old.add[n] ?? 0) + room);
+  const ops: Op[] = by === 0 ? [] : [{ op: "offsets.set", args: { frame: t.frame, add } }];
+  if (free) ops.push({ op: "offsets.move", args: { frames: [t.frame], df: to - t.frame } });
+  const [first] = ops;
+  if (!first) return undefined;
+  const offsets = (clip.offsets ?? []).map((o) =>
+    o === old ? { ...o, frame: free ? to : o.frame, add: { ...o.add, ...(by === 0 ? {} : add) } } : o,
+  );
+  const label = `Shape the motion around ${to}`;
+  return { clip: { ...clip, offsets }, op: ops.length === 1 ? first : { op: "batch", args: { label, ops } } };
 }
 
 /** Raises the chosen points by a degree or a millimetre, `share` of it. */

@@ -4,12 +4,14 @@ import { effect, useSignal } from "@preact/signals";
 import type { IconNode } from "lucide";
 import { CircleDashed, CornerDownRight, Maximize, Percent, Slash, Spline } from "lucide";
 import { useEffect, useRef } from "preact/hooks";
-import { tangentItems } from "../actions";
+import { offsetItems, tangentItems } from "../actions";
 import { setFill } from "../actions/masks";
-import { type Fill, fillAfter, keyAt, prevKey } from "../clip";
+import { type Clip, type Fill, fillAfter, keyAt, prevKey } from "../clip";
 import { openDialog } from "../dialog";
 import { Icon } from "../icon";
+import { isDense } from "../layers";
 import { openMenu } from "../menu";
+import { endPreview, preview } from "../posing";
 import { begun } from "../problems";
 import { SheetTabs } from "../sheet_tabs";
 import * as store from "../store";
@@ -17,21 +19,25 @@ import { colors, hue, palette } from "../theme";
 import { timeline } from "../timeline/handle";
 import { fit } from "../timeline/layout";
 import { menuOf } from "../timeline/timeline";
-import { tell } from "../wire";
+import { applyOp, tell } from "../wire";
 import {
   addPoint,
+  type Bent,
+  bent,
   choosePoints,
   chosen,
   curves,
   endShape,
   followSelection,
+  lifted,
   previewShape,
   shape,
   shownJoints,
 } from "./edits";
+import { type Handle, handles, type Top, tops } from "./handles";
 import { Hands, type Sheet } from "./hands";
 import { paint } from "./paint";
-import { type Changes, dragged, fitSpan, nameOf, type Space, type Span, valueToY, yToValue } from "./space";
+import { dragged, fitSpan, nameOf, type Space, type Span, valueToY, yToValue } from "./space";
 
 const FILLS: [Fill, IconNode, string][] = [
   ["cubic", Spline, "Smooth curve that never overshoots"],
@@ -40,13 +46,17 @@ const FILLS: [Fill, IconNode, string][] = [
   ["mask", CircleDashed, "Leave it to the policy"],
 ];
 
+/** The clip as a drag would leave it, and where the chosen keys went. */
 interface Drag {
-  changes: Changes;
+  clip: Clip;
   to: ReadonlyMap<number, number>;
 }
 
 /** Published for browser tests. */
-export const graphPoints: { yOf: (joint: number, value: number) => number } = { yOf: () => Number.NaN };
+export const graphPoints: {
+  yOf: (joint: number, value: number) => number;
+  handles: () => (Handle | Top)[];
+} = { yOf: () => Number.NaN, handles: () => [] };
 
 export function Graph(props: { onHint: (text: string) => void }) {
   const host = useRef<HTMLDivElement>(null);
@@ -86,6 +96,22 @@ export function Graph(props: { onHint: (text: string) => void }) {
     });
     observer.observe(parent);
     let hint = "";
+    /** Draws and previews what a hand on a handle does; when it lets go there is one edit. */
+    const shapeBy = async (make: (clip: Clip) => Bent | undefined, done: boolean): Promise<boolean> => {
+      const clip = store.doc.value?.clip;
+      const made = clip && make(clip);
+      if (!made) return false;
+      if (!done) {
+        drag.value = { clip: made.clip, to: new Map() };
+        preview(made.op);
+        return false;
+      }
+      endPreview();
+      const ok = await applyOp(made.op);
+      drag.value = undefined;
+      tell("preview.end");
+      return ok;
+    };
     const hands = new Hands(element, {
       clip: () => store.doc.value?.clip,
       space,
@@ -103,7 +129,8 @@ export function Graph(props: { onHint: (text: string) => void }) {
       },
       choose,
       preview: (changes, to) => {
-        drag.value = changes && to ? { changes, to } : undefined;
+        const clip = store.doc.value?.clip;
+        drag.value = clip && changes && to ? { clip: dragged(clip, changes, to), to } : undefined;
         if (!changes || !to) return endShape();
         const [first] = to;
         previewShape(changes, [...to.keys()], first ? first[1] - first[0] : 0);
@@ -127,6 +154,13 @@ export function Graph(props: { onHint: (text: string) => void }) {
             ? menuOf({ kind: "frames" })
             : [...tangentItems(), ...menuOf({ kind: "key", frame })],
         ),
+      bend: (h, slope, both, done) => shapeBy((clip) => bent(clip, h, slope, both), done),
+      lift: (t, by, df, done) =>
+        shapeBy((clip) => lifted(clip, t, by, df), done).then((ok) => {
+          if (ok) store.chosenOffset.value = t.frame + df;
+        }),
+      chooseOffset: (frame) => (store.chosenOffset.value = frame),
+      offsetMenu: (frame, x, y) => openMenu("Graph", { x, y }, offsetItems(frame)),
       hint: (text) => {
         if (text === hint) return;
         hint = text;
@@ -146,6 +180,10 @@ export function Graph(props: { onHint: (text: string) => void }) {
       if (!touched.value && !drag.value) refit();
       const s = space();
       graphPoints.yOf = (joint, value) => valueToY(s, joint, value);
+      graphPoints.handles = () => [
+        ...handles(s, d.clip, shownJoints(), chosen.value),
+        ...tops(s, d.clip, shownJoints()),
+      ];
       const joints = shownJoints();
       const unit = d.table.joints[joints[0] ?? 0]?.unit ?? "rad";
       const degrees = unit === "rad" && store.degrees.value;
@@ -157,7 +195,9 @@ export function Graph(props: { onHint: (text: string) => void }) {
       };
       ctx.setTransform(ratio, 0, 0, ratio, 0, 0);
       paint(ctx, {
-        clip: own ? dragged(d.clip, own.changes, own.to) : d.clip,
+        clip: own?.clip ?? d.clip,
+        offset: store.chosenOffset.value,
+        dense: isDense(d.clip),
         space: s,
         view: s.view,
         box: s.box,
@@ -196,6 +236,7 @@ export function Graph(props: { onHint: (text: string) => void }) {
           size.value,
           curves.value,
           chosen.value,
+          store.chosenOffset.value,
           drag.value,
           box.value,
           span.value,

@@ -2,10 +2,12 @@
 
 import type { Clip } from "../clip";
 import { frameToX, LABELS, RULER, xToFrame, zoomAt } from "../timeline/layout";
+import { type Handle, handles, slopeAt, type Top, tops, under as underOf } from "./handles";
 import {
   type Changes,
   nameOf,
   type Point,
+  perPixel,
   pointAt,
   points,
   raised,
@@ -32,14 +34,22 @@ export interface Sheet {
   openKey(frame: number): void;
   menu(frame: number | undefined, x: number, y: number): void;
   hint(text: string): void;
+  /** A tangent's slope, units a frame, as a drag would leave it; with `done` as one edit. */
+  bend(handle: Handle, slope: number, both: boolean, done: boolean): unknown;
+  /** An offset raised by so much and moved by so many frames. */
+  lift(top: Top, by: number, df: number, done: boolean): unknown;
+  chooseOffset(frame: number): void;
+  offsetMenu(frame: number, x: number, y: number): void;
 }
 
 interface Press {
-  kind: "scrub" | "points" | "box" | "pan";
+  kind: "scrub" | "points" | "box" | "pan" | "tangent" | "offset";
   x: number;
   y: number;
   moved: boolean;
   base: ReadonlySet<string>;
+  handle?: Handle | undefined;
+  top?: Top | undefined;
 }
 
 export class Hands {
@@ -89,6 +99,31 @@ export class Hands {
     return pointAt(this.sheet.space(), this.all(), x, y);
   }
 
+  private handle(x: number, y: number): Handle | undefined {
+    const { sheet } = this;
+    const clip = sheet.clip();
+    return clip && underOf(handles(sheet.space(), clip, sheet.joints(), sheet.selection()), x, y);
+  }
+
+  private top(x: number, y: number): Top | undefined {
+    const clip = this.sheet.clip();
+    return clip && underOf(tops(this.sheet.space(), clip, this.sheet.joints()), x, y);
+  }
+
+  /** Alt bends one side alone; a corner stays one. */
+  private bend(e: PointerEvent, h: Handle, done: boolean): void {
+    const { x, y } = this.at(e);
+    const slope = e.shiftKey ? 0 : slopeAt(this.sheet.space(), h, x, y);
+    void this.sheet.bend(h, slope, h.smooth && !e.altKey, done);
+  }
+
+  private lift(e: PointerEvent, press: Press, top: Top, done: boolean): void {
+    const space = this.sheet.space();
+    const { df, dy } = this.gone(e, press, [top.frame]);
+    const by = dy * perPixel(space, top.joint);
+    void this.sheet.lift(top, by, df, done);
+  }
+
   private scrub(x: number): void {
     const last = (this.sheet.clip()?.length ?? 1) - 1;
     this.sheet.seek(Math.min(last, Math.max(0, Math.round(xToFrame(this.sheet.space().view, x)))));
@@ -107,6 +142,20 @@ export class Hands {
       begin("scrub");
       return this.scrub(x);
     }
+    const handle = this.handle(x, y);
+    if (handle) {
+      begin("tangent");
+      if (this.press) this.press.handle = handle;
+      return;
+    }
+    const top = this.top(x, y);
+    if (top) {
+      sheet.chooseOffset(top.frame);
+      sheet.choose(top.joint);
+      begin("offset");
+      if (this.press) this.press.top = top;
+      return;
+    }
     const p = this.under(x, y);
     if (!p) return begin("box");
     sheet.choose(p.joint);
@@ -121,12 +170,15 @@ export class Hands {
   }
 
   /** Frames and pixels that the hand has gone; with Shift along one axis only. */
-  private gone(e: PointerEvent, press: Press): { df: number; dy: number } {
+  private gone(
+    e: PointerEvent,
+    press: Press,
+    frames = this.chosen().map((p) => p.frame),
+  ): { df: number; dy: number } {
     const { x, y } = this.at(e);
     const [dx, dy] = [x - press.x, press.y - y];
     const along = e.shiftKey && Math.abs(dx) >= Math.abs(dy);
     const upright = e.shiftKey && !along;
-    const frames = this.chosen().map((p) => p.frame);
     const df = upright ? 0 : Math.round(dx / this.sheet.space().view.zoom);
     return { df: Math.max(df, -Math.min(...frames)), dy: along ? 0 : dy };
   }
@@ -144,8 +196,13 @@ export class Hands {
     const { press, sheet } = this;
     const { x, y } = this.at(e);
     if (!press) {
-      const over = x >= LABELS && y >= RULER ? this.under(x, y) : undefined;
-      this.canvas.style.cursor = over ? "grab" : y < RULER ? "ew-resize" : "default";
+      const inside = x >= LABELS && y >= RULER;
+      const handle = inside ? this.handle(x, y) : undefined;
+      const top = inside && !handle ? this.top(x, y) : undefined;
+      const over = inside && !handle && !top ? this.under(x, y) : undefined;
+      this.canvas.style.cursor = handle || top || over ? "grab" : y < RULER ? "ew-resize" : "default";
+      if (handle) return sheet.hint("drag: slope of the curve on both sides, Alt: on this side, Shift: flat");
+      if (top) return sheet.hint("drag: what is added to the motion here, and when; Shift: one of them");
       sheet.hint(
         over
           ? "drag: time and value, Shift: one of them. A key is a pose: its time is that of all joints"
@@ -177,6 +234,8 @@ export class Hands {
       const add = e.ctrlKey || e.metaKey || e.shiftKey;
       return sheet.select(new Set([...(add ? press.base : []), ...inside.map(nameOf)]));
     }
+    if (press.handle) return this.bend(e, press.handle, false);
+    if (press.top) return this.lift(e, press, press.top, false);
     const { df, dy } = this.gone(e, press);
     sheet.preview(raised(space, this.chosen(), dy), this.landing(df));
   }
@@ -190,6 +249,8 @@ export class Hands {
       sheet.select(new Set());
       this.scrub(this.at(e).x);
     }
+    if (press.handle) return press.moved ? this.bend(e, press.handle, true) : undefined;
+    if (press.top) return press.moved ? this.lift(e, press, press.top, true) : sheet.seek(press.top.frame);
     if (press.kind !== "points") return;
     if (!press.moved) {
       const p = this.under(press.x, press.y);
@@ -227,6 +288,8 @@ export class Hands {
     e.preventDefault();
     const { x, y } = this.at(e);
     if (x < LABELS || y < RULER) return;
+    const top = this.top(x, y);
+    if (top) return this.sheet.offsetMenu(top.frame, e.clientX, e.clientY);
     const p = this.under(x, y);
     if (p && !this.sheet.selection().has(nameOf(p))) this.sheet.select(new Set([nameOf(p)]));
     if (!p) this.scrub(x);

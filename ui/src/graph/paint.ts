@@ -6,7 +6,8 @@ import { playhead, ruler } from "../timeline/draw";
 import { ground } from "../timeline/ground";
 import { frameToX, LABELS, RULER, xToFrame } from "../timeline/layout";
 import type { Times } from "../timeline/scene";
-import { steepest, stretches } from "./curve";
+import { bareStretches, steepest, stretches } from "./curve";
+import { type Handle, handles, tops } from "./handles";
 import { nameOf, type Point, points, type Space, valueToY, yToSeen } from "./space";
 
 export interface Scene extends Times {
@@ -18,7 +19,11 @@ export interface Scene extends Times {
   /** The joint whose bands and limits are shown. */
   chosen: number | undefined;
   selection: ReadonlySet<string>;
+  /** The chosen offset. */
+  offset: number | undefined;
   reached: number[][];
+  /** There is a key at nearly every frame. */
+  dense: boolean;
   boxSelect: { x0: number; y0: number; x1: number; y1: number } | undefined;
   /** Turns a value into the unit that is read. */
   scale: number;
@@ -47,6 +52,9 @@ export function paint(ctx: Ctx, s: Scene): void {
   for (const j of s.joints) if (j !== s.chosen) curve(ctx, s, j);
   if (s.chosen !== undefined && s.joints.includes(s.chosen)) curve(ctx, s, s.chosen);
   for (const p of points(s.clip, s.joints)) diamond(ctx, s, p);
+  for (const h of handles(s.space, s.clip, s.joints, s.selection)) handle(ctx, s, h);
+  for (const t of tops(s.space, s.clip, s.joints))
+    top(ctx, s, t.x, t.y, t.frame === s.offset, s.hue(t.joint));
   ctx.restore();
   ruler(ctx, s);
   playhead(ctx, s);
@@ -178,6 +186,7 @@ function curve(ctx: Ctx, s: Scene, joint: number): void {
   }
   ctx.stroke();
   ctx.globalAlpha = 1;
+  if (clip.offsets?.some((o) => o.add[clip.robot.joints[joint] ?? ""])) base(ctx, s, joint, color, at);
   for (const t of stretches(clip, joint)) {
     const asked = asks(space, joint, steepest(t), clip.fps);
     ctx.strokeStyle = asked === 2 ? theme.error : asked === 1 && bold ? theme.key : color;
@@ -193,11 +202,69 @@ function curve(ctx: Ctx, s: Scene, joint: number): void {
   ctx.setLineDash([]);
 }
 
+/** The keys alone, under what offsets make of them. */
+function base(
+  ctx: Ctx,
+  s: Scene,
+  joint: number,
+  color: string,
+  at: (f: number, v: number) => [number, number],
+): void {
+  ctx.strokeStyle = color;
+  ctx.globalAlpha = 0.6;
+  ctx.lineWidth = 1;
+  ctx.setLineDash([2, 3]);
+  for (const t of bareStretches(s.clip, joint)) {
+    if (t.kind === "masked") continue;
+    ctx.beginPath();
+    t.values.forEach((v, i) => ctx.lineTo(...at(t.from + i, v)));
+    ctx.stroke();
+  }
+  ctx.setLineDash([]);
+  ctx.globalAlpha = 1;
+}
+
+/** A tangent: hollow while it is automatic. */
+function handle(ctx: Ctx, s: Scene, h: Handle): void {
+  const { theme } = s;
+  ctx.strokeStyle = theme.selected;
+  ctx.globalAlpha = h.set ? 1 : 0.65;
+  ctx.lineWidth = 1.2;
+  ctx.beginPath();
+  ctx.moveTo(h.px, h.py);
+  ctx.lineTo(h.x, h.y);
+  ctx.stroke();
+  ctx.beginPath();
+  ctx.arc(h.x, h.y, 4, 0, 2 * Math.PI);
+  ctx.fillStyle = h.set ? theme.selected : theme.panel;
+  ctx.fill();
+  ctx.stroke();
+  ctx.globalAlpha = 1;
+}
+
+/** The top of an offset: a ring on the motion that it makes. */
+function top(ctx: Ctx, s: Scene, x: number, y: number, on: boolean, color: string): void {
+  const { theme } = s;
+  ctx.beginPath();
+  ctx.arc(x, y, on ? 7 : 6, 0, 2 * Math.PI);
+  ctx.fillStyle = theme.panel;
+  ctx.fill();
+  ctx.lineWidth = on ? 3 : 2;
+  ctx.strokeStyle = on ? theme.selected : color;
+  ctx.stroke();
+}
+
 function diamond(ctx: Ctx, s: Scene, p: Point): void {
   const { theme, view, space } = s;
   const [x, y] = [frameToX(view, p.frame), valueToY(space, p.joint, p.value)];
   if (x < LABELS - 8 || x > space.box.width + 8) return;
   const on = s.selection.has(nameOf(p));
+  // Keys of dense motion are dots: as diamonds they would hide it.
+  if (!on && view.zoom < 8 && s.dense) {
+    ctx.fillStyle = s.hue(p.joint);
+    ctx.fillRect(x - 1, y - 1, 2, 2);
+    return;
+  }
   const r = on ? 6 : p.joint === s.chosen ? 5 : 4;
   ctx.beginPath();
   ctx.moveTo(x, y - r);

@@ -3,6 +3,7 @@
 import { digitsOf, fixed } from "../numbers";
 import { ground } from "./ground";
 import { labels } from "./labels";
+import { blocks, offsets } from "./layers";
 import {
   frameToX,
   LABELS,
@@ -17,7 +18,7 @@ import {
   tick,
   xToFrame,
 } from "./layout";
-import { bars, type Diamond, diamonds, type Mark, marks, ofRow } from "./marks";
+import { bars, type Diamond, diamonds, type Mark, marks, ofPoint, ofRow } from "./marks";
 import type { Ctx, Scene, Theme, Times } from "./scene";
 
 let hatches = new Map<string, CanvasPattern>();
@@ -68,7 +69,13 @@ export function draw(ctx: Ctx, s: Scene): void {
   const open = list.filter((m) => !m.full);
   s.rows.forEach((row, i) => {
     const y = rowToY(view, i);
-    if (y > -ROW && y < box.height) bar(ctx, s, row, y, common, open, ratio);
+    if (y <= -ROW || y >= box.height) return;
+    if (row.kind === "offsets") offsets(ctx, s, y);
+    else if (row.kind === "point") {
+      ctx.fillStyle = `${theme.rule}40`;
+      ctx.fillRect(LABELS, y, box.width, ROW - 1);
+      ink(ctx, theme, ofPoint(list, row.name), y + ROW / 2, ratio, "point");
+    } else bar(ctx, s, row, y, common, open, ratio);
   });
   ctx.restore();
   strip(ctx, s);
@@ -125,11 +132,14 @@ function backdrop(ctx: Ctx, s: Scene): void {
   ctx.stroke();
 }
 
+/** A key says a pose, or where a point shall be: a diamond, a disc. */
+type Shape = "pose" | "point";
+
 let sprites = new Map<string, HTMLCanvasElement>();
 
 /** A diamond as a small picture: drawn thousands of times, it costs as much as a copy. */
-function sprite(theme: Theme, what: Diamond["ink"], ratio: number): HTMLCanvasElement {
-  const name = `${what}:${ratio}`;
+function sprite(theme: Theme, what: Diamond["ink"], ratio: number, shape: Shape): HTMLCanvasElement {
+  const name = `${what}:${shape}:${ratio}`;
   const known = sprites.get(name);
   if (known) return known;
   const tile = document.createElement("canvas");
@@ -140,10 +150,13 @@ function sprite(theme: Theme, what: Diamond["ink"], ratio: number): HTMLCanvasEl
     t.scale(ratio, ratio);
     t.translate(SPRITE / 2, SPRITE / 2);
     t.beginPath();
-    t.moveTo(0, -r);
-    t.lineTo(r, 0);
-    t.lineTo(0, r);
-    t.lineTo(-r, 0);
+    if (shape === "point") t.arc(0, 0, r - 0.5, 0, 2 * Math.PI);
+    else {
+      t.moveTo(0, -r);
+      t.lineTo(r, 0);
+      t.lineTo(0, r);
+      t.lineTo(-r, 0);
+    }
     t.closePath();
     t.fillStyle = what === "selected" ? theme.selected : what === "whole" ? theme.key : theme.panel;
     t.fill();
@@ -159,7 +172,7 @@ function sprite(theme: Theme, what: Diamond["ink"], ratio: number): HTMLCanvasEl
 const SPRITE = 18;
 
 /** Draws some keys and what is between them on one line. */
-function ink(ctx: Ctx, theme: Theme, list: Mark[], mid: number, ratio: number): void {
+function ink(ctx: Ctx, theme: Theme, list: Mark[], mid: number, ratio: number, shape: Shape = "pose"): void {
   for (const b of bars(list)) {
     const width = b.to - b.from;
     if (b.ink === "masked") {
@@ -195,7 +208,7 @@ function ink(ctx: Ctx, theme: Theme, list: Mark[], mid: number, ratio: number): 
   const snap = (v: number): number => Math.round(v * ratio) / ratio;
   const all = diamonds(list);
   for (const what of ["part", "whole", "selected"] as const) {
-    const picture = sprite(theme, what, ratio);
+    const picture = sprite(theme, what, ratio, shape);
     for (const d of all)
       if (d.ink === what)
         ctx.drawImage(picture, snap(d.x - SPRITE / 2), snap(mid - SPRITE / 2), SPRITE, SPRITE);
@@ -305,7 +318,9 @@ function markers(ctx: Ctx, s: Scene): void {
   ctx.fillRect(LABELS, RULER, s.box.width - LABELS, MARKERS);
   ctx.font = `11px ${theme.font}`;
   ctx.textBaseline = "middle";
+  blocks(ctx, s);
   for (const m of clip.markers ?? []) {
+    if (m.to !== undefined) continue;
     const x = frameToX(view, m.frame);
     const y = RULER + MARKERS / 2;
     ctx.fillStyle = theme.marker;

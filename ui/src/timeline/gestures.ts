@@ -2,6 +2,7 @@
 // and sends one edit when it ends, so that a drag is one entry in the history. Esc cancels.
 
 import { type Clip, replaced } from "../clip";
+import { type Block, blocksOf, spanOf } from "../layers";
 import type { Op } from "../protocol";
 import {
   type Box,
@@ -50,6 +51,12 @@ export interface Sheet {
   hint(text: string): void;
   /** The row under the pointer, if any. */
   over(row: number | undefined): void;
+  /** The chosen offset, and one under a hand. */
+  chooseOffset(frame: number | undefined): void;
+  previewOffset(of: { frame: number; at: number } | undefined): void;
+  /** A block under a hand, and where it was let go among the others. */
+  carry(of: { frame: number; dx: number } | undefined): void;
+  order(block: Block, place: number): void;
   /** What is drawn at a frame, in words; the empty text where it explains itself. */
   about(frame: number): string;
 }
@@ -58,6 +65,8 @@ export interface Sheet {
 export type Target =
   | { kind: "key"; frame: number }
   | { kind: "marker"; frame: number }
+  | { kind: "offset"; frame: number }
+  | { kind: "block"; frame: number }
   | { kind: "frames" }
   | { kind: "past" };
 
@@ -69,7 +78,7 @@ export interface BoxSelect {
 }
 
 interface Press {
-  kind: "scrub" | "pan" | "box" | "keys" | "marker" | "end";
+  kind: "scrub" | "pan" | "box" | "keys" | "marker" | "end" | "offset" | "block";
   x: number;
   y: number;
   frame: number;
@@ -87,7 +96,8 @@ export function hit(sheet: Sheet, x: number, y: number): number | undefined {
   if (!clip) return undefined;
   const rows = sheet.rows();
   const row = yToRow(sheet.view(), y, rows.length);
-  if (row === undefined || x < LABELS || y > sheet.box().height - STRIP) return undefined;
+  if (row === undefined || rows[row]?.kind === "offsets" || x < LABELS || y > sheet.box().height - STRIP)
+    return undefined;
   let best: number | undefined;
   let near = 9;
   for (const key of clip.keys) {
@@ -102,7 +112,32 @@ export function hit(sheet: Sheet, x: number, y: number): number | undefined {
 
 function markerAt(sheet: Sheet, x: number, y: number): number | undefined {
   if (y < RULER || y >= RULER + MARKERS) return undefined;
-  return sheet.clip()?.markers?.find((m) => Math.abs(frameToX(sheet.view(), m.frame) - x) < 8)?.frame;
+  return sheet
+    .clip()
+    ?.markers?.find((m) => m.to === undefined && Math.abs(frameToX(sheet.view(), m.frame) - x) < 8)?.frame;
+}
+
+/** The block under a pixel of the row of markers. */
+function blockUnder(sheet: Sheet, x: number, y: number): Block | undefined {
+  const clip = sheet.clip();
+  if (!clip || y < RULER || y >= RULER + MARKERS || x < LABELS) return undefined;
+  const frame = xToFrame(sheet.view(), x);
+  return blocksOf(clip).find((b) => b.frame <= frame && frame < b.to);
+}
+
+/** The offset whose hill is under a pixel of its row; of several the nearest. */
+function offsetUnder(sheet: Sheet, x: number, y: number): number | undefined {
+  const clip = sheet.clip();
+  const rows = sheet.rows();
+  if (!clip || x < LABELS || y > sheet.box().height - STRIP) return undefined;
+  if (rows[yToRow(sheet.view(), y, rows.length) ?? -1]?.kind !== "offsets") return undefined;
+  const frame = xToFrame(sheet.view(), x);
+  const over = (clip.offsets ?? []).filter((o) => {
+    const { from, to } = spanOf(o, clip.length);
+    const slack = 6 / sheet.view().zoom;
+    return from - slack <= frame && frame <= to + slack;
+  });
+  return over.sort((a, b) => Math.abs(a.frame - frame) - Math.abs(b.frame - frame))[0]?.frame;
 }
 
 /** Whether the end of the clip is under a pixel of the ruler. */
@@ -188,6 +223,14 @@ export class Gestures {
     }
     const marker = markerAt(sheet, x, y);
     if (marker !== undefined) return begin("marker", marker);
+    const block = blockUnder(sheet, x, y);
+    if (block) return begin("block", block.frame);
+    const offset = offsetUnder(sheet, x, y);
+    sheet.chooseOffset(offset);
+    if (offset !== undefined) {
+      sheet.setSelection(new Set());
+      return begin("offset", offset);
+    }
     const key = hit(sheet, x, y);
     const row = sheet.rows()[yToRow(sheet.view(), y, sheet.rows().length) ?? -1];
     if (row?.kind === "joint") sheet.setJoint(row.joint);
@@ -342,8 +385,41 @@ export class Gestures {
       sheet.previewEnd(length);
       sheet.hint(`length ${length} frames, ${(length / (sheet.clip()?.fps ?? 20)).toFixed(2)} s`);
     }
+    if (press.kind === "offset") {
+      const at = this.offsetTo(press, x);
+      sheet.previewOffset({ frame: press.frame, at });
+      sheet.hint(`offset to ${(at / (sheet.clip()?.fps ?? 20)).toFixed(2)} s`);
+      const df = at - press.frame;
+      if (df === 0) sheet.follow();
+      else sheet.follow({ op: "offsets.move", args: { frames: [press.frame], df } });
+    }
+    if (press.kind === "block") {
+      sheet.carry({ frame: press.frame, dx: x - press.x });
+      const [place, count] = this.placeOf(press, x);
+      sheet.hint(`place ${place + 1} of ${count}`);
+    }
     if (press.kind === "marker")
       sheet.hint(`marker to frame ${Math.max(0, Math.round(xToFrame(sheet.view(), x)))}`);
+  }
+
+  /** The frame where a dragged offset would be; never on another one. */
+  private offsetTo(press: Press, x: number): number {
+    const { sheet } = this;
+    const clip = sheet.clip();
+    const df = Math.round((x - press.x) / sheet.view().zoom);
+    const to = Math.max(0, Math.min((clip?.length ?? 1) - 1, press.frame + df));
+    return clip?.offsets?.some((o) => o.frame === to) ? press.frame : to;
+  }
+
+  /** The place of a dragged block among the blocks, and how many there are. */
+  private placeOf(press: Press, x: number): [number, number] {
+    const { sheet } = this;
+    const all = blocksOf(sheet.clip() as Clip);
+    const own = all.find((b) => b.frame === press.frame);
+    if (!own) return [0, all.length];
+    const middle = (own.frame + own.to) / 2 + (x - press.x) / sheet.view().zoom;
+    const before = all.filter((b) => b !== own && (b.frame + b.to) / 2 < middle);
+    return [before.length, all.length];
   }
 
   private up(e: PointerEvent): void {
@@ -370,6 +446,29 @@ export class Gestures {
       if (to !== press.frame) void sheet.edit({ op: "markers.move", args: { frame: press.frame, to } });
     }
     if (press.kind === "marker" && !press.moved) sheet.setPlayhead(press.frame);
+    if (press.kind === "offset") {
+      const at = this.offsetTo(press, x);
+      if (!press.moved || at === press.frame) {
+        sheet.previewOffset(undefined);
+        sheet.follow();
+        sheet.setPlayhead(press.frame);
+      } else
+        void sheet
+          .edit({ op: "offsets.move", args: { frames: [press.frame], df: at - press.frame } })
+          .then((ok) => {
+            sheet.previewOffset(undefined);
+            sheet.follow();
+            if (!ok) return;
+            sheet.chooseOffset(at);
+            sheet.setPlayhead(at);
+          });
+    }
+    if (press.kind === "block") {
+      sheet.carry(undefined);
+      const own = blocksOf(sheet.clip() as Clip).find((b) => b.frame === press.frame);
+      if (own && press.moved) sheet.order(own, this.placeOf(press, x)[0]);
+      else sheet.setPlayhead(press.frame);
+    }
   }
 
   /** Keys are let go: they stay drawn where they are until the answer, which may be no. */
@@ -409,7 +508,9 @@ export class Gestures {
     const { press, sheet } = this;
     this.press = undefined;
     if (press) sheet.setSelection(press.base);
-    if (press?.kind === "keys" && press.moved) sheet.follow();
+    if ((press?.kind === "keys" || press?.kind === "offset") && press.moved) sheet.follow();
+    sheet.previewOffset(undefined);
+    sheet.carry(undefined);
     sheet.previewEnd(undefined);
     sheet.preview(new Map(), undefined);
     sheet.hint("");
@@ -430,6 +531,10 @@ export class Gestures {
     if (row?.kind === "joint") this.sheet.setJoint(row.joint);
     const marker = x >= LABELS ? markerAt(this.sheet, x, y) : undefined;
     if (marker !== undefined) return this.sheet.menu({ kind: "marker", frame: marker }, e.clientX, e.clientY);
+    const block = blockUnder(this.sheet, x, y);
+    if (block) return this.sheet.menu({ kind: "block", frame: block.frame }, e.clientX, e.clientY);
+    const offset = offsetUnder(this.sheet, x, y);
+    if (offset !== undefined) return this.sheet.menu({ kind: "offset", frame: offset }, e.clientX, e.clientY);
     if (key === undefined) {
       if (y < RULER + MARKERS || y > this.sheet.box().height - STRIP) return;
       if (x >= LABELS && xToFrame(this.sheet.view(), x) < -0.5)

@@ -45,7 +45,7 @@ export function labels(ctx: Ctx, s: Scene): void {
     const y = rowToY(view, i);
     if (y < -ROW || y > box.height) return;
     const mid = y + ROW / 2;
-    const bold = row.kind !== "joint";
+    const bold = row.kind !== "joint" && row.kind !== "point";
     ctx.font = `${bold ? "600 " : ""}${bold ? 12 : 11}px ${theme.font}`;
     if (row.kind === "joint" && row.joint === s.selectedJoint) {
       ctx.fillStyle = `${theme.selected}33`;
@@ -53,7 +53,15 @@ export function labels(ctx: Ctx, s: Scene): void {
     }
     ctx.fillStyle = bold ? theme.text : theme.dim;
     const text =
-      row.kind === "all" ? "All joints" : row.kind === "group" ? row.group.title : s.names(row.joint);
+      row.kind === "all"
+        ? "All joints"
+        : row.kind === "offsets"
+          ? "Offsets"
+          : row.kind === "point"
+            ? s.pointName(row.name)
+            : row.kind === "group"
+              ? row.group.title
+              : s.names(row.joint);
     if (row.kind === "group") {
       ctx.strokeStyle = theme.dim;
       ctx.lineWidth = 1.6;
@@ -61,7 +69,7 @@ export function labels(ctx: Ctx, s: Scene): void {
     }
     ctx.fillText(
       text,
-      row.kind === "joint" ? 30 : row.kind === "group" ? 22 : 10,
+      row.kind === "joint" ? 30 : row.kind === "group" || row.kind === "point" ? 22 : 10,
       mid + 0.5,
       row.kind === "all" ? LABELS - 34 : SWITCHES.lock - 30,
     );

@@ -2,6 +2,7 @@
 // drawing, the accessible grid and the browser tests all agree.
 
 import type { Clip } from "../clip";
+import type { Reach } from "../protocol";
 
 /** Frames shown before frame 0: the pre-roll that the policy sees as its past. */
 export const PRE_ROLL = 30;
@@ -38,6 +39,10 @@ export interface Group {
 
 export type RowKind =
   | { kind: "all" }
+  /** What is added to the keys. */
+  | { kind: "offsets" }
+  /** Keys that say where this point of the robot shall be. */
+  | { kind: "point"; name: string }
   | { kind: "group"; group: Group; open: boolean }
   | { kind: "joint"; joint: number };
 
@@ -55,8 +60,15 @@ export interface Box {
   height: number;
 }
 
-export function rowsOf(clip: Clip, groups: Group[], closed: ReadonlySet<string>): RowKind[] {
+/** The name of the point of an end-effector goal. */
+export const pointOf = (r: Reach): string => r.site ?? r.body ?? "";
+
+/** Rows of a clip; one for offsets if it has some, or is about to. */
+export function rowsOf(clip: Clip, groups: Group[], closed: ReadonlySet<string>, shaping = false): RowKind[] {
   const rows: RowKind[] = [{ kind: "all" }];
+  if (shaping || clip.offsets?.length) rows.push({ kind: "offsets" });
+  const points = new Set(clip.keys.flatMap((k) => (k.reach ?? []).map(pointOf)));
+  for (const name of [...points].sort()) rows.push({ kind: "point", name });
   const grouped = new Set(groups.flatMap((g) => g.joints));
   for (const group of groups) {
     const open = !closed.has(group.name);

@@ -4,7 +4,7 @@
 // keys stand closer than the eye parts them, one diamond stands for several.
 
 import { type Clip, type Fill, fillAfter, keyEnd, values } from "../clip";
-import { type Box, frameToX, LABELS, type View } from "./layout";
+import { type Box, frameToX, LABELS, pointOf, type View } from "./layout";
 
 /** How a shape is drawn. */
 export type Ink = "masked" | "held" | "linear" | "cubic" | "hold" | "part" | "whole" | "selected";
@@ -21,6 +21,8 @@ export interface Mark {
   selected: boolean;
   /** Every joint has a goal. */
   full: boolean;
+  /** The points that its end-effector goals place. */
+  points: string[];
   /** Which joints have one. */
   row: (number | null)[];
   /** Whether the row that is drawn has a goal for all of its joints. */
@@ -68,6 +70,7 @@ export function marks(
       held: (key.hold ?? 1) > 1,
       selected: selection.has(key.frame),
       full,
+      points: key.reach?.map(pointOf) ?? [],
       row,
       whole: full,
     });
@@ -92,6 +95,11 @@ export function ofRow(list: Mark[], joints: number[] | undefined): Mark[] {
     const there = joints ? joints.filter((j) => typeof m.row[j] === "number").length : 1;
     return there === 0 ? [] : [{ ...m, whole: joints !== undefined && there === joints.length }];
   });
+}
+
+/** Of keys with end-effector goals those that place this point. */
+export function ofPoint(list: Mark[], name: string): Mark[] {
+  return list.filter((m) => m.points.includes(name)).map((m) => ({ ...m, whole: true }));
 }
 
 export interface Bar {

@@ -41,6 +41,12 @@ export interface Scene {
   theme: Theme;
   playhead: number;
   selection: ReadonlySet<number>;
+  /** The chosen offset, and where a drag has it. */
+  offset: { frame: number; at: number } | undefined;
+  /** A block under a hand: the one that begins there, and how far it was moved, pixels. */
+  carried: { frame: number; dx: number } | undefined;
+  /** There is a key at nearly every frame: the dots between stand for motion, not for keys. */
+  dense: boolean;
   selectedJoint: number | undefined;
   blind: Span[];
   lints: { frame: number; level: "error" | "warning" }[];
@@ -58,6 +64,8 @@ export interface Scene {
   dragged: ReadonlyMap<number, number>;
   boxSelect: { x0: number; y0: number; x1: number; y1: number } | undefined;
   names: (joint: number) => string;
+  /** An end effector as people call it. */
+  pointName: (name: string) => string;
   locked: (joint: number) => boolean;
   /** Whether the policy can leave single joints open. */
   maskable: boolean;

@@ -2,17 +2,20 @@
 
 import { effect, useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
-import { act, markerItems, startItems } from "../actions/index";
+import { act, blockItems, markerItems, offsetItems, startItems } from "../actions/index";
 import { tellReplaced } from "../actions/keys";
+import { orderBlocks } from "../actions/layers";
 import { chosenJoint, noJointMask, setFill, toggleMask } from "../actions/masks";
 import { fillAfter, keyAt, nextKey, prevKey, values } from "../clip";
 import { openDialog } from "../dialog";
 import { toggleGroup } from "../folds";
+import { isDense, offsetAt } from "../layers";
 import { isLocked, toggleLock } from "../locks";
 import { type Item, openMenu } from "../menu";
 import { endPreview, preview } from "../posing";
 import { begun } from "../problems";
 import { SheetTabs } from "../sheet_tabs";
+import { siteTitle } from "../sites";
 import * as store from "../store";
 import { colors, palette } from "../theme";
 import { applyOp, tell } from "../wire";
@@ -43,6 +46,8 @@ export function Timeline(props: { onHint: (text: string) => void }) {
   const dragged = useSignal<ReadonlyMap<number, number>>(new Map());
   const box = useSignal<BoxSelect | undefined>(undefined);
   const over = useSignal<number | undefined>(undefined);
+  const carried = useSignal<Scene["carried"]>(undefined);
+  const offsetDrag = useSignal<Scene["offset"]>(undefined);
 
   useEffect(() => {
     const element = canvas.current;
@@ -113,6 +118,10 @@ export function Timeline(props: { onHint: (text: string) => void }) {
         return "";
       },
       over: (at) => (over.value = at),
+      chooseOffset: (frame) => (store.chosenOffset.value = frame),
+      previewOffset: (of) => (offsetDrag.value = of),
+      carry: (of) => (carried.value = of),
+      order: (block, place) => void orderBlocks(block, place),
       hint: (text) => {
         if (text === hint) return;
         hint = text;
@@ -207,6 +216,13 @@ export function Timeline(props: { onHint: (text: string) => void }) {
         theme: colors(),
         playhead: store.playhead.value,
         selection: store.selection.value,
+        offset:
+          offsetDrag.value ??
+          (store.chosenOffset.value === undefined
+            ? undefined
+            : { frame: store.chosenOffset.value, at: store.chosenOffset.value }),
+        carried: carried.value,
+        dense: isDense(d.clip),
         selectedJoint: store.joint.value,
         blind: begun() ? [] : d.findings.blind,
         lints: d.findings.lints.flatMap((l) =>
@@ -223,6 +239,7 @@ export function Timeline(props: { onHint: (text: string) => void }) {
         dragged: dragged.value,
         boxSelect: box.value,
         names: (j) => store.titles.value[j] ?? "",
+        pointName: siteTitle,
         locked: (j) => isLocked(d.clip.robot.joints[j] ?? ""),
         maskable: d.findings.granularity !== "state",
         stale: take ? take.rev !== d.rev && take.rev !== 0 : false,
@@ -246,6 +263,10 @@ export function Timeline(props: { onHint: (text: string) => void }) {
         store.closed.value,
         store.range.value,
         store.locked.value,
+        store.shaping.value,
+        store.chosenOffset.value,
+        offsetDrag.value,
+        carried.value,
         store.compared.value,
         store.takeFrames.value,
         size.value,
@@ -314,7 +335,7 @@ export function Timeline(props: { onHint: (text: string) => void }) {
 
 function rows(): RowKind[] {
   const d = store.doc.value;
-  return d ? rowsOf(d.clip, store.groups.value, store.closed.value) : [];
+  return d ? rowsOf(d.clip, store.groups.value, store.closed.value, store.shaping.value) : [];
 }
 
 function named(joints: number[]): string[] {
@@ -332,6 +353,8 @@ export function menuOf(target: Target): Item[] {
   const joint = chosenJoint();
   const one = joint ? null : "select a joint first: click its name on the timeline";
   if (target.kind === "marker") return markerItems(target.frame);
+  if (target.kind === "offset") return offsetItems(target.frame);
+  if (target.kind === "block") return blockItems(target.frame);
   if (target.kind === "past") return startItems();
   if (target.kind === "frames")
     return [
@@ -375,6 +398,8 @@ export function menuOf(target: Target): Item[] {
 function rowName(row: RowKind | undefined): string {
   if (!row) return "";
   if (row.kind === "all") return "All joints";
+  if (row.kind === "offsets") return "Offsets";
+  if (row.kind === "point") return siteTitle(row.name);
   if (row.kind === "group") return row.group.title;
   return store.titles.value[row.joint] ?? `joint ${row.joint + 1}`;
 }
@@ -383,6 +408,10 @@ function rowName(row: RowKind | undefined): string {
 export function cellText(d: store.Document, row: RowKind | undefined, frame: number): string {
   const locked = row?.kind === "joint" && isLocked(d.clip.robot.joints[row.joint] ?? "") ? ", locked" : "";
   const name = rowName(row) + locked;
+  if (row?.kind === "offsets") {
+    const o = offsetAt(d.clip, frame);
+    return `${name}, frame ${frame}, ${o ? `offset of ${Object.keys(o.add).join(", ")}` : "none"}`;
+  }
   const key = keyAt(d.clip, frame);
   const unit = row?.kind === "joint" ? (store.doc.value?.table.joints[row.joint]?.unit ?? "rad") : undefined;
   if (key) {

@@ -29,7 +29,7 @@ impl Finder<'_> {
                 if v < lo - 1e-6 || v > hi + 1e-6 {
                     out.push((name.as_str(), j, joint.clamp(v)));
                     let unit = joint.unit.symbol();
-                    words.push(format!("{name} {v} {unit} is outside {lo}..{hi}"));
+                    words.push(format!("{name} {v} is outside {lo}..{hi} {unit}"));
                 }
             }
             if out.is_empty() || self.full(Rule::JointLimit) {

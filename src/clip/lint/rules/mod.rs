@@ -4,6 +4,7 @@ mod blind;
 mod coupled;
 mod hidden;
 mod limits;
+mod offsets;
 mod partial;
 mod poses;
 mod reach;

@@ -80,7 +80,7 @@ impl Finder<'_> {
             let Some(fact) = self.table.joint(name) else { continue };
             let max = fact.speed_max.unwrap_or_default();
             let unit = fact.unit.symbol();
-            words.push(format!("{name} {:.2} {unit}/s of {max:.2}", max * run.ratio));
+            words.push(format!("{name} {:.2} of {max:.2} {unit}/s", max * run.ratio));
             joints.push(name.clone());
         }
         // The length of the interval between the keys around the run scales the speed.
@@ -89,7 +89,8 @@ impl Finder<'_> {
         let index = keys.partition_point(|k| k.frame <= from).saturating_sub(1);
         let ratio = ratio * self.between_samples(from, to);
         let mut fixes = Vec::from_iter(self.automatic(index, &joints));
-        // A typed slope stays as steep in a longer interval.
+        fixes.extend(self.softer(from, to, &joints, ratio));
+        // A typed slope stays as steep in a longer interval, and so does an offset.
         if let (Some(key), Some(after), true) = (keys.get(index), keys.get(next), fixes.is_empty())
             && next == index + 1
         {

@@ -53,7 +53,7 @@ impl Finder<'_> {
             };
             if slope > max * (1.0 + 1e-6) {
                 let unit = fact.unit.symbol();
-                fast.words.push(format!("{joint} {slope:.2} {unit}/s of {max:.2}"));
+                fast.words.push(format!("{joint} {slope:.2} of {max:.2} {unit}/s"));
                 fast.joints.push(joint.clone());
                 // Rounded down to the document's grid.
                 let most = (max * 1e6).floor() / 1e6;
@@ -114,7 +114,7 @@ impl Finder<'_> {
             };
             if let Some((v, [lo, hi])) = self.farthest(self.clip.hold_end(i)..next.frame, j, fact) {
                 let unit = fact.unit.symbol();
-                out.words.push(format!("{joint} {v:.3} {unit} is outside {lo}..{hi}"));
+                out.words.push(format!("{joint} {v:.3} is outside {lo}..{hi} {unit}"));
                 out.joints.push(joint.clone());
                 out.ops.push(set(&shaped, joint, None));
             }

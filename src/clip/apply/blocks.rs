@@ -1,0 +1,208 @@
+//! Edits of blocks: motions that follow each other in one clip.
+//!
+//! A block is a marker with an end; its motion is keys like any others. Rejected: a sequence that names
+//! other files. It breaks when one of them is moved or changed, and no other tool could read it.
+
+use super::edit::Edit;
+use super::error::{Done, OpError, argument};
+use crate::command::Command;
+use crate::compile::compile_for;
+use crate::document::{Clip, Fill, Goal, Key, Marker, Row};
+use crate::grid::round;
+use crate::json::show;
+use crate::op::{BlocksDelete, BlocksInsert, BlocksOrder, BlocksRepeat, TimeDelete, TimeInsert};
+use crate::part::Part;
+use crate::tangent::Tangent;
+use robert_base::limits;
+use robert_base::units::CTRL_DT;
+
+/// Below this speed a joint rests, rad/s or m/s.
+const REST: f64 = 1e-3;
+
+impl Edit<'_> {
+    pub(super) fn blocks_insert(&mut self, a: &BlocksInsert) -> Done {
+        if a.part.length == 0 || a.at > self.clip.length {
+            return argument("a block has at least one frame and begins inside the clip");
+        }
+        let part = a.part.ordered(&self.clip.robot.joints).or_else(|name| {
+            argument(format!("only one of the two motions has a joint \"{}\"", show(&name)))
+        })?;
+        let around = |m: &&Marker| m.frame < a.at && m.to.is_some_and(|to| a.at < to);
+        let at = self.clip.markers.iter().find(around).and_then(|m| m.to).unwrap_or(a.at);
+        let is_last = at == self.clip.length;
+        let has_before = self.clip.keys.iter().any(|k| k.frame < at);
+        let has_after = self.clip.keys.iter().any(|k| k.frame >= at) || !is_last;
+        let lead = if has_before { a.blend } else { 0 };
+        let trail = if has_after { a.blend } else { 0 };
+        self.split(at)?;
+        // Saturating: a part that is too long makes the clip too long, which is refused.
+        let frames = part.length.saturating_add(lead).saturating_add(trail);
+        self.time_insert(&TimeInsert { at, frames })?;
+        let (from, length) = (at + lead, part.length);
+        part.lay(self.clip, from);
+        let marker = Marker { frame: from, to: Some(from + length), name: a.name.clone() };
+        self.clip.markers.retain(|m| m.frame != from);
+        self.clip.markers.push(marker);
+        self.clip.normalize();
+        self.clip.validate()?;
+        self.blend_at(from, lead)?;
+        self.blend_at(from + length + trail, trail)
+    }
+
+    /// Gives the frames on both sides of `at` a key each where a curve or a line passes.
+    fn split(&mut self, at: u32) -> Done {
+        let Some(before) = at.checked_sub(1) else { return Ok(()) };
+        let bare = Clip { offsets: Vec::new(), masks: Vec::new(), ..self.clip.clone() };
+        let command = compile_for(&bare, self.table)?;
+        let i = self.clip.keys.partition_point(|k| k.frame <= before);
+        let Some(i) = i.checked_sub(1) else { return Ok(()) };
+        let fill = self.clip.fill_after(&self.clip.keys[i]);
+        let is_held = self.clip.hold_end(i) > before;
+        for frame in [before, at] {
+            let is_there = self.clip.key(frame).is_some();
+            if is_there || frame >= self.clip.length || (frame == before && is_held) {
+                continue;
+            }
+            let sees = |j| command.sees(frame, j).then(|| round(f64::from(command.row(frame)[j])));
+            let row: Row = (0..self.clip.dim()).map(sees).collect();
+            if row.iter().all(Option::is_none) {
+                continue;
+            }
+            let mut key = Key::with(frame, Goal::Q(row)).filled(fill);
+            if fill == Fill::Cubic {
+                let other = if frame == before { before.checked_sub(1) } else { Some(at + 1) };
+                key.tangents = self.slopes(&command, frame, other);
+            }
+            self.place(vec![key], false)?;
+        }
+        Ok(())
+    }
+
+    /// A smooth curve over the `blend` frames before `to`, from the last key before them to the first one
+    /// from there on. Both sides keep the speed that they have.
+    fn blend_at(&mut self, to: u32, blend: u32) -> Done {
+        let next = self.clip.keys.partition_point(|k| k.frame < to);
+        let (Some(i), true) = (next.checked_sub(1), blend > 0 && next < self.clip.keys.len())
+        else {
+            return Ok(());
+        };
+        let command = self.command()?;
+        let (last, first) = (self.clip.hold_end(i) - 1, self.clip.keys[next].frame);
+        let is_held = |i: usize| self.clip.hold_end(i) > self.clip.keys[i].frame + 1;
+        // What is held rests.
+        let before = last.checked_sub(1).filter(|_| !is_held(i));
+        let out = self.slopes(&command, last, before);
+        let arriving = self.slopes(&command, first, Some(first + 1).filter(|_| !is_held(next)));
+        self.clip.keys[i].fill = Some(Fill::Cubic);
+        self.clip.keys[i].tangents = out;
+        self.clip.keys[next].tangents = arriving;
+        Ok(())
+    }
+
+    /// How fast each joint passes this frame, measured to one beside it; at rest without one.
+    fn slopes(
+        &self,
+        command: &Command,
+        frame: u32,
+        beside: Option<u32>,
+    ) -> std::collections::BTreeMap<String, Tangent> {
+        let slope = |j: usize| {
+            let other = beside.filter(|o| command.sees(frame, j) && command.sees(*o, j))?;
+            let step = f64::from(command.row(frame)[j]) - f64::from(command.row(other)[j]);
+            let speed = step / (f64::from(frame) - f64::from(other)) / CTRL_DT;
+            let most = limits::CLIP_VALUE_MAX;
+            (speed.abs() > REST).then(|| Tangent::Slope(round(speed.clamp(-most, most))))
+        };
+        let joints = self.clip.robot.joints.iter().enumerate();
+        joints.map(|(j, name)| (name.clone(), slope(j).unwrap_or(Tangent::FLAT))).collect()
+    }
+
+    /// All blocks in order; they do not overlap.
+    fn blocks(&self) -> Result<Vec<(u32, u32)>, OpError> {
+        let blocks: Vec<(u32, u32)> =
+            self.clip.markers.iter().filter_map(|m| m.to.map(|to| (m.frame, to))).collect();
+        match blocks.windows(2).find(|pair| pair[0].1 > pair[1].0) {
+            Some(pair) => argument(format!(
+                "the block at frame {} begins inside the one at frame {}",
+                pair[1].0, pair[0].0
+            )),
+            None => Ok(blocks),
+        }
+    }
+
+    fn block(&self, frame: u32) -> Result<(u32, u32), OpError> {
+        match self.blocks()?.into_iter().find(|b| b.0 == frame) {
+            Some(block) => Ok(block),
+            None => argument(format!("no block begins at frame {frame}")),
+        }
+    }
+
+    pub(super) fn blocks_repeat(&mut self, a: &BlocksRepeat) -> Done {
+        let (from, to) = self.block(a.frame)?;
+        let mut part = Part::between(self.clip, from, to);
+        let own = part.markers.iter().position(|m| m.frame == 0).map(|i| part.markers.remove(i));
+        let name = own.map(|m| m.name).unwrap_or_default();
+        self.blocks_insert(&BlocksInsert { at: to, name, part, blend: a.blend })
+    }
+
+    /// Removes a block with its time, and the blend that leads to it.
+    pub(super) fn blocks_delete(&mut self, a: &BlocksDelete) -> Done {
+        let (from, to) = self.block(a.frame)?;
+        let before = self.clip.keys.iter().rposition(|k| k.frame < from);
+        let begin = before.map_or(from, |i| self.clip.hold_end(i).min(from));
+        self.time_delete(&TimeDelete { from: begin, to })
+    }
+
+    /// Blocks change places; what is between two places stays there.
+    pub(super) fn blocks_order(&mut self, a: &BlocksOrder) -> Done {
+        let blocks = self.blocks()?;
+        let mut sorted = a.frames.clone();
+        sorted.sort_unstable();
+        if !sorted.iter().eq(blocks.iter().map(|b| &b.0)) {
+            return argument("the new order must name the first frame of every block once");
+        }
+        let (Some(&(begin, _)), Some(&(_, end))) = (blocks.first(), blocks.last()) else {
+            return argument("there are no blocks");
+        };
+        let clip = &mut *self.clip;
+        let parts: Vec<Part> =
+            blocks.iter().map(|&(from, to)| Part::between(clip, from, to)).collect();
+        let gaps: Vec<Part> =
+            blocks.windows(2).map(|pair| Part::between(clip, pair[0].1, pair[1].0)).collect();
+        // How one leads to the next belongs to the place.
+        let fills: Vec<Option<Fill>> =
+            parts.iter().map(|p| p.keys.last().and_then(|k| k.fill)).collect();
+        let inside = |frame: u32| (begin..end).contains(&frame);
+        clip.keys.retain(|k| !inside(k.frame));
+        clip.offsets.retain(|o| !inside(o.frame));
+        clip.markers.retain(|m| !inside(m.frame));
+        let masks = std::mem::take(&mut clip.masks);
+        for mask in masks {
+            for (from, to) in [(mask.from, mask.to.min(begin)), (mask.from.max(end), mask.to)] {
+                if from < to {
+                    clip.masks.push(crate::document::Mask {
+                        from,
+                        to,
+                        joints: mask.joints.clone(),
+                    });
+                }
+            }
+        }
+        let mut at = begin;
+        let mut gaps = gaps.into_iter();
+        for (frame, fill) in a.frames.iter().zip(fills) {
+            let Some(i) = blocks.iter().position(|b| b.0 == *frame) else { continue };
+            let mut part = parts[i].clone();
+            if let (Some(last), Some(fill)) = (part.keys.last_mut(), fill) {
+                last.fill = Some(fill);
+            }
+            for piece in [Some(part), gaps.next()].into_iter().flatten() {
+                let length = piece.length;
+                piece.lay(clip, at);
+                at += length;
+            }
+        }
+        super::masks::merge_masks(&mut clip.masks);
+        Ok(())
+    }
+}

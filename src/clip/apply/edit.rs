@@ -1,0 +1,122 @@
+//! A clip under an edit, and what the edits have in common.
+
+use std::collections::BTreeSet;
+
+use super::error::{Done, OpError, argument};
+use crate::command::Command;
+use crate::compile::compile_for;
+use crate::document::{Clip, Key, Row};
+use crate::flaw::hint;
+use crate::grid::round;
+use crate::joints::JointTable;
+
+pub(super) struct Edit<'a> {
+    pub(super) clip: &'a mut Clip,
+    pub(super) table: Option<&'a JointTable>,
+    pub(super) depth: usize,
+    pub(super) ops: usize,
+}
+
+impl Edit<'_> {
+    /// Removes the keys at these frames and returns them.
+    pub(super) fn take(&mut self, frames: &[u32]) -> Result<Vec<Key>, OpError> {
+        let chosen = distinct(frames)?;
+        for &frame in &chosen {
+            self.has_key(frame)?;
+        }
+        let all = std::mem::take(&mut self.clip.keys);
+        let (taken, rest) = all.into_iter().partition(|k| chosen.contains(&k.frame));
+        self.clip.keys = rest;
+        Ok(taken)
+    }
+
+    pub(super) fn has_key(&self, frame: u32) -> Done {
+        if self.clip.key_index(frame).is_none() {
+            return Err(OpError::NoKey { frame });
+        }
+        Ok(())
+    }
+
+    /// Adds keys. An existing key is replaced, or the edit is refused.
+    pub(super) fn place(&mut self, mut keys: Vec<Key>, replace: bool) -> Done {
+        keys.sort_by_key(|k| k.frame);
+        let frames: BTreeSet<u32> = keys.iter().map(|k| k.frame).collect();
+        let twice = keys.windows(2).filter_map(|w| match w {
+            [a, b] if a.frame == b.frame => Some(a.frame),
+            _ => None,
+        });
+        // If two of the new keys are on one frame, no choice between them would be right.
+        refuse(&twice.collect::<Vec<_>>())?;
+        if !replace {
+            let taken: Vec<u32> =
+                frames.iter().copied().filter(|&f| self.clip.key(f).is_some()).collect();
+            refuse(&taken)?;
+        }
+        self.clip.keys.retain(|k| !frames.contains(&k.frame));
+        self.clip.keys.extend(keys);
+        self.clip.keys.sort_by_key(|k| k.frame);
+        Ok(())
+    }
+
+    pub(super) fn each_key(&mut self, frames: &[u32], change: impl Fn(&mut Key)) -> Done {
+        for frame in distinct(frames)? {
+            let index = self.clip.key_index(frame).ok_or(OpError::NoKey { frame })?;
+            if let Some(key) = self.clip.keys.get_mut(index) {
+                change(key);
+            }
+        }
+        Ok(())
+    }
+
+    pub(super) fn row_of(&self, key: &Key) -> Row {
+        self.clip.row(key).cloned().unwrap_or_else(|| vec![None; self.clip.dim()])
+    }
+
+    pub(super) fn command(&self) -> Result<Command, OpError> {
+        Ok(compile_for(self.clip, self.table)?)
+    }
+
+    /// What is commanded at a frame, for all joints.
+    pub(super) fn commanded(&self, command: &Command, frame: u32) -> Row {
+        let last = self.clip.length.saturating_sub(1);
+        let row = command.interpolated(frame.min(last));
+        row.iter().map(|v| Some(round(f64::from(*v)))).collect()
+    }
+
+    pub(super) fn joint(&self, name: &str) -> Result<usize, OpError> {
+        self.clip.joint(name).ok_or_else(|| {
+            let hint = hint(name, self.clip.robot.joints.iter().map(String::as_str));
+            OpError::NoJoint { name: name.to_owned(), hint }
+        })
+    }
+
+    pub(super) fn names(&self, set: &BTreeSet<usize>) -> Vec<String> {
+        set.iter().filter_map(|&j| self.clip.robot.joints.get(j).cloned()).collect()
+    }
+
+    pub(super) fn shifted(&self, frame: i64) -> Result<u32, OpError> {
+        let length = self.clip.length;
+        u32::try_from(frame).ok().filter(|f| *f < length).ok_or(OpError::Outside { frame, length })
+    }
+
+    pub(super) fn mirrored(&self, row: &Row) -> Result<Row, OpError> {
+        let Some(table) = self.table else {
+            return Err(OpError::Mirror { reason: "the robot is unknown here".into() });
+        };
+        table.mirrored(&self.clip.robot.joints, row).map_err(|reason| OpError::Mirror { reason })
+    }
+}
+
+pub(super) fn refuse(taken: &[u32]) -> Done {
+    match taken.first() {
+        None => Ok(()),
+        Some(&frame) => Err(OpError::Occupied { count: taken.len(), frame }),
+    }
+}
+
+pub(super) fn distinct(frames: &[u32]) -> Result<BTreeSet<u32>, OpError> {
+    if frames.is_empty() {
+        return argument("no frames are given");
+    }
+    Ok(frames.iter().copied().collect())
+}
