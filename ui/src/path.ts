@@ -1,6 +1,7 @@
 // The path of what is selected, in the 3D view: what a hand on it does to the clip.
 
 import { keyAt, prevKey } from "./clip";
+import { addedAt } from "./layers";
 import * as store from "./store";
 import { edit } from "./wire";
 
@@ -12,11 +13,12 @@ export function pathTouched(frame: number, values: Record<string, number> | null
   const clip = store.doc.value?.clip;
   if (!clip || frame >= clip.length) return;
   store.playhead.value = frame;
-  if (!values || keyAt(clip, frame)) {
+  // Where a hand adds to the motion, the line needs no key.
+  if (!values || keyAt(clip, frame) || store.shaping.value) {
     store.selection.value = keyAt(clip, frame) ? new Set([frame]) : new Set();
     return;
   }
-  const q = clip.robot.joints.map((name) => values[name] ?? 0);
+  const q = clip.robot.joints.map((name, j) => (values[name] ?? 0) - addedAt(clip, j, frame));
   // The way after it goes on as it was.
   const fill = prevKey(clip, frame)?.fill;
   void edit("keys.add", { keys: [{ frame, q, ...(fill ? { fill } : {}) }] }).then((ok) => {

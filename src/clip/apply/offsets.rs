@@ -123,9 +123,11 @@ fn changed(clip: &Clip, offsets: &[Offset]) -> Vec<bool> {
         return vec![true; clip.keys.len()];
     }
     let next = |i: usize| clip.keys.get(i + 1).map_or(clip.length, |k| k.frame);
+    // What leads to the next key changes with the next key.
+    let last = |i: usize| next(i) + u32::from(i + 1 < clip.keys.len());
     let meets = |i: usize, key: &Key| {
-        let spans = offsets.iter().map(|o| o.span(clip.length));
-        spans.into_iter().any(|s| s.start < next(i) && s.end > key.frame)
+        let mut spans = offsets.iter().map(|o| o.span(clip.length));
+        spans.any(|s| s.start < last(i) && s.end > key.frame)
     };
     let mut changed: Vec<bool> =
         clip.keys.iter().enumerate().map(|(i, key)| meets(i, key)).collect();

@@ -53,7 +53,7 @@ const fn of(
     about: &'static str,
     ending: &'static str,
 ) -> ExportFormat {
-    ExportFormat { kind, format, title, about, ending }
+    ExportFormat { format, title, about, ending, kind }
 }
 
 const fn film(

@@ -62,6 +62,38 @@ export interface Blind {
   to: number;
 }
 
+/** Arguments of `blocks.delete`. */
+export interface BlocksDelete {
+  /** The first frame of the block. */
+  frame: number;
+}
+
+/** Arguments of `blocks.insert`. */
+export interface BlocksInsert {
+  /** Before which frame; the clip's length appends. Inside a block it comes after that block. */
+  at: number;
+  /** Frames of a smooth curve from what is before it, and to what follows. */
+  blend?: number;
+  /** Its name. */
+  name: string;
+  /** The motion. */
+  part: Part;
+}
+
+/** Arguments of `blocks.order`. */
+export interface BlocksOrder {
+  /** The first frames of all blocks, in their new order. */
+  frames: number[];
+}
+
+/** Arguments of `blocks.repeat`. */
+export interface BlocksRepeat {
+  /** Frames of a smooth curve from its end to its beginning. */
+  blend?: number;
+  /** The first frame of the block. */
+  frame: number;
+}
+
 /** A body of a robot. */
 export interface BodyFacts {
   /** State joints that move it against its parent. */
@@ -101,16 +133,16 @@ export interface Clip {
   keys: Key[];
   /** Number of frames. */
   length: number;
-  /** Named moments, at most one per frame. */
+  /** Named moments and blocks, at most one per frame. */
   markers?: Marker[];
-  /** What is added to the command of the keys, at most one per frame. */
-  offsets?: Offset[];
   /** Spans without a goal, regardless of keys and fills. */
   masks?: Mask[];
   /** A title. */
   name?: string;
   /** Remarks. */
   notes?: string;
+  /** What is added to the command of the keys, at most one per frame. */
+  offsets?: Offset[];
   /** Named poses: one value per joint, null leaves a joint open. */
   poses?: Record<string, (number | null)[]>;
   /** The robot that the clip was made for. */
@@ -141,6 +173,8 @@ export interface ClipQuery {
   name?: string;
   /** A file of this machine instead of a body. */
   path?: string;
+  /** Rows a second of LAFAN files, which do not say it. */
+  rate?: number;
   /** The robot, for formats that do not name theirs; if absent, that of the open document. */
   robot?: string;
 }
@@ -245,14 +279,14 @@ export interface Delta {
   length?: number;
   /** All markers. */
   markers?: Marker[];
-  /** All offsets. */
-  offsets?: Offset[];
   /** All mask spans. */
   masks?: Mask[];
   /** Title. */
   name?: string;
   /** Remarks. */
   notes?: string;
+  /** All offsets. */
+  offsets?: Offset[];
   /** Poses that are added or changed. */
   poses_put?: ([string, (number | null)[]])[];
   /** Poses that are removed. */
@@ -440,6 +474,33 @@ export interface ExampleQuery {
   id: string;
 }
 
+/** A format of `GET /api/formats`. */
+export interface ExportFormat {
+  /** What is in it, and for whom. */
+  about: string;
+  /** Ending of its file. */
+  ending: string;
+  /** For `ExportRequest`. */
+  format: string;
+  /** What becomes of it. */
+  kind: ExportKind;
+  /** What people call it. */
+  title: string;
+}
+
+/** What becomes of an export. */
+export type ExportKind =
+  /** A film of the performed clip. */
+  | "film"
+  /** A picture of it. */
+  | "picture"
+  /** A file of the motion. */
+  | "take"
+  /** A folder of it: written on the studio's disk, and not downloaded. */
+  | "folder"
+  /** Of the clip alone: made at once, without performing anything. */
+  | "clip";
+
 /** Query of `GET /api/export`. */
 export interface ExportQuery {
   format: string;
@@ -451,7 +512,7 @@ export interface ExportRequest {
   camera?: string;
   /** The chart that is drawn beside it. */
   compare?: Beside;
-  /** mp4, gif, apng, png, strip; mcap, csv, json, mjcf, ros, viser, html. */
+  /** One of `GET /api/formats`. */
   format: string;
   /** Frames `[from, to)`, for films; the frame `from`, for a picture. */
   frames?: [number, number];
@@ -493,7 +554,11 @@ export type FileKind =
   /** Keys of an MJCF. */
   | "mjcf"
   /** A ROS 2 JointTrajectory. */
-  | "ros" | "lafan" | "take";
+  | "ros"
+  /** LAFAN rows: recorded motion without header or rate. */
+  | "lafan"
+  /** A take: the motion that it reached. */
+  | "take";
 
 /** Query of `GET /api/files`. */
 export interface FilesQuery {
@@ -697,6 +762,20 @@ export interface ImportBody {
   uploaded?: boolean;
   /** Bodies to leave out, with their children. */
   without?: string[];
+}
+
+/** Query of `POST /api/insert`. */
+export interface InsertQuery {
+  /** The frame before which it is inserted. */
+  at: number;
+  /** Frames of a smooth curve to it and from it. */
+  blend?: number;
+  /** The file that is in the body; its ending tells the format. */
+  name?: string;
+  /** A file of this machine instead of a body. */
+  path?: string;
+  /** Rows a second of LAFAN files, which do not say it. */
+  rate?: number;
 }
 
 /** One line that a command writes with `--jsonl`, for the program that started it. */
@@ -1047,22 +1126,15 @@ export interface Listing {
   root: string;
 }
 
-/** A named moment. */
+/** A named moment, or with `to` a named block of frames. */
 export interface Marker {
   /** The frame of the marker. */
   frame: number;
   /** Its name. */
   name: string;
+  /** First frame after the block; a moment when absent. */
   to?: number;
 }
-
-export interface ExportFormat { about: string; ending: string; format: string; kind: "film" | "picture" | "take" | "folder" | "clip"; title: string }
-export interface Offset { add: Record<string, number>; frame: number; hold?: number; in?: number; out?: number }
-export interface OffsetsSet { add?: Record<string, number | null>; frame: number; hold?: number; in?: number; out?: number }
-export interface OffsetsMove { copy?: boolean; df: number; frames: number[] }
-export interface BlocksOrder { frames: number[] }
-export interface BlocksRepeat { blend?: number; frame: number }
-export interface BlocksDelete { frame: number }
 
 /** Arguments of `markers.move`. */
 export interface MarkersMove {
@@ -1173,6 +1245,44 @@ export interface Offer {
   suits: string;
 }
 
+/** What is added to the command around one frame: it grows, is held, and fades. */
+export interface Offset {
+  /** What is added, by joint, rad or m. */
+  add: Record<string, number>;
+  /** The frame at which it is first there in full. */
+  frame: number;
+  /** For how many frames it is there in full; 1 when absent. */
+  hold?: number;
+  /** Over how many frames it grows; 10 when absent, 0 = at once. */
+  in?: number;
+  /** Over how many frames it fades; 10 when absent, 0 = at once. */
+  out?: number;
+}
+
+/** Arguments of `offsets.move`. */
+export interface OffsetsMove {
+  /** Keep the originals. */
+  copy?: boolean;
+  /** By how many frames. */
+  df: number;
+  /** Which offsets. */
+  frames: number[];
+}
+
+/** Arguments of `offsets.set`: absent parts stay. */
+export interface OffsetsSet {
+  /** What is added, by joint, rad or m; 0 or null adds nothing to it any more. */
+  add?: Record<string, number | null>;
+  /** At which frame. */
+  frame: number;
+  /** For how many frames it is there in full. */
+  hold?: number;
+  /** Over how many frames it grows. */
+  in?: number;
+  /** Over how many frames it fades. */
+  out?: number;
+}
+
 /** An edit. */
 export type Op =
   /** Adds keys. */
@@ -1193,13 +1303,6 @@ export type Op =
   | { op: "keys.hold"; args: KeysHold }
   /** Gives keys with end-effector goals the joint values that reach them, in place of the goals. */
   | { op: "keys.bake"; args: KeysFrames }
-  | { op: "offsets.set"; args: OffsetsSet }
-  | { op: "offsets.move"; args: OffsetsMove }
-  | { op: "offsets.delete"; args: KeysFrames }
-  | { op: "offsets.bake"; args: KeysFrames }
-  | { op: "blocks.order"; args: BlocksOrder }
-  | { op: "blocks.repeat"; args: BlocksRepeat }
-  | { op: "blocks.delete"; args: BlocksDelete }
   /** Removes keys that lie on the straight line between the others. */
   | { op: "keys.sparsify"; args: KeysSparsify }
   /** Masks or unmasks a span. */
@@ -1208,6 +1311,22 @@ export type Op =
   | { op: "fill.set"; args: FillSet }
   /** Sets the slopes of cubic curves at keys. */
   | { op: "tangent.set"; args: TangentSet }
+  /** Makes or changes the offset at a frame. */
+  | { op: "offsets.set"; args: OffsetsSet }
+  /** Shifts offsets in time, or copies them there. */
+  | { op: "offsets.move"; args: OffsetsMove }
+  /** Removes offsets. */
+  | { op: "offsets.delete"; args: KeysFrames }
+  /** Adds offsets to the keys for good. */
+  | { op: "offsets.bake"; args: KeysFrames }
+  /** Inserts a motion as a block, and blends it with what is around it. */
+  | { op: "blocks.insert"; args: BlocksInsert }
+  /** Puts blocks in another order. */
+  | { op: "blocks.order"; args: BlocksOrder }
+  /** Puts a block once more, after itself. */
+  | { op: "blocks.repeat"; args: BlocksRepeat }
+  /** Removes a block with its frames. */
+  | { op: "blocks.delete"; args: BlocksDelete }
   /** Inserts empty frames and shifts what follows. */
   | { op: "time.insert"; args: TimeInsert }
   /** Removes frames with their keys and closes the gap. */
@@ -1222,7 +1341,7 @@ export type Op =
   | { op: "pose.delete"; args: PoseDelete }
   /** Adds a marker. */
   | { op: "markers.add"; args: Marker }
-  /** Renames the marker at a frame. */
+  /** Renames the marker at a frame, or sets where its block ends. */
   | { op: "markers.set"; args: Marker }
   /** Moves a marker. */
   | { op: "markers.move"; args: MarkersMove }
@@ -1257,6 +1376,25 @@ export type Outcome =
   | { rev: number }
   /** An edit is previewed. */
   | { demand: Demand | null };
+
+/**
+ * Keys, offsets, masks and markers of some frames, counted from 0. Poses are written out, and each
+ * key says what follows it, so that a part means the same in every clip.
+ */
+export interface Part {
+  /** Joint names; rows follow this order. */
+  joints: string[];
+  /** Keys. */
+  keys: Key[];
+  /** Frames. */
+  length: number;
+  /** Markers. */
+  markers?: Marker[];
+  /** Mask spans. */
+  masks?: Mask[];
+  /** Offsets. */
+  offsets?: Offset[];
+}
 
 /** Body with a path. */
 export interface PathBody {
@@ -1964,6 +2102,14 @@ export interface TangentSet {
   tangent?: Tangent | null;
 }
 
+/** Query of `GET /api/thumbnail.jpg`: one of the two. */
+export interface ThumbnailQuery {
+  /** A clip's file. */
+  path?: string;
+  /** A take of the open robot. */
+  take?: number;
+}
+
 /** Arguments of `time.delete`. */
 export interface TimeDelete {
   /** First frame. */
@@ -2060,11 +2206,11 @@ export interface Routes {
   "POST /api/new": { body: NewBody; answer: DocumentView };
   "POST /api/save": { body: SaveBody; answer: Saved };
   "POST /api/close": { answer: void };
+  "GET /api/thumbnail.jpg": { query: ThumbnailQuery; answer: void };
   "GET /api/formats": { answer: ExportFormat[] };
-  "GET /api/thumbnail.jpg": { query: { path?: string | null; take?: number | null }; answer: Blob };
   "GET /api/files": { query: FilesQuery; answer: Listing };
-  "POST /api/insert": { query: { name?: string; path?: string; rate?: number; at: number; blend?: number }; body: string | Blob; answer: Edited };
   "POST /api/clips": { query: ClipQuery; body: string | Blob; answer: DocumentView };
+  "POST /api/insert": { query: InsertQuery; body: string | Blob; answer: Edited };
   "GET /api/gallery": { answer: GalleryItem[] };
   "POST /api/gallery/{id}": { answer: DocumentView };
   "GET /api/recent": { answer: RecentFile[] };
