@@ -40,6 +40,7 @@ describe("layers", () => {
   };
   /** A file from the person's computer is opened. */
   const open = async (name: string, text: string): Promise<void> => {
+    await t.page.evaluate(() => (document.activeElement as HTMLElement | null)?.blur());
     const [chooser] = await Promise.all([t.page.waitForEvent("filechooser"), t.press("Control+Shift+o")]);
     await chooser.setFiles({ name, mimeType: "text/csv", buffer: Buffer.from(text) });
     const stem = name.split(".")[0];
@@ -164,15 +165,18 @@ describe("layers", () => {
     await t.page.mouse.click(box.x + x, box.y + y);
     await t.until((s) => s.points.join() === "30:2", "the point is chosen");
     await t.painted();
-    const handle = async (side: "in" | "out"): Promise<{ x: number; y: number }> => {
+    /** Where a handle stands, and how far it is from there to so many pixels from its point. */
+    const handle = async (side: "in" | "out", x = 0, y = 0) => {
       const all = await t.page.evaluate(() => window.__studio.graphHandles());
       const own = all.find((h) => h.kind === "tangent" && h.side === side);
       assert.ok(own, `a handle for ${side}`);
-      return { x: box.x + own.x, y: box.y + own.y };
+      assert.ok(own.kind === "tangent");
+      return { x: box.x + own.x, y: box.y + own.y, by: { x: own.px + x - own.x, y: own.py + y - own.y } };
     };
     const elbow = (c: Clip | undefined) => c?.keys.find((k) => k.frame === 30)?.tangents?.elbow;
     const rev = (await t.state()).rev;
-    await drag(await handle("out"), { x: 4, y: -34 }, async () => {
+    const rising = await handle("out", 40, -30);
+    await drag(rising, rising.by, async () => {
       await t.until((s) => s.demand !== undefined, "the rollout follows the handle");
       await t.picture("graph-handle");
     });
@@ -181,7 +185,8 @@ describe("layers", () => {
     assert.equal(bent.rev, (rev ?? 0) + 1, "one edit");
     await t.painted();
     await t.page.keyboard.down("Alt");
-    await drag(await handle("in"), { x: -4, y: -30 });
+    const falling = await handle("in", -40, -30);
+    await drag(falling, falling.by);
     await t.page.keyboard.up("Alt");
     const corner = await t.until((s) => typeof elbow(s.clip) === "object", "a corner");
     const slopes = elbow(corner.clip) as { in: number; out: number };
@@ -210,7 +215,7 @@ describe("layers", () => {
     );
     const [block] = blocksOf(await clipNow());
     assert.deepEqual([block?.name, block?.frame, block?.to], ["nod", 90, 151]);
-    assert.equal((await clipNow()).keys.find((k) => k.frame === 60)?.fill, "cubic", "a curve leads to it");
+    assert.equal((await clipNow()).keys.find((k) => k.frame === 79)?.fill, "cubic", "a curve leads to it");
     await t.goTo(95);
     await t.press("Alt+d");
     await t.until((s) => blocksOf(s.clip as Clip).length === 2, "once more");

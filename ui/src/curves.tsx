@@ -6,6 +6,7 @@ import { useEffect, useRef } from "preact/hooks";
 import uPlot from "uplot";
 import "uplot/dist/uPlot.min.css";
 import { keyEnd, values } from "./clip";
+import { addedAt } from "./layers";
 import { digitsOf, fixed } from "./numbers";
 import * as store from "./store";
 import { colors, hue, palette } from "./theme";
@@ -16,7 +17,8 @@ function goals(joint: number): (number | null)[] {
   if (!clip) return [];
   const row: (number | null)[] = new Array(clip.length).fill(null);
   for (const key of clip.keys) {
-    const v = values(clip, key)[joint];
+    const own = values(clip, key)[joint];
+    const v = typeof own === "number" ? own + addedAt(clip, joint, key.frame) : own;
     if (v === null || v === undefined) continue;
     for (let f = key.frame; f < Math.min(keyEnd(key), clip.length); f++) row[f] = v;
   }

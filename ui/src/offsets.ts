@@ -61,11 +61,11 @@ export async function moveOffset(df: number): Promise<void> {
 }
 
 /** Lets the chosen offset grow and fade over more frames, or fewer. */
-export function widen(by: number): void {
+export async function widen(by: number): Promise<void> {
   const own = chosen();
   if (!own) return;
   const wider = (frames: number | undefined): number => Math.max(0, (frames ?? 10) + by);
-  void edit("offsets.set", { frame: own.frame, in: wider(own.in), out: wider(own.out) });
+  await edit("offsets.set", { frame: own.frame, in: wider(own.in), out: wider(own.out) });
 }
 
 export async function deleteOffset(): Promise<void> {

@@ -99,7 +99,7 @@ export const LAYERS: Action[] = [
     group: "Keys",
     keys: ["Shift+J"],
     not: needsOffset,
-    run: () => inTurn(async () => widen(2)),
+    run: () => inTurn(() => widen(2)),
   },
   {
     id: "offset-narrower",
@@ -107,7 +107,7 @@ export const LAYERS: Action[] = [
     group: "Keys",
     keys: ["Alt+J"],
     not: needsOffset,
-    run: () => inTurn(async () => widen(-2)),
+    run: () => inTurn(() => widen(-2)),
   },
   {
     id: "offset-fade",

@@ -133,7 +133,7 @@ function backdrop(ctx: Ctx, s: Scene): void {
 }
 
 /** A key says a pose, or where a point shall be: a diamond, a disc. */
-type Shape = "pose" | "point";
+type Shape = "pose" | "point" | "dense";
 
 let sprites = new Map<string, HTMLCanvasElement>();
 
@@ -167,6 +167,9 @@ function sprite(theme: Theme, what: Diamond["ink"], ratio: number, shape: Shape)
   sprites.set(name, tile);
   return tile;
 }
+
+/** Keys of dense motion that stand no further apart are one band, pixels. */
+const DENSE = 14;
 
 /** Side of a diamond's picture, pixels. */
 const SPRITE = 18;
@@ -204,9 +207,18 @@ function ink(ctx: Ctx, theme: Theme, list: Mark[], mid: number, ratio: number, s
       ctx.setLineDash([]);
     }
   }
+  // Keys at nearly every frame are a band: as diamonds they would be a wall.
+  if (shape === "dense") {
+    ctx.fillStyle = `${theme.key}b0`;
+    for (const [i, m] of list.entries()) {
+      const next = list[i + 1];
+      const near = next && next.x - m.x <= DENSE;
+      ctx.fillRect(m.x - 0.5, mid - 2, near ? next.x - m.x + 0.5 : 2, 4);
+    }
+  }
   // Whole pixels: a copy between them would be blurred.
   const snap = (v: number): number => Math.round(v * ratio) / ratio;
-  const all = diamonds(list);
+  const all = diamonds(list).filter((d) => shape !== "dense" || d.ink === "selected");
   for (const what of ["part", "whole", "selected"] as const) {
     const picture = sprite(theme, what, ratio, shape);
     for (const d of all)
@@ -227,7 +239,7 @@ function ready(s: Scene, list: Mark[], ratio: number): HTMLCanvasElement | undef
   if (!ctx) return undefined;
   ctx.setTransform(ratio, 0, 0, ratio, 0, 0);
   ctx.clearRect(0, 0, s.box.width, ROW);
-  ink(ctx, s.theme, list, ROW / 2, ratio);
+  ink(ctx, s.theme, list, ROW / 2, ratio, s.dense ? "dense" : "pose");
   return shared;
 }
 
