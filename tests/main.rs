@@ -10,6 +10,7 @@ mod children;
 mod circles;
 mod clip;
 mod collect;
+mod docs;
 mod exports;
 mod fit;
 mod floors;
