@@ -3,6 +3,7 @@
 pub mod child;
 pub mod exit;
 pub mod fsio;
+pub mod json;
 pub mod limits;
 pub mod progress;
 pub mod rng;

@@ -11,182 +11,117 @@ use prost_types::{
     FileDescriptorProto, FileDescriptorSet, OneofDescriptorProto, Timestamp,
 };
 
-#[derive(Clone, Copy, PartialEq, prost::Message)]
-pub(super) struct Vector3 {
-    #[prost(double, tag = "1")]
-    pub x: f64,
-    #[prost(double, tag = "2")]
-    pub y: f64,
-    #[prost(double, tag = "3")]
-    pub z: f64,
+macro_rules! messages {
+    ($($(#[$of:meta])* $name:ident { $($(#[$doc:meta])* $field:ident: $ty:ty = ($($kind:tt)+),)* })*) => {$(
+        $(#[$of])*
+        #[derive(Clone, PartialEq, prost::Message)]
+        pub(super) struct $name {
+            $($(#[$doc])* #[prost($($kind)+)] pub $field: $ty,)*
+        }
+    )*};
 }
 
-/// x, y, z, w: not the simulator's order.
-#[derive(Clone, Copy, PartialEq, prost::Message)]
-pub(super) struct Quaternion {
-    #[prost(double, tag = "1")]
-    pub x: f64,
-    #[prost(double, tag = "2")]
-    pub y: f64,
-    #[prost(double, tag = "3")]
-    pub z: f64,
-    #[prost(double, tag = "4")]
-    pub w: f64,
-}
-
-#[derive(Clone, Copy, PartialEq, prost::Message)]
-pub(super) struct Color {
-    #[prost(double, tag = "1")]
-    pub r: f64,
-    #[prost(double, tag = "2")]
-    pub g: f64,
-    #[prost(double, tag = "3")]
-    pub b: f64,
-    #[prost(double, tag = "4")]
-    pub a: f64,
-}
-
-#[derive(Clone, Copy, PartialEq, prost::Message)]
-pub(super) struct Pose {
-    #[prost(message, optional, tag = "1")]
-    pub position: Option<Vector3>,
-    #[prost(message, optional, tag = "2")]
-    pub orientation: Option<Quaternion>,
-}
-
-#[derive(Clone, PartialEq, prost::Message)]
-pub(super) struct FrameTransform {
-    #[prost(message, optional, tag = "1")]
-    pub timestamp: Option<Timestamp>,
-    #[prost(string, tag = "2")]
-    pub parent_frame_id: String,
-    #[prost(string, tag = "3")]
-    pub child_frame_id: String,
-    #[prost(message, optional, tag = "4")]
-    pub translation: Option<Vector3>,
-    #[prost(message, optional, tag = "5")]
-    pub rotation: Option<Quaternion>,
-}
-
-#[derive(Clone, PartialEq, prost::Message)]
-pub(super) struct FrameTransforms {
-    #[prost(message, repeated, tag = "1")]
-    pub transforms: Vec<FrameTransform>,
-}
-
-#[derive(Clone, Copy, PartialEq, prost::Message)]
-pub(super) struct CubePrimitive {
-    #[prost(message, optional, tag = "1")]
-    pub pose: Option<Pose>,
-    #[prost(message, optional, tag = "2")]
-    pub size: Option<Vector3>,
-    #[prost(message, optional, tag = "3")]
-    pub color: Option<Color>,
-}
-
-#[derive(Clone, Copy, PartialEq, prost::Message)]
-pub(super) struct SpherePrimitive {
-    #[prost(message, optional, tag = "1")]
-    pub pose: Option<Pose>,
-    #[prost(message, optional, tag = "2")]
-    pub size: Option<Vector3>,
-    #[prost(message, optional, tag = "3")]
-    pub color: Option<Color>,
-}
-
-#[derive(Clone, Copy, PartialEq, prost::Message)]
-pub(super) struct CylinderPrimitive {
-    #[prost(message, optional, tag = "1")]
-    pub pose: Option<Pose>,
-    #[prost(message, optional, tag = "2")]
-    pub size: Option<Vector3>,
-    #[prost(double, tag = "3")]
-    pub bottom_scale: f64,
-    #[prost(double, tag = "4")]
-    pub top_scale: f64,
-    #[prost(message, optional, tag = "5")]
-    pub color: Option<Color>,
-}
-
-#[derive(Clone, PartialEq, prost::Message)]
-pub(super) struct TriangleListPrimitive {
-    #[prost(message, optional, tag = "1")]
-    pub pose: Option<Pose>,
-    /// `foxglove.Point3` has the same fields.
-    #[prost(message, repeated, tag = "2")]
-    pub points: Vec<Vector3>,
-    #[prost(message, optional, tag = "3")]
-    pub color: Option<Color>,
-    #[prost(fixed32, repeated, tag = "5")]
-    pub indices: Vec<u32>,
-}
-
-#[derive(Clone, PartialEq, prost::Message)]
-pub(super) struct SceneEntity {
-    #[prost(message, optional, tag = "1")]
-    pub timestamp: Option<Timestamp>,
-    #[prost(string, tag = "2")]
-    pub frame_id: String,
-    #[prost(string, tag = "3")]
-    pub id: String,
-    #[prost(bool, tag = "5")]
-    pub frame_locked: bool,
-    #[prost(message, repeated, tag = "8")]
-    pub cubes: Vec<CubePrimitive>,
-    #[prost(message, repeated, tag = "9")]
-    pub spheres: Vec<SpherePrimitive>,
-    #[prost(message, repeated, tag = "10")]
-    pub cylinders: Vec<CylinderPrimitive>,
-    #[prost(message, repeated, tag = "12")]
-    pub triangles: Vec<TriangleListPrimitive>,
-}
-
-#[derive(Clone, PartialEq, prost::Message)]
-pub(super) struct SceneUpdate {
-    #[prost(message, repeated, tag = "2")]
-    pub entities: Vec<SceneEntity>,
-}
-
-#[derive(Clone, PartialEq, prost::Message)]
-pub(super) struct Log {
-    #[prost(message, optional, tag = "1")]
-    pub timestamp: Option<Timestamp>,
-    /// 2 info, 3 warning.
-    #[prost(int32, tag = "2")]
-    pub level: i32,
-    #[prost(string, tag = "3")]
-    pub message: String,
-    #[prost(string, tag = "4")]
-    pub name: String,
-}
-
-#[derive(Clone, PartialEq, prost::Message)]
-pub(super) struct JointError {
-    #[prost(string, tag = "1")]
-    pub joint: String,
-    #[prost(double, tag = "2")]
-    pub error: f64,
-}
-
-/// Our own message, one per frame.
-#[derive(Clone, PartialEq, prost::Message)]
-pub(super) struct Metrics {
-    #[prost(uint32, tag = "1")]
-    pub frame: u32,
-    /// Mean absolute error over the joints with a goal; absent if there is none.
-    #[prost(double, optional, tag = "2")]
-    pub frame_mae: Option<f64>,
-    #[prost(bool, tag = "3")]
-    pub masked: bool,
-    /// Joints with a goal.
-    #[prost(message, repeated, tag = "4")]
-    pub joint_error: Vec<JointError>,
-    /// Action taken at this frame; empty at the last.
-    #[prost(double, repeated, tag = "5")]
-    pub action: Vec<f64>,
-    /// The same as controls, N m or N.
-    #[prost(double, repeated, tag = "6")]
-    pub ctrl: Vec<f64>,
+messages! {
+    #[derive(Copy)]
+    Vector3 {
+        x: f64 = (double, tag = "1"),
+        y: f64 = (double, tag = "2"),
+        z: f64 = (double, tag = "3"),
+    }
+    /// x, y, z, w: not the simulator's order.
+    #[derive(Copy)]
+    Quaternion {
+        x: f64 = (double, tag = "1"),
+        y: f64 = (double, tag = "2"),
+        z: f64 = (double, tag = "3"),
+        w: f64 = (double, tag = "4"),
+    }
+    #[derive(Copy)]
+    Color {
+        r: f64 = (double, tag = "1"),
+        g: f64 = (double, tag = "2"),
+        b: f64 = (double, tag = "3"),
+        a: f64 = (double, tag = "4"),
+    }
+    #[derive(Copy)]
+    Pose {
+        position: Option<Vector3> = (message, optional, tag = "1"),
+        orientation: Option<Quaternion> = (message, optional, tag = "2"),
+    }
+    FrameTransform {
+        timestamp: Option<Timestamp> = (message, optional, tag = "1"),
+        parent_frame_id: String = (string, tag = "2"),
+        child_frame_id: String = (string, tag = "3"),
+        translation: Option<Vector3> = (message, optional, tag = "4"),
+        rotation: Option<Quaternion> = (message, optional, tag = "5"),
+    }
+    FrameTransforms {
+        transforms: Vec<FrameTransform> = (message, repeated, tag = "1"),
+    }
+    #[derive(Copy)]
+    CubePrimitive {
+        pose: Option<Pose> = (message, optional, tag = "1"),
+        size: Option<Vector3> = (message, optional, tag = "2"),
+        color: Option<Color> = (message, optional, tag = "3"),
+    }
+    #[derive(Copy)]
+    SpherePrimitive {
+        pose: Option<Pose> = (message, optional, tag = "1"),
+        size: Option<Vector3> = (message, optional, tag = "2"),
+        color: Option<Color> = (message, optional, tag = "3"),
+    }
+    #[derive(Copy)]
+    CylinderPrimitive {
+        pose: Option<Pose> = (message, optional, tag = "1"),
+        size: Option<Vector3> = (message, optional, tag = "2"),
+        bottom_scale: f64 = (double, tag = "3"),
+        top_scale: f64 = (double, tag = "4"),
+        color: Option<Color> = (message, optional, tag = "5"),
+    }
+    TriangleListPrimitive {
+        pose: Option<Pose> = (message, optional, tag = "1"),
+        /// `foxglove.Point3` has the same fields.
+        points: Vec<Vector3> = (message, repeated, tag = "2"),
+        color: Option<Color> = (message, optional, tag = "3"),
+        indices: Vec<u32> = (fixed32, repeated, tag = "5"),
+    }
+    SceneEntity {
+        timestamp: Option<Timestamp> = (message, optional, tag = "1"),
+        frame_id: String = (string, tag = "2"),
+        id: String = (string, tag = "3"),
+        frame_locked: bool = (bool, tag = "5"),
+        cubes: Vec<CubePrimitive> = (message, repeated, tag = "8"),
+        spheres: Vec<SpherePrimitive> = (message, repeated, tag = "9"),
+        cylinders: Vec<CylinderPrimitive> = (message, repeated, tag = "10"),
+        triangles: Vec<TriangleListPrimitive> = (message, repeated, tag = "12"),
+    }
+    SceneUpdate {
+        entities: Vec<SceneEntity> = (message, repeated, tag = "2"),
+    }
+    Log {
+        timestamp: Option<Timestamp> = (message, optional, tag = "1"),
+        /// 2 info, 3 warning.
+        level: i32 = (int32, tag = "2"),
+        message: String = (string, tag = "3"),
+        name: String = (string, tag = "4"),
+    }
+    JointError {
+        joint: String = (string, tag = "1"),
+        error: f64 = (double, tag = "2"),
+    }
+    /// Our own message, one per frame.
+    Metrics {
+        frame: u32 = (uint32, tag = "1"),
+        /// Mean absolute error over the joints with a goal; absent if there is none.
+        frame_mae: Option<f64> = (double, optional, tag = "2"),
+        masked: bool = (bool, tag = "3"),
+        /// Joints with a goal.
+        joint_error: Vec<JointError> = (message, repeated, tag = "4"),
+        /// Action taken at this frame; empty at the last.
+        action: Vec<f64> = (double, repeated, tag = "5"),
+        /// The same as controls, N m or N.
+        ctrl: Vec<f64> = (double, repeated, tag = "6"),
+    }
 }
 
 /// Message, then `name number type`; `*` = repeated, `?` = optional, `enum:` = an enum of

@@ -212,7 +212,7 @@ export function Draw() {
             <option value="ground">the ground</option>
           </select>
         </label>
-        <label title="Seconds for the line, at an even speed; empty: as fast as the hand draws. Joints that cannot keep up make it slower">
+        <label title="Duration of the line in seconds, at constant speed. If empty, as long as the drawing takes. It becomes slower where joints cannot keep up">
           in
           <input
             type="text"

@@ -136,7 +136,7 @@ export function Pins() {
           <button
             aria-pressed={held}
             onClick={() => void togglePin()}
-            title="Hold it while other links are moved (Shift+G)"
+            title="Keep it in place while other links move (Shift+G)"
             data-testid="pin"
           >
             <Icon of={PinSign} size={13} /> {held ? "Release" : "Pin"}
@@ -178,8 +178,8 @@ export function Pins() {
               <button
                 class="quiet"
                 aria-pressed={!!p.quat}
-                aria-label={`Hold how ${siteTitle(p.site)} is turned, too`}
-                title="Hold how it is turned, too"
+                aria-label={`Keep the orientation of ${siteTitle(p.site)}, too`}
+                title="Keep its orientation, too"
                 onClick={() => void place(p.site, !p.quat)}
               >
                 <Icon of={RotateCcw} size={12} />

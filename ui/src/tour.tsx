@@ -31,8 +31,8 @@ const STEPS: Step[] = [
     of: ".policy-select",
   },
   {
-    title: "See how near it came",
-    text: "Blue is what you command, solid is what the robot reaches. The mean error stands below; Space plays it.",
+    title: "See the error",
+    text: "Blue is what you command, solid is what the robot reaches. The mean error is below; Space plays the motion.",
     of: ".viewport",
   },
   {

@@ -138,7 +138,7 @@ export function nudge(df: number, ripple: boolean): void {
 export const KEYS: Action[] = [
   {
     id: "key",
-    title: "Key the pose at the playhead; a key that is there is selected",
+    title: "Add a key at the playhead, or select the one that is there",
     group: "Keys",
     keys: ["K", "I"],
     run: addKey,
