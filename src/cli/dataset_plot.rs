@@ -123,11 +123,7 @@ pub(super) fn draw(
         }
         sample.agents.len().max(1)
     } else {
-        panels.extend(
-            joints
-                .iter()
-                .map(|&j| lines(&sample, axis(j), |f| f.1.get(j).copied().unwrap_or(f64::NAN))),
-        );
+        panels.extend(joints.iter().map(|&j| lines(&sample, axis(j), |f| f.1[j])));
         let unit = if m.robot.units.contains(&Unit::M) { "m/s" } else { "rad/s" };
         panels.push(lines(&sample, Axis::new("fastest joint", unit), |f| {
             joints.iter().filter_map(|&j| f.2.get(j)).fold(0.0, |a: f64, v| a.max(v.abs()))

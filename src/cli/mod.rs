@@ -128,7 +128,8 @@ pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
     ExitCode::from(call(args).code())
 }
 
-/// The same with the exit code as a value, for whoever is a program already (Python).
+/// The same with the exit code as a value, for programs that call the command line as a library
+/// (Python).
 pub fn call(args: impl IntoIterator<Item = OsString>) -> Exit {
     crate::mujoco::set_env_at_start("NODEVICE_SELECT", "1");
     let mut args: Vec<OsString> = args.into_iter().collect();

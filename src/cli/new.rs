@@ -202,7 +202,8 @@ fn nearest(choice: &[Vec<Evaluation>]) -> &'static str {
         };
         choice.iter().map(one).sum()
     };
-    // Of equals the one that learned: it knows more than the clips ask.
+    // If several are equally good, the learned policy is kept, because it has learned more than the
+    // clips demand.
     let names = ["robert", "ridge", "pd"];
     names.into_iter().min_by(|a, b| mean(a).total_cmp(&mean(b))).unwrap_or("ridge")
 }

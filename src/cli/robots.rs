@@ -253,7 +253,7 @@ fn kinematics(robot: &str, poses: u64, secs: f64) -> Outcome {
     let robot = Robot::load(robot)?;
     let model = robot.model();
     let body = |b: usize| model.name(Kind::Body, b).unwrap_or_default().to_owned();
-    let row = |v: &[f64], b: usize, n: usize| v.get(n * b..n * b + n).unwrap_or_default().to_vec();
+    let row = |v: &[f64], b: usize, n: usize| v[n * b..n * b + n].to_vec();
     let bodies: Vec<Value> = (1..model.nbody())
         .map(|b| {
             json!({

@@ -1,5 +1,6 @@
 //! `robert runs`: training runs as tables, side by side, and as a chart.
 
+use robert_base::json;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -126,7 +127,7 @@ fn show(dir: &Path, output: Option<&Path>, json: bool) -> Outcome {
     }
     if json {
         let mut value = brief(&r);
-        value["config"] = serde_json::to_value(&r.config).unwrap_or_default();
+        value["config"] = json::value(&r.config);
         value["evaluations"] =
             r.evaluations.iter().map(|(s, e)| json!({"step": s, "found": e})).collect();
         return out::json(&value);

@@ -67,7 +67,7 @@ impl Coverage {
         for ((cell, axis), &x) in cells.iter_mut().zip(&self.position).zip(qpos) {
             *cell = axis.cell(x);
         }
-        let cells = cells.get(..self.position.len()).unwrap_or_default();
+        let cells = &cells[..self.position.len()];
         let mut planes = self.bits.iter_mut();
         for (i, &a) in cells.iter().enumerate() {
             let speed = self.velocity.get(i).zip(qvel.get(i)).and_then(|(v, &x)| v.cell(x));

@@ -5,6 +5,7 @@
 
 #![warn(clippy::indexing_slicing)]
 
+use robert_base::json;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -271,7 +272,7 @@ impl Manifest {
     fn text(&self) -> String {
         // Serialising plain data of this type cannot fail; an empty text would not load.
         let head = Manifest { shards: Vec::new(), episodes: Vec::new(), ..self.clone() };
-        let head = serde_json::to_string_pretty(&head).unwrap_or_default();
+        let head = json::pretty(&head);
         head.replacen("\"shards\": []", &list("shards", &self.shards), 1).replacen(
             "\"episodes\": []",
             &list("episodes", &self.episodes),
@@ -360,10 +361,7 @@ impl Manifest {
 
 /// `"name": [ with one compact element per line.
 fn list<T: Serialize>(name: &str, items: &[T]) -> String {
-    let lines: Vec<String> = items
-        .iter()
-        .map(|i| format!("    {}", serde_json::to_string(i).unwrap_or_default()))
-        .collect();
+    let lines: Vec<String> = items.iter().map(|i| format!("    {}", json::line(i))).collect();
     if lines.is_empty() {
         return format!("\"{name}\": []");
     }

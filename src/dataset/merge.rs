@@ -1,5 +1,6 @@
 //! Merges datasets: one list over the shards of several.
 
+use robert_base::json;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
@@ -90,7 +91,7 @@ pub fn merge(inputs: &[PathBuf], out: &Path, equal: bool) -> Result<Manifest, Er
     m.episodes = episodes
         .into_iter()
         .flat_map(|((key, _), list)| {
-            let shard = position.get(&key).copied().unwrap_or(0);
+            let shard = position[&key];
             list.into_iter().map(move |e| Episode { shard, ..e })
         })
         .collect();
@@ -128,7 +129,7 @@ fn histories(all: &mut [Manifest]) -> Vec<Vec<View>> {
             }
         }
     }
-    of.sort_by_cached_key(|views| serde_json::to_string(views).unwrap_or_default());
+    of.sort_by_cached_key(json::line);
     of
 }
 

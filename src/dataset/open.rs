@@ -2,11 +2,12 @@
 
 #![warn(clippy::indexing_slicing)]
 
+use robert_base::json;
 use std::path::{Path, PathBuf};
 
 use super::error::Error;
 use super::manifest::{Episode, Manifest, Part};
-use super::shard::Shard;
+use super::shard::{Shard, checked};
 use robert_base::fsio;
 use robert_robot::Robot;
 
@@ -116,7 +117,7 @@ impl Dataset {
     fn must_add_up(&self) -> Result<(), Error> {
         // Compared as JSON, so that no field can be forgotten here.
         fn written(x: &impl serde::Serialize) -> serde_json::Value {
-            serde_json::to_value(x).unwrap_or_default()
+            json::value(x)
         }
         let m = &self.manifest;
         let pairs = [
@@ -178,16 +179,20 @@ impl Dataset {
     /// Frames of a trajectory: qpos (n, S), qvel (n, S), ctrl (n, A).
     pub fn frames(&self, e: &Episode) -> (&[f32], &[f32], &[f32]) {
         let (start, n) = (e.start as usize, e.length as usize);
-        match self.shards.get(e.shard) {
-            Some(s) => (s.qpos_rows(start, n), s.qvel_rows(start, n), s.ctrl_rows(start, n)),
-            None => (&[], &[], &[]),
-        }
+        let s = self.shard(e);
+        (s.qpos_rows(start, n), s.qvel_rows(start, n), s.ctrl_rows(start, n))
+    }
+
+    /// The shard of a trajectory of this dataset, which was checked when it was opened.
+    #[allow(clippy::indexing_slicing)]
+    fn shard(&self, e: &Episode) -> &Shard {
+        &self.shards[e.shard]
     }
 
     /// Self-contact flags of a trajectory, (n).
     pub fn self_contact(&self, e: &Episode) -> &[u8] {
         let span = e.start as usize..(e.start + e.length) as usize;
-        self.shards.get(e.shard).and_then(|s| s.self_contact().get(span)).unwrap_or_default()
+        checked(self.shard(e).self_contact(), span)
     }
 
     /// Positions in [`Dataset::episodes`] of one part. A split in the manifest is used; otherwise 5

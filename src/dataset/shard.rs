@@ -323,6 +323,9 @@ impl Shard {
                     "has \"{name}\" of shape {shape:?} instead of [{frames}, {cols}]"
                 ));
             }
+            if range.start % size_of::<f32>() != 0 {
+                return Err(format!("has \"{name}\" at byte {}, not a multiple of 4", range.start));
+            }
             Ok(range)
         };
         let (qpos, qvel, ctrl) = (matrix("qpos", s)?, matrix("qvel", s)?, matrix("ctrl", a)?);
@@ -332,8 +335,8 @@ impl Shard {
             if shape != [len] {
                 return Err(format!("has \"{name}\" of shape {shape:?} instead of [{len}]"));
             }
-            let raw = bytes.get(range).unwrap_or_default();
-            raw.chunks_exact(8)
+            checked(bytes, range)
+                .chunks_exact(8)
                 .map(|c| {
                     let value = c.try_into().map_or(-1, i64::from_le_bytes);
                     u64::try_from(value).map_err(|e| format!("has a bad entry in \"{name}\" ({e})"))
@@ -416,7 +419,7 @@ impl Shard {
 
     /// (N) flags of self-contact.
     pub fn self_contact(&self) -> &[u8] {
-        self.data.get(self.contact.clone()).unwrap_or_default()
+        checked(&self.data, self.contact.clone())
     }
 
     /// Frames `start .. start + count` of `qpos`, (count, S).
@@ -459,13 +462,18 @@ impl Shard {
     }
 
     fn floats(&self, range: &Range<usize>) -> &[f32] {
-        let bytes = self.data.get(range.clone()).unwrap_or_default();
-        bytemuck::try_cast_slice(bytes).unwrap_or_default()
+        bytemuck::cast_slice(checked(&self.data, range.clone()))
     }
 }
 
 fn rows(matrix: &[f32], cols: usize, start: usize, count: usize) -> &[f32] {
-    matrix.get(start * cols..(start + count) * cols).unwrap_or_default()
+    checked(matrix, start * cols..(start + count) * cols)
+}
+
+/// A range that was checked when the file was opened; beyond it would be a mistake of ours.
+#[allow(clippy::indexing_slicing)]
+pub(super) fn checked<T>(all: &[T], range: Range<usize>) -> &[T] {
+    &all[range]
 }
 
 // Files are little-endian; slices of them are returned as f32.

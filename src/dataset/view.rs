@@ -250,7 +250,7 @@ pub(super) fn drop_unused_shards(m: &mut Manifest) {
         used.contains(&(at - 1))
     });
     for e in &mut m.episodes {
-        e.shard = new.get(&e.shard).copied().unwrap_or(0);
+        e.shard = new[&e.shard];
     }
     m.count();
 }

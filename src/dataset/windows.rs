@@ -91,9 +91,9 @@ impl<'a> Windows<'a> {
         let slots = qpos.chunks_exact_mut(q).zip(ctrl.chunks_exact_mut(u));
         for (index, (to_q, to_u)) in (first..).zip(slots) {
             let (_, shard, frame, start) = self.locate(seed, index);
-            let Some(shard) = self.data.shards().get(shard) else { continue };
-            copy(to_q, shard.qpos_rows(frame + start, self.length));
-            copy(to_u, shard.ctrl_rows(frame + start, self.length));
+            let shard = &self.data.shards()[shard];
+            to_q.copy_from_slice(shard.qpos_rows(frame + start, self.length));
+            to_u.copy_from_slice(shard.ctrl_rows(frame + start, self.length));
         }
     }
 
@@ -101,17 +101,8 @@ impl<'a> Windows<'a> {
     fn locate(&self, seed: u64, index: u64) -> (usize, usize, usize, usize) {
         let mut rng = Rng::new(seed, Stream::Batch, index);
         let at = rng.below(self.spans.len() as u64) as usize;
-        let (episode, shard, frame, starts) = self.spans.get(at).copied().unwrap_or_default();
+        let (episode, shard, frame, starts) = self.spans[at];
         (episode, shard, frame, rng.below(starts) as usize)
-    }
-}
-
-/// Bounds were checked when the dataset was opened; a mismatch would be a bug and leaves
-/// the slot untouched rather than panicking in the middle of a training run.
-fn copy(to: &mut [f32], from: &[f32]) {
-    debug_assert_eq!(to.len(), from.len());
-    if to.len() == from.len() {
-        to.copy_from_slice(from);
     }
 }
 

@@ -165,9 +165,7 @@ fn restore(agent: &mut Agent, bytes: &[u8]) -> Result<(), String> {
             Field::Doubles(v) => {
                 read::<f64>(&file, name, Dtype::F64, v.len()).map(|x| v.copy_from_slice(&x))
             }
-            Field::Count(v) => read::<u64>(&file, name, Dtype::U64, 1).map(|x| {
-                *v = x.first().copied().unwrap_or(0);
-            }),
+            Field::Count(v) => read::<u64>(&file, name, Dtype::U64, 1).map(|x| *v = x[0]),
         };
         if let Err(message) = done {
             problem.get_or_insert(message);

@@ -14,6 +14,7 @@
 //! Files show the progress: a finished shard has an entry beside it, and counts if its sha256 is
 //! that of the entry. A kill costs only the shards and the snapshot interval in progress.
 
+use robert_base::json;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
@@ -239,7 +240,7 @@ impl Run<'_> {
             }
             report(kind, &agent, agent.ledger.step.saturating_sub(reported));
         }
-        let text = serde_json::to_string_pretty(&agent.ledger).unwrap_or_default() + "\n";
+        let text = json::pretty(&agent.ledger) + "\n";
         fsio::write_atomic(&dir.join("curve.json"), text.as_bytes())?;
         checkpoint::clean(&dir, agent.ledger.chunks);
         Ok(AgentSummary::of(kind, &agent.ledger))
@@ -311,7 +312,7 @@ impl Run<'_> {
                 let target = (self.out, job.file.as_path());
                 match batch.make(&job.plan, &job.policy, target, self.cancel, &tick) {
                     Ok(entry) => {
-                        let text = serde_json::to_string(&entry).unwrap_or_default();
+                        let text = json::line(&entry);
                         fsio::write_atomic(&self.entry_path(job), text.as_bytes())?;
                         mine.push((i, entry));
                     }

@@ -245,8 +245,8 @@ impl Env {
     fn is_wild(&self) -> bool {
         let (qpos, qvel) = (self.data.qpos(), self.data.qvel());
         self.robot.joints().iter().any(|j| {
-            let q = qpos.get(j.qposadr).copied().unwrap_or(f64::NAN);
-            let v = qvel.get(j.dofadr).copied().unwrap_or(f64::NAN);
+            let q = qpos[j.qposadr];
+            let v = qvel[j.dofadr];
             let beyond = !j.unbounded && (q < j.range[0] - OVERSHOOT || q > j.range[1] + OVERSHOOT);
             // Written so that NaN counts as implausible.
             beyond || !(q.abs() <= WILD && v.abs() <= WILD_SPEED)
@@ -282,7 +282,7 @@ impl Env {
     }
 
     fn is_own(&self, geoms: [usize; 2]) -> bool {
-        geoms.iter().all(|&g| self.own.get(g).copied().unwrap_or(false))
+        geoms.iter().all(|&g| self.own[g])
     }
 
     /// Deepest self-contact, m.

@@ -1,5 +1,6 @@
 //! Sizes and schedules of the agents.
 
+use robert_base::json;
 use serde::{Deserialize, Serialize};
 
 use super::action_noise::NoiseBounds;
@@ -107,7 +108,7 @@ impl Preset {
     pub fn set(&mut self, assignment: &str) -> Result<(), Error> {
         let fail = |must: String| Error::Argument { name: "set", must, got: assignment.to_owned() };
         let (key, text) = assignment.split_once('=').ok_or_else(|| fail("key=value".to_owned()))?;
-        let mut all = serde_json::to_value(&*self).unwrap_or_default();
+        let mut all = json::value(&*self);
         let place = all.pointer_mut(&format!("/{}", key.trim().replace('.', "/")));
         let Some(place) = place.filter(|p| !p.is_object()) else {
             return Err(fail("a setting of the preset".to_owned()));

@@ -1,5 +1,6 @@
 //! The request of a collection, its validation, and the file that stores it.
 
+use robert_base::json;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
@@ -150,7 +151,7 @@ impl CollectConfig {
             return Ok(());
         };
         let found = read_request(&from.join("collect.json"))?;
-        let wanted = serde_json::to_value(Request::of(robot, self)).unwrap_or_default();
+        let wanted = json::value(Request::of(robot, self));
         let same = ["/robot", "/model_sha256", "/config/seed", "/config/preset"];
         let pick = |v: &serde_json::Value, at: &str| v.pointer(at).cloned().unwrap_or_default();
         let differs = same.iter().find_map(|at| {
@@ -264,7 +265,7 @@ pub(super) fn claim(
             );
         }
         let found = read_request(&path)?;
-        let wanted = serde_json::to_value(&request).unwrap_or_default();
+        let wanted = json::value(&request);
         return match difference("", &wanted, &found) {
             None => Ok(()),
             Some((what, want, have)) => folder(format!(
@@ -276,7 +277,7 @@ pub(super) fn claim(
     if foreign {
         return folder("the folder contains data that this command did not begin".to_owned());
     }
-    let text = serde_json::to_string_pretty(&request).unwrap_or_default() + "\n";
+    let text = json::pretty(&request) + "\n";
     Ok(fsio::write_atomic(&path, text.as_bytes())?)
 }
 

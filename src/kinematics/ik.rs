@@ -37,7 +37,7 @@ pub struct IkConfig {
     pub joints: Option<Vec<usize>>,
     /// State indices of joints that must not move; they override the above.
     pub locked: Vec<usize>,
-    /// Of all solutions, the one near this posture; `None` = near the start. (joints)
+    /// The posture near which the solution shall be; `None` = near the start. (joints)
     pub near: Option<Vec<f64>>,
     /// Greatest number of iterations.
     pub iterations: u32,

@@ -45,7 +45,7 @@ pub use environment::set_env_at_start;
 pub use error::Error;
 pub use load::check_library;
 pub use model::{Geom, Joint, Model, Transmission};
-pub use names::Kind;
+pub use names::{Kind, index};
 pub use snapshot::Snapshot;
 
 /// The required version, as `mj_version` returns it.

@@ -131,7 +131,7 @@ fn validate(m: &Model) -> Result<(), Error> {
     ];
     for (what, values) in vectors {
         if let Some(i) = values.iter().position(|v| !v.is_finite() || v.abs() > 1e12) {
-            let v = values.get(i).copied().unwrap_or(f64::NAN);
+            let v = values[i];
             return invalid(format!("{what}[{i}] is {v}, beyond any physical model"));
         }
     }

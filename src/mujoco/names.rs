@@ -41,3 +41,9 @@ impl Kind {
         code as i32
     }
 }
+
+/// An index that a compiled model contains, such as the body of a joint. It is never negative.
+pub fn index(id: i32) -> usize {
+    assert!(id >= 0, "a compiled model has no index {id}");
+    id as usize
+}

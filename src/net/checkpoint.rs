@@ -255,7 +255,7 @@ pub fn save(
             let average = state.average.as_deref().map(|a| ("average.", a));
             let moments = [("adam.first.", &state.first[..]), ("adam.second.", &state.second)];
             for (prefix, moment) in moments.into_iter().chain(average) {
-                let data = moment.get(t.range.clone()).unwrap_or_default();
+                let data = &moment[t.range.clone()];
                 all.insert(format!("{prefix}{}", t.name), Out::new(&t.shape, data));
             }
         }

@@ -23,7 +23,8 @@ pub enum TokenKind {
     /// Normalised joint positions; the mask vector replaces a masked frame's embedding.
     #[serde(rename = "pos")]
     Pos,
-    /// Positions, centred positions and differences; the mask vector replaces.
+    /// Positions, centred positions and differences; the mask vector replaces the embedding of a
+    /// masked frame.
     #[serde(rename = "pos+d")]
     PosD,
     /// As `pos+d` on the sequence with masked frames interpolated; the vector is added.

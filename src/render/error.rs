@@ -115,9 +115,9 @@ pub enum Error {
         height: u32,
         /// The shortest allowed edge.
         least: u32,
-        /// The longest.
+        /// The largest allowed length of the longer edge.
         long: u32,
-        /// The longest of the shorter edge.
+        /// The largest allowed length of the shorter edge.
         short: u32,
     },
     /// A film without frames.

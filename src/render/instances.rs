@@ -88,7 +88,7 @@ const COINCIDE_PX: f32 = 1.0;
 /// Colour of contacts; it differs from every colour of a pose, because contacts are inside other
 /// shapes.
 pub(super) const CONTACT: palette::Rgb = [222, 30, 130];
-/// Joint axes.
+/// The colour of joint axes.
 pub(super) const AXIS: palette::Rgb = palette::VERMILION;
 
 #[derive(Default)]

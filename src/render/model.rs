@@ -6,7 +6,7 @@ use glam::Vec3;
 
 use super::scene::{Floor, Geom, Pose, Scene, Shape};
 use super::{Camera, CameraChoice, Error, Lens, Mesh, View};
-use robert_mujoco::{self as mujoco, Data, Kind, Model};
+use robert_mujoco::{self as mujoco, Data, Kind, Model, index};
 use robert_plot::palette::{self, Theme};
 use robert_robot::{self as robot, Robot};
 
@@ -36,7 +36,7 @@ impl Scene {
         let mut floor = None;
         for i in 0..model.ngeom() {
             let mut geom = geom(model, i, fields);
-            let group = model.geom_group().get(i).copied().unwrap_or(0);
+            let group = model.geom_group()[i];
             if !shown(group) {
                 geom.rgba[3] = 0.0;
             }
@@ -280,8 +280,7 @@ fn vec3(positions: &[f64], i: usize) -> Vec3 {
 
 fn geom(model: &Model, i: usize, fields: usize) -> Geom {
     let size = |k: usize| model.geom_size()[3 * i + k] as f32;
-    let data =
-        || model.geom_dataid().get(i).and_then(|d| usize::try_from(*d).ok()).unwrap_or(usize::MAX);
+    let data = || index(model.geom_dataid()[i]);
     let shape = match model.geom_kind(i) {
         Some(mujoco::Geom::Plane) => Shape::Plane { half_x: size(0), half_y: size(1) },
         Some(mujoco::Geom::HField) => Shape::Mesh { mesh: fields.saturating_add(data()) },
@@ -298,7 +297,7 @@ fn geom(model: &Model, i: usize, fields: usize) -> Geom {
     };
     Geom {
         name: model.name(Kind::Geom, i).unwrap_or_default().to_owned(),
-        body: model.geom_bodyid().get(i).and_then(|b| usize::try_from(*b).ok()).unwrap_or(0),
+        body: index(model.geom_bodyid()[i]),
         shape,
         rgba: model.geom_color(i).unwrap_or([0.5, 0.5, 0.5, 1.0]),
     }
@@ -341,15 +340,14 @@ fn mesh(model: &Model, i: usize) -> Result<Mesh, Error> {
 
 fn field(model: &Model, i: usize) -> Result<Mesh, Error> {
     let name = format!("height field {i}");
-    let at = |a: &[i32]| a.get(i).and_then(|x| usize::try_from(*x).ok()).unwrap_or(0);
-    let (rows, columns) = (at(model.hfield_nrow()), at(model.hfield_ncol()));
+    let (rows, columns) = (index(model.hfield_nrow()[i]), index(model.hfield_ncol()[i]));
     let fail = |reason: String| Error::Mesh { mesh: name.clone(), reason };
     if rows < 2 || columns < 2 || rows > FIELD_CELLS || columns > FIELD_CELLS {
         return Err(fail(format!(
             "{rows}x{columns} samples; each side must have 2 to {FIELD_CELLS}"
         )));
     }
-    let from = at(model.hfield_adr());
+    let from = index(model.hfield_adr()[i]);
     let heights = model
         .hfield_data()
         .get(from..from + rows * columns)

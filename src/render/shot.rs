@@ -365,7 +365,7 @@ impl Shot {
     /// As [`Renderer::draw`].
     pub fn draw(&mut self, renderer: &mut Renderer, frame: usize) -> Result<Picture, Error> {
         let frame = frame.min(self.motion.frames() - 1);
-        let state = self.motion.achieved.get(frame).cloned().unwrap_or_default();
+        let state = self.motion.achieved[frame].clone();
         let poses = self.stage.poses(&state)?;
         let mut glyphs = Vec::new();
         let scale = self.full_m * 10.0;
@@ -435,7 +435,7 @@ impl Shot {
     /// [`Error::Robot`].
     pub fn body_at(&mut self, frame: usize, at: Vec2, aspect: f32) -> Result<Option<&str>, Error> {
         let frame = frame.min(self.motion.frames() - 1);
-        let state = self.motion.achieved.get(frame).cloned().unwrap_or_default();
+        let state = self.motion.achieved[frame].clone();
         let poses = self.stage.poses(&state)?;
         let camera = self.camera(frame);
         let scene = self.stage.scene();

@@ -14,7 +14,7 @@ use super::profile::{
 };
 use robert_base::limits;
 use robert_base::units::Unit;
-use robert_mujoco::{Joint, Kind, Model, Transmission};
+use robert_mujoco::{Joint, Kind, Model, Transmission, index};
 
 /// Speed limit of a joint without one in the model, rad/s or m/s.
 const SPEED_DEFAULT: f64 = 10.0;
@@ -313,8 +313,7 @@ fn tendon_name(model: &Model, t: usize) -> String {
 /// Joints and coefficients of a fixed tendon; empty for spatial ones.
 pub(super) fn tendon_joints(model: &Model, t: usize) -> Vec<(usize, f64)> {
     const WRAP_JOINT: i32 = 1; // mjWRAP_JOINT
-    let at = |v: &[i32]| v.get(t).and_then(|n| usize::try_from(*n).ok()).unwrap_or(0);
-    let (adr, num) = (at(model.tendon_adr()), at(model.tendon_num()));
+    let (adr, num) = (index(model.tendon_adr()[t]), index(model.tendon_num()[t]));
     (adr..adr + num)
         .filter(|&w| model.wrap_type().get(w) == Some(&WRAP_JOINT))
         .filter_map(|w| {
@@ -370,36 +369,24 @@ fn couplings(model: &Model) -> Vec<Coupling> {
 /// others.
 fn groups(model: &Model, joints: &[JointSpec]) -> Vec<Group> {
     let n = model.nbody();
-    let parent =
-        |b: usize| model.body_parentid().get(b).and_then(|p| usize::try_from(*p).ok()).unwrap_or(0);
+    let parent = |b: usize| index(model.body_parentid()[b]);
     // Bodies are in depth-first order: children come after their parents.
     let mut moving = vec![false; n];
     let mut branches = vec![0_u32; n];
     for b in (1..n).rev() {
-        let own = model.body_jntnum().get(b).is_some_and(|j| *j > 0);
-        let moves = own || moving.get(b).copied().unwrap_or(false);
-        if moves {
-            if let Some(m) = moving.get_mut(parent(b)) {
-                *m = true;
-            }
-            if let Some(c) = branches.get_mut(parent(b)) {
-                *c += 1;
-            }
+        if model.body_jntnum()[b] > 0 || moving[b] {
+            moving[parent(b)] = true;
+            branches[parent(b)] += 1;
         }
     }
     let mut root = vec![0_usize; n];
     for b in 1..n {
         let p = parent(b);
-        let forks = branches.get(p).is_some_and(|c| *c > 1);
-        let inherited = root.get(p).copied().unwrap_or(0);
-        if let Some(r) = root.get_mut(b) {
-            *r = if forks || inherited == 0 { b } else { inherited };
-        }
+        root[b] = if branches[p] > 1 || root[p] == 0 { b } else { root[p] };
     }
     let mut found: Vec<(usize, Vec<String>)> = Vec::new();
     for (j, spec) in joints.iter().enumerate() {
-        let body = model.jnt_bodyid().get(j).and_then(|b| usize::try_from(*b).ok()).unwrap_or(0);
-        let limb = root.get(body).copied().unwrap_or(0);
+        let limb = root[index(model.jnt_bodyid()[j])];
         match found.iter_mut().find(|(l, _)| *l == limb) {
             Some((_, list)) => list.push(spec.name.clone()),
             None => found.push((limb, vec![spec.name.clone()])),
@@ -440,13 +427,11 @@ fn ik_sites(model: &Model) -> Vec<String> {
     let n = model.nbody();
     let mut inner = vec![false; n];
     for b in 1..n {
-        let moves = model.body_jntnum().get(b).is_some_and(|j| *j > 0);
+        let moves = model.body_jntnum()[b] > 0;
         let mut up = b;
         while moves && up != 0 {
-            up = model.body_parentid().get(up).and_then(|p| usize::try_from(*p).ok()).unwrap_or(0);
-            if let Some(i) = inner.get_mut(up) {
-                *i = true;
-            }
+            up = index(model.body_parentid()[up]);
+            inner[up] = true;
         }
     }
     let named = |only_tips: bool| {

@@ -1,7 +1,7 @@
 //! The robot's tree of bodies as plain data, from the compiled model.
 
 use robert_kinematics::{Follow, JointAxis, JointMotion, Kinematics, LinkFrame, SiteFrame};
-use robert_mujoco::{Joint, Kind, Model};
+use robert_mujoco::{Joint, Kind, Model, index};
 
 use super::profile::{Coupling, Profile};
 use super::{Robot, StateJoint};
@@ -62,12 +62,6 @@ fn follow(name: &str, profile: &Profile, joints: &[StateJoint]) -> Option<Follow
         }
         _ => None,
     })
-}
-
-/// An index of a compiled model, which is never negative.
-fn index(id: i32) -> usize {
-    assert!(id >= 0, "a compiled model has no index {id}");
-    id as usize
 }
 
 /// The `N` numbers of item `i`.

@@ -224,7 +224,7 @@ impl Robot {
         debug_assert_eq!(state.len(), self.joints.len(), "state has the wrong length");
         let qpos = data.qpos();
         for (out, joint) in state.iter_mut().zip(&self.joints) {
-            *out = qpos.get(joint.qposadr).copied().unwrap_or(f64::NAN);
+            *out = qpos[joint.qposadr];
         }
     }
 
@@ -238,7 +238,7 @@ impl Robot {
     /// Joint velocities of a simulation in state order; (`state_dim`).
     pub fn velocity(&self, data: &Data) -> Vec<f64> {
         let qvel = data.qvel();
-        self.joints.iter().map(|j| qvel.get(j.dofadr).copied().unwrap_or(f64::NAN)).collect()
+        self.joints.iter().map(|j| qvel[j.dofadr]).collect()
     }
 
     /// Sets the state of a simulation; velocities are unchanged.

@@ -114,7 +114,7 @@ impl Inverse {
         let mut at = 0;
         for (name, shape) in shapes(&self.card) {
             let end = at + shape.iter().product::<usize>();
-            let numbers = self.net.params.get(at..end).unwrap_or_default();
+            let numbers = &self.net.params[at..end];
             all.insert(name, Out::new(&shape, numbers));
             at = end;
         }

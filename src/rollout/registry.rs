@@ -1,5 +1,6 @@
 //! Policies by name.
 
+use robert_base::json;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::sync::Arc;
@@ -420,12 +421,10 @@ impl PolicyConfig {
     /// The settings that [`PolicyConfig::build`] uses for this robot; null if there are none.
     pub fn settings(&self, robot: &Robot) -> serde_json::Value {
         // Structs of numbers: serialising cannot fail.
-        let ilqr = || serde_json::to_value(IlqrConfig::for_robot(robot)).unwrap_or_default();
+        let ilqr = || json::value(IlqrConfig::for_robot(robot));
         let own = match self.name {
             PolicyName::Ilqr => ilqr(),
-            PolicyName::PredictiveSampling => {
-                serde_json::to_value(SamplingConfig::for_robot(robot)).unwrap_or_default()
-            }
+            PolicyName::PredictiveSampling => json::value(SamplingConfig::for_robot(robot)),
             _ => serde_json::Value::Null,
         };
         match (own, self.refine) {

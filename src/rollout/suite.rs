@@ -302,7 +302,7 @@ pub fn evaluate_on(
                 tasks: suite.cases.iter().zip(&by_case).map(|(c, o)| summarise(c, o)).collect(),
             });
         }
-        let of_suite = results.get_mut(first..).unwrap_or_default();
+        let of_suite = &mut results[first..];
         if nominal {
             against_floors(robot, suite, ilqr, of_suite);
         }

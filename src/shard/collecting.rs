@@ -1,6 +1,7 @@
 //! Collection in shards: shard K records its part of the transitions with the seed `seed + K`, as
 //! `robert collect --seed` would.
 
+use robert_base::json;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -101,7 +102,7 @@ pub(super) fn record(
         episode_frames: spec.episode_frames,
         ..CollectConfig::new(robot)
     };
-    let text = serde_json::to_string(spec).unwrap_or_default();
+    let text = json::line(spec);
     let hash = fsio::sha256_hex(format!("{} {text}", fingerprint(robot)?).as_bytes());
     let dir = out.join("data").join(format!("recorded-{}", hash.get(..12).unwrap_or_default()));
     let threads = std::thread::available_parallelism().map_or(1, usize::from);

@@ -1,6 +1,7 @@
 //! Evaluation in shards: one policy, one seed, some tasks of a suite. The figures are those of
 //! `robert eval` without floors; times are left out, so that equal work gives equal files.
 
+use robert_base::json;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
@@ -213,9 +214,8 @@ pub(super) fn perform(
     let found = evaluate(&bench.robot, &[suite], &config, &Silent, &bench.cancel)?;
     let tasks = found.iter().flat_map(|e| &e.tasks);
     let failed = tasks.clone().filter(|t| t.error.is_some()).count();
-    let rows: Vec<Value> =
-        tasks.map(|t| row(&serde_json::to_value(t).unwrap_or_default())).collect();
-    let text = serde_json::to_string_pretty(&rows).unwrap_or_default() + "\n";
+    let rows: Vec<Value> = tasks.map(|t| row(&json::value(t))).collect();
+    let text = json::pretty(&rows) + "\n";
     let path = out.join(ROWS);
     std::fs::write(&path, text).map_err(super::error::write_error(&path))?;
     Ok(failed as u64)
@@ -226,5 +226,5 @@ fn row(task: &Value) -> Value {
     let fields = task.as_object().cloned().unwrap_or_default();
     let kept: BTreeMap<String, Value> =
         fields.into_iter().filter(|(k, v)| k != "wall_secs" && !v.is_null()).collect();
-    serde_json::to_value(kept).unwrap_or_default()
+    json::value(kept)
 }

@@ -4,6 +4,7 @@
 //! are in the logs. The last line is a checksum of the others, which detects a flipped byte
 //! anywhere in the manifest.
 
+use robert_base::json;
 use std::path::Path;
 
 use robert_base::fsio;
@@ -95,7 +96,7 @@ impl Manifest {
 
     pub(super) fn text(&self) -> String {
         // Plain data of this type can always be written; an empty text would not be read back.
-        serde_json::to_string_pretty(self).unwrap_or_default() + "\n"
+        json::pretty(self) + "\n"
     }
 
     /// Reads the manifest in `dir`.

@@ -4,6 +4,7 @@
 //! systems answer from memory for up to a minute. It writes a temporary folder and renames it, so
 //! partial results never have the final name.
 
+use robert_base::json;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -41,7 +42,7 @@ pub struct Merged {
 
 impl Merged {
     fn text(&self) -> String {
-        serde_json::to_string_pretty(self).unwrap_or_default() + "\n"
+        json::pretty(self) + "\n"
     }
 
     /// Sha-256 of `merged.json`, and so of the whole set.

@@ -1,5 +1,6 @@
 //! `plan.json`: all cells, checked, with the hashes of everything that they read.
 
+use robert_base::json;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -80,7 +81,7 @@ impl Plan {
     /// [`Error::Files`].
     pub(super) fn save(&self, dir: &Path) -> Result<(), Error> {
         // Plain data of this type can always be written; an empty text would not be read back.
-        let text = serde_json::to_string(self).unwrap_or_default() + "\n";
+        let text = json::line(self) + "\n";
         Ok(fsio::write_atomic(&dir.join(FILE), text.as_bytes())?)
     }
 
@@ -112,7 +113,7 @@ impl Plan {
     /// The name of a shard's folder: the index and a hash of everything that decides its content.
     /// `common` is [`Plan::common`].
     pub(super) fn name_of(common: &str, index: usize, cell: &Cell) -> String {
-        let cell = serde_json::to_string(cell).unwrap_or_default();
+        let cell = json::line(cell);
         let hash = fsio::sha256_hex(format!("{common} {cell}").as_bytes());
         let hash = hash.get(..12).unwrap_or_default();
         format!("{index:06}-{hash}")
@@ -163,7 +164,7 @@ impl Plan {
 
 /// The spec without the fields that only divide the work.
 fn common_spec(spec: &Spec) -> serde_json::Value {
-    let mut value = serde_json::to_value(spec).unwrap_or_default();
+    let mut value = json::value(spec);
     if let Some(fields) = value.as_object_mut() {
         for cut in
             ["shards", "transitions", "seed", "seeds", "tasks_per_shard", "grid", "x", "title"]

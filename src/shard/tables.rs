@@ -1,5 +1,6 @@
 //! The tables of a merge: rows of an evaluation, means over seeds.
 
+use robert_base::json;
 use std::collections::BTreeMap;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -152,6 +153,6 @@ pub(super) fn training(sweep: &Sweep, reached: &[Reached], out: &Path) -> Result
 }
 
 fn save(path: &Path, document: &Value) -> Result<(), Error> {
-    let text = serde_json::to_string_pretty(document).unwrap_or_default() + "\n";
+    let text = json::pretty(document) + "\n";
     std::fs::write(path, text).map_err(write_error(path))
 }

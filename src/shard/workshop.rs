@@ -13,9 +13,9 @@ use super::{
 /// How a shard was completed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Done {
-    /// By this call.
+    /// The shard was performed by this call.
     Now,
-    /// By an earlier one.
+    /// The shard was performed by an earlier call.
     Before,
 }
 

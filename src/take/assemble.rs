@@ -90,7 +90,7 @@ impl Take {
 }
 
 impl RobotFacts {
-    /// Of a robot.
+    /// The facts about a robot that a take stores.
     ///
     /// # Errors
     /// [`Error::Bodies`], [`Error::Robot`].

@@ -55,7 +55,7 @@ pub struct Provenance {
 }
 
 impl Provenance {
-    /// Of a rollout made with these settings. Reads the policy's model file for its hash.
+    /// The provenance of a rollout made with these settings.
     ///
     /// # Errors
     /// When the model file cannot be read.

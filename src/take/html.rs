@@ -4,7 +4,7 @@ use super::document::Take;
 use super::error::Error;
 use robert_base::units::{Unit, significant};
 
-/// Of the box with title and caption. It lets the mouse through to the scene.
+/// The style of the box with title and caption.
 const CAPTION_STYLE: &str = "position:fixed;left:12px;bottom:12px;z-index:9;padding:6px 10px;\
     border-radius:6px;background:#fffc;color:#18202a;font:13px/1.4 sans-serif;pointer-events:none";
 

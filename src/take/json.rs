@@ -1,5 +1,6 @@
 //! The whole take as one JSON document.
 
+use robert_base::json;
 use serde::Serialize;
 
 use super::document::{Take, What, row};
@@ -68,7 +69,7 @@ impl Take {
             precision,
         };
         // Numbers and strings only: serialising cannot fail.
-        let mut text = serde_json::to_string(&document).unwrap_or_default();
+        let mut text = json::line(&document);
         // One frame per line.
         text = text.replace("},{\"frame\":", "},\n{\"frame\":");
         text.push('\n');

@@ -4,6 +4,7 @@
 //! still be identified and its frames recovered. Chunks are small for the same reason; they cost a
 //! few per cent of size.
 
+use robert_base::json;
 use std::collections::BTreeMap;
 use std::io::Cursor;
 use std::path::Path;
@@ -116,7 +117,7 @@ impl Take {
     fn front<W: std::io::Write + std::io::Seek>(&self, out: &mut Out<W>) -> mcap::McapResult<()> {
         let header = Header::of(self);
         // Numbers and strings only: serialising cannot fail.
-        let text = serde_json::to_vec_pretty(&header).unwrap_or_default();
+        let text = json::pretty(&header).into_bytes();
         let mut pairs = BTreeMap::new();
         let mut pair = |key: &str, value: String| drop(pairs.insert(key.to_owned(), value));
         pair("format", FORMAT.to_owned());

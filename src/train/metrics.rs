@@ -1,5 +1,6 @@
 //! `metrics.jsonl`: the figures of a run, one JSON object per line.
 
+use robert_base::json;
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -25,7 +26,8 @@ pub struct Evaluation {
 /// `None` if no frame was measured.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct HeldOut {
-    /// Of the current frame, by number of hidden frames before the next visible one, 0 to 19.
+    /// Error of the action at the current frame, by number of hidden frames before the next visible
+    /// one, 0 to 19.
     pub nmse_by_hidden: Vec<Option<f64>>,
     /// Next frame visible, away from stops and contact.
     pub nmse_clear: Option<f64>,
@@ -46,7 +48,7 @@ pub struct Line {
     pub loss: f64,
     /// Root mean square error of the actions of visible frames.
     pub action_rms_visible: f64,
-    /// Of masked frames.
+    /// Root mean square of the actions of masked frames.
     pub action_rms_masked: f64,
     /// Learning rate.
     pub lr: f64,
@@ -122,7 +124,7 @@ impl Metric {
     /// As JSON; its keys are sorted.
     pub fn to_json(&self) -> Value {
         // Plain data of this type always becomes JSON.
-        serde_json::to_value(self).unwrap_or_default()
+        json::value(self)
     }
 }
 

@@ -7,6 +7,7 @@ use std::sync::Arc;
 use super::sweep::{Combination, Point, Reached, Row, Sweep, Work, rows, slug, suites_of, view};
 use super::{Error, TrainConfig, read_config};
 use robert_base::fsio;
+use robert_base::json;
 use robert_dataset::{Dataset, Verify};
 use robert_robot::Robot;
 use robert_rollout::Suite;
@@ -119,7 +120,7 @@ impl<'a> Points<'a> {
         };
         let point = Point { sweep, robot, values, seed, data, suites, dir: &dir };
         let Some(reached) = point.reach(self.work, 0)? else { return Ok(None) };
-        let text = serde_json::to_string_pretty(&reached).unwrap_or_default();
+        let text = json::pretty(&reached);
         fsio::write_atomic(&dir.join("result.json"), text.as_bytes())?;
         Ok(Some(reached))
     }

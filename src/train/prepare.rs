@@ -2,6 +2,7 @@
 //! centres, all from the training split alone.
 
 use super::{Error, TrainConfig};
+use robert_base::json;
 use robert_dataset::{Dataset, Part};
 use robert_net::checkpoint::{TrainingCard, Usual};
 use robert_net::kmeans::kmeans;
@@ -125,7 +126,7 @@ pub(super) fn assemble(
     let training = TrainingCard {
         dataset_sha256: data.manifest().sha256(),
         agents: data.manifest().statistics.agents.clone(),
-        config: serde_json::to_value(cfg).unwrap_or_default(),
+        config: json::value(cfg),
         seed: cfg.seed,
         ..TrainingCard::default()
     };

@@ -174,8 +174,7 @@ impl<'a> Source<'a> {
 
     /// Whether the robot touches itself, from this frame on.
     fn touches(&self, at: Window) -> &[u8] {
-        let episode = self.data.episodes().get(at.episode);
-        episode.map_or(&[][..], |e| self.data.self_contact(e)).get(at.start..).unwrap_or_default()
+        &self.data.self_contact(&self.data.episodes()[at.episode])[at.start..]
     }
 
     fn near_stop(&self, q: &[f32]) -> bool {

@@ -46,7 +46,7 @@ struct Row {
     cpu_ms: f64,
     /// Median processor time of one action on one thread.
     one_thread_ms: f64,
-    /// Of that, features and linear prediction.
+    /// The part of it for features and linear prediction.
     encode_ms: f64,
     /// Rate and share of the peak on one thread.
     gflops: f64,

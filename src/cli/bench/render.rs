@@ -67,7 +67,7 @@ struct Report {
     cpu_ms_per_frame: f64,
     wall_ms_per_frame: f64,
     wall_ms_median: f64,
-    /// So that a peer can look from the same place.
+    /// The eye of the camera, so that another renderer can use the same view.
     eye: [f32; 3],
     target: [f32; 3],
     fov_y_deg: f32,

@@ -41,7 +41,7 @@ struct Row {
     policy: String,
     frames: usize,
     ms_per_frame: f64,
-    /// Of the bare simulation of the same frames under the same controls.
+    /// Time of the bare simulation of the same frames with the same controls.
     sim_ms_per_frame: f64,
     /// One over the other, the median over turns.
     ratio_to_sim: f64,

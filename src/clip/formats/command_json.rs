@@ -1,5 +1,6 @@
 //! The dense command as JSON, `robert-command/1`: rows by frame, null where masked.
 
+use robert_base::json;
 use serde::{Deserialize, Serialize};
 
 use super::super::command::{Command, Sight};
@@ -46,7 +47,7 @@ pub fn to_command_json(command: &Command, robot: &str) -> String {
         q: (0..command.frames()).map(row).collect(),
     };
     // Plain numbers and strings: serialising cannot fail.
-    let mut text = serde_json::to_string(&document).unwrap_or_default();
+    let mut text = json::line(&document);
     // One frame per line.
     text = text.replace("],[", "],\n[").replace("],null", "],\nnull").replace("null,[", "null,\n[");
     text.push('\n');

@@ -12,7 +12,7 @@ use std::sync::Arc;
 use super::draft::Draft;
 use crate::{Error, preparse, text};
 use robert_base::rng::{Rng, Stream};
-use robert_mujoco::{Data, Geom, Kind, Model};
+use robert_mujoco::{Data, Geom, Kind, Model, index};
 
 /// Poses drawn to find pairs that touch in most of them.
 const POSES: u64 = 60;
@@ -87,7 +87,7 @@ fn excluded(model: &Model) -> BTreeSet<(usize, usize)> {
 }
 
 fn id(v: &[i32], i: usize) -> usize {
-    v.get(i).and_then(|n| usize::try_from(*n).ok()).unwrap_or(0)
+    index(v[i])
 }
 
 /// Moving bodies whose joint is on a fixed body, with that body; joints at the same place count as
@@ -101,7 +101,7 @@ fn static_neighbours(model: &Model) -> Vec<(usize, usize)> {
         }
         let mut up = b;
         loop {
-            let pos = model.body_pos().get(3 * up..3 * up + 3).unwrap_or_default();
+            let pos = &model.body_pos()[3 * up..3 * up + 3];
             let far = pos.iter().map(|v| v * v).sum::<f64>().sqrt() > SAME_PLACE;
             up = id(model.body_parentid(), up);
             if fixed(up) {
@@ -142,8 +142,8 @@ fn mostly_touching(model: &Arc<Model>, data: &mut Data) -> Result<Vec<(usize, us
         let mut rng = Rng::new(0, Stream::Reset, k);
         let mut qpos = model.qpos0().to_vec();
         for j in 0..model.jnt_type().len() {
-            let limited = model.jnt_limited().get(j).is_some_and(|l| *l != 0);
-            let range = model.jnt_range().get(2 * j..2 * j + 2).unwrap_or_default();
+            let limited = model.jnt_limited()[j] != 0;
+            let range = &model.jnt_range()[2 * j..2 * j + 2];
             let (lo, hi) = match range {
                 [lo, hi] if limited => (*lo, *hi),
                 _ => (-std::f64::consts::PI, std::f64::consts::PI),

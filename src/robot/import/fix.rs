@@ -188,8 +188,8 @@ fn motor(
         }
     };
     let name = called.unwrap_or(&target).to_owned();
-    let gear = model.actuator_gear().get(6 * a).copied().unwrap_or(1.0);
-    let gain = model.actuator_gainprm().get(10 * a).copied().unwrap_or(1.0);
+    let gear = model.actuator_gear()[6 * a];
+    let gain = model.actuator_gainprm()[10 * a];
     let force = force_range(draft, model, a, gear);
     if let Some(law) = servo_law(draft, model, a)
         && config.servos == Servos::Keep

@@ -22,7 +22,7 @@ pub(crate) async fn not_found() -> Refused {
     Refused::from(Error::NotFound { what: "such address".into() })
 }
 
-/// Not this way.
+/// Refuses a method that the address does not have.
 pub(crate) async fn bad_method() -> Response {
     let body = ErrorBody::new(Code::Request, "this address does not take that method");
     (StatusCode::METHOD_NOT_ALLOWED, axum::Json(body)).into_response()

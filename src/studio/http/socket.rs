@@ -4,6 +4,7 @@
 //! our queues. Outgoing messages are in the bounded stream of the hub, or are taken from the store
 //! when the socket has room. Nothing is kept for a client that does not read.
 
+use robert_base::json;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
@@ -279,7 +280,7 @@ async fn sleep_until(due: Option<tokio::time::Instant>) {
 /// Converts a request to `{"op", "args"}`, which the typed enums read.
 fn tagged<T: serde::de::DeserializeOwned>(wire: &Wire<'_>) -> Result<T, Error> {
     let args = wire.args.map_or("{}", RawValue::get);
-    let op = serde_json::to_string(&wire.op).unwrap_or_default();
+    let op = json::line(&wire.op);
     serde_json::from_str(&format!("{{\"op\":{op},\"args\":{args}}}"))
         .map_err(|e| Error::request(format!("{}: {e}", wire.op)))
 }

@@ -110,7 +110,7 @@ pub enum Error {
     /// A cap was reached.
     #[error("too many {what}: at most {cap}")]
     Full {
-        /// Of what.
+        /// The kind of the things.
         what: &'static str,
         /// The cap.
         cap: usize,

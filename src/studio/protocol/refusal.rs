@@ -17,7 +17,7 @@ pub enum Code {
     Request,
     /// No token.
     Unauthorized,
-    /// Not from here.
+    /// The sender may not ask for this.
     Forbidden,
     /// There is no such thing.
     NotFound,

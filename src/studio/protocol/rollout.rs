@@ -155,7 +155,7 @@ pub struct TakeCard {
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct TakesView {
-    /// Of the open robot, the newest first.
+    /// Takes of the open robot, the newest first.
     pub takes: Vec<TakeCard>,
     /// The takes drawn beside the current motion, in this order; the last one also in the viewport.
     pub compared: Vec<u64>,

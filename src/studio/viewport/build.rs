@@ -108,8 +108,7 @@ fn ball(mesh: &MeshFacts) -> (V3, f64) {
 }
 
 fn min(a: V3, b: V3, k: usize) -> f64 {
-    let at = |v: V3| v.get(k).copied().unwrap_or(0.0);
-    at(a).min(at(b))
+    a[k].min(b[k])
 }
 
 /// The scene before any robot is loaded.
@@ -153,8 +152,7 @@ fn outline(geometry: &Geometry) -> Vec<Vec3> {
         framing::outline(meshes.flat_map(|mesh| {
             let place = Place::of(&geometry.home, mesh.body);
             mesh.vertices.chunks_exact(3).filter_map(move |corner| {
-                let at = |k: usize| f64::from(corner.get(k).copied().unwrap_or(0.0));
-                let p = place?.point([at(0), at(1), at(2)]);
+                let p = place?.point([0, 1, 2].map(|k| f64::from(corner[k])));
                 Some(Vec3::from_array(p.map(|v| v as f32)))
             })
         }))

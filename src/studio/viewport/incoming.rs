@@ -19,7 +19,7 @@ pub(crate) enum Incoming {
     /// A node was clicked.
     SceneNodeClickMessage {
         name: String,
-        /// Of the click, in the world.
+        /// The origin of the click's ray, in the world.
         #[serde(default)]
         ray_origin: Option<[f64; 3]>,
         #[serde(default)]

@@ -32,7 +32,7 @@ pub(super) struct SceneNodes {
     pub(super) outline: Vec<Vec3>,
     /// By body, in its own frame: the points at which the camera looks when the body moves.
     pub(super) hulls: Vec<(usize, Vec<Vec3>)>,
-    /// Of a ball around it, m.
+    /// The radius of a ball around it, m.
     pub(super) radius: f64,
     pub(super) apart: Apart,
     /// In order of bodies.

@@ -50,7 +50,7 @@ fn swollen(mesh: &MeshFacts, thick: f64) -> Vec<f32> {
     corners
         .iter()
         .flat_map(|corner| {
-            let normal = normals.get(&key(corner)).copied().unwrap_or([0.0; 3]);
+            let normal = normals[&key(corner)];
             let length = space::norm(normal);
             let out = if length > 1e-18 { space::scale(normal, thick / length) } else { [0.0; 3] };
             space::add(wide(corner), out).map(|v| v as f32)

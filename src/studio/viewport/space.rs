@@ -18,7 +18,7 @@ impl Place {
     /// Body `i` of a row of transforms (nbody, 7).
     pub(super) fn of(bodies: &[f32], i: usize) -> Option<Place> {
         let v = bodies.get(7 * i..7 * i + 7)?;
-        let at = |k: usize| f64::from(v.get(k).copied().unwrap_or(0.0));
+        let at = |k: usize| f64::from(v[k]);
         Some(Place { pos: [at(0), at(1), at(2)], quat: unit([at(3), at(4), at(5), at(6)]) })
     }
 
@@ -39,20 +39,12 @@ impl Place {
         // straight line is the arc.
         let sign = if dot4(a.quat, b.quat) < 0.0 { -1.0 } else { 1.0 };
         let quat = [0, 1, 2, 3].map(|k| {
-            let (x, y) = (get4(a.quat, k), get4(b.quat, k));
+            let (x, y) = (a.quat[k], b.quat[k]);
             x + s * (sign * y - x)
         });
-        let pos = [0, 1, 2].map(|k| get3(a.pos, k) + s * (get3(b.pos, k) - get3(a.pos, k)));
+        let pos = [0, 1, 2].map(|k| a.pos[k] + s * (b.pos[k] - a.pos[k]));
         Place { pos, quat: unit(quat) }
     }
-}
-
-fn get3(v: V3, k: usize) -> f64 {
-    v.get(k).copied().unwrap_or(0.0)
-}
-
-fn get4(v: Q, k: usize) -> f64 {
-    v.get(k).copied().unwrap_or(0.0)
 }
 
 fn dot4(a: Q, b: Q) -> f64 {

@@ -39,7 +39,7 @@ pub struct Episode {
 }
 
 impl Episode {
-    /// Of a take.
+    /// The episode of a take.
     pub fn of_take(take: &Take, task: &str) -> Episode {
         let columns = |names: &[String], values: &[f64]| Columns {
             names: names.to_vec(),

@@ -5,6 +5,7 @@
 //! `send_action`. The layout is that of lerobot 0.6.1; `script/peers` reads it with `datasets` and
 //! `lerobot-doctor`.
 
+use robert_base::json;
 use std::fmt::Write as _;
 
 use serde_json::{Map, Value, json};
@@ -394,7 +395,7 @@ fn times(frames: usize) -> Vec<f32> {
 
 fn json_file(name: &str, value: &Value) -> File {
     // Values only: serialising cannot fail.
-    let text = serde_json::to_string_pretty(value).unwrap_or_default();
+    let text = json::pretty(value);
     File { name: name.to_owned(), bytes: text.into_bytes() }
 }
 

@@ -46,7 +46,7 @@ pub(super) struct Place {
 }
 
 impl Place {
-    /// Of the nth file.
+    /// The place of the nth file.
     pub(super) fn nth(n: usize) -> Place {
         Place { chunk: n / CHUNK_FILES, file: n % CHUNK_FILES }
     }

@@ -4,6 +4,7 @@
 //! episode has one more row than actions. The action beside its last observation is padding, which
 //! readers remove.
 
+use robert_base::json;
 use serde_json::{Value, json};
 
 use super::super::error::Error;
@@ -157,7 +158,7 @@ fn plain(name: &str) -> String {
 
 fn text(name: &str, value: &Value) -> File {
     // Values only: serialising cannot fail.
-    let bytes = serde_json::to_vec_pretty(value).unwrap_or_default();
+    let bytes = json::pretty(value).into_bytes();
     File { name: name.to_owned(), bytes }
 }
 

@@ -16,7 +16,7 @@ const QUANTILES: [(&str, f64); 5] =
     [("q01", 0.01), ("q10", 0.10), ("q50", 0.50), ("q90", 0.90), ("q99", 0.99)];
 
 impl Stats {
-    /// Of rows with `width` columns.
+    /// Statistics of rows with `width` columns.
     pub(super) fn of(values: &[f64], width: usize) -> Stats {
         let count = values.len() / width;
         let mut rows: Vec<(&'static str, Vec<f64>)> = ["min", "max", "mean", "std"]

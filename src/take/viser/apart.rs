@@ -17,7 +17,7 @@ pub struct Apart {
 }
 
 impl Apart {
-    /// Of bodies whose meshes have these corners (m), for a robot as large as `size_m`.
+    /// Boxes of bodies whose meshes have these corners (m), for a robot as large as `size_m`.
     pub fn new<'a>(
         bodies: usize,
         corners: impl Iterator<Item = (usize, &'a [f32; 3])>,

@@ -196,7 +196,7 @@ impl Message {
 /// Props that change.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Updates {
-    /// Of a mesh.
+    /// The colour of a mesh.
     pub color: Rgb,
 }
 

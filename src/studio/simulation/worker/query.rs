@@ -9,7 +9,7 @@ use crate::protocol::{
 };
 use robert_clip as clip;
 use robert_clip::{CouplingMember, Granularity, JointFacts, JointTable, Mirror};
-use robert_mujoco::{Data, Kind, Model};
+use robert_mujoco::{Data, Kind, Model, index};
 use robert_robot as robot;
 use robert_robot::{Coupling, IkConfig, Point, Robot, Target};
 
@@ -133,12 +133,12 @@ fn bodies(robot: &Robot, model: &Model) -> Vec<BodyFacts> {
     (0..model.nbody())
         .map(|b| BodyFacts {
             name: body_name(model, b),
-            parent: index(model.body_parentid(), b),
+            parent: index(model.body_parentid()[b]),
             joints: robot
                 .joints()
                 .iter()
                 .enumerate()
-                .filter(|(_, j)| index(model.jnt_bodyid(), j.id) == b)
+                .filter(|(_, j)| index(model.jnt_bodyid()[j.id]) == b)
                 .map(|(i, _)| i)
                 .collect(),
         })
@@ -147,10 +147,6 @@ fn bodies(robot: &Robot, model: &Model) -> Vec<BodyFacts> {
 
 fn body_name(model: &Model, body: usize) -> String {
     model.name(Kind::Body, body).map_or_else(|| format!("body {body}"), str::to_owned)
-}
-
-fn index(ids: &[i32], at: usize) -> usize {
-    ids.get(at).and_then(|v| usize::try_from(*v).ok()).unwrap_or(0)
 }
 
 /// The geometry of a robot.
@@ -176,9 +172,9 @@ pub(crate) fn geometry(robot: &Arc<Robot>) -> Result<Geometry, Refusal> {
 }
 
 fn axis(model: &Model, joint: usize) -> AxisFacts {
-    let at = |a: &[f64], k: usize| a.get(3 * joint + k).copied().unwrap_or(0.0);
+    let at = |a: &[f64], k: usize| a[3 * joint + k];
     AxisFacts {
-        body: index(model.jnt_bodyid(), joint),
+        body: index(model.jnt_bodyid()[joint]),
         pos: [0, 1, 2].map(|k| at(model.jnt_pos(), k)),
         axis: [0, 1, 2].map(|k| at(model.jnt_axis(), k)),
     }
@@ -186,7 +182,7 @@ fn axis(model: &Model, joint: usize) -> AxisFacts {
 
 fn site(model: &Model, name: &str) -> Option<SiteFacts> {
     let id = model.id(Kind::Site, name)?;
-    let body = index(model.site_bodyid(), id);
+    let body = index(model.site_bodyid()[id]);
     let pos = model.site_pos().as_chunks::<3>().0[id];
     let quat = model.site_quat().as_chunks::<4>().0[id];
     Some(SiteFacts { name: name.to_owned(), body, pos, quat })
@@ -257,7 +253,7 @@ fn apart(a: V3, b: V3) -> f64 {
 
 /// Bodies that touch, and the depth, m; the deepest first.
 fn touching(model: &Model, data: &Data) -> Vec<(String, String, f64)> {
-    let body = |geom: usize| body_name(model, index(model.geom_bodyid(), geom));
+    let body = |geom: usize| body_name(model, index(model.geom_bodyid()[geom]));
     let mut contacts: Vec<(String, String, f64)> = data
         .contacts()
         .filter(|c| c.dist < -TOUCH_M)
