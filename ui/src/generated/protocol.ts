@@ -199,7 +199,7 @@ export type Code =
   | "request"
   /** No token. */
   | "unauthorized"
-  /** Not from here. */
+  /** The sender may not ask for this. */
   | "forbidden"
   /** There is no such thing. */
   | "not_found"
@@ -2072,7 +2072,7 @@ export interface TakesView {
   compared: number[];
   /** Sentences about pinned takes on disk that could not be read when the studio began. */
   skipped: string[];
-  /** Of the open robot, the newest first. */
+  /** Takes of the open robot, the newest first. */
   takes: TakeCard[];
 }
 
