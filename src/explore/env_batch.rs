@@ -208,7 +208,8 @@ impl EnvBatch {
                     Some(gravity) => slot.env.weight(gravity)?,
                     None => Vec::new(),
                 };
-                let mean = &means[i * a..(i + 1) * a];
+                // Only a network has mean actions.
+                let mean = means.get(i * a..(i + 1) * a).unwrap_or_default();
                 actor.act(o, &weight, mean, &mut action);
                 match slot.env.step(&action) {
                     Step::Ok => {
