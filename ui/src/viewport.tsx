@@ -22,10 +22,10 @@ import { complain, http, tell } from "./wire";
 const HIDE =
   "[data-floating-window],[data-testid='floating-panel'],.mantine-Notifications-root{display:none!important}";
 
-/** What stands behind the robot: light in the middle, darker at the edges. The client's canvas is
+/** What stands behind the robot: light in the middle, darker at the edges. The canvas of the scene is
  * transparent where nothing is drawn. */
 const stage = (dark: boolean): string =>
-  `canvas{background:radial-gradient(ellipse at 50% 42%,${dark ? "#343b46,#1d2229 55%,#12151a" : "#ffffff,#eef1f5 55%,#d6dce4"})}`;
+  `canvas[data-engine]{background:radial-gradient(ellipse at 50% 42%,${dark ? "#343b46,#1d2229 55%,#12151a" : "#ffffff,#eef1f5 55%,#d6dce4"})}`;
 
 /** Asked once: every probe holds a context, and a page has only sixteen. */
 const WEBGL = ((): boolean => {
