@@ -45,19 +45,10 @@ pub(crate) async fn bundle(uri: Uri) -> Response {
     (headers, file.data.into_owned()).into_response()
 }
 
-/// Runs before the client. Its sorter of splats makes functions from text when it is loaded, which its
-/// policy forbids: the console would show that at each start. The studio has no splats, so such
-/// functions do nothing.
-const NO_EVAL: &str = "<script>(() => { const of = Function; const none = () => () => undefined; \
-    window.Function = new Proxy(of, { construct: none, apply: none }); })()</script>";
-
 /// `/viser/`: the client's one page.
 pub(crate) fn viser() -> Response {
     match Viser::get("index.html") {
-        Some(file) => {
-            let page = String::from_utf8_lossy(&file.data);
-            Html(page.replacen("<head>", &format!("<head>{NO_EVAL}"), 1)).into_response()
-        }
+        Some(file) => Html(file.data.into_owned()).into_response(),
         None => (
             StatusCode::NOT_FOUND,
             "the 3D client is not in this build; run script/bootstrap and build again\n",
