@@ -13,10 +13,10 @@ use std::time::{Duration, Instant};
 use robert::clip::formats::{
     from_command_json, from_csv, from_mjcf, from_ros, to_command_json, to_csv, to_mjcf, to_ros,
 };
-use robert::clip::{Clip, Command, Fill, RobotRef, compile};
+use robert::clip::{Clip, Command, Fill, Op, RobotRef, compile, edited};
 use robert::net::checkpoint;
 use robert::rng::{Rng, Stream};
-use robert::robot::{PlantConfig, Robot};
+use robert::robot::{PlantConfig, Robot, preparse};
 use robert::rollout::{PolicyConfig, Rollout, RolloutConfig, Start, tasks};
 use robert::take::export::{self, Bodies};
 use robert::take::{Provenance, Take, What, import};
@@ -310,6 +310,66 @@ fn robot_xml() {
     let elements = robert::limits::XML_ELEMENTS;
     survives("robot_xml", 2000, &seeds, usize::MAX, |b| {
         text(b).is_some_and(|t| xml::parse(t, elements).is_ok())
+    });
+}
+
+/// What reads a model before the simulator does: MJCF with an include, and URDF.
+#[test]
+fn preparsed() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::write(dir.path().join("part.xml"), "<mujocoinclude/>").unwrap();
+    let path = dir.path().join("model.xml");
+    let read = |bytes: &[u8]| {
+        std::fs::write(&path, bytes).unwrap();
+        preparse::read(&path, None).is_ok()
+    };
+    let pointmass = Robot::builtin("pointmass").unwrap().mjcf().to_owned();
+    let whole = pointmass.replacen("<worldbody", "<include file=\"part.xml\"/><worldbody", 1);
+    assert_ne!(pointmass, whole);
+    let arm = std::fs::read(root.join("examples/arm.urdf")).unwrap();
+    survives("preparsed", 1000, &[whole.into_bytes(), arm], usize::MAX, read);
+}
+
+#[test]
+fn lerobot() {
+    let episodes = [export::Episode::of_take(&TAKE.1, "wave")];
+    let dir = tempfile::tempdir().unwrap();
+    let set = dir.path().join("set");
+    let options = export::LeRobotOptions::default();
+    export::lerobot(&episodes, None, &options).unwrap().write(&set).unwrap();
+    let path = set.join("data/chunk-000/file-000.parquet");
+    let seed = std::fs::read(&path).unwrap();
+    let column = "observation.state".to_owned();
+    let source = import::LeRobotSource { episode: 0, column, degrees: true };
+    // The library panics here and there, and the panic becomes an error: silently.
+    let said = std::panic::take_hook();
+    std::panic::set_hook(Box::new(|_| ()));
+    survives("lerobot", 500, &[seed], usize::MAX, |b| {
+        std::fs::write(&path, b).unwrap();
+        import::from_lerobot(&set, &source).is_ok()
+    });
+    std::panic::set_hook(said);
+}
+
+/// Edits as the page and `robert clip apply` send them: what is taken leaves a sound clip.
+#[test]
+fn operations() {
+    let clips = clips();
+    let ops = |i: u64| {
+        let clip = &clips[i as usize % clips.len()];
+        serde_json::to_vec(&generate::op(&mut generate::rng(51, i), clip, true)).unwrap()
+    };
+    let seeds: Vec<Vec<u8>> = (0..200).map(ops).collect();
+    let tables: Vec<_> = clips.iter().map(generate::table).collect();
+    survives("operations", 5000, &seeds, usize::MAX, |b| {
+        let Ok(op) = serde_json::from_slice::<Op>(b) else { return false };
+        let at = b.len() % clips.len();
+        if let Ok(next) = edited(&clips[at], &op, Some(&tables[at])) {
+            assert_eq!(next.validate(), Ok(()));
+            sound(&next);
+        }
+        true
     });
 }
 

@@ -1,6 +1,7 @@
 //! A clip that is being edited, with unlimited undo, named entries, and the changes of each edit.
 
 use std::ops::Range;
+use std::sync::Arc;
 
 use super::apply::{OpError, edited};
 use super::command::Command;
@@ -62,11 +63,35 @@ pub enum Step {
 /// ```
 #[derive(Debug)]
 pub struct Editor {
-    clip: Clip,
-    command: Command,
-    table: Option<JointTable>,
+    clip: Arc<Clip>,
+    command: Arc<Command>,
+    table: Option<Arc<JointTable>>,
     history: History,
     rev: u64,
+}
+
+/// A version of a clip that is being edited. Clones share it, and later edits do not change it.
+#[derive(Clone, Debug)]
+pub struct Version {
+    /// Its number.
+    pub rev: u64,
+    /// The clip.
+    pub clip: Arc<Clip>,
+    /// The clip, compiled.
+    pub command: Arc<Command>,
+    /// What is known about the robot.
+    pub table: Option<Arc<JointTable>>,
+}
+
+impl Version {
+    /// The command as an edit would leave it.
+    ///
+    /// # Errors
+    /// [`OpError`].
+    pub fn preview(&self, op: &Op) -> Result<Command, OpError> {
+        let table = self.table.as_deref();
+        Ok(compile_for(&edited(&self.clip, op, table)?, table)?)
+    }
 }
 
 impl Editor {
@@ -76,8 +101,9 @@ impl Editor {
     /// [`Invalid`] when the clip breaks a rule.
     pub fn new(mut clip: Clip, table: Option<JointTable>) -> Result<Editor, Invalid> {
         clip.normalize();
-        let command = compile_for(&clip, table.as_ref())?;
-        Ok(Editor { clip, command, table, history: History::default(), rev: 0 })
+        let command = compile_for(&clip, table.as_ref())?.into();
+        let table = table.map(Arc::new);
+        Ok(Editor { clip: clip.into(), command, table, history: History::default(), rev: 0 })
     }
 
     /// The clip.
@@ -92,7 +118,13 @@ impl Editor {
 
     /// The facts about the robot's joints.
     pub fn table(&self) -> Option<&JointTable> {
-        self.table.as_ref()
+        self.table.as_deref()
+    }
+
+    /// The version of now.
+    pub fn version(&self) -> Version {
+        let (clip, command) = (Arc::clone(&self.clip), Arc::clone(&self.command));
+        Version { rev: self.rev, clip, command, table: self.table.clone() }
     }
 
     /// Version of the document.
@@ -123,7 +155,7 @@ impl Editor {
     /// # Errors
     /// [`OpError`] never in practice, because the steps are checked one by one if necessary.
     pub fn replay(&mut self, steps: &[Step], whole: bool) -> Result<Vec<usize>, OpError> {
-        let mut next = self.clip.clone();
+        let mut next = Clip::clone(&self.clip);
         let mut history = History::default();
         for step in steps.iter().take(if whole { usize::MAX } else { 0 }) {
             walk(&mut next, &mut history, step)?;
@@ -131,13 +163,13 @@ impl Editor {
         next.normalize();
         if whole && let (Ok(()), Ok(command)) = (next.validate(), compile_for(&next, self.table()))
         {
-            (self.clip, self.command, self.history) = (next, command, history);
+            (self.clip, self.command, self.history) = (next.into(), command.into(), history);
             self.rev += steps.len() as u64;
             return Ok(Vec::new());
         }
         let mut skipped = Vec::new();
         for (number, step) in steps.iter().enumerate() {
-            let mut next = self.clip.clone();
+            let mut next = Clip::clone(&self.clip);
             let fits = match step {
                 Step::Edit { patch, .. } => {
                     patch.put(&mut next);
@@ -155,10 +187,11 @@ impl Editor {
             if !fits {
                 skipped.push(number);
             }
-            walk(&mut self.clip, &mut self.history, if fits { step } else { &nothing })?;
-            self.clip.normalize();
+            let clip = Arc::make_mut(&mut self.clip);
+            walk(clip, &mut self.history, if fits { step } else { &nothing })?;
+            clip.normalize();
         }
-        self.command = compile_for(&self.clip, self.table.as_ref())?;
+        self.command = compile_for(&self.clip, self.table())?.into();
         self.rev += steps.len() as u64;
         Ok(skipped)
     }
@@ -168,8 +201,8 @@ impl Editor {
     /// # Errors
     /// [`OpError`]; the clip is then unchanged.
     pub fn apply(&mut self, op: &Op) -> Result<Change, OpError> {
-        let next = edited(&self.clip, op, self.table.as_ref())?;
-        let command = compile_for(&next, self.table.as_ref())?;
+        let next = edited(&self.clip, op, self.table())?;
+        let command = compile_for(&next, self.table())?;
         let redo = Delta::between(&self.clip, &next);
         let label = op.label();
         if !redo.is_empty() {
@@ -206,15 +239,15 @@ impl Editor {
 
     fn patched(&self, delta: &Delta) -> Result<(Clip, Command), OpError> {
         let next = edited(&self.clip, &Op::Patch(Box::new(delta.clone())), None)?;
-        let command = compile_for(&next, self.table.as_ref())?;
+        let command = compile_for(&next, self.table())?;
         Ok((next, command))
     }
 
     fn take_over(&mut self, next: Clip, command: Command, label: String, patch: Delta) -> Change {
         let first_changed_frame = command.first_changed_frame(&self.command);
         let first_changed_step = command.first_changed_step(&self.command);
-        self.clip = next;
-        self.command = command;
+        self.clip = next.into();
+        self.command = command.into();
         self.rev += u64::from(!patch.is_empty());
         Change { rev: self.rev, label, patch, first_changed_frame, first_changed_step }
     }

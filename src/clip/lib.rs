@@ -39,7 +39,7 @@ pub use compile::{compile, compile_for};
 pub use delta::{Delta, Foreign};
 pub use demand::{Demand, demand};
 pub use document::*;
-pub use editor::{Change, Editor, Step};
+pub use editor::{Change, Editor, Step, Version};
 pub use error::ClipError;
 pub use flaw::{Flaw, Invalid};
 pub use grid::round;

@@ -83,14 +83,8 @@ pub fn read(path: &Path, root: Option<&Path>) -> Result<Project, Error> {
         check(&doc, path)?;
         return Ok(Project { format, xml, path: path.into(), root, assets: Vec::new(), parts: 1 });
     }
-    let mut splice = Splice {
-        dir: dir.to_owned(),
-        root: &root,
-        seen: BTreeSet::new(),
-        elements: 0,
-        geoms: 0,
-        bytes: 0,
-    };
+    let mut splice =
+        Splice { dir: dir.to_owned(), root: &root, seen: BTreeSet::new(), elements: 0, bytes: 0 };
     let xml = splice.expand(&xml, path, 0)?;
     let parts = splice.seen.len() + 1;
     // Places in the assembled text are those of the file unless something was included.
@@ -181,7 +175,6 @@ struct Splice<'a> {
     root: &'a Path,
     seen: BTreeSet<PathBuf>,
     elements: usize,
-    geoms: usize,
     bytes: u64,
 }
 
@@ -191,23 +184,15 @@ impl Splice<'_> {
         check(&doc, path)?;
         self.elements += doc.descendants().filter(Node::is_element).count();
         self.bytes += xml.len() as u64;
-        if self.elements > limits::XML_ELEMENTS || self.bytes > limits::MODEL_BYTES {
+        if self.elements > limits::MODEL_ELEMENTS || self.bytes > limits::MODEL_BYTES {
             let message = format!(
                 "the model and its includes have {} elements in {} bytes; at most {} and {} are read",
                 self.elements,
                 self.bytes,
-                limits::XML_ELEMENTS,
+                limits::MODEL_ELEMENTS,
                 limits::MODEL_BYTES
             );
             return Err(refuse(doc.root_element(), path, message));
-        }
-        for node in doc.descendants().filter(|n| matches!(n.tag_name().name(), "geom" | "site")) {
-            self.geoms += 1;
-            if self.geoms > limits::MODEL_GEOMS {
-                let message =
-                    format!("more than {} geoms and sites are not supported", limits::MODEL_GEOMS);
-                return Err(refuse(node, path, message));
-            }
         }
         let mut edits = Edits::default();
         for node in doc.descendants().filter(|n| n.has_tag_name("include")) {
@@ -329,8 +314,9 @@ fn check(doc: &Document<'_>, path: &Path) -> Result<(), Error> {
     let motors: usize = motors.map(|a| a.children().filter(Node::is_element).count()).sum();
     for node in doc.descendants().filter(Node::is_element) {
         elements += 1;
-        if elements > limits::XML_ELEMENTS {
-            return Err(refuse(node, path, format!("more than {} elements", limits::XML_ELEMENTS)));
+        if elements > limits::MODEL_ELEMENTS {
+            let message = format!("more than {} elements", limits::MODEL_ELEMENTS);
+            return Err(refuse(node, path, message));
         }
         if node.tag_name().namespace().is_some_and(|n| n.contains("xacro")) {
             return Err(refuse(node, path, xml::XACRO));
@@ -632,17 +618,20 @@ mod tests {
     }
 
     #[test]
-    fn geoms_and_sites_are_counted_over_all_files() {
+    fn elements_are_counted_over_all_files() {
         let some = |n: usize| "<geom size=\"1\"/>".repeat(n);
         let main = |n: usize| {
             format!("<mujoco><worldbody>{}<include file=\"b.xml\"/></worldbody></mujoco>", some(n))
         };
-        let other = format!("<mujocoinclude>{}</mujocoinclude>", some(limits::MODEL_GEOMS / 2));
-        let half = limits::MODEL_GEOMS - limits::MODEL_GEOMS / 2;
+        let other = format!("<mujocoinclude>{}</mujocoinclude>", some(limits::MODEL_ELEMENTS / 2));
+        // Beside the geoms: the two roots, the world and the include.
+        let half = limits::MODEL_ELEMENTS - limits::MODEL_ELEMENTS / 2 - 4;
         project(&[("a.xml", &main(half)), ("b.xml", &other)]).1.unwrap();
         let e = project(&[("a.xml", &main(half + 1)), ("b.xml", &other)]).1.unwrap_err();
-        assert!(e.to_string().contains("geoms and sites"), "{e}");
+        assert!(e.to_string().contains("have 8001 elements"), "{e}");
         assert!(matches!(e, Error::Refused { line: 1, .. }));
+        let e = project(&[("a.xml", &main(limits::MODEL_ELEMENTS))]).1.unwrap_err();
+        assert!(e.to_string().contains("more than 8000 elements"), "{e}");
     }
 
     #[test]

@@ -6,7 +6,7 @@
 //! |---|---|
 //! | `http` | port, routes, guard, the editor's socket, the viewport's socket: thin handlers |
 //! | `state` | the handles that requests need |
-//! | `session` | the thread that owns the document |
+//! | `session` | the thread that answers for the document, and the writer that owns it |
 //! | `viewport` | the 3D scene and the gestures in it |
 //! | `simulation` | the worker process, the rollout's frames, takes |
 //! | `jobs` | collect, train, evaluate, import and export as child processes |
@@ -14,8 +14,8 @@
 //! | `document` | clip, history, file, and the journal, which survives a kill |
 //! | [`protocol`] | the messages between studio and clients |
 //!
-//! Two guarantees shape it: an edit is acknowledged only when it is on disk, and no failure of a
-//! model or a client can destroy the document.
+//! Three guarantees shape it: an edit is acknowledged only when it is on disk, no failure of a model
+//! or a client can destroy the document, and only edits and saves wait for a disk.
 
 mod document;
 mod http;
@@ -42,7 +42,7 @@ use tokio::sync::watch;
 use http::Guard;
 use jobs::Jobs;
 use protocol::{Hub, RolloutSettings};
-use session::{Session, SessionCommand};
+use session::{Session, SessionCommand, Write};
 use simulation::Simulation;
 use state::{App, Clients};
 use viewport::Viewport;
@@ -138,7 +138,7 @@ async fn serve(config: StudioConfig, ready: impl FnOnce(&str, &str)) -> Result<(
     app.jobs.stop();
     app.workspace.pictures.shutdown();
     // The studio ends even if a disk does not answer; acknowledged edits are in the journal.
-    tokio::time::timeout(LAST_WRITES, session.ask(SessionCommand::Shutdown)).await.ok();
+    tokio::time::timeout(LAST_WRITES, session.write(Write::Shutdown)).await.ok();
     simulation.shutdown();
     tokio::time::sleep(Duration::from_millis(50)).await;
     result
@@ -155,26 +155,26 @@ async fn first_document(config: &StudioConfig, session: &Session) -> Result<(), 
     }
     if let Some(path) = &config.clip_path {
         if let Some(robot) = config.robot.clone() {
-            session.ask(|r| SessionCommand::Know(robot, r)).await?;
+            session.write(|r| Write::Know(robot, r)).await?;
         }
         let named = path.to_str().and_then(|name| gallery::open(name).ok());
         let path = config.folder.join(path);
         match named {
             // As everywhere on the command line, a file has precedence over a task of that name.
             Some(clip) if !path.exists() => {
-                session.ask(|r| SessionCommand::New(Box::new(clip), r)).await?;
+                session.write(|r| Write::New(Box::new(clip), r)).await?;
             }
             _ => {
-                session.ask(|r| SessionCommand::Open(path, r)).await?;
+                session.write(|r| Write::Open(path, r)).await?;
             }
         }
     } else if let Some(robot) = config.robot.clone() {
         let (length, name) = (100, String::new());
-        session.ask(|reply| SessionCommand::Blank { robot, length, name, reply }).await?;
+        session.write(|reply| Write::Blank { robot, length, name, reply }).await?;
     } else {
         // The document of a killed studio is opened again; documents that were put away wait in the
         // gallery.
-        session.ask(SessionCommand::Recover).await?;
+        session.write(Write::Recover).await?;
     }
     Ok(())
 }

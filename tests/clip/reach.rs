@@ -177,6 +177,24 @@ fn the_commands_take_such_clips() {
     assert!(err.contains("--robot"), "{err}");
 }
 
+/// As many goals as a clip may have, none of which the arm can reach. They took 5 s.
+#[test]
+fn goals_out_of_reach_cost_two_seconds_at_most() {
+    let robot = Robot::builtin("ur5e").unwrap();
+    let mut clip = Clip::new(robot.clip_ref(), 5000);
+    let home = robot.home();
+    let goals = robert::limits::CLIP_REACHES as u32;
+    clip.keys.extend((0..goals).map(|frame| {
+        let reach = vec![Reach::site(TOOL, [0.3 + 0.03 * f64::from(frame % 7), 0.0, 0.3])];
+        Key { reach, ..Key::new(frame, &home) }
+    }));
+    let begin = super::cpu();
+    let command = robot.compile(&clip).unwrap();
+    let took = super::cpu().saturating_sub(begin);
+    assert!(took.as_secs_f64() < 2.0, "{took:?}");
+    assert_eq!(command.reached().len(), goals as usize, "each is told");
+}
+
 #[test]
 fn edits_keep_end_effector_goals() {
     let robot = Robot::builtin("ur5e").unwrap();

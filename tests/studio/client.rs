@@ -55,6 +55,15 @@ impl Studio {
 
     /// The same, or what it said instead.
     pub(super) fn try_start(dir: &Path, args: &[&str]) -> Result<Studio, String> {
+        Self::try_start_with(dir, args, &[])
+    }
+
+    /// With these settings in its environment.
+    pub(super) fn try_start_with(
+        dir: &Path,
+        args: &[&str],
+        settings: &[(&str, &Path)],
+    ) -> Result<Studio, String> {
         let begin = Instant::now();
         let mut child = Command::new(binary())
             .args(["studio", "--no-open", "--port", "0"])
@@ -62,6 +71,7 @@ impl Studio {
             .current_dir(dir)
             .env("ROBERT_STATE_DIR", dir.join("state"))
             .env("ROBERT_LOG", "error")
+            .envs(settings.iter().copied())
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())

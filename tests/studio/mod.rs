@@ -10,6 +10,7 @@ mod hostile;
 mod measure;
 mod pages;
 mod simulation;
+mod stalled;
 mod takes;
 mod viewport;
 

@@ -1,10 +1,11 @@
 //! The open document: clip, history, journal, file.
 //!
-//! It is plain and synchronous, and the session's thread is its only owner. Every change is in the
+//! It is plain and synchronous, and the writer's thread is its only owner. Every change is in the
 //! journal before it is reported to anyone. Saving reduces the journal to the saved text, since
 //! what is in the file needs no second copy.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use super::places::open_journal;
 use super::replayed::Replayed;
@@ -12,7 +13,7 @@ use crate::document::journal::{Journal, Record};
 use crate::protocol::{Error, Restored};
 use robert_base::fsio;
 use robert_clip as clip;
-use robert_clip::{Batch, Change, Clip, Command, Delta, Editor, JointTable, Op};
+use robert_clip::{Batch, Change, Clip, Command, Delta, Editor, Op, Version};
 
 /// One request of a client to the document.
 #[derive(Clone, Debug)]
@@ -36,7 +37,7 @@ pub(crate) struct Document {
     /// The saved file: its content, and its exact bytes, so that an undone edit gives the same file
     /// again even if its author wrote it in another layout.
     pub(super) saved: Clip,
-    pub(super) saved_text: String,
+    pub(super) saved_text: Arc<str>,
     /// The clip was never saved and is worth keeping: a new clip.
     pub(super) untitled: bool,
     pub(super) restored: Option<Restored>,
@@ -72,7 +73,7 @@ impl Document {
     }
 
     pub(super) fn base(&self) -> Record {
-        Record::Base { text: self.saved_text.clone(), path: self.path.clone() }
+        Record::Base { text: self.saved_text.to_string(), path: self.path.clone() }
     }
 
     /// The clip.
@@ -85,14 +86,9 @@ impl Document {
         self.editor.command()
     }
 
-    /// The facts about the robot's joints.
-    pub(crate) fn table(&self) -> Option<&JointTable> {
-        self.editor.table()
-    }
-
-    /// Version.
-    pub(crate) fn rev(&self) -> u64 {
-        self.editor.rev()
+    /// The version of now.
+    pub(crate) fn version(&self) -> Version {
+        self.editor.version()
     }
 
     /// Its file.
@@ -120,9 +116,14 @@ impl Document {
         self.restored.as_ref()
     }
 
+    /// What the file holds, or the clip was when it had none.
+    pub(crate) fn saved_text(&self) -> Arc<str> {
+        Arc::clone(&self.saved_text)
+    }
+
     /// The text that saving would write.
     pub(crate) fn text(&self) -> String {
-        if self.is_dirty() { self.clip().to_text() } else { self.saved_text.clone() }
+        if self.is_dirty() { self.clip().to_text() } else { self.saved_text.to_string() }
     }
 
     /// Carries out several requests, perhaps of different clients, with one `fdatasync`. Each gets
@@ -236,16 +237,6 @@ impl Document {
         }
     }
 
-    /// The clip as an edit would leave it, without changing the document. It is used for previews
-    /// during a drag.
-    ///
-    /// # Errors
-    /// [`Error::Op`].
-    pub(crate) fn preview(&self, op: &Op) -> Result<Command, Error> {
-        let next = clip::edited(self.clip(), op, self.table())?;
-        clip::compile_for(&next, self.table()).map_err(|e| Error::Op(e.into()))
-    }
-
     /// Writes the file, under a new name if one is given.
     ///
     /// # Errors
@@ -277,7 +268,7 @@ impl Document {
         }
         self.path = Some(target);
         self.saved = self.clip().clone();
-        self.saved_text = text;
+        self.saved_text = text.into();
         self.untitled = false;
         self.restored = None;
         self.rebase()
@@ -314,7 +305,7 @@ impl Document {
             changes = self.edit(&[Edit::Op(Box::new(op))]).pop().unwrap_or(Ok(changes))?;
         }
         self.saved = read;
-        self.saved_text = text;
+        self.saved_text = text.into();
         self.restored = None;
         self.rebase()?;
         Ok(changes)

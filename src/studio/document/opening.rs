@@ -33,7 +33,7 @@ impl Document {
             untitled: path.is_none(),
             path,
             saved,
-            saved_text,
+            saved_text: saved_text.into(),
             restored: None,
             redo_blocked: false,
             replayed: Replayed::default(),

@@ -10,7 +10,7 @@ use crate::document::Edit;
 use crate::protocol::{
     ClipQuery, DocumentView, Edited, Error, FileKind, FilesQuery, InsertQuery, Listing,
 };
-use crate::session::{Author, SessionCommand, reference};
+use crate::session::{Author, Write, reference};
 use crate::simulation::worker::DescribeRobot;
 use crate::state::App;
 use crate::workspace::{clip_import, folders};
@@ -45,7 +45,7 @@ pub(crate) async fn clips(
 ) -> Answer<DocumentView> {
     let ClipQuery { name, path, robot, rate } = query;
     let clip = incoming(&app, Incoming { name, path, robot, rate }, request).await?;
-    Ok(Json(app.session.ask(|r| SessionCommand::New(Box::new(clip), r)).await?))
+    Ok(Json(app.session.write(|r| Write::New(Box::new(clip), r)).await?))
 }
 
 /// `POST /api/insert`: such a file becomes a block of the open clip.
@@ -60,7 +60,7 @@ pub(crate) async fn insert(
     let part = Part::of(&clip);
     let op = Op::BlocksInsert(BlocksInsert { at, name: clip.name, part, blend });
     let edit = Edit::Op(Box::new(op));
-    Ok(Json(app.session.ask(|r| SessionCommand::Edit(Author::default(), edit, r)).await?))
+    Ok(Json(app.session.write(|r| Write::Edit(Author::default(), edit, r)).await?))
 }
 
 /// The clip in a file, with a name.
@@ -109,7 +109,7 @@ async fn robot(app: &Arc<App>, named: String) -> Result<RobotRef, Error> {
         return Ok(reference(&facts.table));
     }
     let source = app.robot_source(named);
-    app.session.ask(|r| SessionCommand::Know(source.clone(), r)).await?;
+    app.session.write(|r| Write::Know(source.clone(), r)).await?;
     let facts = app.simulation.ask(DescribeRobot { robot: source }).await?;
     Ok(reference(&facts.table))
 }

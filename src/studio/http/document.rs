@@ -9,7 +9,7 @@ use crate::document::Edit;
 use crate::protocol::{
     DocumentView, Edited, Error, ExportQuery, NewBody, OpsRequest, PathBody, SaveBody, Saved,
 };
-use crate::session::{Author, SessionCommand};
+use crate::session::{Author, Write};
 use crate::state::App;
 use crate::workspace::export;
 use robert_base::fsio;
@@ -30,7 +30,7 @@ pub(crate) async fn put_clip(
 ) -> Answer<Edited> {
     let bytes = whole_body(request, limits::CLIP_BYTES as usize).await?;
     let text = text_of(&bytes)?;
-    let edited = app.session.ask(|r| SessionCommand::Put(Author::default(), text, r)).await?;
+    let edited = app.session.write(|r| Write::Put(Author::default(), text, r)).await?;
     Ok(Json(edited))
 }
 
@@ -51,7 +51,7 @@ pub(crate) async fn ops(State(app): Shared, Json(body): Json<OpsRequest>) -> Ans
 }
 
 async fn edit(app: &App, edit: Edit) -> Answer<Edited> {
-    Ok(Json(app.session.ask(|r| SessionCommand::Edit(Author::default(), edit, r)).await?))
+    Ok(Json(app.session.write(|r| Write::Edit(Author::default(), edit, r)).await?))
 }
 
 /// `POST /api/undo`.
@@ -66,12 +66,12 @@ pub(crate) async fn redo(State(app): Shared) -> Answer<Edited> {
 
 /// `POST /api/discard`.
 pub(crate) async fn discard(State(app): Shared) -> Answer<Edited> {
-    Ok(Json(app.session.ask(|r| SessionCommand::Discard(Author::default(), r)).await?))
+    Ok(Json(app.session.write(|r| Write::Discard(Author::default(), r)).await?))
 }
 
 /// `POST /api/reload`.
 pub(crate) async fn reload(State(app): Shared) -> Answer<Edited> {
-    Ok(Json(app.session.ask(|r| SessionCommand::Reload(Author::default(), r)).await?))
+    Ok(Json(app.session.write(|r| Write::Reload(Author::default(), r)).await?))
 }
 
 /// `POST /api/open`.
@@ -82,7 +82,7 @@ pub(crate) async fn open(State(app): Shared, Json(body): Json<PathBody>) -> Answ
     let first = path.clone();
     let read = move || fsio::read_capped(&first, limits::CLIP_BYTES).is_ok();
     apart("the file was not read", read).await?;
-    Ok(Json(app.session.ask(|r| SessionCommand::Open(path, r)).await?))
+    Ok(Json(app.session.write(|r| Write::Open(path, r)).await?))
 }
 
 /// The default length of a new clip, frames: 5 s.
@@ -93,11 +93,11 @@ pub(crate) async fn new(State(app): Shared, Json(body): Json<NewBody>) -> Answer
     let view = match (body.robot, body.text) {
         (_, Some(text)) => {
             let clip = clip::parse(text).map_err(Error::from)?.clip;
-            app.session.ask(|r| SessionCommand::New(Box::new(clip), r)).await?
+            app.session.write(|r| Write::New(Box::new(clip), r)).await?
         }
         (Some(robot), None) => {
             let (length, name) = (body.length.unwrap_or(NEW_LENGTH), body.name);
-            app.session.ask(|reply| SessionCommand::Blank { robot, length, name, reply }).await?
+            app.session.write(|reply| Write::Blank { robot, length, name, reply }).await?
         }
         (None, None) => return Err(Error::request("say `robot` or `text`").into()),
     };
@@ -107,16 +107,12 @@ pub(crate) async fn new(State(app): Shared, Json(body): Json<NewBody>) -> Answer
 /// `POST /api/save`.
 pub(crate) async fn save(State(app): Shared, Json(body): Json<SaveBody>) -> Answer<Saved> {
     let path = body.path.map(|p| app.workspace.path(&p)).transpose()?;
-    Ok(Json(
-        app.session
-            .ask(|reply| SessionCommand::Save { path, replace: body.replace, reply })
-            .await?,
-    ))
+    Ok(Json(app.session.write(|reply| Write::Save { path, replace: body.replace, reply }).await?))
 }
 
 /// `POST /api/close`.
 pub(crate) async fn close(State(app): Shared) -> Result<StatusCode, Refused> {
-    app.session.ask(SessionCommand::Close).await?;
+    app.session.write(Write::Close).await?;
     Ok(StatusCode::NO_CONTENT)
 }
 

@@ -1,7 +1,11 @@
 //! Requests on the socket that are not edits.
 
+use std::sync::Arc;
+
+use super::answer::apart;
 use crate::protocol::{Error, Outcome, StudioOp};
 use crate::session::SessionCommand;
+use crate::simulation::Takes;
 use crate::state::App;
 
 /// Performs a request on the socket that is not an edit, and returns its answer.
@@ -22,17 +26,20 @@ pub(crate) async fn studio_op(app: &App, op: StudioOp) -> Result<Outcome, Error>
         StudioOp::RolloutRun {} => app.session.ask(SessionCommand::Run).await?,
         StudioOp::RolloutCancel {} => app.simulation.cancel(),
         StudioOp::WorkerRestart {} => app.simulation.restart(),
-        StudioOp::TakePin { id, pinned } => {
-            app.simulation.rollout.change_takes(|t| t.pin(id, pinned))?;
-        }
-        StudioOp::TakeName { id, name } => {
-            app.simulation.rollout.change_takes(|t| t.name(id, &name))?;
-        }
-        StudioOp::TakeCompare { ids } => {
-            app.simulation.rollout.change_takes(|t| t.compare(&ids))?;
-        }
-        StudioOp::TakeRemove { id } => app.simulation.rollout.change_takes(|t| t.remove(id))?,
+        StudioOp::TakePin { id, pinned } => takes(app, move |t| t.pin(id, pinned)).await?,
+        StudioOp::TakeName { id, name } => takes(app, move |t| t.name(id, &name)).await?,
+        StudioOp::TakeCompare { ids } => takes(app, move |t| t.compare(&ids)).await?,
+        StudioOp::TakeRemove { id } => takes(app, move |t| t.remove(id)).await?,
         view => app.viewport.tell(view).await?,
     }
     Ok(Outcome::Done)
+}
+
+/// Changes the takes, of which the pinned ones are files.
+async fn takes(
+    app: &App,
+    change: impl FnOnce(&mut Takes) -> Result<(), Error> + Send + 'static,
+) -> Result<(), Error> {
+    let rollout = Arc::clone(&app.simulation.rollout);
+    apart("the takes were not changed", move || rollout.change_takes(change)).await?
 }

@@ -1,8 +1,9 @@
 //! `/api/ws`: one editor client.
 //!
 //! Requests are handled one at a time, so a client that sends too many fills its own socket and not
-//! our queues. Outgoing messages are in the bounded stream of the hub, or are taken from the store
-//! when the socket has room. Nothing is kept for a client that does not read.
+//! our queues. If the disk of an edit does not answer, the client goes on without its answer after a
+//! moment, so that it sees what others do. Outgoing messages are in the bounded stream of the hub, or
+//! are taken from the store when the socket has room. Nothing is kept for a client that does not read.
 
 use robert_base::json;
 use std::sync::Arc;
@@ -15,6 +16,7 @@ use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
 use serde_json::value::RawValue;
 use tokio::sync::broadcast::error::RecvError;
+use tokio::task::JoinSet;
 
 use super::answer::Refused;
 use super::basics::{current_state, current_view};
@@ -22,8 +24,8 @@ use super::op;
 use super::server::ended;
 use crate::document::Edit;
 use crate::protocol;
-use crate::protocol::{Error, ErrorBody, Event, Outcome, STUDIO_OPS, StudioOp};
-use crate::session::{Author, SessionCommand};
+use crate::protocol::{Edited, Error, ErrorBody, Event, Outcome, STUDIO_OPS, StudioOp};
+use crate::session::{Author, Write};
 use crate::state::App;
 use robert_base::limits;
 use robert_clip::Op;
@@ -36,6 +38,15 @@ const FAREWELL: Duration = Duration::from_millis(500);
 
 /// Between signs of life.
 const PING: Duration = Duration::from_secs(10);
+
+/// An edit that takes longer waits for a disk.
+const PROMPT: Duration = Duration::from_millis(250);
+
+/// How long an edit is waited for altogether, as over HTTP.
+const EDIT: Duration = Duration::from_secs(limits::BODY_SECS);
+
+/// Edits of one client that may wait for a disk.
+const LATE: usize = 16;
 
 /// Between two batches of frames.
 const UPDATE: Duration = Duration::from_millis(16);
@@ -54,7 +65,7 @@ pub(crate) async fn editor(State(app): State<Arc<App>>, upgrade: WebSocketUpgrad
         .max_write_buffer_size(limits::WS_WRITE_BYTES)
         .on_upgrade(move |socket| async move {
             let number = app.clients.all.fetch_add(1, Ordering::SeqCst) as u64 + 1;
-            let mut client = Client { app, socket, number, unacked: Vec::new(), previewing: false };
+            let mut client = Client::new(app, socket, number);
             client.serve().await;
             client.leave().await;
             drop(seat);
@@ -76,9 +87,14 @@ struct Client {
     number: u64,
     /// Requests whose edit has been made but not yet been sent to this client.
     unacked: Vec<(u64, u64)>,
+    /// Requests whose edit waits for a disk.
+    late: JoinSet<(u64, Made)>,
     /// Everybody sees what this client is dragging.
     previewing: bool,
 }
+
+/// What has become of an edit.
+type Made = Result<Edited, Error>;
 
 /// The socket is closed or stuck.
 struct Gone;
@@ -93,6 +109,10 @@ struct Wire<'a> {
 }
 
 impl Client {
+    fn new(app: Arc<App>, socket: WebSocket, number: u64) -> Client {
+        Client { app, socket, number, unacked: Vec::new(), late: JoinSet::new(), previewing: false }
+    }
+
     async fn serve(&mut self) {
         let mut events = self.app.hub.listen();
         let mut rollout = self.app.simulation.rollout.watch();
@@ -133,6 +153,11 @@ impl Client {
                     }
                     Err(RecvError::Closed) => Err(Gone),
                 },
+                Some(Ok((id, made))) = self.late.join_next() => {
+                    // Its event may have come already, or been missed: this answer holds by itself.
+                    let answer = made.map(|edited| Some(Outcome::Unchanged { rev: edited.rev }));
+                    self.reply(id, answer).await
+                }
                 _ = rollout.changed() => {
                     // Frames that arrive faster than the screen refreshes are joined; nobody waits
                     // for the last one.
@@ -230,8 +255,12 @@ impl Client {
                 return self.send(&Event::Reply { id: 0, result: None, error }).await;
             }
         };
-        let id = wire.id;
-        match self.carry_out(&wire).await {
+        let answer = self.carry_out(&wire).await;
+        self.reply(wire.id, answer).await
+    }
+
+    async fn reply(&mut self, id: u64, answer: Result<Option<Outcome>, Error>) -> Result<(), Gone> {
+        match answer {
             Ok(None) => Ok(()),
             Ok(result) => self.send(&Event::Reply { id, result, error: None }).await,
             Err(e) => {
@@ -261,8 +290,21 @@ impl Client {
         } else {
             Edit::Op(Box::new(clip_op(wire)?))
         };
-        let edited =
-            self.app.session.ask(|reply| SessionCommand::Edit(author, edit, reply)).await?;
+        if self.late.len() >= LATE {
+            return Err(Error::Full { what: "edits that wait for the disk", cap: LATE });
+        }
+        let session = self.app.session.clone();
+        let mut edited = Box::pin(async move {
+            let made = session.write(|reply| Write::Edit(author, edit, reply));
+            let timely = tokio::time::timeout(EDIT, made).await;
+            timely.unwrap_or(Err(Error::Waiting { waited: EDIT }))
+        });
+        let Ok(made) = tokio::time::timeout(PROMPT, &mut edited).await else {
+            let id = wire.id;
+            self.late.spawn(async move { (id, edited.await) });
+            return Ok(None);
+        };
+        let edited = made?;
         if edited.patches.is_empty() {
             return Ok(Some(Outcome::Unchanged { rev: edited.rev }));
         }

@@ -6,7 +6,7 @@ use axum::http::StatusCode;
 use super::answer::{Answer, Json, Query, Refused, Shared, apart};
 use crate::document::Document;
 use crate::protocol::{DocumentView, Draft, GalleryItem, PathBody, RecentFile, Shelf};
-use crate::session::SessionCommand;
+use crate::session::Write;
 use crate::workspace::{gallery, runs};
 
 /// `GET /api/gallery`.
@@ -20,7 +20,7 @@ pub(crate) async fn open_example(
     UrlPath(id): UrlPath<String>,
 ) -> Answer<DocumentView> {
     let clip = gallery::open(&id)?;
-    Ok(Json(app.session.ask(|r| SessionCommand::New(Box::new(clip), r)).await?))
+    Ok(Json(app.session.write(|r| Write::New(Box::new(clip), r)).await?))
 }
 
 /// `GET /api/recent`.
@@ -39,7 +39,7 @@ pub(crate) async fn open_draft(
     State(app): Shared,
     UrlPath(number): UrlPath<u32>,
 ) -> Answer<DocumentView> {
-    Ok(Json(app.session.ask(|r| SessionCommand::Draft(number, r)).await?))
+    Ok(Json(app.session.write(|r| Write::Draft(number, r)).await?))
 }
 
 /// `POST /api/drafts/{number}/discard`.

@@ -1,6 +1,7 @@
 //! Errors of the studio, and their form for browsers and shells.
 
 use std::path::PathBuf;
+use std::time::Duration;
 
 use robert_base::exit::{Exit, HasExit};
 use robert_base::fsio;
@@ -53,6 +54,18 @@ pub enum Error {
         source: std::io::Error,
         /// The journal.
         path: PathBuf,
+    },
+    /// The disk of the journal or of the file has not answered for long.
+    #[error("nothing was changed: the disk that the last edit or save is written to has not answered for {} s", .waited.as_secs())]
+    Stalled {
+        /// Since it was asked.
+        waited: Duration,
+    },
+    /// The disk has not answered while somebody waited for this edit; it may still be made.
+    #[error("the disk has not answered for {} s; the edit is made when it does", .waited.as_secs())]
+    Waiting {
+        /// Since it was asked.
+        waited: Duration,
     },
     /// The file with the journal's name is not a journal; it was left as it is.
     #[error("this file has the name of the clip's journal and is none: {what}; move it away: {path}", path = .path.display())]
@@ -125,7 +138,11 @@ impl HasExit for Error {
             Error::Export(e) => e.exit(),
             Error::File(e) => e.exit(),
             Error::Simulation { exit, .. } => *exit,
-            Error::Journal { .. } | Error::Server(_) | Error::Worker { .. } => Exit::Failed,
+            Error::Journal { .. }
+            | Error::Stalled { .. }
+            | Error::Waiting { .. }
+            | Error::Server(_)
+            | Error::Worker { .. } => Exit::Failed,
             Error::Bind { .. } => Exit::Usage,
             _ => Exit::Invalid,
         }

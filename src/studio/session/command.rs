@@ -1,19 +1,17 @@
-//! Commands for the session, and the handle that sends them.
+//! What the session is asked, and the way to ask it.
 
 use std::path::PathBuf;
-use std::sync::PoisonError;
 use std::sync::mpsc::Sender;
-use std::time::Duration;
 
 use tokio::sync::oneshot;
 
-use super::shown::{Shelf, Shown};
+use super::shown::Shown;
 use crate::document::Edit;
-use crate::protocol::{DocumentView, Edited, Error, RolloutSettings, Saved};
+use crate::protocol::{DocumentView, Edited, Error, RobotFacts, RolloutSettings, Saved};
 use crate::simulation::worker::Checked;
-use robert_clip::{Clip, Command, Demand, Op};
+use robert_clip::{Change, Clip, Command, Demand, Op};
 
-/// The client that asks for an edit.
+/// Who asks for an edit.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Author {
     /// Client number; 0 over HTTP.
@@ -24,9 +22,34 @@ pub(crate) struct Author {
 
 pub(super) type Reply<T> = oneshot::Sender<Result<T, Error>>;
 
-/// A command for the session.
+/// What is asked of the session.
 #[derive(Debug)]
 pub(crate) enum SessionCommand {
+    /// What changes the document, or needs a disk.
+    Write(Write),
+    /// Previews an edit without committing it.
+    Preview(Box<Op>, Reply<Option<Demand>>),
+    /// Back to the document.
+    PreviewEnd(Reply<()>),
+    /// The document as it is.
+    View(Reply<Option<Box<DocumentView>>>),
+    /// The clip's text.
+    Text(Reply<String>),
+    /// The clip and its command.
+    Content(Reply<(Clip, Command)>),
+    /// How rollouts are made.
+    Settings(RolloutSettings, Reply<()>),
+    /// Rolls out now.
+    Run(Reply<()>),
+    /// Verdicts of the simulation on poses.
+    Judged { robot: String, poses: Vec<Vec<f64>>, verdicts: Result<Vec<Checked>, Error> },
+    /// The writer has done something.
+    Written(Box<Written>),
+}
+
+/// What is asked of the writer. It is done in order.
+#[derive(Debug)]
+pub(crate) enum Write {
     /// An edit, undo, redo.
     Edit(Author, Edit, Reply<Edited>),
     /// Replaces the content by this text, as an edit.
@@ -35,20 +58,18 @@ pub(crate) enum SessionCommand {
     Discard(Author, Reply<Edited>),
     /// Takes over what the file holds now.
     Reload(Author, Reply<Edited>),
-    /// Previews an edit without committing it.
-    Preview(Box<Op>, Reply<Option<Demand>>),
-    /// Back to the document.
-    PreviewEnd(Reply<()>),
     /// Opens a file.
     Open(PathBuf, Reply<DocumentView>),
     /// Starts from a clip without a file.
     New(Box<Clip>, Reply<DocumentView>),
     /// Starts empty for this robot.
     Blank { robot: String, length: u32, name: String, reply: Reply<DocumentView> },
-    /// Reopens the document of a killed studio, an unsaved clip or the last file; false if there is
-    /// none.
+    /// Brings back what a killed studio had open, an unsaved clip or the last file; false when
+    /// nothing was.
     Recover(Reply<bool>),
-    /// Opens a clip that was never saved.
+    /// What was brought back is shown and did no harm.
+    Recovered(Reply<bool>),
+    /// Takes up a clip that was never saved.
     Draft(u32, Reply<DocumentView>),
     /// Remembers a robot from a folder, for clips that name its id.
     Know(String, Reply<()>),
@@ -56,53 +77,71 @@ pub(crate) enum SessionCommand {
     Save { path: Option<PathBuf>, replace: bool, reply: Reply<Saved> },
     /// Closes.
     Close(Reply<()>),
-    /// The document as it is.
-    View(Reply<Option<Box<DocumentView>>>),
-    /// The clip's text.
-    Text(Reply<String>),
-    /// The clip and its command.
-    Content(Reply<(Clip, Command)>),
-    /// Changes how rollouts are made.
-    Settings(RolloutSettings, Reply<()>),
-    /// Rolls out now.
-    Run(Reply<()>),
-    /// Verdicts of the simulation on poses.
-    Judged { robot: String, poses: Vec<Vec<f64>>, verdicts: Result<Vec<Checked>, Error> },
     /// Ends the session.
     Shutdown(Reply<()>),
 }
 
-impl SessionCommand {
-    /// Nothing is another document afterwards.
-    pub(super) fn only_reads(&self) -> bool {
-        matches!(
-            self,
-            SessionCommand::View(_)
-                | SessionCommand::Text(_)
-                | SessionCommand::Content(_)
-                | SessionCommand::Preview(..)
-                | SessionCommand::PreviewEnd(_)
-        )
+impl Write {
+    /// It is not done, for this reason.
+    pub(super) fn refuse(self, error: Error) {
+        match self {
+            Write::Edit(.., reply)
+            | Write::Put(.., reply)
+            | Write::Discard(_, reply)
+            | Write::Reload(_, reply) => drop(reply.send(Err(error))),
+            Write::Open(_, reply)
+            | Write::New(_, reply)
+            | Write::Blank { reply, .. }
+            | Write::Draft(_, reply) => drop(reply.send(Err(error))),
+            Write::Recover(reply) | Write::Recovered(reply) => drop(reply.send(Err(error))),
+            Write::Know(_, reply) | Write::Close(reply) | Write::Shutdown(reply) => {
+                drop(reply.send(Err(error)));
+            }
+            Write::Save { reply, .. } => drop(reply.send(Err(error))),
+        }
     }
 }
 
-/// The time that a reader waits for the session before it takes the document as it last was.
-const READER_PATIENCE: Duration = Duration::from_secs(2);
+/// What an edit led to, and who is to hear of it.
+pub(super) type Answered = (Result<Vec<Change>, Error>, Author, Reply<Edited>);
+
+/// What the simulation said of a clip's robot.
+pub(crate) type Asked = Result<RobotFacts, Error>;
+
+/// What the writer has done. All of it is on disk.
+#[derive(Debug)]
+pub(crate) enum Written {
+    /// Edits, and the document afterwards.
+    Edits(Vec<Answered>, Option<Shown>),
+    /// The content of the file taken over.
+    Reloaded(Answered, Option<Shown>),
+    /// Another document, and what is known of its robot.
+    Opened { shown: Shown, asked: Option<Asked>, reply: Reply<DocumentView> },
+    /// What a killed studio had open.
+    Recovered { shown: Shown, asked: Option<Asked>, reply: Reply<bool> },
+    /// The document that was asked for is the open one.
+    Same(Reply<DocumentView>),
+    /// Saved, or not.
+    Saved(Result<Saved, Error>, Option<Shown>, Reply<Saved>),
+    /// No document.
+    Closed(Reply<()>),
+    /// The last that it does.
+    Ended(Reply<()>),
+}
 
 /// A way to ask the session.
 #[derive(Clone, Debug)]
 pub(crate) struct Session {
     inbox: Sender<SessionCommand>,
-    shelf: Shelf,
 }
 
 impl Session {
-    /// The handle of the session: it sends commands, and reads the document that the session shows.
-    pub(super) fn new(inbox: Sender<SessionCommand>, shelf: Shelf) -> Session {
-        Session { inbox, shelf }
+    /// A way to ask whoever takes from the other end.
+    pub(super) fn new(inbox: Sender<SessionCommand>) -> Session {
+        Session { inbox }
     }
 
-    /// Sends a command and waits for the answer.
+    /// Asks and waits. The answer comes soon, unless a [`Write`] waits for a disk.
     ///
     /// # Errors
     /// The session's refusal.
@@ -115,12 +154,20 @@ impl Session {
         rx.await.unwrap_or_else(|_| Err(Error::request("the studio is shutting down")))
     }
 
+    /// Asks the writer and waits.
+    ///
+    /// # Errors
+    /// The writer's refusal; [`Error::Stalled`] when its disk has not answered for long.
+    pub(crate) async fn write<T>(&self, ask: impl FnOnce(Reply<T>) -> Write) -> Result<T, Error> {
+        self.ask(|reply| SessionCommand::Write(ask(reply))).await
+    }
+
     /// The document as clients see it.
     ///
     /// # Errors
     /// None but that the studio is shutting down.
     pub(crate) async fn view(&self) -> Result<Option<Box<DocumentView>>, Error> {
-        self.read(SessionCommand::View, |shown| Ok(shown.view)).await
+        self.ask(SessionCommand::View).await
     }
 
     /// The clip's text.
@@ -128,7 +175,7 @@ impl Session {
     /// # Errors
     /// [`Error::NoDocument`].
     pub(crate) async fn text(&self) -> Result<String, Error> {
-        self.read(SessionCommand::Text, |shown| shown.text.ok_or(Error::NoDocument)).await
+        self.ask(SessionCommand::Text).await
     }
 
     /// The clip and its command.
@@ -136,43 +183,6 @@ impl Session {
     /// # Errors
     /// [`Error::NoDocument`].
     pub(crate) async fn content(&self) -> Result<(Clip, Command), Error> {
-        self.read(SessionCommand::Content, |shown| shown.content.ok_or(Error::NoDocument)).await
-    }
-
-    /// Sends a command; if the session waits for a disk, the answer is the document as it was last
-    /// shown.
-    async fn read<T>(
-        &self,
-        ask: impl FnOnce(Reply<T>) -> SessionCommand,
-        shown: impl FnOnce(Shown) -> Result<T, Error>,
-    ) -> Result<T, Error> {
-        match tokio::time::timeout(READER_PATIENCE, self.ask(ask)).await {
-            Ok(answer) => answer,
-            Err(_elapsed) => {
-                shown(self.shelf.lock().unwrap_or_else(PoisonError::into_inner).clone())
-            }
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn who_only_reads_does_not_wait_for_a_disk_that_does_not_answer() {
-        let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build().unwrap();
-        // The session takes nothing from its queue, as it does while it writes.
-        let (inbox, _busy) = std::sync::mpsc::channel();
-        let shelf = Shelf::default();
-        let session = Session::new(inbox, shelf.clone());
-        let begin = std::time::Instant::now();
-        runtime.block_on(async {
-            assert!(session.view().await.unwrap().is_none());
-            shelf.lock().unwrap().text = Some("{}".into());
-            assert_eq!(session.text().await.unwrap(), "{}");
-            assert!(matches!(session.content().await, Err(Error::NoDocument)));
-        });
-        assert!(begin.elapsed() < 4 * READER_PATIENCE);
+        self.ask(SessionCommand::Content).await
     }
 }

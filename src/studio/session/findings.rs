@@ -19,9 +19,9 @@ const JUDGED_AT_ONCE: usize = 4;
 impl SessionActor {
     /// Problems and timeline, and the poses that the simulation has not checked yet.
     pub(crate) fn findings(&self) -> (Findings, Vec<Vec<f64>>) {
-        let Some(document) = &self.document else { return (Findings::default(), Vec::new()) };
+        let Some(shown) = &self.shown else { return (Findings::default(), Vec::new()) };
         let table = self.table();
-        let (clip, command) = (document.clip(), document.command());
+        let (clip, command) = (shown.clip(), shown.command());
         let robot = self.simulation.robot();
         let mut judge = Judge {
             names: table.names(),
@@ -33,7 +33,7 @@ impl SessionActor {
             if robot.is_some() { Some(&mut judge) } else { None };
         let lints = clip::lint(clip, command, &table, checker);
         let findings = Findings {
-            rev: document.rev(),
+            rev: shown.version.rev,
             lints,
             spans: command.spans().to_vec(),
             blind: command.blind_spans(),
@@ -45,7 +45,7 @@ impl SessionActor {
 
     /// Sends the findings to all clients and lets the simulation check new poses.
     pub(crate) fn tell_findings(&mut self) {
-        if self.document.is_none() {
+        if self.shown.is_none() {
             return;
         }
         let (findings, mut unknown) = self.findings();

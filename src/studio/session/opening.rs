@@ -1,41 +1,53 @@
-//! Opens documents in the session.
+//! Ways for a document to come to the writer.
 
 use std::path::Path;
 use std::time::Duration;
 
-use super::actor::{Asked, SessionActor, reference};
+use super::command::{Asked, Reply, Written};
+use super::shown::Shown;
+use super::writer::Writer;
 use crate::document::Document;
 use crate::protocol::{DocumentView, Error, RobotFacts};
 use crate::simulation::worker::{DescribeRobot, LoadRobot};
 use crate::workspace::robot_folders;
 use robert_clip as clip;
-use robert_clip::{Clip, JointTable};
+use robert_clip::{Clip, JointTable, RobotRef};
 use robert_robot::MODEL_FILE;
 
-/// The time that opening waits for the facts of its robot.
+/// How long opening waits for the facts of its robot.
 const ROBOT_PATIENCE: Duration = Duration::from_secs(20);
 
-/// The joint table of the answer, if there is one.
+/// What is known of the joints then.
 fn table(asked: &Asked) -> Option<JointTable> {
     asked.as_ref().ok().map(|facts| facts.table.clone())
 }
 
-impl SessionActor {
-    pub(crate) fn open(&mut self, path: &Path) -> Result<DocumentView, Error> {
-        // The same file is opened again: its lock is released first, but the document stays open if
-        // opening fails.
+/// A robot as a clip of it names it.
+pub(crate) fn reference(table: &JointTable) -> RobotRef {
+    RobotRef {
+        id: table.robot.clone(),
+        model: None,
+        model_sha256: table.model_sha256.clone(),
+        joints: table.names(),
+        units: table.joints.iter().map(|j| j.unit).collect(),
+    }
+}
+
+impl Writer {
+    pub(super) fn open(&mut self, path: &Path, reply: Reply<DocumentView>) {
+        // The same file again: it is open.
         let again = std::path::absolute(path).ok();
         if self.document.as_ref().is_some_and(|d| d.path() == again.as_deref()) {
-            return Ok(self.view());
+            return self.tell(Written::Same(reply));
         }
         let mut asked = None;
         let document = Document::open(path, &self.workspace.state_dir, |clip| {
             table(asked.insert(self.ask_robot(clip)))
-        })?;
-        Ok(self.take_up(document, asked))
+        });
+        self.take_up(document, asked, reply);
     }
 
-    pub(crate) fn recover(&mut self) -> bool {
+    pub(super) fn recover(&mut self, reply: Reply<bool>) {
         let mut asked = None;
         let mut ask = |clip: &Clip| table(asked.insert(self.ask_robot(clip)));
         let mut found = Document::orphan(&self.workspace.state_dir, &mut ask);
@@ -48,41 +60,68 @@ impl SessionActor {
                 Err(e) => tracing::warn!("{} is not taken up: {e}", file.path),
             }
         }
-        let Some(mut document) = found else { return false };
-        // If this document caused the end of that studio, the next start does not open it.
+        let Some(mut document) = found else {
+            reply.send(Ok(false)).ok();
+            return;
+        };
+        // Should it be what ended that studio, the next start does without it.
         document.put_aside();
-        self.take_up(document, asked);
-        if let Some(document) = &mut self.document {
-            document.taken_up();
-        }
-        true
+        let shown = self.put_in_place(document);
+        self.tell(Written::Recovered { shown, asked, reply });
     }
 
-    pub(crate) fn take_up_draft(&mut self, number: u32) -> Result<DocumentView, Error> {
+    pub(super) fn take_up_draft(&mut self, number: u32, reply: Reply<DocumentView>) {
         let mut asked = None;
         let document = Document::draft(&self.workspace.state_dir, number, |clip| {
             table(asked.insert(self.ask_robot(clip)))
-        })?;
-        Ok(self.take_up(document, asked))
+        });
+        self.take_up(document, asked, reply);
     }
 
-    pub(crate) fn start_from(&mut self, clip: Clip) -> Result<DocumentView, Error> {
+    pub(super) fn start_from(&mut self, clip: Clip, reply: Reply<DocumentView>) {
         let asked = self.ask_robot(&clip);
-        let document = Document::new(clip, &self.workspace.state_dir, table(&asked))?;
-        Ok(self.take_up(document, Some(asked)))
+        let document = Document::new(clip, &self.workspace.state_dir, table(&asked));
+        self.take_up(document, Some(asked), reply);
     }
 
-    /// Asks for the facts about a robot and remembers its source.
-    pub(crate) fn know(&mut self, robot: &str) -> Result<RobotFacts, Error> {
+    /// Puts a document in the place of the open one, which stays if there is none.
+    fn take_up(
+        &mut self,
+        document: Result<Document, Error>,
+        asked: Option<Asked>,
+        reply: Reply<DocumentView>,
+    ) {
+        match document {
+            Ok(document) => {
+                let shown = self.put_in_place(document);
+                self.tell(Written::Opened { shown, asked, reply });
+            }
+            Err(e) => drop(reply.send(Err(e))),
+        }
+    }
+
+    fn put_in_place(&mut self, document: Document) -> Shown {
+        if let Some(path) = document.path() {
+            self.workspace.recent.opened(path, document.clip());
+        }
+        let shown = Shown::of(&document);
+        if let Some(old) = self.document.replace(document) {
+            old.close();
+        }
+        shown
+    }
+
+    /// Asks about a robot and remembers where it comes from.
+    pub(super) fn know(&mut self, robot: &str) -> Result<RobotFacts, Error> {
         let question = DescribeRobot { robot: robot.to_owned() };
         let facts = self.simulation.ask_blocking(question, ROBOT_PATIENCE)?;
         self.sources.insert(facts.id.clone(), robot.to_owned());
         Ok(facts)
     }
 
-    /// Asks the worker to load a clip's robot: by its id, or from the folder that the user named,
-    /// that the clip names, or that an import made in the studio's folder.
-    pub(crate) fn ask_robot(&self, clip: &Clip) -> Result<RobotFacts, Error> {
+    /// Asks the worker to take a clip's robot up: by its id, or from the folder that the
+    /// user named, that the clip names, or that an import left beside us.
+    fn ask_robot(&self, clip: &Clip) -> Asked {
         let id = &clip.robot.id;
         let named = clip.robot.model.as_ref().map(|m| self.workspace.folder.join(m));
         let named = named.filter(|dir| dir.join(MODEL_FILE).is_file());
@@ -95,20 +134,24 @@ impl SessionActor {
         self.simulation.ask_blocking(LoadRobot { robot }, ROBOT_PATIENCE)
     }
 
-    pub(crate) fn blank(
+    pub(super) fn blank(
         &mut self,
         robot: &str,
         length: u32,
         name: String,
-    ) -> Result<DocumentView, Error> {
-        let facts = self.know(robot)?;
+        reply: Reply<DocumentView>,
+    ) {
+        let facts = match self.know(robot) {
+            Ok(facts) => facts,
+            Err(e) => return drop(reply.send(Err(e))),
+        };
         let table = &facts.table;
         let mut clip =
             Clip::new(reference(table), length.clamp(2, robert_base::limits::CLIP_FRAMES));
         clip.name = name;
-        // The robot starts at the first key unless the clip gives another start.
+        // The first key is where the robot starts, until somebody says another start.
         let rest: Vec<f64> = table.rest.iter().map(|v| clip::round(*v)).collect();
         clip.keys.push(clip::Key::new(0, &rest));
-        self.start_from(clip)
+        self.start_from(clip, reply);
     }
 }

@@ -1,61 +1,50 @@
-//! The document that readers get while the session waits for a disk.
+//! The document as it was last acknowledged.
 //!
-//! The session's thread writes journals and files itself, since an edit may not be acknowledged
-//! before its record is on disk. A disk that does not answer (a folder on another machine) delays
-//! edits and saves; readers get the document as it last was. Rejected: a separate thread for
-//! writing while the document goes on, because a failed write would have to take back edits that
-//! others have built upon.
+//! The writer makes one of these after each of its works; readers and previews use the last one,
+//! however long the writer waits for a disk. What is not on disk yet is not shown to anybody.
 
-use std::sync::{Arc, Mutex, PoisonError};
-use std::time::{Duration, Instant};
+use std::path::PathBuf;
+use std::sync::Arc;
 
-use crate::protocol::DocumentView;
-use robert_clip::{Clip, Command};
+use super::history::history;
+use crate::document::Document;
+use crate::protocol::{History, Restored};
+use robert_clip::{Clip, Command, Version};
 
-/// The document as it was a moment ago.
-#[derive(Clone, Debug, Default)]
-pub(super) struct Shown {
-    pub(super) view: Option<Box<DocumentView>>,
-    pub(super) text: Option<String>,
-    pub(super) content: Option<(Clip, Command)>,
+/// A document that others may go on with.
+#[derive(Clone, Debug)]
+pub(crate) struct Shown {
+    pub(super) version: Version,
+    pub(super) path: Option<PathBuf>,
+    pub(super) dirty: bool,
+    pub(super) history: History,
+    pub(super) restored: Option<Restored>,
+    saved_text: Arc<str>,
 }
 
-/// The place where the session leaves the document for readers.
-pub(super) type Shelf = Arc<Mutex<Shown>>;
-
-/// The delay between the first change and the next copy for readers. A copy costs as much as an
-/// edit, and edits come in quick succession.
-const AFTER: Duration = Duration::from_millis(100);
-
-/// Renews the shelf now and then.
-pub(super) struct Showing {
-    shelf: Shelf,
-    /// The time at which it is renewed.
-    due: Option<Instant>,
-}
-
-impl Showing {
-    pub(super) fn new(shelf: Shelf) -> Showing {
-        Showing { shelf, due: None }
-    }
-
-    /// Time until it is to be renewed; `None` while nothing has changed.
-    pub(super) fn wait(&self) -> Option<Duration> {
-        self.due.map(|at| at.saturating_duration_since(Instant::now()))
-    }
-
-    /// Something may have changed.
-    pub(super) fn changed(&mut self) {
-        self.due.get_or_insert_with(|| Instant::now() + AFTER);
-    }
-
-    /// Renews it, if it is time.
-    pub(super) fn renew(&mut self, shown: impl FnOnce() -> Shown) {
-        if self.due.is_none_or(|at| at > Instant::now()) {
-            return;
+impl Shown {
+    /// The document as it is now.
+    pub(super) fn of(document: &Document) -> Shown {
+        Shown {
+            version: document.version(),
+            path: document.path().map(ToOwned::to_owned),
+            dirty: document.is_dirty(),
+            history: history(document),
+            restored: document.restored().cloned(),
+            saved_text: document.saved_text(),
         }
-        self.due = None;
-        let shown = shown();
-        *self.shelf.lock().unwrap_or_else(PoisonError::into_inner) = shown;
+    }
+
+    pub(super) fn clip(&self) -> &Clip {
+        &self.version.clip
+    }
+
+    pub(super) fn command(&self) -> &Command {
+        &self.version.command
+    }
+
+    /// The text that saving would write.
+    pub(super) fn text(&self) -> String {
+        if self.dirty { self.clip().to_text() } else { self.saved_text.to_string() }
     }
 }

@@ -15,4 +15,5 @@ pub(crate) mod worker;
 pub(crate) use handle::Simulation;
 pub(crate) use robot_context::RobotContext;
 pub(crate) use rollout_store::RolloutStore;
+pub(crate) use takes::Takes;
 pub use worker::run as run_worker;

@@ -140,4 +140,53 @@ mod tests {
         assert_eq!(read(&update), Some(Incoming::Unknown));
         assert_eq!(Incoming::read(&[0xc1, 7, 7]), None);
     }
+
+    /// Fifty thousand damaged messages in a normal run, or as many as `ROBERT_FUZZ` says.
+    #[test]
+    fn any_bytes_are_a_message_or_none() {
+        use robert_base::rng::{Rng, Stream};
+        let number = |name| std::env::var(name).ok().and_then(|n| n.parse::<u64>().ok());
+        let asked = number("ROBERT_FUZZ");
+        let (rounds, first) = (asked.unwrap_or(50_000), number("ROBERT_FUZZ_FROM").unwrap_or(0));
+        let seeds = [
+            serde_json::json!({"type": "TransformControlsUpdateMessage", "name": "/gizmo",
+                "wxyz": [1.0, 0.0, 0.0, 0.0], "position": [0, 0.5, 1.0]}),
+            serde_json::json!({"type": "SceneNodeClickMessage", "name": "/robot/arm",
+                "ray_origin": [0.5, 0.25, 1.5], "ray_direction": [0.0, 1.0, 0.0]}),
+            serde_json::json!({"type": "SceneNodeDragMessage", "phase": "update", "name": "/hand",
+                "start_position": [0.1, 0.2, 0.3], "end_position": [1, 2, 3], "modifier": "shift"}),
+            serde_json::json!({"type": "ViewerCameraMessage", "wxyz": [0.5, 0.5, 0.5, 0.5],
+                "position": [3.0, 3.0, 3.0], "fov": 1.3, "image_height": 720, "image_width": 1280}),
+        ]
+        .map(|m| rmp_serde::to_vec_named(&m).unwrap());
+        let begin = std::time::Instant::now();
+        let mut taken = 0_u64;
+        for round in first..first + rounds {
+            let rng = &mut Rng::new(41, Stream::Test, round);
+            let mut bytes = seeds[rng.below(4) as usize].clone();
+            for _ in 0..=rng.below(4) {
+                let at = rng.below(bytes.len() as u64) as usize;
+                let end = (at + rng.below(12) as usize).min(bytes.len());
+                match rng.below(6) {
+                    0 => bytes[at] ^= 1 << rng.below(8),
+                    1 => bytes[at] = rng.below(256) as u8,
+                    // Marks of MessagePack: lengths, nothing, numbers, maps and lists.
+                    2 => bytes[at] = 0xc0 + rng.below(64) as u8,
+                    3 => bytes[at..end].fill(0xff),
+                    4 if bytes.len() > 32 => drop(bytes.drain(at..end)),
+                    _ => bytes.insert(at, rng.below(256) as u8),
+                }
+            }
+            if let Some(message) = Incoming::read(&bytes) {
+                taken += 1;
+                let camera = message.camera();
+                assert!(camera.is_none_or(|c| c.slope.is_finite() && c.slope > 0.0), "{round}");
+            }
+        }
+        assert!(taken > rounds / 20 && taken < rounds, "{taken} of {rounds}");
+        if asked.is_some() {
+            let secs = begin.elapsed().as_secs_f64();
+            println!("viser: {rounds} inputs, {taken} taken, {secs:.0} s");
+        }
+    }
 }

@@ -13,6 +13,14 @@ const BASE: usize = 7;
 /// # Errors
 /// [`Error::Foreign`] with the line.
 pub fn from_lafan(bytes: &[u8], joints: &[String], fps: f64) -> Result<Samples, Error> {
+    // The reader would keep a place for each cell of a line before it could be refused.
+    let most = BASE + limits::JOINTS;
+    for (i, text) in bytes.split(|b| *b == b'\n').enumerate() {
+        let columns = text.split(|b| *b == b',').count();
+        if columns > most {
+            return Err(at_line(i + 1, format!("{columns} columns; at most {most} are read")));
+        }
+    }
     let mut reader = csv::ReaderBuilder::new()
         .has_headers(false)
         .flexible(true)

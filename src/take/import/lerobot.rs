@@ -144,6 +144,12 @@ fn rows(
 ) -> Result<(), Error> {
     let broken = |e: parquet::errors::ParquetError| foreign(e.to_string());
     let reader = SerializedFileReader::new(file).map_err(broken)?;
+    let claimed = reader.metadata().row_groups().iter().map(|g| g.num_rows().max(0));
+    let claimed = claimed.fold(0_i64, i64::saturating_add);
+    if claimed > limits::DATASET_ROWS {
+        let most = limits::DATASET_ROWS;
+        return Err(foreign(format!("the file claims {claimed} rows; at most {most} are read")));
+    }
     // Only the columns that are needed, one of which is a list.
     let wanted = ["episode_index", "frame_index", source.column.as_str()];
     let schema = reader.metadata().file_metadata().schema();

@@ -462,12 +462,13 @@ mod tests {
     #[test]
     fn any_bytes_are_read_or_refused() {
         use robert_base::rng::{Rng, Stream};
-        let asked = std::env::var("ROBERT_FUZZ").ok().and_then(|n| n.parse::<u64>().ok());
-        let rounds = asked.unwrap_or(50_000);
+        let number = |name| std::env::var(name).ok().and_then(|n| n.parse::<u64>().ok());
+        let asked = number("ROBERT_FUZZ");
+        let (rounds, first) = (asked.unwrap_or(50_000), number("ROBERT_FUZZ_FROM").unwrap_or(0));
         let whole = written(&fifty()[..12]);
         let begin = std::time::Instant::now();
         let (mut read, mut records) = (0, 0);
-        for round in 0..rounds {
+        for round in first..first + rounds {
             let rng = &mut Rng::new(31, Stream::Test, round);
             let mut bytes = whole.clone();
             for _ in 0..=rng.below(5) {
@@ -494,7 +495,10 @@ mod tests {
         }
         assert!(read > rounds / 2 && records as u64 > read, "{read} read, {records} records");
         if asked.is_some() {
-            println!("{rounds} journals, {read} read, {:.0} s", begin.elapsed().as_secs_f64());
+            println!(
+                "journal: {rounds} inputs, {read} taken, {:.0} s",
+                begin.elapsed().as_secs_f64()
+            );
         }
     }
 }
