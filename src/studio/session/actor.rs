@@ -134,7 +134,10 @@ impl SessionActor {
         match done {
             Written::Edits(answered, shown) => {
                 self.shown = shown;
-                let changed = answered.into_iter().fold(false, |any, a| self.announce(a) || any);
+                let mut changed = false;
+                for one in answered {
+                    changed |= self.announce(one);
+                }
                 self.renew(changed);
             }
             Written::Reloaded(answered, shown) => {
