@@ -28,7 +28,7 @@ const TOLERANCE_M: f64 = 1e-4;
 const ITERATIONS: u32 = 40;
 
 /// The work that a clip may cost, as iterations times 20 and the number of joints. One that reaches its
-/// goals needs a few iterations a frame. Without this bound 4,096 goals out of reach took 5 s.
+/// goals needs a few iterations a frame; goals out of reach need all of theirs.
 const WORK: usize = 2_000_000;
 
 /// Iterations of a search once that is spent: a path is still followed, from frame to frame.

@@ -177,7 +177,7 @@ fn the_commands_take_such_clips() {
     assert!(err.contains("--robot"), "{err}");
 }
 
-/// As many goals as a clip may have, none of which the arm can reach. They took 5 s.
+/// As many goals as a clip may have, none of which the arm can reach.
 #[test]
 fn goals_out_of_reach_cost_two_seconds_at_most() {
     let robot = Robot::builtin("ur5e").unwrap();
