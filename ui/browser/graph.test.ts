@@ -161,7 +161,9 @@ describe("graph", () => {
     await t.press("v");
     await t.byId("timeline").waitFor();
     assert.deepEqual([...(await t.state()).selection].sort(), [14, 30]);
+    await t.painted();
     await t.clickKey(60);
+    await t.until((x) => x.selection.join() === "60", "another key chosen");
     await t.press("v");
     await t.byId("graph").waitFor();
     await t.until((x) => [...x.points].sort().join() === "60:0,60:2", "and back");
