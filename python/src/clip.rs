@@ -6,7 +6,7 @@ use numpy::{IntoPyArray as _, PyArray1};
 use pyo3::prelude::*;
 use robert::clip::{self as lib, Editor, Fill, Key, Mask, Op, compile_for};
 use robert::robot::Robot as LibRobot;
-use robert::rollout::tasks;
+use robert::rollout::{ClipFacts as _, tasks};
 
 use crate::error::{InvalidInput, raise, wrong};
 use crate::robot::Robot;

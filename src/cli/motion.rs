@@ -10,7 +10,7 @@ use crate::clip::{Clip, Command, parse};
 use crate::exit::HasExit;
 use crate::fsio;
 use crate::robot::Robot;
-use crate::rollout::{Guide, PolicyConfig, tasks};
+use crate::rollout::{ClipFacts as _, Guide, PolicyConfig, tasks};
 use crate::take::Take;
 use crate::units::Unit;
 

@@ -23,7 +23,6 @@ mod golden;
 mod gravity;
 mod ik;
 pub mod import;
-mod joint_table;
 mod keys;
 mod kinematics;
 mod law;
@@ -42,7 +41,6 @@ pub use builtin::NOTICE;
 pub use derive::derive;
 pub use error::Error;
 pub use gravity::Gravity;
-pub use joint_table::Settler;
 pub use law::{Law, PositionServo};
 pub use plant::{PlantConfig, PlantRange};
 pub use profile::{

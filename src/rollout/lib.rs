@@ -10,6 +10,7 @@
 
 mod actuation;
 mod auto;
+mod clip_facts;
 mod computed_torque;
 mod error;
 mod extracted_tasks;
@@ -42,6 +43,7 @@ mod window;
 mod zero;
 
 pub use auto::{Chosen, Contenders, Trial};
+pub use clip_facts::{ClipFacts, Settler};
 pub use error::Error;
 pub use extracted_tasks::{EXTRACTED_FRAMES, Masking, extract_task, test_suites};
 pub use fitted::{FitCard, FitKind, card_of, facts, normaliser};

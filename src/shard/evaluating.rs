@@ -10,6 +10,7 @@ use robert_base::fsio;
 use robert_base::progress::{Progress, Silent};
 use robert_clip::Clip;
 use robert_robot::Robot;
+use robert_rollout::ClipFacts as _;
 use robert_rollout::{
     Case, Contenders, EvalConfig, PolicyConfig, PolicyName, Rollout, RolloutConfig, Start, Suite,
     evaluate, tasks,

@@ -22,8 +22,8 @@ use robert_dataset::{self as dataset, Corruption, Dataset, Manifest, Verify};
 use robert_plot::{self as plot, Axis, Curve, Figure};
 use robert_robot::{PlantRange, Robot};
 use robert_rollout::{
-    Case, EvalConfig, Interval, PolicyConfig, PolicyName, Start, Suite, evaluate, mean_ci95, tasks,
-    test_suites,
+    Case, ClipFacts as _, EvalConfig, Interval, PolicyConfig, PolicyName, Start, Suite, evaluate,
+    mean_ci95, tasks, test_suites,
 };
 
 /// The most points of a grid, including seeds.

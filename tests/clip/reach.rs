@@ -5,6 +5,7 @@ use std::path::Path;
 
 use robert::clip::*;
 use robert::robot::Robot;
+use robert::rollout::ClipFacts as _;
 
 use crate::run::{call, robert};
 

@@ -5,6 +5,7 @@ use std::fs;
 
 use robert::clip::{Clip, Key};
 use robert::robot::Robot;
+use robert::rollout::ClipFacts as _;
 use serde_json::Value;
 
 use crate::run::call;

@@ -11,7 +11,7 @@ use crate::clip;
 use crate::mujoco::Data;
 use crate::progress::Cancel;
 use crate::robot::Robot;
-use crate::rollout::{Guide, PolicyConfig, Rollout, RolloutConfig, Start};
+use crate::rollout::{ClipFacts as _, Guide, PolicyConfig, Rollout, RolloutConfig, Start};
 use crate::units::SUBSTEPS;
 
 #[derive(clap::Args, Debug)]

@@ -8,6 +8,7 @@ use super::super::failure::{Failure, Outcome};
 use super::super::{input, out};
 use crate::clip::{Clip, Delta, Editor, Fill, Key, Op};
 use crate::exit::Exit;
+use crate::rollout::ClipFacts;
 use crate::{fsio, limits};
 
 /// Create a clip for a robot, with its named poses and a first key.
@@ -168,7 +169,7 @@ pub(super) fn apply_ops(a: &Apply) -> Outcome {
     let clip = crate::clip::parse_bytes(bytes.clone()).map_err(|e| e.in_file(&place))?.clip;
     let ops = read_ops(&a.ops)?;
     let robot = super::files::robot_of(&clip, a.robot.as_deref())?;
-    let table = robot.as_ref().map(crate::robot::Robot::joint_table);
+    let table = robot.as_ref().map(ClipFacts::joint_table);
     let mut editor = Editor::new(clip.clone(), table).map_err(Failure::invalid)?;
     let before = editor.command().clone();
     for (i, op) in ops.iter().enumerate() {

@@ -6,6 +6,7 @@ use crate::cli::failure::{Failure, Outcome};
 use crate::cli::{input, out};
 use crate::clip::{Clip, Command, Fill, JointTable, Parsed, RobotRef, compile_for};
 use crate::robot::Robot;
+use crate::rollout::ClipFacts;
 
 /// Reads a clip; `-` is stdin.
 pub(super) fn load(path: &Path) -> Result<Parsed, Failure> {
@@ -31,7 +32,7 @@ pub(super) fn robot_of(clip: &Clip, asked: Option<&str>) -> Result<Option<Robot>
 /// The joint table of a clip: the robot's, or if the robot is not known, only the facts that the
 /// clip contains.
 pub(super) fn joint_table(clip: &Clip, robot: Option<&Robot>) -> JointTable {
-    robot.map_or_else(|| JointTable::from_clip(clip), Robot::joint_table)
+    robot.map_or_else(|| JointTable::from_clip(clip), ClipFacts::joint_table)
 }
 
 /// Compiles a clip with the robot asked for, else its own if that is known here.

@@ -8,7 +8,8 @@ use super::super::failure::{Failure, Outcome};
 use crate::clip::{Clip, Command, JointTable, Lint, PoseChecker, PoseReport, lint};
 use crate::exit::Exit;
 use crate::progress::{Cancel, Progress as _};
-use crate::robot::{Robot, Settler};
+use crate::robot::Robot;
+use crate::rollout::Settler;
 
 /// The results for the poses of one clip so far.
 pub(super) struct Simulation<'a> {

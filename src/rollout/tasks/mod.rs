@@ -300,6 +300,7 @@ mod tests {
     use std::collections::BTreeSet;
 
     use super::*;
+    use crate::ClipFacts as _;
     use robert_clip::{Level, Rule, compile, lint};
     use robert_robot::Robot;
 

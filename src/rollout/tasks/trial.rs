@@ -203,6 +203,7 @@ fn gap(robot: &Robot, from: &[f64], to: &[f64]) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::ClipFacts as _;
     use robert_clip::{compile, lint};
 
     #[test]

@@ -1,8 +1,11 @@
-//! The facts about a robot for the clip floor, and checks of poses by simulation.
+//! What clips need to know about a robot, and checks of poses by simulation.
+//!
+//! It lives here and not beside [`Robot`], so that the floors below (robots, datasets, agents,
+//! pictures) know nothing of clips and are not compiled again when the clip changes.
 
-use super::{Coupling, Robot};
 use robert_clip as clip;
 use robert_mujoco::{Data, Kind};
+use robert_robot::{Coupling, Robot};
 
 /// Geoms that overlap by more than this count as a collision, m.
 const OVERLAP: f64 = 0.002;
@@ -11,9 +14,23 @@ const OVERLAP: f64 = 0.002;
 /// settled fist.
 const COUPLING_TOLERANCE: f64 = 0.1;
 
-impl Robot {
+/// What clips need to know about a robot.
+pub trait ClipFacts {
     /// The facts needed to check, mirror and draw clips.
-    pub fn joint_table(&self) -> clip::JointTable {
+    fn joint_table(&self) -> clip::JointTable;
+
+    /// Compiles a clip for this robot, with its end-effector goals solved.
+    ///
+    /// # Errors
+    /// [`clip::Invalid`], as [`clip::compile_for`].
+    fn compile(&self, clip: &clip::Clip) -> Result<clip::Command, clip::Invalid>;
+
+    /// The reference to this robot in a new clip.
+    fn clip_ref(&self) -> clip::RobotRef;
+}
+
+impl ClipFacts for Robot {
+    fn joint_table(&self) -> clip::JointTable {
         let profile = self.profile();
         let joints = self.joints().iter().map(|j| clip::JointFacts {
             name: j.name.clone(),
@@ -45,11 +62,7 @@ impl Robot {
         }
     }
 
-    /// Compiles a clip for this robot, with its end-effector goals solved.
-    ///
-    /// # Errors
-    /// [`clip::Invalid`], as [`clip::compile_for`].
-    pub fn compile(&self, clip: &clip::Clip) -> Result<clip::Command, clip::Invalid> {
+    fn compile(&self, clip: &clip::Clip) -> Result<clip::Command, clip::Invalid> {
         // Only end-effector goals need to know the robot.
         if clip.keys.iter().all(|k| k.reach.is_empty()) {
             return clip::compile(clip);
@@ -57,8 +70,7 @@ impl Robot {
         clip::compile_for(clip, Some(&self.joint_table()))
     }
 
-    /// The reference to this robot in a new clip.
-    pub fn clip_ref(&self) -> clip::RobotRef {
+    fn clip_ref(&self) -> clip::RobotRef {
         clip::RobotRef {
             id: self.id().to_owned(),
             model: None,
@@ -97,12 +109,15 @@ impl<'a> Settler<'a> {
     /// For this robot.
     ///
     /// # Errors
-    /// [`super::Error::Simulator`] when no simulation can be made.
-    pub fn new(robot: &'a Robot) -> Result<Settler<'a>, super::Error> {
+    /// [`robert_robot::Error::Simulator`] when no simulation can be made.
+    pub fn new(robot: &'a Robot) -> Result<Settler<'a>, robert_robot::Error> {
         Ok(Settler { robot, data: Data::new(robot.model())? })
     }
 
-    fn overlaps(&mut self, state: &[f64]) -> Result<Vec<(String, String, f64)>, super::Error> {
+    fn overlaps(
+        &mut self,
+        state: &[f64],
+    ) -> Result<Vec<(String, String, f64)>, robert_robot::Error> {
         self.data.reset()?;
         self.robot.write_state(&mut self.data, state)?;
         self.data.forward()?;
