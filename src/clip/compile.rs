@@ -21,6 +21,7 @@ use super::document::{Clip, Fill, Row, Start};
 use super::flaw::Invalid;
 use super::grid::round;
 use super::joints::JointTable;
+use super::masks::hide;
 use super::offset;
 use super::solve::{Solved, solve};
 use super::tangent::Tangent;
@@ -108,7 +109,7 @@ impl<'a> Plan<'a> {
                 *q = round(*q + add);
             }
         }
-        let spans = self.mask();
+        let spans = hide(clip, &mut self.visible, std::mem::take(&mut self.spans));
         let start = self.start(&added).into_iter().map(|v| v as f32).collect();
         let joints = clip.robot.joints.clone();
         let q = self.q.into_iter().map(|v| v as f32).collect();
@@ -236,69 +237,6 @@ impl<'a> Plan<'a> {
             Some(smooth_slope(h0, h1, d0, d1))
         };
         inner().unwrap_or(0.0)
-    }
-
-    /// Applies the mask spans. Difference sums make many overlapping spans cost no more than the
-    /// frames that they cover.
-    fn mask(&mut self) -> Vec<Span> {
-        let clip = self.clip;
-        let frames = clip.length as usize;
-        if clip.masks.is_empty() {
-            return std::mem::take(&mut self.spans);
-        }
-        let mut all = vec![0_i32; frames + 1];
-        let mut some: Vec<i32> = Vec::new();
-        if clip.masks.iter().any(|m| m.joints.is_some()) {
-            some = vec![0; (frames + 1) * self.dim];
-        }
-        let index: std::collections::BTreeMap<&str, usize> =
-            clip.robot.joints.iter().enumerate().map(|(i, j)| (j.as_str(), i)).collect();
-        for mask in &clip.masks {
-            let ends = [(mask.from as usize, 1), (mask.to as usize, -1)];
-            for (at, step) in ends {
-                match &mask.joints {
-                    None => bump(&mut all, at, step),
-                    Some(joints) => {
-                        for j in joints.iter().filter_map(|j| index.get(j.as_str())) {
-                            bump(&mut some, at * self.dim + j, step);
-                        }
-                    }
-                }
-            }
-        }
-        let mut hidden = vec![false; frames];
-        let mut open = 0;
-        let mut each = vec![0_i32; self.dim];
-        for (t, row) in self.visible.chunks_exact_mut(self.dim).enumerate() {
-            open += all.get(t).copied().unwrap_or(0);
-            let steps = some.get(t * self.dim..).unwrap_or_default();
-            each.iter_mut().zip(steps).for_each(|(n, d)| *n += d);
-            for (v, n) in row.iter_mut().zip(&each) {
-                *v &= open == 0 && *n == 0;
-            }
-            if let Some(h) = hidden.get_mut(t) {
-                *h = open > 0;
-            }
-        }
-        let mut spans = Vec::new();
-        for span in std::mem::take(&mut self.spans) {
-            let mut from = span.from;
-            for t in span.from..span.to {
-                let is = |t: u32| hidden.get(t as usize).copied().unwrap_or(false);
-                if t + 1 == span.to || is(t) != is(t + 1) {
-                    let kind = if is(t) { SpanKind::Masked } else { span.kind };
-                    push_span(&mut spans, from, t + 1, kind);
-                    from = t + 1;
-                }
-            }
-        }
-        spans
-    }
-}
-
-fn bump(counts: &mut [i32], at: usize, step: i32) {
-    if let Some(n) = counts.get_mut(at) {
-        *n += step;
     }
 }
 
