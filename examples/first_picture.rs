@@ -43,8 +43,7 @@ fn main() {
     let caption = Caption {
         title: "one of each".into(),
         line: Caption::moment(40, 2.0, Some((0.031, "rad"))),
-        legend: vec![],
-        large: false,
+        ..Caption::default()
     };
     let input = FrameInput {
         ghosts: &[Ghost::command(&turned)],

@@ -20,8 +20,7 @@ fn main() {
     let caption = Caption {
         title: format!("{}: {}", args[1], args[2]),
         line: Caption::moment(40, 2.0, Some((0.031, "rad"))),
-        legend: vec![],
-        large: false,
+        ..Caption::default()
     };
     let ghosts = [Ghost::command(&other)];
     let input = FrameInput {

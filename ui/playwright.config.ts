@@ -4,6 +4,7 @@
 //   npm run browser -- hand            files whose name has this word
 //   npm run browser -- -g "undo"       tests whose title has this word
 //   npm run measure                    how fast the page draws, printed
+//   npm run pictures                   the page's pictures in docs/media, taken anew
 //
 // ROBERT_BIN names the program, CHROMIUM the browser, ROBERT_SCREENSHOTS a folder for pictures.
 import { defineConfig } from "@playwright/test";
@@ -22,5 +23,6 @@ export default defineConfig({
   projects: [
     { name: "page", testMatch: "*.test.ts" },
     { name: "measure", testMatch: "*.measure.ts", retries: 0 },
+    { name: "pictures", testMatch: "*.pictures.ts", retries: 0 },
   ],
 });

@@ -43,16 +43,20 @@ pub struct Caption {
     pub legend: Vec<Key>,
     /// Letters 1.5 times as large, for pictures that are shown smaller, as in strips.
     pub large: bool,
+    /// A text that is as wide as the line of any frame of a film or strip. The letters of the line have
+    /// the size at which this fits, so that they do not change from frame to frame. May be empty.
+    pub widest: String,
 }
 
 impl Caption {
-    /// `frame 40 · 2.00 s · Precision 0.0312 rad` in the bottom left corner; the Precision
+    /// `frame 40 · 2.00 s · Precision 0.0312°` in the bottom left corner; the Precision
     /// in the unit that is given with it.
     pub fn moment(frame: u32, secs: f64, precision: Option<(f64, &str)>) -> String {
         match precision {
             Some((p, unit)) => {
                 let p = significant(p);
-                format!("frame {frame} · {secs:.2} s · Precision {p} {unit}")
+                let gap = if unit == "\u{b0}" { "" } else { " " };
+                format!("frame {frame} · {secs:.2} s · Precision {p}{gap}{unit}")
             }
             None => format!("frame {frame} · {secs:.2} s"),
         }
@@ -129,7 +133,7 @@ impl Captioner {
         }
         let mut bottom = height - margin;
         if !caption.line.is_empty() {
-            let (lines, px) = self.wrapped(&caption.line, px, room);
+            let (lines, px) = self.wrapped(&caption.line, &caption.widest, px, room);
             let step = px * LINE * 1.08;
             let tall = step * lines.len() as f32;
             if tall <= 0.5 * height && top + tall <= bottom {
@@ -173,12 +177,13 @@ impl Captioner {
         cut.find(|t| fits(t)).unwrap_or_default()
     }
 
-    /// The line at a size that fits: a little smaller, else in several rows; `None` if even a part
-    /// of it is too wide.
-    fn wrapped(&self, line: &str, px: f32, room: f32) -> (Vec<String>, f32) {
+    /// The line at a size that fits, as `widest` does: a little smaller, else in several rows; `None`
+    /// if even a part of it is too wide.
+    fn wrapped(&self, line: &str, widest: &str, px: f32, room: f32) -> (Vec<String>, f32) {
         let fits = |t: &str, px: f32| self.width(t, false, px) + 2.0 * PAD * px <= room;
         let smaller = [1.0, 0.9, 0.8].map(|k| (px * k).max(LEAST_PX));
-        if let Some(px) = smaller.into_iter().find(|px| fits(line, *px)) {
+        let both = |px: f32| fits(line, px) && fits(widest, px);
+        if let Some(px) = smaller.into_iter().find(|px| both(*px)) {
             return (vec![line.to_owned()], px);
         }
         for px in [px, px.min(11.0), LEAST_PX] {
@@ -306,7 +311,7 @@ mod tests {
             legend: ["achieved", "command, small error", "command, large error", "keyframe"]
                 .map(key)
                 .to_vec(),
-            large: false,
+            ..Caption::default()
         };
         let size = |c: &Caption| Captioner::default().plan(640.0, 480.0, c).px;
         assert!(size(&Caption { large: true, ..caption.clone() }) > 1.4 * size(&caption));
@@ -334,6 +339,19 @@ mod tests {
     }
 
     #[test]
+    fn letters_keep_their_size_from_frame_to_frame() {
+        let widest = "frame 888 · 88.88 s · Precision 8.8888° · computed-torque".to_owned();
+        let sizes = [0, 33, 200].map(|frame| {
+            let line = Caption::moment(frame, f64::from(frame) / 20.0, Some((0.0534, "\u{b0}")));
+            let caption =
+                Caption { line, large: true, widest: widest.clone(), ..Caption::default() };
+            let plan = Captioner::default().plan(360.0, 480.0, &caption);
+            plan.rows.first().unwrap().px
+        });
+        assert!(sizes.iter().all(|s| *s == sizes[0]), "{sizes:?}");
+    }
+
+    #[test]
     fn caption_stays_inside_any_picture() {
         let caption = Caption {
             title: "a name far longer than the picture is wide, without end".into(),
@@ -343,7 +361,7 @@ mod tests {
                 color: [0, 114, 178],
                 text: "command".into(),
             }],
-            large: false,
+            ..Caption::default()
         };
         for (w, h) in [(1, 1), (30, 10), (320, 240)] {
             let mut p = Picture::filled(w, h, [128; 3]);

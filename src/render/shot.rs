@@ -221,6 +221,8 @@ pub struct Shot {
     brief: bool,
     /// Captions are for a strip.
     large: bool,
+    /// As wide as the line of any frame.
+    widest: String,
 }
 
 #[derive(Debug)]
@@ -270,7 +272,11 @@ impl Shot {
         };
         let colors = sites.iter().enumerate().map(|(i, s)| stage.accent(*s, i)).collect();
         let typical = motion.precision(motion.frames()).unwrap_or(0.0);
-        let unit = robert_base::units::short_unit(&motion.unit, typical);
+        // Angles in degrees, as on the page of the studio.
+        let unit = match motion.unit.as_str() {
+            "rad" => (1_f64.to_degrees(), "\u{b0}".to_owned()),
+            unit => robert_base::units::short_unit(unit, typical),
+        };
         let sun = Vec3::Z;
         let mut shot = Shot {
             stage,
@@ -287,7 +293,9 @@ impl Shot {
             unit,
             brief: false,
             large: false,
+            widest: String::new(),
         };
+        shot.widest = shot.widest_line();
         // Computed once, so that the light does not move while a camera orbits.
         shot.sun = sun_for(&shot.camera(0));
         Ok(shot)
@@ -471,20 +479,33 @@ impl Shot {
         Ok(out)
     }
 
+    /// Frame, time and Precision in words.
+    fn moment(&self, frame: usize) -> String {
+        let secs = frame as f64 / self.motion.fps.max(1e-9);
+        let (factor, unit) = &self.unit;
+        let precision = self.motion.precision(frame).map(|p| (p * factor, unit.as_str()));
+        Caption::moment(frame as u32, secs, precision)
+    }
+
+    fn with_performer(&self, moment: String) -> String {
+        let performer = &self.motion.performer;
+        if performer.is_empty() { moment } else { format!("{moment} · {performer}") }
+    }
+
+    /// The last line with wide digits, and one digit more: Precisions differ by that.
+    fn widest_line(&self) -> String {
+        let last = self.moment(self.motion.frames().saturating_sub(1));
+        let wide = last.replace(|c: char| c.is_ascii_digit(), "8");
+        self.with_performer(format!("{wide}8"))
+    }
+
     fn caption(&self, frame: usize, ghost: bool) -> Caption {
         let m = &self.motion;
-        let secs = frame as f64 / m.fps.max(1e-9);
-        let (factor, unit) = &self.unit;
-        let precision = m.precision(frame).map(|p| (p * factor, unit.as_str()));
+        let (line, widest, large) = (self.moment(frame), self.widest.clone(), self.large);
         if self.brief {
-            let line = Caption::moment(frame as u32, secs, precision);
-            return Caption { line, large: self.large, ..Caption::default() };
+            return Caption { line, large, widest, ..Caption::default() };
         }
-        let line = if m.performer.is_empty() {
-            Caption::moment(frame as u32, secs, precision)
-        } else {
-            format!("{} · {}", Caption::moment(frame as u32, secs, precision), m.performer)
-        };
+        let line = self.with_performer(line);
         let mut legend = Vec::new();
         let mut add = |swatch, color, text: &str| {
             legend.push(Key { swatch, color, text: text.to_owned() });
@@ -523,7 +544,7 @@ impl Shot {
         if o.contacts {
             add(Swatch::Line, CONTACT, "contact");
         }
-        Caption { title: m.name.clone(), line, legend, large: self.large }
+        Caption { title: m.name.clone(), line, legend, large, widest }
     }
 }
 
@@ -714,6 +735,24 @@ mod tests {
         assert_eq!(shared[0], shared[2]);
         assert_eq!(shared[1], alone[1], "the only one of its robot");
         assert_eq!(shots[0].full_m, shots[2].full_m);
+    }
+
+    #[test]
+    fn angles_are_in_degrees_as_on_the_page() {
+        let robot = Arc::new(Robot::builtin("ur5e").unwrap());
+        let home = robot.home();
+        let off: Vec<f64> = home.iter().map(|q| q + 0.01).collect();
+        let motion = Motion {
+            fps: 20.0,
+            unit: "rad".to_owned(),
+            commanded: vec![home.clone(); 2],
+            achieved: vec![home, off],
+            ..Motion::default()
+        };
+        let overlay = Overlay::parse("caption").unwrap();
+        let shot = Shot::new(&robot, motion, overlay, &CameraChoice::Fit, 1.0).unwrap();
+        let line = shot.caption(1, false).line;
+        assert!(line.ends_with('\u{b0}') && !line.contains("rad"), "{line}");
     }
 
     #[test]

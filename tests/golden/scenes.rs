@@ -225,7 +225,7 @@ pub(super) fn all() -> Vec<Drawing> {
             Key { swatch: Swatch::Ghost, color: [56, 152, 226], text: "command".into() },
             Key { swatch: Swatch::Cross, color: [56, 152, 226], text: "keyframe".into() },
         ],
-        large: false,
+        ..Caption::default()
     });
     out.push(d);
     let mut d = arm_drawing("from_above");

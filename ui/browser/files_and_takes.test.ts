@@ -303,8 +303,8 @@ describe("takes and files", () => {
       .getByRole("alert")
       .filter({ hasText: /bad\.csv:1:\d+/ })
       .waitFor();
-    await drop("song.mp3", "x", "drop");
-    await t.page.getByRole("alert").filter({ hasText: "song.mp3: only .clip.json" }).waitFor();
+    await drop("words.docx", "x", "drop");
+    await t.page.getByRole("alert").filter({ hasText: "words.docx: only .clip.json" }).waitFor();
     assert.equal((await t.state()).clip?.name, "poses");
     // Without a clip nobody knows whose it is: the page asks.
     await studio.api("POST", "/api/close");

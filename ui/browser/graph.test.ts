@@ -235,6 +235,53 @@ describe("graph", () => {
     await t.press("Alt+l");
   });
 
+  test("values are scaled about the playhead, and slopes are typed, by keys alone", async () => {
+    await start();
+    const [first, second] = [await at(30, 2, 1.4), await at(45, 2, 1.6)];
+    await t.page.mouse.click(first.x, first.y);
+    await t.page.keyboard.down("Control");
+    await t.page.mouse.click(second.x, second.y);
+    await t.page.keyboard.up("Control");
+    await t.until((x) => [...x.points].sort().join() === "30:2,45:2", "two points");
+    await t.goTo(60);
+    await t.page.evaluate(() => (document.activeElement as HTMLElement | null)?.blur());
+    await t.press("Shift+S");
+    await t.page.getByLabel("Factor on the distance to the pose at the playhead").fill("0.5");
+    await t.page.keyboard.press("Enter");
+    // The command at frame 60 is 1.2.
+    const s = await t.until((x) => x.clip?.keys[3]?.q?.[2] === 1.4, "halfway");
+    assert.deepEqual(
+      s.clip?.keys.map((k) => k.q?.[2]),
+      [1.57, 1.5, 1.3, 1.4, 1.2, 1.0, 1.1],
+    );
+    assert.equal(s.history?.len, 1, "one edit");
+    await t.press("Control+z");
+    await t.until((x) => x.clip?.keys[3]?.q?.[2] === 1.6, "as before");
+    await t.press("Shift+V");
+    const field = t.page.getByLabel(/^°\/s, or two numbers/);
+    await field.fill("steep");
+    await t.page.keyboard.press("Enter");
+    await t.page.getByRole("alert").getByText('"steep" is neither a slope').waitFor();
+    await field.fill("30 -60");
+    await t.page.keyboard.press("Enter");
+    const bent = await t.until((x) => x.clip?.keys[2]?.tangents?.elbow !== undefined, "bent");
+    const corner = bent.clip?.keys[2]?.tangents?.elbow as { in: number; out: number };
+    assert.ok(Math.abs(corner.in - Math.PI / 6) < 1e-5 && Math.abs(corner.out + Math.PI / 3) < 1e-5);
+    await t.press("Shift+V");
+    await field.fill("flat");
+    await t.page.keyboard.press("Enter");
+    await t.until((x) => x.clip?.keys[2]?.tangents?.elbow === "flat", "flat");
+    await t.press("Shift+V");
+    await field.fill("auto");
+    await t.page.keyboard.press("Enter");
+    await t.until((x) => x.clip?.keys[2]?.tangents?.elbow === undefined, "automatic");
+    // What follows the chosen keys goes round.
+    for (const fill of ["hold", "mask", "linear", "cubic"]) {
+      await t.press("c");
+      await t.until((x) => (x.clip?.keys[2]?.fill ?? x.clip?.fill) === fill, fill);
+    }
+  });
+
   test("what is too fast is drawn as such, and where the next key may lie", async () => {
     const slow = JSON.parse(SHAPES);
     await start(JSON.stringify({ ...slow, keys: slow.keys.slice(0, 2), fill: "linear" }));

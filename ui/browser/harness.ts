@@ -166,11 +166,11 @@ export class Tab {
   ) {
     // Two cores draw, simulate and serve at once; what never comes is found by the test's end.
     page.setDefaultTimeout(PATIENCE_MS);
-    // Viser's sorter of splats, which we have none of, asks for eval and is refused.
-    page.on(
-      "pageerror",
-      (e) => /Evaluating a string as JavaScript/.test(e.message) || this.errors.push(e.message),
-    );
+    page.on("pageerror", (e) => this.errors.push(e.message));
+    // What a page's policy forbids is said in the console alone.
+    page.on("console", (m) => {
+      if (m.type() === "error" && /Content Security Policy/.test(m.text())) this.errors.push(m.text());
+    });
     page.on("request", (r) => {
       const url = r.url();
       if (/^(data|blob|about):/.test(url)) return;
@@ -334,13 +334,21 @@ export async function stillBrowser(): Promise<Browser> {
   return still;
 }
 
-/** A page whose clock stands: messages stay until they are dismissed. */
-async function opened(context: BrowserContext, studio: Studio): Promise<Tab> {
-  await context.addInitScript(() => {
-    window.__timers = [];
-    // The tour is shown to newcomers; its own test asks for it.
-    localStorage.setItem("tour", "shown");
-  });
+/** A page whose clock stands: messages stay until they are dismissed. `kept` is what the browser remembers
+ * from the last visit. */
+async function opened(
+  context: BrowserContext,
+  studio: Studio,
+  kept: Record<string, string> = {},
+): Promise<Tab> {
+  await context.addInitScript(
+    (items) => {
+      window.__timers = [];
+      for (const [name, value] of Object.entries(items)) localStorage.setItem(name, value);
+      // The tour is shown to newcomers; its own test asks for it.
+    },
+    { tour: "shown", ...kept },
+  );
   return new Tab(await context.newPage(), context, studio).open();
 }
 
@@ -357,6 +365,7 @@ export async function tab(studio: Studio, size = { width: 1280, height: 720 }): 
 export async function webgl(
   studio: Studio,
   size = { width: 1280, height: 720 },
+  kept: Record<string, string> = {},
 ): Promise<{ tab: Tab; close: () => Promise<void> }> {
   const browser = await chromium.launch({
     executablePath: browserPath(),
@@ -368,7 +377,7 @@ export async function webgl(
     ],
   });
   const context = await browser.newContext({ viewport: size });
-  const made = await opened(context, studio);
+  const made = await opened(context, studio, kept);
   return { tab: made, close: () => browser.close() };
 }
 

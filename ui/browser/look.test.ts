@@ -144,9 +144,12 @@ describe("look", () => {
     await t.page.setViewportSize({ width: 1280, height: 720 });
   });
 
-  test("at 820 px and at 200 % zoom nothing lies beyond the right edge", async () => {
+  test("from 820 to 2,560 px and at 200 % zoom nothing lies beyond the edge, and no word is cut", async () => {
     await afresh();
     for (const [width, height] of [
+      [2560, 1440],
+      [1440, 900],
+      [1280, 720],
       [1099, 700],
       [820, 700],
       [800, 450],
@@ -163,6 +166,16 @@ describe("look", () => {
           .map((e) => e.outerHTML.slice(0, 90)),
       );
       assert.deepEqual(beyond, [], `${width} x ${height}`);
+      const cut = await t.page.evaluate(() =>
+        [
+          ...document.querySelectorAll<HTMLElement>(
+            ".bar button:not(.name), .transport button, .tabs button, .legend button, .tools-row button, .right h2",
+          ),
+        ]
+          .filter((e) => e.offsetParent && e.scrollWidth > e.clientWidth + 1)
+          .map((e) => `${e.textContent}: ${e.scrollWidth} in ${e.clientWidth}`),
+      );
+      assert.deepEqual(cut, [], `${width} x ${height}`);
       for (const control of [
         t.byId("save"),
         t.page.getByRole("button", { name: "Export" }),

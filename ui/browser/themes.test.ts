@@ -42,47 +42,60 @@ describe("themes", () => {
     assert.equal(await theme(), "dark");
   });
 
+  /** Words that cannot be read on what they stand on. */
+  const faint = (): Promise<string[]> =>
+    t.page.evaluate(() => {
+      /** `rgb(…)`, or `color(srgb …)` with parts of 1, as mixed colours are given. */
+      const parse = (c: string): number[] => {
+        const parts = (c.replace("srgb", "").match(/[\d.]+/g) ?? []).map(Number);
+        return c.startsWith("color") ? parts.map((v, i) => (i < 3 ? 255 * v : v)) : parts;
+      };
+      const over = (top: number[], under: number[]): number[] => {
+        const a = top[3] ?? 1;
+        return [0, 1, 2].map((i) => (top[i] ?? 0) * a + (under[i] ?? 0) * (1 - a));
+      };
+      const luminance = (c: number[]): number => {
+        const [r = 0, g = 0, b = 0] = c
+          .map((v) => v / 255)
+          .map((v) => (v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4));
+        return 0.2126 * r + 0.7152 * g + 0.0722 * b;
+      };
+      /** What shines through from below, where every ground is a plain colour. */
+      const ground = (e: Element): number[] => {
+        const c = parse(getComputedStyle(e).backgroundColor);
+        if ((c[3] ?? 1) === 1) return c;
+        return e.parentElement ? over(c, ground(e.parentElement)) : [0, 0, 0];
+      };
+      const low: string[] = [];
+      for (const e of document.querySelectorAll(
+        ".bar *, .left *, .right *, .transport *, .side *, .hint *",
+      )) {
+        const said = [...e.childNodes].some((n) => n.nodeType === 3 && n.textContent?.trim());
+        if (!said || e.closest(":disabled") || !(e as HTMLElement).offsetParent) continue;
+        const under = ground(e);
+        const ink = over(parse(getComputedStyle(e).color), under);
+        const [p, q] = [luminance(ink), luminance(under)];
+        const found = (Math.max(p, q) + 0.05) / (Math.min(p, q) + 0.05);
+        if (found < 4.5) low.push(`${found.toFixed(2)} ${e.outerHTML.slice(0, 80)}`);
+      }
+      return low;
+    });
+
   for (const name of ["dark", "light"] as const)
-    test(`every word in ${name} has a contrast of 4.5 to 1 on its ground`, async () => {
+    test(`every word in ${name} has a contrast of 4.5 to 1 on its ground, from 820 to 2,560 px`, async () => {
       await choose(name);
       assert.equal(await theme(), name);
-      const faint = await t.page.evaluate(() => {
-        const parse = (c: string): number[] => (c.match(/[\d.]+/g) ?? []).map(Number);
-        const over = (top: number[], under: number[]): number[] => {
-          const a = top[3] ?? 1;
-          return [0, 1, 2].map((i) => (top[i] ?? 0) * a + (under[i] ?? 0) * (1 - a));
-        };
-        const luminance = (c: number[]): number => {
-          const [r = 0, g = 0, b = 0] = c
-            .map((v) => v / 255)
-            .map((v) => (v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4));
-          return 0.2126 * r + 0.7152 * g + 0.0722 * b;
-        };
-        /** What shines through from below, where every ground is a plain colour. */
-        const ground = (e: Element): number[] => {
-          const own = getComputedStyle(e).backgroundColor;
-          if (own.startsWith("color")) return [];
-          const c = parse(own);
-          if ((c[3] ?? 1) === 1) return c;
-          return e.parentElement ? over(c, ground(e.parentElement)) : [0, 0, 0];
-        };
-        const low: string[] = [];
-        for (const e of document.querySelectorAll(
-          ".bar *, .left *, .right *, .transport *, .side *, .hint *",
-        )) {
-          const said = [...e.childNodes].some((n) => n.nodeType === 3 && n.textContent?.trim());
-          if (!said || e.closest(":disabled") || !(e as HTMLElement).offsetParent) continue;
-          const under = ground(e);
-          if (under.length === 0) continue;
-          const ink = over(parse(getComputedStyle(e).color), under);
-          const [p, q] = [luminance(ink), luminance(under)];
-          const found = (Math.max(p, q) + 0.05) / (Math.min(p, q) + 0.05);
-          if (found < 4.5) low.push(`${found.toFixed(2)} ${e.outerHTML.slice(0, 80)}`);
-        }
-        return low;
-      });
-      assert.deepEqual(faint, []);
-      await t.picture(`theme-${name}`);
+      for (const [width, height] of [
+        [820, 700],
+        [1440, 900],
+        [2560, 1440],
+        [1280, 720],
+      ] as const) {
+        await t.page.setViewportSize({ width, height });
+        await t.painted();
+        assert.deepEqual(await faint(), [], `${width} x ${height}`);
+        await t.picture(`theme-${name}-${width}`);
+      }
     });
 
   test("one typeface in three sizes, its figures of one width, from the program itself", async () => {

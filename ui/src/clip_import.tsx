@@ -6,6 +6,7 @@ import { parseTime } from "./clip";
 import { Dialog, openDialog } from "./dialog";
 import { opening } from "./documents";
 import type { FileCard, Listing } from "./protocol";
+import { isMedia, openReference } from "./reference";
 import * as store from "./store";
 import { complain, http, Refusal } from "./wire";
 
@@ -100,6 +101,7 @@ export function DropZone() {
       const list = [...(e.dataTransfer?.files ?? [])];
       if (list.length > 1) store.toast(`${list.length} files were dropped; the first is opened`);
       const file = list[0];
+      if (file && isMedia(file) && store.doc.value) return void openReference(file);
       if (file) void take({ name: file.name, body: file });
     };
     window.addEventListener("dragenter", enter);
@@ -115,7 +117,7 @@ export function DropZone() {
   }, []);
   return over.value ? (
     <div class="drop" data-testid="drop">
-      <p>Drop a clip, CSV, MJCF or ROS trajectory to open it</p>
+      <p>Drop a clip, CSV, MJCF or ROS trajectory to open it, a film or a sound to follow it</p>
     </div>
   ) : null;
 }

@@ -6,7 +6,7 @@ import { useEffect, useRef } from "preact/hooks";
 import uPlot from "uplot";
 import "uplot/dist/uPlot.min.css";
 import { keyEnd, values } from "./clip";
-import { addedAt } from "./layers";
+import { addedAt, isDense } from "./layers";
 import { digitsOf, fixed } from "./numbers";
 import * as store from "./store";
 import { colors, hue, palette } from "./theme";
@@ -33,7 +33,8 @@ function column(q: number[][], joint: number, length: number): (number | null)[]
   return Array.from({ length }, (_, f) => q[f]?.[joint] ?? null);
 }
 
-/** A cross where a key commands the joint, however short; a line as long as it is held. */
+/** A cross where a key commands the joint, however short; a line as long as it is held. A recording has a
+ * key at every frame: of these, crosses are drawn where there is room for them. */
 function crosses(u: uPlot, joint: number, color: string, turn: number): void {
   const d = store.doc.value;
   if (!d) return;
@@ -47,11 +48,15 @@ function crosses(u: uPlot, joint: number, color: string, turn: number): void {
   ctx.strokeStyle = color;
   ctx.lineWidth = 1.6 * devicePixelRatio;
   ctx.beginPath();
+  const dense = isDense(d.clip);
+  let before = -Infinity;
   for (const key of d.clip.keys) {
     const v = goal[key.frame];
     if (v === null || v === undefined) continue;
     const y = u.valToPos(v * turn, "y", true);
     const x = u.valToPos(key.frame / d.clip.fps, "x", true);
+    if (dense && x - before < 4 * r) continue;
+    before = x;
     ctx.moveTo(x - r, y - r);
     ctx.lineTo(x + r, y + r);
     ctx.moveTo(x + r, y - r);
@@ -103,6 +108,14 @@ function compared(): { id: number; name: string; color: string }[] {
     color: store.takeColor(i),
   }));
 }
+
+/** What an error of 1 rad or 1 m is in the unit that is shown. */
+function errorScale(): number {
+  return store.unit.value === "m" ? 1000 : store.degrees.value ? 180 / Math.PI : 1;
+}
+
+/** An error that fills the chart at least, rad or m: what is smaller than anybody sees is no mountain. */
+const LEAST = 0.0007;
 
 export function Curves() {
   const host = useRef<HTMLDivElement>(null);
@@ -220,12 +233,12 @@ export function Curves() {
           {
             ...common,
             height: Math.round(room * 0.42),
-            title: `mean error, ${store.unit.value === "m" ? "mm" : "deg"}`,
+            title: `mean error, ${store.unit.value === "m" ? "mm" : store.degrees.value ? "deg" : "rad"}`,
             plugins: [line as unknown as uPlot.Plugin, { hooks: { draw: stems } }],
             scales: {
               x: { time: false },
               y: {
-                range: (_, __, hi) => [0, Math.max(1.06 * (hi ?? 0), store.unit.value === "m" ? 0.5 : 0.05)],
+                range: (_, __, hi) => [0, Math.max(1.06 * (hi ?? 0), LEAST * errorScale())],
               },
             },
             axes: [across, upright],
@@ -250,7 +263,7 @@ export function Curves() {
       const n = d.clip.length;
       const xs = Array.from({ length: n }, (_, f) => f / d.clip.fps);
       const others = compared().map((t) => store.takeFrames.value.get(t.id) ?? { q: [], error: [] });
-      const scale = store.unit.value === "m" ? 1000 : 180 / Math.PI;
+      const scale = errorScale();
       const errors = (e: (number | null)[]): (number | null)[] =>
         xs.map((_, f) => (e[f] === null || e[f] === undefined ? null : e[f] * scale));
       // In the unit that is read, so that ticks stand at round numbers.

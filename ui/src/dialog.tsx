@@ -10,6 +10,8 @@ export type Question =
   | {
       name:
         | "retime"
+        | "scale"
+        | "slope"
         | "time"
         | "hold"
         | "sparsify"

@@ -1,10 +1,11 @@
 // Everything that asks something: palette, shortcut sheet, small questions, files, export.
 
-import { useSignal } from "@preact/signals";
+import { Ask } from "./ask";
 import { Open, Whose } from "./clip_import";
 import { closeDialog, Dialog, openDialog, question } from "./dialog";
-import { reload, save } from "./documents";
+import { fileStem, reload, save } from "./documents";
 import { Export } from "./export";
+import { ScaleValues, Slope } from "./graph/questions";
 import { KeyEditor, wholeFrames } from "./key_editor";
 import { parseNumber } from "./numbers";
 import { OffsetFades } from "./offset_fades";
@@ -14,51 +15,6 @@ import type { Op } from "./protocol";
 import * as store from "./store";
 import { choice, setTheme } from "./theme";
 import { edit, tell } from "./wire";
-
-function Ask(props: {
-  title: string;
-  label: string;
-  value: string;
-  hint?: string;
-  onClose: () => void;
-  /** False keeps the dialog open. */
-  onDone: (value: string) => boolean | undefined;
-}) {
-  const value = useSignal(props.value);
-  const done = (): void => {
-    if (props.onDone(value.value.trim()) !== false) props.onClose();
-  };
-  return (
-    <Dialog title={props.title} onClose={props.onClose}>
-      <form
-        onSubmit={(e) => {
-          e.preventDefault();
-          done();
-        }}
-      >
-        <label>
-          {props.label}
-          <br />
-          <input
-            type="text"
-            style="width: 100%; padding: 6px 8px"
-            value={value.value}
-            onInput={(e) => (value.value = e.currentTarget.value)}
-          />
-        </label>
-        {props.hint ? <p style="color: var(--dim)">{props.hint}</p> : null}
-        <div class="row" style="margin-top: 12px; justify-content: flex-end">
-          <button type="button" onClick={props.onClose}>
-            Cancel
-          </button>
-          <button class="main" type="submit">
-            OK
-          </button>
-        </div>
-      </form>
-    </Dialog>
-  );
-}
 
 function History({ onClose }: { onClose: () => void }) {
   const h = store.doc.value?.history;
@@ -168,6 +124,10 @@ export function Dialogs() {
           }
         />
       );
+    case "scale":
+      return <ScaleValues onClose={onClose} />;
+    case "slope":
+      return <Slope onClose={onClose} />;
     case "time":
       return (
         <Ask
@@ -308,10 +268,7 @@ export function Dialogs() {
         <Ask
           title="Save as"
           label="File"
-          value={
-            store.doc.value?.path ??
-            `${(store.doc.value?.clip.name || "untitled").replace(/[^\w-]+/g, "_")}.clip.json`
-          }
+          value={store.doc.value?.path ?? `${fileStem(store.doc.value?.clip.name)}.clip.json`}
           hint={`relative to ${store.folder.value}`}
           onClose={onClose}
           onDone={(path) => void save(path)}

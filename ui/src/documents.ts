@@ -4,6 +4,7 @@ import { batch } from "@preact/signals";
 import { openDialog } from "./dialog";
 import { forgetPose } from "./posing";
 import type { DocumentView } from "./protocol";
+import { closeReference } from "./reference";
 import * as store from "./store";
 import { complain, http, Refusal, tell } from "./wire";
 
@@ -42,6 +43,7 @@ function forget(): void {
   store.site.value = undefined;
   store.frames.value = { q: [], error: [] };
   store.rollout.value = undefined;
+  closeReference();
   forgetPose();
 }
 
@@ -70,6 +72,12 @@ export async function opening(request: Promise<DocumentView>): Promise<void> {
   } catch (e) {
     complain(e);
   }
+}
+
+/** What a file of a clip of this name is called, before its ending. */
+export function fileStem(name: string | undefined): string {
+  const plain = (name ?? "").replace(/(^|\.)clip(\.json)?$/i, "");
+  return plain.replace(/[^\w-]+/g, "_") || "untitled";
 }
 
 export async function save(path?: string, replace = false): Promise<void> {

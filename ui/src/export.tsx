@@ -3,6 +3,7 @@
 import { signal, useSignal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
 import { Dialog } from "./dialog";
+import { fileStem } from "./documents";
 import { JobBar } from "./job_bar";
 import { ended, fetchFile, isRunning, saveUrl, startExport } from "./jobs";
 import type { ExportFormat } from "./protocol";
@@ -57,7 +58,7 @@ export function Export({ onClose }: { onClose: () => void }) {
   const isPictured = isFilm || f.kind === "picture";
   const isClip = f.kind === "clip";
   const isFolder = f.kind === "folder";
-  const stem = (d.clip.name ?? "").replace(/[^\w-]+/g, "_") || "untitled";
+  const stem = fileStem(d.clip.name);
   const path = typed.value ?? `${stem}.${f.ending}`;
   const current = job.value === undefined ? undefined : store.jobs.value.get(job.value);
   const busy = isRunning(current);

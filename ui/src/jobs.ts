@@ -1,8 +1,12 @@
 // Long work in processes of its own: collect, train, evaluate, export, import.
 
+import { signal } from "@preact/signals";
 import type { ExportRequest, JobEvent, JobKind, JobView } from "./protocol";
 import * as store from "./store";
 import { complain, http } from "./wire";
+
+/** The source of the robot that was imported last: the training page turns to it. */
+export const imported = signal<string | undefined>(undefined);
 
 /** A job has something new to say. */
 export function heardOfJob(job: JobView): void {
@@ -43,7 +47,14 @@ function jobEnded(job: JobView): void {
   else if (job.kind === "collect" || job.kind === "train" || job.kind === "eval" || job.kind === "import") {
     store.toast(job.phase === "done" ? `${what} is done` : `${what} stopped; you can resume it`);
   }
-  if (job.kind !== "render" && job.kind !== "export") void refreshWorkspace();
+  if (job.kind !== "render" && job.kind !== "export") void refreshWorkspace().then(() => brought(job));
+}
+
+/** The list of robots knows what a job has imported. */
+function brought(job: JobView): void {
+  if (job.kind !== "import" || job.phase !== "done") return;
+  const id = job.args[job.args.indexOf("--id") + 1];
+  imported.value = store.robots.value.find((r) => r.id === id)?.source;
 }
 
 /** Robots, runs and data in the folder. */

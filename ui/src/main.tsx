@@ -30,6 +30,8 @@ import { Left } from "./left";
 import { Menu } from "./menu";
 import { followDocument } from "./offsets";
 import { Problems } from "./problems";
+import { followPlayhead } from "./reference";
+import { ReferencePanel } from "./reference_panel";
 import { Rendered } from "./rendered";
 import { install } from "./shortcuts";
 import { restorePanels, Splitter } from "./splitter";
@@ -56,6 +58,7 @@ function Side() {
           { id: "curves", title: "Curves" },
           { id: "rendered", title: "Rendered" },
           { id: "compare", title: "Compare" },
+          { id: "reference", title: "Reference" },
         ]}
         now={store.side.value}
         onChoose={(id) => (store.side.value = id)}
@@ -64,6 +67,8 @@ function Side() {
         <Rendered />
       ) : store.side.value === "compare" ? (
         <TakeTable />
+      ) : store.side.value === "reference" ? (
+        <ReferencePanel />
       ) : (
         <Curves />
       )}
@@ -139,6 +144,7 @@ startTheme();
 startLayout();
 startFolds();
 followDocument();
+followPlayhead();
 install(window);
 restorePanels();
 const root = document.getElementById("app");

@@ -62,6 +62,8 @@ const OPTIONS: Record<string, string> = {
 
 /** A label of the command line, such as `robert:adaptive+guide`, in words. */
 export function labelInWords(label: string): string {
+  const chosen = /^auto: (.+)$/.exec(label)?.[1];
+  if (chosen) return `${WORDS.auto.title}: ${labelInWords(chosen)}`;
   const [policy = "", ...options] = label.split("+");
   const [name = "", model] = policy.split(":");
   const title = (WORDS as Record<string, Words>)[name]?.title ?? name;

@@ -16,6 +16,7 @@ export function useStill(
     draft: boolean;
     shown?: { achieved: boolean; command: boolean; ghosts: boolean; pose?: string };
   },
+  host?: { current: HTMLElement | null },
 ) {
   const url = useSignal("");
   const error = useSignal("");
@@ -68,7 +69,11 @@ export function useStill(
         phase === "running" || phase === "waiting" ? 120 : 0,
       );
     };
+    // Another size is another picture.
+    const observer = new ResizeObserver(ask);
+    if (host?.current) observer.observe(host.current);
     const stops = [
+      () => observer.disconnect(),
       store.playhead.subscribe(ask),
       store.rollout.subscribe(ask),
       store.doc.subscribe(ask),

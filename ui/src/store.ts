@@ -88,7 +88,7 @@ export function takeColor(place: number): string {
 }
 
 /** What stands beside the timeline. */
-export const side = signal<"curves" | "rendered" | "compare">("curves");
+export const side = signal<"curves" | "rendered" | "compare" | "reference">("curves");
 
 export const playhead = signal(0);
 export const playing = signal(false);

@@ -4,6 +4,7 @@
 import { useSignal } from "@preact/signals";
 import { Circle, CircleDot, Diamond, GitCompare, Pin, Table2, X } from "lucide";
 import { Icon } from "./icon";
+import { labelInWords } from "./policy_words";
 import type { TakeCard, TakesView } from "./protocol";
 import * as store from "./store";
 import { Thumbnail } from "./thumbnail";
@@ -120,37 +121,39 @@ function Row({ take }: { take: TakeCard }) {
       <span class="num">{take.mae === null ? "" : store.shownError(take.mae, store.unit.value)}</span>
       <span class="second">
         <Thumbnail of={{ take: take.id }} />
-        <span class="grow">{take.policy}</span>
-        <button
-          class="quiet small"
-          aria-label={`A/B ${take.name}`}
-          aria-pressed={on >= 0}
-          onClick={(e) => toggleCompared(take.id, e.ctrlKey || e.metaKey || e.shiftKey)}
-          title="Compare it with the current take (B); Ctrl adds it to the comparison"
-        >
-          A/B
-        </button>
-        <button
-          class="icon quiet"
-          aria-label={`Pin ${take.name}`}
-          aria-pressed={take.pinned}
-          title={
-            take.pinned
-              ? "Pinned; click to unpin"
-              : "Pin it: a take that is not pinned is removed once there are twenty newer ones"
-          }
-          onClick={() => tell("take.pin", { id: take.id, pinned: !take.pinned })}
-        >
-          <Icon of={Pin} size={13} />
-        </button>
-        <button
-          class="icon quiet"
-          aria-label={`Remove ${take.name}`}
-          title="Remove"
-          onClick={() => tell("take.remove", { id: take.id })}
-        >
-          <Icon of={X} size={13} />
-        </button>
+        <span class="grow">{labelInWords(take.policy)}</span>
+        <span class="hands">
+          <button
+            class="quiet small"
+            aria-label={`A/B ${take.name}`}
+            aria-pressed={on >= 0}
+            onClick={(e) => toggleCompared(take.id, e.ctrlKey || e.metaKey || e.shiftKey)}
+            title="Compare it with the current take (B); Ctrl adds it to the comparison"
+          >
+            A/B
+          </button>
+          <button
+            class="icon quiet"
+            aria-label={`Pin ${take.name}`}
+            aria-pressed={take.pinned}
+            title={
+              take.pinned
+                ? "Pinned; click to unpin"
+                : "Pin it: a take that is not pinned is removed once there are twenty newer ones"
+            }
+            onClick={() => tell("take.pin", { id: take.id, pinned: !take.pinned })}
+          >
+            <Icon of={Pin} size={13} />
+          </button>
+          <button
+            class="icon quiet"
+            aria-label={`Remove ${take.name}`}
+            title="Remove"
+            onClick={() => tell("take.remove", { id: take.id })}
+          >
+            <Icon of={X} size={13} />
+          </button>
+        </span>
       </span>
     </li>
   );

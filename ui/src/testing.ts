@@ -6,6 +6,7 @@ import { drawing, drawn } from "./draw";
 import { chosen, curves } from "./graph/edits";
 import { graphPoints } from "./graph/graph";
 import { pinsOff, touching } from "./pins";
+import { media, reference, sound } from "./reference";
 import * as store from "./store";
 import { measured, testPoints } from "./timeline/timeline";
 
@@ -52,6 +53,8 @@ function snapshot() {
     shaping: store.shaping.value,
     chosenOffset: store.chosenOffset.value,
     demand: store.demand.value,
+    reference: reference.value,
+    heard: sound.value?.peaks.length,
   };
 }
 
@@ -85,6 +88,8 @@ const hooks = {
     }
     return { mark: mark(), state: snapshot() };
   },
+  /** The second of the reference that is shown, and whether it plays. */
+  reference: () => ({ at: media.currentTime, paused: media.paused, rate: media.playbackRate }),
   dismissAll: () => void (store.toasts.value = []),
   redraw: () => measured.paint(),
   frameToX: (frame: number) => testPoints().frameToX(frame),

@@ -164,7 +164,7 @@ export function Run({ run }: { run: RunCard }) {
           {run.path}
         </span>
         <span class="num">
-          {run.step.toLocaleString("en")} of {run.steps.toLocaleString("en")} steps
+          {run.step.toLocaleString("en")} of {run.steps.toLocaleString("en")} step{run.steps === 1 ? "" : "s"}
         </span>
         <button
           class="quiet"

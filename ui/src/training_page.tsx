@@ -5,7 +5,7 @@ import { useSignal } from "@preact/signals";
 import type { ComponentChildren } from "preact";
 import { useEffect } from "preact/hooks";
 import { Line } from "./command_line";
-import { isRunning, refreshWorkspace, startJob } from "./jobs";
+import { imported, isRunning, refreshWorkspace, startJob } from "./jobs";
 import { ImportRobot } from "./robot_import";
 import * as store from "./store";
 import { isBuiltin, sourceOf, usualPolicies, usualSuite } from "./training";
@@ -79,6 +79,13 @@ export function Runs() {
     choose();
     // The list of robots may only now come to know it.
     void refreshWorkspace().then(choose);
+    // What is imported while this page is open is what comes next.
+    const before = imported.value;
+    return imported.subscribe((source) => {
+      if (!source || source === before) return;
+      robot.value = source;
+      policies.value = suite.value = picked.value = undefined;
+    });
   }, []);
   const shelf = store.workspace.value;
   const id = store.robots.value.find((r) => r.source === robot.value)?.id ?? robot.value;

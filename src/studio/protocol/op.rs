@@ -174,6 +174,9 @@ pub struct ViewShow {
     /// Dark background.
     #[serde(default)]
     pub dark: Option<bool>,
+    /// Whether the robot casts a shadow on the ground.
+    #[serde(default)]
+    pub shadows: Option<bool>,
 }
 
 /// The selection; shared by all clients.

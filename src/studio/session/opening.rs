@@ -141,13 +141,18 @@ impl Writer {
         name: String,
         reply: Reply<DocumentView>,
     ) {
+        const MOST: u32 = robert_base::limits::CLIP_FRAMES;
+        if !(2..=MOST).contains(&length) {
+            let e =
+                Error::request(format!("a clip has 2 to {MOST} frames of 1/20 s, not {length}"));
+            return drop(reply.send(Err(e)));
+        }
         let facts = match self.know(robot) {
             Ok(facts) => facts,
             Err(e) => return drop(reply.send(Err(e))),
         };
         let table = &facts.table;
-        let mut clip =
-            Clip::new(reference(table), length.clamp(2, robert_base::limits::CLIP_FRAMES));
+        let mut clip = Clip::new(reference(table), length);
         clip.name = name;
         // The first key is where the robot starts, until somebody says another start.
         let rest: Vec<f64> = table.rest.iter().map(|v| clip::round(*v)).collect();

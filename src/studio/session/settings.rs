@@ -38,8 +38,8 @@ impl SessionActor {
         }
     }
 
-    /// The settings for the robot of the document that is being opened: the chosen ones, as far as
-    /// this robot supports them.
+    /// The settings for the document that is being opened: the chosen ones, as far as its robot
+    /// supports them, with the guide that the policy asks for.
     pub(super) fn suited(&self, robot: &str) -> RolloutSettings {
         let mut settings = self.simulation.rollout.settings();
         let offers = self.offers();
@@ -51,7 +51,6 @@ impl SessionActor {
             let other = || !file.exists() || read_card(&file).is_ok_and(|c| c.robot.id != robot);
             if !named && other() {
                 settings.model_path = None;
-                settings.guide = Guide::None;
             }
         }
         let known = offers.iter().find(|o| o.name == settings.policy && o.model.is_none());
@@ -60,6 +59,10 @@ impl SessionActor {
             let default = offers.iter().find(|o| o.default).map(|o| o.name);
             settings.policy = default.unwrap_or(PolicyName::ComputedTorque);
         }
+        // A guide set by hand was for the gaps of the clip before.
+        let offer =
+            offers.iter().find(|o| o.name == settings.policy && o.model == settings.model_path);
+        settings.guide = offer.map_or(Guide::None, |o| o.guide);
         settings
     }
 }

@@ -4,14 +4,15 @@ use glam::Vec3;
 
 use super::figure::Figure;
 use super::framing;
+use super::overlays::Look;
 use super::retained::Retained;
 use super::scene_nodes::{OUTLINE, SceneNodes, frames, props, tinted};
 use super::space::{self, Place, V3};
 use crate::protocol::{Geometry, MeshFacts};
-use robert_take::viser::{Apart, Binding, FrameProps, GridProps, Message, node_name};
+use robert_take::viser::{Apart, Binding, FrameProps, GridProps, MeshProps, Message, node_name};
 
 /// Puts a robot into the scene and removes the one before.
-pub(super) fn build(scene: &mut Retained, geometry: Geometry) -> SceneNodes {
+pub(super) fn build(scene: &mut Retained, geometry: Geometry, look: Look) -> SceneNodes {
     for root in Figure::ALL.map(Figure::root).into_iter().chain(["/world", "/gizmo", OUTLINE]) {
         scene.remove(root);
     }
@@ -22,13 +23,17 @@ pub(super) fn build(scene: &mut Retained, geometry: Geometry) -> SceneNodes {
     scene.put(Message::create("/world", FrameProps::default()));
     for (k, mesh) in geometry.meshes.iter().enumerate() {
         let props = props(mesh);
+        let solid = MeshProps { cast_shadow: props.opacity.is_none(), ..props.clone() };
         let Some(body) = names.get(mesh.body).filter(|_| mesh.body > 0) else {
+            // A floor or a table of the model's own.
+            let props = MeshProps { receive_shadow: true, ..solid };
             scene.put(Message::create(&format!("/world/{k}"), props));
             continue;
         };
         for figure in Figure::FROM_THE_START {
             let name = format!("{}/{body}/{k}", figure.root());
-            scene.put(Message::create(&name, tinted(&props, figure.tint())));
+            let props = if figure == Figure::Robot { &solid } else { &props };
+            scene.put(Message::create(&name, tinted(props, figure.tint())));
             if figure == Figure::Robot {
                 let owner = String::new();
                 let bound = |modifiers: &[Option<&'static str>]| {
@@ -51,7 +56,7 @@ pub(super) fn build(scene: &mut Retained, geometry: Geometry) -> SceneNodes {
     let high = outline.iter().fold(Vec3::NEG_INFINITY, |a, p| a.max(*p));
     let radius = f64::from(0.5 * low.distance(high)).clamp(1e-3, 1e3);
     let floor = f64::from(low.z).min(0.0);
-    scene.put(Message::create("/floor", ground(radius)));
+    scene.put(Message::create("/floor", ground(radius, look)));
     scene.put(Message::position("/floor", [0.0, 0.0, floor - 1e-3]));
     let corners =
         geometry.meshes.iter().filter(|m| m.body > 0).flat_map(|mesh| {
@@ -75,22 +80,29 @@ pub(super) fn build(scene: &mut Retained, geometry: Geometry) -> SceneNodes {
     }
 }
 
-/// The ground: a grid whose squares suit the robot's size, and which is lost in the background far
-/// from it.
-fn ground(radius: f64) -> GridProps {
+/// The ground: a plane under a grid whose squares suit the robot's size. It is lost in the background
+/// far from the robot.
+fn ground(radius: f64, look: Look) -> GridProps {
     // The power of ten below the robot's size, and its half where that is nearer.
     let ten = 10_f64.powf((radius.max(1e-3)).log10().floor());
     let section = if radius > 5.0 * ten { 5.0 * ten } else { ten };
+    let (plane, line, shadow) = if look.dark {
+        ([44, 50, 60], [104, 114, 128], 0.62)
+    } else {
+        ([226, 231, 237], [150, 160, 172], 0.34)
+    };
     GridProps {
-        cell_color: [118, 128, 140],
+        cell_color: line,
         cell_size: section / 5.0,
         cell_thickness: 0.35,
-        section_color: [118, 128, 140],
+        section_color: line,
         section_size: section,
         section_thickness: 0.8,
         fade_distance: 16.0 * radius,
         fade_strength: 2.2,
-        shadow_opacity: 0.0,
+        shadow_opacity: if look.shadows { shadow } else { 0.0 },
+        plane_color: plane,
+        plane_opacity: 0.85,
         ..GridProps::default()
     }
 }
@@ -112,22 +124,25 @@ fn min(a: V3, b: V3, k: usize) -> f64 {
 }
 
 /// The scene before any robot is loaded.
-pub(super) fn empty(scene: &mut Retained, dark: bool) {
+pub(super) fn empty(scene: &mut Retained) {
     scene.put(Message::z_up());
     scene.put(Message::visibility("/WorldAxes", false));
-    scene.put(Message::EnableLightsMessage { enabled: true, cast_shadow: false });
-    theme(scene, dark);
+    dress(scene, Look::default(), None);
 }
 
-/// Light or dark page.
-pub(super) fn theme(scene: &mut Retained, dark: bool) {
+/// Ground and light as pages want them; the ground suits a robot of this radius, m.
+pub(super) fn dress(scene: &mut Retained, look: Look, radius: Option<f64>) {
+    scene.put(Message::EnableLightsMessage { enabled: true, cast_shadow: look.shadows });
+    if let Some(radius) = radius {
+        scene.put(Message::create("/floor", ground(radius, look)));
+    }
     scene.put(Message::ThemeConfigurationMessage {
         titlebar_content: None,
         control_layout: "floating",
         control_width: "small",
         show_logo: false,
         show_share_button: false,
-        dark_mode: dark,
+        dark_mode: look.dark,
         colors: None,
     });
 }

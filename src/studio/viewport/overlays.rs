@@ -21,6 +21,17 @@ pub(super) struct Overlays {
     pub(super) beside: bool,
     /// The way of what is selected.
     pub(super) path: MotionPath,
+    /// Ground and light.
+    pub(super) look: Look,
+}
+
+/// What pages choose about ground and light.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Look {
+    /// For a dark page.
+    pub(super) dark: bool,
+    /// The robot casts a shadow. A browser that draws in software is several times slower with it.
+    pub(super) shadows: bool,
 }
 
 /// Figures that a page can hide.
@@ -45,6 +56,7 @@ impl Default for Overlays {
             onion_asked: false,
             beside: false,
             path: MotionPath::default(),
+            look: Look::default(),
         }
     }
 }

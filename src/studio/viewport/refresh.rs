@@ -43,6 +43,8 @@ impl Stage {
         // An error is shown only where there is a goal, and where the reached motion is known.
         let judged = errors && simulated && floating.is_none();
         let onion = self.overlays.onion_bodies.clone();
+        // Without a neighbouring key there is no ghost, whatever another clip or frame has left.
+        let around = self.overlays.onion.map(|key| ghosts && key.is_some() && !onion.is_empty());
         let entered = std::mem::replace(&mut self.overlays.beside, other.is_some());
         self.shared.edit(|scene| {
             nodes.pose(scene, Figure::Robot, real);
@@ -68,9 +70,8 @@ impl Stage {
                     real(b).zip(Place::of(row, b)).filter(|_| seen && ghosts)
                 });
             }
-            if !ghosts {
-                scene.put(Message::visibility(Figure::Past.root(), false));
-                scene.put(Message::visibility(Figure::Future.root(), false));
+            for (figure, seen) in [Figure::Past, Figure::Future].into_iter().zip(around) {
+                scene.put(Message::visibility(figure.root(), seen));
             }
         });
         if !simulated && state.frames > 0 && ghost.is_none() && !self.overlays.ghost_asked {
@@ -136,12 +137,9 @@ impl Stage {
         self.overlays.onion = keys;
         self.overlays.onion_bodies = bodies.to_vec();
         let Some(nodes) = &mut self.nodes else { return };
-        let wanted = self.overlays.show.ghosts;
         self.shared.edit(|scene| {
-            for ((figure, key), row) in [Figure::Past, Figure::Future].iter().zip(keys).zip(bodies)
-            {
-                nodes.pose(scene, *figure, |b| Place::of(row, b));
-                scene.put(Message::visibility(figure.root(), wanted && key.is_some()));
+            for (figure, row) in [Figure::Past, Figure::Future].into_iter().zip(bodies) {
+                nodes.pose(scene, figure, |b| Place::of(row, b));
             }
         });
         self.refresh();

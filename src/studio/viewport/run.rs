@@ -27,7 +27,7 @@ const MOMENTS: usize = 16;
 /// Runs for the life of the studio.
 pub(super) async fn run(mut stage: Stage, mut inbox: Receiver<ViewportMessage>) {
     let mut rollout = stage.simulation.rollout.watch();
-    stage.shared.edit(|scene| build::empty(scene, false));
+    stage.shared.edit(build::empty);
     let mut tick = Instant::now();
     loop {
         tokio::select! {
@@ -66,8 +66,9 @@ impl Stage {
             ViewportMessage::Geometry(facts, Ok(geometry)) => {
                 if self.robot.as_ref().is_some_and(|f| Arc::ptr_eq(f, &facts)) {
                     let home = geometry.home.clone();
+                    let look = self.overlays.look;
                     let nodes = self.shared.edit(|scene| {
-                        let mut nodes = build::build(scene, geometry);
+                        let mut nodes = build::build(scene, geometry, look);
                         nodes.camera(scene, &facts, "home", &[]);
                         nodes.pose(scene, Figure::Robot, |b| Place::of(&home, b));
                         nodes
@@ -186,9 +187,11 @@ impl Stage {
                 now.ghosts = show.ghosts.unwrap_or(now.ghosts);
                 let path = &mut self.overlays.path;
                 path.wanted = show.path.unwrap_or(path.wanted);
-                if let Some(dark) = show.dark {
-                    self.shared.edit(|scene| build::theme(scene, dark));
-                }
+                let look = &mut self.overlays.look;
+                look.dark = show.dark.unwrap_or(look.dark);
+                look.shadows = show.shadows.unwrap_or(look.shadows);
+                let (look, radius) = (*look, self.nodes.as_ref().map(|n| n.radius));
+                self.shared.edit(|scene| build::dress(scene, look, radius));
                 self.refresh();
             }
             StudioOp::ViewSelect(selection) => self.select(selection),

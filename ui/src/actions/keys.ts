@@ -322,6 +322,14 @@ export const KEYS: Action[] = [
     run: dialog("retime"),
   },
   {
+    id: "scale-values",
+    title: "Scale values of keys about the pose at the playhead…",
+    group: "Keys",
+    keys: ["Shift+S"],
+    not: needsPoint,
+    run: dialog("scale"),
+  },
+  {
     id: "ripple-right",
     title: "Insert or remove time at the playhead…",
     group: "Keys",

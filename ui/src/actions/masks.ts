@@ -1,6 +1,6 @@
 // Frames that are left to the policy, and what lies between keys.
 
-import { type Fill, keyAt, prevKey } from "../clip";
+import { type Fill, fillAfter, keyAt, prevKey } from "../clip";
 import { acted, type Span, type Why } from "../span";
 import * as store from "../store";
 import { edit } from "../wire";
@@ -20,6 +20,20 @@ export function setFill(fill: Fill): void {
   const before = keyAt(c, at) ?? prevKey(c, at);
   const targets = frames.length ? frames : before ? [before.frame] : [];
   if (targets.length) void edit("fill.set", { frames: targets, fill });
+}
+
+/** What follows the chosen keys becomes the next of its kinds. */
+function cycleFill(): void {
+  const c = clip();
+  if (!c) return;
+  const kinds: Fill[] = ["mask", "linear", "cubic", "hold"];
+  const at = store.playhead.value;
+  const [first] = selected();
+  const own = first === undefined ? (keyAt(c, at) ?? prevKey(c, at)) : keyAt(c, first);
+  if (!own) return store.toast("there is no key at the playhead or before it");
+  const next = kinds[(kinds.indexOf(fillAfter(c, own)) + 1) % kinds.length] ?? "mask";
+  setFill(next);
+  store.announcement.value = `interval: ${next}`;
 }
 
 /** The joint that is chosen on the timeline, in the viewport or among the sliders. */
@@ -100,5 +114,12 @@ export const MASKS: Action[] = [
   { id: "fill-mask", title: "Interval: leave it to the policy", group: "Masks", run: () => setFill("mask") },
   { id: "fill-linear", title: "Interval: straight line", group: "Masks", run: () => setFill("linear") },
   { id: "fill-cubic", title: "Interval: smooth curve", group: "Masks", run: () => setFill("cubic") },
+  {
+    id: "fill-next",
+    title: "Interval: the next of policy, line, curve, hold",
+    group: "Masks",
+    keys: ["C"],
+    run: cycleFill,
+  },
   { id: "fill-hold", title: "Interval: hold", group: "Masks", run: () => setFill("hold") },
 ];

@@ -1,7 +1,7 @@
 // How curves pass the chosen points of the graph.
 
 import { needsPoint, setTangent } from "../graph/edits";
-import type { Action } from "./action";
+import { type Action, dialog } from "./action";
 
 export const TANGENTS: Action[] = [
   {
@@ -24,5 +24,13 @@ export const TANGENTS: Action[] = [
     group: "Keys",
     not: needsPoint,
     run: () => void setTangent("linear"),
+  },
+  {
+    id: "tangent-slope",
+    title: "Tangent: a slope in numbers…",
+    group: "Keys",
+    keys: ["Shift+V"],
+    not: needsPoint,
+    run: dialog("slope"),
   },
 ];

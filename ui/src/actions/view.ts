@@ -1,6 +1,8 @@
 // What is shown, and from where.
 
 import { leftShown, openLeft, rightShown, sheetTab } from "../layout";
+import { pickReference } from "../reference";
+import { toggleShadows } from "../shadows";
 import * as store from "../store";
 import { timeline } from "../timeline/handle";
 import { frameToX, LABELS, PRE_ROLL, zoomAt } from "../timeline/layout";
@@ -191,6 +193,13 @@ export const VIEW: Action[] = [
     run: () => (store.side.value = "compare"),
   },
   {
+    id: "reference",
+    title: "Reference: a film or a sound to follow…",
+    group: "View",
+    not: needsClip,
+    run: pickReference,
+  },
+  {
     id: "graph",
     title: "Keys as rows or as curves: timeline or graph",
     group: "View",
@@ -200,6 +209,13 @@ export const VIEW: Action[] = [
   { id: "tab-poses", title: "Panel: poses", group: "View", run: () => openLeft("poses") },
   { id: "tab-policies", title: "Panel: policies", group: "View", run: () => openLeft("policies") },
   { id: "tab-takes", title: "Panel: takes", group: "View", run: () => openLeft("takes") },
+  {
+    id: "shadows",
+    title: "Shadow of the robot on the ground",
+    group: "View",
+    not: needsSpace,
+    run: toggleShadows,
+  },
   { id: "theme", title: "Dark or light", group: "View", run: dialog("theme") },
   { id: "tour", title: "Take the tour", group: "View", not: needsClip, run: startTour },
   { id: "help", title: "All shortcuts", group: "View", keys: ["?", "F1"], run: dialog("keys") },

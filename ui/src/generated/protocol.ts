@@ -2166,6 +2166,8 @@ export interface ViewShow {
   ghosts?: boolean;
   /** The path of what is selected. */
   path?: boolean;
+  /** Whether the robot casts a shadow on the ground. */
+  shadows?: boolean;
 }
 
 /** Phases of the worker. */

@@ -129,7 +129,7 @@ export function addPoint(frame: number, joint: number, value: number): void {
 }
 
 /** Points that keys act on: those chosen in the graph, else the chosen joint at the chosen keys. */
-function actedOn(): Point[] {
+export function actedOn(): Point[] {
   const clip = store.doc.value?.clip;
   if (!clip) return [];
   const joint = store.joint.value ?? 0;
@@ -222,21 +222,49 @@ export function lifted(clip: Clip, t: Top, by: number, df: number): Bent | undef
   return { clip: { ...clip, offsets }, op: ops.length === 1 ? first : { op: "batch", args: { label, ops } } };
 }
 
+/** Values for points, inside the ranges of their joints. */
+function moved(list: Point[], to: (p: Point) => number): Changes {
+  const facts = store.doc.value?.table.joints ?? [];
+  const changes: Changes = new Map();
+  for (const p of list) {
+    const range = facts[p.joint]?.range;
+    const value = range ? Math.min(range[1], Math.max(range[0], to(p))) : to(p);
+    const row = changes.get(p.frame) ?? new Map<number, number>();
+    changes.set(p.frame, row.set(p.joint, grid(value)));
+  }
+  return changes;
+}
+
 /** Raises the chosen points by a degree or a millimetre, `share` of it. */
 export async function nudgeValue(share: number): Promise<void> {
   const facts = store.doc.value?.table.joints ?? [];
   const list = actedOn();
-  const changes: Changes = new Map();
-  for (const p of list) {
-    const fact = facts[p.joint];
-    const wanted = p.value + share * (fact?.unit === "m" ? 0.001 : Math.PI / 180);
-    const value = fact?.range ? Math.min(fact.range[1], Math.max(fact.range[0], wanted)) : wanted;
-    const row = changes.get(p.frame) ?? new Map<number, number>();
-    changes.set(p.frame, row.set(p.joint, Math.round(value * 1e6) / 1e6));
-  }
+  const step = (joint: number): number => (facts[joint]?.unit === "m" ? 0.001 : Math.PI / 180);
+  const changes = moved(list, (p) => p.value + share * step(p.joint));
   const first = list[0];
   const value = first && changes.get(first.frame)?.get(first.joint);
   if (first && value !== undefined)
     store.announcement.value = `${store.titles.value[first.joint]} ${store.shown(value, facts[first.joint]?.unit ?? "rad")}`;
+  await shape(changes, [...changes.keys()], 0);
+}
+
+/** Scales the chosen points about the command at the playhead, joint by joint; where nothing is commanded
+ * there, about their mean. */
+export async function scaleValues(factor: number): Promise<void> {
+  const clip = store.doc.value?.clip;
+  if (!clip) return;
+  const at = store.playhead.value;
+  const list = actedOn();
+  const middle = (joint: number): number => {
+    const now = commandedAt(clip, joint, at);
+    if (now !== undefined) return now - addedAt(clip, joint, at);
+    const own = list.filter((p) => p.joint === joint);
+    return own.reduce((sum, p) => sum + p.value, 0) / own.length;
+  };
+  const pivots = new Map([...new Set(list.map((p) => p.joint))].map((j) => [j, middle(j)]));
+  const changes = moved(list, (p) => {
+    const pivot = pivots.get(p.joint) ?? p.value;
+    return pivot + factor * (p.value - pivot);
+  });
   await shape(changes, [...changes.keys()], 0);
 }

@@ -13,6 +13,7 @@ import { isDense } from "../layers";
 import { openMenu } from "../menu";
 import { endPreview, preview } from "../posing";
 import { begun } from "../problems";
+import { heard } from "../reference";
 import { SheetTabs } from "../sheet_tabs";
 import * as store from "../store";
 import { colors, hue, palette } from "../theme";
@@ -219,6 +220,7 @@ export function Graph(props: { onHint: (text: string) => void }) {
         stale: take ? take.rev !== d.rev && take.rev !== 0 : false,
         cachedTo: take?.cached_to ?? 0,
         loop: store.range.value,
+        heard: heard(),
         blind: begun() ? [] : d.findings.blind,
       });
     };
@@ -233,6 +235,7 @@ export function Graph(props: { onHint: (text: string) => void }) {
           store.joint.value,
           store.degrees.value,
           store.range.value,
+          heard(),
           size.value,
           curves.value,
           chosen.value,

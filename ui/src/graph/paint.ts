@@ -6,6 +6,7 @@ import { playhead, ruler } from "../timeline/draw";
 import { ground } from "../timeline/ground";
 import { frameToX, LABELS, RULER, xToFrame } from "../timeline/layout";
 import type { Times } from "../timeline/scene";
+import { sound } from "../timeline/sound";
 import { bareStretches, steepest, stretches } from "./curve";
 import { type Handle, handles, tops } from "./handles";
 import { nameOf, type Point, points, type Space, valueToY, yToSeen } from "./space";
@@ -46,6 +47,7 @@ export function paint(ctx: Ctx, s: Scene): void {
   ctx.rect(LABELS, RULER, box.width - LABELS, box.height - RULER);
   ctx.save();
   ctx.clip();
+  sound(ctx, s);
   data(ctx, s);
   grid(ctx, s);
   cones(ctx, s);

@@ -20,6 +20,7 @@ import {
 } from "./layout";
 import { bars, type Diamond, diamonds, type Mark, marks, ofPoint, ofRow } from "./marks";
 import type { Ctx, Scene, Theme, Times } from "./scene";
+import { sound } from "./sound";
 
 let hatches = new Map<string, CanvasPattern>();
 
@@ -328,6 +329,7 @@ function markers(ctx: Ctx, s: Scene): void {
   const { theme, view, clip } = s;
   ctx.fillStyle = theme.back;
   ctx.fillRect(LABELS, RULER, s.box.width - LABELS, MARKERS);
+  sound(ctx, s);
   ctx.font = `11px ${theme.font}`;
   ctx.textBaseline = "middle";
   blocks(ctx, s);

@@ -2,80 +2,10 @@
 // and sends one edit when it ends, so that a drag is one entry in the history. Esc cancels.
 
 import { type Clip, replaced } from "../clip";
-import { type Block, blocksOf, spanOf } from "../layers";
-import type { Op } from "../protocol";
-import {
-  type Box,
-  frameToX,
-  jointsOf,
-  LABELS,
-  MARKERS,
-  ROW,
-  type RowKind,
-  RULER,
-  rowToY,
-  STRIP,
-  switchAt,
-  type View,
-  xToFrame,
-  yToRow,
-  zoomAt,
-} from "./layout";
-
-export interface Sheet {
-  clip(): Clip | undefined;
-  rows(): RowKind[];
-  view(): View;
-  box(): Box;
-  playhead(): number;
-  selection(): ReadonlySet<number>;
-  setView(view: View): void;
-  setPlayhead(frame: number): void;
-  setSelection(frames: ReadonlySet<number>): void;
-  setJoint(joint: number | undefined): void;
-  toggleGroup(name: string): void;
-  /** The switches of rows. */
-  toggleLock(joints: number[]): void;
-  toggleMask(joints: number[]): void;
-  preview(dragged: ReadonlyMap<number, number>, box: BoxSelect | undefined): void;
-  /** Resolves when it is made (true) or refused. */
-  edit(op: Op): Promise<boolean>;
-  /** Keys that stood where others have landed are gone. */
-  overwrote(count: number): void;
-  /** The end of the clip as a drag would leave it. */
-  previewEnd(length: number | undefined): void;
-  /** The rollout follows a drag; without an operation it goes back to the document. */
-  follow(op?: Op): void;
-  openKey(frame: number): void;
-  menu(target: Target, x: number, y: number): void;
-  hint(text: string): void;
-  /** The row under the pointer, if any. */
-  over(row: number | undefined): void;
-  /** The chosen offset, and one under a hand. */
-  chooseOffset(frame: number | undefined): void;
-  previewOffset(of: { frame: number; at: number } | undefined): void;
-  /** A block under a hand, and where it was let go among the others. */
-  carry(of: { frame: number; dx: number } | undefined): void;
-  order(block: Block, place: number): void;
-  /** What is drawn at a frame, in words; the empty text where it explains itself. */
-  about(frame: number): string;
-}
-
-/** What a menu is about; `frames` and `past` at the playhead. */
-export type Target =
-  | { kind: "key"; frame: number }
-  | { kind: "marker"; frame: number }
-  | { kind: "offset"; frame: number }
-  | { kind: "block"; frame: number }
-  | { kind: "frames" }
-  | { kind: "past" };
-
-export interface BoxSelect {
-  x0: number;
-  y0: number;
-  x1: number;
-  y1: number;
-}
+import { blocksOf } from "../layers";
+import { jointsOf, LABELS, MARKERS, ROW, RULER, STRIP, switchAt, xToFrame, yToRow, zoomAt } from "./layout";
+import type { Sheet } from "./sheet";
+import { blockUnder, endAt, hit, markerAt, offsetUnder } from "./under";
 
 interface Press {
   kind: "scrub" | "pan" | "box" | "keys" | "marker" | "end" | "offset" | "block";
@@ -89,64 +19,6 @@ interface Press {
 
 /** Whether keys were dragged since S went down. */
 export const retimeByHand = { used: false };
-
-/** The key whose diamond is under a pixel. */
-export function hit(sheet: Sheet, x: number, y: number): number | undefined {
-  const clip = sheet.clip();
-  if (!clip) return undefined;
-  const rows = sheet.rows();
-  const row = yToRow(sheet.view(), y, rows.length);
-  if (row === undefined || rows[row]?.kind === "offsets" || x < LABELS || y > sheet.box().height - STRIP)
-    return undefined;
-  let best: number | undefined;
-  let near = 9;
-  for (const key of clip.keys) {
-    const d = Math.abs(frameToX(sheet.view(), key.frame) - x);
-    if (d < near) {
-      near = d;
-      best = key.frame;
-    }
-  }
-  return best;
-}
-
-function markerAt(sheet: Sheet, x: number, y: number): number | undefined {
-  if (y < RULER || y >= RULER + MARKERS) return undefined;
-  return sheet
-    .clip()
-    ?.markers?.find((m) => m.to === undefined && Math.abs(frameToX(sheet.view(), m.frame) - x) < 8)?.frame;
-}
-
-/** The block under a pixel of the row of markers. */
-function blockUnder(sheet: Sheet, x: number, y: number): Block | undefined {
-  const clip = sheet.clip();
-  if (!clip || y < RULER || y >= RULER + MARKERS || x < LABELS) return undefined;
-  const frame = xToFrame(sheet.view(), x);
-  return blocksOf(clip).find((b) => b.frame <= frame && frame < b.to);
-}
-
-/** The offset whose hill is under a pixel of its row; of several the nearest. */
-function offsetUnder(sheet: Sheet, x: number, y: number): number | undefined {
-  const clip = sheet.clip();
-  const rows = sheet.rows();
-  if (!clip || x < LABELS || y > sheet.box().height - STRIP) return undefined;
-  if (rows[yToRow(sheet.view(), y, rows.length) ?? -1]?.kind !== "offsets") return undefined;
-  const frame = xToFrame(sheet.view(), x);
-  const over = (clip.offsets ?? []).filter((o) => {
-    const { from, to } = spanOf(o, clip.length);
-    const slack = 6 / sheet.view().zoom;
-    return from - slack <= frame && frame <= to + slack;
-  });
-  return over.sort((a, b) => Math.abs(a.frame - frame) - Math.abs(b.frame - frame))[0]?.frame;
-}
-
-/** Whether the end of the clip is under a pixel of the ruler. */
-function endAt(sheet: Sheet, x: number, y: number): boolean {
-  const clip = sheet.clip();
-  return (
-    clip !== undefined && y < RULER && x >= LABELS && Math.abs(frameToX(sheet.view(), clip.length) - x) < 6
-  );
-}
 
 export class Gestures {
   private press: Press | undefined;
@@ -563,9 +435,4 @@ export class Gestures {
     const step = e.ctrlKey ? 0.0006 : 0.0018;
     sheet.setView(zoomAt(v, x, Math.exp(-e.deltaY * step)));
   }
-}
-
-/** For tests and screen readers: the middle of a key's diamond on the "all" row. */
-export function keyPoint(view: View, frame: number): { x: number; y: number } {
-  return { x: frameToX(view, frame), y: rowToY(view, 0) + ROW / 2 };
 }

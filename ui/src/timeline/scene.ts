@@ -33,6 +33,14 @@ export interface Span {
   to: number;
 }
 
+/** Loudness over time. */
+export interface Sound {
+  /** The loudest sample of each piece, 0 to 1. */
+  peaks: Float32Array;
+  /** Pieces a second. */
+  perSec: number;
+}
+
 export interface Scene {
   clip: Clip;
   rows: RowKind[];
@@ -50,6 +58,8 @@ export interface Scene {
   selectedJoint: number | undefined;
   blind: Span[];
   lints: { frame: number; level: "error" | "warning" }[];
+  /** The sound of the reference, and its second at frame 0. */
+  heard: { sound: Sound; begins: number } | undefined;
   /** Mean error by frame, null where masked. */
   errors: (number | null)[];
   /** The same of the take that is compared, and its colour. */
@@ -79,5 +89,5 @@ export interface Scene {
 /** What the ruler and the playhead are drawn from; the graph has them, too. */
 export type Times = Pick<
   Scene,
-  "clip" | "view" | "box" | "theme" | "playhead" | "end" | "stale" | "cachedTo" | "loop" | "blind"
+  "clip" | "view" | "box" | "theme" | "playhead" | "end" | "stale" | "cachedTo" | "loop" | "blind" | "heard"
 >;

@@ -14,16 +14,18 @@ import { isLocked, toggleLock } from "../locks";
 import { type Item, openMenu } from "../menu";
 import { endPreview, preview } from "../posing";
 import { begun } from "../problems";
+import { heard } from "../reference";
 import { SheetTabs } from "../sheet_tabs";
 import { siteTitle } from "../sites";
 import * as store from "../store";
 import { colors, palette } from "../theme";
 import { applyOp, tell } from "../wire";
 import { draw, forgetHatches } from "./draw";
-import { type BoxSelect, Gestures, type Sheet, type Target } from "./gestures";
+import { Gestures } from "./gestures";
 import { timeline } from "./handle";
 import { fit, frameToX, ROW, type RowKind, rowsOf, rowToY, type View, withRow } from "./layout";
 import type { Scene } from "./scene";
+import type { BoxSelect, Sheet, Target } from "./sheet";
 
 /** Error that fills the strip: what a person sees as off, rad or m. */
 const ERROR_TOP = 0.1;
@@ -235,6 +237,7 @@ export function Timeline(props: { onHint: (text: string) => void }) {
         errorTop: ERROR_TOP,
         cachedTo: take?.cached_to ?? 0,
         loop: store.range.value,
+        heard: heard(),
         end: end.value,
         dragged: dragged.value,
         boxSelect: box.value,
@@ -269,6 +272,7 @@ export function Timeline(props: { onHint: (text: string) => void }) {
         carried.value,
         store.compared.value,
         store.takeFrames.value,
+        heard(),
         size.value,
         dragged.value,
         end.value,

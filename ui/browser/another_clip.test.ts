@@ -1,0 +1,151 @@
+// What one clip has left behind when another one is opened: nothing.
+
+import assert from "node:assert/strict";
+import {
+  ARM,
+  after,
+  before,
+  describe,
+  drawn,
+  eventually,
+  Studio,
+  type Tab,
+  test,
+  viser,
+  webgl,
+} from "./harness";
+
+/** The arm rests at its first key. */
+const STILL = JSON.stringify({
+  ...JSON.parse(ARM),
+  name: "still",
+  keys: [{ frame: 0, q: [-1.57, -1.57, 1.57, -1.57, -1.57] }],
+});
+
+describe("another clip, in the 3D view", () => {
+  let studio: Studio;
+  let g: Tab;
+  let close: () => Promise<void>;
+
+  before(async () => {
+    studio = await Studio.start();
+    await studio.api("POST", "/api/new", { text: ARM });
+    ({ tab: g, close } = await webgl(studio, { width: 1100, height: 640 }));
+    await g.until((s) => s.clip?.name === "arm", "the arm open");
+    await g.byId("policy").selectOption("computed-torque");
+    await g.until((s) => s.settings.policy === "computed-torque", "the policy chosen");
+    await g.rolledOut();
+    await drawn(g);
+  });
+  after(async () => {
+    await close?.();
+    await studio.end();
+  });
+  const camera = (): Promise<number[]> => viser(g, (v) => v.camera.position.toArray() as number[]);
+  const apart = (a: number[], b: number[]): number => Math.hypot(...a.map((v, k) => v - (b[k] ?? 0)));
+  /** Meshes of a figure that are drawn. */
+  const drawnOf = (root: string): Promise<number> =>
+    viser(
+      g,
+      (v, name) => {
+        let count = 0;
+        v.nodeRefFromName[name]?.traverse((o: any) => {
+          if (!o.isMesh) return;
+          for (let up = o; up; up = up.parent) if (!up.visible) return;
+          count++;
+        });
+        return count;
+      },
+      root,
+    );
+
+  test("no ghosts of the last clip stand in a new one", async () => {
+    await g.goTo(40);
+    const both = async (): Promise<boolean> => (await drawnOf("/past")) > 0 && (await drawnOf("/future")) > 0;
+    await eventually(both, "ghosts");
+    const legend = g.page.getByRole("group", { name: "Shown" });
+    await legend.getByRole("button", { name: "Ghosts" }).click();
+    await eventually(async () => !(await both()), "switched off");
+    await legend.getByRole("button", { name: "Ghosts" }).click();
+    await eventually(both, "and on again, at the same frame");
+    await g.afresh(STILL);
+    await g.rolledOut();
+    await eventually(async () => (await drawnOf("/robot")) > 0, "the robot is there");
+    await eventually(
+      async () => (await drawnOf("/past")) === 0 && (await drawnOf("/future")) === 0,
+      "a clip of one key at frame 0 has no neighbours",
+    );
+    await g.picture("no-ghosts");
+  });
+
+  test("the camera shows the new clip, from wherever it was", async () => {
+    await g.afresh(STILL);
+    await g.rolledOut();
+    await g.press("Alt+0");
+    // The camera moves for a moment.
+    let home = await camera();
+    await eventually(async () => {
+      await drawn(g);
+      const now = await camera();
+      const still = apart(now, home) < 1e-3;
+      home = now;
+      return still;
+    }, "the camera stands");
+    await g.press("Alt+3");
+    await eventually(async () => apart(await camera(), home) > 0.3, "seen from above");
+    await g.afresh(STILL);
+    await g.rolledOut();
+    await eventually(async () => apart(await camera(), home) < 0.05, "as at first");
+  });
+
+  test("a guide that was set for one clip is not set for the next", async () => {
+    await g.afresh();
+    await g.panel("policies");
+    await g.byId("guide").check();
+    await g.until((s) => s.settings.guide === "linear", "guided");
+    await g.afresh(STILL);
+    const s = await g.until((x) => x.clip?.name === "still", "another clip");
+    assert.equal(s.settings.guide, "none");
+    assert.equal(await g.byId("guide").isChecked(), false);
+    assert.equal(s.settings.policy, "computed-torque", "the policy stays");
+  });
+
+  test("the robot casts a shadow on the ground, and none when that is switched off", async () => {
+    await g.afresh();
+    await g.rolledOut();
+    const floor = (): Promise<{ shadow: number; casts: number; lights: number }> =>
+      viser(g, (v) => {
+        const seen = { shadow: 0, casts: 0, lights: 0 };
+        v.scene.traverse((o: any) => {
+          if (o.isMesh && o.castShadow) seen.casts++;
+          if (o.isLight && o.castShadow) seen.lights++;
+          const ground = o.material?.uniforms?.shadowOpacity;
+          if (ground) seen.shadow = Math.max(seen.shadow, ground.value);
+        });
+        return seen;
+      });
+    // Software draws here: no shadow unless it is asked for.
+    const none = await floor();
+    assert.deepEqual([none.shadow, none.lights], [0, 0]);
+    const toggle = async (): Promise<void> => {
+      await g.press("Control+k");
+      await g.page.getByLabel("Command", { exact: true }).fill("shadow of the robot");
+      await g.page.keyboard.press("Enter");
+    };
+    await toggle();
+    const some = await eventually(async () => {
+      const f = await floor();
+      return f.shadow > 0 && f.lights > 0 && f;
+    }, "a shadow");
+    assert.ok(some.casts > 5, `${some.casts} meshes cast it`);
+    await drawn(g);
+    await g.picture("shadow-dark");
+    await toggle();
+    await eventually(async () => (await floor()).shadow === 0, "none again");
+  });
+
+  test("nothing left the origin, no script broke, no policy of the page was violated", () => {
+    assert.deepEqual(g.foreign, []);
+    assert.deepEqual(g.errors, []);
+  });
+});
