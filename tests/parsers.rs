@@ -6,7 +6,8 @@
 //! parser. `ROBERT_FUZZ_FROM` is the number of the first. Clips themselves are in `clip::fuzz`,
 //! takes in `robert-take`, journals in `robert-studio`, models of robots in `malformed`.
 
-use std::path::Path;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, LazyLock};
 use std::time::{Duration, Instant};
 
@@ -16,10 +17,11 @@ use robert::clip::formats::{
 use robert::clip::{Clip, Command, Fill, Op, RobotRef, compile, edited};
 use robert::net::checkpoint;
 use robert::rng::{Rng, Stream};
+use robert::robot::import::{self, Drives, ImportConfig, Servos};
 use robert::robot::{PlantConfig, Robot, preparse};
 use robert::rollout::{PolicyConfig, Rollout, RolloutConfig, Start, tasks};
 use robert::take::export::{self, Bodies};
-use robert::take::{Provenance, Take, What, import};
+use robert::take::{self, Provenance, Take, What};
 use robert::xml;
 
 use crate::clip::generate;
@@ -265,7 +267,7 @@ fn data(mut export: export::Export) -> Vec<u8> {
 fn bvh() {
     let seed = data(export::bvh(&TAKE.1, &TAKE.0).unwrap());
     survives("bvh", 2000, &[seed], usize::MAX, |b| {
-        text(b).is_some_and(|t| import::from_bvh(t, &TAKE.0).is_ok())
+        text(b).is_some_and(|t| take::import::from_bvh(t, &TAKE.0).is_ok())
     });
 }
 
@@ -273,7 +275,9 @@ fn bvh() {
 fn lafan() {
     let seed = data(export::lafan(&TAKE.1, &TAKE.0, 20).unwrap());
     let joints = joints();
-    survives("lafan", 3000, &[seed], usize::MAX, |b| import::from_lafan(b, &joints, 20.0).is_ok());
+    survives("lafan", 3000, &[seed], usize::MAX, |b| {
+        take::import::from_lafan(b, &joints, 20.0).is_ok()
+    });
 }
 
 #[test]
@@ -281,7 +285,7 @@ fn tracking() {
     let seed = data(export::tracking(&TAKE.1, &TAKE.0, 20, Bodies::Mujoco).unwrap());
     let joints = joints();
     survives("tracking", 1000, &[seed], usize::MAX, |b| {
-        import::from_tracking(b, &joints, None).is_ok()
+        take::import::from_tracking(b, &joints, None).is_ok()
     });
 }
 
@@ -289,7 +293,7 @@ fn tracking() {
 fn bag() {
     let options = export::RosOptions::default();
     let seed = data(export::bag(&TAKE.1, What::Achieved, &options).unwrap());
-    survives("bag", 2000, &[seed], usize::MAX, |b| import::from_bag(b).is_ok());
+    survives("bag", 2000, &[seed], usize::MAX, |b| take::import::from_bag(b).is_ok());
 }
 
 #[test]
@@ -331,6 +335,35 @@ fn preparsed() {
     survives("preparsed", 1000, &[whole.into_bytes(), arm], usize::MAX, read);
 }
 
+/// What makes an MJCF of a URDF before the simulator sees it: links, joints, shapes, paths.
+#[test]
+fn urdf() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let dir = tempfile::tempdir().unwrap();
+    let config = ImportConfig {
+        source: dir.path().join("robot.urdf"),
+        out: dir.path().join("out"),
+        root: None,
+        packages: BTreeMap::new(),
+        id: None,
+        fixed_base: true,
+        base_height_m: 0.0,
+        effort: None,
+        weld: Vec::new(),
+        without: Vec::new(),
+        servos: Servos::Keep,
+        drives: Drives::Modelled,
+        checker: PathBuf::new(),
+    };
+    let arm = std::fs::read(root.join("examples/arm.urdf")).unwrap();
+    survives("urdf", 1000, &[arm], usize::MAX, |b| {
+        std::fs::write(&config.source, b).unwrap();
+        let Ok(draft) = import::draft(&config) else { return false };
+        xml::parse(&draft, robert::limits::XML_ELEMENTS).expect("the draft is XML");
+        true
+    });
+}
+
 #[test]
 fn lerobot() {
     let episodes = [export::Episode::of_take(&TAKE.1, "wave")];
@@ -341,13 +374,13 @@ fn lerobot() {
     let path = set.join("data/chunk-000/file-000.parquet");
     let seed = std::fs::read(&path).unwrap();
     let column = "observation.state".to_owned();
-    let source = import::LeRobotSource { episode: 0, column, degrees: true };
+    let source = take::import::LeRobotSource { episode: 0, column, degrees: true };
     // The library panics here and there, and the panic becomes an error: silently.
     let said = std::panic::take_hook();
     std::panic::set_hook(Box::new(|_| ()));
     survives("lerobot", 500, &[seed], usize::MAX, |b| {
         std::fs::write(&path, b).unwrap();
-        import::from_lerobot(&set, &source).is_ok()
+        take::import::from_lerobot(&set, &source).is_ok()
     });
     std::panic::set_hook(said);
 }

@@ -49,6 +49,8 @@ pub const XML_ELEMENTS: usize = 200_000;
 /// of many of them: 19,000 geoms took 6 s and 150,000 keyframes a minute. The largest of 390 public
 /// robots has 3,900 elements.
 pub const MODEL_ELEMENTS: usize = 8_000;
+/// Pairs of geoms of a model that may collide; the cost of a step grows with those that overlap.
+pub const MODEL_PAIRS: usize = 1_000_000;
 /// Attributes of one XML element. The MJCF element with the most has about sixty.
 pub const XML_ATTRIBUTES: usize = 256;
 /// Namespace declarations in one XML file.

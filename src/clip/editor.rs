@@ -283,6 +283,7 @@ fn unreadable(e: &std::io::Error) -> OpError {
 
 #[cfg(test)]
 mod tests {
+    use super::super::validate::CHECKS;
     use super::super::{Key, KeysAdd, KeysMove, RobotRef};
     use super::*;
 
@@ -311,5 +312,31 @@ mod tests {
         assert!(e.apply(&add(70)).is_err());
         while e.undo().unwrap().is_some() {}
         assert_eq!(e.clip(), &clip);
+    }
+
+    /// The whole clip is checked as often for 10,000 steps as for 100: replaying is linear.
+    #[test]
+    fn a_recorded_history_is_checked_once() {
+        let joints = vec!["a".to_owned()];
+        let clip = Clip::new(RobotRef { id: "r".into(), joints, ..RobotRef::default() }, 2000);
+        let checks = |count: u32| {
+            let step = |n: u32| match n % 10 {
+                7 => Step::Undo,
+                8 if n % 20 == 8 => Step::Redo,
+                _ => {
+                    let key = Key::new(n * 7 % 2000, &[f64::from(n)]);
+                    let patch = Delta { keys_put: vec![key], ..Delta::default() };
+                    Step::Edit { label: "Add key".to_owned(), patch: Box::new(patch) }
+                }
+            };
+            let steps: Vec<Step> = (0..count).map(step).collect();
+            let mut editor = Editor::new(clip.clone(), None).unwrap();
+            let before = CHECKS.get();
+            assert_eq!(editor.replay(&steps, true).unwrap(), Vec::<usize>::new());
+            assert!(editor.clip().keys.len() > 50 && editor.history().0 > count as usize * 3 / 5);
+            CHECKS.get() - before
+        };
+        assert_eq!(checks(10_000), checks(100));
+        assert_eq!(checks(100), 2, "the clip, and again as it is compiled");
     }
 }

@@ -3,7 +3,7 @@
 //! `serde_json::Value` has no positions, `serde`'s line and column point at the end of the value,
 //! and a check across fields ("this key is beyond `length`") has no position at all. So the clip is
 //! read by pulling values from this cursor, each at a known byte, and later checks name a JSON
-//! pointer that [`locate`] finds again in the text. Reading builds no tree, so a 16 MiB file of
+//! pointer that [`locate`](super::place::locate) finds again in the text. Reading builds no tree, so a 16 MiB file of
 //! `[0,0,0…` needs only the memory of the clip.
 
 use std::collections::BTreeSet;
@@ -488,44 +488,6 @@ pub(crate) fn show(text: &str) -> String {
     out
 }
 
-/// Line and column (both from 1, columns in characters) of a byte.
-pub(crate) fn line_col(text: &str, at: usize) -> (usize, usize) {
-    let mut at = at.min(text.len());
-    while !text.is_char_boundary(at) {
-        at -= 1;
-    }
-    let head = text.get(..at).unwrap_or_default();
-    let line = head.bytes().filter(|&b| b == b'\n').count() + 1;
-    let start = head.rfind('\n').map_or(0, |n| n + 1);
-    (line, head.get(start..).unwrap_or_default().chars().count() + 1)
-}
-
-/// The byte of the value that a JSON pointer names; of the deepest part of it that exists.
-pub(crate) fn locate(text: &str, pointer: &str) -> usize {
-    let steps: Vec<String> =
-        pointer.split('/').skip(1).map(|s| s.replace("~1", "/").replace("~0", "~")).collect();
-    let mut reader = Reader::new(text);
-    let mut found = reader.here();
-    // An error later in the text does not matter, because the value was found before it.
-    walk(&mut reader, &steps, &mut found).ok();
-    found
-}
-
-fn walk(r: &mut Reader<'_>, steps: &[String], found: &mut usize) -> Read<()> {
-    *found = r.here();
-    let Some((step, rest)) = steps.split_first() else { return r.skip() };
-    match r.kind() {
-        Kind::Object => {
-            r.object("", |r, key, _| if &key == step { walk(r, rest, found) } else { r.skip() })
-        }
-        Kind::Array => {
-            let wanted = step.parse::<usize>().ok();
-            r.array("", |r, i| if Some(i) == wanted { walk(r, rest, found) } else { r.skip() })
-        }
-        _ => r.skip(),
-    }
-}
-
 /// One step of a JSON pointer.
 pub(crate) fn escape_step(step: &str) -> String {
     step.replace('~', "~0").replace('/', "~1")
@@ -604,16 +566,6 @@ mod tests {
         let fault = value(&nest(limits::JSON_DEPTH + 1)).unwrap_err();
         assert_eq!(fault.at, limits::JSON_DEPTH);
         assert!(value(&"[".repeat(1_000_000)).is_err());
-    }
-
-    #[test]
-    fn pointers_are_found_again() {
-        let text = "{\n  \"a\": [1, {\"b/c\": 7}],\n  \"ä\": 2, \"d\": 3\n}";
-        let at = |p: &str| line_col(text, locate(text, p));
-        assert_eq!(at("/a/1/b~1c"), (2, 20));
-        assert_eq!(at("/d"), (3, 16));
-        assert_eq!(at("/a/9"), (2, 8));
-        assert_eq!(at(""), (1, 1));
     }
 
     #[test]

@@ -25,6 +25,7 @@ mod parse;
 mod parse_key;
 pub mod part;
 mod path;
+mod place;
 mod print;
 pub mod reach;
 mod schema;

@@ -6,9 +6,10 @@ use std::path::Path;
 use super::document::{Clip, FORMAT, Key, Marker, Mask, RobotRef, Start};
 use super::error::ClipError;
 use super::flaw::Invalid;
-use super::json::{Kind, Read, Reader, line_col, locate, show};
+use super::json::{Kind, Read, Reader, show};
 use super::offset::{FADE_FRAMES, Offset};
 use super::parse_key::{Budget, missing, read_fill, read_key, read_row, unknown};
+use super::place::{line_col, line_cols, locate, locate_all};
 use robert_base::fsio;
 use robert_base::limits;
 use robert_base::units::{FPS, Unit};
@@ -42,22 +43,29 @@ impl Parsed {
         }
     }
 
-    /// Line and column of what a JSON pointer into the canonical clip names.
-    pub fn line_col(&self, pointer: &str) -> (usize, usize) {
-        let mut steps: Vec<String> = pointer.split('/').map(str::to_owned).collect();
-        let order = match steps.get(1).map(String::as_str) {
+    /// Lines and columns of what JSON pointers into the canonical clip name.
+    pub fn places<'p>(&self, pointers: impl IntoIterator<Item = &'p str>) -> Vec<(usize, usize)> {
+        let pointers: Vec<String> = pointers.into_iter().map(|p| self.in_file(p)).collect();
+        let bytes = locate_all(&self.text, pointers.iter().map(String::as_str));
+        line_cols(&self.text, &bytes)
+    }
+
+    /// The pointer to the same value in the file, whose lists may have another order.
+    fn in_file(&self, pointer: &str) -> String {
+        let mut steps: Vec<&str> = pointer.split('/').collect();
+        let order = match steps.get(1).copied() {
             Some("keys") => &self.keys,
             Some("offsets") => &self.offsets,
             Some("masks") => &self.masks,
             Some("markers") => &self.markers,
-            _ => return line_col(&self.text, locate(&self.text, pointer)),
+            _ => return pointer.to_owned(),
         };
-        if let Some(step) = steps.get_mut(2)
-            && let Some(at) = step.parse::<usize>().ok().and_then(|i| order.get(i))
-        {
-            *step = at.to_string();
-        }
-        line_col(&self.text, locate(&self.text, &steps.join("/")))
+        let index = steps.get(2).and_then(|step| step.parse::<usize>().ok());
+        let Some(at) = index.and_then(|i| order.get(i)).map(usize::to_string) else {
+            return pointer.to_owned();
+        };
+        steps[2] = &at;
+        steps.join("/")
     }
 }
 

@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 
 use serde::{Deserialize, Serialize};
 
-use super::Error;
+use super::{Error, pairs};
 use robert_base::child::{self, Farewell, Rights};
 use robert_base::limits;
 use robert_mujoco::{self as mujoco, Data, Model};
@@ -24,6 +24,8 @@ use robert_mujoco::{self as mujoco, Data, Model};
 pub const SUBCOMMAND: &str = "__compile-check";
 /// Simulator steps that a model must survive at rest: a tenth of a second.
 pub const STEPS: usize = 20;
+/// Pairs of geoms that are tested in these steps at most; a model with many pairs makes fewer steps.
+const STEP_PAIRS: usize = 5_000_000;
 
 /// The result of the child.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -178,9 +180,20 @@ fn rights(model: &Path) -> Rights {
 
 fn attempt(path: &Path, steps: usize) -> Result<(), mujoco::Error> {
     let model = Arc::new(Model::from_path(path)?);
+    let pairs = pairs::count(&model);
+    if pairs > limits::MODEL_PAIRS {
+        let message = format!(
+            "{pairs} pairs of geoms may collide, and at most {} are simulated; give geoms that need not collide contype=\"0\" and conaffinity=\"0\"",
+            limits::MODEL_PAIRS
+        );
+        return Err(mujoco::Error::Invalid { message, path: None });
+    }
     let mut data = Data::new(&model)?;
     data.forward()?;
-    if steps > 0 { data.step(steps) } else { Ok(()) }
+    match steps.min(STEP_PAIRS / pairs.max(1)) {
+        0 => Ok(()),
+        steps => data.step(steps),
+    }
 }
 
 fn judge(e: &mujoco::Error) -> Verdict {
@@ -207,4 +220,30 @@ fn peak_bytes() -> u64 {
     let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:")).unwrap_or_default();
     let kb = line.split_whitespace().next().and_then(|n| n.parse::<u64>().ok());
     kb.unwrap_or(0) * 1024
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pairs_that_may_collide_are_capped() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("robot.xml");
+        let tried = |n: usize| {
+            let body = |n: usize, x: usize| {
+                format!("<body pos='{x} 0 0'><joint/>{}</body>", "<geom size='.1'/>".repeat(n))
+            };
+            let xml = format!(
+                "<mujoco><worldbody>{}{}</worldbody></mujoco>",
+                body(limits::MODEL_PAIRS / 1000, 0),
+                body(n, 9)
+            );
+            std::fs::write(&path, xml).unwrap();
+            attempt(&path, 1)
+        };
+        tried(1000).unwrap();
+        let refused = tried(1001).unwrap_err().to_string();
+        assert!(refused.contains("1001000 pairs of geoms may collide"), "{refused}");
+    }
 }

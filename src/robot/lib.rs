@@ -29,6 +29,7 @@ mod law;
 mod mesh;
 mod mirror;
 mod pace;
+mod pairs;
 mod plant;
 pub mod preparse;
 mod profile;

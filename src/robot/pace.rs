@@ -13,7 +13,7 @@ use super::Error;
 use super::derive::{ctrlrange, tendon_joints, torque_limit};
 use super::golden::spread;
 use super::law::Law;
-use robert_mujoco::{Data, Joint, Model, Transmission};
+use robert_mujoco::{Data, Joint, Model, Transmission, index};
 
 /// Poses beside the default one.
 const POSES: usize = 4;
@@ -23,6 +23,14 @@ const STEPS: usize = 400;
 const STEADY_STEPS: usize = 20;
 /// The relative change over these steps below which the speed is unchanged.
 const STEADY: f64 = 1e-3;
+/// The work of all runs: simulator steps times the size of the model, which is the number of its joints
+/// where few are one behind the other. 5 million take about a second; 40 joints of a humanoid
+/// need half of that. If the joints are more, each is driven at fewer poses, or for a shorter time.
+const WORK: usize = 5_000_000;
+/// Geoms that cost as much as one joint.
+const GEOMS: usize = 5;
+/// Pairs of joints, one behind the other, that cost as much as one joint more.
+const CHAINED: usize = 200;
 /// The damping that keeps the other joints still, N m s/rad or N s/m.
 const HELD: f64 = 1e8;
 /// Half the interval of a joint without limits: rad, m.
@@ -57,15 +65,73 @@ pub(super) enum Pace {
     Unknown,
 }
 
-/// The speed and acceleration of every joint of a model with hinges and slides, in order.
+/// What was measured.
+#[derive(Debug)]
+pub(super) struct Paces {
+    /// The speed and acceleration of every joint, in order.
+    pub(super) joints: Vec<Pace>,
+    /// The time for which the joints were driven, where the model is so large that it was shorter than
+    /// [`STEPS`], seconds.
+    pub(super) cut_secs: Option<f64>,
+}
+
+/// Measures every joint of a model with hinges and slides.
 ///
 /// # Errors
 /// [`Error::Simulator`] where a simulation cannot be made.
-pub(super) fn measure(model: &Arc<Model>) -> Result<Vec<Pace>, Error> {
-    (0..model.jnt_type().len()).map(|joint| one(model, joint)).collect()
+pub(super) fn measure(model: &Arc<Model>) -> Result<Paces, Error> {
+    let count = model.jnt_type().len();
+    let mut left = WORK / size(model).max(1);
+    let (mut joints, mut cut) = (Vec::with_capacity(count), None::<usize>);
+    for joint in 0..count {
+        // What a joint leaves, because it was soon as fast as it gets, is for those after it.
+        let mut share = Share::new(left / (count - joint));
+        joints.push(one(model, joint, &mut share)?);
+        left = left.saturating_sub(share.used);
+        if share.is_cut {
+            cut = Some(cut.map_or(share.most, |c| c.min(share.most)));
+        }
+    }
+    Ok(Paces { joints, cut_secs: cut.map(|steps| steps as f64 * model.timestep()) })
 }
 
-fn one(model: &Arc<Model>, joint: usize) -> Result<Pace, Error> {
+/// The simulator steps that one joint may take.
+struct Share {
+    all: usize,
+    used: usize,
+    /// Of one run.
+    most: usize,
+    /// Whether a run ended for it, which else would have gone on.
+    is_cut: bool,
+}
+
+impl Share {
+    fn new(all: usize) -> Share {
+        // At least one pose, in both directions.
+        Share { all, used: 0, most: (all / 2).clamp(1, STEPS), is_cut: false }
+    }
+
+    /// Whether another pose is within it, whatever that takes.
+    fn has_room(&self) -> bool {
+        self.used == 0 || self.used + 2 * self.most <= self.all
+    }
+}
+
+/// What a simulator step costs, in joints.
+fn size(model: &Model) -> usize {
+    let mut above = vec![0; model.nbody()];
+    let mut chained = 0;
+    for body in 1..model.nbody() {
+        let before = above[index(model.body_parentid()[body])];
+        above[body] = before + index(model.body_jntnum()[body]);
+        // The inertia of each joint is eliminated from those above it, two by two.
+        chained += (before + 1..=above[body]).map(|depth| depth * depth / 2).sum::<usize>();
+    }
+    model.nv() + model.ngeom() / GEOMS + chained / CHAINED
+}
+
+/// The pace of one joint.
+fn one(model: &Arc<Model>, joint: usize, share: &mut Share) -> Result<Pace, Error> {
     let dof = model.jnt_dofadr()[joint] as usize;
     let mut held = model.duplicate()?;
     held.set_contacts(false);
@@ -80,6 +146,9 @@ fn one(model: &Arc<Model>, joint: usize) -> Result<Pace, Error> {
     let mut data = Data::new(&Arc::new(held))?;
     let (mut speeds, mut accelerations) = (Vec::new(), Vec::new());
     for k in 0..=POSES {
+        if !share.has_room() {
+            break;
+        }
         let mut slower: Option<Run> = None;
         for up in [true, false] {
             let Some(qpos) = start(model, joint, k, up) else { return Ok(Pace::Unknown) };
@@ -88,7 +157,7 @@ fn one(model: &Arc<Model>, joint: usize) -> Result<Pace, Error> {
             data.forward()?;
             let Some(ctrl) = full(model, &data, dof, up) else { return Ok(Pace::Unknown) };
             data.set_ctrl(&ctrl)?;
-            if let Some(one) = run(&mut data, model, joint, up) {
+            if let Some(one) = run(&mut data, model, joint, up, share) {
                 slower = Some(slower.map_or(one, |s| s.slower(one)));
             }
         }
@@ -219,14 +288,15 @@ fn full(model: &Model, data: &Data, dof: usize, up: bool) -> Option<Vec<f64>> {
 
 /// The highest speed in the wanted direction within half the range, and the time until it is
 /// reached; `None` if the simulation diverges.
-fn run(data: &mut Data, model: &Model, joint: usize, up: bool) -> Option<Run> {
+fn run(data: &mut Data, model: &Model, joint: usize, up: bool, share: &mut Share) -> Option<Run> {
     let (at, dof) = (model.jnt_qposadr()[joint] as usize, model.jnt_dofadr()[joint] as usize);
     let sign = if up { 1.0 } else { -1.0 };
     let [lo, hi] = room(model, joint);
     let (half, from) = (0.5 * (hi - lo), data.qpos()[at]);
     let (mut best, mut before) = (0.0_f64, f64::NEG_INFINITY);
     let mut rise = Vec::new();
-    for step in 1..=STEPS {
+    for step in 1..=share.most {
+        share.used += 1;
         data.step(1).ok()?;
         let (way, v) = (sign * (data.qpos()[at] - from), sign * data.qvel()[dof]);
         if !(way.is_finite() && v.is_finite()) {
@@ -244,6 +314,7 @@ fn run(data: &mut Data, model: &Model, joint: usize, up: bool) -> Option<Run> {
             }
             before = v;
         }
+        share.is_cut |= step == share.most && step < STEPS;
     }
     let steps = rise.iter().position(|v| *v >= RISEN * best).map_or(rise.len(), |at| at + 1);
     Some(Run { speed: best, acceleration: RISEN * best / (steps as f64 * model.timestep()) })
@@ -254,7 +325,7 @@ mod tests {
     use super::*;
 
     fn paces(xml: &str) -> Vec<Pace> {
-        measure(&Arc::new(Model::from_xml(xml).unwrap())).unwrap()
+        measure(&Arc::new(Model::from_xml(xml).unwrap())).unwrap().joints
     }
 
     fn arm(joint: &str, limit: f64) -> String {
@@ -300,5 +371,40 @@ mod tests {
     #[test]
     fn a_joint_that_its_motor_cannot_lift_is_stuck() {
         assert_eq!(paces(&arm("damping=\"10\"", 0.01))[0], Pace::Stuck);
+    }
+
+    #[test]
+    fn a_robot_of_any_size_is_measured_with_the_same_work() {
+        // Chains of 50 links that take seconds to become fast.
+        let chains = |count: usize| {
+            let mut bodies = String::new();
+            let mut motors = String::new();
+            for chain in 0..count {
+                for link in 0..50 {
+                    let name = format!("j{chain}_{link}");
+                    bodies += &[
+                        "<body pos='0 0 1'><joint name='",
+                        &name,
+                        "' axis='0 0 1' range='-3 3' limited='true'/><inertial pos='0 0 0' mass='1' diaginertia='.09 .09 .09'/>",
+                    ]
+                    .concat();
+                    motors += &["<motor joint='", &name, "' ctrllimited='true' ctrlrange='-5 5'/>"]
+                        .concat();
+                }
+                bodies.push_str(&"</body>".repeat(50));
+            }
+            format!(
+                "<mujoco><compiler angle='radian'/><option timestep='.005'/><worldbody>{bodies}</worldbody><actuator>{motors}</actuator></mujoco>"
+            )
+        };
+        let model = Arc::new(Model::from_xml(&chains(5)).unwrap());
+        let paces = measure(&model).unwrap();
+        assert!(paces.joints.iter().all(|p| matches!(p, Pace::Moves { .. })));
+        let cut = paces.cut_secs.unwrap();
+        let steps = (cut / 0.005).round() as usize;
+        assert!(steps >= 5 && 250 * 2 * steps * size(&model) <= WORK, "{steps}");
+        let small = Arc::new(Model::from_xml(&chains(1)).unwrap());
+        assert!(measure(&small).unwrap().cut_secs.is_none_or(|secs| secs > 0.2));
+        assert_eq!(size(&small), 50 + (1..=50).map(|d| d * d / 2).sum::<usize>() / CHAINED);
     }
 }

@@ -635,6 +635,54 @@ mod tests {
     }
 
     #[test]
+    fn depths_composites_and_textures_bind_at_the_cap() {
+        let deep = |n: usize| {
+            let inner = n - 2;
+            let (open, shut) = ("<body>".repeat(inner), "</body>".repeat(inner));
+            format!("<mujoco><worldbody>{open}{shut}</worldbody></mujoco>")
+        };
+        let composite = |n: usize| {
+            format!(
+                "<mujoco><worldbody><body><composite type=\"particle\" count=\"{n} 1 1\"/></body></worldbody></mujoco>"
+            )
+        };
+        let texture = |px: u64| {
+            format!(
+                "<mujoco><asset><texture name=\"t\" type=\"2d\" builtin=\"flat\" width=\"1\" height=\"{px}\"/></asset></mujoco>"
+            )
+        };
+        for (good, bad) in [
+            (deep(limits::XML_DEPTH), deep(limits::XML_DEPTH + 1)),
+            (composite(limits::COMPOSITE_ELEMENTS), composite(limits::COMPOSITE_ELEMENTS + 1)),
+            (texture(limits::TEXTURE_PX), texture(limits::TEXTURE_PX + 1)),
+        ] {
+            project(&[("a.xml", &good)]).1.unwrap();
+            let refused = project(&[("a.xml", &bad)]).1;
+            assert!(matches!(refused, Err(Error::Refused { .. })), "{refused:?}");
+        }
+        let includes = |n: usize| {
+            let file = |i: usize| match i {
+                0 => ("a.xml".to_owned(), "mujoco"),
+                i => (format!("{i}.xml"), "mujocoinclude"),
+            };
+            let dir = tempfile::tempdir().unwrap();
+            for i in 0..=n {
+                let (name, tag) = file(i);
+                let next = if i < n {
+                    format!("<include file=\"{}\"/>", file(i + 1).0)
+                } else {
+                    String::new()
+                };
+                std::fs::write(dir.path().join(name), format!("<{tag}>{next}</{tag}>")).unwrap();
+            }
+            read(&dir.path().join("a.xml"), None)
+        };
+        includes(limits::INCLUDE_DEPTH).unwrap();
+        let refused = includes(limits::INCLUDE_DEPTH + 1).unwrap_err().to_string();
+        assert!(refused.contains("includes are nested more than 8 deep"), "{refused}");
+    }
+
+    #[test]
     fn sizes_bind_at_the_cap() {
         for (tag, name, cap) in SIZES {
             let text = |v: u64| format!("<mujoco><{tag} {name}=\"{v}\"/></mujoco>");

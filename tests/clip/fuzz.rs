@@ -99,8 +99,10 @@ fn exercise(bytes: Vec<u8>) -> bool {
     assert_eq!(back.to_text(), text);
     let command = compile(&clip).expect("an accepted clip compiles");
     assert!(command.q().iter().all(|v| v.is_finite()));
-    for found in lint(&clip, &command, &generate::table(&clip), None) {
-        parsed.line_col(&found.pointer);
+    let lints = lint(&clip, &command, &generate::table(&clip), None);
+    let places = parsed.places(lints.iter().map(|found| found.pointer.as_str()));
+    assert_eq!(places.len(), lints.len());
+    for found in lints {
         for fix in found.fixes {
             edited(&clip, &fix.op, None).expect("fixes apply");
         }

@@ -273,3 +273,82 @@ fn caps_are_exact() {
     c.markers.push(Marker { frame: CLIP_SPANS as u32, name: "m".into(), to: None });
     assert!(!ok(&c));
 }
+
+/// The same for what belongs to keys, offsets and masks, and for batches.
+#[test]
+fn caps_of_the_parts_of_keys_are_exact() {
+    use robert::clip::*;
+    use robert::limits::*;
+    let names: Vec<String> = (0..JOINTS).map(|j| j.to_string()).collect();
+    let wide = |length: u32| {
+        Clip::new(RobotRef { id: "r".into(), joints: names.clone(), ..RobotRef::default() }, length)
+    };
+    let ok = |c: &Clip| c.validate().is_ok();
+    let row = vec![0.0; JOINTS];
+
+    let mut c = wide(2000);
+    let full = (CLIP_TANGENTS / JOINTS) as u32;
+    c.keys = (0..=full).map(|f| Key::new(f, &row)).collect();
+    for key in &mut c.keys[..full as usize] {
+        key.tangents = names.iter().map(|n| (n.clone(), Tangent::FLAT)).collect();
+    }
+    assert!(ok(&c));
+    c.keys[full as usize].tangents.insert("0".into(), Tangent::FLAT);
+    assert!(!ok(&c));
+
+    let offset = |frame: u32, joints: &[String]| Offset {
+        frame,
+        add: joints.iter().map(|n| (n.clone(), 0.1)).collect(),
+        fade_in: 0,
+        hold: 1,
+        fade_out: 0,
+    };
+    let mut c = wide(2000);
+    let full = (CLIP_OFFSETS / JOINTS) as u32;
+    c.offsets = (0..full).map(|f| offset(f, &names)).collect();
+    assert!(ok(&c));
+    c.offsets.push(offset(full, &names[..1]));
+    assert!(!ok(&c));
+
+    let mut c = wide(2000);
+    let mask = |joints: &[String]| Mask { from: 0, to: 1, joints: Some(joints.to_vec()) };
+    c.masks = (0..CLIP_MASK_JOINTS / JOINTS).map(|_| mask(&names)).collect();
+    assert!(ok(&c));
+    c.masks.push(mask(&names[..1]));
+    assert!(!ok(&c));
+
+    // End-effector goals, and the frames of a straight path between two of them.
+    let goal = |frame: u32| {
+        let mut key = Key::with(frame, Goal::Open);
+        key.reach = vec![Reach::site("tool", [0.1, 0.2, 0.3])];
+        key
+    };
+    let mut c = wide(CLIP_REACHES as u32 + 1);
+    c.fill = Fill::Mask;
+    c.keys = (0..CLIP_REACHES as u32).map(goal).collect();
+    assert!(ok(&c));
+    c.keys.push(goal(CLIP_REACHES as u32));
+    assert!(!ok(&c));
+    let path = |last: u32| {
+        let mut c = wide(CLIP_REACH_FRAMES as u32 + 10);
+        c.fill = Fill::Linear;
+        c.keys = vec![goal(0), goal(last)];
+        ok(&c)
+    };
+    assert!(path(CLIP_REACH_FRAMES as u32 - 1) && !path(CLIP_REACH_FRAMES as u32));
+
+    let rename = Op::ClipRename(ClipRename { name: "n".into() });
+    let batch = |n: usize| {
+        let op = Op::Batch(Batch { label: String::new(), ops: vec![rename.clone(); n] });
+        edited(&wide(10), &op, None).is_ok()
+    };
+    assert!(batch(BATCH_OPS) && !batch(BATCH_OPS + 1));
+
+    let extra = |n: usize| {
+        let clip = wide(10).to_text();
+        let list = format!("\"x\": {{\"a\": [{}]}},\n  \"keys\"", vec!["0"; n].join(","));
+        Clip::parse(&clip.replacen("\"keys\"", &list, 1)).is_ok()
+    };
+    // The list itself is a value.
+    assert!(extra(CLIP_EXTRA_VALUES - 1) && !extra(CLIP_EXTRA_VALUES));
+}

@@ -1,10 +1,10 @@
-"""kill -9 at any moment of saving, exporting, collecting, training and `robert new`: what has its final
-name is whole, an older file stands until then, the work can go on, and no process is left after 2 s.
+"""kill -9 at any moment of saving, exporting, collecting, training, `robert new`, shards and their merge: what has
+its final name is whole, an older file stands until then, the work can go on, and no process is left after 2 s.
 
 Run with: python tests/peers/kill_everything.py ROBERT [KILLS] [KIND...]     (ROBERT: path of the binary)
 
-KILLS is the number of all five kinds of work together, 1,000 if not said: quick work is killed more often. Edits are killed by
-`ROBERT_KILLS=200 cargo test --test it studio::crash`, shards by kills.py.
+KILLS is the number of all kinds of work together, 1,000 if not said: quick work is killed more often. Edits are killed by
+`ROBERT_KILLS=200 cargo test --test it studio::crash`; kills.py looks closer at the parts of a collection.
 """
 
 import hashlib
@@ -194,7 +194,8 @@ def trainings(k, kills):
     while cut < kills:
         begun = (out / "config.toml").exists()
         more = ["--robot", "ur5e", "--data", "data", "--resume", "killed_run"] if begun else [*options, "killed_run"]
-        child = k.start("train", *more)
+        # The bits do not depend on the number of threads either.
+        child = k.start("train", *more, "--threads", k.draw.choice([1, 2]))
         alive = k.kill(child, secs)
         cut += alive
         k.no_orphans()
@@ -236,7 +237,70 @@ def news(k, kills):
     return f"{cut} while at work, {ends + 1} robots finished"
 
 
-SHARES = {saves: 0.4, exports: 0.4, collections: 0.1, trainings: 0.06, news: 0.04}
+SPECS = {
+    "collect": 'kind = "collect"\nrobot = "ur5e"\ntransitions = 40_000\nshards = 16\n',
+    "eval": 'kind = "eval"\nrobot = "pointmass"\nsuites = ["manual"]\npolicies = ["pd", "ridge"]\nseeds = 4\ntasks_per_shard = 4\n',
+}
+
+
+def shards(k, kills):
+    """The pool, one shard or the merge is killed: no part of a shard is ever merged, and what is merged in the end has the
+    bits of work that was never killed."""
+    def finished():
+        """The shards that are done, and all that were planned."""
+        told = json.loads(k.run("shard", "status", "work", "--json"))
+        assert not told["corrupt"], told
+        return told["done"], told["shards"]
+
+    def merge_refuses():
+        done = subprocess.run([k.robert, "shard", "merge", "work", "--out", "merged"], cwd=k.work, env=k.settings, capture_output=True, text=True)
+        assert done.returncode != 0 and "error: " in done.stderr, done.stderr
+        assert not (k.work / "merged").exists(), "a merge of what is not whole"
+
+    cut, merges, refused, ends = 0, 0, 0, 0
+    kinds = list(SPECS)
+    whole, secs, merge_secs = {}, {}, {}
+    for kind in kinds:
+        (k.work / f"{kind}.toml").write_text(SPECS[kind])
+        k.run("shard", "plan", f"{kind}.toml", "--out", f"{kind}-whole")
+        secs[kind] = k.timed("shard", "submit", f"{kind}-whole", "--backend", "local", "--jobs", "2")
+        merge_secs[kind] = k.timed("shard", "merge", f"{kind}-whole", "--out", f"{kind}-merged")
+        whole[kind] = tree(k.work / f"{kind}-merged")
+    while cut < kills:
+        kind = kinds[ends % len(kinds)]
+        k.run("shard", "plan", f"{kind}.toml", "--out", "work")
+        while True:
+            done, planned = finished()
+            if len(done) == planned:
+                break
+            if cut % 3 == 2:
+                missing = k.run("shard", "missing", "work").split()
+                child = k.start("shard", "run", "work", "--index", k.draw.choice(missing))
+            else:
+                child = k.start("shard", "submit", "work", "--backend", "local", "--jobs", "2")
+            cut += k.kill(child, 0.7 * secs[kind] / (4 if cut % 3 == 2 else 1))
+            k.no_orphans()
+            now, _ = finished()
+            assert set(done) <= set(now), "a shard that was done is not any more"
+            if len(now) < planned:
+                merge_refuses()
+                refused += 1
+        for _ in range(2):
+            alive = k.kill(k.start("shard", "merge", "work", "--out", "merged"), 1.2 * merge_secs[kind])
+            cut, merges = cut + alive, merges + alive
+            k.no_orphans()
+            if (k.work / "merged").exists():
+                assert tree(k.work / "merged") == whole[kind], "half a merge"
+                shutil.rmtree(k.work / "merged")
+        k.run("shard", "merge", "work", "--out", "merged")
+        assert tree(k.work / "merged") == whole[kind], set(tree(k.work / "merged").items()) ^ set(whole[kind].items())
+        for folder in ["work", "merged"]:
+            shutil.rmtree(k.work / folder)
+        ends += 1
+    return f"{cut} while at work ({merges} of them merges), {refused} merges of unfinished work refused, {ends} ended with the same bits"
+
+
+SHARES = {saves: 0.39, exports: 0.38, collections: 0.1, trainings: 0.06, news: 0.04, shards: 0.03}
 
 
 def main(robert, kills="1000", *only):

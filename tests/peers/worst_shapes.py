@@ -134,6 +134,10 @@ def models():
     world = lambda inner, more="": f"<mujoco>{more}<worldbody>{body.format(0)}{body.format(1)}{inner}</worldbody>{motors}</mujoco>"
     link = '<link name="l{0}"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
     joint = '<joint name="j{0}" type="revolute"><parent link="l{1}"/><child link="l{0}"/><limit lower="-1" upper="1" effort="5" velocity="1"/></joint>'
+    heavy = link.replace('value="1"', 'value="1000"').replace('xx="1" iyy="1" izz="1"', 'xx="1000" iyy="1000" izz="1000"')
+    # Chains of fifty links, too heavy to become fast.
+    comb = lambda n: "<robot name='r'>" + "".join(heavy.format(i) for i in range(n)) + "".join(joint.format(i, 0 if i % 50 == 1 else i - 1) for i in range(1, n)) + "</robot>"
+    overlap = lambda n: world("").replace("</body>", '<geom size=".1"/>' * n + "</body>")
     wide = lambda n: "<robot name='r'>" + "".join(link.format(i) for i in range(n)) + "".join(joint.format(i, 0) for i in range(1, n)) + "</robot>"
     return {
         **{f"{name}.xml": text[: 8 * MB] for name, text in xmls().items()},
@@ -146,7 +150,10 @@ def models():
         "equalities.xml": world("", "<equality>" + "".join('<joint joint1="j0" joint2="j1"/>' for _ in range(50_000)) + "</equality>"),
         "sensors.xml": world("", "<sensor>" + "".join('<jointpos joint="j0"/>' for _ in range(100_000)) + "</sensor>"),
         "tendons.xml": world("", "<tendon>" + "".join('<fixed><joint joint="j0" coef="1"/></fixed>' for _ in range(50_000)) + "</tendon>"),
+        "overlapping geoms.xml": overlap(999),
+        "too many overlapping geoms.xml": overlap(3900),
         "links.urdf": wide(250),
+        "chains.urdf": comb(250),
         "many links.urdf": wide(20_000),
         "visuals.urdf": wide(3).replace("<inertial>", '<visual><geometry><sphere radius="1"/></geometry></visual>' * 19_000 + "<inertial>", 1),
         "attributes.urdf": "<robot name='r'><link " + " ".join(f'a{i}="1"' for i in range(100_000)) + "/></robot>",

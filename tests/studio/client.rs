@@ -209,8 +209,13 @@ impl Drop for Studio {
 }
 
 pub(super) fn signal(pid: u32, signal: rustix::process::Signal) {
+    assert!(try_signal(pid, signal), "there is no process {pid}");
+}
+
+/// Whether there is such a process.
+pub(super) fn try_signal(pid: u32, signal: rustix::process::Signal) -> bool {
     let pid = rustix::process::Pid::from_raw(i32::try_from(pid).unwrap()).unwrap();
-    rustix::process::kill_process(pid, signal).unwrap();
+    rustix::process::kill_process(pid, signal).is_ok()
 }
 
 fn read_answer(reader: &mut impl BufRead) -> Answer {

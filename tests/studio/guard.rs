@@ -203,8 +203,14 @@ fn heads_and_bodies_have_caps() {
     let studio = Studio::start(dir.path(), &["a.clip.json"]);
     let long = format!("GET / HTTP/1.1\r\nHost: x\r\nX: {}\r\n\r\n", "y".repeat(20_000));
     assert_eq!(studio.raw(long.as_bytes()).status, 431);
-    let huge = format!("{{\"path\":\"{}\"}}", "a".repeat(3 << 20));
-    assert_eq!(studio.call("POST", "/api/open", Some(&huge)).status, 413);
+    let body = |bytes: usize| {
+        let rest = "{\"path\":\"\"}".len();
+        let text = format!("{{\"path\":\"{}\"}}", "a".repeat(bytes - rest));
+        studio.call("POST", "/api/open", Some(&text)).status
+    };
+    let most = robert::limits::REQUEST_BYTES;
+    assert_eq!(body(most + 1), 413);
+    assert_ne!(body(most), 413, "it is read, and refused for its path");
     for path in ["/ui/../Cargo.toml", "/ui/%2e%2e/Cargo.toml", "/etc/passwd", "/viser/../x"] {
         assert_eq!(studio.get(path).status, 404, "{path}");
     }

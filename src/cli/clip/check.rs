@@ -181,10 +181,9 @@ fn file(a: &Check, path: &Path, bar: &Bar, cancel: &Cancel) -> Result<FileReport
         }
         fixed = Some(done);
     }
-    let placed = lints.into_iter().map(|lint| {
-        let (line, col) = parsed.line_col(&lint.pointer);
-        PlacedLint { line, col, lint }
-    });
+    let places = parsed.places(lints.iter().map(|lint| lint.pointer.as_str()));
+    let placed = lints.into_iter().zip(places);
+    let placed = placed.map(|(lint, (line, col))| PlacedLint { line, col, lint });
     Ok(FileReport {
         path: path.to_owned(),
         robot: table.robot.clone(),

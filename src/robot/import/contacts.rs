@@ -10,12 +10,14 @@ use std::fmt::Write as _;
 use std::sync::Arc;
 
 use super::draft::Draft;
-use crate::{Error, preparse, text};
+use crate::{Error, pairs, preparse, text};
 use robert_base::rng::{Rng, Stream};
 use robert_mujoco::{Data, Geom, Kind, Model, index};
 
 /// Poses drawn to find pairs that touch in most of them.
 const POSES: u64 = 60;
+/// Pairs of geoms that are tested in these poses at most; a model with many pairs gets fewer poses.
+const POSE_PAIRS: usize = 4_000_000;
 /// Share of those poses in which a pair must touch to be left out. Where two bodies meet so often,
 /// the convex hulls of their meshes do, not their surfaces: the fingers of a gripper, for instance,
 /// whose hulls close the hollow between them (seen at 0.8; fingers of hands stay below 0.2).
@@ -138,7 +140,8 @@ fn touching(model: &Model, data: &Data) -> Vec<(usize, usize)> {
 fn mostly_touching(model: &Arc<Model>, data: &mut Data) -> Result<Vec<(usize, usize)>, Error> {
     let mut hits: std::collections::BTreeMap<(usize, usize), u64> =
         std::collections::BTreeMap::new();
-    for k in 0..POSES {
+    let poses = POSES.min((POSE_PAIRS / pairs::count(model).max(1)) as u64);
+    for k in 0..poses {
         let mut rng = Rng::new(0, Stream::Reset, k);
         let mut qpos = model.qpos0().to_vec();
         for j in 0..model.jnt_type().len() {
@@ -159,6 +162,6 @@ fn mostly_touching(model: &Arc<Model>, data: &mut Data) -> Result<Vec<(usize, us
             *hits.entry(pair).or_default() += 1;
         }
     }
-    let enough = (MOSTLY * POSES as f64).ceil() as u64;
+    let enough = (MOSTLY * poses as f64).ceil() as u64;
     Ok(hits.into_iter().filter(|(_, n)| *n >= enough).map(|(p, _)| p).collect())
 }

@@ -64,11 +64,7 @@ pub fn import(config: &ImportConfig) -> Result<Report, Error> {
             out,
         ));
     }
-    let project = preparse::read(&config.source, config.root.as_deref())?;
-    let mut draft = match project.format {
-        preparse::Format::Mjcf => mjcf::draft(&project, config)?,
-        preparse::Format::Urdf => urdf::draft(&project, config)?,
-    };
+    let (project, mut draft) = drafted(config)?;
     let parent = absolute(out).parent().map_or_else(|| PathBuf::from("."), Path::to_owned);
     let write =
         |e: std::io::Error| Error::File(fsio::Error::Write { source: e, path: out.clone() });
@@ -101,6 +97,23 @@ pub fn import(config: &ImportConfig) -> Result<Report, Error> {
     fsio::write_atomic(&temp.path().join("import.json"), &json)?;
     publish(temp, out).map_err(write)?;
     Ok(report)
+}
+
+/// The first step of an import: the model as an MJCF with plain file names, before it is compiled.
+///
+/// # Errors
+/// As [`import`], unless they come from the simulator.
+pub fn draft(config: &ImportConfig) -> Result<String, Error> {
+    Ok(drafted(config)?.1.xml)
+}
+
+fn drafted(config: &ImportConfig) -> Result<(preparse::Project, Draft), Error> {
+    let project = preparse::read(&config.source, config.root.as_deref())?;
+    let draft = match project.format {
+        preparse::Format::Mjcf => mjcf::draft(&project, config)?,
+        preparse::Format::Urdf => urdf::draft(&project, config)?,
+    };
+    Ok((project, draft))
 }
 
 /// Compiles the draft, fixes it, and compiles until nothing is left to fix.
@@ -219,7 +232,13 @@ fn speeds(
     model: &Arc<Model>,
 ) -> Result<(), Error> {
     let mut stuck = Vec::new();
-    for (j, pace) in joints.iter_mut().zip(pace::measure(model)?) {
+    let paces = pace::measure(model)?;
+    if let Some(secs) = paces.cut_secs {
+        draft.warnings.push(format!(
+            "the model is so large that its joints were driven for {secs:.2} s only: speed limits may be too low"
+        ));
+    }
+    for (j, pace) in joints.iter_mut().zip(paces.joints) {
         let named = draft.speeds.get(&j.name).copied();
         match pace {
             Pace::Moves { speed: v, acceleration } => {

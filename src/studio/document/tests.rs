@@ -4,7 +4,7 @@ use super::journal::{Journal, Record};
 use super::{Document, Edit};
 use crate::protocol::Error;
 use robert_base::rng::{Rng, Stream};
-use robert_clip::{Clip, ClipRename, Key, KeysAdd, Op, RobotRef};
+use robert_clip::{Clip, ClipRename, Delta, Key, KeysAdd, Op, RobotRef};
 
 fn blank() -> Clip {
     let joints = vec!["a".to_owned(), "b".to_owned()];
@@ -181,6 +181,49 @@ fn two_who_look_for_drafts_at_once_both_find_all() {
             });
         }
     });
+}
+
+/// Bytes that this thread has read from files and written into them.
+fn moved_bytes() -> [u64; 2] {
+    let text = std::fs::read_to_string("/proc/thread-self/io").unwrap();
+    let number = |name: &str| {
+        let line = text.lines().find_map(|l| l.strip_prefix(name)).unwrap();
+        line.trim().parse().unwrap()
+    };
+    [number("rchar:"), number("wchar:")]
+}
+
+/// A journal is read a fixed number of times, however many edits it has. (That its steps are not
+/// checked one by one is tested in `robert_clip::editor`.)
+#[test]
+fn a_journal_of_ten_thousand_edits_is_read_once() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.clip.json");
+    std::fs::write(&path, blank().to_text()).unwrap();
+    let mut doc = Document::open(&path, dir.path(), |_| None).unwrap();
+    let records: Vec<Record> = (0..10_000)
+        .map(|n: u32| {
+            let keys_put = vec![Key::new(1 + n * 7 % 97, &[f64::from(n) / 1e4, 0.5])];
+            let patch = match n % 3 {
+                0 => Delta { name: Some(format!("n{n}")), ..Delta::default() },
+                _ => Delta { keys_put, ..Delta::default() },
+            };
+            Record::Edit { label: "Edit".to_owned(), patch: Box::new(patch) }
+        })
+        .collect();
+    doc.journal.append(&records).unwrap();
+    let journal = doc.journal.bytes();
+    assert!(journal > 800_000, "{journal} bytes");
+    drop(doc);
+    let before = moved_bytes();
+    let doc = Document::open(&path, dir.path(), |_| None).unwrap();
+    let [read, written] = moved_bytes();
+    assert_eq!((doc.history(), doc.clip().keys.len()), ((10_000, 10_000), 98));
+    assert_eq!((doc.clip().name.as_str(), doc.restored().unwrap().edits), ("n9999", 10_000));
+    let journal = journal + (64 << 10);
+    assert!(read - before[0] < 2 * journal, "{} bytes read of {journal}", read - before[0]);
+    // Older steps of the history go into a file of their own.
+    assert!(written - before[1] < 3 * journal, "{} bytes written", written - before[1]);
 }
 
 #[test]

@@ -62,7 +62,7 @@ pub(crate) enum Phase {
 
 impl Incoming {
     /// Reads a binary frame; `None` if it is not a message, or contains numbers that are not
-    /// finite. `None` for what is no message, or holds numbers that are none.
+    /// finite.
     pub(crate) fn read(bytes: &[u8]) -> Option<Incoming> {
         let message: Incoming = rmp_serde::from_slice(bytes).ok()?;
         let finite = match &message {
