@@ -299,7 +299,7 @@ pub fn sha256_file(path: &Path) -> Result<String, Error> {
     let fail = |source| Error::Read { source, path: path.to_owned() };
     let mut file = open_regular(path).map_err(fail)?;
     let mut hash = Sha256::new();
-    let mut buf = vec![0_u8; 1 << 20];
+    let mut buf = vec![0_u8; 1 << 16];
     loop {
         let n = io::Read::read(&mut file, &mut buf).map_err(fail)?;
         if n == 0 {

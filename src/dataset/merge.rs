@@ -8,7 +8,7 @@ use super::error::Error;
 use super::manifest::{Episode, Manifest, ShardEntry, View};
 use super::open::{Dataset, Verify};
 use super::statistics::Statistics;
-use super::view::{TEST_SHARE, drop_unused_shards, rebase, split};
+use super::view::{TEST_SHARE, drop_unused_shards, rebase_to, resolve, split};
 use robert_base::fsio;
 
 /// Seed of the split that [`merge`] fixes for inputs without one.
@@ -64,8 +64,10 @@ pub fn merge(inputs: &[PathBuf], out: &Path, equal: bool) -> Result<Manifest, Er
     let mut merged: Option<Manifest> = None;
     let mut shards: BTreeMap<ShardKey, ShardEntry> = BTreeMap::new();
     let mut episodes: BTreeMap<(ShardKey, u64), Vec<Episode>> = BTreeMap::new();
+    let folder =
+        resolve(out).map_err(|source| fsio::Error::Write { source, path: out.to_owned() })?;
     for (mut m, input) in all.into_iter().zip(inputs) {
-        rebase(&mut m, &Manifest::path_of(input), out)?;
+        rebase_to(&mut m, &Manifest::path_of(input), &folder)?;
         for e in m.episodes.drain(..) {
             let Some(s) = m.shards.get(e.shard) else { continue };
             let key = (s.spec_sha256.clone(), s.index, s.sha256.clone());
@@ -76,7 +78,8 @@ pub fn merge(inputs: &[PathBuf], out: &Path, equal: bool) -> Result<Manifest, Er
         }
         match &mut merged {
             None => merged = Some(m),
-            Some(first) => first.specs.append(&mut m.specs),
+            // One by one: `append` would rebuild the whole map for each input.
+            Some(first) => first.specs.extend(std::mem::take(&mut m.specs)),
         }
     }
     let Some(mut m) = merged else {
@@ -202,7 +205,7 @@ mod tests {
     use super::super::shard::tests::push;
     use super::super::shard::{Shard, ShardBuilder};
     use super::super::view::tests::dataset;
-    use super::super::view::{Corruption, corrupt, shrink};
+    use super::super::view::{Corruption, corrupt, rebase, shrink};
     use super::*;
 
     #[test]

@@ -207,7 +207,9 @@ fn inspect(manifest: &Manifest, path: &Path, verify: Verify) -> (Vec<Shard>, Vec
     raise_file_limit(manifest.shards.len());
     let dir = path.parent().unwrap_or(Path::new("."));
     let count = manifest.shards.len();
-    let workers = std::thread::available_parallelism().map_or(1, usize::from).min(count.max(1));
+    // Counting the cores reads files of the system, which takes longer than to open one shard.
+    let cores = || std::thread::available_parallelism().map_or(1, usize::from);
+    let workers = if count > 1 { cores().min(count) } else { 1 };
     let next = std::sync::atomic::AtomicUsize::new(0);
     let mut results: Vec<(usize, Result<Shard, Problem>)> =
         std::thread::scope(|scope| {

@@ -188,18 +188,23 @@ pub fn corrupt(m: &mut Manifest, how: Corruption) -> Result<(), Error> {
 /// # Errors
 /// [`Error::File`] when a folder cannot be resolved.
 pub fn rebase(m: &mut Manifest, from: &Path, out: &Path) -> Result<(), Error> {
+    let out = resolve(out).map_err(|source| fsio::Error::Write { source, path: out.to_owned() })?;
+    rebase_to(m, from, &out)
+}
+
+/// As [`rebase`], to a folder whose path is canonical already.
+pub(super) fn rebase_to(m: &mut Manifest, from: &Path, out: &Path) -> Result<(), Error> {
     let from = from.parent().unwrap_or(Path::new("."));
     let from =
         resolve(from).map_err(|source| fsio::Error::Read { source, path: from.to_owned() })?;
-    let out = resolve(out).map_err(|source| fsio::Error::Write { source, path: out.to_owned() })?;
     for s in &mut m.shards {
-        s.file = relative(&from.join(&s.file), &out);
+        s.file = relative(&from.join(&s.file), out);
     }
     Ok(())
 }
 
 /// The canonical path of a folder, also if it does not exist yet.
-fn resolve(path: &Path) -> std::io::Result<PathBuf> {
+pub(super) fn resolve(path: &Path) -> std::io::Result<PathBuf> {
     let path = if path.as_os_str().is_empty() { Path::new(".") } else { path };
     let path = std::path::absolute(path)?;
     for there in path.ancestors() {

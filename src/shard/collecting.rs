@@ -110,19 +110,22 @@ pub(super) fn record(
     Ok(dir)
 }
 
-/// The parts as one dataset in `out`. `shards` are the folders of the shards, in order.
+/// The parts as one dataset in `out`. `shards` are the folders of the shards, in order. Only the
+/// files of motion are taken over: ten thousand parts are ten thousand files in one folder.
 pub(super) fn merge(
     shards: &[PathBuf],
     out: &Path,
     link: bool,
 ) -> Result<serde_json::Value, Error> {
-    let mut inputs = Vec::with_capacity(shards.len());
-    for (i, shard) in shards.iter().enumerate() {
-        let part = out.join("parts").join(format!("{i:06}"));
-        folder::copy(&shard.join(DATA), &part, link)?;
-        inputs.push(part);
+    let inputs: Vec<PathBuf> = shards.iter().map(|s| s.join(DATA)).collect();
+    let mut manifest = robert_dataset::merge(&inputs, out, false)?;
+    let folder = out.join("shards");
+    std::fs::create_dir_all(&folder).map_err(write_error(&folder))?;
+    for (k, entry) in manifest.shards.iter_mut().enumerate() {
+        let name = PathBuf::from("shards").join(format!("{k:06}.safetensors"));
+        folder::copy_file(&out.join(&entry.file), &out.join(&name), link)?;
+        entry.file = name;
     }
-    let manifest = robert_dataset::merge(&inputs, out, false)?;
     let made = Dataset::publish(manifest, out)?;
     Ok(serde_json::json!({ "totals": made.totals, "dataset_sha256": made.sha256() }))
 }

@@ -135,6 +135,15 @@ fn aside(from: &Path, parent: &Path, why: &str) -> Result<PathBuf, Error> {
     Ok(to)
 }
 
+/// Writes the whole file system of `dir` to disk. For ten thousand files it takes a hundredth of the
+/// time of a call for each.
+pub(super) fn sync_all(dir: &Path) -> io::Result<()> {
+    #[cfg(target_os = "linux")]
+    return Ok(rustix::fs::syncfs(File::open(dir)?)?);
+    #[cfg(not(target_os = "linux"))]
+    sync(dir)
+}
+
 /// Syncs all files and folders in `dir`.
 pub(super) fn sync(dir: &Path) -> io::Result<()> {
     for entry in fs::read_dir(dir)? {
@@ -157,9 +166,17 @@ pub(super) fn copy(from: &Path, to: &Path, link: bool) -> Result<(), Error> {
         let (a, b) = (entry.path(), to.join(entry.file_name()));
         if entry.file_type().map_err(unreadable)?.is_dir() {
             copy(&a, &b, link)?;
-        } else if !(link && fs::hard_link(&a, &b).is_ok()) {
-            fs::copy(&a, &b).map_err(write_error(&b))?;
+        } else {
+            copy_file(&a, &b, link)?;
         }
+    }
+    Ok(())
+}
+
+/// Copies a file, or makes a hard link where that is asked for and possible.
+pub(super) fn copy_file(from: &Path, to: &Path, link: bool) -> Result<(), Error> {
+    if !(link && fs::hard_link(from, to).is_ok()) {
+        fs::copy(from, to).map_err(write_error(to))?;
     }
     Ok(())
 }

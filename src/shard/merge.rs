@@ -92,7 +92,7 @@ pub fn merge(
     let merged = fill(dir, plan, &manifests, &made, link)?;
     let file = made.join(FILE);
     fs::write(&file, merged.text()).map_err(write_error(&file))?;
-    folder::sync(&made).map_err(write_error(&made))?;
+    folder::sync_all(&made).map_err(write_error(&made))?;
     if earlier {
         let old = temporary.path().join("old");
         fs::rename(out, &old).map_err(write_error(out))?;
@@ -132,11 +132,6 @@ fn fill(
     list(made, made, &mut paths)
         .map_err(|source| fsio::Error::Read { source, path: made.to_owned() })?;
     paths.sort();
-    let entry = |path: String| -> Result<FileEntry, Error> {
-        let file = made.join(&path);
-        let bytes = fs::metadata(&file).map_err(write_error(&file))?.len();
-        Ok(FileEntry { bytes, sha256: fsio::sha256_file(&file)?, path })
-    };
     Ok(Merged {
         name: plan.name.clone(),
         kind: plan.spec.kind(),
@@ -145,6 +140,27 @@ fn fill(
         binary_sha256: builds,
         lost,
         summary,
-        files: paths.into_iter().map(entry).collect::<Result<_, _>>()?,
+        files: entries(made, &paths)?,
+    })
+}
+
+/// Size and sha-256 of these files of a folder, in their order, by all cores.
+fn entries(dir: &Path, paths: &[String]) -> Result<Vec<FileEntry>, Error> {
+    let entry = |path: &String| -> Result<FileEntry, Error> {
+        let file = dir.join(path);
+        let bytes = fs::metadata(&file).map_err(write_error(&file))?.len();
+        Ok(FileEntry { bytes, sha256: fsio::sha256_file(&file)?, path: path.clone() })
+    };
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    std::thread::scope(|scope| {
+        let parts = paths.chunks(paths.len().div_ceil(cores).max(1));
+        let handles: Vec<_> = parts
+            .map(|part| scope.spawn(move || part.iter().map(entry).collect::<Result<Vec<_>, _>>()))
+            .collect();
+        let mut all = Vec::with_capacity(paths.len());
+        for handle in handles {
+            all.extend(handle.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))?);
+        }
+        Ok(all)
     })
 }
