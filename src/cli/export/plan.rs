@@ -127,9 +127,9 @@ impl Plan<'_> {
             }
             Format::Viser => (
                 Recording::of(take, source.robot()?)?.to_bytes()?,
-                "A recording of the scene, for the viser client.",
+                "A recording of the scene, for the viser client (pip install viser), which plays it at http://localhost:8000/?playbackPath=take.viser",
                 format!(
-                    "python -c \"import viser; print(viser.__version__)\"  # its client plays {out}"
+                    "viser-build-client --out-dir player && cp {out} player/take.viser && python -m http.server -d player"
                 ),
             ),
             Format::Html => {
