@@ -1,0 +1,39 @@
+// How soon a page that was never loaded shows an example with its take: printed, not asserted.
+// `npm run measure -- load`
+
+import { describe, Studio, type Tab, tab, test, webgl } from "./harness";
+
+const EXAMPLES = ["ur5e/hang", "shadow_hand/fire", "pointmass/star"];
+const TURNS = 3;
+
+/** Milliseconds since the page was asked for. */
+const since = (t: Tab): Promise<number> => t.page.evaluate(() => performance.now());
+
+describe("measure", () => {
+  for (const how of ["still pictures", "the 3D view, drawn in software"] as const) {
+    test(`a first load to an example with its take, ${how}`, async () => {
+      for (const id of EXAMPLES) {
+        const [gallery, take]: [number[], number[]] = [[], []];
+        for (let turn = 0; turn < TURNS; turn++) {
+          const studio = await Studio.start();
+          const t = how === "still pictures" ? await tab(studio) : (await webgl(studio)).tab;
+          const example = t.byId(`example-${id}`);
+          await example.waitFor();
+          gallery.push(await since(t));
+          await example.click();
+          await t.until((s) => s.page === "editor", "open");
+          await t.rolledOut();
+          await t.page.locator(".curves canvas").first().waitFor();
+          await t.painted();
+          take.push(await since(t));
+          await t.context.close();
+          await studio.end();
+        }
+        const middle = (of: number[]) => Math.round([...of].sort((a, b) => a - b)[TURNS >> 1] ?? 0);
+        console.log(
+          `${id}: gallery after ${middle(gallery)} ms, the example with its take after ${middle(take)} ms`,
+        );
+      }
+    });
+  }
+});
