@@ -189,7 +189,7 @@ pub fn derive(model: &Model, id: &str, path: &Path) -> Result<Profile, Error> {
     let joints = ids.iter().map(|&j| joint(model, j)).collect::<Vec<_>>();
     let mut poses = BTreeMap::new();
     let home = model.name(Kind::Key, 0).unwrap_or("rest").to_owned();
-    poses.insert(home.clone(), home_pose(model, &joints));
+    poses.insert(home.clone(), home_pose(model, &joints, &couplings));
     Ok(Profile {
         format: FORMAT.to_owned(),
         id: id.to_owned(),
@@ -471,18 +471,29 @@ fn settle(model: &Model) -> SettleSpec {
 }
 
 /// The first home key if there is one, else the default pose moved into the limits.
-fn home_pose(model: &Model, joints: &[JointSpec]) -> PoseSpec {
+/// The first keyframe; without one the model's reference pose, in which joints that follow others
+/// stand where these put them.
+fn home_pose(model: &Model, joints: &[JointSpec], couplings: &[Coupling]) -> PoseSpec {
     let key = model.key_qpos().get(..model.nq()).filter(|k| !k.is_empty());
     let qpos = key.unwrap_or_else(|| model.qpos0());
-    joints
-        .iter()
-        .zip(model.jnt_qposadr())
-        .filter_map(|(j, adr)| {
-            let v = *qpos.get(usize::try_from(*adr).ok()?)?;
-            let v = j.range.map_or(v, |[lo, hi]| v.clamp(lo, hi));
-            (v != 0.0).then(|| (j.name.clone(), v))
-        })
-        .collect()
+    let within = |j: &JointSpec, v: f64| j.range.map_or(v, |[lo, hi]| v.clamp(lo, hi));
+    let value =
+        |(j, adr): (&JointSpec, &i32)| Some(within(j, *qpos.get(usize::try_from(*adr).ok()?)?));
+    let mut home: Vec<Option<f64>> = joints.iter().zip(model.jnt_qposadr()).map(value).collect();
+    let at = |name: &str| joints.iter().position(|j| j.name == name);
+    // A chain of followers is at most as long as the robot.
+    for _ in 0..if key.is_none() { joints.len() } else { 0 } {
+        for coupling in couplings {
+            let Coupling::Mimic { follower, leader, offset, multiplier } = coupling else {
+                continue;
+            };
+            if let (Some(f), Some(l)) = (at(follower), at(leader)) {
+                home[f] = home[l].map(|v| within(&joints[f], offset + multiplier * v));
+            }
+        }
+    }
+    let named = |(j, v): (&JointSpec, Option<f64>)| v.map(|v| (j.name.clone(), v));
+    joints.iter().zip(home).filter_map(named).filter(|(_, v)| *v != 0.0).collect()
 }
 
 fn join_joints(
@@ -648,5 +659,25 @@ mod tests {
         let p = derive(&m, "t", Path::new("t")).unwrap();
         let g: Vec<_> = p.groups.iter().map(|g| (g.name.as_str(), g.joints.len())).collect();
         assert_eq!(g, [("waist", 1), ("l", 2), ("leg", 2)]);
+    }
+
+    #[test]
+    fn at_home_a_follower_stands_where_its_leader_puts_it() {
+        let text = |key: &str| {
+            format!(
+                r#"<mujoco><compiler angle="radian"/><worldbody><body><joint name="a" range=".5 1" limited="true"/><geom size=".1"/>
+              <body><joint name="b"/><geom size=".1"/><body><joint name="c"/><geom size=".1"/></body></body></body></worldbody>
+              <equality><joint joint1="c" joint2="b" polycoef="0 2 0 0 0"/><joint joint1="b" joint2="a" polycoef=".7 1 0 0 0"/></equality>
+              {key}</mujoco>"#
+            )
+        };
+        let home = |key| {
+            let model = Model::from_xml(&text(key)).unwrap();
+            derive(&model, "t", Path::new("t")).unwrap().poses.into_values().next().unwrap()
+        };
+        let rest = home("");
+        assert_eq!((rest["a"], rest["b"], rest["c"]), (0.5, 1.2, 2.4));
+        let key = home(r#"<keyframe><key name="k" qpos=".6 .1 .2"/></keyframe>"#);
+        assert_eq!((key["a"], key["b"], key["c"]), (0.6, 0.1, 0.2), "a keyframe is kept as it is");
     }
 }

@@ -3,7 +3,8 @@
 //! Five clips are generated from the robot's limits, speeds and a seed: a dense sway of all joints,
 //! the same with every tenth frame visible, poses with open gaps between, the same with one visible
 //! frame per hold, and one joint after another. Poses are settled in simulation first and used only
-//! if the motors can hold them. Gaps are long enough for the speeds of the profile, and motions are
+//! if the motors can hold them, and so are moments of the sway: fingers that close at different
+//! paces may meet on a way whose ends they reach. Gaps are long enough for the speeds of the profile, and motions are
 //! short enough for the longest gap. Joints that no motor moves are left free. Seed 0 is for
 //! choosing checkpoints, others are for reports.
 
@@ -13,7 +14,7 @@ use super::author::{Authored, blank, dense, middles, sequence, thinned};
 use robert_base::rng::{Rng, Stream};
 use robert_base::units::CTRL_DT;
 use robert_clip::{Clip, Goal};
-use robert_robot::{Error, Robot, StateJoint};
+use robert_robot::{Coupling, Error, Robot, StateJoint};
 
 /// Share of the distance to the further stop that motions use.
 const REACH: f64 = 0.45;
@@ -29,6 +30,8 @@ const TRIES: u64 = 12;
 const HOLD: u32 = 16;
 /// Poses in the gapped clips.
 const POSES: usize = 4;
+/// Moments of a sway that are settled.
+const MOMENTS: usize = 12;
 /// The most joints that move in turn.
 const TURNS: usize = 6;
 
@@ -43,7 +46,8 @@ pub fn trial(robot: &Robot, seed: u64) -> Result<Vec<Authored>, Error> {
         let pose = held(robot, seed, index, poses.last().unwrap_or(&home))?;
         poses.push(pose);
     }
-    let sway = sway(robot, &poses[0]);
+    let driven = robot.driven()?;
+    let sway = clear_sway(robot, &poses, &driven)?;
     let reach = through(robot, "reach", "Poses with open gaps between.", &home, &poses);
     let thin = thinned(&sway, 10, "sway, sparse", "As sway, with every tenth frame visible.");
     let middle = middles(&reach, "reach, high mask", "As reach, with one frame of each hold.");
@@ -66,7 +70,6 @@ pub fn trial(robot: &Robot, seed: u64) -> Result<Vec<Authored>, Error> {
         steps.push(poses[0].clone());
     }
     let turns = through(robot, "turns", "One joint after another.", &home, &steps);
-    let driven = robot.driven()?;
     let made = |name, mut clip: Clip| {
         leave_free(&mut clip, &driven, &home);
         Authored { name, suite: "trial", clip }
@@ -145,8 +148,45 @@ fn free_room(j: &StateJoint, home: f64) -> f64 {
     REACH * if up >= down { up } else { -down }
 }
 
-/// Every joint leaves home towards `far` and returns, each second one at half the pace.
-fn sway(robot: &Robot, far: &[f64]) -> Clip {
+/// The first sway whose moments the robot can all hold: towards each pose with each second joint at
+/// half the pace, then with all at one pace. Without such a one, that which comes nearest.
+fn clear_sway(robot: &Robot, poses: &[Vec<f64>], driven: &[bool]) -> Result<Clip, Error> {
+    let tolerance = robot.profile().settle.tolerance;
+    let mut best: Option<(f64, Clip)> = None;
+    for (slower, far) in [0.5, 1.0].iter().flat_map(|s| poses.iter().map(move |far| (*s, far))) {
+        let clip = sway(robot, far, slower);
+        let mut worst = 0.0_f64;
+        for moment in moments(&clip) {
+            let residual = robot.settle(&moment)?.residual;
+            let asked = residual.iter().zip(driven).filter(|(_, d)| **d);
+            worst = asked.fold(worst, |worst, (r, _)| worst.max(*r));
+        }
+        if worst <= tolerance {
+            return Ok(clip);
+        }
+        if best.as_ref().is_none_or(|(least, _)| worst < *least) {
+            best = Some((worst, clip));
+        }
+    }
+    Ok(best.map_or_else(|| sway(robot, &robot.home(), 1.0), |(_, clip)| clip))
+}
+
+/// Poses of a dense clip, evenly spread.
+fn moments(clip: &Clip) -> Vec<Vec<f64>> {
+    let rows: Vec<Vec<f64>> = clip
+        .keys
+        .iter()
+        .filter_map(|k| match &k.goal {
+            Goal::Q(row) => row.iter().copied().collect(),
+            Goal::Pose(_) | Goal::Open => None,
+        })
+        .collect();
+    let step = (rows.len() / MOMENTS).max(1);
+    rows.into_iter().skip(step / 2).step_by(step).collect()
+}
+
+/// Every joint leaves home towards `far` and returns, each second one at `slower` of the pace.
+fn sway(robot: &Robot, far: &[f64], slower: f64) -> Clip {
     let home = robot.home();
     let joints = robot.joints().iter().zip(&home).zip(far);
     // A raised cosine of period T has the greatest speed pi d / T and acceleration 2 pi^2 d / T^2.
@@ -159,14 +199,37 @@ fn sway(robot: &Robot, far: &[f64]) -> Clip {
         .fold(2.0, f64::max);
     let turns = (8.0 / period).round().max(1.0);
     let frames = (turns * period / CTRL_DT).round() as u32;
+    // A joint that follows another goes at the pace of that one.
+    let paces: Vec<usize> = (0..home.len()).map(|j| leader(robot, j)).collect();
     dense(robot, "sway", "All joints leave home and return.", frames, |t| {
         let wave = |t: f64| (1.0 - (TAU * t / period).cos()) / 2.0;
         home.iter()
             .zip(far)
             .enumerate()
-            .map(|(j, (h, f))| h + (f - h) * wave(if j % 2 == 0 { t } else { t / 2.0 }))
+            .map(|(j, (h, f))| {
+                h + (f - h) * wave(if paces[j].is_multiple_of(2) { t } else { t * slower })
+            })
             .collect()
     })
+}
+
+/// The joint that this one follows in the end; itself if it follows none.
+fn leader(robot: &Robot, mut joint: usize) -> usize {
+    let joints = robot.joints();
+    let next = |at: usize| {
+        robot.profile().couplings.iter().find_map(|c| match c {
+            Coupling::Mimic { follower, leader, .. } if *follower == joints[at].name => {
+                joints.iter().position(|j| j.name == *leader)
+            }
+            _ => None,
+        })
+    };
+    // A chain of followers is at most as long as the robot.
+    for _ in 0..joints.len() {
+        let Some(at) = next(joint) else { break };
+        joint = at;
+    }
+    joint
 }
 
 /// From home through poses, each reached over an open gap and held.
@@ -221,6 +284,20 @@ mod tests {
                 }
                 let moved = (0..command.frames()).any(|f| command.row(f) != command.row(0));
                 assert!(moved, "{id}/{} stands still", task.name);
+            }
+        }
+    }
+
+    #[test]
+    fn every_moment_of_a_sway_can_be_held() {
+        for id in ["ur5e", "shadow_hand"] {
+            let robot = Robot::builtin(id).unwrap();
+            let sway = trial(&robot, 1).unwrap().remove(0);
+            let moments = moments(&sway.clip);
+            assert!(moments.len() >= MOMENTS);
+            for moment in moments {
+                let settled = robot.settle(&moment).unwrap();
+                assert!(settled.within, "{id}: {} off", settled.worst);
             }
         }
     }
