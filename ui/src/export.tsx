@@ -6,6 +6,7 @@ import { Dialog } from "./dialog";
 import { fileStem } from "./documents";
 import { JobBar } from "./job_bar";
 import { ended, fetchFile, isRunning, saveUrl, startExport } from "./jobs";
+import { labelInWords } from "./policy_words";
 import type { ExportFormat } from "./protocol";
 import * as store from "./store";
 import { complain, http } from "./wire";
@@ -111,7 +112,7 @@ export function Export({ onClose }: { onClose: () => void }) {
     }
   };
   return (
-    <Dialog title="Export" onClose={onClose}>
+    <Dialog title="Export" class="wide" onClose={onClose}>
       <div class="formats" role="radiogroup" aria-label="Format">
         {formats.value.map((x, i) => (
           <label key={x.format} class={i === chosen.value ? "on" : ""}>
@@ -157,7 +158,7 @@ export function Export({ onClose }: { onClose: () => void }) {
           </label>
         ) : null}
         <span style="color: var(--dim)">
-          motion of {store.settings.value.policy}
+          motion of {labelInWords(store.settings.value.policy)}
           {store.settings.value.refine ? " with refine" : ""}, as shown
         </span>
       </div>
@@ -264,7 +265,7 @@ export function Export({ onClose }: { onClose: () => void }) {
           {said.value}
         </p>
       ) : null}
-      <div class="row" style="margin-top: 12px; justify-content: flex-end">
+      <div class="row foot">
         <button onClick={onClose}>Close</button>
         {isClip ? null : (
           <button disabled={busy} onClick={() => void run(true)} data-testid="export-folder">

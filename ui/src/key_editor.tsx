@@ -1,7 +1,7 @@
 // The values of one key, typed.
 
 import { useSignal } from "@preact/signals";
-import { keyAt, parseTime } from "./clip";
+import { clock, keyAt, parseTime } from "./clip";
 import { Dialog } from "./dialog";
 import { ANGLES, fixed, LENGTHS, parseNumber } from "./numbers";
 import { barePose } from "./posing";
@@ -45,7 +45,7 @@ export function KeyEditor({ frame, onClose }: { frame: number; onClose: () => vo
     if (ops.length === 0 || (await edit("batch", { label: `Edit key at ${frame}`, ops }))) onClose();
   };
   return (
-    <Dialog title={`Key at frame ${frame}`} onClose={onClose}>
+    <Dialog title={`Key at frame ${frame}, ${clock(frame, d.clip.fps)}`} onClose={onClose}>
       <form
         onSubmit={(e) => {
           e.preventDefault();
@@ -72,14 +72,20 @@ export function KeyEditor({ frame, onClose }: { frame: number; onClose: () => vo
             />{" "}
             frames
           </label>
+          <span class="of">
+            {store.unit.value === "m"
+              ? "values in m"
+              : store.degrees.value
+                ? "values in degrees"
+                : "values in rad"}
+          </span>
         </div>
-        <div style="display: grid; grid-template-columns: repeat(3, 1fr); gap: 6px 12px; margin: 12px 0">
+        <div class="typed">
           {fields.value.map((t, j) => (
-            <label key={j} style="display: flex; justify-content: space-between; gap: 6px">
+            <label key={j}>
               {store.titles.value[j]}
               <input
                 type="text"
-                style="width: 84px; text-align: right"
                 value={t}
                 onInput={(e) =>
                   (fields.value = fields.value.map((x, i) => (i === j ? e.currentTarget.value : x)))

@@ -4,6 +4,7 @@
 import { useSignal } from "@preact/signals";
 import { Circle, CircleDot, Diamond, Pin } from "lucide";
 import { Icon } from "./icon";
+import { labelInWords } from "./policy_words";
 import type { TakeCard } from "./protocol";
 import * as store from "./store";
 import { takeOfNow, toggleCompared } from "./takes";
@@ -95,7 +96,7 @@ export function TakeTable() {
                       </span>
                       <span class="of-take">
                         {t.name}
-                        <small>{t.policy}</small>
+                        <small title={t.policy}>{labelInWords(t.policy)}</small>
                       </span>
                       {t.pinned ? <Icon of={Pin} size={11} /> : null}
                     </button>

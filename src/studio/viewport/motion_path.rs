@@ -72,6 +72,13 @@ pub(super) struct Traced {
     pub(super) point: Pulled,
 }
 
+/// Whether there is a key at nearly every frame, as in a recording: diamonds would hide the line, and the
+/// ghost of the next key the robot. The page calls the same motion dense.
+pub(super) fn dense(keys: &[u32]) -> bool {
+    let close = keys.windows(2).filter(|w| w[1] - w[0] <= 2).count();
+    keys.len() >= 20 && close * 5 > (keys.len() - 1) * 4
+}
+
 /// The frame of the key whose diamond this is.
 pub(super) fn key_of(node: &str) -> Option<u32> {
     node.strip_prefix(KEYS)?.strip_prefix('/')?.parse().ok()
@@ -161,6 +168,13 @@ pub(super) fn diamonds(at: &[V3], radius: f64, color: Rgb) -> MeshProps {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_recording_is_dense_and_typed_keys_are_not() {
+        let every = |step: usize, n: u32| (0..n).step_by(step).collect::<Vec<u32>>();
+        assert!(dense(&every(1, 120)) && dense(&every(2, 120)));
+        assert!(!dense(&every(3, 300)) && !dense(&every(1, 10)) && !dense(&[]));
+    }
 
     #[test]
     fn lines_have_gaps_where_nothing_is_commanded_and_error_has_a_colour() {

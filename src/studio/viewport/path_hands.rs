@@ -10,7 +10,7 @@ use glam::Vec3;
 use super::drag::{Grab, Held, Pulled};
 use super::motion_path::{
     ASKED, COMMAND, DIAMOND, DOT, DOTS, HANDLES, KEY, KEYS, MotionPath, NEAR, PACE, PATH, REACHED,
-    SHARE, Traced, click, command_line, diamonds, extent, key_of, reached_line,
+    SHARE, Traced, click, command_line, dense, diamonds, extent, key_of, reached_line,
 };
 use super::space::{self, Place, V3};
 use super::stage::Stage;
@@ -72,7 +72,7 @@ impl Stage {
             })
         };
         let keys: Vec<u32> = keys.iter().copied().filter(|k| (*k as usize) < asked.len()).collect();
-        let keys = if keys.len() > HANDLES { Vec::new() } else { keys };
+        let keys = if keys.len() > HANDLES || dense(&keys) { Vec::new() } else { keys };
         let gone: Vec<u32> =
             self.overlays.path.keys.iter().filter(|k| !keys.contains(k)).copied().collect();
         self.shared.edit(|scene| {

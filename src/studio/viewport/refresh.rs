@@ -2,11 +2,15 @@
 
 use super::figure::Figure;
 use super::message::ViewportMessage;
+use super::motion_path::dense;
 use super::overlays::Show;
 use super::space::Place;
 use super::stage::Stage;
 use crate::simulation::worker::Kinematics;
 use robert_take::viser::Message;
+
+/// In dense motion the ghosts are so many frames away, since the next key is at the next frame.
+const DENSE_GHOSTS: u32 = 10;
 
 impl Stage {
     /// Draws everything again; parts that have not moved cost nothing.
@@ -118,8 +122,9 @@ impl Stage {
         let (command, keys) = self.simulation.rollout.command();
         let (Some(command), Some(facts)) = (command, &self.robot) else { return };
         let at = self.playback.frame.round() as u32;
-        let past = keys.iter().rev().find(|k| **k < at).copied();
-        let future = keys.iter().find(|k| **k > at).copied();
+        let apart = if dense(&keys) { DENSE_GHOSTS } else { 1 };
+        let past = keys.iter().rev().find(|k| **k + apart <= at).copied();
+        let future = keys.iter().find(|k| **k >= at + apart).copied();
         let around = [past, future];
         if around == self.overlays.onion || self.overlays.onion_asked {
             return;

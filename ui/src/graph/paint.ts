@@ -116,9 +116,12 @@ function data(ctx: Ctx, s: Scene): void {
     ctx.fillRect(LABELS, y(fact.band[1]), box.width, y(fact.band[0]) - y(fact.band[1]));
   }
   if (!fact.range) return;
-  ctx.fillStyle = `${theme.error}12`;
-  ctx.fillRect(LABELS, RULER, box.width, y(fact.range[1]) - RULER);
-  ctx.fillRect(LABELS, y(fact.range[0]), box.width, box.height - y(fact.range[0]));
+  // The other curves have other stops.
+  if (s.joints.length === 1) {
+    ctx.fillStyle = `${theme.error}12`;
+    ctx.fillRect(LABELS, RULER, box.width, y(fact.range[1]) - RULER);
+    ctx.fillRect(LABELS, y(fact.range[0]), box.width, box.height - y(fact.range[0]));
+  }
   ctx.strokeStyle = theme.error;
   ctx.setLineDash([2, 4]);
   ctx.lineWidth = 1;
