@@ -41,8 +41,11 @@ describe("layers", () => {
   /** A file from the person's computer is opened. */
   const open = async (name: string, text: string): Promise<void> => {
     await t.page.evaluate(() => (document.activeElement as HTMLElement | null)?.blur());
-    const [chooser] = await Promise.all([t.page.waitForEvent("filechooser"), t.press("Control+Shift+o")]);
-    await chooser.setFiles({ name, mimeType: "text/csv", buffer: Buffer.from(text) });
+    // A picker that opens before Playwright has taken it over is the browser's own: ask early.
+    const chooser = t.page.waitForEvent("filechooser");
+    await t.painted();
+    await t.press("Control+Shift+o");
+    await (await chooser).setFiles({ name, mimeType: "text/csv", buffer: Buffer.from(text) });
     const stem = name.split(".")[0];
     await t.until((s) => s.clip?.name === stem, `${name} is open`);
     await t.rolledOut();
