@@ -39,9 +39,9 @@ use crate::units::count;
 const PROBE_STEPS: u64 = 12;
 /// Share of the given minutes that steps are planned for; the rest is evaluation.
 const PLANNED: f64 = 0.85;
-/// Seeds of the trial clips that choose between policies; the first chose between checkpoints,
-/// too.
-const CHOOSE: [u64; 2] = [0, 2];
+/// Seeds of the trial clips that choose between policies. Seed 0 chose the penalty and the
+/// checkpoint, which would flatter the learned ones.
+const CHOOSE: [u64; 2] = [2, 3];
 /// Seed of the trial clips of the report.
 const REPORT: u64 = 1;
 /// Share of frames at a stop from which a joint is named.

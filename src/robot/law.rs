@@ -5,7 +5,7 @@ use super::derive::ctrlrange;
 use robert_base::units::{SIM_DT, SUBSTEPS};
 use robert_mujoco::{Data, Model};
 
-/// force = gain control + bias[0] + bias[1] length + bias[2] speed, of the actuator. Muscles,
+/// `force = gain control + bias[0] + bias[1] length + bias[2] speed`, of the actuator. Muscles,
 /// filters and the like have no such law.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Law {

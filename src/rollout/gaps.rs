@@ -59,7 +59,7 @@ pub struct Overshoot {
 pub struct GapFigures {
     /// Gaps.
     pub gaps: usize,
-    /// Gaps whose ends are at least [`MOVES`] apart.
+    /// Gaps whose ends are at least .1 rad or m apart.
     pub moves: usize,
     /// Mean path over these, at least 1.
     pub path: Option<f64>,

@@ -25,7 +25,7 @@ use robert_robot::{PlantConfig, PlantRange, Robot};
 pub struct Floor {
     /// Its Precision, rad or m.
     pub precision: f64,
-    /// The frames where it is too far off to recognise a jam; see [`jam`].
+    /// The frames where it is more than .02 off, so that a policy that is off there has not jammed.
     pub off: Vec<Off>,
 }
 
@@ -113,7 +113,7 @@ pub struct CaseResult {
     far: Vec<Off>,
 }
 
-/// A joint that is far from a reachable goal for a second or longer; see [`jam`].
+/// A joint that is more than .05 off for a second or longer where iLQR is within .02.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Jam {
     /// The joint.
