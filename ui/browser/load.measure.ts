@@ -9,6 +9,11 @@ const TURNS = 3;
 /** Milliseconds since the page was asked for. */
 const since = (t: Tab): Promise<number> => t.page.evaluate(() => performance.now());
 
+const still = async (studio: Studio): Promise<{ tab: Tab; close: () => Promise<void> }> => {
+  const made = await tab(studio);
+  return { tab: made, close: () => made.context.close() };
+};
+
 describe("measure", () => {
   for (const how of ["still pictures", "the 3D view, drawn in software"] as const) {
     test(`a first load to an example with its take, ${how}`, async () => {
@@ -16,7 +21,7 @@ describe("measure", () => {
         const [gallery, take]: [number[], number[]] = [[], []];
         for (let turn = 0; turn < TURNS; turn++) {
           const studio = await Studio.start();
-          const t = how === "still pictures" ? await tab(studio) : (await webgl(studio)).tab;
+          const { tab: t, close } = how === "still pictures" ? await still(studio) : await webgl(studio);
           const example = t.byId(`example-${id}`);
           await example.waitFor();
           gallery.push(await since(t));
@@ -26,7 +31,7 @@ describe("measure", () => {
           await t.page.locator(".curves canvas").first().waitFor();
           await t.painted();
           take.push(await since(t));
-          await t.context.close();
+          await close();
           await studio.end();
         }
         const middle = (of: number[]) => Math.round([...of].sort((a, b) => a - b)[TURNS >> 1] ?? 0);
