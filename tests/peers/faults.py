@@ -95,7 +95,7 @@ class Work:
         said = done.stderr.strip().splitlines()
         if said and "write" not in what.split()[0]:
             # A failed write may be the one to the terminal.
-            assert any(l.startswith("error: ") and any(name in l for name in [*self.made, ".robert", "cache"]) for l in said), place
+            assert any(l.startswith("error: ") and any(name in l for name in [*(made.split("/")[0] for made in self.made), ".robert", "cache"]) for l in said), place
         if found == new:
             # Only what it says of it was lost.
             return True

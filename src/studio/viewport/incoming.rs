@@ -79,6 +79,7 @@ impl Incoming {
                 let sizes = [fov, image_height, image_width];
                 wxyz.iter().chain(position).chain(sizes).all(|v| v.is_finite())
                     && sizes.iter().all(|v| **v > 0.0)
+                    && (1e-6..=1e6).contains(&(image_width / image_height))
             }
             _ => true,
         };
@@ -139,6 +140,14 @@ mod tests {
         update.kind = "ShareUrlRequest";
         assert_eq!(read(&update), Some(Incoming::Unknown));
         assert_eq!(Incoming::read(&[0xc1, 7, 7]), None);
+        let camera = |width: f64| {
+            let message = serde_json::json!({"type": "ViewerCameraMessage",
+                "wxyz": [0.5, 0.5, 0.5, 0.5], "position": [3.0, 3.0, 3.0], "fov": 1.3,
+                "image_height": 1e-300, "image_width": width});
+            Incoming::read(&rmp_serde::to_vec_named(&message).unwrap())
+        };
+        assert!(camera(2e-300).is_some());
+        assert_eq!(camera(1e300), None, "the rays of such a picture have no direction");
     }
 
     /// Fifty thousand damaged messages in a normal run, or as many as `ROBERT_FUZZ` says.
