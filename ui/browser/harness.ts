@@ -200,12 +200,16 @@ export class Tab {
     }
   }
 
-  /** Waits until the page's state is as it should be; looks at it whenever it changes. */
+  /** Waits until the page's state is as it should be and drawn; looks at it whenever it changes. */
   async until(ok: (s: Snapshot) => boolean, what: string): Promise<Snapshot> {
     const end = Date.now() + PATIENCE_MS;
     for (let mark = ""; ; ) {
       const { mark: now, state } = await this.news(mark, Math.max(0, end - Date.now()));
-      if (ok(state)) return state;
+      if (ok(state)) {
+        // Fields of what was shown before still take what is typed.
+        await this.painted();
+        return state;
+      }
       if (now === mark || Date.now() > end) {
         const { q: _q, error: _e, findings: _f, clip: _c, ...rest } = state;
         assert.fail(`not ${what}: ${JSON.stringify(rest)}`);
@@ -216,9 +220,12 @@ export class Tab {
 
   /** The browser has drawn what the page last asked for. */
   async painted(): Promise<void> {
-    await this.page.evaluate(
-      () => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done))),
-    );
+    const drawn = () =>
+      this.page.evaluate(
+        () => new Promise<void>((done) => requestAnimationFrame(() => requestAnimationFrame(() => done()))),
+      );
+    // A page that is being loaded again is drawn again, too.
+    await drawn().catch(drawn);
   }
 
   /** The rollout of what is on the page is done. */

@@ -6,6 +6,8 @@ import { after, before, describe, eventually, Studio, type Tab, tab, test } from
 type V3 = [number, number, number];
 
 describe("pins", () => {
+  // Pins stay from test to test, as they do for a user.
+  describe.configure({ mode: "serial" });
   let studio: Studio;
   let t: Tab;
 
