@@ -405,3 +405,66 @@ fn obj_meshes_and_welded_joints_are_taken() {
         .args(["import", "g.urdf", "--out", "b", "--weld", "nose"])
         .fails(3);
 }
+
+#[test]
+fn addresses_without_a_package_and_shapes_without_size_are_read() {
+    let urdf = GRIPPER
+        .replace("package://gripper_description/meshes/Arm.STL", "package:///Arm.STL")
+        .replace("package://gripper_description/meshes/pretty.dxf", "package:///sub/Arm.STL")
+        .replace("<sphere radius=\".02\"/>", "<box size=\"0 .02 .02\"/>");
+    let ran = robert()
+        .file("g.urdf", &urdf)
+        .file("Arm.STL", tetrahedron_stl())
+        .file("sub/Arm.STL", tetrahedron_stl())
+        .args(["import", "g.urdf", "--out", "bot", "--json"])
+        .succeeds();
+    let v = ran.json();
+    assert_eq!(v["files"], 2);
+    assert!(notes(&v, "dropped").contains("collision shape of link \"left\": its size is 0"));
+    // No way out is named that the program would refuse.
+    let astray = |address: &str| {
+        let urdf = GRIPPER.replace("package://gripper_description/meshes/Arm.STL", address);
+        robert().file("g.urdf", urdf).args(["import", "g.urdf", "--out", "bot"]).fails(3).stderr
+    };
+    let said = astray("package:///Arm.STL");
+    assert!(said.contains("\"Arm.STL\" does not exist") && !said.contains("--package"), "{said}");
+    let said = astray("package://a=b/Arm.STL");
+    assert!(said.contains("correct the address") && !said.contains("--package"), "{said}");
+    let said = astray("package:///../Arm.STL");
+    assert!(said.contains("outside the project folder"), "{said}");
+    let negative = GRIPPER.replace("radius=\".02\"", "radius=\"-.02\"");
+    let ran = robert().file("g.urdf", negative).args(["import", "g.urdf", "--out", "bot"]).fails(3);
+    assert!(ran.stderr.contains("sizes are positive"), "{}", ran.stderr);
+}
+
+/// A model that leans on other files, or on a later simulator, is taken in and what it lacks said.
+#[test]
+fn names_that_a_model_lacks_and_faces_that_disagree_do_not_stop_an_import() {
+    // The last face is turned over: it runs along its edges as its neighbours do.
+    let torn = TETRAHEDRON_OBJ.replace("f 2 3 4", "f 2 4 3");
+    assert_ne!(torn, TETRAHEDRON_OBJ);
+    let xml = r#"<mujoco><asset><mesh name="m" file="torn.obj"/><mesh name="n" file="torn.obj" scale="1 1 2"/></asset>
+        <default><geom material="skin"/></default><worldbody>
+        <body childclass="limb"><joint name="a" class="large" axis="0 1 0"/><geom type="mesh" mesh="m"/>
+        <body><joint name="b" axis="1 0 0"/><geom type="mesh" mesh="n" pos=".2 0 0"/></body></body>
+        </worldbody></mujoco>"#;
+    let ran = robert()
+        .file("m.xml", xml)
+        .file("torn.obj", &torn)
+        .args(["import", "m.xml", "--out", "bot", "--json"])
+        .succeeds();
+    let v = ran.json();
+    let (changed, warnings) = (notes(&v, "changed"), notes(&v, "warnings"));
+    assert!(changed.contains("material \"skin\" is not in the file"), "{changed}");
+    assert!(
+        warnings.contains("does not define say nothing here: \"large\", \"limb\""),
+        "{warnings}"
+    );
+    assert!(warnings.contains("mesh torn.obj: its faces do not agree"), "{warnings}");
+    let held = std::fs::read_dir(ran.path("bot").join("assets")).unwrap().count();
+    assert_eq!((v["files"].as_u64(), held), (Some(1), 1), "the file that was replaced is gone");
+    // Whole tetrahedra with edges of 0.1 m at 1000 kg/m^3, one of them twice as high, weigh 0.5 kg;
+    // these are estimates.
+    let mass = v["mass_kg"].as_f64().unwrap();
+    assert!((0.5..0.75).contains(&mass), "{mass}");
+}

@@ -15,7 +15,8 @@ use robert::clip::formats::{
     from_command_json, from_csv, from_mjcf, from_ros, to_command_json, to_csv, to_mjcf, to_ros,
 };
 use robert::clip::{Clip, Command, Fill, Op, RobotRef, compile, edited};
-use robert::net::checkpoint;
+use robert::net::checkpoint::{self, Card, Model};
+use robert::net::{Net, NetConfig};
 use robert::rng::{Rng, Stream};
 use robert::robot::import::{self, Drives, ImportConfig, Servos};
 use robert::robot::{PlantConfig, Robot, preparse};
@@ -173,16 +174,16 @@ fn survives(
     }
 }
 
-/// Clips small enough that a damaged byte is likely one that matters.
+/// Clips small enough that a damaged byte is likely one that matters, and a file is soon read.
 fn clips() -> Vec<Clip> {
-    let small = |c: &Clip| c.length < 60 && c.robot.joints.len() < 8;
-    (0..2000).map(generate::clip).filter(small).take(60).collect()
+    let small = |c: &Clip| c.length < 24 && c.robot.joints.len() < 8;
+    (0..4000).map(generate::clip).filter(small).take(60).collect()
 }
 
 fn exported(write: impl Fn(&Command) -> Option<String>) -> Vec<Vec<u8>> {
     let clips = clips();
     let texts = clips.iter().filter_map(|c| write(&compile(c).unwrap()));
-    let found: Vec<Vec<u8>> = texts.filter(|t| t.len() < 6000).map(String::into_bytes).collect();
+    let found: Vec<Vec<u8>> = texts.filter(|t| t.len() < 2500).map(String::into_bytes).collect();
     assert!(found.len() >= 3, "{}", found.len());
     found
 }
@@ -299,7 +300,15 @@ fn bag() {
 #[test]
 fn model_file() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let path = root.join("assets/models/pointmass/faithful.safetensors");
+    let whole = checkpoint::load(&root.join("assets/models/pointmass/faithful.safetensors"), None);
+    let Model { card, encoder, .. } = whole.unwrap();
+    // The same model with the smallest network, so that its file is soon read.
+    let small = NetConfig { layers: 1, width: 16, heads: 1, ..card.net.clone() };
+    let net = Net::init(small.clone(), None, 1).unwrap();
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("model.safetensors");
+    let card = Card { net: small, ..card };
+    checkpoint::save(&path, &card, &net, encoder.ridge.as_ref(), None).unwrap();
     let seed = std::fs::read(&path).unwrap();
     let head = 8 + u64::from_le_bytes(seed[..8].try_into().unwrap()) as usize;
     survives("model_file", 300, &[seed], head, |b| checkpoint::parse(b, &path, None).is_ok());

@@ -1,6 +1,7 @@
 //! Mesh and picture files of foreign models. Sizes are checked from the headers before the files
 //! are read, and ASCII STL is converted into binary STL for the simulator.
 
+use std::fmt::Write as _;
 use std::io::Read;
 use std::path::Path;
 
@@ -143,6 +144,43 @@ pub(super) fn normalised(name: &str, bytes: Vec<u8>) -> Result<Vec<u8>, String> 
     Ok(out)
 }
 
+/// An OBJ with the same faces, each with corners of its own: the simulator refuses an OBJ in which
+/// neighbouring faces run along their common edge in the same direction, and no face of these has
+/// a neighbour. Textures and normals stay with the corners. `None` for other and damaged files.
+pub(super) fn separate_faces(name: &str, bytes: &[u8]) -> Option<Vec<u8>> {
+    let text = std::str::from_utf8(bytes).ok()?;
+    if extension(Path::new(name)) != "obj" {
+        return None;
+    }
+    let (mut corners, mut written, mut out) = (Vec::new(), 0_usize, String::new());
+    for line in text.lines() {
+        let mut words = line.split_whitespace();
+        match words.next() {
+            Some("v") => corners.push(line),
+            Some("f") => {
+                let mut face = "f".to_owned();
+                for word in words {
+                    let (index, rest) = word.split_at(word.find('/').unwrap_or(word.len()));
+                    // Below zero an index counts from the last corner so far.
+                    let at = match index.parse::<i64>().ok()? {
+                        i if i < 0 => corners.len().checked_add_signed(i as isize)?,
+                        i => usize::try_from(i).ok()?.checked_sub(1)?,
+                    };
+                    writeln!(out, "{}", corners.get(at)?).ok()?;
+                    written += 1;
+                    write!(face, " {written}{rest}").ok()?;
+                }
+                writeln!(out, "{face}").ok()?;
+            }
+            _ => writeln!(out, "{line}").ok()?,
+        }
+        if out.len() as u64 > limits::MESH_BYTES {
+            return None;
+        }
+    }
+    Some(out.into_bytes())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -157,6 +195,19 @@ mod tests {
         assert_eq!(normalised("t.stl", out.clone()).unwrap(), out, "binary stays");
         assert!(normalised("t.stl", b"solid x\nvertex 1 2\n".to_vec()).is_err());
         assert_eq!(normalised("t.obj", b"v 1".to_vec()).unwrap(), b"v 1");
+    }
+
+    #[test]
+    fn separate_faces_share_no_corner() {
+        let text = "v 0 0 0\nv 1 0 0\nvt 0 1\nv 0 1 0\nf 1/1 2/1 3/1\nf -1/-1 2/1 1/1\n";
+        let out = String::from_utf8(separate_faces("a.obj", text.as_bytes()).unwrap()).unwrap();
+        assert_eq!(out.matches("v ").count(), 6);
+        assert!(out.contains("f 1/1 2/1 3/1\n") && out.contains("f 4/-1 5/1 6/1\n"), "{out}");
+        assert!(out.contains("v 0 1 0\nv 1 0 0\nv 0 0 0\nf 4"), "{out}");
+        for bad in ["v 0 0 0\nf 1 2 3\n", "f 0 0 0\n", "v 0 0 0\nf -2 1 1\n", "f x\n"] {
+            assert_eq!(separate_faces("a.obj", bad.as_bytes()), None, "{bad}");
+        }
+        assert_eq!(separate_faces("a.stl", b""), None);
     }
 
     #[test]

@@ -11,7 +11,7 @@ use nalgebra::{Quaternion, UnitQuaternion};
 use roxmltree::{Document, Node};
 
 use crate::{Error, preparse};
-use robert_base::limits;
+use robert_base::{limits, xml};
 
 /// A robot: links, and the joints between them.
 #[derive(Clone, Debug)]
@@ -73,6 +73,20 @@ pub(super) enum Geometry {
     Capsule { radius: f64, length: f64 },
     Sphere { radius: f64 },
     Mesh { filename: String, scale: Option<[f64; 3]> },
+}
+
+impl Geometry {
+    /// Whether the shape takes no room; meshes always take some.
+    pub(super) fn is_empty(&self) -> bool {
+        match self {
+            Geometry::Box { size } => size.contains(&0.0),
+            Geometry::Cylinder { radius, length } | Geometry::Capsule { radius, length } => {
+                [radius, length].contains(&&0.0)
+            }
+            Geometry::Sphere { radius } => *radius == 0.0,
+            Geometry::Mesh { .. } => false,
+        }
+    }
 }
 
 /// A colour by name. Without `rgba` it refers to one that the robot defines.
@@ -205,7 +219,9 @@ impl<'a, 'd> Reader<'a, 'd> {
     fn parsed<T: FromStr>(&self, node: Node<'a, 'd>, name: &str, v: &str) -> Result<T, Error> {
         v.trim().parse().map_err(|_not_one| {
             let tag = node.tag_name().name();
-            preparse::refuse(node, self.path, format!("<{tag} {name}=\"{v}\">: not a number"))
+            let hint = if v.contains('$') { format!("; {}", xml::XACRO) } else { String::new() };
+            let message = format!("<{tag} {name}=\"{v}\">: not a number{hint}");
+            preparse::refuse(node, self.path, message)
         })
     }
 
@@ -447,6 +463,7 @@ mod tests {
             (joint("<parent/>"), "a.urdf:3:3: <parent> has no link"),
             (joint(&format!("{ends}\n<axis xyz=\"1 0\"/>")), "4:1: <axis xyz>: 2 numbers instead"),
             (joint(&format!("{ends}<axis xyz=\"1 0 z\"/>")), "not a number"),
+            (joint(&format!("{ends}<axis xyz=\"$(optenv A 1 0 0)\"/>")), "expand it first"),
             (joint(ends).replace("fixed", "bent"), "\"bent\" is no type of joint"),
             (
                 "<robot><link name=\"a\"><visual><geometry><cone/></geometry></visual></link></robot>"

@@ -158,6 +158,12 @@ fn compile_healed(
         if !unknown::heal(draft, &error, &project.path)? {
             return Err(hinted(named(error, &path, project)));
         }
+        // Files of another name or content may have taken the place of some.
+        let assets = dir.join(draft::ASSET_DIR);
+        if assets.is_dir() {
+            let write = |e| Error::File(fsio::Error::Write { source: e, path: assets.clone() });
+            std::fs::remove_dir_all(&assets).map_err(write)?;
+        }
     }
 }
 

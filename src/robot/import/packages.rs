@@ -8,7 +8,8 @@ use roxmltree::Document;
 /// How many folders above its file a package may begin: `NAME/urdf/arms/arm.urdf` is three below.
 const LEVELS: usize = 4;
 
-/// What a mesh reference names: its package, and the file below it.
+/// What a mesh reference names: its package, and the file below it. The package has no name in
+/// `package:///arm.stl`, which some tools write for files beside the URDF.
 pub(super) fn split(reference: &str) -> Option<(&str, &str)> {
     let rest =
         reference.strip_prefix("package://").or_else(|| reference.strip_prefix("model://"))?;

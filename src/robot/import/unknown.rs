@@ -1,8 +1,14 @@
-//! Attributes of later versions that MuJoCo 2.2.2 does not know: removes those without which the
-//! model can be imported, and reports them.
+//! What the compiler of MuJoCo 2.2.2 refuses and the import can mend: attributes of later versions,
+//! names that the file does not define, meshes whose faces do not agree. Everything is reported.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+
+use roxmltree::Node;
 
 use super::draft::Draft;
-use crate::Error;
+use crate::text::{Edits, escape};
+use crate::{Error, mesh, preparse};
 
 /// Attributes that change how the robot moves, with the lost effect: (attribute, effect).
 const PHYSICS: &[(&str, &str)] = &[
@@ -16,26 +22,113 @@ const PHYSICS: &[(&str, &str)] = &[
     ("armature", "tendons have no inertia of their own"),
 ];
 
-/// Changes the draft so that an error of the compiler disappears, if nothing is lost by it. Returns
+/// Changes the draft so that an error of the compiler disappears, if little is lost by it. Returns
 /// whether it did.
-pub(super) fn heal(
-    draft: &mut Draft,
-    error: &Error,
-    path: &std::path::Path,
-) -> Result<bool, Error> {
+pub(super) fn heal(draft: &mut Draft, error: &Error, path: &Path) -> Result<bool, Error> {
     let Error::Checked { message, .. } = error else { return Ok(false) };
     // Only muscles need the range of their lengths, and they are replaced by motors.
     let none = "<compiler><lengthrange mode=\"none\"/></compiler>";
     let ranges = message.contains("lengthrange") || message.contains("length range");
-    if !ranges || draft.xml.contains(none) {
+    if ranges && !draft.xml.contains(none) {
+        draft.append(none, path)?;
+        return Ok(true);
+    }
+    if let Some((_, rest)) = message.split_once("material '")
+        && let Some((name, _)) = rest.split_once("' not found")
+    {
+        return material(draft, name, path);
+    }
+    // "… class" or "… childclass".
+    if message.contains("unknown default c") {
+        return classes(draft, path);
+    }
+    if let Some((_, rest)) = message.split_once("faces have inconsistent orientation: ") {
+        return faces(draft, rest.split(';').next().unwrap_or(rest), path);
+    }
+    Ok(false)
+}
+
+/// Adds a material that the file uses and does not define; it has no colour of its own.
+fn material(draft: &mut Draft, name: &str, path: &Path) -> Result<bool, Error> {
+    let line = format!("material \"{name}\" is not in the file: what has it keeps its own colour");
+    if draft.changed.contains(&line) {
         return Ok(false);
     }
-    draft.append(none, path)?;
+    draft.append(&format!("<asset><material name=\"{}\"/></asset>", escape(name)), path)?;
+    draft.changed.push(line);
+    Ok(true)
+}
+
+/// Adds the default classes that the file uses and does not define: a part of a model that other
+/// files complete has such classes. What they would say of the joints is unknown, hence a warning.
+fn classes(draft: &mut Draft, path: &Path) -> Result<bool, Error> {
+    let doc = preparse::parse(&draft.xml, path)?;
+    let is_default = |n: &Node<'_, '_>| n.has_tag_name("default");
+    let defined: BTreeSet<&str> =
+        doc.descendants().filter(is_default).filter_map(|n| n.attribute("class")).collect();
+    let used = doc.descendants().filter(|n| !is_default(n));
+    let missing: BTreeSet<&str> = used
+        .flat_map(|n| [n.attribute("class"), n.attribute("childclass")])
+        .flatten()
+        .filter(|c| !defined.contains(c) && *c != "main")
+        .collect();
+    if missing.is_empty() {
+        return Ok(false);
+    }
+    let class = |c: &&str| format!("<default class=\"{}\"/>", escape(c));
+    let section = format!("<default>{}</default>", missing.iter().map(class).collect::<String>());
+    let names: Vec<String> = missing.iter().map(|c| format!("\"{c}\"")).collect();
+    let line = format!(
+        "default classes that the file does not define say nothing here: {}; if another file \
+         defines them (damping, armature, limits), import a model that includes both",
+        names.join(", ")
+    );
+    drop(doc);
+    draft.append(&section, path)?;
+    draft.warnings.push(line);
+    Ok(true)
+}
+
+/// Separates the faces of a mesh that do not agree on inside and outside. Its volume becomes the
+/// sum of what the faces span, whatever their sign: MuJoCo 3 reads it so by default.
+fn faces(draft: &mut Draft, name: &str, path: &Path) -> Result<bool, Error> {
+    let doc = preparse::parse(&draft.xml, path)?;
+    let is = |n: &Node<'_, '_>| n.has_tag_name("mesh") && n.attribute("name") == Some(name);
+    let Some(file) = doc.descendants().find(is).and_then(|n| n.attribute("file")) else {
+        return Ok(false);
+    };
+    let line = format!(
+        "mesh {file}: its faces do not agree on inside and outside; if it weighs anything, its \
+         mass and inertia are estimates"
+    );
+    let known = draft.assets.iter().find(|(n, _)| n == file);
+    let Some(bytes) = known.and_then(|(n, bytes)| mesh::separate_faces(n, bytes)) else {
+        return Ok(false);
+    };
+    if draft.warnings.contains(&line) {
+        return Ok(false);
+    }
+    let file = file.to_owned();
+    drop(doc);
+    let new = draft.add(Path::new(&file), "obj", bytes)?;
+    let doc = preparse::parse(&draft.xml, path)?;
+    let mut edits = Edits::default();
+    doc.descendants()
+        .filter(|n| n.has_tag_name("mesh") && n.attribute("file") == Some(&file))
+        .for_each(|n| edits.set(n, "file", &new));
+    let xml = edits.apply(&draft.xml);
+    drop(doc);
+    draft.xml = xml;
+    draft.assets.retain(|(n, _)| *n != file);
+    draft.warnings.push(line);
     Ok(true)
 }
 
 /// A way to solve an error of the compiler: attributes that 2.2.2 does not know.
 pub(super) fn hint(message: &str) -> Option<&'static str> {
+    if message.contains("inconsistent orientation") {
+        return Some("; turn the faces outwards and save the mesh as OBJ or STL");
+    }
     let words = ["unrecognized attribute", "unrecognized element", "invalid keyword"];
     words.iter().any(|w| message.contains(w)).then_some(
         "; MuJoCo 2.2.2 does not know this: a typing error, or a word of a later version; take \

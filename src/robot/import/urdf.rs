@@ -258,10 +258,12 @@ fn check_link(l: &Link) -> Result<(), String> {
             Geometry::Sphere { radius } => vec![*radius],
             Geometry::Mesh { scale, .. } => scale.map_or_else(Vec::new, |s| s.to_vec()),
         };
-        let mesh = matches!(geometry, Geometry::Mesh { .. });
-        if let Some(v) =
-            sizes.iter().find(|v| !(v.is_finite() && (**v > 0.0 || (mesh && **v != 0.0))))
-        {
+        // A mesh may be mirrored, but not flat; other shapes of size 0 are left out later.
+        let good = |v: f64| match geometry {
+            Geometry::Mesh { .. } => v != 0.0,
+            _ => v >= 0.0,
+        };
+        if let Some(v) = sizes.iter().find(|v| !(v.is_finite() && good(**v))) {
             return Err(format!("a shape has size {v}; sizes are positive"));
         }
     }
@@ -529,6 +531,10 @@ impl<'a> Tree<'a> {
         link: &str,
         what: &str,
     ) -> Result<Vec<Colored>, Error> {
+        if geometry.is_empty() {
+            self.draft.dropped.push(format!("{what} shape of link \"{link}\": its size is 0"));
+            return Ok(Vec::new());
+        }
         let one = |text: String| Ok(vec![(text, None)]);
         let (filename, scale) = match geometry {
             Geometry::Box { size: s } => {
@@ -630,9 +636,20 @@ impl<'a> Tree<'a> {
             .parent()
             .filter(|p| !p.as_os_str().is_empty())
             .unwrap_or_else(|| Path::new("."));
+        if let Some(("", below)) = packages::split(filename) {
+            let root = &self.project.root;
+            let beside = preparse::resolve(dir, below, root);
+            return beside
+                .or_else(|m| preparse::resolve(root, below, root).map_err(|_second| refuse(m)));
+        }
         if let Some((package, below)) = packages::split(filename) {
             let given = self.config.packages.get(package);
             let Some(root) = given.or_else(|| self.found.get(package)) else {
+                if package.contains('=') {
+                    return Err(refuse(format!(
+                        "\"{filename}\" lies in package \"{package}\", and no package has '=' in its name; correct the address"
+                    )));
+                }
                 let near = packages::guess(self.path(), package)
                     .map_or_else(|| "DIR".to_owned(), |p| p.display().to_string());
                 return Err(refuse(format!(
@@ -689,9 +706,10 @@ fn or_weld(how: &str, joint: &str) -> String {
     format!("{how}, or hold it still: --weld {joint}")
 }
 
-/// Whether a shape can be taken over: all but meshes in formats that are not read.
+/// Whether a shape can be taken over: all but those without size and meshes in formats that are
+/// not read.
 fn is_read(geometry: &Geometry) -> bool {
-    let Geometry::Mesh { filename, .. } = geometry else { return true };
+    let Geometry::Mesh { filename, .. } = geometry else { return !geometry.is_empty() };
     matches!(mesh::extension(Path::new(filename)).as_str(), "stl" | "obj" | "msh" | "dae")
 }
 
