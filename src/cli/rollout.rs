@@ -9,8 +9,9 @@ use super::failure::{Failure, Outcome};
 use super::global::Global;
 use super::perform::{PerformArgs, Performed, perform};
 use super::{input, motion, out};
+use crate::clip::lint;
 use crate::exit::HasExit as _;
-use crate::rollout::{Precision, Rollout, Trial};
+use crate::rollout::{ClipFacts as _, Precision, Rollout, Settler, Trial};
 use crate::units::{CTRL_DT, short_unit, significant};
 
 #[derive(clap::Args, Debug)]
@@ -32,6 +33,10 @@ pub(super) struct Args {
     #[arg(long)]
     json: bool,
 }
+
+/// The most keys and poses that are settled for `unreachable`: each takes about a hundredth of a
+/// second.
+const SETTLED: usize = 100;
 
 /// Why there is no Precision.
 const NOTHING_ASKED: &str = "none: the clip has no goals after frame 0 (add a key, or unmask one)";
@@ -73,7 +78,9 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     }
     let precision = done.rollout.precision();
     if args.json {
-        return out::json(&report(args, &done, &precision));
+        let mut report = report(args, &done, &precision);
+        report["unreachable"] = unreachable(&done)?;
+        return out::json(&report);
     }
     let unit = motion::unit(&done.robot);
     let mut text = summary(&done.rollout, &precision, &done.policy.label(), unit, done.wall_secs);
@@ -114,6 +121,20 @@ fn report(args: &Args, done: &Performed, p: &Precision) -> Value {
         "per_frame": p.per_frame,
         "out": args.out,
     })
+}
+
+/// The poses of the clip that the robot cannot hold, with the distance that stays; null if the clip
+/// has too many keys to settle each of them.
+fn unreachable(done: &Performed) -> Outcome<Value> {
+    let (clip, robot) = (&done.clip, done.robot.as_ref());
+    if clip.keys.len() + clip.poses.len() > SETTLED {
+        return Ok(Value::Null);
+    }
+    let mut settler = Settler::new(robot)?;
+    let lints = lint(clip, &done.command, &robot.joint_table(), Some(&mut settler));
+    let poses = lints.iter().filter_map(|l| l.settled.as_ref());
+    let said = poses.map(|s| json!({"frames": s.held, "joint": s.joint, "distance": s.distance}));
+    Ok(said.collect())
 }
 
 fn summary(rollout: &Rollout, p: &Precision, policy: &str, unit: &str, wall_secs: f64) -> String {

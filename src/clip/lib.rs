@@ -47,7 +47,7 @@ pub use error::ClipError;
 pub use flaw::{Flaw, Invalid};
 pub use grid::round;
 pub use joints::*;
-pub use lint::{Fix, Level, Lint, PoseChecker, PoseReport, Rule, lint};
+pub use lint::{Fix, Level, Lint, PoseChecker, PoseReport, Rule, SettledPose, lint};
 pub use offset::{FADE_FRAMES, Offset};
 pub use op::*;
 pub use parse::{Parsed, load, parse, parse_bytes};

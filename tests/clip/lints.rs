@@ -202,6 +202,24 @@ fn poses_are_judged_by_the_checker() {
 }
 
 #[test]
+fn what_a_robot_holds_in_the_place_of_a_pose_is_said_with_its_distance_and_its_keys() {
+    let mut c = clip(vec![Key::new(0, &[0.0, 0.0, 0.0])]);
+    c.poses.insert("p".into(), vec![Some(1.2), Some(0.0), Some(1.8)]);
+    for (frame, hold) in [(10, 5), (30, 1)] {
+        c.keys.push(Key { frame, hold, goal: Goal::Pose("p".into()), ..Key::new(0, &[0.0]) });
+    }
+    let lints = lint(&c, &compile(&c).unwrap(), &table(), Some(&mut Wall));
+    let found = lints.iter().find(|l| l.rule == Rule::Unreachable).unwrap();
+    assert_eq!(found.joints, ["J3", "J1"], "the farthest first");
+    assert!(found.message.ends_with("J3 by 0.800 rad, J1 by 0.200 rad"), "{}", found.message);
+    let settled = found.settled.clone().unwrap();
+    assert_eq!(settled.held, [[10, 15], [30, 31]], "both keys that use it");
+    assert_eq!((settled.asked, settled.q), (vec![1.2, 0.0, 1.8], vec![1.0, 0.0, 1.0]));
+    assert!(settled.joint == "J3" && (settled.distance - 0.8).abs() < 1e-12);
+    assert!(lints.iter().all(|l| l.settled.is_none() || l.rule == Rule::Unreachable));
+}
+
+#[test]
 fn a_long_wild_clip_is_checked_in_a_second() {
     let keys: Vec<Key> = (0..50_000)
         .map(|i| Key::new(i * 2, &[f64::from(i % 2) * 5.0, -3.0, f64::from(i % 3)]))

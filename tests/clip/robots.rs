@@ -115,6 +115,18 @@ fn poses_are_judged_in_simulation_on_every_robot() {
     hand.write(20, &[(0, 20, bent.clone())]);
     hand.fires_and_is_fixed("coupled", "\"frame\": 0", &[]);
     hand.write(20, &[(0, 20, bent)]);
+    let told = &hand.of("unreachable", &["--simulate"])[0]["settled"];
+    assert_eq!((&told["joint"], &told["held"]), (&"FFJ2".into(), &serde_json::json!([[0, 20]])));
+    let far = told["distance"].as_f64().unwrap();
+    let rests = told["q"][at("FFJ2")].as_f64().unwrap();
+    assert!(far > 0.1 && (far - (1.2 - rests).abs()).abs() < 1e-9, "{told}");
+    // The rollout says the same.
+    let (code, out, err) =
+        hand.robert(&["rollout", "a.clip.json", "-p", "computed-torque", "--json", "-q"]);
+    assert_eq!(code, 0, "{err}");
+    let report: Value = serde_json::from_str(&out).unwrap();
+    let said = serde_json::json!([{"frames": [[0, 20]], "joint": "FFJ2", "distance": far}]);
+    assert_eq!(report["unreachable"], said);
     hand.fires_and_is_fixed("unreachable", "\"frame\": 0", &["--simulate"]);
     // The thumb through the curled index finger.
     let mut fist = hand.robot.pose("rock").unwrap();

@@ -14,6 +14,7 @@ fn json_has_what_scripts_read() {
     assert!(r["wall_secs"].as_f64().unwrap() > 0.0);
     assert_eq!((r["policy"].as_str(), r["unit"].as_str()), (Some("pd"), Some("rad")));
     assert_eq!(r["per_frame"].as_array().unwrap().len(), 201);
+    assert!(r["unreachable"].is_null(), "a key at every frame is not settled");
     let joints = r["per_joint"].as_array().unwrap();
     let mean = joints.iter().map(|j| j["error"].as_f64().unwrap()).sum::<f64>() / 5.0;
     assert!((mean - precision).abs() < 1e-12, "joints weigh alike: {mean} {precision}");
@@ -89,6 +90,7 @@ fn twice_the_same_bytes() {
                 .args(["--policy", policy, "--out", "hop.mcap", "--csv", "hop.csv"])
                 .succeeds();
             let mut json = ran.json();
+            assert_eq!(json["unreachable"], serde_json::json!([]), "it can hold each of its poses");
             for time in ["wall_secs", "ms_per_frame"] {
                 json.as_object_mut().unwrap().remove(time);
             }

@@ -162,6 +162,37 @@ for (const theme of ["dark", "light"] as const)
       await t.press("Escape");
     });
 
+    test("a pose out of reach", async () => {
+      const facts = (await studio.api("GET", "/api/robot/shadow_hand")).json() as {
+        table: { joints: { name: string }[]; rest: number[] };
+      };
+      const joints = facts.table.joints.map((j) => j.name);
+      // One tendon bends both outer joints of a finger; this key asks for one of them.
+      const q = facts.table.rest.map((v, j) => (joints[j] === "FFJ2" ? 1.2 : joints[j] === "FFJ3" ? 0.6 : v));
+      await studio.api("POST", "/api/new", {
+        text: JSON.stringify({
+          format: "robert-clip/1",
+          name: "hook",
+          robot: { id: "shadow_hand", joints },
+          fps: 20,
+          length: 60,
+          keys: [
+            { frame: 0, q: facts.table.rest },
+            { frame: 30, q, hold: 10 },
+          ],
+        }),
+      });
+      await t.until((s) => s.clip?.name === "hook", "the hand");
+      await t.byId("policy").selectOption("robert");
+      await t.rolledOut();
+      await t.until((s) => s.findings?.lints.some((l) => l.settled) ?? false, "the pose was simulated");
+      await t.press("2");
+      await t.goTo(32);
+      await t.press("Alt+2");
+      await take("studio_reachable");
+      await t.press("2", "Alt+0");
+    });
+
     test("a recording with an offset", async () => {
       const made = await fetch(new URL("/api/clips?name=recorded.csv&robot=ur5e", studio.url), {
         method: "POST",

@@ -157,6 +157,8 @@ export class Tab {
   /** Requests that left the origin: there must be none. */
   readonly foreign: string[] = [];
   readonly errors: string[] = [];
+  /** Every error in the console, also those that a test provokes. */
+  readonly console: string[] = [];
   actions = 0;
 
   constructor(
@@ -169,7 +171,9 @@ export class Tab {
     page.on("pageerror", (e) => this.errors.push(e.message));
     // What a page's policy forbids is said in the console alone.
     page.on("console", (m) => {
-      if (m.type() === "error" && /Content Security Policy/.test(m.text())) this.errors.push(m.text());
+      if (m.type() !== "error") return;
+      this.console.push(m.text());
+      if (/Content Security Policy/.test(m.text())) this.errors.push(m.text());
     });
     page.on("request", (r) => {
       const url = r.url();

@@ -127,7 +127,10 @@ describe("pins", () => {
     );
     const text = JSON.stringify({ ...clip, keys: [{ frame: 0, q }] });
     await studio.api("POST", "/api/new", { text });
-    const s = await t.until((x) => x.touching.length > 0, "it is seen that they touch");
+    const s = await t.until(
+      (x) => x.touching.length > 0 && x.clip?.keys.length === 1,
+      "it is seen that they touch",
+    );
     assert.ok((s.touching[0]?.[2] ?? 0) > 5e-4);
     await eventually(
       async () => /presses [\d.]+ mm into/.test(await t.byId("contact").innerText()),

@@ -385,6 +385,21 @@ describe("a hand, in the 3D view", () => {
     await studio.end();
   });
   const camera = (): Promise<number[]> => viser(g, (v) => v.camera.position.toArray() as number[]);
+  /** Meshes of a figure that are drawn. */
+  const drawnOf = (root: string): Promise<number> =>
+    viser(
+      g,
+      (v, name) => {
+        let count = 0;
+        v.nodeRefFromName[name]?.traverse((o: any) => {
+          if (!o.isMesh) return;
+          for (let up = o; up; up = up.parent) if (!up.visible) return;
+          count++;
+        });
+        return count;
+      },
+      root,
+    );
   const forearm = async (): Promise<string> => {
     const facts = (await studio.api("GET", "/api/robot/ur5e")).json() as { bodies: { name: string }[] };
     const name = facts.bodies.find((b) => /forearm/.test(b.name))?.name;
@@ -483,21 +498,6 @@ describe("a hand, in the 3D view", () => {
     await legend.getByRole("button", { name: "Ghosts" }).click();
     await g.rolledOut();
     await g.goTo(8);
-    /** Meshes of a figure that are drawn. */
-    const drawnOf = (root: string): Promise<number> =>
-      viser(
-        g,
-        (v, name) => {
-          let count = 0;
-          v.nodeRefFromName[name]?.traverse((o: any) => {
-            if (!o.isMesh) return;
-            for (let up = o; up; up = up.parent) if (!up.visible) return;
-            count++;
-          });
-          return count;
-        },
-        root,
-      );
     await eventually(async () => (await drawnOf("/future")) > 0, "the next key's forearm is elsewhere");
     await eventually(
       async () => (await drawnOf("/past")) === 0,
@@ -507,6 +507,56 @@ describe("a hand, in the 3D view", () => {
     await g.goTo(30);
     await eventually(async () => (await drawnOf("/past")) > 0, "on the way both are elsewhere");
     await legend.getByRole("button", { name: "Ghosts" }).click();
+  });
+
+  test("where a key cannot be reached the reachable pose is shown, its distance said, and one click asks for it", async () => {
+    await g.afresh(
+      JSON.stringify({
+        ...JSON.parse(ARM),
+        keys: [
+          { frame: 0, q: [-1.57, -1.57, 1.57, -1.57, -1.57] },
+          // Folded back onto itself.
+          { frame: 40, q: [-1.57, -1.57, 3.1, 1.5, -1.57], hold: 6 },
+        ],
+      }),
+    );
+    await g.rolledOut();
+    await g.goTo(42);
+    const found = await g.until(
+      (s) => s.findings?.lints.some((l) => l.settled) ?? false,
+      "the pose was simulated",
+    );
+    const settled = found.findings?.lints.find((l) => l.settled)?.settled;
+    assert.deepEqual(settled?.held, [[40, 46]]);
+    const degrees = ((settled?.distance ?? 0) * 180) / Math.PI;
+    const said = await g.byId("settled").innerText();
+    const figure = Number(/within ([\d.]+)°/.exec(said)?.[1]);
+    assert.ok(Math.abs(figure - degrees) < 0.06 * degrees, `${said}: ${degrees}°`);
+    assert.ok(said.includes(settled?.joint ?? "?"), said);
+    await g.picture("reachable-with-the-robot");
+    // The solid robot may be in that very pose.
+    await g.press("2");
+    await eventually(async () => (await drawnOf("/reachable")) > 0, "the reachable pose");
+    await drawn(g);
+    await g.picture("reachable");
+    await g.press("6");
+    await eventually(async () => (await drawnOf("/reachable")) === 0, "not wanted");
+    await g.press("6");
+    await eventually(async () => (await drawnOf("/reachable")) > 0, "wanted again");
+    // On the way there the robot follows.
+    await g.goTo(20);
+    await eventually(async () => (await drawnOf("/reachable")) === 0, "of the key alone");
+    await g.byId("settled").waitFor({ state: "detached" });
+    await g.goTo(40);
+    await g.byId("use-reachable").click();
+    const now = await g.until((s) => s.rev === 1, "one edit");
+    const joints = now.clip?.robot.joints ?? [];
+    const q = now.clip?.keys.find((k) => k.frame === 40)?.q ?? [];
+    for (const [j] of joints.entries())
+      assert.ok(Math.abs((q[j] ?? 9) - (settled?.q[j] ?? 0)) < 1e-5, `${joints[j]} as it settles`);
+    await g.byId("settled").waitFor({ state: "detached" });
+    await eventually(async () => (await drawnOf("/reachable")) === 0, "the command is reachable now");
+    await g.press("2");
   });
 
   test("every robot is in view and wholly posable at three window sizes", async () => {

@@ -2,7 +2,20 @@
 // letters come from the program itself. The palettes themselves are tested in src/pure.test.ts.
 
 import assert from "node:assert/strict";
-import { after, armTab, before, describe, Studio, stillBrowser, type Tab, test } from "./harness";
+import {
+  after,
+  armTab,
+  before,
+  describe,
+  drawn,
+  eventually,
+  Studio,
+  stillBrowser,
+  type Tab,
+  test,
+  viser,
+  webgl,
+} from "./harness";
 
 describe("themes", () => {
   let studio: Studio;
@@ -40,6 +53,18 @@ describe("themes", () => {
     assert.equal(await theme(), "light");
     await choose("dark");
     assert.equal(await theme(), "dark");
+  });
+
+  test("the console stays empty of errors while the editor and its 3D view load, dark and light", async () => {
+    for (const kept of ["dark", "light"]) {
+      const { tab: g, close } = await webgl(studio, { width: 1100, height: 640 }, { theme: kept });
+      await g.until((s) => s.page === "editor" && s.clip?.name === "arm", "the arm open");
+      assert.equal(await g.page.evaluate(() => document.documentElement.dataset.theme), kept);
+      await drawn(g);
+      await eventually(() => viser(g, (v) => !!v.nodeRefFromName["/robot"]), "the robot");
+      assert.deepEqual([...g.console, ...g.errors], [], kept);
+      await close();
+    }
   });
 
   /** Words that cannot be read on what they stand on. */

@@ -9,6 +9,7 @@ import { Joint } from "./joint_row";
 import { isLocked } from "./locks";
 import { jointMoved, poseAt } from "./posing";
 import { Reach } from "./reach";
+import { Settled } from "./settled";
 import * as store from "./store";
 import { complain, http } from "./wire";
 
@@ -56,6 +57,7 @@ export function Inspector() {
       </h2>
       <Reach />
       <div class="scroll">
+        <Settled />
         {rest.map((j) => (
           <Joint key={j} index={j} />
         ))}

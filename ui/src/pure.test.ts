@@ -8,7 +8,7 @@ import { ANGLES, digitsOf, fixed, inUnits, LENGTHS, parseNumber } from "./number
 import { patched } from "./patch";
 import { nearest, shown, type Tried, variant, withPolicy } from "./policy";
 import type { PolicyCard, RobotCard, RolloutSettings, RunCard, Shelf } from "./protocol";
-import { acted, ahead, within } from "./span";
+import { acted, ahead, unreachedAt, within } from "./span";
 import {
   fit,
   frameToX,
@@ -552,6 +552,45 @@ test("offsets grow, stay and fade; those that meet lead into each other", () => 
   for (let f = 20; f <= 32; f++) assert.ok(Math.abs(weight(o, f) + weight(next, f) - 1) < 1e-12);
   assert.deepEqual([weight(o, 8), weight(o, 20), weight(o, 32)], [0, 1, 0]);
   assert.deepEqual(spanOf(o, 100), { from: 9, to: 32 });
+});
+
+test("what cannot be reached is said at every frame that asks for it, and at no other", () => {
+  const lint = {
+    frames: [10, 11] as [number, number],
+    joints: ["a"],
+    level: "warning" as const,
+    mends: [],
+    message: "",
+    pointer: "",
+    rule: "unreachable" as const,
+  };
+  const settled = {
+    asked: [1],
+    q: [0],
+    joint: "a",
+    distance: 1,
+    held: [
+      [10, 15],
+      [30, 31],
+    ] as [number, number][],
+  };
+  const at = (frame: number) =>
+    unreachedAt(
+      [
+        { ...lint, rule: "hidden" },
+        { ...lint, settled },
+      ],
+      frame,
+    );
+  assert.deepEqual(
+    [9, 10, 14, 15, 30, 31].map((f) => at(f) !== undefined),
+    [false, true, true, false, true, false],
+  );
+  // A place that an end effector does not reach has no pose of its own.
+  assert.deepEqual(
+    [10, 11].map((f) => unreachedAt([lint], f) === lint),
+    [true, false],
+  );
 });
 
 test("a block goes to another place among the blocks", () => {

@@ -27,8 +27,8 @@ export function nextSite(): void {
   store.announcement.value = next ? `${siteTitle(next)} selected` : "no end effector selected";
 }
 
-/** Where the chosen site is in the pose that is shown, m. */
-const target = signal<V3 | undefined>(undefined);
+/** Where a site is in the pose that is shown, m. */
+const target = signal<{ site: string | undefined; pos: V3 } | undefined>(undefined);
 
 let measuring = 0;
 let timer = 0;
@@ -46,9 +46,10 @@ function measure(): void {
   timer = window.setTimeout(async () => {
     const q = shownPose();
     if (!q || pulling) return;
+    const site = store.site.value;
     try {
-      const place = await sitePlace(store.site.value, q);
-      if (place && own === measuring) target.value = place.pos;
+      const place = await sitePlace(site, q);
+      if (place && own === measuring) target.value = { site, pos: place.pos };
     } catch (e) {
       complain(e);
     }
@@ -61,7 +62,7 @@ let pulling = false;
 /** Brings the chosen site there, as near as limits and locks allow; the newest target wins. */
 export async function pullTo(pos: V3): Promise<void> {
   wanted = pos;
-  target.value = pos;
+  target.value = { site: store.site.value, pos };
   forget();
   if (pulling) return;
   pulling = true;
@@ -108,7 +109,8 @@ function Target() {
   }, []);
   /** What is typed and not yet sent, by axis: all three become one edit. */
   const typed = useSignal<(string | undefined)[]>([]);
-  const at = target.value;
+  // Where the site that was chosen before is, is no place of this one.
+  const at = target.value?.site === store.site.value ? target.value?.pos : undefined;
   if (!at) return <span class="target" aria-busy="true" />;
   const send = (): void => {
     const texts = typed.value;
@@ -185,7 +187,7 @@ export function Reach() {
           {siteTitle(s.name)}
         </button>
       ))}
-      {store.site.value === undefined ? null : <Target />}
+      {store.site.value === undefined ? null : <Target key={store.site.value} />}
       <Pins />
     </div>
   );

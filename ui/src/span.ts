@@ -1,6 +1,7 @@
 // Spans of frames: what the loop plays, what M and U act on. Pure.
 
 import { type Clip, keyAt, keyEnd, nextKey, prevKey } from "./clip";
+import type { Lint } from "./protocol";
 
 /** Frames from `from` up to, not with, `to`. */
 export interface Span {
@@ -54,4 +55,12 @@ export function ahead(at: number, frames: number, span: Span, loop: boolean): nu
   if (loop)
     return next < span.to ? next : span.from + ((next - span.from) % Math.max(1, span.to - span.from));
   return next < span.to - 1 ? next : undefined;
+}
+
+/** What is said of the pose that is commanded at a frame: it, or the place of a point, is not reached. */
+export function unreachedAt(lints: readonly Lint[], frame: number): Lint | undefined {
+  const held = ([from, to]: [number, number]): boolean => frame >= from && frame < to;
+  return lints.find(
+    (l) => l.rule === "unreachable" && (l.settled?.held ?? (l.frames ? [l.frames] : [])).some(held),
+  );
 }

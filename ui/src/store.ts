@@ -132,7 +132,7 @@ export const floating = signal<number[] | undefined>(undefined);
 export const degrees = signal(localStorage.getItem("unit") !== "rad");
 /** The viewport is made of still pictures. */
 export const stills = signal(false);
-export const show = signal({ command: true, achieved: true, ghosts: true, path: true });
+export const show = signal({ command: true, achieved: true, ghosts: true, path: true, reachable: true });
 
 export interface Toast {
   id: number;

@@ -161,6 +161,19 @@ export function Viewport() {
           Path
         </button>
         <button
+          aria-pressed={store.show.value.reachable}
+          disabled={stills}
+          onClick={() => toggleShow("reachable")}
+          title={
+            stills
+              ? "Still pictures do not show the reachable pose; the panel on the right says how far it is"
+              : "Where a key asks for a pose that the robot cannot reach: the pose that it can (6)"
+          }
+        >
+          <i class="is-reachable" />
+          Reachable
+        </button>
+        <button
           aria-pressed={drawing.value}
           onClick={() => act("draw")}
           title="Draw a motion with an end effector (D)"

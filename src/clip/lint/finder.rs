@@ -98,9 +98,9 @@ impl<'a> Finder<'a> {
             let frames = None;
             let message = format!("and {} more of this kind", count - MOST);
             let pointer = "/keys".to_owned();
-            let (joints, fixes) = (Vec::new(), Vec::new());
+            let (joints, fixes, settled) = (Vec::new(), Vec::new(), None);
             let level = Level::Info;
-            self.lints.push(Lint { level, rule, message, frames, joints, pointer, fixes });
+            self.lints.push(Lint { level, rule, message, frames, joints, pointer, fixes, settled });
         }
     }
 

@@ -76,6 +76,24 @@ pub struct Lint {
     /// Fixes, best first; the JSON name is `mends`, which scripts use.
     #[serde(rename = "mends")]
     pub fixes: Vec<Fix>,
+    /// Of a pose that the robot cannot hold ([`Rule::Unreachable`]): what it holds instead.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub settled: Option<SettledPose>,
+}
+
+/// The pose in which a robot comes to rest when it is driven to another one that it cannot hold.
+#[derive(Clone, Debug, PartialEq, Serialize, schemars::JsonSchema)]
+pub struct SettledPose {
+    /// The pose it was driven to, in the clip's joint order, rad or m.
+    pub asked: Vec<f64>,
+    /// The pose in which it rests, in the clip's joint order, rad or m.
+    pub q: Vec<f64>,
+    /// The joint that stays farthest off.
+    pub joint: String,
+    /// How far, rad or m.
+    pub distance: f64,
+    /// The frames that command the pose: of each key `[from, to)`.
+    pub held: Vec<[u32; 2]>,
 }
 
 /// The result of simulating one pose.

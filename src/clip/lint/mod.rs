@@ -12,7 +12,7 @@ use super::command::Command;
 use super::document::Clip;
 use super::joints::JointTable;
 use finder::Finder;
-pub use finding::{Fix, Level, Lint, PoseChecker, PoseReport, Rule};
+pub use finding::{Fix, Level, Lint, PoseChecker, PoseReport, Rule, SettledPose};
 
 /// All findings about a clip, worst first, then by frame.
 pub fn lint(

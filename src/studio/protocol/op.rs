@@ -171,6 +171,9 @@ pub struct ViewShow {
     /// The path of what is selected.
     #[serde(default)]
     pub path: Option<bool>,
+    /// The pose that the robot can reach at the playhead, where it cannot reach the commanded one.
+    #[serde(default)]
+    pub reachable: Option<bool>,
     /// Dark background.
     #[serde(default)]
     pub dark: Option<bool>,

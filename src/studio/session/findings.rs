@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use super::actor::SessionActor;
 use super::command::SessionCommand;
 use crate::protocol::{Error, Event, Findings};
+use crate::simulation::Unreached;
 use crate::simulation::worker::{CheckPoses, Checked};
 use robert_clip as clip;
 use robert_clip::{PoseChecker, PoseReport};
@@ -49,6 +50,7 @@ impl SessionActor {
             return;
         }
         let (findings, mut unknown) = self.findings();
+        self.simulation.rollout.set_unreached(self.unreached(&findings));
         self.hub.send(&Event::Findings(findings));
         let Some(robot) = self.simulation.robot() else { return };
         unknown.truncate(JUDGED_AT_ONCE);
@@ -62,6 +64,26 @@ impl SessionActor {
         self.simulation.ask_with(question, move |verdicts| {
             inbox.send(SessionCommand::Judged { robot, poses: unknown, verdicts }).ok();
         });
+    }
+
+    /// The poses of the clip that the robot cannot hold, in state order.
+    fn unreached(&self, findings: &Findings) -> Vec<Unreached> {
+        let Some(shown) = &self.shown else { return Vec::new() };
+        let joints = &shown.clip().robot.joints;
+        let names = self.table().names();
+        let ordered = |q: &[f64]| {
+            let value = |name| q.get(joints.iter().position(|j| j == name)?).copied();
+            names.iter().map(value).collect::<Option<Vec<f64>>>()
+        };
+        let settled = findings.lints.iter().filter_map(|l| l.settled.as_ref());
+        let poses = settled.filter_map(|s| {
+            Some(Unreached {
+                held: s.held.clone(),
+                asked: ordered(&s.asked)?,
+                rests: ordered(&s.q)?,
+            })
+        });
+        poses.collect()
     }
 
     pub(crate) fn judged(

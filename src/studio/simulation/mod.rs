@@ -10,10 +10,12 @@ mod robot_context;
 mod rollout_store;
 mod take_files;
 mod takes;
+mod unreached;
 pub(crate) mod worker;
 
 pub(crate) use handle::Simulation;
 pub(crate) use robot_context::RobotContext;
 pub(crate) use rollout_store::RolloutStore;
 pub(crate) use takes::Takes;
+pub(crate) use unreached::Unreached;
 pub use worker::run as run_worker;

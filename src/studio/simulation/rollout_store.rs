@@ -15,6 +15,7 @@ use super::frame_log::FrameLog;
 use super::robot_context::RobotContext;
 use super::take_files::TakeFiles;
 use super::takes::{Quality, Source, Take, Takes};
+use super::unreached::Unreached;
 use super::worker::{Frames, MotionRows, SimulationEvent, WorkerSink};
 use crate::protocol::{Event, Hub, Phase, RolloutSettings, RolloutState, RolloutView, WorkerState};
 use robert_clip::{Clip, Command};
@@ -55,6 +56,8 @@ pub(super) struct Performance {
     keys: Arc<[u32]>,
     /// Title of the last clip, for pictures.
     title: String,
+    /// Poses of the document that the robot cannot hold, as far as they have been simulated.
+    unreached: Vec<Unreached>,
 }
 
 /// The command that is performed, and the frames of the clip's keys.
@@ -180,6 +183,27 @@ impl RolloutStore {
     pub(crate) fn command(&self) -> Performed {
         let inner = self.read();
         (inner.performance.command.clone(), Arc::clone(&inner.performance.keys))
+    }
+
+    /// Sets the poses of the document that the robot cannot hold.
+    pub(crate) fn set_unreached(&self, poses: Vec<Unreached>) {
+        let changed = {
+            let known = &mut self.write().performance.unreached;
+            let changed = *known != poses;
+            *known = poses;
+            changed
+        };
+        if changed {
+            self.notify();
+        }
+    }
+
+    /// The pose in which the robot rests when it is commanded this one at a frame, if it cannot
+    /// hold it.
+    pub(crate) fn rests_in(&self, frame: u32, commanded: &[f64]) -> Option<Vec<f64>> {
+        let inner = self.read();
+        let found = inner.performance.unreached.iter().find(|p| p.is_at(frame, commanded));
+        found.map(|p| p.rests.clone())
     }
 
     /// Nothing is performed any more.

@@ -34,6 +34,8 @@ pub(super) enum ViewportMessage {
     Ghost(usize, Bodies),
     /// Transforms of the keys around the playhead.
     Onion([Option<u32>; 2], Bodies),
+    /// Transforms of the pose that can be reached in the place of a commanded one.
+    Reachable(Vec<f64>, Bodies),
     /// Inverse kinematics, for a drag.
     Ik(u64, Result<IkAnswer, Error>),
 }

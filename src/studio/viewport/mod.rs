@@ -7,6 +7,7 @@
 //! | `shared`, `retained` | the scene, and what each client has yet to see of it |
 //! | `stage`, `run` | what is shown; the loop that keeps it up to date |
 //! | `playback`, `overlays`, `refresh` | the frame, the figures beside the robot, and drawing both |
+//! | `reachable` | the pose that the robot can reach where it cannot reach the commanded one |
 //! | `drag`, `gestures`, `gizmo` | what a hand holds, does, and is given to hold |
 //! | `figure`, `scene_nodes`, `build`, `shell` | a robot as nodes; the outline of the selected link |
 //! | `page_camera`, `camera`, `framing`, `hit` | where cameras stand, and what a pointer is over |
@@ -30,6 +31,7 @@ mod overlays;
 mod page_camera;
 mod path_hands;
 mod playback;
+mod reachable;
 mod refresh;
 mod retained;
 mod run;

@@ -19,10 +19,40 @@ pub(super) struct Overlays {
     pub(super) onion_asked: bool,
     /// A take stands beside.
     pub(super) beside: bool,
+    /// The pose that can be reached at the playhead.
+    pub(super) reachable: Reachable,
     /// The way of what is selected.
     pub(super) path: MotionPath,
     /// Ground and light.
     pub(super) look: Look,
+}
+
+/// What is known of the reachable pose at the playhead.
+#[derive(Debug)]
+pub(super) struct Reachable {
+    /// The page wants to see it.
+    pub(super) wanted: bool,
+    /// Its figure is in the scene.
+    pub(super) in_scene: bool,
+    /// The pose whose transforms were asked for last, in state order.
+    pub(super) asked: Option<Vec<f64>>,
+    /// The pose whose transforms are known.
+    pub(super) pose: Option<Vec<f64>>,
+    /// Its body transforms; (nbody, 7).
+    pub(super) bodies: Vec<f32>,
+}
+
+impl Default for Reachable {
+    fn default() -> Self {
+        Reachable { wanted: true, in_scene: false, asked: None, pose: None, bodies: Vec::new() }
+    }
+}
+
+impl Reachable {
+    /// Another robot, or the same one built anew.
+    pub(super) fn forget(&mut self) {
+        *self = Reachable { wanted: self.wanted, ..Reachable::default() };
+    }
 }
 
 /// What pages choose about ground and light.
@@ -55,6 +85,7 @@ impl Default for Overlays {
             onion_bodies: Vec::new(),
             onion_asked: false,
             beside: false,
+            reachable: Reachable::default(),
             path: MotionPath::default(),
             look: Look::default(),
         }

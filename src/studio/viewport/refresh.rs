@@ -84,6 +84,7 @@ impl Stage {
         if self.overlays.show.ghosts {
             self.ask_onion();
         }
+        self.draw_reachable();
         self.draw_path();
         if self.hand.drag.as_ref().is_none_or(|g| !g.by_gizmo) {
             self.place_gizmo();

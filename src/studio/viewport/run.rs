@@ -75,6 +75,7 @@ impl Stage {
                     });
                     self.nodes = Some(nodes);
                     self.overlays.beside = false;
+                    self.overlays.reachable.forget();
                     self.overlays.onion = [None; 2];
                     self.overlays.onion_bodies.clear();
                     self.refresh();
@@ -99,6 +100,7 @@ impl Stage {
                     self.show_onion(keys, &bodies);
                 }
             }
+            ViewportMessage::Reachable(pose, answer) => self.reachable_found(pose, answer),
             ViewportMessage::Ik(number, answer) => self.pulled(number, answer),
             ViewportMessage::Geometry(_, Err(e)) => {
                 self.hub.send(&Event::Notice { level: Level::Warning, message: e.to_string() });
@@ -156,6 +158,7 @@ impl Stage {
         }
         self.nodes = None;
         self.overlays.beside = false;
+        self.overlays.reachable.forget();
         let Some(facts) = self.robot.clone() else {
             self.shared.edit(|scene| {
                 for root in
@@ -187,6 +190,8 @@ impl Stage {
                 now.ghosts = show.ghosts.unwrap_or(now.ghosts);
                 let path = &mut self.overlays.path;
                 path.wanted = show.path.unwrap_or(path.wanted);
+                let reachable = &mut self.overlays.reachable;
+                reachable.wanted = show.reachable.unwrap_or(reachable.wanted);
                 let look = &mut self.overlays.look;
                 look.dark = show.dark.unwrap_or(look.dark);
                 look.shadows = show.shadows.unwrap_or(look.shadows);

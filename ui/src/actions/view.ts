@@ -40,7 +40,7 @@ export function problem(direction: 1 | -1): void {
   else seek(next);
 }
 
-export function toggleShow(what: "command" | "achieved" | "ghosts" | "path"): void {
+export function toggleShow(what: keyof typeof store.show.value): void {
   store.show.value = { ...store.show.value, [what]: !store.show.value[what] };
   tell("view.show", { [what]: store.show.value[what] });
 }
@@ -89,6 +89,14 @@ export const VIEW: Action[] = [
     keys: ["5"],
     not: needsSpace,
     run: () => toggleShow("path"),
+  },
+  {
+    id: "show-reachable",
+    title: "Show the reachable pose, where a key asks for another",
+    group: "View",
+    keys: ["6"],
+    not: needsSpace,
+    run: () => toggleShow("reachable"),
   },
   {
     id: "frame",

@@ -1108,6 +1108,8 @@ export interface Lint {
   pointer: string;
   /** Its rule. */
   rule: Rule;
+  /** Of a pose that the robot cannot hold (`Rule::Unreachable`): what it holds instead. */
+  settled?: SettledPose;
 }
 
 /** A folder as the Open dialog shows it. */
@@ -1469,7 +1471,7 @@ export interface PolicyCard {
   learned: boolean;
   /**
    * The name of the model, unless it is the robot's default: `model_path` of
-   * `RolloutSettings`.
+   * `super::RolloutSettings`.
    */
   model?: string;
   /** Name, as on the command line. */
@@ -1853,6 +1855,20 @@ export interface SettleAnswer {
   worst_joint: number;
 }
 
+/** The pose in which a robot comes to rest when it is driven to another one that it cannot hold. */
+export interface SettledPose {
+  /** The pose it was driven to, in the clip's joint order, rad or m. */
+  asked: number[];
+  /** How far, rad or m. */
+  distance: number;
+  /** The frames that command the pose: of each key `[from, to)`. */
+  held: [number, number][];
+  /** The joint that stays farthest off. */
+  joint: string;
+  /** The pose in which it rests, in the clip's joint order, rad or m. */
+  q: number[];
+}
+
 /** The answer of `GET /api/shelf`. */
 export interface Shelf {
   /** Data that is not complete yet, by path. */
@@ -2166,6 +2182,8 @@ export interface ViewShow {
   ghosts?: boolean;
   /** The path of what is selected. */
   path?: boolean;
+  /** The pose that the robot can reach at the playhead, where it cannot reach the commanded one. */
+  reachable?: boolean;
   /** Whether the robot casts a shadow on the ground. */
   shadows?: boolean;
 }

@@ -37,6 +37,7 @@ impl Finder<'_> {
                 joints: Vec::new(),
                 pointer: format!("/keys/{}", key.min(self.clip.keys.len().saturating_sub(1))),
                 fixes,
+                settled: None,
             });
         }
     }

@@ -58,6 +58,7 @@ impl Finder<'_> {
             joints,
             pointer: format!("{}/{first}", place.pointer),
             fixes: place.fix("Split evenly", &even),
+            settled: None,
         })
     }
 }

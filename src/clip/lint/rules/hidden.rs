@@ -22,6 +22,7 @@ impl Finder<'_> {
                     joints: Vec::new(),
                     pointer: format!("/keys/{i}"),
                     fixes: vec![Fix { title: "Unmask the key".to_owned(), op: Op::MaskSet(set) }],
+                    settled: None,
                 });
             }
             let held = end - key.frame;
@@ -38,6 +39,7 @@ impl Finder<'_> {
                     joints: Vec::new(),
                     pointer: format!("/keys/{i}/hold"),
                     fixes: vec![Fix { title: format!("Hold {held} frames"), op }],
+                    settled: None,
                 });
             }
         }

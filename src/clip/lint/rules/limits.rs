@@ -44,6 +44,7 @@ impl Finder<'_> {
                 joints: out.iter().map(|o| o.0.to_owned()).collect(),
                 pointer: format!("{}/{first}", place.pointer),
                 fixes: place.fix("Clamp to the limits", &out),
+                settled: None,
             });
         }
     }

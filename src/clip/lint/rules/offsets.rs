@@ -66,6 +66,7 @@ impl Finder<'_> {
                     joints: offset.add.keys().cloned().collect(),
                     pointer,
                     fixes: vec![Fix { title: "Delete the offset".to_owned(), op }],
+                    settled: None,
                 });
             } else if !words.is_empty() && !self.full(Rule::JointLimit) {
                 let joints = least.keys().cloned().collect();
@@ -78,6 +79,7 @@ impl Finder<'_> {
                     joints,
                     pointer: format!("{pointer}/add"),
                     fixes: vec![Fix { title: "Add only as much as fits".to_owned(), op }],
+                    settled: None,
                 });
             }
         }

@@ -39,6 +39,7 @@ impl Finder<'_> {
                 joints,
                 pointer: format!("/keys/{key}"),
                 fixes: vec![Fix { title: "Mask these frames for all joints".to_owned(), op }],
+                settled: None,
             });
         }
     }

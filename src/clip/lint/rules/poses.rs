@@ -1,7 +1,7 @@
 //! Rule: the robot reaches the poses without touching itself.
 
 use crate::lint::finder::{Finder, Place, some_of};
-use crate::lint::finding::{Fix, Level, Lint, PoseChecker, Rule};
+use crate::lint::finding::{Fix, Level, Lint, PoseChecker, Rule, SettledPose};
 
 impl Finder<'_> {
     pub(in crate::lint) fn poses(&mut self, checker: &mut dyn PoseChecker) {
@@ -25,18 +25,22 @@ impl Finder<'_> {
                     joints: Vec::new(),
                     pointer: place.pointer.clone(),
                     fixes: settled(&place, joints, report.settled.as_deref()),
+                    settled: None,
                 });
             }
             let Some(reached) = &report.settled else { continue };
-            let off: Vec<(&String, f64)> = joints
+            let mut off: Vec<(&String, f64)> = joints
                 .iter()
                 .zip(q.iter().zip(reached).map(|(a, b)| (a - b).abs()))
                 .filter(|(_, residual)| *residual > checker.tolerance())
                 .collect();
-            if off.is_empty() {
+            off.sort_by(|a, b| b.1.total_cmp(&a.1));
+            let Some((joint, distance)) = off.first().map(|(j, r)| ((*j).clone(), *r)) else {
                 continue;
-            }
-            let words: Vec<String> = off.iter().map(|(j, r)| format!("{j} by {r:.3}")).collect();
+            };
+            let unit = |joint: &str| self.table.joint(joint).map_or("", |j| j.unit.symbol());
+            let words: Vec<String> =
+                off.iter().map(|(j, r)| format!("{j} by {r:.3} {}", unit(j))).collect();
             lints.push(Lint {
                 level: Level::Warning,
                 rule: Rule::Unreachable,
@@ -49,11 +53,29 @@ impl Finder<'_> {
                 joints: off.iter().map(|(j, _)| (*j).clone()).collect(),
                 pointer: place.pointer.clone(),
                 fixes: settled(&place, joints, Some(reached)),
+                settled: Some(SettledPose {
+                    held: self.held(&place),
+                    asked: q,
+                    q: reached.clone(),
+                    joint,
+                    distance,
+                }),
             });
         }
         for lint in lints {
             self.push(lint);
         }
+    }
+
+    /// The frames at which keys command a row.
+    fn held(&self, place: &Place<'_>) -> Vec<[u32; 2]> {
+        let keys = &self.clip.keys;
+        let of = |frame: &u32| keys.binary_search_by_key(frame, |k| k.frame).ok();
+        let spans = place.frames.iter().filter_map(of).map(|i| {
+            let key = &keys[i];
+            [key.frame, key.frame + key.hold.max(1)]
+        });
+        spans.collect()
     }
 }
 

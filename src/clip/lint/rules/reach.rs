@@ -45,6 +45,7 @@ impl Finder<'_> {
                 joints: missed.joints.clone(),
                 pointer: format!("/keys/{}/reach/{}", missed.key, missed.goal),
                 fixes,
+                settled: None,
             });
         }
     }

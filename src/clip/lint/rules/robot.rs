@@ -17,6 +17,7 @@ impl Finder<'_> {
                 joints,
                 pointer,
                 fixes: vec![],
+                settled: None,
             });
         };
         if clip.robot.id != table.robot {

@@ -136,6 +136,7 @@ impl Finder<'_> {
             joints,
             pointer: format!("/keys/{}", next.min(keys.len().saturating_sub(1))),
             fixes,
+            settled: None,
         }
     }
 

@@ -160,7 +160,8 @@ impl Finder<'_> {
         joints: Vec<String>,
     ) {
         if !self.full(rule) {
-            self.push(Lint { level, rule, message, frames: Some(frames), joints, pointer, fixes });
+            let (frames, settled) = (Some(frames), None);
+            self.push(Lint { level, rule, message, frames, joints, pointer, fixes, settled });
         }
     }
 }
