@@ -121,11 +121,13 @@ pub(super) fn merge(
     let mut manifest = robert_dataset::merge(&inputs, out, false)?;
     let folder = out.join("shards");
     std::fs::create_dir_all(&folder).map_err(write_error(&folder))?;
+    let mut places = Vec::with_capacity(manifest.shards.len());
     for (k, entry) in manifest.shards.iter_mut().enumerate() {
         let name = PathBuf::from("shards").join(format!("{k:06}.safetensors"));
-        folder::copy_file(&out.join(&entry.file), &out.join(&name), link)?;
+        places.push((out.join(&entry.file), out.join(&name)));
         entry.file = name;
     }
+    folder::copy_files(&places, link)?;
     let made = Dataset::publish(manifest, out)?;
     Ok(serde_json::json!({ "totals": made.totals, "dataset_sha256": made.sha256() }))
 }

@@ -174,9 +174,24 @@ pub(super) fn copy(from: &Path, to: &Path, link: bool) -> Result<(), Error> {
 }
 
 /// Copies a file, or makes a hard link where that is asked for and possible.
-pub(super) fn copy_file(from: &Path, to: &Path, link: bool) -> Result<(), Error> {
+fn copy_file(from: &Path, to: &Path, link: bool) -> Result<(), Error> {
     if !(link && fs::hard_link(from, to).is_ok()) {
         fs::copy(from, to).map_err(write_error(to))?;
     }
     Ok(())
+}
+
+/// Copies each first file to its second place, or makes hard links, on all cores.
+pub(super) fn copy_files(pairs: &[(PathBuf, PathBuf)], link: bool) -> Result<(), Error> {
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    std::thread::scope(|scope| {
+        let handles: Vec<_> = pairs
+            .chunks(pairs.len().div_ceil(cores).max(1))
+            .map(|part| scope.spawn(|| part.iter().try_for_each(|(a, b)| copy_file(a, b, link))))
+            .collect();
+        for handle in handles {
+            handle.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))?;
+        }
+        Ok(())
+    })
 }

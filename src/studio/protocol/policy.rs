@@ -11,7 +11,7 @@ pub struct PolicyCard {
     /// Name, as on the command line.
     pub name: PolicyName,
     /// The name of the model, unless it is the robot's default: `model_path` of
-    /// [`super::RolloutSettings`].
+    /// `RolloutSettings`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub model: Option<String>,
     /// The case that it is best for.
