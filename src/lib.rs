@@ -6,8 +6,9 @@
 //! motion without reward, label or demonstration. This crate contains that policy and the tools
 //! around it: robots, clips, collection, training, rollouts, pictures, takes and the studio.
 //!
-//! Each module is a crate of its own (`robert-clip`, and so on); this one passes them on and adds the
-//! command line. They stand on floors, and imports only go down (`tests/floors.rs`).
+//! Each module is a crate of its own (`robert-clip`, and so on). This crate re-exports them and
+//! adds the command line. The crates are ordered in floors, and imports only go down
+//! (`tests/floors.rs`).
 //!
 //! | floor | modules | content |
 //! |---|---|---|

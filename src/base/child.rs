@@ -2,8 +2,8 @@
 //! task needs.
 //!
 //! A child is started by [`command`] and calls [`follow_parent`] first. A child that reads foreign
-//! models then gives up rights with [`confine`], so a file that crashes or subverts the physics
-//! library can waste memory and time, but nothing else.
+//! models then gives up rights with [`confine`]. A file that crashes the physics library, or makes
+//! it run foreign code, can then waste memory and time, but do no other harm.
 
 use std::io;
 use std::path::{Path, PathBuf};

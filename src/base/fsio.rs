@@ -1,9 +1,9 @@
 //! Atomic files: after a crash there is either the old or the new version, never a mixture.
 //!
-//! Temporary file in the same folder, write, fsync, rename, fsync of the folder: the
-//! order that survives a crash on every journalling file system (Pillai et al., OSDI'14;
-//! rename alone may leave an empty file). The new version keeps the mode and, where the
-//! system allows it, the owner of the old one; a symbolic link stays a link.
+//! The order of operations is: temporary file in the same folder, write, fsync, rename, fsync of
+//! the folder. It survives a crash on every journalling file system (Pillai et al., OSDI'14; rename
+//! alone may leave an empty file). The new version keeps the mode of the old one and, if the system
+//! allows it, its owner. A symbolic link stays a link.
 //!
 //! Only regular files are read or replaced. A pipe would block its reader for ever, and a device
 //! must not become a file. They are refused before they are opened, and again afterwards, in case

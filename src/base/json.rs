@@ -1,5 +1,6 @@
-//! Plain data as JSON. That it cannot be written would be a mistake of this program (a map whose
-//! keys are not text), so it panics; an empty text in its place would be a plausible file.
+//! Plain data as JSON. If it could not be written (a map whose keys are not text), that would be a
+//! mistake of this program, so it panics. Writing an empty text instead would produce a file that
+//! looks valid.
 
 use serde::Serialize;
 

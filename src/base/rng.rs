@@ -4,8 +4,8 @@
 //! threads and on where a run was resumed. Here every draw is identified by its purpose and index,
 //! so a batch, a mask or an episode is the same on one machine or a thousand.
 //!
-//! The mixer is the finaliser of `SplitMix64` (Steele, Lea, Flood 2014) applied to the
-//! three words in turn; [`Rng`] then counts upward from that point.
+//! A draw applies the finaliser of `SplitMix64` (Steele, Lea, Flood 2014) to the three words in
+//! turn. [`Rng`] gives a sequence that counts upward from that draw.
 
 use std::f64::consts::TAU;
 

@@ -1,8 +1,8 @@
 //! Reads foreign XML: it is counted before any parser sees it, and then read by `roxmltree`.
 //!
-//! Parsers recurse on nesting, compare every attribute of an element with all others, and look
-//! every name up in all namespaces in scope. A scan of the tags bounds all three in one pass and
-//! without memory. Only then is the text parsed.
+//! Parsers recurse on nested elements, compare each attribute of an element with all others, and
+//! look every name up in all namespaces in scope, so a hostile file can make them slow. One pass
+//! over the tags counts all three and needs no memory. Only a text within the limits is parsed.
 
 use roxmltree::{Document, ParsingOptions};
 

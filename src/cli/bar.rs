@@ -13,8 +13,8 @@ const LINE_EVERY: Duration = Duration::from_secs(10);
 /// Between two events of `--jsonl`.
 const EVENT_EVERY: Duration = Duration::from_millis(200);
 
-/// Estimates the time left from the pace since the first tick. Work before that (a fit, an
-/// evaluation, an earlier session) has another pace.
+/// Estimates the time left from the speed since the first tick. Work before it (a fit, an
+/// evaluation, an earlier session) has another speed and does not count.
 #[derive(Debug, Default)]
 struct TimeLeft(Mutex<Option<First>>);
 
@@ -40,7 +40,7 @@ impl TimeLeft {
     }
 }
 
-/// 12 s, 3 min 20 s, 5 h 4 min; a dash while the time is unknown.
+/// A time for people: `12 s`, `3 min 20 s`, `5 h 4 min`; a dash if it is unknown.
 fn span(secs: Option<f64>) -> String {
     let Some(secs) = secs else { return "-".to_owned() };
     let s = secs.round() as u64;
@@ -93,7 +93,7 @@ impl Bar {
         self.phase.lock().map(|phase| phase.clone()).unwrap_or_default()
     }
 
-    /// One event of `--jsonl`, unless the last was a moment ago.
+    /// Writes one event of `--jsonl`, unless another was written a moment ago.
     fn tell(&self, done: u64, total: u64, note: &str) {
         let Some(Ok(mut times)) = self.events.as_ref().map(Mutex::lock) else { return };
         // The first and the last event are always written, so that a short job shows something.

@@ -13,7 +13,7 @@ use crate::plot::Theme;
 
 /// Share of frames at a stop above which a joint gets a warning.
 const PINNED: f64 = 0.3;
-/// The most bad files that an error names; the lines before it name all.
+/// The most bad files that the error names; the lines before it name all of them.
 const NAMED: usize = 5;
 
 #[derive(clap::Args, Debug)]

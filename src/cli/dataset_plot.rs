@@ -33,7 +33,7 @@ struct Sample {
 }
 
 impl Sample {
-    /// An axis that covers the frames of all agents, so that their panels can be compared.
+    /// An axis over the values of all agents, so that their panels can be compared.
     fn span(&self, axis: Axis, value: impl Fn(&Frame) -> Option<f64>) -> Axis {
         let seen = self.frames.iter().filter_map(value).filter(|v| v.is_finite());
         let (lo, hi) =

@@ -111,7 +111,7 @@ struct Report<'a> {
     results: &'a [Evaluation],
 }
 
-/// Counts of what the clips of a suite command.
+/// Figures about the commands of a suite.
 #[derive(Debug, Serialize)]
 struct SuiteFacts {
     name: String,
@@ -215,8 +215,8 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     }
 }
 
-/// The card that was asked for. With one, enough rollouts run at once to fill it; without, one line
-/// says why, and the processor computes.
+/// Opens the requested graphics card. With a card, enough rollouts run at once to keep it busy.
+/// Without one, a line says why, and the processor computes.
 fn on_device(
     args: &Args,
     config: EvalConfig,
@@ -456,7 +456,7 @@ fn table(robot: &Robot, suite: &str, plant: PlantRange, results: &[Evaluation]) 
     text
 }
 
-/// A figure of a policy below its Precisions in the table; `None` if it was not measured.
+/// A figure of a policy that is printed below its Precisions; `None` if it was not measured.
 type PolicyFigure = fn(&Evaluation) -> Option<String>;
 
 const FIGURES: [(&str, PolicyFigure); 7] = [
@@ -500,7 +500,7 @@ fn spread(mean: Option<f64>, worst: Option<f64>) -> Option<String> {
     Some(format!("{:.2} ({:.2})", mean?, worst?))
 }
 
-/// A row of Precisions with a mark at the best.
+/// A row of Precisions, with a mark at the best one.
 fn cells(name: &str, values: &[Option<f64>], cis: &[Option<f64>]) -> Vec<String> {
     let best = values.iter().flatten().copied().min_by(f64::total_cmp);
     let mut cells = vec![name.to_owned()];

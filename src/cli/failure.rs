@@ -16,7 +16,7 @@ pub struct Failure {
 }
 
 impl Failure {
-    /// The command line asks for something impossible.
+    /// The command line asks for something that is not possible.
     pub fn usage(message: impl Display) -> Self {
         Self::with(Exit::Usage, message)
     }
@@ -56,8 +56,8 @@ impl Failure {
     }
 }
 
-/// Escapes every character that would act on a terminal: control characters, and those that change
-/// the direction of writing. Names from foreign files end up in messages.
+/// Escapes every character that has an effect on a terminal: control characters, and those that
+/// change the direction of writing. Messages may contain names from foreign files.
 fn plain(text: &str) -> String {
     let acts = |c: char| {
         (c.is_control() && c != '\n' && c != '\t')

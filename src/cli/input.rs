@@ -15,10 +15,10 @@ use crate::clip::{Clip, Parsed, parse_bytes};
 use crate::take::Take;
 use crate::{fsio, limits};
 
-/// Stdin as an input, stdout as an output.
+/// The name `-`: stdin as an input, stdout as an output.
 pub(super) const STANDARD: &str = "-";
 
-/// Whether this stands for stdin or stdout.
+/// Whether this name means stdin or stdout.
 pub(super) fn is_standard(path: &Path) -> bool {
     path == Path::new(STANDARD)
 }
@@ -66,7 +66,7 @@ fn all(from: impl std::io::Read, path: &Path) -> Outcome<Vec<u8>> {
     Ok(bytes)
 }
 
-/// Whether it is a pipe that the shell made for this command. Named pipes are refused, like
+/// Whether the path is a pipe that the shell made for this command. Named pipes are refused, as is
 /// everything else that is not a regular file, because nobody may ever write to them.
 fn is_pipe(path: &Path) -> bool {
     let from_shell = ["/dev/fd", "/proc/self/fd", "/dev/stdin", "/dev/stdout"];
@@ -97,7 +97,7 @@ pub(super) fn take(path: &Path) -> Outcome<Take> {
     Ok(Take::from_mcap(&bytes).map_err(|e| e.in_file(&place(path)))?)
 }
 
-/// A TOML table of names: other ones of joints.
+/// Reads a TOML table that gives joints other names.
 pub(super) fn names(path: &Path) -> Outcome<BTreeMap<String, String>> {
     let wrong =
         |e: &dyn std::fmt::Display| Failure::invalid(format!("{}: {e}", place(path).display()));
@@ -105,7 +105,7 @@ pub(super) fn names(path: &Path) -> Outcome<BTreeMap<String, String>> {
     toml::from_str(&text).map_err(|e| wrong(&e))
 }
 
-/// Writes a file atomically, into a pipe or device that is there, or to stdout.
+/// Writes a file atomically, or writes into an existing pipe or device, or to stdout.
 pub(super) fn write(path: &Path, bytes: &[u8]) -> Outcome {
     if is_standard(path) {
         return out::bytes(bytes);
@@ -118,8 +118,8 @@ pub(super) fn write(path: &Path, bytes: &[u8]) -> Outcome {
     Ok(fsio::write_atomic(path, bytes)?)
 }
 
-/// Writes a clip back to the file that it was read from, unless another program has changed that
-/// meanwhile. `before` is what was read.
+/// Writes a clip back to the file that it was read from. If another program has changed the file
+/// since then, it is refused. `before` is the content that was read.
 pub(super) fn rewrite(path: &Path, before: &[u8], text: &str) -> Outcome {
     if !is_standard(path)
         && !is_pipe(path)

@@ -25,8 +25,8 @@ pub(super) fn cancel_on_ctrl_c() -> Cancel {
     flag.clone()
 }
 
-/// The same flag, raised by SIGUSR1 as well: a queue's warning before the time limit. The second
-/// flag tells that it was the queue.
+/// A flag that is raised by Ctrl-C and by SIGUSR1, with which a queue warns before the time limit.
+/// The second flag says that it was the queue.
 pub(super) fn cancel_on_warning() -> (Cancel, Cancel) {
     let (cancel, warned) = (cancel_on_ctrl_c(), Cancel::default());
     let (stop, flag) = (cancel.clone(), warned.clone());

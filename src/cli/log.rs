@@ -1,4 +1,4 @@
-//! Log lines on stderr. WARN means that something was assumed or dropped, ERROR that something was
+//! Log lines on stderr. WARN means that something was assumed or left out, ERROR that something was
 //! lost.
 
 use std::io::IsTerminal;

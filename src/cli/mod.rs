@@ -128,7 +128,7 @@ pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
     ExitCode::from(call(args).code())
 }
 
-/// The same with the exit code as a value, for programs that call the command line as a library
+/// As [`main`], with the exit code as a value, for programs that call the command line as a library
 /// (Python).
 pub fn call(args: impl IntoIterator<Item = OsString>) -> Exit {
     crate::mujoco::set_env_at_start("NODEVICE_SELECT", "1");
@@ -200,7 +200,7 @@ mod tests {
     use super::Cli;
     use crate::rollout::PolicyName;
 
-    /// Every command that does something, hidden ones aside, with the words that call it.
+    /// The words that call each command that does something, without hidden ones.
     fn leaves(c: &clap::Command, path: &str, found: &mut Vec<(String, clap::Command)>) {
         let mut inside =
             c.get_subcommands().filter(|s| !s.is_hide_set() && s.get_name() != "help").peekable();
@@ -224,7 +224,7 @@ mod tests {
         }
     }
 
-    /// The words of an example, up to a pipe, a redirection or the remark behind it.
+    /// The words of an example, up to a pipe, a redirection or a comment.
     fn words(example: &str) -> Vec<String> {
         let (mut words, mut word, mut quote) = (Vec::new(), String::new(), None);
         let (mut spaces, mut any) = (0, false);

@@ -71,8 +71,8 @@ pub(super) fn with_model(robot: &Robot, keys: &str) -> Outcome<String> {
     text.ok_or_else(|| Failure::invalid(format!("the model of {} is not closed", robot.id())))
 }
 
-/// Refuses to overwrite the input, or something that a person made. A result of an earlier call is
-/// replaced.
+/// Refuses to overwrite the input, or a file that a person made. The result of an earlier command
+/// may be replaced.
 pub(super) fn may_write(input: &str, out: Option<&Path>) -> Outcome {
     let real = |p: &Path| std::fs::canonicalize(p).ok();
     let Some((path, there)) = out.and_then(|p| Some((p, real(p)?))) else { return Ok(()) };
@@ -90,7 +90,7 @@ pub(super) fn may_write(input: &str, out: Option<&Path>) -> Outcome {
     }
 }
 
-/// The kind of an existing file, if no command could make it again.
+/// The kind of an existing file, if no command could make the file again.
 fn made_by_hand(path: &Path) -> Option<&'static str> {
     let mut head = Vec::new();
     fsio::open_regular(path).ok()?.take(4096).read_to_end(&mut head).ok()?;

@@ -1,10 +1,10 @@
 //! `robert new`: from a foreign robot's file to a policy that performs it, in one command.
 //!
-//! The steps are: import the file, collect random motion, fit the closed form (the instant policy,
-//! usable at once), and train the network. Then the network, the instant policy and proportional
-//! control perform trial clips, and the one with the smallest error is kept in the robot's folder,
-//! where every other command finds it. Each step is the command of that name with its own defaults.
-//! A stopped run continues at the step where it was.
+//! The steps are: import the file, collect random motion, fit the linear regression `ridge` (the
+//! instant policy, usable at once), and train the network. Then the network, the instant policy and
+//! proportional control perform trial clips. The one with the smallest error is kept in the robot's
+//! folder, where every other command finds it. Each step is the command of that name with its own
+//! defaults. A stopped run continues at the step where it was.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -37,16 +37,16 @@ use crate::units::count;
 
 /// Steps of the run that measures the speed of this machine.
 const PROBE_STEPS: u64 = 12;
-/// Share of the given minutes that steps are planned for; the rest is evaluation.
+/// The share of the given minutes for training steps; the rest is for evaluation.
 const PLANNED: f64 = 0.85;
-/// Seeds of the trial clips that choose between policies. Seed 0 chose the penalty and the
-/// checkpoint, which would flatter the learned ones.
+/// Seeds of the trial clips on which policies are compared. Seed 0 is not among them: it chose the
+/// penalty and the checkpoint, so the learned policies would look too good on it.
 const CHOOSE: [u64; 2] = [2, 3];
 /// Seed of the trial clips of the report.
 const REPORT: u64 = 1;
-/// Share of frames at a stop from which a joint is named.
+/// Share of frames at a stop above which the report names a joint.
 const RESTING: f64 = 0.3;
-/// Bad evaluations in a row after which training ends early.
+/// The number of evaluations in a row without improvement after which training ends.
 const PATIENCE: u64 = 3;
 
 /// As many frames as a fit needs.
@@ -191,8 +191,8 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     report(args, &robot, &found, kept, instant_secs, since())
 }
 
-/// The policy that comes nearest on the trial clips of all these seeds; one that fails on a
-/// clip comes last.
+/// The policy with the smallest error on the trial clips of all these seeds. A policy that fails on
+/// a clip comes last.
 fn nearest(choice: &[Vec<Evaluation>]) -> &'static str {
     let mean = |name: &str| -> f64 {
         let one = |found: &Vec<Evaluation>| {
@@ -208,8 +208,8 @@ fn nearest(choice: &[Vec<Evaluation>]) -> &'static str {
     names.into_iter().min_by(|a, b| mean(a).total_cmp(&mean(b))).unwrap_or("ridge")
 }
 
-/// The policy becomes the robot's own. Proportional control has no model: the closed form is
-/// kept beside it, and the folder says who performs.
+/// Makes the policy the robot's own. Proportional control has no model file: then the linear
+/// regression is kept as the model, and a file in the folder names the policy to use.
 fn keep(kept: &str, places: &Places, out: &Path) -> Outcome {
     pack(if kept == "robert" { &places.run } else { &places.instant }, &places.model)?;
     let choice = shipped::choice_in(out);
@@ -331,7 +331,7 @@ fn pack(run: &Path, to: &Path) -> Outcome {
     Ok(checkpoint::save_half(to, &model)?)
 }
 
-/// Both policies and proportional control on the trial clips of a seed.
+/// Evaluates both policies and proportional control on the trial clips of a seed.
 fn compare(
     robot: &Arc<Robot>,
     places: &Places,

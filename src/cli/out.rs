@@ -43,8 +43,8 @@ pub(super) fn line(text: &str) -> Outcome {
     bytes(format!("{text}\n").as_bytes())
 }
 
-/// A line on stderr. Unlike `eprintln!` it does not panic when nobody listens any more or the disk
-/// behind a log is full: what is told on the side must not end the work.
+/// Prints a line on stderr. Unlike `eprintln!` it does not panic if nobody reads any more or the
+/// disk of a log is full: a message must not end the work.
 pub(super) fn aside(line: impl std::fmt::Display) {
     writeln!(io::stderr(), "{line}").ok();
 }

@@ -404,7 +404,7 @@ impl Columns {
         self.names.iter().any(|n| other.of(n).is_some())
     }
 
-    /// Refuses a motion that does not belong to this command.
+    /// Refuses a motion that was not made from this command.
     fn foreign(&self, motion: &Columns, path: &Path) -> Failure {
         let list = |names: &[String]| {
             let first = names.iter().take(4).cloned().collect::<Vec<_>>().join(", ");
@@ -459,7 +459,7 @@ impl Columns {
         if count > 0.0 { sum / count } else { f64::NAN }
     }
 
-    /// Stretches of more than one frame without any goal.
+    /// Stretches of more than one frame without a goal.
     fn masked(&self) -> Vec<(f64, f64)> {
         let seen = |f: usize| self.values.iter().any(|c| c.get(f).is_some_and(|v| v.is_finite()));
         let mut out = Vec::new();
@@ -480,7 +480,7 @@ impl Columns {
     }
 }
 
-/// The pairs of two fields in a file of JSON lines; lines without them are other events.
+/// The values of two fields in a file of JSON lines. Lines that lack one of them are other events.
 fn series(path: &Path, x: &str, y: &str) -> Outcome<Vec<(f64, f64)>> {
     let bytes = input::read(path, BYTES)?;
     let text = String::from_utf8_lossy(&bytes);
@@ -499,7 +499,7 @@ fn series(path: &Path, x: &str, y: &str) -> Outcome<Vec<(f64, f64)>> {
     Ok(points)
 }
 
-/// Combines runs of one name into their mean over common x, with its interval.
+/// Combines runs of one name into their mean at common x, with its interval.
 fn mean(name: String, runs: &[Vec<(f64, f64)>]) -> Curve {
     if let [only] = runs {
         return Curve { name, points: only.clone(), ci95: Vec::new() };

@@ -1,4 +1,5 @@
-//! Both ends of the local pool: the child that reads indices, and what became of all of them.
+//! Both ends of the local pool: the child, which reads indices, and the parent's summary of all
+//! results.
 
 use std::io::BufRead as _;
 
@@ -7,8 +8,8 @@ use super::out;
 use crate::exit::Exit;
 use crate::shard::{Answer, Pooled};
 
-/// Reads indices from stdin, one a line, performs each and answers with a line of JSON. A failure that
-/// others would share ends it.
+/// Reads indices from stdin, one per line, performs each, and answers with a line of JSON. A
+/// failure that other work would have too ends the process.
 pub(super) fn serve(mut perform: impl FnMut(usize) -> Outcome) -> Outcome {
     let mut worst = Ok(());
     for line in std::io::stdin().lock().lines() {
@@ -33,12 +34,13 @@ pub(super) fn serve(mut perform: impl FnMut(usize) -> Outcome) -> Outcome {
     worst
 }
 
-/// Whether others may do better than one that ended so.
+/// Whether other work may succeed although one piece ended with this exit code.
 pub(super) fn alone(exit: Exit) -> bool {
     matches!(exit, Exit::Failed | Exit::Threshold)
 }
 
-/// The failure of `total` pieces of work (`what`, such as shards), or the hint after a stop.
+/// The failure of some of `total` pieces of work (`what`, such as shards), or after a stop the hint
+/// how to continue.
 pub(super) fn outcome(found: &Pooled, total: usize, what: &str) -> Outcome {
     if let Some(worst) = worst(&found.failed) {
         let (count, one) = (found.failed.len(), what.trim_end_matches('s'));

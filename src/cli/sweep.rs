@@ -109,7 +109,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     Ok(())
 }
 
-/// Lets the local pool do the points that are not done: children that run this same command.
+/// Performs the points that are not done in the local pool, whose children run this same command.
 fn in_pool(args: &Args, points: &Points<'_>, work: &Work<'_>) -> Outcome {
     let left = points.left()?;
     let mut words = vec!["sweep".to_owned(), args.file.display().to_string()];

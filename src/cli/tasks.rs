@@ -160,7 +160,7 @@ fn floors(dir: &Path, only: Option<&str>, global: Global) -> Outcome {
     Ok(())
 }
 
-/// The clips of every robot, and the list of suites.
+/// Writes the clips of every robot, and the list of suites.
 fn author(dir: &Path) -> Outcome {
     let mut manifest = tasks::manifest()?;
     for id in Robot::builtin_ids() {

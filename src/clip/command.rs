@@ -1,7 +1,7 @@
 //! The compiled clip: one row per frame, and which of its values the policy may see.
 //!
-//! A command has a row for every frame on purpose. The window of a rollout slides over it every
-//! frame, and suites that are extracted from data never were clips. Both need rows, not keys.
+//! A command has one row per frame. The window of a rollout moves by one frame at a time, and
+//! suites that are extracted from recorded data never were clips; both need rows instead of keys.
 
 use super::document::Row;
 use super::reach::Reached;
@@ -74,7 +74,7 @@ pub struct Blind {
 /// A goal that the program adds because the window would contain none.
 #[derive(Clone, Debug, PartialEq)]
 pub struct VirtualKey {
-    /// Its frame: the last of the window, index 50 of 51.
+    /// The frame of this goal: the last one of the window, index 50 of 51.
     pub frame: u32,
     /// Its value, in joint order.
     pub q: Vec<f32>,
@@ -132,7 +132,7 @@ impl Command {
         Some(Self::assemble(joints, start, q, visible))
     }
 
-    /// The same, for lengths that are known to agree.
+    /// As [`Command::from_dense`], for lengths that are known to agree.
     pub(super) fn assemble(
         joints: Vec<String>,
         start: Vec<f32>,
@@ -399,9 +399,9 @@ impl Command {
         (self.frames != other.frames).then_some(common)
     }
 
-    /// First step whose action can differ when this command replaces `old`: 20 frames before the
-    /// first changed one, or the start of the blind run that reaches it, because its virtual keys
-    /// depend on the changed goal.
+    /// First step whose action can differ when this command replaces `old`. It is 20 frames before
+    /// the first changed frame, or the start of the blind span that ends there, because the virtual
+    /// keys of that span depend on the changed goal.
     pub fn first_changed_step(&self, old: &Command) -> Option<u32> {
         let f = self.first_changed_frame(old)?;
         let usual = f.saturating_sub(LOOKAHEAD_FRAMES);
@@ -459,7 +459,7 @@ fn bits(row: &[f32]) -> impl Iterator<Item = u32> + '_ {
     row.iter().map(|v| v.to_bits())
 }
 
-/// For every frame the nearest visible one so far, in this direction.
+/// For every frame the last visible one so far, in the order given.
 fn scan(order: impl ExactSizeIterator<Item = (usize, bool)>) -> Vec<u32> {
     let mut found = vec![NEVER; order.len()];
     let mut last = NEVER;

@@ -30,8 +30,8 @@ use robert_base::units::CTRL_DT;
 /// Compiles a clip.
 ///
 /// # Errors
-/// [`Invalid`] when the clip breaks a rule (one that was parsed or edited here does not), or has
-/// end-effector goals, which need [`compile_for`].
+/// [`Invalid`] if the clip breaks a rule, which a clip that was parsed or edited here
+/// never does, or if it has end-effector goals, which need [`compile_for`].
 pub fn compile(clip: &Clip) -> Result<Command, Invalid> {
     compile_for(clip, None)
 }
@@ -145,8 +145,8 @@ impl<'a> Plan<'a> {
         push_span(&mut self.spans, end, until, kind);
     }
 
-    /// Fills between the last held frame of key `i` and the next key; `shape` gets the
-    /// share of the way, both ends and both slopes (per whole interval).
+    /// Fills between the last held frame of key `i` and the next key. `shape` gets the position
+    /// between the two keys (0 to 1), both values, and both slopes per whole interval.
     fn curve(&mut self, i: usize, end: u32, until: u32, shape: fn(f64, f64, f64, f64, f64) -> f64) {
         let last = end.saturating_sub(1);
         let width = f64::from(until - last);
@@ -172,8 +172,8 @@ impl<'a> Plan<'a> {
         self.solved.rows.get(i).and_then(Option::as_ref).or_else(|| self.clip.row(key))
     }
 
-    /// The state before frame 0: `start`, else per joint its first key's value with what offsets add to
-    /// it, else 0.
+    /// The state before frame 0: `start` if there is one. Otherwise each joint has the value of its
+    /// first key plus its offsets there, or 0 if it has no key.
     fn start(&self, added: &[f64]) -> Vec<f64> {
         let clip = self.clip;
         match &clip.start {
@@ -207,8 +207,8 @@ impl<'a> Plan<'a> {
         }
     }
 
-    /// Slope at key `i` per frame, on the side that `side` takes; `line` is the slope of the straight
-    /// line across the interval there, per frame.
+    /// Slope at key `i` per frame, on the side that `side` selects. `line` is the slope of the
+    /// straight line across that interval, per frame.
     fn tangent(&self, i: usize, joint: usize, side: fn(Tangent, f64) -> f64, line: f64) -> f64 {
         let clip = self.clip;
         let tangents = clip.keys.get(i).map(|key| &key.tangents).filter(|t| !t.is_empty());
@@ -219,7 +219,8 @@ impl<'a> Plan<'a> {
         }
     }
 
-    /// Automatic slope at key `i` per frame; not zero only between two cubic intervals.
+    /// Automatic slope at key `i` per frame. It is zero unless there are cubic intervals on both
+    /// sides.
     fn slope(&self, i: usize, joint: usize) -> f64 {
         let inner = || {
             let clip = self.clip;

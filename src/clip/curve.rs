@@ -1,6 +1,6 @@
 //! The curves between keys.
 
-/// The cubic Hermite curve from `a` to `b` at the share `s` of the way; slopes per whole way.
+/// The cubic Hermite curve from `a` to `b` at `s` (0 to 1); slopes are per whole interval.
 pub(super) fn hermite(s: f64, a: f64, b: f64, da: f64, db: f64) -> f64 {
     let (s2, s3) = (s * s, s * s * s);
     a * (2.0 * s3 - 3.0 * s2 + 1.0)

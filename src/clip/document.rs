@@ -82,7 +82,8 @@ pub enum Goal {
     Pose(String),
     /// Values of its own.
     Q(Row),
-    /// None: its end-effector goals decide, near the line between the keys around it.
+    /// No values: its end-effector goals determine the joints, near the line between the keys
+    /// around it.
     Open,
 }
 
@@ -94,15 +95,16 @@ pub struct Key {
     pub frame: u32,
     /// Its values.
     pub goal: Goal,
-    /// Places that points of the robot shall reach; the joints that move these points get the
-    /// values that bring them there. The compiler finds these near [`Key::goal`].
+    /// End-effector goals. The compiler finds joint values near [`Key::goal`] that bring the points
+    /// there.
     pub reach: Vec<Reach>,
-    /// For how many frames it is commanded (at least 1). The next key or the end of the clip ends
-    /// it early.
+    /// The number of frames for which it is commanded (at least 1). The next key or the end of the
+    /// clip ends it early.
     pub hold: u32,
     /// The fill after it, if it differs from [`Clip::fill`].
     pub fill: Option<Fill>,
-    /// Slopes of cubic curves at this key, by joint; the others are automatic.
+    /// Slopes of cubic curves at this key, by joint. Joints that are not listed have automatic
+    /// slopes.
     pub tangents: BTreeMap<String, Tangent>,
     /// A remark.
     pub note: String,
@@ -130,7 +132,7 @@ impl Key {
         Key { frame, goal, reach, hold: 1, fill: None, tangents, note }
     }
 
-    /// The same, commanded for this many frames.
+    /// The same key, commanded for this many frames.
     #[must_use]
     pub fn held(self, hold_frames: u32) -> Key {
         Key { hold: hold_frames, ..self }
@@ -255,13 +257,13 @@ pub struct Clip {
     pub length: u32,
     /// The fill after keys without their own.
     pub fill: Fill,
-    /// The state before frame 0; `None` = the first key's.
+    /// The state before frame 0; `None` = the values of the first key.
     pub start: Option<Start>,
     /// Named poses.
     pub poses: BTreeMap<String, Row>,
     /// Keyframes, by frame, at most one per frame.
     pub keys: Vec<Key>,
-    /// What is added to the command of the keys, by frame, at most one per frame.
+    /// Values that are added to the command of the keys, by frame, at most one offset per frame.
     pub offsets: Vec<Offset>,
     /// Mask spans.
     pub masks: Vec<Mask>,

@@ -35,7 +35,7 @@ pub enum Step {
     Edit {
         /// Its label in the history.
         label: String,
-        /// The difference that it made. A difference without changes also takes a place in the
+        /// The difference that it made. An edit that changes nothing also has a place in the
         /// history.
         patch: Box<Delta>,
     },

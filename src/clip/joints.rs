@@ -1,7 +1,7 @@
 //! The facts about a robot that clips need, without its simulator.
 //!
-//! This is a floor-0 struct instead of a trait over the robot profile, because lints, mirroring and
-//! the studio need plain data that can be sent as JSON. Code that knows the robot fills it.
+//! It is a plain struct instead of a trait over the robot profile, because lints, mirroring and the
+//! studio need plain data that can be sent as JSON. Code that knows the robot fills it.
 
 use std::collections::BTreeMap;
 
@@ -87,7 +87,7 @@ pub struct Coupling {
     pub name: String,
     /// The joints.
     pub members: Vec<CouplingMember>,
-    /// Allowed difference between members, rad or m: contact and limits separate them a little.
+    /// Allowed difference between members, rad or m. Contact and limits separate them a little.
     pub tolerance: f64,
 }
 

@@ -5,9 +5,9 @@ use std::collections::BTreeMap;
 use super::command::{Span, SpanKind, push_span};
 use super::document::Clip;
 
-/// Takes away the goals that mask spans cover: `visible` is (frames, dim). Gives the spans of the clip with
-/// those that are masked. Difference sums make many overlapping spans cost no more than the frames that they
-/// cover.
+/// Removes the goals that mask spans cover; `visible` is (frames, dim). Returns the spans of the
+/// clip, including the masked ones. Starts and ends of masks are counted and summed once, so that
+/// many overlapping masks cost no more than the frames that they cover.
 pub(super) fn hide(clip: &Clip, visible: &mut [bool], spans: Vec<Span>) -> Vec<Span> {
     let dim = clip.dim();
     let frames = clip.length as usize;

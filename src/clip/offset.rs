@@ -1,13 +1,15 @@
-//! Offsets: what is added to the command over a span, so that dense motion is shaped by a few edits.
+//! Offsets: values that are added to the command over a span, so that a few edits change dense
+//! motion.
 //!
-//! The keys of a clip are its base, dense or not. An offset adds a value to some joints. It grows
-//! over the frames before it, is held, and fades over the frames after it. Offsets add up.
+//! An offset adds a value to some joints of the motion that the keys command. It grows over the
+//! frames before its own frame, is held, and fades over the frames after it. Several offsets at one
+//! frame are summed.
 //!
 //! The fade is the minimum-jerk profile 10 s^3 - 15 s^4 + 6 s^5 (Flash and Hogan, J. Neurosci. 5,
-//! 1985): velocity and acceleration of the base are met at both ends. It is symmetric, so two offsets
-//! whose fades overlap exactly lead smoothly from one value to the other. Rejected: a second list of
-//! dense frames in the file. Keys on neighbouring frames are dense motion already, and every tool
-//! reads, thins, cuts and pastes them.
+//! 1985): it has no velocity and no acceleration at both ends. It is symmetric, so two offsets
+//! whose fades overlap exactly lead smoothly from one value to the other. Rejected: a second list
+//! of dense frames in the file. Keys on neighbouring frames are dense motion already, and every
+//! tool reads, thins, cuts and pastes them.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -16,24 +18,24 @@ use serde::{Deserialize, Serialize};
 
 use super::grid::round;
 
-/// Frames over which an offset grows and fades where nothing else is said: half a second.
+/// Frames over which an offset grows and fades if the file does not say: half a second.
 pub const FADE_FRAMES: u32 = 10;
 
-/// What is added to the command around one frame.
+/// Values that are added to the command around one frame.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Offset {
-    /// The frame at which it is first there in full.
+    /// The first frame at which the values are added in full.
     pub frame: u32,
     /// What is added, by joint, rad or m.
     pub add: BTreeMap<String, f64>,
-    /// Over how many frames it grows; 0 = at once.
+    /// The number of frames over which it grows; 0 = at once.
     #[serde(rename = "in", default = "fade")]
     pub fade_in: u32,
-    /// For how many frames it is there in full (at least 1).
+    /// The number of frames for which the values are added in full (at least 1).
     #[serde(default = "once")]
     pub hold: u32,
-    /// Over how many frames it fades; 0 = at once.
+    /// The number of frames over which it fades; 0 = at once.
     #[serde(rename = "out", default = "fade")]
     pub fade_out: u32,
 }
@@ -47,7 +49,7 @@ fn once() -> u32 {
 }
 
 impl Offset {
-    /// An offset of this joint that grows and fades over so many frames.
+    /// An offset of this joint that grows and fades over this many frames.
     pub fn new(frame: u32, joint: &str, add: f64, fade_frames: u32) -> Offset {
         let add = BTreeMap::from([(joint.to_owned(), add)]);
         Offset { frame, add, fade_in: fade_frames, hold: 1, fade_out: fade_frames }
@@ -60,7 +62,7 @@ impl Offset {
         from.min(length)..to.min(length)
     }
 
-    /// First frame at which it is no longer there in full.
+    /// First frame after those at which the values are added in full.
     fn full_end(&self) -> u32 {
         self.frame.saturating_add(self.hold.max(1))
     }
@@ -104,7 +106,7 @@ impl Offset {
     }
 }
 
-/// What all offsets together add; (frames, joints). Empty if there is none.
+/// The sum of all offsets; (frames, joints). Empty if there is none.
 pub(super) fn total(offsets: &[Offset], joints: &[String], length: u32) -> Vec<f64> {
     if offsets.is_empty() {
         return Vec::new();

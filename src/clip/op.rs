@@ -85,7 +85,7 @@ pub enum Op {
     /// Removes a block with its frames.
     #[serde(rename = "blocks.delete")]
     BlocksDelete(BlocksDelete),
-    /// Inserts empty frames and shifts what follows.
+    /// Inserts empty frames and shifts everything after them.
     #[serde(rename = "time.insert")]
     TimeInsert(TimeInsert),
     /// Removes frames with their keys and closes the gap.
@@ -156,7 +156,7 @@ pub struct MaskSet {
 #[serde(deny_unknown_fields)]
 #[derive(schemars::JsonSchema)]
 pub struct FillSet {
-    /// After which keys; absent = the clip's default.
+    /// The keys after which the fill is set; absent = the clip's default.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frames: Option<Vec<u32>>,
     /// The fill; null = the clip's default (`mask` for the default itself).
@@ -184,7 +184,7 @@ pub struct TangentSet {
 #[serde(deny_unknown_fields)]
 #[derive(schemars::JsonSchema)]
 pub struct TimeInsert {
-    /// Before which frame; the clip's length appends.
+    /// The frame before which frames are inserted; the clip's length appends.
     pub at: u32,
     /// The number of frames.
     pub frames: u32,
@@ -222,7 +222,7 @@ pub struct PoseSave {
 pub struct PoseApply {
     /// The pose's name.
     pub name: String,
-    /// Onto which frames; a frame without a key gets one.
+    /// The frames that are changed; a frame without a key gets one.
     pub frames: Vec<u32>,
     /// 0 = the current values, 1 = the pose.
     #[serde(default = "whole")]

@@ -19,7 +19,7 @@ pub struct KeysAdd {
     pub replace: bool,
 }
 
-/// Arguments of `keys.set`: absent parts stay.
+/// Arguments of `keys.set`: absent parts do not change.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 #[derive(schemars::JsonSchema)]
@@ -32,7 +32,7 @@ pub struct KeysSet {
     /// A named pose instead of values.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pose: Option<String>,
-    /// All end-effector goals; none of them leaves the joint values alone.
+    /// All end-effector goals; an empty list removes them and keeps the joint values.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reach: Option<Vec<Reach>>,
     /// Single joints by name; null leaves a joint open.
@@ -135,12 +135,12 @@ pub struct KeysSparsify {
     /// The frames of the keys that may be removed. The ends of each unbroken run of them stay, and
     /// so do keys with a hold, a remark or a named pose.
     pub frames: Vec<u32>,
-    /// Allowed distance of a removed key's joint from the line, rad or m.
+    /// Allowed distance between a joint of a removed key and the line, rad or m.
     pub tolerance: f64,
 }
 
 #[allow(clippy::option_option)] // absent, null and a value are three things in an edit
-/// Distinguishes "fill": null from no fill.
+/// Distinguishes `"fill": null` from an absent `fill`.
 fn present<'de, D: Deserializer<'de>>(d: D) -> Result<Option<Option<Fill>>, D::Error> {
     Option::<Fill>::deserialize(d).map(Some)
 }

@@ -6,20 +6,20 @@ use serde::{Deserialize, Serialize};
 
 use super::part::Part;
 
-/// Arguments of `offsets.set`: absent parts stay.
+/// Arguments of `offsets.set`: absent parts do not change.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 #[derive(schemars::JsonSchema)]
 pub struct OffsetsSet {
     /// At which frame.
     pub frame: u32,
-    /// What is added, by joint, rad or m; 0 or null adds nothing to it any more.
+    /// The values to add, by joint, rad or m; 0 or null removes a joint from the offset.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub add: BTreeMap<String, Option<f64>>,
     /// Over how many frames it grows.
     #[serde(default, skip_serializing_if = "Option::is_none", rename = "in")]
     pub fade_in: Option<u32>,
-    /// For how many frames it is there in full.
+    /// The number of frames for which the values are added in full.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub hold: Option<u32>,
     /// Over how many frames it fades.
@@ -46,13 +46,14 @@ pub struct OffsetsMove {
 #[serde(deny_unknown_fields)]
 #[derive(schemars::JsonSchema)]
 pub struct BlocksInsert {
-    /// Before which frame; the clip's length appends. Inside a block it comes after that block.
+    /// The frame before which the block is inserted; the clip's length appends. If the frame is
+    /// inside a block, the new one comes after that block.
     pub at: u32,
     /// Its name.
     pub name: String,
     /// The motion.
     pub part: Part,
-    /// Frames of a smooth curve from what is before it, and to what follows.
+    /// Frames of the smooth curves that lead to the block and from it.
     #[serde(default)]
     pub blend: u32,
 }
@@ -73,7 +74,7 @@ pub struct BlocksOrder {
 pub struct BlocksRepeat {
     /// The first frame of the block.
     pub frame: u32,
-    /// Frames of a smooth curve from its end to its beginning.
+    /// Frames of the smooth curve from the block's end to its beginning.
     #[serde(default)]
     pub blend: u32,
 }

@@ -74,7 +74,7 @@ impl Part {
         }
     }
 
-    /// The same with its rows in the order of these joints.
+    /// The same part with its rows in the order of these joints.
     ///
     /// # Errors
     /// A name that only one of the two has.
@@ -96,7 +96,7 @@ impl Part {
         Ok(part)
     }
 
-    /// Puts all of it into a clip whose frames `at..` are free for it.
+    /// Puts the part into a clip at frame `at`. The frames from there on must be free for it.
     pub(super) fn lay(self, clip: &mut Clip, at: u32) {
         let fill = clip.fill;
         clip.keys.extend(self.keys.into_iter().map(|k| Key {

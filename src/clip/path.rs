@@ -18,8 +18,8 @@ pub(super) struct Path<'a> {
 }
 
 impl<'a> Path<'a> {
-    /// The path after key `i`, if it and the next key place the same points and the fill between
-    /// them is a line or a curve.
+    /// The path after key `i`, if this key and the next have goals for the same points and the fill
+    /// between them is a line or a curve.
     pub(super) fn after(clip: &'a Clip, i: usize) -> Option<Path<'a>> {
         let (key, next) = (clip.keys.get(i)?, clip.keys.get(i + 1)?);
         let curved = matches!(clip.fill_after(key), Fill::Linear | Fill::Cubic);
@@ -70,8 +70,8 @@ impl<'a> Path<'a> {
         self.clip.keys.get(key).map(|k| &k.reach)
     }
 
-    /// Slope of a coordinate at key `i`, m per frame, by the rule for joints: not zero only between two
-    /// curved paths without a hold.
+    /// Slope of a coordinate at key `i`, m per frame, by the same rule as for joints: zero, except
+    /// between two curved paths without a hold.
     fn slope(&self, i: usize, goal: usize, axis: usize) -> f64 {
         let clip = self.clip;
         let curve = |i: usize| {

@@ -14,7 +14,7 @@ pub(crate) fn line_col(text: &str, at: usize) -> (usize, usize) {
     (line, col)
 }
 
-/// The same of many bytes, in their order.
+/// Line and column of several bytes, which must be in ascending order.
 pub(crate) fn line_cols(text: &str, bytes: &[usize]) -> Vec<(usize, usize)> {
     let mut order: Vec<usize> = (0..bytes.len()).collect();
     order.sort_by_key(|&i| bytes[i]);
@@ -27,8 +27,8 @@ pub(crate) fn line_cols(text: &str, bytes: &[usize]) -> Vec<(usize, usize)> {
     places
 }
 
-/// Moves line and column from one byte on to another, or to the character that this is in; where that
-/// begins.
+/// Advances line and column from one byte to another. If that byte is inside a character, it stops
+/// at the beginning of the character, and returns it.
 fn pass(text: &str, from: usize, to: usize, line: &mut usize, col: &mut usize) -> usize {
     let mut to = to.min(text.len());
     while !text.is_char_boundary(to) {
@@ -43,12 +43,13 @@ fn pass(text: &str, from: usize, to: usize, line: &mut usize, col: &mut usize) -
     to
 }
 
-/// The byte of the value that a JSON pointer names; of the deepest part of it that exists.
+/// The byte of the value that a JSON pointer names. If the value does not exist, the deepest part
+/// of the pointer that exists.
 pub(crate) fn locate(text: &str, pointer: &str) -> usize {
     locate_all(text, [pointer])[0]
 }
 
-/// The same for many pointers, in their order.
+/// The bytes of many JSON pointers, in their order.
 pub(crate) fn locate_all<'p>(
     text: &str,
     pointers: impl IntoIterator<Item = &'p str>,

@@ -1,4 +1,4 @@
-//! An end-effector goal: the place that a site or a point of a body shall have at a key.
+//! An end-effector goal: the position that a key sets for a site or a point of a body.
 //!
 //! The compiler finds the joint values ([`crate::solve`]). The document stores only the place, so
 //! that the goal keeps its meaning when neighbouring keys, the posture or the robot's model change.
@@ -116,12 +116,12 @@ impl Reach {
     }
 }
 
-/// How closely the points of a key meet their goals.
+/// How closely the points of a key reach their goals.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Reached {
     /// Index of the key, or of the key before the frame.
     pub key: usize,
-    /// The frame; between keys the one that is farthest off.
+    /// The frame. Between keys it is the frame with the largest error.
     pub frame: u32,
     /// The index of the goal in its key.
     pub goal: usize,
@@ -129,7 +129,7 @@ pub struct Reached {
     pub distance_m: f64,
     /// Orientation error, rad; 0 if no orientation was requested.
     pub angle_rad: f64,
-    /// The place that the point reaches instead.
+    /// The place that the point reaches.
     pub instead: Reach,
     /// The joints that decide where it is.
     pub joints: Vec<String>,

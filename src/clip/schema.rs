@@ -89,7 +89,7 @@ pub struct Clip {
     /// Keyframes, at most one per frame.
     #[schemars(length(max = 50_000))]
     keys: Vec<Key>,
-    /// What is added to the command of the keys, at most one per frame.
+    /// Values that are added to the command of the keys, at most one offset per frame.
     #[schemars(length(max = 50_000))]
     offsets: Option<Vec<Offset>>,
     /// Spans without a goal, regardless of keys and fills.
@@ -102,7 +102,7 @@ pub struct Clip {
     x: Option<BTreeMap<String, Value>>,
 }
 
-/// In JSON the parts of a document have these shapes, wherever they are sent.
+/// The JSON shapes of the parts of a document, for every place where they are sent.
 macro_rules! shaped {
     ($($room:ident::$part:ident),*) => {$(
         impl JsonSchema for super::$room::$part {
@@ -184,8 +184,8 @@ struct Start {
     q: Option<Vec<Number>>,
 }
 
-/// A keyframe: a named pose, values, or where points of the robot shall be. A pose or values beside
-/// `reach` are what the robot stays near.
+/// A keyframe: a named pose, values, or end-effector goals. If it has `reach` and also a pose or
+/// values, the robot stays near these.
 #[derive(Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(extend(
@@ -201,10 +201,10 @@ struct Key {
     pose: Option<String>,
     /// Values, one per joint.
     q: Option<Row>,
-    /// Places that points of the robot shall reach.
+    /// End-effector goals: positions that points of the robot should reach.
     #[schemars(length(min = 1, max = 4096))]
     reach: Option<Vec<Reach>>,
-    /// For how many frames the value is commanded; 1 when absent.
+    /// The number of frames for which the value is commanded; 1 when absent.
     #[schemars(range(min = 1, max = 100_000))]
     hold: Option<u32>,
     /// The fill up to the next key; the clip's `fill` when absent.
@@ -218,7 +218,7 @@ struct Key {
     note: Option<String>,
 }
 
-/// An end-effector goal: where a site, or a point of a body, shall be in the world.
+/// An end-effector goal: the position that a site, or a point of a body, should have in the world.
 #[derive(Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(extend(
@@ -241,25 +241,25 @@ struct Reach {
     quat: Option<[Number; 4]>,
 }
 
-/// What is added to the command around one frame: it grows, is held, and fades.
+/// Values that are added to the command around one frame: they grow, are held, and fade.
 #[derive(Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[allow(dead_code)]
 struct Offset {
-    /// The frame at which it is first there in full.
+    /// The first frame at which the values are added in full.
     #[schemars(range(min = 0, max = 99_999))]
     frame: u32,
     /// What is added, by joint, rad or m.
     #[schemars(extend("propertyNames" = {"minLength": 1, "maxLength": 256}, "minProperties" = 1))]
     add: BTreeMap<String, Number>,
-    /// Over how many frames it grows; 10 when absent, 0 = at once.
+    /// The number of frames over which it grows; 10 when absent, 0 = at once.
     #[serde(rename = "in")]
     #[schemars(range(min = 0, max = 100_000))]
     fade_in: Option<u32>,
-    /// For how many frames it is there in full; 1 when absent.
+    /// The number of frames for which the values are added in full; 1 when absent.
     #[schemars(range(min = 1, max = 100_000))]
     hold: Option<u32>,
-    /// Over how many frames it fades; 10 when absent, 0 = at once.
+    /// The number of frames over which it fades; 10 when absent, 0 = at once.
     #[serde(rename = "out")]
     #[schemars(range(min = 0, max = 100_000))]
     fade_out: Option<u32>,

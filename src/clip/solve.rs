@@ -27,17 +27,19 @@ const TOLERANCE_M: f64 = 1e-4;
 /// Iterations of a search; each begins near its goal.
 const ITERATIONS: u32 = 40;
 
-/// The work that a clip may cost, as iterations times 20 and the number of joints. One that reaches its
-/// goals needs a few iterations a frame; goals out of reach need all of theirs.
+/// The work that one clip may take: iterations times (20 + the number of joints). A clip that
+/// reaches its goals needs a few iterations per frame; a clip with goals out of reach needs all of
+/// them.
 const WORK: usize = 2_000_000;
 
-/// Iterations of a search once that is spent: a path is still followed, from frame to frame.
+/// Iterations of each search after that work is used up. A path is still followed from frame to
+/// frame.
 const LATE_ITERATIONS: u32 = 4;
 
 /// The result of the search.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Solved {
-    /// Values of each key with end-effector goals, by its index; `None` for other keys.
+    /// Values of each key with end-effector goals, by index; `None` for other keys.
     pub(super) rows: Vec<Option<Row>>,
     /// Values of frames on the path of a point: joints by index.
     pub(super) frames: Vec<(u32, Vec<(usize, f64)>)>,
@@ -81,13 +83,14 @@ fn check_points(clip: &Clip, tree: &Kinematics) -> Result<(), Invalid> {
 struct Solver<'a> {
     clip: &'a Clip,
     tree: &'a Kinematics,
-    /// The joint of the tree of each joint of the clip.
+    /// For each joint of the clip, its joint in the tree of bodies.
     to_state: Vec<Option<usize>>,
-    /// Joints of the tree that the clip does not have; they stay.
+    /// Joints of the tree that the clip does not have; they do not move.
     locked: Vec<usize>,
-    /// The state before the clip, and the value of joints that it does not have.
+    /// The state before the clip, which is also the value of joints that the clip does not have.
     rest: Vec<f64>,
-    /// For each joint of the clip the keys with a value of it: first frame, last frame, value.
+    /// For each joint of the clip, the keys that have a value for it: first frame, last frame,
+    /// value.
     known: Vec<Vec<(u32, u32, f64)>>,
     /// What is left of [`WORK`].
     left: Cell<usize>,
@@ -161,7 +164,7 @@ impl<'a> Solver<'a> {
         Path::after(self.clip, i.checked_sub(1)?)
     }
 
-    /// Solves the frames between key `i` and the next; the last state.
+    /// Solves the frames between key `i` and the next, and returns the last state.
     fn along(&mut self, path: &Path<'_>, i: usize, mut state: Vec<f64>) -> Vec<f64> {
         let points: Vec<_> = path.goals(path.last).into_iter().map(|r| r.point).collect();
         let movers = self.tree.movers(&points).unwrap_or_default();
@@ -191,7 +194,7 @@ impl<'a> Solver<'a> {
         state
     }
 
-    /// Searches from the first of these starts, and from the next as long as none leads there.
+    /// Searches from each of these starts in turn, until one search reaches the goals.
     fn search(&self, starts: &[&[f64]], posture: &[f64], targets: &[Target]) -> IkResult {
         let spent = self.left.get() == 0;
         let config = IkConfig {
@@ -219,8 +222,8 @@ impl<'a> Solver<'a> {
         best.unwrap_or_else(|| unreachable!("every point was looked up before"))
     }
 
-    /// The joint values at a frame without end-effector goals: the line between the keys around it,
-    /// the start before the first.
+    /// The joint values at a frame without end-effector goals: on the line between the keys around
+    /// it, and before the first key those of the start.
     fn posture(&self, frame: u32) -> Vec<f64> {
         let mut state = self.rest.clone();
         for (known, at) in self.known.iter().zip(&self.to_state) {
@@ -244,7 +247,8 @@ impl<'a> Solver<'a> {
         state
     }
 
-    /// The values of a key: all joints if it has none of its own, else its own and the solved ones.
+    /// The values of a key: all solved ones if it has none of its own, otherwise its own and the
+    /// solved ones of the other joints.
     fn row(&self, key: &Key, state: &[f64]) -> Row {
         let points: Vec<_> = key.reach.iter().map(|r| r.point.clone()).collect();
         let movers = self.tree.movers(&points).unwrap_or_default();
@@ -284,8 +288,9 @@ impl<'a> Solver<'a> {
     }
 }
 
-/// On its way the robot stays near the frame before, and is drawn to its posture by and by: the best
-/// solution of one frame may be far from that of the next.
+/// The posture near which a frame on a path is solved: the state of the frame before, moved a
+/// little toward the posture of the keys. The best solution of one frame may be far from that of
+/// the next, so the robot approaches that posture gradually.
 fn drawn(state: &[f64], posture: &[f64]) -> Vec<f64> {
     const SHARE: f64 = 0.2;
     state.iter().zip(posture).map(|(q, p)| q + SHARE * (p - q)).collect()

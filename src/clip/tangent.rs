@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::grid::round;
 
-/// The slope of one joint at one key. A joint without one has the automatic slope.
+/// The slope of one joint at one key. A joint without a tangent has the automatic slope.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(untagged)]
 pub enum Tangent {
@@ -65,7 +65,7 @@ impl Tangent {
         }
     }
 
-    /// The slope at the begin of the interval after the key; as [`Tangent::before`].
+    /// The slope at the beginning of the interval after the key; as [`Tangent::before`].
     pub fn after(self, line: f64) -> f64 {
         match self {
             Tangent::Named(TangentName::Flat) => 0.0,
@@ -75,7 +75,7 @@ impl Tangent {
         }
     }
 
-    /// The typed slopes, rad/s or m/s; none of them if it has a name.
+    /// The typed slopes, rad/s or m/s; `None` if the tangent has a name.
     pub fn typed(self) -> Option<[f64; 2]> {
         match self {
             Tangent::Named(_) => None,
@@ -84,7 +84,7 @@ impl Tangent {
         }
     }
 
-    /// The same with each typed slope changed.
+    /// The same tangent with each typed slope changed.
     #[must_use]
     pub fn map(self, change: impl Fn(f64) -> f64) -> Tangent {
         match self {

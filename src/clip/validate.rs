@@ -18,8 +18,8 @@ fn fail(pointer: impl Into<String>, flaw: Flaw) -> Checked {
 
 #[cfg(test)]
 thread_local! {
-    /// How often a clip was checked as a whole in this thread; each time costs as much as the clip is
-    /// large.
+    /// The number of times that a whole clip was checked in this thread. The cost of a check grows
+    /// with the size of the clip.
     pub(crate) static CHECKS: std::cell::Cell<usize> = const { std::cell::Cell::new(0) };
 }
 

@@ -1,12 +1,13 @@
-//! Features of past actions, which reveal the plant: how far each was from the linear prediction,
-//! and the ratio of the two.
+//! Features of past actions, which reveal the plant: the difference between each action and the
+//! linear prediction, and the ratio of the two.
 //!
 //! A plant that is heavier, more damped or weaker than those of the fit needs another torque for
 //! the same motion. The ratio of the applied action to the linear prediction, summed over the past,
-//! is known per actuator, and the gate of the skip can use it directly.
+//! is known for each actuator, and the gate of the skip can use it directly.
 
-/// Sum of squared linear predictions above which the measured ratio weighs more than the assumption
-/// of a usual plant. Actions are in [-1, 1].
+/// Assumed weight of a usual plant (ratio 1), as a sum of squared linear predictions. Once the sum
+/// over the past is larger than this, the measured ratio weighs more than the assumption. Actions
+/// are in [-1, 1].
 const DOUBT: f32 = 0.1;
 /// Ratios beyond these come from contact or stops, not from the plant.
 const RATIO: (f32, f32) = (0.2, 5.0);
@@ -39,7 +40,7 @@ impl ActionHistory {
         }
     }
 
-    /// The next frame: the action applied before it, and the linear prediction for the same.
+    /// Adds the next frame: the action applied before it, and the linear prediction of that action.
     pub(super) fn see(&mut self, applied: &[f32], linear: &[f32]) {
         for (j, (&u, &l)) in applied.iter().zip(linear).enumerate() {
             self.residual[j] = u - l;

@@ -1,9 +1,9 @@
-//! Chooses the method that has recently been faster of two equivalent ones.
+//! Measures two equivalent methods, and uses the one that has recently been faster.
 //!
 //! Whether a second thread helps depends on the other load of the machine, which changes while a
-//! policy runs. So both are timed. The slower one is tried now and then, less often the longer it
-//! stays slower. The smallest of its last few times counts, since a single time depends mostly on
-//! the scheduler.
+//! policy runs. So both methods are timed. The slower one is tried now and then, and less often the
+//! longer it stays slower. Each method is judged by the shortest of its last few times, since a
+//! single time depends mostly on the scheduler.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
@@ -88,7 +88,7 @@ impl AdaptiveThreads {
 mod tests {
     use super::*;
 
-    /// Share of the second way in `n` uses when the ways take these times.
+    /// Share of the second method in `n` uses if the methods take these times.
     fn share(threads: &AdaptiveThreads, times: [u64; 2], n: u64) -> f64 {
         let mut second = 0;
         for _ in 0..n {

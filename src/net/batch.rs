@@ -14,7 +14,8 @@ pub enum Place {
     Stop,
     /// In self-contact, no joint near a stop.
     Contact,
-    /// Anywhere, but the next token reveals the action, so no error counts here.
+    /// Any place, if the next token contains the action of this frame. Errors of such frames are
+    /// not counted.
     Told,
 }
 

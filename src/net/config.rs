@@ -27,10 +27,10 @@ pub enum TokenKind {
     /// masked frame.
     #[serde(rename = "pos+d")]
     PosD,
-    /// As `pos+d` on the sequence with masked frames interpolated; the vector is added.
+    /// The features of `pos+d`, with masked frames interpolated; the mask vector is added.
     #[serde(rename = "fill")]
     Fill,
-    /// Goal velocity, time to the goal, stop distances, hinge angles; the vector is added.
+    /// Goal velocity, time to the goal, distances to stops, hinge angles; the mask vector is added.
     #[default]
     #[serde(rename = "goal")]
     Goal,
@@ -68,8 +68,8 @@ pub enum Mixing {
     /// Softmax attention over the window: the transformer.
     #[default]
     Attention,
-    /// Not at all: the same feed-forward layers for each frame alone. The difference shows the
-    /// value of attention.
+    /// No operation: each frame passes through the same feed-forward layers alone. Comparing both
+    /// shows what attention contributes.
     None,
 }
 

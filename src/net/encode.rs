@@ -96,8 +96,8 @@ impl Encoder {
     /// The caller fills actions and weights of the slot.
     ///
     /// `applied` contains the last actions before the current frame, oldest first, (n, A) with n up
-    /// to 30; only networks with an action history read it. For earlier frames the linear
-    /// prediction counts as right, since at the beginning of a rollout nothing else is known.
+    /// to 30; only networks with an action history read it. For frames whose action is not known,
+    /// at the beginning of a rollout, the linear prediction counts as the applied action.
     pub fn encode<T: Real>(
         &self,
         q: &[f32],

@@ -1,9 +1,10 @@
 //! The interface of engines, which compute the steps of a training, and the engine that uses the
 //! processor.
 //!
-//! Batches, schedules, checkpoints, metrics and the choice of the best model are the training
-//! loop's. An engine holds weights, moments and their average, and turns a batch into a gradient
-//! and a gradient into new weights. [`CpuEngine`] is the reference; `robert-gpu` has the other one.
+//! The training loop handles batches, schedules, checkpoints, metrics and the choice of the best
+//! model. An engine holds the weights, the optimiser's moments and the running average of the
+//! weights. It turns a batch into a gradient, and a gradient into new weights. [`CpuEngine`] is the
+//! reference; `robert-gpu` contains the engine for graphics cards.
 
 use super::batch::Batch;
 use super::checkpoint::OptimiserState;
@@ -59,8 +60,8 @@ pub trait Engine {
         next: Option<u64>,
     ) -> Result<GradientView, Error>;
 
-    /// Updates the weights by the gradient of [`Engine::gradient`], and the average, whose memory
-    /// is up to `decay` but short at first, so that the start is forgotten.
+    /// Updates the weights by the result of [`Engine::gradient`], and their running average by
+    /// `decay`. The average forgets faster at first, so that the initial weights do not stay in it.
     ///
     /// # Errors
     /// [`Error::Lost`].
@@ -78,13 +79,14 @@ pub trait Engine {
     /// [`Error::Lost`].
     fn infer(&mut self, fill: &Fill<'_>, index: u64) -> Result<Vec<f32>, Error>;
 
-    /// Exchanges weights and average, if one is kept.
+    /// Exchanges the weights and their running average; does nothing if no average is kept.
     ///
     /// # Errors
     /// [`Error::Lost`].
     fn swap_average(&mut self) -> Result<(), Error>;
 
-    /// The network with its weights, or with their average if one is kept and asked for.
+    /// The network with its weights. If `averaged` is set and an average is kept, with their
+    /// running average.
     ///
     /// # Errors
     /// [`Error::Lost`].
@@ -108,7 +110,8 @@ pub trait Engine {
 
 /// Opens the engine of a run.
 pub trait Engines {
-    /// An engine, the processor's if the wanted one cannot work; the progress says why.
+    /// Opens an engine. If the wanted device cannot work, the processor's engine is opened, and
+    /// `progress` gets a line with the reason.
     ///
     /// # Errors
     /// Those of the crate that implements it; a processor has none.

@@ -1,8 +1,8 @@
 //! The forward pass of many rollouts on a device: an interface.
 //!
-//! A rollout needs one window at a time, and a graphics card is fast only with many. So the rollouts
-//! of an evaluation run beside each other and ask the same [`Forward`], which computes what has
-//! gathered. `robert-gpu` has one.
+//! A rollout needs one window at a time, and a graphics card is fast only with many. So the
+//! rollouts of an evaluation run at the same time and ask the same [`Forward`], which computes all
+//! windows that wait. `robert-gpu` implements it.
 
 use std::ops::Range;
 use std::sync::Arc;

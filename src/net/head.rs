@@ -1,6 +1,6 @@
-//! The action head of Behaviour Transformers: K joint bins over the whole action vector,
-//! logits and an offset per bin; focal loss on the bin, squared error on the offset of the
-//! true bin. K = 1 is plain regression around the mean action.
+//! The action head of Behaviour Transformers. There are K bins over the whole action vector; the
+//! head gives a logit and an offset for each. The loss is the focal loss on the bin plus the
+//! squared error of the true bin's offset. K = 1 is plain regression around the mean action.
 //!
 //! Output of one token: K logits, K × A offsets, and A gates when the linear skip is gated.
 
@@ -8,7 +8,7 @@ use super::batch::{Batch, Place};
 use super::config::{CURRENT, NetConfig, SkipKind, WINDOW};
 use robert_linalg::Real;
 
-/// Hidden command frames right after the current one, 0 to 20.
+/// Numbers of hidden command frames right after the current one: 0 to 20.
 pub const GAPS: usize = 21;
 
 /// Oldest frame that counts in [`Sums::place_square`]: after 16 frames of history, more positions
@@ -159,7 +159,7 @@ pub enum Choice {
     Sample(f64),
 }
 
-/// A correction with its dead zone; see [`NetConfig::dead_zone`].
+/// Applies the dead zone to a correction; see [`NetConfig::dead_zone`].
 fn calm(correction: f64, dead_zone: f64) -> f64 {
     let share = dead_zone / correction;
     if share.abs() < 1.0 { correction * (1.0 - share * share) } else { 0.0 }

@@ -1,8 +1,8 @@
 //! A second thread that waits for work.
 //!
-//! A window takes half a millisecond and follows the same time of simulation. Starting a thread for
-//! each window costs a twelfth of that. So this thread waits actively for a while before it sleeps,
-//! and yields its core on demand.
+//! A window takes half a millisecond, and one is computed after each simulated frame. Starting a
+//! thread for each window would cost a twelfth of that. So this thread waits actively for a while
+//! before it sleeps, and yields its core on demand.
 
 use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};

@@ -161,8 +161,8 @@ impl NetPolicy {
         self.applied.extend(applied.iter().map(|&x| x as f32));
     }
 
-    /// The action that was applied in the last frame instead of the result of [`NetPolicy::act`],
-    /// (A).
+    /// Tells the network which action was applied in the last frame, if it was not the result of
+    /// [`NetPolicy::act`]; (A).
     pub fn applied(&mut self, action: &[f64]) {
         let last = self.applied.len().saturating_sub(action.len());
         for (to, &x) in self.applied[last..].iter_mut().zip(action) {

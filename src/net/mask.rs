@@ -25,10 +25,10 @@ pub enum MaskKind {
     Fixed70,
     /// None hidden.
     None,
-    /// A number for each window, uniform up to the curriculum's.
+    /// For each window a number drawn uniformly from 0 to that of the curriculum.
     #[default]
     ClUniform,
-    /// That many frames in one block, the last frame visible.
+    /// As many frames as `cl-uniform`, in one block; the last frame stays visible.
     ClBlock,
 }
 

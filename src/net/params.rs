@@ -126,8 +126,8 @@ impl Layout {
         self.tensors.iter().map(|t| t.range.len()).sum()
     }
 
-    /// Initial weights: N(0, 0.02), zero biases, unit norms. A network with a skip starts from the
-    /// linear prediction alone, so its head starts at zero.
+    /// Initial weights: N(0, 0.02), zero biases, norms of 1. The head of a network with a skip
+    /// starts at zero, so that the network starts as the linear prediction alone.
     pub fn init<T: Real>(&self, cfg: &NetConfig, seed: u64) -> Aligned<T> {
         let mut w = Aligned::zeros(self.len);
         for (index, tensor) in self.tensors.iter().enumerate() {

@@ -1,9 +1,9 @@
-//! `ridge`, masked action-inverse inference in closed form: one linear map per number of
-//! frames to the next visible one.
+//! `ridge`: masked action-inverse inference by ridge regression. There is one linear map for each
+//! number of frames to the next visible frame.
 //!
 //! It is the baseline of every network and the first policy of a new robot. Inside a network it is
-//! the linear prediction of the skip. It needs no plant model, gains or planner: each map is the
-//! mean action given "here now, there in k frames". Samples are drawn for each k directly, because
+//! the linear prediction of the skip. It needs no plant model, gains or planner: each map gives the
+//! mean action for "here now, there in k frames". Samples are drawn for each k directly, because
 //! windows with random masks contain too few long gaps.
 
 use std::sync::Mutex;
@@ -38,7 +38,7 @@ pub struct RidgeConfig {
     pub samples: usize,
     /// Ridge penalty.
     pub lambda: f64,
-    /// Penalty per sample on top, for robots with many features.
+    /// Additional penalty for each sample, for robots with many features.
     pub lambda_per_sample: f64,
     /// Seed of the samples.
     pub seed: u64,
@@ -217,9 +217,9 @@ impl Starts {
     }
 }
 
-/// Hides frames so that one of them belongs to `head`; returns that frame.
-/// Frames before `past` have no complete history in the window. Their missing differences look like
-/// rest, and a fit to them would underrate the history of all frames.
+/// Hides frames so that one of them belongs to `head`, and returns that frame. It is not before
+/// frame `past`, because earlier frames have no complete history in the window: their missing
+/// differences would look like rest, and the fit would give the history too little weight.
 fn pose_window(
     head: usize,
     past: usize,
@@ -539,8 +539,8 @@ mod tests {
             Dry((0..40).map(run).collect())
         }
 
-        /// Unexplained share of the actions' variance with these features when the next frame is
-        /// known, for frames slower than `slow` per frame.
+        /// The share of the actions' variance that these features leave unexplained if the next
+        /// frame is known, over frames slower than `slow` per frame.
         fn left_open(&self, cfg: &TokenConfig, slow: f32) -> f64 {
             self.left_open_by(cfg, slow, RidgeConfig::default().lambda)
         }

@@ -1,10 +1,10 @@
 //! Inference of one window, with minimal latency.
 //!
-//! Only the tokens whose actions are used pass through the last layer's queries, outputs and
-//! feed-forward part; the others give keys and values. Weights are packed once, and a step
-//! allocates no buffer. With two threads each takes some of the frames. Everything except attention
-//! is computed frame by frame, so they meet once per layer to exchange keys and values. Every
-//! number is computed by the same operations either way, so the bits are equal.
+//! In the last layer, queries, outputs and the feed-forward part are computed only for tokens whose
+//! actions are used; the other tokens give keys and values. Weights are packed once, and a step
+//! allocates no buffer. With two threads each computes some of the frames. Everything except
+//! attention is computed frame by frame, so the threads meet once per layer to exchange keys and
+//! values. One thread and two perform the same operations on every number, so the bits are equal.
 
 use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering};

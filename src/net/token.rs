@@ -1,10 +1,10 @@
 //! Features: what the network and the linear skip see of a window.
 //!
-//! With the mask vector alone a network repeats the last action as soon as the next frame is
+//! A network that sees only the mask vector repeats its last action as soon as the next frame is
 //! hidden, and arrives late. The *goal velocity* corrects that: the distance to the next visible
-//! frame divided by the remaining frames. It, the filled sequence, and features of joint stops and
-//! hinge angles are computed here from visible frames only. The tests overwrite hidden frames and
-//! require the same bits.
+//! frame divided by the remaining frames. Goal velocity, the filled sequence, and features of joint
+//! stops and hinge angles are computed here from visible frames only. A test overwrites hidden
+//! frames and requires the same bits.
 
 use serde::{Deserialize, Serialize};
 
@@ -32,8 +32,8 @@ pub struct JointFacts {
 }
 
 impl JointFacts {
-    /// A slide without stops. Its position has no effect, and absolute features would only tie the
-    /// network to the recorded places.
+    /// Whether the joint is a slide without stops. Its position has no effect on the dynamics, and
+    /// features of its absolute position would only tie the network to the recorded places.
     fn floats(self) -> bool {
         !self.hinge && self.range.is_none()
     }
@@ -104,8 +104,8 @@ pub struct TokenConfig {
     /// Back differences in the features of the linear fit; plants with little damping need
     /// more than 2.
     pub ridge_history: usize,
-    /// Whether the linear fit gets the sign of each goal velocity, softened: the torque that
-    /// overcomes dry friction.
+    /// Whether the linear fit gets the smoothed sign of each goal velocity, which stands for the
+    /// torque that overcomes dry friction.
     #[serde(default)]
     pub ridge_friction: bool,
     /// Whether the token of a frame, up to the current one, contains the action history: how far
@@ -136,13 +136,14 @@ impl TokenConfig {
 const SUMMED_HINGES: usize = 8;
 /// Distance at which a stop affects a joint, rad or m.
 const STOP_ZONE: f32 = 0.1;
-/// Goal velocity at which friction counts as half overcome, rad or m per frame.
+/// Goal velocity at which the smoothed sign for friction is one half, rad or m per frame.
 const CREEP: f32 = 0.002;
 /// Scales the small stop distances to the size of other features.
 const STOP_SCALE: f32 = 10.0;
 
-/// Linear heads: 0 visible without a next visible frame; 1..=20 by frames to it; 21 and 22
-/// hidden or after a hidden frame, with and without a next.
+/// Number of linear maps. Map 0 is for visible frames without a later visible frame, maps 1 to 20
+/// for that number of frames to the next visible frame. Maps 21 and 22 are for frames that are
+/// hidden or follow a hidden frame, with and without a later visible frame.
 pub const RIDGE_HEADS: usize = 23;
 const HEAD_HIDDEN: usize = 21;
 const HEAD_HIDDEN_LAST: usize = 22;
@@ -180,7 +181,7 @@ pub struct Scratch {
 }
 
 impl Tokeniser {
-    /// Features by this choice for this robot.
+    /// The features that `cfg` chooses for this robot.
     ///
     /// # Errors
     /// [`Error::Shape`] when the normaliser has another number of joints,
@@ -285,8 +286,9 @@ impl Tokeniser {
         }
     }
 
-    /// Reads a window: positions `q` (51, S) and which of them are visible (51, S). History
-    /// and current frame must be visible. Everything later asked of `scratch` belongs to it.
+    /// Reads a window: positions `q` (51, S) and which of them are visible (51, S). History and
+    /// current frame must be visible. The other methods then refer to this window, as long as they
+    /// get the same `scratch`.
     pub fn read(&self, q: &[f32], visible: &[bool], scratch: &mut Scratch) {
         let s = self.state();
         for j in 0..s {

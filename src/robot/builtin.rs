@@ -4,7 +4,7 @@
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Builtin {
     pub(super) id: &'static str,
-    /// `None` if the profile names another robot's model.
+    /// The model; `None` if the profile names that of another robot.
     pub(super) model: Option<&'static str>,
     pub(super) profile: &'static str,
 }
@@ -33,7 +33,7 @@ pub(super) const BUILTIN: [Builtin; 4] = [
     },
 ];
 
-/// Notices of the sources of the figures in those models.
+/// The notices of the sources of these models' figures.
 pub const NOTICE: &str = include_str!("assets/NOTICE");
 
 /// The robot of this id.

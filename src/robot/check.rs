@@ -63,8 +63,8 @@ pub fn compile(model: &Path, exe: &Path, steps: usize) -> Result<Verdict, Error>
 /// The path that [`set_executable`] was given.
 static EXECUTABLE: OnceLock<PathBuf> = OnceLock::new();
 
-/// Names the binary to start for checks, for programs of another name that use this library, such
-/// as Python. The first call decides.
+/// Sets the binary that checks start, for programs of another name that use this library, such as
+/// Python. The first call decides.
 pub fn set_executable(robert: PathBuf) {
     EXECUTABLE.get_or_init(|| robert);
 }

@@ -20,9 +20,10 @@ use robert_mujoco::{Joint, Kind, Model, Transmission, index};
 const SPEED_DEFAULT: f64 = 10.0;
 /// Control steps to settle: three seconds.
 const SETTLE_FRAMES: u32 = 60;
-/// Residual above which a pose counts as not reached, rad or m.
+/// Distance above which a pose counts as not reached, rad or m.
 const SETTLE_TOLERANCE: f64 = 0.05;
-/// Bandwidth of the settling drive, rad/s: well below the 5 ms step, well above 1/3 s.
+/// Bandwidth of the settling drive, 1/s: slow compared with the 5 ms step, fast compared with the
+/// three seconds of settling.
 const SETTLE_RATE: f64 = 10.0;
 /// Time constant of the settling drive on joints with dominant damping, seconds.
 const SETTLE_TAU_SECS: f64 = 0.05;
@@ -237,7 +238,7 @@ fn speed_limit(model: &Model, joint: usize) -> f64 {
     }
 }
 
-/// Rounds to `n` digits, which are enough for a limit.
+/// Rounds to `n` significant digits, which are enough for a limit.
 pub(super) fn digits(v: f64, n: i32) -> f64 {
     if v <= 0.0 || !v.is_finite() {
         return 0.0;
@@ -470,9 +471,8 @@ fn settle(model: &Model) -> SettleSpec {
     SettleSpec { kp, kd, frames: SETTLE_FRAMES, tolerance: SETTLE_TOLERANCE }
 }
 
-/// The first home key if there is one, else the default pose moved into the limits.
-/// The first keyframe; without one the model's reference pose, in which joints that follow others
-/// stand where these put them.
+/// The first keyframe of the model, moved into the limits. Without a keyframe it is the model's
+/// reference pose, with joints that follow others at the values that these give them.
 fn home_pose(model: &Model, joints: &[JointSpec], couplings: &[Coupling]) -> PoseSpec {
     let key = model.key_qpos().get(..model.nq()).filter(|k| !k.is_empty());
     let qpos = key.unwrap_or_else(|| model.qpos0());

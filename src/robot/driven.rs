@@ -4,7 +4,7 @@ use super::{Coupling, Error, Robot};
 use robert_mujoco::Data;
 
 impl Robot {
-    /// Whether an actuator moves each joint of the state, directly or through a joint that it
+    /// For each state joint, whether an actuator moves it, directly or through a joint that it
     /// follows; (S). All other joints are passive.
     ///
     /// # Errors

@@ -1,5 +1,5 @@
-//! Poses that cover the ranges evenly: the additive recurrence of the golden ratio, with another
-//! multiple for each joint.
+//! Poses that cover the ranges evenly: multiples of the golden ratio modulo 1, with another factor
+//! for each joint.
 
 /// Value of joint `joint` in pose `k`, within `[lo, hi]`.
 pub(super) fn spread(joint: usize, k: usize, [lo, hi]: [f64; 2]) -> f64 {

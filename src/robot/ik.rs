@@ -6,8 +6,9 @@ use super::{Error, Robot};
 use robert_mujoco::Data;
 
 impl Robot {
-    /// Moves joints so that the targets are met as well as limits and locks allow. It begins at
-    /// `start` (`state_dim`) and stays near it. `data`, of this robot's model, is left at the result.
+    /// Moves joints so that the targets are met as well as limits and locks allow. The search
+    /// begins at `start` (`state_dim`) and stays near it. `data` must be of this robot's model, and
+    /// contains the result afterwards.
     ///
     /// # Errors
     /// [`Error::UnknownPoint`], [`Error::Length`], [`Error::Simulator`].
@@ -21,8 +22,8 @@ impl Robot {
         self.ik_meeting(data, start, targets, &[], config)
     }
 
-    /// As [`Robot::ik`]; in addition both points of each pair are brought to one place, wherever
-    /// that is.
+    /// As [`Robot::ik`]. In addition, both points of each pair are brought to a common place, which
+    /// is free.
     ///
     /// # Errors
     /// Those of [`Robot::ik`].

@@ -5,8 +5,8 @@ use super::derive::ctrlrange;
 use robert_base::units::{SIM_DT, SUBSTEPS};
 use robert_mujoco::{Data, Model};
 
-/// `force = gain control + bias[0] + bias[1] length + bias[2] speed`, of the actuator. Muscles,
-/// filters and the like have no such law.
+/// `force = gain control + bias[0] + bias[1] length + bias[2] speed`, with the actuator's length
+/// and speed. Muscles, filters and the like have no such law.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Law {
     /// Force in N or N m per unit of control.
@@ -69,8 +69,8 @@ pub struct PositionServo {
 }
 
 impl PositionServo {
-    /// The servo of an actuator; `data` is at a pose whose state is `state` (S), `dofs` are the
-    /// state joints' degrees of freedom. `None` if it is not a position servo.
+    /// The servo of an actuator. `data` is at a pose with the state `state` (S), and `dofs` are the
+    /// degrees of freedom of the state joints. `None` if the actuator is not a position servo.
     pub(super) fn of(
         data: &Data,
         actuator: usize,
@@ -112,8 +112,9 @@ impl PositionServo {
         })
     }
 
-    /// The action, clamped to -1..1, that moves the joints by `share` of the way from `q` to
-    /// `target` in a frame, at speeds `v`, against `weight`; (S) each, the last may be empty.
+    /// The action, clamped to -1..1, that moves the joints in one frame by `share` of the distance
+    /// from `q` to `target`, at speeds `v`, against the torques `weight`; (S) each, the last may be
+    /// empty.
     pub fn action(&self, share: f64, q: &[f64], v: &[f64], target: &[f64], weight: &[f64]) -> f64 {
         let along = |x: &[f64]| -> f64 { self.arms.iter().map(|(k, a)| a * x[*k]).sum() };
         let (length, speed) = (self.offset + along(q), along(v));
@@ -127,7 +128,8 @@ impl PositionServo {
     }
 }
 
-/// A servo softer than this hardly moves in a frame, so its control is not extrapolated.
+/// If more than this share of the distance is left after a frame, the servo is too soft, and its
+/// control is not extrapolated.
 const MOST_KEPT: f64 = 0.98;
 
 /// Distance from rest after a frame.

@@ -1,16 +1,17 @@
 //! Robots: model, profile, import, inverse kinematics.
 //!
 //! A [`Robot`] is an MJCF model plus a [`Profile`] (a TOML file beside it) with knowledge beyond
-//! the physics: groups, named poses, mirror, camera. Three robots, one of them twice, are built in.
-//! [`mod@import`] makes a folder of the same kind from a foreign URDF or MJCF.
+//! the physics: groups, named poses, mirror, camera. The point mass, the UR5e (with two dampings)
+//! and the Shadow Hand are built in. [`mod@import`] makes a folder of the same kind from a foreign
+//! URDF or MJCF.
 //!
 //! The state consists of the coordinates of all joints in model order. The action is one number in
 //! -1..1 per motor, scaled to its control range. Two models are compiled from one text: the
-//! simulated one without purely visual geoms (which makes stepping the arm twice as fast), and the
-//! drawn one with all geoms.
+//! simulated one without geoms that are only drawn (which makes stepping the arm twice as fast),
+//! and the drawn one with all geoms.
 //!
-//! Rejected: describing robots in Rust (users could not add their own), and only deriving the
-//! profile (a mirror table or the name of a pose is not in any model).
+//! Rejected: describing robots in Rust (users could not add their own), and deriving everything
+//! from the model (no model contains a mirror table or the name of a pose).
 
 mod builtin;
 pub mod check;
@@ -93,7 +94,7 @@ pub struct Actuator {
     pub drive: Drive,
     /// Control range, N m or N.
     pub ctrlrange: [f64; 2],
-    /// Whether its control is a force (and not, say, a target position).
+    /// Whether its control is a force (and not a target position, for example).
     pub is_motor: bool,
     /// The law that turns its control into force; `None` for muscles and other dynamics.
     pub law: Option<Law>,

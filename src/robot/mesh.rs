@@ -144,9 +144,9 @@ pub(super) fn normalised(name: &str, bytes: Vec<u8>) -> Result<Vec<u8>, String> 
     Ok(out)
 }
 
-/// An OBJ with the same faces, each with corners of its own: the simulator refuses an OBJ in which
-/// neighbouring faces run along their common edge in the same direction, and no face of these has
-/// a neighbour. Textures and normals stay with the corners. `None` for other and damaged files.
+/// An OBJ with the same faces, each with its own corners. The simulator refuses an OBJ in which two
+/// neighbouring faces run along their common edge in the same direction; afterwards no face has a
+/// neighbour. Textures and normals stay with the corners. `None` for other files and damaged ones.
 pub(super) fn separate_faces(name: &str, bytes: &[u8]) -> Option<Vec<u8>> {
     let text = std::str::from_utf8(bytes).ok()?;
     if extension(Path::new(name)) != "obj" {

@@ -1,8 +1,8 @@
 //! A pose and its mirror image.
 //!
-//! A table gives for every joint the joint whose value it takes, with sign and offset. On hinges
-//! the image is unique only up to full turns. The turn nearest to a reference is used, so that a
-//! mirrored motion does not jump.
+//! For every joint, a table names the joint whose value it gets in the mirror image, with a sign
+//! and an offset. On hinges the image is unique only up to full turns. The turn nearest to a
+//! reference is used, so that a mirrored motion does not jump.
 
 use std::f64::consts::TAU;
 

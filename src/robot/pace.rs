@@ -1,11 +1,11 @@
 //! The speed and acceleration that the motors give each joint, measured in simulation.
 //!
-//! Torque limit divided by damping gives the speed only if damping dominates. A joint without
-//! damping in its file would reach 1,300 rad/s by that rule, and a joint that cannot lift its link
-//! would move at all. So each joint is driven with the full torque of its motors, from rest, in
-//! both directions, at poses over the range and under gravity. Its speed is the highest one within
-//! half its range. A joint with much inertia and little damping needs long to reach it, so its
-//! acceleration limits short motions.
+//! Torque limit divided by damping gives the speed only if damping dominates. By that rule a joint
+//! without damping in its file would reach 1,300 rad/s, and a joint that cannot lift its link would
+//! move. So each joint is driven with the full torque of its motors, from rest, in both directions,
+//! at poses over the range and under gravity. Its speed is the highest one within half its range. A
+//! joint with much inertia and little damping needs long to reach it, so its acceleration limits
+//! short motions.
 
 use std::sync::Arc;
 
@@ -23,13 +23,14 @@ const STEPS: usize = 400;
 const STEADY_STEPS: usize = 20;
 /// The relative change over these steps below which the speed is unchanged.
 const STEADY: f64 = 1e-3;
-/// The work of all runs: simulator steps times the size of the model, which is the number of its joints
-/// where few are one behind the other. 5 million take about a second; 40 joints of a humanoid
-/// need half of that. If the joints are more, each is driven at fewer poses, or for a shorter time.
+/// The limit of the work of all runs: simulator steps times the size of the model. The size is the
+/// number of its joints if few of them follow each other in a chain. 5 million take about a second;
+/// 40 joints of a humanoid need half of that. If there are more joints, each is driven at fewer
+/// poses, or for a shorter time.
 const WORK: usize = 5_000_000;
 /// Geoms that cost as much as one joint.
 const GEOMS: usize = 5;
-/// Pairs of joints, one behind the other, that cost as much as one joint more.
+/// The number of pairs of joints in one chain that cost as much as one more joint.
 const CHAINED: usize = 200;
 /// The damping that keeps the other joints still, N m s/rad or N s/m.
 const HELD: f64 = 1e8;
@@ -46,7 +47,7 @@ const MOTOR_SPEED: [f64; 2] = [6.0, 1.0];
 const CROSSING_SECS: f64 = 0.5;
 /// Share of the reached speed up to which acceleration is measured.
 const RISEN: f64 = 0.9;
-/// A joint that is slower than this in most poses counts as not driven by its motors, rad/s or m/s.
+/// A joint that is slower than this in most poses counts as not moved by its motors, rad/s or m/s.
 const STILL: f64 = 1e-3;
 
 /// The speed and acceleration that the motors give one joint.
@@ -95,13 +96,13 @@ pub(super) fn measure(model: &Arc<Model>) -> Result<Paces, Error> {
     Ok(Paces { joints, cut_secs: cut.map(|steps| steps as f64 * model.timestep()) })
 }
 
-/// The simulator steps that one joint may take.
+/// The simulator steps that one joint may use.
 struct Share {
     all: usize,
     used: usize,
     /// Of one run.
     most: usize,
-    /// Whether a run ended for it, which else would have gone on.
+    /// Whether a run was ended by this limit before it was finished.
     is_cut: bool,
 }
 
@@ -111,7 +112,7 @@ impl Share {
         Share { all, used: 0, most: (all / 2).clamp(1, STEPS), is_cut: false }
     }
 
-    /// Whether another pose is within it, whatever that takes.
+    /// Whether the limit allows another pose, however long it takes.
     fn has_room(&self) -> bool {
         self.used == 0 || self.used + 2 * self.most <= self.all
     }

@@ -1,5 +1,5 @@
-//! The number of pairs of geoms that the simulator may have to test for contact. It bounds the cost of a
-//! step: 15 million pairs that overlap take a second.
+//! The number of pairs of geoms that the simulator may have to test for contact, which bounds the
+//! time of a step: 15 million pairs that overlap take a second.
 
 use std::collections::BTreeMap;
 

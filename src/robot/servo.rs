@@ -15,11 +15,11 @@ use robert_base::units::CTRL_DT;
 use robert_mujoco::{Data, Transmission};
 
 /// Share of the remaining distance that tracking covers per frame if the joints do not affect each
-/// other. Full deadbeat (1) alternates between two torques on an undamped joint.
+/// other. With a share of 1, an undamped joint alternates between two torques.
 const SHARE: f64 = 0.97;
-/// The largest allowed factor of a disturbance after a frame.
+/// The factor by which a disturbance may change in a frame: at most 1, so that it does not grow.
 const LASTING: f64 = 1.0;
-/// Number of poses besides home at which this is required.
+/// The number of poses besides home at which this is checked.
 const POSES: usize = 16;
 /// Range of an unbounded joint: rad or m to either side of home.
 const UNBOUNDED: f64 = 1.5;
@@ -68,9 +68,9 @@ impl Robot {
 
     /// Servos that drive all state joints at once, as stiff as the coupling of the joints allows;
     /// (S). A torque moves light links behind heavy ones several times as far as it would move them
-    /// alone, and gains that ignore this chatter between full torques. So the share is lowered
-    /// until every disturbance shrinks within a frame, at home and at some poses spread over the
-    /// ranges.
+    /// alone. Gains that ignore this make the robot alternate between full torques. So the share is
+    /// lowered until every disturbance shrinks within a frame, at home and at some poses spread
+    /// over the ranges.
     ///
     /// # Errors
     /// [`Error::Simulator`].
@@ -160,7 +160,7 @@ impl Robot {
     }
 }
 
-/// The factor of a disturbance after a frame at the worst of these poses.
+/// The factor by which a disturbance changes in a frame, at the worst of these poses.
 fn lasting(responses: &[Response], servos: &[Servo]) -> f64 {
     let (kp, kd): (Vec<f64>, Vec<f64>) = servos.iter().map(|s| (s.kp, s.kd)).unzip();
     responses.iter().map(|r| r.lasting(&kp, &kd)).fold(0.0, f64::max)
@@ -185,7 +185,7 @@ mod tests {
         }
     }
 
-    /// Tuned joint by joint, the light arm chatters between full torques. Tuned together, every
+    /// Tuned joint by joint, the light arm alternates between full torques. Tuned together, every
     /// disturbance decays, and weakly coupled joints lose no stiffness.
     #[test]
     fn tracking_servos_come_to_rest() {

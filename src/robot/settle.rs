@@ -80,7 +80,8 @@ impl Robot {
 /// The constants of the drive.
 struct Drive {
     target: Vec<f64>,
-    /// By actuator; one without a force gets the length at the target as its control.
+    /// The law of each actuator. An actuator without one gets its length at the target as its
+    /// control.
     laws: Vec<Option<Law>>,
     limit: Vec<[f64; 2]>,
 }
@@ -92,9 +93,9 @@ impl Drive {
         Drive { target: target.to_vec(), laws, limit }
     }
 
-    /// Controls whose joint forces are nearest (least squares) to the wanted ones. A position servo
-    /// is commanded to the length that it has at the target, corrected for the deflection by its
-    /// load.
+    /// The controls whose joint forces are nearest (least squares) to the wanted ones. A position
+    /// servo is commanded to the length that it has at the target, corrected for the deflection by
+    /// its load.
     fn ctrl(&mut self, robot: &Robot, data: &Data) -> Vec<f64> {
         let model: &Model = robot.model();
         let (nu, nv) = (model.nu(), model.nv());

@@ -41,7 +41,7 @@ impl Edits {
         }
     }
 
-    /// The text with all edits applied; edits inside a replaced range are dropped.
+    /// The text with all edits applied. Edits inside a replaced range are left out.
     pub(super) fn apply(mut self, text: &str) -> String {
         self.list.sort_by_key(|(start, end, _)| (*start, std::cmp::Reverse(*end)));
         let mut out = String::with_capacity(text.len() + 1024);

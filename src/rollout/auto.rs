@@ -21,9 +21,9 @@ use robert_net::Model;
 use robert_robot::{PlantConfig, Robot};
 
 /// Penalty of unnatural motion in a gap, as rad or m of error: for each rad or m of overshoot, and
-/// for each straight line of path beyond [`LONGEST_PATH`].
+/// for each 1 by which the path, relative to the straight line, exceeds [`LONGEST_PATH`].
 const GAP_WEIGHT: f64 = 0.005;
-/// The same for each minimum jerk beyond [`MOST_JERK`].
+/// The penalty for each 1 by which the jerk, relative to the minimum, exceeds [`MOST_JERK`].
 const JERK_WEIGHT: f64 = 1e-4;
 /// Limits of natural motion inside a gap: path relative to the straight line, and jerk relative to
 /// the minimum.
@@ -37,8 +37,8 @@ pub struct Trial {
     pub policy: String,
     /// Its Precision, rad or m; `None` when it failed, or when nothing was commanded.
     pub precision: Option<f64>,
-    /// Penalty of its motion inside gaps, rad or m: overshoot, long paths, jolts. 0 if it looks
-    /// natural.
+    /// Penalty of its motion inside gaps, rad or m: for overshoot, long paths and jerk. 0 if the
+    /// motion is within the limits.
     pub gaps: f64,
     /// Why it failed.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -69,8 +69,8 @@ pub struct Chosen {
 }
 
 impl Contenders {
-    /// The contenders for `asked` (with the name `auto`). Its model and guide apply to all of them;
-    /// refinement applies to the chosen one.
+    /// The contenders for the request `asked` (which has the name `auto`). Its model and guide
+    /// apply to all of them; refinement applies to the chosen one.
     ///
     /// # Errors
     /// As [`PolicyConfig::build`].
@@ -92,12 +92,12 @@ impl Contenders {
         self.list.iter().map(|(config, _)| config)
     }
 
-    /// Rolls out all of them on the nominal plant, on `threads` threads, and chooses the best. The
-    /// result does not depend on the number of threads.
+    /// Rolls out all contenders on the nominal plant, on `threads` threads, and chooses the best.
+    /// The result does not depend on the number of threads.
     ///
     /// # Errors
-    /// An error that keeps the first of them from starting (a clip for another robot), the error of
-    /// the first if all fail, and [`Error::Cancelled`].
+    /// An error that keeps the first contender from starting (a clip for another robot),
+    /// the error of the first one if all fail, and [`Error::Cancelled`].
     pub fn perform(
         &self,
         command: &Command,
@@ -191,7 +191,7 @@ impl Contenders {
     }
 }
 
-/// The one with the least sum of error and gap penalty; the first among equals.
+/// The contender with the smallest sum of error and gap penalty; the first among equals.
 pub(super) fn best(tried: &[Trial]) -> Option<usize> {
     let scored = tried.iter().enumerate().filter_map(|(at, t)| Some((at, t.precision? + t.gaps)));
     scored.min_by(|(_, a), (_, b)| a.total_cmp(b)).map(|(at, _)| at)
@@ -206,9 +206,9 @@ pub(super) fn unnatural(rollout: &Rollout) -> f64 {
     GAP_WEIGHT * (swing + detour) + JERK_WEIGHT * jolts
 }
 
-/// The list of contenders. With a model: the network, alone, with the guide, and filling the gaps
-/// itself; its linear prediction likewise; proportional control. Without a model: policies that
-/// need no data.
+/// The list of contenders. With a model: the network alone, with the guide, and filling the gaps
+/// itself; the linear prediction alone and with the guide; proportional control. Without a model:
+/// policies that need no data.
 pub(super) fn configs(robot: &Robot, asked: &PolicyConfig) -> Result<Vec<PolicyConfig>, Error> {
     let of = |name, guide| PolicyConfig { name, guide, refine: false, ..asked.clone() };
     let plain = |name| PolicyConfig { model_path: None, ..of(name, asked.guide) };

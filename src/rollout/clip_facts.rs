@@ -1,6 +1,6 @@
 //! What clips need to know about a robot, and checks of poses by simulation.
 //!
-//! It lives here and not beside [`Robot`], so that the floors below (robots, datasets, agents,
+//! It is here and not beside [`Robot`], so that the floors below (robots, datasets, agents,
 //! pictures) know nothing of clips and are not compiled again when the clip changes.
 
 use robert_clip as clip;

@@ -7,11 +7,12 @@
 //! remaining velocity alternates with the sampling zeros of the plant. If these hardly decay (light
 //! damping), the law solves v(T) = (r - q)/T instead, which never rings.
 //!
-//! Contacts are left out of the inverse dynamics. A law that cancels contact forces answers with
-//! full torque and pushes a finger through the palm (0.14 rad on rock-scissor-paper, 0.06 without).
-//! Dry friction and stops are included.
+//! Contact forces are left out of the inverse dynamics. A law that cancels them answers with full
+//! torque and pushes a finger through the palm (error 0.14 rad on rock-scissor-paper, 0.06
+//! without). Dry friction and stops are included.
 //!
-//! Rejected: diagonal gains. On the arm the coupling through M leads to a limit cycle of 0.03 rad.
+//! Rejected: gains for each joint alone. On the arm the joints are coupled through the inertia
+//! matrix M, and such gains make it oscillate by 0.03 rad.
 
 use std::sync::Arc;
 
@@ -25,8 +26,9 @@ use robert_base::units::CTRL_DT;
 use robert_mujoco::Data;
 use robert_robot::{Response, Robot};
 
-/// Sampling zeros beyond this ring visibly before they decay. The formula is that of continuous
-/// time; ten substeps are milder (pointmass: 0.85 here, 0.69 in the simulator).
+/// Sampling zeros with a magnitude beyond this ring visibly before they decay. The formula is that
+/// of continuous time. With ten substeps per frame the ringing is weaker (pointmass: 0.85 by the
+/// formula, 0.69 in the simulator).
 const RINGING: f64 = 0.9;
 
 /// Up to this many joints the law is computed for the current pose in every frame. Beyond that it
@@ -71,8 +73,8 @@ impl Law {
     }
 }
 
-/// Whether exact position targets would leave some joint alternating: the sampling zero
-/// -(g - T e)/(T - g) of the joint by itself, with e = exp(-T/tau), g = tau (1 - e).
+/// Whether exact position targets would make some joint alternate between two torques. The sampling
+/// zero of a joint by itself is -(g - T e)/(T - g), with e = exp(-T/tau), g = tau (1 - e).
 fn rings(mass: &[f64], damping: &[f64]) -> bool {
     let nv = damping.len();
     (0..nv).any(|j| {

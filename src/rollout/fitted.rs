@@ -236,9 +236,9 @@ pub(super) fn file_error(why: String, path: &Path) -> net::Error {
 pub(super) struct Scales {
     /// Mean position, (S).
     pub(super) mean: Vec<f32>,
-    /// 1 / spread of positions; 0 for a joint whose position has no effect, (S).
+    /// 1 / spread of positions, in 1/rad or 1/m; 0 for a joint whose position has no effect; (S).
     pub(super) place: Vec<f32>,
-    /// 1 / spread of the change in one frame, (S).
+    /// 1 / spread of the change in one frame, in 1/rad or 1/m; (S).
     pub(super) way: Vec<f32>,
 }
 

@@ -1,8 +1,8 @@
 //! The floor of a clip: the Precision of iLQR, which knows the robot's model.
 //!
 //! Some goals cannot be reached (different values for two joints of one tendon, fingers through
-//! each other), so the Precision of a policy alone says little. The excess over this floor is what
-//! the policy could have gained.
+//! each other), so the Precision of a policy alone says little. The excess over this floor is the
+//! error that a better policy could have avoided.
 //!
 //! iLQR needs seconds per clip of the hand, so the floors of the shipped clips are part of the
 //! program: `assets/floors/ROBOT.json`, written by `robert tasks floors`. An entry is valid only
@@ -137,8 +137,8 @@ pub fn known(robot: &Robot, command: &Command) -> Result<Option<Floor>, Error> {
     Ok(table.clips.values().find(|e| e.command == hash).map(|e| e.floor(robot)))
 }
 
-/// Gives every case that `wants` one a floor: the built-in one, else that of a rollout of iLQR on
-/// the nominal plant. A case that iLQR cannot perform has none.
+/// Sets the floor of every case for which `wants` is true: the built-in floor, or else that of a
+/// rollout of iLQR on the nominal plant. A case that iLQR cannot perform has no floor.
 ///
 /// # Errors
 /// As [`evaluate`], and [`Error::Floors`].

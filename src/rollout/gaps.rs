@@ -31,7 +31,7 @@ pub(super) const MOVES: f64 = 0.1;
 /// Overshoot that is allowed, rad or m.
 pub(super) const ALLOWANCE: f64 = 0.02;
 
-/// The same as a share of the step between the two goals.
+/// Allowance for overshoot as a share of the step between the two goals.
 pub(super) const ALLOWED_SHARE: f64 = 0.05;
 
 /// A figure and where it was found.
@@ -163,7 +163,8 @@ fn gaps(goals: &Goals, frames: usize) -> Vec<Gap> {
     found
 }
 
-/// (excess over the allowance, frame, joint) of every joint that exceeds it, at its maximum.
+/// For each joint that leaves its allowance, the largest overshoot: (excess over the allowance,
+/// frame, joint).
 fn overshoots(motion: &Motion, goals: &Goals, gap: &Gap) -> Vec<(f64, usize, usize)> {
     let goal = |f: usize, j: usize| {
         if goals.is_visible(f, j) { goals.row(f)[j] } else { motion.at(f as isize, j) }
@@ -209,7 +210,7 @@ fn jerk(motion: &Motion, gap: &Gap) -> f64 {
         .sqrt()
 }
 
-/// The same sum for the minimum-jerk motion from rest to rest.
+/// The sum of squared third differences of the minimum-jerk motion from rest to rest.
 fn least_jerk(gap: &Gap, straight: f64) -> f64 {
     let frames = (gap.to - gap.from) as f64;
     let along = |f: isize| {

@@ -4,13 +4,13 @@
 //! without second derivatives of the dynamics. One iteration per frame, warm-started with the
 //! shifted plan of the frame before, is enough because the problem moves by one frame.
 //!
-//! The transition of a control step is taken from one simulator step at its start, raised
-//! to the number of substeps: A = As^n, B = (As^(n-1) + … + 1) Bs. That is ten times cheaper
-//! than differentiating every substep; the line search runs the true simulation, so the
-//! approximation costs convergence at contacts, never correctness.
+//! The transition of a control step is taken from one simulator step at its start, raised to the
+//! number of substeps n: A = As^n, B = (As^(n-1) + … + 1) Bs. That is ten times cheaper than
+//! differentiating every substep. The line search runs the true simulation, so in contact the
+//! approximation can slow down the search, but the accepted plan is still an improvement.
 //!
-//! In contact it may not improve a bad plan. So in every frame the shifted plan is compared with
-//! the one that proportional control would make, and the better one is used.
+//! In contact an iteration may fail to improve a bad plan. So in every frame the shifted plan is
+//! compared with the plan of proportional control, and the better one is used.
 
 use std::sync::Arc;
 
@@ -30,7 +30,7 @@ const ALPHAS: [f64; 3] = [1.0, 0.4, 0.1];
 /// Dampings to try before the plan is kept unchanged.
 const DAMPINGS: usize = 3;
 
-/// Share of the cost below which an expected drop is not worth simulating.
+/// A step whose expected decrease of the cost is below this share of it is not simulated.
 const CONVERGED: f64 = 1e-4;
 
 /// Settings of [`Ilqr`].
@@ -48,7 +48,7 @@ pub struct IlqrConfig {
     pub guide_weight: f64,
     /// Weight of the squared action.
     pub action_weight: f64,
-    /// Weight of the squared change of action between frames (against ringing).
+    /// Weight of the squared change of action between frames. It keeps actions from oscillating.
     pub change_weight: f64,
 }
 

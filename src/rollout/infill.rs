@@ -1,19 +1,20 @@
 //! Fills a gap with smooth motion from the reached state to the next goals.
 //!
-//! A cubic for each joint starts at the joint's current speed and ends at the speed of the motion
-//! that follows: at rest before a hold, moving if the goals continue in the same direction (weights
-//! of Fritsch and Butland 1984, so that no goal is overshot). It is computed again in every frame,
-//! so it never demands motion that was missed. If the distance is too long for a soft start, the
-//! curve becomes straighter, up to the line at constant speed.
+//! The curve of each joint is a cubic. It starts at the joint's current speed and ends at the speed
+//! of the motion that follows: zero before a hold, not zero if the goals continue in the same
+//! direction (weights of Fritsch and Butland 1984, so that no goal is overshot). It is computed
+//! again in every frame from the reached state, so it never asks the robot to catch up. If the
+//! distance is too long for a soft start, the curve becomes straighter, up to the line at constant
+//! speed.
 //!
 //! Rejected: the straight line everywhere (its jerk is four times that of minimum-jerk
 //! motion, and the hand is late at every hold), and a curve that rests at each goal.
 
 use super::window::{COMMAND, Window};
 
-/// Share of a joint's fastest speed above which a curve becomes straighter.
+/// Share of a joint's highest speed above which a curve becomes straighter.
 const BRISK: f64 = 0.8;
-/// Speed at an end, relative to the mean speed of the piece, beyond which a cubic overshoots.
+/// A cubic overshoots if its speed at an end exceeds the mean speed of the piece by this factor.
 const STEEPEST: f64 = 3.0;
 
 /// One goal of a joint: frames from now, value.

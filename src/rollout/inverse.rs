@@ -1,8 +1,8 @@
 //! `mlp-inverse`: the simplest learned inverse dynamics. The input of a small network is the last
 //! state, the current state and the state one frame ahead; its output is the action.
 //!
-//! It has no notion of gaps: through masks its goal is the point one frame ahead on the straight
-//! line to the next visible goal.
+//! It does not know how long a gap is: while frames are masked, its goal is the point one frame
+//! ahead on the straight line to the next visible goal.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -32,7 +32,7 @@ pub struct InverseSettings {
     pub steps: u64,
     /// Frames per step.
     pub batch: usize,
-    /// Greatest learning rate; it falls to nothing along a half cosine.
+    /// Highest learning rate; it falls to zero along a half cosine.
     pub lr: f64,
 }
 

@@ -1,4 +1,4 @@
-//! Jams: joints that stay far from goals that can be reached.
+//! Jams: joints that stay far from their goals although the goals can be reached.
 //!
 //! A joint jams if its error exceeds [`FAR`] for at least [`LEAST_FRAMES`] frames while iLQR, which
 //! knows the model, is within [`NEAR`] over the same frames.

@@ -25,8 +25,8 @@ pub fn robot_card(robot: &Robot) -> RobotCard {
     }
 }
 
-/// The model file of a path: the file itself, the best or else the last model of a run directory,
-/// or the fit in a dataset's folder.
+/// The model file that a path refers to: the file itself; in a run directory the best model, or
+/// else the last one; in a dataset's folder the fit.
 pub fn model_path(path: &Path) -> PathBuf {
     let inside = ["ckpt/best.safetensors", "model.safetensors", "ridge.safetensors"];
     let inside = inside.map(|name| path.join(name));

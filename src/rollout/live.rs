@@ -102,7 +102,7 @@ impl LiveRollout {
         Ok(self.shown().frame())
     }
 
-    /// Brings a contender's rollout up to the present command.
+    /// Makes a contender's rollout continue with the current command.
     fn take_up(&mut self, at: usize) -> Result<(), Error> {
         let Contender { policy, rollout, edit, failed } = &mut self.contenders[at];
         if *edit == self.edit {
@@ -122,7 +122,7 @@ impl LiveRollout {
         Ok(())
     }
 
-    /// Simulates one frame of the shown rollout; `None` at its end.
+    /// Simulates one frame of the rollout that is shown; `None` at its end.
     ///
     /// # Errors
     /// As [`Rollout::step`].
@@ -133,7 +133,7 @@ impl LiveRollout {
         }
     }
 
-    /// Simulates one frame of a contender that is behind. False when all have finished; then
+    /// Simulates one frame of a contender that has not finished. False if all have finished; then
     /// [`LiveRollout::choose`] compares them.
     pub fn step_another(&mut self) -> bool {
         let behind = |c: &Contender| {

@@ -1,9 +1,9 @@
 //! `nearest`: repeats the actions of the most similar recorded moments.
 //!
-//! Nothing is learned. Moments are similar if the robot had nearly the same pose, had moved the
-//! same way, and was k frames later at the next visible goal k frames ahead. The search compares
-//! every frame, so the result is exact. Frames are read joint by joint in blocks, and most blocks
-//! are dropped after their first few joints.
+//! Nothing is learned. A recorded moment is similar if the robot had nearly the same pose, had
+//! moved in nearly the same way, and k frames later was near the goal, where k is the number of
+//! frames to the next visible goal. The search compares every frame, so the result is exact. Frames
+//! are read joint by joint in blocks, and most blocks are dropped after their first few joints.
 
 // Vector code must be inlined into the function that pulp compiles for the processor found.
 #![allow(clippy::inline_always)]
@@ -24,7 +24,7 @@ use robert_dataset::{Dataset, Part, Verify};
 use robert_net::tensors::Out;
 use robert_net::{self as net, RobotCard, checkpoint};
 
-/// Default number of frames, which can be searched at 20 Hz.
+/// Default number of frames. A search over that many is fast enough for 20 Hz.
 pub const FRAMES: usize = 400_000;
 /// The most frames of a fit.
 const MOST_FRAMES: usize = 20_000_000;
@@ -41,7 +41,7 @@ pub struct NearestSettings {
     pub neighbours: usize,
     /// Weight of the distance in pose, in units of the pose's spread.
     pub place: f32,
-    /// Weight of the distance in the last change, in units of a typical change per frame; the
+    /// Weight of the distance in the last change, in units of a typical change per frame. The
     /// change toward the goal has weight 1.
     pub past: f32,
     /// Frames of each trajectory, in order.
@@ -315,7 +315,7 @@ fn block(q: &[f32], t: usize) -> &[f32; BLOCK] {
     q[t..].first_chunk().unwrap_or(&[0.0; BLOCK])
 }
 
-/// Adds, frame by frame, the squared distance between `share` times the change from `from` to `to`,
+/// Adds to each frame the squared distance between `share` times the change from `from` to `to`,
 /// and `way`, in units of 1 / `scale`.
 #[inline(always)]
 fn apart(
@@ -332,7 +332,7 @@ fn apart(
     }
 }
 
-/// Whether any is less; without branches, so that it stays in registers.
+/// Whether any of `d` is less than `worst`. Without branches, so that the values stay in registers.
 #[inline(always)]
 fn any_below(d: &[f32; BLOCK], worst: f32) -> bool {
     let mut any = false;

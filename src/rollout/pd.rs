@@ -11,7 +11,7 @@ use super::nominal_model::NominalModel;
 use super::policy::{Policy, View};
 use robert_robot::{Gravity, PositionServo, Robot, Servo};
 
-/// Share of the way that position servos are asked for in a frame.
+/// Share of the remaining distance that position servos are asked to cover in a frame.
 const SHARE: f64 = 0.9;
 
 /// PD on a straight reference, joint by joint.
@@ -26,7 +26,7 @@ pub(super) struct Pd {
     /// None where nothing pulls at the robot.
     gravity: Option<Gravity>,
     torque: Vec<f64>,
-    /// All zero: the damping of velocity servos is in the gains already.
+    /// All zero, because the damping of velocity servos is already part of the gains.
     still: Vec<f64>,
 }
 

@@ -44,7 +44,8 @@ pub trait Policy: Send {
     /// Any error of the policy; the rollout stops there.
     fn act(&mut self, view: &View<'_>, action: &mut [f64]) -> Result<(), Error>;
 
-    /// The action that was applied in the last frame instead of the result of [`Policy::act`].
+    /// Tells the policy which action was applied in the last frame, if it was not the result of
+    /// [`Policy::act`].
     fn applied(&mut self, _action: &[f64]) {}
 
     /// A copy for the next rollout that shares expensive parts (the weights of a network); `None`
@@ -56,7 +57,8 @@ pub trait Policy: Send {
     /// Lets a device compute its network, if it has one.
     fn on(&mut self, _device: &dyn Forwards) {}
 
-    /// The state that it keeps from frame to frame (a warm start, an ensemble); empty for most.
+    /// The state that the policy keeps from frame to frame (a warm start, an ensemble); empty for
+    /// most policies.
     fn memory(&self) -> Vec<f64> {
         Vec::new()
     }

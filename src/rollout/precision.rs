@@ -20,13 +20,14 @@ pub struct Precision {
     /// Mean absolute error over unmasked frames and joints: the paper's Precision. `None`
     /// when nothing was commanded.
     pub precision: Option<f64>,
-    /// The same over the visible frames at which the command moves, that is, some joint has another
-    /// goal than before. Holds after their first frame are left out.
+    /// Mean absolute error over the visible frames at which the command moves, that is, at which
+    /// some joint has another goal than before. The first frame of a hold counts, its other frames
+    /// do not.
     #[serde(default)]
     pub moving: Option<f64>,
-    /// The same over masked frames: against the hidden motion if that is known (tasks extracted
-    /// from data, see [`hidden_error`]), else against the straight line through the gap, which only
-    /// shows how direct the motion was.
+    /// Mean absolute error over masked frames. If the hidden motion is known (tasks extracted from
+    /// data, see [`hidden_error`]), the error is against that motion. Otherwise it is against the
+    /// straight line through the gap, and only shows how direct the motion was.
     pub masked_mae: Option<f64>,
     /// 95th percentile over unmasked frames and joints.
     pub p95: Option<f64>,

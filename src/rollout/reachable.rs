@@ -1,4 +1,4 @@
-//! Makes goals reachable: fills gaps, and keeps the state in directions that no motor moves.
+//! Makes goals reachable: fills gaps, and takes the current state where no motor can change it.
 //!
 //! In directions that actions do not move, the goal is replaced by the current state,
 //!
@@ -17,10 +17,10 @@ use super::infill::infill;
 use super::window::{COMMAND, Window};
 use robert_net::reach::Reach;
 
-/// Singular values of the effect of actions, in units of each joint's fastest motion and relative to
-/// the largest, below which a direction counts as not driven. With 60,000 frames the hand's noise is
-/// at 3e-4, its least driven direction at .24. Without these units a slide in metres, or a joint
-/// with much inertia, would count as not driven beside light hinges.
+/// A direction counts as driven by the actions if its singular value is above this, relative to the
+/// largest one. Each joint is measured in units of its fastest motion; otherwise a slide in metres,
+/// or a joint with much inertia, would count as not driven beside light hinges. With 60,000 frames
+/// the noise of the hand's estimate is at 3e-4, and its least driven direction at .24.
 const DRIVEN: f64 = 5e-3;
 /// Weight of a joint without a goal relative to one with a goal.
 const FREE: f64 = 1e-3;
@@ -29,7 +29,8 @@ const FREE: f64 = 1e-3;
 #[derive(Clone, Debug)]
 pub(super) struct Reachable {
     speed: Vec<f64>,
-    /// Orthonormal columns that span what actions move, (S, r); `None` if that is everything.
+    /// Orthonormal columns that span the directions that actions move, (S, r); `None` if these are
+    /// all directions.
     basis: Option<DMatrix<f64>>,
     /// Projection for a window whose joints all have goals, (S, S).
     project: Option<DMatrix<f64>>,
@@ -46,7 +47,7 @@ impl Reachable {
         Reachable { speed: reach.speed.clone(), basis, project }
     }
 
-    /// Fills the gaps of a window; all goals count afterwards.
+    /// Fills the gaps of a window; afterwards all its goals are visible.
     pub(super) fn fill(&self, window: &mut Window) {
         infill(window, &self.speed);
     }
@@ -98,7 +99,7 @@ fn driven(effect: &DMatrix<f64>, speed: &[f64]) -> Option<DMatrix<f64>> {
     Some(DMatrix::from_fn(s, rank, |r, c| u[(r, order[c])]))
 }
 
-/// The projection when some joints have almost no weight: Q (Qᵀ W Q)⁻¹ Qᵀ W.
+/// The projection if some joints have almost no weight: Q (Qᵀ W Q)⁻¹ Qᵀ W.
 fn weigh(basis: &DMatrix<f64>, free: &[bool]) -> Option<DMatrix<f64>> {
     let weighted = DMatrix::from_fn(basis.nrows(), basis.ncols(), |r, c| {
         basis[(r, c)] * if free[r] { FREE } else { 1.0 }

@@ -1,7 +1,8 @@
-//! Simulator in the loop: one iLQR iteration per frame, warm-started by another policy.
+//! Refinement: one iLQR iteration per frame on the robot's model, starting at the action of another
+//! policy.
 //!
-//! It uses the model, so it is a separate policy in every table: its figure measures the model, and
-//! the warm start only makes it cheap.
+//! A refined policy uses the model, so tables list it separately. Its figure measures the model;
+//! the other policy only makes the search cheaper.
 
 use std::sync::Arc;
 

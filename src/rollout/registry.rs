@@ -51,7 +51,7 @@ pub enum PolicyName {
     Auto,
 }
 
-/// Names as they are typed, in the order of tables, with their argument and a description.
+/// The name to type for each policy, its argument and a description, in the order of tables.
 const NAMES: [(PolicyName, &str, &str, &str); 10] = {
     use PolicyName as P;
     [
@@ -154,7 +154,7 @@ pub struct Offer {
     pub suits: String,
     /// The guide that should fill masked frames for it.
     pub guide: Guide,
-    /// The missing part that it needs before it can be chosen; `None` when it needs nothing.
+    /// What is missing before it can be chosen; `None` if nothing is.
     pub needs: Option<String>,
     /// Whether it computes with the robot's model.
     pub knows_model: bool,
@@ -254,7 +254,7 @@ pub enum Guide {
     Linear,
 }
 
-/// The use of a trained network; other policies ignore it.
+/// How a trained network is used; other policies ignore it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Inference {
@@ -378,7 +378,7 @@ impl PolicyConfig {
         PolicyConfig::new(if learned { PolicyName::Robert } else { PolicyName::ComputedTorque })
     }
 
-    /// The model that is meant: a file or run directory, else a shipped one by its name.
+    /// The model to use: a file or run directory, or else a shipped model by its name.
     pub(super) fn model(&self, robot: &Robot) -> Result<Arc<Model>, Error> {
         let policy = self.name.as_str();
         let Some(path) = &self.model_path else {

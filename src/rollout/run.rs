@@ -48,7 +48,7 @@ pub struct Frame<'a> {
     pub frame: usize,
     /// State reached; (S).
     pub reached: &'a [f64],
-    /// Action that led here, applied during the frame before; (A).
+    /// The action that led here, applied during the previous frame; (A).
     pub action: &'a [f64],
     /// Mean absolute error over its goals; `None` if it is masked.
     pub error: Option<f64>,
@@ -194,7 +194,8 @@ impl Rollout {
         self.frame() + 1 >= self.frames()
     }
 
-    /// Control steps that this value has simulated, over all commands.
+    /// Control steps that this rollout has simulated so far, including those that an edit has
+    /// replaced.
     pub fn simulated(&self) -> usize {
         self.simulated
     }
@@ -375,7 +376,8 @@ impl Rollout {
         Precision::measure(&self.goals, self.reached(), &self.actions, self.robot.action_dim())
     }
 
-    /// Simulated time minus clip time at the reached frame, seconds: 0 except for rounding.
+    /// Simulated time minus clip time at the last reached frame, seconds. It is 0 except for
+    /// rounding.
     pub fn clock_error_secs(&self) -> f64 {
         let clip = self.frame() as f64 * CTRL_DT;
         let Some(last) = self.snapshots.last() else { unreachable!("the start is kept") };

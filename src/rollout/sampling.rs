@@ -2,14 +2,15 @@
 //! Synthesis with MuJoCo", algorithm 1): perturb the best spline, keep the best rollout.
 //! The simplest planner that works; it shows how much search alone achieves.
 //!
-//! The published planner samples targets of position servos. Our actuators are motors, and a spline
-//! of torque would leave every error to the next sample. So the servos of `pd` close the loop
-//! inside each candidate, and the samples are added to their action. The plan of zeros is `pd`.
+//! The published planner samples targets of position servos. Our actuators are motors, and with a
+//! spline of torque every error would remain until the next sample. So each candidate contains the
+//! feedback of `pd`, and the samples are added to its action. With all samples zero the plan is
+//! `pd`.
 //!
 //! Candidates are tried one after another here, so two things differ from the published algorithm.
-//! Each candidate perturbs the best one so far instead of the plan of the frame before. And they
-//! come in pairs of opposite sign and in several widths: coarse ones to find a plan, and fine ones
-//! to improve it.
+//! Each candidate perturbs the best one so far instead of the plan of the frame before.
+//! Perturbations come in pairs of opposite sign and in several widths: wide ones to find a plan,
+//! and narrow ones to improve it.
 
 use std::sync::Arc;
 
@@ -21,7 +22,7 @@ use super::window::{COMMAND, Window};
 use robert_base::rng::{Rng, Stream};
 use robert_robot::Robot;
 
-/// Each width of the perturbations is this share of the one before.
+/// Each width of the perturbations is the previous one times this.
 const NARROWER: f64 = 0.35;
 
 /// Settings of [`PredictiveSampling`].
@@ -90,8 +91,8 @@ impl PredictiveSampling {
         Ok(PredictiveSampling { nominal, servos, config, spline, seed: 0, goals })
     }
 
-    /// Cost of a plan, simulated from the state of the view, and its first action. The simulation
-    /// stops when the cost exceeds `bound`, since every term is positive.
+    /// The cost of a plan that is simulated from the state of the view, and its first action. All
+    /// terms are positive, so the simulation stops when the cost exceeds `bound`.
     fn cost(
         &mut self,
         view: &View<'_>,

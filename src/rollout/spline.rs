@@ -8,7 +8,7 @@ pub(super) struct Spline {
 }
 
 /// The twice differentiable cubic through `knots` (position, value; positions increasing) with no
-/// curvature at the ends. A line through two of them, constant through one.
+/// curvature at the ends. It is a line through two knots, and constant through one.
 pub(super) fn natural(knots: &[(f64, f64)]) -> Spline {
     let n = knots.len();
     let mut curve = vec![0.0; n];

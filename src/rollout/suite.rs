@@ -25,7 +25,8 @@ use robert_robot::{PlantConfig, PlantRange, Robot};
 pub struct Floor {
     /// Its Precision, rad or m.
     pub precision: f64,
-    /// The frames where it is more than .02 off, so that a policy that is off there has not jammed.
+    /// The frames at which iLQR is more than .02 off. A policy that is off there too has not
+    /// jammed.
     pub off: Vec<Off>,
 }
 
@@ -108,7 +109,7 @@ pub struct CaseResult {
     /// Frames where joints have not reached their goals ([`jam::NEAR`]), first seed.
     #[serde(skip)]
     off: Vec<Off>,
-    /// Frames where they are far off ([`jam::FAR`]), first seed.
+    /// Frames at which joints are far from their goals ([`jam::FAR`]), first seed.
     #[serde(skip)]
     far: Vec<Off>,
 }
@@ -247,9 +248,9 @@ pub fn evaluate(
     evaluate_on(robot, suites, config, None, progress, cancel)
 }
 
-/// The same with the networks of trained policies on a device. It computes the windows of all
-/// rollouts that run at once, so more threads than cores are useful. `auto` and refined policies stay
-/// with the processor.
+/// As [`evaluate`], with the networks of trained policies on a device. The device computes the
+/// windows of all rollouts that run at once, so more threads than cores are useful. `auto` and
+/// refined policies stay with the processor.
 ///
 /// # Errors
 /// As [`evaluate`].

@@ -19,8 +19,8 @@ pub struct Goals {
     q: Vec<f64>,
     /// (frames, dim).
     visible: Vec<bool>,
-    /// Whether the line through a mask can ever be used at this frame, and whether the joint
-    /// has no goal after it; (frames, dim).
+    /// Whether this frame is in a gap whose straight line may be used, and whether the joint has no
+    /// goal after this frame; (frames, dim).
     in_gap: Vec<bool>,
     last: Vec<bool>,
     /// The command beyond the end; (dim).
@@ -89,8 +89,8 @@ impl Goals {
         &self.q[f * self.dim..(f + 1) * self.dim]
     }
 
-    /// The first frame whose goal differs in a way that a window can show; `None` if a rollout of
-    /// either gives the same motion. Both must be for the same robot.
+    /// The first frame whose goals differ in a way that changes some window; `None` if rollouts of
+    /// both give the same motion. Both must be for the same robot.
     pub fn first_difference(&self, other: &Goals) -> Option<usize> {
         let common = self.frames.min(other.frames);
         for f in 0..common {
@@ -120,8 +120,8 @@ impl Goals {
 
     /// Writes the command part of the window at frame `t`: goals of t+1 ..= t+20.
     ///
-    /// Beyond the end the last value is held and visible, because a person expects the robot to
-    /// stay there (masking it gave the same figures).
+    /// Beyond the end of the clip the last value is held and visible, because a person expects the
+    /// robot to stay there. Masking it instead gave the same figures.
     fn show(&self, t: usize, window: &mut Window) {
         let last = self.frames.saturating_sub(1);
         let Window { command: q, visible, end, free, passing, .. } = window;
@@ -168,8 +168,8 @@ pub struct Window {
     pub command: Vec<f64>,
     /// Whether each goal counts; (20, dim).
     pub visible: Vec<bool>,
-    /// The value at the window's end for a joint without a goal inside: on the line to its next
-    /// goal, or the last one held; (dim).
+    /// The value at the end of the window for a joint without a goal inside it: the point on the
+    /// line to its next goal, or the last goal if there is no next one; (dim).
     pub end: Vec<f64>,
     /// Joints without a goal in the window or after it; (dim).
     pub free: Vec<bool>,

@@ -1,8 +1,8 @@
 //! Processor time, which other programs on a busy machine do not inflate.
 //!
 //! It is read from the clock of the thread or process. `/proc/thread-self/schedstat` and
-//! `/proc/self/stat` are updated only at a tick (4 to 10 ms) or when the thread sleeps, so a
-//! measurement that ends in fsync was charged the tick of the measurement before it.
+//! `/proc/self/stat` are updated only every 4 to 10 ms or when the thread sleeps. With them, part
+//! of one measurement was counted in the next one.
 
 use std::time::Duration;
 

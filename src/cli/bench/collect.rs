@@ -55,11 +55,11 @@ pub(super) struct Args {
 struct Row {
     robot: String,
     threads: usize,
-    /// Wall rate of all threads, policy network, records and files included.
+    /// Frames per second of wall time on all threads, with policy network, records and files.
     rollout_frames_per_sec: f64,
-    /// Wall rate of the same episodes with nothing but simulation.
+    /// Frames per second of wall time for the same episodes with nothing but simulation.
     bare_frames_per_sec: f64,
-    /// Processor time of bare simulation over that of the roll-out, median over turns.
+    /// Processor time of bare simulation divided by that of the roll-out, median over turns.
     ratio_to_bare: f64,
     /// Milliseconds of processor time of one update, by agent.
     update_cpu_ms: Vec<(String, f64)>,

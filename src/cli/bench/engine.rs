@@ -110,7 +110,7 @@ pub(super) fn peak(threads: usize, secs: f64) -> (f64, f64) {
     best
 }
 
-/// Numbers for window w, that need no time.
+/// Fills window w with numbers that need no time to compute.
 pub(super) fn fill(w: usize, slot: usize, to: &mut Batch<f32>) {
     let tokens = to.tokens.len() / (to.masked.len() / WINDOW);
     for (i, x) in to.tokens[slot * tokens..(slot + 1) * tokens].iter_mut().enumerate() {

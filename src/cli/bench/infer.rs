@@ -152,8 +152,8 @@ fn measure(size: Size, threads: usize, secs: f64, peak: f64) -> Outcome<Row> {
     })
 }
 
-/// Operations that one action needs: all of every layer but the last, of which only keys
-/// and values of all tokens.
+/// Floating-point operations of one action: all layers but the last in full, and of the last one
+/// keys and values of all tokens and the rest of the current token only.
 fn used_flop(size: Size) -> f64 {
     let cfg = size.config();
     let (d, n, t) = (cfg.width as f64, cfg.layers as f64, WINDOW as f64);

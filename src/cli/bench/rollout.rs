@@ -43,7 +43,7 @@ struct Row {
     ms_per_frame: f64,
     /// Time of the bare simulation of the same frames with the same controls.
     sim_ms_per_frame: f64,
-    /// One over the other, the median over turns.
+    /// Time of the policy divided by that of the bare simulation, median over turns.
     ratio_to_sim: f64,
 }
 

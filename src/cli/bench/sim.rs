@@ -47,9 +47,9 @@ struct Row {
     threads: usize,
     /// Wall rate of all threads together.
     control_steps_per_sec: f64,
-    /// Wall rate over that of the first thread count given.
+    /// Rate in wall time, divided by that of the first thread count given.
     scaling: f64,
-    /// Processor-time rate of this layer over that of the C loop, median over turns.
+    /// Rate in processor time, divided by that of the C loop, median over turns.
     ratio_to_c_loop: f64,
 }
 

@@ -40,7 +40,8 @@ pub(super) struct Args {
 struct Report {
     /// Rate of large products on all threads, by vector instructions.
     peak_gflops: f64,
-    /// Whether training used the tile unit beside them, and so may be above that.
+    /// Whether training also used the tile unit. Its rate may then be above the peak of vector
+    /// instructions.
     tiles: bool,
     sizes: Vec<Row>,
 }
@@ -52,8 +53,8 @@ struct Row {
     threads: usize,
     windows_per_sec: f64,
     gflops: f64,
-    /// Operations per second of processor time, over the peak measured the same way in
-    /// turns with the steps.
+    /// Operations per second of processor time, divided by the peak that was measured in turns with
+    /// the steps.
     fraction_of_peak: f64,
     cpu_ms_per_step: f64,
     wall_ms_per_step: f64,
@@ -113,7 +114,7 @@ pub(super) fn run(args: &Args) -> Outcome {
     out::line(&format!("peak of vector instructions {:.0} GFLOP/s{tiles}", report.peak_gflops))
 }
 
-/// Steps and products in turns, so that a busy or a throttled machine slows both.
+/// Measures steps and products in turns, so that a busy or throttled machine slows both.
 fn measure(size: Size, batch: usize, threads: usize, secs: f64) -> Outcome<(Row, Vec<f64>)> {
     let net = Net::<f32>::init(size.config(), None, 1)?;
     let mut learner = Learner::new(net, AdamConfig::default(), batch, threads);

@@ -79,7 +79,7 @@ enum Format {
 }
 
 impl Format {
-    /// Motion that was recorded, which can only be read.
+    /// The kind of recorded motion, for formats that can only be read.
     fn recorded(self) -> Option<Kind> {
         match self {
             Format::Lafan => Some(Kind::Lafan),
@@ -97,7 +97,7 @@ impl Format {
     }
 }
 
-/// All formats that clips are written in: recorded motion is written by `robert export`.
+/// All formats that clips can be written in. Recorded motion is written by `robert export`.
 fn writable() -> impl TypedValueParser<Value = Format> {
     let words =
         Format::value_variants().iter().filter(|f| **f != Format::Mcap && f.recorded().is_none());
@@ -216,8 +216,8 @@ fn read(a: &Convert, from: Format, robot: Option<&RobotRef>) -> Result<Clip, Fai
     Ok(clip.map_err(|e| e.in_file(&place))?)
 }
 
-/// The same clip for another robot, or another version of its model. The clip keeps its
-/// own joint order: values are found by name.
+/// The same clip for another robot, or for another version of its model. The clip keeps its own
+/// joint order, and values are found by name.
 fn adopted(mut clip: Clip, robot: &RobotRef, path: &Path) -> Result<Clip, Failure> {
     let strangers = |of: &[String], with: &[String]| {
         let odd: Vec<&str> =

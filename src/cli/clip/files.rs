@@ -35,13 +35,13 @@ pub(super) fn joint_table(clip: &Clip, robot: Option<&Robot>) -> JointTable {
     robot.map_or_else(|| JointTable::from_clip(clip), ClipFacts::joint_table)
 }
 
-/// Compiles a clip with the robot asked for, else its own if that is known here.
+/// Compiles a clip with the requested robot, or else with its own if that is known here.
 pub(super) fn compiled(clip: &Clip, asked: Option<&str>) -> Result<Command, Failure> {
     let robot = robot_of(clip, asked)?;
     compile_for(clip, Some(&joint_table(clip, robot.as_ref()))).map_err(Failure::invalid)
 }
 
-/// Robot and joint order for a file that has none of its own.
+/// Robot and joint order for a file that does not contain them.
 pub(super) fn reference(
     robot_id: Option<&str>,
     like: Option<&PathBuf>,

@@ -6,7 +6,7 @@ use super::super::failure::{Failure, Outcome};
 use super::simulate::Simulation;
 use crate::clip::{Clip, Command, JointTable, Level, Lint, Rule, compile_for, edited, lint};
 
-/// The most fixes to apply: each removes a finding, and some uncover another.
+/// The most fixes to apply. Each removes a finding, and some lead to another one.
 const FIXES: usize = 1000;
 
 /// The most kinds of fixes that the report names one by one.
@@ -74,7 +74,7 @@ impl Finder<'_> {
         }
     }
 
-    /// Applies fixes as long as each makes the findings fewer.
+    /// Applies fixes as long as each reduces the number of findings.
     pub(super) fn fix(
         &mut self,
         clip: &Clip,
@@ -114,7 +114,7 @@ impl Finder<'_> {
         simulation.prepare(&clips, self.table)
     }
 
-    /// The clip after the first fix that makes the findings fewer.
+    /// The clip after the first fix that reduces the number of findings.
     fn step(&mut self, clip: &Clip, lints: &[Lint]) -> Outcome<Option<(String, Clip, Vec<Lint>)>> {
         let bad = lints.iter().filter(|l| l.level > Level::Info);
         for fix in bad.flat_map(|l| &l.fixes) {

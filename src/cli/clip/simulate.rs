@@ -1,4 +1,5 @@
-//! Checks poses by simulation, on all cores; each pose once, however often its clip is checked.
+//! Checks poses by simulation, on all cores. Each pose is simulated once, however often its clip is
+//! checked.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -20,7 +21,7 @@ pub(super) struct Simulation<'a> {
     known: BTreeMap<Vec<u64>, PoseReport>,
 }
 
-/// Answers from known results, and notes the poses without one.
+/// Answers from known results, and collects the poses that have none.
 struct Asking<'a> {
     known: &'a BTreeMap<Vec<u64>, PoseReport>,
     unknown: BTreeMap<Vec<u64>, Vec<f64>>,

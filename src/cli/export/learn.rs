@@ -112,7 +112,7 @@ impl Plan<'_> {
     }
 }
 
-/// Films of all takes from one camera, without anything laid over.
+/// Films all takes with one camera and without overlays.
 fn films(
     sources: &[Source],
     version: LeRobotVersion,

@@ -29,7 +29,7 @@ pub(super) struct Made {
     pub files: Vec<PathBuf>,
 }
 
-/// Says what the numbers mean and what opens them.
+/// Prints what the numbers mean and which program opens the file.
 pub(super) fn say(export: &Export, path: Option<&Path>, global: Global) {
     if global.quiet {
         return;
@@ -41,7 +41,7 @@ pub(super) fn say(export: &Export, path: Option<&Path>, global: Global) {
     out::aside(format_args!("open it:  {}", export.open.replace(Export::OUT, &place)));
 }
 
-/// The settings with which every input is written.
+/// The settings that apply to every input.
 pub(super) struct Plan<'a> {
     pub(super) args: &'a Args,
     pub(super) rename: BTreeMap<String, String>,
@@ -97,7 +97,7 @@ impl Plan<'_> {
         })
     }
 
-    /// The formats that are one file of our own making.
+    /// Writes one of the formats that are a single file.
     fn own(&self, source: &Source, what: What) -> Outcome<Export> {
         let take = &source.take;
         let out = Export::OUT;
@@ -161,7 +161,7 @@ impl Plan<'_> {
         Ok(take.to_mcap(None)?)
     }
 
-    /// The line, or the JSON document, about what was written.
+    /// Prints what was written, as a line or as JSON.
     pub(super) fn report(&self, made: &[Made]) -> Outcome {
         if !self.args.json {
             for m in made {

@@ -16,9 +16,9 @@ use crate::take::Take;
 /// A take on its way to other formats.
 pub(super) struct Source {
     pub take: Take,
-    /// The take's own may be unknown on this machine; the failure says so.
+    /// The robot of the take. It may be unknown on this machine; the failure says so.
     pub robot: Outcome<Arc<Robot>>,
-    /// `dir/wave.clip.json` is `wave`, `ur5e/reacher` is `reacher`.
+    /// The title: `wave` for `dir/wave.clip.json`, `reacher` for `ur5e/reacher`.
     pub title: String,
 }
 

@@ -79,8 +79,8 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     }
 }
 
-/// Puts the job into the queue again after the queue's warning. A task that got nowhere in the whole
-/// of its time would do so for ever, so it ends as a failure.
+/// Puts the job into the queue again after the queue's warning. If it saved nothing new in its
+/// whole time, it would be repeated for ever, so it ends as a failure.
 fn again(shop: &Workshop, warned: &Cancel) -> Outcome {
     if !warned.is_cancelled() {
         return Ok(());
@@ -94,7 +94,7 @@ fn again(shop: &Workshop, warned: &Cancel) -> Outcome {
     Ok(slurm::requeue()?)
 }
 
-/// Performs the shards; goes on after a failure that is only that shard's.
+/// Performs the shards. A failure that concerns only one shard does not stop the others.
 fn perform(
     shop: &Workshop,
     indices: &[usize],

@@ -1,4 +1,4 @@
-//! `robert shard submit DIR`: runs what is not done, here or on a cluster.
+//! `robert shard submit DIR`: runs the shards that are not done, here or on a cluster.
 
 use std::path::{Path, PathBuf};
 
@@ -10,7 +10,7 @@ use super::super::{out, pool};
 use super::accept::AcceptArgs;
 use crate::shard::{Plan, Pool, kubernetes, slurm, survey};
 
-/// `MaxArraySize` of Slurm where the site is not asked.
+/// `MaxArraySize` of Slurm if it cannot be asked.
 const MAX_ARRAY: usize = 1001;
 
 #[derive(clap::Args, Debug)]

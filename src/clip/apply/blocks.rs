@@ -1,7 +1,8 @@
 //! Edits of blocks: motions that follow each other in one clip.
 //!
-//! A block is a marker with an end; its motion is keys like any others. Rejected: a sequence that names
-//! other files. It breaks when one of them is moved or changed, and no other tool could read it.
+//! A block is a marker with an end; its motion consists of ordinary keys. Rejected: a sequence that
+//! names other files. It breaks when one of them is moved or changed, and no other tool could read
+//! it.
 
 use super::edit::Edit;
 use super::error::{Done, OpError, argument};
@@ -49,7 +50,7 @@ impl Edit<'_> {
         self.blend_at(from + length + trail, trail)
     }
 
-    /// Gives the frames on both sides of `at` a key each where a curve or a line passes.
+    /// Makes a key on both sides of `at`, if a curve or a line passes there.
     fn split(&mut self, at: u32) -> Done {
         let Some(before) = at.checked_sub(1) else { return Ok(()) };
         let bare = Clip { offsets: Vec::new(), masks: Vec::new(), ..self.clip.clone() };
@@ -78,8 +79,9 @@ impl Edit<'_> {
         Ok(())
     }
 
-    /// A smooth curve over the `blend` frames before `to`, from the last key before them to the first one
-    /// from there on. Both sides keep the speed that they have.
+    /// Makes a smooth curve over the `blend` frames before `to`. It leads from the last key before
+    /// those frames to the first key at `to` or later, and keeps the speed of the motion at both
+    /// ends.
     fn blend_at(&mut self, to: u32, blend: u32) -> Done {
         let next = self.clip.keys.partition_point(|k| k.frame < to);
         let (Some(i), true) = (next.checked_sub(1), blend > 0 && next < self.clip.keys.len())
@@ -99,7 +101,8 @@ impl Edit<'_> {
         Ok(())
     }
 
-    /// How fast each joint passes this frame, measured to one beside it; at rest without one.
+    /// The speed of each joint at this frame, measured from a neighbouring frame; 0 if there is
+    /// none.
     fn slopes(
         &self,
         command: &Command,
@@ -153,7 +156,7 @@ impl Edit<'_> {
         self.time_delete(&TimeDelete { from: begin, to })
     }
 
-    /// Blocks change places; what is between two places stays there.
+    /// Changes the order of blocks. Frames between blocks stay where they are.
     pub(super) fn blocks_order(&mut self, a: &BlocksOrder) -> Done {
         let blocks = self.blocks()?;
         let mut sorted = a.frames.clone();

@@ -58,7 +58,8 @@ impl Edit<'_> {
         })
     }
 
-    /// The values that a key is compiled to, whatever masks hide of it.
+    /// The joint values of a key after end-effector goals are solved, whether or not a mask hides
+    /// them.
     pub(super) fn solved(&self, command: &Command, frame: u32) -> Row {
         let row = self.clip.key_index(frame).and_then(|i| command.key_row(i)).cloned();
         row.unwrap_or_else(|| self.commanded(command, frame))
@@ -135,8 +136,8 @@ impl Edit<'_> {
         self.place(keys, a.replace)
     }
 
-    /// Gives all other joints the value that they have at each of these frames: that of the key
-    /// there, else the interpolated command.
+    /// Gives all other joints the value that they already have at each of these frames: the value
+    /// of the key there, otherwise the interpolated command.
     pub(super) fn keep_others(&self, keys: &mut [Key], names: &[String]) -> Done {
         let chosen = names.iter().map(|n| self.joint(n)).collect::<Result<BTreeSet<_>, _>>()?;
         let command = self.command()?;

@@ -115,8 +115,7 @@ impl Edit<'_> {
     }
 }
 
-/// For each key whether it, or what leads to the next one, is another after these offsets were added
-/// to it.
+/// Whether baking these offsets changes each key, or the fill that leads from it to the next key.
 fn changed(clip: &Clip, offsets: &[Offset]) -> Vec<bool> {
     // The postures that end-effector goals are solved near depend on all keys.
     if clip.keys.iter().any(|k| !k.reach.is_empty()) {

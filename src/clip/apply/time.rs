@@ -1,4 +1,4 @@
-//! Edits of time itself: frames that come, frames that go, the length.
+//! Edits of time: insert frames, remove frames, change the length.
 
 use super::edit::Edit;
 use super::error::{Done, OpError, argument};

@@ -9,7 +9,7 @@ use robert_base::units::FPS;
 /// A time in seconds and the values at it; `None` where a joint has none.
 pub type Sample = (f64, Row);
 
-/// The clip of these samples, whose times rise.
+/// The clip of these samples, whose times must increase.
 ///
 /// # Errors
 /// [`ClipError::Syntax`] for no samples, for too many, and for values that are none.

@@ -13,7 +13,7 @@ use super::ExportError;
 
 /// Nanoseconds of a frame.
 const FRAME_NANOS: u64 = 50_000_000;
-/// Accelerations of neighbours farther apart than this say nothing about each other, s.
+/// A point gets no acceleration if a neighbouring point is farther away than this, s.
 const NEAR_SECS: f64 = 0.051;
 
 /// A point; all arrays are in the order of the joints, and empty where not given.
@@ -109,8 +109,8 @@ impl Trajectory {
         }
     }
 
-    /// Begins later: the controller has this time to go from where the robot stands to the
-    /// first point.
+    /// Shifts all points later, so that the controller has time to move the robot to the first
+    /// point.
     pub fn delay(&mut self, nanos: u64) {
         self.points.iter_mut().for_each(|p| p.nanos += nanos);
     }

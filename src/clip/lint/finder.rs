@@ -27,7 +27,7 @@ pub(super) struct Place<'a> {
     pub(super) pointer: String,
     pub(super) pose: Option<&'a str>,
     pub(super) frames: Vec<u32>,
-    /// Whether end-effector goals led to its values, which then are not in the document.
+    /// Whether its values come from end-effector goals, and so are not in the document.
     pub(super) is_solved: bool,
 }
 
@@ -81,7 +81,7 @@ impl<'a> Finder<'a> {
         }
     }
 
-    /// Whether another finding of this rule is only counted; if so, counts it.
+    /// Whether this rule has as many findings as are listed. If so, counts one more finding.
     pub(super) fn full(&mut self, rule: Rule) -> bool {
         let count = self.counts.entry(rule).or_default();
         let full = *count >= MOST;

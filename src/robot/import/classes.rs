@@ -22,8 +22,8 @@ impl<'a, 'd> Classes<'a, 'd> {
         Classes { nodes }
     }
 
-    /// An attribute of an element: its own, else that of its class or of one that this is in.
-    /// `tags` are the elements of a class that may give it (all actuators share one default).
+    /// An attribute of an element: its own value, or else that of its class or of an enclosing
+    /// class. `tags` are the class elements that may give it (all actuators share one default).
     pub(super) fn get(
         &self,
         node: Node<'a, 'd>,

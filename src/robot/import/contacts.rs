@@ -1,7 +1,7 @@
 //! Pairs of bodies that must not be tested against each other.
 //!
-//! `MuJoCo` never tests a body against its parent, except if the parent cannot move, because it
-//! then counts as a part of the world. Parts of one arm that overlap by design would push each
+//! `MuJoCo` tests no contacts between a body and its parent, except if the parent cannot move and
+//! so counts as a part of the world. Parts of one arm that overlap by design would then push each
 //! other apart until the solver diverges (observed on the Shadow Hand's fixed palm, within 0.2 s at
 //! rest).
 
@@ -14,13 +14,14 @@ use crate::{Error, pairs, preparse, text};
 use robert_base::rng::{Rng, Stream};
 use robert_mujoco::{Data, Geom, Kind, Model, index};
 
-/// Poses drawn to find pairs that touch in most of them.
+/// Poses that are drawn to find pairs of bodies that touch in most of them.
 const POSES: u64 = 60;
 /// Pairs of geoms that are tested in these poses at most; a model with many pairs gets fewer poses.
 const POSE_PAIRS: usize = 4_000_000;
-/// Share of those poses in which a pair must touch to be left out. Where two bodies meet so often,
-/// the convex hulls of their meshes do, not their surfaces: the fingers of a gripper, for instance,
-/// whose hulls close the hollow between them (seen at 0.8; fingers of hands stay below 0.2).
+/// Share of those poses in which a pair must touch to be excluded. Bodies that meet so often touch
+/// only with the convex hulls of their meshes, not with their surfaces. Fingers of a gripper are an
+/// example, because a hull fills the hollow between them (seen at 0.8; fingers of hands stay below
+/// 0.2).
 const MOSTLY: f64 = 0.7;
 /// The distance of joint anchors below which two joints count as one joint with several axes, m.
 const SAME_PLACE: f64 = 1e-3;

@@ -9,7 +9,7 @@ use robert_base::fsio;
 use robert_base::limits;
 use robert_base::units;
 
-/// Folder of meshes and textures inside a robot's folder.
+/// The folder of meshes and textures inside a robot's folder.
 pub(super) const ASSET_DIR: &str = "assets";
 
 /// See the module.
@@ -30,7 +30,7 @@ pub(super) struct Draft {
     pub(super) rotors_assumed: bool,
     /// Attributes that were removed because MuJoCo 2.2.2 does not know them: element/attribute.
     pub(super) unknown: BTreeSet<String>,
-    /// Attributes that were taken out but are applied later.
+    /// Attributes that were removed and are applied after the model is compiled.
     pub(super) words: Words,
     pub(super) dropped: Vec<String>,
     pub(super) assumed: Vec<String>,

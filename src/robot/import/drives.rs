@@ -1,10 +1,11 @@
 //! Adds inertia and damping of a drive to joints whose file names neither.
 //!
 //! Real arms are geared: the rotors of their motors have inertia, and the available torque falls
-//! with speed until nothing is left. Many files name neither, so their joints reach hundreds of
+//! with speed until nothing is left. Many files contain neither, so their joints reach hundreds of
 //! radians per second under full torque. No torque that is constant for a frame of 50 ms can
 //! control such a joint: position feedback, a learned inverse and computed torque all fail (errors
-//! of 0.3 to 18 rad on six public arms; 0.0015 to 0.0044 with the drive below and one linear map).
+//! of 0.3 to 18 rad on six public arms; 0.0015 to 0.0044 with the drive below and the linear
+//! regression).
 //!
 //! Such joints therefore get inertia and damping in proportion to their torque limit. The damping
 //! is the torque limit divided by the speed limit, which is the speed at which no torque is left.

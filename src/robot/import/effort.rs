@@ -9,8 +9,8 @@ use robert_mujoco::{Model, Transmission};
 const LEAST: f64 = 10.0;
 /// Force limit relative to the greatest weight that a motor carries in some pose.
 const RESERVE: f64 = 2.5;
-/// Acceleration that a motor reaches where it carries no weight, rad/s^2 or m/s^2: the first joint
-/// of an arm turns the whole arm about a vertical axis.
+/// The acceleration that a motor reaches if it carries no weight, rad/s^2 or m/s^2. The first joint
+/// of an arm, for example, turns the whole arm about a vertical axis.
 const ACCELERATION: f64 = 5.0;
 
 /// Forces for the motors of a model, N m or N.

@@ -264,7 +264,7 @@ fn servo_law(draft: &Draft, model: &Model, a: usize) -> Option<Law> {
     Some(law)
 }
 
-/// The joint that takes over the damping of its servo, and the joint's new damping. The simulator
+/// If a servo's damping must move to its joint, the joint and its new damping. The simulator
 /// integrates the damping of joints implicitly but that of servos explicitly, which diverges on a
 /// light joint.
 fn moved_damping(draft: &Draft, model: &Model, a: usize) -> Option<(usize, f64)> {

@@ -130,7 +130,7 @@ fn is_entry(n: &Node<'_, '_>) -> bool {
         })
 }
 
-/// As many line breaks as the node has, so that later lines keep their numbers.
+/// As many line breaks as the node contains, so that later lines keep their numbers.
 pub(super) fn blank(xml: &str, node: Node<'_, '_>) -> String {
     let lines = xml.get(node.range()).map_or(0, |t| t.matches('\n').count());
     "\n".repeat(lines)
@@ -146,8 +146,8 @@ pub(super) fn floating<'a, 'd>(doc: &'a Document<'d>) -> Vec<Node<'a, 'd>> {
     doc.descendants().filter(free).collect()
 }
 
-/// Why a model with floating bodies is refused, and what can be done: loose objects are removed, a
-/// robot's base is fixed.
+/// The reason why a model with floating bodies is refused, and the solutions: remove loose objects,
+/// or fix the robot's base.
 pub(super) fn ways_out(floating: &[Node<'_, '_>]) -> String {
     let body =
         |n: &Node<'_, '_>| n.parent().and_then(|p| p.attribute("name")).unwrap_or("?").to_owned();

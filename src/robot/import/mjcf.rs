@@ -168,7 +168,7 @@ fn plain(
     loose::without(named, &config.without, path, draft)
 }
 
-/// If the source compensates gravity for every moving body, gravity is switched off.
+/// Switches gravity off if the source compensates it for every moving body.
 fn weightless(draft: &mut Draft) -> &'static str {
     let Words { moving, weightless, .. } = draft.words;
     if weightless == 0 {
@@ -187,7 +187,8 @@ fn weightless(draft: &mut Draft) -> &'static str {
     ""
 }
 
-/// Suction acts on bodies and not on joints; its elements may lack attributes that 2.2.2 requires.
+/// Removes suction actuators: suction acts on bodies and not on joints, and its elements may lack
+/// attributes that 2.2.2 requires.
 fn adhesion(doc: &Document<'_>, draft: &mut Draft, edits: &mut Edits) {
     let is = |n: &Node<'_, '_>| {
         n.has_tag_name("adhesion")
@@ -229,7 +230,8 @@ fn attributes(node: Node<'_, '_>, edits: &mut Edits, removed: &mut BTreeSet<Stri
     }
 }
 
-/// Welds to mocap bodies would hold the robot in place, since nothing moves these bodies here.
+/// Removes welds to mocap bodies. Nothing moves these bodies here, so the welds would hold the
+/// robot in place.
 fn mocap(doc: &Document<'_>, draft: &mut Draft, edits: &mut Edits) {
     let led: BTreeSet<&str> = doc
         .descendants()
@@ -287,7 +289,7 @@ fn stem(written: &str) -> String {
     file.rsplit_once('.').map_or(file, |(s, _)| s).to_owned()
 }
 
-/// Bodies need names for excludes, joints for the profile.
+/// Gives names to bodies, for contact excludes, and to joints, for the profile.
 fn names(doc: &Document<'_>, draft: &mut Draft, edits: &mut Edits) {
     let taken: BTreeSet<&str> = doc.descendants().filter_map(|n| n.attribute("name")).collect();
     let in_world = |n: &Node<'_, '_>| n.ancestors().any(|a| a.has_tag_name("worldbody"));

@@ -95,8 +95,8 @@ fn inner<'x>(node: Node<'_, '_>, xml: &'x str) -> &'x str {
     }
 }
 
-/// Joints cannot be children of the body that replaces a frame, because they would move another
-/// body.
+/// Refuses joints in a frame. They cannot be children of the body that replaces it, because they
+/// would move another body.
 fn no_joints(node: Node<'_, '_>, path: &std::path::Path) -> Result<(), Error> {
     let joint = |n: &Node<'_, '_>| n.has_tag_name("joint") || n.has_tag_name("freejoint");
     match node.children().find(joint) {
@@ -125,7 +125,8 @@ fn frame(
     Ok(format!("<body name=\"frame_{count}\"{attributes}>{}</body>", inner(node, xml)))
 }
 
-/// Copy i is placed by the i-th power of the step, and its names end in its number.
+/// Makes copies of an element. Copy i is placed by the i-th power of the step, and its names end in
+/// its number.
 fn replicate(
     node: Node<'_, '_>,
     xml: &str,

@@ -8,16 +8,16 @@ use roxmltree::Document;
 /// How many folders above its file a package may begin: `NAME/urdf/arms/arm.urdf` is three below.
 const LEVELS: usize = 4;
 
-/// What a mesh reference names: its package, and the file below it. The package has no name in
-/// `package:///arm.stl`, which some tools write for files beside the URDF.
+/// The parts of a mesh reference: its package, and the file in the package. The package has no name
+/// in `package:///arm.stl`, which some tools write for files beside the URDF.
 pub(super) fn split(reference: &str) -> Option<(&str, &str)> {
     let rest =
         reference.strip_prefix("package://").or_else(|| reference.strip_prefix("model://"))?;
     Some(rest.split_once('/').unwrap_or((rest, "")))
 }
 
-/// Folders of the packages that `given` leaves out, by name: those that hold every mesh the URDF
-/// at `path` takes from them.
+/// Finds the folders of packages that are not in `given`, by name: the folder must contain every
+/// mesh that the URDF at `path` takes from the package.
 pub(super) fn find(
     doc: &Document<'_>,
     path: &Path,
@@ -38,8 +38,8 @@ pub(super) fn find(
         .collect()
 }
 
-/// A folder above `path` that is called like the package or contains it; else one that has the
-/// files although it is called otherwise.
+/// A folder above `path` that has the package's name or contains a folder of that name. If there is
+/// none, a folder that has the files under another name.
 fn folder(path: &Path, package: &str, files: &[&str]) -> Option<PathBuf> {
     // Only plain names, so that a file cannot point at what lies elsewhere.
     let plain = |s: &str| {
@@ -58,8 +58,8 @@ fn folder(path: &Path, package: &str, files: &[&str]) -> Option<PathBuf> {
     called.or_else(|| above().map(Path::to_owned).find(has))
 }
 
-/// A folder of the package's name beside the URDF or above it, whatever it holds: a hint for the
-/// error, never used.
+/// A folder of the package's name beside the URDF or above it, whatever it contains. It is only a
+/// hint for the error message.
 pub(super) fn guess(path: &Path, package: &str) -> Option<PathBuf> {
     let full = std::path::absolute(path).ok()?;
     full.ancestors().skip(1).take(8).find_map(|dir| {

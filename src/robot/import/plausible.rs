@@ -51,7 +51,7 @@ pub(super) fn check(draft: &mut Draft, model: &Arc<Model>) -> Result<(), Error> 
     Ok(())
 }
 
-/// What the motor of one joint has to move.
+/// What the motor of one joint must hold and accelerate.
 #[derive(Clone, Default)]
 pub(super) struct Load {
     /// The torque that holds the joint against gravity and springs, by pose, N m or N.

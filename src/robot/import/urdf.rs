@@ -14,7 +14,7 @@ use super::packages;
 use crate::text::escape;
 use crate::{Error, dae, mesh, preparse};
 
-/// A geom's attributes and the colour in its file.
+/// A geom's attributes, and the colour that the mesh file gives.
 type Colored = (String, Option<[f64; 4]>);
 
 /// Rotor inertia, kg m^2 or kg, since no URDF gives it.
@@ -106,7 +106,7 @@ pub(super) fn draft(project: &preparse::Project, config: &ImportConfig) -> Resul
     tree.finish()
 }
 
-/// Names, parents, numbers. Gives the root link.
+/// Checks names, parents and numbers, and returns the root link.
 fn check_tree<'a>(
     robot: &'a Description,
     doc: &Document<'_>,
@@ -701,7 +701,7 @@ impl<'a> Tree<'a> {
     }
 }
 
-/// The same with the other solution: the joint is fixed.
+/// The same message with the other solution: the joint is fixed.
 fn or_weld(how: &str, joint: &str) -> String {
     format!("{how}, or hold it still: --weld {joint}")
 }

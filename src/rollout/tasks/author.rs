@@ -53,8 +53,8 @@ pub(super) fn thinned(clip: &Clip, step: u32, title: &str, notes: &str) -> Clip 
     thin
 }
 
-/// Poses one after another, frame 0 at the first, then each masked for `gap` frames and
-/// held for `hold`.
+/// Poses one after another. The first one is at frame 0; before each of the others `gap` frames are
+/// masked, and each is held for `hold` frames.
 pub(super) fn sequence(clip: &mut Clip, start: &str, steps: &[(&str, u32, u32)]) {
     clip.keys = vec![Key::posed(0, start)];
     let mut frame = 1;

@@ -48,7 +48,7 @@ pub const SUITES: [&str; 9] = [
 /// Suites whose clips are written by formulas; those of the others were typed.
 pub const AUTHORED: [&str; 3] = ["manual", "extra", "validation"];
 
-/// Names for several suites together, and former names of suites.
+/// Names that stand for several suites, and former names of suites.
 const ALIASES: [(&str, &[&str]); 2] = [
     ("final", &["drawn-final", "fast-final", "touch-final"]),
     // Its figures have influenced decisions, so it is no longer held out.

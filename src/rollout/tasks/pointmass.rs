@@ -1,5 +1,5 @@
-//! Planar shapes, metres, 10 s each. The puck reaches at most 1 m/s. From rest it needs a tenth of
-//! a second to accelerate, which shows at every moving start.
+//! Planar shapes, in metres, 10 s each. The puck reaches at most 1 m/s. It needs a tenth of a
+//! second to accelerate, so clips that start with a moving goal have an error at the start.
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 
@@ -271,7 +271,7 @@ fn keyed(robot: &Robot, title: &str, notes: &str, points: &[Point], leg: u32) ->
     clip
 }
 
-/// Round and round a closed polygon for 10 s.
+/// Follows a closed polygon again and again for 10 s.
 fn looped(robot: &Robot, title: &str, notes: &str, corners: &[Point], leg: u32) -> Clip {
     let legs = FRAMES.div_ceil(leg) as usize;
     let mut points: Vec<Point> = corners.iter().copied().cycle().take(legs + 1).collect();

@@ -3,10 +3,10 @@
 //! Five clips are generated from the robot's limits, speeds and a seed: a dense sway of all joints,
 //! the same with every tenth frame visible, poses with open gaps between, the same with one visible
 //! frame per hold, and one joint after another. Poses are settled in simulation first and used only
-//! if the motors can hold them, and so are moments of the sway: fingers that close at different
-//! paces may meet on a way whose ends they reach. Gaps are long enough for the speeds of the profile, and motions are
-//! short enough for the longest gap. Joints that no motor moves are left free. Seed 0 is for
-//! choosing checkpoints, others are for reports.
+//! if the motors can hold them. The same is checked for moments of the sway, because fingers that
+//! move at different speeds may collide on the way even if both ends are free. Gaps are long enough
+//! for the speeds of the profile, and motions are short enough for the longest gap. Joints that no
+//! motor moves have no goals. Seed 0 is for choosing checkpoints, others are for reports.
 
 use std::f64::consts::TAU;
 
@@ -83,8 +83,9 @@ pub fn trial(robot: &Robot, seed: u64) -> Result<Vec<Authored>, Error> {
     ])
 }
 
-/// A pose that the motors can hold, as it settles, and can reach from `from`: a motor that is too
-/// weak to lift a link past the horizontal may still hold it upright.
+/// A pose that the motors can hold and can reach from `from`, as it is after settling. Both are
+/// checked, because a motor that is too weak to lift a link past the horizontal may still hold it
+/// upright.
 fn held(robot: &Robot, seed: u64, index: u64, from: &[f64]) -> Result<Vec<f64>, Error> {
     let mut best: Option<(f64, Vec<f64>)> = None;
     for attempt in 0..TRIES {
@@ -130,8 +131,8 @@ fn leave_free(clip: &mut Clip, driven: &[bool], home: &[f64]) {
     }
 }
 
-/// The distance that a joint goes from home, with the sign of the wider side: within what it can go
-/// in the longest gap.
+/// The distance that a joint moves from home, positive or negative toward the wider side of its
+/// range. It is at most what the joint can cover in the longest gap.
 fn room(j: &StateJoint, home: f64) -> f64 {
     let secs = f64::from(LONGEST_GAP) * CTRL_DT;
     let most = (PACE * j.speed_limit * secs).min(PACE * j.acceleration_limit * secs * secs / 4.0);
@@ -148,8 +149,9 @@ fn free_room(j: &StateJoint, home: f64) -> f64 {
     REACH * if up >= down { up } else { -down }
 }
 
-/// The first sway whose moments the robot can all hold: towards each pose with each second joint at
-/// half the pace, then with all at one pace. Without such a one, that which comes nearest.
+/// The first sway all of whose moments the robot can hold. For each pose, a sway with every second
+/// joint at half the speed is tried, then one with all joints at the same speed. If there is none,
+/// the sway that comes nearest.
 fn clear_sway(robot: &Robot, poses: &[Vec<f64>], driven: &[bool]) -> Result<Clip, Error> {
     let tolerance = robot.profile().settle.tolerance;
     let mut best: Option<(f64, Clip)> = None;
@@ -185,7 +187,8 @@ fn moments(clip: &Clip) -> Vec<Vec<f64>> {
     rows.into_iter().skip(step / 2).step_by(step).collect()
 }
 
-/// Every joint leaves home towards `far` and returns, each second one at `slower` of the pace.
+/// Every joint moves from home toward `far` and back, every second joint at `slower` times the
+/// speed.
 fn sway(robot: &Robot, far: &[f64], slower: f64) -> Clip {
     let home = robot.home();
     let joints = robot.joints().iter().zip(&home).zip(far);

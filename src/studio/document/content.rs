@@ -1,8 +1,8 @@
 //! The open document: clip, history, journal, file.
 //!
 //! It is plain and synchronous, and the writer's thread is its only owner. Every change is in the
-//! journal before it is reported to anyone. Saving reduces the journal to the saved text, since
-//! what is in the file needs no second copy.
+//! journal before it is reported to anyone. After a save the journal contains only the saved text,
+//! because earlier edits are in the file.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -38,11 +38,11 @@ pub(crate) struct Document {
     /// again even if its author wrote it in another layout.
     pub(super) saved: Clip,
     pub(super) saved_text: Arc<str>,
-    /// The clip was never saved and is worth keeping: a new clip.
+    /// Whether the clip was never saved and is worth keeping, such as a new clip.
     pub(super) untitled: bool,
     pub(super) restored: Option<Restored>,
-    /// After a failed journal write the edit was taken back and must not be redone, since the
-    /// journal does not contain it.
+    /// Whether redo is refused. After a failed journal write the edit was undone and must not be
+    /// redone, since the journal does not contain it.
     pub(super) redo_blocked: bool,
     pub(super) replayed: Replayed,
 }
@@ -116,7 +116,7 @@ impl Document {
         self.restored.as_ref()
     }
 
-    /// What the file holds, or the clip was when it had none.
+    /// The content of the file, or the initial content of a clip without a file.
     pub(crate) fn saved_text(&self) -> Arc<str> {
         Arc::clone(&self.saved_text)
     }

@@ -6,7 +6,8 @@
 pub(super) struct Replayed {
     pub(super) done: usize,
     pub(super) len: usize,
-    /// An undo went back beyond it; from then on the two histories differ.
+    /// Whether an undo went back beyond the beginning of this history; from then on the two
+    /// histories differ.
     pub(super) apart: bool,
 }
 

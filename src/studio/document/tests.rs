@@ -394,9 +394,9 @@ impl Disk {
         std::fs::write(dir.join("a.clip.json.autosave"), &self.journal).unwrap();
     }
 
-    /// What a power cut may leave between this state and the next. Files are replaced whole
-    /// and in order (`fsio`), the clip first. What is appended arrives in sectors of 512 bytes,
-    /// in any order, and its length perhaps before it.
+    /// The states of the disk that a power cut may leave between this state and the next. Files are
+    /// replaced whole and in order (`fsio`), the clip first. Appended bytes arrive in sectors of
+    /// 512 bytes, in any order, and the file may get its new length before them.
     fn cuts(&self, next: &Disk, rng: &mut Rng) -> Vec<Disk> {
         let mut found = vec![self.clone(), next.clone()];
         if self.clip != next.clip {

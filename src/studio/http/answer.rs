@@ -30,7 +30,7 @@ impl IntoResponse for Refused {
     }
 }
 
-/// JSON bodies and answers, with our refusals.
+/// JSON bodies and answers; a body that cannot be read is refused in the form of [`ErrorBody`].
 #[derive(Debug)]
 pub(crate) struct Json<T>(pub T);
 

@@ -15,8 +15,9 @@
 //! The started browser gets a one-time code instead of the token, since everybody on the machine
 //! can read the arguments of a program.
 //!
-//! Rejected: "no Origin means no browser, so let it in" (a former hole in Jupyter), and CORS lists
-//! (they protect reading, not writing). There is no `Access-Control-Allow-Origin` at all.
+//! Rejected: treating a request without Origin as safe because no browser sent it (a former hole in
+//! Jupyter), and CORS lists (they protect reading, not writing). There is no
+//! `Access-Control-Allow-Origin` at all.
 
 use std::io::Read;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -83,7 +84,7 @@ pub(crate) enum Refusal {
 pub(crate) struct Guard {
     hosts: [String; 3],
     token: Secret,
-    /// Stands for the token once; see [`Guard::spend_code`].
+    /// A code that is accepted once in place of the token; see [`Guard::spend_code`].
     code: Secret,
     code_uses: AtomicU32,
     session: Mutex<Secret>,

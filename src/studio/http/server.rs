@@ -19,7 +19,7 @@ use tokio::sync::{Semaphore, oneshot, watch};
 use crate::protocol::Error;
 use robert_base::limits;
 
-/// The time that a connection waits for the place of one that was ended for it.
+/// The time that a new connection waits after an old one was closed to make room for it.
 const ROOM_PATIENCE: Duration = Duration::from_millis(200);
 
 /// Binds the port; 0 takes any.

@@ -1,9 +1,10 @@
 //! `/api/ws`: one editor client.
 //!
 //! Requests are handled one at a time, so a client that sends too many fills its own socket and not
-//! our queues. If the disk of an edit does not answer, the client goes on without its answer after a
-//! moment, so that it sees what others do. Outgoing messages are in the bounded stream of the hub, or
-//! are taken from the store when the socket has room. Nothing is kept for a client that does not read.
+//! our queues. If the disk does not answer while an edit is written, the client soon continues
+//! without the answer, so that it sees the edits of others. Outgoing messages are in the bounded
+//! stream of the hub, or are taken from the store when the socket has room. Nothing is kept for a
+//! client that does not read.
 
 use robert_base::json;
 use std::sync::Arc;
@@ -39,10 +40,10 @@ const FAREWELL: Duration = Duration::from_millis(500);
 /// Between signs of life.
 const PING: Duration = Duration::from_secs(10);
 
-/// An edit that takes longer waits for a disk.
+/// An edit that takes longer than this is waiting for a disk.
 const PROMPT: Duration = Duration::from_millis(250);
 
-/// How long an edit is waited for altogether, as over HTTP.
+/// The total time to wait for an edit, as over HTTP.
 const EDIT: Duration = Duration::from_secs(limits::BODY_SECS);
 
 /// Edits of one client that may wait for a disk.
@@ -89,7 +90,7 @@ struct Client {
     unacked: Vec<(u64, u64)>,
     /// Requests whose edit waits for a disk.
     late: JoinSet<(u64, Made)>,
-    /// Everybody sees what this client is dragging.
+    /// Whether this client is dragging, which all clients see as a preview.
     previewing: bool,
 }
 

@@ -49,7 +49,8 @@ pub(crate) struct Extra {
     pub(crate) scratch: Option<Arc<tempfile::TempDir>>,
 }
 
-/// The time for the last lines of a job that has ended; a child of the job may keep the pipe open.
+/// The time for the last lines of a job that has ended. It is limited, because a child of the job
+/// may keep the pipe open.
 const LOG_PATIENCE: Duration = Duration::from_secs(1);
 
 /// Log lines kept.

@@ -100,7 +100,7 @@ pub struct ClipQuery {
     /// The robot, for formats that do not name theirs; if absent, that of the open document.
     #[serde(default)]
     pub robot: String,
-    /// Rows a second of LAFAN files, which do not say it.
+    /// Rows per second, for LAFAN files, which do not contain it.
     #[serde(default = "lafan_rate")]
     pub rate: f64,
 }
@@ -114,18 +114,18 @@ fn lafan_rate() -> f64 {
 #[serde(deny_unknown_fields)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct InsertQuery {
-    /// The file that is in the body; its ending tells the format.
+    /// The name of the file in the body; its suffix determines the format.
     #[serde(default)]
     pub name: String,
     /// A file of this machine instead of a body.
     #[serde(default)]
     pub path: String,
-    /// Rows a second of LAFAN files, which do not say it.
+    /// Rows per second, for LAFAN files, which do not contain it.
     #[serde(default = "lafan_rate")]
     pub rate: f64,
     /// The frame before which it is inserted.
     pub at: u32,
-    /// Frames of a smooth curve to it and from it.
+    /// Frames of the smooth curves that lead to the block and from it.
     #[serde(default)]
     pub blend: u32,
 }
@@ -151,7 +151,8 @@ pub struct StillQuery {
     pub ghosts: bool,
     /// Numbers separated by commas: a pose that is shown instead of the reached one.
     pub pose: Option<String>,
-    /// Not read; it gives a newer picture another address.
+    /// Not read. It changes the address when the picture has changed, so that the browser fetches
+    /// it again.
     #[serde(default, rename = "v")]
     _version: String,
 }
@@ -203,7 +204,7 @@ pub struct PoseQuery {
     _version: String,
 }
 
-/// Query of `GET /api/thumbnail.jpg`: one of the two.
+/// Query of `GET /api/thumbnail.jpg`: either `path` or `take`.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]

@@ -124,6 +124,7 @@ pub struct Restored {
     pub lost: Vec<String>,
     /// The path where the damaged journal is kept.
     pub kept: Option<PathBuf>,
-    /// Whether another program has changed the file since: saving overwrites that change.
+    /// Whether another program has changed the file since then, so that saving would overwrite that
+    /// change.
     pub file_changed: bool,
 }

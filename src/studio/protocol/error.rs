@@ -35,7 +35,7 @@ pub enum Error {
         /// The other file.
         path: PathBuf,
     },
-    /// Another program has changed the clip's file since it was read or written here.
+    /// Another program has changed the clip's file since the studio read or wrote it.
     #[error("another program has changed this file since it was read here; overwrite it, read it again, or save under another name: {path}", path = .path.display())]
     Changed {
         /// The file.

@@ -1,6 +1,6 @@
 //! One ordered stream of events to all clients.
 //!
-//! An event is serialised once. The stream is bounded: a client that falls behind by more than its
+//! An event is serialised once. The stream is bounded: a client that is behind by more than its
 //! length is told so and gets the whole document again.
 
 use axum::extract::ws::Utf8Bytes;

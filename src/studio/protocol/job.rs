@@ -97,9 +97,9 @@ pub enum ExportKind {
     Picture,
     /// A file of the motion.
     Take,
-    /// A folder of it: written on the studio's disk, and not downloaded.
+    /// A folder, which is written on the studio's disk and cannot be downloaded.
     Folder,
-    /// Of the clip alone: made at once, without performing anything.
+    /// Made from the clip alone, at once and without performing it.
     Clip,
 }
 

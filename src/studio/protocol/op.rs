@@ -80,7 +80,8 @@ pub enum StudioOp {
         /// The frame; fractions are interpolated.
         frame: f64,
     },
-    /// Plays in the viewport; the page's own clock follows `frame` at `speed`.
+    /// Plays in the viewport, at `speed` from `frame` on; the page runs its own clock in the same
+    /// way.
     #[serde(rename = "view.play")]
     ViewPlay {
         /// The frame at which playback begins.

@@ -29,7 +29,7 @@ pub struct PolicyCard {
     pub why: Option<String>,
     /// Whether the policy is learned, so that another model file can be given for it.
     pub learned: bool,
-    /// Whether it is the policy that performs unless another is chosen.
+    /// Whether it performs if no policy is chosen.
     pub default: bool,
 }
 

@@ -99,7 +99,7 @@ pub struct RobotFacts {
     pub camera: Camera,
     /// Bodies, the world first.
     pub bodies: Vec<BodyFacts>,
-    /// Residual above which a pose counts as not reached, rad or m.
+    /// Distance above which a pose counts as not reached, rad or m.
     pub settle_tolerance: f64,
     /// Policies that can perform it.
     pub offers: Vec<Offer>,
@@ -184,9 +184,9 @@ pub struct Pin {
 pub struct IkAnswer {
     /// One value per state joint, inside the limits.
     pub q: Vec<f64>,
-    /// Distance left to the target, m; 0 without one.
+    /// Distance left to the target, m; 0 if there is no target.
     pub distance_m: f64,
-    /// Whether the target was reached, and every pin holds.
+    /// Whether the target was reached and every pin is met.
     pub reached: bool,
     /// Distance left by pin, m.
     pub pins_m: Vec<f64>,
@@ -201,7 +201,7 @@ pub struct IkAnswer {
 pub struct DrawRequest {
     /// The page.
     pub tab: String,
-    /// The pose that it begins from, one value per state joint.
+    /// The pose at which the line begins, one value per state joint.
     pub q: Vec<f64>,
     /// The site that goes along the line.
     pub site: String,

@@ -34,7 +34,7 @@ impl RolloutSettings {
         config
     }
 
-    /// The name of the performer in takes and pictures.
+    /// The name of the policy in takes and pictures.
     pub fn label(&self) -> String {
         let model_path = self.model_path.as_ref().map(Into::into);
         PolicyConfig { model_path, ..self.config() }.label()
@@ -90,7 +90,8 @@ pub struct RolloutState {
     pub mae: Option<f64>,
     /// Time a simulated frame takes, milliseconds.
     pub ms_per_frame: Option<f64>,
-    /// The policy, such as `pd+refine`. For `auto` the one that it chose, once it has.
+    /// The policy, such as `pd+refine`. For `auto` the policy that it chose, as soon as it has
+    /// chosen.
     pub policy: String,
     /// The policies that `auto` compared, in the order in which they were tried; empty for a named
     /// policy.
@@ -199,6 +200,6 @@ pub enum WorkerPhase {
     Ready,
     /// It died; a new one comes.
     Restarting,
-    /// The worker died too often; a request must start a new one.
+    /// The worker died too often; it starts again only on request.
     Stopped,
 }

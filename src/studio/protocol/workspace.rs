@@ -18,7 +18,7 @@ pub struct GalleryItem {
     pub length: u32,
     /// Keys.
     pub keys: usize,
-    /// Whether it is one of the few that the start page shows large.
+    /// Whether it is one of the few examples that the start page shows large.
     pub featured: bool,
 }
 
@@ -32,7 +32,7 @@ pub struct RecentFile {
     pub name: String,
     /// Robot.
     pub robot: String,
-    /// When it was last open here, seconds since 1970.
+    /// When it was last opened here, seconds since 1970.
     pub opened_secs: u64,
     /// Whether it is still there.
     #[serde(default, skip_deserializing)]

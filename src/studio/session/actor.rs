@@ -44,7 +44,7 @@ pub(super) struct Judgement {
 
 /// The policy in use.
 pub(super) struct Choice {
-    /// Somebody chose it; until then each robot has its own.
+    /// Whether a person chose the settings; until then each robot has its own.
     pub(super) by_hand: bool,
     /// What masks it can take.
     pub(super) granularity: Granularity,
@@ -181,7 +181,8 @@ impl SessionActor {
         self.shown.as_ref().ok_or(Error::NoDocument)
     }
 
-    /// Tells everyone about changes, and their author; whether there are any.
+    /// Sends changes to all clients, and the answer to their author. Returns whether there are any
+    /// changes.
     fn announce(&self, (result, author, reply): Answered) -> bool {
         let any = result.as_ref().is_ok_and(|changes| !changes.is_empty());
         let answer = match (&self.shown, result) {
@@ -249,7 +250,7 @@ impl SessionActor {
         }
     }
 
-    /// Shows a document in the place of the open one.
+    /// Opens a document in place of the current one.
     fn take_up(&mut self, shown: Shown, asked: Option<Asked>) -> DocumentView {
         self.close();
         let (facts, refusal) = match asked {

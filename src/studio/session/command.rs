@@ -1,4 +1,4 @@
-//! What the session is asked, and the way to ask it.
+//! Commands to the session, and the handle that sends them.
 
 use std::path::PathBuf;
 use std::sync::mpsc::Sender;
@@ -25,7 +25,7 @@ pub(super) type Reply<T> = oneshot::Sender<Result<T, Error>>;
 /// What is asked of the session.
 #[derive(Debug)]
 pub(crate) enum SessionCommand {
-    /// What changes the document, or needs a disk.
+    /// A change of the document, or something else that needs a disk.
     Write(Write),
     /// Previews an edit without committing it.
     Preview(Box<Op>, Reply<Option<Demand>>),
@@ -47,7 +47,7 @@ pub(crate) enum SessionCommand {
     Written(Box<Written>),
 }
 
-/// What is asked of the writer. It is done in order.
+/// Commands to the writer, which are carried out in order.
 #[derive(Debug)]
 pub(crate) enum Write {
     /// An edit, undo, redo.
@@ -64,10 +64,10 @@ pub(crate) enum Write {
     New(Box<Clip>, Reply<DocumentView>),
     /// Starts empty for this robot.
     Blank { robot: String, length: u32, name: String, reply: Reply<DocumentView> },
-    /// Brings back what a killed studio had open, an unsaved clip or the last file; false when
-    /// nothing was.
+    /// Opens what was open in a killed studio, an unsaved clip or the last file; false if there is
+    /// nothing.
     Recover(Reply<bool>),
-    /// What was brought back is shown and did no harm.
+    /// Reports that the recovered document was shown without an error.
     Recovered(Reply<bool>),
     /// Takes up a clip that was never saved.
     Draft(u32, Reply<DocumentView>),
@@ -102,10 +102,10 @@ impl Write {
     }
 }
 
-/// What an edit led to, and who is to hear of it.
+/// The result of an edit, its author, and the channel for the answer.
 pub(super) type Answered = (Result<Vec<Change>, Error>, Author, Reply<Edited>);
 
-/// What the simulation said of a clip's robot.
+/// The facts about a clip's robot, as the simulation answered.
 pub(crate) type Asked = Result<RobotFacts, Error>;
 
 /// What the writer has done. All of it is on disk.
@@ -115,11 +115,11 @@ pub(crate) enum Written {
     Edits(Vec<Answered>, Option<Shown>),
     /// The content of the file taken over.
     Reloaded(Answered, Option<Shown>),
-    /// Another document, and what is known of its robot.
+    /// Another document, and the facts about its robot as far as they are known.
     Opened { shown: Shown, asked: Option<Asked>, reply: Reply<DocumentView> },
     /// What a killed studio had open.
     Recovered { shown: Shown, asked: Option<Asked>, reply: Reply<bool> },
-    /// The document that was asked for is the open one.
+    /// The requested document is already open.
     Same(Reply<DocumentView>),
     /// Saved, or not.
     Saved(Result<Saved, Error>, Option<Shown>, Reply<Saved>),
@@ -136,12 +136,13 @@ pub(crate) struct Session {
 }
 
 impl Session {
-    /// A way to ask whoever takes from the other end.
+    /// A handle whose commands go to this inbox.
     pub(super) fn new(inbox: Sender<SessionCommand>) -> Session {
         Session { inbox }
     }
 
-    /// Asks and waits. The answer comes soon, unless a [`Write`] waits for a disk.
+    /// Sends a command and waits for the answer. It comes soon, except for a [`Write`] that waits
+    /// for a disk.
     ///
     /// # Errors
     /// The session's refusal.
@@ -165,7 +166,7 @@ impl Session {
     /// The document as clients see it.
     ///
     /// # Errors
-    /// None but that the studio is shutting down.
+    /// Only if the studio is shutting down.
     pub(crate) async fn view(&self) -> Result<Option<Box<DocumentView>>, Error> {
         self.ask(SessionCommand::View).await
     }

@@ -13,8 +13,8 @@ use robert_clip::{PoseChecker, PoseReport};
 /// Poses whose verdicts are remembered.
 const VERDICTS: usize = 4_000;
 
-/// The number of poses that are checked in one request, so that a question in between need not wait
-/// long.
+/// The number of poses that are checked in one request. It is small, so that other questions need
+/// not wait long.
 const JUDGED_AT_ONCE: usize = 4;
 
 impl SessionActor {
@@ -113,7 +113,7 @@ fn bits(pose: &[f64]) -> Vec<u64> {
     pose.iter().map(|v| v.to_bits()).collect()
 }
 
-/// Answers lints from the simulation's findings so far.
+/// Answers the lints' questions with the simulation's findings so far.
 struct Judge<'a> {
     /// Joints in state order.
     names: Vec<String>,

@@ -1,4 +1,4 @@
-//! Ways for a document to come to the writer.
+//! Opens documents in the writer.
 
 use std::path::Path;
 use std::time::Duration;
@@ -14,7 +14,7 @@ use robert_clip as clip;
 use robert_clip::{Clip, JointTable, RobotRef};
 use robert_robot::MODEL_FILE;
 
-/// How long opening waits for the facts of its robot.
+/// How long the opening of a document waits for the facts about its robot.
 const ROBOT_PATIENCE: Duration = Duration::from_secs(20);
 
 /// What is known of the joints then.
@@ -84,7 +84,8 @@ impl Writer {
         self.take_up(document, Some(asked), reply);
     }
 
-    /// Puts a document in the place of the open one, which stays if there is none.
+    /// Opens a document in place of the current one. If there is none to open, the current one
+    /// stays open.
     fn take_up(
         &mut self,
         document: Result<Document, Error>,
@@ -119,8 +120,8 @@ impl Writer {
         Ok(facts)
     }
 
-    /// Asks the worker to take a clip's robot up: by its id, or from the folder that the
-    /// user named, that the clip names, or that an import left beside us.
+    /// Asks the worker to load a clip's robot: by its id, or from the folder that the user or the
+    /// clip names, or that an import made in the studio's folder.
     fn ask_robot(&self, clip: &Clip) -> Asked {
         let id = &clip.robot.id;
         let named = clip.robot.model.as_ref().map(|m| self.workspace.folder.join(m));

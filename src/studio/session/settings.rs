@@ -22,8 +22,8 @@ impl SessionActor {
         self.simulation.robot().map(|r| r.offers.clone()).unwrap_or_default()
     }
 
-    /// The masks that the policy of these settings accepts. A model that cannot be read says so
-    /// itself when it is to perform.
+    /// The masks that the policy of these settings accepts. A model file that cannot be read is
+    /// ignored here; the error is reported when the policy performs.
     pub(super) fn masks(&self, settings: &RolloutSettings) -> MaskGranularity {
         let offers = self.offers();
         let offered =
@@ -38,8 +38,8 @@ impl SessionActor {
         }
     }
 
-    /// The settings for the document that is being opened: the chosen ones, as far as its robot
-    /// supports them, with the guide that the policy asks for.
+    /// The settings for the document that is being opened: the chosen ones as far as its robot
+    /// supports them, and the guide that the policy needs.
     pub(super) fn suited(&self, robot: &str) -> RolloutSettings {
         let mut settings = self.simulation.rollout.settings();
         let offers = self.offers();

@@ -1,7 +1,7 @@
 //! The document as it was last acknowledged.
 //!
-//! The writer makes one of these after each of its works; readers and previews use the last one,
-//! however long the writer waits for a disk. What is not on disk yet is not shown to anybody.
+//! The writer makes one of these after each change; readers and previews use the last one, however
+//! long the writer waits for a disk. A change that is not on disk yet is shown to nobody.
 
 use std::path::PathBuf;
 use std::sync::Arc;

@@ -5,7 +5,7 @@ use crate::protocol::{DocumentView, Findings, History, policies};
 use robert_clip::{Clip, JointTable, RobotRef};
 
 impl SessionActor {
-    /// What is known about the robot, with what the policy in use can leave open.
+    /// The facts about the robot that are known, with the masks that the current policy accepts.
     pub(super) fn table(&self) -> JointTable {
         let clip = || self.shown.as_ref().map(|d| JointTable::from_clip(d.clip()));
         let known = self.simulation.robot().map(|r| r.table.clone()).or_else(clip);

@@ -20,11 +20,12 @@ use robert_base::limits;
 use robert_clip as clip;
 use robert_clip::{Batch, Change, Delta, Op};
 
-/// After so long at one piece of work the writer is given no more of it: as long as a request
-/// may take, since whoever asked has been told by then that there is no answer.
+/// If the writer has worked on one change for longer than this, it accepts no others. It is the
+/// time limit of a request, so whoever sent that change has already been told that there is no
+/// answer.
 const PATIENCE: Duration = Duration::from_secs(limits::BODY_SECS);
 
-/// Since when the writer has been at one piece of work.
+/// The time at which the writer began its current work; `None` while it waits.
 type Busy = Arc<Mutex<Option<Instant>>>;
 
 /// The way to the writer.
@@ -34,7 +35,7 @@ pub(super) struct WriterHandle {
 }
 
 impl WriterHandle {
-    /// Passes it on, unless the disk has not answered for long.
+    /// Passes a command on, or refuses it if the disk has not answered for [`PATIENCE`].
     pub(super) fn tell(&self, ask: Write) {
         let busy = *self.busy.lock().unwrap_or_else(PoisonError::into_inner);
         match busy.map(|since| since.elapsed()) {

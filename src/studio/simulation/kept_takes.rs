@@ -1,4 +1,4 @@
-//! What is asked of the takes that the store keeps.
+//! Reading and changing the takes that the store keeps.
 
 use std::sync::{Arc, PoisonError};
 
@@ -23,14 +23,14 @@ impl RolloutStore {
         Some(TakeFrames { q: take.motion.q.clone(), error: take.motion.error.clone() })
     }
 
-    /// What a take was performed from, to perform it once more.
+    /// The clip, robot and settings that a take was performed with, to perform it again.
     pub(crate) fn take_source(&self, id: u64) -> Option<(Arc<Clip>, RolloutSettings)> {
         let inner = self.read();
         let take = inner.takes.get(id)?;
         Some((Arc::clone(&take.source.clip), take.source.settings.clone()))
     }
 
-    /// Changes takes, on disk, too, and tells everyone.
+    /// Changes takes, also on disk, and tells all clients.
     ///
     /// # Errors
     /// The refusal, or why a pinned take is not on disk.
@@ -56,8 +56,8 @@ impl RolloutStore {
         self.hub.send(&Event::Takes(self.takes()));
     }
 
-    /// Body transforms at a frame of the take that stands beside; beyond its end the last. One
-    /// row of (nbody, 7).
+    /// Body transforms at a frame of the take that is compared in the viewport, and beyond its end
+    /// at its last frame. One row of (nbody, 7).
     pub(crate) fn beside(&self, frame: usize) -> Option<Arc<[f32]>> {
         let inner = self.read();
         let bodies = &inner.takes.beside(&inner.robot.as_ref()?.source)?.motion.bodies;

@@ -34,7 +34,7 @@ impl RobotContext {
         self.bodies.iter().position(|b| b.name == name)
     }
 
-    /// Whether a body is a descendant of another one, or is that one.
+    /// Whether `body` is another body or a descendant of it.
     pub(crate) fn hangs_on(&self, mut body: usize, on: usize) -> bool {
         for _ in 0..self.bodies.len() {
             if body == on {

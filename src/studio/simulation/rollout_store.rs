@@ -369,7 +369,8 @@ impl Inner {
         }
     }
 
-    /// It is running, unless it was stopped meanwhile; frames that were already sent still count.
+    /// Marks the rollout as running, unless it was stopped meanwhile. Frames that were already sent
+    /// stay valid.
     fn goes_on(&mut self) {
         if matches!(self.state.phase, Phase::Waiting | Phase::Running) {
             self.set_phase(Phase::Running, None);

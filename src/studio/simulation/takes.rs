@@ -2,9 +2,9 @@
 //!
 //! A take never changes: it is the clip, the policy's settings and the resulting motion. Every
 //! finished rollout of the document is a take; performing the same clip in the same way again adds
-//! none. During editing, two takes of a policy suffice: the one before these edits, and the one
-//! now. The last [`limits::TAKES`] stay, and pinned ones stay until they are removed
-//! (`take_files`), whatever is opened meanwhile. They are shown with clips of their robot.
+//! none. During editing, two takes of each policy are kept: the one before these edits, and the
+//! current one. The last [`limits::TAKES`] are kept, and pinned ones until they are removed
+//! (`take_files`), whatever clip is opened meanwhile. Takes are shown with clips of their robot.
 
 use std::sync::Arc;
 
@@ -93,7 +93,7 @@ impl Take {
         q + bodies + 16 * self.motion.error.len()
     }
 
-    /// Whether this is the same performance again.
+    /// Whether another take is the same performance.
     fn is(&self, other: &Take) -> bool {
         let performed = |t: &Take| RolloutSettings { auto: true, ..t.source.settings.clone() };
         self.source.robot == other.source.robot
@@ -233,7 +233,7 @@ impl Takes {
         Ok(())
     }
 
-    /// Draws these beside what is performed now.
+    /// Draws these takes beside the current motion.
     pub(crate) fn compare(&mut self, ids: &[u64]) -> Result<(), Error> {
         if ids.len() > limits::TAKES_COMPARED {
             return Err(Error::Full { what: "takes drawn at once", cap: limits::TAKES_COMPARED });

@@ -20,7 +20,8 @@ pub(super) struct Hand {
     pub(super) drags: u64,
     /// A pose that is not in the clip.
     pub(super) floating: Floating,
-    /// The drag has ended: the next rollout of an edited document ends the floating pose.
+    /// Set when the drag has ended: the next rollout of an edited document then ends the floating
+    /// pose.
     pub(super) released_at: Option<u64>,
     /// A point that is pulled.
     pub(super) pull: Pull,
@@ -48,7 +49,7 @@ pub(super) struct Pull {
     pub(super) let_go_next: bool,
 }
 
-/// The share of the pointer's way that a fine drag uses.
+/// The share of the pointer's movement that a fine drag uses.
 const FINE: f64 = 0.2;
 
 /// Steps of the search for the angle that brings a link under the pointer.
@@ -109,9 +110,9 @@ pub(super) enum Pulled {
     Body(String, V3),
 }
 
-/// The angle (near `from`) about `axis` that brings the end of `arm`, as the camera sees it,
-/// nearest to where it was plus `way`: Gauss-Newton on the one angle, damped where the end
-/// moves along the line of sight.
+/// The angle (near `from`) about `axis` that brings the end of `arm` closest, as the camera sees
+/// it, to its old place plus `way`. The method is Gauss-Newton on the one angle, damped where the
+/// end moves along the line of sight.
 pub(super) fn turn_towards(arm: V3, axis: V3, way: V3, view: Option<V3>, from: f64) -> f64 {
     let seen = |v: V3| match view {
         Some(n) => space::sub(v, space::scale(n, space::dot(v, n))),

@@ -12,14 +12,14 @@ const WIDEST: f32 = 2.7;
 /// The smallest share of the widest viewport that the robot's bounds shall take, if its shape
 /// allows.
 const LEAST: f32 = 0.12;
-/// If the robot would take more, the camera steps back up to this share, so that it has room to
-/// move.
+/// If the robot would take a larger share, the camera moves back to this one, so that the robot has
+/// room to move.
 const ROOMY: f32 = 0.18;
 const STEP_BACK: f32 = 1.5;
 /// The free share of the picture on each side.
 const MARGIN: f32 = 0.04;
-/// The number of directions in which the outermost points of a robot are kept: 1 % of its size
-/// between two.
+/// The number of directions in which the outermost points of a robot are kept. The resulting error
+/// of its outline is 1 % of its size.
 const DIRECTIONS: usize = 160;
 
 /// The points that determine a framing: the outermost ones.

@@ -111,7 +111,8 @@ impl Stage {
         self.put_gizmo(props, Place { pos: anchor, quat: space::from_z(axis) });
     }
 
-    /// It is sent even if nothing has changed here, because a client's drag may have moved it.
+    /// Sends the gizmo's place even if it has not changed here, because a client's drag may have
+    /// moved it.
     pub(super) fn place_gizmo_anew(&mut self) {
         self.shared.edit(|scene| scene.remove(GIZMO));
         self.place_gizmo();

@@ -22,16 +22,16 @@ pub(super) const DOTS: &str = "/path/dots";
 pub(super) const ASKED: &str = "/path/asked";
 pub(super) const REACHED: &str = "/path/reached";
 
-/// Sizes are fractions of the robot's radius, or of this share of the path's extent if that is
-/// larger.
+/// The part of all sizes that comes from the path: they are fractions of the robot's radius, or of
+/// this share of the path's extent if that is larger.
 pub(super) const SHARE: f64 = 0.4;
 pub(super) const DIAMOND: f64 = 0.032;
 pub(super) const DOT: f64 = 0.009;
 /// With more keys than this there are no handles, because they would hide the line.
 pub(super) const HANDLES: usize = 240;
-/// Between two drawings while frames come.
+/// The least time between two drawings while frames arrive.
 pub(super) const PACE: Duration = Duration::from_millis(80);
-/// A click within this distance is on the line; a fraction as the sizes are.
+/// A click within this distance counts as on the line; a fraction, as the sizes are.
 pub(super) const NEAR: f64 = 0.06;
 
 pub(super) const COMMAND: Rgb = [120, 170, 255];
@@ -72,8 +72,8 @@ pub(super) struct Traced {
     pub(super) point: Pulled,
 }
 
-/// Whether there is a key at nearly every frame, as in a recording: diamonds would hide the line, and the
-/// ghost of the next key the robot. The page calls the same motion dense.
+/// Whether there is a key at nearly every frame, as in a recording. Diamonds would then hide the
+/// line, and the ghost of the next key would hide the robot. The page uses the same rule.
 pub(super) fn dense(keys: &[u32]) -> bool {
     let close = keys.windows(2).filter(|w| w[1] - w[0] <= 2).count();
     keys.len() >= 20 && close * 5 > (keys.len() - 1) * 4
@@ -98,15 +98,16 @@ pub(super) fn extent(at: &[V3]) -> f64 {
     if at.is_empty() { 0.0 } else { f64::from(low.distance(high)) }
 }
 
-/// The thin line of the command; every other frame is left out where nothing is commanded.
+/// The thin line of the command. Frames without a goal are drawn as every other segment, so the
+/// line is dashed there.
 pub(super) fn command_line(at: &[V3], goal: impl Fn(usize) -> bool) -> LineSegmentsProps {
     let shown = |f: &usize| goal(*f) || goal(*f + 1) || f.is_multiple_of(2);
     let frames = (0..at.len().saturating_sub(1)).filter(shown);
     segments(frames.map(|f| ([at[f], at[f + 1]], COMMAND)), 1.5)
 }
 
-/// The thick line of the reached motion: blue to red as links of the command, grey where nothing
-/// was commanded.
+/// The thick line of the reached motion, from blue to red with the error, as the links of the
+/// command are; grey where nothing was commanded.
 pub(super) fn reached_line(
     reached: &[V3],
     asked: &[V3],

@@ -1,6 +1,6 @@
-//! The path of the selected link or end effector through the clip: its point, when it is drawn
-//! again, and gestures on it. Dragging a diamond moves that point at its key; a click on the line
-//! asks for a key there.
+//! The path of the selected link or end effector through the clip: which point it shows, when it is
+//! drawn again, and gestures on it. Dragging a diamond moves that point at its key; a click on the
+//! line asks for a key there.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -145,7 +145,7 @@ impl Stage {
         self.hub.send(&Event::PathPoint { frame: frame as u32, values, tab });
     }
 
-    /// A diamond is grabbed: its point is dragged at its key.
+    /// Begins to drag a diamond: its point is moved at its key.
     pub(super) fn grab_key(&mut self, frame: u32, grab: Grab, tab: Option<String>) {
         let path = &self.overlays.path;
         let (Some(traced), Some(at)) = (path.of.clone(), path.asked.get(frame as usize)) else {

@@ -40,7 +40,7 @@ impl Playback {
         });
     }
 
-    /// Moves the playhead to its place now; without a range it ends at the last frame.
+    /// Moves the playhead to the frame of this moment; without a range it stops at the last frame.
     pub(super) fn advance(&mut self, now: Instant, last: f64) {
         let Some(play) = &self.play else { return };
         let run = now.duration_since(play.since).as_secs_f64() * play.speed * f64::from(FPS);

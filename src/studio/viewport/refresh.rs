@@ -9,7 +9,8 @@ use super::stage::Stage;
 use crate::simulation::worker::Kinematics;
 use robert_take::viser::Message;
 
-/// In dense motion the ghosts are so many frames away, since the next key is at the next frame.
+/// In dense motion ghosts are shown at this distance in frames, because the next key is only one
+/// frame away.
 const DENSE_GHOSTS: u32 = 10;
 
 impl Stage {

@@ -87,8 +87,9 @@ impl Retained {
     }
 }
 
-/// A camera message in the form that a client must get. One with `initial` sets where a new client
-/// begins and where "reset view" goes; a connected client moves only at one without it.
+/// A camera message in the form that a client must get. A message with `initial` sets where a new
+/// client starts and where "reset view" goes; the camera of a connected client moves only on a
+/// message without it.
 fn moving(mut message: Message, there: bool) -> Message {
     if let Message::SetCameraPositionMessage { initial, .. }
     | Message::SetCameraLookAtMessage { initial, .. }

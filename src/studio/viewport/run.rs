@@ -21,7 +21,7 @@ use robert_clip::Level;
 
 /// Between two pictures while playing.
 const TICK: Duration = Duration::from_micros(16_667);
-/// The number of times of a motion at which the camera must show the robot.
+/// The number of moments of a motion at which the camera must show the whole robot.
 const MOMENTS: usize = 16;
 
 /// Runs for the life of the studio.

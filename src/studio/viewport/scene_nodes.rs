@@ -48,7 +48,7 @@ pub(super) struct SceneNodes {
 }
 
 impl SceneNodes {
-    /// Adds a figure to the scene that was not there.
+    /// Adds a figure to a scene that does not have it yet.
     pub(super) fn enter(&self, scene: &mut Retained, figure: Figure) {
         frames(scene, figure, &self.names);
         for (k, mesh) in self.meshes.iter().enumerate().filter(|(_, m)| m.body > 0) {

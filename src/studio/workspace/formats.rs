@@ -1,4 +1,4 @@
-//! The formats of exports: what the page offers, and what becomes of each.
+//! The formats of exports: which the page offers, and what a file of each contains.
 
 use crate::protocol::{ExportFormat, ExportKind};
 

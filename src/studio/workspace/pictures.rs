@@ -78,7 +78,8 @@ impl Default for Shown {
 }
 
 impl Shown {
-    /// The request for the painter. The still viewport has its captions around it.
+    /// The overlays that the painter draws. In the still viewport the page itself shows captions,
+    /// so they are left out.
     fn overlay(&self, draft: bool) -> String {
         let words = [
             (!(self.achieved || self.pose.is_some()), "bare"),
@@ -99,7 +100,7 @@ struct Kept {
     bytes: usize,
 }
 
-/// Nobody receives the painter's events; a question gets its own answer.
+/// Ignores the painter's events; a question gets its own answer.
 struct Deaf;
 
 impl WorkerSink for Deaf {
@@ -110,7 +111,7 @@ impl WorkerSink for Deaf {
 }
 
 impl Pictures {
-    /// Makes the handle; the painter starts at the first request.
+    /// Makes the handle. The painter starts at the first request.
     ///
     /// # Errors
     /// When the system gives no thread.
@@ -297,7 +298,7 @@ impl Pictures {
     }
 }
 
-/// The name of an example's picture; another model gives another name.
+/// The name of an example's picture; it changes with the model.
 fn example_name(clip: &clip::Clip) -> String {
     let models = shipped::all().unwrap_or_default();
     let of_robot = models.iter().filter(|m| m.robot == clip.robot.id);
@@ -307,7 +308,7 @@ fn example_name(clip: &clip::Clip) -> String {
     format!("example-{}.jpg", fsio::sha256_hex(seed.as_bytes()))
 }
 
-/// Beside the picture: the error, as JSON.
+/// The name of the file with the error beside a picture, as JSON.
 fn noted(name: &str) -> String {
     format!("{name}.json")
 }

@@ -17,7 +17,7 @@ pub(crate) struct Recent {
 }
 
 impl Recent {
-    /// The list that the last runs left. A damaged list is an empty one.
+    /// Reads the list of the last runs. A damaged list counts as empty.
     pub(crate) fn load(state_dir: &Path) -> Recent {
         let path = state_dir.join("recent.json");
         let files = Mutex::new(read(&path).unwrap_or_default());

@@ -40,7 +40,7 @@ impl Workspace {
     /// A path as the user typed it.
     ///
     /// # Errors
-    /// [`Error::Request`] for what is none.
+    /// [`Error::Request`] if the text is not a path.
     pub(crate) fn path(&self, typed: &str) -> Result<PathBuf, Error> {
         if typed.is_empty() || typed.contains('\0') {
             return Err(Error::request("this is no path"));

@@ -70,9 +70,12 @@ export interface BlocksDelete {
 
 /** Arguments of `blocks.insert`. */
 export interface BlocksInsert {
-  /** Before which frame; the clip's length appends. Inside a block it comes after that block. */
+  /**
+   * The frame before which the block is inserted; the clip's length appends. If the frame is
+   * inside a block, the new one comes after that block.
+   */
   at: number;
-  /** Frames of a smooth curve from what is before it, and to what follows. */
+  /** Frames of the smooth curves that lead to the block and from it. */
   blend?: number;
   /** Its name. */
   name: string;
@@ -88,7 +91,7 @@ export interface BlocksOrder {
 
 /** Arguments of `blocks.repeat`. */
 export interface BlocksRepeat {
-  /** Frames of a smooth curve from its end to its beginning. */
+  /** Frames of the smooth curve from the block's end to its beginning. */
   blend?: number;
   /** The first frame of the block. */
   frame: number;
@@ -141,7 +144,7 @@ export interface Clip {
   name?: string;
   /** Remarks. */
   notes?: string;
-  /** What is added to the command of the keys, at most one per frame. */
+  /** Values that are added to the command of the keys, at most one offset per frame. */
   offsets?: Offset[];
   /** Named poses: one value per joint, null leaves a joint open. */
   poses?: Record<string, (number | null)[]>;
@@ -173,7 +176,7 @@ export interface ClipQuery {
   name?: string;
   /** A file of this machine instead of a body. */
   path?: string;
-  /** Rows a second of LAFAN files, which do not say it. */
+  /** Rows per second, for LAFAN files, which do not contain it. */
   rate?: number;
   /** The robot, for formats that do not name theirs; if absent, that of the open document. */
   robot?: string;
@@ -239,7 +242,7 @@ export interface Coupling {
   members: CouplingMember[];
   /** Tendon or leader name. */
   name: string;
-  /** Allowed difference between members, rad or m: contact and limits separate them a little. */
+  /** Allowed difference between members, rad or m. Contact and limits separate them a little. */
   tolerance: number;
 }
 
@@ -377,7 +380,7 @@ export interface DrawRequest {
    * drawn, s.
    */
   points: [number, number, number][];
-  /** The pose that it begins from, one value per state joint. */
+  /** The pose at which the line begins, one value per state joint. */
   q: number[];
   /** The duration of the whole line at constant speed, s; if absent, as long as the drawing took. */
   secs?: number;
@@ -496,9 +499,9 @@ export type ExportKind =
   | "picture"
   /** A file of the motion. */
   | "take"
-  /** A folder of it: written on the studio's disk, and not downloaded. */
+  /** A folder, which is written on the studio's disk and cannot be downloaded. */
   | "folder"
-  /** Of the clip alone: made at once, without performing anything. */
+  /** Made from the clip alone, at once and without performing it. */
   | "clip";
 
 /** Query of `GET /api/export`. */
@@ -586,7 +589,7 @@ export type Fill =
 export interface FillSet {
   /** The fill; null = the clip's default (`mask` for the default itself). */
   fill?: Fill | null;
-  /** After which keys; absent = the clip's default. */
+  /** The keys after which the fill is set; absent = the clip's default. */
   frames?: number[];
 }
 
@@ -628,7 +631,7 @@ export type Format = "robert-clip/1";
 
 /** One example. */
 export interface GalleryItem {
-  /** Whether it is one of the few that the start page shows large. */
+  /** Whether it is one of the few examples that the start page shows large. */
   featured: boolean;
   /** For `POST /api/gallery/{id}`. */
   id: string;
@@ -721,13 +724,13 @@ export interface Hovered {
 export interface IkAnswer {
   /** Bodies that touch in the pose, and the depth, m; the deepest first. */
   contacts: [string, string, number][];
-  /** Distance left to the target, m; 0 without one. */
+  /** Distance left to the target, m; 0 if there is no target. */
   distance_m: number;
   /** Distance left by pin, m. */
   pins_m: number[];
   /** One value per state joint, inside the limits. */
   q: number[];
-  /** Whether the target was reached, and every pin holds. */
+  /** Whether the target was reached and every pin is met. */
   reached: boolean;
 }
 
@@ -768,13 +771,13 @@ export interface ImportBody {
 export interface InsertQuery {
   /** The frame before which it is inserted. */
   at: number;
-  /** Frames of a smooth curve to it and from it. */
+  /** Frames of the smooth curves that lead to the block and from it. */
   blend?: number;
-  /** The file that is in the body; its ending tells the format. */
+  /** The name of the file in the body; its suffix determines the format. */
   name?: string;
   /** A file of this machine instead of a body. */
   path?: string;
-  /** Rows a second of LAFAN files, which do not say it. */
+  /** Rows per second, for LAFAN files, which do not contain it. */
   rate?: number;
 }
 
@@ -936,15 +939,15 @@ export interface JointTable {
 }
 
 /**
- * A keyframe: a named pose, values, or where points of the robot shall be. A pose or values beside
- * `reach` are what the robot stays near.
+ * A keyframe: a named pose, values, or end-effector goals. If it has `reach` and also a pose or
+ * values, the robot stays near these.
  */
 export interface Key {
   /** The fill up to the next key; the clip's `fill` when absent. */
   fill?: Fill;
   /** The frame of the key, from 0. */
   frame: number;
-  /** For how many frames the value is commanded; 1 when absent. */
+  /** The number of frames for which the value is commanded; 1 when absent. */
   hold?: number;
   /** A remark. */
   note?: string;
@@ -952,7 +955,7 @@ export interface Key {
   pose?: string;
   /** Values, one per joint. */
   q?: (number | null)[];
-  /** Places that points of the robot shall reach. */
+  /** End-effector goals: positions that points of the robot should reach. */
   reach?: Reach[];
   /**
    * Slopes of cubic curves at this key, by joint: "flat", "linear", or rad/s or m/s; automatic
@@ -1023,7 +1026,7 @@ export interface KeysScale {
   replace?: boolean;
 }
 
-/** Arguments of `keys.set`: absent parts stay. */
+/** Arguments of `keys.set`: absent parts do not change. */
 export interface KeysSet {
   /** Fill; null = the clip's. */
   fill?: Fill | null;
@@ -1037,7 +1040,7 @@ export interface KeysSet {
   pose?: string;
   /** All values. */
   q?: (number | null)[];
-  /** All end-effector goals; none of them leaves the joint values alone. */
+  /** All end-effector goals; an empty list removes them and keeps the joint values. */
   reach?: Reach[];
   /** Single joints by name; null leaves a joint open. */
   values?: Record<string, number | null>;
@@ -1050,7 +1053,7 @@ export interface KeysSparsify {
    * so do keys with a hold, a remark or a named pose.
    */
   frames: number[];
-  /** Allowed distance of a removed key's joint from the line, rad or m. */
+  /** Allowed distance between a joint of a removed key and the line, rad or m. */
   tolerance: number;
 }
 
@@ -1239,7 +1242,7 @@ export interface Offer {
   model: string | null;
   /** The policy's name. */
   name: PolicyName;
-  /** The missing part that it needs before it can be chosen; null when it needs nothing. */
+  /** What is missing before it can be chosen; null if nothing is. */
   needs: string | null;
   /** Whether it needs seconds for a clip. */
   slow: boolean;
@@ -1247,17 +1250,17 @@ export interface Offer {
   suits: string;
 }
 
-/** What is added to the command around one frame: it grows, is held, and fades. */
+/** Values that are added to the command around one frame: they grow, are held, and fade. */
 export interface Offset {
   /** What is added, by joint, rad or m. */
   add: Record<string, number>;
-  /** The frame at which it is first there in full. */
+  /** The first frame at which the values are added in full. */
   frame: number;
-  /** For how many frames it is there in full; 1 when absent. */
+  /** The number of frames for which the values are added in full; 1 when absent. */
   hold?: number;
-  /** Over how many frames it grows; 10 when absent, 0 = at once. */
+  /** The number of frames over which it grows; 10 when absent, 0 = at once. */
   in?: number;
-  /** Over how many frames it fades; 10 when absent, 0 = at once. */
+  /** The number of frames over which it fades; 10 when absent, 0 = at once. */
   out?: number;
 }
 
@@ -1271,13 +1274,13 @@ export interface OffsetsMove {
   frames: number[];
 }
 
-/** Arguments of `offsets.set`: absent parts stay. */
+/** Arguments of `offsets.set`: absent parts do not change. */
 export interface OffsetsSet {
-  /** What is added, by joint, rad or m; 0 or null adds nothing to it any more. */
+  /** The values to add, by joint, rad or m; 0 or null removes a joint from the offset. */
   add?: Record<string, number | null>;
   /** At which frame. */
   frame: number;
-  /** For how many frames it is there in full. */
+  /** The number of frames for which the values are added in full. */
   hold?: number;
   /** Over how many frames it grows. */
   in?: number;
@@ -1329,7 +1332,7 @@ export type Op =
   | { op: "blocks.repeat"; args: BlocksRepeat }
   /** Removes a block with its frames. */
   | { op: "blocks.delete"; args: BlocksDelete }
-  /** Inserts empty frames and shifts what follows. */
+  /** Inserts empty frames and shifts everything after them. */
   | { op: "time.insert"; args: TimeInsert }
   /** Removes frames with their keys and closes the gap. */
   | { op: "time.delete"; args: TimeDelete }
@@ -1461,7 +1464,7 @@ export type Plane =
 export interface PolicyCard {
   /** Whether it can be chosen for this robot without a model file given by the user. */
   available: boolean;
-  /** Whether it is the policy that performs unless another is chosen. */
+  /** Whether it performs if no policy is chosen. */
   default: boolean;
   /** The guide that should fill masked frames for it. */
   guide: Guide;
@@ -1516,7 +1519,7 @@ export interface Pose {
 export interface PoseApply {
   /** 0 = the current values, 1 = the pose. */
   blend?: number;
-  /** Onto which frames; a frame without a key gets one. */
+  /** The frames that are changed; a frame without a key gets one. */
   frames: number[];
   /** Only these joints; absent = all. */
   joints?: string[];
@@ -1579,16 +1582,17 @@ export interface Precision {
   /** Each hold: a run of three or more visible frames with one goal. */
   holds: HoldError[];
   /**
-   * The same over masked frames: against the hidden motion if that is known (tasks extracted
-   * from data, see `hidden_error`), else against the straight line through the gap, which only
-   * shows how direct the motion was.
+   * Mean absolute error over masked frames. If the hidden motion is known (tasks extracted from
+   * data, see `hidden_error`), the error is against that motion. Otherwise it is against the
+   * straight line through the gap, and only shows how direct the motion was.
    */
   masked_mae: number | null;
   /** Mean |a_t - a_(t-1)| in actions: the paper's "shaking". */
   mean_abs_du: number;
   /**
-   * The same over the visible frames at which the command moves, that is, some joint has another
-   * goal than before. Holds after their first frame are left out.
+   * Mean absolute error over the visible frames at which the command moves, that is, at which
+   * some joint has another goal than before. The first frame of a hold counts, its other frames
+   * do not.
    */
   moving: number | null;
   /** 95th percentile over unmasked frames and joints. */
@@ -1608,7 +1612,7 @@ export interface Precision {
   worst: [number, number] | null;
 }
 
-/** An end-effector goal: where a site, or a point of a body, shall be in the world. */
+/** An end-effector goal: the position that a site, or a point of a body, should have in the world. */
 export interface Reach {
   /** The body whose point it is. */
   body?: string;
@@ -1628,7 +1632,7 @@ export interface RecentFile {
   exists: boolean;
   /** Title of the clip. */
   name: string;
-  /** When it was last open here, seconds since 1970. */
+  /** When it was last opened here, seconds since 1970. */
   opened_secs: number;
   /** Path. */
   path: string;
@@ -1640,7 +1644,10 @@ export interface RecentFile {
 export interface Restored {
   /** Edits that had not been saved. */
   edits: number;
-  /** Whether another program has changed the file since: saving overwrites that change. */
+  /**
+   * Whether another program has changed the file since then, so that saving would overwrite that
+   * change.
+   */
   file_changed: boolean;
   /** The path where the damaged journal is kept. */
   kept: string | null;
@@ -1700,7 +1707,7 @@ export interface RobotFacts {
   offers: Offer[];
   /** Named poses, the home pose first. */
   poses: PoseFacts[];
-  /** Residual above which a pose counts as not reached, rad or m. */
+  /** Distance above which a pose counts as not reached, rad or m. */
   settle_tolerance: number;
   /** The source that it is loaded from: its id, or its folder. */
   source: string;
@@ -1742,7 +1749,10 @@ export interface RolloutState {
   ms_per_frame: number | null;
   /** The phase in which it is. */
   phase: Phase;
-  /** The policy, such as `pd+refine`. For `auto` the one that it chose, once it has. */
+  /**
+   * The policy, such as `pd+refine`. For `auto` the policy that it chose, as soon as it has
+   * chosen.
+   */
   policy: string;
   /** The frame it was resumed from. */
   resumed_at: number;
@@ -1985,7 +1995,10 @@ export interface StillQuery {
   h?: number;
   /** Numbers separated by commas: a pose that is shown instead of the reached one. */
   pose?: string;
-  /** Not read; it gives a newer picture another address. */
+  /**
+   * Not read. It changes the address when the picture has changed, so that the browser fetches
+   * it again.
+   */
   v?: string;
   w?: number;
 }
@@ -2024,7 +2037,10 @@ export type StudioOp =
   | { op: "take.remove"; args: { id: number } }
   /** Shows this frame in the viewport (also while scrubbing). */
   | { op: "view.frame"; args: { frame: number } }
-  /** Plays in the viewport; the page's own clock follows `frame` at `speed`. */
+  /**
+   * Plays in the viewport, at `speed` from `frame` on; the page runs its own clock in the same
+   * way.
+   */
   | { op: "view.play"; args: { frame: number; range?: [number, number]; speed: number } }
   /** The parts that the viewport shows; absent fields keep their value. */
   | { op: "view.show"; args: ViewShow }
@@ -2092,7 +2108,7 @@ export interface TakesView {
   takes: TakeCard[];
 }
 
-/** The slope of one joint at one key. A joint without one has the automatic slope. */
+/** The slope of one joint at one key. A joint without a tangent has the automatic slope. */
 export type Tangent =
   /** A slope by its name. */
   | TangentName
@@ -2118,7 +2134,7 @@ export interface TangentSet {
   tangent?: Tangent | null;
 }
 
-/** Query of `GET /api/thumbnail.jpg`: one of the two. */
+/** Query of `GET /api/thumbnail.jpg`: either `path` or `take`. */
 export interface ThumbnailQuery {
   /** A clip's file. */
   path?: string;
@@ -2136,7 +2152,7 @@ export interface TimeDelete {
 
 /** Arguments of `time.insert`. */
 export interface TimeInsert {
-  /** Before which frame; the clip's length appends. */
+  /** The frame before which frames are inserted; the clip's length appends. */
   at: number;
   /** The number of frames. */
   frames: number;
@@ -2147,8 +2163,8 @@ export interface Trial {
   /** Why it failed. */
   error?: string;
   /**
-   * Penalty of its motion inside gaps, rad or m: overshoot, long paths, jolts. 0 if it looks
-   * natural.
+   * Penalty of its motion inside gaps, rad or m: for overshoot, long paths and jerk. 0 if the
+   * motion is within the limits.
    */
   gaps: number;
   /** The policy, as in `PolicyConfig::label`. */
@@ -2196,7 +2212,7 @@ export type WorkerPhase =
   | "ready"
   /** It died; a new one comes. */
   | "restarting"
-  /** The worker died too often; a request must start a new one. */
+  /** The worker died too often; it starts again only on request. */
   | "stopped";
 
 /** The simulation as a banner shows it. */

@@ -1,4 +1,4 @@
-//! Offsets keep joints inside their ranges, and have something to be added to.
+//! Rules: offsets keep joints inside their ranges, and there is a goal that they are added to.
 
 use std::collections::BTreeMap;
 
@@ -85,7 +85,8 @@ impl Finder<'_> {
         }
     }
 
-    /// Lets the offset that covers these frames grow and fade over so many times its frames.
+    /// The edit that makes the offset over these frames grow and fade over a multiple of its
+    /// frames.
     pub(super) fn softer(&self, from: u32, to: u32, joints: &[String], ratio: f64) -> Option<Fix> {
         let length = self.clip.length;
         let covers = |o: &&crate::offset::Offset| {

@@ -140,7 +140,8 @@ impl Finder<'_> {
         }
     }
 
-    /// Takes typed slopes of these joints back, in the interval after key `index`.
+    /// The edit that makes typed slopes of these joints automatic, in the interval after key
+    /// `index`.
     fn automatic(&self, index: usize, joints: &[String]) -> Option<Fix> {
         let ends = self.clip.keys.iter().skip(index).take(2);
         let typed =
@@ -151,8 +152,8 @@ impl Finder<'_> {
         (!set.frames.is_empty()).then_some(Fix { title, op: Op::TangentSet(set) })
     }
 
-    /// The factor by which a cubic may be faster between its frames than on them. 1 - (4/3)/L^2 of
-    /// the peak is seen over L frames.
+    /// The factor by which a cubic may be faster between frames than at frames. Over L frames at
+    /// least 1 - (4/3)/L^2 of its peak speed is seen.
     fn between_samples(&self, from: u32, to: u32) -> f64 {
         let spans = self.command.spans();
         let first = spans.partition_point(|s| s.to <= from);

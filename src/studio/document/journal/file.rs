@@ -128,7 +128,7 @@ impl Journal {
         File::open(dir).and_then(|d| d.sync_all()).map_err(fail)
     }
 
-    /// Removes the file, whose content is no longer needed.
+    /// Removes the file when its content is no longer needed.
     pub(crate) fn remove(self) {
         fs::remove_file(&self.path).ok();
     }

@@ -269,7 +269,8 @@ impl Reading {
         self.records.push(raw.record);
     }
 
-    /// Adds placeholders for the records missing before this one, as far as they can be known.
+    /// Adds placeholders for the records that are missing before this one, as far as their number
+    /// is known.
     fn fill(&mut self, raw: &Raw, kind: Kind, missing: u32) {
         self.position.number = self.position.number.max(1);
         let before = match kind {
@@ -373,7 +374,7 @@ mod tests {
         bytes
     }
 
-    /// All but this record, and one in its place that changes nothing.
+    /// All records but this one, with one in its place that changes nothing.
     fn only_one_differs(found: &[Record], whole: &[Record]) -> bool {
         let differing: Vec<_> = found.iter().zip(whole).filter(|(a, b)| a != b).collect();
         match differing.as_slice() {

@@ -11,7 +11,7 @@ use super::message::{Question, WorkerRequest};
 use super::supervisor::{self, Inbox, Reply, WorkerSink, gone};
 use crate::protocol::Error;
 
-/// A handle for questions to the worker. Clones use the same worker. Clones ask the same one.
+/// A handle for questions to the worker. Clones use the same worker.
 #[derive(Clone, Debug)]
 pub(crate) struct WorkerHandle {
     inbox: Sender<Inbox>,
@@ -26,8 +26,8 @@ impl WorkerHandle {
         Ok(WorkerHandle { inbox: supervisor::start(binary, sink, None)? })
     }
 
-    /// The same, but the child is started at the first question and ended after `rest` without one,
-    /// because its memory is needed only now and then.
+    /// As [`WorkerHandle::start`], but the child is started at the first question and ended after
+    /// `rest` without one, because it is needed only now and then and uses memory.
     ///
     /// # Errors
     /// When the system gives no thread.

@@ -11,7 +11,7 @@ use robert_base::exit::{Exit, HasExit};
 use robert_clip::Command;
 use robert_rollout::{Choice, PolicyConfig, Precision};
 
-/// A question to the worker, with the type of its answer. Its type says what the answer is.
+/// A question to the worker. Its type determines the type of the answer.
 pub(crate) trait Question: Into<WorkerRequest> {
     /// The type of the worker's answer.
     type Answer: Serialize + DeserializeOwned + Send + 'static;
@@ -79,7 +79,7 @@ requests! {
 }
 
 impl WorkerRequest {
-    /// Whether it may take long, so that frames must not wait for it.
+    /// Whether the answer may take long, so that frames must not wait for it.
     pub(super) fn is_slow(&self) -> bool {
         matches!(
             self,
@@ -119,7 +119,8 @@ pub(crate) struct SetPolicy {
 pub(crate) struct Perform {
     /// Number of the rollout.
     pub(crate) generation: u64,
-    /// With the policy `auto`: whether all contenders perform. Otherwise the last best one does.
+    /// With the policy `auto`: whether all contenders perform, or only the one that was best last
+    /// time.
     pub(crate) compare: bool,
     /// The clip.
     pub(crate) command: Dense,
@@ -353,7 +354,8 @@ pub(crate) struct Frames {
     pub(crate) error: Vec<Option<f64>>,
     /// Body transforms by frame; (nbody, 7) position and quaternion w x y z.
     pub(crate) bodies: Vec<Vec<f32>>,
-    /// The same of the command, interpolated where masked.
+    /// Body transforms of the command by frame, interpolated where masked; (nbody, 7) position and
+    /// quaternion w x y z.
     pub(crate) goal_bodies: Vec<Vec<f32>>,
     /// Time that the simulation and the policy took, seconds in all.
     pub(crate) secs: f64,

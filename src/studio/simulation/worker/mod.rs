@@ -5,8 +5,8 @@
 //! a child of the same binary (`robert __worker`), under limits that it sets itself. The parent
 //! owns the document and the journal, so the death of the child loses no data.
 //!
-//! Rejected: threads with `catch_unwind` (catches none of the above) and a crate for
-//! sandboxes (the child is our own code; what it needs is limits, not a jail).
+//! Rejected: threads with `catch_unwind`, which catches none of these, and a crate for sandboxes,
+//! because the child is our own code and needs only limits.
 //!
 //! `message.rs` contains the messages, `codec.rs` the framing, `child.rs` the child's side,
 //! `supervisor.rs` and `handle.rs` the parent's side. Pictures are drawn in a second child of the

@@ -36,8 +36,8 @@ impl Out {
         })
     }
 
-    /// The same, ignoring an error: a parent that is gone needs no answer, and the next read will
-    /// fail.
+    /// Sends an answer and ignores errors: a parent that has ended needs no answer, and the next
+    /// read will fail.
     pub(super) fn answer<Q: Question>(&self, id: u64, answer: Result<Q::Answer, Refusal>) {
         self.send::<Q>(id, answer).ok();
     }
@@ -48,8 +48,8 @@ impl Out {
     }
 }
 
-/// Grants another share of processor time. So an endless loop in one request ends the process, but
-/// many short requests do not.
+/// Grants another share of processor time. An endless loop in one request then ends the process,
+/// but many short requests do not.
 pub(super) fn grant_cpu() {
     let Ok(stat) = std::fs::read_to_string("/proc/self/stat") else { return };
     // After the name in parentheses the 12th and 13th fields are user and system ticks.

@@ -68,7 +68,7 @@ struct Pending {
     reply: Option<Reply>,
     /// The earliest time at which the worker can have begun it.
     since: Instant,
-    /// It waits behind others of its kind: see [`WorkerRequest::is_slow`].
+    /// Whether it waits behind other slow requests: see [`WorkerRequest::is_slow`].
     slow: bool,
 }
 

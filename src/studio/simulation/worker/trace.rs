@@ -1,10 +1,10 @@
 //! Turns a drawn line into keys at which a site of the robot follows it.
 //!
 //! The line is simplified in the robot's task space (Ramer 1972; Douglas and Peucker 1973). Inverse
-//! kinematics reaches each of its corners from the pose before. If the site leaves the straight
-//! line on the way between two poses, another pose is put between them. Times are those of the
-//! drawing, or even. If joints cannot move that fast, the motion becomes slower. A sharp corner is
-//! held for a moment, since no mass can change its direction at once.
+//! kinematics finds a pose for each corner, beginning at the pose before. If the site leaves the
+//! straight line between two poses, another pose is inserted. Times are those of the drawing, or
+//! those of constant speed. If joints cannot move that fast, the motion becomes slower. At a sharp
+//! corner the robot waits for a moment, since no mass can change its direction at once.
 
 use super::message::Trace;
 use crate::protocol::{DrawAnswer, DrawnKey};
@@ -15,7 +15,8 @@ use robert_robot::{self as robot, IkConfig, Point, Robot, Target};
 
 type V3 = [f64; 3];
 
-/// The share of the tolerance for simplifying the line; the rest is for the way between two poses.
+/// The share of the tolerance that simplifying the line may use; the rest is for the motion between
+/// two poses.
 const CORNERS: f64 = 0.5;
 /// The number of times that the segment between two corners is halved.
 const HALVINGS: u32 = 6;
@@ -96,7 +97,8 @@ impl Tracer<'_> {
         Ok(self.data.site_xpos().as_chunks::<3>().0[self.site])
     }
 
-    /// Continues from the last pose straight to a point, with as many poses between as necessary.
+    /// Continues from the last pose straight to a point, with as many poses in between as
+    /// necessary.
     fn go(
         &mut self,
         spots: &mut Vec<Spot>,
