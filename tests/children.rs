@@ -17,6 +17,13 @@ fn alive(pid: u32) -> bool {
     stat.rsplit_once(") ").is_some_and(|(_, rest)| !rest.starts_with('Z'))
 }
 
+/// The present value of a limit of a process; `None` if it has none.
+pub(crate) fn limit(pid: u32, name: &str) -> Option<u64> {
+    let limits = fs::read_to_string(format!("/proc/{pid}/limits")).unwrap();
+    let line = limits.lines().find_map(|l| l.strip_prefix(name)).unwrap();
+    line.split_whitespace().next()?.parse().ok()
+}
+
 fn wait_until(what: &str, mut done: impl FnMut() -> bool) {
     let begin = Instant::now();
     while !done() {
@@ -50,10 +57,14 @@ fn the_check_of_a_model_is_confined_and_ends_with_its_parent() {
     let (mut shell, pid) = shell(dir.path(), "__compile-check pipe.xml");
     let status = || fs::read_to_string(format!("/proc/{pid}/status")).unwrap_or_default();
     wait_until("it gives up its rights", || status().contains("NoNewPrivs:\t1"));
-    wait_until("it may write nothing", || {
-        let limits = fs::read_to_string(format!("/proc/{pid}/limits")).unwrap();
-        let line = limits.lines().find(|l| l.starts_with("Max file size")).unwrap();
-        line.split_whitespace().nth(3) == Some("0")
+    wait_until("it may write nothing", || limit(pid, "Max file size") == Some(0));
+    // The kernel counts; what counts here is that it was given our figures.
+    use robert::limits;
+    wait_until("its processor time is limited", || {
+        limit(pid, "Max cpu time") == Some(limits::CHECK_CPU_SECS)
+    });
+    wait_until("its memory is limited", || {
+        limit(pid, "Max address space") == Some(limits::CHECK_MEMORY_BYTES)
     });
     assert!(alive(pid));
     shell.kill().unwrap();

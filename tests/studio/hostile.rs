@@ -5,6 +5,7 @@ use std::net::TcpStream;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
+use robert::limits;
 use serde_json::json;
 
 use super::client::{CLIP, Studio, key};
@@ -106,6 +107,37 @@ fn whoever_takes_nothing_loses_its_seat() {
         std::thread::sleep(Duration::from_millis(100));
     }
     drop(greedy);
+}
+
+/// Connections that the other side has not closed.
+fn open(connections: &[TcpStream]) -> usize {
+    let is_open = |c: &&TcpStream| {
+        c.set_nonblocking(true).unwrap();
+        matches!(c.peek(&mut [0]), Err(e) if e.kind() == std::io::ErrorKind::WouldBlock)
+    };
+    connections.iter().filter(is_open).count()
+}
+
+#[test]
+fn connections_have_a_cap() {
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::write(dir.path().join("wave.clip.json"), CLIP).unwrap();
+    let studio = Studio::start(dir.path(), &["wave.clip.json"]);
+    let begin = Instant::now();
+    let connect = || TcpStream::connect(("127.0.0.1", studio.port)).unwrap();
+    let most = limits::CONNECTIONS;
+    let mut silent: Vec<TcpStream> = (0..most).map(|_| connect()).collect();
+    let at_the_cap = open(&silent);
+    silent.extend((0..10).map(|_| connect()));
+    // The one that asks takes the place of another that says nothing.
+    assert_eq!(studio.get("/api/state").status, 200);
+    let beyond = open(&silent);
+    assert!(beyond < most, "{beyond} and the one that asked");
+    // Silence is borne for a while only, and this machine may be slow.
+    if begin.elapsed() < Duration::from_secs(limits::HEAD_SECS) {
+        assert_eq!(at_the_cap, most, "nobody is turned away before the cap");
+        assert!(beyond >= most - 2, "{beyond}: no more than needed are closed");
+    }
 }
 
 #[test]

@@ -2,10 +2,12 @@
 
 use std::time::{Duration, Instant};
 
+use robert::limits;
 use rustix::process::Signal;
 use serde_json::{Value, json};
 
 use super::client::{CLIP, Studio, key, signal};
+use crate::children::limit;
 
 fn open(dir: &tempfile::TempDir) -> Studio {
     std::fs::write(dir.path().join("a.clip.json"), CLIP).unwrap();
@@ -53,6 +55,20 @@ fn a_dead_simulation_takes_nothing_along() {
     let rollout = studio.rolled_out(state["document"]["rev"].as_u64().unwrap());
     assert_eq!(rollout["q"].as_array().unwrap().len(), 60);
     assert_eq!(state["document"]["history"]["done"], 3);
+}
+
+#[test]
+fn the_simulation_has_the_limits_that_are_written_down() {
+    let dir = tempfile::tempdir().unwrap();
+    let studio = open(&dir);
+    studio.rolled_out(0);
+    let pid = worker(&studio, "ready")["pid"].as_u64().unwrap() as u32;
+    assert_eq!(limit(pid, "Max address space"), Some(limits::WORKER_MEMORY_BYTES));
+    assert_eq!(limit(pid, "Max file size"), Some(limits::CHILD_FILE_BYTES));
+    // Each request grants its share anew, counted from what is spent already.
+    let cpu = limit(pid, "Max cpu time").unwrap();
+    let share = limits::WORKER_CPU_SECS;
+    assert!((share..share + 60).contains(&cpu), "{cpu}");
 }
 
 #[test]
