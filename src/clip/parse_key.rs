@@ -1,4 +1,4 @@
-//! Reads a key, and what a key is made of; see [`mod@super::parse`].
+//! Reads a key and its parts; see [`mod@super::parse`].
 
 use std::collections::BTreeMap;
 

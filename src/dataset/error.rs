@@ -32,7 +32,7 @@ pub enum Error {
         /// The manifest.
         path: PathBuf,
     },
-    /// A shard is missing, truncated, altered or not the one of the manifest.
+    /// A shard is missing, truncated, altered, or another one than the manifest names.
     #[error("shard {index} {message}: {path}", path = path.display())]
     Shard {
         /// Its index in the manifest.

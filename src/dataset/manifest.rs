@@ -127,7 +127,7 @@ pub enum View {
         /// The part.
         part: Part,
     },
-    /// Only these agents' trajectories were kept, thinned evenly to so many frames.
+    /// Only these agents' trajectories were kept, evenly thinned to a number of frames.
     Pick {
         /// The agents; empty for all.
         agents: Vec<String>,

@@ -13,7 +13,7 @@ use robert_base::fsio;
 
 /// Seed of the split that [`merge`] fixes for inputs without one.
 const SPLIT_SEED: u64 = 0;
-/// Frames by which trajectories are compared; no collector keeps shorter ones.
+/// Frames at the beginning by which trajectories are compared; no collector keeps shorter ones.
 const TELLING: u64 = super::SHORTEST as u64;
 /// Depth to which the views of merged inputs are kept, since JSON readers limit nesting.
 const DEPTH: usize = 16;

@@ -470,7 +470,8 @@ fn rows(matrix: &[f32], cols: usize, start: usize, count: usize) -> &[f32] {
     checked(matrix, start * cols..(start + count) * cols)
 }
 
-/// A range that was checked when the file was opened; beyond it would be a mistake of ours.
+/// Takes a range that was checked when the file was opened. If it is out of bounds, that is a
+/// mistake of this program, so it panics.
 #[allow(clippy::indexing_slicing)]
 pub(super) fn checked<T>(all: &[T], range: Range<usize>) -> &[T] {
     &all[range]

@@ -104,8 +104,8 @@ pub fn shrink(m: &mut Manifest, k: u64) -> Result<(), Error> {
     Ok(())
 }
 
-/// Keeps the trajectories of these agents (all if none is named), evenly thinned to `frames`. So
-/// datasets of different agents can be compared at equal size.
+/// Keeps the trajectories of these agents (all if none is named), evenly thinned to `frames`, so
+/// that datasets of different agents can be compared at equal size.
 ///
 /// # Errors
 /// [`Error::Argument`] for an agent that has no trajectory here.

@@ -1,8 +1,8 @@
 //! Exploration noise around a policy's mean action.
 //!
-//! URLB samples white noise of deviation .2. A damped joint integrates torque over many frames, and
-//! white torque averages out long before the joint has moved. Noise explores an arm only if it
-//! keeps its direction for a while. So, per episode,
+//! URLB samples white noise with a standard deviation of .2. A damped joint integrates torque over
+//! many frames, and white torque averages out long before the joint has moved. Noise explores an
+//! arm only if it keeps its direction for a while. So in each episode
 //!
 //! ```text
 //! x' = x e^(-dt/tau) + sqrt(1 - e^(-2 dt/tau)) n      n standard normal

@@ -32,7 +32,7 @@ use robert_robot::Robot;
 
 /// Lengths of training episodes, frames.
 const EPISODE_FRAMES: [u64; 2] = [200, 500];
-/// An action of the policy beyond this counts as saturated.
+/// An action of the policy whose magnitude is beyond this counts as saturated.
 const SATURATED: f64 = 0.95;
 
 /// The kind of a collector.
@@ -124,7 +124,7 @@ impl Curiosity {
         })
     }
 
-    /// One step of the module, then the reward of the same batch.
+    /// Takes one training step of the curiosity module, and returns the reward of the same batch.
     fn update(
         &mut self,
         b: &Batch<f32>,
@@ -223,19 +223,20 @@ pub struct Point {
     pub step: u64,
     /// Mean intrinsic reward of the updates since the last point.
     pub reward: f64,
-    /// Mean loss of the curiosity module since then.
+    /// Mean loss of the curiosity module since the last point.
     pub loss: f64,
-    /// Mean Q of the actor's own actions since then.
+    /// Mean Q of the actor's own actions since the last point.
     pub value: f64,
-    /// Mean |action| of the policy itself, without exploration noise, since then.
+    /// Mean |action| of the policy since the last point, without exploration noise.
     pub action: f64,
-    /// Share of those actions beyond .95, where tanh hardly lets a gradient through.
+    /// Share of those actions whose magnitude is beyond .95, where tanh hardly lets a gradient
+    /// through.
     pub saturated: f64,
     /// Share of coarse cells visited so far.
     pub coverage: f64,
     /// Share of frames since the last point with this joint near a stop, (S).
     pub near_limit: Vec<f64>,
-    /// Share of frames since then in which the robot touched itself.
+    /// Share of frames since the last point in which the robot touched itself.
     pub self_contact: f64,
     /// Trajectories whose simulation diverged so far.
     pub broken: u64,
@@ -305,7 +306,7 @@ pub(crate) struct Ledger {
     pub(crate) broken: u64,
     /// Replay files written so far.
     pub(crate) chunks: u64,
-    /// Number of their newest episodes in the replay memory.
+    /// How many of the newest written episodes are in the replay memory.
     #[serde(default)]
     pub(crate) remembered: Option<usize>,
     /// Sha-256 of each snapshot's file, by its step.

@@ -45,8 +45,8 @@ const DASH: [f64; 2] = [0.05, 0.8];
 const REST_SECS: f64 = 0.8;
 /// Speed of references, relative to the greatest sustained speed.
 const PACE: [f64; 2] = [0.1, 1.0];
-/// A reference moves no faster than a servo gets a joint in so many times the time constant of
-/// the episode, so that its motors are not at their limits all the time.
+/// A reference moves no faster than a servo moves a joint in this many time constants of the
+/// episode, so that its motors are not at their limits all the time.
 const RISE: f64 = 1.0;
 /// References keep this share of the range away from stops.
 const MARGIN: f64 = 0.03;
@@ -66,7 +66,7 @@ pub(crate) struct BabbleRule {
 struct Motor {
     /// Joint and weight.
     pulls: Vec<(usize, f64)>,
-    /// Their sum at action 0, and its change to action 1.
+    /// The sum of the weighted torques at action 0, and its change to action 1.
     middle: f64,
     half: f64,
     /// The law of a position servo, which receives a position instead of a torque.
@@ -147,8 +147,8 @@ impl BabbleRule {
     }
 }
 
-/// The force of a tendon's motor that is closest to given torques of its joints, as weights of the
-/// torques: moment arms divided by the sum of their squares.
+/// Weights with which the torques of a tendon's joints are combined into the motor force that is
+/// closest to them: moment arms divided by the sum of their squares.
 fn shares(robot: &Robot, actuator: usize) -> Result<Vec<(usize, f64)>, Error> {
     let mut data = Data::new(robot.model()).map_err(robot::Error::from)?;
     robot.write_state(&mut data, &robot.home())?;
@@ -173,7 +173,7 @@ pub(crate) struct Babble {
     disturbance: f64,
     disturbance_keep: f64,
     references: Vec<JointReference>,
-    /// By joint, scratch: torque, place, speed and the place to be at a frame later.
+    /// Work space, by joint: torque, position, speed, and the target position one frame later.
     torque: Vec<f64>,
     place: Vec<f64>,
     speed: Vec<f64>,
@@ -239,8 +239,8 @@ impl Babble {
         }
     }
 
-    /// The action of the next frame, (A), at these positions and speeds, (S) each; `weight` is
-    /// the torque that holds the pose, (S), or empty where nothing pulls at the robot.
+    /// The action of the next frame, (A), at these positions and speeds, (S) each. `weight` is the
+    /// torque that holds the pose against gravity, (S), or empty for a robot without gravity.
     pub(crate) fn next(&mut self, qpos: &[f32], qvel: &[f32], weight: &[f64], action: &mut [f32]) {
         let (kick, push_kick) = (
             (1.0 - self.keep * self.keep).sqrt(),

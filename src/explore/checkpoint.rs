@@ -45,7 +45,7 @@ pub(super) fn save(agent: &mut Agent, dir: &Path, nominal: u64) -> Result<(), Er
     Ok(fsio::write_atomic(&path, &bytes)?)
 }
 
-/// Whether the unchanged snapshot of this step is in `dir`.
+/// Whether `dir` contains the snapshot of this step, unchanged.
 pub(super) fn is_whole(ledger: &Ledger, dir: &Path, step: u64) -> bool {
     let path = Agent::snapshot_file(dir, step);
     match ledger.snapshots.get(&step) {
@@ -54,7 +54,7 @@ pub(super) fn is_whole(ledger: &Ledger, dir: &Path, step: u64) -> bool {
     }
 }
 
-/// Adds a remedy to an error about an agent's file in `dir`.
+/// Adds the remedy to an error about an agent's file in `dir`.
 pub(super) fn curable(e: Error, dir: &Path) -> Error {
     let (message, path) = match e {
         Error::Checkpoint { message, path } => (message, path),

@@ -3,9 +3,9 @@
 use robert_dataset::Robot as Described;
 use robert_robot::{Robot, StateJoint};
 
-/// Distance to a stop below which a joint counts as pinned: that of the profile, but at most 2 % of
-/// the joint's range. With .1 rad, a hand's spreading joint would be pinned over a third of its
-/// range without touching anything.
+/// The distance to a stop below which a joint counts as being at it: that of the profile, but at
+/// most 2 % of the joint's range. With .1 rad, a hand's spreading joint would count as being at a
+/// stop over a third of its range without touching anything.
 fn near_limit(robot: &Robot, joint: &StateJoint) -> f64 {
     let range = if joint.unbounded { f64::INFINITY } else { joint.range[1] - joint.range[0] };
     robot.profile().near_limit.min(0.02 * range)

@@ -16,7 +16,7 @@ use robert_robot::{Coupling, Gravity, PlantRange, Robot};
 
 /// The distance beyond a stop, in the joint's unit, from which a frame is implausible.
 const OVERSHOOT: f64 = 0.3;
-/// Coordinates and speeds beyond this are implausible for any robot.
+/// Coordinates and speeds with a magnitude beyond this are implausible for any robot.
 const WILD: f64 = 50.0;
 const WILD_SPEED: f64 = 200.0;
 /// Depth of self-contact that a start pose may have, m.
@@ -77,7 +77,7 @@ impl Env {
         Env::varied(robot, None)
     }
 
-    /// The same with another plant for each episode.
+    /// As [`Env::new`], with another plant for each episode.
     ///
     /// # Errors
     /// [`Error::Simulator`].

@@ -35,7 +35,7 @@ pub(crate) struct Plan {
     pub(crate) frames: usize,
     /// Frames of an episode.
     pub(crate) episode_frames: usize,
-    /// An episode ends when a joint has stood at a stop for so many frames; 0 for never.
+    /// An episode ends when a joint has stood at a stop for this many frames; 0 for never.
     pub(crate) pinned_frames: u64,
     /// Seed of the spec.
     pub(crate) seed: u64,

@@ -97,7 +97,7 @@ fn learner(
     })
 }
 
-/// The same number of steps with noise or uniform torque; reward stays 0.
+/// Steps of a baseline, with noise or uniform torque; its reward stays 0.
 fn baseline(
     robot: &Arc<Robot>,
     kind: AgentKind,

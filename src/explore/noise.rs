@@ -7,12 +7,12 @@
 //! a   = clamp(gate (amplitude x + bias) + .03 n, +-1)
 //! ```
 //!
-//! Joints should rarely be pinned at their stops, where torque cannot be inferred from positions.
-//! So amplitudes depend on the plant: they are spread widely where damping and gravity keep joints
-//! off their stops (arm, puck), and chosen for an expected travel of .05-1 rad per correlation time
-//! where nothing does (hand). Three times that pushes fingers into each other and into their stops,
-//! and teaches little about holding still. Hands also get gates (rest at any pose), a bias that is
-//! redrawn now and then, and fingers whose joints move together.
+//! Joints should rarely be at their stops, where torque cannot be inferred from positions. So
+//! amplitudes depend on the plant. Where damping and gravity keep joints off their stops (arm,
+//! puck), amplitudes are spread widely. Where nothing does (hand), they are chosen for an expected
+//! travel of .05-1 rad per correlation time. Three times that pushes fingers into each other and
+//! into their stops, and teaches little about holding still. Hands also get gates (rest at any
+//! pose), a bias that is redrawn now and then, and fingers whose joints move together.
 
 use super::env::has_tendons;
 use robert_base::rng::{Rng, Stream};
@@ -37,7 +37,8 @@ const BIAS_SECS: f64 = 2.0;
 enum Amplitude {
     /// Uniform in these bounds, times a uniform factor from the third number to 1 by joint.
     Spread(f64, f64, f64),
-    /// For an expected travel: (range / 90 degrees, speed at full torque) of each actuator.
+    /// For an expected travel per correlation time; (range / 90 degrees, speed at full torque) of
+    /// each actuator.
     Travel(Vec<(f64, f64)>),
 }
 

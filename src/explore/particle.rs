@@ -139,7 +139,8 @@ impl<T: Real> Neighbours<T> {
     }
 }
 
-/// The `k` least of norm - 2 product with their indices, ascending; equal ones by index.
+/// The `k` smallest values of norm - 2 product with their indices, ascending; equal values by
+/// index.
 ///
 /// The numbers are read in blocks. A block without a number below the worst of the k is skipped by
 /// a few vector operations, and soon nearly all blocks are. Rejected: a selection algorithm, which

@@ -265,8 +265,8 @@ pub(crate) enum ActorState {
 }
 
 impl ExplorePolicy {
-    /// The forces of gravity that this policy compensates; `None` if there are none or it does not
-    /// ask for them.
+    /// The gravity that this policy compensates; `None` if the robot has none or the policy does
+    /// not compensate it.
     ///
     /// # Errors
     /// [`Error::Robot`].
@@ -318,8 +318,8 @@ impl ExplorePolicy {
 }
 
 impl ActorState {
-    /// The action of one episode, given positions and speeds (2 S), the robot's weight (S) if
-    /// the policy carries it, and the mean action (A) if a network acts.
+    /// The action of one episode. It gets positions and speeds (2 S), the torque against gravity
+    /// (S) if the policy compensates it, and the mean action (A) if a network acts.
     pub(crate) fn act(&mut self, obs: &[f32], weight: &[f64], mean: &[f32], action: &mut [f32]) {
         match self {
             ActorState::Noise(noise) => noise.next(action),

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::action_noise::NoiseBounds;
 use super::error::Error;
 
-/// More environment steps than any training has.
+/// A number of environment steps that no training reaches.
 const LONG: u64 = 1_000_000_000;
 
 /// Sizes and schedules of an agent.

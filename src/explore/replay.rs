@@ -98,7 +98,7 @@ impl Replay {
         true
     }
 
-    /// Drops the oldest episodes; their steps are subtracted already.
+    /// Drops the oldest episodes, whose steps were already subtracted.
     fn forget(&mut self, drop: usize) {
         if drop > 0 {
             self.episodes.drain(..drop);

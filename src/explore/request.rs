@@ -64,7 +64,7 @@ pub struct CollectConfig {
 }
 
 /// The collector that needs no training and no tuning for this robot: tested noise for a built-in
-/// robot, babbling if motors act on joints, else noise.
+/// robot, babbling if motors act on joints, otherwise noise.
 fn unlearned(robot: &Robot) -> AgentKind {
     let tried = Robot::builtin_ids().any(|id| id == robot.id());
     if !tried && BabbleRule::of(robot).is_ok() { AgentKind::Babble } else { AgentKind::Noise }

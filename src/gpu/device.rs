@@ -152,8 +152,8 @@ impl Device {
         }
     }
 
-    /// Reads these buffers once everything submitted so far is done; `meanwhile` runs while the
-    /// card computes.
+    /// Reads these buffers when everything that was submitted so far is done. `meanwhile` runs
+    /// while the card computes.
     ///
     /// # Errors
     /// The driver's words when the device is lost.

@@ -163,8 +163,8 @@ impl GpuEngine {
         self.ahead.index = None;
     }
 
-    /// Sends windows `from..` of the batch to the card, as many as the plan has. Windows behind the
-    /// last one count for nothing.
+    /// Sends windows `from..` of the batch to the card, as many as the plan has. If the batch has
+    /// fewer, the others have no weight.
     fn upload(&self, from: usize) {
         let (plan, host, a) = (&self.plan, &self.host, self.cfg().actions);
         let count = plan.windows.min(self.batch - from);
@@ -180,8 +180,9 @@ impl GpuEngine {
         self.gpu.write(&plan.info, &info);
     }
 
-    /// Runs the batch in pieces; copies what `keep` names of each piece and reads it at the end,
-    /// with `also`. The first lists of the result are the pieces'.
+    /// Runs the batch in pieces. After each piece it copies the buffers that `keep` names, and
+    /// reads them at the end together with `also`. The first lists of the result are those of the
+    /// pieces.
     fn pass<T: bytemuck::Pod>(
         &self,
         tapes: &[&Tape],

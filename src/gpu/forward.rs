@@ -1,9 +1,9 @@
 //! The forward pass of many rollouts on a card.
 //!
-//! Each rollout brings a window and waits. Whoever finds the card free computes all windows that
-//! wait; meanwhile the next ones gather. A window's result does not depend on its neighbours, because
-//! every row of a product is summed by itself in a fixed order. So an evaluation has the same bits
-//! with any number of threads.
+//! Each rollout brings a window and waits. The first rollout that finds the card free computes all
+//! windows that wait, while new ones gather. A window's result does not depend on the others,
+//! because every row of a product is summed by itself in a fixed order. So an evaluation has the
+//! same bits with any number of threads.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -38,7 +38,7 @@ impl GpuForwards {
         &self.gpu
     }
 
-    /// What people should know: networks that do not fit, and a card that was lost.
+    /// Messages for people: networks that do not fit, and a card that was lost.
     pub fn notes(&self) -> Vec<String> {
         lock(&self.notes).clone()
     }

@@ -97,7 +97,7 @@ impl Tape {
         self.steps.extend(steps);
     }
 
-    /// Hands the dispatches to the card, in submissions that none is long.
+    /// Sends the dispatches to the card, in several submissions so that none takes long.
     pub(crate) fn submit(&self, gpu: &Device) {
         let mut rest = &self.steps[..];
         while !rest.is_empty() {

@@ -4,7 +4,8 @@ use super::device::{Device, Span};
 use super::kernel::{Kernel, Step, line};
 use super::product::words;
 
-/// Adds both to embedded tokens; backward, stops gradients of replaced ones.
+/// Adds the mask vector and the positions to embedded tokens. In the backward pass the gradients of
+/// replaced tokens are set to zero.
 #[derive(Debug)]
 pub(crate) struct Place {
     forward: Kernel,

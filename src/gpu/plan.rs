@@ -167,7 +167,7 @@ impl Plan {
         plan
     }
 
-    /// The same without loss and gradients, to perform with.
+    /// As [`Plan::new`] without loss and gradients, for rollouts.
     pub(crate) fn forward_only(
         gpu: &Device,
         kernels: &Kernels,

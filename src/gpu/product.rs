@@ -22,14 +22,14 @@ pub(crate) enum End<'a> {
 /// The products of a network.
 #[derive(Debug)]
 pub(crate) struct Product {
-    /// x w: no end but those of the forward pass.
+    /// The product x w, with each of the operations that follow it in the forward pass.
     forward: [Kernel; 3],
-    /// dy w', stored or times the slope of the activation.
+    /// The product dy w', stored as it is or multiplied by the slope of the activation.
     back: [Kernel; 2],
     /// x' dy.
     weight: Kernel,
     fold: Kernel,
-    /// Bound where an end does not need a buffer.
+    /// A buffer that is bound where an operation does not need one.
     nothing: [Span; 3],
 }
 

@@ -35,7 +35,7 @@ const STEP: usize = 64;
 const SEGMENT: usize = 1 << 24;
 
 impl Slots {
-    /// Places for a layout; `most` numbers fit in a binding. The name of a tensor that does not is
+    /// Places for a layout; `most` numbers fit in a binding. If a tensor does not fit, its name is
     /// the error.
     pub(crate) fn new(layout: &Layout, most: usize) -> Result<Self, String> {
         let (mut slots, mut segments) = (Vec::new(), vec![0]);

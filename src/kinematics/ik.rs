@@ -6,9 +6,10 @@
 //! targets. The damping grows when a step does not help and shrinks when it does
 //! (Levenberg-Marquardt).
 //!
-//! If there is a posture to stay near, a first search weighs it against the targets. A second one
-//! without it then removes the small distance that is left, in the shortest steps. Rejected: one
-//! search in the null space of the targets, which needs a rank that is uncertain near stretched arms.
+//! If there is a posture to stay near, a first search weighs it against the targets. A second
+//! search without it then removes the small distance that is left, in the shortest steps. Rejected:
+//! one search in the null space of the targets, because its rank is uncertain when an arm is nearly
+//! stretched.
 
 use nalgebra::{DMatrix, DVector, Isometry3, Quaternion, UnitQuaternion, Vector3};
 
@@ -32,12 +33,12 @@ pub struct Target {
 /// Options of the search.
 #[derive(Clone, Debug, PartialEq)]
 pub struct IkConfig {
-    /// State indices of joints that may move; `None` for all joints that do not follow another one
-    /// without a motor.
+    /// State indices of joints that may move; `None` for all joints except those that follow
+    /// another one without a motor.
     pub joints: Option<Vec<usize>>,
     /// State indices of joints that must not move; they override the above.
     pub locked: Vec<usize>,
-    /// The posture near which the solution shall be; `None` = near the start. (joints)
+    /// The posture near which the solution should be; `None` = near the start. (joints)
     pub near: Option<Vec<f64>>,
     /// Greatest number of iterations.
     pub iterations: u32,
@@ -107,8 +108,8 @@ impl Kinematics {
         Ok(free.into_iter().filter(moves).collect())
     }
 
-    /// Moves joints so that the targets are met as well as limits and locks allow. It begins at
-    /// `start` (joints) and stays near it, or near a posture.
+    /// Moves joints so that the targets are met as well as limits and locks allow. The search
+    /// begins at `start` (joints) and stays near it, or near a posture.
     ///
     /// # Errors
     /// [`UnknownPoint`].
@@ -121,8 +122,8 @@ impl Kinematics {
         self.ik_meeting(start, targets, &[], config)
     }
 
-    /// As [`Kinematics::ik`]; in addition both points of each pair are brought to one place, wherever
-    /// that is. Pairs follow the targets in the result.
+    /// As [`Kinematics::ik`]. In addition, both points of each pair are brought to a common place,
+    /// which is free. In the result pairs come after the targets.
     ///
     /// # Errors
     /// [`UnknownPoint`].

@@ -17,7 +17,7 @@ pub struct UnknownPoint {
     pub name: String,
 }
 
-/// A [`Point`] that was looked up: a frame fixed to a body.
+/// A [`Point`] that was looked up by name: a frame fixed to a body.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PointId {
     pub(super) link: usize,

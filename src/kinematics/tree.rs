@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 /// A robot as its geometry: bodies on hinges and slides.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Kinematics {
-    /// Bodies, the world first; every body stands behind its parent.
+    /// Bodies, the world first; every body comes after its parent.
     pub links: Vec<LinkFrame>,
     /// Joints, in state order.
     pub joints: Vec<JointAxis>,
@@ -48,7 +48,7 @@ pub struct JointAxis {
     pub pos: [f64; 3],
     /// The direction of the axis in the body's frame; length 1.
     pub axis: [f64; 3],
-    /// The value at which the body stands as [`LinkFrame`] says, rad or m.
+    /// The joint value at which the body is placed as [`LinkFrame`] says, rad or m.
     pub reference: f64,
     /// Lowest and highest value, rad or m; `None` = unbounded.
     pub range: Option<[f64; 2]>,

@@ -8,9 +8,9 @@
 //! multiply-adds (see the test). On data in the cache one core of a Sapphire Rapids reached 420
 //! GFLOP/s, against 148 by vector instructions; a whole training step is 1.3 to 1.4 times as fast.
 //!
-//! The unit treats numbers below 2⁻¹²⁶ as zero, so third terms vanish below about 1e-31, and
-//! numbers within 2⁻⁹ of the largest round to infinity. A factor that is not finite gives a result
-//! that is not finite; it may be NaN where vector instructions give an infinity.
+//! The unit treats numbers below 2⁻¹²⁶ as zero, so third terms vanish below about 1e-31. Numbers
+//! within 2⁻⁹ of the largest round to infinity. If a factor is not finite, the result is not
+//! finite; it may be NaN where vector instructions give an infinity.
 //!
 //! Factors are divided into blocks of 32 × 32. An inner step of the unit takes pairs of numbers.
 //! Since the order of a sum is free, a pair here consists of steps j and j + 16 of a block, which
@@ -31,7 +31,7 @@ use super::mat::{Init, Mat, MatMut, Place, finish};
 
 /// Inner blocks of one pass; a longer product is divided so that rows stay in the cache.
 const PASS: usize = 16;
-/// Blocks of one factor in the second cache at once, while the other one streams past.
+/// Blocks of one factor that stay in the second cache while the other factor is read once.
 const STAY: usize = 128;
 /// Blocks of the streamed factor.
 const PASSING: usize = 64;

@@ -1,7 +1,7 @@
 //! The kind of arithmetic of this process: which vector registers and tiles its products use.
 //!
 //! Results have equal bits only between processes of one kind, because wider registers add in
-//! another order. A comparison of bits between machines must therefore compare the kinds first.
+//! another order. Before bits are compared between machines, their kinds must be compared.
 
 use std::sync::OnceLock;
 
@@ -14,7 +14,7 @@ const LIMIT: &str = "ROBERT_SIMD";
 static CHOSEN: OnceLock<Arch> = OnceLock::new();
 
 /// The vector registers of this process: the widest of the processor, unless `ROBERT_SIMD=avx2` or
-/// [`limit_to_avx2`] asked for less.
+/// [`limit_to_avx2`] limits them.
 pub fn arch() -> Arch {
     *CHOSEN.get_or_init(|| {
         let limited = std::env::var(LIMIT).is_ok_and(|v| v.eq_ignore_ascii_case("avx2"));

@@ -1,7 +1,7 @@
 //! The elementwise functions of all networks: normalisation, activation, softmax, optimiser.
 //!
 //! Any length is allowed. Those of the transformer are whole registers (its width is a multiple of
-//! 16), and attention scores are padded to [`PAD`]. Elsewhere the rest is a partial register or a
+//! 16), and attention scores are padded to [`PAD`]. Other lengths end with a partial register or a
 //! few scalars. Reductions run in a fixed order, so bits depend only on the processor's register
 //! width.
 
@@ -21,8 +21,8 @@ pub const EPS: f64 = 1e-5;
 
 /// Defines functions whose bodies are compiled for every register width.
 ///
-/// They are compiled here, once for f32 and once for f64, by way of [`Kernels`]. Left to the crates
-/// that call them, each would compile its own copies, which took longer than all other code.
+/// They are compiled here, once for f32 and once for f64, through [`Kernels`]. Otherwise each crate
+/// that calls them would compile its own copies, which took longer than all other code.
 macro_rules! kernels {
     (@returns) => { () };
     (@returns $out:ty) => { $out };

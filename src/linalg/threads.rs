@@ -1,4 +1,4 @@
-//! Distributes work over threads; each takes the next job of a queue.
+//! Distributes work over threads. Each thread takes the next job of a queue.
 
 use std::sync::{Mutex, PoisonError};
 

@@ -165,7 +165,7 @@ pub fn xy(title: &str, paths: &[Curve], commanded: &[(f64, f64)], x: Axis, y: Ax
     Figure::of(title, panel).panel_size(520, 520)
 }
 
-/// Curves over a count (training steps): one panel.
+/// Curves over a number such as training steps, in one panel.
 pub fn curves(title: &str, curves: &[Curve], x: Axis, y: Axis) -> Figure {
     let layers = curve_layers(curves, &y);
     Figure::of(title, Panel { x, y, layers, ..Panel::default() })

@@ -177,8 +177,8 @@ impl Captioner {
         cut.find(|t| fits(t)).unwrap_or_default()
     }
 
-    /// The line at a size that fits, as `widest` does: a little smaller, else in several rows; `None`
-    /// if even a part of it is too wide.
+    /// The line at a size at which `widest` fits as well: a little smaller, or in several rows;
+    /// `None` if not even a part of it fits.
     fn wrapped(&self, line: &str, widest: &str, px: f32, room: f32) -> (Vec<String>, f32) {
         let fits = |t: &str, px: f32| self.width(t, false, px) + 2.0 * PAD * px <= room;
         let smaller = [1.0, 0.9, 0.8].map(|k| (px * k).max(LEAST_PX));

@@ -150,7 +150,7 @@ pub(super) struct Pipelines {
     /// Symbols that are drawn over everything else.
     pub sign: wgpu::RenderPipeline,
     pub shadow: wgpu::RenderPipeline,
-    /// Writes "nothing here" into the shadow map.
+    /// Clears the shadow map.
     pub wipe: wgpu::RenderPipeline,
     pub compose: wgpu::RenderPipeline,
     pub backdrop: wgpu::RenderPipeline,

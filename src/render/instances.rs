@@ -82,8 +82,8 @@ impl Drawn {
 
 /// Half edge of an infinite plane, in picture heights.
 const ENDLESS: f32 = 40.0;
-/// Ghosts closer than this many pixels to the solid pose are not drawn; at four times this they are
-/// fully visible.
+/// Ghosts closer than this many pixels to the solid pose are not drawn. From four times this
+/// distance on they have their full opacity.
 const COINCIDE_PX: f32 = 1.0;
 /// Colour of contacts; it differs from every colour of a pose, because contacts are inside other
 /// shapes.

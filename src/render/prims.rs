@@ -1,9 +1,9 @@
 //! Unit shapes that are scaled per instance: sphere (also capsule and ellipsoid), box,
 //! cylinder, cone, square.
 //!
-//! A capsule is a sphere with a doubled equator whose halves carry `w = -1` and `w = +1`:
-//! the shader moves each half by the half length, so one mesh and one draw call serve every
-//! sphere, ellipsoid and capsule of a robot.
+//! A capsule is a sphere with two rings of vertices at the equator, one with `w = -1` and one with
+//! `w = +1`. The shader moves each half by the half length, so one mesh and one draw call serve
+//! every sphere, ellipsoid and capsule of a robot.
 
 use std::f32::consts::{PI, TAU};
 

@@ -608,7 +608,7 @@ fn check_input(scene: &Scene, input: &FrameInput) -> Result<(), Error> {
     Ok(())
 }
 
-/// The smallest rectangle around both; an empty one does not count.
+/// The smallest rectangle that contains both; an empty one is ignored.
 fn union(a: Rect, b: Rect) -> Rect {
     let empty = |r: Rect| r[2] == 0 || r[3] == 0;
     if empty(a) {

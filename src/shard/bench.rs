@@ -1,4 +1,4 @@
-//! Shared by all kinds of work in a process: robot, data, clips.
+//! What all kinds of work need in a process: robot, data, clips.
 
 use std::cell::{Cell as Flag, OnceCell, RefCell};
 use std::collections::{BTreeMap, BTreeSet};

@@ -2,8 +2,8 @@
 //!
 //! A run trains in the temporary folder of its process, so that two processes never write the same
 //! file. From time to time a copy of the run is published here under the next number, and a process
-//! that begins the shard takes the highest. All runs of a shard pass through the same weights, so
-//! any checkpoint is right; a lower one only costs time.
+//! that begins the shard continues from the highest number. All runs of a shard pass through the
+//! same weights, so any checkpoint is correct; an older one only costs time.
 
 use std::fs;
 use std::path::{Path, PathBuf};

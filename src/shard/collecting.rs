@@ -48,8 +48,8 @@ pub(super) fn draft(spec: &Collect, robot: &Arc<Robot>, place: &str) -> Result<D
     Ok(draft)
 }
 
-/// Records a moment with the collectors that need no training, so that a collector that cannot
-/// drive the robot is refused now.
+/// Records a few frames with the collectors that need no training, so that a collector that cannot
+/// drive the robot is refused now and not in the queue.
 fn try_out(mut config: CollectConfig, robot: &Arc<Robot>) -> Result<(), Error> {
     config.agents.retain(|a| !a.learns());
     if config.agents.is_empty() {
@@ -110,8 +110,9 @@ pub(super) fn record(
     Ok(dir)
 }
 
-/// The parts as one dataset in `out`. `shards` are the folders of the shards, in order. Only the
-/// files of motion are taken over: ten thousand parts are ten thousand files in one folder.
+/// Merges the parts into one dataset in `out`. `shards` are the folders of the shards, in order.
+/// Only the files of motion are taken over, so that ten thousand parts are ten thousand files in
+/// one folder.
 pub(super) fn merge(
     shards: &[PathBuf],
     out: &Path,

@@ -113,7 +113,7 @@ pub enum Error {
         /// The exit status of the last attempt.
         status: String,
     },
-    /// A program of the queue that is missing or failed.
+    /// A command of the queue that is missing or failed.
     #[error("{why}")]
     Queue {
         /// What happened, and what may help.

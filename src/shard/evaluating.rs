@@ -98,7 +98,7 @@ pub(super) fn draft(
     Ok(draft)
 }
 
-/// A policy as it is typed, with the whole path of its model.
+/// A policy as it is typed, with the absolute path of its model.
 pub(super) fn whole_policy(text: &str) -> Result<String, Error> {
     let policy: PolicyConfig = text.parse()?;
     let Some(path) = policy.model_path.filter(|p| p.exists()) else { return Ok(text.to_owned()) };

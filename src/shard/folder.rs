@@ -15,7 +15,7 @@ use super::{Error, Manifest};
 
 /// The prefix of the names of temporary folders.
 const TEMPORARY: &str = ".tmp-";
-/// The number of tries to publish into a place that others take first.
+/// The number of attempts to publish into a place where other processes publish too.
 const TRIES: usize = 5;
 
 /// A temporary folder for this index in `parent`, removed on drop.

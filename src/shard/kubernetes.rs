@@ -1,8 +1,8 @@
 //! An Indexed Job of Kubernetes: the same command with `JOB_COMPLETION_INDEX`.
 //!
-//! An exit code that a repetition cannot change (2 to 5) fails its index at once. Others count
-//! against the index's own limit (`backoffLimitPerIndex`, stable since Kubernetes 1.33). Only the
-//! text of the job is made here; it has not been tried on a cluster.
+//! An exit code that a repetition cannot change (2 to 5) fails its index at once. Other exit codes
+//! count against the index's own limit (`backoffLimitPerIndex`, stable since Kubernetes 1.33). Only
+//! the text of the job is made here; it has not been tried on a cluster.
 
 use std::path::Path;
 

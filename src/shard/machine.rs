@@ -16,7 +16,7 @@ pub struct Machine {
 }
 
 impl Machine {
-    /// This process. The program is read once.
+    /// The facts about this process. The program's file is read once.
     ///
     /// # Errors
     /// [`Error::Files`] when the program's file cannot be read.

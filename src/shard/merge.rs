@@ -1,7 +1,7 @@
 //! Puts the results of all shards together, or refuses and names what is not there.
 //!
 //! The merge opens and hashes the files instead of trusting lists of folders, because network file
-//! systems answer from memory for up to a minute. It writes a temporary folder and renames it, so
+//! systems may show lists that are a minute old. It writes a temporary folder and renames it, so
 //! partial results never have the final name.
 
 use robert_base::json;

@@ -27,7 +27,7 @@ const TRIES: u32 = 3;
 /// The interval between two checks for a request to stop.
 const LOOK: Duration = Duration::from_millis(50);
 
-/// The answer of a child to one index: a line of JSON on its stdout.
+/// The answer of a child about one index: a line of JSON on its stdout.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Answer {
     /// The index.

@@ -280,7 +280,7 @@ impl Eval {
 }
 
 impl Train {
-    /// The same as a sweep, whose grid may be empty.
+    /// The same work as a sweep, whose grid may be empty.
     pub(super) fn sweep(&self) -> Sweep {
         Sweep {
             title: self.title.clone(),
@@ -296,7 +296,7 @@ impl Train {
         }
     }
 
-    /// Refuses what belongs to the other kind.
+    /// Refuses fields that belong to the other kind of work.
     pub(super) fn check(&self, place: &str) -> Result<(), Error> {
         let fail = |why: &str| Err(Error::Spec { why: why.to_owned(), place: place.to_owned() });
         let sweeps = self.kind == "sweep";

@@ -14,7 +14,7 @@ pub enum State {
     Missing,
     /// A damaged shard, and the problem.
     Corrupt(String),
-    /// A complete shard made by another kind of processor or another program, and which.
+    /// A complete shard made by another kind of processor or another program; the text names which.
     Foreign(String),
 }
 

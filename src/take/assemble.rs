@@ -11,7 +11,8 @@ use robert_robot::Robot;
 use robert_rollout::Rollout;
 
 impl Take {
-    /// Records the frames of a rollout so far; `command` is its command, `clip` the source of that.
+    /// Records the frames that a rollout has reached so far. `command` is what it performs, and
+    /// `clip` is the source of the command.
     ///
     /// # Errors
     /// [`Error::Bodies`], [`Error::Robot`], [`Error::Simulator`].
@@ -148,7 +149,7 @@ impl Stage {
 
 /// Torques on the joints for these controls. The moment arms of joint and tendon motors do not
 /// depend on the pose, so they are computed once. Actuators that are not motors command a position
-/// instead of a torque and add nothing.
+/// instead of a torque, and are left out.
 fn effort(robot: &Arc<Robot>, ctrl: &[f64]) -> Result<Vec<f64>, Error> {
     let model = robot.model();
     let mut data = Data::new(model)?;

@@ -127,11 +127,12 @@ pub struct Take {
     pub effort: Vec<f64>,
     /// Action at each frame except the last, -1..1; (frames - 1, A).
     pub actions: Vec<f64>,
-    /// The same as controls, N m or N; (frames - 1, A).
+    /// The actions as controls, N m or N; (frames - 1, A).
     pub ctrl: Vec<f64>,
     /// World poses of the bodies, x y z (m) and w x y z; (frames, B, 7).
     pub poses: Vec<f64>,
-    /// The same for the command, for frames with a goal for every joint; (frames).
+    /// World poses of the bodies at the commanded pose, for frames with a goal for every joint;
+    /// (frames).
     pub ghost: Vec<Option<Vec<f64>>>,
     /// Its origin.
     pub provenance: Provenance,
@@ -170,7 +171,7 @@ impl Take {
         row(&self.poses, frame, self.robot.bodies.len() * POSE)
     }
 
-    /// Its figures, equal bit for bit to those of the rollout.
+    /// The figures of the take, equal bit for bit to those of the rollout.
     pub fn precision(&self) -> Precision {
         let goals = Goals::new(&self.command);
         Precision::measure(&goals, &self.reached, &self.actions, self.action_dim())

@@ -475,9 +475,9 @@ mod tests {
         assert_same(&take, &Take::from_mcap(&bytes).unwrap());
     }
 
-    /// A file truncated at any byte gives an error with a place inside the file, and the recovered
-    /// part is a beginning of the take, which no longer file shortens. Twelve frames in a normal run;
-    /// `ROBERT_FRAMES=100` gives a file of 200 kB.
+    /// A file that is truncated at any byte gives an error with a place inside the file. The
+    /// recovered part is a beginning of the take, and a longer file never gives a shorter part.
+    /// Twelve frames in a normal run; `ROBERT_FRAMES=100` gives a file of 200 kB.
     #[test]
     fn every_prefix_is_an_error_or_a_shorter_take() {
         let length = asked("ROBERT_FRAMES").map_or(12, |n| n as u32);
@@ -512,7 +512,7 @@ mod tests {
         std::env::var(name).ok().and_then(|n| n.parse().ok())
     }
 
-    /// Files of a fuzz test: `ROBERT_FUZZ`, or a share that fits a normal run.
+    /// The number of files of a fuzz test: `ROBERT_FUZZ`, or a number that suits a normal run.
     fn rounds(usual: u64) -> u64 {
         asked("ROBERT_FUZZ").unwrap_or(usual)
     }

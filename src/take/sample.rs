@@ -40,7 +40,7 @@ pub(super) fn clip(robot: &Robot, frames: u32) -> Clip {
     clip
 }
 
-/// The take of [`clip`] by `pd`; `reached` frames of it.
+/// The take of [`clip`] by `pd`, with only the first `reached` frames.
 pub(super) fn take(id: &str, frames: u32, reached: usize) -> (Arc<Robot>, Take) {
     let robot = Arc::new(Robot::builtin(id).unwrap());
     let clip = clip(&robot, frames);

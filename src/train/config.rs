@@ -44,9 +44,9 @@ pub struct TrainConfig {
     pub tokens: TokenKind,
     /// Stop distances and hinge angles in a `goal` token.
     pub profile: bool,
-    /// Whether tokens up to the current frame contain how far the last action was from the linear
-    /// prediction, and the ratio of both over the past. Earlier frames are then not learned from,
-    /// because the next token reveals their action.
+    /// Whether tokens up to the current frame contain the difference between the last action and
+    /// the linear prediction, and the ratio of both over the past. Earlier frames are then not
+    /// learned from, because the next token reveals their action.
     #[serde(default)]
     pub previous_action: bool,
     /// Whether a mask hides whole frames or single joints.
@@ -71,8 +71,8 @@ pub struct TrainConfig {
     pub clip: f64,
     /// Loss at the current frame only, instead of all 51.
     pub current_only: bool,
-    /// Decay of the running average of the weights that is kept as the model; 0 is off.
-    /// Until step 9 d / (1 - d) it spans about the last ninth of the steps so far, so one value
+    /// Decay d of the running average of the weights that is kept as the model; 0 is off. Until
+    /// step 9 d / (1 - d) the average spans about the last ninth of the steps so far, so one value
     /// fits short and long runs.
     pub average: f64,
     /// Rounds of self-correction: the network performs tasks from its own data, and the reached
@@ -93,8 +93,8 @@ pub struct TrainConfig {
     /// directions that no actuator moves. Without it the network sees masks and goals unchanged.
     #[serde(default)]
     pub reach: bool,
-    /// Penalty of the linear prediction per sample; absent: by the number of its inputs. See
-    /// [`super::penalty`].
+    /// Penalty of the linear prediction per sample; if absent, it follows from the number of
+    /// inputs. See [`super::penalty`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ridge_penalty: Option<f64>,
     /// Seed of all random choices: weights, batches, masks, split.

@@ -43,7 +43,7 @@ pub enum Error {
         /// The file or folder.
         path: PathBuf,
     },
-    /// Too many steps whose loss or gradient was not finite, or nothing finite at the end.
+    /// Too many steps had a loss or gradient that was not finite, or the end result was not finite.
     #[error(
         "training diverged by step {step}: loss or gradient was not finite, and {skipped} steps were skipped. The last good checkpoint is {path}. A run keeps its settings, so begin a new one with a smaller lr: --set lr=... and another --out",
         path = path.display()

@@ -15,15 +15,15 @@ const MEASURED: usize = 1_280;
 /// Windows for the held-out error at the end, since actions at stops are heavy-tailed.
 const MEASURED_AT_END: usize = 5_120;
 
-/// Whether an evaluation falls on the end of this step.
+/// Whether there is an evaluation at the end of this step.
 fn due(step: u64, steps: u64, evaluations: u64) -> bool {
     let count = |s: u64| u128::from(s) * u128::from(evaluations) / u128::from(steps.max(1));
     evaluations > 0 && count(step) > count(step - 1)
 }
 
 impl RunState<'_> {
-    /// Measures and evaluates if that is due and not done yet. False if a stop was requested
-    /// meanwhile; the rest is done when the run continues.
+    /// Measures and evaluates, if that is due and not done yet. False if a stop was requested
+    /// meanwhile; what is left is done when the run continues.
     pub(super) fn evaluate_if_due(
         &mut self,
         source: &Source<'_>,

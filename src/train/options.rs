@@ -17,8 +17,8 @@ pub trait Evaluate {
     /// A message; the run stops with it.
     fn evaluate(&mut self, model: &Model, cancel: &Cancel) -> Result<Option<Evaluation>, String>;
 
-    /// The same for the linear prediction alone, which equals an untrained network with a skip, so
-    /// an evaluator may skip the network.
+    /// As [`Evaluate::evaluate`], for the linear prediction alone. It equals an untrained network
+    /// with a skip, so the network need not be computed.
     ///
     /// # Errors
     /// As [`Evaluate::evaluate`].
@@ -52,7 +52,7 @@ pub struct Options<'a> {
     pub evaluator: Option<&'a mut dyn Evaluate>,
     /// Performs tasks for self-correction; needed if the settings enable it.
     pub perform: Option<&'a mut dyn Perform>,
-    /// Opens what computes the steps; the processor without one.
+    /// Opens the engine that computes the steps; without it the processor does.
     pub engines: Option<&'a dyn Engines>,
     /// Further content of meta.json (version, host, command line).
     pub meta: serde_json::Value,
@@ -75,7 +75,7 @@ pub struct Finished {
     pub interrupted: bool,
     /// Whether it ended early because the closed loop got worse.
     pub worsened: bool,
-    /// Steps skipped because something was not finite, all sessions.
+    /// Steps that were skipped because their loss or gradient was not finite, over all sessions.
     pub skipped: u64,
     /// Best step and its Precision; step 0 is the linear prediction that a skip starts from.
     pub best: Option<(u64, f64)>,
@@ -85,7 +85,7 @@ pub struct Finished {
     pub held_out: Option<HeldOut>,
     /// Seconds of this session.
     pub secs: f64,
-    /// Training windows a second of this session.
+    /// Training windows per second in this session.
     pub windows_per_sec: f64,
     /// The graphics card, if one computed the steps.
     #[serde(skip_serializing_if = "Option::is_none")]

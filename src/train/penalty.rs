@@ -1,9 +1,9 @@
 //! Chooses the penalty of the linear prediction in closed loop.
 //!
-//! A linear inverse that fits recorded motion best may have so much gain that it swings on a robot
-//! with light joints behind heavy ones: every error is answered with the torque that would remove
-//! it within one frame. A larger penalty lowers the gain. Which one is best shows in simulation
-//! only, so the candidates perform the evaluator's clips.
+//! The linear map that fits recorded motion best may have so much gain that it oscillates on a
+//! robot with light joints behind heavy ones: it answers every error with the torque that would
+//! remove it within one frame. A larger penalty lowers the gain. Only simulation shows which
+//! penalty is best, so the candidates perform the evaluator's clips.
 
 use super::prepare::{Side, assemble, ridge_config, tokeniser};
 use super::{Error, Evaluate, TrainConfig};
@@ -13,9 +13,9 @@ use robert_net::encode::Encoder;
 use robert_net::ridge::Ridge;
 use robert_net::{Model, SkipKind};
 
-/// Penalties per sample beside the usual one.
+/// Penalties per sample that are tried besides the usual one.
 const CANDIDATES: [f64; 3] = [1e-3, 1e-2, 5e-2];
-/// Share of the usual penalty's error below which another one is chosen.
+/// Another penalty is chosen if its error is below this share of the usual one's.
 const WORTH: f64 = 0.9;
 
 /// The best penalty per sample; `None` if the usual one is best, or without a linear prediction.

@@ -61,7 +61,7 @@ impl<'a> Points<'a> {
         self.combinations.len() * self.sweep.seeds.len()
     }
 
-    /// The seed and the values of a point; all points of a seed follow each other.
+    /// The seed and the values of a point. The points are ordered by seed.
     fn at(&self, index: usize) -> (u64, &Combination) {
         let n = self.combinations.len();
         (self.sweep.seeds[index / n], &self.combinations[index % n])

@@ -1,9 +1,9 @@
 //! The training loop: sample, step, log, evaluate, checkpoint.
 //!
-//! There is no generator state: batch, masks and schedule are functions of seed and step, so
-//! weights, moments and the step number are the whole state. A run that is killed anywhere ends
-//! with the same bits as one that is not, and two costly kinds of bugs of other trainers (data
-//! order and generator state) cannot occur.
+//! There is no state of a random generator: batch, masks and schedule are functions of seed and
+//! step, so weights, moments and the step number are the whole state. A run that is killed anywhere
+//! ends with the same bits as one that is not. Two costly kinds of bugs of other trainers (in the
+//! order of data, and in the generator's state) cannot occur.
 
 use std::fmt::Write as _;
 use std::time::Instant;
@@ -198,7 +198,7 @@ impl Session {
         Error::Diverged { skipped: self.skipped, step: run.step, path: paths::last(&opts.dir) }
     }
 
-    /// A line about the steps since the last one.
+    /// Writes a line about the steps since the last line.
     fn log(&mut self, run: &mut RunState<'_>, lr: f64, progress: &dyn Progress) {
         let rate = self.windows_per_sec(run);
         let (recent, steps) = (&self.recent, self.recent_steps);

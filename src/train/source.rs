@@ -13,9 +13,9 @@ use robert_net::{Batch, CURRENT, Encoder, WINDOW};
 
 const _: () = assert!(SHORTEST == WINDOW, "datasets keep trajectories that fill a window");
 
-/// Added to the seed for windows that are only measured.
+/// Added to the seed for windows that are used only for measuring.
 const MEASURE: u64 = 0x5EED;
-/// Hidden-prefix lengths that are measured in turn.
+/// The number of different counts of hidden frames that are measured in turn.
 const PREFIXES: u64 = 20;
 
 /// Fills slots of batches.

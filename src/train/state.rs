@@ -210,7 +210,8 @@ fn kind(engine: &dyn Engine) -> String {
     engine.device().map_or_else(|| "cpu".to_owned(), |d| d.name)
 }
 
-/// The numerics of the run's begin, if it would compute other last bits than the continuing device.
+/// The kind of numerics with which the run began, if the last bits of this device would differ from
+/// it.
 fn other_numerics(dir: &Path, engine: &dyn Engine) -> Option<String> {
     let now = kind(engine);
     let then = began_on(dir).unwrap_or_else(|| "cpu".to_owned());

@@ -47,7 +47,7 @@ impl<DB: DrawingBackend> Canvas<'_, DB> {
         }
     }
 
-    /// Where a panel's axes end and how much of `outer` is left for them.
+    /// The axes of a panel, and the space for them inside `outer`.
     fn measure(&self, panel: &Panel, outer: Rect, room: Room<'_>) -> Inner {
         let ends = |axis: &Axis, horizontal: bool| {
             let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
@@ -209,7 +209,7 @@ impl<DB: DrawingBackend> Canvas<'_, DB> {
         if crowded { 2 } else { 1 }
     }
 
-    /// As many ticks as have room beside each other, in so many rows.
+    /// As many ticks as fit beside each other, in this many rows.
     fn x_ticks(&self, panel: &Panel, frame: &Frame, rows: usize) -> Vec<(f64, String)> {
         let mut wish = (frame.rect.w / 62.0).round().clamp(2.0, 12.0) as usize;
         loop {
@@ -348,7 +348,7 @@ impl<DB: DrawingBackend> Canvas<'_, DB> {
     }
 }
 
-/// The least that is shown must differ from nothing, the colour of the paper.
+/// Makes the smallest value that is drawn differ visibly from the paper, which means zero.
 fn seen(share: f64) -> f64 {
     0.2 + 0.8 * share
 }

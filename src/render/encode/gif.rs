@@ -1,4 +1,4 @@
-//! GIF: one palette as long as possible, ordered dither, only the changes.
+//! GIF: one palette for as long as possible, ordered dither, and only the changes between frames.
 //!
 //! One palette per frame (as in most encoders) flickers, and error diffusion changes a static
 //! background, so that every frame must be stored completely. With a fixed dither pattern an

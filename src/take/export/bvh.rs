@@ -198,7 +198,7 @@ fn word(name: &str) -> String {
     name.chars().map(|c| if c.is_whitespace() { '_' } else { c }).collect()
 }
 
-/// A hundredth of a micrometre, and of a millionth of a degree.
+/// A number with eight decimals: a tenth of a nanometre, or a hundredth of a millionth of a degree.
 fn decimal(v: f64) -> String {
     let text = format!("{v:.8}");
     let text = text.trim_end_matches('0').trim_end_matches('.');

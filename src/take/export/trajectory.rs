@@ -71,7 +71,8 @@ pub fn ros(take: &Take, what: What, options: &RosOptions) -> Result<Export, Erro
     Ok(export)
 }
 
-/// The trajectory, and the longest way of a joint while it is brought to rest, if it is.
+/// The trajectory. If it still moves at the end and is brought to rest, also the longest distance
+/// that a joint moves meanwhile.
 pub(super) fn points(
     take: &Take,
     what: What,
@@ -114,8 +115,8 @@ fn reached(take: &Take, effort: bool) -> Trajectory {
     Trajectory { joints: take.robot.joints.clone(), points: points.collect() }
 }
 
-/// Brings the end to rest: in place if it hardly moves, else by a point that constant deceleration
-/// reaches. Returns the longest way of a joint there, rad or m.
+/// Brings the end to rest: in place if it hardly moves, otherwise by one more point, which constant
+/// deceleration reaches. Returns the longest distance that a joint moves meanwhile, rad or m.
 fn settle(trajectory: &mut Trajectory, ranges: Option<&[[f64; 2]]>) -> Option<f64> {
     let last = trajectory.points.last_mut()?;
     if last.velocities.iter().all(|v| v.abs() < STILL) {

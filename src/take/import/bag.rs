@@ -118,7 +118,7 @@ impl Found {
     }
 }
 
-/// Names and positions; a message with fewer positions than names says nothing of them.
+/// Names and positions in a message. A message with fewer positions than names has none.
 fn states(data: &[u8]) -> Option<(Vec<String>, Vec<f64>)> {
     let mut reader = cdr::Reader::stamped(data)?;
     let count = reader.u32()? as usize;

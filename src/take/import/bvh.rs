@@ -1,9 +1,9 @@
 //! BVH files whose joints have the names of the robot's bodies.
 //!
-//! The rotation of each joint since the rest pose is compared with the hinge of the body of that
-//! name. The angle about the hinge is the joint's value. Rotation about other axes is more than the
-//! robot can do and is reported. The rest pose must be the robot's own (all joints at zero); a file
-//! of another skeleton is refused.
+//! Files have the rotation of each joint since the rest pose. It is compared with the hinge of the
+//! body of the same name: the angle about the hinge is the joint's value. The robot cannot turn
+//! about other axes, so such rotation is reported. The rest pose must be the robot's own (all
+//! joints at zero); a file of another skeleton is refused.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;

@@ -1,7 +1,7 @@
 //! Decides where a ghost is shown: only where it differs from the robot.
 //!
-//! Two surfaces in one place are drawn as patches of both, and a ghost that coincides with the
-//! robot is useless.
+//! Two surfaces in the same place are drawn as patches of both, and a ghost that coincides with the
+//! robot shows nothing.
 
 use glam::{DQuat, DVec3};
 

@@ -891,7 +891,7 @@ export interface JointAxis {
   pos: [number, number, number];
   /** Lowest and highest value, rad or m; null = unbounded. */
   range: [number, number] | null;
-  /** The value at which the body stands as `LinkFrame` says, rad or m. */
+  /** The joint value at which the body is placed as `LinkFrame` says, rad or m. */
   reference: number;
 }
 
@@ -1061,7 +1061,7 @@ export interface KeysSparsify {
 export interface Kinematics {
   /** Joints, in state order. */
   joints: JointAxis[];
-  /** Bodies, the world first; every body stands behind its parent. */
+  /** Bodies, the world first; every body comes after its parent. */
   links: LinkFrame[];
   /** Named points of bodies. */
   sites: SiteFrame[];
