@@ -122,8 +122,8 @@ impl Kinematics {
         self.ik_meeting(start, targets, &[], config)
     }
 
-    /// As [`Kinematics::ik`]. In addition, both points of each pair are brought to a common place,
-    /// which is free. In the result pairs come after the targets.
+    /// As [`Kinematics::ik`]. In addition, the two points of each pair are brought together; where
+    /// they meet is not given. In the result pairs come after the targets.
     ///
     /// # Errors
     /// [`UnknownPoint`].

@@ -22,8 +22,8 @@ impl Robot {
         self.ik_meeting(data, start, targets, &[], config)
     }
 
-    /// As [`Robot::ik`]. In addition, both points of each pair are brought to a common place, which
-    /// is free.
+    /// As [`Robot::ik`]. In addition, the two points of each pair are brought together; where they
+    /// meet is not given.
     ///
     /// # Errors
     /// Those of [`Robot::ik`].

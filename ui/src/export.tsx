@@ -275,7 +275,7 @@ export function Export({ onClose }: { onClose: () => void }) {
         <button
           class="main"
           disabled={busy || isFolder}
-          title={isFolder ? "this format is a folder, which can only be saved" : ""}
+          title={isFolder ? "this format is a folder: it can be saved, but not downloaded" : ""}
           onClick={() => void run(false)}
           data-testid="export-download"
         >

@@ -110,8 +110,7 @@ export function Gallery() {
         <div>
           <h1>Place a few poses. A policy performs them.</h1>
           <p class="lead">
-            It was trained by unsupervised exploration, runs in simulation, and shows its error while you
-            edit.
+            It was trained on random motion, runs in simulation, and shows its error while you edit.
           </p>
         </div>
         <div class="row">

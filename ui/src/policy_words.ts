@@ -11,7 +11,7 @@ interface Words {
 const WORDS: Record<PolicyName, Words> = {
   robert: {
     title: "Learned",
-    about: "Learned by exploring. Take it when keys lie far apart or the robot model is inexact.",
+    about: "Learned from random motion. Take it when keys lie far apart or the robot model is inexact.",
   },
   ridge: {
     title: "Linear fit",

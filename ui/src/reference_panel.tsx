@@ -63,7 +63,7 @@ export function ReferencePanel() {
               class="icon quiet"
               aria-label="Sound of the reference"
               aria-pressed={!muted.value}
-              title={muted.value ? "Let it be heard" : "Mute it"}
+              title={muted.value ? "Play its sound" : "Mute it"}
               onClick={() => (muted.value = !muted.value)}
             >
               <Icon of={muted.value ? VolumeX : Volume2} size={14} />

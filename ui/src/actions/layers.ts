@@ -87,7 +87,7 @@ export const LAYERS: Action[] = [
   },
   {
     id: "shaping",
-    title: "Shape from above: moving a joint adds to the motion around the playhead, or makes keys again",
+    title: "Offsets on or off: moving a joint adds to the motion around the playhead, or makes keys",
     group: "Keys",
     keys: ["J"],
     not: () => (store.shaping.value ? undefined : needsBase()),
