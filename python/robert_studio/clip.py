@@ -107,7 +107,7 @@ class Clip:
         fill: Optional[str] = None,
         pose: Optional[str] = None,
     ) -> Clip:
-        """Commands where a point of the robot shall be: ``pos`` (3; m, world) of a site of its model, and ``quat`` (4;
+        """Commands where a point of the robot should be: ``pos`` (3; m, world) of a site of its model, and ``quat`` (4;
         w x y z) if the orientation matters. Joint values are found near the named ``pose``, else near the neighbouring
         keys. A key at this frame is replaced."""
         goal: dict[str, Any] = {"site": site, "pos": pos}

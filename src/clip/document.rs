@@ -121,7 +121,7 @@ impl Key {
         Key::with(frame, Goal::Pose(pose.to_owned()))
     }
 
-    /// A key that says where points shall be.
+    /// A key with end-effector goals.
     pub fn reaching(frame: u32, reach: Vec<Reach>) -> Key {
         Key { reach, ..Key::with(frame, Goal::Open) }
     }
@@ -138,7 +138,7 @@ impl Key {
         Key { hold: hold_frames, ..self }
     }
 
-    /// The same, with this fill after it.
+    /// The same key, with this fill after it.
     #[must_use]
     pub fn filled(self, fill: Fill) -> Key {
         Key { fill: Some(fill), ..self }

@@ -71,7 +71,7 @@ impl Reach {
         Reach { point: Point::Site(name.to_owned()), pos, quat: None }
     }
 
-    /// The same with an orientation, w x y z.
+    /// The same goal with an orientation, w x y z.
     #[must_use]
     pub fn turned(self, quat: [f64; 4]) -> Reach {
         Reach { quat: Some(quat), ..self }
@@ -133,7 +133,7 @@ pub struct Reached {
     pub instead: Reach,
     /// The joints that decide where it is.
     pub joints: Vec<String>,
-    /// Whether it is where it shall be.
+    /// Whether the point reaches its goal.
     pub reached: bool,
 }
 

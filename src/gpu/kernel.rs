@@ -55,7 +55,7 @@ impl Kernel {
         self.step_with(gpu, &gpu.uniform(params), on, grid)
     }
 
-    /// The same with parameters that change.
+    /// As [`Kernel::step`], with parameters that change.
     pub(crate) fn step_with(
         &self,
         gpu: &Device,

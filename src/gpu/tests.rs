@@ -22,7 +22,7 @@ pub(super) fn device() -> Option<Device> {
     Some(Device::of(&card).unwrap())
 }
 
-/// The same with a binding of at most 1 MiB.
+/// As [`device`], with a binding of at most 1 MiB.
 pub(super) fn narrow() -> Option<Device> {
     Some(device()?.within(Room { binding_bytes: 1 << 20, activation_bytes: 1 << 30 }))
 }

@@ -137,7 +137,7 @@ pub enum Init<'a, T> {
 
 #[cfg(target_arch = "x86_64")]
 impl<'a, T: Real> Init<'a, T> {
-    /// The same, if it is in single precision.
+    /// The same values, if they are in single precision.
     pub(super) fn single(self) -> Option<Init<'a, f32>> {
         Some(match self {
             Init::Zero => Init::Zero,

@@ -85,7 +85,7 @@ pub trait Real:
     fn with_left<R>(f: impl FnOnce(&mut Aligned<Self>) -> R) -> R;
     /// The same numbers, if they are in single precision, for the tile unit.
     fn singles(x: &[Self]) -> Option<&[f32]>;
-    /// The same for writing.
+    /// The same numbers for writing, if they are in single precision.
     fn singles_mut(x: &mut [Self]) -> Option<&mut [f32]>;
     /// Exact GELU x Φ(x) and its derivative Φ(x) + x φ(x).
     fn vgelu<S: Simd>(s: S, a: Self::V<S>) -> (Self::V<S>, Self::V<S>);

@@ -545,7 +545,7 @@ mod tests {
             self.left_open_by(cfg, slow, RidgeConfig::default().lambda)
         }
 
-        /// The same with this penalty.
+        /// As `left_open`, with this penalty.
         fn left_open_by(&self, cfg: &TokenConfig, slow: f32, lambda: f64) -> f64 {
             let facts =
                 Facts { joints: vec![JointFacts { hinge: false, range: None }], actions: 1 };

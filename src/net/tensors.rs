@@ -25,7 +25,7 @@ impl<'a> Out<'a> {
         Out { shape: shape.to_vec(), kind, bytes: bytemuck::cast_slice(data) }
     }
 
-    /// The same in half precision.
+    /// A tensor in half precision.
     pub fn half(shape: &[usize], data: &'a [half::f16]) -> Self {
         Out { shape: shape.to_vec(), kind: "F16", bytes: bytemuck::cast_slice(data) }
     }

@@ -235,7 +235,7 @@ impl Scene {
         self.corners_of(poses, |_| true)
     }
 
-    /// The same for the geoms that `wanted` selects.
+    /// The outermost points of the geoms that `wanted` selects; see [`Scene::corners`].
     pub fn corners_of(&self, poses: &[Pose], wanted: impl Fn(&Geom) -> bool) -> Vec<Vec3> {
         let mut out = Vec::new();
         for (g, pose) in self.geoms.iter().zip(poses) {

@@ -40,8 +40,8 @@ const UNBOUNDED: [f64; 2] = [1.5, 0.5];
 /// faster for a moment if it were commanded to the far end of its range at once, but no task does
 /// that.
 const SERVO_SPEED: [f64; 2] = [3.0, 0.5];
-/// The same for a motor. If a file lets one light joint spin at 30 rad/s, exploration would use
-/// that speed and throw the other joints about.
+/// The highest speed that is measured for a motor, rad/s, m/s. If a file lets one light joint spin
+/// at 30 rad/s, exploration would use that speed and throw the other joints about.
 const MOTOR_SPEED: [f64; 2] = [6.0, 1.0];
 /// No joint gets a speed that crosses its range in less time than this, seconds.
 const CROSSING_SECS: f64 = 0.5;

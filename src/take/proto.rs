@@ -119,7 +119,7 @@ messages! {
         joint_error: Vec<JointError> = (message, repeated, tag = "4"),
         /// Action taken at this frame; empty at the last.
         action: Vec<f64> = (double, repeated, tag = "5"),
-        /// The same as controls, N m or N.
+        /// The action as controls, N m or N.
         ctrl: Vec<f64> = (double, repeated, tag = "6"),
     }
 }

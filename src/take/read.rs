@@ -50,7 +50,7 @@ impl Take {
         Take::recover_mcap(&bytes).map_err(|e| e.in_file(path))
     }
 
-    /// The same for bytes in memory.
+    /// As [`Take::read`], for bytes in memory.
     ///
     /// # Errors
     /// [`Error::Damaged`], [`Error::Foreign`].
@@ -63,7 +63,7 @@ impl Take {
         scan.take(true)
     }
 
-    /// The same for bytes in memory.
+    /// As [`Take::recover`], for bytes in memory.
     ///
     /// # Errors
     /// [`Error::Damaged`], [`Error::Foreign`].

@@ -45,7 +45,7 @@ impl Record {
     /// Reads a run directory.
     ///
     /// # Errors
-    /// [`Error::Run`] when it is none, [`Error::Files`].
+    /// [`Error::Run`] if the directory is not a run, [`Error::Files`].
     pub fn read(dir: &Path) -> Result<Self, Error> {
         if !paths::config(dir).exists() {
             let near = runs_near(dir);

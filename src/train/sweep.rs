@@ -159,7 +159,8 @@ pub struct Row {
     pub seeds: usize,
     /// Mean and 95 % interval over seeds by suite; `None` if a rollout diverged.
     pub suites: BTreeMap<String, Option<Interval>>,
-    /// The same of the held-out action error.
+    /// Mean and 95 % interval over seeds of the held-out action error; `None` if it was not
+    /// measured.
     pub nmse_clear: Option<Interval>,
 }
 

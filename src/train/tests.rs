@@ -34,13 +34,13 @@ pub(super) fn dataset(dir: &Path) -> Dataset {
     plant(dir, 0.0)
 }
 
-/// The same behind levers: the force of a motor grows by `lever` a radian, which no linear map
-/// can undo.
+/// The plant of [`dataset`] behind levers: the force of a motor grows by `lever` a radian, which no
+/// linear map can undo.
 fn plant(dir: &Path, lever: f64) -> Dataset {
     trajectories(dir, lever, 150)
 }
 
-/// Forty trajectories of so many frames.
+/// Forty trajectories of this many frames.
 fn trajectories(dir: &Path, lever: f64, frames: usize) -> Dataset {
     touching(dir, lever, &vec![0; frames])
 }

@@ -7,7 +7,7 @@ declare global {
   }
 }
 
-/** Runs this after so many milliseconds. */
+/** Runs this after a number of milliseconds. */
 export function afterMs(ms: number, run: () => void): void {
   const stopped = globalThis.window?.__timers;
   if (stopped) stopped.push({ ms, run });

@@ -18,7 +18,7 @@ export function parseNumber(text: string, units: Units = {}, plain = 1): number 
   return Number.isFinite(value) ? value : undefined;
 }
 
-/** A number with so many digits; what is rounded to zero has no sign. */
+/** A number with this many digits. A number that is rounded to zero has no sign. */
 export function fixed(value: number, digits: number): string {
   const text = value.toFixed(digits);
   return /^-[0.]*$/.test(text) ? text.slice(1) : text;

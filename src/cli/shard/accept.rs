@@ -18,7 +18,7 @@ impl AcceptArgs {
         Accept { any_processor: self.any_processor, any_build: self.any_build }
     }
 
-    /// The same as words of a command.
+    /// The options as words of a command.
     pub(super) fn words(self) -> Vec<String> {
         let mut words = Vec::new();
         words.extend(self.any_processor.then(|| "--any-processor".to_owned()));

@@ -21,7 +21,7 @@ pub(in super::super) struct Args {
     /// The shard, from 0.
     #[arg(long, value_name = "K", required_unless_present_any = ["task", "stdin"], conflicts_with_all = ["task", "stdin"])]
     index: Option<usize>,
-    /// Run so many shards from --index on; those beyond the plan do not count.
+    /// Run this many shards, beginning at --index. Those beyond the plan do not count.
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     count: u32,
     /// Run the shards of a line of this file, which submit has written.

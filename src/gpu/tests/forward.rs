@@ -16,7 +16,8 @@ fn open(gpu: Device, setup: &Setup, at_once: usize) -> (GpuForwards, Arc<dyn For
     (card, forward.unwrap_or_else(|| panic!("{notes:?}")))
 }
 
-/// Rows from the current frame on of every window, asked for by so many threads.
+/// The results of the rows from the current frame on, for every window, requested by this many
+/// threads.
 fn asked(forward: &dyn Forward, setup: &Setup, threads: usize) -> Vec<Vec<f32>> {
     let one = |w: usize| {
         let mut batch = Batch::zeros(&setup.net.cfg, 1);

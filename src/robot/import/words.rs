@@ -25,7 +25,7 @@ const ACTUATORS: &[&str] = &[
 pub(super) struct Servo {
     /// Damping of a position servo, N m s/rad or N s/m.
     pub(super) kv: Option<f64>,
-    /// The same as a ratio to critical damping.
+    /// The damping as a ratio to critical damping.
     pub(super) dampratio: Option<f64>,
     /// Whether the control range is the joint's range.
     pub(super) inherits: bool,

@@ -139,7 +139,7 @@ fn room(j: &StateJoint, home: f64) -> f64 {
     free_room(j, home).clamp(-most, most)
 }
 
-/// The same, however fast the joint is.
+/// The distance of a joint, however fast it is.
 fn free_room(j: &StateJoint, home: f64) -> f64 {
     if j.unbounded {
         let slides = j.unit == robert_base::units::Unit::M;

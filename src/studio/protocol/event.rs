@@ -149,13 +149,13 @@ pub enum Event {
         #[serde(skip_serializing_if = "Option::is_none")]
         tab: Option<String>,
     },
-    /// Joints that no hand moves.
+    /// Joints that are locked: no drag moves them.
     #[serde(rename = "locked")]
     Locked {
         /// All of them.
         joints: Vec<String>,
     },
-    /// Sites that inverse kinematics holds.
+    /// Sites that inverse kinematics keeps in place.
     #[serde(rename = "pinned")]
     Pinned {
         /// All of them.

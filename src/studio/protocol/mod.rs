@@ -82,9 +82,9 @@
 //!   (`by` = author's client number, `id` = its request). It is the acknowledgement: the change is
 //!   on disk. Apply `patch` (see [`robert_clip::Delta`]) to your copy. The journal's
 //!   restored or discarded edits have `by` 0.
-//! * `reply`: answers a request that changed nothing or is no edit; `result` or `error`.
-//! * `document`: throw your copy away and take this one (open, new, close, or you were so
-//!   slow that edits were skipped; what they would have acknowledged comes as `reply`).
+//! * `reply`: answers a request that changed nothing or is not an edit; `result` or `error`.
+//! * `document`: replaces your copy (after open, new or close, or if you were so slow that edits
+//!   were skipped; the requests that these would have acknowledged get a `reply`).
 //! * `findings`: problems and timeline of a `rev`; follow every change, later once more with
 //!   what simulation found.
 //! * `rollout.frames`: frames `from..from+q.len()` of rollout `gen`. Throw away what you have
@@ -93,9 +93,9 @@
 //! * `rollout.state`: waiting, running, done, failed, off; `cached_to`, MAE, milliseconds a frame.
 //! * `worker`: the simulation's state, for a banner.
 //! * `job`: a job's new state (latest only).
-//! * `select`, `joint`, `joint.cancelled`, `locked`, `pinned`, `path.point`: what happens in the
-//!   viewport: a link was clicked, a hand turns joints, gives up, must leave some as they are or
-//!   hold some sites, touches the path of what is selected.
+//! * `select`, `joint`, `joint.cancelled`, `locked`, `pinned`, `path.point`: events in the viewport.
+//!   In this order: a link was clicked, joints are being dragged, the drag was cancelled, the set of
+//!   locked joints or of pinned sites has changed, a point of the drawn path was clicked.
 //! * `notice`: a sentence for a banner.
 
 mod body;

@@ -20,7 +20,7 @@ pub enum StudioOp {
     /// Undoes or redoes until `done` edits are done.
     #[serde(rename = "history.goto")]
     HistoryGoto {
-        /// The number of edits that shall be done.
+        /// The number of edits that are done afterwards.
         done: usize,
     },
     /// Previews an edit: it is rolled out, but not stored. Send it during a drag; the newest one

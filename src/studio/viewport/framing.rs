@@ -9,7 +9,7 @@ use robert_render::{Camera, View};
 /// 1600x900 are well inside.
 const NARROWEST: f32 = 4.0 / 3.0;
 const WIDEST: f32 = 2.7;
-/// The smallest share of the widest viewport that the robot's bounds shall take, if its shape
+/// The smallest share of the widest viewport that the robot's bounds should take, if its shape
 /// allows.
 const LEAST: f32 = 0.12;
 /// If the robot would take a larger share, the camera moves back to this one, so that the robot has

@@ -3,14 +3,14 @@
 //! | module | owns |
 //! |---|---|
 //! | `handle` | the way in for clients and requests |
-//! | `incoming`, `message` | what the client says, what the stage is told |
-//! | `shared`, `retained` | the scene, and what each client has yet to see of it |
+//! | `incoming`, `message` | messages of the client, messages to the stage |
+//! | `shared`, `retained` | the scene, and the part of it that each client has not received yet |
 //! | `stage`, `run` | what is shown; the loop that keeps it up to date |
 //! | `playback`, `overlays`, `refresh` | the frame, the figures beside the robot, and drawing both |
 //! | `reachable` | the pose that the robot can reach where it cannot reach the commanded one |
-//! | `drag`, `gestures`, `gizmo` | what a hand holds, does, and is given to hold |
+//! | `drag`, `gestures`, `gizmo` | the drag in progress, mouse gestures, handles for dragging |
 //! | `figure`, `scene_nodes`, `build`, `shell` | a robot as nodes; the outline of the selected link |
-//! | `page_camera`, `camera`, `framing`, `hit` | where cameras stand, and what a pointer is over |
+//! | `page_camera`, `camera`, `framing`, `hit` | positions of cameras; the part under a pointer |
 //!
 //! The messages and their encoding are in [`robert_take::viser`]. The client does not check them
 //! and reconnects by itself; every connection gets the whole scene first.

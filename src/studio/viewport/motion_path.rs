@@ -68,7 +68,7 @@ pub(super) struct Traced {
     pub(super) body: usize,
     /// In the body's frame, m.
     pub(super) offset: V3,
-    /// The same for inverse kinematics.
+    /// The point in the form that inverse kinematics needs.
     pub(super) point: Pulled,
 }
 

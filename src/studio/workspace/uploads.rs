@@ -67,7 +67,7 @@ impl Uploads {
 /// The path of an uploaded file of a robot: below `root`, whatever its name is.
 ///
 /// # Errors
-/// [`Error::Request`] for a name that leaves the folder or is none.
+/// [`Error::Request`] for a text that is not a name, or that leaves the folder.
 pub(crate) fn upload_path(root: &Path, name: &str) -> Result<PathBuf, Error> {
     let path = Path::new(name);
     let plain = path.components().all(|c| matches!(c, Component::Normal(_)));

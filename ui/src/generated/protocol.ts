@@ -463,9 +463,9 @@ export type Event =
   | { event: "joint"; done: boolean; tab?: string; values: Record<string, number> }
   /** The drag in the viewport was cancelled, so the page makes no edit. */
   | { event: "joint.cancelled"; tab?: string }
-  /** Joints that no hand moves. */
+  /** Joints that are locked: no drag moves them. */
   | { event: "locked"; joints: string[] }
-  /** Sites that inverse kinematics holds. */
+  /** Sites that inverse kinematics keeps in place. */
   | { event: "pinned"; pins: Pin[] }
   /** A point of the drawn path was clicked or dragged: the playhead goes to its frame. */
   | { event: "path.point"; frame: number; tab?: string; values: Record<string, number> | null }
@@ -1956,9 +1956,9 @@ export interface State {
   document: DocumentView | null;
   /** The folder where relative paths start. */
   folder: string;
-  /** Joints that no hand moves. */
+  /** Joints that are locked: no drag moves them. */
   locked: string[];
-  /** Sites that inverse kinematics holds. */
+  /** Sites that inverse kinematics keeps in place. */
   pins: Pin[];
   /** Policies that can be chosen. */
   policies: PolicyCard[];

@@ -64,7 +64,7 @@ export function followSelection(): () => void {
   return () => stops.forEach((stop) => stop());
 }
 
-/** The edit that gives points these values and move their keys by so many frames. */
+/** The edit that gives points these values and moves their keys by a number of frames. */
 function shaping(changes: Changes, frames: number[], df: number): Op | undefined {
   const clip = store.doc.value?.clip;
   if (!clip) return undefined;
@@ -199,7 +199,7 @@ export function bent(clip: Clip, h: Handle, slope: number, both: boolean): Bent 
   };
 }
 
-/** An offset that adds so much more to a joint, so many frames later. */
+/** The offset with a larger value for a joint, moved by a number of frames. */
 export function lifted(clip: Clip, t: Top, by: number, df: number): Bent | undefined {
   const name = clip.robot.joints[t.joint];
   const now = commandedAt(clip, t.joint, t.frame);

@@ -36,7 +36,7 @@ export interface Sheet {
   hint(text: string): void;
   /** A tangent's slope, units a frame, as a drag would leave it; with `done` as one edit. */
   bend(handle: Handle, slope: number, both: boolean, done: boolean): unknown;
-  /** An offset raised by so much and moved by so many frames. */
+  /** How far an offset is raised, and the number of frames by which it is moved. */
   lift(top: Top, by: number, df: number, done: boolean): unknown;
   chooseOffset(frame: number): void;
   offsetMenu(frame: number, x: number, y: number): void;

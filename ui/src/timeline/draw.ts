@@ -133,7 +133,7 @@ function backdrop(ctx: Ctx, s: Scene): void {
   ctx.stroke();
 }
 
-/** A key says a pose, or where a point shall be: a diamond, a disc. */
+/** A key with a pose is a diamond, a key with an end-effector goal a disc. */
 type Shape = "pose" | "point" | "dense";
 
 let sprites = new Map<string, HTMLCanvasElement>();

@@ -7,7 +7,7 @@ export interface TimelineHandle {
   fit(): void;
   /** Opens the menu of the playhead. */
   menu(): void;
-  /** Chooses the row that is so many further down. */
+  /** Chooses the row that is this many rows further down. */
   step(by: 1 | -1): void;
   /** Opens or folds the chosen group, else shows the values of the key at the playhead. */
   enter(): void;

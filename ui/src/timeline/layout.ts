@@ -41,7 +41,7 @@ export type RowKind =
   | { kind: "all" }
   /** What is added to the keys. */
   | { kind: "offsets" }
-  /** Keys that say where this point of the robot shall be. */
+  /** Keys with an end-effector goal for this point of the robot. */
   | { kind: "point"; name: string }
   | { kind: "group"; group: Group; open: boolean }
   | { kind: "joint"; joint: number };

@@ -138,7 +138,7 @@ pub(crate) struct Kinematics {
     pub(crate) poses: Vec<Vec<f64>>,
 }
 
-/// A drawn line that a site shall follow.
+/// A drawn line that a site should follow.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct Trace {
     /// The pose at which the line begins, one value per state joint.
