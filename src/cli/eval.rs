@@ -67,10 +67,10 @@ pub(super) struct Args {
     /// Worker threads [default: all cores]. They change the times, but not the other figures.
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: Option<u16>,
-    /// What computes the networks: the processor, or a graphics card, which rounds otherwise; then 64
-    /// rollouts run at once unless --threads says otherwise. `auto` takes a card if there is one.
-    /// Policies with `auto` or `+refine` stay with the processor. ROBERT_GPU=software admits the
-    /// software driver.
+    /// The device that computes the networks: the processor, or a graphics card, whose rounding
+    /// differs. With a card, 64 rollouts run at once unless --threads gives another number. `auto`
+    /// uses a card if there is one. Policies with `auto` or `+refine` stay on the processor.
+    /// ROBERT_GPU=software allows the software driver.
     #[arg(long, value_name = "auto|cpu|gpu[:N]", default_value_t = Choice::Cpu)]
     device: Choice,
     /// Exit with 4 if a policy's mean Precision over a suite is above this (rad or m).

@@ -33,7 +33,8 @@ pub(super) struct Args {
     /// Change one setting of all points; may be repeated.
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Points at once, each in a process of its own. Small networks use the cores better so.
+    /// Points that are trained at once, each in its own process. Small networks then use the cores
+    /// better.
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     jobs: u16,
     /// Threads of a point [default: all cores, divided by --jobs]. They do not change the figures.

@@ -19,7 +19,7 @@ impl Norm {
         }
     }
 
-    /// y and the statistics of x; both (rows, width).
+    /// y, and the statistics of x, which is (rows, width).
     pub(crate) fn forward(
         &self,
         gpu: &Device,

@@ -20,7 +20,8 @@ use super::{Error, Machine, Plan, Spec, collecting, evaluating, training};
 /// that kind of arithmetic.
 ///
 /// # Errors
-/// Whatever a cell would fail with later, in its own class; nothing is written then.
+/// Any error that a cell would meet later, with the exit code of its cause. Nothing is written
+/// then.
 pub fn make(
     path: &Path,
     out: &Path,

@@ -37,7 +37,7 @@ pub(super) struct Check {
     /// some joints are then an error.
     #[arg(long)]
     whole_masks: bool,
-    /// The default since version 0.2; kept for existing scripts.
+    /// This is the default; the option is kept for existing scripts.
     #[arg(long, hide = true, conflicts_with = "whole_masks")]
     joint_masks: bool,
     /// Also settle every pose in simulation, to find self-collisions and unreachable poses.

@@ -9,10 +9,10 @@ use crate::take::What;
 
 /// Write takes, clips that are performed first, or collected data in another format.
 ///
-/// csv, json, mjcf and ros go to stdout unless -o names a file; the others need a file or
-/// folder and take the input's name by default. Of several inputs lerobot and minari make
-/// one dataset; of the other formats each input becomes a file in the folder -o. What the
-/// numbers mean and which command opens the result is said on stderr.
+/// csv, json, mjcf and ros go to stdout unless -o names a file. The other formats write a file or
+/// folder, which has the input's name by default. Several inputs become one dataset with lerobot
+/// and minari; with the other formats each input becomes a file in the folder -o. Stderr says what
+/// the numbers mean and which command opens the result.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  robert export wave.mcap --to csv -o wave.csv\n  robert export wave.mcap --to ros --what command > plan.yaml\n  robert export wave.mcap --to ros --goal --lead-in 2 -o wave.goal.yaml\n  robert export wave.mcap --to mjcf --with-model -o wave.xml    keyframes that load by themselves\n  robert export wave.mcap --to glb -o wave.glb                  Blender, Unreal, three.js\n  robert export ur5e/reacher --policy computed-torque --to mcap -o reacher.mcap\n  robert export ur5e/reacher ur5e/hang --to lerobot -o arm       two episodes\n  robert export wave.mcap --to html -o wave.html    a page that plays the take, offline"

@@ -1,6 +1,6 @@
 //! The writer: one thread that owns the document and waits for disks.
 //!
-//! Whatever changes the document is done here, one after another; edits that wait together share
+//! All changes of the document are made here, one after another; edits that wait together share
 //! one `fdatasync`. Nobody else waits for it: the session shows the document as it was last
 //! acknowledged, and a refused or failed edit was never seen by anybody. If this thread panics the
 //! process ends: the journal is on disk, and a half-applied edit must never be built upon.
