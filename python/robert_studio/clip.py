@@ -53,15 +53,15 @@ class Clip:
 
     @classmethod
     def from_array(cls, robot: Union[Robot, PathLike], q: ArrayLike, tolerance: float = 0.0) -> Clip:
-        """The clip that commands these rows, (T, S), 20 a second; NaN is no goal. A positive ``tolerance`` (rad or m)
-        keeps only the keys from which straight lines come that near."""
+        """A clip that commands these rows, (T, S), 20 per second; NaN is no goal. With a positive ``tolerance`` (rad or
+        m) it keeps only the keys that are needed: straight lines between them stay within it of every row."""
         robot = as_robot(robot)
         rows = np.asarray(q, dtype=float).tolist()
         return cls(_native.Clip.dense(robot._native, rows, tolerance), robot)
 
     @property
     def name(self) -> str:
-        """Its title."""
+        """The clip's title."""
         return self._native.name
 
     @name.setter
@@ -70,19 +70,19 @@ class Clip:
 
     @property
     def robot(self) -> Robot:
-        """The robot that it is for."""
+        """The clip's robot."""
         if self._robot is None:
             self._robot = Robot(self._native.robot)
         return self._robot
 
     @property
     def joints(self) -> list[str]:
-        """Names of the columns."""
+        """Names of the joints, in the order of the columns."""
         return self._native.joints
 
     @property
     def frames(self) -> int:
-        """Length."""
+        """The number of frames."""
         return self._native.frames
 
     @property
@@ -91,8 +91,8 @@ class Clip:
         return self._native.keys
 
     def key(self, frame: int, q: ArrayLike, hold: int = 1, fill: Optional[str] = None) -> Clip:
-        """Commands ``q`` (S; rad or m; NaN leaves a joint open) at a frame and ``hold`` - 1 after it. ``fill`` says what
-        comes then: mask, linear, cubic or hold."""
+        """Commands ``q`` (S; rad or m; NaN leaves a joint open) at a frame and at the ``hold`` - 1 frames after it.
+        ``fill`` is the fill up to the next key: mask, linear, cubic or hold."""
         self._native.key(frame, np.asarray(q, dtype=float).tolist(), hold, fill)
         return self
 
@@ -129,17 +129,17 @@ class Clip:
         return self
 
     def mask(self, start: int, stop: int, joints: Optional[list[str]] = None) -> Clip:
-        """Takes the goals of frames ``start`` to ``stop`` - 1 away, of all joints or of some."""
+        """Removes the goals of frames ``start`` to ``stop`` - 1, for all joints or for some."""
         self._native.mask(start, stop, joints)
         return self
 
     def fill(self, fill: str) -> Clip:
-        """What stands between keys that do not say: mask, linear, cubic or hold."""
+        """Sets the fill after keys without their own: mask, linear, cubic or hold."""
         self._native.fill(fill)
         return self
 
     def command(self) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-        """What is commanded, (T, S; rad or m), and where it counts, (T, S). End-effector goals are solved."""
+        """The commanded values, (T, S; rad or m), and which are goals, (T, S). End-effector goals are solved."""
         q, seen, frames = self._native.command(self.robot._native if self._native.has_reach else None)
         return q.reshape(frames, -1), seen.reshape(frames, -1)
 
@@ -148,7 +148,7 @@ class Clip:
         return self._native.text()
 
     def save(self, path: PathLike) -> None:
-        """Writes it."""
+        """Writes the clip to a file."""
         Path(path).write_text(self.text(), encoding="utf-8")
 
     def __repr__(self) -> str:

@@ -19,7 +19,7 @@ Rows = NDArray[np.float32]
 
 
 class Dataset:
-    """Trajectories in mapped files: nothing is read before it is used, nothing is copied.
+    """Trajectories in mapped files: data are read when they are used, and never copied.
 
     ``dataset[i]`` is trajectory i as (q, qd, action): (n, S), (n, S), (n, A); float32, rad or m, actions -1 to 1.
     """
@@ -106,8 +106,8 @@ def fit(
     threads: Optional[int] = None,
     progress: Optional[Progress] = None,
 ) -> dict[str, Any]:
-    """Fits ``ridge``, ``nearest`` or ``mlp-inverse`` to a dataset's folder. Gives ``policy``, ``out`` and the held-out
-    error; ``rollout(clip, f"{kind}:{out}")`` uses it."""
+    """Fits ``ridge``, ``nearest`` or ``mlp-inverse`` to a dataset. Returns ``policy``, ``out`` and the held-out error;
+    ``rollout(clip, f"{kind}:{out}")`` uses the fit."""
     path = None if out is None else os.fspath(out)
     return json.loads(_native.fit(kind, os.fspath(data), path, seed, threads, progress))
 
@@ -124,7 +124,7 @@ def train(
     progress: Optional[Progress] = None,
 ) -> dict[str, Any]:
     """Trains a network into the run folder ``out``; ``settings`` change the preset (``{"steps": 1000}``). After Ctrl-C
-    the run can go on: ``robert train --resume``. ``rollout(clip, f"robert:{out}")`` uses it."""
+    the run can be continued: ``robert train --resume``. ``rollout(clip, f"robert:{out}")`` uses the network."""
     pairs = [f"{key}={value}" for key, value in (settings or {}).items()]
     robot = as_robot(robot)
     return json.loads(

@@ -35,9 +35,10 @@ class TrackEnv(_Base):
     """Torque control of a robot along a clip, 20 actions a second.
 
     Observation, float64: positions (S), velocities (S), the goals of the next 20 frames minus the position, 0
-    where masked (20 S), and whether each counts (20 S). Action, float32: -1 to 1 of each control range (A). Reward: minus the
-    mean |error| over the goals of the frame reached, 0 where there is none. An episode is truncated at the
-    clip's end and never terminates. The start pose is the clip's, plus up to ``noise`` (rad or m) a joint.
+    where masked (20 S), and 1 for each goal that is not masked (20 S). Action, float32: -1 to 1 of each control
+    range (A). Reward: minus the mean |error| over the goals of the frame that was reached, 0 if it has none. An
+    episode is truncated at the clip's end and never terminates. The start pose is that of the clip, plus up to
+    ``noise`` (rad or m) for each joint.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 20}

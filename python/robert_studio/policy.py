@@ -17,7 +17,7 @@ HISTORY, LOOKAHEAD = 30, 20
 class Policy:
     """A policy that is asked once every 50 ms.
 
-    ``policy`` is a name as in :func:`rollout`; nothing is the robot's trained one.
+    ``policy`` is a name as in :func:`rollout`; without a name it is the robot's trained policy.
     """
 
     def __init__(self, robot: Union[Robot, PathLike], policy: Optional[str] = None, seed: int = 0):
@@ -30,7 +30,7 @@ class Policy:
         return self._native.label
 
     def reset(self, seed: int = 0) -> None:
-        """Forgets the past; to be called before another motion."""
+        """Clears the policy's memory. Call it before another motion."""
         self._native.reset(seed)
 
     def act(
@@ -43,8 +43,8 @@ class Policy:
         """The action for the next 50 ms, -1 to 1 of each actuator's control range; (A).
 
         ``history`` (31, S) are the states of the last 30 frames and the present one, rad or m; ``goals`` (20, S) those
-        of the next 20 frames; ``mask`` (20, S) is True where a goal counts. ``velocity`` (S) is for policies that
-        own a model of the robot; without it the last two states give it."""
+        of the next 20 frames; ``mask`` (20, S) is True where there is a goal. ``velocity`` (S) is for policies that
+        use a model of the robot; without it, it is computed from the last two states."""
         dim = len(self.robot.joints)
         past = np.ascontiguousarray(history, dtype=np.float64)
         if past.shape != (HISTORY + 1, dim):

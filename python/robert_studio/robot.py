@@ -23,7 +23,7 @@ class Robot:
     """A robot: its joints (the state, S of them) and actuators (the action, A of them).
 
     ``id`` is a robot of the program (``pointmass``, ``ur5e``, ``ur5e_light``, ``shadow_hand``) or the folder that
-    ``robert import`` or ``robert new`` made. Raises :class:`InvalidInput` for a folder that is none.
+    ``robert import`` or ``robert new`` made. Raises :class:`InvalidInput` for any other folder.
     """
 
     def __init__(self, id: Union[str, os.PathLike[str]]):
@@ -42,7 +42,7 @@ class Robot:
 
     @property
     def id(self) -> str:
-        """Its name."""
+        """The robot's id."""
         return self._native.id
 
     @property
@@ -72,7 +72,7 @@ class Robot:
 
     @property
     def mjcf(self) -> str:
-        """Text of its model."""
+        """The text of its MJCF model."""
         return self._native.mjcf
 
     def home(self) -> NDArray[np.float64]:
@@ -84,7 +84,7 @@ class Robot:
         return {name: np.array(self._native.pose(name)) for name in self._native.pose_names()}
 
     def policies(self) -> list[dict]:
-        """Policies that there are: ``name`` as :func:`rollout` takes it, ``suits``, ``default``."""
+        """The policies for this robot: ``name`` as :func:`rollout` takes it, ``suits``, ``default``."""
         rows = self._native.policies()
         return [{"name": f"{n}:{m}" if m else n, "suits": s, "default": d} for n, m, s, d in rows]
 
@@ -108,11 +108,12 @@ def import_robot(
     effort: Optional[float] = None,
     torque: bool = False,
 ) -> dict[str, Any]:
-    """Makes the folder ``out`` of a URDF or MJCF and reports what was ``dropped``, ``assumed`` and ``changed``.
+    """Makes the robot folder ``out`` from a URDF or MJCF. Reports what was ``dropped``, ``assumed`` and ``changed``.
 
-    ``packages`` tells where ROS packages lie, ``base_height`` is m above the floor, ``effort`` the limit of motors whose
-    source names none (N m; enough to carry the robot by default). ``torque`` replaces servos by motors. The model is compiled in a process of its own, by the command ``robert`` that was
-    installed with this package. Raises :class:`InvalidInput` with file, line and column."""
+    ``packages`` gives the folders of ROS packages, ``base_height`` is m above the floor, ``effort`` the limit of
+    motors whose source names none (N m; enough to carry the robot by default). ``torque`` replaces servos by
+    motors. The model is compiled in a process of its own, by the command ``robert`` that was installed with this
+    package. Raises :class:`InvalidInput` with file, line and column."""
     report = _native.import_robot(
         os.fspath(source), os.fspath(out), id, None, packages or {}, fixed_base, base_height, effort, torque
     )

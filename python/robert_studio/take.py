@@ -34,7 +34,7 @@ class Take:
         return cls(_native.Take.load(os.fspath(path), native))
 
     def save(self, path: PathLike) -> None:
-        """Writes it as MCAP, for Foxglove, Lichtblick and Rerun."""
+        """Writes the take as MCAP, for Foxglove, Lichtblick and Rerun."""
         self._native.save(os.fspath(path))
 
     def _array(self, name: str, *shape: int) -> NDArray[np.float64]:
@@ -49,12 +49,12 @@ class Take:
 
     @property
     def frames(self) -> int:
-        """T."""
+        """The number of frames, T."""
         return self._native.frames
 
     @property
     def policy(self) -> str:
-        """Who performed."""
+        """The policy that performed the clip."""
         return self._native.policy
 
     @property
@@ -115,7 +115,7 @@ class Take:
 
     @cached_property
     def precision(self) -> dict[str, Any]:
-        """How near it came: ``precision`` (mean |error| over all goals, rad or m), ``masked_mae``, ``p95``, ..."""
+        """Figures of the error: ``precision`` (mean |error| over all goals, rad or m), ``masked_mae``, ``p95``, ..."""
         return json.loads(self._native.precision())
 
     def render(
