@@ -186,6 +186,27 @@ describe("look", () => {
     await t.page.setViewportSize({ width: 1280, height: 720 });
   });
 
+  test("at 820 px the bar and what is shown are one row each, and the time of a key is on one line", async () => {
+    await afresh();
+    await t.page.setViewportSize({ width: 820, height: 720 });
+    await t.painted();
+    await t.picture("rows-820");
+    const rows = (within: string): Promise<number> =>
+      t.page.evaluate((of) => {
+        const boxes = [...document.querySelectorAll<HTMLElement>(of)]
+          .filter((e) => e.offsetParent)
+          .map((e) => e.getBoundingClientRect());
+        const lowest = Math.max(...boxes.map((b) => b.top));
+        // In one row every box begins above the end of every other.
+        return boxes.every((b) => b.bottom > lowest) ? boxes.length : -boxes.length;
+      }, within);
+    assert.ok((await rows(".bar button, .bar select")) > 8, "the bar");
+    assert.ok((await rows(".legend button, .legend select")) === 7, "what is shown");
+    const title = t.byId("inspector").locator("h2");
+    assert.ok(((await title.boundingBox())?.height ?? 99) < 36, "the inspector's title");
+    await t.page.setViewportSize({ width: 1280, height: 720 });
+  });
+
   test("at 1440 x 900 poses, policies and takes each have the left side to themselves", async () => {
     await studio.api("POST", `/api/gallery/${encodeURIComponent("shadow_hand/fire")}`);
     await t.until((s) => s.robot === "shadow_hand", "the hand");

@@ -109,7 +109,10 @@ export function Viewport() {
         ? "failed"
         : r.phase === "done"
           ? ""
-          : `rollout ${r.cached_to}/${r.frames}`;
+          : r.cached_to < r.frames
+            ? `rollout ${r.cached_to}/${r.frames}`
+            : // Every frame is there: only Automatic goes on, with the other policies.
+              "comparing policies";
   return (
     <main class="viewport" aria-label="Viewport" data-testid="viewport">
       {stills ? (

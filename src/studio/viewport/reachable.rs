@@ -47,18 +47,14 @@ impl Stage {
             }
             if seen {
                 nodes.pose(scene, Figure::Reachable, |b| Place::of(bodies, b));
-                for (body, name) in nodes.names.iter().enumerate().skip(1) {
-                    let apart = |from: Option<Place>| {
-                        Place::of(bodies, body).zip(from).is_none_or(|(own, other)| {
-                            nodes.apart.seen(body, &other.row(), &own.row())
-                        })
-                    };
-                    let there = moved.get(body).copied().unwrap_or_default()
-                        && apart(commanded.as_deref().and_then(|c| Place::of(c, body)))
-                        && (!achieved || apart(nodes.shown(body)));
-                    let node = format!("{}/{name}", Figure::Reachable.root());
-                    scene.put(Message::visibility(&node, there));
-                }
+                // Of what no joint holds off, its own place hides it.
+                let own = |b: usize| Place::of(bodies, b);
+                let still = |b: usize| own(b).filter(|_| moved.get(b) != Some(&true));
+                let goal = |b: usize| Place::of(commanded.as_deref()?, b);
+                let solid: Vec<Option<Place>> =
+                    (0..nodes.names.len()).map(|b| nodes.shown(b).filter(|_| achieved)).collect();
+                let solid = |b: usize| solid.get(b).copied().flatten();
+                nodes.unveil(scene, Figure::Reachable, own, &[&still, &goal, &solid]);
             }
             scene.put(Message::visibility(Figure::Reachable.root(), seen));
         });

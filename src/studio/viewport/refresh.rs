@@ -54,8 +54,10 @@ impl Stage {
         self.shared.edit(|scene| {
             nodes.pose(scene, Figure::Robot, real);
             nodes.pose(scene, Figure::Command, asked);
-            // Without the solid robot no ghost can coincide with it.
-            nodes.unveil(scene, Figure::Command, |b| real(b).zip(asked(b)).filter(|_| seen));
+            // A figure that is not shown hides no other.
+            let solid = |b: usize| real(b).filter(|_| seen);
+            let goal = |b: usize| asked(b).filter(|_| command);
+            nodes.unveil(scene, Figure::Command, asked, &[&solid]);
             nodes.tint(scene, |b| real(b).zip(asked(b)).filter(|_| judged));
             nodes.outline(scene, chosen, |b| if seen { real(b) } else { asked(b) });
             scene.put(Message::visibility(Figure::Robot.root(), seen));
@@ -65,15 +67,14 @@ impl Stage {
                     nodes.enter(scene, Figure::Beside);
                 }
                 nodes.pose(scene, Figure::Beside, beside);
-                nodes.unveil(scene, Figure::Beside, |b| real(b).zip(beside(b)).filter(|_| seen));
+                nodes.unveil(scene, Figure::Beside, beside, &[&solid]);
             } else if entered {
                 scene.remove(Figure::Beside.root());
             }
-            // A ghost of a neighbouring key at the robot's own pose would only tint it.
+            // A ghost of a neighbouring key at the robot's own pose, or at the command's, would only
+            // tint it.
             for (figure, row) in [Figure::Past, Figure::Future].into_iter().zip(&onion) {
-                nodes.unveil(scene, figure, |b| {
-                    real(b).zip(Place::of(row, b)).filter(|_| seen && ghosts)
-                });
+                nodes.unveil(scene, figure, |b| Place::of(row, b), &[&solid, &goal]);
             }
             for (figure, seen) in [Figure::Past, Figure::Future].into_iter().zip(around) {
                 scene.put(Message::visibility(figure.root(), seen));

@@ -78,17 +78,20 @@ impl SceneNodes {
         }
     }
 
-    /// Shows the bodies of a figure whose place differs from the solid robot's; all of them if
-    /// either is unknown.
+    /// Shows the bodies of a figure that stand apart from the same bodies of others; what is not
+    /// known hides nothing.
     pub(super) fn unveil(
         &self,
         scene: &mut Retained,
         figure: Figure,
-        place: impl Fn(usize) -> Option<(Place, Place)>,
+        own: impl Fn(usize) -> Option<Place>,
+        others: &[&dyn Fn(usize) -> Option<Place>],
     ) {
         for (body, name) in self.names.iter().enumerate().skip(1) {
-            let seen = place(body)
-                .is_none_or(|(real, asked)| self.apart.seen(body, &real.row(), &asked.row()));
+            let apart = |own: &Place, other: Place| self.apart.seen(body, &other.row(), &own.row());
+            let seen = own(body).is_none_or(|own| {
+                others.iter().filter_map(|other| other(body)).all(|other| apart(&own, other))
+            });
             scene.put(Message::visibility(&format!("{}/{name}", figure.root()), seen));
         }
     }
