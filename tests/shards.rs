@@ -143,6 +143,15 @@ fn a_merged_collection_is_a_dataset() {
     plan(dir, COLLECT, "w");
     ok(dir, &["shard", "submit", "w", "--backend", "local", "--merge", "data"]);
     ok(dir, &["dataset", "check", "data"]);
+    // The motion needs no second place, unless copies are asked for; both are the same set.
+    ok(dir, &["shard", "merge", "w", "--out", "copies", "--copy"]);
+    let names = |dir: &Path| {
+        use std::os::unix::fs::MetadataExt;
+        dir.join("shards/000007.safetensors").metadata().unwrap().nlink()
+    };
+    assert_eq!((names(&dir.join("data")), names(&dir.join("copies"))), (2, 1));
+    let merged = |name: &str| std::fs::read(dir.join(name).join("merged.json")).unwrap();
+    assert!(merged("data") == merged("copies"));
     let manifest = robert::dataset::Manifest::load(&dir.join("data")).unwrap();
     assert!(manifest.totals.frames >= 2_040 && manifest.shards.len() == 20);
     // A shard is what `robert collect` records with its seed.

@@ -43,7 +43,7 @@ impl Checkpoints {
     /// Copies the newest checkpoint into `run`; false if there is none.
     pub(super) fn restore(&self, run: &Path) -> bool {
         for (_, path) in self.all().into_iter().rev() {
-            if paths::last(&path).is_file() && folder::copy(&path, run, false).is_ok() {
+            if paths::last(&path).is_file() && folder::copy(&path, run).is_ok() {
                 return true;
             }
             // Another process may have removed it meanwhile.

@@ -112,23 +112,21 @@ pub(super) fn record(
 
 /// Merges the parts into one dataset in `out`. `shards` are the folders of the shards, in order.
 /// Only the files of motion are taken over, so that ten thousand parts are ten thousand files in
-/// one folder.
+/// one folder. They are never changed in place, so hard links are enough unless `copy` is set.
 pub(super) fn merge(
     shards: &[PathBuf],
     out: &Path,
-    link: bool,
+    copy: bool,
 ) -> Result<serde_json::Value, Error> {
     let inputs: Vec<PathBuf> = shards.iter().map(|s| s.join(DATA)).collect();
     let mut manifest = robert_dataset::merge(&inputs, out, false)?;
     let folder = out.join("shards");
     std::fs::create_dir_all(&folder).map_err(write_error(&folder))?;
-    let mut places = Vec::with_capacity(manifest.shards.len());
     for (k, entry) in manifest.shards.iter_mut().enumerate() {
         let name = PathBuf::from("shards").join(format!("{k:06}.safetensors"));
-        places.push((out.join(&entry.file), out.join(&name)));
+        folder::link_file(&out.join(&entry.file), &out.join(&name), copy)?;
         entry.file = name;
     }
-    folder::copy_files(&places, link)?;
     let made = Dataset::publish(manifest, out)?;
     Ok(serde_json::json!({ "totals": made.totals, "dataset_sha256": made.sha256() }))
 }

@@ -157,41 +157,26 @@ pub(super) fn sync(dir: &Path) -> io::Result<()> {
     File::open(dir)?.sync_all()
 }
 
-/// Copies all files of a folder; `link` makes hard links where the file system allows it.
-pub(super) fn copy(from: &Path, to: &Path, link: bool) -> Result<(), Error> {
+/// Copies all files of a folder.
+pub(super) fn copy(from: &Path, to: &Path) -> Result<(), Error> {
     fs::create_dir_all(to).map_err(write_error(to))?;
     let unreadable = |source| fsio::Error::Read { source, path: from.to_owned() };
     for entry in fs::read_dir(from).map_err(unreadable)? {
         let entry = entry.map_err(unreadable)?;
         let (a, b) = (entry.path(), to.join(entry.file_name()));
         if entry.file_type().map_err(unreadable)?.is_dir() {
-            copy(&a, &b, link)?;
+            copy(&a, &b)?;
         } else {
-            copy_file(&a, &b, link)?;
+            fs::copy(&a, &b).map_err(write_error(&b))?;
         }
     }
     Ok(())
 }
 
-/// Copies a file, or makes a hard link where that is asked for and possible.
-fn copy_file(from: &Path, to: &Path, link: bool) -> Result<(), Error> {
-    if !(link && fs::hard_link(from, to).is_ok()) {
+/// A hard link to a file, or a copy where that is asked for or the file system has no links.
+pub(super) fn link_file(from: &Path, to: &Path, copy: bool) -> Result<(), Error> {
+    if copy || fs::hard_link(from, to).is_err() {
         fs::copy(from, to).map_err(write_error(to))?;
     }
     Ok(())
-}
-
-/// Copies each first file to its second place, or makes hard links, on all cores.
-pub(super) fn copy_files(pairs: &[(PathBuf, PathBuf)], link: bool) -> Result<(), Error> {
-    let cores = std::thread::available_parallelism().map_or(1, usize::from);
-    std::thread::scope(|scope| {
-        let handles: Vec<_> = pairs
-            .chunks(pairs.len().div_ceil(cores).max(1))
-            .map(|part| scope.spawn(|| part.iter().try_for_each(|(a, b)| copy_file(a, b, link))))
-            .collect();
-        for handle in handles {
-            handle.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))?;
-        }
-        Ok(())
-    })
 }

@@ -51,8 +51,8 @@ impl Merged {
     }
 }
 
-/// Merges the plan in `dir` into the folder `out`. An earlier merge there is replaced. With `link`,
-/// large files are hard links where the file system allows it.
+/// Merges the plan in `dir` into the folder `out`. An earlier merge there is replaced. Files of
+/// motion become hard links where the file system has them, unless `copy` is set; models are copied.
 ///
 /// # Errors
 /// [`Error::Incomplete`] with the indices that are missing, corrupt or foreign; then nothing is
@@ -62,7 +62,7 @@ pub fn merge(
     plan: &Plan,
     out: &Path,
     accept: Accept,
-    link: bool,
+    copy: bool,
 ) -> Result<Merged, Error> {
     let earlier = out.join(FILE).is_file();
     let empty = fs::read_dir(out).map_or(!out.exists(), |mut d| d.next().is_none());
@@ -89,7 +89,7 @@ pub fn merge(
     let made = temporary.path().join("out");
     fs::create_dir(&made).map_err(write_error(&made))?;
     let manifests: Vec<Manifest> = manifests.into_iter().flatten().collect();
-    let merged = fill(dir, plan, &manifests, &made, link)?;
+    let merged = fill(dir, plan, &manifests, &made, copy)?;
     let file = made.join(FILE);
     fs::write(&file, merged.text()).map_err(write_error(&file))?;
     folder::sync_all(&made).map_err(write_error(&made))?;
@@ -108,7 +108,7 @@ fn fill(
     plan: &Plan,
     manifests: &[Manifest],
     made: &Path,
-    link: bool,
+    copy: bool,
 ) -> Result<Merged, Error> {
     let common = plan.common();
     let place = |(i, cell)| plan.parent_of(dir, i).join(Plan::name_of(&common, i, cell));
@@ -121,10 +121,10 @@ fn fill(
         names.dedup();
     }
     let summary = match &plan.spec {
-        Spec::Collect(_) => collecting::merge(&shards, made, link)?,
+        Spec::Collect(_) => collecting::merge(&shards, made, copy)?,
         Spec::Eval(spec) => tables::evaluation(spec, &shards, manifests, made)?,
         Spec::Sweep(spec) | Spec::Train(spec) => {
-            let reached = training::merge(&spec.sweep(), &shards, made, link)?;
+            let reached = training::merge(&spec.sweep(), &shards, made)?;
             tables::training(&spec.sweep(), &reached, made)?
         }
     };

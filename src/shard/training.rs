@@ -157,12 +157,7 @@ fn reach(
 }
 
 /// The models and results of all points in `out`, in the order of the cells.
-pub(super) fn merge(
-    sweep: &Sweep,
-    shards: &[PathBuf],
-    out: &Path,
-    link: bool,
-) -> Result<Vec<Reached>, Error> {
+pub(super) fn merge(sweep: &Sweep, shards: &[PathBuf], out: &Path) -> Result<Vec<Reached>, Error> {
     let mut found = Vec::with_capacity(shards.len());
     for shard in shards {
         let path = shard.join(RESULT);
@@ -174,7 +169,7 @@ pub(super) fn merge(
             place.push(robert_train::sweep::slug(&reached.values));
         }
         place.push(format!("seed-{}", reached.seed));
-        folder::copy(shard, &place, link)?;
+        folder::copy(shard, &place)?;
         // This file describes how the shard was made, and is left out of the merge.
         std::fs::remove_file(place.join(super::manifest::FILE)).ok();
         found.push(reached);

@@ -9,7 +9,7 @@ use crate::shard::{Error, Plan, merge};
 
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  robert shard merge work/eval --out results/eval\n  robert shard merge work/motion --out data/motion --link\n\nA collection becomes a dataset, an evaluation rows.csv and results.json, a sweep or seeds the models\nand results.json. merged.json lists every file with its sha256 and has equal bytes for equal work.\nIf shards are missing, corrupt or foreign, nothing is written, their indices are printed, one a\nline, and the exit code is 4."
+    after_help = "Examples:\n  robert shard merge work/eval --out results/eval\n  robert shard merge work/motion --out data/motion --copy\n\nA collection becomes a dataset, with hard links to the motion of the shards. An evaluation becomes\nrows.csv and results.json, a sweep or seeds the models and results.json. merged.json lists every\nfile with its sha256 and has equal bytes for equal work.\n\nIf shards are missing, corrupt or foreign, nothing is written, their indices are printed, one a\nline, and the exit code is 4."
 )]
 pub(in super::super) struct Args {
     /// Folder of the plan.
@@ -17,9 +17,13 @@ pub(in super::super) struct Args {
     /// Folder for the results. An earlier merge there is replaced.
     #[arg(long, value_name = "OUT")]
     out: PathBuf,
-    /// Use hard links instead of copies, so that large data need no second place.
+    /// Copy the motion of a collection instead of making hard links to it. Where the file system
+    /// has no hard links, it is copied anyway.
     #[arg(long)]
-    link: bool,
+    copy: bool,
+    /// The behaviour without --copy.
+    #[arg(long = "link", hide = true, conflicts_with = "copy")]
+    _link: bool,
     #[command(flatten)]
     accept: AcceptArgs,
     /// Print JSON.
@@ -29,7 +33,7 @@ pub(in super::super) struct Args {
 
 pub(super) fn run(args: &Args) -> Outcome {
     let plan = Plan::load(&args.dir)?;
-    let merged = match merge(&args.dir, &plan, &args.out, args.accept.accept(), args.link) {
+    let merged = match merge(&args.dir, &plan, &args.out, args.accept.accept(), args.copy) {
         Err(Error::Incomplete { missing, corrupt, foreign }) => {
             if args.json {
                 out::json(&serde_json::json!({
