@@ -26,9 +26,9 @@ pub struct State {
     pub clients: usize,
     /// The folder where relative paths start.
     pub folder: String,
-    /// Joints that no hand moves.
+    /// Joints that are locked: no drag moves them.
     pub locked: Vec<String>,
-    /// Sites that inverse kinematics holds.
+    /// Sites that inverse kinematics keeps in place.
     pub pins: Vec<Pin>,
     /// Takes of the open robot.
     pub takes: TakesView,

@@ -10,9 +10,9 @@ use crate::protocol::{Pin, Selection};
 pub(super) struct Hand {
     /// The selected joints or body.
     pub(super) selection: Selection,
-    /// Joints that no hand moves.
+    /// Joints that are locked: no drag moves them.
     pub(super) locked: BTreeSet<String>,
-    /// Sites that inverse kinematics holds.
+    /// Sites that inverse kinematics keeps in place.
     pub(super) pins: Vec<Pin>,
     /// The drag in progress.
     pub(super) drag: Option<Drag>,

@@ -70,12 +70,12 @@ impl Viewport {
         self.shared.since(seen)
     }
 
-    /// Joints that no hand moves.
+    /// Joints that are locked: no drag moves them.
     pub(crate) fn locked(&self) -> Vec<String> {
         self.shared.locked()
     }
 
-    /// Sites that inverse kinematics holds.
+    /// Sites that inverse kinematics keeps in place.
     pub(crate) fn pins(&self) -> Vec<Pin> {
         self.shared.pins()
     }

@@ -50,12 +50,12 @@ impl Shared {
         self.scene.lock().unwrap_or_else(PoisonError::into_inner).since(seen)
     }
 
-    /// Joints that no hand moves.
+    /// Joints that are locked: no drag moves them.
     pub(super) fn locked(&self) -> Vec<String> {
         self.locked.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Sites that inverse kinematics holds.
+    /// Sites that inverse kinematics keeps in place.
     pub(super) fn pins(&self) -> Vec<Pin> {
         self.pins.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }

@@ -1474,7 +1474,7 @@ export interface PolicyCard {
   learned: boolean;
   /**
    * The name of the model, unless it is the robot's default: `model_path` of
-   * `super::RolloutSettings`.
+   * `RolloutSettings`.
    */
   model?: string;
   /** Name, as on the command line. */
