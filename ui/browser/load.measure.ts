@@ -18,7 +18,7 @@ describe("measure", () => {
   for (const how of ["still pictures", "the 3D view, drawn in software"] as const) {
     test(`a first load to an example with its take, ${how}`, async () => {
       for (const id of EXAMPLES) {
-        const [gallery, take]: [number[], number[]] = [[], []];
+        const [gallery, editor, motion, take]: [number[], number[], number[], number[]] = [[], [], [], []];
         for (let turn = 0; turn < TURNS; turn++) {
           const studio = await Studio.start();
           const { tab: t, close } = how === "still pictures" ? await still(studio) : await webgl(studio);
@@ -27,6 +27,10 @@ describe("measure", () => {
           gallery.push(await since(t));
           await example.click();
           await t.until((s) => s.page === "editor", "open");
+          editor.push(await since(t));
+          // Automatic shows the motion of the first policy at once, and compares the others afterwards.
+          await t.until((s) => !!s.rollout?.frames && s.rollout.cached_to === s.rollout.frames, "performed");
+          motion.push(await since(t));
           await t.rolledOut();
           await t.page.locator(".curves canvas").first().waitFor();
           await t.painted();
@@ -36,7 +40,8 @@ describe("measure", () => {
         }
         const middle = (of: number[]) => Math.round([...of].sort((a, b) => a - b)[TURNS >> 1] ?? 0);
         console.log(
-          `${id}: gallery after ${middle(gallery)} ms, the example with its take after ${middle(take)} ms`,
+          `${id}: gallery after ${middle(gallery)} ms, editor ${middle(editor)}, its whole motion ${middle(motion)}, ` +
+            `all policies compared and the take kept ${middle(take)}`,
         );
       }
     });
