@@ -28,7 +28,7 @@ pub(super) const SHARE: f64 = 0.4;
 pub(super) const DIAMOND: f64 = 0.032;
 pub(super) const DOT: f64 = 0.009;
 /// With more keys than this there are no handles, because they would hide the line.
-pub(super) const HANDLES: usize = 240;
+const HANDLES: usize = 240;
 /// The least time between two drawings while frames arrive.
 pub(super) const PACE: Duration = Duration::from_millis(80);
 /// A click within this distance counts as on the line; a fraction, as the sizes are.
@@ -70,6 +70,15 @@ pub(super) struct Traced {
     pub(super) offset: V3,
     /// The point in the form that inverse kinematics needs.
     pub(super) point: Pulled,
+}
+
+/// The keys that have a diamond: those among the first `known` frames, whose place has arrived, and
+/// those that have one already. A new rollout knows its first frames only; without the second rule
+/// it would take away the diamond that is being dragged, and the drag would end.
+pub(super) fn handles(keys: &[u32], known: usize, shown: &[u32]) -> Vec<u32> {
+    let has_place = |k: &u32| (*k as usize) < known || shown.contains(k);
+    let keys: Vec<u32> = keys.iter().copied().filter(has_place).collect();
+    if keys.len() > HANDLES || dense(&keys) { Vec::new() } else { keys }
 }
 
 /// Whether there is a key at nearly every frame, as in a recording. Diamonds would then hide the
@@ -169,6 +178,15 @@ pub(super) fn diamonds(at: &[V3], radius: f64, color: Rgb) -> MeshProps {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_new_rollout_leaves_the_diamonds_of_its_keys() {
+        assert_eq!(handles(&[0, 30, 60], 45, &[]), [0, 30]);
+        assert_eq!(handles(&[0, 30, 60], 3, &[0, 30]), [0, 30]);
+        assert_eq!(handles(&[0, 60], 3, &[0, 30, 60]), [0, 60], "a deleted key has none");
+        let dense: Vec<u32> = (0..50).collect();
+        assert!(handles(&dense, 50, &[]).is_empty());
+    }
 
     #[test]
     fn a_recording_is_dense_and_typed_keys_are_not() {

@@ -9,8 +9,8 @@ use glam::Vec3;
 
 use super::drag::{Grab, Held, Pulled};
 use super::motion_path::{
-    ASKED, COMMAND, DIAMOND, DOT, DOTS, HANDLES, KEY, KEYS, MotionPath, NEAR, PACE, PATH, REACHED,
-    SHARE, Traced, click, command_line, dense, diamonds, extent, key_of, reached_line,
+    ASKED, COMMAND, DIAMOND, DOT, DOTS, KEY, KEYS, MotionPath, NEAR, PACE, PATH, REACHED, SHARE,
+    Traced, click, command_line, diamonds, extent, handles, key_of, reached_line,
 };
 use super::space::{self, Place, V3};
 use super::stage::Stage;
@@ -71,8 +71,8 @@ impl Stage {
                 (frame as u32) < c.frames() && (0..c.dim()).any(|j| c.sees(frame as u32, j))
             })
         };
-        let keys: Vec<u32> = keys.iter().copied().filter(|k| (*k as usize) < asked.len()).collect();
-        let keys = if keys.len() > HANDLES || dense(&keys) { Vec::new() } else { keys };
+        let shown: &[u32] = if same { &self.overlays.path.keys } else { &[] };
+        let keys = handles(&keys, asked.len(), shown);
         let gone: Vec<u32> =
             self.overlays.path.keys.iter().filter(|k| !keys.contains(k)).copied().collect();
         self.shared.edit(|scene| {
