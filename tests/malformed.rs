@@ -115,8 +115,6 @@ fn mjcf_cases() -> Vec<Case> {
         case("range.xml", body("", "range=\"1 -1\" limited=\"true\"", "size=\".1\""), "range"),
         case("ctrlrange.xml", good.replace("-1 1", "1 -1"), "ctrlrange"),
         case("axis.xml", body("", "axis=\"0 0 0\"", "size=\".1\""), "axis"),
-        case("class.xml", body("childclass=\"x\"", "", "size=\".1\""), "x"),
-        case("material.xml", body("", "", "size=\".1\" material=\"x\""), "x"),
         case("nested_free.xml", world("<body name=\"a\"><geom size=\".1\"/><body name=\"b\"><freejoint name=\"j\"/><geom size=\".1\"/></body></body>"), "floats freely"),
         case("free.xml", world("<body name=\"b\"><freejoint name=\"j\"/><geom size=\".1\"/></body>"), "--fixed-base"),
         case("ball.xml", body("", "type=\"ball\"", "size=\".1\""), "ball joint"),
