@@ -54,7 +54,14 @@ impl Checkpoints {
 
     /// Publishes the state of a run. The run may continue meanwhile, because it replaces whole
     /// files. The weights are copied first; metrics and models newer than them are computed again.
+    ///
+    /// Another process that has finished the shard removes this folder, perhaps just now: then it is
+    /// made again.
     pub(super) fn publish(&self, run: &Path) -> Result<(), Error> {
+        self.try_publish(run).or_else(|_| self.try_publish(run)).or_else(|_| self.try_publish(run))
+    }
+
+    fn try_publish(&self, run: &Path) -> Result<(), Error> {
         fs::create_dir_all(&self.dir).map_err(write_error(&self.dir))?;
         let all = self.all();
         let number = all.last().map_or(0, |(n, _)| n + 1);
