@@ -17,6 +17,7 @@
 //! ```
 
 mod camera;
+mod camera_path;
 mod caption;
 mod error;
 mod frame;
@@ -24,6 +25,7 @@ mod gpu;
 mod instances;
 mod mesh;
 mod model;
+mod motion;
 mod pick;
 mod picture;
 mod prims;
@@ -41,7 +43,8 @@ pub use gpu::Backend;
 pub use instances::tint as error_color;
 pub use mesh::Mesh;
 pub use model::{Stage, poses};
+pub use motion::Motion;
 pub use picture::{Picture, Strip};
 pub use renderer::{Quality, RenderConfig, Renderer};
 pub use scene::{Floor, GEOMS, Geom, Pose, Scene, Shape};
-pub use shot::{Motion, Overlay, Shot};
+pub use shot::{Overlay, Shot};

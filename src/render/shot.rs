@@ -1,6 +1,6 @@
 //! A motion as pictures: overlays at each frame, and the camera.
 //!
-//! Commands are rows with NaN for joints without a goal. Between keyframes there is no command to
+//! Between keyframes there is no command to
 //! show, so the ghost shows the next goal in the window, fainter the later it is. It shows the next
 //! goal without suggesting that the robot should be there already.
 
@@ -8,98 +8,29 @@ use std::sync::Arc;
 
 use glam::{Vec2, Vec3};
 
+use super::camera_path::CameraPath;
 use super::frame::{FrameInput, Ghost, Glyph, Mark, Trail, sun_for};
 use super::instances::{AXIS, CONTACT, FUTURE, PAST, tint};
+use super::motion::SIGHT_FRAMES;
 use super::{
-    Camera, CameraChoice, Caption, Error, Key, Picture, Pose, Renderer, Stage, Swatch, View, pick,
+    Camera, CameraChoice, Caption, Error, Key, Motion, Picture, Pose, Renderer, Stage, Swatch,
+    View, pick,
 };
 use robert_plot::palette;
 use robert_robot::Robot;
 
 /// Colour of the command in a legend; it looks like the lit ghost.
 const COMMAND_COLOR: palette::Rgb = [56, 152, 226];
-/// Frames ahead for which a goal is shown, as in the policy's window.
-const SIGHT_FRAMES: usize = 20;
 /// Frames that are sampled to find a camera for all of them.
 const FIT_FRAMES: usize = 48;
 /// Frames of a trail if there are several (fingertips); a single trail is complete.
 const TRAIL_FRAMES: usize = 30;
 /// Onion skins on each side.
 const ONIONS: usize = 1;
-/// Poses that differ by more than this are visibly different, rad or m.
-const TELLING: f64 = 0.03;
 /// Pieces between two frames of a path.
 const PIECES: usize = 4;
 /// The most crosses to draw.
 const MARKS: usize = 400;
-
-/// A command and the reached motion, frame by frame from 0.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Motion {
-    /// Title of the picture.
-    pub name: String,
-    /// The policy, or `not simulated`.
-    pub performer: String,
-    /// Frames a second.
-    pub fps: f64,
-    /// Commanded states, NaN = no goal; (frames, S).
-    pub commanded: Vec<Vec<f64>>,
-    /// States reached; (frames, S).
-    pub achieved: Vec<Vec<f64>>,
-    /// Frames with a keyframe, ascending.
-    pub keys: Vec<usize>,
-    /// `rad` or `m`, for the caption.
-    pub unit: String,
-}
-
-impl Motion {
-    /// Frames that can be drawn.
-    pub fn frames(&self) -> usize {
-        self.achieved.len()
-    }
-
-    /// Precision of frames 1 to `frame`: mean absolute error over all goals; `None` before the
-    /// first goal.
-    pub fn precision(&self, frame: usize) -> Option<f64> {
-        let (mut sum, mut count) = (0.0, 0_usize);
-        let rows = self.achieved.iter().zip(&self.commanded).take(frame + 1).skip(1);
-        for (a, c) in rows.flat_map(|(a, c)| a.iter().zip(c)).filter(|(_, c)| c.is_finite()) {
-            sum += (a - c).abs();
-            count += 1;
-        }
-        (count > 0).then(|| sum / count as f64)
-    }
-
-    /// The frame of a still: the last key that differs from the start (many motions end where they
-    /// began), or the last frame.
-    pub fn telling_frame(&self) -> usize {
-        let last = self.frames().saturating_sub(1);
-        let differs = |k: usize| {
-            let (Some(row), Some(home)) = (self.commanded.get(k), self.achieved.first()) else {
-                return false;
-            };
-            row.iter().zip(home).any(|(c, a)| (c - a).abs() > TELLING)
-        };
-        self.keys.iter().rev().copied().find(|k| *k <= last && differs(*k)).unwrap_or(last)
-    }
-
-    /// The next frame from `frame` on with a goal, within the window.
-    fn goal(&self, frame: usize) -> Option<usize> {
-        let last = (frame + SIGHT_FRAMES).min(self.commanded.len().checked_sub(1)?);
-        (frame..=last).find(|f| self.has_goal(*f))
-    }
-
-    fn has_goal(&self, frame: usize) -> bool {
-        self.commanded.get(frame).is_some_and(|c| c.iter().any(|v| v.is_finite()))
-    }
-
-    /// The command of a frame, joints without goal as reached at `now`.
-    fn command(&self, frame: usize, now: usize) -> Option<Vec<f64>> {
-        let row = self.commanded.get(frame)?;
-        let reached = self.achieved.get(now)?;
-        Some(row.iter().zip(reached).map(|(c, a)| if c.is_finite() { *c } else { *a }).collect())
-    }
-}
 
 /// The overlays; each can be switched separately.
 #[allow(clippy::struct_excessive_bools)]
@@ -225,13 +156,6 @@ pub struct Shot {
     widest: String,
 }
 
-#[derive(Debug)]
-enum CameraPath {
-    Still(Camera),
-    Orbit { points: Vec<Vec3>, view: View, aspect: f32 },
-    Follow { camera: Camera, offsets: Vec<Vec3> },
-}
-
 impl Shot {
     /// Processes the motion once, to find the paths of the tips and the camera.
     ///
@@ -264,7 +188,7 @@ impl Shot {
             }
         }
         let points = points(&mut stage, &motion, overlay, &tips, &marks)?;
-        let path = camera_path(&mut stage, &motion, camera, &points, aspect)?;
+        let path = CameraPath::new(&mut stage, &motion, camera, &points, aspect)?;
         let fitted = match camera {
             CameraChoice::Fit | CameraChoice::Orbit => Some((stage.view(), aspect)),
             CameraChoice::Top => Some((View::top(), aspect)),
@@ -354,17 +278,7 @@ impl Shot {
 
     /// The eye at a frame.
     pub fn camera(&self, frame: usize) -> Camera {
-        match &self.path {
-            CameraPath::Still(camera) => *camera,
-            CameraPath::Orbit { points, view, aspect } => {
-                let share = frame as f32 / self.motion.frames().max(1) as f32;
-                let azimuth = view.azimuth_rad + std::f32::consts::TAU * share;
-                Camera::fit(points, &view.from(azimuth, view.elevation_rad), *aspect)
-            }
-            CameraPath::Follow { camera, offsets } => {
-                camera.shifted(offsets.get(frame).copied().unwrap_or(Vec3::ZERO))
-            }
-        }
+        self.path.at(frame, self.motion.frames())
     }
 
     /// Draws one frame; frames beyond the end are the last one.
@@ -576,35 +490,6 @@ fn points(
     Ok(points)
 }
 
-fn camera_path(
-    stage: &mut Stage,
-    motion: &Motion,
-    camera: &CameraChoice,
-    points: &[Vec3],
-    aspect: f32,
-) -> Result<CameraPath, Error> {
-    Ok(match camera {
-        CameraChoice::Fit => CameraPath::Still(Camera::fit(points, &stage.view(), aspect)),
-        CameraChoice::Fixed => CameraPath::Still(stage.fixed_camera()),
-        CameraChoice::Top => CameraPath::Still(Camera::fit(points, &View::top(), aspect)),
-        CameraChoice::Orbit => {
-            CameraPath::Orbit { points: points.to_vec(), view: stage.view(), aspect }
-        }
-        CameraChoice::Named(name) => CameraPath::Still(stage.model_camera(name)?),
-        CameraChoice::Follow(body) => {
-            let body = stage.scene().body(body)?;
-            let mut places = Vec::with_capacity(motion.frames());
-            for state in &motion.achieved {
-                places.push(stage.body(state, body)?);
-            }
-            let first = motion.achieved.first().map(Vec::as_slice).unwrap_or_default();
-            let poses = stage.poses(first)?;
-            let camera = Camera::fit(&stage.moving_corners(&poses), &stage.view(), aspect);
-            CameraPath::Follow { camera, offsets: smoothed(&places) }
-        }
-    })
-}
-
 /// Error at which a link is completely red, metres: a tenth of the size of the shown parts.
 fn full_error(points: &[Vec3]) -> f32 {
     let low = points.iter().fold(Vec3::INFINITY, |a, p| a.min(*p));
@@ -632,66 +517,9 @@ fn rounded(path: &[Vec3]) -> Vec<Vec3> {
     out
 }
 
-/// Displacement of each place from the first, averaged over half a second on both sides, so that
-/// the camera does not follow every small motion.
-fn smoothed(places: &[Vec3]) -> Vec<Vec3> {
-    let half = 10;
-    let mean = |i: usize| {
-        let part = &places[i.saturating_sub(half)..(i + half + 1).min(places.len())];
-        part.iter().sum::<Vec3>() / part.len() as f32
-    };
-    let first = if places.is_empty() { Vec3::ZERO } else { mean(0) };
-    (0..places.len()).map(|i| mean(i) - first).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn motion() -> Motion {
-        let nan = f64::NAN;
-        Motion {
-            commanded: vec![vec![nan, nan], vec![1.0, nan], vec![nan, nan], vec![0.0, 2.0]],
-            achieved: vec![vec![0.0, 0.0], vec![0.5, 9.0], vec![7.0, 7.0], vec![0.0, 1.0]],
-            ..Motion::default()
-        }
-    }
-
-    #[test]
-    fn precision_counts_goals_only() {
-        let m = motion();
-        assert_eq!(m.precision(0), None);
-        assert_eq!(m.precision(1), Some(0.5));
-        assert_eq!(m.precision(2), Some(0.5));
-        assert_eq!(m.precision(3), Some(0.5), "(0.5 + 0 + 1) / 3");
-    }
-
-    #[test]
-    fn goals_are_found_ahead_and_filled_with_what_was_reached() {
-        let m = motion();
-        assert_eq!(m.goal(0), Some(1));
-        assert_eq!(m.goal(2), Some(3));
-        assert_eq!(m.command(1, 3), Some(vec![1.0, 1.0]));
-        assert_eq!(Motion::default().goal(0), None);
-    }
-
-    #[test]
-    fn a_still_shows_what_differs_from_the_start() {
-        let nan = f64::NAN;
-        let home = vec![0.0, 0.0];
-        let mut m = Motion {
-            commanded: vec![home.clone(), vec![0.0, nan], vec![0.0, 1.0], home.clone()],
-            achieved: vec![home.clone(); 4],
-            keys: vec![0, 1, 2, 3],
-            ..Motion::default()
-        };
-        assert_eq!(m.telling_frame(), 2, "frame 3 is home again");
-        m.keys = vec![0, 3];
-        assert_eq!(m.telling_frame(), 3, "nothing else is commanded");
-        m.keys.clear();
-        m.achieved.truncate(2);
-        assert_eq!(m.telling_frame(), 1);
-    }
 
     #[test]
     fn a_rounded_path_goes_through_its_frames() {
@@ -787,17 +615,6 @@ mod tests {
         };
         assert_eq!(texts(0), texts(1));
         assert!(texts(0)[1].contains("next goal"));
-    }
-
-    #[test]
-    fn a_following_camera_is_steady() {
-        let places: Vec<Vec3> = (0..100)
-            .map(|i| Vec3::new(0.01 * i as f32, if i % 2 == 0 { 0.05 } else { -0.05 }, 0.0))
-            .collect();
-        let s = smoothed(&places);
-        assert_eq!(s[0], Vec3::ZERO);
-        assert!(s.windows(2).all(|w| (w[1] - w[0]).y.abs() < 0.012));
-        assert!((s[99].x - 0.9).abs() < 0.05);
     }
 
     #[test]

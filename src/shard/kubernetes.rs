@@ -8,6 +8,9 @@ use std::path::Path;
 
 use super::Plan;
 
+/// Where a pod sees the volume that contains the plan.
+const MOUNT: &str = "/shards";
+
 /// Facts about the cluster.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Options {
@@ -38,7 +41,7 @@ pub fn job(plan: &Plan, options: &Options) -> String {
         .collect();
     let pods = plan.shards().div_ceil((*pack).max(1));
     let parallel = if *limit == 0 { pods } else { (*limit).min(pods) };
-    let dir = Path::new("/work").join(dir.trim_start_matches('/'));
+    let dir = Path::new(MOUNT).join(dir.trim_start_matches('/'));
     let dir = dir.display();
     format!(
         r#"apiVersion: batch/v1
@@ -71,7 +74,7 @@ spec:
               memory: {memory}
           volumeMounts:
             - name: work
-              mountPath: /work
+              mountPath: {MOUNT}
       volumes:
         - name: work
           persistentVolumeClaim:
