@@ -32,4 +32,5 @@ mod slurm;
 mod special_files;
 mod studio;
 mod take;
+mod tasks;
 mod train;

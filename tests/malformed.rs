@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 use robert::rng::{Rng, Stream};
-use robert::robot::import::{Drives, ImportConfig, Servos, import};
+use robert::robot::import::{ImportConfig, Servos, import};
 use robert::robot::{Error, Robot};
 
 use crate::run::binary;
@@ -326,20 +326,11 @@ fn five_hundred_mutations_kill_nothing() {
                     let bytes = mutate(&sources[k % sources.len()], &mut rng);
                     let source = dir.path().join(format!("m{k}.xml"));
                     std::fs::write(&source, &bytes).unwrap();
+                    let out = dir.path().join(format!("out{k}"));
                     let config = ImportConfig {
-                        source,
-                        out: dir.path().join(format!("out{k}")),
-                        root: None,
-                        packages: std::collections::BTreeMap::new(),
-                        id: None,
-                        fixed_base: false,
-                        base_height_m: 0.0,
                         effort: Some(10.0),
-                        weld: Vec::new(),
-                        without: Vec::new(),
                         servos: Servos::Torque,
-                        drives: Drives::Modelled,
-                        checker: binary().to_owned(),
+                        ..ImportConfig::new(source, out, binary())
                     };
                     match import(&config) {
                         Ok(_) => taken.fetch_add(1, Ordering::Relaxed),

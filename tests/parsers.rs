@@ -6,8 +6,7 @@
 //! parser. `ROBERT_FUZZ_FROM` is the number of the first. Clips themselves are in `clip::fuzz`,
 //! takes in `robert-take`, journals in `robert-studio`, models of robots in `malformed`.
 
-use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::{Arc, LazyLock};
 use std::time::{Duration, Instant};
 
@@ -18,7 +17,7 @@ use robert::clip::{Clip, Command, Fill, Op, RobotRef, compile, edited};
 use robert::net::checkpoint::{self, Card, Model};
 use robert::net::{Net, NetConfig};
 use robert::rng::{Rng, Stream};
-use robert::robot::import::{self, Drives, ImportConfig, Servos};
+use robert::robot::import::{self, ImportConfig};
 use robert::robot::{PlantConfig, Robot, preparse};
 use robert::rollout::{PolicyConfig, Rollout, RolloutConfig, Start, tasks};
 use robert::take::export::{self, Bodies};
@@ -349,21 +348,8 @@ fn preparsed() {
 fn urdf() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let dir = tempfile::tempdir().unwrap();
-    let config = ImportConfig {
-        source: dir.path().join("robot.urdf"),
-        out: dir.path().join("out"),
-        root: None,
-        packages: BTreeMap::new(),
-        id: None,
-        fixed_base: true,
-        base_height_m: 0.0,
-        effort: None,
-        weld: Vec::new(),
-        without: Vec::new(),
-        servos: Servos::Keep,
-        drives: Drives::Modelled,
-        checker: PathBuf::new(),
-    };
+    let (source, out) = (dir.path().join("robot.urdf"), dir.path().join("out"));
+    let config = ImportConfig { fixed_base: true, ..ImportConfig::new(source, out, "") };
     let arm = std::fs::read(root.join("examples/arm.urdf")).unwrap();
     survives("urdf", 1000, &[arm], usize::MAX, |b| {
         std::fs::write(&config.source, b).unwrap();

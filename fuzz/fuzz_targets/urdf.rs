@@ -1,12 +1,11 @@
 //! Robots: everything that reads a URDF or an MJCF before the simulator does.
 #![no_main]
 
-use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::LazyLock;
 
 use libfuzzer_sys::fuzz_target;
-use robert_robot::import::{self, Drives, ImportConfig, Servos};
+use robert_robot::import::{self, ImportConfig};
 
 /// A file in memory, if there is such a folder; one for each process.
 static SOURCE: LazyLock<PathBuf> = LazyLock::new(|| {
@@ -19,21 +18,8 @@ static SOURCE: LazyLock<PathBuf> = LazyLock::new(|| {
 
 fuzz_target!(|bytes: &[u8]| {
     std::fs::write(&*SOURCE, bytes).unwrap();
-    let config = ImportConfig {
-        source: SOURCE.clone(),
-        out: SOURCE.with_file_name("out"),
-        root: None,
-        packages: BTreeMap::new(),
-        id: None,
-        fixed_base: true,
-        base_height_m: 0.0,
-        effort: None,
-        weld: Vec::new(),
-        without: Vec::new(),
-        servos: Servos::Keep,
-        drives: Drives::Modelled,
-        checker: PathBuf::new(),
-    };
+    let out = SOURCE.with_file_name("out");
+    let config = ImportConfig { fixed_base: true, ..ImportConfig::new(&*SOURCE, out, "") };
     if let Ok(xml) = import::draft(&config) {
         robert_base::xml::parse(&xml, robert_base::limits::XML_ELEMENTS).expect("the draft is XML");
     }

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use pyo3::prelude::*;
-use robert::robot::import::{Drives, ImportConfig, Servos, import};
+use robert::robot::import::{ImportConfig, Servos, import};
 use robert::robot::{self as lib, check};
 
 use crate::error::{raise, wrong};
@@ -102,21 +102,15 @@ pub(crate) fn import_robot(
     effort: Option<f64>,
     torque: bool,
 ) -> PyResult<String> {
-    let checker = check::executable().map_err(raise)?;
     let config = ImportConfig {
-        source,
-        out,
         root,
         packages,
         id,
         fixed_base,
         base_height_m: base_height,
         effort,
-        weld: Vec::new(),
-        without: Vec::new(),
         servos: if torque { Servos::Torque } else { Servos::Keep },
-        drives: Drives::default(),
-        checker,
+        ..ImportConfig::new(source, out, check::executable().map_err(raise)?)
     };
     let report = py.detach(|| import(&config)).map_err(raise)?;
     serde_json::to_string(&report).map_err(|e| wrong(e.to_string()))

@@ -35,16 +35,12 @@ pub enum Stream {
     Replay = 10,
     /// Skill vectors and candidate sampling of the collectors.
     Skill = 11,
-    /// Evaluation suites extracted from data.
-    Suite = 12,
     /// Sampling planners.
     Planner = 13,
     /// Randomised plants (mass, damping, gear).
     Plant = 14,
     /// Closed-form fits and their samples.
     Fit = 15,
-    /// Dropout and other noise inside the network.
-    Dropout = 16,
     /// Poses of trial clips.
     Trial = 17,
     /// Windows from motion that a network performed itself.

@@ -14,30 +14,6 @@ pub const SIM_DT: f64 = 0.005;
 /// Simulator steps in one control step.
 pub const SUBSTEPS: usize = 10;
 
-/// A point or length of time in whole frames at [`FPS`].
-#[derive(
-    Clone,
-    Copy,
-    Debug,
-    Default,
-    PartialEq,
-    Eq,
-    PartialOrd,
-    Ord,
-    Hash,
-    serde::Serialize,
-    serde::Deserialize,
-)]
-#[serde(transparent)]
-pub struct Frames(pub u32);
-
-impl Frames {
-    /// The same time in seconds.
-    pub fn secs(self) -> f64 {
-        f64::from(self.0) * CTRL_DT
-    }
-}
-
 /// The unit of one joint coordinate.
 #[derive(
     Clone,

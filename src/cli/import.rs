@@ -101,8 +101,6 @@ impl ModelFlags {
             packages.insert(name.to_owned(), PathBuf::from(dir));
         }
         Ok(ImportConfig {
-            source: source.to_owned(),
-            out: out.to_owned(),
             root: self.root.clone(),
             packages,
             id: self.id.clone(),
@@ -119,7 +117,7 @@ impl ModelFlags {
                 DriveFlag::Modelled => Drives::Modelled,
                 DriveFlag::File => Drives::File,
             },
-            checker: check::executable()?,
+            ..ImportConfig::new(source, out, check::executable()?)
         })
     }
 }

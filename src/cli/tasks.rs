@@ -10,8 +10,7 @@ use super::global::Global;
 use super::interrupt::cancel_on_ctrl_c;
 use super::{motion, out};
 use crate::fsio;
-use crate::robot::Robot;
-use crate::rollout::tasks::{self, MANIFEST, SUITES};
+use crate::rollout::tasks::{self, SUITES};
 use crate::rollout::{Case, Start, floor};
 
 #[derive(clap::Subcommand, Debug)]
@@ -55,13 +54,6 @@ pub(super) enum Args {
         #[arg(long, default_value_t = 0)]
         seed: u64,
     },
-    /// Write the task clips again that are generated from formulas; typed ones stay as they are.
-    #[command(hide = true)]
-    Author {
-        /// The folder for the clips.
-        #[arg(long)]
-        out: PathBuf,
-    },
     /// Measure the floors again: the Precision of iLQR on every task clip, to which robert eval
     /// relates its excess.
     #[command(hide = true)]
@@ -83,7 +75,6 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
             out::line(clip.to_text().trim_end())
         }
         Args::Trial { robot, out, seed } => trial(robot, out, *seed),
-        Args::Author { out } => author(out),
         Args::Floors { out, robot } => floors(out, robot.as_deref(), global),
     }
 }
@@ -157,36 +148,5 @@ fn floors(dir: &Path, only: Option<&str>, global: Global) -> Outcome {
         fsio::write_atomic(&path, table?.to_text().as_bytes())?;
         out::line(&path.display().to_string())?;
     }
-    Ok(())
-}
-
-/// Writes the clips of every robot, and the list of suites.
-fn author(dir: &Path) -> Outcome {
-    let mut manifest = tasks::manifest()?;
-    for id in Robot::builtin_ids() {
-        let robot = motion::robot(id)?;
-        let entry = manifest.entry(id.to_owned()).or_default();
-        (entry.manual, entry.extra, entry.validation) = Default::default();
-        if id == "ur5e_light" {
-            entry.like = Some("ur5e".to_owned());
-            continue;
-        }
-        for task in tasks::author(&robot)? {
-            fsio::write_atomic(
-                &dir.join(tasks::path_of(id, task.name)),
-                task.clip.to_text().as_bytes(),
-            )?;
-            let list = match task.suite {
-                "manual" => &mut entry.manual,
-                "extra" => &mut entry.extra,
-                _ => &mut entry.validation,
-            };
-            list.push(task.name.to_owned());
-        }
-    }
-    let head = "# Suites of task clips by robot, in the order of tables. `robert tasks author` writes manual,\n\
-        # extra and validation from formulas; the clips of the others were typed.\n\n";
-    let body = toml::to_string_pretty(&manifest).map_err(std::io::Error::other)?;
-    fsio::write_atomic(&dir.join(MANIFEST), format!("{head}{body}").as_bytes())?;
     Ok(())
 }

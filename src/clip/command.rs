@@ -7,9 +7,6 @@ use super::document::Row;
 use super::reach::Reached;
 use robert_base::units::FPS;
 
-/// Frames of history before frame 0 (the pre-roll): the start pose, held.
-pub const PRE_ROLL_FRAMES: u32 = 30;
-
 /// Frames that the policy sees ahead of the current one (paper, appendix A.1).
 pub const LOOKAHEAD_FRAMES: u32 = 20;
 

@@ -121,11 +121,6 @@ impl Key {
         Key::with(frame, Goal::Pose(pose.to_owned()))
     }
 
-    /// A key with end-effector goals.
-    pub fn reaching(frame: u32, reach: Vec<Reach>) -> Key {
-        Key { reach, ..Key::with(frame, Goal::Open) }
-    }
-
     /// A key of this goal.
     pub fn with(frame: u32, goal: Goal) -> Key {
         let (reach, tangents, note) = (Vec::new(), BTreeMap::new(), String::new());

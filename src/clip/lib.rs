@@ -35,9 +35,7 @@ pub mod tangent;
 mod validate;
 
 pub use apply::{OpError, apply, edited};
-pub use command::{
-    Blind, Command, LOOKAHEAD_FRAMES, PRE_ROLL_FRAMES, Sight, Span, SpanKind, VirtualKey,
-};
+pub use command::{Blind, Command, LOOKAHEAD_FRAMES, Sight, Span, SpanKind, VirtualKey};
 pub use compile::{compile, compile_for};
 pub use delta::{Delta, Foreign};
 pub use demand::{Demand, demand};

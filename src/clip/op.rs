@@ -79,7 +79,7 @@ pub enum Op {
     /// Puts blocks in another order.
     #[serde(rename = "blocks.order")]
     BlocksOrder(BlocksOrder),
-    /// Puts a block once more, after itself.
+    /// Inserts a copy of a block after it.
     #[serde(rename = "blocks.repeat")]
     BlocksRepeat(BlocksRepeat),
     /// Removes a block with its frames.

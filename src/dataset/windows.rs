@@ -62,11 +62,6 @@ impl<'a> Windows<'a> {
         (!spans.is_empty()).then_some(Windows { data, length, spans })
     }
 
-    /// The trajectories of the windows.
-    pub fn trajectories(&self) -> usize {
-        self.spans.len()
-    }
-
     /// Number of distinct windows.
     pub fn total(&self) -> u64 {
         self.spans.iter().map(|s| s.3).sum()

@@ -20,7 +20,6 @@ pub struct Device {
     pub(crate) device: wgpu::Device,
     pub(crate) queue: wgpu::Queue,
     name: String,
-    software: bool,
     room: Room,
     /// The first thing that went wrong, in the driver's words.
     fault: Arc<Mutex<Option<String>>>,
@@ -82,17 +81,12 @@ impl Device {
         device.on_uncaptured_error(Arc::new(move |e: wgpu::Error| noted(e.to_string())));
         let noted = note(&fault);
         device.set_device_lost_callback(move |_, why| noted(format!("device lost: {why}")));
-        Ok(Device { device, queue, name: card.name.clone(), software: card.software, room, fault })
+        Ok(Device { device, queue, name: card.name.clone(), room, fault })
     }
 
     /// The card's name.
     pub fn name(&self) -> &str {
         &self.name
-    }
-
-    /// Whether it computes on the processor.
-    pub fn is_software(&self) -> bool {
-        self.software
     }
 
     /// The memory and binding sizes that a training step may use.

@@ -19,11 +19,6 @@ pub enum Place {
     Told,
 }
 
-impl Place {
-    /// The places where errors count, in the order of [`super::head::Sums::place_square`].
-    pub const ALL: [Place; 3] = [Place::Clear, Place::Stop, Place::Contact];
-}
-
 /// A batch of windows, (B, 51, ·) row-major.
 #[derive(Clone, Debug)]
 pub struct Batch<T: Real> {

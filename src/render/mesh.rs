@@ -54,11 +54,6 @@ impl Mesh {
         Ok(Mesh { name: name.to_owned(), triangles: smooth(vertices, faces), low, high })
     }
 
-    /// Triangles in the mesh.
-    pub fn faces(&self) -> usize {
-        self.triangles.indices.len() / 3
-    }
-
     /// Positions (metres, mesh frame) and faces for exporters; split where the mesh has an
     /// edge, so that smooth shading in a viewer looks as it does here.
     pub fn corners(&self) -> (Vec<[f32; 3]>, Vec<[u32; 3]>) {

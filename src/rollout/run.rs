@@ -356,11 +356,6 @@ impl Rollout {
         &self.robot
     }
 
-    /// Name of the policy.
-    pub fn policy_name(&self) -> String {
-        self.policy.name()
-    }
-
     /// The card of a learned policy, JSON.
     pub fn policy_card(&self) -> Option<String> {
         self.policy.card()

@@ -1,4 +1,4 @@
-//! What all kinds of work need in a process: robot, data, clips.
+//! The state that all kinds of work share in a process: plan, robot, data, clips.
 
 use std::cell::{Cell as Flag, OnceCell, RefCell};
 use std::collections::{BTreeMap, BTreeSet};

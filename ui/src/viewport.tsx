@@ -23,14 +23,15 @@ import { complain, http, tell } from "./wire";
 const HIDE =
   "[data-floating-window],[data-testid='floating-panel'],.mantine-Notifications-root{display:none!important}";
 
-/** What stands behind the robot: light in the middle, darker at the edges. The canvas of the scene is
+/** The background behind the robot: light in the middle, darker at the edges. The canvas of the scene is
  * transparent where nothing is drawn. */
 const stage = (dark: boolean): string =>
   `canvas[data-engine]{background:radial-gradient(ellipse at 50% 42%,${dark ? "#343b46,#1d2229 55%,#12151a" : "#ffffff,#eef1f5 55%,#d6dce4"})}`;
 
-/** The client loads a sorter of splats, which makes functions from text, and its policy forbids that: the
- * console would say so at each start. This scene has no splats, so the sorter never comes. The frame's
- * window is there before its page: what is set on it now, the client finds. */
+/** Viser's client loads a sorter for splats that makes functions from text. The page's security policy
+ * forbids that, so each start would leave an error in the console. This scene has no splats, so the
+ * request for the sorter is never answered. The frame's window exists before its page is loaded, so the
+ * client already uses the `fetch` that is set here. */
 function withoutSorter(inner: Window & typeof globalThis): void {
   const real = inner.fetch.bind(inner);
   inner.fetch = (what, ...rest) =>

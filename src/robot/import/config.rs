@@ -37,6 +37,32 @@ pub struct ImportConfig {
     pub checker: PathBuf,
 }
 
+impl ImportConfig {
+    /// An import with the default of every option: the base is as in the file, at height 0,
+    /// nothing is welded or left out, servos stay, and missing drives are modelled.
+    pub fn new(
+        source: impl Into<PathBuf>,
+        out: impl Into<PathBuf>,
+        checker: impl Into<PathBuf>,
+    ) -> ImportConfig {
+        ImportConfig {
+            source: source.into(),
+            out: out.into(),
+            root: None,
+            packages: BTreeMap::new(),
+            id: None,
+            fixed_base: false,
+            base_height_m: 0.0,
+            effort: None,
+            weld: Vec::new(),
+            without: Vec::new(),
+            servos: Servos::default(),
+            drives: Drives::default(),
+            checker: checker.into(),
+        }
+    }
+}
+
 /// The treatment of position and velocity servos.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Servos {

@@ -1,7 +1,8 @@
-//! Generates task clips from formulas and pose tables.
+//! Generates task clips from formulas and pose tables: the trial clips, and in `tests/tasks` the
+//! shipped ones of three suites.
 
 use robert_base::units::CTRL_DT;
-use robert_clip::{Clip, Fill, Key, RobotRef};
+use robert_clip::{Clip, Key, RobotRef};
 use robert_robot::Robot;
 
 /// A task clip with its name and suite.
@@ -16,7 +17,7 @@ pub struct Authored {
 }
 
 /// An empty clip for this robot; `frames` counts the commands after frame 0.
-pub(super) fn blank(robot: &Robot, title: &str, notes: &str, frames: u32) -> Clip {
+pub fn blank(robot: &Robot, title: &str, notes: &str, frames: u32) -> Clip {
     let joints = robot.joints();
     let reference = RobotRef {
         id: robot.id().to_owned(),
@@ -32,7 +33,7 @@ pub(super) fn blank(robot: &Robot, title: &str, notes: &str, frames: u32) -> Cli
 }
 
 /// A key at every frame: `q` gives the pose at a time in seconds.
-pub(super) fn dense(
+pub fn dense(
     robot: &Robot,
     title: &str,
     notes: &str,
@@ -45,7 +46,7 @@ pub(super) fn dense(
 }
 
 /// The same motion with a key every `step` frames and at the end, masked between.
-pub(super) fn thinned(clip: &Clip, step: u32, title: &str, notes: &str) -> Clip {
+pub fn thinned(clip: &Clip, step: u32, title: &str, notes: &str) -> Clip {
     let mut thin = clip.clone();
     title.clone_into(&mut thin.name);
     notes.clone_into(&mut thin.notes);
@@ -55,7 +56,7 @@ pub(super) fn thinned(clip: &Clip, step: u32, title: &str, notes: &str) -> Clip 
 
 /// Poses one after another. The first one is at frame 0; before each of the others `gap` frames are
 /// masked, and each is held for `hold` frames.
-pub(super) fn sequence(clip: &mut Clip, start: &str, steps: &[(&str, u32, u32)]) {
+pub fn sequence(clip: &mut Clip, start: &str, steps: &[(&str, u32, u32)]) {
     clip.keys = vec![Key::posed(0, start)];
     let mut frame = 1;
     for &(pose, gap, hold) in steps {
@@ -66,7 +67,7 @@ pub(super) fn sequence(clip: &mut Clip, start: &str, steps: &[(&str, u32, u32)])
 }
 
 /// Only the middle frame of each hold stays visible; the clip ends as it did.
-pub(super) fn middles(clip: &Clip, title: &str, notes: &str) -> Clip {
+pub fn middles(clip: &Clip, title: &str, notes: &str) -> Clip {
     let mut sparse = clip.clone();
     title.clone_into(&mut sparse.name);
     notes.clone_into(&mut sparse.notes);
@@ -75,25 +76,4 @@ pub(super) fn middles(clip: &Clip, title: &str, notes: &str) -> Clip {
         key.hold = 1;
     }
     sparse
-}
-
-/// Straight lines through points at constant speed.
-pub(super) fn polyline(
-    robot: &Robot,
-    title: &str,
-    notes: &str,
-    points: &[[f64; 2]],
-    frames: u32,
-) -> Clip {
-    let mut clip = blank(robot, title, notes, frames);
-    clip.fill = Fill::Linear;
-    let leg = |w: &[[f64; 2]]| (w[1][0] - w[0][0]).hypot(w[1][1] - w[0][1]);
-    let total: f64 = points.windows(2).map(leg).sum();
-    let mut way = 0.0;
-    clip.keys.extend(points.first().map(|p| Key::new(0, p)));
-    for w in points.windows(2) {
-        way += leg(w);
-        clip.keys.push(Key::new((way / total * f64::from(frames)).round() as u32, &w[1]));
-    }
-    clip
 }

@@ -55,16 +55,16 @@ pub enum Error {
         /// The journal.
         path: PathBuf,
     },
-    /// The disk of the journal or of the file has not answered for long.
+    /// The disk of the journal or of the clip's file does not answer.
     #[error("nothing was changed: the disk that the last edit or save is written to has not answered for {} s", .waited.as_secs())]
     Stalled {
-        /// Since it was asked.
+        /// Time since it was asked.
         waited: Duration,
     },
     /// The disk has not answered while somebody waited for this edit; it may still be made.
     #[error("the disk has not answered for {} s; the edit is made when it does", .waited.as_secs())]
     Waiting {
-        /// Since it was asked.
+        /// Time since it was asked.
         waited: Duration,
     },
     /// The file with the journal's name is not a journal; it was left as it is.

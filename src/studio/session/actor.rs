@@ -33,12 +33,12 @@ pub(super) struct SessionActor {
     pub(super) writer: WriterHandle,
 }
 
-/// What simulation has said of poses.
+/// The answers of the simulation about poses that the clip commands.
 #[derive(Default)]
 pub(super) struct Judgement {
-    /// By the bits of a pose in state order.
+    /// Verdicts; the key is the bits of the pose's values, in state order.
     pub(super) verdicts: BTreeMap<Vec<u64>, Checked>,
-    /// A question is under way.
+    /// Whether a question is under way.
     pub(super) asking: bool,
 }
 
@@ -46,7 +46,7 @@ pub(super) struct Judgement {
 pub(super) struct Choice {
     /// Whether a person chose the settings; until then each robot has its own.
     pub(super) by_hand: bool,
-    /// What masks it can take.
+    /// Whether the policy accepts masks of single joints, or only of whole frames.
     pub(super) granularity: Granularity,
 }
 
@@ -145,7 +145,7 @@ impl SessionActor {
                 let read = answered.0.is_ok();
                 let changed = self.announce(answered);
                 if read {
-                    // What is saved is another content now, even where nothing has changed here.
+                    // The saved content is another one now, even if the document has not changed.
                     let document = Some(Box::new(self.view()));
                     self.hub.send(&Event::Document { document });
                 }

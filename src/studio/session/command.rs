@@ -11,39 +11,39 @@ use crate::protocol::{DocumentView, Edited, Error, RobotFacts, RolloutSettings, 
 use crate::simulation::worker::Checked;
 use robert_clip::{Change, Clip, Command, Demand, Op};
 
-/// Who asks for an edit.
+/// The client that asked for an edit.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Author {
     /// Client number; 0 over HTTP.
     pub(crate) client: u64,
-    /// Its request.
+    /// The number of its request, which the answer repeats.
     pub(crate) id: Option<u64>,
 }
 
 pub(super) type Reply<T> = oneshot::Sender<Result<T, Error>>;
 
-/// What is asked of the session.
+/// Everything that the session can be asked to do.
 #[derive(Debug)]
 pub(crate) enum SessionCommand {
-    /// A change of the document, or something else that needs a disk.
+    /// A change of the document, or other work that waits for a disk.
     Write(Write),
     /// Previews an edit without committing it.
     Preview(Box<Op>, Reply<Option<Demand>>),
-    /// Back to the document.
+    /// Ends the preview and shows the document again.
     PreviewEnd(Reply<()>),
-    /// The document as it is.
+    /// The document as clients see it; `None` if none is open.
     View(Reply<Option<Box<DocumentView>>>),
     /// The clip's text.
     Text(Reply<String>),
     /// The clip and its command.
     Content(Reply<(Clip, Command)>),
-    /// How rollouts are made.
+    /// Sets how rollouts are made.
     Settings(RolloutSettings, Reply<()>),
-    /// Rolls out now.
+    /// Starts a rollout now.
     Run(Reply<()>),
-    /// Verdicts of the simulation on poses.
+    /// The simulation's verdicts on poses: which of them the robot can hold.
     Judged { robot: String, poses: Vec<Vec<f64>>, verdicts: Result<Vec<Checked>, Error> },
-    /// The writer has done something.
+    /// The result of a command to the writer.
     Written(Box<Written>),
 }
 
@@ -54,35 +54,35 @@ pub(crate) enum Write {
     Edit(Author, Edit, Reply<Edited>),
     /// Replaces the content by this text, as an edit.
     Put(Author, String, Reply<Edited>),
-    /// Gives up unsaved edits.
+    /// Discards unsaved edits.
     Discard(Author, Reply<Edited>),
-    /// Takes over what the file holds now.
+    /// Replaces the document by what its file contains now.
     Reload(Author, Reply<Edited>),
     /// Opens a file.
     Open(PathBuf, Reply<DocumentView>),
-    /// Starts from a clip without a file.
+    /// Opens a clip that has no file yet.
     New(Box<Clip>, Reply<DocumentView>),
-    /// Starts empty for this robot.
+    /// Opens an empty clip of `length` frames for this robot.
     Blank { robot: String, length: u32, name: String, reply: Reply<DocumentView> },
     /// Opens what was open in a killed studio, an unsaved clip or the last file; false if there is
     /// nothing.
     Recover(Reply<bool>),
     /// Reports that the recovered document was shown without an error.
     Recovered(Reply<bool>),
-    /// Takes up a clip that was never saved.
+    /// Opens a clip again that was never saved.
     Draft(u32, Reply<DocumentView>),
-    /// Remembers a robot from a folder, for clips that name its id.
+    /// Remembers the folder of a robot, for clips that name its id.
     Know(String, Reply<()>),
-    /// Saves.
+    /// Saves the document, under `path` if one is given; `replace` overwrites another file.
     Save { path: Option<PathBuf>, replace: bool, reply: Reply<Saved> },
-    /// Closes.
+    /// Closes the document.
     Close(Reply<()>),
     /// Ends the session.
     Shutdown(Reply<()>),
 }
 
 impl Write {
-    /// It is not done, for this reason.
+    /// Answers the command with this error instead of carrying it out.
     pub(super) fn refuse(self, error: Error) {
         match self {
             Write::Edit(.., reply)
@@ -108,24 +108,24 @@ pub(super) type Answered = (Result<Vec<Change>, Error>, Author, Reply<Edited>);
 /// The facts about a clip's robot, as the simulation answered.
 pub(crate) type Asked = Result<RobotFacts, Error>;
 
-/// What the writer has done. All of it is on disk.
+/// The result of a command to the writer. Changes in it are already on disk.
 #[derive(Debug)]
 pub(crate) enum Written {
     /// Edits, and the document afterwards.
     Edits(Vec<Answered>, Option<Shown>),
-    /// The content of the file taken over.
+    /// The document was replaced by the content of its file.
     Reloaded(Answered, Option<Shown>),
-    /// Another document, and the facts about its robot as far as they are known.
+    /// Another document was opened; `asked` are the facts about its robot, if they were requested.
     Opened { shown: Shown, asked: Option<Asked>, reply: Reply<DocumentView> },
-    /// What a killed studio had open.
+    /// The document that a killed studio had open was opened again.
     Recovered { shown: Shown, asked: Option<Asked>, reply: Reply<bool> },
     /// The requested document is already open.
     Same(Reply<DocumentView>),
-    /// Saved, or not.
+    /// The document was saved, or the reason why not.
     Saved(Result<Saved, Error>, Option<Shown>, Reply<Saved>),
-    /// No document.
+    /// The document was closed.
     Closed(Reply<()>),
-    /// The last that it does.
+    /// The writer has ended.
     Ended(Reply<()>),
 }
 

@@ -11,7 +11,7 @@ use crate::document::Document;
 use crate::protocol::{History, Restored};
 use robert_clip::{Clip, Command, Version};
 
-/// A document that others may go on with.
+/// A copy of the document that readers may use while the writer changes the original.
 #[derive(Clone, Debug)]
 pub(crate) struct Shown {
     pub(super) version: Version,

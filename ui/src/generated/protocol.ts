@@ -1328,7 +1328,7 @@ export type Op =
   | { op: "blocks.insert"; args: BlocksInsert }
   /** Puts blocks in another order. */
   | { op: "blocks.order"; args: BlocksOrder }
-  /** Puts a block once more, after itself. */
+  /** Inserts a copy of a block after it. */
   | { op: "blocks.repeat"; args: BlocksRepeat }
   /** Removes a block with its frames. */
   | { op: "blocks.delete"; args: BlocksDelete }

@@ -3,9 +3,9 @@
 
 use std::f64::consts::TAU;
 
-use super::author::{Authored, blank, dense, middles, sequence, thinned};
-use robert_clip::Clip;
-use robert_robot::Robot;
+use robert::clip::Clip;
+use robert::robot::Robot;
+use robert::rollout::tasks::author::{Authored, blank, dense, middles, sequence, thinned};
 
 /// Joint order: pan, lift, elbow, `wrist_1`, `wrist_2`.
 type Pose = [f64; 5];

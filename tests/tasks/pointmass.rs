@@ -3,9 +3,9 @@
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 
-use super::author::{Authored, blank, dense, polyline, sequence, thinned};
-use robert_clip::{Clip, Fill, Key};
-use robert_robot::Robot;
+use robert::clip::{Clip, Fill, Key};
+use robert::robot::Robot;
+use robert::rollout::tasks::author::{Authored, blank, dense, sequence, thinned};
 
 const FRAMES: u32 = 200;
 
@@ -302,5 +302,20 @@ fn posed(
         .map(|(name, p)| ((*name).to_owned(), p.iter().map(|v| Some(*v)).collect()))
         .collect();
     sequence(&mut clip, points.first().map_or("", |p| p.0), steps);
+    clip
+}
+
+/// Straight lines through points at constant speed.
+fn polyline(robot: &Robot, title: &str, notes: &str, points: &[[f64; 2]], frames: u32) -> Clip {
+    let mut clip = blank(robot, title, notes, frames);
+    clip.fill = Fill::Linear;
+    let leg = |w: &[[f64; 2]]| (w[1][0] - w[0][0]).hypot(w[1][1] - w[0][1]);
+    let total: f64 = points.windows(2).map(leg).sum();
+    let mut way = 0.0;
+    clip.keys.extend(points.first().map(|p| Key::new(0, p)));
+    for w in points.windows(2) {
+        way += leg(w);
+        clip.keys.push(Key::new((way / total * f64::from(frames)).round() as u32, &w[1]));
+    }
     clip
 }

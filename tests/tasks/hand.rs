@@ -5,9 +5,9 @@
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 
-use super::author::{Authored, blank, dense, middles, sequence};
-use robert_clip::{Clip, Fill, Key};
-use robert_robot::{Error, Robot};
+use robert::clip::{Clip, Fill, Key};
+use robert::robot::{Error, Robot};
+use robert::rollout::tasks::author::{Authored, blank, dense, middles, sequence};
 
 /// Spread, knuckle, middle and outer joint of a finger. One tendon bends the last two, so
 /// they are drawn equal.
