@@ -1,9 +1,9 @@
-//! The pages name files that exist.
+//! The pages name files and tests that exist.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use super::floors::walk_named;
+use super::floors::{walk, walk_named};
 
 /// Folders whose files a page may name in backticks.
 const FOLDERS: [&str; 9] =
@@ -28,6 +28,46 @@ fn pages_name_files_that_exist() {
         }
     }
     assert!(missing.is_empty(), "{}", missing.join("\n"));
+}
+
+/// What the page on failures says is tested is tested, and every limit is in its table.
+#[test]
+fn the_page_on_failures_names_tests_that_exist() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let read = |path: &Path| fs::read_to_string(path).unwrap();
+    let page = read(&root.join("docs/reliability.md"));
+    let part = |from: &str| page.split(from).nth(1).unwrap().split("\n## ").next().unwrap();
+    let (findings, limits) =
+        (part("## The test of each finding"), part("## The test of each limit"));
+    let code: String = [walk(&root.join("src")), walk(&root.join("tests"))]
+        .concat()
+        .iter()
+        .map(|file| read(file))
+        .collect();
+    let words = |text: &str| -> Vec<String> {
+        text.split('`').skip(1).step_by(2).map(str::to_owned).collect()
+    };
+    let snake = |w: &&String| {
+        w.contains('_')
+            && w.chars().all(|c| c == '_' || c.is_ascii_lowercase() || c.is_ascii_digit())
+    };
+    let named = [words(findings), words(limits)].concat();
+    let missing: Vec<&String> =
+        named.iter().filter(snake).filter(|w| !code.contains(&format!("fn {w}("))).collect();
+    assert!(missing.is_empty(), "no such test: {missing:?}");
+    let constants = read(&root.join("src/base/limits.rs"));
+    let listed = words(limits);
+    for line in constants.lines().filter_map(|l| l.strip_prefix("pub const ")) {
+        let name = line.split(':').next().unwrap();
+        assert_eq!(
+            listed.iter().filter(|w| *w == name).count(),
+            1,
+            "{name} in docs/reliability.md"
+        );
+    }
+    for row in findings.lines().filter(|l| l.starts_with("| ") && !l.contains("---")).skip(1) {
+        assert!(words(row).iter().any(|w| snake(&w)), "no test: {row}");
+    }
 }
 
 fn pages(root: &Path) -> Vec<PathBuf> {

@@ -22,6 +22,7 @@ mod malformed;
 mod motion;
 mod parsers;
 mod pipes;
+mod refusals;
 mod render;
 mod results;
 mod robots;

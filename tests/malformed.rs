@@ -1,7 +1,7 @@
 //! Models that are broken, hostile or merely odd. Each gets the class of error that it
 //! deserves, quickly, in little memory, and never takes the program along.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -292,8 +292,15 @@ fn mutate(text: &str, rng: &mut Rng) -> Vec<u8> {
     bytes
 }
 
+/// `ROBERT_MODELS` models (500 if not said) from number `ROBERT_MODELS_FROM` on. `ROBERT_CHECKER`
+/// may name a faster build of the program that checks them in a child.
 #[test]
 fn five_hundred_mutations_kill_nothing() {
+    let asked = |name: &str| std::env::var(name).ok().and_then(|n| n.parse().ok());
+    let (count, from) = (asked("ROBERT_MODELS").unwrap_or(500), asked("ROBERT_MODELS_FROM"));
+    let from: usize = from.unwrap_or(0);
+    let checker = std::env::var_os("ROBERT_CHECKER");
+    let checker = checker.map_or_else(|| binary().to_owned(), PathBuf::from);
     let sources: Vec<String> = ["ur5e", "shadow_hand", "pointmass"]
         .iter()
         .map(|id| Robot::builtin(id).unwrap().mjcf().to_owned())
@@ -312,14 +319,14 @@ fn five_hundred_mutations_kill_nothing() {
         .collect();
     let dir = tempfile::tempdir().unwrap();
     std::fs::write(dir.path().join("part.xml"), "<mujocoinclude/>").unwrap();
-    let next = AtomicUsize::new(0);
+    let (next, slowest) = (AtomicUsize::new(from), Mutex::new((Duration::ZERO, 0)));
     let (taken, refused, dead) = (AtomicUsize::new(0), AtomicUsize::new(0), Mutex::new(Vec::new()));
     std::thread::scope(|s| {
         for _ in 0..2 {
             s.spawn(|| {
                 loop {
                     let k = next.fetch_add(1, Ordering::Relaxed);
-                    if k >= 500 {
+                    if k >= from + count {
                         break;
                     }
                     let mut rng = Rng::new(2, Stream::Test, k as u64);
@@ -330,9 +337,18 @@ fn five_hundred_mutations_kill_nothing() {
                     let config = ImportConfig {
                         effort: Some(10.0),
                         servos: Servos::Torque,
-                        ..ImportConfig::new(source, out, binary())
+                        ..ImportConfig::new(source, out, &checker)
                     };
-                    match import(&config) {
+                    let start = Instant::now();
+                    let made = import(&config);
+                    let mut slowest = slowest.lock().unwrap();
+                    *slowest = (*slowest).max((start.elapsed(), k));
+                    drop(slowest);
+                    std::fs::remove_file(&config.source).unwrap();
+                    if made.is_ok() {
+                        std::fs::remove_dir_all(&config.out).unwrap();
+                    }
+                    match made {
                         Ok(_) => taken.fetch_add(1, Ordering::Relaxed),
                         Err(Error::Exhausted { what, .. }) => {
                             dead.lock().unwrap().push(format!("mutation {k}: {what}"));
@@ -347,9 +363,10 @@ fn five_hundred_mutations_kill_nothing() {
     });
     let (taken, refused) = (taken.into_inner(), refused.into_inner());
     let dead = dead.into_inner().unwrap();
-    eprintln!("{taken} taken, {refused} refused");
+    println!("{taken} taken, {refused} refused, slowest {:?}", slowest.into_inner().unwrap());
     assert!(dead.is_empty(), "{dead:?}");
-    assert_eq!(taken + refused, 500);
+    assert_eq!(taken + refused, count);
     // Both ends must be exercised, or the mutations are too wild or too tame.
-    assert!(taken > 30 && refused > 150, "{taken} taken, {refused} refused");
+    let share = |n: usize| 1000 * n / count;
+    assert!(share(taken) > 60 && share(refused) > 300, "{taken} taken, {refused} refused");
 }

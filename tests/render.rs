@@ -132,6 +132,8 @@ fn mistakes_are_named_before_any_work() {
     says(&[&wide[..], &["hop.clip.json"]].concat(), 2, &["3846x1080", "--size", ".apng"]);
     let large = ["hop.clip.json", "-o", "a.png", "--size", "8192x8192", "--strip", "64"];
     says(&large, 2, &["49182x90172", "--size"]);
+    let wide = ["hop.clip.json", "-o", "a.png", "--size", "8193x16"];
+    says(&wide, 2, &["8193x16", "each edge must be 1 to 8192 px"]);
     says(&["hop.clip.json", "-o", "no/a.png"], 1, &["no/a.png", "there is no folder no"]);
     says(&["hop.clip.json", "-o", "hop.clip.json/a.mp4"], 1, &["hop.clip.json/a.mp4"]);
     says(&["fire", "-o", "a.png", "--robot", "ur5e"], 2, &["ur5e", "shadow_hand"]);

@@ -105,8 +105,9 @@ fn temporary(dir: &Path, old: Option<&Metadata>) -> io::Result<tempfile::NamedTe
     Ok(temp)
 }
 
-/// The prefix of the names of temporary files.
-const TEMPORARY: &str = ".robert-";
+/// The prefix of the names of temporary files and folders. What bears it may be removed without a
+/// question, so nobody else would choose it: `.robert-config` may well be somebody's own.
+pub const TEMPORARY: &str = ".robert-tmp-";
 /// Temporary files that are younger than this may have a writer that has not locked them yet.
 const STALE: Duration = Duration::from_mins(1);
 
@@ -431,12 +432,17 @@ mod tests {
             }
             file
         };
-        make(".robert-stale", true);
-        make(".robert-new", false);
+        make(".robert-tmp-stale", true);
+        make(".robert-tmp-new", false);
         make("mine", true);
-        let held = make(".robert-held", true);
+        make(".robert-config", true);
+        let held = make(".robert-tmp-held", true);
         flock(&held, FlockOperation::NonBlockingLockExclusive).unwrap();
-        for (name, aged) in [(".robert-import-stale", true), (".robert-import-new", false)] {
+        for (name, aged) in [
+            (".robert-tmp-import-stale", true),
+            (".robert-tmp-import-new", false),
+            (".robert-data", true),
+        ] {
             let path = dir.path().join(name);
             fs::create_dir(&path).unwrap();
             fs::write(path.join("inside"), "x").unwrap();
@@ -450,7 +456,9 @@ mod tests {
             .map(|e| e.unwrap().file_name().into_string().unwrap())
             .collect();
         left.sort();
-        assert_eq!(left, [".robert-held", ".robert-import-new", ".robert-new", "mine"]);
+        let kept = [".robert-config", ".robert-data", "mine"];
+        let new = [".robert-tmp-held", ".robert-tmp-import-new", ".robert-tmp-new"];
+        assert_eq!(left, [&kept[..2], &new, &kept[2..]].concat());
     }
 
     #[test]

@@ -141,6 +141,16 @@ pub const JOB_LINES: usize = 2_000;
 
 /// Rows of one file of a LeRobot dataset. A few bytes can claim any number of them.
 pub const DATASET_ROWS: i64 = 1_000_000;
+/// Values of one column in one file of a LeRobot dataset. Its own limit of 100 MB is reached before.
+pub const DATASET_VALUES: i64 = 1 << 24;
+/// Bytes of one page of a Parquet file, unpacked. Writers aim at one megabyte.
+pub const DATASET_PAGE_BYTES: u64 = 32 << 20;
+/// Pages that are read of one Parquet file.
+pub const DATASET_PAGES: usize = 100_000;
+/// Bytes in the footer of a Parquet file.
+pub const DATASET_FOOTER_BYTES: u64 = 16 << 20;
+/// Elements of all lists in that footer. A tenth of them may be columns, row groups and the like.
+pub const DATASET_FOOTER_ELEMENTS: u64 = 1_000_000;
 /// Bytes in the header of a safetensors file.
 pub const TENSOR_HEADER_BYTES: u64 = 100 << 20;
 /// Bytes of a dataset manifest.

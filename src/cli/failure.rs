@@ -3,6 +3,7 @@
 use std::fmt::Display;
 use std::io::Write as _;
 
+use super::escape::plain;
 use crate::exit::{Exit, HasExit};
 
 /// The result of a command.
@@ -56,24 +57,6 @@ impl Failure {
     }
 }
 
-/// Escapes every character that has an effect on a terminal: control characters, and those that
-/// change the direction of writing. Messages may contain names from foreign files.
-fn plain(text: &str) -> String {
-    let acts = |c: char| {
-        (c.is_control() && c != '\n' && c != '\t')
-            || matches!(c, '\u{61c}' | '\u{200e}' | '\u{200f}')
-            || matches!(c, '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
-    };
-    text.chars().fold(String::with_capacity(text.len()), |mut out, c| {
-        if acts(c) {
-            out.extend(c.escape_unicode());
-        } else {
-            out.push(c);
-        }
-        out
-    })
-}
-
 impl<E: HasExit> From<E> for Failure {
     fn from(error: E) -> Self {
         Failure { exit: error.exit(), error: anyhow::Error::new(error) }
@@ -83,12 +66,6 @@ impl<E: HasExit> From<E> for Failure {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn nothing_in_a_message_acts_on_the_terminal() {
-        let said = Failure::invalid("joint \"a\u{202e}b\u{1b}[2Jc\u{9b}\" é 日本\n").sentence();
-        assert_eq!(plain(&said), "joint \"a\\u{202e}b\\u{1b}[2Jc\\u{9b}\" é 日本\n");
-    }
 
     #[test]
     fn causes_are_told_once() {

@@ -13,6 +13,7 @@ mod completions;
 mod dataset;
 mod dataset_plot;
 mod doctor;
+mod escape;
 mod eval;
 mod export;
 mod failure;

@@ -6,6 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use comfy_table::{CellAlignment, ContentArrangement, LineStyle, Table, TableStyle};
 use serde::Serialize;
 
+use super::escape;
 use super::failure::Outcome;
 use crate::progress::JobEvent;
 
@@ -25,7 +26,7 @@ pub(super) fn is_in_lines() -> bool {
 /// Prints one event of `--jsonl`.
 pub(super) fn event(event: &JobEvent) -> Outcome {
     // Through a value, so that the members of every event are sorted by name.
-    line(&serde_json::to_value(event).map_err(io::Error::other)?.to_string())
+    json_text(&serde_json::to_value(event).map_err(io::Error::other)?.to_string())
 }
 
 /// Prints one pretty JSON document; with `--jsonl` as the event `result`.
@@ -34,19 +35,22 @@ pub(super) fn json(value: &impl Serialize) -> Outcome {
         let result = serde_json::to_value(value).map_err(io::Error::other)?;
         return event(&JobEvent::Result { result });
     }
-    let text = serde_json::to_string_pretty(value).map_err(io::Error::other)?;
-    line(&text)
+    json_text(&serde_json::to_string_pretty(value).map_err(io::Error::other)?)
 }
 
-/// Prints one line.
+fn json_text(text: &str) -> Outcome {
+    bytes(format!("{}\n", escape::json(text)).as_bytes())
+}
+
+/// Prints a line for people. It may contain names from foreign files.
 pub(super) fn line(text: &str) -> Outcome {
-    bytes(format!("{text}\n").as_bytes())
+    bytes(format!("{}\n", escape::plain(text)).as_bytes())
 }
 
 /// Prints a line on stderr. Unlike `eprintln!` it does not panic if nobody reads any more or the
 /// disk of a log is full: a message must not end the work.
 pub(super) fn aside(line: impl std::fmt::Display) {
-    writeln!(io::stderr(), "{line}").ok();
+    writeln!(io::stderr(), "{}", escape::plain(&line.to_string())).ok();
 }
 
 /// Writes to stdout. A closed pipe (`| head`) is not an error, and the command still ends with its

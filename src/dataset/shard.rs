@@ -494,6 +494,17 @@ pub(super) mod tests {
     }
 
     #[test]
+    fn a_shard_that_is_too_large_is_not_mapped() {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        let open = |bytes: u64| {
+            file.as_file().set_len(bytes).unwrap(); // sparse
+            Shard::open(file.path(), 2, 1, Some(bytes)).unwrap_err()
+        };
+        assert!(open(limits::SHARD_BYTES + 1).contains("is larger than 8589934592 bytes"));
+        assert!(!open(limits::SHARD_BYTES).contains("is larger"), "it is read, and is no shard");
+    }
+
+    #[test]
     fn same_trajectories_same_bytes() {
         let make = || {
             let mut b = ShardBuilder::new(&robot(), "spec", 7);

@@ -155,6 +155,17 @@ mod tests {
     use super::*;
 
     #[test]
+    fn models_have_a_limit_of_coordinates() {
+        let wide = |joints: usize| {
+            let body = "<body><joint/><geom size=\".1\"/></body>".repeat(joints);
+            Model::from_xml(&format!("<mujoco><worldbody>{body}</worldbody></mujoco>"))
+        };
+        assert_eq!(wide(limits::MODEL_NQ).unwrap().nq(), limits::MODEL_NQ);
+        let refused = wide(limits::MODEL_NQ + 1).unwrap_err().to_string();
+        assert!(refused.contains("1025 coordinates; at most 1024"), "{refused}");
+    }
+
+    #[test]
     fn refusals_have_a_class_and_a_line() {
         let syntax = Model::from_xml("<mujoco>\n<worldbody>\n</mujoco>").unwrap_err();
         assert!(matches!(syntax, Error::Parse { line: Some(_), .. }), "{syntax:?}");

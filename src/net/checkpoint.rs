@@ -592,6 +592,16 @@ mod tests {
     }
 
     #[test]
+    fn headers_have_a_limit_of_bytes() {
+        let claimed = |bytes: u64| {
+            let text = [&bytes.to_le_bytes()[..], b"{}"].concat();
+            parse(&text, Path::new("a.safetensors"), None).unwrap_err().to_string()
+        };
+        assert!(!claimed(limits::TENSOR_HEADER_BYTES).contains("a header of"));
+        assert!(claimed(limits::TENSOR_HEADER_BYTES + 1).contains("a header of 104857601 bytes"));
+    }
+
+    #[test]
     fn round_trip_keeps_every_bit() {
         let (card, net, encoder) = model();
         let bytes = bytes();

@@ -211,6 +211,27 @@ mod tests {
     }
 
     #[test]
+    fn meshes_have_a_limit_of_bytes_and_of_faces() {
+        let dir = tempfile::tempdir().unwrap();
+        let sized = |name: &str, head: &[u8], bytes: u64| {
+            let path = dir.path().join(name);
+            std::fs::write(&path, head).unwrap();
+            // Sparse: it takes no room.
+            std::fs::File::options().write(true).open(&path).unwrap().set_len(bytes).unwrap();
+            check_file(&path)
+        };
+        let most = limits::MESH_BYTES;
+        assert_eq!(sized("a.msh", b"x", most), Ok(most));
+        assert!(sized("a.msh", b"x", most + 1).unwrap_err().contains("at most 268435456"));
+        let faces = |n: usize| {
+            let head = [&[b'x'; 80][..], &(n as u32).to_le_bytes()].concat();
+            sized("b.stl", &head, STL_HEAD + STL_FACE * n as u64)
+        };
+        assert!(faces(limits::MESH_FACES).is_ok());
+        assert!(faces(limits::MESH_FACES + 1).unwrap_err().contains("claims 2000001 faces"));
+    }
+
+    #[test]
     fn headers_that_lie_are_refused() {
         let dir = tempfile::tempdir().unwrap();
         let file = |name: &str, bytes: &[u8]| {

@@ -83,7 +83,7 @@ pub fn merge(
     };
     fs::create_dir_all(&parent).map_err(write_error(&parent))?;
     let temporary = tempfile::Builder::new()
-        .prefix(".robert-merge-")
+        .prefix(&format!("{}merge-", fsio::TEMPORARY))
         .tempdir_in(&parent)
         .map_err(write_error(&parent))?;
     let made = temporary.path().join("out");

@@ -242,6 +242,24 @@ def mcaps():
         "claimed chunk": start + chunk(bytes(100), 1 << 40),
         "claimed list": start + channel + message(struct.pack("<BBBBiII", 0, 1, 0, 0, 0, 0, 1 << 31)),
     }
+    # A first message names 256 joints, and millions of others one each.
+    def states(names):
+        cdr = b"\0\1\0\0" + struct.pack("<II", 0, 0)
+        strings = lambda texts: struct.pack("<I", len(texts)) + b"".join(struct.pack("<I", len(t) + 1) + t + b"\0" * (4 - len(t) % 4) for t in texts)
+        cdr += struct.pack("<I", 1) + b"\0\0\0\0" + strings(names) + struct.pack("<I", len(names))
+        cdr += b"\0" * (-(len(cdr) - 4) % 8) + bytes(8 * len(names))
+        return cdr + struct.pack("<II", 0, 0)
+
+    stamped = lambda n, data: record(5, struct.pack("<HIQQ", 0, n, n, n) + data)
+    one = states([b"j0"])
+    parts = b"".join(stamped(n, one) for n in range(1, 130_000))
+    names = states([b"j%d" % j for j in range(256)])
+    found["parts of states"] = start + channel + stamped(0, names) + parts
+    found["channels and messages"] = start + channel * 100_000 + parts
+    if shutil.which("zstd"):
+        packed = subprocess.run(["zstd", "-3", "-c"], input=parts, capture_output=True, check=True).stdout
+        packed = chunk(packed, len(parts), b"zstd")
+        found["packed parts of states"] = start + channel + stamped(0, names) + packed * ((MOST - 20_000) // len(packed))
     if bombs:
         found["bombs"] = (start + bombs)[:MOST]
         found["packed messages"] = (start + chunk(messages, len(plain), b"zstd") * 8)[:MOST]

@@ -252,9 +252,14 @@ pub(super) struct Socket {
 }
 
 impl Socket {
-    /// A masked frame, as clients must send.
+    /// A message in one masked frame, as clients must send.
     pub(super) fn send_frame(&mut self, opcode: u8, payload: &[u8]) -> std::io::Result<()> {
-        let mut bytes = vec![0x80 | opcode];
+        self.send_piece(0x80 | opcode, payload)
+    }
+
+    /// A frame with this first byte: 0x80 for the last of a message, and the opcode.
+    pub(super) fn send_piece(&mut self, first: u8, payload: &[u8]) -> std::io::Result<()> {
+        let mut bytes = vec![first];
         match payload.len() {
             n @ 0..126 => bytes.push(0x80 | n as u8),
             n @ 126..65536 => {

@@ -6,6 +6,7 @@ use serde_json::{Value, json};
 
 use super::client::{CLIP, Studio, key};
 use crate::run::robert;
+use robert::limits;
 
 fn open(dir: &tempfile::TempDir) -> Studio {
     std::fs::write(dir.path().join("a.clip.json"), CLIP).unwrap();
@@ -224,6 +225,29 @@ fn no_number_that_is_none_gets_to_the_robot() {
         row.as_array().unwrap().iter().all(|v| v.as_f64().is_some_and(f64::is_finite))
     };
     assert!(frames.iter().all(finite));
+}
+
+#[test]
+fn as_many_pins_and_points_are_asked_for_as_the_limits_say() {
+    let dir = tempfile::tempdir().unwrap();
+    let studio = open(&dir);
+    let full = |answer: super::client::Answer| {
+        let text = String::from_utf8_lossy(&answer.body).into_owned();
+        assert_ne!(answer.status, 500, "{text}");
+        text.contains("too many")
+    };
+    let ik = |pins: usize| {
+        let pins = vec![json!({"site": "attachment_site"}); pins];
+        full(studio.post("/api/ik", &json!({"q": [0, 0, 0, 0, 0], "pins": pins})))
+    };
+    assert_eq!([ik(limits::PINS), ik(limits::PINS + 1)], [false, true]);
+    let draw = |points: usize| {
+        let points: Vec<_> = (0..points).map(|n| json!([0.4, 0.5, n])).collect();
+        let body = json!({"tab": "t", "q": [0, 0, 0, 0, 0], "site": "attachment_site",
+            "plane": "ground", "points": points, "tolerance_m": 0.01});
+        full(studio.post("/api/draw", &body))
+    };
+    assert_eq!([draw(limits::DRAWN_POINTS), draw(limits::DRAWN_POINTS + 1)], [false, true]);
 }
 
 #[test]

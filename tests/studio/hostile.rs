@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use robert::limits;
-use serde_json::json;
+use serde_json::{Value, json};
 
 use super::client::{CLIP, Studio, key};
 
@@ -107,6 +107,36 @@ fn whoever_takes_nothing_loses_its_seat() {
         std::thread::sleep(Duration::from_millis(100));
     }
     drop(greedy);
+}
+
+#[test]
+fn messages_and_their_frames_have_limits() {
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::write(dir.path().join("a.clip.json"), CLIP).unwrap();
+    let studio = Studio::start(dir.path(), &["a.clip.json"]);
+    // A question in frames of this size, followed by spaces: is it answered?
+    let asked = |frame: usize, bytes: usize| {
+        let mut socket = studio.socket();
+        let text = format!("{:bytes$}", json!({"id": 1, "op": "nonsense", "args": {}}).to_string());
+        let pieces = text.as_bytes().chunks(frame);
+        let last = pieces.len() - 1;
+        for (n, piece) in pieces.enumerate() {
+            let first = u8::from(n == 0) | if n == last { 0x80 } else { 0 };
+            if socket.send_piece(first, piece).is_err() {
+                return false;
+            }
+        }
+        while let Some(event) = socket.read() {
+            if serde_json::from_slice::<Value>(&event).is_ok_and(|e| e["event"] == "reply") {
+                return true;
+            }
+        }
+        false
+    };
+    let (frame, message) = (limits::WS_FRAME_BYTES, limits::WS_MESSAGE_BYTES);
+    assert!(asked(frame, frame) && asked(frame, message));
+    assert!(!asked(frame + 1, frame + 1) && !asked(frame, message + 1));
+    assert_eq!(studio.get("/api/clip").status, 200);
 }
 
 /// Connections that the other side has not closed.

@@ -70,8 +70,10 @@ pub fn import(config: &ImportConfig) -> Result<Report, Error> {
         |e: std::io::Error| Error::File(fsio::Error::Write { source: e, path: out.clone() });
     std::fs::create_dir_all(&parent).map_err(write)?;
     fsio::sweep(&parent);
-    let temp =
-        tempfile::Builder::new().prefix(".robert-import-").tempdir_in(&parent).map_err(write)?;
+    let temp = tempfile::Builder::new()
+        .prefix(&format!("{}import-", fsio::TEMPORARY))
+        .tempdir_in(&parent)
+        .map_err(write)?;
     let (model, xml) = settle_draft(&mut draft, &project, config, temp.path())?;
     plausible::check(&mut draft, &model)?;
     let profile = describe(&mut draft, &model, &id, config)?;

@@ -348,3 +348,66 @@ fn clipped(mut line: String) -> String {
     }
     line
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A shell in the place of the program: it reads the name of the command as a script.
+    fn jobs(dir: &Path, script: &str) -> Jobs {
+        std::fs::write(dir.join("collect"), script).unwrap();
+        Jobs::new(Hub::default(), PathBuf::from("/bin/sh"))
+    }
+
+    fn collect() -> JobRequest {
+        JobRequest { kind: JobKind::Collect, args: Vec::new() }
+    }
+
+    fn wait(jobs: &Jobs, done: impl Fn(&JobView) -> bool) {
+        let until = Instant::now() + Duration::from_secs(120);
+        while !jobs.list().iter().all(&done) {
+            assert!(Instant::now() < until, "{:?}", jobs.list());
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    }
+
+    #[test]
+    fn as_many_jobs_run_and_are_kept_as_the_limit_says() {
+        let dir = tempfile::tempdir().unwrap();
+        let jobs = jobs(dir.path(), "exec sleep 1000");
+        for _ in 0..limits::JOBS {
+            jobs.start(collect(), dir.path()).unwrap();
+        }
+        let refused = jobs.start(collect(), dir.path()).unwrap_err();
+        assert!(matches!(refused, Error::Full { what: "jobs", cap: limits::JOBS }), "{refused}");
+        for id in 1..=limits::JOBS as u64 {
+            jobs.cancel(id).unwrap();
+            jobs.cancel(id).unwrap();
+        }
+        wait(&jobs, |job| job.phase == JobPhase::Interrupted);
+        // One more, and the oldest is forgotten.
+        jobs.start(collect(), dir.path()).unwrap();
+        let ids: Vec<u64> = jobs.list().iter().map(|job| job.id).collect();
+        assert_eq!(ids, (2..=limits::JOBS as u64 + 1).collect::<Vec<u64>>());
+        // The first time as Ctrl-C would, which whoever runs the tests may ignore.
+        jobs.cancel(limits::JOBS as u64 + 1).unwrap();
+        jobs.cancel(limits::JOBS as u64 + 1).unwrap();
+    }
+
+    #[test]
+    fn the_newest_lines_of_a_job_are_kept() {
+        let dir = tempfile::tempdir().unwrap();
+        let last = limits::JOB_LINES + 1;
+        let long = LINE_BYTES + 1;
+        let script =
+            format!("seq {last}; seq {} >&2; head -c {long} /dev/zero | tr '\\0' x >&2", LOG + 1);
+        let jobs = jobs(dir.path(), &script);
+        jobs.start(collect(), dir.path()).unwrap();
+        wait(&jobs, |job| job.phase == JobPhase::Done);
+        let job = jobs.view(1, 0).unwrap();
+        assert_eq!((job.events, job.first, job.lines.len()), (last, 1, limits::JOB_LINES));
+        assert_eq!(job.lines[0], JobEvent::Log { line: "2".to_owned() });
+        assert_eq!((job.log.len(), job.log[0].as_str()), (LOG, "3"));
+        assert_eq!(job.log[LOG - 1].len(), LINE_BYTES);
+    }
+}

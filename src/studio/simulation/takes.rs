@@ -350,6 +350,20 @@ pub(super) mod tests {
     }
 
     #[test]
+    fn as_many_takes_are_pinned_and_compared_as_the_limits_say() {
+        let mut takes = Takes::default();
+        let ids: Vec<u64> = (0..limits::TAKES).map(|n| takes.keep(take(n as f32, 7))).collect();
+        let (last, pinned) = ids.split_last().unwrap();
+        for id in pinned {
+            takes.pin(*id, true).unwrap();
+        }
+        assert!(matches!(takes.pin(*last, true), Err(Error::Full { what: "pinned takes", .. })));
+        takes.compare(&ids[..limits::TAKES_COMPARED]).unwrap();
+        let more = takes.compare(&ids[..=limits::TAKES_COMPARED]);
+        assert!(matches!(more, Err(Error::Full { cap: limits::TAKES_COMPARED, .. })));
+    }
+
+    #[test]
     fn memory_is_bounded_and_names_are_checked() {
         let mut takes = Takes::default();
         let rows = limits::TAKES_BYTES / 4 / 10 / 3;

@@ -210,5 +210,39 @@ mod tests {
         }
         let seen = list(dir.path(), "").unwrap();
         assert!(seen.more && seen.files.len() == limits::FOLDER_ENTRIES);
+        fs::remove_file(dir.path().join("0.csv")).unwrap();
+        let seen = list(dir.path(), "").unwrap();
+        assert!(!seen.more && seen.files.len() == limits::FOLDER_ENTRIES);
+    }
+
+    #[test]
+    fn as_many_entries_are_looked_at_as_the_limit_says() {
+        let dir = tempfile::tempdir().unwrap();
+        for n in 0..limits::FOLDER_LOOKED_AT {
+            fs::File::create(dir.path().join(format!("{n}.txt"))).unwrap();
+        }
+        let seen = list(dir.path(), "").unwrap();
+        assert_eq!((seen.left_out, seen.more), (limits::FOLDER_LOOKED_AT, false));
+        fs::File::create(dir.path().join("one more.txt")).unwrap();
+        let seen = list(dir.path(), "").unwrap();
+        assert_eq!((seen.left_out, seen.more), (limits::FOLDER_LOOKED_AT, true));
+    }
+
+    #[test]
+    fn summaries_are_read_up_to_the_limit_of_bytes() {
+        let dir = tempfile::tempdir().unwrap();
+        let write = |name: &str, bytes: u64| {
+            let rest = bytes as usize - CLIP.len();
+            fs::write(dir.path().join(name), [CLIP, &" ".repeat(rest)].concat()).unwrap();
+        };
+        write("a.clip.json", limits::FOLDER_PEEK_BYTES - 1000);
+        write("b.clip.json", 1000);
+        let peeked = || {
+            let files = list(dir.path(), "").unwrap().files;
+            files.iter().map(|f| f.clip.is_some()).collect::<Vec<bool>>()
+        };
+        assert_eq!(peeked(), [true, true]);
+        write("b.clip.json", 1001);
+        assert_eq!(peeked(), [true, false]);
     }
 }

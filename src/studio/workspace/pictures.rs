@@ -157,18 +157,8 @@ impl Pictures {
     }
 
     /// Asks the painter for a picture of this size.
-    async fn ask<Q: Question>(
-        &self,
-        question: Q,
-        (width, height): (u32, u32),
-    ) -> Result<Q::Answer, Error> {
-        let sane = SMALLEST_PX..=limits::STILL_PX;
-        if !sane.contains(&width) || !sane.contains(&height) {
-            return Err(Error::request(format!(
-                "a picture of {width}x{height} px; edges go from {SMALLEST_PX} to {}",
-                limits::STILL_PX
-            )));
-        }
+    async fn ask<Q: Question>(&self, question: Q, size: (u32, u32)) -> Result<Q::Answer, Error> {
+        check_size(size)?;
         if self.waiting.fetch_add(1, Ordering::SeqCst) >= WAITING {
             self.waiting.fetch_sub(1, Ordering::SeqCst);
             return Err(Error::Full { what: "pictures at once", cap: WAITING });
@@ -359,5 +349,31 @@ struct Waiting<'a>(&'a AtomicUsize);
 impl Drop for Waiting<'_> {
     fn drop(&mut self) {
         self.0.fetch_sub(1, Ordering::SeqCst);
+    }
+}
+
+/// Refuses a picture that nobody could see or that would take too long.
+fn check_size((width, height): (u32, u32)) -> Result<(), Error> {
+    let sane = SMALLEST_PX..=limits::STILL_PX;
+    if sane.contains(&width) && sane.contains(&height) {
+        return Ok(());
+    }
+    Err(Error::request(format!(
+        "a picture of {width}x{height} px; edges go from {SMALLEST_PX} to {}",
+        limits::STILL_PX
+    )))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pictures_have_a_smallest_and_a_largest_edge() {
+        let (least, most) = (SMALLEST_PX, limits::STILL_PX);
+        assert!(check_size((least, most)).is_ok() && check_size((most, least)).is_ok());
+        for bad in [(least - 1, most), (least, most + 1), (most + 1, least), (0, 0)] {
+            assert!(check_size(bad).is_err(), "{bad:?}");
+        }
     }
 }

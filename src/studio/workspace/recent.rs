@@ -94,6 +94,11 @@ mod tests {
         let names: Vec<String> =
             Recent::load(dir.path()).list().into_iter().map(|f| f.path).collect();
         assert_eq!(names, ["/a", "/b"]);
+        for n in 0..=limits::RECENT {
+            recent.opened(Path::new(&format!("/{n}")), &clip);
+        }
+        let files = Recent::load(dir.path()).list();
+        assert_eq!((files.len(), files.last().unwrap().path.as_str()), (limits::RECENT, "/1"));
         std::fs::write(dir.path().join("recent.json"), b"{").unwrap();
         assert!(Recent::load(dir.path()).list().is_empty());
     }

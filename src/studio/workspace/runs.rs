@@ -3,6 +3,7 @@
 
 use std::path::{Path, PathBuf};
 
+use serde::Deserialize;
 use serde_json::Value;
 
 use crate::protocol::{BegunCard, DataCard, RunCard, Shelf};
@@ -115,15 +116,33 @@ fn run(folder: &Path, dir: &Path) -> Option<RunCard> {
     })
 }
 
+/// What a list shows of a manifest. The rest is skipped: as values in memory, the shards and
+/// trajectories of a large one would take gigabytes.
+#[derive(Deserialize)]
+struct Heading {
+    robot: Recorded,
+    totals: Totals,
+}
+
+#[derive(Deserialize)]
+struct Recorded {
+    id: String,
+}
+
+#[derive(Deserialize)]
+struct Totals {
+    frames: u64,
+    episodes: u64,
+}
+
 fn dataset(folder: &Path, dir: &Path) -> Option<DataCard> {
     let bytes = fsio::read_capped(&dir.join("manifest.json"), limits::UPLOAD_BYTES).ok()?;
-    let manifest: Value = serde_json::from_slice(&bytes).ok()?;
-    let total = |name: &str| manifest.pointer(&format!("/totals/{name}")).and_then(Value::as_u64);
+    let manifest: Heading = serde_json::from_slice(&bytes).ok()?;
     Some(DataCard {
         path: relative(folder, dir),
-        robot: manifest.pointer("/robot/id")?.as_str()?.to_owned(),
-        frames: total("frames")?,
-        episodes: total("episodes")?,
+        robot: manifest.robot.id,
+        frames: manifest.totals.frames,
+        episodes: manifest.totals.episodes,
         // It is written as its canonical text, so the file's hash is the manifest's.
         sha256: fsio::sha256_hex(&bytes),
     })
@@ -137,4 +156,32 @@ fn begun_in(folder: &Path, dir: &Path) -> Option<BegunCard> {
         agents: request.config.agents.iter().map(|a| a.name().to_owned()).collect(),
         transitions: request.config.transitions,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn data_are_listed_by_the_heading_of_their_manifest() {
+        let home = tempfile::tempdir().unwrap();
+        let put = |name: &str, text: &str| {
+            let dir = home.path().join("data").join(name);
+            std::fs::create_dir_all(&dir).unwrap();
+            std::fs::write(dir.join("manifest.json"), text).unwrap();
+        };
+        put(
+            "good",
+            r#"{"robot": {"id": "r", "joints": []}, "totals": {"frames": 7, "episodes": 2,
+            "shards": 1}, "episodes": [{"shard": 0}, {"shard": 1}]}"#,
+        );
+        put("negative", r#"{"robot": {"id": "r"}, "totals": {"frames": -7, "episodes": 2}}"#);
+        put("deep", &format!(r#"{{"robot": {{"id": "r"}}, "x": {}"#, "[".repeat(100_000)));
+        let data = list(home.path()).data;
+        let facts: Vec<_> = data
+            .iter()
+            .map(|d| (d.path.as_str(), d.robot.as_str(), d.frames, d.episodes))
+            .collect();
+        assert_eq!(facts, [("data/good", "r", 7, 2)]);
+    }
 }

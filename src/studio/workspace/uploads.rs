@@ -91,4 +91,20 @@ mod tests {
         }
         assert!(upload_path(root, &"x".repeat(300)).is_err());
     }
+
+    #[test]
+    fn as_much_is_uploaded_as_the_limits_say() {
+        let uploads = Uploads::new().unwrap();
+        for n in 0..limits::PROJECT_FILES {
+            uploads.put(&format!("{n}.stl"), n == 0, b"").unwrap();
+        }
+        let full = uploads.put("more.stl", false, b"");
+        assert!(matches!(full, Err(Error::Full { cap: limits::PROJECT_FILES, .. })), "{full:?}");
+        uploads.put("first.stl", true, b"").unwrap();
+        assert_eq!(std::fs::read_dir(uploads.folder()).unwrap().count(), 1);
+        uploads.held.lock().unwrap().0 = limits::UPLOAD_BYTES - 2;
+        uploads.put("two.stl", false, b"12").unwrap();
+        let full = uploads.put("three.stl", false, b"3");
+        assert!(matches!(full, Err(Error::Full { what: "bytes in one robot", .. })), "{full:?}");
+    }
 }

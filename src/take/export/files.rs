@@ -91,7 +91,7 @@ impl Export {
         std::fs::create_dir_all(&parent).map_err(failed(&target))?;
         // It is beside the target, so that the last step is a rename.
         let fresh = tempfile::Builder::new()
-            .prefix(".robert-export-")
+            .prefix(&format!("{}export-", fsio::TEMPORARY))
             .tempdir_in(&parent)
             .map_err(failed(&target))?;
         let mut paths = Vec::with_capacity(self.files.len());

@@ -4,17 +4,24 @@ use std::fs::File;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 
+use parquet::basic::Type;
+use parquet::column::reader::{ColumnReader, ColumnReaderImpl};
+use parquet::data_type::DataType;
+use parquet::errors::ParquetError;
 use parquet::file::reader::{FileReader as _, SerializedFileReader};
-use parquet::record::{Field, Row};
+use parquet::schema::types::{ColumnDescPtr, SchemaDescriptor};
 use serde::Deserialize;
 
 use super::super::error::Error;
+use super::pages::{self, Pages};
 use super::samples::{Samples, foreign, rate};
 use robert_base::fsio;
 use robert_base::limits;
 
 /// The limit of bytes in one data file: the format's own limit and a reserve.
 const FILE_BYTES: u64 = 256 << 20;
+/// Rows that are decoded at once.
+const ROWS_AT_ONCE: usize = 1024;
 
 /// The part of a dataset that is read.
 #[derive(Clone, Debug, PartialEq)]
@@ -132,75 +139,140 @@ fn episode(
         return Err(foreign(format!("more than {FILE_BYTES} bytes")));
     }
     // The reader panics for some damaged files; its results are dropped then.
-    let read = catch_unwind(AssertUnwindSafe(|| rows(file, source, width, frames)));
+    let read = catch_unwind(AssertUnwindSafe(|| rows(&file, source, width, frames)));
     read.unwrap_or_else(|_panic| Err(foreign("a damaged parquet file")))
 }
 
 fn rows(
-    file: File,
+    file: &File,
     source: &LeRobotSource,
     width: usize,
     frames: &mut Vec<(i64, Vec<f64>)>,
 ) -> Result<(), Error> {
-    let broken = |e: parquet::errors::ParquetError| foreign(e.to_string());
-    let reader = SerializedFileReader::new(file).map_err(broken)?;
-    let claimed = reader.metadata().row_groups().iter().map(|g| g.num_rows().max(0));
-    let claimed = claimed.fold(0_i64, i64::saturating_add);
-    if claimed > limits::DATASET_ROWS {
-        let most = limits::DATASET_ROWS;
-        return Err(foreign(format!("the file claims {claimed} rows; at most {most} are read")));
-    }
-    // Only the columns that are needed, one of which is a list.
-    let wanted = ["episode_index", "frame_index", source.column.as_str()];
-    let schema = reader.metadata().file_metadata().schema();
-    let fields = schema.get_fields().iter().filter(|f| wanted.contains(&f.name())).cloned();
-    let projection = parquet::schema::types::Type::group_type_builder(schema.name())
-        .with_fields(fields.collect())
-        .build()
-        .map_err(broken)?;
-    for row in reader.get_row_iter(Some(projection)).map_err(broken)? {
-        let row = row.map_err(broken)?;
-        if integer(&row, "episode_index")? != source.episode {
+    pages::footer(file)?;
+    let reader = SerializedFileReader::new(file.try_clone().map_err(|e| foreign(e.to_string()))?);
+    let reader = reader.map_err(broken)?;
+    allowed(reader.metadata().row_groups().iter().map(|g| g.num_rows()), width)?;
+    let schema = reader.metadata().file_metadata().schema_descr_ptr();
+    let episodes = leaf(&schema, "episode_index", 0)?;
+    let indices = leaf(&schema, "frame_index", 0)?;
+    let values = leaf(&schema, &source.column, 1)?;
+    let mut pages = Pages::new();
+    for group in 0..reader.num_row_groups() {
+        let group = reader.get_row_group(group).map_err(broken)?;
+        let rows = group.metadata().num_rows().max(0);
+        let mut read = |column: usize, width: usize, row: &mut Visit<'_>| {
+            let place = group.metadata().column(column).byte_range();
+            pages.check(file, place, rows.saturating_mul(width as i64))?;
+            visit(group.get_column_reader(column).map_err(broken)?, width, row)
+        };
+        let mut wanted = Vec::new(); // whether each row is of the episode
+        read(episodes, 1, &mut |row| {
+            wanted.push(row.first() == Some(&(source.episode as f64)));
+            Ok(())
+        })?;
+        if !wanted.contains(&true) {
             continue;
         }
-        let values = match column(&row, &source.column)? {
-            Field::ListInternal(list) => list.elements().iter().map(number).collect(),
-            single => number(single).map(|v| vec![v]),
-        };
-        let values: Option<Vec<f64>> = values;
-        let values = values.filter(|v| v.len() == width && v.iter().all(|x| x.is_finite()));
-        let index = integer(&row, "frame_index")?;
-        let values = values.ok_or_else(|| {
-            foreign(format!("frame {index}: {} is not {width} numbers", source.column))
+        let mut index = Vec::new();
+        read(indices, 1, &mut |row| {
+            index.extend(row.iter().map(|v| *v as i64));
+            Ok(())
         })?;
-        if frames.len() >= limits::CLIP_FRAMES as usize {
-            return Err(foreign("more frames than a clip can hold"));
+        let mut each = wanted.iter().zip(&index);
+        read(values, width, &mut |row| {
+            let (wanted, index) =
+                each.next().ok_or_else(|| foreign("columns of unequal length"))?;
+            if !wanted {
+                return Ok(());
+            }
+            if !row.iter().all(|v| v.is_finite()) {
+                return Err(foreign(format!("frame {index}: {} is not finite", source.column)));
+            }
+            if frames.len() >= limits::CLIP_FRAMES as usize {
+                return Err(foreign("more frames than a clip can hold"));
+            }
+            frames.push((*index, row.to_vec()));
+            Ok(())
+        })?;
+        if each.next().is_some() {
+            return Err(foreign("columns of unequal length"));
         }
-        frames.push((index, values));
     }
     Ok(())
 }
 
-fn column<'a>(row: &'a Row, name: &str) -> Result<&'a Field, Error> {
-    let found = row.get_column_iter().find(|(n, _)| *n == name).map(|(_, f)| f);
-    found.ok_or_else(|| foreign(format!("no column {name}")))
+/// Refuses more rows than are read, where each has this many values.
+fn allowed(rows: impl Iterator<Item = i64>, width: usize) -> Result<(), Error> {
+    let claimed = rows.map(|n| n.max(0)).fold(0_i64, i64::saturating_add);
+    let most = limits::DATASET_ROWS.min(limits::DATASET_VALUES / width as i64);
+    if claimed > most {
+        return Err(foreign(format!("the file claims {claimed} rows; at most {most} are read")));
+    }
+    Ok(())
 }
 
-fn integer(row: &Row, name: &str) -> Result<i64, Error> {
-    match column(row, name)? {
-        Field::Long(v) => Ok(*v),
-        Field::Int(v) => Ok(i64::from(*v)),
-        other => Err(foreign(format!("{name} is {other}"))),
+#[allow(clippy::needless_pass_by_value)] // for map_err
+fn broken(e: ParquetError) -> Error {
+    foreign(e.to_string())
+}
+
+/// The place of a column that holds whole numbers, or lists of any numbers if the depth is 1.
+fn leaf(schema: &SchemaDescriptor, name: &str, depth: i16) -> Result<usize, Error> {
+    let named = |c: &ColumnDescPtr| c.path().parts().first().is_some_and(|p| p == name);
+    let mut found = schema.columns().iter().enumerate().filter(|(_, c)| named(c));
+    let (place, column) = found.next().ok_or_else(|| foreign(format!("no column {name}")))?;
+    let kind = column.physical_type();
+    let whole = matches!(kind, Type::INT32 | Type::INT64);
+    if found.next().is_some() || column.max_rep_level() > depth || (depth == 0 && !whole) {
+        return Err(foreign(format!("{name} is not what it should be, but {kind}")));
+    }
+    Ok(place)
+}
+
+/// Gets the numbers of each row.
+type Visit<'a> = dyn FnMut(&[f64]) -> Result<(), Error> + 'a;
+
+fn visit(column: ColumnReader, width: usize, row: &mut Visit<'_>) -> Result<(), Error> {
+    match column {
+        ColumnReader::FloatColumnReader(c) => each_row(c, width, |v| f64::from(*v), row),
+        ColumnReader::DoubleColumnReader(c) => each_row(c, width, |v| *v, row),
+        ColumnReader::Int64ColumnReader(c) => each_row(c, width, |v| *v as f64, row),
+        ColumnReader::Int32ColumnReader(c) => each_row(c, width, |v| f64::from(*v), row),
+        _ => Err(foreign("a column that should hold numbers holds none")),
     }
 }
 
-fn number(field: &Field) -> Option<f64> {
-    match field {
-        Field::Float(v) => Some(f64::from(*v)),
-        Field::Double(v) => Some(*v),
-        Field::Long(v) => Some(*v as f64),
-        Field::Int(v) => Some(f64::from(*v)),
-        _ => None,
+/// Rows are read as typed values: the library's own rows take ten times the memory.
+fn each_row<T: DataType>(
+    mut column: ColumnReaderImpl<T>,
+    width: usize,
+    number: impl Fn(&T::T) -> f64,
+    row: &mut Visit<'_>,
+) -> Result<(), Error> {
+    let (mut defined, mut repeated, mut values) = (Vec::new(), Vec::new(), Vec::new());
+    let mut done = 0;
+    loop {
+        defined.clear();
+        repeated.clear();
+        values.clear();
+        let read =
+            column.read_records(ROWS_AT_ONCE, Some(&mut defined), Some(&mut repeated), &mut values);
+        let (rows, numbers, places) = read.map_err(broken)?;
+        if rows == 0 && places == 0 {
+            return Ok(());
+        }
+        // None is missing, and a row begins where one has to. Single numbers have no repetition.
+        let begins = |(at, level): (usize, &i16)| (*level == 0) == (at % width == 0);
+        let whole = numbers == places && numbers == rows * width;
+        if !whole || !repeated.iter().enumerate().all(begins) {
+            let end = done + rows;
+            return Err(foreign(format!("of rows {done} to {end} one is not {width} numbers")));
+        }
+        for numbers in values.chunks_exact(width) {
+            row(&numbers.iter().map(&number).collect::<Vec<f64>>())?;
+        }
+        done += rows;
     }
 }
 
@@ -258,5 +330,41 @@ mod tests {
             from_lerobot(&out, &source(0)).ok();
         }
         drop(std::panic::take_hook());
+    }
+
+    #[test]
+    fn rows_and_values_are_capped_over_all_row_groups() {
+        let (rows, values) = (limits::DATASET_ROWS, limits::DATASET_VALUES);
+        let check = |groups: &[i64], width| allowed(groups.iter().copied(), width).is_ok();
+        assert!(check(&[rows - 5, 5, -1], 1) && !check(&[rows - 5, 6], 1));
+        assert!(check(&[values / 64], 64) && !check(&[values / 64, 1], 64));
+        assert!(!check(&[i64::MAX, i64::MAX], 1));
+    }
+
+    /// The header of a page claims more than belongs there: it is refused before it is decoded.
+    #[test]
+    fn claims_of_a_page_are_checked_before_it_is_decoded() {
+        let take = sample::take("pointmass", 8, 8).1;
+        let dir = tempfile::tempdir().unwrap();
+        let out = dir.path().join("set");
+        let episodes = [Episode::of_take(&take, "wave")];
+        lerobot(&episodes, None, &LeRobotOptions::default()).unwrap().write(&out).unwrap();
+        let path = out.join("data/chunk-000/file-000.parquet");
+        let mut bytes = std::fs::read(&path).unwrap();
+        let reader = SerializedFileReader::new(File::open(&path).unwrap()).unwrap();
+        let schema = reader.metadata().file_metadata().schema_descr_ptr();
+        let column = leaf(&schema, "observation.state", 1).unwrap();
+        let (from, length) = reader.metadata().row_group(0).column(column).byte_range();
+        let pages = &mut bytes[from as usize..(from + length) as usize];
+        // The number of values of its data: the first field of the fifth or eighth of the header.
+        let at = pages.windows(2).position(|w| matches!(w, [0x2c | 0x5c, 0x15])).unwrap() + 2;
+        assert_eq!(pages[at] >> 1, take.frames() as u8 * 2);
+        pages[at] = 126;
+        std::fs::write(&path, &bytes).unwrap();
+        let e = from_lerobot(&out, &source(0)).unwrap_err().to_string();
+        assert!(
+            e.contains("claim 63 values where 16 belong") && e.contains("file-000.parquet"),
+            "{e}"
+        );
     }
 }

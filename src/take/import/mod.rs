@@ -8,7 +8,9 @@ mod bag;
 mod bvh;
 mod lafan;
 mod lerobot;
+mod pages;
 mod samples;
+mod thrift;
 mod tracking;
 
 pub use bag::from_bag;

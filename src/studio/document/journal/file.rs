@@ -115,7 +115,7 @@ impl Journal {
         }
         let dir = folder(&self.path);
         let mut temp =
-            tempfile::Builder::new().prefix(".robert-").tempfile_in(dir).map_err(fail)?;
+            tempfile::Builder::new().prefix(fsio::TEMPORARY).tempfile_in(dir).map_err(fail)?;
         temp.as_file_mut().write_all(&bytes).map_err(fail)?;
         temp.as_file().sync_all().map_err(fail)?;
         // It is locked before it gets its name, so that it is never unlocked under that name.
@@ -233,6 +233,26 @@ mod tests {
 
     fn open(path: &Path) -> (Journal, Vec<Record>, Damage) {
         Journal::open(path).unwrap()
+    }
+
+    #[test]
+    fn a_journal_that_is_too_long_is_neither_read_nor_continued() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.autosave");
+        let (mut journal, _, _) = open(&path);
+        journal.append(&sample()[..1]).unwrap();
+        let bytes = fs::metadata(&path).unwrap().len();
+        journal.append(&sample()[1..2]).unwrap();
+        let edit = fs::metadata(&path).unwrap().len() - bytes;
+        journal.len = limits::JOURNAL_BYTES - edit;
+        journal.append(&sample()[1..2]).unwrap();
+        assert!(journal.append(&sample()[2..3]).is_err());
+        drop(journal);
+        // Sparse: it takes no room.
+        let file = fs::File::options().write(true).open(&path).unwrap();
+        file.set_len(limits::JOURNAL_BYTES + 1).unwrap();
+        assert!(matches!(Journal::open(&path), Err(Error::NotAJournal { .. })));
+        assert_eq!(fs::metadata(&path).unwrap().len(), limits::JOURNAL_BYTES + 1);
     }
 
     #[test]

@@ -439,6 +439,19 @@ mod tests {
     }
 
     #[test]
+    fn a_record_has_a_limit_of_bytes() {
+        let base = |bytes: usize| Record::Base { text: "x".repeat(bytes), path: None };
+        let around = serde_json::to_vec(&base(0)).unwrap().len();
+        let most = limits::JOURNAL_RECORD_BYTES - around;
+        let mut out = Vec::new();
+        assert!(Position::default().encode(&base(most + 1), &mut out).is_err());
+        assert!(out.is_empty(), "nothing of it is written");
+        Position::default().encode(&base(most), &mut out).unwrap();
+        let whole = [MAGIC, &out].concat();
+        assert_eq!(scan(&whole).unwrap().records, [base(most)]);
+    }
+
+    #[test]
     fn a_forged_number_does_not_ask_for_thousands_of_millions_of_records() {
         let mut bytes = written(&fifty());
         let mut forged = Position { number: u32::MAX - 1, done: 3, last: Kind::Edit };

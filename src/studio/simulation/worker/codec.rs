@@ -73,4 +73,12 @@ mod tests {
         }
         assert!(read::<WorkerMessage>(&mut &[0xff_u8; 8][..]).is_err());
     }
+
+    #[test]
+    fn a_message_that_is_too_large_is_refused_by_its_head() {
+        let most = limits::WORKER_MESSAGE_BYTES as u32;
+        let claimed = |n: u32| read::<WorkerMessage>(&mut &n.to_le_bytes()[..]);
+        assert!(claimed(most).unwrap().is_none(), "it is awaited, and the stream ends");
+        assert!(claimed(most + 1).unwrap_err().to_string().contains("too large"));
+    }
 }
