@@ -273,6 +273,8 @@ fn every_mistake_in_a_spec_is_found_by_the_plan() {
         (EVAL.replace("\"pd\"", "\"robert:none.safetensors\""), 3, "none.safetensors"),
         (EVAL.replace("manual", "manuel"), 2, "manuel"),
         (EVAL.replace("seeds = 2", "seeds = 0"), 3, "seeds"),
+        (EVAL.replace("seeds = 2", "seeds = 9_000_000_000_000_000_000"), 3, "shards; 1 to 100000"),
+        (COLLECT.replace("shards = 20", "shards = 1_000_000_000"), 3, "shards = 1000000000"),
         (EVAL.replace("mass=0.8..1.2", "mess=1"), 2, "mess"),
         (EVAL.replace("seeds", "sedes"), 3, "spec.toml:5:1"),
         (COLLECT.replace("2_040", "1_000"), 3, "shard 0"),

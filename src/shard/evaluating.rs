@@ -19,6 +19,7 @@ use serde_json::Value;
 
 use super::bench::Bench;
 use super::draft::{Draft, whole};
+use super::plan::MOST;
 use super::spec::Eval;
 use super::{Cell, Error};
 
@@ -82,6 +83,11 @@ pub(super) fn draft(
                 .chunks(spec.tasks_per_shard)
                 .map(|c| (c.iter().map(|(n, _)| n.clone()).collect(), fingerprint(c)))
                 .collect();
+            let more = (parts.len() * policies.len()) as u64;
+            let count = spec.seeds.saturating_mul(more).saturating_add(draft.cells.len() as u64);
+            if count > MOST as u64 {
+                return Err(fail(&format!("{count} shards; 1 to {MOST} are allowed")));
+            }
             for policy in &policies {
                 for seed in 0..spec.seeds {
                     draft.cells.extend(parts.iter().map(|(tasks, sha)| Cell::Eval {

@@ -1,5 +1,7 @@
 //! Lists of indices as people and queues write them.
 
+use super::plan::MOST;
+
 /// `0-3,7,9-10` of sorted indices.
 pub fn ranges(indices: &[usize]) -> String {
     let mut parts: Vec<(usize, usize)> = Vec::new();
@@ -13,12 +15,15 @@ pub fn ranges(indices: &[usize]) -> String {
     parts.iter().map(text).collect::<Vec<_>>().join(",")
 }
 
-/// The indices in such a text; `None` if it is malformed.
+/// The indices in such a text; `None` if it is malformed, or names more than a plan can have.
 pub(super) fn indices(text: &str) -> Option<Vec<usize>> {
     let mut all = Vec::new();
     for part in text.trim().split(',') {
         let (a, b) = part.split_once('-').unwrap_or((part, part));
         let (a, b): (usize, usize) = (a.parse().ok()?, b.parse().ok()?);
+        if b >= MOST || all.len() >= MOST {
+            return None;
+        }
         all.extend(a..=b);
     }
     Some(all)
@@ -36,5 +41,9 @@ mod tests {
         }
         assert_eq!(ranges(&[]), "");
         assert_eq!(indices("3-x"), None);
+        assert_eq!(indices(&format!("0-{}", MOST - 1)).unwrap().len(), MOST);
+        assert_eq!(indices(&format!("0-{MOST}")), None);
+        assert_eq!(indices(&format!("0-{}", usize::MAX)), None);
+        assert_eq!(indices(&vec!["0-99999"; 50_000].join(",")), None);
     }
 }

@@ -221,7 +221,8 @@ impl Sweep {
         if distinct.len() < sweep.seeds.len() {
             return Err(fail("a seed appears twice".into()));
         }
-        let count = sweep.grid.values().map(Vec::len).product::<usize>() * sweep.seeds.len();
+        let lengths = sweep.grid.values().map(Vec::len);
+        let count = lengths.fold(sweep.seeds.len(), usize::saturating_mul);
         if count > MOST_POINTS {
             return Err(fail(format!("{count} points; at most {MOST_POINTS} are allowed")));
         }
@@ -594,6 +595,10 @@ mod tests {
 
     #[test]
     fn what_is_wrong_in_a_file_is_named() {
+        // Their product is 2^64, which a product of whole numbers takes for 0.
+        let list = format!("[{}]", "1, ".repeat(1 << 16));
+        let huge =
+            ["lr", "batch", "heads", "width"].map(|key| format!("{key} = {list}\n")).concat();
         for (from, to, what) in [
             ("seeds = [0, 1, 2]", "seeds = []", "seeds"),
             ("seeds = [0, 1, 2]", "seeds = [1, 1]", "twice"),
@@ -608,6 +613,7 @@ mod tests {
             ("steps = 20", "heads = 5", "heads"),
             ("steps = 20", "preset = \"quick\"", "preset"),
             ("title = \"masks\"", "titel = \"masks\"", "titel"),
+            ("shrink = [1, 10]", &huge, "points; at most 10000"),
         ] {
             assert!(TEXT.contains(from));
             let e = load(&TEXT.replace(from, to)).unwrap_err().to_string();

@@ -117,7 +117,8 @@ fn messages_and_their_frames_have_limits() {
     // A question in frames of this size, followed by spaces: is it answered?
     let asked = |frame: usize, bytes: usize| {
         let mut socket = studio.socket();
-        let text = format!("{:bytes$}", json!({"id": 1, "op": "nonsense", "args": {}}).to_string());
+        let question = json!({"id": 1, "op": "nonsense", "args": {}}).to_string();
+        let text = [question.as_str(), &" ".repeat(bytes - question.len())].concat();
         let pieces = text.as_bytes().chunks(frame);
         let last = pieces.len() - 1;
         for (n, piece) in pieces.enumerate() {

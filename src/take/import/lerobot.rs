@@ -8,6 +8,7 @@ use parquet::basic::Type;
 use parquet::column::reader::{ColumnReader, ColumnReaderImpl};
 use parquet::data_type::DataType;
 use parquet::errors::ParquetError;
+use parquet::file::metadata::RowGroupMetaData;
 use parquet::file::reader::{FileReader as _, SerializedFileReader};
 use parquet::schema::types::{ColumnDescPtr, SchemaDescriptor};
 use serde::Deserialize;
@@ -152,7 +153,7 @@ fn rows(
     pages::footer(file)?;
     let reader = SerializedFileReader::new(file.try_clone().map_err(|e| foreign(e.to_string()))?);
     let reader = reader.map_err(broken)?;
-    allowed(reader.metadata().row_groups().iter().map(|g| g.num_rows()), width)?;
+    allowed(reader.metadata().row_groups().iter().map(RowGroupMetaData::num_rows), width)?;
     let schema = reader.metadata().file_metadata().schema_descr_ptr();
     let episodes = leaf(&schema, "episode_index", 0)?;
     let indices = leaf(&schema, "frame_index", 0)?;
