@@ -3,10 +3,11 @@
 //   npm run browser                    all tests
 //   npm run browser -- hand            files whose name has this word
 //   npm run browser -- -g "undo"       tests whose title has this word
-//   npm run measure                    how fast the page draws, printed
+//   npm run measure                    how fast the page draws, loads and follows a hand, printed
 //   npm run pictures                   the page's pictures in docs/media, taken anew
 //
-// ROBERT_BIN names the program, CHROMIUM the browser, ROBERT_SCREENSHOTS a folder for pictures.
+// ROBERT_BIN names the program, CHROMIUM the browser, ROBERT_SCREENSHOTS a folder for pictures, ROBERT_PAGE a
+// folder with a page that was built later than the program.
 import { defineConfig } from "@playwright/test";
 
 export default defineConfig({

@@ -63,6 +63,11 @@ impl Motion {
         (frame..=last).find(|f| self.has_goal(*f))
     }
 
+    /// Whether a frame without a goal shows the next one.
+    pub(super) fn shows_next_goals(&self) -> bool {
+        (0..self.frames()).any(|f| !self.has_goal(f) && self.goal(f).is_some())
+    }
+
     pub(super) fn has_goal(&self, frame: usize) -> bool {
         self.commanded.get(frame).is_some_and(|c| c.iter().any(|v| v.is_finite()))
     }

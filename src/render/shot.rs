@@ -336,7 +336,7 @@ impl Shot {
             .filter(|(_, key, _)| one || key.abs_diff(frame) <= TRAIL_FRAMES)
             .map(|(_, _, at)| Mark { at: *at, color: palette::unit(palette::BLUE), size: 6.0 })
             .collect();
-        let caption = self.overlay.caption.then(|| self.caption(frame, command.is_some()));
+        let caption = self.overlay.caption.then(|| self.caption(frame));
         let input = FrameInput {
             bare: self.overlay.bare,
             ghosts: &ghosts,
@@ -413,7 +413,7 @@ impl Shot {
         self.with_performer(format!("{wide}8"))
     }
 
-    fn caption(&self, frame: usize, ghost: bool) -> Caption {
+    fn caption(&self, frame: usize) -> Caption {
         let m = &self.motion;
         let (line, widest, large) = (self.moment(frame), self.widest.clone(), self.large);
         if self.brief {
@@ -430,8 +430,7 @@ impl Shot {
         }
         if o.ghost {
             // The same for all frames of a film: a legend that changes its size draws the eye.
-            let has_gaps = ghost && (0..m.frames()).any(|f| !m.has_goal(f));
-            let text = match (has_gaps, o.error) {
+            let text = match (m.shows_next_goals(), o.error) {
                 (true, true) => "command or next goal, small error",
                 (true, false) => "command or next goal",
                 (false, true) => "command, small error",
@@ -579,14 +578,14 @@ mod tests {
         };
         let overlay = Overlay::parse("caption").unwrap();
         let shot = Shot::new(&robot, motion, overlay, &CameraChoice::Fit, 1.0).unwrap();
-        let line = shot.caption(1, false).line;
+        let line = shot.caption(1).line;
         assert!(line.ends_with('\u{b0}') && !line.contains("rad"), "{line}");
     }
 
     #[test]
     fn the_legend_names_every_sign() {
         let keys = |overlay: &str, frame| -> Vec<(Swatch, palette::Rgb, String)> {
-            let legend = shot("pointmass", 0.1, overlay).caption(frame, true).legend;
+            let legend = shot("pointmass", 0.1, overlay).caption(frame).legend;
             legend.into_iter().map(|k| (k.swatch, k.color, k.text)).collect()
         };
         let texts =
@@ -608,13 +607,19 @@ mod tests {
     #[test]
     fn the_legend_is_the_same_for_all_frames() {
         let mut shot = shot("pointmass", 0.1, "caption,error");
-        shot.motion.commanded[1] = vec![f64::NAN; 2];
-        assert!(!shot.motion.has_goal(1) && shot.motion.has_goal(0));
+        let [home, away] = [0, 1].map(|f| shot.motion.commanded[f].clone());
+        let none = vec![f64::NAN; 2];
+        shot.motion.achieved = vec![home.clone(); 4];
+        // A goal, one ahead, one now, and none any more.
+        shot.motion.commanded = vec![home, none.clone(), away, none];
+        assert_eq!([0, 1, 2, 3].map(|f| shot.motion.goal(f)), [Some(0), Some(2), Some(2), None]);
         let texts = |frame| -> Vec<String> {
-            shot.caption(frame, true).legend.into_iter().map(|k| k.text).collect()
+            shot.caption(frame).legend.into_iter().map(|k| k.text).collect()
         };
-        assert_eq!(texts(0), texts(1));
         assert!(texts(0)[1].contains("next goal"));
+        for frame in 1..4 {
+            assert_eq!(texts(frame), texts(0), "frame {frame}");
+        }
     }
 
     #[test]

@@ -5,7 +5,7 @@ use super::error::Error;
 use robert_base::units::{Unit, significant};
 
 /// The style of the box with title and caption.
-const CAPTION_STYLE: &str = "position:fixed;left:12px;bottom:12px;z-index:9;padding:6px 10px;\
+const CAPTION_STYLE: &str = "position:fixed;left:12px;top:12px;z-index:9;padding:6px 10px;\
     border-radius:6px;background:#fffc;color:#18202a;font:13px/1.4 sans-serif;pointer-events:none";
 
 /// The client, if script/bootstrap has fetched it.
@@ -23,7 +23,7 @@ pub fn client() -> Result<Vec<u8>, Error> {
 }
 
 /// `client` (the page of the viser client) with a recording that plays as soon as the page opens,
-/// and with `title` and `caption` at its lower left edge.
+/// and with `title` and `caption` at its upper left edge: the player is below.
 ///
 /// # Errors
 /// [`Error::Encode`] when the page has no head to put it in.

@@ -1,19 +1,8 @@
 // What one clip has left behind when another one is opened: nothing.
 
 import assert from "node:assert/strict";
-import {
-  ARM,
-  after,
-  before,
-  describe,
-  drawn,
-  eventually,
-  Studio,
-  type Tab,
-  test,
-  viser,
-  webgl,
-} from "./harness";
+import { ARM, describe, eventually, inView, type Tab, test } from "./harness";
+import { apart, camera, drawn, meshesOf, viser } from "./scene";
 
 /** The arm rests at its first key. */
 const STILL = JSON.stringify({
@@ -23,56 +12,26 @@ const STILL = JSON.stringify({
 });
 
 describe("another clip, in the 3D view", () => {
-  let studio: Studio;
   let g: Tab;
-  let close: () => Promise<void>;
 
-  before(async () => {
-    studio = await Studio.start();
-    await studio.api("POST", "/api/new", { text: ARM });
-    ({ tab: g, close } = await webgl(studio, { width: 1100, height: 640 }));
-    await g.until((s) => s.clip?.name === "arm", "the arm open");
-    await g.byId("policy").selectOption("computed-torque");
-    await g.until((s) => s.settings.policy === "computed-torque", "the policy chosen");
-    await g.rolledOut();
-    await drawn(g);
+  inView((_, page) => {
+    g = page;
   });
-  after(async () => {
-    await close?.();
-    await studio.end();
-  });
-  const camera = (): Promise<number[]> => viser(g, (v) => v.camera.position.toArray() as number[]);
-  const apart = (a: number[], b: number[]): number => Math.hypot(...a.map((v, k) => v - (b[k] ?? 0)));
-  /** Meshes of a figure that are drawn. */
-  const drawnOf = (root: string): Promise<number> =>
-    viser(
-      g,
-      (v, name) => {
-        let count = 0;
-        v.nodeRefFromName[name]?.traverse((o: any) => {
-          if (!o.isMesh) return;
-          for (let up = o; up; up = up.parent) if (!up.visible) return;
-          count++;
-        });
-        return count;
-      },
-      root,
-    );
 
   test("no ghosts of the last clip stand in a new one", async () => {
     await g.goTo(40);
-    const both = async (): Promise<boolean> => (await drawnOf("/past")) > 0 && (await drawnOf("/future")) > 0;
+    const both = async (): Promise<boolean> =>
+      (await meshesOf(g, "/past")) > 0 && (await meshesOf(g, "/future")) > 0;
     await eventually(both, "ghosts");
-    const legend = g.page.getByRole("group", { name: "Shown" });
-    await legend.getByRole("button", { name: "Ghosts" }).click();
+    await g.toggle("Ghosts");
     await eventually(async () => !(await both()), "switched off");
-    await legend.getByRole("button", { name: "Ghosts" }).click();
+    await g.toggle("Ghosts");
     await eventually(both, "and on again, at the same frame");
     await g.afresh(STILL);
     await g.rolledOut();
-    await eventually(async () => (await drawnOf("/robot")) > 0, "the robot is there");
+    await eventually(async () => (await meshesOf(g, "/robot")) > 0, "the robot is there");
     await eventually(
-      async () => (await drawnOf("/past")) === 0 && (await drawnOf("/future")) === 0,
+      async () => (await meshesOf(g, "/past")) === 0 && (await meshesOf(g, "/future")) === 0,
       "a clip of one key at frame 0 has no neighbours",
     );
     await g.picture("no-ghosts");
@@ -83,19 +42,19 @@ describe("another clip, in the 3D view", () => {
     await g.rolledOut();
     await g.press("Alt+0");
     // The camera moves for a moment.
-    let home = await camera();
+    let home = await camera(g);
     await eventually(async () => {
       await drawn(g);
-      const now = await camera();
+      const now = await camera(g);
       const still = apart(now, home) < 1e-3;
       home = now;
       return still;
     }, "the camera stands");
     await g.press("Alt+3");
-    await eventually(async () => apart(await camera(), home) > 0.3, "seen from above");
+    await eventually(async () => apart(await camera(g), home) > 0.3, "seen from above");
     await g.afresh(STILL);
     await g.rolledOut();
-    await eventually(async () => apart(await camera(), home) < 0.05, "as at first");
+    await eventually(async () => apart(await camera(g), home) < 0.05, "as at first");
   });
 
   test("a guide that was set for one clip is not set for the next", async () => {

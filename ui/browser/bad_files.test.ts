@@ -1,8 +1,7 @@
 // Files that are no clips: the page says of each what the command line says, with its place.
 
 import assert from "node:assert/strict";
-import { spawnSync } from "node:child_process";
-import { ARM, after, armTab, before, binary, describe, Studio, test } from "./harness";
+import { ARM, after, armTab, before, describe, Studio, test } from "./harness";
 
 const swap = (from: string | RegExp, to: string): string => {
   const text = JSON.stringify(JSON.parse(ARM), null, 1);
@@ -73,12 +72,9 @@ describe("bad files", () => {
     for (const [i, text] of BAD.entries()) {
       const name = `bad${i}.clip.json`;
       const path = studio.file(name, text);
-      const shell = spawnSync(binary(), ["clip", "check", path], {
-        encoding: "utf8",
-        env: { ...process.env, NO_COLOR: "1" },
-      });
-      assert.equal(shell.status, 3, `${i}: ${shell.stderr}`);
-      const said = shell.stderr.trim().replace(/^error: /, "");
+      const shell = studio.shell("clip", "check", path);
+      assert.equal(shell.code, 3, `${i}: ${shell.err}`);
+      const said = shell.err.trim().replace(/^error: /, "");
       assert.match(said, new RegExp(`bad${i}\\.clip\\.json:\\d+:\\d+: `), `${i}`);
       await t.press("Control+o");
       await t.page.getByLabel("File", { exact: true }).fill(name);

@@ -1,11 +1,7 @@
 // What was wrong once and has no better place: each test is named after what was seen.
 
 import assert from "node:assert/strict";
-import { ARM, describe, eventually, onTheArm, type Studio, type Tab, test } from "./harness";
-
-const ONE = `<robot name="one"><link name="base"/><link name="arm"><inertial><mass value="1"/><origin xyz="0 0 .2"/><inertia ixx=".01" iyy=".01" izz=".01" ixy="0" ixz="0" iyz="0"/></inertial>
-<visual><origin xyz="0 0 .2"/><geometry><box size=".05 .05 .4"/></geometry></visual></link>
-<joint name="lift" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="20" velocity="3"/></joint></robot>`;
+import { ARM, describe, onTheArm, type Studio, type Tab, test } from "./harness";
 
 describe("defects that were mended", () => {
   let studio: Studio;
@@ -62,42 +58,6 @@ describe("defects that were mended", () => {
     assert.doesNotMatch((await now.getAttribute("class")) ?? "", /stale/);
   });
 
-  test("after an import Training is about the robot that was imported", async () => {
-    await afresh();
-    studio.file("one.urdf", ONE);
-    await t.click("page-runs");
-    const robot = (): Promise<string> => t.byId("runs-robot").inputValue();
-    await t.page.waitForFunction(
-      () => (document.querySelector('[data-testid="runs-robot"]') as HTMLSelectElement).value === "ur5e",
-    );
-    // What a job says of its time, from the first moment on.
-    await t.page.evaluate(() => {
-      const said: string[] = [];
-      Object.assign(window, { __said: said });
-      new MutationObserver(() => {
-        for (const e of document.querySelectorAll(".job")) said.push(e.textContent ?? "");
-      }).observe(document.body, { childList: true, subtree: true, characterData: true });
-    });
-    await t.byId("import").locator("summary").click();
-    await t.byId("import-path").fill("one.urdf");
-    await t.byId("import-id").fill("one_joint");
-    await t.byId("import-start").click();
-    await eventually(async () => /one_joint/.test(await robot()), "the new robot is chosen");
-    assert.match(await t.byId("suite").inputValue(), /trial/, "and measured on what it has");
-    const said = await t.page.evaluate(() => (window as unknown as { __said: string[] }).__said);
-    assert.ok(
-      said.some((text) => /import/i.test(text)),
-      "the job was seen",
-    );
-    assert.deepEqual(
-      said.filter((text) => /\b0:00\b(?! left)/.test(text)),
-      [],
-      "no time is claimed before any has passed",
-    );
-    await t.picture("imported");
-    await t.click("page-editor");
-  });
-
   test("a download has the name of the File field", async () => {
     await afresh();
     await t.press("Control+e");
@@ -138,7 +98,7 @@ describe("defects that were mended", () => {
       );
       await t.byId("joint-2").locator("input[type=range]").focus();
       await t.until((s) => s.joint === 2, "the elbow");
-      await t.page.evaluate(() => (document.activeElement as HTMLElement | null)?.blur());
+      await t.blur();
       await t.painted();
       const plots = await written(".plots canvas", () => t.goTo(7));
       assert.equal(plots.length, 2);
@@ -206,6 +166,40 @@ describe("defects that were mended", () => {
     assert.equal((await t.state()).clip?.name, "arm", "nothing was opened");
     await t.page.getByLabel("Length of the new clip, seconds").fill("5");
     await t.click("page-editor");
+  });
+
+  test("speeds and angles are told in the unit of the fields, in the problems as in a drag", async () => {
+    await afresh(
+      JSON.stringify({
+        ...JSON.parse(ARM),
+        keys: [
+          { frame: 0, q: [-1.57, -1.57, 1.57, -1.57, -1.57] },
+          { frame: 6, q: [1.2, -1.4, 1.4, -1.5, -1.5] },
+          { frame: 60, q: [1.2, -1.5, 1.3, -1.4, -1.6] },
+        ],
+      }),
+    );
+    const said = (): Promise<string> => t.byId("problems").innerText();
+    assert.match(await said(), /too fast: .*[\d.]+ of [\d.]+ °\/s/);
+    assert.doesNotMatch(await said(), /\d rad/);
+    const demand = async (unit: RegExp): Promise<void> => {
+      const [from, to] = [await t.at(60), await t.at(52)];
+      await t.page.mouse.move(from.x, from.y);
+      await t.page.mouse.down();
+      await t.page.mouse.move(to.x, to.y, { steps: 4 });
+      await t.byId("demand").filter({ hasText: unit }).waitFor();
+      await t.page.keyboard.press("Escape");
+      await t.page.mouse.up();
+      await t.until((s) => s.demand === undefined, "given up");
+    };
+    await demand(/°\/s/);
+    const unit = t.byId("inspector").getByRole("button", { name: "Switch between degrees and radians" });
+    await unit.click();
+    await t.byId("problems").getByText("rad/s").first().waitFor();
+    assert.doesNotMatch(await said(), /°/);
+    await demand(/rad\/s/);
+    await unit.click();
+    await t.byId("problems").getByText("°/s").first().waitFor();
   });
 
   test("a long clip's frames stand whole in their fields; nothing is minus zero", async () => {

@@ -2,23 +2,11 @@
 // `npm run pictures` writes them to docs/media; look at each of them afterwards.
 
 import assert from "node:assert/strict";
-import { spawnSync } from "node:child_process";
 import { mkdirSync, writeFileSync } from "node:fs";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
-import {
-  ARM,
-  after,
-  before,
-  binary,
-  describe,
-  drawn,
-  eventually,
-  Studio,
-  type Tab,
-  test,
-  webgl,
-} from "./harness";
+import { ARM, after, before, describe, eventually, Studio, type Tab, test, webgl } from "./harness";
+import { drawn } from "./scene";
 
 const MEDIA = join(process.cwd(), "../docs/media");
 const SIZE = { width: 1440, height: 900 };
@@ -53,10 +41,8 @@ for (const theme of ["dark", "light"] as const)
 
     /** When nothing moves any more. */
     const take = async (name: string): Promise<void> => {
-      await t.page.evaluate(() => {
-        window.__studio.dismissAll();
-        (document.activeElement as HTMLElement | null)?.blur();
-      });
+      await t.page.evaluate(() => window.__studio.dismissAll());
+      await t.blur();
       await t.page.mouse.move(720, 4);
       await t.painted();
       if (t.page.frames().some((f) => f.url().includes("/viser/"))) await drawn(t);
@@ -106,8 +92,8 @@ for (const theme of ["dark", "light"] as const)
 
     test("a robot of one's own", async () => {
       const robert = (...args: string[]): void => {
-        const ran = spawnSync(binary(), args, { cwd: studio.dir, encoding: "utf8" });
-        assert.equal(ran.status, 0, ran.stderr);
+        const ran = studio.shell(...args);
+        assert.equal(ran.code, 0, ran.err);
       };
       const arm = join(process.cwd(), "../examples/arm.urdf");
       robert("new", arm, "--out", "robots/my_arm", "--minutes", "0");

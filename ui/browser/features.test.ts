@@ -20,8 +20,7 @@ describe("features", () => {
 
   test("scrub on the ruler, zoom at the pointer, pan", async () => {
     await afresh();
-    const box = await t.byId("timeline").boundingBox();
-    assert.ok(box);
+    const box = await t.box("timeline");
     const [a, b] = [await t.at(10), await t.at(50)];
     await t.page.mouse.move(a.x, box.y + 10);
     await t.page.mouse.down();
@@ -151,8 +150,7 @@ describe("features", () => {
     await t.until((s) => s.findings?.blind.length === 0, "no blind span");
     // One joint alone: its name is clicked, the menu of the empty frames has it.
     const name = await t.at(10, "shoulder_lift");
-    const left = await t.byId("timeline").boundingBox();
-    assert.ok(left);
+    const left = await t.box("timeline");
     await t.page.mouse.click(left.x + 60, name.y);
     await t.page.mouse.click(name.x, name.y, { button: "right" });
     await t.page.getByRole("menuitem", { name: /^Mask shoulder_lift/ }).click();
@@ -698,8 +696,7 @@ describe("features", () => {
 
   test("a click on the still selects the link under the mouse", async () => {
     await afresh();
-    const view = await t.byId("still-view").boundingBox();
-    assert.ok(view);
+    const view = await t.box("still-view");
     const [w, h] = [Math.round(view.width), Math.round(view.height)];
     const at = async (x: number, y: number): Promise<string | null> =>
       (await studio.api("GET", `/api/still-body?frame=0&w=${w}&h=${h}&x=${x}&y=${y}`)).json() as
@@ -725,8 +722,7 @@ describe("features", () => {
     await afresh();
     const width = async (): Promise<number> => (await t.page.locator(".left").boundingBox())?.width ?? 0;
     const before = await width();
-    const edge = await t.byId("splitter-left").boundingBox();
-    assert.ok(edge);
+    const edge = await t.box("splitter-left");
     const y = edge.y + edge.height / 2;
     await t.page.mouse.move(edge.x + 3, y);
     await t.page.mouse.down();

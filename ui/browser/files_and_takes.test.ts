@@ -1,5 +1,5 @@
 // What goes in and out: takes that are kept and compared, files that are opened from anywhere,
-// exports with all their options, jobs of a robot of one's own, a server that was started anew.
+// exports with all their options, a server that was started anew.
 
 import assert from "node:assert/strict";
 import { existsSync, readdirSync, readFileSync, writeFileSync } from "node:fs";
@@ -44,10 +44,6 @@ const CSV = `${[
 ].join("\n")}\n`;
 
 const MJCF = `<mujoco><keyframe><key name="home" time="0" qpos="-1.57 -1.57 1.57 -1.57 -1.57"/><key name="away" time="1" qpos="-1.2 -1.4 1.4 -1.5 -1.5"/></keyframe></mujoco>`;
-
-const ONE = `<robot name="one"><link name="base"/><link name="arm"><inertial><mass value="1"/><origin xyz="0 0 .2"/><inertia ixx=".01" iyy=".01" izz=".01" ixy="0" ixz="0" iyz="0"/></inertial>
-<visual><origin xyz="0 0 .2"/><geometry><box size=".05 .05 .4"/></geometry></visual></link>
-<joint name="lift" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="20" velocity="3"/></joint></robot>`;
 
 describe("takes and files", () => {
   let studio: Studio;
@@ -363,53 +359,6 @@ describe("takes and files", () => {
     await t.press("Escape");
   });
 
-  test("a robot of one's own is evaluated on what it has, and its runs show what they reached", async () => {
-    studio.file("one.urdf", ONE);
-    const made = (await studio.api("POST", "/api/import", { file: "one.urdf", id: "one_joint" })).json();
-    const done = (id: number): Promise<{ phase: string; log: string[] }> =>
-      eventually(async () => {
-        const job = (await studio.api("GET", `/api/jobs/${id}`)).json();
-        return job.phase !== "running" && job;
-      }, `job ${id} ends`);
-    assert.equal((await done(made.id)).phase, "done");
-    const robot = ((await studio.api("GET", "/api/robots")).json() as { id: string; source: string }[]).find(
-      (r) => r.id === "one_joint",
-    );
-    assert.ok(robot);
-    // A collection that was killed, as it lies on disk.
-    const begun = (
-      await studio.api("POST", "/api/jobs", {
-        kind: "collect",
-        args: ["--robot", robot.source, "--transitions", "4000", "--out", "data/half"],
-      })
-    ).json();
-    assert.equal((await done(begun.id)).phase, "done");
-    const { rmSync } = await import("node:fs");
-    rmSync(studio.file("data/half/manifest.json"));
-    await t.byId("page-runs").click();
-    // First that of the open clip, then the chosen one.
-    const field = (id: string, value: string) =>
-      t.page.waitForFunction(
-        ([i, v]) => document.querySelector<HTMLInputElement>(`[data-testid="${i}"]`)?.value === v,
-        [id, value],
-      );
-    await field("runs-robot", "ur5e");
-    await t.byId("runs-robot").selectOption(robot.source);
-    await field("suite", "trial");
-    assert.equal(await t.byId("this-clip").isDisabled(), true);
-    await t.page.getByLabel("policies").fill("pd");
-    await t.byId("evaluate").click();
-    await t.page.locator('[data-testid="eval-table"]').first().waitFor();
-    // Unfinished data goes on.
-    await t.byId("begun-data/half").waitFor();
-    await t.picture("runs-own");
-    await t.byId("go-on-data/half").click();
-    await t.byId("begun-data/half").waitFor({ state: "detached" });
-    const shelf = (await studio.api("GET", "/api/shelf")).json();
-    assert.ok(shelf.begun.length === 0 || shelf.data.length >= 1);
-    await t.byId("page-editor").click();
-  });
-
   test("pinned takes outlive the studio until they are removed; a damaged one is named", async () => {
     const first = await Studio.start();
     const p = await armTab(first);
@@ -426,7 +375,7 @@ describe("takes and files", () => {
         await p.byId("seed").fill(String(seed));
         await p.byId("seed").press("Enter");
         await p.until((s) => s.settings.seed === seed, "another seed");
-        await p.page.evaluate(() => (document.activeElement as HTMLElement | null)?.blur());
+        await p.blur();
         await p.rolledOut();
         await p.until((s) => s.takes.some((k) => k.seed === seed), "another take");
         await p.press("Shift+B");

@@ -3,61 +3,11 @@
 // others see the same page with still pictures.
 
 import assert from "node:assert/strict";
-import { spawnSync } from "node:child_process";
 import { mkdtempSync, readFileSync } from "node:fs";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
-import {
-  after,
-  before,
-  binary,
-  describe,
-  drawn,
-  eventually,
-  Studio,
-  type Tab,
-  tab,
-  test,
-  webgl,
-} from "./harness";
-
-/** Runs the program as in a shell. */
-function robert(args: string[], cwd: string): { code: number; out: string; err: string } {
-  const done = spawnSync(binary(), args, { cwd, encoding: "utf8", env: { ...process.env, NO_COLOR: "1" } });
-  return { code: done.status ?? -1, out: done.stdout, err: done.stderr };
-}
-
-/** Where a body of the solid robot is on the page. */
-async function bodyPoint(t: Tab, name: string): Promise<{ x: number; y: number }> {
-  const frame = t.page.frames().find((f) => f.url().includes("/viser/"));
-  assert.ok(frame, "the 3D view is there");
-  return eventually(async () => {
-    const at = await frame.evaluate((node) => {
-      const viser = (window as any).__viserMutable;
-      const root = viser?.nodeRefFromName?.[node];
-      const camera = viser?.camera;
-      if (!root || !camera) return undefined;
-      // The middle of what is seen of the body.
-      let mesh: any;
-      root.traverse((o: any) => {
-        if (!mesh && o.isMesh && o.geometry?.attributes?.position) mesh = o;
-      });
-      if (!mesh) return undefined;
-      mesh.geometry.computeBoundingSphere();
-      mesh.updateWorldMatrix(true, false);
-      camera.updateMatrixWorld();
-      const p = mesh.geometry.boundingSphere.center.clone().applyMatrix4(mesh.matrixWorld).project(camera);
-      const r = viser.canvas.getBoundingClientRect();
-      return {
-        x: r.left + ((p.x + 1) / 2) * r.width,
-        y: r.top + ((1 - p.y) / 2) * r.height,
-        in: Math.abs(p.x) < 1 && Math.abs(p.y) < 1,
-      };
-    }, name);
-    const box = await t.page.locator("iframe").boundingBox();
-    return at?.in && box ? { x: box.x + at.x, y: box.y + at.y } : undefined;
-  }, `${name} is in view`);
-}
+import { after, before, describe, Studio, type Tab, tab, test, webgl } from "./harness";
+import { drawn, under } from "./scene";
 
 describe("the first five minutes", () => {
   // One story: what failed is told again from its beginning.
@@ -76,7 +26,7 @@ describe("the first five minutes", () => {
     const first = readme.split("\n## ")[0] ?? "";
     assert.match(first, /!\[.+\]\(docs\/media\/.+\.png\)/, "a picture");
     assert.match(first, /script\/studio/, "a command");
-    const doctor = robert(["doctor"], studio.dir);
+    const doctor = studio.shell("doctor");
     assert.ok(
       doctor.code === 0 || /apt|mend|install/i.test(doctor.out + doctor.err),
       doctor.out + doctor.err,
@@ -143,8 +93,7 @@ describe("the first five minutes", () => {
     await t.page.locator("body").press("Space");
     await t.until((s) => s.playing && s.playhead >= 2, "playing");
     await t.page.locator("body").press("Space");
-    const box = await t.byId("timeline").boundingBox();
-    assert.ok(box);
+    const box = await t.box("timeline");
     const [a, b] = [await t.at(40), await t.at(90)];
     await t.page.mouse.move(a.x, box.y + 8);
     await t.page.mouse.down();
@@ -179,20 +128,10 @@ describe("the first five minutes", () => {
     const { tab: g, close } = await webgl(studio, { width: 1100, height: 640 });
     try {
       // Software draws: one robot is enough.
-      const legend = g.page.getByRole("group", { name: "Shown" });
       await g.until((s) => s.robot === "shadow_hand", "the hand");
-      for (const name of ["Ghosts", "Command"]) await legend.getByRole("button", { name }).click();
+      await g.toggle("Ghosts", "Command");
       await g.goTo(free);
-      // What is under the mouse is found when a frame is drawn, and so is every step of a drag.
-      // The view is framed when the robot has come: the place counts when it stays.
-      let p = await bodyPoint(g, `/robot/${body}`);
-      for (let stays = false; !stays; ) {
-        await g.page.mouse.move(p.x, p.y, { steps: 3 });
-        await drawn(g);
-        const now = await bodyPoint(g, `/robot/${body}`);
-        stays = Math.hypot(now.x - p.x, now.y - p.y) < 0.5;
-        p = now;
-      }
+      const p = await under(g, `/robot/${body}`);
       await g.page.mouse.down();
       for (let i = 1; i <= 6; i++) {
         await g.page.mouse.move(p.x, p.y + 8 * i);
@@ -283,7 +222,7 @@ describe("the first five minutes", () => {
     await t.picture("export");
     await t.page.keyboard.press("Escape");
     await t.page.getByRole("dialog").waitFor({ state: "hidden" });
-    const ran = robert(["rollout", "mine.clip.json", "--policy", "computed-torque", "--json"], studio.dir);
+    const ran = studio.shell("rollout", "mine.clip.json", "--policy", "computed-torque", "--json");
     assert.equal(ran.code, 0, ran.err);
     const precision = (JSON.parse(ran.out) as { precision: number | { precision: number } }).precision;
     const mae = typeof precision === "number" ? precision : precision.precision;

@@ -2,7 +2,7 @@
 // search over everything, one's own clips first.
 
 import assert from "node:assert/strict";
-import { after, before, describe, Studio, stillBrowser, type Tab, tab, test } from "./harness";
+import { ARM, after, before, describe, Studio, stillBrowser, type Tab, tab, test } from "./harness";
 
 describe("first run", () => {
   let studio: Studio;
@@ -61,9 +61,9 @@ describe("first run", () => {
       document.activeElement?.closest('[data-testid="joint-2"]')?.matches(".joint"),
     );
     await t.page.keyboard.press("Escape");
-    await t.page.evaluate(() => (document.activeElement as HTMLElement | null)?.blur());
+    await t.blur();
     await t.goTo(80);
-    await t.page.evaluate(() => (document.activeElement as HTMLElement | null)?.blur());
+    await t.blur();
     await search("pose folded");
     await t.page.keyboard.press("Enter");
     const posed = await t.until(
@@ -86,7 +86,7 @@ describe("first run", () => {
   });
 
   test("own clips stand before the examples, and open by a click", async () => {
-    await t.page.evaluate(() => (document.activeElement as HTMLElement | null)?.blur());
+    await t.blur();
     await studio.api("POST", "/api/save", { path: "mine.clip.json" });
     await t.until((s) => s.dirty === false, "saved");
     await t.click("page-gallery");
@@ -106,6 +106,7 @@ describe("first run", () => {
   });
 
   test("the tour has five steps, can be skipped, and never comes again by itself", async () => {
+    await studio.api("POST", "/api/new", { text: ARM });
     const context = await (await stillBrowser()).newContext({ viewport: { width: 1280, height: 720 } });
     const page = await context.newPage();
     page.setDefaultTimeout(60_000);
@@ -138,6 +139,23 @@ describe("first run", () => {
     await page.keyboard.press("Enter");
     await tour.waitFor();
     await page.getByTestId("tour-skip").click();
+    await tour.waitFor({ state: "detached" });
+    // By keys alone: Enter goes on, Esc ends it.
+    const byKeys = async (): Promise<void> => {
+      await page.keyboard.press("Control+k");
+      await page.getByLabel("Command", { exact: true }).fill("tour");
+      await page.keyboard.press("Enter");
+      await page.waitForFunction(() => document.activeElement?.getAttribute("data-testid") === "tour-next");
+    };
+    await byKeys();
+    for (let n = 1; n <= 5; n++) {
+      await tour.getByText(`${n} of 5`).waitFor();
+      await page.keyboard.press("Enter");
+    }
+    await tour.waitFor({ state: "detached" });
+    assert.equal(await page.getByRole("dialog").count(), 0, "Enter opened nothing behind it");
+    await byKeys();
+    await page.keyboard.press("Escape");
     await tour.waitFor({ state: "detached" });
     await context.close();
   });

@@ -46,16 +46,7 @@ describe("graph", () => {
     await t.rolledOut();
     await t.painted();
   };
-  /** Where a value stands on the page. */
-  const at = async (frame: number, joint: number, value: number): Promise<{ x: number; y: number }> => {
-    const box = await t.byId("graph").boundingBox();
-    assert.ok(box);
-    const [x, y] = await t.page.evaluate(
-      ([f, j, v]) => [window.__studio.frameToX(f), window.__studio.graphY(j, v)] as const,
-      [frame, joint, value] as const,
-    );
-    return { x: box.x + x, y: box.y + y };
-  };
+  const at = (frame: number, joint: number, value: number) => t.graphAt(frame, joint, value);
   const key = async (frame: number) => (await t.state()).clip?.keys.find((k) => k.frame === frame);
   const pull = async (
     from: { x: number; y: number },
@@ -131,6 +122,50 @@ describe("graph", () => {
     await t.until((x) => x.clip?.keys[3]?.q?.[2] === 1.6, "as before");
   });
 
+  test("a hand that moves on and on sees whole motions: the next preview waits for the last", async () => {
+    await start();
+    await t.page.evaluate(() => {
+      const log: { what: "preview" | "whole"; at: number }[] = [];
+      const note = (what: "preview" | "whole"): void => void log.push({ what, at: performance.now() });
+      const [{ send }, { parse }] = [WebSocket.prototype, JSON];
+      WebSocket.prototype.send = function (data) {
+        if (parse(String(data)).op === "preview") note("preview");
+        send.call(this, data);
+      };
+      JSON.parse = (text) => {
+        const e = parse(text);
+        if (e?.event === "rollout.state" && e.rev === 0 && /done|failed/.test(e.phase)) note("whole");
+        return e;
+      };
+      const __unhook = (): void => {
+        WebSocket.prototype.send = send;
+        JSON.parse = parse;
+      };
+      Object.assign(window, { __log: log, __unhook });
+    });
+    type Logged = { __log: { what: string; at: number }[]; __unhook: () => void };
+    const log = () => t.page.evaluate(() => (window as unknown as Logged).__log);
+    const p = await at(30, 2, 1.4);
+    await t.page.mouse.move(p.x, p.y);
+    await t.page.mouse.down();
+    for (let i = 0; (await log()).filter((e) => e.what === "preview").length < 6; i++)
+      for (let k = 1; k <= 8; k++) await t.page.mouse.move(p.x, p.y - 4 - ((8 * i + k) % 23));
+    await t.page.keyboard.press("Escape");
+    await t.page.mouse.up();
+    const seen = await log();
+    await t.page.evaluate(() => (window as unknown as Logged).__unhook());
+    for (const [i, e] of seen.entries()) {
+      const next = seen[i + 1];
+      if (e.what === "preview" && next?.what === "preview")
+        assert.ok(next.at - e.at > 390, `after ${next.at - e.at} ms, before the last was performed`);
+    }
+    assert.ok(
+      seen.some((e) => e.what === "whole"),
+      "some came to their end under the moving hand",
+    );
+    await t.rolledOut();
+  });
+
   test("a box chooses keys of several curves; the timeline has the same keys chosen", async () => {
     await start();
     await t.byId("curve-0").click({ modifiers: ["Control"] });
@@ -157,7 +192,7 @@ describe("graph", () => {
     assert.ok(Math.abs(rise(14, 2) - rise(30, 2)) < 1e-5 && Math.abs(rise(14, 0) - rise(30, 2)) < 1e-5);
     assert.equal(rise(30, 0), 0, "what was not chosen stays");
     assert.equal(up.history?.len, (before.history?.len ?? 0) + 1, "one entry for all of them");
-    await t.page.evaluate(() => (document.activeElement as HTMLElement | null)?.blur());
+    await t.blur();
     await t.press("v");
     await t.byId("timeline").waitFor();
     assert.deepEqual([...(await t.state()).selection].sort(), [14, 30]);
@@ -244,7 +279,7 @@ describe("graph", () => {
     await t.page.keyboard.up("Control");
     await t.until((x) => [...x.points].sort().join() === "30:2,45:2", "two points");
     await t.goTo(60);
-    await t.page.evaluate(() => (document.activeElement as HTMLElement | null)?.blur());
+    await t.blur();
     await t.press("Shift+S");
     await t.page.getByLabel("Factor on the distance to the pose at the playhead").fill("0.5");
     await t.page.keyboard.press("Enter");

@@ -2,13 +2,14 @@
 // what they expect, never for a time, so that they pass on any machine.
 
 import assert from "node:assert/strict";
-import { type ChildProcess, spawn } from "node:child_process";
-import { existsSync, mkdirSync, mkdtempSync, readFileSync, rmSync, writeFileSync } from "node:fs";
-import { tmpdir } from "node:os";
-import { join } from "node:path";
+import { existsSync, readFileSync } from "node:fs";
+import { basename, join } from "node:path";
 import { type Browser, type BrowserContext, chromium, type Page, test as plain } from "@playwright/test";
 import type {} from "../src/clock";
 import type { Snapshot } from "../src/testing";
+import { eventually, PATIENCE_MS, Studio } from "./studio";
+
+export { eventually, Studio };
 
 let still: Browser | undefined;
 
@@ -25,17 +26,6 @@ export const test = plain.extend<object, { browsers: undefined }>({
 });
 export const { describe, beforeAll: before, afterAll: after } = test;
 
-const root = process.env.ROBERT_ROOT ?? join(process.cwd(), "..");
-
-/** The program under test: ROBERT_BIN, else what cargo has built last. */
-export function binary(): string {
-  const named = process.env.ROBERT_BIN;
-  if (named) return named;
-  const built = ["debug", "release"].map((p) => join(root, "target", p, "robert")).find(existsSync);
-  assert.ok(built, "no robert is built: cargo build");
-  return built;
-}
-
 function browserPath(): string {
   const named = process.env.CHROMIUM;
   const known = [
@@ -51,106 +41,6 @@ function browserPath(): string {
 
 /** Where pictures of what was seen go, for people to look at. */
 const PICTURES = process.env.ROBERT_SCREENSHOTS;
-
-export class Studio {
-  private child: ChildProcess | undefined;
-  url = "";
-
-  private constructor(
-    readonly dir: string,
-    private readonly args: string[],
-  ) {}
-
-  /** Where it was reached since it began: a page may still ask at the address before a restart. */
-  readonly origins = new Set<string>();
-
-  static async start(
-    args: string[] = [],
-    dir = mkdtempSync(join(tmpdir(), "robert-browser-")),
-  ): Promise<Studio> {
-    const studio = new Studio(dir, args);
-    await studio.run();
-    return studio;
-  }
-
-  async run(port = 0): Promise<void> {
-    const child = spawn(binary(), ["studio", "--no-open", "--port", String(port), ...this.args], {
-      cwd: this.dir,
-      env: { ...process.env, ROBERT_STATE_DIR: join(this.dir, "state"), NO_COLOR: "1" },
-      stdio: ["ignore", "pipe", "inherit"],
-    });
-    this.child = child;
-    this.url = await new Promise<string>((resolve, reject) => {
-      let text = "";
-      child.stdout.on("data", (d: Buffer) => {
-        text += d.toString();
-        if (text.includes("\n")) resolve(text.trim());
-      });
-      child.on("exit", (code) => reject(new Error(`the studio ended with ${code}`)));
-    });
-    this.origins.add(new URL(this.url).origin);
-  }
-
-  get token(): string {
-    return this.url.split("token=")[1] ?? "";
-  }
-
-  /** A request beside the browser, as a script makes it. */
-  async api(
-    method: string,
-    path: string,
-    body?: unknown,
-  ): Promise<{ status: number; json: () => any; bytes: Buffer }> {
-    const answer = await fetch(new URL(path, this.url), {
-      method,
-      headers: { authorization: `Bearer ${this.token}`, "content-type": "application/json" },
-      ...(body === undefined ? {} : { body: JSON.stringify(body) }),
-    });
-    const bytes = Buffer.from(await answer.arrayBuffer());
-    return { status: answer.status, bytes, json: () => JSON.parse(bytes.toString()) };
-  }
-
-  /** As a power cut would. */
-  async kill(): Promise<void> {
-    const child = this.child;
-    if (!child || child.exitCode !== null || child.signalCode !== null) return;
-    const gone = new Promise((resolve) => child.on("exit", resolve));
-    child.kill("SIGKILL");
-    await gone;
-  }
-
-  async end(): Promise<void> {
-    await this.kill();
-    rmSync(this.dir, { recursive: true, force: true });
-  }
-
-  file(name: string, text?: string): string {
-    const path = join(this.dir, name);
-    if (text !== undefined) {
-      mkdirSync(join(path, ".."), { recursive: true });
-      writeFileSync(path, text);
-    }
-    return path;
-  }
-
-  read(name: string): Buffer {
-    return readFileSync(join(this.dir, name));
-  }
-}
-
-/** How long a condition may take on a crowded machine before it counts as never. */
-const PATIENCE_MS = Number(process.env.ROBERT_PATIENCE_MS ?? 150_000);
-
-/** Asks until there is an answer. */
-export async function eventually<T>(ask: () => Promise<T | undefined | false>, what: string): Promise<T> {
-  const end = Date.now() + PATIENCE_MS;
-  for (;;) {
-    const found = await ask().catch(() => undefined);
-    if (found) return found;
-    assert.ok(Date.now() < end, `never: ${what}`);
-    await new Promise((resolve) => setTimeout(resolve, 50));
-  }
-}
 
 /** A page with what tests do on it. */
 export class Tab {
@@ -262,10 +152,26 @@ export class Tab {
     await this.byId(of).waitFor();
   }
 
+  /** Where a part of the page is. */
+  async box(id: string): Promise<{ x: number; y: number; width: number; height: number }> {
+    const box = await this.byId(id).boundingBox();
+    assert.ok(box, id);
+    return box;
+  }
+
+  /** Where a value of a joint stands in the graph, in page coordinates. */
+  async graphAt(frame: number, joint: number, value: number): Promise<{ x: number; y: number }> {
+    const box = await this.box("graph");
+    const [x, y] = await this.page.evaluate(
+      ([f, j, v]) => [window.__studio.frameToX(f), window.__studio.graphY(j, v)] as const,
+      [frame, joint, value] as const,
+    );
+    return { x: box.x + x, y: box.y + y };
+  }
+
   /** A point of the timeline in page coordinates. */
   async at(frame: number, row = "All joints"): Promise<{ x: number; y: number }> {
-    const box = await this.byId("timeline").boundingBox();
-    assert.ok(box);
+    const box = await this.box("timeline");
     const [x, y] = await this.page.evaluate(
       ([f, r]) => [window.__studio.frameToX(f), window.__studio.rowToY(r)] as const,
       [frame, row] as const,
@@ -308,8 +214,18 @@ export class Tab {
     await this.page.evaluate(() => window.__studio.dismissAll());
     const opened = (await this.studio.api("POST", "/api/new", { text })).json().opened as number;
     await this.until((s) => s.opened === opened, `document ${opened} is open`);
-    // A slider that has the focus would take Home for itself.
+    await this.blur();
+  }
+
+  /** Nothing has the focus: a slider that has it would take Home for itself. */
+  async blur(): Promise<void> {
     await this.page.evaluate(() => (document.activeElement as HTMLElement | null)?.blur());
+  }
+
+  /** Shows these parts of the viewport, or hides them. */
+  async toggle(...names: ("Command" | "Achieved" | "Ghosts")[]): Promise<void> {
+    const legend = this.page.getByRole("group", { name: "Shown" });
+    for (const name of names) await legend.getByRole("button", { name }).click();
   }
 
   async goTo(frame: number): Promise<void> {
@@ -345,6 +261,17 @@ export async function stillBrowser(): Promise<Browser> {
   return still;
 }
 
+/** A page that was built later than the program, so that the program need not be built for it. */
+const PAGE = process.env.ROBERT_PAGE;
+
+async function pageFrom(context: BrowserContext, folder: string): Promise<void> {
+  await context.route(/\/ui\/app\.(js|css)$/, async (route) => {
+    const { "content-length": _, ...headers } = (await route.fetch()).headers();
+    const body = readFileSync(join(folder, basename(new URL(route.request().url()).pathname)));
+    await route.fulfill({ headers, body });
+  });
+}
+
 /** A page whose clock stands: messages stay until they are dismissed. `kept` is what the browser remembers
  * from the last visit. */
 async function opened(
@@ -360,6 +287,7 @@ async function opened(
     },
     { tour: "shown", ...kept },
   );
+  if (PAGE) await pageFrom(context, PAGE);
   return new Tab(await context.newPage(), context, studio).open();
 }
 
@@ -392,27 +320,6 @@ export async function webgl(
   return { tab: made, close: () => browser.close() };
 }
 
-/** Waits until the 3D view has drawn three more pictures: two may have been under way. */
-export async function drawn(t: Tab): Promise<void> {
-  const frame = t.page.frames().find((f) => f.url().includes("/viser/"));
-  assert.ok(frame, "the 3D view is there");
-  const count = (): Promise<number> =>
-    frame.evaluate(() => (window as any).__viserTestpoints?.rendererInfo?.render?.frame ?? 0);
-  const from = await count();
-  await eventually(async () => (await count()) >= from + 3, "the 3D view draws");
-}
-
-/** What the client of the 3D view knows. */
-export async function viser<T, A = string>(
-  t: Tab,
-  ask: (viser: any, arg: A) => T,
-  arg: A = "" as A,
-): Promise<T> {
-  const frame = t.page.frames().find((f) => f.url().includes("/viser/"));
-  assert.ok(frame, "the 3D view is there");
-  return frame.evaluate(`(${ask.toString()})(window.__viserMutable, ${JSON.stringify(arg)})`) as Promise<T>;
-}
-
 /** Three keys of the arm, the rest masked. */
 export const ARM = JSON.stringify({
   format: "robert-clip/1",
@@ -437,6 +344,31 @@ export async function armTab(studio: Studio): Promise<Tab> {
   await t.until((s) => s.settings.policy === "computed-torque", "the policy chosen");
   await t.rolledOut();
   return t;
+}
+
+/** The same in the 3D view, of any clip of the arm. */
+export function inView(
+  begin: (studio: Studio, page: Tab) => void,
+  size = { width: 1100, height: 640 },
+  text = ARM,
+): void {
+  let studio: Studio | undefined;
+  let close: (() => Promise<void>) | undefined;
+  before(async () => {
+    studio = await Studio.start();
+    await studio.api("POST", "/api/new", { text });
+    const { tab: page, ...made } = await webgl(studio, size);
+    close = made.close;
+    await page.until((s) => s.clip?.name === JSON.parse(text).name, "the clip open");
+    await page.byId("policy").selectOption("computed-torque");
+    await page.until((s) => s.settings.policy === "computed-torque", "the policy chosen");
+    await page.rolledOut();
+    begin(studio, page);
+  });
+  after(async () => {
+    await close?.();
+    await studio?.end();
+  });
 }
 
 /** For all tests of a group: a studio of their own, and a page with the arm open. */

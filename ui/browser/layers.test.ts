@@ -40,7 +40,7 @@ describe("layers", () => {
   };
   /** A file from the person's computer is opened. */
   const open = async (name: string, text: string): Promise<void> => {
-    await t.page.evaluate(() => (document.activeElement as HTMLElement | null)?.blur());
+    await t.blur();
     // A picker that opens before Playwright has taken it over is the browser's own: ask early.
     const chooser = t.page.waitForEvent("filechooser");
     await t.painted();
@@ -138,8 +138,7 @@ describe("layers", () => {
     await t.byId("curve-2").click();
     await t.rolledOut();
     await t.painted();
-    const box = await t.byId("graph").boundingBox();
-    assert.ok(box);
+    const box = await t.box("graph");
     const ring = (await t.page.evaluate(() => window.__studio.graphHandles())).find(
       (h) => h.kind === "offset",
     );
@@ -161,8 +160,7 @@ describe("layers", () => {
     await t.byId("graph").waitFor();
     await t.byId("curve-2").click();
     await t.until((s) => s.curves.join() === "2", "one curve");
-    const box = await t.byId("graph").boundingBox();
-    assert.ok(box);
+    const box = await t.box("graph");
     const y = await t.page.evaluate(() => window.__studio.graphY(2, 1.4));
     const x = await t.page.evaluate(() => window.__studio.frameToX(30));
     await t.page.mouse.click(box.x + x, box.y + y);
@@ -236,8 +234,7 @@ describe("layers", () => {
     await t.painted();
     await t.picture("blocks");
     // By hand: the first is carried behind the second.
-    const sheet = await t.byId("timeline").boundingBox();
-    assert.ok(sheet);
+    const sheet = await t.box("timeline");
     const px = await t.page.evaluate(() => [100, 215].map((f) => window.__studio.frameToX(f)));
     const y = sheet.y + 22 + 9;
     await drag({ x: sheet.x + (px[0] ?? 0), y }, { x: (px[1] ?? 0) - (px[0] ?? 0), y: 0 });

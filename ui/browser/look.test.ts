@@ -186,11 +186,8 @@ describe("look", () => {
     await t.page.setViewportSize({ width: 1280, height: 720 });
   });
 
-  test("at 820 px the bar and what is shown are one row each, and the time of a key is on one line", async () => {
+  test("at 820 px and at 200 % zoom bar, legend, transport and hints are one row each", async () => {
     await afresh();
-    await t.page.setViewportSize({ width: 820, height: 720 });
-    await t.painted();
-    await t.picture("rows-820");
     const rows = (within: string): Promise<number> =>
       t.page.evaluate((of) => {
         const boxes = [...document.querySelectorAll<HTMLElement>(of)]
@@ -200,10 +197,62 @@ describe("look", () => {
         // In one row every box begins above the end of every other.
         return boxes.every((b) => b.bottom > lowest) ? boxes.length : -boxes.length;
       }, within);
-    assert.ok((await rows(".bar button, .bar select")) > 8, "the bar");
-    assert.ok((await rows(".legend button, .legend select")) === 7, "what is shown");
-    const title = t.byId("inspector").locator("h2");
-    assert.ok(((await title.boundingBox())?.height ?? 99) < 36, "the inspector's title");
+    for (const [width, height] of [
+      [820, 720],
+      [800, 450],
+    ] as const) {
+      await t.page.setViewportSize({ width, height });
+      await t.painted();
+      assert.ok((await rows(".bar button, .bar select")) > 8, "the bar");
+      assert.ok((await rows(".legend button, .legend select")) === 7, "what is shown");
+      assert.ok(
+        (await rows(".transport button, .transport input, .transport select")) >= 13,
+        "the transport",
+      );
+      await t.byId("shaping").click();
+      await t.byId("fade").waitFor();
+      assert.ok((await rows(".transport button, .transport input")) >= 13, "with the fade of offsets");
+      await t.picture(`rows-${width}`);
+      await t.page.getByRole("button", { name: "Keys", exact: true }).click();
+      const title = t.byId("inspector").locator("h2");
+      assert.ok(((await title.boundingBox())?.height ?? 99) < 36, "the inspector's title");
+      const hint = t.page.locator(".hint");
+      await hint.scrollIntoViewIfNeeded();
+      assert.ok(((await hint.boundingBox())?.height ?? 99) < 30, "the hints");
+      // A hint is there whole or not at all.
+      const cut = await hint.evaluate((e) => {
+        const box = (e.querySelector(".hints") as HTMLElement).getBoundingClientRect();
+        return [...e.querySelectorAll<HTMLElement>(".hints > span")]
+          .map((s) => s.getBoundingClientRect())
+          .filter((r) => r.top < box.bottom - 1 && (r.right > box.right + 1 || r.bottom > box.bottom + 1))
+          .length;
+      });
+      assert.equal(cut, 0, "a hint is cut");
+      await t.picture(`hints-${width}`);
+    }
+    await t.page.setViewportSize({ width: 1280, height: 720 });
+  });
+
+  test("at 820 px the joints and problems of a hand do not push the timeline out of sight", async () => {
+    await studio.api("POST", `/api/gallery/${encodeURIComponent("shadow_hand/six")}`);
+    await t.until(
+      (s) => s.robot === "shadow_hand" && (s.findings?.lints.length ?? 0) > 2,
+      "a hand with problems",
+    );
+    await t.page.setViewportSize({ width: 820, height: 720 });
+    await t.painted();
+    await t.picture("hand-820");
+    const [sheet, view] = [await t.box("timeline"), await t.box("viewport")];
+    assert.ok(sheet.y < 720 - 150, `the timeline begins at ${sheet.y}`);
+    assert.ok(view.height >= 240 && view.height < 320, `the viewport is ${view.height} high`);
+    const inside = await t.byId("inspector").evaluate((e) => {
+      const r = (e.closest(".right") as HTMLElement).getBoundingClientRect();
+      return r.bottom - e.ownerDocument.querySelector(".transport")!.getBoundingClientRect().top;
+    });
+    assert.ok(inside <= 1, "the right panel ends above the transport");
+    const last = t.byId("problems").locator(".problem").last();
+    await last.scrollIntoViewIfNeeded();
+    await last.locator("button").last().click({ trial: true });
     await t.page.setViewportSize({ width: 1280, height: 720 });
   });
 

@@ -3,19 +3,8 @@
 
 import assert from "node:assert/strict";
 import { isDeepStrictEqual } from "node:util";
-import {
-  ARM,
-  after,
-  before,
-  describe,
-  drawn,
-  eventually,
-  Studio,
-  type Tab,
-  test,
-  viser,
-  webgl,
-} from "./harness";
+import { ARM, before, describe, eventually, inView, type Studio, type Tab, test } from "./harness";
+import { drawn, nodes, type Spot, seen, sites, type V3 } from "./scene";
 
 const PUCK = JSON.stringify({
   format: "robert-clip/1",
@@ -42,29 +31,6 @@ const SWEEP = JSON.stringify({
   ],
 });
 
-type V3 = [number, number, number];
-
-/** Where a point of the world is on the page. */
-async function seen(t: Tab, at: V3): Promise<{ x: number; y: number }> {
-  const p = await viser(
-    t,
-    (v, [x, y, z]) => {
-      // Viser turns its scene so that y is up; the robot's root stands where the world's does.
-      const root = v.nodeRefFromName["/robot"];
-      root.updateWorldMatrix(true, false);
-      const point = v.camera.position.clone().set(x, y, z).applyMatrix4(root.matrixWorld);
-      v.camera.updateMatrixWorld();
-      point.project(v.camera);
-      const r = v.canvas.getBoundingClientRect();
-      return { x: r.left + ((point.x + 1) / 2) * r.width, y: r.top + ((1 - point.y) / 2) * r.height };
-    },
-    at,
-  );
-  const box = await t.page.locator("iframe").boundingBox();
-  assert.ok(box);
-  return { x: box.x + p.x, y: box.y + p.y };
-}
-
 /** Distance of a point from a line. */
 function away(p: V3, line: V3[]): number {
   let best = Number.POSITIVE_INFINITY;
@@ -81,25 +47,8 @@ function away(p: V3, line: V3[]): number {
   return best;
 }
 
-/** Where a site is in poses, in the world. */
-async function sites(studio: Studio, robot: string, name: string, q: number[][]): Promise<V3[]> {
-  const facts = (await studio.api("GET", `/api/robot/${robot}`)).json();
-  const site = facts.ik_sites.find((s: { name: string }) => s.name === name);
-  const rows = (await studio.api("POST", "/api/kinematics", { q })).json() as number[][];
-  return rows.map((row) => {
-    const [px = 0, py = 0, pz = 0, w = 1, x = 0, y = 0, z = 0] = row.slice(7 * site.body, 7 * site.body + 7);
-    const [a, b, c] = site.pos as V3;
-    const t: V3 = [2 * (y * c - z * b), 2 * (z * a - x * c), 2 * (x * b - y * a)];
-    return [
-      px + a + w * t[0] + y * t[2] - z * t[1],
-      py + b + w * t[1] + z * t[0] - x * t[2],
-      pz + c + w * t[2] + x * t[1] - y * t[0],
-    ];
-  });
-}
-
 /** Goes through points of the page with the button down. */
-async function stroke(t: Tab, points: { x: number; y: number }[], steps: number): Promise<void> {
+async function stroke(t: Tab, points: Spot[], steps: number): Promise<void> {
   const [first] = points;
   assert.ok(first);
   await t.page.mouse.move(first.x, first.y);
@@ -111,30 +60,16 @@ async function stroke(t: Tab, points: { x: number; y: number }[], steps: number)
 describe("paths in the 3D view", () => {
   let studio: Studio;
   let g: Tab;
-  let close: () => Promise<void>;
 
-  before(async () => {
-    studio = await Studio.start();
-    await studio.api("POST", "/api/new", { text: SWEEP });
-    ({ tab: g, close } = await webgl(studio, { width: 1280, height: 800 }));
-    await g.until((s) => s.clip?.name === "sweep", "the arm open");
-    await g.byId("policy").selectOption("computed-torque");
-    const legend = g.page.getByRole("group", { name: "Shown" });
-    for (const name of ["Ghosts", "Command"]) await legend.getByRole("button", { name }).click();
-    await g.rolledOut();
-  });
-  after(async () => {
-    await close?.();
-    await studio.end();
-  });
+  inView(
+    (with_, page) => {
+      [studio, g] = [with_, page];
+    },
+    { width: 1280, height: 800 },
+    SWEEP,
+  );
+  before(() => g.toggle("Ghosts", "Command"));
 
-  /** Nodes of the scene below a name. */
-  const nodes = (root: string): Promise<string[]> =>
-    viser(
-      g,
-      (v, name) => Object.keys(v.nodeRefFromName).filter((n) => n.startsWith(name) && v.nodeRefFromName[n]),
-      root,
-    );
   /** The commanded tip at frames of keys. */
   const tips = async (): Promise<V3[]> => {
     const q = (await g.state()).clip?.keys.map((k) => k.q as number[]) ?? [];
@@ -146,7 +81,8 @@ describe("paths in the 3D view", () => {
     await g.press("g");
     await g.until((s) => s.site === "end_effector", "selected");
     await eventually(
-      async () => (await nodes("/path/key/")).length === 3 && (await nodes("/path/reached")).length === 1,
+      async () =>
+        (await nodes(g, "/path/key/")).length === 3 && (await nodes(g, "/path/reached")).length === 1,
       "a path with three diamonds",
     );
     await drawn(g);
@@ -219,9 +155,9 @@ describe("paths in the 3D view", () => {
     await g.press("Control+z");
     await g.until((x) => x.clip?.keys.length === 3, "as before");
     await g.press("5");
-    await eventually(async () => (await nodes("/path")).length === 0, "no path");
+    await eventually(async () => (await nodes(g, "/path")).length === 0, "no path");
     await g.press("5");
-    await eventually(async () => (await nodes("/path/key/")).length === 3, "the path again");
+    await eventually(async () => (await nodes(g, "/path/key/")).length === 3, "the path again");
   });
 
   test("a letter drawn with the point mass is performed within 3 mm, and is one edit", async () => {

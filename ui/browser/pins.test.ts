@@ -2,8 +2,7 @@
 
 import assert from "node:assert/strict";
 import { after, before, describe, eventually, Studio, type Tab, tab, test } from "./harness";
-
-type V3 = [number, number, number];
+import { apart, sites, type V3 } from "./scene";
 
 describe("pins", () => {
   // Pins stay from test to test, as they do for a user.
@@ -19,23 +18,11 @@ describe("pins", () => {
   });
   after(() => studio.end());
 
-  /** Where sites are in the world, by pose. */
-  const places = async (names: string[], q: number[][]): Promise<V3[][]> => {
-    const facts = (await studio.api("GET", "/api/robot/shadow_hand")).json();
-    const rows = (await studio.api("POST", "/api/kinematics", { q })).json() as number[][];
-    return rows.map((row) =>
-      names.map((name) => {
-        const site = facts.ik_sites.find((s: { name: string }) => s.name === name);
-        const [px = 0, py = 0, pz = 0, w = 1, x = 0, y = 0, z = 0] = row.slice(7 * site.body);
-        const [a, b, c] = site.pos as V3;
-        const u: V3 = [2 * (y * c - z * b), 2 * (z * a - x * c), 2 * (x * b - y * a)];
-        return [
-          px + a + w * u[0] + y * u[2] - z * u[1],
-          py + b + w * u[1] + z * u[0] - x * u[2],
-          pz + c + w * u[2] + x * u[1] - y * u[0],
-        ] as V3;
-      }),
-    );
+  /** Where a fingertip is in a pose. */
+  const tipOf = async (name: string, q: number[]): Promise<V3> => {
+    const [at] = await sites(studio, "shadow_hand", name, [q]);
+    assert.ok(at);
+    return at;
   };
   /** The gap between the surfaces of thumb and index tip; below 0 they press into each other. */
   const gap = async (q: number[]): Promise<number> => {
@@ -54,7 +41,6 @@ describe("pins", () => {
     const [index, thumb] = [axis("ffdistal", 0.0125, 0.01), axis("thdistal", 0.014, 0.01)];
     return Math.min(...index.flatMap((a) => thumb.map((b) => apart(a, b)))) - 0.0085 - 0.01;
   };
-  const apart = (a: V3, b: V3): number => Math.hypot(...a.map((v, k) => v - (b[k] ?? 0)));
 
   test("a new user's OK sign: thumb touches index, 2 mm apart in the take, at most 40 actions", async () => {
     t.actions = 0;
@@ -72,11 +58,10 @@ describe("pins", () => {
     assert.equal(s.history?.len, 1, "one edit");
     await t.until((x) => x.pinsOff.length === 1 && (x.pinsOff[0] ?? 1) < 5e-4, "they meet in the command");
     const done = await t.rolledOut();
-    const [tips] = await places(["thtip", "fftip"], [done.q[30] ?? []]);
-    assert.ok(tips?.[0] && tips[1]);
+    const [thumb, index] = [await tipOf("thtip", done.q[30] ?? []), await tipOf("fftip", done.q[30] ?? [])];
     const between = 1000 * (await gap(done.q[30] ?? []));
     console.log(
-      `    OK sign: ${t.actions} actions; in the take the tips' surfaces are ${between.toFixed(2)} mm apart, their ends ${(1000 * apart(tips[0], tips[1])).toFixed(2)} mm`,
+      `    OK sign: ${t.actions} actions; in the take the tips' surfaces are ${between.toFixed(2)} mm apart, their ends ${(1000 * apart(thumb, index)).toFixed(2)} mm`,
     );
     await t.picture("pins-ok");
     assert.ok(between <= 2 && between > -2, `${between} mm`);
@@ -89,7 +74,7 @@ describe("pins", () => {
     await t.until((s) => s.site === "mftip", "the middle finger is selected");
     await t.press("Shift+G");
     const held = await t.until((s) => s.pins.length === 2, "two pins");
-    const [before] = await places(["mftip"], [held.clip?.keys.find((k) => k.frame === 30)?.q as number[]]);
+    const before = await tipOf("mftip", held.clip?.keys.find((k) => k.frame === 30)?.q as number[]);
     await t.click("site-rftip");
     await t.byId("reach-x").waitFor();
     const rev = (await t.state()).rev ?? 0;
@@ -102,8 +87,8 @@ describe("pins", () => {
     assert.equal((await t.state()).rev, rev, "nothing is sent before Enter");
     await t.byId("reach-z").press("Enter");
     const moved = await t.until((s) => s.rev === rev + 1, "one edit");
-    const [after] = await places(["mftip"], [moved.clip?.keys.find((k) => k.frame === 30)?.q as number[]]);
-    assert.ok(before?.[0] && after?.[0] && apart(before[0], after[0]) < 5e-4, "the middle fingertip stays");
+    const after = await tipOf("mftip", moved.clip?.keys.find((k) => k.frame === 30)?.q as number[]);
+    assert.ok(apart(before, after) < 5e-4, "the middle fingertip stays");
     await t.until((s) => s.pinsOff.length === 2 && Math.max(...s.pinsOff) < 1e-3, "both pins hold");
     // The index goes where the thumb cannot follow.
     await t.click("site-fftip");

@@ -94,7 +94,7 @@ describe("reference", () => {
     await t.byId("reference-begin").fill("-0.5");
     await t.byId("reference-begin").press("Enter");
     await standsAt(1.0, "it begins half a second after the clip");
-    await t.page.evaluate(() => (document.activeElement as HTMLElement | null)?.blur());
+    await t.blur();
     await t.press("-", "Space");
     await eventually(
       async () => !(await playing()).paused && (await playing()).rate === 0.5,
@@ -132,10 +132,7 @@ describe("reference", () => {
         camera: "fit",
       })
     ).json() as { id: number };
-    await eventually(
-      async () => (await studio.api("GET", `/api/jobs/${id}`)).json().phase === "done",
-      "the film is made",
-    );
+    assert.equal((await studio.ended(id)).phase, "done", "the film is made");
     const film = (await studio.api("GET", `/api/jobs/${id}/file`)).bytes;
     await choose("walk.mp4", "video/mp4", film);
     const s = await t.until((x) => x.reference !== undefined, "it can be played");

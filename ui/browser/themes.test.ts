@@ -7,15 +7,14 @@ import {
   armTab,
   before,
   describe,
-  drawn,
   eventually,
   Studio,
   stillBrowser,
   type Tab,
   test,
-  viser,
   webgl,
 } from "./harness";
+import { drawn, viser } from "./scene";
 
 describe("themes", () => {
   let studio: Studio;

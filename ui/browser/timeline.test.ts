@@ -124,8 +124,7 @@ describe("timeline", () => {
 
   test("the error strip is a ruler, not a row; poses keep their order when they are used", async () => {
     await afresh();
-    const box = await t.byId("timeline").boundingBox();
-    assert.ok(box);
+    const box = await t.box("timeline");
     const p = await t.at(40);
     await t.page.mouse.click(p.x, box.y + box.height - 10);
     const s = await t.until((x) => x.playhead === 40, "the playhead goes there");
@@ -315,8 +314,7 @@ describe("timeline", () => {
     await t.until((s) => !("far" in (s.clip?.poses ?? {})), "deleted");
     assert.deepEqual((await key(45))?.q, [-1, -1, 1, -1, -1], "its key keeps the values");
     const p = await t.at(20);
-    const box = await t.byId("timeline").boundingBox();
-    assert.ok(box);
+    const box = await t.box("timeline");
     await t.page.mouse.click(p.x, box.y + 31, { button: "right" });
     await t.page.getByRole("menuitem", { name: "Rename marker" }).click();
     await t.page.getByLabel("Name", { exact: true }).fill("aim");
@@ -478,14 +476,7 @@ describe("timeline", () => {
     await t.press("?");
     const sheet = t.page.getByRole("dialog", { name: "Shortcuts" });
     const text = await sheet.innerText();
-    for (const k of [
-      "Ctrl+ArrowDown",
-      "Enter",
-      "Ctrl+Space",
-      "Ctrl+Shift+ArrowRight",
-      "Shift+F10",
-      "PageDown",
-    ])
+    for (const k of ["Ctrl+↓", "Enter", "Ctrl+Space", "Ctrl+Shift+→", "Shift+F10", "PageDown"])
       assert.ok(text.includes(k), k);
     await t.press("Escape", "Control+k");
     const field = t.page.getByLabel("Command", { exact: true });

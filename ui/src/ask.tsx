@@ -1,7 +1,7 @@
 // A question with one field.
 
 import { useSignal } from "@preact/signals";
-import { Dialog } from "./dialog";
+import { Answers, Dialog } from "./dialog";
 
 export function Ask(props: {
   title: string;
@@ -35,14 +35,7 @@ export function Ask(props: {
           />
         </label>
         {props.hint ? <p style="color: var(--dim)">{props.hint}</p> : null}
-        <div class="row" style="margin-top: 12px; justify-content: flex-end">
-          <button type="button" onClick={props.onClose}>
-            Cancel
-          </button>
-          <button class="main" type="submit">
-            OK
-          </button>
-        </div>
+        <Answers onClose={props.onClose} />
       </form>
     </Dialog>
   );

@@ -3,7 +3,7 @@
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { parseTime } from "./clip";
-import { Dialog, openDialog } from "./dialog";
+import { Answers, Dialog, openDialog } from "./dialog";
 import { opening } from "./documents";
 import type { FileCard, Listing } from "./protocol";
 import { isMedia, openReference } from "./reference";
@@ -160,14 +160,7 @@ export function Whose({ onClose }: { onClose: () => void }) {
             </option>
           ))}
         </select>
-        <div class="row" style="margin-top: 12px; justify-content: flex-end">
-          <button type="button" onClick={onClose}>
-            Cancel
-          </button>
-          <button class="main" type="submit">
-            Open
-          </button>
-        </div>
+        <Answers onClose={onClose} yes="Open" />
       </form>
     </Dialog>
   );
@@ -295,7 +288,6 @@ export function Open({ onClose, insert: inserts = false }: { onClose: () => void
         <div class="row">
           <label class="grow">
             File
-            <br />
             <input
               type="text"
               style="width: 100%; padding: 6px 8px"
@@ -322,18 +314,16 @@ export function Open({ onClose, insert: inserts = false }: { onClose: () => void
           {inserts ? (
             <label title="A smooth curve over so long leads to it and from it; both sides keep their speed">
               Blend
-              <br />
               <input
                 type="text"
-                class="time"
-                style="padding: 6px 8px"
+                style="width: 72px; padding: 6px 8px"
                 value={blend.value}
                 onInput={(e) => (blend.value = e.currentTarget.value)}
                 data-testid="blend"
               />
             </label>
           ) : null}
-          <button class="main" type="submit" style="align-self: flex-end">
+          <button class="main" type="submit">
             {inserts ? "Insert" : "Open"}
           </button>
         </div>

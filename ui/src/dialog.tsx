@@ -101,3 +101,28 @@ export function Dialog(props: {
     </div>
   );
 }
+
+/** The last row of a form: what it does, or nothing. */
+export function Answers({ onClose, yes = "OK" }: { onClose: () => void; yes?: string }) {
+  return (
+    <div class="row answers">
+      <button type="button" onClick={onClose}>
+        Cancel
+      </button>
+      <button class="main" type="submit">
+        {yes}
+      </button>
+    </div>
+  );
+}
+
+/** The last row of a sheet that is only read. */
+export function CloseRow({ onClose }: { onClose: () => void }) {
+  return (
+    <div class="row answers">
+      <button class="main" onClick={onClose}>
+        Close
+      </button>
+    </div>
+  );
+}

@@ -2,7 +2,7 @@
 
 import { Ask } from "./ask";
 import { Open, Whose } from "./clip_import";
-import { closeDialog, Dialog, openDialog, question } from "./dialog";
+import { CloseRow, closeDialog, Dialog, openDialog, question } from "./dialog";
 import { fileStem, reload, save } from "./documents";
 import { Export } from "./export";
 import { ScaleValues, Slope } from "./graph/questions";
@@ -42,11 +42,7 @@ function History({ onClose }: { onClose: () => void }) {
           </button>
         </li>
       </ol>
-      <div class="row" style="margin-top: 12px; justify-content: flex-end">
-        <button class="main" onClick={onClose}>
-          Close
-        </button>
-      </div>
+      <CloseRow onClose={onClose} />
     </Dialog>
   );
 }
@@ -279,7 +275,7 @@ export function Dialogs() {
       return (
         <Dialog title={`Replace ${path}?`} onClose={onClose}>
           <p>There is already a file of that name. Replacing it deletes its contents.</p>
-          <div class="row" style="margin-top: 12px; justify-content: flex-end">
+          <div class="row answers">
             <button type="button" onClick={onClose}>
               Cancel
             </button>
@@ -308,7 +304,7 @@ export function Dialogs() {
             Another program has changed {store.doc.value?.path} since it was read here. Saving would undo that
             change; reading the file again replaces your edits, and undo brings them back.
           </p>
-          <div class="row" style="margin-top: 12px; justify-content: flex-end">
+          <div class="row answers">
             <button type="button" onClick={onClose}>
               Cancel
             </button>

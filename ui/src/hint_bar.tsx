@@ -79,16 +79,18 @@ export function Hint({ text }: { text: string }) {
   return (
     <footer class="hint">
       {store.demand.value ? <Demand of={store.demand.value} /> : null}
-      {text || held.value ? (
-        <b>{text || held.value}</b>
-      ) : (
-        (overLink.value && !store.stills.value ? LINK_HINTS : hints()).map(([k, t]) => (
-          <span key={k}>
-            <kbd>{k}</kbd> {t}
-          </span>
-        ))
-      )}
-      <span class="grow" />
+      {/* One row: hints that do not fit are left out whole. */}
+      <div class="hints">
+        {text || held.value ? (
+          <b>{text || held.value}</b>
+        ) : (
+          (overLink.value && !store.stills.value ? LINK_HINTS : hints()).map(([k, t]) => (
+            <span key={k}>
+              <kbd>{k}</kbd> {t}
+            </span>
+          ))
+        )}
+      </div>
       <span>{store.selection.value.size ? `${store.selection.value.size} selected` : ""}</span>
       <span>
         {!d

@@ -154,7 +154,11 @@ export function Joint({ index, again = "" }: { index: number; again?: string }) 
         onBlur={typed}
         onKeyDown={(e) => {
           if (e.key === "Enter") typed();
-          if (e.key === "Escape") text.value = undefined;
+          if (e.key === "Escape") {
+            // What was typed is dropped, and keys are the page's again.
+            text.value = undefined;
+            e.currentTarget.blur();
+          }
           if (e.key === "ArrowUp" || e.key === "ArrowDown") {
             const step =
               (e.shiftKey ? 0.1 : 1) * (unit === "m" ? 0.01 : Math.PI / 180) * (e.key === "ArrowUp" ? 1 : -1);

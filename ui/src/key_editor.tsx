@@ -2,7 +2,7 @@
 
 import { useSignal } from "@preact/signals";
 import { clock, keyAt, parseTime } from "./clip";
-import { Dialog } from "./dialog";
+import { Answers, Dialog } from "./dialog";
 import { ANGLES, fixed, LENGTHS, parseNumber } from "./numbers";
 import { barePose } from "./posing";
 import type { Op } from "./protocol";
@@ -94,14 +94,7 @@ export function KeyEditor({ frame, onClose }: { frame: number; onClose: () => vo
             </label>
           ))}
         </div>
-        <div class="row" style="justify-content: flex-end">
-          <button type="button" onClick={onClose}>
-            Cancel
-          </button>
-          <button class="main" type="submit">
-            OK
-          </button>
-        </div>
+        <Answers onClose={onClose} />
       </form>
     </Dialog>
   );

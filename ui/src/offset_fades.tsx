@@ -2,7 +2,7 @@
 
 import { useSignal } from "@preact/signals";
 import { clock } from "./clip";
-import { Dialog } from "./dialog";
+import { Answers, Dialog } from "./dialog";
 import { wholeFrames } from "./key_editor";
 import { chosen } from "./offsets";
 import * as store from "./store";
@@ -47,14 +47,7 @@ export function OffsetFades({ onClose }: { onClose: () => void }) {
         <p style="color: var(--dim)">
           Frames of 1/20 s, or a time such as 0.5s. Offsets whose fades meet lead into each other.
         </p>
-        <div class="row" style="margin-top: 12px; justify-content: flex-end">
-          <button type="button" onClick={onClose}>
-            Cancel
-          </button>
-          <button class="main" type="submit">
-            OK
-          </button>
-        </div>
+        <Answers onClose={onClose} />
       </form>
     </Dialog>
   );

@@ -3,7 +3,7 @@
 import { useSignal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
 import { ACTIONS } from "./actions/index";
-import { Dialog } from "./dialog";
+import { CloseRow, Dialog } from "./dialog";
 import { refreshGallery } from "./documents";
 import { Icon } from "./icon";
 import { type Found, SIGNS, search } from "./search";
@@ -62,7 +62,7 @@ export function Palette({ onClose }: { onClose: () => void }) {
                 {f.of ? `, ${f.of}` : ""}
               </span>
             )}
-            {f.keys ? <kbd>{f.keys}</kbd> : null}
+            {f.keys ? <kbd>{keyText(f.keys)}</kbd> : null}
           </li>
         ))}
         {found.length === 0 ? <li>Nothing has this name.</li> : null}
@@ -70,6 +70,18 @@ export function Palette({ onClose }: { onClose: () => void }) {
     </Dialog>
   );
 }
+
+/** A key as it is printed on keyboards. */
+const SIGN: Record<string, string> = {
+  ArrowUp: "↑",
+  ArrowDown: "↓",
+  ArrowLeft: "←",
+  ArrowRight: "→",
+  Escape: "Esc",
+  Delete: "Del",
+  ContextMenu: "Menu",
+};
+const keyText = (keys: string): string => keys.replace(/\w+$/, (key) => SIGN[key] ?? key);
 
 export function Shortcuts({ onClose }: { onClose: () => void }) {
   const groups = [...new Set(ACTIONS.map((a) => a.group))];
@@ -84,7 +96,7 @@ export function Shortcuts({ onClose }: { onClose: () => void }) {
                 <span>{a.title}</span>
                 <span>
                   {a.keys?.map((k) => (
-                    <kbd key={k}>{k}</kbd>
+                    <kbd key={k}>{keyText(k)}</kbd>
                   ))}
                 </span>
               </div>
@@ -163,11 +175,7 @@ export function Shortcuts({ onClose }: { onClose: () => void }) {
           <kbd>Ctrl+click A/B</kbd>
         </div>
       </div>
-      <div class="row" style="margin-top: 12px; justify-content: flex-end">
-        <button class="main" onClick={onClose}>
-          Close
-        </button>
-      </div>
+      <CloseRow onClose={onClose} />
     </Dialog>
   );
 }

@@ -173,9 +173,11 @@ function Compared() {
           </span>
           <span class="num">
             {t.precision == null ? "failed" : store.shownError(t.precision, store.unit.value)}
+            {t.gaps > 0 ? <small> +{store.shownError(t.gaps, store.unit.value)}</small> : null}
           </span>
         </div>
       ))}
+      {rows.some((t) => t.gaps > 0) ? <p class="swings">+: swings or jerks between the goals</p> : null}
     </div>
   );
 }

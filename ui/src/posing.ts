@@ -98,7 +98,27 @@ let newest: Op | undefined;
 /** Rises when a drag ends: what its previews are answered with is no longer of interest. */
 let asked = 0;
 
-/** Sends previews no faster than they are answered; the newest wins. */
+/** The longest that a newer preview waits for the one before it. */
+const LONGEST_MS = 400;
+
+/** When the rollout that began after this one has come to its end, or has taken too long. */
+function performed(since: number): Promise<void> {
+  return new Promise((done) => {
+    const end = (): void => {
+      clearTimeout(timer);
+      stop();
+      done();
+    };
+    const timer = setTimeout(end, LONGEST_MS);
+    const stop = store.rollout.subscribe((r) => {
+      const over = r && r.gen > since && r.phase !== "waiting" && r.phase !== "running";
+      if (over) queueMicrotask(end);
+    });
+  });
+}
+
+/** Sends a preview when the last one has been performed, so that a hand that moves on and on sees whole
+ * motions and not their first frames. The newest wins. */
 export function preview(op: Op): void {
   newest = op;
   if (previewing) return;
@@ -111,9 +131,11 @@ export function preview(op: Op): void {
       return;
     }
     const of = asked;
-    void ask("preview", { op: next }).then((r) => {
+    const before = store.rollout.value?.gen ?? 0;
+    void ask("preview", { op: next }).then(async (r) => {
       const answer = r.result;
       if (of === asked) store.demand.value = (answer && "demand" in answer && answer.demand) || undefined;
+      if (of === asked && r.ok && store.settings.value.auto) await performed(before);
       step();
     });
   };

@@ -149,7 +149,10 @@ function Target() {
             }}
             onKeyDown={(e) => {
               if (e.key === "Enter") send();
-              if (e.key === "Escape") typed.value = [];
+              if (e.key === "Escape") {
+                typed.value = [];
+                e.currentTarget.blur();
+              }
               if (e.key !== "ArrowUp" && e.key !== "ArrowDown") return;
               e.preventDefault();
               typed.value = [];

@@ -35,7 +35,13 @@ export function onKeyDown(e: KeyboardEvent): void {
   // A focused button or heading keeps Space and Enter, a slider or an edge of a panel its arrows.
   if ((focus?.tagName === "BUTTON" || focus?.tagName === "SUMMARY") && (keys === "Space" || keys === "Enter"))
     return;
-  if (focus instanceof HTMLInputElement && focus.type === "range" && /Arrow|Home|End/.test(keys)) return;
+  // The tour is ended by Esc while the focus is in it.
+  if (focus?.closest("[role=dialog]") && keys === "Escape") return;
+  if (focus instanceof HTMLInputElement && focus.type === "range") {
+    if (/Arrow|Home|End/.test(keys)) return;
+    // Esc gives them back to the page.
+    if (keys === "Escape") focus.blur();
+  }
   if (focus?.getAttribute("role") === "separator" && /Arrow/.test(keys)) return;
   // A menu's button opens it.
   if (focus?.getAttribute("aria-haspopup") === "menu" && keys === "ArrowDown") return;

@@ -2,7 +2,7 @@
 // can be skipped, and comes again only when it is asked for.
 
 import { signal } from "@preact/signals";
-import { useLayoutEffect, useRef } from "preact/hooks";
+import { useEffect, useLayoutEffect, useRef } from "preact/hooks";
 import * as store from "./store";
 
 const KEY = "tour";
@@ -58,6 +58,7 @@ export function offerTour(): void {
 
 export function Tour() {
   const box = useRef<HTMLDivElement>(null);
+  const next = useRef<HTMLButtonElement>(null);
   const at = tourStep.value;
   const step = at === undefined || store.page.value !== "editor" ? undefined : STEPS[at];
   useLayoutEffect(() => {
@@ -65,6 +66,7 @@ export function Tour() {
     const of = step && document.querySelector<HTMLElement>(step.of);
     if (!card || !of) return;
     of.classList.add("toured");
+    of.scrollIntoView({ block: "nearest" });
     const place = (): void => {
       const [r, c] = [of.getBoundingClientRect(), card.getBoundingClientRect()];
       const room = (v: number, most: number): number => Math.max(8, Math.min(v, most - 8));
@@ -87,6 +89,15 @@ export function Tour() {
       window.removeEventListener("resize", place);
     };
   }, [step]);
+  const open = step !== undefined;
+  useEffect(() => {
+    if (!open) return;
+    // The search that asked for it gives the focus back first; a field in which somebody types keeps it.
+    const soon = requestAnimationFrame(() => {
+      if (!document.activeElement?.matches("input, select, textarea")) next.current?.focus();
+    });
+    return () => cancelAnimationFrame(soon);
+  }, [open]);
   if (!step || at === undefined) return null;
   const go = (to: number): void => void (tourStep.value = to < STEPS.length ? Math.max(0, to) : undefined);
   return (
@@ -117,7 +128,7 @@ export function Tour() {
             Skip
           </button>
         )}
-        <button class="main" onClick={() => go(at + 1)} data-testid="tour-next">
+        <button ref={next} class="main" onClick={() => go(at + 1)} data-testid="tour-next">
           {at + 1 < STEPS.length ? "Next" : "Done"}
         </button>
       </div>

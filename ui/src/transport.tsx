@@ -33,7 +33,7 @@ function Fade() {
   };
   return (
     <label class="of" title="Over how long a new offset grows and fades; type 0.5s, or frames">
-      fade{" "}
+      <span class="wide-only">fade</span>{" "}
       <input
         class="time"
         type="text"
