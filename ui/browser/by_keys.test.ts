@@ -78,7 +78,11 @@ describe("by keys alone", () => {
       await t.press("v");
       await t.byId("timeline").waitFor();
       // An offset at another time.
-      await t.press("End", "Shift+ArrowLeft", "j");
+      const { view } = await t.state();
+      await t.press("End");
+      const end = await t.until((s) => s.playhead === (s.clip?.length ?? 0) - 1, "at the end");
+      assert.deepEqual(end.view, view, "the whole clip was in sight, and is");
+      await t.press("Shift+ArrowLeft", "j");
       await t.until((s) => s.shaping, "moving a joint makes an offset");
       await search(t, "THJ4");
       await t.press("ArrowUp");

@@ -188,12 +188,15 @@ test("the timeline follows the playhead and the row of the keys", () => {
   const box = { width: 900, height: 200 };
   const near = zoomAt(fit(1000, box), 400, 20);
   for (const frame of [0, 3, 500, 999]) {
-    const x = frameToX(withFrame(near, box, frame), frame);
+    const x = frameToX(withFrame(near, box, frame, 1000), frame);
     assert.ok(x >= LABELS && x <= box.width, `frame ${frame} at ${x}`);
   }
   const whole = fit(100, box);
-  assert.equal(withFrame(whole, box, 50), whole, "what is in sight stays where it is");
-  assert.ok(withFrame(near, box, 0).left >= -PRE_ROLL - 1e-9);
+  assert.equal(withFrame(whole, box, 50, 100), whole, "what is in sight stays where it is");
+  assert.equal(withFrame(whole, box, 99, 100), whole, "the end of a clip that is whole in sight, too");
+  const last = withFrame(near, box, 999, 1000);
+  assert.ok(xToFrame(last, box.width) <= 1004 + 1e-9, "nothing behind the end is shown");
+  assert.ok(withFrame(near, box, 0, 1000).left >= -PRE_ROLL - 1e-9);
   for (const r of [0, 7, 22]) {
     const y = rowToY(withRow({ ...whole, top: 100 }, box, r), r);
     assert.ok(y >= RULER + MARKERS && y + ROW <= box.height - STRIP, `row ${r} at ${y}`);

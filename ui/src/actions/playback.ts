@@ -14,7 +14,7 @@ export function seek(frame: number): void {
 
 /** A timeline that somebody has zoomed in follows the playhead. */
 export function keepInView(frame: number): void {
-  store.view.value = withFrame(store.view.value, store.sheet.value, frame);
+  store.view.value = withFrame(store.view.value, store.sheet.value, frame, store.length.value);
 }
 
 export const markerHere = () => clip()?.markers?.find((m) => m.frame === store.playhead.value);

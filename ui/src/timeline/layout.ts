@@ -108,14 +108,20 @@ export function zoomAt(view: View, x: number, factor: number): View {
   return { ...view, zoom, left: frame - (x - LABELS) / zoom };
 }
 
-/** Moved sideways, if it must be, so that a frame is in sight. */
-export function withFrame(view: View, box: Box, frame: number): View {
+/** Frames behind the end that the whole clip is shown with. */
+const BEYOND = 4;
+
+/** Moved sideways, if it must be, so that a frame of a clip of this length is in sight. */
+export function withFrame(view: View, box: Box, frame: number, length: number): View {
   const x = frameToX(view, frame);
   const edge = Math.min(40, (box.width - LABELS) / 8);
   if (x >= LABELS + edge && x <= box.width - edge) return view;
   // A step further, so that the next ones are in sight, too.
   const at = x < LABELS + edge ? box.width - LABELS - 4 * edge : 4 * edge;
   const left = frame - at / view.zoom;
+  // Behind the end there is nothing to see: what shows the end already stays where it is.
+  const end = length + BEYOND - (box.width - LABELS) / view.zoom;
+  if (left > view.left) return end <= view.left + 1e-9 ? view : { ...view, left: Math.min(left, end) };
   return { ...view, left: Math.max(left, Math.min(view.left, -PRE_ROLL)) };
 }
 
@@ -128,7 +134,7 @@ export function withRow(view: View, box: Box, row: number): View {
 
 /** The whole clip with its pre-roll. */
 export function fit(length: number, box: Box): View {
-  const frames = length + PRE_ROLL + 4;
+  const frames = length + PRE_ROLL + BEYOND;
   return { zoom: Math.max(0.15, (box.width - LABELS) / frames), left: -PRE_ROLL, top: 0 };
 }
 
