@@ -353,7 +353,10 @@ fn folder(dir: &Path) -> Outcome<Clips> {
     }
     paths.sort();
     if paths.is_empty() {
-        return Err(Failure::invalid(format!("no *{CLIP_SUFFIX} in {}", dir.display())));
+        return Err(Failure::invalid(format!(
+            "there is no file *{CLIP_SUFFIX} in {}",
+            dir.display()
+        )));
     }
     paths.iter().map(|p| Ok((stem(p), Clip::load(p)?))).collect()
 }

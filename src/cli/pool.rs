@@ -15,7 +15,7 @@ pub(super) fn serve(mut perform: impl FnMut(usize) -> Outcome) -> Outcome {
     for line in std::io::stdin().lock().lines() {
         let line = line?;
         let Ok(index) = line.trim().parse() else {
-            return Err(Failure::usage(format!("stdin: \"{}\" is no index", line.trim())));
+            return Err(Failure::usage(format!("stdin: \"{}\" is not an index", line.trim())));
         };
         let found = perform(index);
         let (exit, error) = match &found {

@@ -416,6 +416,9 @@ pub fn parse(bytes: &[u8], path: &Path, robot: Option<&RobotCard>) -> Result<Mod
 }
 
 /// Refuses a file that was made for another robot, and names the difference.
+///
+/// # Errors
+/// [`Error::Robot`].
 pub fn same_robot(trained: &RobotCard, given: &RobotCard, path: &Path) -> Result<(), Error> {
     let refuse = |trained: String, given: String| {
         Err(Error::Robot { trained, given, path: path.to_owned() })
@@ -467,7 +470,10 @@ fn check_card(card: &Card) -> Result<(), String> {
     Ok(())
 }
 
-/// One tensor, checked: present, f32 or f16, this shape, finite.
+/// Reads the tensor `name` as f32.
+///
+/// # Errors
+/// A sentence, if it is missing, has another shape, is neither f32 nor f16, or is not finite.
 pub fn numbers(file: &SafeTensors<'_>, name: &str, shape: &[usize]) -> Result<Vec<f32>, String> {
     let t = file.tensor(name).map_err(|_e| format!("no tensor {name:?}"))?;
     if t.shape() != shape {

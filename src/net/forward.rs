@@ -12,8 +12,8 @@ use super::model::Net;
 
 /// A network on a device; rollouts ask it from several threads at once.
 pub trait Forward: Send + Sync + std::fmt::Debug {
-    /// Output of the head for these rows of the window in `window`, (rows, outputs); `None` when the
-    /// device is lost, and from then on.
+    /// Output of the head for these rows of the window in `window`, (rows, outputs); `None` once the
+    /// device is lost.
     fn run(&self, window: &Batch<f32>, rows: Range<usize>) -> Option<Vec<f32>>;
 }
 

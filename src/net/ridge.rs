@@ -350,8 +350,11 @@ fn accumulate(
     gemm(MatMut::new(xy, f, a), Init::Add, m.t(), Mat::new(y, rows, a));
 }
 
-/// Computes the lower Cholesky factor in place, row-major; the upper part is unchanged. Returns the
-/// row whose pivot is not positive.
+/// Computes the lower Cholesky factor of `m`, (n, n) row-major, in place; the upper part is
+/// unchanged.
+///
+/// # Errors
+/// The row whose pivot is not positive; `m` is then not positive definite.
 pub fn cholesky<T: Real>(m: &mut [T], n: usize) -> Result<(), usize> {
     for i in 0..n {
         let (above, row) = m.split_at_mut(i * n);

@@ -71,8 +71,8 @@ pub(super) enum Pace {
 pub(super) struct Paces {
     /// The speed and acceleration of every joint, in order.
     pub(super) joints: Vec<Pace>,
-    /// The time for which the joints were driven, where the model is so large that it was shorter than
-    /// [`STEPS`], seconds.
+    /// Seconds for which the joints were driven; `None` unless the model is so large that there was
+    /// no time for [`STEPS`].
     pub(super) cut_secs: Option<f64>,
 }
 

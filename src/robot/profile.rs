@@ -323,6 +323,9 @@ pub fn valid_id(id: &str) -> bool {
 
 impl Profile {
     /// The profile as TOML, in the order of the fields above.
+    ///
+    /// # Errors
+    /// [`Error::Mismatch`] if a value has no form in TOML.
     pub fn to_toml(&self) -> Result<String, Error> {
         toml::to_string(self).map_err(|e| Error::Mismatch {
             message: format!("the profile cannot be written: {e}"),

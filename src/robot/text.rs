@@ -81,7 +81,7 @@ pub(super) fn escape(value: &str) -> String {
     value.replace('&', "&amp;").replace('<', "&lt;").replace('"', "&quot;")
 }
 
-/// The model without geoms that neither collide nor have mass; it steps twice as fast.
+/// The model without geoms that neither collide nor have mass; a step takes half the time.
 ///
 /// The caller must make sure that they have no mass ([`super::Physics::discard_visual`]).
 pub(super) fn discard_visual(xml: &str) -> Result<String, roxmltree::Error> {

@@ -60,7 +60,7 @@ fn material(draft: &mut Draft, name: &str, path: &Path) -> Result<bool, Error> {
 }
 
 /// Adds the default classes that the file uses and does not define: a part of a model that other
-/// files complete has such classes. What they would say of the joints is unknown, hence a warning.
+/// files complete has such classes. The missing classes may change joints, so a warning is given.
 fn classes(draft: &mut Draft, path: &Path) -> Result<bool, Error> {
     let doc = preparse::parse(&draft.xml, path)?;
     let is_default = |n: &Node<'_, '_>| n.has_tag_name("default");

@@ -106,7 +106,7 @@ impl Guard {
     /// The checks for a server on this port.
     ///
     /// # Errors
-    /// When the system gives no random numbers.
+    /// If the operating system has no random numbers.
     pub(crate) fn new(port: u16) -> std::io::Result<Guard> {
         Ok(Guard {
             hosts: ["127.0.0.1", "localhost", "[::1]"].map(|h| format!("{h}:{port}")),

@@ -53,7 +53,7 @@ pub(super) struct Choice {
 /// Starts the threads of the session and of its writer.
 ///
 /// # Errors
-/// When the system gives none.
+/// If the operating system cannot start the thread.
 pub(crate) fn start(
     workspace: Arc<Workspace>,
     hub: Hub,

@@ -59,7 +59,7 @@ impl Writer {
     /// Starts the thread. What it has done goes to `session`.
     ///
     /// # Errors
-    /// When the system gives none.
+    /// If the operating system cannot start the thread.
     pub(super) fn start(
         workspace: Arc<Workspace>,
         simulation: Simulation,

@@ -25,7 +25,7 @@ impl Simulation {
     /// Starts the worker. `binary` is this program; pinned takes are kept in `state_dir`.
     ///
     /// # Errors
-    /// When the system gives no thread.
+    /// If the operating system cannot start the thread.
     pub(crate) fn start(
         binary: PathBuf,
         folder: PathBuf,

@@ -114,7 +114,7 @@ impl Pictures {
     /// Makes the handle. The painter starts at the first request.
     ///
     /// # Errors
-    /// When the system gives no thread.
+    /// If the operating system cannot start the thread.
     pub(crate) fn new(binary: PathBuf, state_dir: &Path) -> std::io::Result<Pictures> {
         Ok(Pictures {
             painter: WorkerHandle::start_resting(binary, Arc::new(Deaf), REST)?,

@@ -26,7 +26,7 @@ impl Workspace {
     /// Makes the handles without starting a process. `binary` is this program.
     ///
     /// # Errors
-    /// When the system gives no thread or no temporary folder.
+    /// If the operating system cannot start the thread or make a temporary folder.
     pub(crate) fn new(
         folder: PathBuf,
         state_dir: PathBuf,

@@ -17,7 +17,7 @@ impl Uploads {
     /// An empty set of uploads.
     ///
     /// # Errors
-    /// When the system gives no folder.
+    /// If the folder cannot be made.
     pub(crate) fn new() -> std::io::Result<Uploads> {
         Ok(Uploads { dir: tempfile::tempdir()?, held: Mutex::default() })
     }

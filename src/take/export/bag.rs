@@ -23,7 +23,7 @@ const PATH: &str = "/joint_trajectory_controller/joint_trajectory";
 const STATE_TYPE: &str = "sensor_msgs/msg/JointState";
 const PATH_TYPE: &str = "trajectory_msgs/msg/JointTrajectory";
 
-/// The reached motion as a bag; `what` is the trajectory in it.
+/// The reached motion as a bag; `what` chooses the trajectory.
 ///
 /// # Errors
 /// [`Error::Export`] for a command with goals for some joints only, or for none;

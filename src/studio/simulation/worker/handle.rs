@@ -21,7 +21,7 @@ impl WorkerHandle {
     /// Starts the supervisor, which starts the child. `binary` is this program.
     ///
     /// # Errors
-    /// When the system gives no thread.
+    /// If the operating system cannot start the thread.
     pub(crate) fn start(binary: PathBuf, sink: Arc<dyn WorkerSink>) -> io::Result<WorkerHandle> {
         Ok(WorkerHandle { inbox: supervisor::start(binary, sink, None)? })
     }
@@ -30,7 +30,7 @@ impl WorkerHandle {
     /// `rest` without one, because it is needed only now and then and uses memory.
     ///
     /// # Errors
-    /// When the system gives no thread.
+    /// If the operating system cannot start the thread.
     pub(crate) fn start_resting(
         binary: PathBuf,
         sink: Arc<dyn WorkerSink>,
