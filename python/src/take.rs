@@ -47,23 +47,27 @@ pub(crate) fn rollout(
     let command = clip.compiled(&robot)?;
     let clip = clip.inner.clone();
     let take = listened(py, progress, |listener, cancel| {
-        let (policy, performed) = if asked.name == PolicyName::Auto {
+        let (policy, chosen) = if asked.is_tried() {
             let all = Contenders::new(&robot, &asked).map_err(raise)?;
             let threads = std::thread::available_parallelism().map_or(1, usize::from);
             let chosen = all
                 .perform(&command, &Start::Pose, seed, threads, listener, cancel)
                 .map_err(raise)?;
             // They are compared on the nominal plant; on another one the best performs again.
-            let same = plant == PlantConfig::default() && !asked.refine;
-            let policy = PolicyConfig { refine: asked.refine, ..chosen.policy };
-            (policy, same.then_some(chosen.rollout))
+            let policy = PolicyConfig { refine: asked.refine, ..chosen.policy.clone() };
+            (policy, Some(chosen))
         } else {
             (asked, None)
         };
         let config = RolloutConfig { seed, guide: policy.guide, plant };
         let provenance = Provenance::new(&robot, &policy, &config).map_err(raise)?;
-        let mut rollout = match performed {
-            Some(rollout) => rollout,
+        let mut rollout = match chosen {
+            Some(chosen) if policy == chosen.policy && config.plant == PlantConfig::default() => {
+                chosen.rollout
+            }
+            Some(chosen) => {
+                chosen.performed_by(&policy, &command, &Start::Pose, config).map_err(raise)?
+            }
             None => {
                 let built = policy.build(&robot).map_err(raise)?;
                 Rollout::new(&robot, built, &command, Start::Pose, config).map_err(raise)?

@@ -40,7 +40,7 @@ pub(super) fn who(head: &str) -> String {
     let rows: Vec<String> =
         PolicyName::usages().map(|(usage, what)| format!("  {usage:<20} {what}")).collect();
     format!(
-        "{head}\n{}\nOptions after the name: +guide and +refine do the same as the flags, for this policy alone\n(robert:adaptive is best with +guide). robert also has +ensemble=N (mean over N windows, 1 to 21),\n+sample (draws the action) and +masks (the network fills the gaps itself).",
+        "{head}\n{}\nOptions after the name: +guide and +smooth are --guide linear and smooth, +refine is --refine, for this\npolicy alone (robert:adaptive is best with +guide). +ilc repeats the clip up to 6 times in simulation and moves\nthe goals by what was missed; auto does so too. robert also has +ensemble=N (mean over N windows, 1 to 21),\n+sample (draws the action) and +masks (the network fills the gaps itself).",
         rows.join("\n")
     )
 }
@@ -114,6 +114,8 @@ pub(super) enum GuideArg {
     None,
     /// The straight line from the reached state to the next goal.
     Linear,
+    /// A smooth curve from goal to goal through the whole gap.
+    Smooth,
 }
 
 impl From<GuideArg> for Guide {
@@ -121,6 +123,7 @@ impl From<GuideArg> for Guide {
         match arg {
             GuideArg::None => Guide::None,
             GuideArg::Linear => Guide::Linear,
+            GuideArg::Smooth => Guide::Smooth,
         }
     }
 }
@@ -158,22 +161,28 @@ pub(super) fn perform(text: &str, args: &PerformArgs, global: Global) -> Outcome
     let command = motion::command(&clip, &robot, text)?;
     let cancel = cancel_on_ctrl_c();
     let begin = Instant::now();
-    let (policy, tried, performed) = if asked.name == PolicyName::Auto {
+    let (policy, chosen) = if asked.is_tried() {
         let chosen = choose(&robot, &asked, &command, args.seed, &cancel, global)?;
         // The policies are compared on the nominal plant; on another plant the clip is performed
         // again.
-        let same = plant == PlantConfig::default() && !asked.refine;
-        let policy = PolicyConfig { refine: asked.refine, ..chosen.policy };
-        (policy, chosen.tried, same.then_some(chosen.rollout))
+        let policy = PolicyConfig { refine: asked.refine, ..chosen.policy.clone() };
+        (policy, Some(chosen))
     } else {
-        (asked, Vec::new(), None)
+        (asked, None)
     };
     let config = RolloutConfig { seed: args.seed, guide: policy.guide, plant };
-    let mut rollout = match performed {
-        Some(rollout) => rollout,
+    let (mut rollout, tried) = match chosen {
+        Some(chosen) if policy == chosen.policy && config.plant == PlantConfig::default() => {
+            (chosen.rollout, chosen.tried)
+        }
+        Some(chosen) => {
+            let start = Start::Pose;
+            (chosen.performed_by(&policy, &command, &start, config.clone())?, chosen.tried)
+        }
         None => {
             let built = policy.build(&robot)?;
-            Rollout::new(&robot, built, &command, Start::Pose, config.clone())?
+            let fresh = Rollout::new(&robot, built, &command, Start::Pose, config.clone())?;
+            (fresh, Vec::new())
         }
     };
     let bar = Bar::new(&policy.label(), "frames", global.quiet);

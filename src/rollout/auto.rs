@@ -1,8 +1,9 @@
 //! `auto`: chooses the policy by simulation.
 //!
 //! Every contender performs the clip: the learned policies and proportional control, with and
-//! without the guide. The best one is used. No learned policy is best everywhere (contact,
-//! unreachable poses), and a rollout takes too little time to be noticed.
+//! without smooth motion planned through the gaps. No policy is best everywhere (contact,
+//! unreachable poses), and a rollout takes too little time to be noticed. The best one then repeats
+//! the clip and corrects its goals by what it missed ([`super::ilc`]); the best pass is used.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -10,25 +11,17 @@ use std::sync::{Arc, Mutex, PoisonError};
 use serde::{Deserialize, Serialize};
 
 use super::error::Error;
-use super::gaps::GapFigures;
+use super::gaps::unnatural;
+use super::ilc::{self, Learner};
 use super::policy::Policy;
 use super::registry::{Guide, Inference, PolicyConfig, PolicyName};
 use super::run::{Rollout, RolloutConfig, Start};
 use super::shipped;
+use super::window::Goals;
 use robert_base::progress::{Cancel, Progress};
 use robert_clip::Command;
 use robert_net::Model;
 use robert_robot::{PlantConfig, Robot};
-
-/// Penalty of unnatural motion in a gap, as rad or m of error: for each rad or m of overshoot, and
-/// for each 1 by which the path, relative to the straight line, exceeds [`LONGEST_PATH`].
-const GAP_WEIGHT: f64 = 0.005;
-/// The penalty for each 1 by which the jerk, relative to the minimum, exceeds [`MOST_JERK`].
-const JERK_WEIGHT: f64 = 1e-4;
-/// Limits of natural motion inside a gap: path relative to the straight line, and jerk relative to
-/// the minimum.
-const LONGEST_PATH: f64 = 1.3;
-const MOST_JERK: f64 = 3.0;
 
 /// The result of one contender.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
@@ -45,9 +38,65 @@ pub struct Trial {
     pub error: Option<String>,
 }
 
+impl Trial {
+    /// A policy that has performed the clip.
+    pub(super) fn of(policy: &PolicyConfig, rollout: &Rollout) -> Trial {
+        Trial {
+            policy: policy.label(),
+            precision: rollout.precision().precision,
+            gaps: unnatural(rollout),
+            error: None,
+        }
+    }
+
+    /// A policy that could not perform it.
+    pub(super) fn failed(policy: &PolicyConfig, error: Option<&Error>) -> Trial {
+        let error = error.map(ToString::to_string);
+        Trial { policy: policy.label(), precision: None, gaps: 0.0, error }
+    }
+
+    /// What decides: the smaller the better.
+    pub(super) fn score(&self) -> Option<f64> {
+        Some(self.precision? + self.gaps)
+    }
+}
+
+impl Chosen {
+    /// Replaces the rollout by one with corrected goals, if there is one.
+    fn adopt(&mut self, better: Option<Rollout>) {
+        let Some(better) = better else { return };
+        self.policy.ilc = true;
+        self.tried.push(Trial::of(&self.policy, &better));
+        self.rollout = better;
+    }
+
+    /// The chosen policy on another plant, with the same corrections; nothing is simulated yet.
+    /// `policy` is the one to perform.
+    ///
+    /// # Errors
+    /// As [`PolicyConfig::build`] and [`Rollout::new`].
+    pub fn performed_by(
+        &self,
+        policy: &PolicyConfig,
+        command: &Command,
+        start: &Start,
+        config: RolloutConfig,
+    ) -> Result<Rollout, Error> {
+        let robot = self.rollout.robot();
+        let built = PolicyConfig { ilc: false, ..policy.clone() }.build(robot)?;
+        let mut rollout = Rollout::new(robot, built, command, start.clone(), config)?;
+        if let Some(shift) = self.rollout.shift() {
+            rollout.correct(shift)?;
+        }
+        Ok(rollout)
+    }
+}
+
 /// The contenders for one robot, built once and forked for every clip.
 pub struct Contenders {
     robot: Arc<Robot>,
+    /// Whether the best one repeats the clip.
+    learns: bool,
     list: Vec<(PolicyConfig, Mutex<Box<dyn Policy>>)>,
 }
 
@@ -60,7 +109,7 @@ impl std::fmt::Debug for Contenders {
 /// A clip that all contenders performed, with the best rollout.
 #[derive(Debug)]
 pub struct Chosen {
-    /// The best policy.
+    /// The best policy. [`PolicyConfig::ilc`] tells whether its goals were corrected.
     pub policy: PolicyConfig,
     /// Its rollout on the nominal plant.
     pub rollout: Rollout,
@@ -69,8 +118,9 @@ pub struct Chosen {
 }
 
 impl Contenders {
-    /// The contenders for the request `asked` (which has the name `auto`). Its model and guide
-    /// apply to all of them; refinement applies to the chosen one.
+    /// The contenders for the request `asked`, for which [`PolicyConfig::is_tried`] holds. Its model
+    /// and guide apply to all of them. Refinement applies to the chosen one, which then does not
+    /// repeat the clip.
     ///
     /// # Errors
     /// As [`PolicyConfig::build`].
@@ -79,7 +129,7 @@ impl Contenders {
             .into_iter()
             .map(|config| Ok((config.clone(), Mutex::new(config.build(robot)?))))
             .collect::<Result<_, Error>>()?;
-        Ok(Contenders { robot: Arc::clone(robot), list })
+        Ok(Contenders { robot: Arc::clone(robot), learns: learns(asked), list })
     }
 
     /// Their number.
@@ -108,22 +158,27 @@ impl Contenders {
         cancel: &Cancel,
     ) -> Result<Chosen, Error> {
         let (next, done) = (AtomicUsize::new(0), AtomicUsize::new(0));
-        let frames = self.list.len() as u64 * u64::from(command.frames().saturating_sub(1));
+        let goals = Goals::new(command);
+        let differ: Vec<usize> =
+            (0..self.list.len()).filter(|&i| differs(&self.list[i].0, &goals)).collect();
+        let passes = differ.len() + if self.learns { ilc::PASSES } else { 0 };
+        let frames = passes as u64 * u64::from(command.frames().saturating_sub(1));
+        let tick = |label: &str| {
+            let n = done.fetch_add(1, Ordering::Relaxed) + 1;
+            progress.tick(n as u64, frames, label);
+        };
         let work = || {
             let mut mine = Vec::new();
             loop {
-                let at = next.fetch_add(1, Ordering::Relaxed);
-                let Some((config, _)) = self.list.get(at) else { return mine };
-                let tick = || {
-                    let n = done.fetch_add(1, Ordering::Relaxed) + 1;
-                    progress.tick(n as u64, frames, &config.label());
-                };
-                mine.push((at, self.one(at, command, start, seed, &tick, cancel)));
+                let turn = next.fetch_add(1, Ordering::Relaxed);
+                let Some(&at) = differ.get(turn) else { return mine };
+                let label = self.list[at].0.label();
+                mine.push((at, self.one(at, command, start, seed, &|| tick(&label), cancel)));
             }
         };
         let mut all: Vec<_> = std::thread::scope(|scope| {
             let helpers: Vec<_> =
-                (1..threads.min(self.list.len())).map(|_| scope.spawn(work)).collect();
+                (1..threads.min(differ.len())).map(|_| scope.spawn(work)).collect();
             let mut all = work();
             for helper in helpers {
                 let part = helper.join();
@@ -135,7 +190,29 @@ impl Contenders {
         if cancel.is_cancelled() {
             return Err(Error::Cancelled { frame: 0 });
         }
-        self.nearest(all.into_iter().map(|(_, result)| result))
+        let (at, mut chosen) = self.nearest(all)?;
+        if self.learns {
+            let tick = || tick(&PolicyConfig { ilc: true, ..chosen.policy.clone() }.label());
+            let again = || self.rollout(at, command, start, seed);
+            let better = repeat(&chosen, again, &tick, cancel)?;
+            chosen.adopt(better);
+        }
+        Ok(chosen)
+    }
+
+    /// A rollout of a contender at its beginning.
+    fn rollout(
+        &self,
+        at: usize,
+        command: &Command,
+        start: &Start,
+        seed: u64,
+    ) -> Result<Rollout, Error> {
+        let (config, template) = &self.list[at];
+        let fork = template.lock().unwrap_or_else(PoisonError::into_inner).fork();
+        let policy = fork.map_or_else(|| config.build(&self.robot), Ok)?;
+        let own = RolloutConfig { seed, guide: config.guide, plant: PlantConfig::default() };
+        Rollout::new(&self.robot, policy, command, start.clone(), own)
     }
 
     fn one(
@@ -147,33 +224,26 @@ impl Contenders {
         tick: &dyn Fn(),
         cancel: &Cancel,
     ) -> Result<Rollout, Error> {
-        let (config, template) = &self.list[at];
-        let fork = template.lock().unwrap_or_else(PoisonError::into_inner).fork();
-        let policy = fork.map_or_else(|| config.build(&self.robot), Ok)?;
-        let own = RolloutConfig { seed, guide: config.guide, plant: PlantConfig::default() };
-        let mut rollout = Rollout::new(&self.robot, policy, command, start.clone(), own)?;
+        let mut rollout = self.rollout(at, command, start, seed)?;
         while !cancel.is_cancelled() && rollout.step()?.is_some() {
             tick();
         }
         Ok(rollout)
     }
 
-    fn nearest(&self, all: impl Iterator<Item = Result<Rollout, Error>>) -> Result<Chosen, Error> {
-        let mut tried = Vec::with_capacity(self.list.len());
-        let mut rollouts = Vec::with_capacity(self.list.len());
+    /// The best of all rollouts, and its contender.
+    fn nearest(&self, all: Vec<(usize, Result<Rollout, Error>)>) -> Result<(usize, Chosen), Error> {
+        let (mut tried, mut rollouts) = (Vec::new(), Vec::new());
         let mut first_error = None;
-        for ((config, _), result) in self.list.iter().zip(all) {
-            let policy = config.label();
+        for (at, result) in all {
+            let policy = &self.list[at].0;
             match result {
                 Ok(rollout) => {
-                    let precision = rollout.precision().precision;
-                    let gaps = unnatural(&rollout);
-                    tried.push(Trial { policy, precision, gaps, error: None });
-                    rollouts.push(Some(rollout));
+                    tried.push(Trial::of(policy, &rollout));
+                    rollouts.push(Some((at, rollout)));
                 }
                 Err(e) => {
-                    let error = Some(e.to_string());
-                    tried.push(Trial { policy, precision: None, gaps: 0.0, error });
+                    tried.push(Trial::failed(policy, Some(&e)));
                     first_error.get_or_insert(e);
                     rollouts.push(None);
                 }
@@ -181,8 +251,10 @@ impl Contenders {
         }
         let performed = rollouts.iter().position(Option::is_some);
         match (best(&tried).or(performed), first_error) {
-            (Some(at), _) => match rollouts.swap_remove(at) {
-                Some(rollout) => Ok(Chosen { policy: self.list[at].0.clone(), rollout, tried }),
+            (Some(turn), _) => match rollouts.swap_remove(turn) {
+                Some((at, rollout)) => {
+                    Ok((at, Chosen { policy: self.list[at].0.clone(), rollout, tried }))
+                }
                 None => unreachable!("the best has been performed"),
             },
             (None, Some(e)) => Err(e),
@@ -191,49 +263,75 @@ impl Contenders {
     }
 }
 
+/// Lets the chosen policy repeat the clip; the best pass, if it is better.
+fn repeat(
+    chosen: &Chosen,
+    again: impl Fn() -> Result<Rollout, Error>,
+    tick: &dyn Fn(),
+    cancel: &Cancel,
+) -> Result<Option<Rollout>, Error> {
+    let own = chosen.tried.iter().find(|t| t.policy == chosen.policy.label());
+    let Some(least) = own.and_then(Trial::score) else { return Ok(None) };
+    let mut learner = Learner::new(&chosen.rollout, least, again()?)?;
+    while learner.step(&again) {
+        if cancel.is_cancelled() {
+            return Err(Error::Cancelled { frame: 0 });
+        }
+        tick();
+    }
+    Ok(learner.into_best())
+}
+
 /// The contender with the smallest sum of error and gap penalty; the first among equals.
 pub(super) fn best(tried: &[Trial]) -> Option<usize> {
-    let scored = tried.iter().enumerate().filter_map(|(at, t)| Some((at, t.precision? + t.gaps)));
+    let scored = tried.iter().enumerate().filter_map(|(at, t)| Some((at, t.score()?)));
     scored.min_by(|(_, a), (_, b)| a.total_cmp(b)).map(|(at, _)| at)
 }
 
-pub(super) fn unnatural(rollout: &Rollout) -> f64 {
-    let names: Vec<String> = rollout.robot().joints().iter().map(|j| j.name.clone()).collect();
-    let gap = GapFigures::measure(rollout.goals(), rollout.states(), &names).unwrap_or_default();
-    let swing = gap.overshoot.map_or(0.0, |o| o.value);
-    let detour = gap.path.map_or(0.0, |p| (p - LONGEST_PATH).max(0.0));
-    let jolts = gap.jerk.map_or(0.0, |j| (j - MOST_JERK).max(0.0));
-    GAP_WEIGHT * (swing + detour) + JERK_WEIGHT * jolts
+/// Whether the best contender repeats the clip.
+pub(super) fn learns(asked: &PolicyConfig) -> bool {
+    asked.ilc || !asked.refine
 }
 
-/// The list of contenders. With a model: the network alone, with the guide, and filling the gaps
-/// itself; the linear prediction alone and with the guide; proportional control. Without a model:
-/// policies that need no data.
+/// Whether a policy moves differently from the same one without a guide: in a clip without gaps
+/// there is nothing to fill.
+pub(super) fn differs(policy: &PolicyConfig, goals: &Goals) -> bool {
+    let fills = policy.guide != Guide::None || policy.inference.masks;
+    !fills || goals.has_gaps()
+}
+
+/// The list of contenders. With a model: the network alone, with smooth motion through the gaps,
+/// and filling the gaps itself; the linear prediction and proportional control, alone and with
+/// smooth motion. Without a model: policies that need no data. For a named policy: this one.
 pub(super) fn configs(robot: &Robot, asked: &PolicyConfig) -> Result<Vec<PolicyConfig>, Error> {
-    let of = |name, guide| PolicyConfig { name, guide, refine: false, ..asked.clone() };
-    let plain = |name| PolicyConfig { model_path: None, ..of(name, asked.guide) };
+    if asked.name != PolicyName::Auto {
+        return Ok(vec![PolicyConfig { ilc: false, ..asked.clone() }]);
+    }
     let guides: &[Guide] = match asked.guide {
-        Guide::None => &[Guide::None, Guide::Linear],
+        Guide::None => &[Guide::None, Guide::Smooth],
         Guide::Linear => &[Guide::Linear],
+        Guide::Smooth => &[Guide::Smooth],
     };
+    let each =
+        |of: PolicyConfig| guides.iter().map(move |&guide| PolicyConfig { guide, ..of.clone() });
+    let of = |name| PolicyConfig { name, refine: false, ilc: false, ..asked.clone() };
+    let inference = Inference::default();
+    let plain = |name| PolicyConfig { model_path: None, inference, ..of(name) };
     let mut list = Vec::new();
     if asked.model_path.is_some() || shipped::has_default(robot) {
-        let model: Arc<Model> =
-            PolicyConfig { name: PolicyName::Robert, ..asked.clone() }.model(robot)?;
-        list.extend(guides.iter().map(|&g| of(PolicyName::Robert, g)));
+        let model: Arc<Model> = of(PolicyName::Robert).model(robot)?;
+        list.extend(each(of(PolicyName::Robert)));
         if asked.guide == Guide::None && model.card.reach.is_some() {
             let inference = Inference { masks: true, ..asked.inference };
-            list.push(PolicyConfig { inference, ..of(PolicyName::Robert, Guide::None) });
+            list.push(PolicyConfig { inference, ..of(PolicyName::Robert) });
         }
         if model.encoder.ridge.is_some() {
-            let inference = Inference::default();
-            let ridge = |g| PolicyConfig { inference, ..of(PolicyName::Ridge, g) };
-            list.extend(guides.iter().map(|&g| ridge(g)));
+            list.extend(each(PolicyConfig { inference, ..of(PolicyName::Ridge) }));
         }
-        list.push(PolicyConfig { inference: Inference::default(), ..plain(PolicyName::Pd) });
     } else {
-        list.extend([PolicyName::ComputedTorque, PolicyName::Pd].map(plain));
+        list.extend(each(plain(PolicyName::ComputedTorque)));
     }
+    list.extend(each(plain(PolicyName::Pd)));
     Ok(list)
 }
 

@@ -22,6 +22,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::run::Rollout;
 use super::spline;
 use super::window::{Goals, HISTORY};
 
@@ -33,6 +34,16 @@ pub(super) const ALLOWANCE: f64 = 0.02;
 
 /// Allowance for overshoot as a share of the step between the two goals.
 pub(super) const ALLOWED_SHARE: f64 = 0.05;
+
+/// Penalty of unnatural motion in a gap, as rad or m of error: for each rad or m of overshoot, and
+/// for each 1 by which the path, relative to the straight line, exceeds [`LONGEST_PATH`].
+const GAP_WEIGHT: f64 = 0.02;
+/// The penalty for each 1 by which the jerk, relative to the minimum, exceeds [`MOST_JERK`].
+const JERK_WEIGHT: f64 = 5e-4;
+/// Limits of natural motion inside a gap: path relative to the straight line, and jerk relative to
+/// the minimum.
+const LONGEST_PATH: f64 = 1.3;
+const MOST_JERK: f64 = 3.0;
 
 /// A figure and where it was found.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -240,6 +251,16 @@ pub(super) fn cubic_error(goals: &Goals, history: &[f64], truth: &[f64]) -> Opti
         }
     }
     (n > 0).then(|| sum / n as f64)
+}
+
+/// Penalty of the motion inside gaps, rad or m: for overshoot, long paths and jerk.
+pub(super) fn unnatural(rollout: &Rollout) -> f64 {
+    let names: Vec<String> = rollout.robot().joints().iter().map(|j| j.name.clone()).collect();
+    let gap = GapFigures::measure(rollout.goals(), rollout.states(), &names).unwrap_or_default();
+    let swing = gap.overshoot.map_or(0.0, |o| o.value);
+    let detour = gap.path.map_or(0.0, |p| (p - LONGEST_PATH).max(0.0));
+    let jolts = gap.jerk.map_or(0.0, |j| (j - MOST_JERK).max(0.0));
+    GAP_WEIGHT * (swing + detour) + JERK_WEIGHT * jolts
 }
 
 #[cfg(test)]

@@ -10,21 +10,17 @@
 //! Rejected: the straight line everywhere (its jerk is four times that of minimum-jerk
 //! motion, and the hand is late at every hold), and a curve that rests at each goal.
 
+use super::curve::{Knot, Piece, mean_speed, passing_speed};
 use super::window::{COMMAND, Window};
 
 /// Share of a joint's highest speed above which a curve becomes straighter.
 const BRISK: f64 = 0.8;
-/// A cubic overshoots if its speed at an end exceeds the mean speed of the piece by this factor.
-const STEEPEST: f64 = 3.0;
-
-/// One goal of a joint: frames from now, value.
-type Goal = (usize, f64);
 
 /// Fills every hidden goal of the window and marks it as visible. `speed` is the fastest
 /// change of each joint in a frame, rad or m; (S).
 pub(super) fn infill(window: &mut Window, speed: &[f64]) {
     let d = window.dim();
-    let mut goals: Vec<Goal> = Vec::with_capacity(COMMAND + 1);
+    let mut goals: Vec<Knot> = Vec::with_capacity(COMMAND + 1);
     for (j, &fastest) in speed.iter().enumerate() {
         let shown = (0..COMMAND).filter(|i| window.visible[i * d + j]).count();
         if shown == COMMAND {
@@ -65,61 +61,6 @@ pub(super) fn infill(window: &mut Window, speed: &[f64]) {
         }
     }
     window.visible.fill(true);
-}
-
-fn mean_speed(from: Goal, to: Goal) -> f64 {
-    (to.1 - from.1) / (to.0 - from.0) as f64
-}
-
-/// Speed at the middle one of three goals.
-fn passing_speed(before: Goal, at: Goal, after: Goal) -> f64 {
-    let (a, b) = (mean_speed(before, at), mean_speed(at, after));
-    let (wide_a, wide_b) = ((at.0 - before.0) as f64, (after.0 - at.0) as f64);
-    if after.0 - at.0 == 1 {
-        return b;
-    }
-    if at.0 - before.0 == 1 {
-        return a;
-    }
-    if a * b <= 0.0 {
-        return 0.0;
-    }
-    let (w1, w2) = (2.0 * wide_b + wide_a, wide_b + 2.0 * wide_a);
-    (w1 + w2) / (w1 / a + w2 / b)
-}
-
-/// A cubic between two goals.
-struct Piece {
-    from: Goal,
-    to: Goal,
-    departure: f64,
-    arrival: f64,
-}
-
-impl Piece {
-    /// `limit` is the speed that the curve should stay below, if the distance allows it.
-    fn new(from: Goal, to: Goal, departure: f64, arrival: f64, limit: f64) -> Piece {
-        let mean = mean_speed(from, to);
-        // A cubic between two speeds v is at 1.5 mean - .5 v in its middle.
-        let least = (3.0 * mean.abs() - 2.0 * limit).clamp(0.0, mean.abs());
-        let keep = |v: f64| v.signum() * v.abs().clamp(0.0, STEEPEST * mean.abs());
-        let faster = |v: f64| if v * mean.signum() < least { least * mean.signum() } else { v };
-        // A joint that moves in the opposite direction needs time to turn, and ending against the
-        // direction of motion would overshoot.
-        let departure = if departure * mean > 0.0 { keep(departure) } else { departure };
-        let arrival = if arrival * mean > 0.0 { keep(arrival) } else { 0.0 };
-        Piece { from, to, departure: faster(departure), arrival: faster(arrival) }
-    }
-
-    fn at(&self, frame: usize) -> f64 {
-        let h = (self.to.0 - self.from.0) as f64;
-        let u = (frame - self.from.0) as f64 / h;
-        let (u2, u3) = (u * u, u * u * u);
-        (2.0 * u3 - 3.0 * u2 + 1.0) * self.from.1
-            + (u3 - 2.0 * u2 + u) * h * self.departure
-            + (3.0 * u2 - 2.0 * u3) * self.to.1
-            + (u3 - u2) * h * self.arrival
-    }
 }
 
 #[cfg(test)]

@@ -1,15 +1,17 @@
 //! A clip that is performed while it is edited, by one policy or by all contenders of `auto`.
 //!
 //! Each contender keeps its own rollout, so that an edit simulates again only what it can change.
-//! One of them is shown: it performs first, and its frames can be streamed. The others follow, and
-//! the best one is shown from then on.
+//! One of them is shown: it performs first, and its frames can be streamed. The others follow. The
+//! best one repeats the clip, and its best pass is shown until the next edit.
 
 use std::sync::Arc;
 
-use super::auto::{Trial, best, configs, unnatural};
+use super::auto::{Trial, best, configs, differs, learns};
 use super::error::Error;
-use super::registry::{PolicyConfig, PolicyName};
+use super::ilc::Learner;
+use super::registry::PolicyConfig;
 use super::run::{Rollout, RolloutConfig, Start};
+use super::window::Goals;
 use robert_clip::Command;
 use robert_robot::Robot;
 
@@ -27,8 +29,14 @@ struct Contender {
 pub struct LiveRollout {
     robot: Arc<Robot>,
     contenders: Vec<Contender>,
-    shown: usize,
+    /// The contender that is shown, and whether its best pass is.
+    shown: (usize, bool),
+    /// Whether the best contender repeats the clip.
+    learns: bool,
+    /// The contender that repeats the clip, once all have performed it.
+    learner: Option<(usize, Learner)>,
     command: Command,
+    goals: Goals,
     edit: u64,
     seed: u64,
 }
@@ -56,10 +64,7 @@ impl LiveRollout {
         seed: u64,
         command: &Command,
     ) -> Result<LiveRollout, Error> {
-        let policies = match asked.name {
-            PolicyName::Auto => configs(robot, asked)?,
-            _ => vec![asked.clone()],
-        };
+        let policies = configs(robot, asked)?;
         let refine = asked.refine;
         let contender = |policy| Contender { policy, rollout: None, edit: 0, failed: None };
         let mut live = LiveRollout {
@@ -68,8 +73,11 @@ impl LiveRollout {
                 .into_iter()
                 .map(|p| contender(PolicyConfig { refine, ..p }))
                 .collect(),
-            shown: 0,
+            shown: (0, false),
+            learns: asked.is_tried() && learns(asked),
+            learner: None,
             command: command.clone(),
+            goals: Goals::new(command),
             edit: 1,
             seed,
         };
@@ -79,9 +87,11 @@ impl LiveRollout {
 
     /// The rollout that is shown.
     pub fn shown(&self) -> &Rollout {
-        match &self.contenders[self.shown].rollout {
-            Some(rollout) => rollout,
-            None => unreachable!("the shown contender has always a rollout"),
+        let best = self.learner.as_ref().and_then(|(_, l)| l.best());
+        match (best, &self.contenders[self.shown.0].rollout) {
+            (Some(best), _) if self.shown.1 => best,
+            (_, Some(rollout)) => rollout,
+            (_, None) => unreachable!("the shown contender has always a rollout"),
         }
     }
 
@@ -90,16 +100,19 @@ impl LiveRollout {
         self.contenders.len()
     }
 
-    /// Replaces the command. Returns the frame from which the shown rollout continues, as
-    /// [`Rollout::set_command`] does; the others follow when their turn comes.
+    /// Replaces the command. Returns the frame up to which the motion stands that was shown; it is 0
+    /// if corrections learned for the last command were shown. The others follow when their turn
+    /// comes.
     ///
     /// # Errors
     /// As [`Rollout::new`].
     pub fn set_command(&mut self, command: &Command) -> Result<usize, Error> {
-        self.command = command.clone();
+        (self.command, self.goals) = (command.clone(), Goals::new(command));
         self.edit += 1;
-        self.take_up(self.shown)?;
-        Ok(self.shown().frame())
+        self.learner = None;
+        let corrected = std::mem::take(&mut self.shown.1);
+        self.take_up(self.shown.0)?;
+        Ok(if corrected { 0 } else { self.shown().frame() })
     }
 
     /// Makes a contender's rollout continue with the current command.
@@ -127,7 +140,7 @@ impl LiveRollout {
     /// # Errors
     /// As [`Rollout::step`].
     pub fn step(&mut self) -> Result<Option<super::run::Frame<'_>>, Error> {
-        match &mut self.contenders[self.shown].rollout {
+        match &mut self.contenders[self.shown.0].rollout {
             Some(rollout) => rollout.step(),
             None => unreachable!("the shown contender has always a rollout"),
         }
@@ -138,9 +151,10 @@ impl LiveRollout {
     pub fn step_another(&mut self) -> bool {
         let behind = |c: &Contender| {
             let done = c.rollout.as_ref().is_some_and(Rollout::is_done);
-            c.edit != self.edit || !(done || c.failed.is_some())
+            differs(&c.policy, &self.goals)
+                && (c.edit != self.edit || !(done || c.failed.is_some()))
         };
-        let Some(at) = self.contenders.iter().position(behind) else { return false };
+        let Some(at) = self.contenders.iter().position(behind) else { return self.learn() };
         let result = self.take_up(at).and_then(|()| match &mut self.contenders[at].rollout {
             Some(rollout) => rollout.step().map(|_| ()),
             None => unreachable!("it has been taken up"),
@@ -152,38 +166,78 @@ impl LiveRollout {
         true
     }
 
+    /// Simulates one frame of a repetition by the best contender. False after the last one.
+    fn learn(&mut self) -> bool {
+        if !self.learns {
+            return false;
+        }
+        if self.learner.is_none() {
+            self.learner = self.learner();
+        }
+        let Some((at, learner)) = &mut self.learner else { return false };
+        let own = &self.contenders[*at];
+        learner.step(|| beginning(&self.robot, own, &self.command, self.seed))
+    }
+
+    /// The best contender, about to repeat the clip; `None` if none can.
+    fn learner(&self) -> Option<(usize, Learner)> {
+        let tried = self.tried();
+        let trials: Vec<Trial> = tried.iter().map(|(_, t)| t.clone()).collect();
+        let (at, trial) = &tried[best(&trials)?];
+        let own = &self.contenders[*at];
+        let first = own.rollout.as_ref()?;
+        let fresh = beginning(&self.robot, own, &self.command, self.seed).ok()?;
+        Some((*at, Learner::new(first, trial.score()?, fresh).ok()?))
+    }
+
+    /// What the contenders achieved that have something of their own to show.
+    fn tried(&self) -> Vec<(usize, Trial)> {
+        let trial = |c: &Contender| match (&c.rollout, &c.failed) {
+            (Some(rollout), None) => Trial::of(&c.policy, rollout),
+            (_, failed) => Trial::failed(&c.policy, failed.as_ref()),
+        };
+        let differing = self.contenders.iter().enumerate();
+        let differing = differing.filter(|(_, c)| differs(&c.policy, &self.goals));
+        differing.map(|(at, c)| (at, trial(c))).collect()
+    }
+
     /// Compares the contenders and shows the best one. It is the choice of
     /// [`super::Contenders::perform`] for the same clip and seed.
     ///
     /// # Errors
     /// The first one's error when all have failed.
     pub fn choose(&mut self) -> Result<Choice, Error> {
-        let trial = |c: &Contender| {
-            let policy = c.policy.label();
-            match (&c.rollout, &c.failed) {
-                (Some(rollout), None) => Trial {
-                    policy,
-                    precision: rollout.precision().precision,
-                    gaps: unnatural(rollout),
-                    error: None,
-                },
-                (_, failed) => Trial {
-                    policy,
-                    precision: None,
-                    gaps: 0.0,
-                    error: failed.as_ref().map(ToString::to_string),
-                },
-            }
-        };
-        let tried: Vec<Trial> = self.contenders.iter().map(trial).collect();
-        let performed = self.contenders.iter().position(|c| c.failed.is_none());
-        let Some(at) = best(&tried).or(performed) else {
+        let (places, mut tried): (Vec<usize>, Vec<Trial>) = self.tried().into_iter().unzip();
+        let performed = places.iter().position(|&at| self.contenders[at].failed.is_none());
+        let Some(turn) = best(&tried).or(performed) else {
             let first = self.contenders.iter_mut().find_map(|c| c.failed.take());
             return Err(first.unwrap_or_else(|| unreachable!("all have failed")));
         };
-        let changed = std::mem::replace(&mut self.shown, at) != at;
-        Ok(Choice { policy: self.contenders[at].policy.label(), changed, tried })
+        let at = places[turn];
+        let mut policy = self.contenders[at].policy.clone();
+        let better = self.learner.as_ref().and_then(|(_, l)| l.best());
+        if let Some(better) = better {
+            policy.ilc = true;
+            tried.push(Trial::of(&policy, better));
+        }
+        let shown = (at, better.is_some());
+        let changed = std::mem::replace(&mut self.shown, shown) != shown;
+        Ok(Choice { policy: policy.label(), changed, tried })
     }
+}
+
+/// A rollout of a contender at its beginning.
+fn beginning(
+    robot: &Arc<Robot>,
+    contender: &Contender,
+    command: &Command,
+    seed: u64,
+) -> Result<Rollout, Error> {
+    let Contender { policy, rollout, .. } = contender;
+    let fork = rollout.as_ref().and_then(Rollout::fork_policy);
+    let built = fork.map_or_else(|| policy.build(robot), Ok)?;
+    let config = RolloutConfig { seed, guide: policy.guide, ..RolloutConfig::default() };
+    Rollout::new(robot, built, command, Start::Pose, config)
 }
 
 impl std::fmt::Debug for LiveRollout {
@@ -198,7 +252,7 @@ impl std::fmt::Debug for LiveRollout {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Contenders, tasks};
+    use crate::{Contenders, PolicyName, tasks};
     use robert_base::progress::{Cancel, Silent};
     use robert_clip::{Clip, compile};
 

@@ -10,7 +10,7 @@ use crate::window::COMMAND;
 /// The number of windows that contain a frame: as the current frame, and as each command frame.
 const WINDOWS: usize = COMMAND + 1;
 
-const OPTIONS: &str = "+guide, +refine, +sample, +masks or +ensemble=N";
+const OPTIONS: &str = "+guide, +smooth, +refine, +ilc, +sample, +masks or +ensemble=N";
 
 /// Reads `pd`, `pd+guide`, `zero+guide+refine`, `robert:runs/a+ensemble=3+sample+guide`.
 impl FromStr for PolicyConfig {
@@ -19,11 +19,15 @@ impl FromStr for PolicyConfig {
     fn from_str(text: &str) -> Result<Self, Error> {
         let wrong = |why: String| Error::Notation { text: text.to_owned(), why };
         // A path may contain a plus; only these endings are options.
-        let (mut rest, mut guide, mut refine) = (text, Guide::None, false);
+        let (mut rest, mut guide, mut refine, mut ilc) = (text, Guide::None, false, false);
         let mut inference = Inference::default();
         loop {
             if let Some(shorter) = rest.strip_suffix("+guide") {
                 (rest, guide) = (shorter, Guide::Linear);
+            } else if let Some(shorter) = rest.strip_suffix("+smooth") {
+                (rest, guide) = (shorter, Guide::Smooth);
+            } else if let Some(shorter) = rest.strip_suffix("+ilc") {
+                (rest, ilc) = (shorter, true);
             } else if let Some(shorter) = rest.strip_suffix("+refine") {
                 (rest, refine) = (shorter, true);
             } else if let Some(shorter) = rest.strip_suffix("+sample") {
@@ -55,6 +59,6 @@ impl FromStr for PolicyConfig {
             return Err(wrong("+sample, +masks and +ensemble=N are only for robert".to_owned()));
         }
         let model_path = model.map(Into::into);
-        Ok(PolicyConfig { guide, refine, model_path, inference, ..PolicyConfig::new(name) })
+        Ok(PolicyConfig { guide, refine, ilc, model_path, inference, ..PolicyConfig::new(name) })
     }
 }

@@ -59,7 +59,7 @@ const NAMES: [(PolicyName, &str, &str, &str); 10] = {
             P::Auto,
             "auto",
             "[:MODEL]",
-            "the best of robert, ridge and pd on this clip, by simulation",
+            "the best of robert, ridge and pd on this clip, by simulation, corrected by repetition",
         ),
         (P::Zero, "zero", "", "no torque"),
         (P::Pd, "pd", "", "proportional-derivative control, joint by joint"),
@@ -102,7 +102,9 @@ impl PolicyName {
             PolicyName::Ridge => "nearly linear robots, or seconds of recorded motion",
             PolicyName::Nearest => "comparison: shows what the recorded motion already contains",
             PolicyName::MlpInverse => "a goal in every frame, an inaccurate robot model",
-            PolicyName::Auto => "any clip: tries robert, ridge and pd and takes the best",
+            PolicyName::Auto => {
+                "any clip: tries robert, ridge and pd, repeats the best and corrects its goals"
+            }
         }
     }
 
@@ -250,8 +252,21 @@ pub enum Guide {
     /// Nothing: the policy sees the mask.
     #[default]
     None,
-    /// The straight line from the reached state to the next goal.
+    /// The straight line from the reached state to the next goal, drawn anew in every frame.
     Linear,
+    /// A smooth curve from goal to goal through the whole gap, planned before the rollout.
+    Smooth,
+}
+
+impl Guide {
+    /// The option after a policy's name; empty without a guide.
+    pub fn suffix(self) -> &'static str {
+        match self {
+            Guide::None => "",
+            Guide::Linear => "+guide",
+            Guide::Smooth => "+smooth",
+        }
+    }
 }
 
 /// How a trained network is used; other policies ignore it.
@@ -318,6 +333,10 @@ pub struct PolicyConfig {
     pub guide: Guide,
     /// Improve each action on the model.
     pub refine: bool,
+    /// Repeat the clip in simulation, moving the goals by what was missed: iterative learning
+    /// control.
+    #[serde(default)]
+    pub ilc: bool,
     /// Model or fit file, or the name of a shipped model, for learned policies; `None` is the
     /// robot's shipped default.
     pub model_path: Option<PathBuf>,
@@ -333,6 +352,7 @@ impl PolicyConfig {
             name,
             guide: Guide::None,
             refine: false,
+            ilc: false,
             model_path: None,
             inference: Inference::default(),
         }
@@ -341,6 +361,11 @@ impl PolicyConfig {
     /// The policy that measures floors; see [`super::floor`].
     pub fn floor() -> PolicyConfig {
         PolicyConfig::new(PolicyName::Ilqr)
+    }
+
+    /// Whether it is found by trying policies on the clip; see [`super::Contenders`].
+    pub fn is_tried(&self) -> bool {
+        self.name == PolicyName::Auto || self.ilc
     }
 
     /// The label in tables: `pd`, `pd+guide`, `robert:adaptive+ensemble=3+refine`. It does not
@@ -356,14 +381,15 @@ impl PolicyConfig {
     }
 
     fn labelled(&self, model: Option<&str>) -> String {
-        let guide = if self.guide == Guide::Linear { "+guide" } else { "" };
+        let guide = self.guide.suffix();
+        let ilc = if self.ilc { "+ilc" } else { "" };
         let refine = if self.refine { "+refine" } else { "" };
         let Inference { ensemble, sample, masks, .. } = self.inference;
         let sample = if sample { "+sample" } else { "" };
         let masks = if masks { "+masks" } else { "" };
         let ensemble = if ensemble > 1 { format!("+ensemble={ensemble}") } else { String::new() };
         let model = model.map(|m| format!(":{m}")).unwrap_or_default();
-        format!("{}{model}{sample}{masks}{ensemble}{guide}{refine}", self.name.as_str())
+        format!("{}{model}{sample}{masks}{ensemble}{guide}{refine}{ilc}", self.name.as_str())
     }
 
     /// The default policy of a robot: the one that its folder names, else its shipped model, else
@@ -470,12 +496,12 @@ impl PolicyConfig {
     /// # Errors
     /// Anything that the policy needs and does not find.
     pub fn build(&self, robot: &Arc<Robot>) -> Result<Box<dyn Policy>, Error> {
+        if self.is_tried() {
+            let needs = "a clip on which it is tried; here, name a policy, without +ilc".to_owned();
+            return Err(Error::Needs { policy: self.label(), needs });
+        }
         let policy: Box<dyn Policy> = match self.name {
-            PolicyName::Auto => {
-                let needs =
-                    "a clip on which the policies are tried; here, name one of them".to_owned();
-                return Err(Error::Needs { policy: "auto".to_owned(), needs });
-            }
+            PolicyName::Auto => unreachable!("auto is tried on a clip"),
             PolicyName::Zero => Box::new(Zero),
             PolicyName::Pd => Box::new(Pd::new(robot)?),
             PolicyName::ComputedTorque => Box::new(ComputedTorque::new(robot)?),

@@ -79,6 +79,12 @@ pub struct Rollout {
     config: RolloutConfig,
     start: Start,
     goals: Goals,
+    /// What the policy sees: the goals, with smooth motion in the gaps if the guide asks for it.
+    plan: Goals,
+    /// The plan with the corrections of [`Rollout::correct`].
+    led: Goals,
+    /// Those corrections; (frames, S).
+    shift: Option<Vec<f64>>,
     start_pose: Vec<f64>,
     plant: Data,
     substeps: usize,
@@ -111,12 +117,17 @@ impl Rollout {
         let model = config.plant.model(robot)?;
         let substeps = substeps(&model)?;
         let plant = Data::new(&model)?;
+        let goals = Goals::new(command);
+        let plan = plan(&goals, config.guide);
         let mut rollout = Rollout {
             robot: Arc::clone(robot),
             policy,
             config,
             start,
-            goals: Goals::new(command),
+            plan: plan.clone(),
+            led: plan,
+            shift: None,
+            goals,
             start_pose: pose(command),
             plant,
             substeps,
@@ -211,7 +222,7 @@ impl Rollout {
         }
         let t = self.frame();
         let (dim, actions) = (self.robot.state_dim(), self.robot.action_dim());
-        self.window.fill(t, &self.reached, &self.goals);
+        self.window.fill(t, &self.reached, &self.led);
         if self.config.guide == Guide::Linear {
             self.window.guide_linear();
         }
@@ -268,8 +279,9 @@ impl Rollout {
         }
         let start_pose = pose(command);
         let moved = self.start == Start::Pose && start_pose != self.start_pose;
-        let first = if moved { Some(0) } else { self.goals.first_difference(&goals) };
-        self.goals = goals;
+        let plan = plan(&goals, self.config.guide);
+        let first = if moved { Some(0) } else { self.led.first_difference(&plan) };
+        (self.goals, self.led, self.plan, self.shift) = (goals, plan.clone(), plan, None);
         self.start_pose = start_pose;
         if moved {
             self.rewind()?;
@@ -280,6 +292,25 @@ impl Rollout {
         }
         self.back_to(self.frames() - 1)?;
         Ok(self.frame())
+    }
+
+    /// Moves every goal that the policy sees by `shift`, (frames, S), rad or m, and keeps every frame
+    /// that this cannot affect. Errors are still measured against the command.
+    pub(super) fn correct(&mut self, shift: &[f64]) -> Result<(), Error> {
+        let led = self.plan.shifted(shift);
+        let first = self.led.first_difference(&led);
+        (self.led, self.shift) = (led, Some(shift.to_vec()));
+        first.map_or(Ok(()), |f| self.back_to(f.saturating_sub(COMMAND)))
+    }
+
+    /// The corrections, if there are any; (frames, S).
+    pub(super) fn shift(&self) -> Option<&[f64]> {
+        self.shift.as_deref()
+    }
+
+    /// What the policy sees without corrections.
+    pub(super) fn plan(&self) -> &Goals {
+        &self.plan
     }
 
     /// Drops the frames after `t`.
@@ -356,6 +387,11 @@ impl Rollout {
         &self.robot
     }
 
+    /// A copy of the policy for another rollout, if it can share expensive parts.
+    pub(super) fn fork_policy(&self) -> Option<Box<dyn Policy>> {
+        self.policy.fork()
+    }
+
     /// The card of a learned policy, JSON.
     pub fn policy_card(&self) -> Option<String> {
         self.policy.card()
@@ -392,6 +428,14 @@ impl std::fmt::Debug for Rollout {
 
 fn pose(command: &Command) -> Vec<f64> {
     command.start().iter().map(|&v| f64::from(v)).collect()
+}
+
+/// The goals as the guide leaves them for the policy.
+fn plan(goals: &Goals, guide: Guide) -> Goals {
+    match guide {
+        Guide::Smooth => goals.smooth(),
+        Guide::None | Guide::Linear => goals.clone(),
+    }
 }
 
 /// The command must name the robot's joints in the robot's order.

@@ -12,7 +12,7 @@ use super::gaps::{GapFigures, cubic_error};
 use super::jam::{self, Off};
 use super::policy::Policy;
 use super::precision::{Precision, hidden_error};
-use super::registry::{Guide, PolicyConfig, PolicyName, labels};
+use super::registry::{PolicyConfig, labels};
 use super::run::{Rollout, RolloutConfig, Start};
 use super::stats::{Interval, mean_ci95};
 use robert_base::progress::{Cancel, Progress, Silent};
@@ -177,7 +177,7 @@ enum Template {
 
 impl Template {
     fn new(robot: &Arc<Robot>, policy: &PolicyConfig) -> Result<Template, Error> {
-        if policy.name == PolicyName::Auto {
+        if policy.is_tried() {
             return Ok(Template::Auto(Contenders::new(robot, policy)?));
         }
         Ok(Template::One(Mutex::new(policy.build(robot)?)))
@@ -198,25 +198,28 @@ impl Template {
         }
     }
 
-    /// The policy of a case, and its guide.
-    fn policy(
+    /// The rollout of a case at its beginning.
+    fn rollout(
         &self,
         robot: &Arc<Robot>,
         asked: &PolicyConfig,
         case: &Case,
-        seed: u64,
+        (seed, plant): (u64, PlantConfig),
         cancel: &Cancel,
-    ) -> Result<(Box<dyn Policy>, Guide), Error> {
+    ) -> Result<Rollout, Error> {
+        let (command, start) = (&case.command, &case.start);
         match self {
             Template::One(policy) => {
                 let forked = policy.lock().unwrap_or_else(PoisonError::into_inner).fork();
-                Ok((forked.map_or_else(|| asked.build(robot), Ok)?, asked.guide))
+                let policy = forked.map_or_else(|| asked.build(robot), Ok)?;
+                let config = RolloutConfig { seed, guide: asked.guide, plant };
+                Rollout::new(robot, policy, command, start.clone(), config)
             }
             Template::Auto(all) => {
-                let (command, start) = (&case.command, &case.start);
-                let chosen = all.perform(command, start, seed, 1, &Silent, cancel)?.policy;
-                let chosen = PolicyConfig { refine: asked.refine, ..chosen };
-                Ok((chosen.build(robot)?, chosen.guide))
+                let chosen = all.perform(command, start, seed, 1, &Silent, cancel)?;
+                let policy = PolicyConfig { refine: asked.refine, ..chosen.policy.clone() };
+                let config = RolloutConfig { seed, guide: policy.guide, plant };
+                chosen.performed_by(&policy, command, start, config)
             }
         }
     }
@@ -349,18 +352,10 @@ fn all(
             let Some(job) = jobs.get(at) else { return Ok(mine) };
             let case = &suites[job.suite].cases[job.case];
             let policy = &config.policies[job.policy];
-            let built = templates[job.policy].policy(robot, policy, case, job.seed, cancel);
-            let outcome = built
-                .and_then(|guided| {
-                    one(
-                        robot,
-                        guided,
-                        case,
-                        job.seed,
-                        config.plant.draw(job.seed),
-                        &[cancel, &stop],
-                    )
-                })
+            let drawn = (job.seed, config.plant.draw(job.seed));
+            let outcome = templates[job.policy]
+                .rollout(robot, policy, case, drawn, cancel)
+                .and_then(|rollout| one(rollout, case, &[cancel, &stop]))
                 .inspect_err(|_| stop.cancel())?;
             mine.push((at, outcome));
             let n = done.fetch_add(1, Ordering::Relaxed) + 1;
@@ -417,16 +412,7 @@ struct Outcome {
     frames: usize,
 }
 
-fn one(
-    robot: &Arc<Robot>,
-    (policy, guide): (Box<dyn Policy>, Guide),
-    case: &Case,
-    seed: u64,
-    plant: PlantConfig,
-    stops: &[&Cancel],
-) -> Result<Outcome, Error> {
-    let config = RolloutConfig { seed, guide, plant };
-    let mut rollout = Rollout::new(robot, policy, &case.command, case.start.clone(), config)?;
+fn one(mut rollout: Rollout, case: &Case, stops: &[&Cancel]) -> Result<Outcome, Error> {
     let begin = std::time::Instant::now();
     let result = loop {
         if stops.iter().any(|c| c.is_cancelled()) {

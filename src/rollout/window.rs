@@ -1,6 +1,7 @@
 //! The window that the policy sees at one frame: 30 past frames, the current one and the next 20
 //! commanded or masked frames (51 in total, indices 0..50 of the paper).
 
+use super::curve::{self, Knot};
 use robert_clip::Command;
 
 pub use robert_net::{COMMAND, HISTORY};
@@ -45,23 +46,75 @@ impl Goals {
         for (to, q) in goals.q.iter_mut().zip(command.filled()) {
             *to = f64::from(q);
         }
-        let mut run = vec![0; dim];
-        for f in 0..frames {
-            for (j, run) in run.iter_mut().enumerate() {
-                let sees = command.sees(f as u32, j);
-                goals.visible[f * dim + j] = sees;
-                *run = if sees { 0 } else { *run + 1 };
-                // Frame f is the last of a window without any other goal of this joint.
-                goals.in_gap[f * dim + j] = *run >= COMMAND;
-            }
+        for (i, visible) in goals.visible.iter_mut().enumerate() {
+            *visible = command.sees((i / dim) as u32, i % dim);
         }
-        for i in (0..frames.saturating_sub(1) * dim).rev() {
-            goals.last[i] = goals.last[i + dim] && !goals.visible[i + dim];
-        }
+        goals.find_gaps();
         for (to, q) in goals.end.iter_mut().zip(command.held_end()) {
             *to = f64::from(q);
         }
         goals
+    }
+
+    /// Marks the frames of gaps from what is visible.
+    fn find_gaps(&mut self) {
+        let dim = self.dim;
+        for j in 0..dim {
+            let mut run = 0;
+            for i in (j..self.visible.len()).step_by(dim) {
+                run = if self.visible[i] { 0 } else { run + 1 };
+                // This frame is the last of a window without any other goal of the joint.
+                self.in_gap[i] = run >= COMMAND;
+            }
+        }
+        for i in (0..self.frames.saturating_sub(1) * dim).rev() {
+            self.last[i] = self.last[i + dim] && !self.visible[i + dim];
+        }
+    }
+
+    /// The goals of joint `j`, the start first: frame, value.
+    fn knots(&self, j: usize) -> Vec<Knot> {
+        let seen = (1..self.frames).filter(|&f| self.is_visible(f, j));
+        std::iter::once(0).chain(seen).map(|f| (f, self.row(f)[j])).collect()
+    }
+
+    /// These goals with smooth motion in every gap, from each goal of a joint to its next one; see
+    /// [`curve::between`]. Frames after the last goal stay hidden.
+    #[must_use]
+    pub(super) fn smooth(&self) -> Goals {
+        let mut filled = self.clone();
+        for j in 0..self.dim {
+            for (f, q) in curve::between(&self.knots(j)) {
+                filled.q[f * self.dim + j] = q;
+                filled.visible[f * self.dim + j] = true;
+            }
+        }
+        filled.find_gaps();
+        filled
+    }
+
+    /// These goals moved by `shift`, (frames, dim). What is hidden follows the goals around it.
+    #[must_use]
+    pub(super) fn shifted(&self, shift: &[f64]) -> Goals {
+        let (mut moved, d) = (self.clone(), self.dim);
+        for j in 0..d {
+            let mut knots = self.knots(j);
+            for (f, value) in &mut knots[1..] {
+                *value = shift[*f * d + j];
+            }
+            knots[0].1 = 0.0;
+            let rest = knots[knots.len() - 1];
+            knots.push((self.frames.max(rest.0 + 1), rest.1));
+            for pair in knots.windows(2) {
+                let ((from, a), (to, b)) = (pair[0], pair[1]);
+                for f in from + 1..=to.min(self.frames - 1) {
+                    let share = (f - from) as f64 / (to - from) as f64;
+                    moved.q[f * d + j] += a + share * (b - a);
+                }
+            }
+            moved.end[j] += rest.1;
+        }
+        moved
     }
 
     /// Frames.
@@ -77,6 +130,11 @@ impl Goals {
     /// Whether joint `j` has a goal at frame `f`.
     pub fn is_visible(&self, f: usize, j: usize) -> bool {
         self.visible[f * self.dim + j]
+    }
+
+    /// Whether a frame after the start lacks a goal.
+    pub(super) fn has_gaps(&self) -> bool {
+        self.visible.iter().skip(self.dim).any(|v| !v)
     }
 
     /// Whether any joint has a goal at frame `f`.
@@ -383,5 +441,35 @@ mod tests {
         assert!((w.command[4] - 1.0).abs() < 1e-6);
         assert!((w.command[19] - 1.0).abs() < 1e-6, "held after the last goal");
         assert!(w.visible.iter().all(|&v| v));
+    }
+
+    #[test]
+    fn a_smooth_plan_fills_gaps_and_leaves_the_tail_hidden() {
+        let mut rows = vec![None; 60];
+        (rows[0], rows[40]) = (Some(0.0), Some(1.0));
+        let plan = goals(&rows, 0.0).smooth();
+        assert!((0..=40).all(|f| plan.is_visible(f, 0)) && !plan.is_visible(41, 0));
+        let q: Vec<f64> = (0..=40).map(|f| plan.row(f)[0]).collect();
+        assert!(q.windows(2).all(|w| w[0] < w[1]), "it never goes back");
+        assert!((q[20] - 0.5).abs() < 1e-9 && q[1] < 0.01 && q[39] > 0.99, "it rests at both ends");
+        assert!(!window(&plan, 10, 0.0).passing[0], "no virtual keyframe is left");
+    }
+
+    #[test]
+    fn a_shift_moves_goals_and_what_leads_to_them() {
+        let mut rows = vec![None; 30];
+        (rows[0], rows[10], rows[20]) = (Some(0.0), Some(1.0), Some(2.0));
+        let mut shift = vec![0.0; 30];
+        (shift[10], shift[20]) = (0.1, 0.3);
+        // Only goals count: this frame has none.
+        shift[15] = 9.0;
+        let before = goals(&rows, 0.0);
+        let after = before.shifted(&shift);
+        let moved = |f: usize| after.row(f)[0] - before.row(f)[0];
+        for (f, want) in [(0, 0.0), (5, 0.05), (10, 0.1), (15, 0.2), (20, 0.3), (29, 0.3)] {
+            assert!((moved(f) - want).abs() < 1e-12, "frame {f}: {}", moved(f));
+        }
+        assert!((after.end[0] - before.end[0] - 0.3).abs() < 1e-12);
+        assert_eq!(before.first_difference(&after), Some(10));
     }
 }

@@ -42,7 +42,7 @@ const WORDS: Record<PolicyName, Words> = {
     title: "Small inverse network",
     about: "Maps each step to a torque. Take it when there is a goal in every frame.",
   },
-  auto: { title: "Automatic", about: "Performs the clip with several policies and keeps the best." },
+  auto: { title: "Automatic", about: "Tries several policies on the clip, repeats the best and corrects what it missed." },
 };
 
 /** What a person reads of a policy. */
@@ -55,8 +55,10 @@ export function words(card: Pick<PolicyCard, "name" | "model" | "suits"> & { run
 
 const OPTIONS: Record<string, string> = {
   guide: "guided",
+  ilc: "corrected by repetition",
   masks: "fills gaps itself",
   refine: "refined",
+  smooth: "smooth in gaps",
   sample: "sampled",
 };
 

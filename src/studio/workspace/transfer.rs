@@ -11,7 +11,6 @@ use super::{export, formats};
 use crate::jobs::Extra;
 use crate::protocol::{Error, ExportKind, ExportRequest, JobKind, JobRequest, RolloutSettings};
 use robert_clip::Clip;
-use robert_rollout::Guide;
 
 /// The content of an export.
 #[derive(Debug)]
@@ -117,9 +116,7 @@ fn policy(settings: &RolloutSettings) -> String {
     if let Some(path) = &settings.model_path {
         text = format!("{text}:{path}");
     }
-    if settings.guide == Guide::Linear {
-        text.push_str("+guide");
-    }
+    text.push_str(settings.guide.suffix());
     if settings.refine {
         text.push_str("+refine");
     }

@@ -678,8 +678,10 @@ export interface Group {
 export type Guide =
   /** Nothing: the policy sees the mask. */
   | "none"
-  /** The straight line from the reached state to the next goal. */
-  | "linear";
+  /** The straight line from the reached state to the next goal, drawn anew in every frame. */
+  | "linear"
+  /** A smooth curve from goal to goal through the whole gap, planned before the rollout. */
+  | "smooth";
 
 /** The named history. */
 export interface History {

@@ -175,11 +175,11 @@ impl Performer {
         compare: bool,
     ) -> Result<(), robert_rollout::Error> {
         let Some((robot, _)) = &self.robot else { return Ok(()) };
-        let mut show = if let Some(mut show) = self.show.take() {
-            show.rollout.set_command(&command)?;
-            show
+        let (mut show, resumed_at) = if let Some(mut show) = self.show.take() {
+            let stands = show.rollout.set_command(&command)?;
+            (show, stands)
         } else {
-            Show {
+            let show = Show {
                 rollout: LiveRollout::new(robot, &self.policy, self.seed, &command)?,
                 command: command.clone(),
                 generation,
@@ -187,9 +187,9 @@ impl Performer {
                 running: true,
                 batch: Frames::default(),
                 sent: Instant::now(),
-            }
+            };
+            (show, 0)
         };
-        let resumed_at = show.rollout.shown().frame();
         // Frames that were simulated but not sent yet are sent now.
         let unsent = show.batch.from;
         // The ghost of the command leans toward the next goal, so it also changes in frames that
