@@ -42,7 +42,10 @@ const WORDS: Record<PolicyName, Words> = {
     title: "Small inverse network",
     about: "Maps each step to a torque. Take it when there is a goal in every frame.",
   },
-  auto: { title: "Automatic", about: "Tries several policies on the clip, repeats the best and corrects what it missed." },
+  auto: {
+    title: "Automatic",
+    about: "Tries several policies on the clip, repeats the best and corrects what it missed.",
+  },
 };
 
 /** What a person reads of a policy. */
