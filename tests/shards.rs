@@ -124,12 +124,12 @@ fn clips_with_end_effector_goals_are_evaluated() {
     let clip = include_str!("../examples/clips/square.clip.json");
     std::fs::create_dir(dir.join("mine")).unwrap();
     std::fs::write(dir.join("mine/square.clip.json"), clip).unwrap();
-    let text = "kind = \"eval\"\nrobot = \"ur5e\"\nsuites = [\"mine\"]\npolicies = [\"pd\"]\n";
+    let text = "kind = \"eval\"\nrobot = \"ur5e\"\nsuites = [\"mine\"]\npolicies = [\"pd+ilc\"]\n";
     assert_eq!(plan(dir, text, "work"), 1);
     ok(dir, &["shard", "run", "work", "--index", "0"]);
     let merged = ok(dir, &["shard", "merge", "work", "--out", "all", "--json"]);
     let merged: Value = serde_json::from_str(&merged).unwrap();
-    let eval = ["eval", "--suite", "mine", "--policy", "pd", "--no-floor", "--json"];
+    let eval = ["eval", "--suite", "mine", "--policy", "pd+ilc", "--no-floor", "--json"];
     let eval: Value = serde_json::from_str(&ok(dir, &eval)).unwrap();
     let (ours, theirs) = (&merged["summary"][0], &eval["results"][0]);
     assert!(ours["precision_mean"].as_f64().unwrap() > 0.0);

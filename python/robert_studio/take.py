@@ -197,8 +197,8 @@ def rollout(
     """Performs a clip in the simulation.
 
     ``policy`` is a name as on the command line (``pd``, ``computed-torque``, ``robert+guide``, ``ridge:FILE``); by
-    default it is ``auto``, which tries several in simulation and keeps the best. ``plant`` changes the simulated robot (``mass=1.25,damping=0.5``); ``progress``
-    is called with (done, total, note). Other Python threads run meanwhile. The same clip, policy and seed give
+    default it is ``auto``, which tries several in simulation, repeats the clip with the best and corrects its goals.
+    ``plant`` changes the simulated robot (``mass=1.25,damping=0.5``); ``progress`` is called with (done, total, note). Other Python threads run meanwhile. The same clip, policy and seed give
     the same bits as ``robert rollout``."""
     body = clip.robot if robot is None else as_robot(robot)
     return Take(_native.rollout(body._native, clip._native, policy, seed, plant, progress))

@@ -38,6 +38,9 @@ impl Policy {
     #[pyo3(signature = (robot, policy=None, seed=0))]
     fn new(py: Python<'_>, robot: &Robot, policy: Option<&str>, seed: u64) -> PyResult<Policy> {
         let config = config(policy, &robot.inner)?;
+        if config.guide == Guide::Smooth {
+            return Err(wrong("+smooth plans a whole clip, and act sees a window; use +guide"));
+        }
         let robot = Arc::clone(&robot.inner);
         let mut built = py.detach(|| config.build(&robot)).map_err(raise)?;
         built.reset(seed);

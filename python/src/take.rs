@@ -54,19 +54,16 @@ pub(crate) fn rollout(
                 .perform(&command, &Start::Pose, seed, threads, listener, cancel)
                 .map_err(raise)?;
             // They are compared on the nominal plant; on another one the best performs again.
-            let policy = PolicyConfig { refine: asked.refine, ..chosen.policy.clone() };
-            (policy, Some(chosen))
+            (chosen.policy.clone(), Some(chosen))
         } else {
             (asked, None)
         };
         let config = RolloutConfig { seed, guide: policy.guide, plant };
         let provenance = Provenance::new(&robot, &policy, &config).map_err(raise)?;
         let mut rollout = match chosen {
-            Some(chosen) if policy == chosen.policy && config.plant == PlantConfig::default() => {
-                chosen.rollout
-            }
+            Some(chosen) if config.plant == PlantConfig::default() => chosen.rollout,
             Some(chosen) => {
-                chosen.performed_by(&policy, &command, &Start::Pose, config).map_err(raise)?
+                chosen.again(&command, &Start::Pose, seed, config.plant).map_err(raise)?
             }
             None => {
                 let built = policy.build(&robot).map_err(raise)?;

@@ -40,7 +40,7 @@ pub(super) fn who(head: &str) -> String {
     let rows: Vec<String> =
         PolicyName::usages().map(|(usage, what)| format!("  {usage:<20} {what}")).collect();
     format!(
-        "{head}\n{}\nOptions after the name: +guide and +smooth are --guide linear and smooth, +refine is --refine, for this\npolicy alone (robert:adaptive is best with +guide). +ilc repeats the clip up to 6 times in simulation and moves\nthe goals by what was missed; auto does so too. robert also has +ensemble=N (mean over N windows, 1 to 21),\n+sample (draws the action) and +masks (the network fills the gaps itself).",
+        "{head}\n{}\nOptions after the name: +guide and +smooth are --guide linear and smooth, +refine is --refine, for this\npolicy alone (robert:adaptive is best with +guide). +ilc repeats the clip up to 6 times in simulation and moves\nthe goals by what was missed; auto does so too, unless it refines. robert also has +ensemble=N (mean over N windows, 1 to 21),\n+sample (draws the action) and +masks (the network fills the gaps itself).",
         rows.join("\n")
     )
 }
@@ -163,21 +163,17 @@ pub(super) fn perform(text: &str, args: &PerformArgs, global: Global) -> Outcome
     let begin = Instant::now();
     let (policy, chosen) = if asked.is_tried() {
         let chosen = choose(&robot, &asked, &command, args.seed, &cancel, global)?;
-        // The policies are compared on the nominal plant; on another plant the clip is performed
-        // again.
-        let policy = PolicyConfig { refine: asked.refine, ..chosen.policy.clone() };
-        (policy, Some(chosen))
+        // The policies are compared on the nominal plant; on another one the best performs again.
+        (chosen.policy.clone(), Some(chosen))
     } else {
         (asked, None)
     };
     let config = RolloutConfig { seed: args.seed, guide: policy.guide, plant };
     let (mut rollout, tried) = match chosen {
-        Some(chosen) if policy == chosen.policy && config.plant == PlantConfig::default() => {
-            (chosen.rollout, chosen.tried)
-        }
+        Some(chosen) if config.plant == PlantConfig::default() => (chosen.rollout, chosen.tried),
         Some(chosen) => {
-            let start = Start::Pose;
-            (chosen.performed_by(&policy, &command, &start, config.clone())?, chosen.tried)
+            let again = chosen.again(&command, &Start::Pose, args.seed, config.plant)?;
+            (again, chosen.tried)
         }
         None => {
             let built = policy.build(&robot)?;
@@ -218,7 +214,7 @@ fn choose(
     global: Global,
 ) -> Outcome<Chosen> {
     let contenders = Contenders::new(robot, asked)?;
-    let bar = Bar::new("auto", "frames", global.quiet);
+    let bar = Bar::new(&asked.label(), "frames", global.quiet);
     let threads = super::global::threads(None);
     let chosen = contenders.perform(command, &Start::Pose, seed, threads, &bar, cancel);
     bar.finish();

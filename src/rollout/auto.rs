@@ -70,20 +70,20 @@ impl Chosen {
         self.rollout = better;
     }
 
-    /// The chosen policy on another plant, with the same corrections; nothing is simulated yet.
-    /// `policy` is the one to perform.
+    /// The chosen policy on any plant, with the same corrections; nothing is simulated yet.
     ///
     /// # Errors
     /// As [`PolicyConfig::build`] and [`Rollout::new`].
-    pub fn performed_by(
+    pub fn again(
         &self,
-        policy: &PolicyConfig,
         command: &Command,
         start: &Start,
-        config: RolloutConfig,
+        seed: u64,
+        plant: PlantConfig,
     ) -> Result<Rollout, Error> {
         let robot = self.rollout.robot();
-        let built = PolicyConfig { ilc: false, ..policy.clone() }.build(robot)?;
+        let built = PolicyConfig { ilc: false, ..self.policy.clone() }.build(robot)?;
+        let config = RolloutConfig { seed, guide: self.policy.guide, plant };
         let mut rollout = Rollout::new(robot, built, command, start.clone(), config)?;
         if let Some(shift) = self.rollout.shift() {
             rollout.correct(shift)?;
@@ -113,14 +113,14 @@ pub struct Chosen {
     pub policy: PolicyConfig,
     /// Its rollout on the nominal plant.
     pub rollout: Rollout,
-    /// All of them, in the order in which they were tried.
+    /// Those that move differently on this clip, in the order in which they were tried; last the best
+    /// one with corrected goals, if that is better.
     pub tried: Vec<Trial>,
 }
 
 impl Contenders {
-    /// The contenders for the request `asked`, for which [`PolicyConfig::is_tried`] holds. Its model
-    /// and guide apply to all of them. Refinement applies to the chosen one, which then does not
-    /// repeat the clip.
+    /// The contenders for the request `asked`, for which [`PolicyConfig::is_tried`] holds. Its model,
+    /// guide and refinement apply to all of them.
     ///
     /// # Errors
     /// As [`PolicyConfig::build`].
@@ -159,13 +159,13 @@ impl Contenders {
     ) -> Result<Chosen, Error> {
         let (next, done) = (AtomicUsize::new(0), AtomicUsize::new(0));
         let goals = Goals::new(command);
-        let differ: Vec<usize> =
-            (0..self.list.len()).filter(|&i| differs(&self.list[i].0, &goals)).collect();
-        let passes = differ.len() + if self.learns { ilc::PASSES } else { 0 };
+        let differ = differing(&self.policies().collect::<Vec<_>>(), &goals);
+        let learns = self.learns && goals.frames() <= ilc::LONGEST;
+        let passes = differ.len() + if learns { ilc::PASSES } else { 0 };
         let frames = passes as u64 * u64::from(command.frames().saturating_sub(1));
         let tick = |label: &str| {
             let n = done.fetch_add(1, Ordering::Relaxed) + 1;
-            progress.tick(n as u64, frames, label);
+            progress.tick((n as u64).min(frames), frames, label);
         };
         let work = || {
             let mut mine = Vec::new();
@@ -191,7 +191,7 @@ impl Contenders {
             return Err(Error::Cancelled { frame: 0 });
         }
         let (at, mut chosen) = self.nearest(all)?;
-        if self.learns {
+        if learns {
             let tick = || tick(&PolicyConfig { ilc: true, ..chosen.policy.clone() }.label());
             let again = || self.rollout(at, command, start, seed);
             let better = repeat(&chosen, again, &tick, cancel)?;
@@ -288,16 +288,21 @@ pub(super) fn best(tried: &[Trial]) -> Option<usize> {
     scored.min_by(|(_, a), (_, b)| a.total_cmp(b)).map(|(at, _)| at)
 }
 
-/// Whether the best contender repeats the clip.
+/// Whether the best contender repeats the clip. With refinement a pass takes seconds, so this has
+/// to be asked for.
 pub(super) fn learns(asked: &PolicyConfig) -> bool {
-    asked.ilc || !asked.refine
+    asked.is_tried() && (asked.ilc || !asked.refine)
 }
 
-/// Whether a policy moves differently from the same one without a guide: in a clip without gaps
-/// there is nothing to fill.
-pub(super) fn differs(policy: &PolicyConfig, goals: &Goals) -> bool {
-    let fills = policy.guide != Guide::None || policy.inference.masks;
-    !fills || goals.has_gaps()
+/// The places of the contenders that move differently. In a clip without gaps there is nothing to
+/// fill, so a policy moves like its twin that does not fill them.
+pub(super) fn differing(all: &[&PolicyConfig], goals: &Goals) -> Vec<usize> {
+    let repeats = |policy: &PolicyConfig| {
+        let inference = Inference { masks: false, ..policy.inference };
+        let twin = PolicyConfig { guide: Guide::None, inference, ..policy.clone() };
+        twin != *policy && all.contains(&&twin)
+    };
+    (0..all.len()).filter(|&at| goals.has_gaps() || !repeats(all[at])).collect()
 }
 
 /// The list of contenders. With a model: the network alone, with smooth motion through the gaps,
@@ -314,7 +319,7 @@ pub(super) fn configs(robot: &Robot, asked: &PolicyConfig) -> Result<Vec<PolicyC
     };
     let each =
         |of: PolicyConfig| guides.iter().map(move |&guide| PolicyConfig { guide, ..of.clone() });
-    let of = |name| PolicyConfig { name, refine: false, ilc: false, ..asked.clone() };
+    let of = |name| PolicyConfig { name, ilc: false, ..asked.clone() };
     let inference = Inference::default();
     let plain = |name| PolicyConfig { model_path: None, inference, ..of(name) };
     let mut list = Vec::new();

@@ -12,6 +12,8 @@ use super::window::Goals;
 
 /// Passes after the first.
 pub(super) const PASSES: usize = 6;
+/// Longest clip that is repeated, in frames (five minutes); the passes before are kept in memory.
+pub(super) const LONGEST: usize = 6000;
 /// Share of the error by which a goal moves.
 const GAIN: f64 = 0.6;
 /// Factor of the gain after a pass in which the joint became worse.

@@ -6,9 +6,9 @@
 
 use std::sync::Arc;
 
-use super::auto::{Trial, best, configs, differs, learns};
+use super::auto::{Trial, best, configs, differing, learns};
 use super::error::Error;
-use super::ilc::Learner;
+use super::ilc::{self, Learner};
 use super::registry::PolicyConfig;
 use super::run::{Rollout, RolloutConfig, Start};
 use super::window::Goals;
@@ -36,7 +36,9 @@ pub struct LiveRollout {
     /// The contender that repeats the clip, once all have performed it.
     learner: Option<(usize, Learner)>,
     command: Command,
-    goals: Goals,
+    /// The contenders that move differently on this clip.
+    differing: Vec<usize>,
+    frames: usize,
     edit: u64,
     seed: u64,
 }
@@ -48,7 +50,8 @@ pub struct Choice {
     pub policy: String,
     /// Whether another one was shown before.
     pub changed: bool,
-    /// All of them, in the order of [`super::Contenders::policies`].
+    /// Those that move differently on this clip, in the order of [`super::Contenders::policies`];
+    /// last the best one with corrected goals, if that is better.
     pub tried: Vec<Trial>,
 }
 
@@ -65,19 +68,18 @@ impl LiveRollout {
         command: &Command,
     ) -> Result<LiveRollout, Error> {
         let policies = configs(robot, asked)?;
-        let refine = asked.refine;
+        let goals = Goals::new(command);
+        let differing = differing(&policies.iter().collect::<Vec<_>>(), &goals);
         let contender = |policy| Contender { policy, rollout: None, edit: 0, failed: None };
         let mut live = LiveRollout {
             robot: Arc::clone(robot),
-            contenders: policies
-                .into_iter()
-                .map(|p| contender(PolicyConfig { refine, ..p }))
-                .collect(),
+            contenders: policies.into_iter().map(contender).collect(),
             shown: (0, false),
-            learns: asked.is_tried() && learns(asked),
+            learns: learns(asked),
             learner: None,
             command: command.clone(),
-            goals: Goals::new(command),
+            differing,
+            frames: goals.frames(),
             edit: 1,
             seed,
         };
@@ -95,7 +97,7 @@ impl LiveRollout {
         }
     }
 
-    /// The policies that are compared; 1 if one was named.
+    /// The contenders; 1 if a policy was named. In a clip without gaps fewer are compared.
     pub fn count(&self) -> usize {
         self.contenders.len()
     }
@@ -107,7 +109,10 @@ impl LiveRollout {
     /// # Errors
     /// As [`Rollout::new`].
     pub fn set_command(&mut self, command: &Command) -> Result<usize, Error> {
-        (self.command, self.goals) = (command.clone(), Goals::new(command));
+        let goals = Goals::new(command);
+        let policies: Vec<&PolicyConfig> = self.contenders.iter().map(|c| &c.policy).collect();
+        self.differing = differing(&policies, &goals);
+        (self.command, self.frames) = (command.clone(), goals.frames());
         self.edit += 1;
         self.learner = None;
         let corrected = std::mem::take(&mut self.shown.1);
@@ -151,10 +156,10 @@ impl LiveRollout {
     pub fn step_another(&mut self) -> bool {
         let behind = |c: &Contender| {
             let done = c.rollout.as_ref().is_some_and(Rollout::is_done);
-            differs(&c.policy, &self.goals)
-                && (c.edit != self.edit || !(done || c.failed.is_some()))
+            c.edit != self.edit || !(done || c.failed.is_some())
         };
-        let Some(at) = self.contenders.iter().position(behind) else { return self.learn() };
+        let next = self.differing.iter().copied().find(|&at| behind(&self.contenders[at]));
+        let Some(at) = next else { return self.learn() };
         let result = self.take_up(at).and_then(|()| match &mut self.contenders[at].rollout {
             Some(rollout) => rollout.step().map(|_| ()),
             None => unreachable!("it has been taken up"),
@@ -168,7 +173,7 @@ impl LiveRollout {
 
     /// Simulates one frame of a repetition by the best contender. False after the last one.
     fn learn(&mut self) -> bool {
-        if !self.learns {
+        if !self.learns || self.frames > ilc::LONGEST {
             return false;
         }
         if self.learner.is_none() {
@@ -196,9 +201,7 @@ impl LiveRollout {
             (Some(rollout), None) => Trial::of(&c.policy, rollout),
             (_, failed) => Trial::failed(&c.policy, failed.as_ref()),
         };
-        let differing = self.contenders.iter().enumerate();
-        let differing = differing.filter(|(_, c)| differs(&c.policy, &self.goals));
-        differing.map(|(at, c)| (at, trial(c))).collect()
+        self.differing.iter().map(|&at| (at, trial(&self.contenders[at]))).collect()
     }
 
     /// Compares the contenders and shows the best one. It is the choice of
@@ -255,6 +258,7 @@ mod tests {
     use crate::{Contenders, PolicyName, tasks};
     use robert_base::progress::{Cancel, Silent};
     use robert_clip::{Clip, compile};
+    use robert_robot::PlantConfig;
 
     fn to_the_end(live: &mut LiveRollout) -> Choice {
         while live.step().unwrap().is_some() {}
@@ -305,6 +309,39 @@ mod tests {
         let mut fresh = LiveRollout::new(&robot, &asked, 0, &command("circle")).unwrap();
         assert_eq!(choice.tried, to_the_end(&mut fresh).tried);
         assert_eq!(live.shown().actions(), fresh.shown().actions());
+    }
+
+    /// A clip without gaps gives a guide nothing to do; a policy that has no twin without it stays.
+    #[test]
+    fn guides_and_repetition_work_on_a_clip_without_gaps_alone_and_in_comparison() {
+        let robot = Arc::new(Robot::builtin("pointmass").unwrap());
+        let command = compile(&tasks::find("pointmass/heart", None).unwrap()).unwrap();
+        assert!(!Goals::new(&command).has_gaps());
+        let (start, cancel) = (Start::Pose, Cancel::default());
+        for (text, contenders) in [
+            ("auto", 3),
+            ("auto+guide", 3),
+            ("pd+guide", 1),
+            ("pd+ilc", 1),
+            ("pd+smooth+ilc", 1),
+            ("robert+masks+ilc", 1),
+            ("pd+refine+ilc", 1),
+        ] {
+            let asked: PolicyConfig = text.parse().unwrap();
+            let mut live = LiveRollout::new(&robot, &asked, 0, &command).unwrap();
+            assert_eq!(live.differing.len(), contenders, "{text}");
+            let choice = to_the_end(&mut live);
+            assert!(choice.tried.len() >= contenders, "{text}");
+            if asked.is_tried() {
+                let all = Contenders::new(&robot, &asked).unwrap();
+                let fresh = all.perform(&command, &start, 0, 1, &Silent, &cancel).unwrap();
+                assert_eq!(choice.tried, fresh.tried, "{text}");
+                assert_eq!(live.shown().actions(), fresh.rollout.actions(), "{text}");
+                let mut again = fresh.again(&command, &start, 0, PlantConfig::default()).unwrap();
+                again.run(&cancel).unwrap();
+                assert_eq!(again.actions(), fresh.rollout.actions(), "{text}");
+            }
+        }
     }
 
     #[test]

@@ -217,9 +217,7 @@ impl Template {
             }
             Template::Auto(all) => {
                 let chosen = all.perform(command, start, seed, 1, &Silent, cancel)?;
-                let policy = PolicyConfig { refine: asked.refine, ..chosen.policy.clone() };
-                let config = RolloutConfig { seed, guide: policy.guide, plant };
-                chosen.performed_by(&policy, command, start, config)
+                chosen.again(command, start, seed, plant)
             }
         }
     }

@@ -79,7 +79,8 @@ impl Goals {
     }
 
     /// These goals with smooth motion in every gap, from each goal of a joint to its next one; see
-    /// [`curve::between`]. Frames after the last goal stay hidden.
+    /// [`curve::between`]. Frames after the last goal stay hidden. The plan
+    /// begins at rest, also where a recording begins in motion.
     #[must_use]
     pub(super) fn smooth(&self) -> Goals {
         let mut filled = self.clone();

@@ -58,7 +58,7 @@ pub(super) fn draft(
     for text in &spec.policies {
         let text = whole_policy(text)?;
         let policy: PolicyConfig = text.parse()?;
-        if policy.name == PolicyName::Auto {
+        if policy.is_tried() {
             Contenders::new(robot, &policy)?;
         } else {
             policy.build(robot)?;

@@ -78,6 +78,7 @@ describe("by keys alone", () => {
       await t.press("v");
       await t.byId("timeline").waitFor();
       // An offset at another time.
+      await t.painted();
       const { view } = await t.state();
       await t.press("End");
       const end = await t.until((s) => s.playhead === (s.clip?.length ?? 0) - 1, "at the end");

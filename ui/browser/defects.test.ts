@@ -180,6 +180,7 @@ describe("defects that were mended", () => {
       }),
     );
     const said = (): Promise<string> => t.byId("problems").innerText();
+    await t.byId("problems").getByText("too fast").first().waitFor();
     assert.match(await said(), /too fast: .*[\d.]+ of [\d.]+ °\/s/);
     assert.doesNotMatch(await said(), /\d rad/);
     const demand = async (unit: RegExp): Promise<void> => {

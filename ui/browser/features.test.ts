@@ -545,7 +545,7 @@ describe("features", () => {
     await t.panel("policies");
     const rows = t.byId("compared").locator(".take");
     const names = await rows.allInnerTexts();
-    for (const name of ["Learned", "Learned, smooth in gaps", "Linear fit", "Spring and damper"])
+    for (const name of ["Learned, corrected by repetition", "Linear fit", "Spring and damper"])
       assert.ok(
         names.some((n) => n.startsWith(name)),
         `${name} was compared: ${names}`,

@@ -148,7 +148,11 @@ describe("graph", () => {
     const p = await at(30, 2, 1.4);
     await t.page.mouse.move(p.x, p.y);
     await t.page.mouse.down();
-    for (let i = 0; (await log()).filter((e) => e.what === "preview").length < 6; i++)
+    const enough = async (): Promise<boolean> => {
+      const seen = (await log()).map((e) => e.what);
+      return seen.includes("whole") && seen.filter((what) => what === "preview").length >= 6;
+    };
+    for (let i = 0; !(await enough()); i++)
       for (let k = 1; k <= 8; k++) await t.page.mouse.move(p.x, p.y - 4 - ((8 * i + k) % 23));
     await t.page.keyboard.press("Escape");
     await t.page.mouse.up();
@@ -159,10 +163,6 @@ describe("graph", () => {
       if (e.what === "preview" && next?.what === "preview")
         assert.ok(next.at - e.at > 390, `after ${next.at - e.at} ms, before the last was performed`);
     }
-    assert.ok(
-      seen.some((e) => e.what === "whole"),
-      "some came to their end under the moving hand",
-    );
     await t.rolledOut();
   });
 

@@ -101,6 +101,9 @@ let asked = 0;
 /** The longest that a newer preview waits for the one before it. */
 const LONGEST_MS = 400;
 
+/** Ends the wait for the last preview. */
+let release = (): void => {};
+
 /** When the rollout that began after this one has come to its end, or has taken too long. */
 function performed(since: number): Promise<void> {
   return new Promise((done) => {
@@ -110,6 +113,7 @@ function performed(since: number): Promise<void> {
       done();
     };
     const timer = setTimeout(end, LONGEST_MS);
+    release = end;
     const stop = store.rollout.subscribe((r) => {
       const over = r && r.gen > since && r.phase !== "waiting" && r.phase !== "running";
       if (over) queueMicrotask(end);
@@ -146,6 +150,7 @@ export function preview(op: Op): void {
 export function endPreview(): void {
   newest = undefined;
   asked++;
+  release();
   store.demand.value = undefined;
 }
 

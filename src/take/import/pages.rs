@@ -237,6 +237,9 @@ mod tests {
         let (whole, more) = (listed(cap), listed(cap + 1));
         assert_eq!(file(&whole, whole.len() as u32), Ok(()));
         assert!(file(&more, more.len() as u32).unwrap_err().contains("lists more"));
+        // Lists of one list each.
+        let nested = vec![0x19; 100_000];
+        assert!(file(&nested, nested.len() as u32).unwrap_err().contains("nested too deeply"));
         let most = limits::DATASET_FOOTER_BYTES as u32;
         let blank = vec![0; most as usize + 1];
         assert_eq!(file(&blank, most), Ok(()));

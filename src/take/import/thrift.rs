@@ -107,6 +107,9 @@ impl<R: Read> Walk<R> {
     }
 
     fn list(&mut self, depth: usize) -> Result<(), Error> {
+        if depth >= DEPTH {
+            return Err(foreign("its headers are nested too deeply"));
+        }
         let head = self.byte()?;
         let kind = head & 15;
         let count = if head >> 4 == 15 { self.varint()? } else { u64::from(head >> 4) };
