@@ -104,11 +104,23 @@ export async function reload(): Promise<void> {
   }
 }
 
-export async function refreshGallery(): Promise<void> {
+let refreshes = 0;
+let latest = Promise.resolve();
+
+/** Reads the lists of the first page. The answer to an earlier call never replaces a later one's. */
+export function refreshGallery(): Promise<void> {
+  latest = readGallery(++refreshes);
+  return latest;
+}
+
+async function readGallery(own: number): Promise<void> {
   try {
-    store.gallery.value = await http("GET /api/gallery");
-    store.recent.value = await http("GET /api/recent");
-    store.drafts.value = await http("GET /api/drafts");
+    const lists = [http("GET /api/gallery"), http("GET /api/recent"), http("GET /api/drafts")] as const;
+    const [gallery, recent, drafts] = await Promise.all(lists);
+    if (own !== refreshes) return latest;
+    store.gallery.value = gallery;
+    store.recent.value = recent;
+    store.drafts.value = drafts;
   } catch (e) {
     complain(e);
   }
