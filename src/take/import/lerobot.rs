@@ -313,15 +313,22 @@ mod tests {
         }
     }
 
-    /// One byte in seven is changed: the result is an error or a reading, never a panic.
-    #[test]
-    fn damaged_files_are_refused() {
+    /// A dataset of one episode with eight frames of two joints: its folder, which lives as long as
+    /// the first value, and its file.
+    fn small() -> (tempfile::TempDir, PathBuf, PathBuf) {
         let take = sample::take("pointmass", 8, 8).1;
         let dir = tempfile::tempdir().unwrap();
         let out = dir.path().join("set");
         let episodes = [Episode::of_take(&take, "wave")];
         lerobot(&episodes, None, &LeRobotOptions::default()).unwrap().write(&out).unwrap();
         let path = out.join("data/chunk-000/file-000.parquet");
+        (dir, out, path)
+    }
+
+    /// One byte in seven is changed: the result is an error or a reading, never a panic.
+    #[test]
+    fn damaged_files_are_refused() {
+        let (_dir, out, path) = small();
         let whole = std::fs::read(&path).unwrap();
         std::panic::set_hook(Box::new(|_| ()));
         for at in (0..whole.len()).step_by(7) {
@@ -345,12 +352,7 @@ mod tests {
     /// The header of a page claims more than belongs there: it is refused before it is decoded.
     #[test]
     fn claims_of_a_page_are_checked_before_it_is_decoded() {
-        let take = sample::take("pointmass", 8, 8).1;
-        let dir = tempfile::tempdir().unwrap();
-        let out = dir.path().join("set");
-        let episodes = [Episode::of_take(&take, "wave")];
-        lerobot(&episodes, None, &LeRobotOptions::default()).unwrap().write(&out).unwrap();
-        let path = out.join("data/chunk-000/file-000.parquet");
+        let (_dir, out, path) = small();
         let mut bytes = std::fs::read(&path).unwrap();
         let reader = SerializedFileReader::new(File::open(&path).unwrap()).unwrap();
         let schema = reader.metadata().file_metadata().schema_descr_ptr();
@@ -359,7 +361,7 @@ mod tests {
         let pages = &mut bytes[from as usize..(from + length) as usize];
         // The number of values of its data: the first field of the fifth or eighth of the header.
         let at = pages.windows(2).position(|w| matches!(w, [0x2c | 0x5c, 0x15])).unwrap() + 2;
-        assert_eq!(pages[at] >> 1, take.frames() as u8 * 2);
+        assert_eq!(pages[at] >> 1, 16, "eight frames of two joints");
         pages[at] = 126;
         std::fs::write(&path, &bytes).unwrap();
         let e = from_lerobot(&out, &source(0)).unwrap_err().to_string();
