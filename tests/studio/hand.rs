@@ -31,7 +31,7 @@ fn say(socket: &mut Socket, message: &Say<'_>) {
     socket.send_frame(2, &rmp_serde::to_vec_named(message).unwrap()).unwrap();
 }
 
-fn drag(
+pub(super) fn drag(
     viser: &mut Socket,
     (phase, modifier): (&str, Option<&str>),
     name: &str,

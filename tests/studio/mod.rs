@@ -2,6 +2,7 @@
 
 mod client;
 mod crash;
+mod dragging;
 mod editing;
 mod files;
 mod guard;

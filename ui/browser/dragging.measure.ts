@@ -18,7 +18,7 @@ const MOVE_MS = 8;
 
 const SUBJECTS = [
   { example: "ur5e/hang", site: "end_effector", joint: 0, radius: 0.05 },
-  { example: "shadow_hand/fire", site: "fftip", joint: 1, radius: 0.01 },
+  { example: "shadow_hand/fire", site: "thtip", joint: 1, radius: 0.01 },
 ];
 
 /** The example with smooth curves between its keys, cut so that editing one key simulates so many frames. */
@@ -159,7 +159,10 @@ describe("measure", () => {
 
       await t.blur();
       await t.press("v", "g");
-      while ((await t.state()).site !== site) await t.press("g");
+      for (let now = (await t.state()).site; now !== site; now = (await t.state()).site) {
+        await t.press("g");
+        await t.until((s) => s.site !== now, "the next end effector");
+      }
       const [tip] = await sites(studio, robot, site, [q]);
       assert.ok(tip);
       console.log(`${example}, a diamond: ${await byDiamond(t, counts, key, tip, radius)}`);
