@@ -60,12 +60,12 @@ describe("another clip, in the 3D view", () => {
   test("a guide that was set for one clip is not set for the next", async () => {
     await g.afresh();
     await g.panel("policies");
-    await g.byId("guide").check();
+    await g.byId("guide").selectOption("linear");
     await g.until((s) => s.settings.guide === "linear", "guided");
     await g.afresh(STILL);
     const s = await g.until((x) => x.clip?.name === "still", "another clip");
     assert.equal(s.settings.guide, "none");
-    assert.equal(await g.byId("guide").isChecked(), false);
+    assert.equal(await g.byId("guide").inputValue(), "none");
     assert.equal(s.settings.policy, "computed-torque", "the policy stays");
   });
 

@@ -246,9 +246,10 @@ describe("a hand, with still pictures", () => {
   test("guide and seed are set, a long rollout is stopped", async () => {
     await afresh();
     await t.panel("policies");
-    await t.byId("guide").check();
-    await t.until((s) => s.settings.guide === "linear", "guided");
-    await t.byId("guide").uncheck();
+    for (const guide of ["linear", "smooth", "none"]) {
+      await t.byId("guide").selectOption(guide);
+      await t.until((s) => s.settings.guide === guide, guide);
+    }
     await t.byId("seed").fill("7");
     await t.byId("seed").press("Enter");
     await t.until((s) => s.settings.seed === 7 && s.settings.guide === "none", "another seed");

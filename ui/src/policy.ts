@@ -21,13 +21,13 @@ const idOf = (s: RolloutSettings): string =>
   policyId({ name: s.policy, ...(s.model_path ? { model: s.model_path } : {}) });
 /** What was tried, as tables show it. */
 export const variant = (card: Candidate, guide: Guide): string =>
-  (card.run ?? policyId(card)) + (guide === "linear" ? "+guide" : "");
+  (card.run ?? policyId(card)) + { none: "", linear: "+guide", smooth: "+smooth" }[guide];
 
 /** Settings without a model, and without the guide where the policy in use wanted it. */
 export function leaving(settings: RolloutSettings, cards: PolicyCard[]): RolloutSettings {
   const { model_path: _, ...rest } = settings;
-  const wanted = cards.find((c) => policyId(c) === idOf(settings))?.guide === "linear";
-  return wanted ? { ...rest, guide: "none" } : rest;
+  const wanted = cards.find((c) => policyId(c) === idOf(settings))?.guide ?? "none";
+  return wanted === "none" ? rest : { ...rest, guide: "none" };
 }
 
 /** Settings with this policy and the guide it wants, and all else as it is. */
@@ -37,7 +37,7 @@ export function withPolicy(
   cards: PolicyCard[],
 ): RolloutSettings {
   const rest = leaving(settings, cards);
-  const guide = card.guide === "linear" ? card.guide : rest.guide;
+  const guide = card.guide === "none" ? rest.guide : card.guide;
   return { ...rest, guide, policy: card.name, ...(card.model ? { model_path: card.model } : {}) };
 }
 

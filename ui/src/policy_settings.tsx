@@ -2,9 +2,16 @@
 
 import { useSignal } from "@preact/signals";
 import { trainedFor, withRun } from "./policy";
+import type { Guide } from "./protocol";
 import * as store from "./store";
 import { trying } from "./tryall";
 import { tell } from "./wire";
+
+const GUIDES: [Guide, string, string][] = [
+  ["none", "the policy decides", "It sees that these frames are free"],
+  ["linear", "straight line", "From the reached pose to the next goal, drawn anew in every frame"],
+  ["smooth", "smooth curve", "From goal to goal, planned before the rollout"],
+];
 
 /** Refinement, guide and seed of the rollout. */
 export function Settings() {
@@ -30,14 +37,19 @@ export function Settings() {
         />{" "}
         refine each action
       </label>
-      <label title="In masked frames, gives the policy a straight line from the reached pose to the next goal">
-        <input
-          type="checkbox"
+      <label title="What the policy sees in frames without a goal">
+        in gaps{" "}
+        <select
           data-testid="guide"
-          checked={s.guide === "linear"}
-          onChange={(e) => tell("rollout.set", { ...s, guide: e.currentTarget.checked ? "linear" : "none" })}
-        />{" "}
-        guide along straight lines
+          value={s.guide}
+          onChange={(e) => tell("rollout.set", { ...s, guide: e.currentTarget.value as Guide })}
+        >
+          {GUIDES.map(([guide, label, about]) => (
+            <option key={guide} value={guide} title={about}>
+              {label}
+            </option>
+          ))}
+        </select>
       </label>
       <label title="Policies that use random numbers give the same motion for the same seed">
         seed{" "}

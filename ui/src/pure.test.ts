@@ -7,7 +7,7 @@ import { reordered, spanOf, weight } from "./layers";
 import { ANGLES, digitsOf, fixed, inUnits, LENGTHS, parseNumber } from "./numbers";
 import { patched } from "./patch";
 import { nearest, shown, type Tried, variant, withPolicy } from "./policy";
-import type { PolicyCard, RobotCard, RolloutSettings, RunCard, Shelf } from "./protocol";
+import type { Guide, PolicyCard, RobotCard, RolloutSettings, RunCard, Shelf } from "./protocol";
 import { acted, ahead, unreachedAt, within } from "./span";
 import {
   fit,
@@ -413,7 +413,7 @@ test("a policy brings the guide that it wants and takes it away again; between o
   assert.equal(withPolicy({ ...plain, guide: "linear" }, robert, cards).guide, "linear");
   assert.equal(withPolicy({ ...guided, guide: "none" }, adaptive, cards).guide, "linear");
 
-  const tried = (card: PolicyCard, guide: "none" | "linear", mae: number): Tried => ({ card, guide, mae });
+  const tried = (card: PolicyCard, guide: Guide, mae: number): Tried => ({ card, guide, mae });
   const rows = [
     tried(model, "none", 1),
     tried(adaptive, "linear", 2),
@@ -426,6 +426,7 @@ test("a policy brings the guide that it wants and takes it away again; between o
     shown(rows, plain).map((t) => variant(t.card, t.guide)),
     ["computed-torque", "robert:adaptive+guide", "robert", "pd+guide", "pd"],
   );
+  assert.equal(variant(pd, "smooth"), "pd+smooth");
   assert.equal(nearest(rows, plain), rows[1], "the nearest that knows as little of the model");
   assert.equal(nearest(rows, guided), undefined, "nothing is nearer than the one in use");
   assert.equal(nearest(rows, { ...guided, guide: "none" }), rows[1]);

@@ -42,7 +42,7 @@ export async function tryAll(): Promise<void> {
   const masked = store.doc.value?.findings.spans.some((s) => s.kind === "masked" || s.kind === "open");
   // Where every frame is commanded there is nothing for a guide to fill, and who computes goes along that line anyway.
   const guides = (card: Candidate): Guide[] =>
-    masked && card.learned ? ["none", "linear"] : [withPolicy(own, card, cards).guide];
+    masked && card.learned ? ["none", "linear", "smooth"] : [withPolicy(own, card, cards).guide];
   for (const card of cards) {
     for (const guide of guides(card)) {
       if (store.doc.value?.rev !== rev) break;
