@@ -16,11 +16,15 @@ function frameOf(t: Tab): Frame {
   return frame;
 }
 
-/** Waits until the 3D view has drawn three more pictures: two may have been under way. */
+/** Waits until the 3D view has drawn three more pictures: two may have been under way. A view that rests draws one a second,
+ * so it is asked for each. */
 export async function drawn(t: Tab): Promise<void> {
   const frame = frameOf(t);
   const count = (): Promise<number> =>
-    frame.evaluate(() => (window as any).__viserTestpoints?.rendererInfo?.render?.frame ?? 0);
+    frame.evaluate(() => {
+      (window as any).__viserMutable?.requestRender();
+      return (window as any).__viserTestpoints?.rendererInfo?.render?.frame ?? 0;
+    });
   const from = await count();
   await eventually(async () => (await count()) >= from + 3, "the 3D view draws");
 }
