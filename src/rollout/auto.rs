@@ -10,6 +10,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use serde::{Deserialize, Serialize};
 
+use super::detour;
 use super::error::Error;
 use super::gaps::unnatural;
 use super::ilc::{self, Learner};
@@ -162,10 +163,11 @@ impl Contenders {
         let differ = differing(&self.policies().collect::<Vec<_>>(), &goals);
         let learns = self.learns && goals.frames() <= ilc::LONGEST;
         let passes = differ.len() + if learns { ilc::PASSES } else { 0 };
-        let frames = passes as u64 * u64::from(command.frames().saturating_sub(1));
+        let frames = AtomicUsize::new(passes * command.frames().saturating_sub(1) as usize);
         let tick = |label: &str| {
-            let n = done.fetch_add(1, Ordering::Relaxed) + 1;
-            progress.tick((n as u64).min(frames), frames, label);
+            let all = frames.load(Ordering::Relaxed);
+            let n = (done.fetch_add(1, Ordering::Relaxed) + 1).min(all);
+            progress.tick(n as u64, all as u64, label);
         };
         let work = || {
             let mut mine = Vec::new();
@@ -192,6 +194,8 @@ impl Contenders {
         }
         let (at, mut chosen) = self.nearest(all)?;
         if learns {
+            let more = detour::budget(&goals, chosen.rollout.reached());
+            frames.fetch_add(more, Ordering::Relaxed);
             let tick = || tick(&PolicyConfig { ilc: true, ..chosen.policy.clone() }.label());
             let again = || self.rollout(at, command, start, seed);
             let better = repeat(&chosen, again, &tick, cancel)?;

@@ -5,6 +5,7 @@
 //! a smaller step in the opposite direction, because a joint that is blocked by touch is best left
 //! where it is, or moved away. The command stays as it is: errors are measured against it.
 
+use super::detour::Detours;
 use super::error::Error;
 use super::gaps::unnatural;
 use super::run::Rollout;
@@ -79,6 +80,12 @@ pub(super) struct Learner {
     best: Option<Rollout>,
     /// The best error so far, with the penalty for unnatural motion in gaps.
     least: f64,
+    /// That penalty.
+    gaps: f64,
+    /// What the motion from which it learns reached; (frames, S).
+    reached: Vec<f64>,
+    /// The search after the passes.
+    detours: Option<Detours>,
 }
 
 impl Learner {
@@ -88,39 +95,87 @@ impl Learner {
         let mut correction = Correction::new(first.plan());
         correction.learn(first.plan(), first.reached());
         trial.correct(&correction.shift)?;
-        Ok(Learner { correction, passes: 0, trial, best: None, least })
+        let (reached, gaps) = (first.reached().to_vec(), unnatural(first));
+        Ok(Learner {
+            correction,
+            passes: 0,
+            trial,
+            best: None,
+            least,
+            gaps,
+            reached,
+            detours: None,
+        })
     }
 
-    /// Simulates one frame. False after the last pass, or after one that failed. `fresh` makes the
-    /// rollout of another pass.
+    /// Simulates one frame. False when there is nothing left to try. `fresh` makes the rollout of
+    /// another pass.
     pub(super) fn step(&mut self, fresh: impl FnOnce() -> Result<Rollout, Error>) -> bool {
-        if self.passes == PASSES {
-            return false;
-        }
-        let more = match self.trial.step() {
-            Ok(Some(_)) => return true,
-            Ok(None) => self.end_pass(fresh).is_ok(),
-            // The plant may diverge with this correction; the passes before it count.
-            Err(_) => false,
+        // The plant may diverge with a correction; the passes before it count.
+        let (going, failed) = match self.trial.step() {
+            Ok(frame) => (frame.is_some(), false),
+            Err(_) => (false, true),
         };
-        if !more {
-            self.passes = PASSES;
+        match &mut self.detours {
+            None if going => true,
+            None => {
+                let ended = !failed && self.end_pass(fresh).is_ok();
+                if !ended || self.passes == PASSES {
+                    return self.begin_detours();
+                }
+                true
+            }
+            Some(detours) => {
+                if going && detours.promises(&self.trial) {
+                    return true;
+                }
+                let better = !going && !failed && self.adopt(fresh).unwrap_or(false);
+                self.next_detour(better)
+            }
         }
-        more && self.passes < PASSES
+    }
+
+    fn begin_detours(&mut self) -> bool {
+        let plan = self.trial.plan();
+        let none = vec![0.0; plan.frames() * plan.dim()];
+        let (reached, shift) = match &self.best {
+            Some(best) => (best.reached(), best.shift().unwrap_or(&none)),
+            None => (&self.reached[..], &none[..]),
+        };
+        self.detours = Some(Detours::new(self.trial.goals(), reached, shift));
+        self.next_detour(false)
+    }
+
+    fn next_detour(&mut self, better: bool) -> bool {
+        let Some(detours) = &mut self.detours else { return false };
+        if let (true, Some(best)) = (better, &self.best) {
+            detours.go_on(best.goals(), best.reached(), best.shift().unwrap_or_default());
+        }
+        let next = detours.next(self.trial.goals());
+        next.is_some_and(|shift| self.trial.correct(shift).is_ok())
     }
 
     fn end_pass(&mut self, fresh: impl FnOnce() -> Result<Rollout, Error>) -> Result<(), Error> {
         self.passes += 1;
         self.correction.learn(self.trial.plan(), self.trial.reached());
-        if let Some(error) = error(&self.trial).filter(|e| *e < self.least) {
-            self.least = error;
-            let spare = match self.best.take() {
-                Some(spare) => spare,
-                None => fresh()?,
-            };
-            self.best = Some(std::mem::replace(&mut self.trial, spare));
-        }
+        self.adopt(fresh)?;
         self.trial.correct(&self.correction.shift)
+    }
+
+    /// Keeps the trial if it is the best so far, and says whether it is.
+    fn adopt(&mut self, fresh: impl FnOnce() -> Result<Rollout, Error>) -> Result<bool, Error> {
+        let Some(error) = error(&self.trial).filter(|e| *e < self.least) else { return Ok(false) };
+        let gaps = unnatural(&self.trial);
+        if self.detours.is_some() && gaps > self.gaps {
+            return Ok(false);
+        }
+        (self.least, self.gaps) = (error, gaps);
+        let spare = match self.best.take() {
+            Some(spare) => spare,
+            None => fresh()?,
+        };
+        self.best = Some(std::mem::replace(&mut self.trial, spare));
+        Ok(true)
     }
 
     /// The best pass, if one is better than the motion from which it learned.
@@ -184,6 +239,33 @@ mod tests {
         assert!(error(best).unwrap() < 0.2 * before, "{} {before}", error(best).unwrap());
         assert_eq!(best.goals(), first.goals());
         // A new rollout with the same correction has the same bits.
+        let mut again = fresh().unwrap();
+        again.correct(best.shift().unwrap()).unwrap();
+        again.run(&Cancel::default()).unwrap();
+        assert_eq!(again.actions(), best.actions());
+    }
+
+    #[test]
+    fn a_finger_that_is_blocked_goes_another_way() {
+        let robot = Arc::new(Robot::builtin("shadow_hand").unwrap());
+        let command = compile(&tasks::find("shadow_hand/thumb_inside", None).unwrap()).unwrap();
+        let policy = PolicyConfig::new(PolicyName::Pd);
+        let fresh = || {
+            let built = policy.build(&robot)?;
+            Rollout::new(&robot, built, &command, Start::Pose, RolloutConfig::default())
+        };
+        let mut first = fresh().unwrap();
+        first.run(&Cancel::default()).unwrap();
+        let least = error(&first).unwrap();
+        let mut learner = Learner::new(&first, least, fresh().unwrap()).unwrap();
+        while learner.detours.is_none() {
+            assert!(learner.step(fresh));
+        }
+        let (passes, gaps) = (learner.least, learner.gaps);
+        while learner.step(fresh) {}
+        assert!(learner.least < 0.99 * passes, "{} {passes}", learner.least);
+        assert!(learner.gaps <= gaps, "no way leads through unnatural motion in gaps");
+        let best = learner.into_best().unwrap();
         let mut again = fresh().unwrap();
         again.correct(best.shift().unwrap()).unwrap();
         again.run(&Cancel::default()).unwrap();

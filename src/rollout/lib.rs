@@ -13,6 +13,7 @@ mod auto;
 mod clip_facts;
 mod computed_torque;
 mod curve;
+mod detour;
 mod error;
 mod extracted_tasks;
 mod fitted;
