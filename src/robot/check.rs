@@ -108,7 +108,8 @@ fn ask(model: &Path, exe: &Path, steps: usize) -> Result<Verdict, Error> {
         .stderr(Stdio::null())
         .spawn()
         .map_err(no_checker)?;
-    let status = wait(&mut child).map_err(no_checker)?;
+    let most = Duration::from_secs(limits::CHECK_WALL_SECS);
+    let status = wait(&mut child, most).map_err(no_checker)?;
     let exhausted = |what: String| Error::Exhausted { what, path: model.to_owned() };
     let Some(status) = status else {
         return Err(exhausted(format!("took more than {} s", limits::CHECK_WALL_SECS)));
@@ -124,8 +125,8 @@ fn ask(model: &Path, exe: &Path, steps: usize) -> Result<Verdict, Error> {
 }
 
 /// Waits with a time limit; `None` if the child had to be killed.
-fn wait(child: &mut Child) -> std::io::Result<Option<ExitStatus>> {
-    let end = Instant::now() + Duration::from_secs(limits::CHECK_WALL_SECS);
+fn wait(child: &mut Child, most: Duration) -> std::io::Result<Option<ExitStatus>> {
+    let end = Instant::now() + most;
     let mut pause = Duration::from_millis(1);
     // The result fits into the pipe's buffer, so the child never blocks.
     while Instant::now() < end {
@@ -225,6 +226,17 @@ fn peak_bytes() -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_check_that_only_waits_is_ended() {
+        let mut idle = std::process::Command::new("sleep").arg("600").spawn().unwrap();
+        let begin = Instant::now();
+        assert!(wait(&mut idle, Duration::from_millis(50)).unwrap().is_none());
+        assert!(begin.elapsed() < Duration::from_secs(60));
+        assert!(idle.try_wait().unwrap().is_some(), "it has been killed");
+        let mut short = std::process::Command::new("true").spawn().unwrap();
+        assert!(wait(&mut short, Duration::from_secs(60)).unwrap().unwrap().success());
+    }
 
     #[test]
     fn pairs_that_may_collide_are_capped() {

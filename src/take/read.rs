@@ -605,11 +605,51 @@ mod tests {
     /// The checksums would hide most damage from the code behind them, so they are removed too.
     #[test]
     fn damage_behind_the_checksums_is_refused_or_read() {
+        let (front, chunk) = opened();
+        let whole = survive("chunks", rounds(3_000), |round| {
+            closed(&front, &mutate(&chunk, Rng::new(12, Stream::Test, round)))
+        });
+        assert_eq!(whole, 0, "without closing records no file is whole");
+    }
+
+    #[test]
+    fn a_message_may_be_a_mebibyte_and_not_a_byte_more() {
+        let (front, chunk) = opened();
+        let grown = |to: usize| {
+            let mut records = Records::new(&chunk, 0);
+            let mut states = None;
+            let first = std::iter::from_fn(|| records.next()?.ok()).find(|r| match r.op {
+                op::CHANNEL => {
+                    let channel = Channel::parse(r.body).unwrap();
+                    states =
+                        states.or((channel.topic == topic::JOINT_STATES).then_some(channel.id));
+                    false
+                }
+                op::MESSAGE => {
+                    states.is_some() && states == Message::parse(r.body).map(|m| m.channel)
+                }
+                _ => false,
+            });
+            let (at, own) = first.map(|r| (r.offset, r.body.len())).unwrap();
+            let data = Message::parse(&chunk[at + 9..at + 9 + own]).unwrap().data.len();
+            let mut inner = chunk[..at + 9 + own].to_vec();
+            inner.resize(inner.len() + to - data, 0);
+            inner[at + 1..at + 9].copy_from_slice(&((own + to - data) as u64).to_le_bytes());
+            inner.extend(&chunk[at + 9 + own..]);
+            Take::from_mcap(&closed(&front, &inner)).unwrap_err().to_string()
+        };
+        let larger = "a message larger than any of a take";
+        assert!(!grown(limits::TAKE_MESSAGE_BYTES).contains(larger));
+        let refused = grown(limits::TAKE_MESSAGE_BYTES + 1);
+        assert!(refused.contains(larger), "{refused}");
+    }
+
+    /// What stands before the chunk of a small take, and the chunk's records.
+    fn opened() -> (Vec<u8>, Vec<u8>) {
         let (_, take) = sample::take("pointmass", 10, 10);
         let bytes = take.to_mcap(None).unwrap();
         let (scan, _) = scan(&bytes).unwrap();
         assert_eq!(scan.frames, 10);
-        // A chunk, unpacked, mutated and packed again without a checksum.
         let mut records = Records::new(&bytes[..bytes.len() - 8], 8);
         let (mut front, mut chunk) = (Vec::new(), None);
         while let Some(Ok(r)) = records.next() {
@@ -618,20 +658,20 @@ mod tests {
                 front = bytes[..r.offset].to_vec();
             }
         }
-        let chunk = chunk.unwrap();
-        let whole = survive("chunks", rounds(3_000), |round| {
-            let inner = mutate(&chunk, Rng::new(12, Stream::Test, round));
-            let mut file = front.clone();
-            file.push(op::CHUNK);
-            file.extend((40 + inner.len() as u64).to_le_bytes());
-            file.extend([0; 16]);
-            file.extend((inner.len() as u64).to_le_bytes());
-            file.extend([0; 8]); // no checksum, no compression
-            file.extend((inner.len() as u64).to_le_bytes());
-            file.extend(&inner);
-            file
-        });
-        assert_eq!(whole, 0, "without closing records no file is whole");
+        (front, chunk.unwrap())
+    }
+
+    /// A file with these records in an unpacked chunk without a checksum, and without its closing records.
+    fn closed(front: &[u8], inner: &[u8]) -> Vec<u8> {
+        let mut file = front.to_vec();
+        file.push(op::CHUNK);
+        file.extend((40 + inner.len() as u64).to_le_bytes());
+        file.extend([0; 16]);
+        file.extend((inner.len() as u64).to_le_bytes());
+        file.extend([0; 8]); // no checksum, no compression
+        file.extend((inner.len() as u64).to_le_bytes());
+        file.extend(inner);
+        file
     }
 
     #[test]
