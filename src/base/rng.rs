@@ -45,6 +45,8 @@ pub enum Stream {
     Trial = 17,
     /// Windows from motion that a network performed itself.
     Reached = 18,
+    /// Movements of goals that are tried to get around what blocks a joint.
+    Detour = 19,
     /// Tests only.
     Test = 99,
 }

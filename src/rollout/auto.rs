@@ -2,15 +2,14 @@
 //!
 //! Every contender performs the clip: the learned policies and proportional control, with and
 //! without smooth motion planned through the gaps. No policy is best everywhere (contact,
-//! unreachable poses), and a rollout takes too little time to be noticed. The best one then repeats
-//! the clip and corrects its goals by what it missed ([`super::ilc`]); the best pass is used.
+//! unreachable poses), and a rollout takes a fraction of a second. The best one then repeats the
+//! clip and corrects its goals by what it missed ([`super::ilc`]); the best motion is used.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use serde::{Deserialize, Serialize};
 
-use super::detour;
 use super::error::Error;
 use super::gaps::unnatural;
 use super::ilc::{self, Learner};
@@ -162,12 +161,10 @@ impl Contenders {
         let goals = Goals::new(command);
         let differ = differing(&self.policies().collect::<Vec<_>>(), &goals);
         let learns = self.learns && goals.frames() <= ilc::LONGEST;
-        let passes = differ.len() + if learns { ilc::PASSES } else { 0 };
-        let frames = AtomicUsize::new(passes * command.frames().saturating_sub(1) as usize);
+        let frames = differ.len() * command.frames().saturating_sub(1) as usize;
         let tick = |label: &str| {
-            let all = frames.load(Ordering::Relaxed);
-            let n = (done.fetch_add(1, Ordering::Relaxed) + 1).min(all);
-            progress.tick(n as u64, all as u64, label);
+            let n = (done.fetch_add(1, Ordering::Relaxed) + 1).min(frames);
+            progress.tick(n as u64, frames as u64, label);
         };
         let work = || {
             let mut mine = Vec::new();
@@ -194,9 +191,9 @@ impl Contenders {
         }
         let (at, mut chosen) = self.nearest(all)?;
         if learns {
-            let more = detour::budget(&goals, chosen.rollout.reached());
-            frames.fetch_add(more, Ordering::Relaxed);
-            let tick = || tick(&PolicyConfig { ilc: true, ..chosen.policy.clone() }.label());
+            let label = PolicyConfig { ilc: true, ..chosen.policy.clone() }.label();
+            progress.phase("correct the goals", "frames");
+            let tick = |done: u64, all: u64| progress.tick(done, all, &label);
             let again = || self.rollout(at, command, start, seed);
             let better = repeat(&chosen, again, &tick, cancel)?;
             chosen.adopt(better);
@@ -267,23 +264,31 @@ impl Contenders {
     }
 }
 
-/// Lets the chosen policy repeat the clip; the best pass, if it is better.
+/// Lets the chosen policy repeat the clip; the best motion, if it is better.
 fn repeat(
     chosen: &Chosen,
     again: impl Fn() -> Result<Rollout, Error>,
-    tick: &dyn Fn(),
+    tick: &dyn Fn(u64, u64),
     cancel: &Cancel,
 ) -> Result<Option<Rollout>, Error> {
     let own = chosen.tried.iter().find(|t| t.policy == chosen.policy.label());
     let Some(least) = own.and_then(Trial::score) else { return Ok(None) };
-    let mut learner = Learner::new(&chosen.rollout, least, again()?)?;
+    let mut learner = Learner::new(&chosen.rollout, least, again()?, searches(&chosen.policy))?;
+    let mut frames = 0;
     while learner.step(&again) {
         if cancel.is_cancelled() {
             return Err(Error::Cancelled { frame: 0 });
         }
-        tick();
+        frames += 1;
+        tick(frames, frames + learner.frames_left() as u64);
     }
+    tick(frames, frames);
     Ok(learner.into_best())
+}
+
+/// Whether a policy is fast enough for a search of thousands of frames.
+pub(super) fn searches(policy: &PolicyConfig) -> bool {
+    !policy.refine && !matches!(policy.name, PolicyName::Ilqr | PolicyName::PredictiveSampling)
 }
 
 /// The contender with the smallest sum of error and gap penalty; the first among equals.

@@ -1,7 +1,7 @@
 //! A search for a way around what blocks a joint.
 //!
 //! A finger that meets another one too early stays behind it for as long as both goals are held, and
-//! no correction of its own goal takes it around. This search moves the goals of a few joints for a
+//! repeated corrections of its goal do not take it around. This search moves the goals of a few joints for a
 //! moment, at random, near frames with a large error, and keeps what makes the whole motion better
 //! (a random local search). It knows nothing of the model: each try is a rollout of the policy.
 
@@ -16,9 +16,9 @@ const MOST: usize = 16_000;
 /// Frames before a large error at which a movement begins, and after it at which it ends.
 const BEFORE: u64 = 20;
 const AFTER: u64 = 25;
-/// Joints that move besides the one with the error, on average.
+/// Joints that move besides the one with the error, on average (nearly).
 const OTHERS: f64 = 1.0;
-/// The farthest that a try moves a goal, rad or m.
+/// The farthest that a goal moves in all, rad or m.
 const FARTHEST: f64 = 0.5;
 /// Frames over which a movement of a goal begins and ends.
 const EASE: usize = 4;
@@ -79,7 +79,7 @@ impl Detours {
         // A try that changes nothing counts too, so that the search comes to an end.
         self.frames_left = self.frames_left.checked_sub(1)?;
         self.tries += 1;
-        let mut rng = Rng::new(0, Stream::Planner, self.tries);
+        let mut rng = Rng::new(0, Stream::Detour, self.tries);
         let mut ahead = rng.uniform() * self.places.iter().map(|p| p.error).sum::<f64>();
         let place = *self
             .places
@@ -106,11 +106,18 @@ impl Detours {
                 *s = (*s + by * share).clamp(-FARTHEST, FARTHEST);
             }
         }
+        // Virtual keyframes may move earlier frames too; their errors are not summed, so such a try
+        // may only end later.
         (self.worse, self.summed) = (0.0, first.saturating_sub(super::window::COMMAND));
         Some(&self.tried)
     }
 
-    /// Whether the try may still become better than the best motion.
+    /// Frames that may still be simulated.
+    pub(super) fn frames_left(&self) -> usize {
+        self.frames_left
+    }
+
+    /// Whether the try goes on: it may still become better than the best motion.
     pub(super) fn promises(&mut self, trial: &Rollout) -> bool {
         self.frames_left = self.frames_left.saturating_sub(1);
         while self.summed <= trial.frame() {
@@ -118,7 +125,7 @@ impl Detours {
             self.worse += error - self.errors[self.summed];
             self.summed += 1;
         }
-        self.worse < PATIENCE
+        self.worse < PATIENCE && self.frames_left > 0
     }
 }
 

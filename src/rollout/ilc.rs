@@ -3,9 +3,10 @@
 //! After each pass the goals that the policy sees move by a share of the error, joint by joint and
 //! frame by frame (Arimoto 1984). A joint that became worse returns to its best correction and takes
 //! a smaller step in the opposite direction, because a joint that is blocked by touch is best left
-//! where it is, or moved away. The command stays as it is: errors are measured against it.
+//! where it is, or moved away. The command stays as it is: errors are measured against it. If a
+//! joint still stays away from its goals, a search for detours follows ([`super::detour`]).
 
-use super::detour::Detours;
+use super::detour::{self, Detours};
 use super::error::Error;
 use super::gaps::unnatural;
 use super::run::Rollout;
@@ -84,18 +85,28 @@ pub(super) struct Learner {
     gaps: f64,
     /// What the motion from which it learns reached; (frames, S).
     reached: Vec<f64>,
-    /// The search after the passes.
+    /// The frames that the search after the passes may simulate, and the search.
+    budget: usize,
     detours: Option<Detours>,
+    /// How often a better motion was found.
+    improvements: usize,
+    over: bool,
 }
 
 impl Learner {
     /// Learns from `first`, which has reached its end with the error `least`. `trial` is the same
-    /// rollout at its beginning.
-    pub(super) fn new(first: &Rollout, least: f64, mut trial: Rollout) -> Result<Learner, Error> {
+    /// rollout at its beginning. With `searches`, a search for detours follows the passes.
+    pub(super) fn new(
+        first: &Rollout,
+        least: f64,
+        mut trial: Rollout,
+        searches: bool,
+    ) -> Result<Learner, Error> {
         let mut correction = Correction::new(first.plan());
         correction.learn(first.plan(), first.reached());
         trial.correct(&correction.shift)?;
         let (reached, gaps) = (first.reached().to_vec(), unnatural(first));
+        let budget = if searches { detour::budget(first.goals(), &reached) } else { 0 };
         Ok(Learner {
             correction,
             passes: 0,
@@ -104,13 +115,21 @@ impl Learner {
             least,
             gaps,
             reached,
+            budget,
             detours: None,
+            improvements: 0,
+            over: false,
         })
     }
 
     /// Simulates one frame. False when there is nothing left to try. `fresh` makes the rollout of
     /// another pass.
     pub(super) fn step(&mut self, fresh: impl FnOnce() -> Result<Rollout, Error>) -> bool {
+        self.over = self.over || !self.advance(fresh);
+        !self.over
+    }
+
+    fn advance(&mut self, fresh: impl FnOnce() -> Result<Rollout, Error>) -> bool {
         // The plant may diverge with a correction; the passes before it count.
         let (going, failed) = match self.trial.step() {
             Ok(frame) => (frame.is_some(), false),
@@ -119,11 +138,8 @@ impl Learner {
         match &mut self.detours {
             None if going => true,
             None => {
-                let ended = !failed && self.end_pass(fresh).is_ok();
-                if !ended || self.passes == PASSES {
-                    return self.begin_detours();
-                }
-                true
+                let learned = !failed && self.end_pass(fresh).is_ok();
+                (learned && self.passes < PASSES) || self.begin_detours()
             }
             Some(detours) => {
                 if going && detours.promises(&self.trial) {
@@ -135,7 +151,32 @@ impl Learner {
         }
     }
 
+    /// Frames that are still to be simulated, at most.
+    pub(super) fn frames_left(&self) -> usize {
+        let frames = self.trial.frames() - 1;
+        match &self.detours {
+            _ if self.over => 0,
+            Some(detours) => detours.frames_left(),
+            None => {
+                self.budget + ((PASSES - self.passes) * frames).saturating_sub(self.trial.frame())
+            }
+        }
+    }
+
+    /// Whether the passes are over and detours are searched for.
+    pub(super) fn searches(&self) -> bool {
+        self.detours.is_some() && !self.over
+    }
+
+    /// How often a better motion was found.
+    pub(super) fn improvements(&self) -> usize {
+        self.improvements
+    }
+
     fn begin_detours(&mut self) -> bool {
+        if self.budget == 0 {
+            return false;
+        }
         let plan = self.trial.plan();
         let none = vec![0.0; plan.frames() * plan.dim()];
         let (reached, shift) = match &self.best {
@@ -169,12 +210,13 @@ impl Learner {
         if self.detours.is_some() && gaps > self.gaps {
             return Ok(false);
         }
-        (self.least, self.gaps) = (error, gaps);
         let spare = match self.best.take() {
             Some(spare) => spare,
             None => fresh()?,
         };
         self.best = Some(std::mem::replace(&mut self.trial, spare));
+        (self.least, self.gaps) = (error, gaps);
+        self.improvements += 1;
         Ok(true)
     }
 
@@ -232,7 +274,7 @@ mod tests {
         let mut first = fresh().unwrap();
         first.run(&Cancel::default()).unwrap();
         let before = error(&first).unwrap();
-        let mut learner = Learner::new(&first, before, fresh().unwrap()).unwrap();
+        let mut learner = Learner::new(&first, before, fresh().unwrap(), true).unwrap();
         while learner.step(fresh) {}
         assert_eq!(learner.passes, PASSES);
         let best = learner.best().unwrap();
@@ -257,13 +299,18 @@ mod tests {
         let mut first = fresh().unwrap();
         first.run(&Cancel::default()).unwrap();
         let least = error(&first).unwrap();
-        let mut learner = Learner::new(&first, least, fresh().unwrap()).unwrap();
-        while learner.detours.is_none() {
+        let mut learner = Learner::new(&first, least, fresh().unwrap(), true).unwrap();
+        while !learner.searches() {
             assert!(learner.step(fresh));
         }
-        let (passes, gaps) = (learner.least, learner.gaps);
-        while learner.step(fresh) {}
-        assert!(learner.least < 0.99 * passes, "{} {passes}", learner.least);
+        let (passes, gaps, budget) = (learner.least, learner.gaps, learner.frames_left());
+        let mut frames = 0;
+        while learner.step(fresh) {
+            frames += 1;
+        }
+        assert!(frames <= budget, "{frames} of {budget}");
+        assert!(!learner.step(fresh) && learner.frames_left() == 0, "it is over for good");
+        assert!(learner.least < passes, "{} {passes}", learner.least);
         assert!(learner.gaps <= gaps, "no way leads through unnatural motion in gaps");
         let best = learner.into_best().unwrap();
         let mut again = fresh().unwrap();

@@ -2,11 +2,11 @@
 //!
 //! Each contender keeps its own rollout, so that an edit simulates again only what it can change.
 //! One of them is shown: it performs first, and its frames can be streamed. The others follow. The
-//! best one repeats the clip, and its best pass is shown until the next edit.
+//! best one repeats the clip and corrects its goals, and its best motion is shown until the next edit.
 
 use std::sync::Arc;
 
-use super::auto::{Trial, best, configs, differing, learns};
+use super::auto::{Trial, best, configs, differing, learns, searches};
 use super::error::Error;
 use super::ilc::{self, Learner};
 use super::registry::PolicyConfig;
@@ -29,8 +29,9 @@ struct Contender {
 pub struct LiveRollout {
     robot: Arc<Robot>,
     contenders: Vec<Contender>,
-    /// The contender that is shown, and whether its best pass is.
-    shown: (usize, bool),
+    /// The contender that is shown, and how often its corrections had improved what is shown: 0 if
+    /// it is shown as it is.
+    shown: (usize, usize),
     /// Whether the best contender repeats the clip.
     learns: bool,
     /// The contender that repeats the clip, once all have performed it.
@@ -74,7 +75,7 @@ impl LiveRollout {
         let mut live = LiveRollout {
             robot: Arc::clone(robot),
             contenders: policies.into_iter().map(contender).collect(),
-            shown: (0, false),
+            shown: (0, 0),
             learns: learns(asked),
             learner: None,
             command: command.clone(),
@@ -91,7 +92,7 @@ impl LiveRollout {
     pub fn shown(&self) -> &Rollout {
         let best = self.learner.as_ref().and_then(|(_, l)| l.best());
         match (best, &self.contenders[self.shown.0].rollout) {
-            (Some(best), _) if self.shown.1 => best,
+            (Some(best), _) if self.shown.1 > 0 => best,
             (_, Some(rollout)) => rollout,
             (_, None) => unreachable!("the shown contender has always a rollout"),
         }
@@ -115,7 +116,7 @@ impl LiveRollout {
         (self.command, self.frames) = (command.clone(), goals.frames());
         self.edit += 1;
         self.learner = None;
-        let corrected = std::mem::take(&mut self.shown.1);
+        let corrected = std::mem::take(&mut self.shown.1) > 0;
         self.take_up(self.shown.0)?;
         Ok(if corrected { 0 } else { self.shown().frame() })
     }
@@ -192,7 +193,7 @@ impl LiveRollout {
         let own = &self.contenders[*at];
         let first = own.rollout.as_ref()?;
         let fresh = beginning(&self.robot, own, &self.command, self.seed).ok()?;
-        Some((*at, Learner::new(first, trial.score()?, fresh).ok()?))
+        Some((*at, Learner::new(first, trial.score()?, fresh, searches(&own.policy)).ok()?))
     }
 
     /// What the contenders achieved that have something of their own to show.
@@ -202,6 +203,25 @@ impl LiveRollout {
             (_, failed) => Trial::failed(&c.policy, failed.as_ref()),
         };
         self.differing.iter().map(|&at| (at, trial(&self.contenders[at]))).collect()
+    }
+
+    /// How often corrections have improved the motion.
+    fn improvements(&self) -> usize {
+        self.learner.as_ref().map_or(0, |(_, l)| l.improvements())
+    }
+
+    /// Shows the best motion so far once a search for a better one has begun, because the search may
+    /// take seconds. Whether another motion is shown than before.
+    pub fn show_best_so_far(&mut self) -> bool {
+        let Some((at, learner)) = self.learner.as_ref().filter(|(_, l)| l.searches()) else {
+            return false;
+        };
+        let best = (*at, learner.improvements());
+        let waits = self.shown.0 != best.0 || (self.shown.1 == 0 && best.1 > 0);
+        if waits {
+            self.shown = best;
+        }
+        waits
     }
 
     /// Compares the contenders and shows the best one. It is the choice of
@@ -223,7 +243,7 @@ impl LiveRollout {
             policy.ilc = true;
             tried.push(Trial::of(&policy, better));
         }
-        let shown = (at, better.is_some());
+        let shown = (at, self.improvements());
         let changed = std::mem::replace(&mut self.shown, shown) != shown;
         Ok(Choice { policy: policy.label(), changed, tried })
     }
@@ -272,18 +292,24 @@ mod tests {
     fn an_edited_clip_has_the_same_choice_as_a_new_one() {
         let robot = Arc::new(Robot::builtin("pointmass").unwrap());
         let asked = PolicyConfig::new(PolicyName::Auto);
-        let clips: Vec<Clip> =
-            ["circle", "heart", "hops"].map(|n| tasks::find(n, Some("pointmass")).unwrap()).into();
+        let clips: Vec<Clip> = ["circle", "heart", "hops", "jumps"]
+            .map(|n| tasks::find(n, Some("pointmass")).unwrap())
+            .into();
         let mut live: Option<LiveRollout> = None;
         let contenders = Contenders::new(&robot, &asked).unwrap();
-        for clip in [&clips[0], &clips[1], &clips[1], &clips[2]] {
+        let mut shown_early = 0;
+        for clip in [&clips[0], &clips[1], &clips[1], &clips[2], &clips[3]] {
             let command = compile(clip).unwrap();
             match &mut live {
                 Some(live) => drop(live.set_command(&command).unwrap()),
                 None => live = Some(LiveRollout::new(&robot, &asked, 3, &command).unwrap()),
             }
             let live = live.as_mut().unwrap();
-            let choice = to_the_end(live);
+            while live.step().unwrap().is_some() {}
+            while live.step_another() {
+                shown_early += usize::from(live.show_best_so_far());
+            }
+            let choice = live.choose().unwrap();
             let fresh = contenders
                 .perform(&command, &Start::Pose, 3, 1, &Silent, &Cancel::default())
                 .unwrap();
@@ -291,7 +317,11 @@ mod tests {
             assert_eq!(choice.policy, fresh.policy.label());
             assert_eq!(live.shown().actions(), fresh.rollout.actions());
         }
-        assert!(!to_the_end(live.as_mut().unwrap()).changed, "the same clip, the same choice");
+        assert_eq!(shown_early, 1, "before the search in the last one, in which joints stay away");
+        let live = live.as_mut().unwrap();
+        let actions = live.shown().actions().to_vec();
+        assert!(!to_the_end(live).changed, "the same clip, the same choice");
+        assert_eq!(live.shown().actions(), actions);
     }
 
     #[test]

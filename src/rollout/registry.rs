@@ -333,8 +333,8 @@ pub struct PolicyConfig {
     pub guide: Guide,
     /// Improve each action on the model.
     pub refine: bool,
-    /// Repeat the clip in simulation, moving the goals by what was missed: iterative learning
-    /// control.
+    /// Repeat the clip in simulation, moving the goals by what was missed (iterative learning
+    /// control), then search for something better where joints stay away.
     #[serde(default)]
     pub ilc: bool,
     /// Model or fit file, or the name of a shipped model, for learned policies; `None` is the

@@ -215,12 +215,24 @@ impl Rollout {
     ///
     /// # Errors
     /// [`Error::Simulation`] with the frame when the plant diverges, [`Error::BadAction`]
-    /// when the policy returns a value that is not a number. The frames before stay valid.
+    /// when the policy returns a value that is not a number. The frames before stay valid, and the
+    /// next call tries the same frame again.
     pub fn step(&mut self) -> Result<Option<Frame<'_>>, Error> {
         if self.is_done() {
             return Ok(None);
         }
         let t = self.frame();
+        if let Err(e) = self.advance(t) {
+            // A plant that diverged has been reset, and the policy has seen this frame.
+            self.plant.restore(&self.snapshots[t])?;
+            self.policy.recall(&self.memories[t]);
+            return Err(e);
+        }
+        Ok(Some(self.at(t + 1)))
+    }
+
+    /// Simulates frame t.
+    fn advance(&mut self, t: usize) -> Result<(), Error> {
         let (dim, actions) = (self.robot.state_dim(), self.robot.action_dim());
         self.window.fill(t, &self.reached, &self.led);
         if self.config.guide == Guide::Linear {
@@ -247,7 +259,7 @@ impl Rollout {
         self.actions.extend_from_slice(&action);
         self.snapshots.push(self.plant.snapshot());
         self.memories.push(self.policy.memory());
-        Ok(Some(self.at(t + 1)))
+        Ok(())
     }
 
     /// Simulates to the end or until cancelled.
@@ -591,6 +603,59 @@ mod tests {
         let mut odd = robot("ur5e").model().duplicate().unwrap();
         odd.set_timestep(0.003);
         assert!(matches!(substeps(&odd), Err(Error::Timestep { .. })));
+    }
+
+    /// Counts its calls in its memory, and fails at frame 5 as often as it is told.
+    struct Stumbles {
+        calls: f64,
+        failures: usize,
+    }
+
+    impl Policy for Stumbles {
+        fn name(&self) -> String {
+            "stumbles".into()
+        }
+
+        fn reset(&mut self, _seed: u64) {
+            self.calls = 0.0;
+        }
+
+        fn act(&mut self, view: &View<'_>, action: &mut [f64]) -> Result<(), Error> {
+            self.calls += 1.0;
+            action.fill(0.1 * self.calls);
+            if view.frame == 5 && self.failures > 0 {
+                self.failures -= 1;
+                action.fill(f64::NAN);
+            }
+            Ok(())
+        }
+
+        fn memory(&self) -> Vec<f64> {
+            vec![self.calls]
+        }
+
+        fn recall(&mut self, memory: &[f64]) {
+            self.calls = memory[0];
+        }
+    }
+
+    #[test]
+    fn a_frame_that_failed_can_be_tried_again() {
+        let robot = robot("pointmass");
+        let command = command(&robot, 12, &[(0, 0.0), (11, 0.1)]);
+        let rollout = |failures| {
+            let policy = Box::new(Stumbles { calls: 0.0, failures });
+            let config = RolloutConfig::default();
+            Rollout::new(&robot, policy, &command, Start::Pose, config).unwrap()
+        };
+        let (mut sure, mut stumbling) = (rollout(0), rollout(2));
+        sure.run(&Cancel::default()).unwrap();
+        for _ in 0..2 {
+            let e = stumbling.run(&Cancel::default()).unwrap_err();
+            assert!(matches!(e, Error::BadAction { frame: 5, .. }), "{e}");
+        }
+        stumbling.run(&Cancel::default()).unwrap();
+        assert!(bits(&sure) == bits(&stumbling));
     }
 
     #[test]

@@ -2,7 +2,7 @@
 //!
 //! A test run drags each for a moment; for figures, on both robots, for as long as the environment says:
 //!
-//! `ROBERT_DRAG_SECS=5 cargo test --release --test it studio::dragging -- --nocapture`
+//! `ROBERT_DRAG_SECS=5 cargo test --test it dragging -- --nocapture`
 
 use std::f64::consts::TAU;
 use std::time::{Duration, Instant};

@@ -122,7 +122,7 @@ function Tries() {
     );
   if (rows.length === 0) return null;
   const name = (t: (typeof rows)[number]): string =>
-    words(t.card).title + { none: "", linear: ", guided", smooth: ", smooth in gaps" }[t.guide];
+    words(t.card).title + { none: "", linear: ", straight in gaps", smooth: ", smooth in gaps" }[t.guide];
   return (
     <div class="tries" data-testid="tries">
       <header>

@@ -57,7 +57,7 @@ export function words(card: Pick<PolicyCard, "name" | "model" | "suits"> & { run
 }
 
 const OPTIONS: Record<string, string> = {
-  guide: "guided",
+  guide: "straight in gaps",
   ilc: "corrected by repetition",
   masks: "fills gaps itself",
   refine: "refined",

@@ -40,9 +40,14 @@ export async function tryAll(): Promise<void> {
     ...trainedFor(robot, store.workspace.value.runs).map(asCandidate),
   ];
   const masked = store.doc.value?.findings.spans.some((s) => s.kind === "masked" || s.kind === "open");
-  // Where every frame is commanded there is nothing for a guide to fill, and who computes goes along that line anyway.
+  // Where every frame is commanded there is nothing for a guide to fill. A straight line to the next goal is where the
+  // others go by themselves.
   const guides = (card: Candidate): Guide[] =>
-    masked && card.learned ? ["none", "linear", "smooth"] : [withPolicy(own, card, cards).guide];
+    !masked
+      ? [withPolicy(own, card, cards).guide]
+      : card.learned
+        ? ["none", "linear", "smooth"]
+        : ["none", "smooth"];
   for (const card of cards) {
     for (const guide of guides(card)) {
       if (store.doc.value?.rev !== rev) break;

@@ -254,6 +254,11 @@ impl Performer {
                 show.sent = Instant::now();
                 grant_cpu();
             }
+            if show.rollout.show_best_so_far()
+                && let Err(e) = self.show_again()
+            {
+                self.end(None, Some(e));
+            }
             return;
         }
         match show.rollout.choose() {
