@@ -2,6 +2,7 @@
 
 use std::fs::{File, OpenOptions};
 use std::io::{Read, Seek, SeekFrom, Write};
+use std::ops::{Deref, DerefMut};
 use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::{fs, io};
@@ -17,7 +18,7 @@ use robert_base::limits;
 /// An open, locked journal.
 #[derive(Debug)]
 pub(crate) struct Journal {
-    file: File,
+    file: Locked,
     path: PathBuf,
     /// The length of the part that is known to be complete.
     len: u64,
@@ -43,7 +44,7 @@ impl Journal {
             return Err(foreign(format!("it has {len} bytes")));
         }
         let mut bytes = Vec::with_capacity(len as usize);
-        (&mut file).take(limits::JOURNAL_BYTES).read_to_end(&mut bytes).map_err(fail)?;
+        file.by_ref().take(limits::JOURNAL_BYTES).read_to_end(&mut bytes).map_err(fail)?;
         let Scan { records, damage, position, current } =
             scan(&bytes).ok_or_else(|| foreign("it holds something else".into()))?;
         Ok((Journal { file, path: path.to_owned(), len, position, current }, records, damage))
@@ -121,7 +122,7 @@ impl Journal {
         // It is locked before it gets its name, so that it is never unlocked under that name.
         flock(temp.as_file(), FlockOperation::NonBlockingLockExclusive)
             .map_err(|e| fail(e.into()))?;
-        self.file = temp.persist(&self.path).map_err(|e| fail(e.error))?;
+        self.file = Locked(temp.persist(&self.path).map_err(|e| fail(e.error))?);
         self.len = bytes.len() as u64;
         (self.position, self.current) = (position, true);
         self.file.seek(SeekFrom::End(0)).map_err(fail)?;
@@ -151,7 +152,7 @@ impl Journal {
         let fail = |source| Error::Journal { source, path: self.path.clone() };
         let mut bytes = Vec::new();
         self.file.seek(SeekFrom::Start(0)).map_err(fail)?;
-        (&mut self.file).take(limits::JOURNAL_BYTES).read_to_end(&mut bytes).map_err(fail)?;
+        self.file.by_ref().take(limits::JOURNAL_BYTES).read_to_end(&mut bytes).map_err(fail)?;
         self.file.seek(SeekFrom::Start(self.len)).map_err(fail)?;
         keep(&self.path, &bytes).map_err(fail)
     }
@@ -163,8 +164,34 @@ impl Journal {
     }
 }
 
+/// A locked file. Closing it would not be enough: a process that is being started has a copy of every
+/// open file for a moment, and the lock would last as long.
+#[derive(Debug)]
+struct Locked(File);
+
+impl Deref for Locked {
+    type Target = File;
+
+    fn deref(&self) -> &File {
+        &self.0
+    }
+}
+
+impl DerefMut for Locked {
+    fn deref_mut(&mut self) -> &mut File {
+        &mut self.0
+    }
+}
+
+impl Drop for Locked {
+    fn drop(&mut self) {
+        // Closing it follows in any case.
+        flock(&self.0, FlockOperation::Unlock).ok();
+    }
+}
+
 /// The file at `path`, opened and locked.
-fn lock(path: &Path) -> Result<File, Error> {
+fn lock(path: &Path) -> Result<Locked, Error> {
     let fail = |source: io::Error| match fs::symlink_metadata(path) {
         Ok(found) if !found.is_file() => {
             Error::NotAJournal { what: source.to_string(), path: path.to_owned() }
@@ -174,13 +201,13 @@ fn lock(path: &Path) -> Result<File, Error> {
     // Another process may replace or remove the file between open and lock.
     for _ in 0..16 {
         let file = fsio::open_private(path).map_err(fail)?;
-        match flock(&file, FlockOperation::NonBlockingLockExclusive) {
-            Ok(()) => {}
+        let file = match flock(&file, FlockOperation::NonBlockingLockExclusive) {
+            Ok(()) => Locked(file),
             Err(rustix::io::Errno::WOULDBLOCK) => {
                 return Err(Error::Locked { path: path.to_owned() });
             }
             Err(e) => return Err(fail(e.into())),
-        }
+        };
         let same = fs::symlink_metadata(path)
             .and_then(|there| Ok(there.ino() == file.metadata()?.ino()))
             .unwrap_or(false);
@@ -233,6 +260,20 @@ mod tests {
 
     fn open(path: &Path) -> (Journal, Vec<Record>, Damage) {
         Journal::open(path).unwrap()
+    }
+
+    #[test]
+    fn a_closed_journal_is_free_while_a_starting_process_has_a_copy_of_its_file() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.autosave");
+        let (mut journal, _, _) = open(&path);
+        let copy = journal.file.try_clone().unwrap();
+        assert!(matches!(Journal::open(&path), Err(Error::Locked { .. })));
+        journal.rewrite(&sample()).unwrap();
+        let rewritten = journal.file.try_clone().unwrap();
+        drop(journal);
+        assert_eq!(open(&path).1.len(), 4);
+        drop((copy, rewritten));
     }
 
     #[test]
