@@ -38,13 +38,13 @@ impl Journal {
     pub(crate) fn open(path: &Path) -> Result<(Journal, Vec<Record>, Damage), Error> {
         let fail = |source| Error::Journal { source, path: path.to_owned() };
         let foreign = |what: String| Error::NotAJournal { what, path: path.to_owned() };
-        let mut file = lock(path)?;
+        let file = lock(path)?;
         let len = file.metadata().map_err(fail)?.len();
         if len > limits::JOURNAL_BYTES {
             return Err(foreign(format!("it has {len} bytes")));
         }
         let mut bytes = Vec::with_capacity(len as usize);
-        file.by_ref().take(limits::JOURNAL_BYTES).read_to_end(&mut bytes).map_err(fail)?;
+        (&file.0).take(limits::JOURNAL_BYTES).read_to_end(&mut bytes).map_err(fail)?;
         let Scan { records, damage, position, current } =
             scan(&bytes).ok_or_else(|| foreign("it holds something else".into()))?;
         Ok((Journal { file, path: path.to_owned(), len, position, current }, records, damage))
@@ -152,7 +152,7 @@ impl Journal {
         let fail = |source| Error::Journal { source, path: self.path.clone() };
         let mut bytes = Vec::new();
         self.file.seek(SeekFrom::Start(0)).map_err(fail)?;
-        self.file.by_ref().take(limits::JOURNAL_BYTES).read_to_end(&mut bytes).map_err(fail)?;
+        (&self.file.0).take(limits::JOURNAL_BYTES).read_to_end(&mut bytes).map_err(fail)?;
         self.file.seek(SeekFrom::Start(self.len)).map_err(fail)?;
         keep(&self.path, &bytes).map_err(fail)
     }
