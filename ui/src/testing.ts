@@ -85,6 +85,8 @@ const hooks = {
         waiting.add(wake);
         setTimeout(wake, ms);
       });
+      // What the page does about the change at once, such as selecting a key that has moved, comes first.
+      await new Promise((next) => setTimeout(next));
     }
     return { mark: mark(), state: snapshot() };
   },
