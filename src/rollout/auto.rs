@@ -195,7 +195,7 @@ impl Contenders {
             progress.phase("correct the goals", "frames");
             let tick = |done: u64, all: u64| progress.tick(done, all, &label);
             let again = || self.rollout(at, command, start, seed);
-            let better = repeat(&chosen, again, &tick, cancel)?;
+            let better = repeat(&chosen, again, threads, &tick, cancel)?;
             chosen.adopt(better);
         }
         Ok(chosen)
@@ -268,20 +268,22 @@ impl Contenders {
 fn repeat(
     chosen: &Chosen,
     again: impl Fn() -> Result<Rollout, Error>,
+    threads: usize,
     tick: &dyn Fn(u64, u64),
     cancel: &Cancel,
 ) -> Result<Option<Rollout>, Error> {
     let own = chosen.tried.iter().find(|t| t.policy == chosen.policy.label());
     let Some(least) = own.and_then(Trial::score) else { return Ok(None) };
-    let mut learner = Learner::new(&chosen.rollout, least, again()?, searches(&chosen.policy))?;
-    let mut frames = 0;
+    let searches = searches(&chosen.policy);
+    let mut learner = Learner::new(&chosen.rollout, least, again()?, searches, threads)?;
     while learner.step(&again) {
         if cancel.is_cancelled() {
             return Err(Error::Cancelled { frame: 0 });
         }
-        frames += 1;
+        let frames = learner.frames() as u64;
         tick(frames, frames + learner.frames_left() as u64);
     }
+    let frames = learner.frames() as u64;
     tick(frames, frames);
     Ok(learner.into_best())
 }

@@ -5,14 +5,15 @@
 //! moment, at random, near frames with a large error, and keeps what makes the whole motion better
 //! (a random local search). It knows nothing of the model: each try is a rollout of the policy.
 
+use super::gaps;
 use super::jam;
 use super::run::Rollout;
-use super::window::Goals;
+use super::window::{Goals, HISTORY};
 use robert_base::rng::{Rng, Stream};
 
 /// Frames that are simulated, as a multiple of those of the clip, and at most.
-const BUDGET: usize = 24;
-const MOST: usize = 16_000;
+const BUDGET: usize = 80;
+const MOST: usize = 32_000;
 /// Frames before a large error at which a movement begins, and after it at which it ends.
 const BEFORE: u64 = 20;
 const AFTER: u64 = 25;
@@ -24,74 +25,78 @@ const FARTHEST: f64 = 0.5;
 const EASE: usize = 4;
 /// A try ends when the sum of its errors is larger by so much, rad or m.
 const PATIENCE: f64 = 0.2;
+/// Frames after the movements of goals at which a try is compared with the best motion up to there.
+const SETTLES: usize = 20;
 
-/// A joint at a frame.
+/// A joint at a frame, and what it costs: the sum by which the score would be less without, rad or m.
 #[derive(Clone, Copy, Debug)]
 struct Place {
     frame: usize,
     joint: usize,
-    error: f64,
+    cost: f64,
 }
 
-/// The search in one motion.
+/// The search about the best motion so far.
 #[derive(Debug)]
 pub(super) struct Detours {
-    /// The correction of the best motion; (frames, S).
+    /// The correction of that motion; (frames, S).
     shift: Vec<f64>,
-    /// Where joints stay away from their goals in it.
+    /// Its states, 30 of history first; (30 + frames, S).
+    states: Vec<f64>,
+    /// Where joints stay away from their goals in it, or move unnaturally.
     places: Vec<Place>,
     /// The error of each of its frames, summed over joints.
     errors: Vec<f64>,
-    /// The present try, the sum by which its errors are larger, and the frames that were summed.
-    tried: Vec<f64>,
+    tries: u64,
+}
+
+/// A correction that is tried.
+#[derive(Debug)]
+pub(super) struct Try {
+    /// The correction; (frames, S).
+    pub(super) shift: Vec<f64>,
+    /// The sum by which its errors are larger, and the frames that were summed.
     worse: f64,
     summed: usize,
-    tries: u64,
-    frames_left: usize,
+    /// The frame at which it is compared.
+    settled: usize,
 }
 
 impl Detours {
-    /// Searches in a motion with the correction `shift`; both are (frames, S).
-    pub(super) fn new(goals: &Goals, reached: &[f64], shift: &[f64]) -> Detours {
-        let mut new = Detours {
+    /// Searches about the motion with these `states`, (30 + frames, S), and the correction `shift`,
+    /// (frames, S).
+    pub(super) fn new(goals: &Goals, states: &[f64], shift: &[f64]) -> Detours {
+        let reached = reached(goals, states);
+        Detours {
             shift: shift.to_vec(),
-            places: Vec::new(),
-            errors: Vec::new(),
-            tried: Vec::new(),
-            worse: 0.0,
-            summed: 0,
+            states: states.to_vec(),
+            places: places(goals, states),
+            errors: (0..goals.frames()).map(|f| error_at(goals, reached, f)).collect(),
             tries: 0,
-            frames_left: budget(goals, reached),
-        };
-        new.go_on(goals, reached, shift);
-        new
+        }
     }
 
     /// Goes on from a better motion.
-    pub(super) fn go_on(&mut self, goals: &Goals, reached: &[f64], shift: &[f64]) {
-        self.shift = shift.to_vec();
-        self.errors = (0..goals.frames()).map(|f| error_at(goals, reached, f)).collect();
-        self.places = places(goals, reached);
+    pub(super) fn go_on(&mut self, goals: &Goals, states: &[f64], shift: &[f64]) {
+        *self = Detours { tries: self.tries, ..Detours::new(goals, states, shift) };
     }
 
-    /// The next correction to be tried; none if no joint stays away, or the budget is spent.
-    pub(super) fn next(&mut self, goals: &Goals) -> Option<&[f64]> {
-        // A try that changes nothing counts too, so that the search comes to an end.
-        self.frames_left = self.frames_left.checked_sub(1)?;
+    /// The next correction to be tried; none if no joint stays away.
+    pub(super) fn next(&mut self, goals: &Goals) -> Option<Try> {
         self.tries += 1;
         let mut rng = Rng::new(0, Stream::Detour, self.tries);
-        let mut ahead = rng.uniform() * self.places.iter().map(|p| p.error).sum::<f64>();
+        let mut ahead = rng.uniform() * self.places.iter().map(|p| p.cost).sum::<f64>();
         let place = *self
             .places
             .iter()
             .find(|p| {
-                ahead -= p.error;
+                ahead -= p.cost;
                 ahead <= 0.0
             })
             .or(self.places.last())?;
         let d = goals.dim();
-        self.tried.clone_from(&self.shift);
-        let mut first = goals.frames();
+        let mut shift = self.shift.clone();
+        let (mut first, mut last) = (goals.frames(), 0);
         for j in 0..d {
             if j != place.joint && rng.uniform() * d as f64 > OTHERS {
                 continue;
@@ -99,51 +104,73 @@ impl Detours {
             let by = rng.range(-FARTHEST, FARTHEST);
             let begin = place.frame.saturating_sub(rng.below(BEFORE) as usize).max(1);
             let end = (place.frame + 1 + rng.below(AFTER) as usize).min(goals.frames());
-            first = first.min(begin);
+            (first, last) = (first.min(begin), last.max(end));
             for f in begin..end {
                 let share = (f + 1 - begin).min(end - f).min(EASE) as f64 / EASE as f64;
-                let s = &mut self.tried[f * d + j];
+                let s = &mut shift[f * d + j];
                 *s = (*s + by * share).clamp(-FARTHEST, FARTHEST);
             }
         }
         // Virtual keyframes may move earlier frames too; their errors are not summed, so such a try
         // may only end later.
-        (self.worse, self.summed) = (0.0, first.saturating_sub(super::window::COMMAND));
-        Some(&self.tried)
+        let summed = first.saturating_sub(super::window::COMMAND);
+        Some(Try { shift, worse: 0.0, summed, settled: last + SETTLES })
     }
 
-    /// Frames that may still be simulated.
-    pub(super) fn frames_left(&self) -> usize {
-        self.frames_left
-    }
-
-    /// Whether the try goes on: it may still become better than the best motion.
-    pub(super) fn promises(&mut self, trial: &Rollout) -> bool {
-        self.frames_left = self.frames_left.saturating_sub(1);
-        while self.summed <= trial.frame() {
-            let error = error_at(trial.goals(), trial.reached(), self.summed);
-            self.worse += error - self.errors[self.summed];
-            self.summed += 1;
+    /// Whether a try goes on after another frame: it may still become better than the best motion.
+    pub(super) fn promises(&self, one: &mut Try, trial: &Rollout) -> bool {
+        let goals = trial.goals();
+        while one.summed <= trial.frame() {
+            let error = error_at(goals, trial.reached(), one.summed);
+            one.worse += error - self.errors[one.summed];
+            one.summed += 1;
         }
-        self.worse < PATIENCE && self.frames_left > 0
+        if trial.frame() == one.settled {
+            // From here on the motions are nearly the same again, so nothing more is gained.
+            let own = &self.states[..trial.states().len()];
+            let gaps = gaps::penalty(goals, trial.states()) - gaps::penalty(goals, own);
+            return one.worse + gaps * commanded(goals) < 0.0;
+        }
+        one.worse < PATIENCE
     }
 }
 
-/// The frames that a search may simulate: none if no joint stays away.
-pub(super) fn budget(goals: &Goals, reached: &[f64]) -> usize {
-    if places(goals, reached).is_empty() { 0 } else { (BUDGET * goals.frames()).min(MOST) }
+/// The frames that a search may simulate: none if no joint stays away. `states` is (30 + frames, S).
+pub(super) fn budget(goals: &Goals, states: &[f64]) -> usize {
+    if places(goals, states).is_empty() { 0 } else { (BUDGET * goals.frames()).min(MOST) }
 }
 
-/// Joints and frames in runs of a second or more far from their goals.
-fn places(goals: &Goals, reached: &[f64]) -> Vec<Place> {
-    let d = goals.dim();
+/// Joints and frames in runs of a second or more far from their goals, and those with the worst
+/// motion in gaps.
+fn places(goals: &Goals, states: &[f64]) -> Vec<Place> {
+    let (d, reached) = (goals.dim(), reached(goals, states));
     let place = |frame: usize, joint: usize| {
-        let error = (reached[frame * d + joint] - goals.row(frame)[joint]).abs();
-        Place { frame, joint, error }
+        let cost = (reached[frame * d + joint] - goals.row(frame)[joint]).abs();
+        Place { frame, joint, cost }
     };
     let off = jam::off(goals, reached, jam::FAR).into_iter();
     let long = off.filter(|o| o.to - o.from >= jam::LEAST_FRAMES);
-    long.flat_map(|o| (o.from..o.to).map(move |f| place(f, o.joint))).collect()
+    let mut found: Vec<_> =
+        long.flat_map(|o| (o.from..o.to).map(move |f| place(f, o.joint))).collect();
+    let all = commanded(goals);
+    let unnatural = gaps::unnatural_places(goals, states).into_iter();
+    found.extend(unnatural.map(|p| Place {
+        frame: p.frame,
+        joint: p.joint,
+        cost: p.penalty * all,
+    }));
+    found
+}
+
+/// `states` from frame 0 on.
+fn reached<'a>(goals: &Goals, states: &'a [f64]) -> &'a [f64] {
+    &states[HISTORY * goals.dim()..]
+}
+
+/// The number of goals, the share of one of which in Precision is its inverse.
+fn commanded(goals: &Goals) -> f64 {
+    let seen = |f: usize| (0..goals.dim()).filter(move |&j| goals.is_visible(f, j)).count();
+    (1..goals.frames()).map(seen).sum::<usize>() as f64
 }
 
 /// The sum of the errors of a frame.
@@ -169,16 +196,22 @@ mod tests {
         Goals::new(&Command::from_dense(names, vec![0.0; 3], q, seen).unwrap())
     }
 
+    /// At rest before frame 0, and then one joint away from frame `from` to `to`.
+    fn away(joint: usize, from: usize, to: usize) -> Vec<f64> {
+        let mut states = vec![0.0; 3 * (HISTORY + FRAMES)];
+        (from..to).for_each(|f| states[3 * (HISTORY + f) + joint] = 0.2);
+        states
+    }
+
     #[test]
     fn goals_move_near_the_joint_that_stays_away_and_no_farther_than_allowed() {
         let goals = goals();
-        let mut reached = vec![0.0; 3 * FRAMES];
-        (30..55).for_each(|f| reached[3 * f + 1] = 0.2);
-        let mut detours = Detours::new(&goals, &reached, &vec![0.4; 3 * FRAMES]);
-        assert_eq!(detours.frames_left, BUDGET * FRAMES);
+        let states = away(1, 30, 55);
+        assert_eq!(budget(&goals, &states), BUDGET * FRAMES);
+        let mut detours = Detours::new(&goals, &states, &vec![0.4; 3 * FRAMES]);
         let mut moved = [0; 3];
         for _ in 0..200 {
-            let tried = detours.next(&goals).unwrap();
+            let tried = detours.next(&goals).unwrap().shift;
             for (i, s) in tried.iter().enumerate().filter(|(_, s)| **s != 0.4) {
                 assert!(s.abs() <= FARTHEST && (10..FRAMES).contains(&(i / 3)), "{i}: {s}");
                 moved[i % 3] += 1;
@@ -188,16 +221,25 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_tried_where_every_joint_arrives_and_tries_come_to_an_end() {
+    fn nothing_is_tried_where_every_joint_arrives() {
         let goals = goals();
-        let mut reached = vec![0.0; 3 * FRAMES];
         // Half a second is no jam.
-        (30..40).for_each(|f| reached[3 * f] = 0.2);
-        let none = vec![0.0; 3 * FRAMES];
-        assert!(Detours::new(&goals, &reached, &none).next(&goals).is_none());
-        (30..55).for_each(|f| reached[3 * f] = 0.2);
-        let mut detours = Detours::new(&goals, &reached, &none);
-        let tries = std::iter::from_fn(|| detours.next(&goals).map(|_| ())).count();
-        assert_eq!(tries, BUDGET * FRAMES);
+        let states = away(0, 30, 40);
+        assert_eq!(budget(&goals, &states), 0);
+        assert!(Detours::new(&goals, &states, &[0.0; 3 * FRAMES]).next(&goals).is_none());
+    }
+
+    #[test]
+    fn a_swing_past_the_keys_is_a_place_too() {
+        let names = ["a", "b", "c"].map(str::to_owned).to_vec();
+        let seen = (0..3 * FRAMES).map(|i| i / 3 >= 20).collect();
+        let command =
+            Command::from_dense(names, vec![0.0; 3], vec![0.0; 3 * FRAMES], seen).unwrap();
+        let goals = Goals::new(&command);
+        let found = places(&goals, &away(2, 8, 11));
+        let all: Vec<_> = found.iter().map(|p| p.joint).collect();
+        assert_eq!(all, [2], "{found:?}");
+        // .18 rad beyond the allowance, which weighs .02 of the Precision of 40 frames.
+        assert!((found[0].cost - 0.18 * 0.02 * 3.0 * 40.0).abs() < 1e-9, "{found:?}");
     }
 }

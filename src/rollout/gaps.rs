@@ -255,12 +255,52 @@ pub(super) fn cubic_error(goals: &Goals, history: &[f64], truth: &[f64]) -> Opti
 
 /// Penalty of the motion inside gaps, rad or m: for overshoot, long paths and jerk.
 pub(super) fn unnatural(rollout: &Rollout) -> f64 {
-    let names: Vec<String> = rollout.robot().joints().iter().map(|j| j.name.clone()).collect();
-    let gap = GapFigures::measure(rollout.goals(), rollout.states(), &names).unwrap_or_default();
+    penalty(rollout.goals(), rollout.states())
+}
+
+/// As [`unnatural`], of `states` up to any frame; (30 + frames, S).
+pub(super) fn penalty(goals: &Goals, states: &[f64]) -> f64 {
+    let gap = GapFigures::measure(goals, states, &names(goals)).unwrap_or_default();
     let swing = gap.overshoot.map_or(0.0, |o| o.value);
     let detour = gap.path.map_or(0.0, |p| (p - LONGEST_PATH).max(0.0));
     let jolts = gap.jerk.map_or(0.0, |j| (j - MOST_JERK).max(0.0));
     GAP_WEIGHT * (swing + detour) + JERK_WEIGHT * jolts
+}
+
+/// A joint and a frame with unnatural motion, and its penalty.
+pub(super) struct Unnatural {
+    pub(super) frame: usize,
+    pub(super) joint: usize,
+    pub(super) penalty: f64,
+}
+
+/// The joint that overshoots most, and if the jerk exceeds its limit, the strongest jolt of the gap
+/// with the most.
+pub(super) fn unnatural_places(goals: &Goals, states: &[f64]) -> Vec<Unnatural> {
+    let motion = Motion { states, dim: goals.dim() };
+    let gaps = gaps(goals, motion.frames().min(goals.frames()));
+    let mut found = Vec::new();
+    let all = gaps.iter().flat_map(|gap| overshoots(&motion, goals, gap));
+    if let Some((value, frame, joint)) = all.max_by(|a, b| a.0.total_cmp(&b.0)) {
+        found.push(Unnatural { frame, joint, penalty: GAP_WEIGHT * value });
+    }
+    let figures = GapFigures::measure(goals, states, &names(goals)).unwrap_or_default();
+    let excess = figures.jerk.map_or(0.0, |j| j - MOST_JERK);
+    let Some(worst) = figures.jerk_worst.filter(|_| excess > 0.0) else { return found };
+    let jolts = gaps.iter().filter(|g| g.from == worst.frame).flat_map(|gap| {
+        let at = |i: isize, j: usize| third(|f| motion.at(f, j), i).abs();
+        differences(gap).flat_map(move |i| gap.joints.iter().map(move |&j| (i, j, at(i, j))))
+    });
+    if let Some((i, joint, _)) = jolts.max_by(|a, b| a.2.total_cmp(&b.2)) {
+        let frame = (i + 1).max(0) as usize;
+        found.push(Unnatural { frame, joint, penalty: JERK_WEIGHT * excess });
+    }
+    found
+}
+
+/// Names for figures of which only the numbers count.
+fn names(goals: &Goals) -> Vec<String> {
+    vec![String::new(); goals.dim()]
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@
 //! where it is, or moved away. The command stays as it is: errors are measured against it. If a
 //! joint still stays away from its goals, a search for detours follows ([`super::detour`]).
 
-use super::detour::{self, Detours};
+use super::detour::{self, Detours, Try};
 use super::error::Error;
 use super::gaps::unnatural;
 use super::run::Rollout;
@@ -72,6 +72,19 @@ impl Correction {
     }
 }
 
+/// Tries of the search that are simulated at once, from the same motion. The number is fixed, so
+/// that the result does not depend on the number of threads.
+const AT_ONCE: usize = 4;
+/// Frames that each of them is simulated between two looks at what the others found.
+const CHUNK: usize = 16;
+
+/// A try of the search.
+struct Attempt {
+    rollout: Rollout,
+    what: Try,
+    going: bool,
+}
+
 /// A clip that is performed again, pass by pass.
 pub(super) struct Learner {
     correction: Correction,
@@ -83,11 +96,17 @@ pub(super) struct Learner {
     least: f64,
     /// That penalty.
     gaps: f64,
-    /// What the motion from which it learns reached; (frames, S).
-    reached: Vec<f64>,
-    /// The frames that the search after the passes may simulate, and the search.
+    /// States of the motion from which it learns, 30 of history first; (30 + frames, S).
+    states: Vec<f64>,
+    /// The frames that the search after the passes may still simulate, the search, its tries, and
+    /// rollouts for more.
     budget: usize,
     detours: Option<Detours>,
+    attempts: Vec<Attempt>,
+    spare: Vec<Rollout>,
+    threads: usize,
+    /// Frames simulated.
+    frames: usize,
     /// How often a better motion was found.
     improvements: usize,
     over: bool,
@@ -95,18 +114,20 @@ pub(super) struct Learner {
 
 impl Learner {
     /// Learns from `first`, which has reached its end with the error `least`. `trial` is the same
-    /// rollout at its beginning. With `searches`, a search for detours follows the passes.
+    /// rollout at its beginning. With `searches`, a search for detours follows the passes, on
+    /// `threads` threads.
     pub(super) fn new(
         first: &Rollout,
         least: f64,
         mut trial: Rollout,
         searches: bool,
+        threads: usize,
     ) -> Result<Learner, Error> {
         let mut correction = Correction::new(first.plan());
         correction.learn(first.plan(), first.reached());
         trial.correct(&correction.shift)?;
-        let (reached, gaps) = (first.reached().to_vec(), unnatural(first));
-        let budget = if searches { detour::budget(first.goals(), &reached) } else { 0 };
+        let (states, gaps) = (first.states().to_vec(), unnatural(first));
+        let budget = if searches { detour::budget(first.goals(), &states) } else { 0 };
         Ok(Learner {
             correction,
             passes: 0,
@@ -114,41 +135,46 @@ impl Learner {
             best: None,
             least,
             gaps,
-            reached,
+            states,
             budget,
             detours: None,
+            attempts: Vec::new(),
+            spare: Vec::new(),
+            threads,
+            frames: 0,
             improvements: 0,
             over: false,
         })
     }
 
-    /// Simulates one frame. False when there is nothing left to try. `fresh` makes the rollout of
-    /// another pass.
-    pub(super) fn step(&mut self, fresh: impl FnOnce() -> Result<Rollout, Error>) -> bool {
-        self.over = self.over || !self.advance(fresh);
-        !self.over
+    /// Simulates one frame, or some frames of each try. False when there is nothing left to try.
+    /// `fresh` makes a rollout for another pass.
+    pub(super) fn step(&mut self, fresh: impl Fn() -> Result<Rollout, Error>) -> bool {
+        let going = !self.over
+            && match self.detours {
+                None => self.pass(&fresh) || self.begin_search(&fresh),
+                Some(_) => self.search(),
+            };
+        self.over = !going;
+        going
     }
 
-    fn advance(&mut self, fresh: impl FnOnce() -> Result<Rollout, Error>) -> bool {
+    /// A frame of a pass; false after the last one.
+    fn pass(&mut self, fresh: &dyn Fn() -> Result<Rollout, Error>) -> bool {
         // The plant may diverge with a correction; the passes before it count.
-        let (going, failed) = match self.trial.step() {
-            Ok(frame) => (frame.is_some(), false),
-            Err(_) => (false, true),
-        };
-        match &mut self.detours {
-            None if going => true,
-            None => {
-                let learned = !failed && self.end_pass(fresh).is_ok();
-                (learned && self.passes < PASSES) || self.begin_detours()
+        match self.trial.step() {
+            Ok(Some(_)) => {
+                self.frames += 1;
+                true
             }
-            Some(detours) => {
-                if going && detours.promises(&self.trial) {
-                    return true;
-                }
-                let better = !going && !failed && self.adopt(fresh).unwrap_or(false);
-                self.next_detour(better)
-            }
+            Ok(None) => self.end_pass(fresh).is_ok() && self.passes < PASSES,
+            Err(_) => false,
         }
+    }
+
+    /// Frames simulated so far.
+    pub(super) fn frames(&self) -> usize {
+        self.frames
     }
 
     /// Frames that are still to be simulated, at most.
@@ -156,7 +182,7 @@ impl Learner {
         let frames = self.trial.frames() - 1;
         match &self.detours {
             _ if self.over => 0,
-            Some(detours) => detours.frames_left(),
+            Some(_) => self.budget,
             None => {
                 self.budget + ((PASSES - self.passes) * frames).saturating_sub(self.trial.frame())
             }
@@ -173,51 +199,100 @@ impl Learner {
         self.improvements
     }
 
-    fn begin_detours(&mut self) -> bool {
+    fn begin_search(&mut self, fresh: &dyn Fn() -> Result<Rollout, Error>) -> bool {
         if self.budget == 0 {
             return false;
         }
+        let rollouts: Result<Vec<Rollout>, Error> = (0..AT_ONCE).map(|_| fresh()).collect();
+        let Ok(rollouts) = rollouts else { return false };
+        self.spare = rollouts;
         let plan = self.trial.plan();
         let none = vec![0.0; plan.frames() * plan.dim()];
-        let (reached, shift) = match &self.best {
-            Some(best) => (best.reached(), best.shift().unwrap_or(&none)),
-            None => (&self.reached[..], &none[..]),
+        let (states, shift) = match &self.best {
+            Some(best) => (best.states(), best.shift().unwrap_or(&none)),
+            None => (&self.states[..], &none[..]),
         };
-        self.detours = Some(Detours::new(self.trial.goals(), reached, shift));
-        self.next_detour(false)
+        self.detours = Some(Detours::new(self.trial.goals(), states, shift));
+        true
     }
 
-    fn next_detour(&mut self, better: bool) -> bool {
-        let Some(detours) = &mut self.detours else { return false };
-        if let (true, Some(best)) = (better, &self.best) {
-            detours.go_on(best.goals(), best.reached(), best.shift().unwrap_or_default());
+    /// Some frames of each try.
+    fn search(&mut self) -> bool {
+        if self.attempts.iter().all(|a| !a.going) {
+            self.adopt_best();
+            if !self.next_tries() {
+                return false;
+            }
         }
-        let next = detours.next(self.trial.goals());
-        next.is_some_and(|shift| self.trial.correct(shift).is_ok())
+        let Some(detours) = &self.detours else { return false };
+        let before: usize = self.attempts.iter().map(|a| a.rollout.simulated()).sum();
+        let mut going: Vec<&mut Attempt> = self.attempts.iter_mut().filter(|a| a.going).collect();
+        let share = going.len().div_ceil(self.threads.max(1)).max(1);
+        let advance = |some: &mut [&mut Attempt]| some.iter_mut().for_each(|a| a.advance(detours));
+        std::thread::scope(|scope| {
+            let mut shares = going.chunks_mut(share);
+            let own = shares.next();
+            shares.for_each(|some| drop(scope.spawn(move || advance(some))));
+            own.map(advance);
+        });
+        let frames = self.attempts.iter().map(|a| a.rollout.simulated()).sum::<usize>() - before;
+        self.frames += frames;
+        self.budget = self.budget.saturating_sub(frames);
+        self.budget > 0
     }
 
-    fn end_pass(&mut self, fresh: impl FnOnce() -> Result<Rollout, Error>) -> Result<(), Error> {
+    /// Begins the next tries; false if there is nothing to try.
+    fn next_tries(&mut self) -> bool {
+        let Some(detours) = &mut self.detours else { return false };
+        self.spare.extend(self.attempts.drain(..).map(|a| a.rollout));
+        while let Some(mut rollout) = self.spare.pop() {
+            let Some(what) = detours.next(rollout.goals()) else { break };
+            let begun = match &self.best {
+                Some(best) => rollout.branch(best, &what.shift),
+                None => rollout.correct(&what.shift),
+            };
+            // A try that changes nothing counts too, so that the search comes to an end.
+            self.budget = self.budget.saturating_sub(1);
+            self.attempts.push(Attempt { rollout, what, going: begun.is_ok() });
+        }
+        !self.attempts.is_empty()
+    }
+
+    /// Goes on from the best of the tries, if one is better.
+    fn adopt_best(&mut self) {
+        let score = |a: &Attempt| error(&a.rollout).filter(|_| a.rollout.is_done());
+        let scores = self.attempts.iter().enumerate().filter_map(|(at, a)| Some((at, score(a)?)));
+        let fair = scores.filter(|(at, e)| {
+            *e < self.least && unnatural(&self.attempts[*at].rollout) <= self.gaps
+        });
+        let Some((at, _)) = fair.min_by(|a, b| a.1.total_cmp(&b.1)) else { return };
+        let better = self.attempts.swap_remove(at).rollout;
+        if let Some(detours) = &mut self.detours {
+            detours.go_on(better.goals(), better.states(), better.shift().unwrap_or_default());
+        }
+        let spare = self.keep(better);
+        self.spare.extend(spare);
+    }
+
+    fn end_pass(&mut self, fresh: &dyn Fn() -> Result<Rollout, Error>) -> Result<(), Error> {
         self.passes += 1;
         self.correction.learn(self.trial.plan(), self.trial.reached());
-        self.adopt(fresh)?;
+        if error(&self.trial).is_some_and(|e| e < self.least) {
+            let next = match self.best.take() {
+                Some(last) => last,
+                None => fresh()?,
+            };
+            let better = std::mem::replace(&mut self.trial, next);
+            self.keep(better);
+        }
         self.trial.correct(&self.correction.shift)
     }
 
-    /// Keeps the trial if it is the best so far, and says whether it is.
-    fn adopt(&mut self, fresh: impl FnOnce() -> Result<Rollout, Error>) -> Result<bool, Error> {
-        let Some(error) = error(&self.trial).filter(|e| *e < self.least) else { return Ok(false) };
-        let gaps = unnatural(&self.trial);
-        if self.detours.is_some() && gaps > self.gaps {
-            return Ok(false);
-        }
-        let spare = match self.best.take() {
-            Some(spare) => spare,
-            None => fresh()?,
-        };
-        self.best = Some(std::mem::replace(&mut self.trial, spare));
-        (self.least, self.gaps) = (error, gaps);
+    /// Keeps a better motion; the one before.
+    fn keep(&mut self, better: Rollout) -> Option<Rollout> {
+        (self.least, self.gaps) = (error(&better).unwrap_or(self.least), unnatural(&better));
         self.improvements += 1;
-        Ok(true)
+        self.best.replace(better)
     }
 
     /// The best pass, if one is better than the motion from which it learned.
@@ -228,6 +303,19 @@ impl Learner {
     /// See [`Learner::best`].
     pub(super) fn into_best(self) -> Option<Rollout> {
         self.best
+    }
+}
+
+impl Attempt {
+    fn advance(&mut self, detours: &Detours) {
+        for _ in 0..CHUNK {
+            // The plant may diverge with a correction.
+            let moved = matches!(self.rollout.step(), Ok(Some(_)));
+            self.going = moved && detours.promises(&mut self.what, &self.rollout);
+            if !self.going {
+                return;
+            }
+        }
     }
 }
 
@@ -274,7 +362,7 @@ mod tests {
         let mut first = fresh().unwrap();
         first.run(&Cancel::default()).unwrap();
         let before = error(&first).unwrap();
-        let mut learner = Learner::new(&first, before, fresh().unwrap(), true).unwrap();
+        let mut learner = Learner::new(&first, before, fresh().unwrap(), true, 1).unwrap();
         while learner.step(fresh) {}
         assert_eq!(learner.passes, PASSES);
         let best = learner.best().unwrap();
@@ -299,19 +387,24 @@ mod tests {
         let mut first = fresh().unwrap();
         first.run(&Cancel::default()).unwrap();
         let least = error(&first).unwrap();
-        let mut learner = Learner::new(&first, least, fresh().unwrap(), true).unwrap();
-        while !learner.searches() {
-            assert!(learner.step(fresh));
-        }
-        let (passes, gaps, budget) = (learner.least, learner.gaps, learner.frames_left());
-        let mut frames = 0;
-        while learner.step(fresh) {
-            frames += 1;
-        }
-        assert!(frames <= budget, "{frames} of {budget}");
-        assert!(!learner.step(fresh) && learner.frames_left() == 0, "it is over for good");
+        let search = |threads| {
+            let mut learner = Learner::new(&first, least, fresh().unwrap(), true, threads).unwrap();
+            while !learner.searches() {
+                assert!(learner.step(fresh));
+            }
+            let before = (learner.least, learner.gaps);
+            let most = learner.frames_left() + AT_ONCE * CHUNK;
+            let frames = learner.frames();
+            while learner.step(fresh) {}
+            assert!(learner.frames() - frames <= most, "{} of {most}", learner.frames() - frames);
+            assert!(!learner.step(fresh) && learner.frames_left() == 0, "it is over for good");
+            (before, learner)
+        };
+        let ((passes, gaps), learner) = search(1);
         assert!(learner.least < passes, "{} {passes}", learner.least);
         assert!(learner.gaps <= gaps, "no way leads through unnatural motion in gaps");
+        let (_, on_three) = search(3);
+        assert_eq!(on_three.best().unwrap().actions(), learner.best().unwrap().actions());
         let best = learner.into_best().unwrap();
         let mut again = fresh().unwrap();
         again.correct(best.shift().unwrap()).unwrap();

@@ -193,7 +193,9 @@ impl LiveRollout {
         let own = &self.contenders[*at];
         let first = own.rollout.as_ref()?;
         let fresh = beginning(&self.robot, own, &self.command, self.seed).ok()?;
-        Some((*at, Learner::new(first, trial.score()?, fresh, searches(&own.policy)).ok()?))
+        let threads = std::thread::available_parallelism().map_or(1, usize::from);
+        let (least, searches) = (trial.score()?, searches(&own.policy));
+        Some((*at, Learner::new(first, least, fresh, searches, threads).ok()?))
     }
 
     /// What the contenders achieved that have something of their own to show.

@@ -315,6 +315,28 @@ impl Rollout {
         first.map_or(Ok(()), |f| self.back_to(f.saturating_sub(COMMAND)))
     }
 
+    /// As [`Rollout::correct`], but goes on from the frames of `other` that this cannot affect.
+    /// `other` is the same rollout with other corrections.
+    pub(super) fn branch(&mut self, other: &Rollout, shift: &[f64]) -> Result<(), Error> {
+        let led = other.plan.shifted(shift);
+        let before = |a: &Goals, b: &Goals| {
+            a.first_difference(b).map_or(usize::MAX, |f| f.saturating_sub(COMMAND))
+        };
+        let keep = before(&other.led, &led).min(other.frame());
+        self.back_to(before(&self.led, &other.led).min(keep))?;
+        let (dim, actions) = (self.robot.state_dim(), self.robot.action_dim());
+        let from = self.frame();
+        self.reached
+            .extend_from_slice(&other.states()[self.reached.len()..(HISTORY + keep + 1) * dim]);
+        self.actions.extend_from_slice(&other.actions[from * actions..keep * actions]);
+        self.snapshots.extend_from_slice(&other.snapshots[from + 1..=keep]);
+        self.memories.extend_from_slice(&other.memories[from + 1..=keep]);
+        self.plant.restore(&self.snapshots[keep])?;
+        self.policy.recall(&self.memories[keep]);
+        (self.led, self.shift) = (led, Some(shift.to_vec()));
+        Ok(())
+    }
+
     /// The corrections, if there are any; (frames, S).
     pub(super) fn shift(&self) -> Option<&[f64]> {
         self.shift.as_deref()
@@ -559,6 +581,41 @@ mod tests {
             }
         }
         assert!(in_sight > 20, "hardly an edit without a blind span: {in_sight}");
+    }
+
+    /// A rollout with corrections that goes on from another one has the bits of one from the start.
+    #[test]
+    fn a_branch_has_the_bits_of_a_rollout_from_the_start() {
+        let robot = robot("shadow_hand");
+        let (frames, dim) = (120, robot.state_dim());
+        let keys: Vec<(usize, f64)> =
+            (1..frames).map(|f| (f, 0.2 * (f as f64 / 9.0).sin())).collect();
+        let command = command(&robot, frames, &keys);
+        let moved = |spans: &[(usize, usize)]| -> Vec<f64> {
+            let inside = |f: usize| spans.iter().any(|s| (s.0..s.1).contains(&f));
+            (0..frames * dim).map(|i| if inside(i / dim) { 0.1 } else { 0.0 }).collect()
+        };
+        let make = || rollout(&robot, PolicyName::Pd, &command);
+        let mut best = make();
+        best.correct(&moved(&[(50, 55)])).unwrap();
+        best.run(&Cancel::default()).unwrap();
+        let mut branch = make();
+        // Before and after what the best one changed, with frames of another try behind.
+        for (spans, steps) in [
+            (vec![(50, 55), (90, 95)], 49),
+            (vec![(50, 55), (30, 33)], 109),
+            (vec![(50, 55), (110, 118)], 29),
+            (vec![(50, 55)], 0),
+        ] {
+            let before = branch.simulated();
+            branch.branch(&best, &moved(&spans)).unwrap();
+            branch.run(&Cancel::default()).unwrap();
+            assert_eq!(branch.simulated() - before, steps, "{spans:?}");
+            let mut fresh = make();
+            fresh.correct(&moved(&spans)).unwrap();
+            fresh.run(&Cancel::default()).unwrap();
+            assert!(bits(&branch) == bits(&fresh), "{spans:?}");
+        }
     }
 
     #[test]
