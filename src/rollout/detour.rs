@@ -2,10 +2,10 @@
 //!
 //! A finger that meets another one too early stays behind it for as long as both goals are held, and
 //! repeated corrections of its goal do not take it around. This search moves the goals of a few joints for a
-//! moment, at random, near frames with a large error, and keeps what makes the whole motion better
-//! (a random local search). It knows nothing of the model: each try is a rollout of the policy.
+//! moment, at random, near frames with a large error or with unnatural motion in a gap, and keeps what
+//! makes the whole motion better (a random local search). It knows nothing of the model: each try is a rollout of the policy.
 
-use super::gaps;
+use super::gaps::{self, Unnatural};
 use super::jam;
 use super::run::Rollout;
 use super::window::{Goals, HISTORY};
@@ -28,7 +28,8 @@ const PATIENCE: f64 = 0.2;
 /// Frames after the movements of goals at which a try is compared with the best motion up to there.
 const SETTLES: usize = 20;
 
-/// A joint at a frame, and what it costs: the sum by which the score would be less without, rad or m.
+/// A joint at a frame, and its cost: by how much the sum of all errors would be less without it, rad or
+/// m.
 #[derive(Clone, Copy, Debug)]
 struct Place {
     frame: usize,
@@ -58,30 +59,33 @@ pub(super) struct Try {
     /// The sum by which its errors are larger, and the frames that were summed.
     worse: f64,
     summed: usize,
-    /// The frame at which it is compared.
+    /// The frame from which it is compared as soon as it gains nothing more, and whether it was.
     settled: usize,
+    compared: bool,
 }
 
 impl Detours {
     /// Searches about the motion with these `states`, (30 + frames, S), and the correction `shift`,
-    /// (frames, S).
-    pub(super) fn new(goals: &Goals, states: &[f64], shift: &[f64]) -> Detours {
+    /// (frames, S). The policy sees the `plan`.
+    pub(super) fn new(goals: &Goals, plan: &Goals, states: &[f64], shift: &[f64]) -> Detours {
         let reached = reached(goals, states);
         Detours {
             shift: shift.to_vec(),
             states: states.to_vec(),
-            places: places(goals, states),
+            places: places(goals, plan, states),
             errors: (0..goals.frames()).map(|f| error_at(goals, reached, f)).collect(),
             tries: 0,
         }
     }
 
     /// Goes on from a better motion.
-    pub(super) fn go_on(&mut self, goals: &Goals, states: &[f64], shift: &[f64]) {
-        *self = Detours { tries: self.tries, ..Detours::new(goals, states, shift) };
+    pub(super) fn go_on(&mut self, better: &Rollout) {
+        let (goals, plan) = (better.goals(), better.plan());
+        let shift = better.shift().unwrap_or(&self.shift);
+        *self = Detours { tries: self.tries, ..Detours::new(goals, plan, better.states(), shift) };
     }
 
-    /// The next correction to be tried; none if no joint stays away.
+    /// The next correction to be tried; none if every joint arrives and moves naturally.
     pub(super) fn next(&mut self, goals: &Goals) -> Option<Try> {
         self.tries += 1;
         let mut rng = Rng::new(0, Stream::Detour, self.tries);
@@ -114,35 +118,50 @@ impl Detours {
         // Virtual keyframes may move earlier frames too; their errors are not summed, so such a try
         // may only end later.
         let summed = first.saturating_sub(super::window::COMMAND);
-        Some(Try { shift, worse: 0.0, summed, settled: last + SETTLES })
+        // The motion of a gap is known at its end.
+        let settled = (last + SETTLES..goals.frames()).find(|&f| goals.any_visible(f));
+        let settled = settled.unwrap_or(goals.frames());
+        Some(Try { shift, worse: 0.0, summed, settled, compared: false })
     }
 
     /// Whether a try goes on after another frame: it may still become better than the best motion.
     pub(super) fn promises(&self, one: &mut Try, trial: &Rollout) -> bool {
-        let goals = trial.goals();
-        while one.summed <= trial.frame() {
+        let (goals, frame) = (trial.goals(), trial.frame());
+        while one.summed <= frame {
             let error = error_at(goals, trial.reached(), one.summed);
             one.worse += error - self.errors[one.summed];
             one.summed += 1;
         }
-        if trial.frame() == one.settled {
-            // From here on the motions are nearly the same again, so nothing more is gained.
-            let own = &self.states[..trial.states().len()];
-            let gaps = gaps::penalty(goals, trial.states()) - gaps::penalty(goals, own);
-            return one.worse + gaps * commanded(goals) < 0.0;
+        if one.worse >= PATIENCE {
+            return false;
         }
-        one.worse < PATIENCE
+        let gains = || error_at(goals, trial.reached(), frame) < self.errors[frame];
+        if one.compared || frame < one.settled || gains() {
+            return true;
+        }
+        // From here on the motions are nearly the same again.
+        one.compared = true;
+        let mut whole = self.states.clone();
+        whole[..trial.states().len()].copy_from_slice(trial.states());
+        let gaps = gaps::penalty(goals, &whole) - gaps::penalty(goals, &self.states);
+        one.worse + gaps * commanded(goals) < 0.0
     }
 }
 
-/// The frames that a search may simulate: none if no joint stays away. `states` is (30 + frames, S).
-pub(super) fn budget(goals: &Goals, states: &[f64]) -> usize {
-    if places(goals, states).is_empty() { 0 } else { (BUDGET * goals.frames()).min(MOST) }
+/// The frames that a search may simulate: none if every joint arrives and moves naturally. `states`
+/// is (30 + frames, S).
+pub(super) fn budget(goals: &Goals, plan: &Goals, states: &[f64]) -> usize {
+    if places(goals, plan, states).is_empty() {
+        return 0;
+    }
+    // A robot with few joints simulates faster than a hand, so it has more tries in the same time.
+    let faster = (24 / goals.dim().max(1)).clamp(1, 4);
+    faster * (BUDGET * goals.frames()).min(MOST)
 }
 
 /// Joints and frames in runs of a second or more far from their goals, and those with the worst
 /// motion in gaps.
-fn places(goals: &Goals, states: &[f64]) -> Vec<Place> {
+fn places(goals: &Goals, plan: &Goals, states: &[f64]) -> Vec<Place> {
     let (d, reached) = (goals.dim(), reached(goals, states));
     let place = |frame: usize, joint: usize| {
         let cost = (reached[frame * d + joint] - goals.row(frame)[joint]).abs();
@@ -152,13 +171,13 @@ fn places(goals: &Goals, states: &[f64]) -> Vec<Place> {
     let long = off.filter(|o| o.to - o.from >= jam::LEAST_FRAMES);
     let mut found: Vec<_> =
         long.flat_map(|o| (o.from..o.to).map(move |f| place(f, o.joint))).collect();
-    let all = commanded(goals);
-    let unnatural = gaps::unnatural_places(goals, states).into_iter();
-    found.extend(unnatural.map(|p| Place {
-        frame: p.frame,
-        joint: p.joint,
-        cost: p.penalty * all,
-    }));
+    for Unnatural { frame, joint, penalty } in gaps::unnatural_places(goals, states) {
+        // Only goals that the policy sees can move.
+        let seen = (1..goals.frames()).filter(|&f| plan.is_visible(f, joint));
+        if let Some(frame) = seen.min_by_key(|f| f.abs_diff(frame)) {
+            found.push(Place { frame, joint, cost: penalty * commanded(goals) });
+        }
+    }
     found
 }
 
@@ -167,7 +186,7 @@ fn reached<'a>(goals: &Goals, states: &'a [f64]) -> &'a [f64] {
     &states[HISTORY * goals.dim()..]
 }
 
-/// The number of goals, the share of one of which in Precision is its inverse.
+/// The number of goals. Precision is the mean error over them.
 fn commanded(goals: &Goals) -> f64 {
     let seen = |f: usize| (0..goals.dim()).filter(move |&j| goals.is_visible(f, j)).count();
     (1..goals.frames()).map(seen).sum::<usize>() as f64
@@ -207,8 +226,8 @@ mod tests {
     fn goals_move_near_the_joint_that_stays_away_and_no_farther_than_allowed() {
         let goals = goals();
         let states = away(1, 30, 55);
-        assert_eq!(budget(&goals, &states), BUDGET * FRAMES);
-        let mut detours = Detours::new(&goals, &states, &vec![0.4; 3 * FRAMES]);
+        assert_eq!(budget(&goals, &goals, &states), 4 * BUDGET * FRAMES);
+        let mut detours = Detours::new(&goals, &goals, &states, &vec![0.4; 3 * FRAMES]);
         let mut moved = [0; 3];
         for _ in 0..200 {
             let tried = detours.next(&goals).unwrap().shift;
@@ -225,8 +244,8 @@ mod tests {
         let goals = goals();
         // Half a second is no jam.
         let states = away(0, 30, 40);
-        assert_eq!(budget(&goals, &states), 0);
-        assert!(Detours::new(&goals, &states, &[0.0; 3 * FRAMES]).next(&goals).is_none());
+        assert_eq!(budget(&goals, &goals, &states), 0);
+        assert!(Detours::new(&goals, &goals, &states, &[0.0; 3 * FRAMES]).next(&goals).is_none());
     }
 
     #[test]
@@ -236,9 +255,12 @@ mod tests {
         let command =
             Command::from_dense(names, vec![0.0; 3], vec![0.0; 3 * FRAMES], seen).unwrap();
         let goals = Goals::new(&command);
-        let found = places(&goals, &away(2, 8, 11));
+        let found = places(&goals, &goals.smooth(), &away(2, 8, 11));
         let all: Vec<_> = found.iter().map(|p| p.joint).collect();
         assert_eq!(all, [2], "{found:?}");
+        assert!((8..11).contains(&found[0].frame));
+        // A policy that does not see goals in the gap is led by the nearest one.
+        assert_eq!(places(&goals, &goals, &away(2, 8, 11))[0].frame, 20);
         // .18 rad beyond the allowance, which weighs .02 of the Precision of 40 frames.
         assert!((found[0].cost - 0.18 * 0.02 * 3.0 * 40.0).abs() < 1e-9, "{found:?}");
     }

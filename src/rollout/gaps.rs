@@ -292,7 +292,7 @@ pub(super) fn unnatural_places(goals: &Goals, states: &[f64]) -> Vec<Unnatural> 
         differences(gap).flat_map(move |i| gap.joints.iter().map(move |&j| (i, j, at(i, j))))
     });
     if let Some((i, joint, _)) = jolts.max_by(|a, b| a.2.total_cmp(&b.2)) {
-        let frame = (i + 1).max(0) as usize;
+        let frame = i as usize + 1;
         found.push(Unnatural { frame, joint, penalty: JERK_WEIGHT * excess });
     }
     found

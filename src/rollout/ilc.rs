@@ -4,7 +4,8 @@
 //! frame by frame (Arimoto 1984). A joint that became worse returns to its best correction and takes
 //! a smaller step in the opposite direction, because a joint that is blocked by touch is best left
 //! where it is, or moved away. The command stays as it is: errors are measured against it. If a
-//! joint still stays away from its goals, a search for detours follows ([`super::detour`]).
+//! joint still stays away from its goals, or moves unnaturally in a gap, a search follows
+//! ([`super::detour`]).
 
 use super::detour::{self, Detours, Try};
 use super::error::Error;
@@ -75,8 +76,8 @@ impl Correction {
 /// Tries of the search that are simulated at once, from the same motion. The number is fixed, so
 /// that the result does not depend on the number of threads.
 const AT_ONCE: usize = 4;
-/// Frames that each of them is simulated between two looks at what the others found.
-const CHUNK: usize = 16;
+/// Frames by which one step advances each try.
+const CHUNK: usize = 8;
 
 /// A try of the search.
 struct Attempt {
@@ -90,7 +91,7 @@ pub(super) struct Learner {
     correction: Correction,
     passes: usize,
     trial: Rollout,
-    /// The best pass, if it is better than the motion from which it learns.
+    /// The best pass or try, if it is better than the motion from which it learns.
     best: Option<Rollout>,
     /// The best error so far, with the penalty for unnatural motion in gaps.
     least: f64,
@@ -127,7 +128,8 @@ impl Learner {
         correction.learn(first.plan(), first.reached());
         trial.correct(&correction.shift)?;
         let (states, gaps) = (first.states().to_vec(), unnatural(first));
-        let budget = if searches { detour::budget(first.goals(), &states) } else { 0 };
+        let budget =
+            if searches { detour::budget(first.goals(), first.plan(), &states) } else { 0 };
         Ok(Learner {
             correction,
             passes: 0,
@@ -203,7 +205,9 @@ impl Learner {
         if self.budget == 0 {
             return false;
         }
-        let rollouts: Result<Vec<Rollout>, Error> = (0..AT_ONCE).map(|_| fresh()).collect();
+        // The first better try takes the place of a best motion, if there is none yet.
+        let count = AT_ONCE + usize::from(self.best.is_none());
+        let rollouts: Result<Vec<Rollout>, Error> = (0..count).map(|_| fresh()).collect();
         let Ok(rollouts) = rollouts else { return false };
         self.spare = rollouts;
         let plan = self.trial.plan();
@@ -212,7 +216,7 @@ impl Learner {
             Some(best) => (best.states(), best.shift().unwrap_or(&none)),
             None => (&self.states[..], &none[..]),
         };
-        self.detours = Some(Detours::new(self.trial.goals(), states, shift));
+        self.detours = Some(Detours::new(self.trial.goals(), plan, states, shift));
         true
     }
 
@@ -238,6 +242,9 @@ impl Learner {
         let frames = self.attempts.iter().map(|a| a.rollout.simulated()).sum::<usize>() - before;
         self.frames += frames;
         self.budget = self.budget.saturating_sub(frames);
+        if self.budget == 0 {
+            self.adopt_best();
+        }
         self.budget > 0
     }
 
@@ -245,8 +252,9 @@ impl Learner {
     fn next_tries(&mut self) -> bool {
         let Some(detours) = &mut self.detours else { return false };
         self.spare.extend(self.attempts.drain(..).map(|a| a.rollout));
-        while let Some(mut rollout) = self.spare.pop() {
-            let Some(what) = detours.next(rollout.goals()) else { break };
+        for _ in 0..AT_ONCE {
+            let Some(what) = detours.next(self.trial.goals()) else { break };
+            let Some(mut rollout) = self.spare.pop() else { break };
             let begun = match &self.best {
                 Some(best) => rollout.branch(best, &what.shift),
                 None => rollout.correct(&what.shift),
@@ -268,7 +276,7 @@ impl Learner {
         let Some((at, _)) = fair.min_by(|a, b| a.1.total_cmp(&b.1)) else { return };
         let better = self.attempts.swap_remove(at).rollout;
         if let Some(detours) = &mut self.detours {
-            detours.go_on(better.goals(), better.states(), better.shift().unwrap_or_default());
+            detours.go_on(&better);
         }
         let spare = self.keep(better);
         self.spare.extend(spare);
@@ -295,7 +303,7 @@ impl Learner {
         self.best.replace(better)
     }
 
-    /// The best pass, if one is better than the motion from which it learned.
+    /// The best pass or try, if one is better than the motion from which it learned.
     pub(super) fn best(&self) -> Option<&Rollout> {
         self.best.as_ref()
     }

@@ -152,7 +152,7 @@ impl LiveRollout {
         }
     }
 
-    /// Simulates one frame of a contender that has not finished. False if all have finished; then
+    /// Simulates one frame of a contender that has not finished, or some frames of a search. False if all have finished; then
     /// [`LiveRollout::choose`] compares them.
     pub fn step_another(&mut self) -> bool {
         let behind = |c: &Contender| {
@@ -172,7 +172,8 @@ impl LiveRollout {
         true
     }
 
-    /// Simulates one frame of a repetition by the best contender. False after the last one.
+    /// Simulates one frame of a repetition by the best contender, or some of a search. False after the
+    /// last one.
     fn learn(&mut self) -> bool {
         if !self.learns || self.frames > ilc::LONGEST {
             return false;
