@@ -372,6 +372,18 @@ mod tests {
     }
 
     #[test]
+    fn the_places_are_the_largest_swing_and_the_strongest_jolt() {
+        let mut path: Vec<f64> = (0..30).map(|f| least((f as f64 / 20.0).min(1.0))).collect();
+        assert!(unnatural_places(&there_and_held(), &states(&path)).is_empty());
+        path[16] = 1.1;
+        let found = unnatural_places(&there_and_held(), &states(&path));
+        let frames: Vec<usize> = found.iter().map(|p| p.frame).collect();
+        assert!(frames[0] == 16 && frames[1].abs_diff(16) <= 2, "{frames:?}");
+        let whole: f64 = found.iter().map(|p| p.penalty).sum();
+        assert!((whole - penalty(&there_and_held(), &states(&path))).abs() < 1e-12);
+    }
+
+    #[test]
     fn swings_past_the_keys_are_measured_beyond_the_allowance() {
         let mut path: Vec<f64> = (0..30).map(|f| (f as f64 / 20.0).min(1.0)).collect();
         path[15] = 1.3;

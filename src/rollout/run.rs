@@ -583,38 +583,41 @@ mod tests {
         assert!(in_sight > 20, "hardly an edit without a blind span: {in_sight}");
     }
 
-    /// A rollout with corrections that goes on from another one has the bits of one from the start.
+    /// A rollout with corrections that goes on from another one has the bits of one from the start,
+    /// also with a policy that remembers.
     #[test]
     fn a_branch_has_the_bits_of_a_rollout_from_the_start() {
-        let robot = robot("shadow_hand");
-        let (frames, dim) = (120, robot.state_dim());
-        let keys: Vec<(usize, f64)> =
-            (1..frames).map(|f| (f, 0.2 * (f as f64 / 9.0).sin())).collect();
-        let command = command(&robot, frames, &keys);
-        let moved = |spans: &[(usize, usize)]| -> Vec<f64> {
-            let inside = |f: usize| spans.iter().any(|s| (s.0..s.1).contains(&f));
-            (0..frames * dim).map(|i| if inside(i / dim) { 0.1 } else { 0.0 }).collect()
-        };
-        let make = || rollout(&robot, PolicyName::Pd, &command);
-        let mut best = make();
-        best.correct(&moved(&[(50, 55)])).unwrap();
-        best.run(&Cancel::default()).unwrap();
-        let mut branch = make();
-        // Before and after what the best one changed, with frames of another try behind.
-        for (spans, steps) in [
-            (vec![(50, 55), (90, 95)], 49),
-            (vec![(50, 55), (30, 33)], 109),
-            (vec![(50, 55), (110, 118)], 29),
-            (vec![(50, 55)], 0),
-        ] {
-            let before = branch.simulated();
-            branch.branch(&best, &moved(&spans)).unwrap();
-            branch.run(&Cancel::default()).unwrap();
-            assert_eq!(branch.simulated() - before, steps, "{spans:?}");
-            let mut fresh = make();
-            fresh.correct(&moved(&spans)).unwrap();
-            fresh.run(&Cancel::default()).unwrap();
-            assert!(bits(&branch) == bits(&fresh), "{spans:?}");
+        for (id, name) in [("shadow_hand", PolicyName::Pd), ("ur5e", PolicyName::Ilqr)] {
+            let robot = robot(id);
+            let (frames, dim) = (120, robot.state_dim());
+            let keys: Vec<(usize, f64)> =
+                (1..frames).map(|f| (f, 0.2 * (f as f64 / 9.0).sin())).collect();
+            let command = command(&robot, frames, &keys);
+            let moved = |spans: &[(usize, usize)]| -> Vec<f64> {
+                let inside = |f: usize| spans.iter().any(|s| (s.0..s.1).contains(&f));
+                (0..frames * dim).map(|i| if inside(i / dim) { 0.1 } else { 0.0 }).collect()
+            };
+            let make = || rollout(&robot, name, &command);
+            let mut best = make();
+            best.correct(&moved(&[(50, 55)])).unwrap();
+            best.run(&Cancel::default()).unwrap();
+            let mut branch = make();
+            // Before and after what the best one changed, with frames of another try behind.
+            for (spans, steps) in [
+                (vec![(50, 55), (90, 95)], 49),
+                (vec![(50, 55), (30, 33)], 109),
+                (vec![(50, 55), (110, 118)], 29),
+                (vec![(50, 55)], 0),
+            ] {
+                let before = branch.simulated();
+                branch.branch(&best, &moved(&spans)).unwrap();
+                branch.run(&Cancel::default()).unwrap();
+                assert_eq!(branch.simulated() - before, steps, "{id} {spans:?}");
+                let mut fresh = make();
+                fresh.correct(&moved(&spans)).unwrap();
+                fresh.run(&Cancel::default()).unwrap();
+                assert!(bits(&branch) == bits(&fresh), "{id} {spans:?}");
+            }
         }
     }
 
