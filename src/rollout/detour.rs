@@ -19,7 +19,7 @@ const BEFORE: u64 = 20;
 const AFTER: u64 = 25;
 /// Joints that move besides the one with the error, on average (nearly).
 const OTHERS: f64 = 1.0;
-/// The farthest that a goal moves in all, rad or m.
+/// The farthest that the search moves a goal in all, rad or m.
 const FARTHEST: f64 = 0.5;
 /// Frames over which a movement of a goal begins and ends.
 const EASE: usize = 4;
@@ -112,7 +112,9 @@ impl Detours {
             for f in begin..end {
                 let share = (f + 1 - begin).min(end - f).min(EASE) as f64 / EASE as f64;
                 let s = &mut shift[f * d + j];
-                *s = (*s + by * share).clamp(-FARTHEST, FARTHEST);
+                // A planner's path may be farther away already.
+                let most = s.abs().max(FARTHEST);
+                *s = (*s + by * share).clamp(-most, most);
             }
         }
         // Virtual keyframes may move earlier frames too; their errors are not summed, so such a try

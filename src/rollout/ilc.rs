@@ -4,12 +4,13 @@
 //! frame by frame (Arimoto 1984). A joint that became worse returns to its best correction and takes
 //! a smaller step in the opposite direction, because a joint that is blocked by touch is best left
 //! where it is, or moved away. The command stays as it is: errors are measured against it. If a
-//! joint still stays away from its goals, or moves unnaturally in a gap, a search follows
-//! ([`super::detour`]).
+//! joint still stays away from its goals, or moves unnaturally in a gap, the path of a planner is
+//! tried ([`super::planned`]), and a search follows ([`super::detour`]).
 
 use super::detour::{self, Detours, Try};
 use super::error::Error;
 use super::gaps::unnatural;
+use super::planned::{self, Planned};
 use super::run::Rollout;
 use super::window::Goals;
 
@@ -99,9 +100,10 @@ pub(super) struct Learner {
     gaps: f64,
     /// States of the motion from which it learns, 30 of history first; (30 + frames, S).
     states: Vec<f64>,
-    /// The frames that the search after the passes may still simulate, the search, its tries, and
+    /// The frames that the search may still simulate, the planner before it, the search, its tries, and
     /// rollouts for more.
     budget: usize,
+    planned: Option<Planned>,
     detours: Option<Detours>,
     attempts: Vec<Attempt>,
     spare: Vec<Rollout>,
@@ -139,6 +141,7 @@ impl Learner {
             gaps,
             states,
             budget,
+            planned: None,
             detours: None,
             attempts: Vec::new(),
             spare: Vec::new(),
@@ -153,9 +156,10 @@ impl Learner {
     /// `fresh` makes a rollout for another pass.
     pub(super) fn step(&mut self, fresh: impl Fn() -> Result<Rollout, Error>) -> bool {
         let going = !self.over
-            && match self.detours {
-                None => self.pass(&fresh) || self.begin_search(&fresh),
-                Some(_) => self.search(),
+            && match (&self.planned, &self.detours) {
+                (_, Some(_)) => self.search(),
+                (Some(_), None) => self.follow(&fresh) || self.begin_search(&fresh),
+                (None, None) => self.pass(&fresh) || self.begin_plan() || self.begin_search(&fresh),
             };
         self.over = !going;
         going
@@ -182,23 +186,65 @@ impl Learner {
     /// Frames that are still to be simulated, at most.
     pub(super) fn frames_left(&self) -> usize {
         let frames = self.trial.frames() - 1;
-        match &self.detours {
+        match (&self.planned, &self.detours) {
             _ if self.over => 0,
-            Some(_) => self.budget,
-            None => {
-                self.budget + ((PASSES - self.passes) * frames).saturating_sub(self.trial.frame())
+            (_, Some(_)) => self.budget,
+            (Some(planned), None) => self.budget + planned.frames_left(),
+            (None, None) => {
+                let later = if self.budget > 0 { (1 + planned::PASSES) * frames } else { 0 };
+                let passes = (PASSES - self.passes) * frames;
+                self.budget + later + passes.saturating_sub(self.trial.frame())
             }
         }
     }
 
-    /// Whether the passes are over and detours are searched for.
+    /// Whether the passes are over and a planner's path or detours are tried.
     pub(super) fn searches(&self) -> bool {
-        self.detours.is_some() && !self.over
+        (self.planned.is_some() || self.detours.is_some()) && !self.over
     }
 
     /// How often a better motion was found.
     pub(super) fn improvements(&self) -> usize {
         self.improvements
+    }
+
+    /// Begins to plan; false if nothing is searched for, or no planner knows the robot.
+    fn begin_plan(&mut self) -> bool {
+        if self.budget > 0 {
+            self.planned = Planned::new(&self.trial).ok();
+        }
+        self.planned.is_some()
+    }
+
+    /// A frame of the planner, and then of the passes that follow it; false after the last one.
+    fn follow(&mut self, fresh: &dyn Fn() -> Result<Rollout, Error>) -> bool {
+        let Some(planned) = &mut self.planned else { return false };
+        match planned.plan() {
+            Ok(true) => {
+                self.frames += 1;
+                return true;
+            }
+            Ok(false) => {}
+            Err(_) => return false,
+        }
+        if !planned.began {
+            return self.trial.correct(planned.begin()).is_ok();
+        }
+        match self.trial.step() {
+            Ok(Some(_)) => {
+                self.frames += 1;
+                true
+            }
+            Ok(None) => {
+                let shift = planned.go_on(self.trial.reached()).to_vec();
+                let more = planned.passes < planned::PASSES;
+                let fair = unnatural(&self.trial) <= self.gaps;
+                (!fair || self.keep_trial(fresh).is_ok())
+                    && more
+                    && self.trial.correct(&shift).is_ok()
+            }
+            Err(_) => false,
+        }
     }
 
     fn begin_search(&mut self, fresh: &dyn Fn() -> Result<Rollout, Error>) -> bool {
@@ -285,6 +331,12 @@ impl Learner {
     fn end_pass(&mut self, fresh: &dyn Fn() -> Result<Rollout, Error>) -> Result<(), Error> {
         self.passes += 1;
         self.correction.learn(self.trial.plan(), self.trial.reached());
+        self.keep_trial(fresh)?;
+        self.trial.correct(&self.correction.shift)
+    }
+
+    /// Keeps the trial if it is better, and goes on with another rollout.
+    fn keep_trial(&mut self, fresh: &dyn Fn() -> Result<Rollout, Error>) -> Result<(), Error> {
         if error(&self.trial).is_some_and(|e| e < self.least) {
             let next = match self.best.take() {
                 Some(last) => last,
@@ -293,7 +345,7 @@ impl Learner {
             let better = std::mem::replace(&mut self.trial, next);
             self.keep(better);
         }
-        self.trial.correct(&self.correction.shift)
+        Ok(())
     }
 
     /// Keeps a better motion; the one before.

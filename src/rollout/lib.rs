@@ -30,6 +30,7 @@ mod nearest;
 mod nominal_model;
 mod notation;
 mod pd;
+mod planned;
 mod policy;
 mod precision;
 mod reachable;

@@ -145,6 +145,34 @@ impl Rollout {
         Ok(rollout)
     }
 
+    /// The same clip from the same start with another policy; nothing is simulated yet.
+    pub(super) fn with(&self, policy: Box<dyn Policy>, guide: Guide) -> Result<Rollout, Error> {
+        let config = RolloutConfig { guide, ..self.config.clone() };
+        let model = config.plant.model(&self.robot)?;
+        let plan = plan(&self.goals, guide);
+        let mut rollout = Rollout {
+            robot: Arc::clone(&self.robot),
+            policy,
+            config,
+            start: self.start.clone(),
+            plan: plan.clone(),
+            led: plan,
+            shift: None,
+            goals: self.goals.clone(),
+            start_pose: self.start_pose.clone(),
+            plant: Data::new(&model)?,
+            substeps: self.substeps,
+            window: Window::new(self.robot.state_dim()),
+            reached: Vec::new(),
+            actions: Vec::new(),
+            snapshots: Vec::new(),
+            memories: Vec::new(),
+            simulated: 0,
+        };
+        rollout.rewind()?;
+        Ok(rollout)
+    }
+
     /// Resets to frame 0.
     fn rewind(&mut self) -> Result<(), Error> {
         let dim = self.robot.state_dim();
