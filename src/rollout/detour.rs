@@ -3,7 +3,8 @@
 //! A finger that meets another one too early stays behind it for as long as both goals are held, and
 //! repeated corrections of its goal do not take it around. This search moves the goals of a few joints for a
 //! moment, at random, near frames with a large error or with unnatural motion in a gap, and keeps what
-//! makes the whole motion better (a random local search). It knows nothing of the model: each try is a rollout of the policy.
+//! makes the whole motion better (a random local search). It knows nothing of the model: each try is
+//! a rollout of the policy.
 
 use super::gaps::{self, Unnatural};
 use super::jam;
@@ -42,8 +43,9 @@ struct Place {
 pub(super) struct Detours {
     /// The correction of that motion; (frames, S).
     shift: Vec<f64>,
-    /// Its states, 30 of history first; (30 + frames, S).
+    /// Its states, 30 of history first; (30 + frames, S). The penalty of its gaps, rad or m.
     states: Vec<f64>,
+    gaps: f64,
     /// Where joints stay away from their goals in it, or move unnaturally.
     places: Vec<Place>,
     /// The error of each of its frames, summed over joints.
@@ -72,6 +74,7 @@ impl Detours {
         Detours {
             shift: shift.to_vec(),
             states: states.to_vec(),
+            gaps: gaps::penalty(goals, states),
             places: places(goals, plan, states),
             errors: (0..goals.frames()).map(|f| error_at(goals, reached, f)).collect(),
             tries: 0,
@@ -145,7 +148,7 @@ impl Detours {
         one.compared = true;
         let mut whole = self.states.clone();
         whole[..trial.states().len()].copy_from_slice(trial.states());
-        let gaps = gaps::penalty(goals, &whole) - gaps::penalty(goals, &self.states);
+        let gaps = gaps::penalty(goals, &whole) - self.gaps;
         one.worse + gaps * commanded(goals) < 0.0
     }
 }

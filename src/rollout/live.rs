@@ -152,8 +152,8 @@ impl LiveRollout {
         }
     }
 
-    /// Simulates one frame of a contender that has not finished, or some frames of a search. False if all have finished; then
-    /// [`LiveRollout::choose`] compares them.
+    /// Simulates one frame of a contender that has not finished, or some frames of a search. False if
+    /// all have finished; then [`LiveRollout::choose`] compares them.
     pub fn step_another(&mut self) -> bool {
         let behind = |c: &Contender| {
             let done = c.rollout.as_ref().is_some_and(Rollout::is_done);

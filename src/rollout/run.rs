@@ -114,10 +114,27 @@ impl Rollout {
         config: RolloutConfig,
     ) -> Result<Rollout, Error> {
         check_joints(robot, command)?;
+        Rollout::begin(robot, policy, Goals::new(command), pose(command), start, config)
+    }
+
+    /// The same clip from the same start with another policy; nothing is simulated yet.
+    pub(super) fn with(&self, policy: Box<dyn Policy>, guide: Guide) -> Result<Rollout, Error> {
+        let config = RolloutConfig { guide, ..self.config.clone() };
+        let (goals, start_pose) = (self.goals.clone(), self.start_pose.clone());
+        Rollout::begin(&self.robot, policy, goals, start_pose, self.start.clone(), config)
+    }
+
+    fn begin(
+        robot: &Arc<Robot>,
+        policy: Box<dyn Policy>,
+        goals: Goals,
+        start_pose: Vec<f64>,
+        start: Start,
+        config: RolloutConfig,
+    ) -> Result<Rollout, Error> {
         let model = config.plant.model(robot)?;
         let substeps = substeps(&model)?;
         let plant = Data::new(&model)?;
-        let goals = Goals::new(command);
         let plan = plan(&goals, config.guide);
         let mut rollout = Rollout {
             robot: Arc::clone(robot),
@@ -128,7 +145,7 @@ impl Rollout {
             led: plan,
             shift: None,
             goals,
-            start_pose: pose(command),
+            start_pose,
             plant,
             substeps,
             window: Window::new(robot.state_dim()),
@@ -141,34 +158,6 @@ impl Rollout {
         if rollout.goals.frames() < 2 {
             return Err(Error::TooShort { frames: rollout.goals.frames() });
         }
-        rollout.rewind()?;
-        Ok(rollout)
-    }
-
-    /// The same clip from the same start with another policy; nothing is simulated yet.
-    pub(super) fn with(&self, policy: Box<dyn Policy>, guide: Guide) -> Result<Rollout, Error> {
-        let config = RolloutConfig { guide, ..self.config.clone() };
-        let model = config.plant.model(&self.robot)?;
-        let plan = plan(&self.goals, guide);
-        let mut rollout = Rollout {
-            robot: Arc::clone(&self.robot),
-            policy,
-            config,
-            start: self.start.clone(),
-            plan: plan.clone(),
-            led: plan,
-            shift: None,
-            goals: self.goals.clone(),
-            start_pose: self.start_pose.clone(),
-            plant: Data::new(&model)?,
-            substeps: self.substeps,
-            window: Window::new(self.robot.state_dim()),
-            reached: Vec::new(),
-            actions: Vec::new(),
-            snapshots: Vec::new(),
-            memories: Vec::new(),
-            simulated: 0,
-        };
         rollout.rewind()?;
         Ok(rollout)
     }
