@@ -104,19 +104,8 @@ const TINY: [&str; 17] = [
 ];
 
 /// Goes on in `cut`.
-const RESUME: [&str; 11] = [
-    "train",
-    "--robot",
-    "pointmass",
-    "--data",
-    "data",
-    "--resume",
-    "cut",
-    "--evaluations",
-    "0",
-    "--checkpoint-mins",
-    "0.001",
-];
+const RESUME: [&str; 7] =
+    ["train", "--resume", "cut", "--evaluations", "0", "--checkpoint-mins", "0.001"];
 
 fn tiny<'a>(extra: &[&'a str]) -> Vec<&'a str> {
     TINY.into_iter().chain(extra.iter().copied()).collect()

@@ -14,20 +14,21 @@ use crate::exit::Exit;
 use crate::gpu::Choice;
 use crate::train::evaluator::SuiteEvaluator;
 use crate::train::hindsight::Simulated;
-use crate::train::read_config;
-use crate::train::{Evaluate, Finished, Options, PRESETS, TrainConfig, train};
+use crate::train::{
+    Evaluate, Finished, Options, PRESETS, TrainConfig, began_with, read_config, train,
+};
 
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  robert train --robot ur5e --data data/ur5e --out runs/first\n  robert train --robot ur5e --data data/ur5e --preset instant --out runs/linear\n  robert train --robot ur5e --data data/ur5e --preset ur-small --set lr=5e-4 --out runs/b\n  robert train --robot ur5e --data data/ur5e --resume runs/b\n  robert train --robot ur5e --data data/ur5e --preset paper-ur5e --device gpu"
+    after_help = "Examples:\n  robert train --robot ur5e --data data/ur5e --out runs/first\n  robert train --robot ur5e --data data/ur5e --preset instant --out runs/linear\n  robert train --robot ur5e --data data/ur5e --preset ur-small --set lr=5e-4 --out runs/b\n  robert train --resume runs/b\n  robert train --robot ur5e --data data/ur5e --preset paper-ur5e --device gpu"
 )]
 pub(super) struct Args {
     /// The robot of the data.
-    #[arg(long, value_name = "ID|DIR")]
-    robot: String,
+    #[arg(long, value_name = "ID|DIR", required_unless_present = "resume")]
+    robot: Option<String>,
     /// Dataset folder.
-    #[arg(long, value_name = "DIR")]
-    data: PathBuf,
+    #[arg(long, value_name = "DIR", required_unless_present = "resume")]
+    data: Option<PathBuf>,
     /// Settings to start from.
     #[arg(long, default_value = "quick", long_help = format!("Settings to start from:\n{}", presets()))]
     preset: String,
@@ -41,7 +42,7 @@ pub(super) struct Args {
     /// Directory for a new run [default: runs/TIME-ROBOT-PRESET].
     #[arg(long, value_name = "RUN")]
     out: Option<PathBuf>,
-    /// Directory of a run to continue, with its own settings.
+    /// Directory of a run to continue, with its own settings, robot and data.
     #[arg(long, value_name = "RUN", conflicts_with_all = ["out", "set", "preset", "self_correct"])]
     resume: Option<PathBuf>,
     /// Threads [default: all cores]. They do not change the weights.
@@ -65,9 +66,9 @@ pub(super) struct Args {
 }
 
 pub(super) fn run(args: &Args, global: Global) -> Outcome {
-    let (dir, cfg) = plan(args)?;
-    let robot = motion::robot(&args.robot)?;
-    let data = Dataset::open(&args.data, Verify::Full)?;
+    let Plan { dir, cfg, robot: given, data } = plan(args)?;
+    let robot = motion::robot(&given)?;
+    let data = Dataset::open(&data, Verify::Full)?;
     data.must_be_of(&robot)?;
     // A number that no card has is a mistake on the command line; a missing card is not.
     if let Choice::Gpu(Some(number)) = args.device
@@ -97,6 +98,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
             "version": env!("CARGO_PKG_VERSION"),
             "argv": std::env::args().collect::<Vec<_>>(),
             "threads": threads,
+            "robot": given,
         }),
     };
     let done = train(&data, &cfg, options);
@@ -108,21 +110,45 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
         out::line(&summary(&dir, &done))?;
     }
     if done.interrupted {
-        let hint =
-            format!("stopped at step {}; continue with --resume {}", done.step, dir.display());
+        let hint = format!(
+            "stopped at step {}; continue: robert train --resume {}",
+            done.step,
+            dir.display()
+        );
         return Err(Failure::with(Exit::Interrupted, hint));
     }
     Ok(())
 }
 
-/// Run directory and settings.
-fn plan(args: &Args) -> Outcome<(PathBuf, TrainConfig)> {
+/// What is trained, and where.
+struct Plan {
+    dir: PathBuf,
+    cfg: TrainConfig,
+    /// As given, now or when the run began.
+    robot: String,
+    data: PathBuf,
+}
+
+fn plan(args: &Args) -> Outcome<Plan> {
     if !(args.checkpoint_mins.is_finite() && args.checkpoint_mins >= 0.0) {
         return Err(Failure::usage("--checkpoint-mins takes 0 or more"));
     }
     if let Some(dir) = &args.resume {
-        return Ok((dir.clone(), read_config(dir)?));
+        let cfg = read_config(dir)?;
+        let (robot, data) = began_with(dir).unzip();
+        let missing = |what| {
+            Failure::usage(format!("{} does not say its {what}: add --{what}", dir.display()))
+        };
+        return Ok(Plan {
+            dir: dir.clone(),
+            cfg,
+            robot: args.robot.clone().or(robot).ok_or_else(|| missing("robot"))?,
+            data: args.data.clone().or(data).ok_or_else(|| missing("data"))?,
+        });
     }
+    let (Some(robot), Some(data)) = (args.robot.clone(), args.data.clone()) else {
+        return Err(Failure::usage("--robot and --data are needed"));
+    };
     let mut cfg = TrainConfig::preset(&args.preset)?;
     for assignment in &args.set {
         cfg.set(assignment)?;
@@ -134,16 +160,16 @@ fn plan(args: &Args) -> Outcome<(PathBuf, TrainConfig)> {
     let dir = args.out.clone().unwrap_or_else(|| {
         let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
         let secs = now.map_or(0, |d| d.as_secs());
-        let robot = Path::new(&args.robot).file_name().unwrap_or_default().to_string_lossy();
+        let robot = Path::new(&robot).file_name().unwrap_or_default().to_string_lossy();
         PathBuf::from(format!("runs/{}-{robot}-{}", stamp(secs), cfg.preset))
     });
     if dir.join("config.toml").exists() {
         return Err(Failure::usage(format!(
-            "there is already a run; choose another --out, or continue it with --resume: {}",
+            "there is already a run; choose another --out, or continue it: robert train --resume {}",
             dir.display()
         )));
     }
-    Ok((dir, cfg))
+    Ok(Plan { dir, cfg, robot, data })
 }
 
 /// yyyymmdd-hhmmss (UTC) of a Unix time; days to a date after Howard Hinnant.

@@ -191,11 +191,8 @@ impl Contenders {
         }
         let (at, mut chosen) = self.nearest(all)?;
         if learns {
-            let label = PolicyConfig { ilc: true, ..chosen.policy.clone() }.label();
-            progress.phase("correct the goals", "frames");
-            let tick = |done: u64, all: u64| progress.tick(done, all, &label);
             let again = || self.rollout(at, command, start, seed);
-            let better = repeat(&chosen, again, threads, &tick, cancel)?;
+            let better = repeat(&chosen, again, threads, progress, cancel)?;
             chosen.adopt(better);
         }
         Ok(chosen)
@@ -269,22 +266,30 @@ fn repeat(
     chosen: &Chosen,
     again: impl Fn() -> Result<Rollout, Error>,
     threads: usize,
-    tick: &dyn Fn(u64, u64),
+    progress: &dyn Progress,
     cancel: &Cancel,
 ) -> Result<Option<Rollout>, Error> {
     let own = chosen.tried.iter().find(|t| t.policy == chosen.policy.label());
     let Some(least) = own.and_then(Trial::score) else { return Ok(None) };
     let searches = searches(&chosen.policy);
     let mut learner = Learner::new(&chosen.rollout, least, again()?, searches, threads)?;
-    while learner.step(&again) {
+    let label = PolicyConfig { ilc: true, ..chosen.policy.clone() }.label();
+    let (mut stage, mut began) = (None, 0);
+    loop {
+        // Each stage has its own pace, and so its own estimate of the time that is left.
+        if stage != Some(learner.stage()) {
+            (stage, began) = (Some(learner.stage()), learner.frames());
+            progress.phase(learner.stage().title(), "frames");
+        }
+        let frames = learner.frames() - began;
+        progress.tick(frames as u64, (frames + learner.frames_left()) as u64, &label);
+        if !learner.step(&again) {
+            break;
+        }
         if cancel.is_cancelled() {
             return Err(Error::Cancelled { frame: 0 });
         }
-        let frames = learner.frames() as u64;
-        tick(frames, frames + learner.frames_left() as u64);
     }
-    let frames = learner.frames() as u64;
-    tick(frames, frames);
     Ok(learner.into_best())
 }
 

@@ -87,6 +87,31 @@ struct Attempt {
     going: bool,
 }
 
+/// What a [`Learner`] does, one after another.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Stage {
+    /// Passes with goals that are moved by what was missed.
+    Correct,
+    /// A planner performs the clip. Its frames take several times as long as those of a policy.
+    Plan,
+    /// Passes along the planner's path.
+    Follow,
+    /// Tries of the random search.
+    Search,
+}
+
+impl Stage {
+    /// The title of a progress bar.
+    pub(super) fn title(self) -> &'static str {
+        match self {
+            Stage::Correct => "correct the goals",
+            Stage::Plan => "plan a path",
+            Stage::Follow => "follow the path",
+            Stage::Search => "search",
+        }
+    }
+}
+
 /// A clip that is performed again, pass by pass.
 pub(super) struct Learner {
     correction: Correction,
@@ -183,24 +208,32 @@ impl Learner {
         self.frames
     }
 
-    /// Frames that are still to be simulated, at most.
+    /// What the next step belongs to.
+    pub(super) fn stage(&self) -> Stage {
+        match (&self.planned, &self.detours) {
+            (_, Some(_)) => Stage::Search,
+            (Some(planned), None) if planned.began => Stage::Follow,
+            (Some(_), None) => Stage::Plan,
+            (None, None) => Stage::Correct,
+        }
+    }
+
+    /// Frames that are still to be simulated in this stage, at most.
     pub(super) fn frames_left(&self) -> usize {
         let frames = self.trial.frames() - 1;
-        match (&self.planned, &self.detours) {
+        let left = |passes: usize| (passes * frames).saturating_sub(self.trial.frame());
+        match (self.stage(), &self.planned) {
             _ if self.over => 0,
-            (_, Some(_)) => self.budget,
-            (Some(planned), None) => self.budget + planned.frames_left(),
-            (None, None) => {
-                let later = if self.budget > 0 { (1 + planned::PASSES) * frames } else { 0 };
-                let passes = (PASSES - self.passes) * frames;
-                self.budget + later + passes.saturating_sub(self.trial.frame())
-            }
+            (Stage::Search, _) => self.budget,
+            (Stage::Follow, Some(planned)) => left(planned::PASSES - planned.passes),
+            (Stage::Plan, Some(planned)) => planned.frames_left(),
+            _ => left(PASSES - self.passes),
         }
     }
 
     /// Whether the passes are over and a planner's path or detours are tried.
     pub(super) fn searches(&self) -> bool {
-        (self.planned.is_some() || self.detours.is_some()) && !self.over
+        self.stage() != Stage::Correct && !self.over
     }
 
     /// How often a better motion was found.
@@ -449,7 +482,7 @@ mod tests {
         let least = error(&first).unwrap();
         let search = |threads| {
             let mut learner = Learner::new(&first, least, fresh().unwrap(), true, threads).unwrap();
-            while !learner.searches() {
+            while learner.stage() != Stage::Search {
                 assert!(learner.step(fresh));
             }
             let before = (learner.least, learner.gaps);

@@ -56,10 +56,9 @@ impl Planned {
         &self.shift
     }
 
-    /// Frames that are still to be simulated.
+    /// Frames that are still to be planned.
     pub(super) fn frames_left(&self) -> usize {
-        let frames = self.planner.frames() - 1;
-        frames - self.planner.frame() + (PASSES - self.passes) * frames
+        self.planner.frames() - 1 - self.planner.frame()
     }
 }
 

@@ -155,6 +155,16 @@ fn robot(dir: &Path) -> String {
     meta(dir).get("robot").and_then(Value::as_str).unwrap_or_default().to_owned()
 }
 
+/// The robot and the dataset that a run was begun with: as they were given then, relative to the
+/// folder of that time. In older runs the robot is its id. `None`: the run has no such record.
+pub fn began_with(dir: &Path) -> Option<(String, PathBuf)> {
+    let meta = meta(dir);
+    let text = |v: Option<&Value>| v.and_then(Value::as_str).map(str::to_owned);
+    let given = meta.get("run").and_then(|run| run.get("robot"));
+    let robot = text(given.or_else(|| meta.get("robot")))?;
+    Some((robot, text(meta.get("dataset"))?.into()))
+}
+
 /// Whether a run was begun on a tile unit; `None` in older runs.
 pub(super) fn began_with_tiles(dir: &Path) -> Option<bool> {
     meta(dir).get("tiles").and_then(Value::as_bool)
